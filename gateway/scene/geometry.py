@@ -1,0 +1,109 @@
+"""The shapes that a node of the tree can carry, as values; metres, in the shape's own frame, Z up."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.scene.transforms import IDENTITY
+from renderers.drawlist import Material, Mesh
+
+EMPTY_CHANNELS: Mapping[str, NDArray[np.float32]] = MappingProxyType({})
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """Centred on the origin."""
+
+    lengths: tuple[float, float, float]
+    """Full side lengths along x, y, z."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sphere:
+    radius: float
+
+
+@dataclass(frozen=True, slots=True)
+class Ellipsoid:
+    radii: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Cylinder:
+    """Along z, centred, capped."""
+
+    radius: float
+    length: float
+
+
+@dataclass(frozen=True, slots=True)
+class Capsule:
+    """A cylinder along z with a hemisphere at each end."""
+
+    radius: float
+    length: float
+    """Of the cylinder, without the end caps."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surface:
+    """An explicit mesh: a glTF primitive, ``mesh_data``, or one part of a loaded file."""
+
+    mesh: Mesh
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointCloud:
+    """Points with any number of named channels; ``planar_lidar`` becomes one, too."""
+
+    points: NDArray[np.float32]
+    """(N, 3) float32."""
+    channels: Mapping[str, NDArray[np.float32]] = field(default_factory=lambda: EMPTY_CHANNELS)
+    """Name to (N,) or (N, k) float32. ``rgb`` (N, 3 | 4) in 0..1 colours the points, else ``intensity`` (N,) in 0..1."""
+
+
+@dataclass(frozen=True, slots=True)
+class Triad:
+    """Axes from the origin to +scale: x red, y green, z blue."""
+
+    scale: float = 1.0
+    tube: bool = False
+    """True: tubes of 2 mm radius; False: hairlines."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Line:
+    """A polyline."""
+
+    points: NDArray[np.float32]
+    """(N, 3) float32; fewer than two draw nothing."""
+    radius: float = 0.01
+    """<= 0: a hairline."""
+    closed: bool = False
+    start_head: bool = False
+    end_head: bool = False
+    head_radius: float = 0.05
+    head_length: float | None = None
+    """None: ``head_radius``. The tip lies at the end point."""
+
+
+Shape = Box | Sphere | Ellipsoid | Cylinder | Capsule | Surface | PointCloud | Triad | Line
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """A shape with its look, placed in its node's frame. A node carries any number of parts."""
+
+    shape: Shape
+    material: Material
+    X_node_part: NDArray[np.float64] = field(default_factory=lambda: IDENTITY)
+    """(4, 4) float64, affine."""
+    kind: str = ""
+    """What the client called it (``mesh_file``, ``planar_lidar`` …); empty: the shape's own name."""
+    source: str = ""
+    """The file it came from, for people."""

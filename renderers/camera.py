@@ -1,0 +1,60 @@
+"""The pinhole camera: intrinsics in pixels, pose of the optical frame in the world."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+OPENGL_FROM_OPTICAL: Final = np.diag([1.0, -1.0, -1.0, 1.0])
+"""(4, 4) float64. A glTF/OpenGL camera looks along -Z with +Y up; the optical frame looks along +Z with +Y down.
+``X_world_optical = X_world_opengl @ OPENGL_FROM_OPTICAL``."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Camera:
+    """A pinhole camera with arbitrary principal point and fx != fy.
+
+    Pixel (i, j) (column, row; (0, 0) is top-left) is sampled along the ray
+    ``((i + 0.5 - cx) / fx, (j + 0.5 - cy) / fy, 1)`` of the optical frame, as Drake and rc_visard both do.
+    """
+
+    width: int
+    """Columns, pixels."""
+    height: int
+    """Rows, pixels."""
+    fx: float
+    """Focal length along x, pixels."""
+    fy: float
+    """Focal length along y, pixels."""
+    cx: float
+    """Principal point, pixels from the left edge of the image."""
+    cy: float
+    """Principal point, pixels from the top edge of the image."""
+    near: float
+    """Near clipping plane, metres along +Z, > 0."""
+    far: float
+    """Far clipping plane, metres along +Z, > near; may be inf."""
+    X_world_camera: NDArray[np.float64]
+    """(4, 4) float64: pose of the optical frame (+X right, +Y down, +Z forward) in the world."""
+
+    def __post_init__(self) -> None:
+        if self.width < 1 or self.height < 1:
+            raise ValueError(f"camera size {self.width}x{self.height} must be at least 1x1")
+        if not (self.fx > 0 and self.fy > 0 and math.isfinite(self.fx) and math.isfinite(self.fy)):
+            raise ValueError(f"focal lengths ({self.fx}, {self.fy}) must be positive and finite")
+        if not (math.isfinite(self.cx) and math.isfinite(self.cy)):
+            raise ValueError(f"principal point ({self.cx}, {self.cy}) must be finite")
+        if not (0 < self.near < self.far):
+            raise ValueError(f"clipping planes must satisfy 0 < near < far, got near={self.near}, far={self.far}")
+        if self.X_world_camera.shape != (4, 4) or not np.isfinite(self.X_world_camera).all():
+            raise ValueError("X_world_camera must be a finite (4, 4) matrix")
+
+    @property
+    def X_camera_world(self) -> NDArray[np.float64]:
+        """(4, 4) float64: the inverse pose, world to optical frame."""
+        inverse: NDArray[np.float64] = np.linalg.inv(self.X_world_camera)
+        return inverse

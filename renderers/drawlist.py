@@ -1,0 +1,168 @@
+"""What can be drawn: immutable meshes, images, materials and instances of them.
+
+Values here are shared freely between threads. ``Mesh`` and ``Image`` are compared by identity: who makes them
+(readers, generators) keeps equal content to one object, so that a renderer prepares each only once and can drop what
+it prepared when the object is gone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import Enum, IntEnum
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+LABEL_NONE: Final = 0xFFFFFF
+"""Label of the background and of everything that carries no label: white in a label picture."""
+
+
+class Topology(IntEnum):
+    """What an element of a mesh is; the value is its number of vertices."""
+
+    POINTS = 1
+    LINES = 2
+    TRIANGLES = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
+class Mesh:
+    """Vertices and the elements (triangles, lines or points) over them, in the mesh's own frame."""
+
+    positions: NDArray[np.float32]
+    """(N, 3) float32, metres, C-contiguous."""
+    elements: NDArray[np.uint32]
+    """(M, 1 | 2 | 3) uint32, C-contiguous, every value < N. Counter-clockwise seen from the front is the winding."""
+    normals: NDArray[np.float32] | None = None
+    """(N, 3) float32, unit length; None: not lit (lines, points) or flat (triangles)."""
+    uv0: NDArray[np.float32] | None = None
+    """(N, 2) float32 texture coordinates, (0, 0) is the image's top-left corner as in glTF."""
+    uv1: NDArray[np.float32] | None = None
+    """(N, 2) float32, the second set."""
+    colors: NDArray[np.float32] | None = None
+    """(N, 4) float32 linear RGBA; multiplies the material's base colour."""
+    tangents: NDArray[np.float32] | None = None
+    """(N, 4) float32, xyz unit length, w = handedness of the bitangent (glTF TANGENT)."""
+
+    @property
+    def topology(self) -> Topology:
+        return Topology(self.elements.shape[1])
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes held by the arrays."""
+        optional = (self.normals, self.uv0, self.uv1, self.colors, self.tangents)
+        return self.positions.nbytes + self.elements.nbytes + sum(a.nbytes for a in optional if a is not None)
+
+
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
+class Image:
+    """A picture used by textures, decoded only when a renderer asks for its pixels."""
+
+    key: bytes
+    """Digest of the encoded (or raw) content: equal keys have equal pixels."""
+    decode: Callable[[], NDArray[np.uint8]]
+    """Returns (H, W, 4) uint8 RGBA, straight alpha, top row first. May be called from any thread and more than once;
+    raises ``ImageError`` with a sentence that names the image and the reason."""
+    name: str = ""
+    """For messages."""
+
+
+class ImageError(ValueError):
+    """An image could not be decoded; the message says which and why."""
+
+
+class Wrap(Enum):
+    """What a texture coordinate outside [0, 1] means (glTF sampler.wrapS/wrapT)."""
+
+    REPEAT = 10497
+    CLAMP_TO_EDGE = 33071
+    MIRRORED_REPEAT = 33648
+
+
+@dataclass(frozen=True, slots=True)
+class Sampler:
+    """How a texture is read (glTF sampler)."""
+
+    wrap_s: Wrap = Wrap.REPEAT
+    wrap_t: Wrap = Wrap.REPEAT
+    mag_linear: bool = True
+    """False: nearest texel when magnified."""
+    min_linear: bool = True
+    """False: nearest texel when minified."""
+    mipmaps: bool = True
+    """Whether the minification filter asks for mip levels."""
+
+
+@dataclass(frozen=True, slots=True)
+class Texture:
+    """An image with the way to read it."""
+
+    image: Image
+    sampler: Sampler = Sampler()
+    uv_set: int = 0
+    """0 or 1: which texture coordinates of the mesh."""
+    uv_transform: tuple[float, float, float, float, float, float] | None = None
+    """(a, b, c, d, e, f): u' = a u + b v + c, v' = d u + e v + f; None is the identity."""
+
+
+class AlphaMode(Enum):
+    OPAQUE = "OPAQUE"
+    MASK = "MASK"
+    BLEND = "BLEND"
+
+
+@dataclass(frozen=True, slots=True)
+class Material:
+    """Metallic-roughness material as in glTF 2.0 (section 3.9). Factors are linear."""
+
+    base_color: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
+    base_color_texture: Texture | None = None
+    """sRGB colour and straight alpha; multiplies ``base_color``."""
+    metallic: float = 1.0
+    roughness: float = 1.0
+    metallic_roughness_texture: Texture | None = None
+    """G = roughness, B = metallic, linear."""
+    normal_texture: Texture | None = None
+    normal_scale: float = 1.0
+    occlusion_texture: Texture | None = None
+    """R = occlusion, linear."""
+    occlusion_strength: float = 1.0
+    emissive: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    emissive_texture: Texture | None = None
+    """sRGB; multiplies ``emissive``."""
+    alpha_mode: AlphaMode = AlphaMode.OPAQUE
+    alpha_cutoff: float = 0.5
+    double_sided: bool = False
+    """False: back faces are culled in colour. Depth, label, instance and normal outputs never cull."""
+    unlit: bool = False
+    """Colour is the base colour, whatever the lights."""
+    point_size: float = 1.0
+    """Side of the square that a point covers, pixels."""
+    line_width: float = 1.0
+    """Pixels."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Instance:
+    """One drawing of a mesh."""
+
+    mesh: Mesh
+    material: Material
+    X_world_mesh: NDArray[np.float64]
+    """(4, 4) float64; any affine map, mirrored and non-uniform scales included."""
+    label: int = LABEL_NONE
+    """0 .. 0xFFFFFF, red in the low byte, then green, then blue of the label picture."""
+    instance_id: int = -1
+    """What the instance output shows for it; -1 is the background's value."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DrawList:
+    """Everything that one picture is made of."""
+
+    instances: tuple[Instance, ...] = ()
+    images: tuple[Image, ...] = field(default=())
+    """The images that the materials use, each once, so that a renderer can decode them in parallel beforehand."""
