@@ -56,5 +56,4 @@ class Camera:
     @property
     def X_camera_world(self) -> NDArray[np.float64]:
         """(4, 4) float64: the inverse pose, world to optical frame."""
-        inverse: NDArray[np.float64] = np.linalg.inv(self.X_world_camera)
-        return inverse
+        return np.linalg.inv(self.X_world_camera).astype(np.float64, copy=False)

@@ -64,7 +64,7 @@ class PointCloud:
     points: NDArray[np.float32]
     """(N, 3) float32."""
     channels: Mapping[str, NDArray[np.float32]] = field(default_factory=lambda: EMPTY_CHANNELS)
-    """Name to (N,) or (N, k) float32. ``rgb`` (N, 3 | 4) in 0..1 colours the points, else ``intensity`` (N,) in 0..1."""
+    """Name to (N,) or (N, k) float32. ``rgb`` (N, 3 | 4) in 0..1 colours the points, else ``intensity`` (N,) does."""
 
 
 @dataclass(frozen=True, slots=True)

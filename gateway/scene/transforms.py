@@ -33,7 +33,7 @@ def from_pose(translation: Sequence[float], quaternion: Sequence[float]) -> Matr
     w, x, y, z = quaternion
     norm2 = w * w + x * x + y * y + z * z
     s = 2.0 / norm2 if norm2 > 0.0 and math.isfinite(norm2) else 0.0
-    if s == 0.0 and not norm2 == 0.0 and math.isfinite(max(map(abs, quaternion))):
+    if s == 0.0 and norm2 != 0.0 and math.isfinite(max(map(abs, quaternion))):
         scale = max(abs(w), abs(x), abs(y), abs(z))
         return from_pose(translation, (w / scale, x / scale, y / scale, z / scale))
     wx, wy, wz = s * w * x, s * w * y, s * w * z

@@ -203,7 +203,7 @@ class Change:
     """One difference between two trees."""
 
     kind: Literal["added", "removed", "geometry", "transform", "visible"]
-    """``added``: the node is new (its children follow as changes of their own); ``removed``: it is gone with all below."""
+    """``added``: the node is new (its children follow as changes of their own); ``removed``: gone with all below."""
     path: Path
     node: Node | None
     """The node as it is now; None when removed."""
