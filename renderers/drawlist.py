@@ -143,6 +143,9 @@ class Material:
     """Side of the square that a point covers, pixels."""
     line_width: float = 1.0
     """Pixels."""
+    vtk_export: bool = False
+    """Written by VTK's exporter, which states neither the shading that VTK itself uses nor both faces nor blending:
+    looks put back what was lost (see ``renderers.shading.materials.look_material``)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
