@@ -1,0 +1,73 @@
+# Scenegate's recipes. Nothing but make and Python 3.11 - 3.13 has to be there beforehand.
+#
+#   make run                      set up, serve with the demo scene
+#   make run ARGS="--port 9000"   any flag of `scenegate serve`
+#   make test ARGS="-k tiff"      any argument of pytest
+
+VENV ?= .venv
+PYTHON ?= $(firstword $(foreach p,python3.11 python3.12 python3.13 python3,$(shell command -v $(p) 2>/dev/null)))
+ARGS ?=
+
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check
+UV := $(BIN)/uv
+
+# The same arguments for uv (seconds) and, where uv has no wheel or cannot reach the index, for pip.
+install = { test -x $(UV) && $(UV) pip install --quiet --python $(BIN)/python $(1); } || $(PIP) install --quiet $(1)
+
+.DEFAULT_GOAL := help
+.PHONY: help run test check lock generate docs bench clean
+
+help: ## this list
+	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' $(firstword $(MAKEFILE_LIST)) | expand -t 16
+
+run: $(VENV)/.installed ## set up and serve on http://127.0.0.1:8000 with the demo scene
+	@exec $(BIN)/scenegate serve --demo $(ARGS)
+
+test: $(VENV)/.installed-dev ## set up and run the tests
+	$(BIN)/python -m pytest $(ARGS)
+
+check: $(VENV)/.installed-dev ## lint, format, types, import contracts, compose file
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(BIN)/check-jsonschema --builtin-schema vendor.compose-spec docker-compose.yml
+
+docs: $(VENV)/.installed-dev ## write docs/configuration.md from the settings
+	$(BIN)/python -m gateway.cli.reference docs/configuration.md
+
+# No index names get into the locks: --no-header, and no --emit-index-url.
+COMPILE := $(UV) pip compile pyproject.toml --quiet --universal --python-version 3.11 --generate-hashes --no-header
+
+lock: $(VENV)/.tools ## resolve the locks again (ARGS="--upgrade" for newer versions)
+	$(COMPILE) $(ARGS) -o requirements.lock
+	$(COMPILE) $(ARGS) --group dev -c requirements.lock -o requirements-dev.lock
+	$(UV) pip compile $(ARGS) --quiet --universal --python-version 3.11 --generate-hashes --no-header \
+		--group tools -c requirements-dev.lock -o requirements-tools.lock
+
+clean: ## remove what the recipes made
+	rm -rf $(VENV) .cache .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis build dist
+	find gateway renderers tests bench examples -name __pycache__ -type d -prune -exec rm -rf {} +
+
+$(VENV)/.made:
+	@test -n "$(PYTHON)" || { echo "No Python found; Scenegate needs 3.11, 3.12 or 3.13 (make PYTHON=/path/to/python3)."; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' || { \
+		echo "$$($(PYTHON) --version) is not supported; Scenegate needs 3.11, 3.12 or 3.13 (make PYTHON=/path/to/python3)."; exit 1; }
+	@$(PYTHON) -m venv $(VENV) || { \
+		echo "$(PYTHON) cannot make virtual environments (on Debian and Ubuntu: apt install python3-venv)."; exit 1; }
+	@touch $@
+
+$(VENV)/.tools: requirements-tools.lock | $(VENV)/.made
+	@echo "Setting up $(VENV) ..."
+	@$(PIP) install --quiet --require-hashes -r requirements-tools.lock
+	@touch $@
+
+$(VENV)/.installed: requirements.lock pyproject.toml | $(VENV)/.tools
+	@$(call install,--require-hashes -r requirements.lock)
+	@$(call install,--no-deps --no-build-isolation --editable .)
+	@touch $@
+
+$(VENV)/.installed-dev: requirements-dev.lock | $(VENV)/.installed
+	@$(call install,--require-hashes -r requirements-dev.lock)
+	@touch $@
