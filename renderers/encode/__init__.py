@@ -1,0 +1,9 @@
+"""Pictures to files: PNG, TIFF and JPEG writers that release the GIL and take no longer than the picture did."""
+
+from __future__ import annotations
+
+from renderers.encode.jpeg import jpeg_rgb
+from renderers.encode.png import png_gray8, png_gray16, png_label, png_rgb, png_rgba
+from renderers.encode.tiff import tiff_float32, tiff_gray16
+
+__all__ = ["jpeg_rgb", "png_gray8", "png_gray16", "png_label", "png_rgb", "png_rgba", "tiff_float32", "tiff_gray16"]

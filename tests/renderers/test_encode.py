@@ -1,0 +1,137 @@
+"""What the writers write, three independent readers read back bit for bit."""
+
+from __future__ import annotations
+
+import io
+import struct
+import zlib
+
+import cv2
+import numpy as np
+import pytest
+import tifffile
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from PIL import Image
+
+from renderers.encode import jpeg_rgb, png_gray8, png_gray16, png_label, png_rgb, png_rgba, tiff_float32, tiff_gray16
+
+sizes = st.tuples(st.integers(1, 70), st.integers(1, 70))
+seeds = st.integers(0, 2**32 - 1)
+
+
+def picture(seed: int, shape: tuple[int, ...], dtype: type[np.generic]) -> NDArray[np.generic]:
+    """Half noise, half flat: both kinds of deflate blocks."""
+    rng = np.random.default_rng(seed)
+    image = rng.integers(0, np.iinfo(dtype).max, shape, dtype=dtype, endpoint=True)
+    image[: shape[0] // 2] = image[0, 0]
+    return image
+
+
+def pillow(data: bytes) -> NDArray[np.generic]:
+    with Image.open(io.BytesIO(data)) as image:
+        image.load()
+        return np.array(image)
+
+
+def opencv(data: bytes) -> NDArray[np.generic]:
+    decoded = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    assert decoded is not None
+    return decoded
+
+
+@settings(deadline=None, max_examples=50)
+@given(seeds, sizes, st.integers(0, 3))
+def test_png_round_trips(seed: int, size: tuple[int, int], level: int) -> None:
+    rgb = picture(seed, (*size, 3), np.uint8)
+    encoded = png_rgb(rgb, level=level)
+    np.testing.assert_array_equal(pillow(encoded), rgb)
+    np.testing.assert_array_equal(opencv(encoded)[..., ::-1], rgb)
+
+    rgba = picture(seed, (*size, 4), np.uint8)
+    encoded = png_rgba(rgba, level=level)
+    np.testing.assert_array_equal(pillow(encoded), rgba)
+    np.testing.assert_array_equal(opencv(encoded)[..., [2, 1, 0, 3]], rgba)
+
+    gray8 = picture(seed, size, np.uint8)
+    encoded = png_gray8(gray8, level=level)
+    np.testing.assert_array_equal(pillow(encoded), gray8)
+    np.testing.assert_array_equal(opencv(encoded), gray8)
+
+    gray16 = picture(seed, size, np.uint16)
+    encoded = png_gray16(gray16, level=level)
+    np.testing.assert_array_equal(pillow(encoded), gray16)
+    np.testing.assert_array_equal(opencv(encoded), gray16)
+
+
+@settings(deadline=None, max_examples=50)
+@given(seeds, sizes)
+def test_label_colours_are_the_bytes_of_the_label(seed: int, size: tuple[int, int]) -> None:
+    labels = picture(seed, size, np.uint32)
+    expected = np.stack((labels & 255, labels >> 8 & 255, labels >> 16 & 255), axis=-1)
+    np.testing.assert_array_equal(pillow(png_label(labels)), expected)
+
+
+@settings(deadline=None, max_examples=50)
+@given(seeds, sizes)
+def test_tiff_round_trips(seed: int, size: tuple[int, int]) -> None:
+    depth = picture(seed, size, np.uint32).view(np.float32)  # every bit pattern: subnormals, NaN, inf
+    encoded = tiff_float32(depth)
+    np.testing.assert_array_equal(
+        tifffile.imread(io.BytesIO(encoded)).reshape(size).view(np.uint32), depth.view(np.uint32)
+    )
+    np.testing.assert_array_equal(pillow(encoded).view(np.uint32), depth.view(np.uint32))
+    np.testing.assert_array_equal(opencv(encoded).view(np.uint32), depth.view(np.uint32))
+
+    gray = picture(seed, size, np.uint16)
+    encoded = tiff_gray16(gray)
+    np.testing.assert_array_equal(tifffile.imread(io.BytesIO(encoded)).reshape(size), gray)
+    np.testing.assert_array_equal(pillow(encoded), gray)
+    np.testing.assert_array_equal(opencv(encoded), gray)
+
+
+def test_pictures_of_many_bands_round_trip() -> None:
+    """Larger than the band in which rows are filtered, with a last band that is not full."""
+    rgb = picture(1, (701, 640, 3), np.uint8)
+    np.testing.assert_array_equal(pillow(png_rgb(rgb)), rgb)
+    wide = picture(2, (3, 200_000), np.uint16)  # one row is more than a band
+    np.testing.assert_array_equal(opencv(png_gray16(wide)), wide)
+
+
+def test_strided_views_are_encoded_as_they_look() -> None:
+    image = picture(3, (40, 60, 3), np.uint8)
+    np.testing.assert_array_equal(pillow(png_rgb(image[::2, ::-3])), image[::2, ::-3])
+    depth = np.arange(48, dtype=np.float32).reshape(6, 8)
+    np.testing.assert_array_equal(pillow(tiff_float32(depth.T)), depth.T)
+
+
+def test_png_structure_is_minimal_and_checksums_hold() -> None:
+    data = png_rgb(np.zeros((2, 3, 3), np.uint8))
+    kinds, offset = [], 8
+    while offset < len(data):
+        (length,) = struct.unpack_from(">I", data, offset)
+        kind, body = data[offset + 4 : offset + 8], data[offset + 8 : offset + 8 + length]
+        assert struct.unpack_from(">I", data, offset + 8 + length) == (zlib.crc32(kind + body),)
+        kinds.append(kind)
+        offset += 12 + length
+    assert kinds == [b"IHDR", b"IDAT", b"IEND"]
+
+
+def test_wrong_arrays_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"expected \(H, W, 3\) uint8, got \(4, 4\) uint8"):
+        png_rgb(np.zeros((4, 4), np.uint8))
+    with pytest.raises(ValueError, match="at least one pixel"):
+        png_gray8(np.zeros((0, 4), np.uint8))
+    with pytest.raises(ValueError, match="float64"):
+        tiff_float32(np.zeros((4, 4)))  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="at least one pixel"):
+        tiff_gray16(np.zeros((4, 0), np.uint16))
+    with pytest.raises(ValueError, match="uint16"):
+        jpeg_rgb(np.zeros((4, 4, 3), np.uint16))  # type: ignore[arg-type]
+
+
+def test_jpeg_looks_like_the_picture() -> None:
+    y, x = np.mgrid[0:64, 0:64]
+    rgb = np.stack((4 * x, 4 * y, 128 + 0 * x), axis=-1).astype(np.uint8)
+    assert np.abs(pillow(jpeg_rgb(rgb, quality=95)).astype(int) - rgb).mean() < 2
