@@ -1,0 +1,273 @@
+"""A bounded pool of threads behind a bounded, first-come queue: how work leaves the event loop.
+
+Waiting is the normal case (Drake's client never retries), so the queue is deep; only beyond its bounds a caller is
+turned away. A caller that leaves frees its place.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextvars
+import math
+import os
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final, ParamSpec, TypeVar
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+MAX_RETRY_AFTER: Final = 60
+"""Seconds; an estimate beyond a minute is a guess about other people's requests."""
+_SMOOTHING: Final = 0.1
+"""Weight of the newest duration in the running mean that ``Retry-After`` is estimated from."""
+
+
+def usable_cpus() -> int:
+    """CPUs that this process may run on; a container's CPU set counts."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+class Busy(Exception):  # noqa: N818 - it is an answer, not a fault
+    """The queue is full."""
+
+    def __init__(self, reason: str, retry_after: int) -> None:
+        super().__init__(f"{reason}; try again in {retry_after} s")
+        self.retry_after = retry_after
+        """Seconds after which a place is probably free, >= 1."""
+
+
+class Closed(Exception):  # noqa: N818
+    """The pool is shutting down and takes no work."""
+
+
+@dataclass(frozen=True, slots=True)
+class WorkersStats:
+    """One consistent reading."""
+
+    threads: int
+    running: int
+    waiting: int
+    waiting_bytes: int
+    done: int
+    """Finished calls since start, failed ones included."""
+    rejected: int
+    """Calls answered with ``Busy``."""
+    abandoned: int
+    """Calls whose caller left before the result was there."""
+
+
+class _Job:
+    __slots__ = ("call", "context", "future", "loop", "weight")
+
+    def __init__(
+        self, call: Callable[[], Any], weight: int, loop: asyncio.AbstractEventLoop, future: asyncio.Future[Any]
+    ) -> None:
+        self.call = call
+        self.weight = weight
+        self.loop = loop
+        self.future = future
+        self.context = contextvars.copy_context()
+
+
+class Workers:
+    """Runs functions in threads, in the order in which they were handed in.
+
+    The threads are daemons and start on demand. Callers may live in different event loops.
+    """
+
+    def __init__(
+        self,
+        threads: int | None = None,
+        max_waiting: int = 256,
+        max_waiting_bytes: int = 1 << 30,
+        *,
+        name: str = "worker",
+    ) -> None:
+        """
+        Args:
+            threads: at most this many calls run at once; None: one per CPU that this process may use.
+            max_waiting: calls that may wait for a thread; each keeps a connection and its request alive.
+            max_waiting_bytes: sum of the weights of the waiting calls. One that alone is heavier may still wait when
+                nobody else does, so that no single request is impossible.
+            name: of the threads, for debuggers.
+        """
+        self.threads = threads if threads is not None else usable_cpus()
+        if self.threads < 1 or max_waiting < 0 or max_waiting_bytes < 0:
+            raise ValueError("workers need at least one thread and bounds that are not negative")
+        self._max_waiting = max_waiting
+        self._max_waiting_bytes = max_waiting_bytes
+        self._name = name
+        self._lock = threading.Lock()
+        self._work = threading.Condition(self._lock)
+        self._queue: deque[_Job] = deque()
+        self._queue_bytes = 0
+        self._running = 0
+        self._alive = 0
+        self._done = 0
+        self._rejected = 0
+        self._abandoned = 0
+        self._mean_seconds = 0.0
+        self._closing = False
+        self._ended: list[tuple[asyncio.AbstractEventLoop, asyncio.Future[None]]] = []
+
+    async def run(self, fn: Callable[P, T], *args: P.args, weight: int = 0, **kwargs: P.kwargs) -> T:  # type: ignore[valid-type]
+        """Calls ``fn`` in a thread, with the caller's context variables, and returns what it returns.
+
+        Args:
+            weight: bytes that the call keeps alive while it waits.
+
+        Raises:
+            Busy: too much is waiting already.
+            Closed: ``close`` was called.
+            Exception: whatever ``fn`` raised. When the caller is cancelled, a waiting call is forgotten at once and
+                the result of a running one is dropped.
+        """
+        loop = asyncio.get_running_loop()
+        future: asyncio.Future[T] = loop.create_future()
+        job = _Job(lambda: fn(*args, **kwargs), weight, loop, future)
+        with self._lock:
+            if self._closing:
+                raise Closed("the server is shutting down")
+            # A free thread is one that no queued job has a claim on.
+            if self._running + len(self._queue) >= self.threads:
+                self._check_bounds(weight)
+            self._queue.append(job)
+            self._queue_bytes += weight
+            if self._alive < self.threads and self._alive < self._running + len(self._queue):
+                self._alive += 1
+                threading.Thread(target=self._serve, name=f"{self._name}-{self._alive}", daemon=True).start()
+            self._work.notify()
+        try:
+            return await future
+        finally:
+            if not future.done() or future.cancelled():
+                self._forget(job)
+            del job, future  # the traceback of a failure must not keep the request alive in a cycle
+
+    @property
+    def idle(self) -> bool:
+        """Whether at most one call runs and none waits: that one may use every core. Safe in any thread."""
+        return self._running <= 1 and not self._queue
+
+    @property
+    def stats(self) -> WorkersStats:
+        with self._lock:
+            spare = max(0, self.threads - self._running)
+            return WorkersStats(
+                threads=self.threads,
+                running=self._running,
+                waiting=max(0, len(self._queue) - spare),
+                waiting_bytes=self._queue_bytes,
+                done=self._done,
+                rejected=self._rejected,
+                abandoned=self._abandoned,
+            )
+
+    async def close(self, limit: float = 10.0) -> bool:
+        """Takes no new work, lets what was accepted finish, and ends the threads.
+
+        Args:
+            limit: seconds after which waiting calls fail with ``Closed`` and running ones are left behind (a thread
+                cannot be stopped; being daemons, they do not keep the process alive).
+
+        Returns:
+            Whether every thread ended in time.
+        """
+        loop = asyncio.get_running_loop()
+        ended: asyncio.Future[None] = loop.create_future()
+        with self._lock:
+            self._closing = True
+            self._work.notify_all()
+            if self._alive == 0:
+                return True
+            self._ended.append((loop, ended))
+        done, _ = await asyncio.wait((ended,), timeout=limit)
+        if done:
+            return True
+        with self._lock:
+            leftovers = tuple(self._queue)
+            self._queue.clear()
+            self._queue_bytes = 0
+        for job in leftovers:
+            _tell(job, None, Closed("the server shut down before the request's turn came"))
+        return False
+
+    def _check_bounds(self, weight: int) -> None:
+        waiting = max(0, len(self._queue) - (self.threads - self._running))
+        if waiting >= self._max_waiting:
+            reason = f"{waiting} requests are waiting already, the limit is {self._max_waiting}"
+        elif self._queue and self._queue_bytes + weight > self._max_waiting_bytes:
+            reason = (
+                f"the waiting requests hold {self._queue_bytes} bytes; with {weight} more "
+                f"they would exceed the limit of {self._max_waiting_bytes}"
+            )
+        else:
+            return
+        self._rejected += 1
+        seconds = math.ceil((waiting + 1) * self._mean_seconds / self.threads)
+        raise Busy(reason, min(max(1, seconds), MAX_RETRY_AFTER))
+
+    def _forget(self, job: _Job) -> None:
+        with self._lock:
+            self._abandoned += 1
+            try:
+                self._queue.remove(job)
+            except ValueError:
+                return  # it runs, or ran, already
+            self._queue_bytes -= job.weight
+
+    def _serve(self) -> None:
+        while True:
+            with self._lock:
+                while not self._queue and not self._closing:
+                    self._work.wait()
+                if not self._queue:
+                    break
+                job = self._queue.popleft()
+                self._queue_bytes -= job.weight
+                self._running += 1
+            started = time.monotonic()
+            result, error = None, None
+            try:
+                result = job.context.run(job.call)
+            except BaseException as raised:  # noqa: BLE001 - the caller gets it, whatever it is
+                error = raised
+            seconds = time.monotonic() - started
+            with self._lock:
+                self._running -= 1
+                self._done += 1
+                self._mean_seconds += (seconds - self._mean_seconds) * (_SMOOTHING if self._mean_seconds else 1.0)
+            _tell(job, result, error)
+            del job, result, error
+        with self._lock:
+            self._alive -= 1
+            waiters = self._ended if self._alive == 0 else []
+        for loop, ended in waiters:
+            _call_soon(loop, lambda ended=ended: None if ended.done() else ended.set_result(None))  # type: ignore[misc]
+
+
+def _tell(job: _Job, result: Any, error: BaseException | None) -> None:
+    """Hands the outcome to the caller's loop; nobody may be there any more."""
+    if isinstance(error, StopIteration):  # a future cannot carry it
+        error = RuntimeError(f"StopIteration escaped: {error}")
+
+    def settle() -> None:
+        if job.future.done():
+            return
+        if error is not None:
+            job.future.set_exception(error)
+        else:
+            job.future.set_result(result)
+
+    _call_soon(job.loop, settle)
+
+
+def _call_soon(loop: asyncio.AbstractEventLoop, call: Callable[[], None]) -> None:
+    try:
+        loop.call_soon_threadsafe(call)
+    except RuntimeError:  # the loop was closed
+        pass

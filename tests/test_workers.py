@@ -1,0 +1,239 @@
+"""The queue in front of the threads: its order, its bounds, and what happens to callers that leave."""
+
+from __future__ import annotations
+
+import asyncio
+import contextvars
+import gc
+import threading
+import weakref
+from collections.abc import Callable
+
+import pytest
+
+from gateway.workers import Busy, Closed, Workers
+
+LONG = 30.0
+"""Seconds; a bound on waiting for events so that a bug fails a test instead of hanging it."""
+
+
+class Gate:
+    """A call that says when it runs and waits until it may end."""
+
+    def __init__(self) -> None:
+        self.started = threading.Event()
+        self.open = threading.Event()
+
+    def __call__(self, value: object = None) -> object:
+        self.started.set()
+        assert self.open.wait(LONG)
+        return value
+
+
+async def started(gate: Gate) -> None:
+    assert await asyncio.to_thread(gate.started.wait, LONG)
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    """Lets the loop and the threads go on until the condition holds."""
+    async with asyncio.timeout(LONG):
+        while not condition():  # noqa: ASYNC110 - the threads have no event to wait for
+            await asyncio.sleep(0)
+
+
+async def test_results_errors_keywords_and_context_cross_the_threads() -> None:
+    variable = contextvars.ContextVar("variable", default="outside")
+    workers = Workers(2)
+    variable.set("inside")
+
+    def call(a: int, *, b: int) -> tuple[int, str, bool]:
+        return a + b, variable.get(), threading.current_thread() is threading.main_thread()
+
+    assert await workers.run(call, 1, b=2) == (3, "inside", False)
+    with pytest.raises(ZeroDivisionError):
+        await workers.run(lambda: 1 // 0)
+    with pytest.raises(RuntimeError, match="StopIteration"):
+        await workers.run(lambda: next(iter(())))
+    assert await workers.close()
+    assert workers.stats.done == 3
+
+
+async def test_first_come_first_served_and_never_more_than_the_threads() -> None:
+    workers, order, lock, running, most = Workers(2), [], threading.Lock(), 0, 0
+    gates = Gate(), Gate()
+    held = [asyncio.create_task(workers.run(gate)) for gate in gates]
+    for gate in gates:
+        await started(gate)
+
+    def call(number: int) -> None:
+        nonlocal running, most
+        with lock:
+            running += 1
+            most = max(most, running)
+            order.append(number)
+        with lock:
+            running -= 1
+
+    waiting = [asyncio.create_task(workers.run(call, number)) for number in range(20)]
+    await until(lambda: workers.stats.waiting == 20)
+    assert not workers.idle
+    gates[0].open.set()  # one thread works through the queue, in order, while the other is held
+    await asyncio.gather(*waiting)
+    assert order == list(range(20))
+    assert most == 1
+    gates[1].open.set()
+    await asyncio.gather(*held)
+    assert workers.idle
+    assert await workers.close()
+
+
+async def test_beyond_the_count_callers_are_turned_away() -> None:
+    workers, gate = Workers(1, max_waiting=2), Gate()
+    tasks = [asyncio.create_task(workers.run(gate)) for _ in range(3)]
+    await started(gate)
+    await until(lambda: workers.stats.waiting == 2)
+    with pytest.raises(Busy, match="2 requests are waiting already, the limit is 2") as busy:
+        await workers.run(gate)
+    assert busy.value.retry_after >= 1
+    assert workers.stats.rejected == 1
+    gate.open.set()
+    await asyncio.gather(*tasks)
+    await workers.run(gate)
+    assert await workers.close()
+
+
+async def test_no_waiting_allowed_still_means_that_free_threads_work() -> None:
+    workers, gate = Workers(2, max_waiting=0), Gate()
+    tasks = [asyncio.create_task(workers.run(gate)) for _ in range(2)]
+    await started(gate)
+    with pytest.raises(Busy):
+        await workers.run(gate)
+    gate.open.set()
+    await asyncio.gather(*tasks)
+    assert await workers.close()
+
+
+async def test_beyond_the_bytes_callers_are_turned_away_but_one_alone_may_wait() -> None:
+    workers, gate = Workers(1, max_waiting_bytes=100), Gate()
+    tasks = [asyncio.create_task(workers.run(gate))]
+    await started(gate)
+    tasks.append(asyncio.create_task(workers.run(gate, weight=1000)))
+    await until(lambda: workers.stats.waiting == 1)
+    with pytest.raises(Busy, match="hold 1000 bytes; with 1 more they would exceed the limit of 100"):
+        await workers.run(gate, weight=1)
+    tasks[1].cancel()
+    await until(lambda: workers.stats.waiting_bytes == 0)
+    tasks.append(asyncio.create_task(workers.run(gate, weight=60)))
+    tasks.append(asyncio.create_task(workers.run(gate, weight=40)))
+    await until(lambda: workers.stats.waiting_bytes == 100)
+    gate.open.set()
+    await asyncio.gather(*tasks, return_exceptions=True)
+    assert workers.stats.waiting_bytes == 0
+    assert await workers.close()
+
+
+async def test_a_waiting_caller_that_leaves_is_never_run_and_frees_its_place() -> None:
+    workers, gate, calls = Workers(1, max_waiting=1), Gate(), []
+    held = asyncio.create_task(workers.run(gate))
+    await started(gate)
+    leaver = asyncio.create_task(workers.run(calls.append, "left", weight=7))
+    await until(lambda: workers.stats.waiting == 1)
+    leaver.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await leaver
+    assert workers.stats.waiting == 0
+    assert workers.stats.abandoned == 1
+    stayer = asyncio.create_task(workers.run(calls.append, "stayed"))
+    gate.open.set()
+    await asyncio.gather(held, stayer)
+    assert calls == ["stayed"]
+    assert await workers.close()
+
+
+async def test_a_running_caller_that_leaves_loses_the_result_not_the_thread() -> None:
+    workers, gate = Workers(1), Gate()
+    leaver = asyncio.create_task(workers.run(gate))
+    await started(gate)
+    leaver.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await leaver
+    assert workers.stats.running == 1
+    gate.open.set()
+    assert await workers.run(lambda: "next") == "next"
+    assert workers.stats.done == 2
+    assert await workers.close()
+
+
+async def test_close_lets_accepted_work_finish_and_ends_the_threads() -> None:
+    before = set(threading.enumerate())
+    workers, gate = Workers(2, name="ending"), Gate()
+    tasks = [asyncio.create_task(workers.run(gate, number)) for number in range(5)]
+    await started(gate)
+    closing = asyncio.create_task(workers.close(LONG))
+    await asyncio.sleep(0)
+    with pytest.raises(Closed):
+        await workers.run(gate)
+    gate.open.set()
+    assert await closing
+    assert await asyncio.gather(*tasks) == list(range(5))
+    for thread in set(threading.enumerate()) - before:
+        if thread.name.startswith("ending"):
+            thread.join(LONG)
+            assert not thread.is_alive()
+    assert await workers.close()
+
+
+async def test_close_gives_up_at_its_limit() -> None:
+    workers, gate = Workers(1), Gate()
+    running, waiting = (asyncio.create_task(workers.run(gate)) for _ in range(2))
+    await started(gate)
+    assert not await workers.close(0.0)
+    with pytest.raises(Closed, match="before the request's turn came"):
+        await waiting
+    gate.open.set()
+    await running
+
+
+async def test_nothing_keeps_a_finished_request_alive() -> None:
+    class Body:
+        pass
+
+    def fail(body: object) -> None:
+        raise ValueError("no")
+
+    workers = Workers(1)
+    body = Body()
+    watched = weakref.ref(body)
+    await workers.run(lambda _: None, body)
+    try:
+        await workers.run(fail, body)
+    except ValueError:
+        pass
+    del body
+    gc.collect()
+    await workers.run(lambda: None)  # the thread has let go of the job before when it takes the next
+    assert watched() is None
+    assert await workers.close()
+
+
+def test_loops_come_and_go() -> None:
+    workers = Workers(1)
+    for _ in range(2):
+        assert asyncio.run(workers.run(lambda: 5)) == 5
+    gate = Gate()
+
+    async def leave() -> None:
+        task = asyncio.create_task(workers.run(gate))
+        await started(gate)
+        task.cancel()
+
+    asyncio.run(leave())
+    gate.open.set()  # the result has no loop to go to any more
+    assert asyncio.run(workers.run(lambda: 6)) == 6
+    assert asyncio.run(workers.close())
+
+
+def test_bounds_are_checked() -> None:
+    with pytest.raises(ValueError, match="at least one thread"):
+        Workers(0)
+    assert Workers().threads >= 1
