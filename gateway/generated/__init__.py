@@ -1,0 +1,1 @@
+"""Classes generated from protos/ and lcmtypes/ (`make generate`); do not edit them."""
