@@ -57,7 +57,7 @@ class Surface:
     mesh: Mesh
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class PointCloud:
     """Points with any number of named channels; ``planar_lidar`` becomes one, too."""
 
@@ -76,7 +76,7 @@ class Triad:
     """True: tubes of 2 mm radius; False: hairlines."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class Line:
     """A polyline."""
 

@@ -1,0 +1,169 @@
+"""Meshes of the simple solids, in unit size: scale them by the instance's transform so that all share one mesh.
+
+Every solid is closed, wound counter-clockwise seen from outside, and has unit outward normals: smooth on curved faces,
+flat on plane ones. Curved solids are inscribed: vertices lie exactly on the ideal surface, faces inside it.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from renderers.drawlist import Mesh
+
+SEGMENTS: Final = 48
+"""Sides of round solids. The silhouette of an inscribed 48-gon is off by r * (1 - cos(pi / 48)) = 0.2 % of r: half a
+pixel for a sphere 470 pixels wide. Director uses 24."""
+RINGS: Final = 24
+"""Bands of a sphere from pole to pole, so that its quads are about square."""
+CONE_SEGMENTS: Final = 32
+
+Vertices = NDArray[np.float64]
+Triangles = NDArray[np.int64]
+
+
+def frozen_mesh(positions: Vertices, triangles: Triangles, normals: Vertices) -> Mesh:
+    """A mesh that nobody can write to, since all share it."""
+    arrays = (
+        np.ascontiguousarray(positions, dtype=np.float32),
+        np.ascontiguousarray(triangles, dtype=np.uint32),
+        np.ascontiguousarray(normals, dtype=np.float32),
+    )
+    for array in arrays:
+        array.flags.writeable = False
+    return Mesh(*arrays)
+
+
+def circle(segments: int) -> Vertices:
+    """(segments, 2) float64: points of the unit circle, counter-clockwise from +x; exact on the axes."""
+    angle = np.arange(segments) * (2.0 * math.pi / segments)
+    points = np.stack((np.cos(angle), np.sin(angle)), axis=1)
+    points[np.abs(points) < 1e-15] = 0.0
+    return points
+
+
+def band(lower: NDArray[np.integer], upper: NDArray[np.integer]) -> Triangles:
+    """Triangles between two closed rings of equally many vertices, counter-clockwise seen from outside.
+
+    Args:
+        lower: (n,) vertex indices, counter-clockwise seen from above.
+        upper: (n,) the ring above it.
+    Returns:
+        (2 n, 3) int64.
+    """
+    next_lower, next_upper = np.roll(lower, -1), np.roll(upper, -1)
+    quads = np.stack((lower, next_lower, next_upper, lower, next_upper, upper), axis=1)
+    return quads.reshape(-1, 3).astype(np.int64)
+
+
+def fan(centre: int, ring: NDArray[np.integer], *, up: bool) -> Triangles:
+    """(n, 3) int64: triangles from ``centre`` to a closed ring; ``up``: the front looks along +z."""
+    following = np.roll(ring, -1)
+    pair = (ring, following) if up else (following, ring)
+    return np.stack((np.full(len(ring), centre), *pair), axis=1).astype(np.int64)
+
+
+@lru_cache(maxsize=1)
+def box() -> Mesh:
+    """A cube of side 1 around the origin: 24 vertices, 12 triangles, flat normals."""
+    positions: list[Vertices] = []
+    normals: list[Vertices] = []
+    triangles: list[tuple[int, ...]] = []
+    for axis in range(3):
+        for sign in (-1.0, 1.0):
+            normal, u = np.zeros(3), np.zeros(3)
+            normal[axis], u[(axis + 1) % 3] = sign, 1.0
+            v = np.cross(normal, u)
+            first = len(positions)
+            positions.extend(0.5 * (normal + a * u + b * v) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1)))
+            normals.extend([normal] * 4)
+            triangles.extend(((first, first + 1, first + 2), (first, first + 2, first + 3)))
+    return frozen_mesh(np.array(positions), np.array(triangles), np.array(normals))
+
+
+@lru_cache(maxsize=16)
+def sphere(segments: int = SEGMENTS, rings: int = RINGS) -> Mesh:
+    """The unit sphere, poles on the z axis."""
+    positions, triangles = _ball(segments, rings, 0.0)
+    return frozen_mesh(positions, triangles, positions)
+
+
+@lru_cache(maxsize=256)
+def capsule(aspect: float) -> Mesh:
+    """A cylinder of radius 1 and length ``aspect`` along z with a hemisphere at each end.
+
+    The cache is bounded because every aspect is a mesh of its own (about 60 kB).
+    """
+    positions, triangles = _ball(SEGMENTS, RINGS, 0.5 * aspect)
+    normals = positions.copy()
+    normals[:, 2] -= np.copysign(0.5 * aspect, positions[:, 2])
+    return frozen_mesh(positions, triangles, normals)
+
+
+def _ball(segments: int, rings: int, half_length: float) -> tuple[Vertices, Triangles]:
+    """The unit sphere; with ``half_length`` its halves (``rings`` is even) are moved apart along z."""
+    around = circle(segments)
+    polar = np.arange(1, rings) * (math.pi / rings)
+    if half_length:
+        polar = np.insert(polar, rings // 2, 0.5 * math.pi)
+    z, r = np.cos(polar), np.sin(polar)
+    z[np.abs(z) < 1e-15] = 0.0
+    if half_length:
+        z[: rings // 2] += half_length
+        z[rings // 2 :] -= half_length
+    body = np.empty((len(polar), segments, 3))
+    body[:, :, :2] = r[:, None, None] * around
+    body[:, :, 2] = z[:, None]
+    top = 1.0 + half_length
+    positions = np.concatenate((body.reshape(-1, 3), [(0.0, 0.0, top), (0.0, 0.0, -top)]))
+    index = np.arange(len(polar) * segments).reshape(len(polar), segments)
+    north, south = index.size, index.size + 1
+    parts = [fan(north, index[0], up=True), fan(south, index[-1], up=False)]
+    parts.extend(band(index[i + 1], index[i]) for i in range(len(polar) - 1))
+    return positions, np.concatenate(parts)
+
+
+@lru_cache(maxsize=16)
+def cylinder(segments: int = SEGMENTS) -> Mesh:
+    """Radius 1, length 1, along z, around the origin, capped."""
+    around = circle(segments)
+    sides = np.zeros((segments, 3))
+    sides[:, :2] = around
+    low, high = np.array((0.0, 0.0, -0.5)), np.array((0.0, 0.0, 0.5))
+    down, up = np.tile((0.0, 0.0, -1.0), (segments + 1, 1)), np.tile((0.0, 0.0, 1.0), (segments + 1, 1))
+    positions = np.concatenate((sides + low, sides + high, sides + low, [low], sides + high, [high]))
+    normals = np.concatenate((sides, sides, down, up))
+    ring = np.arange(segments)
+    bottom, top = 2 * segments, 3 * segments + 1
+    triangles = np.concatenate(
+        (
+            band(ring, ring + segments),
+            fan(bottom + segments, ring + bottom, up=False),
+            fan(top + segments, ring + top, up=True),
+        )
+    )
+    return frozen_mesh(positions, triangles, normals)
+
+
+@lru_cache(maxsize=16)
+def cone(segments: int = CONE_SEGMENTS) -> Mesh:
+    """Tip at the origin, pointing along +z, closed base of radius 1 at z = -1."""
+    around = circle(segments)
+    base = np.zeros((segments, 3))
+    base[:, :2], base[:, 2] = around, -1.0
+    slope = np.zeros((segments, 3))
+    slope[:, :2], slope[:, 2] = around, 1.0
+    slope *= math.sqrt(0.5)
+    # The tip has one vertex per side, each with the normal of its side's middle, or shading would have a star there.
+    tips = slope + np.roll(slope, -1, axis=0)
+    tips /= np.linalg.norm(tips, axis=1, keepdims=True)
+    positions = np.concatenate((base, np.zeros((segments, 3)), base, [(0.0, 0.0, -1.0)]))
+    normals = np.concatenate((slope, tips, np.tile((0.0, 0.0, -1.0), (segments + 1, 1))))
+    ring = np.arange(segments)
+    sides = np.stack((ring, np.roll(ring, -1), ring + segments), axis=1)
+    triangles = np.concatenate((sides, fan(3 * segments, ring + 2 * segments, up=False)))
+    return frozen_mesh(positions, triangles, normals)
