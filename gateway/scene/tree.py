@@ -101,13 +101,15 @@ class Node:
 class TreeEdit:
     """A batch of edits of one tree: each touched node is copied at most once. ``commit`` ends it."""
 
-    __slots__ = ("_owner", "_root", "changed")
+    __slots__ = ("_owner", "_root", "changed", "created")
 
     def __init__(self, root: Node) -> None:
         self._owner: object | None = object()
         self._root = root
         self.changed = False
         """Whether anything was edited."""
+        self.created = 0
+        """How many nodes the paths of this edit brought into being, for callers that bound the tree."""
 
     @property
     def root(self) -> Node:
@@ -128,10 +130,14 @@ class TreeEdit:
         leaf = self._own(path)[-1]
         leaf._matrix, leaf._pose = matrix, None
 
-    def set_pose(self, path: Path, pose: Pose) -> None:
-        """Replaces the transform at ``path``, creating nodes as needed; the matrix is made when it is first read."""
+    def set_pose(self, path: Path, pose: Pose) -> Node:
+        """Replaces the transform at ``path``, creating nodes as needed; the matrix is made when it is first read.
+
+        Returns the node as edited so far, for a look at what it carries.
+        """
         leaf = self._own(path)[-1]
         leaf._matrix, leaf._pose = None, pose
+        return leaf
 
     def set_visible(self, path: Path, visible: bool) -> None:
         """Hides or shows the subtree at ``path``, creating nodes as needed."""
@@ -190,6 +196,7 @@ class TreeEdit:
                 child = Node()
                 child._owner = owner
                 node.children[element] = child
+                self.created += 1
             elif child._owner is not owner:
                 child = child._copy(owner)
                 node.children[element] = child
