@@ -23,19 +23,26 @@ IDENTITY: Final[Matrix] = _identity()
 """(4, 4) float64, read-only; compare by ``is`` to skip work."""
 
 
+_SQUARE_SAFE: Final = (1e-200, 1e200)
+"""Squared quaternion norms outside this range are close to underflow or overflow: scale first."""
+
+
 def from_pose(translation: Sequence[float], quaternion: Sequence[float]) -> Matrix:
     """A rigid transform.
 
     Args:
         translation: (3,) metres.
-        quaternion: (4,) [w, x, y, z]; normalised here, all zeros means no rotation (as Director does).
+        quaternion: (4,) [w, x, y, z]; normalised here, all zeros means no rotation (as Director does). Non-finite
+            numbers give a non-finite matrix.
     """
     w, x, y, z = quaternion
     norm2 = w * w + x * x + y * y + z * z
-    s = 2.0 / norm2 if norm2 > 0.0 and math.isfinite(norm2) else 0.0
-    if s == 0.0 and norm2 != 0.0 and math.isfinite(max(map(abs, quaternion))):
+    if not _SQUARE_SAFE[0] < norm2 < _SQUARE_SAFE[1] and all(map(math.isfinite, quaternion)):
         scale = max(abs(w), abs(x), abs(y), abs(z))
-        return from_pose(translation, (w / scale, x / scale, y / scale, z / scale))
+        if scale > 0.0:
+            w, x, y, z = w / scale, x / scale, y / scale, z / scale
+            norm2 = w * w + x * x + y * y + z * z
+    s = 2.0 / norm2 if norm2 > 0.0 else norm2
     wx, wy, wz = s * w * x, s * w * y, s * w * z
     xx, xy, xz = s * x * x, s * x * y, s * x * z
     yy, yz, zz = s * y * y, s * y * z, s * z * z
@@ -48,6 +55,33 @@ def from_pose(translation: Sequence[float], quaternion: Sequence[float]) -> Matr
             (0.0, 0.0, 0.0, 1.0),
         )
     )
+
+
+def from_poses(poses: Matrix) -> Matrix:
+    """``from_pose`` for many at once.
+
+    Args:
+        poses: (N, 7) float64: x, y, z, qw, qx, qy, qz.
+    Returns:
+        (N, 4, 4) float64.
+    """
+    q = poses[:, 3:]
+    with np.errstate(all="ignore"):
+        norm2 = np.einsum("ni,ni->n", q, q)
+        odd = ~((norm2 > _SQUARE_SAFE[0]) & (norm2 < _SQUARE_SAFE[1]))
+        if odd.any():
+            return np.array([from_pose(pose[:3], pose[3:]) for pose in poses.tolist()]).reshape(-1, 4, 4)
+        products = q[:, :, None] * (q * (2.0 / norm2)[:, None])[:, None, :]
+    wx, wy, wz = products[:, 0, 1], products[:, 0, 2], products[:, 0, 3]
+    xx, xy, xz = products[:, 1, 1], products[:, 1, 2], products[:, 1, 3]
+    yy, yz, zz = products[:, 2, 2], products[:, 2, 3], products[:, 3, 3]
+    matrices = np.zeros((len(poses), 4, 4))
+    matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 0, 2] = 1.0 - (yy + zz), xy - wz, xz + wy
+    matrices[:, 1, 0], matrices[:, 1, 1], matrices[:, 1, 2] = xy + wz, 1.0 - (xx + zz), yz - wx
+    matrices[:, 2, 0], matrices[:, 2, 1], matrices[:, 2, 2] = xz - wy, yz + wx, 1.0 - (xx + yy)
+    matrices[:, :3, 3] = poses[:, :3]
+    matrices[:, 3, 3] = 1.0
+    return matrices
 
 
 def translation(x: float, y: float, z: float) -> Matrix:
