@@ -1,0 +1,199 @@
+"""The fields of a render request, checked: form in, request out; no I/O.
+
+What Drake's demo server and drake-blender accept is accepted. Unlike the demo, unknown fields are ignored with a
+warning (a newer client that sends one more field still gets its picture, and a person's misspelt one is missing under
+its right name anyway), and a focal length that is missing is computed from the field of view.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from typing import Final, Literal, cast
+
+from gateway.render.config import RenderConfig
+from gateway.render.errors import RequestError, quoted
+from gateway.render.multipart import Form
+
+ImageType = Literal["color", "depth", "label"]
+IMAGE_TYPES: Final = ("color", "depth", "label")
+
+_KNOWN: Final = frozenset(
+    (
+        "scene_sha256",
+        "image_type",
+        "min_depth",
+        "max_depth",
+        "width",
+        "height",
+        "near",
+        "far",
+        "focal_x",
+        "focal_y",
+        "fov_x",
+        "fov_y",
+        "center_x",
+        "center_y",
+        "submit",
+    )
+)
+_NUMBER: Final = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+"""What a decimal field may look like; float() alone would take "1_000", "nan" and Arabic digits."""
+_INTEGER: Final = re.compile(r"\+?(\d{1,9})(\.0*)?", re.ASCII)
+_SHA256: Final = re.compile(r"[0-9a-fA-F]{64}")
+_MAX_FOCAL: Final = 1e9
+"""Pixels: a field of view of a hundred-thousandth of a radian at the largest picture."""
+_MAX_FAR: Final = 1e12
+"""Metres; farther, a float32 depth has no digits for a scene."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RenderRequest:
+    """One picture that a client wants."""
+
+    image_type: ImageType
+    width: int
+    """Pixels."""
+    height: int
+    focal_x: float
+    """Pixels, as Drake's CameraInfo."""
+    focal_y: float
+    center_x: float
+    """Principal point, pixels from the left edge; pixel i covers i .. i + 1."""
+    center_y: float
+    near: float
+    """Metres, >= 0; the client prints six decimals, so a near plane below 0.5 micrometres arrives as 0."""
+    far: float
+    """Metres, > near."""
+    min_depth: float
+    """Metres; nearer is "too close". Meaningful for depth only, else 0."""
+    max_depth: float
+    """Metres; farther is "too far". Meaningful for depth only, else inf."""
+    scene: memoryview
+    """The glTF file."""
+    scene_sha256: str
+    """Of the bytes received, 64 hexadecimal digits."""
+    scene_filename: str = ""
+    warnings: tuple[str, ...] = ()
+    """What was odd but no reason to refuse."""
+
+
+def read_form(form: Form, config: RenderConfig) -> RenderRequest:
+    """Checks every field.
+
+    Raises:
+        RequestError: naming the field, its value and what it should be.
+    """
+    if form.scene is None:
+        raise RequestError(400, "the field 'scene' (the glTF file) is missing")
+    if not form.scene:
+        raise RequestError(400, "the field 'scene' is an empty file")
+    fields = form.fields
+    warnings = [f"the field {quoted(name)} is unknown and ignored" for name in fields if name not in _KNOWN]
+    image_type = _text(fields, "image_type")
+    if image_type not in IMAGE_TYPES:
+        raise RequestError(400, f"image_type must be color, depth or label, got {quoted(image_type)}")
+    width, height = _integer(fields, "width", config), _integer(fields, "height", config)
+    if width * height > config.max_pixels:
+        raise RequestError(
+            400, f"width * height = {width * height} pixels, the limit is {config.max_pixels} (max_pixels)"
+        )
+    near = _number(fields, "near", minimum=0.0)
+    far = _number(fields, "far", maximum=_MAX_FAR)
+    if not near < far:
+        raise RequestError(400, f"near must be less than far, got near={near:g} and far={far:g}")
+    min_depth, max_depth = 0.0, math.inf
+    if image_type == "depth":
+        min_depth, max_depth = _number(fields, "min_depth", minimum=0.0), _number(fields, "max_depth")
+        if not min_depth < max_depth:
+            raise RequestError(400, f"min_depth must be less than max_depth, got {min_depth:g} and {max_depth:g}")
+    warnings += _check_hash(fields.get("scene_sha256", ""), form)
+    return RenderRequest(
+        image_type=cast("ImageType", image_type),
+        width=width,
+        height=height,
+        focal_x=_focal(fields, "x", width),
+        focal_y=_focal(fields, "y", height),
+        center_x=_center(fields, "center_x", width, "width"),
+        center_y=_center(fields, "center_y", height, "height"),
+        near=near,
+        far=far,
+        min_depth=min_depth,
+        max_depth=max_depth,
+        scene=form.scene,
+        scene_sha256=form.scene_sha256,
+        scene_filename=form.scene_filename,
+        warnings=tuple(warnings),
+    )
+
+
+def _text(fields: dict[str, str], name: str) -> str:
+    value = fields.get(name)
+    if not value:
+        problem = "is missing" if value is None else "is empty"
+        hint = "; depth pictures need it" if name in ("min_depth", "max_depth") else ""
+        raise RequestError(400, f"the field '{name}' {problem}{hint}")
+    return value
+
+
+def _integer(fields: dict[str, str], name: str, config: RenderConfig) -> int:
+    text = _text(fields, name)
+    match = _INTEGER.fullmatch(text)
+    value = int(match[1]) if match else 0
+    if not 1 <= value <= config.max_side:
+        raise RequestError(400, f"{name} must be a whole number from 1 to {config.max_side}, got {quoted(text)}")
+    return value
+
+
+def _number(fields: dict[str, str], name: str, *, minimum: float | None = None, maximum: float = math.inf) -> float:
+    """A finite number, positive or (with ``minimum``) at least that."""
+    text = _text(fields, name)
+    value = float(text) if _NUMBER.fullmatch(text) else math.nan
+    if not math.isfinite(value):
+        raise RequestError(400, f"{name} must be a finite decimal number, got {quoted(text)}")
+    if value > maximum:
+        raise RequestError(400, f"{name} must be at most {maximum:g}, got {quoted(text)}")
+    if minimum is None and not value > 0.0:
+        raise RequestError(400, f"{name} must be positive, got {quoted(text)}")
+    if minimum is not None and not value >= minimum:
+        raise RequestError(400, f"{name} must be at least {minimum:g}, got {quoted(text)}")
+    return value
+
+
+def _focal(fields: dict[str, str], axis: str, size: int) -> float:
+    """The focal length; the field of view says the same again and is used only when the focal length is missing."""
+    focal, fov = f"focal_{axis}", f"fov_{axis}"
+    angle = _number(fields, fov) if fields.get(fov) else None
+    if fields.get(focal) or angle is None:
+        value = _number(fields, focal, maximum=_MAX_FOCAL)
+    elif angle < math.pi:
+        value = size / (2.0 * math.tan(angle / 2.0))
+    else:
+        raise RequestError(400, f"{fov} must be less than pi (radians), got {quoted(fields[fov])}")
+    if not 1.0 / _MAX_FOCAL <= value <= _MAX_FOCAL:
+        raise RequestError(400, f"{focal} = {value:g} pixels is not from {1.0 / _MAX_FOCAL:g} to {_MAX_FOCAL:g}")
+    return value
+
+
+def _center(fields: dict[str, str], name: str, size: int, size_name: str) -> float:
+    """The principal point, inside the picture: the rule of Drake's CameraInfo."""
+    value = _number(fields, name)
+    if not value < size:
+        raise RequestError(400, f"{name} must be less than the {size_name} ({size}), got {quoted(fields[name])}")
+    return value
+
+
+def _check_hash(claimed: str, form: Form) -> list[str]:
+    """A hash that does not match is an upload that went wrong; something that is no hash is a careless client
+    (drake-blender's tests send NOT_USED_IN_THE_TEST)."""
+    assert form.scene is not None
+    if _SHA256.fullmatch(claimed) is None:
+        return [f"scene_sha256 is no SHA-256 hash: {quoted(claimed)}"] if claimed else ["scene_sha256 is missing"]
+    if claimed.lower() != form.scene_sha256:
+        raise RequestError(
+            400,
+            f"scene_sha256 does not match: the form says {claimed.lower()}, but the {len(form.scene)} bytes of the "
+            f"scene that arrived have {form.scene_sha256}",
+        )
+    return []

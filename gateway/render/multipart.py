@@ -1,0 +1,185 @@
+"""multipart/form-data (RFC 7578), parsed while its bytes arrive; no I/O.
+
+The scene is hashed on the way and written once, into the buffer that the glTF reader will read.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+
+from python_multipart.exceptions import FormParserError
+from python_multipart.multipart import MultipartParser, parse_options_header
+
+from gateway.render.config import RenderConfig
+from gateway.render.errors import RequestError, quoted
+
+SCENE = "scene"
+"""Name of the part with the glTF file."""
+_PLAIN_ENCODINGS = frozenset((b"", b"7bit", b"8bit", b"binary"))
+"""Content-Transfer-Encodings that leave the bytes alone; RFC 7578 (4.7) deprecates the others."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Form:
+    """A complete form."""
+
+    fields: dict[str, str]
+    """The text parts by name, white space at the ends removed."""
+    scene: memoryview | None
+    """The file's bytes, read-only; None: there was no such part."""
+    scene_sha256: str
+    """64 hexadecimal digits, of the bytes received."""
+    scene_filename: str
+    """As the client calls it; for people only."""
+
+
+class FormReader:
+    """Feed it the body, chunk by chunk, then take the form. Every method raises ``RequestError``."""
+
+    def __init__(self, content_type: str, config: RenderConfig) -> None:
+        """``content_type``: the request's header, with the boundary."""
+        kind, options = parse_options_header(content_type.encode("latin-1", "replace"))
+        if kind != b"multipart/form-data":
+            got = quoted(content_type) if content_type else "none"
+            raise RequestError(400, f"Content-Type must be multipart/form-data, got {got}")
+        boundary = options.get(b"boundary", b"")
+        if not boundary:
+            raise RequestError(400, f"Content-Type names no boundary: {quoted(content_type)}")
+        try:
+            self._parser = MultipartParser(
+                boundary,
+                {
+                    "on_part_begin": self._part_begin,
+                    "on_header_field": self._header_name_piece,
+                    "on_header_value": self._header_value_piece,
+                    "on_header_end": self._header_end,
+                    "on_headers_finished": self._headers_finished,
+                    "on_part_data": self._part_data,
+                    "on_part_end": self._part_end,
+                    "on_end": self._end,
+                },
+                max_header_count=config.max_part_headers,
+                max_header_size=config.max_header_bytes,
+            )
+        except FormParserError as error:
+            raise RequestError(400, f"Content-Type has an unusable boundary: {error}") from None
+        self._config = config
+        self._received = 0
+        self._parts = 0
+        self._complete = False
+        self._names: set[str] = set()
+        self._fields: dict[str, str] = {}
+        self._scene: bytearray | None = None
+        self._scene_filename = ""
+        self._hash = hashlib.sha256()
+        self._name = ""
+        self._header_name = bytearray()
+        self._header_value = bytearray()
+        self._disposition = b""
+        self._encoding = b""
+        self._text = bytearray()
+
+    @property
+    def received(self) -> int:
+        """Bytes fed so far."""
+        return self._received
+
+    def feed(self, chunk: bytes) -> None:
+        """The next bytes of the body."""
+        self._received += len(chunk)
+        if self._received > self._config.max_body_bytes:
+            raise too_large(self._received, self._config)
+        try:
+            self._parser.write(chunk)
+        except FormParserError as error:
+            raise RequestError(400, f"the multipart body is malformed: {error}") from None
+
+    def form(self) -> Form:
+        """The whole form, after the last byte."""
+        if not self._complete:
+            inside = f" inside the part {quoted(self._name)}" if self._name else ""
+            raise RequestError(
+                400,
+                f"the multipart body ends{inside} after {self._received} bytes, before the closing boundary: "
+                "the upload was cut short",
+            )
+        scene = None if self._scene is None else memoryview(self._scene).toreadonly()
+        return Form(self._fields, scene, self._hash.hexdigest(), self._scene_filename)
+
+    def _part_begin(self) -> None:
+        self._parts += 1
+        if self._parts > self._config.max_parts:
+            raise RequestError(400, f"the form has more than {self._config.max_parts} parts")
+        self._name = ""
+        self._disposition = self._encoding = b""
+        self._header_name.clear()
+        self._header_value.clear()
+        self._text.clear()
+
+    def _header_name_piece(self, data: bytes, start: int, end: int) -> None:
+        self._header_name += data[start:end]
+
+    def _header_value_piece(self, data: bytes, start: int, end: int) -> None:
+        self._header_value += data[start:end]
+
+    def _header_end(self) -> None:
+        name = bytes(self._header_name).lower()
+        if name == b"content-disposition":
+            self._disposition = bytes(self._header_value)
+        elif name == b"content-transfer-encoding":
+            self._encoding = bytes(self._header_value).strip().lower()
+        self._header_name.clear()
+        self._header_value.clear()
+
+    def _headers_finished(self) -> None:
+        kind, options = parse_options_header(self._disposition)
+        if kind != b"form-data" or not options.get(b"name"):
+            got = quoted(self._disposition) if self._disposition else "none"
+            raise RequestError(
+                400, f'part {self._parts} of the form needs Content-Disposition: form-data; name="…", got {got}'
+            )
+        self._name = name = options[b"name"].decode("utf-8", "replace")
+        if name in self._names:
+            raise RequestError(400, f"the field {quoted(name)} was sent twice")
+        if self._encoding not in _PLAIN_ENCODINGS:
+            raise RequestError(
+                400,
+                f"the field {quoted(name)} has Content-Transfer-Encoding {quoted(self._encoding)}; send it as it is",
+            )
+        self._names.add(name)
+        if name == SCENE:
+            self._scene = bytearray()
+            self._scene_filename = options.get(b"filename", b"").decode("utf-8", "replace")
+
+    def _part_data(self, data: bytes, start: int, end: int) -> None:
+        with memoryview(data) as whole, whole[start:end] as piece:
+            if self._name == SCENE:
+                assert self._scene is not None
+                self._hash.update(piece)
+                self._scene += piece
+                return
+            if len(self._text) + len(piece) > self._config.max_field_bytes:
+                raise RequestError(
+                    400, f"the field {quoted(self._name)} is longer than {self._config.max_field_bytes} bytes"
+                )
+            self._text += piece
+
+    def _part_end(self) -> None:
+        if self._name != SCENE:
+            try:
+                self._fields[self._name] = self._text.decode().strip()
+            except UnicodeDecodeError:
+                raise RequestError(
+                    400, f"the field {quoted(self._name)} is not UTF-8 text: {quoted(bytes(self._text))}"
+                ) from None
+        self._name = ""
+
+    def _end(self) -> None:
+        self._complete = True
+
+
+def too_large(size: int, config: RenderConfig) -> RequestError:
+    """The answer to a body beyond the bound; ``size`` is what is known of it."""
+    limit = config.max_body_bytes
+    return RequestError(413, f"the request body has {size} bytes or more, the limit is {limit} (max_body_bytes)")
