@@ -37,7 +37,6 @@ class _Entry:
 
     __slots__ = (
         "children",
-        "labels",
         "local",
         "meshes",
         "node",
@@ -54,8 +53,8 @@ class _Entry:
         self.node: Node | None = None
         self.world: Matrix = IDENTITY
         self.children: dict[PathElement, _Entry] = {}
-        self.meshes: list[tuple[Mesh, Material]] = []
-        self.labels: list[int] = []
+        self.meshes: list[tuple[Mesh, Material, int]] = []
+        """With the label."""
         self.local: NDArray[np.float64] | None = None
         """(len(meshes), 4, 4): X_node_mesh; None without meshes."""
         self.own: list[Instance] = []
@@ -100,17 +99,20 @@ class Flattener:
 class _Flat:
     def __init__(self, label_of: LabelOf) -> None:
         self._label_of = label_of
+        self._tree: Node | None = None
+        """What ``_drawn`` was made of."""
         self._root = _Entry(())
         self._drawn = DrawList()
         self._remeshed = False
         """Whether the set of materials may have changed in this call."""
 
     def flatten(self, root: Node) -> DrawList:
-        if self._root.node is root:
+        if self._tree is root:
             return self._drawn
+        self._tree = None
         self._remeshed = False
         try:
-            moved = self._update_worlds(root)
+            moved = self._update_worlds(root if root.visible else Node())
             self._place(moved)
             instances = self._list()
         except BaseException:
@@ -119,6 +121,7 @@ class _Flat:
             raise
         images = _images_of(instances) if self._remeshed else self._drawn.images
         self._drawn = DrawList(tuple(instances), images)
+        self._tree = root
         return self._drawn
 
     def _update_worlds(self, root: Node) -> list[_Entry]:
@@ -134,14 +137,17 @@ class _Flat:
                 before = entry.node
                 entry.stale = True
                 entry.node = node
-                remade = self._remesh(entry, before, node)
+                remade = node.parts is not (None if before is None else before.parts)
+                if remade:
+                    self._remesh(entry, node.parts or ())
                 is_moved = parent_moved or before is None or not before.same_transform(node)
                 if is_moved:
                     moved.append(entry)
                     parents.append(parent_world)
                 elif remade:
                     moved_all.append(entry)
-                current.append((entry, node, is_moved))
+                if node.children or entry.children:
+                    current.append((entry, node, is_moved))
             if moved:
                 matrices = _local_matrices([e.node for e in moved if e.node is not None])
                 with np.errstate(all="ignore"):
@@ -154,31 +160,24 @@ class _Flat:
                 self._descend(entry, node, is_moved, level)
         return moved_all
 
-    def _remesh(self, entry: _Entry, before: Node | None, node: Node) -> bool:
-        """Makes the meshes of a node again if its parts are others than before; returns whether it did."""
-        parts = node.parts if node.visible else None
-        if parts is (before.parts if before is not None and before.visible else None):
-            return False
+    def _remesh(self, entry: _Entry, parts: tuple[Part, ...]) -> None:
+        """Makes the meshes of a node again."""
         self._remeshed = True
-        entry.meshes, entry.labels = [], []
+        entry.meshes = []
         locals_: list[Matrix] = []
-        for part in parts or ():
+        for part in parts:
             label = self._label_of(entry.path, part)
             for mesh, material, X_part_mesh in meshes_of(part.shape, part.material):
-                entry.meshes.append((mesh, material))
-                entry.labels.append(label)
+                entry.meshes.append((mesh, material, label))
                 locals_.append(X_part_mesh if part.X_node_part is IDENTITY else part.X_node_part @ X_part_mesh)
         entry.local = np.array(locals_) if locals_ else None
-        return True
 
     def _descend(
         self, entry: _Entry, node: Node, is_moved: bool, level: list[tuple[_Entry, Node, Matrix, bool]]
     ) -> None:
         """Puts the children that need work on the next level and forgets those that are gone."""
         known = entry.children
-        drawn = {name: c for name, c in node.children.items() if c.visible and c.geometry_count}
-        if not node.visible:
-            drawn = {}
+        drawn = {name: child for name, child in node.children.items() if child.visible and child.geometry_count}
         if list(known) != list(drawn):
             self._remeshed = True
             known = {name: known.get(name) or _Entry((*entry.path, name)) for name in drawn}
@@ -205,10 +204,11 @@ class _Flat:
         index = 0
         for entry in filled:
             own: list[Instance] = []
-            start = entry.start
-            for (mesh, material), label in zip(entry.meshes, entry.labels, strict=True):
+            number = entry.start
+            for mesh, material, label in entry.meshes:
                 if all_drawable or drawable[index]:
-                    own.append(Instance(mesh, material, placed[index], label, start + len(own)))
+                    own.append(Instance(mesh, material, placed[index], label, number))
+                    number += 1
                 index += 1
             entry.own = own
 
