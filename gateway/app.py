@@ -1,0 +1,120 @@
+"""Joins the rooms to one application: one event loop, one live tree, one renderer, one way to start and to stop.
+
+``create_app`` gives a FastAPI application whose lifespan starts and stops every interface, those that do not speak
+HTTP too, so that ``uvicorn gateway.app:app`` is a whole gateway, configured by the environment.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Any
+
+import structlog
+from fastapi import FastAPI, Request
+from fastapi.responses import HTMLResponse, PlainTextResponse
+from fastapi_offline import FastAPIOffline
+
+from gateway import __version__
+from gateway import settings as options
+from gateway.house import House, sentence
+from gateway.joins import JOINS
+from gateway.ops import health, kernels, logs, process, warmup
+from gateway.ops.board import Board
+from gateway.ops.landing import landing_page
+from gateway.ops.metrics import Metrics
+from gateway.ops.requests import Gate, Requests
+from gateway.scene.live import LiveTree
+from gateway.settings import MIB, Settings
+from gateway.workers import Workers, usable_cpus
+
+_log = structlog.get_logger("gateway")
+
+KERNELS = "kernels"
+DESCRIPTION = "Drake's glTF render server, an rc_visard stereo camera and Director's tree viewer, on one scene."
+
+
+def create_app(settings: Settings) -> FastAPI:
+    """A whole gateway as an ASGI application; nothing runs before its lifespan starts."""
+    board = Board(essential=frozenset({KERNELS, "render"}))
+    metrics = Metrics()
+    started = asyncio.Event()
+    wanted = {name: join for name, join in JOINS.items() if not settings.only or name in settings.only}
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        process.tune()
+        board.expect(KERNELS, *wanted)
+        workers = Workers(settings.threads or usable_cpus(), settings.queue, settings.queue_mb * MIB)
+        metrics.watch("scenegate_render_running", "Calls that worker threads run", lambda: workers.stats.running)
+        metrics.watch("scenegate_render_waiting", "Calls that wait for a worker thread", lambda: workers.stats.waiting)
+        house = House(settings, app, board, metrics, LiveTree(), workers)
+        start = asyncio.create_task(_start(house, wanted, started), name="start")
+        try:
+            yield
+        finally:
+            start.cancel()
+            await asyncio.gather(start, return_exceptions=True)
+            await house.close()
+
+    app: FastAPI = FastAPIOffline(
+        redoc_url=None,
+        title="Scenegate",
+        version=__version__,
+        description=DESCRIPTION,
+        license_info={"name": "Apache 2.0", "identifier": "Apache-2.0"},
+        lifespan=lifespan,
+        max_body_size=settings.max_body_mb * MIB,
+        # Swagger UI would ask a validator in the internet for a badge.
+        swagger_ui_parameters={"validatorUrl": None},
+        telemetry={"tracing": False, "metrics": False, "logs": False, "auto_configure": False},
+    )
+    app.include_router(health.router(board, metrics, __version__))
+    app.add_middleware(
+        Gate, started=started, problem=lambda: board.entries[KERNELS].problem, open_paths=health.PATHS | {"/"}
+    )
+    app.add_middleware(Requests, metrics=metrics, quiet=health.PATHS)
+    app.add_exception_handler(Exception, _unexpected)
+
+    @app.get("/", include_in_schema=False)
+    async def landing() -> HTMLResponse:
+        return HTMLResponse(landing_page(__version__, {"docs": "HTTP interface", "metrics": "metrics"}))
+
+    return app
+
+
+async def _start(house: House, wanted: dict[Any, Any], started: asyncio.Event) -> None:
+    """Makes sure of the kernels, then joins the rooms; requests wait until this is done."""
+    begin = time.perf_counter()
+    try:
+        if not await asyncio.to_thread(kernels.are_cached):
+            _log.info("Compiling the rendering kernels into the cache, once ...", folder=str(kernels.folder()))
+            await kernels.compile_in_child()
+        await asyncio.to_thread(warmup.run)
+        house.board.ready(KERNELS)
+        for name, join in wanted.items():
+            try:
+                join(house)
+            except Exception as error:  # noqa: BLE001 - a room that cannot be joined must not end the others
+                house.fail(name, error)
+        house.app.openapi_schema = None  # of before the rooms were joined, if somebody has asked
+    except Exception as error:  # noqa: BLE001 - nothing renders without kernels, but health tells why
+        house.fail(KERNELS, error)
+    started.set()
+    _log.info(f"Scenegate {__version__} is {house.board.verdict()}", seconds=round(time.perf_counter() - begin, 2))
+
+
+async def _unexpected(request: Request, error: Exception) -> PlainTextResponse:
+    """A defect of ours: Starlette logs the traceback; the caller gets one line, since Drake prints the body."""
+    return PlainTextResponse(f"Internal error in {request.url.path}: {sentence(error)}\n", status_code=500)
+
+
+def __getattr__(name: str) -> Any:
+    """``app`` for ``uvicorn gateway.app:app``: made when asked for, so that importing this module reads no settings."""
+    if name != "app":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    settings = options.load()
+    logs.configure(settings.log_format, settings.log_level)
+    return create_app(settings)

@@ -1,0 +1,63 @@
+"""The commands and what is common to them: lazy imports, errors as one sentence without a traceback."""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated
+
+import typer
+
+from gateway import __version__
+from gateway.cli.serve import add_serve
+
+app = typer.Typer(
+    name="scenegate",
+    help="Drake's glTF render server, an rc_visard stereo camera and Director's tree viewer, on one scene.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"scenegate {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _common(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and leave.")
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command()
+def warmup(
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
+) -> None:
+    """Compile the rendering kernels into the cache, so that the next start is quick."""
+    from gateway.ops import kernels
+    from gateway.ops import warmup as kernel_warmup
+
+    folder = kernels.configure()
+    if not quiet and not kernels.are_cached():
+        typer.echo(f"Compiling the rendering kernels into {folder} ...")
+    kernel_warmup.run()
+    kernels.mark_cached()
+    if not quiet:
+        typer.echo(f"The rendering kernels are in {folder}.")
+
+
+add_serve(app)
+
+
+def main() -> None:
+    """The console script."""
+    try:
+        app()
+    except (OSError, ValueError, RuntimeError, ImportError) as error:
+        typer.echo(f"scenegate: {error}", err=True)
+        sys.exit(1)

@@ -1,0 +1,129 @@
+"""``scenegate serve``: its flags are made from the settings, then one process serves until a signal."""
+
+from __future__ import annotations
+
+import asyncio
+import inspect
+import signal
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from pydantic.fields import FieldInfo
+from rich.markup import escape
+
+from gateway import settings as options
+from gateway.settings import Settings, SettingsError
+
+
+def add_serve(app: typer.Typer) -> None:
+    """Adds the command with one flag a setting."""
+    app.command("serve")(_command())
+
+
+def _command() -> Any:
+    def serve(config: Path | None, **flags: Any) -> None:
+        given = {name: value for name, value in flags.items() if value is not None}
+        try:
+            settings = options.load(given, config)
+        except SettingsError as error:
+            typer.echo(f"scenegate: {error}", err=True)
+            raise typer.Exit(2) from None
+        raise typer.Exit(run(settings))
+
+    serve.__doc__ = (
+        "Serve every interface until SIGTERM or Ctrl+C.\n\n"
+        "Each flag may also be an environment variable (SCENEGATE_HTTP_PORT=9000) or a key of the TOML file "
+        "(http_port = 9000); a flag wins over the environment, the environment over the file."
+    )
+    parameters = [_config_parameter(), *(_parameter(name, field) for name, field in Settings.model_fields.items())]
+    serve.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    serve.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    return serve
+
+
+def _config_parameter() -> inspect.Parameter:
+    info = typer.Option("--config", help="TOML file with settings (also SCENEGATE_CONFIG).", dir_okay=False)
+    return inspect.Parameter(
+        "config", inspect.Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[Path | None, info]
+    )
+
+
+def _parameter(name: str, field: FieldInfo) -> inspect.Parameter:
+    """A flag. Everything but switches is handed over as text: the settings are what judges it."""
+    flag = options.flag_of(name)
+    second = field.json_schema_extra.get("flag") if isinstance(field.json_schema_extra, dict) else None
+    switch = field.annotation is bool
+    default = options.default_of(field.default)
+    names = [f"{flag}/--no-{flag[2:]}"] if switch else [flag, *([str(second)] if second else [])]
+    info = typer.Option(
+        *names,
+        help=escape(f"{field.description}{f' [default: {default}]' if default else ''}"),
+        rich_help_panel=options.group_of(field),
+        metavar=None if switch else options.kind_of(field),
+        show_default=False,
+    )
+    kind = bool | None if switch else str | None
+    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[kind, info])
+
+
+def run(settings: Settings) -> int:
+    """Serves until a signal; the exit code."""
+    from gateway.ops import logs, process
+
+    logs.configure(settings.log_format, settings.log_level)
+    import structlog
+
+    log = structlog.get_logger("gateway")
+    for warning in options.unknown_environment():
+        log.warning(warning)
+    try:
+        listener = process.listen(settings.host, settings.http_port)
+    except OSError as error:
+        reason = process.why_not_listening(error, settings.host, settings.http_port)
+        log.error(f"HTTP cannot listen: {reason}; choose another with --http-port or --host.")
+        return 1
+    port = listener.getsockname()[1]
+    host = f"[{settings.host}]" if ":" in settings.host else settings.host
+    log.info(f"Scenegate listens on http://{host}:{port} (look at / and /docs)")
+    return _serve(settings, listener)
+
+
+def _serve(settings: Settings, listener: socket.socket) -> int:
+    import uvicorn
+    import uvloop
+
+    from gateway.app import create_app
+
+    class Server(uvicorn.Server):
+        """Ends with exit code 0 after a signal; uvicorn would raise it once more."""
+
+        @contextmanager
+        def capture_signals(self) -> Iterator[None]:
+            before = {number: signal.signal(number, self.handle_exit) for number in (signal.SIGINT, signal.SIGTERM)}
+            try:
+                yield
+            finally:
+                for number, handler in before.items():
+                    signal.signal(number, handler)
+
+    config = uvicorn.Config(
+        create_app(settings),
+        http="httptools",
+        ws="websockets-sansio",
+        ws_per_message_deflate=False,  # floats do not compress, the CPU time is gone all the same
+        lifespan="on",
+        log_config=None,
+        access_log=False,  # gateway.ops.requests writes one with the request's id
+        server_header=False,
+        timeout_keep_alive=60,
+        timeout_graceful_shutdown=max(1, round(settings.shutdown_seconds)),
+        backlog=2048,
+    )
+    server = Server(config)
+    with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
+        runner.run(server.serve(sockets=[listener]))
+    return 0 if server.started else 3

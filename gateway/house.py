@@ -1,0 +1,78 @@
+"""What the rooms are given when they are joined, and the care for those that run on their own."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass, field
+
+import structlog
+from fastapi import FastAPI
+
+from gateway.ops.board import Board, Service
+from gateway.ops.metrics import Metrics
+from gateway.scene.live import LiveTree
+from gateway.settings import Settings
+from gateway.workers import Workers
+from renderers.port import Renderer
+
+_log = structlog.get_logger("gateway")
+
+
+@dataclass(slots=True, eq=False)
+class House:
+    """Shared by all rooms of one application."""
+
+    settings: Settings
+    app: FastAPI
+    board: Board
+    metrics: Metrics
+    tree: LiveTree
+    workers: Workers
+    """Threads for work that must not hold the event loop."""
+    _renderer: Renderer | None = None
+    _tasks: set[asyncio.Task[None]] = field(default_factory=set)
+
+    @property
+    def renderer(self) -> Renderer:
+        """The one renderer; its module is imported on first use, which must be after the kernels are cached."""
+        if self._renderer is None:
+            from renderers.cpu import CpuRenderer
+
+            self._renderer = CpuRenderer(self.workers.threads)
+        return self._renderer
+
+    def serve(self, name: str, service: Service, *, where: str = "") -> None:
+        """Runs a service until the end; its failure is one line in the log and on the board, the others run on."""
+        self.board.ready(name, service=service, where=where)
+        task = asyncio.get_running_loop().create_task(self._care(name, service), name=name)
+        self._tasks.add(task)
+
+    async def _care(self, name: str, service: Service) -> None:
+        try:
+            await service.run()
+        except Exception as error:  # noqa: BLE001 - whatever it is, the other interfaces do not suffer
+            self.fail(name, error)
+        else:
+            self.board.fail(name, "it has ended by itself")
+
+    def fail(self, name: str, error: BaseException) -> None:
+        """Notes why an interface does not work."""
+        problem = sentence(error)
+        self.board.fail(name, problem)
+        # Foreseen failures need no traceback; a defect of ours does.
+        foreseen = isinstance(error, (OSError, ImportError, ValueError, RuntimeError))
+        _log.error(f"{name} does not run: {problem}", exc_info=None if foreseen else error)
+
+    async def close(self) -> None:
+        """Ends every service, then the threads."""
+        self.board.stop()
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await self.workers.close(self.settings.shutdown_seconds)
+
+
+def sentence(error: BaseException) -> str:
+    """An exception as one line for people."""
+    text = " ".join(str(error).split())
+    return text if text and not isinstance(error, KeyError) else f"{type(error).__name__}: {text}"

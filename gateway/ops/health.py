@@ -1,0 +1,35 @@
+"""``/healthz`` (the process lives), ``/readyz`` (send work), ``/metrics`` (Prometheus)."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter, Response
+from fastapi.responses import JSONResponse
+
+from gateway.ops.board import Board
+from gateway.ops.metrics import CONTENT_TYPE, Metrics
+
+PATHS = frozenset({"/healthz", "/readyz", "/metrics"})
+"""Answered from the first moment on, never logged above debug level."""
+
+
+def router(board: Board, metrics: Metrics, version: str) -> APIRouter:
+    """The routes of operations."""
+    routes = APIRouter(tags=["operations"])
+
+    @routes.get("/healthz", summary="The process lives")
+    async def healthz() -> JSONResponse:
+        """200 as long as the event loop turns; the body tells the state of each interface."""
+        return JSONResponse({"version": version, **board.describe()})
+
+    @routes.get("/readyz", summary="Whether to send work", responses={503: {"description": "Not now; the body tells"}})
+    async def readyz() -> JSONResponse:
+        """200 when the kernels are warm and every interface has started or failed; 503 before and while stopping."""
+        described = board.describe()
+        return JSONResponse(described, status_code=200 if described["status"] in ("ready", "degraded") else 503)
+
+    @routes.get("/metrics", summary="Prometheus metrics", response_class=Response)
+    async def prometheus() -> Response:
+        """Requests by path and outcome, durations, the queue, the process."""
+        return Response(metrics.exposition(), media_type=CONTENT_TYPE)
+
+    return routes

@@ -1,0 +1,122 @@
+"""The compiled kernels: where they are kept, whether they are there, and compiling them in a child process.
+
+Compiling holds the interpreter's lock for many seconds, so the serving process never does it: a child fills the cache,
+the server loads it. Numba cannot see that a function in another file changed, so the folder is keyed by the content of
+all sources of ``renderers``.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import atexit
+import hashlib
+import os
+import shutil
+import sys
+import tempfile
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+
+import renderers
+
+CACHE_ENV = "SCENEGATE_CACHE_DIR"
+_KEPT = 4
+"""Folders of other versions that stay; each holds a few MB."""
+
+
+class KernelError(RuntimeError):
+    """The kernels could not be compiled; the message is one sentence."""
+
+
+@cache
+def folder() -> Path:
+    """The folder of this version's kernels, made if need be; a private temporary one where none can be written."""
+    base = os.environ.get(CACHE_ENV) or os.path.join(  # noqa: PTH118
+        os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"),  # noqa: PTH111
+        "scenegate",
+    )
+    path = Path(base) / "kernels" / _sources_digest()
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        if os.access(path, os.W_OK | os.X_OK):
+            return path
+    except OSError:
+        pass
+    # Numba insists on writing. Never a guessable name in a shared folder: it runs what it finds there.
+    private = Path(tempfile.mkdtemp(prefix="scenegate-kernels-"))
+    atexit.register(shutil.rmtree, private, ignore_errors=True)
+    if path.is_dir():
+        shutil.copytree(path, private, dirs_exist_ok=True)
+    return private
+
+
+def configure() -> Path:
+    """Points Numba at the folder; call before anything imports Numba. NUMBA_CACHE_DIR set by the user wins."""
+    path = Path(os.environ.setdefault("NUMBA_CACHE_DIR", str(folder())))
+    loaded = sys.modules.get("numba.core.config")
+    if loaded is not None:
+        loaded.CACHE_DIR = str(path)  # type: ignore[attr-defined]
+    return path
+
+
+def are_cached() -> bool:
+    """Whether a warm-up for this machine's CPU has ended well before."""
+    return _marker(configure()).exists()
+
+
+def mark_cached() -> None:
+    """Notes that the warm-up ended well, and removes the oldest folders of other versions."""
+    path = configure()
+    _marker(path).touch()
+    if path == folder():
+        others = sorted((p for p in path.parent.iterdir() if p != path), key=lambda p: p.stat().st_mtime)
+        for other in others[:-_KEPT]:
+            shutil.rmtree(other, ignore_errors=True)
+
+
+async def compile_in_child() -> None:
+    """Runs ``python -m gateway.cli warmup`` until it ends.
+
+    Raises:
+        KernelError: it failed; with its last line.
+    """
+    child = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "gateway.cli", "warmup", "--quiet"),
+        env={**os.environ, "NUMBA_CACHE_DIR": str(configure())},
+        stdin=asyncio.subprocess.DEVNULL,
+        stdout=asyncio.subprocess.DEVNULL,
+        stderr=asyncio.subprocess.PIPE,
+    )
+    try:
+        _, errors = await child.communicate()
+    except asyncio.CancelledError:
+        child.terminate()
+        await child.wait()
+        raise
+    if child.returncode:
+        lines = errors.decode(errors="replace").strip().splitlines() or [f"exit code {child.returncode}"]
+        raise KernelError(f"the rendering kernels could not be compiled: {lines[-1]}")
+
+
+@cache
+def _sources_digest() -> str:
+    digest = hashlib.sha256()
+    root = Path(renderers.__file__).parent
+    for path in sorted(root.rglob("*.py")):
+        digest.update(f"{path.relative_to(root)}\0".encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+@cache
+def _cpu_digest() -> str:
+    """Numba keys its entries by these, so a cache filled on another kind of CPU is cold here."""
+    from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
+
+    key = (get_host_cpu_name(), get_host_cpu_features().flatten(), version("numba"), version("llvmlite"), sys.version)
+    return hashlib.sha256("\0".join(key).encode()).hexdigest()[:16]
+
+
+def _marker(path: Path) -> Path:
+    return path / f"warm-{_sources_digest()}-{_cpu_digest()}"

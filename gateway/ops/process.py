@@ -1,0 +1,57 @@
+"""What the operating system is asked for when a serving process starts."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import resource
+import socket
+
+_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
+"""mallopt parameters, malloc.h of glibc."""
+_FILES = 65_536
+"""Descriptors: one for each HTTP, WebSocket and gRPC connection."""
+
+
+def tune() -> None:
+    """Keeps freed pictures' pages and allows many connections; does what the system allows, silently."""
+    with contextlib.suppress(OSError, AttributeError):  # another libc
+        libc = ctypes.CDLL(None)
+        # By default blocks of several MB are mapped anew and given back every frame: the page faults cost more than
+        # the frame. Raising either threshold alone does not help.
+        libc.mallopt(_M_MMAP_THRESHOLD, 1 << 30)
+        libc.mallopt(_M_TRIM_THRESHOLD, (1 << 31) - 1)
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = _FILES if hard == resource.RLIM_INFINITY else min(hard, _FILES)
+    if soft != resource.RLIM_INFINITY and soft < wanted:
+        with contextlib.suppress(OSError, ValueError):
+            resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
+
+
+def listen(host: str, port: int) -> socket.socket:
+    """A listening TCP socket for ``host``, which may be a name or an IPv6 address.
+
+    Raises:
+        OSError: the port is taken, the address is not of this machine, or the name is unknown.
+    """
+    family, kind, protocol, _, address = socket.getaddrinfo(
+        host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+    )[0]
+    sock = socket.socket(family, kind, protocol)
+    try:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        sock.bind(address)
+        sock.listen(2048)
+        sock.setblocking(False)
+    except OSError:
+        sock.close()
+        raise
+    return sock
+
+
+def why_not_listening(error: OSError, host: str, port: int) -> str:
+    """The reason as a sentence's end."""
+    if isinstance(error, socket.gaierror):
+        return f"the host {host!r} is unknown"
+    reasons = {98: "another program listens there", 99: f"{host} is no address of this machine", 13: "not allowed to"}
+    return reasons.get(error.errno or 0, error.strerror or str(error)) + f" ({host} port {port})"

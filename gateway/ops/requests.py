@@ -1,0 +1,79 @@
+"""What every HTTP request gets: an id, a log line, its figures; and a place to wait until the gateway has started."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import time
+import uuid
+from collections.abc import Callable, Collection
+
+import structlog
+from starlette.responses import PlainTextResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from gateway.ops.metrics import Metrics
+
+_log = structlog.get_logger("gateway.http")
+_ID = re.compile(r"[A-Za-z0-9._:/+=-]{1,128}")
+"""What a client may send as X-Request-ID; anything else could forge log lines and is replaced."""
+
+
+class Requests:
+    """ASGI middleware: X-Request-ID in and out, bound to every log line; counts and durations; one line a request."""
+
+    def __init__(self, app: ASGIApp, *, metrics: Metrics, quiet: Collection[str] = ()) -> None:
+        self._app = app
+        self._metrics = metrics
+        self._quiet = quiet
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        sent = dict(scope["headers"]).get(b"x-request-id", b"").decode("latin-1")
+        request_id = sent if _ID.fullmatch(sent) else uuid.uuid4().hex
+        status = 0
+
+        async def send_with_id(message: Message) -> None:
+            nonlocal status
+            if message["type"] == "http.response.start":
+                status = message["status"]
+                message["headers"] = [*message.get("headers", ()), (b"x-request-id", request_id.encode("latin-1"))]
+            await send(message)
+
+        start = time.perf_counter()
+        with structlog.contextvars.bound_contextvars(request_id=request_id), self._metrics.in_flight.track_inprogress():
+            try:
+                await self._app(scope, receive, send_with_id)
+            finally:
+                seconds = time.perf_counter() - start
+                # The route's template, never the path as sent: a scanner must not fill the registry with labels.
+                route = getattr(scope.get("route"), "path", "(none)")
+                self._metrics.requests.labels(route, scope["method"], status or "aborted").inc()
+                self._metrics.seconds.labels(route).observe(seconds)
+                note = _log.debug if scope["path"] in self._quiet else _log.info
+                note("request", method=scope["method"], path=scope["path"], status=status, ms=round(seconds * 1e3, 1))
+
+
+class Gate:
+    """ASGI middleware: requests that come before the interfaces have started wait for it, ``open_paths`` apart."""
+
+    def __init__(
+        self, app: ASGIApp, *, started: asyncio.Event, problem: Callable[[], str], open_paths: Collection[str]
+    ) -> None:
+        self._app = app
+        self._started = started
+        self._problem = problem
+        self._open = open_paths
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "lifespan" or scope["path"] in self._open:
+            await self._app(scope, receive, send)
+            return
+        if not self._started.is_set():
+            await self._started.wait()
+        if scope["type"] == "http" and (problem := self._problem()):
+            await PlainTextResponse(f"The gateway did not start: {problem}\n", status_code=503)(scope, receive, send)
+            return
+        await self._app(scope, receive, send)

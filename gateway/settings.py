@@ -1,0 +1,259 @@
+"""Every option of the gateway, once: its name, default, limits and what it means.
+
+From here come the flags of ``scenegate serve``, the ``SCENEGATE_*`` environment variables, the keys of the TOML file
+and ``docs/configuration.md``. A flag wins over the environment, the environment over the file, the file over the
+default.
+"""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Mapping
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args, get_origin
+
+from pydantic import BeforeValidator, Field, ValidationError
+from pydantic.fields import FieldInfo
+from pydantic_settings import BaseSettings, NoDecode, PydanticBaseSettingsSource, SettingsConfigDict
+
+ENV_PREFIX = "SCENEGATE_"
+CONFIG_ENV = "SCENEGATE_CONFIG"
+OTHER_ENV = frozenset(
+    {CONFIG_ENV, "SCENEGATE_CACHE_DIR", "SCENEGATE_CORPUS", "SCENEGATE_DRAKE_PYTHON", "SCENEGATE_URL"}
+)
+"""Variables of ours that are no settings."""
+
+InterfaceName = Literal["render", "scene", "treeviewer", "stereo", "view"]
+MIB = 1 << 20
+
+
+class SettingsError(ValueError):
+    """Settings cannot be used; the message has one sentence a line."""
+
+
+def _split(separator: str) -> BeforeValidator:
+    def split(value: object) -> object:
+        return [part for part in value.split(separator) if part] if isinstance(value, str) else value
+
+    return BeforeValidator(split)
+
+
+Port = Annotated[int, Field(ge=0, le=65535)]
+Paths = Annotated[tuple[Path, ...], NoDecode, _split(os.pathsep)]
+Interfaces = Annotated[tuple[InterfaceName, ...], NoDecode, _split(",")]
+
+
+def option(default: Any, group: str, text: str, *, flag: str | None = None, **limits: Any) -> Any:
+    """A setting: ``text`` is what people read, ``flag`` a second name on the command line."""
+    extra: dict[str, Any] = {"group": group}
+    if flag is not None:
+        extra["flag"] = flag
+    return Field(default, description=text, json_schema_extra=extra, **limits)
+
+
+class Settings(BaseSettings):
+    """See ``docs/configuration.md``, which is generated from this class."""
+
+    model_config = SettingsConfigDict(
+        env_prefix=ENV_PREFIX, extra="forbid", frozen=True, env_ignore_empty=True, validate_default=False
+    )
+
+    # --- Interfaces
+    host: str = option(
+        "127.0.0.1", "Interfaces", "Address that HTTP, gRPC and TCPQ listen on; 0.0.0.0 lets other machines in."
+    )
+    http_port: Port = option(
+        8000, "Interfaces", "Port of HTTP: render endpoint, scene, docs, health. 0 takes a free one.", flag="--port"
+    )
+    only: Interfaces = option(
+        (),
+        "Interfaces",
+        "Start these interfaces and no others, separated by commas: render, scene, treeviewer, stereo.",
+    )
+    demo: bool = option(False, "Interfaces", "Publish a moving scene into the live tree under 'demo'.")
+
+    # --- Render endpoint
+    render_path: str = option("/render", "Render endpoint", "Path of Drake's render endpoint.", pattern=r"^/\S*[^/\s]$")
+    look: Literal["auto", "phong", "pbr"] = option(
+        "auto",
+        "Render endpoint",
+        "How colour is made: 'phong' as Drake without glTF meshes, 'pbr' as Drake with them, 'auto' decides by the "
+        "generator that the posted scene names.",
+    )
+    depth_format: Literal["tiff", "png"] = option(
+        "tiff", "Render endpoint", "Depth as 32-bit float TIFF in metres, or as 16-bit PNG in millimetres."
+    )
+    backdrop: str | None = option(
+        None, "Render endpoint", "Geometry added to every render: a .gltf or .glb file, or 'live' for the live tree."
+    )
+    up: Literal["auto", "y", "z"] = option(
+        "auto", "Render endpoint", "Which axis is up in --backdrop and --stereo-scene files; 'auto' asks the generator."
+    )
+    keep_failures: Path | None = option(
+        None, "Render endpoint", "Folder that rejected render requests are written to, for replay."
+    )
+
+    # --- Tree viewer
+    lcm_url: str | None = option(
+        None, "Tree viewer", "LCM network, as in LCM_DEFAULT_URL, which counts when this is not given."
+    )
+    tcpq_port: Port = option(7700, "Tree viewer", "Port of the embedded TCPQ hub, for clients without multicast.")
+    mesh_root: Paths = option(
+        (), "Tree viewer", f"Folders that mesh_file may read, separated by '{os.pathsep}'; none are read without."
+    )
+    package_root: Paths = option(
+        (), "Tree viewer", f"Folders that hold the packages of package:// URIs, separated by '{os.pathsep}'."
+    )
+
+    # --- Speed and limits
+    threads: int = option(0, "Speed and limits", "Threads that render; 0: one per core.", ge=0, le=1024)
+    queue: int = option(
+        256,
+        "Speed and limits",
+        "Requests that may wait for a thread. Waiting is normal, Drake's client never retries; beyond it the answer "
+        "is 503 with Retry-After.",
+        ge=0,
+        le=100_000,
+    )
+    queue_mb: int = option(2048, "Speed and limits", "MiB of request bodies that may wait.", ge=1, le=1 << 20)
+    max_body_mb: int = option(512, "Speed and limits", "MiB of one request's body; beyond it 413.", ge=1, le=1 << 16)
+    max_pixels: int = option(4096 * 4096, "Speed and limits", "Width times height of one picture.", ge=1, le=1 << 28)
+    max_triangles: int = option(
+        20_000_000, "Speed and limits", "Triangles, lines and points of one scene, instances counted.", ge=1, le=1 << 31
+    )
+    max_nodes: int = option(200_000, "Speed and limits", "Nodes of one glTF scene.", ge=1, le=1 << 24)
+    max_image_pixels: int = option(
+        8192 * 8192, "Speed and limits", "Width times height of one decoded texture.", ge=1, le=1 << 28
+    )
+    cache_mb: int = option(
+        1024,
+        "Speed and limits",
+        "MiB of meshes and textures kept for requests that bring them again.",
+        ge=0,
+        le=1 << 20,
+    )
+    shutdown_seconds: float = option(
+        10.0, "Speed and limits", "Time that running requests get to finish after SIGTERM.", ge=0, le=3600
+    )
+
+    # --- Logs
+    log_format: Literal["auto", "human", "json"] = option(
+        "auto", "Logs", "'human' with colours, 'json' one object a line; 'auto': human in a terminal, else JSON."
+    )
+    log_level: Literal["debug", "info", "warning", "error"] = option("info", "Logs", "The least that is logged.")
+
+    @classmethod
+    def settings_customise_sources(
+        cls,
+        settings_cls: type[BaseSettings],
+        init_settings: PydanticBaseSettingsSource,
+        env_settings: PydanticBaseSettingsSource,
+        dotenv_settings: PydanticBaseSettingsSource,
+        file_secret_settings: PydanticBaseSettingsSource,
+    ) -> tuple[PydanticBaseSettingsSource, ...]:
+        """Flags, then environment; the file is joined in ``load``, no .env file is read."""
+        return init_settings, env_settings
+
+
+def flag_of(name: str) -> str:
+    """The flag of a setting."""
+    return "--" + name.replace("_", "-")
+
+
+def env_of(name: str) -> str:
+    """The environment variable of a setting."""
+    return ENV_PREFIX + name.upper()
+
+
+def group_of(field: FieldInfo) -> str:
+    """The heading under which a setting is listed."""
+    extra = field.json_schema_extra
+    return str(extra["group"]) if isinstance(extra, dict) else ""
+
+
+def default_of(default: Any) -> str:
+    """A default as people write it; empty when there is none."""
+    if isinstance(default, bool):
+        return "on" if default else "off"
+    if default is None or default == () or default == "":
+        return ""
+    return f"{default:g}" if isinstance(default, float) else str(default)
+
+
+def kind_of(field: FieldInfo) -> str:
+    """What a value looks like, in a word or as the choices."""
+    annotation: Any = field.annotation
+    options = [part for part in get_args(annotation) if part is not type(None)]
+    if get_origin(annotation) is Literal:
+        return "|".join(options)
+    kinds = {bool: "on|off", int: "NUMBER", float: "NUMBER", Path: "PATH", str: "TEXT"}
+    if annotation in kinds:
+        return kinds[annotation]
+    if get_origin(annotation) is tuple:
+        return "PATHS" if options[0] is Path else "NAMES"
+    return kinds.get(options[0], "TEXT") if options else "TEXT"
+
+
+def load(flags: Mapping[str, Any] | None = None, config: Path | None = None) -> Settings:
+    """Settings from flags, environment and TOML file, in this order of precedence.
+
+    Args:
+        flags: what the command line gave, by setting; absent is not given.
+        config: the TOML file; None: the one that SCENEGATE_CONFIG names, if any.
+
+    Raises:
+        SettingsError: with a sentence for each value that cannot be used and where it came from.
+    """
+    flags = dict(flags or {})
+    if config is None and os.environ.get(CONFIG_ENV):
+        config = Path(os.environ[CONFIG_ENV])
+    from_file = _read_file(config) if config is not None else {}
+    in_force = {name: value for name, value in from_file.items() if not os.environ.get(env_of(name))}
+    try:
+        return Settings(**{**in_force, **flags})
+    except ValidationError as error:
+        sentences = []
+        for fault in error.errors(include_url=False):
+            name = str(fault["loc"][0]) if fault["loc"] else ""
+            if name in flags:
+                origin = flag_of(name)
+            elif os.environ.get(env_of(name)):
+                origin = env_of(name)
+            else:
+                origin = f"{name} in {config}"
+            reason = fault["msg"].removeprefix("Value error, ")
+            sentences.append(f"{origin}: {reason[:1].lower()}{reason[1:]}, got {fault['input']!r}.")
+        raise SettingsError("\n".join(sentences)) from None
+
+
+def unknown_environment() -> list[str]:
+    """A sentence for each SCENEGATE_* variable that is no setting: a typing error would pass unseen otherwise."""
+    known = {env_of(name) for name in Settings.model_fields} | OTHER_ENV
+    return [
+        f"{name} is no setting{_suggestion(name, known)}."
+        for name in sorted(os.environ)
+        if name.startswith(ENV_PREFIX) and name not in known
+    ]
+
+
+def _read_file(path: Path) -> dict[str, Any]:
+    try:
+        values = tomllib.loads(path.read_text("utf-8"))
+    except OSError as error:
+        raise SettingsError(f"The configuration file {path} cannot be read: {error.strerror}.") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise SettingsError(f"The configuration file {path} is not TOML: {error}.") from None
+    values = {name.replace("-", "_"): value for name, value in values.items()}
+    unknown = [name for name in values if name not in Settings.model_fields]
+    if unknown:
+        raise SettingsError(
+            "\n".join(f"{name} in {path} is no setting{_suggestion(name, Settings.model_fields)}." for name in unknown)
+        )
+    return values
+
+
+def _suggestion(name: str, known: Any) -> str:
+    close = get_close_matches(name, list(known), n=1)
+    return f"; did you mean {close[0]}?" if close else ""
