@@ -1,0 +1,130 @@
+"""What a material means under a look, and its row in the kernels' tables."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from renderers.drawlist import AlphaMode, Material, Texture
+from renderers.port import LookName
+from renderers.shading.textures import TextureTable
+
+VTK_PBR_ROUGHNESS: Final = 0.5
+"""VTK's own primitives under its physically based shading have vtkProperty's default roughness, whatever the
+exported material says (its exporter writes a constant 1.0). Measured against RenderEngineVtk."""
+
+
+def look_material(material: Material, look: LookName) -> Material:
+    """The material as the look shades it: the one place for what engines do apart from the glTF specification.
+
+    ``pbr``: materials that VTK's exporter wrote are dielectrics of roughness 0.5.
+    ``phong``: only base colour, its texture and the vertex colours are seen; normal, metallic-roughness, occlusion
+    and emissive are dropped, as RenderEngineVtk (without glTF meshes) and RenderEngineGl do.
+    """
+    if look == "phong":
+        return replace(
+            material,
+            metallic=0.0,
+            roughness=1.0,
+            metallic_roughness_texture=None,
+            normal_texture=None,
+            occlusion_texture=None,
+            emissive=(0.0, 0.0, 0.0),
+            emissive_texture=None,
+        )
+    if material.vtk_export:
+        return replace(material, metallic=0.0, roughness=VTK_PBR_ROUGHNESS, metallic_roughness_texture=None)
+    return material
+
+
+# Columns of the integer table.
+MI_ALPHA_MODE: Final = 0
+MI_UNLIT: Final = 1
+MI_BASE: Final = 2
+MI_METALLIC_ROUGHNESS: Final = 3
+MI_NORMAL: Final = 4
+MI_OCCLUSION: Final = 5
+MI_EMISSIVE: Final = 6
+MI_UV: Final = 7
+MI_COLUMNS: Final = 8
+"""Texture columns hold a row of the texture table or -1. ``MI_UV``: bit 0 / 1: the set uv0 / uv1 is read."""
+
+# Columns of the float table.
+MF_BASE: Final = 0  # 4 values
+MF_METALLIC: Final = 4
+MF_ROUGHNESS: Final = 5
+MF_NORMAL_SCALE: Final = 6
+MF_OCCLUSION: Final = 7
+MF_EMISSIVE: Final = 8  # 3 values
+MF_CUTOFF: Final = 11
+MF_COLUMNS: Final = 12
+
+ALPHA_OPAQUE: Final = 0
+ALPHA_MASK: Final = 1
+ALPHA_BLEND: Final = 2
+_ALPHA: Final = {AlphaMode.OPAQUE: ALPHA_OPAQUE, AlphaMode.MASK: ALPHA_MASK, AlphaMode.BLEND: ALPHA_BLEND}
+
+
+@dataclass(frozen=True, slots=True)
+class MaterialRows:
+    """One material's rows."""
+
+    integers: tuple[int, ...]
+    floats: tuple[float, ...]
+
+    @property
+    def needs_tangents(self) -> bool:
+        return self.integers[MI_NORMAL] >= 0
+
+
+def material_rows(material: Material, look: LookName, textures: TextureTable) -> MaterialRows:
+    """Rows of one material; its textures are added to ``textures`` and decoded.
+
+    Raises:
+        ImageError: a texture that this look needs cannot be decoded.
+    """
+    seen = look_material(material, look)
+    used: list[Texture] = []
+
+    def row(texture: Texture | None) -> int:
+        if texture is None:
+            return -1
+        used.append(texture)
+        return textures.row(texture)
+
+    emits = any(seen.emissive)
+    lit = not seen.unlit
+    texture_rows = (
+        row(seen.base_color_texture),
+        row(seen.metallic_roughness_texture if lit else None),
+        row(seen.normal_texture if lit else None),
+        row(seen.occlusion_texture if lit and seen.occlusion_strength != 0.0 else None),
+        row(seen.emissive_texture if lit and emits else None),
+    )
+    uv = 0
+    for texture in used:
+        uv |= 2 if texture.uv_set == 1 else 1
+    return MaterialRows(
+        integers=(_ALPHA[seen.alpha_mode], int(seen.unlit), *texture_rows, uv),
+        floats=(
+            *seen.base_color,
+            seen.metallic,
+            seen.roughness,
+            seen.normal_scale,
+            seen.occlusion_strength,
+            *(seen.emissive if lit else (0.0, 0.0, 0.0)),
+            seen.alpha_cutoff,
+        ),
+    )
+
+
+def as_tables(rows: list[MaterialRows]) -> tuple[np.ndarray, np.ndarray]:
+    """(n, MI_COLUMNS) int64 and (n, MF_COLUMNS) float32, at least one row each."""
+    if not rows:
+        return np.full((1, MI_COLUMNS), -1, np.int64), np.zeros((1, MF_COLUMNS), np.float32)
+    return (
+        np.array([r.integers for r in rows], dtype=np.int64),
+        np.array([r.floats for r in rows], dtype=np.float32),
+    )

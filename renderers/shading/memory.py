@@ -1,0 +1,49 @@
+"""Reading arrays by address inside kernels.
+
+A scene has any number of meshes and images, each in its own arrays. Kernels get one table of addresses instead of a
+typed list of arrays: no reference counting, no bounds or negative-index arithmetic per access. Whoever builds such a
+table keeps the arrays alive while kernels run (``ShadingScene.keep``), and ``Mesh`` promises indices in range.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+
+def address_of(array: NDArray[Any] | None, dtype: type[np.generic]) -> int:
+    """Address of the first value of a C-contiguous array, 0 for None.
+
+    Raises:
+        TypeError: another dtype, or not C-contiguous: kernels would read something else.
+    """
+    if array is None:
+        return 0
+    if array.dtype != dtype or not array.flags.c_contiguous:
+        raise TypeError(f"an array of {array.dtype}, {array.shape} must be C-contiguous {np.dtype(dtype)}")
+    return int(array.ctypes.data)
+
+
+def _loader(numba_type: Any, llvm_type: ir.Type) -> Any:
+    def load(typing_context: Any, address: Any, index: Any) -> tuple[Any, Callable[..., Any]]:
+        def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            pointer = builder.inttoptr(args[0], llvm_type.as_pointer())
+            return builder.load(builder.gep(pointer, [args[1]]))
+
+        return numba_type(types.int64, types.int64), generate
+
+    return intrinsic(load)
+
+
+load_f32 = _loader(types.float32, ir.FloatType())
+"""``load_f32(address, i)``: the i-th float32 behind an int64 address."""
+load_u32 = _loader(types.uint32, ir.IntType(32))
+"""``load_u32(address, i)``: the i-th uint32."""
+load_u8 = _loader(types.uint8, ir.IntType(8))
+"""``load_u8(address, i)``: the i-th byte."""

@@ -1,0 +1,134 @@
+"""Reading a texture at a coordinate: wrap, filter, colour space."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from renderers.shading.memory import load_u8
+from renderers.shading.textures import (
+    TI_ADDRESS,
+    TI_HEIGHT,
+    TI_LINEAR,
+    TI_TRANSFORMED,
+    TI_WIDTH,
+    TI_WRAP_S,
+    TI_WRAP_T,
+    WRAP_CLAMP,
+    WRAP_REPEAT,
+)
+
+AS_STORED: Final = 0
+SRGB: Final = 1
+
+
+def _byte_values() -> NDArray[np.float32]:
+    stored = np.arange(256) / 255.0
+    # IEC 61966-2-1, the piecewise sRGB transfer function.
+    linear = np.where(stored <= 0.04045, stored / 12.92, ((stored + 0.055) / 1.055) ** 2.4)
+    values = np.stack((stored, linear)).astype(np.float32)
+    values.flags.writeable = False
+    return values
+
+
+BYTE_VALUES: Final = _byte_values()
+"""(2, 256) float32: what a byte means, by colour space (``AS_STORED``, ``SRGB``). Alpha is always as stored.
+Texels are converted before they are filtered, as the glTF specification asks."""
+
+
+@njit(nogil=True, cache=True, fastmath=False)
+def _wrapped(index: int, size: int, wrap: int) -> int:
+    """The texel that an index outside 0 .. size - 1 means; ``index`` is within a few periods."""
+    if wrap == WRAP_REPEAT:
+        index = index % size
+        return index + size if index < 0 else index
+    if wrap == WRAP_CLAMP:
+        return min(max(index, 0), size - 1)
+    index = index % (2 * size)
+    if index < 0:
+        index += 2 * size
+    return index if index < size else 2 * size - 1 - index
+
+
+@njit(nogil=True, cache=True, fastmath=False)
+def _bounded(coordinate: float, wrap: int) -> float:
+    """The same place near the origin, so that it can become an integer: a NaN or infinity becomes 0."""
+    if not (abs(coordinate) < 1e30):
+        return 0.0
+    if wrap == WRAP_CLAMP:
+        return min(max(coordinate, -1.0), 2.0)
+    if -1.0 <= coordinate < 3.0:
+        return coordinate
+    return coordinate - 2.0 * math.floor(0.5 * coordinate)  # two images: the period of MIRRORED_REPEAT
+
+
+@njit(nogil=True, cache=True, fastmath=False)
+def sample(integers, floats, row, values, space, u, v):  # type: ignore[no-untyped-def]
+    """RGBA of a texture at (u, v), float32 each.
+
+    Args:
+        integers, floats: tables of ``TextureTable``.
+        row: row of the texture.
+        values: ``BYTE_VALUES``.
+        space: ``AS_STORED`` or ``SRGB``, for the three colour channels.
+        u, v: float64 texture coordinates; texel centres are at (i + 0.5) / width, (j + 0.5) / height.
+    """
+    if integers[row, TI_TRANSFORMED]:
+        tu = floats[row, 0] * u + floats[row, 1] * v + floats[row, 2]
+        v = floats[row, 3] * u + floats[row, 4] * v + floats[row, 5]
+        u = tu
+    address = integers[row, TI_ADDRESS]
+    width, height = integers[row, TI_WIDTH], integers[row, TI_HEIGHT]
+    wrap_s, wrap_t = integers[row, TI_WRAP_S], integers[row, TI_WRAP_T]
+    x = _bounded(u, wrap_s) * width
+    y = _bounded(v, wrap_t) * height
+    if integers[row, TI_LINEAR] == 0:
+        i = _wrapped(int(math.floor(x)), width, wrap_s)
+        j = _wrapped(int(math.floor(y)), height, wrap_t)
+        at = (j * width + i) * 4
+        return (
+            values[space, load_u8(address, at)],
+            values[space, load_u8(address, at + 1)],
+            values[space, load_u8(address, at + 2)],
+            values[0, load_u8(address, at + 3)],
+        )
+    x -= 0.5
+    y -= 0.5
+    x0, y0 = math.floor(x), math.floor(y)
+    fx, fy = np.float32(x - x0), np.float32(y - y0)
+    i0 = _wrapped(int(x0), width, wrap_s)
+    i1 = _wrapped(int(x0) + 1, width, wrap_s)
+    j0 = _wrapped(int(y0), height, wrap_t) * width
+    j1 = _wrapped(int(y0) + 1, height, wrap_t) * width
+    a, b, c, d = (j0 + i0) * 4, (j0 + i1) * 4, (j1 + i0) * 4, (j1 + i1) * 4
+    one = np.float32(1.0)
+    wa, wb, wc, wd = (one - fx) * (one - fy), fx * (one - fy), (one - fx) * fy, fx * fy
+    red = (
+        values[space, load_u8(address, a)] * wa
+        + values[space, load_u8(address, b)] * wb
+        + values[space, load_u8(address, c)] * wc
+        + values[space, load_u8(address, d)] * wd
+    )
+    green = (
+        values[space, load_u8(address, a + 1)] * wa
+        + values[space, load_u8(address, b + 1)] * wb
+        + values[space, load_u8(address, c + 1)] * wc
+        + values[space, load_u8(address, d + 1)] * wd
+    )
+    blue = (
+        values[space, load_u8(address, a + 2)] * wa
+        + values[space, load_u8(address, b + 2)] * wb
+        + values[space, load_u8(address, c + 2)] * wc
+        + values[space, load_u8(address, d + 2)] * wd
+    )
+    alpha = (
+        values[0, load_u8(address, a + 3)] * wa
+        + values[0, load_u8(address, b + 3)] * wb
+        + values[0, load_u8(address, c + 3)] * wc
+        + values[0, load_u8(address, d + 3)] * wd
+    )
+    return red, green, blue, alpha

@@ -1,0 +1,115 @@
+"""Decoded textures and the table by which kernels find them."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+from typing import Final
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from renderers.drawlist import Image, ImageError, Texture, Wrap
+from renderers.shading.memory import address_of
+
+WRAP_REPEAT: Final = 0
+WRAP_CLAMP: Final = 1
+WRAP_MIRROR: Final = 2
+_WRAP: Final = {Wrap.REPEAT: WRAP_REPEAT, Wrap.CLAMP_TO_EDGE: WRAP_CLAMP, Wrap.MIRRORED_REPEAT: WRAP_MIRROR}
+
+# Columns of the integer table.
+TI_ADDRESS: Final = 0
+TI_WIDTH: Final = 1
+TI_HEIGHT: Final = 2
+TI_WRAP_S: Final = 3
+TI_WRAP_T: Final = 4
+TI_LINEAR: Final = 5
+TI_UV_SET: Final = 6
+TI_TRANSFORMED: Final = 7
+TI_COLUMNS: Final = 8
+TF_COLUMNS: Final = 6
+"""The float table holds ``Texture.uv_transform``."""
+
+
+@dataclass(frozen=True, slots=True)
+class Texels:
+    """An image ready to be sampled. One level for now; smaller levels would follow in the same buffer."""
+
+    rgba: NDArray[np.uint8]
+    """(H, W, 4) uint8, C-contiguous, straight alpha, as stored (not linearised)."""
+    opaque: bool
+    """Whether every alpha is 255."""
+
+
+_decoded: WeakKeyDictionary[Image, Texels] = WeakKeyDictionary()
+_lock = threading.Lock()
+
+
+def texels_of(image: Image) -> Texels:
+    """The image's texels, decoded once while the ``Image`` is alive.
+
+    Two threads that ask for a new image at once may both decode it; one result is kept.
+
+    Raises:
+        ImageError: it cannot be decoded, or what came out is no (H, W, 4) uint8 picture.
+    """
+    with _lock:
+        known = _decoded.get(image)
+    if known is not None:
+        return known
+    pixels = image.decode()
+    if pixels.ndim != 3 or pixels.shape[2] != 4 or pixels.dtype != np.uint8 or 0 in pixels.shape:
+        raise ImageError(
+            f"image {image.name or image.key.hex()[:12]!r} decoded to {pixels.shape} {pixels.dtype}, expected (H, W, 4) uint8"
+        )
+    fresh = Texels(np.ascontiguousarray(pixels), bool((pixels[..., 3] == 255).all()))
+    with _lock:
+        return _decoded.setdefault(image, fresh)
+
+
+class TextureTable:
+    """Collects the textures of one draw list; each gets a row."""
+
+    def __init__(self) -> None:
+        self._rows: dict[Texture, int] = {}
+        self._integers: list[tuple[int, ...]] = []
+        self._floats: list[tuple[float, ...]] = []
+        self.keep: list[Texels] = []
+        """What the addresses point into."""
+
+    def row(self, texture: Texture) -> int:
+        """The row of a texture, decoding its image at the first time.
+
+        Raises:
+            ImageError: see ``texels_of``.
+        """
+        known = self._rows.get(texture)
+        if known is not None:
+            return known
+        texels = texels_of(texture.image)
+        self.keep.append(texels)
+        height, width = texels.rgba.shape[:2]
+        sampler = texture.sampler
+        # Without mip levels there is no footprint to decide by: the magnification filter is used throughout.
+        self._integers.append(
+            (
+                address_of(texels.rgba, np.uint8),
+                width,
+                height,
+                _WRAP[sampler.wrap_s],
+                _WRAP[sampler.wrap_t],
+                int(sampler.mag_linear),
+                texture.uv_set,
+                int(texture.uv_transform is not None),
+            )
+        )
+        self._floats.append(texture.uv_transform or (1.0, 0.0, 0.0, 0.0, 1.0, 0.0))
+        row = self._rows[texture] = len(self._integers) - 1
+        return row
+
+    def as_tables(self) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+        """(n, TI_COLUMNS) int64 and (n, TF_COLUMNS) float32, at least one row each."""
+        if not self._integers:
+            return np.zeros((1, TI_COLUMNS), np.int64), np.zeros((1, TF_COLUMNS), np.float32)
+        return np.array(self._integers, dtype=np.int64), np.array(self._floats, dtype=np.float32)

@@ -1,0 +1,61 @@
+"""From linear light to the bytes of a picture."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+GAMMA: Final = 2.2
+"""VTK's physically based shader ends with ``pow(color, 1.0 / 2.2)``, not with the piecewise sRGB function."""
+
+_STEPS: Final = 4096
+"""Cells of the table of first guesses. The darkest cell holds 6 levels, all others at most 2, so a guess is at most a
+few comparisons away from the answer."""
+
+
+def _thresholds() -> NDArray[np.float32]:
+    """(256,) float32: from ``thresholds[k]`` on, ``round(255 c^(1/2.2))`` is at least k; the first is 0."""
+    levels = np.arange(256)
+    result = (np.maximum(levels - 0.5, 0.0) / 255.0) ** GAMMA
+    return result.astype(np.float32)
+
+
+def _guesses(thresholds: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """(_STEPS + 1,) uint8: the level at the lower end of every cell of width 1 / _STEPS."""
+    ends = np.arange(_STEPS + 1, dtype=np.float32) / np.float32(_STEPS)
+    return (np.searchsorted(thresholds, ends, side="right") - 1).astype(np.uint8)
+
+
+THRESHOLDS: Final = _thresholds()
+GUESSES: Final = _guesses(THRESHOLDS)
+
+
+@njit(nogil=True, cache=True, fastmath=False)
+def gamma_byte(c, thresholds, guesses):  # type: ignore[no-untyped-def]
+    """``round(255 c^(1/2.2))`` by comparison with exact thresholds: no ``pow``, so the same on every machine.
+
+    Args:
+        c: float32 linear value; below 0 or NaN is 0, above 1 is 1.
+        thresholds, guesses: ``THRESHOLDS``, ``GUESSES``.
+    """
+    if not (c > np.float32(0.0)):
+        return np.uint8(0)
+    if c >= np.float32(1.0):
+        return np.uint8(255)
+    level = np.int64(guesses[np.int64(c * np.float32(_STEPS))])
+    while level < 255 and c >= thresholds[level + 1]:
+        level += 1
+    return np.uint8(level)
+
+
+@njit(nogil=True, cache=True, fastmath=False)
+def plain_byte(c):  # type: ignore[no-untyped-def]
+    """``round(255 c)`` of a float32; below 0 or NaN is 0, above 1 is 255."""
+    if not (c > np.float32(0.0)):
+        return np.uint8(0)
+    if c >= np.float32(1.0):
+        return np.uint8(255)
+    return np.uint8(c * np.float32(255.0) + np.float32(0.5))
