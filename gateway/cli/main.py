@@ -51,6 +51,15 @@ def warmup(
         typer.echo(f"The rendering kernels are in {folder}.")
 
 
+@app.command()
+def check() -> None:
+    """Show what is installed, whether the ports are free, multicast, threads and the kernel cache, in one table."""
+    from gateway.cli import check as table
+
+    if not table.run():
+        raise typer.Exit(1)
+
+
 add_serve(app)
 
 

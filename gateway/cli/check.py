@@ -1,0 +1,28 @@
+"""``scenegate check``: one table of what is installed and what this machine allows."""
+
+from __future__ import annotations
+
+from rich.console import Console
+from rich.table import Table
+
+from gateway import settings as options
+from gateway.ops.checks import Verdict, findings
+
+_STYLE = {Verdict.OK: "green", Verdict.NOTE: "yellow", Verdict.BAD: "red"}
+PORTS = {"http_port": "HTTP", "tcpq_port": "TCPQ hub"}
+"""Setting -> what listens there."""
+
+
+def run() -> bool:
+    """Prints the table; whether nothing is bad."""
+    settings = options.load()
+    ports = {label: getattr(settings, name) for name, label in PORTS.items()}
+    table = Table(box=None, pad_edge=False)
+    for heading in ("what", "", "finding"):
+        table.add_column(heading, overflow="fold")
+    good = True
+    for finding in findings(settings.host, ports):
+        good = good and finding.verdict is not Verdict.BAD
+        table.add_row(finding.what, f"[{_STYLE[finding.verdict]}]{finding.verdict.value}[/]", finding.detail)
+    Console(highlight=False).print(table)
+    return good

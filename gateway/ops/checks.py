@@ -1,0 +1,118 @@
+"""What is installed and what this machine allows, one finding each, for ``scenegate check``."""
+
+from __future__ import annotations
+
+import ctypes
+import ctypes.util
+import platform
+import resource
+import socket
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from enum import Enum
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from gateway import __version__
+from gateway.ops import kernels, process
+from gateway.workers import usable_cpus
+
+LIBRARIES = ("numpy", "numba", "opencv-python-headless", "fastapi", "uvicorn", "grpcio", "protobuf", "lcm")
+_LCM_ADDRESS = ("239.255.76.67", 7667)
+"""LCM's default group."""
+_ENOUGH_BUFFER = 4_000_000
+"""Bytes of receive buffer that take a message of 1 MB in one burst; Linux' default of 212 992 loses it."""
+
+
+class Verdict(Enum):
+    OK = "ok"
+    NOTE = "note"
+    """Works, but something is left out or slower; the finding says what to do."""
+    BAD = "bad"
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One row of the table."""
+
+    what: str
+    verdict: Verdict
+    detail: str
+
+
+def findings(host: str, ports: Mapping[str, int]) -> Iterator[Finding]:
+    """Looks at everything in turn.
+
+    Args:
+        host: that the interfaces would listen on.
+        ports: interface -> TCP port that it would take; 0 is any.
+    """
+    yield Finding("scenegate", Verdict.OK, __version__)
+    yield Finding("Python", Verdict.OK, f"{platform.python_version()} on {platform.platform()}")
+    for name in LIBRARIES:
+        yield _library(name)
+    yield _glib()
+    yield Finding("threads", Verdict.OK, f"{usable_cpus()} CPUs may be used")
+    yield _open_files()
+    yield _kernels()
+    for name, port in ports.items():
+        yield _port(name, host, port)
+    yield _multicast()
+    yield _receive_buffer()
+
+
+def _library(name: str) -> Finding:
+    try:
+        return Finding(name, Verdict.OK, version(name))
+    except PackageNotFoundError:
+        return Finding(name, Verdict.BAD, "not installed")
+
+
+def _glib() -> Finding:
+    try:
+        ctypes.CDLL("libglib-2.0.so.0")
+    except OSError:
+        return Finding("glib", Verdict.NOTE, "missing, LCM does not work without: apt install libglib2.0-0")
+    return Finding("glib", Verdict.OK, "libglib-2.0.so.0")
+
+
+def _open_files() -> Finding:
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    verdict = Verdict.OK if hard == resource.RLIM_INFINITY or hard >= 4096 else Verdict.NOTE
+    return Finding("open files", verdict, f"{soft} now, up to {hard}")
+
+
+def _kernels() -> Finding:
+    folder = kernels.configure()
+    if kernels.are_cached():
+        return Finding("kernels", Verdict.OK, f"compiled, in {folder}")
+    return Finding("kernels", Verdict.NOTE, f"not compiled yet, the first start does it: scenegate warmup ({folder})")
+
+
+def _port(name: str, host: str, port: int) -> Finding:
+    try:
+        process.listen(host, port).close()
+    except OSError as error:
+        return Finding(f"port {port}", Verdict.BAD, f"{name}: {process.why_not_listening(error, host, port)}")
+    return Finding(f"port {port}", Verdict.OK, f"{name}: free")
+
+
+def _multicast() -> Finding:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        try:
+            sock.connect(_LCM_ADDRESS)
+        except OSError as error:
+            remedy = "sudo ip link set lo multicast on; sudo ip route add 224.0.0.0/4 dev lo"
+            return Finding("multicast", Verdict.NOTE, f"no route, {error.strerror}, for LCM: {remedy}")
+        return Finding("multicast", Verdict.OK, f"leaves by {sock.getsockname()[0]}")
+
+
+def _receive_buffer() -> Finding:
+    try:
+        limit = int(Path("/proc/sys/net/core/rmem_max").read_text())
+    except (OSError, ValueError):
+        return Finding("receive buffer", Verdict.NOTE, "the system's limit is not known")
+    if limit >= _ENOUGH_BUFFER:
+        return Finding("receive buffer", Verdict.OK, f"up to {limit} bytes")
+    remedy = f"sudo sysctl -w net.core.rmem_max={_ENOUGH_BUFFER}"
+    return Finding("receive buffer", Verdict.NOTE, f"up to {limit} bytes, large LCM messages get lost: {remedy}")
