@@ -146,7 +146,8 @@ class TreeEdit:
     def set_subtree(self, path: Path, node: Node) -> None:
         """Puts a whole committed tree at ``path`` in place of what was there; its own transform is kept."""
         if not path:
-            self._root, self.changed = node, True
+            self._claim()
+            self._root = node
             return
         parents = self._own(path[:-1])
         old = parents[-1].children.get(path[-1])
@@ -162,9 +163,9 @@ class TreeEdit:
         """
         if not path:
             existed = bool(self._root.children) or self._root.parts is not None
+            owner = self._claim()
             self._root = Node()
-            self._root._owner = self._owner
-            self.changed = True
+            self._root._owner = owner
             return existed
         target = self._root.find(path)
         if target is None:
@@ -180,12 +181,16 @@ class TreeEdit:
         self._owner = None
         return self._root
 
-    def _own(self, path: Path) -> list[Node]:
-        """The nodes from the root to ``path``, all private to this edit."""
-        owner = self._owner
-        if owner is None:
+    def _claim(self) -> object:
+        """The mark of nodes that this edit may write to."""
+        if self._owner is None:
             raise RuntimeError("this edit was committed")
         self.changed = True
+        return self._owner
+
+    def _own(self, path: Path) -> list[Node]:
+        """The nodes from the root to ``path``, all private to this edit."""
+        owner = self._claim()
         node = self._root
         if node._owner is not owner:
             node = self._root = node._copy(owner)
