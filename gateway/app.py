@@ -103,7 +103,7 @@ async def _start(house: House, wanted: dict[Any, Any], started: asyncio.Event) -
     except Exception as error:  # noqa: BLE001 - nothing renders without kernels, but health tells why
         house.fail(KERNELS, error)
     started.set()
-    _log.info(f"Scenegate {__version__} is {house.board.verdict()}", seconds=round(time.perf_counter() - begin, 2))
+    _log.info("Scenegate has started", status=house.board.verdict(), version=__version__, seconds=round(time.perf_counter() - begin, 2))
 
 
 async def _unexpected(request: Request, error: Exception) -> PlainTextResponse:

@@ -232,7 +232,7 @@ def unknown_environment() -> list[str]:
     """A sentence for each SCENEGATE_* variable that is no setting: a typing error would pass unseen otherwise."""
     known = {env_of(name) for name in Settings.model_fields} | OTHER_ENV
     return [
-        f"{name} is no setting{_suggestion(name, known)}."
+        f"{name} is no setting{_suggestion(name, known)}"
         for name in sorted(os.environ)
         if name.startswith(ENV_PREFIX) and name not in known
     ]
@@ -249,11 +249,11 @@ def _read_file(path: Path) -> dict[str, Any]:
     unknown = [name for name in values if name not in Settings.model_fields]
     if unknown:
         raise SettingsError(
-            "\n".join(f"{name} in {path} is no setting{_suggestion(name, Settings.model_fields)}." for name in unknown)
+            "\n".join(f"{name} in {path} is no setting{_suggestion(name, Settings.model_fields)}" for name in unknown)
         )
     return values
 
 
 def _suggestion(name: str, known: Any) -> str:
     close = get_close_matches(name, list(known), n=1)
-    return f"; did you mean {close[0]}?" if close else ""
+    return f"; did you mean {close[0]}?" if close else "."

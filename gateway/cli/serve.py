@@ -88,7 +88,7 @@ def run(settings: Settings) -> int:
         return 1
     port = listener.getsockname()[1]
     host = f"[{settings.host}]" if ":" in settings.host else settings.host
-    log.info(f"Scenegate listens on http://{host}:{port} (look at / and /docs)")
+    log.info("Scenegate listens; look at / and /docs", url=f"http://{host}:{port}")
     return _serve(settings, listener)
 
 

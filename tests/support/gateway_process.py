@@ -1,0 +1,91 @@
+"""A gateway as its users have it: ``scenegate serve`` in a process of its own, spoken to over the network."""
+
+from __future__ import annotations
+
+import json
+import os
+import queue
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+START_SECONDS = 300.0
+"""Compiling all kernels on a slow, busy machine; only a hang takes longer."""
+STOP_SECONDS = 60.0
+
+
+class GatewayProcess:
+    """A running process and what it logs."""
+
+    def __init__(self, *flags: str, env: dict[str, str] | None = None) -> None:
+        clean = {name: value for name, value in os.environ.items() if not name.startswith("SCENEGATE_")}
+        if "SCENEGATE_CACHE_DIR" in os.environ:
+            clean["SCENEGATE_CACHE_DIR"] = os.environ["SCENEGATE_CACHE_DIR"]
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "gateway.cli", "serve", *flags],
+            env={**clean, "SCENEGATE_LOG_FORMAT": "json", **(env or {})},
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        self.log: list[dict[str, Any]] = []
+        """Every event so far that ``wait_for`` has passed."""
+        self._lines: queue.Queue[str | None] = queue.Queue()
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self.process.stderr is not None
+        with self.process.stderr as lines:
+            for line in lines:
+                self._lines.put(line)
+        self._lines.put(None)
+
+    def wait_for(self, event: str, seconds: float = START_SECONDS) -> dict[str, Any]:
+        """The next log event that starts so; fails when the process ends before."""
+        while (line := self._lines.get(timeout=seconds)) is not None:
+            try:
+                entry = json.loads(line)
+            except ValueError:
+                entry = {"event": line.rstrip(), "level": "raw"}
+            self.log.append(entry)
+            if str(entry["event"]).startswith(event):
+                return entry
+        self._lines.put(None)
+        raise AssertionError(f"ended with exit code {self.process.wait()} before {event!r}: {self.log}")
+
+    def rest_of_log(self) -> list[dict[str, Any]]:
+        """Every event until the process has ended."""
+        try:
+            self.wait_for("\0never")
+        except AssertionError:
+            pass
+        return self.log
+
+    def stop(self) -> int:
+        """SIGTERM; the exit code."""
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGTERM)
+        return self.process.wait(STOP_SECONDS)
+
+    def kill(self) -> None:
+        """Ends what is left after a failed test."""
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.wait()
+        self._reader.join(STOP_SECONDS)
+
+
+@contextmanager
+def gateway_process(*flags: str, env: dict[str, str] | None = None) -> Iterator[tuple[GatewayProcess, str]]:
+    """A gateway on a free port that has started, and its URL."""
+    gateway = GatewayProcess("--http-port", "0", *flags, env=env)
+    try:
+        url = gateway.wait_for("Scenegate listens")["url"]
+        gateway.wait_for("Scenegate has started")
+        yield gateway, url
+    finally:
+        gateway.kill()
