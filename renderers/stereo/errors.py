@@ -1,0 +1,126 @@
+"""The device's error model: measured disparity, its error and its confidence from the exact disparity.
+
+The manual: the disparity error d_eps is the standard deviation of the measured disparity, and the confidence is the
+probability that the true disparity lies within +-3 d_eps of the measured one. So here:
+
+* most pixels get Gaussian noise of sigma d_eps,
+* a pixel is an outlier (beyond 3 d_eps) with a probability that grows with how fast disparity changes around it:
+  slanted surfaces and edges are what makes matching windows fail,
+* the confidence is the probability of the stated event under exactly this injection.
+
+How the probability of outliers depends on the surface is our choice; the manual gives no figures for it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from statistics import NormalDist
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from renderers.stereo.model import DISPARITY_SCALE
+from renderers.stereo.noise import KERNELS_VERSION, NORMAL_TABLE, random64
+
+_VERSION = KERNELS_VERSION
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorModel:
+    """Parameters of the injected errors, in pixels of the image they are applied to."""
+
+    sigma: float
+    """Standard deviation of the disparity, pixels; 0: no noise, no outliers, confidence 1."""
+    slope_half: float = 0.42
+    """Disparity change from pixel to pixel at which half of the measurements fail."""
+    slope_free: float = 0.04
+    """Up to this change nothing fails."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured:
+    """What the stereo camera gives."""
+
+    disparity: NDArray[np.uint16]
+    """(H, W) uint16, 1/16 pixel, 0: invalid."""
+    error: NDArray[np.uint8]
+    """(H, W) uint8, 1/16 pixel, 0 where invalid."""
+    confidence: NDArray[np.uint8]
+    """(H, W) uint8, 1/255, 0 where invalid."""
+
+
+def measure(true: NDArray[np.float32], model: ErrorModel, key: np.uint64) -> Measured:
+    """Injects the errors.
+
+    Args:
+        true: (H, W) float32 exact disparity in pixels, 0: not measurable.
+        model: how large the errors are.
+        key: of this frame (``noise.frame_key``).
+    """
+    disparity = np.empty(true.shape, np.uint16)
+    confidence = np.empty(true.shape, np.uint8)
+    # The error image cannot say less than one unit; rounding to 1/16 pixel alone is an error of that order.
+    unit = min(max(round(model.sigma / DISPARITY_SCALE), 1), 255)
+    inside = _within_three(model.sigma, unit * DISPARITY_SCALE)
+    _measure(
+        true, np.uint64(key), model.sigma, unit * DISPARITY_SCALE, inside, model.slope_free, model.slope_half,
+        NORMAL_TABLE, disparity, confidence,
+    )  # fmt: skip
+    error = np.where(disparity != 0, np.uint8(unit), np.uint8(0))
+    return Measured(disparity, error, confidence)
+
+
+def _within_three(sigma: float, d_eps: float) -> float:
+    """P(|noise + rounding| <= 3 d_eps) of a pixel that is no outlier; rounding is uniform over 1/16 pixel."""
+    if sigma <= 0.0:
+        return 1.0
+    normal = NormalDist(0.0, sigma)
+    half = DISPARITY_SCALE / 2
+    offsets = (np.arange(64) + 0.5) / 64 * 2 * half - half
+    return float(np.mean([normal.cdf(3 * d_eps + o) - normal.cdf(-3 * d_eps + o) for o in offsets]))
+
+
+@njit(nogil=True, cache=True)
+def _measure(true, key, sigma, d_eps, inside, slope_free, slope_half, normal, disparity, confidence):  # type: ignore[no-untyped-def]  # compiled
+    height, width = true.shape
+    noisy = sigma > 0.0
+    rise = np.float32(0.5 / (slope_half - slope_free))
+    free = np.float32(slope_free)
+    sigma32 = np.float32(sigma)
+    limit = np.float32(3.0 * d_eps)
+    inside32 = np.float32(inside)
+    sixteen = np.float32(16.0)
+    for k in range(height):
+        up = max(k - 1, 0)
+        down = min(k + 1, height - 1)
+        for i in range(width):
+            d = true[k, i]
+            value = 0
+            belief = np.float32(0.0)
+            if d > np.float32(0.0):
+                e = np.float32(0.0)
+                belief = np.float32(1.0)
+                if noisy:
+                    slope = np.float32(0.0)
+                    for n in (true[k, max(i - 1, 0)], true[k, min(i + 1, width - 1)], true[up, i], true[down, i]):
+                        if n > np.float32(0.0):
+                            slope = max(slope, abs(n - d))
+                    fail = min(max((slope - free) * rise, np.float32(0.0)), np.float32(1.0))
+                    # Confidence first, as the byte that is sent; the outliers are then injected to fit it.
+                    belief = np.floor((np.float32(1.0) - fail) * inside32 * np.float32(255.0)) / np.float32(255.0)
+                    r = random64(key, k * width + i)
+                    e = sigma32 * normal[r & np.uint64(4095)]
+                    if fail > np.float32(0.0):
+                        u = np.float32(r >> np.uint64(40)) * np.float32(2.0**-24)
+                        if u * inside32 < inside32 - belief:
+                            # Beyond 3 d_eps even after rounding, and within the step that the segmentation allows.
+                            v = np.float32((r >> np.uint64(13)) & np.uint64(1023)) * np.float32(1.0 / 1024.0)
+                            e = limit + np.float32(0.07) + np.float32(0.75) * v
+                            if (r >> np.uint64(12)) & np.uint64(1):
+                                e = -e
+                code = np.rint((d + e) * sixteen)
+                # A measurement below one unit says "infinitely far", which the device encodes as 1.
+                value = int(min(max(code, np.float32(1.0)), np.float32(65535.0)))
+            disparity[k, i] = value
+            confidence[k, i] = int(belief * np.float32(255.0) + np.float32(0.5))

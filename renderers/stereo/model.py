@@ -1,0 +1,117 @@
+"""Geometry of a rectified stereo camera: models, qualities, intrinsics, and the two pinhole cameras to render."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from renderers.camera import Camera
+
+DISPARITY_SCALE: Final = 1.0 / 16.0
+"""Pixels per unit of a disparity or disparity error image, as on the device."""
+
+
+class Quality(Enum):
+    """Resolution of the depth images; the value is the device's parameter value."""
+
+    FULL = "Full"
+    HIGH = "High"
+    MEDIUM = "Medium"
+    LOW = "Low"
+
+    @property
+    def divisor(self) -> int:
+        """By how much the depth images are smaller than the camera images."""
+        return {"Full": 1, "High": 2, "Medium": 4, "Low": 6}[self.value]
+
+    @property
+    def depth_rate(self) -> float:
+        """Depth images per second of the real device, Hz."""
+        return {"Full": 1.0, "High": 3.0, "Medium": 15.0, "Low": 25.0}[self.value]
+
+
+@dataclass(frozen=True, slots=True)
+class Intrinsics:
+    """One image of the stereo camera; square pixels."""
+
+    width: int
+    height: int
+    focal_length: float
+    """Pixels."""
+    cx: float
+    """Principal point, pixels from the left edge."""
+    cy: float
+    """Principal point, pixels from the top edge."""
+
+
+@dataclass(frozen=True, slots=True)
+class StereoModel:
+    """What tells one stereo camera from another."""
+
+    name: str
+    """As the device reports it (``model_name``)."""
+    width: int
+    """Camera images, pixels."""
+    height: int
+    focal_factor: float
+    """Focal length divided by the image width."""
+    baseline: float
+    """Metres; the right camera sits at +x of the left one."""
+
+    def __post_init__(self) -> None:
+        if not (16 <= self.width <= 8192 and 16 <= self.height <= 8192):
+            raise ValueError(f"stereo camera size {self.width}x{self.height} must be within 16x16 and 8192x8192")
+        if not (0.05 <= self.focal_factor <= 20.0):
+            raise ValueError(f"stereo focal_factor {self.focal_factor} must be within 0.05 and 20")
+        if not (1e-4 <= self.baseline <= 100.0):
+            raise ValueError(f"stereo baseline {self.baseline} m must be within 0.0001 and 100")
+
+    def intrinsics(self, divisor: int = 1) -> Intrinsics:
+        """The image at 1/``divisor`` of the resolution.
+
+        The size is rounded up (1280/6 is 214), but focal length and principal point are the exact fractions, as on the
+        device: a smaller image is the same picture with larger pixels, the last column and row partly outside.
+        """
+        f = self.focal_factor * self.width
+        return Intrinsics(
+            width=-(-self.width // divisor),
+            height=-(-self.height // divisor),
+            focal_length=f / divisor,
+            cx=self.width / 2 / divisor,
+            cy=self.height / 2 / divisor,
+        )
+
+    def nearest_depth(self, mindepth: float) -> float:
+        """The nearest depth that the disparity range covers, metres (the vendor's driver: ``max(mindepth, 2.5 t)``)."""
+        return max(mindepth, 2.5 * self.baseline)
+
+    def disparity_range(self, divisor: int, mindepth: float) -> int:
+        """Number of disparities searched, pixels of the image at ``divisor``: ``ceil(f t / nearest depth)``."""
+        return math.ceil(self.intrinsics(divisor).focal_length * self.baseline / self.nearest_depth(mindepth))
+
+    def camera(
+        self, X_world_left: NDArray[np.float64], *, offset: float, divisor: int, near: float, far: float
+    ) -> Camera:
+        """The pinhole camera at ``offset`` metres along the left camera's x axis (0: left, the baseline: right)."""
+        k = self.intrinsics(divisor)
+        pose = X_world_left.copy()
+        pose[:3, 3] += X_world_left[:3, 0] * offset
+        return Camera(k.width, k.height, k.focal_length, k.focal_length, k.cx, k.cy, near, far, pose)
+
+
+MODELS: Final[dict[str, StereoModel]] = {
+    m.name: m
+    for m in (
+        # 0.8449: sample in the manual, 4 mm lens. 1.255: 6 mm lens, from the published accuracy table (0.25 px at 3 m
+        # are 8.8 mm) and the 43 x 33 degrees of its field of view.
+        StereoModel("rc_visard 65-4", 1280, 960, 0.8449, 0.065),
+        StereoModel("rc_visard 160-4", 1280, 960, 0.8449, 0.160),
+        StereoModel("rc_visard 160-6", 1280, 960, 1.255, 0.160),
+    )
+}
+"""The vendor's models; a custom one is any other ``StereoModel``."""

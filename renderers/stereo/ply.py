@@ -1,0 +1,53 @@
+"""Binary little-endian PLY as the vendor's tools write and read it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+_TYPES = {np.dtype("<f4"): "float32", np.dtype("u1"): "uint8"}
+
+
+def vertex_dtype(*, textured: bool, rgb: bool) -> np.dtype[np.void]:
+    """Packed vertex: x, y, z, scan_size, and when textured diffuse_red/green/blue.
+
+    Args:
+        textured: with colours.
+        rgb: repeats the colours as red, green, blue, the names that most other loaders look for.
+    """
+    fields: list[tuple[str, str]] = [(name, "<f4") for name in ("x", "y", "z", "scan_size")]
+    if textured:
+        fields += [(f"diffuse_{name}", "u1") for name in ("red", "green", "blue")]
+        if rgb:
+            fields += [(name, "u1") for name in ("red", "green", "blue")]
+    return np.dtype(fields)
+
+
+FACE = np.dtype([("count", "u1"), ("indices", "<u4", (3,))])
+"""Packed triangle: 3, then three vertex indices."""
+
+
+def ply_parts(vertices: NDArray[np.void], faces: NDArray[np.void]) -> tuple[bytes, memoryview, memoryview]:
+    """Header, vertices and faces of a file; their concatenation is the file.
+
+    Args:
+        vertices: (N,) packed, of ``vertex_dtype``.
+        faces: (M,) packed, of ``FACE``.
+    """
+    lines = [
+        "ply",
+        "format binary_little_endian 1.0",
+        "comment Created with Scenegate",
+        "comment Origin 0 0 0",
+        "comment Camera [1 0 0; 0 1 0; 0 0 1] [0 0 0]",
+        f"element vertex {len(vertices)}",
+    ]
+    names = vertices.dtype.names or ()
+    lines += [f"property {_TYPES[vertices.dtype[name]]} {name}" for name in names]
+    lines += [f"element face {len(faces)}", "property list uint8 uint32 vertex_indices", "end_header", ""]
+    header = "\n".join(lines).encode("ascii")
+    return header, _flat(vertices), _flat(faces)
+
+
+def _flat(records: NDArray[np.void]) -> memoryview:
+    return records.view(np.uint8).reshape(-1).data if len(records) else memoryview(b"")

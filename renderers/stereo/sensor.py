@@ -1,0 +1,204 @@
+"""From a rendered colour picture to what the camera's sensor would give: exposure, gain, gamma, noise, saturation.
+
+Conventions of our own, since a rendered picture has no physical unit:
+
+* at ``REFERENCE_EXPOSURE`` and 0 dB the image is the picture as rendered (display-encoded; the device's gamma 1);
+* light grows linearly with exposure time and with 10^(gain / 20), so the encoded value with its power 1/2.2;
+* the noise of a grey value v in levels is sqrt(a^2 + b g v) with g = 10^(gain / 20), read noise a = 0.2 g and shot
+  noise b = 0.0004: about 0.3 levels at mid grey and 0 dB, which is what recorded images of a device show.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from renderers.stereo.noise import KERNELS_VERSION, NORMAL_TABLE, random64
+
+_VERSION = KERNELS_VERSION
+REFERENCE_EXPOSURE: Final = 0.005
+"""Seconds; the device's default of exp_value."""
+DISPLAY_GAMMA: Final = 2.2
+READ_NOISE: Final = 0.2
+SHOT_NOISE: Final = 0.0004
+MIN_EXPOSURE: Final = 6.6e-5
+"""Seconds, the device's shortest exposure."""
+MAX_GAIN: Final = 18.0
+"""dB"""
+SATURATED_SHARE: Final = 0.01
+"""Automatic exposure: at most this share of the pixels may saturate before the brightness target is lowered."""
+_STEPS: Final = 4096
+
+
+@dataclass(frozen=True, slots=True)
+class Exposure:
+    """How an image is taken."""
+
+    time: float = REFERENCE_EXPOSURE
+    """Seconds."""
+    gain: float = 0.0
+    """dB"""
+    gamma: float = 1.0
+
+    @property
+    def factor(self) -> float:
+        """By which the display-encoded picture is multiplied."""
+        light = self.time / REFERENCE_EXPOSURE * 10.0 ** (self.gain / 20.0)
+        return float(light ** (1.0 / DISPLAY_GAMMA))
+
+    def sigma(self, grey: float) -> float:
+        """Noise of a grey value, levels."""
+        amplification = 10.0 ** (self.gain / 20.0)
+        return float(np.sqrt((READ_NOISE * amplification) ** 2 + SHOT_NOISE * amplification * grey))
+
+
+@dataclass(frozen=True, slots=True)
+class AutoExposure:
+    """The device's parameters of automatic exposure."""
+
+    max_time: float = 0.018
+    """exp_max, seconds."""
+    average_max: float = 0.75
+    """Mean brightness aimed at while nothing saturates."""
+    average_min: float = 0.25
+    """Mean brightness below which saturation does not darken the image further."""
+
+
+def auto_exposure(picture: NDArray[np.uint8], limits: AutoExposure, gamma: float = 1.0) -> Exposure:
+    """Time and gain for a picture, longest time first, then gain; the same picture gives the same answer.
+
+    Args:
+        picture: (H, W, 3) uint8 rendered colour; a small one is enough.
+        limits: see ``AutoExposure``.
+        gamma: kept in the answer and respected by the brightness.
+    """
+    flat = picture.reshape(-1, 3).astype(np.float32) @ np.array((0.299, 0.587, 0.114), np.float32)
+    values = flat / np.float32(255.0)
+    longest = max(limits.max_time, MIN_EXPOSURE)
+    lowest = Exposure(MIN_EXPOSURE).factor
+    highest = Exposure(longest, MAX_GAIN).factor
+
+    def brightness(factor: float) -> float:
+        return float(np.mean(np.minimum(values * np.float32(factor), 1.0) ** np.float32(1.0 / gamma)))
+
+    def search(target: float) -> float:
+        low, high = lowest, highest
+        for _ in range(24):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if brightness(middle) < target else (low, middle)
+        return 0.5 * (low + high)
+
+    factor = search(limits.average_max)
+    bright = float(np.quantile(values, 1.0 - SATURATED_SHARE))
+    if bright * factor > 1.0:
+        factor = max(1.0 / bright, min(search(limits.average_min), factor))
+    light = factor**DISPLAY_GAMMA
+    time = min(max(light * REFERENCE_EXPOSURE, MIN_EXPOSURE), longest)
+    gain = min(max(20.0 * float(np.log10(light * REFERENCE_EXPOSURE / time)), 0.0), MAX_GAIN)
+    return Exposure(time, 0.0 if gain < 0.01 else gain, gamma)
+
+
+@dataclass(frozen=True, slots=True)
+class Taken:
+    """One image of the sensor."""
+
+    image: NDArray[np.uint8]
+    """(H, W) or (H, W, 3) uint8."""
+    brightness: float
+    """Mean of the image, 0 to 1."""
+
+
+def take(
+    picture: NDArray[np.uint8],
+    exposure: Exposure,
+    key: np.uint64,
+    *,
+    color: bool,
+    dots: NDArray[np.uint8] | None = None,
+    dot_light: float = 0.0,
+    noise: bool = True,
+) -> Taken:
+    """The image that the sensor gives of a rendered picture.
+
+    Args:
+        picture: (H, W, 3) uint8 RGB, C-contiguous.
+        exposure: how it is taken.
+        key: of this frame and camera (``noise.frame_key``).
+        color: RGB; else grey by Rec. 601 luma.
+        dots: (H, W) uint8 light of the projector at each pixel, 255 is full; None: the projector is off.
+        dot_light: light that a full dot adds, relative to the scene's own.
+        noise: False: none.
+    """
+    height, width = picture.shape[:2]
+    response, sigma = _curves(exposure, noise)
+    lit = (1.0 + dot_light * np.arange(256) / 255.0) ** (1.0 / DISPLAY_GAMMA) * exposure.factor * (_STEPS - 1)
+    light = lit.astype(np.float32)
+    illumination = _DARK if dots is None else dots
+    if color:
+        image = np.empty((height, width, 3), np.uint8)
+        total = _take_color(picture, illumination, light, response, sigma, NORMAL_TABLE, np.uint64(key), image)
+        return Taken(image, total / (255.0 * image.size))
+    grey = np.empty((height, width), np.uint8)
+    total = _take_grey(picture, illumination, light, response, sigma, NORMAL_TABLE, np.uint64(key), grey)
+    return Taken(grey, total / (255.0 * grey.size))
+
+
+_DARK: Final = np.zeros((1, 1), np.uint8)
+
+
+def _curves(exposure: Exposure, noise: bool) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """(4096,) float32 grey value and (4096,) float32 noise of a linear step of the display-encoded value."""
+    grey = 255.0 * (np.arange(_STEPS) / (_STEPS - 1)) ** (1.0 / exposure.gamma)
+    amplification = 10.0 ** (exposure.gain / 20.0)
+    sigma = np.sqrt((READ_NOISE * amplification) ** 2 + SHOT_NOISE * amplification * grey) * noise
+    return (grey + 0.5).astype(np.float32), sigma.astype(np.float32)
+
+
+@njit(nogil=True, cache=True)
+def _take_grey(picture, dots, light, response, sigma, normal, key, out):  # type: ignore[no-untyped-def]  # compiled
+    height, width = out.shape
+    projected = dots.shape[0] == height and dots.shape[1] == width
+    top = np.float32(_STEPS - 1)
+    red, green, blue = np.float32(0.299 / 255.0), np.float32(0.587 / 255.0), np.float32(0.114 / 255.0)
+    dark = light[0]
+    total = 0
+    for k in range(height):
+        random = np.uint64(0)
+        for i in range(width):
+            if i & 3 == 0:
+                random = random64(key, k * width + i)
+            v = picture[k, i, 0] * red + picture[k, i, 1] * green + picture[k, i, 2] * blue
+            v *= light[dots[k, i]] if projected else dark
+            step = int(min(v, top))
+            g = response[step] + sigma[step] * normal[random & np.uint64(4095)]
+            random >>= np.uint64(16)
+            grey = int(min(max(g, np.float32(0.0)), np.float32(255.0)))
+            out[k, i] = grey
+            total += grey
+    return total
+
+
+@njit(nogil=True, cache=True)
+def _take_color(picture, dots, light, response, sigma, normal, key, out):  # type: ignore[no-untyped-def]  # compiled
+    height, width = out.shape[:2]
+    projected = dots.shape[0] == height and dots.shape[1] == width
+    top = np.float32(_STEPS - 1)
+    scale = np.float32(1.0 / 255.0)
+    dark = light[0]
+    total = 0
+    for k in range(height):
+        for i in range(width):
+            random = random64(key, k * width + i)
+            lit = (light[dots[k, i]] if projected else dark) * scale
+            for c in range(3):
+                step = int(min(picture[k, i, c] * lit, top))
+                g = response[step] + sigma[step] * normal[random & np.uint64(4095)]
+                random >>= np.uint64(16)
+                value = int(min(max(g, np.float32(0.0)), np.float32(255.0)))
+                out[k, i, c] = value
+                total += value
+    return total

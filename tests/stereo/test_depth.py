@@ -1,0 +1,203 @@
+"""Ground-truth depth on scenes that are formulae: geometry, holes, error model, confidence."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from renderers.stereo.errors import ErrorModel, Measured, measure
+from renderers.stereo.filters import Filters, apply_filters
+from renderers.stereo.model import MODELS, Quality, StereoModel
+from renderers.stereo.noise import Stream, frame_key
+from renderers.stereo.truth import DepthRange, true_disparity
+from tests.stereo.analytic import plane, sphere
+
+MODEL = MODELS["rc_visard 160-4"]
+RANGE = DepthRange(0.4, 100.0)
+QUIET = ErrorModel(0.0)
+
+ACCURACY_MM = {
+    "rc_visard 65-4": (0.9, 3.6, 14.2, 32.1),
+    "rc_visard 160-4": (0.4, 1.5, 5.8, 13.0),
+    "rc_visard 160-6": (0.3, 1.0, 3.9, 8.8),
+}
+"""The manual's depth accuracy at 0.5, 1, 2 and 3 m."""
+
+
+def scene(model: StereoModel, quality: Quality) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+    """A sphere before a slanted plane: depth from the left, from the right, exact disparity."""
+    k = model.intrinsics(quality.divisor)
+    left, right = (
+        np.minimum(plane(k, x, 2.0, 0.3, 0.1), sphere(k, x, (0.1, 0.1, 1.2), 0.25)) for x in (0.0, model.baseline)
+    )
+    return left, right, true_disparity(left, right, k.focal_length * model.baseline, RANGE)
+
+
+@pytest.mark.parametrize("quality", list(Quality))
+def test_depth_by_the_published_formula_is_the_rendered_depth(quality: Quality) -> None:
+    k = MODEL.intrinsics(quality.divisor)
+    left, _, true = scene(MODEL, quality)
+    measured = measure(true, QUIET, frame_key(0, 0, Stream.DISPARITY))
+    valid = measured.disparity > 0
+    assert valid.mean() > 0.7
+    # d = f t / z: the difference is the rounding to 1/16 pixel and nothing else.
+    exact = k.focal_length * MODEL.baseline / left[valid].astype(np.float64)
+    assert np.abs(measured.disparity[valid] / 16 - exact).max() <= 1 / 32 + 1e-4
+
+
+@pytest.mark.parametrize("quality", [Quality.HIGH, Quality.LOW])
+def test_only_what_both_cameras_see_is_measured(quality: Quality) -> None:
+    k = MODEL.intrinsics(quality.divisor)
+    left, _, true = scene(MODEL, quality)
+    ft = k.focal_length * MODEL.baseline
+    column = np.arange(k.width) + 0.5
+    seen = 0
+    for row in range(0, k.height, 7):
+        d = ft / left[row].astype(np.float64)
+        x = column - d
+        # A point is hidden when nearer ones of its row land on both sides of it in the right image.
+        gap, nearer = x - x[:, None], d > d[:, None] + 3.0
+        hidden = ((gap > -2.1) & (gap < -0.9) & nearer).any(1) & ((gap > 0.9) & (gap < 2.1) & nearer).any(1)
+        clear = ~((np.abs(gap) < 2.5) & (d > d[:, None] + 0.2)).any(1)
+        assert not (true[row][hidden] > 0).any(), "hidden points must be holes"
+        seen += int(hidden.sum())
+        assert not (true[row][x < -0.5] > 0).any(), "points beside the right image must be holes"
+        assert (true[row][clear & (x > 0.5)] > 0).all(), "visible points must be measured"
+    assert seen > 100
+
+
+def test_depth_range_cuts_both_ends() -> None:
+    k = MODEL.intrinsics(2)
+    left = plane(k, 0.0, 2.0, 0.8)
+    right = plane(k, MODEL.baseline, 2.0, 0.8)
+    true = true_disparity(left, right, k.focal_length * MODEL.baseline, DepthRange(1.8, 2.2))
+    assert (true > 0).any()
+    assert left[true > 0].min() >= 1.8
+    assert left[true > 0].max() <= 2.2
+
+
+@pytest.mark.parametrize("model", list(MODELS.values()), ids=lambda m: m.name)
+def test_depth_error_is_the_device_s_accuracy_table(model: StereoModel) -> None:
+    k = model.intrinsics(1)
+    ft = k.focal_length * model.baseline
+    for depth, published in zip((0.5, 1.0, 2.0, 3.0), ACCURACY_MM[model.name], strict=True):
+        true = np.full((k.height, k.width), ft / depth, np.float32)
+        d = measure(true, ErrorModel(0.25), frame_key(3, 1, Stream.DISPARITY)).disparity / 16
+        millimetres = float(np.std(ft / d)) * 1000
+        assert millimetres == pytest.approx(0.25 * depth**2 / ft * 1000, rel=0.05)
+        assert millimetres == pytest.approx(published, abs=0.1)
+
+
+def test_error_image_is_the_standard_deviation_in_sixteenths() -> None:
+    true = np.full((100, 100), 50.0, np.float32)
+    for sigma, unit in ((0.25, 4), (0.125, 2), (0.0625, 1), (0.25 / 6, 1)):
+        assert set(np.unique(measure(true, ErrorModel(sigma), np.uint64(9)).error)) == {unit}
+
+
+def test_confidence_is_the_probability_that_the_manual_states() -> None:
+    k = MODEL.intrinsics(1)
+    ft = k.focal_length * MODEL.baseline
+    # Planes from frontal to steep make all confidences appear.
+    counts = np.zeros(256, np.int64)
+    within = np.zeros(256, np.int64)
+    for frame, slope in enumerate((0.0, 0.9, 1.9, 2.8, 3.6, 4.4)):
+        left = plane(k, 0.0, 1.2, slope)
+        true = true_disparity(left, plane(k, MODEL.baseline, 1.2, slope), ft, RANGE)
+        m = measure(true, ErrorModel(0.25), frame_key(5, frame, Stream.DISPARITY))
+        valid = m.disparity > 0
+        inside = np.abs(m.disparity[valid] / 16 - true[valid]) <= 3 * m.error[valid] / 16
+        counts += np.bincount(m.confidence[valid], minlength=256)
+        within += np.bincount(m.confidence[valid], weights=inside, minlength=256).astype(np.int64)
+    for low, high in ((26, 77), (102, 141), (141, 191), (191, 242), (242, 256)):
+        n = counts[low:high].sum()
+        assert n > 5000, f"no pixels with a confidence of {low} to {high}"
+        claimed = (counts[low:high] * np.arange(low, high)).sum() / n / 255
+        seen = within[low:high].sum() / n
+        assert seen == pytest.approx(claimed, abs=4 * np.sqrt(claimed * (1 - claimed) / n) + 1 / 255)
+
+
+def test_same_seed_and_frame_give_the_same_bytes_and_others_do_not() -> None:
+    true = scene(MODEL, Quality.LOW)[2]
+
+    def make(seed: int, frame: int) -> bytes:
+        m = measure(true, ErrorModel(0.05), frame_key(seed, frame, Stream.DISPARITY))
+        return m.disparity.tobytes() + m.confidence.tobytes()
+
+    assert make(1, 1) == make(1, 1)
+    assert len({make(1, 1), make(1, 2), make(2, 1)}) == 3
+
+
+def block(disparity: NDArray[np.uint16], error: int = 2, confidence: int = 254) -> Measured:
+    valid = disparity > 0
+    return Measured(
+        disparity.copy(), np.where(valid, error, 0).astype(np.uint8), np.where(valid, confidence, 0).astype(np.uint8)
+    )
+
+
+def test_small_segments_go_and_large_ones_stay() -> None:
+    d = np.zeros((60, 60), np.uint16)
+    d[2:6, 2:6] = 800  # 16 pixels
+    d[20:50, 20:50] = 800
+    m = block(d)
+    apply_filters(m, Filters(seg=17, fill=0), 88.0, 2)
+    assert not m.disparity[:10].any()
+    assert not m.confidence[:10].any()
+    assert (m.disparity[20:50, 20:50] == 800).all()
+    m = block(d)
+    apply_filters(m, Filters(seg=16, fill=0), 88.0, 2)
+    assert (m.disparity == d).all()
+
+
+def test_holes_are_filled_up_to_the_step_on_their_border() -> None:
+    d = np.full((60, 60), 800, np.uint16)
+    d[:, 30:] = 832  # two pixels farther on
+    d[10:13, 28:32] = 0
+    d[30:33, 10:13] = 0
+    d[0:3, 40:43] = 0  # at the edge of the image: nothing to interpolate between
+    for fill, first in ((3, True), (1, False), (0, False)):
+        m = block(d)
+        apply_filters(m, Filters(seg=0, fill=fill), 88.0, 2)
+        assert (m.disparity[10:13, 28:32] > 0).all() == first
+        assert (m.disparity[30:33, 10:13] == 800).all() == (fill > 0)
+        assert not m.disparity[0:3, 40:43].any()
+        if first:
+            assert ((m.disparity[10:13, 28:32] > 800) & (m.disparity[10:13, 28:32] < 832)).all()
+            assert (m.confidence[10:13, 28:32] == 128).all()
+
+
+def test_at_most_five_percent_are_filled_smallest_first() -> None:
+    d = np.full((100, 100), 800, np.uint16)
+    d[10:40, 10:40] = 0  # 9 %
+    d[60:64, 60:64] = 0
+    m = block(d)
+    apply_filters(m, Filters(seg=0), 88.0, 2)
+    assert not m.disparity[10:40, 10:40].any()
+    assert m.disparity[60:64, 60:64].all()
+
+
+def test_depth_error_and_confidence_limits() -> None:
+    d = np.array([[160, 320, 640, 1280]], np.uint16)
+    ft = 88.0
+    m = block(np.repeat(d, 3, axis=0))
+    z = ft / (d[0] / 16.0)
+    z_eps = 2 / 16 * z**2 / ft
+    apply_filters(m, Filters(maxdeptherr=float(z_eps[1]) * 1.001, seg=0, fill=0), ft, 2)
+    assert (m.disparity[0] > 0).tolist() == [False, True, True, True]
+    m = block(np.repeat(d, 3, axis=0), confidence=150)
+    apply_filters(m, Filters(minconf=0.6, seg=0, fill=0), ft, 2)
+    assert not m.disparity.any()
+    m = block(np.repeat(d, 3, axis=0))
+    apply_filters(m, Filters(mindepth=float(z[2]), maxdepth=float(z[1]), seg=0, fill=0), ft, 2)
+    assert (m.disparity[0] > 0).tolist() == [False, True, True, False]
+
+
+def test_intrinsics_are_exact_fractions() -> None:
+    model = StereoModel("x", 1280, 960, 0.862789, 0.16005)
+    low = model.intrinsics(6)
+    assert (low.width, low.height) == (214, 160)
+    assert low.focal_length == pytest.approx(1104.37 / 6, rel=1e-5)
+    assert (low.cx, low.cy) == (pytest.approx(640 / 6), 80.0)
+    high = model.intrinsics(2)
+    assert (high.width, high.height, high.focal_length) == (640, 480, pytest.approx(552.185, rel=1e-5))
+    assert model.disparity_range(2, 0.1) == 221  # ceil(552.185 * 0.16005 / (2.5 * 0.16005))
