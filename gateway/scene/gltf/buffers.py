@@ -1,0 +1,145 @@
+"""Bytes that a document refers to: data URIs, files by way of a resolver, the binary chunk, buffer views."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from typing import Final
+from urllib.parse import unquote, unquote_to_bytes
+
+import msgspec
+import pybase64
+
+from gateway.scene.gltf.cache import Buffer, MeshCache
+from gateway.scene.gltf.container import Container
+from gateway.scene.gltf.document import Document
+from gateway.scene.gltf.errors import GltfError, element
+from gateway.scene.gltf.limits import GltfLimits
+
+Resolver = Callable[[str], bytes]
+"""Gives the bytes of a relative URI, percent-decoded. It must not leave the folder of the document."""
+
+_SCHEME: Final = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
+_BASE64_NOISE: Final = re.compile(rb"[\s=]+")
+
+
+class Buffers:
+    """The buffers of one document, loaded when first used; equal ones are one object."""
+
+    def __init__(
+        self,
+        document: Document,
+        container: Container,
+        cache: MeshCache,
+        limits: GltfLimits,
+        resolve: Resolver | None,
+    ) -> None:
+        self._document = document
+        self._container = container
+        self._cache = cache
+        self._limits = limits
+        self._resolve = resolve
+        self._loaded: dict[int, Buffer] = {}
+        self._nbytes = 0
+
+    def load(self, index: int, where: str) -> Buffer:
+        """``buffers[index]``.
+
+        Raises:
+            GltfError: out of range, unreadable, or all buffers together are beyond ``max_buffer_bytes``.
+        """
+        known = self._loaded.get(index)
+        if known is not None:
+            return known
+        buffer = element(self._document.buffers, index, "buffers", where)
+        if buffer.uri is not None:
+            loaded = self.of_uri(buffer.uri, f"buffers[{index}].uri")
+        elif index == 0 and self._container.bin is not None:
+            self.charge(len(self._container.bin), "the binary chunk")
+            loaded = self._cache.buffer(self._container.bin)
+        else:
+            raise GltfError(f"buffers[{index}]: there is neither a uri nor a binary chunk")
+        self._loaded[index] = loaded
+        return loaded
+
+    def view(self, index: int, where: str) -> tuple[Buffer, int, int, int | None]:
+        """Buffer, offset, length and stride of ``bufferViews[index]``, within the buffer."""
+        view = element(self._document.buffer_views, index, "bufferViews", where)
+        name = f"bufferViews[{index}]"
+        compressed = [e for e in view.extensions or () if e.endswith("_meshopt_compression")]
+        if compressed and view.buffer is None:
+            raise GltfError(f"{name}: {compressed[0]} is not supported")
+        if view.buffer is None:
+            raise GltfError(f"{name}.buffer: missing")
+        buffer = self.load(view.buffer, f"{name}.buffer")
+        offset, length = view.byte_offset or 0, view.byte_length
+        if length is None:
+            raise GltfError(f"{name}.byteLength: missing")
+        if offset < 0 or length < 0 or offset + length > len(buffer.data):
+            raise GltfError(
+                f"{name}: bytes {offset} .. {offset + length} are outside of buffers[{view.buffer}] "
+                f"({len(buffer.data)} bytes)"
+            )
+        return buffer, offset, length, view.byte_stride
+
+    def of_uri(self, text: str, where: str) -> Buffer:
+        """The bytes of a data URI or, by the resolver, of a file."""
+        uri = self._container.uri(text)
+        if isinstance(uri, str) and uri[:5].lower() != "data:":
+            return self._of_file(uri, where)
+        raw = memoryview(uri.encode()) if isinstance(uri, str) else uri
+        self.charge(len(raw) * 3 // 4, where)
+        try:
+            data = decode_data_uri(raw)
+        except ValueError:
+            try:
+                # Escapes of JSON ("\/") are rare enough to be looked at only when the text is no base64 as it stands.
+                unescaped = msgspec.json.decode(b'"%b"' % bytes(raw), type=str) if not isinstance(uri, str) else uri
+                data = decode_data_uri(memoryview(unescaped.encode()))
+            except (ValueError, msgspec.MsgspecError) as error:
+                raise GltfError(f"{where}: not a valid data URI: {error}") from error
+        return self._cache.buffer(data)
+
+    def charge(self, nbytes: int, where: str) -> None:
+        """Counts bytes against ``max_buffer_bytes``, before they are made."""
+        self._nbytes += nbytes
+        if self._nbytes > self._limits.max_buffer_bytes:
+            raise GltfError(f"{where}: the buffers exceed max_buffer_bytes = {self._limits.max_buffer_bytes}")
+
+    def _of_file(self, uri: str, where: str) -> Buffer:
+        shown = uri if len(uri) <= 80 else f"{uri[:77]}..."
+        if _SCHEME.match(uri) or uri.startswith(("/", "\\")):
+            raise GltfError(f"{where}: only data URIs and relative URIs are read, not '{shown}'")
+        if self._resolve is None:
+            raise GltfError(f"{where}: '{shown}' is a file, but only data URIs are allowed here")
+        try:
+            data = self._resolve(unquote(uri))
+        except (OSError, ValueError, LookupError) as error:
+            raise GltfError(f"{where}: cannot read '{shown}': {error}") from error
+        self.charge(len(data), where)
+        return self._cache.buffer(data)
+
+
+def decode_data_uri(uri: memoryview) -> bytes:
+    """The bytes of ``data:[mime][;parameter]...[;base64],text``. The mime type is not looked at: Drake's is wrong.
+
+    Raises:
+        ValueError: no comma, or no base64.
+    """
+    head, comma, _ = bytes(uri[:1024]).partition(b",")
+    if not comma:
+        raise ValueError("there is no comma within its first 1024 bytes")
+    text = uri[len(head) + 1 :]
+    if not head.lower().rstrip().endswith(b";base64"):
+        return unquote_to_bytes(bytes(text))
+    try:
+        return pybase64.b64decode(text, validate=True)
+    except ValueError:
+        pass
+    # Line breaks, missing padding and the URL alphabet are sloppy, but unambiguous.
+    cleaned = _BASE64_NOISE.sub(b"", unquote_to_bytes(bytes(text)))
+    return (
+        pybase64.b64decode(cleaned + b"=" * (-len(cleaned) % 4), altchars=b"-_", validate=True)
+        if (b"-" in cleaned or b"_" in cleaned)
+        else pybase64.b64decode(cleaned + b"=" * (-len(cleaned) % 4), validate=True)
+    )

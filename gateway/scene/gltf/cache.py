@@ -1,0 +1,184 @@
+"""Equal bytes become equal objects: buffers and the meshes made of them, within and across documents."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from dataclasses import dataclass, field
+from itertools import count
+from typing import Final, TypeAlias
+
+import numpy as np
+from isal import isal_zlib
+from numpy.typing import NDArray
+
+from renderers.drawlist import Image, Mesh
+
+MeshKey: TypeAlias = tuple[object, ...]
+"""What a mesh is made of: ``Buffer.uid`` and the layout of every accessor."""
+
+_uids = count(1)
+_NUMPY_COMPARES_FROM: Final = 1 << 16
+"""Bytes. Below, ``bytes.__eq__`` is faster; above, it would hold the GIL for long."""
+
+
+class Buffer:
+    """Immutable bytes with an identity: the cache gives equal bytes the same object."""
+
+    __slots__ = ("data", "images", "uid")
+
+    def __init__(self, data: bytes) -> None:
+        self.data: Final = data
+        self.uid: Final = next(_uids)
+        self.images: Final[dict[tuple[int, int], Image]] = {}
+        """Images that were made of (offset, length) of it."""
+
+
+@dataclass(frozen=True, slots=True)
+class CacheStats:
+    """For metrics."""
+
+    nbytes: int
+    buffers: int
+    meshes: int
+    buffer_hits: int
+    buffer_misses: int
+    mesh_hits: int
+    mesh_misses: int
+
+
+@dataclass(slots=True, eq=False)
+class _Entry:
+    buffer: Buffer
+    meshes: set[MeshKey] = field(default_factory=set)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Kept:
+    mesh: Mesh
+    nbytes: int
+    buffers: tuple[int, ...]
+
+
+class MeshCache:
+    """Buffers of the last documents, and the meshes made of them; least recently used goes first. Thread-safe.
+
+    A buffer is found by a checksum and then *compared*, so that no collision, made or accidental, can exchange
+    contents. The checksum and the comparison together cost a quarter of a cryptographic hash.
+    """
+
+    def __init__(self, max_bytes: int = 1 << 30) -> None:
+        """``max_bytes`` bounds buffers and arrays that are kept; the default holds 40 large scenes."""
+        self.max_bytes = max_bytes
+        self._lock = threading.Lock()
+        self._entries: OrderedDict[tuple[int, int], _Entry] = OrderedDict()
+        self._by_uid: dict[int, _Entry] = {}
+        self._meshes: dict[MeshKey, _Kept] = {}
+        self._nbytes = 0
+        self._buffer_hits = self._buffer_misses = self._mesh_hits = self._mesh_misses = 0
+
+    def buffer(self, data: bytes | memoryview) -> Buffer:
+        """The buffer with these bytes; a memoryview is copied when they are new."""
+        key = (len(data), isal_zlib.crc32(data))
+        with self._lock:
+            entry = self._entries.get(key)
+        if entry is not None and _equal(entry.buffer.data, data):
+            with self._lock:
+                self._buffer_hits += 1
+                if key in self._entries:
+                    self._entries.move_to_end(key)
+            return entry.buffer
+        buffer = Buffer(data if isinstance(data, bytes) else bytes(data))
+        with self._lock:
+            self._buffer_misses += 1
+            other = self._entries.get(key)
+            if other is not None and other is not entry and other.buffer.data == buffer.data:
+                return other.buffer  # another thread was faster
+            if other is not None:
+                self._drop(key)
+            self._entries[key] = self._by_uid[buffer.uid] = _Entry(buffer)
+            self._nbytes += len(data)
+            self._shrink()
+        return buffer
+
+    def mesh(self, key: MeshKey) -> Mesh | None:
+        """The mesh that was kept for ``key``."""
+        with self._lock:
+            kept = self._meshes.get(key)
+            self._mesh_hits += kept is not None
+            self._mesh_misses += kept is None
+        return kept.mesh if kept is not None else None
+
+    def add_mesh(self, key: MeshKey, mesh: Mesh, buffers: list[Buffer]) -> Mesh:
+        """Keeps ``mesh`` as long as all ``buffers`` it was made of are kept; returns what is kept for ``key``."""
+        own = mesh_bytes(mesh, buffers)
+        with self._lock:
+            known = self._meshes.get(key)
+            if known is not None:
+                return known.mesh
+            entries = [entry for b in buffers if (entry := self._by_uid.get(b.uid)) is not None]
+            if entries and len(entries) == len(buffers):
+                for entry in entries:
+                    entry.meshes.add(key)
+                self._meshes[key] = _Kept(mesh, own, tuple(b.uid for b in buffers))
+                self._nbytes += own
+                self._shrink()
+        return mesh
+
+    def clear(self) -> None:
+        """Forgets everything."""
+        with self._lock:
+            self._entries.clear()
+            self._by_uid.clear()
+            self._meshes.clear()
+            self._nbytes = 0
+
+    @property
+    def stats(self) -> CacheStats:
+        with self._lock:
+            return CacheStats(
+                self._nbytes,
+                len(self._entries),
+                len(self._meshes),
+                self._buffer_hits,
+                self._buffer_misses,
+                self._mesh_hits,
+                self._mesh_misses,
+            )
+
+    def _shrink(self) -> None:
+        while self._nbytes > self.max_bytes and self._entries:
+            self._drop(next(iter(self._entries)))
+
+    def _drop(self, key: tuple[int, int]) -> None:
+        entry = self._entries.pop(key)
+        del self._by_uid[entry.buffer.uid]
+        self._nbytes -= len(entry.buffer.data)
+        for mesh_key in entry.meshes:
+            kept = self._meshes.pop(mesh_key)
+            self._nbytes -= kept.nbytes
+            for uid in kept.buffers:
+                if (other := self._by_uid.get(uid)) is not None:
+                    other.meshes.discard(mesh_key)
+
+
+def mesh_bytes(mesh: Mesh, buffers: list[Buffer]) -> int:
+    """Bytes of the mesh's arrays that are not views of ``buffers``."""
+    arrays = (mesh.positions, mesh.elements, mesh.normals, mesh.uv0, mesh.uv1, mesh.colors, mesh.tangents)
+    views = {id(buffer.data) for buffer in buffers}
+    return sum(a.nbytes for a in arrays if a is not None and id(_owner(a)) not in views)
+
+
+def _owner(array: NDArray[np.generic]) -> object:
+    owner: object = array
+    while isinstance(owner, np.ndarray) and owner.base is not None:
+        owner = owner.base
+    return owner.obj if isinstance(owner, memoryview) else owner
+
+
+def _equal(a: bytes, b: bytes | memoryview) -> bool:
+    if len(a) < _NUMPY_COMPARES_FROM:
+        return a == b
+    step = 1 << 20  # parts that stay in the cache of a core, and an early end when they differ
+    x, y = np.frombuffer(a, np.uint8), np.frombuffer(b, np.uint8)
+    return all(np.array_equal(x[i : i + step], y[i : i + step]) for i in range(0, len(a), step))

@@ -1,0 +1,123 @@
+"""The outer form of a document: ``.glb`` or ``.gltf``, told apart by the bytes; embedded data taken out of the JSON."""
+
+from __future__ import annotations
+
+import re
+import struct
+from dataclasses import dataclass
+from typing import Final
+
+from gateway.scene.gltf.errors import GltfError
+
+_MAGIC: Final = b"glTF"
+_JSON_CHUNK: Final = 0x4E4F534A
+_BIN_CHUNK: Final = 0x004E4942
+_TAKEN_FROM: Final = 256
+"""Bytes. Shorter data URIs stay in the JSON: taking them out would not pay."""
+_WINDOW: Final = 1 << 17
+"""Bytes that are copied at a time to search in a memoryview: small enough for a core's cache."""
+_URI_KEY: Final = re.compile(rb'"uri"\s*:\s*\Z')
+_TOKEN: Final = re.compile(r"\x00data ([0-9]+)\Z")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Container:
+    """A document before its JSON is parsed."""
+
+    json: bytes
+    """The JSON text, its long data URIs replaced by tokens."""
+    uris: tuple[memoryview, ...]
+    """The data URIs that were taken out, without quotes, as they stand in the JSON text (escapes included)."""
+    bin: memoryview | None
+    """The binary chunk of a ``.glb``."""
+
+    def uri(self, text: str) -> str | memoryview:
+        """The URI that ``text`` of the parsed JSON stands for: itself, or one that was taken out."""
+        match = _TOKEN.match(text)
+        if match is None or int(match[1]) >= len(self.uris):
+            return text
+        return self.uris[int(match[1])]
+
+
+def open_container(data: bytes | memoryview) -> Container:
+    """Splits ``data``.
+
+    Raises:
+        GltfError: a ``.glb`` whose header or chunks do not fit its length, or nothing that looks like a document.
+    """
+    view = memoryview(data).cast("B")
+    start = bytes(view[:4])
+    if start == _MAGIC:
+        text, binary = _glb_chunks(view)
+        json, uris = _take_data_uris(text, text)
+        return Container(json, uris, binary)
+    if not bytes(view[:64]).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{"):
+        raise GltfError(f"neither glTF JSON nor GLB: it starts with {start!r}" if start else "the document is empty")
+    json, uris = _take_data_uris(data if isinstance(data, bytes) else view, view)
+    return Container(json, uris, None)
+
+
+def _glb_chunks(view: memoryview) -> tuple[memoryview, memoryview | None]:
+    if len(view) < 20:
+        raise GltfError(f"GLB: {len(view)} bytes are too few for a header and a chunk")
+    version, length = struct.unpack_from("<II", view, 4)
+    if version != 2:
+        raise GltfError(f"GLB: version {version} is not supported, only 2")
+    if length > len(view):
+        raise GltfError(f"GLB: the header announces {length} bytes, but there are {len(view)}")
+    text: memoryview | None = None
+    binary: memoryview | None = None
+    offset = 12
+    while offset + 8 <= length:
+        size, kind = struct.unpack_from("<II", view, offset)
+        begin, offset = offset + 8, offset + 8 + size
+        if offset > length:
+            raise GltfError(f"GLB: the chunk at byte {begin - 8} has {size} bytes, but only {length - begin} are left")
+        if text is None:
+            if kind != _JSON_CHUNK:
+                raise GltfError(f"GLB: the first chunk is of type {kind:#010x}, not JSON")
+            text = view[begin:offset]
+        elif kind == _BIN_CHUNK and binary is None:
+            binary = view[begin:offset]
+        offset += -offset % 4 if size % 4 else 0
+    if text is None:
+        raise GltfError("GLB: there is no JSON chunk")
+    return text, binary
+
+
+def _take_data_uris(data: bytes | memoryview, view: memoryview) -> tuple[bytes, tuple[memoryview, ...]]:
+    """The JSON text without its long data URIs, and these.
+
+    Parsing megabytes of base64 as JSON strings costs more than decoding them. A quote that no backslash precedes
+    begins or ends a string, so a URI is what lies between ``"data:`` and the next quote. Text for which that is not so
+    is not JSON and fails in the parser.
+    """
+    pieces: list[bytes] = []
+    uris: list[memoryview] = []
+    done = at = 0
+    while (at := _find(data, b'"data:', at)) >= 0:
+        end = _find(data, b'"', at + 6)
+        if end < 0:
+            break
+        at += 1
+        is_uri = end - at >= _TAKEN_FROM and view[end - 1] != 0x5C and view[at - 2] != 0x5C
+        if is_uri and _URI_KEY.search(bytes(view[max(0, at - 65) : at - 1])):
+            pieces += (bytes(view[done:at]), b"\\u0000data %d" % len(uris))
+            uris.append(view[at:end])
+            done = end
+        at = end + 1
+    pieces.append(bytes(view[done:]))
+    return b"".join(pieces).rstrip(b"\0"), tuple(uris)  # some writers pad the chunk of a GLB with zeros
+
+
+def _find(data: bytes | memoryview, needle: bytes, start: int) -> int:
+    """As ``bytes.find``, for memoryviews, too."""
+    if isinstance(data, bytes):
+        return data.find(needle, start)
+    overlap = len(needle) - 1
+    while start < len(data):
+        index = bytes(data[start : start + _WINDOW + overlap]).find(needle)
+        if index >= 0:
+            return start + index
+        start += _WINDOW
+    return -1

@@ -1,0 +1,281 @@
+"""glTF's JSON as values: only what the reader uses, lenient about nulls, strict about types."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from typing import Any, Final, TypeAlias
+
+import msgspec
+
+from gateway.scene.gltf.errors import GltfError
+from gateway.scene.gltf.limits import GltfLimits
+
+Extensions: TypeAlias = dict[str, msgspec.Raw] | None
+"""By name, not parsed."""
+
+
+class _Object(msgspec.Struct, rename="camel"):
+    """Every field may be absent or null: Drake's client writes ``"nodes": null`` for empty arrays."""
+
+
+class Asset(_Object):
+    generator: str | None = None
+    version: str | None = None
+
+
+class Scene(_Object):
+    nodes: list[int | None] | None = None
+
+
+class Node(_Object):
+    name: str | None = None
+    children: list[int | None] | None = None
+    mesh: int | None = None
+    camera: int | None = None
+    matrix: list[float] | None = None
+    translation: list[float] | None = None
+    rotation: list[float] | None = None
+    scale: list[float] | None = None
+
+
+class Primitive(_Object):
+    attributes: dict[str, int | None] | None = None
+    indices: int | None = None
+    material: int | None = None
+    mode: int | None = None
+    extensions: Extensions = None
+
+
+class Mesh(_Object):
+    name: str | None = None
+    primitives: list[Primitive | None] | None = None
+
+
+class SparseIndices(_Object):
+    buffer_view: int | None = None
+    byte_offset: int | None = None
+    component_type: int | None = None
+
+
+class SparseValues(_Object):
+    buffer_view: int | None = None
+    byte_offset: int | None = None
+
+
+class Sparse(_Object):
+    count: int | None = None
+    indices: SparseIndices | None = None
+    values: SparseValues | None = None
+
+
+class Accessor(_Object):
+    buffer_view: int | None = None
+    byte_offset: int | None = None
+    component_type: int | None = None
+    count: int | None = None
+    type: str | None = None
+    normalized: bool | None = None
+    sparse: Sparse | None = None
+
+
+class BufferView(_Object):
+    buffer: int | None = None
+    byte_offset: int | None = None
+    byte_length: int | None = None
+    byte_stride: int | None = None
+    extensions: Extensions = None
+
+
+class Buffer(_Object):
+    uri: str | None = None
+    byte_length: int | None = None
+
+
+class Image(_Object):
+    name: str | None = None
+    uri: str | None = None
+    mime_type: str | None = None
+    buffer_view: int | None = None
+
+
+class Sampler(_Object):
+    mag_filter: int | None = None
+    min_filter: int | None = None
+    wrap_s: int | None = None
+    wrap_t: int | None = None
+
+
+class Texture(_Object):
+    sampler: int | None = None
+    source: int | None = None
+    extensions: Extensions = None
+
+
+class TextureInfo(_Object):
+    index: int | None = None
+    tex_coord: int | None = None
+    scale: float | None = None
+    """Of normal maps."""
+    strength: float | None = None
+    """Of occlusion maps."""
+    extensions: Extensions = None
+
+
+class MetallicRoughness(_Object):
+    base_color_factor: list[float] | None = None
+    base_color_texture: TextureInfo | None = None
+    metallic_factor: float | None = None
+    roughness_factor: float | None = None
+    metallic_roughness_texture: TextureInfo | None = None
+
+
+class Material(_Object):
+    name: str | None = None
+    pbr_metallic_roughness: MetallicRoughness | None = None
+    normal_texture: TextureInfo | None = None
+    occlusion_texture: TextureInfo | None = None
+    emissive_texture: TextureInfo | None = None
+    emissive_factor: list[float] | None = None
+    alpha_mode: str | None = None
+    alpha_cutoff: float | None = None
+    double_sided: bool | None = None
+    extensions: Extensions = None
+
+
+class Perspective(_Object):
+    yfov: float | None = None
+    znear: float | None = None
+    zfar: float | None = None
+    aspect_ratio: float | None = None
+
+
+class Orthographic(_Object):
+    xmag: float | None = None
+    ymag: float | None = None
+    znear: float | None = None
+    zfar: float | None = None
+
+
+class Camera(_Object):
+    name: str | None = None
+    type: str | None = None
+    perspective: Perspective | None = None
+    orthographic: Orthographic | None = None
+
+
+class Document(_Object):
+    asset: Asset | None = None
+    scene: int | None = None
+    scenes: list[Scene | None] | None = None
+    nodes: list[Node | None] | None = None
+    meshes: list[Mesh | None] | None = None
+    accessors: list[Accessor | None] | None = None
+    buffer_views: list[BufferView | None] | None = None
+    buffers: list[Buffer | None] | None = None
+    images: list[Image | None] | None = None
+    samplers: list[Sampler | None] | None = None
+    textures: list[Texture | None] | None = None
+    materials: list[Material | None] | None = None
+    cameras: list[Camera | None] | None = None
+    extensions_used: list[str | None] | None = None
+    extensions_required: list[str | None] | None = None
+
+
+class TextureTransform(_Object):
+    """KHR_texture_transform."""
+
+    offset: list[float] | None = None
+    rotation: float | None = None
+    scale: list[float] | None = None
+    tex_coord: int | None = None
+
+
+_DECODER: Final = msgspec.json.Decoder(Document)
+
+
+def parse(text: bytes, limits: GltfLimits) -> Document:
+    """The document of JSON ``text`` (UTF-8, with or without a byte order mark).
+
+    Raises:
+        GltfError: not JSON, not a glTF document, or larger than ``limits`` allow.
+    """
+    if len(text) > limits.max_json_bytes:
+        raise GltfError(f"the JSON text has {len(text)} bytes, more than max_json_bytes = {limits.max_json_bytes}")
+    values = text.count(b",") + text.count(b"{") + text.count(b"[")
+    if values > limits.max_json_values:
+        raise GltfError(
+            f"the JSON text has about {values} values, more than max_json_values = {limits.max_json_values}"
+        )
+    text = text.removeprefix(b"\xef\xbb\xbf")
+    try:
+        try:
+            document = _DECODER.decode(text)
+        except (msgspec.MsgspecError, ValueError):
+            document = _parse_leniently(text)
+    except RecursionError as error:
+        raise GltfError("the JSON text is nested too deeply") from error
+    _check_version(document)
+    return document
+
+
+def _parse_leniently(text: bytes) -> Document:
+    """Accepts what msgspec does not but some exporters write: NaN, Infinity (as null), 3.0 where an integer belongs."""
+    try:
+        value = json.loads(text, parse_constant=lambda _: None, parse_float=_number)
+    except ValueError as error:
+        raise GltfError(f"not JSON: {error}") from error
+    if not isinstance(value, dict):
+        raise GltfError(f"a glTF document is a JSON object, not {_json_type(value)}")
+    try:
+        return msgspec.json.decode(msgspec.json.encode(value), type=Document)
+    except (msgspec.MsgspecError, ValueError, OverflowError) as error:
+        raise GltfError(_sentence(str(error))) from error
+
+
+def _number(text: str) -> float | int | None:
+    value = float(text)
+    if not math.isfinite(value):
+        return None
+    return int(value) if value.is_integer() and abs(value) < 2**53 else value
+
+
+def _json_type(value: object) -> str:
+    names = {list: "an array", str: "a string", bool: "a boolean", int: "a number", float: "a number"}
+    return names.get(type(value), "null")
+
+
+def _sentence(message: str) -> str:
+    """msgspec's "Expected `int`, got `str` - at `$.nodes[3].mesh`" with the place first, as in our own messages."""
+    what, separator, place = message.partition(" - at `")
+    if not separator:
+        return message
+    return f"{place.rstrip('`').removeprefix('$').removeprefix('.') or 'the document'}: {what[:1].lower()}{what[1:]}"
+
+
+def _check_version(document: Document) -> None:
+    version = document.asset.version if document.asset is not None else None
+    if version is not None and version.split(".")[0] != "2":
+        raise GltfError(f"asset.version: glTF {version[:16]} is not supported, only 2.x")
+
+
+def vector(values: Sequence[float] | None, default: tuple[float, ...], where: str) -> tuple[Any, ...]:
+    """``values`` as a tuple as long as ``default``, which stands for null.
+
+    Raises:
+        GltfError: another length, or a value that is not finite.
+    """
+    if values is None:
+        return default
+    if len(values) != len(default):
+        raise GltfError(f"{where}: {len(values)} numbers instead of {len(default)}")
+    if not all(map(math.isfinite, values)):
+        raise GltfError(f"{where}: not finite")
+    return tuple(map(float, values))
+
+
+def extension(extensions: Extensions, name: str) -> msgspec.Raw | None:
+    """The raw JSON of an extension, or None when it is absent or null."""
+    raw = extensions.get(name) if extensions else None
+    return None if raw is None or bytes(raw) == b"null" else raw

@@ -1,0 +1,37 @@
+"""Bounds of what the reader accepts from a client."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class GltfLimits:
+    """Every bound of the reader. A document beyond one is refused with a sentence that names the bound."""
+
+    max_json_bytes: int = 16 << 20
+    """The JSON text without its embedded data URIs. Drake's largest scenes (25 MB bodies) have about 0.3 MB."""
+    max_json_values: int = 2_000_000
+    """Commas, brackets and braces of that text: a value costs up to 200 bytes when parsed, all of them 400 MB."""
+    max_nodes: int = 100_000
+    """Nodes reached from the scene; 30 times the largest robot cell seen."""
+    max_node_depth: int = 256
+    """Levels of nodes; kinematic chains have tens, and readers of the tree may recurse."""
+    max_primitives: int = 100_000
+    """Primitives of the meshes in use; each costs some 50 us when it is new."""
+    max_instances: int = 200_000
+    """Parts of all nodes together; many nodes may share one mesh."""
+    max_vertices: int = 20_000_000
+    """Of the meshes in use, each counted once: a vertex costs up to 68 bytes."""
+    max_elements: int = 20_000_000
+    """Triangles, lines and points of the meshes in use, each mesh counted once: 12 bytes each."""
+    max_drawn_elements: int = 100_000_000
+    """The same over all instances: what a renderer has to draw, about 1 s per picture."""
+    max_buffer_bytes: int = 512 << 20
+    """Decoded buffers and images together; bodies are bounded by the interface that takes them."""
+    max_mesh_bytes: int = 1 << 30
+    """Arrays made of buffers: many accessors can read the same bytes, so the size of the file does not bound it."""
+    max_image_pixels: int = 64 << 20
+    """Of one image (8192 x 8192), by its header, before decoding: 256 MB of RGBA."""
+    max_total_image_pixels: int = 256 << 20
+    """Of all different images in use."""

@@ -1,0 +1,240 @@
+"""Materials, textures, samplers and images of a document."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import msgspec
+
+from gateway.scene.gltf import document as gltf
+from gateway.scene.gltf.buffers import Buffers
+from gateway.scene.gltf.document import Document, extension, vector
+from gateway.scene.gltf.errors import GltfError, element
+from gateway.scene.gltf.limits import GltfLimits
+from gateway.scene.gltf.scene import DRAKE_GENERATORS
+from renderers.drawlist import LABEL_NONE, AlphaMode, Image, ImageError, Material, Sampler, Texture, Wrap
+from renderers.images import image_from_bytes, image_header
+
+DEFAULT_MATERIAL: Final = Material(metallic=0.0)
+"""Of primitives without one: white and, as RenderEngineVtk shows it, no metal. Compare by ``is``."""
+
+_NEAREST: Final = 9728
+_MIN_NEAREST: Final = frozenset({9728, 9984, 9986})
+_MIN_MIPMAPS: Final = frozenset({9984, 9985, 9986, 9987})
+
+
+def label_from_material(material: Material) -> int:
+    """The label that a label request of Drake's client carries in a material, red in the low byte.
+
+    The client sends each label as a linear colour of 8-bit steps, ``[r / 255, g / 255, b / 255, 1]``. A primitive
+    without material carries no label.
+    """
+    if material is DEFAULT_MATERIAL:
+        return LABEL_NONE
+    red, green, blue = (round(255.0 * min(1.0, max(0.0, factor))) for factor in material.base_color[:3])
+    return red | green << 8 | blue << 16
+
+
+class Materials:
+    """Makes the materials of one document, each when first used."""
+
+    def __init__(
+        self, document: Document, buffers: Buffers, limits: GltfLimits, warnings: list[str], *, textures: bool = True
+    ) -> None:
+        """``textures``: False leaves them out, images are not even looked at."""
+        self._document = document
+        self._buffers = buffers
+        self._limits = limits
+        self._warnings = warnings
+        self._with_textures = textures
+        generator = document.asset.generator if document.asset is not None else None
+        self._from_drake = generator in DRAKE_GENERATORS
+        self._materials: dict[int, Material] = {}
+        self._textures: dict[int, tuple[Image, Sampler] | None] = {}
+        self._images: dict[int, Image] = {}
+        self._pixels: dict[bytes, int] = {}
+
+    def material(self, index: int | None, where: str) -> Material:
+        """``materials[index]``, or ``DEFAULT_MATERIAL`` for None.
+
+        Raises:
+            GltfError: out of range, a factor that is no vector, or images beyond the limits.
+        """
+        if index is None:
+            return DEFAULT_MATERIAL
+        known = self._materials.get(index)
+        if known is None:
+            source = element(self._document.materials, index, "materials", where)
+            known = self._materials[index] = self._make(source, f"materials[{index}]")
+        return known
+
+    def _make(self, source: gltf.Material, name: str) -> Material:
+        pbr = source.pbr_metallic_roughness or gltf.MetallicRoughness()
+        base_color = vector(pbr.base_color_factor, (1.0, 1.0, 1.0, 1.0), f"{name}.pbrMetallicRoughness.baseColorFactor")
+        normal, occlusion = source.normal_texture, source.occlusion_texture
+        vtk = self._from_drake and _is_vtk(source)
+        alpha_mode = _alpha_mode(source.alpha_mode, name)
+        if vtk and base_color[3] < 1.0:
+            alpha_mode = AlphaMode.BLEND
+        return Material(
+            base_color=base_color,
+            base_color_texture=self._texture(pbr.base_color_texture, f"{name}.baseColorTexture"),
+            metallic=_unit(pbr.metallic_factor, f"{name}.metallicFactor"),
+            roughness=_unit(pbr.roughness_factor, f"{name}.roughnessFactor"),
+            metallic_roughness_texture=self._texture(
+                pbr.metallic_roughness_texture, f"{name}.metallicRoughnessTexture"
+            ),
+            normal_texture=self._texture(normal, f"{name}.normalTexture"),
+            normal_scale=_number(normal.scale if normal else None, 1.0, f"{name}.normalTexture.scale"),
+            occlusion_texture=self._texture(occlusion, f"{name}.occlusionTexture"),
+            occlusion_strength=_unit(occlusion.strength if occlusion else None, f"{name}.occlusionTexture.strength"),
+            emissive=vector(source.emissive_factor, (0.0, 0.0, 0.0), f"{name}.emissiveFactor"),
+            emissive_texture=self._texture(source.emissive_texture, f"{name}.emissiveTexture"),
+            alpha_mode=alpha_mode,
+            alpha_cutoff=_number(source.alpha_cutoff, 0.5, f"{name}.alphaCutoff"),
+            double_sided=bool(source.double_sided) or vtk,
+            unlit=extension(source.extensions, "KHR_materials_unlit") is not None,
+            vtk_export=vtk,
+        )
+
+    def _texture(self, info: gltf.TextureInfo | None, where: str) -> Texture | None:
+        if info is None or not self._with_textures:
+            return None
+        if info.index is None:
+            raise GltfError(f"{where}.index: missing")
+        if info.index not in self._textures:
+            self._textures[info.index] = self._load(info.index, where)
+        loaded = self._textures[info.index]
+        if loaded is None:
+            return None
+        uv_set, uv_transform = info.tex_coord or 0, None
+        raw = extension(info.extensions, "KHR_texture_transform")
+        if raw is not None:
+            try:
+                transform = msgspec.json.decode(raw, type=gltf.TextureTransform)
+            except msgspec.MsgspecError as error:
+                raise GltfError(f"{where}.extensions.KHR_texture_transform: {error}") from error
+            uv_transform = _uv_transform(transform, f"{where}.extensions.KHR_texture_transform")
+            uv_set = uv_set if transform.tex_coord is None else transform.tex_coord
+        if uv_set not in (0, 1):
+            self._warnings.append(f"{where}: TEXCOORD_{uv_set} is not read, TEXCOORD_0 is used")
+            uv_set = 0
+        return Texture(*loaded, uv_set, uv_transform)
+
+    def _load(self, index: int, where: str) -> tuple[Image, Sampler] | None:
+        texture = element(self._document.textures, index, "textures", f"{where}.index")
+        name = f"textures[{index}]"
+        if texture.source is None:
+            # Extensions name sources, too, but Drake's merge leaves those indices as they were in the single files.
+            offered = ", ".join(texture.extensions or ()) or "no extension"
+            self._warnings.append(f"{name}: no source ({offered}), so there is no texture")
+            return None
+        return self._image(texture.source, f"{name}.source"), self._sampler(texture.sampler, f"{name}.sampler")
+
+    def _sampler(self, index: int | None, where: str) -> Sampler:
+        if index is None:
+            return Sampler()
+        source = element(self._document.samplers, index, "samplers", where)
+        smallest = source.min_filter
+        return Sampler(
+            wrap_s=self._wrap(source.wrap_s, f"samplers[{index}].wrapS"),
+            wrap_t=self._wrap(source.wrap_t, f"samplers[{index}].wrapT"),
+            mag_linear=source.mag_filter != _NEAREST,
+            min_linear=smallest not in _MIN_NEAREST,
+            mipmaps=smallest is None or smallest in _MIN_MIPMAPS,
+        )
+
+    def _wrap(self, value: int | None, where: str) -> Wrap:
+        try:
+            return Wrap.REPEAT if value is None else Wrap(value)
+        except ValueError:
+            self._warnings.append(f"{where}: {value} is not a wrap mode, REPEAT is used")
+            return Wrap.REPEAT
+
+    def _image(self, index: int, where: str) -> Image:
+        known = self._images.get(index)
+        if known is not None:
+            return known
+        source = element(self._document.images, index, "images", where)
+        name = f"images[{index}]" + (f" ({source.name[:60]})" if source.name else "")
+        if source.buffer_view is not None:
+            buffer, offset, length, _ = self._buffers.view(source.buffer_view, f"images[{index}].bufferView")
+        elif source.uri is not None:
+            buffer = self._buffers.of_uri(source.uri, f"images[{index}].uri")
+            offset, length = 0, len(buffer.data)
+        else:
+            raise GltfError(f"images[{index}]: there is neither a uri nor a bufferView")
+        image = buffer.images.get((offset, length))
+        data = memoryview(buffer.data)[offset : offset + length]
+        if image is None:
+            self._buffers.charge(length, f"images[{index}]")  # it is hashed: many views can name the same bytes
+            image = image_from_bytes(data, name=name, max_pixels=self._limits.max_image_pixels)
+            buffer.images[offset, length] = image
+        self._count_pixels(image, data, name)
+        self._images[index] = image
+        return image
+
+    def _count_pixels(self, image: Image, data: memoryview, name: str) -> None:
+        if image.key in self._pixels:
+            return
+        try:
+            pixels = image_header(data, name).pixels
+        except ImageError as error:
+            # Depth and label pictures do not need it: only who decodes it gets the error.
+            self._warnings.append(str(error))
+            pixels = 0
+        self._pixels[image.key] = pixels
+        if pixels > self._limits.max_image_pixels:
+            raise GltfError(f"{name}: {pixels} pixels are more than max_image_pixels = {self._limits.max_image_pixels}")
+        if sum(self._pixels.values()) > self._limits.max_total_image_pixels:
+            limit = self._limits.max_total_image_pixels
+            raise GltfError(f"{name}: the images have more pixels than max_total_image_pixels = {limit}")
+
+
+def _is_vtk(source: gltf.Material) -> bool:
+    """Whether it has exactly the shape that VTK's exporter writes.
+
+    That is ``{pbrMetallicRoughness: {baseColorFactor, [baseColorTexture], metallicFactor: 0, roughnessFactor: 1}}``.
+    """
+    pbr = source.pbr_metallic_roughness
+    if pbr is None or pbr.base_color_factor is None or len(pbr.base_color_factor) != 4:
+        return False
+    if pbr.metallic_factor != 0.0 or pbr.roughness_factor != 1.0:
+        return False
+    return source == gltf.Material(
+        pbr_metallic_roughness=gltf.MetallicRoughness(
+            base_color_factor=pbr.base_color_factor,
+            base_color_texture=pbr.base_color_texture,
+            metallic_factor=pbr.metallic_factor,
+            roughness_factor=pbr.roughness_factor,
+        )
+    )
+
+
+def _alpha_mode(value: str | None, name: str) -> AlphaMode:
+    try:
+        return AlphaMode.OPAQUE if value is None else AlphaMode(value)
+    except ValueError as error:
+        raise GltfError(f"{name}.alphaMode: {value!r:.30} is not OPAQUE, MASK or BLEND") from error
+
+
+def _number(value: float | None, default: float, where: str) -> float:
+    if value is None:
+        return default
+    if not math.isfinite(value):
+        raise GltfError(f"{where}: not finite")
+    return float(value)
+
+
+def _unit(value: float | None, where: str) -> float:
+    return min(1.0, max(0.0, _number(value, 1.0, where)))
+
+
+def _uv_transform(source: gltf.TextureTransform, where: str) -> tuple[float, float, float, float, float, float]:
+    """Offset * rotation * scale, as the extension's text and reference viewer compose them; v points down."""
+    x, y = vector(source.offset, (0.0, 0.0), f"{where}.offset")
+    sx, sy = vector(source.scale, (1.0, 1.0), f"{where}.scale")
+    angle = _number(source.rotation, 0.0, f"{where}.rotation")
+    c, s = math.cos(angle), math.sin(angle)
+    return (c * sx, s * sy, x, -s * sx, c * sy, y)

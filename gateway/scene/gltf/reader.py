@@ -1,0 +1,159 @@
+"""Bytes of a glTF document to a scene."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from gateway.scene.geometry import Part, Surface
+from gateway.scene.gltf.accessors import Accessors
+from gateway.scene.gltf.buffers import Buffers, Resolver
+from gateway.scene.gltf.cache import MeshCache
+from gateway.scene.gltf.container import open_container
+from gateway.scene.gltf.document import Document, parse
+from gateway.scene.gltf.errors import GltfError, element
+from gateway.scene.gltf.limits import GltfLimits
+from gateway.scene.gltf.materials import Materials
+from gateway.scene.gltf.meshes import Meshes
+from gateway.scene.gltf.nodes import build_tree
+from gateway.scene.gltf.scene import GltfCounts, GltfScene
+
+READ: Final = frozenset({"KHR_materials_unlit", "KHR_texture_transform", "KHR_mesh_quantization"})
+"""Extensions that are honoured."""
+FALLBACK: Final = frozenset({"KHR_texture_basisu", "EXT_texture_webp", "EXT_texture_avif", "MSFT_texture_dds"})
+"""Extensions that offer other images: the PNG or JPEG beside them is used."""
+HARMLESS: Final = frozenset(
+    {
+        "KHR_lights_punctual",
+        "KHR_materials_clearcoat",
+        "KHR_materials_ior",
+        "KHR_materials_sheen",
+        "KHR_materials_specular",
+        "KHR_materials_transmission",
+        "KHR_materials_volume",
+        "KHR_materials_emissive_strength",
+        "KHR_materials_iridescence",
+        "KHR_materials_anisotropy",
+        "KHR_materials_variants",
+        "KHR_xmp_json_ld",
+        "KHR_accessor_float64",
+    }
+)
+"""Extensions that change the look only, or nothing: also when required, the scene is drawn without them."""
+_MAX_WARNINGS: Final = 100
+"""A document with one fault has it in every mesh."""
+
+
+def read_gltf(
+    data: bytes | memoryview,
+    *,
+    resolve: Resolver | None = None,
+    limits: GltfLimits | None = None,
+    cache: MeshCache | None = None,
+    textures: bool = True,
+) -> GltfScene:
+    """Reads a ``.gltf`` or ``.glb``, told apart by the bytes.
+
+    Args:
+        data: the file. Only a ``bytes`` object may be kept (never a memoryview, which may be reused).
+        resolve: gives the bytes of relative URIs; None: only data URIs are allowed.
+        limits: None: ``GltfLimits()``.
+        cache: gives equal buffers and meshes across documents the same objects; None: within this one only.
+        textures: False leaves textures out, for pictures that need none.
+
+    Raises:
+        GltfError: with a sentence that names the element, its value and the reason.
+    """
+    limits = GltfLimits() if limits is None else limits
+    container = open_container(data)
+    document = parse(container.json, limits)
+    warnings: list[str] = []
+    _check_extensions(document, warnings)
+    generator = (document.asset.generator if document.asset is not None else None) or ""
+    cache = MeshCache(limits.max_buffer_bytes + limits.max_mesh_bytes) if cache is None else cache
+    buffers = Buffers(document, container, cache, limits, resolve)
+    accessors = Accessors(document, buffers, limits, warnings, merged=generator == "Drake glTF merger")
+    parts = _Parts(
+        document,
+        Meshes(accessors, cache, limits, warnings),
+        Materials(document, buffers, limits, warnings, textures=textures),
+        limits,
+    )
+    nodes = build_tree(document, parts, limits)
+    if len(warnings) > _MAX_WARNINGS:
+        warnings[_MAX_WARNINGS:] = [f"{len(warnings) - _MAX_WARNINGS} more"]
+    cameras = document.cameras or []
+    return GltfScene(
+        root=nodes.root,
+        generator=generator,
+        cameras=nodes.cameras,
+        camera_count=len(cameras),
+        camera_node_missing=bool(cameras) and all(camera.index != 0 for camera in nodes.cameras),
+        instance_count=parts.instances,
+        element_count=parts.drawn,
+        warnings=tuple(warnings),
+        counts=_counts(document),
+    )
+
+
+class _Parts:
+    """The parts of each mesh, made when first used and shared by all nodes that use it; counts what is drawn."""
+
+    def __init__(self, document: Document, meshes: Meshes, materials: Materials, limits: GltfLimits) -> None:
+        self._document = document
+        self._meshes = meshes
+        self._materials = materials
+        self._limits = limits
+        self._known: dict[int, tuple[Part, ...]] = {}
+        self._primitives = 0
+        self.instances = self.drawn = 0
+
+    def __call__(self, index: int, where: str) -> tuple[Part, ...]:
+        parts = self._known.get(index)
+        if parts is None:
+            parts = self._known[index] = self._make(index, where)
+        self.instances += len(parts)
+        self.drawn += sum(len(part.shape.mesh.elements) for part in parts if isinstance(part.shape, Surface))
+        if self.instances > self._limits.max_instances:
+            raise GltfError(f"{where}: the scene has more instances than max_instances = {self._limits.max_instances}")
+        if self.drawn > self._limits.max_drawn_elements:
+            limit = self._limits.max_drawn_elements
+            raise GltfError(f"{where}: the scene draws more elements than max_drawn_elements = {limit}")
+        return parts
+
+    def _make(self, index: int, where: str) -> tuple[Part, ...]:
+        source = element(self._document.meshes, index, "meshes", where)
+        self._primitives += len(source.primitives or ())
+        if self._primitives > self._limits.max_primitives:
+            raise GltfError(f"meshes[{index}]: more primitives than max_primitives = {self._limits.max_primitives}")
+        parts: list[Part] = []
+        for number, primitive in enumerate(source.primitives or ()):
+            if primitive is None:
+                continue
+            name = f"meshes[{index}].primitives[{number}]"
+            mesh = self._meshes.mesh(primitive, name)
+            if mesh is not None:
+                material = self._materials.material(primitive.material, f"{name}.material")
+                parts.append(Part(Surface(mesh), material))
+        return tuple(parts)
+
+
+def _check_extensions(document: Document, warnings: list[str]) -> None:
+    required = {name for name in document.extensions_required or () if name}
+    unknown = sorted(required - READ - FALLBACK - HARMLESS)
+    if unknown:
+        raise GltfError(f"extensionsRequired: {', '.join(unknown)[:500]} cannot be read")
+    used = {name for name in document.extensions_used or () if name}
+    ignored = sorted(used - READ - FALLBACK)
+    if ignored:
+        warnings.append(f"extensionsUsed: {', '.join(ignored)[:500]} ignored")
+
+
+def _counts(document: Document) -> GltfCounts:
+    return GltfCounts(
+        nodes=len(document.nodes or ()),
+        meshes=len(document.meshes or ()),
+        materials=len(document.materials or ()),
+        textures=len(document.textures or ()),
+        images=len(document.images or ()),
+        cameras=len(document.cameras or ()),
+    )

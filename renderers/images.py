@@ -1,0 +1,221 @@
+"""Encoded pictures (PNG, JPEG, WebP) as images: told apart by their bytes, checked by header, decoded when asked.
+
+The reader of a scene never decodes: depth and label pictures need no texture at all.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import struct
+import threading
+import warnings
+import weakref
+from dataclasses import dataclass
+from typing import Any, Final
+
+import cv2
+import numpy as np
+import PIL.Image
+from numpy.typing import NDArray
+
+from renderers.drawlist import Image, ImageError
+
+MAX_PIXELS: Final = 64 << 20
+"""Default bound of one image: 8192 x 8192, 256 MB as RGBA. A header of a few bytes can announce any size."""
+
+_NAMES: Final = {
+    b"\xabKTX 20\xbb": "KTX2",
+    b"\xabKTX 11\xbb": "KTX",
+    b"DDS ": "DDS",
+    b"GIF8": "GIF",
+    b"BM": "BMP",
+    b"II*\0": "TIFF",
+    b"MM\0*": "TIFF",
+    b"sB": "Basis",
+    b"\0\0\0\x20ftypavif": "AVIF",
+    b"\0\0\0\x1cftypavif": "AVIF",
+}
+"""Formats that are recognised to say so."""
+
+
+@dataclass(frozen=True, slots=True)
+class ImageHeader:
+    """What an encoded image says about itself."""
+
+    format: str
+    """``PNG``, ``JPEG`` or ``WebP``."""
+    width: int
+    height: int
+
+    @property
+    def pixels(self) -> int:
+        return self.width * self.height
+
+
+def image_header(data: bytes | memoryview, name: str = "image") -> ImageHeader:
+    """Format and size by the bytes alone; nothing is decoded.
+
+    Raises:
+        ImageError: no format that can be decoded, or a header that is cut off; the message names image and magic.
+    """
+    view = memoryview(data).cast("B")
+    start = bytes(view[:32])
+    try:
+        if start.startswith(b"\x89PNG\r\n\x1a\n"):
+            if start[12:16] != b"IHDR":
+                raise ImageError(f"{name}: PNG without IHDR")
+            return ImageHeader("PNG", *struct.unpack_from(">II", start, 16))
+        if start.startswith(b"\xff\xd8\xff"):
+            return ImageHeader("JPEG", *_jpeg_size(view))
+        if start.startswith(b"RIFF") and start[8:12] == b"WEBP":
+            return ImageHeader("WebP", *_webp_size(start))
+    except (struct.error, IndexError) as error:
+        raise ImageError(f"{name}: its header is cut off ({len(view)} bytes)") from error
+    known = next((kind for magic, kind in _NAMES.items() if start.startswith(magic)), None)
+    what = f"{known} images are" if known else f"an image that starts with {start[:12]!r} is"
+    raise ImageError(f"{name}: {what} not supported, only PNG, JPEG and WebP" if start else f"{name}: it is empty")
+
+
+def _jpeg_size(view: memoryview) -> tuple[int, int]:
+    """By ITU T.81 B.2.2: the frame header SOFn, found by walking over the segments before it."""
+    at = 2
+    while True:
+        while view[at] != 0xFF:
+            at += 1
+        while view[at] == 0xFF:
+            at += 1
+        marker = view[at]
+        at += 1
+        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
+            height, width = struct.unpack_from(">HH", view, at + 3)
+            return width, height
+        if marker == 0x01 or 0xD0 <= marker <= 0xD8:
+            continue
+        at += max(2, struct.unpack_from(">H", view, at)[0])
+
+
+def _webp_size(start: bytes) -> tuple[int, int]:
+    """By RFC 9649: VP8X, VP8L or VP8 is the first chunk."""
+    kind = start[12:16]
+    if kind == b"VP8X":
+        return 1 + int.from_bytes(start[24:27], "little"), 1 + int.from_bytes(start[27:30], "little")
+    if kind == b"VP8L":
+        bits = struct.unpack_from("<I", start, 21)[0]
+        return 1 + (bits & 0x3FFF), 1 + ((bits >> 14) & 0x3FFF)
+    width, height = struct.unpack_from("<HH", start, 26)
+    return width & 0x3FFF, height & 0x3FFF
+
+
+_images: weakref.WeakValueDictionary[bytes, Image] = weakref.WeakValueDictionary()
+_lock: Final = threading.Lock()
+
+
+def image_from_bytes(data: bytes | memoryview, *, name: str = "", max_pixels: int = MAX_PIXELS) -> Image:
+    """An image of an encoded file; equal bytes give the same object as long as somebody holds it.
+
+    Args:
+        data: PNG, JPEG or WebP. Not looked at before ``decode``; a memoryview must not change.
+        name: for messages.
+        max_pixels: ``decode`` refuses images whose header announces more.
+    """
+    digest = hashlib.sha256(data)
+    digest.update(max_pixels.to_bytes(8, "little"))
+    key = digest.digest()
+    with _lock:
+        image = _images.get(key)
+        if image is None:
+            image = _images[key] = Image(key, _Decoder(data, name or "image", max_pixels), name)
+    return image
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Decoder:
+    data: bytes | memoryview
+    name: str
+    max_pixels: int
+
+    def __call__(self) -> NDArray[np.uint8]:
+        return decode_image(self.data, name=self.name, max_pixels=self.max_pixels)
+
+
+def decode_image(data: bytes | memoryview, *, name: str = "image", max_pixels: int = MAX_PIXELS) -> NDArray[np.uint8]:
+    """(H, W, 4) uint8 RGBA, straight alpha, top row first, C-contiguous. Releases the GIL while it decodes.
+
+    16-bit samples keep their high byte; palettes, grey levels and transparent colours (tRNS) are expanded. Colour
+    profiles and EXIF orientation are ignored, as glTF 2.0 section 3.8.3 asks.
+
+    Raises:
+        ImageError: unknown format, too many pixels, or broken data.
+    """
+    header = image_header(data, name)
+    if header.width <= 0 or header.height <= 0:
+        raise ImageError(f"{name}: {header.width}x{header.height} pixels")
+    if header.pixels > max_pixels:
+        raise ImageError(f"{name}: {header.width}x{header.height} pixels are more than the limit of {max_pixels}")
+    if header.format == "PNG" and _png_needs_pillow(memoryview(data).cast("B")):
+        return _by_pillow(data, name, header)
+    decoded = _by_opencv(data)
+    if decoded is None or decoded.shape[:2] != (header.height, header.width):
+        return _by_pillow(data, name, header)
+    return decoded
+
+
+def _png_needs_pillow(view: memoryview) -> bool:
+    """Whether transparency comes from tRNS with grey or RGB samples, which OpenCV does not expand for every type."""
+    colour_type = view[25] if len(view) > 25 else 0
+    if colour_type not in (0, 2):
+        return False
+    at = 8
+    while at + 8 <= len(view):
+        kind = bytes(view[at + 4 : at + 8])
+        if kind == b"tRNS":
+            return True
+        if kind == b"IDAT":
+            return False
+        at += 12 + struct.unpack_from(">I", view, at)[0]
+    return False
+
+
+_CONVERSIONS: Final[dict[int, int]] = {1: cv2.COLOR_GRAY2RGBA, 3: cv2.COLOR_BGR2RGBA, 4: cv2.COLOR_BGRA2RGBA}
+
+
+def _by_opencv(data: bytes | memoryview) -> NDArray[np.uint8] | None:
+    try:
+        pixels: Any = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+        if pixels is None:
+            return None
+        if pixels.dtype == np.uint16:
+            pixels = (pixels >> 8).astype(np.uint8)
+        channels = 1 if pixels.ndim == 2 else pixels.shape[2]
+        if pixels.dtype != np.uint8 or channels not in _CONVERSIONS:
+            return None
+        result: NDArray[np.uint8] = np.ascontiguousarray(cv2.cvtColor(pixels, _CONVERSIONS[channels]))
+    except cv2.error:
+        return None
+    return result
+
+
+def _by_pillow(data: bytes | memoryview, name: str, header: ImageHeader) -> NDArray[np.uint8]:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            with PIL.Image.open(io.BytesIO(data), formats=(header.format,)) as image:
+                if image.size != (header.width, header.height):
+                    raise ImageError(f"{name}: the header and the data differ in size")
+                mode = image.mode
+                if mode in ("I;16", "I;16B", "I"):
+                    grey = np.asarray(image).astype(np.uint32) >> 8
+                    return _grey16(grey.astype(np.uint8), np.asarray(image), image.info.get("transparency"))
+                return np.array(image.convert("RGBA"), np.uint8)
+    except ImageError:
+        raise
+    except Exception as error:  # Pillow's plugins raise almost anything for broken data
+        raise ImageError(f"{name}: broken {header.format} data: {error}") from error
+
+
+def _grey16(grey: NDArray[np.uint8], samples: NDArray[Any], transparent: object) -> NDArray[np.uint8]:
+    result = np.empty((*grey.shape, 4), np.uint8)
+    result[..., :3] = grey[..., None]
+    result[..., 3] = 255 if not isinstance(transparent, int) else np.where(samples == transparent, 0, 255)
+    return result
