@@ -13,16 +13,16 @@ from contextlib import asynccontextmanager
 from typing import Any
 
 import structlog
-from fastapi import FastAPI, Request
-from fastapi.responses import HTMLResponse, PlainTextResponse
+from fastapi import FastAPI
+from fastapi.responses import HTMLResponse
 from fastapi_offline import FastAPIOffline
 
 from gateway import __version__
 from gateway import settings as options
-from gateway.house import House, sentence
+from gateway.house import House
 from gateway.joins import JOINS
 from gateway.ops import health, kernels, logs, process, warmup
-from gateway.ops.board import Board
+from gateway.ops.board import Board, State
 from gateway.ops.landing import landing_page
 from gateway.ops.metrics import Metrics
 from gateway.ops.requests import Gate, Requests
@@ -76,7 +76,6 @@ def create_app(settings: Settings) -> FastAPI:
         Gate, started=started, problem=lambda: board.entries[KERNELS].problem, open_paths=health.PATHS | {"/"}
     )
     app.add_middleware(Requests, metrics=metrics, quiet=health.PATHS)
-    app.add_exception_handler(Exception, _unexpected)
 
     @app.get("/", include_in_schema=False)
     async def landing() -> HTMLResponse:
@@ -97,18 +96,20 @@ async def _start(house: House, wanted: dict[Any, Any], started: asyncio.Event) -
         for name, join in wanted.items():
             try:
                 join(house)
+                if house.board.entries[name].state is State.STARTING:
+                    house.board.ready(name)
             except Exception as error:  # noqa: BLE001 - a room that cannot be joined must not end the others
                 house.fail(name, error)
         house.app.openapi_schema = None  # of before the rooms were joined, if somebody has asked
     except Exception as error:  # noqa: BLE001 - nothing renders without kernels, but health tells why
         house.fail(KERNELS, error)
     started.set()
-    _log.info("Scenegate has started", status=house.board.verdict(), version=__version__, seconds=round(time.perf_counter() - begin, 2))
-
-
-async def _unexpected(request: Request, error: Exception) -> PlainTextResponse:
-    """A defect of ours: Starlette logs the traceback; the caller gets one line, since Drake prints the body."""
-    return PlainTextResponse(f"Internal error in {request.url.path}: {sentence(error)}\n", status_code=500)
+    _log.info(
+        "Scenegate has started",
+        status=house.board.verdict(),
+        version=__version__,
+        seconds=round(time.perf_counter() - begin, 2),
+    )
 
 
 def __getattr__(name: str) -> Any:

@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 import pytest
+
 from gateway import settings
 from gateway.cli.reference import reference
 from gateway.settings import Settings, SettingsError, load

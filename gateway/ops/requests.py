@@ -46,6 +46,12 @@ class Requests:
         with structlog.contextvars.bound_contextvars(request_id=request_id), self._metrics.in_flight.track_inprogress():
             try:
                 await self._app(scope, receive, send_with_id)
+            except Exception as error:  # a defect of ours; Drake prints the body, so it is one line
+                _log.exception("unhandled", path=scope["path"])
+                if status:
+                    raise  # the answer has begun: the connection must break, or a cut picture looks whole
+                text = f"Internal error: {type(error).__name__}: {error}"[:1000] + f" (request {request_id})\n"
+                await PlainTextResponse(text, status_code=500)(scope, receive, send_with_id)
             finally:
                 seconds = time.perf_counter() - start
                 # The route's template, never the path as sent: a scanner must not fill the registry with labels.

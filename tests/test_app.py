@@ -1,0 +1,164 @@
+"""The application: start, failing rooms, offline docs. Rooms and kernels are stand-ins; tests/e2e has real ones."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+from collections.abc import AsyncIterator, Callable, Mapping
+from contextlib import asynccontextmanager
+from typing import Any
+
+import httpx2
+import pytest
+
+import gateway.app
+from gateway.house import House
+from gateway.ops import kernels, warmup
+from gateway.settings import Settings
+
+
+class FakeService:
+    """Runs until cancelled, or fails when told to."""
+
+    def __init__(self, error: Exception | None = None) -> None:
+        self.error = error
+        self.ready = True
+        self.ended = asyncio.Event()
+
+    async def run(self) -> None:
+        if self.error is not None:
+            raise self.error
+        try:
+            await asyncio.Event().wait()
+        finally:
+            self.ended.set()
+
+    def status(self) -> Mapping[str, Any]:
+        return {}
+
+
+@pytest.fixture(autouse=True)
+def _warm(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kernels, "are_cached", lambda: True)
+    monkeypatch.setattr(warmup, "run", lambda: None)
+
+
+def rooms(monkeypatch: pytest.MonkeyPatch, **joins: Callable[[House], None]) -> None:
+    monkeypatch.setattr(gateway.app, "JOINS", joins)
+
+
+@asynccontextmanager
+async def running(**settings: Any) -> AsyncIterator[httpx2.AsyncClient]:
+    app = gateway.app.create_app(Settings(**settings))
+    async with app.router.lifespan_context(app):
+        transport = httpx2.ASGITransport(app=app)
+        async with httpx2.AsyncClient(transport=transport, base_url="http://test") as client:
+            yield client
+
+
+def add_route(house: House) -> None:
+    @house.app.get("/room")
+    async def room() -> str:
+        return "here"
+
+
+async def test_a_request_that_comes_during_the_start_is_answered_by_the_room(monkeypatch: pytest.MonkeyPatch) -> None:
+    rooms(monkeypatch, render=add_route)
+    async with running() as client:
+        assert (await client.get("/room")).json() == "here"
+        assert (await client.get("/readyz")).json() == {
+            "status": "ready",
+            "interfaces": {"kernels": {"state": "ready"}, "render": {"state": "ready"}},
+        }
+        assert "/room" in (await client.get("/openapi.json")).json()["paths"]
+
+
+async def test_a_room_that_cannot_be_joined_leaves_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(house: House) -> None:
+        raise OSError("no multicast route")
+
+    rooms(monkeypatch, treeviewer=broken, render=add_route)
+    async with running() as client:
+        assert (await client.get("/room")).status_code == 200
+        ready = await client.get("/readyz")
+        assert ready.status_code == 200
+        assert ready.json()["status"] == "degraded"
+        assert ready.json()["interfaces"]["treeviewer"] == {"state": "failed", "problem": "no multicast route"}
+
+
+async def test_a_service_that_fails_leaves_the_others_and_all_end_with_the_lifespan(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    good, bad = FakeService(), FakeService(OSError("port taken"))
+    rooms(
+        monkeypatch,
+        stereo=lambda house: house.serve("stereo", bad),
+        treeviewer=lambda house: house.serve("treeviewer", good, where="udpm://"),
+    )
+    async with running() as client:
+        assert (await client.get("/openapi.json")).status_code == 200
+        states = (await client.get("/healthz")).json()["interfaces"]
+        assert states["stereo"] == {"state": "failed", "problem": "port taken"}
+        assert states["treeviewer"] == {"state": "ready", "where": "udpm://"}
+        assert not good.ended.is_set()
+    assert good.ended.is_set()
+
+
+async def test_only_starts_what_was_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    rooms(monkeypatch, render=add_route, stereo=lambda house: house.serve("stereo", FakeService()))
+    async with running(only=("render",)) as client:
+        assert (await client.get("/room")).status_code == 200
+        assert "stereo" not in (await client.get("/healthz")).json()["interfaces"]
+
+
+async def test_without_kernels_nothing_is_drawn_and_everybody_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken() -> None:
+        raise RuntimeError("no compiler backend")
+
+    monkeypatch.setattr(warmup, "run", broken)
+    rooms(monkeypatch, render=add_route)
+    async with running() as client:
+        answer = await client.get("/room")
+        assert (answer.status_code, answer.text) == (503, "The gateway did not start: no compiler backend\n")
+        assert (await client.get("/readyz")).status_code == 503
+        assert (await client.get("/healthz")).status_code == 200
+
+
+async def test_cold_kernels_are_compiled_by_a_child_before_they_are_loaded(monkeypatch: pytest.MonkeyPatch) -> None:
+    order: list[str] = []
+
+    async def compile_in_child() -> None:
+        order.append("compiled")
+
+    monkeypatch.setattr(kernels, "are_cached", lambda: False)
+    monkeypatch.setattr(kernels, "compile_in_child", compile_in_child)
+    monkeypatch.setattr(warmup, "run", lambda: order.append("loaded"))
+    rooms(monkeypatch, render=add_route)
+    async with running() as client:
+        await client.get("/room")
+    assert order == ["compiled", "loaded"]
+
+
+async def test_docs_and_landing_page_need_no_other_host(monkeypatch: pytest.MonkeyPatch) -> None:
+    rooms(monkeypatch)
+    async with running() as client:
+        for path in ("/docs", "/"):
+            page = await client.get(path)
+            assert page.status_code == 200
+            assert not re.search(r"(?:src|href)=[\"'](?:https?:)?//", page.text)
+            for link in re.findall(r"(?:src|href)=[\"'](/[^\"']+)", page.text):
+                assert (await client.get(link)).status_code == 200
+        assert "validatorUrl" in (await client.get("/docs")).text
+
+
+async def test_metrics_show_the_queue(monkeypatch: pytest.MonkeyPatch) -> None:
+    rooms(monkeypatch)
+    async with running() as client:
+        assert "scenegate_render_waiting 0.0" in (await client.get("/metrics")).text
+
+
+def test_the_module_level_app_is_made_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gateway.app.logs, "configure", lambda *_: None)
+    assert gateway.app.app.title == "Scenegate"
+    with pytest.raises(AttributeError):
+        _ = gateway.app.nothing
