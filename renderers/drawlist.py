@@ -162,7 +162,7 @@ class Instance:
     """What the instance output shows for it; -1 is the background's value."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class DrawList:
     """Everything that one picture is made of."""
 

@@ -1,0 +1,158 @@
+"""One rasterization: the tables that kernels read, and their phases."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from renderers.camera import Camera
+from renderers.cpu import layout as at
+from renderers.cpu.crew import Phase
+from renderers.cpu.memory import address_of
+from renderers.cpu.pools import Scratch
+from renderers.cpu.resolve import draw_band
+from renderers.cpu.scene import PreparedScene
+from renderers.cpu.setup import setup
+from renderers.cpu.transform import transform
+from renderers.cpu.visibility import Visibility, band_count
+from renderers.port import Frame
+
+MIN_VERTICES: Final = 4096
+"""Fewest vertices of a unit of work: about 10 us, a few times what handing out a unit costs."""
+UNITS_PER_THREAD: Final = 8
+"""Units of work per thread and phase, so that one slow unit or late thread does not leave the others waiting."""
+SMALL_WORK: Final = 60_000
+"""Pixels plus 4 x elements below which a frame takes less time than waking another thread."""
+
+
+class FrameJob:
+    """Binds a prepared scene, a camera and arrays together for the kernels; lives as long as they run."""
+
+    def __init__(
+        self,
+        prepared: PreparedScene,
+        camera: Camera,
+        scratch: Scratch,
+        *,
+        select: NDArray[np.bool_] | None,
+        cull_back: NDArray[np.bool_] | None,
+    ) -> None:
+        """
+        Args:
+            select, cull_back: as in ``Rasterizer.visibility``.
+        """
+        count = len(prepared.labels)
+        bands = band_count(camera.height)
+        with np.errstate(all="ignore"):  # poses that are not finite draw nothing
+            self.X_camera_mesh: NDArray[np.float64] = np.matmul(camera.X_camera_world, prepared.X_world_mesh)
+        drawn = np.arange(count) if select is None else np.flatnonzero(select)
+        rows = prepared.rows[drawn]
+        table = np.zeros((len(drawn) + 1, at.T_COLUMNS), dtype=np.int64)
+        np.cumsum(rows[:, 0], out=table[1:, at.T_VERTEX])
+        np.cumsum(rows[:, 1], out=table[1:, at.T_ELEMENT])
+        table[:-1, at.T_TOPOLOGY] = rows[:, 2]
+        table[:-1, at.T_POSITIONS] = rows[:, 3]
+        table[:-1, at.T_ELEMENTS] = rows[:, 4]
+        table[:-1, at.T_RECORD] = prepared.first_record[drawn]
+        if cull_back is not None:
+            table[:-1, at.T_CULL] = np.where(cull_back[drawn], _front(self.X_camera_mesh[drawn]), 0)
+        lengths = np.empty((len(drawn), at.M_COLUMNS))
+        lengths[:, : at.M_SIZE] = self.X_camera_mesh[drawn, :3].reshape(len(drawn), 12)
+        lengths[:, at.M_SIZE] = prepared.sizes[drawn]
+
+        self._vertices = int(table[-1, at.T_VERTEX])
+        self._elements = int(table[-1, at.T_ELEMENT])
+        self._chunks = -(-self._elements // at.CHUNK)
+        self._bands = bands
+        self.small = camera.width * camera.height + 4 * self._elements < SMALL_WORK
+        """Not worth a second thread."""
+
+        padded = self._chunks * at.CHUNK
+        x = scratch.take("x", self._vertices, np.float32)
+        y = scratch.take("y", self._vertices, np.float32)
+        w = scratch.take("w", self._vertices, np.float32)
+        records = scratch.take("records", padded * at.RECORD_BYTES // 8, np.float64)
+        small = scratch.take("small", padded * at.SMALL_BANDS, np.uint16)
+        tall = scratch.take("tall", padded, np.uint16)
+        offsets = scratch.take("offsets", self._chunks * (bands + 2), np.int32)
+
+        job = self._job = np.zeros(at.J_COLUMNS, dtype=np.int64)
+        job[at.J_WIDTH] = camera.width
+        job[at.J_HEIGHT] = camera.height
+        job[at.J_BANDS] = bands
+        job[at.J_CHUNKS] = self._chunks
+        job[at.J_VERTICES] = self._vertices
+        job[at.J_ELEMENTS] = self._elements
+        job[at.J_INSTANCES] = len(drawn)
+        job[at.J_TABLE] = address_of(table, np.int64)
+        job[at.J_LENGTHS] = address_of(lengths, np.float64)
+        job[at.J_X] = address_of(x, np.float32)
+        job[at.J_Y] = address_of(y, np.float32)
+        job[at.J_W] = address_of(w, np.float32)
+        job[at.J_RECORDS] = address_of(records, np.float64)
+        job[at.J_SMALL] = address_of(small, np.uint16)
+        job[at.J_TALL] = address_of(tall, np.uint16)
+        job[at.J_OFFSETS] = address_of(offsets, np.int32)
+        job[at.J_ALL_INSTANCES] = count
+        job[at.J_FIRST_RECORD] = address_of(prepared.first_record, np.int64)
+        job[at.J_ALL_LABELS] = address_of(prepared.labels, np.uint32)
+        job[at.J_ALL_IDS] = address_of(prepared.instance_ids, np.int32)
+        job[at.J_ALL_MESHES] = address_of(prepared.attributes, np.int64)
+        job[at.J_ALL_X] = address_of(self.X_camera_mesh, np.float64)
+        self._lens = np.array((camera.fx, camera.fy, camera.cx, camera.cy, camera.near, camera.far), dtype=np.float64)
+        self._keep: list[object] = [prepared, table, lengths, scratch]
+
+    def layers(
+        self, ids: NDArray[np.int32], inv_z: NDArray[np.float32], beyond: Visibility | None, before: Visibility | None
+    ) -> None:
+        """Say where the layer goes and which layers it lies between."""
+        job = self._job
+        job[at.J_IDS] = address_of(ids, np.int32)
+        job[at.J_INV_Z] = address_of(inv_z, np.float32)
+        if beyond is not None:
+            job[at.J_BEYOND_IDS] = address_of(beyond.ids, np.int32)
+            job[at.J_BEYOND_INV_Z] = address_of(beyond.inv_z, np.float32)
+        if before is not None:
+            job[at.J_BEFORE_IDS] = address_of(before.ids, np.int32)
+            job[at.J_BEFORE_INV_Z] = address_of(before.inv_z, np.float32)
+        self._keep += (ids, inv_z, beyond, before)
+
+    def outputs(self, frame: Frame) -> None:
+        """Say which pictures are filled after a band is rasterized."""
+        job = self._job
+        job[at.J_DEPTH] = address_of(frame.depth, np.float32)
+        job[at.J_LABEL] = address_of(frame.label, np.uint32)
+        job[at.J_INSTANCE] = address_of(frame.instance, np.int32)
+        job[at.J_NORMAL] = address_of(frame.normal, np.float32)
+        self._keep += (frame.depth, frame.label, frame.instance, frame.normal)
+
+    def phases(self, threads: int) -> tuple[Phase, Phase, Phase]:
+        """Transform, setup, and raster with resolve. Results do not depend on ``threads``."""
+        job, lens = self._job, self._lens
+        units = UNITS_PER_THREAD * threads if threads > 1 else 1
+        vertices = max(-(-self._vertices // units), MIN_VERTICES)
+        chunks = max(-(-self._chunks // units), 1)
+        return (
+            Phase(
+                -(-self._vertices // vertices),
+                lambda u: transform(job, lens, u * vertices, min((u + 1) * vertices, self._vertices)),
+            ),
+            Phase(
+                -(-self._chunks // chunks),
+                lambda u: setup(job, lens, u * chunks, min((u + 1) * chunks, self._chunks)),
+            ),
+            Phase(self._bands, lambda u: draw_band(job, lens, u)),
+        )
+
+
+def _front(X: NDArray[np.float64]) -> NDArray[np.int64]:
+    """(n,) +1 or -1: the sign of the screen area (y down) of triangles that face away.
+
+    In the optical frame a triangle that faces the camera runs counter-clockwise for the viewer, which is a negative
+    area with y down; a mirrored transform turns that round.
+    """
+    with np.errstate(all="ignore"):
+        determinant = np.einsum("ni,ni->n", X[:, 0, :3], np.cross(X[:, 1, :3], X[:, 2, :3]))
+    return np.where(determinant < 0.0, -1, 1)

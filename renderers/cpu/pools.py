@@ -1,0 +1,88 @@
+"""Arrays that are used again: fresh pages from the system cost more than drawing on them."""
+
+from __future__ import annotations
+
+import math
+import threading
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+POOL_BYTES = 256 << 20
+"""Bytes of idle picture arrays that a renderer keeps: a stereo pair of 12 Mpx with all outputs."""
+SCRATCH_BYTES = 256 << 20
+"""Bytes of idle scratch that a renderer keeps: two frames of a million triangles."""
+
+
+class ArrayPool:
+    """Arrays by shape and dtype. Thread-safe; what is not given back is simply collected."""
+
+    def __init__(self, max_bytes: int = POOL_BYTES) -> None:
+        self._max_bytes = max_bytes
+        self._bytes = 0
+        self._free: dict[tuple[tuple[int, ...], np.dtype[Any]], list[NDArray[Any]]] = {}
+        self._lock = threading.Lock()
+
+    def take(self, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
+        """A C-contiguous array with undefined contents."""
+        key = (shape, np.dtype(dtype))
+        with self._lock:
+            free = self._free.get(key)
+            if free:
+                array = free.pop()
+                self._bytes -= array.nbytes
+                return array
+        return np.empty(shape, dtype)
+
+    def give(self, array: NDArray[Any]) -> None:
+        """Take an array back. The oldest shapes are dropped when too much lies idle."""
+        if array.nbytes > self._max_bytes:
+            return
+        key = (array.shape, array.dtype)
+        with self._lock:
+            self._free.setdefault(key, []).append(array)
+            self._bytes += array.nbytes
+            while self._bytes > self._max_bytes:
+                oldest = next(iter(self._free))
+                if self._free[oldest]:
+                    self._bytes -= self._free[oldest].pop(0).nbytes
+                if not self._free[oldest]:
+                    del self._free[oldest]
+
+
+class Scratch:
+    """Named flat arrays that only grow: the working memory of one frame at a time."""
+
+    def __init__(self) -> None:
+        self._arrays: dict[str, NDArray[Any]] = {}
+
+    def take(self, name: str, count: int, dtype: DTypeLike) -> NDArray[Any]:
+        """A flat array of at least ``count`` values with undefined contents."""
+        array = self._arrays.get(name)
+        if array is None or array.size < count:
+            self._arrays[name] = np.empty(0, dtype)  # the old one goes before the new one comes
+            array = self._arrays[name] = np.empty(math.ceil(count * 1.25), dtype)
+        return array
+
+    @property
+    def nbytes(self) -> int:
+        return sum(array.nbytes for array in self._arrays.values())
+
+
+class ScratchPool:
+    """Scratch for every frame in work; large ones are dropped when idle beyond the bound. Thread-safe."""
+
+    def __init__(self, max_bytes: int = SCRATCH_BYTES) -> None:
+        self._max_bytes = max_bytes
+        self._free: list[Scratch] = []
+        self._lock = threading.Lock()
+
+    def take(self) -> Scratch:
+        with self._lock:
+            return self._free.pop() if self._free else Scratch()
+
+    def give(self, scratch: Scratch) -> None:
+        with self._lock:
+            if sum(s.nbytes for s in self._free) + scratch.nbytes <= self._max_bytes:
+                self._free.append(scratch)

@@ -1,0 +1,163 @@
+"""The reference renderer: ``renderers.port.Renderer`` on this machine's cores."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from renderers.camera import Camera
+from renderers.cpu.crew import Crew, Phase
+from renderers.cpu.frame import FrameJob
+from renderers.cpu.layout import MAX_SIDE
+from renderers.cpu.pools import ArrayPool, ScratchPool
+from renderers.cpu.scene import PreparedScene, prepare
+from renderers.cpu.visibility import Visibility
+from renderers.drawlist import DrawList
+from renderers.port import Frame, Look, LookName, Output
+from renderers.shading import ShadingScene, paint
+from renderers.shading import prepare as prepare_shading
+
+GEOMETRY = Output.DEPTH | Output.LABEL | Output.INSTANCE | Output.NORMAL
+"""Outputs of all geometry: both sides, opaque whatever the material says."""
+
+_shadings: WeakKeyDictionary[DrawList, dict[LookName, ShadingScene]] = WeakKeyDictionary()
+_shadings_lock = threading.Lock()
+
+
+def _shading(scene: DrawList, look: LookName) -> ShadingScene:
+    """The draw list's tables for shading, made once while it is alive."""
+    with _shadings_lock:
+        known = _shadings.get(scene, {}).get(look)
+    if known is None:
+        fresh = prepare_shading(scene.instances, look)
+        with _shadings_lock:
+            known = _shadings.setdefault(scene, {}).setdefault(look, fresh)
+    return known
+
+
+class CpuRenderer:
+    """Draws on the CPU. Thread-safe; the same scene gives the same bytes on any number of threads.
+
+    Also the ``Rasterizer`` that shading asks for further layers and for threads.
+    """
+
+    def __init__(self, threads: int | None = None) -> None:
+        """
+        Args:
+            threads: how many threads, the callers of ``render`` among them, may work at the same time inside frames;
+                None: as many as this machine has. Concurrent callers share them: each works on its own frame.
+        """
+        self._crew = Crew(threads if threads is not None else os.cpu_count() or 1)
+        self._pool = ArrayPool()
+        self._scratch = ScratchPool()
+
+    @property
+    def threads(self) -> int:
+        """Threads that may work inside frames."""
+        return self._crew.threads
+
+    def close(self) -> None:
+        """End the helper threads; frames in work are finished."""
+        self._crew.close()
+
+    def render(self, scene: DrawList, camera: Camera, outputs: Output, look: Look = Look()) -> Frame:  # noqa: B008
+        """As ``Renderer.render``.
+
+        Raises:
+            ImageError: a texture that colour needs cannot be decoded.
+            ValueError, TypeError: the picture is larger than MAX_SIDE, or a mesh breaks its promises.
+        """
+        if not camera.width <= MAX_SIDE >= camera.height:
+            raise ValueError(f"camera size {camera.width}x{camera.height} is larger than {MAX_SIDE}x{MAX_SIDE}")
+        prepared = prepare(scene)
+        shape = (camera.height, camera.width)
+        taken: list[NDArray[Any]] = []
+
+        def take(wanted: Output, shape: tuple[int, ...], dtype: type[np.generic]) -> NDArray[Any] | None:
+            if wanted not in outputs:
+                return None
+            taken.append(self._pool.take(shape, dtype))
+            return taken[-1]
+
+        frame = Frame(
+            color=take(Output.COLOR, (*shape, 3), np.uint8),
+            depth=take(Output.DEPTH, shape, np.float32),
+            label=take(Output.LABEL, shape, np.uint32),
+            instance=take(Output.INSTANCE, shape, np.int32),
+            normal=take(Output.NORMAL, (*shape, 3), np.float32),
+            _release=self._releaser(taken),
+        )
+        try:
+            with self._crew.caller():
+                surface = self._visibility(prepared, camera, frame) if outputs & GEOMETRY else None
+                try:
+                    if frame.color is not None:
+                        paint(self, scene, _shading(scene, look.name), camera, look, frame.color, first=surface)
+                finally:
+                    if surface is not None:
+                        surface.close()
+        except BaseException:
+            frame.close()
+            raise
+        return frame
+
+    def visibility(
+        self,
+        scene: DrawList,
+        camera: Camera,
+        *,
+        select: NDArray[np.bool_] | None = None,
+        cull_back: NDArray[np.bool_] | None = None,
+        beyond: Visibility | None = None,
+        before: Visibility | None = None,
+    ) -> Visibility:
+        """As ``Rasterizer.visibility``."""
+        return self._visibility(prepare(scene), camera, None, select, cull_back, beyond, before)
+
+    def parallel(self, units: int, work: Callable[[int], object]) -> None:
+        """As ``Rasterizer.parallel``."""
+        self._crew.run((Phase(units, work),))
+
+    def _releaser(self, arrays: list[NDArray[Any]]) -> Callable[[], None]:
+        def release() -> None:
+            for array in arrays:
+                self._pool.give(array)
+
+        return release
+
+    def _visibility(
+        self,
+        prepared: PreparedScene,
+        camera: Camera,
+        frame: Frame | None,
+        select: NDArray[np.bool_] | None = None,
+        cull_back: NDArray[np.bool_] | None = None,
+        beyond: Visibility | None = None,
+        before: Visibility | None = None,
+    ) -> Visibility:
+        """Rasterize, and fill the frame's geometry outputs on the way."""
+        shape = (camera.height, camera.width)
+        arrays = [self._pool.take(shape, np.int32), self._pool.take(shape, np.float32)]
+        scratch = self._scratch.take()
+        try:
+            job = FrameJob(prepared, camera, scratch, select=select, cull_back=cull_back)
+            job.layers(arrays[0], arrays[1], beyond, before)
+            if frame is not None:
+                job.outputs(frame)
+            self._crew.run(job.phases(self._crew.threads), alone=job.small)
+        finally:
+            # Nothing works on these any more: run() returns when all units have ended.
+            self._scratch.give(scratch)
+        return Visibility(
+            ids=arrays[0],
+            inv_z=arrays[1],
+            first_record=prepared.first_record,
+            X_camera_mesh=job.X_camera_mesh,
+            _release=self._releaser(arrays),
+        )

@@ -1,0 +1,28 @@
+"""Filling the kernel cache, so that nothing is compiled while serving."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from renderers.camera import Camera
+from renderers.cpu.jit import compile_all
+from renderers.cpu.renderer import CpuRenderer
+from renderers.drawlist import DrawList, Instance, Material, Mesh
+from renderers.port import Look, Output
+from renderers.shading import warmup as warm_shading
+
+
+def warmup() -> None:
+    """Compile every kernel that a render can call, or load it from the cache. Takes up to a minute of one core when
+    the cache is empty; run it in a process of its own, since compiling holds the GIL."""
+    compile_all()
+    warm_shading()
+    corners = np.array(((-1, -1, 2), (1, -1, 2), (1, 1, 2)), dtype=np.float32)
+    instances = tuple(
+        Instance(Mesh(corners, np.arange(n, dtype=np.uint32)[None]), Material(), np.eye(4)) for n in (1, 2, 3)
+    )
+    camera = Camera(16, 16, 16.0, 16.0, 8.0, 8.0, 0.1, 10.0, np.eye(4))
+    renderer = CpuRenderer(threads=1)
+    everything = Output.COLOR | Output.DEPTH | Output.LABEL | Output.INSTANCE | Output.NORMAL
+    for look in (Look("phong"), Look("pbr")):
+        renderer.render(DrawList(instances), camera, everything, look).close()
