@@ -23,13 +23,13 @@ MITRE_COSINE: Final = -0.1
 1 / cos(48 deg) = 1.49 radii; beyond, each side ends square and a ball fills the joint."""
 
 
-def clean_polyline(points: NDArray[np.floating], *, closed: bool) -> NDArray[np.float64]:
-    """(N, 3) float64: without non-finite points and without repeats of the point before."""
+def clean_polyline(points: NDArray[np.floating], limit: float, *, closed: bool) -> NDArray[np.float64]:
+    """(N, 3) float64: without points beyond ``limit`` (or non-finite) and without repeats of the point before."""
     kept = np.asarray(points, dtype=np.float64)
-    kept = kept[np.isfinite(kept).all(axis=1)]
+    kept = kept[(np.abs(kept) < limit).all(axis=1)]
     if len(kept) > 1:
         # A step below float32's resolution of the coordinates has no direction worth drawing.
-        tiny = 1e-7 * max(float(np.abs(kept).max()), 1e-30)
+        tiny = 1e-7 * max(float(np.abs(kept).max()), 1e-5)
         distinct = np.ones(len(kept), dtype=np.bool_)
         distinct[1:] = np.abs(np.diff(kept, axis=0)).max(axis=1) > tiny
         kept = kept[distinct]

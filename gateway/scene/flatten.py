@@ -210,6 +210,8 @@ class _Flat:
                     own.append(Instance(mesh, material, placed[index], label, number))
                     number += 1
                 index += 1
+            if len(own) != len(entry.own):
+                self._remeshed = True
             entry.own = own
 
     def _list(self) -> list[Instance]:

@@ -37,6 +37,11 @@ THINNEST: Final = 1e-6
 """A solid that is flat along an axis (a floor as a box of height 0) is drawn this fraction of its largest extent
 thick: invisible, but the transform stays invertible for normals."""
 
+SMALLEST: Final = 1e-12
+LARGEST: Final = 1e15
+"""Metres. What is smaller counts as zero and what is larger as infinite, so that squares and ratios of extents stay
+far from the limits of float32."""
+
 MeshPart = tuple[Mesh, Material, Matrix]
 """(mesh, material, X_part_mesh (4, 4) float64)."""
 
@@ -85,27 +90,33 @@ def _pieces(shape: Shape) -> tuple[_Piece, ...]:
 def _scaled(mesh: Mesh, scale: tuple[float, float, float]) -> tuple[_Piece, ...]:
     x, y, z = (abs(float(value)) for value in scale)
     largest = max(x, y, z)
-    if not (math.isfinite(x + y + z) and largest > 0.0):
+    if not _drawable(largest) or math.isnan(x + y + z):
         return ()
     thinnest = THINNEST * largest
     return ((mesh, False, scaling(max(x, thinnest), max(y, thinnest), max(z, thinnest))),)
 
 
+def _drawable(extent: float) -> bool:
+    return SMALLEST <= extent <= LARGEST
+
+
 def _cylinder(radius: float, length: float) -> tuple[_Piece, ...]:
-    if not (math.isfinite(radius) and math.isfinite(length) and length > 0.0):
+    if not (_drawable(length) and radius <= LARGEST):
         return ()
-    if radius <= 0.0:
+    if radius < SMALLEST:
         return ((_unit_segment(), False, scaling(length, length, length)),)
     return _scaled(primitives.cylinder(), (radius, radius, length))
 
 
+SLENDER: Final = 1e6
+"""The ends of a capsule with this ratio of length to radius are below float32's resolution."""
+
+
 def _capsule(radius: float, length: float) -> tuple[_Piece, ...]:
-    if radius <= 0.0 or not (math.isfinite(radius) and math.isfinite(length)):
+    if not (_drawable(radius) and length <= LARGEST) or length > SLENDER * radius:
         return _cylinder(radius, length)
     aspect = length / radius
-    if not math.isfinite(aspect):
-        return _cylinder(0.0, length)
-    mesh = primitives.capsule(aspect) if aspect > 0.0 else primitives.sphere()
+    mesh = primitives.capsule(aspect) if aspect > 1.0 / SLENDER else primitives.sphere()
     return _scaled(mesh, (radius, radius, radius))
 
 
@@ -127,7 +138,7 @@ _AXIS_COLORS: Final = ((1.0, 0.0, 0.0, 1.0), (0.0, 1.0, 0.0, 1.0), (0.0, 0.0, 1.
 
 
 def _triad(scale: float, with_tubes: bool) -> tuple[_Piece, ...]:
-    if not math.isfinite(scale) or scale == 0.0:
+    if not _drawable(abs(scale)):
         return ()
     if with_tubes:
         return ((_triad_tubes(float(scale)), True, IDENTITY),)
@@ -179,7 +190,7 @@ def _remembered(shape: PointCloud | Line) -> tuple[_Piece, ...]:
 def _point_cloud(cloud: PointCloud) -> tuple[_Piece, ...]:
     """Points without the non-finite ones; ``rgb`` beats ``intensity`` (as grey); a channel of the wrong length is
     treated as absent, since a real client sends empty ones."""
-    finite = np.isfinite(cloud.points).all(axis=1)
+    finite = (np.abs(cloud.points) < LARGEST).all(axis=1)
     if not finite.any():
         return ()
     colors = _cloud_colors(cloud)
@@ -207,12 +218,12 @@ def _cloud_colors(cloud: PointCloud) -> NDArray[np.float32] | None:
 
 
 def _line(line: Line) -> tuple[_Piece, ...]:
-    points = clean_polyline(line.points, closed=line.closed)
+    points = clean_polyline(line.points, LARGEST, closed=line.closed)
     if len(points) < 2:
         return ()
     heads, shaft = _heads(line, points)
     radius = float(line.radius)
-    solid = tube(shaft, radius, closed=line.closed) if radius > 0.0 and math.isfinite(radius) else None
+    solid = tube(shaft, radius, closed=line.closed) if _drawable(radius) else None
     body = solid if solid is not None else _lines(shaft, closed=line.closed)
     return ((body, False, IDENTITY), *heads)
 
@@ -226,7 +237,7 @@ def _heads(line: Line, points: NDArray[np.float64]) -> tuple[list[_Piece], NDArr
     radius = float(line.head_radius)
     length = radius if line.head_length is None else float(line.head_length)
     wanted = [line.start_head, line.end_head]
-    if not any(wanted) or not (math.isfinite(radius) and math.isfinite(length) and radius > 0.0 and length > 0.0):
+    if not (any(wanted) and _drawable(radius) and _drawable(length)):
         return [], points
     shaft = points.copy()
     heads: list[_Piece] = []

@@ -33,10 +33,15 @@ def test_a_failed_edit_leaves_no_trace_and_frees_the_lock():
     with live.edit() as edit:
         edit.set_parts(("a",), ())
     kept = live.snapshot
-    with pytest.raises(RuntimeError, match="midway"), live.edit() as edit:
-        edit.set_parts(("b",), ())
-        edit.delete(("a",))
-        raise RuntimeError("midway")
+
+    def fail() -> None:
+        with live.edit() as edit:
+            edit.set_parts(("b",), ())
+            edit.delete(("a",))
+            raise RuntimeError("midway")
+
+    with pytest.raises(RuntimeError, match="midway"):
+        fail()
     assert live.snapshot is kept
     assert kept.root.find(("a",)) is not None
     assert kept.root.find(("b",)) is None

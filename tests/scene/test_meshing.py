@@ -1,0 +1,360 @@
+from __future__ import annotations
+
+import gc
+import math
+import weakref
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Line, PointCloud, Shape, Sphere, Surface, Triad
+from gateway.scene.meshing import meshes_of
+from renderers import primitives
+from renderers.drawlist import Material, Mesh, Topology
+
+MATERIAL = Material(base_color=(0.2, 0.4, 0.6, 0.5))
+
+
+def placed(shape: Shape) -> list[trimesh.Trimesh]:
+    """The triangle meshes of a shape in its own frame, equal positions merged."""
+    out = []
+    for mesh, _, matrix in meshes_of(shape, MATERIAL):
+        if mesh.topology is Topology.TRIANGLES:
+            solid = trimesh.Trimesh(mesh.positions, mesh.elements, process=False)
+            solid.apply_transform(matrix)
+            solid.merge_vertices(merge_norm=True, merge_tex=True)
+            out.append(solid)
+    return out
+
+
+def bounds(shape: Shape) -> np.ndarray:
+    corners = [
+        (mesh.positions.astype(float) @ matrix[:3, :3].T + matrix[:3, 3])
+        for mesh, _, matrix in meshes_of(shape, MATERIAL)
+    ]
+    points = np.concatenate(corners)
+    return np.array((points.min(axis=0), points.max(axis=0)))
+
+
+def ellipsoid_area(a: float, b: float, c: float) -> float:
+    """Thomsen's formula, within 1.1 %."""
+    p = 1.6075
+    return 4 * math.pi * (((a * b) ** p + (a * c) ** p + (b * c) ** p) / 3) ** (1 / p)
+
+
+SOLIDS = [
+    (Box((1, 2, 3)), 6.0, 22.0, (0.5, 1, 1.5)),
+    (Sphere(0.7), 4 / 3 * math.pi * 0.7**3, 4 * math.pi * 0.49, (0.7, 0.7, 0.7)),
+    (Ellipsoid((1, 2, 0.5)), 4 / 3 * math.pi, ellipsoid_area(1, 2, 0.5), (1, 2, 0.5)),
+    (Cylinder(0.5, 3), math.pi * 0.75, math.pi * 3 + math.pi * 0.5, (0.5, 0.5, 1.5)),
+    (
+        Capsule(0.5, 3),
+        math.pi * 0.75 + 4 / 3 * math.pi * 0.125,
+        math.pi * 3 + math.pi,
+        (0.5, 0.5, 2.0),
+    ),
+    (Capsule(0.5, 0), 4 / 3 * math.pi * 0.125, math.pi, (0.5, 0.5, 0.5)),
+]
+
+
+@pytest.mark.parametrize(("shape", "volume", "area", "half"), SOLIDS, ids=lambda value: type(value).__name__)
+def test_solids_are_closed_and_match_the_formulae(shape, volume, area, half):
+    (solid,) = placed(shape)
+    assert solid.is_watertight
+    assert solid.is_winding_consistent
+    assert solid.volume == pytest.approx(volume, rel=0.01)
+    assert solid.volume <= volume * (1 + 1e-6)
+    assert solid.area == pytest.approx(area, rel=0.015)
+    np.testing.assert_allclose(bounds(shape), (-np.array(half), half), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "mesh",
+    [
+        primitives.box(),
+        primitives.sphere(),
+        primitives.cylinder(),
+        primitives.cone(),
+        primitives.capsule(2.5),
+        primitives.capsule(1e-3),
+    ],
+)
+def test_unit_meshes_have_unit_outward_normals_that_agree_with_the_winding(mesh: Mesh):
+    assert mesh.normals is not None
+    np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-6)
+    corners = mesh.positions[mesh.elements].astype(float)
+    faces = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    faces /= np.linalg.norm(faces, axis=1, keepdims=True)
+    assert np.einsum("fc,fkc->fk", faces, mesh.normals[mesh.elements].astype(float)).min() > 0.97
+    inside = mesh.positions.mean(axis=0)
+    assert np.einsum("fc,fc->f", faces, corners.mean(axis=1) - inside).min() > 0.0
+
+
+def test_unit_meshes_are_shared_and_cannot_be_written_to():
+    (first,), (second,) = meshes_of(Box((1, 2, 3)), MATERIAL), meshes_of(Box((4, 5, 6)), MATERIAL)
+    assert first[0] is second[0]
+    assert first[1] is MATERIAL
+    with pytest.raises(ValueError, match="read-only"):
+        first[0].positions[0] = 0.0
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        Box((0, 0, 0)),
+        Box((1, math.nan, 1)),
+        Box((1, math.inf, 1)),
+        Sphere(0),
+        Sphere(-1),
+        Sphere(math.nan),
+        Ellipsoid((0, 0, 0)),
+        Cylinder(1, 0),
+        Cylinder(math.nan, 1),
+        Cylinder(0, math.inf),
+        Capsule(0, 0),
+        Capsule(1, math.nan),
+        Triad(0),
+        Triad(math.nan),
+        PointCloud(np.zeros((0, 3), np.float32)),
+        PointCloud(np.full((3, 3), np.nan, np.float32)),
+        Line(np.zeros((0, 3), np.float32)),
+        Line(np.zeros((1, 3), np.float32), end_head=True),
+        Line(np.ones((5, 3), np.float32), end_head=True, closed=True),
+        Line(np.full((5, 3), np.inf, np.float32)),
+    ],
+    ids=repr,
+)
+def test_what_has_no_extent_draws_nothing(shape):
+    assert meshes_of(shape, MATERIAL) == ()
+
+
+@pytest.mark.parametrize("shape", [Cylinder(0, 2), Cylinder(-1, 2), Capsule(0, 2), Capsule(0, -2)])
+def test_without_radius_a_cylinder_is_a_line(shape):
+    ((mesh, _, _),) = meshes_of(shape, MATERIAL)
+    assert mesh.topology is Topology.LINES
+    np.testing.assert_array_equal(bounds(shape), ((0, 0, -1), (0, 0, 1)))
+
+
+def test_negative_lengths_count_as_positive_and_flat_boxes_keep_an_invertible_transform():
+    ((_, _, mirrored),) = meshes_of(Box((-1, 2, -3)), MATERIAL)
+    np.testing.assert_array_equal(mirrored, np.diag((1, 2, 3, 1)))
+    ((_, _, flat),) = meshes_of(Box((2, 3, 0)), MATERIAL)
+    assert abs(np.linalg.det(flat)) > 0
+    assert bounds(Box((2, 3, 0)))[1, 2] < 1e-5
+
+
+def test_a_surface_is_drawn_as_it_is():
+    mesh = primitives.cone()
+    ((drawn, material, matrix),) = meshes_of(Surface(mesh), MATERIAL)
+    assert drawn is mesh
+    assert material is MATERIAL
+    np.testing.assert_array_equal(matrix, np.eye(4))
+
+
+def cloud(**channels: object) -> PointCloud:
+    points = np.array([[0, 0, 0], [1, 0, 0], [math.nan, 0, 0], [0, 2, 0]], np.float32)
+    return PointCloud(points, {name: np.asarray(value, np.float32) for name, value in channels.items()})
+
+
+def test_points_keep_finite_points_with_their_colours():
+    rgb = [[1, 0, 0], [0, 2, 0], [9, 9, 9], [0, -1, math.nan]]
+    ((mesh, material, _),) = meshes_of(cloud(rgb=rgb, intensity=[0, 0, 0, 0]), MATERIAL)
+    assert mesh.topology is Topology.POINTS
+    np.testing.assert_array_equal(mesh.positions, [[0, 0, 0], [1, 0, 0], [0, 2, 0]])
+    np.testing.assert_array_equal(mesh.colors, [[1, 0, 0, 1], [0, 1, 0, 1], [0, 0, 0, 1]])
+    assert material.base_color == (1, 1, 1, 0.5)
+    assert material.point_size == 2.0
+
+
+def test_intensity_is_grey_and_rgba_keeps_its_alpha():
+    ((mesh, _, _),) = meshes_of(cloud(intensity=[0, 0.5, 0, 1]), MATERIAL)
+    np.testing.assert_array_equal(mesh.colors, [[0, 0, 0, 1], [0.5, 0.5, 0.5, 1], [1, 1, 1, 1]])
+    ((mesh, _, _),) = meshes_of(cloud(rgb=np.full((4, 4), 0.25)), MATERIAL)
+    np.testing.assert_array_equal(mesh.colors, np.full((3, 4), 0.25))
+
+
+@pytest.mark.parametrize("channels", [{}, {"rgb": []}, {"rgb": [[1, 1, 1]]}, {"intensity": []}, {"intensity": [1, 2]}])
+def test_channels_of_the_wrong_length_leave_the_flat_colour(channels):
+    ((mesh, material, _),) = meshes_of(cloud(**channels), MATERIAL)
+    assert mesh.colors is None
+    assert material.base_color == MATERIAL.base_color
+
+
+def test_a_material_may_ask_for_larger_points():
+    ((_, material, _),) = meshes_of(cloud(), Material(point_size=5.0))
+    assert material.point_size == 5.0
+
+
+def test_the_triad_points_along_the_axes_in_red_green_blue():
+    ((mesh, material, matrix),) = meshes_of(Triad(0.5), MATERIAL)
+    assert mesh.topology is Topology.LINES
+    tips = (mesh.positions[mesh.elements[:, 1]] @ matrix[:3, :3].T).astype(float)
+    np.testing.assert_allclose(tips, np.eye(3) * 0.5)
+    assert mesh.colors is not None
+    np.testing.assert_array_equal(mesh.colors[mesh.elements[:, 1], :3], np.eye(3))
+    assert material.base_color == (1, 1, 1, 0.5)
+
+
+def test_triad_tubes_are_two_millimetres_whatever_the_scale():
+    np.testing.assert_allclose(bounds(Triad(1.0, tube=True)), [[-0.002] * 3, [1.0] * 3], atol=1e-6)
+    np.testing.assert_allclose(bounds(Triad(5.0, tube=True)), [[-0.002] * 3, [5.0] * 3], atol=1e-6)
+    (solid,) = placed(Triad(0.3, tube=True))
+    assert solid.volume == pytest.approx(3 * math.pi * 0.002**2 * 0.3, rel=0.02)
+
+
+def line(*points: tuple[float, float, float], **options: object) -> Line:
+    return Line(np.array(points, np.float32), **options)
+
+
+def test_a_straight_tube_is_a_closed_cylinder():
+    shape = line((0, 0, 0), (0, 0, 1), (0, 0, 3), radius=0.1)
+    (solid,) = placed(shape)
+    assert solid.is_watertight
+    assert solid.volume == pytest.approx(math.pi * 0.01 * 3, rel=0.02)
+    np.testing.assert_allclose(bounds(shape), [(-0.1, -0.1, 0), (0.1, 0.1, 3)], atol=1e-6)
+
+
+@pytest.mark.parametrize("closed", [False, True])
+def test_a_curved_tube_has_no_gaps_and_the_volume_of_pappus(closed):
+    angle = np.linspace(0, 2 * math.pi, 80, endpoint=False)
+    knot = np.stack(
+        (np.cos(angle) * (3 + np.cos(3 * angle)), np.sin(angle) * (3 + np.cos(3 * angle)), np.sin(3 * angle))
+    )
+    points = knot.T.astype(np.float32)
+    (solid,) = placed(Line(points, radius=0.1, closed=closed))
+    path = np.concatenate((points, points[:1])) if closed else points
+    length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
+    assert solid.is_watertight
+    assert solid.is_winding_consistent
+    assert solid.volume == pytest.approx(math.pi * 0.01 * length, rel=0.02)
+    assert solid.euler_number == (0 if closed else 2)
+
+
+@pytest.mark.parametrize("turn", [30, 85, 100, 135, 170, 180])
+def test_every_bend_is_covered(turn):
+    """Around the joint, on the side away from the bend, no point of the tube's surface is missing."""
+    a = math.radians(turn)
+    shape = line((-1, 0, 0), (0, 0, 0), (math.cos(a), math.sin(a), 0), radius=0.1)
+    (mesh, _, _), *_ = meshes_of(shape, MATERIAL)
+    solid = trimesh.Trimesh(mesh.positions, mesh.elements, process=False)
+    for lean in np.linspace(0.05, a - 0.05, 7):
+        direction = np.array((math.sin(lean), -math.cos(lean), 0.0))
+        assert ray_hits(solid, direction * 0.5, -direction), lean
+
+
+def ray_hits(solid: trimesh.Trimesh, origin: np.ndarray, direction: np.ndarray) -> bool:
+    """Whether a ray meets a triangle within 0.45: Moeller and Trumbore's test on all triangles."""
+    a, b, c = (solid.vertices[solid.faces[:, k]] for k in range(3))
+    e1, e2 = b - a, c - a
+    p = np.cross(direction, e2)
+    determinant = (e1 * p).sum(axis=1)
+    with np.errstate(all="ignore"):
+        s = origin - a
+        u = (s * p).sum(axis=1) / determinant
+        q = np.cross(s, e1)
+        v = (q @ direction) / determinant
+        t = (e2 * q).sum(axis=1) / determinant
+    return bool(((u >= -1e-9) & (v >= -1e-9) & (u + v <= 1 + 1e-9) & (t > 0) & (t < 0.45)).any())
+
+
+@pytest.mark.parametrize("radius", [0.0, -1.0, math.nan])
+def test_a_line_without_radius_is_a_hairline(radius):
+    ((mesh, _, _),) = meshes_of(line((0, 0, 0), (1, 0, 0), (1, 1, 0), radius=radius), MATERIAL)
+    np.testing.assert_array_equal(mesh.elements, [(0, 1), (1, 2)])
+    ((mesh, _, _),) = meshes_of(line((0, 0, 0), (1, 0, 0), (1, 1, 0), radius=radius, closed=True), MATERIAL)
+    np.testing.assert_array_equal(mesh.elements, [(0, 1), (1, 2), (2, 0)])
+
+
+def test_arrow_heads_end_at_the_end_points_and_shorten_the_shaft():
+    shape = line((0, 0, 0), (0, 0, 1), radius=0.01, start_head=True, end_head=True, head_radius=0.05, head_length=0.2)
+    shaft, *heads = placed(shape)
+    np.testing.assert_allclose(shaft.bounds[:, 2], (0.1, 0.9), atol=1e-6)
+    np.testing.assert_allclose([head.bounds[:, 2] for head in heads], [(0, 0.2), (0.8, 1)], atol=1e-6)
+    for head in heads:
+        assert head.is_watertight
+        assert head.volume == pytest.approx(math.pi * 0.05**2 * 0.2 / 3, rel=0.02)
+
+
+def test_the_head_length_defaults_to_the_head_radius_and_hairlines_have_heads():
+    shape = line((0, 0, 0), (2, 0, 0), radius=0, end_head=True, head_radius=0.3)
+    (head,) = placed(shape)
+    np.testing.assert_allclose(head.bounds[:, 0], (1.7, 2.0), atol=1e-6)
+    (shaft, _, _), _ = meshes_of(shape, MATERIAL)
+    assert shaft.positions[:, 0].max() == pytest.approx(1.85)
+
+
+def test_a_line_shorter_than_its_heads_still_points_the_right_way():
+    shape = line((0, 0, 0), (0, 0, 0.1), end_head=True, start_head=True, head_radius=1, head_length=2)
+    (shaft, _, _), *_ = meshes_of(shape, MATERIAL)
+    assert 0 < shaft.positions[:, 2].min() < shaft.positions[:, 2].max() < 0.1
+
+
+def test_long_lines_stay_within_the_vertex_budget():
+    angle = np.linspace(0, 100, 50_000)
+    points = np.stack((np.cos(angle), np.sin(angle), angle), axis=1).astype(np.float32)
+    ((mesh, _, _),) = meshes_of(Line(points), MATERIAL)
+    assert len(mesh.positions) < 450_000
+    many = np.concatenate([points + offset for offset in range(4)])
+    ((mesh, _, _),) = meshes_of(Line(many), MATERIAL)
+    assert mesh.topology is Topology.LINES
+
+
+def test_meshes_of_lines_are_remembered_with_their_shape_only():
+    shape = line((0, 0, 0), (1, 0, 0))
+    (first, _, _), (second, _, _) = meshes_of(shape, MATERIAL)[0], meshes_of(shape, Material())[0]
+    assert first is second
+    kept = weakref.ref(first)
+    del first, second, shape
+    gc.collect()
+    assert kept() is None
+
+
+any_float = st.one_of(
+    st.floats(-3, 3), st.sampled_from([0.0, -0.0, math.nan, math.inf, -math.inf, 1e-40, 1e30, -1e300, 1e300])
+)
+triples = st.tuples(any_float, any_float, any_float)
+any_line = st.builds(
+    lambda points, radius, closed, start, end, head_radius, head_length: Line(
+        np.clip(np.array(points, np.float64).reshape(-1, 3), -3e38, 3e38).astype(np.float32),
+        radius,
+        closed,
+        start,
+        end,
+        head_radius,
+        head_length,
+    ),
+    st.lists(triples, max_size=6),
+    any_float,
+    st.booleans(),
+    st.booleans(),
+    st.booleans(),
+    any_float,
+    st.none() | any_float,
+)
+any_shape = st.one_of(
+    st.builds(Box, triples),
+    st.builds(Sphere, any_float),
+    st.builds(Ellipsoid, triples),
+    st.builds(Cylinder, any_float, any_float),
+    st.builds(Capsule, any_float, any_float),
+    st.builds(Triad, any_float, st.booleans()),
+    any_line,
+)
+
+
+@given(any_shape)
+@settings(deadline=None, max_examples=400)
+def test_no_value_raises_and_every_mesh_is_well_formed(shape):
+    for mesh, _, matrix in meshes_of(shape, MATERIAL):
+        assert matrix.shape == (4, 4)
+        assert np.isfinite(matrix).all()
+        assert mesh.positions.dtype == np.float32
+        assert mesh.elements.dtype == np.uint32
+        assert mesh.elements.flags.c_contiguous
+        assert mesh.positions.flags.c_contiguous
+        assert mesh.elements.size == 0 or mesh.elements.max() < len(mesh.positions)
+        assert np.isfinite(mesh.positions).all()
+        assert mesh.normals is None or np.isfinite(mesh.normals).all()
