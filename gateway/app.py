@@ -17,11 +17,11 @@ from fastapi import FastAPI
 from fastapi.responses import HTMLResponse
 from fastapi_offline import FastAPIOffline
 
-from gateway import __version__
+from gateway import __version__, warmup
 from gateway import settings as options
 from gateway.house import House
 from gateway.joins import JOINS
-from gateway.ops import health, kernels, logs, process, warmup
+from gateway.ops import health, kernels, logs, process
 from gateway.ops.board import Board, State
 from gateway.ops.landing import landing_page
 from gateway.ops.metrics import Metrics

@@ -40,8 +40,10 @@ def _split(separator: str) -> BeforeValidator:
     return BeforeValidator(split)
 
 
+Byte = Annotated[int, Field(ge=0, le=255)]
 Port = Annotated[int, Field(ge=0, le=65535)]
 Paths = Annotated[tuple[Path, ...], NoDecode, _split(os.pathsep)]
+Color = Annotated[tuple[Byte, Byte, Byte], NoDecode, _split(",")]
 Interfaces = Annotated[tuple[InterfaceName, ...], NoDecode, _split(",")]
 
 
@@ -82,6 +84,7 @@ class Settings(BaseSettings):
         "How colour is made: 'phong' as Drake without glTF meshes, 'pbr' as Drake with them, 'auto' decides by the "
         "generator that the posted scene names.",
     )
+    background: Color = option((204, 229, 255), "Render endpoint", "Colour where nothing is; 0 to 255 each.")
     depth_format: Literal["tiff", "png"] = option(
         "tiff", "Render endpoint", "Depth as 32-bit float TIFF in metres, or as 16-bit PNG in millimetres."
     )
@@ -117,22 +120,27 @@ class Settings(BaseSettings):
         ge=0,
         le=100_000,
     )
-    queue_mb: int = option(2048, "Speed and limits", "MiB of request bodies that may wait.", ge=1, le=1 << 20)
-    max_body_mb: int = option(512, "Speed and limits", "MiB of one request's body; beyond it 413.", ge=1, le=1 << 16)
+    queue_mb: int = option(
+        2048, "Speed and limits", "MiB of request bodies that arrive, wait or are rendered.", ge=1, le=1 << 20
+    )
+    max_body_mb: int = option(256, "Speed and limits", "MiB of one request's body; beyond it 413.", ge=1, le=1 << 16)
     max_pixels: int = option(4096 * 4096, "Speed and limits", "Width times height of one picture.", ge=1, le=1 << 28)
     max_triangles: int = option(
-        20_000_000, "Speed and limits", "Triangles, lines and points of one scene, instances counted.", ge=1, le=1 << 31
-    )
-    max_nodes: int = option(200_000, "Speed and limits", "Nodes of one glTF scene.", ge=1, le=1 << 24)
-    max_image_pixels: int = option(
-        8192 * 8192, "Speed and limits", "Width times height of one decoded texture.", ge=1, le=1 << 28
-    )
-    cache_mb: int = option(
-        1024,
+        100_000_000,
         "Speed and limits",
-        "MiB of meshes and textures kept for requests that bring them again.",
-        ge=0,
-        le=1 << 20,
+        "Triangles, lines and points of one posted scene, all instances counted.",
+        ge=1,
+        le=1 << 31,
+    )
+    max_nodes: int = option(100_000, "Speed and limits", "Nodes of one posted scene.", ge=1, le=1 << 24)
+    max_image_pixels: int = option(
+        8192 * 8192, "Speed and limits", "Width times height of one texture of a posted scene.", ge=1, le=1 << 28
+    )
+    mesh_cache_mb: int = option(
+        512, "Speed and limits", "MiB of geometry kept for requests that bring it again.", ge=0, le=1 << 20
+    )
+    scene_cache_mb: int = option(
+        256, "Speed and limits", "MiB of whole posted scenes kept for requests that bring them again.", ge=0, le=1 << 20
     )
     shutdown_seconds: float = option(
         10.0, "Speed and limits", "Time that running requests get to finish after SIGTERM.", ge=0, le=3600
@@ -179,6 +187,8 @@ def default_of(default: Any) -> str:
         return "on" if default else "off"
     if default is None or default == () or default == "":
         return ""
+    if isinstance(default, tuple):
+        return ",".join(map(str, default))
     return f"{default:g}" if isinstance(default, float) else str(default)
 
 
@@ -192,7 +202,7 @@ def kind_of(field: FieldInfo) -> str:
     if annotation in kinds:
         return kinds[annotation]
     if get_origin(annotation) is tuple:
-        return "PATHS" if options[0] is Path else "NAMES"
+        return {Path: "PATHS", Byte: "R,G,B"}.get(options[0], "NAMES")
     return kinds.get(options[0], "TEXT") if options else "TEXT"
 
 

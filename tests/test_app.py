@@ -12,8 +12,9 @@ import httpx2
 import pytest
 
 import gateway.app
+from gateway import warmup
 from gateway.house import House
-from gateway.ops import kernels, warmup
+from gateway.ops import kernels
 from gateway.settings import Settings
 
 

@@ -39,8 +39,8 @@ def warmup(
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
 ) -> None:
     """Compile the rendering kernels into the cache, so that the next start is quick."""
+    from gateway import warmup as kernel_warmup
     from gateway.ops import kernels
-    from gateway.ops import warmup as kernel_warmup
 
     folder = kernels.configure()
     if not quiet and not kernels.are_cached():

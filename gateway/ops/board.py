@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, Protocol
@@ -37,6 +37,8 @@ class Entry:
     problem: str = ""
     """One sentence, when failed."""
     service: Service | None = None
+    figures: Callable[[], Mapping[str, Any]] | None = None
+    """Plain JSON values for ``/healthz``."""
     where: str = ""
     """How clients reach it, for people."""
 
@@ -53,8 +55,8 @@ class Entry:
             described["where"] = self.where
         if self.problem:
             described["problem"] = self.problem
-        if self.service is not None and self.state is State.READY:
-            described.update(self.service.status())
+        if self.figures is not None and self.state is State.READY:
+            described.update(self.figures())
         return described
 
 
@@ -71,10 +73,18 @@ class Board:
         for name in names:
             self.entries.setdefault(name, Entry())
 
-    def ready(self, name: str, *, where: str = "", service: Service | None = None) -> None:
+    def ready(
+        self,
+        name: str,
+        *,
+        where: str = "",
+        service: Service | None = None,
+        figures: Callable[[], Mapping[str, Any]] | None = None,
+    ) -> None:
         """The entry works from now on (a service: as far as it says so itself)."""
-        entry = self.entries.setdefault(name, Entry())
-        entry.state, entry.problem, entry.where, entry.service = State.READY, "", where, service
+        if figures is None and service is not None:
+            figures = service.status
+        self.entries[name] = Entry(State.READY, "", service, figures, where)
 
     def fail(self, name: str, problem: str) -> None:
         """The entry does not work; ``problem`` is one sentence for people."""

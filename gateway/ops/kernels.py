@@ -2,7 +2,7 @@
 
 Compiling holds the interpreter's lock for many seconds, so the serving process never does it: a child fills the cache,
 the server loads it. Numba cannot see that a function in another file changed, so the folder is keyed by the content of
-all sources of ``renderers``.
+the sources.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
+import gateway
 import renderers
 
 CACHE_ENV = "SCENEGATE_CACHE_DIR"
@@ -101,11 +102,14 @@ async def compile_in_child() -> None:
 
 @cache
 def _sources_digest() -> str:
+    """Of everything that kernels are made of: all of ``renderers``, and what names Numba in ``gateway``."""
     digest = hashlib.sha256()
-    root = Path(renderers.__file__).parent
-    for path in sorted(root.rglob("*.py")):
-        digest.update(f"{path.relative_to(root)}\0".encode())
-        digest.update(path.read_bytes())
+    for package in (renderers, gateway):
+        root = Path(package.__path__[0])
+        for path in sorted(root.rglob("*.py")):
+            source = path.read_bytes()
+            if package is renderers or b"numba" in source:
+                digest.update(f"{path.relative_to(root)}\0".encode() + source)
     return digest.hexdigest()[:16]
 
 

@@ -1,0 +1,72 @@
+"""glTF files that the operator names: they may refer to files beside them, and are turned to Z up."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+from gateway.scene.gltf import GltfCamera, GltfError, GltfLimits, read_gltf
+from gateway.scene.transforms import Y_UP_TO_Z_UP
+from gateway.scene.tree import Node
+
+Up = Literal["auto", "y", "z"]
+
+
+class SceneFileError(ValueError):
+    """A scene file cannot be used; the message names the file and why."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SceneFile:
+    """A scene in our world: Z up, metres."""
+
+    root: Node
+    """Committed tree."""
+    cameras: tuple[GltfCamera, ...]
+    """The file's own, their poses Z up, too."""
+    warnings: tuple[str, ...]
+    """What was ignored or repaired."""
+    from_drake: bool
+    """Whether Drake's render client made the document."""
+
+
+def read_scene_file(path: Path, *, up: Up = "auto", limits: GltfLimits | None = None) -> SceneFile:
+    """Reads a ``.gltf`` or ``.glb`` file.
+
+    Args:
+        up: the file's up axis; ``auto``: Z when the generator is Drake's, else Y as the specification says.
+
+    Raises:
+        SceneFileError: not readable, not glTF, or beyond a limit.
+    """
+    try:
+        data = path.read_bytes()
+        scene = read_gltf(data, resolve=_beside(path), limits=limits or GltfLimits())
+    except OSError as error:
+        raise SceneFileError(f"{path}: {error.strerror or error}") from None
+    except GltfError as error:
+        raise SceneFileError(f"{path}: {error}") from None
+    if up == "z" or (up == "auto" and scene.from_drake):
+        return SceneFile(scene.root, scene.cameras, scene.warnings, scene.from_drake)
+    root = scene.root
+    turned = Node(root.parts, Y_UP_TO_Z_UP @ root.matrix, root.children)
+    cameras = tuple(replace(camera, X_world_camera=Y_UP_TO_Z_UP @ camera.X_world_camera) for camera in scene.cameras)
+    return SceneFile(turned, cameras, scene.warnings, scene.from_drake)
+
+
+def _beside(path: Path) -> Callable[[str], bytes]:
+    """Gives the bytes of URIs below the folder of ``path``; symbolic links do not lead out of it either."""
+    folder = path.resolve().parent
+
+    def resolve(uri: str) -> bytes:
+        target = (folder / uri).resolve()
+        if not target.is_relative_to(folder):
+            raise GltfError(f"{uri} lies outside of the scene's folder")
+        try:
+            return target.read_bytes()
+        except OSError as error:
+            raise GltfError(f"{uri} cannot be read: {error.strerror}") from None
+
+    return resolve
