@@ -3,8 +3,7 @@
 Usage::
 
     shading = prepare(scene.instances, look.name)          # tables of the draw list; keep while it is drawn
-    paint(rasterizer, scene, shading, camera, look, color)  # as many layers as translucent surfaces need
-    paint_normals(rasterizer, shading, visibility, camera, normal)
+    paint(rasterizer, scene, shading, camera, look, color)  # as many layers as need be
 
 ``prepare`` decodes the images that the look needs (once per ``Image``) and does not depend on the camera. The rest is
 nogil kernels over independent bands of rows: any number of threads gives the same bytes. ``warmup`` compiles all
@@ -18,7 +17,7 @@ perspective-correct barycentric coordinates; a run of pixels that see one elemen
 from __future__ import annotations
 
 from renderers.shading.materials import look_material
-from renderers.shading.paint import MAX_LAYERS, paint, paint_normals
+from renderers.shading.paint import MAX_LAYERS, paint
 from renderers.shading.scene import ShadingScene, prepare
 from renderers.shading.textures import texels_of
 from renderers.shading.warm import warmup
@@ -28,7 +27,6 @@ __all__ = [
     "ShadingScene",
     "look_material",
     "paint",
-    "paint_normals",
     "prepare",
     "texels_of",
     "warmup",

@@ -12,6 +12,8 @@ from renderers.shading.lights import reflect_pbr
 from renderers.shading.materials import (
     ALPHA_BLEND,
     ALPHA_MASK,
+    COLORS_MULTIPLY,
+    COLORS_REPLACE,
     MF_BASE,
     MF_CUTOFF,
     MF_EMISSIVE,
@@ -21,6 +23,7 @@ from renderers.shading.materials import (
     MF_ROUGHNESS,
     MI_ALPHA_MODE,
     MI_BASE,
+    MI_COLORS,
     MI_EMISSIVE,
     MI_METALLIC_ROUGHNESS,
     MI_NORMAL,
@@ -30,9 +33,9 @@ from renderers.shading.materials import (
 )
 from renderers.shading.resolve import A_BASE, A_COLOR, A_FACING, A_NORMAL, A_ROWS, A_TANGENT, A_UV0, resolve_run
 from renderers.shading.sampling import AS_STORED, SRGB, sample
-from renderers.shading.scene import II_COLORS, II_MATERIAL, II_TANGENTS, II_TOPOLOGY
+from renderers.shading.scene import II_COLORS, II_MATERIAL, II_TANGENTS
 from renderers.shading.textures import TI_UV_SET
-from renderers.shading.transfer import GAMMA, gamma_byte, plain_byte
+from renderers.shading.transfer import GAMMA, decode_gamma, gamma_byte, plain_byte
 
 DIRECT: Final = 0
 """Write the picture."""
@@ -69,13 +72,17 @@ def _texture(row, textures, floats, values, space, x, a):  # type: ignore[no-unt
 
 
 @njit(nogil=True, cache=True, fastmath=False)
-def _base_colors(pbr, colored, mi, mf, textures, floats, values, begin, end, a):  # type: ignore[no-untyped-def]
+def _base_colors(pbr, colored, mi, mf, textures, floats, values, decoded, begin, end, a):  # type: ignore[no-untyped-def]
     """Base colour and alpha of a segment into the rows A_BASE: factor x vertex colour x texture."""
     for k in range(4):
         factor = mf[MF_BASE + k]
         if colored:
+            rule = mi[MI_COLORS] if k < 3 else COLORS_MULTIPLY
+            if rule == COLORS_REPLACE:
+                factor = _ONE
             for x in range(begin, end):
-                a[A_BASE + k, x] = factor * a[A_COLOR + k, x]
+                c = a[A_COLOR + k, x]
+                a[A_BASE + k, x] = factor * (c if rule == COLORS_MULTIPLY else decode_gamma(c, decoded))
         else:
             for x in range(begin, end):
                 a[A_BASE + k, x] = factor
@@ -256,6 +263,7 @@ def shade_rows(  # type: ignore[no-untyped-def]
     textures,
     texture_floats,
     values,
+    decoded,
     thresholds,
     guesses,
     background,
@@ -274,7 +282,7 @@ def shade_rows(  # type: ignore[no-untyped-def]
         X: (I, 4, 4) float64, N: (I, 3, 3) float64: mesh to optical frame, of points and of normals.
         intrinsics: (4,) float64: fx, fy, cx, cy.
         instances ... texture_floats: the tables of ``ShadingScene``.
-        values: ``BYTE_VALUES``; thresholds, guesses: see ``gamma_byte``.
+        values: ``BYTE_VALUES``; decoded: ``DECODED``; thresholds, guesses: see ``gamma_byte``.
         background: (3,) uint8.
         gathered: (H, W, 4) float32: colour of the layers in front, times alpha, as shown (0..1), and the share of
             light that still comes through from behind; not used by ``DIRECT``.
@@ -321,8 +329,8 @@ def shade_rows(  # type: ignore[no-untyped-def]
                     a,
                 )
             colored = instances[instance, II_COLORS] != 0
-            _base_colors(pbr, colored, mi, mf, textures, texture_floats, values, begin, x, a)
-            if mi[MI_UNLIT] == 0 and instances[instance, II_TOPOLOGY] == 3:
+            _base_colors(pbr, colored, mi, mf, textures, texture_floats, values, decoded, begin, x, a)
+            if mi[MI_UNLIT] == 0:
                 mapped = mi[MI_NORMAL] >= 0 and instances[instance, II_TANGENTS] != 0
                 _unit_normals(mapped, mi, mf, textures, texture_floats, values, begin, x, a)
                 if pbr:
@@ -335,37 +343,3 @@ def shade_rows(  # type: ignore[no-untyped-def]
                 _gather(pbr, mi[MI_ALPHA_MODE], mf[MF_CUTOFF], y, begin, x, a, gathered)
             else:
                 _write_under(pbr, y, begin, x, a, gathered, color)
-
-
-@njit(nogil=True, cache=True, fastmath=False)
-def normal_rows(ids, first_record, X, N, intrinsics, instances, row_begin, row_end, normal):  # type: ignore[no-untyped-def]
-    """Unit interpolated normals in the optical frame, facing the camera; 0 where nothing is seen.
-
-    Args: as ``shade_rows``; normal: (H, W, 3) float32. Lines and points show (0, 0, -1).
-    """
-    width = ids.shape[1]
-    a = np.zeros((A_ROWS, width), dtype=np.float32)
-    weights = np.empty((3, width), dtype=np.float32)
-    corners = np.empty((3, 4), dtype=np.float32)
-    hint = 0
-    for y in range(row_begin, row_end):
-        x = 0
-        while x < width:
-            begin = x
-            record = ids[y, x]
-            while x < width and ids[y, x] == record:
-                x += 1
-            if record < 0:
-                for i in range(begin, x):
-                    normal[y, i, 0] = normal[y, i, 1] = normal[y, i, 2] = _ZERO
-                continue
-            instance = hint = _instance_of(first_record, record, hint)
-            element = record - first_record[instance]
-            resolve_run(
-                instances, instance, element, 0, X[instance], N[instance], intrinsics, y, begin, x, weights, corners, a
-            )
-            for i in range(begin, x):
-                nx, ny, nz = a[A_NORMAL, i], a[A_NORMAL + 1, i], a[A_NORMAL + 2, i]
-                length = math.sqrt(nx * nx + ny * ny + nz * nz)
-                scale = _ONE / length if length > _ZERO else _ZERO
-                normal[y, i, 0], normal[y, i, 1], normal[y, i, 2] = nx * scale, ny * scale, nz * scale

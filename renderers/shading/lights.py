@@ -13,8 +13,9 @@ _ONE: Final = np.float32(1.0)
 _ZERO: Final = np.float32(0.0)
 _SMALLEST_COSINE: Final = np.float32(1e-5)
 """VTK's lower bound of the cosines in its shader; keeps the visibility term finite."""
-_SMALLEST_ROUGHNESS: Final = np.float32(1e-3)
-"""A perfect mirror under a directional light is an infinitely bright, infinitely small spot; this keeps D finite."""
+_SMALLEST_ROUGHNESS: Final = np.float32(0.05)
+"""Roughness 0 would be an infinitely bright, infinitely small spot. RenderEngineVtk shows smooth metal as this value
+does (measured on a metal of roughness 0: five flat pixels, each equal to the level)."""
 
 
 @njit(nogil=True, cache=True, fastmath=False)

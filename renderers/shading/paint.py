@@ -1,4 +1,4 @@
-"""The colour and normal pictures of a view: which layers are needed, and shading them band by band."""
+"""The colour picture of a view: which layers are needed, and shading them band by band."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from renderers.camera import Camera
 from renderers.drawlist import DrawList
 from renderers.port import Look
-from renderers.shading.kernels import DIRECT, GATHER, UNDER, normal_rows, shade_rows
+from renderers.shading.kernels import DIRECT, GATHER, UNDER, shade_rows
 from renderers.shading.sampling import BYTE_VALUES
 from renderers.shading.scene import ShadingScene, normal_matrices
-from renderers.shading.transfer import GUESSES, THRESHOLDS
+from renderers.shading.transfer import DECODED, GUESSES, THRESHOLDS
 
 if TYPE_CHECKING:  # the rasterizer calls this module
     from renderers.cpu.visibility import Rasterizer, Visibility
@@ -85,27 +85,6 @@ def paint(
         _shade(rasterizer, shading, behind, camera, look, UNDER if any_layer else DIRECT, gathered, color)
 
 
-def paint_normals(
-    rasterizer: Rasterizer, shading: ShadingScene, seen: Visibility, camera: Camera, normal: NDArray[np.float32]
-) -> None:
-    """Draws the normal picture: unit interpolated normals in the optical frame that face the camera (without normal
-    maps), (0, 0, -1) for lines and points, 0 where nothing is seen.
-
-    Args:
-        normal: (H, W, 3) float32, C-contiguous; every pixel is written.
-    """
-    from renderers.cpu.visibility import BAND_ROWS, band_count
-
-    X, N, intrinsics = _frame(seen, camera)
-
-    def band(unit: int) -> None:
-        begin = unit * BAND_ROWS
-        end = min(begin + BAND_ROWS, camera.height)
-        normal_rows(seen.ids, seen.first_record, X, N, intrinsics, shading.instances, begin, end, normal)
-
-    rasterizer.parallel(band_count(camera.height), band)
-
-
 def _frame(seen: Visibility, camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Maps of points and normals, at least one each, and the intrinsics."""
     X = seen.X_camera_mesh if len(seen.X_camera_mesh) else np.eye(4)[None]
@@ -144,6 +123,7 @@ def _shade(
             shading.texture_integers,
             shading.texture_floats,
             BYTE_VALUES,
+            DECODED,
             THRESHOLDS,
             GUESSES,
             background,

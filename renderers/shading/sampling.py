@@ -87,8 +87,8 @@ def sample(integers, floats, row, values, space, u, v):  # type: ignore[no-untyp
     x = _bounded(u, wrap_s) * width
     y = _bounded(v, wrap_t) * height
     if integers[row, TI_LINEAR] == 0:
-        i = _wrapped(int(math.floor(x)), width, wrap_s)
-        j = _wrapped(int(math.floor(y)), height, wrap_t)
+        i = _wrapped(math.floor(x), width, wrap_s)
+        j = _wrapped(math.floor(y), height, wrap_t)
         at = (j * width + i) * 4
         return (
             values[space, load_u8(address, at)],
@@ -98,12 +98,12 @@ def sample(integers, floats, row, values, space, u, v):  # type: ignore[no-untyp
         )
     x -= 0.5
     y -= 0.5
-    x0, y0 = math.floor(x), math.floor(y)
+    x0, y0 = math.floor(x), math.floor(y)  # integers, as in Python
     fx, fy = np.float32(x - x0), np.float32(y - y0)
-    i0 = _wrapped(int(x0), width, wrap_s)
-    i1 = _wrapped(int(x0) + 1, width, wrap_s)
-    j0 = _wrapped(int(y0), height, wrap_t) * width
-    j1 = _wrapped(int(y0) + 1, height, wrap_t) * width
+    i0 = _wrapped(x0, width, wrap_s)
+    i1 = _wrapped(x0 + 1, width, wrap_s)
+    j0 = _wrapped(y0, height, wrap_t) * width
+    j1 = _wrapped(y0 + 1, height, wrap_t) * width
     a, b, c, d = (j0 + i0) * 4, (j0 + i1) * 4, (j1 + i0) * 4, (j1 + i1) * 4
     one = np.float32(1.0)
     wa, wb, wc, wd = (one - fx) * (one - fy), fx * (one - fy), (one - fx) * fy, fx * fy

@@ -11,7 +11,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.drawlist import AlphaMode, Instance, Material, Mesh
+from renderers.drawlist import AlphaMode, Instance, Material, Mesh, Topology
 from renderers.port import LookName
 from renderers.shading.materials import MaterialRows, as_tables, material_rows
 from renderers.shading.memory import address_of
@@ -98,7 +98,7 @@ def prepare(instances: Sequence[Instance], look: LookName) -> ShadingScene:
         ImageError: an image cannot be decoded.
     """
     textures = TextureTable()
-    known: dict[int, int] = {}
+    known: dict[tuple[int, bool], int] = {}
     materials: list[Material] = []
     rows: list[MaterialRows] = []
     geometry: dict[tuple[int, bool], tuple[int, ...]] = {}
@@ -106,10 +106,11 @@ def prepare(instances: Sequence[Instance], look: LookName) -> ShadingScene:
     table = np.zeros((max(len(instances), 1), II_COLUMNS), dtype=np.int64)
     for i, instance in enumerate(instances):
         mesh, material = instance.mesh, instance.material
-        material_row = known.get(id(material))
+        lit = mesh.topology is Topology.TRIANGLES
+        material_row = known.get((id(material), lit))
         if material_row is None:
-            material_row = known[id(material)] = len(rows)
-            rows.append(material_rows(material, look, textures))
+            material_row = known[id(material), lit] = len(rows)
+            rows.append(material_rows(material, look, lit, textures))
             materials.append(material)
         needs_tangents = rows[material_row].needs_tangents
         columns = geometry.get((id(mesh), needs_tangents))
@@ -126,7 +127,7 @@ def prepare(instances: Sequence[Instance], look: LookName) -> ShadingScene:
                 address_of(mesh.colors, np.float32),
                 address_of(tangents, np.float32),
             )
-        table[i] = (mesh.elements.shape[1], material_row, *columns)
+        table[i] = (int(mesh.topology), material_row, *columns)
     integers, floats = as_tables(rows)
     texture_integers, texture_floats = textures.as_tables()
     return ShadingScene(

@@ -60,9 +60,8 @@ def texels_of(image: Image) -> Texels:
         return known
     pixels = image.decode()
     if pixels.ndim != 3 or pixels.shape[2] != 4 or pixels.dtype != np.uint8 or 0 in pixels.shape:
-        raise ImageError(
-            f"image {image.name or image.key.hex()[:12]!r} decoded to {pixels.shape} {pixels.dtype}, expected (H, W, 4) uint8"
-        )
+        name = image.name or image.key.hex()[:12]
+        raise ImageError(f"image {name!r} decoded to {pixels.shape} {pixels.dtype}, expected (H, W, 4) uint8")
     fresh = Texels(np.ascontiguousarray(pixels), bool((pixels[..., 3] == 255).all()))
     with _lock:
         return _decoded.setdefault(image, fresh)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from renderers.drawlist import Instance, Material, Mesh
-from renderers.shading.kernels import DIRECT, normal_rows, shade_rows
+from renderers.shading.kernels import DIRECT, shade_rows
 from renderers.shading.sampling import BYTE_VALUES
 from renderers.shading.scene import normal_matrices, prepare
-from renderers.shading.transfer import GUESSES, THRESHOLDS
+from renderers.shading.transfer import DECODED, GUESSES, THRESHOLDS
 
 
 def warmup() -> None:
@@ -39,6 +39,7 @@ def warmup() -> None:
         shading.texture_integers,
         shading.texture_floats,
         BYTE_VALUES,
+        DECODED,
         THRESHOLDS,
         GUESSES,
         np.zeros(3, dtype=np.uint8),
@@ -47,4 +48,3 @@ def warmup() -> None:
         np.zeros((2, 4, 4), dtype=np.float32),
         color,
     )
-    normal_rows(ids, first_record, X, N, intrinsics, shading.instances, 0, 2, np.zeros((2, 4, 3), dtype=np.float32))
