@@ -1,0 +1,147 @@
+"""One HTTP exchange of the render endpoint: body in, picture or sentence out."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+import uuid
+
+import structlog
+from fastapi import Request, Response
+from starlette.requests import ClientDisconnect
+
+from gateway.render.errors import RequestError, message_bytes
+from gateway.render.form import RenderRequest, read_form
+from gateway.render.multipart import Form, FormReader, too_large
+from gateway.render.pipeline import Picture
+from gateway.render.records import RenderRecord
+from gateway.render.service import RenderService
+from gateway.workers import Busy, Closed
+
+_log = structlog.get_logger("gateway.render")
+
+CLIENT_GONE = 499
+"""What proxies log for a client that left; nobody receives it."""
+_NOT_THE_REQUESTS_FAULT = frozenset((CLIENT_GONE, 503))
+"""Statuses of requests that would be answered another time; not kept for replay."""
+
+
+class Exchange:
+    """Answers one request. Make one for each."""
+
+    def __init__(self, service: RenderService, http: Request) -> None:
+        self._service = service
+        self._http = http
+        self._begin = time.perf_counter()
+        self._queued = 0.0
+        self._received = 0
+        self._kept: list[bytes] | None = [] if service.failures is not None else None
+        bound = structlog.contextvars.get_contextvars().get("request_id")
+        self._request_id = str(bound) if bound else uuid.uuid4().hex
+        self._headers = {} if bound else {"X-Request-ID": self._request_id}
+        """A middleware that has given the request an id also answers with it."""
+
+    async def answer(self) -> Response:
+        """Never raises, but for the cancellation of the whole server."""
+        request: RenderRequest | None = None
+        try:
+            request = read_form(await self._form(), self._service.config)
+            picture = await self._picture(request)
+        except RequestError as error:
+            _log.warning("render request rejected", status=error.status, reason=error.sentence)
+            return await self._refusal(error.status, error.sentence, request)
+        except Busy as error:
+            _log.warning("render request turned away", reason=str(error))
+            self._headers["Retry-After"] = str(error.retry_after)
+            return await self._refusal(503, f"the server is busy: {error}", request)
+        except Closed as error:
+            self._headers["Retry-After"] = "1"
+            return await self._refusal(503, str(error), request)
+        except ClientDisconnect:
+            _log.info("render client left before its picture was ready", received=self._received)
+            return await self._refusal(CLIENT_GONE, "the client left", request)
+        except Exception:  # noqa: BLE001 - whatever it is, the client gets a sentence and the log the traceback
+            _log.exception("render request failed", request_id=self._request_id)
+            sentence = f"internal error while rendering; the server's log has the details under {self._request_id}"
+            return await self._refusal(500, sentence, request)
+        finally:
+            self._service.give_back(self._received)
+        self._done(200, request, picture, "")
+        return self._response(request, picture)
+
+    async def _form(self) -> Form:
+        """Reads the body, parsing as it comes."""
+        config = self._service.config
+        announced = self._http.headers.get("content-length", "")
+        if announced.isdecimal() and len(announced) < 20 and int(announced) > config.max_body_bytes:
+            raise too_large(int(announced), config)
+        reader = FormReader(self._http.headers.get("content-type", ""), config)
+        loop = asyncio.get_running_loop()
+        try:
+            async with asyncio.timeout(config.receive_timeout) as deadline:
+                async for chunk in self._http.stream():
+                    deadline.reschedule(loop.time() + config.receive_timeout)
+                    self._service.take(len(chunk))
+                    self._received += len(chunk)
+                    if self._kept is not None:
+                        self._kept.append(chunk)
+                    reader.feed(chunk)
+        except TimeoutError:
+            raise RequestError(
+                408, f"no data for {config.receive_timeout:g} s after {self._received} bytes (receive_timeout)"
+            ) from None
+        return reader.form()
+
+    async def _picture(self, request: RenderRequest) -> Picture:
+        """Renders, unless the client leaves before."""
+        job = asyncio.create_task(self._service.render(request))
+        gone = asyncio.create_task(_disconnect(self._http))
+        try:
+            await asyncio.wait((job, gone), return_when=asyncio.FIRST_COMPLETED)
+            if not job.done() and gone.exception() is None:
+                raise ClientDisconnect
+            picture, self._queued = await job
+            return picture
+        finally:
+            for task in (job, gone):
+                task.cancel()
+            await asyncio.gather(job, gone, return_exceptions=True)
+
+    def _response(self, request: RenderRequest, picture: Picture) -> Response:
+        for warning in (*request.warnings, *picture.warnings):
+            _log.info("render request is odd", warning=warning)
+        stages = (("queue", self._queued), *picture.stages)
+        _log.debug(
+            "rendered",
+            image_type=request.image_type,
+            size=f"{request.width}x{request.height}",
+            elements=picture.elements,
+            generator=picture.generator,
+            **{f"{name}_ms": round(seconds * 1e3, 2) for name, seconds in stages},
+        )
+        self._headers["Server-Timing"] = ", ".join(f"{name};dur={seconds * 1e3:.2f}" for name, seconds in stages)
+        return Response(picture.body, headers=self._headers, media_type=picture.media_type)
+
+    async def _refusal(self, status: int, sentence: str, request: RenderRequest | None) -> Response:
+        self._done(status, request, None, sentence)
+        failures = self._service.failures
+        if failures is not None and self._kept is not None and status not in _NOT_THE_REQUESTS_FAULT:
+            content_type = self._http.headers.get("content-type", "")
+            try:
+                path = await asyncio.to_thread(
+                    failures.keep, self._kept, content_type, status, sentence, self._request_id
+                )
+                _log.info("rejected render request kept", path=str(path))
+            except OSError as error:
+                _log.warning("rejected render request could not be kept", reason=str(error))
+        return Response(message_bytes(sentence), status, headers=self._headers, media_type="text/plain; charset=utf-8")
+
+    def _done(self, status: int, request: RenderRequest | None, picture: Picture | None, error: str) -> None:
+        seconds = time.perf_counter() - self._begin
+        self._service.done(RenderRecord(self._request_id, status, seconds, self._queued, request, picture, error))
+
+
+async def _disconnect(http: Request) -> None:
+    """Returns when the client has left; the body must have been read."""
+    while (await http.receive())["type"] != "http.disconnect":
+        pass

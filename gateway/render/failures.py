@@ -1,0 +1,66 @@
+"""Rejected requests, kept for replay.
+
+Each is two files: the body as it came, and a JSON file with the reason and what is needed to send it again
+(``curl --data-binary @NAME.multipart -H 'Content-Type: …' URL``).
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import threading
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Final
+
+_BODY: Final = ".multipart"
+_NAME: Final = re.compile(r"\d{8}T\d{12}Z-\d{3}-[0-9a-zA-Z]{1,32}\.(multipart|json)")
+"""Files of ours; others in the folder are left alone."""
+_UNSAFE: Final = re.compile(r"[^0-9a-zA-Z]")
+
+
+class FailureStore:
+    """A folder of bounded size; the oldest requests go first. Thread-safe, blocking: call it in a thread."""
+
+    def __init__(self, folder: Path, max_count: int, max_bytes: int) -> None:
+        self._folder = folder
+        self._max_count = max_count
+        self._max_bytes = max_bytes
+        self._lock = threading.Lock()
+
+    def keep(self, body: Sequence[bytes], content_type: str, status: int, reason: str, request_id: str) -> Path | None:
+        """Stores a request; ``body`` in pieces, as far as it arrived.
+
+        Returns:
+            The file with the body; None: it is larger than the whole folder may be.
+
+        Raises:
+            OSError: the folder cannot be written.
+        """
+        size = sum(map(len, body))
+        if size > self._max_bytes or self._max_count < 1:
+            return None
+        now = datetime.now(UTC)
+        stem = f"{now:%Y%m%dT%H%M%S%f}Z-{status:03d}-{_UNSAFE.sub('', request_id)[:32] or '0'}"
+        facts = {"time": now.isoformat(), "status": status, "reason": reason, "content_type": content_type}
+        facts |= {"request_id": request_id, "bytes": size}
+        with self._lock:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            path = self._folder / (stem + _BODY)
+            with path.open("wb") as file:
+                file.writelines(body)
+            path.with_suffix(".json").write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
+            self._prune()
+        return path
+
+    def _prune(self) -> None:
+        files = sorted(p for p in self._folder.iterdir() if _NAME.fullmatch(p.name) and p.is_file())
+        sizes = {p: p.stat().st_size for p in files}
+        bodies = [p for p in files if p.suffix == _BODY]
+        total = sum(sizes[p] for p in bodies)
+        while bodies and (len(bodies) > self._max_count or total > self._max_bytes):
+            oldest = bodies.pop(0)
+            total -= sizes[oldest]
+            oldest.unlink(missing_ok=True)
+            oldest.with_suffix(".json").unlink(missing_ok=True)

@@ -1,0 +1,115 @@
+"""From a request to the bytes of its picture. No I/O; runs in a worker thread, several at once."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+from gateway.render.config import RenderConfig
+from gateway.render.depth import limit_depth, millimetres
+from gateway.render.errors import RequestError
+from gateway.render.form import RenderRequest
+from gateway.render.labels import unlabelled
+from gateway.render.scenes import SceneStore
+from gateway.render.viewpoint import camera_of
+from gateway.scene.flatten import flatten
+from gateway.scene.gltf import GltfError
+from gateway.scene.tree import Node
+from renderers.drawlist import DrawList, ImageError
+from renderers.encode import png_gray16, png_label, png_rgb, tiff_float32
+from renderers.port import Frame, Look, LookName, Output, Renderer
+
+Backdrop = Callable[[], DrawList | Node | None]
+"""What to draw besides the request's scene, now. The same object as before is taken as unchanged."""
+
+_OUTPUTS: Final = {"color": Output.COLOR, "depth": Output.DEPTH, "label": Output.LABEL}
+_LOOKS: Final[dict[str, LookName]] = {"VTK": "phong", "Drake glTF merger": "pbr"}
+"""By ``asset.generator``: RenderEngineVtk switches to PBR as soon as one glTF mesh exists, and then the client's merger
+has the last word on the file; without one, it is the exporter of VTK."""
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """An answer."""
+
+    body: bytes
+    media_type: str
+    stages: tuple[tuple[str, float], ...]
+    """What took how long: (name, seconds)."""
+    generator: str
+    """Of the scene."""
+    elements: int
+    """Triangles, lines and points of the scene, backdrop not counted."""
+    warnings: tuple[str, ...]
+    """What the reader ignored or repaired."""
+
+
+class Pipeline:
+    """Makes pictures. Thread-safe."""
+
+    def __init__(self, renderer: Renderer, config: RenderConfig, backdrop: Backdrop | None = None) -> None:
+        self._renderer = renderer
+        self._config = config
+        self._backdrop = backdrop
+        self._backdrop_seen: tuple[DrawList | Node, DrawList] | None = None
+        self.scenes = SceneStore(config)
+
+    def picture(self, request: RenderRequest) -> Picture:
+        """The picture that ``request`` asks for.
+
+        Raises:
+            RequestError: the scene, its camera or one of its images cannot be used; names the element.
+        """
+        begin = time.perf_counter()
+        try:
+            scene = self.scenes.get(request.scene_sha256, request.scene)
+            camera = camera_of(request, scene.gltf)
+            drawn = self._with_backdrop(scene.drawn)
+            parsed = time.perf_counter()
+            look = Look(self._look(scene.gltf.generator), self._config.background)
+            with self._renderer.render(drawn, camera, _OUTPUTS[request.image_type], look) as frame:
+                rendered = time.perf_counter()
+                body, media_type = self._encoded(frame, request)
+        except (GltfError, ImageError) as error:
+            raise RequestError(400, f"scene: {error}") from error
+        encoded = time.perf_counter()
+        return Picture(
+            body=body,
+            media_type=media_type,
+            stages=(("parse", parsed - begin), ("render", rendered - parsed), ("encode", encoded - rendered)),
+            generator=scene.gltf.generator,
+            elements=scene.gltf.element_count,
+            warnings=scene.gltf.warnings,
+        )
+
+    def _look(self, generator: str) -> LookName:
+        if self._config.look != "auto":
+            return self._config.look
+        return _LOOKS.get(generator, self._config.default_look)
+
+    def _with_backdrop(self, drawn: DrawList) -> DrawList:
+        source = self._backdrop() if self._backdrop is not None else None
+        if source is None:
+            return drawn
+        seen = self._backdrop_seen
+        if seen is None or seen[0] is not source:
+            seen = (source, flatten(source) if isinstance(source, Node) else unlabelled(source))
+            self._backdrop_seen = seen
+        backdrop = seen[1]
+        images = tuple(dict.fromkeys((*drawn.images, *backdrop.images)))
+        return DrawList(drawn.instances + backdrop.instances, images)
+
+    def _encoded(self, frame: Frame, request: RenderRequest) -> tuple[bytes, str]:
+        if request.image_type == "color":
+            assert frame.color is not None
+            return png_rgb(frame.color), "image/png"
+        if request.image_type == "label":
+            assert frame.label is not None
+            return png_label(frame.label), "image/png"
+        assert frame.depth is not None
+        limit_depth(frame.depth, request.min_depth, request.max_depth)
+        if self._config.depth_format == "png16":
+            return png_gray16(millimetres(frame.depth)), "image/png"
+        return tiff_float32(frame.depth), "image/tiff"

@@ -1,0 +1,92 @@
+"""Scenes by the hash of their bytes: what was read before is not read again."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from dataclasses import dataclass, replace
+
+from gateway.render.config import RenderConfig
+from gateway.render.labels import labels_of
+from gateway.scene.flatten import flatten
+from gateway.scene.gltf import GltfScene, MeshCache, read_gltf
+from renderers.drawlist import DrawList, Instance, Material, Mesh
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PreparedScene:
+    """A scene, read and flattened; shared by all pictures of it."""
+
+    gltf: GltfScene
+    drawn: DrawList
+    nbytes: int
+    """What keeping it costs, about."""
+
+
+class SceneStore:
+    """Reads scenes and keeps the last ones. Thread-safe.
+
+    Two stores in one: geometry by the content of its buffers (a robot that moves brings the same meshes with other
+    poses), and whole scenes (a second camera, or the same view as depth and label).
+    """
+
+    def __init__(self, config: RenderConfig) -> None:
+        self._config = config
+        self._meshes = MeshCache(config.mesh_cache_bytes)
+        self._lock = threading.Lock()
+        self._kept: OrderedDict[str, PreparedScene] = OrderedDict()
+        self._nbytes = 0
+        self.hits = 0
+        """Scenes that were found."""
+        self.misses = 0
+        """Scenes that were read."""
+
+    def get(self, sha256: str, data: memoryview) -> PreparedScene:
+        """The scene with these bytes.
+
+        Raises:
+            GltfError: it cannot be read; nothing is kept then.
+        """
+        with self._lock:
+            found = self._kept.get(sha256)
+            if found is not None:
+                self._kept.move_to_end(sha256)
+                self.hits += 1
+                return found
+        gltf = read_gltf(data, limits=self._config.gltf, cache=self._meshes)
+        drawn = flatten(gltf.root, label_of=labels_of(gltf.root))
+        if gltf.from_drake:
+            drawn = _colors_as_vtk(drawn)
+        meshes = {id(instance.mesh): instance.mesh for instance in drawn.instances}
+        nbytes = len(data) + sum(mesh.nbytes for mesh in meshes.values())
+        scene = PreparedScene(gltf, drawn, nbytes)
+        with self._lock:
+            self.misses += 1
+            self._keep(sha256, scene)
+        return scene
+
+    def _keep(self, sha256: str, scene: PreparedScene) -> None:
+        config = self._config
+        if scene.nbytes > config.scene_cache_bytes or sha256 in self._kept:
+            return
+        self._kept[sha256] = scene
+        self._nbytes += scene.nbytes
+        while self._nbytes > config.scene_cache_bytes or len(self._kept) > config.scene_cache_count:
+            _, oldest = self._kept.popitem(last=False)
+            self._nbytes -= oldest.nbytes
+
+
+def _colors_as_vtk(drawn: DrawList) -> DrawList:
+    """Vertex colours *instead of* the base colour, as RenderEngineVtk shows what Drake sends; glTF multiplies them."""
+
+    def material(mesh: Mesh, material: Material) -> Material:
+        if mesh.colors is None or material.base_color[:3] == (1.0, 1.0, 1.0):
+            return material
+        return replace(material, base_color=(1.0, 1.0, 1.0, material.base_color[3]))
+
+    if all(instance.mesh.colors is None for instance in drawn.instances):
+        return drawn
+    instances = (
+        Instance(i.mesh, material(i.mesh, i.material), i.X_world_mesh, i.label, i.instance_id) for i in drawn.instances
+    )
+    return DrawList(tuple(instances), drawn.images)

@@ -1,0 +1,104 @@
+"""The render endpoint without HTTP: requests in, pictures out of the worker threads."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import structlog
+
+from gateway.render.config import RenderConfig
+from gateway.render.failures import FailureStore
+from gateway.render.form import RenderRequest
+from gateway.render.pipeline import Backdrop, Picture, Pipeline
+from gateway.render.records import RenderRecord
+from gateway.workers import Busy, Workers
+from renderers.port import Renderer
+
+_log = structlog.get_logger("gateway.render")
+
+_RETRY_FULL = 5
+"""Seconds until memory for another upload is probably free."""
+
+
+class RenderService:
+    """Shared by all requests of one application; belongs to one event loop."""
+
+    def __init__(
+        self,
+        renderer: Renderer,
+        workers: Workers,
+        config: RenderConfig | None = None,
+        *,
+        backdrop: Backdrop | None = None,
+        on_done: Callable[[RenderRecord], None] | None = None,
+    ) -> None:
+        """
+        Args:
+            backdrop: what to draw besides every request's scene; called in worker threads.
+            on_done: told about every request, in the event loop; must return at once.
+        """
+        self.config = config if config is not None else RenderConfig()
+        self.failures: FailureStore | None = None
+        if self.config.keep_failures is not None:
+            self.failures = FailureStore(
+                self.config.keep_failures, self.config.keep_failures_count, self.config.keep_failures_bytes
+            )
+        self._pipeline = Pipeline(renderer, self.config, backdrop)
+        self._workers = workers
+        self._on_done = on_done
+        self._inflight = 0
+        self._answered: dict[int, int] = {}
+
+    async def render(self, request: RenderRequest) -> tuple[Picture, float]:
+        """The picture, and the seconds that the request waited for a thread.
+
+        Raises:
+            RequestError: it cannot be drawn.
+            Busy: too many wait already.
+            Closed: the server is shutting down.
+        """
+        submitted = time.perf_counter()
+
+        def work() -> tuple[Picture, float]:
+            queued = time.perf_counter() - submitted
+            return self._pipeline.picture(request), queued
+
+        return await self._workers.run(work, weight=len(request.scene))
+
+    def take(self, nbytes: int) -> None:
+        """Accounts for bytes of a body that arrived.
+
+        Raises:
+            Busy: all bodies together are too large; the bytes are not accounted for then.
+        """
+        if self._inflight + nbytes > self.config.max_inflight_bytes:
+            raise Busy(
+                f"the requests that are being answered hold {self._inflight} bytes, "
+                f"the limit is {self.config.max_inflight_bytes} (max_inflight_bytes)",
+                _RETRY_FULL,
+            )
+        self._inflight += nbytes
+
+    def give_back(self, nbytes: int) -> None:
+        """The bytes of a body are gone."""
+        self._inflight -= nbytes
+
+    def done(self, record: RenderRecord) -> None:
+        """Counts a finished request and tells the observer."""
+        self._answered[record.status] = self._answered.get(record.status, 0) + 1
+        if self._on_done is not None:
+            try:
+                self._on_done(record)
+            except Exception:  # noqa: BLE001 - nobody's picture depends on who watches
+                _log.exception("an observer of renders failed")
+
+    def status(self) -> dict[str, Any]:
+        """Figures for health and metrics; plain JSON values."""
+        scenes = self._pipeline.scenes
+        return {
+            "answers": {str(status): count for status, count in sorted(self._answered.items())},
+            "inflight_bytes": self._inflight,
+            "scene_cache": {"hits": scenes.hits, "misses": scenes.misses},
+        }

@@ -1,0 +1,75 @@
+"""The camera of a request: intrinsics from the form, pose from the scene's camera node."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.render.errors import RequestError
+from gateway.render.form import RenderRequest
+from gateway.scene.gltf import GltfScene
+from renderers.camera import OPENGL_FROM_OPTICAL, Camera
+
+_NEAR_FRACTION: Final = 1e-6
+"""Near plane as a part of the far plane where neither the form nor the scene's camera states one."""
+_MIN_NEAR: Final = 1e-9
+"""Metres; the raster's 1/z stays far within float32."""
+_RIGID: Final = 1e-6
+"""What a rotation written with six digits is off by; a pose nearer to rigid than that is used as it is."""
+_NO_CAMERA: Final = (
+    "the scene has geometry but no camera: Drake's client leaves the camera out when everything with a perception role "
+    "is a glTF mesh. Add any other geometry with a perception role (a Box, Sphere or OBJ mesh, as small as you like) "
+    "to the SceneGraph; other clients: add a 'cameras' entry and a node with \"camera\": 0"
+)
+
+
+def camera_of(request: RenderRequest, scene: GltfScene) -> Camera:
+    """The camera that sees what the client asked for.
+
+    A document with cameras but without a node for the first one is seen from the origin along -Z, glTF's identity, and
+    so is one without anything in it.
+
+    Raises:
+        RequestError: there is geometry but no camera, or the node's transform is no pose.
+    """
+    camera = scene.camera
+    if camera is None and scene.instance_count:
+        raise RequestError(400, _NO_CAMERA)
+    near = request.near
+    if near == 0.0:  # std::to_string cut it off; the scene's camera still has all its digits
+        znear = camera.znear if camera is not None else 0.0
+        near = znear if 0.0 < znear < request.far else request.far * _NEAR_FRACTION
+    near = max(near, min(_MIN_NEAR, request.far * 0.5))
+    return Camera(
+        width=request.width,
+        height=request.height,
+        fx=request.focal_x,
+        fy=request.focal_y,
+        cx=request.center_x,
+        cy=request.center_y,
+        near=near,
+        far=request.far,
+        X_world_camera=OPENGL_FROM_OPTICAL if camera is None else _pose(camera.X_world_camera, camera.name),
+    )
+
+
+def _pose(X: NDArray[np.float64], name: str) -> NDArray[np.float64]:
+    """The rigid part of a node's transform, as VTK takes it: position, line of sight, and up as far as orthogonal.
+
+    Scaled and mirrored nodes may carry cameras, but a camera has no size.
+    """
+    rotation = X[:3, :3]
+    with np.errstate(all="ignore"):
+        if np.isfinite(X).all():
+            if np.abs(rotation.T @ rotation - np.eye(3)).max() < _RIGID and np.linalg.det(rotation) > 0.0:
+                return X
+            forward = rotation[:, 2] / np.linalg.norm(rotation[:, 2])
+            down = rotation[:, 1] - forward * (forward @ rotation[:, 1])
+            down /= np.linalg.norm(down)
+            pose = np.eye(4)
+            pose[:3, 0], pose[:3, 1], pose[:3, 2], pose[:3, 3] = np.cross(down, forward), down, forward, X[:3, 3]
+            if np.isfinite(pose).all():
+                return pose
+    raise RequestError(400, f"scene: the transform of the camera node {name!r} is singular or not finite")

@@ -1,0 +1,110 @@
+"""An application with the render endpoint only, and a renderer that tests can watch, hold and break."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import AsyncIterator, Callable
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from dataclasses import dataclass, field
+
+import httpx2
+import numpy as np
+import pytest
+from fastapi import FastAPI
+
+from gateway.render.config import RenderConfig
+from gateway.render.pipeline import Backdrop
+from gateway.render.records import RenderRecord
+from gateway.render.routes import router
+from gateway.render.service import RenderService
+from gateway.workers import Workers
+from renderers.camera import Camera
+from renderers.drawlist import LABEL_NONE, DrawList
+from renderers.port import Frame, Look, Output, Renderer
+
+LONG = 30.0
+"""Seconds; a bound on waiting for events so that a bug fails a test instead of hanging it."""
+
+
+@dataclass
+class WatchedRenderer:
+    """Paints everything with the first instance's label and colour, 2 m away; notes what it was asked for."""
+
+    calls: list[tuple[DrawList, Camera, Output, Look]] = field(default_factory=list)
+    error: Exception | None = None
+    started: threading.Event = field(default_factory=threading.Event)
+    go_on: threading.Event = field(default_factory=threading.Event)
+    closed: int = 0
+
+    def __post_init__(self) -> None:
+        self.go_on.set()
+
+    def render(self, scene: DrawList, camera: Camera, outputs: Output, look: Look = Look()) -> Frame:  # noqa: B008
+        self.calls.append((scene, camera, outputs, look))
+        self.started.set()
+        assert self.go_on.wait(LONG)
+        if self.error is not None:
+            raise self.error
+        size = (camera.height, camera.width)
+        frame = Frame(_release=self._close)
+        if Output.COLOR in outputs:
+            frame.color = np.full((*size, 3), look.background, np.uint8)
+        if Output.DEPTH in outputs:
+            frame.depth = np.full(size, 2.0 if scene.instances else np.inf, np.float32)
+        if Output.LABEL in outputs:
+            frame.label = np.full(size, scene.instances[0].label if scene.instances else LABEL_NONE, np.uint32)
+        return frame
+
+    def _close(self) -> None:
+        self.closed += 1
+
+
+@dataclass
+class Running:
+    """An endpoint that answers."""
+
+    client: httpx2.AsyncClient
+    service: RenderService
+    workers: Workers
+    records: list[RenderRecord]
+    app: FastAPI
+
+    async def post(self, body: bytes, content_type: str) -> httpx2.Response:
+        return await self.client.post("/render", content=body, headers={"Content-Type": content_type})
+
+
+Start = Callable[..., AbstractAsyncContextManager[Running]]
+
+
+@asynccontextmanager
+async def running(
+    renderer: Renderer,
+    config: RenderConfig | None = None,
+    *,
+    threads: int = 2,
+    max_waiting: int = 16,
+    max_waiting_bytes: int = 1 << 30,
+    backdrop: Backdrop | None = None,
+) -> AsyncIterator[Running]:
+    workers = Workers(threads, max_waiting, max_waiting_bytes)
+    records: list[RenderRecord] = []
+    service = RenderService(renderer, workers, config, backdrop=backdrop, on_done=records.append)
+    app = FastAPI()
+    app.include_router(router(service))
+    transport = httpx2.ASGITransport(app=app)
+    async with httpx2.AsyncClient(transport=transport, base_url="http://test") as client:
+        try:
+            yield Running(client, service, workers, records, app)
+        finally:
+            assert await workers.close(LONG)
+
+
+@pytest.fixture
+def start() -> Start:
+    """``async with start(renderer, config, …) as server:``."""
+    return running
+
+
+@pytest.fixture
+def watched() -> WatchedRenderer:
+    return WatchedRenderer()
