@@ -1,0 +1,114 @@
+"""Carries out a request on the live tree: deletes, then geometries, then transforms, and says what came of it."""
+
+from __future__ import annotations
+
+from gateway.scene.live import LiveTree
+from gateway.scene.tree import Path, TreeEdit
+from gateway.treeviewer.answers import ERROR_HANDLING_REQUEST, MISSING_PATHS, OK, Answer, Problem
+from gateway.treeviewer.census import Census
+from gateway.treeviewer.config import Limits
+from gateway.treeviewer.requests import Failure, Request
+
+
+class Application:
+    """A request on its way into the tree; one of many commands goes in several steps, each one revision of the tree."""
+
+    def __init__(self, request: Request, live: LiveTree, census: Census, limits: Limits) -> None:
+        self._request = request
+        self._live = live
+        self._census = census
+        self._limits = limits
+        self._at = [0, 0, 0]
+        self._failures = list(request.failures)
+        self._added: dict[Path, None] = {}
+        self._set: dict[Path, None] = {}
+        self._missing: dict[Path, None] = {}
+
+    def step(self, most: int) -> bool:
+        """Carries out up to ``most`` commands; returns whether any remain."""
+        request, at = self._request, self._at
+        if not request.commands:
+            return False
+        with self._live.edit() as edit:
+            most -= self._delete(edit, most)
+            most -= self._set_geometry(edit, most)
+            self._set_transform(edit, most)
+            self._census.nodes += edit.created
+        return at[0] < len(request.deletes) or at[1] < len(request.geometries) or at[2] < len(request.transforms)
+
+    def _delete(self, edit: TreeEdit, most: int) -> int:
+        begin = self._at[0]
+        paths = self._request.deletes[begin : begin + most]
+        for path in paths:
+            edit.delete(path)
+        self._at[0] += len(paths)
+        return len(paths)
+
+    def _set_geometry(self, edit: TreeEdit, most: int) -> int:
+        begin = self._at[1]
+        commands = self._request.geometries[begin : begin + most]
+        for index, (path, parts) in enumerate(commands, begin):
+            refused = self._census.room(edit.root, _new_nodes(edit, path), len(parts)) or self._census.admit(parts)
+            if refused:
+                self._failures.append(Failure("setgeometry", index, path, refused))
+                continue
+            edit.set_parts(path, parts)
+            self._census.parts += len(parts)
+            self._added[path] = None
+        self._at[1] += len(commands)
+        return len(commands)
+
+    def _set_transform(self, edit: TreeEdit, most: int) -> None:
+        begin = self._at[2]
+        transforms = self._request.transforms
+        commands = transforms if begin == 0 and most >= len(transforms) else transforms[begin : begin + most]
+        census, missing, set_pose = self._census, self._missing, edit.set_pose
+        longest = max((len(path) for path, _ in commands), default=0)
+        full = census.nodes + edit.created + longest * len(commands) > self._limits.nodes
+        for index, (path, pose) in enumerate(commands, begin):
+            if full:
+                refused = census.room(edit.root, edit.created + _new_nodes(edit, path), 0)
+                if refused:
+                    self._failures.append(Failure("settransform", index, path, refused))
+                    continue
+            if not set_pose(path, pose).geometry_count:
+                missing[path] = None
+            self._set[path] = None
+        self._at[2] += len(commands)
+
+    def answer(self, utime: int) -> Answer:
+        """What the client is told."""
+        answer = Answer(
+            utime,
+            MISSING_PATHS if self._missing else OK,
+            list(dict.fromkeys(self._request.deletes)),
+            list(self._added),
+            list(self._set),
+            list(self._missing),
+        )
+        most = self._limits.problems
+        if self._failures:
+            answer.status = ERROR_HANDLING_REQUEST
+            answer.error = _summary(self._failures)
+            answer.errors = [Problem(f.command, f.index, f.reason, f.path) for f in self._failures[:most]]
+        if self._request.warnings:
+            answer.warnings = self._request.warnings[:most]
+        return answer
+
+
+def _new_nodes(edit: TreeEdit, path: Path) -> int:
+    """How many nodes ``path`` would bring into being."""
+    node = edit.root
+    for depth, element in enumerate(path):
+        child = node.children.get(element)
+        if child is None:
+            return len(path) - depth
+        node = child
+    return 0
+
+
+def _summary(failures: list[Failure]) -> str:
+    first = failures[0]
+    where = "" if first.path is None else f" {list(first.path)}"
+    more = f" (and {len(failures) - 1} more)" if len(failures) > 1 else ""
+    return f"{first.command}[{first.index}]{where}: {first.reason}{more}"

@@ -1,0 +1,203 @@
+"""A request's JSON as commands ready to apply: paths checked, geometry made, every failure with its reason.
+
+Three readers, the fastest that understands: typed (what well-behaved clients send), untyped (with the oddities of the
+others), and Python's own, which alone knows the bare NaN and Infinity tokens of Python clients.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any, Final, cast
+
+import msgspec
+
+from gateway.scene.geometry import Part
+from gateway.scene.tree import Path, Pose
+from gateway.treeviewer import fields, typed
+from gateway.treeviewer.config import Limits
+from gateway.treeviewer.extract import WORTH_SCANNING, JsonError, Numbers
+from gateway.treeviewer.fields import CommandError, show
+from gateway.treeviewer.geometry import Context, MeshLoader, parts_of
+
+LEAST_SCANNED: Final = 4096
+"""Bytes; shorter requests have no array worth taking out."""
+
+
+class RequestError(ValueError):
+    """Nothing of the request can be used; the message says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """A command that was not carried out."""
+
+    command: str
+    index: int
+    path: Path | None
+    reason: str
+
+
+@dataclass(slots=True)
+class Request:
+    """Commands in the order in which they apply: all deletes, then all geometries, then all transforms."""
+
+    deletes: list[Path] = field(default_factory=list)
+    geometries: list[tuple[Path, tuple[Part, ...]]] = field(default_factory=list)
+    transforms: list[tuple[Path, Pose]] = field(default_factory=list)
+    failures: list[Failure] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    """Sentences about what was tolerated."""
+
+    @property
+    def commands(self) -> int:
+        return len(self.deletes) + len(self.geometries) + len(self.transforms)
+
+
+class RequestReader:
+    """Reads requests under given limits. Has no state of its own and may be used by several threads."""
+
+    def __init__(self, limits: Limits | None = None, meshes: MeshLoader | None = None) -> None:
+        self._limits = limits or Limits()
+        self._meshes = meshes
+        self._typed = typed.message_decoder(self._limits)
+        self._untyped = msgspec.json.Decoder()
+
+    def read(self, data: memoryview, *, extract: bool | None = None) -> Request:
+        """The commands of a request.
+
+        Args:
+            data: the JSON text.
+            extract: whether to take long number arrays out first; None: if it looks worth it.
+        Raises:
+            RequestError: the text is not a JSON object, or too much of it.
+        """
+        numbers = Numbers()
+        body = bytes(data)
+        if extract is None:
+            extract = len(body) >= LEAST_SCANNED and any(key in body for key in WORTH_SCANNING)
+        if extract:
+            body = numbers.take_from(data)
+        if len(body) > self._limits.json_bytes:
+            raise RequestError(f"the request has {len(body)} bytes of JSON, the limit is {self._limits.json_bytes}")
+        context = Context(self._limits, numbers, self._meshes)
+        try:
+            try:
+                message = self._typed.decode(body)
+            except msgspec.DecodeError:
+                return self._lenient(_any_json(self._untyped, body), context)
+            if message.draw is not msgspec.UNSET or message.load is not msgspec.UNSET:
+                return self._lenient(self._untyped.decode(body), context)
+            return self._from_typed(message, context)
+        except JsonError as error:
+            raise RequestError(f"the request is not valid JSON {error}") from None
+
+    def _from_typed(self, message: Any, context: Context) -> Request:
+        request = Request()
+        if message.delete:
+            self._deletes(message.delete, request, context)
+        geometries = message.setgeometry
+        if isinstance(geometries, dict):
+            self._geometries(geometries, request, context)
+        elif geometries:
+            for index, command in enumerate(geometries):
+                parts = typed.parts_of(command)
+                if parts is None:
+                    failure = Failure("setgeometry", index, command.path, "geometries is missing")
+                    request.failures.append(failure)
+                else:
+                    request.geometries.append((command.path, parts))
+        transforms = message.settransform
+        if isinstance(transforms, dict):
+            self._transforms(transforms, request, context)
+        elif transforms:
+            request.transforms = typed.transforms_of(transforms)
+        return request
+
+    def _lenient(self, message: Any, context: Context) -> Request:
+        request = Request()
+        if message is None:
+            return request
+        if not isinstance(message, dict):
+            raise RequestError(f"the request must be a JSON object, not {show(message)}")
+        self._deletes(message.get("delete"), request, context)
+        # Director's older keys override the new ones wherever they appear
+        geometries = message["load"] if "load" in message else message.get("setgeometry")
+        transforms = message["draw"] if "draw" in message else message.get("settransform")
+        self._geometries(geometries, request, context)
+        self._transforms(transforms, request, context)
+        return request
+
+    def _deletes(self, value: Any, request: Request, context: Context) -> None:
+        for index, command in _commands("delete", value, request):
+            path = None
+            try:
+                path = fields.path(command, context.limits, context.numbers)
+            except CommandError as error:
+                request.failures.append(Failure("delete", index, path, str(error)))
+            else:
+                request.deletes.append(path)
+
+    def _geometries(self, value: Any, request: Request, context: Context) -> None:
+        for index, command in _commands("setgeometry", value, request):
+            path = None
+            try:
+                path = fields.path(command, context.limits, context.numbers)
+                parts = parts_of(command, context)
+            except CommandError as error:
+                request.failures.append(Failure("setgeometry", index, path, str(error)))
+            else:
+                request.geometries.append((path, parts))
+            if context.warnings:
+                request.warnings.extend(f"setgeometry[{index}] {_named(path)}: {text}" for text in context.warnings)
+                context.warnings.clear()
+
+    def _transforms(self, value: Any, request: Request, context: Context) -> None:
+        for index, command in _commands("settransform", value, request):
+            path = None
+            try:
+                path = fields.path(command, context.limits, context.numbers)
+                if "transform" not in command:
+                    raise CommandError("transform is missing")
+                pose = fields.pose(command["transform"])
+            except CommandError as error:
+                request.failures.append(Failure("settransform", index, path, str(error)))
+            else:
+                request.transforms.append((path, pose))
+
+
+def _commands(name: str, value: Any, request: Request) -> Iterator[tuple[int, dict[str, Any]]]:
+    """The commands of one list. Absent and null lists, ``{}`` and null commands are empty; one bare command is a list
+    of one (the protocol document itself has such an example)."""
+    if value is None or value == {}:
+        return
+    if isinstance(value, dict) and "path" in value:
+        value = [value]
+    if not isinstance(value, list):
+        request.failures.append(Failure(name, 0, None, f"{name} must be a list of commands, not {show(value)}"))
+        return
+    for index, command in enumerate(value):
+        if isinstance(command, dict):
+            yield index, cast("dict[str, Any]", command)
+        elif command is not None:
+            request.failures.append(Failure(name, index, None, f"a command must be an object, not {show(command)}"))
+
+
+def _any_json(decoder: msgspec.json.Decoder[Any], body: bytes) -> Any:
+    try:
+        return decoder.decode(body)
+    except (msgspec.DecodeError, RecursionError):
+        pass
+    try:
+        return json.loads(body.decode())
+    except UnicodeDecodeError as error:
+        raise JsonError(f"text: {error.reason} at byte {error.start}") from None
+    except RecursionError:
+        raise RequestError("the request is nested too deeply") from None
+    except ValueError as error:  # JSONDecodeError, and integers of thousands of digits
+        raise JsonError(f"({error})") from None
+
+
+def _named(path: Path | None) -> str:
+    return show(list(path)) if path is not None else "[?]"
