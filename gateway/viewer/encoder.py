@@ -1,0 +1,199 @@
+"""Snapshots of the tree to frames: what a browser at one revision needs to be at another, encoded once for all.
+
+A browser holds nodes by id and meshes by id. ``update`` names what changed between the snapshot that a browser has and
+the newest one; since trees share what did not change, that costs what changed. Browsers that are at the same revision
+share the bytes; one that skipped revisions gets a frame of its own that leads it to the newest state directly.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import dataclass
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+
+from gateway.scene.geometry import Part, PointCloud
+from gateway.scene.live import Snapshot
+from gateway.scene.meshing import MeshPart, meshes_of
+from gateway.scene.tree import Change, Node, Path, changes
+from gateway.viewer.frames import FrameBuilder
+from gateway.viewer.payloads import Payloads
+from renderers.drawlist import AlphaMode, Material
+
+EMPTY: Final = Snapshot(Node(), 0)
+"""What a browser has before the first frame."""
+KEPT_UPDATES: Final = 8
+"""Encoded updates kept for browsers at other revisions; most of them are at the newest two or three."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Update:
+    """The way from one revision to another."""
+
+    frame: bytes
+    """Structure and poses."""
+    meshes: frozenset[int]
+    """Ids of meshes that the frame uses."""
+
+
+class Encoder:
+    """Not thread-safe: lives on the event loop. ``advance`` to a snapshot, then ask for updates to it.
+
+    A path keeps its number after its node is gone: a browser that skipped revisions may still have it. When clients
+    have used ``max_paths`` different ones, all numbers are given anew and browsers start over (``epoch``).
+    """
+
+    def __init__(self, payloads: Payloads, max_paths: int = 1_000_000) -> None:
+        self._payloads = payloads
+        self._max_paths = max_paths
+        self._ids: dict[Path, int] = {(): 0}
+        self.current = EMPTY
+        self.epoch = 0
+        """A browser whose updates are of another epoch has to start from EMPTY."""
+        self._updates: OrderedDict[tuple[int, int], Update] = OrderedDict()
+        self._step: tuple[int, list[Change]] = (0, [])
+        """The revision before the current one, and what changed since."""
+
+    def advance(self, snapshot: Snapshot) -> None:
+        """Makes ``snapshot`` the one that updates lead to."""
+        if snapshot.revision == self.current.revision:
+            return
+        step = list(changes(self.current.root, snapshot.root))
+        self._step = (self.current.revision, step)
+        self._number(step)
+        if len(self._ids) > self._max_paths:
+            self.epoch += 1
+            self._ids = {(): 0}
+            self._updates.clear()
+            self._number(list(changes(EMPTY.root, snapshot.root)))
+        self.current = snapshot
+
+    def _number(self, step: list[Change]) -> None:
+        for change in step:
+            if change.kind == "added":
+                self._ids.setdefault(change.path, len(self._ids))
+
+    def id_of(self, path: Path) -> int | None:
+        """The number of a path, or None when no node was ever there."""
+        return self._ids.get(path)
+
+    def update(self, have: Snapshot) -> Update:
+        """What leads a browser from ``have`` to the current snapshot. ``have`` is EMPTY for a new browser."""
+        key = (have.revision, self.current.revision)
+        found = self._updates.get(key)
+        if found is None:
+            found = self._updates[key] = self._encode(have)
+            while len(self._updates) > KEPT_UPDATES:
+                self._updates.popitem(last=False)
+        return found
+
+    def _encode(self, have: Snapshot) -> Update:
+        builder = FrameBuilder()
+        header: dict[str, Any] = {"kind": "update", "from": have.revision, "revision": self.current.revision}
+        nodes: dict[int, dict[str, Any]] = {}
+        removed: list[int] = []
+        posed: list[tuple[int, Node]] = []
+        meshes: set[int] = set()
+        revision, step = self._step
+        for change in step if have.revision == revision else changes(have.root, self.current.root):
+            if change.node is None:
+                removed.append(self._ids[change.path])
+                continue
+            self._encode_change(change, change.node, nodes, posed, meshes)
+        if removed:
+            header["removed"] = removed
+        if nodes:
+            header["nodes"] = list(nodes.values())
+        _encode_poses(builder, header, posed)
+        return Update(builder.finish(header), frozenset(meshes))
+
+    def _encode_change(
+        self,
+        change: Change,
+        node: Node,
+        nodes: dict[int, dict[str, Any]],
+        posed: list[tuple[int, Node]],
+        meshes: set[int],
+    ) -> None:
+        number = self._ids[change.path]
+        if change.kind == "transform":
+            posed.append((number, node))
+            return
+        entry = nodes.setdefault(number, {"id": number})
+        if change.kind == "added":
+            posed.append((number, node))
+            entry["parent"] = self._ids[change.path[:-1]]
+            entry["name"] = change.path[-1]
+        if change.kind == "visible" or (change.kind == "added" and not node.visible):
+            entry["visible"] = node.visible
+        if change.kind == "geometry" or (change.kind == "added" and node.parts is not None):
+            entry["parts"] = None if node.parts is None else [self._part(part, meshes) for part in node.parts]
+
+    def _part(self, part: Part, meshes: set[int]) -> dict[str, Any]:
+        draws: list[dict[str, Any]] = []
+        for draw in meshes_of(part.shape, part.material):
+            number = self._payloads.mesh_id(draw[0])
+            meshes.add(number)
+            draws.append(self._draw(number, draw, part))
+        result: dict[str, Any] = {"kind": part.kind or type(part.shape).__name__.lower(), "draws": draws}
+        if isinstance(part.shape, PointCloud):
+            result["points"] = len(part.shape.points)
+            result["channels"] = list(part.shape.channels)
+        if part.source:
+            result["source"] = part.source
+        return result
+
+    def _draw(self, number: int, draw: MeshPart, part: Part) -> dict[str, Any]:
+        _, material, X_part_mesh = draw
+        matrix = part.X_node_part @ X_part_mesh
+        result: dict[str, Any] = {"mesh": number, "material": self._material(material)}
+        if not np.array_equal(matrix, np.eye(4)):
+            # Non-finite numbers are no JSON; the renderer leaves such a part out, and so does the page.
+            result["matrix"] = matrix.T.ravel().tolist() if np.isfinite(matrix).all() else None
+        return result
+
+    def _material(self, material: Material) -> dict[str, Any]:
+        result: dict[str, Any] = {"color": material.base_color}
+        if material.alpha_mode is not AlphaMode.OPAQUE:
+            result["alpha"] = material.alpha_mode.value.lower()
+        optional = (
+            ("metallic", material.metallic, 0.0),
+            ("roughness", material.roughness, 1.0),
+            ("emissive", material.emissive, (0.0, 0.0, 0.0)),
+            ("doubleSided", material.double_sided, False),
+            ("unlit", material.unlit, False),
+            ("pointSize", material.point_size, 1.0),
+            ("lineWidth", material.line_width, 1.0),
+        )
+        result.update({name: value for name, value, default in optional if value != default})
+        if material.base_color_texture is not None:
+            texture = material.base_color_texture
+            result["texture"] = {
+                "image": self._payloads.image_id(texture.image),
+                "wrap": [texture.sampler.wrap_s.value, texture.sampler.wrap_t.value],
+                "linear": texture.sampler.mag_linear,
+            }
+        return result
+
+
+def _encode_poses(builder: FrameBuilder, header: dict[str, Any], posed: list[tuple[int, Node]]) -> None:
+    """Rigid poses as 7 floats, other transforms as matrices; ids as u32 before them."""
+    rigid = [(number, node.pose) for number, node in posed if node.pose is not None]
+    affine = [(number, node.matrix) for number, node in posed if node.pose is None]
+    if rigid:
+        header["poses"] = {
+            "ids": builder.array(np.array([number for number, _ in rigid], dtype=np.uint32)),
+            "values": builder.array(np.array([pose for _, pose in rigid], dtype=np.float32)),
+        }
+    if affine:
+        header["matrices"] = {
+            "ids": builder.array(np.array([number for number, _ in affine], dtype=np.uint32)),
+            "values": builder.array(np.array([matrix.T for _, matrix in affine], dtype=np.float32)),
+        }
+
+
+def encode_status(status: dict[str, Any]) -> bytes:
+    """A frame without body that shows the state of the gateway."""
+    return FrameBuilder().finish({"kind": "status", **msgspec.to_builtins(status)})

@@ -1,0 +1,106 @@
+"""``/view``: the page, its files, the WebSocket and the textures."""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import mimetypes
+from importlib.resources import files
+from importlib.resources.abc import Traversable
+from typing import Final
+
+from fastapi import APIRouter, HTTPException, Request, Response, WebSocket, WebSocketDisconnect
+
+from gateway.viewer.hub import Browser, ViewHub
+from renderers.drawlist import Image, ImageError
+from renderers.encode import png_rgba
+
+STATIC: Final = files("gateway.viewer") / "static"
+READY: Final = "k"
+"""What the page sends when it has taken an update in."""
+_MAX_MESSAGE: Final = 16
+"""Characters of a message from the page; it has nothing longer to say."""
+FOR_EVER: Final = {"Cache-Control": "public, max-age=31536000, immutable"}
+ASK_AGAIN: Final = {"Cache-Control": "no-cache"}
+
+
+def router(hub: ViewHub) -> APIRouter:
+    """The routes of the browser view."""
+    routes = APIRouter()
+
+    @routes.get("/view", include_in_schema=False)
+    async def page(request: Request) -> Response:
+        return _file(STATIC / "index.html", request, ASK_AGAIN)
+
+    @routes.get("/view/assets/{name}", include_in_schema=False)
+    async def asset(name: str, request: Request) -> Response:
+        known = {entry.name: entry for entry in (STATIC / "assets").iterdir()}
+        if name not in known:
+            raise HTTPException(404, f"the page has no file {name!r}")
+        return _file(known[name], request, FOR_EVER)
+
+    @routes.get("/view/image/{number}", include_in_schema=False)
+    async def image(number: int) -> Response:
+        found = hub.payloads.image(number)
+        if found is None:
+            raise HTTPException(404, f"nothing in the scene uses image {number} any more")
+        try:
+            data = await asyncio.to_thread(_encode, found)
+        except ImageError as error:
+            raise HTTPException(415, str(error)) from error
+        return Response(data, media_type="image/png", headers=ASK_AGAIN)
+
+    @routes.websocket("/view/ws")
+    async def connection(socket: WebSocket) -> None:
+        await socket.accept()
+        try:
+            browser = hub.connect()
+        except ConnectionRefusedError as error:
+            await socket.close(1013, str(error))
+            return
+        sending = asyncio.create_task(_send(socket, browser), name="view browser")
+        try:
+            await _receive(socket, browser)
+        finally:
+            browser.close()
+            sending.cancel()
+            await asyncio.gather(sending, return_exceptions=True)
+
+    return routes
+
+
+async def _send(socket: WebSocket, browser: Browser) -> None:
+    try:
+        async for frame in browser.frames():
+            await socket.send_bytes(frame)
+        await socket.close(1001, "the gateway ends")
+    except (WebSocketDisconnect, RuntimeError):
+        # The page is gone; ``_receive`` notices the same and ends the connection.
+        return
+
+
+async def _receive(socket: WebSocket, browser: Browser) -> None:
+    try:
+        while True:
+            text = await socket.receive_text()
+            if text == READY:
+                browser.ready()
+            elif len(text) > _MAX_MESSAGE:
+                await socket.close(1009, "the page has nothing so long to say")
+                return
+    except (WebSocketDisconnect, KeyError):
+        # KeyError: bytes instead of text.
+        return
+
+
+def _encode(image: Image) -> bytes:
+    return png_rgba(image.decode())
+
+
+def _file(entry: Traversable, request: Request, headers: dict[str, str]) -> Response:
+    data = entry.read_bytes()
+    tag = f'"{hashlib.sha256(data).hexdigest()[:16]}"'
+    if request.headers.get("if-none-match") == tag:
+        return Response(status_code=304, headers={**headers, "ETag": tag})
+    kind = mimetypes.guess_type(entry.name)[0] or "application/octet-stream"
+    return Response(data, media_type=kind, headers={**headers, "ETag": tag})
