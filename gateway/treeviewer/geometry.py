@@ -67,9 +67,7 @@ def parts_of(command: Mapping[str, Any], context: Context) -> tuple[Part, ...]:
         return part_of(single, context, "geometry")
     several = command.get("geometries")
     if several is None:
-        raise CommandError(
-            "geometries is missing" if "geometry" not in command else "geometry must be an object, not None"
-        )
+        raise CommandError("geometries is missing")
     if isinstance(several, dict):
         several = [several] if several else []
     if not isinstance(several, list):

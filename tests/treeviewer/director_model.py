@@ -1,0 +1,50 @@
+"""When Director calls a path missing: its folders, without anything else of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass
+class _Folder:
+    children: dict[Any, _Folder] = field(default_factory=dict)
+    geometry: bool = False
+
+
+class DirectorModel:
+    """Applies plain requests. By Director's rule a path is missing when its folder has nothing in it at all, so that
+    empty folders that other commands made hide a miss; by the document's when there is no geometry at it or below."""
+
+    def __init__(self) -> None:
+        self._root = _Folder()
+
+    def apply(self, request: dict[str, Any]) -> tuple[set[tuple[Any, ...]], set[tuple[Any, ...]]]:
+        """The missing paths by Director's and by the document's rule."""
+        for command in request["delete"]:
+            path = command["path"]
+            if path:
+                self._folder(path)  # Director makes what it removes, and its parents stay
+                del self._folder(path[:-1]).children[path[-1]]
+            else:
+                self._root = _Folder()
+        for command in request["setgeometry"]:
+            self._folder(command["path"]).geometry = True
+        director, document = set(), set()
+        for command in request["settransform"]:
+            folder = self._folder(command["path"])
+            if not folder.children and not folder.geometry:
+                director.add(tuple(command["path"]))
+            if not _drawn(folder):
+                document.add(tuple(command["path"]))
+        return director, document
+
+    def _folder(self, path: list[Any]) -> _Folder:
+        folder = self._root
+        for name in path:
+            folder = folder.children.setdefault(name, _Folder())
+        return folder
+
+
+def _drawn(folder: _Folder) -> bool:
+    return folder.geometry or any(_drawn(child) for child in folder.children.values())
