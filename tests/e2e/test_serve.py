@@ -1,0 +1,118 @@
+"""``scenegate serve`` as a process: start, the first minute of a user, signals, what goes wrong at start."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx2
+import pytest
+
+from tests.support import forms
+from tests.support.gateway_process import START_SECONDS, GatewayProcess, gateway_process
+
+
+@pytest.fixture(scope="module")
+def gateway() -> Iterator[tuple[GatewayProcess, str]]:
+    with gateway_process("--demo", "--only", "render,scene") as started:
+        yield started
+
+
+def test_everything_is_ready(gateway: tuple[GatewayProcess, str]) -> None:
+    ready = httpx2.get(f"{gateway[1]}/readyz")
+    assert ready.status_code == 200
+    assert ready.json()["status"] == "ready"
+
+
+def test_docs_list_the_interface_and_load_nothing_from_elsewhere(gateway: tuple[GatewayProcess, str]) -> None:
+    _, url = gateway
+    docs = httpx2.get(f"{url}/docs")
+    assert docs.status_code == 200
+    assert not re.search(r"""(?:src|href)=["'](?:https?:)?//""", docs.text)
+    for link in re.findall(r"""(?:src|href)=["'](/[^"']+)""", docs.text):
+        assert httpx2.get(url + link).status_code == 200
+    assert {"/render", "/healthz"} <= httpx2.get(f"{url}/openapi.json").json()["paths"].keys()
+
+
+def test_a_scene_is_drawn(gateway: tuple[GatewayProcess, str]) -> None:
+    answer = httpx2.post(
+        f"{gateway[1]}/render",
+        content=forms.body(forms.gltf(), forms.drake_fields("label")),
+        headers={"Content-Type": forms.CONTENT_TYPE},
+    )
+    assert answer.status_code == 200, answer.text
+    assert answer.content.startswith(b"\x89PNG\r\n")
+
+
+def test_a_body_beyond_the_limit_is_413() -> None:
+    with gateway_process("--only", "render", "--max-body-mb", "1") as (_, url):
+        answer = httpx2.post(f"{url}/render", content=b"x" * (2 << 20), headers={"Content-Type": forms.CONTENT_TYPE})
+        assert answer.status_code == 413
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_ends_it_with_exit_code_0(number: signal.Signals) -> None:
+    with gateway_process("--only", "render") as (process, url):
+        assert httpx2.get(f"{url}/readyz").status_code == 200
+        process.process.send_signal(number)
+        assert process.process.wait(30) == 0
+        assert not [entry for entry in process.rest_of_log() if entry["level"] in ("error", "critical", "raw")]
+
+
+def test_a_signal_during_the_start_ends_it_too() -> None:
+    process = GatewayProcess("--http-port", "0", env={"NUMBA_CACHE_DIR": "", "SCENEGATE_CACHE_DIR": os.devnull})
+    try:
+        process.wait_for("Compiling")
+        assert process.stop() == 0
+    finally:
+        process.kill()
+
+
+def test_a_taken_port_is_one_clear_sentence() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        process = GatewayProcess("--http-port", str(port))
+        try:
+            log = process.rest_of_log()
+            assert process.process.wait(START_SECONDS) == 1
+        finally:
+            process.kill()
+    assert [entry["event"] for entry in log] == [
+        f"HTTP cannot listen: another program listens there (127.0.0.1 port {port}); "
+        "choose another with --http-port or --host."
+    ]
+
+
+def test_a_setting_that_cannot_be_used_is_exit_code_2() -> None:
+    process = GatewayProcess(env={"SCENEGATE_HTTP_PORT": "many"})
+    try:
+        log = process.rest_of_log()
+        assert process.process.wait(START_SECONDS) == 2
+    finally:
+        process.kill()
+    assert len(log) == 1
+    assert log[0]["event"].startswith("scenegate: SCENEGATE_HTTP_PORT: input should be a valid integer")
+
+
+def test_uvicorn_serves_the_same_application(tmp_path: Path) -> None:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    command = [sys.executable, "-m", "uvicorn", "gateway.app:app", "--port", str(port), "--log-level", "warning"]
+    environment = {**os.environ, "SCENEGATE_ONLY": "render", "SCENEGATE_LOG_FORMAT": "json"}
+    process = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
+    try:
+        assert process.stderr is not None
+        assert any("Scenegate has started" in line for line in process.stderr)
+        transport = httpx2.HTTPTransport(retries=20)
+        with httpx2.Client(transport=transport) as client:
+            assert client.get(f"http://127.0.0.1:{port}/readyz").json()["status"] == "ready"
+    finally:
+        process.terminate()
+        process.communicate(timeout=60)
