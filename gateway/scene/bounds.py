@@ -1,0 +1,178 @@
+"""How far things reach: axis-aligned boxes in the world, from the vertices themselves."""
+
+from __future__ import annotations
+
+import threading
+from typing import Final
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.scene.tree import Node, Path
+from renderers.drawlist import DrawList, Instance, Mesh
+
+Bounds = NDArray[np.float64]
+"""(2, 3) float64: lowest and highest corner, metres."""
+
+EXACT_VERTICES: Final = 20_000
+"""Larger meshes are stood in for by the boxes of the cells of a grid, which bounds them from outside to within one
+cell: transforming a million vertices for every question would take as long as drawing them."""
+_CELLS: Final = 12
+"""Cells along each side of that grid: at most 12^3 boxes of 8 corners each, in practice those near the surface."""
+
+
+class _Reach:
+    """What is needed of a mesh to bound it under any transform."""
+
+    __slots__ = ("box", "points")
+
+    def __init__(self, box: Bounds | None, points: NDArray[np.float64]) -> None:
+        self.box = box
+        """In the mesh's frame; None when it draws nothing."""
+        self.points = points
+        """(K, 3) float64: a set of points whose convex hull holds the mesh."""
+
+
+_reaches: WeakKeyDictionary[Mesh, _Reach] = WeakKeyDictionary()
+_lock = threading.Lock()
+
+
+def mesh_bounds(mesh: Mesh) -> Bounds | None:
+    """The box of the vertices that the mesh draws, in its own frame; None when it draws none."""
+    return _reach_of(mesh).box
+
+
+def _reach_of(mesh: Mesh) -> _Reach:
+    with _lock:
+        found = _reaches.get(mesh)
+    if found is None:
+        found = _measure(mesh)
+        with _lock:
+            found = _reaches.setdefault(mesh, found)
+    return found
+
+
+def _measure(mesh: Mesh) -> _Reach:
+    used = np.zeros(len(mesh.positions), dtype=np.bool_)
+    used[mesh.elements.ravel()] = True
+    points = mesh.positions[used].astype(np.float64)
+    points = points[np.isfinite(points).all(axis=1)]
+    if not len(points):
+        return _Reach(None, points)
+    box = np.array((points.min(axis=0), points.max(axis=0)))
+    return _Reach(box, points if len(points) <= EXACT_VERTICES else _cell_corners(points, box))
+
+
+def _cell_corners(points: NDArray[np.float64], box: Bounds) -> NDArray[np.float64]:
+    """(K, 3): corners of the boxes of all points of each cell of a grid."""
+    extent = box[1] - box[0]
+    scale = np.divide(_CELLS * 0.999999, extent, out=np.zeros(3), where=extent > 0)
+    cell = ((points - box[0]) * scale).astype(np.int64) @ (1, _CELLS, _CELLS * _CELLS)
+    order = np.argsort(cell, kind="stable")
+    starts = np.flatnonzero(np.diff(cell[order], prepend=-1))
+    low = np.minimum.reduceat(points[order], starts, axis=0)
+    high = np.maximum.reduceat(points[order], starts, axis=0)
+    corners: NDArray[np.float64] = _corners(np.stack((low, high), axis=1)).reshape(-1, 3)
+    return corners
+
+
+_WHICH: Final = np.array([[(k >> axis) & 1 for axis in range(3)] for k in range(8)])
+
+
+def _corners(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, 8, 3): the corners of (N, 2, 3) boxes."""
+    picked: NDArray[np.float64] = np.take_along_axis(boxes, np.broadcast_to(_WHICH, (len(boxes), 8, 3)), axis=1)
+    return picked
+
+
+def corners_of(bounds: Bounds) -> NDArray[np.float64]:
+    """(8, 3) float64: the corners of a box."""
+    eight: NDArray[np.float64] = _corners(bounds[None])[0]
+    return eight
+
+
+def transformed_bounds(mesh: Mesh, X_world_mesh: NDArray[np.float64]) -> Bounds | None:
+    """The box in the world of a mesh placed by an affine map; None when it draws nothing."""
+    reach = _reach_of(mesh)
+    if reach.box is None:
+        return None
+    linear, offset = X_world_mesh[:3, :3], X_world_mesh[:3, 3]
+    # Where every coordinate of the image depends on one coordinate only (no rotation but by quarter turns), the box of
+    # the vertices becomes the box of their images.
+    aligned = (np.count_nonzero(linear, axis=1) <= 1).all()
+    points = reach.box if aligned else reach.points
+    moved = points @ linear.T + offset
+    return np.array((moved.min(axis=0), moved.max(axis=0)))
+
+
+def union(boxes: list[Bounds]) -> Bounds | None:
+    """The box around boxes; None of none."""
+    if not boxes:
+        return None
+    stacked = np.array(boxes)
+    return np.array((stacked[:, 0].min(axis=0), stacked[:, 1].max(axis=0)))
+
+
+class BoundsMemory:
+    """Boxes of the instances of successive draw lists; what is the same object as before is not measured again.
+
+    Not thread-safe.
+    """
+
+    def __init__(self) -> None:
+        self._known: dict[int, tuple[Instance, Bounds | None]] = {}
+
+    def of(self, drawn: DrawList) -> list[Bounds | None]:
+        """One box an instance, in the world; None for those that draw nothing."""
+        known, fresh = self._known, {}
+        out: list[Bounds | None] = []
+        for instance in drawn.instances:
+            key = id(instance)
+            entry = known.get(key)
+            if entry is None or entry[0] is not instance:
+                entry = (instance, transformed_bounds(instance.mesh, instance.X_world_mesh))
+            fresh[key] = entry
+            out.append(entry[1])
+        self._known = fresh
+        return out
+
+
+def scene_bounds(drawn: DrawList) -> Bounds | None:
+    """The box around everything drawn."""
+    boxes = BoundsMemory().of(drawn)
+    return union([box for box in boxes if box is not None])
+
+
+def focus_bounds(drawn: DrawList) -> Bounds | None:
+    """The box around what a person would look at: everything but grounds and walls much larger than the rest.
+
+    A ground is an instance whose thinnest side is below 1 % of its longest and whose longest is more than three times
+    the diagonal of all that is not flat.
+    """
+    boxes = [box for box in BoundsMemory().of(drawn) if box is not None]
+    extents = [box[1] - box[0] for box in boxes]
+    solid = union([box for box, extent in zip(boxes, extents, strict=True) if extent.min() >= 0.01 * extent.max()])
+    if solid is None:
+        return union(boxes)
+    reach = 3.0 * float(np.linalg.norm(solid[1] - solid[0]))
+    return union(
+        [
+            box
+            for box, extent in zip(boxes, extents, strict=True)
+            if extent.min() >= 0.01 * extent.max() or extent.max() <= reach
+        ]
+    )
+
+
+def world_matrix(root: Node, path: Path) -> NDArray[np.float64] | None:
+    """(4, 4) float64: X_world_node, the product of all transforms from the root down; None if there is no such node."""
+    node: Node | None = root
+    with np.errstate(all="ignore"):
+        world = root.matrix
+        for element in path:
+            node = node.children.get(element) if node is not None else None
+            if node is None:
+                return None
+            world = world @ node.matrix
+    return world

@@ -1,0 +1,111 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from gateway.scene import bounds as bd
+from gateway.scene import transforms as tf
+from gateway.scene.flatten import flatten
+from gateway.scene.geometry import Box, Part, Sphere
+from gateway.scene.tree import Node, TreeEdit
+from renderers import primitives
+from renderers.drawlist import DrawList, Instance, Material, Mesh
+
+MATERIAL = Material()
+
+
+def brute(mesh: Mesh, X: np.ndarray) -> np.ndarray:
+    points = mesh.positions[np.unique(mesh.elements)].astype(float) @ X[:3, :3].T + X[:3, 3]
+    return np.array((points.min(axis=0), points.max(axis=0)))
+
+
+affine = hnp.arrays(np.float64, (3, 4), elements=st.floats(-5, 5)).map(lambda a: np.vstack((a, (0, 0, 0, 1))))
+
+
+@given(affine, st.sampled_from([primitives.box(), primitives.sphere(), primitives.cone()]))
+def test_bounds_are_those_of_the_transformed_vertices(X, mesh):
+    np.testing.assert_allclose(bd.transformed_bounds(mesh, X), brute(mesh, X), atol=1e-9)
+
+
+@pytest.mark.parametrize("swap", [np.eye(3), np.roll(np.eye(3), 1, axis=0), np.diag((1, -2, 3))])
+def test_axis_aligned_maps_are_exact(swap):
+    X = np.eye(4)
+    X[:3, :3], X[:3, 3] = swap, (1, 2, 3)
+    np.testing.assert_array_equal(bd.transformed_bounds(primitives.sphere(), X), brute(primitives.sphere(), X))
+
+
+def test_vertices_that_nothing_uses_do_not_count():
+    positions = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (99, 99, 99), (np.nan, 0, 0)], np.float32)
+    mesh = Mesh(positions, np.array([(0, 1, 2)], np.uint32))
+    np.testing.assert_array_equal(bd.mesh_bounds(mesh), [(0, 0, 0), (1, 1, 0)])
+    assert bd.mesh_bounds(Mesh(positions, np.zeros((0, 3), np.uint32))) is None
+
+
+def test_large_meshes_are_bounded_from_outside_and_closely():
+    random = np.random.default_rng(7)
+    directions = random.normal(size=(bd.EXACT_VERTICES * 2, 3))
+    positions = (directions / np.linalg.norm(directions, axis=1, keepdims=True)).astype(np.float32)
+    mesh = Mesh(positions, np.arange(len(positions), dtype=np.uint32)[:, None])
+    X = tf.from_pose((5, 0, 0), (0.9, 0.3, 0.1, 0.2))
+    found, true = bd.transformed_bounds(mesh, X), brute(mesh, X)
+    assert found is not None
+    assert (found[0] <= true[0] + 1e-9).all()
+    assert (found[1] >= true[1] - 1e-9).all()
+    assert np.abs(found - true).max() < 2.0 / 12 * 1.8
+
+
+def test_unchanged_instances_are_not_measured_again(monkeypatch):
+    first = Instance(primitives.box(), MATERIAL, np.eye(4))
+    memory = bd.BoundsMemory()
+    memory.of(DrawList((first,)))
+    measured = []
+    real = bd.transformed_bounds
+
+    def counted(mesh: Mesh, X: np.ndarray) -> object:
+        measured.append(X)
+        return real(mesh, X)
+
+    monkeypatch.setattr(bd, "transformed_bounds", counted)
+    moved = Instance(primitives.box(), MATERIAL, tf.translation(1, 0, 0))
+    boxes = memory.of(DrawList((first, moved)))
+    assert len(measured) == 1
+    np.testing.assert_array_equal(boxes[1], [(0.5, -0.5, -0.5), (1.5, 0.5, 0.5)])
+
+
+def scene(*parts: tuple[str, Part, np.ndarray]) -> Node:
+    edit = TreeEdit(Node())
+    for name, part, X in parts:
+        edit.set_parts((name,), (part,))
+        edit.set_matrix((name,), X)
+    return edit.commit()
+
+
+def test_scene_and_focus_bounds():
+    ground = ("ground", Part(Box((100, 100, 0.1)), MATERIAL), tf.translation(0, 0, -0.05))
+    ball = ("ball", Part(Sphere(0.5), MATERIAL), tf.translation(1, 0, 0.5))
+    both = flatten(scene(ground, ball))
+    np.testing.assert_allclose(bd.scene_bounds(both), [(-50, -50, -0.1), (50, 50, 1)], atol=1e-6)
+    np.testing.assert_allclose(bd.focus_bounds(both), [(0.5, -0.5, 0), (1.5, 0.5, 1)], atol=1e-6)
+    alone = flatten(scene(ground))
+    np.testing.assert_allclose(bd.focus_bounds(alone), bd.scene_bounds(alone))
+    assert bd.scene_bounds(DrawList()) is None
+    assert bd.focus_bounds(DrawList()) is None
+
+
+def test_a_small_table_top_stays_in_focus():
+    top = ("top", Part(Box((1.5, 1, 0.01)), MATERIAL), tf.translation(0, 0, -0.5))
+    ball = ("ball", Part(Sphere(0.5), MATERIAL), np.eye(4))
+    np.testing.assert_allclose(bd.focus_bounds(flatten(scene(top, ball))), [(-0.75, -0.5, -0.505), (0.75, 0.5, 0.5)])
+
+
+def test_world_matrices_multiply_from_the_root_down():
+    edit = TreeEdit(Node())
+    edit.set_matrix((), tf.translation(0, 0, 10))
+    edit.set_matrix(("a",), tf.scaling(2, 2, 2))
+    edit.set_matrix(("a", "b"), tf.translation(1, 0, 0))
+    root = edit.commit()
+    np.testing.assert_array_equal(bd.world_matrix(root, ("a", "b")), tf.translation(2, 0, 10) @ tf.scaling(2, 2, 2))
+    assert bd.world_matrix(root, ("a", "c", "d")) is None
