@@ -1,0 +1,35 @@
+"""Golden pictures: exact, small, made again with ``SCENEGATE_REGENERATE_PICTURES=1 pytest ...`` and looked at."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+FOLDER = Path(__file__).parent.parent / "pictures"
+REGENERATE = "SCENEGATE_REGENERATE_PICTURES"
+
+
+def same_as_golden(name: str, **arrays: NDArray[Any]) -> None:
+    """Compare arrays bit for bit with ``tests/pictures/NAME.npz``; write it instead when asked to."""
+    path = FOLDER / f"{name}.npz"
+    if os.environ.get(REGENERATE):
+        FOLDER.mkdir(exist_ok=True)
+        np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
+        pytest.skip(f"{path.name} was written")
+    with np.load(path) as golden:
+        assert set(golden.files) == set(arrays)
+        for key, array in arrays.items():
+            expected = golden[key]
+            assert array.dtype == expected.dtype
+            assert array.shape == expected.shape
+            if array.tobytes() != expected.tobytes():
+                different = np.argwhere((array != expected).reshape(*array.shape[:2], -1).any(axis=-1))
+                raise AssertionError(
+                    f"{name}: {key} differs in {len(different)} pixels, first at row, column {different[0]}: "
+                    f"{array[tuple(different[0])]} instead of {expected[tuple(different[0])]}"
+                )

@@ -1,0 +1,57 @@
+"""After ``warmup`` nothing is compiled: neither in this process nor in another one that finds the cache."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+PROGRAM = """
+from renderers.cpu import warmup
+warmup()
+from numba.core.event import install_recorder
+import numpy as np
+from renderers.camera import Camera
+from renderers.cpu import CpuRenderer
+from renderers.drawlist import AlphaMode, DrawList, Instance, Material, Mesh
+from renderers.port import Look, Output
+
+corners = np.array(((-1, -1, 2), (1, -1, 2), (1, 1, 2), (-1, 1, 1)), dtype=np.float32)
+instances = tuple(
+    Instance(
+        Mesh(corners, np.arange(n, dtype=np.uint32)[None], corners if smooth else None, corners[:, :2].copy()),
+        Material(base_color=(1, 0, 0, 0.5), alpha_mode=mode, double_sided=double),
+        np.eye(4),
+    )
+    for n in (1, 2, 3)
+    for smooth in (False, True)
+    for mode in AlphaMode
+    for double in (False, True)
+)
+camera = Camera(40, 30, 40.0, 40.0, 20.0, 15.0, 0.1, 10.0, np.eye(4))
+everything = Output.COLOR | Output.DEPTH | Output.LABEL | Output.INSTANCE | Output.NORMAL
+with install_recorder("numba:compile") as recorder:
+    for threads in (1, 2):
+        renderer = CpuRenderer(threads)
+        for look in (Look("phong"), Look("pbr")):
+            for outputs in (everything, Output.DEPTH, Output.COLOR):
+                renderer.render(DrawList(instances), camera, outputs, look).close()
+        renderer.close()
+print(len(recorder.buffer), "compilations")
+
+from renderers.cpu.jit import KERNELS
+assert KERNELS
+for kernel in KERNELS:
+    assert len(kernel.signatures) == 1, (kernel, kernel.signatures)
+print(sum(sum(k.stats.cache_misses.values()) for k in KERNELS), "misses")
+"""
+
+
+def _run() -> list[str]:
+    done = subprocess.run([sys.executable, "-c", PROGRAM], check=True, capture_output=True, text=True, timeout=300)
+    return done.stdout.splitlines()
+
+
+def test_nothing_is_compiled_after_warmup() -> None:
+    assert _run()[0] == "0 compilations"
+    # The first process has filled the cache.
+    assert _run() == ["0 compilations", "0 misses"]
