@@ -19,6 +19,7 @@ from gateway.scene.gltf import GltfError
 from gateway.scene.tree import Node
 from renderers.drawlist import DrawList, ImageError
 from renderers.encode import png_gray16, png_label, png_rgb, tiff_float32
+from renderers.fxaa import fxaa
 from renderers.port import Frame, Look, LookName, Output, Renderer
 
 Backdrop = Callable[[], DrawList | Node | None]
@@ -104,6 +105,8 @@ class Pipeline:
     def _encoded(self, frame: Frame, request: RenderRequest) -> tuple[bytes, str]:
         if request.image_type == "color":
             assert frame.color is not None
+            if self._config.antialias == "fxaa":
+                fxaa(frame.color)
             return png_rgb(frame.color), "image/png"
         if request.image_type == "label":
             assert frame.label is not None

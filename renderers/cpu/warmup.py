@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+import renderers.fxaa  # noqa: F401 - its kernel is one of all
 from renderers.camera import Camera
 from renderers.cpu.jit import compile_all
 from renderers.cpu.renderer import CpuRenderer

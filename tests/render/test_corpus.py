@@ -1,6 +1,7 @@
 """Recorded requests of Drake's real client against the pictures that RenderEngineVtk made of the same scenes.
 
-Each body is posted byte for byte with its recorded headers. What is measured is printed as a table (``pytest -rP``).
+Each body is posted byte for byte with its recorded headers. What is measured is printed as a table after the
+tests.
 """
 
 from __future__ import annotations
@@ -9,7 +10,6 @@ import json
 import os
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import cv2
 import httpx2
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from renderers.cpu import CpuRenderer
 from tests.render.conftest import Start
-from tests.support.corpus import DrakeScene, decode_label, drake_scene, drake_scenes
+from tests.support.corpus import TABLE, DrakeScene, Row, decode_label, drake_scene, drake_scenes
 
 pytestmark = pytest.mark.corpus
 
@@ -37,25 +37,6 @@ COLOR_APART = frozenset(("019_hierarchy",))
 """RenderEngineVtk lights mirrored boxes black; we do not."""
 
 SCENES = drake_scenes() or (None,)
-
-
-@dataclass
-class Row:
-    """A line of the table."""
-
-    scene: str
-    kind: str
-    figures: str
-    milliseconds: float
-
-
-@pytest.fixture(scope="module")
-def table() -> Iterator[list[Row]]:
-    rows: list[Row] = []
-    yield rows
-    width = max((len(row.scene) for row in rows), default=0)
-    for row in rows:
-        print(f"{row.scene:{width}}  {row.kind:5}  {row.figures:44}  {row.milliseconds:7.1f} ms")
 
 
 @pytest.fixture(scope="module")
@@ -86,19 +67,19 @@ def present(scene: DrakeScene | None) -> DrakeScene:
 
 
 @pytest.mark.parametrize("scene", SCENES, ids=str)
-async def test_labels(start: Start, renderer: CpuRenderer, table: list[Row], scene: DrakeScene | None) -> None:
+async def test_labels(start: Start, renderer: CpuRenderer, scene: DrakeScene | None) -> None:
     scene = present(scene)
     picture, milliseconds = await ask(start, renderer, scene, "label")
     labels, reference = decode_label(picture.astype(np.uint8)), scene.reference_label()
     assert labels.shape == reference.shape
     wrong = int((labels != reference).sum())
-    table.append(Row(str(scene), "label", f"{wrong} pixels wrong", milliseconds))
+    TABLE.append(Row(str(scene), "label", f"{wrong} pixels wrong", milliseconds))
     assert wrong <= MAX_WRONG_PIXELS
     assert (picture[..., 2][labels != 32764] == 0).all()  # blue is nobody's but white's
 
 
 @pytest.mark.parametrize("scene", SCENES, ids=str)
-async def test_depth(start: Start, renderer: CpuRenderer, table: list[Row], scene: DrakeScene | None) -> None:
+async def test_depth(start: Start, renderer: CpuRenderer, scene: DrakeScene | None) -> None:
     scene = present(scene)
     depth, milliseconds = await ask(start, renderer, scene, "depth")
     reference = scene.reference_depth()
@@ -110,14 +91,14 @@ async def test_depth(start: Start, renderer: CpuRenderer, table: list[Row], scen
     error = np.abs(depth[both] - reference[both])
     beyond = error - np.maximum(0.0, REFERENCE_PRECISION * reference[both] - MAX_DEPTH_ERROR)
     p99 = float(np.percentile(error, 99)) if error.size else 0.0
-    table.append(Row(str(scene), "depth", f"{coverage} pixels covered otherwise, p99 {p99:.1e} m", milliseconds))
+    TABLE.append(Row(str(scene), "depth", f"{coverage} pixels covered otherwise, p99 {p99:.1e} m", milliseconds))
     assert not np.isnan(depth).any()
     assert coverage <= MAX_WRONG_PIXELS
     assert error.size == 0 or np.percentile(beyond, 99) < MAX_DEPTH_ERROR
 
 
 @pytest.mark.parametrize("scene", SCENES, ids=str)
-async def test_color(start: Start, renderer: CpuRenderer, table: list[Row], scene: DrakeScene | None) -> None:
+async def test_color(start: Start, renderer: CpuRenderer, scene: DrakeScene | None) -> None:
     scene = present(scene)
     picture, milliseconds = await ask(start, renderer, scene, "color")
     reference = scene.reference_color()
@@ -125,7 +106,7 @@ async def test_color(start: Start, renderer: CpuRenderer, table: list[Row], scen
     difference = np.abs(picture.astype(np.int16) - reference)
     fraction = float((difference > COLOR_STEP).mean())
     figures = f"{100 * fraction:.2f} % off by > {COLOR_STEP}, mean {difference.mean():.2f}"
-    table.append(Row(str(scene), "color", figures, milliseconds))
+    TABLE.append(Row(str(scene), "color", figures, milliseconds))
     if scene.name in COLOR_APART:
         # The black box of the reference apart, the scene is as near as the others.
         difference = difference[reference.max(axis=-1) > 20]

@@ -1,0 +1,133 @@
+"""Fast approximate anti-aliasing of finished pictures (T. Lottes, "FXAA", NVIDIA white paper, 2009).
+
+With the parameters and the end-of-edge rule of VTK, which Drake's RenderEngineVtk has on: pictures made for Drake's
+users are then as near to its own as they can be. It looks at colours only; depth and labels are never filtered.
+"""
+
+from __future__ import annotations
+
+import threading
+from typing import Final
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from renderers.cpu.jit import kernel
+
+_HARD_CONTRAST: Final = np.float32(255.0 / 16.0)
+"""Luma range (of 255) of a pixel and its four neighbours below which nothing is done ..."""
+_RELATIVE_CONTRAST: Final = np.float32(1.0 / 8.0)
+"""... or below this part of the brightest of them."""
+_SUBPIXEL_CONTRAST: Final = np.float32(1.0 / 4.0)
+"""A pixel that differs from its neighbours' mean by less than this part of their range is no lone spot."""
+_SUBPIXEL_BLEND: Final = np.float32(3.0 / 4.0)
+"""How much of a lone spot its surroundings replace at most."""
+_SEARCH: Final = 12
+"""Pixels along an edge, either way, in which its ends are looked for."""
+
+
+_KEPT_PIXELS: Final = 1920 * 1080
+"""Working memory for pictures up to this size (7 bytes a pixel) stays with its thread: fresh pages take as long as the
+filter."""
+_scratch = threading.local()
+
+
+def fxaa(color: NDArray[np.uint8]) -> None:
+    """Smooths the edges of a picture in place.
+
+    Args:
+        color: (H, W, 3) uint8, C-contiguous, as it is shown (gamma-encoded).
+    """
+    height, width = color.shape[:2]
+    pixels = height * width
+    kept: tuple[NDArray[np.uint8], NDArray[np.float32]] | None = getattr(_scratch, "arrays", None)
+    if kept is None or kept[1].size < pixels:
+        kept = np.empty(3 * pixels, np.uint8), np.empty(pixels, np.float32)
+        if pixels <= _KEPT_PIXELS:
+            _scratch.arrays = kept
+    source = kept[0][: 3 * pixels].reshape(height, width, 3)
+    np.copyto(source, color)
+    _smooth(source, kept[1][:pixels].reshape(height, width), color)
+
+
+@kernel("void(uint8[:,:,::1], float32[:,::1], uint8[:,:,::1])")
+def _smooth(source: NDArray[np.uint8], luma: NDArray[np.float32], out: NDArray[np.uint8]) -> None:
+    """``out`` holds a copy of ``source``; ``luma`` is scratch."""
+    height, width = luma.shape
+    for y in range(height):
+        for x in range(width):
+            luma[y, x] = (
+                np.float32(0.299) * source[y, x, 0]
+                + np.float32(0.587) * source[y, x, 1]
+                + np.float32(0.114) * source[y, x, 2]
+            )
+    for y in range(height):
+        # OpenGL's rows go upwards, which decides between neighbours of equal contrast: "north" is the row below.
+        north, south = min(y + 1, height - 1), max(y - 1, 0)
+        for x in range(width):
+            west, east = max(x - 1, 0), min(x + 1, width - 1)
+            c, n, s, w, e = luma[y, x], luma[north, x], luma[south, x], luma[y, west], luma[y, east]
+            brightest = max(max(max(n, s), max(w, e)), c)
+            contrast = brightest - min(min(min(n, s), min(w, e)), c)
+            if contrast >= max(_HARD_CONTRAST, _RELATIVE_CONTRAST * brightest):
+                _smooth_pixel(source, luma, out, x, y, west, east, north, south, contrast)
+
+
+@njit(nogil=True)
+def _smooth_pixel(source, luma, out, x, y, west, east, north, south, contrast):  # type: ignore[no-untyped-def]
+    c, n, s, w, e = luma[y, x], luma[north, x], luma[south, x], luma[y, west], luma[y, east]
+    nw, ne, sw, se = luma[north, west], luma[north, east], luma[south, west], luma[south, east]
+    # Second differences across rows and columns, the middle one counting twice: which way does the edge run?
+    two = np.float32(2.0)
+    across_columns = abs(nw + ne - two * n) + two * abs(w + e - two * c) + abs(sw + se - two * s)
+    across_rows = abs(nw + sw - two * w) + two * abs(n + s - two * c) + abs(ne + se - two * e)
+    horizontal = across_rows >= across_columns
+    # The pixel over the edge: the neighbour of highest contrast perpendicular to it.
+    first, second = (n, s) if horizontal else (w, e)
+    if abs(c - first) >= abs(c - second):
+        over = first
+        ox, oy = (x, north) if horizontal else (west, y)
+    else:
+        over = second
+        ox, oy = (x, south) if horizontal else (east, y)
+    dx, dy = (1, 0) if horizontal else (0, 1)
+    back, luma_back = _edge_end(luma, x, y, ox, oy, -dx, -dy, c, over)
+    ahead, luma_ahead = _edge_end(luma, x, y, ox, oy, dx, dy, c, over)
+    # North is +y here but -y in OpenGL: "back" is the nearer end only if strictly nearer in OpenGL's direction.
+    if horizontal:
+        back_is_nearer = back < ahead
+    else:
+        back_is_nearer = back <= ahead
+    end = luma_back if back_is_nearer else luma_ahead
+    shift = np.float32(0.0)
+    if abs(end - over) < abs(end - c):
+        shift = np.float32(0.5) - np.float32(min(back, ahead)) / np.float32(back + ahead)
+    # A lone spot is blended with its surroundings.
+    mean = np.float32(0.25) * (n + s + w + e)
+    spot = abs(mean - c) / contrast - _SUBPIXEL_CONTRAST
+    blend = min(_SUBPIXEL_BLEND, max(np.float32(0.0), spot / (np.float32(1.0) - _SUBPIXEL_CONTRAST)))
+    for k in range(3):
+        center = np.float32(source[y, x, k])
+        edge = center + shift * (np.float32(source[oy, ox, k]) - center)
+        around = np.float32(0.0)
+        for row in (north, y, south):
+            for column in (west, x, east):
+                around += np.float32(source[row, column, k])
+        value = edge + blend * (around / np.float32(9.0) - edge)
+        out[y, x, k] = np.uint8(value + np.float32(0.5))
+
+
+@njit(nogil=True)
+def _edge_end(luma, x, y, ox, oy, dx, dy, c, over):  # type: ignore[no-untyped-def]
+    """Walks along both sides of an edge until a pixel is more like the other side; VTK's rule, which sees the ends of
+    lines one pixel wide, too. Returns the distance in pixels and the luma at the end on the pixel's own side."""
+    height, width = luma.shape
+    distance, here = 1, c
+    for _ in range(_SEARCH):
+        here = luma[min(max(y + distance * dy, 0), height - 1), min(max(x + distance * dx, 0), width - 1)]
+        there = luma[min(max(oy + distance * dy, 0), height - 1), min(max(ox + distance * dx, 0), width - 1)]
+        if abs(there - over) > abs(there - c) or abs(here - c) > abs(here - over):
+            break
+        distance += 1
+    return distance, here

@@ -1,0 +1,97 @@
+"""Anti-aliasing of finished pictures."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from renderers.fxaa import fxaa
+
+WHITE, BLACK = 255, 0
+
+
+def smoothed(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    out = np.array(picture, order="C")
+    fxaa(out)
+    return out
+
+
+def half_plane(slope: float, size: int = 64) -> NDArray[np.uint8]:
+    """White above a line through the centre, black below, pixels all or nothing."""
+    y, x = np.mgrid[0:size, 0:size] + 0.5 - size / 2
+    return np.where((y < slope * x)[..., None], WHITE, BLACK).astype(np.uint8).repeat(3, axis=-1)
+
+
+def coverage(slope: float, size: int = 64, samples: int = 8) -> NDArray[np.float64]:
+    """The exact picture of the same, about: the mean of many samples a pixel."""
+    fine = half_plane(slope, size * samples)[..., 0].astype(float)
+    return fine.reshape(size, samples, size, samples).mean(axis=(1, 3))
+
+
+def test_flat_pictures_and_gentle_shades_are_left_alone() -> None:
+    ramp = np.broadcast_to(np.arange(100, 164, dtype=np.uint8)[None, :, None], (48, 64, 3))
+    np.testing.assert_array_equal(smoothed(ramp), ramp)
+
+
+def test_axis_parallel_edges_stay_sharp() -> None:
+    """Edges without steps have nothing to smooth: a box that lies on the pixel grid stays a box, its corners apart."""
+    picture = np.full((64, 64, 3), 200, np.uint8)
+    picture[:, 32:] = 30
+    np.testing.assert_array_equal(smoothed(picture), picture)
+    np.testing.assert_array_equal(smoothed(picture.transpose(1, 0, 2)), picture.transpose(1, 0, 2))
+
+
+def test_slanted_edges_come_nearer_to_their_true_coverage() -> None:
+    for slope in (0.05, 0.11, 0.25, 0.4, 0.9, -0.3, 1.7):
+        rough, exact = half_plane(slope), coverage(slope)
+        inside = (slice(8, -8), slice(8, -8))
+        before = np.abs(rough[..., 0].astype(float) - exact)[inside].mean()
+        after = np.abs(smoothed(rough)[..., 0].astype(float) - exact)[inside].mean()
+        assert after < 0.7 * before, slope
+
+
+def test_mirrored_pictures_give_mirrored_pictures() -> None:
+    for slope in (0.11, 0.4, -0.3):
+        rough = half_plane(slope)
+        np.testing.assert_array_equal(smoothed(rough[:, ::-1]), smoothed(rough)[:, ::-1])
+
+
+def test_a_lone_spot_is_blended_with_its_surroundings() -> None:
+    picture = np.zeros((9, 9, 3), np.uint8)
+    picture[4, 4] = 255
+    spot = smoothed(picture)[4, 4]
+    assert (spot < 255 * 0.4).all()
+    assert (spot > 0).all()
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.integers(1, 24), st.integers(1, 24), st.integers(0, 2**32 - 1))
+def test_noise_of_any_size_stays_within_its_neighbourhood(height: int, width: int, seed: int) -> None:
+    picture = np.random.default_rng(seed).integers(0, 256, (height, width, 3), dtype=np.uint8)
+    result = smoothed(picture)
+    padded = np.pad(picture, ((1, 1), (1, 1), (0, 0)), mode="edge")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3), axis=(0, 1))
+    assert (result >= windows.min(axis=(-1, -2))).all()
+    assert (result <= windows.max(axis=(-1, -2))).all()
+
+
+def test_threads_do_not_share_their_working_memory() -> None:
+    pictures = [half_plane(slope, 200) for slope in (0.1, 0.2, 0.3, 0.4)]
+    expected = [smoothed(picture) for picture in pictures]
+    results: list[NDArray[np.uint8] | None] = [None] * len(pictures)
+
+    def work(index: int) -> None:
+        for _ in range(20):
+            results[index] = smoothed(pictures[index])
+
+    threads = [threading.Thread(target=work, args=(index,)) for index in range(len(pictures))]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for result, wanted in zip(results, expected, strict=True):
+        np.testing.assert_array_equal(result, wanted)
