@@ -21,6 +21,7 @@ Resolver = Callable[[str], bytes]
 
 _SCHEME: Final = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
 _BASE64_NOISE: Final = re.compile(rb"[\s=]+")
+_URL_ALPHABET: Final = bytes.maketrans(b"-_", b"+/")
 
 
 class Buffers:
@@ -40,6 +41,7 @@ class Buffers:
         self._limits = limits
         self._resolve = resolve
         self._loaded: dict[int, Buffer] = {}
+        self._held: dict[tuple[int, int], Buffer] = {}
         self._nbytes = 0
 
     def load(self, index: int, where: str) -> Buffer:
@@ -56,7 +58,7 @@ class Buffers:
             loaded = self.of_uri(buffer.uri, f"buffers[{index}].uri")
         elif index == 0 and self._container.bin is not None:
             self.charge(len(self._container.bin), "the binary chunk")
-            loaded = self._cache.buffer(self._container.bin)
+            loaded = self._cache.buffer(self._container.bin, self._held)
         else:
             raise GltfError(f"buffers[{index}]: there is neither a uri nor a binary chunk")
         self._loaded[index] = loaded
@@ -98,7 +100,7 @@ class Buffers:
                 data = decode_data_uri(memoryview(unescaped.encode()))
             except (ValueError, msgspec.MsgspecError) as error:
                 raise GltfError(f"{where}: not a valid data URI: {error}") from error
-        return self._cache.buffer(data)
+        return self._cache.buffer(data, self._held)
 
     def charge(self, nbytes: int, where: str) -> None:
         """Counts bytes against ``max_buffer_bytes``, before they are made."""
@@ -117,7 +119,7 @@ class Buffers:
         except (OSError, ValueError, LookupError) as error:
             raise GltfError(f"{where}: cannot read '{shown}': {error}") from error
         self.charge(len(data), where)
-        return self._cache.buffer(data)
+        return self._cache.buffer(data, self._held)
 
 
 def decode_data_uri(uri: memoryview) -> bytes:
@@ -137,9 +139,5 @@ def decode_data_uri(uri: memoryview) -> bytes:
     except ValueError:
         pass
     # Line breaks, missing padding and the URL alphabet are sloppy, but unambiguous.
-    cleaned = _BASE64_NOISE.sub(b"", unquote_to_bytes(bytes(text)))
-    return (
-        pybase64.b64decode(cleaned + b"=" * (-len(cleaned) % 4), altchars=b"-_", validate=True)
-        if (b"-" in cleaned or b"_" in cleaned)
-        else pybase64.b64decode(cleaned + b"=" * (-len(cleaned) % 4), validate=True)
-    )
+    cleaned = _BASE64_NOISE.sub(b"", unquote_to_bytes(bytes(text))).translate(_URL_ALPHABET)
+    return pybase64.b64decode(cleaned + b"=" * (-len(cleaned) % 4), validate=True)

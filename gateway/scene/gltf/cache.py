@@ -77,9 +77,23 @@ class MeshCache:
         self._nbytes = 0
         self._buffer_hits = self._buffer_misses = self._mesh_hits = self._mesh_misses = 0
 
-    def buffer(self, data: bytes | memoryview) -> Buffer:
-        """The buffer with these bytes; a memoryview is copied when they are new."""
+    def buffer(self, data: bytes | memoryview, held: dict[tuple[int, int], Buffer] | None = None) -> Buffer:
+        """The buffer with these bytes; a memoryview is copied when they are new.
+
+        Args:
+            held: buffers that the caller keeps anyway, found first and added to: equal bytes of one document are one
+                buffer even when the cache is too small for them.
+        """
         key = (len(data), isal_zlib.crc32(data))
+        if held is not None:
+            known = held.get(key)
+            if known is not None and _equal(known.data, data):
+                return known
+            buffer = held[key] = self._buffer(key, data)
+            return buffer
+        return self._buffer(key, data)
+
+    def _buffer(self, key: tuple[int, int], data: bytes | memoryview) -> Buffer:
         with self._lock:
             entry = self._entries.get(key)
         if entry is not None and _equal(entry.buffer.data, data):

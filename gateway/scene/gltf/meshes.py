@@ -218,7 +218,7 @@ def _tangents(values: Floats) -> Floats:
 
 def _without_bad_vertices(positions: Floats, elements: NDArray[np.uint32]) -> tuple[Floats, NDArray[np.uint32], int]:
     """Positions with zeros where they are not finite, the elements that use none of those, and how many others."""
-    bad: NDArray[np.bool_] = ~np.isfinite(positions).all(axis=1)
+    bad = np.asarray(~np.isfinite(positions).all(axis=1))
     kept: NDArray[Any] = np.ascontiguousarray(elements[~bad[elements].any(axis=1)])
     cleaned = positions.copy()
     cleaned[bad] = 0.0

@@ -1,0 +1,190 @@
+from __future__ import annotations
+
+import gc
+import io
+import struct
+import zlib
+
+import cv2
+import numpy as np
+import PIL.Image
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from renderers.drawlist import ImageError
+from renderers.images import decode_image, image_from_bytes, image_header
+
+RGBA = np.random.default_rng(0).integers(0, 256, (5, 7, 4), np.uint8)
+
+
+def encoded(array: NDArray[np.uint8], kind: str, mode: str | None = None, **options: object) -> bytes:
+    file = io.BytesIO()
+    image = PIL.Image.fromarray(array)
+    (image.convert(mode) if mode else image).save(file, kind, **options)
+    return file.getvalue()
+
+
+def png16(samples: NDArray[np.uint16]) -> bytes:
+    ok, data = cv2.imencode(".png", samples)
+    assert ok
+    return bytes(data.tobytes())
+
+
+def chunk(kind: bytes, data: bytes) -> bytes:
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+
+def raw_png(width: int, height: int, depth: int, colour_type: int, rows: bytes, *more: bytes) -> bytes:
+    header = struct.pack(">IIBBBBB", width, height, depth, colour_type, 0, 0, 0)
+    parts = (b"\x89PNG\r\n\x1a\n", chunk(b"IHDR", header), *more, chunk(b"IDAT", zlib.compress(rows)))
+    return b"".join((*parts, chunk(b"IEND", b"")))
+
+
+def opaque(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    return np.dstack([rgb, np.full(rgb.shape[:2], 255, np.uint8)])
+
+
+GREY = np.ascontiguousarray(RGBA[..., 0])
+
+
+@pytest.mark.parametrize(
+    ("data", "expected"),
+    [
+        (encoded(RGBA, "PNG"), RGBA),
+        (encoded(RGBA[..., :3], "PNG"), opaque(RGBA[..., :3])),
+        (encoded(GREY, "PNG"), opaque(np.dstack([GREY] * 3))),
+        (encoded(RGBA[..., :2], "PNG", None), np.dstack([GREY] * 3 + [RGBA[..., 1]])),
+        (encoded(RGBA, "WebP", lossless=True, exact=True), RGBA),
+        (encoded(RGBA[..., :3], "WebP", lossless=True), opaque(RGBA[..., :3])),
+        (png16(RGBA[..., [2, 1, 0]].astype(np.uint16) << 8 | 0x7F), opaque(RGBA[..., :3])),
+        (png16(RGBA[..., [2, 1, 0, 3]].astype(np.uint16) << 8), RGBA),
+        (png16(GREY.astype(np.uint16) << 8 | 0xFF), opaque(np.dstack([GREY] * 3))),
+    ],
+    ids=["rgba", "rgb", "grey", "grey+alpha", "webp+alpha", "webp", "rgb16", "rgba16", "grey16"],
+)
+def test_lossless_formats_are_exact(data: bytes, expected: NDArray[np.uint8]) -> None:
+    pixels = decode_image(data)
+    assert pixels.dtype == np.uint8
+    assert pixels.flags.c_contiguous
+    assert pixels.tolist() == expected.tolist()
+
+
+@pytest.mark.parametrize("depth", [1, 2, 4, 8])
+def test_palettes_with_transparency(depth: int) -> None:
+    palette = b"\x00\x0a\x14\xff\x80\x40"
+    rows = b"\0" + bytes([1 << (8 - depth)]) + (b"" if depth < 8 else b"\0")
+    if depth == 8:
+        rows = b"\0\x01\x00"
+    data = raw_png(2, 1, depth, 3, rows, chunk(b"PLTE", palette), chunk(b"tRNS", b"\xff\x33"))
+    assert decode_image(data).tolist() == [[[255, 128, 64, 0x33], [0, 10, 20, 255]]]
+
+
+@pytest.mark.parametrize(
+    ("depth", "colour_type", "rows", "transparent", "expected"),
+    [
+        (8, 0, b"\0\x05\x06", b"\0\x05", [[5, 5, 5, 0], [6, 6, 6, 255]]),
+        (8, 2, b"\0\x01\x02\x03\x04\x05\x06", b"\0\1\0\2\0\3", [[1, 2, 3, 0], [4, 5, 6, 255]]),
+        (16, 0, b"\0\x05\x01\x05\x02", b"\x05\x01", [[5, 5, 5, 0], [5, 5, 5, 255]]),
+        (1, 0, b"\0\x40", b"\0\0", [[0, 0, 0, 0], [255, 255, 255, 255]]),
+    ],
+)
+def test_transparent_colours(
+    depth: int, colour_type: int, rows: bytes, transparent: bytes, expected: list[list[int]]
+) -> None:
+    data = raw_png(2, 1, depth, colour_type, rows, chunk(b"tRNS", transparent))
+    assert decode_image(data).tolist() == [expected]
+
+
+@pytest.mark.parametrize("mode", ["RGB", "L", "CMYK"])
+def test_jpeg(mode: str) -> None:
+    smooth = np.dstack([*np.meshgrid(np.arange(0, 256, 4), np.arange(0, 128, 4)), np.full((32, 64), 90)])
+    source = PIL.Image.fromarray(smooth.astype(np.uint8)).convert(mode)
+    file = io.BytesIO()
+    source.save(file, "JPEG", quality=98, subsampling=0)
+    pixels = decode_image(file.getvalue()).astype(int)
+    assert pixels.shape == (32, 64, 4)
+    assert (pixels[..., 3] == 255).all()
+    expected = np.asarray(source.convert("RGB")).astype(int)
+    assert np.abs(pixels[..., :3] - expected).mean() < 2
+
+
+def test_exif_orientation_is_ignored() -> None:
+    exif = PIL.Image.Exif()
+    exif[0x0112] = 6
+    assert decode_image(encoded(RGBA[..., :3], "JPEG", exif=exif.tobytes())).shape == (5, 7, 4)
+
+
+@pytest.mark.parametrize("kind", ["PNG", "JPEG", "WebP"])
+@pytest.mark.parametrize("options", [{}, {"lossless": True}, {"progressive": True}, {"exif": b"Exif\0\0" + bytes(300)}])
+def test_headers(kind: str, options: dict[str, object]) -> None:
+    for channels in (3, 4):
+        if kind == "JPEG" and channels == 4:
+            continue
+        data = encoded(RGBA[..., :channels], kind, None, **options)
+        header = image_header(memoryview(data))
+        assert (header.format, header.width, header.height, header.pixels) == (kind, 7, 5, 35)
+
+
+def test_bombs_are_refused_by_their_header() -> None:
+    bomb = raw_png(60_000, 60_000, 1, 0, b"")
+    with pytest.raises(ImageError, match="bomb: 60000x60000 pixels are more than the limit of 67108864"):
+        decode_image(bomb, name="bomb")
+    with pytest.raises(ImageError, match="7x5 pixels are more than the limit of 34"):
+        image_from_bytes(encoded(RGBA, "PNG"), max_pixels=34).decode()
+    assert image_from_bytes(encoded(RGBA, "PNG"), max_pixels=35).decode().shape == (5, 7, 4)
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (b"", "tex: it is empty"),
+        (b"\xabKTX 20\xbb\r\n\x1a\n", "tex: KTX2 images are not supported, only PNG, JPEG and WebP"),
+        (b"GIF89a", "tex: GIF images are not supported"),
+        (b"<svg", r"tex: an image that starts with b'<svg' is not supported"),
+        (b"\x89PNG\r\n\x1a\n", "tex: PNG without IHDR"),
+        (b"\x89PNG\r\n\x1a\n\0\0\0\x0dIHDR\0", r"tex: its header is cut off \(17 bytes\)"),
+        (b"\xff\xd8\xff\xe0\0\x10JFIF", r"tex: its header is cut off \(10 bytes\)"),
+        (b"RIFF\0\0\0\0WEBPVP8 ", r"tex: its header is cut off"),
+        (encoded(RGBA, "PNG")[:60], "tex: broken PNG data"),
+        (raw_png(0, 5, 8, 2, b""), "tex: 0x5 pixels"),
+    ],
+)
+def test_errors_name_the_image(data: bytes, message: str) -> None:
+    image = image_from_bytes(data, name="tex")
+    with pytest.raises(ImageError, match=message):
+        image.decode()
+
+
+def test_equal_bytes_are_one_image_while_it_lives() -> None:
+    data = encoded(RGBA, "PNG")
+    first, second = image_from_bytes(data, name="a"), image_from_bytes(memoryview(bytearray(data)), name="b")
+    assert first is second
+    assert image_from_bytes(data, max_pixels=1000) is not first  # other limits, other outcome
+    key = first.key
+    del first, second
+    gc.collect()
+    assert image_from_bytes(data).key == key
+
+
+SAMPLES = [encoded(RGBA, "PNG"), encoded(RGBA[..., :3], "JPEG"), encoded(RGBA, "WebP"), png16(RGBA.astype(np.uint16))]
+
+
+@given(st.sampled_from(SAMPLES), st.lists(st.tuples(st.integers(0, 2000), st.integers(0, 255)), max_size=4), st.data())
+@settings(deadline=None, max_examples=150)
+def test_damaged_images_decode_or_raise_image_error(
+    data: bytes, changes: list[tuple[int, int]], draw: st.DataObject
+) -> None:
+    damaged = bytearray(data)
+    for position, value in changes:
+        damaged[position % len(damaged)] = value
+    cut = bytes(damaged[: draw.draw(st.integers(0, len(damaged)))])
+    for candidate in (bytes(damaged), cut):
+        try:
+            pixels = decode_image(candidate, max_pixels=10_000)
+        except ImageError:
+            continue
+        assert pixels.dtype == np.uint8
+        assert pixels.ndim == 3
+        assert pixels.shape[2] == 4

@@ -1,0 +1,115 @@
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import pytest
+
+from gateway.scene.gltf import MeshCache, read_gltf
+from gateway.scene.gltf.cache import mesh_bytes
+from tests.scene.gltf.builder import Builder, meshes
+
+
+def scene(seed: int = 0, vertices: int = 300) -> bytes:
+    b = Builder()
+    rng = np.random.default_rng(seed)
+    p = b.accessor(rng.random((vertices, 3)))
+    b.node(mesh=b.mesh({"attributes": {"POSITION": p}, "indices": b.accessor(np.arange(vertices), "I")}))
+    return b.text()
+
+
+def test_the_same_mesh_across_documents() -> None:
+    cache = MeshCache()
+    (first,), (second,) = meshes(read_gltf(scene(), cache=cache)), meshes(read_gltf(scene(), cache=cache))
+    (other,) = meshes(read_gltf(scene(1), cache=cache))
+    assert first is second
+    assert first is not other
+    stats = cache.stats
+    assert (stats.buffers, stats.meshes) == (3, 2)  # the indices of all are equal
+    assert (stats.mesh_hits, stats.mesh_misses) == (1, 2)
+    assert stats.buffer_hits == 3
+
+
+def test_what_is_kept_is_counted_and_bounded_and_the_oldest_goes_first() -> None:
+    cache = MeshCache(max_bytes=40_000)
+    one = 300 * (12 + 4)  # positions and indices, which are not copied ...
+    normals = 300 * 12  # ... and what was made of them
+    (mesh,) = meshes(read_gltf(scene(), cache=cache))
+    assert cache.stats.nbytes == one + normals
+    assert mesh.positions.base is not None
+    for seed in range(1, 20):
+        read_gltf(scene(seed), cache=cache)
+        assert cache.stats.nbytes <= 40_000
+    (again,) = meshes(read_gltf(scene(19), cache=cache))
+    assert cache.stats.mesh_hits == 1
+    assert again is not mesh
+    read_gltf(scene(0), cache=cache)
+    assert cache.stats.mesh_hits == 1
+
+
+def test_clear() -> None:
+    cache = MeshCache()
+    read_gltf(scene(), cache=cache)
+    cache.clear()
+    stats = cache.stats
+    assert (stats.nbytes, stats.buffers, stats.meshes) == (0, 0, 0)
+
+
+def test_equal_checksums_do_not_exchange_contents(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gateway.scene.gltf.cache.isal_zlib.crc32", lambda data: 7)
+    cache = MeshCache()
+    for seed in (0, 1, 0, 1):
+        (mesh,) = meshes(read_gltf(scene(seed), cache=cache))
+        expected = np.random.default_rng(seed).random((300, 3)).astype(np.float32)
+        assert (mesh.positions == expected).all()
+        assert mesh.elements.ravel().tolist() == list(range(300))
+
+
+@pytest.mark.parametrize("size", [0, 1, 1000, 1 << 16, (1 << 16) + 1, (1 << 21) + 5])
+def test_large_buffers_are_compared_to_the_last_byte(size: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gateway.scene.gltf.cache.isal_zlib.crc32", lambda data: 7)
+    cache = MeshCache()
+    data = bytes(size)
+    first = cache.buffer(data)
+    assert cache.buffer(memoryview(bytearray(data))) is first
+    if size:
+        assert cache.buffer(data[:-1] + b"\1") is not first
+
+
+def test_meshes_that_two_buffers_make_go_with_either() -> None:
+    cache = MeshCache()
+    read_gltf(scene(), cache=cache)
+    before = cache.stats.nbytes
+    cache.max_bytes = before - 1
+    cache.buffer(b"x")
+    stats = cache.stats
+    assert stats.meshes == 0
+    assert stats.nbytes == 300 * 4 + 1  # the positions went, and with them the mesh and its normals
+
+
+def test_bytes_of_a_mesh() -> None:
+    cache = MeshCache()
+    (mesh,) = meshes(read_gltf(scene(), cache=cache))
+    assert mesh_bytes(mesh, []) == mesh.nbytes == 300 * (12 + 4 + 12)
+
+
+def test_threads_agree_on_one_object() -> None:
+    cache = MeshCache()
+    texts = [scene(seed, 30) for seed in range(5)]
+    results: list[list[int]] = []
+    barrier = threading.Barrier(8)
+
+    def work() -> None:
+        barrier.wait()
+        found = [meshes(read_gltf(text, cache=cache))[0] for _ in range(5) for text in texts]
+        results.append([id(mesh) for mesh in found])
+        keep.extend(found)
+
+    keep: list[object] = []
+    threads = [threading.Thread(target=work) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(results) == 8
+    assert len({i for ids in results for i in ids}) == 5
