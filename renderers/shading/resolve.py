@@ -101,11 +101,12 @@ def _rotate_corners(corners, R):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, cache=True, fastmath=False)
 def _spread(corners, count, row, weights, begin, end, out):  # type: ignore[no-untyped-def]
-    """Interpolates ``count`` values along the run into rows ``row ...`` of ``out``."""
+    """Interpolates ``count`` values along the run into rows ``row ...`` of ``out``; equal corners stay exact."""
     for k in range(count):
-        a, b, c = corners[0, k], corners[1, k], corners[2, k]
+        a = corners[0, k]
+        b, c = corners[1, k] - a, corners[2, k] - a
         for x in range(begin, end):
-            out[row + k, x] = weights[0, x] * a + weights[1, x] * b + weights[2, x] * c
+            out[row + k, x] = a + (weights[1, x] * b + weights[2, x] * c)
 
 
 @njit(nogil=True, cache=True, fastmath=False)

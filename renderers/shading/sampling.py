@@ -22,6 +22,7 @@ from renderers.shading.textures import (
     WRAP_REPEAT,
 )
 
+_LARGEST: Final = 1e9
 AS_STORED: Final = 0
 SRGB: Final = 1
 
@@ -56,8 +57,9 @@ def _wrapped(index: int, size: int, wrap: int) -> int:
 
 @njit(nogil=True, cache=True, fastmath=False)
 def _bounded(coordinate: float, wrap: int) -> float:
-    """The same place near the origin, so that it can become an integer: a NaN or infinity becomes 0."""
-    if not (abs(coordinate) < 1e30):
+    """The same place near the origin, so that it can become an integer. NaN, and what is so large that float32 has no
+    fractions left for it long since, becomes 0."""
+    if not (abs(coordinate) < _LARGEST):
         return 0.0
     if wrap == WRAP_CLAMP:
         return min(max(coordinate, -1.0), 2.0)

@@ -6,6 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 
+def _finite(values: NDArray[np.float32]) -> NDArray[np.float64]:
+    """As float64, 0 for what is not within +-1e18 (whose products float64 holds)."""
+    wide = values.astype(np.float64)
+    return np.where(np.abs(wide) < 1e18, wide, 0.0)
+
+
 def vertex_tangents(
     positions: NDArray[np.float32], uv: NDArray[np.float32], triangles: NDArray[np.uint32]
 ) -> NDArray[np.float32]:
@@ -21,8 +27,9 @@ def vertex_tangents(
         uv: (N, 2) float32, v downwards as in glTF.
         triangles: (M, 3) uint32.
     """
-    corner = positions.astype(np.float64)[triangles]
-    at = uv.astype(np.float64)[triangles]
+    # What is not a number, or beyond float32's use, makes its triangles unusable, not their neighbours.
+    corner = _finite(positions)[triangles]
+    at = _finite(uv)[triangles]
     e1, e2 = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
     d1, d2 = at[:, 1] - at[:, 0], at[:, 2] - at[:, 0]
     determinant = d1[:, 0] * d2[:, 1] - d2[:, 0] * d1[:, 1]
