@@ -1,0 +1,221 @@
+"""Run by an interpreter that has pydrake: renders through a running gateway and through RenderEngineVtk, compares.
+
+    python client.py BASE_URL            compares all views
+    python client.py BASE_URL CAMERA     renders one camera again and again
+
+Prints one JSON document. Needs nothing of this project, so that it is Drake's client alone that speaks to the gateway.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import struct
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from pydrake.geometry import (
+    Box,
+    Capsule,
+    ClippingRange,
+    ColorRenderCamera,
+    Cylinder,
+    DepthRange,
+    DepthRenderCamera,
+    Ellipsoid,
+    GeometryInstance,
+    HalfSpace,
+    MakeRenderEngineGltfClient,
+    MakeRenderEngineVtk,
+    Mesh,
+    PerceptionProperties,
+    RenderCameraCore,
+    RenderEngineGltfClientParams,
+    RenderEngineVtkParams,
+    RenderLabel,
+    Rgba,
+    SceneGraph,
+    Sphere,
+)
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.systems.sensors import CameraInfo
+
+OBJ = """\
+mtllib quad.mtl
+v -0.1 -0.1 0
+v 0.1 -0.1 0
+v 0.1 0.1 0
+v -0.1 0.1 0
+vt 0 0
+vt 1 0
+vt 1 1
+vt 0 1
+vn 0 0 1
+usemtl painted
+f 1/1/1 2/2/1 3/3/1
+f 1/1/1 3/3/1 4/4/1
+"""
+MTL = "newmtl painted\nKd 0.9 0.4 0.1\n"
+
+
+def triangle_gltf() -> str:
+    """A glTF file of one triangle, everything embedded."""
+    positions = np.array([[-0.2, 0, 0], [0.2, 0, 0], [0, 0.3, 0]], np.float32).tobytes()
+    indices = struct.pack("<3H", 0, 1, 2)
+    uri = "data:application/octet-stream;base64," + base64.b64encode(positions + indices).decode()
+    return json.dumps(
+        {
+            "asset": {"version": "2.0"},
+            "scene": 0,
+            "scenes": [{"nodes": [0]}],
+            "nodes": [{"mesh": 0, "name": "triangle"}],
+            "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, "material": 0}]}],
+            "materials": [
+                {
+                    "doubleSided": True,
+                    "pbrMetallicRoughness": {"baseColorFactor": [0.2, 0.7, 0.3, 1], "metallicFactor": 0},
+                }
+            ],
+            "buffers": [{"byteLength": 42, "uri": uri}],
+            "bufferViews": [
+                {"buffer": 0, "byteOffset": 0, "byteLength": 36},
+                {"buffer": 0, "byteOffset": 36, "byteLength": 6},
+            ],
+            "accessors": [
+                {
+                    "bufferView": 0,
+                    "componentType": 5126,
+                    "count": 3,
+                    "type": "VEC3",
+                    "min": [-0.2, 0, 0],
+                    "max": [0.2, 0.3, 0],
+                },
+                {"bufferView": 1, "componentType": 5123, "count": 3, "type": "SCALAR"},
+            ],
+        }
+    )
+
+
+def properties(label: int, rgba: list[float] | None) -> PerceptionProperties:
+    result = PerceptionProperties()
+    if rgba is not None:
+        result.AddProperty("phong", "diffuse", Rgba(*rgba))
+    result.AddProperty("label", "id", RenderLabel(label))
+    return result
+
+
+def primitives(folder: Path) -> list[tuple[object, RigidTransform, PerceptionProperties]]:
+    (folder / "quad.obj").write_text(OBJ)
+    (folder / "quad.mtl").write_text(MTL)
+    box = RigidTransform(RollPitchYaw(0.2, 0.3, 0.4), [0.0, 0.0, 0.0])
+    cylinder = RigidTransform(RollPitchYaw(1.0, 0, 0), [-0.25, 0.0, 0])
+    quad = RigidTransform(RollPitchYaw(0.5, 0, 0), [0.3, 0.3, 0.1])
+    return [
+        (HalfSpace(), RigidTransform([0, 0, -0.15]), properties(10, [0.6, 0.6, 0.55, 1])),
+        (Box(0.2, 0.15, 0.1), box, properties(1, [1, 0.2, 0.2, 1])),
+        (Sphere(0.08), RigidTransform([0.25, 0.0, 0.0]), properties(2, [0.2, 1, 0.2, 1])),
+        (Cylinder(0.05, 0.2), cylinder, properties(3, [0.2, 0.2, 1, 1])),
+        (Capsule(0.05, 0.15), RigidTransform([0.0, 0.25, 0.0]), properties(300, [1, 1, 0.2, 1])),
+        (Ellipsoid(0.1, 0.05, 0.07), RigidTransform([0.0, -0.25, 0.0]), properties(4660, [0.2, 1, 1, 1])),
+        (Mesh(str(folder / "quad.obj"), 1.0), quad, properties(7, None)),
+    ]
+
+
+def build(shapes: list, base_url: str) -> SceneGraph:
+    scene_graph = SceneGraph()
+    engines = {
+        "vtk": MakeRenderEngineVtk(RenderEngineVtkParams()),
+        "gateway": MakeRenderEngineGltfClient(RenderEngineGltfClientParams(base_url=base_url)),
+    }
+    for name, engine in engines.items():
+        scene_graph.AddRenderer(name, engine)
+    source = scene_graph.RegisterSource("test")
+    for index, (shape, pose, props) in enumerate(shapes):
+        instance = GeometryInstance(pose, shape, f"shape{index}")
+        instance.set_perception_properties(props)
+        scene_graph.RegisterAnchoredGeometry(source, instance)
+    return scene_graph
+
+
+def looking_at(eye: list[float], target: list[float]) -> RigidTransform:
+    forward = np.array(target, float) - eye
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, [0, 0, 1.0])
+    right /= np.linalg.norm(right)
+    return RigidTransform(RotationMatrix(np.column_stack([right, np.cross(forward, right), forward])), eye)
+
+
+CAMERAS = {
+    "front": (CameraInfo(640, 480, np.pi / 4), looking_at([0.9, -0.9, 0.6], [0, 0, 0])),
+    "offcentre": (CameraInfo(320, 200, 260.0, 240.0, 150.5, 110.0), looking_at([-0.7, 0.5, 0.5], [0, 0, 0])),
+}
+
+
+def render(query: object, engine: str, camera: str) -> dict[str, np.ndarray]:
+    info, X_WC = CAMERAS[camera]
+    core = RenderCameraCore(engine, info, ClippingRange(0.01, 10.0), RigidTransform())
+    world = SceneGraph.world_frame_id()
+    color = query.RenderColorImage(ColorRenderCamera(core, False), world, X_WC)
+    depth = query.RenderDepthImage(DepthRenderCamera(core, DepthRange(0.05, 5.0)), world, X_WC)
+    label = query.RenderLabelImage(ColorRenderCamera(core, False), world, X_WC)
+    return {"color": color.data[..., :3].copy(), "depth": depth.data[..., 0].copy(), "label": label.data[..., 0].copy()}
+
+
+def digests(shapes: list, base_url: str, camera: str) -> list[str]:
+    """The gateway's three pictures, several times, as digests."""
+    scene_graph = build(shapes, base_url)
+    query = scene_graph.get_query_output_port().Eval(scene_graph.CreateDefaultContext())
+    rounds = (render(query, "gateway", camera) for _ in range(4))
+    return [
+        hashlib.sha256(b"".join(images[kind].tobytes() for kind in sorted(images))).hexdigest() for images in rounds
+    ]
+
+
+def compare(ours: dict[str, np.ndarray], vtk: dict[str, np.ndarray]) -> dict[str, float]:
+    """Fractions of values beyond the limits of Drake's own integration test: 20/255, 1 mm (inf as 0), equal labels."""
+    color = np.abs(ours["color"].astype(int) - vtk["color"].astype(int)) > 20
+    finite = [np.where(np.isfinite(image["depth"]), image["depth"], 0) for image in (ours, vtk)]
+    expected = np.where(vtk["label"] == int(RenderLabel.kEmpty), int(RenderLabel.kDontCare), vtk["label"])
+    return {
+        "color": float(color.mean()),
+        "depth": float((np.abs(finite[0] - finite[1]) > 1e-3).mean()),
+        "label": float((ours["label"] != expected).mean()),
+        "covered": float((expected != int(RenderLabel.kDontCare)).mean()),
+    }
+
+
+def main() -> None:
+    base_url = sys.argv[1]
+    results: dict[str, object] = {"comparisons": {}}
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        if len(sys.argv) > 2:
+            print(json.dumps(digests(primitives(folder), base_url, sys.argv[2])))
+            return
+        for look in ("phong", "pbr"):
+            shapes = primitives(folder)
+            if look == "pbr":
+                (folder / "triangle.gltf").write_text(triangle_gltf())
+                pose = RigidTransform(RollPitchYaw(0.3, 0.2, 0), [0, 0, 0.3])
+                shapes.append((Mesh(str(folder / "triangle.gltf"), 1.0), pose, properties(9, None)))
+            scene_graph = build(shapes, base_url)
+            query = scene_graph.get_query_output_port().Eval(scene_graph.CreateDefaultContext())
+            for camera in CAMERAS:
+                ours, vtk = (render(query, engine, camera) for engine in ("gateway", "vtk"))
+                results["comparisons"][f"{look}/{camera}"] = compare(ours, vtk)
+        only = [(Mesh(str(folder / "triangle.gltf"), 1.0), RigidTransform(), properties(9, None))]
+        scene_graph = build(only, base_url)
+        query = scene_graph.get_query_output_port().Eval(scene_graph.CreateDefaultContext())
+        try:
+            render(query, "gateway", "front")
+            results["error"] = ""
+        except RuntimeError as error:
+            results["error"] = str(error)
+    print(json.dumps(results))
+
+
+if __name__ == "__main__":
+    main()
