@@ -13,6 +13,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.treeviewer import kernels
+
 LEAST_NUMBERS: Final = 256
 """Shorter arrays stay JSON: more than a path may have elements, fewer than what takes noticeable time."""
 MOST_ARRAYS: Final = 65_536
@@ -51,8 +53,6 @@ class Numbers:
 
     def take_from(self, data: memoryview) -> bytes:
         """The JSON without its long arrays, which are kept here by their place in ``data``."""
-        from gateway.treeviewer import kernels
-
         text = np.frombuffer(data, np.uint8)
         table = np.empty((MOST_ARRAYS if len(data) > MOST_ARRAYS else 64, 6), np.int64)
         found = kernels.find_arrays(text, table, LEAST_NUMBERS)
@@ -96,8 +96,6 @@ class Numbers:
         Raises:
             ArrayError: wrong shape, not such indices, or more than ``most`` rows.
         """
-        from gateway.treeviewer import kernels
-
         array = self._held(value)
         if array is None:
             values = _from_list(value, (3,), most)
@@ -117,26 +115,15 @@ class Numbers:
         return None
 
     def _read(self, array: _Array, out: NDArray[Any], width: int) -> NDArray[Any]:
-        from gateway.treeviewer import kernels
-
         assert self._data is not None
-        wrong = kernels.read_numbers(self._data, array.begin, array.end, _powers(), out)
+        wrong = kernels.read_numbers(self._data, array.begin, array.end, _POWERS, out)
         if wrong >= 0:
             around = bytes(self._data[wrong : wrong + 12]).decode("ascii", "replace")
             raise JsonError(f"at byte {wrong}: {around!r} where a number should be")
         return out if width == 1 else out.reshape(-1, width)
 
 
-_POWERS: NDArray[np.float64] | None = None
-
-
-def _powers() -> NDArray[np.float64]:
-    global _POWERS
-    if _POWERS is None:
-        from gateway.treeviewer import kernels
-
-        _POWERS = kernels.powers_of_ten()
-    return _POWERS
+_POWERS: Final = kernels.powers_of_ten()
 
 
 def _check(array: _Array, columns: tuple[int, ...], most: int) -> int:

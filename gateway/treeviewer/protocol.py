@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from typing import Final
 
 from gateway.scene.live import LiveTree
@@ -15,6 +17,8 @@ from gateway.treeviewer.requests import RequestError, RequestReader
 
 REQUEST: Final = "DIRECTOR_TREE_VIEWER_REQUEST"
 RESPONSE: Final = "DIRECTOR_TREE_VIEWER_RESPONSE"
+LEAST_EXTRACTED: Final = 256 * 1024
+"""Bytes; from here on looking for long arrays costs nothing compared with the message."""
 LONGEST_CHANNEL: Final = 63
 """Characters (LCM); a client id of 32 fits into the request's channel but not into the answer's."""
 
@@ -42,9 +46,17 @@ class Refused(Exception):  # noqa: N818 - an answer, not a failure of ours
 class TreeViewerProtocol:
     """Reads requests and applies them. ``open`` may run in any thread, the application must stay in one."""
 
-    def __init__(self, live: LiveTree, limits: Limits | None = None, meshes: MeshLoader | None = None) -> None:
+    def __init__(
+        self,
+        live: LiveTree,
+        limits: Limits | None = None,
+        meshes: MeshLoader | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
         self.limits = limits or Limits()
-        self.census = Census(self.limits)
+        self.census = Census(self.limits, clock)
+        self.reads_files = meshes is not None
+        """Whether a request may open files, which must not happen on the event loop."""
         self._live = live
         self._reader = RequestReader(self.limits, meshes)
 
@@ -74,7 +86,7 @@ class TreeViewerProtocol:
             Refused: it cannot be read.
         """
         try:
-            request = self._reader.read(comms.data)
+            request = self._reader.read(comms.data, extract=True if len(comms.data) >= LEAST_EXTRACTED else None)
         except RequestError as error:
             raise Refused(answers.failed(comms.utime, str(error))) from None
         return Application(request, self._live, self.census, self.limits)

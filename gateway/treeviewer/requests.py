@@ -74,10 +74,8 @@ class RequestReader:
             RequestError: the text is not a JSON object, or too much of it.
         """
         numbers = Numbers()
-        body = bytes(data)
-        if extract is None:
-            extract = len(body) >= LEAST_SCANNED and any(key in body for key in WORTH_SCANNING)
-        if extract:
+        body = numbers.take_from(data) if extract else bytes(data)
+        if extract is None and len(body) >= LEAST_SCANNED and any(key in body for key in WORTH_SCANNING):
             body = numbers.take_from(data)
         if len(body) > self._limits.json_bytes:
             raise RequestError(f"the request has {len(body)} bytes of JSON, the limit is {self._limits.json_bytes}")

@@ -1,0 +1,149 @@
+"""The tree viewer as a service: joins its transports with the protocol and the live tree."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Any
+
+import structlog
+
+from gateway.scene.live import LiveTree
+from gateway.treeviewer import answers
+from gateway.treeviewer.config import TreeViewerConfig
+from gateway.treeviewer.dispatch import Dispatcher
+from gateway.treeviewer.errors import TreeViewerUnavailable
+from gateway.treeviewer.geometry import MeshLoader
+from gateway.treeviewer.hub import Hub, HubConnection
+from gateway.treeviewer.lcm_bus import LcmBus
+from gateway.treeviewer.protocol import REQUEST, RESPONSE, TreeViewerProtocol
+
+_log = structlog.get_logger("gateway.treeviewer")
+
+OFF = "off"
+PATTERN = f"{REQUEST}.*"
+"""Director's own; the channel without a client id is among them."""
+
+
+class TreeViewerService:
+    """Runs until cancelled. One transport that cannot start is told and does not keep the other from working."""
+
+    def __init__(
+        self,
+        config: TreeViewerConfig,
+        live: LiveTree,
+        meshfiles: MeshLoader | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._config = config
+        self._protocol = TreeViewerProtocol(live, config.limits, meshfiles, clock)
+        self._executor = ThreadPoolExecutor(config.threads, "treeviewer")
+        self._dispatcher = Dispatcher(self._protocol, config, self._executor)
+        self._bus: LcmBus | None = None
+        self._hub: Hub | None = None
+        self._problems: dict[str, str] = {}
+        self._started = asyncio.Event()
+
+    @property
+    def ready(self) -> bool:
+        """Whether clients can use it now."""
+        return self._started.is_set()
+
+    @property
+    def tcpq_port(self) -> int:
+        """Where the hub listens; 0 when there is none."""
+        return self._hub.port if self._hub is not None else 0
+
+    async def wait_ready(self) -> None:
+        """Returns when clients can use it."""
+        await self._started.wait()
+
+    def status(self) -> dict[str, Any]:
+        """Plain JSON values: counters, and every transport with its problem if it has one."""
+        described: dict[str, Any] = self._dispatcher.status()
+        if self._bus is not None:
+            described["lcm"] = self._bus.status()
+        if self._hub is not None:
+            described["tcpq"] = self._hub.status()
+        for transport, problem in self._problems.items():
+            described[transport] = {"problem": problem}
+        described["geometry_bytes"] = self._protocol.census.array_bytes
+        return described
+
+    async def run(self) -> None:
+        """Serves until cancelled.
+
+        Raises:
+            TreeViewerUnavailable: no transport works.
+        """
+        try:
+            await self._start()
+            self._started.set()
+            await asyncio.Event().wait()
+        finally:
+            self._started.clear()
+            await self._stop()
+
+    async def _start(self) -> None:
+        ready = answers.encode(answers.ReadyAnswer())
+        wanted = 0
+        if self._config.lcm_url != OFF:
+            wanted += 1
+            try:
+                self._bus = LcmBus(
+                    self._config.lcm_url, PATTERN, self._config.receive_buffer_bytes, self._config.waiting_bytes
+                )
+            except TreeViewerUnavailable as error:
+                self._problem("lcm", error)
+        if self._config.tcpq_port is not None:
+            wanted += 1
+            hub = Hub(self._config, self._from_hub, PATTERN, (RESPONSE, ready))
+            try:
+                await hub.start()
+            except TreeViewerUnavailable as error:
+                self._problem("tcpq", error)
+            else:
+                self._hub = hub
+        if self._problems and len(self._problems) == wanted:
+            raise TreeViewerUnavailable("; ".join(self._problems.values()))
+        if self._bus is not None:
+            bus = self._bus
+            bus.start(lambda channel, data: self._from_lcm(bus, channel, data))
+            try:
+                bus.publish(RESPONSE, ready)
+            except OSError as error:
+                _log.warning("The ready message could not be sent", reason=str(error))
+
+    async def _stop(self) -> None:
+        if self._bus is not None:
+            self._bus.close()
+            self._bus = None
+        if self._hub is not None:
+            await self._hub.close()
+            self._hub = None
+        await self._dispatcher.close()
+        self._executor.shutdown(wait=False, cancel_futures=True)
+
+    def _problem(self, transport: str, error: TreeViewerUnavailable) -> None:
+        self._problems[transport] = str(error)
+        _log.warning(str(error), transport=transport)
+
+    def _from_lcm(self, bus: LcmBus, channel: str, data: bytes) -> None:
+        self._dispatcher.receive("lcm", channel, data, bus.publish)
+
+    def _from_hub(self, sender: HubConnection, channel: str, data: bytes | memoryview) -> None:
+        hub = self._hub
+        if hub is None:
+            return
+        waiting = self._dispatcher.receive(sender, channel, data, partial(_publish, hub), sender.release)
+        if waiting > self._config.client_waiting_bytes:
+            sender.hold()
+
+
+def _publish(hub: Hub, channel: str, message: bytes) -> None:
+    if len(channel) > 63:
+        raise ValueError(f"LCM's channel names have at most 63 characters, {channel!r} has {len(channel)}")
+    hub.publish(channel, message)
