@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from gateway import __version__
+from gateway.cli.render import render
 from gateway.cli.serve import add_serve
 
 app = typer.Typer(
@@ -61,6 +62,7 @@ def check() -> None:
 
 
 add_serve(app)
+app.command()(render)
 
 
 def main() -> None:

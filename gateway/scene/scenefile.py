@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-from gateway.scene.gltf import GltfCamera, GltfError, GltfLimits, read_gltf
+from gateway.scene.gltf import DRAKE_GENERATORS, GltfCamera, GltfError, GltfLimits, read_gltf
 from gateway.scene.transforms import Y_UP_TO_Z_UP
 from gateway.scene.tree import Node
 
@@ -28,8 +28,13 @@ class SceneFile:
     """The file's own, their poses Z up, too."""
     warnings: tuple[str, ...]
     """What was ignored or repaired."""
-    from_drake: bool
-    """Whether Drake's render client made the document."""
+    generator: str
+    """``asset.generator``."""
+
+    @property
+    def from_drake(self) -> bool:
+        """Whether Drake's render client made the document."""
+        return self.generator in DRAKE_GENERATORS
 
 
 def read_scene_file(path: Path, *, up: Up = "auto", limits: GltfLimits | None = None) -> SceneFile:
@@ -49,11 +54,11 @@ def read_scene_file(path: Path, *, up: Up = "auto", limits: GltfLimits | None = 
     except GltfError as error:
         raise SceneFileError(f"{path}: {error}") from None
     if up == "z" or (up == "auto" and scene.from_drake):
-        return SceneFile(scene.root, scene.cameras, scene.warnings, scene.from_drake)
+        return SceneFile(scene.root, scene.cameras, scene.warnings, scene.generator)
     root = scene.root
     turned = Node(root.parts, Y_UP_TO_Z_UP @ root.matrix, root.children)
     cameras = tuple(replace(camera, X_world_camera=Y_UP_TO_Z_UP @ camera.X_world_camera) for camera in scene.cameras)
-    return SceneFile(turned, cameras, scene.warnings, scene.from_drake)
+    return SceneFile(turned, cameras, scene.warnings, scene.generator)
 
 
 def _beside(path: Path) -> Callable[[str], bytes]:

@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+import json
+import os
+import socket
 import subprocess
 import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import tifffile
+from typer.testing import CliRunner, Result
 
 from gateway import __version__
+from gateway.cli.main import app
+from gateway.settings import Settings, flag_of
+from tests.support import forms
 
 
 def scenegate(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    import os
-
     return subprocess.run(
         [sys.executable, "-m", "gateway.cli", *arguments],
         env={**os.environ, "COLUMNS": "200", **environment},
@@ -26,8 +36,6 @@ def test_version() -> None:
 
 
 def test_help_of_serve_lists_every_setting_once() -> None:
-    from gateway.settings import Settings, flag_of
-
     text = scenegate("serve", "--help").stdout
     for name in Settings.model_fields:
         assert f"{flag_of(name)} " in text or f"{flag_of(name)}," in text, name
@@ -41,8 +49,6 @@ def test_check_is_one_table_and_needs_no_kernels() -> None:
 
 
 def test_check_says_what_is_wrong() -> None:
-    import socket
-
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         result = scenegate("check", SCENEGATE_HTTP_PORT=str(port))
@@ -54,3 +60,85 @@ def test_starting_the_command_line_imports_no_renderer() -> None:
     code = "import gateway.cli, sys; print(sorted({'numba', 'cv2', 'fastapi', 'grpc'} & sys.modules.keys()))"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert result.stdout == "[]\n"
+
+
+def render(*arguments: str) -> Result:
+    """In this process, where the kernels are loaded already."""
+    return CliRunner().invoke(app, ["render", *arguments])
+
+
+def pictured(folder: Path, *arguments: str) -> Result:
+    (folder / "scene.gltf").write_text(json.dumps(forms.gltf()))
+    return render(str(folder / "scene.gltf"), *arguments)
+
+
+def test_render_with_the_files_own_camera(tmp_path: Path) -> None:
+    out = tmp_path / "new" / "out.png"
+    (tmp_path / "scene.gltf").write_text(json.dumps(forms.gltf()))
+    result = scenegate("render", str(tmp_path / "scene.gltf"), "-o", str(out), "--width", "80", "--height", "60")
+    assert result.returncode == 0, result.stderr
+    picture = cv2.imread(str(out))[:, :, ::-1]
+    assert picture.shape == (60, 80, 3)
+    assert tuple(picture[0, 0]) == (204, 229, 255)
+    assert picture[40, 40, 0] > 200  # the red triangle
+    assert picture[40, 40, 1:].max() < 30
+
+
+def test_render_depth_in_metres_with_a_camera_in_words(tmp_path: Path) -> None:
+    out = tmp_path / "out.tiff"
+    camera = "eye=0,0,1;target=0,0,-1;up=0,1,0;fovy=45"
+    result = pictured(tmp_path, "-o", str(out), "--type", "depth", "--camera", camera, "--up", "z")
+    assert result.exit_code == 0, result.stderr
+    depth = tifffile.imread(out)
+    assert depth.shape == (480, 640)
+    assert np.isclose(depth[240, 320], 2.0, atol=1e-5)
+
+
+def test_render_turns_files_that_are_y_up(tmp_path: Path) -> None:
+    (tmp_path / "scene.gltf").write_text(json.dumps(forms.gltf(generator="somebody")))
+    depths = {}
+    for up in ("auto", "y", "z"):
+        # The triangle faces +z at z = -1 in the file; turned, it faces -y at y = 1.
+        camera = "eye=0,0,0;target=0,1,0;fovy=45" if up != "z" else "eye=0,0,0;target=0,0,-1;up=0,1,0;fovy=45"
+        out = tmp_path / f"{up}.tiff"
+        result = render(
+            *(str(tmp_path / "scene.gltf"), "-o", str(out), "--type", "depth", "--up", up, "--camera", camera)
+        )
+        assert result.exit_code == 0, result.stderr
+        depths[up] = tifffile.imread(out)
+    assert np.isclose(depths["auto"][240, 320], 1.0, atol=1e-5)
+    assert np.array_equal(depths["auto"], depths["y"])
+    assert np.allclose(depths["auto"], depths["z"], atol=1e-5)
+
+
+def test_render_a_folder_draws_what_it_can(tmp_path: Path) -> None:
+    scenes = tmp_path / "scenes"
+    (scenes / "deep").mkdir(parents=True)
+    for name in ("a.gltf", "deep/b.gltf"):
+        (scenes / name).write_text(json.dumps(forms.gltf(generator="somebody")))
+    (scenes / "broken.gltf").write_text("{")
+    (scenes / "readme.txt").write_text("no scene")
+    result = render(str(scenes), "-o", str(tmp_path / "out"), "--type", "label", "--camera", "fit")
+    assert result.exit_code == 1
+    written = sorted(
+        str(path.relative_to(tmp_path / "out")) for path in (tmp_path / "out").rglob("*") if path.is_file()
+    )
+    assert written == ["a.labels.json", "a.png", "deep/b.labels.json", "deep/b.png"]
+    (complaint,) = [line for line in result.stderr.splitlines() if "broken.gltf" in line]
+    assert complaint.startswith("scenegate: ")
+    labels = json.loads((tmp_path / "out" / "a.labels.json").read_text())
+    picture = cv2.imread(str(tmp_path / "out" / "a.png"))[:, :, ::-1].astype(int)
+    seen = np.unique(picture[:, :, 0] + 256 * picture[:, :, 1] + 65536 * picture[:, :, 2])
+    assert {str(label) for label in seen} - {str(0xFFFFFF)} == set(labels)
+
+
+def test_errors_of_render_are_sentences(tmp_path: Path) -> None:
+    for arguments, message in (
+        (("-o", "out.tiff"), "a color picture is written as .png or .jpg"),
+        (("-o", str(tmp_path / "o.png"), "--camera", "eye=1,2"), "camera"),
+        (("-o", str(tmp_path / "o.png"), "--camera", 'path:["nobody"]'), "there is no such node"),
+    ):
+        result = pictured(tmp_path, *arguments)
+        assert result.exit_code == 1
+        assert message in result.stderr
+        assert "Traceback" not in result.stderr

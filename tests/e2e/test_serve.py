@@ -83,10 +83,9 @@ def test_a_taken_port_is_one_clear_sentence() -> None:
             assert process.process.wait(START_SECONDS) == 1
         finally:
             process.kill()
-    assert [entry["event"] for entry in log] == [
-        f"HTTP cannot listen: another program listens there (127.0.0.1 port {port}); "
-        "choose another with --http-port or --host."
-    ]
+    (line,) = log
+    reason = f"another program listens there (127.0.0.1 port {port})"
+    assert line["event"] == f"HTTP cannot listen: {reason}; choose another with --http-port or --host."
 
 
 def test_a_setting_that_cannot_be_used_is_exit_code_2() -> None:
