@@ -32,9 +32,9 @@ class ErrorModel:
 
     sigma: float
     """Standard deviation of the disparity, pixels; 0: no noise, no outliers, confidence 1."""
-    slope_half: float = 0.42
+    slope_half: float = 0.5
     """Disparity change from pixel to pixel at which half of the measurements fail."""
-    slope_free: float = 0.04
+    slope_free: float = 0.08
     """Up to this change nothing fails."""
 
 

@@ -23,6 +23,8 @@ _VERSION = KERNELS_VERSION
 REFERENCE_EXPOSURE: Final = 0.005
 """Seconds; the device's default of exp_value."""
 DISPLAY_GAMMA: Final = 2.2
+LUMA: Final = np.array((0.299, 0.587, 0.114))
+"""Rec. 601 weights of red, green and blue."""
 READ_NOISE: Final = 0.2
 SHOT_NOISE: Final = 0.0004
 MIN_EXPOSURE: Final = 6.6e-5
@@ -68,16 +70,27 @@ class AutoExposure:
     """Mean brightness below which saturation does not darken the image further."""
 
 
-def auto_exposure(picture: NDArray[np.uint8], limits: AutoExposure, gamma: float = 1.0) -> Exposure:
+def brightness_of(
+    picture: NDArray[np.uint8], dots: NDArray[np.uint8] | None = None, dot_light: float = 0.0
+) -> NDArray[np.float32]:
+    """(N,) float32 display-encoded brightness of a rendered picture as ``take`` sees it at factor 1; 1 is full scale.
+
+    Arguments as for ``take``.
+    """
+    luma: NDArray[np.float32] = picture.reshape(-1, 3).astype(np.float32) @ (LUMA / 255.0).astype(np.float32)
+    if dots is not None:
+        luma *= (1.0 + dot_light / 255.0 * dots.reshape(-1).astype(np.float32)) ** np.float32(1.0 / DISPLAY_GAMMA)
+    return luma
+
+
+def auto_exposure(values: NDArray[np.float32], limits: AutoExposure, gamma: float = 1.0) -> Exposure:
     """Time and gain for a picture, longest time first, then gain; the same picture gives the same answer.
 
     Args:
-        picture: (H, W, 3) uint8 rendered colour; a small one is enough.
+        values: (N,) float32 of ``brightness_of``; of a small picture is enough.
         limits: see ``AutoExposure``.
         gamma: kept in the answer and respected by the brightness.
     """
-    flat = picture.reshape(-1, 3).astype(np.float32) @ np.array((0.299, 0.587, 0.114), np.float32)
-    values = flat / np.float32(255.0)
     longest = max(limits.max_time, MIN_EXPOSURE)
     lowest = Exposure(MIN_EXPOSURE).factor
     highest = Exposure(longest, MAX_GAIN).factor

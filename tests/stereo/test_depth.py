@@ -101,7 +101,7 @@ def test_confidence_is_the_probability_that_the_manual_states() -> None:
     # Planes from frontal to steep make all confidences appear.
     counts = np.zeros(256, np.int64)
     within = np.zeros(256, np.int64)
-    for frame, slope in enumerate((0.0, 0.9, 1.9, 2.8, 3.6, 4.4)):
+    for frame, slope in enumerate((0.0, 1.2, 2.2, 3.2, 4.2, 5.2)):
         left = plane(k, 0.0, 1.2, slope)
         true = true_disparity(left, plane(k, MODEL.baseline, 1.2, slope), ft, RANGE)
         m = measure(true, ErrorModel(0.25), frame_key(5, frame, Stream.DISPARITY))

@@ -1,0 +1,183 @@
+"""One frame: everything that can be asked of an instant, each made once, however many clients want it."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Coroutine, Hashable, Iterable
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.stereo import messages, wire
+from gateway.stereo.messages import Taking
+from gateway.stereo.pictures import Shot, Studio
+from gateway.stereo.request import Kind
+from gateway.stereo.settings import StreamSettings
+from gateway.stereo.wire import Chunk
+from gateway.workers import Workers
+from renderers.port import Output
+from renderers.stereo.errors import Measured
+from renderers.stereo.mesh import MeshOptions
+from renderers.stereo.noise import Stream
+from renderers.stereo.sensor import Exposure, Taken
+
+T = TypeVar("T")
+
+
+class Frame:
+    """Made for the kinds of set that are wanted when it is taken; others may ask later, while it is remembered."""
+
+    def __init__(
+        self,
+        studio: Studio,
+        workers: Workers,
+        number: int,
+        settings: StreamSettings,
+        camera: Shot,
+        depth: Shot,
+        kinds: Iterable[Kind],
+    ) -> None:
+        """
+        Args:
+            camera: the instant of left and right.
+            depth: the instant of the depth images: the same one except in alternate exposure.
+            kinds: wanted now; images are rendered once for those in grey and those in colour.
+        """
+        self.number = number
+        self.settings = settings
+        self.camera = camera
+        self.depth = depth
+        self._studio = studio
+        self._workers = workers
+        self._colors = {
+            Stream.LEFT: frozenset(k.color for k in kinds if k.left or (k.mesh is not None and k.mesh.textured)),
+            Stream.RIGHT: frozenset(k.color for k in kinds if k.right),
+        }
+        self._made: dict[Hashable, asyncio.Task[Any]] = {}
+
+    async def serialised(self, kind: Kind) -> bytes:
+        """The bytes of an ``ImageSet``."""
+        return await self._once(kind, lambda: self._serialise(kind))
+
+    async def measured(self) -> Measured:
+        """The depth images."""
+        return await self._once("depth", self._match if self._studio.config.depth_mode == "matched" else self._measure)
+
+    async def exposure(self, shot: Shot) -> Exposure:
+        """How the images of one of the two instants are taken."""
+        auto = self.settings.auto
+        if auto is None:
+            return self.settings.manual
+        return await self._once(
+            ("exposure", id(shot)), lambda: self._run(self._studio.meter, shot, auto, self.settings.manual.gamma)
+        )
+
+    def discard(self) -> None:
+        """Ends what is still being made."""
+        for task in self._made.values():
+            task.cancel()
+
+    async def _serialise(self, kind: Kind) -> bytes:
+        names: list[tuple[int, Coroutine[Any, Any, list[Chunk]]]] = []
+        if kind.left:
+            names.append((2, self._image_message(Stream.LEFT, kind.color)))
+        if kind.right:
+            names.append((3, self._image_message(Stream.RIGHT, kind.color)))
+        if kind.disparity:
+            names.append((4, self._disparity_message()))
+        if kind.error:
+            names.append((5, self._depth_message("error")))
+        if kind.confidence:
+            names.append((6, self._depth_message("confidence")))
+        if kind.mesh is not None:
+            names.append((7, self._mesh_message(kind.mesh, kind.color)))
+        parts = await _all([part for _, part in names])
+        shot = self.depth if kind.depth else self.camera
+        chunks: list[Chunk] = [messages.timestamp_field(shot.timestamp)]
+        for (number, _), part in zip(names, parts, strict=True):
+            chunks += wire.field(number, part)
+        return chunks[0] if len(chunks) == 1 else await self._run(wire.join, chunks)  # type: ignore[return-value]
+
+    async def _image_message(self, stream: Stream, color: bool) -> list[Chunk]:
+        taken, taking = await self._image(stream, color), await self._taking(self.camera)
+        return messages.image(taken.image, self._studio.config.model.intrinsics(), taking, taken.brightness)
+
+    async def _disparity_message(self) -> list[Chunk]:
+        picture = await self._depth_message("disparity")
+        return messages.disparity(picture, self.depth.timestamp, self._studio.config.model.baseline)
+
+    async def _depth_message(self, name: str) -> list[Chunk]:
+        measured, taking = await self.measured(), await self._taking(self.depth)
+        pixels: NDArray[np.uint8] | NDArray[np.uint16] = getattr(measured, name)
+        k = self._studio.config.model.intrinsics(self.settings.quality.divisor)
+        return messages.image(pixels, k, taking, 0.0)
+
+    async def _mesh_message(self, options: MeshOptions, color: bool) -> list[Chunk]:
+        return await self._once(("mesh", options, color and options.textured), lambda: self._mesh(options, color))
+
+    async def _mesh(self, options: MeshOptions, color: bool) -> list[Chunk]:
+        left = (await self._image(Stream.LEFT, color)).image if options.textured else None
+        measured = await self.measured()
+        ply = await self._run(self._studio.mesh, measured, self.settings.quality.divisor, options, left)
+        return messages.mesh(ply, self.depth.timestamp)
+
+    async def _taking(self, shot: Shot) -> Taking:
+        exposure = await self.exposure(shot)
+        noise = exposure.sigma(128.0) if self._studio.config.noise else 0.0
+        return Taking(shot.timestamp, exposure.time, exposure.gain, exposure.gamma, noise, shot.lines)
+
+    async def _image(self, stream: Stream, color: bool) -> Taken:
+        wanted = self._colors[stream]
+        if color not in wanted:  # somebody joined who wants what nobody wanted when the frame was taken
+            wanted = frozenset((color,))
+        taken = await self._once((stream, wanted), lambda: self._take(self.camera, stream, 1, wanted))
+        return taken[color]
+
+    async def _take(self, shot: Shot, stream: Stream, divisor: int, colors: frozenset[bool]) -> dict[bool, Taken]:
+        exposure = await self.exposure(shot)
+        return await self._run(self._studio.take, shot, exposure, self.number, stream, divisor, colors)
+
+    async def _measure(self) -> Measured:
+        divisor, t = self.settings.quality.divisor, self._studio.config.model.baseline
+        left, right = await _all(
+            [self._run(self._studio.render, self.depth, offset, divisor, Output.DEPTH) for offset in (0.0, t)]
+        )
+        return await self._run(self._studio.measure, left, right, self.settings, self.number)
+
+    async def _match(self) -> Measured:
+        divisor, grey = self.settings.quality.divisor, frozenset((False,))
+        exposure = await self.exposure(self.depth)
+        left, right = await _all(
+            [self._take(self.depth, stream, divisor, grey) for stream in (Stream.LEFT_DEPTH, Stream.RIGHT_DEPTH)]
+        )
+        return await self._run(self._studio.match, left[False], right[False], exposure, self.settings)
+
+    async def _run(self, function: Callable[..., T], *args: Any) -> T:
+        return await self._workers.run(function, *args)
+
+    async def _once(self, key: Hashable, make: Callable[[], Coroutine[Any, Any, T]]) -> T:
+        """Makes something the first time it is asked for. Who stops waiting does not stop it for the others."""
+        task = self._made.get(key)
+        if task is None:
+            task = self._made[key] = asyncio.get_running_loop().create_task(make())
+            task.add_done_callback(_retrieve)
+        result: T = await asyncio.shield(task)
+        return result
+
+
+def _retrieve(task: asyncio.Task[Any]) -> None:
+    """Marks a failure as seen: whoever waited got it, and nobody may be waiting."""
+    if not task.cancelled():
+        task.exception()
+
+
+async def _all(coroutines: list[Coroutine[Any, Any, T]]) -> list[T]:
+    """All results; the first failure is raised when everything has ended."""
+    if len(coroutines) == 1:
+        return [await coroutines[0]]
+    results = await asyncio.gather(*coroutines, return_exceptions=True)
+    for result in results:
+        if isinstance(result, BaseException):
+            raise result
+    return results  # type: ignore[return-value]

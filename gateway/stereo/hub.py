@@ -1,0 +1,133 @@
+"""Clients and their mailboxes: each holds the newest set only, so that a slow client costs the others nothing."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from gateway.stereo.request import Kind
+
+
+class FullError(RuntimeError):
+    """No further client is taken; the message names the limit."""
+
+
+class StreamError(RuntimeError):
+    """No sets can be made; the message says why."""
+
+
+class Subscription:
+    """One client's mailbox."""
+
+    def __init__(self, kind: Kind, changed: asyncio.Event) -> None:
+        """
+        Args:
+            changed: set when this client has taken a set.
+        """
+        self.kind = kind
+        self._changed = changed
+        self.sent = 0
+        """Sets taken out."""
+        self.skipped = 0
+        """Sets that a newer one has replaced."""
+        self._number = -1
+        self._data: bytes | None = None
+        self._error: StreamError | None = None
+        self._filled = asyncio.Event()
+
+    @property
+    def hungry(self) -> bool:
+        """Whether the mailbox is empty."""
+        return self._data is None
+
+    def put(self, number: int, data: bytes) -> None:
+        """Leaves a set unless a newer one, or this one, was here before."""
+        if number <= self._number:
+            return
+        self.skipped += self._data is not None
+        self._number, self._data = number, data
+        self._filled.set()
+
+    def fail(self, error: StreamError) -> None:
+        """Ends the stream with a sentence."""
+        self._error = error
+        self._filled.set()
+
+    async def get(self) -> bytes:
+        """The newest set that was not taken yet.
+
+        Raises:
+            StreamError: the stream is over.
+        """
+        await self._filled.wait()
+        if self._error is not None:
+            raise self._error
+        data, self._data = self._data, None
+        assert data is not None
+        self._filled.clear()
+        self._changed.set()
+        self.sent += 1
+        return data
+
+
+class Hub:
+    """All subscriptions."""
+
+    def __init__(self, max_clients: int, max_kinds: int) -> None:
+        self._max_clients = max_clients
+        self._max_kinds = max_kinds
+        self._subscriptions: set[Subscription] = set()
+        self._newcomers: set[Subscription] = set()
+        self.changed = asyncio.Event()
+        """Set when somebody came or took a set."""
+
+    def __len__(self) -> int:
+        return len(self._subscriptions)
+
+    @contextmanager
+    def subscribe(self, kind: Kind) -> Iterator[Subscription]:
+        """A mailbox for the time of the block.
+
+        Raises:
+            FullError: there are too many clients, or too many different requests.
+        """
+        if len(self._subscriptions) >= self._max_clients:
+            raise FullError(f"{self._max_clients} streams are open already, the limit (max_clients)")
+        kinds = self.kinds()
+        if kind not in kinds and len(kinds) >= self._max_kinds:
+            raise FullError(f"{self._max_kinds} different requests are served already, the limit (max_kinds)")
+        subscription = Subscription(kind, self.changed)
+        self._subscriptions.add(subscription)
+        self._newcomers.add(subscription)
+        self.changed.set()
+        try:
+            yield subscription
+        finally:
+            self._subscriptions.discard(subscription)
+            self._newcomers.discard(subscription)
+
+    def kinds(self, *, hungry: bool = False) -> set[Kind]:
+        """What is wanted now.
+
+        Args:
+            hungry: only by clients whose mailbox is empty.
+        """
+        return {s.kind for s in self._subscriptions if s.hungry or not hungry}
+
+    def take_newcomers(self) -> set[Kind]:
+        """Kinds of those that came since the last call."""
+        newcomers, self._newcomers = self._newcomers, set()
+        return {s.kind for s in newcomers}
+
+    def publish(self, kind: Kind, number: int, data: bytes) -> None:
+        """Leaves a set with everybody who wants this kind."""
+        for subscription in self._subscriptions:
+            if subscription.kind == kind:
+                subscription.put(number, data)
+
+    def fail(self, kind: Kind, message: str) -> None:
+        """Ends the streams of this kind."""
+        for subscription in tuple(self._subscriptions):
+            if subscription.kind == kind:
+                subscription.fail(StreamError(message))

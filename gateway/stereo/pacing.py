@@ -1,0 +1,271 @@
+"""When frames are taken, what they are made for, and how many are in work: the camera's metronome."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import structlog
+from numpy.typing import NDArray
+
+from gateway.stereo import settings as stream_settings
+from gateway.stereo.clock import Clock
+from gateway.stereo.frame import Frame
+from gateway.stereo.hub import Hub
+from gateway.stereo.parameters import Parameters
+from gateway.stereo.pictures import Shot, Studio
+from gateway.stereo.request import Kind
+from gateway.stereo.settings import ALTERNATE_GAP, StreamSettings
+from gateway.stereo.trigger import Trigger
+from gateway.workers import Busy, Workers
+from renderers.drawlist import DrawList
+
+SceneSource = Callable[[], tuple[DrawList, int]]
+"""The scene as it is now, and its revision. Called in a worker thread, never twice at a time."""
+PoseSource = Callable[[], NDArray[np.float64]]
+"""(4, 4) float64 X_world_left in the optical frame, as it is now. Called right after the scene, in the same thread."""
+
+_log = structlog.get_logger("stereo")
+
+
+@dataclass(slots=True)
+class Counts:
+    """What happened since start."""
+
+    frames: int = 0
+    depth_frames: int = 0
+    skipped: int = 0
+    """Frames that were due while too many were in work."""
+    busy: int = 0
+    """Frames dropped because the worker threads had too much to do."""
+    problem: str = ""
+    """Why the last frame could not be made; empty: it could."""
+    depth_seconds: float = 0.0
+    """From taking to publishing, of the last depth frame."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Record:
+    """What is remembered of a frame: enough to render it again."""
+
+    number: int
+    settings: StreamSettings
+    camera: Shot
+    depth: Shot
+
+
+class Metronome:
+    """Takes frames while somebody wants them."""
+
+    def __init__(
+        self,
+        studio: Studio,
+        workers: Workers,
+        hub: Hub,
+        parameters: Parameters,
+        scene: SceneSource,
+        pose: PoseSource,
+        clock: Clock,
+        trigger: Trigger,
+    ) -> None:
+        self._studio = studio
+        self._workers = workers
+        self._hub = hub
+        self._parameters = parameters
+        self._scene = scene
+        self._pose = pose
+        self._clock = clock
+        self._trigger = trigger
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._depth_tasks: set[asyncio.Task[None]] = set()
+        self._number = 0
+        self._stamp: int | None = None
+        self._depth_next: float | None = None
+        """Timestamp of the depth frame that is due next; None: any."""
+        self._last: Frame | None = None
+        self._last_depth: Frame | None = None
+        self._next = 0.0
+        self._settings = stream_settings.read(parameters)
+        self._version = parameters.version
+        self.counts = Counts()
+        self.history: deque[Record] = deque(maxlen=studio.config.history)
+        """The newest frames, for the truth."""
+
+    @property
+    def settings(self) -> StreamSettings:
+        """The parameters as they are now."""
+        if self._version != self._parameters.version:
+            self._version = self._parameters.version
+            self._settings = stream_settings.read(self._parameters)
+        return self._settings
+
+    async def run(self) -> None:
+        """Works until cancelled."""
+        try:
+            while True:
+                await self._turn()
+        finally:
+            tasks = self._tasks | self._depth_tasks
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+
+    async def _turn(self) -> None:
+        """Waits for what comes next, and takes a frame if it is due."""
+        hub, fast = self._hub, self._studio.config.rate == "max"
+        hub.changed.clear()
+        if len(hub) == 0:
+            self._last = self._last_depth = self._depth_next = None
+        self._serve_newcomers()
+        kinds = hub.kinds(hungry=fast)
+        if not kinds:
+            await hub.changed.wait()
+            return
+        settings, loop = self.settings, asyncio.get_running_loop()
+        period = 1.0 / settings.camera_rate
+        if not fast or all(k.empty for k in kinds):
+            wait = self._next - loop.time()
+            if wait > 0:
+                await _wait(hub.changed, wait)
+                return
+            # On the beat; but who is late does not hurry to catch up.
+            self._next = self._next + period if wait > -period else loop.time() + period
+        nanoseconds = round(period * 1e9)
+        depth = await self._room(self._depth_tasks, {k for k in kinds if k.depth and self._due(settings, nanoseconds)})
+        plain = await self._room(self._tasks, {k for k in kinds if not k.depth})
+        if depth or plain:
+            await self._take(settings, plain, depth, nanoseconds)
+        elif fast:  # nothing is due: depth waits for its trigger
+            await _wait(hub.changed, period)
+
+    def _due(self, settings: StreamSettings, period: int) -> bool:
+        """Whether the frame that would be taken now is one with depth."""
+        if settings.single:
+            return self._trigger.pending
+        if self._studio.config.rate == "max" or self._depth_next is None:
+            return True
+        return self._clock.stamp(self._stamp, period) >= self._depth_next - period / 2
+
+    async def _room(self, group: set[asyncio.Task[None]], kinds: set[Kind]) -> set[Kind]:
+        """The kinds, or none when too much is in work; waits for it where frames must not be skipped."""
+        config = self._studio.config
+        matching = config.depth_mode == "matched" and group is self._depth_tasks
+        limit = 1 if matching else config.frames_in_flight
+        while kinds and len(group) >= limit:
+            if config.rate == "device" and not self._clock.simulated:
+                self.counts.skipped += 1
+                return set()
+            await asyncio.wait(group, return_when=asyncio.FIRST_COMPLETED)
+        return kinds
+
+    async def _take(self, settings: StreamSettings, plain: set[Kind], depth: set[Kind], period: int) -> None:
+        """Notes the scene as it is now and lets the sets be made."""
+        stamp = self._clock.stamp(self._stamp, period)
+        try:
+            camera = await self._shot(stamp, settings.lines(depth=False))
+        except Busy:
+            self.counts.busy += 1
+            return
+        self._number += 1
+        self._stamp = stamp
+        one_shot = settings.lines(depth=False) == settings.lines(depth=True)
+        frame = None
+        if plain:
+            self._last = frame = self._frame(settings, camera, camera, plain | (depth if one_shot else set()))
+            self._spawn(self._tasks, self._make(frame, plain))
+        if not depth:
+            return
+        due, every = self._depth_next, 1e9 / settings.depth_rate
+        self._depth_next = stamp + every if due is None or stamp - due > every else due + every
+        self._trigger.taken()
+        if settings.alternate:
+            self._spawn(self._depth_tasks, self._expose_again(settings, camera, depth))
+            return
+        if frame is None or not one_shot:
+            shot = camera if one_shot else replace(camera, lines=settings.lines(depth=True))
+            frame = self._frame(settings, camera, shot, depth)
+        self._last_depth = frame
+        self._spawn(self._depth_tasks, self._make(frame, depth))
+
+    async def _expose_again(self, settings: StreamSettings, camera: Shot, kinds: set[Kind]) -> None:
+        """Alternate exposure: the depth image follows after 40 ms, with Out1 high."""
+        if self._studio.config.rate == "device":
+            await asyncio.sleep(ALTERNATE_GAP / 1e9)
+        shot = await self._shot(camera.timestamp + ALTERNATE_GAP, settings.lines(depth=True))
+        self._last_depth = self._frame(settings, camera, shot, kinds)
+        await self._make(self._last_depth, kinds)
+
+    def _frame(self, settings: StreamSettings, camera: Shot, depth: Shot, kinds: set[Kind]) -> Frame:
+        frame = Frame(self._studio, self._workers, self._number, settings, camera, depth, kinds)
+        self.history.append(Record(self._number, settings, camera, depth))
+        return frame
+
+    async def _shot(self, stamp: int, lines: int) -> Shot:
+        scene, revision, pose = await self._workers.run(self._sample)
+        return Shot(stamp, scene, revision, pose, lines)
+
+    def _sample(self) -> tuple[DrawList, int, NDArray[np.float64]]:
+        scene, revision = self._scene()
+        return scene, revision, self._pose()
+
+    async def _make(self, frame: Frame, kinds: set[Kind]) -> None:
+        begin = asyncio.get_running_loop().time()
+        try:
+            await asyncio.gather(*(self._publish(frame, kind) for kind in kinds))
+        except asyncio.CancelledError:
+            frame.discard()
+            raise
+        if any(k.depth for k in kinds):
+            self.counts.depth_frames += 1
+            self.counts.depth_seconds = asyncio.get_running_loop().time() - begin
+        self.counts.frames += 1
+
+    async def _publish(self, frame: Frame, kind: Kind) -> None:
+        try:
+            data = await frame.serialised(kind)
+        except Busy:
+            self.counts.busy += 1
+        except Exception as error:  # noqa: BLE001 - told to the clients, who would wait for ever otherwise
+            message = f"frame {frame.number} ({kind}) could not be made: {error}"
+            _log.warning(message, exc_info=not isinstance(error, ValueError))
+            self.counts.problem = message
+            self._hub.fail(kind, message)
+        else:
+            self.counts.problem = ""
+            self._hub.publish(kind, frame.number, data)
+
+    def _serve_newcomers(self) -> None:
+        """Who joins while others stream gets their last frame at once instead of waiting for the next."""
+        for kind in self._hub.take_newcomers():
+            frame = self._last_depth if kind.depth else self._last
+            settings = self.settings
+            if frame is None or self._stamp is None or frame.settings != settings or settings.single:
+                continue
+            rate = settings.depth_rate if kind.depth else settings.camera_rate
+            now = self._clock.stamp(self._stamp, 0)
+            if now - frame.depth.timestamp < 1e9 / rate:
+                self._spawn(self._tasks, self._make(frame, {kind}))
+
+    def _spawn(self, group: set[asyncio.Task[None]], work: Any) -> None:
+        task: asyncio.Task[None] = asyncio.get_running_loop().create_task(work)
+        group.add(task)
+        task.add_done_callback(group.discard)
+        task.add_done_callback(self._ended)
+
+    def _ended(self, task: asyncio.Task[None]) -> None:
+        if not task.cancelled() and (error := task.exception()) is not None:
+            self.counts.problem = str(error)
+            _log.error(f"a frame could not be made: {error}", exc_info=error)
+        self._hub.changed.set()
+
+
+async def _wait(event: asyncio.Event, seconds: float) -> None:
+    try:
+        async with asyncio.timeout(seconds):
+            await event.wait()
+    except TimeoutError:
+        pass

@@ -1,0 +1,112 @@
+"""The parameters of rc_camera, rc_stereomatching and rc_iocontrol as firmware 26.04 has them (manual, real backups)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Final, Literal
+
+Value = float | int | bool | str
+NO_EFFECT: Final = " (kept, but without effect on this synthetic camera)"
+
+
+@dataclass(frozen=True, slots=True)
+class Spec:
+    """One parameter."""
+
+    name: str
+    type: Literal["float64", "int32", "bool", "string"]
+    default: Value
+    low: float | int | str | bool
+    """"" for strings, as on the device."""
+    high: float | int | str | bool
+    description: str
+    effect: bool = True
+    """Whether the stream depends on it."""
+    choices: tuple[str, ...] = ()
+    aliases: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    """Other spellings that are accepted."""
+
+
+def _float(name: str, low: float, high: float, default: float, text: str, *, effect: bool = True) -> Spec:
+    return Spec(name, "float64", float(default), float(low), float(high), _text(text, effect), effect)
+
+
+def _int(name: str, low: int, high: int, default: int, text: str, *, effect: bool = True) -> Spec:
+    return Spec(name, "int32", default, low, high, _text(text, effect), effect)
+
+
+def _bool(name: str, default: bool, text: str, *, effect: bool = True) -> Spec:
+    return Spec(name, "bool", default, False, True, _text(text, effect), effect)
+
+
+def _enum(name: str, choices: str, default: str, text: str, *, effect: bool = True, alias: str = "") -> Spec:
+    other, _, meant = alias.partition("=")
+    aliases = {other: meant} if meant else {}
+    names = tuple(choices.split("|"))
+    full = f"{_text(text, effect)}: {', '.join(names)}"
+    return Spec(name, "string", default, "", "", full, effect, names, MappingProxyType(aliases))
+
+
+def _text(text: str, effect: bool) -> str:
+    return text if effect else text + NO_EFFECT
+
+
+def _by_name(*specs: Spec) -> Mapping[str, Spec]:
+    return MappingProxyType({spec.name: spec for spec in specs})
+
+
+_OUT_MODES: Final = "Low|High|ExposureActive|ExposureAlternateActive"
+_OUT_ALIAS: Final = "AlternateExposureActive=ExposureAlternateActive"
+"""The image stream's protocol document spells it the other way round."""
+
+NODES: Final[Mapping[str, Mapping[str, Spec]]] = MappingProxyType(
+    {
+        "rc_camera": _by_name(
+            _float("fps", 1, 25, 25, "Frames per second of the camera images"),
+            _enum("exp_control", "Auto|Manual|HDR", "Auto", "Exposure control (HDR acts as Auto)"),
+            _bool("exp_auto", True, "Automatic exposure (older name; false is exp_control Manual)"),
+            _enum("exp_auto_mode", "Normal|Out1High|AdaptiveOut1", "Normal", "Automatic exposure mode", effect=False),
+            _float("exp_max", 6.6e-5, 0.018, 0.018, "Longest exposure time of the automatic, seconds"),
+            _float("exp_auto_average_max", 0, 1, 0.75, "Mean brightness that the automatic aims at"),
+            _float("exp_auto_average_min", 0, 1, 0.25, "Mean brightness that the automatic keeps despite saturation"),
+            _float("exp_value", 6.6e-5, 0.018, 0.005, "Exposure time in manual mode, seconds"),
+            _float("gain_value", 0, 18, 0, "Gain in manual mode, decibel"),
+            _float("gamma", 0.1, 10, 1, "Gamma of the images"),
+            _int("exp_offset_x", 0, 8191, 0, "Left column of the region for automatic exposure", effect=False),
+            _int("exp_offset_y", 0, 8191, 0, "Upper row of the region for automatic exposure", effect=False),
+            _int("exp_width", 0, 8191, 0, "Width of the region for automatic exposure", effect=False),
+            _int("exp_height", 0, 8191, 0, "Height of the region for automatic exposure", effect=False),
+            _bool("wb_auto", True, "Automatic white balance", effect=False),
+            _float("wb_ratio_red", 0.125, 8, 1.2, "Red to green ratio of the white balance", effect=False),
+            _float("wb_ratio_blue", 0.125, 8, 2.4, "Blue to green ratio of the white balance", effect=False),
+        ),
+        "rc_stereomatching": _by_name(
+            _enum("acquisition_mode", "Continuous|SingleFrame|SingleFrameOut1", "Continuous", "Depth acquisition"),
+            _float("exposure_adapt_timeout", 0, 2, 0, "Longest wait for the exposure, seconds", effect=False),
+            _enum("quality", "Low|Medium|High|Full", "High", "Resolution of the depth images"),
+            _bool("double_shot", False, "Combine two depth images", effect=False),
+            _bool("static_scene", False, "Average eight images", effect=False),
+            _int("seg", 0, 4000, 200, "Smallest segment that is kept, pixels at High"),
+            _bool("smooth", True, "Smoothing of disparities", effect=False),
+            _int("fill", 0, 4, 3, "Largest disparity step on the border of holes that are filled, pixels"),
+            _float("minconf", 0.5, 1, 0.5, "Smallest confidence that is kept"),
+            _float("mindepth", 0.1, 100, 0.1, "Nearest depth, metres"),
+            _float("maxdepth", 0.1, 100, 100, "Farthest depth, metres"),
+            _float("maxdeptherr", 0.01, 100, 100, "Largest depth error that is kept, metres"),
+            _int("roi_offset_x", 0, 8191, 0, "Left column of the depth region", effect=False),
+            _int("roi_offset_y", 0, 8191, 0, "Upper row of the depth region", effect=False),
+            _int("roi_width", 0, 8191, 0, "Width of the depth region, 0 is all", effect=False),
+            _int("roi_height", 0, 8191, 0, "Height of the depth region, 0 is all", effect=False),
+        ),
+        "rc_iocontrol": _by_name(
+            _enum("out1_mode", _OUT_MODES, "Low", "Output 1, which the projector hangs on", alias=_OUT_ALIAS),
+            _enum("out2_mode", _OUT_MODES, "Low", "Output 2", alias=_OUT_ALIAS),
+        ),
+    }
+)
+"""By node and name."""
+
+NODE_ALIASES: Final[Mapping[str, str]] = MappingProxyType({"rc_stereocamera": "rc_camera"})
+"""The camera node's name up to firmware 20."""

@@ -1,0 +1,159 @@
+"""The device's parameters: their names, ranges and defaults, and a store that validates them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from gateway.stereo.parameter_specs import NODES, Spec, Value
+
+
+class ParameterError(ValueError):
+    """A value cannot be set; the message names the parameter and the limit."""
+
+
+class UnknownParameterError(LookupError):
+    """The device has no such node or parameter."""
+
+
+@dataclass(frozen=True, slots=True)
+class Assignment:
+    """A validated value."""
+
+    name: str
+    value: Value
+
+
+class Parameters:
+    """All nodes' values. Setting several is all or nothing."""
+
+    def __init__(self) -> None:
+        self._values: dict[str, dict[str, Value]] = {
+            node: {spec.name: spec.default for spec in specs.values()} for node, specs in NODES.items()
+        }
+        self.version = 0
+        """Grows with every change, so that others can tell cheaply whether something changed."""
+
+    def get(self, node: str, name: str) -> Value:
+        """One value.
+
+        Raises:
+            UnknownParameterError: there is no such parameter.
+        """
+        return self._values[node][self.spec(node, name).name]
+
+    def values(self, node: str) -> Mapping[str, Value]:
+        """All values of a node."""
+        return self._values[node]
+
+    def spec(self, node: str, name: str) -> Spec:
+        """What is known about a parameter.
+
+        Raises:
+            UnknownParameterError: there is no such node or parameter.
+        """
+        specs = NODES.get(node)
+        if specs is None:
+            raise UnknownParameterError(f"there is no node {node!r}; there are {', '.join(NODES)}")
+        spec = specs.get(name)
+        if spec is None:
+            raise UnknownParameterError(f"{node} has no parameter {name!r}")
+        return spec
+
+    def set(self, node: str, values: Iterable[tuple[str, object]]) -> list[str]:
+        """Validates all values, then stores them.
+
+        Returns:
+            The names, in the order given.
+
+        Raises:
+            UnknownParameterError: a name is unknown; nothing was stored.
+            ParameterError: a value is of the wrong type or out of range; nothing was stored.
+        """
+        checked = [Assignment(name, check(self.spec(node, name), value)) for name, value in values]
+        for assignment in checked:
+            self._values[node][assignment.name] = assignment.value
+            # The older switch and the newer choice are one thing.
+            if assignment.name == "exp_auto":
+                self._values[node]["exp_control"] = "Auto" if assignment.value else "Manual"
+            elif assignment.name == "exp_control":
+                self._values[node]["exp_auto"] = assignment.value != "Manual"
+        if checked:
+            self.version += 1
+        return [a.name for a in checked]
+
+    def reset(self, node: str) -> None:
+        """Back to the defaults."""
+        for spec in NODES[node].values():
+            self._values[node][spec.name] = spec.default
+        self.version += 1
+
+    def describe(self, node: str, name: str) -> dict[str, Any]:
+        """As the device's REST interface shows a parameter."""
+        spec = self.spec(node, name)
+        return {
+            "name": spec.name,
+            "type": spec.type,
+            "value": self._values[node][spec.name],
+            "min": spec.low,
+            "max": spec.high,
+            "default": spec.default,
+            "description": spec.description,
+        }
+
+
+def check(spec: Spec, value: object) -> Value:
+    """The value as it is stored.
+
+    Args:
+        spec: of the parameter.
+        value: as JSON or a query gives it; text is converted, as the device does for queries.
+
+    Raises:
+        ParameterError: wrong type, not one of the choices, or out of range.
+    """
+    if spec.type == "string":
+        if not isinstance(value, str):
+            raise ParameterError(f"{spec.name}: {value!r} is not a string")
+        value = spec.aliases.get(value, value)
+        if value not in spec.choices:
+            raise ParameterError(f"{spec.name}: {value!r} is none of {', '.join(spec.choices)}")
+        return value
+    if spec.type == "bool":
+        known = {"true": True, "false": False, "1": True, "0": False}
+        if isinstance(value, str) and value.lower() in known:
+            return known[value.lower()]
+        if isinstance(value, bool):
+            return value
+        if isinstance(value, int) and value in (0, 1):
+            return bool(value)
+        raise ParameterError(f"{spec.name}: {value!r} is not true or false")
+    number = _number(spec, value)
+    assert isinstance(spec.low, (int, float))
+    assert isinstance(spec.high, (int, float))
+    if not spec.low <= number <= spec.high:
+        raise ParameterError(f"{spec.name}: {number:g} is out of range, {spec.low:g} to {spec.high:g} are allowed")
+    return number
+
+
+def _number(spec: Spec, value: object) -> int | float:
+    if isinstance(value, str) and len(value) < 64:
+        try:
+            value = float(value)
+        except ValueError:
+            raise ParameterError(f"{spec.name}: {value!r} is not a number") from None
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise ParameterError(f"{spec.name}: {str(value)[:80]!r} is not a number")
+    try:
+        number = float(value)
+    except OverflowError:
+        raise ParameterError(f"{spec.name}: the number is too large") from None
+    if not math.isfinite(number):
+        raise ParameterError(f"{spec.name}: {number} is not a finite number")
+    if spec.type == "float64":
+        return number
+    if number != int(number):
+        raise ParameterError(f"{spec.name}: {number:g} is not a whole number")
+    return int(number)

@@ -1,0 +1,122 @@
+"""The gRPC server: image sets, health, reflection; bytes go out as they are."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from typing import Any
+
+import grpc
+import structlog
+from grpc_health.v1 import health, health_pb2, health_pb2_grpc
+from grpc_reflection.v1alpha import reflection
+
+from gateway.generated import image_interface_pb2 as pb
+from gateway.stereo.config import StereoConfig, Tls
+from gateway.stereo.hub import FullError, Hub, StreamError
+from gateway.stereo.request import RequestError, kind_of
+
+SERVICE = pb.DESCRIPTOR.services_by_name["ImageInterface"].full_name
+METHOD = "StreamImageSets"
+DEFAULT_LIMIT = 4 << 20
+"""Bytes that a gRPC client accepts unless it was told otherwise."""
+_OPTIONS: list[tuple[str, int]] = [
+    ("grpc.max_send_message_length", -1),
+    ("grpc.max_receive_message_length", 64 << 10),  # requests are a few bytes
+    ("grpc.so_reuseport", 0),  # a second gateway must hear that the port is taken
+    # A client that vanished without closing its connection is noticed, and its mailbox freed, within half a minute.
+    ("grpc.keepalive_time_ms", 20_000),
+    ("grpc.keepalive_timeout_ms", 10_000),
+    ("grpc.http2.max_ping_strikes", 0),  # clients may ask for signs of life as often as they like
+]
+
+_log = structlog.get_logger("stereo")
+
+
+class StreamServicer:
+    """Answers ``StreamImageSets``."""
+
+    def __init__(self, hub: Hub, config: StereoConfig) -> None:
+        self._hub = hub
+        self._config = config
+
+    async def stream(self, request: pb.ImageSetRequest, context: grpc.aio.ServicerContext[Any, Any]) -> None:
+        """Sends sets until the client leaves or its deadline ends."""
+        try:
+            kind = kind_of(request, mesh_rgb=self._config.mesh_rgb)
+        except RequestError as error:
+            await context.abort(grpc.StatusCode.INVALID_ARGUMENT, str(error))
+        try:
+            with self._hub.subscribe(kind) as subscription:
+                first = True
+                while True:
+                    data = await subscription.get()
+                    if first:
+                        _announce(context.peer(), str(kind), len(data))
+                        first = False
+                    await context.write(data)
+                    del data  # while waiting for the next one
+        except FullError as error:
+            await context.abort(grpc.StatusCode.RESOURCE_EXHAUSTED, str(error))
+        except StreamError as error:
+            await context.abort(grpc.StatusCode.UNAVAILABLE, str(error))
+
+
+def _announce(peer: str, kind: str, size: int) -> None:
+    note = "more than a gRPC client accepts unless told otherwise" if size > DEFAULT_LIMIT else None
+    _log.info(f"streaming {kind} to {peer}", bytes_per_set=size, **({"note": note} if note else {}))
+
+
+async def start(hub: Hub, config: StereoConfig) -> tuple[grpc.aio.Server, int, Callable[[], Any]]:
+    """Starts serving.
+
+    Returns:
+        The server, its port, and a function to be awaited before it is stopped, which tells the health service.
+
+    Raises:
+        OSError: the port cannot be used, or a certificate cannot be read; one sentence.
+    """
+    server = grpc.aio.server(options=_OPTIONS)
+    servicer = StreamServicer(hub, config)
+    handler = grpc.unary_stream_rpc_method_handler(
+        servicer.stream, request_deserializer=pb.ImageSetRequest.FromString, response_serializer=None
+    )
+    server.add_generic_rpc_handlers((grpc.method_handlers_generic_handler(SERVICE, {METHOD: handler}),))
+    healthy = health.aio.HealthServicer()
+    health_pb2_grpc.add_HealthServicer_to_server(healthy, server)
+    names = (SERVICE, health.SERVICE_NAME, reflection.SERVICE_NAME)
+    reflection.enable_server_reflection(names, server)
+    address = f"[{config.host}]:{config.port}" if ":" in config.host else f"{config.host}:{config.port}"
+    try:
+        port = _bind(server, address, config.tls)
+    except RuntimeError as error:
+        await server.stop(None)
+        raise OSError(f"the stereo camera cannot listen on {address}: the port is taken or not allowed") from error
+    await server.start()
+    for name in ("", *names[:1]):
+        await healthy.set(name, health_pb2.HealthCheckResponse.SERVING)
+    return server, port, healthy.enter_graceful_shutdown
+
+
+def _bind(server: grpc.aio.Server, address: str, tls: Tls | None) -> int:
+    if tls is None:
+        return int(server.add_insecure_port(address))
+    files = []
+    for path in (tls.key, tls.certificate, tls.client_ca):
+        try:
+            files.append(path.read_bytes() if path is not None else None)
+        except OSError as error:
+            raise OSError(f"the stereo camera cannot read {path}: {error.strerror}") from error
+    key, certificate, authority = files
+    credentials = grpc.ssl_server_credentials([(key, certificate)], authority, require_client_auth=bool(authority))
+    return int(server.add_secure_port(address, credentials))
+
+
+async def stop(server: grpc.aio.Server, leave: Callable[[], Any]) -> None:
+    """Ends all streams and closes the port."""
+    await asyncio.shield(_stop(server, leave))
+
+
+async def _stop(server: grpc.aio.Server, leave: Callable[[], Any]) -> None:
+    await leave()
+    await server.stop(0.2)

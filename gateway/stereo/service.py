@@ -1,0 +1,120 @@
+"""The stereo camera as a long-running service: parameters, frames and their stream."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import structlog
+
+from gateway.stereo import server
+from gateway.stereo.clock import Clock, SystemClock
+from gateway.stereo.config import StereoConfig
+from gateway.stereo.hub import Hub
+from gateway.stereo.pacing import Counts, Metronome, PoseSource, Record, SceneSource
+from gateway.stereo.parameters import Parameters
+from gateway.stereo.pictures import Studio
+from gateway.stereo.settings import StreamSettings
+from gateway.stereo.trigger import Trigger
+from gateway.workers import Workers
+from renderers.port import Renderer
+
+_log = structlog.get_logger("stereo")
+
+
+class StereoService:
+    """Serves image sets of whatever scene it is given."""
+
+    def __init__(
+        self,
+        config: StereoConfig,
+        scene: SceneSource,
+        pose: PoseSource,
+        renderer: Renderer,
+        workers: Workers,
+        clock: Clock | None = None,
+    ) -> None:
+        """
+        Args:
+            config: what is fixed from start to end.
+            scene: the scene as it is now and its revision; called in a worker thread.
+            pose: (4, 4) float64 X_world_left, the left optical frame; called right after ``scene`` in the same thread.
+            renderer: draws; must be thread-safe.
+            workers: threads for everything that takes longer than a moment.
+            clock: of the timestamps; None: the computer's.
+        """
+        self.config = config
+        self.parameters = Parameters()
+        self.trigger = Trigger()
+        self.studio = Studio(config, renderer)
+        self.workers = workers
+        self.hub = Hub(config.max_clients, config.max_kinds)
+        self.started = time.time()
+        self._metronome = Metronome(
+            self.studio, workers, self.hub, self.parameters, scene, pose, clock or SystemClock(), self.trigger
+        )
+        self._port: int | None = None
+
+    @property
+    def ready(self) -> bool:
+        """Whether clients can connect."""
+        return self._port is not None
+
+    @property
+    def port(self) -> int:
+        """The port that is served; 0 before that."""
+        return self._port or 0
+
+    @property
+    def settings(self) -> StreamSettings:
+        """The parameters that act on the stream, as they are now."""
+        return self._metronome.settings
+
+    @property
+    def counts(self) -> Counts:
+        """What happened since start."""
+        return self._metronome.counts
+
+    @property
+    def history(self) -> list[Record]:
+        """The newest frames, oldest first."""
+        return list(self._metronome.history)
+
+    async def run(self) -> None:
+        """Serves until cancelled.
+
+        Raises:
+            OSError: the port is taken, or a certificate cannot be read; one sentence.
+        """
+        running, self._port, leave = await server.start(self.hub, self.config)
+        model = self.config.model
+        _log.info(f"{model.name} on port {self._port}", baseline=model.baseline, depth=self.config.depth_mode)
+        try:
+            await self._metronome.run()
+        finally:
+            self._port = None
+            await server.stop(running, leave)
+
+    def fire_trigger(self) -> tuple[int, str]:
+        """Asks for one depth image in a single-frame mode; the device's return code and a message."""
+        code = self.trigger.fire(single=self.settings.single, wanted=any(k.depth for k in self.hub.kinds()))
+        self.hub.changed.set()
+        return code
+
+    def status(self) -> dict[str, Any]:
+        """Figures for health pages: plain values."""
+        c = self.counts
+        return {
+            "model": self.config.model.name,
+            "port": self.port,
+            "clients": len(self.hub),
+            "kinds": sorted(map(str, self.hub.kinds())),
+            "depth_mode": self.config.depth_mode,
+            "quality": self.settings.quality.value,
+            "frames": c.frames,
+            "depth_frames": c.depth_frames,
+            "skipped": c.skipped,
+            "busy": c.busy,
+            "depth_seconds": round(c.depth_seconds, 4),
+            **({"warning": c.problem} if c.problem else {}),
+        }

@@ -1,0 +1,36 @@
+"""Small scenes to look at, and the camera's pose in them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.scene.flatten import flatten
+from gateway.scene.geometry import Box, Cylinder, Part, Shape, Sphere
+from gateway.scene.transforms import look_at, translation
+from gateway.scene.tree import Node, TreeEdit
+from renderers.drawlist import DrawList, Material
+
+
+def part(shape: Shape, color: tuple[float, float, float], x: float, y: float, z: float) -> Part:
+    return Part(shape, Material((*color, 1.0), metallic=0.0, roughness=0.8), translation(x, y, z))
+
+
+def table() -> DrawList:
+    """A floor, a wall and some solids on the floor, about 1 to 3 m in front of ``POSE``."""
+    parts = (
+        part(Box((6.0, 6.0, 0.1)), (0.55, 0.5, 0.45), 0, 0, -0.05),
+        part(Box((0.1, 6.0, 4.0)), (0.6, 0.65, 0.7), 1.5, 0, 2.0),
+        part(Box((0.3, 0.4, 0.3)), (0.8, 0.3, 0.2), 0.3, 0.35, 0.15),
+        part(Sphere(0.2), (0.2, 0.5, 0.8), 0.0, -0.3, 0.2),
+        part(Cylinder(0.12, 0.6), (0.3, 0.7, 0.3), 0.6, -0.1, 0.3),
+        part(Box((0.1, 0.1, 0.1)), (0.9, 0.8, 0.2), -0.35, 0.1, 0.05),
+    )
+    edit = TreeEdit(Node())
+    for index, one in enumerate(parts):
+        edit.set_parts(("table", index), (one,))
+    return flatten(edit.commit(), label_of=lambda path, _: int(path[-1]))
+
+
+def pose() -> NDArray[np.float64]:
+    return look_at((-1.4, 0.0, 0.9), (0.3, 0.0, 0.2), (0.0, 0.0, 1.0))
