@@ -105,7 +105,7 @@ async def test_color(start: Start, renderer: CpuRenderer, scene: DrakeScene | No
     assert picture.shape == reference.shape
     difference = np.abs(picture.astype(np.int16) - reference)
     fraction = float((difference > COLOR_STEP).mean())
-    figures = f"{100 * fraction:.2f} % off by > {COLOR_STEP}, mean {difference.mean():.2f}"
+    figures = f"{100 * fraction:.3f} % off by > {COLOR_STEP}, mean {difference.mean():.2f}"
     TABLE.append(Row(str(scene), "color", figures, milliseconds))
     if scene.name in COLOR_APART:
         # The black box of the reference apart, the scene is as near as the others.
