@@ -37,6 +37,9 @@ check: $(VENV)/.installed-dev ## lint, format, types, import contracts, compose 
 docs: $(VENV)/.installed-dev ## write docs/configuration.md from the settings
 	$(BIN)/python -m gateway.cli.reference docs/configuration.md
 
+generate: $(VENV)/.installed-dev ## write the protobuf classes from protos/
+	$(BIN)/python protos/generate.py
+
 # No index names get into the locks: --no-header, and no --emit-index-url.
 COMPILE := $(UV) pip compile pyproject.toml --quiet --universal --python-version 3.11 --generate-hashes --no-header
 

@@ -90,7 +90,7 @@ async def _start(house: House, wanted: dict[Any, Any], started: asyncio.Event) -
     try:
         if not await asyncio.to_thread(kernels.are_cached):
             _log.info("Compiling the rendering kernels into the cache, once ...", folder=str(kernels.folder()))
-            await kernels.compile_in_child()
+            await kernels.compile_in_children(warmup.PARTS)
         await asyncio.to_thread(warmup.run)
         house.board.ready(KERNELS)
         for name, join in wanted.items():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import re
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Callable, Iterable, Mapping
 from contextlib import asynccontextmanager
 from typing import Any
 
@@ -128,11 +128,11 @@ async def test_without_kernels_nothing_is_drawn_and_everybody_is_told(monkeypatc
 async def test_cold_kernels_are_compiled_by_a_child_before_they_are_loaded(monkeypatch: pytest.MonkeyPatch) -> None:
     order: list[str] = []
 
-    async def compile_in_child() -> None:
+    async def compile_in_children(parts: Iterable[str]) -> None:
         order.append("compiled")
 
     monkeypatch.setattr(kernels, "are_cached", lambda: False)
-    monkeypatch.setattr(kernels, "compile_in_child", compile_in_child)
+    monkeypatch.setattr(kernels, "compile_in_children", compile_in_children)
     monkeypatch.setattr(warmup, "run", lambda: order.append("loaded"))
     rooms(monkeypatch, render=add_route)
     async with running() as client:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import sys
 from typing import Annotated
 
@@ -37,19 +38,20 @@ def _common(
 
 @app.command()
 def warmup(
-    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
+    part: Annotated[str | None, typer.Option(hidden=True, help="Compile one part in this process.")] = None,
 ) -> None:
     """Compile the rendering kernels into the cache, so that the next start is quick."""
-    from gateway import warmup as kernel_warmup
+    from gateway import warmup as all_kernels
     from gateway.ops import kernels
 
+    if part is not None:
+        all_kernels.run(part)
+        return
     folder = kernels.configure()
-    if not quiet and not kernels.are_cached():
+    if not kernels.are_cached():
         typer.echo(f"Compiling the rendering kernels into {folder} ...")
-    kernel_warmup.run()
-    kernels.mark_cached()
-    if not quiet:
-        typer.echo(f"The rendering kernels are in {folder}.")
+        asyncio.run(kernels.compile_in_children(all_kernels.PARTS))
+    typer.echo(f"The rendering kernels are in {folder}.")
 
 
 @app.command()

@@ -1,6 +1,6 @@
 """The compiled kernels: where they are kept, whether they are there, and compiling them in a child process.
 
-Compiling holds the interpreter's lock for many seconds, so the serving process never does it: a child fills the cache,
+Compiling holds the interpreter's lock for many seconds, so the serving process never does it: children fill the cache,
 the server loads it. Numba cannot see that a function in another file changed, so the folder is keyed by the content of
 the sources.
 """
@@ -14,6 +14,7 @@ import os
 import shutil
 import sys
 import tempfile
+from collections.abc import Iterable
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -76,14 +77,19 @@ def mark_cached() -> None:
             shutil.rmtree(other, ignore_errors=True)
 
 
-async def compile_in_child() -> None:
-    """Runs ``python -m gateway.cli warmup`` until it ends.
+async def compile_in_children(parts: Iterable[str]) -> None:
+    """Runs ``python -m gateway.cli warmup --part PART`` for all parts at once, and notes that it is done.
 
     Raises:
-        KernelError: it failed; with its last line.
+        KernelError: one failed; with its last line.
     """
+    await asyncio.gather(*(_compile_in_child(part) for part in parts))
+    mark_cached()
+
+
+async def _compile_in_child(part: str) -> None:
     child = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "gateway.cli", "warmup", "--quiet"),
+        *(sys.executable, "-m", "gateway.cli", "warmup", "--part", part),
         env={**os.environ, "NUMBA_CACHE_DIR": str(configure())},
         stdin=asyncio.subprocess.DEVNULL,
         stdout=asyncio.subprocess.DEVNULL,
