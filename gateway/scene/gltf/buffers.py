@@ -44,6 +44,11 @@ class Buffers:
         self._held: dict[tuple[int, int], Buffer] = {}
         self._nbytes = 0
 
+    @property
+    def uids(self) -> tuple[int, ...]:
+        """What was loaded so far, in order."""
+        return tuple(buffer.uid for buffer in self._held.values())
+
     def load(self, index: int, where: str) -> Buffer:
         """``buffers[index]``.
 

@@ -12,14 +12,14 @@ import numpy as np
 from isal import isal_zlib
 from numpy.typing import NDArray
 
+from gateway.scene.gltf.bytewise import equal_bytes
+from gateway.scene.gltf.prefixes import Prefixes
 from renderers.drawlist import Image, Mesh
 
 MeshKey: TypeAlias = tuple[object, ...]
 """What a mesh is made of: ``Buffer.uid`` and the layout of every accessor."""
 
 _uids = count(1)
-_NUMPY_COMPARES_FROM: Final = 1 << 16
-"""Bytes. Below, ``bytes.__eq__`` is faster; above, it would hold the GIL for long."""
 
 
 class Buffer:
@@ -39,8 +39,11 @@ class CacheStats:
     """For metrics."""
 
     nbytes: int
+    text_bytes: int
     buffers: int
     meshes: int
+    document_hits: int
+    """Documents of which only the nodes had to be read."""
     buffer_hits: int
     buffer_misses: int
     mesh_hits: int
@@ -67,9 +70,15 @@ class MeshCache:
     contents. The checksum and the comparison together cost a quarter of a cryptographic hash.
     """
 
-    def __init__(self, max_bytes: int = 1 << 30) -> None:
-        """``max_bytes`` bounds buffers and arrays that are kept; the default holds 40 large scenes."""
+    def __init__(self, max_bytes: int = 512 << 20, max_text_bytes: int = 512 << 20) -> None:
+        """Both bounds hold some ten scenes of 25 MB each.
+
+        Args:
+            max_bytes: of buffers and arrays that are kept.
+            max_text_bytes: of texts that are kept to recognise repeated documents, with the arrays they keep alive.
+        """
         self.max_bytes = max_bytes
+        self.prefixes: Final = Prefixes(max_text_bytes)
         self._lock = threading.Lock()
         self._entries: OrderedDict[tuple[int, int], _Entry] = OrderedDict()
         self._by_uid: dict[int, _Entry] = {}
@@ -87,7 +96,7 @@ class MeshCache:
         key = (len(data), isal_zlib.crc32(data))
         if held is not None:
             known = held.get(key)
-            if known is not None and _equal(known.data, data):
+            if known is not None and equal_bytes(known.data, data):
                 return known
             buffer = held[key] = self._buffer(key, data)
             return buffer
@@ -96,7 +105,7 @@ class MeshCache:
     def _buffer(self, key: tuple[int, int], data: bytes | memoryview) -> Buffer:
         with self._lock:
             entry = self._entries.get(key)
-        if entry is not None and _equal(entry.buffer.data, data):
+        if entry is not None and equal_bytes(entry.buffer.data, data):
             with self._lock:
                 self._buffer_hits += 1
                 if key in self._entries:
@@ -146,18 +155,21 @@ class MeshCache:
             self._by_uid.clear()
             self._meshes.clear()
             self._nbytes = 0
+        self.prefixes.clear()
 
     @property
     def stats(self) -> CacheStats:
         with self._lock:
             return CacheStats(
-                self._nbytes,
-                len(self._entries),
-                len(self._meshes),
-                self._buffer_hits,
-                self._buffer_misses,
-                self._mesh_hits,
-                self._mesh_misses,
+                nbytes=self._nbytes,
+                text_bytes=self.prefixes.nbytes,
+                buffers=len(self._entries),
+                meshes=len(self._meshes),
+                document_hits=self.prefixes.hits,
+                buffer_hits=self._buffer_hits,
+                buffer_misses=self._buffer_misses,
+                mesh_hits=self._mesh_hits,
+                mesh_misses=self._mesh_misses,
             )
 
     def _shrink(self) -> None:
@@ -188,11 +200,3 @@ def _owner(array: NDArray[np.generic]) -> object:
     while isinstance(owner, np.ndarray) and owner.base is not None:
         owner = owner.base
     return owner.obj if isinstance(owner, memoryview) else owner
-
-
-def _equal(a: bytes, b: bytes | memoryview) -> bool:
-    if len(a) < _NUMPY_COMPARES_FROM:
-        return a == b
-    step = 1 << 20  # parts that stay in the cache of a core, and an early end when they differ
-    x, y = np.frombuffer(a, np.uint8), np.frombuffer(b, np.uint8)
-    return all(np.array_equal(x[i : i + step], y[i : i + step]) for i in range(0, len(a), step))

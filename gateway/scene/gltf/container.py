@@ -28,6 +28,8 @@ class Container:
     """The JSON text, its long data URIs replaced by tokens."""
     uris: tuple[memoryview, ...]
     """The data URIs that were taken out, without quotes, as they stand in the JSON text (escapes included)."""
+    tail: int | None
+    """Offset in the data where the text after the last URI that was taken out begins; None: a ``.glb``."""
     bin: memoryview | None
     """The binary chunk of a ``.glb``."""
 
@@ -49,12 +51,12 @@ def open_container(data: bytes | memoryview) -> Container:
     start = bytes(view[:4])
     if start == _MAGIC:
         text, binary = _glb_chunks(view)
-        json, uris = _take_data_uris(text, text)
-        return Container(json, uris, binary)
+        json, uris, _ = _take_data_uris(text, text)
+        return Container(json.rstrip(b"\0"), uris, None, binary)  # some writers pad the chunk with zeros
     if not bytes(view[:64]).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{"):
         raise GltfError(f"neither glTF JSON nor GLB: it starts with {start!r}" if start else "the document is empty")
-    json, uris = _take_data_uris(data if isinstance(data, bytes) else view, view)
-    return Container(json, uris, None)
+    json, uris, tail = _take_data_uris(data if isinstance(data, bytes) else view, view)
+    return Container(json, uris, tail, None)
 
 
 def _glb_chunks(view: memoryview) -> tuple[memoryview, memoryview | None]:
@@ -85,8 +87,8 @@ def _glb_chunks(view: memoryview) -> tuple[memoryview, memoryview | None]:
     return text, binary
 
 
-def _take_data_uris(data: bytes | memoryview, view: memoryview) -> tuple[bytes, tuple[memoryview, ...]]:
-    """The JSON text without its long data URIs, and these.
+def _take_data_uris(data: bytes | memoryview, view: memoryview) -> tuple[bytes, tuple[memoryview, ...], int]:
+    """The JSON text without its long data URIs, these, and where the text after the last one begins.
 
     Parsing megabytes of base64 as JSON strings costs more than decoding them. A quote that no backslash precedes
     begins or ends a string, so a URI is what lies between ``"data:`` and the next quote. Text for which that is not so
@@ -107,7 +109,7 @@ def _take_data_uris(data: bytes | memoryview, view: memoryview) -> tuple[bytes, 
             done = end
         at = end + 1
     pieces.append(bytes(view[done:]))
-    return b"".join(pieces).rstrip(b"\0"), tuple(uris)  # some writers pad the chunk of a GLB with zeros
+    return b"".join(pieces), tuple(uris), done
 
 
 def _find(data: bytes | memoryview, needle: bytes, start: int) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
 from gateway.scene.geometry import Part, Surface
@@ -15,6 +16,7 @@ from gateway.scene.gltf.limits import GltfLimits
 from gateway.scene.gltf.materials import Materials
 from gateway.scene.gltf.meshes import Meshes
 from gateway.scene.gltf.nodes import build_tree
+from gateway.scene.gltf.prefixes import Known, split
 from gateway.scene.gltf.scene import GltfCounts, GltfScene
 
 READ: Final = frozenset({"KHR_materials_unlit", "KHR_texture_transform", "KHR_mesh_quantization"})
@@ -64,55 +66,77 @@ def read_gltf(
         GltfError: with a sentence that names the element, its value and the reason.
     """
     limits = GltfLimits() if limits is None else limits
+    shared = cache is not None
+    cache = MeshCache(limits.max_buffer_bytes + limits.max_mesh_bytes) if cache is None else cache
+    view = memoryview(data).cast("B")
+    if shared and (found := cache.prefixes.find(view, limits, textures)) is not None:
+        known, rest = found
+        try:
+            return _scene(rest, _Parts(limits, dict(known.parts), None), known, limits)
+        except _UnknownMeshError:
+            pass  # a mesh that no node used before
     container = open_container(data)
     document = parse(container.json, limits)
     warnings: list[str] = []
     _check_extensions(document, warnings)
     generator = (document.asset.generator if document.asset is not None else None) or ""
-    cache = MeshCache(limits.max_buffer_bytes + limits.max_mesh_bytes) if cache is None else cache
     buffers = Buffers(document, container, cache, limits, resolve)
     accessors = Accessors(document, buffers, limits, warnings, merged=generator == "Drake glTF merger")
-    parts = _Parts(
-        document,
-        Meshes(accessors, cache, limits, warnings),
-        Materials(document, buffers, limits, warnings, textures=textures),
-        limits,
-    )
-    nodes = build_tree(document, parts, limits)
+    meshes = Meshes(accessors, cache, limits, warnings)
+    materials = Materials(document, buffers, limits, warnings, textures=textures)
+    parts = _Parts(limits, {}, _Maker(document, meshes, materials, limits))
+    known = Known(parts.known, generator, document.cameras or [], (), _counts(document))
+    scene = _scene(document, parts, known, limits)
     if len(warnings) > _MAX_WARNINGS:
         warnings[_MAX_WARNINGS:] = [f"{len(warnings) - _MAX_WARNINGS} more"]
-    cameras = document.cameras or []
+    where = split(container, len(view)) if shared and resolve is None else None
+    if where is not None and cache.prefixes.is_repeated(where, buffers.uids):
+        known = replace(known, parts=dict(parts.known), warnings=tuple(warnings))
+        cache.prefixes.add(view, where, limits, textures, known)
+    return replace(scene, warnings=tuple(warnings))
+
+
+def _scene(document: Document, parts: _Parts, known: Known, limits: GltfLimits) -> GltfScene:
+    nodes = build_tree(document, parts, limits)
     return GltfScene(
         root=nodes.root,
-        generator=generator,
+        generator=known.generator,
         cameras=nodes.cameras,
-        camera_count=len(cameras),
-        camera_node_missing=bool(cameras) and all(camera.index != 0 for camera in nodes.cameras),
+        camera_count=len(known.cameras),
+        camera_node_missing=bool(known.cameras) and all(camera.index != 0 for camera in nodes.cameras),
         instance_count=parts.instances,
         element_count=parts.drawn,
-        warnings=tuple(warnings),
-        counts=_counts(document),
+        warnings=known.warnings,
+        counts=replace(known.counts, nodes=len(document.nodes or ())),
     )
+
+
+class _UnknownMeshError(Exception):
+    """A known text, but one of its meshes was not in use before."""
 
 
 class _Parts:
-    """The parts of each mesh, made when first used and shared by all nodes that use it; counts what is drawn."""
+    """The parts of each mesh, shared by all nodes that use it; counts what is drawn."""
 
-    def __init__(self, document: Document, meshes: Meshes, materials: Materials, limits: GltfLimits) -> None:
-        self._document = document
-        self._meshes = meshes
-        self._materials = materials
+    def __init__(self, limits: GltfLimits, known: dict[int, tuple[Part, ...]], make: _Maker | None) -> None:
+        self.known = known
         self._limits = limits
-        self._known: dict[int, tuple[Part, ...]] = {}
-        self._primitives = 0
+        self._make = make
+        self._elements: dict[int, int] = {}
         self.instances = self.drawn = 0
 
     def __call__(self, index: int, where: str) -> tuple[Part, ...]:
-        parts = self._known.get(index)
+        parts = self.known.get(index)
         if parts is None:
-            parts = self._known[index] = self._make(index, where)
+            if self._make is None:
+                raise _UnknownMeshError
+            parts = self.known[index] = self._make(index, where)
+        elements = self._elements.get(index)
+        if elements is None:
+            elements = sum(len(part.shape.mesh.elements) for part in parts if isinstance(part.shape, Surface))
+            self._elements[index] = elements
         self.instances += len(parts)
-        self.drawn += sum(len(part.shape.mesh.elements) for part in parts if isinstance(part.shape, Surface))
+        self.drawn += elements
         if self.instances > self._limits.max_instances:
             raise GltfError(f"{where}: the scene has more instances than max_instances = {self._limits.max_instances}")
         if self.drawn > self._limits.max_drawn_elements:
@@ -120,7 +144,18 @@ class _Parts:
             raise GltfError(f"{where}: the scene draws more elements than max_drawn_elements = {limit}")
         return parts
 
-    def _make(self, index: int, where: str) -> tuple[Part, ...]:
+
+class _Maker:
+    """Makes the parts of a mesh."""
+
+    def __init__(self, document: Document, meshes: Meshes, materials: Materials, limits: GltfLimits) -> None:
+        self._document = document
+        self._meshes = meshes
+        self._materials = materials
+        self._limits = limits
+        self._primitives = 0
+
+    def __call__(self, index: int, where: str) -> tuple[Part, ...]:
         source = element(self._document.meshes, index, "meshes", where)
         self._primitives += len(source.primitives or ())
         if self._primitives > self._limits.max_primitives:
