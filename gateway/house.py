@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import structlog
 from fastapi import FastAPI
 
 from gateway.ops.board import Board, Service
 from gateway.ops.metrics import Metrics
+from gateway.scene.flatten import Flattener
+from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree
 from gateway.settings import Settings
 from gateway.workers import Workers
+from renderers.camera import Camera
 from renderers.port import Renderer
 
 _log = structlog.get_logger("gateway")
@@ -29,8 +34,17 @@ class House:
     tree: LiveTree
     workers: Workers
     """Threads for work that must not hold the event loop."""
+    labels: LabelTable = field(default_factory=LabelTable)
+    """Of the live tree: one number a path."""
+    flattener: Flattener = field(init=False)
+    """Of the live tree; what did not change is not made again, whoever asks."""
+    stereo_camera: Callable[[], Camera | None] = lambda: None
+    """The left camera of the stereo sensor as it is now, if there is one."""
     _renderer: Renderer | None = None
     _tasks: set[asyncio.Task[None]] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        self.flattener = Flattener(self.labels)
 
     @property
     def renderer(self) -> Renderer:
@@ -41,9 +55,16 @@ class House:
             self._renderer = CpuRenderer(self.workers.threads)
         return self._renderer
 
-    def serve(self, name: str, service: Service, *, where: str = "") -> None:
+    def serve(
+        self,
+        name: str,
+        service: Service,
+        *,
+        where: str = "",
+        figures: Callable[[], Mapping[str, Any]] | None = None,
+    ) -> None:
         """Runs a service until the end; its failure is one line in the log and on the board, the others run on."""
-        self.board.ready(name, service=service, where=where)
+        self.board.ready(name, service=service, where=where, figures=figures)
         task = asyncio.get_running_loop().create_task(self._care(name, service), name=name)
         self._tasks.add(task)
 

@@ -9,12 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from gateway.house import House
-from gateway.scene.gltf import GltfLimits
-from gateway.scene.scenefile import read_scene_file
-from gateway.scene.tree import Node
 from gateway.settings import MIB, InterfaceName, Settings
+
+if TYPE_CHECKING:
+    from gateway.scene.gltf import GltfLimits
+    from gateway.scene.tree import Node
 
 
 def join_render(house: House) -> None:
@@ -48,12 +50,16 @@ def _backdrop(house: House) -> Callable[[], Node] | None:
         return None
     if named == "live":
         return lambda: house.tree.snapshot.root
+    from gateway.scene.scenefile import read_scene_file
+
     scene = read_scene_file(Path(named), up=house.settings.up)
     return lambda: scene.root
 
 
 def gltf_limits(settings: Settings) -> GltfLimits:
     """Bounds of scenes that clients send."""
+    from gateway.scene.gltf import GltfLimits
+
     default = GltfLimits()
     return replace(
         default,
@@ -64,5 +70,75 @@ def gltf_limits(settings: Settings) -> GltfLimits:
     )
 
 
-JOINS: dict[InterfaceName, Callable[[House], None]] = {"render": join_render}
+def join_scene(house: House) -> None:
+    """``GET /scene``, ``/scene.glb``, ``/scene/render``."""
+    from gateway.sceneapi.config import SceneApiConfig
+    from gateway.sceneapi.routes import router
+    from gateway.sceneapi.service import SceneApi
+
+    settings = house.settings
+    service = SceneApi(
+        house.tree,
+        house.renderer,
+        house.workers,
+        SceneApiConfig(background=settings.background, max_pixels=settings.max_pixels),
+        labels=house.labels,
+        flattener=house.flattener,
+        stereo_camera=lambda: house.stereo_camera(),
+    )
+    house.app.include_router(router(service))
+    house.board.ready("scene", where="/scene", figures=service.status)
+
+
+def join_treeviewer(house: House) -> None:
+    """Director's tree viewer over LCM and TCPQ."""
+    from gateway.scene.meshfiles import MeshFiles
+    from gateway.treeviewer.config import TreeViewerConfig
+    from gateway.treeviewer.service import TreeViewerService
+
+    settings = house.settings
+    config = TreeViewerConfig(lcm_url=settings.lcm_url, tcpq_host=settings.host, tcpq_port=settings.tcpq_port)
+    service = TreeViewerService(config, house.tree, MeshFiles(settings.mesh_root))
+    house.serve("treeviewer", service, where=settings.lcm_url or "LCM")
+
+
+def join_stereo(house: House) -> None:
+    """The stereo camera's image stream over gRPC."""
+    from gateway.stereo.config import StereoConfig, Tls
+    from gateway.stereo.service import StereoService
+    from gateway.stereoview import StereoView
+    from renderers.stereo.model import MODELS
+
+    settings = house.settings
+    tls = None
+    if settings.grpc_certificate is not None and settings.grpc_key is not None:
+        tls = Tls(settings.grpc_certificate, settings.grpc_key, settings.grpc_client_ca)
+    config = StereoConfig(
+        host=settings.host,
+        port=settings.grpc_port,
+        tls=tls,
+        model=MODELS[f"rc_visard {settings.stereo_model}"],
+        depth_mode=settings.depth_mode,
+        rate=settings.stereo_rate,
+        seed=settings.stereo_seed,
+        noise=settings.stereo_noise,
+        background=settings.background,
+    )
+    view = StereoView(house, config)
+
+    def status() -> dict[str, Any]:
+        described = service.status()
+        return {**described, "warning": view.mount.warning} if view.mount.warning else described
+
+    house.stereo_camera = view.camera
+    service = StereoService(config, view.scene, view.pose, house.renderer, house.workers)
+    house.serve("stereo", service, where=f"gRPC on port {settings.grpc_port}", figures=status)
+
+
+JOINS: dict[InterfaceName, Callable[[House], None]] = {
+    "render": join_render,
+    "scene": join_scene,
+    "treeviewer": join_treeviewer,
+    "stereo": join_stereo,
+}
 """In the order of joining."""

@@ -12,9 +12,9 @@ import tomllib
 from collections.abc import Mapping
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args, get_origin
+from typing import Annotated, Any, Literal, Self, get_args, get_origin
 
-from pydantic import BeforeValidator, Field, ValidationError
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, model_validator
 from pydantic.fields import FieldInfo
 from pydantic_settings import BaseSettings, NoDecode, PydanticBaseSettingsSource, SettingsConfigDict
 
@@ -40,8 +40,25 @@ def _split(separator: str) -> BeforeValidator:
     return BeforeValidator(split)
 
 
+def _check_pose(text: str) -> str:
+    from gateway.scene.mount import parse_mount_pose  # numpy, for those who set it only
+
+    parse_mount_pose(text)
+    return text
+
+
+def _check_path(text: str) -> str:
+    from gateway.scene.mount import parse_mount_path
+
+    parse_mount_path(text)
+    return text
+
+
 Byte = Annotated[int, Field(ge=0, le=255)]
 Port = Annotated[int, Field(ge=0, le=65535)]
+PortOrOff = Annotated[Port | None, BeforeValidator(lambda value: None if value == "off" else value)]
+MountPose = Annotated[str, AfterValidator(_check_pose)]
+MountPath = Annotated[str, AfterValidator(_check_path)]
 Paths = Annotated[tuple[Path, ...], NoDecode, _split(os.pathsep)]
 Color = Annotated[tuple[Byte, Byte, Byte], NoDecode, _split(",")]
 Interfaces = Annotated[tuple[InterfaceName, ...], NoDecode, _split(",")]
@@ -100,14 +117,50 @@ class Settings(BaseSettings):
 
     # --- Tree viewer
     lcm_url: str | None = option(
-        None, "Tree viewer", "LCM network, as in LCM_DEFAULT_URL, which counts when this is not given."
+        None, "Tree viewer", "LCM network, as in LCM_DEFAULT_URL, which counts when this is not given; 'off': no LCM."
     )
-    tcpq_port: Port = option(7700, "Tree viewer", "Port of the embedded TCPQ hub, for clients without multicast.")
+    tcpq_port: PortOrOff = option(
+        7700, "Tree viewer", "Port of the embedded TCPQ hub, for clients without multicast; 'off': no hub."
+    )
     mesh_root: Paths = option(
-        (), "Tree viewer", f"Folders that mesh_file may read, separated by '{os.pathsep}'; none are read without."
+        (),
+        "Tree viewer",
+        f"Folders that mesh_file may read, package:// among them, separated by '{os.pathsep}'; none are read without.",
     )
-    package_root: Paths = option(
-        (), "Tree viewer", f"Folders that hold the packages of package:// URIs, separated by '{os.pathsep}'."
+
+    # --- Stereo camera
+    grpc_port: Port = option(50051, "Stereo camera", "Port of the image stream over gRPC. 0 takes a free one.")
+    stereo_scene: str = option(
+        "live", "Stereo camera", "What the camera sees: 'live' for the live tree, or a .gltf or .glb file."
+    )
+    stereo_pose: MountPose = option(
+        "eye=1.5,-1.2,1;target=0,0,0.3",
+        "Stereo camera",
+        "Pose of the left optical frame in the world: x,y,z,qw,qx,qy,qz or eye=x,y,z;target=x,y,z;up=x,y,z.",
+    )
+    stereo_path: MountPath | None = option(
+        None,
+        "Stereo camera",
+        'Node of the scene whose frame is the left optical frame, as JSON: ["robot", "head"]. While it is missing, the '
+        "last pose holds.",
+    )
+    stereo_model: Literal["65-4", "160-4", "160-6"] = option("160-4", "Stereo camera", "Which rc_visard it is.")
+    stereo_rate: Literal["device", "max"] = option(
+        "device", "Stereo camera", "Images as often as the device makes them, or as often as possible."
+    )
+    depth_mode: Literal["ground_truth", "matched"] = option(
+        "ground_truth",
+        "Stereo camera",
+        "Disparity from the exact depth and the device's error model, or matched from the rendered images.",
+    )
+    stereo_noise: bool = option(True, "Stereo camera", "Noise of images and disparity.")
+    stereo_seed: int = option(0, "Stereo camera", "Seed of all noise.", ge=0)
+    grpc_certificate: Path | None = option(
+        None, "Stereo camera", "PEM certificate; with --grpc-key the stream is encrypted."
+    )
+    grpc_key: Path | None = option(None, "Stereo camera", "PEM private key of --grpc-certificate.")
+    grpc_client_ca: Path | None = option(
+        None, "Stereo camera", "PEM authority; only clients with a certificate of it are served."
     )
 
     # --- Speed and limits
@@ -152,6 +205,14 @@ class Settings(BaseSettings):
     )
     log_level: Literal["debug", "info", "warning", "error"] = option("info", "Logs", "The least that is logged.")
 
+    @model_validator(mode="after")
+    def _certificate_and_key(self) -> Self:
+        if (self.grpc_certificate is None) != (self.grpc_key is None):
+            raise ValueError("--grpc-certificate and --grpc-key need each other")
+        if self.grpc_client_ca is not None and self.grpc_certificate is None:
+            raise ValueError("--grpc-client-ca needs --grpc-certificate and --grpc-key")
+        return self
+
     @classmethod
     def settings_customise_sources(
         cls,
@@ -195,6 +256,8 @@ def default_of(default: Any) -> str:
 def kind_of(field: FieldInfo) -> str:
     """What a value looks like, in a word or as the choices."""
     annotation: Any = field.annotation
+    if annotation == PortOrOff.__origin__:
+        return "NUMBER|off"
     options = [part for part in get_args(annotation) if part is not type(None)]
     if get_origin(annotation) is Literal:
         return "|".join(options)
@@ -226,14 +289,17 @@ def load(flags: Mapping[str, Any] | None = None, config: Path | None = None) -> 
     except ValidationError as error:
         sentences = []
         for fault in error.errors(include_url=False):
-            name = str(fault["loc"][0]) if fault["loc"] else ""
+            reason = fault["msg"].removeprefix("Value error, ")
+            if not fault["loc"]:
+                sentences.append(f"{reason}.")
+                continue
+            name = str(fault["loc"][0])
             if name in flags:
                 origin = flag_of(name)
             elif os.environ.get(env_of(name)):
                 origin = env_of(name)
             else:
                 origin = f"{name} in {config}"
-            reason = fault["msg"].removeprefix("Value error, ")
             sentences.append(f"{origin}: {reason[:1].lower()}{reason[1:]}, got {fault['input']!r}.")
         raise SettingsError("\n".join(sentences)) from None
 

@@ -9,13 +9,17 @@ from gateway.ops import kernels
 
 
 def _drawing() -> None:
+    import renderers.fxaa  # noqa: F401 - registers its kernel
     from renderers.cpu import warmup
 
     warmup()
 
 
 def _others() -> None:
-    import gateway.treeviewer.kernels  # noqa: F401 - compiled, or loaded, when imported
+    # What is imported is compiled, or loaded, by that.
+    import gateway.scene.gltf.bytewise
+    import gateway.scene.gltf.normals
+    import gateway.treeviewer.kernels  # noqa: F401
     from renderers.stereo.warm import warm_up
 
     warm_up()

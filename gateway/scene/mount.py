@@ -1,0 +1,67 @@
+"""Where a camera is mounted: a fixed pose in the world, or a node of the tree that it moves with."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.scene.cameras import CameraError, LookAtCamera, NodeCamera, parse_camera, resolve_camera
+from gateway.scene.transforms import from_pose, look_at
+from gateway.scene.tree import Node, Path
+from renderers.drawlist import DrawList
+
+
+def parse_mount_pose(text: str) -> NDArray[np.float64]:
+    """(4, 4) float64: the pose of an optical frame, from ``x,y,z,qw,qx,qy,qz`` or ``eye=x,y,z;target=x,y,z;up=x,y,z``.
+
+    Raises:
+        CameraError: it is neither.
+    """
+    if "=" in text:
+        camera = parse_camera(text)
+        assert isinstance(camera, LookAtCamera)
+        return look_at(camera.eye, camera.target, camera.up)
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != 7 or not np.isfinite(numbers).all() or not any(numbers[3:]):
+        raise CameraError(f"pose {text!r} is neither x,y,z,qw,qx,qy,qz nor eye=x,y,z;target=x,y,z;up=x,y,z")
+    return from_pose(numbers[:3], numbers[3:])
+
+
+def parse_mount_path(text: str) -> Path:
+    """A path of the tree from its JSON, ``["robot", "head"]``.
+
+    Raises:
+        CameraError: it is no such list.
+    """
+    camera = parse_camera(f"path:{text}")
+    assert isinstance(camera, NodeCamera)
+    return camera.path
+
+
+class Mount:
+    """The pose of a mounted camera; where its node is missing, the last pose holds."""
+
+    def __init__(self, pose: NDArray[np.float64], path: Path | None = None) -> None:
+        """
+        Args:
+            pose: (4, 4) float64 X_world_camera, until the node is there.
+            path: the node whose frame is the camera's optical frame; None: the pose is fixed.
+        """
+        self._pose = pose
+        self._path = path
+        self.warning = ""
+        """A sentence when the node cannot be followed."""
+
+    def pose(self, root: Node) -> NDArray[np.float64]:
+        """(4, 4) float64: X_world_camera in this tree."""
+        if self._path is not None:
+            try:
+                camera = resolve_camera(NodeCamera(self._path), root, 1, 1, drawn=DrawList())
+            except CameraError as error:
+                self.warning = f"the stereo camera keeps its last pose: {error}"
+            else:
+                self._pose, self.warning = camera.X_world_camera, ""
+        return self._pose
