@@ -14,8 +14,8 @@ _ZERO: Final = np.float32(0.0)
 _SMALLEST_COSINE: Final = np.float32(1e-5)
 """VTK's lower bound of the cosines in its shader; keeps the visibility term finite."""
 _SMALLEST_ROUGHNESS: Final = np.float32(0.05)
-"""Roughness 0 would be an infinitely bright, infinitely small spot. RenderEngineVtk shows smooth metal as this value
-does (measured on a metal of roughness 0: five flat pixels, each equal to the level)."""
+"""RenderEngineVtk shades a material of roughness r as the formulae do with 0.05 + 0.95 r: measured on flat metal of
+roughness 0 (0.05), on curved metal and dielectrics of 0.5 (0.525) and of 0.8 (0.81). It also keeps D finite."""
 
 
 @njit(nogil=True, cache=True, fastmath=False)
@@ -45,7 +45,7 @@ def reflect_pbr(nx, ny, nz, vx, vy, vz, red, green, blue, metallic, roughness): 
     n_v = _clamped(nx * vx + ny * vy + nz * vz)
     h_l = _clamped(-hz)
     n_l = _clamped(n_l)
-    rough = max(roughness, _SMALLEST_ROUGHNESS)
+    rough = _SMALLEST_ROUGHNESS + (_ONE - _SMALLEST_ROUGHNESS) * roughness
     a2 = rough * rough * rough * rough
     d = (n_h * a2 - n_h) * n_h + _ONE
     distribution = a2 / (_PI * d * d)

@@ -168,14 +168,14 @@ def unit(v: Array) -> Array:
 
 
 def metallic_roughness(n: Array, v: Array, base: Array, metallic: float, roughness: float) -> Array:
-    """glTF 2.0, appendix B, with Drake's head light: l = (0, 0, -1), radiance 1; F90 and the least roughness
-    are VTK's."""
+    """glTF 2.0, appendix B, with Drake's head light: l = (0, 0, -1), radiance 1; F90 and the map of
+    roughness are VTK's."""
     l = np.array((0.0, 0.0, -1.0))
     if n @ l <= 0:
         return np.zeros(3)
     h = unit(l + v)
     nl, nv, nh, vh = (float(np.clip(c, 1e-5, 1.0)) for c in (n @ l, n @ v, n @ h, v @ h))
-    alpha2 = max(roughness, 0.05) ** 4
+    alpha2 = (0.05 + 0.95 * roughness) ** 4
     D = alpha2 / (np.pi * (nh**2 * (alpha2 - 1) + 1) ** 2)
     V = 0.5 / (nl * np.sqrt(nv**2 * (1 - alpha2) + alpha2) + nv * np.sqrt(nl**2 * (1 - alpha2) + alpha2))
     f0 = 0.04 * (1 - metallic) + base * metallic
