@@ -55,6 +55,10 @@ class Frame:
             Stream.RIGHT: frozenset(k.color for k in kinds if k.right),
         }
         self._made: dict[Hashable, asyncio.Task[Any]] = {}
+        self.taken: Exposure | None = None
+        """How the camera images were taken, once that is known."""
+        self.brightness = 0.0
+        """Mean of the left image, 0 to 1, once it is there."""
 
     async def serialised(self, kind: Kind) -> bytes:
         """The bytes of an ``ImageSet``."""
@@ -101,6 +105,8 @@ class Frame:
 
     async def _image_message(self, stream: Stream, color: bool) -> list[Chunk]:
         taken, taking = await self._image(stream, color), await self._taking(self.camera)
+        if stream is Stream.LEFT:
+            self.taken, self.brightness = await self.exposure(self.camera), taken.brightness
         return messages.image(taken.image, self._studio.config.model.intrinsics(), taking, taken.brightness)
 
     async def _disparity_message(self) -> list[Chunk]:

@@ -23,7 +23,7 @@ class Subscription:
     def __init__(self, kind: Kind, changed: asyncio.Event) -> None:
         """
         Args:
-            changed: set when this client has taken a set.
+            changed: set when this client has taken a set or waits for one.
         """
         self.kind = kind
         self._changed = changed
@@ -35,6 +35,8 @@ class Subscription:
         self._data: bytes | None = None
         self._error: StreamError | None = None
         self._filled = asyncio.Event()
+        self.starving = False
+        """Whether the client has sent everything and waits."""
 
     @property
     def hungry(self) -> bool:
@@ -60,7 +62,13 @@ class Subscription:
         Raises:
             StreamError: the stream is over.
         """
-        await self._filled.wait()
+        if not self._filled.is_set():
+            self.starving = True
+            self._changed.set()
+            try:
+                await self._filled.wait()
+            finally:
+                self.starving = False
         if self._error is not None:
             raise self._error
         data, self._data = self._data, None
@@ -80,7 +88,10 @@ class Hub:
         self._subscriptions: set[Subscription] = set()
         self._newcomers: set[Subscription] = set()
         self.changed = asyncio.Event()
-        """Set when somebody came or took a set."""
+        """Set when somebody came, took a set or waits for one."""
+
+    def __iter__(self) -> Iterator[Subscription]:
+        return iter(tuple(self._subscriptions))
 
     def __len__(self) -> int:
         return len(self._subscriptions)
@@ -107,13 +118,17 @@ class Hub:
             self._subscriptions.discard(subscription)
             self._newcomers.discard(subscription)
 
-    def kinds(self, *, hungry: bool = False) -> set[Kind]:
+    def kinds(self) -> set[Kind]:
+        """What is wanted at all."""
+        return {s.kind for s in self._subscriptions}
+
+    def urgent_kinds(self, *, starving: bool) -> set[Kind]:
         """What is wanted now.
 
         Args:
-            hungry: only by clients whose mailbox is empty.
+            starving: only by clients that wait; False: by those whose mailbox is empty, too.
         """
-        return {s.kind for s in self._subscriptions if s.hungry or not hungry}
+        return {s.kind for s in self._subscriptions if s.starving or (s.hungry and not starving)}
 
     def take_newcomers(self) -> set[Kind]:
         """Kinds of those that came since the last call."""

@@ -23,6 +23,7 @@ from gateway.stereo.settings import ALTERNATE_GAP, StreamSettings
 from gateway.stereo.trigger import Trigger
 from gateway.workers import Busy, Workers
 from renderers.drawlist import DrawList
+from renderers.stereo.sensor import Exposure
 
 SceneSource = Callable[[], tuple[DrawList, int]]
 """The scene as it is now, and its revision. Called in a worker thread, never twice at a time."""
@@ -92,6 +93,8 @@ class Metronome:
         self._settings = stream_settings.read(parameters)
         self._version = parameters.version
         self.counts = Counts()
+        self.last_exposure: Exposure | None = None
+        self.last_brightness = 0.0
         self.history: deque[Record] = deque(maxlen=studio.config.history)
         """The newest frames, for the truth."""
 
@@ -121,7 +124,8 @@ class Metronome:
         if len(hub) == 0:
             self._last = self._last_depth = self._depth_next = None
         self._serve_newcomers()
-        kinds = hub.kinds(hungry=fast)
+        # A second frame beside one in work helps only those who have nothing left to send.
+        kinds = hub.urgent_kinds(starving=bool(self._tasks or self._depth_tasks)) if fast else hub.kinds()
         if not kinds:
             await hub.changed.wait()
             return
@@ -154,7 +158,7 @@ class Metronome:
         """The kinds, or none when too much is in work; waits for it where frames must not be skipped."""
         config = self._studio.config
         matching = config.depth_mode == "matched" and group is self._depth_tasks
-        limit = 1 if matching else config.frames_in_flight
+        limit = 1 if matching or self._clock.simulated else config.frames_in_flight
         while kinds and len(group) >= limit:
             if config.rate == "device" and not self._clock.simulated:
                 self.counts.skipped += 1
@@ -223,6 +227,8 @@ class Metronome:
             self.counts.depth_frames += 1
             self.counts.depth_seconds = asyncio.get_running_loop().time() - begin
         self.counts.frames += 1
+        if frame.taken is not None:
+            self.last_exposure, self.last_brightness = frame.taken, frame.brightness
 
     async def _publish(self, frame: Frame, kind: Kind) -> None:
         try:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from gateway.stereo.config import StereoConfig
 from gateway.stereo.settings import StreamSettings
 from gateway.stereo.wire import Chunk
-from renderers.drawlist import DrawList
+from renderers.drawlist import DrawList, ImageError
 from renderers.port import Frame, Look, Output, Renderer
 from renderers.stereo.errors import ErrorModel, Measured, measure
 from renderers.stereo.filters import Filters, apply_filters
@@ -58,9 +58,13 @@ class Studio:
         return self.renderer.render(shot.scene, camera, outputs, Look(c.look, c.background))
 
     def meter(self, shot: Shot, limits: AutoExposure, gamma: float) -> Exposure:
-        """The exposure that suits what the left camera sees."""
+        """The exposure that suits what the left camera sees; the default when that has a broken texture."""
         outputs = Output.COLOR | (Output.DEPTH if shot.projected(self.config) else Output(0))
-        with self.render(shot, 0.0, METER_DIVISOR, outputs) as frame:
+        try:
+            frame = self.render(shot, 0.0, METER_DIVISOR, outputs)
+        except ImageError:
+            return Exposure(gamma=gamma)
+        with frame:
             dots = self._dots(frame, 0.0, METER_DIVISOR)
             assert frame.color is not None
             return auto_exposure(brightness_of(frame.color, dots, self.config.dot_light), limits, gamma)

@@ -18,6 +18,7 @@ from gateway.stereo.settings import StreamSettings
 from gateway.stereo.trigger import Trigger
 from gateway.workers import Workers
 from renderers.port import Renderer
+from renderers.stereo.sensor import Exposure
 
 _log = structlog.get_logger("stereo")
 
@@ -69,6 +70,16 @@ class StereoService:
     def settings(self) -> StreamSettings:
         """The parameters that act on the stream, as they are now."""
         return self._metronome.settings
+
+    @property
+    def last_exposure(self) -> Exposure:
+        """How the newest camera images were taken; the manual settings before the first."""
+        return self._metronome.last_exposure or self.settings.manual
+
+    @property
+    def last_brightness(self) -> float:
+        """Mean of the newest left image, 0 to 1."""
+        return self._metronome.last_brightness
 
     @property
     def counts(self) -> Counts:

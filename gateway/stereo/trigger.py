@@ -20,11 +20,11 @@ class Trigger:
             The device's return code and a message.
         """
         if not single:
-            return -8, "acquisition_mode is not SingleFrame or SingleFrameOut1"
+            return -8, "Triggering is only possible in SingleFrame acquisition mode"
         if not wanted:
-            return 102, "nobody has subscribed to depth images; triggered anyway"
+            return 102, "Trigger is ignored, because there are no subscribers"
         if self.pending:
-            return 101, "the previous trigger is still pending"
+            return 101, "Trigger is ignored, because there is a trigger call pending"
         self.pending = True
         return 0, ""
 

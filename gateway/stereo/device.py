@@ -1,0 +1,186 @@
+"""What the device says about itself over REST: nodes, status values, services, system. Plain values, no I/O."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+from gateway.stereo.messages import INPUT_MASK, NANOSECONDS, OUTPUT_MASK
+from gateway.stereo.parameter_specs import NODES
+from gateway.stereo.service import StereoService
+
+IMAGE_VERSION: Final = "26.04.0"
+"""Firmware that this camera behaves like; clients parse three components."""
+SERVICES: Final[Mapping[str, Mapping[str, str]]] = {
+    "rc_camera": {"reset_defaults": "Restores the default values of the parameters"},
+    "rc_stereomatching": {
+        "acquisition_trigger": "Takes one depth image in acquisition mode SingleFrame or SingleFrameOut1",
+        "reset_defaults": "Restores the default values of the parameters",
+    },
+    "rc_iocontrol": {
+        "get_io_values": "Values of the general purpose inputs and outputs",
+        "reset_defaults": "Restores the default values of the parameters",
+    },
+}
+
+
+def node_info(node: str) -> dict[str, Any]:
+    """The device's NodeInfo."""
+    return {"name": node, "parameters": list(NODES[node]), "services": list(SERVICES[node]), "status": "running"}
+
+
+def service_info(node: str, name: str) -> dict[str, Any]:
+    """The device's description of a service.
+
+    Raises:
+        KeyError: there is none.
+    """
+    return {"name": name, "description": SERVICES[node][name], "args": {}, "response": {}}
+
+
+def status(service: StereoService, node: str) -> dict[str, Any]:
+    """The device's NodeStatus; all values are strings."""
+    values = {"rc_camera": _camera, "rc_stereomatching": _matching, "rc_iocontrol": _io}[node](service)
+    return {"status": "running", "timestamp": time.time(), "values": {k: _text(v) for k, v in values.items()}}
+
+
+def call(service: StereoService, node: str, name: str) -> dict[str, Any]:
+    """Calls a service.
+
+    Raises:
+        KeyError: there is none.
+    """
+    actions: dict[str, Callable[[], dict[str, Any]]] = {
+        "reset_defaults": lambda: _reset(service, node),
+        "acquisition_trigger": lambda: {"return_code": _code(*service.fire_trigger())},
+        "get_io_values": lambda: _io_values(service),
+    }
+    if name not in SERVICES[node]:
+        raise KeyError(name)
+    return {"name": name, "response": actions[name]()}
+
+
+def system(service: StereoService) -> dict[str, Any]:
+    """The device's SysInfo."""
+    config = service.config
+    now = time.time()
+    address = config.host if config.host not in ("0.0.0.0", "::") else "127.0.0.1"  # noqa: S104 - a comparison
+    version = {"image_version": IMAGE_VERSION}
+    return {
+        "ready": service.ready,
+        "time": now,
+        "uptime": now - service.started,
+        "serial": config.serial,
+        "hostname": config.hostname,
+        "mac": "00:14:2d:00:00:00",
+        "model_name": config.model.name,
+        "firmware": {
+            "active_image": version,
+            "inactive_image": version,
+            "fallback_booted": False,
+            "next_boot_image": "active_image",
+        },
+        "link_speed": 1000,
+        "dns": {"dns_servers": [], "manual_dns_servers": []},
+        "network": {
+            "current_method": "DHCP",
+            "default_gateway": "",
+            "ip_address": address,
+            "settings": {
+                "dhcp_enabled": True,
+                "persistent_default_gateway": "",
+                "persistent_ip_address": "",
+                "persistent_ip_enabled": False,
+                "persistent_subnet_mask": "",
+            },
+            "subnet_mask": "255.0.0.0",
+        },
+        "ntp": {"enabled": False, "manual_ntp_servers": [], "synchronized": False},
+        "ntp_status": {"accuracy": "", "synchronized": False},
+        "ptp_status": {"master_ip": "", "offset": 0.0, "offset_dev": 0.0, "offset_mean": 0.0, "state": "off"},
+        "ui_lock": {"enabled": False},
+        "pipelines": {"config": {"max_pipelines": 1, "pending_changes": False, "pipelines": {"0": _pipeline(service)}}},
+    }
+
+
+def pipelines(service: StereoService) -> dict[str, Any]:
+    """The only one, by its name."""
+    return {"0": _pipeline(service)}
+
+
+def _pipeline(service: StereoService) -> dict[str, Any]:
+    return {"type": "rc_visard", "model_name": service.config.model.name, "ready": service.ready}
+
+
+def _camera(service: StereoService) -> dict[str, object]:
+    model, settings, taking = service.config.model, service.settings, service.last_exposure
+    return {
+        "exp": taking.time,
+        "gain": taking.gain,
+        "gamma": taking.gamma,
+        "brightness": round(service.last_brightness, 2),
+        "noise": taking.sigma(128.0) if service.config.noise else 0.0,
+        "out1_reduction": 0.0,
+        "fps": settings.camera_rate if len(service.hub) else 0.0,
+        "time": time.time(),
+        "width": model.width,
+        "height": model.height,
+        "focal": round(model.focal_factor, 6),
+        "baseline": round(model.baseline, 6),
+        "color": 1,
+        "temp_left": 35.0,
+        "temp_right": 35.0,
+        "test": 0,
+        "params_override_active": 0,
+        "selfcalib_counter": 0,
+        "selfcalib_offset": 0.0,
+    }
+
+
+def _matching(service: StereoService) -> dict[str, object]:
+    settings, model, counts = service.settings, service.config.model, service.counts
+    k = model.intrinsics(settings.quality.divisor)
+    wanted = any(kind.depth for kind in service.hub.kinds())
+    return {
+        "fps": settings.depth_rate if wanted and not settings.single else 0.0,
+        "latency": counts.depth_seconds,
+        "time_matching": counts.depth_seconds,
+        "time_postprocessing": 0.0,
+        "width": k.width,
+        "height": k.height,
+        "mindepth": model.nearest_depth(settings.filters.mindepth),
+        "maxdepth": settings.filters.maxdepth,
+        "reduced_depth_range": 0,
+    }
+
+
+def _io(service: StereoService) -> dict[str, object]:
+    lines = service.settings.lines(depth=False)
+    return {"out1": lines & 1, "out2": lines >> 1 & 1, "in1": 0, "in2": 0}
+
+
+def _io_values(service: StereoService) -> dict[str, Any]:
+    sec, nsec = divmod(time.time_ns(), NANOSECONDS)
+    return {
+        "timestamp": {"sec": sec, "nsec": nsec},
+        "values": service.settings.lines(depth=False),
+        "input_mask": INPUT_MASK,
+        "output_mask": OUTPUT_MASK,
+        "inverter_mask": 0,
+        "ratio_mask": 0,
+        "return_code": _code(0, ""),
+    }
+
+
+def _reset(service: StereoService, node: str) -> dict[str, Any]:
+    service.parameters.reset(node)
+    return {"return_code": _code(0, "")}
+
+
+def _code(value: int, message: str) -> dict[str, Any]:
+    return {"value": value, "message": message}
+
+
+def _text(value: object) -> str:
+    return f"{value:.9g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,189 @@
+"""The device's REST interface, as far as the image stream depends on it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+from fastapi import APIRouter, Request
+from fastapi.responses import JSONResponse
+
+from gateway.stereo import device
+from gateway.stereo.parameter_specs import NODE_ALIASES, NODES
+from gateway.stereo.parameters import ParameterError, UnknownParameterError
+from gateway.stereo.service import StereoService
+
+MAX_BODY = 64 << 10
+"""Bytes; all parameters of a node together take two thousand."""
+_BASES = ("/api/v2/pipelines/0/nodes", "/api/v1/nodes")
+_TAGS: list[Any] = ["Stereo camera"]
+
+
+class _Refusal(Exception):  # noqa: N818 - an answer
+    def __init__(self, status: int, message: str) -> None:
+        super().__init__(message)
+        self.status = status
+
+
+class _Put(msgspec.Struct, forbid_unknown_fields=False):
+    value: Any
+
+
+class _Named(msgspec.Struct, forbid_unknown_fields=False):
+    name: str
+    value: Any
+
+
+_PUTS = msgspec.json.Decoder(_Put)
+_LISTS = msgspec.json.Decoder(list[_Named])
+
+
+def router(service: StereoService) -> APIRouter:
+    """Routes below ``/api``: version 2 for pipeline 0, version 1, and the paths that the manual's examples misspell."""
+    api = APIRouter(tags=_TAGS)
+
+    async def system() -> Any:
+        return device.system(service)
+
+    async def nothing() -> list[Any]:
+        return []
+
+    async def pipelines() -> Any:
+        return device.pipelines(service)
+
+    for version in ("v1", "v2"):
+        api.add_api_route(f"/api/{version}/system", system, methods=["GET"], summary="System")
+        api.add_api_route(f"/api/{version}/logs", nothing, methods=["GET"], summary="Log files: none")
+        api.add_api_route(f"/api/{version}/datastreams", nothing, methods=["GET"], summary="Data streams: none")
+    api.add_api_route("/api/v2/pipelines", pipelines, methods=["GET"], summary="The only pipeline")
+    for base in _BASES:
+        _add_nodes(api, base, service)
+    return api
+
+
+def _add_nodes(api: APIRouter, base: str, service: StereoService) -> None:
+    @api.get(base, summary="Nodes")
+    async def nodes() -> Any:
+        return [device.node_info(name) for name in NODES]
+
+    @api.get(base + "/{node}", summary="A node")
+    async def one(node: str) -> Any:
+        return _answer(lambda: device.node_info(_node(node)))
+
+    @api.get(base + "/{node}/status", summary="Status values of a node")
+    async def status(node: str) -> Any:
+        return _answer(lambda: device.status(service, _node(node)))
+
+    @api.get(base + "/{node}/parameters", summary="Parameters of a node")
+    async def parameters(node: str, request: Request) -> Any:
+        return _answer(lambda: _describe(service, _node(node), request.query_params.getlist("name")))
+
+    @api.put(base + "/{node}/parameters", summary="Set parameters: all or none")
+    # The manual's examples have `.../parameters/parameters?x=` and `.../services/parameters?x=`; users copy them.
+    @api.put(base + "/{node}/parameters/parameters", include_in_schema=False)
+    @api.put(base + "/{node}/services/parameters", include_in_schema=False)
+    async def put_parameters(node: str, request: Request) -> Any:
+        try:
+            name, values = _node(node), await _assignments(request)
+            return _describe(service, name, _set(service, name, values))
+        except _Refusal as refusal:
+            return _refused(refusal)
+
+    @api.get(base + "/{node}/parameters/{name}", summary="A parameter")
+    async def parameter(node: str, name: str) -> Any:
+        return _answer(lambda: _describe(service, _node(node), [name])[0])
+
+    @api.put(base + "/{node}/parameters/{name}", summary="Set a parameter")
+    async def put_parameter(node: str, name: str, request: Request) -> Any:
+        try:
+            value = await _single(request)
+            return _describe(service, _node(node), _set(service, _node(node), [(name, value)]))[0]
+        except _Refusal as refusal:
+            return _refused(refusal)
+
+    @api.get(base + "/{node}/services", summary="Services of a node")
+    async def services(node: str) -> Any:
+        return _answer(lambda: [device.service_info(_node(node), name) for name in device.SERVICES[_node(node)]])
+
+    @api.get(base + "/{node}/services/{name}", summary="A service")
+    async def one_service(node: str, name: str) -> Any:
+        return _answer(lambda: device.service_info(_node(node), name))
+
+    @api.put(base + "/{node}/services/{name}", summary="Call a service")
+    async def call(node: str, name: str, request: Request) -> Any:
+        try:
+            await _body(request)  # none of the services has arguments
+            return device.call(service, _node(node), name)
+        except KeyError:
+            return _refused(_Refusal(404, f"{node} has no service {name!r}"))
+        except _Refusal as refusal:
+            return _refused(refusal)
+
+
+def _answer(make: Any) -> Any:
+    try:
+        return make()
+    except _Refusal as refusal:
+        return _refused(refusal)
+    except KeyError as error:
+        return _refused(_Refusal(404, f"there is no {error}"))
+
+
+def _refused(refusal: _Refusal) -> JSONResponse:
+    # Roboception's own clients look into return_code before they look at the status.
+    body = {"message": str(refusal), "return_code": {"value": -1, "message": str(refusal)}}
+    return JSONResponse(body, refusal.status)
+
+
+def _node(name: str) -> str:
+    name = NODE_ALIASES.get(name, name)
+    if name not in NODES:
+        raise _Refusal(404, f"there is no node {name[:80]!r}; there are {', '.join(NODES)}")
+    return name
+
+
+def _describe(service: StereoService, node: str, names: list[str]) -> list[dict[str, Any]]:
+    try:
+        return [service.parameters.describe(node, name) for name in names or NODES[node]]
+    except UnknownParameterError as error:
+        raise _Refusal(404, str(error)) from None
+
+
+def _set(service: StereoService, node: str, values: list[tuple[str, object]]) -> list[str]:
+    try:
+        return service.parameters.set(node, values)
+    except UnknownParameterError as error:
+        raise _Refusal(404, str(error)) from None
+    except ParameterError as error:
+        raise _Refusal(400, str(error)) from None
+
+
+async def _body(request: Request) -> bytes:
+    body = bytearray()
+    async for chunk in request.stream():
+        body += chunk
+        if len(body) > MAX_BODY:
+            raise _Refusal(413, f"the body is larger than {MAX_BODY} bytes")
+    return bytes(body)
+
+
+async def _assignments(request: Request) -> list[tuple[str, object]]:
+    """Names and values from the query or, without one, from the body."""
+    body = await _body(request)
+    query = request.query_params.multi_items()
+    if query:
+        return list(query)
+    try:
+        return [(entry.name, entry.value) for entry in _LISTS.decode(body)]
+    except msgspec.DecodeError as error:
+        raise _Refusal(400, f'the body is not like [{{"name": "quality", "value": "High"}}]: {error}') from None
+
+
+async def _single(request: Request) -> object:
+    body = await _body(request)
+    if not body and "value" in request.query_params:
+        return request.query_params["value"]
+    try:
+        return _PUTS.decode(body).value
+    except msgspec.DecodeError as error:
+        raise _Refusal(400, f'the body is not like {{"value": 1.0}}: {error}') from None

@@ -1,0 +1,139 @@
+"""The side channel for training and tests: what is really there in a frame, exactly."""
+
+from __future__ import annotations
+
+import io
+from typing import Annotated, Any
+
+import numpy as np
+from fastapi import APIRouter, Query
+from fastapi.responses import JSONResponse, Response
+
+from gateway.stereo.messages import NANOSECONDS
+from gateway.stereo.pacing import Record
+from gateway.stereo.pictures import Studio
+from gateway.stereo.service import StereoService
+from gateway.workers import Busy
+from renderers.port import Output
+from renderers.stereo.truth import DepthRange, true_disparity
+
+
+def truth_router(service: StereoService) -> APIRouter:
+    """``GET /stereo/truth.npz``."""
+    api = APIRouter(tags=["Stereo camera"])
+
+    @api.get(
+        "/stereo/truth.npz", summary="Exact depth, labels, poses and intrinsics of a frame", response_class=Response
+    )
+    async def truth(
+        timestamp: Annotated[
+            str, Query(description="Of any image of the set, as seconds.nanoseconds; none: the newest frame")
+        ] = "",
+    ) -> Response:
+        try:
+            record = find(service.history, timestamp)
+        except ValueError as error:
+            return JSONResponse({"message": str(error)}, 400)
+        except LookupError as error:
+            return JSONResponse({"message": str(error)}, 404)
+        try:
+            data = await service.workers.run(truth_of, service.studio, record)
+        except Busy as error:
+            return JSONResponse({"message": str(error)}, 503, {"Retry-After": str(error.retry_after)})
+        return Response(data, media_type="application/zip", headers={"Cache-Control": "no-store"})
+
+    return api
+
+
+def find(history: list[Record], timestamp: str) -> Record:
+    """The frame of which one image has the timestamp.
+
+    Args:
+        history: oldest first.
+        timestamp: ``1700000000.040000000``: the digits after the point are nanoseconds, filled up on the right.
+
+    Raises:
+        ValueError: not a timestamp.
+        LookupError: no such frame is remembered.
+    """
+    if not history:
+        raise LookupError("no frame was taken yet; frames are taken while a client streams")
+    if not timestamp:
+        return history[-1]
+    wanted = parse(timestamp)
+    for record in reversed(history):
+        if wanted in (record.depth.timestamp, record.camera.timestamp):
+            return record
+    first, last = history[0].camera.timestamp, history[-1].depth.timestamp
+    raise LookupError(
+        f"no frame has the timestamp {show(wanted)}; remembered are {len(history)} from {show(first)} to {show(last)}"
+    )
+
+
+def parse(timestamp: str) -> int:
+    """Nanoseconds of ``sec.nsec`` text, exactly.
+
+    Raises:
+        ValueError: it is not like that.
+    """
+    seconds, _, fraction = timestamp.partition(".")
+    digits = seconds + fraction
+    if not (digits.isascii() and digits.isdigit() and seconds and len(seconds) <= 12 and len(fraction) <= 9):
+        raise ValueError(f"timestamp {timestamp[:40]!r} is not like 1700000000.040000000")
+    return int(seconds) * NANOSECONDS + int(fraction.ljust(9, "0"))
+
+
+def show(nanoseconds: int) -> str:
+    """The text that ``parse`` reads."""
+    return f"{nanoseconds // NANOSECONDS}.{nanoseconds % NANOSECONDS:09d}"
+
+
+def truth_of(studio: Studio, record: Record) -> bytes:
+    """An npz file. Keys without a prefix belong to the depth images' resolution and instant, ``left_`` and ``right_``
+    to the camera images.
+
+    * ``depth`` (h, w) float32: metres along the optical axis, inf: nothing; ``label`` (h, w) uint32.
+    * ``disparity`` (h, w) float32: exact, pixels, 0 where the device cannot measure (hidden, out of range or view).
+    * ``left_depth``, ``left_label``, ``right_depth``, ``right_label``: the same for the camera images.
+    * ``K``, ``K_left`` (3, 3) float64: intrinsics of depth and camera images; ``baseline`` metres.
+    * ``X_world_left``, ``X_world_right``, ``X_world_depth`` (4, 4) float64: optical frames; depth's differs from
+      left's only in alternate exposure while the camera moves.
+    * ``frame``, ``revision``, ``timestamp`` (nanoseconds), ``camera_timestamp``.
+    """
+    model, settings = studio.config.model, record.settings
+    divisor = settings.quality.divisor
+    k, camera = model.intrinsics(divisor), model.intrinsics()
+    arrays: dict[str, Any] = {}
+    both = Output.DEPTH | Output.LABEL
+    for side, offset in (("left", 0.0), ("right", model.baseline)):
+        with studio.render(record.camera, offset, 1, both) as frame:
+            assert frame.depth is not None
+            assert frame.label is not None
+            arrays[f"{side}_depth"], arrays[f"{side}_label"] = frame.depth.copy(), frame.label.copy()
+    with (
+        studio.render(record.depth, 0.0, divisor, both) as left,
+        studio.render(record.depth, model.baseline, divisor, Output.DEPTH) as right,
+    ):
+        assert left.depth is not None
+        assert left.label is not None
+        assert right.depth is not None
+        limits = DepthRange(model.nearest_depth(settings.filters.mindepth), settings.filters.maxdepth)
+        arrays["disparity"] = true_disparity(left.depth, right.depth, k.focal_length * model.baseline, limits)
+        arrays["depth"], arrays["label"] = left.depth.copy(), left.label.copy()
+    shift = np.eye(4)
+    shift[0, 3] = model.baseline
+    arrays |= {
+        "K": np.array(((k.focal_length, 0, k.cx), (0, k.focal_length, k.cy), (0, 0, 1))),
+        "K_left": np.array(((camera.focal_length, 0, camera.cx), (0, camera.focal_length, camera.cy), (0, 0, 1))),
+        "baseline": np.float64(model.baseline),
+        "X_world_left": record.camera.X_world_left,
+        "X_world_right": record.camera.X_world_left @ shift,
+        "X_world_depth": record.depth.X_world_left,
+        "frame": np.int64(record.number),
+        "revision": np.int64(record.depth.revision),
+        "timestamp": np.int64(record.depth.timestamp),
+        "camera_timestamp": np.int64(record.camera.timestamp),
+    }
+    file = io.BytesIO()
+    np.savez(file, allow_pickle=False, **arrays)
+    return file.getvalue()

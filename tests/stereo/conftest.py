@@ -1,0 +1,108 @@
+"""A running stereo camera on a small scene, and a client for it."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+
+import grpc
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from gateway.generated import image_interface_pb2 as pb
+from gateway.stereo.clock import Clock
+from gateway.stereo.config import StereoConfig
+from gateway.stereo.service import StereoService
+from gateway.workers import Workers
+from renderers.cpu import CpuRenderer
+from renderers.drawlist import DrawList
+from renderers.stereo.model import StereoModel
+from tests.stereo.scenes import pose, table
+
+SMALL = StereoModel("small", 320, 240, 0.8449, 0.160)
+"""The device's geometry at a quarter of its resolution: quick to render."""
+
+Start = Callable[..., Awaitable["Camera"]]
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """A running service with a channel to it."""
+
+    service: StereoService
+    channel: grpc.aio.Channel
+    task: asyncio.Task[None]
+
+    def stream(
+        self, timeout: float = 30.0, **request: object
+    ) -> grpc.aio.UnaryStreamCall[pb.ImageSetRequest, pb.ImageSet]:
+        call = self.channel.unary_stream(
+            "/ImageInterface/StreamImageSets",
+            request_serializer=pb.ImageSetRequest.SerializeToString,
+            response_deserializer=pb.ImageSet.FromString,
+        )
+        return call(pb.ImageSetRequest(**request), timeout=timeout)
+
+    async def take(self, count: int = 1, **request: object) -> list[pb.ImageSet]:
+        """The first sets of a new stream."""
+        call = self.stream(**request)
+        sets = [await call.read() for _ in range(count)]
+        call.cancel()
+        return sets
+
+
+@pytest.fixture(scope="session")
+def renderer() -> CpuRenderer:
+    return CpuRenderer(2)
+
+
+@asynccontextmanager
+async def running(
+    renderer: CpuRenderer, config: StereoConfig, scene: Callable[[], tuple[DrawList, int]], clock: Clock | None
+) -> AsyncIterator[Camera]:
+    workers = Workers(2)
+    service = StereoService(config, scene, pose, renderer, workers, clock)
+    task = asyncio.create_task(service.run())
+    while not service.ready and not task.done():  # noqa: ASYNC110 - it is ready soon or fails
+        await asyncio.sleep(0)
+    if task.done():
+        task.result()
+    options = [("grpc.max_receive_message_length", -1), ("grpc.use_local_subchannel_pool", 1)]
+    async with grpc.aio.insecure_channel(f"127.0.0.1:{service.port}", options=options) as channel:
+        yield Camera(service, channel, task)
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
+    assert await workers.close(10.0), "a worker thread was left behind"
+
+
+@pytest.fixture
+async def start(renderer: CpuRenderer) -> AsyncIterator[Start]:
+    """``await start(depth_mode="matched", …)``: fields of StereoConfig, and ``scene``, ``clock``."""
+    stack: list[object] = []
+
+    async def begin(
+        scene: Callable[[], tuple[DrawList, int]] | None = None, clock: Clock | None = None, **fields: object
+    ) -> Camera:
+        drawn = table()
+        config = StereoConfig(**{"port": 0, "model": SMALL, "look": "phong", **fields})  # type: ignore[arg-type]
+        context = running(renderer, config, scene or (lambda: (drawn, 1)), clock)
+        camera = await context.__aenter__()
+        stack.append(context)
+        return camera
+
+    yield begin
+    for context in reversed(stack):
+        await context.__aexit__(None, None, None)  # type: ignore[attr-defined]
+
+
+def pixels(image: pb.Image) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    """The picture of a message, checked against what the message says of it."""
+    dtype, channels = {"mono8": (np.uint8, 1), "rgb8": (np.uint8, 3), "mono16": (np.dtype("<u2"), 1)}[image.encoding]
+    assert not image.is_bigendian
+    assert image.step == image.width * channels * np.dtype(dtype).itemsize
+    assert len(image.data) == image.step * image.height
+    array = np.frombuffer(image.data, dtype)
+    return array.reshape((image.height, image.width, 3) if channels == 3 else (image.height, image.width))

@@ -1,0 +1,288 @@
+"""The stream as clients see it."""
+
+from __future__ import annotations
+
+import asyncio
+import random
+import threading
+from typing import Any
+
+import grpc
+import numpy as np
+import pytest
+from grpc_health.v1 import health_pb2, health_pb2_grpc
+from grpc_reflection.v1alpha.proto_reflection_descriptor_database import ProtoReflectionDescriptorDatabase
+
+from gateway.generated import image_interface_pb2 as pb
+from gateway.stereo.clock import SimulatedClock
+from renderers.drawlist import DrawList, Image, ImageError, Instance, Material, Mesh, Texture
+from tests.stereo.conftest import SMALL, Camera, Start, pixels
+from tests.stereo.scenes import table
+
+EVERYTHING: dict[str, Any] = {
+    "left_enabled": True,
+    "right_enabled": True,
+    "disparity_enabled": True,
+    "disparity_error_enabled": True,
+    "confidence_enabled": True,
+    "mesh_enabled": True,
+}
+
+
+async def test_everything_that_is_asked_for_comes_with_one_timestamp(start: Start) -> None:
+    camera = await start()
+    (one,) = await camera.take(**EVERYTHING)
+    stamps = {
+        (t.sec, t.nsec)
+        for t in (
+            one.timestamp, one.left.timestamp, one.right.timestamp, one.disparity.timestamp,
+            one.disparity.image.timestamp, one.disparity_error.timestamp, one.confidence.timestamp, one.mesh.timestamp,
+        )
+    }  # fmt: skip
+    assert len(stamps) == 1
+    for image in (one.left, one.right):
+        assert (image.width, image.height, image.encoding) == (320, 240, "mono8")
+        assert image.focal_length == pytest.approx(0.8449 * 320)
+        assert (image.principal_point_u, image.principal_point_v) == (160, 120)
+        assert (image.gpios.outputs, image.gpios.inputs, image.gpios.values) == (3, 12, 0)
+        assert image.gamma == 1
+        assert 0 < image.brightness <= 1
+        assert image.exposure_time > 0
+        assert pixels(image).std() > 5
+    d = one.disparity
+    assert (d.scale, d.offset, d.invalid_data_value, d.delta_d) == (0.0625, 0, 0, 0.0625)
+    assert d.baseline == pytest.approx(0.16)
+    assert (d.image.width, d.image.height, d.image.encoding) == (160, 120, "mono16")
+    assert d.image.focal_length == pytest.approx(0.8449 * 160)
+    valid = pixels(d.image) > 0
+    assert valid.mean() > 0.6
+    for image in (one.disparity_error, one.confidence):
+        assert ((pixels(image) > 0) == valid).all()
+    assert one.mesh.format == "ply"
+    assert one.mesh.data.startswith(b"ply\nformat binary_little_endian 1.0\n")
+
+
+@pytest.mark.parametrize("name", [*EVERYTHING])
+async def test_what_is_not_asked_for_is_absent(start: Start, name: str) -> None:
+    camera = await start()
+    (one,) = await camera.take(**{name: True})
+    assert {f.name for f, _ in one.ListFields()} == {"timestamp", name.removesuffix("_enabled")}
+
+
+async def test_nothing_enabled_gives_timestamps_at_the_camera_s_rate(start: Start) -> None:
+    camera = await start(clock=SimulatedClock())
+    sets = await camera.take(3)
+    assert [[f.name for f, _ in one.ListFields()] for one in sets] == [["timestamp"]] * 3
+    assert np.diff([one.timestamp.sec * 10**9 + one.timestamp.nsec for one in sets]).tolist() == [40_000_000] * 2
+
+
+async def test_color_is_rgb_and_grey_for_others_at_the_same_time(start: Start) -> None:
+    camera = await start()
+    grey, color = camera.stream(left_enabled=True), camera.stream(left_enabled=True, color=True)
+    a, b = await grey.read(), await color.read()
+    assert (a.left.encoding, b.left.encoding) == ("mono8", "rgb8")
+    assert pixels(b.left).shape == (240, 320, 3)
+    assert np.ptp(pixels(b.left).astype(int), axis=2).max() > 20
+
+
+@pytest.mark.parametrize(
+    ("quality", "size", "divisor"),
+    [("Full", (320, 240), 1), ("High", (160, 120), 2), ("Medium", (80, 60), 4), ("Low", (54, 40), 6)],
+)
+async def test_quality_decides_size_and_intrinsics(
+    start: Start, quality: str, size: tuple[int, int], divisor: int
+) -> None:
+    camera = await start()
+    camera.service.parameters.set("rc_stereomatching", [("quality", quality)])
+    (one,) = await camera.take(disparity_enabled=True)
+    image = one.disparity.image
+    assert (image.width, image.height) == size
+    assert image.focal_length == pytest.approx(0.8449 * 320 / divisor)
+    assert image.principal_point_u == pytest.approx(160 / divisor)
+    assert image.principal_point_v == pytest.approx(120 / divisor)
+
+
+@pytest.mark.parametrize("points", [1, 999])
+async def test_too_few_mesh_points_are_refused_with_a_sentence(start: Start, points: int) -> None:
+    camera = await start()
+    with pytest.raises(grpc.aio.AioRpcError) as refusal:
+        async for _ in camera.stream(mesh_enabled=True, mesh_options=pb.MeshOptions(max_points=points)):
+            pass
+    assert refusal.value.code() == grpc.StatusCode.INVALID_ARGUMENT
+    assert f"max_points is {points}; the minimum is 1000" in refusal.value.details()
+    # Options of a mesh that nobody asked for do not matter.
+    await camera.take(left_enabled=True, mesh_options=pb.MeshOptions(max_points=points))
+
+
+async def test_same_seed_scene_and_frame_give_the_same_bytes(start: Start) -> None:
+    async def run(seed: int) -> list[bytes]:
+        camera = await start(clock=SimulatedClock(), rate="max", seed=seed)
+        return [one.SerializeToString(deterministic=True) for one in await camera.take(3, **EVERYTHING)]
+
+    first, second, other = await run(1), await run(1), await run(2)
+    assert first == second
+    assert len(set(first)) == 3
+    assert not set(first) & set(other)
+
+
+async def test_alternate_exposure(start: Start) -> None:
+    camera = await start()
+    camera.service.parameters.set("rc_iocontrol", [("out1_mode", "AlternateExposureActive")])
+    (one,) = await camera.take(**EVERYTHING)
+
+    def at(t: pb.Time) -> int:
+        return t.sec * 10**9 + t.nsec
+
+    assert at(one.timestamp) == at(one.disparity.timestamp) == at(one.mesh.timestamp)
+    assert at(one.timestamp) - at(one.left.timestamp) == 40_000_000
+    assert at(one.left.timestamp) == at(one.right.timestamp)
+    assert (one.left.gpios.values, one.disparity.image.gpios.values, one.confidence.gpios.values) == (0, 1, 1)
+    camera.service.parameters.set("rc_iocontrol", [("out1_mode", "High")])
+    (lit,) = await camera.take(left_enabled=True)
+    assert lit.left.gpios.values == 1
+    # The projector's dots are what the difference is: neighbouring pixels of the wall differ much more.
+    rough = [float(np.abs(np.diff(pixels(i.left)[:60].astype(float), axis=1)).mean()) for i in (one, lit)]
+    assert rough[1] > 5 * rough[0]
+
+
+async def test_depth_on_demand(start: Start) -> None:
+    camera = await start()
+    parameters = camera.service.parameters
+    assert camera.service.fire_trigger()[0] == -8
+    parameters.set("rc_stereomatching", [("acquisition_mode", "SingleFrame")])
+    assert camera.service.fire_trigger()[0] == 102
+    depth = camera.stream(disparity_enabled=True)
+    pending = asyncio.ensure_future(depth.read())
+    # Camera images keep coming while depth waits for its trigger.
+    await camera.take(4, left_enabled=True)
+    assert not pending.done()
+    assert camera.service.fire_trigger()[0] == 0
+    assert camera.service.fire_trigger()[0] == 101
+    assert (await pending).HasField("disparity")
+    parameters.set("rc_stereomatching", [("acquisition_mode", "SingleFrameOut1")])
+    pending = asyncio.ensure_future(depth.read())
+    assert camera.service.fire_trigger()[0] == 0
+    assert (await pending).disparity.image.gpios.values == 1
+
+
+async def test_health_and_reflection(start: Start) -> None:
+    camera = await start()
+    stub = health_pb2_grpc.HealthStub(camera.channel)
+    for name in ("", "ImageInterface"):
+        answer = await stub.Check(health_pb2.HealthCheckRequest(service=name))
+        assert answer.status == health_pb2.HealthCheckResponse.SERVING
+
+    def look() -> tuple[list[str], list[str]]:
+        with grpc.insecure_channel(f"127.0.0.1:{camera.service.port}") as channel:
+            database = ProtoReflectionDescriptorDatabase(channel)
+            file = database.FindFileContainingSymbol("ImageInterface")
+            return list(database.get_services()), [m.name for m in file.message_type]
+
+    services, messages = await asyncio.to_thread(look)
+    assert "ImageInterface" in services
+    assert "ImageSetRequest" in messages
+
+
+async def test_a_taken_port_is_one_sentence(start: Start) -> None:
+    camera = await start()
+    with pytest.raises(OSError, match=r"^the stereo camera cannot listen on 127.0.0.1:\d+: the port is taken"):
+        await start(port=camera.service.port)
+
+
+async def test_a_picture_that_cannot_be_made_ends_the_stream_with_the_reason(start: Start) -> None:
+    def decode() -> Any:
+        raise ImageError("image 'wall.png' is broken")
+
+    image = Image(b"x", decode, "wall.png")
+    positions = np.array([(-9, -9, 2), (9, -9, 2), (0, 9, 2)], np.float32)
+    mesh = Mesh(positions, np.array([[0, 1, 2]], np.uint32), uv0=np.zeros((3, 2), np.float32))
+    scene = DrawList(
+        (Instance(mesh, Material(base_color_texture=Texture(image), double_sided=True), np.eye(4)),), (image,)
+    )
+    camera = await start(scene=lambda: (scene, 1))
+    with pytest.raises(grpc.aio.AioRpcError) as failure:
+        await camera.stream(left_enabled=True).read()
+    assert failure.value.code() == grpc.StatusCode.UNAVAILABLE
+    assert "wall.png" in failure.value.details()
+    # Depth needs no texture.
+    await camera.take(disparity_enabled=True)
+
+
+async def test_clients_coming_and_leaving_leave_nothing_behind(start: Start) -> None:
+    camera = await start(rate="max")
+    await camera.take(disparity_enabled=True)
+    order = random.Random(4)
+    tasks, threads = len(asyncio.all_tasks()), threading.active_count()
+
+    async def visit() -> None:
+        request = {name: order.random() < 0.4 for name in EVERYTHING}
+        call = camera.stream(**request, timeout=order.choice((0.05, 30.0)))
+        try:
+            for _ in range(order.randrange(4)):
+                await call.read()
+        except grpc.aio.AioRpcError as error:
+            assert error.code() == grpc.StatusCode.DEADLINE_EXCEEDED  # noqa: PT017
+        call.cancel()
+
+    for _ in range(6):
+        await asyncio.gather(*(visit() for _ in range(8)))
+    await _until(lambda: len(camera.service.hub) == 0 and camera.service.workers.stats.running == 0)
+    await _until(lambda: len(asyncio.all_tasks()) <= tasks)
+    assert threading.active_count() <= threads + 1
+
+
+async def _until(condition: Any) -> None:
+    async with asyncio.timeout(10):
+        while not condition():  # noqa: ASYNC110 - conditions of the server, without an event
+            await asyncio.sleep(0.005)
+
+
+async def test_a_client_that_does_not_read_costs_the_others_nothing(start: Start) -> None:
+    camera = await start(rate="max", model=SMALL)
+    slow, fast = camera.stream(left_enabled=True, color=True), camera.stream(left_enabled=True, color=True)
+    await slow.read()
+    stamps = [(await fast.read()).timestamp for _ in range(150)]
+    assert len({(t.sec, t.nsec) for t in stamps}) == 150
+    stuck = min(camera.service.hub, key=lambda s: s.sent)
+    assert stuck.sent < 150
+    assert stuck.skipped > 0
+
+
+async def test_limits_of_clients_and_kinds(start: Start) -> None:
+    camera = await start(max_clients=2, max_kinds=1)
+    first = camera.stream(left_enabled=True)
+    await first.read()
+    with pytest.raises(grpc.aio.AioRpcError, match="max_kinds"):
+        await camera.stream(right_enabled=True).read()
+    second = camera.stream(left_enabled=True)
+    await second.read()
+    with pytest.raises(grpc.aio.AioRpcError, match="max_clients"):
+        await camera.stream(left_enabled=True).read()
+    first.cancel()
+    await _until(lambda: len(camera.service.hub) == 1)
+    await camera.take(left_enabled=True)
+
+
+async def test_who_joins_later_gets_a_set_at_once_at_the_device_s_slow_rates(start: Start) -> None:
+    camera = await start()
+    camera.service.parameters.set("rc_stereomatching", [("quality", "Full")])  # one depth image per second
+    first = camera.stream(disparity_enabled=True)
+    one = await first.read()
+    (two,) = await camera.take(disparity_enabled=True, left_enabled=True)
+    assert two.timestamp == one.timestamp
+
+
+async def test_scene_and_pose_are_read_for_every_frame(start: Start) -> None:
+    scenes = [table(), DrawList()]
+    calls = 0
+
+    def scene() -> tuple[DrawList, int]:
+        nonlocal calls
+        calls += 1
+        return scenes[calls // 3 % 2], calls
+
+    camera: Camera = await start(scene=scene, rate="max")
+    sets = await camera.take(20, disparity_enabled=True)
+    seen = [bool(pixels(s.disparity.image).any()) for s in sets]
+    assert True in seen
+    assert False in seen
