@@ -7,6 +7,7 @@
 from gateway.scene.gltf.buffers import Resolver
 from gateway.scene.gltf.cache import CacheStats, MeshCache
 from gateway.scene.gltf.errors import GltfError
+from gateway.scene.gltf.kernels import warm_up
 from gateway.scene.gltf.limits import GltfLimits
 from gateway.scene.gltf.materials import DEFAULT_MATERIAL, label_from_material
 from gateway.scene.gltf.reader import read_gltf
@@ -25,4 +26,5 @@ __all__ = [
     "Resolver",
     "label_from_material",
     "read_gltf",
+    "warm_up",
 ]

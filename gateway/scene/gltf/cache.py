@@ -70,15 +70,18 @@ class MeshCache:
     contents. The checksum and the comparison together cost a quarter of a cryptographic hash.
     """
 
-    def __init__(self, max_bytes: int = 512 << 20, max_text_bytes: int = 512 << 20) -> None:
-        """Both bounds hold some ten scenes of 25 MB each.
+    def __init__(self, max_bytes: int = 512 << 20, max_text_bytes: int | None = None) -> None:
+        """The default holds some ten scenes of 25 MB each.
 
         Args:
-            max_bytes: of buffers and arrays that are kept.
-            max_text_bytes: of texts that are kept to recognise repeated documents, with the arrays they keep alive.
+            max_bytes: of everything that is kept.
+            max_text_bytes: the share of texts that are kept to recognise repeated documents, with the arrays that they
+                keep alive; None: half. The rest is for buffers and meshes.
         """
-        self.max_bytes = max_bytes
-        self.prefixes: Final = Prefixes(max_text_bytes)
+        text_bytes = max_bytes // 2 if max_text_bytes is None else max_text_bytes
+        self.max_bytes = max_bytes - text_bytes
+        """Of buffers and meshes."""
+        self.prefixes: Final = Prefixes(text_bytes)
         self._lock = threading.Lock()
         self._entries: OrderedDict[tuple[int, int], _Entry] = OrderedDict()
         self._by_uid: dict[int, _Entry] = {}

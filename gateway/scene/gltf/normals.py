@@ -2,44 +2,12 @@
 
 from __future__ import annotations
 
-import numba
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
-# Arrays of meshes are read-only; writable ones are accepted where read-only ones are declared.
-_POSITIONS = numba.types.Array(numba.float32, 2, "C", readonly=True)
-_TRIANGLES = numba.types.Array(numba.uint32, 2, "C", readonly=True)
-
-
-@numba.njit(numba.void(_POSITIONS, _TRIANGLES, numba.float32[:, ::1]), nogil=True, cache=True, fastmath=False)
-def _accumulate(positions: NDArray[np.float32], triangles: NDArray[np.uint32], normals: NDArray[np.float32]) -> None:
-    """Adds each triangle's cross product to its three vertices, then normalises; (0, 0, 1) where nothing was added."""
-    sums = np.zeros(positions.shape, np.float64)
-    for t in range(triangles.shape[0]):
-        a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-        ax, ay, az = np.float64(positions[a, 0]), np.float64(positions[a, 1]), np.float64(positions[a, 2])
-        ux, uy, uz = positions[b, 0] - ax, positions[b, 1] - ay, positions[b, 2] - az
-        vx, vy, vz = positions[c, 0] - ax, positions[c, 1] - ay, positions[c, 2] - az
-        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-        sums[a, 0] += nx
-        sums[a, 1] += ny
-        sums[a, 2] += nz
-        sums[b, 0] += nx
-        sums[b, 1] += ny
-        sums[b, 2] += nz
-        sums[c, 0] += nx
-        sums[c, 1] += ny
-        sums[c, 2] += nz
-    for i in range(positions.shape[0]):
-        length = np.sqrt(sums[i, 0] * sums[i, 0] + sums[i, 1] * sums[i, 1] + sums[i, 2] * sums[i, 2])
-        if length > 0.0 and length < np.inf:
-            normals[i, 0] = np.float32(sums[i, 0] / length)
-            normals[i, 1] = np.float32(sums[i, 1] / length)
-            normals[i, 2] = np.float32(sums[i, 2] / length)
-        else:
-            normals[i, 0] = np.float32(0.0)
-            normals[i, 1] = np.float32(0.0)
-            normals[i, 2] = np.float32(1.0)
+from gateway.scene.gltf.kernels import sum_normals
 
 
 def vertex_normals(positions: NDArray[np.float32], triangles: NDArray[np.uint32]) -> NDArray[np.float32]:
@@ -55,8 +23,16 @@ def vertex_normals(positions: NDArray[np.float32], triangles: NDArray[np.uint32]
         (N, 3) float32, unit length; (0, 0, 1) for vertices of no triangle with an area.
     """
     normals = np.empty(positions.shape, np.float32)
-    _accumulate(positions, triangles, normals)
+    sum_normals(_read_only(positions), _read_only(triangles), normals)
     return normals
+
+
+def _read_only(array: NDArray[Any]) -> NDArray[Any]:
+    if not array.flags.writeable:
+        return array
+    view = array.view()
+    view.flags.writeable = False
+    return view
 
 
 def unit_rows(vectors: NDArray[np.float32], tolerance: float = 1e-3) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:

@@ -67,7 +67,7 @@ def read_gltf(
     """
     limits = GltfLimits() if limits is None else limits
     shared = cache is not None
-    cache = MeshCache(limits.max_buffer_bytes + limits.max_mesh_bytes) if cache is None else cache
+    cache = MeshCache(limits.max_buffer_bytes + limits.max_mesh_bytes, 0) if cache is None else cache
     view = memoryview(data).cast("B")
     if shared and (found := cache.prefixes.find(view, limits, textures)) is not None:
         known, rest = found

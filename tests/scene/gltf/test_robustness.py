@@ -139,7 +139,7 @@ def test_damaged_values(changes: list[tuple[tuple[str | int, ...], Any]]) -> Non
     check(json.dumps(document).encode())
 
 
-CACHE = MeshCache(1 << 20)
+CACHE = MeshCache(2 << 20)
 
 
 @given(st.lists(st.tuples(st.sampled_from(PLACES), VALUES), min_size=1, max_size=2))
