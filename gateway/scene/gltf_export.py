@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.scene.meshing import meshes_of
+from gateway.scene.names import written
 from gateway.scene.transforms import IDENTITY, Y_UP_TO_Z_UP, Matrix
 from gateway.scene.tree import Node
 from renderers.drawlist import AlphaMode, Image, ImageError, Material, Mesh, Sampler, Texture, Topology
@@ -110,7 +111,7 @@ class _Writer:
             index = self._add("nodes", entry)
             parent.setdefault("children", []).append(index)
             self._parts(node, entry)
-            stack.extend((str(key), child, entry) for key, child in reversed(node.children.items()))
+            stack.extend((str(written(key)), child, entry) for key, child in reversed(node.children.items()))
 
     def _parts(self, node: Node, entry: dict[str, Any]) -> None:
         """The node's geometry: on the node itself where it needs no transform of its own, else below it."""

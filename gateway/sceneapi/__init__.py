@@ -1,0 +1,1 @@
+"""The live scene over HTTP: what is in it, as a file, and as pictures from any camera."""

@@ -1,0 +1,32 @@
+"""What an operator can set about the scene over HTTP; every bound states its reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from renderers.port import LookName
+
+
+@dataclass(frozen=True, slots=True)
+class SceneApiConfig:
+    """Settings of ``/scene``, ``/scene.glb`` and ``/scene/render``."""
+
+    width: int = 1280
+    height: int = 720
+    """Pixels, where a request names none."""
+    look: LookName = "pbr"
+    """Where a request names none. The live scene's materials are glTF's, so its own model shows them as they are
+    meant."""
+    background: tuple[int, int, int] = (204, 229, 255)
+    """RGB of colour pictures where nothing is; the same as the render endpoint's."""
+    antialias: Literal["fxaa", "none"] = "fxaa"
+    """Of colour pictures."""
+    max_pixels: int = 4096 * 4096
+    """width * height: a picture of this size takes about 200 MB while it is made."""
+    max_side: int = 16384
+    """Pixels of width or height: the rasterizer's limit."""
+    max_export_bytes: int = 512 << 20
+    """Of ``/scene.glb``: the file is made in memory, and browsers give up at about this size."""
+    max_nodes: int = 200_000
+    """Listed by ``GET /scene``; 300 bytes of JSON each. Further ones are counted, not listed."""

@@ -1,0 +1,143 @@
+"""The parameters of a picture, from the query of its URL."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final, Literal, cast
+
+from gateway.scene.cameras import DEFAULT_FOVY, CameraError, CameraSpec, parse_camera
+from gateway.sceneapi.config import SceneApiConfig
+from renderers.port import LookName
+
+PictureType = Literal["color", "depth", "label"]
+DepthFormat = Literal["tiff", "png"]
+
+TYPES: Final = ("color", "depth", "label")
+LOOKS: Final = ("phong", "pbr")
+FORMATS: Final = ("tiff", "png")
+
+
+class QueryError(ValueError):
+    """A parameter cannot be used; the message names it, its value and the reason."""
+
+
+@dataclass(frozen=True, slots=True)
+class PictureQuery:
+    """``GET /scene/render``."""
+
+    camera: CameraSpec
+    type: PictureType
+    width: int
+    height: int
+    look: LookName
+    fovy: float
+    """Degrees."""
+    near: float | None
+    far: float | None
+    """Metres; None: chosen so that the whole scene is in between."""
+    format: DepthFormat
+    """Of depth."""
+
+
+def parse_query(query: Mapping[str, str], config: SceneApiConfig) -> PictureQuery:
+    """The picture that a query asks for.
+
+    Raises:
+        QueryError: naming the parameter.
+    """
+    unknown = [name for name in query if name not in PARAMETERS]
+    if unknown:
+        raise QueryError(f"{_quoted(unknown[0])} is no parameter; known are {', '.join(PARAMETERS)}")
+    try:
+        camera = parse_camera(query.get("camera", "fit"))
+    except CameraError as error:
+        raise QueryError(str(error)) from error
+    width = _size(query, "width", config.width, config)
+    height = _size(query, "height", config.height, config)
+    if width * height > config.max_pixels:
+        raise QueryError(f"width x height = {width}x{height} has more than {config.max_pixels} pixels")
+    fovy = _number(query, "fovy")
+    if fovy is not None and not 0.0 < fovy < 180.0:
+        raise QueryError(f"fovy={_quoted(query['fovy'])} must lie between 0 and 180 degrees")
+    near, far = _number(query, "near"), _number(query, "far")
+    for name, value in (("near", near), ("far", far)):
+        if value is not None and value <= 0.0:
+            raise QueryError(f"{name}={_quoted(query[name])} must be positive, in metres")
+    if near is not None and far is not None and near >= far:
+        raise QueryError(f"near={_quoted(query['near'])} must be less than far={_quoted(query['far'])}")
+    return PictureQuery(
+        camera=camera,
+        type=cast("PictureType", _choice(query, "type", TYPES, "color")),
+        width=width,
+        height=height,
+        look=cast("LookName", _choice(query, "look", LOOKS, config.look)),
+        fovy=DEFAULT_FOVY if fovy is None else fovy,
+        near=near,
+        far=far,
+        format=cast("DepthFormat", _choice(query, "format", FORMATS, "tiff")),
+    )
+
+
+def _quoted(text: str) -> str:
+    return repr(text if len(text) <= 60 else text[:57] + "...")
+
+
+def _choice(query: Mapping[str, str], name: str, choices: tuple[str, ...], default: str) -> str:
+    value = query.get(name, default)
+    if value not in choices:
+        raise QueryError(f"{name}={_quoted(value)} is none of {', '.join(choices)}")
+    return value
+
+
+def _size(query: Mapping[str, str], name: str, default: int, config: SceneApiConfig) -> int:
+    text = query.get(name)
+    if text is None:
+        return default
+    value = int(text) if text.isascii() and text.isdigit() and len(text) < 10 else 0
+    if not 1 <= value <= config.max_side:
+        raise QueryError(f"{name}={_quoted(text)} is not a number of pixels between 1 and {config.max_side}")
+    return value
+
+
+def _number(query: Mapping[str, str], name: str) -> float | None:
+    text = query.get(name)
+    if text is None:
+        return None
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise QueryError(f"{name}={_quoted(text)} is not a number")
+    return value
+
+
+def _parameter(name: str, kind: str, default: object, text: str, **more: object) -> dict[str, Any]:
+    schema = {"type": kind, **({} if default is None else {"default": default}), **more}
+    return {"name": name, "in": "query", "required": False, "description": text, "schema": schema}
+
+
+def openapi_parameters(config: SceneApiConfig) -> list[dict[str, Any]]:
+    """The parameters for the OpenAPI document."""
+    return [
+        _parameter(
+            "camera",
+            "string",
+            "fit",
+            'stereo, fit, path:["robot","head"] (a node\'s frame, optical: +Z forward, +Y down), or '
+            "eye=x,y,z;target=x,y,z;up=x,y,z;fovy=degrees.",
+        ),
+        _parameter("type", "string", "color", "Which picture.", enum=list(TYPES)),
+        _parameter("width", "integer", config.width, "Pixels.", minimum=1, maximum=config.max_side),
+        _parameter("height", "integer", config.height, "Pixels.", minimum=1, maximum=config.max_side),
+        _parameter("look", "string", config.look, "How colour is made.", enum=list(LOOKS)),
+        _parameter("fovy", "number", DEFAULT_FOVY, "Vertical field of view in degrees, where the camera names none."),
+        _parameter("near", "number", None, "Near clipping plane, metres; else chosen by the scene."),
+        _parameter("far", "number", None, "Far clipping plane, metres; else chosen by the scene."),
+        _parameter("format", "string", "tiff", "Of depth: float metres, or PNG in mm.", enum=list(FORMATS)),
+    ]
+
+
+PARAMETERS: Final = tuple(entry["name"] for entry in openapi_parameters(SceneApiConfig()))

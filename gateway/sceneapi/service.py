@@ -1,0 +1,160 @@
+"""Answers about the live scene. Its methods run in worker threads, several at once."""
+
+from __future__ import annotations
+
+import threading
+import uuid
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.scene.bounds import BoundsMemory
+from gateway.scene.cameras import CameraError, resolve_camera
+from gateway.scene.flatten import Flattener
+from gateway.scene.gltf_export import export_glb
+from gateway.scene.labels import LabelTable
+from gateway.scene.live import LiveTree, Snapshot
+from gateway.sceneapi.config import SceneApiConfig
+from gateway.sceneapi.listing import list_scene
+from gateway.sceneapi.query import PictureQuery, QueryError
+from gateway.workers import Workers
+from renderers.camera import Camera
+from renderers.encode import png_gray16, png_label, png_rgb, tiff_float32
+from renderers.fxaa import fxaa
+from renderers.port import Frame, Look, Output, Renderer
+
+_OUTPUTS: Final = {"color": Output.COLOR, "depth": Output.DEPTH, "label": Output.LABEL}
+_FARTHEST_MM: Final = 65535.0
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """A body and what it is."""
+
+    body: bytes
+    media_type: str
+    revision: int
+
+
+class SceneApi:
+    """The live scene for HTTP clients. Thread-safe."""
+
+    def __init__(
+        self,
+        tree: LiveTree,
+        renderer: Renderer,
+        workers: Workers,
+        config: SceneApiConfig | None = None,
+        *,
+        labels: LabelTable | None = None,
+        flattener: Flattener | None = None,
+        stereo_camera: Callable[[], Camera | None] | None = None,
+    ) -> None:
+        """
+        Args:
+            labels: shared with whoever else draws labels of the live tree.
+            flattener: over these labels, shared with whoever else draws the live tree.
+            stereo_camera: gives the stereo sensor's left camera as it is now.
+        """
+        if flattener is not None and labels is None:
+            raise ValueError("a flattener comes with its labels")
+        self.config = SceneApiConfig() if config is None else config
+        self.workers = workers
+        self._tree = tree
+        self._renderer = renderer
+        self._labels = LabelTable() if labels is None else labels
+        self._flattener = Flattener(self._labels) if flattener is None else flattener
+        self._stereo_camera = stereo_camera
+        self._process = uuid.uuid4().hex[:12]
+        self._lock = threading.Lock()
+        self._bounds = BoundsMemory()
+        self._listed: Answer | None = None
+        self._pictures = 0
+
+    @property
+    def snapshot(self) -> Snapshot:
+        """The newest state of the scene."""
+        return self._tree.snapshot
+
+    def etag(self, revision: int) -> str:
+        """Names a state of this process's scene; revisions start again with every process."""
+        return f'"{self._process}-{revision}"'
+
+    def status(self) -> dict[str, Any]:
+        """For health and metrics."""
+        root = self._tree.snapshot
+        return {"revision": root.revision, "geometries": root.root.geometry_count, "pictures": self._pictures}
+
+    def listing(self) -> Answer:
+        """``GET /scene``. Made once per revision."""
+        with self._lock:
+            snapshot = self._tree.snapshot
+            known = self._listed
+            if known is None or known.revision != snapshot.revision:
+                drawn = self._flattener.flatten(snapshot)
+                boxes = self._bounds.of(drawn)
+                body = list_scene(snapshot, drawn, boxes, self._labels, self.config.max_nodes)
+                known = self._listed = Answer(body, "application/json", snapshot.revision)
+            return known
+
+    def file(self) -> Answer:
+        """``GET /scene.glb``.
+
+        Raises:
+            ExportError: the file would be too large.
+        """
+        snapshot = self._tree.snapshot
+        body = export_glb(snapshot.root, max_bytes=self.config.max_export_bytes)
+        return Answer(body, "model/gltf-binary", snapshot.revision)
+
+    def picture(self, query: PictureQuery) -> Answer:
+        """``GET /scene/render``.
+
+        Raises:
+            QueryError: the camera cannot be resolved in the scene as it is.
+            ImageError: a texture in the scene cannot be decoded.
+        """
+        snapshot = self._tree.snapshot
+        drawn = self._flattener.flatten(snapshot)
+        try:
+            camera = resolve_camera(
+                query.camera,
+                snapshot.root,
+                query.width,
+                query.height,
+                fovy=query.fovy,
+                near=query.near,
+                far=query.far,
+                stereo=self._stereo_camera() if self._stereo_camera is not None else None,
+                drawn=drawn,
+            )
+        except CameraError as error:
+            raise QueryError(str(error)) from error
+        look = Look(query.look, self.config.background)
+        with self._renderer.render(drawn, camera, _OUTPUTS[query.type], look) as frame:
+            body, media_type = self._encoded(frame, query)
+        self._pictures += 1
+        return Answer(body, media_type, snapshot.revision)
+
+    def _encoded(self, frame: Frame, query: PictureQuery) -> tuple[bytes, str]:
+        if query.type == "color":
+            assert frame.color is not None
+            if self.config.antialias == "fxaa":
+                fxaa(frame.color)
+            return png_rgb(frame.color), "image/png"
+        if query.type == "label":
+            assert frame.label is not None
+            return png_label(frame.label), "image/png"
+        assert frame.depth is not None
+        if query.format == "png":
+            return png_gray16(_millimetres(frame.depth)), "image/png"
+        return tiff_float32(frame.depth), "image/tiff"
+
+
+def _millimetres(depth: NDArray[np.float32]) -> NDArray[np.uint16]:
+    """(H, W) uint16: rounded millimetres, 65535 for nothing and for everything beyond 65.534 m."""
+    rounded: NDArray[np.float32] = depth * np.float32(1000.0) + np.float32(0.5)
+    return np.minimum(rounded, np.float32(_FARTHEST_MM)).astype(np.uint16)

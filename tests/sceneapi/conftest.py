@@ -1,0 +1,77 @@
+"""An application with the scene's routes only, and a renderer that notes what it is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from dataclasses import dataclass, field
+
+import httpx2
+import numpy as np
+import pytest
+from fastapi import FastAPI
+
+from gateway.scene import transforms as tf
+from gateway.scene.geometry import Box, Part, Sphere
+from gateway.scene.live import LiveTree
+from gateway.sceneapi.config import SceneApiConfig
+from gateway.sceneapi.routes import router
+from gateway.sceneapi.service import SceneApi
+from gateway.workers import Workers
+from renderers.camera import Camera
+from renderers.drawlist import LABEL_NONE, DrawList, Material
+from renderers.port import Frame, Look, Output
+
+
+@dataclass
+class NotingRenderer:
+    """Everything is the first instance, 2 m away; the top left pixel is background."""
+
+    calls: list[tuple[DrawList, Camera, Output, Look]] = field(default_factory=list)
+    error: Exception | None = None
+    closed: int = 0
+
+    def render(self, scene: DrawList, camera: Camera, outputs: Output, look: Look = Look()) -> Frame:  # noqa: B008
+        self.calls.append((scene, camera, outputs, look))
+        if self.error is not None:
+            raise self.error
+        size = (camera.height, camera.width)
+        frame = Frame(_release=self._close)
+        if Output.COLOR in outputs:
+            frame.color = np.full((*size, 3), look.background, np.uint8)
+        if Output.DEPTH in outputs:
+            frame.depth = np.full(size, 2.0, np.float32)
+            frame.depth[0, 0] = np.inf
+        if Output.LABEL in outputs:
+            frame.label = np.full(size, scene.instances[0].label, np.uint32)
+            frame.label[0, 0] = LABEL_NONE
+        return frame
+
+    def _close(self) -> None:
+        self.closed += 1
+
+
+@dataclass
+class World:
+    tree: LiveTree
+    renderer: NotingRenderer
+    workers: Workers
+    service: SceneApi
+    client: httpx2.AsyncClient
+
+
+@pytest.fixture
+async def world() -> AsyncIterator[World]:
+    tree = LiveTree()
+    with tree.edit() as edit:
+        edit.set_parts(("robot", "base"), (Part(Box((2, 2, 1)), Material(), kind="box"),))
+        edit.set_parts(("robot", "head"), (Part(Sphere(0.5), Material()),))
+        edit.set_matrix(("robot", "head"), tf.translation(0, 0, 2))
+        edit.set_pose(("frame",), (1, 2, 3, 1, 0, 0, 0))
+    renderer, workers = NotingRenderer(), Workers(2, max_waiting=1)
+    service = SceneApi(tree, renderer, workers, SceneApiConfig(width=320, height=240, max_pixels=100_000, max_side=1000))
+    app = FastAPI()
+    app.include_router(router(service))
+    transport = httpx2.ASGITransport(app=app)
+    async with httpx2.AsyncClient(transport=transport, base_url="http://test") as client:
+        yield World(tree, renderer, workers, service, client)
+    await workers.close(5.0)

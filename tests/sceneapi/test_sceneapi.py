@@ -1,0 +1,221 @@
+from __future__ import annotations
+
+import asyncio
+import io
+import math
+import threading
+
+import cv2
+import numpy as np
+import pytest
+import tifffile
+
+from gateway.scene.geometry import Box, Part
+from gateway.scene.gltf import read_gltf
+from gateway.scene.transforms import look_at
+from gateway.sceneapi.config import SceneApiConfig
+from gateway.sceneapi.service import SceneApi
+from renderers.camera import Camera
+from renderers.drawlist import ImageError, Material
+from renderers.port import Output
+from tests.sceneapi.conftest import World
+
+SMALL = "width=64&height=48"
+
+
+async def test_the_listing_has_paths_kinds_bounds_labels_and_transforms(world: World):
+    response = await world.client.get("/scene")
+    assert response.headers["content-type"] == "application/json"
+    assert response.headers["x-scene-revision"] == "1"
+    listing = response.json()
+    assert listing["revision"] == 1
+    assert listing["node_count"] == 5
+    nodes = {tuple(node["path"]): node for node in listing["nodes"]}
+    assert list(nodes) == [(), ("robot",), ("robot", "base"), ("robot", "head"), ("frame",)]
+    base, head = nodes["robot", "base"], nodes["robot", "head"]
+    assert (base["kinds"], head["kinds"], nodes[()]["kinds"]) == (["box"], ["sphere"], [])
+    assert base["bounds"] == [[-1, -1, -0.5], [1, 1, 0.5]]
+    np.testing.assert_allclose(head["bounds"], [(-0.5, -0.5, 1.5), (0.5, 0.5, 2.5)], atol=1e-6)
+    np.testing.assert_allclose(nodes["robot",]["bounds"], [(-1, -1, -0.5), (1, 1, 2.5)], atol=1e-6)
+    assert nodes["robot",]["bounds"] == nodes[()]["bounds"] == listing["bounds"]
+    assert nodes["frame",]["bounds"] is None
+    assert nodes["frame",]["label"] is None
+    assert not nodes["frame",]["has_geometry"]
+    assert base["has_geometry"]
+    assert base["label"] != head["label"]
+    assert [row[3] for row in nodes["frame",]["transform"]] == [1, 2, 3, 1]
+
+
+async def test_labels_of_the_listing_are_those_of_the_pictures(world: World):
+    listing = (await world.client.get("/scene")).json()
+    labels = {tuple(node["path"]): node["label"] for node in listing["nodes"]}
+    picture = await world.client.get(f"/scene/render?type=label&{SMALL}")
+    drawn = world.renderer.calls[-1][0]
+    assert [instance.label for instance in drawn.instances] == [labels["robot", "base"], labels["robot", "head"]]
+    pixels = cv2.imdecode(np.frombuffer(picture.content, np.uint8), cv2.IMREAD_UNCHANGED)[:, :, ::-1].astype(int)
+    assert (pixels @ (1, 256, 65536))[1, 1] == labels["robot", "base"]
+    assert (pixels @ (1, 256, 65536))[0, 0] == 0xFFFFFF
+
+
+async def test_an_unchanged_scene_is_not_sent_twice(world: World):
+    for path in ("/scene", "/scene.glb"):
+        first = await world.client.get(path)
+        again = await world.client.get(path, headers={"If-None-Match": f'"x", W/{first.headers["etag"]}'})
+        assert (again.status_code, again.content) == (304, b"")
+        assert again.headers["etag"] == first.headers["etag"]
+    with world.tree.edit() as edit:
+        edit.set_visible(("robot",), False)
+    changed = await world.client.get("/scene", headers={"If-None-Match": first.headers["etag"]})
+    assert changed.status_code == 200
+    assert changed.headers["x-scene-revision"] == "2"
+    assert changed.headers["etag"] != first.headers["etag"]
+    robot = changed.json()["nodes"][1]
+    assert (robot["visible"], robot["bounds"], changed.json()["bounds"]) == (False, None, None)
+
+
+async def test_strange_numbers_and_names_do_not_break_the_listing(world: World):
+    with world.tree.edit() as edit:
+        edit.set_pose(("lost",), (math.nan, math.inf, 0, 1, 0, 0, 0))
+        edit.set_parts(("lost", "\ud800", 1 << 70), (Part(Box((1, 1, 1)), Material()),))
+    listing = (await world.client.get("/scene")).json()
+    nodes = {tuple(node["path"]): node for node in listing["nodes"]}
+    assert nodes["lost",]["transform"][0][3] is None
+    deepest = nodes["lost", "\\ud800", hex(1 << 70)]
+    assert deepest["kinds"] == ["box"]
+    assert deepest["bounds"] is None
+    assert (await world.client.get("/scene.glb")).status_code == 200
+
+
+async def test_the_listing_ends_at_its_limit_and_says_how_much_there_is(world: World):
+    service = SceneApi(world.tree, world.renderer, world.workers, SceneApiConfig(max_nodes=2))
+    body = service.listing().body
+    assert body.count(b'"path"') == 2
+    assert b'"node_count":5' in body
+
+
+async def test_the_file_holds_the_scene(world: World):
+    response = await world.client.get("/scene.glb")
+    assert response.headers["content-type"] == "model/gltf-binary"
+    assert response.headers["x-scene-revision"] == "1"
+    assert read_gltf(response.content).instance_count == 2
+
+
+async def test_a_file_beyond_the_limit_is_a_sentence(world: World):
+    world.service.config = SceneApiConfig(max_export_bytes=10)
+    response = await world.client.get("/scene.glb")
+    assert (response.status_code, "larger than 10 bytes" in response.text) == (413, True)
+
+
+async def test_a_picture_in_colour(world: World):
+    response = await world.client.get(f"/scene/render?{SMALL}&look=phong")
+    assert response.headers["content-type"] == "image/png"
+    assert response.headers["x-scene-revision"] == "1"
+    assert response.headers["cache-control"] == "no-store"
+    pixels = cv2.imdecode(np.frombuffer(response.content, np.uint8), cv2.IMREAD_UNCHANGED)
+    assert pixels.shape == (48, 64, 3)
+    _, camera, outputs, look = world.renderer.calls[-1]
+    assert (camera.width, camera.height, outputs, look.name) == (64, 48, Output.COLOR, "phong")
+    assert world.renderer.closed == 1
+
+
+async def test_depth_in_metres_and_in_millimetres(world: World):
+    response = await world.client.get(f"/scene/render?type=depth&{SMALL}")
+    assert response.headers["content-type"] == "image/tiff"
+    metres = tifffile.imread(io.BytesIO(response.content))
+    assert (metres.dtype, metres[0, 0], metres[5, 5]) == (np.float32, np.inf, 2.0)
+    response = await world.client.get(f"/scene/render?type=depth&format=png&{SMALL}")
+    assert response.headers["content-type"] == "image/png"
+    millimetres = cv2.imdecode(np.frombuffer(response.content, np.uint8), cv2.IMREAD_UNCHANGED)
+    assert (millimetres.dtype, millimetres[0, 0], millimetres[5, 5]) == (np.uint16, 65535, 2000)
+
+
+async def test_the_camera_is_that_of_the_query(world: World):
+    params = {
+        "camera": "eye=0,-5,1;target=0,0,1",
+        "width": "40",
+        "height": "20",
+        "fovy": "90",
+        "near": "0.5",
+        "far": "9",
+    }
+    assert (await world.client.get("/scene/render", params=params)).status_code == 200
+    camera = world.renderer.calls[-1][1]
+    assert camera.fy == pytest.approx(10.0)
+    assert (camera.near, camera.far) == (0.5, 9.0)
+    np.testing.assert_allclose(camera.X_world_camera, look_at((0, -5, 1), (0, 0, 1), (0, 0, 1)))
+    assert (await world.client.get("/scene/render", params={"camera": 'path:["frame"]'})).status_code == 200
+    np.testing.assert_allclose(world.renderer.calls[-1][1].X_world_camera[:3, 3], (1, 2, 3))
+
+
+async def test_the_stereo_camera_where_there_is_one(world: World):
+    response = await world.client.get("/scene/render?camera=stereo")
+    assert (response.status_code, response.text) == (400, "camera 'stereo': this gateway runs no stereo camera")
+    sensor = Camera(1280, 960, 1000, 1000, 640, 480, 0.1, 10, np.eye(4))
+    service = SceneApi(world.tree, world.renderer, world.workers, stereo_camera=lambda: sensor)
+    world.service._stereo_camera = service._stereo_camera
+    assert (await world.client.get(f"/scene/render?camera=stereo&{SMALL}")).status_code == 200
+    assert world.renderer.calls[-1][1].fx == pytest.approx(50.0)
+
+
+@pytest.mark.parametrize(
+    ("query", "sentence"),
+    [
+        ("width=0", "width='0' is not a number of pixels between 1 and 1000"),
+        ("width=-5", "width='-5' is not a number"),
+        ("height=1e3", "height='1e3' is not a number"),
+        ("height=99999999999999999999", "height='99999999999999999999' is not a number of pixels"),
+        ("width=1000&height=1000", "width x height = 1000x1000 has more than 100000 pixels"),
+        (f"{SMALL}&type=normals", "type='normals' is none of color, depth, label"),
+        (f"{SMALL}&look=cartoon", "look='cartoon' is none of phong, pbr"),
+        (f"{SMALL}&format=bmp", "format='bmp' is none of tiff, png"),
+        (f"{SMALL}&fovy=200", "fovy='200' must lie between 0 and 180"),
+        (f"{SMALL}&fovy=wide", "fovy='wide' is not a number"),
+        (f"{SMALL}&near=nan", "near='nan' is not a number"),
+        (f"{SMALL}&near=-1", "near='-1' must be positive"),
+        (f"{SMALL}&near=2&far=1", "near='2' must be less than far='1'"),
+        (f"{SMALL}&camera=left", "camera 'left' is none of"),
+        (f"{SMALL}&camera=eye%3D1,2;target%3D0,0,0", "'eye=1,2' needs three numbers"),
+        (f'{SMALL}&camera=path:["nobody"]', "there is no such node"),
+        (f"{SMALL}&camera=path:[%22%ED%A0%80%22]", "there is no such node"),
+        (f"{SMALL}&zoom=2", "'zoom' is no parameter; known are camera, type, width"),
+        (f"{SMALL}&near=5000", "clipping planes"),
+    ],
+)
+async def test_a_bad_parameter_is_named_in_a_sentence(world: World, query: str, sentence: str):
+    response = await world.client.get(f"/scene/render?{query}")
+    assert response.status_code == 400
+    assert response.headers["content-type"].startswith("text/plain")
+    assert sentence in response.text
+    assert world.renderer.calls == []
+
+
+async def test_a_texture_that_cannot_be_drawn_is_a_sentence(world: World):
+    world.renderer.error = ImageError("wood.png: broken data")
+    response = await world.client.get(f"/scene/render?{SMALL}")
+    assert response.status_code == 500
+    assert "wood.png: broken data" in response.text
+
+
+async def test_beyond_the_queue_the_answer_is_503_with_retry_after(world: World):
+    go_on = threading.Event()
+    try:
+        held = [asyncio.create_task(world.workers.run(go_on.wait, 30.0)) for _ in range(3)]
+        await asyncio.sleep(0)
+        response = await world.client.get(f"/scene/render?{SMALL}")
+        assert response.status_code == 503
+        assert int(response.headers["retry-after"]) >= 1
+        assert (await world.client.get("/scene")).status_code == 503
+    finally:
+        go_on.set()
+    await asyncio.gather(*held)
+
+
+async def test_every_parameter_is_documented(world: World):
+    document = (await world.client.get("/openapi.json")).json()
+    names = [p["name"] for p in document["paths"]["/scene/render"]["get"]["parameters"]]
+    assert names == ["camera", "type", "width", "height", "look", "fovy", "near", "far", "format"]
+
+
+async def test_the_status_counts(world: World):
+    await world.client.get(f"/scene/render?{SMALL}")
+    assert world.service.status() == {"revision": 1, "geometries": 2, "pictures": 1}
