@@ -35,6 +35,8 @@ class Container:
 
     def uri(self, text: str) -> str | memoryview:
         """The URI that ``text`` of the parsed JSON stands for: itself, or one that was taken out."""
+        if not text.startswith("\0"):
+            return text
         match = _TOKEN.match(text)
         if match is None or int(match[1]) >= len(self.uris):
             return text

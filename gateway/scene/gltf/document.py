@@ -16,7 +16,7 @@ Extensions: TypeAlias = dict[str, msgspec.Raw] | None
 """By name, not parsed."""
 
 
-class _Object(msgspec.Struct, rename="camel"):
+class _Object(msgspec.Struct, rename="camel", gc=False):
     """Every field may be absent or null: Drake's client writes ``"nodes": null`` for empty arrays."""
 
 

@@ -27,7 +27,7 @@ _COMPRESSION: Final = "KHR_draco_mesh_compression"
 _VERTEX_BYTES: Final = 4 * (3 + 3 + 4 + 2 + 2 + 4)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class _Source:
     """A checked primitive."""
 

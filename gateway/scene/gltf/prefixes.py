@@ -26,9 +26,11 @@ MIN_LENGTH: Final = 4096
 """Bytes. Below, reading everything costs no more than comparing."""
 _HEAD: Final = 256
 """Bytes by which stored texts are looked up."""
+_TAIL: Final = 1 << 16
+"""Bytes that are compared first: colour, depth and label requests of a scene differ in their materials only, which come
+after the megabytes of buffers."""
 _SAME_HEAD: Final = 8
-"""Texts with the same beginning that are kept: colour, depth and label requests of a scene differ later, and each one
-that does not match is compared up to the first difference."""
+"""Texts with the same beginning that are kept: each one that does not match may cost a comparison."""
 _CANDIDATES: Final = 256
 """Texts seen once that are remembered (by a hash): a text is worth keeping when it comes again."""
 _TRIES: Final = 64
@@ -127,25 +129,32 @@ class Prefixes:
         with self._lock:
             entries = tuple(self._entries.get(head, ()))
         for entry in entries:
-            length = len(entry.text)
-            if entry.options != (limits, textures) or length >= len(view) or not equal_bytes(entry.text, view[:length]):
+            text, length = entry.text, len(entry.text)
+            if entry.options != (limits, textures) or length >= len(view):
+                continue
+            if text[-_TAIL:] != bytes(view[max(0, length - _TAIL) : length]) or not equal_bytes(text, view[:length]):
                 continue
             rest = _rest(bytes(view[length:]), entry.fixed, limits)
             if rest is None:
                 continue
             with self._lock:
                 self.hits += 1
-                if head in self._entries:
+                same = self._entries.get(head, [])
+                if entry in same:
                     self._entries.move_to_end(head)
+                    same.remove(entry)
+                    same.insert(0, entry)
             rest.cameras = entry.known.cameras
             return entry.known, rest
         return None
 
     def is_repeated(self, where: Split, buffers: tuple[int, ...]) -> bool:
-        """Whether a text with this part and these buffers was asked for before; remembers it."""
+        """Whether a text with this part and these buffers was asked for before; every second time, so that of many
+        threads only one adds it."""
         key = hash((where.slim, buffers))
         with self._lock:
             if key in self._candidates:
+                del self._candidates[key]
                 return True
             self._candidates[key] = None
             if len(self._candidates) > _CANDIDATES:

@@ -138,6 +138,23 @@ def test_limits_and_textures_are_part_of_what_is_known() -> None:
     assert cache.stats.document_hits == 1
 
 
+def test_texts_that_differ_only_before_the_nodes_are_kept_side_by_side() -> None:
+    """Colour, depth and label requests of one scene: equal buffers, other materials."""
+    cache = MeshCache()
+
+    def kind(roughness: float) -> dict[str, Any]:
+        source = document()
+        source["materials"] = [{"pbrMetallicRoughness": {"roughnessFactor": roughness}}]
+        source["meshes"][0]["primitives"][0]["material"] = 0
+        return dict(sorted(source.items()))
+
+    for x in range(6):
+        for roughness in (0.25, 0.5, 0.75):
+            scene = read_gltf(dump(moved(kind(roughness), x)), cache=cache)
+            assert parts(scene)[0][1].material.roughness == roughness
+    assert cache.stats.document_hits == 4 * 3
+
+
 def test_instances_are_counted_again() -> None:
     cache = MeshCache()
     limits = GltfLimits(max_instances=10)
