@@ -20,6 +20,7 @@ Resolver = Callable[[str], bytes]
 """Gives the bytes of a relative URI, percent-decoded. It must not leave the folder of the document."""
 
 _SCHEME: Final = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
+_USUAL_HEAD: Final = b"data:application/octet-stream;base64,"
 _BASE64_NOISE: Final = re.compile(rb"[\s=]+")
 _URL_ALPHABET: Final = bytes.maketrans(b"-_", b"+/")
 
@@ -133,6 +134,11 @@ def decode_data_uri(uri: memoryview) -> bytes:
     Raises:
         ValueError: no comma, or no base64.
     """
+    if bytes(uri[: len(_USUAL_HEAD)]) == _USUAL_HEAD:
+        try:
+            return pybase64.b64decode(uri[len(_USUAL_HEAD) :], validate=True)
+        except ValueError:
+            pass
     head, comma, _ = bytes(uri[:1024]).partition(b",")
     if not comma:
         raise ValueError("there is no comma within its first 1024 bytes")

@@ -10,7 +10,6 @@ from typing import Final, TypeAlias
 
 import numpy as np
 from isal import isal_zlib
-from numpy.typing import NDArray
 
 from gateway.scene.gltf.bytewise import equal_bytes
 from gateway.scene.gltf.prefixes import Prefixes
@@ -193,13 +192,13 @@ class MeshCache:
 
 def mesh_bytes(mesh: Mesh, buffers: list[Buffer]) -> int:
     """Bytes of the mesh's arrays that are not views of ``buffers``."""
-    arrays = (mesh.positions, mesh.elements, mesh.normals, mesh.uv0, mesh.uv1, mesh.colors, mesh.tangents)
     views = {id(buffer.data) for buffer in buffers}
-    return sum(a.nbytes for a in arrays if a is not None and id(_owner(a)) not in views)
-
-
-def _owner(array: NDArray[np.generic]) -> object:
-    owner: object = array
-    while isinstance(owner, np.ndarray) and owner.base is not None:
-        owner = owner.base
-    return owner.obj if isinstance(owner, memoryview) else owner
+    total = 0
+    for array in (mesh.positions, mesh.elements, mesh.normals, mesh.uv0, mesh.uv1, mesh.colors, mesh.tangents):
+        if array is not None:
+            owner: object = array.base
+            while isinstance(owner, np.ndarray):
+                owner = owner.base
+            if owner is None or id(owner) not in views:
+                total += array.nbytes
+    return total

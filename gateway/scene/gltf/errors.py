@@ -18,11 +18,9 @@ def element(items: list[T | None] | None, index: object, kind: str, where: str) 
         kind: name of the array in the document, for the message.
         where: who refers to it (``accessors[3].bufferView``).
     """
-    count = len(items) if items else 0
-    if not isinstance(index, int) or isinstance(index, bool) or not 0 <= index < count:
-        raise GltfError(f"{where}: {index} is out of range ({count} {kind})")
-    assert items is not None
-    item = items[index]
-    if item is None:
+    if type(index) is int and items is not None and 0 <= index < len(items):
+        item = items[index]
+        if item is not None:
+            return item
         raise GltfError(f"{where}: {kind}[{index}] is null")
-    return item
+    raise GltfError(f"{where}: {index} is out of range ({len(items) if items else 0} {kind})")
