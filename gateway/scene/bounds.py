@@ -147,15 +147,15 @@ def scene_bounds(drawn: DrawList) -> Bounds | None:
 def focus_bounds(drawn: DrawList) -> Bounds | None:
     """The box around what a person would look at: everything but grounds and walls much larger than the rest.
 
-    A ground is an instance whose thinnest side is below 1 % of its longest and whose longest is more than three times
-    the diagonal of all that is not flat.
+    A ground is an instance whose thinnest side is below 1 % of its longest and whose longest is more than 1.5 times the
+    diagonal of all that is not flat.
     """
     boxes = [box for box in BoundsMemory().of(drawn) if box is not None]
     extents = [box[1] - box[0] for box in boxes]
     solid = union([box for box, extent in zip(boxes, extents, strict=True) if extent.min() >= 0.01 * extent.max()])
     if solid is None:
         return union(boxes)
-    reach = 3.0 * float(np.linalg.norm(solid[1] - solid[0]))
+    reach = 1.5 * float(np.linalg.norm(solid[1] - solid[0]))
     return union(
         [
             box

@@ -28,8 +28,10 @@ def with_creases(
 ) -> Mesh:
     """A mesh with unit normals; vertices at creases are split, equal ones merged.
 
-    A corner's normal is the mean, weighted by area, of the normals of those faces around the vertex that meet its own
-    face at less than ``angle``. Vertices count as the same when their positions are equal, as in STL files.
+    A corner's normal is the mean, weighted by the faces' angles at the vertex, of the normals of those faces around it
+    that meet its own face at less than ``angle``. (Weights by angle do not depend on how a polygon was cut into
+    triangles: Thuermer and Wuethrich, Computing Vertex Normals from Polygonal Facets, 1998.) Vertices count as the same
+    when their positions are equal, as in STL files.
 
     Args:
         positions: (N, 3) float32.
@@ -47,7 +49,7 @@ def with_creases(
         length = np.linalg.norm(area, axis=1)
         flat = np.where((length > 0.0)[:, None], area / length[:, None], 0.0)
     place = _places(positions)[corners]
-    normals = _corner_normals(place, flat, np.where(np.isfinite(area), area, 0.0), math.cos(angle))
+    normals = _corner_normals(place, flat, _corner_angles(used), math.cos(angle))
 
     apart = corners if uv is not None or colors is not None else place
     key = np.column_stack((apart, np.round(normals * 4096.0).astype(np.int64)))
@@ -69,10 +71,20 @@ def _places(positions: NDArray[np.float32]) -> NDArray[np.int64]:
     return index.astype(np.int64).ravel()
 
 
+def _corner_angles(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3 M,) radians: the angle of each triangle of (M, 3, 3) at each of its corners; 0 where it has none."""
+    forward = np.roll(triangles, -1, axis=1) - triangles
+    backward = np.roll(triangles, 1, axis=1) - triangles
+    with np.errstate(all="ignore"):
+        sine = np.linalg.norm(np.cross(forward, backward), axis=2)
+        angle = np.arctan2(sine, (forward * backward).sum(axis=2)).ravel()
+    return np.where(np.isfinite(angle), angle, 0.0)
+
+
 def _corner_normals(
-    place: NDArray[np.int64], flat: NDArray[np.float64], area: NDArray[np.float64], cosine: float
+    place: NDArray[np.int64], flat: NDArray[np.float64], angles: NDArray[np.float64], cosine: float
 ) -> NDArray[np.float64]:
-    """(3 M, 3): a unit normal a corner; ``place`` is (3 M,), ``flat`` and ``area`` are (M, 3) by face."""
+    """(3 M, 3): a unit normal a corner; ``place`` and ``angles`` are (3 M,), ``flat`` is (M, 3) by face."""
     normals = np.repeat(flat, 3, axis=0)
     order = np.argsort(place, kind="stable")
     starts = np.flatnonzero(np.diff(place[order], prepend=-1))
@@ -92,7 +104,7 @@ def _corner_normals(
         partner = order[np.repeat(start, n) + np.arange(int(n.sum())) - np.repeat(offsets, n)]
         face, other = np.repeat(mine // 3, n), partner // 3
         near = (flat[face] * flat[other]).sum(axis=1) > cosine
-        total = np.add.reduceat(np.where(near[:, None], area[other], 0.0), offsets, axis=0)
+        total = np.add.reduceat(flat[other] * np.where(near, angles[partner], 0.0)[:, None], offsets, axis=0)
         length = np.linalg.norm(total, axis=1)
         good = length > 0.0
         normals[mine[good]] = total[good] / length[good, None]

@@ -1,0 +1,82 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from gateway.scene import creases
+from gateway.scene.creases import with_creases
+from renderers import primitives
+from renderers.drawlist import Mesh
+
+
+def torn(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
+    """The same surface with three vertices of its own for every triangle, as STL stores it."""
+    positions = np.ascontiguousarray(mesh.positions[mesh.elements].reshape(-1, 3))
+    return positions, np.arange(len(positions), dtype=np.uint32).reshape(-1, 3)
+
+
+def test_a_sphere_is_smooth_again():
+    mesh = with_creases(*torn(primitives.sphere()))
+    assert mesh.normals is not None
+    assert len(mesh.positions) == len(primitives.sphere().positions)
+    assert np.einsum("ni,ni->n", mesh.normals, mesh.positions).min() > 0.999
+
+
+def test_a_cylinder_keeps_its_edges():
+    source = primitives.cylinder()
+    mesh = with_creases(*torn(source))
+    assert mesh.normals is not None
+    flat = np.abs(mesh.normals[:, 2]) > 0.999
+    round_ = np.abs(mesh.normals[:, 2]) < 0.001
+    assert (flat | round_).all()
+    np.testing.assert_allclose(mesh.normals[round_][:, :2], mesh.positions[round_][:, :2], atol=1e-3)
+
+
+@pytest.mark.parametrize(("bend", "vertices"), [(30.0, 4), (60.0, 6)])
+def test_the_angle_decides(bend: float, vertices: int):
+    a = math.radians(bend)
+    points = np.array([(0, 0, 0), (0, 1, 0), (1, 0, 0), (-math.cos(a), 0, math.sin(a))], np.float32)
+    mesh = with_creases(points, np.array([(0, 2, 1), (0, 1, 3)], np.uint32))
+    assert len(mesh.positions) == vertices
+
+
+def test_texture_coordinates_and_colours_stay_with_their_corners():
+    positions, triangles = torn(primitives.box())
+    uv = np.random.default_rng(3).random((len(positions), 2), np.float32)
+    colors = np.random.default_rng(4).random((len(positions), 4), np.float32)
+    mesh = with_creases(positions, triangles, uv=uv, colors=colors)
+    assert mesh.uv0 is not None
+    assert mesh.colors is not None
+    np.testing.assert_array_equal(mesh.positions[mesh.elements], positions[triangles])
+    np.testing.assert_array_equal(mesh.uv0[mesh.elements], uv[triangles])
+    np.testing.assert_array_equal(mesh.colors[mesh.elements], colors[triangles])
+
+
+def test_many_pairs_are_compared_in_blocks_with_the_same_result(monkeypatch):
+    whole = with_creases(*torn(primitives.sphere()))
+    monkeypatch.setattr(creases, "_PAIRS", 50)
+    blocks = with_creases(*torn(primitives.sphere()))
+    np.testing.assert_array_equal(whole.normals, blocks.normals)
+    np.testing.assert_array_equal(whole.elements, blocks.elements)
+
+
+def test_a_fan_of_too_many_faces_is_flat_at_its_tip_and_does_not_take_memory():
+    count = creases._MAX_FACES * 4
+    angle = np.linspace(0, 2 * math.pi, count, endpoint=False)
+    rim = np.stack((np.cos(angle), np.sin(angle), np.zeros(count)), axis=1)
+    points = np.concatenate((rim, [(0, 0, 1)])).astype(np.float32)
+    ring = np.arange(count)
+    triangles = np.stack((ring, np.roll(ring, -1), np.full(count, count)), axis=1).astype(np.uint32)
+    mesh = with_creases(points, triangles)
+    assert mesh.normals is not None
+    np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-5)
+
+
+def test_degenerate_triangles_and_none_at_all():
+    points = np.array([(0, 0, 0), (1, 0, 0), (2, 0, 0)], np.float32)
+    mesh = with_creases(points, np.array([(0, 1, 2), (0, 0, 0)], np.uint32))
+    assert mesh.normals is not None
+    assert np.isfinite(mesh.normals).all()
+    assert len(with_creases(points, np.zeros((0, 3), np.uint32)).elements) == 0
