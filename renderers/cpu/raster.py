@@ -53,7 +53,7 @@ from renderers.cpu.setup import first_centre
 from renderers.cpu.visibility import BAND_ROWS
 
 
-@njit(nogil=True)
+@njit(nogil=True, error_model="numpy")
 def _span(job, record, row, start, stop, box_x, box_y):  # type: ignore[no-untyped-def]
     """Draw the pixels ``start .. stop`` of a row; ``box_x, box_y`` is the pixel that R_BASE belongs to."""
     plane = f64_at(record)
@@ -89,7 +89,7 @@ def _span(job, record, row, start, stop, box_x, box_y):  # type: ignore[no-untyp
             ids[pixel] = identity
 
 
-@njit(nogil=True)
+@njit(nogil=True, error_model="numpy")
 def _crossing(xa, ya, xb, yb, y):  # type: ignore[no-untyped-def]
     """The first pixel column whose centre is at or right of the (not horizontal) edge in the row of centres ``y``."""
     dy = yb - ya
@@ -97,7 +97,7 @@ def _crossing(xa, ya, xb, yb, y):  # type: ignore[no-untyped-def]
     return np.int64(np.ceil(np.float64(numerator) / np.float64(dy * SUBPIXEL)))
 
 
-@njit(nogil=True)
+@njit(nogil=True, error_model="numpy")
 def _corners(job, record, x0, y0, x1, y1, x2, y2, first_row, last_row, box_x, box_y):  # type: ignore[no-untyped-def]
     """Draw the rows ``first_row .. last_row`` of a triangle in grid units, whichever way it winds."""
     area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
@@ -130,7 +130,7 @@ def _corners(job, record, x0, y0, x1, y1, x2, y2, first_row, last_row, box_x, bo
             _span(job, record, row, start, stop, box_x, box_y)
 
 
-@njit(nogil=True)
+@njit(nogil=True, error_model="numpy")
 def _draw(job, lens, record, first_row, last_row):  # type: ignore[no-untyped-def]
     """Draw the part of a record that lies in the rows ``first_row .. last_row``."""
     whole = i32_at(record)
@@ -172,7 +172,7 @@ def _draw(job, lens, record, first_row, last_row):  # type: ignore[no-untyped-de
             _span(job, record, row, a, c, a, b)
 
 
-@njit(nogil=True)
+@njit(nogil=True, error_model="numpy")
 def raster_band(job, lens, band):  # type: ignore[no-untyped-def]
     """Clear the band and draw all that touches it, in the order of record numbers."""
     first_row = band * BAND_ROWS

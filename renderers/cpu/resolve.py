@@ -37,7 +37,7 @@ from renderers.cpu.visibility import BAND_ROWS
 from renderers.drawlist import LABEL_NONE
 
 
-@njit(nogil=True)
+@njit(nogil=True, error_model="numpy")
 def _instance_of(first, count, record, hint):  # type: ignore[no-untyped-def]
     """``visibility.instance_of`` on a pointer."""
     if first[hint] <= record and record < first[hint + 1]:
@@ -53,7 +53,7 @@ def _instance_of(first, count, record, hint):  # type: ignore[no-untyped-def]
     return low
 
 
-@njit(nogil=True)
+@njit(nogil=True, error_model="numpy")
 def _normal_run(job, lens, instance, record, row, start, stop):  # type: ignore[no-untyped-def]
     """Normals of the pixels ``start .. stop`` of a row, which all see one record."""
     out = f32_at(job[J_NORMAL] + 12 * row * job[J_WIDTH])
@@ -125,7 +125,7 @@ def _normal_run(job, lens, instance, record, row, start, stop):  # type: ignore[
         out[3 * column + 2] = nz
 
 
-@njit(nogil=True)
+@njit(nogil=True, error_model="numpy")
 def _resolve_band(job, lens, band):  # type: ignore[no-untyped-def]
     """Fill the wanted outputs of a band from its records, one run of equal records after the other."""
     first_row = band * BAND_ROWS

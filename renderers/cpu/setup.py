@@ -61,13 +61,13 @@ from renderers.cpu.transform import BEHIND, drawn_at
 from renderers.cpu.visibility import BAND_ROWS
 
 
-@njit(nogil=True)
+@njit(nogil=True, error_model="numpy")
 def first_centre(value):  # type: ignore[no-untyped-def]
     """The first pixel whose centre is at or after the grid coordinate: ceil((value - 1/2 px) / 1 px)."""
     return (value - HALF + SUBPIXEL - 1) >> 8
 
 
-@njit(nogil=True)
+@njit(nogil=True, error_model="numpy")
 def _triangle(job, lens, drawn, element, record):  # type: ignore[no-untyped-def]
     """Write the record of a triangle; returns (first band, last band), or (0, -1) when nothing of it can be seen."""
     table = i64_at(job[J_TABLE])
@@ -137,7 +137,7 @@ def _triangle(job, lens, drawn, element, record):  # type: ignore[no-untyped-def
     return top // BAND_ROWS, (bottom - 1) // BAND_ROWS
 
 
-@njit(nogil=True)
+@njit(nogil=True, error_model="numpy")
 def _clipped(job, lens, drawn, element, record):  # type: ignore[no-untyped-def]
     """As ``_triangle`` for one that needs clipping; raster clips it again, band by band."""
     corners = np.empty((3, 3), np.float64)
@@ -179,7 +179,7 @@ def _clipped(job, lens, drawn, element, record):  # type: ignore[no-untyped-def]
     return top // BAND_ROWS, (bottom - 1) // BAND_ROWS
 
 
-@njit(nogil=True)
+@njit(nogil=True, error_model="numpy")
 def _line(job, lens, drawn, element, record):  # type: ignore[no-untyped-def]
     """Write the record of a line, clipped."""
     table = i64_at(job[J_TABLE])
@@ -238,7 +238,7 @@ def _line(job, lens, drawn, element, record):  # type: ignore[no-untyped-def]
     return top // BAND_ROWS, (bottom - 1) // BAND_ROWS
 
 
-@njit(nogil=True)
+@njit(nogil=True, error_model="numpy")
 def _point(job, drawn, element, record):  # type: ignore[no-untyped-def]
     """Write the record of a point: the size x size pixels whose centres are nearest to it."""
     table = i64_at(job[J_TABLE])

@@ -32,7 +32,7 @@ OUTSIDE = -1.0
 """In place of 1/z: the vertex is outside the guard band."""
 
 
-@njit(nogil=True)
+@njit(nogil=True, error_model="numpy")
 def drawn_at(table, count, column, value):  # type: ignore[no-untyped-def]
     """The last of ``count`` rows of a table of T_COLUMNS whose ``column`` is <= value."""
     low = 0
@@ -46,7 +46,7 @@ def drawn_at(table, count, column, value):  # type: ignore[no-untyped-def]
     return low
 
 
-@njit(nogil=True)
+@njit(nogil=True, error_model="numpy")
 def _transform(matrix, positions, count, fx, fy, cx, cy, near, out_x, out_y, out_w, first):  # type: ignore[no-untyped-def]
     m00, m01, m02, m03 = matrix[0], matrix[1], matrix[2], matrix[3]
     m10, m11, m12, m13 = matrix[4], matrix[5], matrix[6], matrix[7]
