@@ -55,8 +55,8 @@ class TreeViewerConfig:
     """Of LCM's UDP socket: it decides how big a message survives (a 16 MB message wants 64 MB)."""
     offload_bytes: int = 256 * KIB
     """Messages above it are decoded in a thread that does not hold the interpreter: 256 kB take 1 ms."""
-    slice_commands: int = 1000
-    """Commands applied before the event loop gets its turn: 1000 take about 2 ms."""
+    slice_commands: int = 500
+    """Commands of a big message applied before the event loop gets its turn: 500 take about 1 ms."""
     threads: int = 2
     """For big messages and mesh files."""
     waiting_bytes: int = 1024 * MIB

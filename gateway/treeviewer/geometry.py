@@ -54,6 +54,8 @@ class Context:
     meshes: MeshLoader | None = None
     warnings: list[str] = field(default_factory=list)
     """Sentences about what was tolerated in the geometry at hand."""
+    first: int = 0
+    """Index of the first command at hand in the whole request."""
 
 
 def parts_of(command: Mapping[str, Any], context: Context) -> tuple[Part, ...]:

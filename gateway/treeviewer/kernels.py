@@ -17,7 +17,10 @@ _POWERS = types.Array(types.float64, 1, "C", readonly=True)
 _TABLE = types.Array(types.int64, 2, "C")
 _SPAN = types.Tuple((types.int64,) * 5)  # type: ignore[no-untyped-call]
 
+_FOUND = types.UniTuple(types.int64, 2)  # type: ignore[no-untyped-call]
+
 QUOTE, BACKSLASH, OPEN, CLOSE, COMMA = ord('"'), ord("\\"), ord("["), ord("]"), ord(",")
+BRACE, END_BRACE, COLON = ord("{"), ord("}"), ord(":")
 MINUS, PLUS, DOT, ZERO, NINE = ord("-"), ord("+"), ord("."), ord("0"), ord("9")
 LOWER_E, UPPER_E, UPPER_N, UPPER_I = ord("e"), ord("E"), ord("N"), ord("I")
 SPACE, TAB, NEWLINE, RETURN = 32, 9, 10, 13
@@ -267,3 +270,97 @@ def to_indices(values, out, bound):  # type: ignore[no-untyped-def]
             return k
         out[k] = np.uint32(value)
     return -1
+
+
+@njit(_FOUND(_BYTES, _TABLE, types.int64[::1]), nogil=True, cache=True)
+def outline(data, members, commas):  # type: ignore[no-untyped-def]
+    """Where the members of the JSON object ``data`` are, and the commas between the elements of those that are lists.
+
+    Args:
+        members: filled; (n, 5) rows: begin and end of the key with its quotes, begin and end of the value, and how many
+            of ``commas`` belong to the members up to this one.
+        commas: filled; positions.
+    Returns:
+        (members, 1), or (0, 0) when the text is not an object, has too many members, or brackets that do not match.
+        Nothing inside the values is checked.
+    """
+    i = 0
+    n = data.shape[0]
+    depth = 0
+    found = 0
+    noted = 0
+    is_list = False
+    key = False
+    in_value = False
+    begun = False
+    hanging = False
+    last = 0
+    while i < n:
+        c = data[i]
+        if c == SPACE or c == NEWLINE or c == RETURN or c == TAB:  # noqa: SIM109
+            i += 1
+            continue
+        if depth == 0 and begun:
+            return 0, 0
+        begun = True
+        begin = i
+        if c == QUOTE:
+            i += 1
+            while i < n and data[i] != QUOTE:
+                i += 2 if data[i] == BACKSLASH else 1
+            if i >= n:
+                return 0, 0
+            if depth == 1 and not in_value:
+                if key or found >= members.shape[0]:
+                    return 0, 0
+                key = True
+                hanging = False
+                members[found, 0] = begin
+                members[found, 1] = i + 1
+        elif c == OPEN or c == BRACE:  # noqa: SIM109
+            depth += 1
+            if depth == 2:
+                if not in_value:
+                    return 0, 0
+                is_list = c == OPEN
+            elif depth == 1 and (c != BRACE or found > 0):
+                return 0, 0
+        elif c == CLOSE or c == END_BRACE:  # noqa: SIM109
+            depth -= 1
+            if depth < 0:
+                return 0, 0
+            if depth == 0:
+                if in_value:
+                    members[found, 3] = last
+                    members[found, 4] = noted
+                    found += 1
+                    in_value = False
+                elif key or hanging:
+                    return 0, 0
+        elif c == COLON:
+            if depth == 1:
+                if not key or in_value:
+                    return 0, 0
+                in_value = True
+                key = False
+                is_list = False
+                members[found, 2] = i + 1
+        elif c == COMMA:
+            if depth == 1:
+                if not in_value:
+                    return 0, 0
+                members[found, 3] = last
+                members[found, 4] = noted
+                found += 1
+                in_value = False
+                hanging = True
+            elif depth == 2 and is_list:
+                if noted >= commas.shape[0]:
+                    return 0, 0
+                commas[noted] = i
+                noted += 1
+        elif depth == 0:
+            return 0, 0
+        i += 1
+        last = i
+    return (found, 1) if depth == 0 and not in_value and not key else (0, 0)

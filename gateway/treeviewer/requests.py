@@ -7,6 +7,7 @@ others), and Python's own, which alone knows the bare NaN and Infinity tokens of
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, Final, cast
@@ -20,6 +21,7 @@ from gateway.treeviewer.config import Limits
 from gateway.treeviewer.extract import WORTH_SCANNING, JsonError, Numbers
 from gateway.treeviewer.fields import CommandError, show
 from gateway.treeviewer.geometry import Context, MeshLoader, parts_of
+from gateway.treeviewer.slices import pieces
 
 LEAST_SCANNED: Final = 4096
 """Bytes; shorter requests have no array worth taking out."""
@@ -54,6 +56,14 @@ class Request:
     def commands(self) -> int:
         return len(self.deletes) + len(self.geometries) + len(self.transforms)
 
+    def extend(self, other: Request) -> None:
+        """Takes the commands of a piece of the same request."""
+        self.deletes += other.deletes
+        self.geometries += other.geometries
+        self.transforms += other.transforms
+        self.failures += other.failures
+        self.warnings += other.warnings
+
 
 class RequestReader:
     """Reads requests under given limits. Has no state of its own and may be used by several threads."""
@@ -80,16 +90,27 @@ class RequestReader:
         if len(body) > self._limits.json_bytes:
             raise RequestError(f"the request has {len(body)} bytes of JSON, the limit is {self._limits.json_bytes}")
         context = Context(self._limits, numbers, self._meshes)
+        small = pieces(body)
         try:
-            try:
-                message = self._typed.decode(body)
-            except msgspec.DecodeError:
-                return self._lenient(_any_json(self._untyped, body), context)
-            if message.draw is not msgspec.UNSET or message.load is not msgspec.UNSET:
-                return self._lenient(self._untyped.decode(body), context)
-            return self._from_typed(message, context)
+            if small is None:
+                return self._read_text(body, context)
+            request = Request()
+            for piece, index in small:
+                context.first = index
+                request.extend(self._read_text(piece, context))
+                time.sleep(0)  # the interpreter is free for a moment
+            return request
         except JsonError as error:
             raise RequestError(f"the request is not valid JSON {error}") from None
+
+    def _read_text(self, body: bytes, context: Context) -> Request:
+        try:
+            message = self._typed.decode(body)
+        except msgspec.DecodeError:
+            return self._lenient(_any_json(self._untyped, body), context)
+        if message.draw is not msgspec.UNSET or message.load is not msgspec.UNSET:
+            return self._lenient(self._untyped.decode(body), context)
+        return self._from_typed(message, context)
 
     def _from_typed(self, message: Any, context: Context) -> Request:
         request = Request()
@@ -99,7 +120,7 @@ class RequestReader:
         if isinstance(geometries, dict):
             self._geometries(geometries, request, context)
         elif geometries:
-            for index, command in enumerate(geometries):
+            for index, command in enumerate(geometries, context.first):
                 parts = typed.parts_of(command)
                 if parts is None:
                     failure = Failure("setgeometry", index, command.path, "geometries is missing")
@@ -128,7 +149,7 @@ class RequestReader:
         return request
 
     def _deletes(self, value: Any, request: Request, context: Context) -> None:
-        for index, command in _commands("delete", value, request):
+        for index, command in _commands("delete", value, request, context.first):
             path = None
             try:
                 path = fields.path(command, context.limits, context.numbers)
@@ -138,7 +159,7 @@ class RequestReader:
                 request.deletes.append(path)
 
     def _geometries(self, value: Any, request: Request, context: Context) -> None:
-        for index, command in _commands("setgeometry", value, request):
+        for index, command in _commands("setgeometry", value, request, context.first):
             path = None
             try:
                 path = fields.path(command, context.limits, context.numbers)
@@ -152,7 +173,7 @@ class RequestReader:
                 context.warnings.clear()
 
     def _transforms(self, value: Any, request: Request, context: Context) -> None:
-        for index, command in _commands("settransform", value, request):
+        for index, command in _commands("settransform", value, request, context.first):
             path = None
             try:
                 path = fields.path(command, context.limits, context.numbers)
@@ -165,7 +186,7 @@ class RequestReader:
                 request.transforms.append((path, pose))
 
 
-def _commands(name: str, value: Any, request: Request) -> Iterator[tuple[int, dict[str, Any]]]:
+def _commands(name: str, value: Any, request: Request, first: int) -> Iterator[tuple[int, dict[str, Any]]]:
     """The commands of one list. Absent and null lists, ``{}`` and null commands are empty; one bare command is a list
     of one (the protocol document itself has such an example)."""
     if value is None or value == {}:
@@ -175,7 +196,7 @@ def _commands(name: str, value: Any, request: Request) -> Iterator[tuple[int, di
     if not isinstance(value, list):
         request.failures.append(Failure(name, 0, None, f"{name} must be a list of commands, not {show(value)}"))
         return
-    for index, command in enumerate(value):
+    for index, command in enumerate(value, first):
         if isinstance(command, dict):
             yield index, cast("dict[str, Any]", command)
         elif command is not None:

@@ -22,6 +22,8 @@ LONGEST_CHANNEL: Final = 63
 """Bytes; LCM's own limit (LCM_MAX_CHANNEL_NAME_LENGTH)."""
 LONGEST_PATTERN: Final = 256
 """Bytes of a subscription; four channels' worth."""
+MOST_AT_ONCE: Final = 512 * 1024
+"""Bytes read at a time into a big message: copying them takes 0.2 ms, then other connections have their turn."""
 SCRATCH_BYTES: Final = 256 * 1024
 """What one read can bring; bigger payloads are read straight into place."""
 
@@ -89,7 +91,7 @@ class FrameReader:
     def buffer(self) -> memoryview:
         """Where the next bytes go."""
         if self._big is not None:
-            return self._big[self._filled :]
+            return self._big[self._filled : self._filled + MOST_AT_ONCE]
         if self._begin == self._end:
             self._begin = self._end = 0
         elif self._end == SCRATCH_BYTES:

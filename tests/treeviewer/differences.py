@@ -78,10 +78,12 @@ BAD: dict[int, Difference] = {
     54: Difference(0, "", "Director divides by the step", [["bad", "54"]]),
     55: _reason("angle_start is missing"),
     61: _reason("filename is missing"),
-    62: Difference(-3, "outside", "only files below the folders that the operator opened are looked at"),
-    63: Difference(-3, "outside", "as above"),
+    62: Difference(-3, "lies outside", "only files below the folders that the operator opened are looked at"),
+    63: Difference(-3, "lies outside", "as above"),
     64: Difference(0, "", "the document says scale is a number; Director only takes lists", [["bad", "64"]]),
-    65: _reason("package"),
+    65: Difference(
+        0, "there is no package", "a missing file is told, as a warning, and draws nothing", [["bad", "65"]]
+    ),
     66: Difference(-3, 'geometry.type "cone"', "the good commands of the message are carried out", [["p1"], ["p3"]]),
     67: _reason("path is missing"),
     68: _reason("path must be a list of strings, not null"),
@@ -110,7 +112,7 @@ CPP_WRAPPER: dict[int, Difference] = {
 }
 
 GEOMS: dict[int, Difference] = {
-    29: Difference(0, "does not exist", "Director prints that a file is missing; we tell it", [["all", "missing"]]),
+    29: Difference(-3, "lies outside", "only files below the folders that the operator opened are looked at"),
 }
 
 DIFFERENCES: dict[str, dict[int, Difference]] = {"bad": BAD, "cpp_wrapper": CPP_WRAPPER, "geoms": GEOMS}

@@ -127,11 +127,13 @@ CHANGED_SCENES: dict[str, dict[Path, str]] = {
         ("bad", "54"): "angle step 0",
         ("bad", "62"): "file outside the open folders",
         ("bad", "64"): "scale as a number",
+        ("bad", "65"): "missing package",
         ("p3",): "the commands after a bad one",
         ("a", "b"): "string path",
         ("a", "/", "b"): "string path",
         ("a",): "path given as an object",
     },
+    "geoms": {("all", "missing"): "file outside the open folders"},
     "cpp_wrapper": {("cpp", "cloud_no_colour"): "empty channel"},
     "paths": {("", ""): "Director takes a child of its parent's name for the parent's geometry"},
 }

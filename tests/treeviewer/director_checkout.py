@@ -1,0 +1,103 @@
+"""Runs Director's own client and its three tests of the tree viewer, unmodified, against a viewer that listens already.
+
+    python -m tests.treeviewer.director_checkout CHECKOUT [--url LCM_URL]
+
+CHECKOUT is a clone of github.com/RobotLocomotion/director; nothing of it is part of this project. Its files need two
+things that today's Python lacks: ``collections.Iterable``, and ``sys`` in tests that forget to import it (Director runs
+them in an interpreter that has it). The binary ``drake-visualizer`` that the tests start is a stand-in that waits; they
+wait for the ready message, which our hub gives to every new subscriber and ``--announce`` sends over UDP.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+REPOSITORY = Path(__file__).parents[2]
+TESTS = ("testTreeViewerClient.py", "testTreeViewerInterface.py", "testTreeViewerPolyLine.py")
+ANSWERS_OF_INTERFACE_TEST = 2000
+
+_SHIM = """
+import collections, collections.abc, runpy, sys
+collections.Iterable = collections.abc.Iterable
+sys.executable = {executable!r}
+runpy.run_path({test!r}, init_globals={{"sys": sys}}, run_name="__main__")
+"""
+_VISUALIZER = """#!{python}
+import os, time
+import lcm
+from gateway.treeviewer import answers
+if {announce}:
+    lcm.LCM().publish("DIRECTOR_TREE_VIEWER_RESPONSE", answers.encode(answers.ReadyAnswer()))
+time.sleep(600)
+"""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Of one of Director's scripts."""
+
+    script: str
+    status: int
+    output: str
+
+    @property
+    def ok_answers(self) -> int:
+        return self.output.split().count("ok")
+
+
+def run(checkout: Path, script: Path, url: str, *, announce: bool, seconds: float = 60.0) -> Outcome:
+    """Runs one script of the checkout."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        generator = Path(sys.executable).with_name("lcm-gen")
+        types = REPOSITORY / "lcmtypes" / "viewer2_comms_t.lcm"
+        subprocess.run([generator, "-p", "--ppath", folder, types], check=True, capture_output=True)
+        visualizer = folder / "drake-visualizer"
+        visualizer.write_text(_VISUALIZER.format(python=sys.executable, announce=announce))
+        visualizer.chmod(0o755)
+        shim = _SHIM.format(executable=str(folder / "python"), test=str(script))
+        path = os.pathsep.join(map(str, (folder, checkout / "src" / "python", REPOSITORY)))
+        environment = {**os.environ, "PYTHONPATH": path, "LCM_DEFAULT_URL": url, "PYTHONUNBUFFERED": "1"}
+        done = subprocess.run(
+            [sys.executable, "-c", shim],
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            timeout=seconds,
+            check=False,
+        )
+    return Outcome(script.name, done.returncode, done.stdout)
+
+
+def scripts(checkout: Path) -> list[Path]:
+    """The three tests, then the client's own demonstration."""
+    python = checkout / "src" / "python"
+    return [*(python / "tests" / name for name in TESTS), python / "director" / "viewerclient.py"]
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("checkout", type=Path)
+    parser.add_argument("--url", default="tcpq://127.0.0.1:7700")
+    parser.add_argument("--announce", action="store_true")
+    arguments = parser.parse_args()
+    worst = 0
+    for script in scripts(arguments.checkout):
+        outcome = run(arguments.checkout, script, arguments.url, announce=arguments.announce)
+        good = outcome.status == 0 and "Traceback" not in outcome.output and "unhandled" not in outcome.output
+        worst = max(worst, not good)
+        print(f"{'ok  ' if good else 'FAIL'} {outcome.script}: {outcome.ok_answers} answers 'ok'")
+        if not good:
+            print(outcome.output)
+    return worst
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
