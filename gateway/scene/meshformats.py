@@ -15,6 +15,7 @@ from gateway.scene.geometry import Part, PointCloud, Shape, Surface
 from gateway.scene.gltf import GltfLimits, read_gltf
 from gateway.scene.transforms import IDENTITY, Y_UP_TO_Z_UP, Matrix, scaling
 from gateway.scene.tree import Node
+from gateway.scene.usable import without_broken_textures
 from renderers.drawlist import AlphaMode, Image, Material, Mesh, Texture
 from renderers.images import image_from_bytes
 
@@ -35,7 +36,7 @@ def parse_mesh(data: bytes, extension: str, resolve: Resolve, limits: GltfLimits
 
     glTF is Y-up by its specification unless Drake wrote it, COLLADA states its unit and its axis; both are honoured.
     The others say neither and are taken as they are. A file without materials is white, so that a colour can be laid
-    over it.
+    over it. Textures that cannot be decoded are left out.
 
     Args:
         data: the file.
@@ -47,12 +48,12 @@ def parse_mesh(data: bytes, extension: str, resolve: Resolve, limits: GltfLimits
         MeshFormatError: not of that format, empty of geometry, or beyond a limit.
     """
     if extension in BY_US:
-        return _parts_of_gltf(data, resolve, limits)
+        return without_broken_textures(_parts_of_gltf(data, resolve, limits), limits.max_total_image_pixels)
     base = _collada_axes(data) if extension == "dae" else IDENTITY
     parts = _parts_of_scene(_trimesh_scene(data, extension, resolve), base, limits)
     if not parts:
         raise MeshFormatError("the file holds no triangles or points")
-    return tuple(parts)
+    return without_broken_textures(tuple(parts), limits.max_total_image_pixels)
 
 
 def _parts_of_gltf(data: bytes, resolve: Resolve, limits: GltfLimits) -> tuple[Part, ...]:

@@ -113,6 +113,27 @@ def test_meshes_without_normals_are_smooth_but_not_across_creases(root: Path, fi
     np.testing.assert_allclose(np.sort(np.abs(box.normals), axis=1), np.tile((0, 0, 1), (24, 1)), atol=1e-6)
 
 
+@pytest.mark.parametrize("content", [b"no picture", png((1, 2, 3))[:33], b""])
+def test_textures_that_cannot_be_decoded_are_left_out(root: Path, files: MeshFiles, content: bytes):
+    write(root / "cube.obj", CUBE)
+    write(root / "cube.mtl", CUBE_MTL)
+    write(root / "textures" / "paint.png", content)
+    parts = files.load("cube.obj")
+    assert len(parts) == 2
+    assert [part.material.base_color_texture for part in parts] == [None, None]
+
+
+def test_textures_beyond_the_total_of_pixels_are_left_out(root: Path):
+    head, _ = CUBE.split("usemtl glass")
+    write(root / "two.obj", head + "usemtl second\nf 1/1 2/2 6/3 5/4\n")
+    write(root / "cube.mtl", CUBE_MTL.replace("glass", "second") + "map_Kd second.png\n")
+    write(root / "textures" / "paint.png", png((1, 2, 3), (4, 5, 6)))
+    write(root / "second.png", png((7, 8, 9), (4, 5, 6)))
+    for most, textured in ((4, 2), (3, 1), (1, 0)):
+        files = MeshFiles([root], MeshFileLimits(gltf=GltfLimits(max_total_image_pixels=most)))
+        assert sum(part.material.base_color_texture is not None for part in files.load("two.obj")) == textured
+
+
 def test_normals_of_the_file_are_kept(root: Path, files: MeshFiles):
     write(root / "n.obj", "v 0 0 0\nv 1 0 0\nv 0 2 0\nvn 0 0.6 0.8\nf 1//1 2//1 3//1\n")
     mesh = mesh_of(files.load("n.obj")[0])
