@@ -19,8 +19,8 @@ from fastapi_offline import FastAPIOffline
 
 from gateway import __version__, warmup
 from gateway import settings as options
-from gateway.house import House
-from gateway.joins import JOINS
+from gateway.house import NO_TELEMETRY, House
+from gateway.joins import JOINS, Join, join_demo
 from gateway.ops import health, kernels, logs, process
 from gateway.ops.board import Board, State
 from gateway.ops.landing import landing_page
@@ -33,6 +33,8 @@ from gateway.workers import Workers, usable_cpus
 _log = structlog.get_logger("gateway")
 
 KERNELS = "kernels"
+_SETTLE_SECONDS = 5.0
+"""Time after which the state is logged although a service is still starting."""
 DESCRIPTION = "Drake's glTF render server, an rc_visard stereo camera and Director's tree viewer, on one scene."
 
 
@@ -41,7 +43,9 @@ def create_app(settings: Settings) -> FastAPI:
     board = Board(essential=frozenset({KERNELS, "render"}))
     metrics = Metrics()
     started = asyncio.Event()
-    wanted = {name: join for name, join in JOINS.items() if not settings.only or name in settings.only}
+    wanted: dict[str, Join] = {n: join for n, join in JOINS.items() if not settings.only or n in settings.only}
+    if settings.demo:
+        wanted["demo"] = join_demo
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
@@ -69,7 +73,7 @@ def create_app(settings: Settings) -> FastAPI:
         max_body_size=settings.max_body_mb * MIB,
         # Swagger UI would ask a validator in the internet for a badge.
         swagger_ui_parameters={"validatorUrl": None},
-        telemetry={"tracing": False, "metrics": False, "logs": False, "auto_configure": False},
+        telemetry=NO_TELEMETRY,
     )
     app.include_router(health.router(board, metrics, __version__))
     app.add_middleware(
@@ -84,7 +88,7 @@ def create_app(settings: Settings) -> FastAPI:
     return app
 
 
-async def _start(house: House, wanted: dict[Any, Any], started: asyncio.Event) -> None:
+async def _start(house: House, wanted: dict[str, Join], started: asyncio.Event) -> None:
     """Makes sure of the kernels, then joins the rooms; requests wait until this is done."""
     begin = time.perf_counter()
     try:
@@ -104,12 +108,12 @@ async def _start(house: House, wanted: dict[Any, Any], started: asyncio.Event) -
     except Exception as error:  # noqa: BLE001 - nothing renders without kernels, but health tells why
         house.fail(KERNELS, error)
     started.set()
-    _log.info(
-        "Scenegate has started",
-        status=house.board.verdict(),
-        version=__version__,
-        seconds=round(time.perf_counter() - begin, 2),
-    )
+    joined = time.perf_counter()
+    # Rooms say themselves whether they are ready; nobody tells when.
+    while house.board.verdict() == "starting" and time.perf_counter() - joined < _SETTLE_SECONDS:  # noqa: ASYNC110
+        await asyncio.sleep(0.02)
+    seconds = round(time.perf_counter() - begin, 2)
+    _log.info("Scenegate has started", status=house.board.verdict(), version=__version__, seconds=seconds)
 
 
 def __getattr__(name: str) -> Any:

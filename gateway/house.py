@@ -9,6 +9,7 @@ from typing import Any
 
 import structlog
 from fastapi import FastAPI
+from fastapi.telemetry import TelemetryConfig
 
 from gateway.ops.board import Board, Service
 from gateway.ops.metrics import Metrics
@@ -21,6 +22,9 @@ from renderers.camera import Camera
 from renderers.port import Renderer
 
 _log = structlog.get_logger("gateway")
+
+NO_TELEMETRY: TelemetryConfig = {"tracing": False, "metrics": False, "logs": False, "auto_configure": False}
+"""FastAPI's own; it would configure exporters from the environment."""
 
 
 @dataclass(slots=True, eq=False)

@@ -11,12 +11,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gateway.house import House
+from fastapi import FastAPI
+
+from gateway.house import NO_TELEMETRY, House
+from gateway.ops.http import PortService
 from gateway.settings import MIB, InterfaceName, Settings
 
 if TYPE_CHECKING:
     from gateway.scene.gltf import GltfLimits
     from gateway.scene.tree import Node
+
+
+Join = Callable[[House], None]
 
 
 def join_render(house: House) -> None:
@@ -105,7 +111,9 @@ def join_treeviewer(house: House) -> None:
 def join_stereo(house: House) -> None:
     """The stereo camera's image stream over gRPC."""
     from gateway.stereo.config import StereoConfig, Tls
+    from gateway.stereo.rest import router
     from gateway.stereo.service import StereoService
+    from gateway.stereo.truth import truth_router
     from gateway.stereoview import StereoView
     from renderers.stereo.model import MODELS
 
@@ -132,10 +140,23 @@ def join_stereo(house: House) -> None:
 
     house.stereo_camera = view.camera
     service = StereoService(config, view.scene, view.pose, house.renderer, house.workers)
+    house.app.include_router(router(service))
+    house.app.include_router(truth_router(service))
     house.serve("stereo", service, where=f"gRPC on port {settings.grpc_port}", figures=status)
+    if settings.rest_port is not None:
+        device = FastAPI(openapi_url=None, telemetry=NO_TELEMETRY)
+        device.include_router(router(service))
+        house.serve("rest", PortService(device, settings.host, settings.rest_port), where="/api")
 
 
-JOINS: dict[InterfaceName, Callable[[House], None]] = {
+def join_demo(house: House) -> None:
+    """The moving demo scene in the live tree."""
+    from gateway.demorun import DemoRun
+
+    house.serve("demo", DemoRun(house.tree))
+
+
+JOINS: dict[InterfaceName, Join] = {
     "render": join_render,
     "scene": join_scene,
     "treeviewer": join_treeviewer,

@@ -134,7 +134,7 @@ class Settings(BaseSettings):
         "live", "Stereo camera", "What the camera sees: 'live' for the live tree, or a .gltf or .glb file."
     )
     stereo_pose: MountPose = option(
-        "eye=1.5,-1.2,1;target=0,0,0.3",
+        "eye=1.4,-1.1,1.7;target=0,0,0.85",
         "Stereo camera",
         "Pose of the left optical frame in the world: x,y,z,qw,qx,qy,qz or eye=x,y,z;target=x,y,z;up=x,y,z.",
     )
@@ -155,6 +155,9 @@ class Settings(BaseSettings):
     )
     stereo_noise: bool = option(True, "Stereo camera", "Noise of images and disparity.")
     stereo_seed: int = option(0, "Stereo camera", "Seed of all noise.", ge=0)
+    rest_port: PortOrOff = option(
+        None, "Stereo camera", "A further port for the device's REST interface, which is at /api of the HTTP port, too."
+    )
     grpc_certificate: Path | None = option(
         None, "Stereo camera", "PEM certificate; with --grpc-key the stream is encrypted."
     )

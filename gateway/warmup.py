@@ -16,13 +16,12 @@ def _drawing() -> None:
 
 
 def _others() -> None:
-    # What is imported is compiled, or loaded, by that.
-    import gateway.scene.gltf.bytewise
-    import gateway.scene.gltf.normals
-    import gateway.treeviewer.kernels  # noqa: F401
-    from renderers.stereo.warm import warm_up
+    import gateway.treeviewer.kernels  # noqa: F401 - compiled, or loaded, when imported
+    from gateway.scene.gltf.kernels import warm_up as warm_reader
+    from renderers.stereo.warm import warm_up as warm_stereo
 
-    warm_up()
+    warm_reader()
+    warm_stereo()
 
 
 PARTS: Final[Mapping[str, Callable[[], None]]] = {"drawing": _drawing, "others": _others}

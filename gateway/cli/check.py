@@ -9,14 +9,14 @@ from gateway import settings as options
 from gateway.ops.checks import Verdict, findings
 
 _STYLE = {Verdict.OK: "green", Verdict.NOTE: "yellow", Verdict.BAD: "red"}
-PORTS = {"http_port": "HTTP", "tcpq_port": "TCPQ hub"}
+PORTS = {"http_port": "HTTP", "grpc_port": "gRPC", "tcpq_port": "TCPQ hub", "rest_port": "device REST"}
 """Setting -> what listens there."""
 
 
 def run() -> bool:
     """Prints the table; whether nothing is bad."""
     settings = options.load()
-    ports = {label: getattr(settings, name) for name, label in PORTS.items()}
+    ports = {label: port for name, label in PORTS.items() if (port := getattr(settings, name)) is not None}
     table = Table(box=None, pad_edge=False)
     for heading in ("what", "", "finding"):
         table.add_column(heading, overflow="fold")

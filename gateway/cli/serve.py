@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import inspect
-import signal
 import socket
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -93,37 +90,12 @@ def run(settings: Settings) -> int:
 
 
 def _serve(settings: Settings, listener: socket.socket) -> int:
-    import uvicorn
     import uvloop
 
     from gateway.app import create_app
+    from gateway.ops import http
 
-    class Server(uvicorn.Server):
-        """Ends with exit code 0 after a signal; uvicorn would raise it once more."""
-
-        @contextmanager
-        def capture_signals(self) -> Iterator[None]:
-            before = {number: signal.signal(number, self.handle_exit) for number in (signal.SIGINT, signal.SIGTERM)}
-            try:
-                yield
-            finally:
-                for number, handler in before.items():
-                    signal.signal(number, handler)
-
-    config = uvicorn.Config(
-        create_app(settings),
-        http="httptools",
-        ws="websockets-sansio",
-        ws_per_message_deflate=False,  # floats do not compress, the CPU time is gone all the same
-        lifespan="on",
-        log_config=None,
-        access_log=False,  # gateway.ops.requests writes one with the request's id
-        server_header=False,
-        timeout_keep_alive=60,
-        timeout_graceful_shutdown=max(1, round(settings.shutdown_seconds)),
-        backlog=2048,
-    )
-    server = Server(config)
+    server = http.MainServer(http.config(create_app(settings), settings.shutdown_seconds, lifespan=True))
     with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
         runner.run(server.serve(sockets=[listener]))
     return 0 if server.started else 3

@@ -42,7 +42,7 @@ def test_help_of_serve_lists_every_setting_once() -> None:
 
 
 def test_check_is_one_table_and_needs_no_kernels() -> None:
-    result = scenegate("check", SCENEGATE_HTTP_PORT="0", SCENEGATE_TCPQ_PORT="0")
+    result = scenegate("check", SCENEGATE_HTTP_PORT="0", SCENEGATE_TCPQ_PORT="0", SCENEGATE_GRPC_PORT="0")
     assert result.returncode == 0, result.stdout + result.stderr
     for word in ("scenegate", "Python", "numba", "threads", "kernels", "multicast", "receive buffer"):
         assert any(line.startswith(word) for line in result.stdout.splitlines()), word

@@ -1,0 +1,96 @@
+"""HTTP servers: the gateway's own, ended by a signal, and further ports for parts of it."""
+
+from __future__ import annotations
+
+import signal
+import socket
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+import uvicorn
+from fastapi import FastAPI
+
+from gateway.ops import process
+
+
+def config(app: Any, grace_seconds: float, *, lifespan: bool) -> uvicorn.Config:
+    """How all our servers are run."""
+    return uvicorn.Config(
+        app,
+        http="httptools",
+        ws="websockets-sansio",
+        ws_per_message_deflate=False,  # floats do not compress, the CPU time is gone all the same
+        lifespan="on" if lifespan else "off",
+        log_config=None,
+        access_log=False,  # gateway.ops.requests writes one with the request's id
+        server_header=False,
+        timeout_keep_alive=60,
+        timeout_graceful_shutdown=max(1, round(grace_seconds)),
+        backlog=2048,
+    )
+
+
+class MainServer(uvicorn.Server):
+    """Ends with exit code 0 after SIGTERM or SIGINT; uvicorn would raise the signal once more."""
+
+    @contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        before = {number: signal.signal(number, self.handle_exit) for number in (signal.SIGINT, signal.SIGTERM)}
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+
+class _GuestServer(uvicorn.Server):
+    """Leaves signals to the main server."""
+
+    @contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        yield
+
+
+class PortService:
+    """A further port in the same event loop, as a service: it serves ``app`` until cancelled."""
+
+    def __init__(self, app: FastAPI, host: str, port: int) -> None:
+        self._app = app
+        self._host = host
+        self._port = port
+        self._server: uvicorn.Server | None = None
+        self._bound = 0
+
+    @property
+    def ready(self) -> bool:
+        """Whether it listens."""
+        return self._server is not None and self._server.started
+
+    def status(self) -> Mapping[str, Any]:
+        """Plain JSON values."""
+        return {"port": self._bound}
+
+    async def run(self) -> None:
+        """Serves until cancelled.
+
+        Raises:
+            OSError: the port cannot be used; one sentence.
+        """
+        try:
+            listener = process.listen(self._host, self._port)
+        except OSError as error:
+            raise OSError(f"cannot listen: {process.why_not_listening(error, self._host, self._port)}") from None
+        self._bound = _port_of(listener)
+        self._server = server = _GuestServer(config(self._app, 1.0, lifespan=False))
+        try:
+            await server.serve(sockets=[listener])
+        finally:
+            if server.started:
+                await server.shutdown([listener])
+            listener.close()
+            self._server = None
+
+
+def _port_of(listener: socket.socket) -> int:
+    return int(listener.getsockname()[1])

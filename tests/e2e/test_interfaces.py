@@ -1,0 +1,150 @@
+"""All interfaces of one process on one live scene, each by the library that its users have."""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Iterator
+from typing import Any
+
+import cv2
+import grpc
+import httpx2
+import numpy as np
+import pytest
+
+from gateway.generated import image_interface_pb2 as pb
+from tests.support.gateway_process import GatewayProcess, gateway_process
+
+FINGERPRINT = 0xD368E03F33C568BE
+"""robotlocomotion.viewer2_comms_t, as lcm-gen computes it."""
+
+
+class Running:
+    """A gateway with every interface on a free port; LCM over UDP is left out, a machine may have no multicast."""
+
+    def __init__(self, process: GatewayProcess, url: str) -> None:
+        self.process = process
+        self.http = httpx2.Client(base_url=url, timeout=60.0)
+
+    def interface(self, name: str) -> dict[str, Any]:
+        described: dict[str, Any] = self.http.get("/healthz").json()["interfaces"][name]
+        return described
+
+
+@pytest.fixture(scope="module")
+def running() -> Iterator[Running]:
+    flags = ("--lcm-url", "off", "--tcpq-port", "0", "--grpc-port", "0", "--rest-port", "0")
+    with gateway_process(*flags) as (process, url):
+        running = Running(process, url)
+        yield running
+        running.http.close()
+        assert process.stop() == 0
+        assert not [entry for entry in process.rest_of_log() if entry["level"] in ("error", "critical", "raw")]
+
+
+def viewer2_comms(request: dict[str, Any]) -> bytes:
+    data = json.dumps(request).encode()
+    name = b"treeviewer_json\0"
+    head = struct.pack(">QqI", FINGERPRINT, request["utime"], len(name))
+    return head + name + struct.pack(">iii", 1, 0, len(data)) + data
+
+
+def publish_box(running: Running) -> dict[str, Any]:
+    """A box of half a metre at the origin, by LCM's own library; the gateway's answer."""
+    lcm = pytest.importorskip("lcm", reason="the system's libglib is missing", exc_type=ImportError)
+    bus = lcm.LCM(running.interface("treeviewer")["tcpq"]["url"])
+    answers: list[dict[str, Any]] = []
+
+    def answered(_: str, message: bytes) -> None:
+        answer = json.loads(message[message.index(b"\0", 20) + 13 :])
+        if answer.get("timestamp") == request["timestamp"]:
+            answers.append(answer)
+
+    bus.subscribe("DIRECTOR_TREE_VIEWER_RESPONSE_<e2e>", answered)
+    request: dict[str, Any] = {
+        "utime": 1,
+        "timestamp": 1,
+        "delete": [],
+        "setgeometry": [
+            {
+                "path": ["crate"],
+                "geometry": {"type": "box", "lengths": [0.5, 0.5, 0.5], "color": [1.0, 0.0, 0.0, 1.0]},
+            }
+        ],
+        "settransform": [{"path": ["crate"], "transform": {"translation": [0, 0, 0], "quaternion": [1, 0, 0, 0]}}],
+    }
+    bus.publish("DIRECTOR_TREE_VIEWER_REQUEST_<e2e>", viewer2_comms(request))
+    while not answers:
+        assert bus.handle_timeout(30_000), "no answer"
+    return answers[0]
+
+
+def test_everything_is_ready(running: Running) -> None:
+    ready = running.http.get("/readyz")
+    assert ready.status_code == 200
+    described = ready.json()
+    assert described["status"] == "ready"
+    assert {"kernels", "render", "scene", "treeviewer", "stereo", "rest"} <= described["interfaces"].keys()
+
+
+def test_what_is_published_can_be_rendered(running: Running) -> None:
+    answer = publish_box(running)
+    assert answer["status"] == 0, answer
+    listed = running.http.get("/scene").json()
+    (crate,) = [node for node in listed["nodes"] if node["path"] == ["crate"]]
+    picture = running.http.get(
+        "/scene/render",
+        params={"camera": "eye=2,0,0;target=0,0,0;fovy=30", "type": "label", "width": 64, "height": 64},
+    )
+    assert picture.status_code == 200, picture.text
+    labels = cv2.imdecode(np.frombuffer(picture.content, np.uint8), cv2.IMREAD_COLOR)[:, :, ::-1].astype(int)
+    value = labels[32, 32] @ (1, 256, 65536)
+    assert value == crate["label"]
+    assert (labels[0, 0] == 255).all()
+    assert int(picture.headers["x-scene-revision"]) >= 1
+
+
+def test_the_stereo_camera_sees_it(running: Running) -> None:
+    publish_box(running)
+    target = f"127.0.0.1:{running.interface('stereo')['port']}"
+    with grpc.insecure_channel(target, options=[("grpc.max_receive_message_length", -1)]) as channel:
+        stream = channel.unary_stream(
+            "/ImageInterface/StreamImageSets",
+            request_serializer=pb.ImageSetRequest.SerializeToString,
+            response_deserializer=pb.ImageSet.FromString,
+        )
+        request = pb.ImageSetRequest(left_enabled=True, disparity_enabled=True, color=True)
+        sets = stream(request, timeout=60)
+        images = next(sets)
+        sets.cancel()
+    assert (images.left.width, images.left.height) == (1280, 960)
+    left = np.frombuffer(images.left.data, np.uint8).reshape(960, 1280, 3).astype(int)
+    red = (left[:, :, 0] > left[:, :, 1] + 40) & (left[:, :, 0] > left[:, :, 2] + 40)
+    assert red.sum() > 1000
+    parameters = running.http.get("/api/v2/pipelines/0/nodes/rc_camera/parameters")
+    assert parameters.status_code == 200
+    further = httpx2.get(f"http://127.0.0.1:{running.interface('rest')['port']}/api/v2/system")
+    assert further.status_code == 200
+
+
+def test_a_taken_port_of_one_interface_leaves_the_others() -> None:
+    import socket
+
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        flags = ("--only", "render,stereo,treeviewer", "--lcm-url", "off", "--tcpq-port", "off")
+        with gateway_process(*flags, "--grpc-port", str(port)) as (process, url):
+            ready = httpx2.get(f"{url}/readyz")
+            assert ready.status_code == 200
+            described = ready.json()
+            assert described["status"] == "degraded"
+            assert described["interfaces"]["render"]["state"] == "ready"
+            stereo = described["interfaces"]["stereo"]
+            assert stereo["state"] == "failed"
+            assert f":{port}" in stereo["problem"]
+            assert "taken" in stereo["problem"]
+            complaints = [entry for entry in process.log if entry["level"] == "error"]
+            assert [line["event"].startswith("stereo does not run: ") for line in complaints] == [True]
+            assert all("exception" not in line for line in complaints)
+            assert process.stop() == 0
