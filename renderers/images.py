@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import re
 import struct
 import threading
 import warnings
@@ -24,6 +25,9 @@ from renderers.drawlist import Image, ImageError
 MAX_PIXELS: Final = 64 << 20
 """Default bound of one image: 8192 x 8192, 256 MB as RGBA. A header of a few bytes can announce any size."""
 
+_MAX_SEGMENTS: Final = 1024
+"""Segments or chunks before the pixels that are walked over; real files have tens."""
+_MARKER: Final = re.compile(rb"(?:[^\xff]|\xff+\0)*\xff+[^\xff\0]", re.DOTALL)
 _NAMES: Final = {
     b"\xabKTX 20\xbb": "KTX2",
     b"\xabKTX 11\xbb": "KTX",
@@ -80,19 +84,21 @@ def image_header(data: bytes | memoryview, name: str = "image") -> ImageHeader:
 def _jpeg_size(view: memoryview) -> tuple[int, int]:
     """By ITU T.81 B.2.2: the frame header SOFn, found by walking over the segments before it."""
     at = 2
-    while True:
-        while view[at] != 0xFF:
-            at += 1
-        while view[at] == 0xFF:
-            at += 1
-        marker = view[at]
-        at += 1
+    for _ in range(_MAX_SEGMENTS):
+        # As libjpeg looks for markers, so that both find the same frame header: noise (here: little), then fill bytes.
+        found = _MARKER.match(bytes(view[at : at + 256]))
+        if found is None:
+            break
+        marker_at = at + found.end() - 1
+        marker = view[marker_at]
+        at = marker_at + 1
         if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
             height, width = struct.unpack_from(">HH", view, at + 3)
             return width, height
         if marker == 0x01 or 0xD0 <= marker <= 0xD8:
             continue
         at += max(2, struct.unpack_from(">H", view, at)[0])
+    raise IndexError
 
 
 def _webp_size(start: bytes) -> tuple[int, int]:
@@ -167,7 +173,9 @@ def _png_needs_pillow(view: memoryview) -> bool:
     if colour_type not in (0, 2):
         return False
     at = 8
-    while at + 8 <= len(view):
+    for _ in range(_MAX_SEGMENTS):
+        if at + 8 > len(view):
+            break
         kind = bytes(view[at + 4 : at + 8])
         if kind == b"tRNS":
             return True

@@ -157,6 +157,22 @@ def test_errors_name_the_image(data: bytes, message: str) -> None:
         image.decode()
 
 
+def test_a_false_frame_header_in_noise_is_not_taken_for_the_real_one() -> None:
+    """libjpeg skips noise and FF 00 before a marker: a size that only we saw would let a bomb through."""
+    data = encoded(np.ascontiguousarray(RGBA[..., :3]), "JPEG")
+    false = b"\xc0\x00\x11\x08\x00\x01\x00\x01\x03"
+    for noise in (b"\0" + false, b"\xff\0" + false, b"\xff\xff\0\0" + false):
+        header = image_header(data[:2] + b"\xff\xe1\0\2" + noise + data[2:])
+        assert (header.width, header.height) == (7, 5)
+
+
+def test_endless_headers_are_given_up() -> None:
+    with pytest.raises(ImageError, match="its header is cut off"):
+        image_header(b"\xff\xd8\xff" + b"\xe0\x00\x02\xff" * 1_000_000)
+    with pytest.raises(ImageError, match="its header is cut off"):
+        image_header(b"\xff\xd8\xff" + bytes(50_000_000))
+
+
 def test_equal_bytes_are_one_image_while_it_lives() -> None:
     data = encoded(RGBA, "PNG")
     first, second = image_from_bytes(data, name="a"), image_from_bytes(memoryview(bytearray(data)), name="b")

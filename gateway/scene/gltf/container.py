@@ -14,8 +14,11 @@ _JSON_CHUNK: Final = 0x4E4F534A
 _BIN_CHUNK: Final = 0x004E4942
 _TAKEN_FROM: Final = 256
 """Bytes. Shorter data URIs stay in the JSON: taking them out would not pay."""
-_WINDOW: Final = 1 << 17
-"""Bytes that are copied at a time to search in a memoryview: small enough for a core's cache."""
+_WINDOWS: Final = (512, 1 << 17)
+"""Bytes that are copied to search in a memoryview: first, since most distances are short, and at most at a time, which
+stays in a core's cache."""
+_MAX_PLACES: Final = 100_000
+"""Places that are looked at. What a hostile text has beyond stays in the JSON, which is bounded."""
 _URI_KEY: Final = re.compile(rb'"uri"\s*:\s*\Z')
 _TOKEN: Final = re.compile(r"\x00data ([0-9]+)\Z")
 
@@ -99,7 +102,10 @@ def _take_data_uris(data: bytes | memoryview, view: memoryview) -> tuple[bytes, 
     pieces: list[bytes] = []
     uris: list[memoryview] = []
     done = at = 0
-    while (at := _find(data, b'"data:', at)) >= 0:
+    for _ in range(_MAX_PLACES):
+        at = _find(data, b'"data:', at)
+        if at < 0:
+            break
         end = _find(data, b'"', at + 6)
         if end < 0:
             break
@@ -118,10 +124,11 @@ def _find(data: bytes | memoryview, needle: bytes, start: int) -> int:
     """As ``bytes.find``, for memoryviews, too."""
     if isinstance(data, bytes):
         return data.find(needle, start)
-    overlap = len(needle) - 1
+    window, largest = _WINDOWS
     while start < len(data):
-        index = bytes(data[start : start + _WINDOW + overlap]).find(needle)
+        index = bytes(data[start : start + window + len(needle) - 1]).find(needle)
         if index >= 0:
             return start + index
-        start += _WINDOW
+        start += window
+        window = min(8 * window, largest)
     return -1

@@ -29,7 +29,7 @@ class GltfLimits:
     """The same over all instances: what a renderer has to draw, about 1 s per picture."""
     max_buffer_bytes: int = 512 << 20
     """Decoded buffers and images together; bodies are bounded by the interface that takes them."""
-    max_mesh_bytes: int = 1 << 30
+    max_mesh_bytes: int = 512 << 20
     """Arrays made of buffers: many accessors can read the same bytes, so the size of the file does not bound it."""
     max_image_pixels: int = 64 << 20
     """Of one image (8192 x 8192), by its header, before decoding: 256 MB of RGBA."""

@@ -53,7 +53,8 @@ class Materials:
         self._materials: dict[int, Material] = {}
         self._textures: dict[int, tuple[Image, Sampler] | None] = {}
         self._images: dict[int, Image] = {}
-        self._pixels: dict[bytes, int] = {}
+        self._counted: set[bytes] = set()
+        self._pixels = 0
 
     def material(self, index: int | None, where: str) -> Material:
         """``materials[index]``, or ``DEFAULT_MATERIAL`` for None.
@@ -176,18 +177,19 @@ class Materials:
         return image
 
     def _count_pixels(self, image: Image, data: memoryview, name: str) -> None:
-        if image.key in self._pixels:
+        if image.key in self._counted:
             return
+        self._counted.add(image.key)
         try:
             pixels = image_header(data, name).pixels
         except ImageError as error:
             # Depth and label pictures do not need it: only who decodes it gets the error.
             self._warnings.append(str(error))
             pixels = 0
-        self._pixels[image.key] = pixels
+        self._pixels += pixels
         if pixels > self._limits.max_image_pixels:
             raise GltfError(f"{name}: {pixels} pixels are more than max_image_pixels = {self._limits.max_image_pixels}")
-        if sum(self._pixels.values()) > self._limits.max_total_image_pixels:
+        if self._pixels > self._limits.max_total_image_pixels:
             limit = self._limits.max_total_image_pixels
             raise GltfError(f"{name}: the images have more pixels than max_total_image_pixels = {limit}")
 

@@ -147,6 +147,14 @@ def test_glb_may_have_trailing_bytes_unknown_chunks_and_zero_padding() -> None:
     assert positions(data) == TRIANGLE.tobytes()
 
 
+@pytest.mark.parametrize("kind", [bytes, memoryview])
+def test_a_million_beginnings_of_uris_stay_in_the_json(kind: Any) -> None:
+    text = b'{"x":[' + b'"data:",' * 1_000_000 + b"0]}"
+    assert open_container(kind(text)).json == text
+    with pytest.raises(GltfError, match="max_json_values"):
+        read_gltf(kind(text), limits=GltfLimits(max_json_values=100_000))
+
+
 def test_json_is_bounded() -> None:
     text = json.dumps({"nodes": [{}] * 1000, "extras": "x" * 5000}).encode()
     read_gltf(text)

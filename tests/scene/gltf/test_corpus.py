@@ -12,6 +12,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from gateway.scene.gltf import GltfScene, MeshCache, label_from_material, read_gltf
+from gateway.scene.gltf.prefixes import MIN_LENGTH
 from gateway.scene.tree import Node
 from renderers.drawlist import Texture
 from tests.scene.gltf.builder import mesh_of, parts
@@ -163,3 +164,17 @@ def test_vtks_materials_are_told_from_those_of_glTF_files() -> None:
     glTF, _ = read(drake_scene("019_hierarchy"))
     assert {path[-1] for path, part in parts(glTF) if part.material.vtk_export} == {"g2"}
     assert {part.material.vtk_export for _, part in parts(read(drake_scene("001_primitives"))[0])} == {True}
+
+
+@SCENES
+def test_of_a_request_with_other_poses_only_the_nodes_are_read(scene: DrakeScene | None) -> None:
+    corpus_dir()
+    assert scene is not None
+    data = scene.request("color").scene
+    begin = data.rindex(b'"nodes"', 0, data.rindex(b'"Camera Node"'))
+    cache = MeshCache()
+    for x in range(4):
+        moved = data[:begin] + data[begin:].replace(b'"Camera Node"', b'"Camera %d"' % x)
+        glTF = read_gltf(moved, cache=cache)
+        assert glTF.cameras[0].path == ("Renderer Node", f"Camera {x}")
+    assert cache.stats.document_hits == (2 if begin >= MIN_LENGTH else 0)

@@ -1,0 +1,119 @@
+"""Reading what Drake's client sends: our reader against trimesh, in one run, interleaved.
+
+    python -m bench.gltf [FOLDER]
+
+FOLDER holds recorded requests (default: the environment's SCENEGATE_CORPUS); without one, a scene is made up. Columns,
+medians in ms: ``cold`` nothing known, ``meshes`` the buffers known but something else in the text different (new
+materials), ``moved`` only the nodes different, as while a robot moves; ``trimesh`` without materials. None decodes
+images.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import os
+import statistics
+import sys
+import time
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh.exchange.gltf
+
+from gateway.scene.gltf import MeshCache, read_gltf, warm_up
+
+RUNS = 15
+
+
+def made_up(meshes: int, vertices: int) -> bytes:
+    """A scene as VTK's exporter writes it: a buffer for every accessor."""
+    rng = np.random.default_rng(0)
+    document: dict[str, Any] = {
+        key: [] for key in ("accessors", "bufferViews", "buffers", "materials", "meshes", "nodes")
+    }
+    document |= {"asset": {"version": "2.0", "generator": "VTK"}, "scene": 0, "scenes": [{"nodes": [*range(meshes)]}]}
+    document["materials"] = [{"pbrMetallicRoughness": {"roughnessFactor": 1.0}}]
+
+    def accessor(values: np.ndarray[Any, Any], component: int, kind: str) -> int:
+        data = values.tobytes()
+        uri = "data:application/octet-stream;base64," + base64.b64encode(data).decode()
+        index = len(document["buffers"])
+        document["buffers"].append({"byteLength": len(data), "uri": uri})
+        document["bufferViews"].append({"buffer": index, "byteLength": len(data)})
+        view = {"bufferView": index, "componentType": component, "count": len(values), "type": kind}
+        document["accessors"].append(view)
+        return index
+
+    for mesh in range(meshes):
+        position = accessor(rng.random((vertices, 3), np.float32), 5126, "VEC3")
+        indices = accessor(rng.integers(0, vertices, 6 * vertices, dtype=np.uint32), 5125, "SCALAR")
+        primitive = {"attributes": {"POSITION": position}, "indices": indices, "material": 0}
+        document["meshes"].append({"primitives": [primitive]})
+        document["nodes"].append({"mesh": mesh, "name": f"g{mesh}", "translation": [mesh, 0.0, 0.0]})
+    return json.dumps(document).encode()
+
+
+def recorded(folder: Path) -> Iterator[tuple[str, bytes]]:
+    """The glTF parts of the recorded colour requests."""
+    for request in sorted(folder.glob("drake/scenes/*/color/request.multipart")):
+        body = request.read_bytes()
+        start = body.index(b"\r\n\r\n", body.rindex(b'name="scene";')) + 4
+        yield request.parent.parent.name, body[start : body.rindex(b"\r\n--")]
+
+
+def milliseconds(work: Callable[[], object]) -> float:
+    begin = time.perf_counter()
+    work()
+    return 1e3 * (time.perf_counter() - begin)
+
+
+def variants(data: bytes) -> tuple[list[bytes], list[bytes]]:
+    """The document with other materials, and with other nodes; members sorted by name as the client writes them."""
+    document = {key: value for key, value in json.loads(data).items() if value is not None}
+    materials, nodes = [], []
+    for run in range(RUNS + 3):
+        document["materials"][0]["name"] = f"run {run}"
+        materials.append(json.dumps(document, separators=(",", ":"), sort_keys=True).encode())
+    for run in range(RUNS + 3):
+        document["nodes"][0]["name"] = f"run {run}"
+        nodes.append(json.dumps(document, separators=(",", ":"), sort_keys=True).encode())
+    return materials, nodes
+
+
+def main() -> None:
+    warm_up()
+    corpus = sys.argv[1] if len(sys.argv) > 1 else os.environ.get("SCENEGATE_CORPUS")
+    scenes = list(recorded(Path(corpus))) if corpus else []
+    scenes += [("40 meshes, 800k vertices", made_up(40, 20_000)), ("500 boxes", made_up(500, 24))]
+    print(
+        f"{'scene':26} {'MB':>6} {'cold':>8} {'meshes':>8} {'moved':>8} {'trimesh':>8}   trimesh / cold, meshes, moved"
+    )
+    for name, data in scenes:
+        materials, nodes = variants(data)
+        known, moving = MeshCache(), MeshCache()
+        read_gltf(data, cache=known)
+        for text in nodes[:3]:
+            read_gltf(text, cache=moving)
+        times: list[list[float]] = [[], [], [], []]
+        for other, moved in zip(materials[3:], nodes[3:], strict=True):
+            works: tuple[Callable[[], object], ...] = (
+                partial(read_gltf, data, cache=MeshCache()),
+                partial(read_gltf, other, cache=known),
+                partial(read_gltf, moved, cache=moving),
+                partial(trimesh.exchange.gltf.load_gltf, io.BytesIO(moved), skip_materials=True),
+            )
+            for column, work in zip(times, works, strict=True):
+                column.append(milliseconds(work))
+        cold, meshes, again, peer = map(statistics.median, times)
+        figures = " ".join(f"{value:8.2f}" for value in (cold, meshes, again, peer))
+        ratios = " ".join(f"{peer / value:6.1f}" for value in (cold, meshes, again))
+        print(f"{name:26} {len(data) / 1e6:6.2f} {figures}   {ratios}")
+
+
+if __name__ == "__main__":
+    main()
