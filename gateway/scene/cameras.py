@@ -20,7 +20,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.scene.bounds import Bounds, corners_of, focus_bounds, scene_bounds, world_matrix
+from gateway.scene.bounds import Bounds, corners_of, focus_bounds, loose_bounds, world_matrix
 from gateway.scene.flatten import flatten
 from gateway.scene.transforms import look_at
 from gateway.scene.tree import Node, Path
@@ -203,7 +203,7 @@ def resolve_camera(
         pose = look_at(spec.eye, spec.target, spec.up)
         fovy = fovy if spec.fovy is None else spec.fovy
     lens = 0.5 * height / math.tan(math.radians(0.5 * fovy))
-    chosen_near, chosen_far = _planes(scene_bounds(scene), pose)
+    chosen_near, chosen_far = _planes(loose_bounds(scene), pose)
     return _camera(width, height, lens, lens, width / 2, height / 2, near or chosen_near, far or chosen_far, pose)
 
 

@@ -61,18 +61,30 @@ def test_unchanged_instances_are_not_measured_again(monkeypatch):
     first = Instance(primitives.box(), MATERIAL, np.eye(4))
     memory = bd.BoundsMemory()
     memory.of(DrawList((first,)))
-    measured = []
-    real = bd.transformed_bounds
+    measured: list[Instance] = []
+    real = bd.instance_bounds
 
-    def counted(mesh: Mesh, X: np.ndarray) -> object:
-        measured.append(X)
-        return real(mesh, X)
+    def counted(instances: list[Instance]) -> object:
+        measured.extend(instances)
+        return real(instances)
 
-    monkeypatch.setattr(bd, "transformed_bounds", counted)
+    monkeypatch.setattr(bd, "instance_bounds", counted)
     moved = Instance(primitives.box(), MATERIAL, tf.translation(1, 0, 0))
     boxes = memory.of(DrawList((first, moved)))
-    assert len(measured) == 1
+    assert measured == [moved]
     np.testing.assert_array_equal(boxes[1], [(0.5, -0.5, -0.5), (1.5, 0.5, 0.5)])
+
+
+@given(st.lists(st.tuples(affine, st.sampled_from([primitives.box(), primitives.sphere()])), min_size=1, max_size=8))
+def test_many_at_once_equal_one_by_one_and_the_loose_box_holds_them(placed):
+    instances = tuple(Instance(mesh, MATERIAL, X) for X, mesh in placed)
+    boxes = bd.instance_bounds(instances)
+    for box, instance in zip(boxes, instances, strict=True):
+        np.testing.assert_allclose(box, brute(instance.mesh, instance.X_world_mesh), atol=1e-9)
+    exact, loose = bd.scene_bounds(DrawList(instances)), bd.loose_bounds(DrawList(instances))
+    assert (loose[0] <= exact[0] + 1e-9).all()
+    assert (loose[1] >= exact[1] - 1e-9).all()
+    assert (loose[1] - loose[0] <= 1.8 * (exact[1] - exact[0]) + 1e-6).all()
 
 
 def scene(*parts: tuple[str, Part, np.ndarray]) -> Node:
