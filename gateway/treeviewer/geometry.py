@@ -29,6 +29,7 @@ from gateway.treeviewer import fields
 from gateway.treeviewer.config import Limits
 from gateway.treeviewer.extract import ArrayError, Numbers
 from gateway.treeviewer.fields import CommandError, NothingToDraw, show
+from gateway.treeviewer.normals import smooth_mesh
 from renderers.drawlist import AlphaMode, Material, Mesh
 
 Color = tuple[float, float, float, float]
@@ -179,12 +180,15 @@ def _mesh_data(params: Mapping[str, Any], context: Context) -> Shape | None:
         faces = context.numbers.indices(params["faces"], len(vertices), context.limits.faces)
     except ArrayError as error:
         raise CommandError(f"faces {error}") from None
-    finite = np.abs(vertices).max(axis=1, initial=0.0) <= FARTHEST_F32
-    if not finite.all():
+    finite = _drawable_rows(vertices)
+    if finite is not None:
         faces = np.ascontiguousarray(faces[finite[faces].all(axis=1)])
         vertices[~finite] = 0.0
         context.warnings.append(f"{int((~finite).sum())} vertices are not finite; their faces are not drawn")
-    return Surface(Mesh(vertices, faces)) if len(faces) else None
+    if not len(faces):
+        return None
+    positions, elements, normals = smooth_mesh(vertices, faces)
+    return Surface(Mesh(positions, elements, normals))
 
 
 FARTHEST_F32: Final = np.float32(fields.FARTHEST)
@@ -310,10 +314,16 @@ def _floats(
 
 def _finite(points: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.bool_] | None]:
     """The points that can be drawn, and which they are; None when all are."""
-    finite: NDArray[np.bool_] = np.abs(points).max(axis=1, initial=0.0) <= FARTHEST_F32
-    if finite.all():
-        return points, None
-    return np.ascontiguousarray(points[finite]), finite
+    finite = _drawable_rows(points)
+    return (points, None) if finite is None else (np.ascontiguousarray(points[finite]), finite)
+
+
+def _drawable_rows(points: NDArray[np.float32]) -> NDArray[np.bool_] | None:
+    """(N,) which points can be drawn; None: all of them, which is quick to see."""
+    size = np.abs(points)
+    if size.max(initial=0.0) <= FARTHEST_F32:
+        return None
+    return np.asarray((size <= FARTHEST_F32).all(axis=1))
 
 
 _MAKERS: Final[dict[str, Callable[[Mapping[str, Any], Context], Shape | None]]] = {

@@ -1,0 +1,140 @@
+"""Normals for the meshes that clients send as numbers: smooth, but not across creases, and without the interpreter."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numba import njit, types
+from numpy.typing import NDArray
+
+CREASE_COSINE: Final = math.cos(math.radians(45.0))
+"""Faces that meet at a larger angle are shaded apart (Director's feature angle)."""
+MOST_FACES: Final = 256
+"""At one vertex; beyond, its corners are shaded flat, since the work grows with the square of this number."""
+
+_FLOATS = types.Array(types.float32, 2, "C", readonly=True)
+_FACES = types.Array(types.uint32, 2, "C", readonly=True)
+_RESULT = types.Tuple((types.float32[:, ::1], types.float32[:, ::1], types.uint32[:, ::1]))  # type: ignore[no-untyped-call]
+
+
+@njit(_RESULT(_FLOATS, _FACES, types.float64), nogil=True, cache=True)
+def smoothed(positions, faces, cosine):  # type: ignore[no-untyped-def]
+    """Positions, unit normals and faces of the same surface with vertices doubled where it has creases.
+
+    A corner's normal is the mean, weighted by area, of the faces around its vertex whose normal is within the crease
+    angle of its own face's. Corners of a vertex with (almost) the same normal share one vertex.
+
+    Args:
+        positions: (N, 3) float32, finite.
+        faces: (M, 3) uint32.
+        cosine: of the crease angle.
+    Returns:
+        (K, 3) float32, (K, 3) float32, (M, 3) uint32; vertices that no face uses are left out.
+    """
+    count = len(positions)
+    m = len(faces)
+    area = np.empty((m, 3), np.float64)
+    unit = np.empty((m, 3), np.float64)
+    begin = np.zeros(count + 1, np.int64)
+    for f in range(m):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        ux = np.float64(positions[b, 0]) - positions[a, 0]
+        uy = np.float64(positions[b, 1]) - positions[a, 1]
+        uz = np.float64(positions[b, 2]) - positions[a, 2]
+        vx = np.float64(positions[c, 0]) - positions[a, 0]
+        vy = np.float64(positions[c, 1]) - positions[a, 1]
+        vz = np.float64(positions[c, 2]) - positions[a, 2]
+        x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        length = math.sqrt(x * x + y * y + z * z)
+        area[f, 0], area[f, 1], area[f, 2] = x, y, z
+        if length > 0.0:
+            unit[f, 0], unit[f, 1], unit[f, 2] = x / length, y / length, z / length
+        else:
+            unit[f, 0], unit[f, 1], unit[f, 2] = 0.0, 0.0, 1.0
+        for k in range(3):
+            begin[np.int64(faces[f, k]) + 1] += 1
+    for v in range(count):
+        begin[v + 1] += begin[v]
+    # the corners of each vertex, as 3 f + k
+    corners = np.empty(3 * m, np.int64)
+    place = begin[:-1].copy()
+    for f in range(m):
+        for k in range(3):
+            vertex = np.int64(faces[f, k])
+            corners[place[vertex]] = 3 * f + k
+            place[vertex] += 1
+    out_faces = np.empty((m, 3), np.uint32)
+    normals = np.empty((3 * m, 3), np.float32)
+    source = np.empty(3 * m, np.int64)
+    half_cosine = math.sqrt(max(0.0, (1.0 + cosine) / 2.0))
+    used = 0
+    for v in range(count):
+        first, last = begin[v], begin[v + 1]
+        mine = used
+        flat = last - first > MOST_FACES
+        # most vertices are smooth all around: all faces so near to the mean that any two are near to each other
+        x, y, z = 0.0, 0.0, 0.0
+        for i in range(first, last):
+            f = corners[i] // 3
+            x += area[f, 0]
+            y += area[f, 1]
+            z += area[f, 2]
+        length = math.sqrt(x * x + y * y + z * z)
+        if length > 0.0:
+            x, y, z = x / length, y / length, z / length
+            smooth = True
+            for i in range(first, last):
+                f = corners[i] // 3
+                if unit[f, 0] * x + unit[f, 1] * y + unit[f, 2] * z <= half_cosine:
+                    smooth = False
+                    break
+            if smooth:
+                normals[used, 0], normals[used, 1], normals[used, 2] = x, y, z
+                source[used] = v
+                for i in range(first, last):
+                    f = corners[i] // 3
+                    out_faces[f, corners[i] - 3 * f] = used
+                used += 1
+                continue
+        for i in range(first, last):
+            f = corners[i] // 3
+            x, y, z = 0.0, 0.0, 0.0
+            if not flat:
+                for j in range(first, last):
+                    g = corners[j] // 3
+                    near = unit[f, 0] * unit[g, 0] + unit[f, 1] * unit[g, 1] + unit[f, 2] * unit[g, 2]
+                    if near > cosine:
+                        x += area[g, 0]
+                        y += area[g, 1]
+                        z += area[g, 2]
+            length = math.sqrt(x * x + y * y + z * z)
+            if length > 0.0:
+                x, y, z = x / length, y / length, z / length
+            else:
+                x, y, z = unit[f, 0], unit[f, 1], unit[f, 2]
+            shared = -1
+            for n in range(mine, used):
+                if normals[n, 0] * x + normals[n, 1] * y + normals[n, 2] * z > 0.99999:
+                    shared = n
+                    break
+            if shared < 0:
+                shared = used
+                normals[used, 0], normals[used, 1], normals[used, 2] = x, y, z
+                source[used] = v
+                used += 1
+            out_faces[f, corners[i] - 3 * f] = shared
+    out_positions = np.empty((used, 3), np.float32)
+    for n in range(used):
+        for k in range(3):
+            out_positions[n, k] = positions[source[n], k]
+    return out_positions, normals[:used].copy(), out_faces
+
+
+def smooth_mesh(
+    positions: NDArray[np.float32], faces: NDArray[np.uint32]
+) -> tuple[NDArray[np.float32], NDArray[np.uint32], NDArray[np.float32]]:
+    """Positions (K, 3) float32, faces (M, 3) uint32 and unit normals (K, 3) float32 of the mesh."""
+    placed, normals, elements = smoothed(positions, faces, CREASE_COSINE)
+    return placed, elements, normals
