@@ -33,6 +33,7 @@ from renderers.drawlist import (
 )
 from renderers.encode import png_rgba
 from renderers.images import image_from_bytes
+from tests.support.corpus import corpus_dir
 
 RED = Material(base_color=(1, 0, 0, 1), metallic=0.0, roughness=0.5, double_sided=True)
 GLASS = Material(base_color=(0.5, 0.5, 1, 0.25), alpha_mode=AlphaMode.BLEND, metallic=0.0)
@@ -230,3 +231,20 @@ def test_bounds_survive_the_round_trip(moves):
     else:
         assert after is not None
         np.testing.assert_allclose(after, before, atol=1e-3)
+
+
+@pytest.mark.corpus
+def test_real_scenes_survive():
+    """Scenes of Drake's own client: textures, vertex colours, negative scales and shared meshes, as it sends them."""
+    checked = 0
+    for file in sorted(corpus_dir().glob("drake/scenes/*/color/scene.gltf")):
+        data = file.read_bytes()
+        if len(data) > 1 << 20:
+            continue
+        root = read_gltf(data).root
+        before, after = soup(flatten(root)), soup(reread(root))
+        assert before.keys() == after.keys(), file
+        for topology in before:
+            np.testing.assert_allclose(sorted_rows(after[topology]), sorted_rows(before[topology]), atol=1e-4)
+        checked += 1
+    assert checked >= 3
