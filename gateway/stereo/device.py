@@ -114,12 +114,12 @@ def _pipeline(service: StereoService) -> dict[str, Any]:
 
 
 def _camera(service: StereoService) -> dict[str, object]:
-    model, settings, taking = service.config.model, service.settings, service.last_exposure
+    model, settings, taking = service.config.model, service.settings, service.last_taken.exposure
     return {
         "exp": taking.time,
         "gain": taking.gain,
         "gamma": taking.gamma,
-        "brightness": round(service.last_brightness, 2),
+        "brightness": round(service.last_taken.brightness, 2),
         "noise": taking.sigma(128.0) if service.config.noise else 0.0,
         "out1_reduction": 0.0,
         "fps": settings.camera_rate if len(service.hub) else 0.0,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gateway.stereo import messages, wire
 from gateway.stereo.messages import Taking
-from gateway.stereo.pictures import Shot, Studio
+from gateway.stereo.pictures import Metered, Shot, Studio
 from gateway.stereo.request import Kind
 from gateway.stereo.settings import StreamSettings
 from gateway.stereo.wire import Chunk
@@ -55,10 +55,8 @@ class Frame:
             Stream.RIGHT: frozenset(k.color for k in kinds if k.right),
         }
         self._made: dict[Hashable, asyncio.Task[Any]] = {}
-        self.taken: Exposure | None = None
-        """How the camera images were taken, once that is known."""
-        self.brightness = 0.0
-        """Mean of the left image, 0 to 1, once it is there."""
+        self.taken: Metered | None = None
+        """How the left image was taken, once that is known."""
 
     async def serialised(self, kind: Kind) -> bytes:
         """The bytes of an ``ImageSet``."""
@@ -68,14 +66,10 @@ class Frame:
         """The depth images."""
         return await self._once("depth", self._match if self._studio.config.depth_mode == "matched" else self._measure)
 
-    async def exposure(self, shot: Shot) -> Exposure:
+    async def metered(self, shot: Shot) -> Metered:
         """How the images of one of the two instants are taken."""
-        auto = self.settings.auto
-        if auto is None:
-            return self.settings.manual
-        return await self._once(
-            ("exposure", id(shot)), lambda: self._run(self._studio.meter, shot, auto, self.settings.manual.gamma)
-        )
+        auto, manual = self.settings.auto, self.settings.manual
+        return await self._once(("metered", id(shot)), lambda: self._run(self._studio.meter, shot, auto, manual))
 
     def discard(self) -> None:
         """Ends what is still being made."""
@@ -104,9 +98,11 @@ class Frame:
         return chunks[0] if len(chunks) == 1 else await self._run(wire.join, chunks)  # type: ignore[return-value]
 
     async def _image_message(self, stream: Stream, color: bool) -> list[Chunk]:
-        taken, taking = await self._image(stream, color), await self._taking(self.camera)
+        taken = await self._image(stream, color)
+        metered = await self.metered(self.camera)
+        taking = self._taking(self.camera, metered.exposure)
         if stream is Stream.LEFT:
-            self.taken, self.brightness = await self.exposure(self.camera), taken.brightness
+            self.taken = Metered(metered.exposure, taken.brightness)
         return messages.image(taken.image, self._studio.config.model.intrinsics(), taking, taken.brightness)
 
     async def _disparity_message(self) -> list[Chunk]:
@@ -114,10 +110,10 @@ class Frame:
         return messages.disparity(picture, self.depth.timestamp, self._studio.config.model.baseline)
 
     async def _depth_message(self, name: str) -> list[Chunk]:
-        measured, taking = await self.measured(), await self._taking(self.depth)
+        measured, metered = await self.measured(), await self.metered(self.depth)
         pixels: NDArray[np.uint8] | NDArray[np.uint16] = getattr(measured, name)
         k = self._studio.config.model.intrinsics(self.settings.quality.divisor)
-        return messages.image(pixels, k, taking, 0.0)
+        return messages.image(pixels, k, self._taking(self.depth, metered.exposure), metered.brightness)
 
     async def _mesh_message(self, options: MeshOptions, color: bool) -> list[Chunk]:
         return await self._once(("mesh", options, color and options.textured), lambda: self._mesh(options, color))
@@ -128,8 +124,7 @@ class Frame:
         ply = await self._run(self._studio.mesh, measured, self.settings.quality.divisor, options, left)
         return messages.mesh(ply, self.depth.timestamp)
 
-    async def _taking(self, shot: Shot) -> Taking:
-        exposure = await self.exposure(shot)
+    def _taking(self, shot: Shot, exposure: Exposure) -> Taking:
         noise = exposure.sigma(128.0) if self._studio.config.noise else 0.0
         return Taking(shot.timestamp, exposure.time, exposure.gain, exposure.gamma, noise, shot.lines)
 
@@ -141,7 +136,7 @@ class Frame:
         return taken[color]
 
     async def _take(self, shot: Shot, stream: Stream, divisor: int, colors: frozenset[bool]) -> dict[bool, Taken]:
-        exposure = await self.exposure(shot)
+        exposure = (await self.metered(shot)).exposure
         return await self._run(self._studio.take, shot, exposure, self.number, stream, divisor, colors)
 
     async def _measure(self) -> Measured:
@@ -153,7 +148,7 @@ class Frame:
 
     async def _match(self) -> Measured:
         divisor, grey = self.settings.quality.divisor, frozenset((False,))
-        exposure = await self.exposure(self.depth)
+        exposure = (await self.metered(self.depth)).exposure
         left, right = await _all(
             [self._take(self.depth, stream, divisor, grey) for stream in (Stream.LEFT_DEPTH, Stream.RIGHT_DEPTH)]
         )

@@ -17,13 +17,12 @@ from gateway.stereo.clock import Clock
 from gateway.stereo.frame import Frame
 from gateway.stereo.hub import Hub
 from gateway.stereo.parameters import Parameters
-from gateway.stereo.pictures import Shot, Studio
+from gateway.stereo.pictures import Metered, Shot, Studio
 from gateway.stereo.request import Kind
 from gateway.stereo.settings import ALTERNATE_GAP, StreamSettings
 from gateway.stereo.trigger import Trigger
 from gateway.workers import Busy, Workers
 from renderers.drawlist import DrawList
-from renderers.stereo.sensor import Exposure
 
 SceneSource = Callable[[], tuple[DrawList, int]]
 """The scene as it is now, and its revision. Called in a worker thread, never twice at a time."""
@@ -93,8 +92,8 @@ class Metronome:
         self._settings = stream_settings.read(parameters)
         self._version = parameters.version
         self.counts = Counts()
-        self.last_exposure: Exposure | None = None
-        self.last_brightness = 0.0
+        self.last_taken: Metered | None = None
+        """How the newest left image was taken."""
         self.history: deque[Record] = deque(maxlen=studio.config.history)
         """The newest frames, for the truth."""
 
@@ -228,7 +227,7 @@ class Metronome:
             self.counts.depth_seconds = asyncio.get_running_loop().time() - begin
         self.counts.frames += 1
         if frame.taken is not None:
-            self.last_exposure, self.last_brightness = frame.taken, frame.brightness
+            self.last_taken = frame.taken
 
     async def _publish(self, frame: Frame, kind: Kind) -> None:
         try:

@@ -44,6 +44,15 @@ class Shot:
         return config.projector and bool(self.lines & 1)
 
 
+@dataclass(frozen=True, slots=True)
+class Metered:
+    """What automatic exposure decided."""
+
+    exposure: Exposure
+    brightness: float
+    """Mean of the image it gives, 0 to 1."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Studio:
     """What renders."""
@@ -57,17 +66,25 @@ class Studio:
         camera = c.model.camera(shot.X_world_left, offset=offset, divisor=divisor, near=c.near, far=c.far)
         return self.renderer.render(shot.scene, camera, outputs, Look(c.look, c.background))
 
-    def meter(self, shot: Shot, limits: AutoExposure, gamma: float) -> Exposure:
-        """The exposure that suits what the left camera sees; the default when that has a broken texture."""
+    def meter(self, shot: Shot, limits: AutoExposure | None, manual: Exposure) -> Metered:
+        """The exposure that suits what the left camera sees, and the brightness that it gives.
+
+        Args:
+            limits: None: the manual exposure is kept.
+            manual: also when a texture is broken; its gamma always counts.
+        """
         outputs = Output.COLOR | (Output.DEPTH if shot.projected(self.config) else Output(0))
         try:
             frame = self.render(shot, 0.0, METER_DIVISOR, outputs)
         except ImageError:
-            return Exposure(gamma=gamma)
+            return Metered(manual, 0.0)
         with frame:
             dots = self._dots(frame, 0.0, METER_DIVISOR)
             assert frame.color is not None
-            return auto_exposure(brightness_of(frame.color, dots, self.config.dot_light), limits, gamma)
+            values = brightness_of(frame.color, dots, self.config.dot_light)
+        exposure = auto_exposure(values, limits, manual.gamma) if limits is not None else manual
+        seen = np.minimum(values * np.float32(exposure.factor), 1.0) ** np.float32(1.0 / exposure.gamma)
+        return Metered(exposure, float(seen.mean()))
 
     def take(
         self, shot: Shot, exposure: Exposure, number: int, stream: Stream, divisor: int, colors: frozenset[bool]

@@ -13,12 +13,11 @@ from gateway.stereo.config import StereoConfig
 from gateway.stereo.hub import Hub
 from gateway.stereo.pacing import Counts, Metronome, PoseSource, Record, SceneSource
 from gateway.stereo.parameters import Parameters
-from gateway.stereo.pictures import Studio
+from gateway.stereo.pictures import Metered, Studio
 from gateway.stereo.settings import StreamSettings
 from gateway.stereo.trigger import Trigger
 from gateway.workers import Workers
 from renderers.port import Renderer
-from renderers.stereo.sensor import Exposure
 
 _log = structlog.get_logger("stereo")
 
@@ -72,14 +71,9 @@ class StereoService:
         return self._metronome.settings
 
     @property
-    def last_exposure(self) -> Exposure:
-        """How the newest camera images were taken; the manual settings before the first."""
-        return self._metronome.last_exposure or self.settings.manual
-
-    @property
-    def last_brightness(self) -> float:
-        """Mean of the newest left image, 0 to 1."""
-        return self._metronome.last_brightness
+    def last_taken(self) -> Metered:
+        """How the newest left image was taken; before the first, the manual settings."""
+        return self._metronome.last_taken or Metered(self.settings.manual, 0.0)
 
     @property
     def counts(self) -> Counts:

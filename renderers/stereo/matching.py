@@ -70,7 +70,7 @@ def _judge(raw, left, right, disparities, sigma, base, weight, disparity, error,
             if units <= 0 or units > disparities * 16 or i * 16 < units:
                 continue
             d = units / 16.0
-            texture, residual, count = 0.0, 0.0, 0
+            total, squares, residual, count = 0.0, 0.0, 0.0, 0
             for dk in range(-2, 3):
                 y = min(max(k + dk, 0), height - 1)
                 for di in range(-2, 3):
@@ -81,17 +81,22 @@ def _judge(raw, left, right, disparities, sigma, base, weight, disparity, error,
                     j = int(s)
                     share = s - j
                     other = right[y, j] * (1.0 - share) + right[y, j + 1] * share
-                    texture += abs(float(left[y, x + 1]) - float(left[y, x - 1])) * 0.5
-                    residual += abs(other - left[y, x])
+                    here = float(left[y, x])
+                    total += here
+                    squares += here * here
+                    residual += abs(other - here)
                     count += 1
             if count == 0:
                 continue
-            texture /= count
+            texture = np.sqrt(max(squares / count - (total / count) ** 2, 0.0))
             residual /= count
             e = np.sqrt(base * base + (weight * sigma / (texture + 0.25 * sigma)) ** 2 / count)
             disagreement = max(residual - sigma, 0.0) / (texture + 2.0 * sigma)
-            support = texture / (texture + 0.5 * sigma)
-            belief = support * min(max(1.15 - 0.5 * disagreement, 0.0), 0.997)
+            support = texture * texture / (texture * texture + 1.5 * sigma * sigma)
+            agreement = support * min(max(1.15 - 0.5 * disagreement, 0.0), 0.997)
+            # Calibrated on rendered scenes with exact disparity, so that it rather promises too little.
+            doubt = 1.0 - agreement
+            belief = max(1.0 - 2.0 * doubt - 8.0 * doubt * doubt, 0.0)
             disparity[k, i] = units
             error[k, i] = int(min(max(np.rint(e * 16.0), 1.0), 255.0))
             confidence[k, i] = int(belief * 255.0)

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-CELL: Final = 2.0 / 552.0
+CELL: Final = 1.5 / 552.0
 """Width of a dot, in units of the focal length: 2 pixels of a 640 pixel wide image of the 4 mm lens."""
 _SIZE: Final = 1024
 """Cells after which the pattern repeats: 200 degrees of view, far beyond any disparity range."""
@@ -27,8 +27,8 @@ each camera."""
 def _patterns() -> tuple[NDArray[np.uint8], ...]:
     """(1024, 1024), (512, 512), … uint8: fine dots among ones of four times their size, and averages of them."""
     random = np.random.Generator(np.random.Philox(160))
-    fine = random.random((_SIZE, _SIZE)) < 0.25
-    coarse = np.kron(random.random((_SIZE // 4, _SIZE // 4)) < 0.3, np.ones((4, 4), np.bool_))
+    fine = random.random((_SIZE, _SIZE)) < 0.45
+    coarse = np.kron(random.random((_SIZE // 4, _SIZE // 4)) < 0.4, np.ones((4, 4), np.bool_))
     level = np.where(coarse, 160.0, 0.0) + np.where(fine, 95.0, 0.0)
     levels = []
     while level.shape[0] >= 16:

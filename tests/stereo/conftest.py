@@ -18,8 +18,10 @@ from gateway.stereo.config import StereoConfig
 from gateway.stereo.service import StereoService
 from gateway.workers import Workers
 from renderers.cpu import CpuRenderer
+from renderers.cpu.warmup import warmup
 from renderers.drawlist import DrawList
 from renderers.stereo.model import StereoModel
+from renderers.stereo.warm import warm_up
 from tests.stereo.scenes import pose, table
 
 SMALL = StereoModel("small", 320, 240, 0.8449, 0.160)
@@ -56,6 +58,8 @@ class Camera:
 
 @pytest.fixture(scope="session")
 def renderer() -> CpuRenderer:
+    warm_up()
+    warmup()
     return CpuRenderer(2)
 
 

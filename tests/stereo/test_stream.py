@@ -54,6 +54,7 @@ async def test_everything_that_is_asked_for_comes_with_one_timestamp(start: Star
     assert d.baseline == pytest.approx(0.16)
     assert (d.image.width, d.image.height, d.image.encoding) == (160, 120, "mono16")
     assert d.image.focal_length == pytest.approx(0.8449 * 160)
+    assert d.image.brightness == pytest.approx(one.left.brightness, abs=0.03)
     valid = pixels(d.image) > 0
     assert valid.mean() > 0.6
     for image in (one.disparity_error, one.confidence):

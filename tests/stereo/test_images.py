@@ -1,0 +1,118 @@
+"""Sensor, projector and matching on arrays."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from renderers.stereo.matching import match
+from renderers.stereo.model import MODELS, Quality
+from renderers.stereo.noise import Stream, frame_key
+from renderers.stereo.projector import dots_on
+from renderers.stereo.sensor import AutoExposure, Exposure, auto_exposure, brightness_of, take
+from renderers.stereo.truth import DepthRange, true_disparity
+from tests.stereo.analytic import plane, sphere
+
+MODEL = MODELS["rc_visard 160-4"]
+KEY = frame_key(0, 0, Stream.LEFT)
+
+
+def grey(level: int, shape: tuple[int, int] = (240, 320)) -> NDArray[np.uint8]:
+    return np.full((*shape, 3), level, np.uint8)
+
+
+def test_reference_exposure_is_the_picture_as_rendered() -> None:
+    picture = np.random.default_rng(0).integers(0, 256, (60, 80, 3), np.uint8)
+    color = take(picture, Exposure(), KEY, color=True, noise=False).image
+    assert np.abs(color.astype(int) - picture).max() <= 1
+    luma = picture @ np.array((0.299, 0.587, 0.114))
+    assert np.abs(take(picture, Exposure(), KEY, color=False, noise=False).image - luma).max() <= 1
+
+
+def test_exposure_and_gain_are_light() -> None:
+    twice = take(grey(100), Exposure(0.010), KEY, color=False, noise=False).image.mean()
+    assert twice == pytest.approx(100 * 2 ** (1 / 2.2), abs=1)
+    six = take(grey(100), Exposure(0.005, 6.0206), KEY, color=False, noise=False).image.mean()
+    assert six == pytest.approx(twice, abs=1)
+    assert take(grey(250), Exposure(0.018), KEY, color=False, noise=False).image.min() == 255
+    bright = take(grey(100), Exposure(gamma=2.0), KEY, color=False, noise=False).image.mean()
+    assert bright == pytest.approx(255 * (100 / 255) ** 0.5, abs=1)
+
+
+@pytest.mark.parametrize("gain", [9.0, 12.0, 18.0])
+def test_noise_is_what_the_message_says(gain: float) -> None:
+    exposure = Exposure(0.005 / 10 ** (gain / 20), gain)  # the same brightness
+    image = take(grey(128, (960, 1280)), exposure, KEY, color=False).image.astype(float)
+    # Rounding to whole levels adds 1/12.
+    assert image.std() == pytest.approx(np.sqrt(exposure.sigma(128) ** 2 + 1 / 12), rel=0.15)
+    assert image.mean() == pytest.approx(128, abs=0.6)
+
+
+def test_left_and_right_have_noise_of_their_own() -> None:
+    a, b = (
+        take(grey(128), Exposure(0.0006, 18.0), frame_key(0, 0, s), color=False).image.astype(float).ravel()
+        for s in (Stream.LEFT, Stream.RIGHT)
+    )
+    assert abs(np.corrcoef(a, b)[0, 1]) < 0.02
+
+
+def test_automatic_exposure_meets_its_target() -> None:
+    for level in (20, 60, 120):
+        exposure = auto_exposure(brightness_of(grey(level)), AutoExposure())
+        assert take(grey(level), exposure, KEY, color=False, noise=False).brightness == pytest.approx(
+            min(0.75, level / 255 * Exposure(0.018, 18.0).factor), abs=0.02
+        )
+    # With something white in the picture it stays as bright as it can without saturating.
+    picture = grey(60)
+    picture[:, :100] = 250
+    exposure = auto_exposure(brightness_of(picture), AutoExposure())
+    assert int(take(picture, exposure, KEY, color=False, noise=False).image.max()) >= 252
+    # Longest time first, gain only after it.
+    assert auto_exposure(brightness_of(grey(130)), AutoExposure()).gain == 0
+    assert auto_exposure(brightness_of(grey(20)), AutoExposure(0.001)).time == 0.001
+
+
+def test_dots_stay_on_the_surface() -> None:
+    k = MODEL.intrinsics(2)
+    t = MODEL.baseline
+    left, right = (dots_on(plane(k, x, 1.5), k.focal_length, k.cx, k.cy, x - t / 2).astype(float) for x in (0.0, t))
+    shift = k.focal_length * t / 1.5
+    whole = int(shift)
+    share = shift - whole
+    x = np.arange(whole + 2, k.width)
+    seen = right[:, x - whole - 1] * share + right[:, x - whole] * (1 - share)
+    assert np.corrcoef(seen.ravel(), left[:, x].ravel())[0, 1] > 0.9
+    assert np.corrcoef(right[:, x].ravel(), left[:, x].ravel())[0, 1] < 0.3
+    assert not dots_on(np.full((8, 8), np.inf, np.float32), 100.0, 4.0, 4.0, 0.0).any()
+
+
+@pytest.mark.parametrize("quality", [Quality.HIGH, Quality.MEDIUM, Quality.LOW])
+def test_matching_with_the_projector(quality: Quality) -> None:
+    k = MODEL.intrinsics(quality.divisor)
+    depths, images = [], []
+    for number, x in enumerate((0.0, MODEL.baseline)):
+        z = np.minimum(plane(k, x, 2.0, 0.3, 0.1), sphere(k, x, (0.1, 0.1, 1.2), 0.25))
+        dots = dots_on(z, k.focal_length, k.cx, k.cy, x - MODEL.baseline / 2)
+        key = frame_key(1, 1, Stream(number + 1))
+        depths.append(z)
+        images.append(take(grey(90, z.shape), Exposure(), key, color=False, dots=dots, dot_light=2.0).image)
+    true = true_disparity(depths[0], depths[1], k.focal_length * MODEL.baseline, DepthRange(0.4, 100))
+    measured = match(images[0], images[1], MODEL.disparity_range(quality.divisor, 0.1), 0.3)
+    sure = (true > 0) & (measured.confidence >= 128)
+    assert sure.sum() / (true > 0).sum() > 0.95
+    error = np.abs(measured.disparity / 16 - true)
+    assert (error[sure] > 1).mean() < 0.01
+    # The confidence is a promise: at least that share lies within three standard deviations.
+    within = error <= 3 * measured.error / 16
+    for low in (128, 160, 190, 220, 240):
+        chosen = (true > 0) & (measured.confidence >= low) & (measured.confidence < low + 30)
+        if chosen.sum() > 300:
+            assert within[chosen].mean() > measured.confidence[chosen].mean() / 255 - 0.03
+
+
+def test_matching_finds_nothing_on_a_blank_wall() -> None:
+    image = take(grey(120), Exposure(), KEY, color=False).image
+    other = take(grey(120), Exposure(), frame_key(0, 0, Stream.RIGHT), color=False).image
+    measured = match(image, other, 64, 0.3)
+    assert (measured.confidence >= 128).mean() < 0.2
