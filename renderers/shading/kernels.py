@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from numba import njit
 
+from renderers.jit import kernel
 from renderers.shading.lights import reflect_pbr
 from renderers.shading.materials import (
     ALPHA_BLEND,
@@ -31,10 +32,11 @@ from renderers.shading.materials import (
     MI_UNLIT,
     MI_UV,
 )
+from renderers.shading.memory import load_i64
 from renderers.shading.resolve import A_BASE, A_COLOR, A_FACING, A_NORMAL, A_ROWS, A_TANGENT, A_UV0, resolve_run
 from renderers.shading.sampling import AS_STORED, SRGB, sample
 from renderers.shading.scene import II_COLORS, II_MATERIAL, II_TANGENTS
-from renderers.shading.textures import TI_UV_SET
+from renderers.shading.textures import TF_COLUMNS, TI_COLUMNS, TI_UV_SET
 from renderers.shading.transfer import GAMMA, decode_gamma, gamma_byte, plain_byte
 
 DIRECT: Final = 0
@@ -49,7 +51,7 @@ _ONE: Final = np.float32(1.0)
 _INVERSE_GAMMA: Final = 1.0 / GAMMA
 
 
-@njit(nogil=True, cache=True, fastmath=False)
+@njit(nogil=True, error_model="numpy")
 def _instance_of(first_record, record, hint):  # type: ignore[no-untyped-def]
     """Instance of a record; ``hint`` is tried first."""
     if first_record[hint] <= record < first_record[hint + 1]:
@@ -64,15 +66,29 @@ def _instance_of(first_record, record, hint):  # type: ignore[no-untyped-def]
     return low
 
 
-@njit(nogil=True, cache=True, fastmath=False)
-def _texture(row, textures, floats, values, space, x, a):  # type: ignore[no-untyped-def]
+@njit(nogil=True, error_model="numpy")
+def _mirrors(X):  # type: ignore[no-untyped-def]
+    """Whether the linear part of a (4, 4) matrix has a negative determinant."""
+    return (
+        X[0, 0] * (X[1, 1] * X[2, 2] - X[1, 2] * X[2, 1])
+        - X[0, 1] * (X[1, 0] * X[2, 2] - X[1, 2] * X[2, 0])
+        + X[0, 2] * (X[1, 0] * X[2, 1] - X[1, 1] * X[2, 0])
+    ) < 0.0
+
+
+@njit(nogil=True, error_model="numpy")
+def _texture(row, tables, space, x, a):  # type: ignore[no-untyped-def]
     """A texture at column ``x`` of the attribute rows ``a``."""
-    uv = A_UV0 + 2 * textures[row, TI_UV_SET]
-    return sample(textures, floats, row, values, space, np.float64(a[uv, x]), np.float64(a[uv + 1, x]))
+    textures, floats, values = tables
+    textures += row * (8 * TI_COLUMNS)
+    uv = A_UV0 + 2 * load_i64(textures, TI_UV_SET)
+    return sample(
+        textures, floats + row * (4 * TF_COLUMNS), values, space, np.float64(a[uv, x]), np.float64(a[uv + 1, x])
+    )
 
 
-@njit(nogil=True, cache=True, fastmath=False)
-def _base_colors(pbr, colored, mi, mf, textures, floats, values, decoded, begin, end, a):  # type: ignore[no-untyped-def]
+@njit(nogil=True, error_model="numpy")
+def _base_colors(pbr, colored, mi, mf, tables, decoded, begin, end, a):  # type: ignore[no-untyped-def]
     """Base colour and alpha of a segment into the rows A_BASE: factor x vertex colour x texture."""
     for k in range(4):
         factor = mf[MF_BASE + k]
@@ -90,15 +106,15 @@ def _base_colors(pbr, colored, mi, mf, textures, floats, values, decoded, begin,
     if row >= 0:
         space = SRGB if pbr else AS_STORED
         for x in range(begin, end):
-            r, g, b, alpha = _texture(row, textures, floats, values, space, x, a)
+            r, g, b, alpha = _texture(row, tables, space, x, a)
             a[A_BASE, x] *= r
             a[A_BASE + 1, x] *= g
             a[A_BASE + 2, x] *= b
             a[A_BASE + 3, x] *= alpha
 
 
-@njit(nogil=True, cache=True, fastmath=False)
-def _unit_normals(mapped, mi, mf, textures, floats, values, begin, end, a):  # type: ignore[no-untyped-def]
+@njit(nogil=True, error_model="numpy")
+def _unit_normals(mapped, mi, mf, tables, begin, end, a):  # type: ignore[no-untyped-def]
     """Makes the rows A_NORMAL unit length and applies the normal map; what has no direction becomes 0."""
     for x in range(begin, end):
         nx, ny, nz = a[A_NORMAL, x], a[A_NORMAL + 1, x], a[A_NORMAL + 2, x]
@@ -125,7 +141,7 @@ def _unit_normals(mapped, mi, mf, textures, floats, values, begin, end, a):  # t
         tx, ty, tz = tx * scale, ty * scale, tz * scale
         hand = _ONE if a[A_TANGENT + 3, x] >= _ZERO else -_ONE
         bx, by, bz = (ny * tz - nz * ty) * hand, (nz * tx - nx * tz) * hand, (nx * ty - ny * tx) * hand
-        r, g, b, _ = _texture(row, textures, floats, values, AS_STORED, x, a)
+        r, g, b, _ = _texture(row, tables, AS_STORED, x, a)
         mx, my, mz = (r * two - _ONE) * strength, (g * two - _ONE) * strength, b * two - _ONE
         ux, uy, uz = (
             mx * tx + my * bx + mz * nx,
@@ -141,7 +157,7 @@ def _unit_normals(mapped, mi, mf, textures, floats, values, begin, end, a):  # t
         a[A_NORMAL + 2, x] = uz * scale
 
 
-@njit(nogil=True, cache=True, fastmath=False)
+@njit(nogil=True, error_model="numpy")
 def _light_phong(begin, end, a):  # type: ignore[no-untyped-def]
     """The head light shines along the optical axis: base x max(0, n . (0, 0, -1)), into the rows A_BASE."""
     for x in range(begin, end):
@@ -151,8 +167,8 @@ def _light_phong(begin, end, a):  # type: ignore[no-untyped-def]
         a[A_BASE + 2, x] *= light
 
 
-@njit(nogil=True, cache=True, fastmath=False)
-def _light_pbr(mi, mf, textures, floats, values, intrinsics, y, begin, end, a):  # type: ignore[no-untyped-def]
+@njit(nogil=True, error_model="numpy")
+def _light_pbr(mi, mf, tables, intrinsics, y, begin, end, a):  # type: ignore[no-untyped-def]
     """Reflection, occlusion and emission, linear, into the rows A_BASE."""
     fx, fy, cx, cy = intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3]
     dy = np.float32((y + 0.5 - cy) / fy)
@@ -163,7 +179,7 @@ def _light_pbr(mi, mf, textures, floats, values, intrinsics, y, begin, end, a): 
         scale = -_ONE / math.sqrt(dx * dx + dy * dy + _ONE)
         metallic, roughness = mf[MF_METALLIC], mf[MF_ROUGHNESS]
         if rough_row >= 0:
-            _, g, b, _ = _texture(rough_row, textures, floats, values, AS_STORED, x, a)
+            _, g, b, _ = _texture(rough_row, tables, AS_STORED, x, a)
             roughness *= g
             metallic *= b
         red, green, blue = reflect_pbr(
@@ -180,18 +196,18 @@ def _light_pbr(mi, mf, textures, floats, values, intrinsics, y, begin, end, a): 
             roughness,
         )
         if occlusion_row >= 0:
-            r, _, _, _ = _texture(occlusion_row, textures, floats, values, AS_STORED, x, a)
+            r, _, _, _ = _texture(occlusion_row, tables, AS_STORED, x, a)
             kept = _ONE + mf[MF_OCCLUSION] * (r - _ONE)
             red, green, blue = red * kept, green * kept, blue * kept
         if emissive_row >= 0:
-            r, g, b, _ = _texture(emissive_row, textures, floats, values, SRGB, x, a)
+            r, g, b, _ = _texture(emissive_row, tables, SRGB, x, a)
             red, green, blue = red + er * r, green + eg * g, blue + eb * b
         else:
             red, green, blue = red + er, green + eg, blue + eb
         a[A_BASE, x], a[A_BASE + 1, x], a[A_BASE + 2, x] = red, green, blue
 
 
-@njit(nogil=True, cache=True, fastmath=False)
+@njit(nogil=True, error_model="numpy")
 def _write(pbr, y, begin, end, a, thresholds, guesses, color):  # type: ignore[no-untyped-def]
     """The rows A_BASE of a segment as bytes of the picture."""
     for x in range(begin, end):
@@ -200,7 +216,7 @@ def _write(pbr, y, begin, end, a, thresholds, guesses, color):  # type: ignore[n
             color[y, x, k] = gamma_byte(c, thresholds, guesses) if pbr else plain_byte(c)
 
 
-@njit(nogil=True, cache=True, fastmath=False)
+@njit(nogil=True, error_model="numpy")
 def _shown(c, pbr):  # type: ignore[no-untyped-def]
     """What ``_write`` rounds to a byte, 0 .. 1."""
     if not (c > _ZERO):
@@ -209,7 +225,7 @@ def _shown(c, pbr):  # type: ignore[no-untyped-def]
     return np.float32(np.float64(c) ** _INVERSE_GAMMA) if pbr else c
 
 
-@njit(nogil=True, cache=True, fastmath=False)
+@njit(nogil=True, error_model="numpy")
 def _gather(pbr, alpha_mode, cutoff, y, begin, end, a, gathered):  # type: ignore[no-untyped-def]
     """Adds a segment behind the layers gathered so far, in the space of the stored picture, as VTK does."""
     for x in range(begin, end):
@@ -227,7 +243,7 @@ def _gather(pbr, alpha_mode, cutoff, y, begin, end, a, gathered):  # type: ignor
             gathered[y, x, 3] = through * (_ONE - alpha)
 
 
-@njit(nogil=True, cache=True, fastmath=False)
+@njit(nogil=True, error_model="numpy")
 def _write_under(pbr, y, begin, end, a, gathered, color):  # type: ignore[no-untyped-def]
     for x in range(begin, end):
         through = gathered[y, x, 3]
@@ -235,7 +251,7 @@ def _write_under(pbr, y, begin, end, a, gathered, color):  # type: ignore[no-unt
             color[y, x, k] = plain_byte(gathered[y, x, k] + through * _shown(a[A_BASE + k, x], pbr))
 
 
-@njit(nogil=True, cache=True, fastmath=False)
+@njit(nogil=True, error_model="numpy")
 def _write_background(mode, background, y, begin, end, gathered, color):  # type: ignore[no-untyped-def]
     if mode == DIRECT:
         for x in range(begin, end):
@@ -248,7 +264,14 @@ def _write_background(mode, background, y, begin, end, gathered, color):  # type
                 color[y, x, k] = plain_byte(gathered[y, x, k] + gathered[y, x, 3] * behind)
 
 
-@njit(nogil=True, cache=True, fastmath=False)
+_SIGNATURE: Final = (
+    "void(boolean, int64, int32[:,::1], int64[::1], float64[:,:,::1], float64[:,:,::1], float64[::1], int64[:,::1], "
+    "int64[:,::1], float32[:,::1], int64[:,::1], float32[:,::1], float32[:,::1], float32[::1], float32[::1], "
+    "uint8[::1], uint8[::1], int64, int64, float32[:,:,::1], uint8[:,:,::1])"
+)
+
+
+@kernel(_SIGNATURE)
 def shade_rows(  # type: ignore[no-untyped-def]
     pbr,
     mode,
@@ -288,10 +311,13 @@ def shade_rows(  # type: ignore[no-untyped-def]
             light that still comes through from behind; not used by ``DIRECT``.
         color: (H, W, 3) uint8; not used by ``GATHER``.
     """
+    # Below here tables are addresses: arrays given to functions that are not inlined cost reference counts.
+    tables = (np.int64(textures.ctypes.data), np.int64(texture_floats.ctypes.data), np.int64(values.ctypes.data))
+    decoded_at = np.int64(decoded.ctypes.data)
+    thresholds_at, guesses_at = np.int64(thresholds.ctypes.data), np.int64(guesses.ctypes.data)
     width = ids.shape[1]
     a = np.zeros((A_ROWS, width), dtype=np.float32)
     weights = np.empty((3, width), dtype=np.float32)
-    corners = np.empty((3, 4), dtype=np.float32)
     hint = 0
     for y in range(row_begin, row_end):
         x = 0
@@ -304,41 +330,41 @@ def shade_rows(  # type: ignore[no-untyped-def]
                 _write_background(mode, background, y, begin, x, gathered, color)
                 continue
             instance = hint = _instance_of(first_record, record, hint)
-            last_record = first_record[instance + 1]
-            row = instances[instance, II_MATERIAL]
-            mi, mf = material_integers[row], material_floats[row]
-            while x < width and first_record[instance] <= ids[y, x] < last_record:
+            first, last = first_record[instance], first_record[instance + 1]
+            columns, X_instance, N_instance = instances[instance], X[instance], N[instance]
+            mi, mf = material_integers[columns[II_MATERIAL]], material_floats[columns[II_MATERIAL]]
+            uv_used, mirrored = mi[MI_UV], _mirrors(X_instance)
+            while x < width and first <= ids[y, x] < last:
                 run = x
                 record = ids[y, x]
                 x += 1
                 while x < width and ids[y, x] == record:
                     x += 1
                 resolve_run(
-                    instances,
-                    instance,
-                    record - first_record[instance],
-                    mi[MI_UV],
-                    X[instance],
-                    N[instance],
+                    columns,
+                    record - first,
+                    mirrored,
+                    uv_used,
+                    X_instance,
+                    N_instance,
                     intrinsics,
                     y,
                     run,
                     x,
                     weights,
-                    corners,
                     a,
                 )
-            colored = instances[instance, II_COLORS] != 0
-            _base_colors(pbr, colored, mi, mf, textures, texture_floats, values, decoded, begin, x, a)
+            colored = columns[II_COLORS] != 0
+            _base_colors(pbr, colored, mi, mf, tables, decoded_at, begin, x, a)
             if mi[MI_UNLIT] == 0:
-                mapped = mi[MI_NORMAL] >= 0 and instances[instance, II_TANGENTS] != 0
-                _unit_normals(mapped, mi, mf, textures, texture_floats, values, begin, x, a)
+                mapped = mi[MI_NORMAL] >= 0 and columns[II_TANGENTS] != 0
+                _unit_normals(mapped, mi, mf, tables, begin, x, a)
                 if pbr:
-                    _light_pbr(mi, mf, textures, texture_floats, values, intrinsics, y, begin, x, a)
+                    _light_pbr(mi, mf, tables, intrinsics, y, begin, x, a)
                 else:
                     _light_phong(begin, x, a)
             if mode == DIRECT:
-                _write(pbr, y, begin, x, a, thresholds, guesses, color)
+                _write(pbr, y, begin, x, a, thresholds_at, guesses_at, color)
             elif mode == GATHER:
                 _gather(pbr, mi[MI_ALPHA_MODE], mf[MF_CUTOFF], y, begin, x, a, gathered)
             else:

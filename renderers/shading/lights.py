@@ -18,12 +18,12 @@ _SMALLEST_ROUGHNESS: Final = np.float32(0.05)
 roughness 0 (0.05), on curved metal and dielectrics of 0.5 (0.525) and of 0.8 (0.81). It also keeps D finite."""
 
 
-@njit(nogil=True, cache=True, fastmath=False)
+@njit(nogil=True, error_model="numpy")
 def _clamped(c):  # type: ignore[no-untyped-def]
     return min(max(c, _SMALLEST_COSINE), _ONE)
 
 
-@njit(nogil=True, cache=True, fastmath=False)
+@njit(nogil=True, error_model="numpy")
 def reflect_pbr(nx, ny, nz, vx, vy, vz, red, green, blue, metallic, roughness):  # type: ignore[no-untyped-def]
     """Linear radiance towards the camera under one white head light of radiance 1 along the optical axis.
 

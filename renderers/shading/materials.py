@@ -24,10 +24,16 @@ def look_material(material: Material, look: LookName) -> Material:
     and emissive are dropped, as RenderEngineVtk (without glTF meshes) and RenderEngineGl do.
     """
     if look == "phong":
+        unseen = (
+            material.normal_texture,
+            material.metallic_roughness_texture,
+            material.occlusion_texture,
+            material.emissive_texture,
+        )
+        if not any(unseen) and not any(material.emissive):
+            return material  # metallic and roughness have no effect
         return replace(
             material,
-            metallic=0.0,
-            roughness=1.0,
             metallic_roughness_texture=None,
             normal_texture=None,
             occlusion_texture=None,

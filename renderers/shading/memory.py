@@ -47,3 +47,5 @@ load_u32 = _loader(types.uint32, ir.IntType(32))
 """``load_u32(address, i)``: the i-th uint32."""
 load_u8 = _loader(types.uint8, ir.IntType(8))
 """``load_u8(address, i)``: the i-th byte."""
+load_i64 = _loader(types.int64, ir.IntType(64))
+"""``load_i64(address, i)``: the i-th int64."""

@@ -30,7 +30,7 @@ A_BASE: Final = 16  # 4 rows: base colour and alpha, filled by shading
 A_ROWS: Final = 20
 
 
-@njit(nogil=True, cache=True, fastmath=False)
+@njit(nogil=True, error_model="numpy")
 def _vertex(positions, index, X):  # type: ignore[no-untyped-def]
     """A vertex in the optical frame, float64."""
     x = np.float64(load_f32(positions, index * 3))
@@ -43,17 +43,17 @@ def _vertex(positions, index, X):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(nogil=True, cache=True, fastmath=False)
+@njit(nogil=True, error_model="numpy")
 def _cross(a, b):  # type: ignore[no-untyped-def]
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@njit(nogil=True, cache=True, fastmath=False)
+@njit(nogil=True, error_model="numpy")
 def _dot(a, b):  # type: ignore[no-untyped-def]
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(nogil=True, cache=True, fastmath=False)
+@njit(nogil=True, error_model="numpy")
 def _triangle_weights(r0, r1, r2, side, fx, cx, dy, begin, end, weights):  # type: ignore[no-untyped-def]
     """Perspective-correct barycentric coordinates along a run: >= 0, sum 1.
 
@@ -74,63 +74,90 @@ def _triangle_weights(r0, r1, r2, side, fx, cx, dy, begin, end, weights):  # typ
         b0, b1, b2 = max(a0 + s0 * x, 0.0), max(a1 + s1 * x, 0.0), max(a2 + s2 * x, 0.0)
         total = b0 + b1 + b2
         if total > 0.0 and total < math.inf:
-            weights[0, x] = np.float32(b0 / total)
-            weights[1, x] = np.float32(b1 / total)
-            weights[2, x] = np.float32(b2 / total)
+            share = 1.0 / total
+            weights[0, x] = np.float32(b0 * share)
+            weights[1, x] = np.float32(b1 * share)
+            weights[2, x] = np.float32(b2 * share)
         else:
             weights[0, x] = weights[1, x] = weights[2, x] = np.float32(1.0 / 3.0)
 
 
-@njit(nogil=True, cache=True, fastmath=False)
-def _corner_values(address, stride, i0, i1, i2, corners):  # type: ignore[no-untyped-def]
-    """Loads one attribute of three vertices into ``corners`` (3, 4) float32."""
+@njit(nogil=True, error_model="numpy")
+def _load3(address, stride, index):  # type: ignore[no-untyped-def]
+    """The first three values of a vertex attribute of ``stride`` values, float32."""
+    at = index * stride
+    return load_f32(address, at), load_f32(address, at + 1), load_f32(address, at + 2)
+
+
+@njit(nogil=True, error_model="numpy")
+def _mapped(R, sign, v):  # type: ignore[no-untyped-def]
+    """``sign R v`` with a (3, 3) or (4, 4) float64 matrix, rounded to float32."""
+    x, y, z = np.float64(v[0]), np.float64(v[1]), np.float64(v[2])
+    return (
+        np.float32(sign * (R[0, 0] * x + R[0, 1] * y + R[0, 2] * z)),
+        np.float32(sign * (R[1, 0] * x + R[1, 1] * y + R[1, 2] * z)),
+        np.float32(sign * (R[2, 0] * x + R[2, 1] * y + R[2, 2] * z)),
+    )
+
+
+@njit(nogil=True, error_model="numpy")
+def _spread1(a, b, c, weights, begin, end, row, out):  # type: ignore[no-untyped-def]
+    """Interpolates one value along the run into a row of ``out``; equal corners stay exact."""
+    b -= a
+    c -= a
+    for x in range(begin, end):
+        out[row, x] = a + (weights[1, x] * b + weights[2, x] * c)
+
+
+@njit(nogil=True, error_model="numpy")
+def _spread3(a, b, c, weights, begin, end, row, out):  # type: ignore[no-untyped-def]
+    """As ``_spread1`` for three values, into three rows."""
+    b0, b1, b2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    c0, c1, c2 = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+    for x in range(begin, end):
+        w1, w2 = weights[1, x], weights[2, x]
+        out[row, x] = a[0] + (w1 * b0 + w2 * c0)
+        out[row + 1, x] = a[1] + (w1 * b1 + w2 * c1)
+        out[row + 2, x] = a[2] + (w1 * b2 + w2 * c2)
+
+
+@njit(nogil=True, error_model="numpy")
+def _spread_values(address, stride, i0, i1, i2, weights, begin, end, row, out):  # type: ignore[no-untyped-def]
+    """Interpolates all values of an attribute."""
     for k in range(stride):
-        corners[0, k] = load_f32(address, i0 * stride + k)
-        corners[1, k] = load_f32(address, i1 * stride + k)
-        corners[2, k] = load_f32(address, i2 * stride + k)
+        _spread1(
+            load_f32(address, i0 * stride + k),
+            load_f32(address, i1 * stride + k),
+            load_f32(address, i2 * stride + k),
+            weights,
+            begin,
+            end,
+            row + k,
+            out,
+        )
 
 
-@njit(nogil=True, cache=True, fastmath=False)
-def _rotate_corners(corners, R):  # type: ignore[no-untyped-def]
-    """Maps the first three values of every corner by a (3, 3) float64 matrix."""
-    for c in range(3):
-        x, y, z = np.float64(corners[c, 0]), np.float64(corners[c, 1]), np.float64(corners[c, 2])
-        for k in range(3):
-            corners[c, k] = np.float32(R[k, 0] * x + R[k, 1] * y + R[k, 2] * z)
-
-
-@njit(nogil=True, cache=True, fastmath=False)
-def _spread(corners, count, row, weights, begin, end, out):  # type: ignore[no-untyped-def]
-    """Interpolates ``count`` values along the run into rows ``row ...`` of ``out``; equal corners stay exact."""
-    for k in range(count):
-        a = corners[0, k]
-        b, c = corners[1, k] - a, corners[2, k] - a
-        for x in range(begin, end):
-            out[row + k, x] = a + (weights[1, x] * b + weights[2, x] * c)
-
-
-@njit(nogil=True, cache=True, fastmath=False)
-def resolve_run(instances, instance, element, uv_used, X, N, intrinsics, y, begin, end, weights, corners, out):  # type: ignore[no-untyped-def]
+@njit(nogil=True, error_model="numpy")
+def resolve_run(columns, element, mirrored, uv_used, X, N, intrinsics, y, begin, end, weights, out):  # type: ignore[no-untyped-def]
     """Interpolates what the material needs over pixels ``begin .. end - 1`` of row ``y``.
 
     Args:
-        instances: table of ``ShadingScene``.
-        instance, element: whose element the run sees.
+        columns: (II_COLUMNS,) int64, the instance's row of the table of ``ShadingScene``.
+        element: which of its elements the run sees.
+        mirrored: whether X mirrors.
         uv_used: bit 0 / 1: uv0 / uv1 is wanted.
         X: (4, 4) float64, mesh to optical frame. N: (3, 3) float64, map of normals.
         intrinsics: (4,) float64: fx, fy, cx, cy.
-        weights: (3, W) float32, corners: (3, 4) float32: scratch.
+        weights: (3, W) float32: scratch.
         out: (A_ROWS, W) float32, see the A_ constants.
     """
-    topology = instances[instance, II_TOPOLOGY]
-    elements = instances[instance, II_ELEMENTS]
-    positions = instances[instance, II_POSITIONS]
+    topology = columns[II_TOPOLOGY]
+    elements = columns[II_ELEMENTS]
+    positions = columns[II_POSITIONS]
     fx, fy, cx, cy = intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3]
     dy = (y + 0.5 - cy) / fy
     i0 = np.int64(load_u32(elements, element * topology))
     i1 = i2 = i0
-    facing = np.float32(1.0)
-    normals = instances[instance, II_NORMALS]
     if topology == 3:
         i1 = np.int64(load_u32(elements, element * 3 + 1))
         i2 = np.int64(load_u32(elements, element * 3 + 2))
@@ -140,69 +167,75 @@ def resolve_run(instances, instance, element, uv_used, X, N, intrinsics, y, begi
         r0, r1, r2 = _cross(p1, p2), _cross(p2, p0), _cross(p0, p1)
         determinant = _dot(p0, r0)
         side = -1.0 if determinant < 0.0 else 1.0
-        mirrored = _dot((X[0, 0], X[1, 0], X[2, 0]), _cross((X[0, 1], X[1, 1], X[2, 1]), (X[0, 2], X[1, 2], X[2, 2])))
-        if (determinant > 0.0) != (mirrored < 0.0):
-            facing = np.float32(-1.0)
+        facing = -1.0 if (determinant > 0.0) != mirrored else 1.0
         _triangle_weights(r0, r1, r2, side, fx, cx, dy, begin, end, weights)
+        normals = columns[II_NORMALS]
         if normals != 0:
-            _corner_values(normals, 3, i0, i1, i2, corners)
-            _rotate_corners(corners, N)
+            _spread3(
+                _mapped(N, facing, _load3(normals, 3, i0)),
+                _mapped(N, facing, _load3(normals, 3, i1)),
+                _mapped(N, facing, _load3(normals, 3, i2)),
+                weights,
+                begin,
+                end,
+                A_NORMAL,
+                out,
+            )
         else:
-            # Towards the camera is against sign(det(P)); the multiplication by ``facing`` below is undone here.
-            _flat_normal(p0, p1, p2, -side * facing, corners)
+            flat = _flat_normal(p0, p1, p2, -side)  # against the sign of the determinant: towards the camera
+            _spread3(flat, flat, flat, weights, begin, end, A_NORMAL, out)
+        for x in range(begin, end):
+            out[A_FACING, x] = np.float32(facing)
     else:
-        facing = np.float32(1.0)
         if topology == 2:
             i1 = np.int64(load_u32(elements, element * 2 + 1))
         _line_weights(_vertex(positions, i0, X), _vertex(positions, i1, X), fx, cx, dy, begin, end, weights)
-        for c in range(3):  # not lit; the normal output gets the direction to the camera
-            corners[c, 0] = corners[c, 1] = np.float32(0.0)
-            corners[c, 2] = np.float32(-1.0)
-    for c in range(3):
-        for k in range(3):
-            corners[c, k] *= facing
-    _spread(corners, 3, A_NORMAL, weights, begin, end, out)
-    for x in range(begin, end):
-        out[A_FACING, x] = facing
-    _resolve_rest(instances, instance, uv_used, i0, i1, i2, X, begin, end, weights, corners, out)
-
-
-@njit(nogil=True, cache=True, fastmath=False)
-def _resolve_rest(instances, instance, uv_used, i0, i1, i2, X, begin, end, weights, corners, out):  # type: ignore[no-untyped-def]
-    """Texture coordinates, colours and tangents: those that are there; missing coordinates read as 0."""
     for which in range(2):
         if uv_used & (1 << which):
-            uv = instances[instance, II_UV0 + which]
+            uv = columns[II_UV0 + which]
+            row = A_UV0 + 2 * which
             if uv != 0:
-                _corner_values(uv, 2, i0, i1, i2, corners)
+                _spread_values(uv, 2, i0, i1, i2, weights, begin, end, row, out)
             else:
-                corners[:] = np.float32(0.0)
-            _spread(corners, 2, A_UV0 + 2 * which, weights, begin, end, out)
-    if instances[instance, II_COLORS] != 0:
-        _corner_values(instances[instance, II_COLORS], 4, i0, i1, i2, corners)
-        _spread(corners, 4, A_COLOR, weights, begin, end, out)
-    if instances[instance, II_TANGENTS] != 0:
-        _corner_values(instances[instance, II_TANGENTS], 4, i0, i1, i2, corners)
-        _rotate_corners(corners, X)
-        mirrored = _dot((X[0, 0], X[1, 0], X[2, 0]), _cross((X[0, 1], X[1, 1], X[2, 1]), (X[0, 2], X[1, 2], X[2, 2])))
-        if mirrored < 0.0:  # a mirror image of the surface: its bitangent is the mirrored one
-            for c in range(3):
-                corners[c, 3] = -corners[c, 3]
-        _spread(corners, 4, A_TANGENT, weights, begin, end, out)
+                for x in range(begin, end):
+                    out[row, x] = out[row + 1, x] = np.float32(0.0)
+    if columns[II_COLORS] != 0:
+        _spread_values(columns[II_COLORS], 4, i0, i1, i2, weights, begin, end, A_COLOR, out)
+    tangents = columns[II_TANGENTS]
+    if tangents != 0:
+        _spread3(
+            _mapped(X, 1.0, _load3(tangents, 4, i0)),
+            _mapped(X, 1.0, _load3(tangents, 4, i1)),
+            _mapped(X, 1.0, _load3(tangents, 4, i2)),
+            weights,
+            begin,
+            end,
+            A_TANGENT,
+            out,
+        )
+        hand = np.float32(-1.0 if mirrored else 1.0)  # the bitangent of a mirror image is the mirrored one
+        _spread1(
+            hand * load_f32(tangents, i0 * 4 + 3),
+            hand * load_f32(tangents, i1 * 4 + 3),
+            hand * load_f32(tangents, i2 * 4 + 3),
+            weights,
+            begin,
+            end,
+            A_TANGENT + 3,
+            out,
+        )
 
 
-@njit(nogil=True, cache=True, fastmath=False)
-def _flat_normal(p0, p1, p2, sign, corners):  # type: ignore[no-untyped-def]
-    """The triangle's own normal to all corners: unit length, (p1 - p0) x (p2 - p0) times ``sign``."""
+@njit(nogil=True, error_model="numpy")
+def _flat_normal(p0, p1, p2, sign):  # type: ignore[no-untyped-def]
+    """The triangle's own normal: unit length, (p1 - p0) x (p2 - p0) times ``sign``; 0 without an area."""
     n = _cross((p1[0] - p0[0], p1[1] - p0[1], p1[2] - p0[2]), (p2[0] - p0[0], p2[1] - p0[1], p2[2] - p0[2]))
     length = math.sqrt(_dot(n, n))
-    usable = length > 0.0 and length < math.inf
-    for c in range(3):
-        for k in range(3):
-            corners[c, k] = np.float32(sign * n[k] / length) if usable else np.float32(0.0)
+    scale = sign / length if length > 0.0 and length < math.inf else 0.0
+    return np.float32(scale * n[0]), np.float32(scale * n[1]), np.float32(scale * n[2])
 
 
-@njit(nogil=True, cache=True, fastmath=False)
+@njit(nogil=True, error_model="numpy")
 def _line_weights(p, q, fx, cx, dy, begin, end, weights):  # type: ignore[no-untyped-def]
     """Weights of the two ends at the point of the segment that projects nearest (along the line) to each pixel.
 

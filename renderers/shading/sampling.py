@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from renderers.shading.memory import load_u8
+from renderers.shading.memory import load_f32, load_i64, load_u8
 from renderers.shading.textures import (
     TI_ADDRESS,
     TI_HEIGHT,
@@ -31,9 +31,7 @@ def _byte_values() -> NDArray[np.float32]:
     stored = np.arange(256) / 255.0
     # IEC 61966-2-1, the piecewise sRGB transfer function.
     linear = np.where(stored <= 0.04045, stored / 12.92, ((stored + 0.055) / 1.055) ** 2.4)
-    values = np.stack((stored, linear)).astype(np.float32)
-    values.flags.writeable = False
-    return values
+    return np.stack((stored, linear)).astype(np.float32)
 
 
 BYTE_VALUES: Final = _byte_values()
@@ -41,7 +39,7 @@ BYTE_VALUES: Final = _byte_values()
 Texels are converted before they are filtered, as the glTF specification asks."""
 
 
-@njit(nogil=True, cache=True, fastmath=False)
+@njit(nogil=True, error_model="numpy")
 def _wrapped(index: int, size: int, wrap: int) -> int:
     """The texel that an index outside 0 .. size - 1 means; ``index`` is within a few periods."""
     if wrap == WRAP_REPEAT:
@@ -55,7 +53,7 @@ def _wrapped(index: int, size: int, wrap: int) -> int:
     return index if index < size else 2 * size - 1 - index
 
 
-@njit(nogil=True, cache=True, fastmath=False)
+@njit(nogil=True, error_model="numpy")
 def _bounded(coordinate: float, wrap: int) -> float:
     """The same place near the origin, so that it can become an integer. NaN, and what is so large that float32 has no
     fractions left for it long since, becomes 0."""
@@ -68,35 +66,34 @@ def _bounded(coordinate: float, wrap: int) -> float:
     return coordinate - 2.0 * math.floor(0.5 * coordinate)  # two images: the period of MIRRORED_REPEAT
 
 
-@njit(nogil=True, cache=True, fastmath=False)
-def sample(integers, floats, row, values, space, u, v):  # type: ignore[no-untyped-def]
+@njit(nogil=True, error_model="numpy")
+def sample(integers, floats, values, space, u, v):  # type: ignore[no-untyped-def]
     """RGBA of a texture at (u, v), float32 each.
 
     Args:
-        integers, floats: tables of ``TextureTable``.
-        row: row of the texture.
-        values: ``BYTE_VALUES``.
+        integers, floats: addresses of the texture's rows in the tables of ``TextureTable``.
+        values: address of ``BYTE_VALUES``.
         space: ``AS_STORED`` or ``SRGB``, for the three colour channels.
         u, v: float64 texture coordinates; texel centres are at (i + 0.5) / width, (j + 0.5) / height.
     """
-    if integers[row, TI_TRANSFORMED]:
-        tu = floats[row, 0] * u + floats[row, 1] * v + floats[row, 2]
-        v = floats[row, 3] * u + floats[row, 4] * v + floats[row, 5]
+    if load_i64(integers, TI_TRANSFORMED):
+        tu = load_f32(floats, 0) * u + load_f32(floats, 1) * v + load_f32(floats, 2)
+        v = load_f32(floats, 3) * u + load_f32(floats, 4) * v + load_f32(floats, 5)
         u = tu
-    address = integers[row, TI_ADDRESS]
-    width, height = integers[row, TI_WIDTH], integers[row, TI_HEIGHT]
-    wrap_s, wrap_t = integers[row, TI_WRAP_S], integers[row, TI_WRAP_T]
+    address = load_i64(integers, TI_ADDRESS)
+    width, height = load_i64(integers, TI_WIDTH), load_i64(integers, TI_HEIGHT)
+    wrap_s, wrap_t = load_i64(integers, TI_WRAP_S), load_i64(integers, TI_WRAP_T)
     x = _bounded(u, wrap_s) * width
     y = _bounded(v, wrap_t) * height
-    if integers[row, TI_LINEAR] == 0:
+    if load_i64(integers, TI_LINEAR) == 0:
         i = _wrapped(math.floor(x), width, wrap_s)
         j = _wrapped(math.floor(y), height, wrap_t)
         at = (j * width + i) * 4
         return (
-            values[space, load_u8(address, at)],
-            values[space, load_u8(address, at + 1)],
-            values[space, load_u8(address, at + 2)],
-            values[0, load_u8(address, at + 3)],
+            load_f32(values, space * 256 + load_u8(address, at)),
+            load_f32(values, space * 256 + load_u8(address, at + 1)),
+            load_f32(values, space * 256 + load_u8(address, at + 2)),
+            load_f32(values, load_u8(address, at + 3)),
         )
     x -= 0.5
     y -= 0.5
@@ -110,27 +107,27 @@ def sample(integers, floats, row, values, space, u, v):  # type: ignore[no-untyp
     one = np.float32(1.0)
     wa, wb, wc, wd = (one - fx) * (one - fy), fx * (one - fy), (one - fx) * fy, fx * fy
     red = (
-        values[space, load_u8(address, a)] * wa
-        + values[space, load_u8(address, b)] * wb
-        + values[space, load_u8(address, c)] * wc
-        + values[space, load_u8(address, d)] * wd
+        load_f32(values, space * 256 + load_u8(address, a)) * wa
+        + load_f32(values, space * 256 + load_u8(address, b)) * wb
+        + load_f32(values, space * 256 + load_u8(address, c)) * wc
+        + load_f32(values, space * 256 + load_u8(address, d)) * wd
     )
     green = (
-        values[space, load_u8(address, a + 1)] * wa
-        + values[space, load_u8(address, b + 1)] * wb
-        + values[space, load_u8(address, c + 1)] * wc
-        + values[space, load_u8(address, d + 1)] * wd
+        load_f32(values, space * 256 + load_u8(address, a + 1)) * wa
+        + load_f32(values, space * 256 + load_u8(address, b + 1)) * wb
+        + load_f32(values, space * 256 + load_u8(address, c + 1)) * wc
+        + load_f32(values, space * 256 + load_u8(address, d + 1)) * wd
     )
     blue = (
-        values[space, load_u8(address, a + 2)] * wa
-        + values[space, load_u8(address, b + 2)] * wb
-        + values[space, load_u8(address, c + 2)] * wc
-        + values[space, load_u8(address, d + 2)] * wd
+        load_f32(values, space * 256 + load_u8(address, a + 2)) * wa
+        + load_f32(values, space * 256 + load_u8(address, b + 2)) * wb
+        + load_f32(values, space * 256 + load_u8(address, c + 2)) * wc
+        + load_f32(values, space * 256 + load_u8(address, d + 2)) * wd
     )
     alpha = (
-        values[0, load_u8(address, a + 3)] * wa
-        + values[0, load_u8(address, b + 3)] * wb
-        + values[0, load_u8(address, c + 3)] * wc
-        + values[0, load_u8(address, d + 3)] * wd
+        load_f32(values, load_u8(address, a + 3)) * wa
+        + load_f32(values, load_u8(address, b + 3)) * wb
+        + load_f32(values, load_u8(address, c + 3)) * wc
+        + load_f32(values, load_u8(address, d + 3)) * wd
     )
     return red, green, blue, alpha

@@ -60,8 +60,10 @@ class ShadingScene:
         return bool(self.layered.any())
 
 
-_tangents: WeakKeyDictionary[Mesh, NDArray[np.float32]] = WeakKeyDictionary()
-_tangents_lock = threading.Lock()
+_tangents: WeakKeyDictionary[Mesh, dict[int, NDArray[np.float32]]] = WeakKeyDictionary()
+"""By mesh, then by the set of coordinates they follow."""
+_addresses: WeakKeyDictionary[Mesh, tuple[int, ...]] = WeakKeyDictionary()
+_lock = threading.Lock()
 
 
 def _tangents_of(mesh: Mesh, uv_set: int) -> NDArray[np.float32] | None:
@@ -71,13 +73,48 @@ def _tangents_of(mesh: Mesh, uv_set: int) -> NDArray[np.float32] | None:
     uv = mesh.uv1 if uv_set == 1 else mesh.uv0
     if uv is None or mesh.elements.shape[1] != 3:
         return None
-    with _tangents_lock:
-        known = _tangents.get(mesh)
+    with _lock:
+        known = _tangents.get(mesh, {}).get(uv_set)
     if known is not None:
         return known
     fresh = vertex_tangents(mesh.positions, uv, mesh.elements)
-    with _tangents_lock:
-        return _tangents.setdefault(mesh, fresh)
+    with _lock:
+        return _tangents.setdefault(mesh, {}).setdefault(uv_set, fresh)
+
+
+def _addresses_of(mesh: Mesh) -> tuple[int, ...]:
+    """The columns from ``II_ELEMENTS`` on, without tangents; valid while the mesh is alive.
+
+    Raises:
+        ValueError: an attribute has another shape than ``Mesh`` says: kernels would read beyond it.
+    """
+    with _lock:
+        known = _addresses.get(mesh)
+    if known is not None:
+        return known
+    vertices = len(mesh.positions)
+    for name, array, width in (
+        ("positions", mesh.positions, 3),
+        ("normals", mesh.normals, 3),
+        ("uv0", mesh.uv0, 2),
+        ("uv1", mesh.uv1, 2),
+        ("colors", mesh.colors, 4),
+        ("tangents", mesh.tangents, 4),
+    ):
+        if array is not None and array.shape != (vertices, width):
+            raise ValueError(f"mesh with {vertices} vertices: {name} has shape {array.shape}, not {(vertices, width)}")
+    fresh = (
+        address_of(mesh.elements, np.uint32),
+        address_of(mesh.positions, np.float32),
+        address_of(mesh.normals, np.float32),
+        address_of(mesh.uv0, np.float32),
+        address_of(mesh.uv1, np.float32),
+        address_of(mesh.colors, np.float32),
+        0,
+    )
+    with _lock:
+        _addresses[mesh] = fresh
+    return fresh
 
 
 def _lets_through(instance: Instance) -> bool:
@@ -96,38 +133,37 @@ def prepare(instances: Sequence[Instance], look: LookName) -> ShadingScene:
 
     Raises:
         ImageError: an image cannot be decoded.
+        ValueError, TypeError: a mesh's arrays are not what ``Mesh`` says.
     """
     textures = TextureTable()
     known: dict[tuple[int, bool], int] = {}
     materials: list[Material] = []
     rows: list[MaterialRows] = []
-    geometry: dict[tuple[int, bool], tuple[int, ...]] = {}
+    geometry: dict[tuple[int, int], tuple[int, ...]] = {}
     keep: list[Any] = []
     table = np.zeros((max(len(instances), 1), II_COLUMNS), dtype=np.int64)
     for i, instance in enumerate(instances):
         mesh, material = instance.mesh, instance.material
-        lit = mesh.topology is Topology.TRIANGLES
+        topology = mesh.elements.shape[1]
+        lit = topology == Topology.TRIANGLES
         material_row = known.get((id(material), lit))
         if material_row is None:
             material_row = known[id(material), lit] = len(rows)
             rows.append(material_rows(material, look, lit, textures))
             materials.append(material)
-        needs_tangents = rows[material_row].needs_tangents
-        columns = geometry.get((id(mesh), needs_tangents))
+        # The set of coordinates that tangents must follow, -1 where there is no normal map.
+        texture = material.normal_texture
+        tangent_set = texture.uv_set if texture is not None and rows[material_row].needs_tangents else -1
+        columns = geometry.get((id(mesh), tangent_set))
         if columns is None:
-            texture = material.normal_texture
-            tangents = _tangents_of(mesh, texture.uv_set if texture else 0) if needs_tangents else None
-            keep += (mesh, tangents)
-            columns = geometry[id(mesh), needs_tangents] = (
-                address_of(mesh.elements, np.uint32),
-                address_of(mesh.positions, np.float32),
-                address_of(mesh.normals, np.float32),
-                address_of(mesh.uv0, np.float32),
-                address_of(mesh.uv1, np.float32),
-                address_of(mesh.colors, np.float32),
-                address_of(tangents, np.float32),
-            )
-        table[i] = (int(mesh.topology), material_row, *columns)
+            keep.append(mesh)
+            columns = _addresses_of(mesh)
+            if tangent_set >= 0:
+                tangents = _tangents_of(mesh, tangent_set)
+                keep.append(tangents)
+                columns = (*columns[:-1], address_of(tangents, np.float32))
+            geometry[id(mesh), tangent_set] = columns
+        table[i] = (topology, material_row, *columns)
     integers, floats = as_tables(rows)
     texture_integers, texture_floats = textures.as_tables()
     return ShadingScene(

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from renderers.shading.memory import load_f32, load_u8
+
 GAMMA: Final = 2.2
 """VTK's physically based shader ends with ``pow(color, 1.0 / 2.2)``, not with the piecewise sRGB function."""
 
 _STEPS: Final = 4096
-"""Cells of the table of first guesses. The darkest cell holds 6 levels, all others at most 2, so a guess is at most a
-few comparisons away from the answer."""
+"""Cells of the tables. By the square root of the linear value they are finer than the levels everywhere: no cell holds
+more than one threshold (checked below)."""
 
 
 def _thresholds() -> NDArray[np.float32]:
@@ -25,9 +28,12 @@ def _thresholds() -> NDArray[np.float32]:
 
 
 def _guesses(thresholds: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """(_STEPS + 1,) uint8: the level at the lower end of every cell of width 1 / _STEPS."""
-    ends = np.arange(_STEPS + 1, dtype=np.float32) / np.float32(_STEPS)
-    return (np.searchsorted(thresholds, ends, side="right") - 1).astype(np.uint8)
+    """(_STEPS + 1,) uint8: the least level in every cell of width 1 / _STEPS of the square root."""
+    # A float32 square root may round into the next cell: begin a little before it.
+    ends = (np.arange(_STEPS + 1) / _STEPS) ** 2 * (1.0 - 1e-6)
+    levels = np.searchsorted(thresholds, ends, side="right") - 1
+    assert np.diff(levels).max() <= 1
+    return levels.astype(np.uint8)
 
 
 def _decoded() -> NDArray[np.float32]:
@@ -40,25 +46,25 @@ THRESHOLDS: Final = _thresholds()
 GUESSES: Final = _guesses(THRESHOLDS)
 
 
-@njit(nogil=True, cache=True, fastmath=False)
+@njit(nogil=True, error_model="numpy")
 def gamma_byte(c, thresholds, guesses):  # type: ignore[no-untyped-def]
     """``round(255 c^(1/2.2))`` by comparison with exact thresholds: no ``pow``, so the same on every machine.
 
     Args:
         c: float32 linear value; below 0 or NaN is 0, above 1 is 1.
-        thresholds, guesses: ``THRESHOLDS``, ``GUESSES``.
+        thresholds, guesses: addresses of ``THRESHOLDS`` and ``GUESSES``.
     """
     if not (c > np.float32(0.0)):
         return np.uint8(0)
     if c >= np.float32(1.0):
         return np.uint8(255)
-    level = np.int64(guesses[np.int64(c * np.float32(_STEPS))])
-    while level < 255 and c >= thresholds[level + 1]:
+    level = np.int64(load_u8(guesses, np.int64(math.sqrt(c) * np.float32(_STEPS))))
+    if level < 255 and c >= load_f32(thresholds, level + 1):
         level += 1
     return np.uint8(level)
 
 
-@njit(nogil=True, cache=True, fastmath=False)
+@njit(nogil=True, error_model="numpy")
 def plain_byte(c):  # type: ignore[no-untyped-def]
     """``round(255 c)`` of a float32; below 0 or NaN is 0, above 1 is 255."""
     if not (c > np.float32(0.0)):
@@ -68,11 +74,12 @@ def plain_byte(c):  # type: ignore[no-untyped-def]
     return np.uint8(c * np.float32(255.0) + np.float32(0.5))
 
 
-@njit(nogil=True, cache=True, fastmath=False)
+@njit(nogil=True, error_model="numpy")
 def decode_gamma(c, decoded):  # type: ignore[no-untyped-def]
-    """``c^2.2`` of a float32 in 0..1 (clamped; NaN is 0), interpolated in ``DECODED``: within 1e-7."""
+    """``c^2.2`` of a float32 in 0..1 (clamped; NaN is 0), interpolated in ``DECODED`` (its address): within 1e-7."""
     if not (c > np.float32(0.0)):
         return np.float32(0.0)
     at = min(c, np.float32(1.0)) * np.float32(_STEPS)
     cell = np.int64(at)
-    return decoded[cell] + (at - np.float32(cell)) * (decoded[cell + 1] - decoded[cell])
+    low = load_f32(decoded, cell)
+    return low + (at - np.float32(cell)) * (load_f32(decoded, cell + 1) - low)

@@ -207,3 +207,14 @@ def test_a_scene_prepared_for_another_look_is_refused() -> None:
     prepared = prepare(scene.instances, "pbr")
     with pytest.raises(ValueError, match="prepared for the look 'pbr'"):
         paint(BruteForce(), scene, prepared, view, Look("phong"), color)
+
+
+@pytest.mark.parametrize("name", ["normals", "uv0", "uv1", "colors", "tangents"])
+def test_attributes_shorter_than_the_mesh_are_refused(name: str) -> None:
+    """A kernel would read beyond them."""
+    short = np.zeros((3, {"normals": 3, "uv0": 2, "uv1": 2, "colors": 4, "tangents": 4}[name]), np.float32)
+    with pytest.raises(ValueError, match=f"mesh with 4 vertices: {name} has shape"):
+        prepare((placed(quad(**{name: short})),), "phong")
+    wide = np.zeros((4, short.shape[1]))
+    with pytest.raises(TypeError, match="float32"):
+        prepare((placed(quad(**{name: wide}), FULL),), "pbr")  # type: ignore[arg-type]

@@ -13,11 +13,14 @@ from hypothesis import strategies as st
 
 from renderers.drawlist import Image, ImageError, Sampler, Texture, Wrap
 from renderers.shading import texels_of
+from renderers.shading.memory import address_of
 from renderers.shading.sampling import AS_STORED, BYTE_VALUES, SRGB, sample
 from renderers.shading.textures import TextureTable
 from renderers.shading.transfer import DECODED, GUESSES, THRESHOLDS, decode_gamma, gamma_byte, plain_byte
 from tests.renderers.shading_reference import lookup, picture
 
+GAMMA_TABLES = address_of(THRESHOLDS, np.float32), address_of(GUESSES, np.uint8)
+DECODED_AT = address_of(DECODED, np.float32)
 PIXELS = np.random.default_rng(3).integers(0, 256, (5, 3, 4)).astype(np.uint8)
 
 
@@ -25,7 +28,9 @@ def read(texture: Texture, u: float, v: float, *, srgb: bool = False) -> np.ndar
     table = TextureTable()
     row = table.row(texture)
     integers, floats = table.as_tables()
-    return np.array(sample(integers, floats, row, BYTE_VALUES, SRGB if srgb else AS_STORED, u, v))
+    assert row == 0
+    addresses = address_of(integers, np.int64), address_of(floats, np.float32), address_of(BYTE_VALUES, np.float32)
+    return np.array(sample(*addresses, SRGB if srgb else AS_STORED, u, v))
 
 
 @settings(deadline=None, max_examples=300)
@@ -115,13 +120,13 @@ def test_texels_know_whether_they_are_opaque() -> None:
 
 def test_gamma_bytes_round_the_power() -> None:
     c = np.concatenate((np.random.default_rng(1).random(4000), np.linspace(0, 0.01, 2000), [0, 1])).astype(np.float32)
-    got = np.array([gamma_byte(x, THRESHOLDS, GUESSES) for x in c])
+    got = np.array([gamma_byte(x, *GAMMA_TABLES) for x in c])
     exact = 255 * c.astype(np.float64) ** (1 / 2.2)
     assert (np.abs(got - exact) <= 0.5 + 1e-4).all()
     # Every level is reached right from its threshold on.
     for level in range(1, 256):
-        assert gamma_byte(THRESHOLDS[level], THRESHOLDS, GUESSES) == level
-        assert gamma_byte(np.nextafter(THRESHOLDS[level], np.float32(0)), THRESHOLDS, GUESSES) == level - 1
+        assert gamma_byte(THRESHOLDS[level], *GAMMA_TABLES) == level
+        assert gamma_byte(np.nextafter(THRESHOLDS[level], np.float32(0)), *GAMMA_TABLES) == level - 1
 
 
 def test_plain_bytes_round() -> None:
@@ -132,12 +137,12 @@ def test_plain_bytes_round() -> None:
 @pytest.mark.parametrize(("c", "byte"), [(np.nan, 0), (-1.0, 0), (-np.inf, 0), (7.0, 255), (np.inf, 255)])
 def test_bytes_of_odd_values(c: float, byte: int) -> None:
     assert plain_byte(np.float32(c)) == byte
-    assert gamma_byte(np.float32(c), THRESHOLDS, GUESSES) == byte
+    assert gamma_byte(np.float32(c), *GAMMA_TABLES) == byte
 
 
 def test_decoding_a_shown_value() -> None:
     c = np.linspace(0, 1, 5001).astype(np.float32)
-    got = np.array([decode_gamma(x, DECODED) for x in c])
+    got = np.array([decode_gamma(x, DECODED_AT) for x in c])
     np.testing.assert_allclose(got, c.astype(np.float64) ** 2.2, atol=2e-7)
-    assert decode_gamma(np.float32(np.nan), DECODED) == 0
-    assert decode_gamma(np.float32(2), DECODED) == 1
+    assert decode_gamma(np.float32(np.nan), DECODED_AT) == 0
+    assert decode_gamma(np.float32(2), DECODED_AT) == 1

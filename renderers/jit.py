@@ -1,0 +1,59 @@
+"""How kernels are compiled: one specialisation each, cached on disk, the GIL released.
+
+Numba's cache notices a change of the file that holds an entry point, but not of the functions and intrinsics that it
+calls from other files. Entry points made by ``kernel`` are stamped with the contents of every source file of their
+package instead, so that a cache from another version of this package is never used.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any, Final
+
+from numba import njit
+from numba.core import caching
+
+KERNELS: Final[list[Any]] = []
+"""Every entry point made so far, for ``compile_all``."""
+
+
+def kernel(signature: str) -> Callable[[Callable[..., Any]], Any]:
+    """Decorator for entry points that Python calls; what they call among themselves is plain ``njit`` (uncached).
+
+    Args:
+        signature: the one specialisation, as Numba writes it. It is compiled (or loaded from the cache) at the first
+            call or by ``compile_all``, never at import.
+    """
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        dispatcher: Any = njit(nogil=True, cache=True, fastmath=False)(function)
+        implementation = dispatcher._cache._impl
+        file: Any = caching.IndexDataCacheFile
+        dispatcher._cache._cache_file = file(
+            cache_path=dispatcher._cache.cache_path,
+            filename_base=implementation.filename_base,
+            source_stamp=_stamp(Path(function.__code__.co_filename).parent),
+        )
+        dispatcher.scenegate_signature = signature
+        KERNELS.append(dispatcher)
+        return dispatcher
+
+    return decorate
+
+
+@cache
+def _stamp(folder: Path) -> str:
+    """Digest of the sources of a package and of this folder, whose functions its kernels may call."""
+    digest = hashlib.sha256()
+    for path in sorted({*folder.glob("*.py"), *Path(__file__).parent.glob("*.py")}):
+        digest.update(path.name.encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
+
+
+def compile_all() -> None:
+    """Compile, or load from the cache, every entry point of the modules imported so far."""
+    for dispatcher in KERNELS:
+        dispatcher.compile(dispatcher.scenegate_signature)
