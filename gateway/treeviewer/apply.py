@@ -89,10 +89,10 @@ class Application:
         most = self._limits.problems
         if self._failures:
             answer.status = ERROR_HANDLING_REQUEST
-            answer.error = _summary(self._failures)
-            answer.errors = [Problem(f.command, f.index, f.reason, f.path) for f in self._failures[:most]]
+            answer.error = _clean(_summary(self._failures))
+            answer.errors = [Problem(f.command, f.index, _clean(f.reason), f.path) for f in self._failures[:most]]
         if self._request.warnings:
-            answer.warnings = self._request.warnings[:most]
+            answer.warnings = [_clean(text) for text in self._request.warnings[:most]]
         return answer
 
 
@@ -105,6 +105,11 @@ def _new_nodes(edit: TreeEdit, path: Path) -> int:
             return len(path) - depth
         node = child
     return 0
+
+
+def _clean(text: str) -> str:
+    """Half characters (lone surrogates), which a client's names can have, cannot be sent."""
+    return text.encode("utf-8", "replace").decode()
 
 
 def _summary(failures: list[Failure]) -> str:

@@ -189,8 +189,9 @@ class Dispatcher:
         self._send(lane.channel, answer, lane.reply)
 
     def _send(self, channel: str, answer: Answer | FormatAnswer, reply: Reply) -> None:
+        message = answers.encode(answer)
         try:
-            reply(response_channel(channel), answers.encode(answer))
+            reply(response_channel(channel), message)
         except (OSError, ValueError) as error:
             self.counters.unanswerable += 1
             _log.warning("An answer could not be sent", channel=channel, reason=str(error))

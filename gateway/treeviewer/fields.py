@@ -51,7 +51,7 @@ def number(value: Any, name: str) -> float:
         try:
             return float(value)
         except OverflowError:
-            return math.copysign(math.inf, value)
+            return math.inf if value > 0 else -math.inf
     raise CommandError(f"{name} must be a number, not {show(value)}")
 
 
@@ -174,7 +174,7 @@ def _element(value: Any, index: int, limits: Limits) -> PathElement:
             raise CommandError(f"path[{index}] is not Unicode text: {show(value)}") from None
         return value
     if isinstance(value, int) and not isinstance(value, bool):
-        if not -_INT64 <= value < _INT64:
+        if not -_INT64 <= value < 2 * _INT64:
             raise CommandError(f"path[{index}] is a number of more than 64 bits")
         return value
     raise CommandError(f"path[{index}] must be a string or an integer, not {show(value)}")

@@ -300,7 +300,7 @@ def outline(data, members, commas):  # type: ignore[no-untyped-def]
         if c == SPACE or c == NEWLINE or c == RETURN or c == TAB:  # noqa: SIM109
             i += 1
             continue
-        if depth == 0 and begun:
+        if depth == 0 and (begun or c != BRACE):
             return 0, 0
         begun = True
         begin = i
@@ -323,8 +323,6 @@ def outline(data, members, commas):  # type: ignore[no-untyped-def]
                 if not in_value:
                     return 0, 0
                 is_list = c == OPEN
-            elif depth == 1 and (c != BRACE or found > 0):
-                return 0, 0
         elif c == CLOSE or c == END_BRACE:  # noqa: SIM109
             depth -= 1
             if depth < 0:
@@ -359,8 +357,6 @@ def outline(data, members, commas):  # type: ignore[no-untyped-def]
                     return 0, 0
                 commas[noted] = i
                 noted += 1
-        elif depth == 0:
-            return 0, 0
         i += 1
         last = i
-    return (found, 1) if depth == 0 and not in_value and not key else (0, 0)
+    return (found, 1) if begun and depth == 0 and not in_value and not key else (0, 0)

@@ -106,7 +106,7 @@ class RequestReader:
     def _read_text(self, body: bytes, context: Context) -> Request:
         try:
             message = self._typed.decode(body)
-        except msgspec.DecodeError:
+        except (msgspec.DecodeError, RecursionError):
             return self._lenient(_any_json(self._untyped, body), context)
         if message.draw is not msgspec.UNSET or message.load is not msgspec.UNSET:
             return self._lenient(self._untyped.decode(body), context)

@@ -43,22 +43,19 @@ def _cut(body: bytes, keys: list[bytes], rows: list[list[int]], commas: np.ndarr
         noted = until
         if key in (b'"setgeometry"', b'"settransform"') and _OLDER[key] in keys:
             continue  # Director's older key overrides it
-        value = body[begin:end].strip()
-        if key not in LISTS or not len(places) or not value.startswith(b"["):
-            yield b"{" + key + b":" + value + b"}", 0
+        opening = body.find(b"[", begin, end)
+        if key not in LISTS or not len(places) or opening < 0 or body[begin:opening].strip():
+            yield b"{" + key + b":" + body[begin:end] + b"}", 0
             continue
         head = b"{" + key + b":["
-        first = begin + body[begin:end].index(b"[") + 1
-        last = begin + body[begin:end].rindex(b"]")
-        if not body[int(places[-1]) + 1 : last].strip():
-            yield head + b",]}", 0  # a comma that nothing follows: the reader says so
-            continue
+        first, last = opening + 1, body.rindex(b"]", begin, end)
         index = 0
-        at = first
-        while at < last:
+        at, following = first, 0
+        while following <= len(places):
             count = int(np.searchsorted(places, at + SLICE_BYTES))
             stop, following = (int(places[count]), count + 1) if count < len(places) else (last, len(places) + 1)
-            yield head + body[at:stop] + b"]}", index
+            # nothing between two commas is for the reader to refuse
+            yield head + (body[at:stop] if body[at:stop].strip() else b",") + b"]}", index
             at, index = stop + 1, following
 
 

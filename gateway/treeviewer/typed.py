@@ -102,7 +102,8 @@ class Message(msgspec.Struct, gc=False):
 def message_decoder(limits: Limits) -> msgspec.json.Decoder[Any]:
     """A decoder of messages with ``setgeometry`` and ``settransform`` typed; paths are held to the limits."""
     name = Annotated[str, msgspec.Meta(max_length=limits.element_chars)]
-    path = Annotated[tuple[name | int, ...], msgspec.Meta(max_length=limits.path_elements)]
+    number = Annotated[int, msgspec.Meta(ge=-(2**63), le=2**63 - 1)]
+    path = Annotated[tuple[name | number, ...], msgspec.Meta(max_length=limits.path_elements)]
     solids = Annotated[list[_AnySolid], msgspec.Meta(max_length=limits.parts_per_path)]
     set_geometry = msgspec.defstruct(
         "SetGeometry",

@@ -1,0 +1,63 @@
+"""Short ways to talk to the protocol in tests."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import msgspec
+
+from gateway.scene.geometry import Part
+from gateway.scene.live import LiveTree
+from gateway.scene.tree import Node, Path
+from gateway.treeviewer import wire
+from gateway.treeviewer.config import Limits
+from gateway.treeviewer.geometry import MeshLoader
+from gateway.treeviewer.protocol import TreeViewerProtocol
+
+BOX = {"type": "box", "lengths": [1, 2, 3]}
+
+
+def message(request: Any, utime: int = 7) -> bytes:
+    """A request as Python clients write it (with bare NaN); text is taken as it is."""
+    text = request if isinstance(request, str) else json.dumps(request)
+    return wire.encode(text.encode("utf-8", "surrogatepass"), utime)
+
+
+def decoded(data: bytes) -> dict[str, Any]:
+    """What an answer says."""
+    comms = wire.decode(data)
+    assert (comms.format, comms.major, comms.minor, comms.fault) == ("treeviewer_json", 1, 0, "")
+    answer: dict[str, Any] = json.loads(comms.data.tobytes())
+    return answer
+
+
+class Viewer:
+    """A live tree with the protocol before it."""
+
+    def __init__(self, limits: Limits | None = None, meshes: MeshLoader | None = None) -> None:
+        self.live = LiveTree()
+        self.protocol = TreeViewerProtocol(self.live, limits, meshes)
+
+    def tell(self, request: Any, utime: int = 7) -> dict[str, Any]:
+        """The answer to a request."""
+        answer: dict[str, Any] = json.loads(msgspec.json.encode(self.protocol.handle(message(request, utime))))
+        return answer
+
+    def set(self, *geometries: Any, path: Any = ("it",), **more: Any) -> dict[str, Any]:
+        """The answer to one setgeometry command."""
+        return self.tell({"setgeometry": [{"path": list(path), "geometries": list(geometries), **more}]})
+
+    def node(self, *path: Any) -> Node:
+        node = self.live.snapshot.root.find(path)
+        assert node is not None
+        return node
+
+    def parts(self, *path: Any) -> tuple[Part, ...]:
+        parts = self.node(*(path or ("it",))).parts
+        assert parts is not None
+        return parts
+
+    def paths(self) -> set[Path]:
+        """Of all nodes with geometry."""
+        return {path for path, node in self.live.snapshot.root.walk() if node.parts is not None}

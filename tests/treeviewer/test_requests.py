@@ -1,0 +1,459 @@
+"""How requests are read: tolerance, reasons, bounds, and that the fast ways read the same as the slow one."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gateway.scene.geometry import Box, Line, PointCloud
+from gateway.treeviewer import slices
+from gateway.treeviewer.config import Limits
+from gateway.treeviewer.requests import Request, RequestError, RequestReader
+from tests.treeviewer.conversation import BOX, Viewer
+
+POSE = {"translation": [1, 2, 3], "quaternion": [1, 0, 0, 0]}
+NAN = float("nan")
+
+
+@pytest.fixture
+def viewer() -> Viewer:
+    return Viewer()
+
+
+@pytest.mark.parametrize(
+    "request_",
+    [
+        pytest.param({}, id="no lists"),
+        pytest.param({"setgeometry": None, "settransform": None, "delete": None}, id="null lists"),
+        pytest.param({"setgeometry": {}, "settransform": {}, "delete": {}}, id="objects for lists"),
+        pytest.param({"setgeometry": [None], "settransform": [None], "delete": [None]}, id="null commands"),
+        pytest.param({"utime": 5, "list": [0, 1, 2], "more": {"x": None}}, id="unknown keys"),
+        pytest.param("null", id="null"),
+    ],
+)
+def test_empty_in_any_way_is_fine(viewer: Viewer, request_: Any) -> None:
+    assert viewer.tell(request_) == {
+        "timestamp": 7,
+        "status": 0,
+        "deleted_paths": [],
+        "added_geometries": [],
+        "set_transforms": [],
+        "missing_paths": [],
+    }
+    assert viewer.live.snapshot.revision == 0
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        {"geometry": BOX},
+        {"geometries": [BOX]},
+        {"geometries": BOX},
+        {"geometry": BOX, "geometries": [{"type": "sphere", "radius": 1}]},
+        {"geometry": None, "geometries": [BOX]},
+        {"geometry": {**BOX, "extra": 1}, "extra": 2},
+        {"geometry": {**BOX, "color": None, "transform": None}},
+    ],
+)
+def test_geometry_and_geometries(viewer: Viewer, command: dict[str, Any]) -> None:
+    answer = viewer.tell({"setgeometry": [{"path": ["a"], **command}]})
+    assert (answer["status"], answer["added_geometries"]) == (0, [["a"]])
+    assert [part.shape for part in viewer.parts("a")] == [Box((1, 2, 3))]
+
+
+@pytest.mark.parametrize("command", [{}, {"geometry": None}, {"geometries": None}])
+def test_a_setgeometry_without_geometry_is_refused(viewer: Viewer, command: dict[str, Any]) -> None:
+    answer = viewer.tell({"setgeometry": [{"path": ["a"], **command}, {"path": ["b"], "geometries": []}]})
+    assert answer["status"] == -3
+    assert answer["errors"] == [
+        {"command": "setgeometry", "index": 0, "path": ["a"], "reason": "geometries is missing"}
+    ]
+    assert answer["added_geometries"] == [["b"]]
+
+
+@pytest.mark.parametrize(
+    ("path", "echoed"),
+    [
+        ([], []),
+        (["a", "b"], ["a", "b"]),
+        (["a/b"], ["a/b"]),
+        ("a/b", ["a", "b"]),
+        ("/a//b/", ["a", "b"]),
+        ("", []),
+        (["", ""], ["", ""]),
+        (["ü", "箱", "🤖", 'q"', "\\", "\t"], ["ü", "箱", "🤖", 'q"', "\\", "\t"]),
+        ([0, "0", -5, 2**64 - 1], [0, "0", -5, 2**64 - 1]),
+    ],
+)
+def test_paths(viewer: Viewer, path: Any, echoed: list[Any]) -> None:
+    answer = viewer.tell(
+        {"setgeometry": [{"path": path, "geometry": BOX}], "settransform": [{"path": path, "transform": POSE}]}
+    )
+    assert (answer["status"], answer["added_geometries"], answer["set_transforms"]) == (0, [echoed], [echoed])
+    assert viewer.parts(*echoed) if echoed else viewer.live.snapshot.root.parts
+    assert viewer.tell({"delete": [{"path": path}]})["deleted_paths"] == [echoed]
+    assert not viewer.paths()
+
+
+def test_a_number_and_its_text_are_different_names(viewer: Viewer) -> None:
+    viewer.tell({"setgeometry": [{"path": [1], "geometry": BOX}]})
+    assert viewer.tell({"settransform": [{"path": ["1"], "transform": {}}]})["missing_paths"] == [["1"]]
+
+
+@pytest.mark.parametrize(
+    ("path", "reason"),
+    [
+        ([None], "path[0] must be a string or an integer, not null"),
+        ([True], "path[0] must be a string or an integer, not true"),
+        ([1.0], "path[0] must be a string or an integer, not 1.0"),
+        (["a", ["b"]], 'path[1] must be a string or an integer, not ["b"]'),
+        ([2**64], "path[0] is a number of more than 64 bits"),
+        (["\ud800"], "path[0] is not Unicode text: <str>"),
+        ({"a": 1}, 'path must be a list of strings, not {"a": 1}'),
+        (None, "path must be a list of strings, not null"),
+        (5, "path must be a list of strings, not 5"),
+        (["x"] * 129, "path has 129 elements, the limit is 128"),
+        (["x"] * 300, "path has 300 elements, the limit is 128"),
+        (list(range(300)), "path has more than 128 elements"),
+        (["x" * 4097], "path[0] has 4097 characters, the limit is 4096"),
+    ],
+)
+@pytest.mark.parametrize("kind", ["delete", "setgeometry", "settransform"])
+def test_bad_paths(viewer: Viewer, kind: str, path: Any, reason: str) -> None:
+    bad: dict[str, Any] = {"path": path, "geometry": BOX, "transform": POSE}
+    if len(json.dumps(path)) > 1000 and kind == "setgeometry":
+        bad["geometry"] = {"type": "line", "points": [[0, 0, 0]] * 100}  # worth looking for arrays
+        reason = reason.replace("has more than 128 elements", "has 300 elements, the limit is 128")
+    answer = viewer.tell({kind: [bad, {**bad, "path": ["good"]}]})
+    assert answer["status"] == -3
+    said = [error["reason"] for error in answer["errors"]]
+    assert said in ([reason], [reason.replace("has more than 128 elements", "has 300 elements, the limit is 128")])
+    assert answer["errors"][0]["command"] == kind
+    done = {"delete": "deleted_paths", "setgeometry": "added_geometries", "settransform": "set_transforms"}[kind]
+    assert answer[done] == [["good"]]
+
+
+def test_directors_older_keys_override_the_new_ones(viewer: Viewer) -> None:
+    answer = viewer.tell(
+        {
+            "load": [{"path": ["old"], "geometry": BOX}],
+            "setgeometry": [{"path": ["new"], "geometry": BOX}],
+            "draw": [{"path": ["old"], "transform": POSE}],
+            "settransform": [{"path": ["new"], "transform": POSE}],
+        }
+    )
+    assert (answer["status"], answer["added_geometries"], answer["set_transforms"]) == (0, [["old"]], [["old"]])
+
+
+def test_one_bare_command_counts_as_a_list(viewer: Viewer) -> None:
+    answer = viewer.tell(
+        {"setgeometry": {"path": ["a"], "geometry": BOX}, "settransform": {"path": ["a"], "transform": POSE}}
+    )
+    assert (answer["status"], answer["added_geometries"], answer["set_transforms"]) == (0, [["a"]], [["a"]])
+
+
+@pytest.mark.parametrize(
+    ("transform", "expected"),
+    [
+        ({}, (0, 0, 0, 1, 0, 0, 0)),
+        ({"translation": None, "quaternion": None}, (0, 0, 0, 1, 0, 0, 0)),
+        ({"translation": [1, 2, 3]}, (1, 2, 3, 1, 0, 0, 0)),
+        ({"quaternion": [0, 1, 0, 0], "scale": [2, 2, 2]}, (0, 0, 0, 0, 1, 0, 0)),
+        ({"translation": [True, False, 0]}, (1, 0, 0, 1, 0, 0, 0)),
+    ],
+)
+def test_transforms(viewer: Viewer, transform: dict[str, Any], expected: tuple[float, ...]) -> None:
+    assert viewer.tell({"settransform": [{"path": ["a"], "transform": transform}]})["status"] == 1
+    assert viewer.node("a").pose == expected
+
+
+@pytest.mark.parametrize(
+    ("transform", "reason"),
+    [
+        ([], "transform must be an object with translation and quaternion, not []"),
+        (None, "transform must be an object with translation and quaternion, not null"),
+        ({"translation": [1, 2]}, "transform.translation has 2 numbers, not 3"),
+        ({"translation": 5}, "transform.translation must be a list of 3 numbers, not 5"),
+        ({"translation": ["1", 2, 3]}, 'transform.translation must be a number, not "1"'),
+        ({"quaternion": [1, 0, 0]}, "transform.quaternion has 3 numbers, not 4"),
+        ({"quaternion": [1, 0, None, 0]}, "transform.quaternion must be a number, not null"),
+    ],
+)
+def test_bad_transforms(viewer: Viewer, transform: Any, reason: str) -> None:
+    answer = viewer.tell({"settransform": [{"path": ["a"], "transform": transform}]})
+    assert (answer["status"], answer["errors"][0]["reason"]) == (-3, reason)
+    assert viewer.live.snapshot.revision == 0
+
+
+@pytest.mark.parametrize("number", ["NaN", "Infinity", "-Infinity", "1e999", "1" + "0" * 400])
+def test_pythons_numbers_beyond_json_are_kept_in_the_tree(viewer: Viewer, number: str) -> None:
+    text = f'{{"settransform": [{{"path": ["a"], "transform": {{"translation": [{number}, 0, 1]}}}}]}}'
+    answer = viewer.tell(text)
+    assert answer["status"] == 1, answer
+    pose = viewer.node("a").pose
+    assert pose is not None
+    assert not math.isfinite(pose[0])
+    assert viewer.node("a").matrix.shape == (4, 4)
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("", "not valid JSON"),
+        ("{", "not valid JSON"),
+        ("[" * 100_000, "nested too deeply"),
+        ('{"a":' * 50_000 + "1" + "}" * 50_000, "nested too deeply"),
+        ('{"setgeometry": [' + "[" * 3000 + "]" * 3000 + "]}", "a command must be an object"),
+        ('{"a": ' + "1" * 5000 + "}", None),
+        (
+            '{"settransform": [{"path": ["a"], "transform": {"translation": [' + "1" * 5000 + ", 0, 0]}}]}",
+            "not valid JSON",
+        ),
+        ("[]", "must be a JSON object, not []"),
+        ('"x"', "must be a JSON object"),
+        ("\ud800", "continuation byte"),
+        ('{"delete": [], }', "not valid JSON"),
+        ("{'delete': []}", "not valid JSON"),
+    ],
+)
+def test_bombs_and_damage(viewer: Viewer, text: str, reason: str | None) -> None:
+    answer = viewer.tell(text)
+    if reason is not None and answer["status"] != 0:
+        assert answer["status"] == -3
+        assert reason in answer["error"] or "nested too deeply" in answer["error"]
+    assert viewer.tell({"setgeometry": [{"path": ["a"], "geometry": BOX}]})["status"] == 0
+
+
+def test_the_last_of_equal_keys_counts(viewer: Viewer) -> None:
+    viewer.tell('{"delete": [1], "delete": [], "settransform": [{"path": ["a"], "path": ["b"], "transform": {}}]}')
+    assert viewer.live.snapshot.root.find(("b",)) is not None
+    assert viewer.live.snapshot.root.find(("a",)) is None
+
+
+def test_too_much_json_is_refused_by_its_size() -> None:
+    viewer = Viewer(Limits(json_bytes=1000))
+    answer = viewer.tell({"x": "y" * 1000})
+    assert answer["status"] == -3
+    assert "the limit is 1000" in answer["error"]
+
+
+def test_too_large_a_message_is_refused_by_its_size() -> None:
+    viewer = Viewer(Limits(message_bytes=100))
+    assert "the limit is 100" in viewer.tell({"x": "y" * 100})["error"]
+
+
+def test_an_answer_tells_a_bounded_number_of_reasons() -> None:
+    viewer = Viewer(Limits(problems=3))
+    answer = viewer.tell({"delete": [5] * 10})
+    assert len(answer["errors"]) == 3
+    assert answer["error"].endswith("(and 9 more)")
+
+
+# --- the fast ways read the same
+
+
+def whole(data: dict[str, Any], **how: Any) -> Request:
+    return RequestReader(Limits()).read(memoryview(json.dumps(data).encode()), **how)
+
+
+def same(one: Request, other: Request) -> None:
+    assert (one.deletes, one.transforms, one.failures, one.warnings) == (
+        *(other.deletes, other.transforms, other.failures),
+        other.warnings,
+    )
+    assert [path for path, _ in one.geometries] == [path for path, _ in other.geometries]
+    for (_, ours), (_, theirs) in zip(one.geometries, other.geometries, strict=True):
+        for a, b in zip(ours, theirs, strict=True):
+            assert type(a.shape) is type(b.shape)
+            if isinstance(a.shape, PointCloud | Line):
+                assert isinstance(b.shape, PointCloud | Line)
+                np.testing.assert_array_equal(a.shape.points, b.shape.points)
+
+
+def many_commands(count: int) -> dict[str, Any]:
+    return {
+        "delete": [{"path": ["gone", i]} for i in range(count)] + [{"no": "path"}],
+        "note": "}],[{" * 5,
+        "setgeometry": [
+            {
+                "path": ["it", f"n{i}]", '"\\'],
+                "geometry": {"type": "box" if i % 7 else "cone", "lengths": [1, 1, 1 + i]},
+            }
+            for i in range(count)
+        ],
+        "settransform": [
+            {"path": ["it", i], "transform": {"translation": [i, NAN if i == 77 else 1, 0]}} for i in range(count)
+        ],
+    }
+
+
+def test_a_request_read_in_pieces_says_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    data = many_commands(3000)
+    in_one = whole(data)
+    assert in_one.commands > 8000
+    assert {failure.index for failure in in_one.failures if failure.command == "setgeometry"} == set(range(0, 3000, 7))
+    monkeypatch.setattr(slices, "LEAST_CUT", 10)
+    monkeypatch.setattr(slices, "SLICE_BYTES", 1000)
+    cut = slices.pieces(json.dumps(data).encode())
+    assert cut is not None
+    assert len(list(cut)) > 100
+    in_pieces = whole(data)
+    for request in (in_one, in_pieces):
+        request.transforms = [(path, tuple(map(str, pose))) for path, pose in request.transforms]  # type: ignore[misc]
+    same(in_pieces, in_one)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"delete": [] "x": 1}',
+        '{"delete": [],}',
+        '{"delete": []}{"delete": []}',
+        '{}{"delete": []}',
+        '{"delete": [{"path": ["a"]},]}',
+        '{"delete": [{"path": ["a"]}, ,{"path": ["a"]}]}',
+        '{"delete": [{"path": ["a"]}]] }',
+        '{"delete": [{"path": ["a"}]]}',
+        '{"delete" []}',
+        '{"delete": [1 2]}',
+        "{delete: []}",
+        '{"delete": [{"path": ["a"]}]',
+        '{"delete": [{"path": ["a]}]}',
+        '{"unknown": [1, }',
+        '[{"delete": []}]',
+        "  ",
+    ],
+)
+def test_pieces_of_damaged_text_are_refused_like_the_whole(monkeypatch: pytest.MonkeyPatch, text: str) -> None:
+    reader = RequestReader(Limits())
+    monkeypatch.setattr(slices, "LEAST_CUT", 1)
+    monkeypatch.setattr(slices, "SLICE_BYTES", 1)
+    with pytest.raises(RequestError):
+        reader.read(memoryview(text.encode()))
+
+
+@settings(deadline=None, max_examples=200)
+@given(
+    st.recursive(
+        st.none() | st.booleans() | st.integers(-5, 5) | st.text(max_size=4),
+        lambda inner: (
+            st.lists(inner, max_size=4)
+            | st.dictionaries(
+                st.sampled_from(["delete", "setgeometry", "draw", "path", "geometry", ']"\\']), inner, max_size=4
+            )
+        ),
+        max_leaves=30,
+    )
+)
+def test_any_json_reads_the_same_in_pieces(data: Any) -> None:
+    reader = RequestReader(Limits())
+    text = memoryview(json.dumps(data).encode())
+    results: list[Any] = []
+    for least, size in ((1 << 30, 1), (1, 1), (1, 20)):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(slices, "LEAST_CUT", least)
+            patch.setattr(slices, "SLICE_BYTES", size)
+            try:
+                results.append(reader.read(text))
+            except RequestError as error:
+                results.append(str(error))
+    for result in results[1:]:
+        if isinstance(result, str):
+            assert result == results[0]
+        else:
+            same(result, results[0])
+
+
+NUMBERS = st.floats(width=64, allow_nan=True, allow_infinity=True) | st.integers(-(10**25), 10**25)
+
+
+@settings(deadline=None, max_examples=100)
+@given(st.lists(st.tuples(NUMBERS, NUMBERS, NUMBERS), min_size=90, max_size=200), st.sampled_from([None, 1, "\t"]))
+def test_taken_out_arrays_are_what_pythons_json_reads(rows: list[tuple[float, float, float]], indent: Any) -> None:
+    data = {"setgeometry": [{"path": ["p"], "geometry": {"type": "line", "points": rows}}]}
+    text = memoryview(json.dumps(data, indent=indent).encode())
+    shape = RequestReader(Limits()).read(text, extract=True).geometries[0][1]
+    expected = np.array([[float(v) for v in row] for row in rows])
+    with np.errstate(over="ignore"):
+        single = expected.astype(np.float32)
+    keep = (np.abs(single) <= np.float32(1e15)).all(axis=1)
+    if keep.sum() < 2:
+        assert shape == ()
+        return
+    assert isinstance(shape[0].shape, Line)
+    np.testing.assert_array_max_ulp(shape[0].shape.points, single[keep], maxulp=1)
+
+
+@pytest.mark.parametrize(
+    ("number", "good"),
+    [
+        *(
+            (text, True)
+            for text in ("0", "-0", "0.5", "1e5", "1E+5", "1e-400", "12345678901234567890123", "NaN", "-Infinity")
+        ),
+        *(
+            (text, False)
+            for text in (
+                "01",
+                "-",
+                "+1",
+                ".5",
+                "1.",
+                "1e",
+                "1e+",
+                "--1",
+                "1-1",
+                "Nan",
+                "-NaN",
+                "Inf",
+                "1 2",
+                "e",
+                "[1]",
+            )
+        ),
+    ],
+)
+def test_the_grammar_of_numbers_in_taken_out_arrays(number: str, good: bool) -> None:
+    text = (
+        '{"setgeometry": [{"path": ["p"], "geometry": {"type": "line", "points": ['
+        + "[1, 2, 3], " * 100
+        + f"[4, {number}, 6]"
+        + "]}}]}"
+    )
+    reader = RequestReader(Limits())
+    if not good:
+        try:
+            request = reader.read(memoryview(text.encode()), extract=True)
+        except RequestError as error:
+            assert "not valid JSON" in str(error)  # noqa: PT017
+        else:
+            assert "points has" in request.failures[0].reason
+        return
+    line = reader.read(memoryview(text.encode()), extract=True).geometries[0][1][0].shape
+    assert isinstance(line, Line)
+    value = float(json.loads(number))
+    if abs(value) <= 1e15:
+        assert line.points[-1, 1] == np.float32(value)
+    else:
+        assert len(line.points) == 100
+
+
+def test_no_client_can_write_the_name_of_a_taken_out_array() -> None:
+    reader = RequestReader(Limits())
+    rows = [[0.0, 1.0, 2.0]] * 100
+    for name in ("\x00:0", "\x00" + "0" * 24 + ":0"):
+        data = {
+            "setgeometry": [
+                {"path": [name], "geometry": {"type": "line", "points": rows}},
+                {"path": ["b"], "geometry": {"type": "line", "points": name}},
+            ]
+        }
+        request = reader.read(memoryview(json.dumps(data).encode()), extract=True)
+        assert request.geometries[0][0] == (name,)
+        assert "points must be a list" in request.failures[0].reason
