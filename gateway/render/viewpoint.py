@@ -16,6 +16,8 @@ _NEAR_FRACTION: Final = 1e-6
 """Near plane as a part of the far plane where neither the form nor the scene's camera states one."""
 _MIN_NEAR: Final = 1e-9
 """Metres; the raster's 1/z stays far within float32."""
+_MAX_DISTANCE: Final = 1e12
+"""Metres from the origin; farther out, float64 resolves no millimetres any more, and inverting the pose fails."""
 _RIGID: Final = 1e-6
 """What a rotation written with six digits is off by; a pose nearer to rigid than that is used as it is."""
 _NO_CAMERA: Final = (
@@ -62,6 +64,8 @@ def _pose(X: NDArray[np.float64], name: str) -> NDArray[np.float64]:
     """
     rotation = X[:3, :3]
     with np.errstate(all="ignore"):
+        if not np.abs(X[:3, 3]).max() <= _MAX_DISTANCE:
+            raise RequestError(400, f"scene: the camera node {name!r} is farther than {_MAX_DISTANCE:g} m away")
         if np.isfinite(X).all():
             if np.abs(rotation.T @ rotation - np.eye(3)).max() < _RIGID and np.linalg.det(rotation) > 0.0:
                 return X
@@ -72,4 +76,4 @@ def _pose(X: NDArray[np.float64], name: str) -> NDArray[np.float64]:
             pose[:3, 0], pose[:3, 1], pose[:3, 2], pose[:3, 3] = np.cross(down, forward), down, forward, X[:3, 3]
             if np.isfinite(pose).all():
                 return pose
-    raise RequestError(400, f"scene: the transform of the camera node {name!r} is singular or not finite")
+    raise RequestError(400, f"scene: the transform of the camera node {name!r} is singular")

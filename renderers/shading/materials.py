@@ -152,7 +152,6 @@ def as_tables(rows: list[MaterialRows]) -> tuple[np.ndarray, np.ndarray]:
     """(n, MI_COLUMNS) int64 and (n, MF_COLUMNS) float32, at least one row each."""
     if not rows:
         return np.full((1, MI_COLUMNS), -1, np.int64), np.zeros((1, MF_COLUMNS), np.float32)
-    return (
-        np.array([r.integers for r in rows], dtype=np.int64),
-        np.array([r.floats for r in rows], dtype=np.float32),
-    )
+    with np.errstate(over="ignore"):  # a posted factor beyond float32 is infinite
+        floats = np.array([r.floats for r in rows], dtype=np.float32)
+    return np.array([r.integers for r in rows], dtype=np.int64), floats

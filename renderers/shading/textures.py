@@ -111,4 +111,6 @@ class TextureTable:
         """(n, TI_COLUMNS) int64 and (n, TF_COLUMNS) float32, at least one row each."""
         if not self._integers:
             return np.zeros((1, TI_COLUMNS), np.int64), np.zeros((1, TF_COLUMNS), np.float32)
-        return np.array(self._integers, dtype=np.int64), np.array(self._floats, dtype=np.float32)
+        with np.errstate(over="ignore"):  # a posted texture transform beyond float32 is infinite
+            floats = np.array(self._floats, dtype=np.float32)
+        return np.array(self._integers, dtype=np.int64), floats
