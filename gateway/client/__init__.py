@@ -1,0 +1,1 @@
+"""Clients that users install: they know the wire, not the server."""

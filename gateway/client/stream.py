@@ -1,0 +1,173 @@
+"""A client of the stereo camera's image stream: of ours and of a real rc_visard alike.
+
+``stream`` receives sets and keeps them as files; ``receive`` is the bare loop, for programs.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import grpc
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.client import stream_files
+from gateway.generated import image_interface_pb2 as pb
+
+METHOD = "/ImageInterface/StreamImageSets"
+_CONNECT_SECONDS = 10.0
+
+
+class StreamFailure(RuntimeError):  # noqa: N818 - it ends with what failed
+    """The stream ended otherwise than by our will; one sentence."""
+
+
+@dataclass(frozen=True, slots=True)
+class StreamOptions:
+    """What to ask for and what to keep."""
+
+    target: str
+    """``HOST:PORT``; port 50051 when it has none."""
+    left: bool = False
+    right: bool = False
+    disparity: bool = False
+    error: bool = False
+    confidence: bool = False
+    mesh: bool = False
+    color: bool = False
+    """Left and right as RGB."""
+    max_points: int = 0
+    """Of a mesh; 0: no limit, else at least 1000."""
+    min_depth: bool = False
+    """Binned meshes take the nearest point instead of the mean."""
+    watertight: bool = False
+    textured: bool = False
+    count: int = 0
+    """End after this many sets; 0: go on until interrupted."""
+    output: Path | None = None
+    """Folder for PNG, PLY and npz files, made if need be; None: nothing is kept."""
+    preview: Path | None = None
+    """Picture file that shows the images of the newest set side by side."""
+    ca: Path | None = None
+    """PEM file: connect with TLS and trust this authority."""
+    timeout: float | None = None
+    """Seconds after which the stream ends with a failure; None: never."""
+
+    def request(self) -> pb.ImageSetRequest:
+        """The message; left and disparity when nothing was chosen."""
+        chosen = self.left or self.right or self.disparity or self.error or self.confidence or self.mesh
+        return pb.ImageSetRequest(
+            left_enabled=self.left or not chosen,
+            right_enabled=self.right,
+            disparity_enabled=self.disparity or not chosen,
+            disparity_error_enabled=self.error,
+            confidence_enabled=self.confidence,
+            mesh_enabled=self.mesh,
+            mesh_options=pb.MeshOptions(
+                max_points=self.max_points,
+                binning_method=pb.MeshOptions.MIN_DEPTH if self.min_depth else pb.MeshOptions.AVERAGE,
+                watertight=self.watertight,
+                textured=self.textured,
+            )
+            if self.mesh
+            else None,
+            color=self.color,
+        )
+
+
+@dataclass(slots=True)
+class Progress:
+    """Figures of a running stream."""
+
+    sets: int = 0
+    bytes: int = 0
+    seconds: float = 0.0
+    """Since the first set came."""
+    first: float = 0.0
+    """Seconds until the first set came."""
+    stamp: str = ""
+    """Of the newest set."""
+    stamps: list[int] = field(default_factory=list)
+    """Nanoseconds, of the newest sets."""
+
+    @property
+    def rate(self) -> float:
+        """Sets per second."""
+        return (self.sets - 1) / self.seconds if self.seconds > 0 else 0.0
+
+    def line(self) -> str:
+        """For people."""
+        volume = self.bytes / 1e6 / self.seconds if self.seconds > 0 else 0.0
+        return f"{self.sets} sets, {self.rate:.1f} per second, {volume:.1f} MB/s, newest {self.stamp}"
+
+
+def receive(options: StreamOptions) -> Iterator[tuple[pb.ImageSet, int]]:
+    """Sets and their sizes in bytes as they come, until the iterator is closed or ``count`` is reached.
+
+    Raises:
+        StreamFailure: nobody answers, the request is refused, or the stream broke; one sentence.
+        OSError: the authority's file cannot be read.
+    """
+    target = options.target if ":" in options.target.rsplit("]", 1)[-1] else f"{options.target}:50051"
+    # Full meshes have 55 MB; the device's own client allows 300.
+    settings = [("grpc.max_receive_message_length", -1)]
+    if options.ca is None:
+        channel = grpc.insecure_channel(target, settings)
+    else:
+        channel = grpc.secure_channel(target, grpc.ssl_channel_credentials(options.ca.read_bytes()), settings)
+    with channel:
+        try:
+            grpc.channel_ready_future(channel).result(_CONNECT_SECONDS)
+        except grpc.FutureTimeoutError:
+            raise StreamFailure(f"nobody answers at {target}") from None
+        # The serialised set is kept as it came: its size is the figure that counts on the wire.
+        open_stream = channel.unary_stream(METHOD, request_serializer=pb.ImageSetRequest.SerializeToString)
+        call = open_stream(options.request(), timeout=options.timeout)
+        try:
+            for number, data in enumerate(call, 1):
+                yield pb.ImageSet.FromString(data), len(data)
+                if number == options.count:
+                    break
+            else:
+                raise StreamFailure(f"{target} ended the stream")
+        except grpc.RpcError as error:
+            raise StreamFailure(f"{target} ended the stream: {error.code().name}: {error.details()}") from None
+        finally:
+            call.cancel()
+
+
+def stream(options: StreamOptions, report: Callable[[Progress], None] = lambda _: None) -> Progress:
+    """Receives sets, keeps what was asked for, and calls ``report`` after each.
+
+    Returns:
+        The figures at the end.
+
+    Raises:
+        StreamFailure, OSError: see ``receive``; or a file cannot be written.
+    """
+    progress = Progress()
+    begin = time.monotonic()
+    if options.output is not None:
+        options.output.mkdir(parents=True, exist_ok=True)
+    for image_set, size in receive(options):
+        now = time.monotonic()
+        if progress.sets == 0:
+            progress.first, begin = now - begin, now
+        progress.sets += 1
+        progress.bytes += size
+        progress.seconds = now - begin
+        progress.stamp = stream_files.stamp(image_set.timestamp)
+        if options.output is not None:
+            stream_files.save(image_set, options.output)
+        if options.preview is not None:
+            stream_files.write_picture(options.preview, stream_files.preview(image_set))
+        report(progress)
+    return progress
+
+
+def depth_of(disparity: pb.DisparityImage) -> NDArray[np.float32]:
+    """(H, W) float32 metres along the optical axis, +inf where the disparity is invalid: ``f t / d``."""
+    return stream_files.depth(disparity)

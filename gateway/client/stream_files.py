@@ -1,0 +1,145 @@
+"""Image sets as files: PNG, PLY, npz, and one picture of a whole set."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.generated import image_interface_pb2 as pb
+
+_CELL = (640, 480)
+"""Largest size of one image in a preview, pixels."""
+
+
+class BadImageError(ValueError):
+    """A message does not hold the image that it says; one sentence."""
+
+
+def stamp(time: pb.Time) -> str:
+    """Seconds and nanoseconds as the vendor's client writes them into file names."""
+    return f"{time.sec}.{time.nsec:09d}"
+
+
+def pixels(image: pb.Image) -> NDArray[Any]:
+    """The picture of a message: (H, W) uint8 or uint16, or (H, W, 3) uint8 RGB.
+
+    Raises:
+        BadImageError: unknown encoding, or the data is too short.
+    """
+    known = {"mono8": ("u1", 1), "mono16": ("u2", 1), "rgb8": ("u1", 3)}
+    if image.encoding not in known:
+        raise BadImageError(f"the encoding {image.encoding!r} is not one of {', '.join(known)}")
+    code, channels = known[image.encoding]
+    dtype = np.dtype(code).newbyteorder(">" if image.is_bigendian else "<")
+    row = image.width * channels * dtype.itemsize
+    if image.step < row or len(image.data) < image.step * image.height:
+        raise BadImageError(f"{len(image.data)} bytes are too few for {image.width}x{image.height} {image.encoding}")
+    rows = np.frombuffer(image.data, np.uint8, image.step * image.height).reshape(image.height, image.step)[:, :row]
+    array = np.ascontiguousarray(rows).view(dtype).astype(dtype.newbyteorder("="), copy=False)
+    return array.reshape((image.height, image.width, 3) if channels == 3 else (image.height, image.width))
+
+
+def depth(disparity: pb.DisparityImage) -> NDArray[np.float32]:
+    """(H, W) float32 metres, +inf where invalid."""
+    raw = pixels(disparity.image)
+    d = raw.astype(np.float32) * disparity.scale + disparity.offset
+    with np.errstate(divide="ignore"):
+        z = disparity.image.focal_length * disparity.baseline / d
+    z[raw == disparity.invalid_data_value] = np.inf
+    return np.asarray(z, np.float32)
+
+
+def save(image_set: pb.ImageSet, folder: Path) -> None:
+    """Writes every image as PNG, the mesh as PLY, and all arrays with their parameters as one npz.
+
+    Names are those of the vendor's client: ``image_<sec>.<nsec>_left.png``. Disparity PNGs have 16 bits, in units of
+    ``scale`` pixels.
+    """
+    base = f"image_{stamp(image_set.timestamp)}"
+    arrays: dict[str, Any] = {}
+    for name, image in _images(image_set).items():
+        array = pixels(image)
+        arrays[name] = array
+        arrays[f"{name}_K"] = intrinsics(image)
+        arrays[f"{name}_timestamp"] = np.int64(image.timestamp.sec * 10**9 + image.timestamp.nsec)
+        write_picture(folder / f"{base}_{name}.png", array)
+    if image_set.HasField("disparity"):
+        d = image_set.disparity
+        arrays["depth"] = depth(d)
+        arrays["baseline"], arrays["scale"] = np.float64(d.baseline), np.float64(d.scale)
+    if arrays:
+        np.savez(folder / f"{base}.npz", allow_pickle=False, **arrays)
+    if image_set.HasField("mesh"):
+        (folder / f"{base}_mesh.{image_set.mesh.format}").write_bytes(image_set.mesh.data)
+
+
+def intrinsics(image: pb.Image) -> NDArray[np.float64]:
+    """(3, 3) float64 camera matrix of an image."""
+    f = image.focal_length
+    return np.array(((f, 0, image.principal_point_u), (0, f, image.principal_point_v), (0, 0, 1)), np.float64)
+
+
+def preview(image_set: pb.ImageSet) -> NDArray[np.uint8]:
+    """(H, W, 3) uint8 RGB: all images of a set side by side, disparity in colour, invalid pixels black."""
+    cells = []
+    for name, image in _images(image_set).items():
+        array = pixels(image)
+        if name == "disparity":
+            array = in_color(array)
+        elif name == "error":
+            array = np.minimum(array.astype(np.uint16) * 32, 255).astype(np.uint8)
+        if array.ndim == 2:
+            array = np.repeat(array[:, :, None], 3, axis=2)
+        shrink = min(_CELL[0] / array.shape[1], _CELL[1] / array.shape[0], 1.0)
+        size = (max(round(array.shape[1] * shrink), 1), max(round(array.shape[0] * shrink), 1))
+        cells.append(np.asarray(cv2.resize(array, size, interpolation=cv2.INTER_AREA), np.uint8))
+    if not cells:
+        return np.zeros((1, 1, 3), np.uint8)
+    height = max(c.shape[0] for c in cells)
+    columns = [np.pad(c, ((0, height - c.shape[0]), (0, 4), (0, 0))) for c in cells]
+    return np.concatenate(columns, axis=1)[:, :-4]
+
+
+def in_color(disparity: NDArray[np.uint16]) -> NDArray[np.uint8]:
+    """(H, W, 3) uint8 RGB: near is red, far is blue, invalid is black; scaled to the middle 98 % of the values."""
+    valid = disparity > 0
+    low, high = np.percentile(disparity[valid], (1, 99)) if valid.any() else (0, 1)
+    scaled = np.clip((disparity.astype(np.float32) - low) / max(high - low, 1) * 255, 0, 255).astype(np.uint8)
+    colored = np.asarray(cv2.applyColorMap(scaled, cv2.COLORMAP_TURBO), np.uint8)[:, :, ::-1].copy()
+    colored[~valid] = 0
+    return colored
+
+
+def write_picture(path: Path, array: NDArray[Any]) -> None:
+    """Writes a picture; the suffix says the format.
+
+    Raises:
+        OSError: the file cannot be written, or the suffix is unknown.
+    """
+    bgr = array[:, :, ::-1] if array.ndim == 3 else array
+    try:
+        good, data = cv2.imencode(path.suffix or ".png", np.ascontiguousarray(bgr))
+    except cv2.error:
+        good = False
+    if not good:
+        raise OSError(f"cannot write {path}: {path.suffix!r} is no picture format")
+    path.write_bytes(data.tobytes())
+
+
+def _images(image_set: pb.ImageSet) -> dict[str, pb.Image]:
+    found = {}
+    for name, field in (
+        ("left", "left"),
+        ("right", "right"),
+        ("error", "disparity_error"),
+        ("confidence", "confidence"),
+    ):
+        if image_set.HasField(field):
+            found[name] = getattr(image_set, field)
+    if image_set.HasField("disparity"):
+        found["disparity"] = image_set.disparity.image
+    return {name: found[name] for name in ("left", "right", "disparity", "error", "confidence") if name in found}
