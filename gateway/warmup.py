@@ -16,7 +16,7 @@ def _drawing() -> None:
 
 
 def _others() -> None:
-    import gateway.treeviewer.kernels  # noqa: F401 - compiled, or loaded, when imported
+    import gateway.treeviewer.service  # noqa: F401 - its kernels are compiled, or loaded, when imported
     from gateway.scene.gltf.kernels import warm_up as warm_reader
     from renderers.stereo.warm import warm_up as warm_stereo
 

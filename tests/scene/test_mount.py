@@ -1,0 +1,60 @@
+"""Where the stereo camera is mounted."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gateway.scene.cameras import CameraError
+from gateway.scene.mount import Mount, parse_mount_path, parse_mount_pose
+from gateway.scene.tree import Node, TreeEdit
+
+
+def test_a_pose_as_numbers_is_the_optical_frame() -> None:
+    half = np.sqrt(0.5)
+    pose = parse_mount_pose(f"1,2,3,{half},0,0,{half}")
+    assert np.allclose(pose[:3, 3], (1, 2, 3))
+    assert np.allclose(pose[:3, 0], (0, 1, 0))  # a quarter turn about z: its x axis points along the world's y
+
+
+def test_a_pose_in_words_looks_at_the_target_with_up_upwards() -> None:
+    pose = parse_mount_pose("eye=2,0,1;target=0,0,1")
+    assert np.allclose(pose[:3, 2], (-1, 0, 0))  # +Z forward
+    assert np.allclose(pose[:3, 1], (0, 0, -1))  # +Y down
+    assert np.allclose(pose[:3, 3], (2, 0, 1))
+
+
+@pytest.mark.parametrize("text", ["", "1,2,3", "1,2,3,0,0,0,0", "1,2,3,1,0,0,nan", "a,b,c,d,e,f,g", "fit", "eye=1,2,3"])
+def test_anything_else_is_refused(text: str) -> None:
+    with pytest.raises(CameraError):
+        parse_mount_pose(text)
+
+
+def test_a_path_is_json() -> None:
+    assert parse_mount_path('["robot", "a/b", 3]') == ("robot", "a/b", 3)
+    with pytest.raises(CameraError, match="not a JSON list"):
+        parse_mount_path("robot/head")
+
+
+def tree(x: float) -> Node:
+    edit = TreeEdit(Node())
+    edit.set_pose(("robot",), (x, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
+    edit.set_pose(("robot", "head"), (0.0, 0.0, 2.0, 1.0, 0.0, 0.0, 0.0))
+    return edit.commit()
+
+
+def test_a_mounted_camera_moves_with_its_node_and_keeps_the_last_pose_without_it() -> None:
+    mount = Mount(np.eye(4), ("robot", "head"))
+    assert np.array_equal(mount.pose(Node()), np.eye(4))
+    assert "there is no such node" in mount.warning
+    assert np.allclose(mount.pose(tree(1.0))[:3, 3], (1, 0, 2))
+    assert mount.warning == ""
+    assert np.allclose(mount.pose(tree(5.0))[:3, 3], (5, 0, 2))
+    assert np.allclose(mount.pose(Node())[:3, 3], (5, 0, 2))
+    assert mount.warning.startswith("the stereo camera keeps its last pose: ")
+
+
+def test_a_fixed_camera_never_warns() -> None:
+    mount = Mount(np.eye(4))
+    assert np.array_equal(mount.pose(Node()), np.eye(4))
+    assert mount.warning == ""
