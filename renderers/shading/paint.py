@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from renderers.camera import Camera
 from renderers.drawlist import DrawList
 from renderers.port import Look
-from renderers.shading.kernels import DIRECT, GATHER, UNDER, shade_rows
+from renderers.shading.compose import DIRECT, GATHER, UNDER
+from renderers.shading.kernels import shade_rows
 from renderers.shading.sampling import BYTE_VALUES
 from renderers.shading.scene import ShadingScene, normal_matrices
 from renderers.shading.transfer import DECODED, GUESSES, THRESHOLDS
@@ -67,21 +68,23 @@ def paint(
         gathered[..., 3] = 1.0
         any_layer = False
         beyond: Visibility | None = None
-        for _ in range(max_layers):
-            layer = rasterizer.visibility(
-                scene, camera, select=shading.layered, cull_back=cull, beyond=beyond, before=behind
-            )
+        try:
+            for _ in range(max_layers):
+                layer = rasterizer.visibility(
+                    scene, camera, select=shading.layered, cull_back=cull, beyond=beyond, before=behind
+                )
+                if beyond is not None:
+                    beyond.close()
+                beyond = layer
+                if not (layer.ids >= 0).any():
+                    break
+                any_layer = True
+                _shade(rasterizer, shading, layer, camera, look, GATHER, gathered, _NO_COLOR)
+                # Nothing can be seen behind an opaque texel: no more layers there.
+                layer.ids[gathered[..., 3] <= 0.0] = -1
+        finally:
             if beyond is not None:
                 beyond.close()
-            beyond = layer
-            if not (layer.ids >= 0).any():
-                break
-            any_layer = True
-            _shade(rasterizer, shading, layer, camera, look, GATHER, gathered, _NO_COLOR)
-            # Nothing can be seen behind an opaque texel: no more layers there.
-            layer.ids[gathered[..., 3] <= 0.0] = -1
-        if beyond is not None:
-            beyond.close()
         _shade(rasterizer, shading, behind, camera, look, UNDER if any_layer else DIRECT, gathered, color)
 
 

@@ -186,16 +186,13 @@ def normal_matrices(X_camera_mesh: NDArray[np.float64]) -> NDArray[np.float64]:
         X_camera_mesh: (n, 4, 4) float64.
     """
     a = X_camera_mesh[:, :3, :3]
-    cofactors = np.stack(
-        (
-            np.cross(a[:, 1], a[:, 2]),
-            np.cross(a[:, 2], a[:, 0]),
-            np.cross(a[:, 0], a[:, 1]),
-        ),
-        axis=1,
-    )
-    # cofactor(A) = det(A) A^-T: undo the determinant's sign (mirrored instances), keep its size out of the numbers.
-    size = np.abs(cofactors).max(axis=(1, 2), keepdims=True)
-    sign = np.where(np.linalg.det(a) < 0.0, -1.0, 1.0)[:, None, None]
-    result: NDArray[np.float64] = np.ascontiguousarray(cofactors * sign / np.where(size > 0.0, size, 1.0))
+    with np.errstate(all="ignore"):  # instances that are not finite draw nothing
+        cofactors = np.stack(
+            (np.cross(a[:, 1], a[:, 2]), np.cross(a[:, 2], a[:, 0]), np.cross(a[:, 0], a[:, 1])),
+            axis=1,
+        )
+        # cofactor(A) = det(A) A^-T: undo the determinant's sign (mirrored instances) and its size.
+        size = np.abs(cofactors).max(axis=(1, 2), keepdims=True)
+        sign = np.where(np.linalg.det(a) < 0.0, -1.0, 1.0)[:, None, None]
+        result: NDArray[np.float64] = np.ascontiguousarray(cofactors * sign / np.where(size > 0.0, size, 1.0))
     return result

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from renderers.drawlist import Instance, Material, Mesh
-from renderers.shading.kernels import DIRECT, shade_rows
+from renderers.shading.compose import DIRECT
+from renderers.shading.kernels import shade_rows
 from renderers.shading.sampling import BYTE_VALUES
 from renderers.shading.scene import normal_matrices, prepare
 from renderers.shading.transfer import DECODED, GUESSES, THRESHOLDS

@@ -111,7 +111,8 @@ def test_golden_picture(renderer: CpuRenderer, look: Look) -> None:
         cv2.imwrite(str(path), color[..., ::-1])
     golden = cv2.imread(str(path))
     assert golden is not None
-    assert (color == golden[..., ::-1]).all()
+    wrong = np.argwhere((color != golden[..., ::-1]).any(axis=-1))
+    assert len(wrong) == 0, f"{len(wrong)} pixels differ, the first at (row, column) {wrong[:4].tolist()}"
 
 
 @pytest.mark.parametrize("look", LOOKS, ids=lambda look: look.name)
@@ -148,6 +149,11 @@ def test_a_crooked_mesh_never_gives_nonsense(renderer: CpuRenderer) -> None:
         for instance in odd:
             color = drawn(renderer, DrawList((replace(instance, material=material),)), camera(), look)
             assert color.shape == (36, 48, 3)
+    nowhere = np.full((4, 4), np.nan)
+    nowhere[0] = np.inf
+    for look in LOOKS:
+        color = drawn(renderer, DrawList((Instance(ball(), material, nowhere),)), camera(), look)
+        assert (color == look.background).all()
     # A normal without direction is black, not random; the base colour is not NaN.
     black = drawn(renderer, DrawList((odd[4],)), camera(), Look("phong"))
     assert {tuple(c) for c in black.reshape(-1, 3)} == {(0, 0, 0), (204, 229, 255)}
