@@ -1,0 +1,89 @@
+"""The parts between a request and its picture: scenes that are kept, depth that is limited."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from gateway.render.config import RenderConfig
+from gateway.render.depth import limit_depth, millimetres
+from gateway.render.form import read_form
+from gateway.render.multipart import FormReader
+from gateway.render.pipeline import Pipeline
+from gateway.render.scenes import SceneStore
+from gateway.scene.gltf import GltfError
+from renderers.cpu import CpuRenderer
+from tests.support.forms import CONTENT_TYPE, body, drake_fields, gltf
+
+
+def scene(**changes: object) -> tuple[str, memoryview]:
+    data = json.dumps(gltf(**changes)).encode()
+    return hashlib.sha256(data).hexdigest(), memoryview(data)
+
+
+def test_scenes_are_kept_by_content_the_least_recently_used_going_first() -> None:
+    store = SceneStore(RenderConfig(scene_cache_count=2))
+    scenes = [scene(color=(shade, 0.0, 0.0, 1.0)) for shade in (0.1, 0.2, 0.3)]
+    first, second = store.get(*scenes[0]), store.get(*scenes[1])
+    assert store.get(*scenes[0]) is first
+    store.get(*scenes[2])  # the second goes
+    assert store.get(*scenes[0]) is first
+    assert store.get(*scenes[1]) is not second
+    assert (store.hits, store.misses) == (2, 4)
+    assert first.drawn.instances[0].mesh is second.drawn.instances[0].mesh  # geometry is shared, whatever the colours
+
+
+def test_scenes_beyond_the_bytes_are_not_kept() -> None:
+    one = scene()
+    store = SceneStore(RenderConfig(scene_cache_bytes=len(one[1])))  # its geometry comes on top
+    assert store.get(*one) is not store.get(*one)
+    assert (store.hits, store.misses) == (0, 2)
+
+
+def test_scenes_that_cannot_be_read_are_not_kept() -> None:
+    store = SceneStore(RenderConfig())
+    for _ in range(2):
+        with pytest.raises(GltfError):
+            store.get("0" * 64, memoryview(b"{"))
+    assert (store.hits, store.misses) == (0, 0)
+
+
+def test_depth_limits_include_their_ends() -> None:
+    depth = np.array([[0.05, 0.1, 0.2, 4.9, 5.0, 9.0, math.inf]], np.float32)
+    limit_depth(depth, float(np.float32(0.1)), 5.0)
+    np.testing.assert_array_equal(depth, np.array([[0, 0, 0.2, 4.9, math.inf, math.inf, math.inf]], np.float32))
+
+
+def test_millimetres_round_and_saturate() -> None:
+    metres = np.array([[0.0, 0.0004, 0.0006, 1.2344, 1.2346, 65.534, 65.5349, 65.536, 1e9, math.inf]], np.float32)
+    expected = np.array([[0, 0, 1, 1234, 1235, 65534, 65535, 65535, 65535, 65535]], np.uint16)
+    np.testing.assert_array_equal(millimetres(metres), expected)
+
+
+def test_colour_is_smoothed_unless_the_operator_says_no() -> None:
+    """Labels and depth never are: only two values, the edge as hard as the geometry."""
+    renderer = CpuRenderer(1)
+    shades = {}
+    for antialias in ("fxaa", "none"):
+        config = RenderConfig(antialias=antialias)  # type: ignore[arg-type]
+        pipeline = Pipeline(renderer, config)
+        for kind in ("color", "label"):
+            reader = FormReader(CONTENT_TYPE, config)
+            reader.feed(body(gltf(), drake_fields(kind)))
+            picture = pipeline.picture(read_form(reader.form(), config))
+            shades[antialias, kind] = len(np.unique(_pixels(picture.body), axis=0))
+    renderer.close()
+    assert shades["none", "color"] == shades["none", "label"] == shades["fxaa", "label"] == 2
+    assert shades["fxaa", "color"] > 5
+
+
+def _pixels(png: bytes) -> NDArray[np.generic]:
+    image = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
+    assert image is not None
+    return image.reshape(-1, 3)
