@@ -19,6 +19,7 @@ class Application:
         self._census = census
         self._limits = limits
         self._at = [0, 0, 0]
+        self._booked = 0
         self._failures = list(request.failures)
         self._added: dict[Path, None] = {}
         self._set: dict[Path, None] = {}
@@ -30,10 +31,11 @@ class Application:
         if not request.commands:
             return False
         with self._live.edit() as edit:
+            self._booked = 0
             most -= self._delete(edit, most)
             most -= self._set_geometry(edit, most)
             self._set_transform(edit, most)
-            self._census.nodes += edit.created
+            self._book(edit)
         return at[0] < len(request.deletes) or at[1] < len(request.geometries) or at[2] < len(request.transforms)
 
     def _delete(self, edit: TreeEdit, most: int) -> int:
@@ -53,6 +55,7 @@ class Application:
                 self._failures.append(Failure("setgeometry", index, path, refused))
                 continue
             edit.set_parts(path, parts)
+            self._book(edit)
             self._census.parts += len(parts)
             self._added[path] = None
         self._at[1] += len(commands)
@@ -64,10 +67,11 @@ class Application:
         commands = transforms if begin == 0 and most >= len(transforms) else transforms[begin : begin + most]
         census, missing, set_pose = self._census, self._missing, edit.set_pose
         longest = max((len(path) for path, _ in commands), default=0)
-        full = census.nodes + edit.created + longest * len(commands) > self._limits.nodes
+        full = census.nodes + longest * len(commands) > self._limits.nodes
         for index, (path, pose) in enumerate(commands, begin):
             if full:
-                refused = census.room(edit.root, edit.created + _new_nodes(edit, path), 0)
+                self._book(edit)
+                refused = census.room(edit.root, _new_nodes(edit, path), 0)
                 if refused:
                     self._failures.append(Failure("settransform", index, path, refused))
                     continue
@@ -75,6 +79,11 @@ class Application:
                 missing[path] = None
             self._set[path] = None
         self._at[2] += len(commands)
+
+    def _book(self, edit: TreeEdit) -> None:
+        """Tells the census of the nodes that were made since the last time."""
+        self._census.nodes += edit.created - self._booked
+        self._booked = edit.created
 
     def answer(self, utime: int) -> Answer:
         """What the client is told."""

@@ -31,7 +31,7 @@ class Census:
         self._limits = limits
         self._clock = clock
         self._counted = -RECOUNT_SECONDS
-        self.nodes = 0
+        self.nodes = 1  # the root
         self.parts = 0
         self._arrays: dict[int, weakref.ref[Any]] = {}
         self._lock = threading.RLock()
