@@ -36,7 +36,7 @@ ENV PATH=/opt/scenegate/bin:$PATH \
 USER scenegate
 # Kernels for the CPU of the building machine; on another kind of CPU the first start compiles them once more.
 RUN scenegate warmup
-EXPOSE 8000 7700
+EXPOSE 8000 7700 50051
 STOPSIGNAL SIGTERM
 HEALTHCHECK --interval=10s --timeout=3s --start-period=120s --retries=3 \
     CMD ["python", "-c", "import urllib.request; urllib.request.urlopen('http://127.0.0.1:8000/readyz', timeout=2)"]

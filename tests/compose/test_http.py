@@ -119,6 +119,16 @@ def test_a_colour_picture_shows_wall_and_background(http: httpx2.Client) -> None
     assert tuple(right) == (204, 229, 255)
 
 
+def test_the_demo_scene_is_listed_and_drawn(http: httpx2.Client) -> None:
+    listed = http.get("/scene").json()
+    assert ["demo", "robot"] in [node["path"] for node in listed["nodes"]]
+    answer = http.get("/scene/render", params={"camera": "fit", "width": 160, "height": 120})
+    assert answer.status_code == 200, answer.text
+    picture = decode(answer)
+    assert picture.shape == (120, 160, 3)
+    assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 100
+
+
 def test_a_bad_request_is_told_in_plain_text(http: httpx2.Client) -> None:
     answer = render(http, "color", half_a_wall(), width="-3")
     assert answer.status_code == 400
