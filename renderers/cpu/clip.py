@@ -9,8 +9,7 @@ from renderers.cpu.layout import (
     GUARD,
     J_LENGTHS,
     J_TABLE,
-    J_X,
-    J_Y,
+    J_VERTEX,
     L_CX,
     L_CY,
     L_FX,
@@ -139,12 +138,10 @@ def clip_triangle(job, lens, drawn, element, corners, grid):  # type: ignore[no-
         source, other_source = other_source, source
     if count < 3:
         return 0
-    xs = f32_at(job[J_X])
-    ys = f32_at(job[J_Y])
-    first = table[drawn * T_COLUMNS + T_VERTEX]
+    vertices = f32_at(job[J_VERTEX] + 16 * table[drawn * T_COLUMNS + T_VERTEX])
     for k in range(count):
         if source[k] >= 0:  # the very coordinates that the neighbours use
-            x, y = xs[first + source[k]], ys[first + source[k]]
+            x, y = vertices[4 * source[k]], vertices[4 * source[k] + 1]
         else:
             x, y = project(lens, points, k)
         grid[k, 0] = snap(x)

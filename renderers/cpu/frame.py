@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from renderers.cpu.pools import Scratch
 from renderers.cpu.resolve import draw_band
 from renderers.cpu.scene import PreparedScene
 from renderers.cpu.setup import setup
+from renderers.cpu.simd import LANES
 from renderers.cpu.transform import transform
 from renderers.cpu.visibility import Visibility, band_count
 from renderers.port import Frame
@@ -36,8 +37,8 @@ class FrameJob:
         camera: Camera,
         scratch: Scratch,
         *,
-        select: NDArray[np.bool_] | None,
-        cull_back: NDArray[np.bool_] | None,
+        select: NDArray[np.bool_] | None = None,
+        cull_back: NDArray[np.bool_] | None = None,
     ) -> None:
         """
         Args:
@@ -70,17 +71,17 @@ class FrameJob:
         """Not worth a second thread."""
 
         padded = self._chunks * at.CHUNK
-        x = scratch.take("x", self._vertices, np.float32)
-        y = scratch.take("y", self._vertices, np.float32)
-        w = scratch.take("w", self._vertices, np.float32)
+        vertices = scratch.take("vertices", 4 * self._vertices, np.float32)
         records = scratch.take("records", padded * at.RECORD_BYTES // 8, np.float64)
         small = scratch.take("small", padded * at.SMALL_BANDS, np.uint16)
         tall = scratch.take("tall", padded, np.uint16)
-        offsets = scratch.take("offsets", self._chunks * (bands + 2), np.int32)
+        micro = scratch.take("micro", padded * at.MICRO_PER_ELEMENT * 3, np.int32)
+        offsets = scratch.take("offsets", self._chunks * (2 * bands + 3), np.int32)
 
         job = self._job = np.zeros(at.J_COLUMNS, dtype=np.int64)
         job[at.J_WIDTH] = camera.width
         job[at.J_HEIGHT] = camera.height
+        job[at.J_STRIDE] = self._stride = -(-camera.width // LANES) * LANES
         job[at.J_BANDS] = bands
         job[at.J_CHUNKS] = self._chunks
         job[at.J_VERTICES] = self._vertices
@@ -88,12 +89,11 @@ class FrameJob:
         job[at.J_INSTANCES] = len(drawn)
         job[at.J_TABLE] = address_of(table, np.int64)
         job[at.J_LENGTHS] = address_of(lengths, np.float64)
-        job[at.J_X] = address_of(x, np.float32)
-        job[at.J_Y] = address_of(y, np.float32)
-        job[at.J_W] = address_of(w, np.float32)
+        job[at.J_VERTEX] = address_of(vertices, np.float32)
         job[at.J_RECORDS] = address_of(records, np.float64)
         job[at.J_SMALL] = address_of(small, np.uint16)
         job[at.J_TALL] = address_of(tall, np.uint16)
+        job[at.J_MICRO] = address_of(micro, np.int32)
         job[at.J_OFFSETS] = address_of(offsets, np.int32)
         job[at.J_ALL_INSTANCES] = count
         job[at.J_FIRST_RECORD] = address_of(prepared.first_record, np.int64)
@@ -102,22 +102,42 @@ class FrameJob:
         job[at.J_ALL_MESHES] = address_of(prepared.attributes, np.int64)
         job[at.J_ALL_X] = address_of(self.X_camera_mesh, np.float64)
         self._lens = np.array((camera.fx, camera.fy, camera.cx, camera.cy, camera.near, camera.far), dtype=np.float64)
-        self._keep: list[object] = [prepared, table, lengths, scratch]
+        self._scratch = scratch
+        self._keep: list[object] = [prepared, table, lengths]
 
     def layers(
         self, ids: NDArray[np.int32], inv_z: NDArray[np.float32], beyond: Visibility | None, before: Visibility | None
     ) -> None:
-        """Say where the layer goes and which layers it lies between."""
+        """Say where the layer goes and which layers it lies between; all (H, W) as in ``Visibility``. When this is not
+        called, the layer is not kept.
+
+        Kernels work on whole vectors: where the width is not a multiple of eight, on padded copies.
+        """
         job = self._job
-        job[at.J_IDS] = address_of(ids, np.int32)
-        job[at.J_INV_Z] = address_of(inv_z, np.float32)
+        height, width = ids.shape
+        if self._stride == width:
+            job[at.J_IDS] = address_of(ids, np.int32)
+            job[at.J_INV_Z] = address_of(inv_z, np.float32)
+        else:
+            count = height * self._stride
+            job[at.J_IDS] = address_of(self._scratch.take("ids", count, np.int32), np.int32)
+            job[at.J_INV_Z] = address_of(self._scratch.take("inv_z", count, np.float32), np.float32)
+            job[at.J_PLAIN_IDS] = address_of(ids, np.int32)
+            job[at.J_PLAIN_INV_Z] = address_of(inv_z, np.float32)
         if beyond is not None:
-            job[at.J_BEYOND_IDS] = address_of(beyond.ids, np.int32)
-            job[at.J_BEYOND_INV_Z] = address_of(beyond.inv_z, np.float32)
+            job[at.J_BEYOND_IDS] = address_of(self._padded(beyond.ids), np.int32)
+            job[at.J_BEYOND_INV_Z] = address_of(self._padded(beyond.inv_z), np.float32)
         if before is not None:
-            job[at.J_BEFORE_IDS] = address_of(before.ids, np.int32)
-            job[at.J_BEFORE_INV_Z] = address_of(before.inv_z, np.float32)
-        self._keep += (ids, inv_z, beyond, before)
+            job[at.J_BEFORE_IDS] = address_of(self._padded(before.ids), np.int32)
+            job[at.J_BEFORE_INV_Z] = address_of(self._padded(before.inv_z), np.float32)
+        self._keep += (ids, inv_z)
+
+    def _padded(self, array: NDArray[Any]) -> NDArray[Any]:
+        """The array, or a copy whose rows are whole vectors; kept as long as the job."""
+        if array.shape[1] != self._stride:
+            array = np.pad(array, ((0, 0), (0, self._stride - array.shape[1])))
+        self._keep.append(array)
+        return array
 
     def outputs(self, frame: Frame) -> None:
         """Say which pictures are filled after a band is rasterized."""
@@ -130,7 +150,7 @@ class FrameJob:
 
     def phases(self, threads: int) -> tuple[Phase, Phase, Phase]:
         """Transform, setup, and raster with resolve. Results do not depend on ``threads``."""
-        job, lens = self._job, self._lens
+        job, lens = address_of(self._job, np.int64), address_of(self._lens, np.float64)
         units = UNITS_PER_THREAD * threads if threads > 1 else 1
         vertices = max(-(-self._vertices // units), MIN_VERTICES)
         chunks = max(-(-self._chunks // units), 1)

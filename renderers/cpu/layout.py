@@ -32,16 +32,16 @@ J_ELEMENTS: Final = 5
 J_INSTANCES: Final = 6  # drawn ones
 J_TABLE: Final = 7  # (drawn + 1, T_COLUMNS) int64
 J_LENGTHS: Final = 8  # (drawn, M_COLUMNS) float64
-J_X: Final = 9  # (vertices,) float32
-J_Y: Final = 10
-J_W: Final = 11
+J_VERTEX: Final = 9  # (vertices, 4) float32: x, y (pixels), 1/z, unused
+J_PLAIN_IDS: Final = 10  # (height, width) int32, float32: copies without padding; 0: not wanted
+J_PLAIN_INV_Z: Final = 11
 J_RECORDS: Final = 12  # (chunks * CHUNK, 64 bytes)
 J_SMALL: Final = 13  # (chunks, SMALL_BANDS * CHUNK) uint16
 J_TALL: Final = 14  # (chunks, CHUNK) uint16
-J_OFFSETS: Final = 15  # (chunks, bands + 2) int32: starts in SMALL by band, then the number of tall records
-J_IDS: Final = 16
-J_INV_Z: Final = 17
-J_BEYOND_IDS: Final = 18  # 0: no such layer
+J_OFFSETS: Final = 15  # (chunks, 2 bands + 3) int32: starts in SMALL by band, starts in MICRO by band, tall records
+J_IDS: Final = 16  # (height, stride) int32; 0: nobody wants the layer itself, only the outputs
+J_INV_Z: Final = 17  # (height, stride) float32
+J_BEYOND_IDS: Final = 18  # (height, stride); 0: no such layer
 J_BEYOND_INV_Z: Final = 19
 J_BEFORE_IDS: Final = 20
 J_BEFORE_INV_Z: Final = 21
@@ -55,7 +55,9 @@ J_ALL_LABELS: Final = 28  # (all,) uint32
 J_ALL_IDS: Final = 29  # (all,) int32
 J_ALL_MESHES: Final = 30  # (all, A_COLUMNS) int64
 J_ALL_X: Final = 31  # (all, 4, 4) float64, camera from mesh
-J_COLUMNS: Final = 32
+J_STRIDE: Final = 32  # width rounded up to whole vectors
+J_MICRO: Final = 33  # (chunks, MICRO_PER_ELEMENT * CHUNK, 3) int32: pixel, bits of the float32 1/z, record number
+J_COLUMNS: Final = 34
 
 # The lens: float64 values.
 L_FX: Final = 0
@@ -85,6 +87,18 @@ A_ELEMENTS: Final = 2
 A_NORMALS: Final = 3
 A_COLUMNS: Final = 4
 
+SMALL_WIDTH: Final = 64
+SMALL_HEIGHT: Final = 128
+"""Triangles whose box holds at most this many pixel centres across and down have edge functions that fit int32:
+2 x 256^2 x (64 + 8) x 128 < 2^31."""
+SMALL_RATIO: Final = 4.0
+"""Triangles whose farthest vertex is more than this times as far as the nearest go the large path, where 1/z is
+evaluated in float64: near grazing walls float32 would lose digits at the far end."""
+TINY: Final = 4
+"""Triangles whose box holds at most TINY x TINY pixel centres are solved in setup, which leaves their pixels."""
+MICRO_PER_ELEMENT: Final = 4
+"""Room for pixels of tiny triangles, per element of a chunk; when it is used up, the others become records."""
+
 # A record is 64 bytes: 8 int32, 3 float64, 2 float32. Offsets are counted in values of the respective type.
 RECORD_BYTES: Final = 64
 R_XY: Final = 0  # int32: x0 y0 x1 y1 x2 y2, grid units (see R_KIND for others)
@@ -103,3 +117,17 @@ KIND_LINE: Final = 2
 """R_XY: both ends, half the width in grid units."""
 KIND_POINT: Final = 3
 """R_XY: first column and row, and those after the last."""
+KIND_SMALL: Final = 4
+"""A triangle within SMALL_WIDTH x SMALL_HEIGHT: S_EDGES and on instead of R_XY and R_DX .. R_BASE."""
+
+# A small triangle's record: 16 values of 4 bytes; R_ID, R_KIND, R_LOW and R_HIGH as above. The third edge's steps are
+# minus the sum of the others'.
+S_EDGES: Final = 0  # int32: the 3 edge functions at the box's first pixel centre; covered where all are >= 0
+S_RIGHT: Final = 3  # int32: change per column of the first two
+S_DOWN: Final = 5  # int32: change per row of the first
+S_DOWN_SECOND: Final = 8  # int32: change per row of the second
+S_BOX: Final = 9  # int32: first column (low half, signed) and row (high half) of the box, perhaps off the picture
+S_SIZE: Final = 10  # int32: columns (low half) and rows (high half)
+S_BASE: Final = 11  # float32: 1/z at the box's first pixel centre, change per column, per row
+S_DX: Final = 12
+S_DY: Final = 13

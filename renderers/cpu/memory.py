@@ -53,3 +53,21 @@ u32_at = _pointer_to(types.uint32)
 """A pointer to uint32 values."""
 u16_at = _pointer_to(types.uint16)
 """A pointer to uint16 values."""
+
+
+def _same_place_as(element: Any) -> Any:
+    def cast(typing_context: Any, pointer: Any) -> tuple[Any, Callable[..., Any]]:
+        wanted: Any = types.CPointer(element)  # type: ignore[no-untyped-call]
+
+        def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            return builder.bitcast(args[0], context.get_value_type(wanted))
+
+        return wanted(pointer), generate
+
+    return intrinsic(cast)
+
+
+as_f32 = _same_place_as(types.float32)
+"""``as_f32(pointer)``: the same place as float32 values."""
+as_u32 = _same_place_as(types.uint32)
+"""The same place as uint32 values."""

@@ -1,9 +1,10 @@
 """Records to pixels: exact coverage by fixed-point edges and the top-left rule, nearest 1/z wins.
 
-A pixel is covered when its centre is inside all edges, or on a left edge or a horizontal top edge. An edge's crossing
-with a row of centres is a quotient of integers below 2^50 and 2^33; two of them that differ, differ by at least 2^-33
-at a magnitude below 2^17, so that the float64 quotient has the exact ceiling. Spans are half-open: of two triangles
-with a common edge exactly one covers each pixel centre.
+A pixel is covered when its centre is inside all edges, or on a left edge or a horizontal top edge. Small triangles
+are tested with int32 edge functions. For others an edge's crossing with a row of centres is a quotient of integers
+below 2^50 and 2^33; two such that differ, differ by at least 2^-33 at a magnitude below 2^17, so that the float64
+quotient has the exact ceiling. Spans are half-open: of two triangles with a common edge exactly one covers each
+pixel centre.
 """
 
 from __future__ import annotations
@@ -11,29 +12,34 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from renderers.cpu import simd as vec
+from renderers.cpu.blend import blend, blend_one
 from renderers.cpu.clip import MAX_VERTICES, clip_triangle
+from renderers.cpu.elements import first_centre
 from renderers.cpu.layout import (
     CHUNK,
     HALF,
     J_BANDS,
     J_BEFORE_IDS,
-    J_BEFORE_INV_Z,
     J_BEYOND_IDS,
-    J_BEYOND_INV_Z,
     J_CHUNKS,
     J_HEIGHT,
     J_IDS,
     J_INV_Z,
+    J_MICRO,
     J_OFFSETS,
     J_RECORDS,
     J_SMALL,
+    J_STRIDE,
     J_TABLE,
     J_TALL,
     J_WIDTH,
     KIND_CLIPPED,
     KIND_LINE,
+    KIND_SMALL,
     KIND_TRIANGLE,
     L_FAR,
+    MICRO_PER_ELEMENT,
     R_BASE,
     R_DX,
     R_DY,
@@ -43,155 +49,213 @@ from renderers.cpu.layout import (
     R_LOW,
     R_XY,
     RECORD_BYTES,
+    S_BASE,
+    S_BOX,
+    S_DOWN,
+    S_DOWN_SECOND,
+    S_DX,
+    S_DY,
+    S_EDGES,
+    S_RIGHT,
+    S_SIZE,
     SMALL_BANDS,
     SUBPIXEL,
     T_COLUMNS,
     T_RECORD,
 )
-from renderers.cpu.memory import f32_at, f64_at, i32_at, i64_at, u16_at
-from renderers.cpu.setup import first_centre
+from renderers.cpu.memory import as_f32, f32_at, f64_at, i32_at, i64_at, u16_at
 from renderers.cpu.visibility import BAND_ROWS
 
 
 @njit(nogil=True, error_model="numpy")
-def _span(job, record, row, start, stop, box_x, box_y):  # type: ignore[no-untyped-def]
-    """Draw the pixels ``start .. stop`` of a row; ``box_x, box_y`` is the pixel that R_BASE belongs to."""
+def _small(job, layered, record, first_row, last_row):  # type: ignore[no-untyped-def]
+    """Draw a KIND_SMALL record: eight pixels at a time, no branch on coverage."""
+    whole = i32_at(record)
+    fraction = f32_at(record)
+    box = np.int64(whole[S_BOX])
+    size = np.int64(whole[S_SIZE])
+    box_y = box >> 16
+    box_x = ((box & 0xFFFF) ^ 0x8000) - 0x8000
+    top = max(box_y, first_row)
+    bottom = min(box_y + (size >> 16), last_row)
+    left = max(box_x, 0)
+    right = min(box_x + (size & 0xFFFF), job[J_WIDTH])
+    stride = job[J_STRIDE]
+    ids = i32_at(job[J_IDS])
+    depths = f32_at(job[J_INV_Z])
+    identity = vec.i32(whole[R_ID])
+    low, high = vec.f32(fraction[R_LOW]), vec.f32(fraction[R_HIGH])
+    slope = vec.f32(fraction[S_DX])
+    right0, right1 = np.int64(whole[S_RIGHT]), np.int64(whole[S_RIGHT + 1])
+    down0, down1 = np.int64(whole[S_DOWN]), np.int64(whole[S_DOWN_SECOND])
+    down2 = -down0 - down1
+    base, rise = fraction[S_BASE], fraction[S_DY]
+    lane = vec.iota()
+    for start in range(left, right, vec.LANES):  # type: ignore[call-overload]
+        # A block at the right margin moves left: pixels drawn twice are refused the second time.
+        column = min(start, stride - vec.LANES)
+        across = vec.i32(column - box_x) + lane
+        skipped = top - box_y
+        e0 = vec.i32(np.int64(whole[S_EDGES]) + skipped * down0) + across * vec.i32(right0)
+        e1 = vec.i32(np.int64(whole[S_EDGES + 1]) + skipped * down1) + across * vec.i32(right1)
+        e2 = vec.i32(np.int64(whole[S_EDGES + 2]) + skipped * down2) - across * vec.i32(right0 + right1)
+        d0, d1, d2 = vec.i32(down0), vec.i32(down1), vec.i32(down2)
+        rising = slope * vec.to_f32(across)
+        zero = vec.i32(0)
+        pixel = top * stride + column
+        for row in range(skipped, bottom - box_y):
+            w = vec.f32(base + rise * np.float32(row)) + rising
+            w = vec.least(vec.most(w, low), high)
+            blend(job, layered, depths, ids, pixel, w, (e0 | e1 | e2) >= zero, identity)
+            e0, e1, e2 = e0 + d0, e1 + d1, e2 + d2
+            pixel += stride
+
+
+@njit(nogil=True, error_model="numpy")
+def _span(job, layered, record, row, start, stop, box_x, box_y):  # type: ignore[no-untyped-def]
+    """Draw the pixels ``start .. stop`` of a row; ``box_x, box_y`` is the pixel that R_BASE belongs to.
+
+    1/z is exact to float32 at the first of every eight pixels, wherever the span starts.
+    """
     plane = f64_at(record)
     bounds = f32_at(record)
     slope = plane[R_DX]
     base = plane[R_BASE] + plane[R_DY] * np.float64(row - box_y)
-    low, high = bounds[R_LOW], bounds[R_HIGH]
-    identity = i32_at(record)[R_ID]
+    low, high = vec.f32(bounds[R_LOW]), vec.f32(bounds[R_HIGH])
+    identity = vec.i32(i32_at(record)[R_ID])
     ids = i32_at(job[J_IDS])
     depths = f32_at(job[J_INV_Z])
-    begin = row * job[J_WIDTH]
-    if job[J_BEYOND_IDS] == 0 and job[J_BEFORE_IDS] == 0:
-        for column in range(start, stop):
-            w = min(max(np.float32(base + slope * np.float64(column - box_x)), low), high)
-            if w > depths[begin + column]:
-                depths[begin + column] = w
-                ids[begin + column] = identity
-        return
-    for column in range(start, stop):
-        w = min(max(np.float32(base + slope * np.float64(column - box_x)), low), high)
-        pixel = begin + column
-        accepted = w > depths[pixel]
-        if job[J_BEYOND_IDS] != 0:
-            limit = f32_at(job[J_BEYOND_INV_Z])[pixel]
-            other = i32_at(job[J_BEYOND_IDS])[pixel]
-            accepted = accepted and other >= 0 and (w < limit or (w == limit and identity > other))
-        if job[J_BEFORE_IDS] != 0:
-            limit = f32_at(job[J_BEFORE_INV_Z])[pixel]
-            other = i32_at(job[J_BEFORE_IDS])[pixel]
-            accepted = accepted and (other < 0 or w > limit or (w == limit and identity < other))
-        if accepted:
-            depths[pixel] = w
-            ids[pixel] = identity
+    begin = row * job[J_STRIDE]
+    lane = vec.iota()
+    rising = vec.f32(slope) * vec.to_f32(lane)
+    first, last = vec.i32(start), vec.i32(stop)
+    for column in range(start & ~np.int64(vec.LANES - 1), stop, vec.LANES):
+        here = vec.i32(column) + lane
+        w = vec.f32(base + slope * np.float64(column - box_x)) + rising
+        w = vec.least(vec.most(w, low), high)
+        blend(job, layered, depths, ids, begin + column, w, (here >= first) & (here < last), identity)
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _crossing(xa, ya, xb, yb, y):  # type: ignore[no-untyped-def]
-    """The first pixel column whose centre is at or right of the (not horizontal) edge in the row of centres ``y``."""
+    """i32x8: the first pixel columns whose centres are at or right of the edge in eight rows of centres ``y``.
+
+    Args:
+        xa, ya, xb, yb: float64 integers, grid units; ya != yb.
+        y: f64x8, grid units.
+    """
     dy = yb - ya
-    numerator = (xb - xa) * (y - ya) + (xa - HALF) * dy
-    return np.int64(np.ceil(np.float64(numerator) / np.float64(dy * SUBPIXEL)))
+    numerator = vec.f64(xb - xa) * (y - vec.f64(ya)) + vec.f64((xa - HALF) * dy)
+    # Rows that the edge does not reach may cross it anywhere: keep those in the range of int32.
+    reach = vec.f64(1e9)
+    crossing = vec.ceil(numerator / vec.f64(dy * SUBPIXEL))
+    return vec.to_i32(vec.least(vec.most(crossing, vec.f64(-1e9)), reach))
 
 
 @njit(nogil=True, error_model="numpy")
-def _corners(job, record, x0, y0, x1, y1, x2, y2, first_row, last_row, box_x, box_y):  # type: ignore[no-untyped-def]
-    """Draw the rows ``first_row .. last_row`` of a triangle in grid units, whichever way it winds."""
+def _corners(job, layered, record, x0, y0, x1, y1, x2, y2, first_row, last_row, box_x, box_y, scratch):  # type: ignore[no-untyped-def]
+    """Draw the rows ``first_row .. last_row`` of a triangle in grid units, whichever way it winds.
+
+    Args:
+        scratch: pointer to 16 int32.
+    """
     area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
     if area == 0:
         return
     if area < 0:
         x1, x2, y1, y2 = x2, x1, y2, y1
-    width = job[J_WIDTH]
     top = max(first_centre(min(y0, y1, y2)), first_row)
     bottom = min(first_centre(max(y0, y1, y2)), last_row)
     left = max(first_centre(min(x0, x1, x2)), 0)
-    right = min(first_centre(max(x0, x1, x2)), width)
-    for row in range(top, bottom):
-        y = row * SUBPIXEL + HALF
-        start, stop = left, right
+    right = min(first_centre(max(x0, x1, x2)), job[J_WIDTH])
+    if left >= right:
+        return
+    fx0, fy0 = np.float64(x0), np.float64(y0)
+    fx1, fy1 = np.float64(x1), np.float64(y1)
+    fx2, fy2 = np.float64(x2), np.float64(y2)
+    lane = vec.to_f64(vec.iota())
+    for group in range(top, bottom, vec.LANES):
+        y = (vec.f64(group) + lane) * vec.f64(float(SUBPIXEL)) + vec.f64(float(HALF))
+        start, stop = vec.i32(left), vec.i32(right)
         # With this winding (y down) edges that run upwards are left ones.
         if y1 < y0:
-            start = max(start, _crossing(x0, y0, x1, y1, y))
+            start = vec.most(start, _crossing(fx0, fy0, fx1, fy1, y))
         elif y1 > y0:
-            stop = min(stop, _crossing(x0, y0, x1, y1, y))
+            stop = vec.least(stop, _crossing(fx0, fy0, fx1, fy1, y))
         if y2 < y1:
-            start = max(start, _crossing(x1, y1, x2, y2, y))
+            start = vec.most(start, _crossing(fx1, fy1, fx2, fy2, y))
         elif y2 > y1:
-            stop = min(stop, _crossing(x1, y1, x2, y2, y))
+            stop = vec.least(stop, _crossing(fx1, fy1, fx2, fy2, y))
         if y0 < y2:
-            start = max(start, _crossing(x2, y2, x0, y0, y))
+            start = vec.most(start, _crossing(fx2, fy2, fx0, fy0, y))
         elif y0 > y2:
-            stop = min(stop, _crossing(x2, y2, x0, y0, y))
-        if start < stop:
-            _span(job, record, row, start, stop, box_x, box_y)
+            stop = vec.least(stop, _crossing(fx2, fy2, fx0, fy0, y))
+        vec.store(scratch, 0, start)
+        vec.store(scratch, 8, stop)
+        for k in range(min(bottom - group, vec.LANES)):
+            if scratch[k] < scratch[8 + k]:
+                _span(job, layered, record, group + k, np.int64(scratch[k]), np.int64(scratch[8 + k]), box_x, box_y)
 
 
 @njit(nogil=True, error_model="numpy")
-def _draw(job, lens, record, first_row, last_row):  # type: ignore[no-untyped-def]
+def _draw(job, lens, layered, record, first_row, last_row, scratch):  # type: ignore[no-untyped-def]
     """Draw the part of a record that lies in the rows ``first_row .. last_row``."""
     whole = i32_at(record)
     kind = whole[R_KIND]
+    if kind == KIND_SMALL:
+        _small(job, layered, record, first_row, last_row)
+        return
     a, b = np.int64(whole[R_XY]), np.int64(whole[R_XY + 1])
     c, d = np.int64(whole[R_XY + 2]), np.int64(whole[R_XY + 3])
     e, f = np.int64(whole[R_XY + 4]), np.int64(whole[R_XY + 5])
     if kind == KIND_TRIANGLE:
         box_x, box_y = first_centre(min(a, c, e)), first_centre(min(b, d, f))
-        _corners(job, record, a, b, c, d, e, f, first_row, last_row, box_x, box_y)
+        _corners(job, layered, record, a, b, c, d, e, f, first_row, last_row, box_x, box_y, scratch)
     elif kind == KIND_LINE:
         box_x, box_y = f & 0xFFFF, f >> 16
         # As GL's aliased lines: widened along the minor axis, so that a width of 1 is one pixel per step.
         ox, oy = (0, e) if abs(c - a) >= abs(d - b) else (e, 0)
-        _corners(job, record, a - ox, b - oy, c - ox, d - oy, c + ox, d + oy, first_row, last_row, box_x, box_y)
-        _corners(job, record, a - ox, b - oy, c + ox, d + oy, a + ox, b + oy, first_row, last_row, box_x, box_y)
+        x0, y0, x1, y1 = a - ox, b - oy, c - ox, d - oy
+        x2, y2, x3, y3 = c + ox, d + oy, a + ox, b + oy
+        _corners(job, layered, record, x0, y0, x1, y1, x2, y2, first_row, last_row, box_x, box_y, scratch)
+        _corners(job, layered, record, x0, y0, x2, y2, x3, y3, first_row, last_row, box_x, box_y, scratch)
     elif kind == KIND_CLIPPED:
         corners = np.empty((3, 3), np.float64)
         grid = np.empty((MAX_VERTICES, 2), np.int64)
         element = np.int64(whole[R_ID]) - i64_at(job[J_TABLE])[c * T_COLUMNS + T_RECORD]
         count = clip_triangle(job, lens, c, element, corners, grid)
+        x0, y0 = grid[0, 0], grid[0, 1]
         for k in range(2, count):
-            _corners(
-                job,
-                record,
-                grid[0, 0],
-                grid[0, 1],
-                grid[k - 1, 0],
-                grid[k - 1, 1],
-                grid[k, 0],
-                grid[k, 1],
-                first_row,
-                last_row,
-                a,
-                b,
-            )
+            x1, y1, x2, y2 = grid[k - 1, 0], grid[k - 1, 1], grid[k, 0], grid[k, 1]
+            _corners(job, layered, record, x0, y0, x1, y1, x2, y2, first_row, last_row, a, b, scratch)
     else:
         for row in range(max(b, first_row), min(d, last_row)):
-            _span(job, record, row, a, c, a, b)
+            _span(job, layered, record, row, a, c, a, b)
 
 
 @njit(nogil=True, error_model="numpy")
 def raster_band(job, lens, band):  # type: ignore[no-untyped-def]
-    """Clear the band and draw all that touches it, in the order of record numbers."""
+    """Clear the band and draw all that touches it, in the order of record numbers (micro triangles apart, which
+    compare numbers themselves)."""
     first_row = band * BAND_ROWS
     last_row = min(first_row + BAND_ROWS, job[J_HEIGHT])
-    width = job[J_WIDTH]
+    stride = job[J_STRIDE]
     ids = i32_at(job[J_IDS])
     depths = f32_at(job[J_INV_Z])
     # Nothing at or beyond this 1/z is accepted: the far plane costs no test of its own.
-    empty = np.nextafter(np.float32(1.0 / lens[L_FAR]), np.float32(-1.0))
-    for pixel in range(first_row * width, last_row * width):
-        ids[pixel] = -1
-        depths[pixel] = empty
+    empty = vec.f32(np.nextafter(np.float32(1.0 / lens[L_FAR]), np.float32(-1.0)))
+    nobody = vec.i32(-1)
+    for pixel in range(first_row * stride, last_row * stride, vec.LANES):
+        vec.store(ids, pixel, nobody)
+        vec.store(depths, pixel, empty)
+    own_scratch = np.empty(16, np.int32)
+    scratch = i32_at(np.int64(own_scratch.ctypes.data))
+    layered = job[J_BEYOND_IDS] != 0 or job[J_BEFORE_IDS] != 0
     bands = job[J_BANDS]
     for chunk in range(job[J_CHUNKS]):
-        offsets = i32_at(job[J_OFFSETS] + 4 * chunk * (bands + 2))
-        k, end = offsets[band], offsets[band + 1]
-        t, talls = 0, offsets[bands + 1]
-        if k == end and talls == 0:
-            continue
+        offsets = i32_at(job[J_OFFSETS] + 4 * chunk * (2 * bands + 3))
+        k, end = np.int64(offsets[band]), np.int64(offsets[band + 1])
+        t, talls = np.int64(0), np.int64(offsets[2 * bands + 2])
         small = u16_at(job[J_SMALL] + 2 * chunk * CHUNK * SMALL_BANDS)
         tall = u16_at(job[J_TALL] + 2 * chunk * CHUNK)
         records = job[J_RECORDS] + chunk * CHUNK * RECORD_BYTES
@@ -202,4 +266,9 @@ def raster_band(job, lens, band):  # type: ignore[no-untyped-def]
             else:
                 index = np.int64(tall[t])
                 t += 1
-            _draw(job, lens, records + index * RECORD_BYTES, first_row, last_row)
+            _draw(job, lens, layered, records + index * RECORD_BYTES, first_row, last_row, scratch)
+        micro = i32_at(job[J_MICRO] + 12 * chunk * MICRO_PER_ELEMENT * CHUNK)
+        inverse = as_f32(micro)
+        for m in range(offsets[bands + 1 + band], offsets[bands + 2 + band]):
+            blend_one(job, layered, np.int64(micro[3 * m]), inverse[3 * m + 1], micro[3 * m + 2])
+    own_scratch[0] = 0  # the pointer above does not keep the array alive

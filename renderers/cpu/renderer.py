@@ -95,13 +95,12 @@ class CpuRenderer:
         )
         try:
             with self._crew.caller():
-                surface = self._visibility(prepared, camera, frame) if outputs & GEOMETRY else None
-                try:
-                    if frame.color is not None:
-                        paint(self, scene, _shading(scene, look.name), camera, look, frame.color, first=surface)
-                finally:
-                    if surface is not None:
-                        surface.close()
+                if frame.color is None:
+                    self._geometry(prepared, camera, frame)
+                else:
+                    self._color(
+                        prepared, scene, camera, look, frame, frame.color, with_geometry=bool(outputs & GEOMETRY)
+                    )
         except BaseException:
             frame.close()
             raise
@@ -118,7 +117,9 @@ class CpuRenderer:
         before: Visibility | None = None,
     ) -> Visibility:
         """As ``Rasterizer.visibility``."""
-        return self._visibility(prepare(scene), camera, None, select, cull_back, beyond, before)
+        return self._visibility(
+            prepare(scene), camera, select=select, cull_back=cull_back, beyond=beyond, before=before
+        )
 
     def parallel(self, units: int, work: Callable[[int], object]) -> None:
         """As ``Rasterizer.parallel``."""
@@ -131,11 +132,42 @@ class CpuRenderer:
 
         return release
 
+    def _geometry(self, prepared: PreparedScene, camera: Camera, frame: Frame) -> None:
+        """Fill the frame's geometry outputs; the layer itself stays in the cache, band by band."""
+        scratch = self._scratch.take()
+        try:
+            job = FrameJob(prepared, camera, scratch)
+            job.outputs(frame)
+            self._crew.run(job.phases(self._crew.threads), alone=job.small)
+        finally:
+            # Nothing works on these any more: run() returns when all units have ended.
+            self._scratch.give(scratch)
+
+    def _color(
+        self,
+        prepared: PreparedScene,
+        scene: DrawList,
+        camera: Camera,
+        look: Look,
+        frame: Frame,
+        color: NDArray[np.uint8],
+        *,
+        with_geometry: bool,
+    ) -> None:
+        """Fill all outputs of a frame with colour; the surface behind the geometry serves colour where it can."""
+        shading = _shading(scene, look.name)
+        if not with_geometry:
+            paint(self, scene, shading, camera, look, color)
+            return
+        with self._visibility(prepared, camera, frame=frame) as surface:
+            paint(self, scene, shading, camera, look, color, first=surface)
+
     def _visibility(
         self,
         prepared: PreparedScene,
         camera: Camera,
-        frame: Frame | None,
+        *,
+        frame: Frame | None = None,
         select: NDArray[np.bool_] | None = None,
         cull_back: NDArray[np.bool_] | None = None,
         beyond: Visibility | None = None,
@@ -152,7 +184,6 @@ class CpuRenderer:
                 job.outputs(frame)
             self._crew.run(job.phases(self._crew.threads), alone=job.small)
         finally:
-            # Nothing works on these any more: run() returns when all units have ended.
             self._scratch.give(scratch)
         return Visibility(
             ids=arrays[0],

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from renderers.cpu import simd as vec
 from renderers.cpu.jit import kernel
 from renderers.cpu.layout import (
     A_COLUMNS,
@@ -17,6 +18,7 @@ from renderers.cpu.layout import (
     J_ALL_LABELS,
     J_ALL_MESHES,
     J_ALL_X,
+    J_COLUMNS,
     J_DEPTH,
     J_FIRST_RECORD,
     J_HEIGHT,
@@ -25,6 +27,9 @@ from renderers.cpu.layout import (
     J_INV_Z,
     J_LABEL,
     J_NORMAL,
+    J_PLAIN_IDS,
+    J_PLAIN_INV_Z,
+    J_STRIDE,
     J_WIDTH,
     L_CX,
     L_CY,
@@ -126,62 +131,139 @@ def _normal_run(job, lens, instance, record, row, start, stop):  # type: ignore[
 
 
 @njit(nogil=True, error_model="numpy")
+def _depth_row(inverse, ids, out, width):  # type: ignore[no-untyped-def]
+    """Depth of one row."""
+    one, none, zero = vec.f32(1.0), vec.f32(np.inf), vec.i32(0)
+    whole = width - width % vec.LANES
+    for column in range(0, whole, vec.LANES):
+        seen = vec.load(ids, column) >= zero
+        vec.store(out, column, vec.select(seen, one / vec.load(inverse, column), none))
+    for column in range(whole, width):
+        out[column] = np.float32(1.0) / inverse[column] if ids[column] >= 0 else np.float32(np.inf)
+
+
+@njit(nogil=True, error_model="numpy")
+def _named_row(job, ids, width, labels, identities, instance):  # type: ignore[no-untyped-def]
+    """Label and instance of one row, eight pixels at once where they see one instance (or nothing).
+
+    Args:
+        labels, identities: pointers to uint32 and int32; null: not wanted.
+        instance: the one seen last, a hint.
+
+    Returns:
+        The new hint.
+    """
+    first_record = i64_at(job[J_FIRST_RECORD])
+    instances = job[J_ALL_INSTANCES]
+    want_labels, want_identities = job[J_LABEL] != 0, job[J_INSTANCE] != 0
+    column = 0
+    record = np.int64(-1)
+    from_record, to_record = np.int64(-1), np.int64(0)
+    label, identity = np.int32(LABEL_NONE), np.int32(-1)
+    while column < width:
+        if column + vec.LANES <= width:
+            eight = vec.load(ids, column)
+            if vec.bits((eight >= vec.i32(from_record)) & (eight < vec.i32(to_record))) == 255:
+                if want_labels:
+                    vec.store(labels, column, vec.i32(label))
+                if want_identities:
+                    vec.store(identities, column, vec.i32(identity))
+                column += vec.LANES
+                continue
+        for k in range(column, min(column + vec.LANES, width)):
+            record = np.int64(ids[k])
+            if record < from_record or record >= to_record:
+                if record < 0:
+                    from_record, to_record = np.int64(-1), np.int64(0)
+                    label, identity = np.int32(LABEL_NONE), np.int32(-1)
+                else:
+                    instance = _instance_of(first_record, instances, record, instance)
+                    from_record, to_record = first_record[instance], first_record[instance + 1]
+                    label = i32_at(job[J_ALL_LABELS])[instance]
+                    identity = i32_at(job[J_ALL_IDS])[instance]
+            if want_labels:
+                labels[k] = label
+            if want_identities:
+                identities[k] = identity
+        column += vec.LANES
+    return instance
+
+
+@njit(nogil=True, error_model="numpy")
+def _normal_row(job, lens, ids, row, width, instance):  # type: ignore[no-untyped-def]
+    """Normals of one row, by runs of pixels that see one record; returns the new hint."""
+    first_record = i64_at(job[J_FIRST_RECORD])
+    start = 0
+    while start < width:
+        record = np.int64(ids[start])
+        stop = start + 1
+        while stop < width and ids[stop] == record:
+            stop += 1
+        if record >= 0:
+            instance = _instance_of(first_record, job[J_ALL_INSTANCES], record, instance)
+            _normal_run(job, lens, instance, record, row, start, stop)
+        else:
+            normals = f32_at(job[J_NORMAL] + 12 * row * width)
+            for column in range(3 * start, 3 * stop):
+                normals[column] = 0.0
+        start = stop
+    return instance
+
+
+@njit(nogil=True, error_model="numpy")
 def _resolve_band(job, lens, band):  # type: ignore[no-untyped-def]
-    """Fill the wanted outputs of a band from its records, one run of equal records after the other."""
+    """Fill the wanted outputs of a band from its records."""
     first_row = band * BAND_ROWS
     last_row = min(first_row + BAND_ROWS, job[J_HEIGHT])
     width = job[J_WIDTH]
-    if job[J_DEPTH] != 0:
-        all_ids = i32_at(job[J_IDS])
-        inverse = f32_at(job[J_INV_Z])
-        depth = f32_at(job[J_DEPTH])
-        for pixel in range(first_row * width, last_row * width):
-            z = np.float32(1.0) / inverse[pixel]
-            depth[pixel] = z if all_ids[pixel] >= 0 else np.float32(np.inf)
-    if job[J_LABEL] == 0 and job[J_INSTANCE] == 0 and job[J_NORMAL] == 0:
-        return
-    first_record = i64_at(job[J_FIRST_RECORD])
-    instance = 0
+    stride = job[J_STRIDE]
+    named = named_again = 0
     for row in range(first_row, last_row):
-        ids = i32_at(job[J_IDS] + 4 * row * width)
-        start = 0
-        while start < width:
-            record = np.int64(ids[start])
-            stop = start + 1
-            while stop < width and ids[stop] == record:
-                stop += 1
-            label = np.uint32(LABEL_NONE)
-            identity = np.int32(-1)
-            if record >= 0:
-                instance = _instance_of(first_record, job[J_ALL_INSTANCES], record, instance)
-                label = u32_at(job[J_ALL_LABELS])[instance]
-                identity = i32_at(job[J_ALL_IDS])[instance]
-            if job[J_LABEL] != 0:
-                labels = u32_at(job[J_LABEL] + 4 * row * width)
-                for column in range(start, stop):
-                    labels[column] = label
-            if job[J_INSTANCE] != 0:
-                identities = i32_at(job[J_INSTANCE] + 4 * row * width)
-                for column in range(start, stop):
-                    identities[column] = identity
-            if job[J_NORMAL] != 0:
-                if record >= 0:
-                    _normal_run(job, lens, instance, record, row, start, stop)
-                else:
-                    normals = f32_at(job[J_NORMAL] + 12 * row * width)
-                    for column in range(3 * start, 3 * stop):
-                        normals[column] = 0.0
-            start = stop
+        ids = i32_at(job[J_IDS] + 4 * row * stride)
+        inverse = f32_at(job[J_INV_Z] + 4 * row * stride)
+        if job[J_PLAIN_IDS] != 0:
+            plain_ids = i32_at(job[J_PLAIN_IDS] + 4 * row * width)
+            plain_inverse = f32_at(job[J_PLAIN_INV_Z] + 4 * row * width)
+            for column in range(width):
+                plain_ids[column] = ids[column]
+                plain_inverse[column] = inverse[column]
+        if job[J_DEPTH] != 0:
+            _depth_row(inverse, ids, f32_at(job[J_DEPTH] + 4 * row * width), width)
+        if job[J_LABEL] != 0 or job[J_INSTANCE] != 0:
+            labels = i32_at(job[J_LABEL] + 4 * row * width)
+            identities = i32_at(job[J_INSTANCE] + 4 * row * width)
+            named = _named_row(job, ids, width, labels, identities, named)
+        if job[J_NORMAL] != 0:
+            named_again = _normal_row(job, lens, ids, row, width, named_again)
 
 
-@kernel("void(int64[::1], float64[::1], int64)")
-def draw_band(job, lens, band):  # type: ignore[no-untyped-def]
+@njit(nogil=True, error_model="numpy")
+def _draw_locally(job, lens, band):  # type: ignore[no-untyped-def]
+    """Raster and resolve into a layer that is this band only: it never leaves the cache."""
+    stride = job[J_STRIDE]
+    own_ids = np.empty(BAND_ROWS * stride, np.int32)
+    own_inverse = np.empty(BAND_ROWS * stride, np.float32)
+    own_job = np.empty(J_COLUMNS, np.int64)
+    for k in range(J_COLUMNS):
+        own_job[k] = job[k]
+    # Kernels count pixels from the picture's first row.
+    own_job[J_IDS] = np.int64(own_ids.ctypes.data) - 4 * band * BAND_ROWS * stride
+    own_job[J_INV_Z] = np.int64(own_inverse.ctypes.data) - 4 * band * BAND_ROWS * stride
+    local = i64_at(np.int64(own_job.ctypes.data))
+    raster_band(local, lens, band)
+    _resolve_band(local, lens, band)
+    # The pointers above do not keep the arrays alive.
+    own_job[0] = own_ids[0] = 0
+    own_inverse[0] = 0.0
+
+
+@kernel("void(int64, int64, int64)")
+def draw_band(job_at, lens_at, band):  # type: ignore[no-untyped-def]
     """Raster and resolve one band of the picture, while it is in the cache."""
-    raster_band(job, lens, band)
-    _resolve_band(job, lens, band)
-
-
-@kernel("void(int64[::1], float64[::1], int64)")
-def resolve_band(job, lens, band):  # type: ignore[no-untyped-def]
-    """Resolve one band of a layer that was rasterized before."""
-    _resolve_band(job, lens, band)
+    job = i64_at(job_at)
+    lens = f64_at(lens_at)
+    if job[J_IDS] == 0:
+        _draw_locally(job, lens, band)
+    else:
+        raster_band(job, lens, band)
+        _resolve_band(job, lens, band)

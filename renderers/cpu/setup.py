@@ -1,326 +1,141 @@
-"""Elements to records, and records to the bands that they touch."""
+"""Elements to records, and records to the lists of the bands that they touch."""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
 
-from renderers.cpu.clip import MAX_VERTICES, camera_vertex, clip_line, clip_triangle, project, snap
+from renderers.cpu import simd as vec
+from renderers.cpu.elements import line, point
 from renderers.cpu.jit import kernel
 from renderers.cpu.layout import (
     CHUNK,
-    HALF,
     J_BANDS,
     J_ELEMENTS,
-    J_HEIGHT,
     J_INSTANCES,
-    J_LENGTHS,
+    J_MICRO,
     J_OFFSETS,
     J_RECORDS,
     J_SMALL,
     J_TABLE,
     J_TALL,
-    J_W,
-    J_WIDTH,
-    J_X,
-    J_Y,
-    KIND_CLIPPED,
-    KIND_LINE,
-    KIND_POINT,
-    KIND_TRIANGLE,
-    L_CX,
-    L_CY,
-    L_FAR,
-    L_FX,
-    L_FY,
-    L_NEAR,
-    M_COLUMNS,
-    M_SIZE,
-    MAX_POINT,
-    R_BASE,
-    R_DX,
-    R_DY,
-    R_HIGH,
+    MICRO_PER_ELEMENT,
     R_ID,
-    R_KIND,
-    R_LOW,
-    R_XY,
     RECORD_BYTES,
     SMALL_BANDS,
-    SUBPIXEL,
     T_COLUMNS,
-    T_CULL,
     T_ELEMENT,
-    T_ELEMENTS,
     T_RECORD,
     T_TOPOLOGY,
-    T_VERTEX,
 )
-from renderers.cpu.memory import f32_at, f64_at, i32_at, i64_at, u16_at, u32_at
-from renderers.cpu.transform import BEHIND, drawn_at
-from renderers.cpu.visibility import BAND_ROWS
+from renderers.cpu.memory import f64_at, i32_at, i64_at, u16_at
+from renderers.cpu.transform import drawn_at
+from renderers.cpu.triangles import triangles
 
 
 @njit(nogil=True, error_model="numpy")
-def first_centre(value):  # type: ignore[no-untyped-def]
-    """The first pixel whose centre is at or after the grid coordinate: ceil((value - 1/2 px) / 1 px)."""
-    return (value - HALF + SUBPIXEL - 1) >> 8
-
-
-@njit(nogil=True, error_model="numpy")
-def _triangle(job, lens, drawn, element, record):  # type: ignore[no-untyped-def]
-    """Write the record of a triangle; returns (first band, last band), or (0, -1) when nothing of it can be seen."""
-    table = i64_at(job[J_TABLE])
+def _others(job, lens, drawn, element, record, spans, count):  # type: ignore[no-untyped-def]
+    """A line or a point; returns the new ``count`` as ``triangles`` does."""
     row = drawn * T_COLUMNS
-    indices = u32_at(table[row + T_ELEMENTS] + 12 * element)
-    first = table[row + T_VERTEX]
-    v0 = first + np.int64(indices[0])
-    v1 = first + np.int64(indices[1])
-    v2 = first + np.int64(indices[2])
-    ws = f32_at(job[J_W])
-    w0, w1, w2 = ws[v0], ws[v1], ws[v2]
-    high = max(w0, w1, w2)
-    if high == BEHIND:
-        return 0, -1
-    low = min(w0, w1, w2)
-    if low < 0.0:
-        return _clipped(job, lens, drawn, element, record)
-    if high < np.float32(1.0 / lens[L_FAR]):
-        return 0, -1
-    xs = f32_at(job[J_X])
-    ys = f32_at(job[J_Y])
-    x0, x1, x2 = snap(xs[v0]), snap(xs[v1]), snap(xs[v2])
-    y0, y1, y2 = snap(ys[v0]), snap(ys[v1]), snap(ys[v2])
-    left = max(first_centre(min(x0, x1, x2)), 0)
-    right = min(first_centre(max(x0, x1, x2)), job[J_WIDTH])
-    top = max(first_centre(min(y0, y1, y2)), 0)
-    bottom = min(first_centre(max(y0, y1, y2)), job[J_HEIGHT])
-    if left >= right or top >= bottom:
-        return 0, -1
-    area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
-    if area == 0 or area * table[row + T_CULL] > 0:
-        return 0, -1
-    if area < 0:
-        v1, v2, w1, w2, x1, x2, y1, y2 = v2, v1, w2, w1, x2, x1, y2, y1
-    whole = i32_at(record)
-    whole[R_XY] = x0
-    whole[R_XY + 1] = y0
-    whole[R_XY + 2] = x1
-    whole[R_XY + 3] = y1
-    whole[R_XY + 4] = x2
-    whole[R_XY + 5] = y2
-    whole[R_KIND] = KIND_TRIANGLE
-    # 1/z is linear in the picture: the plane through the vertices as they are, not as they were snapped.
-    fx0 = np.float64(xs[v0])
-    fy0 = np.float64(ys[v0])
-    dx1 = np.float64(xs[v1]) - fx0
-    dy1 = np.float64(ys[v1]) - fy0
-    dx2 = np.float64(xs[v2]) - fx0
-    dy2 = np.float64(ys[v2]) - fy0
-    dw1 = np.float64(w1) - np.float64(w0)
-    dw2 = np.float64(w2) - np.float64(w0)
-    determinant = dx1 * dy2 - dx2 * dy1
-    slope_x = 0.0
-    slope_y = 0.0
-    if determinant != 0.0:
-        slope_x = (dw1 * dy2 - dw2 * dy1) / determinant
-        slope_y = (dw2 * dx1 - dw1 * dx2) / determinant
-    box_x = np.float64(first_centre(min(x0, x1, x2)))
-    box_y = np.float64(first_centre(min(y0, y1, y2)))
-    plane = f64_at(record)
-    plane[R_DX] = slope_x
-    plane[R_DY] = slope_y
-    plane[R_BASE] = np.float64(w0) + (slope_x * (box_x + 0.5 - fx0) + slope_y * (box_y + 0.5 - fy0))
-    bounds = f32_at(record)
-    bounds[R_LOW] = low
-    bounds[R_HIGH] = high
-    return top // BAND_ROWS, (bottom - 1) // BAND_ROWS
-
-
-@njit(nogil=True, error_model="numpy")
-def _clipped(job, lens, drawn, element, record):  # type: ignore[no-untyped-def]
-    """As ``_triangle`` for one that needs clipping; raster clips it again, band by band."""
-    corners = np.empty((3, 3), np.float64)
-    grid = np.empty((MAX_VERTICES, 2), np.int64)
-    count = clip_triangle(job, lens, drawn, element, corners, grid)
-    if count == 0:
-        return 0, -1
-    left, top = grid[0, 0], grid[0, 1]
-    right, bottom = left, top
-    for k in range(1, count):
-        left, right = min(left, grid[k, 0]), max(right, grid[k, 0])
-        top, bottom = min(top, grid[k, 1]), max(bottom, grid[k, 1])
-    left, right = max(first_centre(left), 0), min(first_centre(right), job[J_WIDTH])
-    top, bottom = max(first_centre(top), 0), min(first_centre(bottom), job[J_HEIGHT])
-    farthest = max(corners[0, 2], corners[1, 2], corners[2, 2])
-    if left >= right or top >= bottom:
-        return 0, -1
-    ux, uy, uz = corners[1, 0] - corners[0, 0], corners[1, 1] - corners[0, 1], corners[1, 2] - corners[0, 2]
-    vx, vy, vz = corners[2, 0] - corners[0, 0], corners[2, 1] - corners[0, 1], corners[2, 2] - corners[0, 2]
-    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    distance = nx * corners[0, 0] + ny * corners[0, 1] + nz * corners[0, 2]
-    # Seen edge-on, distance is 0. Counter-clockwise triangles that face the camera have a negative one.
-    if distance == 0.0 or distance * i64_at(job[J_TABLE])[drawn * T_COLUMNS + T_CULL] > 0.0:
-        return 0, -1
-    whole = i32_at(record)
-    whole[R_XY] = left
-    whole[R_XY + 1] = top
-    whole[R_XY + 2] = drawn
-    whole[R_KIND] = KIND_CLIPPED
-    plane = f64_at(record)
-    plane[R_DX] = nx / (lens[L_FX] * distance)
-    plane[R_DY] = ny / (lens[L_FY] * distance)
-    ray_x = (left + 0.5 - lens[L_CX]) / lens[L_FX]
-    ray_y = (top + 0.5 - lens[L_CY]) / lens[L_FY]
-    plane[R_BASE] = (nx * ray_x + ny * ray_y + nz) / distance
-    bounds = f32_at(record)
-    bounds[R_LOW] = 1.0 / farthest
-    bounds[R_HIGH] = 1.0 / lens[L_NEAR]
-    return top // BAND_ROWS, (bottom - 1) // BAND_ROWS
-
-
-@njit(nogil=True, error_model="numpy")
-def _line(job, lens, drawn, element, record):  # type: ignore[no-untyped-def]
-    """Write the record of a line, clipped."""
     table = i64_at(job[J_TABLE])
-    row = drawn * T_COLUMNS
-    indices = u32_at(table[row + T_ELEMENTS] + 8 * element)
-    v0 = table[row + T_VERTEX] + np.int64(indices[0])
-    v1 = table[row + T_VERTEX] + np.int64(indices[1])
-    ws = f32_at(job[J_W])
-    w0, w1 = ws[v0], ws[v1]
-    if w0 == BEHIND and w1 == BEHIND:
-        return 0, -1
-    if w0 < 0.0 or w1 < 0.0:
-        ends = np.empty((2, 3), np.float64)
-        camera_vertex(job, drawn, np.int64(indices[0]), ends, 0)
-        camera_vertex(job, drawn, np.int64(indices[1]), ends, 1)
-        if not clip_line(lens, ends):
-            return 0, -1
-        fx0, fy0 = project(lens, ends, 0)
-        fx1, fy1 = project(lens, ends, 1)
-        w0 = np.float32(1.0 / ends[0, 2])
-        w1 = np.float32(1.0 / ends[1, 2])
+    place = record + RECORD_BYTES * count
+    if table[row + T_TOPOLOGY] == 2:
+        first, last = line(job, lens, drawn, element, place)
     else:
-        xs = f32_at(job[J_X])
-        ys = f32_at(job[J_Y])
-        fx0, fy0, fx1, fy1 = xs[v0], ys[v0], xs[v1], ys[v1]
-    x0, y0, x1, y1 = snap(fx0), snap(fy0), snap(fx1), snap(fy1)
-    size = f64_at(job[J_LENGTHS] + 8 * (M_COLUMNS * drawn + M_SIZE))[0]
-    half = np.int64(np.rint(min(max(size, 1.0), float(MAX_POINT)) * HALF))
-    left = max(first_centre(min(x0, x1) - half), 0)
-    right = min(first_centre(max(x0, x1) + half), job[J_WIDTH])
-    top = max(first_centre(min(y0, y1) - half), 0)
-    bottom = min(first_centre(max(y0, y1) + half), job[J_HEIGHT])
-    if left >= right or top >= bottom or (x0 == x1 and y0 == y1):
-        return 0, -1
-    whole = i32_at(record)
-    whole[R_XY] = x0
-    whole[R_XY + 1] = y0
-    whole[R_XY + 2] = x1
-    whole[R_XY + 3] = y1
-    whole[R_XY + 4] = half
-    whole[R_KIND] = KIND_LINE
-    # Constant across the line, linear along it.
-    dx = np.float64(fx1) - np.float64(fx0)
-    dy = np.float64(fy1) - np.float64(fy0)
-    per_pixel = (np.float64(w1) - np.float64(w0)) / (dx * dx + dy * dy)
-    plane = f64_at(record)
-    plane[R_DX] = per_pixel * dx
-    plane[R_DY] = per_pixel * dy
-    plane[R_BASE] = np.float64(w0) + per_pixel * (
-        dx * (left + 0.5 - np.float64(fx0)) + dy * (top + 0.5 - np.float64(fy0))
-    )
-    whole[R_XY + 5] = left | (top << 16)
-    bounds = f32_at(record)
-    bounds[R_LOW] = min(w0, w1)
-    bounds[R_HIGH] = max(w0, w1)
-    return top // BAND_ROWS, (bottom - 1) // BAND_ROWS
+        first, last = point(job, drawn, element, place)
+    if last < first:
+        return count
+    i32_at(place)[R_ID] = table[row + T_RECORD] + element
+    spans[2 * count] = first
+    spans[2 * count + 1] = last
+    return count + 1
 
 
 @njit(nogil=True, error_model="numpy")
-def _point(job, drawn, element, record):  # type: ignore[no-untyped-def]
-    """Write the record of a point: the size x size pixels whose centres are nearest to it."""
-    table = i64_at(job[J_TABLE])
-    row = drawn * T_COLUMNS
-    indices = u32_at(table[row + T_ELEMENTS] + 4 * element)
-    v = table[row + T_VERTEX] + np.int64(indices[0])
-    w = f32_at(job[J_W])[v]
-    if w < 0.0:
-        return 0, -1
-    size = np.int64(np.rint(min(max(f64_at(job[J_LENGTHS] + 8 * (M_COLUMNS * drawn + M_SIZE))[0], 1.0), MAX_POINT)))
-    start_x = first_centre(snap(f32_at(job[J_X])[v]) - size * HALF)
-    start_y = first_centre(snap(f32_at(job[J_Y])[v]) - size * HALF)
-    left, right = max(start_x, 0), min(start_x + size, job[J_WIDTH])
-    top, bottom = max(start_y, 0), min(start_y + size, job[J_HEIGHT])
-    if left >= right or top >= bottom:
-        return 0, -1
-    whole = i32_at(record)
-    whole[R_XY] = left
-    whole[R_XY + 1] = top
-    whole[R_XY + 2] = right
-    whole[R_XY + 3] = bottom
-    whole[R_KIND] = KIND_POINT
-    bounds = f32_at(record)
-    bounds[R_LOW] = w
-    bounds[R_HIGH] = w
-    return top // BAND_ROWS, (bottom - 1) // BAND_ROWS
+def _distribute(job, chunk, spans, count, micro, micros, fill):  # type: ignore[no-untyped-def]
+    """Write a chunk's lists, sorted by band and in the order of records."""
+    bands = job[J_BANDS]
+    offsets = i32_at(job[J_OFFSETS] + 4 * chunk * (2 * bands + 3))
+    small = u16_at(job[J_SMALL] + 2 * chunk * CHUNK * SMALL_BANDS)
+    tall = u16_at(job[J_TALL] + 2 * chunk * CHUNK)
+    for band in range(bands):
+        fill[band] = 0
+    for k in range(count):
+        first, last = spans[2 * k], spans[2 * k + 1]
+        if last - first < SMALL_BANDS:
+            for band in range(first, last + 1):
+                fill[band] += 1
+    total = 0
+    for band in range(bands):
+        offsets[band] = total
+        total += fill[band]
+        fill[band] = offsets[band]
+    offsets[bands] = total
+    talls = 0
+    for k in range(count):
+        first, last = spans[2 * k], spans[2 * k + 1]
+        if last - first < SMALL_BANDS:
+            for band in range(first, last + 1):
+                small[fill[band]] = k
+                fill[band] += 1
+        else:
+            tall[talls] = k
+            talls += 1
+    offsets[2 * bands + 2] = talls
+
+    sorted_micro = i32_at(job[J_MICRO] + 12 * chunk * MICRO_PER_ELEMENT * CHUNK)
+    starts = bands + 1
+    for band in range(bands + 1):
+        offsets[starts + band] = 0
+    for k in range(micros):
+        offsets[starts + 1 + micro[4 * k + 3]] += 1
+    for band in range(bands):
+        offsets[starts + band + 1] += offsets[starts + band]
+        fill[band] = offsets[starts + band]
+    for k in range(micros):
+        place = np.int64(fill[micro[4 * k + 3]])
+        fill[micro[4 * k + 3]] += 1
+        for value in range(3):
+            sorted_micro[3 * place + value] = micro[4 * k + value]
 
 
-@kernel("void(int64[::1], float64[::1], int64, int64)")
-def setup(job, lens, begin_chunk, end_chunk):  # type: ignore[no-untyped-def]
+@kernel("void(int64, int64, int64, int64)")
+def setup(job_at, lens_at, begin_chunk, end_chunk):  # type: ignore[no-untyped-def]
     """Records and band lists of the chunks ``begin_chunk .. end_chunk`` of the drawn elements."""
+    job = i64_at(job_at)
+    lens = f64_at(lens_at)
     table = i64_at(job[J_TABLE])
     bands = job[J_BANDS]
-    spans = np.empty((CHUNK, 2), np.int32)
-    fill = np.empty(bands + 1, np.int64)
+    own_spans = np.empty(2 * CHUNK, np.int32)
+    own_fill = np.empty(bands + 1, np.int32)
+    own_micro = np.empty(4 * MICRO_PER_ELEMENT * CHUNK, np.int32)
+    own_columns = np.empty(16 * vec.LANES, np.int32)
+    spans = i32_at(np.int64(own_spans.ctypes.data))
+    fill = i32_at(np.int64(own_fill.ctypes.data))
+    micro = i32_at(np.int64(own_micro.ctypes.data))
+    columns = i32_at(np.int64(own_columns.ctypes.data))
     for chunk in range(begin_chunk, end_chunk):
         work = chunk * CHUNK
         end = min(work + CHUNK, job[J_ELEMENTS])
-        records = job[J_RECORDS] + chunk * CHUNK * RECORD_BYTES
-        offsets = i32_at(job[J_OFFSETS] + 4 * chunk * (bands + 2))
-        small = u16_at(job[J_SMALL] + 2 * chunk * CHUNK * SMALL_BANDS)
-        tall = u16_at(job[J_TALL] + 2 * chunk * CHUNK)
+        record = job[J_RECORDS] + chunk * CHUNK * RECORD_BYTES
         count = 0
-        fill[:] = 0
+        micros = 0
         drawn = drawn_at(table, job[J_INSTANCES], T_ELEMENT, work)
         while work < end:
             row = drawn * T_COLUMNS
             stop = min(end, table[row + T_COLUMNS + T_ELEMENT])
-            topology = table[row + T_TOPOLOGY]
-            for k in range(work, stop):
-                element = k - table[row + T_ELEMENT]
-                record = records + count * RECORD_BYTES
-                if topology == 3:
-                    first, last = _triangle(job, lens, drawn, element, record)
-                elif topology == 2:
-                    first, last = _line(job, lens, drawn, element, record)
-                else:
-                    first, last = _point(job, drawn, element, record)
-                if last >= first:
-                    i32_at(record)[R_ID] = table[row + T_RECORD] + element
-                    spans[count, 0] = first
-                    spans[count, 1] = last
-                    count += 1
-                    if last - first < SMALL_BANDS:
-                        for band in range(first, last + 1):
-                            fill[band] += 1
+            offset = table[row + T_ELEMENT]
+            if table[row + T_TOPOLOGY] == 3:
+                for k in range(work, stop, vec.LANES):
+                    lanes = min(stop - k, vec.LANES)
+                    count, micros = triangles(
+                        job, lens, drawn, k - offset, lanes, record, spans, count, micro, micros, columns
+                    )
+            else:
+                for k in range(work, stop):
+                    count = _others(job, lens, drawn, k - offset, record, spans, count)
             work = max(work, stop)
             drawn += 1
-        total = 0
-        for band in range(bands):
-            offsets[band] = total
-            total += fill[band]
-            fill[band] = offsets[band]
-        offsets[bands] = total
-        talls = 0
-        for k in range(count):
-            first, last = spans[k, 0], spans[k, 1]
-            if last - first < SMALL_BANDS:
-                for band in range(first, last + 1):
-                    small[fill[band]] = k
-                    fill[band] += 1
-            else:
-                tall[talls] = k
-                talls += 1
-        offsets[bands + 1] = talls
+        _distribute(job, chunk, spans, count, micro, micros, fill)
+    # The pointers above do not keep the arrays alive.
+    own_spans[0] = own_fill[0] = own_micro[0] = own_columns[0] = 0

@@ -1,0 +1,239 @@
+"""Eight triangles at a time to records."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from renderers.cpu import simd as vec
+from renderers.cpu.elements import large_triangle
+from renderers.cpu.layout import (
+    CHUNK,
+    J_HEIGHT,
+    J_STRIDE,
+    J_TABLE,
+    J_VERTEX,
+    J_WIDTH,
+    KIND_SMALL,
+    L_FAR,
+    MICRO_PER_ELEMENT,
+    R_HIGH,
+    R_ID,
+    R_KIND,
+    R_LOW,
+    RECORD_BYTES,
+    S_BASE,
+    S_BOX,
+    S_DOWN,
+    S_DOWN_SECOND,
+    S_DX,
+    S_DY,
+    S_EDGES,
+    S_RIGHT,
+    S_SIZE,
+    SMALL_HEIGHT,
+    SMALL_RATIO,
+    SMALL_WIDTH,
+    T_COLUMNS,
+    T_CULL,
+    T_ELEMENTS,
+    T_RECORD,
+    T_VERTEX,
+    TINY,
+)
+from renderers.cpu.memory import as_f32, as_u32, f32_at, i32_at, i64_at, u32_at
+from renderers.cpu.transform import BEHIND
+from renderers.cpu.visibility import BAND_ROWS
+
+RECORD_VALUES = RECORD_BYTES // 4
+BAND_SHIFT = BAND_ROWS.bit_length() - 1
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _edge(xa, ya, xb, yb, px, py):  # type: ignore[no-untyped-def]
+    """The edge function at the grid point (px, py), lowered by one where the edge is open (neither left nor top), and
+    the edge's extent; all i32x8. With positive area and y down, left edges run upwards, top edges to the right."""
+    zero, one = vec.i32(0), vec.i32(1)
+    dx = xb - xa
+    dy = yb - ya
+    closed = (dy < zero) | ((dy == zero) & (dx > zero))
+    value = dx * (py - ya) - dy * (px - xa)
+    return vec.select(closed, value, value - one), dx, dy
+
+
+@njit(nogil=True, error_model="numpy")
+def triangles(job, lens, drawn, element, lanes, record, spans, count, micro, micros, columns):  # type: ignore[no-untyped-def]
+    """Set up the triangles ``element .. element + lanes`` (at most eight) of a drawn instance.
+
+    Those whose box holds at most TINY x TINY pixel centres are solved here for good, all eight at once, and leave
+    their pixels; small ones become KIND_SMALL records; large and clipped ones go to the scalar path.
+
+    Args:
+        record: address of the chunk's records, of which ``count`` are taken.
+        spans: pointer to int32 pairs, first and last band of each record.
+        micro: pointer to int32 quadruples, pixel, bits of 1/z, record number, band; ``micros`` are taken.
+        columns: pointer to RECORD_VALUES x 8 int32 of scratch.
+
+    Returns:
+        The new ``count`` and ``micros``.
+    """
+    table = i64_at(job[J_TABLE])
+    row = drawn * T_COLUMNS
+    vertices = f32_at(job[J_VERTEX] + 16 * table[row + T_VERTEX])
+    indices = u32_at(table[row + T_ELEMENTS] + 12 * element)
+    lane = vec.iota()
+    if lanes < vec.LANES:  # the other lanes repeat the last triangle and are not used
+        padded = as_u32(columns)
+        for k in range(vec.LANES):
+            for c in range(3):
+                padded[3 * k + c] = indices[3 * min(k, lanes - 1) + c]
+        indices = padded
+    x0, y0, w0 = vec.load_corners(vertices, indices, 0)
+    x1, y1, w1 = vec.load_corners(vertices, indices, 1)
+    x2, y2, w2 = vec.load_corners(vertices, indices, 2)
+    none = vec.f32(0.0)
+    high = vec.most(vec.most(w0, w1), w2)
+    low = vec.least(vec.least(w0, w1), w2)
+    used = lane < vec.i32(lanes)
+    plain = used & (low > none)
+    clipped = vec.bits(used & (low < none) & (high > vec.f32(BEHIND)))
+    plain = plain & (high >= vec.f32(np.float32(1.0 / lens[L_FAR])))
+    if vec.bits(plain) == 0 and clipped == 0:
+        return count, micros
+
+    # Coordinates of the other lanes mean nothing and may be infinite.
+    x0, y0 = vec.select(plain, x0, none), vec.select(plain, y0, none)
+    x1, y1 = vec.select(plain, x1, none), vec.select(plain, y1, none)
+    x2, y2 = vec.select(plain, x2, none), vec.select(plain, y2, none)
+    grid = vec.f32(256.0)
+    gx0, gy0 = vec.to_i32(vec.rint(x0 * grid)), vec.to_i32(vec.rint(y0 * grid))
+    gx1, gy1 = vec.to_i32(vec.rint(x1 * grid)), vec.to_i32(vec.rint(y1 * grid))
+    gx2, gy2 = vec.to_i32(vec.rint(x2 * grid)), vec.to_i32(vec.rint(y2 * grid))
+    # first_centre(): ceil((value - 128) / 256)
+    up, eight, zero = vec.i32(127), vec.i32(8), vec.i32(0)
+    left = (vec.least(vec.least(gx0, gx1), gx2) + up) >> eight
+    right = (vec.most(vec.most(gx0, gx1), gx2) + up) >> eight
+    top = (vec.least(vec.least(gy0, gy1), gy2) + up) >> eight
+    bottom = (vec.most(vec.most(gy0, gy1), gy2) + up) >> eight
+    seen = (vec.most(left, zero) < vec.least(right, vec.i32(job[J_WIDTH]))) & (
+        vec.most(top, zero) < vec.least(bottom, vec.i32(job[J_HEIGHT]))
+    )
+    plain = plain & seen
+    width = right - left
+    height = bottom - top
+    fits = (width <= vec.i32(SMALL_WIDTH)) & (height <= vec.i32(SMALL_HEIGHT)) & (high <= low * vec.f32(SMALL_RATIO))
+    slow = vec.bits(plain & ~fits) | clipped
+    small = plain & fits
+    area = (gx1 - gx0) * (gy2 - gy0) - (gx2 - gx0) * (gy1 - gy0)
+    small = small & (area != zero) & ~(area * vec.i32(table[row + T_CULL]) > zero)
+    if vec.bits(small) == 0 and slow == 0:
+        return count, micros
+
+    turned = area < zero
+    gx1, gx2 = vec.select(turned, gx2, gx1), vec.select(turned, gx1, gx2)
+    gy1, gy2 = vec.select(turned, gy2, gy1), vec.select(turned, gy1, gy2)
+    px = (left << eight) + vec.i32(128)
+    py = (top << eight) + vec.i32(128)
+    e0, dx0, dy0 = _edge(gx0, gy0, gx1, gy1, px, py)
+    e1, dx1, dy1 = _edge(gx1, gy1, gx2, gy2, px, py)
+    e2, dx2, dy2 = _edge(gx2, gy2, gx0, gy0, px, py)
+
+    # The plane of 1/z through the vertices as they are, not as they were snapped; the same for both windings.
+    ax, ay = vec.to_f64(x0), vec.to_f64(y0)
+    ux, uy = vec.to_f64(x1) - ax, vec.to_f64(y1) - ay
+    vx, vy = vec.to_f64(x2) - ax, vec.to_f64(y2) - ay
+    wa = vec.to_f64(w0)
+    wu, wv = vec.to_f64(w1) - wa, vec.to_f64(w2) - wa
+    determinant = ux * vy - vx * uy
+    nothing, half = vec.f64(0.0), vec.f64(0.5)
+    flat = determinant == nothing
+    inverse = vec.f64(1.0) / vec.select(flat, vec.f64(1.0), determinant)
+    slope_x = vec.select(flat, nothing, (wu * vy - wv * uy) * inverse)
+    slope_y = vec.select(flat, nothing, (wv * ux - wu * vx) * inverse)
+    base = vec.to_f32(wa + (slope_x * (vec.to_f64(left) + half - ax) + slope_y * (vec.to_f64(top) + half - ay)))
+    across = vec.to_f32(slope_x)
+    down = vec.to_f32(slope_y)
+    right0, right1, right2 = zero - (dy0 << eight), zero - (dy1 << eight), zero - (dy2 << eight)
+    down0, down1, down2 = dx0 << eight, dx1 << eight, dx2 << eight
+
+    number = table[row + T_RECORD] + element
+    values = as_f32(columns)
+    tiny = small & (width <= vec.i32(TINY)) & (height <= vec.i32(TINY))
+    tiny = tiny & (left >= zero) & (right <= vec.i32(job[J_WIDTH])) & (top >= zero) & (bottom <= vec.i32(job[J_HEIGHT]))
+    if micros > CHUNK * (MICRO_PER_ELEMENT - 1) - vec.LANES * TINY * TINY:
+        tiny = tiny & (lane < zero)  # no room left
+    if vec.bits(tiny) != 0:
+        stride = job[J_STRIDE]
+        vec.store(columns, 8, top * vec.i32(stride) + left)
+        wide = 1 + (vec.bits(tiny & (width > vec.i32(1))) != 0) + (vec.bits(tiny & (width > vec.i32(2))) != 0)
+        wide += vec.bits(tiny & (width > vec.i32(3))) != 0
+        f0, f1, f2 = e0, e1, e2
+        for r in range(TINY):
+            rows = tiny & (height > vec.i32(r))
+            if vec.bits(rows) == 0:
+                break
+            start = base + down * vec.f32(np.float32(r))
+            vec.store(columns, 16, (top + vec.i32(r)) >> vec.i32(BAND_SHIFT))
+            c0, c1, c2 = f0, f1, f2
+            for c in range(wide):
+                covered = vec.bits(rows & ((c0 | c1 | c2) >= zero))
+                if covered != 0:
+                    w = start + across * vec.f32(np.float32(c))
+                    vec.store(values, 0, vec.least(vec.most(w, low), high))
+                    offset = r * stride + c
+                    while covered != 0:
+                        k = vec.lowest_bit(covered)
+                        covered &= covered - 1
+                        micro[4 * micros] = columns[8 + k] + offset
+                        micro[4 * micros + 1] = columns[k]
+                        micro[4 * micros + 2] = number + k
+                        micro[4 * micros + 3] = columns[16 + k]
+                        micros += 1
+                c0, c1, c2 = c0 + right0, c1 + right1, c2 + right2
+            f0, f1, f2 = f0 + down0, f1 + down1, f2 + down2
+
+    many = vec.bits(small & ~tiny)
+    pending = many | slow
+    if pending == 0:
+        return count, micros
+    out = i32_at(record)
+    if many != 0:
+        vec.store(values, 8 * R_LOW, low)
+        vec.store(values, 8 * R_HIGH, high)
+        vec.store(columns, 8 * S_BOX, (top << vec.i32(16)) | (left & vec.i32(0xFFFF)))
+        vec.store(columns, 8 * S_SIZE, (height << vec.i32(16)) | width)
+        vec.store(columns, 8 * S_EDGES, e0)
+        vec.store(columns, 8 * (S_EDGES + 1), e1)
+        vec.store(columns, 8 * (S_EDGES + 2), e2)
+        vec.store(columns, 8 * S_RIGHT, right0)
+        vec.store(columns, 8 * (S_RIGHT + 1), right1)
+        vec.store(columns, 8 * S_DOWN, down0)
+        vec.store(columns, 8 * S_DOWN_SECOND, down1)
+        vec.store(values, 8 * S_BASE, base)
+        vec.store(values, 8 * S_DX, across)
+        vec.store(values, 8 * S_DY, down)
+    last_row = job[J_HEIGHT] - 1
+    while pending != 0:
+        k = vec.lowest_bit(pending)
+        bit = np.int64(1) << k
+        pending &= pending - 1
+        if bit & many:
+            box = np.int64(columns[8 * S_BOX + k])
+            start = RECORD_VALUES * count
+            for field in range(RECORD_VALUES):
+                out[start + field] = columns[8 * field + k]
+            out[start + R_ID] = number + k
+            out[start + R_KIND] = KIND_SMALL
+            from_row = box >> 16
+            to_row = from_row + (np.int64(columns[8 * S_SIZE + k]) >> 16) - 1
+            spans[2 * count] = max(from_row, 0) >> BAND_SHIFT  # type: ignore[operator]
+            spans[2 * count + 1] = min(to_row, last_row) >> BAND_SHIFT
+            count += 1
+        else:
+            begin, end = large_triangle(job, lens, drawn, element + k, record + RECORD_BYTES * count)
+            if end >= begin:
+                out[RECORD_VALUES * count + R_ID] = number + k
+                spans[2 * count] = begin
+                spans[2 * count + 1] = end
+                count += 1
+    return count, micros

@@ -1,0 +1,167 @@
+"""Vectors: every operation lane by lane, the store that must not become a masked one, and equality with scalars."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numba import njit
+
+from renderers.cpu import CpuRenderer
+from renderers.cpu import simd as vec
+from renderers.cpu.memory import f32_at, f64_at, i32_at, u32_at
+from renderers.drawlist import DrawList, Instance, Material
+from tests.renderers import scalar
+from tests.renderers.scenes import camera, draw_list, grid, pose, soup, sphere
+
+A = np.array((0.0, -1.5, 2.5, 3.5, -0.5, 1e6, 7.25, -8.0))
+B = np.array((1.0, -1.5, 0.5, -2.0, 4.0, 3.0, 7.5, 2.0))
+
+
+@njit
+def _floats(a, b, out, number):
+    p, q, o, n = f64_at(a), f64_at(b), f64_at(out), i32_at(number)
+    x, y = vec.load(p, 0), vec.load(q, 0)
+    vec.store(o, 0, x + y)
+    vec.store(o, 8, x - y)
+    vec.store(o, 16, x * y)
+    vec.store(o, 24, x / y)
+    vec.store(o, 32, vec.least(x, y))
+    vec.store(o, 40, vec.most(x, y))
+    vec.store(o, 48, vec.select((x < y) & ~(x == y), x, -y))
+    vec.store(o, 56, vec.rint(x))
+    vec.store(o, 64, vec.ceil(x))
+    vec.store(o, 72, vec.floor(x))
+    vec.store(o, 80, vec.absolute(x))
+    vec.store(o, 88, vec.to_f64(vec.to_f32(x)))
+    vec.store(o, 96, vec.to_f64(vec.to_i32(x)))
+    n[0] = vec.bits(x < y)
+    n[1] = vec.bits(x <= y)
+    n[2] = vec.bits(x > y)
+    n[3] = vec.bits(x >= y)
+    n[4] = vec.bits(x == y)
+    n[5] = vec.bits((x != y) | (x == y))
+
+
+def test_floats_lane_by_lane() -> None:
+    out, number = np.zeros(104), np.zeros(6, np.int32)
+    _floats(A.ctypes.data, B.ctypes.data, out.ctypes.data, number.ctypes.data)
+    expected = (
+        A + B,
+        A - B,
+        A * B,
+        A / B,
+        np.minimum(A, B),
+        np.maximum(A, B),
+        np.where(A < B, A, -B),
+        np.rint(A),
+        np.ceil(A),
+        np.floor(A),
+        np.abs(A),
+        A.astype(np.float32),
+        np.trunc(A),
+    )
+    for k, values in enumerate(expected):
+        np.testing.assert_array_equal(out[8 * k : 8 * k + 8], values, err_msg=str(k))
+    masks = (A < B, A <= B, A > B, A >= B, A == B, np.full(8, True))
+    assert number.tolist() == [int((1 << np.arange(8))[mask].sum()) for mask in masks]
+
+
+@njit
+def _integers(a, b, out):
+    p, q, o = i32_at(a), i32_at(b), i32_at(out)
+    x, y = vec.load(p, 0), vec.load(q, 0)
+    vec.store(o, 0, x + y)
+    vec.store(o, 8, x - y)
+    vec.store(o, 16, x * y)
+    vec.store(o, 24, x & y)
+    vec.store(o, 32, x | y)
+    vec.store(o, 40, x ^ y)
+    vec.store(o, 48, x >> vec.i32(2))
+    vec.store(o, 56, x << vec.i32(2))
+    vec.store(o, 64, ~x)
+    vec.store(o, 72, -x)
+    vec.store(o, 80, vec.least(x, y))
+    vec.store(o, 88, vec.gather(p, vec.iota() ^ vec.i32(3)))
+    vec.store(o, 96, vec.load_third(p, 0, 2))
+    vec.store(o, 104, vec.to_i32(vec.to_f32(x)))
+
+
+def test_integers_lane_by_lane() -> None:
+    x = np.array((5, -7, 100, -100, 0, 1, 65535, -65536, *range(20, 36)), np.int32)
+    y = np.array((3, 3, -3, 12, 9, -1, 2, 5), np.int32)
+    out = np.zeros(112, np.int32)
+    _integers(x.ctypes.data, y.ctypes.data, out.ctypes.data)
+    a = x[:8]
+    expected = (a + y, a - y, a * y, a & y, a | y, a ^ y, a >> 2, a << 2, ~a, -a, np.minimum(a, y), a[np.arange(8) ^ 3])
+    for k, values in enumerate((*expected, x[2::3], a)):
+        np.testing.assert_array_equal(out[8 * k : 8 * k + 8], values, err_msg=str(k))
+
+
+@njit
+def _corners(vertices, indices, out):
+    o = f32_at(out)
+    for corner in range(3):
+        x, y, w = vec.load_corners(f32_at(vertices), u32_at(indices), corner)
+        vec.store(o, 24 * corner, x)
+        vec.store(o, 24 * corner + 8, y)
+        vec.store(o, 24 * corner + 16, w)
+    x, y, w = vec.load_corners(f32_at(vertices), u32_at(indices), 1)
+    vec.store_vertices(o, 72, x, y, w)
+
+
+def test_corners_of_eight_triangles() -> None:
+    rng = np.random.default_rng(0)
+    vertices = rng.normal(size=(30, 4)).astype(np.float32)
+    indices = rng.integers(0, 30, size=(8, 3)).astype(np.uint32)
+    out = np.zeros(72 + 32, np.float32)
+    _corners(vertices.ctypes.data, indices.ctypes.data, out.ctypes.data)
+    np.testing.assert_array_equal(out[:72].reshape(3, 3, 8), vertices[indices, :3].transpose(1, 2, 0))
+    np.testing.assert_array_equal(out[72:].reshape(8, 4)[:, :3], vertices[indices[:, 1], :3])
+
+
+@njit
+def _blend_again(a, b, c):
+    p, q = f32_at(a), f32_at(b)
+    for k in range(0, c, 8):
+        new, old = vec.load(q, k), vec.load_again(p, k)
+        vec.store(p, k, vec.select(new > old, new, old))
+
+
+def test_blends_are_not_masked_stores() -> None:
+    """Masked stores are microcoded on Zen 1 to 3, 5 to 15 times slower: see the module's notes."""
+    a, b = A.astype(np.float32), B.astype(np.float32)
+    _blend_again(a.ctypes.data, b.ctypes.data, 8)
+    np.testing.assert_array_equal(a, np.maximum(A, B).astype(np.float32))
+    assembly = "".join(_blend_again.inspect_asm().values())
+    assert "maskmov" not in assembly
+    assert "volatile" in "".join(_blend_again.inspect_llvm().values())
+
+
+SCENES: dict[str, tuple[Callable[[np.random.Generator], DrawList], dict[str, Any]]] = {
+    "tiny": (lambda r: draw_list(soup(r, 4000, size=0.01, low=(-1, -1, 1), high=(1, 1, 4))), {}),
+    "small": (lambda r: draw_list(soup(r, 1500, size=0.05, low=(-1, -1, 1), high=(1, 1, 4))), {}),
+    "large": (lambda r: draw_list(soup(r, 60, size=0.4, low=(-1, -1, 2), high=(1, 1, 4))), {"near": 0.01}),
+    "spheres": (
+        lambda r: DrawList(tuple(Instance(sphere(24, 12, 0.8), Material(), pose(r, z=2.0 + k)) for k in range(3))),
+        {"width": 333, "height": 217},
+    ),
+    "fine sphere": (lambda r: draw_list(Instance(sphere(300, 150), Material(), pose(r, z=2.5))), {"width": 320}),
+    "shared edges": (lambda _: draw_list(grid(90, 70, ((-1, -1, 2), (1.1, -1, 3), (1, 1, 3), (-1, 0.9, 2.5)))), {}),
+    "grazing": (lambda _: draw_list(grid(9, 40, ((-2, 0.4, 0.3), (2, 0.4, 0.3), (2, 0.5, 8), (-2, 0.5, 8)))), {}),
+}
+
+
+@pytest.mark.parametrize("width", [0, 8, 97])
+@pytest.mark.parametrize("name", SCENES)
+def test_vectors_give_the_bits_of_scalars(name: str, width: int) -> None:
+    make, changes = SCENES[name]
+    scene, view = make(np.random.default_rng(11)), camera(**{**changes, **({"width": width} if width else {})})
+    ids, inverse = scalar.draw(scene, view)
+    with CpuRenderer(1).visibility(scene, view) as seen:
+        assert (seen.ids >= 0).any()
+        np.testing.assert_array_equal(seen.ids, ids)
+        covered = ids >= 0
+        assert seen.inv_z[covered].tobytes() == inverse[covered].tobytes()
