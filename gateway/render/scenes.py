@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from gateway.render.config import RenderConfig
 from gateway.render.labels import labels_of
 from gateway.scene.flatten import flatten
 from gateway.scene.gltf import GltfScene, MeshCache, read_gltf
-from renderers.drawlist import DrawList, Instance, Material, Mesh
+from renderers.drawlist import DrawList
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,8 +55,6 @@ class SceneStore:
                 return found
         gltf = read_gltf(data, limits=self._config.gltf, cache=self._meshes)
         drawn = flatten(gltf.root, label_of=labels_of(gltf.root))
-        if gltf.from_drake:
-            drawn = _colors_as_vtk(drawn)
         meshes = {id(instance.mesh): instance.mesh for instance in drawn.instances}
         nbytes = len(data) + sum(mesh.nbytes for mesh in meshes.values())
         scene = PreparedScene(gltf, drawn, nbytes)
@@ -74,19 +72,3 @@ class SceneStore:
         while self._nbytes > config.scene_cache_bytes or len(self._kept) > config.scene_cache_count:
             _, oldest = self._kept.popitem(last=False)
             self._nbytes -= oldest.nbytes
-
-
-def _colors_as_vtk(drawn: DrawList) -> DrawList:
-    """Vertex colours *instead of* the base colour, as RenderEngineVtk shows what Drake sends; glTF multiplies them."""
-
-    def material(mesh: Mesh, material: Material) -> Material:
-        if mesh.colors is None or material.base_color[:3] == (1.0, 1.0, 1.0):
-            return material
-        return replace(material, base_color=(1.0, 1.0, 1.0, material.base_color[3]))
-
-    if all(instance.mesh.colors is None for instance in drawn.instances):
-        return drawn
-    instances = (
-        Instance(i.mesh, material(i.mesh, i.material), i.X_world_mesh, i.label, i.instance_id) for i in drawn.instances
-    )
-    return DrawList(tuple(instances), drawn.images)
