@@ -259,14 +259,14 @@ def default_of(default: Any) -> str:
 def kind_of(field: FieldInfo) -> str:
     """What a value looks like, in a word or as the choices."""
     annotation: Any = field.annotation
-    if annotation == PortOrOff.__origin__:
-        return "NUMBER|off"
     options = [part for part in get_args(annotation) if part is not type(None)]
     if get_origin(annotation) is Literal:
         return "|".join(options)
     kinds = {bool: "on|off", int: "NUMBER", float: "NUMBER", Path: "PATH", str: "TEXT"}
     if annotation in kinds:
         return kinds[annotation]
+    if options == [int]:  # the ports that may be missing
+        return "NUMBER|off"
     if get_origin(annotation) is tuple:
         return {Path: "PATHS", Byte: "R,G,B"}.get(options[0], "NAMES")
     return kinds.get(options[0], "TEXT") if options else "TEXT"

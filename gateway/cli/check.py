@@ -7,6 +7,7 @@ from rich.table import Table
 
 from gateway import settings as options
 from gateway.ops.checks import Verdict, findings
+from gateway.workers import usable_cpus
 
 _STYLE = {Verdict.OK: "green", Verdict.NOTE: "yellow", Verdict.BAD: "red"}
 PORTS = {"http_port": "HTTP", "grpc_port": "gRPC", "tcpq_port": "TCPQ hub", "rest_port": "device REST"}
@@ -21,7 +22,7 @@ def run() -> bool:
     for heading in ("what", "", "finding"):
         table.add_column(heading, overflow="fold")
     good = True
-    for finding in findings(settings.host, ports):
+    for finding in findings(settings.host, ports, settings.threads or usable_cpus()):
         good = good and finding.verdict is not Verdict.BAD
         table.add_row(finding.what, f"[{_STYLE[finding.verdict]}]{finding.verdict.value}[/]", finding.detail)
     Console(highlight=False).print(table)

@@ -42,7 +42,7 @@ class Wish:
     height: int
     camera: str | None = None
     """The camera grammar; None: the file's own first camera, or ``fit`` when it has none."""
-    look: Literal["auto", "phong", "pbr"] = "auto"
+    look: Literal["auto", "phong", "pbr", "plain"] = "auto"
     up: Up = "auto"
     background: tuple[int, int, int] = Look().background
 

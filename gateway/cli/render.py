@@ -21,6 +21,7 @@ class Type(StrEnum):
 class LookChoice(StrEnum):
     auto = "auto"
     phong = "phong"
+    plain = "plain"
     pbr = "pbr"
 
 

@@ -15,7 +15,6 @@ from pathlib import Path
 
 from gateway import __version__
 from gateway.ops import kernels, process
-from gateway.workers import usable_cpus
 
 LIBRARIES = ("numpy", "numba", "opencv-python-headless", "fastapi", "uvicorn", "grpcio", "protobuf", "lcm")
 _LCM_ADDRESS = ("239.255.76.67", 7667)
@@ -40,19 +39,20 @@ class Finding:
     detail: str
 
 
-def findings(host: str, ports: Mapping[str, int]) -> Iterator[Finding]:
+def findings(host: str, ports: Mapping[str, int], threads: int) -> Iterator[Finding]:
     """Looks at everything in turn.
 
     Args:
         host: that the interfaces would listen on.
         ports: interface -> TCP port that it would take; 0 is any.
+        threads: that would render.
     """
     yield Finding("scenegate", Verdict.OK, __version__)
     yield Finding("Python", Verdict.OK, f"{platform.python_version()} on {platform.platform()}")
     for name in LIBRARIES:
         yield _library(name)
     yield _glib()
-    yield Finding("threads", Verdict.OK, f"{usable_cpus()} CPUs may be used")
+    yield Finding("threads", Verdict.OK, f"{threads} threads render")
     yield _open_files()
     yield _kernels()
     for name, port in ports.items():
