@@ -14,12 +14,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from renderers.stereo.noise import KERNELS_VERSION, NORMAL_TABLE, random64
+from renderers.stereo import sensor_kernels as kernels
+from renderers.stereo.noise import NORMAL_TABLE
 
-_VERSION = KERNELS_VERSION
 REFERENCE_EXPOSURE: Final = 0.005
 """Seconds; the device's default of exp_value."""
 DISPLAY_GAMMA: Final = 2.2
@@ -33,7 +32,17 @@ MAX_GAIN: Final = 18.0
 """dB"""
 SATURATED_SHARE: Final = 0.01
 """Automatic exposure: at most this share of the pixels may saturate before the brightness target is lowered."""
-_STEPS: Final = 4096
+_GREYS: Final = 1024
+"""Steps of luma; finer than the levels of the image, so that rounding adds no bands."""
+
+
+def _quantiles() -> NDArray[np.float32]:
+    groups = NORMAL_TABLE.reshape(128, -1).mean(axis=1)
+    return np.asarray(groups / groups.std(), np.float32)
+
+
+_QUANTILES: Final = _quantiles()
+"""(128,) float32: the standard normal's quantiles, coarser than ``NORMAL_TABLE``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,71 +156,33 @@ def take(
         noise: False: none.
     """
     height, width = picture.shape[:2]
+    image = np.empty((height, width, 3) if color else (height, width), np.uint8)
+    words = np.uint64(key)
+    if dots is None:
+        table = _noisy_levels(exposure, noise, 256 if color else _GREYS)
+        total = (kernels.color_by_table if color else kernels.grey_by_table)(picture, table, words, image)
+    else:
+        response, sigma = _curves(exposure, noise)
+        lit = (
+            (1.0 + dot_light * np.arange(256) / 255.0) ** (1.0 / DISPLAY_GAMMA) * exposure.factor * (kernels.STEPS - 1)
+        )
+        draw = kernels.color_with_dots if color else kernels.grey_with_dots
+        total = draw(picture, dots, lit.astype(np.float32), response, sigma, NORMAL_TABLE, words, image)
+    return Taken(image, total / (255.0 * image.size))
+
+
+def _noisy_levels(exposure: Exposure, noise: bool, inputs: int) -> NDArray[np.uint8]:
+    """(inputs, 128) uint8: grey value of a display-encoded value, for each of 128 equally likely noises."""
     response, sigma = _curves(exposure, noise)
-    lit = (1.0 + dot_light * np.arange(256) / 255.0) ** (1.0 / DISPLAY_GAMMA) * exposure.factor * (_STEPS - 1)
-    light = lit.astype(np.float32)
-    illumination = _DARK if dots is None else dots
-    if color:
-        image = np.empty((height, width, 3), np.uint8)
-        total = _take_color(picture, illumination, light, response, sigma, NORMAL_TABLE, np.uint64(key), image)
-        return Taken(image, total / (255.0 * image.size))
-    grey = np.empty((height, width), np.uint8)
-    total = _take_grey(picture, illumination, light, response, sigma, NORMAL_TABLE, np.uint64(key), grey)
-    return Taken(grey, total / (255.0 * grey.size))
-
-
-_DARK: Final = np.zeros((1, 1), np.uint8)
+    values = np.arange(inputs, dtype=np.float32) / (inputs - 1) * np.float32(exposure.factor * (kernels.STEPS - 1))
+    step = np.minimum(values, kernels.STEPS - 1).astype(np.int32)
+    levels = response[step][:, None] + sigma[step][:, None] * _QUANTILES
+    return np.clip(levels, 0.0, 255.0).astype(np.uint8)
 
 
 def _curves(exposure: Exposure, noise: bool) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """(4096,) float32 grey value and (4096,) float32 noise of a linear step of the display-encoded value."""
-    grey = 255.0 * (np.arange(_STEPS) / (_STEPS - 1)) ** (1.0 / exposure.gamma)
+    grey = 255.0 * (np.arange(kernels.STEPS) / (kernels.STEPS - 1)) ** (1.0 / exposure.gamma)
     amplification = 10.0 ** (exposure.gain / 20.0)
     sigma = np.sqrt((READ_NOISE * amplification) ** 2 + SHOT_NOISE * amplification * grey) * noise
     return (grey + 0.5).astype(np.float32), sigma.astype(np.float32)
-
-
-@njit(nogil=True, cache=True)
-def _take_grey(picture, dots, light, response, sigma, normal, key, out):  # type: ignore[no-untyped-def]  # compiled
-    height, width = out.shape
-    projected = dots.shape[0] == height and dots.shape[1] == width
-    top = np.float32(_STEPS - 1)
-    red, green, blue = np.float32(0.299 / 255.0), np.float32(0.587 / 255.0), np.float32(0.114 / 255.0)
-    dark = light[0]
-    total = 0
-    for k in range(height):
-        random = np.uint64(0)
-        for i in range(width):
-            if i & 3 == 0:
-                random = random64(key, k * width + i)
-            v = picture[k, i, 0] * red + picture[k, i, 1] * green + picture[k, i, 2] * blue
-            v *= light[dots[k, i]] if projected else dark
-            step = int(min(v, top))
-            g = response[step] + sigma[step] * normal[random & np.uint64(4095)]
-            random >>= np.uint64(16)
-            grey = int(min(max(g, np.float32(0.0)), np.float32(255.0)))
-            out[k, i] = grey
-            total += grey
-    return total
-
-
-@njit(nogil=True, cache=True)
-def _take_color(picture, dots, light, response, sigma, normal, key, out):  # type: ignore[no-untyped-def]  # compiled
-    height, width = out.shape[:2]
-    projected = dots.shape[0] == height and dots.shape[1] == width
-    top = np.float32(_STEPS - 1)
-    scale = np.float32(1.0 / 255.0)
-    dark = light[0]
-    total = 0
-    for k in range(height):
-        for i in range(width):
-            random = random64(key, k * width + i)
-            lit = (light[dots[k, i]] if projected else dark) * scale
-            for c in range(3):
-                step = int(min(picture[k, i, c] * lit, top))
-                g = response[step] + sigma[step] * normal[random & np.uint64(4095)]
-                random >>= np.uint64(16)
-                value = int(min(max(g, np.float32(0.0)), np.float32(255.0)))
-                out[k, i, c] = value
-                total += value
-    return total

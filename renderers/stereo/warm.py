@@ -24,7 +24,9 @@ def warm_up() -> None:
     dots = dots_on(depth, k.focal_length, k.cx, k.cy, 0.1)
     picture = np.full((k.height, k.width, 3), 90, np.uint8)
     image = take(picture, Exposure(), key, color=False, dots=dots, dot_light=1.0).image
-    take(picture, Exposure(), key, color=True)
+    for color in (False, True):
+        for light in (None, dots):
+            take(picture, Exposure(), key, color=color, dots=light, dot_light=1.0)
     match(image, image, 16, 0.3)
     true = true_disparity(depth, depth, 50.0 * 0.16, DepthRange(0.4, 100.0))
     measured: Measured = measure(true, ErrorModel(0.25), key)

@@ -1,0 +1,181 @@
+"""The stereo camera's stream: our fan-out against per-client protobuf and raw TCP, and the live camera, in one run.
+
+    python -m bench.stream [--seconds 3] [--payloads ABCD] [--clients 1 4 16] [--live]
+
+For each payload and number of clients: sets per second over all clients, MB/s, the server's CPU seconds per second and
+its CPU ms per set (of one client), the clients' CPU, the event loop's stall at a 1 ms ticker (p99, max, ms), and the
+ratio of our MB/s to the others'. Clients are Python processes that take the bytes and do not parse them. ``--live``
+renders: left, right, disparity, error and confidence of a scene with noise; the age is from timestamp to client.
+``--slow`` adds a client that reads twice a second. ``--minutes N`` runs the live camera so long and prints its memory.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import socket
+import subprocess
+import sys
+import time
+from typing import Any
+
+ROW = "{:<30}{:>8}{:>9}{:>8}{:>9}{:>9}{:>9}{:>11}{:>11}{:>8}{:>8}"
+HEAD = ROW.format(
+    "", "clients", "sets/s", "MB/s", "CPU srv", "ms/set", "CPU cli", "stall p99", "stall max", "age ms", "RSS MB"
+)  # fmt: skip
+LIVE = {"left_enabled", "right_enabled", "disparity_enabled", "disparity_error_enabled", "confidence_enabled"}
+
+
+def client(kind: str, port: int, seconds: float, pause: float) -> None:
+    """One client: prints its figures."""
+    ages: list[float] = []
+    count = size = 0
+    begin = cpu = 0.0
+    if kind == "tcp":
+        source = _tcp_sets(port)
+    else:
+        source = _grpc_sets(port)
+    for data in source:
+        now = time.monotonic()
+        if count == 0:
+            print("started", flush=True)
+            begin, cpu = now, time.process_time()
+        count += 1
+        size += len(data)
+        ages.append(time.time() - _stamp(data))
+        if now - begin > seconds:
+            break
+        if pause:
+            time.sleep(pause)
+    spent = time.monotonic() - begin
+    ages.sort()
+    print(
+        json.dumps(
+            {
+                "sets": (count - 1) / spent,
+                "mb": size * (count - 1) / count / spent / 1e6,
+                "cpu": (time.process_time() - cpu) / spent,
+                "age": ages[len(ages) // 2] * 1000,
+                "slow": bool(pause),
+            }
+        ),
+        flush=True,
+    )
+    os._exit(0)
+
+
+def _grpc_sets(port: int) -> Any:
+    import grpc
+
+    from gateway.generated import image_interface_pb2 as pb
+
+    options = [("grpc.max_receive_message_length", -1)]
+    channel = grpc.insecure_channel(f"127.0.0.1:{port}", options)
+    request = pb.ImageSetRequest(**dict.fromkeys(LIVE, True))
+    return channel.unary_stream("/ImageInterface/StreamImageSets", pb.ImageSetRequest.SerializeToString)(request)
+
+
+def _tcp_sets(port: int) -> Any:
+    connection = socket.create_connection(("127.0.0.1", port))
+    buffer = bytearray(64 << 20)
+    view = memoryview(buffer)
+    while True:
+        _fill(connection, view[:8])
+        size = int.from_bytes(buffer[:8], "little")
+        _fill(connection, view[:size])
+        yield view[:size]
+
+
+def _fill(connection: socket.socket, view: memoryview) -> None:
+    while view:
+        view = view[connection.recv_into(view) :]
+
+
+def _stamp(data: Any) -> float:
+    """The set's timestamp: the first field, so the rest need not be parsed."""
+    from gateway.generated import image_interface_pb2 as pb
+
+    try:
+        stamp = pb.ImageSet.FromString(bytes(data[: 2 + data[1]])).timestamp
+    except ValueError:  # another order of fields: protobuf's own
+        return time.time()
+    return stamp.sec + stamp.nsec * 1e-9
+
+
+def run(label: str, kind: str, arguments: list[str], clients: int, seconds: float, slow: int = 0) -> dict[str, float]:
+    """One cell of the table."""
+    command = [sys.executable, "-m", "bench.stream_servers", kind, *arguments]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    ) as server:
+        assert server.stdout is not None
+        assert server.stdin is not None
+        line = server.stdout.readline()
+        while line and not line.strip().isdigit():  # log lines
+            line = server.stdout.readline()
+        port = line.strip()
+        base = [sys.executable, "-m", "bench.stream", "--client", kind, port, str(seconds)]
+        children = [
+            subprocess.Popen([*base, "0.5" if i < slow else "0"], stdout=subprocess.PIPE, text=True)
+            for i in range(clients + slow)
+        ]
+        for child in children:
+            assert child.stdout is not None
+            child.stdout.readline()
+        server.stdin.write("go\n")
+        server.stdin.flush()
+        answers = [json.loads(child.communicate()[0]) for child in children]
+        server.stdin.close()
+        lines = [l for l in server.stdout if l.startswith("{")]
+        figures = json.loads(lines[-1])
+        server.kill()
+    fast = [a for a in answers if not a["slow"]]
+    total = {"sets": sum(a["sets"] for a in fast), "mb": sum(a["mb"] for a in fast), **figures}
+    print(
+        ROW.format(
+            label, f"{clients}+{slow}" if slow else clients, f"{total['sets']:.1f}", f"{total['mb']:.0f}",
+            f"{figures['cpu']:.2f}", f"{figures['cpu'] * 1000 * len(fast) / total['sets']:.1f}",
+            f"{sum(a['cpu'] for a in answers):.2f}", f"{figures['stall_p99']:.1f}",
+            f"{figures['stall_max']:.1f}", f"{sum(a['age'] for a in fast) / len(fast):.1f}" if kind == "live" else "",
+            f"{figures['rss']:.0f}",
+        ),
+        flush=True,
+    )  # fmt: skip
+    return total
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seconds", type=float, default=3.0)
+    parser.add_argument("--payloads", default="ABCD")
+    parser.add_argument("--clients", type=int, nargs="+", default=[1, 4, 16])
+    parser.add_argument("--live", action="store_true")
+    parser.add_argument("--look", default="pbr")
+    parser.add_argument("--quality", default="High")
+    parser.add_argument("--slow", type=int, default=0)
+    parser.add_argument("--minutes", type=float, default=0.0)
+    parser.add_argument("--client", nargs=4, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.client:
+        client(options.client[0], int(options.client[1]), float(options.client[2]), float(options.client[3]))
+    print(HEAD)
+    if options.live or options.minutes:
+        seconds = options.minutes * 60 or options.seconds
+        for rate in ("max",) if options.minutes else ("max", "device"):
+            for n in options.clients:
+                arguments = [rate, options.look, options.quality]
+                run(f"live {options.quality} {options.look} {rate}", "live", arguments, n, seconds, options.slow)
+        return
+    for name in options.payloads:
+        for n in options.clients:
+            cells = {
+                kind: run(f"{name} {kind}", kind, [name], n, options.seconds) for kind in ("tcp", "proto", "shared")
+            }
+            ours = cells["shared"]["mb"]
+            print(f"   shared bytes / raw TCP {ours / cells['tcp']['mb']:.2f}, "
+                  f"/ per-client protobuf {ours / cells['proto']['mb']:.2f}")  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()

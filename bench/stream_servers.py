@@ -1,0 +1,178 @@
+"""The servers that ``bench.stream`` compares, each in a process of its own: ``python -m bench.stream_servers KIND …``.
+
+Prints its port, serves until its standard input is closed, then prints its figures as JSON.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import resource
+import sys
+import time
+from typing import Any
+
+import grpc
+import numpy as np
+import uvloop
+
+from gateway.generated import image_interface_pb2 as pb
+from gateway.ops.process import tune
+from gateway.stereo import messages, server, wire
+from gateway.stereo.config import StereoConfig
+from gateway.stereo.hub import Hub
+from gateway.stereo.messages import Taking
+from gateway.stereo.service import StereoService
+from gateway.workers import Workers
+from renderers.stereo.model import MODELS
+
+PAYLOADS = {
+    "A": "left mono",
+    "B": "left+right mono, disparity High",
+    "C": "rgb8, all High",
+    "D": "rgb8, all Full, mesh",
+}
+
+
+def payload(name: str) -> list[wire.Chunk]:
+    """The parts of a set of the facts' sizes (1.2, 3.1, 8.6 and 15 MB), noise as pictures."""
+    random = np.random.default_rng(0)
+    model = MODELS["rc_visard 160-4"]
+    full, k = model.intrinsics(), model.intrinsics(1 if name == "D" else 2)
+    taking = Taking(time.time_ns(), 0.005, 0.0, 1.0, 0.3, 0)
+    size = (full.height, full.width, 3) if name in "CD" else (full.height, full.width)
+
+    def picture(shape: tuple[int, ...], dtype: type) -> Any:
+        return random.integers(0, 255, shape, dtype)
+
+    chunks: list[wire.Chunk] = [messages.timestamp_field(taking.timestamp)]
+    for number in (2,) if name == "A" else (2, 3):
+        chunks += wire.field(number, messages.image(picture(size, np.uint8), full, taking, 0.5))
+    if name != "A":
+        d = messages.image(picture((k.height, k.width), np.uint16), k, taking, 0.5)
+        chunks += wire.field(4, messages.disparity(d, taking.timestamp, model.baseline))
+    if name in "CD":
+        for number in (5, 6):
+            chunks += wire.field(number, messages.image(picture((k.height, k.width), np.uint8), k, taking, 0.5))
+    if name == "D":
+        chunks += wire.field(7, messages.mesh((bytes(2_800_000),), taking.timestamp))
+    return chunks
+
+
+async def shared(name: str) -> tuple[int, Any]:
+    """Our way: joined once per set, the same bytes to every client, newest set only."""
+    hub = Hub(64, 16)
+    running, port, _ = await server.start(hub, StereoConfig(port=0))
+    chunks = payload(name)
+
+    async def produce() -> None:
+        number = 0
+        while True:
+            hub.changed.clear()
+            if kinds := hub.urgent_kinds(starving=False):
+                number += 1
+                data = await asyncio.to_thread(wire.join, chunks)
+                for kind in kinds:
+                    hub.publish(kind, number, data)
+            else:
+                await hub.changed.wait()
+
+    return port, (running, asyncio.create_task(produce()))
+
+
+async def proto(name: str) -> tuple[int, Any]:
+    """Protobuf's way: a message object that gRPC serialises for every client."""
+    message = pb.ImageSet.FromString(wire.join(payload(name)))
+
+    async def stream(request: pb.ImageSetRequest, context: Any) -> None:
+        while True:
+            await context.write(message)
+
+    handler = grpc.unary_stream_rpc_method_handler(stream, pb.ImageSetRequest.FromString, pb.ImageSet.SerializeToString)
+    running = grpc.aio.server(options=[("grpc.max_send_message_length", -1)])
+    running.add_generic_rpc_handlers(
+        (grpc.method_handlers_generic_handler("ImageInterface", {"StreamImageSets": handler}),)
+    )
+    port = running.add_insecure_port("127.0.0.1:0")
+    await running.start()
+    return port, running
+
+
+async def tcp(name: str) -> tuple[int, Any]:
+    """The floor: length and bytes over a socket, by threads."""
+    import socket
+    import threading
+
+    data = wire.join(payload(name))
+    framed = len(data).to_bytes(8, "little") + data
+    listening = socket.create_server(("127.0.0.1", 0))
+
+    def serve(connection: socket.socket) -> None:
+        try:
+            while True:
+                connection.sendall(framed)
+        except OSError:
+            connection.close()
+
+    def accept() -> None:
+        while True:
+            threading.Thread(target=serve, args=(listening.accept()[0],), daemon=True).start()
+
+    threading.Thread(target=accept, daemon=True).start()
+    return listening.getsockname()[1], listening
+
+
+async def live(rate: str, look: str, quality: str) -> tuple[int, Any]:
+    """The whole camera: rendered, with noise, at the device's rate or as fast as it goes."""
+    from renderers.cpu import CpuRenderer
+    from renderers.cpu.warmup import warmup
+    from renderers.stereo.warm import warm_up
+    from tests.stereo.scenes import pose, table
+
+    warmup()
+    warm_up()
+    scene = table()
+    config = StereoConfig(port=0, rate=rate, look=look)  # type: ignore[arg-type]
+    service = StereoService(config, lambda: (scene, 1), pose, CpuRenderer(2), Workers(2))
+    service.parameters.set("rc_stereomatching", [("quality", quality)])
+    task = asyncio.create_task(service.run())
+    while not service.ready:  # noqa: ASYNC110
+        await asyncio.sleep(0.01)
+    return service.port, (task, service)
+
+
+async def main(kind: str, *arguments: str) -> None:
+    tune()
+    port, keep = await {"shared": shared, "proto": proto, "tcp": tcp, "live": live}[kind](*arguments)
+    print(port, flush=True)
+    lateness: list[float] = []
+    # A line says that every client has its first set: what was before does not count.
+    await asyncio.to_thread(sys.stdin.readline)
+    begin, cpu = time.monotonic(), time.process_time()
+
+    async def tick() -> None:
+        while True:
+            before = time.monotonic()
+            await asyncio.sleep(0.001)
+            lateness.append(time.monotonic() - before - 0.001)
+
+    ticker = asyncio.create_task(tick())
+    await asyncio.to_thread(sys.stdin.read)
+    ticker.cancel()
+    late = np.sort(lateness) * 1000
+    seconds = time.monotonic() - begin
+    figures = {
+        "cpu": (time.process_time() - cpu) / seconds,
+        "stall_p99": float(late[int(len(late) * 0.99)]),
+        "stall_max": float(late[-1]),
+        "rss": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+    }
+    if kind == "live":
+        figures["skipped"] = keep[1].counts.skipped
+    print(json.dumps(figures), flush=True)
+    os._exit(0)  # streams may still be open; the figures are out
+
+
+if __name__ == "__main__":
+    uvloop.run(main(*sys.argv[1:]))
