@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from renderers.camera import Camera
 from renderers.drawlist import DrawList
 
-LookName = Literal["phong", "pbr"]
+LookName = Literal["phong", "pbr", "plain"]
 
 
 class Output(Flag):
@@ -32,7 +32,9 @@ class Look:
 
     name: LookName = "phong"
     """``phong``: RenderEngineVtk's look without glTF meshes: headlight, ``255 * base * max(0, n.z)``, textures as
-    stored, no gamma. ``pbr``: its look with glTF meshes: metallic-roughness, linear, gamma 1/2.2."""
+    stored, no gamma. ``pbr``: its look with glTF meshes: metallic-roughness, linear, gamma 1/2.2. ``plain``: Director's and the browser
+    view's: as ``phong``, but the linear colour factors are first encoded as sRGB, so that a surface that faces the camera
+    has the very colour that was published."""
     background: tuple[int, int, int] = (204, 229, 255)
     """RGB as stored in the picture; Drake's default."""
 

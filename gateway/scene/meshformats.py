@@ -16,6 +16,7 @@ from gateway.scene.gltf import GltfLimits, read_gltf
 from gateway.scene.transforms import IDENTITY, Y_UP_TO_Z_UP, Matrix, scaling
 from gateway.scene.tree import Node
 from gateway.scene.usable import without_broken_textures
+from renderers.color import linear_from_srgb
 from renderers.drawlist import AlphaMode, Image, Material, Mesh, Texture
 from renderers.images import image_from_bytes
 
@@ -228,7 +229,7 @@ def _colored(color: NDArray[np.float64], image: Image | None) -> Material:
     """A diffuse material. File colours are meant as displays show them. A texture replaces the colour but for its
     opacity, as VTK and Drake draw it: files often pair textures with a grey or black Kd."""
     r, g, b, alpha = np.clip(np.nan_to_num(color), 0.0, 1.0).tolist()
-    base = (1.0, 1.0, 1.0) if image is not None else (_linear(r), _linear(g), _linear(b))
+    base = (1.0, 1.0, 1.0) if image is not None else (linear_from_srgb(r), linear_from_srgb(g), linear_from_srgb(b))
     return Material(
         base_color=(*base, alpha),
         base_color_texture=None if image is None else Texture(image),
@@ -237,11 +238,6 @@ def _colored(color: NDArray[np.float64], image: Image | None) -> Material:
         alpha_mode=AlphaMode.BLEND if alpha < 1.0 else AlphaMode.OPAQUE,
         double_sided=True,
     )
-
-
-def _linear(value: float) -> float:
-    """IEC 61966-2-1, the sRGB transfer function."""
-    return value / 12.92 if value <= 0.04045 else float(((value + 0.055) / 1.055) ** 2.4)
 
 
 def _image_of(picture: Any, limits: GltfLimits) -> Image | None:

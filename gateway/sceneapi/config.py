@@ -15,9 +15,8 @@ class SceneApiConfig:
     width: int = 1280
     height: int = 720
     """Pixels, where a request names none."""
-    look: LookName = "pbr"
-    """Where a request names none. The live scene's materials are glTF's, so its own model shows them as they are
-    meant."""
+    look: LookName = "plain"
+    """Where a request names none: the same colours as in the browser view."""
     background: tuple[int, int, int] = (204, 229, 255)
     """RGB of colour pictures where nothing is; the same as the render endpoint's."""
     antialias: Literal["fxaa", "none"] = "fxaa"

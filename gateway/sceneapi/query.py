@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final, Literal, cast
+from typing import Any, Final, Literal, cast, get_args
 
 from gateway.scene.cameras import DEFAULT_FOVY, CameraError, CameraSpec, parse_camera
 from gateway.sceneapi.config import SceneApiConfig
@@ -15,7 +15,7 @@ PictureType = Literal["color", "depth", "label"]
 DepthFormat = Literal["tiff", "png"]
 
 TYPES: Final = ("color", "depth", "label")
-LOOKS: Final = ("phong", "pbr")
+LOOKS: Final = get_args(LookName)
 FORMATS: Final = ("tiff", "png")
 
 

@@ -30,6 +30,7 @@ from gateway.treeviewer.config import Limits
 from gateway.treeviewer.extract import ArrayError, Numbers
 from gateway.treeviewer.fields import CommandError, NothingToDraw, show
 from gateway.treeviewer.normals import smooth_mesh
+from renderers.color import linear_from_srgb
 from renderers.drawlist import AlphaMode, Material, Mesh
 
 Color = tuple[float, float, float, float]
@@ -113,18 +114,13 @@ def material(rgba: Color) -> Material:
     """Director's look: diffuse only, both sides, points of 2 px; the colour is meant as displays show it (sRGB)."""
     r, g, b, a = rgba
     return Material(
-        base_color=(_linear(r), _linear(g), _linear(b), a),
+        base_color=(linear_from_srgb(r), linear_from_srgb(g), linear_from_srgb(b), a),
         metallic=0.0,
         roughness=1.0,
         alpha_mode=AlphaMode.BLEND if a < 1.0 else AlphaMode.OPAQUE,
         double_sided=True,
         point_size=POINT_SIZE,
     )
-
-
-def _linear(value: float) -> float:
-    """IEC 61966-2-1, the sRGB transfer function."""
-    return value / 12.92 if value <= 0.04045 else ((value + 0.055) / 1.055) ** 2.4
 
 
 def _box(params: Mapping[str, Any], context: Context) -> Shape:
@@ -295,7 +291,7 @@ def _tinted(given: Material, rgba: Color) -> Material:
     alpha = base[3] * a
     return replace(
         given,
-        base_color=(base[0] * _linear(r), base[1] * _linear(g), base[2] * _linear(b), alpha),
+        base_color=(base[0] * linear_from_srgb(r), base[1] * linear_from_srgb(g), base[2] * linear_from_srgb(b), alpha),
         alpha_mode=AlphaMode.BLEND if a < 1.0 and given.alpha_mode is AlphaMode.OPAQUE else given.alpha_mode,
     )
 

@@ -20,6 +20,7 @@ from gateway.scene.meshing import MeshPart, meshes_of
 from gateway.scene.tree import Change, Node, Path, changes
 from gateway.viewer.frames import FrameBuilder
 from gateway.viewer.payloads import Payloads
+from renderers.color import srgb_from_linear
 from renderers.drawlist import AlphaMode, Material
 
 EMPTY: Final = Snapshot(Node(), 0)
@@ -155,7 +156,7 @@ class Encoder:
         return result
 
     def _material(self, material: Material) -> dict[str, Any]:
-        result: dict[str, Any] = {"color": material.base_color}
+        result: dict[str, Any] = {"color": [*map(srgb_from_linear, material.base_color[:3]), material.base_color[3]]}
         if material.alpha_mode is not AlphaMode.OPAQUE:
             result["alpha"] = material.alpha_mode.value.lower()
         optional = (

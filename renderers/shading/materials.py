@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from renderers.color import srgb_from_linear
 from renderers.drawlist import AlphaMode, Material, Texture
 from renderers.port import LookName
 from renderers.shading.textures import TextureTable
@@ -22,8 +23,13 @@ def look_material(material: Material, look: LookName) -> Material:
     ``pbr``: materials that VTK's exporter wrote are dielectrics of roughness 0.5.
     ``phong``: only base colour, its texture and the vertex colours are seen; normal, metallic-roughness, occlusion
     and emissive are dropped, as RenderEngineVtk (without glTF meshes) and RenderEngineGl do.
+    ``plain``: as ``phong``, with the base colour factor as displays show it.
     """
-    if look == "phong":
+    if look != "pbr":
+        if look == "plain":
+            material = replace(
+                material, base_color=(*map(srgb_from_linear, material.base_color[:3]), material.base_color[3])
+            )
         unseen = (
             material.normal_texture,
             material.metallic_roughness_texture,
@@ -88,7 +94,7 @@ def vertex_color_rule(material: Material, look: LookName) -> int:
     factor (measured: mean error 0.3 levels, against 14 for glTF's linear product). Colours of lines, points and
     unlit surfaces are shown as they are given, times the factor.
     """
-    if look == "phong":
+    if look != "pbr":
         return COLORS_MULTIPLY
     return COLORS_DECODE if material.unlit else COLORS_REPLACE
 

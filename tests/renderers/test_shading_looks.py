@@ -218,3 +218,12 @@ def test_attributes_shorter_than_the_mesh_are_refused(name: str) -> None:
     wide = np.zeros((4, short.shape[1]))
     with pytest.raises(TypeError, match="float32"):
         prepare((placed(quad(**{name: wide}), FULL),), "pbr")  # type: ignore[arg-type]
+
+
+def test_plain_shows_the_colour_that_was_published() -> None:
+    """A linear factor of sRGB 0.5, seen face on, is 0.5 in the picture; phong shows the factor itself."""
+    material = Material(base_color=(0.21404114, 0.0, 1.0, 0.25), metallic=0.0, emissive=(1.0, 0.0, 0.0))
+    plain = look_material(material, "plain")
+    assert plain.base_color == pytest.approx((0.5, 0.0, 1.0, 0.25), abs=1e-6)
+    assert plain.emissive == (0.0, 0.0, 0.0)
+    assert look_material(material, "phong").base_color == material.base_color

@@ -166,7 +166,7 @@ async def test_the_stereo_camera_where_there_is_one(world: World):
         ("height=99999999999999999999", "height='99999999999999999999' is not a number of pixels"),
         ("width=1000&height=1000", "width x height = 1000x1000 has more than 100000 pixels"),
         (f"{SMALL}&type=normals", "type='normals' is none of color, depth, label"),
-        (f"{SMALL}&look=cartoon", "look='cartoon' is none of phong, pbr"),
+        (f"{SMALL}&look=cartoon", "look='cartoon' is none of phong, pbr, plain"),
         (f"{SMALL}&format=bmp", "format='bmp' is none of tiff, png"),
         (f"{SMALL}&fovy=200", "fovy='200' must lie between 0 and 180"),
         (f"{SMALL}&fovy=wide", "fovy='wide' is not a number"),
