@@ -87,6 +87,7 @@ class Hub:
             "clients": len(self.connections),
             "relayed": self.relayed,
             "refused": self.refused,
+            "arriving_bytes": self._arriving,
             "unsent_bytes": sum(connection.unsent_bytes for connection in self.connections),
         }
 

@@ -1,0 +1,243 @@
+"""The service with real LCM: UDP multicast and liblcm's own TCPQ client."""
+
+from __future__ import annotations
+
+import asyncio
+import builtins
+import sys
+import threading
+from collections.abc import AsyncIterator, Iterator
+from typing import Any
+
+import pytest
+
+from gateway.scene.live import LiveTree
+from gateway.treeviewer import lcm_bus, receive_buffer, wire
+from gateway.treeviewer.config import TreeViewerConfig
+from gateway.treeviewer.errors import TreeViewerUnavailable
+from gateway.treeviewer.protocol import REQUEST, RESPONSE
+from tests.treeviewer import recordings
+from tests.treeviewer.conversation import BOX, decoded, message
+from tests.treeviewer.differences import DIFFERENCES
+from tests.treeviewer.recorded_meshes import RecordedMeshes
+from tests.treeviewer.test_replay import unordered
+from tests.treeviewer.transports import answer_over, free_url, join, lossless, serving, until
+
+ONE_BOX = message({"setgeometry": [{"path": ["a"], "geometry": BOX}]})
+
+
+@pytest.fixture
+def url() -> Iterator[str]:
+    """A network of this test's own, on which LCM works."""
+    network = free_url()
+    join(network)
+    return network
+
+
+def config_of(url: str) -> TreeViewerConfig:
+    return TreeViewerConfig(lcm_url=url, tcpq_port=0)
+
+
+async def in_thread(function: Any, *args: Any) -> Any:
+    return await asyncio.get_running_loop().run_in_executor(None, function, *args)
+
+
+@pytest.mark.lcm
+async def test_the_ready_message_comes_at_start(url: str) -> None:
+    client = join(url)
+    heard: list[tuple[str, bytes]] = []
+    lossless(client, RESPONSE, lambda channel, data: heard.append((channel, data)))
+    async with serving(config_of(url)):
+        assert await in_thread(client.handle_timeout, 10_000)
+    assert [(channel, decoded(data)) for channel, data in heard] == [
+        (RESPONSE, {"timestamp": 0, "status": 0, "ready": True})
+    ]
+
+
+@pytest.mark.lcm
+@pytest.mark.corpus
+@pytest.mark.slow
+@pytest.mark.parametrize("transport", ["udp", "tcpq"])
+@pytest.mark.parametrize("name", recordings.names() or [pytest.param("", id="no corpus")])
+async def test_recorded_requests_over_real_lcm_are_answered_like_in_process(
+    name: str, transport: str, url: str
+) -> None:
+    name = name or "deep"
+    meshes = RecordedMeshes(recordings.folder() / "assets")
+    differences = DIFFERENCES.get(name, {})
+    async with serving(config_of(url), meshes) as service:
+        client = join(url if transport == "udp" else f"tcpq://127.0.0.1:{service.tcpq_port}")
+        heard: list[tuple[str, bytes]] = []
+        lossless(client, f"{RESPONSE}_.*", lambda channel, data: heard.append((channel, data)))
+        lossless(client, RESPONSE, lambda channel, data: heard.append((channel, data)))
+        if transport == "tcpq":
+            await in_thread(client.handle_timeout, 5000)  # the ready message
+
+        def converse() -> None:
+            for exchange in recordings.exchanges(name):
+                expected = differences.get(exchange.number)
+                id_too_long = len(exchange.channel) == 63
+                silent = id_too_long or (expected is not None and expected.status is None)
+                if silent:
+                    client.publish(exchange.channel, exchange.data)
+                    continue
+                answer = answer_over(client, heard, exchange.channel, exchange.data)
+                assert answer is not None, exchange
+                channel, data = answer
+                if exchange.response is not None:
+                    assert channel == exchange.channel.replace("REQUEST", "RESPONSE").replace("_foo", "").replace(
+                        "_<>", ""
+                    )
+                told = decoded(data)
+                if expected is not None:
+                    assert told["status"] == expected.status
+                elif name != "fuzz":
+                    assert unordered(told) == unordered(exchange.response)
+
+        await in_thread(converse)
+        status = service.status()
+        assert status["received"] == len(recordings.exchanges(name))
+        assert status["undecodable"] == sum(d.status is None for d in differences.values())
+        assert status["internal_errors"] == status["dropped"] == 0
+        assert status["lcm"].get("lost_datagrams", 0) == 0
+
+
+@pytest.mark.lcm
+async def test_a_burst_is_received_and_answered_without_loss(url: str) -> None:
+    count = 2000
+    async with serving(config_of(url)) as service:
+        client = join(url)
+        answers = 0
+        done = threading.Event()
+
+        def heard(channel: str, data: bytes) -> None:
+            nonlocal answers
+            answers += decoded(data)["status"] == 0
+
+        lossless(client, f"{RESPONSE}_<b>", heard)
+
+        def converse() -> None:
+            for _ in range(count):
+                client.publish(f"{REQUEST}_<b>", ONE_BOX)
+            while answers < count and client.handle_timeout(3000):
+                pass
+            done.set()
+
+        await in_thread(converse)
+        assert service.status()["received"] == count
+        assert service.status()["lcm"]["lost_datagrams"] == 0
+
+
+@pytest.mark.lcm
+async def test_the_receive_buffer_is_raised_or_the_sysctl_is_named(url: str) -> None:
+    wanted = 8 * 1024 * 1024
+    async with serving(config_of(url), receive_buffer_bytes=wanted) as service:
+        status = service.status()["lcm"]
+        assert status["url"] == url
+        if status["receive_buffer_bytes"] < wanted:
+            assert f"sysctl -w net.core.rmem_max={wanted}" in status["warning"]
+        else:
+            assert "warning" not in status
+
+
+@pytest.mark.lcm
+async def test_a_small_receive_buffer_is_warned_about(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(receive_buffer.ReceiveBuffer, "raise_to", lambda self, size: 212_992)
+    monkeypatch.setattr(lcm_bus, "system_limit", lambda: 212_992)
+    async with serving(config_of(url)) as service:
+        assert service.status()["lcm"]["warning"] == (
+            "LCM's receive buffer has 212992 bytes instead of 67108864: larger messages and bursts can get lost; "
+            "'sysctl -w net.core.rmem_max=67108864' allows more (it is 212992 now)"
+        )
+
+
+@pytest.mark.lcm
+async def test_messages_beyond_the_bound_of_waiting_bytes_are_dropped_and_counted(url: str) -> None:
+    bus = lcm_bus.LcmBus(url, f"{REQUEST}.*", 1 << 20, waiting_bytes=3000)
+    try:
+        for _ in range(20):
+            bus._arrived("c", b"x" * 744)
+        assert (bus.waiting_bytes, bus.dropped, bus.dropped_bytes) == (3000, 17, 17 * 744)
+        got: list[str] = []
+        bus.start(lambda channel, data: got.append(channel))
+        join(url).publish(REQUEST, b"y")
+        await until(lambda: len(got) >= 3)
+        assert bus.waiting_bytes <= 1000
+    finally:
+        bus.close()
+
+
+@pytest.mark.lcm
+async def test_lcms_default_url_is_honoured(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LCM_DEFAULT_URL", url)
+    async with serving(TreeViewerConfig(lcm_url=None, tcpq_port=None)) as service:
+        assert service.status()["lcm"]["url"] == url
+
+
+# --- what is missing is told
+
+
+@pytest.fixture
+async def without_lcm(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[None]:
+    """As on a machine without libglib, where liblcm's extension cannot be loaded."""
+    monkeypatch.delitem(sys.modules, "lcm", raising=False)
+    real = builtins.__import__
+
+    def fail(name: str, *args: Any, **kwargs: Any) -> Any:
+        if name == "lcm":
+            raise ImportError("No module named 'lcm.Release'")
+        return real(name, *args, **kwargs)
+
+    monkeypatch.setattr(builtins, "__import__", fail)
+    return
+
+
+@pytest.mark.usefixtures("without_lcm")
+async def test_without_libglib_the_hub_works_and_the_reason_is_told() -> None:
+    live = LiveTree()
+    async with serving(TreeViewerConfig(tcpq_port=0), live=live) as service:
+        assert service.tcpq_port
+        assert "libglib-2.0.so.0: apt install libglib2.0-0" in service.status()["lcm"]["problem"]
+
+
+@pytest.mark.usefixtures("without_lcm")
+async def test_without_any_transport_the_service_says_why_it_ends() -> None:
+    with pytest.raises(TreeViewerUnavailable, match="libglib"):
+        async with serving(TreeViewerConfig(tcpq_port=None)):
+            pass
+
+
+@pytest.mark.lcm
+@pytest.mark.parametrize(
+    ("bad", "reason"),
+    [
+        ("udpm://239.255.76.67:7667?ttl=x&bogus", None),
+        ("nonsense://x", "LCM cannot join nonsense://x: nothing answers there"),
+        ("udpm://10.1.2.3:7667", "LCM cannot join udpm://10.1.2.3:7667: there may be no route for multicast"),
+    ],
+)
+async def test_a_network_that_cannot_be_joined_is_one_sentence(url: str, bad: str, reason: str | None) -> None:
+    if reason is None:
+        return
+    with pytest.raises(TreeViewerUnavailable) as caught:
+        async with serving(TreeViewerConfig(lcm_url=bad, tcpq_port=None)):
+            pass
+    assert str(caught.value).startswith(reason)
+
+
+@pytest.mark.lcm
+async def test_lcm_is_not_started_where_it_would_crash(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lcm_bus, "MOST_FILES", 3)
+    with pytest.raises(TreeViewerUnavailable, match="open files"):
+        lcm_bus.LcmBus(url, "x", 1, 1)
+
+
+def test_ports_of_lcm_urls() -> None:
+    assert lcm_bus._port("udpm://239.255.76.67:7668?ttl=0") == 7668
+    assert lcm_bus._port("udpm://") == 7667
+    assert lcm_bus._port("udpm://239.255.76.67?port=5") == 5
+    assert lcm_bus._port("tcpq://host:7700") == 0
+
+
+def test_answers_can_be_decoded_by_the_documents_type() -> None:
+    assert wire.decode(ONE_BOX).format == "treeviewer_json"

@@ -1,0 +1,145 @@
+"""Running the service in tests, and peers to talk to it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import random
+import socket
+import struct
+import time
+from collections.abc import AsyncIterator, Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gateway.scene.live import LiveTree
+from gateway.treeviewer.config import TreeViewerConfig
+from gateway.treeviewer.geometry import MeshLoader
+from gateway.treeviewer.service import TreeViewerService
+from gateway.treeviewer.tcpq import CLIENT_HELLO, HUB_HELLO, Frame, publish_head, subscription
+
+SECONDS = 30.0
+"""A test that waits longer has failed."""
+
+
+def free_url() -> str:
+    """An LCM network that nobody else uses."""
+    return f"udpm://239.255.76.67:{random.randrange(20000, 60000)}?ttl=0"
+
+
+def join(url: str) -> Any:
+    """A real LCM client; skips the test where LCM does not work."""
+    lcm = pytest.importorskip("lcm", reason="LCM cannot be imported: it needs libglib-2.0.so.0", exc_type=ImportError)
+    try:
+        return lcm.LCM(url)
+    except RuntimeError:
+        pytest.skip(f"LCM cannot join {url}: there is no route for multicast")
+
+
+@contextlib.asynccontextmanager
+async def serving(
+    config: TreeViewerConfig | None = None,
+    meshes: MeshLoader | None = None,
+    live: LiveTree | None = None,
+    **changes: Any,
+) -> AsyncIterator[TreeViewerService]:
+    """The service with a hub on a free port and no LCM, unless told otherwise; stopped in the end."""
+    config = replace(config or TreeViewerConfig(lcm_url="off", tcpq_port=0), **changes)
+    service = TreeViewerService(config, live or LiveTree(), meshes)
+    task = asyncio.create_task(service.run())
+    ready = asyncio.create_task(service.wait_ready())
+    try:
+        await asyncio.wait({task, ready}, return_when=asyncio.FIRST_COMPLETED)
+        if task.done():
+            task.result()
+        yield service
+        assert not task.done(), task
+    finally:
+        ready.cancel()
+        task.cancel()
+        await asyncio.gather(task, ready, return_exceptions=True)
+        assert not service.ready
+
+
+class HubClient:
+    """A TCPQ client that is written from the wire, not from our reader."""
+
+    def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self.reader = reader
+        self.writer = writer
+
+    @classmethod
+    async def connect(cls, port: int, *, receive_buffer: int | None = None) -> HubClient:
+        sock = socket.socket()
+        if receive_buffer is not None:
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
+        sock.setblocking(False)
+        await asyncio.get_running_loop().sock_connect(sock, ("127.0.0.1", port))
+        reader, writer = await asyncio.open_connection(sock=sock, limit=2**16)
+        writer.write(CLIENT_HELLO)
+        async with asyncio.timeout(SECONDS):
+            assert await reader.readexactly(8) == HUB_HELLO
+        return cls(reader, writer)
+
+    async def subscribe(self, pattern: str, kind: Frame = Frame.SUBSCRIBE) -> None:
+        self.writer.write(subscription(kind, pattern))
+        await self.writer.drain()
+
+    async def publish(self, channel: str, data: bytes) -> None:
+        self.writer.write(publish_head(channel, len(data)) + data)
+        await self.writer.drain()
+
+    async def next(self) -> tuple[str, bytes]:
+        async with asyncio.timeout(SECONDS):
+            kind, length = struct.unpack(">II", await self.reader.readexactly(8))
+            assert kind == 1
+            channel = (await self.reader.readexactly(length)).decode()
+            (size,) = struct.unpack(">I", await self.reader.readexactly(4))
+            return channel, await self.reader.readexactly(size)
+
+    async def ended(self) -> bool:
+        """Whether the hub closes the connection, sooner or later."""
+        async with asyncio.timeout(SECONDS):
+            try:
+                while await self.reader.read(65536):
+                    pass
+            except ConnectionError:
+                pass
+            return True
+
+    async def close(self) -> None:
+        self.writer.close()
+        with contextlib.suppress(ConnectionError):
+            await self.writer.wait_closed()
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    """Returns when the condition holds; it is looked at between all other things that the loop does."""
+    async with asyncio.timeout(SECONDS):
+        while not condition():  # noqa: ASYNC110 - what changes has no event to wait for
+            await asyncio.sleep(0)
+
+
+def resident_bytes() -> int:
+    """Of this process."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+def answer_over(client: Any, received: list[tuple[str, bytes]], channel: str, data: bytes) -> tuple[str, bytes] | None:
+    """Publishes a request and waits for the next message; None: nothing came for half a second."""
+    received.clear()
+    client.publish(channel, data)
+    end = time.monotonic() + SECONDS
+    while not received and time.monotonic() < end:
+        if client.handle_timeout(500) == 0:
+            return None
+    return received[0]
+
+
+def lossless(client: Any, pattern: str, callback: Callable[[str, bytes], None]) -> None:
+    """Subscribes without a bound of waiting messages."""
+    client.subscribe(pattern, callback).set_queue_capacity(0)
