@@ -6,7 +6,8 @@ For each payload and number of clients: sets per second over all clients, MB/s, 
 its CPU ms per set (of one client), the clients' CPU, the event loop's stall at a 1 ms ticker (p99, max, ms), and the
 ratio of our MB/s to the others'. Clients are Python processes that take the bytes and do not parse them. ``--live``
 renders: left, right, disparity, error and confidence of a scene with noise; the age is from timestamp to client.
-``--slow`` adds a client that reads twice a second. ``--minutes N`` runs the live camera so long and prints its memory.
+``--slow`` adds a client that reads twice a second. ``--minutes N`` runs the live camera so long and prints its memory every tenth of it. ``--steps`` prints how much CPU
+time each turn of the event loop took in our code and in the stream's writers (gRPC's own sending included).
 """
 
 from __future__ import annotations
@@ -103,9 +104,11 @@ def _stamp(data: Any) -> float:
     return stamp.sec + stamp.nsec * 1e-9
 
 
-def run(label: str, kind: str, arguments: list[str], clients: int, seconds: float, slow: int = 0) -> dict[str, float]:
+def run(
+    label: str, kind: str, arguments: list[str], clients: int, seconds: float, slow: int = 0, steps: bool = False
+) -> dict[str, float]:
     """One cell of the table."""
-    command = [sys.executable, "-m", "bench.stream_servers", kind, *arguments]
+    command = [sys.executable, "-m", "bench.stream_servers", *(["--steps"] if steps else []), kind, *arguments]
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
     ) as server:
@@ -142,6 +145,14 @@ def run(label: str, kind: str, arguments: list[str], clients: int, seconds: floa
         ),
         flush=True,
     )  # fmt: skip
+    if seconds >= 60:
+        print(
+            "   resident MB over time:",
+            *(f"{m:.0f}" for m in figures["memory"][:: max(len(figures["memory"]) // 10, 1)]),
+        )
+    for name in ("ours", "writer"):
+        if f"{name}_max" in figures:
+            print(f"   {name}: p99 {figures[f'{name}_p99'] * 1e3:.2f} ms, max {figures[f'{name}_max'] * 1e3:.2f} ms")
     return total
 
 
@@ -154,6 +165,7 @@ def main() -> None:
     parser.add_argument("--look", default="pbr")
     parser.add_argument("--quality", default="High")
     parser.add_argument("--slow", type=int, default=0)
+    parser.add_argument("--steps", action="store_true")
     parser.add_argument("--minutes", type=float, default=0.0)
     parser.add_argument("--client", nargs=4, help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -165,7 +177,15 @@ def main() -> None:
         for rate in ("max",) if options.minutes else ("max", "device"):
             for n in options.clients:
                 arguments = [rate, options.look, options.quality]
-                run(f"live {options.quality} {options.look} {rate}", "live", arguments, n, seconds, options.slow)
+                run(
+                    f"live {options.quality} {options.look} {rate}",
+                    "live",
+                    arguments,
+                    n,
+                    seconds,
+                    options.slow,
+                    options.steps,
+                )
         return
     for name in options.payloads:
         for n in options.clients:

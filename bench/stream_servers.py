@@ -11,6 +11,7 @@ import os
 import resource
 import sys
 import time
+from pathlib import Path
 from typing import Any
 
 import grpc
@@ -142,6 +143,28 @@ async def live(rate: str, look: str, quality: str) -> tuple[int, Any]:
     return service.port, (task, service)
 
 
+def watch_steps() -> dict[str, list[float]]:
+    """Thread CPU seconds of every callback of the loop, by what ran: ours, or the stream's writer (gRPC's send too)."""
+    import asyncio.events as events
+
+    seen: dict[str, list[float]] = {"ours": [], "writer": []}
+    run = events.Handle._run
+
+    def timed(handle: Any) -> None:
+        task = getattr(handle._callback, "__self__", None)
+        code = getattr(getattr(task, "get_coro", lambda: None)(), "cr_code", None)
+        file = code.co_filename if code is not None else ""
+        before = time.thread_time()
+        run(handle)
+        if "gateway/stereo" in file:
+            seen["ours"].append(time.thread_time() - before)
+        elif "grpc" in file:
+            seen["writer"].append(time.thread_time() - before)
+
+    events.Handle._run = timed  # type: ignore[method-assign]
+    return seen
+
+
 async def main(kind: str, *arguments: str) -> None:
     tune()
     port, keep = await {"shared": shared, "proto": proto, "tcp": tcp, "live": live}[kind](*arguments)
@@ -157,22 +180,41 @@ async def main(kind: str, *arguments: str) -> None:
             await asyncio.sleep(0.001)
             lateness.append(time.monotonic() - before - 0.001)
 
-    ticker = asyncio.create_task(tick())
+    memory: list[float] = []
+
+    async def weigh() -> None:
+        while True:
+            pages = int(Path("/proc/self/statm").read_text().split()[1])  # noqa: ASYNC240 - no disk behind it
+            memory.append(pages * resource.getpagesize() / 1e6)
+            await asyncio.sleep(2.0)
+
+    tasks = [asyncio.create_task(tick()), asyncio.create_task(weigh())]
     await asyncio.to_thread(sys.stdin.read)
-    ticker.cancel()
+    for task in tasks:
+        task.cancel()
     late = np.sort(lateness) * 1000
     seconds = time.monotonic() - begin
     figures = {
         "cpu": (time.process_time() - cpu) / seconds,
         "stall_p99": float(late[int(len(late) * 0.99)]),
         "stall_max": float(late[-1]),
+        "memory": memory,
         "rss": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
     }
+    for name, steps in STEPS.items():
+        if steps:
+            figures[f"{name}_p99"], figures[f"{name}_max"] = np.percentile(steps, (99, 100)).tolist()
     if kind == "live":
         figures["skipped"] = keep[1].counts.skipped
     print(json.dumps(figures), flush=True)
     os._exit(0)  # streams may still be open; the figures are out
 
 
+STEPS: dict[str, list[float]] = {}
+
 if __name__ == "__main__":
-    uvloop.run(main(*sys.argv[1:]))
+    if sys.argv[1] == "--steps":  # uvloop's callbacks cannot be watched
+        STEPS = watch_steps()
+        asyncio.run(main(*sys.argv[2:]))
+    else:
+        uvloop.run(main(*sys.argv[1:]))
