@@ -4,10 +4,12 @@
 
 For each payload and number of clients: sets per second over all clients, MB/s, the server's CPU seconds per second and
 its CPU ms per set (of one client), the clients' CPU, the event loop's stall at a 1 ms ticker (p99, max, ms), and the
-ratio of our MB/s to the others'. Clients are Python processes that take the bytes and do not parse them. ``--live``
-renders: left, right, disparity, error and confidence of a scene with noise; the age is from timestamp to client.
-``--slow`` adds a client that reads twice a second. ``--minutes N`` runs the live camera so long and prints its memory every tenth of it. ``--steps`` prints how much CPU
-time each turn of the event loop took in our code and in the stream's writers (gRPC's own sending included).
+ratio of our MB/s to the others'. Clients are Python processes that take the bytes and do not parse them.
+
+``--live`` renders: left, right, disparity, error and confidence of a scene with noise; the age is from timestamp to
+client. ``--slow`` adds a client that reads twice a second. ``--minutes N`` runs the live camera so long and prints its
+memory every tenth of it. ``--steps`` prints how much CPU time each turn of the event loop took in our code and in the
+stream's writers (gRPC's own sending included).
 """
 
 from __future__ import annotations

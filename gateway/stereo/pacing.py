@@ -82,6 +82,7 @@ class Metronome:
         self._trigger = trigger
         self._tasks: set[asyncio.Task[None]] = set()
         self._depth_tasks: set[asyncio.Task[None]] = set()
+        self._sampling = asyncio.Lock()
         self._number = 0
         self._stamp: int | None = None
         self._depth_next: float | None = None
@@ -208,7 +209,8 @@ class Metronome:
         return frame
 
     async def _shot(self, stamp: int, lines: int) -> Shot:
-        scene, revision, pose = await self._workers.run(self._sample)
+        async with self._sampling:
+            scene, revision, pose = await self._workers.run(self._sample)
         return Shot(stamp, scene, revision, pose, lines)
 
     def _sample(self) -> tuple[DrawList, int, NDArray[np.float64]]:

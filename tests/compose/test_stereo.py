@@ -1,0 +1,91 @@
+"""What a user of the stereo camera sees from outside: messages are learnt from the server itself, by reflection."""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Iterator
+from typing import Any
+from urllib.parse import urlsplit
+
+import grpc
+import httpx2
+import numpy as np
+import pytest
+from google.protobuf.descriptor_pool import DescriptorPool
+from google.protobuf.message_factory import GetMessageClass
+from grpc_reflection.v1alpha.proto_reflection_descriptor_database import ProtoReflectionDescriptorDatabase
+
+from tests.support.gateway_process import gateway_process
+
+pytestmark = pytest.mark.compose
+
+API = "/api/v2/pipelines/0/nodes"
+
+
+@pytest.fixture(scope="module")
+def base() -> Iterator[str]:
+    """Base URL of a gateway with a stereo camera that sees the demo scene."""
+    given = os.environ.get("SCENEGATE_URL")
+    if given:
+        yield given.rstrip("/")
+        return
+    with gateway_process("--demo", "--only", "render,scene,stereo", "--grpc-port", "0") as (_, started):
+        yield started
+
+
+@pytest.fixture(scope="module")
+def channel(base: str) -> Iterator[grpc.Channel]:
+    port = httpx2.get(f"{base}/healthz").json()["interfaces"]["stereo"]["port"]
+    options = [("grpc.max_receive_message_length", -1)]
+    with grpc.insecure_channel(f"{urlsplit(base).hostname}:{port}", options) as opened:
+        yield opened
+
+
+def take(channel: grpc.Channel, **enabled: Any) -> Any:
+    """The first set of a stream, its classes made from what the server says of itself."""
+    pool = DescriptorPool(ProtoReflectionDescriptorDatabase(channel))
+    service = pool.FindServiceByName("ImageInterface")
+    method = service.methods_by_name["StreamImageSets"]
+    request, answer = GetMessageClass(method.input_type), GetMessageClass(method.output_type)
+    stream = channel.unary_stream("/ImageInterface/StreamImageSets", request.SerializeToString, answer.FromString)
+    call = stream(request(**enabled), timeout=60)
+    one = next(call)
+    call.cancel()
+    return one
+
+
+def test_image_sets_of_the_demo_scene(base: str, channel: grpc.Channel) -> None:
+    one = take(channel, left_enabled=True, disparity_enabled=True, confidence_enabled=True, mesh_enabled=True)
+    assert not one.HasField("right")
+    assert (one.left.width, one.left.height, one.left.encoding) == (1280, 960, "mono8")
+    left = np.frombuffer(one.left.data, np.uint8)
+    assert left.std() > 3, "something is to be seen"
+    d = one.disparity
+    disparity = np.frombuffer(d.image.data, "<u2").reshape(d.image.height, d.image.width)
+    assert (disparity > 0).mean() > 0.05
+    assert d.baseline > 0
+    assert one.mesh.data.startswith(b"ply\n")
+
+    stamp = f"{one.timestamp.sec}.{one.timestamp.nsec:09d}"
+    truth = np.load(io.BytesIO(httpx2.get(f"{base}/stereo/truth.npz", params={"timestamp": stamp}).content))
+    both = (disparity > 0) & (truth["disparity"] > 0)
+    # The device's error model: a quarter of a pixel at full resolution.
+    error = disparity[both] / 16 - truth["disparity"][both]
+    quarter = 0.25 * d.image.width / one.left.width
+    assert float(np.percentile(np.abs(error), 68)) == pytest.approx(quarter, rel=0.3)
+    assert np.allclose(d.image.focal_length * d.baseline / truth["depth"][both], truth["disparity"][both], rtol=1e-3)
+
+
+def test_parameters_change_the_stream(base: str, channel: grpc.Channel) -> None:
+    quality = f"{base}{API}/rc_stereomatching/parameters/quality"
+    try:
+        assert httpx2.put(quality, json={"value": "Low"}).status_code == 200
+        assert take(channel, disparity_enabled=True).disparity.image.width == 214
+        refused = httpx2.put(quality, json={"value": "Best"})
+        assert refused.status_code == 400
+        assert "Best" in refused.json()["message"]
+        assert httpx2.get(quality).json()["value"] == "Low"
+    finally:
+        httpx2.put(quality, json={"value": "High"})
+    assert take(channel, disparity_enabled=True).disparity.image.width == 640
