@@ -7,12 +7,26 @@ from typing import Final
 
 from gateway.ops import kernels
 
+_SHADING: Final = "renderers.shading"
 
-def _drawing() -> None:
-    import renderers.fxaa  # noqa: F401 - registers its kernel
-    from renderers.cpu import warmup
 
-    warmup()
+def _compile(wanted: Callable[[str], bool]) -> None:
+    """The rasterizer's kernels whose module is wanted."""
+    import renderers.cpu
+    import renderers.fxaa  # noqa: F401 - they register their kernels
+    from renderers.jit import KERNELS
+
+    for kernel in KERNELS:
+        if wanted(kernel.py_func.__module__):
+            kernel.compile(kernel.scenegate_signature)
+
+
+def _visibility() -> None:
+    _compile(lambda module: not module.startswith(_SHADING))
+
+
+def _shading() -> None:
+    _compile(lambda module: module.startswith(_SHADING))
 
 
 def _others() -> None:
@@ -24,13 +38,18 @@ def _others() -> None:
     warm_stereo()
 
 
-PARTS: Final[Mapping[str, Callable[[], None]]] = {"drawing": _drawing, "others": _others}
-"""Of about equal length, so that two cores halve the time."""
+PARTS: Final[Mapping[str, Callable[[], None]]] = {"visibility": _visibility, "shading": _shading, "others": _others}
+"""Of about equal length (10 to 20 s of one core), compiled at the same time."""
 
 
 def run(part: str | None = None) -> None:
     """Blocks until the kernels, or those of one part, are loaded. In a serving process: only when they are cached."""
     kernels.configure()
-    for name, load in PARTS.items():
-        if part is None or name == part:
-            load()
+    if part is not None:
+        PARTS[part]()
+        return
+    for load in PARTS.values():
+        load()
+    from renderers.cpu import warmup as first_pictures
+
+    first_pictures()

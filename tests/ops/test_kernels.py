@@ -68,5 +68,5 @@ def test_where_nothing_can_be_written_a_private_folder_serves(cache: Path) -> No
 async def test_a_child_that_fails_is_a_sentence(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYTHONHOME", str(cache))  # no interpreter starts with that
     with pytest.raises(kernels.KernelError, match=r"^the rendering kernels could not be compiled: "):
-        await kernels.compile_in_children(["drawing"])
+        await kernels.compile_in_children(["shading"])
     assert not kernels.are_cached()
