@@ -32,9 +32,9 @@ class Look:
 
     name: LookName = "phong"
     """``phong``: RenderEngineVtk's look without glTF meshes: headlight, ``255 * base * max(0, n.z)``, textures as
-    stored, no gamma. ``pbr``: its look with glTF meshes: metallic-roughness, linear, gamma 1/2.2. ``plain``: Director's and the browser
-    view's: as ``phong``, but the linear colour factors are first encoded as sRGB, so that a surface that faces the camera
-    has the very colour that was published."""
+    stored, no gamma. ``pbr``: its look with glTF meshes: metallic-roughness, linear, gamma 1/2.2. ``plain``:
+    Director's and the browser view's: as ``phong``, but the linear colour factors are first encoded as sRGB, so that
+    a surface that faces the camera has the very colour that was published."""
     background: tuple[int, int, int] = (204, 229, 255)
     """RGB as stored in the picture; Drake's default."""
 

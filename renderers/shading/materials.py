@@ -27,9 +27,9 @@ def look_material(material: Material, look: LookName) -> Material:
     """
     if look != "pbr":
         if look == "plain":
-            material = replace(
-                material, base_color=(*map(srgb_from_linear, material.base_color[:3]), material.base_color[3])
-            )
+            r, g, b, alpha = material.base_color
+            shown = (srgb_from_linear(r), srgb_from_linear(g), srgb_from_linear(b), alpha)
+            material = replace(material, base_color=shown)
         unseen = (
             material.normal_texture,
             material.metallic_roughness_texture,
