@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from gateway.scene.live import LiveTree
-from gateway.treeviewer import lcm_bus, receive_buffer, wire
+from gateway.treeviewer import lcm_bus, receive_buffer
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.errors import TreeViewerUnavailable
 from gateway.treeviewer.protocol import REQUEST, RESPONSE
@@ -66,7 +66,8 @@ async def test_recorded_requests_over_real_lcm_are_answered_like_in_process(
     meshes = RecordedMeshes(recordings.folder() / "assets")
     differences = DIFFERENCES.get(name, {})
     async with serving(config_of(url), meshes) as service:
-        client = join(url if transport == "udp" else f"tcpq://127.0.0.1:{service.tcpq_port}")
+        # connecting waits for the hub's greeting, so it must not hold the event loop
+        client = await in_thread(join, url if transport == "udp" else f"tcpq://127.0.0.1:{service.tcpq_port}")
         heard: list[tuple[str, bytes]] = []
         lossless(client, f"{RESPONSE}_.*", lambda channel, data: heard.append((channel, data)))
         lossless(client, RESPONSE, lambda channel, data: heard.append((channel, data)))
@@ -211,14 +212,11 @@ async def test_without_any_transport_the_service_says_why_it_ends() -> None:
 @pytest.mark.parametrize(
     ("bad", "reason"),
     [
-        ("udpm://239.255.76.67:7667?ttl=x&bogus", None),
         ("nonsense://x", "LCM cannot join nonsense://x: nothing answers there"),
         ("udpm://10.1.2.3:7667", "LCM cannot join udpm://10.1.2.3:7667: there may be no route for multicast"),
     ],
 )
-async def test_a_network_that_cannot_be_joined_is_one_sentence(url: str, bad: str, reason: str | None) -> None:
-    if reason is None:
-        return
+async def test_a_network_that_cannot_be_joined_is_one_sentence(url: str, bad: str, reason: str) -> None:
     with pytest.raises(TreeViewerUnavailable) as caught:
         async with serving(TreeViewerConfig(lcm_url=bad, tcpq_port=None)):
             pass
@@ -237,7 +235,3 @@ def test_ports_of_lcm_urls() -> None:
     assert lcm_bus._port("udpm://") == 7667
     assert lcm_bus._port("udpm://239.255.76.67?port=5") == 5
     assert lcm_bus._port("tcpq://host:7700") == 0
-
-
-def test_answers_can_be_decoded_by_the_documents_type() -> None:
-    assert wire.decode(ONE_BOX).format == "treeviewer_json"
