@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import structlog
 from fastapi import FastAPI
@@ -20,6 +20,10 @@ from gateway.settings import Settings
 from gateway.workers import Workers
 from renderers.camera import Camera
 from renderers.port import Renderer
+
+if TYPE_CHECKING:
+    from gateway.render.records import RenderRecord
+    from gateway.stereoeyes import StereoEyes
 
 _log = structlog.get_logger("gateway")
 
@@ -44,6 +48,10 @@ class House:
     """Of the live tree; what did not change is not made again, whoever asks."""
     stereo_camera: Callable[[], Camera | None] = lambda: None
     """The left camera of the stereo sensor as it is now, if there is one."""
+    eyes: StereoEyes | None = None
+    """Pictures of the stereo sensor for people, if there is one."""
+    on_render: Callable[[RenderRecord], None] = lambda record: None
+    """Told about every answered request of the render endpoint."""
     _renderer: Renderer | None = None
     _tasks: set[asyncio.Task[None]] = field(default_factory=set)
 

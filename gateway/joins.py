@@ -45,7 +45,13 @@ def join_render(house: House) -> None:
         scene_cache_bytes=settings.scene_cache_mb * MIB,
         keep_failures=settings.keep_failures,
     )
-    service = RenderService(house.renderer, house.workers, config, backdrop=_backdrop(house))
+    service = RenderService(
+        house.renderer,
+        house.workers,
+        config,
+        backdrop=_backdrop(house),
+        on_done=lambda record: house.on_render(record),
+    )
     house.app.include_router(router(service))
     house.board.ready("render", where=settings.render_path, figures=service.status)
 
@@ -114,6 +120,7 @@ def join_stereo(house: House) -> None:
     from gateway.stereo.rest import router
     from gateway.stereo.service import StereoService
     from gateway.stereo.truth import truth_router
+    from gateway.stereoeyes import StereoEyes
     from gateway.stereoview import StereoView
     from renderers.stereo.model import MODELS
 
@@ -140,6 +147,7 @@ def join_stereo(house: House) -> None:
 
     house.stereo_camera = view.camera
     service = StereoService(config, view.scene, view.pose, house.renderer, house.workers)
+    house.eyes = StereoEyes(service, view, live=settings.stereo_scene == "live")
     house.app.include_router(router(service))
     house.app.include_router(truth_router(service))
     house.serve("stereo", service, where=f"gRPC on port {settings.grpc_port}", figures=status)
@@ -147,6 +155,13 @@ def join_stereo(house: House) -> None:
         device = FastAPI(openapi_url=None, telemetry=NO_TELEMETRY)
         device.include_router(router(service))
         house.serve("rest", PortService(device, settings.host, settings.rest_port), where="/api")
+
+
+def join_view(house: House) -> None:
+    """The browser view."""
+    from gateway.viewjoin import join_view as join
+
+    join(house)
 
 
 def join_demo(house: House) -> None:
@@ -161,5 +176,6 @@ JOINS: dict[InterfaceName, Join] = {
     "scene": join_scene,
     "treeviewer": join_treeviewer,
     "stereo": join_stereo,
+    "view": join_view,
 }
-"""In the order of joining."""
+"""In the order of joining; the view shows what the others have left in the house."""

@@ -89,7 +89,7 @@ class Settings(BaseSettings):
     only: Interfaces = option(
         (),
         "Interfaces",
-        "Start these interfaces and no others, separated by commas: render, scene, treeviewer, stereo.",
+        "Start these interfaces and no others, separated by commas: render, scene, treeviewer, stereo, view.",
     )
     demo: bool = option(False, "Interfaces", "Publish a moving scene into the live tree under 'demo'.")
 

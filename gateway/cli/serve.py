@@ -95,7 +95,10 @@ def _serve(settings: Settings, listener: socket.socket) -> int:
     from gateway.app import create_app
     from gateway.ops import http
 
-    server = http.MainServer(http.config(create_app(settings), settings.shutdown_seconds, lifespan=True))
+    app = create_app(settings)
+    server = http.MainServer(http.config(app, settings.shutdown_seconds, lifespan=True))
+    # Answers without an end (MJPEG) look at it; nobody else would tell them before their connections are cut.
+    app.state.closing = lambda: server.should_exit
     with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
         runner.run(server.serve(sockets=[listener]))
     return 0 if server.started else 3

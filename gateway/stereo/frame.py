@@ -98,7 +98,7 @@ class Frame:
         return chunks[0] if len(chunks) == 1 else await self._run(wire.join, chunks)  # type: ignore[return-value]
 
     async def _image_message(self, stream: Stream, color: bool) -> list[Chunk]:
-        taken = await self._image(stream, color)
+        taken = await self.image(stream, color)
         metered = await self.metered(self.camera)
         taking = self._taking(self.camera, metered.exposure)
         if stream is Stream.LEFT:
@@ -119,7 +119,7 @@ class Frame:
         return await self._once(("mesh", options, color and options.textured), lambda: self._mesh(options, color))
 
     async def _mesh(self, options: MeshOptions, color: bool) -> list[Chunk]:
-        left = (await self._image(Stream.LEFT, color)).image if options.textured else None
+        left = (await self.image(Stream.LEFT, color)).image if options.textured else None
         measured = await self.measured()
         ply = await self._run(self._studio.mesh, measured, self.settings.quality.divisor, options, left)
         return messages.mesh(ply, self.depth.timestamp)
@@ -128,7 +128,8 @@ class Frame:
         noise = exposure.sigma(128.0) if self._studio.config.noise else 0.0
         return Taking(shot.timestamp, exposure.time, exposure.gain, exposure.gamma, noise, shot.lines)
 
-    async def _image(self, stream: Stream, color: bool) -> Taken:
+    async def image(self, stream: Stream, color: bool) -> Taken:
+        """The left or the right image of the camera's instant, in colour or grey."""
         wanted = self._colors[stream]
         if color not in wanted:  # somebody joined who wants what nobody wanted when the frame was taken
             wanted = frozenset((color,))

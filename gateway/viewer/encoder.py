@@ -11,7 +11,6 @@ from collections import OrderedDict
 from dataclasses import dataclass
 from typing import Any, Final
 
-import msgspec
 import numpy as np
 
 from gateway.scene.geometry import Part, PointCloud
@@ -20,6 +19,7 @@ from gateway.scene.meshing import MeshPart, meshes_of
 from gateway.scene.tree import Change, Node, Path, changes
 from gateway.viewer.frames import FrameBuilder
 from gateway.viewer.payloads import Payloads
+from gateway.viewer.ports import Rig
 from renderers.color import srgb_from_linear
 from renderers.drawlist import AlphaMode, Material
 
@@ -141,10 +141,21 @@ class Encoder:
         result: dict[str, Any] = {"kind": part.kind or type(part.shape).__name__.lower(), "draws": draws}
         if isinstance(part.shape, PointCloud):
             result["points"] = len(part.shape.points)
-            result["channels"] = list(part.shape.channels)
+            result["channels"] = self._channels(part.shape, draws)
         if part.source:
             result["source"] = part.source
         return result
+
+    def _channels(self, cloud: PointCloud, draws: list[dict[str, Any]]) -> dict[str, int]:
+        """Columns of each channel that has a row for every point."""
+        for draw in draws:
+            self._payloads.note_cloud(draw["mesh"], cloud)
+        count = len(cloud.points)
+        return {
+            name: values.size // count
+            for name, values in cloud.channels.items()
+            if count and values.ndim <= 2 and len(values) == count and values.size
+        }
 
     def _draw(self, number: int, draw: MeshPart, part: Part) -> dict[str, Any]:
         _, material, X_part_mesh = draw
@@ -196,5 +207,13 @@ def _encode_poses(builder: FrameBuilder, header: dict[str, Any], posed: list[tup
 
 
 def encode_status(status: dict[str, Any]) -> bytes:
-    """A frame without body that shows the state of the gateway."""
-    return FrameBuilder().finish({"kind": "status", **msgspec.to_builtins(status)})
+    """A frame without body that shows the state of the gateway; plain JSON values."""
+    return FrameBuilder().finish({"kind": "status", **status})
+
+
+def encode_rig(rig: Rig | None) -> bytes:
+    """A frame without body that tells where the stereo camera is."""
+    if rig is None or not np.isfinite(rig.pose).all():
+        return FrameBuilder().finish({"kind": "rig", "pose": None})
+    described = {name: getattr(rig, name) for name in ("width", "height", "fx", "fy", "cx", "cy", "baseline")}
+    return FrameBuilder().finish({"kind": "rig", "pose": rig.pose.T.ravel().tolist(), **described})

@@ -4,40 +4,30 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
-from dataclasses import dataclass
 from typing import Any, Final
 
 from gateway.scene.live import LiveTree, Snapshot
-from gateway.viewer.encoder import Encoder, encode_status
+from gateway.viewer.config import ViewerConfig
+from gateway.viewer.encoder import Encoder, encode_rig, encode_status
 from gateway.viewer.payloads import Payloads
+from gateway.viewer.ports import ViewPorts
+from gateway.viewer.renders import RecentRenders
 from gateway.viewer.session import Session
 
 LARGE_MESH: Final = 1 << 20
 """Meshes of more bytes are encoded in a thread, so that the event loop is not held for milliseconds."""
 
 
-@dataclass(frozen=True, slots=True)
-class ViewerConfig:
-    """Bounds and pace of the browser view."""
-
-    rate: float = 60.0
-    """Updates per second at most; screens show no more."""
-    max_browsers: int = 64
-    """Connections at a time; each costs a socket buffer and up to one update of memory."""
-    max_paths: int = 1_000_000
-    """Different paths that are numbered before browsers start over: about 300 bytes each."""
-    status_seconds: float = 1.0
-    """Between two looks at the state of the gateway for the status bar."""
-
-
 class ViewHub:
     """Joins browsers to the tree. Lives on one event loop; ``run`` must be running."""
 
-    def __init__(self, config: ViewerConfig, tree: LiveTree, status: Callable[[], dict[str, Any]] = dict) -> None:
+    def __init__(self, config: ViewerConfig, tree: LiveTree, ports: ViewPorts | None = None) -> None:
         self.config = config
         self.payloads = Payloads()
+        self.renders = RecentRenders(config.max_renders, config.max_render_bytes)
         self._tree = tree
-        self._status = status
+        self._ports = ports if ports is not None else ViewPorts()
+        self._rig = b""
         self._encoder = Encoder(self.payloads, config.max_paths)
         self._browsers: set[Browser] = set()
         self._changed = asyncio.Event()
@@ -71,7 +61,7 @@ class ViewHub:
                 await self._changed.wait()
                 self._changed.clear()
                 if self._browsers:
-                    self._encoder.advance(self._tree.snapshot)
+                    self._advance()
                     for browser in tuple(self._browsers):
                         browser.wake.set()
                 await asyncio.sleep(1.0 / self.config.rate)
@@ -83,13 +73,28 @@ class ViewHub:
             for browser in tuple(self._browsers):
                 browser.close()
 
+    def _advance(self) -> None:
+        """Takes the newest state in, and tells where the stereo camera is now."""
+        snapshot = self._tree.snapshot
+        self._encoder.advance(snapshot)
+        rig = encode_rig(self._ports.rig(snapshot))
+        if rig != self._rig:
+            self._rig = rig
+            for browser in tuple(self._browsers):
+                browser.note("rig", rig)
+
     async def _send_status(self) -> None:
         while True:
             if self._browsers:
-                frame = encode_status({**self._status(), "view": self.status()})
+                frame = self._status_frame()
                 for browser in tuple(self._browsers):
-                    browser.note(frame)
+                    browser.note("status", frame)
             await asyncio.sleep(self.config.status_seconds)
+
+    def _status_frame(self) -> bytes:
+        status = dict(self._ports.status())
+        browsers = {"name": "viewers", "value": len(self._browsers)}
+        return encode_status({**status, "facts": [*status.get("facts", ()), browsers], "renders": self.renders.count})
 
     def _forget(self, number: int) -> None:
         for browser in tuple(self._browsers):
@@ -105,8 +110,10 @@ class ViewHub:
             raise ConnectionRefusedError(
                 f"{len(self._browsers)} browsers are connected, which is the limit (max_browsers)"
             )
-        self._encoder.advance(self._tree.snapshot)
+        self._advance()
         browser = Browser(Session(self._encoder, self.payloads), self.payloads, self._browsers.discard)
+        browser.note("rig", self._rig)
+        browser.note("status", self._status_frame())
         self._browsers.add(browser)
         return browser
 
@@ -120,7 +127,7 @@ class Browser:
         self._left = left
         self.wake = asyncio.Event()
         self.gone: set[int] = set()
-        self._note: bytes | None = None
+        self._notes: dict[str, bytes] = {}
         self._open = True
         self.wake.set()
 
@@ -129,9 +136,9 @@ class Browser:
         self._session.credit = True
         self.wake.set()
 
-    def note(self, frame: bytes) -> None:
-        """A small frame to send at the next occasion; a newer one replaces it."""
-        self._note = frame
+    def note(self, kind: str, frame: bytes) -> None:
+        """A small frame to send at the next occasion; a newer one of its kind replaces it."""
+        self._notes[kind] = frame
         self.wake.set()
 
     def close(self) -> None:
@@ -147,9 +154,8 @@ class Browser:
             self.wake.clear()
             if not self._open:
                 return
-            if self._note is not None:
-                note, self._note = self._note, None
-                yield note
+            while self._notes:
+                yield self._notes.pop(next(iter(self._notes)))
             if self.gone:
                 gone, self.gone = self.gone, set()
                 for frame in self._session.forget(gone):

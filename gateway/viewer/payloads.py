@@ -11,6 +11,8 @@ from weakref import WeakKeyDictionary, WeakValueDictionary, finalize
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.scene.geometry import PointCloud
+from gateway.scene.meshing import LARGEST
 from gateway.viewer.frames import FrameBuilder
 from renderers.drawlist import Image, Mesh
 
@@ -28,6 +30,7 @@ class Payloads:
         self._meshes: WeakValueDictionary[int, Mesh] = WeakValueDictionary()
         self._image_ids: WeakKeyDictionary[Image, int] = WeakKeyDictionary()
         self._images: WeakValueDictionary[int, Image] = WeakValueDictionary()
+        self._clouds: WeakValueDictionary[int, PointCloud] = WeakValueDictionary()
         self._frames: OrderedDict[int, bytes] = OrderedDict()
         self._size = 0
         self._kept_bytes = kept_bytes
@@ -55,6 +58,19 @@ class Payloads:
     def image(self, number: int) -> Image | None:
         """The image with this number while something uses it."""
         return self._images.get(number)
+
+    def note_cloud(self, number: int, cloud: PointCloud) -> None:
+        """Remembers of which cloud the mesh is, while the cloud is used."""
+        self._clouds[number] = cloud
+
+    def channel(self, number: int, name: str) -> NDArray[np.float32] | None:
+        """(N, k) float32: a channel of a mesh's cloud, for the points that are drawn; None: there is none."""
+        cloud = self._clouds.get(number)
+        values = None if cloud is None else cloud.channels.get(name)
+        if cloud is None or values is None or len(values) != len(cloud.points):
+            return None
+        finite = (np.abs(cloud.points) < LARGEST).all(axis=1)
+        return np.ascontiguousarray(values.reshape(len(values), -1)[finite], dtype=np.float32)
 
     def when_gone(self, callback: Callable[[int], None]) -> Callable[[], None]:
         """Calls back with the number of every mesh that nothing uses any more, from any thread; returns a way to

@@ -1,4 +1,4 @@
-"""``/view``: the page, its files, the WebSocket and the textures."""
+"""``/view``: the page, its files, the WebSocket, textures and channels of point clouds."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from importlib.resources import files
 from importlib.resources.abc import Traversable
 from typing import Final
 
-from fastapi import APIRouter, HTTPException, Request, Response, WebSocket, WebSocketDisconnect
+from fastapi import APIRouter, Request, Response, WebSocket, WebSocketDisconnect
+from fastapi.responses import PlainTextResponse
 
 from gateway.viewer.hub import Browser, ViewHub
 from renderers.drawlist import Image, ImageError
@@ -36,19 +37,26 @@ def router(hub: ViewHub) -> APIRouter:
     async def asset(name: str, request: Request) -> Response:
         known = {entry.name: entry for entry in (STATIC / "assets").iterdir()}
         if name not in known:
-            raise HTTPException(404, f"the page has no file {name!r}")
+            return PlainTextResponse(f"the page has no file {name[:80]!r}", 404)
         return _file(known[name], request, FOR_EVER)
 
     @routes.get("/view/image/{number}", include_in_schema=False)
     async def image(number: int) -> Response:
         found = hub.payloads.image(number)
         if found is None:
-            raise HTTPException(404, f"nothing in the scene uses image {number} any more")
+            return PlainTextResponse(f"nothing in the scene uses image {number} any more", 404)
         try:
             data = await asyncio.to_thread(_encode, found)
         except ImageError as error:
-            raise HTTPException(415, str(error)) from error
+            return PlainTextResponse(str(error), 415)
         return Response(data, media_type="image/png", headers=ASK_AGAIN)
+
+    @routes.get("/view/channel/{mesh}", include_in_schema=False)
+    async def channel(mesh: int, name: str) -> Response:
+        values = hub.payloads.channel(mesh, name)
+        if values is None:
+            return PlainTextResponse(f"mesh {mesh} is no point cloud with a channel {name[:80]!r}", 404)
+        return Response(values.tobytes(), media_type="application/octet-stream", headers=ASK_AGAIN)
 
     @routes.websocket("/view/ws")
     async def connection(socket: WebSocket) -> None:

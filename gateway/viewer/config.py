@@ -1,0 +1,41 @@
+"""Bounds and pace of the browser view."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from renderers.port import LookName
+
+
+@dataclass(frozen=True, slots=True)
+class ViewerConfig:
+    """What is fixed from start to end."""
+
+    rate: float = 60.0
+    """Updates per second at most; screens show no more."""
+    max_browsers: int = 64
+    """Connections at a time; each costs a socket buffer and up to one update of memory."""
+    max_paths: int = 1_000_000
+    """Different paths that are numbered before browsers start over: about 300 bytes each."""
+    status_seconds: float = 1.0
+    """Between two looks at the state of the gateway for the status bar."""
+    sensor_seconds: float = 0.4
+    """Between two takes of the stereo camera for all browsers together; a take renders four pictures."""
+    max_renders: int = 24
+    """Remembered render requests."""
+    max_render_bytes: int = 64 << 20
+    """Of their pictures; beyond it the oldest lose theirs."""
+    background: tuple[int, int, int] = (204, 229, 255)
+    """RGB where nothing is, in pictures of our own rasterizer."""
+    look: LookName = "plain"
+    """The same colours as the page shows."""
+    width: int = 960
+    """Pixels of a picture that asks for no size."""
+    height: int = 640
+    max_side: int = 4096
+    """Pixels; screens are no wider."""
+    max_pixels: int = 4096 * 2160
+    max_streams: int = 8
+    """MJPEG clients at a time: each different camera or size costs a rendering per frame."""
+    stream_rate: float = 30.0
+    """Frames per second of an MJPEG stream at most."""

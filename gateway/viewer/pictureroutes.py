@@ -1,0 +1,144 @@
+"""``/view/frame.jpg``, ``/view/stream.mjpg``, the stereo camera's pictures and the last renders."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from typing import Annotated, Final, cast, get_args
+
+from fastapi import APIRouter, HTTPException, Query, Request, Response
+from fastapi.responses import JSONResponse, PlainTextResponse, StreamingResponse
+
+from gateway.scene.cameras import CameraError, parse_camera
+from gateway.viewer.pictures import BOUNDARY, Pictures, StreamsFull, View
+from gateway.viewer.ports import PictureName
+from gateway.viewer.renders import RecentRenders, shown
+from gateway.viewer.sensor import NAMES, SensorView
+from gateway.workers import Busy, Closed
+from renderers.drawlist import ImageError
+from renderers.port import LookName
+
+NO_STORE: Final = {"Cache-Control": "no-store"}
+_CAMERA: Final = (
+    'stereo, fit, path:["robot","head"] (a node\'s frame, optical: +Z forward), or '
+    "eye=x,y,z;target=x,y,z;up=x,y,z;fovy=degrees"
+)
+Size = Annotated[int | None, Query(ge=1, description="Pixels")]
+CameraText = Annotated[str, Query(description=_CAMERA)]
+Quality = Annotated[int, Query(ge=1, le=100, description="Of the JPEG")]
+LookChoice = Annotated[LookName | None, Query(description="How colour is made")]
+
+
+def picture_router(pictures: Pictures, sensor: SensorView | None, renders: RecentRenders) -> APIRouter:
+    """The routes that answer with pictures."""
+    routes = APIRouter(tags=["Browser view"])
+    _add_views(routes, pictures)
+    _add_sensor(routes, sensor)
+
+    @routes.get("/view/renders", include_in_schema=False)
+    async def listing() -> JSONResponse:
+        return JSONResponse(renders.listing(), headers=NO_STORE)
+
+    @routes.get("/view/renders/{number}.png", include_in_schema=False)
+    async def render(number: int, width: Size = None) -> Response:
+        found = renders.find(number)
+        if found is None:
+            return PlainTextResponse(f"the picture of render {number} is not kept any more", 404)
+        try:
+            data = await asyncio.to_thread(shown, *found, width)
+        except ValueError as error:
+            return PlainTextResponse(str(error), 415)
+        return Response(data, media_type="image/png", headers={"Cache-Control": "private, max-age=3600"})
+
+    return routes
+
+
+def _add_views(routes: APIRouter, pictures: Pictures) -> None:
+    config = pictures.config
+
+    def view_of(camera: str, width: int | None, height: int | None, quality: int, look: LookName | None) -> View:
+        try:
+            spec = parse_camera(camera)
+        except CameraError as error:
+            raise HTTPException(400, str(error)) from error
+        wide, high = width or config.width, height or config.height
+        if max(wide, high) > config.max_side or wide * high > config.max_pixels:
+            limit = f"{config.max_side} pixels a side and {config.max_pixels} altogether"
+            raise HTTPException(400, f"{wide}x{high} pixels are too many; at most {limit} are drawn")
+        return View(spec, wide, high, quality, look or config.look)
+
+    @routes.get("/view/frame.jpg", summary="The live scene as JPEG", response_class=Response)
+    async def frame(
+        camera: CameraText = "fit",
+        width: Size = None,
+        height: Size = None,
+        quality: Quality = 85,
+        look: LookChoice = None,
+    ) -> Response:
+        """Drawn by the gateway's own rasterizer."""
+        view = view_of(camera, width, height, quality, look)
+        return await _answered(pictures, view)
+
+    @routes.get("/view/stream.mjpg", summary="The live scene as MJPEG", response_class=StreamingResponse)
+    async def stream(
+        request: Request,
+        camera: CameraText = "fit",
+        width: Size = None,
+        height: Size = None,
+        quality: Quality = 80,
+        look: LookChoice = None,
+        rate: Annotated[float, Query(gt=0, description="Pictures per second at most")] = 15.0,
+    ) -> Response:
+        """A new picture whenever the scene has changed, for anything that shows MJPEG."""
+        view = view_of(camera, width, height, quality, look)
+        first = await _answered(pictures, view)
+        if first.status_code != 200:
+            return first
+        closing: Callable[[], bool] = getattr(request.app.state, "closing", lambda: False)
+        try:
+            parts = pictures.stream(view, min(rate, config.stream_rate), closing)
+        except StreamsFull as error:
+            return PlainTextResponse(str(error), 503, {"Retry-After": "10"})
+        kind = f"multipart/x-mixed-replace; boundary={BOUNDARY.decode()}"
+        return StreamingResponse(parts, media_type=kind, headers=NO_STORE)
+
+
+async def _answered(pictures: Pictures, view: View) -> Response:
+    try:
+        data, revision = await pictures.jpeg(view)
+    except CameraError as error:
+        return PlainTextResponse(str(error), 400)
+    except ImageError as error:
+        return PlainTextResponse(str(error), 422)
+    except (Busy, Closed) as error:
+        return PlainTextResponse(str(error), 503, {"Retry-After": str(getattr(error, "retry_after", 1))})
+    return Response(data, media_type="image/jpeg", headers={**NO_STORE, "X-Scene-Revision": str(revision)})
+
+
+def _add_sensor(routes: APIRouter, sensor: SensorView | None) -> None:
+    @routes.get("/view/sensor", include_in_schema=False)
+    async def state() -> Response:
+        if sensor is None:
+            return PlainTextResponse("No stereo camera runs in this gateway.", 404)
+        try:
+            return JSONResponse((await sensor.newest()).describe(), headers=NO_STORE)
+        except (Busy, Closed) as error:
+            return PlainTextResponse(str(error), 503, {"Retry-After": "1"})
+        except ImageError as error:
+            return PlainTextResponse(str(error), 422)
+
+    @routes.get("/view/sensor/{name}.jpg", summary="What the stereo camera sees", response_class=Response)
+    async def picture(name: str, width: Size = None) -> Response:
+        """``left``, ``right``, ``disparity`` (coloured) or ``confidence``, as JPEG."""
+        if sensor is None:
+            return PlainTextResponse("No stereo camera runs in this gateway.", 404)
+        if name not in get_args(PictureName):
+            return PlainTextResponse(f"there is no picture {name[:40]!r}; there are {', '.join(NAMES)}", 404)
+        try:
+            taken = await sensor.last()
+            data = await taken.jpeg(cast("PictureName", name), width)
+        except (Busy, Closed) as error:
+            return PlainTextResponse(str(error), 503, {"Retry-After": "1"})
+        except ImageError as error:
+            return PlainTextResponse(str(error), 422)
+        return Response(data, media_type="image/jpeg", headers={**NO_STORE, "X-Frame": str(taken.number)})

@@ -1,0 +1,119 @@
+// What is selected: path, pose, bounds, geometry, opacity, colours of a point cloud.
+
+import { Euler, Quaternion, Vector3, type Box3 } from "three";
+import { choices } from "./clouds";
+import { COLOR_MAPS, ramp, type MapName } from "./colormaps";
+import { h, pathText, short } from "./dom";
+import { icon } from "./icons";
+import type { TreeNode } from "./model";
+
+export interface DetailsActions {
+  boundsOf(node: TreeNode): Box3;
+  /** Opacity, eye or cloud colours are other ones. */
+  changed(node: TreeNode): void;
+  fit(node: TreeNode): void;
+  close(): void;
+}
+
+export class DetailsPanel {
+  readonly element = h("section", { class: "details", "aria-label": "Selection" });
+  private node: TreeNode | null = null;
+  private readonly values = h("dl");
+  private readonly ends = h("div", { class: "ramp-ends" });
+
+  constructor(private readonly actions: DetailsActions) {
+    this.show(null);
+  }
+
+  show(node: TreeNode | null): void {
+    this.node = node;
+    if (!node) {
+      this.element.replaceChildren(h("p", { class: "empty" }, "Nothing is selected. Click something in the view or in the tree."));
+      return;
+    }
+    const { actions } = this;
+    this.element.replaceChildren(
+      h(
+        "header",
+        {},
+        h("h2", {}, pathText(node.path)),
+        h("button", { class: "plain", onclick: () => actions.fit(node), title: "Fit the view to it (F)" }, icon("fit"), "Fit"),
+        h("button", { onclick: () => actions.close(), "aria-label": "Deselect", title: "Deselect (Esc)" }, icon("close")),
+      ),
+      this.opacity(node),
+      ...this.cloud(node),
+      this.values,
+    );
+    this.update();
+  }
+
+  private opacity(node: TreeNode): HTMLElement {
+    const output = h("output", {}, `${Math.round(node.opacity * 100)} %`);
+    const slider = h("input", { type: "range", min: 0, max: 1, step: 0.05, value: node.opacity, "aria-label": "Opacity" });
+    slider.addEventListener("input", () => {
+      node.opacity = Number(slider.value);
+      output.textContent = `${Math.round(node.opacity * 100)} %`;
+      this.actions.changed(node);
+    });
+    return h("label", { class: "field" }, "Opacity", slider, output);
+  }
+
+  private cloud(node: TreeNode): HTMLElement[] {
+    const part = node.parts?.find((each) => each.points !== undefined);
+    if (!part) return [];
+    const by = h("select", { "aria-label": "Colour by" }, ...choices(part).map(([value, text]) => h("option", { value }, text)));
+    const map = h("select", { "aria-label": "Colour map" }, ...Object.keys(COLOR_MAPS).map((name) => h("option", {}, name)));
+    by.value = node.cloud?.by ?? "";
+    map.value = node.cloud?.map ?? "turbo";
+    const bar = h("div", { class: "ramp" });
+    const legend = h("div", {}, bar, this.ends);
+    const apply = (tell: boolean) => {
+      const name = map.value as MapName;
+      node.cloud = by.value ? { by: by.value, map: name } : null;
+      bar.style.background = ramp(name);
+      legend.hidden = mapField.hidden = !by.value;
+      if (tell) this.actions.changed(node);
+    };
+    const mapField = h("label", { class: "field" }, "Colour map", map);
+    by.addEventListener("change", () => apply(true));
+    map.addEventListener("change", () => apply(true));
+    apply(false);
+    return [h("label", { class: "field" }, "Colour by", by), mapField, legend];
+  }
+
+  /** Poses and bounds of the present moment. */
+  update(): void {
+    const { node } = this;
+    if (!node) return;
+    const position = new Vector3();
+    const rotation = new Quaternion();
+    const scale = new Vector3();
+    node.world.decompose(position, rotation, scale);
+    const angles = new Euler().setFromQuaternion(rotation, "ZYX");
+    const degrees = [angles.x, angles.y, angles.z].map((angle) => short((angle * 180) / Math.PI));
+    const rows: [string, string][] = [
+      ["Position in the world (x y z, m)", position.toArray().map(short).join("  ")],
+      ["Roll, pitch, yaw (degrees)", degrees.join("  ")],
+      ["Quaternion (w x y z)", [rotation.w, rotation.x, rotation.y, rotation.z].map(short).join("  ")],
+    ];
+    if (scale.distanceTo(new Vector3(1, 1, 1)) > 1e-6) rows.push(["Scale", scale.toArray().map(short).join("  ")]);
+    const box = this.actions.boundsOf(node);
+    if (!box.isEmpty()) {
+      rows.push(["Bounding box (m)", `${box.min.toArray().map(short).join("  ")}\n${box.max.toArray().map(short).join("  ")}`]);
+      rows.push(["Size (m)", box.getSize(new Vector3()).toArray().map(short).join("  ")]);
+    }
+    for (const part of node.parts ?? []) {
+      const facts = [part.kind];
+      if (part.points !== undefined) facts.push(`${part.points} points`);
+      const channels = Object.keys(part.channels ?? {});
+      if (channels.length) facts.push(channels.join(", "));
+      if (part.source) facts.push(part.source);
+      rows.push(["Geometry", facts.join(" · ")]);
+    }
+    if (!node.parts) rows.push(["Geometry", "none"]);
+    if (node.children.size) rows.push(["Children", String(node.children.size)]);
+    this.values.replaceChildren(...rows.flatMap(([name, value]) => [h("dt", {}, name), h("dd", {}, value)]));
+    const range = node.cloudRange;
+    this.ends.replaceChildren(...(range ? [h("span", {}, short(range.low)), h("span", {}, short(range.high))] : []));
+  }
+}

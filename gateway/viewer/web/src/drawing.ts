@@ -1,0 +1,179 @@
+// The model as three.js objects: instanced batches for what is opaque, objects of their own for the rest.
+
+import {
+  Box3,
+  BufferAttribute,
+  BufferGeometry,
+  Color,
+  LineSegments,
+  Matrix4,
+  Mesh,
+  Object3D,
+  Points,
+  type Intersection,
+} from "three";
+import { Batch, type Slot } from "./batches";
+import { paint } from "./clouds";
+import { Materials } from "./materials";
+import type { Model, ModelChange, TreeNode } from "./model";
+import type { Draw, MeshPayload } from "./protocol";
+
+/** Something of a node that is drawn. */
+type Drawn = { local: Matrix4 | null } & ({ slot: Slot } | { object: Object3D });
+
+export class Drawing {
+  readonly root = new Object3D();
+  private readonly geometries = new Map<number, BufferGeometry>();
+  private readonly batches = new Map<string, Batch>();
+  private readonly drawn = new Map<TreeNode, Drawn[]>();
+
+  constructor(
+    private readonly model: Model,
+    readonly materials: Materials,
+    private readonly redraw: () => void,
+  ) {
+    this.root.matrixAutoUpdate = false;
+  }
+
+  apply(change: ModelChange): void {
+    for (const node of change.removed) this.erase(node);
+    const again = new Set([...change.changed, ...change.added]);
+    for (const node of again) if (this.model.nodes.get(node.id) === node) this.refresh(node);
+    for (const node of change.moved) if (!again.has(node)) this.move(node);
+  }
+
+  /** Draws a node anew, after its geometry, eye or opacity changed. */
+  refresh(node: TreeNode): void {
+    this.erase(node);
+    if (!node.parts || !visible(node)) return;
+    const opacity = combinedOpacity(node);
+    const made: Drawn[] = [];
+    for (const part of node.parts)
+      for (const draw of part.draws) {
+        const drawn = this.draw(node, draw, opacity);
+        if (drawn) made.push(drawn);
+      }
+    if (made.length) this.drawn.set(node, made);
+  }
+
+  forget(meshes: number[]): void {
+    for (const id of meshes) {
+      for (const [key, batch] of this.batches)
+        if (key.startsWith(`${id} `)) {
+          batch.dispose();
+          this.batches.delete(key);
+        }
+      this.geometries.get(id)?.dispose();
+      this.geometries.delete(id);
+      this.model.meshes.delete(id);
+    }
+  }
+
+  /** Bounds in the world of a node and all below it; empty when nothing is drawn. */
+  bounds(node: TreeNode): Box3 {
+    const box = new Box3();
+    for (const each of node.subtree())
+      for (const drawn of this.drawn.get(each) ?? []) {
+        if ("slot" in drawn) drawn.slot.batch.expand(drawn.slot, box);
+        else box.expandByObject(drawn.object);
+      }
+    return box;
+  }
+
+  nodeAt(hit: Intersection): TreeNode | undefined {
+    const batch = hit.object.userData.batch as Batch | undefined;
+    if (batch && hit.instanceId !== undefined) return batch.slots[hit.instanceId]?.node;
+    return hit.object.userData.node as TreeNode | undefined;
+  }
+
+  private draw(node: TreeNode, draw: Draw, opacity: number): Drawn | null {
+    const payload = this.model.meshes.get(draw.mesh);
+    if (!payload || draw.matrix === null) return null;
+    const geometry = this.geometry(payload);
+    const local = draw.matrix ? new Matrix4().fromArray(draw.matrix) : null;
+    const world = local ? new Matrix4().multiplyMatrices(node.world, local) : node.world;
+    const colors = payload.color !== undefined;
+    const { material } = draw;
+    if (payload.topology === 3 && opacity === 1 && (material.alpha !== "blend" || material.color[3] >= 1)) {
+      const key = `${draw.mesh} ${this.materials.key(material, colors)}`;
+      let batch = this.batches.get(key);
+      if (!batch) {
+        batch = new Batch(this.root, geometry, this.materials.opaque(material, colors));
+        this.batches.set(key, batch);
+      }
+      return { local, slot: batch.add(node, world, new Color(...material.color.slice(0, 3))) };
+    }
+    let object: Object3D;
+    if (payload.topology === 3) object = new Mesh(geometry, this.materials.translucent(material, colors, opacity));
+    else if (payload.topology === 2) object = new LineSegments(geometry, this.materials.line(material, colors, opacity));
+    else object = this.points(node, draw, geometry, colors, opacity);
+    object.matrixAutoUpdate = false;
+    object.matrix.copy(world);
+    object.matrixWorldNeedsUpdate = true;
+    object.userData.node = node;
+    this.root.add(object);
+    return { local, object };
+  }
+
+  private points(node: TreeNode, draw: Draw, geometry: BufferGeometry, colors: boolean, opacity: number): Points {
+    const look = node.cloud;
+    const object = new Points(geometry, this.materials.points(draw.material, colors, opacity));
+    if (!look) return object;
+    const painted = geometry.clone();
+    void paint(painted, draw.mesh, look).then((range) => {
+      if (!range) return;
+      node.cloudRange = range;
+      object.geometry = painted;
+      const white = { ...draw.material, color: [1, 1, 1, draw.material.color[3]] as [number, number, number, number] };
+      object.material = this.materials.points(white, true, opacity);
+      this.redraw();
+    });
+    return object;
+  }
+
+  private move(node: TreeNode): void {
+    const world = new Matrix4();
+    for (const drawn of this.drawn.get(node) ?? []) {
+      if (drawn.local) world.multiplyMatrices(node.world, drawn.local);
+      else world.copy(node.world);
+      if ("slot" in drawn) drawn.slot.batch.move(drawn.slot, world);
+      else {
+        drawn.object.matrix.copy(world);
+        drawn.object.matrixWorldNeedsUpdate = true;
+      }
+    }
+  }
+
+  private erase(node: TreeNode): void {
+    for (const drawn of this.drawn.get(node) ?? []) {
+      if ("slot" in drawn) drawn.slot.batch.remove(drawn.slot);
+      else this.root.remove(drawn.object);
+    }
+    this.drawn.delete(node);
+  }
+
+  private geometry(payload: MeshPayload): BufferGeometry {
+    let made = this.geometries.get(payload.id);
+    if (made) return made;
+    made = new BufferGeometry();
+    made.setAttribute("position", new BufferAttribute(payload.position, 3));
+    if (payload.normal) made.setAttribute("normal", new BufferAttribute(payload.normal, 3));
+    if (payload.color) made.setAttribute("color", new BufferAttribute(payload.color, 4, true));
+    if (payload.uv) made.setAttribute("uv", new BufferAttribute(payload.uv, 2));
+    if (payload.index) made.setIndex(new BufferAttribute(payload.index, 1));
+    if (payload.topology === 3 && !payload.normal) made.computeVertexNormals();
+    this.geometries.set(payload.id, made);
+    return made;
+  }
+}
+
+function visible(node: TreeNode): boolean {
+  for (let at: TreeNode | null = node; at; at = at.parent) if (!at.visible || !at.shown) return false;
+  return true;
+}
+
+function combinedOpacity(node: TreeNode): number {
+  let opacity = 1;
+  for (let at: TreeNode | null = node; at; at = at.parent) opacity *= at.opacity;
+  return opacity;
+}

@@ -1,0 +1,51 @@
+// Where the stereo camera is and what it sees: two frusta of lines, left and right.
+
+import { BufferAttribute, BufferGeometry, LineBasicMaterial, LineSegments, Matrix4, Object3D } from "three";
+import type { Rig } from "./protocol";
+
+const LENGTH = 0.5;
+
+export class Frustum {
+  readonly object = new Object3D();
+  readonly material = new LineBasicMaterial();
+  private readonly lines = new LineSegments(new BufferGeometry(), this.material);
+  private shape = "";
+
+  constructor(private readonly redraw: () => void) {
+    this.object.matrixAutoUpdate = false;
+    this.object.visible = false;
+    this.object.add(this.lines);
+  }
+
+  show(rig: Rig): void {
+    this.object.visible = rig.pose !== null;
+    if (rig.pose) {
+      this.object.matrix.copy(new Matrix4().fromArray(rig.pose));
+      this.object.matrixWorldNeedsUpdate = true;
+      const shape = JSON.stringify([rig.width, rig.height, rig.fx, rig.fy, rig.cx, rig.cy, rig.baseline]);
+      if (shape !== this.shape) this.build(rig);
+      this.shape = shape;
+    }
+    this.redraw();
+  }
+
+  private build(rig: Rig): void {
+    const points: number[] = [];
+    for (const offset of [0, rig.baseline]) {
+      const corner = (x: number, y: number): [number, number, number] => [
+        offset + ((x - rig.cx) / rig.fx) * LENGTH,
+        ((y - rig.cy) / rig.fy) * LENGTH,
+        LENGTH,
+      ];
+      const corners = [corner(0, 0), corner(rig.width, 0), corner(rig.width, rig.height), corner(0, rig.height)];
+      corners.forEach((at, i) => points.push(offset, 0, 0, ...at, ...at, ...(corners[(i + 1) % 4] ?? at)));
+      // A tick above the picture shows which side is up.
+      points.push(...corner(rig.width * 0.44, 0), ...corner(rig.width * 0.5, -rig.height * 0.09));
+      points.push(...corner(rig.width * 0.5, -rig.height * 0.09), ...corner(rig.width * 0.56, 0));
+    }
+    points.push(0, 0, 0, rig.baseline, 0, 0);
+    this.lines.geometry.dispose();
+    this.lines.geometry = new BufferGeometry();
+    this.lines.geometry.setAttribute("position", new BufferAttribute(new Float32Array(points), 3));
+  }
+}

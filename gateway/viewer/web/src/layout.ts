@@ -1,0 +1,56 @@
+// Tree on the left, view, panels on the right; on small screens the panels are drawers, one at a time.
+
+import { h } from "./dom";
+import type { Toolbar } from "./toolbar";
+
+export type Side = "left" | "right";
+const NARROW = matchMedia("(max-width: 899px)");
+
+export class Layout {
+  readonly element: HTMLElement;
+
+  constructor(
+    tree: HTMLElement,
+    stage: HTMLElement,
+    panels: HTMLElement,
+    private readonly bar: Toolbar,
+    private readonly onChange: () => void,
+  ) {
+    const shade = h("div", { class: "shade", onclick: () => this.closeDrawers() });
+    this.element = h("div", { class: "layout" }, h("nav", { class: "drawer left" }, tree), stage, panels, shade);
+  }
+
+  /** Opens what fits the screen, and again when that changes. */
+  start(): void {
+    const fit = () => {
+      this.set("left", !NARROW.matches);
+      this.set("right", !NARROW.matches);
+    };
+    NARROW.addEventListener("change", fit);
+    fit();
+  }
+
+  isOpen(side: Side): boolean {
+    return !this.element.classList.contains(`no-${side}`);
+  }
+
+  toggle(side: Side): void {
+    const open = !this.isOpen(side);
+    if (open && NARROW.matches) this.set(side === "left" ? "right" : "left", false);
+    this.set(side, open);
+  }
+
+  /** Closes drawers that lie over the view; whether there was one. */
+  closeDrawers(): boolean {
+    if (!NARROW.matches || !(this.isOpen("left") || this.isOpen("right"))) return false;
+    this.set("left", false);
+    this.set("right", false);
+    return true;
+  }
+
+  private set(side: Side, open: boolean): void {
+    this.element.classList.toggle(`no-${side}`, !open);
+    this.bar[side].setAttribute("aria-pressed", String(open));
+    this.onChange();
+  }
+}

@@ -1,0 +1,211 @@
+import { Box3, Vector3 } from "three";
+import "./style.css";
+import { Connection } from "./connection";
+import { DetailsPanel } from "./detailspanel";
+import { h } from "./dom";
+import { Drawing } from "./drawing";
+import { Frustum } from "./frustum";
+import { Layout } from "./layout";
+import { Lightbox } from "./lightbox";
+import { Materials } from "./materials";
+import { Model, type TreeNode } from "./model";
+import type { Message, SceneUpdate } from "./protocol";
+import { RendersPanel } from "./renderspanel";
+import { SensorsPanel } from "./sensorspanel";
+import { Stage } from "./stage";
+import { StatusBar } from "./statusbar";
+import { Tabs } from "./tabs";
+import { startingTheme, type Theme } from "./theme";
+import { toolbar } from "./toolbar";
+import { TreePanel } from "./treepanel";
+
+const model = new Model();
+const redraw = () => stage.redraw();
+const materials = new Materials(redraw);
+const drawing = new Drawing(model, materials, redraw);
+const holder = h("main", { class: "stage" });
+const stage = new Stage(holder, drawing.root);
+const frustum = new Frustum(redraw);
+stage.scene.add(frustum.object);
+const status = new StatusBar();
+const lightbox = new Lightbox();
+const hint = h("p", { class: "hint", role: "status", hidden: true });
+holder.append(hint);
+
+let selected: TreeNode | null = null;
+let updates = 0;
+let fitted = false;
+
+const tree = new TreePanel(model, select, refreshBelow, fit);
+const details = new DetailsPanel({
+  boundsOf: (node) => drawing.bounds(node),
+  changed: refreshBelow,
+  fit,
+  close: () => select(null),
+});
+const sensors = new SensorsPanel(lightbox);
+const renders = new RendersPanel(lightbox);
+const tabs = new Tabs({ Selection: details.element, Stereo: sensors.element, Renders: renders.element }, inSight);
+const bar = toolbar({
+  panel: (side) => layout.toggle(side),
+  look: (direction) => stage.look(direction, drawing.bounds(model.root)),
+  fit: () => fit(selected),
+  orthographic: (on) => stage.setOrthographic(on),
+  grid: (on) => stage.show(stage.grid, on),
+  axes: (on) => stage.show(stage.axes, on),
+  wireframe: (on) => materials.setWireframe(on),
+  pointSize: (pixels) => materials.setPointSize(pixels),
+  theme: () => setTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark"),
+  snapshot: () => void snapshot(),
+});
+const layout = new Layout(tree.element, holder, tabs.element, bar, () => inSight());
+
+/** Panels that ask the gateway do so only while they are in sight. */
+function inSight(): void {
+  const shown = layout?.isOpen("right") ? tabs.current : "";
+  sensors.setActive(shown === "Stereo");
+  renders.setActive(shown === "Renders");
+}
+
+function select(node: TreeNode | null): void {
+  selected = node;
+  tree.select(node);
+  details.show(node);
+  highlight();
+  if (node) tabs.show("Selection");
+}
+
+function highlight(): void {
+  stage.select(selected ? drawing.bounds(selected) : null);
+}
+
+function refreshBelow(node: TreeNode): void {
+  for (const each of node.subtree()) drawing.refresh(each);
+  highlight();
+  redraw();
+}
+
+function fit(node: TreeNode | null): void {
+  stage.fit(drawing.bounds(node ?? model.root));
+}
+
+function take(message: Message): void {
+  switch (message.kind) {
+    case "update":
+      update(message);
+      connection.ready();
+      break;
+    case "mesh":
+      model.meshes.set(message.id, message);
+      break;
+    case "forget":
+      drawing.forget(message.meshes);
+      break;
+    case "rig":
+      frustum.show(message);
+      break;
+    case "status":
+      status.show(message);
+      renders.announce(message.renders ?? 0);
+      break;
+  }
+}
+
+function update(message: SceneUpdate): void {
+  const change = model.apply(message);
+  drawing.apply(change);
+  updates += 1;
+  if (change.added.length || change.removed.length || change.changed.size) tree.update();
+  if (selected && model.nodes.get(selected.id) !== selected) select(model.nodes.get(selected.id) ?? null);
+  else if (selected) highlight();
+  const empty = model.root.children.size === 0 && !model.root.parts;
+  if (!fitted && !empty) {
+    fitted = true;
+    stage.look("home", drawing.bounds(model.root));
+  }
+  say(empty ? "The scene is empty. Publish something over LCM, or start the gateway with --demo." : "", "centre");
+  redraw();
+}
+
+let hintTimer = 0;
+
+/** A sentence over the view; one at the foot goes by itself. */
+function say(text: string, where: "centre" | "foot"): void {
+  if (where === "centre" && hintTimer) return;
+  hint.textContent = text;
+  hint.hidden = text === "";
+  hint.classList.toggle("centre", where === "centre");
+  if (where === "foot")
+    hintTimer = setTimeout(() => {
+      hintTimer = 0;
+      hint.hidden = true;
+    }, 6000);
+}
+
+const connection = new Connection(take, (state) => status.connected(state));
+
+function setTheme(name: Theme): void {
+  document.documentElement.dataset.theme = name;
+  const css = getComputedStyle(document.documentElement);
+  frustum.material.color.set(css.getPropertyValue("--frustum").trim());
+  stage.setBackground(css.getPropertyValue("--stage").trim(), css.getPropertyValue("--grid").trim());
+}
+
+/** The camera of this view in the gateway's grammar; an orthographic one is shown in perspective. */
+function cameraText(): string {
+  const at = (v: Vector3) => v.toArray().map((x) => x.toFixed(5)).join(",");
+  const fovy = stage.perspective.fov.toFixed(2);
+  return `eye=${at(stage.camera.position)};target=${at(stage.controls.target)};up=0,0,1;fovy=${fovy}`;
+}
+
+async function snapshot(): Promise<void> {
+  const { clientWidth: width, clientHeight: height } = holder;
+  const query = new URLSearchParams({ camera: cameraText(), type: "color", width: `${width}`, height: `${height}` });
+  const answer = await fetch(`/scene/render?${query}`).catch(() => null);
+  if (!answer?.ok) {
+    say(answer ? await answer.text() : "The gateway does not answer.", "foot");
+    return;
+  }
+  const link = h("a", { href: URL.createObjectURL(await answer.blob()), download: "scenegate.png" });
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
+}
+
+document.querySelector("#app")?.append(bar.element, layout.element, status.element, lightbox.element);
+setTheme(startingTheme());
+tabs.show("Stereo");
+layout.start();
+
+stage.onTap((x, y) => {
+  const hit = stage.pick(x, y);
+  const node = hit ? (drawing.nodeAt(hit) ?? null) : null;
+  select(node);
+  if (node) tree.select(node, true);
+});
+
+const KEYS: Record<string, () => void> = {
+  f: () => fit(selected),
+  h: () => stage.look("home", drawing.bounds(model.root)),
+  1: () => stage.look("top", drawing.bounds(model.root)),
+  2: () => stage.look("front", drawing.bounds(model.root)),
+  3: () => stage.look("side", drawing.bounds(model.root)),
+  t: () => layout.toggle("left"),
+  s: () => layout.toggle("right"),
+  Escape: () => (layout.closeDrawers() ? undefined : select(null)),
+};
+addEventListener("keydown", (event) => {
+  if (event.defaultPrevented || event.ctrlKey || event.metaKey || event.altKey || lightbox.isOpen) return;
+  if (event.target instanceof HTMLInputElement || event.target instanceof HTMLSelectElement) return;
+  KEYS[event.key]?.();
+});
+
+let framesBefore = 0;
+setInterval(() => {
+  status.tick(stage.frames - framesBefore, updates, model.nodes.size - 1, model.revision);
+  framesBefore = stage.frames;
+  updates = 0;
+  details.update();
+}, 1000);
+
+// For tests and for the console: what the page believes.
+Object.assign(window, { scenegate: { model, drawing, stage, frustum, select, fit, Box3 } });

@@ -1,0 +1,145 @@
+// The tree as the gateway has it, with world matrices; knows nothing of WebGL or the page.
+
+import { Matrix4, Quaternion, Vector3 } from "three";
+import type { CloudLook } from "./clouds";
+import type { Range } from "./colormaps";
+import type { MeshPayload, NodeUpdate, Part, SceneUpdate } from "./protocol";
+
+export class TreeNode {
+  readonly children = new Set<TreeNode>();
+  parts: Part[] | null = null;
+  /** Of the gateway's tree. */
+  visible = true;
+  /** Of this page: the eye in the tree panel. */
+  shown = true;
+  opacity = 1;
+  /** How this page colours a point cloud; null: as published. */
+  cloud: CloudLook | null = null;
+  cloudRange: Range | null = null;
+  readonly local = new Matrix4();
+  readonly world = new Matrix4();
+
+  constructor(
+    readonly id: number,
+    readonly name: string | number,
+    readonly parent: TreeNode | null,
+  ) {}
+
+  get path(): (string | number)[] {
+    return this.parent ? [...this.parent.path, this.name] : [];
+  }
+
+  *subtree(): Generator<TreeNode> {
+    const stack: TreeNode[] = [this];
+    for (let node = stack.pop(); node; node = stack.pop()) {
+      yield node;
+      stack.push(...node.children);
+    }
+  }
+}
+
+export interface ModelChange {
+  added: TreeNode[];
+  removed: TreeNode[];
+  /** Geometry or visibility is another one. */
+  changed: Set<TreeNode>;
+  /** World matrix is another one. */
+  moved: Set<TreeNode>;
+}
+
+export class Model {
+  readonly root = new TreeNode(0, "", null);
+  readonly nodes = new Map<number, TreeNode>([[0, this.root]]);
+  readonly meshes = new Map<number, MeshPayload>();
+  revision = 0;
+
+  /** Takes an update in; one that starts from nothing replaces everything. */
+  apply(update: SceneUpdate): ModelChange {
+    const change: ModelChange = { added: [], removed: [], changed: new Set(), moved: new Set() };
+    if (update.from === 0) this.clear(change);
+    for (const id of update.removed) this.remove(id, change);
+    for (const entry of update.nodes) this.enter(entry, change);
+    const dirty = this.pose(update);
+    for (const node of change.added) dirty.add(node);
+    this.place(dirty, change.moved);
+    this.revision = update.revision;
+    return change;
+  }
+
+  private clear(change: ModelChange): void {
+    for (const child of [...this.root.children]) this.remove(child.id, change);
+    this.root.parts = null;
+    this.root.visible = true;
+    this.root.local.identity();
+    this.root.world.identity();
+    change.changed.add(this.root);
+  }
+
+  private remove(id: number, change: ModelChange): void {
+    const node = this.nodes.get(id);
+    if (!node?.parent) return;
+    node.parent.children.delete(node);
+    for (const gone of node.subtree()) {
+      this.nodes.delete(gone.id);
+      change.removed.push(gone);
+    }
+  }
+
+  private enter(entry: NodeUpdate, change: ModelChange): void {
+    let node = this.nodes.get(entry.id);
+    if (!node) {
+      const parent = this.nodes.get(entry.parent ?? 0);
+      if (!parent) throw new Error(`node ${entry.id} came before its parent ${entry.parent}`);
+      node = new TreeNode(entry.id, entry.name ?? "", parent);
+      parent.children.add(node);
+      this.nodes.set(entry.id, node);
+      change.added.push(node);
+    }
+    if (entry.visible !== undefined) {
+      node.visible = entry.visible;
+      for (const below of node.subtree()) change.changed.add(below);
+    }
+    if (entry.parts !== undefined) {
+      node.parts = entry.parts;
+      change.changed.add(node);
+    }
+  }
+
+  private pose(update: SceneUpdate): Set<TreeNode> {
+    const dirty = new Set<TreeNode>();
+    const position = new Vector3();
+    const rotation = new Quaternion();
+    const one = new Vector3(1, 1, 1);
+    update.poseIds.forEach((id, i) => {
+      const node = this.nodes.get(id);
+      if (!node) return;
+      const at = (k: number) => update.poses[7 * i + k] ?? 0;
+      rotation.set(at(4), at(5), at(6), at(3));
+      if (rotation.lengthSq() === 0) rotation.identity();
+      node.local.compose(position.set(at(0), at(1), at(2)), rotation.normalize(), one);
+      dirty.add(node);
+    });
+    update.matrixIds.forEach((id, i) => {
+      const node = this.nodes.get(id);
+      if (!node) return;
+      node.local.fromArray(update.matrices, 16 * i);
+      dirty.add(node);
+    });
+    return dirty;
+  }
+
+  private place(dirty: Set<TreeNode>, moved: Set<TreeNode>): void {
+    for (const start of dirty) {
+      let ancestor = start.parent;
+      while (ancestor && !dirty.has(ancestor)) ancestor = ancestor.parent;
+      if (ancestor) continue; // comes with its ancestor
+      const stack = [start];
+      for (let node = stack.pop(); node; node = stack.pop()) {
+        if (node.parent) node.world.multiplyMatrices(node.parent.world, node.local);
+        else node.world.copy(node.local);
+        moved.add(node);
+        stack.push(...node.children);
+      }
+    }
+  }
+}

@@ -1,0 +1,107 @@
+// The device's REST parameters as controls, the same that its own clients set.
+
+import { h, short } from "./dom";
+
+const BASE = "/api/v2/pipelines/0/nodes";
+const NODES = { rc_camera: "Camera", rc_stereomatching: "Stereo matching", rc_iocontrol: "Outputs" };
+const IDLE = " (kept, but without effect on this synthetic camera)";
+
+interface Parameter {
+  name: string;
+  type: "float64" | "int32" | "bool" | "string";
+  value: number | boolean | string;
+  min: number;
+  max: number;
+  default: number | boolean | string;
+  description: string;
+}
+
+export class Parameters {
+  readonly element = h("div", { class: "parameters" });
+
+  /** Reads all values anew. */
+  async load(): Promise<void> {
+    const groups = await Promise.all(Object.entries(NODES).map(([node, title]) => this.group(node, title)));
+    const open = new Set([...this.element.querySelectorAll<HTMLDetailsElement>("details[open]")].map((e) => e.dataset.node));
+    for (const group of groups) if (group && open.has(group.dataset.node)) group.open = true;
+    this.element.replaceChildren(...groups.filter((group) => group !== null));
+  }
+
+  private async group(node: string, title: string): Promise<HTMLDetailsElement | null> {
+    const answer = await fetch(`${BASE}/${node}/parameters`).catch(() => null);
+    if (!answer?.ok) return null;
+    const parameters = (await answer.json()) as Parameter[];
+    const group = h("details", { class: "group" }, h("summary", {}, title), ...parameters.map((p) => control(node, p)));
+    group.dataset.node = node;
+    return group;
+  }
+}
+
+function control(node: string, parameter: Parameter): HTMLElement {
+  const problem = h("div", { class: "problem", role: "alert", hidden: true });
+  const show = (text: string) => {
+    problem.textContent = text;
+    problem.hidden = text === "";
+  };
+  const set = async (value: Parameter["value"]): Promise<Parameter["value"]> => {
+    try {
+      const answer = await fetch(`${BASE}/${node}/parameters/${parameter.name}`, {
+        method: "PUT",
+        headers: { "Content-Type": "application/json" },
+        body: JSON.stringify({ value }),
+      });
+      const body = (await answer.json()) as Parameter & { message?: string };
+      show(answer.ok ? "" : (body.message ?? answer.statusText));
+      return answer.ok ? body.value : value;
+    } catch {
+      show("The gateway does not answer.");
+      return value;
+    }
+  };
+  const idle = parameter.description.includes(IDLE);
+  const text = parameter.description.replace(IDLE, "");
+  return h(
+    "div",
+    { class: `parameter${idle ? " idle" : ""}`, title: idle ? `${text}. Kept, but without effect here.` : text },
+    h("div", { class: "top" }, h("code", {}, parameter.name)),
+    input(parameter, text, set),
+    problem,
+  );
+}
+
+type Set = (value: Parameter["value"]) => Promise<Parameter["value"]>;
+
+function input(parameter: Parameter, text: string, set: Set): HTMLElement {
+  if (parameter.type === "bool") {
+    const box = h("input", { type: "checkbox", checked: parameter.value === true, "aria-label": parameter.name });
+    box.addEventListener("change", async () => (box.checked = (await set(box.checked)) === true));
+    return h("label", {}, box, ` ${text}`);
+  }
+  if (parameter.type === "string") {
+    const choices = text.slice(text.lastIndexOf(":") + 1).split(",").map((choice) => choice.trim());
+    const select = h("select", { "aria-label": parameter.name }, ...choices.map((choice) => h("option", {}, choice)));
+    select.value = String(parameter.value);
+    select.addEventListener("change", async () => (select.value = String(await set(select.value))));
+    return select;
+  }
+  const { min, max } = parameter;
+  const step = parameter.type === "int32" ? 1 : "any";
+  const number = h("input", { type: "number", min, max, step, value: short(Number(parameter.value)), "aria-label": parameter.name });
+  // What spans decades is moved along decades.
+  const decades = min > 0 && max / min > 200;
+  const at = (value: number) => (decades ? Math.log(value / min) / Math.log(max / min) : (value - min) / (max - min));
+  const range = h("input", { type: "range", min: 0, max: 1, step: 0.001, value: at(Number(parameter.value)), "aria-label": `${parameter.name} slider` });
+  const take = async (value: number) => {
+    const taken = Number(await set(parameter.type === "int32" ? Math.round(value) : value));
+    number.value = short(taken);
+    range.value = String(at(taken));
+  };
+  const there = () => {
+    const share = Number(range.value);
+    return decades ? min * (max / min) ** share : min + share * (max - min);
+  };
+  number.addEventListener("change", () => void take(Number(number.value)));
+  range.addEventListener("input", () => (number.value = short(parameter.type === "int32" ? Math.round(there()) : there())));
+  range.addEventListener("change", () => void take(there()));
+  return h("div", { class: "row-of-two" }, range, number);
+}

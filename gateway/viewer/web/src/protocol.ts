@@ -1,0 +1,143 @@
+// The binary frames of gateway/viewer/frames.py: a JSON header that names arrays of the body.
+
+const MAGIC = 0x31564753;
+
+/** [offset in bytes, count of numbers] */
+type Span = [number, number];
+
+export interface Material {
+  color: [number, number, number, number];
+  alpha?: "mask" | "blend";
+  metallic?: number;
+  roughness?: number;
+  emissive?: [number, number, number];
+  doubleSided?: boolean;
+  unlit?: boolean;
+  pointSize?: number;
+  lineWidth?: number;
+  texture?: { image: number; wrap: [number, number]; linear: boolean };
+}
+
+export interface Draw {
+  mesh: number;
+  material: Material;
+  /** Column-major node-from-mesh; absent is the identity, null is not drawable. */
+  matrix?: number[] | null;
+}
+
+export interface Part {
+  kind: string;
+  draws: Draw[];
+  points?: number;
+  /** Columns of each channel of a point cloud, by its name. */
+  channels?: Record<string, number>;
+  source?: string;
+}
+
+export interface NodeUpdate {
+  id: number;
+  parent?: number;
+  name?: string | number;
+  visible?: boolean;
+  parts?: Part[] | null;
+}
+
+export interface SceneUpdate {
+  kind: "update";
+  from: number;
+  revision: number;
+  removed: number[];
+  nodes: NodeUpdate[];
+  /** x, y, z, qw, qx, qy, qz of the nodes in poseIds */
+  poseIds: Uint32Array;
+  poses: Float32Array;
+  /** 16 numbers each, column-major */
+  matrixIds: Uint32Array;
+  matrices: Float32Array;
+}
+
+export interface MeshPayload {
+  kind: "mesh";
+  id: number;
+  topology: 1 | 2 | 3;
+  position: Float32Array;
+  normal?: Float32Array;
+  color?: Uint8Array;
+  uv?: Float32Array;
+  index?: Uint32Array;
+}
+
+export interface Forget {
+  kind: "forget";
+  meshes: number[];
+}
+
+export interface Status {
+  kind: "status";
+  interfaces?: Record<string, { state: string; problem?: string }>;
+  facts?: { name: string; value: string | number; warn?: boolean }[];
+  /** Render requests answered so far. */
+  renders?: number;
+}
+
+/** The stereo camera in the scene. */
+export interface Rig {
+  kind: "rig";
+  /** Column-major pose of the left optical frame; null: it is not in this scene. */
+  pose: number[] | null;
+  width: number;
+  height: number;
+  fx: number;
+  fy: number;
+  cx: number;
+  cy: number;
+  baseline: number;
+}
+
+export type Message = SceneUpdate | MeshPayload | Forget | Status | Rig;
+
+interface Header {
+  kind: string;
+  [key: string]: unknown;
+}
+
+/** Typed arrays lie over the message's own memory; nothing is copied. */
+export function parse(buffer: ArrayBuffer): Message {
+  const view = new DataView(buffer);
+  if (buffer.byteLength < 8 || view.getUint32(0, true) !== MAGIC) throw new Error("not a view frame");
+  const start = 8 + view.getUint32(4, true);
+  const header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 8, start - 8))) as Header;
+  const floats = (span: Span) => new Float32Array(buffer, start + span[0], span[1]);
+  const words = (span: Span) => new Uint32Array(buffer, start + span[0], span[1]);
+  const bytes = (span: Span) => new Uint8Array(buffer, start + span[0], span[1]);
+  switch (header.kind) {
+    case "update": {
+      const poses = header.poses as { ids: Span; values: Span } | undefined;
+      const matrices = header.matrices as { ids: Span; values: Span } | undefined;
+      return {
+        kind: "update",
+        from: header.from as number,
+        revision: header.revision as number,
+        removed: (header.removed as number[] | undefined) ?? [],
+        nodes: (header.nodes as NodeUpdate[] | undefined) ?? [],
+        poseIds: poses ? words(poses.ids) : new Uint32Array(),
+        poses: poses ? floats(poses.values) : new Float32Array(),
+        matrixIds: matrices ? words(matrices.ids) : new Uint32Array(),
+        matrices: matrices ? floats(matrices.values) : new Float32Array(),
+      };
+    }
+    case "mesh":
+      return {
+        kind: "mesh",
+        id: header.id as number,
+        topology: header.topology as 1 | 2 | 3,
+        position: floats(header.position as Span),
+        normal: header.normal ? floats(header.normal as Span) : undefined,
+        color: header.color ? bytes(header.color as Span) : undefined,
+        uv: header.uv ? floats(header.uv as Span) : undefined,
+        index: header.index ? words(header.index as Span) : undefined,
+      };
+    default:
+      return header as unknown as Message;
+  }
+}

@@ -1,0 +1,39 @@
+// One line at the foot: connection, interfaces, rates, losses.
+
+import { h } from "./dom";
+import type { Status } from "./protocol";
+
+const LIGHTS: Record<string, string> = { ready: "good", starting: "wait", stopped: "wait", failed: "bad" };
+
+export class StatusBar {
+  readonly element = h("footer", { class: "status" });
+  private readonly connection = h("span", { class: "light wait", role: "status" }, "connecting …");
+  private readonly rates = h("span", { title: "Pictures drawn and updates received per second" });
+  private readonly interfaces = h("span", { class: "interfaces" });
+  private readonly facts = h("span", { class: "facts" });
+
+  constructor() {
+    this.element.append(this.connection, this.interfaces, this.facts, this.rates);
+  }
+
+  connected(state: "open" | "closed"): void {
+    this.connection.className = `light ${state === "open" ? "good" : "bad"}`;
+    this.connection.textContent = state === "open" ? "connected" : "reconnecting …";
+    if (state === "closed") this.interfaces.replaceChildren();
+  }
+
+  tick(frames: number, updates: number, nodes: number, revision: number): void {
+    this.rates.textContent = `${nodes} nodes · revision ${revision} · ${updates} updates/s · ${frames} fps`;
+  }
+
+  show(status: Status): void {
+    this.interfaces.replaceChildren(
+      ...Object.entries(status.interfaces ?? {}).map(([name, { state, problem }]) =>
+        h("span", { class: `light ${LIGHTS[state] ?? ""}`, title: problem ? `${state}: ${problem}` : state }, name),
+      ),
+    );
+    this.facts.replaceChildren(
+      ...(status.facts ?? []).map(({ name, value, warn }) => h("span", { class: warn ? "warn" : "" }, `${name} ${value}`)),
+    );
+  }
+}

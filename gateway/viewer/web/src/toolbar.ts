@@ -1,0 +1,73 @@
+// The bar at the top: panels, views, what is shown, what can be taken away.
+
+import { h } from "./dom";
+import { icon, type Icon } from "./icons";
+import type { Direction } from "./stage";
+
+export interface ToolbarActions {
+  panel(side: "left" | "right"): void;
+  look(direction: Direction): void;
+  fit(): void;
+  orthographic(on: boolean): void;
+  grid(on: boolean): void;
+  axes(on: boolean): void;
+  wireframe(on: boolean): void;
+  pointSize(pixels: number): void;
+  theme(): void;
+  snapshot(): void;
+}
+
+export interface Toolbar {
+  element: HTMLElement;
+  left: HTMLElement;
+  right: HTMLElement;
+}
+
+export function toolbar(actions: ToolbarActions): Toolbar {
+  const button = (name: Icon, title: string, run: () => void) =>
+    h("button", { title, "aria-label": title, onclick: () => run() }, icon(name));
+  const word = (text: string, title: string, run: () => void) => h("button", { title, onclick: () => run() }, text);
+  const toggle = (name: Icon, title: string, on: boolean, run: (on: boolean) => void) => {
+    const element = h("button", { title, "aria-label": title, "aria-pressed": String(on) }, icon(name));
+    element.addEventListener("click", () => {
+      const next = element.getAttribute("aria-pressed") !== "true";
+      element.setAttribute("aria-pressed", String(next));
+      run(next);
+    });
+    return element;
+  };
+  const gap = () => h("span", { class: "gap" });
+  const points = h("input", {
+    type: "range",
+    min: 0,
+    max: 12,
+    step: 1,
+    value: 0,
+    title: "Point size in pixels; at the left end as published",
+    "aria-label": "Point size",
+    oninput: (event) => actions.pointSize(Number((event.target as HTMLInputElement).value)),
+  });
+  const left = button("tree", "Scene tree (T)", () => actions.panel("left"));
+  const right = button("sensor", "Selection, stereo camera, renders (S)", () => actions.panel("right"));
+  const tools = h(
+    "div",
+    { class: "tools", role: "toolbar", "aria-label": "View" },
+    button("fit", "Fit the selection, or everything (F)", () => actions.fit()),
+    button("home", "Everything, from the front right (H)", () => actions.look("home")),
+    word("Top", "From above (1)", () => actions.look("top")),
+    word("Front", "From +X (2)", () => actions.look("front")),
+    word("Side", "From −Y (3)", () => actions.look("side")),
+    gap(),
+    toggle("ortho", "Orthographic", false, (on) => actions.orthographic(on)),
+    toggle("grid", "Grid on the ground", true, (on) => actions.grid(on)),
+    toggle("axes", "Axes of the world: x red, y green, z blue", true, (on) => actions.axes(on)),
+    toggle("wire", "Wireframe", false, (on) => actions.wireframe(on)),
+    h("label", { class: "points" }, "Points ", points),
+    gap(),
+    button("snapshot", "This view as PNG, drawn by the gateway's own rasterizer", () => actions.snapshot()),
+    h("a", { class: "button", href: "/scene.glb", download: "scene.glb", title: "The scene as .glb" }, icon("download"), ".glb"),
+    button("theme", "Light or dark", () => actions.theme()),
+  );
+  const element = h("div", { class: "bar" }, left, h("span", { class: "brand" }, "Scenegate"), tools, right);
+  return { element, left, right };
+}

@@ -1,0 +1,186 @@
+// The tree of paths: expand, search, hide, select. Only rows in sight exist as elements, so thousands of nodes are fine.
+
+import { h } from "./dom";
+import { icon } from "./icons";
+import type { Model, TreeNode } from "./model";
+
+const ROW = 26;
+const OPEN_AT_FIRST = 2;
+
+interface Row {
+  node: TreeNode;
+  depth: number;
+}
+
+export class TreePanel {
+  readonly element = h("section", { class: "tree", "aria-label": "Scene tree" });
+  private readonly search = h("input", { type: "search", placeholder: "Search paths", "aria-label": "Search paths" });
+  private readonly list = h("div", { class: "rows", role: "tree", tabindex: 0, "aria-label": "Paths" });
+  private readonly spacer = h("div", { class: "spacer" });
+  private readonly toggled = new Map<number, boolean>();
+  private rows: Row[] = [];
+  private selected: TreeNode | null = null;
+  private scheduled = false;
+
+  constructor(
+    private readonly model: Model,
+    private readonly onSelect: (node: TreeNode | null) => void,
+    private readonly onShow: (node: TreeNode) => void,
+    private readonly onFocus: (node: TreeNode) => void,
+  ) {
+    this.element.style.setProperty("--row", `${ROW}px`);
+    this.element.append(h("header", {}, this.search), this.list);
+    this.list.append(this.spacer);
+    this.search.addEventListener("input", () => this.update());
+    this.list.addEventListener("scroll", () => this.paint());
+    this.list.addEventListener("keydown", (event) => this.key(event));
+    new ResizeObserver(() => this.paint()).observe(this.list);
+    this.update();
+  }
+
+  /** After nodes came or went. */
+  update(): void {
+    if (this.scheduled) return;
+    this.scheduled = true;
+    requestAnimationFrame(() => {
+      this.scheduled = false;
+      this.rows = this.listRows();
+      this.paint();
+    });
+  }
+
+  select(node: TreeNode | null, reveal = false): void {
+    this.selected = node;
+    if (node && reveal) {
+      for (let at = node.parent; at; at = at.parent) this.toggled.set(at.id, true);
+      this.rows = this.listRows();
+      const index = this.rows.findIndex((row) => row.node === node);
+      const top = index * ROW;
+      if (index >= 0 && (top < this.list.scrollTop || top > this.list.scrollTop + this.list.clientHeight - ROW))
+        this.list.scrollTop = top - this.list.clientHeight / 2;
+    }
+    this.paint();
+  }
+
+  private listRows(): Row[] {
+    const wanted = this.search.value.trim().toLowerCase();
+    const rows: Row[] = [];
+    const stack: Row[] = [{ node: this.model.root, depth: 0 }];
+    const matching = wanted ? this.matching(wanted) : null;
+    for (let row = stack.pop(); row; row = stack.pop()) {
+      if (matching && !matching.has(row.node)) continue;
+      rows.push(row);
+      if (!matching && !this.isOpen(row.node, row.depth)) continue;
+      const { depth } = row;
+      stack.push(...[...row.node.children].reverse().map((node) => ({ node, depth: depth + 1 })));
+    }
+    return rows;
+  }
+
+  /** Nodes whose name holds the text, and the way to them. */
+  private matching(text: string): Set<TreeNode> {
+    const found = new Set<TreeNode>([this.model.root]);
+    for (const node of this.model.nodes.values())
+      if (String(node.name).toLowerCase().includes(text))
+        for (let at: TreeNode | null = node; at && !found.has(at); at = at.parent) found.add(at);
+    return found;
+  }
+
+  private isOpen(node: TreeNode, depth: number): boolean {
+    return this.toggled.get(node.id) ?? depth < OPEN_AT_FIRST;
+  }
+
+  private paint(): void {
+    this.spacer.style.height = `${this.rows.length * ROW}px`;
+    const first = Math.max(0, Math.floor(this.list.scrollTop / ROW) - 4);
+    const last = Math.min(this.rows.length, first + Math.ceil(this.list.clientHeight / ROW) + 8);
+    const shown = this.rows.slice(first, last).map((row, i) => this.row(row, (first + i) * ROW));
+    this.list.replaceChildren(this.spacer, ...shown);
+  }
+
+  private row({ node, depth }: Row, top: number): HTMLElement {
+    const open = this.isOpen(node, depth) || this.search.value.trim() !== "";
+    const name = node.parent ? String(node.name) || '""' : "scene";
+    const arrow = h("button", {
+      class: "arrow",
+      tabindex: -1,
+      "aria-label": `${open ? "Collapse" : "Expand"} ${name}`,
+      "aria-expanded": String(open),
+      onclick: (event) => {
+        event.stopPropagation();
+        this.toggle(node, depth);
+      },
+    });
+    if (node.children.size) arrow.append(icon("chevron"));
+    else arrow.disabled = true;
+    const eye = h("button", {
+      class: "eye",
+      tabindex: -1,
+      "aria-pressed": String(node.shown),
+      "aria-label": `${node.shown ? "Hide" : "Show"} ${name}`,
+      title: node.shown ? "Hide" : "Show",
+      onclick: (event) => {
+        event.stopPropagation();
+        this.setShown(node, !node.shown);
+      },
+    });
+    eye.append(icon(node.shown ? "eye" : "hidden"));
+    const label = h("span", { class: typeof node.name === "number" ? "name number" : "name" }, name);
+    const kinds = h("span", { class: "kinds" }, node.parts?.map((part) => part.kind).join(", ") ?? "");
+    const element = h(
+      "div",
+      {
+        class: `row${node === this.selected ? " selected" : ""}${node.shown ? "" : " hidden"}`,
+        role: "treeitem",
+        "aria-level": depth + 1,
+        "aria-selected": String(node === this.selected),
+        "data-path": JSON.stringify(node.path),
+        onclick: () => this.onSelect(node),
+        ondblclick: () => this.onFocus(node),
+      },
+      arrow,
+      label,
+      kinds,
+      eye,
+    );
+    if (node.children.size) element.setAttribute("aria-expanded", String(open));
+    element.style.top = `${top}px`;
+    element.style.paddingLeft = `${6 + depth * 14}px`;
+    return element;
+  }
+
+  private toggle(node: TreeNode, depth: number): void {
+    this.toggled.set(node.id, !this.isOpen(node, depth));
+    this.rows = this.listRows();
+    this.paint();
+  }
+
+  private setShown(node: TreeNode, shown: boolean): void {
+    node.shown = shown;
+    this.onShow(node);
+    this.paint();
+  }
+
+  private key(event: KeyboardEvent): void {
+    const index = this.rows.findIndex((row) => row.node === this.selected);
+    const row = this.rows[index];
+    const go = (to: number) => {
+      const next = this.rows[Math.min(Math.max(to, 0), this.rows.length - 1)];
+      if (next) {
+        this.onSelect(next.node);
+        this.select(next.node, true);
+      }
+    };
+    if (event.key === "ArrowDown") go(index + 1);
+    else if (event.key === "ArrowUp") go(index - 1);
+    else if (event.key === "Home") go(0);
+    else if (event.key === "End") go(this.rows.length - 1);
+    else if (!row) return;
+    else if (event.key === "ArrowRight" && !this.isOpen(row.node, row.depth)) this.toggle(row.node, row.depth);
+    else if (event.key === "ArrowLeft" && this.isOpen(row.node, row.depth)) this.toggle(row.node, row.depth);
+    else if (event.key === "h" || event.key === " ") this.setShown(row.node, !row.node.shown);
+    else if (event.key === "f" || event.key === "Enter") this.onFocus(row.node);
+    else return;
+    event.preventDefault();
+  }
+}

@@ -1,0 +1,21 @@
+import { defineConfig } from "vite";
+
+export default defineConfig({
+  base: "/view/",
+  build: {
+    outDir: "../static",
+    emptyOutDir: true,
+    chunkSizeWarningLimit: 1000,
+    // three's licence comment does not survive the minifier; it ships as a file instead.
+    license: { fileName: "THIRD_PARTY_LICENSES.md" },
+  },
+  server: {
+    proxy: {
+      "/view/ws": { target: "ws://127.0.0.1:8000", ws: true },
+      "/view/image": "http://127.0.0.1:8000",
+      "/api": "http://127.0.0.1:8000",
+      "/scene": "http://127.0.0.1:8000",
+      "/stereo": "http://127.0.0.1:8000",
+    },
+  },
+});
