@@ -23,6 +23,8 @@ from gateway.treeviewer.fields import CommandError, show
 from gateway.treeviewer.geometry import Context, MeshLoader, parts_of
 from gateway.treeviewer.slices import pieces
 
+_UNREADABLE: Final = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
+"""What msgspec raises for text that it does not understand."""
 LEAST_SCANNED: Final = 4096
 """Bytes; shorter requests have no array worth taking out."""
 
@@ -106,7 +108,7 @@ class RequestReader:
     def _read_text(self, body: bytes, context: Context) -> Request:
         try:
             message = self._typed.decode(body)
-        except (msgspec.DecodeError, RecursionError):
+        except _UNREADABLE:
             return self._lenient(_any_json(self._untyped, body), context)
         if message.draw is not msgspec.UNSET or message.load is not msgspec.UNSET:
             return self._lenient(self._untyped.decode(body), context)
@@ -206,7 +208,7 @@ def _commands(name: str, value: Any, request: Request, first: int) -> Iterator[t
 def _any_json(decoder: msgspec.json.Decoder[Any], body: bytes) -> Any:
     try:
         return decoder.decode(body)
-    except (msgspec.DecodeError, RecursionError):
+    except _UNREADABLE:
         pass
     try:
         return json.loads(body.decode())

@@ -1,0 +1,143 @@
+"""Damaged requests: the viewer lives, says what is wrong, keeps its memory, and serves the good ones in between."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import random
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from gateway.scene.live import LiveTree
+from gateway.treeviewer.config import TreeViewerConfig
+from gateway.treeviewer.dispatch import Dispatcher
+from gateway.treeviewer.protocol import REQUEST, TreeViewerProtocol
+from tests.support.corpus import corpus_path
+from tests.treeviewer import recordings
+from tests.treeviewer.conversation import BOX, decoded, message
+from tests.treeviewer.transports import resident_bytes
+
+LARGEST = 32 * 1024
+"""Bytes of the messages that are damaged: big ones only take longer."""
+GROWTH = 96 * 1024 * 1024
+"""Bytes that the process may grow from the first fifth of the messages to the last: the tree is cleared all the time,
+what remains are caches and the allocator's leftovers."""
+TOKENS = (
+    *(b"NaN", b"-Infinity", b"1e999", b"-1", b"null", b"true", b'"', b"[", b"]", b"{", b"}", b",", b":", b"\\ud800"),
+    *(b"99999999999999999999", b"\xff", b"\x00", b"0.1", b"[[", b"]]", b'"path"', b'"type":"line"', b"[]", b"{}"),
+)
+
+
+def seeds() -> list[bytes]:
+    """Requests of real clients, or our own where there is no corpus."""
+    found = [
+        message(
+            {"setgeometry": [{"path": ["a", 1], "geometries": [BOX, {"type": "line", "points": [[0, 0, 0]] * 9}]}]}
+        ),
+        message({"settransform": [{"path": ["a"], "transform": {"translation": [1, 2, 3]}}], "delete": [{"path": []}]}),
+        message(
+            {
+                "setgeometry": [
+                    {
+                        "path": ["m"],
+                        "geometry": {"type": "mesh_data", "vertices": [[0, 0, 0]] * 300, "faces": [[0, 1, 2]] * 300},
+                    }
+                ]
+            }
+        ),
+    ]
+    if corpus_path() is not None:
+        for name in recordings.names():
+            sizes: dict[int, bytes] = {}
+            for event in recordings.events(recordings.folder() / f"{name}.log"):
+                if event.channel.startswith(REQUEST) and 48 < len(event.data) <= LARGEST:
+                    sizes.setdefault(len(event.data) // 16, event.data)
+            found += sizes.values()
+    return found
+
+
+class Mutator:
+    """Damages messages; the same seed gives the same damage."""
+
+    def __init__(self, seed: int) -> None:
+        self._random = random.Random(seed)
+        self._seeds = seeds()
+
+    def message(self) -> bytes:
+        r = self._random
+        data = bytearray(r.choice(self._seeds))
+        header = 48
+        for _ in range(r.randint(1, 4)):
+            low = header if r.random() < 0.9 and len(data) > header else 0
+            at = r.randrange(low, len(data) + 1)
+            match r.randrange(8):
+                case 0:
+                    data[at : at + 1] = bytes([r.randrange(256)])
+                case 1:
+                    data[at : at + 1] = bytes([data[at % len(data)] ^ (1 << r.randrange(8))] if data else b"x")
+                case 2:
+                    del data[at : at + r.randint(1, 30)]
+                case 3:
+                    data[at:at] = r.choice(TOKENS)
+                case 4:
+                    other = r.choice(self._seeds)
+                    begin = r.randrange(len(other))
+                    data[at : at + r.randint(0, 50)] = other[begin : begin + r.randint(1, 200)]
+                case 5:
+                    piece = data[at : at + r.randint(1, 60)]
+                    data[at:at] = piece * r.randint(1, 8)
+                case 6:
+                    data[at : at + r.randint(1, 8)] = r.choice(TOKENS)
+                case 7 if r.random() < 0.2:
+                    del data[at:]
+        if r.random() < 0.8 and len(data) > header:  # else the length is a lie, and nothing behind it is looked at
+            data[44:48] = (len(data) - header).to_bytes(4, "big")
+        return bytes(data)
+
+
+@pytest.mark.parametrize("count", [3000, pytest.param(100_000, marks=pytest.mark.slow)])
+async def test_mutated_messages_of_real_clients(count: int) -> None:
+    config = TreeViewerConfig(lcm_url="off", tcpq_port=None)
+    live = LiveTree()
+    sent: list[bytes] = []
+    with ThreadPoolExecutor(1) as executor:
+        dispatcher = Dispatcher(TreeViewerProtocol(live, config.limits), config, executor)
+
+        def good() -> None:
+            sent.clear()
+            request = {
+                "delete": [{"path": []}],
+                "setgeometry": [{"path": ["good"], "geometry": BOX}],
+                "settransform": [{"path": ["good"], "transform": {}}],
+            }
+            dispatcher.receive("t", f"{REQUEST}_<good>", message(request), lambda _, data: sent.append(data))
+            answer = decoded(sent[-1])
+            assert (answer["status"], answer["set_transforms"], answer["missing_paths"]) == (0, [["good"]], [])
+
+        mutator = Mutator(count)
+        statuses: dict[int, int] = {}
+
+        def heard(_: str, data: bytes) -> None:
+            status = decoded(data)["status"]
+            statuses[status] = statuses.get(status, 0) + 1
+
+        early = 0
+        for number in range(count):
+            if number % 200 == 0:
+                good()
+                await asyncio.sleep(0)
+            dispatcher.receive("t", f"{REQUEST}_<bad>", mutator.message(), heard)
+            if number == count // 5:
+                gc.collect()
+                early = resident_bytes()
+        good()
+        gc.collect()
+        grown = resident_bytes() - early
+        await dispatcher.close()
+    counters = dispatcher.counters
+    assert counters.internal_errors == 0
+    assert counters.undecodable + sum(statuses.values()) == count
+    assert set(statuses) >= {0, -3, -1, -2}
+    assert statuses[0] + statuses.get(1, 0) > count // 20, "damage that is too heavy tests nothing"
+    assert grown < GROWTH
