@@ -1,0 +1,72 @@
+"""The examples run as they stand, each against a gateway with the demo scene."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.support.gateway_process import gateway_process
+from tests.support.ports import free_ports
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+MAX_LINES = 80
+
+
+@pytest.fixture(scope="module")
+def gateway() -> Iterator[dict[str, str]]:
+    grpc_port, tcpq_port = free_ports(2)
+    flags = ("--demo", "--grpc-port", str(grpc_port), "--tcpq-port", str(tcpq_port), "--lcm-url", "memq://")
+    with gateway_process(*flags) as (_, url):
+        yield {"http": url, "grpc": f"127.0.0.1:{grpc_port}", "tcpq": f"tcpq://127.0.0.1:{tcpq_port}"}
+
+
+def run(name: str, *arguments: str | Path) -> str:
+    command = [sys.executable, str(EXAMPLES / name), *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_examples_are_short_and_all_here() -> None:
+    found = sorted(path.name for path in EXAMPLES.glob("*.py"))
+    assert found == ["publish_tree.py", "render_http.py", "stream_stereo.py"]
+    assert all(len((EXAMPLES / name).read_text().splitlines()) <= MAX_LINES for name in found)
+
+
+def test_render_http(gateway: dict[str, str], tmp_path: Path) -> None:
+    run("render_http.py", gateway["http"], tmp_path)
+    depth = cv2.imread(str(tmp_path / "depth.tiff"), cv2.IMREAD_UNCHANGED)
+    label = cv2.imread(str(tmp_path / "label.png"))
+    assert depth is not None
+    assert label is not None
+    assert depth[120, 160] == pytest.approx(3.0, abs=1e-6)
+    assert np.isinf(depth[0, 0])
+    assert (label[120, 160] == (0, 128, 255)).all()  # BGR of the material's colour
+    assert (label[0, 0] == 255).all()
+
+
+@pytest.mark.lcm
+def test_publish_tree(gateway: dict[str, str], tmp_path: Path) -> None:
+    pytest.importorskip("lcm", reason="LCM's library needs glib")
+    out = run("publish_tree.py", gateway["tcpq"], gateway["http"], tmp_path / "robot.png")
+    assert "'status': 0" in out
+    picture = cv2.imread(str(tmp_path / "robot.png"))
+    assert picture is not None
+    assert picture.shape == (480, 640, 3)
+    blue, green, red = (picture[..., i].astype(int) for i in range(3))
+    assert ((red > 150) & (green > 80) & (blue < 80)).sum() > 500, "the orange arm is not to be seen"
+
+
+def test_stream_stereo(gateway: dict[str, str], tmp_path: Path) -> None:
+    out = run("stream_stereo.py", gateway["grpc"], tmp_path / "points.npy")
+    assert "1280x960 left image" in out
+    points = np.load(tmp_path / "points.npy")
+    assert points.shape[1] == 3
+    assert len(points) > 10_000
+    assert np.isfinite(points).all()
