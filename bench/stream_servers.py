@@ -11,6 +11,7 @@ import os
 import resource
 import sys
 import time
+from array import array
 from pathlib import Path
 from typing import Any
 
@@ -169,7 +170,7 @@ async def main(kind: str, *arguments: str) -> None:
     tune()
     port, keep = await {"shared": shared, "proto": proto, "tcp": tcp, "live": live}[kind](*arguments)
     print(port, flush=True)
-    lateness: list[float] = []
+    lateness = array("f")
     # A line says that every client has its first set: what was before does not count.
     await asyncio.to_thread(sys.stdin.readline)
     begin, cpu = time.monotonic(), time.process_time()

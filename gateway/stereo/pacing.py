@@ -145,6 +145,8 @@ class Metronome:
             await self._take(settings, plain, depth, nanoseconds)
         elif fast:  # nothing is due: depth waits for its trigger
             await _wait(hub.changed, period)
+        elif self._clock.simulated:  # the camera's time goes on with every beat
+            self._stamp = self._clock.stamp(self._stamp, nanoseconds)
 
     def _due(self, settings: StreamSettings, period: int) -> bool:
         """Whether the frame that would be taken now is one with depth."""

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import io
 import random
+import shutil
+import subprocess
 import threading
+from pathlib import Path
 from typing import Any
 
 import grpc
@@ -15,7 +19,10 @@ from grpc_reflection.v1alpha.proto_reflection_descriptor_database import ProtoRe
 
 from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.clock import SimulatedClock
+from gateway.stereo.config import Tls
+from gateway.stereo.truth import find, show, truth_of
 from renderers.drawlist import DrawList, Image, ImageError, Instance, Material, Mesh, Texture
+from renderers.stereo.model import MODELS
 from tests.stereo.conftest import SMALL, Camera, Start, pixels
 from tests.stereo.scenes import table
 
@@ -287,3 +294,64 @@ async def test_scene_and_pose_are_read_for_every_frame(start: Start) -> None:
     seen = [bool(pixels(s.disparity.image).any()) for s in sets]
     assert True in seen
     assert False in seen
+
+
+async def test_tls_with_client_certificates(start: Start, tmp_path: Path) -> None:
+    openssl = shutil.which("openssl")
+    if openssl is None:
+        pytest.skip("openssl makes the certificates")
+
+    def make(name: str) -> tuple[Path, Path]:
+        key, certificate = tmp_path / f"{name}.key", tmp_path / f"{name}.pem"
+        command = [openssl, "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-keyout", str(key)]
+        command += ["-out", str(certificate), "-subj", f"/CN={name}", "-addext", "subjectAltName=IP:127.0.0.1"]
+        subprocess.run(command, check=True, capture_output=True)
+        return key, certificate
+
+    key, certificate = make("camera")
+    client_key, client_certificate = make("client")
+    camera = await start(tls=Tls(certificate, key, client_certificate))
+    target = f"127.0.0.1:{camera.service.port}"
+
+    async def first(credentials: grpc.ChannelCredentials) -> pb.ImageSet:
+        async with grpc.aio.secure_channel(target, credentials) as channel:
+            return await Camera(camera.service, channel, camera.task).stream(timeout=5, left_enabled=True).read()
+
+    trusted = grpc.ssl_channel_credentials(
+        certificate.read_bytes(), client_key.read_bytes(), client_certificate.read_bytes()
+    )
+    assert (await first(trusted)).HasField("left")
+    with pytest.raises(grpc.aio.AioRpcError):
+        await first(grpc.ssl_channel_credentials(certificate.read_bytes()))
+    with pytest.raises(grpc.aio.AioRpcError):
+        await camera.stream(timeout=2, left_enabled=True).read()
+
+
+async def test_a_certificate_that_cannot_be_read_is_one_sentence(start: Start, tmp_path: Path) -> None:
+    with pytest.raises(OSError, match=r"the stereo camera cannot read .*missing\.key: No such file"):
+        await start(tls=Tls(tmp_path / "x.pem", tmp_path / "missing.key"))
+
+
+@pytest.mark.parametrize(
+    ("quality", "request_depth", "period"),
+    [("High", False, 40), ("High", True, 1000 / 3), ("Low", True, 40), ("Medium", True, 1000 / 15)],
+)
+async def test_device_rates(start: Start, quality: str, request_depth: bool, period: float) -> None:
+    camera = await start(clock=SimulatedClock())
+    camera.service.parameters.set("rc_stereomatching", [("quality", quality)])
+    sets = await camera.take(7, left_enabled=True, disparity_enabled=request_depth)
+    stamps = [one.timestamp.sec * 10**9 + one.timestamp.nsec for one in sets]
+    assert np.diff(stamps).mean() / 1e6 == pytest.approx(period, abs=40 / 6)
+    assert set(np.diff(stamps) % 40_000_000) == {0}
+
+
+async def test_matched_depth_of_a_rendered_scene(start: Start) -> None:
+    camera = await start(depth_mode="matched", rate="max", model=MODELS["rc_visard 160-4"])
+    camera.service.parameters.set("rc_iocontrol", [("out1_mode", "ExposureAlternateActive")])
+    (one,) = await camera.take(disparity_enabled=True, disparity_error_enabled=True, confidence_enabled=True)
+    record = find(camera.service.history, show(one.timestamp.sec * 10**9 + one.timestamp.nsec))
+    truth = np.load(io.BytesIO(truth_of(camera.service.studio, record)))["disparity"]
+    d = pixels(one.disparity.image) / 16
+    both = (d > 0) & (truth > 0)
+    assert both.sum() / (truth > 0).sum() >= 0.95
+    assert (np.abs(d - truth)[both] > 1).mean() < 0.01
