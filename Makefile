@@ -34,6 +34,9 @@ check: $(VENV)/.installed-dev ## lint, format, types, import contracts, compose 
 	$(BIN)/lint-imports
 	$(BIN)/check-jsonschema --builtin-schema vendor.compose-spec docker-compose.yml
 
+bench: $(VENV)/.installed-dev ## measure against real peers (BENCH=stream: bench/stream.py)
+	$(if $(BENCH),$(BIN)/python -m bench.$(BENCH) $(ARGS),@ls bench/*.py | sed -n 's|bench/\([a-z]*\)\.py|make bench BENCH=\1|p')
+
 docs: $(VENV)/.installed-dev ## write docs/configuration.md from the settings
 	$(BIN)/python -m gateway.cli.reference docs/configuration.md
 
