@@ -171,10 +171,8 @@ class Metronome:
     async def _take(self, settings: StreamSettings, plain: set[Kind], depth: set[Kind], period: int) -> None:
         """Notes the scene as it is now and lets the sets be made."""
         stamp = self._clock.stamp(self._stamp, period)
-        try:
-            camera = await self._shot(stamp, settings.lines(depth=False))
-        except Busy:
-            self.counts.busy += 1
+        camera = await self._shot(stamp, settings.lines(depth=False), plain | depth)
+        if camera is None:
             return
         self._number += 1
         self._stamp = stamp
@@ -201,7 +199,9 @@ class Metronome:
         """Alternate exposure: the depth image follows after 40 ms, with Out1 high."""
         if self._studio.config.rate == "device":
             await asyncio.sleep(ALTERNATE_GAP / 1e9)
-        shot = await self._shot(camera.timestamp + ALTERNATE_GAP, settings.lines(depth=True))
+        shot = await self._shot(camera.timestamp + ALTERNATE_GAP, settings.lines(depth=True), kinds)
+        if shot is None:
+            return
         self._last_depth = self._frame(settings, camera, shot, kinds)
         await self._make(self._last_depth, kinds)
 
@@ -210,10 +210,19 @@ class Metronome:
         self.history.append(Record(self._number, settings, camera, depth))
         return frame
 
-    async def _shot(self, stamp: int, lines: int) -> Shot:
-        async with self._sampling:
-            scene, revision, pose = await self._workers.run(self._sample)
-        return Shot(stamp, scene, revision, pose, lines)
+    async def _shot(self, stamp: int, lines: int, kinds: set[Kind]) -> Shot | None:
+        """The scene and the pose as they are now; None when there is none, which the clients are told."""
+        try:
+            async with self._sampling:
+                scene, revision, pose = await self._workers.run(self._sample)
+        except Busy:
+            self.counts.busy += 1
+        except Exception as error:  # noqa: BLE001 - the camera outlives a scene that cannot be had
+            for kind in kinds:
+                self._fail(kind, "the scene could not be read", error)
+        else:
+            return Shot(stamp, scene, revision, pose, lines)
+        return None
 
     def _sample(self) -> tuple[DrawList, int, NDArray[np.float64]]:
         scene, revision = self._scene()
@@ -239,13 +248,17 @@ class Metronome:
         except Busy:
             self.counts.busy += 1
         except Exception as error:  # noqa: BLE001 - told to the clients, who would wait for ever otherwise
-            message = f"frame {frame.number} ({kind}) could not be made: {error}"
-            _log.warning(message, exc_info=not isinstance(error, ValueError))
-            self.counts.problem = message
-            self._hub.fail(kind, message)
+            self._fail(kind, f"frame {frame.number} ({kind}) could not be made", error)
         else:
             self.counts.problem = ""
             self._hub.publish(kind, frame.number, data)
+
+    def _fail(self, kind: Kind, what: str, error: Exception) -> None:
+        """Ends the streams of a kind with the reason; a defect of ours gets a traceback in the log."""
+        message = f"{what}: {error}"
+        _log.warning(message, exc_info=None if isinstance(error, (ValueError, OSError)) else error)
+        self.counts.problem = message
+        self._hub.fail(kind, message)
 
     def _serve_newcomers(self) -> None:
         """Who joins while others stream gets their last frame at once instead of waiting for the next."""

@@ -216,6 +216,24 @@ async def test_a_picture_that_cannot_be_made_ends_the_stream_with_the_reason(sta
     await camera.take(disparity_enabled=True)
 
 
+async def test_a_scene_that_cannot_be_read_does_not_end_the_camera(start: Start) -> None:
+    good = table()
+    broken = True
+
+    def scene() -> tuple[DrawList, int]:
+        if broken:
+            raise OSError("the file is gone")
+        return good, 1
+
+    camera = await start(scene=scene)
+    with pytest.raises(grpc.aio.AioRpcError, match="the scene could not be read: the file is gone"):
+        await camera.stream(left_enabled=True).read()
+    assert "the file is gone" in camera.service.status()["warning"]
+    broken = False
+    await camera.take(left_enabled=True)
+    assert "warning" not in camera.service.status()
+
+
 async def test_clients_coming_and_leaving_leave_nothing_behind(start: Start) -> None:
     camera = await start(rate="max")
     await camera.take(disparity_enabled=True)
