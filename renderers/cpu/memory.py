@@ -26,7 +26,8 @@ def address_of(array: NDArray[Any] | None, dtype: type[np.generic]) -> int:
         return 0
     if array.dtype != dtype or not array.flags.c_contiguous:
         raise TypeError(f"an array of {array.dtype}, {array.shape} must be C-contiguous {np.dtype(dtype)}")
-    return int(array.ctypes.data)
+    address: int = array.__array_interface__["data"][0]  # a third of the time of array.ctypes.data
+    return address
 
 
 def _pointer_to(element: Any) -> Any:

@@ -11,8 +11,8 @@ from numpy.typing import DTypeLike, NDArray
 
 POOL_BYTES = 256 << 20
 """Bytes of idle picture arrays that a renderer keeps: a stereo pair of 12 Mpx with all outputs."""
-SCRATCH_BYTES = 256 << 20
-"""Bytes of idle scratch that a renderer keeps: two frames of a million triangles."""
+SCRATCH_BYTES = 512 << 20
+"""Bytes of idle scratch that a renderer keeps: two to three frames of a million triangles, most of it never touched."""
 
 
 class ArrayPool:

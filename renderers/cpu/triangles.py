@@ -160,7 +160,7 @@ def triangles(job, lens, drawn, element, lanes, record, spans, count, micro, mic
     values = as_f32(columns)
     tiny = small & (width <= vec.i32(TINY)) & (height <= vec.i32(TINY))
     tiny = tiny & (left >= zero) & (right <= vec.i32(job[J_WIDTH])) & (top >= zero) & (bottom <= vec.i32(job[J_HEIGHT]))
-    if micros > CHUNK * (MICRO_PER_ELEMENT - 1) - vec.LANES * TINY * TINY:
+    if micros > CHUNK * MICRO_PER_ELEMENT - vec.LANES * TINY * TINY:
         tiny = tiny & (lane < zero)  # no room left
     if vec.bits(tiny) != 0:
         stride = job[J_STRIDE]
