@@ -16,7 +16,7 @@ UV := $(BIN)/uv
 install = { test -x $(UV) && $(UV) pip install --quiet --python $(BIN)/python $(1); } || $(PIP) install --quiet $(1)
 
 .DEFAULT_GOAL := help
-.PHONY: help run test check lock generate docs bench clean
+.PHONY: help run test check lock generate docs web bench clean
 
 help: ## this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' $(firstword $(MAKEFILE_LIST)) | expand -t 16
@@ -42,6 +42,9 @@ docs: $(VENV)/.installed-dev ## write docs/configuration.md from the settings
 
 generate: $(VENV)/.installed-dev ## write the protobuf classes from protos/
 	$(BIN)/python protos/generate.py
+
+web: ## build the page of the browser view (needs node 20)
+	cd gateway/viewer/web && npm ci --no-audit --no-fund && npm run check && npm run build
 
 # No index names get into the locks: --no-header, and no --emit-index-url.
 COMPILE := $(UV) pip compile pyproject.toml --quiet --universal --python-version 3.11 --generate-hashes --no-header

@@ -1,6 +1,6 @@
 // Opaque triangles are drawn by instancing: all draws that share mesh and material (colour apart) are one call.
 
-import { Box3, Color, DynamicDrawUsage, InstancedMesh, Matrix4, Object3D, type BufferGeometry, type Material } from "three";
+import { Color, DynamicDrawUsage, InstancedMesh, Matrix4, Object3D, type BufferGeometry, type Material } from "three";
 import type { TreeNode } from "./model";
 
 /** A place in a batch. */
@@ -18,8 +18,8 @@ export class Batch {
 
   constructor(
     private readonly scene: Object3D,
-    private readonly geometry: BufferGeometry,
-    private readonly material: Material,
+    readonly geometry: BufferGeometry,
+    readonly material: Material,
   ) {
     this.mesh = this.allocate(FIRST_CAPACITY);
   }
@@ -76,15 +76,6 @@ export class Batch {
   dispose(): void {
     this.scene.remove(this.mesh);
     this.mesh.dispose();
-  }
-
-  /** Adds the bounds of one slot in the world. */
-  expand(slot: Slot, box: Box3): void {
-    if (!this.geometry.boundingBox) this.geometry.computeBoundingBox();
-    const matrix = new Matrix4();
-    this.mesh.getMatrixAt(slot.index, matrix);
-    const bounds = this.geometry.boundingBox?.clone().applyMatrix4(matrix);
-    if (bounds) box.union(bounds);
   }
 
   private grow(): void {

@@ -22,6 +22,7 @@ export class Connection {
 
   /** Says that the last update was taken in. */
   ready(): void {
+    this.wait = FIRST_WAIT;
     if (this.socket?.readyState === WebSocket.OPEN) this.socket.send("k");
   }
 
@@ -29,11 +30,16 @@ export class Connection {
     const scheme = location.protocol === "https:" ? "wss:" : "ws:";
     const socket = new WebSocket(`${scheme}//${location.host}/view/ws`);
     socket.binaryType = "arraybuffer";
-    socket.onopen = () => {
-      this.wait = FIRST_WAIT;
-      this.onState("open");
+    socket.onopen = () => this.onState("open");
+    socket.onmessage = (event: MessageEvent<ArrayBuffer>) => {
+      try {
+        this.onMessage(parse(event.data));
+      } catch (error) {
+        // What cannot be taken in leaves the page behind the gateway: start over.
+        console.error("scenegate:", error);
+        socket.close();
+      }
     };
-    socket.onmessage = (event: MessageEvent<ArrayBuffer>) => this.onMessage(parse(event.data));
     socket.onclose = () => {
       this.onState("closed");
       setTimeout(() => this.open(), this.wait);

@@ -10,7 +10,9 @@ import {
   Mesh,
   Object3D,
   Points,
+  Vector3,
   type Intersection,
+  type Material as ThreeMaterial,
 } from "three";
 import { Batch, type Slot } from "./batches";
 import { paint } from "./clouds";
@@ -18,13 +20,15 @@ import { Materials } from "./materials";
 import type { Model, ModelChange, TreeNode } from "./model";
 import type { Draw, MeshPayload } from "./protocol";
 
+type Single = Mesh | LineSegments | Points;
 /** Something of a node that is drawn. */
-type Drawn = { local: Matrix4 | null } & ({ slot: Slot } | { object: Object3D });
+type Drawn = { local: Matrix4 | null } & ({ slot: Slot } | { object: Single });
 
 export class Drawing {
   readonly root = new Object3D();
   private readonly geometries = new Map<number, BufferGeometry>();
-  private readonly batches = new Map<string, Batch>();
+  /** By mesh, then by material. */
+  private readonly batches = new Map<number, Map<string, Batch>>();
   private readonly drawn = new Map<TreeNode, Drawn[]>();
 
   constructor(
@@ -56,34 +60,59 @@ export class Drawing {
     if (made.length) this.drawn.set(node, made);
   }
 
-  forget(meshes: number[]): void {
+  forget(meshes: Iterable<number>): void {
     for (const id of meshes) {
-      for (const [key, batch] of this.batches)
-        if (key.startsWith(`${id} `)) {
-          batch.dispose();
-          this.batches.delete(key);
-        }
+      for (const batch of this.batches.get(id)?.values() ?? []) {
+        batch.dispose();
+        this.materials.release(batch.material);
+      }
+      this.batches.delete(id);
       this.geometries.get(id)?.dispose();
       this.geometries.delete(id);
       this.model.meshes.delete(id);
     }
   }
 
+  /** Before another gateway's scene: its numbers mean other meshes. */
+  reset(): void {
+    for (const node of [...this.drawn.keys()]) this.erase(node);
+    this.forget([...this.model.meshes.keys()]);
+    this.materials.forgetTextures();
+  }
+
   /** Bounds in the world of a node and all below it; empty when nothing is drawn. */
   bounds(node: TreeNode): Box3 {
-    const box = new Box3();
-    for (const each of node.subtree())
-      for (const drawn of this.drawn.get(each) ?? []) {
-        if ("slot" in drawn) drawn.slot.batch.expand(drawn.slot, box);
-        else box.expandByObject(drawn.object);
-      }
-    return box;
+    return this.boxes(node).reduce((all, box) => all.union(box), new Box3());
+  }
+
+  /** The same without grounds and walls that are much larger than the rest: the rule of gateway/scene/bounds.py. */
+  focus(node: TreeNode): Box3 {
+    const size = (box: Box3) => box.getSize(new Vector3()).toArray();
+    const flat = (box: Box3) => Math.min(...size(box)) < 0.01 * Math.max(...size(box));
+    const boxes = this.boxes(node);
+    const solid = boxes.filter((box) => !flat(box)).reduce((all, box) => all.union(box), new Box3());
+    if (solid.isEmpty()) return this.bounds(node);
+    const reach = 1.5 * solid.getSize(new Vector3()).length();
+    return boxes.filter((box) => !flat(box) || Math.max(...size(box)) <= reach).reduce((all, box) => all.union(box), solid);
   }
 
   nodeAt(hit: Intersection): TreeNode | undefined {
     const batch = hit.object.userData.batch as Batch | undefined;
     if (batch && hit.instanceId !== undefined) return batch.slots[hit.instanceId]?.node;
     return hit.object.userData.node as TreeNode | undefined;
+  }
+
+  private boxes(node: TreeNode): Box3[] {
+    const boxes: Box3[] = [];
+    for (const each of node.subtree())
+      for (const drawn of this.drawn.get(each) ?? []) {
+        const geometry = "slot" in drawn ? drawn.slot.batch.geometry : drawn.object.geometry;
+        if (!geometry.boundingBox) geometry.computeBoundingBox();
+        const matrix = drawn.local ? new Matrix4().multiplyMatrices(each.world, drawn.local) : each.world;
+        const box = geometry.boundingBox?.clone().applyMatrix4(matrix);
+        if (box && !box.isEmpty() && Number.isFinite(box.min.lengthSq() + box.max.lengthSq())) boxes.push(box);
+      }
+    return boxes;
   }
 
   private draw(node: TreeNode, draw: Draw, opacity: number): Drawn | null {
@@ -94,16 +123,9 @@ export class Drawing {
     const world = local ? new Matrix4().multiplyMatrices(node.world, local) : node.world;
     const colors = payload.color !== undefined;
     const { material } = draw;
-    if (payload.topology === 3 && opacity === 1 && (material.alpha !== "blend" || material.color[3] >= 1)) {
-      const key = `${draw.mesh} ${this.materials.key(material, colors)}`;
-      let batch = this.batches.get(key);
-      if (!batch) {
-        batch = new Batch(this.root, geometry, this.materials.opaque(material, colors));
-        this.batches.set(key, batch);
-      }
-      return { local, slot: batch.add(node, world, new Color(...material.color.slice(0, 3))) };
-    }
-    let object: Object3D;
+    if (payload.topology === 3 && opacity === 1 && (material.alpha !== "blend" || material.color[3] >= 1))
+      return { local, slot: this.batch(draw, geometry, colors).add(node, world, new Color(...material.color.slice(0, 3))) };
+    let object: Single;
     if (payload.topology === 3) object = new Mesh(geometry, this.materials.translucent(material, colors, opacity));
     else if (payload.topology === 2) object = new LineSegments(geometry, this.materials.line(material, colors, opacity));
     else object = this.points(node, draw, geometry, colors, opacity);
@@ -115,16 +137,27 @@ export class Drawing {
     return { local, object };
   }
 
+  private batch(draw: Draw, geometry: BufferGeometry, colors: boolean): Batch {
+    let ofMesh = this.batches.get(draw.mesh);
+    if (!ofMesh) this.batches.set(draw.mesh, (ofMesh = new Map<string, Batch>()));
+    const key = this.materials.key(draw.material, colors);
+    let batch = ofMesh.get(key);
+    if (!batch) ofMesh.set(key, (batch = new Batch(this.root, geometry, this.materials.opaque(draw.material, colors))));
+    return batch;
+  }
+
   private points(node: TreeNode, draw: Draw, geometry: BufferGeometry, colors: boolean, opacity: number): Points {
     const look = node.cloud;
     const object = new Points(geometry, this.materials.points(draw.material, colors, opacity));
     if (!look) return object;
     const painted = geometry.clone();
+    object.userData.own = painted;
     void paint(painted, draw.mesh, look).then((range) => {
-      if (!range) return;
+      if (!range || !object.parent) return;
       node.cloudRange = range;
       object.geometry = painted;
       const white = { ...draw.material, color: [1, 1, 1, draw.material.color[3]] as [number, number, number, number] };
+      this.materials.release(object.material as ThreeMaterial);
       object.material = this.materials.points(white, true, opacity);
       this.redraw();
     });
@@ -146,8 +179,13 @@ export class Drawing {
 
   private erase(node: TreeNode): void {
     for (const drawn of this.drawn.get(node) ?? []) {
-      if ("slot" in drawn) drawn.slot.batch.remove(drawn.slot);
-      else this.root.remove(drawn.object);
+      if ("slot" in drawn) {
+        drawn.slot.batch.remove(drawn.slot);
+        continue;
+      }
+      this.root.remove(drawn.object);
+      this.materials.release(drawn.object.material as ThreeMaterial);
+      (drawn.object.userData.own as BufferGeometry | undefined)?.dispose();
     }
     this.drawn.delete(node);
   }

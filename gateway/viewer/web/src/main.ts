@@ -12,7 +12,7 @@ import { Model, type TreeNode } from "./model";
 import type { Message, SceneUpdate } from "./protocol";
 import { RendersPanel } from "./renderspanel";
 import { SensorsPanel } from "./sensorspanel";
-import { Stage } from "./stage";
+import { Stage, type Direction } from "./stage";
 import { StatusBar } from "./statusbar";
 import { Tabs } from "./tabs";
 import { startingTheme, type Theme } from "./theme";
@@ -48,7 +48,7 @@ const renders = new RendersPanel(lightbox);
 const tabs = new Tabs({ Selection: details.element, Stereo: sensors.element, Renders: renders.element }, inSight);
 const bar = toolbar({
   panel: (side) => layout.toggle(side),
-  look: (direction) => stage.look(direction, drawing.bounds(model.root)),
+  look,
   fit: () => fit(selected),
   orthographic: (on) => stage.setOrthographic(on),
   grid: (on) => stage.show(stage.grid, on),
@@ -86,7 +86,11 @@ function refreshBelow(node: TreeNode): void {
 }
 
 function fit(node: TreeNode | null): void {
-  stage.fit(drawing.bounds(node ?? model.root));
+  stage.fit(node ? drawing.bounds(node) : drawing.focus(model.root));
+}
+
+function look(direction: Direction): void {
+  stage.look(direction, drawing.focus(model.root));
 }
 
 function take(message: Message): void {
@@ -116,12 +120,12 @@ function update(message: SceneUpdate): void {
   drawing.apply(change);
   updates += 1;
   if (change.added.length || change.removed.length || change.changed.size) tree.update();
-  if (selected && model.nodes.get(selected.id) !== selected) select(model.nodes.get(selected.id) ?? null);
+  if (selected && model.nodes.get(selected.id) !== selected) select(model.find(selected.path));
   else if (selected) highlight();
   const empty = model.root.children.size === 0 && !model.root.parts;
   if (!fitted && !empty) {
     fitted = true;
-    stage.look("home", drawing.bounds(model.root));
+    look("home");
   }
   say(empty ? "The scene is empty. Publish something over LCM, or start the gateway with --demo." : "", "centre");
   redraw();
@@ -142,7 +146,10 @@ function say(text: string, where: "centre" | "foot"): void {
     }, 6000);
 }
 
-const connection = new Connection(take, (state) => status.connected(state));
+const connection = new Connection(take, (state) => {
+  status.connected(state);
+  if (state === "open") drawing.reset();
+});
 
 function setTheme(name: Theme): void {
   document.documentElement.dataset.theme = name;
@@ -185,10 +192,10 @@ stage.onTap((x, y) => {
 
 const KEYS: Record<string, () => void> = {
   f: () => fit(selected),
-  h: () => stage.look("home", drawing.bounds(model.root)),
-  1: () => stage.look("top", drawing.bounds(model.root)),
-  2: () => stage.look("front", drawing.bounds(model.root)),
-  3: () => stage.look("side", drawing.bounds(model.root)),
+  h: () => look("home"),
+  1: () => look("top"),
+  2: () => look("front"),
+  3: () => look("side"),
   t: () => layout.toggle("left"),
   s: () => layout.toggle("right"),
   Escape: () => (layout.closeDrawers() ? undefined : select(null)),

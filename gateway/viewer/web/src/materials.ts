@@ -1,4 +1,4 @@
-// Materials and textures, shared by what looks alike. Colours are shown as our rasterizer's "phong" look shows them:
+// Materials and textures, shared by what looks alike. Colours are shown as our rasterizer's "plain" look shows them:
 // no conversion between colour spaces, light from the camera.
 
 import {
@@ -25,14 +25,22 @@ const WRAP: Record<number, Wrapping> = {
   33071: ClampToEdgeWrapping,
   33648: MirroredRepeatWrapping,
 };
+/** Materials kept although nothing uses them: a publisher that sets geometry anew gets its shader back. */
+const KEPT = 64;
+
+interface Shared {
+  material: ThreeMaterial;
+  users: number;
+}
 
 export class Materials {
-  private readonly made = new Map<string, ThreeMaterial>();
+  private readonly made = new Map<string, Shared>();
+  private readonly keys = new WeakMap<ThreeMaterial, string>();
   private readonly textures = new Map<string, Texture>();
   private readonly loader = new TextureLoader();
-  wireframe = false;
+  private wireframe = false;
   /** Pixels; 0 takes what the scene says. */
-  pointSize = 0;
+  private pointSize = 0;
 
   constructor(private readonly redraw: () => void) {}
 
@@ -42,15 +50,14 @@ export class Materials {
     return JSON.stringify(rest) + (vertexColors ? "v" : "");
   }
 
-  /** For batches: white, coloured per instance. */
+  /** For batches: white, coloured per instance. Give it back with `release`, like all others. */
   opaque(material: Material, vertexColors: boolean): ThreeMaterial {
-    return this.get(`opaque ${this.key(material, vertexColors)}`, () => this.surface(material, vertexColors));
+    return this.take(`opaque ${this.key(material, vertexColors)}`, () => this.surface(material, vertexColors));
   }
 
   /** For single draws: with its own colour and opacity. */
   translucent(material: Material, vertexColors: boolean, opacity: number): ThreeMaterial {
-    const key = `translucent ${JSON.stringify(material)}${vertexColors} ${opacity}`;
-    return this.get(key, () => {
+    return this.take(`translucent ${JSON.stringify(material)}${vertexColors} ${opacity}`, () => {
       const made = this.surface(material, vertexColors);
       made.color.setRGB(material.color[0], material.color[1], material.color[2]);
       made.transparent = true;
@@ -61,7 +68,7 @@ export class Materials {
   }
 
   line(material: Material, vertexColors: boolean, opacity: number): ThreeMaterial {
-    return this.get(`line ${JSON.stringify(material)}${vertexColors} ${opacity}`, () => {
+    return this.take(`line ${JSON.stringify(material)}${vertexColors} ${opacity}`, () => {
       const made = new LineBasicMaterial({ vertexColors });
       made.color.setRGB(material.color[0], material.color[1], material.color[2]);
       this.fade(made, material.color[3] * opacity);
@@ -69,28 +76,49 @@ export class Materials {
     });
   }
 
-  points(material: Material, vertexColors: boolean, opacity: number): PointsMaterial {
-    return this.get(`points ${JSON.stringify(material)}${vertexColors} ${opacity}`, () => {
+  points(material: Material, vertexColors: boolean, opacity: number): ThreeMaterial {
+    return this.take(`points ${JSON.stringify(material)}${vertexColors} ${opacity}`, () => {
       const made = new PointsMaterial({ vertexColors, sizeAttenuation: false });
-      made.userData.size = material.pointSize ?? 1;
-      made.size = this.pointSize || made.userData.size;
+      made.userData.size = (material.pointSize ?? 1) * devicePixelRatio;
+      made.size = this.pointSize * devicePixelRatio || (made.userData.size as number);
       made.color.setRGB(material.color[0], material.color[1], material.color[2]);
       this.fade(made, material.color[3] * opacity);
       return made;
-    }) as PointsMaterial;
+    });
+  }
+
+  /** One user less. */
+  release(material: ThreeMaterial): void {
+    const shared = this.made.get(this.keys.get(material) ?? "");
+    if (shared) shared.users -= 1;
+    if (this.made.size <= KEPT) return;
+    for (const [key, { material: unused, users }] of this.made) {
+      if (users > 0) continue;
+      unused.dispose();
+      this.made.delete(key);
+      if (this.made.size <= KEPT) return;
+    }
+  }
+
+  /** Textures belong to numbers of one gateway; another one has others. */
+  forgetTextures(): void {
+    for (const texture of this.textures.values()) texture.dispose();
+    this.textures.clear();
+    for (const { material } of this.made.values()) material.dispose();
+    this.made.clear();
   }
 
   setWireframe(on: boolean): void {
     this.wireframe = on;
-    for (const made of this.made.values())
-      if (made instanceof MeshLambertMaterial || made instanceof MeshBasicMaterial) made.wireframe = on;
+    for (const { material } of this.made.values())
+      if (material instanceof MeshLambertMaterial || material instanceof MeshBasicMaterial) material.wireframe = on;
     this.redraw();
   }
 
   setPointSize(pixels: number): void {
     this.pointSize = pixels;
-    for (const made of this.made.values())
-      if (made instanceof PointsMaterial) made.size = pixels || (made.userData.size as number);
+    for (const { material } of this.made.values())
+      if (material instanceof PointsMaterial) material.size = pixels * devicePixelRatio || (material.userData.size as number);
     this.redraw();
   }
 
@@ -123,15 +151,21 @@ export class Materials {
       made.flipY = false; // glTF: (0, 0) is the top-left corner
       made.wrapS = WRAP[texture.wrap[0]] ?? RepeatWrapping;
       made.wrapT = WRAP[texture.wrap[1]] ?? RepeatWrapping;
+      made.anisotropy = 4;
       if (!texture.linear) made.magFilter = NearestFilter;
       this.textures.set(key, made);
     }
     return made;
   }
 
-  private get<T extends ThreeMaterial>(key: string, make: () => T): T {
-    let made = this.made.get(key);
-    if (!made) this.made.set(key, (made = make()));
-    return made as T;
+  private take(key: string, make: () => ThreeMaterial): ThreeMaterial {
+    let shared = this.made.get(key);
+    if (!shared) {
+      shared = { material: make(), users: 0 };
+      this.made.set(key, shared);
+      this.keys.set(shared.material, key);
+    }
+    shared.users += 1;
+    return shared.material;
   }
 }

@@ -5,6 +5,8 @@ import type { CloudLook } from "./clouds";
 import type { Range } from "./colormaps";
 import type { MeshPayload, NodeUpdate, Part, SceneUpdate } from "./protocol";
 
+const MOST_REMEMBERED = 10_000;
+
 export class TreeNode {
   readonly children = new Set<TreeNode>();
   parts: Part[] | null = null;
@@ -24,6 +26,11 @@ export class TreeNode {
     readonly name: string | number,
     readonly parent: TreeNode | null,
   ) {}
+
+  /** Whether this page shows it as it was published. */
+  get plain(): boolean {
+    return this.shown && this.opacity === 1 && this.cloud === null;
+  }
 
   get path(): (string | number)[] {
     return this.parent ? [...this.parent.path, this.name] : [];
@@ -52,6 +59,8 @@ export class Model {
   readonly nodes = new Map<number, TreeNode>([[0, this.root]]);
   readonly meshes = new Map<number, MeshPayload>();
   revision = 0;
+  /** What this page changed of nodes that are gone, by path: they may come back. */
+  private readonly remembered = new Map<string, Pick<TreeNode, "shown" | "opacity" | "cloud">>();
 
   /** Takes an update in; one that starts from nothing replaces everything. */
   apply(update: SceneUpdate): ModelChange {
@@ -81,6 +90,8 @@ export class Model {
     node.parent.children.delete(node);
     for (const gone of node.subtree()) {
       this.nodes.delete(gone.id);
+      if (!gone.plain && this.remembered.size < MOST_REMEMBERED)
+        this.remembered.set(JSON.stringify(gone.path), { shown: gone.shown, opacity: gone.opacity, cloud: gone.cloud });
       change.removed.push(gone);
     }
   }
@@ -94,6 +105,7 @@ export class Model {
       parent.children.add(node);
       this.nodes.set(entry.id, node);
       change.added.push(node);
+      this.recall(node);
     }
     if (entry.visible !== undefined) {
       node.visible = entry.visible;
@@ -103,6 +115,22 @@ export class Model {
       node.parts = entry.parts;
       change.changed.add(node);
     }
+  }
+
+  private recall(node: TreeNode): void {
+    if (!this.remembered.size) return;
+    const path = JSON.stringify(node.path);
+    const known = this.remembered.get(path);
+    if (!known) return;
+    Object.assign(node, known);
+    this.remembered.delete(path);
+  }
+
+  /** The node at a path, if there is one. */
+  find(path: (string | number)[]): TreeNode | null {
+    let at: TreeNode | undefined = this.root;
+    for (const name of path) at = [...(at?.children ?? [])].find((child) => child.name === name);
+    return at ?? null;
   }
 
   private pose(update: SceneUpdate): Set<TreeNode> {

@@ -23,6 +23,7 @@ export class SensorsPanel {
   private number = 0;
   private full: Name | null = null;
   private active = false;
+  private looking = false;
   private timer = 0;
 
   constructor(private readonly lightbox: Lightbox) {
@@ -53,16 +54,18 @@ export class SensorsPanel {
 
   private open(name: Name): void {
     this.full = name;
+    this.poll();
     const source = () => `/view/sensor/${name}.jpg?frame=${this.number}`;
     this.lightbox.open(`${PICTURES[name]}, stereo camera`, source, `${name}.jpg`);
   }
 
   private poll(): void {
     clearTimeout(this.timer);
-    if ((this.active || this.full) && document.visibilityState === "visible") void this.look();
+    if (!this.looking && (this.active || this.full) && document.visibilityState === "visible") void this.look();
   }
 
   private async look(): Promise<void> {
+    this.looking = true;
     try {
       const answer = await fetch("/view/sensor");
       if (answer.ok) await this.take((await answer.json()) as SensorState);
@@ -73,6 +76,7 @@ export class SensorsPanel {
     } catch {
       // The gateway is away; the connection says so, and the next look will tell.
     }
+    this.looking = false;
     this.timer = setTimeout(() => this.poll(), PERIOD);
   }
 

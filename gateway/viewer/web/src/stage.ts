@@ -13,7 +13,6 @@ import {
   PerspectiveCamera,
   Raycaster,
   Scene,
-  Sphere,
   Vector2,
   Vector3,
   WebGLRenderer,
@@ -26,6 +25,8 @@ import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 ColorManagement.enabled = false;
 
 const FOV = 45;
+/** The picture's half height over that of the framed box. */
+const MARGIN = 1.12;
 export type Direction = "home" | "top" | "front" | "side";
 const DIRECTIONS: Record<Direction, [number, number, number]> = {
   home: [1, -1.2, 0.8],
@@ -37,7 +38,7 @@ const DIRECTIONS: Record<Direction, [number, number, number]> = {
 export class Stage {
   readonly scene = new Scene();
   readonly renderer: WebGLRenderer;
-  readonly grid = new GridHelper(20, 20);
+  readonly grid = new GridHelper(20, 20, 0xffffff, 0xffffff);
   readonly axes = new AxesHelper(0.5);
   readonly perspective = new PerspectiveCamera(FOV, 1, 0.01, 1000);
   readonly orthographic = new OrthographicCamera(-1, 1, 1, -1, -1000, 1000);
@@ -46,6 +47,8 @@ export class Stage {
   private readonly light = new DirectionalLight(0xffffff, Math.PI);
   private readonly highlight = new Box3Helper(new Box3(), new Color(0xff9500));
   private dirty = true;
+  /** Of the orthographic view, metres. */
+  private halfHeight = 1;
   /** Frames drawn so far. */
   frames = 0;
 
@@ -99,41 +102,57 @@ export class Stage {
   /** Frames a box from the present direction. */
   fit(box: Box3): void {
     if (box.isEmpty()) return;
-    const sphere = box.getBoundingSphere(new Sphere());
-    const away = this.camera.position.clone().sub(this.controls.target).normalize();
-    this.stand(sphere, away);
+    this.stand(box, this.camera.position.clone().sub(this.controls.target).normalize());
   }
 
   /** Frames a box from a named direction. */
   look(direction: Direction, box: Box3): void {
-    const sphere = box.isEmpty() ? new Sphere(new Vector3(), 1) : box.getBoundingSphere(new Sphere());
-    this.stand(sphere, new Vector3(...DIRECTIONS[direction]).normalize());
+    const framed = box.isEmpty() ? new Box3(new Vector3(-1, -1, -1), new Vector3(1, 1, 1)) : box;
+    this.stand(framed, new Vector3(...DIRECTIONS[direction]).normalize());
   }
 
-  private stand(sphere: Sphere, away: Vector3): void {
-    const radius = Math.max(sphere.radius, 1e-3);
-    const aspect = this.perspective.aspect;
-    const half = Math.min(FOV / 2, (Math.atan(Math.tan((FOV * Math.PI) / 360) * aspect) * 180) / Math.PI);
-    const distance = (1.05 * radius) / Math.sin((half * Math.PI) / 180);
-    for (const camera of [this.perspective, this.orthographic])
-      camera.position.copy(sphere.center).addScaledVector(away, distance);
-    this.perspective.near = Math.max(distance / 1000, 1e-4);
-    this.perspective.far = distance * 1000;
-    this.orthographic.near = -100 * radius;
-    this.orthographic.far = 100 * radius + distance;
+  /** Puts the camera where all corners of the box are just in view. */
+  private stand(box: Box3, away: Vector3): void {
+    const centre = box.getCenter(new Vector3());
+    const right = new Vector3(0, 0, 1).cross(away).normalize();
+    const up = away.clone().cross(right);
+    const tanY = Math.tan((FOV * Math.PI) / 360) / MARGIN;
+    const { aspect } = this.perspective;
+    let distance = 1e-3;
+    let half = 1e-3;
+    for (const x of [box.min.x, box.max.x])
+      for (const y of [box.min.y, box.max.y])
+        for (const z of [box.min.z, box.max.z]) {
+          const corner = new Vector3(x, y, z).sub(centre);
+          const reach = Math.max(Math.abs(corner.dot(right)) / aspect, Math.abs(corner.dot(up)));
+          distance = Math.max(distance, reach / tanY + corner.dot(away));
+          half = Math.max(half, reach * MARGIN);
+        }
+    for (const camera of [this.perspective, this.orthographic]) camera.position.copy(centre).addScaledVector(away, distance);
     this.orthographic.zoom = 1;
-    this.orthographic.userData.halfHeight = radius * 1.05 * Math.max(1, 1 / aspect);
-    this.controls.target.copy(sphere.center);
+    this.halfHeight = half;
+    this.controls.target.copy(centre);
     this.resize();
     this.controls.update();
+    this.rule(half);
     this.redraw();
+  }
+
+  /** A grid whose cells suit what is framed: a power of ten in metres. */
+  private rule(half: number): void {
+    const cell = 10 ** Math.floor(Math.log10(half));
+    this.grid.scale.setScalar(cell);
+    this.axes.scale.setScalar(cell);
+    // A floor at the same height hides the grid, and not the axes, instead of fighting with them.
+    this.grid.position.z = -1e-3 * cell;
+    this.axes.position.z = 2e-3 * cell;
   }
 
   setOrthographic(on: boolean): void {
     const next = on ? this.orthographic : this.perspective;
     if (next === this.camera) return;
     const distance = this.camera.position.distanceTo(this.controls.target);
-    if (on) this.orthographic.userData.halfHeight = distance * Math.tan((FOV * Math.PI) / 360);
+    if (on) this.halfHeight = distance * Math.tan((FOV * Math.PI) / 360);
     next.position.copy(this.camera.position);
     this.camera = next;
     this.controls.object = next;
@@ -166,7 +185,7 @@ export class Stage {
     this.renderer.setSize(width, height);
     this.perspective.aspect = width / height;
     this.perspective.updateProjectionMatrix();
-    const half = (this.orthographic.userData.halfHeight as number | undefined) ?? 1;
+    const half = this.halfHeight;
     this.orthographic.left = (-half * width) / height;
     this.orthographic.right = (half * width) / height;
     this.orthographic.top = half;
@@ -175,10 +194,21 @@ export class Stage {
     this.redraw();
   }
 
+  /** Clipping planes that follow the distance, so that neither close-ups nor wide views are cut. */
+  private keepInDepth(): void {
+    const distance = Math.max(this.camera.position.distanceTo(this.controls.target), 1e-4);
+    this.perspective.near = distance / 500;
+    this.perspective.far = distance * 2000;
+    this.orthographic.near = -1000 * distance;
+    this.orthographic.far = 1000 * distance;
+    this.camera.updateProjectionMatrix();
+  }
+
   private draw(): void {
     this.controls.update();
     if (!this.dirty) return;
     this.dirty = false;
+    this.keepInDepth();
     this.light.position.copy(this.camera.position);
     this.light.target.position.copy(this.controls.target);
     this.renderer.render(this.scene, this.camera);

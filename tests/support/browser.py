@@ -1,0 +1,60 @@
+"""Debian's chromium, driven by Playwright; nothing is downloaded."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+
+ARGUMENTS = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)
+
+
+@contextmanager
+def chromium() -> Iterator[Any]:
+    """A running browser; skips when there is none."""
+    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    path = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if path is None:
+        pytest.skip("no chromium on this machine (on Debian: apt install chromium)")
+    with api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, args=list(ARGUMENTS))
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+class Watched:
+    """A page, with everything that it should not have done."""
+
+    def __init__(self, browser: Any, url: str, *, width: int = 1280, height: int = 800) -> None:
+        self.page = browser.new_page(viewport={"width": width, "height": height})
+        self.faults: list[str] = []
+        self.page.on("pageerror", lambda error: self.faults.append(f"exception: {error}"))
+        self.page.on("console", self._console)
+        self.page.on("request", self._request)
+        self._host = url.split("/")[2]
+        self.expect_outage = False
+        """While the gateway is meant to be away, failed connections are no fault."""
+        self.page.goto(f"{url}/view?theme=light")
+        self.page.wait_for_function("window.scenegate !== undefined")
+
+    def _console(self, message: Any) -> None:
+        if message.type == "error" and not (self.expect_outage and "ERR_CONNECTION" in message.text):
+            self.faults.append(f"console: {message.text}")
+
+    def _request(self, request: Any) -> None:
+        if not request.url.startswith(("data:", "blob:")) and request.url.split("/")[2] != self._host:
+            self.faults.append(f"request to {request.url}")

@@ -1,0 +1,263 @@
+"""The page in a real browser, against a real gateway, fed by real LCM."""
+
+from __future__ import annotations
+
+import io
+import json
+import struct
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from typing import Any
+
+import httpx2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+
+from tests.support.browser import Watched, chromium
+from tests.support.forms import CONTENT_TYPE, body, drake_fields, gltf
+from tests.support.gateway_process import GatewayProcess, gateway_process
+
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
+
+FINGERPRINT = 0xD368E03F33C568BE
+"""robotlocomotion.viewer2_comms_t, as lcm-gen computes it."""
+FLAGS = ("--lcm-url", "off", "--grpc-port", "0")
+RED, GREEN = [1, 0, 0, 1], [0, 1, 0, 1]
+
+
+class Publisher:
+    """Speaks the tree viewer's protocol by LCM's own library."""
+
+    def __init__(self, url: str) -> None:
+        lcm = pytest.importorskip("lcm", reason="the system's libglib is missing", exc_type=ImportError)
+        with httpx2.Client(base_url=url) as http:
+            interfaces = http.get("/healthz").json()["interfaces"]
+        self.bus = lcm.LCM(interfaces["treeviewer"]["tcpq"]["url"])
+        self.sent = 0
+
+    def send(self, **request: Any) -> None:
+        self.sent += 1
+        full = {
+            "utime": self.sent,
+            "timestamp": self.sent,
+            "setgeometry": [],
+            "settransform": [],
+            "delete": [],
+            **request,
+        }
+        data = json.dumps(full).encode()
+        name = b"treeviewer_json\0"
+        head = struct.pack(">QqI", FINGERPRINT, full["utime"], len(name))
+        self.bus.publish(
+            "DIRECTOR_TREE_VIEWER_REQUEST_<test>", head + name + struct.pack(">iii", 1, 0, len(data)) + data
+        )
+
+    def box(self, path: list[str], color: list[float], x: float = 0.0, size: float = 1.0) -> None:
+        self.send(
+            setgeometry=[{"path": path, "geometry": {"type": "box", "lengths": [size] * 3, "color": color}}],
+            settransform=[self.at(path, x)],
+        )
+
+    def at(self, path: list[str], x: float) -> dict[str, Any]:
+        return {"path": path, "transform": {"translation": [x, 0.0, 0.0], "quaternion": [1.0, 0.0, 0.0, 0.0]}}
+
+
+class View(Watched):
+    """The page, looked at from the side: the world's x to the right."""
+
+    def look_at(self, *path: str) -> None:
+        """Waits for a node (the page frames the first that it sees), then looks at it with ``look``."""
+        self.until(lambda: self.page.evaluate("path => scenegate.model.find(path)?.parts != null", path), str(path))
+        self.look()
+
+    def look(self) -> None:
+        """The camera on the −Y side, two metres of x on either side of the middle; then nothing moves it."""
+        self.page.evaluate(
+            """() => {
+              const { stage, frustum, Box3 } = scenegate;
+              const box = new Box3();
+              box.min.set(-2, -0.5, -0.5);
+              box.max.set(2, 0.5, 0.5);
+              stage.look("side", box);
+              for (const object of [stage.grid, stage.axes, frustum.object]) stage.show(object, false);
+            }"""
+        )
+
+    def colors(self) -> NDArray[np.uint8]:
+        """(H, W, 3): the picture of the scene."""
+        png = self.page.locator(".stage canvas").screenshot()
+        return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
+
+    def share(self, color: str, side: str = "both") -> float:
+        """Which part of the picture, or of its left or right half, has the colour."""
+        pixels = self.colors().astype(int)
+        half = pixels.shape[1] // 2
+        pixels = {"both": pixels, "left": pixels[:, :half], "right": pixels[:, half:]}[side]
+        channel = {"red": 0, "green": 1, "blue": 2}[color]
+        others = np.delete(pixels, channel, axis=2).max(axis=2)
+        return float((pixels[:, :, channel] > others + 90).mean())
+
+    def until(self, condition: Any, what: str) -> None:
+        """Waits for pixels; SwiftShader draws a few frames a second."""
+        limit = time.monotonic() + 60.0
+        while not condition():
+            assert time.monotonic() < limit, f"{what}: still not so after a minute; faults: {self.faults}"
+            self.page.wait_for_timeout(100)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def gateway(browser: Any) -> Iterator[tuple[GatewayProcess, str]]:
+    with gateway_process(*FLAGS, "--tcpq-port", "0") as running:
+        yield running
+
+
+@pytest.fixture
+def view(browser: Any, gateway: tuple[GatewayProcess, str]) -> Iterator[tuple[View, Publisher]]:
+    _, url = gateway
+    publisher = Publisher(url)
+    publisher.send(delete=[{"path": []}])
+    shown = View(browser, url)
+    yield shown, publisher
+    shown.page.close()
+    assert shown.faults == []
+
+
+def row(view: View, path: list[str]) -> Any:
+    return view.page.locator(f".row[data-path='{json.dumps(path, separators=(',', ':'))}']")
+
+
+def test_what_is_published_is_seen_moves_and_goes(view: tuple[View, Publisher]) -> None:
+    shown, publisher = view
+    shown.look()
+    shown.until(lambda: shown.share("red") == 0.0, "an empty scene")
+    publisher.box(["a", "box"], RED, x=-1.0)
+    shown.look_at("a", "box")
+    shown.until(lambda: shown.share("red", "left") > 0.02, "a red box on the left")
+    assert shown.share("red", "right") == 0.0
+    publisher.send(settransform=[publisher.at(["a", "box"], 1.0)])
+    shown.until(lambda: shown.share("red", "right") > 0.02, "the box on the right")
+    assert shown.share("red", "left") == 0.0
+    publisher.send(delete=[{"path": ["a"]}])
+    shown.until(lambda: shown.share("red") == 0.0, "the box is gone")
+
+
+def test_hide_and_opacity(view: tuple[View, Publisher]) -> None:
+    shown, publisher = view
+    publisher.box(["hide", "one"], RED, x=-1.0)
+    publisher.box(["hide", "two"], GREEN, x=1.0)
+    shown.look_at("hide", "two")
+    shown.until(lambda: min(shown.share("red"), shown.share("green")) > 0.02, "two boxes")
+    row(shown, ["hide", "one"]).locator(".eye").click()
+    shown.until(lambda: shown.share("red") == 0.0, "one is hidden")
+    assert shown.share("green") > 0.02
+    publisher.send(settransform=[publisher.at(["hide", "one"], -0.9)])
+    row(shown, ["hide", "one"]).locator(".eye").click()
+    shown.until(lambda: shown.share("red") > 0.02, "one is back")
+    row(shown, ["hide", "two"]).click()
+    shown.page.get_by_label("Opacity").fill("0.1")
+    shown.until(lambda: shown.share("green") < 0.01, "two is nearly transparent")
+    assert shown.share("red") > 0.02
+
+
+def test_a_click_selects_what_is_under_it(view: tuple[View, Publisher]) -> None:
+    shown, publisher = view
+    publisher.box(["pick", "left"], RED, x=-1.0)
+    publisher.box(["pick", "right"], GREEN, x=1.0)
+    shown.look_at("pick", "right")
+    shown.until(lambda: min(shown.share("red"), shown.share("green")) > 0.02, "two boxes")
+    box = shown.page.locator(".stage canvas").bounding_box()
+    pixels = shown.colors().astype(int)
+    rows, columns = np.nonzero(pixels[:, :, 1] > pixels[:, :, 0] + 90)
+    shown.page.mouse.click(box["x"] + float(columns.mean()), box["y"] + float(rows.mean()))
+    heading = shown.page.locator(".details h2")
+    shown.until(lambda: heading.inner_text() == "pick / right", "the green box is selected")
+    assert row(shown, ["pick", "right"]).get_attribute("aria-selected") == "true"
+
+
+def test_disparity_thumbnail_changes(view: tuple[View, Publisher]) -> None:
+    shown, publisher = view
+    thumb = shown.page.locator("[data-picture=disparity] img")
+    reading = "image => image.complete && image.naturalWidth > 0 ? image.src : ''"
+    shown.until(lambda: thumb.evaluate(reading) != "", "a thumbnail")
+
+    def picture() -> bytes:
+        with httpx2.Client() as http:
+            answer = http.get(thumb.evaluate("image => image.src"))
+        assert answer.status_code == 200
+        return answer.content
+
+    before = np.asarray(Image.open(io.BytesIO(picture())))
+    assert before.max() < 24, "nothing is there yet to be measured"
+    publisher.box(["seen"], RED, size=1.2)
+    shown.until(lambda: np.asarray(Image.open(io.BytesIO(picture()))).max() > 150, "colours where the box is")
+    thumb.click()
+    assert shown.page.locator("dialog img").is_visible()
+    shown.page.keyboard.press("Escape")
+
+
+def test_parameters_are_the_devices(view: tuple[View, Publisher], gateway: tuple[GatewayProcess, str]) -> None:
+    shown, _ = view
+    shown.page.get_by_text("Stereo matching", exact=True).click()
+    shown.page.get_by_label("quality", exact=True).select_option("Low")
+    with httpx2.Client(base_url=gateway[1]) as http:
+        path = "/api/v2/pipelines/0/nodes/rc_stereomatching/parameters/quality"
+        shown.until(lambda: http.get(path).json()["value"] == "Low", "the parameter is set")
+        assert http.put(path, json={"value": "High"}).status_code == 200
+
+
+def test_render_requests_are_listed(view: tuple[View, Publisher], gateway: tuple[GatewayProcess, str]) -> None:
+    shown, _ = view
+    shown.page.get_by_role("tab", name="Renders").click()
+    assert shown.page.locator(".renders li").count() == 0
+    with httpx2.Client(base_url=gateway[1], timeout=60.0, headers={"content-type": CONTENT_TYPE}) as http:
+        assert http.post("/render", content=body(gltf())).status_code == 200
+        assert http.post("/render", content=body(gltf(), drake_fields("depth"))).status_code == 200
+        assert http.post("/render", content=body(gltf(), drake_fields(width="none"))).status_code == 400
+    items = shown.page.locator(".renders li")
+    shown.until(lambda: items.count() == 3, "three requests")
+    assert items.nth(0).locator(".none").inner_text() == "400"
+    assert "width" in items.nth(0).locator(".problem").inner_text()
+    assert "depth, 64 × 48" in items.nth(1).inner_text()
+    pictures = shown.page.locator(".renders img")
+    loaded = "images => images.length == 2 && images.every(image => image.complete && image.naturalWidth > 0)"
+    shown.until(lambda: pictures.evaluate_all(loaded), "the pictures")
+
+
+def test_the_scene_comes_back_after_a_restart(browser: Any) -> None:
+    with ExitStack() as stack:
+        process, url = stack.enter_context(gateway_process(*FLAGS, "--tcpq-port", "0"))
+        port = url.rsplit(":", 1)[1]
+        Publisher(url).box(["again"], RED)
+        shown = View(browser, url)
+        shown.look_at("again")
+        shown.until(lambda: shown.share("red") > 0.02, "a red box")
+        shown.expect_outage = True
+        assert process.stop() == 0
+        shown.until(lambda: "reconnecting" in shown.page.locator(".status").inner_text(), "the page notices")
+        second = stack.enter_context(_on_port(port))
+        publisher = Publisher(url)
+        publisher.box(["other"], GREEN, x=0.5)
+        shown.until(lambda: shown.share("green") > 0.02 and shown.share("red") == 0.0, "the new gateway's scene")
+        assert second.stop() == 0
+        shown.page.close()
+        assert shown.faults == []
+
+
+@contextmanager
+def _on_port(port: str) -> Iterator[GatewayProcess]:
+    """Another gateway where one was before."""
+    gateway = GatewayProcess("--http-port", port, *FLAGS, "--tcpq-port", "0")
+    try:
+        gateway.wait_for("Scenegate has started")
+        yield gateway
+    finally:
+        gateway.kill()
