@@ -4,7 +4,8 @@
 
 For each payload and number of clients: sets per second over all clients, MB/s, the server's CPU seconds per second and
 its CPU ms per set (of one client), the clients' CPU, the event loop's stall at a 1 ms ticker (p99, max, ms), and the
-ratio of our MB/s to the others'. Clients are Python processes that take the bytes and do not parse them.
+ratio of our MB/s to the others'. Clients are Python processes (with ``--native PROGRAM``
+of bench/stream_client.cc, C++ ones) that take the bytes and do not parse them.
 
 ``--live`` renders: left, right, disparity, error and confidence of a scene with noise; the age is from timestamp to
 client. ``--slow`` adds a client that reads twice a second. ``--minutes N`` runs the live camera so long and prints its
@@ -23,6 +24,8 @@ import sys
 import time
 from typing import Any
 
+from gateway.ops.process import tune
+
 ROW = "{:<30}{:>8}{:>9}{:>8}{:>9}{:>9}{:>9}{:>11}{:>11}{:>8}{:>8}"
 HEAD = ROW.format(
     "", "clients", "sets/s", "MB/s", "CPU srv", "ms/set", "CPU cli", "stall p99", "stall max", "age ms", "RSS MB"
@@ -32,6 +35,7 @@ LIVE = {"left_enabled", "right_enabled", "disparity_enabled", "disparity_error_e
 
 def client(kind: str, port: int, seconds: float, pause: float) -> None:
     """One client: prints its figures."""
+    tune()  # the same malloc for both sides
     ages: list[float] = []
     count = size = 0
     begin = cpu = 0.0
@@ -107,7 +111,14 @@ def _stamp(data: Any) -> float:
 
 
 def run(
-    label: str, kind: str, arguments: list[str], clients: int, seconds: float, slow: int = 0, steps: bool = False
+    label: str,
+    kind: str,
+    arguments: list[str],
+    clients: int,
+    seconds: float,
+    slow: int = 0,
+    steps: bool = False,
+    native: str = "",
 ) -> dict[str, float]:
     """One cell of the table."""
     command = [sys.executable, "-m", "bench.stream_servers", *(["--steps"] if steps else []), kind, *arguments]
@@ -121,6 +132,8 @@ def run(
             line = server.stdout.readline()
         port = line.strip()
         base = [sys.executable, "-m", "bench.stream", "--client", kind, port, str(seconds)]
+        if native and kind != "tcp":
+            base = [native, f"127.0.0.1:{port}", str(seconds)]
         children = [
             subprocess.Popen([*base, "0.5" if i < slow else "0"], stdout=subprocess.PIPE, text=True)
             for i in range(clients + slow)
@@ -168,6 +181,7 @@ def main() -> None:
     parser.add_argument("--quality", default="High")
     parser.add_argument("--slow", type=int, default=0)
     parser.add_argument("--steps", action="store_true")
+    parser.add_argument("--native", default="", help="the program made of bench/stream_client.cc")
     parser.add_argument("--minutes", type=float, default=0.0)
     parser.add_argument("--client", nargs=4, help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -192,7 +206,8 @@ def main() -> None:
     for name in options.payloads:
         for n in options.clients:
             cells = {
-                kind: run(f"{name} {kind}", kind, [name], n, options.seconds) for kind in ("tcp", "proto", "shared")
+                kind: run(f"{name} {kind}", kind, [name], n, options.seconds, native=options.native)
+                for kind in ("tcp", "proto", "shared")
             }
             ours = cells["shared"]["mb"]
             print(f"   shared bytes / raw TCP {ours / cells['tcp']['mb']:.2f}, "
