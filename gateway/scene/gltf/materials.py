@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from typing import Final
 
 import msgspec
@@ -19,6 +20,8 @@ from renderers.images import image_from_bytes, image_header
 DEFAULT_MATERIAL: Final = Material(metallic=0.0)
 """Of primitives without one: white and, as RenderEngineVtk shows it, no metal. Compare by ``is``."""
 
+_NOT_FROM_VTK: Final = frozenset({"NORMAL", "COLOR_0"})
+"""Attributes that VTK's exporter leaves out of what Drake sends: only POSITION and TEXCOORD_0 were ever seen."""
 _NEAREST: Final = 9728
 _MIN_NEAREST: Final = frozenset({9728, 9984, 9986})
 _MIN_MIPMAPS: Final = frozenset({9984, 9985, 9986, 9987})
@@ -50,31 +53,36 @@ class Materials:
         self._with_textures = textures
         generator = document.asset.generator if document.asset is not None else None
         self._from_drake = generator in DRAKE_GENERATORS
-        self._materials: dict[int, Material] = {}
+        self._materials: dict[tuple[int, bool], Material] = {}
         self._textures: dict[int, tuple[Image, Sampler] | None] = {}
         self._images: dict[int, Image] = {}
         self._counted: set[bytes] = set()
         self._pixels = 0
 
-    def material(self, index: int | None, where: str) -> Material:
+    def material(self, index: int | None, where: str, attributes: Collection[str] = ()) -> Material:
         """``materials[index]``, or ``DEFAULT_MATERIAL`` for None.
+
+        Args:
+            attributes: names of the primitive's attributes: other exporters' materials may look like VTK's, but VTK's
+                never writes normals or vertex colours.
 
         Raises:
             GltfError: out of range, a factor that is no vector, or images beyond the limits.
         """
         if index is None:
             return DEFAULT_MATERIAL
-        known = self._materials.get(index)
+        vtk = self._from_drake and _NOT_FROM_VTK.isdisjoint(attributes)
+        known = self._materials.get((index, vtk))
         if known is None:
             source = element(self._document.materials, index, "materials", where)
-            known = self._materials[index] = self._make(source, f"materials[{index}]")
+            known = self._materials[index, vtk] = self._make(source, f"materials[{index}]", vtk)
         return known
 
-    def _make(self, source: gltf.Material, name: str) -> Material:
+    def _make(self, source: gltf.Material, name: str, vtk: bool) -> Material:
         pbr = source.pbr_metallic_roughness or gltf.MetallicRoughness()
         base_color = vector(pbr.base_color_factor, (1.0, 1.0, 1.0, 1.0), f"{name}.pbrMetallicRoughness.baseColorFactor")
         normal, occlusion = source.normal_texture, source.occlusion_texture
-        vtk = self._from_drake and _is_vtk(source)
+        vtk = vtk and _is_vtk(source)
         alpha_mode = _alpha_mode(source.alpha_mode, name)
         if vtk and base_color[3] < 1.0:
             alpha_mode = AlphaMode.BLEND

@@ -167,7 +167,7 @@ class _Maker:
             name = f"meshes[{index}].primitives[{number}]"
             mesh = self._meshes.mesh(primitive, name)
             if mesh is not None:
-                material = self._materials.material(primitive.material, f"{name}.material")
+                material = self._materials.material(primitive.material, f"{name}.material", primitive.attributes or ())
                 parts.append(Part(Surface(mesh), material))
         return tuple(parts)
 

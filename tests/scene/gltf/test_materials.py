@@ -149,6 +149,19 @@ def test_other_shapes_are_not_vtks(change: dict[str, Any]) -> None:
     assert material.alpha_mode is AlphaMode.OPAQUE
 
 
+@pytest.mark.parametrize("attribute", ["NORMAL", "COLOR_0"])
+def test_primitives_with_normals_or_colors_are_not_vtks_though_their_material_looks_so(attribute: str) -> None:
+    b = Builder("Drake glTF merger")
+    material, accessor = b.add("materials", VTK), b.accessor(np.ones((3, 3), np.float32))
+    theirs = {
+        "POSITION": b.accessor(np.eye(3, dtype=np.float32)),
+        "TEXCOORD_0": b.accessor(np.zeros((3, 2), np.float32)),
+    }
+    b.node(mesh=b.mesh({"attributes": {**theirs, attribute: accessor}, "material": material}))
+    b.node(mesh=b.mesh({"attributes": theirs, "material": material}))
+    assert [part.material.vtk_export for _, part in parts(b.read())] == [False, True]
+
+
 def test_other_generators_write_no_vtk_materials() -> None:
     assert not read_material(VTK, Builder("Blender"))[0].vtk_export
 
