@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from renderers.cpu.jit import kernel
+from renderers.jit import kernel
 
 _HARD_CONTRAST: Final = np.float32(255.0 / 16.0)
 """Luma range (of 255) of a pixel and its four neighbours below which nothing is done ..."""

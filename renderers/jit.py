@@ -1,8 +1,9 @@
 """How kernels are compiled: one specialisation each, cached on disk, the GIL released.
 
 Numba's cache notices a change of the file that holds an entry point, but not of the functions and intrinsics that it
-calls from other files. Entry points made by ``kernel`` are stamped with the contents of every source file of their
-package instead, so that a cache from another version of this package is never used.
+calls from other files. Entry points made by ``kernel`` are stamped with the contents of every source file of their own
+folder and of this package instead, so that a cache from another version is never used. Division is IEEE's: a posted
+scene may hold any numbers, and none may raise.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ def kernel(signature: str) -> Callable[[Callable[..., Any]], Any]:
     """
 
     def decorate(function: Callable[..., Any]) -> Any:
-        dispatcher: Any = njit(nogil=True, cache=True, fastmath=False)(function)
+        dispatcher: Any = njit(nogil=True, cache=True, fastmath=False, error_model="numpy")(function)
         implementation = dispatcher._cache._impl
         file: Any = caching.IndexDataCacheFile
         dispatcher._cache._cache_file = file(
@@ -46,9 +47,9 @@ def kernel(signature: str) -> Callable[[Callable[..., Any]], Any]:
 
 @cache
 def _stamp(folder: Path) -> str:
-    """Digest of the sources of a package and of this folder, whose functions its kernels may call."""
+    """Digest of the sources of a folder and of this package, whose functions its kernels may call."""
     digest = hashlib.sha256()
-    for path in sorted({*folder.glob("*.py"), *Path(__file__).parent.glob("*.py")}):
+    for path in sorted({*folder.glob("*.py"), *Path(__file__).parent.rglob("*.py")}):
         digest.update(path.name.encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()
 

@@ -6,7 +6,6 @@ import numpy as np
 from numba import njit
 
 from renderers.cpu import simd as vec
-from renderers.cpu.jit import kernel
 from renderers.cpu.layout import (
     A_COLUMNS,
     A_ELEMENTS,
@@ -40,6 +39,7 @@ from renderers.cpu.memory import f32_at, f64_at, i32_at, i64_at, u32_at
 from renderers.cpu.raster import raster_band
 from renderers.cpu.visibility import BAND_ROWS
 from renderers.drawlist import LABEL_NONE
+from renderers.jit import kernel
 
 
 @njit(nogil=True, error_model="numpy")

@@ -7,7 +7,6 @@ from numba import njit
 
 from renderers.cpu import simd as vec
 from renderers.cpu.elements import line, point
-from renderers.cpu.jit import kernel
 from renderers.cpu.layout import (
     CHUNK,
     J_BANDS,
@@ -31,6 +30,7 @@ from renderers.cpu.layout import (
 from renderers.cpu.memory import f64_at, i32_at, i64_at, u16_at
 from renderers.cpu.transform import drawn_at
 from renderers.cpu.triangles import triangles
+from renderers.jit import kernel
 
 
 @njit(nogil=True, error_model="numpy")

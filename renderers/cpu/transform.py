@@ -8,7 +8,6 @@ import numpy as np
 from numba import njit
 
 from renderers.cpu import simd as vec
-from renderers.cpu.jit import kernel
 from renderers.cpu.layout import (
     GUARD,
     J_INSTANCES,
@@ -26,6 +25,7 @@ from renderers.cpu.layout import (
     T_VERTEX,
 )
 from renderers.cpu.memory import f32_at, f64_at, i64_at
+from renderers.jit import kernel
 
 BEHIND: Final = -2.0
 """In place of 1/z: the vertex is nearer than the near plane (or not a number)."""

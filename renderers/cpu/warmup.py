@@ -6,9 +6,9 @@ import numpy as np
 
 import renderers.fxaa  # noqa: F401 - its kernel is one of all
 from renderers.camera import Camera
-from renderers.cpu.jit import compile_all
 from renderers.cpu.renderer import CpuRenderer
 from renderers.drawlist import DrawList, Instance, Material, Mesh
+from renderers.jit import compile_all
 from renderers.port import Look, Output
 from renderers.shading import warmup as warm_shading
 

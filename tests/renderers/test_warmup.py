@@ -38,7 +38,7 @@ with install_recorder("numba:compile") as recorder:
         renderer.close()
 print(len(recorder.buffer), "compilations")
 
-from renderers.cpu.jit import KERNELS
+from renderers.jit import KERNELS
 assert KERNELS
 for kernel in KERNELS:
     assert len(kernel.signatures) == 1, (kernel, kernel.signatures)
