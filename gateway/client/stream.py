@@ -1,13 +1,13 @@
 """A client of the stereo camera's image stream: of ours and of a real rc_visard alike.
 
-``stream`` receives sets and keeps them as files; ``receive`` is the bare loop, for programs.
+``receive_all`` receives sets and keeps them as files; ``receive`` is the bare loop, for programs.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import grpc
@@ -90,13 +90,17 @@ class Progress:
     """Seconds until the first set came."""
     stamp: str = ""
     """Of the newest set."""
-    stamps: list[int] = field(default_factory=list)
-    """Nanoseconds, of the newest sets."""
+    _told: int = -1
 
     @property
     def rate(self) -> float:
         """Sets per second."""
         return (self.sets - 1) / self.seconds if self.seconds > 0 else 0.0
+
+    def second_passed(self) -> bool:
+        """Whether a second began since this was asked for the last time."""
+        before, self._told = self._told, int(self.seconds)
+        return self._told > before
 
     def line(self) -> str:
         """For people."""
@@ -139,7 +143,7 @@ def receive(options: StreamOptions) -> Iterator[tuple[pb.ImageSet, int]]:
             call.cancel()
 
 
-def stream(options: StreamOptions, report: Callable[[Progress], None] = lambda _: None) -> Progress:
+def receive_all(options: StreamOptions, report: Callable[[Progress], None] = lambda _: None) -> Progress:
     """Receives sets, keeps what was asked for, and calls ``report`` after each.
 
     Returns:

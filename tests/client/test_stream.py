@@ -8,8 +8,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import typer
+from typer.testing import CliRunner
 
-from gateway.client.stream import Progress, StreamFailure, StreamOptions, stream
+from gateway.client.command import stream
+from gateway.client.stream import Progress, StreamFailure, StreamOptions, receive_all
 from gateway.client.stream_files import BadImageError, depth, pixels, preview
 from gateway.generated import image_interface_pb2 as pb
 from tests.stereo.conftest import Start, renderer, start
@@ -25,7 +28,7 @@ async def test_sets_become_files(start: Start, tmp_path: Path) -> None:
         left=True, right=True, disparity=True, error=True, confidence=True, mesh=True,
         count=2, output=tmp_path / "sets", preview=tmp_path / "preview.png",
     )  # fmt: skip
-    progress = await asyncio.to_thread(stream, options, lambda p: seen.append(p.line()))
+    progress = await asyncio.to_thread(receive_all, options, lambda p: seen.append(p.line()))
     assert progress.sets == len(seen) == 2
     assert "2 sets" in seen[-1]
     files = sorted(p.name for p in (tmp_path / "sets").iterdir())
@@ -47,7 +50,18 @@ async def test_a_refusal_is_one_sentence(start: Start) -> None:
     camera = await start()
     options = StreamOptions(f"127.0.0.1:{camera.service.port}", mesh=True, max_points=10)
     with pytest.raises(StreamFailure, match=r"INVALID_ARGUMENT: mesh_options\.max_points is 10"):
-        await asyncio.to_thread(stream, options)
+        await asyncio.to_thread(receive_all, options)
+
+
+async def test_the_command(start: Start, tmp_path: Path) -> None:
+    camera = await start(rate="max")
+    app = typer.Typer()
+    app.command()(stream)
+    arguments = [f"127.0.0.1:{camera.service.port}", "--mesh", "--count", "1", "-o", str(tmp_path)]
+    result = await asyncio.to_thread(CliRunner().invoke, app, arguments)
+    assert result.exit_code == 0, result.output
+    assert "1 sets" in result.output
+    assert [p.suffix for p in tmp_path.iterdir()] == [".ply"]  # noqa: ASYNC240 - nothing else runs
 
 
 def test_left_and_disparity_when_nothing_is_chosen() -> None:
