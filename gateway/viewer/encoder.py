@@ -7,8 +7,10 @@ share the bytes; one that skipped revisions gets a frame of its own that leads i
 
 from __future__ import annotations
 
+from array import array
 from collections import OrderedDict
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any, Final
 
 import numpy as np
@@ -18,6 +20,7 @@ from gateway.scene.live import Snapshot
 from gateway.scene.meshing import MeshPart, meshes_of
 from gateway.scene.tree import Change, Node, Path, changes
 from gateway.viewer.frames import FrameBuilder
+from gateway.viewer.mirror import Mirror, Step
 from gateway.viewer.payloads import Payloads
 from gateway.viewer.ports import Rig
 from renderers.color import srgb_from_linear
@@ -42,43 +45,33 @@ class Update:
 class Encoder:
     """Not thread-safe: lives on the event loop. ``advance`` to a snapshot, then ask for updates to it.
 
-    A path keeps its number after its node is gone: a browser that skipped revisions may still have it. When clients
-    have used ``max_paths`` different ones, all numbers are given anew and browsers start over (``epoch``).
+    When clients have used ``max_paths`` different paths, all numbers are given anew and browsers start over
+    (``epoch``).
     """
 
     def __init__(self, payloads: Payloads, max_paths: int = 1_000_000) -> None:
         self._payloads = payloads
         self._max_paths = max_paths
-        self._ids: dict[Path, int] = {(): 0}
+        self._mirror = Mirror(EMPTY.root)
         self.current = EMPTY
         self.epoch = 0
         """A browser whose updates are of another epoch has to start from EMPTY."""
         self._updates: OrderedDict[tuple[int, int], Update] = OrderedDict()
-        self._step: tuple[int, list[Change]] = (0, [])
-        """The revision before the current one, and what changed since."""
 
     def advance(self, snapshot: Snapshot) -> None:
         """Makes ``snapshot`` the one that updates lead to."""
         if snapshot.revision == self.current.revision:
             return
-        step = list(changes(self.current.root, snapshot.root))
-        self._step = (self.current.revision, step)
-        self._number(step)
-        if len(self._ids) > self._max_paths:
+        self._mirror.follow(self.current.revision, snapshot)
+        if len(self._mirror) > self._max_paths:
             self.epoch += 1
-            self._ids = {(): 0}
+            self._mirror = Mirror(snapshot.root)
             self._updates.clear()
-            self._number(list(changes(EMPTY.root, snapshot.root)))
         self.current = snapshot
-
-    def _number(self, step: list[Change]) -> None:
-        for change in step:
-            if change.kind == "added":
-                self._ids.setdefault(change.path, len(self._ids))
 
     def id_of(self, path: Path) -> int | None:
         """The number of a path, or None when no node was ever there."""
-        return self._ids.get(path)
+        return self._mirror.id_of(path)
 
     def update(self, have: Snapshot) -> Update:
         """What leads a browser from ``have`` to the current snapshot. ``have`` is EMPTY for a new browser."""
@@ -93,14 +86,17 @@ class Encoder:
     def _encode(self, have: Snapshot) -> Update:
         builder = FrameBuilder()
         header: dict[str, Any] = {"kind": "update", "from": have.revision, "revision": self.current.revision}
+        meshes: set[int] = set()
+        step = self._mirror.since(have.revision) if have is not EMPTY else None
+        if step is not None:
+            self._encode_step(step, builder, header, meshes)
+            return Update(builder.finish(header), frozenset(meshes))
         nodes: dict[int, dict[str, Any]] = {}
         removed: list[int] = []
         posed: list[tuple[int, Node]] = []
-        meshes: set[int] = set()
-        revision, step = self._step
-        for change in step if have.revision == revision else changes(have.root, self.current.root):
+        for change in changes(have.root, self.current.root):
             if change.node is None:
-                removed.append(self._ids[change.path])
+                removed.append(self._id(change.path))
                 continue
             self._encode_change(change, change.node, nodes, posed, meshes)
         if removed:
@@ -110,6 +106,25 @@ class Encoder:
         _encode_poses(builder, header, posed)
         return Update(builder.finish(header), frozenset(meshes))
 
+    def _encode_step(self, step: Step, builder: FrameBuilder, header: dict[str, Any], meshes: set[int]) -> None:
+        known = self._mirror.nodes
+        entries: dict[int, dict[str, Any]] = {}
+        for number in step.reshaped:
+            entries[number] = {"id": number, "parts": self._parts(known[number], meshes)}
+        for number in step.shown:
+            entries.setdefault(number, {"id": number})["visible"] = known[number].visible
+        if entries:
+            header["nodes"] = list(entries.values())
+        _encode_poses(builder, header, [(number, known[number]) for number in step.posed])
+
+    def _parts(self, node: Node, meshes: set[int]) -> list[dict[str, Any]] | None:
+        return None if node.parts is None else [self._part(part, meshes) for part in node.parts]
+
+    def _id(self, path: Path) -> int:
+        number = self._mirror.id_of(path)
+        assert number is not None, "every path of a snapshot that was advanced to has a number"
+        return number
+
     def _encode_change(
         self,
         change: Change,
@@ -118,19 +133,19 @@ class Encoder:
         posed: list[tuple[int, Node]],
         meshes: set[int],
     ) -> None:
-        number = self._ids[change.path]
+        number = self._id(change.path)
         if change.kind == "transform":
             posed.append((number, node))
             return
         entry = nodes.setdefault(number, {"id": number})
         if change.kind == "added":
             posed.append((number, node))
-            entry["parent"] = self._ids[change.path[:-1]]
+            entry["parent"] = self._id(change.path[:-1])
             entry["name"] = change.path[-1]
         if change.kind == "visible" or (change.kind == "added" and not node.visible):
             entry["visible"] = node.visible
         if change.kind == "geometry" or (change.kind == "added" and node.parts is not None):
-            entry["parts"] = None if node.parts is None else [self._part(part, meshes) for part in node.parts]
+            entry["parts"] = self._parts(node, meshes)
 
     def _part(self, part: Part, meshes: set[int]) -> dict[str, Any]:
         draws: list[dict[str, Any]] = []
@@ -193,16 +208,19 @@ class Encoder:
 def _encode_poses(builder: FrameBuilder, header: dict[str, Any], posed: list[tuple[int, Node]]) -> None:
     """Rigid poses as 7 floats, other transforms as matrices; ids as u32 before them."""
     rigid = [(number, node.pose) for number, node in posed if node.pose is not None]
-    affine = [(number, node.matrix) for number, node in posed if node.pose is None]
+    affine = posed if not rigid else [(number, node) for number, node in posed if node.pose is None]
     if rigid:
+        # array() is several times faster than numpy with tuples, and takes what is beyond float32 as infinite.
         header["poses"] = {
-            "ids": builder.array(np.array([number for number, _ in rigid], dtype=np.uint32)),
-            "values": builder.array(np.array([pose for _, pose in rigid], dtype=np.float32)),
+            "ids": builder.numbers(array("I", [number for number, _ in rigid])),
+            "values": builder.numbers(array("f", chain.from_iterable([pose for _, pose in rigid]))),
         }
     if affine:
+        with np.errstate(over="ignore"):
+            values = np.array([node.matrix.T for _, node in affine], dtype=np.float64).astype(np.float32)
         header["matrices"] = {
-            "ids": builder.array(np.array([number for number, _ in affine], dtype=np.uint32)),
-            "values": builder.array(np.array([matrix.T for _, matrix in affine], dtype=np.float32)),
+            "ids": builder.numbers(array("I", [number for number, _ in affine])),
+            "values": builder.array(values),
         }
 
 

@@ -8,6 +8,7 @@ so that the page can lay typed arrays over the message without copying.
 from __future__ import annotations
 
 import struct
+from array import array as packed_array
 from typing import Any, Final
 
 import msgspec
@@ -33,6 +34,10 @@ class FrameBuilder:
     def array(self, values: NDArray[Any]) -> list[int]:
         """Adds an array; returns ``[offset, count of numbers]`` for the header."""
         return [self._add(np.ascontiguousarray(values).tobytes()), int(values.size)]
+
+    def numbers(self, values: packed_array[Any]) -> list[int]:
+        """The same for an array of the standard library."""
+        return [self._add(values.tobytes()), len(values)]
 
     def blob(self, data: bytes) -> list[int]:
         """Adds bytes; returns ``[offset, length]``."""
