@@ -11,10 +11,12 @@ wait for the ready message, which our hub gives to every new subscriber and ``--
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -51,8 +53,9 @@ class Outcome:
         return self.output.split().count("ok")
 
 
-def run(checkout: Path, script: Path, url: str, *, announce: bool, seconds: float = 60.0) -> Outcome:
-    """Runs one script of the checkout."""
+@contextlib.contextmanager
+def prepared(checkout: Path, script: Path, url: str, *, announce: bool) -> Iterator[tuple[list[str], dict[str, str]]]:
+    """The command and the environment that run one script with Director's packages, our type and the shims."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         generator = Path(sys.executable).with_name("lcm-gen")
@@ -64,8 +67,14 @@ def run(checkout: Path, script: Path, url: str, *, announce: bool, seconds: floa
         shim = _SHIM.format(executable=str(folder / "python"), test=str(script))
         path = os.pathsep.join(map(str, (folder, checkout / "src" / "python", REPOSITORY)))
         environment = {**os.environ, "PYTHONPATH": path, "LCM_DEFAULT_URL": url, "PYTHONUNBUFFERED": "1"}
+        yield [sys.executable, "-c", shim], environment
+
+
+def run(checkout: Path, script: Path, url: str, *, announce: bool, seconds: float = 60.0) -> Outcome:
+    """Runs one script."""
+    with prepared(checkout, script, url, announce=announce) as (command, environment):
         done = subprocess.run(
-            [sys.executable, "-c", shim],
+            command,
             env=environment,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
