@@ -48,16 +48,24 @@ class Application:
 
     def _set_geometry(self, edit: TreeEdit, most: int) -> int:
         begin = self._at[1]
-        commands = self._request.geometries[begin : begin + most]
+        geometries = self._request.geometries
+        commands = geometries if begin == 0 and most >= len(geometries) else geometries[begin : begin + most]
+        census, added, set_parts = self._census, self._added, edit.set_parts
+        nodes = max((len(path) for path, _ in commands), default=0) * len(commands)
+        full = not census.surely_room(nodes, sum(len(parts) for _, parts in commands))
         for index, (path, parts) in enumerate(commands, begin):
-            refused = self._census.room(edit.root, _new_nodes(edit, path), len(parts)) or self._census.admit(parts)
+            refused = ""
+            if full:
+                self._book(edit)
+                refused = census.room(edit.root, _new_nodes(edit, path), len(parts))
+            refused = refused or census.admit(parts)
             if refused:
                 self._failures.append(Failure("setgeometry", index, path, refused))
                 continue
-            edit.set_parts(path, parts)
-            self._book(edit)
-            self._census.parts += len(parts)
-            self._added[path] = None
+            set_parts(path, parts)
+            census.parts += len(parts)
+            added[path] = None
+        self._book(edit)
         self._at[1] += len(commands)
         return len(commands)
 
@@ -66,8 +74,8 @@ class Application:
         transforms = self._request.transforms
         commands = transforms if begin == 0 and most >= len(transforms) else transforms[begin : begin + most]
         census, missing, set_pose = self._census, self._missing, edit.set_pose
-        longest = max((len(path) for path, _ in commands), default=0)
-        full = census.nodes + longest * len(commands) > self._limits.nodes
+        nodes = max((len(path) for path, _ in commands), default=0) * len(commands)
+        full = not census.surely_room(nodes, 0)
         for index, (path, pose) in enumerate(commands, begin):
             if full:
                 self._book(edit)

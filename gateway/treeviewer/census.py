@@ -38,6 +38,10 @@ class Census:
         self.array_bytes = 0
         """Of big arrays made by this interface and still in use by anyone."""
 
+    def surely_room(self, nodes: int, parts: int) -> bool:
+        """Whether so many more fit, without a closer look."""
+        return self.nodes + nodes <= self._limits.nodes and self.parts + parts <= self._limits.parts
+
     def room(self, root: Node, nodes: int, parts: int) -> str:
         """Whether ``nodes`` and ``parts`` more fit: empty, or the reason why not."""
         if self.nodes + nodes > self._limits.nodes or self.parts + parts > self._limits.parts:
@@ -63,9 +67,10 @@ class Census:
 
     def admit(self, parts: Iterable[Part]) -> str:
         """Takes the big arrays of ``parts`` into account until they are freed: empty, or why they do not fit."""
-        arrays = [array for part in parts for array in _arrays(part) if array.nbytes > SMALL_ARRAY]
-        if not arrays:
+        big = [part for part in parts if type(part.shape) in _WITH_ARRAYS]
+        if not big:
             return ""
+        arrays = [array for part in big for array in _arrays(part) if array.nbytes > SMALL_ARRAY]
         with self._lock:
             fresh = {id(array): array for array in arrays if id(array) not in self._arrays}
             size = sum(array.nbytes for array in fresh.values())
@@ -86,6 +91,9 @@ class Census:
                 self.array_bytes -= size
 
         return freed
+
+
+_WITH_ARRAYS: Final = frozenset((Surface, PointCloud, Line))
 
 
 def _arrays(part: Part) -> Iterable[NDArray[np.generic]]:
