@@ -11,8 +11,8 @@ from renderers.port import LookName
 class ViewerConfig:
     """What is fixed from start to end."""
 
-    rate: float = 60.0
-    """Updates per second at most; screens show no more."""
+    rate: float = 90.0
+    """Updates per second at most. More than screens show, so that no step of a publisher at 60 Hz falls between two."""
     max_browsers: int = 64
     """Connections at a time; each costs a socket buffer and up to one update of memory."""
     max_paths: int = 1_000_000

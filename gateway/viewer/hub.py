@@ -59,12 +59,13 @@ class ViewHub:
         try:
             while True:
                 await self._changed.wait()
+                begin = loop.time()
                 self._changed.clear()
                 if self._browsers:
                     self._advance()
                     for browser in tuple(self._browsers):
                         browser.wake.set()
-                await asyncio.sleep(1.0 / self.config.rate)
+                await asyncio.sleep(max(0.0, begin + 1.0 / self.config.rate - loop.time()))
         finally:
             self._ready = False
             status.cancel()

@@ -1,0 +1,147 @@
+"""The browser view against viser and meshcat-python: 1000 nodes that all move 60 times a second, 100 000 points.
+
+    python -m venv .venv-viewers && .venv-viewers/bin/pip install viser meshcat
+    python -m bench.viewer --peers .venv-viewers/bin/python
+
+Every program is a process of its own, the publisher inside it, as its users have it; the clients are one further
+process, which takes everything in and draws nothing. Measured over the same seconds: how often the scene was moved, how
+many updates the slowest client got, and the CPU time of the server with all its children. The peers' clients cannot
+fall behind as ours can (they have no credit), so their servers also pay for what a browser could not draw.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+HERE = Path(__file__).parent
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """One program at one number of clients."""
+
+    program: str
+    clients: int
+    moved: float
+    """Ticks per second of the publisher."""
+    slowest: float
+    """Updates per second that the slowest client got."""
+    cores: float
+    """CPU seconds per second of the server."""
+
+    def line(self) -> str:
+        return (
+            f"{self.program:8} {self.clients:3} clients: moved {self.moved:5.1f} Hz, "
+            f"slowest client {self.slowest:5.1f} Hz, {100 * self.cores:5.1f} % of a core"
+        )
+
+
+class Helper:
+    """A process that answers each line with a line."""
+
+    def __init__(self, *command: str) -> None:
+        environment = {**os.environ, "PYTHONPATH": str(HERE.parent)}
+        self.process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
+        )
+
+    def read(self) -> Any:
+        """The next line of JSON; other lines are what libraries print."""
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            try:
+                return json.loads(line)
+            except ValueError:
+                continue
+        raise SystemExit(f"{self.process.args} ended with {self.process.wait()}")
+
+    def ask(self) -> Any:
+        assert self.process.stdin is not None
+        self.process.stdin.write("\n")
+        self.process.stdin.flush()
+        return self.read()
+
+    def close(self) -> None:
+        for pid in reversed(tree_of(self.process.pid)):
+            try:
+                os.kill(pid, 15)
+            except ProcessLookupError:
+                pass
+        self.process.wait()
+
+
+def tree_of(pid: int) -> list[int]:
+    """A process and all below it."""
+    found = [pid]
+    for parent in found:
+        for task in Path(f"/proc/{parent}/task").glob("*/children"):
+            found += [int(child) for child in task.read_text().split()]
+    return found
+
+
+def cpu_of(pid: int) -> float:
+    """CPU seconds of a process and all below it."""
+    ticks = 0
+    for each in tree_of(pid):
+        fields = Path(f"/proc/{each}/stat").read_text().rsplit(")", 1)[1].split()
+        ticks += int(fields[11]) + int(fields[12])
+    return ticks / os.sysconf("SC_CLK_TCK")
+
+
+def measure(program: str, python: str, clients: int, seconds: float) -> Result:
+    """Starts a program and its clients, lets them settle, measures, ends them."""
+    server = Helper(python, str(HERE / "viewer_servers.py"), program)
+    try:
+        where = server.read()
+        command = (str(HERE / "viewer_clients.py"), where["url"], str(clients), program, where.get("subprotocol", ""))
+        helper = Helper(sys.executable, *command)
+        try:
+            settle = time.monotonic() + 60.0
+            while min(helper.ask()) < 2 and time.monotonic() < settle:
+                time.sleep(0.2)
+            time.sleep(1.0)
+            begin, cpu, ticks, got = time.perf_counter(), cpu_of(server.process.pid), server.ask(), helper.ask()
+            time.sleep(seconds)
+            end, cpu2, ticks2, got2 = time.perf_counter(), cpu_of(server.process.pid), server.ask(), helper.ask()
+        finally:
+            helper.close()
+    finally:
+        server.close()
+    took = end - begin
+    slowest = min(after - before for before, after in zip(got, got2, strict=True)) / took
+    return Result(program, clients, (ticks2 - ticks) / took, slowest, (cpu2 - cpu) / took)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--peers", help="a Python that has viser and meshcat; without it only ours is measured")
+    parser.add_argument("--clients", default="1,10,40")
+    parser.add_argument("--seconds", type=float, default=8.0)
+    options = parser.parse_args()
+    programs = [("ours", sys.executable)]
+    if options.peers:
+        programs += [("viser", options.peers), ("meshcat", options.peers)]
+    for clients in map(int, options.clients.split(",")):
+        results = []
+        for program, python in programs:
+            results.append(measure(program, python, clients, options.seconds))
+            print(results[-1].line(), flush=True)
+        first = results[0]
+        for other in results[1:]:
+            rate = first.slowest / max(other.slowest, 1e-9)
+            work = (other.cores / max(other.slowest, 1e-9)) / (first.cores / max(first.slowest, 1e-9))
+            reached = f"{rate:.1f} x the rate" if other.slowest > 0 else "the other delivered nothing"
+            cheaper = f", {work:.0f} x less CPU per update" if other.slowest > 0 else ""
+            print(f"         ours against {other.program}: {reached}{cheaper}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

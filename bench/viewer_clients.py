@@ -1,0 +1,48 @@
+"""Many viewers without a screen: ``python viewer_clients.py URL COUNT ours|viser|meshcat [SUBPROTOCOL]``.
+
+They take in what comes, answer ours with credit as the page does, and look at nothing. For every line on the input the
+process prints how many updates each has got so far.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+import threading
+
+import uvloop
+import websockets
+
+_MARKERS = {"ours": b'"kind":"update"', "viser": b"/arm9/link99", "meshcat": b"arm9/link99"}
+"""In every message that ends a tick: an update of ours, the pose of the node that is moved last of the others."""
+
+
+async def client(url: str, kind: str, subprotocol: str | None, counts: list[int], number: int) -> None:
+    protocols = [websockets.Subprotocol(subprotocol)] if subprotocol else None
+    marker = _MARKERS[kind]
+    async with websockets.connect(url, max_size=None, compression=None, subprotocols=protocols) as socket:
+        async for message in socket:
+            data = message if isinstance(message, bytes) else message.encode()
+            if kind == "ours":
+                if marker in data[:64]:
+                    counts[number] += 1
+                    await socket.send("k")
+            else:
+                counts[number] += marker in data
+
+
+async def main(url: str, count: int, kind: str, subprotocol: str | None) -> None:
+    counts = [0] * count
+
+    def answer() -> None:
+        for _ in sys.stdin:
+            print(json.dumps(counts), flush=True)
+
+    threading.Thread(target=answer, daemon=True).start()
+    await asyncio.gather(*(client(url, kind, subprotocol, counts, number) for number in range(count)))
+
+
+if __name__ == "__main__":
+    address, many, which, *rest = sys.argv[1:]
+    uvloop.run(main(address, int(many), which, rest[0] if rest and rest[0] else None))
