@@ -72,7 +72,9 @@ async def shared(name: str) -> tuple[int, Any]:
         number = 0
         while True:
             hub.changed.clear()
-            if kinds := hub.urgent_kinds(starving=False):
+            # As a camera does, not faster than its clients take: a new set when all have the last.
+            if len(hub) and all(s.hungry for s in hub):
+                kinds = hub.kinds()
                 number += 1
                 data = await asyncio.to_thread(wire.join, chunks)
                 for kind in kinds:

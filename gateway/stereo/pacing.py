@@ -154,7 +154,9 @@ class Metronome:
             return self._trigger.pending
         if self._studio.config.rate == "max" or self._depth_next is None:
             return True
-        return self._clock.stamp(self._stamp, period) >= self._depth_next - period / 2
+        ahead = self._depth_next - self._clock.stamp(self._stamp, period)
+        # Far ahead: the computer's clock was set back.
+        return ahead <= period / 2 or ahead > 2e9 / settings.depth_rate
 
     async def _room(self, group: set[asyncio.Task[None]], kinds: set[Kind]) -> set[Kind]:
         """The kinds, or none when too much is in work; waits for it where frames must not be skipped."""

@@ -8,6 +8,7 @@ import random
 import shutil
 import subprocess
 import threading
+import time
 from pathlib import Path
 from typing import Any
 
@@ -373,3 +374,20 @@ async def test_matched_depth_of_a_rendered_scene(start: Start) -> None:
     both = (d > 0) & (truth > 0)
     assert both.sum() / (truth > 0).sum() >= 0.95
     assert (np.abs(d - truth)[both] > 1).mean() < 0.01
+
+
+async def test_a_clock_that_is_set_back_does_not_stop_depth(start: Start) -> None:
+    class Clock:
+        simulated = False
+        shift = 0
+
+        def stamp(self, previous: int | None, period: int) -> int:
+            return time.time_ns() - self.shift
+
+    clock = Clock()
+    camera = await start(clock=clock)
+    call = camera.stream(disparity_enabled=True)
+    first = await call.read()
+    clock.shift = 3600 * 10**9
+    second = await call.read()
+    assert second.timestamp.sec < first.timestamp.sec - 3000
