@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from typing import Final
 
 MOST_REPEATS: Final = 3
@@ -21,7 +22,10 @@ def compile_pattern(pattern: str) -> re.Pattern[str]:
     """
     _check(pattern)
     try:
-        return re.compile(pattern)
+        with warnings.catch_warnings():
+            # what Python may once take for a nested set is an ordinary character to LCM
+            warnings.simplefilter("ignore", FutureWarning)
+            return re.compile(pattern)
     except (re.error, OverflowError, RecursionError) as error:
         raise PatternError(f"{pattern!r} is not a regular expression: {error}") from None
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import Any
+from typing import Any, Final
 
 import structlog
 
@@ -20,6 +21,7 @@ from gateway.treeviewer.geometry import MeshLoader
 from gateway.treeviewer.hub import Hub, HubConnection
 from gateway.treeviewer.lcm_bus import LcmBus
 from gateway.treeviewer.protocol import REQUEST, RESPONSE, TreeViewerProtocol
+from gateway.treeviewer.tcpq_bus import SCHEME, TcpqBus
 
 _log = structlog.get_logger("gateway.treeviewer")
 
@@ -43,6 +45,7 @@ class TreeViewerService:
         self._executor = ThreadPoolExecutor(config.threads, "treeviewer")
         self._dispatcher = Dispatcher(self._protocol, config, self._executor)
         self._bus: LcmBus | None = None
+        self._remote: TcpqBus | None = None
         self._hub: Hub | None = None
         self._problems: dict[str, str] = {}
         self._started = asyncio.Event()
@@ -66,6 +69,8 @@ class TreeViewerService:
         described: dict[str, Any] = self._dispatcher.status()
         if self._bus is not None:
             described["lcm"] = self._bus.status()
+        if self._remote is not None:
+            described["lcm"] = self._remote.status()
         if self._hub is not None:
             described["tcpq"] = self._hub.status()
         for transport, problem in self._problems.items():
@@ -90,12 +95,14 @@ class TreeViewerService:
     async def _start(self) -> None:
         ready = answers.encode(answers.ReadyAnswer())
         wanted = 0
-        if self._config.lcm_url != OFF:
+        url = self._config.lcm_url or os.environ.get("LCM_DEFAULT_URL") or None
+        if url != OFF:
             wanted += 1
             try:
-                self._bus = LcmBus(
-                    self._config.lcm_url, PATTERN, self._config.receive_buffer_bytes, self._config.waiting_bytes
-                )
+                if url is not None and url.startswith(f"{SCHEME}:"):
+                    self._remote = TcpqBus(url, PATTERN, self._config.limits.message_bytes + 1024)
+                else:
+                    self._bus = LcmBus(url, PATTERN, self._config.receive_buffer_bytes, self._config.waiting_bytes)
             except TreeViewerUnavailable as error:
                 self._problem("lcm", error)
         if self._config.tcpq_port is not None:
@@ -109,18 +116,24 @@ class TreeViewerService:
                 self._hub = hub
         if self._problems and len(self._problems) == wanted:
             raise TreeViewerUnavailable("; ".join(self._problems.values()))
+        if self._remote is not None and self._is_own_hub(self._remote):
+            # everything in one environment: LCM_DEFAULT_URL names our own hub, which is served without a connection
+            self._remote = None
+        if self._remote is not None:
+            remote = self._remote
+            remote.start(partial(self._from_remote, remote), partial(_announce, remote, ready))
         if self._bus is not None:
             bus = self._bus
             bus.start(lambda channel, data: self._from_lcm(bus, channel, data))
-            try:
-                bus.publish(RESPONSE, ready)
-            except OSError as error:
-                _log.warning("The ready message could not be sent", reason=str(error))
+            _announce(bus, ready)
 
     async def _stop(self) -> None:
         if self._bus is not None:
             self._bus.close()
             self._bus = None
+        if self._remote is not None:
+            await self._remote.close()
+            self._remote = None
         if self._hub is not None:
             await self._hub.close()
             self._hub = None
@@ -134,6 +147,12 @@ class TreeViewerService:
     def _from_lcm(self, bus: LcmBus, channel: str, data: bytes) -> None:
         self._dispatcher.receive("lcm", channel, data, bus.publish)
 
+    def _from_remote(self, remote: TcpqBus, channel: str, data: bytes | memoryview) -> None:
+        self._dispatcher.receive("remote", channel, data, remote.publish)
+
+    def _is_own_hub(self, remote: TcpqBus) -> bool:
+        return self._hub is not None and remote.port == self._hub.port and remote.host in _HERE
+
     def _from_hub(self, sender: HubConnection, channel: str, data: bytes | memoryview) -> None:
         hub = self._hub
         if hub is None:
@@ -141,6 +160,17 @@ class TreeViewerService:
         waiting = self._dispatcher.receive(sender, channel, data, partial(_publish, hub), sender.release)
         if waiting > self._config.client_waiting_bytes:
             sender.hold()
+
+
+_HERE: Final = frozenset(("127.0.0.1", "localhost", "::1", "0.0.0.0"))  # noqa: S104 - names that mean this machine
+
+
+def _announce(bus: LcmBus | TcpqBus, ready: bytes) -> None:
+    """Director says so when it starts, and its tests wait for it."""
+    try:
+        bus.publish(RESPONSE, ready)
+    except OSError as error:
+        _log.warning("The ready message could not be sent", reason=str(error))
 
 
 def _publish(hub: Hub, channel: str, message: bytes) -> None:

@@ -257,6 +257,48 @@ async def test_a_taken_port_is_one_sentence() -> None:
                 pass
 
 
+# --- at another hub
+
+
+async def test_a_viewer_joins_another_hub_and_joins_it_again() -> None:
+    async with serving() as other:
+        port = other.tcpq_port
+        url = f"tcpq://127.0.0.1:{port}"
+        live = LiveTree()
+        async with serving(TreeViewerConfig(lcm_url=url, tcpq_port=None), live=live) as service:
+            await until(lambda: bool(service.status()["lcm"]["connected"]))
+            client = await HubClient.connect(port)
+            await client.subscribe(f"{RESPONSE}_<me>")
+            while live.snapshot.root.find(("a",)) is None:  # until the hub knows of the viewer's subscription
+                await client.publish(f"{REQUEST}_<me>", ONE_BOX)
+                await client.next()
+            await client.close()
+            assert service.status()["answered"] >= 1
+            for connection in tuple(other._hub.connections):
+                connection.abort()
+            await until(lambda: not service.status()["lcm"]["connected"])
+            assert "the hub has gone" in service.status()["lcm"]["warning"]
+            await until(lambda: bool(service.status()["lcm"]["connected"]))
+
+
+async def test_a_hub_that_does_not_exist_yet_is_waited_for() -> None:
+    with socket.socket() as unused:
+        unused.bind(("127.0.0.1", 0))
+        port = unused.getsockname()[1]
+        async with serving(TreeViewerConfig(lcm_url=f"tcpq://127.0.0.1:{port}", tcpq_port=None)) as service:
+            await until(lambda: "Connection refused" in service.status()["lcm"]["warning"])
+
+
+async def test_the_own_hub_is_not_joined(monkeypatch: pytest.MonkeyPatch) -> None:
+    with socket.socket() as unused:
+        unused.bind(("127.0.0.1", 0))
+        port = unused.getsockname()[1]
+    monkeypatch.setenv("LCM_DEFAULT_URL", f"tcpq://127.0.0.1:{port}")
+    async with serving(TreeViewerConfig(lcm_url=None, tcpq_port=port)) as service:
+        assert "lcm" not in service.status()
+        assert service.status()["tcpq"]["clients"] == 0
+
+
 # --- frames
 
 
