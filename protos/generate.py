@@ -1,7 +1,7 @@
 """Writes gateway/generated/image_interface_pb2.py and .pyi from image_interface.proto.
 
-``python protos/generate.py [FOLDER]``; needs grpcio-tools (the dev group). The results are committed, so that installing
-needs no compiler; a test generates again and compares.
+``python protos/generate.py [FOLDER]``; needs grpcio-tools (the dev group). The results are committed, so that
+installing needs no compiler; a test generates again and compares.
 """
 
 from __future__ import annotations
