@@ -102,7 +102,7 @@ def measure(program: str, python: str, clients: int, seconds: float) -> Result:
     try:
         where = server.read()
         command = (str(HERE / "viewer_clients.py"), where["url"], str(clients), program, where.get("subprotocol", ""))
-        helper = Helper(sys.executable, *command)
+        helper = Helper(python if program == "viser" else sys.executable, *command)
         try:
             settle = time.monotonic() + 60.0
             while min(helper.ask()) < 2 and time.monotonic() < settle:

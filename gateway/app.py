@@ -28,11 +28,14 @@ from gateway.ops.metrics import Metrics
 from gateway.ops.requests import Gate, Requests
 from gateway.scene.live import LiveTree
 from gateway.settings import MIB, Settings
+from gateway.viewer.ports import PICTURE_NAMES
 from gateway.workers import Workers, usable_cpus
 
 _log = structlog.get_logger("gateway")
 
 KERNELS = "kernels"
+POLLED = frozenset({"/view/sensor", "/view/renders", *(f"/view/sensor/{name}.jpg" for name in PICTURE_NAMES)})
+"""What the page of the browser view asks again and again while a panel is open; not logged above debug level."""
 _SETTLE_SECONDS = 5.0
 """Time after which the state is logged although a service is still starting."""
 DESCRIPTION = "Drake's glTF render server, an rc_visard stereo camera and Director's tree viewer, on one scene."
@@ -79,11 +82,13 @@ def create_app(settings: Settings) -> FastAPI:
     app.add_middleware(
         Gate, started=started, problem=lambda: board.entries[KERNELS].problem, open_paths=health.PATHS | {"/"}
     )
-    app.add_middleware(Requests, metrics=metrics, quiet=health.PATHS)
+    app.add_middleware(Requests, metrics=metrics, quiet=health.PATHS | POLLED)
 
     @app.get("/", include_in_schema=False)
     async def landing() -> HTMLResponse:
-        return HTMLResponse(landing_page(__version__, {"docs": "HTTP interface", "metrics": "metrics"}))
+        return HTMLResponse(
+            landing_page(__version__, {"view": "See the scene", "docs": "HTTP interface", "metrics": "metrics"})
+        )
 
     return app
 

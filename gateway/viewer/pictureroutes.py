@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from typing import Annotated, Final, cast, get_args
+from typing import Annotated, Final
 
-from fastapi import APIRouter, HTTPException, Query, Request, Response
+from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import JSONResponse, PlainTextResponse, StreamingResponse
 
 from gateway.scene.cameras import CameraError, parse_camera
 from gateway.viewer.pictures import BOUNDARY, Pictures, StreamsFull, View
-from gateway.viewer.ports import PictureName
+from gateway.viewer.ports import PICTURE_NAMES
 from gateway.viewer.renders import RecentRenders, shown
-from gateway.viewer.sensor import NAMES, SensorView
+from gateway.viewer.sensor import SensorView
 from gateway.workers import Busy, Closed
 from renderers.drawlist import ImageError
 from renderers.port import LookName
@@ -27,6 +27,10 @@ Size = Annotated[int | None, Query(ge=1, description="Pixels")]
 CameraText = Annotated[str, Query(description=_CAMERA)]
 Quality = Annotated[int, Query(ge=1, le=100, description="Of the JPEG")]
 LookChoice = Annotated[LookName | None, Query(description="How colour is made")]
+
+
+class _ViewError(ValueError):
+    """The message names the parameter."""
 
 
 def picture_router(pictures: Pictures, sensor: SensorView | None, renders: RecentRenders) -> APIRouter:
@@ -60,11 +64,11 @@ def _add_views(routes: APIRouter, pictures: Pictures) -> None:
         try:
             spec = parse_camera(camera)
         except CameraError as error:
-            raise HTTPException(400, str(error)) from error
+            raise _ViewError(str(error)) from error
         wide, high = width or config.width, height or config.height
         if max(wide, high) > config.max_side or wide * high > config.max_pixels:
             limit = f"{config.max_side} pixels a side and {config.max_pixels} altogether"
-            raise HTTPException(400, f"{wide}x{high} pixels are too many; at most {limit} are drawn")
+            raise _ViewError(f"{wide}x{high} pixels are too many; at most {limit} are drawn")
         return View(spec, wide, high, quality, look or config.look)
 
     @routes.get("/view/frame.jpg", summary="The live scene as JPEG", response_class=Response)
@@ -76,7 +80,10 @@ def _add_views(routes: APIRouter, pictures: Pictures) -> None:
         look: LookChoice = None,
     ) -> Response:
         """Drawn by the gateway's own rasterizer."""
-        view = view_of(camera, width, height, quality, look)
+        try:
+            view = view_of(camera, width, height, quality, look)
+        except _ViewError as error:
+            return PlainTextResponse(str(error), 400)
         return await _answered(pictures, view)
 
     @routes.get("/view/stream.mjpg", summary="The live scene as MJPEG", response_class=StreamingResponse)
@@ -90,7 +97,10 @@ def _add_views(routes: APIRouter, pictures: Pictures) -> None:
         rate: Annotated[float, Query(gt=0, description="Pictures per second at most")] = 15.0,
     ) -> Response:
         """A new picture whenever the scene has changed, for anything that shows MJPEG."""
-        view = view_of(camera, width, height, quality, look)
+        try:
+            view = view_of(camera, width, height, quality, look)
+        except _ViewError as error:
+            return PlainTextResponse(str(error), 400)
         first = await _answered(pictures, view)
         if first.status_code != 200:
             return first
@@ -132,11 +142,11 @@ def _add_sensor(routes: APIRouter, sensor: SensorView | None) -> None:
         """``left``, ``right``, ``disparity`` (coloured) or ``confidence``, as JPEG."""
         if sensor is None:
             return PlainTextResponse("No stereo camera runs in this gateway.", 404)
-        if name not in get_args(PictureName):
-            return PlainTextResponse(f"there is no picture {name[:40]!r}; there are {', '.join(NAMES)}", 404)
+        if name not in PICTURE_NAMES:
+            return PlainTextResponse(f"there is no picture {name[:40]!r}; there are {', '.join(PICTURE_NAMES)}", 404)
         try:
             taken = await sensor.last()
-            data = await taken.jpeg(cast("PictureName", name), width)
+            data = await taken.jpeg(name, width)
         except (Busy, Closed) as error:
             return PlainTextResponse(str(error), 503, {"Retry-After": "1"})
         except ImageError as error:

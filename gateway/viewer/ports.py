@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Final, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from gateway.scene.live import Snapshot
 
 PictureName = Literal["left", "right", "disparity", "confidence"]
+PICTURE_NAMES: Final[tuple[PictureName, ...]] = get_args(PictureName)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,10 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.viewer.ports import PictureName, SensorPictures
+from gateway.viewer.ports import PICTURE_NAMES, PictureName, SensorPictures
 from renderers.encode import jpeg_rgb
 
-NAMES: Final[tuple[PictureName, ...]] = ("left", "right", "disparity", "confidence")
 MAX_WIDTHS: Final = 4
 """Encoded sizes kept of one picture; the page asks for two."""
 _SPREAD: Final = (1.0, 99.0)
@@ -39,7 +38,7 @@ class Take:
         key = (name, wanted)
         if key not in self._encoded:
             data = await asyncio.to_thread(encode, name, pixels, wanted)
-            if len(self._encoded) >= MAX_WIDTHS * len(NAMES):
+            if len(self._encoded) >= MAX_WIDTHS * len(PICTURE_NAMES):
                 self._encoded.clear()
             self._encoded[key] = data
         return self._encoded[key]

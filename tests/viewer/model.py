@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from gateway.scene.tree import Node, Path
 from gateway.viewer.frames import parse
 
-
 IDENTITY = tuple(np.eye(4).ravel().tolist())
 
 
