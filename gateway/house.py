@@ -23,7 +23,7 @@ from renderers.port import Renderer
 
 if TYPE_CHECKING:
     from gateway.render.records import RenderRecord
-    from gateway.stereoeyes import StereoEyes
+    from gateway.viewer.ports import Eyes
 
 _log = structlog.get_logger("gateway")
 
@@ -48,7 +48,7 @@ class House:
     """Of the live tree; what did not change is not made again, whoever asks."""
     stereo_camera: Callable[[], Camera | None] = lambda: None
     """The left camera of the stereo sensor as it is now, if there is one."""
-    eyes: StereoEyes | None = None
+    eyes: Eyes | None = None
     """Pictures of the stereo sensor for people, if there is one."""
     on_render: Callable[[RenderRecord], None] = lambda record: None
     """Told about every answered request of the render endpoint."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final, Literal, get_args
+from typing import Any, Final, Literal, Protocol, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +46,16 @@ class SensorPictures:
     """(h, w), 1/255; 0 is invalid."""
     captions: Mapping[PictureName, str] = field(default_factory=dict)
     """A few words under a picture."""
+
+
+class Eyes(Protocol):
+    """The stereo camera, for people."""
+
+    def rig(self, snapshot: Snapshot) -> Rig | None:
+        """Where it is in a state of the live scene; None: it is not in it. Must be cheap."""
+
+    async def look(self) -> SensorPictures:
+        """Takes a set of pictures now."""
 
 
 @dataclass(frozen=True, slots=True)
