@@ -182,9 +182,9 @@ class Settings(BaseSettings):
     max_body_mb: int = option(256, "Speed and limits", "MiB of one request's body; beyond it 413.", ge=1, le=1 << 16)
     max_pixels: int = option(4096 * 4096, "Speed and limits", "Width times height of one picture.", ge=1, le=1 << 28)
     max_triangles: int = option(
-        100_000_000,
+        10_000_000,
         "Speed and limits",
-        "Triangles, lines and points of one posted scene, all instances counted.",
+        "Triangles, lines and points of one posted scene, all instances counted: 210 bytes each while drawn.",
         ge=1,
         le=1 << 31,
     )

@@ -25,8 +25,9 @@ class GltfLimits:
     """Of the meshes in use, each counted once: a vertex costs up to 68 bytes."""
     max_elements: int = 20_000_000
     """Triangles, lines and points of the meshes in use, each mesh counted once: 12 bytes each."""
-    max_drawn_elements: int = 100_000_000
-    """The same over all instances: what a renderer has to draw, about 1 s per picture."""
+    max_drawn_elements: int = 10_000_000
+    """The same over all instances, of which a small file can have many. Each takes about 210 bytes while a picture is
+    made (its vertices, its edges, where it lies in the picture), all of them 2 GB."""
     max_buffer_bytes: int = 512 << 20
     """Decoded buffers and images together; bodies are bounded by the interface that takes them."""
     max_mesh_bytes: int = 512 << 20

@@ -247,3 +247,15 @@ def test_instances_and_what_they_draw_are_bounded() -> None:
         b.read(limits=GltfLimits(max_drawn_elements=9))
     with pytest.raises(GltfError, match="max_nodes = 9"):
         b.read(limits=GltfLimits(max_nodes=9))
+
+
+def test_a_small_file_with_many_instances_is_refused_by_default() -> None:
+    """90 million triangles of 5 MB took 20 GB of memory to draw."""
+    b = Builder()
+    corners = b.accessor(np.zeros((3, 3), np.float32))
+    indices = b.accessor(np.zeros(3 * 10_000, np.uint32), "I")
+    mesh = b.mesh({"attributes": {"POSITION": corners}, "indices": indices})
+    for _ in range(1_001):
+        b.node(mesh=mesh)
+    with pytest.raises(GltfError, match="max_drawn_elements = 10000000"):
+        b.read()
