@@ -116,7 +116,7 @@ class RequestReader:
 
     def _from_typed(self, message: Any, context: Context) -> Request:
         request = Request()
-        if message.delete:
+        if message.delete is not None and message.delete != []:
             self._deletes(message.delete, request, context)
         geometries = message.setgeometry
         if isinstance(geometries, dict):

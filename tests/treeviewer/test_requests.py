@@ -338,7 +338,7 @@ def test_pieces_of_damaged_text_are_refused_like_the_whole(monkeypatch: pytest.M
         reader.read(memoryview(text.encode()))
 
 
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=300)
 @given(
     st.recursive(
         st.none() | st.booleans() | st.integers(-5, 5) | st.text(max_size=4),
