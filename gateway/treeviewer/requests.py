@@ -29,6 +29,9 @@ LEAST_SCANNED: Final = 4096
 """Bytes; shorter requests have no array worth taking out."""
 
 
+_ORDER: Final = ("delete", "setgeometry", "settransform")
+
+
 class RequestError(ValueError):
     """Nothing of the request can be used; the message says why."""
 
@@ -101,6 +104,7 @@ class RequestReader:
                 context.first = index
                 request.extend(self._read_text(piece, context))
                 time.sleep(0)  # the interpreter is free for a moment
+            request.failures.sort(key=lambda failure: _ORDER.index(failure.command))
             return request
         except JsonError as error:
             raise RequestError(f"the request is not valid JSON {error}") from None
