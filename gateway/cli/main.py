@@ -11,6 +11,7 @@ import typer
 from gateway import __version__
 from gateway.cli.render import render
 from gateway.cli.serve import add_serve
+from gateway.client.command import stream
 
 app = typer.Typer(
     name="scenegate",
@@ -65,6 +66,7 @@ def check() -> None:
 
 add_serve(app)
 app.command()(render)
+app.command()(stream)
 
 
 def main() -> None:
