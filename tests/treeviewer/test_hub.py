@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import socket
 import struct
+import threading
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -14,7 +16,7 @@ from gateway.scene.live import LiveTree
 from gateway.treeviewer import wire
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.patterns import PatternError, compile_pattern
-from gateway.treeviewer.protocol import REQUEST, RESPONSE
+from gateway.treeviewer.protocol import REQUEST, RESPONSE, TreeViewerProtocol
 from gateway.treeviewer.tcpq import (
     CLIENT_HELLO,
     MAGIC_CLIENT,
@@ -83,7 +85,16 @@ async def test_the_hub_relays_to_every_subscriber_once_also_to_the_sender() -> N
             await client.close()
 
 
-async def test_order_holds_for_a_client_and_others_do_not_wait() -> None:
+async def test_order_holds_for_a_client_and_others_do_not_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+    quick_was_answered = threading.Event()
+    read = TreeViewerProtocol.open
+
+    def read_late(self: TreeViewerProtocol, comms: wire.Comms) -> Any:
+        if threading.current_thread() is not threading.main_thread():
+            assert quick_was_answered.wait(60), "the big request holds up the others"
+        return read(self, comms)
+
+    monkeypatch.setattr(TreeViewerProtocol, "open", read_late)
     rows = ", ".join(["[0.123456, 1.5, 2.25]"] * 200_000)
     big = message(
         f'{{"setgeometry": [{{"path": ["cloud"], "geometry": {{"type": "pointcloud", "points": [{rows}]}}}}]}}', 1
@@ -98,8 +109,9 @@ async def test_order_holds_for_a_client_and_others_do_not_wait() -> None:
             await slow.publish(f"{REQUEST}_<slow>", after)
         await until(lambda: service.status()["received"] >= 4)
         await quick.publish(f"{REQUEST}_<quick>", ONE_BOX)
-        order = [await quick.next() for _ in range(5)]
-        assert [channel for channel, _ in order] == [f"{RESPONSE}_<quick>"] + [f"{RESPONSE}_<slow>"] * 4
+        assert (await quick.next())[0] == f"{RESPONSE}_<quick>"
+        quick_was_answered.set()
+        assert [(await quick.next())[0] for _ in range(4)] == [f"{RESPONSE}_<slow>"] * 4
         answers = [decoded((await slow.next())[1]) for _ in range(4)]
         assert [answer["timestamp"] for answer in answers] == [1, 2, 2, 2]
         assert [answer["status"] for answer in answers] == [0, 0, 0, 0], "the transforms found the cloud"
