@@ -91,4 +91,4 @@ class StereoEyes:
         ft = model.intrinsics(settings.quality.divisor).focal_length * model.baseline
         far, near = ft / (DISPARITY_SCALE * np.percentile(valid, _SPREAD))
         share = 100.0 * valid.size / measured.disparity.size
-        return {"disparity": f"{near:.2f}–{far:.2f} m", "confidence": f"{share:.0f} % valid"}
+        return {"disparity": f"{near:.1f}–{far:.1f} m", "confidence": f"{share:.0f} %"}

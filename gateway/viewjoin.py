@@ -69,7 +69,8 @@ def note_of(record: RenderRecord) -> RenderNote:
     what, scene = "not understood", ""
     if request is not None:
         what = f"{request.image_type}, {request.width} × {request.height}"
-        scene = f"{len(request.scene) / 1e6:.3g} MB scene"
+        size = len(request.scene)
+        scene = f"scene of {size / 1e6:.1f} MB" if size >= 1e6 else f"scene of {size / 1e3:.1f} kB"
     if picture is not None:
         by = f" by {picture.generator}" if picture.generator else ""
         scene = f"{scene}{by[:80]}, {picture.elements} elements"

@@ -60,10 +60,13 @@ function control(node: string, parameter: Parameter): HTMLElement {
   };
   const idle = parameter.description.includes(IDLE);
   const text = parameter.description.replace(IDLE, "");
+  // The choices of an enumeration stand in its list.
+  const about = parameter.type === "string" ? text.slice(0, text.lastIndexOf(":")) : text;
   return h(
     "div",
-    { class: `parameter${idle ? " idle" : ""}`, title: idle ? `${text}. Kept, but without effect here.` : text },
-    h("div", { class: "top" }, h("code", {}, parameter.name)),
+    { class: `parameter${idle ? " idle" : ""}` },
+    h("code", {}, parameter.name),
+    h("div", { class: "about" }, idle ? `${about}; kept, but without effect here` : about),
     input(parameter, text, set),
     problem,
   );
@@ -75,7 +78,7 @@ function input(parameter: Parameter, text: string, set: Set): HTMLElement {
   if (parameter.type === "bool") {
     const box = h("input", { type: "checkbox", checked: parameter.value === true, "aria-label": parameter.name });
     box.addEventListener("change", async () => (box.checked = (await set(box.checked)) === true));
-    return h("label", {}, box, ` ${text}`);
+    return box;
   }
   if (parameter.type === "string") {
     const choices = text.slice(text.lastIndexOf(":") + 1).split(",").map((choice) => choice.trim());

@@ -96,6 +96,9 @@ export class TreePanel {
     const last = Math.min(this.rows.length, first + Math.ceil(this.list.clientHeight / ROW) + 8);
     const shown = this.rows.slice(first, last).map((row, i) => this.row(row, (first + i) * ROW));
     this.list.replaceChildren(this.spacer, ...shown);
+    // The tree has the focus, its selected row is what is read out.
+    if (this.selected) this.list.setAttribute("aria-activedescendant", `row-${this.selected.id}`);
+    else this.list.removeAttribute("aria-activedescendant");
   }
 
   private row({ node, depth }: Row, top: number): HTMLElement {
@@ -132,6 +135,7 @@ export class TreePanel {
       {
         class: `row${node === this.selected ? " selected" : ""}${node.shown ? "" : " hidden"}`,
         role: "treeitem",
+        id: `row-${node.id}`,
         "aria-level": depth + 1,
         "aria-selected": String(node === this.selected),
         "data-path": JSON.stringify(node.path),
@@ -178,7 +182,7 @@ export class TreePanel {
     else if (!row) return;
     else if (event.key === "ArrowRight" && !this.isOpen(row.node, row.depth)) this.toggle(row.node, row.depth);
     else if (event.key === "ArrowLeft" && this.isOpen(row.node, row.depth)) this.toggle(row.node, row.depth);
-    else if (event.key === "h" || event.key === " ") this.setShown(row.node, !row.node.shown);
+    else if (event.key === "e" || event.key === " ") this.setShown(row.node, !row.node.shown);
     else if (event.key === "f" || event.key === "Enter") this.onFocus(row.node);
     else return;
     event.preventDefault();
