@@ -14,8 +14,10 @@ from collections.abc import Callable
 
 import websockets
 
-_MARKERS = {"ours": b'"kind":"update"', "viser": b"/arm9/link99", "meshcat": b"arm9/link99"}
-"""In every message that ends a tick: an update of ours, the pose of the node that is moved last of the others."""
+_NODES = 1000
+_MARKERS = {"ours": b'"kind":"update"', "viser": b"SetPositionMessage", "meshcat": b"set_transform"}
+"""An update of ours moves all nodes. The others' messages are counted by nodes and divided, since viser, when it does
+not keep up, sends some nodes more often than others."""
 
 
 _VISER_HEAD = 16
@@ -31,7 +33,7 @@ def reader(kind: str) -> Callable[[bytes], bytes]:
     return lambda data: zstandard.ZstdDecompressor().decompressobj().decompress(data[_VISER_HEAD:])
 
 
-async def client(url: str, kind: str, subprotocol: str | None, counts: list[int], number: int) -> None:
+async def client(url: str, kind: str, subprotocol: str | None, counts: list[float], number: int) -> None:
     protocols = [websockets.Subprotocol(subprotocol)] if subprotocol else None
     marker, read = _MARKERS[kind], reader(kind)
     async with websockets.connect(url, max_size=None, compression=None, subprotocols=protocols) as socket:
@@ -42,11 +44,11 @@ async def client(url: str, kind: str, subprotocol: str | None, counts: list[int]
                     counts[number] += 1
                     await socket.send("k")
             else:
-                counts[number] += marker in read(data)
+                counts[number] += read(data).count(marker) / _NODES
 
 
 async def main(url: str, count: int, kind: str, subprotocol: str | None) -> None:
-    counts = [0] * count
+    counts = [0.0] * count
 
     def answer() -> None:
         for _ in sys.stdin:

@@ -8,6 +8,7 @@ import mimetypes
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from typing import Final
+from urllib.parse import urlsplit
 
 from fastapi import APIRouter, Request, Response, WebSocket, WebSocketDisconnect
 from fastapi.responses import PlainTextResponse
@@ -60,6 +61,10 @@ def router(hub: ViewHub) -> APIRouter:
 
     @routes.websocket("/view/ws")
     async def connection(socket: WebSocket) -> None:
+        if not same_origin(socket.headers.get("origin"), socket.headers.get("host", "")):
+            # Browsers let any page open a WebSocket to any host, this one included.
+            await socket.close(1008, "the page comes from another host")
+            return
         await socket.accept()
         try:
             browser = hub.connect()
@@ -75,6 +80,11 @@ def router(hub: ViewHub) -> APIRouter:
             await asyncio.gather(sending, return_exceptions=True)
 
     return routes
+
+
+def same_origin(origin: str | None, host: str) -> bool:
+    """Whether a page may connect: one of this host, or no page at all (programs send no origin)."""
+    return origin is None or urlsplit(origin).netloc.lower() == host.lower()
 
 
 async def _send(socket: WebSocket, browser: Browser) -> None:

@@ -11,7 +11,7 @@ export default defineConfig({
   },
   server: {
     proxy: {
-      "/view/ws": { target: "ws://127.0.0.1:8000", ws: true },
+      "/view/ws": { target: "ws://127.0.0.1:8000", ws: true, headers: { origin: "http://127.0.0.1:8000" } },
       "/view/image": "http://127.0.0.1:8000",
       "/api": "http://127.0.0.1:8000",
       "/scene": "http://127.0.0.1:8000",
