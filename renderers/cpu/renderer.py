@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import os
-import threading
 from collections.abc import Callable
-from typing import Any
-from weakref import WeakKeyDictionary
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,22 +20,25 @@ from renderers.drawlist import DrawList
 from renderers.port import Frame, Look, LookName, Output
 from renderers.shading import ShadingScene, paint
 from renderers.shading import prepare as prepare_shading
+from renderers.weaklru import WeakLru
 
 GEOMETRY = Output.DEPTH | Output.LABEL | Output.INSTANCE | Output.NORMAL
 """Outputs of all geometry: both sides, opaque whatever the material says."""
 
-_shadings: WeakKeyDictionary[DrawList, dict[LookName, ShadingScene]] = WeakKeyDictionary()
-_shadings_lock = threading.Lock()
+MAX_SHADING_BYTES: Final = 1 << 30
+"""Textures and attributes that prepared scenes keep alive; many scenes share them, so that this is an upper bound."""
+
+_shadings: WeakLru[DrawList, dict[LookName, ShadingScene]] = WeakLru(MAX_SHADING_BYTES)
 
 
 def _shading(scene: DrawList, look: LookName) -> ShadingScene:
-    """The draw list's tables for shading, made once while it is alive."""
-    with _shadings_lock:
-        known = _shadings.get(scene, {}).get(look)
+    """The draw list's tables for shading, made once while it is alive and drawn."""
+    looks = _shadings.get(scene) or {}
+    known = looks.get(look)
     if known is None:
-        fresh = prepare_shading(scene.instances, look)
-        with _shadings_lock:
-            known = _shadings.setdefault(scene, {}).setdefault(look, fresh)
+        known = prepare_shading(scene.instances, look)
+        looks = {**looks, look: known}
+        _shadings.put(scene, looks, sum(tables.nbytes for tables in looks.values()))
     return known
 
 

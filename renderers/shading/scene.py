@@ -16,7 +16,7 @@ from renderers.port import LookName
 from renderers.shading.materials import MaterialRows, as_tables, material_rows
 from renderers.shading.memory import address_of
 from renderers.shading.tangents import vertex_tangents
-from renderers.shading.textures import TextureTable, texels_of
+from renderers.shading.textures import Texels, TextureTable, texels_of
 
 # Columns of the instance table.
 II_TOPOLOGY: Final = 0
@@ -53,6 +53,12 @@ class ShadingScene:
     """(n,): who may let something behind it be seen: blended or cut out, and not opaque everywhere."""
     keep: tuple[Any, ...]
     """What the addresses in the tables point into."""
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of what the addresses point into, textures above all."""
+        arrays = (each.rgba if isinstance(each, Texels) else each for each in self.keep)
+        return sum(array.nbytes for array in arrays if isinstance(array, np.ndarray))
 
     @property
     def translucent(self) -> bool:

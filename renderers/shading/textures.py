@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import threading
 from dataclasses import dataclass
 from typing import Final
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
 from renderers.drawlist import Image, ImageError, Texture, Wrap
 from renderers.shading.memory import address_of
+from renderers.weaklru import WeakLru
 
 WRAP_REPEAT: Final = 0
 WRAP_CLAMP: Final = 1
@@ -42,20 +41,22 @@ class Texels:
     """Whether every alpha is 255."""
 
 
-_decoded: WeakKeyDictionary[Image, Texels] = WeakKeyDictionary()
-_lock = threading.Lock()
+MAX_TEXEL_BYTES: Final = 1 << 30
+"""Decoded pictures that are kept: sixteen of 4096 x 4096. A small file can hold a large picture, so that whoever keeps
+the files cannot bound this."""
+
+_decoded: WeakLru[Image, Texels] = WeakLru(MAX_TEXEL_BYTES)
 
 
 def texels_of(image: Image) -> Texels:
-    """The image's texels, decoded once while the ``Image`` is alive.
+    """The image's texels, decoded once while the ``Image`` is alive and was used lately.
 
-    Two threads that ask for a new image at once may both decode it; one result is kept.
+    Two threads that ask for a new image at once may both decode it; the later result is kept.
 
     Raises:
         ImageError: it cannot be decoded, or what came out is no (H, W, 4) uint8 picture.
     """
-    with _lock:
-        known = _decoded.get(image)
+    known = _decoded.get(image)
     if known is not None:
         return known
     pixels = image.decode()
@@ -63,8 +64,8 @@ def texels_of(image: Image) -> Texels:
         name = image.name or image.key.hex()[:12]
         raise ImageError(f"image {name!r} decoded to {pixels.shape} {pixels.dtype}, expected (H, W, 4) uint8")
     fresh = Texels(np.ascontiguousarray(pixels), bool((pixels[..., 3] == 255).all()))
-    with _lock:
-        return _decoded.setdefault(image, fresh)
+    _decoded.put(image, fresh, fresh.rgba.nbytes)
+    return fresh
 
 
 class TextureTable:
