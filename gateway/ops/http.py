@@ -2,23 +2,94 @@
 
 from __future__ import annotations
 
+import asyncio
 import signal
 import socket
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, Final
 
 import uvicorn
 from fastapi import FastAPI
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 from gateway.ops import process
+
+MAX_HEAD_BYTES: Final = 64 << 10
+"""Request line and headers; Drake's client sends 200 bytes, browsers a few thousand. The parser has no bound."""
+HEAD_SECONDS: Final = 30.0
+"""Time for them to arrive whole; a connection that sends nothing after connecting ends as well."""
+
+
+class BoundedHttp(HttpToolsProtocol):
+    """Refuses endless headers (431) and ends connections whose headers never come to an end."""
+
+    _head_bytes = 0
+    _in_head = True
+    _head_timer: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Starts the clock of the first request."""
+        super().connection_made(transport)
+        self._head_timer = self.loop.call_later(HEAD_SECONDS, self._too_late)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Stops the clock."""
+        self._stop_timer()
+        super().connection_lost(exc)
+
+    def data_received(self, data: bytes) -> None:
+        """Counts while the head is not complete; what a head shares a piece with is the body's business."""
+        if self._in_head and self._head_bytes > MAX_HEAD_BYTES:
+            self._refuse()
+            return
+        if self._in_head:
+            self._head_bytes += len(data)
+        super().data_received(data)
+
+    def on_message_begin(self) -> None:
+        """A request starts; one on a kept connection gets a clock of its own."""
+        super().on_message_begin()
+        if self._head_timer is None:
+            self._head_timer = self.loop.call_later(HEAD_SECONDS, self._too_late)
+
+    def on_headers_complete(self) -> None:
+        """The head has arrived whole."""
+        self._in_head = False
+        self._head_bytes = 0
+        self._stop_timer()
+        super().on_headers_complete()
+
+    def on_message_complete(self) -> None:
+        """The next thing on this connection is a head again."""
+        self._in_head = True
+        super().on_message_complete()
+
+    def _stop_timer(self) -> None:
+        if self._head_timer is not None:
+            self._head_timer.cancel()
+            self._head_timer = None
+
+    def _too_late(self) -> None:
+        self._head_timer = None
+        if not self.transport.is_closing():
+            self.transport.close()
+
+    def _refuse(self) -> None:
+        text = f"The headers are longer than {MAX_HEAD_BYTES} bytes.\n".encode()
+        if not self.transport.is_closing():
+            self.transport.write(
+                b"HTTP/1.1 431 Request Header Fields Too Large\r\ncontent-type: text/plain; charset=utf-8\r\n"
+                b"connection: close\r\ncontent-length: %d\r\n\r\n%s" % (len(text), text)
+            )
+            self.transport.close()
 
 
 def config(app: Any, grace_seconds: float, *, lifespan: bool) -> uvicorn.Config:
     """How all our servers are run."""
     return uvicorn.Config(
         app,
-        http="httptools",
+        http=BoundedHttp,
         ws="websockets-sansio",
         ws_per_message_deflate=False,  # floats do not compress, the CPU time is gone all the same
         lifespan="on" if lifespan else "off",
