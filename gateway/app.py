@@ -117,6 +117,8 @@ async def _start(house: House, wanted: dict[str, Join], started: asyncio.Event) 
     # Rooms say themselves whether they are ready; nobody tells when.
     while house.board.verdict() == "starting" and time.perf_counter() - joined < _SETTLE_SECONDS:  # noqa: ASYNC110
         await asyncio.sleep(0.02)
+    if (on_started := getattr(house.app.state, "on_started", None)) is not None:
+        on_started()
     seconds = round(time.perf_counter() - begin, 2)
     _log.info("Scenegate has started", status=house.board.verdict(), version=__version__, seconds=seconds)
 

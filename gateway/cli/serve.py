@@ -93,12 +93,13 @@ def _serve(settings: Settings, listener: socket.socket) -> int:
     import uvloop
 
     from gateway.app import create_app
-    from gateway.ops import http
+    from gateway.ops import http, process
 
     app = create_app(settings)
     server = http.MainServer(http.config(app, settings.shutdown_seconds, lifespan=True))
     # Answers without an end (MJPEG) look at it; nobody else would tell them before their connections are cut.
     app.state.closing = lambda: server.should_exit
+    app.state.on_started = process.settle
     with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
         runner.run(server.serve(sockets=[listener]))
     return 0 if server.started else 3
