@@ -37,7 +37,6 @@ def _common(
     pass
 
 
-@app.command()
 def warmup(
     part: Annotated[str | None, typer.Option(hidden=True, help="Compile one part in this process.")] = None,
 ) -> None:
@@ -55,7 +54,6 @@ def warmup(
     typer.echo(f"The rendering kernels are in {folder}.")
 
 
-@app.command()
 def check() -> None:
     """Show what is installed, whether the ports are free, multicast, threads and the kernel cache, in one table."""
     from gateway.cli import check as table
@@ -65,8 +63,8 @@ def check() -> None:
 
 
 add_serve(app)
-app.command()(render)
-app.command()(stream)
+for command in (render, stream, check, warmup):
+    app.command()(command)
 
 
 def main() -> None:
