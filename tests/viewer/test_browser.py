@@ -200,7 +200,7 @@ def test_disparity_thumbnail_changes(view: tuple[View, Publisher]) -> None:
     publisher.box(["seen"], RED, size=1.2)
     shown.until(lambda: np.asarray(Image.open(io.BytesIO(picture()))).max() > 150, "colours where the box is")
     thumb.click()
-    assert shown.page.locator("dialog img").is_visible()
+    shown.page.locator("dialog img").wait_for(state="visible")
     shown.page.keyboard.press("Escape")
 
 
