@@ -85,7 +85,7 @@ def run(settings: Settings) -> int:
         return 1
     port = listener.getsockname()[1]
     host = f"[{settings.host}]" if ":" in settings.host else settings.host
-    log.info("Scenegate listens; look at / and /docs", url=f"http://{host}:{port}")
+    log.info("Scenegate listens; look at /view, / and /docs", url=f"http://{host}:{port}")
     return _serve(settings, listener)
 
 
