@@ -1,8 +1,9 @@
 """The tree as one binary glTF 2.0 file (.glb): nodes named as in the tree, shared meshes, embedded textures.
 
 The tree is Z-up and glTF Y-up, so everything hangs below a root that turns it by -90 degrees about X. Equal meshes,
-materials and images (the same objects) are written once. Hidden subtrees are left out; so are nodes whose transform is
-not finite, as JSON has no word for that.
+materials and images (the same objects) are written once. Colours of clouds and triads, which the tree has as displays
+show them, become linear, as glTF wants vertex colours (3.7.2.1); those of meshes are written as they are. Hidden
+subtrees are left out; so are nodes whose transform is not finite, as JSON has no word for that.
 """
 
 from __future__ import annotations
@@ -16,10 +17,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.scene.geometry import Surface
 from gateway.scene.meshing import meshes_of
 from gateway.scene.names import written
 from gateway.scene.transforms import IDENTITY, Y_UP_TO_Z_UP, Matrix
 from gateway.scene.tree import Node
+from renderers.color import linear_colors_from_srgb
 from renderers.drawlist import AlphaMode, Image, ImageError, Material, Mesh, Sampler, Texture, Topology
 from renderers.encode import png_rgba
 
@@ -121,7 +124,7 @@ class _Writer:
                     X = part.X_node_part @ X_part_mesh
                 if not _writable(X):
                     continue
-                index = self._mesh(mesh, material)
+                index = self._mesh(mesh, material, linear=isinstance(part.shape, Surface))
                 if index is None:
                     continue
                 if "mesh" not in entry and np.array_equal(X, IDENTITY):
@@ -132,9 +135,12 @@ class _Writer:
                     child["matrix"] = _column_major(X)
                 entry.setdefault("children", []).append(self._add("nodes", child))
 
-    def _mesh(self, mesh: Mesh, material: Material) -> int | None:
-        """A glTF mesh of one primitive; None when it draws nothing or is not finite."""
-        primitive = self._once("primitive", mesh, lambda: self._primitive(mesh))
+    def _mesh(self, mesh: Mesh, material: Material, *, linear: bool) -> int | None:
+        """A glTF mesh of one primitive; None when it draws nothing or is not finite.
+
+        ``linear``: whether its vertex colours are linear already.
+        """
+        primitive = self._once("primitive", mesh, lambda: self._primitive(mesh, linear=linear))
         if primitive is None:
             return None
         key = ("mesh", (primitive, material))
@@ -144,16 +150,17 @@ class _Writer:
             self._known[key] = self._add("meshes", {"primitives": [entry]})
         return self._known[key]
 
-    def _primitive(self, mesh: Mesh) -> int | None:
+    def _primitive(self, mesh: Mesh, *, linear: bool) -> int | None:
         if not mesh.elements.size or not np.isfinite(mesh.positions).all():
             return None
+        colors = mesh.colors if linear or mesh.colors is None else linear_colors_from_srgb(mesh.colors)
         attributes = {"POSITION": self._accessor(mesh.positions, _VERTICES, bounds=True)}
         for name, array in (
             ("NORMAL", mesh.normals),
             ("TANGENT", mesh.tangents),
             ("TEXCOORD_0", mesh.uv0),
             ("TEXCOORD_1", mesh.uv1),
-            ("COLOR_0", mesh.colors),
+            ("COLOR_0", colors),
         ):
             if array is not None and np.isfinite(array).all():
                 attributes[name] = self._accessor(array, _VERTICES)

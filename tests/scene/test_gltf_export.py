@@ -174,6 +174,25 @@ def textured(image: Image) -> Node:
     return Node((Part(Surface(mesh), Material(base_color_texture=Texture(image))),))
 
 
+def test_colors_of_clouds_are_written_linear_and_those_of_meshes_as_they_are():
+    shown = np.array(((0.2, 0.4, 0.6, 0.5), (1.0, 0.0, 0.04, 1.0)), dtype=np.float32)
+    cloud = PointCloud(np.zeros((2, 3)), {"rgb": shown})
+    edit = TreeEdit(Node())
+    edit.set_parts(("cloud",), (Part(cloud, RED),))
+    [points] = [instance.mesh for instance in reread(edit.commit()).instances]
+    assert points.colors is not None
+    # IEC 61966-2-1 by hand; alpha is no light.
+    expected = ((0.0331048, 0.1328683, 0.3185468, 0.5), (1.0, 0.0, 0.0030960, 1.0))
+    np.testing.assert_allclose(points.colors, expected, atol=1e-6)
+
+    positions = np.array(((0, 0, 0), (1, 0, 0)), dtype=np.float32)
+    mesh = Mesh(positions, np.array(((0, 1),), dtype=np.uint32), colors=shown)
+    edit = TreeEdit(Node())
+    edit.set_parts(("mesh",), (Part(Surface(mesh), RED),))
+    [lines] = [instance.mesh for instance in reread(edit.commit()).instances]
+    np.testing.assert_array_equal(lines.colors, shown)
+
+
 def test_pixels_without_a_file_become_a_png():
     pixels = np.arange(24, dtype=np.uint8).reshape(2, 3, 4)
     (instance,) = reread(textured(Image(b"raw", lambda: pixels, "raw"))).instances
