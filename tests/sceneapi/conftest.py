@@ -21,6 +21,9 @@ from renderers.camera import Camera
 from renderers.drawlist import LABEL_NONE, DrawList, Material
 from renderers.port import Frame, Look, Output
 
+SPOT = (20, 30)
+"""Row and column."""
+
 
 @dataclass
 class NotingRenderer:
@@ -28,6 +31,8 @@ class NotingRenderer:
 
     calls: list[tuple[DrawList, Camera, Output, Look]] = field(default_factory=list)
     error: Exception | None = None
+    spot: tuple[int, int, int] | None = None
+    """Colour of one pixel, at ``SPOT``, where the first instance is."""
     closed: int = 0
 
     def render(self, scene: DrawList, camera: Camera, outputs: Output, look: Look = Look()) -> Frame:  # noqa: B008
@@ -38,6 +43,11 @@ class NotingRenderer:
         frame = Frame(_release=self._close)
         if Output.COLOR in outputs:
             frame.color = np.full((*size, 3), look.background, np.uint8)
+            if self.spot is not None:
+                frame.color[SPOT] = self.spot
+        if Output.INSTANCE in outputs:
+            frame.instance = np.full(size, -1, np.int32)
+            frame.instance[SPOT] = 0
         if Output.DEPTH in outputs:
             frame.depth = np.full(size, 2.0, np.float32)
             frame.depth[0, 0] = np.inf

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from gateway.scene.geometry import Box, Part
+from gateway.scene.geometry import Box, Part, PointCloud
 from gateway.scene.gltf import read_gltf
 from gateway.scene.transforms import look_at
 from gateway.sceneapi.config import SceneApiConfig
@@ -18,7 +18,7 @@ from gateway.sceneapi.service import SceneApi
 from renderers.camera import Camera
 from renderers.drawlist import ImageError, Material
 from renderers.port import Output
-from tests.sceneapi.conftest import World
+from tests.sceneapi.conftest import SPOT, World
 
 SMALL = "width=64&height=48"
 
@@ -116,6 +116,27 @@ async def test_a_picture_in_colour(world: World):
     _, camera, outputs, look = world.renderer.calls[-1]
     assert (camera.width, camera.height, outputs, look.name) == (64, 48, Output.COLOR, "phong")
     assert world.renderer.closed == 1
+
+
+@pytest.mark.parametrize(
+    ("shape", "look", "kept"),
+    [
+        (PointCloud(np.zeros((1, 3)), {}), "plain", True),
+        (PointCloud(np.zeros((1, 3)), {}), "phong", False),
+        (Box((1, 1, 1)), "plain", False),
+    ],
+    ids=["points", "points as Drake shows them", "no points"],
+)
+async def test_points_keep_the_colour_that_was_published(world: World, shape: Box | PointCloud, look: str, kept: bool):
+    with world.tree.edit() as edit:
+        edit.delete(())
+        edit.set_parts(("thing",), (Part(shape, Material()),))
+    world.renderer.spot = (51, 102, 153)
+    response = await world.client.get(f"/scene/render?{SMALL}&look={look}")
+    pixels = cv2.imdecode(np.frombuffer(response.content, np.uint8), cv2.IMREAD_COLOR_RGB)
+    assert (tuple(pixels[SPOT]) == world.renderer.spot) is kept
+    assert tuple(pixels[40, 40]) == (204, 229, 255)
+    assert (Output.INSTANCE in world.renderer.calls[-1][2]) is kept
 
 
 async def test_depth_in_metres_and_in_millimetres(world: World):
