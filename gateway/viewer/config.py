@@ -19,6 +19,9 @@ class ViewerConfig:
     """Different paths that are numbered before browsers start over: about 300 bytes each."""
     status_seconds: float = 1.0
     """Between two looks at the state of the gateway for the status bar."""
+    patience_seconds: float = 10.0
+    """For a page to take an update in. Until then the gateway keeps the scene that the page has, to send no more than
+    what changed; later it sends the structure anew, so that a page that hangs holds no geometry that was deleted."""
     sensor_seconds: float = 0.4
     """Between two takes of the stereo camera for all browsers together; a take renders four pictures."""
     max_renders: int = 24

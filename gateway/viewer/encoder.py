@@ -185,10 +185,12 @@ class Encoder:
         result: dict[str, Any] = {"color": [*map(srgb_from_linear, material.base_color[:3]), material.base_color[3]]}
         if material.alpha_mode is not AlphaMode.OPAQUE:
             result["alpha"] = material.alpha_mode.value.lower()
+        if material.alpha_mode is AlphaMode.MASK and material.alpha_cutoff != 0.5:
+            result["cutoff"] = material.alpha_cutoff
         optional = (
             ("metallic", material.metallic, 0.0),
             ("roughness", material.roughness, 1.0),
-            ("emissive", material.emissive, (0.0, 0.0, 0.0)),
+            ("emissive", tuple(map(srgb_from_linear, material.emissive)), (0.0, 0.0, 0.0)),
             ("doubleSided", material.double_sided, False),
             ("unlit", material.unlit, False),
             ("pointSize", material.point_size, 1.0),
@@ -202,6 +204,10 @@ class Encoder:
                 "wrap": [texture.sampler.wrap_s.value, texture.sampler.wrap_t.value],
                 "linear": texture.sampler.mag_linear,
             }
+            if texture.uv_set:
+                result["texture"]["set"] = texture.uv_set
+            if texture.uv_transform is not None:
+                result["texture"]["transform"] = texture.uv_transform
         return result
 
 

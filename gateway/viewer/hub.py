@@ -87,9 +87,11 @@ class ViewHub:
     async def _send_status(self) -> None:
         while True:
             if self._browsers:
+                late = asyncio.get_running_loop().time() - self.config.patience_seconds
                 frame = self._status_frame()
                 for browser in tuple(self._browsers):
                     browser.note("status", frame)
+                    browser.let_go(late)
             await asyncio.sleep(self.config.status_seconds)
 
     def _status_frame(self) -> bytes:
@@ -99,7 +101,7 @@ class ViewHub:
 
     def _forget(self, number: int) -> None:
         for browser in tuple(self._browsers):
-            browser.gone.add(number)
+            browser.forget(number)
 
     def connect(self) -> Browser:
         """A new browser.
@@ -127,7 +129,9 @@ class Browser:
         self._payloads = payloads
         self._left = left
         self.wake = asyncio.Event()
-        self.gone: set[int] = set()
+        self._gone: set[int] = set()
+        self._given = 0.0
+        """When the last update was given to send, seconds of the loop's clock."""
         self._notes: dict[str, bytes] = {}
         self._open = True
         self.wake.set()
@@ -136,6 +140,16 @@ class Browser:
         """The page has taken the last update in."""
         self._session.credit = True
         self.wake.set()
+
+    def forget(self, mesh: int) -> None:
+        """Nothing uses the mesh any more; the page is told at the next occasion if it has it."""
+        if self._session.knows(mesh):
+            self._gone.add(mesh)
+
+    def let_go(self, late: float) -> None:
+        """Lets go of what the page has if its last update was given before ``late`` and is not taken in yet."""
+        if self._given < late:
+            self._session.let_go()
 
     def note(self, kind: str, frame: bytes) -> None:
         """A small frame to send at the next occasion; a newer one of its kind replaces it."""
@@ -157,18 +171,19 @@ class Browser:
                 return
             while self._notes:
                 yield self._notes.pop(next(iter(self._notes)))
-            if self.gone:
-                gone, self.gone = self.gone, set()
+            if self._gone:
+                gone, self._gone = self._gone, set()
                 for frame in self._session.forget(gone):
                     yield frame
             if self._session.credit and self._session.behind:
                 update = self._session.next_update()
+                self._given = asyncio.get_running_loop().time()
                 missing = self._session.missing(update)
+                self._session.sent(missing)
                 for number in missing:
                     payload = await self._mesh(number)
                     if payload is not None:
                         yield payload
-                self._session.sent(missing)
                 yield update.frame
 
     async def _mesh(self, number: int) -> bytes | None:

@@ -119,6 +119,8 @@ def encode_mesh(number: int, mesh: Mesh) -> bytes:
         header["color"] = builder.array(to_bytes(mesh.colors))
     if mesh.uv0 is not None:
         header["uv"] = builder.array(mesh.uv0)
+    if mesh.uv1 is not None:
+        header["uv1"] = builder.array(mesh.uv1)
     flat = mesh.elements.ravel()
     if len(flat) != len(mesh.positions) or not np.array_equal(flat, np.arange(len(flat), dtype=flat.dtype)):
         header["index"] = builder.array(flat)

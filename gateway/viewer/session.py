@@ -44,9 +44,18 @@ class Session:
         self.credit = False
         return update
 
+    def let_go(self) -> None:
+        """Keeps an old scene alive no longer for a page that does not take its update in: the next one starts over."""
+        if not self.credit:
+            self._have = EMPTY
+
     def sent(self, meshes: list[int]) -> None:
-        """Notes meshes that were sent."""
+        """Notes meshes that are on their way."""
         self._known.update(meshes)
+
+    def knows(self, mesh: int) -> bool:
+        """Whether the page was sent this mesh and not told to drop it."""
+        return mesh in self._known
 
     def forget(self, gone: set[int]) -> Iterator[bytes]:
         """Frames that let the page drop meshes which nothing uses any more."""

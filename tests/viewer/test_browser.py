@@ -8,6 +8,7 @@ import struct
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
 from typing import Any
 
 import httpx2
@@ -16,6 +17,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
+from gateway.scene.gltf import read_gltf
 from tests.support.browser import Watched, chromium
 from tests.support.forms import CONTENT_TYPE, body, drake_fields, gltf
 from tests.support.gateway_process import GatewayProcess, gateway_process
@@ -230,6 +232,109 @@ def test_render_requests_are_listed(view: tuple[View, Publisher], gateway: tuple
     pictures = shown.page.locator(".renders img")
     loaded = "images => images.length == 2 && images.every(image => image.complete && image.naturalWidth > 0)"
     shown.until(lambda: pictures.evaluate_all(loaded), "the pictures")
+
+
+def test_the_background_is_chosen(view: tuple[View, Publisher]) -> None:
+    shown, publisher = view
+    publisher.box(["ground"], RED)
+    shown.look_at("ground")
+    choice = shown.page.get_by_label("Background")
+    for name, color in (("white", (255, 255, 255)), ("black", (0, 0, 0)), ("sky", (204, 229, 255))):
+        choice.select_option(name)
+        shown.until(lambda color=color: tuple(shown.colors()[5, 5]) == color, name)
+    shown.page.get_by_role("button", name="Light or dark").click()
+    assert tuple(shown.colors()[5, 5]) == (204, 229, 255), "what was chosen stays"
+    choice.select_option("theme")
+    shown.until(lambda: shown.colors()[5, 5].max() < 64, "the dark theme's own")
+
+
+def test_the_picture_and_the_scene_are_downloaded(view: tuple[View, Publisher]) -> None:
+    shown, publisher = view
+    publisher.box(["take"], RED, x=-1.0)
+    shown.look_at("take")
+    shown.until(lambda: shown.share("red", "left") > 0.02, "a red box on the left")
+    seen = shown.colors()
+    with shown.page.expect_download() as picture:
+        shown.page.get_by_role("button", name="This view as PNG").click()
+    assert picture.value.suggested_filename == "scenegate.png"
+    drawn = np.asarray(Image.open(picture.value.path()).convert("RGB"))
+    assert drawn.shape == seen.shape
+
+    def middle(pixels: NDArray[np.uint8]) -> NDArray[np.float64]:
+        red = pixels[:, :, 0].astype(int) > pixels[:, :, 1:].max(axis=2).astype(int) + 90
+        return np.argwhere(red).mean(axis=0)
+
+    assert middle(drawn) == pytest.approx(middle(seen), abs=2.0), "the same view"
+    with shown.page.expect_download() as scene:
+        shown.page.get_by_role("link", name=".glb").click()
+    assert scene.value.suggested_filename == "scene.glb"
+    read = read_gltf(Path(scene.value.path()).read_bytes())
+    assert [path for path, node in read.root.walk() if node.parts], "it has the box"
+
+
+def test_the_keyboard_reaches_everything(view: tuple[View, Publisher]) -> None:
+    shown, publisher = view
+    publisher.box(["keys", "small"], RED, x=-1.0, size=0.5)
+    publisher.box(["keys", "other"], GREEN, x=1.0)
+    shown.look_at("keys", "other")
+    keyboard = shown.page.keyboard
+
+    def camera() -> list[float]:
+        return list(shown.page.evaluate("[...scenegate.stage.camera.position, ...scenegate.stage.controls.target]"))
+
+    def moved_by(key: str) -> list[float]:
+        before = camera()
+        keyboard.press(key)
+        shown.until(lambda: camera() != before, key)
+        return camera()
+
+    assert moved_by("h")[0] > 1.0, "from the front right"
+    assert moved_by("1")[2] > 4.0 * abs(camera()[1]), "from above"
+    moved_by("2")
+    shown.page.evaluate("scenegate.select(scenegate.model.find(['keys', 'small']))")
+    assert moved_by("f")[3:] == pytest.approx([-1.0, 0.0, 0.0], abs=1e-3), "the selection is framed"
+    shown.page.locator(".stage canvas").focus()
+    for key in ("ArrowLeft", "ArrowUp", "Control+ArrowRight"):
+        moved_by(key)
+    keyboard.press("Escape")
+    shown.until(lambda: shown.page.evaluate("scenegate.stage.highlight.visible") is False, "nothing is selected")
+    shown.page.evaluate("document.activeElement.blur()")
+    reached = set()
+    for _ in range(24):
+        keyboard.press("Tab")
+        element = "e => [e.ariaLabel, e.textContent, e.title].find(text => text?.trim()) ?? ''"
+        reached.add(shown.page.evaluate(f"({element})(document.activeElement)").strip())
+    wanted = {"Top", "Front", "Side", "Grid on the ground", "Wireframe", "Point size", "Background", ".glb"}
+    assert wanted <= reached
+
+
+def test_fingers_turn_and_pinch(view: tuple[View, Publisher]) -> None:
+    shown, publisher = view
+    publisher.box(["touch"], RED)
+    shown.look_at("touch")
+    box = shown.page.locator(".stage canvas").bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    device = shown.page.context.new_cdp_session(shown.page)
+
+    def touch(kind: str, *points: tuple[float, float]) -> None:
+        fingers = [{"x": x + dx, "y": y + dy, "id": number} for number, (dx, dy) in enumerate(points)]
+        device.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": fingers})
+
+    def read(what: str) -> float:
+        return float(shown.page.evaluate(f"scenegate.stage.controls.{what}()"))
+
+    angle, distance = read("getAzimuthalAngle"), read("getDistance")
+    touch("touchStart", (0, 0))
+    for step in range(1, 6):
+        touch("touchMove", (20.0 * step, 0))
+    touch("touchEnd")
+    shown.until(lambda: abs(read("getAzimuthalAngle") - angle) > 0.2, "one finger turns")
+    assert read("getDistance") == pytest.approx(distance)
+    touch("touchStart", (-20, 0), (20, 0))
+    for step in range(1, 6):
+        touch("touchMove", (-20.0 - 20 * step, 0), (20.0 + 20 * step, 0))
+    touch("touchEnd")
+    shown.until(lambda: read("getDistance") < 0.6 * distance, "two fingers apart come closer")
 
 
 def test_the_scene_comes_back_after_a_restart(browser: Any) -> None:

@@ -18,7 +18,7 @@ from gateway.viewer.frames import parse
 from gateway.viewer.payloads import Payloads
 from gateway.viewer.ports import Rig
 from gateway.viewer.session import Session
-from renderers.drawlist import AlphaMode, Material, Mesh
+from renderers.drawlist import AlphaMode, Image, Material, Mesh, Texture
 from tests.viewer.model import Model, tree_of
 
 MATERIAL = Material()
@@ -186,6 +186,32 @@ def test_materials_and_channels_are_told() -> None:
     assert values.ravel().tolist() == [0.0, 1.0]
     assert payloads.channel(draw["mesh"], "empty") is None
     assert payloads.channel(999, "intensity") is None
+
+
+def test_how_a_surface_is_cut_glows_and_reads_its_texture_is_told() -> None:
+    tree, payloads = LiveTree(), Payloads()
+    encoder = Encoder(payloads)
+    image = Image(b"key", lambda: np.zeros((1, 1, 4), np.uint8))
+    texture = Texture(image, uv_set=1, uv_transform=(2.0, 0.0, 0.5, 0.0, 3.0, 0.25))
+    leaf = Material(base_color_texture=texture, emissive=(0.0, 0.5, 1.0), alpha_mode=AlphaMode.MASK, alpha_cutoff=0.25)
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
+    mesh = Mesh(corners, np.array([[0, 1, 2]], np.uint32), uv1=corners[:, :2].copy())
+    with tree.edit() as edit:
+        edit.set_parts(("leaf",), (Part(Surface(mesh), leaf),))
+    encoder.advance(tree.snapshot)
+    update = encoder.update(EMPTY)
+    header, _ = parse(update.frame)
+    (part,) = next(entry for entry in header["nodes"] if entry["name"] == "leaf")["parts"]
+    material = part["draws"][0]["material"]
+    assert (material["alpha"], material["cutoff"]) == ("mask", 0.25)
+    assert material["emissive"] == pytest.approx([0.0, 0.735357, 1.0], abs=1e-5), "encoded as the colour is"
+    assert material["texture"]["set"] == 1
+    assert material["texture"]["transform"] == [2.0, 0.0, 0.5, 0.0, 3.0, 0.25]
+    frame = payloads.mesh_frame(part["draws"][0]["mesh"])
+    assert frame is not None
+    head, body = parse(frame)
+    offset, count = head["uv1"]
+    assert np.frombuffer(body, np.float32, count, offset).tolist() == [0, 0, 1, 0, 0, 1]
 
 
 def test_rig_is_column_major_or_nothing() -> None:

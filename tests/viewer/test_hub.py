@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import gc
+import weakref
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from gateway.scene.geometry import Box, Part
+from gateway.scene.geometry import Box, Part, Sphere
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.viewer.config import ViewerConfig
 from gateway.viewer.frames import parse
@@ -92,6 +95,29 @@ async def test_without_credit_a_browser_gets_no_update_and_then_the_newest(hub: 
     client.browser.close()
     other.browser.close()
     assert view.status()["browsers"] == 0
+
+
+async def test_a_browser_that_hangs_keeps_no_scene_alive() -> None:
+    tree = LiveTree()
+    with tree.edit() as edit:
+        edit.set_parts(("box",), (Part(Box((1, 1, 1)), Material()),))
+    view = ViewHub(replace(QUICK, patience_seconds=0.0), tree)
+    running = asyncio.create_task(view.run())
+    client = Client(view.connect())
+    assert (await client.update())["from"] == 0
+    held = weakref.ref(tree.snapshot.root)
+    with tree.edit() as edit:
+        edit.delete(("box",))
+        edit.set_parts(("ball",), (Part(Sphere(1.0), Material()),))
+    async with asyncio.timeout(10):
+        while held() is not None:
+            await asyncio.sleep(0.001)
+            gc.collect()
+    client.browser.ready()
+    assert (await client.update())["from"] == 0, "it starts over"
+    assert client.model.tree() == tree_of(tree.snapshot.root)
+    running.cancel()
+    await asyncio.gather(running, return_exceptions=True)
 
 
 async def test_notes_tell_state_and_camera(hub: Any) -> None:

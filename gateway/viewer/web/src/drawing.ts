@@ -198,6 +198,7 @@ export class Drawing {
     if (payload.normal) made.setAttribute("normal", new BufferAttribute(payload.normal, 3));
     if (payload.color) made.setAttribute("color", new BufferAttribute(payload.color, 4, true));
     if (payload.uv) made.setAttribute("uv", new BufferAttribute(payload.uv, 2));
+    if (payload.uv1) made.setAttribute("uv1", new BufferAttribute(payload.uv1, 2));
     if (payload.index) made.setIndex(new BufferAttribute(payload.index, 1));
     if (payload.topology === 3 && !payload.normal) made.computeVertexNormals();
     this.geometries.set(payload.id, made);

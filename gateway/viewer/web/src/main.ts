@@ -15,7 +15,7 @@ import { SensorsPanel } from "./sensorspanel";
 import { Stage, type Direction } from "./stage";
 import { StatusBar } from "./statusbar";
 import { Tabs } from "./tabs";
-import { startingTheme, type Theme } from "./theme";
+import { ground, startingBackground, startingTheme, type Theme } from "./theme";
 import { toolbar } from "./toolbar";
 import { TreePanel } from "./treepanel";
 
@@ -35,6 +35,7 @@ holder.append(hint);
 let selected: TreeNode | null = null;
 let updates = 0;
 let fitted = false;
+let background = startingBackground();
 
 const tree = new TreePanel(model, select, refreshBelow, fit);
 const details = new DetailsPanel({
@@ -55,9 +56,13 @@ const bar = toolbar({
   axes: (on) => stage.show(stage.axes, on),
   wireframe: (on) => materials.setWireframe(on),
   pointSize: (pixels) => materials.setPointSize(pixels),
+  background: (name) => {
+    background = name;
+    showGround();
+  },
   theme: () => setTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark"),
   snapshot: () => void snapshot(),
-});
+}, background);
 const layout = new Layout(tree.element, holder, tabs.element, bar, () => inSight());
 
 /** Panels that ask the gateway do so only while they are in sight. */
@@ -153,9 +158,13 @@ const connection = new Connection(take, (state) => {
 
 function setTheme(name: Theme): void {
   document.documentElement.dataset.theme = name;
-  const css = getComputedStyle(document.documentElement);
-  frustum.material.color.set(css.getPropertyValue("--frustum").trim());
-  stage.setBackground(css.getPropertyValue("--stage").trim(), css.getPropertyValue("--grid").trim());
+  showGround();
+}
+
+function showGround(): void {
+  const colors = ground(background);
+  frustum.material.color.set(colors.frustum);
+  stage.setBackground(colors.background, colors.grid);
 }
 
 /** The camera of this view in the gateway's grammar; an orthographic one is shown in perspective. */

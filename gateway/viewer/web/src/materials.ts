@@ -18,6 +18,7 @@ import {
   type Texture,
   type Wrapping,
 } from "three";
+import { BEFORE, shiftDepth } from "./depth";
 import type { Material } from "./protocol";
 
 const WRAP: Record<number, Wrapping> = {
@@ -69,7 +70,7 @@ export class Materials {
 
   line(material: Material, vertexColors: boolean, opacity: number): ThreeMaterial {
     return this.take(`line ${JSON.stringify(material)}${vertexColors} ${opacity}`, () => {
-      const made = new LineBasicMaterial({ vertexColors });
+      const made = shiftDepth(new LineBasicMaterial({ vertexColors }), BEFORE);
       made.color.setRGB(material.color[0], material.color[1], material.color[2]);
       this.fade(made, material.color[3] * opacity);
       return made;
@@ -136,7 +137,7 @@ export class Materials {
       wireframe: this.wireframe,
       map: material.texture ? this.texture(material.texture) : null,
     };
-    if (material.alpha === "mask") parameters.alphaTest = 0.5;
+    if (material.alpha === "mask") parameters.alphaTest = material.cutoff ?? 0.5;
     if (material.unlit) return new MeshBasicMaterial(parameters);
     const made = new MeshLambertMaterial(parameters);
     if (material.emissive) made.emissive.setRGB(...material.emissive);
@@ -153,6 +154,11 @@ export class Materials {
       made.wrapT = WRAP[texture.wrap[1]] ?? RepeatWrapping;
       made.anisotropy = 4;
       if (!texture.linear) made.magFilter = NearestFilter;
+      made.channel = texture.set ?? 0;
+      if (texture.transform) {
+        made.matrixAutoUpdate = false;
+        made.matrix.set(...texture.transform, 0, 0, 1);
+      }
       this.textures.set(key, made);
     }
     return made;

@@ -8,6 +8,8 @@ type Span = [number, number];
 export interface Material {
   color: [number, number, number, number];
   alpha?: "mask" | "blend";
+  /** Of a mask; absent is 0.5. */
+  cutoff?: number;
   metallic?: number;
   roughness?: number;
   emissive?: [number, number, number];
@@ -15,7 +17,15 @@ export interface Material {
   unlit?: boolean;
   pointSize?: number;
   lineWidth?: number;
-  texture?: { image: number; wrap: [number, number]; linear: boolean };
+  texture?: {
+    image: number;
+    wrap: [number, number];
+    linear: boolean;
+    /** Which texture coordinates of the mesh; absent is 0. */
+    set?: number;
+    /** a, b, c, d, e, f: u' = a u + b v + c, v' = d u + e v + f */
+    transform?: [number, number, number, number, number, number];
+  };
 }
 
 export interface Draw {
@@ -64,6 +74,7 @@ export interface MeshPayload {
   normal?: Float32Array;
   color?: Uint8Array;
   uv?: Float32Array;
+  uv1?: Float32Array;
   index?: Uint32Array;
 }
 
@@ -135,6 +146,7 @@ export function parse(buffer: ArrayBuffer): Message {
         normal: header.normal ? floats(header.normal as Span) : undefined,
         color: header.color ? bytes(header.color as Span) : undefined,
         uv: header.uv ? floats(header.uv as Span) : undefined,
+        uv1: header.uv1 ? floats(header.uv1 as Span) : undefined,
         index: header.index ? words(header.index as Span) : undefined,
       };
     default:

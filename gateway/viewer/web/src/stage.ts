@@ -20,6 +20,7 @@ import {
   type Object3D,
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
+import { BEFORE, BEHIND, shiftDepth } from "./depth";
 
 // As the rasterizer's "phong" look: colours are shown as they come.
 ColorManagement.enabled = false;
@@ -64,6 +65,9 @@ export class Stage {
     holder.append(this.renderer.domElement);
     for (const camera of [this.perspective, this.orthographic]) camera.up.set(0, 0, 1);
     this.grid.rotation.x = Math.PI / 2;
+    // A floor at the same height hides the grid, and not the axes, instead of fighting with them.
+    for (const material of [this.grid.material].flat()) shiftDepth(material, BEHIND);
+    for (const material of [this.axes.material].flat()) shiftDepth(material, BEFORE);
     this.highlight.visible = false;
     this.scene.add(content, this.grid, this.axes, this.highlight, this.light, this.light.target);
     this.controls = new OrbitControls(this.camera, this.renderer.domElement);
@@ -143,9 +147,6 @@ export class Stage {
     const cell = 10 ** Math.floor(Math.log10(half));
     this.grid.scale.setScalar(cell);
     this.axes.scale.setScalar(cell);
-    // A floor at the same height hides the grid, and not the axes, instead of fighting with them.
-    this.grid.position.z = -1e-3 * cell;
-    this.axes.position.z = 2e-3 * cell;
   }
 
   setOrthographic(on: boolean): void {

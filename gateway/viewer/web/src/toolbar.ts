@@ -3,6 +3,7 @@
 import { h } from "./dom";
 import { icon, type Icon } from "./icons";
 import type { Direction } from "./stage";
+import { BACKGROUNDS, type Background } from "./theme";
 
 export interface ToolbarActions {
   panel(side: "left" | "right"): void;
@@ -13,6 +14,7 @@ export interface ToolbarActions {
   axes(on: boolean): void;
   wireframe(on: boolean): void;
   pointSize(pixels: number): void;
+  background(name: Background): void;
   theme(): void;
   snapshot(): void;
 }
@@ -23,7 +25,7 @@ export interface Toolbar {
   right: HTMLElement;
 }
 
-export function toolbar(actions: ToolbarActions): Toolbar {
+export function toolbar(actions: ToolbarActions, chosen: Background): Toolbar {
   const button = (name: Icon, title: string, run: () => void) =>
     h("button", { title, "aria-label": title, onclick: () => run() }, icon(name));
   const word = (text: string, title: string, run: () => void) => h("button", { title, onclick: () => run() }, text);
@@ -47,6 +49,17 @@ export function toolbar(actions: ToolbarActions): Toolbar {
     "aria-label": "Point size",
     oninput: (event) => actions.pointSize(Number((event.target as HTMLInputElement).value)),
   });
+  const backgrounds = h(
+    "select",
+    {
+      title: "Background",
+      "aria-label": "Background",
+      onchange: (event) => actions.background((event.target as HTMLSelectElement).value as Background),
+    },
+    ...BACKGROUNDS.map((name) =>
+      h("option", { value: name, selected: name === chosen }, `${name[0]?.toUpperCase()}${name.slice(1)}`),
+    ),
+  );
   const left = button("tree", "Scene tree (T)", () => actions.panel("left"));
   const right = button("sensor", "Selection, stereo camera, renders (S)", () => actions.panel("right"));
   const tools = h(
@@ -63,6 +76,7 @@ export function toolbar(actions: ToolbarActions): Toolbar {
     toggle("axes", "Axes of the world: x red, y green, z blue", true, (on) => actions.axes(on)),
     toggle("wire", "Wireframe", false, (on) => actions.wireframe(on)),
     h("label", { class: "points" }, "Points ", points),
+    backgrounds,
     gap(),
     button("snapshot", "This view as PNG, drawn by the gateway's own rasterizer", () => actions.snapshot()),
     h("a", { class: "button", href: "/scene.glb", download: "scene.glb", title: "The scene as .glb" }, icon("download"), ".glb"),
