@@ -3,7 +3,7 @@
 #   docker build -t scenegate .
 #   docker build -t scenegate --secret id=ca,src=/etc/ssl/certs/ca-certificates.crt .   # behind a proxy with its own CA
 
-FROM docker.io/library/python:3.11-slim-bookworm AS build
+FROM python:3.11-slim-bookworm AS build
 
 ENV PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_NO_CACHE_DIR=1
 WORKDIR /src
@@ -20,7 +20,7 @@ COPY renderers renderers
 RUN /opt/tools/bin/python -m hatchling build -t wheel -d /tmp/wheel \
  && /opt/scenegate/bin/pip install --quiet --no-deps --no-index /tmp/wheel/*.whl
 
-FROM docker.io/library/python:3.11-slim-bookworm
+FROM python:3.11-slim-bookworm
 
 # LCM's library needs glib.
 RUN apt-get update \
