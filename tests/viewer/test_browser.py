@@ -308,6 +308,21 @@ def test_the_keyboard_reaches_everything(view: tuple[View, Publisher]) -> None:
     assert wanted <= reached
 
 
+def test_a_phone_shows_one_drawer_at_a_time(view: tuple[View, Publisher]) -> None:
+    shown, publisher = view
+    publisher.box(["phone"], RED)
+    shown.page.set_viewport_size({"width": 360, "height": 740})
+    shown.until(lambda: shown.page.evaluate("innerWidth") == 360, "a small screen")
+    search, tabs = shown.page.get_by_label("Search paths"), shown.page.get_by_role("tab", name="Stereo")
+    for name, open_one, closed_one in (("Scene tree", search, tabs), ("Selection, stereo", tabs, search)):
+        shown.page.get_by_role("button", name=name).click()
+        open_one.wait_for(state="visible")
+        closed_one.wait_for(state="hidden")
+        assert shown.page.evaluate("document.documentElement.scrollWidth") == 360, "nothing is wider than the screen"
+    shown.page.keyboard.press("Escape")
+    tabs.wait_for(state="hidden")
+
+
 def test_fingers_turn_and_pinch(view: tuple[View, Publisher]) -> None:
     shown, publisher = view
     publisher.box(["touch"], RED)

@@ -5,6 +5,8 @@ import { icon, type Icon } from "./icons";
 import type { Direction } from "./stage";
 import { BACKGROUNDS, type Background } from "./theme";
 
+const BACKGROUND_NAMES: Record<Background, string> = { theme: "By theme", white: "White", black: "Black", sky: "Sky" };
+
 export interface ToolbarActions {
   panel(side: "left" | "right"): void;
   look(direction: Direction): void;
@@ -56,9 +58,7 @@ export function toolbar(actions: ToolbarActions, chosen: Background): Toolbar {
       "aria-label": "Background",
       onchange: (event) => actions.background((event.target as HTMLSelectElement).value as Background),
     },
-    ...BACKGROUNDS.map((name) =>
-      h("option", { value: name, selected: name === chosen }, `${name[0]?.toUpperCase()}${name.slice(1)}`),
-    ),
+    ...BACKGROUNDS.map((name) => h("option", { value: name, selected: name === chosen }, BACKGROUND_NAMES[name])),
   );
   const left = button("tree", "Scene tree (T)", () => actions.panel("left"));
   const right = button("sensor", "Selection, stereo camera, renders (S)", () => actions.panel("right"));
