@@ -129,7 +129,7 @@ def _add_sensor(routes: APIRouter, sensor: SensorView | None) -> None:
     @routes.get("/view/sensor", include_in_schema=False)
     async def state() -> Response:
         if sensor is None:
-            return PlainTextResponse("No stereo camera runs in this gateway.", 404)
+            return Response(status_code=204)  # not an error: browsers would fill their console with those
         try:
             return JSONResponse((await sensor.newest()).describe(), headers=NO_STORE)
         except (Busy, Closed) as error:

@@ -381,3 +381,30 @@ def _on_port(port: str) -> Iterator[GatewayProcess]:
         yield gateway
     finally:
         gateway.kill()
+
+
+def test_a_gateway_without_a_stereo_camera_is_no_fault(browser: Any) -> None:
+    """The panel says so, and the mouse works: wheel, orbit and pan each move the camera."""
+    with gateway_process("--only", "scene,view", "--demo") as (_, url):
+        view = View(browser, url)
+        view.until(lambda: view.page.evaluate("scenegate.model.nodes.size > 10"), "the demo is there")
+        view.page.get_by_text("No stereo camera runs in this gateway.").wait_for()
+        where = "[...scenegate.stage.camera.position.toArray(), ...scenegate.stage.controls.target.toArray()]"
+
+        def moves(what: str) -> None:
+            view.until(lambda: view.page.evaluate(where) != before, what)
+
+        view.page.mouse.move(600, 400)
+        before = view.page.evaluate(where)
+        view.page.mouse.wheel(0, -400)
+        moves("wheel")
+        for button in ("left", "right"):
+            view.page.wait_for_timeout(300)
+            before = view.page.evaluate(where)
+            view.page.mouse.down(button=button)
+            view.page.mouse.move(700, 450, steps=4)
+            view.page.mouse.up(button=button)
+            moves(f"{button} drag")
+            view.page.mouse.move(600, 400)
+        view.page.close()
+        assert view.faults == []

@@ -23,6 +23,8 @@ export class SensorsPanel {
   private number = 0;
   private full: Name | null = null;
   private active = false;
+  /** Whether the parameters were asked for since the panel came into sight. */
+  private asked = false;
   private looking = false;
   private timer = 0;
 
@@ -36,7 +38,7 @@ export class SensorsPanel {
 
   /** Whether the panel is in sight. */
   setActive(active: boolean): void {
-    if (active && !this.active) void this.parameters.load();
+    if (active && !this.active) this.asked = false;
     this.active = active;
     this.poll();
   }
@@ -68,11 +70,16 @@ export class SensorsPanel {
     this.looking = true;
     try {
       const answer = await fetch("/view/sensor");
-      if (answer.ok) await this.take((await answer.json()) as SensorState);
-      this.empty.hidden = answer.ok;
-      this.thumbs.hidden = !answer.ok;
-      this.parameters.element.hidden = !answer.ok;
+      const runs = answer.status === 200; // 204: there is no camera
+      if (runs) await this.take((await answer.json()) as SensorState);
+      this.empty.hidden = runs;
+      this.thumbs.hidden = !runs;
+      this.parameters.element.hidden = !runs;
       if (!answer.ok) this.empty.textContent = await answer.text();
+      if (runs && this.active && !this.asked) {
+        this.asked = true;
+        void this.parameters.load();
+      }
     } catch {
       // The gateway is away; the connection says so, and the next look will tell.
     }
