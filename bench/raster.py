@@ -110,7 +110,7 @@ class OpenGl:
         for instance in scene.instances:
             mesh = instance.mesh
             if id(mesh) not in meshes:
-                both = np.concatenate((mesh.positions, mesh.normals), axis=1)  # type: ignore[arg-type]
+                both = np.concatenate((mesh.positions, mesh.normals), axis=1)  # type: ignore[arg-type]  # they have normals
                 vertices = self.context.buffer(np.ascontiguousarray(both, np.float32).tobytes())
                 indices = self.context.buffer(mesh.elements.tobytes())
                 meshes[id(mesh)] = self.context.vertex_array(

@@ -137,11 +137,11 @@ async def live(rate: str, look: str, quality: str) -> tuple[int, Any]:
     warmup()
     warm_up()
     scene = table()
-    config = StereoConfig(port=0, rate=rate, look=look)  # type: ignore[arg-type]
+    config = StereoConfig(port=0, rate=rate, look=look)  # type: ignore[arg-type]  # argparse has checked
     service = StereoService(config, lambda: (scene, 1), pose, CpuRenderer(2), Workers(2))
     service.parameters.set("rc_stereomatching", [("quality", quality)])
     task = asyncio.create_task(service.run())
-    while not service.ready:  # noqa: ASYNC110
+    while not service.ready:  # noqa: ASYNC110 - nobody tells when
         await asyncio.sleep(0.01)
     return service.port, (task, service)
 
@@ -164,7 +164,7 @@ def watch_steps() -> dict[str, list[float]]:
         elif "grpc" in file:
             seen["writer"].append(time.thread_time() - before)
 
-    events.Handle._run = timed  # type: ignore[method-assign]
+    events.Handle._run = timed  # type: ignore[method-assign]  # to be timed
     return seen
 
 

@@ -37,7 +37,7 @@ def _command() -> Any:
         "(http_port = 9000); a flag wins over the environment, the environment over the file."
     )
     parameters = [_config_parameter(), *(_parameter(name, field) for name, field in Settings.model_fields.items())]
-    serve.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    serve.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]  # what typer reads
     serve.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     return serve
 
