@@ -21,7 +21,15 @@ from pydantic_settings import BaseSettings, NoDecode, PydanticBaseSettingsSource
 ENV_PREFIX = "SCENEGATE_"
 CONFIG_ENV = "SCENEGATE_CONFIG"
 OTHER_ENV = frozenset(
-    {CONFIG_ENV, "SCENEGATE_CACHE_DIR", "SCENEGATE_CORPUS", "SCENEGATE_DRAKE_PYTHON", "SCENEGATE_URL"}
+    {
+        CONFIG_ENV,
+        "SCENEGATE_ASSET_GENERATOR",
+        "SCENEGATE_CACHE_DIR",
+        "SCENEGATE_CORPUS",
+        "SCENEGATE_DRAKE_PYTHON",
+        "SCENEGATE_FIDELITY",
+        "SCENEGATE_URL",
+    }
 )
 """Variables of ours that are no settings."""
 

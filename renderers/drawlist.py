@@ -7,6 +7,7 @@ it prepared when the object is gone.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum, IntEnum
@@ -94,6 +95,8 @@ class Sampler:
     """False: nearest texel when minified."""
     mipmaps: bool = True
     """Whether the minification filter asks for mip levels."""
+    mip_linear: bool = True
+    """False: the nearest mip level only."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,12 +136,24 @@ class Material:
     emissive: tuple[float, float, float] = (0.0, 0.0, 0.0)
     emissive_texture: Texture | None = None
     """sRGB; multiplies ``emissive``."""
+    emissive_strength: float = 1.0
+    """Multiplies ``emissive`` (KHR_materials_emissive_strength), in looks that are tone-mapped."""
     alpha_mode: AlphaMode = AlphaMode.OPAQUE
     alpha_cutoff: float = 0.5
     double_sided: bool = False
     """False: back faces are culled in colour. Depth, label, instance and normal outputs never cull."""
     unlit: bool = False
     """Colour is the base colour, whatever the lights."""
+    ior: float = 1.5
+    """Index of refraction of a dielectric (KHR_materials_ior); 0: a reflectance of 1 from every side."""
+    specular: float = 1.0
+    """Strength of a dielectric's reflection (KHR_materials_specular)."""
+    specular_texture: Texture | None = None
+    """A = strength, linear; multiplies ``specular``."""
+    specular_color: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    """Of a dielectric's reflection seen from the front, linear; may exceed 1."""
+    specular_color_texture: Texture | None = None
+    """sRGB; multiplies ``specular_color``."""
     point_size: float = 1.0
     """Side of the square that a point covers, pixels."""
     line_width: float = 1.0
@@ -162,6 +177,34 @@ class Instance:
     """What the instance output shows for it; -1 is the background's value."""
 
 
+class LightKind(Enum):
+    DIRECTIONAL = "directional"
+    POINT = "point"
+    SPOT = "spot"
+
+
+@dataclass(frozen=True, slots=True)
+class Light:
+    """A punctual light (KHR_lights_punctual) in the world. Drake's looks have their own and ignore it."""
+
+    kind: LightKind
+    color: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    """Linear."""
+    intensity: float = 1.0
+    """Lux of a directional light, candela of the others."""
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Metres; of no meaning for a directional light."""
+    direction: tuple[float, float, float] = (0.0, 0.0, -1.0)
+    """Unit vector in which it shines; of no meaning for a point light."""
+    range: float | None = None
+    """Metres at which it ends; None: inverse square for ever."""
+    inner_cone: float = 0.0
+    """Radians from the axis of a spot to where it begins to fade."""
+    outer_cone: float = math.pi / 4.0
+    """Radians from the axis of a spot to where it ends."""
+    casts_shadow: bool = True
+
+
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class DrawList:
     """Everything that one picture is made of."""
@@ -169,3 +212,5 @@ class DrawList:
     instances: tuple[Instance, ...] = ()
     images: tuple[Image, ...] = field(default=())
     """The images that the materials use, each once, so that a renderer can decode them in parallel beforehand."""
+    lights: tuple[Light, ...] = ()
+    """What the scene itself brings; looks that have lights of their own do without."""

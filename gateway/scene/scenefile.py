@@ -10,6 +10,7 @@ from typing import Literal
 from gateway.scene.gltf import DRAKE_GENERATORS, GltfCamera, GltfError, GltfLimits, read_gltf
 from gateway.scene.transforms import Y_UP_TO_Z_UP
 from gateway.scene.tree import Node
+from renderers.drawlist import Light
 
 Up = Literal["auto", "y", "z"]
 
@@ -30,6 +31,8 @@ class SceneFile:
     """What was ignored or repaired."""
     generator: str
     """``asset.generator``."""
+    lights: tuple[Light, ...] = ()
+    """The file's own, Z up, too."""
 
     @property
     def from_drake(self) -> bool:
@@ -54,11 +57,20 @@ def read_scene_file(path: Path, *, up: Up = "auto", limits: GltfLimits | None = 
     except GltfError as error:
         raise SceneFileError(f"{path}: {error}") from None
     if up == "z" or (up == "auto" and scene.from_drake):
-        return SceneFile(scene.root, scene.cameras, scene.warnings, scene.generator)
+        return SceneFile(scene.root, scene.cameras, scene.warnings, scene.generator, scene.lights)
     root = scene.root
     turned = Node(root.parts, Y_UP_TO_Z_UP @ root.matrix, root.children)
     cameras = tuple(replace(camera, X_world_camera=Y_UP_TO_Z_UP @ camera.X_world_camera) for camera in scene.cameras)
-    return SceneFile(turned, cameras, scene.warnings, scene.generator)
+    lights = tuple(
+        replace(light, position=_turned(light.position), direction=_turned(light.direction)) for light in scene.lights
+    )
+    return SceneFile(turned, cameras, scene.warnings, scene.generator, lights)
+
+
+def _turned(v: tuple[float, float, float]) -> tuple[float, float, float]:
+    """A point or direction of a Y-up world in ours."""
+    x, y, z = Y_UP_TO_Z_UP[:3, :3] @ v
+    return float(x), float(y), float(z)
 
 
 def _beside(path: Path) -> Callable[[str], bytes]:

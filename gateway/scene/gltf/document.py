@@ -38,6 +38,7 @@ class Node(_Object):
     translation: list[float] | None = None
     rotation: list[float] | None = None
     scale: list[float] | None = None
+    extensions: Extensions = None
 
 
 class Primitive(_Object):
@@ -181,6 +182,7 @@ class Document(_Object):
     cameras: list[Camera | None] | None = None
     extensions_used: list[str | None] | None = None
     extensions_required: list[str | None] | None = None
+    extensions: Extensions = None
 
 
 class TextureTransform(_Object):
@@ -190,6 +192,71 @@ class TextureTransform(_Object):
     rotation: float | None = None
     scale: list[float] | None = None
     tex_coord: int | None = None
+
+
+class ImageSource(_Object):
+    """EXT_texture_webp and its kin: another image for a texture."""
+
+    source: int | None = None
+
+
+class EmissiveStrength(_Object):
+    """KHR_materials_emissive_strength."""
+
+    emissive_strength: float | None = None
+
+
+class Ior(_Object):
+    """KHR_materials_ior."""
+
+    ior: float | None = None
+
+
+class Specular(_Object):
+    """KHR_materials_specular."""
+
+    specular_factor: float | None = None
+    specular_texture: TextureInfo | None = None
+    specular_color_factor: list[float] | None = None
+    specular_color_texture: TextureInfo | None = None
+
+
+class SpecularGlossiness(_Object):
+    """KHR_materials_pbrSpecularGlossiness (archived)."""
+
+    diffuse_factor: list[float] | None = None
+    diffuse_texture: TextureInfo | None = None
+    specular_factor: list[float] | None = None
+    glossiness_factor: float | None = None
+    specular_glossiness_texture: TextureInfo | None = None
+
+
+class Spot(_Object):
+    inner_cone_angle: float | None = None
+    outer_cone_angle: float | None = None
+
+
+class Light(_Object):
+    """An entry of KHR_lights_punctual."""
+
+    name: str | None = None
+    type: str | None = None
+    color: list[float] | None = None
+    intensity: float | None = None
+    range: float | None = None
+    spot: Spot | None = None
+
+
+class Lights(_Object):
+    """KHR_lights_punctual of the document."""
+
+    lights: list[Light | None] | None = None
+
+
+class LightReference(_Object):
+    """KHR_lights_punctual of a node."""
+
+    light: int | None = None
 
 
 _DECODER: Final = msgspec.json.Decoder(Document)

@@ -32,6 +32,8 @@ class GltfLimits:
     """Decoded buffers and images together; bodies are bounded by the interface that takes them."""
     max_mesh_bytes: int = 512 << 20
     """Arrays made of buffers: many accessors can read the same bytes, so the size of the file does not bound it."""
+    max_lights: int = 64
+    """Nodes that shine (KHR_lights_punctual); every pixel is lit by all of them."""
     max_image_pixels: int = 64 << 20
     """Of one image (8192 x 8192), by its header, before decoding: 256 MB of RGBA."""
     max_total_image_pixels: int = 256 << 20

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
-from typing import Final
+from dataclasses import replace
+from typing import Final, TypeVar
 
 import msgspec
 
@@ -25,6 +26,12 @@ _NOT_FROM_VTK: Final = frozenset({"NORMAL", "COLOR_0"})
 _NEAREST: Final = 9728
 _MIN_NEAREST: Final = frozenset({9728, 9984, 9986})
 _MIN_MIPMAPS: Final = frozenset({9984, 9985, 9986, 9987})
+_MIP_NEAREST: Final = frozenset({9984, 9985})
+_GLOSSINESS: Final = "KHR_materials_pbrSpecularGlossiness"
+_REFLECTANCE: Final = 0.04
+"""Of a dielectric with the default index of refraction, seen from the front."""
+
+_E = TypeVar("_E", bound=msgspec.Struct)
 
 
 def label_from_material(material: Material) -> int:
@@ -86,7 +93,10 @@ class Materials:
         alpha_mode = _alpha_mode(source.alpha_mode, name)
         if vtk and base_color[3] < 1.0:
             alpha_mode = AlphaMode.BLEND
-        return Material(
+        strength = self._extension(source, "KHR_materials_emissive_strength", gltf.EmissiveStrength, name)
+        ior = self._extension(source, "KHR_materials_ior", gltf.Ior, name)
+        specular = self._extension(source, "KHR_materials_specular", gltf.Specular, name)
+        made = Material(
             base_color=base_color,
             base_color_texture=self._texture(pbr.base_color_texture, f"{name}.baseColorTexture"),
             metallic=_unit(pbr.metallic_factor, f"{name}.metallicFactor"),
@@ -103,9 +113,45 @@ class Materials:
             alpha_mode=alpha_mode,
             alpha_cutoff=_number(source.alpha_cutoff, 0.5, f"{name}.alphaCutoff"),
             double_sided=bool(source.double_sided) or vtk,
+            emissive_strength=max(0.0, _number(strength.emissive_strength, 1.0, f"{name}.emissiveStrength")),
             unlit=extension(source.extensions, "KHR_materials_unlit") is not None,
+            ior=_ior(ior.ior, f"{name}.ior"),
+            specular=_unit(specular.specular_factor, f"{name}.specularFactor"),
+            specular_texture=self._texture(specular.specular_texture, f"{name}.specularTexture"),
+            specular_color=vector(specular.specular_color_factor, (1.0, 1.0, 1.0), f"{name}.specularColorFactor"),
+            specular_color_texture=self._texture(specular.specular_color_texture, f"{name}.specularColorTexture"),
             vtk_export=vtk,
         )
+        if extension(source.extensions, _GLOSSINESS) is None:
+            return made
+        return self._glossy(made, self._extension(source, _GLOSSINESS, gltf.SpecularGlossiness, name), name)
+
+    def _glossy(self, made: Material, glossy: gltf.SpecularGlossiness, name: str) -> Material:
+        """A material of the archived specular-glossiness model as a dielectric of the same reflectance; the glossiness
+        in its texture's alpha is not read."""
+        r, g, b = vector(glossy.specular_factor, (1.0, 1.0, 1.0), f"{name}.specularFactor")
+        return replace(
+            made,
+            base_color=vector(glossy.diffuse_factor, (1.0, 1.0, 1.0, 1.0), f"{name}.diffuseFactor"),
+            base_color_texture=self._texture(glossy.diffuse_texture, f"{name}.diffuseTexture"),
+            metallic=0.0,
+            roughness=1.0 - _unit(glossy.glossiness_factor, f"{name}.glossinessFactor"),
+            metallic_roughness_texture=None,
+            specular_color=(r / _REFLECTANCE, g / _REFLECTANCE, b / _REFLECTANCE),
+            specular_color_texture=self._texture(
+                glossy.specular_glossiness_texture, f"{name}.specularGlossinessTexture"
+            ),
+        )
+
+    def _extension(self, source: gltf.Material, extension_name: str, kind: type[_E], name: str) -> _E:
+        """A material's extension, all fields null where it is absent."""
+        raw = extension(source.extensions, extension_name)
+        if raw is None:
+            return kind()
+        try:
+            return msgspec.json.decode(raw, type=kind)
+        except msgspec.MsgspecError as error:
+            raise GltfError(f"{name}.extensions.{extension_name}: {error}") from error
 
     def _texture(self, info: gltf.TextureInfo | None, where: str) -> Texture | None:
         if info is None or not self._with_textures:
@@ -135,7 +181,16 @@ class Materials:
         texture = element(self._document.textures, index, "textures", f"{where}.index")
         name = f"textures[{index}]"
         if texture.source is None:
-            # Extensions name sources, too, but Drake's merge leaves those indices as they were in the single files.
+            raw = extension(texture.extensions, "EXT_texture_webp")
+            # Drake's merge leaves the indices in extensions as they were in the single files.
+            if raw is not None and not self._from_drake:
+                try:
+                    webp = msgspec.json.decode(raw, type=gltf.ImageSource)
+                except msgspec.MsgspecError as error:
+                    raise GltfError(f"{name}.extensions.EXT_texture_webp: {error}") from error
+                if webp.source is not None:
+                    where = f"{name}.extensions.EXT_texture_webp.source"
+                    return self._image(webp.source, where), self._sampler(texture.sampler, f"{name}.sampler")
             offered = ", ".join(texture.extensions or ()) or "no extension"
             self._warnings.append(f"{name}: no source ({offered}), so there is no texture")
             return None
@@ -152,6 +207,7 @@ class Materials:
             mag_linear=source.mag_filter != _NEAREST,
             min_linear=smallest not in _MIN_NEAREST,
             mipmaps=smallest is None or smallest in _MIN_MIPMAPS,
+            mip_linear=smallest not in _MIP_NEAREST,
         )
 
     def _wrap(self, value: int | None, where: str) -> Wrap:
@@ -239,6 +295,12 @@ def _number(value: float | None, default: float, where: str) -> float:
 
 def _unit(value: float | None, where: str) -> float:
     return min(1.0, max(0.0, _number(value, 1.0, where)))
+
+
+def _ior(value: float | None, where: str) -> float:
+    """At least 1, but 0 has a meaning of its own (KHR_materials_ior)."""
+    number = _number(value, 1.5, where)
+    return number if number == 0.0 else max(1.0, number)
 
 
 def _uv_transform(source: gltf.TextureTransform, where: str) -> tuple[float, float, float, float, float, float]:

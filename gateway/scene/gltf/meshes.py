@@ -52,6 +52,10 @@ class Meshes:
         self._limits = limits
         self._warnings = warnings
         self._made: dict[tuple[object, ...], Mesh | None] = {}
+        self.without_positions = ""
+        """The first primitive that has none ..."""
+        self.with_positions = False
+        """... and whether any has."""
         self._vertices = self._elements = self._nbytes = 0
 
     def mesh(self, primitive: Primitive, name: str) -> Mesh | None:
@@ -87,8 +91,10 @@ class Meshes:
             raise GltfError(f"{name}.mode: {mode} is not between 0 and {len(MODES) - 1}")
         references = {key: value for key, value in (primitive.attributes or {}).items() if value is not None}
         if "POSITION" not in references:
+            self.without_positions = self.without_positions or name
             self._warnings.append(f"{name}: no POSITION, nothing to draw")
             return None
+        self.with_positions = True
         position = self._accessors.get(references["POSITION"], f"{name}.attributes.POSITION")
         if position.components != 3:
             raise GltfError(f"{name}.attributes.POSITION: {position.name} has {position.components} components, not 3")
@@ -140,6 +146,11 @@ class Meshes:
             self._charge(0, count, source.name)
             indices = source.indices.raw()[:, 0]
             low, high = int(indices.min()), int(indices.max())
+            if high == np.iinfo(indices.dtype).max:
+                raise GltfError(
+                    f"{source.name}.indices: {source.indices.name} has the index {high}, the largest of its component "
+                    "type, which glTF forbids: graphics libraries take it for the start of another primitive"
+                )
             if low < 0 or high >= position.count:
                 raise GltfError(
                     f"{source.name}.indices: {source.indices.name} has the index {low if low < 0 else high}, "

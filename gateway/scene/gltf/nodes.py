@@ -13,9 +13,11 @@ from gateway.scene.geometry import Part
 from gateway.scene.gltf import document as gltf
 from gateway.scene.gltf.document import Document, vector
 from gateway.scene.gltf.errors import GltfError, element
+from gateway.scene.gltf.lights import place_lights
 from gateway.scene.gltf.limits import GltfLimits
 from gateway.scene.gltf.scene import GltfCamera
 from gateway.scene.transforms import IDENTITY, Matrix, from_column_major, from_trs
+from renderers.drawlist import Light
 
 _IDENTITY_NUMBERS: Final = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 _OPTICAL: Final = np.diag((1.0, -1.0, -1.0, 1.0))
@@ -44,13 +46,22 @@ class NodeTree:
 
     root: tree.Node
     cameras: tuple[GltfCamera, ...]
+    lights: tuple[Light, ...]
 
 
-def build_tree(document: Document, parts_of: Callable[[int, str], tuple[Part, ...]], limits: GltfLimits) -> NodeTree:
+def build_tree(
+    document: Document,
+    parts_of: Callable[[int, str], tuple[Part, ...]],
+    limits: GltfLimits,
+    lights: tuple[gltf.Light | None, ...] = (),
+    warnings: list[str] | None = None,
+) -> NodeTree:
     """The tree of the document's default scene.
 
     Args:
         parts_of: gives the parts of ``meshes[index]``; the second argument says who asks.
+        lights: of the document.
+        warnings: gets what is wrong with lights.
 
     Raises:
         GltfError: cycles, several parents, references out of range, matrices that are not affine, limits.
@@ -67,7 +78,13 @@ def build_tree(document: Document, parts_of: Callable[[int, str], tuple[Part, ..
         children = dict(reversed(visit.children.items()))
         siblings = root_children if visit.parent < 0 else visits[visit.parent].children
         siblings[visit.element] = tree.Node(parts[position], visit.matrix, children)
-    return NodeTree(tree.Node(None, IDENTITY, dict(reversed(root_children.items()))), cameras)
+    shining = (
+        (f"nodes[{visit.index}]", visit.source.extensions, _world(visits, position))
+        for position, visit in enumerate(visits)
+        if visit.source.extensions
+    )
+    placed = place_lights(lights, shining if lights else (), limits.max_lights, [] if warnings is None else warnings)
+    return NodeTree(tree.Node(None, IDENTITY, dict(reversed(root_children.items()))), cameras, placed)
 
 
 def _roots(document: Document) -> tuple[list[int | None], str]:
@@ -143,16 +160,25 @@ def _matrix(node: gltf.Node, name: str) -> Matrix:
     )
 
 
+def _world(visits: list[_Visit], position: int) -> Matrix:
+    """X_world_node."""
+    X_world_node = visits[position].matrix
+    parent = visits[position].parent
+    while parent >= 0:
+        X_world_node = visits[parent].matrix @ X_world_node
+        parent = visits[parent].parent
+    return X_world_node
+
+
 def _camera(document: Document, visits: list[_Visit], position: int) -> GltfCamera:
     visit = visits[position]
     index = visit.source.camera
     source = element(document.cameras, index, "cameras", f"nodes[{visit.index}].camera")
     assert index is not None
-    X_world_node = visit.matrix
+    X_world_node = _world(visits, position)
     path: list[tree.PathElement] = [visit.element]
     parent = visit.parent
     while parent >= 0:
-        X_world_node = visits[parent].matrix @ X_world_node
         path.append(visits[parent].element)
         parent = visits[parent].parent
     lens = source.perspective or source.orthographic

@@ -53,6 +53,7 @@ class Known:
     cameras: list[gltf.Camera | None]
     warnings: tuple[str, ...]
     counts: GltfCounts
+    lights: tuple[gltf.Light | None, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

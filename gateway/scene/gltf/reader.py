@@ -12,6 +12,7 @@ from gateway.scene.gltf.cache import MeshCache
 from gateway.scene.gltf.container import open_container
 from gateway.scene.gltf.document import Document, parse
 from gateway.scene.gltf.errors import GltfError, element
+from gateway.scene.gltf.lights import lights_of
 from gateway.scene.gltf.limits import GltfLimits
 from gateway.scene.gltf.materials import Materials
 from gateway.scene.gltf.meshes import Meshes
@@ -19,20 +20,27 @@ from gateway.scene.gltf.nodes import build_tree
 from gateway.scene.gltf.prefixes import Known, split
 from gateway.scene.gltf.scene import GltfCounts, GltfScene
 
-READ: Final = frozenset({"KHR_materials_unlit", "KHR_texture_transform", "KHR_mesh_quantization"})
-"""Extensions that are honoured."""
-FALLBACK: Final = frozenset({"KHR_texture_basisu", "EXT_texture_webp", "EXT_texture_avif", "MSFT_texture_dds"})
-"""Extensions that offer other images: the PNG or JPEG beside them is used."""
-HARMLESS: Final = frozenset(
+READ: Final = frozenset(
     {
         "KHR_lights_punctual",
-        "KHR_materials_clearcoat",
+        "KHR_materials_emissive_strength",
         "KHR_materials_ior",
-        "KHR_materials_sheen",
+        "KHR_materials_pbrSpecularGlossiness",
         "KHR_materials_specular",
+        "KHR_materials_unlit",
+        "KHR_mesh_quantization",
+        "KHR_texture_transform",
+    }
+)
+"""Extensions that are honoured."""
+FALLBACK: Final = frozenset({"KHR_texture_basisu", "EXT_texture_webp", "EXT_texture_avif", "MSFT_texture_dds"})
+"""Extensions that offer other images: the PNG or JPEG beside them is used, or the WebP where there is none."""
+HARMLESS: Final = frozenset(
+    {
+        "KHR_materials_clearcoat",
+        "KHR_materials_sheen",
         "KHR_materials_transmission",
         "KHR_materials_volume",
-        "KHR_materials_emissive_strength",
         "KHR_materials_iridescence",
         "KHR_materials_anisotropy",
         "KHR_materials_variants",
@@ -72,7 +80,7 @@ def read_gltf(
     if shared and (found := cache.prefixes.find(view, limits, textures)) is not None:
         known, rest = found
         try:
-            return _scene(rest, _Parts(limits, dict(known.parts), None), known, limits)
+            return _scene(rest, _Parts(limits, dict(known.parts), None), known, limits, [])
         except _UnknownMeshError:
             pass  # a mesh that no node used before
     container = open_container(data)
@@ -85,8 +93,10 @@ def read_gltf(
     meshes = Meshes(accessors, cache, limits, warnings)
     materials = Materials(document, buffers, limits, warnings, textures=textures)
     parts = _Parts(limits, {}, _Maker(document, meshes, materials, limits))
-    known = Known(parts.known, generator, document.cameras or [], (), _counts(document))
-    scene = _scene(document, parts, known, limits)
+    known = Known(parts.known, generator, document.cameras or [], (), _counts(document), lights_of(document, warnings))
+    scene = _scene(document, parts, known, limits, warnings)
+    if meshes.without_positions and not meshes.with_positions:
+        raise GltfError(f"{meshes.without_positions}: no POSITION, and no other primitive has one")
     if len(warnings) > _MAX_WARNINGS:
         warnings[_MAX_WARNINGS:] = [f"{len(warnings) - _MAX_WARNINGS} more"]
     where = split(container, len(view)) if shared and resolve is None else None
@@ -96,8 +106,8 @@ def read_gltf(
     return replace(scene, warnings=tuple(warnings))
 
 
-def _scene(document: Document, parts: _Parts, known: Known, limits: GltfLimits) -> GltfScene:
-    nodes = build_tree(document, parts, limits)
+def _scene(document: Document, parts: _Parts, known: Known, limits: GltfLimits, warnings: list[str]) -> GltfScene:
+    nodes = build_tree(document, parts, limits, known.lights, warnings)
     return GltfScene(
         root=nodes.root,
         generator=known.generator,
@@ -108,6 +118,7 @@ def _scene(document: Document, parts: _Parts, known: Known, limits: GltfLimits) 
         element_count=parts.drawn,
         warnings=known.warnings,
         counts=replace(known.counts, nodes=len(document.nodes or ())),
+        lights=nodes.lights,
     )
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.scene.tree import Node, Path
+from renderers.drawlist import Light
 
 DRAKE_GENERATORS = frozenset({"VTK", "Drake glTF merger"})
 """``asset.generator`` of what Drake's render client sends: primitives and OBJ only, or with glTF meshes."""
@@ -67,6 +68,8 @@ class GltfScene:
     warnings: tuple[str, ...]
     """What was ignored or repaired, a sentence each."""
     counts: GltfCounts = GltfCounts()
+    lights: tuple[Light, ...] = ()
+    """KHR_lights_punctual, in the document's world."""
 
     @property
     def from_drake(self) -> bool:

@@ -73,7 +73,7 @@ def test_everything_is_read() -> None:
         },
         b,
     )
-    sampler = Sampler(Wrap.CLAMP_TO_EDGE, Wrap.MIRRORED_REPEAT, mag_linear=False, min_linear=True, mipmaps=True)
+    sampler = Sampler(Wrap.CLAMP_TO_EDGE, Wrap.MIRRORED_REPEAT, mag_linear=False, mip_linear=False)
     assert material.base_color_texture is not None
     image = material.base_color_texture.image
     texture = Texture(image, sampler)
@@ -114,7 +114,9 @@ def test_min_filters(min_filter: int | None, linear: bool, mipmaps: bool) -> Non
     b.add("samplers", {"minFilter": min_filter})
     material, _ = read_material({"emissiveTexture": {"index": 0}}, b)
     assert material.emissive_texture is not None
-    assert material.emissive_texture.sampler == Sampler(min_linear=linear, mipmaps=mipmaps)
+    assert material.emissive_texture.sampler == Sampler(
+        min_linear=linear, mipmaps=mipmaps, mip_linear=min_filter not in (9984, 9985)
+    )
 
 
 VTK = {"pbrMetallicRoughness": {"baseColorFactor": [1, 0.5, 0, 1], "metallicFactor": 0, "roughnessFactor": 1}}
@@ -178,6 +180,50 @@ def test_fallback_source_is_used_and_extensions_sources_never() -> None:
     b.json["extensionsUsed"] = ["KHR_texture_basisu", "EXT_texture_webp"]
     material, scene = read_material({"emissiveTexture": {"index": 0}}, b)
     assert material.emissive_texture is not None
+    assert scene.warnings == ()
+
+
+def test_webp_is_used_where_there_is_no_fallback() -> None:
+    b = with_texture(source=None, extensions={"EXT_texture_webp": {"source": 0}})
+    b.json["extensionsRequired"] = ["EXT_texture_webp"]
+    material, scene = read_material({"emissiveTexture": {"index": 0}}, b)
+    assert material.emissive_texture is not None
+    assert scene.warnings == ()
+
+
+def test_extensions_of_dielectrics() -> None:
+    b = with_texture()
+    material, scene = read_material(
+        {
+            "emissiveFactor": [1, 0.5, 0],
+            "extensions": {
+                "KHR_materials_emissive_strength": {"emissiveStrength": 5},
+                "KHR_materials_ior": {"ior": 1.33},
+                "KHR_materials_specular": {
+                    "specularFactor": 0.5,
+                    "specularTexture": {"index": 0},
+                    "specularColorFactor": [2, 1, 0],
+                    "specularColorTexture": {"index": 0},
+                },
+            },
+        },
+        b,
+    )
+    assert (material.emissive, material.emissive_strength) == ((1.0, 0.5, 0.0), 5.0)
+    assert (material.ior, material.specular, material.specular_color) == (1.33, 0.5, (2.0, 1.0, 0.0))
+    assert material.specular_texture is not None
+    assert material.specular_color_texture is not None
+    assert scene.warnings == ()
+    assert read_material({"extensions": {"KHR_materials_ior": {"ior": 0}}})[0].ior == 0.0
+    with pytest.raises(GltfError, match=r"materials\[0\]\.extensions\.KHR_materials_ior"):
+        read_material({"extensions": {"KHR_materials_ior": {"ior": "high"}}})
+
+
+def test_specular_glossiness_becomes_a_dielectric_of_the_same_reflectance() -> None:
+    glossy = {"diffuseFactor": [0.5, 0.25, 0, 0.5], "specularFactor": [0.04, 0.08, 1], "glossinessFactor": 0.75}
+    material, scene = read_material({"extensions": {"KHR_materials_pbrSpecularGlossiness": glossy}})
+    assert (material.base_color, material.metallic, material.roughness) == ((0.5, 0.25, 0.0, 0.5), 0.0, 0.25)
+    assert material.specular_color == pytest.approx((1, 2, 25))
     assert scene.warnings == ()
 
 
@@ -309,9 +355,9 @@ def test_errors_name_texture_and_image(texture: dict[str, Any], image: dict[str,
 
 def test_extensions() -> None:
     b = Builder()
-    b.json["extensionsUsed"] = ["KHR_lights_punctual", "KHR_materials_unlit", None, "ACME_x"]
+    b.json["extensionsUsed"] = ["KHR_lights_punctual", "KHR_materials_unlit", None, "ACME_x", "KHR_materials_sheen"]
     b.json["extensionsRequired"] = ["KHR_lights_punctual", "KHR_mesh_quantization"]
-    assert b.read().warnings == ("extensionsUsed: ACME_x, KHR_lights_punctual ignored",)
+    assert b.read().warnings == ("extensionsUsed: ACME_x, KHR_materials_sheen ignored",)
     b.json["extensionsRequired"] += ["EXT_meshopt_compression", "ACME_x"]
     with pytest.raises(GltfError, match="extensionsRequired: ACME_x, EXT_meshopt_compression cannot be read"):
         b.read()
