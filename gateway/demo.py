@@ -38,6 +38,10 @@ RATE: Final = 30.0
 PERIOD: Final = 24.0
 """Seconds after which everything is as at the beginning, so that films of it can be looped."""
 _TURN: Final = 2.0 * math.pi
+_BALL: Final = (0.72, -1.0, 0.62)
+"""Beside the table, below what the stereo camera sees by default: no camera can match what one looks through."""
+_ORBIT: Final = 0.17
+"""Radius of the ring around the ball, metres."""
 
 X_AXIS: Final = (1.0, 0.0, 0.0)
 Y_AXIS: Final = (0.0, 1.0, 0.0)
@@ -94,9 +98,11 @@ def poses(t: float) -> dict[Path, Pose]:
         (*hand, "left finger"): _pose((0.0, grip, 0.10)),
         (*hand, "right finger"): _pose((0.0, -grip, 0.10)),
         ("turntable",): _pose((0.30, -0.28, 0.76), Z_AXIS, 2 * phase),
-        ("crystal ball",): _pose((0.30, 0.24, 0.87), Z_AXIS, -phase),
+        ("crystal ball",): _pose((*_BALL,), Z_AXIS, -phase),
         ("bouncing ball",): _pose((0.02, 0.36, 0.80 + 0.22 * hop), X_AXIS, ball),
-        ("satellite",): _pose((0.30 + 0.17 * math.cos(3 * phase), 0.24 + 0.17 * math.sin(3 * phase), 0.87)),
+        ("satellite",): _pose(
+            (_BALL[0] + _ORBIT * math.cos(3 * phase), _BALL[1] + _ORBIT * math.sin(3 * phase), _BALL[2])
+        ),
         ("drone",): _pose(
             (0.9 * math.cos(phase), 0.9 * math.sin(phase), 1.75 + 0.06 * math.sin(5 * phase)),
             Z_AXIS,
@@ -200,6 +206,8 @@ def _still_life() -> dict[Path, tuple[Part, ...]]:
             Part(Sphere(0.11), _matter("9ad1ff", roughness=0.05, alpha=0.35)),
             Part(Surface(_knot()), _matter("ffd166", roughness=0.25, metallic=0.6)),
             _at(0.0, 0.0, -0.115, Cylinder(0.06, 0.012), _matter("4b5563")),
+            _at(0.0, 0.0, -0.371, Cylinder(0.025, 0.498), _matter("aab4c0", roughness=0.35, metallic=0.3)),
+            _at(0.0, 0.0, -0.61, Cylinder(0.12, 0.02), _matter("4b5563")),
         ),
         ("satellite",): (Part(Sphere(0.02), _matter("ef476f", roughness=0.3)),),
         ("bouncing ball",): (Part(Surface(_globe()), _textured(_stripes(), 0.35)),),
@@ -244,14 +252,23 @@ def _along(direction: tuple[float, float, float]) -> Matrix:
 
 
 def _scanner() -> dict[Path, tuple[Part, ...]]:
-    """A wall of scanned points behind the table, coloured by height, and the instrument in front of it."""
+    """A wall behind the table and the points that were scanned on it, coloured by height."""
     random = np.random.default_rng(2026)
     u, v = random.uniform(-1.0, 1.0, 6000), random.uniform(0.0, 1.0, 6000)
-    relief = 0.08 * np.sin(5.0 * u) * np.cos(7.0 * v) + 0.05 * np.cos(9.0 * u + 4.0 * v)
+    relief = _relief(u, v)
     points = np.stack((-0.25 - relief, u, 1.3 * v), axis=1).astype(np.float32)
     hue = np.stack((v, 0.5 + 0.5 * np.sin(4.0 * relief / 0.1), 1.0 - v), axis=1).astype(np.float32)
     cloud = PointCloud(points, {"rgb": np.clip(hue, 0.0, 1.0)})
-    return {("scanner",): (Part(cloud, Material(metallic=0.0, point_size=3.0)),)}
+    return {
+        ("scanner",): (Part(cloud, Material(metallic=0.0, point_size=3.0)),),
+        ("scanner", "wall"): (Part(Surface(_wall()), _matter("8b95a1", roughness=0.9)),),
+    }
+
+
+def _relief(u: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Depth of the wall's waves, metres, across (-1 to 1) and up (0 to 1)."""
+    waves: NDArray[np.float64] = 0.08 * np.sin(5.0 * u) * np.cos(7.0 * v) + 0.05 * np.cos(9.0 * u + 4.0 * v)
+    return waves
 
 
 # --- meshes with texture coordinates
@@ -302,10 +319,27 @@ def _knot() -> Mesh:
     return mesh
 
 
+def _wall(columns: int = 64, rows: int = 40) -> Mesh:
+    """The scanned surface, a little behind its points."""
+    u, v = np.meshgrid(np.linspace(-1.0, 1.0, columns), np.linspace(0.0, 1.0, rows))
+    across = (_relief(u + 1e-4, v) - _relief(u - 1e-4, v)) / 2e-4
+    up = (_relief(u, v + 1e-4) - _relief(u, v - 1e-4)) / 2.6e-4
+    positions = np.stack((-0.258 - _relief(u, v), u, 1.3 * v), axis=2).reshape(-1, 3)
+    normals = np.stack((np.ones_like(u), across, up), axis=2).reshape(-1, 3)
+    index = np.arange(rows * columns).reshape(rows, columns)
+    below, above = index[:-1], index[1:]
+    quads = np.stack((below[:, :-1], below[:, 1:], above[:, 1:], below[:, :-1], above[:, 1:], above[:, :-1]), axis=2)
+    return Mesh(
+        positions.astype(np.float32),
+        np.ascontiguousarray(quads.reshape(-1, 3), np.uint32),
+        normals=(normals / np.linalg.norm(normals, axis=1, keepdims=True)).astype(np.float32),
+    )
+
+
 def _orbit() -> NDArray[np.float32]:
     angle = np.linspace(0.0, _TURN, 96, endpoint=False)
-    ring = np.stack((0.30 + 0.17 * np.cos(angle), 0.24 + 0.17 * np.sin(angle), np.full(96, 0.87)), axis=1)
-    return ring.astype(np.float32)
+    ring = np.stack((np.cos(angle), np.sin(angle), np.zeros(96)), axis=1) * _ORBIT + np.array(_BALL)
+    return np.asarray(ring, np.float32)
 
 
 # --- textures, made of arithmetic

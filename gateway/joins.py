@@ -9,12 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from fastapi import FastAPI
-
-from gateway.house import NO_TELEMETRY, House
-from gateway.ops.http import PortService
+from gateway.house import House
 from gateway.settings import MIB, InterfaceName, Settings
 
 if TYPE_CHECKING:
@@ -115,46 +112,10 @@ def join_treeviewer(house: House) -> None:
 
 
 def join_stereo(house: House) -> None:
-    """The stereo camera's image stream over gRPC."""
-    from gateway.stereo.config import StereoConfig, Tls
-    from gateway.stereo.rest import router
-    from gateway.stereo.service import StereoService
-    from gateway.stereo.truth import truth_router
-    from gateway.stereoeyes import StereoEyes
-    from gateway.stereoview import StereoView
-    from renderers.stereo.model import MODELS
+    """The stereo camera's image stream over gRPC and the device's REST interface."""
+    from gateway.stereojoin import join_stereo as join
 
-    settings = house.settings
-    tls = None
-    if settings.grpc_certificate is not None and settings.grpc_key is not None:
-        tls = Tls(settings.grpc_certificate, settings.grpc_key, settings.grpc_client_ca)
-    config = StereoConfig(
-        host=settings.host,
-        port=settings.grpc_port,
-        tls=tls,
-        model=MODELS[f"rc_visard {settings.stereo_model}"],
-        depth_mode=settings.depth_mode,
-        rate=settings.stereo_rate,
-        seed=settings.stereo_seed,
-        noise=settings.stereo_noise,
-        background=settings.background,
-    )
-    view = StereoView(house, config)
-
-    def status() -> dict[str, Any]:
-        described = service.status()
-        return {**described, "warning": view.mount.warning} if view.mount.warning else described
-
-    house.stereo_camera = view.camera
-    service = StereoService(config, view.scene, view.pose, house.renderer, house.workers)
-    house.eyes = StereoEyes(service, view, live=settings.stereo_scene == "live")
-    house.app.include_router(router(service))
-    house.app.include_router(truth_router(service))
-    house.serve("stereo", service, where=f"gRPC on port {settings.grpc_port}", figures=status)
-    if settings.rest_port is not None:
-        device = FastAPI(openapi_url=None, telemetry=NO_TELEMETRY)
-        device.include_router(router(service))
-        house.serve("rest", PortService(device, settings.host, settings.rest_port), where="/api")
+    join(house)
 
 
 def join_view(house: House) -> None:

@@ -152,7 +152,26 @@ class Settings(BaseSettings):
         'Node of the scene whose frame is the left optical frame, as JSON: ["robot", "head"]. While it is missing, the '
         "last pose holds.",
     )
-    stereo_model: Literal["65-4", "160-4", "160-6"] = option("160-4", "Stereo camera", "Which rc_visard it is.")
+    stereo_model: Literal["65-4", "160-4", "160-6", "custom"] = option(
+        "160-4",
+        "Stereo camera",
+        "Which rc_visard it is; 'custom' is described by --stereo-size, --stereo-focal-factor and --stereo-baseline.",
+    )
+    stereo_size: str | None = option(
+        None, "Stereo camera", "Custom model: camera images, WIDTHxHEIGHT pixels; 1280x960 when not given."
+    )
+    stereo_focal_factor: float | None = option(
+        None, "Stereo camera", "Custom model: focal length divided by image width; 0.8449 when not given."
+    )
+    stereo_baseline: float | None = option(
+        None, "Stereo camera", "Custom model: distance of the cameras, metres; 0.16 when not given."
+    )
+    stereo_d_eps: float = option(
+        0.25, "Stereo camera", "Standard deviation of the disparity, pixels of a camera image.", ge=0, le=5
+    )
+    stereo_image_noise: float = option(
+        1.0, "Stereo camera", "Factor of the images' noise; 1 is like the device.", ge=0, le=100
+    )
     stereo_rate: Literal["device", "max"] = option(
         "device", "Stereo camera", "Images as often as the device makes them, or as often as possible."
     )
@@ -162,6 +181,17 @@ class Settings(BaseSettings):
         "Disparity from the exact depth and the device's error model, or matched from the rendered images.",
     )
     stereo_noise: bool = option(True, "Stereo camera", "Noise of images and disparity.")
+    stereo_mesh_rgb: bool = option(
+        False,
+        "Stereo camera",
+        "Textured meshes repeat their colours as red, green, blue, for trimesh and Open3D.",
+    )
+    clock: Literal["real", "simulated"] = option(
+        "real",
+        "Stereo camera",
+        "Timestamps of the images: the computer's time, or one period after the other from a fixed start, so that the "
+        "same frames have the same bytes.",
+    )
     stereo_seed: int = option(0, "Stereo camera", "Seed of all noise.", ge=0)
     rest_port: PortOrOff = option(
         None, "Stereo camera", "A further port for the device's REST interface, which is at /api of the HTTP port, too."
@@ -222,6 +252,20 @@ class Settings(BaseSettings):
             raise ValueError("--grpc-certificate and --grpc-key need each other")
         if self.grpc_client_ca is not None and self.grpc_certificate is None:
             raise ValueError("--grpc-client-ca needs --grpc-certificate and --grpc-key")
+        return self
+
+    @model_validator(mode="after")
+    def _custom_camera(self) -> Self:
+        described = (self.stereo_size, self.stereo_focal_factor, self.stereo_baseline)
+        if self.stereo_model != "custom":
+            if any(value is not None for value in described):
+                raise ValueError(
+                    "--stereo-size, --stereo-focal-factor and --stereo-baseline need --stereo-model custom"
+                )
+        elif any(value is not None for value in described):
+            from renderers.stereo.model import custom_model  # numpy, for those who set it only
+
+            custom_model(*described)
         return self
 
     @classmethod

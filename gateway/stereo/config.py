@@ -40,6 +40,8 @@ class StereoConfig:
     """Of all noise: seed, scene and frame number determine every byte except timestamps."""
     noise: bool = True
     """False: images without noise, disparity exact up to its rounding, confidence 1 (ground truth)."""
+    image_noise: float = 1.0
+    """Factor of the images' noise."""
     d_eps: float = 0.25
     """Standard deviation of the disparity in pixels of the full resolution (the manual's typical value)."""
     look: LookName = "pbr"
@@ -66,3 +68,8 @@ class StereoConfig:
     shared, and is rendered again when asked for."""
     frames_in_flight: int = 2
     """Frames being made at the same time: one renders while the other is filtered and serialised."""
+
+    @property
+    def noise_factor(self) -> float:
+        """Of the images' noise; 0: none."""
+        return self.image_noise if self.noise else 0.0

@@ -120,7 +120,7 @@ def _camera(service: StereoService) -> dict[str, object]:
         "gain": taking.gain,
         "gamma": taking.gamma,
         "brightness": round(service.last_taken.brightness, 2),
-        "noise": taking.sigma(128.0) if service.config.noise else 0.0,
+        "noise": taking.sigma(128.0) * service.config.noise_factor,
         "out1_reduction": 0.0,
         "fps": settings.camera_rate if len(service.hub) else 0.0,
         "time": time.time(),

@@ -125,7 +125,7 @@ class Frame:
         return messages.mesh(ply, self.depth.timestamp)
 
     def _taking(self, shot: Shot, exposure: Exposure) -> Taking:
-        noise = exposure.sigma(128.0) if self._studio.config.noise else 0.0
+        noise = exposure.sigma(128.0) * self._studio.config.noise_factor
         return Taking(shot.timestamp, exposure.time, exposure.gain, exposure.gamma, noise, shot.lines)
 
     async def image(self, stream: Stream, color: bool) -> Taken:

@@ -98,7 +98,9 @@ class Studio:
             dots = self._dots(frame, offset, divisor)
             assert frame.color is not None
             return {
-                color: take(frame.color, exposure, key, color=color, dots=dots, dot_light=c.dot_light, noise=c.noise)
+                color: take(
+                    frame.color, exposure, key, color=color, dots=dots, dot_light=c.dot_light, noise=c.noise_factor
+                )
                 for color in colors
             }
 
@@ -126,7 +128,7 @@ class Studio:
         c, divisor = self.config, settings.quality.divisor
         ft = c.model.intrinsics(divisor).focal_length * c.model.baseline
         searched = c.model.disparity_range(divisor, settings.filters.mindepth)
-        measured = match(left.image, right.image, searched, exposure.sigma(128.0) if c.noise else 0.0)
+        measured = match(left.image, right.image, searched, exposure.sigma(128.0) * c.noise_factor)
         apply_filters(measured, settings.filters, ft, divisor)
         return measured
 

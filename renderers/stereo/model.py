@@ -15,6 +15,9 @@ from renderers.camera import Camera
 DISPARITY_SCALE: Final = 1.0 / 16.0
 """Pixels per unit of a disparity or disparity error image, as on the device."""
 
+MOST_DISPARITIES: Final = 2032
+"""Pixels; what OpenCV's matcher can say with signed 16 bits, in its steps of 16. The device's models need 445."""
+
 
 class Quality(Enum):
     """Resolution of the depth images; the value is the device's parameter value."""
@@ -92,7 +95,8 @@ class StereoModel:
 
     def disparity_range(self, divisor: int, mindepth: float) -> int:
         """Number of disparities searched, pixels of the image at ``divisor``: ``ceil(f t / nearest depth)``."""
-        return math.ceil(self.intrinsics(divisor).focal_length * self.baseline / self.nearest_depth(mindepth))
+        nearest = self.intrinsics(divisor).focal_length * self.baseline / self.nearest_depth(mindepth)
+        return min(math.ceil(nearest), MOST_DISPARITIES)
 
     def camera(
         self, X_world_left: NDArray[np.float64], *, offset: float, divisor: int, near: float, far: float
@@ -114,4 +118,28 @@ MODELS: Final[dict[str, StereoModel]] = {
         StereoModel("rc_visard 160-6", 1280, 960, 1.255, 0.160),
     )
 }
-"""The vendor's models; a custom one is any other ``StereoModel``."""
+"""The vendor's models."""
+
+
+def custom_model(size: str | None, focal_factor: float | None, baseline: float | None) -> StereoModel:
+    """A camera that no vendor makes; what is None is the rc_visard 160-4's.
+
+    Args:
+        size: of the camera images, ``WIDTHxHEIGHT`` in pixels.
+        focal_factor: focal length divided by the image width.
+        baseline: metres.
+
+    Raises:
+        ValueError: the size is not like that, or a value is beyond its limits; one sentence.
+    """
+    like = MODELS["rc_visard 160-4"]
+    width, cross, height = (size or f"{like.width}x{like.height}").partition("x")
+    if not (cross and all(n.isascii() and n.isdigit() and len(n) < 6 for n in (width, height))):
+        raise ValueError(f"{size!r} is not a size like 1280x960")
+    return StereoModel(
+        "rc_visard custom",
+        int(width),
+        int(height),
+        like.focal_factor if focal_factor is None else focal_factor,
+        like.baseline if baseline is None else baseline,
+    )

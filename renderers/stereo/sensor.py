@@ -142,7 +142,7 @@ def take(
     color: bool,
     dots: NDArray[np.uint8] | None = None,
     dot_light: float = 0.0,
-    noise: bool = True,
+    noise: float = 1.0,
 ) -> Taken:
     """The image that the sensor gives of a rendered picture.
 
@@ -153,7 +153,7 @@ def take(
         color: RGB; else grey by Rec. 601 luma.
         dots: (H, W) uint8 light of the projector at each pixel, 255 is full; None: the projector is off.
         dot_light: light that a full dot adds, relative to the scene's own.
-        noise: False: none.
+        noise: factor of its standard deviation; 0: none.
     """
     height, width = picture.shape[:2]
     image = np.empty((height, width, 3) if color else (height, width), np.uint8)
@@ -171,7 +171,7 @@ def take(
     return Taken(image, total / (255.0 * image.size))
 
 
-def _noisy_levels(exposure: Exposure, noise: bool, inputs: int) -> NDArray[np.uint8]:
+def _noisy_levels(exposure: Exposure, noise: float, inputs: int) -> NDArray[np.uint8]:
     """(inputs, 128) uint8: grey value of a display-encoded value, for each of 128 equally likely noises."""
     response, sigma = _curves(exposure, noise)
     values = np.arange(inputs, dtype=np.float32) / (inputs - 1) * np.float32(exposure.factor * (kernels.STEPS - 1))
@@ -180,7 +180,7 @@ def _noisy_levels(exposure: Exposure, noise: bool, inputs: int) -> NDArray[np.ui
     return np.clip(levels, 0.0, 255.0).astype(np.uint8)
 
 
-def _curves(exposure: Exposure, noise: bool) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def _curves(exposure: Exposure, noise: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """(4096,) float32 grey value and (4096,) float32 noise of a linear step of the display-encoded value."""
     grey = 255.0 * (np.arange(kernels.STEPS) / (kernels.STEPS - 1)) ** (1.0 / exposure.gamma)
     amplification = 10.0 ** (exposure.gain / 20.0)

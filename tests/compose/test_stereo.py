@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 import io
+import json
 import os
 from collections.abc import Iterator
 from typing import Any
@@ -21,6 +23,25 @@ from tests.support.gateway_process import gateway_process
 pytestmark = pytest.mark.compose
 
 API = "/api/v2/pipelines/0/nodes"
+_CORNERS = np.array(((-1, 0, -1), (1, 0, -1), (0, 0, 1)), np.float32)
+TRIANGLE = {
+    "asset": {"version": "2.0"},
+    "scenes": [{"nodes": [0]}],
+    "nodes": [{"mesh": 0}],
+    "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "material": 0}]}],
+    "accessors": [
+        {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [-1, 0, -1], "max": [1, 0, 1]}
+    ],
+    "bufferViews": [{"buffer": 0, "byteLength": 36}],
+    "buffers": [
+        {
+            "byteLength": 36,
+            "uri": "data:application/octet-stream;base64," + base64.b64encode(_CORNERS.tobytes()).decode(),
+        }
+    ],
+    "materials": [{"doubleSided": True}],
+}
+"""A triangle."""
 
 
 @pytest.fixture(scope="module")
@@ -89,3 +110,19 @@ def test_parameters_change_the_stream(base: str, channel: grpc.Channel) -> None:
     finally:
         httpx2.put(quality, json={"value": "High"})
     assert take(channel, disparity_enabled=True).disparity.image.width == 640
+
+
+def test_a_simulated_clock_gives_the_same_bytes_in_every_run(tmp_path: Any) -> None:
+    scene = tmp_path / "triangle.gltf"
+    scene.write_text(json.dumps(TRIANGLE))
+    flags = ("--only", "stereo", "--grpc-port", "0", "--stereo-scene", str(scene), "--clock", "simulated")
+    flags += ("--stereo-rate", "max", "--stereo-pose", "eye=2,-2,2;target=0,0,0")
+    runs = []
+    for _ in range(2):
+        with gateway_process(*flags) as (_, started):
+            port = httpx2.get(f"{started}/healthz").json()["interfaces"]["stereo"]["port"]
+            with grpc.insecure_channel(f"127.0.0.1:{port}") as channel:
+                one = take(channel, left_enabled=True, right_enabled=True, disparity_enabled=True, mesh_enabled=True)
+                assert any(one.disparity.image.data)
+                runs.append(one.SerializeToString(deterministic=True))
+    assert runs[0] == runs[1]

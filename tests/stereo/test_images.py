@@ -24,19 +24,19 @@ def grey(level: int, shape: tuple[int, int] = (240, 320)) -> NDArray[np.uint8]:
 
 def test_reference_exposure_is_the_picture_as_rendered() -> None:
     picture = np.random.default_rng(0).integers(0, 256, (60, 80, 3), np.uint8)
-    color = take(picture, Exposure(), KEY, color=True, noise=False).image
+    color = take(picture, Exposure(), KEY, color=True, noise=0.0).image
     assert np.abs(color.astype(int) - picture).max() <= 1
     luma = picture @ np.array((0.299, 0.587, 0.114))
-    assert np.abs(take(picture, Exposure(), KEY, color=False, noise=False).image - luma).max() <= 1
+    assert np.abs(take(picture, Exposure(), KEY, color=False, noise=0.0).image - luma).max() <= 1
 
 
 def test_exposure_and_gain_are_light() -> None:
-    twice = take(grey(100), Exposure(0.010), KEY, color=False, noise=False).image.mean()
+    twice = take(grey(100), Exposure(0.010), KEY, color=False, noise=0.0).image.mean()
     assert twice == pytest.approx(100 * 2 ** (1 / 2.2), abs=1)
-    six = take(grey(100), Exposure(0.005, 6.0206), KEY, color=False, noise=False).image.mean()
+    six = take(grey(100), Exposure(0.005, 6.0206), KEY, color=False, noise=0.0).image.mean()
     assert six == pytest.approx(twice, abs=1)
-    assert take(grey(250), Exposure(0.018), KEY, color=False, noise=False).image.min() == 255
-    bright = take(grey(100), Exposure(gamma=2.0), KEY, color=False, noise=False).image.mean()
+    assert take(grey(250), Exposure(0.018), KEY, color=False, noise=0.0).image.min() == 255
+    bright = take(grey(100), Exposure(gamma=2.0), KEY, color=False, noise=0.0).image.mean()
     assert bright == pytest.approx(255 * (100 / 255) ** 0.5, abs=1)
 
 
@@ -60,14 +60,14 @@ def test_left_and_right_have_noise_of_their_own() -> None:
 def test_automatic_exposure_meets_its_target() -> None:
     for level in (20, 60, 120):
         exposure = auto_exposure(brightness_of(grey(level)), AutoExposure())
-        assert take(grey(level), exposure, KEY, color=False, noise=False).brightness == pytest.approx(
+        assert take(grey(level), exposure, KEY, color=False, noise=0.0).brightness == pytest.approx(
             min(0.75, level / 255 * Exposure(0.018, 18.0).factor), abs=0.02
         )
     # With something white in the picture it stays as bright as it can without saturating.
     picture = grey(60)
     picture[:, :100] = 250
     exposure = auto_exposure(brightness_of(picture), AutoExposure())
-    assert int(take(picture, exposure, KEY, color=False, noise=False).image.max()) >= 252
+    assert int(take(picture, exposure, KEY, color=False, noise=0.0).image.max()) >= 252
     # Longest time first, gain only after it.
     assert auto_exposure(brightness_of(grey(130)), AutoExposure()).gain == 0
     assert auto_exposure(brightness_of(grey(20)), AutoExposure(0.001)).time == 0.001

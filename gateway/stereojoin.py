@@ -1,0 +1,70 @@
+"""The join of the stereo camera with the scene, the browser view and the settings."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import FastAPI
+
+from gateway.house import NO_TELEMETRY, House
+from gateway.ops.http import PortService
+from gateway.settings import Settings
+from gateway.stereo.clock import SimulatedClock
+from gateway.stereo.config import StereoConfig, Tls
+from gateway.stereo.rest import router
+from gateway.stereo.service import StereoService
+from gateway.stereo.truth import truth_router
+from gateway.stereoeyes import StereoEyes
+from gateway.stereoview import StereoView
+from renderers.stereo.model import MODELS, StereoModel, custom_model
+
+
+def join_stereo(house: House) -> None:
+    """The image stream over gRPC, the device's REST interface, the truth beside them."""
+    settings = house.settings
+    config = config_of(settings)
+    view = StereoView(house, config)
+    clock = SimulatedClock() if settings.clock == "simulated" else None
+    service = StereoService(config, view.scene, view.pose, house.renderer, house.workers, clock)
+
+    def status() -> dict[str, Any]:
+        described = service.status()
+        return {**described, "warning": view.mount.warning} if view.mount.warning else described
+
+    house.stereo_camera = view.camera
+    house.eyes = StereoEyes(service, view, live=settings.stereo_scene == "live")
+    house.app.include_router(router(service))
+    house.app.include_router(truth_router(service))
+    house.serve("stereo", service, where=f"gRPC on port {settings.grpc_port}", figures=status)
+    if settings.rest_port is not None:
+        device = FastAPI(openapi_url=None, telemetry=NO_TELEMETRY)
+        device.include_router(router(service))
+        house.serve("rest", PortService(device, settings.host, settings.rest_port), where="/api")
+
+
+def config_of(settings: Settings) -> StereoConfig:
+    """What the settings say of the camera."""
+    tls = None
+    if settings.grpc_certificate is not None and settings.grpc_key is not None:
+        tls = Tls(settings.grpc_certificate, settings.grpc_key, settings.grpc_client_ca)
+    return StereoConfig(
+        host=settings.host,
+        port=settings.grpc_port,
+        tls=tls,
+        model=model_of(settings),
+        depth_mode=settings.depth_mode,
+        rate=settings.stereo_rate,
+        seed=settings.stereo_seed,
+        noise=settings.stereo_noise,
+        image_noise=settings.stereo_image_noise,
+        d_eps=settings.stereo_d_eps,
+        mesh_rgb=settings.stereo_mesh_rgb,
+        background=settings.background,
+    )
+
+
+def model_of(settings: Settings) -> StereoModel:
+    """One of the device's models, or the one that the settings describe."""
+    if settings.stereo_model != "custom":
+        return MODELS[f"rc_visard {settings.stereo_model}"]
+    return custom_model(settings.stereo_size, settings.stereo_focal_factor, settings.stereo_baseline)

@@ -1,0 +1,124 @@
+"""Depth, disparity and shading of rendered scenes: every model, every quality."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from gateway.demo import Demo
+from gateway.scene.flatten import flatten
+from gateway.scene.geometry import Box, Sphere
+from gateway.scene.gltf import read_gltf
+from gateway.scene.live import LiveTree
+from gateway.scene.transforms import look_at
+from gateway.scene.tree import Node, TreeEdit
+from gateway.stereo.config import StereoConfig
+from gateway.stereo.parameters import Parameters
+from gateway.stereo.pictures import Shot, Studio
+from gateway.stereo.settings import StreamSettings, read
+from renderers.cpu import CpuRenderer
+from renderers.drawlist import DrawList
+from renderers.port import LookName, Output
+from renderers.stereo.model import MODELS, Quality, StereoModel
+from tests.stereo.scenes import part
+from tests.stereo.test_depth import ACCURACY_MM
+from tests.support.corpus import drake_scene
+
+UP = (0.0, 0.0, 1.0)
+
+
+def demo() -> Shot:
+    tree = LiveTree()
+    scene = Demo(tree)
+    scene.populate()
+    scene.edit(1.3)
+    return Shot(0, flatten(tree.snapshot.root), 1, look_at((1.4, -1.1, 1.7), (0.0, 0.0, 0.85), UP), 0)
+
+
+def recorded() -> Shot:
+    """A robot arm as Drake posted it, from a metre and a half."""
+    scene = drake_scene("010_iiwa_wsg")
+    root = read_gltf(scene.request("depth").scene).root
+    return Shot(0, flatten(root), 1, look_at((1.5, 0.9, 1.0), (0.0, 0.0, 0.5), UP), 0)
+
+
+def settings(quality: Quality) -> StreamSettings:
+    return replace(read(Parameters()), quality=quality)
+
+
+def measure(studio: Studio, shot: Shot, quality: Quality) -> NDArray[np.uint16]:
+    divisor, t = quality.divisor, studio.config.model.baseline
+    left, right = (studio.render(shot, x, divisor, Output.DEPTH) for x in (0.0, t))
+    return studio.measure(left, right, settings(quality), 1).disparity
+
+
+@pytest.mark.parametrize("model", list(MODELS.values()), ids=lambda m: m.name)
+@pytest.mark.parametrize("scene", [demo, pytest.param(recorded, marks=pytest.mark.corpus)])
+def test_depth_from_disparity_is_the_rasterizer_s(renderer: CpuRenderer, scene: object, model: StereoModel) -> None:
+    assert callable(scene)
+    shot = scene()
+    studio = Studio(StereoConfig(model=model, noise=False), renderer)
+    for quality in Quality:
+        disparity = measure(studio, shot, quality).astype(np.float64) / 16
+        k = model.intrinsics(quality.divisor)
+        with studio.render(shot, 0.0, quality.divisor, Output.DEPTH) as frame:
+            assert frame.depth is not None
+            depth = frame.depth.astype(np.float64)
+        valid = disparity > 0
+        assert valid.mean() > (0.3 if scene is demo else 0.05)
+        # The published formula: Pz = f t / d; so the disparity of the rasterizer's depth is f t / Pz.
+        assert np.abs(k.focal_length * model.baseline / depth[valid] - disparity[valid]).max() <= 1 / 32 + 1e-4
+
+
+@pytest.mark.parametrize("model", list(MODELS.values()), ids=lambda m: m.name)
+def test_depth_error_of_a_rendered_wall(renderer: CpuRenderer, model: StereoModel) -> None:
+    studio = Studio(StereoConfig(model=model), renderer)
+    ft = model.intrinsics().focal_length * model.baseline
+    for depth, published in zip((0.5, 1.0, 2.0, 3.0), ACCURACY_MM[model.name], strict=True):
+        shot = Shot(0, wall(), 1, look_at((-depth, 0.0, 0.0), (0.0, 0.0, 0.0), UP), 0)
+        disparity = measure(studio, shot, Quality.FULL)
+        z = ft / (disparity[disparity > 0] / 16)
+        assert len(z) > 200_000
+        millimetres = float(np.std(z)) * 1000
+        assert float(np.mean(z)) == pytest.approx(depth, abs=0.002 * depth)
+        assert millimetres == pytest.approx(0.25 * depth**2 / ft * 1000, rel=0.05)
+        assert millimetres == pytest.approx(published, abs=0.1)
+
+
+def wall() -> DrawList:
+    """Its front is the plane x = 0."""
+    edit = TreeEdit(Node())
+    edit.set_parts(("wall",), (part(Box((0.2, 20.0, 20.0)), (0.7, 0.7, 0.7), 0.1, 0.0, 0.0),))
+    return flatten(edit.commit())
+
+
+@pytest.mark.parametrize("look", ["phong", "pbr"])
+def test_both_eyes_have_the_same_light(renderer: CpuRenderer, look: LookName) -> None:
+    """The head light has one direction for both: a matte surface has the same grey in both images."""
+    edit = TreeEdit(Node())
+    edit.set_parts(("ball",), (part(Sphere(0.3), (0.7, 0.6, 0.5), 0.0, 0.0, 0.0),))
+    config = StereoConfig(look=look, noise=False)
+    studio, model = Studio(config, renderer), config.model
+    # The ball's middle half-way between the eyes, at a depth where the disparity is whole pixels.
+    depth = model.intrinsics().focal_length * model.baseline / 128.0
+    X = look_at((-depth, model.baseline / 2, 0.0), (0.0, model.baseline / 2, 0.0), UP)
+    shot = Shot(0, flatten(edit.commit()), 1, X, 0)
+    images, depths = [], []
+    for x in (0.0, model.baseline):
+        with studio.render(shot, x, 1, Output.COLOR | Output.DEPTH) as frame:
+            assert frame.color is not None
+            assert frame.depth is not None
+            images.append(frame.color.astype(float))
+            depths.append(frame.depth.copy())
+    width = depths[0].shape[1]
+    rows, columns = np.nonzero(np.isfinite(depths[0]))
+    landing = columns - np.rint(model.intrinsics().focal_length * model.baseline / depths[0][rows, columns]).astype(int)
+    inside = (landing >= 0) & (landing < width)
+    rows, columns, landing = rows[inside], columns[inside], landing[inside]
+    same = np.abs(depths[1][rows, landing] - depths[0][rows, columns]) < 0.002
+    difference = np.abs(images[1][rows, landing] - images[0][rows, columns])[same]
+    assert len(difference) > 10_000
+    assert np.quantile(difference, 0.95) <= 3

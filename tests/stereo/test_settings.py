@@ -1,0 +1,58 @@
+"""What the settings make of the camera."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from gateway.settings import Settings, load
+from gateway.stereo.config import StereoConfig
+from gateway.stereojoin import config_of, model_of
+from renderers.stereo.model import MODELS, Quality
+from renderers.stereo.noise import Stream, frame_key
+from renderers.stereo.sensor import Exposure, take
+from tests.stereo.conftest import SMALL, Start, pixels
+
+
+def test_the_defaults_are_the_device_s() -> None:
+    config = config_of(Settings(grpc_port=50051))
+    assert config == StereoConfig(background=config.background)
+
+
+def test_a_camera_of_one_s_own_from_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "camera.toml"
+    path.write_text(
+        'stereo_model = "custom"\nstereo_size = "640x400"\nstereo_focal_factor = 1.1\nstereo_baseline = 0.05\n'
+        "stereo_d_eps = 0.5\nstereo_image_noise = 3.0\nstereo_mesh_rgb = true\n"
+    )
+    config = config_of(load(config=path))
+    assert (config.model.width, config.model.height, config.model.baseline) == (640, 400, 0.05)
+    assert config.model.intrinsics(2).focal_length == 352.0
+    assert (config.d_eps, config.image_noise, config.mesh_rgb) == (0.5, 3.0, True)
+    assert model_of(load({"stereo_model": "custom"})).baseline == MODELS["rc_visard 160-4"].baseline
+    assert model_of(load({"stereo_model": "65-4"})) is MODELS["rc_visard 65-4"]
+
+
+def test_disparities_that_a_matcher_cannot_say_are_not_searched() -> None:
+    huge = model_of(load({"stereo_model": "custom", "stereo_size": "8192x64", "stereo_focal_factor": "20"}))
+    assert huge.disparity_range(1, 0.1) == 2032
+    assert MODELS["rc_visard 160-6"].disparity_range(Quality.FULL.divisor, 0.1) < 2032
+
+
+def test_image_noise_is_a_factor() -> None:
+    grey = np.full((200, 200, 3), 120, np.uint8)
+    key = frame_key(1, 1, Stream.LEFT)
+    deviation = [float(take(grey, Exposure(gain=18.0), key, color=False, noise=n).image.std()) for n in (0.0, 1.0, 3.0)]
+    assert deviation[0] == 0.0
+    assert 2.8 < deviation[2] / deviation[1] < 3.2
+
+
+async def test_meshes_with_colours_for_trimesh_and_open3d(start: Start) -> None:
+    camera = await start(mesh_rgb=True, image_noise=2.0)
+    (one,) = await camera.take(mesh_enabled=True, mesh_options={"textured": True}, left_enabled=True)
+    header = one.mesh.data[: one.mesh.data.index(b"end_header")]
+    assert b"property uint8 diffuse_red" in header
+    assert b"property uint8 red" in header
+    assert pixels(one.left).shape == (SMALL.height, SMALL.width)
+    assert 0.5 < one.left.noise < 3.0
