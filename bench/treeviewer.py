@@ -19,6 +19,7 @@ import json
 import math
 import os
 import random
+import socket
 import statistics
 import subprocess
 import sys
@@ -36,6 +37,7 @@ from gateway.scene.live import LiveTree
 from gateway.treeviewer import answers, wire
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.protocol import REQUEST, RESPONSE, TreeViewerProtocol, response_channel
+from gateway.treeviewer.receive_buffer import ReceiveBuffer
 from gateway.treeviewer.service import TreeViewerService
 
 BOXES = 1000
@@ -163,12 +165,14 @@ async def floor(url: str) -> None:
 
 
 def with_large_buffer(url: str) -> None:
-    """The receive buffer that ours has, so that big messages arrive at all."""
-    from gateway.treeviewer.receive_buffer import ReceiveBuffer
-
-    if url.startswith("udpm"):
-        port = int(url.split(":")[2].split("?")[0])
-        ReceiveBuffer(frozenset(), port).raise_to(64 * 1024 * 1024)
+    """Gives liblcm, which hides its socket, the receive buffer that ours has, so that big messages arrive at all."""
+    if not url.startswith("udpm"):
+        return
+    port = int(url.split(":")[2].split("?")[0])
+    for name in os.listdir("/proc/self/fd"):  # noqa: PTH208 - names are all that is wanted
+        with contextlib.suppress(OSError), socket.socket(fileno=os.dup(int(name))) as sock:
+            if sock.type == socket.SOCK_DGRAM and sock.getsockname()[1] == port:
+                ReceiveBuffer(sock).raise_to(64 * 1024 * 1024)
 
 
 # --- clients

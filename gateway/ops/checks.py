@@ -72,7 +72,8 @@ def _glib() -> Finding:
     try:
         ctypes.CDLL("libglib-2.0.so.0")
     except OSError:
-        return Finding("glib", Verdict.NOTE, "missing, LCM does not work without: apt install libglib2.0-0")
+        remedy = "apt install libglib2.0-0"
+        return Finding("glib", Verdict.NOTE, f"missing, LCM's own library does not work without: {remedy}")
     return Finding("glib", Verdict.OK, "libglib-2.0.so.0")
 
 

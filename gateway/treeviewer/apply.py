@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from gateway.scene.live import LiveTree
 from gateway.scene.tree import Path, TreeEdit
 from gateway.treeviewer.answers import ERROR_HANDLING_REQUEST, MISSING_PATHS, OK, Answer, Problem
@@ -13,6 +15,8 @@ from gateway.treeviewer.requests import Failure, Request
 class Application:
     """A request on its way into the tree; one of many commands goes in several steps, each one revision of the tree."""
 
+    __slots__ = ("_added", "_at", "_booked", "_census", "_failures", "_limits", "_live", "_missing", "_request", "_set")
+
     def __init__(self, request: Request, live: LiveTree, census: Census, limits: Limits) -> None:
         self._request = request
         self._live = live
@@ -20,7 +24,7 @@ class Application:
         self._limits = limits
         self._at = [0, 0, 0]
         self._booked = 0
-        self._failures = list(request.failures)
+        self._failures = request.failures
         self._added: dict[Path, None] = {}
         self._set: dict[Path, None] = {}
         self._missing: dict[Path, None] = {}
@@ -32,9 +36,12 @@ class Application:
             return False
         with self._live.edit() as edit:
             self._booked = 0
-            most -= self._delete(edit, most)
-            most -= self._set_geometry(edit, most)
-            self._set_transform(edit, most)
+            if request.deletes:
+                most -= self._delete(edit, most)
+            if request.geometries:
+                most -= self._set_geometry(edit, most)
+            if request.transforms:
+                self._set_transform(edit, most)
             self._book(edit)
         return at[0] < len(request.deletes) or at[1] < len(request.geometries) or at[2] < len(request.transforms)
 
@@ -51,8 +58,7 @@ class Application:
         geometries = self._request.geometries
         commands = geometries if begin == 0 and most >= len(geometries) else geometries[begin : begin + most]
         census, added, set_parts = self._census, self._added, edit.set_parts
-        nodes = max((len(path) for path, _ in commands), default=0) * len(commands)
-        full = not census.surely_room(nodes, sum(len(parts) for _, parts in commands))
+        full = not census.surely_room(_most_nodes(commands), sum(len(parts) for _, parts in commands))
         for index, (path, parts) in enumerate(commands, begin):
             refused = ""
             if full:
@@ -74,8 +80,7 @@ class Application:
         transforms = self._request.transforms
         commands = transforms if begin == 0 and most >= len(transforms) else transforms[begin : begin + most]
         census, missing, set_pose = self._census, self._missing, edit.set_pose
-        nodes = max((len(path) for path, _ in commands), default=0) * len(commands)
-        full = not census.surely_room(nodes, 0)
+        full = not census.surely_room(_most_nodes(commands), 0)
         for index, (path, pose) in enumerate(commands, begin):
             if full:
                 self._book(edit)
@@ -111,6 +116,11 @@ class Application:
         if self._request.warnings:
             answer.warnings = [_clean(text) for text in self._request.warnings[:most]]
         return answer
+
+
+def _most_nodes(commands: Sequence[tuple[Path, object]]) -> int:
+    """How many nodes ``commands`` can bring into being."""
+    return sum([len(path) for path, _ in commands])
 
 
 def _new_nodes(edit: TreeEdit, path: Path) -> int:

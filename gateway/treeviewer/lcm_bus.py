@@ -1,6 +1,6 @@
-"""liblcm on the event loop: UDP multicast and whatever else its URL says.
+"""liblcm on the event loop, for the networks that only it knows (``memq://``, ``mpudpm://``, ``file://``).
 
-liblcm reads its socket in a thread of its own and tells by a pipe that messages are there; the loop watches the pipe.
+liblcm reads in a thread of its own and tells by a pipe that messages are there; the loop watches the pipe.
 """
 
 from __future__ import annotations
@@ -10,40 +10,35 @@ import os
 from collections import deque
 from collections.abc import Callable
 from typing import Any, Final
-from urllib.parse import parse_qs, urlsplit
 
 import structlog
 
 from gateway.treeviewer.errors import TreeViewerUnavailable
-from gateway.treeviewer.receive_buffer import ReceiveBuffer, open_files, system_limit
 
 _log = structlog.get_logger("gateway.treeviewer")
 
-DEFAULT_URL: Final = "udpm://239.255.76.67:7667?ttl=0"
-"""liblcm's own default."""
+SCHEMES: Final = ("udpm", "tcpq", "mpudpm", "memq", "file")
+"""What an LCM URL can begin with."""
 MOST_FILES: Final = 1000
 """liblcm waits with select(2) when it starts, which writes over its stack at file numbers of 1024 and more."""
 HANDLED_AT_ONCE: Final = 64
 """Messages taken from liblcm before the loop goes on: a few milliseconds at most when they are small."""
 OVERHEAD_BYTES: Final = 256
-ROUTE_HINT: Final = "there may be no route for multicast; on one machine 'ip route add 224.0.0.0/4 dev lo' adds one"
 
 
 class LcmBus:
     """Our place on an LCM network. Create it early (see ``MOST_FILES``), use it in one event loop."""
 
-    def __init__(self, url: str | None, pattern: str, buffer_bytes: int, waiting_bytes: int) -> None:
+    def __init__(self, url: str, pattern: str, waiting_bytes: int) -> None:
         """Joins the network.
 
         Args:
-            url: None or empty: LCM_DEFAULT_URL, or liblcm's default.
             pattern: of the channels to receive.
-            buffer_bytes: wanted for the UDP socket.
             waiting_bytes: of messages taken from liblcm and not handled yet; what arrives beyond it is dropped.
         Raises:
             TreeViewerUnavailable: with the reason in one sentence.
         """
-        self.url = url or os.environ.get("LCM_DEFAULT_URL") or DEFAULT_URL
+        self.url = url
         self._most_waiting = waiting_bytes
         self._waiting: deque[tuple[str, bytes]] = deque()
         self.waiting_bytes = 0
@@ -52,15 +47,12 @@ class LcmBus:
         self._receive: Callable[[str, bytes], None] | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._scheduled = False
-        before = open_files()
         self._lcm = _join(self.url)
         subscription = self._lcm.subscribe(pattern, self._arrived)
         if subscription is None:
             raise TreeViewerUnavailable(f"LCM does not accept the pattern {pattern!r}")
         # liblcm would drop all but 30 messages of a burst; they are moved to a queue bounded in bytes at once
         subscription.set_queue_capacity(0)
-        self._buffer = ReceiveBuffer(before, _port(self.url))
-        self.warning = self._raise_buffer(buffer_bytes)
 
     def start(self, receive: Callable[[str, bytes], None]) -> None:
         """Messages go to ``receive`` from now on, in the running event loop."""
@@ -82,38 +74,16 @@ class LcmBus:
             self._loop = None
         self._receive = None
         self._waiting.clear()
-        self._buffer.close()
         del self._lcm
 
     def status(self) -> dict[str, object]:
         """Plain JSON values."""
-        described: dict[str, object] = {
+        return {
             "url": self.url,
             "waiting_bytes": self.waiting_bytes,
             "dropped": self.dropped,
             "dropped_bytes": self.dropped_bytes,
         }
-        if self._buffer.found:
-            described["receive_buffer_bytes"] = self._buffer.size()
-            described["lost_datagrams"] = self._buffer.lost_datagrams()
-        if self.warning:
-            described["warning"] = self.warning
-        return described
-
-    def _raise_buffer(self, wanted: int) -> str:
-        if not self._buffer.found:
-            return ""
-        granted = self._buffer.raise_to(wanted)
-        if granted >= wanted:
-            return ""
-        limit = system_limit()
-        known = "" if limit is None else f" (it is {limit} now)"
-        warning = (
-            f"LCM's receive buffer has {granted} bytes instead of {wanted}: larger messages "
-            f"and bursts can get lost; 'sysctl -w net.core.rmem_max={wanted}' allows more{known}"
-        )
-        _log.warning(warning)
-        return warning
 
     def _arrived(self, channel: str, data: bytes) -> None:
         size = len(data) + OVERHEAD_BYTES
@@ -149,21 +119,25 @@ class LcmBus:
 
 
 def _join(url: str) -> Any:
+    scheme = url.partition("://")[0]
+    if scheme not in SCHEMES:
+        known = ", ".join(f"{name}://" for name in SCHEMES)
+        raise TreeViewerUnavailable(f"LCM cannot join {url}: it knows {known} and 'off', nothing else")
     try:
         import lcm
     except ImportError as error:
         raise TreeViewerUnavailable(
-            f"LCM cannot be loaded ({error}); it needs the system library libglib-2.0.so.0: apt install libglib2.0-0"
+            f"LCM's library, which {scheme}:// needs, cannot be loaded ({error}); "
+            "it needs the system library libglib-2.0.so.0: apt install libglib2.0-0"
         ) from None
     probe = os.dup(0) if _has_file(0) else os.open(os.devnull, os.O_RDONLY)
     os.close(probe)
     if probe >= MOST_FILES:
-        raise TreeViewerUnavailable(f"LCM cannot start with {probe} open files, it must come before them")
+        raise TreeViewerUnavailable(f"LCM's library cannot start with {probe} open files, it must come before them")
     try:
         return lcm.LCM(url)
     except RuntimeError:
-        hint = ROUTE_HINT if url.startswith("udpm") else "nothing answers there"
-        raise TreeViewerUnavailable(f"LCM cannot join {url}: {hint}") from None
+        raise TreeViewerUnavailable(f"LCM cannot join {url}: its library refuses it") from None
 
 
 def _has_file(number: int) -> bool:
@@ -172,14 +146,3 @@ def _has_file(number: int) -> bool:
     except OSError:
         return False
     return True
-
-
-def _port(url: str) -> int:
-    """Of a udpm URL; 0 for others."""
-    parts = urlsplit(url)
-    if parts.scheme != "udpm":
-        return 0
-    try:
-        return parts.port or int(parse_qs(parts.query).get("port", ["7667"])[0])
-    except ValueError:
-        return 7667

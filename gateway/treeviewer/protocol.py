@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Final
 
 from gateway.scene.live import LiveTree
@@ -29,6 +30,7 @@ def client_of(channel: str) -> str:
     return channel[begin + 1 : end] if 0 <= begin < end else ""
 
 
+@lru_cache(maxsize=1024)
 def response_channel(channel: str) -> str:
     """Where the answer to a request on ``channel`` goes."""
     client = client_of(channel)

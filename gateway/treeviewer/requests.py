@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Final, cast
 
 import msgspec
@@ -46,15 +46,14 @@ class Failure:
     reason: str
 
 
-@dataclass(slots=True)
-class Request:
+class Request(msgspec.Struct, gc=False):
     """Commands in the order in which they apply: all deletes, then all geometries, then all transforms."""
 
-    deletes: list[Path] = field(default_factory=list)
-    geometries: list[tuple[Path, tuple[Part, ...]]] = field(default_factory=list)
-    transforms: list[tuple[Path, Pose]] = field(default_factory=list)
-    failures: list[Failure] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)
+    deletes: list[Path] = []
+    geometries: list[tuple[Path, tuple[Part, ...]]] = []
+    transforms: list[tuple[Path, Pose]] = []
+    failures: list[Failure] = []
+    warnings: list[str] = []
     """Sentences about what was tolerated."""
 
     @property
@@ -88,6 +87,10 @@ class RequestReader:
         Raises:
             RequestError: the text is not a JSON object, or too much of it.
         """
+        if extract is None and len(data) < min(LEAST_SCANNED, self._limits.json_bytes):
+            usual = self._read_usual(data)
+            if usual is not None:
+                return usual
         numbers = Numbers()
         body = numbers.take_from(data) if extract else bytes(data)
         if extract is None and len(body) >= LEAST_SCANNED and any(key in body for key in WORTH_SCANNING):
@@ -108,6 +111,27 @@ class RequestReader:
             return request
         except JsonError as error:
             raise RequestError(f"the request is not valid JSON {error}") from None
+
+    def _read_usual(self, data: memoryview) -> Request | None:
+        """A small request without any oddity; None: a closer look is needed."""
+        try:
+            message = self._typed.decode(data)
+        except _UNREADABLE:
+            return None
+        geometries, transforms = message.setgeometry, message.settransform
+        odd = message.delete not in (None, []) or isinstance(geometries, dict) or isinstance(transforms, dict)
+        if odd or message.draw is not msgspec.UNSET or message.load is not msgspec.UNSET:
+            return None
+        request = Request()
+        if geometries:
+            for command in geometries:
+                parts = typed.parts_of(command)
+                if parts is None:
+                    return None
+                request.geometries.append((command.path, parts))
+        if transforms:
+            request.transforms = typed.transforms_of(transforms)
+        return request
 
     def _read_text(self, body: bytes, context: Context) -> Request:
         try:

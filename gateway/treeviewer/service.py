@@ -21,11 +21,14 @@ from gateway.treeviewer.geometry import MeshLoader
 from gateway.treeviewer.hub import Hub, HubConnection
 from gateway.treeviewer.lcm_bus import LcmBus
 from gateway.treeviewer.protocol import REQUEST, RESPONSE, TreeViewerProtocol
-from gateway.treeviewer.tcpq_bus import SCHEME, TcpqBus
+from gateway.treeviewer.tcpq_bus import TcpqBus
+from gateway.treeviewer.udpm_bus import UdpmBus
 
 _log = structlog.get_logger("gateway.treeviewer")
 
 OFF = "off"
+DEFAULT_URL = "udpm://239.255.76.67:7667?ttl=0"
+"""liblcm's own."""
 PATTERN = f"{REQUEST}.*"
 """Director's own; the channel without a client id is among them."""
 
@@ -44,7 +47,7 @@ class TreeViewerService:
         self._protocol = TreeViewerProtocol(live, config.limits, meshfiles, clock)
         self._executor = ThreadPoolExecutor(config.threads, "treeviewer")
         self._dispatcher = Dispatcher(self._protocol, config, self._executor)
-        self._bus: LcmBus | None = None
+        self._bus: LcmBus | UdpmBus | None = None
         self._remote: TcpqBus | None = None
         self._hub: Hub | None = None
         self._problems: dict[str, str] = {}
@@ -95,14 +98,11 @@ class TreeViewerService:
     async def _start(self) -> None:
         ready = answers.encode(answers.ReadyAnswer())
         wanted = 0
-        url = self._config.lcm_url or os.environ.get("LCM_DEFAULT_URL") or None
+        url = self._config.lcm_url or os.environ.get("LCM_DEFAULT_URL") or DEFAULT_URL
         if url != OFF:
             wanted += 1
             try:
-                if url is not None and url.startswith(f"{SCHEME}:"):
-                    self._remote = TcpqBus(url, PATTERN, self._config.limits.message_bytes + 1024)
-                else:
-                    self._bus = LcmBus(url, PATTERN, self._config.receive_buffer_bytes, self._config.waiting_bytes)
+                self._join(url)
             except TreeViewerUnavailable as error:
                 self._problem("lcm", error)
         if self._config.tcpq_port is not None:
@@ -127,6 +127,17 @@ class TreeViewerService:
             bus.start(lambda channel, data: self._from_lcm(bus, channel, data))
             _announce(bus, ready)
 
+    def _join(self, url: str) -> None:
+        config = self._config
+        most = config.limits.message_bytes + 1024
+        match url.partition(":")[0]:
+            case "tcpq":
+                self._remote = TcpqBus(url, PATTERN, most)
+            case "udpm":
+                self._bus = UdpmBus(url, REQUEST, config.receive_buffer_bytes, config.waiting_bytes, most)
+            case _:
+                self._bus = LcmBus(url, PATTERN, config.waiting_bytes)
+
     async def _stop(self) -> None:
         if self._bus is not None:
             self._bus.close()
@@ -144,7 +155,7 @@ class TreeViewerService:
         self._problems[transport] = str(error)
         _log.warning(str(error), transport=transport)
 
-    def _from_lcm(self, bus: LcmBus, channel: str, data: bytes) -> None:
+    def _from_lcm(self, bus: LcmBus | UdpmBus, channel: str, data: bytes | memoryview) -> None:
         self._dispatcher.receive("lcm", channel, data, bus.publish)
 
     def _from_remote(self, remote: TcpqBus, channel: str, data: bytes | memoryview) -> None:
@@ -165,7 +176,7 @@ class TreeViewerService:
 _HERE: Final = frozenset(("127.0.0.1", "localhost", "::1", "0.0.0.0"))  # noqa: S104 - names that mean this machine
 
 
-def _announce(bus: LcmBus | TcpqBus, ready: bytes) -> None:
+def _announce(bus: LcmBus | UdpmBus | TcpqBus, ready: bytes) -> None:
     """Director says so when it starts, and its tests wait for it."""
     try:
         bus.publish(RESPONSE, ready)

@@ -20,7 +20,6 @@ from gateway.treeviewer.tcpq import CLIENT_HELLO, MAGIC_HUB, Frame, FrameError, 
 
 _log = structlog.get_logger("gateway.treeviewer")
 
-SCHEME: Final = "tcpq"
 PORT: Final = 7700
 RETRY_SECONDS: Final = 1.0
 CONNECT_SECONDS: Final = 10.0

@@ -6,8 +6,9 @@
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
 from typing import Final
+
+import msgspec
 
 FINGERPRINT: Final = 0xD368E03F33C568BE
 """Of lcmtypes/viewer2_comms_t.lcm: the base hash 0x69b4701f99e2b45f, rotated left by one."""
@@ -16,6 +17,11 @@ VERSION: Final = (1, 0)
 
 _HEAD: Final = struct.Struct(">QqI")
 _TAIL: Final = struct.Struct(">iii")
+_USUAL: Final = struct.Struct(">Qq20s8si")
+_USUAL_NAME: Final = struct.pack(">I", len(FORMAT) + 1) + FORMAT.encode() + b"\0"
+_USUAL_VERSION: Final = struct.pack(">ii", *VERSION)
+_ANSWER_HEAD: Final = struct.pack(">Qq", FINGERPRINT, 0) + _USUAL_NAME + _USUAL_VERSION
+_COUNT: Final = struct.Struct(">i")
 _MAX_FORMAT_BYTES: Final = 256
 """Of the format's name; a longer one is not a name but damage."""
 
@@ -24,8 +30,7 @@ class WireError(ValueError):
     """The bytes are not a viewer2_comms_t; the message says why."""
 
 
-@dataclass(frozen=True, slots=True)
-class Comms:
+class Comms(msgspec.Struct, frozen=True, gc=False):
     """One viewer2_comms_t."""
 
     utime: int
@@ -47,6 +52,11 @@ def decode(message: bytes | memoryview) -> Comms:
     """
     view = memoryview(message)
     size = len(view)
+    if size >= _USUAL.size:  # what nearly all messages are, in one step
+        fingerprint, utime, name, version, count = _USUAL.unpack_from(view)
+        usual = fingerprint == FINGERPRINT and name == _USUAL_NAME and version == _USUAL_VERSION
+        if usual and count == size - _USUAL.size:
+            return Comms(utime, FORMAT, 1, 0, view[_USUAL.size :])
     if size < _HEAD.size:
         raise WireError(f"the message has {size} bytes, a viewer2_comms_t has at least {_HEAD.size + 1 + _TAIL.size}")
     fingerprint, utime, length = _HEAD.unpack_from(view)
@@ -67,5 +77,7 @@ def decode(message: bytes | memoryview) -> Comms:
 
 def encode(data: bytes, utime: int = 0, name: str = FORMAT, version: tuple[int, int] = VERSION) -> bytes:
     """A message around ``data``. Answers carry utime 0, as Director's do."""
+    if utime == 0 and name is FORMAT and version is VERSION:
+        return b"".join((_ANSWER_HEAD, _COUNT.pack(len(data)), data))
     text = name.encode() + b"\0"
     return b"".join((_HEAD.pack(FINGERPRINT, utime, len(text)), text, _TAIL.pack(*version, len(data)), data))

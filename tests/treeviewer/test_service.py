@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import asyncio
 import builtins
+import errno
+import os
+import socket
 import sys
 import threading
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
 from gateway.scene.live import LiveTree
-from gateway.treeviewer import lcm_bus, receive_buffer
+from gateway.treeviewer import lcm_bus, receive_buffer, udpm, udpm_bus
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.errors import TreeViewerUnavailable
 from gateway.treeviewer.protocol import REQUEST, RESPONSE
@@ -144,7 +147,7 @@ async def test_the_receive_buffer_is_raised_or_the_sysctl_is_named(url: str) -> 
 @pytest.mark.lcm
 async def test_a_small_receive_buffer_is_warned_about(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(receive_buffer.ReceiveBuffer, "raise_to", lambda self, size: 212_992)
-    monkeypatch.setattr(lcm_bus, "system_limit", lambda: 212_992)
+    monkeypatch.setattr(udpm_bus, "system_limit", lambda: 212_992)
     async with serving(config_of(url)) as service:
         assert service.status()["lcm"]["warning"] == (
             "LCM's receive buffer has 212992 bytes instead of 67108864: larger messages and bursts can get lost; "
@@ -154,10 +157,10 @@ async def test_a_small_receive_buffer_is_warned_about(url: str, monkeypatch: pyt
 
 @pytest.mark.lcm
 async def test_messages_beyond_the_bound_of_waiting_bytes_are_dropped_and_counted(url: str) -> None:
-    bus = lcm_bus.LcmBus(url, f"{REQUEST}.*", 1 << 20, waiting_bytes=3000)
+    bus = udpm_bus.UdpmBus(url, REQUEST, 1 << 20, waiting_bytes=3000, message_bytes=1 << 20)
     try:
         for _ in range(20):
-            bus._arrived("c", b"x" * 744)
+            bus._arrived(udpm.Received("c", b"x" * 744))
         assert (bus.waiting_bytes, bus.dropped, bus.dropped_bytes) == (3000, 17, 17 * 744)
         got: list[str] = []
         bus.start(lambda channel, data: got.append(channel))
@@ -179,7 +182,7 @@ async def test_lcms_default_url_is_honoured(url: str, monkeypatch: pytest.Monkey
 
 
 @pytest.fixture
-async def without_lcm(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[None]:
+def without_lcm(monkeypatch: pytest.MonkeyPatch) -> None:
     """As on a machine without libglib, where liblcm's extension cannot be loaded."""
     monkeypatch.delitem(sys.modules, "lcm", raising=False)
     real = builtins.__import__
@@ -190,13 +193,12 @@ async def without_lcm(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[None]:
         return real(name, *args, **kwargs)
 
     monkeypatch.setattr(builtins, "__import__", fail)
-    return
 
 
 @pytest.mark.usefixtures("without_lcm")
 async def test_without_libglib_the_hub_works_and_the_reason_is_told() -> None:
     live = LiveTree()
-    async with serving(TreeViewerConfig(tcpq_port=0), live=live) as service:
+    async with serving(TreeViewerConfig(lcm_url="memq://", tcpq_port=0), live=live) as service:
         assert service.tcpq_port
         assert "libglib-2.0.so.0: apt install libglib2.0-0" in service.status()["lcm"]["problem"]
 
@@ -204,16 +206,46 @@ async def test_without_libglib_the_hub_works_and_the_reason_is_told() -> None:
 @pytest.mark.usefixtures("without_lcm")
 async def test_without_any_transport_the_service_says_why_it_ends() -> None:
     with pytest.raises(TreeViewerUnavailable, match="libglib"):
-        async with serving(TreeViewerConfig(tcpq_port=None)):
+        async with serving(TreeViewerConfig(lcm_url="memq://", tcpq_port=None)):
             pass
+
+
+@pytest.mark.lcm
+async def test_udp_multicast_works_without_libglib(url: str, without_lcm: None) -> None:
+    async with serving(config_of(url)) as service:
+        assert service.status()["lcm"]["lost_datagrams"] == 0
+
+
+async def test_networks_that_only_liblcm_knows_work() -> None:
+    pytest.importorskip("lcm", reason="LCM cannot be imported: it needs libglib-2.0.so.0", exc_type=ImportError)
+    bus = lcm_bus.LcmBus("memq://", f"{REQUEST}.*", waiting_bytes=3000)
+    try:
+        for _ in range(20):
+            bus._arrived("c", b"x" * 744)
+        assert (bus.waiting_bytes, bus.dropped, bus.dropped_bytes) == (3000, 17, 17 * 744)
+        got: list[str] = []
+        bus.start(lambda channel, data: got.append(channel))
+        bus.publish(REQUEST, b"y")
+        await until(lambda: len(got) >= 3)
+        assert bus.waiting_bytes <= 1000
+    finally:
+        bus.close()
 
 
 @pytest.mark.lcm
 @pytest.mark.parametrize(
     ("bad", "reason"),
     [
-        ("nonsense://x", "LCM cannot join nonsense://x: nothing answers there"),
-        ("udpm://10.1.2.3:7667", "LCM cannot join udpm://10.1.2.3:7667: there may be no route for multicast"),
+        (
+            "bogus://x",
+            "LCM cannot join bogus://x: it knows udpm://, tcpq://, mpudpm://, memq://, file:// and 'off', nothing else",
+        ),
+        ("bogus", "LCM cannot join bogus: it knows udpm://"),
+        ("udpm://10.1.2.3:7667", "LCM cannot join udpm://10.1.2.3:7667: 10.1.2.3 is no multicast address (224.0.0.0"),
+        ("udpm://robot:7667", "LCM cannot join udpm://robot:7667: robot is no multicast address"),
+        ("udpm://239.255.76.67:99999", "LCM cannot join udpm://239.255.76.67:99999: its port is not a number"),
+        ("udpm://?ttl=far", "LCM cannot join udpm://?ttl=far: ttl must be a number of 0 to 255, not 'far'"),
+        ("tcpq://host:port", "LCM cannot join tcpq://host:port: its port is not a number"),
     ],
 )
 async def test_a_network_that_cannot_be_joined_is_one_sentence(url: str, bad: str, reason: str) -> None:
@@ -224,14 +256,84 @@ async def test_a_network_that_cannot_be_joined_is_one_sentence(url: str, bad: st
 
 
 @pytest.mark.lcm
-async def test_lcm_is_not_started_where_it_would_crash(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_port_that_another_program_keeps_is_one_sentence(url: str) -> None:
+    network = udpm_bus.network_of(url)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taker:
+        taker.bind(("", network.port))
+        with pytest.raises(TreeViewerUnavailable, match=f"another program keeps port {network.port} for itself"):
+            udpm_bus.UdpmBus(url, REQUEST, 1, 1, 1)
+
+
+@pytest.mark.parametrize(("number", "reason"), [(errno.ENODEV, "ip route add 224"), (errno.EPERM, "not permitted")])
+def test_a_machine_without_multicast_is_one_sentence(number: int, reason: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*args: Any) -> None:
+        raise OSError(number, os.strerror(number))
+
+    class Refusing(socket.socket):
+        bind = fail
+
+    monkeypatch.setattr(socket, "socket", Refusing)
+    with pytest.raises(TreeViewerUnavailable, match=reason):
+        udpm_bus.UdpmBus(free_url(), REQUEST, 1, 1, 1)
+
+
+@pytest.mark.lcm
+def test_a_firewall_that_swallows_everything_is_one_sentence(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(udpm_bus, "SELF_TEST_SECONDS", 0.01)
+    monkeypatch.setattr(udpm_bus, "_sender", lambda network: DeafSocket(socket.AF_INET, socket.SOCK_DGRAM))
+    with pytest.raises(TreeViewerUnavailable, match="what is sent there does not come back"):
+        udpm_bus.UdpmBus(url, REQUEST, 1, 1, 1)
+
+
+class DeafSocket(socket.socket):
+    """Sends nothing."""
+
+    def sendto(self, data: Any, *where: Any) -> int:
+        return len(data)
+
+
+async def test_liblcm_is_not_started_where_it_would_crash(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("lcm", reason="LCM cannot be imported: it needs libglib-2.0.so.0", exc_type=ImportError)
     monkeypatch.setattr(lcm_bus, "MOST_FILES", 3)
     with pytest.raises(TreeViewerUnavailable, match="open files"):
-        lcm_bus.LcmBus(url, "x", 1, 1)
+        lcm_bus.LcmBus("memq://", "x", 1)
 
 
-def test_ports_of_lcm_urls() -> None:
-    assert lcm_bus._port("udpm://239.255.76.67:7668?ttl=0") == 7668
-    assert lcm_bus._port("udpm://") == 7667
-    assert lcm_bus._port("udpm://239.255.76.67?port=5") == 5
-    assert lcm_bus._port("tcpq://host:7700") == 0
+def test_what_udpm_urls_say() -> None:
+    read = udpm_bus.network_of
+    assert read("udpm://239.255.1.2:7668?ttl=1&recv_buf_size=4096") == udpm_bus.Network("239.255.1.2", 7668, 1, 4096)
+    assert read("udpm://") == udpm_bus.Network("239.255.76.67", 7667, 0, 0)
+    assert read("udpm://224.0.0.1?transmit_only=true").port == 7667
+
+
+@pytest.mark.lcm
+async def test_big_messages_pass_in_both_directions_between_liblcm_and_ours(url: str) -> None:
+    """Fragments of both, of sizes around their borders, with small messages of another sender in between."""
+    ours = udpm_bus.UdpmBus(url, REQUEST, 8 << 20, 1 << 28, 1 << 28)
+    theirs, other = join(url), join(url)
+    there: list[bytes] = []
+    lossless(theirs, RESPONSE, lambda channel, data: there.append(data))
+    here: dict[str, list[bytes]] = {f"{REQUEST}_<b>": [], f"{REQUEST}_<s>": []}
+    ours.start(lambda channel, data: here[channel].append(bytes(data)))
+    try:
+        # more than the second last would need larger buffers than every system has
+        for size in (0, 1, udpm.MOST_SHORT, udpm.MOST_FRAGMENT, 130_001, *(() if ours.warning else (1_000_001,))):
+            message = os.urandom(size)
+            if size < 200_000:
+                ours.publish(RESPONSE, message)
+                assert await in_thread(theirs.handle_timeout, 10_000)
+                assert there.pop() == message
+            theirs.publish("SOMETHING_ELSE", message)
+
+            sending = threading.Thread(target=theirs.publish, args=(f"{REQUEST}_<b>", message))
+            sending.start()
+            for _ in range(5):
+                other.publish(f"{REQUEST}_<s>", b"small")
+            await until(lambda: len(here[f"{REQUEST}_<b>"]) == 1 and len(here[f"{REQUEST}_<s>"]) == 5)
+            sending.join()
+            assert here[f"{REQUEST}_<b>"].pop() == message
+            assert here[f"{REQUEST}_<s>"] == [b"small"] * 5
+            here[f"{REQUEST}_<s>"].clear()
+        assert ours.status()["incomplete"] == ours.status()["waiting_bytes"] == 0
+    finally:
+        ours.close()
