@@ -1,0 +1,290 @@
+"""``/render`` against VTK behind HTTP: recorded scenes with other poses in every request, in one run, interleaved.
+
+    python -m venv .venv-vtk && .venv-vtk/bin/pip install vtk
+    python -m bench.render --peers .venv-vtk/bin/python [--full] [--frames 20]
+
+Both servers are processes of their own and get the same bytes; every request has poses that were never sent before.
+``to first byte`` is from the last byte of a request to the first of its answer, the body having arrived before; ``over
+HTTP`` is from connecting to the last byte of the answer, a new connection for each, as Drake's client has it. Medians.
+``CPU`` is what the server's processes spent a request, which a busy machine disturbs less. Without ``--full`` only
+640 x 480 is asked for. Then: four clients against one; a scene of 25 MB of textured meshes, cold and warm with its
+stages; poses that changed against the very same request again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from bench import posted
+from bench.gateways import Answer, Gateway, gateway, post
+from bench.table import Row, at_least, at_most, geometric_mean, show, skipped
+from bench.viewer import cpu_of
+
+SCENES = ("001", "003", "009", "010", "015")
+SIZES = ((320, 240), (640, 480), (1920, 1080))
+SETTLE = 0.02
+"""Seconds in which a server deals with the body before its last bytes come."""
+WARM = 3
+FIRST_BYTE_GOALS = {"color": 8.0, "depth": 10.0, "label": 10.0}
+HTTP_GOAL = 5.0
+
+
+@dataclass
+class Server:
+    """A port, and the process behind it."""
+
+    port: int
+    pid: int
+    first: list[float] = field(default_factory=list)
+    total: list[float] = field(default_factory=list)
+    stages: list[dict[str, float]] = field(default_factory=list)
+    cpu: float = 0.0
+
+    def forget(self) -> None:
+        self.first, self.total, self.stages = [], [], []
+        self.cpu = cpu_of(self.pid)
+
+    def ask(self, body: bytes, *, whole: bool) -> Answer:
+        """One request; ``whole``: timed over HTTP, else to its first byte."""
+        answer = post(self.port, body, pause=0.0 if whole else SETTLE)
+        if answer.status != 200:
+            raise SystemExit(f"status {answer.status}: {answer.body[:300]!r}")
+        if whole:
+            self.total.append(answer.total)
+        else:
+            self.first.append(answer.first)
+            self.stages.append(answer.stages)
+        return answer
+
+    def spent(self) -> float:
+        """CPU ms a request since ``forget``."""
+        return 1e3 * (cpu_of(self.pid) - self.cpu) / max(1, len(self.first) + len(self.total))
+
+    def split(self) -> str:
+        """Medians of the stages."""
+        names = self.stages[0]
+        return " + ".join(f"{name} {statistics.median(s[name] for s in self.stages):.1f}" for name in names)
+
+
+@contextmanager
+def vtk_server(python: str) -> Iterator[Server]:
+    command = (python, str(Path(__file__).with_name("render_peer.py")))
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    try:
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        if not line:
+            raise SystemExit(f"{python} cannot run VTK's server (is vtk installed there?)")
+        yield Server(int(line), process.pid)
+    finally:
+        process.kill()
+        process.wait()
+
+
+def differing(ours: bytes, theirs: bytes) -> float:
+    """Part of a label picture's pixels that are not the same."""
+    a, b = (cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) for data in (ours, theirs))
+    assert a is not None and b is not None
+    return float((a != b).any(axis=2).mean())
+
+
+def compare(ours: Server, vtk: Server | None, folder: Path, sizes: tuple[tuple[int, int], ...], frames: int) -> list[Row]:
+    """Every scene, size and type."""
+    servers = [server for server in (ours, vtk) if server is not None]
+    first: dict[str, list[float]] = {}
+    whole: dict[str, list[float]] = {}
+    names = " / ".join(("ours", "VTK")[: len(servers)])
+    print(f"| ms ({names}) | to first byte | ratio | CPU | over HTTP | ratio | stages of ours | stages of VTK |")
+    print("|---|---|---|---|---|---|---|---|")
+    for number in SCENES:
+        for width, height in sizes:
+            for kind in posted.KINDS:
+                scene = posted.recorded(folder, number, kind)
+                answers = []
+                for frame in range(2 * (frames + WARM)):
+                    if frame == 2 * WARM:
+                        for server in servers:
+                            server.forget()
+                    body = scene.moved(width, height)
+                    answers = [server.ask(body, whole=frame % 2 == 1) for server in servers]
+                spent = [server.spent() for server in servers]
+                to_first = [statistics.median(server.first) for server in servers]
+                total = [statistics.median(server.total) for server in servers]
+                if vtk is not None and (width, height) == (640, 480):
+                    first.setdefault(kind, []).append(to_first[1] / to_first[0])
+                    whole.setdefault(kind, []).append(total[1] / total[0])
+                note = ""
+                if kind == "label" and vtk is not None:
+                    note = f" ({100 * differing(answers[0].body, answers[1].body):.2g} % of pixels differ)"
+                cells = (" / ".join(f"{value:.1f}" for value in values) for values in (to_first, spent, total))
+                ratios = (f"{v[1] / v[0]:.1f}" if vtk is not None else "" for v in (to_first, total))
+                a, b, c = cells
+                x, y = ratios
+                stages = " | ".join(server.split() for server in servers)
+                print(f"| {scene.name} {kind} {width}×{height}{note} | {a} | {x} | {b} | {c} | {y} | {stages} |", flush=True)
+    if vtk is None:
+        return [skipped("`/render` against VTK", "no --peers")]
+    rows = []
+    for kind in posted.KINDS:
+        goal = FIRST_BYTE_GOALS[kind]
+        ratio, least = geometric_mean(first[kind]), min(first[kind])
+        what = f"`/render` {kind}, 640×480, last byte in to first byte out: geometric mean of {len(SCENES)} scenes"
+        rows.append(at_least(what, f"least {least:.1f}×", "VTK", ratio, goal))
+    for kind in posted.KINDS:
+        ratio, least = geometric_mean(whole[kind]), min(whole[kind])
+        what = f"`/render` {kind}, 640×480, over HTTP, new connection each"
+        rows.append(at_least(what, f"least {least:.1f}×", "VTK", ratio, HTTP_GOAL))
+    return rows
+
+
+def throughput(port: int, bodies: list[bytes], clients: int) -> float:
+    """Requests per second of so many clients, each with a connection a request; every body is sent once."""
+    waiting = iter(bodies)
+    lock = threading.Lock()
+
+    def client() -> None:
+        while True:
+            with lock:
+                body = next(waiting, None)
+            if body is None:
+                return
+            if post(port, body).status != 200:
+                raise SystemExit("a request failed")
+
+    threads = [threading.Thread(target=client) for _ in range(clients)]
+    begin = time.perf_counter()
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    return len(bodies) / (time.perf_counter() - begin)
+
+
+def four_clients(ours: Server, vtk: Server | None, folder: Path, frames: int) -> list[Row]:
+    """Four clients' throughput against one's, in turns."""
+    print("\n| requests/s, 640×480 | one client | four | ratio | VTK, one | four |\n|---|---|---|---|---|---|")
+    ratios = []
+    for number in ("001", "010"):
+        for kind in posted.KINDS:
+            scene = posted.recorded(folder, number, kind)
+            rates: dict[tuple[bool, int], list[float]] = {}
+            for _ in range(5):
+                for clients in (1, 4):
+                    bodies = [scene.moved(640, 480) for _ in range(2 * frames)]
+                    rates.setdefault((True, clients), []).append(throughput(ours.port, bodies, clients))
+            for clients in (1, 4) if vtk is not None else ():
+                assert vtk is not None
+                bodies = [scene.moved(640, 480) for _ in range(8)]
+                rates[False, clients] = [throughput(vtk.port, bodies, clients)]
+            one, four = (statistics.median(rates[True, clients]) for clients in (1, 4))
+            ratios.append(four / one)
+            theirs = [f"{statistics.median(rates[False, c]):.1f}" for c in (1, 4)] if vtk is not None else ["", ""]
+            cells = f"{one:.0f} | {four:.0f} | {four / one:.2f} | {' | '.join(theirs)}"
+            print(f"| {scene.name} {kind} | {cells} |", flush=True)
+    what = "`/render`, four clients' throughput against one's (geometric mean)"
+    return [at_least(what, f"least {min(ratios):.2f}×", "one client", geometric_mean(ratios), 1.8)]
+
+
+def big(vtk: Server | None, frames: int) -> list[Row]:
+    """The scene of 25 MB, on a gateway that has never seen it."""
+    print("\n| 25 MB of textured meshes, 640×480 | to first byte, ms | over HTTP, ms | stages |\n|---|---|---|---|")
+    rows = []
+    for kind in posted.KINDS:
+        scene = posted.textured(kind)
+        with gateway("--only", "render") as running:
+            ours = Server(running.port, running.process.pid)
+            for server in [ours, vtk] if vtk is not None else [ours]:
+                name = "ours" if server is ours else "VTK"
+                server.forget()
+                first = post(server.port, scene.moved(640, 480), pause=0.5)
+                stages = " + ".join(f"{stage} {ms:.1f}" for stage, ms in first.stages.items())
+                print(f"| {name}, {kind}, cold | {first.first:.0f} | {first.total - 500:.0f} | {stages} |", flush=True)
+                server.ask(scene.moved(640, 480), whole=True)
+                server.ask(scene.moved(640, 480), whole=True)
+                server.forget()
+                for _ in range(frames if server is ours else 3):
+                    answer = post(server.port, scene.moved(640, 480), pause=0.15)
+                    server.first.append(answer.first)
+                    server.stages.append(answer.stages)
+                    server.ask(scene.moved(640, 480), whole=True)
+                took, over = statistics.median(server.first), statistics.median(server.total)
+                print(f"| {name}, {kind}, poses changed | {took:.1f} | {over:.1f} | {server.split()} |", flush=True)
+            took = statistics.median(ours.total)
+            theirs = f"VTK {statistics.median(vtk.total):.0f} ms" if vtk is not None else ""
+            rows.append(at_most(f"25 MB of textured meshes, {kind}, poses changed, over HTTP", took, 150.0, "ms", theirs))
+    return rows
+
+
+def unchanged(ours: Server, folder: Path, frames: int) -> list[Row]:
+    """Poses that changed against the same request again, over HTTP."""
+    print("\n| poses changed / unchanged, over HTTP, 640×480, ms | changed | unchanged | ratio |\n|---|---|---|---|")
+    ratios = []
+    for number in SCENES:
+        for kind in posted.KINDS:
+            scene = posted.recorded(folder, number, kind)
+            same = scene.moved(640, 480)
+            ours.forget()
+            times: dict[bool, list[float]] = {True: [], False: []}
+            for frame in range(frames + WARM):
+                for moved in (True, False):
+                    answer = ours.ask(scene.moved(640, 480) if moved else same, whole=True)
+                    if frame >= WARM:
+                        times[moved].append(answer.total)
+            changed, again = statistics.median(times[True]), statistics.median(times[False])
+            ratios.append(changed / again)
+            print(f"| {scene.name} {kind} | {changed:.2f} | {again:.2f} | {changed / again:.2f} |", flush=True)
+    mean = geometric_mean(ratios)
+    what = "poses changed against the same request again (geometric mean)"
+    return [Row(what, f"worst {max(ratios):.2f}×", "unchanged", f"{mean:.2f}×", "≤ 1.5×", mean <= 1.5)]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--peers", help="a Python that has vtk; without it only ours is measured")
+    parser.add_argument("--full", action="store_true", help="three sizes instead of 640 x 480")
+    parser.add_argument("--frames", type=int, default=20)
+    parser.add_argument("--only", default="compare,clients,unchanged,big", help="parts, with commas between")
+    options = parser.parse_args()
+    folder = posted.corpus()
+    if folder is None:
+        show([skipped("`/render`", "SCENEGATE_CORPUS names no recorded requests")])
+        return
+    rows: list[Row] = []
+    with gateway("--only", "render") as running:
+        parts = options.only.split(",")
+        if options.peers:
+            with vtk_server(options.peers) as vtk:
+                rows = measure(parts, running, vtk, folder, options.full, options.frames)
+        else:
+            rows = measure(parts, running, None, folder, options.full, options.frames)
+    show(rows)
+
+
+def measure(
+    parts: list[str], running: Gateway, vtk: Server | None, folder: Path, full: bool, frames: int
+) -> list[Row]:
+    """The parts of the bench that were asked for."""
+    ours = Server(running.port, running.process.pid)
+    sizes = SIZES if full else ((640, 480),)
+    all_parts: dict[str, Callable[[], list[Row]]] = {
+        "compare": lambda: compare(ours, vtk, folder, sizes, frames),
+        "clients": lambda: four_clients(ours, vtk, folder, frames),
+        "unchanged": lambda: unchanged(ours, folder, frames),
+        "big": lambda: big(vtk, frames),
+    }
+    return [row for part in parts for row in all_parts[part]()]
+
+
+if __name__ == "__main__":
+    main()
