@@ -91,7 +91,8 @@ def recorded(folder: Path, number: str, kind: str) -> Posted:
     """The recorded request of a scene by the number that its folder's name begins with."""
     where = next(folder.glob(f"drake/scenes/{number}_*")) / kind
     fields = json.loads((where / "fields.json").read_text())["fields"]
-    return Posted.of_document(where.parent.name, fields, json.loads(scene_of((where / "request.multipart").read_bytes())))
+    document = json.loads(scene_of((where / "request.multipart").read_bytes()))
+    return Posted.of_document(where.parent.name, fields, document)
 
 
 def fields_for(kind: str, near: float = 0.01, far: float = 10.0) -> dict[str, str]:
@@ -109,9 +110,7 @@ def accessor(document: dict[str, Any], values: Array, component: int, kind: str)
     index = len(document["buffers"])
     document["buffers"].append({"byteLength": len(data), "uri": uri})
     document["bufferViews"].append({"buffer": index, "byteLength": len(data)})
-    document["accessors"].append(
-        {"bufferView": index, "componentType": component, "count": len(values), "type": kind}
-    )
+    document["accessors"].append({"bufferView": index, "componentType": component, "count": len(values), "type": kind})
     return index
 
 
@@ -161,7 +160,8 @@ def textured(kind: str, copies: int = 10, unique: int = 3, side: int = 4096) -> 
         primitive = {"attributes": attributes, "indices": indices, "material": number}
         document["meshes"].append({"primitives": [primitive]})
         place = [1.1 * (number % 4) - 1.65, 1.1 * (number // 4) - 1.1, -4.0]
-        document["nodes"].append({"mesh": number, "name": f"ball{number}", "matrix": [*np.eye(4).ravel()[:12], *place, 1.0]})
+        matrix = [*np.eye(4).ravel()[:12], *place, 1.0]
+        document["nodes"].append({"mesh": number, "name": f"ball{number}", "matrix": matrix})
     document["nodes"].append({"camera": 0, "name": "Camera Node", "matrix": [*np.eye(4).ravel()]})
     document["scenes"].append({"nodes": list(range(copies + 1))})
     return Posted.of_document("25 MB", fields_for(kind), document)

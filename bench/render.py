@@ -94,12 +94,13 @@ def vtk_server(python: str) -> Iterator[Server]:
 
 def differing(ours: bytes, theirs: bytes) -> float:
     """Part of a label picture's pixels that are not the same."""
-    a, b = (cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) for data in (ours, theirs))
-    assert a is not None and b is not None
+    a, b = (np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)) for data in (ours, theirs))
     return float((a != b).any(axis=2).mean())
 
 
-def compare(ours: Server, vtk: Server | None, folder: Path, sizes: tuple[tuple[int, int], ...], frames: int) -> list[Row]:
+def compare(
+    ours: Server, vtk: Server | None, folder: Path, sizes: tuple[tuple[int, int], ...], frames: int
+) -> list[Row]:
     """Every scene, size and type."""
     servers = [server for server in (ours, vtk) if server is not None]
     first: dict[str, list[float]] = {}
@@ -127,12 +128,11 @@ def compare(ours: Server, vtk: Server | None, folder: Path, sizes: tuple[tuple[i
                 note = ""
                 if kind == "label" and vtk is not None:
                     note = f" ({100 * differing(answers[0].body, answers[1].body):.2g} % of pixels differ)"
-                cells = (" / ".join(f"{value:.1f}" for value in values) for values in (to_first, spent, total))
-                ratios = (f"{v[1] / v[0]:.1f}" if vtk is not None else "" for v in (to_first, total))
-                a, b, c = cells
-                x, y = ratios
+                a, b, c = (" / ".join(f"{value:.1f}" for value in values) for values in (to_first, spent, total))
+                x, y = (f"{v[1] / v[0]:.1f}" if vtk is not None else "" for v in (to_first, total))
                 stages = " | ".join(server.split() for server in servers)
-                print(f"| {scene.name} {kind} {width}×{height}{note} | {a} | {x} | {b} | {c} | {y} | {stages} |", flush=True)
+                cells = f"{a} | {x} | {b} | {c} | {y} | {stages}"
+                print(f"| {scene.name} {kind} {width}×{height}{note} | {cells} |", flush=True)
     if vtk is None:
         return [skipped("`/render` against VTK", "no --peers")]
     rows = []
@@ -222,7 +222,8 @@ def big(vtk: Server | None, frames: int) -> list[Row]:
                 print(f"| {name}, {kind}, poses changed | {took:.1f} | {over:.1f} | {server.split()} |", flush=True)
             took = statistics.median(ours.total)
             theirs = f"VTK {statistics.median(vtk.total):.0f} ms" if vtk is not None else ""
-            rows.append(at_most(f"25 MB of textured meshes, {kind}, poses changed, over HTTP", took, 150.0, "ms", theirs))
+            what = f"25 MB of textured meshes, {kind}, poses changed, over HTTP"
+            rows.append(at_most(what, took, 150.0, "ms", theirs))
     return rows
 
 
@@ -271,9 +272,7 @@ def main() -> None:
     show(rows)
 
 
-def measure(
-    parts: list[str], running: Gateway, vtk: Server | None, folder: Path, full: bool, frames: int
-) -> list[Row]:
+def measure(parts: list[str], running: Gateway, vtk: Server | None, folder: Path, full: bool, frames: int) -> list[Row]:
     """The parts of the bench that were asked for."""
     ours = Server(running.port, running.process.pid)
     sizes = SIZES if full else ((640, 480),)

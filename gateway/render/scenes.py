@@ -7,8 +7,7 @@ from collections import OrderedDict
 from dataclasses import dataclass
 
 from gateway.render.config import RenderConfig
-from gateway.render.labels import labels_of
-from gateway.scene.flatten import flatten
+from gateway.render.drawn import drawn
 from gateway.scene.gltf import GltfScene, MeshCache, read_gltf
 from renderers.drawlist import DrawList
 
@@ -54,10 +53,10 @@ class SceneStore:
                 self.hits += 1
                 return found
         gltf = read_gltf(data, limits=self._config.gltf, cache=self._meshes)
-        drawn = flatten(gltf.root, label_of=labels_of(gltf.root))
-        meshes = {id(instance.mesh): instance.mesh for instance in drawn.instances}
+        listed = drawn(gltf)
+        meshes = {id(instance.mesh): instance.mesh for instance in listed.instances}
         nbytes = len(data) + sum(mesh.nbytes for mesh in meshes.values())
-        scene = PreparedScene(gltf, drawn, nbytes)
+        scene = PreparedScene(gltf, listed, nbytes)
         with self._lock:
             self.misses += 1
             self._keep(sha256, scene)

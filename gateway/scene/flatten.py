@@ -119,7 +119,7 @@ class _Flat:
             # Half-updated entries would be taken for finished ones by the next call.
             self._root = _Entry(())
             raise
-        images = _images_of(instances) if self._remeshed else self._drawn.images
+        images = images_of(instances) if self._remeshed else self._drawn.images
         self._drawn = DrawList(tuple(instances), images)
         self._tree = root
         return self._drawn
@@ -258,7 +258,7 @@ def _local_matrices(nodes: list[Node]) -> NDArray[np.float64]:
     return both
 
 
-def _images_of(instances: list[Instance]) -> tuple[Image, ...]:
+def images_of(instances: list[Instance]) -> tuple[Image, ...]:
     """The images of all materials, each once, in order of first use."""
     images: dict[Image, None] = {}
     seen: set[int] = set()

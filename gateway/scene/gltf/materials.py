@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 from dataclasses import replace
+from functools import lru_cache
 from typing import Final, TypeVar
 
 import msgspec
@@ -42,7 +43,12 @@ def label_from_material(material: Material) -> int:
     """
     if material is DEFAULT_MATERIAL:
         return LABEL_NONE
-    red, green, blue = (round(255.0 * min(1.0, max(0.0, factor))) for factor in material.base_color[:3])
+    return _label(material.base_color)
+
+
+@lru_cache(maxsize=4096)
+def _label(color: tuple[float, float, float, float]) -> int:
+    red, green, blue = (round(255.0 * min(1.0, max(0.0, factor))) for factor in color[:3])
     return red | green << 8 | blue << 16
 
 

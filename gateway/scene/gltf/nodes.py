@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gateway.scene import tree
 from gateway.scene.geometry import Part
@@ -23,30 +24,84 @@ _IDENTITY_NUMBERS: Final = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.
 _OPTICAL: Final = np.diag((1.0, -1.0, -1.0, 1.0))
 """The optical frame in glTF's camera frame, which looks along -Z with +Y up."""
 _AFFINE_TOLERANCE: Final = 1e-6
+_FEW: Final = 8
+"""Nodes below which working on all of them together does not pay."""
+
+Matrices: TypeAlias = NDArray[np.float64]
+"""(N, 4, 4)."""
 
 
 @dataclass(slots=True, eq=False)
-class _Visit:
-    """A node of the scene, in the order parents first."""
+class _Visits:
+    """The nodes of the scene in the order parents first, each below all that lie before it among its siblings."""
 
-    index: int
-    source: gltf.Node
-    parent: int
-    """Position of the parent among the visits; -1: a root."""
-    element: str
-    depth: int
-    matrix: Matrix
-    children: dict[tree.PathElement, tree.Node] = field(default_factory=dict)
-    names: set[str] = field(default_factory=set)
+    indices: list[int] = field(default_factory=list)
+    """In the document."""
+    sources: list[gltf.Node] = field(default_factory=list)
+    parents: list[int] = field(default_factory=list)
+    """Positions among the visits; -1: a root."""
+    depths: list[int] = field(default_factory=list)
+    """1: a root."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class NodeTree:
-    """What the nodes of a scene become."""
+class PlacedParts:
+    """What one node draws."""
 
-    root: tree.Node
-    cameras: tuple[GltfCamera, ...]
-    lights: tuple[Light, ...]
+    parts: tuple[Part, ...]
+    X_world_node: Matrix
+    branch: int
+    """Equal for nodes below the same root of the scene."""
+
+
+class NodeTree:
+    """What the nodes of a scene become: parts with their places, at once; a tree, when it is asked for."""
+
+    def __init__(
+        self, visits: _Visits, parts: list[tuple[Part, ...] | None], locals_: list[Matrix], worlds: Matrices
+    ) -> None:
+        self._visits = visits
+        self._parts = parts
+        self._locals = locals_
+        self._worlds = worlds
+        self._root: tree.Node | None = None
+        self.cameras: tuple[GltfCamera, ...] = ()
+        self.lights: tuple[Light, ...] = ()
+
+    @property
+    def root(self) -> tree.Node:
+        """The tree; its children are the scene's nodes. Made once; two threads may both make it."""
+        if self._root is None:
+            self._root = self._tree()
+        return self._root
+
+    def placed(self) -> list[PlacedParts]:
+        """Every node with parts, parents first."""
+        branches: list[int] = []
+        result: list[PlacedParts] = []
+        for position, (parent, parts) in enumerate(zip(self._visits.parents, self._parts, strict=True)):
+            branches.append(position if parent < 0 else branches[parent])
+            if parts:
+                result.append(PlacedParts(parts, self._worlds[position], branches[position]))
+        return result
+
+    def names(self) -> list[str]:
+        """Of each visit, unique among its siblings."""
+        taken: dict[int, set[str]] = {}
+        visits = self._visits
+        return [
+            _unique(source.name or f"node{index}", taken.setdefault(parent, set()))
+            for index, source, parent in zip(visits.indices, visits.sources, visits.parents, strict=True)
+        ]
+
+    def _tree(self) -> tree.Node:
+        names, parents = self.names(), self._visits.parents
+        children: list[dict[tree.PathElement, tree.Node]] = [{} for _ in range(len(parents) + 1)]  # the last: roots
+        for position in range(len(parents) - 1, -1, -1):
+            # Children were added last first.
+            own = dict(reversed(children[position].items()))
+            children[parents[position]][names[position]] = tree.Node(self._parts[position], self._locals[position], own)
+        return tree.Node(None, IDENTITY, dict(reversed(children[-1].items())))
 
 
 def build_tree(
@@ -67,24 +122,28 @@ def build_tree(
         GltfError: cycles, several parents, references out of range, matrices that are not affine, limits.
     """
     visits = _visits(document, limits)
-    root_children: dict[tree.PathElement, tree.Node] = {}
-    cameras = tuple(
-        _camera(document, visits, position) for position, v in enumerate(visits) if v.source.camera is not None
-    )
-    parts = [parts_of(v.source.mesh, f"nodes[{v.index}].mesh") if v.source.mesh is not None else None for v in visits]
-    for position in range(len(visits) - 1, -1, -1):
-        visit = visits[position]
-        # Children were added last first.
-        children = dict(reversed(visit.children.items()))
-        siblings = root_children if visit.parent < 0 else visits[visit.parent].children
-        siblings[visit.element] = tree.Node(parts[position], visit.matrix, children)
-    shining = (
-        (f"nodes[{visit.index}]", visit.source.extensions, _world(visits, position))
-        for position, visit in enumerate(visits)
-        if visit.source.extensions
-    )
-    placed = place_lights(lights, shining if lights else (), limits.max_lights, [] if warnings is None else warnings)
-    return NodeTree(tree.Node(None, IDENTITY, dict(reversed(root_children.items()))), cameras, placed)
+    locals_ = _matrices(visits)
+    worlds = _worlds(visits, locals_)
+    seeing = [position for position, source in enumerate(visits.sources) if source.camera is not None]
+    for position in seeing:
+        where = f"nodes[{visits.indices[position]}].camera"
+        element(document.cameras, visits.sources[position].camera, "cameras", where)
+    parts = [
+        parts_of(source.mesh, f"nodes[{index}].mesh") if source.mesh is not None else None
+        for index, source in zip(visits.indices, visits.sources, strict=True)
+    ]
+    nodes = NodeTree(visits, parts, locals_, worlds)
+    if seeing:
+        names = nodes.names()
+        nodes.cameras = tuple(_camera(document, visits, names, worlds, position) for position in seeing)
+    if lights:
+        shining = (
+            (f"nodes[{visits.indices[position]}]", source.extensions, worlds[position])
+            for position, source in enumerate(visits.sources)
+            if source.extensions
+        )
+        nodes.lights = place_lights(lights, shining, limits.max_lights, [] if warnings is None else warnings)
+    return nodes
 
 
 def _roots(document: Document) -> tuple[list[int | None], str]:
@@ -102,12 +161,12 @@ def _roots(document: Document) -> tuple[list[int | None], str]:
     return roots, "nodes"
 
 
-def _visits(document: Document, limits: GltfLimits) -> list[_Visit]:
+def _visits(document: Document, limits: GltfLimits) -> _Visits:
     nodes = document.nodes
     roots, where = _roots(document)
-    visits: list[_Visit] = []
+    visits = _Visits()
+    depths = visits.depths
     seen: set[int] = set()
-    names: set[str] = set()
     # Last in, first out: what a node refers to comes directly after it, in order.
     stack: list[tuple[int | None, int, str]] = [(index, -1, where) for index in reversed(roots)]
     while stack:
@@ -120,14 +179,16 @@ def _visits(document: Document, limits: GltfLimits) -> list[_Visit]:
         seen.add(index)
         if len(seen) > limits.max_nodes:
             raise GltfError(f"the scene has more nodes than max_nodes = {limits.max_nodes}")
-        depth = visits[parent].depth + 1 if parent >= 0 else 1
+        depth = depths[parent] + 1 if parent >= 0 else 1
         if depth > limits.max_node_depth:
             raise GltfError(f"nodes[{index}] lies deeper than max_node_depth = {limits.max_node_depth}")
-        taken = visits[parent].names if parent >= 0 else names
-        name = _unique(source.name or f"node{index}", taken)
         if source.children:
-            stack.extend((child, len(visits), f"nodes[{index}].children") for child in reversed(source.children))
-        visits.append(_Visit(index, source, parent, name, depth, _matrix(source, f"nodes[{index}]")))
+            position, where = len(depths), f"nodes[{index}].children"
+            stack.extend([(child, position, where) for child in reversed(source.children)])
+        visits.indices.append(index)
+        visits.sources.append(source)
+        visits.parents.append(parent)
+        depths.append(depth)
     return visits
 
 
@@ -160,32 +221,59 @@ def _matrix(node: gltf.Node, name: str) -> Matrix:
     )
 
 
-def _world(visits: list[_Visit], position: int) -> Matrix:
-    """X_world_node."""
-    X_world_node = visits[position].matrix
-    parent = visits[position].parent
-    while parent >= 0:
-        X_world_node = visits[parent].matrix @ X_world_node
-        parent = visits[parent].parent
-    return X_world_node
+def _matrices(visits: _Visits) -> list[Matrix]:
+    """X_parent_node of every visit; ``IDENTITY`` itself where nothing moves."""
+    given = [source.matrix for source in visits.sources if source.matrix is not None]
+    if len(given) >= _FEW:
+        # All at once: a call of numpy for every node would cost ten times as much.
+        try:
+            values = np.array(given, dtype=np.float64)
+        except (ValueError, OverflowError):
+            values = np.empty((0, 0))
+        if values.shape == (len(given), 16) and np.isfinite(values).all():
+            matrices = np.ascontiguousarray(values.reshape(-1, 4, 4).transpose(0, 2, 1))
+            if (np.abs(matrices[:, 3] - IDENTITY[3]) <= _AFFINE_TOLERANCE).all():
+                matrices[:, 3] = IDENTITY[3]
+                moved = (matrices != IDENTITY).any(axis=(1, 2)).tolist()
+                found = iter([matrix if moves else IDENTITY for matrix, moves in zip(matrices, moved, strict=True)])
+                return [
+                    next(found) if source.matrix is not None else _matrix(source, f"nodes[{index}]")
+                    for index, source in zip(visits.indices, visits.sources, strict=True)
+                ]
+    return [_matrix(source, f"nodes[{index}]") for index, source in zip(visits.indices, visits.sources, strict=True)]
 
 
-def _camera(document: Document, visits: list[_Visit], position: int) -> GltfCamera:
-    visit = visits[position]
-    index = visit.source.camera
-    source = element(document.cameras, index, "cameras", f"nodes[{visit.index}].camera")
+def _worlds(visits: _Visits, locals_: list[Matrix]) -> Matrices:
+    """(N, 4, 4) X_world_node, multiplied level by level."""
+    worlds = np.array(locals_).reshape(-1, 4, 4)
+    if len(worlds) < _FEW:
+        for position, parent in enumerate(visits.parents):
+            if parent >= 0:
+                worlds[position] = worlds[parent] @ worlds[position]
+    elif max(visits.depths) > 1:
+        depths, parents = np.array(visits.depths), np.array(visits.parents)
+        levels = np.split(np.argsort(depths, kind="stable"), np.cumsum(np.bincount(depths))[:-1])
+        with np.errstate(all="ignore"):
+            for level in levels[2:]:
+                worlds[level] = np.matmul(worlds[parents[level]], worlds[level])
+    return worlds
+
+
+def _camera(document: Document, visits: _Visits, names: list[str], worlds: Matrices, position: int) -> GltfCamera:
+    node = visits.sources[position]
+    index = node.camera
+    source = element(document.cameras, index, "cameras", f"nodes[{visits.indices[position]}].camera")
     assert index is not None
-    X_world_node = _world(visits, position)
-    path: list[tree.PathElement] = [visit.element]
-    parent = visit.parent
+    path: list[tree.PathElement] = [names[position]]
+    parent = visits.parents[position]
     while parent >= 0:
-        path.append(visits[parent].element)
-        parent = visits[parent].parent
+        path.append(names[parent])
+        parent = visits.parents[parent]
     lens = source.perspective or source.orthographic
     return GltfCamera(
         index=index,
-        name=source.name or visit.source.name or "",
-        X_world_camera=_without_scale(X_world_node) @ _OPTICAL,
+        name=source.name or node.name or "",
+        X_world_camera=_without_scale(worlds[position]) @ _OPTICAL,
         yfov=source.perspective.yfov if source.perspective is not None else None,
         znear=(lens.znear if lens is not None else None) or 0.0,
         zfar=lens.zfar if lens is not None else None,

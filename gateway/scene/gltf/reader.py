@@ -109,7 +109,7 @@ def read_gltf(
 def _scene(document: Document, parts: _Parts, known: Known, limits: GltfLimits, warnings: list[str]) -> GltfScene:
     nodes = build_tree(document, parts, limits, known.lights, warnings)
     return GltfScene(
-        root=nodes.root,
+        nodes=nodes,
         generator=known.generator,
         cameras=nodes.cameras,
         camera_count=len(known.cameras),

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gateway.scene.tree import Node, Path
 from renderers.drawlist import Light
+
+if TYPE_CHECKING:
+    from gateway.scene.gltf.nodes import NodeTree
 
 DRAKE_GENERATORS = frozenset({"VTK", "Drake glTF merger"})
 """``asset.generator`` of what Drake's render client sends: primitives and OBJ only, or with glTF meshes."""
@@ -51,8 +55,8 @@ class GltfCounts:
 class GltfScene:
     """A document, read."""
 
-    root: Node
-    """Committed tree in the document's own axes: no rotation to Z up is applied. Its children are the scene's nodes."""
+    nodes: NodeTree
+    """What the scene's nodes draw, and where."""
     generator: str
     """``asset.generator``; see ``DRAKE_GENERATORS``."""
     cameras: tuple[GltfCamera, ...]
@@ -70,6 +74,12 @@ class GltfScene:
     counts: GltfCounts = GltfCounts()
     lights: tuple[Light, ...] = ()
     """KHR_lights_punctual, in the document's world."""
+
+    @property
+    def root(self) -> Node:
+        """Committed tree in the document's own axes: no rotation to Z up is applied. Its children are the scene's
+        nodes. Made when first asked for."""
+        return self.nodes.root
 
     @property
     def from_drake(self) -> bool:
