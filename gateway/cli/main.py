@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import asyncio
 import sys
 from typing import Annotated
 
 import typer
 
 from gateway import __version__
+from gateway.cli import dataset
 from gateway.cli.render import render
 from gateway.cli.serve import add_serve
 from gateway.client.command import stream
@@ -48,9 +48,7 @@ def warmup(
         all_kernels.run(part)
         return
     folder = kernels.configure()
-    if not kernels.are_cached():
-        typer.echo(f"Compiling the rendering kernels into {folder} ...")
-        asyncio.run(kernels.compile_in_children(all_kernels.PARTS))
+    kernels.ensure_cached(all_kernels.PARTS, lambda: typer.echo(f"Compiling the rendering kernels into {folder} ..."))
     typer.echo(f"The rendering kernels are in {folder}.")
 
 
@@ -65,6 +63,7 @@ def check() -> None:
 add_serve(app)
 for command in (render, stream, check, warmup):
     app.command()(command)
+app.add_typer(dataset.app, name="dataset")
 
 
 def main() -> None:

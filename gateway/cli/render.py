@@ -1,21 +1,15 @@
-"""``scenegate render``: pictures of scene files, one or a folder full."""
+"""``scenegate render``: one picture of one scene, or a dataset of many."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-_SCENES = (".gltf", ".glb")
-
-
-class Type(StrEnum):
-    color = "color"
-    depth = "depth"
-    label = "label"
+PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
+"""An OUT that ends so is one picture."""
 
 
 class LookChoice(StrEnum):
@@ -31,73 +25,105 @@ class UpChoice(StrEnum):
     z = "z"
 
 
+class AntialiasChoice(StrEnum):
+    fxaa = "fxaa"
+    none = "none"
+
+
+class DepthChoice(StrEnum):
+    tiff = "tiff"
+    png = "png"
+
+
 def render(
-    scene: Annotated[
-        Path, typer.Argument(metavar="SCENE", exists=True, help="A .gltf or .glb file, or a folder of such files.")
+    scenes: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="SCENES...",
+            exists=True,
+            help="glTF files, mesh files (.obj, .stl, .ply, .dae), requests of tree viewer clients (.json), recorded "
+            "render requests (.multipart), or folders of them.",
+        ),
     ],
     out: Annotated[
-        Path, typer.Option("-o", "--out", metavar="OUT", help="The picture; for a folder of scenes, a folder.")
+        Path,
+        typer.Option(
+            "-o", "--out", metavar="OUT", help="A folder for the dataset; or, for one scene, a picture: .png, .tiff …"
+        ),
     ],
-    image_type: Annotated[Type, typer.Option("--type", help="What to draw.")] = Type.color,
+    types: Annotated[
+        str, typer.Option("--type", metavar="TYPES", help="color, depth, label, or several with commas.")
+    ] = "color",
     width: Annotated[int, typer.Option(min=1, max=16384, help="Columns, pixels.")] = 640,
     height: Annotated[int, typer.Option(min=1, max=16384, help="Rows, pixels.")] = 480,
     camera: Annotated[
-        str | None,
+        list[str] | None,
         typer.Option(
             metavar="CAMERA",
             help='fit; path:["robot", "head"] for a node\'s frame; eye=x,y,z;target=x,y,z;up=x,y,z;fovy=degrees. '
-            "Default: the file's first camera, or fit.",
+            "May be repeated. Default: the file's first camera, or fit.",
         ),
     ] = None,
+    cameras: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", exists=True, dir_okay=False, help="JSON: cameras of all scenes, or of each its own."
+        ),
+    ] = None,
+    orbit: Annotated[int, typer.Option(min=0, max=100_000, help="So many cameras on a circle around each scene.")] = 0,
+    orbit_elevation: Annotated[
+        float, typer.Option(min=-89.0, max=89.0, help="Of that circle above the horizon, degrees.")
+    ] = 30.0,
+    fovy: Annotated[
+        float, typer.Option(min=0.01, max=179.0, help="Vertical field of view where a camera names none, degrees.")
+    ] = 45.0,
     look: Annotated[
         LookChoice, typer.Option(help="How colour is made; auto: by the file's generator.")
     ] = LookChoice.auto,
+    background: Annotated[str, typer.Option(metavar="R,G,B", help="Colour where nothing is.")] = "204,229,255",
+    antialias: Annotated[AntialiasChoice, typer.Option(help="Of colour.")] = AntialiasChoice.fxaa,
+    depth_format: Annotated[
+        DepthChoice, typer.Option(help="In a dataset: tiff is 32-bit metres, png 16-bit millimetres.")
+    ] = DepthChoice.tiff,
     up: Annotated[
-        UpChoice, typer.Option(help="The file's up axis; auto: y, but z for files that Drake wrote.")
+        UpChoice, typer.Option(help="The files' up axis; auto: y, but z for files that Drake wrote.")
     ] = UpChoice.auto,
-    threads: Annotated[int, typer.Option(min=0, help="Threads that draw; 0: one per core.")] = 0,
+    threads: Annotated[int, typer.Option(min=0, help="Cores that draw; 0: all of this machine.")] = 0,
+    ray: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Draw on a Ray cluster (HOST:6379, ray://HOST:10001, auto, local)."),
+    ] = None,
 ) -> None:
-    """Draw scene files: colour as PNG or JPEG, depth as TIFF (metres) or PNG (millimetres), labels as PNG."""
-    from gateway.cli.pictures import SUFFIXES, Wish, write_picture
+    """Draw scenes: a dataset of pictures, camera parameters and labels, or one picture.
+
+    Run the same command again to go on where it was stopped: what is done is not done again.
+    """
+    from gateway import warmup
     from gateway.ops import kernels
+
+    kernels.ensure_cached(warmup.PARTS, lambda: typer.echo("Compiling the rendering kernels, once ...", err=True))
+    # All below imports compiled kernels.
+    from gateway.batch.views import View
+    from gateway.cli import batch
+    from gateway.client.manifest import Settings
+    from gateway.scene.cameras import OrbitCamera
     from gateway.workers import usable_cpus
 
-    if scene.is_dir():
-        suffix = SUFFIXES[image_type.value][0]
-        jobs = [(path, (out / path.relative_to(scene)).with_suffix(suffix)) for path in _scenes_below(scene)]
-        if not jobs:
-            raise ValueError(f"{scene} holds no .gltf and no .glb file")
-    else:
-        jobs = [(scene, out)]
-    wish = Wish(image_type.value, width, height, camera, look.value, up.value)
-    if not kernels.are_cached():
-        typer.echo("Compiling the rendering kernels; `scenegate warmup` does that once for all ...", err=True)
-    from renderers.cpu import CpuRenderer
-
-    renderer = CpuRenderer(threads or usable_cpus())
-    failed = 0
-    for source, target in _with_progress(jobs):
-        try:
-            warnings = write_picture(renderer, source, target, wish)
-        except (OSError, ValueError) as error:
-            failed += 1
-            typer.echo(f"scenegate: {error}", err=True)
-        else:
-            for warning in warnings:
-                typer.echo(f"{source}: {warning}", err=True)
-    if failed:
+    settings = Settings(
+        types=batch.types_of(types),
+        width=width,
+        height=height,
+        fovy=fovy,
+        look=look.value,
+        up=up.value,
+        antialias=antialias.value,
+        depth_format=depth_format.value,
+        background=batch.color_of(background),
+    )
+    named = [View(f"camera-{index:03d}", text) for index, text in enumerate(camera or ())]
+    around = [View(f"orbit-{index:03d}", OrbitCamera(index, orbit, orbit_elevation)) for index in range(orbit)]
+    cores = threads or usable_cpus()
+    if out.suffix.lower() in PICTURES and not out.is_dir():
+        batch.one_picture(scenes, out, settings, [*named, *around], cameras, cores)
+    elif batch.dataset(scenes, out, settings, (*named, *around), cameras, cores, ray):
         raise typer.Exit(1)
-
-
-def _scenes_below(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.rglob("*") if path.suffix.lower() in _SCENES and path.is_file())
-
-
-def _with_progress(jobs: list[tuple[Path, Path]]) -> Iterator[tuple[Path, Path]]:
-    """The jobs, with a bar on stderr when there are many and somebody looks."""
-    from rich.console import Console
-    from rich.progress import Progress
-
-    console = Console(stderr=True)
-    with Progress(console=console, transient=True, disable=len(jobs) < 2 or not console.is_terminal) as progress:
-        yield from progress.track(jobs, description="Drawing")

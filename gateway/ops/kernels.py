@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import asyncio
 import atexit
+import fcntl
 import hashlib
 import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -38,7 +39,7 @@ def folder() -> Path:
         os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"),  # noqa: PTH111
         "scenegate",
     )
-    path = Path(base) / "kernels" / _sources_digest()
+    path = Path(base) / "kernels" / sources_digest()
     try:
         path.mkdir(parents=True, exist_ok=True)
         if os.access(path, os.W_OK | os.X_OK):
@@ -65,6 +66,27 @@ def configure() -> Path:
 def are_cached() -> bool:
     """Whether a warm-up for this machine's CPU has ended well before."""
     return _marker(configure()).exists()
+
+
+def ensure_cached(parts: Iterable[str], say: Callable[[], object] = lambda: None) -> None:
+    """Compiles all kernels unless they are cached; of several processes of a machine only one does it.
+
+    Call it before anything imports Numba, and not where an event loop runs.
+
+    Args:
+        parts: as ``compile_in_children``.
+        say: called before compiling.
+
+    Raises:
+        KernelError: they could not be compiled.
+    """
+    if are_cached():
+        return
+    with (configure() / "compiling").open("wb") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not are_cached():
+            say()
+            asyncio.run(compile_in_children(parts))
 
 
 def mark_cached() -> None:
@@ -107,7 +129,7 @@ async def _compile_in_child(part: str) -> None:
 
 
 @cache
-def _sources_digest() -> str:
+def sources_digest() -> str:
     """Of everything that kernels are made of: all of ``renderers``, and what names Numba in ``gateway``."""
     digest = hashlib.sha256()
     for package in (renderers, gateway):
@@ -129,4 +151,4 @@ def _cpu_digest() -> str:
 
 
 def _marker(path: Path) -> Path:
-    return path / f"warm-{_sources_digest()}-{_cpu_digest()}"
+    return path / f"warm-{sources_digest()}-{_cpu_digest()}"

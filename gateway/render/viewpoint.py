@@ -53,14 +53,21 @@ def camera_of(request: RenderRequest, scene: GltfScene) -> Camera:
         cy=request.center_y,
         near=near,
         far=request.far,
-        X_world_camera=OPENGL_FROM_OPTICAL if camera is None else _pose(camera.X_world_camera, camera.name),
+        X_world_camera=OPENGL_FROM_OPTICAL if camera is None else rigid_pose(camera.X_world_camera, camera.name),
     )
 
 
-def _pose(X: NDArray[np.float64], name: str) -> NDArray[np.float64]:
+def rigid_pose(X: NDArray[np.float64], name: str) -> NDArray[np.float64]:
     """The rigid part of a node's transform, as VTK takes it: position, line of sight, and up as far as orthogonal.
 
     Scaled and mirrored nodes may carry cameras, but a camera has no size.
+
+    Args:
+        X: (4, 4) float64, of the optical frame.
+        name: for the message.
+
+    Raises:
+        RequestError: the transform is singular, or too far out.
     """
     rotation = X[:3, :3]
     with np.errstate(all="ignore"):

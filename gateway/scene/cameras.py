@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -74,6 +75,25 @@ class LookAtCamera:
 
 
 CameraSpec = StereoCamera | FitCamera | NodeCamera | LookAtCamera
+"""What a text can mean."""
+
+
+@dataclass(frozen=True, slots=True)
+class OrbitCamera:
+    """One of ``count`` cameras on a circle around everything, all at the distance from which each sees it whole."""
+
+    index: int
+    count: int
+    elevation: float
+    """Degrees above the horizon, -89 .. 89."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseCamera:
+    """A pose in numbers."""
+
+    X_world_camera: NDArray[np.float64]
+    """(4, 4) float64: rigid pose of the optical frame."""
 
 
 def parse_camera(text: str) -> CameraSpec:
@@ -163,7 +183,7 @@ def _number(name: str, text: str) -> float:
 
 
 def resolve_camera(
-    spec: CameraSpec,
+    spec: CameraSpec | OrbitCamera | PoseCamera,
     root: Node,
     width: int,
     height: int,
@@ -177,7 +197,7 @@ def resolve_camera(
     """The camera that a text means in a scene, at a picture size.
 
     Args:
-        spec: from ``parse_camera``.
+        spec: from ``parse_camera``, or one that no text can mean.
         root: the tree; needed for ``path`` and for framing.
         width, height: pixels.
         fovy: vertical field of view in degrees where the text names none.
@@ -196,7 +216,13 @@ def resolve_camera(
         return _resized(stereo, width, height, near, far)
     scene = flatten(root) if drawn is None else drawn
     if isinstance(spec, FitCamera):
-        pose = _fit(focus_bounds(scene), fovy, width / height)
+        pose = _fit(focus_bounds(scene), fovy, width / height, (FIT_DIRECTION,))
+    elif isinstance(spec, OrbitCamera):
+        around = [_around(i / spec.count, spec.elevation) for i in range(spec.count)]
+        first = around[spec.index :] + around[: spec.index]
+        pose = _fit(focus_bounds(scene), fovy, width / height, first)
+    elif isinstance(spec, PoseCamera):
+        pose = spec.X_world_camera
     elif isinstance(spec, NodeCamera):
         pose = _node_pose(root, spec.path)
     else:
@@ -258,18 +284,27 @@ def _node_pose(root: Node, path: Path) -> NDArray[np.float64]:
     return pose
 
 
-def _fit(bounds: Bounds | None, fovy: float, aspect: float) -> NDArray[np.float64]:
-    """A pose from which all corners of the box are in view."""
+def _around(turn: float, elevation: float) -> Vector:
+    """The direction from the middle to the eye after a part of a turn, counter-clockwise from +x."""
+    angle, height = 2.0 * math.pi * turn, math.radians(elevation)
+    return math.cos(angle) * math.cos(height), math.sin(angle) * math.cos(height), math.sin(height)
+
+
+def _fit(bounds: Bounds | None, fovy: float, aspect: float, directions: Sequence[Vector]) -> NDArray[np.float64]:
+    """A pose in the first direction from the box's middle, so far away that all its corners are in view from there and
+    would be from each of the other directions."""
     box = np.array(((-0.5, -0.5, -0.5), (0.5, 0.5, 0.5))) if bounds is None else bounds
     centre = box.mean(axis=0)
-    direction = np.array(FIT_DIRECTION) / np.linalg.norm(FIT_DIRECTION)
-    pose = look_at(centre + direction, centre, (0.0, 0.0, 1.0))
-    x, y, z = ((corners_of(box) - centre) @ pose[:3, :3]).T
     tan_y = math.tan(math.radians(0.5 * fovy)) / FIT_MARGIN
-    reach = np.maximum(np.abs(x) / (tan_y * aspect), np.abs(y) / tan_y)
-    distance = max(float((reach - z).max()), float(np.abs(box).max()) * 1e-6, 1e-6)
-    pose[:3, 3] = centre + direction * distance
-    return pose
+    distance = max(float(np.abs(box).max()) * 1e-6, 1e-6)
+    units = [np.array(direction) / np.linalg.norm(direction) for direction in directions]
+    poses = [look_at(centre + unit, centre, (0.0, 0.0, 1.0)) for unit in units]
+    for pose in poses:
+        x, y, z = ((corners_of(box) - centre) @ pose[:3, :3]).T
+        reach = np.maximum(np.abs(x) / (tan_y * aspect), np.abs(y) / tan_y)
+        distance = max(distance, float((reach - z).max()))
+    poses[0][:3, 3] = centre + units[0] * distance
+    return poses[0]
 
 
 def _planes(bounds: Bounds | None, pose: NDArray[np.float64]) -> tuple[float, float]:

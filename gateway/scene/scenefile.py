@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import hashlib
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -40,18 +40,49 @@ class SceneFile:
         return self.generator in DRAKE_GENERATORS
 
 
-def read_scene_file(path: Path, *, up: Up = "auto", limits: GltfLimits | None = None) -> SceneFile:
+class FolderFiles:
+    """A scene's file and the files below its folder that it names; symbolic links do not lead out of it either."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path.resolve()
+        self.digests: dict[str, str] = {}
+        """What was read so far, relative to the folder -> SHA-256 of the content, the scene's own file first."""
+
+    def own(self) -> bytes:
+        """The bytes of the scene's file; raises OSError."""
+        return self._read(self._path)
+
+    def __call__(self, uri: str) -> bytes:
+        """The bytes of a relative URI; raises GltfError with the reason."""
+        target = (self._path.parent / uri).resolve()
+        if not target.is_relative_to(self._path.parent):
+            raise GltfError(f"{uri} lies outside of the scene's folder")
+        try:
+            return self._read(target)
+        except OSError as error:
+            raise GltfError(f"{uri} cannot be read: {error.strerror}") from None
+
+    def _read(self, path: Path) -> bytes:
+        data = path.read_bytes()
+        self.digests[path.relative_to(self._path.parent).as_posix()] = hashlib.sha256(data).hexdigest()
+        return data
+
+
+def read_scene_file(
+    path: Path, *, up: Up = "auto", limits: GltfLimits | None = None, files: FolderFiles | None = None
+) -> SceneFile:
     """Reads a ``.gltf`` or ``.glb`` file.
 
     Args:
         up: the file's up axis; ``auto``: Z when the generator is Drake's, else Y as the specification says.
+        files: reads ``path`` and what it names, for callers that want to know what was read.
 
     Raises:
         SceneFileError: not readable, not glTF, or beyond a limit.
     """
+    beside = files or FolderFiles(path)
     try:
-        data = path.read_bytes()
-        scene = read_gltf(data, resolve=_beside(path), limits=limits or GltfLimits())
+        scene = read_gltf(beside.own(), resolve=beside, limits=limits or GltfLimits())
     except OSError as error:
         raise SceneFileError(f"{path}: {error.strerror or error}") from None
     except GltfError as error:
@@ -71,19 +102,3 @@ def _turned(v: tuple[float, float, float]) -> tuple[float, float, float]:
     """A point or direction of a Y-up world in ours."""
     x, y, z = Y_UP_TO_Z_UP[:3, :3] @ v
     return float(x), float(y), float(z)
-
-
-def _beside(path: Path) -> Callable[[str], bytes]:
-    """Gives the bytes of URIs below the folder of ``path``; symbolic links do not lead out of it either."""
-    folder = path.resolve().parent
-
-    def resolve(uri: str) -> bytes:
-        target = (folder / uri).resolve()
-        if not target.is_relative_to(folder):
-            raise GltfError(f"{uri} lies outside of the scene's folder")
-        try:
-            return target.read_bytes()
-        except OSError as error:
-            raise GltfError(f"{uri} cannot be read: {error.strerror}") from None
-
-    return resolve

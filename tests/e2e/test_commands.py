@@ -111,25 +111,28 @@ def test_render_turns_files_that_are_y_up(tmp_path: Path) -> None:
     assert np.allclose(depths["auto"], depths["z"], atol=1e-5)
 
 
-def test_render_a_folder_draws_what_it_can(tmp_path: Path) -> None:
-    scenes = tmp_path / "scenes"
+def test_render_a_folder_makes_a_dataset_of_what_can_be_drawn(tmp_path: Path) -> None:
+    scenes, out = tmp_path / "scenes", tmp_path / "out"
     (scenes / "deep").mkdir(parents=True)
     for name in ("a.gltf", "deep/b.gltf"):
         (scenes / name).write_text(json.dumps(forms.gltf(generator="somebody")))
     (scenes / "broken.gltf").write_text("{")
-    (scenes / "readme.txt").write_text("no scene")
-    result = render(str(scenes), "-o", str(tmp_path / "out"), "--type", "label", "--camera", "fit")
+    arguments = (str(scenes), "-o", str(out), "--type", "label,color", "--camera", "fit", "--width", "64")
+    result = render(*arguments)
     assert result.exit_code == 1
-    written = sorted(
-        str(path.relative_to(tmp_path / "out")) for path in (tmp_path / "out").rglob("*") if path.is_file()
-    )
-    assert written == ["a.labels.json", "a.png", "deep/b.labels.json", "deep/b.png"]
-    (complaint,) = [line for line in result.stderr.splitlines() if "broken.gltf" in line]
-    assert complaint.startswith("scenegate: ")
-    labels = json.loads((tmp_path / "out" / "a.labels.json").read_text())
-    picture = cv2.imread(str(tmp_path / "out" / "a.png"))[:, :, ::-1].astype(int)
-    seen = np.unique(picture[:, :, 0] + 256 * picture[:, :, 1] + 65536 * picture[:, :, 2])
-    assert {str(label) for label in seen} - {str(0xFFFFFF)} == set(labels)
+    complaints = [line for line in result.stderr.splitlines() if line.startswith("scenegate: ")]
+    assert len(complaints) == 1
+    assert complaints[0].startswith("scenegate: broken.gltf: ")
+    checked = CliRunner().invoke(app, ["dataset", "check", str(out)])
+    assert checked.exit_code == 0, checked.stderr
+    assert "2 samples of 2 scenes, 4 pictures" in checked.stdout
+    assert "note: broken.gltf was not drawn: " in checked.stderr
+    again = render(*arguments)
+    assert "2 of 3 samples, 2 of them from before, 0 drawn" in again.stderr
+    (out / "scenes" / "a.gltf" / "camera-000.label.png").write_bytes(b"")
+    checked = CliRunner().invoke(app, ["dataset", "check", str(out)])
+    assert checked.exit_code == 1
+    assert "scenegate: a.gltf/camera-000: scenes/a.gltf/camera-000.label.png: changed" in checked.stderr
 
 
 def test_errors_of_render_are_sentences(tmp_path: Path) -> None:
@@ -137,8 +140,14 @@ def test_errors_of_render_are_sentences(tmp_path: Path) -> None:
         (("-o", "out.tiff"), "a color picture is written as .png or .jpg"),
         (("-o", str(tmp_path / "o.png"), "--camera", "eye=1,2"), "camera"),
         (("-o", str(tmp_path / "o.png"), "--camera", 'path:["nobody"]'), "there is no such node"),
+        (("-o", str(tmp_path / "o.png"), "--type", "color,depth"), "is one picture: for more scenes, types or cameras"),
+        (("-o", str(tmp_path / "o"), "--type", "normals"), "of color, depth and label"),
+        (("-o", str(tmp_path / "o"), "--background", "red"), "three numbers from 0 to 255"),
     ):
         result = pictured(tmp_path, *arguments)
         assert result.exit_code == 1
-        assert message in result.stderr
-        assert "Traceback" not in result.stderr
+        assert isinstance(result.exception, ValueError)  # what main() prints as one sentence
+        assert message in str(result.exception)
+    said = scenegate("render", str(tmp_path / "scene.gltf"), "-o", "out.tiff")
+    assert said.returncode == 1
+    assert said.stderr == "scenegate: out.tiff: a color picture is written as .png or .jpg or .jpeg\n"

@@ -1,0 +1,95 @@
+"""A scene and a camera to encoded pictures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import reduce
+from operator import or_
+from typing import Final, Literal
+
+from gateway.batch.scenes import LoadedScene
+from gateway.client.manifest import ImageType, Settings
+from gateway.render.config import RenderConfig
+from gateway.render.depth import millimetres
+from gateway.render.form import RenderRequest
+from gateway.render.pipeline import Pipeline
+from gateway.render.viewpoint import camera_of
+from renderers.camera import Camera
+from renderers.drawlist import Topology
+from renderers.encode import jpeg_rgb, png_gray16, png_label, png_rgb, tiff_float32
+from renderers.fxaa import fxaa
+from renderers.port import Frame, Look, LookName, Output, Renderer
+
+OUTPUTS: Final[dict[ImageType, Output]] = {"color": Output.COLOR, "depth": Output.DEPTH, "label": Output.LABEL}
+FORMATS: Final[dict[ImageType, tuple[str, ...]]] = {
+    "color": ("png", "jpg", "jpeg"),
+    "depth": ("tiff", "tif", "png"),
+    "label": ("png",),
+}
+"""By type of picture, the first is the default."""
+
+
+@dataclass(frozen=True, slots=True)
+class Style:
+    """How colour is made."""
+
+    look: Literal["auto", "phong", "pbr", "plain"] = "auto"
+    background: tuple[int, int, int] = Look().background
+    antialias: Literal["fxaa", "none"] = "fxaa"
+
+
+def draw(
+    renderer: Renderer, scene: LoadedScene, camera: Camera, formats: dict[ImageType, str], style: Style
+) -> dict[ImageType, bytes]:
+    """The pictures of a scene, all from one pass.
+
+    Args:
+        formats: which types, each with one of ``FORMATS``.
+
+    Raises:
+        ImageError: a texture that colour needs cannot be decoded.
+        ValueError: the picture is larger than the renderer makes them.
+    """
+    look: LookName = scene.look if style.look == "auto" else style.look
+    wanted = reduce(or_, (OUTPUTS[image_type] for image_type in formats))
+    with renderer.render(scene.drawn, camera, wanted, Look(look, style.background)) as frame:
+        # FXAA takes a point of one pixel for a flaw and pales it.
+        points = any(instance.mesh.topology is Topology.POINTS for instance in scene.drawn.instances)
+        if frame.color is not None and style.antialias == "fxaa" and not points:
+            fxaa(frame.color)
+        return {image_type: _encoded(frame, image_type, name) for image_type, name in formats.items()}
+
+
+def _encoded(frame: Frame, image_type: ImageType, name: str) -> bytes:
+    if image_type == "color":
+        assert frame.color is not None
+        return png_rgb(frame.color) if name == "png" else jpeg_rgb(frame.color)
+    if image_type == "label":
+        assert frame.label is not None
+        return png_label(frame.label)
+    assert frame.depth is not None
+    return png_gray16(millimetres(frame.depth)) if name == "png" else tiff_float32(frame.depth)
+
+
+class RequestDrawer:
+    """Draws recorded requests as the endpoint does."""
+
+    def __init__(self, renderer: Renderer, settings: Settings) -> None:
+        look = settings.look if settings.look in ("phong", "pbr") else "auto"
+        config = RenderConfig(
+            look=look,  # type: ignore[arg-type]
+            background=settings.background,
+            antialias=settings.antialias,  # type: ignore[arg-type]
+            depth_format="png16" if settings.depth_format == "png" else "tiff32f",
+            scene_cache_count=1,
+        )
+        self._pipeline = Pipeline(renderer, config)
+
+    def draw(self, request: RenderRequest) -> tuple[Camera, ImageType, bytes]:
+        """
+        Raises:
+            RequestError: the scene or its camera cannot be used.
+        """
+        picture = self._pipeline.picture(request)
+        camera = camera_of(request, self._pipeline.scenes.get(request.scene_sha256, request.scene).gltf)
+        return camera, request.image_type, picture.body

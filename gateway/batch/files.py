@@ -1,0 +1,45 @@
+"""Writing a dataset so that nobody ever sees half a file, and hashing what is there."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
+from typing import Final
+
+PART: Final = ".part"
+"""End of the names of files that are being written."""
+_BLOCK: Final = 1 << 20
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Writes a file under another name of the same folder and renames it; folders are made.
+
+    A process that is killed meanwhile leaves a ``.part`` file, which the end of the next run removes.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f"{path.name}.{os.getpid()}{PART}")
+    try:
+        part.write_bytes(data)
+        part.replace(path)
+    except OSError:
+        part.unlink(missing_ok=True)
+        raise
+
+
+def remove_parts(folder: Path) -> None:
+    """Removes what killed processes left in a folder."""
+    for path in folder.glob(f"*{PART}"):
+        path.unlink(missing_ok=True)
+
+
+def sha256_of(path: Path) -> str | None:
+    """64 hexadecimal digits; None when the file is missing or not readable."""
+    digest = hashlib.sha256()
+    try:
+        with path.open("rb") as file:
+            while block := file.read(_BLOCK):
+                digest.update(block)
+    except OSError:
+        return None
+    return digest.hexdigest()

@@ -1,0 +1,134 @@
+"""What one worker does: some views of one scene, drawn and written. Workers share nothing but the dataset's folder."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections import OrderedDict
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from gateway.batch.draw import FORMATS, RequestDrawer, Style, draw
+from gateway.batch.files import write_whole
+from gateway.batch.plan import Result, Task
+from gateway.batch.scenes import LoadedScene, SceneError, load_scene
+from gateway.batch.sources import Source
+from gateway.batch.views import View, camera_of, record_of
+from gateway.client import manifest
+from gateway.client.manifest import Failure, ImageType, Sample
+from gateway.ops import kernels, process
+from gateway.render.errors import RequestError
+from gateway.scene.cameras import CameraError
+from renderers.camera import Camera
+from renderers.cpu import CpuRenderer
+from renderers.drawlist import ImageError
+
+KEPT_SCENES: Final = 2
+"""Per worker: the views of a scene come in a few tasks, mostly one after the other."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Key:
+    source: Source
+    up: str
+    modified: int
+    size: int
+
+
+class Worker:
+    """Draws tasks, one after the other."""
+
+    def __init__(self, threads: int = 1) -> None:
+        """``threads``: that work inside one picture."""
+        self._renderer = CpuRenderer(threads)
+        self._scenes: OrderedDict[_Key, LoadedScene | SceneError] = OrderedDict()
+
+    def work(self, task: Task) -> Result:
+        """Draws all views of a task; what cannot be drawn is in the result."""
+        result = Result(task.number)
+        out = Path(task.out)
+        if task.renderer != kernels.sources_digest():
+            reason = f"worker {os.uname().nodename} has another version of Scenegate than the one that was started"
+            result.failures.append(Failure(task.source.name, None, reason))
+            return result
+        if not (out / manifest.DATASET).is_file():
+            reason = f"worker {os.uname().nodename} does not see {out}: the folders must be shared by all nodes"
+            result.failures.append(Failure(task.source.name, None, reason))
+            return result
+        try:
+            scene = self._scene(task)
+            folder = out / manifest.SCENES / task.source.name
+            write_whole(folder / manifest.SCENE, manifest.encode_for_people(scene.record))
+        except (SceneError, OSError) as error:
+            result.failures.append(Failure(task.source.name, None, str(error)))
+            return result
+        result.warnings = scene.record.warnings
+        for view in task.views:
+            try:
+                result.samples.append(self._sample(task, scene, view, out))
+            except (CameraError, ImageError, RequestError, OSError, ValueError) as error:
+                result.failures.append(Failure(task.source.name, view.name, str(error)))
+        return result
+
+    def _scene(self, task: Task) -> LoadedScene:
+        status = Path(task.source.path).stat()
+        key = _Key(task.source, task.settings.up, status.st_mtime_ns, status.st_size)
+        found = self._scenes.pop(key, None)
+        if found is None:
+            try:
+                found = load_scene(task.source, task.settings.up)  # type: ignore[arg-type]
+            except SceneError as error:
+                found = error
+        self._scenes[key] = found
+        while len(self._scenes) > KEPT_SCENES:
+            self._scenes.popitem(last=False)
+        if isinstance(found, SceneError):
+            raise found
+        return found
+
+    def _sample(self, task: Task, scene: LoadedScene, view: View, out: Path) -> Sample:
+        camera, pictures = self._pictures(task, scene, view)
+        images: dict[ImageType, manifest.ImageFile] = {}
+        for image_type, data in pictures.items():
+            suffix = _format(image_type, task.settings)
+            relative = f"{manifest.SCENES}/{task.source.name}/{view.name}.{image_type}.{suffix}"
+            write_whole(out / relative, data)
+            images[image_type] = manifest.ImageFile(relative, hashlib.sha256(data).hexdigest(), len(data))
+        return Sample(
+            id=f"{task.source.name}/{view.name}",
+            scene=task.source.name,
+            view=view.name,
+            asked=view.asked,
+            scene_sha256=scene.record.sha256,
+            camera=record_of(camera),
+            images=images,
+        )
+
+    def _pictures(self, task: Task, scene: LoadedScene, view: View) -> tuple[Camera, dict[ImageType, bytes]]:
+        settings = task.settings
+        if scene.request is not None:
+            camera, image_type, data = RequestDrawer(self._renderer, settings).draw(scene.request)
+            return camera, {image_type: data}
+        camera = camera_of(
+            view, scene.root, scene.drawn, scene.own_camera, settings.width, settings.height, settings.fovy
+        )
+        style = Style(settings.look, settings.background, settings.antialias)  # type: ignore[arg-type]
+        formats = {image_type: _format(image_type, settings) for image_type in settings.types}
+        return camera, draw(self._renderer, scene, camera, formats, style)
+
+
+def _format(image_type: ImageType, settings: manifest.Settings) -> str:
+    return settings.depth_format if image_type == "depth" else FORMATS[image_type][0]
+
+
+_worker: Worker | None = None
+
+
+def work(task: Task) -> Result:
+    """``Worker.work`` of this process's own worker, with as many threads as the first task says."""
+    global _worker
+    if _worker is None:
+        process.tune()
+        _worker = Worker(task.threads)
+    return _worker.work(task)

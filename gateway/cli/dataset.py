@@ -1,0 +1,44 @@
+"""``scenegate dataset``: commands about datasets."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+app = typer.Typer(help="Commands about datasets that `scenegate render` wrote.", no_args_is_help=True)
+MAX_SHOWN = 100
+"""Problems printed; the rest are counted."""
+
+
+@app.callback()
+def _common() -> None:
+    pass
+
+
+@app.command()
+def check(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", exists=True, file_okay=False, help="The dataset.")],
+    threads: Annotated[int, typer.Option(min=0, help="Threads that read and hash; 0: one per core.")] = 0,
+) -> None:
+    """Verify a dataset: manifest, hashes, sizes and types of the pictures, cameras, labels."""
+    from gateway.batch.check import check_dataset
+    from gateway.ops import kernels
+    from gateway.workers import usable_cpus
+
+    kernels.configure()
+    report = check_dataset(folder, threads or usable_cpus())
+    for note in report.notes[:MAX_SHOWN]:
+        typer.echo(f"note: {note}", err=True)
+    for problem in report.problems[:MAX_SHOWN]:
+        typer.echo(f"scenegate: {problem}", err=True)
+    for what, all_of in (("notes", report.notes), ("problems", report.problems)):
+        if len(all_of) > MAX_SHOWN:
+            typer.echo(f"... and {len(all_of) - MAX_SHOWN} more {what}", err=True)
+    typer.echo(
+        f"{folder}: {report.samples} samples of {report.scenes} scenes, {report.images} pictures, "
+        f"{report.nbytes / 1e6:.1f} MB, {len(report.problems)} problems"
+    )
+    if report.problems:
+        raise typer.Exit(1)

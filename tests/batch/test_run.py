@@ -1,0 +1,211 @@
+"""Runs: the same input gives the same bytes, what is done is not done again, and one bad scene stops nobody."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from gateway.batch import local
+from gateway.batch.camerafile import CameraFile
+from gateway.batch.plan import PlanError, Result, Task
+from gateway.batch.run import run
+from gateway.batch.tasks import Worker
+from gateway.batch.views import View
+from gateway.client import manifest
+from gateway.client.dataset import NO_LABEL, Dataset
+from tests.batch.conftest import SETTINGS, Draw, contents, order_of
+from tests.support import forms
+
+
+def test_every_kind_of_scene_is_drawn(scenes: Path, tmp_path: Path, draw: Draw) -> None:
+    views = CameraFile((View("corner", "fit"), View("low", "eye=3,-3,1;target=0,0.5,0.2")))
+    progress = draw(order_of(scenes, tmp_path / "out", orbit=0, cameras=views))
+    assert not progress.failures
+    dataset = Dataset(tmp_path / "out")
+    assert dataset.scenes == ("a.gltf", "deep/mesh.stl", "depth.multipart", "robot.tree.json")
+    assert len(dataset) == 7
+    for sample in dataset:
+        if sample.record.scene == "depth.multipart":
+            assert sample.depth.shape == (48, 64)
+            assert np.isclose(sample.depth[24, 32], 1.0)  # forms.gltf: a metre before the camera
+            continue
+        assert sample.color.shape == (24, 32, 3)
+        seen = np.isfinite(sample.depth)
+        assert seen.any(), sample.id
+        assert not seen.all(), sample.id
+        assert ((sample.label != NO_LABEL) == seen).all(), sample.id
+        assert set(np.unique(sample.label[seen]).tolist()) <= set(dataset.labels(sample.record.scene))
+    assert set(dataset.labels("robot.tree.json").values()) == {(("robot", "base"),), (("robot", "arm"),)}
+
+
+def test_the_camera_of_the_manifest_is_the_one_of_the_pictures(scenes: Path, tmp_path: Path, draw: Draw) -> None:
+    """Depth put back into the world by K and X_world_camera lies on the mesh: the triangle in the plane z = 0."""
+    draw(order_of(scenes / "deep", tmp_path / "out", orbit=5))
+    for sample in Dataset(tmp_path / "out"):
+        depth = sample.depth
+        points = (sample.rays * depth[..., None])[np.isfinite(depth)]
+        world = points @ sample.X_world_camera[:3, :3].T + sample.X_world_camera[:3, 3]
+        assert len(world) > 5
+        assert np.abs(world[:, 2]).max() < 1e-5
+        assert (world[:, :2] > -0.05).all()
+        assert (world[:, :2].sum(axis=1) < 1.05).all()
+        assert sample.K[0, 0] == sample.record.camera.fx
+
+
+def test_the_same_input_gives_the_same_bytes_with_any_number_of_workers(
+    scenes: Path, tmp_path: Path, draw: Draw
+) -> None:
+    draw(order_of(scenes, tmp_path / "one", orbit=20))
+    order = order_of(scenes, tmp_path / "two", orbit=20)
+    run(order, lambda tasks: local.run_local(tasks, 2), lambda _: None)
+    assert contents(tmp_path / "one") == contents(tmp_path / "two")
+
+
+def test_a_stopped_run_goes_on_where_it_was(scenes: Path, tmp_path: Path, draw: Draw) -> None:
+    whole, out = tmp_path / "whole", tmp_path / "out"
+    draw(order_of(scenes, whole))
+    with pytest.raises(KeyboardInterrupt):
+        draw(order_of(scenes, out), most=2)
+    with (out / manifest.JOURNAL).open("ab") as journal:
+        journal.write(b'{"id":"torn')  # what a process that is killed in the middle of a line leaves
+    with pytest.raises(manifest.RecordError, match="not finished"):
+        Dataset(out)
+    left = out / "scenes" / "a.gltf" / "orbit-0.color.png.7.part"
+    left.write_bytes(b"half")
+    progress = draw(order_of(scenes, out))
+    assert progress.kept == 4
+    assert progress.drawn == 3
+    assert contents(out) == contents(whole)
+    assert draw(order_of(scenes, out)).drawn == 0
+
+
+@pytest.mark.parametrize("change", ["picture", "missing", "scene", "description"])
+def test_what_changed_is_drawn_again_and_nothing_else(scenes: Path, tmp_path: Path, draw: Draw, change: str) -> None:
+    out = tmp_path / "out"
+    draw(order_of(scenes, out))
+    whole = contents(out)
+    folder = out / "scenes" / "deep" / "mesh.stl"
+    if change == "picture":
+        (folder / "orbit-1.label.png").write_bytes(b"broken")
+    elif change == "missing":
+        (folder / "orbit-1.depth.tiff").unlink()
+    elif change == "scene":
+        path = scenes / "deep" / "mesh.stl"
+        path.write_text(path.read_text().replace("vertex 0 1 0", "vertex 0 2 0"))
+    else:
+        (folder / manifest.SCENE).unlink()
+    progress = draw(order_of(scenes, out))
+    assert progress.drawn == (1 if change in ("picture", "missing") else 2)
+    if change == "scene":
+        changed = {name for name, data in contents(out).items() if data != whole[name]}
+        assert {name for name in changed if name != manifest.MANIFEST} <= {
+            name for name in whole if name.startswith("scenes/deep/mesh.stl/")
+        }
+        assert "scenes/deep/mesh.stl/orbit-0.color.png" in changed
+    else:
+        assert contents(out) == whole
+
+
+def test_files_beside_a_scene_count(tmp_path: Path, draw: Draw) -> None:
+    folder = tmp_path / "scenes"
+    folder.mkdir()
+    document = forms.gltf(buffers=[{"byteLength": 36, "uri": "corners.bin"}])
+    (folder / "a.gltf").write_text(json.dumps(document))
+    corners = np.array(((-0.5, -0.5, -1), (0.5, -0.5, -1), (0, 0.5, -1)), np.float32)
+    (folder / "corners.bin").write_bytes(corners.tobytes())
+    draw(order_of(folder, tmp_path / "out"))
+    assert draw(order_of(folder, tmp_path / "out")).drawn == 0
+    (folder / "corners.bin").write_bytes((corners * 0.5).astype(np.float32).tobytes())
+    assert draw(order_of(folder, tmp_path / "out")).drawn == 2
+
+
+def test_bad_scenes_and_views_are_a_line_each(scenes: Path, tmp_path: Path, draw: Draw) -> None:
+    (scenes / "broken.gltf").write_text("{")
+    (scenes / "cut.multipart").write_bytes(forms.body(forms.gltf())[:-100])
+    cameras = CameraFile((View("nobody", 'path:["nobody"]'),))
+    progress = draw(order_of(scenes, tmp_path / "out", orbit=40, cameras=cameras))
+    failed = manifest.read_lines(tmp_path / "out" / manifest.FAILED, manifest.Failure)
+    assert [(failure.scene, failure.view) for failure in failed] == [
+        ("a.gltf", "nobody"),
+        ("broken.gltf", None),
+        ("cut.multipart", None),
+        ("deep/mesh.stl", "nobody"),
+        ("robot.tree.json", "nobody"),
+    ]
+    assert "there is no such node" in failed[0].reason
+    assert "not JSON" in failed[1].reason
+    assert "cut short" in failed[2].reason
+    assert progress.finished == 3 * 40 + 1
+    assert len(Dataset(tmp_path / "out")) == progress.finished
+
+
+def test_a_folder_with_something_else_is_left_alone(scenes: Path, tmp_path: Path, draw: Draw) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "thesis.tex").write_text("years of work")
+    with pytest.raises(PlanError, match="not empty and holds no dataset"):
+        draw(order_of(scenes, out))
+    assert contents(out) == {"thesis.tex": b"years of work"}
+
+
+def test_a_dataset_of_other_settings_or_scenes_is_left_alone(scenes: Path, tmp_path: Path, draw: Draw) -> None:
+    out = tmp_path / "out"
+    draw(order_of(scenes, out))
+    before = contents(out)
+    other = msgspec.structs.replace(SETTINGS, width=64)
+    with pytest.raises(PlanError, match=r"other settings \(width: 32 there, 64 now\)"):
+        draw(order_of(scenes, out, settings=other))
+    (scenes / "a.gltf").unlink()
+    with pytest.raises(PlanError, match=r"2 pictures of scenes or views that this command does not name \(a.gltf"):
+        draw(order_of(scenes, out))
+    assert contents(out) == before
+
+
+def test_a_dataset_grows(scenes: Path, tmp_path: Path, draw: Draw) -> None:
+    moved = scenes / "a.gltf"
+    data = moved.read_bytes()
+    moved.unlink()
+    draw(order_of(scenes, tmp_path / "out"))
+    moved.write_bytes(data)
+    assert draw(order_of(scenes, tmp_path / "out")).drawn == 2
+    draw(order_of(scenes, tmp_path / "whole"))
+    assert contents(tmp_path / "out") == contents(tmp_path / "whole")
+
+
+def test_workers_with_another_renderer_refuse(scenes: Path, tmp_path: Path, draw: Draw) -> None:
+    def strange(tasks: list[Task]) -> Iterator[Result]:
+        return map(Worker().work, [replace(task, renderer="0123") for task in tasks])
+
+    progress = run(order_of(scenes, tmp_path / "out"), strange, lambda _: None)
+    assert progress.finished == 0
+    assert all("another version of Scenegate" in failure.reason for failure in progress.failures)
+
+
+def _killer(task: Task) -> Result:
+    """Stands in for a worker's work: scene 'a.gltf' kills its process."""
+    if task.source.name == "a.gltf":
+        os.kill(os.getpid(), signal.SIGKILL)
+    from gateway.batch.tasks import work
+
+    return work(task)
+
+
+def test_a_worker_that_dies_takes_only_its_task_with_it(
+    scenes: Path, tmp_path: Path, draw: Draw, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(local, "_work", _killer)
+    order = order_of(scenes, tmp_path / "out")
+    progress = run(order, lambda tasks: local.run_local(tasks, 2), lambda _: None)
+    assert [(failure.scene, failure.reason) for failure in progress.failures] == [("a.gltf", local.DIED)] * 2
+    monkeypatch.undo()
+    draw(order)
+    draw(order_of(scenes, tmp_path / "whole"))
+    assert contents(tmp_path / "out") == contents(tmp_path / "whole")
