@@ -10,7 +10,7 @@ import asyncio
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import structlog
 from fastapi import FastAPI
@@ -28,8 +28,13 @@ from gateway.ops.metrics import Metrics
 from gateway.ops.requests import Gate, Requests
 from gateway.scene.live import LiveTree
 from gateway.settings import MIB, Settings
+from gateway.state.errors import StateError
+from gateway.statejoin import STATE, open_state, restore_state
 from gateway.viewer.ports import PICTURE_NAMES
 from gateway.workers import Workers, usable_cpus
+
+if TYPE_CHECKING:
+    from gateway.state.service import State as Kept
 
 _log = structlog.get_logger("gateway")
 
@@ -41,8 +46,12 @@ _SETTLE_SECONDS = 5.0
 DESCRIPTION = "Drake's glTF render server, an rc_visard stereo camera and Director's tree viewer, on one scene."
 
 
-def create_app(settings: Settings) -> FastAPI:
-    """A whole gateway as an ASGI application; nothing runs before its lifespan starts."""
+def create_app(settings: Settings, state: Kept | None = None) -> FastAPI:
+    """A whole gateway as an ASGI application; nothing runs before its lifespan starts.
+
+    Args:
+        state: as opened already; None: it is opened when the lifespan starts, if the settings name one.
+    """
     board = Board(essential=frozenset({KERNELS, "render"}))
     metrics = Metrics()
     started = asyncio.Event()
@@ -58,6 +67,7 @@ def create_app(settings: Settings) -> FastAPI:
         metrics.watch("scenegate_render_running", "Calls that worker threads run", lambda: workers.stats.running)
         metrics.watch("scenegate_render_waiting", "Calls that wait for a worker thread", lambda: workers.stats.waiting)
         house = House(settings, app, board, metrics, LiveTree(), workers)
+        house.state = state or await asyncio.to_thread(open_state, settings)
         start = asyncio.create_task(_start(house, wanted, started), name="start")
         try:
             yield
@@ -102,6 +112,8 @@ async def _start(house: House, wanted: dict[str, Join], started: asyncio.Event) 
             await kernels.compile_in_children(warmup.PARTS)
         await asyncio.to_thread(warmup.run)
         house.board.ready(KERNELS)
+        if not await _restored(house):
+            return
         for name, join in wanted.items():
             try:
                 join(house)
@@ -121,6 +133,18 @@ async def _start(house: House, wanted: dict[str, Join], started: asyncio.Event) 
         on_started()
     seconds = round(time.perf_counter() - begin, 2)
     _log.info("Scenegate has started", status=house.board.verdict(), version=__version__, seconds=seconds)
+
+
+async def _restored(house: House) -> bool:
+    """Whether the state is back; without it nothing may run that would be taken for it."""
+    try:
+        await restore_state(house)
+    except StateError as error:
+        house.fail(STATE, error)
+        if (give_up := getattr(house.app.state, "give_up", None)) is not None:
+            give_up()
+        return False
+    return True
 
 
 def __getattr__(name: str) -> Any:

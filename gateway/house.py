@@ -23,6 +23,7 @@ from renderers.port import Renderer
 
 if TYPE_CHECKING:
     from gateway.render.records import RenderRecord
+    from gateway.state.service import State
     from gateway.viewer.ports import Eyes
 
 _log = structlog.get_logger("gateway")
@@ -52,6 +53,8 @@ class House:
     """Pictures of the stereo sensor for people, if there is one."""
     on_render: Callable[[RenderRecord], None] = lambda record: None
     """Told about every answered request of the render endpoint."""
+    state: State | None = None
+    """What survives the process, if anything does."""
     _renderer: Renderer | None = None
     _tasks: set[asyncio.Task[None]] = field(default_factory=set)
 
@@ -102,6 +105,8 @@ class House:
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
+        if self.state is not None:
+            await self.state.close()
         await self.workers.close(self.settings.shutdown_seconds)
 
 

@@ -107,7 +107,8 @@ def join_treeviewer(house: House) -> None:
 
     settings = house.settings
     config = TreeViewerConfig(lcm_url=settings.lcm_url, tcpq_host=settings.host, tcpq_port=settings.tcpq_port)
-    service = TreeViewerService(config, house.tree, MeshFiles(settings.mesh_root))
+    durable = house.state.journal if house.state is not None else None
+    service = TreeViewerService(config, house.tree, MeshFiles(settings.mesh_root), durable=durable)
     house.serve("treeviewer", service, where=settings.lcm_url or "LCM")
 
 

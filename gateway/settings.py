@@ -204,6 +204,14 @@ class Settings(BaseSettings):
         None, "Stereo camera", "PEM authority; only clients with a certificate of it are served."
     )
 
+    # --- State
+    state: Path | None = option(
+        None,
+        "State",
+        "File that keeps the live tree and the stereo camera's parameters: nothing that was answered is lost when the "
+        "process ends, however it ends. Made where it is missing; without it everything begins anew.",
+    )
+
     # --- Speed and limits
     threads: int = option(0, "Speed and limits", "Threads that render; 0: one per core.", ge=0, le=1024)
     queue: int = option(

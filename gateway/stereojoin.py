@@ -11,6 +11,7 @@ from gateway.ops.http import PortService
 from gateway.settings import Settings
 from gateway.stereo.clock import SimulatedClock
 from gateway.stereo.config import StereoConfig, Tls
+from gateway.stereo.parameter_specs import NODES
 from gateway.stereo.rest import router
 from gateway.stereo.service import StereoService
 from gateway.stereo.truth import truth_router
@@ -31,6 +32,9 @@ def join_stereo(house: House) -> None:
         described = service.status()
         return {**described, "warning": view.mount.warning} if view.mount.warning else described
 
+    if house.state is not None:
+        house.state.keep_parameters("0", lambda: list(NODES), service.parameters)
+        service.stored = house.state.journal.stored
     house.stereo_camera = view.camera
     house.eyes = StereoEyes(service, view, live=settings.stereo_scene == "live")
     house.app.include_router(router(service))

@@ -6,7 +6,7 @@ import asyncio
 import inspect
 import socket
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from pydantic.fields import FieldInfo
@@ -14,6 +14,9 @@ from rich.markup import escape
 
 from gateway import settings as options
 from gateway.settings import Settings, SettingsError
+
+if TYPE_CHECKING:
+    from gateway.state.service import State
 
 
 def add_serve(app: typer.Typer) -> None:
@@ -77,6 +80,14 @@ def run(settings: Settings) -> int:
     log = structlog.get_logger("gateway")
     for warning in options.unknown_environment():
         log.warning(warning)
+    from gateway.state.errors import StateError
+    from gateway.statejoin import open_state
+
+    try:
+        state = open_state(settings)
+    except StateError as error:
+        log.error(str(error))
+        return 1
     try:
         listener = process.listen(settings.host, settings.http_port)
     except OSError as error:
@@ -86,20 +97,27 @@ def run(settings: Settings) -> int:
     port = listener.getsockname()[1]
     host = f"[{settings.host}]" if ":" in settings.host else settings.host
     log.info("Scenegate listens; look at /view, / and /docs", url=f"http://{host}:{port}")
-    return _serve(settings, listener)
+    return _serve(settings, listener, state)
 
 
-def _serve(settings: Settings, listener: socket.socket) -> int:
+def _serve(settings: Settings, listener: socket.socket, state: State | None) -> int:
     import uvloop
 
     from gateway.app import create_app
     from gateway.ops import http, process
 
-    app = create_app(settings)
+    app = create_app(settings, state)
     server = http.MainServer(http.config(app, settings.shutdown_seconds, lifespan=True))
     # Answers without an end (MJPEG) look at it; nobody else would tell them before their connections are cut.
     app.state.closing = lambda: server.should_exit
     app.state.on_started = process.settle
+    gave_up = False
+
+    def give_up() -> None:
+        nonlocal gave_up
+        gave_up = server.should_exit = True
+
+    app.state.give_up = give_up
     with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
         runner.run(server.serve(sockets=[listener]))
-    return 0 if server.started else 3
+    return 1 if gave_up else 0 if server.started else 3

@@ -85,7 +85,9 @@ def _add_nodes(api: APIRouter, base: str, service: StereoService) -> None:
     async def put_parameters(node: str, request: Request) -> Any:
         try:
             name, values = _node(node), await _assignments(request)
-            return _describe(service, name, _set(service, name, values))
+            names = _set(service, name, values)
+            await _stored(service)
+            return _describe(service, name, names)
         except _Refusal as refusal:
             return _refused(refusal)
 
@@ -97,7 +99,9 @@ def _add_nodes(api: APIRouter, base: str, service: StereoService) -> None:
     async def put_parameter(node: str, name: str, request: Request) -> Any:
         try:
             value = await _single(request)
-            return _describe(service, _node(node), _set(service, _node(node), [(name, value)]))[0]
+            names = _set(service, _node(node), [(name, value)])
+            await _stored(service)
+            return _describe(service, _node(node), names)[0]
         except _Refusal as refusal:
             return _refused(refusal)
 
@@ -113,7 +117,9 @@ def _add_nodes(api: APIRouter, base: str, service: StereoService) -> None:
     async def call(node: str, name: str, request: Request) -> Any:
         try:
             await _body(request)  # none of the services has arguments
-            return device.call(service, _node(node), name)
+            answer = device.call(service, _node(node), name)
+            await _stored(service)
+            return answer
         except KeyError:
             return _refused(_Refusal(404, f"{node} has no service {name!r}"))
         except _Refusal as refusal:
@@ -156,6 +162,13 @@ def _set(service: StereoService, node: str, values: list[tuple[str, object]]) ->
         raise _Refusal(404, str(error)) from None
     except ParameterError as error:
         raise _Refusal(400, str(error)) from None
+
+
+async def _stored(service: StereoService) -> None:
+    """What was set is not acknowledged before it is stored, where there is a state."""
+    problem = await service.stored() if service.stored is not None else ""
+    if problem:
+        raise _Refusal(507, f"the values are set, but could not be stored: {problem}")
 
 
 async def _body(request: Request) -> bytes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Awaitable, Callable
 from typing import Any
 
 import structlog
@@ -45,6 +46,8 @@ class StereoService:
         """
         self.config = config
         self.parameters = Parameters()
+        self.stored: Callable[[], Awaitable[str]] | None = None
+        """Waits until the parameters are stored, where they are: empty, or why they could not be."""
         self.trigger = Trigger()
         self.studio = Studio(config, renderer)
         self.workers = workers

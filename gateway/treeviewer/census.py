@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 import weakref
@@ -38,6 +39,12 @@ class Census:
         self.array_bytes = 0
         """Of big arrays made by this interface and still in use by anyone."""
 
+    def adopt(self, root: Node) -> None:
+        """Takes a tree into account that is there before the first request; nothing of it is refused."""
+        self._count(root)
+        for _, node in root.walk():
+            self._book([a for part in node.parts or () for a in _arrays(part) if a.nbytes > SMALL_ARRAY])
+
     def surely_room(self, nodes: int, parts: int) -> bool:
         """Whether so many more fit, without a closer look."""
         return self.nodes + nodes <= self._limits.nodes and self.parts + parts <= self._limits.parts
@@ -71,13 +78,16 @@ class Census:
         if not big:
             return ""
         arrays = [array for part in big for array in _arrays(part) if array.nbytes > SMALL_ARRAY]
+        return self._book(arrays, self._limits.geometry_bytes)
+
+    def _book(self, arrays: list[NDArray[np.generic]], most: float = math.inf) -> str:
         with self._lock:
             fresh = {id(array): array for array in arrays if id(array) not in self._arrays}
             size = sum(array.nbytes for array in fresh.values())
-            if self.array_bytes + size > self._limits.geometry_bytes:
+            if self.array_bytes + size > most:
                 return (
                     f"the tree's geometry holds {self.array_bytes} bytes and {size} more are wanted, "
-                    f"the limit is {self._limits.geometry_bytes}"
+                    f"the limit is {most}"
                 )
             for key, array in fresh.items():
                 self._arrays[key] = weakref.ref(array, self._freeing(key, array.nbytes))

@@ -10,7 +10,8 @@ from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, field
-from typing import Final
+from functools import partial
+from typing import Final, Protocol
 
 import structlog
 
@@ -26,6 +27,8 @@ Reply = Callable[[str, bytes], None]
 Message = bytes | memoryview
 OVERHEAD_BYTES: Final = 256
 """Of one waiting message besides its bytes."""
+PATH_BYTES: Final = 100
+"""Of one path in an answer that waits."""
 LOUD: Final = 10
 """So many undecodable messages are logged one by one, then only every thousandth: a flood must not fill the disk."""
 
@@ -55,6 +58,17 @@ class Counters:
         return asdict(self)
 
 
+class Durable(Protocol):
+    """Where the tree is stored, so that nothing is answered that could be lost."""
+
+    @property
+    def full(self) -> bool:
+        """Whether so many answers wait that nothing new should be applied."""
+
+    def after(self, done: Callable[[str], None], size: int) -> None:
+        """Calls ``done`` on the event loop when all edits so far are stored (empty) or could not be (the reason)."""
+
+
 @dataclass(slots=True, eq=False)
 class _Lane:
     """One client's messages that wait, the first being worked on."""
@@ -69,8 +83,16 @@ class _Lane:
 class Dispatcher:
     """Takes requests from transports. All methods belong to the event loop's thread."""
 
-    def __init__(self, protocol: TreeViewerProtocol, config: TreeViewerConfig, executor: Executor) -> None:
+    def __init__(
+        self,
+        protocol: TreeViewerProtocol,
+        config: TreeViewerConfig,
+        executor: Executor,
+        durable: Durable | None = None,
+    ) -> None:
+        """``durable``: answers wait for it; None: they are sent at once."""
         self._protocol = protocol
+        self._durable = durable
         self._config = config
         self._executor = executor
         self._lanes: dict[object, _Lane] = {}
@@ -102,11 +124,12 @@ class Dispatcher:
         self.counters.received_bytes += len(message)
         key = (source, channel)
         lane = self._lanes.get(key)
-        if lane is None and not self._is_big(message):
+        full = self._durable is not None and self._durable.full
+        if lane is None and not full and not self._is_big(message):
             self._answer_now(channel, message, reply)
             return 0
         size = len(message) + OVERHEAD_BYTES
-        if self.waiting_bytes + size > self._config.waiting_bytes:
+        if full or self.waiting_bytes + size > self._config.waiting_bytes:
             self.counters.dropped += 1
             self.counters.dropped_bytes += len(message)
             self._refuse(channel, message, reply)
@@ -189,6 +212,22 @@ class Dispatcher:
         self._send(lane.channel, answer, lane.reply)
 
     def _send(self, channel: str, answer: Answer | FormatAnswer, reply: Reply) -> None:
+        if self._durable is None:
+            self._publish(channel, answer, reply)
+            return
+        paths = 0
+        if isinstance(answer, Answer):
+            paths = len(answer.deleted_paths) + len(answer.added_geometries) + len(answer.set_transforms)
+        self._durable.after(partial(self._stored, channel, answer, reply), OVERHEAD_BYTES + PATH_BYTES * paths)
+
+    def _stored(self, channel: str, answer: Answer | FormatAnswer, reply: Reply, problem: str) -> None:
+        if problem and isinstance(answer, Answer):
+            reason = f"the tree has been changed, but the change could not be stored: {problem}"
+            answer.error = f"{answer.error}; {reason}" if answer.error else reason
+            answer.status = answers.ERROR_HANDLING_REQUEST
+        self._publish(channel, answer, reply)
+
+    def _publish(self, channel: str, answer: Answer | FormatAnswer, reply: Reply) -> None:
         message = answers.encode(answer)
         try:
             reply(response_channel(channel), message)
@@ -206,7 +245,7 @@ class Dispatcher:
         except wire.WireError as error:
             self._undecodable(channel, error)
             return
-        self._send(channel, answers.failed(comms.utime, "too many messages are waiting; send slower"), reply)
+        self._publish(channel, answers.failed(comms.utime, "too many messages are waiting; send slower"), reply)
 
     def _undecodable(self, channel: str, error: wire.WireError) -> None:
         self.counters.undecodable += 1

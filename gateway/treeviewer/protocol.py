@@ -57,6 +57,7 @@ class TreeViewerProtocol:
     ) -> None:
         self.limits = limits or Limits()
         self.census = Census(self.limits, clock)
+        self.census.adopt(live.snapshot.root)
         self.reads_files = meshes is not None
         """Whether a request may open files, which must not happen on the event loop."""
         self._live = live

@@ -15,7 +15,7 @@ import structlog
 from gateway.scene.live import LiveTree
 from gateway.treeviewer import answers
 from gateway.treeviewer.config import TreeViewerConfig
-from gateway.treeviewer.dispatch import Dispatcher
+from gateway.treeviewer.dispatch import Dispatcher, Durable
 from gateway.treeviewer.errors import TreeViewerUnavailable
 from gateway.treeviewer.geometry import MeshLoader
 from gateway.treeviewer.hub import Hub, HubConnection
@@ -42,11 +42,13 @@ class TreeViewerService:
         live: LiveTree,
         meshfiles: MeshLoader | None = None,
         clock: Callable[[], float] = time.monotonic,
+        durable: Durable | None = None,
     ) -> None:
+        """``durable``: where the tree is stored; answers wait for it."""
         self._config = config
         self._protocol = TreeViewerProtocol(live, config.limits, meshfiles, clock)
         self._executor = ThreadPoolExecutor(config.threads, "treeviewer")
-        self._dispatcher = Dispatcher(self._protocol, config, self._executor)
+        self._dispatcher = Dispatcher(self._protocol, config, self._executor, durable)
         self._bus: LcmBus | UdpmBus | None = None
         self._remote: TcpqBus | None = None
         self._hub: Hub | None = None

@@ -1,0 +1,106 @@
+"""What ``--state`` costs: the tree viewer's jobs over TCPQ with and without it, and a flood.
+
+    python -m bench.state [--seconds S] [--folder FOLDER]
+
+Both run as the service that the gateway runs, each in a process of its own; the client asks them in turn, so that
+whatever else the machine does meets both alike. Every figure is a median (p99 after the slash) in ms from the client's
+call to the answer, which with a state comes after the commit. FOLDER is where the file lies; its disk is what is
+measured.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import gc
+import math
+import tempfile
+from contextlib import ExitStack
+from pathlib import Path
+
+import uvloop
+
+from bench import treeviewer
+from bench.treeviewer import Client, Figures, measure, process, started, transforms
+from gateway.ops.process import tune
+from gateway.scene.live import LiveTree
+from gateway.state.config import StateConfig
+from gateway.state.service import State
+from gateway.treeviewer.config import TreeViewerConfig
+from gateway.treeviewer.service import TreeViewerService
+
+JOBS = {
+    "1 transform": lambda: transforms(1),
+    "100 transforms": lambda: transforms(100),
+    "1000 transforms": lambda: transforms(1000),
+    "create 1000 boxes": treeviewer.boxes,
+    "cloud 100k": treeviewer.cloud,
+}
+FLOODS = {"flood of 3000 single transforms": (1, 3000), "flood of 200 x 1000 transforms": (1000, 200)}
+
+
+async def serve(port: int, path: Path | None) -> None:
+    """The service, until it is killed."""
+    tune()
+    live = LiveTree()
+    state = State(StateConfig(path)) if path is not None else None
+    if state is not None:
+        state.restore_tree(live)
+        state.start()
+        state.keep_tree(live)
+    service = TreeViewerService(
+        TreeViewerConfig(lcm_url="off", tcpq_port=port), live, durable=state.journal if state is not None else None
+    )
+    running = asyncio.create_task(service.run())
+    await service.wait_ready()
+    gc.collect()
+    gc.freeze()
+    print("ready", flush=True)
+    await running
+
+
+def compare(seconds: float, folder: Path) -> None:
+    """Prints the table."""
+    ports = {"without": 7811, "with": 7812}
+    with ExitStack() as stack:
+        for name, port in ports.items():
+            path = folder / "bench.state" if name == "with" else ""
+            child = stack.enter_context(
+                process("-m", "bench.state", "--part", "serve", "--port", str(port), "--state", str(path))
+            )
+            started(child)
+        urls = {name: f"tcpq://127.0.0.1:{port}" for name, port in ports.items()}
+        table = measure(urls, {name: make() for name, make in JOBS.items()}, seconds)
+        print(f"{'':32}{'without':>14}{'with':>14}   more, ms")
+        for job in JOBS:
+            print(f"{job:32}{table[0].cell(job):>14}{table[1].cell(job):>14}{_more(table, job):>11.3g}")
+        for name, (size, count) in FLOODS.items():
+            row = []
+            for url in urls.values():
+                answered, took = Client(url, "flood").flood(transforms(size), count)
+                row.append(f"{answered / took:.0f}/s" if answered == count else f"{count - answered} lost")
+            print(f"{name:32}{row[0]:>14}{row[1]:>14}")
+
+
+def _more(table: list[Figures], job: str) -> float:
+    before, after = table[0].median(job), table[1].median(job)
+    return after - before if math.isfinite(before) else math.nan
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seconds", type=float, default=3.0, help="bound of each job")
+    parser.add_argument("--folder", type=Path, help="where the state lies (default: the system's temporary folder)")
+    parser.add_argument("--part", default="", help=argparse.SUPPRESS)
+    parser.add_argument("--port", type=int, default=0, help=argparse.SUPPRESS)
+    parser.add_argument("--state", default="", help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    if given.part == "serve":
+        uvloop.run(serve(given.port, Path(given.state) if given.state else None))
+        return
+    with tempfile.TemporaryDirectory(dir=given.folder) as folder:
+        compare(given.seconds, Path(folder))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,122 @@
+"""Whose file it is, of which version, and that nothing happens to files of others."""
+
+from __future__ import annotations
+
+import sqlite3
+from pathlib import Path
+
+import pytest
+
+from gateway.state import database as module
+from gateway.state.database import Database
+from gateway.state.errors import StateError
+from gateway.state.schema import MIGRATIONS
+
+
+def made(path: Path) -> Path:
+    Database(path).close()
+    return path
+
+
+def version(path: Path) -> int:
+    connection = sqlite3.connect(path)
+    try:
+        return int(connection.execute("PRAGMA user_version").fetchone()[0])
+    finally:
+        connection.close()
+
+
+def test_a_new_file_has_this_version_and_no_log_is_left(tmp_path: Path) -> None:
+    path = made(tmp_path / "state")
+    assert version(path) == len(MIGRATIONS)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["state"]
+
+
+def test_an_empty_file_is_a_new_one(tmp_path: Path) -> None:
+    path = tmp_path / "state"
+    path.touch()
+    assert version(made(path)) == len(MIGRATIONS)
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (b"# a TOML file that somebody named by mistake\n", "is no state of Scenegate"),
+        (b"SQLite format 3\0", "is no state of Scenegate"),
+        (b"\0" * 4096, "is no state of Scenegate"),
+    ],
+)
+def test_a_foreign_file_is_left_as_it_is(tmp_path: Path, content: bytes, says: str) -> None:
+    path = tmp_path / "state"
+    path.write_bytes(content)
+    with pytest.raises(StateError, match=says):
+        Database(path)
+    assert path.read_bytes() == content
+    assert [entry.name for entry in tmp_path.iterdir()] == ["state"]
+
+
+def test_the_database_of_another_program_is_left_as_it_is(tmp_path: Path) -> None:
+    path = tmp_path / "state"
+    connection = sqlite3.connect(path)
+    connection.execute("CREATE TABLE theirs (it)")
+    connection.close()
+    content = path.read_bytes()
+    with pytest.raises(StateError, match="a database of another program; it was left as it is"):
+        Database(path)
+    assert path.read_bytes() == content
+
+
+def test_a_damaged_file_is_left_as_it_is(tmp_path: Path) -> None:
+    path = made(tmp_path / "state")
+    content = bytearray(path.read_bytes())
+    content[4096:] = b"\x5a" * (len(content) - 4096)
+    path.write_bytes(content)
+    with pytest.raises(StateError, match="damaged"):
+        Database(path)
+    assert path.read_bytes() == content
+
+
+def test_a_newer_version_is_left_as_it_is(tmp_path: Path) -> None:
+    path = made(tmp_path / "state")
+    connection = sqlite3.connect(path)
+    connection.execute("PRAGMA user_version = 99")
+    connection.close()
+    with pytest.raises(StateError, match=r"newer Scenegate \(version 99 of its tables"):
+        Database(path)
+    assert version(path) == 99
+
+
+def test_an_older_version_goes_through_the_steps_it_lacks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = made(tmp_path / "state")
+    steps = (*MIGRATIONS, ("CREATE TABLE later (it)", "INSERT INTO later VALUES (7)"))
+    monkeypatch.setattr(module, "MIGRATIONS", steps)
+    database = Database(path)
+    assert database.writer.execute("SELECT it FROM later").fetchall() == [(7,)]
+    database.close()
+    assert version(path) == len(steps)
+    Database(path).close()
+
+
+def test_a_step_that_fails_leaves_the_version_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = made(tmp_path / "state")
+    monkeypatch.setattr(module, "MIGRATIONS", (*MIGRATIONS, ("CREATE TABLE later (it)", "no SQL")))
+    with pytest.raises(StateError, match="cannot be used: near"):
+        Database(path)
+    monkeypatch.undo()
+    assert version(path) == len(MIGRATIONS)
+    Database(path).close()
+
+
+def test_one_process_at_a_time(tmp_path: Path) -> None:
+    first = Database(tmp_path / "state")
+    with pytest.raises(StateError, match="in use by another gateway"):
+        Database(tmp_path / "state")
+    first.close()
+    Database(tmp_path / "state").close()
+
+
+def test_a_missing_folder_is_told(tmp_path: Path) -> None:
+    with pytest.raises(StateError, match="cannot be opened: No such file or directory"):
+        Database(tmp_path / "nowhere" / "state")
+    with pytest.raises(StateError, match="cannot be opened: Is a directory"):
+        Database(tmp_path)

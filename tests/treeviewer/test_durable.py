@@ -1,0 +1,96 @@
+"""Answers wait until the tree is stored, in order; what could not be stored is said."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from gateway.scene.live import LiveTree
+from gateway.treeviewer.config import TreeViewerConfig
+from gateway.treeviewer.dispatch import Dispatcher
+from gateway.treeviewer.protocol import TreeViewerProtocol
+from tests.treeviewer.conversation import BOX, decoded, message
+
+CHANNEL = "DIRECTOR_TREE_VIEWER_REQUEST_<it>"
+
+
+class Held:
+    """A store that tells when the test wants it."""
+
+    def __init__(self) -> None:
+        self.waiting: list[tuple[Callable[[str], None], int]] = []
+        self.full = False
+
+    def after(self, done: Callable[[str], None], size: int) -> None:
+        self.waiting.append((done, size))
+
+    def tell(self, problem: str = "") -> None:
+        waiting, self.waiting = self.waiting, []
+        for done, _ in waiting:
+            done(problem)
+
+
+class Talk:
+    def __init__(self) -> None:
+        self.live = LiveTree()
+        self.held = Held()
+        self.dispatcher = Dispatcher(
+            TreeViewerProtocol(self.live), TreeViewerConfig(), ThreadPoolExecutor(1), durable=self.held
+        )
+        self.answers: list[dict[str, object]] = []
+
+    def send(self, utime: int, request: object) -> None:
+        self.dispatcher.receive("test", CHANNEL, message(request, utime), self._reply)
+
+    def _reply(self, channel: str, data: bytes) -> None:
+        self.answers.append(decoded(data))
+
+
+@pytest.fixture
+def talk() -> Talk:
+    return Talk()
+
+
+def box(name: str) -> object:
+    return {"setgeometry": [{"path": [name], "geometries": [BOX]}]}
+
+
+def test_answers_wait_for_the_store_and_keep_their_order(talk: Talk) -> None:
+    talk.send(1, box("a"))
+    talk.send(2, {"settransform": [{"path": ["b"]}]})
+    talk.send(3, "no JSON")
+    assert talk.answers == []
+    assert list(talk.live.snapshot.root.children) == ["a"]
+    talk.held.tell()
+    assert [(answer["timestamp"], answer["status"]) for answer in talk.answers] == [(1, 0), (2, -3), (3, -3)]
+    assert "stored" not in str(talk.answers)
+
+
+def test_what_could_not_be_stored_is_said_beside_what_was_done(talk: Talk) -> None:
+    talk.send(1, box("a"))
+    talk.held.tell("the disk is full")
+    (answer,) = talk.answers
+    assert answer["status"] == -3
+    assert answer["added_geometries"] == [["a"]]
+    assert answer["error"] == "the tree has been changed, but the change could not be stored: the disk is full"
+    assert talk.dispatcher.counters.failed == 1
+
+
+def test_nothing_new_is_applied_while_too_many_answers_wait(talk: Talk) -> None:
+    talk.send(1, box("a"))
+    talk.held.full = True
+    talk.send(2, box("b"))
+    assert [(answer["timestamp"], answer["status"]) for answer in talk.answers] == [(2, -3)]
+    assert "too many messages are waiting" in str(talk.answers[0]["error"])
+    assert list(talk.live.snapshot.root.children) == ["a"]
+    talk.held.full = False
+    talk.send(3, box("c"))
+    talk.held.tell()
+    assert [answer["timestamp"] for answer in talk.answers] == [2, 1, 3]
+
+
+def test_long_answers_count_for_more(talk: Talk) -> None:
+    talk.send(1, {"delete": [{"path": [str(number)]} for number in range(1000)]})
+    assert talk.held.waiting[0][1] > 50_000
