@@ -1,0 +1,117 @@
+"""``--state`` as its users have it: the whole gateway is killed and started again."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import sqlite3
+from pathlib import Path
+from typing import Any
+
+import httpx2
+import pytest
+
+from tests.support.gateway_process import START_SECONDS, GatewayProcess, gateway_process
+from tests.treeviewer.conversation import BOX, decoded, message
+from tests.treeviewer.transports import HubClient
+
+FLAGS = ("--lcm-url", "off", "--tcpq-port", "0", "--grpc-port", "0", "--only", "scene,treeviewer,stereo")
+CLOUD = {"type": "pointcloud", "points": [[0.1 * i, 0, 0] for i in range(500)], "channels": {"rgb": [[1, 0, 0]] * 500}}
+
+
+def tell(url: str, request: Any) -> dict[str, Any]:
+    """The answer of the tree viewer over TCPQ."""
+    hub = httpx2.get(f"{url}/healthz").json()["interfaces"]["treeviewer"]["tcpq"]["url"]
+
+    async def ask() -> dict[str, Any]:
+        client = await HubClient.connect(int(hub.rpartition(":")[2]))
+        await client.subscribe("DIRECTOR_TREE_VIEWER_RESPONSE_<e2e>")
+        await client.publish("DIRECTOR_TREE_VIEWER_REQUEST_<e2e>", message(request))
+        _, data = await client.next()
+        await client.close()
+        return decoded(data)
+
+    return asyncio.run(ask())
+
+
+def seen(url: str) -> tuple[Any, bytes, Any]:
+    """What people see of the tree and the camera."""
+    scene = httpx2.get(f"{url}/scene").json()
+    picture = httpx2.get(f"{url}/scene/render", params={"width": 64, "height": 48, "camera": "fit"})
+    assert picture.status_code == 200, picture.text
+    parameters = httpx2.get(f"{url}/api/v2/pipelines/0/nodes/rc_camera/parameters").json()
+    return {key: value for key, value in scene.items() if key != "revision"}, picture.content, parameters
+
+
+def test_tree_and_parameters_survive_kill_9_and_a_restart(tmp_path: Path) -> None:
+    state = tmp_path / "gateway.state"
+    with gateway_process(*FLAGS, "--state", str(state)) as (process, url):
+        answer = tell(
+            url,
+            {
+                "setgeometry": [{"path": ["box", "it"], "geometry": BOX}, {"path": ["cloud"], "geometry": CLOUD}],
+                "settransform": [
+                    {"path": ["box"], "transform": {"translation": [1, 2, 3], "quaternion": [0.5, 0.5, 0.5, 0.5]}},
+                    {"path": ["nothing yet"], "transform": {"translation": [1, 0, 0], "quaternion": [1, 0, 0, 0]}},
+                ],
+            },
+        )
+        assert answer["status"] == 1, answer
+        assert answer["missing_paths"] == [["nothing yet"]]
+        put = httpx2.put(f"{url}/api/v2/pipelines/0/nodes/rc_camera/parameters/fps", json={"value": 7.5})
+        assert put.status_code == 200
+        before = seen(url)
+        process.process.send_signal(signal.SIGKILL)
+        process.process.wait()
+    with gateway_process(*FLAGS, "--state", str(state)) as (process, url):
+        assert seen(url) == before
+        assert {p["name"]: p["value"] for p in before[2]}["fps"] == 7.5
+        assert httpx2.get(f"{url}/healthz").json()["interfaces"]["state"]["restored_nodes"] == 4
+        assert process.stop() == 0
+    assert [entry.name for entry in tmp_path.iterdir()] == ["gateway.state"], "a clean end leaves one file"
+
+
+def test_the_demo_is_not_stored(tmp_path: Path) -> None:
+    state = tmp_path / "gateway.state"
+    with gateway_process(*FLAGS, "--demo", "--state", str(state)) as (process, url):
+        tell(url, {"setgeometry": [{"path": ["box"], "geometry": BOX}]})
+        assert process.stop() == 0
+    connection = sqlite3.connect(state)
+    assert connection.execute("SELECT count(*) FROM tree_node").fetchone() == (2,)
+    connection.close()
+
+
+@pytest.mark.parametrize("content", [b"not a database at all, but somebody's notes", None])
+def test_a_file_that_is_no_state_ends_the_start_with_one_sentence(tmp_path: Path, content: bytes | None) -> None:
+    path = tmp_path / "notes.txt" if content else tmp_path / "missing" / "state"
+    if content:
+        path.write_bytes(content)
+    process = GatewayProcess("--http-port", "0", "--state", str(path))
+    try:
+        log = process.rest_of_log()
+        assert process.process.wait(START_SECONDS) == 1
+    finally:
+        process.kill()
+    (line,) = log
+    assert line["event"].startswith(f"The state file {path} ")
+    assert content is None or path.read_bytes() == content
+
+
+def test_a_damaged_tree_ends_the_start_and_is_left_as_it_is(tmp_path: Path) -> None:
+    state = tmp_path / "gateway.state"
+    with gateway_process(*FLAGS, "--state", str(state)) as (process, url):
+        tell(url, {"setgeometry": [{"path": ["box"], "geometry": BOX}]})
+        assert process.stop() == 0
+    connection = sqlite3.connect(state)
+    connection.execute("UPDATE tree_parts SET data = x'90'")
+    connection.commit()
+    connection.close()
+    before = state.read_bytes()
+    process = GatewayProcess("--http-port", "0", *FLAGS, "--state", str(state))
+    try:
+        log = process.rest_of_log()
+        assert process.process.wait(START_SECONDS) == 1
+    finally:
+        process.kill()
+    assert any("is damaged: a geometry is not what its digest says" in entry["event"] for entry in log)
+    assert state.read_bytes() == before
