@@ -11,9 +11,11 @@ import stat
 import threading
 from collections import OrderedDict
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from urllib.parse import unquote
+
+import msgspec
 
 from gateway.scene.geometry import Part, PointCloud, Surface
 from gateway.scene.gltf import GltfError, GltfLimits
@@ -97,7 +99,7 @@ class MeshFiles:
         if scale == (1.0, 1.0, 1.0):
             return loaded.parts
         X = scaling(*scale)
-        return tuple(replace(part, X_node_part=X @ part.X_node_part) for part in loaded.parts)
+        return tuple(msgspec.structs.replace(part, X_node_part=X @ part.X_node_part) for part in loaded.parts)
 
     def _find(self, filename: str) -> Path:
         """The real path of an existing, allowed file of a known format."""
@@ -167,7 +169,7 @@ class MeshFiles:
             raise MeshFileError(f"{_shown(filename)}: {error}") from error
         except OSError as error:
             raise MeshFileError(f"{_shown(filename)} cannot be read: {error.strerror}") from error
-        parts = tuple(replace(part, kind="mesh_file", source=filename) for part in parts)
+        parts = tuple(msgspec.structs.replace(part, kind="mesh_file", source=filename) for part in parts)
         loaded = _Loaded(parts, tuple(source.stamps), _nbytes(parts))
         with self._lock:
             old = self._kept.pop(str(path), None)

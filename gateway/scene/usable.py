@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Final
 
+import msgspec
+
 from gateway.scene.geometry import Part
 from renderers.drawlist import Image, ImageError, Material, Texture
 
@@ -46,7 +48,7 @@ def without_broken_textures(parts: tuple[Part, ...], max_pixels: int) -> tuple[P
         materials[part.material] = replace(part.material, **broken) if broken else part.material  # type: ignore[arg-type]
     if all(old is new for old, new in materials.items()):
         return parts
-    return tuple(replace(part, material=materials[part.material]) for part in parts)
+    return tuple(msgspec.structs.replace(part, material=materials[part.material]) for part in parts)
 
 
 def _pixels(image: Image) -> int | None:

@@ -8,6 +8,7 @@ from functools import lru_cache
 from types import MappingProxyType
 from typing import Any, Final, Protocol
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -271,7 +272,7 @@ def _mesh_file(params: Mapping[str, Any], rgba: Color, X: NDArray[np.float64], c
             raise NothingToDraw(f"{error}, so nothing is drawn") from None
         raise CommandError(f"filename: {error}") from None
     return tuple(
-        replace(
+        msgspec.structs.replace(
             part,
             material=_tinted(part.material, rgba),
             X_node_part=part.X_node_part if X is IDENTITY else X @ part.X_node_part,

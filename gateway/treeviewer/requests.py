@@ -87,7 +87,7 @@ class RequestReader:
         Raises:
             RequestError: the text is not a JSON object, or too much of it.
         """
-        if extract is None and len(data) < min(LEAST_SCANNED, self._limits.json_bytes):
+        if extract is None and len(data) <= self._limits.json_bytes:
             usual = self._read_usual(data)
             if usual is not None:
                 return usual
