@@ -16,7 +16,7 @@ from gateway.scene.gltf import GltfLimits, read_gltf
 from gateway.scene.transforms import IDENTITY, Y_UP_TO_Z_UP, Matrix, scaling
 from gateway.scene.tree import Node
 from gateway.scene.usable import without_broken_textures
-from renderers.color import linear_from_srgb
+from renderers.color import linear_colors_from_srgb, linear_from_srgb
 from renderers.drawlist import AlphaMode, Image, Material, Mesh, Texture
 from renderers.images import image_from_bytes
 
@@ -158,6 +158,8 @@ def _shape_of(geometry: Any, limits: GltfLimits) -> tuple[Shape, Material] | Non
         if hasattr(geometry, "faces"):
             return None
         return PointCloud(positions, {} if colors is None else {"rgb": colors}), PLAIN
+    if colors is not None:
+        colors = linear_colors_from_srgb(colors)  # these files have them as displays show them; meshes have light
     if faces.min() < 0 or faces.max() >= len(positions):
         raise MeshFormatError(f"a face refers to vertex {int(faces.max())} of {len(positions)}")
     triangles = np.ascontiguousarray(faces, dtype=np.uint32)
@@ -180,7 +182,7 @@ PLAIN: Final = Material(metallic=0.0, roughness=1.0, double_sided=True)
 
 
 def _vertex_colors(geometry: Any, count: int) -> NDArray[np.float32] | None:
-    """(N, 4) float32 in 0..1, or None."""
+    """(N, 4) float32 in 0..1 as displays show them, or None."""
     visual = getattr(geometry, "visual", None)
     if visual is None or getattr(visual, "kind", None) != "vertex":
         colors = getattr(geometry, "colors", None)

@@ -140,9 +140,9 @@ _AXIS_COLORS: Final = ((1.0, 0.0, 0.0, 1.0), (0.0, 1.0, 0.0, 1.0), (0.0, 0.0, 1.
 def _triad(scale: float, with_tubes: bool) -> tuple[_Piece, ...]:
     if not _drawable(abs(scale)):
         return ()
-    if with_tubes:
-        return ((_triad_tubes(float(scale)), True, IDENTITY),)
-    return ((_triad_lines(), True, scaling(scale, scale, scale)),)
+    hairlines = (_triad_lines(), True, scaling(scale, scale, scale))
+    # the tubes are as thin as Director's; far away the hairlines inside them are what is left to see
+    return ((_triad_tubes(float(scale)), True, IDENTITY), hairlines) if with_tubes else (hairlines,)
 
 
 @lru_cache(maxsize=1)

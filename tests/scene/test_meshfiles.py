@@ -143,19 +143,21 @@ def test_normals_of_the_file_are_kept(root: Path, files: MeshFiles):
 def test_ply_with_vertex_colours_and_ply_of_points(root: Path, files: MeshFiles):
     head = "ply\nformat ascii 1.0\nelement vertex 3\n" + "".join(f"property float {c}\n" for c in "xyz")
     colors = "".join(f"property uchar {c}\n" for c in ("red", "green", "blue"))
-    rows = "0 0 0 255 0 0\n1 0 0 0 255 0\n0 1 0 0 0 255\n"
+    rows = "0 0 0 255 0 0\n1 0 0 0 255 0\n0 1 0 0 0 188\n"
     write(
         root / "c.ply",
         f"{head}{colors}element face 1\nproperty list uchar int vertex_indices\nend_header\n{rows}3 0 1 2\n",
     )
     mesh = mesh_of(files.load("c.ply")[0])
     assert mesh.colors is not None
-    np.testing.assert_array_equal(mesh.colors[np.argsort(mesh.positions @ (1, 2, 0))], [*np.eye(4)[:3] + np.eye(4)[3]])
+    # the file has colours as displays show them, a mesh has linear light, which 188 is half of
+    light = [(1, 0, 0, 1), (0, 1, 0, 1), (0, 0, 0.5029, 1)]
+    np.testing.assert_allclose(mesh.colors[np.argsort(mesh.positions @ (1, 2, 0))], light, atol=1e-4)
     write(root / "p.ply", f"{head}{colors}end_header\n{rows}")
     (part,) = files.load("p.ply")
     assert isinstance(part.shape, PointCloud)
     np.testing.assert_array_equal(part.shape.points, [(0, 0, 0), (1, 0, 0), (0, 1, 0)])
-    np.testing.assert_array_equal(part.shape.channels["rgb"][:, :3], np.eye(3))
+    np.testing.assert_array_equal(part.shape.channels["rgb"][:, :3], np.diag(np.float32([1, 1, 188 / 255])))
 
 
 DAE = """<?xml version="1.0"?>

@@ -201,8 +201,16 @@ def test_the_triad_points_along_the_axes_in_red_green_blue():
 def test_triad_tubes_are_two_millimetres_whatever_the_scale():
     np.testing.assert_allclose(bounds(Triad(1.0, tube=True)), [[-0.002] * 3, [1.0] * 3], atol=1e-6)
     np.testing.assert_allclose(bounds(Triad(5.0, tube=True)), [[-0.002] * 3, [5.0] * 3], atol=1e-6)
-    (solid,) = placed(Triad(0.3, tube=True))
+    solid = placed(Triad(0.3, tube=True))[0]
     assert solid.volume == pytest.approx(3 * math.pi * 0.002**2 * 0.3, rel=0.02)
+
+
+def test_far_triad_tubes_are_never_thinner_than_hairlines():
+    tubes, hairlines = meshes_of(Triad(0.5, tube=True), MATERIAL)
+    assert tubes[0].topology is Topology.TRIANGLES
+    (alone,) = meshes_of(Triad(0.5), MATERIAL)
+    assert hairlines[:2] == alone[:2]
+    np.testing.assert_array_equal(hairlines[2], alone[2])
 
 
 def line(*points: tuple[float, float, float], **options: object) -> Line:
