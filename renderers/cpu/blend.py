@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from renderers.cpu import simd as vec
+from renderers import simd as vec
 from renderers.cpu.layout import J_BEFORE_IDS, J_BEFORE_INV_Z, J_BEYOND_IDS, J_BEYOND_INV_Z, J_IDS, J_INV_Z
-from renderers.cpu.memory import f32_at, i32_at
+from renderers.pointers import f32_at, i32_at
 
 
 @njit(nogil=True, error_model="numpy")

@@ -22,7 +22,7 @@ from renderers.cpu.layout import (
     T_POSITIONS,
     T_VERTEX,
 )
-from renderers.cpu.memory import f32_at, f64_at, i64_at, u32_at
+from renderers.pointers import f32_at, f64_at, i64_at, u32_at
 
 PLANES = 5
 MAX_VERTICES = 24

@@ -39,9 +39,9 @@ from renderers.cpu.layout import (
     T_ELEMENTS,
     T_VERTEX,
 )
-from renderers.cpu.memory import f32_at, f64_at, i32_at, i64_at, u32_at
 from renderers.cpu.transform import BEHIND
 from renderers.cpu.visibility import BAND_ROWS
+from renderers.pointers import f32_at, f64_at, i32_at, i64_at, u32_at
 
 
 @njit(nogil=True, error_model="numpy")

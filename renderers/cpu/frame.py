@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 from renderers.camera import Camera
 from renderers.cpu import layout as at
 from renderers.cpu.crew import Phase
-from renderers.cpu.memory import address_of
 from renderers.cpu.pools import Scratch
 from renderers.cpu.resolve import draw_band
 from renderers.cpu.scene import PreparedScene
 from renderers.cpu.setup import setup
-from renderers.cpu.simd import LANES
 from renderers.cpu.transform import transform
 from renderers.cpu.visibility import Visibility, band_count
+from renderers.pointers import address_of
 from renderers.port import Frame
+from renderers.simd import LANES
 
 MIN_VERTICES: Final = 4096
 """Fewest vertices of a unit of work: about 10 us, a few times what handing out a unit costs."""

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from renderers.cpu import simd as vec
+from renderers import simd as vec
 from renderers.cpu.blend import blend, blend_one
 from renderers.cpu.clip import MAX_VERTICES, clip_triangle
 from renderers.cpu.elements import first_centre
@@ -63,8 +63,8 @@ from renderers.cpu.layout import (
     T_COLUMNS,
     T_RECORD,
 )
-from renderers.cpu.memory import as_f32, f32_at, f64_at, i32_at, i64_at, u16_at
 from renderers.cpu.visibility import BAND_ROWS
+from renderers.pointers import as_f32, f32_at, f64_at, i32_at, i64_at, u16_at
 
 
 @njit(nogil=True, error_model="numpy")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from renderers.cpu import simd as vec
+from renderers import simd as vec
 from renderers.cpu.layout import (
     A_COLUMNS,
     A_ELEMENTS,
@@ -35,11 +35,11 @@ from renderers.cpu.layout import (
     L_FX,
     L_FY,
 )
-from renderers.cpu.memory import f32_at, f64_at, i32_at, i64_at, u32_at
 from renderers.cpu.raster import raster_band
 from renderers.cpu.visibility import BAND_ROWS
 from renderers.drawlist import LABEL_NONE
 from renderers.jit import kernel
+from renderers.pointers import f32_at, f64_at, i32_at, i64_at, u32_at
 
 
 @njit(nogil=True, error_model="numpy")

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.cpu.layout import A_COLUMNS, MAX_POINT
-from renderers.cpu.memory import address_of
 from renderers.drawlist import DrawList, Mesh, Topology
+from renderers.pointers import address_of
 
 MAX_RECORDS: Final = 2**31 - 1
 """Records are numbered in int32."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from renderers.cpu import simd as vec
+from renderers import simd as vec
 from renderers.cpu.elements import line, point
 from renderers.cpu.layout import (
     CHUNK,
@@ -27,10 +27,10 @@ from renderers.cpu.layout import (
     T_RECORD,
     T_TOPOLOGY,
 )
-from renderers.cpu.memory import f64_at, i32_at, i64_at, u16_at
 from renderers.cpu.transform import drawn_at
 from renderers.cpu.triangles import triangles
 from renderers.jit import kernel
+from renderers.pointers import f64_at, i32_at, i64_at, u16_at
 
 
 @njit(nogil=True, error_model="numpy")

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-from renderers.cpu import simd as vec
+from renderers import simd as vec
 from renderers.cpu.layout import (
     GUARD,
     J_INSTANCES,
@@ -24,8 +24,8 @@ from renderers.cpu.layout import (
     T_POSITIONS,
     T_VERTEX,
 )
-from renderers.cpu.memory import f32_at, f64_at, i64_at
 from renderers.jit import kernel
+from renderers.pointers import f32_at, f64_at, i64_at
 
 BEHIND: Final = -2.0
 """In place of 1/z: the vertex is nearer than the near plane (or not a number)."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from renderers.cpu import simd as vec
+from renderers import simd as vec
 from renderers.cpu.elements import large_triangle
 from renderers.cpu.layout import (
     CHUNK,
@@ -41,9 +41,9 @@ from renderers.cpu.layout import (
     T_VERTEX,
     TINY,
 )
-from renderers.cpu.memory import as_f32, as_u32, f32_at, i32_at, i64_at, u32_at
 from renderers.cpu.transform import BEHIND
 from renderers.cpu.visibility import BAND_ROWS
+from renderers.pointers import as_f32, as_u32, f32_at, i32_at, i64_at, u32_at
 
 RECORD_VALUES = RECORD_BYTES // 4
 BAND_SHIFT = BAND_ROWS.bit_length() - 1

@@ -1,4 +1,4 @@
-"""From shaded segments to the picture: bytes, translucent layers, background."""
+"""From shaded pixels to the picture: bytes, translucent layers, background."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ from typing import Final
 import numpy as np
 from numba import njit
 
+from renderers import simd as vec
+from renderers.pointers import f32_at, u8_at
+from renderers.shading.layout import A_BASE, S_BACKGROUND, S_COLOR, S_GAMMA, S_GATHERED, S_MODE, S_PBR, S_WIDTH
 from renderers.shading.materials import ALPHA_BLEND, ALPHA_MASK
-from renderers.shading.resolve import A_BASE
 from renderers.shading.transfer import GAMMA, gamma_byte, plain_byte
 
 DIRECT: Final = 0
@@ -23,13 +25,15 @@ _ONE: Final = np.float32(1.0)
 _INVERSE_GAMMA: Final = 1.0 / GAMMA
 
 
-@njit(nogil=True, error_model="numpy")
-def write(pbr, y, begin, end, a, thresholds, guesses, color):  # type: ignore[no-untyped-def]
-    """The rows A_BASE of a segment as bytes of the picture."""
-    for x in range(begin, end):
-        for k in range(3):
-            c = a[A_BASE + k, x]
-            color[y, x, k] = gamma_byte(c, thresholds, guesses) if pbr else plain_byte(c)
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def write(job, pbr, line, x, r, g, b):  # type: ignore[no-untyped-def]
+    """Eight shaded pixels (f32x8 each) as bytes of the row of the picture that ``line`` points to."""
+    if pbr:
+        cells = job[S_GAMMA]
+        red, green, blue = gamma_byte(r, cells), gamma_byte(g, cells), gamma_byte(b, cells)
+    else:
+        red, green, blue = plain_byte(r), plain_byte(g), plain_byte(b)
+    vec.store_rgb(line, 3 * x, red | (green << vec.i32(8)) | (blue << vec.i32(16)))
 
 
 @njit(nogil=True, error_model="numpy")
@@ -42,11 +46,19 @@ def _shown(c, pbr):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def gather(pbr, alpha_mode, cutoff, y, begin, end, a, gathered):  # type: ignore[no-untyped-def]
+def _one_byte(c):  # type: ignore[no-untyped-def]
+    """As ``plain_byte`` for a scalar that is a number."""
+    return np.uint8(min(max(c, _ZERO), _ONE) * np.float32(255.0) + np.float32(0.5))
+
+
+@njit(nogil=True, error_model="numpy")
+def gather(job, alpha_mode, cutoff, y, begin, end, rows, stride):  # type: ignore[no-untyped-def]
     """Adds a segment behind the layers gathered so far, in the space of the stored picture, as VTK does."""
+    pbr = job[S_PBR] != 0
+    gathered = f32_at(job[S_GATHERED] + 16 * y * job[S_WIDTH])
     for x in range(begin, end):
-        through = gathered[y, x, 3]
-        alpha = a[A_BASE + 3, x]
+        through = gathered[4 * x + 3]
+        alpha = rows[(A_BASE + 3) * stride + x]
         if alpha_mode == ALPHA_BLEND:
             alpha = min(max(alpha, _ZERO), _ONE) if alpha == alpha else _ONE
         elif alpha_mode == ALPHA_MASK:
@@ -55,26 +67,45 @@ def gather(pbr, alpha_mode, cutoff, y, begin, end, a, gathered):  # type: ignore
             alpha = _ONE
         if alpha > _ZERO and through > _ZERO:
             for k in range(3):
-                gathered[y, x, k] += through * alpha * _shown(a[A_BASE + k, x], pbr)
-            gathered[y, x, 3] = through * (_ONE - alpha)
+                gathered[4 * x + k] += through * alpha * _shown(rows[(A_BASE + k) * stride + x], pbr)
+            gathered[4 * x + 3] = through * (_ONE - alpha)
 
 
 @njit(nogil=True, error_model="numpy")
-def write_under(pbr, y, begin, end, a, gathered, color):  # type: ignore[no-untyped-def]
+def write_under(job, y, begin, end, rows, stride, line):  # type: ignore[no-untyped-def]
+    """A segment beneath the gathered layers, as bytes."""
+    pbr = job[S_PBR] != 0
+    gathered = f32_at(job[S_GATHERED] + 16 * y * job[S_WIDTH])
     for x in range(begin, end):
-        through = gathered[y, x, 3]
+        through = gathered[4 * x + 3]
         for k in range(3):
-            color[y, x, k] = plain_byte(gathered[y, x, k] + through * _shown(a[A_BASE + k, x], pbr))
+            shown = _shown(rows[(A_BASE + k) * stride + x], pbr)
+            line[3 * x + k] = _one_byte(gathered[4 * x + k] + through * shown)
 
 
 @njit(nogil=True, error_model="numpy")
-def write_background(mode, background, y, begin, end, gathered, color):  # type: ignore[no-untyped-def]
-    if mode == DIRECT:
+def write_background(job, y, begin, end, line):  # type: ignore[no-untyped-def]
+    """Pixels that see nothing."""
+    background = job[S_BACKGROUND]
+    if job[S_MODE] == DIRECT:
+        pixels = vec.i32(background)
+        for x in range(begin, end, vec.LANES):
+            vec.store_rgb(line, 3 * x, pixels)
+    elif job[S_MODE] == UNDER:
+        gathered = f32_at(job[S_GATHERED] + 16 * y * job[S_WIDTH])
         for x in range(begin, end):
             for k in range(3):
-                color[y, x, k] = background[k]
-    elif mode == UNDER:
-        for x in range(begin, end):
-            for k in range(3):
-                behind = np.float32(background[k]) / np.float32(255.0)
-                color[y, x, k] = plain_byte(gathered[y, x, k] + gathered[y, x, 3] * behind)
+                behind = np.float32((background >> (8 * k)) & 255) / np.float32(255.0)
+                line[3 * x + k] = _one_byte(gathered[4 * x + k] + gathered[4 * x + 3] * behind)
+
+
+@njit(nogil=True, error_model="numpy")
+def put_line(job, y, line):  # type: ignore[no-untyped-def]
+    """Copy a finished row to the picture."""
+    count = 3 * job[S_WIDTH]
+    color = u8_at(job[S_COLOR] + y * count)
+    whole = count & ~np.int64(31)
+    for k in range(0, whole, 32):
+        vec.store_bytes(color, k, vec.load_bytes(line, k))
+    for k in range(whole, count):
+        color[k] = line[k]

@@ -7,20 +7,62 @@ from typing import Final
 import numpy as np
 from numba import njit
 
+from renderers import simd as vec
 from renderers.jit import kernel
-from renderers.shading.compose import DIRECT, GATHER, gather, write, write_background, write_under
-from renderers.shading.materials import MF_CUTOFF, MI_ALPHA_MODE, MI_NORMAL, MI_UNLIT, MI_UV
-from renderers.shading.resolve import A_ROWS, resolve_run
-from renderers.shading.scene import II_COLORS, II_MATERIAL, II_TANGENTS
-from renderers.shading.surface import base_colors, light_pbr, light_phong, unit_normals
+from renderers.pointers import f32_at, f64_at, i32_at, i64_at, u8_at
+from renderers.shading.compose import DIRECT, GATHER, gather, put_line, write_background, write_under
+from renderers.shading.layout import (
+    A_ROWS,
+    A_UV0,
+    HAS_COLORS,
+    HAS_NORMALS,
+    HAS_TANGENTS,
+    HAS_UV0,
+    HAS_UV1,
+    II_COLUMNS,
+    II_HAS,
+    II_MATERIAL,
+    II_TOPOLOGY,
+    P_COLUMNS,
+    P_MIRROR,
+    S_COUNT,
+    S_FIRST,
+    S_IDS,
+    S_INSTANCES,
+    S_LENS,
+    S_MAPS,
+    S_MATERIAL_FLOATS,
+    S_MATERIAL_INTEGERS,
+    S_MODE,
+    S_POINTS,
+    S_STRIDE,
+    S_WIDTH,
+)
+from renderers.shading.materials import (
+    MF_COLUMNS,
+    MF_CUTOFF,
+    MI_ALPHA_MODE,
+    MI_COLUMNS,
+    MI_NORMAL,
+    MI_UNLIT,
+    MI_UV,
+)
+from renderers.shading.resolve import SCRATCH_VALUES, resolve_strokes, resolve_triangles, run_starts
+from renderers.shading.surface import shade
+
+PART: Final = 256
+"""Pixels shaded at a time: their rows of attributes stay in the first-level cache."""
+_OUTSIDE: Final = -(2**31)
+"""No record: what lies beside a row."""
 
 
 @njit(nogil=True, error_model="numpy")
-def _instance_of(first_record, record, hint):  # type: ignore[no-untyped-def]
+def _instance_of(first_record, count, record, hint):  # type: ignore[no-untyped-def]
     """Instance of a record; ``hint`` is tried first."""
-    if first_record[hint] <= record < first_record[hint + 1]:
+    if first_record[hint] <= record and record < first_record[hint + 1]:
         return hint
-    low, high = 0, first_record.shape[0] - 1
+    low = 0
+    high = count
     while high - low > 1:
         middle = (low + high) >> 1
         if first_record[middle] <= record:
@@ -31,117 +73,111 @@ def _instance_of(first_record, record, hint):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _mirrors(X):  # type: ignore[no-untyped-def]
-    """Whether the linear part of a (4, 4) matrix has a negative determinant."""
-    return (
-        X[0, 0] * (X[1, 1] * X[2, 2] - X[1, 2] * X[2, 1])
-        - X[0, 1] * (X[1, 0] * X[2, 2] - X[1, 2] * X[2, 0])
-        + X[0, 2] * (X[1, 0] * X[2, 1] - X[1, 1] * X[2, 0])
-    ) < 0.0
+def _segment(job, y, instance, first, ids, starts, run, last_run, rows, stride, line, scratch):  # type: ignore[no-untyped-def]
+    """Resolve and shade the runs ``run .. last_run``, which all see one instance."""
+    columns = i64_at(job[S_INSTANCES] + 8 * II_COLUMNS * instance)
+    material = columns[II_MATERIAL]
+    mi = i64_at(job[S_MATERIAL_INTEGERS] + 8 * MI_COLUMNS * material)
+    mf = f32_at(job[S_MATERIAL_FLOATS] + 4 * MF_COLUMNS * material)
+    maps = f32_at(job[S_MAPS] + 4 * P_COLUMNS * instance)
+    points = f64_at(job[S_POINTS] + 8 * 16 * instance)
+    lens = f64_at(job[S_LENS])
+    topology = columns[II_TOPOLOGY]
+    wanted = HAS_COLORS
+    if mi[MI_UNLIT] == 0:
+        wanted |= HAS_NORMALS
+    if mi[MI_NORMAL] >= 0:
+        wanted |= HAS_TANGENTS
+    if mi[MI_UV] & 1:
+        wanted |= HAS_UV0
+    if mi[MI_UV] & 2:
+        wanted |= HAS_UV1
+    has = columns[II_HAS] & wanted
+    begin, end = np.int64(starts[run]), np.int64(starts[last_run])
+    for which in range(2):
+        missing = HAS_UV0 << which
+        if wanted & missing and not has & missing:
+            _clear_coordinates(rows, stride, begin, end, which)
+    if topology == 3:
+        mirror = maps[P_MIRROR]
+        resolve_triangles(
+            columns, points, mirror, lens, y, first, has, ids, starts, run, last_run, rows, stride, scratch
+        )
+    else:
+        resolve_strokes(columns, topology, points, lens, y, first, has, ids, starts, run, last_run, rows, stride)
+    bumpy = mi[MI_NORMAL] >= 0 and (has & HAS_TANGENTS) != 0
+    for part in range(begin, end, PART):
+        shade(job, has, mi, mf, maps, y, bumpy, rows, stride, part, min(part + PART, end), line)
+    mode = job[S_MODE]
+    if mode == GATHER:
+        gather(job, mi[MI_ALPHA_MODE], mf[MF_CUTOFF], y, begin, end, rows, stride)
+    elif mode != DIRECT:
+        write_under(job, y, begin, end, rows, stride, line)
 
 
-_SIGNATURE: Final = (
-    "void(boolean, int64, int32[:,::1], int64[::1], float64[:,:,::1], float64[:,:,::1], float64[::1], int64[:,::1], "
-    "int64[:,::1], float32[:,::1], int64[:,::1], float32[:,::1], float32[:,::1], float32[::1], float32[::1], "
-    "uint8[::1], uint8[::1], int64, int64, float32[:,:,::1], uint8[:,:,::1])"
-)
+@njit(nogil=True, error_model="numpy")
+def _clear_coordinates(rows, stride, begin, end, which):  # type: ignore[no-untyped-def]
+    """Coordinates that the mesh lacks are 0."""
+    for row in range(A_UV0 + 2 * which, A_UV0 + 2 * which + 2):
+        for x in range(begin, end, vec.LANES):
+            vec.store(rows, row * stride + x, vec.f32(0.0))
 
 
-@kernel(_SIGNATURE)
-def shade_rows(  # type: ignore[no-untyped-def]
-    pbr,
-    mode,
-    ids,
-    first_record,
-    X,
-    N,
-    intrinsics,
-    instances,
-    material_integers,
-    material_floats,
-    textures,
-    texture_floats,
-    values,
-    decoded,
-    thresholds,
-    guesses,
-    background,
-    row_begin,
-    row_end,
-    gathered,
-    color,
-):
+@njit(nogil=True, error_model="numpy")
+def _row(job, y, ids, starts, rows, stride, line, scratch, hint):  # type: ignore[no-untyped-def]
+    """One row; returns the instance seen last, a hint for the next one."""
+    width = job[S_WIDTH]
+    seen = i32_at(job[S_IDS] + 4 * y * job[S_STRIDE])
+    for x in range(width):
+        ids[x] = seen[x]
+    first_record = i64_at(job[S_FIRST])
+    runs = run_starts(ids, width, starts)
+    run = 0
+    while run < runs:
+        begin = np.int64(starts[run])
+        record = np.int64(ids[begin])
+        run += 1
+        if record < 0:
+            write_background(job, y, begin, np.int64(starts[run]), line)
+            continue
+        hint = _instance_of(first_record, job[S_COUNT], record, hint)
+        first, last = first_record[hint], first_record[hint + 1]
+        start = run - 1
+        while run < runs and first <= ids[starts[run]] and ids[starts[run]] < last:
+            run += 1
+        _segment(job, y, hint, first, ids, starts, start, run, rows, stride, line, scratch)
+    if job[S_MODE] != GATHER:
+        put_line(job, y, line)
+    return hint
+
+
+@kernel("void(int64, int64, int64)")
+def shade_rows(job_at, row_begin, row_end):  # type: ignore[no-untyped-def]
     """Shades the rows ``row_begin .. row_end - 1``; every row is independent of all others.
 
     Args:
-        pbr: bool, the look.
-        mode: ``DIRECT``, ``GATHER`` or ``UNDER``.
-        ids: (H, W) int32 record per pixel, -1 for none.
-        first_record: (I + 1,) int64.
-        X: (I, 4, 4) float64, N: (I, 3, 3) float64: mesh to optical frame, of points and of normals.
-        intrinsics: (4,) float64: fx, fy, cx, cy.
-        instances ... texture_floats: the tables of ``ShadingScene``.
-        values: ``BYTE_VALUES``; decoded: ``DECODED``; thresholds, guesses: see ``gamma_byte``.
-        background: (3,) uint8.
-        gathered: (H, W, 4) float32: colour of the layers in front, times alpha, as shown (0..1), and the share of
-            light that still comes through from behind; not used by ``DIRECT``.
-        color: (H, W, 3) uint8; not used by ``GATHER``.
+        job_at: address of S_COLUMNS int64.
     """
-    # Below here tables are addresses: arrays given to functions that are not inlined cost reference counts.
-    tables = (np.int64(textures.ctypes.data), np.int64(texture_floats.ctypes.data), np.int64(values.ctypes.data))
-    decoded_at = np.int64(decoded.ctypes.data)
-    thresholds_at, guesses_at = np.int64(thresholds.ctypes.data), np.int64(guesses.ctypes.data)
-    width = ids.shape[1]
-    a = np.zeros((A_ROWS, width), dtype=np.float32)
-    weights = np.empty((3, width), dtype=np.float32)
-    hint = 0
+    job = i64_at(job_at)
+    width = job[S_WIDTH]
+    pad = vec.LANES
+    stride = width + pad
+    own_ids = np.empty(width + 2 * pad, np.int32)
+    own_starts = np.empty(width + 2 * pad, np.int32)
+    own_rows = np.empty(A_ROWS * stride, np.float32)
+    own_line = np.empty(3 * (width + pad) + 4, np.uint8)
+    own_scratch = np.empty(SCRATCH_VALUES, np.float32)
+    for k in range(pad):
+        own_ids[k] = own_ids[width + pad + k] = _OUTSIDE
+    ids = i32_at(np.int64(own_ids.ctypes.data) + 4 * pad)
+    starts = i32_at(np.int64(own_starts.ctypes.data))
+    rows = f32_at(np.int64(own_rows.ctypes.data))
+    line = u8_at(np.int64(own_line.ctypes.data))
+    scratch = np.int64(own_scratch.ctypes.data)
+    hint = np.int64(0)
     for y in range(row_begin, row_end):
-        x = 0
-        while x < width:
-            begin = x
-            record = ids[y, x]
-            if record < 0:
-                while x < width and ids[y, x] < 0:
-                    x += 1
-                write_background(mode, background, y, begin, x, gathered, color)
-                continue
-            instance = hint = _instance_of(first_record, record, hint)
-            first, last = first_record[instance], first_record[instance + 1]
-            columns, X_instance, N_instance = instances[instance], X[instance], N[instance]
-            mi, mf = material_integers[columns[II_MATERIAL]], material_floats[columns[II_MATERIAL]]
-            uv_used, mirrored = mi[MI_UV], _mirrors(X_instance)
-            while x < width and first <= ids[y, x] < last:
-                run = x
-                record = ids[y, x]
-                x += 1
-                while x < width and ids[y, x] == record:
-                    x += 1
-                resolve_run(
-                    columns,
-                    record - first,
-                    mirrored,
-                    uv_used,
-                    X_instance,
-                    N_instance,
-                    intrinsics,
-                    y,
-                    run,
-                    x,
-                    weights,
-                    a,
-                )
-            colored = columns[II_COLORS] != 0
-            base_colors(pbr, colored, mi, mf, tables, decoded_at, begin, x, a)
-            if mi[MI_UNLIT] == 0:
-                mapped = mi[MI_NORMAL] >= 0 and columns[II_TANGENTS] != 0
-                unit_normals(mapped, mi, mf, tables, begin, x, a)
-                if pbr:
-                    light_pbr(mi, mf, tables, intrinsics, y, begin, x, a)
-                else:
-                    light_phong(begin, x, a)
-            if mode == DIRECT:
-                write(pbr, y, begin, x, a, thresholds_at, guesses_at, color)
-            elif mode == GATHER:
-                gather(pbr, mi[MI_ALPHA_MODE], mf[MF_CUTOFF], y, begin, x, a, gathered)
-            else:
-                write_under(pbr, y, begin, x, a, gathered, color)
+        hint = _row(job, y, ids, starts, rows, stride, line, scratch, hint)
+    # The pointers above do not keep the arrays alive.
+    own_ids[0] = own_starts[0] = 0
+    own_rows[0] = own_scratch[0] = 0.0
+    own_line[0] = 0

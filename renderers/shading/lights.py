@@ -1,4 +1,4 @@
-"""Reflection models, one pixel at a time."""
+"""Reflection models, eight pixels at a time."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Final
 import numpy as np
 from numba import njit
 
+from renderers import simd as vec
+
 _PI: Final = np.float32(math.pi)
-_ONE: Final = np.float32(1.0)
-_ZERO: Final = np.float32(0.0)
 _SMALLEST_COSINE: Final = np.float32(1e-5)
 """VTK's lower bound of the cosines in its shader; keeps the visibility term finite."""
 _SMALLEST_ROUGHNESS: Final = np.float32(0.05)
@@ -18,9 +18,9 @@ _SMALLEST_ROUGHNESS: Final = np.float32(0.05)
 roughness 0 (0.05), on curved metal and dielectrics of 0.5 (0.525) and of 0.8 (0.81). It also keeps D finite."""
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _clamped(c):  # type: ignore[no-untyped-def]
-    return min(max(c, _SMALLEST_COSINE), _ONE)
+    return vec.least(vec.most(c, vec.f32(_SMALLEST_COSINE)), vec.f32(1.0))
 
 
 @njit(nogil=True, error_model="numpy")
@@ -32,37 +32,38 @@ def reflect_pbr(nx, ny, nz, vx, vy, vz, red, green, blue, metallic, roughness): 
     the diffuse part (1 - F)(1 - metallic) base / pi. The light's radiance carries no factor pi.
 
     Args:
-        nx, ny, nz: unit normal, vx, vy, vz: unit vector to the camera, both in the optical frame. All float32.
+        nx, ny, nz: unit normal, vx, vy, vz: unit vector to the camera, both in the optical frame. All f32x8.
         red, green, blue: linear base colour.
     """
-    n_l = -nz  # the light shines along +Z, so the vector to it is (0, 0, -1)
-    if not (n_l > _ZERO):
-        return _ZERO, _ZERO, _ZERO
-    hx, hy, hz = vx, vy, vz - _ONE
-    scale = _ONE / math.sqrt(hx * hx + hy * hy + hz * hz)
-    hx, hy, hz = hx * scale, hy * scale, hz * scale
+    zero, one = vec.f32(0.0), vec.f32(1.0)
+    towards = -nz  # the light shines along +Z, so the vector to it is (0, 0, -1)
+    lit = towards > zero
+    hz = vz - one
+    scale = one / vec.sqrt(vx * vx + vy * vy + hz * hz)
+    hx, hy, hz = vx * scale, vy * scale, hz * scale
     n_h = _clamped(nx * hx + ny * hy + nz * hz)
     n_v = _clamped(nx * vx + ny * vy + nz * vz)
     h_l = _clamped(-hz)
-    n_l = _clamped(n_l)
-    rough = _SMALLEST_ROUGHNESS + (_ONE - _SMALLEST_ROUGHNESS) * roughness
-    a2 = rough * rough * rough * rough
-    d = (n_h * a2 - n_h) * n_h + _ONE
-    distribution = a2 / (_PI * d * d)
-    ggx_v = n_l * math.sqrt(a2 + n_v * (n_v - a2 * n_v))
-    ggx_l = n_v * math.sqrt(a2 + n_l * (n_l - a2 * n_l))
-    visibility = np.float32(0.5) / (ggx_v + ggx_l)
-    f0 = np.float32(0.04) * (_ONE - metallic)
+    n_l = _clamped(towards)
+    rough = vec.f32(_SMALLEST_ROUGHNESS) + vec.f32(np.float32(1.0) - _SMALLEST_ROUGHNESS) * roughness
+    rough = rough * rough
+    a2 = rough * rough
+    d = (n_h * a2 - n_h) * n_h + one
+    ggx_v = n_l * vec.sqrt(a2 + n_v * (n_v - a2 * n_v))
+    ggx_l = n_v * vec.sqrt(a2 + n_l * (n_l - a2 * n_l))
+    # Distribution a2 / (pi d^2), times visibility 0.5 / (ggx_v + ggx_l).
+    specular = a2 / (vec.f32(np.float32(2.0) * _PI) * d * d * (ggx_v + ggx_l))
+    dielectric = one - metallic
+    f0 = vec.f32(0.04) * dielectric
     f0r, f0g, f0b = f0 + red * metallic, f0 + green * metallic, f0 + blue * metallic
-    f90 = min(max((f0r + f0g + f0b) * np.float32(16.5), _ZERO), _ONE)
-    m = _ONE - h_l
+    f90 = vec.least(vec.most((f0r + f0g + f0b) * vec.f32(16.5), zero), one)
+    m = one - h_l
     m2 = m * m
     schlick = m2 * m2 * m
     fr, fg, fb = f0r + (f90 - f0r) * schlick, f0g + (f90 - f0g) * schlick, f0b + (f90 - f0b) * schlick
-    specular = distribution * visibility
-    diffuse = (_ONE - metallic) / _PI
+    diffuse = dielectric * vec.f32(np.float32(1.0) / _PI)
     return (
-        ((_ONE - fr) * diffuse * red + specular * fr) * n_l,
-        ((_ONE - fg) * diffuse * green + specular * fg) * n_l,
-        ((_ONE - fb) * diffuse * blue + specular * fb) * n_l,
+        vec.select(lit, ((one - fr) * diffuse * red + specular * fr) * n_l, zero),
+        vec.select(lit, ((one - fg) * diffuse * green + specular * fg) * n_l, zero),
+        vec.select(lit, ((one - fb) * diffuse * blue + specular * fb) * n_l, zero),
     )

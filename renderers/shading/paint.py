@@ -9,12 +9,14 @@ from numpy.typing import NDArray
 
 from renderers.camera import Camera
 from renderers.drawlist import DrawList
+from renderers.pointers import address_of
 from renderers.port import Look
+from renderers.shading import layout as at
 from renderers.shading.compose import DIRECT, GATHER, UNDER
 from renderers.shading.kernels import shade_rows
 from renderers.shading.sampling import BYTE_VALUES
-from renderers.shading.scene import ShadingScene, normal_matrices
-from renderers.shading.transfer import DECODED, GUESSES, THRESHOLDS
+from renderers.shading.scene import ShadingScene, instance_maps
+from renderers.shading.transfer import DECODED, GAMMA_CELLS
 
 if TYPE_CHECKING:  # the rasterizer calls this module
     from renderers.cpu.visibility import Rasterizer, Visibility
@@ -88,12 +90,6 @@ def paint(
         _shade(rasterizer, shading, behind, camera, look, UNDER if any_layer else DIRECT, gathered, color)
 
 
-def _frame(seen: Visibility, camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Maps of points and normals, at least one each, and the intrinsics."""
-    X = seen.X_camera_mesh if len(seen.X_camera_mesh) else np.eye(4)[None]
-    return X, normal_matrices(X), np.array((camera.fx, camera.fy, camera.cx, camera.cy), dtype=np.float64)
-
-
 def _shade(
     rasterizer: Rasterizer,
     shading: ShadingScene,
@@ -107,33 +103,35 @@ def _shade(
     """Runs ``shade_rows`` over all bands."""
     from renderers.cpu.visibility import BAND_ROWS, band_count
 
-    X, N, intrinsics = _frame(seen, camera)
-    background = np.array(look.background, dtype=np.uint8)
+    maps = instance_maps(seen.X_camera_mesh)
+    lens = np.array((camera.fx, camera.fy, camera.cx, camera.cy), dtype=np.float64)
+    red, green, blue = look.background
+    job = np.zeros(at.S_COLUMNS, np.int64)
+    job[at.S_PBR] = look.name == "pbr"
+    job[at.S_MODE] = mode
+    job[at.S_WIDTH] = job[at.S_STRIDE] = camera.width
+    job[at.S_HEIGHT] = camera.height
+    job[at.S_IDS] = address_of(seen.ids, np.int32)
+    job[at.S_FIRST] = address_of(seen.first_record, np.int64)
+    job[at.S_COUNT] = len(maps)
+    job[at.S_POINTS] = address_of(seen.X_camera_mesh, np.float64)
+    job[at.S_MAPS] = address_of(maps, np.float32)
+    job[at.S_LENS] = address_of(lens, np.float64)
+    job[at.S_INSTANCES] = address_of(shading.instances, np.int64)
+    job[at.S_MATERIAL_INTEGERS] = address_of(shading.material_integers, np.int64)
+    job[at.S_MATERIAL_FLOATS] = address_of(shading.material_floats, np.float32)
+    job[at.S_TEXTURES] = address_of(shading.texture_integers, np.int64)
+    job[at.S_TEXTURE_FLOATS] = address_of(shading.texture_floats, np.float32)
+    job[at.S_BYTE_VALUES] = address_of(BYTE_VALUES, np.float32)
+    job[at.S_DECODED] = address_of(DECODED, np.float32)
+    job[at.S_GAMMA] = address_of(GAMMA_CELLS, np.int32)
+    job[at.S_BACKGROUND] = red | green << 8 | blue << 16
+    job[at.S_GATHERED] = address_of(gathered, np.float32)
+    job[at.S_COLOR] = address_of(color, np.uint8)
+    address = address_of(job, np.int64)
 
     def band(unit: int) -> None:
         begin = unit * BAND_ROWS
-        shade_rows(
-            look.name == "pbr",
-            mode,
-            seen.ids,
-            seen.first_record,
-            X,
-            N,
-            intrinsics,
-            shading.instances,
-            shading.material_integers,
-            shading.material_floats,
-            shading.texture_integers,
-            shading.texture_floats,
-            BYTE_VALUES,
-            DECODED,
-            THRESHOLDS,
-            GUESSES,
-            background,
-            begin,
-            min(begin + BAND_ROWS, camera.height),
-            gathered,
-            color,
-        )
+        shade_rows(address, begin, min(begin + BAND_ROWS, camera.height))
 
     rasterizer.parallel(band_count(camera.height), band)

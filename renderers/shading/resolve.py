@@ -1,4 +1,12 @@
-"""From a run of pixels that see one element to interpolated attributes along the run."""
+"""From runs of pixels that see one element to interpolated attributes along a row.
+
+Eight runs at a time are set up in float64: their triangles' vertices in the optical frame, and from them the
+unnormalised barycentric coordinates ``b = det(P) P^-1 d`` of a pixel's ray d, which are linear along the row. Along a
+run they are float32: exact at the first of every eight pixels, and a slope.
+
+Attributes are written eight pixels at a time from left to right: what a run writes beyond its end is overwritten by
+the next one, so that nothing is masked.
+"""
 
 from __future__ import annotations
 
@@ -8,249 +16,286 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-from renderers.shading.memory import load_f32, load_u32
-from renderers.shading.scene import (
-    II_COLORS,
+from renderers import simd as vec
+from renderers.pointers import f32_at, f64_at, i32_at, u32_at
+from renderers.shading.layout import (
+    A_COLOR,
+    A_FACING,
+    A_NORMAL,
+    A_TANGENT,
+    A_UV0,
+    A_UV1,
+    E_COLUMNS,
+    HAS_COLORS,
+    HAS_NORMALS,
+    HAS_TANGENTS,
+    HAS_UV0,
+    HAS_UV1,
     II_ELEMENTS,
-    II_NORMALS,
-    II_POSITIONS,
-    II_TANGENTS,
-    II_TOPOLOGY,
-    II_UV0,
+    II_EXTRAS,
+    II_VERTICES,
+    V_COLUMNS,
 )
 
-# Rows of the scratch array (A_ROWS, W) float32: one attribute each, one column per pixel.
-A_NORMAL: Final = 0  # 3 rows: normal in the optical frame, turned to the side that is seen, any length
-A_UV0: Final = 3  # 2 rows
-A_UV1: Final = 5  # 2 rows
-A_COLOR: Final = 7  # 4 rows: linear RGBA
-A_TANGENT: Final = 11  # 4 rows: tangent in the optical frame, any length; sign of the bitangent
-A_FACING: Final = 15  # 1 row: -1 where a back face is seen
-A_BASE: Final = 16  # 4 rows: base colour and alpha, filled by shading
-A_ROWS: Final = 20
+# Scratch of eight runs, in rows of eight values of 8 bytes.
+R_BASE: Final = 0  # 3 rows float64: coordinates at the run's first pixel
+R_SLOPE: Final = 3  # 3 rows float64: change per pixel
+# and in rows of eight values of 4 bytes, from the same place on:
+R_INDEX: Final = 12  # 3 rows int32: vertices
+R_FACING: Final = 15  # float32
+R_FLAT: Final = 16  # 3 rows float32: the triangle's own normal
+SCRATCH_VALUES: Final = 19 * 8
+"""Values of 4 bytes."""
 
 
 @njit(nogil=True, error_model="numpy")
-def _vertex(positions, index, X):  # type: ignore[no-untyped-def]
-    """A vertex in the optical frame, float64."""
-    x = np.float64(load_f32(positions, index * 3))
-    y = np.float64(load_f32(positions, index * 3 + 1))
-    z = np.float64(load_f32(positions, index * 3 + 2))
+def run_starts(ids, width, starts):  # type: ignore[no-untyped-def]
+    """Write the columns at which a row's runs of equal records begin, and ``width`` eight times behind them.
+
+    Args:
+        ids: pointer to the row's int32, readable from -1 to width + 7; what lies outside differs from what lies within.
+        starts: pointer to width + 9 int32.
+
+    Returns:
+        The number of runs.
+    """
+    count = 0
+    for x in range(0, width, vec.LANES):
+        changes = vec.bits(vec.load(ids, x) != vec.load(ids, x - 1))
+        while changes != 0:
+            starts[count] = x + vec.lowest_bit(changes)
+            changes &= changes - 1
+            count += 1
+    # The change at the row's end may or may not have been among them.
+    while count > 0 and starts[count - 1] >= width:
+        count -= 1
+    vec.store(starts, count, vec.i32(width))
+    return count
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _optical(m, v):  # type: ignore[no-untyped-def]
+    """Eight vertices (f32x8 each coordinate) in the optical frame, f64x8."""
+    x, y, z = vec.to_f64(v[0]), vec.to_f64(v[1]), vec.to_f64(v[2])
     return (
-        X[0, 0] * x + X[0, 1] * y + X[0, 2] * z + X[0, 3],
-        X[1, 0] * x + X[1, 1] * y + X[1, 2] * z + X[1, 3],
-        X[2, 0] * x + X[2, 1] * y + X[2, 2] * z + X[2, 3],
+        vec.f64(m[0]) * x + vec.f64(m[1]) * y + vec.f64(m[2]) * z + vec.f64(m[3]),
+        vec.f64(m[4]) * x + vec.f64(m[5]) * y + vec.f64(m[6]) * z + vec.f64(m[7]),
+        vec.f64(m[8]) * x + vec.f64(m[9]) * y + vec.f64(m[10]) * z + vec.f64(m[11]),
     )
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _cross(a, b):  # type: ignore[no-untyped-def]
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _minus(a, b):  # type: ignore[no-untyped-def]
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _dot(a, b):  # type: ignore[no-untyped-def]
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @njit(nogil=True, error_model="numpy")
-def _triangle_weights(r0, r1, r2, side, fx, cx, dy, begin, end, weights):  # type: ignore[no-untyped-def]
-    """Perspective-correct barycentric coordinates along a run: >= 0, sum 1.
+def _set_up(columns, m, mirror, lens, y, first, ids, starts, run, count, smooth, scratch):  # type: ignore[no-untyped-def]
+    """Fill the scratch for the runs ``run .. run + count`` (at most eight) of triangles of one instance."""
+    lane = vec.iota()
+    begins = vec.select(lane < vec.i32(count), vec.load(starts, run), vec.i32(np.int64(starts[run])))
+    element = vec.gather(ids, begins) - vec.i32(first)
+    i0, i1, i2 = vec.load_elements(u32_at(columns[II_ELEMENTS]), element * vec.i32(3))
+    vertices = f32_at(columns[II_VERTICES])
+    stride = vec.i32(V_COLUMNS)
+    p0 = _optical(m, vec.load_triples(vertices, i0 * stride))
+    p1 = _optical(m, vec.load_triples(vertices, i1 * stride))
+    p2 = _optical(m, vec.load_triples(vertices, i2 * stride))
+    # Rows of det(P) P^-1. The determinant is ((p1 - p0) x (p2 - p0)) . p0: negative where a counter-clockwise
+    # element is seen from its front. A mirroring map turns that round.
+    r0, r1, r2 = _cross(p1, p2), _cross(p2, p0), _cross(p0, p1)
+    determinant = _dot(p0, r0)
+    none, one = vec.f64(0.0), vec.f64(1.0)
+    side = vec.select(determinant < none, vec.f64(-1.0), one)
+    dx = (vec.to_f64(begins) + vec.f64(0.5 - lens[2])) / vec.f64(lens[0])
+    dy = vec.f64((y + 0.5 - lens[3]) / lens[1])
+    a0 = side * (r0[0] * dx + r0[1] * dy + r0[2])
+    a1 = side * (r1[0] * dx + r1[1] * dy + r1[2])
+    a2 = side * (r2[0] * dx + r2[1] * dy + r2[2])
+    # Any positive factor will do: float32 shall hold them however large or small the triangle is.
+    total = vec.most(a0, none) + vec.most(a1, none) + vec.most(a2, none)
+    usable = (total > none) & (total < vec.f64(math.inf))
+    scale = one / vec.select(usable, total, one)
+    step = side * scale / vec.f64(lens[0])
+    base, slope = f64_at(scratch + 64 * R_BASE), f64_at(scratch + 64 * R_SLOPE)
+    vec.store(base, 0, a0 * scale)
+    vec.store(base, 8, a1 * scale)
+    vec.store(base, 16, a2 * scale)
+    vec.store(slope, 0, r0[0] * step)
+    vec.store(slope, 8, r1[0] * step)
+    vec.store(slope, 16, r2[0] * step)
+    whole, values = i32_at(scratch), f32_at(scratch)
+    vec.store(whole, 8 * R_INDEX, i0)
+    vec.store(whole, 8 * R_INDEX + 8, i1)
+    vec.store(whole, 8 * R_INDEX + 16, i2)
+    back = vec.select(determinant > none, vec.f32(-mirror), vec.f32(mirror))
+    vec.store(values, 8 * R_FACING, back)
+    if not smooth:
+        n = _cross(_minus(p1, p0), _minus(p2, p0))
+        length = vec.sqrt(_dot(n, n))
+        usable = (length > none) & (length < vec.f64(math.inf))
+        # Against the sign of the determinant: towards the camera.
+        scale = vec.select(usable, (none - side) / vec.select(usable, length, one), none)
+        vec.store(values, 8 * R_FLAT, vec.to_f32(n[0] * scale))
+        vec.store(values, 8 * R_FLAT + 8, vec.to_f32(n[1] * scale))
+        vec.store(values, 8 * R_FLAT + 16, vec.to_f32(n[2] * scale))
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _weights(base, slope, k, offset, lane):  # type: ignore[no-untyped-def]
+    """Perspective-correct barycentric coordinates of the second and third vertex at eight pixels of a run.
 
     A pixel centre that coverage (exact in 1/256 pixel) counts in may lie a little outside of the unrounded triangle:
-    negative coordinates become 0, so nothing is extrapolated. Anything not finite becomes the centroid.
+    negative coordinates become 0, so that nothing is extrapolated. Anything not finite becomes the centroid.
+    """
+    zero = vec.f32(0.0)
+    b0 = vec.most(vec.f32(base[k] + slope[k] * offset) + vec.f32(slope[k]) * lane, zero)
+    b1 = vec.most(vec.f32(base[8 + k] + slope[8 + k] * offset) + vec.f32(slope[8 + k]) * lane, zero)
+    b2 = vec.most(vec.f32(base[16 + k] + slope[16 + k] * offset) + vec.f32(slope[16 + k]) * lane, zero)
+    total = b0 + b1 + b2
+    usable = (total > zero) & (total < vec.f32(np.inf))
+    share = vec.f32(1.0) / total
+    third = vec.f32(1.0 / 3.0)
+    return vec.select(usable, b1 * share, third), vec.select(usable, b2 * share, third)
+
+
+@njit(nogil=True, error_model="numpy")
+def _write_extras(has, extras, i0, i1, i2, rows, stride, begin, end, base, slope, k):  # type: ignore[no-untyped-def]
+    """Colours, second coordinates and tangents of one run."""
+    lane = vec.to_f32(vec.iota())
+    o0, o1, o2 = i0 * E_COLUMNS, i1 * E_COLUMNS, i2 * E_COLUMNS
+    for x in range(begin, end, vec.LANES):
+        w1, w2 = _weights(base, slope, k, np.float64(x - begin), lane)
+        if has & HAS_COLORS:
+            for j in range(4):
+                a, b, c = extras[o0 + j], extras[o1 + j], extras[o2 + j]
+                vec.store(rows, (A_COLOR + j) * stride + x, vec.f32(a) + (w1 * vec.f32(b - a) + w2 * vec.f32(c - a)))
+        if has & HAS_UV1:
+            for j in range(2):
+                a, b, c = extras[o0 + 4 + j], extras[o1 + 4 + j], extras[o2 + 4 + j]
+                vec.store(rows, (A_UV1 + j) * stride + x, vec.f32(a) + (w1 * vec.f32(b - a) + w2 * vec.f32(c - a)))
+        if has & HAS_TANGENTS:
+            for j in range(4):
+                a, b, c = extras[o0 + 8 + j], extras[o1 + 8 + j], extras[o2 + 8 + j]
+                vec.store(rows, (A_TANGENT + j) * stride + x, vec.f32(a) + (w1 * vec.f32(b - a) + w2 * vec.f32(c - a)))
+
+
+@njit(nogil=True, error_model="numpy")
+def resolve_triangles(columns, m, mirror, lens, y, first, has, ids, starts, run, last_run, rows, stride, scratch):  # type: ignore[no-untyped-def]
+    """Attributes of the runs ``run .. last_run`` of one instance's triangles.
 
     Args:
-        r0, r1, r2: rows of det(P) P^-1. side: sign of det(P).
+        columns: pointer to the instance's row of the instance table.
+        m: pointer to the (4, 4) float64 map to the optical frame. mirror: -1 where it mirrors, else 1.
+        lens: pointer to fx, fy, cx, cy.
+        first: the instance's first record. has: HAS_ bits of what is wanted.
+        ids, starts: as in ``run_starts``.
+        rows: pointer to A_ROWS rows of ``stride`` float32.
+        scratch: address of SCRATCH_VALUES values of 4 bytes.
     """
-    dx = (0.5 - cx) / fx
-    a0, a1, a2 = (
-        side * (r0[0] * dx + r0[1] * dy + r0[2]),
-        side * (r1[0] * dx + r1[1] * dy + r1[2]),
-        side * (r2[0] * dx + r2[1] * dy + r2[2]),
-    )
-    s0, s1, s2 = side * r0[0] / fx, side * r1[0] / fx, side * r2[0] / fx
-    for x in range(begin, end):
-        b0, b1, b2 = max(a0 + s0 * x, 0.0), max(a1 + s1 * x, 0.0), max(a2 + s2 * x, 0.0)
-        total = b0 + b1 + b2
-        if total > 0.0 and total < math.inf:
-            share = 1.0 / total
-            weights[0, x] = np.float32(b0 * share)
-            weights[1, x] = np.float32(b1 * share)
-            weights[2, x] = np.float32(b2 * share)
-        else:
-            weights[0, x] = weights[1, x] = weights[2, x] = np.float32(1.0 / 3.0)
-
-
-@njit(nogil=True, error_model="numpy")
-def _load3(address, stride, index):  # type: ignore[no-untyped-def]
-    """The first three values of a vertex attribute of ``stride`` values, float32."""
-    at = index * stride
-    return load_f32(address, at), load_f32(address, at + 1), load_f32(address, at + 2)
-
-
-@njit(nogil=True, error_model="numpy")
-def _mapped(R, sign, v):  # type: ignore[no-untyped-def]
-    """``sign R v`` with a (3, 3) or (4, 4) float64 matrix, rounded to float32."""
-    x, y, z = np.float64(v[0]), np.float64(v[1]), np.float64(v[2])
-    return (
-        np.float32(sign * (R[0, 0] * x + R[0, 1] * y + R[0, 2] * z)),
-        np.float32(sign * (R[1, 0] * x + R[1, 1] * y + R[1, 2] * z)),
-        np.float32(sign * (R[2, 0] * x + R[2, 1] * y + R[2, 2] * z)),
-    )
-
-
-@njit(nogil=True, error_model="numpy")
-def _spread1(a, b, c, weights, begin, end, row, out):  # type: ignore[no-untyped-def]
-    """Interpolates one value along the run into a row of ``out``; equal corners stay exact."""
-    b -= a
-    c -= a
-    for x in range(begin, end):
-        out[row, x] = a + (weights[1, x] * b + weights[2, x] * c)
-
-
-@njit(nogil=True, error_model="numpy")
-def _spread3(a, b, c, weights, begin, end, row, out):  # type: ignore[no-untyped-def]
-    """As ``_spread1`` for three values, into three rows."""
-    b0, b1, b2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-    c0, c1, c2 = c[0] - a[0], c[1] - a[1], c[2] - a[2]
-    for x in range(begin, end):
-        w1, w2 = weights[1, x], weights[2, x]
-        out[row, x] = a[0] + (w1 * b0 + w2 * c0)
-        out[row + 1, x] = a[1] + (w1 * b1 + w2 * c1)
-        out[row + 2, x] = a[2] + (w1 * b2 + w2 * c2)
-
-
-@njit(nogil=True, error_model="numpy")
-def _spread_values(address, stride, i0, i1, i2, weights, begin, end, row, out):  # type: ignore[no-untyped-def]
-    """Interpolates all values of an attribute."""
-    for k in range(stride):
-        _spread1(
-            load_f32(address, i0 * stride + k),
-            load_f32(address, i1 * stride + k),
-            load_f32(address, i2 * stride + k),
-            weights,
-            begin,
-            end,
-            row + k,
-            out,
-        )
-
-
-@njit(nogil=True, error_model="numpy")
-def resolve_run(columns, element, mirrored, uv_used, X, N, intrinsics, y, begin, end, weights, out):  # type: ignore[no-untyped-def]
-    """Interpolates what the material needs over pixels ``begin .. end - 1`` of row ``y``.
-
-    Args:
-        columns: (II_COLUMNS,) int64, the instance's row of the table of ``ShadingScene``.
-        element: which of its elements the run sees.
-        mirrored: whether X mirrors.
-        uv_used: bit 0 / 1: uv0 / uv1 is wanted.
-        X: (4, 4) float64, mesh to optical frame. N: (3, 3) float64, map of normals.
-        intrinsics: (4,) float64: fx, fy, cx, cy.
-        weights: (3, W) float32: scratch.
-        out: (A_ROWS, W) float32, see the A_ constants.
-    """
-    topology = columns[II_TOPOLOGY]
-    elements = columns[II_ELEMENTS]
-    positions = columns[II_POSITIONS]
-    fx, fy, cx, cy = intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3]
-    dy = (y + 0.5 - cy) / fy
-    i0 = np.int64(load_u32(elements, element * topology))
-    i1 = i2 = i0
-    if topology == 3:
-        i1 = np.int64(load_u32(elements, element * 3 + 1))
-        i2 = np.int64(load_u32(elements, element * 3 + 2))
-        p0, p1, p2 = _vertex(positions, i0, X), _vertex(positions, i1, X), _vertex(positions, i2, X)
-        # Rows of det(P) P^-1. The determinant is ((p1 - p0) x (p2 - p0)) . p0: negative where a counter-clockwise
-        # element is seen from its front. A mirroring X turns that round.
-        r0, r1, r2 = _cross(p1, p2), _cross(p2, p0), _cross(p0, p1)
-        determinant = _dot(p0, r0)
-        side = -1.0 if determinant < 0.0 else 1.0
-        facing = -1.0 if (determinant > 0.0) != mirrored else 1.0
-        _triangle_weights(r0, r1, r2, side, fx, cx, dy, begin, end, weights)
-        normals = columns[II_NORMALS]
-        if normals != 0:
-            _spread3(
-                _mapped(N, facing, _load3(normals, 3, i0)),
-                _mapped(N, facing, _load3(normals, 3, i1)),
-                _mapped(N, facing, _load3(normals, 3, i2)),
-                weights,
-                begin,
-                end,
-                A_NORMAL,
-                out,
+    vertices = f32_at(columns[II_VERTICES])
+    extras = f32_at(columns[II_EXTRAS])
+    smooth = (has & HAS_NORMALS) != 0
+    mapped = (has & HAS_UV0) != 0
+    more = (has & (HAS_COLORS | HAS_UV1 | HAS_TANGENTS)) != 0
+    base, slope = f64_at(scratch + 64 * R_BASE), f64_at(scratch + 64 * R_SLOPE)
+    whole, values = i32_at(scratch), f32_at(scratch)
+    lane = vec.to_f32(vec.iota())
+    for batch in range(run, last_run, vec.LANES):
+        count = min(last_run - batch, vec.LANES)
+        _set_up(columns, m, mirror, lens, y, first, ids, starts, batch, count, smooth, scratch)
+        for k in range(count):
+            begin, end = np.int64(starts[batch + k]), np.int64(starts[batch + k + 1])
+            i0, i1, i2 = (
+                np.int64(whole[8 * R_INDEX + k]),
+                np.int64(whole[8 * R_INDEX + 8 + k]),
+                np.int64(whole[8 * R_INDEX + 16 + k]),
             )
-        else:
-            flat = _flat_normal(p0, p1, p2, -side)  # against the sign of the determinant: towards the camera
-            _spread3(flat, flat, flat, weights, begin, end, A_NORMAL, out)
-        for x in range(begin, end):
-            out[A_FACING, x] = np.float32(facing)
-    else:
-        if topology == 2:
-            i1 = np.int64(load_u32(elements, element * 2 + 1))
-        _line_weights(_vertex(positions, i0, X), _vertex(positions, i1, X), fx, cx, dy, begin, end, weights)
-    for which in range(2):
-        if uv_used & (1 << which):
-            uv = columns[II_UV0 + which]
-            row = A_UV0 + 2 * which
-            if uv != 0:
-                _spread_values(uv, 2, i0, i1, i2, weights, begin, end, row, out)
-            else:
-                for x in range(begin, end):
-                    out[row, x] = out[row + 1, x] = np.float32(0.0)
-    if columns[II_COLORS] != 0:
-        _spread_values(columns[II_COLORS], 4, i0, i1, i2, weights, begin, end, A_COLOR, out)
-    tangents = columns[II_TANGENTS]
-    if tangents != 0:
-        _spread3(
-            _mapped(X, 1.0, _load3(tangents, 4, i0)),
-            _mapped(X, 1.0, _load3(tangents, 4, i1)),
-            _mapped(X, 1.0, _load3(tangents, 4, i2)),
-            weights,
-            begin,
-            end,
-            A_TANGENT,
-            out,
-        )
-        hand = np.float32(-1.0 if mirrored else 1.0)  # the bitangent of a mirror image is the mirrored one
-        _spread1(
-            hand * load_f32(tangents, i0 * 4 + 3),
-            hand * load_f32(tangents, i1 * 4 + 3),
-            hand * load_f32(tangents, i2 * 4 + 3),
-            weights,
-            begin,
-            end,
-            A_TANGENT + 3,
-            out,
-        )
+            a = vec.load(vertices, i0 * V_COLUMNS)
+            b = vec.load(vertices, i1 * V_COLUMNS) - a
+            c = vec.load(vertices, i2 * V_COLUMNS) - a
+            facing = vec.f32(values[8 * R_FACING + k])
+            for x in range(begin, end, vec.LANES):
+                w1, w2 = _weights(base, slope, k, np.float64(x - begin), lane)
+                vec.store(rows, A_FACING * stride + x, facing)
+                if smooth:
+                    nx = vec.spread3(a) + (w1 * vec.spread3(b) + w2 * vec.spread3(c))
+                    ny = vec.spread4(a) + (w1 * vec.spread4(b) + w2 * vec.spread4(c))
+                    nz = vec.spread5(a) + (w1 * vec.spread5(b) + w2 * vec.spread5(c))
+                    vec.store(rows, A_NORMAL * stride + x, nx)
+                    vec.store(rows, (A_NORMAL + 1) * stride + x, ny)
+                    vec.store(rows, (A_NORMAL + 2) * stride + x, nz)
+                else:
+                    for j in range(3):
+                        vec.store(rows, (A_NORMAL + j) * stride + x, vec.f32(values[8 * (R_FLAT + j) + k]))
+                if mapped:
+                    u = vec.spread6(a) + (w1 * vec.spread6(b) + w2 * vec.spread6(c))
+                    v = vec.spread7(a) + (w1 * vec.spread7(b) + w2 * vec.spread7(c))
+                    vec.store(rows, A_UV0 * stride + x, u)
+                    vec.store(rows, (A_UV0 + 1) * stride + x, v)
+            if more:
+                _write_extras(has, extras, i0, i1, i2, rows, stride, begin, end, base, slope, k)
 
 
 @njit(nogil=True, error_model="numpy")
-def _flat_normal(p0, p1, p2, sign):  # type: ignore[no-untyped-def]
-    """The triangle's own normal: unit length, (p1 - p0) x (p2 - p0) times ``sign``; 0 without an area."""
-    n = _cross((p1[0] - p0[0], p1[1] - p0[1], p1[2] - p0[2]), (p2[0] - p0[0], p2[1] - p0[1], p2[2] - p0[2]))
-    length = math.sqrt(_dot(n, n))
-    scale = sign / length if length > 0.0 and length < math.inf else 0.0
-    return np.float32(scale * n[0]), np.float32(scale * n[1]), np.float32(scale * n[2])
+def _point(m, vertices, i):  # type: ignore[no-untyped-def]
+    """One vertex in the optical frame, float64."""
+    at = i * V_COLUMNS
+    x, y, z = np.float64(vertices[at]), np.float64(vertices[at + 1]), np.float64(vertices[at + 2])
+    return (
+        m[0] * x + m[1] * y + m[2] * z + m[3],
+        m[4] * x + m[5] * y + m[6] * z + m[7],
+        m[8] * x + m[9] * y + m[10] * z + m[11],
+    )
 
 
 @njit(nogil=True, error_model="numpy")
-def _line_weights(p, q, fx, cx, dy, begin, end, weights):  # type: ignore[no-untyped-def]
-    """Weights of the two ends at the point of the segment that projects nearest (along the line) to each pixel.
+def resolve_strokes(columns, topology, m, lens, y, first, has, ids, starts, run, last_run, rows, stride):  # type: ignore[no-untyped-def]
+    """As ``resolve_triangles`` for lines and points: weights of the two ends at the point of the segment that projects
+    nearest (along the line) to each pixel.
 
     With e = q - p, all points p + t e project onto one line of the image with the direction
     s = e.xy p.z - p.xy e.z; demanding that the projection's component along s equals the ray's gives a linear
     equation in t, also when an end lies behind the camera. A point (p = q) gets the whole weight at its vertex.
     """
-    ex, ey, ez = q[0] - p[0], q[1] - p[1], q[2] - p[2]
-    sx, sy = ex * p[2] - p[0] * ez, ey * p[2] - p[1] * ez
-    for x in range(begin, end):
-        along = sx * ((x + 0.5 - cx) / fx) + sy * dy
-        numerator = along * p[2] - (p[0] * sx + p[1] * sy)
-        denominator = ex * sx + ey * sy - along * ez
-        t = numerator / denominator if denominator != 0.0 else 0.0
-        t = min(max(t, 0.0), 1.0) if math.isfinite(t) else 0.0
-        weights[0, x] = np.float32(1.0 - t)
-        weights[1, x] = np.float32(t)
-        weights[2, x] = np.float32(0.0)
+    elements = u32_at(columns[II_ELEMENTS])
+    vertices = f32_at(columns[II_VERTICES])
+    extras = f32_at(columns[II_EXTRAS])
+    dy = (y + 0.5 - lens[3]) / lens[1]
+    for r in range(run, last_run):
+        begin, end = np.int64(starts[r]), np.int64(starts[r + 1])
+        element = np.int64(ids[begin]) - first
+        i0 = np.int64(elements[element * topology])
+        i1 = np.int64(elements[element * topology + topology - 1])
+        p, q = _point(m, vertices, i0), _point(m, vertices, i1)
+        ex, ey, ez = q[0] - p[0], q[1] - p[1], q[2] - p[2]
+        sx, sy = ex * p[2] - p[0] * ez, ey * p[2] - p[1] * ez
+        for x in range(begin, end):
+            along = sx * ((x + 0.5 - lens[2]) / lens[0]) + sy * dy
+            numerator = along * p[2] - (p[0] * sx + p[1] * sy)
+            denominator = ex * sx + ey * sy - along * ez
+            t = numerator / denominator if denominator != 0.0 else 0.0
+            t = min(max(t, 0.0), 1.0) if abs(t) < math.inf else 0.0
+            w = np.float32(t)
+            if has & HAS_UV0:
+                for j in range(2):
+                    a, b = vertices[i0 * V_COLUMNS + 6 + j], vertices[i1 * V_COLUMNS + 6 + j]
+                    rows[(A_UV0 + j) * stride + x] = a + w * (b - a)
+            if has & HAS_COLORS:
+                for j in range(4):
+                    a, b = extras[i0 * E_COLUMNS + j], extras[i1 * E_COLUMNS + j]
+                    rows[(A_COLOR + j) * stride + x] = a + w * (b - a)
+            if has & HAS_UV1:
+                for j in range(2):
+                    a, b = extras[i0 * E_COLUMNS + 4 + j], extras[i1 * E_COLUMNS + 4 + j]
+                    rows[(A_UV1 + j) * stride + x] = a + w * (b - a)

@@ -1,20 +1,24 @@
-"""Reading a texture at a coordinate: wrap, filter, colour space."""
+"""Reading a texture at eight coordinates: wrap, filter, colour space."""
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from renderers.shading.memory import load_f32, load_i64, load_u8
+from renderers import simd as vec
+from renderers.pointers import f32_at, i32_at, i64_at, u8_at
+from renderers.shading.layout import A_UV0, S_BYTE_VALUES, S_TEXTURE_FLOATS, S_TEXTURES
 from renderers.shading.textures import (
+    TF_COLUMNS,
     TI_ADDRESS,
+    TI_COLUMNS,
     TI_HEIGHT,
     TI_LINEAR,
     TI_TRANSFORMED,
+    TI_UV_SET,
     TI_WIDTH,
     TI_WRAP_S,
     TI_WRAP_T,
@@ -22,112 +26,173 @@ from renderers.shading.textures import (
     WRAP_REPEAT,
 )
 
-_LARGEST: Final = 1e9
+_LARGEST: Final = np.float32(1e9)
+"""Coordinates beyond this, and what is not a number, become 0: float32 has no fractions left for them long since."""
 AS_STORED: Final = 0
 SRGB: Final = 1
+_UNIT: Final = np.float32(1.0 / 255.0)
 
 
 def _byte_values() -> NDArray[np.float32]:
     stored = np.arange(256) / 255.0
     # IEC 61966-2-1, the piecewise sRGB transfer function.
     linear = np.where(stored <= 0.04045, stored / 12.92, ((stored + 0.055) / 1.055) ** 2.4)
-    return np.stack((stored, linear)).astype(np.float32)
+    return linear.astype(np.float32)
 
 
 BYTE_VALUES: Final = _byte_values()
-"""(2, 256) float32: what a byte means, by colour space (``AS_STORED``, ``SRGB``). Alpha is always as stored.
-Texels are converted before they are filtered, as the glTF specification asks."""
+"""(256,) float32: the linear value of an sRGB byte. Texels are converted before they are filtered, as the glTF
+specification asks."""
 
 
-@njit(nogil=True, error_model="numpy")
-def _wrapped(index: int, size: int, wrap: int) -> int:
-    """The texel that an index outside 0 .. size - 1 means; ``index`` is within a few periods."""
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _place(coordinate, wrap, size):  # type: ignore[no-untyped-def]
+    """f32x8: where a coordinate lies among ``size`` texels, within a texel of the first image, or of the first two for
+    MIRRORED_REPEAT. Exact where ``size`` is a power of two."""
+    coordinate = vec.select(vec.absolute(coordinate) < vec.f32(_LARGEST), coordinate, vec.f32(0.0))
+    if wrap == WRAP_CLAMP:
+        coordinate = vec.least(vec.most(coordinate, vec.f32(-1.0)), vec.f32(2.0))
+    elif wrap == WRAP_REPEAT:
+        coordinate = coordinate - vec.floor(coordinate)
+    else:
+        coordinate = coordinate - vec.f32(2.0) * vec.floor(vec.f32(0.5) * coordinate)
+    return coordinate * vec.f32(size)
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _wrapped(index, wrap, size):  # type: ignore[no-untyped-def]
+    """i32x8: the texels 0 .. size - 1 that indices next to a ``_place`` mean."""
+    zero, count = vec.i32(0), vec.i32(size)
     if wrap == WRAP_REPEAT:
-        index = index % size
-        return index + size if index < 0 else index
-    if wrap == WRAP_CLAMP:
-        return min(max(index, 0), size - 1)
-    index = index % (2 * size)
-    if index < 0:
-        index += 2 * size
-    return index if index < size else 2 * size - 1 - index
+        index = vec.select(index < zero, index + count, index)
+        index = vec.select(index >= count, index - count, index)
+    elif wrap != WRAP_CLAMP:
+        index = vec.select(index < count, index, vec.i32(2 * size - 1) - index)
+    return vec.least(vec.most(index, zero), count - vec.i32(1))
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _channels(texel):  # type: ignore[no-untyped-def]
+    """Four f32x8, 0 .. 255, of eight RGBA texels."""
+    byte, eight = vec.i32(255), vec.i32(8)
+    second = texel >> eight
+    third = second >> eight
+    return (
+        vec.to_f32(texel & byte),
+        vec.to_f32(second & byte),
+        vec.to_f32(third & byte),
+        vec.to_f32((third >> eight) & byte),
+    )
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _nearest(integers, values, space, u, v):  # type: ignore[no-untyped-def]
+    """RGBA of the texel that (u, v) lies in."""
+    width, height = integers[TI_WIDTH], integers[TI_HEIGHT]
+    wrap_s, wrap_t = integers[TI_WRAP_S], integers[TI_WRAP_T]
+    unit = vec.f32(_UNIT)
+    i = _wrapped(vec.to_i32(vec.floor(_place(u, wrap_s, width))), wrap_s, width)
+    j = _wrapped(vec.to_i32(vec.floor(_place(v, wrap_t, height))), wrap_t, height)
+    at = j * vec.i32(width) + i
+    r, g, b, alpha = _channels(vec.gather(i32_at(integers[TI_ADDRESS]), at))
+    if space == SRGB:
+        r, g, b = vec.gather_rgb(u8_at(integers[TI_ADDRESS]), at, f32_at(values))
+        return r, g, b, alpha * unit
+    return r * unit, g * unit, b * unit, alpha * unit
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _bilinear(integers, values, space, u, v):  # type: ignore[no-untyped-def]
+    """RGBA of the four texels whose centres are around (u, v)."""
+    width, height = integers[TI_WIDTH], integers[TI_HEIGHT]
+    wrap_s, wrap_t = integers[TI_WRAP_S], integers[TI_WRAP_T]
+    half, one = vec.f32(0.5), vec.i32(1)
+    x, y = _place(u, wrap_s, width) - half, _place(v, wrap_t, height) - half
+    x0, y0 = vec.floor(x), vec.floor(y)
+    fx, fy = x - x0, y - y0
+    i, j = vec.to_i32(x0), vec.to_i32(y0)
+    i0, i1 = _wrapped(i, wrap_s, width), _wrapped(i + one, wrap_s, width)
+    j0 = _wrapped(j, wrap_t, height) * vec.i32(width)
+    j1 = _wrapped(j + one, wrap_t, height) * vec.i32(width)
+    unit = vec.f32(_UNIT)
+    gx, gy = vec.f32(1.0) - fx, vec.f32(1.0) - fy
+    wa, wb, wc, wd = gx * gy, fx * gy, gx * fy, fx * fy
+    texels = i32_at(integers[TI_ADDRESS])
+    if vec.bits(i1 == i0 + one) == 255:  # nearly always: neighbours are loaded together
+        ta, tb = vec.gather_pairs(texels, j0 + i0)
+        tc, td = vec.gather_pairs(texels, j1 + i0)
+    else:
+        ta, tb = vec.gather(texels, j0 + i0), vec.gather(texels, j0 + i1)
+        tc, td = vec.gather(texels, j1 + i0), vec.gather(texels, j1 + i1)
+    ra, ga, ba, aa = _channels(ta)
+    rb, gb, bb, ab = _channels(tb)
+    rc, gc, bc, ac = _channels(tc)
+    rd, gd, bd, ad = _channels(td)
+    alpha = (aa * wa + ab * wb + ac * wc + ad * wd) * unit
+    if space == SRGB:
+        texels_at, table = u8_at(integers[TI_ADDRESS]), f32_at(values)
+        ra, ga, ba = vec.gather_rgb(texels_at, j0 + i0, table)
+        rb, gb, bb = vec.gather_rgb(texels_at, j0 + i1, table)
+        rc, gc, bc = vec.gather_rgb(texels_at, j1 + i0, table)
+        rd, gd, bd = vec.gather_rgb(texels_at, j1 + i1, table)
+        unit = vec.f32(1.0)
+    return (
+        (ra * wa + rb * wb + rc * wc + rd * wd) * unit,
+        (ga * wa + gb * wb + gc * wc + gd * wd) * unit,
+        (ba * wa + bb * wb + bc * wc + bd * wd) * unit,
+        alpha,
+    )
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _coordinates(integers, floats, rows, at, stride):  # type: ignore[no-untyped-def]
+    """Texture coordinates of eight pixels."""
+    u, v = vec.load(rows, at), vec.load(rows, at + stride)
+    if integers[TI_TRANSFORMED] != 0:
+        return (
+            vec.f32(floats[0]) * u + vec.f32(floats[1]) * v + vec.f32(floats[2]),
+            vec.f32(floats[3]) * u + vec.f32(floats[4]) * v + vec.f32(floats[5]),
+        )
+    return u, v
 
 
 @njit(nogil=True, error_model="numpy")
-def _bounded(coordinate: float, wrap: int) -> float:
-    """The same place near the origin, so that it can become an integer. NaN, and what is so large that float32 has no
-    fractions left for it long since, becomes 0."""
-    if not (abs(coordinate) < _LARGEST):
-        return 0.0
-    if wrap == WRAP_CLAMP:
-        return min(max(coordinate, -1.0), 2.0)
-    if -1.0 <= coordinate < 3.0:
-        return coordinate
-    return coordinate - 2.0 * math.floor(0.5 * coordinate)  # two images: the period of MIRRORED_REPEAT
-
-
-@njit(nogil=True, error_model="numpy")
-def sample(integers, floats, values, space, u, v):  # type: ignore[no-untyped-def]
-    """RGBA of a texture at (u, v), float32 each.
+def sample(job, row, space, rows, stride, begin, end, out):  # type: ignore[no-untyped-def]
+    """Write RGBA of a texture at the pixels ``begin .. end`` to four rows from row ``out`` on.
 
     Args:
-        integers, floats: addresses of the texture's rows in the tables of ``TextureTable``.
-        values: address of ``BYTE_VALUES``.
+        job: S_TEXTURES, S_TEXTURE_FLOATS and S_BYTE_VALUES are read. row: the texture's row in these tables.
         space: ``AS_STORED`` or ``SRGB``, for the three colour channels.
-        u, v: float64 texture coordinates; texel centres are at (i + 0.5) / width, (j + 0.5) / height.
+        rows: pointer to rows of ``stride`` float32; coordinates (texel centres are at (i + 0.5) / width,
+            (j + 0.5) / height) are in the rows of the texture's set.
     """
-    if load_i64(integers, TI_TRANSFORMED):
-        tu = load_f32(floats, 0) * u + load_f32(floats, 1) * v + load_f32(floats, 2)
-        v = load_f32(floats, 3) * u + load_f32(floats, 4) * v + load_f32(floats, 5)
-        u = tu
-    address = load_i64(integers, TI_ADDRESS)
-    width, height = load_i64(integers, TI_WIDTH), load_i64(integers, TI_HEIGHT)
-    wrap_s, wrap_t = load_i64(integers, TI_WRAP_S), load_i64(integers, TI_WRAP_T)
-    x = _bounded(u, wrap_s) * width
-    y = _bounded(v, wrap_t) * height
-    if load_i64(integers, TI_LINEAR) == 0:
-        i = _wrapped(math.floor(x), width, wrap_s)
-        j = _wrapped(math.floor(y), height, wrap_t)
-        at = (j * width + i) * 4
-        return (
-            load_f32(values, space * 256 + load_u8(address, at)),
-            load_f32(values, space * 256 + load_u8(address, at + 1)),
-            load_f32(values, space * 256 + load_u8(address, at + 2)),
-            load_f32(values, load_u8(address, at + 3)),
-        )
-    x -= 0.5
-    y -= 0.5
-    x0, y0 = math.floor(x), math.floor(y)  # integers, as in Python
-    fx, fy = np.float32(x - x0), np.float32(y - y0)
-    i0 = _wrapped(x0, width, wrap_s)
-    i1 = _wrapped(x0 + 1, width, wrap_s)
-    j0 = _wrapped(y0, height, wrap_t) * width
-    j1 = _wrapped(y0 + 1, height, wrap_t) * width
-    a, b, c, d = (j0 + i0) * 4, (j0 + i1) * 4, (j1 + i0) * 4, (j1 + i1) * 4
-    one = np.float32(1.0)
-    wa, wb, wc, wd = (one - fx) * (one - fy), fx * (one - fy), (one - fx) * fy, fx * fy
-    red = (
-        load_f32(values, space * 256 + load_u8(address, a)) * wa
-        + load_f32(values, space * 256 + load_u8(address, b)) * wb
-        + load_f32(values, space * 256 + load_u8(address, c)) * wc
-        + load_f32(values, space * 256 + load_u8(address, d)) * wd
-    )
-    green = (
-        load_f32(values, space * 256 + load_u8(address, a + 1)) * wa
-        + load_f32(values, space * 256 + load_u8(address, b + 1)) * wb
-        + load_f32(values, space * 256 + load_u8(address, c + 1)) * wc
-        + load_f32(values, space * 256 + load_u8(address, d + 1)) * wd
-    )
-    blue = (
-        load_f32(values, space * 256 + load_u8(address, a + 2)) * wa
-        + load_f32(values, space * 256 + load_u8(address, b + 2)) * wb
-        + load_f32(values, space * 256 + load_u8(address, c + 2)) * wc
-        + load_f32(values, space * 256 + load_u8(address, d + 2)) * wd
-    )
-    alpha = (
-        load_f32(values, load_u8(address, a + 3)) * wa
-        + load_f32(values, load_u8(address, b + 3)) * wb
-        + load_f32(values, load_u8(address, c + 3)) * wc
-        + load_f32(values, load_u8(address, d + 3)) * wd
-    )
-    return red, green, blue, alpha
+    integers = i64_at(job[S_TEXTURES] + 8 * TI_COLUMNS * row)
+    floats = f32_at(job[S_TEXTURE_FLOATS] + 4 * TF_COLUMNS * row)
+    values = job[S_BYTE_VALUES]
+    uv = (A_UV0 + 2 * integers[TI_UV_SET]) * stride
+    to = out * stride
+    linear = integers[TI_LINEAR] != 0
+    if space == SRGB and linear:
+        for x in range(begin, end, vec.LANES):
+            u, v = _coordinates(integers, floats, rows, uv + x, stride)
+            _put(rows, to + x, stride, _bilinear(integers, values, SRGB, u, v))
+    elif space == SRGB:
+        for x in range(begin, end, vec.LANES):
+            u, v = _coordinates(integers, floats, rows, uv + x, stride)
+            _put(rows, to + x, stride, _nearest(integers, values, SRGB, u, v))
+    elif linear:
+        for x in range(begin, end, vec.LANES):
+            u, v = _coordinates(integers, floats, rows, uv + x, stride)
+            _put(rows, to + x, stride, _bilinear(integers, values, AS_STORED, u, v))
+    else:
+        for x in range(begin, end, vec.LANES):
+            u, v = _coordinates(integers, floats, rows, uv + x, stride)
+            _put(rows, to + x, stride, _nearest(integers, values, AS_STORED, u, v))
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _put(rows, at, stride, rgba):  # type: ignore[no-untyped-def]
+    vec.store(rows, at, rgba[0])
+    vec.store(rows, at + stride, rgba[1])
+    vec.store(rows, at + 2 * stride, rgba[2])
+    vec.store(rows, at + 3 * stride, rgba[3])

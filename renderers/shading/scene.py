@@ -2,34 +2,21 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
-from weakref import WeakKeyDictionary
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.drawlist import AlphaMode, Instance, Material, Mesh, Topology
+from renderers.drawlist import AlphaMode, Instance, Material, Topology
+from renderers.jit import kernel
+from renderers.pointers import address_of, f32_at, f64_at
 from renderers.port import LookName
+from renderers.shading.layout import II_COLUMNS, P_COLUMNS, P_MIRROR, P_NORMAL, P_TANGENT
 from renderers.shading.materials import MaterialRows, as_tables, material_rows
-from renderers.shading.memory import address_of
-from renderers.shading.tangents import vertex_tangents
 from renderers.shading.textures import Texels, TextureTable, texels_of
-
-# Columns of the instance table.
-II_TOPOLOGY: Final = 0
-II_MATERIAL: Final = 1
-II_ELEMENTS: Final = 2
-II_POSITIONS: Final = 3
-II_NORMALS: Final = 4
-II_UV0: Final = 5
-II_UV1: Final = 6
-II_COLORS: Final = 7
-II_TANGENTS: Final = 8
-II_COLUMNS: Final = 9
-"""From ``II_ELEMENTS`` on: addresses, 0 where the mesh has no such array."""
+from renderers.shading.vertices import VertexRecords, records_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,70 +44,16 @@ class ShadingScene:
     @property
     def nbytes(self) -> int:
         """Bytes of what the addresses point into, textures above all."""
-        arrays = (each.rgba if isinstance(each, Texels) else each for each in self.keep)
-        return sum(array.nbytes for array in arrays if isinstance(array, np.ndarray))
+        return sum(
+            each.rgba.nbytes if isinstance(each, Texels) else each.nbytes
+            for each in self.keep
+            if isinstance(each, (Texels, VertexRecords))
+        )
 
     @property
     def translucent(self) -> bool:
         """Whether a picture may need more than one layer."""
         return bool(self.layered.any())
-
-
-_tangents: WeakKeyDictionary[Mesh, dict[int, NDArray[np.float32]]] = WeakKeyDictionary()
-"""By mesh, then by the set of coordinates they follow."""
-_addresses: WeakKeyDictionary[Mesh, tuple[int, ...]] = WeakKeyDictionary()
-_lock = threading.Lock()
-
-
-def _tangents_of(mesh: Mesh, uv_set: int) -> NDArray[np.float32] | None:
-    """The mesh's own tangents, else computed ones (once per mesh), else None: the mesh has no coordinates."""
-    if mesh.tangents is not None:
-        return mesh.tangents
-    uv = mesh.uv1 if uv_set == 1 else mesh.uv0
-    if uv is None or mesh.elements.shape[1] != 3:
-        return None
-    with _lock:
-        known = _tangents.get(mesh, {}).get(uv_set)
-    if known is not None:
-        return known
-    fresh = vertex_tangents(mesh.positions, uv, mesh.elements)
-    with _lock:
-        return _tangents.setdefault(mesh, {}).setdefault(uv_set, fresh)
-
-
-def _addresses_of(mesh: Mesh) -> tuple[int, ...]:
-    """The columns from ``II_ELEMENTS`` on, without tangents; valid while the mesh is alive.
-
-    Raises:
-        ValueError: an attribute has another shape than ``Mesh`` says: kernels would read beyond it.
-    """
-    with _lock:
-        known = _addresses.get(mesh)
-    if known is not None:
-        return known
-    vertices = len(mesh.positions)
-    for name, array, width in (
-        ("positions", mesh.positions, 3),
-        ("normals", mesh.normals, 3),
-        ("uv0", mesh.uv0, 2),
-        ("uv1", mesh.uv1, 2),
-        ("colors", mesh.colors, 4),
-        ("tangents", mesh.tangents, 4),
-    ):
-        if array is not None and array.shape != (vertices, width):
-            raise ValueError(f"mesh with {vertices} vertices: {name} has shape {array.shape}, not {(vertices, width)}")
-    fresh = (
-        address_of(mesh.elements, np.uint32),
-        address_of(mesh.positions, np.float32),
-        address_of(mesh.normals, np.float32),
-        address_of(mesh.uv0, np.float32),
-        address_of(mesh.uv1, np.float32),
-        address_of(mesh.colors, np.float32),
-        0,
-    )
-    with _lock:
-        _addresses[mesh] = fresh
-    return fresh
 
 
 def _lets_through(instance: Instance) -> bool:
@@ -162,13 +95,9 @@ def prepare(instances: Sequence[Instance], look: LookName) -> ShadingScene:
         tangent_set = texture.uv_set if texture is not None and rows[material_row].needs_tangents else -1
         columns = geometry.get((id(mesh), tangent_set))
         if columns is None:
-            keep.append(mesh)
-            columns = _addresses_of(mesh)
-            if tangent_set >= 0:
-                tangents = _tangents_of(mesh, tangent_set)
-                keep.append(tangents)
-                columns = (*columns[:-1], address_of(tangents, np.float32))
-            geometry[id(mesh), tangent_set] = columns
+            records = records_of(mesh, tangent_set)
+            keep += (mesh, records)
+            columns = geometry[id(mesh), tangent_set] = records.columns
         table[i] = (topology, material_row, *columns)
     integers, floats = as_tables(rows)
     texture_integers, texture_floats = textures.as_tables()
@@ -185,20 +114,44 @@ def prepare(instances: Sequence[Instance], look: LookName) -> ShadingScene:
     )
 
 
-def normal_matrices(X_camera_mesh: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n, 3, 3) float64: maps of normals, the inverse transpose up to a positive factor; defined for flat scales, too.
+@kernel("void(int64, int64, int64)")
+def _map_instances(points_at, maps_at, count):  # type: ignore[no-untyped-def]
+    points, maps = f64_at(points_at), f32_at(maps_at)
+    for instance in range(count):
+        m, out = 16 * instance, P_COLUMNS * instance
+        size, largest = 0.0, 0.0
+        for axis in range(3):
+            i, j = m + 4 * ((axis + 1) % 3), m + 4 * ((axis + 2) % 3)
+            for k in range(3):
+                p, q = (k + 1) % 3, (k + 2) % 3
+                size = max(size, abs(points[i + p] * points[j + q] - points[i + q] * points[j + p]))
+                largest = max(largest, abs(points[m + 4 * axis + k]))
+        determinant = (
+            points[m] * (points[m + 5] * points[m + 10] - points[m + 6] * points[m + 9])
+            - points[m + 1] * (points[m + 4] * points[m + 10] - points[m + 6] * points[m + 8])
+            + points[m + 2] * (points[m + 4] * points[m + 9] - points[m + 5] * points[m + 8])
+        )
+        mirror = -1.0 if determinant < 0.0 else 1.0
+        maps[out + P_MIRROR] = mirror
+        # cofactor(A) = det(A) A^-T: undo the determinant's sign (mirrored instances) and its size.
+        scale = mirror / size if size > 0.0 else mirror
+        for axis in range(3):
+            i, j = m + 4 * ((axis + 1) % 3), m + 4 * ((axis + 2) % 3)
+            for k in range(3):
+                p, q = (k + 1) % 3, (k + 2) % 3
+                cofactor = points[i + p] * points[j + q] - points[i + q] * points[j + p]
+                maps[out + P_NORMAL + 3 * axis + k] = cofactor * scale
+                tangent = points[m + 4 * axis + k]
+                maps[out + P_TANGENT + 3 * axis + k] = tangent / largest if largest > 0.0 else 0.0
+
+
+def instance_maps(X_camera_mesh: NDArray[np.float64]) -> NDArray[np.float32]:
+    """(n, P_COLUMNS) float32: maps of normals, the inverse transpose up to a positive factor (defined for flat scales,
+    too), maps of tangents up to a positive factor, and whether X mirrors.
 
     Args:
-        X_camera_mesh: (n, 4, 4) float64.
+        X_camera_mesh: (n, 4, 4) float64, C-contiguous.
     """
-    a = X_camera_mesh[:, :3, :3]
-    with np.errstate(all="ignore"):  # instances that are not finite draw nothing
-        cofactors = np.stack(
-            (np.cross(a[:, 1], a[:, 2]), np.cross(a[:, 2], a[:, 0]), np.cross(a[:, 0], a[:, 1])),
-            axis=1,
-        )
-        # cofactor(A) = det(A) A^-T: undo the determinant's sign (mirrored instances) and its size.
-        size = np.abs(cofactors).max(axis=(1, 2), keepdims=True)
-        sign = np.where(np.linalg.det(a) < 0.0, -1.0, 1.0)[:, None, None]
-        result: NDArray[np.float64] = np.ascontiguousarray(cofactors * sign / np.where(size > 0.0, size, 1.0))
-    return result
+    maps = np.empty((len(X_camera_mesh), P_COLUMNS), np.float32)
+    _map_instances(address_of(X_camera_mesh, np.float64), address_of(maps, np.float32), len(maps))
+    return maps

@@ -1,13 +1,32 @@
-"""What a segment of pixels of one instance looks like: base colour, normal, light. Works on the rows of resolve."""
+"""What a segment of pixels of one instance looks like: base colour, normal map, light."""
 
 from __future__ import annotations
 
-import math
-from typing import Final
-
-import numpy as np
 from numba import njit
 
+from renderers import simd as vec
+from renderers.pointers import f64_at
+from renderers.shading.compose import DIRECT, write
+from renderers.shading.layout import (
+    A_BASE,
+    A_COLOR,
+    A_EMISSIVE,
+    A_FACING,
+    A_NORMAL,
+    A_OCCLUSION,
+    A_ROUGH,
+    A_TANGENT,
+    A_TEXEL,
+    HAS_COLORS,
+    HAS_NORMALS,
+    P_MIRROR,
+    P_NORMAL,
+    P_TANGENT,
+    S_DECODED,
+    S_LENS,
+    S_MODE,
+    S_PBR,
+)
 from renderers.shading.lights import reflect_pbr
 from renderers.shading.materials import (
     COLORS_MULTIPLY,
@@ -24,143 +43,211 @@ from renderers.shading.materials import (
     MI_METALLIC_ROUGHNESS,
     MI_NORMAL,
     MI_OCCLUSION,
+    MI_UNLIT,
 )
-from renderers.shading.memory import load_i64
-from renderers.shading.resolve import A_BASE, A_COLOR, A_FACING, A_NORMAL, A_TANGENT, A_UV0
 from renderers.shading.sampling import AS_STORED, SRGB, sample
-from renderers.shading.textures import TF_COLUMNS, TI_COLUMNS, TI_UV_SET
 from renderers.shading.transfer import decode_gamma
-
-_ZERO: Final = np.float32(0.0)
-_ONE: Final = np.float32(1.0)
 
 
 @njit(nogil=True, error_model="numpy")
-def _texture(row, tables, space, x, a):  # type: ignore[no-untyped-def]
-    """A texture at column ``x`` of the attribute rows ``a``."""
-    textures, floats, values = tables
-    textures += row * (8 * TI_COLUMNS)
-    uv = A_UV0 + 2 * load_i64(textures, TI_UV_SET)
-    return sample(
-        textures, floats + row * (4 * TF_COLUMNS), values, space, np.float64(a[uv, x]), np.float64(a[uv + 1, x])
+def base_colors(job, has, mi, mf, rows, stride, begin, end):  # type: ignore[no-untyped-def]
+    """Base colour and alpha of a segment into the rows A_BASE: factor x vertex colour x texture."""
+    textured, colored = mi[MI_BASE] >= 0, (has & HAS_COLORS) != 0
+    if textured:
+        sample(job, mi[MI_BASE], SRGB if job[S_PBR] != 0 else AS_STORED, rows, stride, begin, end, A_TEXEL)
+    rule = mi[MI_COLORS]
+    for k in range(4):
+        factor = vec.f32(mf[MF_BASE + k])
+        if k < 3 and colored and rule == COLORS_REPLACE:
+            factor = vec.f32(1.0)
+        decoded = k < 3 and rule != COLORS_MULTIPLY
+        for x in range(begin, end, vec.LANES):
+            value = factor
+            if colored:
+                color = vec.load(rows, (A_COLOR + k) * stride + x)
+                if decoded:
+                    color = decode_gamma(color, job[S_DECODED])
+                value = value * color
+            if textured:
+                value = value * vec.load(rows, (A_TEXEL + k) * stride + x)
+            vec.store(rows, (A_BASE + k) * stride + x, value)
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _turned(m, k, x, y, z):  # type: ignore[no-untyped-def]
+    """The (3, 3) float32 map from value ``k`` of a pointer on, of three f32x8."""
+    return (
+        vec.f32(m[k]) * x + vec.f32(m[k + 1]) * y + vec.f32(m[k + 2]) * z,
+        vec.f32(m[k + 3]) * x + vec.f32(m[k + 4]) * y + vec.f32(m[k + 5]) * z,
+        vec.f32(m[k + 6]) * x + vec.f32(m[k + 7]) * y + vec.f32(m[k + 8]) * z,
     )
 
 
-@njit(nogil=True, error_model="numpy")
-def base_colors(pbr, colored, mi, mf, tables, decoded, begin, end, a):  # type: ignore[no-untyped-def]
-    """Base colour and alpha of a segment into the rows A_BASE: factor x vertex colour x texture."""
-    for k in range(4):
-        factor = mf[MF_BASE + k]
-        if colored:
-            rule = mi[MI_COLORS] if k < 3 else COLORS_MULTIPLY
-            if rule == COLORS_REPLACE:
-                factor = _ONE
-            for x in range(begin, end):
-                c = a[A_COLOR + k, x]
-                a[A_BASE + k, x] = factor * (c if rule == COLORS_MULTIPLY else decode_gamma(c, decoded))
-        else:
-            for x in range(begin, end):
-                a[A_BASE + k, x] = factor
-    row = mi[MI_BASE]
-    if row >= 0:
-        space = SRGB if pbr else AS_STORED
-        for x in range(begin, end):
-            r, g, b, alpha = _texture(row, tables, space, x, a)
-            a[A_BASE, x] *= r
-            a[A_BASE + 1, x] *= g
-            a[A_BASE + 2, x] *= b
-            a[A_BASE + 3, x] *= alpha
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _scale(x, y, z, to):  # type: ignore[no-untyped-def]
+    """What makes a vector ``to`` long; 0 where it has no direction."""
+    zero = vec.f32(0.0)
+    length = vec.sqrt(x * x + y * y + z * z)
+    return vec.select(length > zero, to / length, zero)
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _seen_normal(maps, smooth, rows, stride, x):  # type: ignore[no-untyped-def]
+    """Unit normal in the optical frame, on the side that is seen; 0 where it has no direction.
+
+    Args:
+        maps: pointer to the instance's P_COLUMNS values. smooth: whether the mesh has normals.
+    """
+    at = A_NORMAL * stride + x
+    nx, ny, nz = vec.load(rows, at), vec.load(rows, at + stride), vec.load(rows, at + 2 * stride)
+    facing = vec.f32(1.0)
+    if smooth:
+        nx, ny, nz = _turned(maps, P_NORMAL, nx, ny, nz)
+        facing = vec.load(rows, A_FACING * stride + x)
+    scale = _scale(nx, ny, nz, facing)
+    return nx * scale, ny * scale, nz * scale
 
 
 @njit(nogil=True, error_model="numpy")
-def unit_normals(mapped, mi, mf, tables, begin, end, a):  # type: ignore[no-untyped-def]
-    """Makes the rows A_NORMAL unit length and applies the normal map; what has no direction becomes 0."""
-    for x in range(begin, end):
-        nx, ny, nz = a[A_NORMAL, x], a[A_NORMAL + 1, x], a[A_NORMAL + 2, x]
-        length = math.sqrt(nx * nx + ny * ny + nz * nz)
-        scale = _ONE / length if length > _ZERO else _ZERO
-        a[A_NORMAL, x] = nx * scale
-        a[A_NORMAL + 1, x] = ny * scale
-        a[A_NORMAL + 2, x] = nz * scale
-    if not mapped:
-        return
-    row, strength = mi[MI_NORMAL], mf[MF_NORMAL_SCALE]
-    two = np.float32(2.0)
-    for x in range(begin, end):
+def map_normals(job, has, mi, mf, maps, rows, stride, begin, end):  # type: ignore[no-untyped-def]
+    """Put the normal map's unit normals, in the optical frame and on the side that is seen, into the rows A_NORMAL.
+    Where a tangent has no direction, the normal stays as it was."""
+    sample(job, mi[MI_NORMAL], AS_STORED, rows, stride, begin, end, A_TEXEL)
+    one, two, zero = vec.f32(1.0), vec.f32(2.0), vec.f32(0.0)
+    strength, mirror = vec.f32(mf[MF_NORMAL_SCALE]), vec.f32(maps[P_MIRROR])
+    smooth = (has & HAS_NORMALS) != 0
+    for x in range(begin, end, vec.LANES):
+        nx, ny, nz = _seen_normal(maps, smooth, rows, stride, x)
         # In the frame of the front; a back face shows the reversed normal (glTF 3.9.6).
-        side = a[A_FACING, x]
-        nx, ny, nz = a[A_NORMAL, x] * side, a[A_NORMAL + 1, x] * side, a[A_NORMAL + 2, x] * side
-        tx, ty, tz = a[A_TANGENT, x], a[A_TANGENT + 1, x], a[A_TANGENT + 2, x]
-        along = nx * tx + ny * ty + nz * tz
-        tx, ty, tz = tx - along * nx, ty - along * ny, tz - along * nz
-        length = math.sqrt(tx * tx + ty * ty + tz * tz)
-        if not (length > _ZERO):
-            continue
-        scale = _ONE / length
+        side = vec.load(rows, A_FACING * stride + x)
+        fx, fy, fz = nx * side, ny * side, nz * side
+        at = A_TANGENT * stride + x
+        tx, ty, tz = vec.load(rows, at), vec.load(rows, at + stride), vec.load(rows, at + 2 * stride)
+        tx, ty, tz = _turned(maps, P_TANGENT, tx, ty, tz)
+        along = fx * tx + fy * ty + fz * tz
+        tx, ty, tz = tx - along * fx, ty - along * fy, tz - along * fz
+        scale = _scale(tx, ty, tz, one)
+        usable = scale > zero
         tx, ty, tz = tx * scale, ty * scale, tz * scale
-        hand = _ONE if a[A_TANGENT + 3, x] >= _ZERO else -_ONE
-        bx, by, bz = (ny * tz - nz * ty) * hand, (nz * tx - nx * tz) * hand, (nx * ty - ny * tx) * hand
-        r, g, b, _ = _texture(row, tables, AS_STORED, x, a)
-        mx, my, mz = (r * two - _ONE) * strength, (g * two - _ONE) * strength, b * two - _ONE
-        ux, uy, uz = (
-            mx * tx + my * bx + mz * nx,
-            mx * ty + my * by + mz * ny,
-            mx * tz + my * bz + mz * nz,
-        )
-        length = math.sqrt(ux * ux + uy * uy + uz * uz)
-        if not (length > _ZERO):
-            continue
-        scale = side / length
-        a[A_NORMAL, x] = ux * scale
-        a[A_NORMAL + 1, x] = uy * scale
-        a[A_NORMAL + 2, x] = uz * scale
+        # The bitangent of a mirror image is the mirrored one.
+        hand = vec.select(vec.load(rows, at + 3 * stride) * mirror >= zero, one, -one)
+        bx, by, bz = (fy * tz - fz * ty) * hand, (fz * tx - fx * tz) * hand, (fx * ty - fy * tx) * hand
+        at = A_TEXEL * stride + x
+        mx = (vec.load(rows, at) * two - one) * strength
+        my = (vec.load(rows, at + stride) * two - one) * strength
+        mz = vec.load(rows, at + 2 * stride) * two - one
+        ux, uy, uz = mx * tx + my * bx + mz * fx, mx * ty + my * by + mz * fy, mx * tz + my * bz + mz * fz
+        scale = _scale(ux, uy, uz, side)
+        usable = usable & (scale != zero)
+        at = A_NORMAL * stride + x
+        vec.store(rows, at, vec.select(usable, ux * scale, nx))
+        vec.store(rows, at + stride, vec.select(usable, uy * scale, ny))
+        vec.store(rows, at + 2 * stride, vec.select(usable, uz * scale, nz))
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _color(job, varying, mf, rows, stride, x):  # type: ignore[no-untyped-def]
+    """Base colour of eight pixels: the rows A_BASE where it varies, else the material's factor."""
+    if varying:
+        at = A_BASE * stride + x
+        return vec.load(rows, at), vec.load(rows, at + stride), vec.load(rows, at + 2 * stride)
+    return vec.f32(mf[MF_BASE]), vec.f32(mf[MF_BASE + 1]), vec.f32(mf[MF_BASE + 2])
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _normal(mapped, maps, smooth, rows, stride, x):  # type: ignore[no-untyped-def]
+    """Unit normal of eight pixels; ``mapped``: ``map_normals`` has put it into the rows."""
+    if mapped:
+        at = A_NORMAL * stride + x
+        return vec.load(rows, at), vec.load(rows, at + stride), vec.load(rows, at + 2 * stride)
+    return _seen_normal(maps, smooth, rows, stride, x)
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _out(job, pbr, direct, line, rows, stride, x, r, g, b):  # type: ignore[no-untyped-def]
+    """Eight finished pixels to the picture, or for the layers to the rows A_BASE."""
+    if direct:
+        write(job, pbr, line, x, r, g, b)
+    else:
+        vec.store(rows, A_BASE * stride + x, r)
+        vec.store(rows, (A_BASE + 1) * stride + x, g)
+        vec.store(rows, (A_BASE + 2) * stride + x, b)
 
 
 @njit(nogil=True, error_model="numpy")
-def light_phong(begin, end, a):  # type: ignore[no-untyped-def]
-    """The head light shines along the optical axis: base x max(0, n . (0, 0, -1)), into the rows A_BASE."""
-    for x in range(begin, end):
-        light = max(-a[A_NORMAL + 2, x], _ZERO)
-        a[A_BASE, x] *= light
-        a[A_BASE + 1, x] *= light
-        a[A_BASE + 2, x] *= light
-
-
-@njit(nogil=True, error_model="numpy")
-def light_pbr(mi, mf, tables, intrinsics, y, begin, end, a):  # type: ignore[no-untyped-def]
-    """Reflection, occlusion and emission, linear, into the rows A_BASE."""
-    fx, fy, cx, cy = intrinsics[0], intrinsics[1], intrinsics[2], intrinsics[3]
-    dy = np.float32((y + 0.5 - cy) / fy)
-    rough_row, occlusion_row, emissive_row = mi[MI_METALLIC_ROUGHNESS], mi[MI_OCCLUSION], mi[MI_EMISSIVE]
-    er, eg, eb = mf[MF_EMISSIVE], mf[MF_EMISSIVE + 1], mf[MF_EMISSIVE + 2]
-    for x in range(begin, end):
-        dx = np.float32((x + 0.5 - cx) / fx)
-        scale = -_ONE / math.sqrt(dx * dx + dy * dy + _ONE)
-        metallic, roughness = mf[MF_METALLIC], mf[MF_ROUGHNESS]
-        if rough_row >= 0:
-            _, g, b, _ = _texture(rough_row, tables, AS_STORED, x, a)
-            roughness *= g
-            metallic *= b
-        red, green, blue = reflect_pbr(
-            a[A_NORMAL, x],
-            a[A_NORMAL + 1, x],
-            a[A_NORMAL + 2, x],
-            dx * scale,
-            dy * scale,
-            scale,
-            a[A_BASE, x],
-            a[A_BASE + 1, x],
-            a[A_BASE + 2, x],
-            metallic,
-            roughness,
-        )
-        if occlusion_row >= 0:
-            r, _, _, _ = _texture(occlusion_row, tables, AS_STORED, x, a)
-            kept = _ONE + mf[MF_OCCLUSION] * (r - _ONE)
-            red, green, blue = red * kept, green * kept, blue * kept
-        if emissive_row >= 0:
-            r, g, b, _ = _texture(emissive_row, tables, SRGB, x, a)
-            red, green, blue = red + er * r, green + eg * g, blue + eb * b
+def show_unlit(job, mf, varying, rows, stride, begin, end, line):  # type: ignore[no-untyped-def]
+    """A segment whose colour is its base colour."""
+    direct = job[S_MODE] == DIRECT
+    pbr = job[S_PBR] != 0
+    for x in range(begin, end, vec.LANES):
+        r, g, b = _color(job, varying, mf, rows, stride, x)
+        if pbr:
+            _out(job, True, direct, line, rows, stride, x, r, g, b)
         else:
-            red, green, blue = red + er, green + eg, blue + eb
-        a[A_BASE, x], a[A_BASE + 1, x], a[A_BASE + 2, x] = red, green, blue
+            _out(job, False, direct, line, rows, stride, x, r, g, b)
+
+
+@njit(nogil=True, error_model="numpy")
+def light_phong(job, has, mf, maps, varying, rows, stride, begin, end, line):  # type: ignore[no-untyped-def]
+    """The head light shines along the optical axis: base x max(0, n . (0, 0, -1))."""
+    direct = job[S_MODE] == DIRECT
+    smooth = (has & HAS_NORMALS) != 0
+    zero = vec.f32(0.0)
+    for x in range(begin, end, vec.LANES):
+        r, g, b = _color(job, varying, mf, rows, stride, x)
+        _, _, nz = _seen_normal(maps, smooth, rows, stride, x)
+        light = vec.most(-nz, zero)
+        _out(job, False, direct, line, rows, stride, x, r * light, g * light, b * light)
+
+
+@njit(nogil=True, error_model="numpy")
+def light_pbr(job, has, mi, mf, maps, y, varying, mapped, rows, stride, begin, end, line):  # type: ignore[no-untyped-def]
+    """Reflection, occlusion and emission, linear."""
+    lens = f64_at(job[S_LENS])
+    rough, occluded, emitting = mi[MI_METALLIC_ROUGHNESS] >= 0, mi[MI_OCCLUSION] >= 0, mi[MI_EMISSIVE] >= 0
+    if rough:
+        sample(job, mi[MI_METALLIC_ROUGHNESS], AS_STORED, rows, stride, begin, end, A_ROUGH)
+    if occluded:
+        sample(job, mi[MI_OCCLUSION], AS_STORED, rows, stride, begin, end, A_OCCLUSION)
+    if emitting:
+        sample(job, mi[MI_EMISSIVE], SRGB, rows, stride, begin, end, A_EMISSIVE)
+    direct = job[S_MODE] == DIRECT
+    smooth = (has & HAS_NORMALS) != 0
+    one, lane = vec.f32(1.0), vec.to_f32(vec.iota())
+    left, across = vec.f32(0.5 - lens[2]), vec.f32(1.0 / lens[0])
+    dy = vec.f32((y + 0.5 - lens[3]) / lens[1])
+    high = dy * dy + one
+    for x in range(begin, end, vec.LANES):
+        r, g, b = _color(job, varying, mf, rows, stride, x)
+        nx, ny, nz = _normal(mapped, maps, smooth, rows, stride, x)
+        dx = (vec.f32(x) + lane + left) * across
+        scale = -one / vec.sqrt(dx * dx + high)
+        metallic, roughness = vec.f32(mf[MF_METALLIC]), vec.f32(mf[MF_ROUGHNESS])
+        if rough:
+            roughness = roughness * vec.load(rows, (A_ROUGH + 1) * stride + x)
+            metallic = metallic * vec.load(rows, (A_ROUGH + 2) * stride + x)
+        r, g, b = reflect_pbr(nx, ny, nz, dx * scale, dy * scale, scale, r, g, b, metallic, roughness)
+        if occluded:
+            kept = one + vec.f32(mf[MF_OCCLUSION]) * (vec.load(rows, A_OCCLUSION * stride + x) - one)
+            r, g, b = r * kept, g * kept, b * kept
+        er, eg, eb = vec.f32(mf[MF_EMISSIVE]), vec.f32(mf[MF_EMISSIVE + 1]), vec.f32(mf[MF_EMISSIVE + 2])
+        if emitting:
+            at = A_EMISSIVE * stride + x
+            er, eg, eb = er * vec.load(rows, at), eg * vec.load(rows, at + stride), eb * vec.load(rows, at + 2 * stride)
+        _out(job, True, direct, line, rows, stride, x, r + er, g + eg, b + eb)
+
+
+@njit(nogil=True, error_model="numpy")
+def shade(job, has, mi, mf, maps, y, bumpy, rows, stride, begin, end, line):  # type: ignore[no-untyped-def]
+    """Shade the pixels ``begin .. end`` of one instance from their attributes."""
+    varying = mi[MI_BASE] >= 0 or (has & HAS_COLORS) != 0 or job[S_MODE] != DIRECT
+    if varying:
+        base_colors(job, has, mi, mf, rows, stride, begin, end)
+    if mi[MI_UNLIT] != 0:
+        show_unlit(job, mf, varying, rows, stride, begin, end, line)
+    elif job[S_PBR] != 0:
+        if bumpy:
+            map_normals(job, has, mi, mf, maps, rows, stride, begin, end)
+        light_pbr(job, has, mi, mf, maps, y, varying, bumpy, rows, stride, begin, end, line)
+    else:
+        light_phong(job, has, mf, maps, varying, rows, stride, begin, end, line)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.drawlist import Image, ImageError, Texture, Wrap
-from renderers.shading.memory import address_of
+from renderers.pointers import address_of
 from renderers.weaklru import WeakLru
 
 WRAP_REPEAT: Final = 0

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from renderers.shading.memory import load_f32, load_u8
+from renderers import simd as vec
+from renderers.pointers import f32_at, i32_at
 
 GAMMA: Final = 2.2
 """VTK's physically based shader ends with ``pow(color, 1.0 / 2.2)``, not with the piecewise sRGB function."""
 
 _STEPS: Final = 4096
-"""Cells of the tables. By the square root of the linear value they are finer than the levels everywhere: no cell holds
-more than one threshold (checked below)."""
+"""Cells of DECODED."""
+_LEAST: Final = np.float32(2.0**-20)
+"""Below the linear value of the least level above 0, (0.5 / 255)^2.2."""
+_LEAST_BITS: Final = int(_LEAST.view(np.int32))
+_CELL: Final = 16
+"""Low bits of a float32 that lie within one cell of the gamma table. Cells are 2^-7 of an octave, which is narrower
+than the levels everywhere: none holds more than one threshold (checked below)."""
 
 
 def _thresholds() -> NDArray[np.float32]:
@@ -27,13 +32,17 @@ def _thresholds() -> NDArray[np.float32]:
     return single
 
 
-def _guesses(thresholds: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """(_STEPS + 1,) uint8: the least level in every cell of width 1 / _STEPS of the square root."""
-    # A float32 square root may round into the next cell: begin a little before it.
-    ends = (np.arange(_STEPS + 1) / _STEPS) ** 2 * (1.0 - 1e-6)
-    levels = np.searchsorted(thresholds, ends, side="right") - 1
+def _gamma_cells() -> NDArray[np.int32]:
+    """(2561,) int32, one for each 2^16 neighbouring float32 from _LEAST to 1: the level at the cell's first value,
+    times 2^16, plus how many values of the cell lie at or above the threshold of the next level."""
+    bits = np.arange(_LEAST_BITS, int(np.float32(1.0).view(np.int32)) + 2 * (1 << _CELL), 1 << _CELL, dtype=np.int32)
+    starts = bits.view(np.float32)
+    levels = np.searchsorted(THRESHOLDS, starts, side="right") - 1
     assert np.diff(levels).max() <= 1
-    return levels.astype(np.uint8)
+    following = THRESHOLDS[np.minimum(levels + 1, 255)].view(np.int32)
+    above = np.where(levels < 255, np.maximum(bits + (1 << _CELL) - following, 0), 0)
+    cells: NDArray[np.int32] = ((levels << _CELL) + above)[:-1].astype(np.int32)
+    return cells
 
 
 def _decoded() -> NDArray[np.float32]:
@@ -43,43 +52,35 @@ def _decoded() -> NDArray[np.float32]:
 
 DECODED: Final = _decoded()
 THRESHOLDS: Final = _thresholds()
-GUESSES: Final = _guesses(THRESHOLDS)
+GAMMA_CELLS: Final = _gamma_cells()
 
 
-@njit(nogil=True, error_model="numpy")
-def gamma_byte(c, thresholds, guesses):  # type: ignore[no-untyped-def]
-    """``round(255 c^(1/2.2))`` by comparison with exact thresholds: no ``pow``, so the same on every machine.
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def gamma_byte(c, cells):  # type: ignore[no-untyped-def]
+    """``round(255 c^(1/2.2))`` of an f32x8 as i32x8, by a table that is exact for every float32: no ``pow``, so the
+    same on every machine. Below 0 or NaN is 0, above 1 is 255.
 
     Args:
-        c: float32 linear value; below 0 or NaN is 0, above 1 is 1.
-        thresholds, guesses: addresses of ``THRESHOLDS`` and ``GUESSES``.
+        cells: address of ``GAMMA_CELLS``.
     """
-    if not (c > np.float32(0.0)):
-        return np.uint8(0)
-    if c >= np.float32(1.0):
-        return np.uint8(255)
-    level = np.int64(load_u8(guesses, np.int64(math.sqrt(c) * np.float32(_STEPS))))
-    if level < 255 and c >= load_f32(thresholds, level + 1):
-        level += 1
-    return np.uint8(level)
+    c = vec.least(vec.most(c, vec.f32(_LEAST)), vec.f32(1.0))
+    bits = vec.bits_of(c) - vec.i32(_LEAST_BITS)
+    cell = vec.gather(i32_at(cells), bits >> vec.i32(_CELL))
+    return (cell + (bits & vec.i32((1 << _CELL) - 1))) >> vec.i32(_CELL)
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def plain_byte(c):  # type: ignore[no-untyped-def]
-    """``round(255 c)`` of a float32; below 0 or NaN is 0, above 1 is 255."""
-    if not (c > np.float32(0.0)):
-        return np.uint8(0)
-    if c >= np.float32(1.0):
-        return np.uint8(255)
-    return np.uint8(c * np.float32(255.0) + np.float32(0.5))
+    """``round(255 c)`` of an f32x8 as i32x8; below 0 or NaN is 0, above 1 is 255."""
+    c = vec.least(vec.most(c, vec.f32(0.0)), vec.f32(1.0))
+    return vec.to_i32(c * vec.f32(255.0) + vec.f32(0.5))
 
 
 @njit(nogil=True, error_model="numpy")
 def decode_gamma(c, decoded):  # type: ignore[no-untyped-def]
-    """``c^2.2`` of a float32 in 0..1 (clamped; NaN is 0), interpolated in ``DECODED`` (its address): within 1e-7."""
-    if not (c > np.float32(0.0)):
-        return np.float32(0.0)
-    at = min(c, np.float32(1.0)) * np.float32(_STEPS)
-    cell = np.int64(at)
-    low = load_f32(decoded, cell)
-    return low + (at - np.float32(cell)) * (load_f32(decoded, cell + 1) - low)
+    """``c^2.2`` of an f32x8 in 0..1 (clamped; NaN is 0), interpolated in ``DECODED`` (its address): within 1e-7."""
+    at = vec.least(vec.most(c, vec.f32(0.0)), vec.f32(1.0)) * vec.f32(float(_STEPS))
+    cell = vec.to_i32(at)
+    table = f32_at(decoded)
+    low = vec.gather(table, cell)
+    return low + (at - vec.to_f32(cell)) * (vec.gather(table, cell + vec.i32(1)) - low)

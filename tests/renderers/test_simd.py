@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from numba import njit
 
+from renderers import simd as vec
 from renderers.cpu import CpuRenderer
-from renderers.cpu import simd as vec
-from renderers.cpu.memory import f32_at, f64_at, i32_at, u32_at
 from renderers.drawlist import DrawList, Instance, Material
+from renderers.pointers import f32_at, f64_at, i32_at, u8_at, u32_at
 from tests.renderers import scalar
 from tests.renderers.scenes import camera, draw_list, grid, pose, soup, sphere
 
@@ -165,3 +165,45 @@ def test_vectors_give_the_bits_of_scalars(name: str, width: int) -> None:
         np.testing.assert_array_equal(seen.ids, ids)
         covered = ids >= 0
         assert seen.inv_z[covered].tobytes() == inverse[covered].tobytes()
+
+
+@njit
+def _moves(values, whole, offsets, texels, table, out, number, picture):
+    o, n = f32_at(out), i32_at(number)
+    at = vec.load(i32_at(offsets), 0)
+    for k, part in enumerate(vec.load_triples(f32_at(values), at)):
+        vec.store(o, 8 * k, part)
+    for k, part in enumerate(vec.gather_rgb(u8_at(texels), at, f32_at(table))):
+        vec.store(o, 24 + 8 * k, part)
+    vec.store(o, 48, vec.spread3(vec.load(f32_at(values), 0)))
+    vec.store(o, 56, vec.sqrt(vec.absolute(vec.load(f32_at(values), 0))))
+    for k, part in enumerate(vec.load_elements(i32_at(whole), at)):
+        vec.store(n, 8 * k, part)
+    for k, part in enumerate(vec.gather_pairs(i32_at(whole), at)):
+        vec.store(n, 24 + 8 * k, part)
+    vec.store(n, 40, vec.bits_of(vec.load(f32_at(values), 0)))
+    vec.store_rgb(u8_at(picture), 1, vec.load(i32_at(whole), 0))
+    vec.store_bytes(u8_at(picture), 32, vec.load_bytes(u8_at(texels), 3))
+
+
+def test_moves() -> None:
+    rng = np.random.default_rng(1)
+    values = rng.normal(size=40).astype(np.float32)
+    whole = rng.integers(0, 1 << 31, 40).astype(np.int32)
+    offsets = rng.permutation(30)[:8].astype(np.int32)
+    texels, table = rng.integers(0, 256, 160).astype(np.uint8), rng.random(256).astype(np.float32)
+    out, number, picture = np.zeros(64, np.float32), np.zeros(48, np.int32), np.full(72, 7, np.uint8)
+    _moves(*(a.ctypes.data for a in (values, whole, offsets, texels, table, out, number, picture)))
+    each = offsets[None] + np.arange(3)[:, None]
+    np.testing.assert_array_equal(out[:24].reshape(3, 8), values[each])
+    np.testing.assert_array_equal(out[24:48].reshape(3, 8), table[texels[4 * offsets + np.arange(3)[:, None]]])
+    assert (out[48:56] == values[3]).all()
+    np.testing.assert_array_equal(out[56:], np.sqrt(np.abs(values[:8])))
+    np.testing.assert_array_equal(number[:24].reshape(3, 8), whole[each])
+    np.testing.assert_array_equal(number[24:40].reshape(2, 8), whole[each[:2]])
+    np.testing.assert_array_equal(number[40:], values[:8].view(np.int32))
+    np.testing.assert_array_equal(picture[1:25], whole[:8].view(np.uint8).reshape(8, 4)[:, :3].ravel())
+    assert picture[0] == 7
+    assert (picture[29:32] == 7).all()  # four more bytes may be anything
+    np.testing.assert_array_equal(picture[32:64], texels[3:35])
+    assert (picture[64:] == 7).all()

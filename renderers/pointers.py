@@ -52,6 +52,8 @@ i64_at = _pointer_to(types.int64)
 """A pointer to int64 values."""
 u32_at = _pointer_to(types.uint32)
 """A pointer to uint32 values."""
+u8_at = _pointer_to(types.uint8)
+"""A pointer to bytes."""
 u16_at = _pointer_to(types.uint16)
 """A pointer to uint16 values."""
 

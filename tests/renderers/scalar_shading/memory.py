@@ -1,33 +1,13 @@
-"""Reading arrays by address inside kernels.
-
-A scene has any number of meshes and images, each in its own arrays. Kernels get one table of addresses instead of a
-typed list of arrays: no reference counting, no bounds or negative-index arithmetic per access. Whoever builds such a
-table keeps the arrays alive while kernels run (``ShadingScene.keep``), and ``Mesh`` promises indices in range.
-"""
+"""Reading arrays by address inside kernels."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
-from numpy.typing import NDArray
-
-
-def address_of(array: NDArray[Any] | None, dtype: type[np.generic]) -> int:
-    """Address of the first value of a C-contiguous array, 0 for None.
-
-    Raises:
-        TypeError: another dtype, or not C-contiguous: kernels would read something else.
-    """
-    if array is None:
-        return 0
-    if array.dtype != dtype or not array.flags.c_contiguous:
-        raise TypeError(f"an array of {array.dtype}, {array.shape} must be C-contiguous {np.dtype(dtype)}")
-    return int(array.ctypes.data)
 
 
 def _loader(numba_type: Any, llvm_type: ir.Type) -> Any:

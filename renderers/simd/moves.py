@@ -1,0 +1,277 @@
+"""Vectors from memory and back."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from llvmlite import ir
+from numba import types
+
+from renderers.simd.vectors import (
+    F32,
+    I8,
+    I32,
+    I64,
+    LANES,
+    Vector,
+    f32x8,
+    f64x8,
+    i32x8,
+    intrinsic,
+    make,
+    shuffle,
+)
+
+_OF_POINTER: Final = {types.float32: f32x8, types.float64: f64x8, types.int32: i32x8, types.uint32: i32x8}
+
+
+def _vector_behind(pointer: Any) -> Any:
+    return _OF_POINTER.get(pointer.dtype) if isinstance(pointer, types.CPointer) else None
+
+
+def _address(builder: Any, vector: Vector, pointer: Any, index: Any) -> Any:
+    return builder.bitcast(builder.gep(pointer, [index]), vector.llvm.as_pointer())
+
+
+class _VolatileLoad(ir.instructions.LoadInstr):  # type: ignore[misc]
+    """A load that is neither removed nor merged with others."""
+
+    def descr(self, buffer: list[str]) -> None:
+        super().descr(buffer)
+        buffer[-1] = buffer[-1].replace("load ", "load volatile ", 1)
+
+
+def _loader(*, volatile: bool) -> Any:
+    def emit(builder: Any, sig: Any, pointer: Any, index: Any) -> Any:
+        vector = sig.return_type
+        address = _address(builder, vector, pointer, index)
+        align = 8 if vector is f64x8 else 4
+        if not volatile:
+            return builder.load(address, align=align)
+        load = _VolatileLoad(builder.block, address)
+        load.align = align
+        builder._insert(load)
+        return load
+
+    return make(lambda pointer, index: _vector_behind(pointer), emit)
+
+
+load = _loader(volatile=False)
+"""``load(pointer, i)``: the values i .. i + 7 behind it, unaligned."""
+load_again = _loader(volatile=True)
+"""As ``load``, for the old values of a blend that is stored back; see the module's notes."""
+
+
+def _emit_store(builder: Any, sig: Any, pointer: Any, index: Any, value: Any) -> Any:
+    builder.store(value, _address(builder, sig.args[2], pointer, index), align=8 if sig.args[2] is f64x8 else 4)
+    return ir.Constant(I32, 0)
+
+
+store = make(
+    lambda pointer, index, value: types.int32 if _vector_behind(pointer) is value else None,
+    _emit_store,
+)
+"""``store(pointer, i, v)``: writes the values i .. i + 7 behind it, unaligned. The result means nothing."""
+
+
+load_bytes = make(
+    lambda pointer, index: i32x8 if pointer.dtype is types.uint8 else None,
+    lambda builder, sig, pointer, index: builder.load(_address(builder, i32x8, pointer, index), align=1),
+)
+"""``load_bytes(pointer, i)``: the bytes i .. i + 31 behind it, as an i32x8."""
+store_bytes = make(
+    lambda pointer, index, value: types.int32 if pointer.dtype is types.uint8 and value is i32x8 else None,
+    lambda builder, sig, pointer, index, value: (
+        builder.store(value, _address(builder, i32x8, pointer, index), align=1) and ir.Constant(I32, 0)
+    ),
+)
+"""``store_bytes(pointer, i, i32x8)``: writes the bytes i .. i + 31 behind it. The result means nothing."""
+
+
+def _emit_gather(builder: Any, sig: Any, pointer: Any, indices: Any) -> Any:
+    vector = sig.return_type
+    out = ir.Constant(vector.llvm, ir.Undefined)
+    for lane in range(LANES):
+        k = ir.Constant(I32, lane)
+        index = builder.sext(builder.extract_element(indices, k), I64)
+        out = builder.insert_element(out, builder.load(builder.gep(pointer, [index])), k)
+    return out
+
+
+gather = make(lambda pointer, indices: _vector_behind(pointer) if indices is i32x8 else None, _emit_gather)
+"""``gather(pointer, i32x8)``: one value per lane, by scalar loads."""
+
+
+def _transposed(builder: Any, quads: list[Any]) -> list[Any]:
+    """The first three columns of eight rows of four."""
+    pairs = [shuffle(builder, quads[k], quads[k + 4], list(range(8))) for k in range(4)]
+    low, high = [0, 8, 1, 9, 4, 12, 5, 13], [2, 10, 3, 11, 6, 14, 7, 15]
+    xy = [shuffle(builder, pairs[k], pairs[k + 1], low) for k in (0, 2)]
+    w = [shuffle(builder, pairs[k], pairs[k + 1], high) for k in (0, 2)]
+    first, second = [0, 1, 8, 9, 4, 5, 12, 13], [2, 3, 10, 11, 6, 7, 14, 15]
+    return [shuffle(builder, a[0], a[1], picks) for a, picks in ((xy, first), (xy, second), (w, first))]
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def load_corners(typing_context: Any, vertices: Any, indices: Any, corner: Any) -> Any:
+    """Three f32x8, the first three of the four float32 of a vertex, for one corner (0, 1 or 2) of eight triangles.
+
+    ``vertices`` points to (N, 4) float32, ``indices`` to (8, 3) uint32. One load per vertex and a transposition:
+    a third of the instructions of three gathers, and one cache line instead of three.
+    """
+    out: Any = types.UniTuple(f32x8, 3)  # type: ignore[no-untyped-call]
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        quad = ir.VectorType(F32, 4)
+        quads = []
+        for lane in range(LANES):
+            place = builder.add(args[2], ir.Constant(I64, 3 * lane))
+            index = builder.zext(builder.load(builder.gep(args[1], [place])), I64)
+            place = builder.gep(args[0], [builder.shl(index, ir.Constant(I64, 2))])
+            quads.append(builder.load(builder.bitcast(place, quad.as_pointer()), align=4))
+        return context.make_tuple(builder, out, _transposed(builder, quads))
+
+    return out(vertices, indices, types.int64), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def load_triples(typing_context: Any, values: Any, offsets: Any) -> Any:
+    """Three f32x8: the float32 at ``offsets[lane]`` behind a pointer and the two after it, for every lane.
+
+    Four values are read per lane, so that one more must exist. ``offsets`` is an i32x8.
+    """
+    out: Any = types.UniTuple(f32x8, 3)  # type: ignore[no-untyped-call]
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        quad = ir.VectorType(F32, 4)
+        quads = []
+        for lane in range(LANES):
+            offset = builder.sext(builder.extract_element(args[1], ir.Constant(I32, lane)), I64)
+            place = builder.gep(args[0], [offset])
+            quads.append(builder.load(builder.bitcast(place, quad.as_pointer()), align=4))
+        return context.make_tuple(builder, out, _transposed(builder, quads))
+
+    return out(values, offsets), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def load_elements(typing_context: Any, values: Any, offsets: Any) -> Any:
+    """Three i32x8: the int32 or uint32 at ``offsets[lane]`` (an i32x8) behind a pointer and the two after it."""
+    out: Any = types.UniTuple(i32x8, 3)  # type: ignore[no-untyped-call]
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        parts = [ir.Constant(i32x8.llvm, ir.Undefined)] * 3
+        for lane in range(LANES):
+            k = ir.Constant(I32, lane)
+            offset = builder.sext(builder.extract_element(args[1], k), I64)
+            for j in range(3):
+                place = builder.gep(args[0], [builder.add(offset, ir.Constant(I64, j))])
+                parts[j] = builder.insert_element(parts[j], builder.load(place), k)
+        return context.make_tuple(builder, out, parts)
+
+    return out(values, offsets), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def gather_rgb(typing_context: Any, texels: Any, indices: Any, table: Any) -> Any:
+    """Three f32x8: the red, green and blue bytes of eight texels (4 bytes each), each looked up in a table.
+
+    Args:
+        texels: pointer to uint8. indices: i32x8 of texels. table: pointer to 256 float32.
+    """
+    out: Any = types.UniTuple(f32x8, 3)  # type: ignore[no-untyped-call]
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        parts = [ir.Constant(f32x8.llvm, ir.Undefined)] * 3
+        for lane in range(LANES):
+            k = ir.Constant(I32, lane)
+            texel = builder.shl(builder.sext(builder.extract_element(args[1], k), I64), ir.Constant(I64, 2))
+            for j in range(3):
+                byte = builder.load(builder.gep(args[0], [builder.add(texel, ir.Constant(I64, j))]))
+                value = builder.load(builder.gep(args[2], [builder.zext(byte, I64)]))
+                parts[j] = builder.insert_element(parts[j], value, k)
+        return context.make_tuple(builder, out, parts)
+
+    return out(texels, indices, table), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def gather_pairs(typing_context: Any, values: Any, indices: Any) -> Any:
+    """Two i32x8: the int32 at ``indices[lane]`` (an i32x8) behind a pointer, and the one after it."""
+    out: Any = types.UniTuple(i32x8, 2)  # type: ignore[no-untyped-call]
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        quarters: list[Any] = []
+        pairs = ir.VectorType(I64, 4)
+        for half in range(2):
+            four: Any = ir.Constant(pairs, ir.Undefined)
+            for lane in range(4):
+                offset = builder.sext(builder.extract_element(args[1], ir.Constant(I32, 4 * half + lane)), I64)
+                place = builder.bitcast(builder.gep(args[0], [offset]), I64.as_pointer())
+                four = builder.insert_element(four, builder.load(place, align=4), ir.Constant(I32, lane))
+            quarters.append(builder.bitcast(four, i32x8.llvm))
+        parts = [shuffle(builder, quarters[0], quarters[1], [2 * lane + k for lane in range(LANES)]) for k in range(2)]
+        return context.make_tuple(builder, out, parts)
+
+    return out(values, indices), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def store_rgb(typing_context: Any, pointer: Any, index: Any, pixels: Any) -> Any:
+    """Write the low three bytes of eight i32 (red lowest) as 24 bytes from byte ``index`` on.
+
+    Four more bytes behind them are overwritten with anything. Two byte shuffles and two stores of 16 bytes.
+    """
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        wide = ir.VectorType(I8, 4 * LANES)
+        whole = builder.bitcast(args[2], wide)
+        picks = [4 * pixel + byte for pixel in range(4) for byte in range(3)] + [3] * 4
+        for half in range(2):
+            part = shuffle(builder, whole, whole, [16 * half + pick for pick in picks])
+            place = builder.gep(args[0], [builder.add(args[1], ir.Constant(I64, 12 * half))])
+            builder.store(part, builder.bitcast(place, ir.VectorType(I8, 16).as_pointer()), align=1)
+        return ir.Constant(I32, 0)
+
+    return types.int32(pointer, types.int64, pixels), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def store_vertices(typing_context: Any, vertices: Any, index: Any, x: Any, y: Any, w: Any) -> Any:
+    """Write eight vertices (x, y, w and an unused value) from float32 ``index`` on; the result means nothing."""
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        pointer, begin, x, y, w = args
+        low, high = [0, 8, 1, 9, 4, 12, 5, 13], [2, 10, 3, 11, 6, 14, 7, 15]
+        first, second = [0, 1, 8, 9, 4, 5, 12, 13], [2, 3, 10, 11, 6, 7, 14, 15]
+        rows = []
+        for half in (low, high):
+            xy, ww = shuffle(builder, x, y, half), shuffle(builder, w, w, half)
+            rows += [shuffle(builder, xy, ww, first), shuffle(builder, xy, ww, second)]
+        lower, upper = [0, 1, 2, 3, 8, 9, 10, 11], [4, 5, 6, 7, 12, 13, 14, 15]
+        for k, (a, b, half) in enumerate(((0, 1, lower), (2, 3, lower), (0, 1, upper), (2, 3, upper))):
+            place = builder.add(begin, ir.Constant(I64, 8 * k))
+            builder.store(shuffle(builder, rows[a], rows[b], half), _address(builder, f32x8, pointer, place), align=4)
+        return ir.Constant(I32, 0)
+
+    return types.int32(vertices, types.int64, x, y, w), generate
+
+
+def _emit_triples(builder: Any, sig: Any, pointer: Any, index: Any, k: Any) -> Any:
+    vector = sig.return_type
+    wide = ir.VectorType(vector.llvm.element, 3 * LANES)
+    address = builder.bitcast(builder.gep(pointer, [index]), wide.as_pointer())
+    whole = builder.load(address, align=4)
+    picks = [ir.Constant(ir.VectorType(I32, LANES), [3 * lane + j for lane in range(LANES)]) for j in range(3)]
+    parts = [builder.shuffle_vector(whole, ir.Constant(wide, ir.Undefined), pick) for pick in picks]
+    return builder.select(
+        builder.icmp_signed("==", k, ir.Constant(k.type, 0)),
+        parts[0],
+        builder.select(builder.icmp_signed("==", k, ir.Constant(k.type, 1)), parts[1], parts[2]),
+    )
+
+
+load_third = make(
+    lambda pointer, index, k: _vector_behind(pointer) if isinstance(k, types.Integer) else None, _emit_triples
+)
+"""``load_third(pointer, i, k)``: from the 24 values i .. i + 23, every third from ``k`` (0, 1 or 2) on."""

@@ -1,0 +1,266 @@
+"""The vector types, their operators and arithmetic."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable
+from typing import Any, Final
+
+from llvmlite import ir
+from numba import extending, types
+from numba.core import cgutils
+from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+from numba.extending import lower_builtin, models, register_model
+
+LANES: Final = 8
+
+intrinsic: Any = extending.intrinsic
+
+I1, I8, I32, I64 = ir.IntType(1), ir.IntType(8), ir.IntType(32), ir.IntType(64)
+F32, F64 = ir.FloatType(), ir.DoubleType()
+
+
+class Vector(types.Type):
+    """Eight values of one scalar type."""
+
+    def __init__(self, name: str, element: Any, llvm: ir.Type) -> None:
+        self.element = element
+        self.llvm = ir.VectorType(llvm, LANES)
+        self.is_float = isinstance(llvm, (ir.FloatType, ir.DoubleType))
+        super().__init__(name)
+
+
+f32x8: Final = Vector("f32x8", types.float32, F32)
+f64x8: Final = Vector("f64x8", types.float64, F64)
+i32x8: Final = Vector("i32x8", types.int32, I32)
+m8: Final = Vector("m8", types.boolean, I1)
+
+
+@register_model(Vector)
+class _VectorModel(models.PrimitiveModel):
+    def __init__(self, manager: Any, numba_type: Vector) -> None:
+        super().__init__(manager, numba_type, numba_type.llvm)  # type: ignore[no-untyped-call]
+
+
+def _operators() -> None:
+    """Register ``+ - * / & | ^ >> <<``, unary ``- ~`` and the comparisons."""
+    floats: dict[Any, str] = {
+        operator.add: "fadd",
+        operator.sub: "fsub",
+        operator.mul: "fmul",
+        operator.truediv: "fdiv",
+    }
+    integers: dict[Any, str] = {
+        operator.add: "add",
+        operator.sub: "sub",
+        operator.mul: "mul",
+        operator.and_: "and_",
+        operator.or_: "or_",
+        operator.xor: "xor",
+        operator.rshift: "ashr",
+        operator.lshift: "shl",
+    }
+    comparisons = {
+        operator.lt: "<",
+        operator.le: "<=",
+        operator.gt: ">",
+        operator.ge: ">=",
+        operator.eq: "==",
+        operator.ne: "!=",
+    }
+
+    register_template: Any = infer_global
+    register_lowering: Any = lower_builtin
+    make_signature: Any = signature
+
+    def register(key: Any) -> None:
+        class Template(AbstractTemplate):
+            def generic(self, args: Any, kws: Any) -> Any:
+                a = args[0]
+                if not all(isinstance(v, Vector) and v is a for v in args) or kws:
+                    return None
+                return make_signature(m8 if key in comparisons else a, *args)
+
+        register_template(key)(Template)
+
+        def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+            a = sig.args[0]
+            if key in comparisons:
+                compare = builder.fcmp_ordered if a.is_float else builder.icmp_signed
+                return compare(comparisons[key], *args)
+            if len(args) == 1:
+                return (
+                    builder.fneg(args[0])
+                    if a.is_float
+                    else (builder.neg(args[0]) if key is operator.neg else builder.not_(args[0]))
+                )
+            return getattr(builder, (floats if a.is_float else integers)[key])(*args)
+
+        register_lowering(key, *([Vector] * (1 if key in (operator.neg, operator.invert) else 2)))(lower)
+
+    for key in {*floats, *integers, *comparisons, operator.neg, operator.invert}:
+        register(key)
+
+
+_operators()
+
+
+def make(result: Callable[..., Any], emit: Callable[..., Any]) -> Any:
+    """An intrinsic of one to three arguments: ``result`` gives its type from theirs (None: not for these)."""
+
+    def build(*types_of_arguments: Any) -> Any:
+        out = result(*types_of_arguments)
+        if out is None:
+            return None
+
+        def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+            return emit(builder, sig, *args)
+
+        return out(*types_of_arguments), generate
+
+    count = result.__code__.co_argcount
+    if count == 1:
+        return intrinsic(lambda typing_context, a: build(a))
+    if count == 2:
+        return intrinsic(lambda typing_context, a, b: build(a, b))
+    return intrinsic(lambda typing_context, a, b, c: build(a, b, c))
+
+
+def _splat_of(builder: Any, vector: Vector, value: Any) -> Any:
+    first = builder.insert_element(ir.Constant(vector.llvm, ir.Undefined), value, ir.Constant(I32, 0))
+    zeros = ir.Constant(ir.VectorType(I32, LANES), [0] * LANES)
+    return builder.shuffle_vector(first, ir.Constant(vector.llvm, ir.Undefined), zeros)
+
+
+def _splat(vector: Vector) -> Any:
+    def emit(builder: Any, sig: Any, value: Any) -> Any:
+        given, wanted = sig.args[0], vector.llvm.element
+        if isinstance(given, types.Integer):
+            if vector.is_float:
+                value = builder.sitofp(value, wanted)
+            elif value.type.width > 32:
+                value = builder.trunc(value, wanted)
+        elif value.type != wanted:
+            value = builder.fptrunc(value, wanted) if wanted == F32 else builder.fpext(value, wanted)
+        return _splat_of(builder, vector, value)
+
+    def result(a: Any) -> Any:
+        return vector if isinstance(a, types.Integer) or (vector.is_float and isinstance(a, types.Float)) else None
+
+    return make(result, emit)
+
+
+f32 = _splat(f32x8)
+"""``f32(scalar)``: the value, rounded to float32, in all lanes."""
+f64 = _splat(f64x8)
+"""``f64(scalar)``: the value in all lanes."""
+i32 = _splat(i32x8)
+"""``i32(integer)``: the value's low 32 bits in all lanes."""
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def iota(typing_context: Any) -> Any:
+    """i32x8: 0, 1, .. 7."""
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return ir.Constant(i32x8.llvm, list(range(LANES)))
+
+    return i32x8(), generate
+
+
+def shuffle(builder: Any, a: Any, b: Any, picks: list[int]) -> Any:
+    return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(I32, len(picks)), picks))
+
+
+def _spread(lane: int) -> Any:
+    def emit(builder: Any, sig: Any, value: Any) -> Any:
+        return shuffle(builder, value, value, [lane] * LANES)
+
+    return make(lambda a: a if isinstance(a, Vector) and a is not m8 else None, emit)
+
+
+spread0, spread1, spread2, spread3, spread4, spread5, spread6, spread7 = (_spread(lane) for lane in range(LANES))
+"""``spread3(v)``: lane 3 of the vector in all lanes."""
+
+
+def _emit_select(builder: Any, sig: Any, mask: Any, a: Any, b: Any) -> Any:
+    return builder.select(mask, a, b)
+
+
+select = make(lambda mask, a, b: a if mask is m8 and isinstance(a, Vector) and a is b else None, _emit_select)
+"""``select(m8, a, b)``: a where the mask is set, else b."""
+
+
+def _emit_min(builder: Any, sig: Any, a: Any, b: Any) -> Any:
+    compare = builder.fcmp_ordered if sig.return_type.is_float else builder.icmp_signed
+    return builder.select(compare("<", a, b), a, b)
+
+
+def _emit_max(builder: Any, sig: Any, a: Any, b: Any) -> Any:
+    compare = builder.fcmp_ordered if sig.return_type.is_float else builder.icmp_signed
+    return builder.select(compare(">", a, b), a, b)
+
+
+least = make(lambda a, b: a if isinstance(a, Vector) and a is b else None, _emit_min)
+"""The smaller of two, lane by lane; the second where one is not a number."""
+most = make(lambda a, b: a if isinstance(a, Vector) and a is b else None, _emit_max)
+"""The larger of two, lane by lane; the second where one is not a number."""
+
+
+def _emit_bits(builder: Any, sig: Any, mask: Any) -> Any:
+    return builder.zext(builder.bitcast(mask, I8), I64)
+
+
+bits = make(lambda mask: types.int64 if mask is m8 else None, _emit_bits)
+"""int64: bit k is set where lane k of the mask is."""
+
+
+def _emit_lowest(builder: Any, sig: Any, value: Any) -> Any:
+    return builder.cttz(value, ir.Constant(I1, 1))
+
+
+lowest_bit = make(lambda value: types.int64 if value is types.int64 else None, _emit_lowest)
+"""Index of the lowest set bit of an int64 that is not 0."""
+
+
+def _rounding(name: str) -> Any:
+    def emit(builder: Any, sig: Any, value: Any) -> Any:
+        vector = sig.return_type
+        suffix = "v8f32" if vector is f32x8 else "v8f64"
+        kind = ir.FunctionType(vector.llvm, [vector.llvm])
+        declare: Any = cgutils.get_or_insert_function
+        function = declare(builder.module, kind, f"llvm.{name}.{suffix}")
+        return builder.call(function, [value])
+
+    return make(lambda a: a if isinstance(a, Vector) and a.is_float else None, emit)
+
+
+rint = _rounding("rint")
+"""To the nearest integer, ties to even."""
+ceil = _rounding("ceil")
+floor = _rounding("floor")
+absolute = _rounding("fabs")
+sqrt = _rounding("sqrt")
+"""Correctly rounded, on every machine."""
+
+
+def _emit_to_f32(builder: Any, sig: Any, value: Any) -> Any:
+    if sig.args[0] is i32x8:
+        return builder.sitofp(value, f32x8.llvm)
+    return builder.fptrunc(value, f32x8.llvm)
+
+
+def _emit_to_f64(builder: Any, sig: Any, value: Any) -> Any:
+    return builder.sitofp(value, f64x8.llvm) if sig.args[0] is i32x8 else builder.fpext(value, f64x8.llvm)
+
+
+def _emit_to_i32(builder: Any, sig: Any, value: Any) -> Any:
+    return builder.fptosi(value, i32x8.llvm)
+
+
+bits_of = make(lambda a: i32x8 if a is f32x8 else None, lambda builder, sig, value: builder.bitcast(value, i32x8.llvm))
+"""The bit patterns of float32 values."""
+to_f32 = make(lambda a: f32x8 if a in (i32x8, f64x8) else None, _emit_to_f32)
+to_f64 = make(lambda a: f64x8 if a in (i32x8, f32x8) else None, _emit_to_f64)
+to_i32 = make(lambda a: i32x8 if a in (f32x8, f64x8) else None, _emit_to_i32)
+"""Truncates; the value must fit."""

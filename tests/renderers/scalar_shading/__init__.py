@@ -1,0 +1,50 @@
+"""Shading without vectors: one run, one pixel, one value at a time, weights in float64.
+
+The straightforward kernels that ``renderers.shading`` began with. What it draws may differ from theirs by one level of
+255, since it works along runs in float32.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from renderers.camera import Camera
+from renderers.cpu.visibility import Visibility
+from renderers.drawlist import DrawList
+from renderers.port import Look
+from renderers.shading import prepare
+from renderers.shading.transfer import DECODED, THRESHOLDS
+from tests.renderers.scalar_shading.kernels import shade_rows
+from tests.renderers.scalar_shading.sampling import BYTE_VALUES
+from tests.renderers.scalar_shading.tables import instance_table, normal_matrices
+from tests.renderers.scalar_shading.transfer import GUESSES
+
+
+def shaded(scene: DrawList, seen: Visibility, camera: Camera, look: Look) -> np.ndarray:
+    """(H, W, 3) uint8: the surface that is seen, opaque whatever the materials say."""
+    shading = prepare(scene.instances, look.name)
+    table, keep = instance_table(scene.instances, shading)
+    color = np.empty((camera.height, camera.width, 3), np.uint8)
+    shade_rows(
+        look.name == "pbr",
+        seen.ids,
+        seen.first_record,
+        seen.X_camera_mesh,
+        normal_matrices(seen.X_camera_mesh),
+        np.array((camera.fx, camera.fy, camera.cx, camera.cy)),
+        table,
+        shading.material_integers,
+        shading.material_floats,
+        shading.texture_integers,
+        shading.texture_floats,
+        BYTE_VALUES,
+        DECODED,
+        THRESHOLDS,
+        GUESSES,
+        np.array(look.background, np.uint8),
+        0,
+        camera.height,
+        color,
+    )
+    del keep
+    return color

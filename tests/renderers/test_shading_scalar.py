@@ -1,0 +1,179 @@
+"""Shading in vectors against the same without: random scenes, odd sizes, every edge of a row."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from renderers.camera import Camera
+from renderers.cpu import CpuRenderer
+from renderers.drawlist import DrawList, Instance, Material, Mesh, Sampler, Texture, Wrap
+from renderers.port import Look, Output
+from renderers.shading import paint, prepare
+from renderers.shading.vertices import records_of
+from tests.renderers.scalar_shading import shaded
+from tests.renderers.shading_reference import ball, picture, placed, quad
+
+RENDERER = CpuRenderer(threads=1)
+
+
+def material(rng: np.random.Generator) -> Material:
+    """Any factors; every texture in half of the cases."""
+
+    def texture() -> Texture | None:
+        if rng.random() < 0.5:
+            return None
+        pixels = rng.integers(0, 256, (*rng.integers(1, 20, 2), 4)).astype(np.uint8)
+        wraps = rng.choice(np.array(Wrap), 2)
+        turn = (1.0, 0.3, 0.1, -0.2, 1.1, 0.4) if rng.random() < 0.5 else None
+        # Neighbouring texels differ without bound and a place between them is decided by the last bit: filter always.
+        return Texture(picture(pixels), Sampler(wraps[0], wraps[1]), int(rng.integers(0, 2)), turn)
+
+    return Material(
+        base_color=(*rng.random(3), 1.0),
+        base_color_texture=texture(),
+        metallic=float(rng.random()),
+        roughness=float(rng.random()),
+        metallic_roughness_texture=texture(),
+        normal_texture=texture(),
+        normal_scale=float(rng.random()),
+        occlusion_texture=texture(),
+        occlusion_strength=float(rng.random()),
+        emissive=(0.1, 0.0, 0.2) if rng.random() < 0.5 else (0.0, 0.0, 0.0),
+        emissive_texture=texture(),
+        double_sided=bool(rng.random() < 0.7),
+        unlit=bool(rng.random() < 0.2),
+        line_width=3.0,
+        point_size=5.0,
+    )
+
+
+def mesh(rng: np.random.Generator) -> Mesh:
+    """Small triangles, large ones, lines or points, with or without each attribute."""
+    count = int(rng.integers(4, 60))
+    size = float(rng.choice((0.05, 0.5, 3.0)))
+    positions = rng.uniform(-1.5, 1.5, (count, 1, 3)) + rng.normal(scale=size, size=(count, 3, 3))
+    positions = positions.reshape(-1, 3).astype(np.float32)
+    n = len(positions)
+    corners = int(rng.choice((3, 3, 3, 2, 1)))
+
+    def maybe(values: np.ndarray) -> np.ndarray | None:
+        return values.astype(np.float32) if rng.random() < 0.6 else None
+
+    return Mesh(
+        positions,
+        rng.integers(0, n, (count, corners)).astype(np.uint32),
+        maybe(rng.normal(size=(n, 3))),
+        maybe(rng.uniform(-2, 2, (n, 2))),
+        maybe(rng.uniform(-2, 2, (n, 2))),
+        maybe(rng.random((n, 4))),
+        maybe(np.concatenate((rng.normal(size=(n, 3)), rng.choice((-1.0, 1.0), (n, 1))), axis=1)),
+    )
+
+
+def scene(rng: np.random.Generator) -> DrawList:
+    def pose() -> np.ndarray:
+        X = np.eye(4)
+        X[:3, :3] = np.linalg.qr(rng.normal(size=(3, 3)))[0] * rng.uniform(0.3, 2.0, 3)
+        X[:3, 3] = rng.uniform((-1, -1, 2), (1, 1, 6))
+        return X
+
+    return DrawList(tuple(Instance(mesh(rng), material(rng), pose()) for _ in range(6)))
+
+
+def view(width: int, height: int) -> Camera:
+    return Camera(width, height, 60.0, 65.0, width / 2 + 0.3, height / 2 - 0.2, 0.05, 50.0, np.eye(4))
+
+
+def both(drawn: DrawList, camera: Camera, look: Look) -> tuple[np.ndarray, np.ndarray]:
+    """What the kernels paint of the nearest surfaces, and what the scalar ones do."""
+    color = np.full((camera.height, camera.width, 3), 99, np.uint8)
+    with RENDERER.visibility(drawn, camera) as seen:
+        paint(RENDERER, drawn, prepare(drawn.instances, look.name), camera, look, color, first=seen)
+        return color.astype(np.int64), shaded(drawn, seen, camera, look).astype(np.int64)
+
+
+def both_sided(drawn: DrawList) -> DrawList:
+    """So that ``paint`` uses the given visibility."""
+    return DrawList(tuple(replace(i, material=replace(i.material, double_sided=True)) for i in drawn.instances))
+
+
+@pytest.mark.parametrize("name", ["phong", "plain", "pbr"])
+@pytest.mark.parametrize("seed", range(6))
+def test_random_scenes_to_a_level(name: str, seed: int) -> None:
+    drawn = both_sided(scene(np.random.default_rng(seed)))
+    ours, scalar = both(drawn, view(83, 61), Look(name))  # type: ignore[arg-type]
+    differences = np.abs(ours - scalar)
+    assert differences.max() <= 1
+    assert (differences != 0).mean() < 0.02
+
+
+@pytest.mark.parametrize("width", range(1, 18))
+def test_narrow_pictures(width: int) -> None:
+    drawn = both_sided(scene(np.random.default_rng(3)))
+    for name in ("phong", "pbr"):
+        ours, scalar = both(drawn, view(width, 33), Look(name))  # type: ignore[arg-type]
+        assert np.abs(ours - scalar).max() <= 1
+
+
+def test_nothing_beyond_the_picture_is_written() -> None:
+    """The rows of a picture that is a part of a larger array are followed by what must stay."""
+    drawn = both_sided(scene(np.random.default_rng(4)))
+    for width, height in ((1, 1), (7, 5), (13, 33), (64, 3)):
+        camera = view(width, height)
+        whole = np.full(3 * width * height + 64, 77, np.uint8)
+        color = whole[: 3 * width * height].reshape(height, width, 3)
+        for name in ("phong", "pbr"):
+            with RENDERER.visibility(drawn, camera) as seen:
+                paint(RENDERER, drawn, prepare(drawn.instances, name), camera, Look(name), color, first=seen)  # type: ignore[arg-type]
+            assert (whole[3 * width * height :] == 77).all()
+
+
+def test_far_and_huge_triangles_to_a_level() -> None:
+    """A floor to the horizon, a wall a million times as wide as the picture, a tiny far ball."""
+    uv = np.array(((0, 0), (0, 3000), (3000, 3000), (3000, 0)), np.float32)
+    floor = np.array(((-900, 1, 0.1), (-900, 1, 2000), (900, 1, 2000), (900, 1, 0.1)), np.float32)
+    checks = np.kron(np.eye(2), np.ones((8, 8)))[..., None] * (200, 100, 50, 255) + (20, 30, 40, 0)
+    tiled = Material(base_color_texture=Texture(picture(checks.astype(np.uint8))), double_sided=True)
+    camera = Camera(97, 71, 60.0, 60.0, 48.0, 35.0, 0.01, 1e7, np.eye(4))
+    scenes = (
+        DrawList((placed(replace(quad(), positions=floor, uv0=uv, normals=None), tiled),)),
+        DrawList((placed(quad(1e6, 3.0, uv0=uv), tiled),)),
+        DrawList((placed(ball(10, 1e4), tiled, z=1e5),)),
+        DrawList((placed(ball(10, 1e-3), replace(tiled, base_color_texture=None), z=0.02),)),
+    )
+    for drawn in scenes:
+        for name in ("phong", "pbr"):
+            ours, scalar = both(drawn, camera, Look(name))  # type: ignore[arg-type]
+            differences = np.abs(ours - scalar)
+            assert differences.max() <= 1, (differences > 1).sum()
+
+
+@pytest.mark.parametrize("size", [(83, 61), (64, 40), (9, 70)])
+def test_threads_do_not_matter(size: tuple[int, int]) -> None:
+    drawn = scene(np.random.default_rng(7))
+    for name in ("phong", "pbr"):
+        pictures = []
+        for threads in (1, 2, 4):
+            renderer = CpuRenderer(threads)
+            with renderer.render(drawn, view(*size), Output.COLOR | Output.DEPTH, Look(name)) as frame:  # type: ignore[arg-type]
+                assert frame.color is not None
+                pictures.append(frame.color.copy())
+            renderer.close()
+        assert all((p == pictures[0]).all() for p in pictures)
+
+
+def test_records_keep_only_the_vertices_in_use() -> None:
+    whole = ball(24)
+    few = replace(whole, elements=whole.elements[40:43])
+    records = records_of(few, -1)
+    assert len(records.vertices) == len(np.unique(few.elements))
+    np.testing.assert_array_equal(records.vertices[records.elements, :3], whole.positions[few.elements])
+    assert records_of(few, -1) is records
+    material = Material(double_sided=True)
+    X = np.eye(4)
+    X[2, 3] = 3.0
+    ours, scalar = both(DrawList((Instance(few, material, X),)), view(40, 30), Look("phong"))
+    assert np.abs(ours - scalar).max() <= 1
