@@ -84,43 +84,76 @@ def _within_three(sigma: float, d_eps: float) -> float:
 @njit(nogil=True, cache=True)
 def _measure(true, key, sigma, d_eps, inside, slope_free, slope_half, normal, disparity, confidence):  # type: ignore[no-untyped-def]  # compiled
     height, width = true.shape
-    noisy = sigma > 0.0
+    if not sigma > 0.0:
+        for k in range(height):
+            _round(true[k], disparity[k], confidence[k])
+        return
     rise = np.float32(0.5 / (slope_half - slope_free))
     free = np.float32(slope_free)
-    sigma32 = np.float32(sigma)
     limit = np.float32(3.0 * d_eps)
     inside32 = np.float32(inside)
-    sixteen = np.float32(16.0)
+    table = normal * np.float32(sigma)
+    slope = np.empty(width, np.float32)
     for k in range(height):
-        up = max(k - 1, 0)
-        down = min(k + 1, height - 1)
+        row = true[k]
+        _steepest(row, true[max(k - 1, 0)], true[min(k + 1, height - 1)], slope)
+        beliefs = confidence[k]
         for i in range(width):
-            d = true[k, i]
+            fail = min(max((slope[i] - free) * rise, np.float32(0.0)), np.float32(1.0))
+            slope[i] = fail
+            # Confidence first, as the byte that is sent; the outliers are then injected to fit it.
+            belief = np.floor((np.float32(1.0) - fail) * inside32 * np.float32(255.0))
+            beliefs[i] = np.uint8(np.int32(belief)) if row[i] > np.float32(0.0) else np.uint8(0)
+        values = disparity[k]
+        random = np.uint64(0)
+        for i in range(width):
+            if i & 3 == 0:
+                random = random64(key, k * width + i)
+            d = row[i]
             value = 0
-            belief = np.float32(0.0)
             if d > np.float32(0.0):
-                e = np.float32(0.0)
-                belief = np.float32(1.0)
-                if noisy:
-                    slope = np.float32(0.0)
-                    for n in (true[k, max(i - 1, 0)], true[k, min(i + 1, width - 1)], true[up, i], true[down, i]):
-                        if n > np.float32(0.0):
-                            slope = max(slope, abs(n - d))
-                    fail = min(max((slope - free) * rise, np.float32(0.0)), np.float32(1.0))
-                    # Confidence first, as the byte that is sent; the outliers are then injected to fit it.
-                    belief = np.floor((np.float32(1.0) - fail) * inside32 * np.float32(255.0)) / np.float32(255.0)
-                    r = random64(key, k * width + i)
-                    e = sigma32 * normal[r & np.uint64(4095)]
-                    if fail > np.float32(0.0):
-                        u = np.float32(r >> np.uint64(40)) * np.float32(2.0**-24)
-                        if u * inside32 < inside32 - belief:
-                            # Beyond 3 d_eps even after rounding, and within the step that the segmentation allows.
-                            v = np.float32((r >> np.uint64(13)) & np.uint64(1023)) * np.float32(1.0 / 1024.0)
-                            e = limit + np.float32(0.07) + np.float32(0.75) * v
-                            if (r >> np.uint64(12)) & np.uint64(1):
-                                e = -e
-                code = np.rint((d + e) * sixteen)
-                # A measurement below one unit says "infinitely far", which the device encodes as 1.
-                value = int(min(max(code, np.float32(1.0)), np.float32(65535.0)))
-            disparity[k, i] = value
-            confidence[k, i] = int(belief * np.float32(255.0) + np.float32(0.5))
+                e = table[random & np.uint64(4095)]
+                if slope[i] > np.float32(0.0):
+                    r = random64(~key, k * width + i)
+                    u = np.float32(r >> np.uint64(40)) * np.float32(2.0**-24)
+                    if u * inside32 < inside32 - np.float32(beliefs[i]) / np.float32(255.0):
+                        # Beyond 3 d_eps even after rounding, and within the step that the segmentation allows.
+                        v = np.float32((r >> np.uint64(13)) & np.uint64(1023)) * np.float32(1.0 / 1024.0)
+                        e = limit + np.float32(0.07) + np.float32(0.75) * v
+                        if (r >> np.uint64(12)) & np.uint64(1):
+                            e = -e
+                value = _units(d + e)
+            values[i] = value
+            random >>= np.uint64(16)
+
+
+@njit(inline="always")
+def _units(d):  # type: ignore[no-untyped-def]  # compiled
+    """A disparity in 1/16 pixel, to nearest; below one unit it says "infinitely far", which the device encodes as 1."""
+    return np.int32(min(max(d * np.float32(16.0), np.float32(1.0)), np.float32(65535.0)) + np.float32(0.5))
+
+
+@njit(nogil=True, cache=True)
+def _round(row, values, beliefs):  # type: ignore[no-untyped-def]  # compiled
+    for i in range(len(row)):
+        valid = row[i] > np.float32(0.0)
+        values[i] = np.uint16(_units(row[i])) if valid else np.uint16(0)
+        beliefs[i] = np.uint8(255) if valid else np.uint8(0)
+
+
+@njit(nogil=True, cache=True)
+def _steepest(row, above, below, slope):  # type: ignore[no-untyped-def]  # compiled
+    """(W,) float32: largest step to a valid neighbour above, below, left and right."""
+    zero = np.float32(0.0)
+    width = len(row)
+    for i in range(width):
+        d = row[i]
+        up = abs(above[i] - d) if above[i] > zero else zero
+        down = abs(below[i] - d) if below[i] > zero else zero
+        slope[i] = max(up, down)
+    for i in range(width - 1):
+        step = abs(row[i + 1] - row[i]) if row[i + 1] > zero else zero
+        slope[i] = max(slope[i], step)
+    for i in range(1, width):
+        step = abs(row[i - 1] - row[i]) if row[i - 1] > zero else zero
+        slope[i] = max(slope[i], step)

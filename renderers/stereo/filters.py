@@ -81,11 +81,17 @@ def _remove(disparity, error, confidence, minconf, lowest, highest, ft_units, ma
 
 def _remove_segments(measured: Measured, smallest: int) -> None:
     """Removes connected segments of fewer than ``smallest`` pixels."""
-    before = measured.disparity != 0
     cv2.filterSpeckles(measured.disparity.view(np.int16), 0, smallest - 1, round(SEGMENT_STEP / DISPARITY_SCALE))
-    removed = before & (measured.disparity == 0)
-    measured.error[removed] = 0
-    measured.confidence[removed] = 0
+    _forget(measured.disparity.reshape(-1), measured.error.reshape(-1), measured.confidence.reshape(-1))
+
+
+@njit(nogil=True, cache=True)
+def _forget(disparity, error, confidence):  # type: ignore[no-untyped-def]  # compiled
+    """No disparity: no error, no confidence."""
+    for i in range(len(disparity)):
+        valid = disparity[i] != 0
+        error[i] = error[i] if valid else np.uint8(0)
+        confidence[i] = confidence[i] if valid else np.uint8(0)
 
 
 def _fill_holes(measured: Measured, step: int) -> None:
