@@ -121,7 +121,7 @@ def _camera(service: StereoService) -> dict[str, object]:
         "gamma": taking.gamma,
         "brightness": round(service.last_taken.brightness, 2),
         "noise": taking.sigma(128.0) * service.config.noise_factor,
-        "out1_reduction": 0.0,
+        "out1_reduction": service.last_taken.out1_reduction,
         "fps": settings.camera_rate if len(service.hub) else 0.0,
         "time": time.time(),
         "width": model.width,

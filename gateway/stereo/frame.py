@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Coroutine, Hashable, Iterable
+from dataclasses import replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -18,9 +19,10 @@ from gateway.stereo.wire import Chunk
 from gateway.workers import Workers
 from renderers.port import Output
 from renderers.stereo.errors import Measured
+from renderers.stereo.exposure import Exposure
 from renderers.stereo.mesh import MeshOptions
 from renderers.stereo.noise import Stream
-from renderers.stereo.sensor import Exposure, Taken
+from renderers.stereo.sensor import Taken
 
 T = TypeVar("T")
 
@@ -68,8 +70,9 @@ class Frame:
 
     async def metered(self, shot: Shot) -> Metered:
         """How the images of one of the two instants are taken."""
-        auto, manual = self.settings.auto, self.settings.manual
-        return await self._once(("metered", id(shot)), lambda: self._run(self._studio.meter, shot, auto, manual))
+        return await self._once(
+            ("metered", shot.timestamp, shot.lines), lambda: self._run(self._studio.meter, shot, self.settings)
+        )
 
     def discard(self) -> None:
         """Ends what is still being made."""
@@ -100,9 +103,9 @@ class Frame:
     async def _image_message(self, stream: Stream, color: bool) -> list[Chunk]:
         taken = await self.image(stream, color)
         metered = await self.metered(self.camera)
-        taking = self._taking(self.camera, metered.exposure)
+        taking = self._taking(self.camera, metered)
         if stream is Stream.LEFT:
-            self.taken = Metered(metered.exposure, taken.brightness)
+            self.taken = replace(metered, brightness=taken.brightness)
         return messages.image(taken.image, self._studio.config.model.intrinsics(), taking, taken.brightness)
 
     async def _disparity_message(self) -> list[Chunk]:
@@ -113,7 +116,7 @@ class Frame:
         measured, metered = await self.measured(), await self.metered(self.depth)
         pixels: NDArray[np.uint8] | NDArray[np.uint16] = getattr(measured, name)
         k = self._studio.config.model.intrinsics(self.settings.quality.divisor)
-        return messages.image(pixels, k, self._taking(self.depth, metered.exposure), metered.brightness)
+        return messages.image(pixels, k, self._taking(self.depth, metered), metered.brightness)
 
     async def _mesh_message(self, options: MeshOptions, color: bool) -> list[Chunk]:
         return await self._once(("mesh", options, color and options.textured), lambda: self._mesh(options, color))
@@ -124,9 +127,11 @@ class Frame:
         ply = await self._run(self._studio.mesh, measured, self.settings.quality.divisor, options, left)
         return messages.mesh(ply, self.depth.timestamp)
 
-    def _taking(self, shot: Shot, exposure: Exposure) -> Taking:
+    def _taking(self, shot: Shot, metered: Metered) -> Taking:
+        exposure = metered.exposure
         noise = exposure.sigma(128.0) * self._studio.config.noise_factor
-        return Taking(shot.timestamp, exposure.time, exposure.gain, exposure.gamma, noise, shot.lines)
+        reduction = metered.out1_reduction
+        return Taking(shot.timestamp, exposure.time, exposure.gain, exposure.gamma, noise, shot.lines, reduction)
 
     async def image(self, stream: Stream, color: bool) -> Taken:
         """The left or the right image of the camera's instant, in colour or grey."""
@@ -136,9 +141,11 @@ class Frame:
         taken = await self._once((stream, wanted), lambda: self._take(self.camera, stream, 1, wanted))
         return taken[color]
 
-    async def _take(self, shot: Shot, stream: Stream, divisor: int, colors: frozenset[bool]) -> dict[bool, Taken]:
+    async def _take(
+        self, shot: Shot, stream: Stream, divisor: int, colors: frozenset[bool], averaged: int = 1
+    ) -> dict[bool, Taken]:
         exposure = (await self.metered(shot)).exposure
-        return await self._run(self._studio.take, shot, exposure, self.number, stream, divisor, colors)
+        return await self._run(self._studio.take, shot, exposure, self.number, stream, divisor, colors, averaged)
 
     async def _measure(self) -> Measured:
         divisor, t = self.settings.quality.divisor, self._studio.config.model.baseline
@@ -148,12 +155,20 @@ class Frame:
         return await self._run(self._studio.measure, left, right, self.settings, self.number)
 
     async def _match(self) -> Measured:
-        divisor, grey = self.settings.quality.divisor, frozenset((False,))
-        exposure = (await self.metered(self.depth)).exposure
-        left, right = await _all(
-            [self._take(self.depth, stream, divisor, grey) for stream in (Stream.LEFT_DEPTH, Stream.RIGHT_DEPTH)]
-        )
-        return await self._run(self._studio.match, left[False], right[False], exposure, self.settings)
+        settings, shot = self.settings, self.depth
+        left, right, exposure = await self._pair(shot, Stream.LEFT_DEPTH, Stream.RIGHT_DEPTH)
+        second = None
+        dark = replace(shot, lines=settings.lines(depth=False))
+        if settings.double_shot and shot.projected(self._studio.config) and not dark.lines & 1:
+            second = await self._pair(dark, Stream.LEFT_SECOND, Stream.RIGHT_SECOND)
+        return await self._run(self._studio.match, left, right, exposure, settings, second)
+
+    async def _pair(self, shot: Shot, *streams: Stream) -> tuple[Taken, Taken, Exposure]:
+        """What is matched: grey images at the depth images' resolution."""
+        divisor, grey, averaged = self.settings.quality.divisor, frozenset((False,)), self.settings.averaged
+        exposure = (await self.metered(shot)).exposure
+        left, right = await _all([self._take(shot, stream, divisor, grey, averaged) for stream in streams])
+        return left[False], right[False], exposure
 
     async def _run(self, function: Callable[..., T], *args: Any) -> T:
         return await self._workers.run(function, *args)

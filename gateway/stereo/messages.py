@@ -35,6 +35,8 @@ class Taking:
     """Standard deviation, grey levels."""
     lines: int
     """Values of the GPIO lines; see ``OUTPUT_MASK``."""
+    out1_reduction: float = 0.0
+    """Share by which images with Out1 low are exposed less, 0 to 1."""
 
 
 def timestamp_field(nanoseconds: int) -> bytes:
@@ -74,7 +76,7 @@ def image(
         exposure_time=taking.exposure_time,
         gain=taking.gain,
         noise=taking.noise,
-        out1_reduction=0.0,
+        out1_reduction=taking.out1_reduction,
         brightness=round(brightness, 2),
         gamma=taking.gamma,
         auto_exposure_adapting=False,

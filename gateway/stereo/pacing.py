@@ -142,7 +142,8 @@ class Metronome:
         depth = await self._room(self._depth_tasks, {k for k in kinds if k.depth and self._due(settings, nanoseconds)})
         plain = await self._room(self._tasks, {k for k in kinds if not k.depth})
         if depth or plain:
-            await self._take(settings, plain, depth, nanoseconds)
+            # Read again: a parameter that was set while we waited for room acts on every later timestamp.
+            await self._take(self.settings, plain, depth, nanoseconds)
         elif fast:  # nothing is due: depth waits for its trigger
             await _wait(hub.changed, period)
         elif self._clock.simulated:  # the camera's time goes on with every beat
@@ -195,7 +196,9 @@ class Metronome:
             shot = camera if one_shot else replace(camera, lines=settings.lines(depth=True))
             frame = self._frame(settings, camera, shot, depth)
         self._last_depth = frame
-        self._spawn(self._depth_tasks, self._make(frame, depth))
+        # Averaged images are there when the last of them is taken; the timestamp is the first one's.
+        delay = (settings.averaged - 1) * period / 1e9 if self._studio.config.rate == "device" else 0.0
+        self._spawn(self._depth_tasks, self._make(frame, depth, delay))
 
     async def _expose_again(self, settings: StreamSettings, camera: Shot, kinds: set[Kind]) -> None:
         """Alternate exposure: the depth image follows after 40 ms, with Out1 high."""
@@ -230,7 +233,9 @@ class Metronome:
         scene, revision = self._scene()
         return scene, revision, self._pose()
 
-    async def _make(self, frame: Frame, kinds: set[Kind]) -> None:
+    async def _make(self, frame: Frame, kinds: set[Kind], delay: float = 0.0) -> None:
+        if delay > 0.0:
+            await asyncio.sleep(delay)
         begin = asyncio.get_running_loop().time()
         try:
             await asyncio.gather(*(self._publish(frame, kind) for kind in kinds))

@@ -2,27 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.stereo import depth
 from gateway.stereo.config import StereoConfig
+from gateway.stereo.metering import DIVISOR as METER_DIVISOR
+from gateway.stereo.metering import Memory, expose
 from gateway.stereo.settings import StreamSettings
 from gateway.stereo.wire import Chunk
 from renderers.drawlist import DrawList, ImageError
 from renderers.port import Frame, Look, Output, Renderer
-from renderers.stereo.errors import ErrorModel, Measured, measure
-from renderers.stereo.filters import Filters, apply_filters
-from renderers.stereo.matching import match
+from renderers.stereo.errors import Measured
+from renderers.stereo.exposure import Exposure, brightness_of
 from renderers.stereo.mesh import MeshOptions, disparity_mesh
 from renderers.stereo.noise import Stream, frame_key
 from renderers.stereo.projector import dots_on
-from renderers.stereo.sensor import AutoExposure, Exposure, Taken, auto_exposure, brightness_of, take
-from renderers.stereo.truth import DepthRange, true_disparity
-
-METER_DIVISOR = 8
-"""Automatic exposure measures a picture this much smaller than the camera's."""
+from renderers.stereo.sensor import Taken, take
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,6 +49,8 @@ class Metered:
     exposure: Exposure
     brightness: float
     """Mean of the image it gives, 0 to 1."""
+    out1_reduction: float = 0.0
+    """See ``metering``."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,6 +59,8 @@ class Studio:
 
     config: StereoConfig
     renderer: Renderer
+    memory: Memory = field(default_factory=Memory)
+    """Of automatic exposure."""
 
     def render(self, shot: Shot, offset: float, divisor: int, outputs: Output) -> Frame:
         """The pictures of the camera at ``offset`` metres to the right of the left one; close the frame."""
@@ -66,32 +68,40 @@ class Studio:
         camera = c.model.camera(shot.X_world_left, offset=offset, divisor=divisor, near=c.near, far=c.far)
         return self.renderer.render(shot.scene, camera, outputs, Look(c.look, c.background))
 
-    def meter(self, shot: Shot, limits: AutoExposure | None, manual: Exposure) -> Metered:
-        """The exposure that suits what the left camera sees, and the brightness that it gives.
+    def meter(self, shot: Shot, settings: StreamSettings) -> Metered:
+        """How the images of a shot are taken, and the brightness of the left one.
 
-        Args:
-            limits: None: the manual exposure is kept.
-            manual: also when a texture is broken; its gamma always counts.
+        The manual exposure is kept when a texture is broken, too.
         """
-        outputs = Output.COLOR | (Output.DEPTH if shot.projected(self.config) else Output(0))
+        lit = replace(shot, lines=shot.lines | 1)
+        outputs = Output.COLOR | (Output.DEPTH if lit.projected(self.config) else Output(0))
         try:
             frame = self.render(shot, 0.0, METER_DIVISOR, outputs)
         except ImageError:
-            return Metered(manual, 0.0)
+            return Metered(settings.manual, 0.0)
         with frame:
             dots = self._dots(frame, 0.0, METER_DIVISOR)
             assert frame.color is not None
-            values = brightness_of(frame.color, dots, self.config.dot_light)
-        exposure = auto_exposure(values, limits, manual.gamma) if limits is not None else manual
-        seen = np.minimum(values * np.float32(exposure.factor), 1.0) ** np.float32(1.0 / exposure.gamma)
-        return Metered(exposure, float(seen.mean()))
+            light, channels = self.config.dot_light, settings.manual.channels
+            dark = brightness_of(frame.color, None, light, channels)
+            bright = brightness_of(frame.color, dots, light, channels) if dots is not None else dark
+        exposure, reduction = expose(dark, bright, high=bool(shot.lines & 1), settings=settings, memory=self.memory)
+        seen = bright if shot.lines & 1 else dark
+        return Metered(exposure, float(exposure.response(seen * exposure.factor).mean()), reduction)
 
     def take(
-        self, shot: Shot, exposure: Exposure, number: int, stream: Stream, divisor: int, colors: frozenset[bool]
+        self,
+        shot: Shot,
+        exposure: Exposure,
+        number: int,
+        stream: Stream,
+        divisor: int,
+        colors: frozenset[bool],
+        averaged: int = 1,
     ) -> dict[bool, Taken]:
-        """Images of one camera, in grey (False) and colour (True) as wanted."""
+        """Images of one camera, in grey (False) and colour (True) as wanted; each the mean of ``averaged`` ones."""
         c = self.config
-        offset = c.model.baseline if stream in (Stream.RIGHT, Stream.RIGHT_DEPTH) else 0.0
+        offset = c.model.baseline if stream.right else 0.0
         key = frame_key(c.seed, number, stream)
         outputs = Output.COLOR | (Output.DEPTH if shot.projected(c) else Output(0))
         with self.render(shot, offset, divisor, outputs) as frame:
@@ -106,31 +116,21 @@ class Studio:
 
     def measure(self, left: Frame, right: Frame, settings: StreamSettings, number: int) -> Measured:
         """Ground-truth depth with the injected errors, from rendered depth; closes the frames."""
-        c, divisor = self.config, settings.quality.divisor
-        k = c.model.intrinsics(divisor)
-        ft = k.focal_length * c.model.baseline
-        filters = settings.filters
         with left, right:
             assert left.depth is not None
             assert right.depth is not None
-            limits = DepthRange(c.model.nearest_depth(filters.mindepth), filters.maxdepth)
-            true = true_disparity(left.depth, right.depth, ft, limits)
-        sigma = c.d_eps / divisor if c.noise else 0.0
-        measured = measure(true, ErrorModel(sigma), frame_key(c.seed, number, Stream.DISPARITY))
-        if not c.noise:
-            # Nothing to repair: every hole is one that the geometry makes.
-            filters = Filters(0.0, 0, 0, filters.maxdeptherr, filters.mindepth, filters.maxdepth)
-        apply_filters(measured, filters, ft, divisor)
-        return measured
+            return depth.measure_depth(self.config, left.depth, right.depth, settings, number)
 
-    def match(self, left: Taken, right: Taken, exposure: Exposure, settings: StreamSettings) -> Measured:
-        """Depth by matching the images."""
-        c, divisor = self.config, settings.quality.divisor
-        ft = c.model.intrinsics(divisor).focal_length * c.model.baseline
-        searched = c.model.disparity_range(divisor, settings.filters.mindepth)
-        measured = match(left.image, right.image, searched, exposure.sigma(128.0) * c.noise_factor)
-        apply_filters(measured, settings.filters, ft, divisor)
-        return measured
+    def match(
+        self,
+        left: Taken,
+        right: Taken,
+        exposure: Exposure,
+        settings: StreamSettings,
+        second: tuple[Taken, Taken, Exposure] | None = None,
+    ) -> Measured:
+        """Depth by matching the images; ``second`` is a pair that fills holes of the first."""
+        return depth.match_depth(self.config, left, right, exposure, settings, second)
 
     def mesh(
         self, measured: Measured, divisor: int, options: MeshOptions, left: NDArray[np.uint8] | None

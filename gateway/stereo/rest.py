@@ -157,7 +157,7 @@ def _describe(service: StereoService, node: str, names: list[str]) -> list[dict[
 
 def _set(service: StereoService, node: str, values: list[tuple[str, object]]) -> list[str]:
     try:
-        return service.parameters.set(node, values)
+        return service.set_parameters(node, values)
     except UnknownParameterError as error:
         raise _Refusal(404, str(error)) from None
     except ParameterError as error:

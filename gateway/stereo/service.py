@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterable
 from typing import Any
 
 import structlog
@@ -15,7 +15,7 @@ from gateway.stereo.hub import Hub
 from gateway.stereo.pacing import Counts, Metronome, PoseSource, Record, SceneSource
 from gateway.stereo.parameters import Parameters
 from gateway.stereo.pictures import Metered, Studio
-from gateway.stereo.settings import StreamSettings
+from gateway.stereo.settings import NEUTRAL_BLUE, NEUTRAL_RED, StreamSettings
 from gateway.stereo.trigger import Trigger
 from gateway.workers import Workers
 from renderers.port import Renderer
@@ -102,6 +102,20 @@ class StereoService:
         finally:
             self._port = None
             await server.stop(running, leave)
+
+    def set_parameters(self, node: str, values: Iterable[tuple[str, object]]) -> list[str]:
+        """Sets parameters, all or none; see ``Parameters.set``. When an automatic is switched off, what it has found
+        last becomes the manual value, as on the device."""
+        before, automatic = self.settings, self.last_taken.exposure
+        balanced = self.parameters.values("rc_camera")["wb_auto"]
+        names = self.parameters.set(node, values)
+        found: dict[str, float] = {}
+        if before.auto is not None and self.settings.auto is None:
+            found |= {"exp_value": automatic.time, "gain_value": automatic.gain}
+        if balanced and not self.parameters.values("rc_camera")["wb_auto"]:
+            found |= {"wb_ratio_red": NEUTRAL_RED, "wb_ratio_blue": NEUTRAL_BLUE}
+        self.parameters.set("rc_camera", [(name, value) for name, value in found.items() if name not in names])
+        return names
 
     def fire_trigger(self) -> tuple[int, str]:
         """Asks for one depth image in a single-frame mode; the device's return code and a message."""

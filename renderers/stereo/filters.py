@@ -58,7 +58,7 @@ def apply_filters(measured: Measured, filters: Filters, focal_times_baseline: fl
     if smallest > 1:
         _remove_segments(measured, smallest)
     if filters.fill > 0:
-        _fill_holes(measured, round(filters.fill / unit))
+        fill_holes(measured, filters.fill)
 
 
 @njit(nogil=True, cache=True)
@@ -94,8 +94,9 @@ def _forget(disparity, error, confidence):  # type: ignore[no-untyped-def]  # co
         confidence[i] = confidence[i] if valid else np.uint8(0)
 
 
-def _fill_holes(measured: Measured, step: int) -> None:
-    """Fills holes whose border differs by at most ``step`` units, the smallest first, up to ``FILL_SHARE``."""
+def fill_holes(measured: Measured, fill: int) -> None:
+    """Fills holes whose border differs by at most ``fill`` pixels, the smallest first, up to ``FILL_SHARE``."""
+    step = round(fill / DISPARITY_SCALE)
     disparity = measured.disparity
     count, labels = cv2.connectedComponents((disparity == 0).view(np.uint8), connectivity=4, ltype=cv2.CV_32S)
     size = np.zeros(count, np.int32)

@@ -26,6 +26,13 @@ class Stream(IntEnum):
     LEFT_DEPTH = 3
     RIGHT_DEPTH = 4
     DISPARITY = 5
+    LEFT_SECOND = 6
+    RIGHT_SECOND = 7
+
+    @property
+    def right(self) -> bool:
+        """Whether it is the right camera's."""
+        return self in (Stream.RIGHT, Stream.RIGHT_DEPTH, Stream.RIGHT_SECOND)
 
 
 def frame_key(seed: int, frame: int, stream: Stream) -> np.uint64:

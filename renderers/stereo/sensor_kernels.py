@@ -15,17 +15,19 @@ STEPS: Final = 4096
 
 
 @njit(nogil=True, cache=True)
-def grey_by_table(picture, table, key, out):  # type: ignore[no-untyped-def]  # compiled
+def grey_by_table(picture, table, weights, key, out):  # type: ignore[no-untyped-def]  # compiled
     """One table look-up a pixel: weights of red, green and blue in 1/256, luma in 1024 steps."""
     height, width = out.shape
     total = 0
+    red, green, blue = np.uint32(weights[0]), np.uint32(weights[1]), np.uint32(weights[2])
+    white = np.uint32(65280)
     for k in range(height):
         random = np.uint64(0)
         for i in range(width):
             if i & 7 == 0:
                 random = random64(key, k * width + i)
-            luma = 77 * picture[k, i, 0] + 150 * picture[k, i, 1] + 29 * picture[k, i, 2]  # up to 65280
-            grey = table[(luma * 1028) >> 16, random & np.uint64(127)]
+            luma = red * picture[k, i, 0] + green * picture[k, i, 1] + blue * picture[k, i, 2]
+            grey = table[(min(luma, white) * 1028) >> 16, random & np.uint64(127)]
             random >>= np.uint64(8)
             out[k, i] = grey
             total += grey
@@ -40,7 +42,7 @@ def color_by_table(picture, table, key, out):  # type: ignore[no-untyped-def]  #
         for i in range(width):
             random = random64(key, k * width + i)
             for c in range(3):
-                value = table[picture[k, i, c], random & np.uint64(127)]
+                value = table[c, picture[k, i, c], random & np.uint64(127)]
                 random >>= np.uint64(8)
                 out[k, i, c] = value
                 total += value
@@ -48,10 +50,10 @@ def color_by_table(picture, table, key, out):  # type: ignore[no-untyped-def]  #
 
 
 @njit(nogil=True, cache=True)
-def grey_with_dots(picture, dots, light, response, sigma, normal, key, out):  # type: ignore[no-untyped-def]  # compiled
+def grey_with_dots(picture, dots, light, weights, response, sigma, normal, key, out):  # type: ignore[no-untyped-def]  # compiled
     height, width = out.shape
     top = np.float32(STEPS - 1)
-    red, green, blue = np.float32(0.299 / 255.0), np.float32(0.587 / 255.0), np.float32(0.114 / 255.0)
+    red, green, blue = weights[0], weights[1], weights[2]
     total = 0
     for k in range(height):
         random = np.uint64(0)
@@ -69,17 +71,16 @@ def grey_with_dots(picture, dots, light, response, sigma, normal, key, out):  # 
 
 
 @njit(nogil=True, cache=True)
-def color_with_dots(picture, dots, light, response, sigma, normal, key, out):  # type: ignore[no-untyped-def]  # compiled
+def color_with_dots(picture, dots, light, weights, response, sigma, normal, key, out):  # type: ignore[no-untyped-def]  # compiled
     height, width = out.shape[:2]
     top = np.float32(STEPS - 1)
-    scale = np.float32(1.0 / 255.0)
     total = 0
     for k in range(height):
         for i in range(width):
             random = random64(key, k * width + i)
-            lit = light[dots[k, i]] * scale
+            lit = light[dots[k, i]]
             for c in range(3):
-                step = int(min(picture[k, i, c] * lit, top))
+                step = int(min(picture[k, i, c] * weights[c] * lit, top))
                 g = response[step] + sigma[step] * normal[random & np.uint64(4095)]
                 random >>= np.uint64(16)
                 value = int(min(max(g, np.float32(0.0)), np.float32(255.0)))

@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from renderers.stereo.errors import ErrorModel, Measured, measure
+from renderers.stereo.exposure import Exposure
 from renderers.stereo.filters import Filters, apply_filters
 from renderers.stereo.matching import match
 from renderers.stereo.mesh import MeshOptions, disparity_mesh
 from renderers.stereo.model import Intrinsics
 from renderers.stereo.noise import Stream, frame_key
 from renderers.stereo.projector import dots_on
-from renderers.stereo.sensor import Exposure, take
+from renderers.stereo.sensor import take
 from renderers.stereo.truth import DepthRange, true_disparity
 
 

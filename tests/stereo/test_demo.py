@@ -17,7 +17,6 @@ from gateway.stereo.settings import read
 from renderers.cpu import CpuRenderer
 from renderers.port import Output
 from renderers.stereo.noise import Stream
-from renderers.stereo.sensor import AutoExposure, Exposure
 from renderers.stereo.truth import DepthRange, true_disparity
 
 
@@ -33,7 +32,7 @@ def test_matching_the_demo_scene_with_the_projector(renderer: CpuRenderer, secon
     divisor = settings.quality.divisor
     model = studio.config.model
     shot = Shot(0, scene, 1, parse_mount_pose(Settings(only=()).stereo_pose), 1)
-    exposure = studio.meter(shot, AutoExposure(), Exposure()).exposure
+    exposure = studio.meter(shot, settings).exposure
     left, right = (
         studio.take(shot, exposure, 1, stream, divisor, frozenset((False,)))[False]
         for stream in (Stream.LEFT_DEPTH, Stream.RIGHT_DEPTH)

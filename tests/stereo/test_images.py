@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from renderers.stereo.exposure import AutoExposure, Exposure, auto_exposure, brightness_of
 from renderers.stereo.matching import match
 from renderers.stereo.model import MODELS, Quality
 from renderers.stereo.noise import Stream, frame_key
 from renderers.stereo.projector import dots_on
-from renderers.stereo.sensor import AutoExposure, Exposure, auto_exposure, brightness_of, take
+from renderers.stereo.sensor import take
 from renderers.stereo.truth import DepthRange, true_disparity
 from tests.stereo.analytic import plane, sphere
 

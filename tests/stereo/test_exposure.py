@@ -1,0 +1,207 @@
+"""How images are exposed: regions, the projector's modes, high dynamic range, white balance."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from gateway.generated import image_interface_pb2 as pb
+from gateway.stereo.metering import Memory, expose
+from gateway.stereo.parameters import Parameters
+from gateway.stereo.settings import StreamSettings, read
+from renderers.stereo.exposure import AutoExposure, Exposure, auto_exposure, brightness_of
+from renderers.stereo.noise import Stream, frame_key
+from renderers.stereo.sensor import take
+from tests.stereo.conftest import Camera, Start, pixels
+
+KEY = frame_key(1, 1, Stream.LEFT)
+
+
+def settings(**camera: object) -> StreamSettings:
+    parameters = Parameters()
+    parameters.set("rc_camera", camera.items())
+    return read(parameters)
+
+
+def scene(level: float = 0.2) -> NDArray[np.float32]:
+    values = np.full((120, 160), level, np.float32)
+    values[:, 80:] = level * 3
+    return values
+
+
+def test_the_exposure_region_is_what_counts() -> None:
+    whole, _ = expose(scene(), scene(), high=False, settings=settings(), memory=Memory())
+    region = settings(exp_offset_x=640, exp_width=600, exp_height=900)
+    right, _ = expose(scene(), scene(), high=False, settings=region, memory=Memory())
+    expected = auto_exposure(scene()[:, 80:], AutoExposure())
+    assert right == expected
+    assert right.light < whole.light
+    beside = settings(exp_offset_x=5000, exp_width=600, exp_height=900)
+    assert expose(scene(), scene(), high=False, settings=beside, memory=Memory())[0] == whole
+
+
+def test_normal_mode_exposes_every_image_for_itself_but_not_in_alternate_exposure() -> None:
+    dark, bright = scene(0.1), scene(0.25)
+    low, reduction = expose(dark, bright, high=False, settings=settings(), memory=Memory())
+    high, _ = expose(dark, bright, high=True, settings=settings(), memory=Memory())
+    assert (low, high) == (auto_exposure(dark, AutoExposure()), auto_exposure(bright, AutoExposure()))
+    assert reduction == 0
+    alternate = replace(settings(), out1="ExposureAlternateActive")
+    assert expose(dark, bright, high=False, settings=alternate, memory=Memory())[0] == high
+
+
+def test_out1_high_mode_keeps_the_exposure_while_out1_is_low() -> None:
+    mode, memory = settings(exp_auto_mode="Out1High"), Memory()
+    high, _ = expose(scene(0.1), scene(0.25), high=True, settings=mode, memory=memory)
+    # It has become brighter since.
+    assert expose(scene(0.2), scene(0.3), high=False, settings=mode, memory=memory)[0] == high
+    assert expose(scene(0.2), scene(0.3), high=True, settings=mode, memory=memory)[0] != high
+
+
+def test_adaptive_mode_reduces_images_with_out1_low_and_says_by_how_much() -> None:
+    mode = settings(exp_auto_mode="AdaptiveOut1")
+    low, reduction = expose(scene(0.1), scene(0.25), high=False, settings=mode, memory=Memory())
+    alone = auto_exposure(scene(0.1), AutoExposure())
+    assert low == auto_exposure(scene(0.25), AutoExposure())
+    assert 0 < reduction < 1
+    assert low.light == pytest.approx(alone.light * (1 - reduction), rel=1e-6)
+
+
+def gradient() -> NDArray[np.uint8]:
+    ramp = np.linspace(5, 255, 256).astype(np.uint8)
+    return np.broadcast_to(ramp[None, :, None], (64, 256, 3)).copy()
+
+
+def test_high_dynamic_range_saturates_nothing_and_keeps_the_order() -> None:
+    plain, hdr = Exposure(0.012), Exposure(0.012, hdr=True)
+    clipped = take(gradient(), plain, KEY, color=False, noise=0.0).image
+    whole = take(gradient(), hdr, KEY, color=False, noise=0.0).image
+    assert (clipped[0] == 255).mean() > 0.2
+    assert (whole[0] == 255).mean() < 0.02
+    assert (np.diff(whole[0].astype(int)) >= 0).all()
+    assert len(np.unique(whole[0])) > 150
+    # Three exposures see the dark better than one.
+    dark = np.full((200, 200, 3), 40, np.uint8)
+    noise = [float(take(dark, replace(e, gain=12.0, time=0.005), KEY, color=False).image.std()) for e in (plain, hdr)]
+    assert noise[1] < noise[0]
+    assert replace(plain, hdr=True).full > 1.5
+
+
+def test_automatic_exposure_of_high_dynamic_range_meets_its_target() -> None:
+    values = brightness_of(gradient())
+    found = auto_exposure(values, AutoExposure(average_max=0.4), Exposure(hdr=True))
+    assert found.hdr
+    assert take(gradient(), found, KEY, color=False, noise=0.0).brightness == pytest.approx(0.4, abs=0.02)
+
+
+def test_white_balance_changes_red_and_blue() -> None:
+    grey = np.full((40, 40, 3), 100, np.uint8)
+    warm = settings(exp_control="Manual", wb_auto=False, wb_ratio_red=2.4, wb_ratio_blue=1.2).manual
+    red, green, blue = take(grey, warm, KEY, color=True, noise=0.0).image.mean(axis=(0, 1))
+    assert green == pytest.approx(100, abs=1)
+    assert red == pytest.approx(100 * 2 ** (1 / 2.2), abs=1.5)
+    assert blue == pytest.approx(100 * 0.5 ** (1 / 2.2), abs=1.5)
+    neutral = settings(exp_control="Manual", wb_auto=False).manual
+    assert (neutral.red, neutral.blue) == (1.0, 1.0)
+    luma = 0.299 * red + 0.587 * green + 0.114 * blue
+    assert take(grey, warm, KEY, color=False, noise=0.0).image.mean() == pytest.approx(luma, abs=1.5)
+
+
+async def new(camera: Camera, **request: object) -> pb.ImageSet:
+    """A set that was taken with the parameters as they are now."""
+    begin = time.time_ns()
+    call = camera.stream(**request)
+    while True:
+        one = await call.read()
+        if one.timestamp.sec * 10**9 + one.timestamp.nsec >= begin:
+            call.cancel()
+            return one
+
+
+async def test_modes_in_the_stream(start: Start) -> None:
+    camera = await start(rate="max")
+    set_ = camera.service.set_parameters
+    set_("rc_camera", [("exp_auto_mode", "AdaptiveOut1"), ("exp_auto_average_max", 0.5)])
+    low = await new(camera, left_enabled=True)
+    assert 0 < low.left.out1_reduction < 1
+    set_("rc_iocontrol", [("out1_mode", "High")])
+    high = await new(camera, left_enabled=True)
+    assert high.left.exposure_time == pytest.approx(low.left.exposure_time)
+    assert high.left.out1_reduction == pytest.approx(low.left.out1_reduction)
+    assert high.left.brightness > low.left.brightness
+    set_("rc_iocontrol", [("out1_mode", "Low")])
+    set_("rc_camera", [("exp_auto_mode", "Normal"), ("exp_control", "HDR")])
+    hdr = await new(camera, left_enabled=True)
+    assert hdr.left.out1_reduction == 0
+    assert camera.service.settings.camera_rate == pytest.approx(25 / 3)
+
+
+async def test_switching_an_automatic_off_keeps_what_it_found(start: Start) -> None:
+    camera = await start(rate="max")
+    set_, values = camera.service.set_parameters, camera.service.parameters.values("rc_camera")
+    one = await new(camera, left_enabled=True)
+    await camera.take(2, left_enabled=True)
+    set_("rc_camera", [("wb_auto", False), ("wb_ratio_red", 2.0), ("exp_control", "Manual")])
+    assert values["exp_value"] == pytest.approx(one.left.exposure_time, rel=1e-5)
+    assert values["gain_value"] == pytest.approx(one.left.gain, abs=1e-5)
+    assert (values["wb_ratio_red"], values["wb_ratio_blue"]) == (2.0, 2.4)
+    two = await new(camera, left_enabled=True)
+    assert two.left.exposure_time == pytest.approx(one.left.exposure_time)
+
+
+@pytest.mark.parametrize("mode", ["ground_truth", "matched"])
+async def test_depth_only_within_its_region(start: Start, mode: str) -> None:
+    camera = await start(rate="max", depth_mode=mode)
+    set_ = camera.service.set_parameters
+    set_("rc_iocontrol", [("out1_mode", "High")])
+    region = [("roi_offset_x", 100), ("roi_offset_y", 60), ("roi_width", 120), ("roi_height", 100)]
+    everywhere = await new(camera, disparity_enabled=True)
+    set_("rc_stereomatching", region)
+    one = await new(camera, disparity_enabled=True, confidence_enabled=True)
+    inside = np.zeros((120, 160), np.bool_)
+    inside[30:80, 50:110] = True
+    d = pixels(one.disparity.image)
+    assert (d[inside] > 0).mean() > 0.8 * (pixels(everywhere.disparity.image)[inside] > 0).mean()
+    assert not d[~inside].any()
+    assert not pixels(one.confidence)[~inside].any()
+    set_("rc_stereomatching", [("roi_offset_x", 5000)])
+    none = await new(camera, disparity_enabled=True)
+    assert not pixels(none.disparity.image).any()
+
+
+@pytest.mark.parametrize(("out1", "gain"), [("High", 0.2), ("ExposureAlternateActive", 0.001)])
+async def test_double_shot_fills_holes(start: Start, out1: str, gain: float) -> None:
+    """From half the resolution; in alternate exposure from images without dots, which see little on blank walls."""
+    camera = await start(rate="max", depth_mode="matched", image_noise=15.0)
+    set_ = camera.service.set_parameters
+    set_("rc_stereomatching", [("fill", 0), ("seg", 0), ("quality", "Full")])
+    set_("rc_iocontrol", [("out1_mode", out1)])
+    density = []
+    for on in (False, True):
+        set_("rc_stereomatching", [("double_shot", on)])
+        one = await new(camera, disparity_enabled=True)
+        density.append(float((pixels(one.disparity.image) > 0).mean()))
+    assert density[1] > density[0] + gain
+
+
+async def test_static_scenes_are_averaged(start: Start) -> None:
+    camera = await start(d_eps=0.5)
+    settings = camera.service.settings
+    assert settings.averaged == 1
+    camera.service.set_parameters("rc_stereomatching", [("static_scene", True)])
+    assert camera.service.settings.depth_rate == 3.0
+    camera.service.set_parameters("rc_camera", [("fps", 8.0)])
+    assert camera.service.settings.depth_rate == 1.0
+    camera.service.set_parameters("rc_stereomatching", [("quality", "Low")])
+    assert camera.service.settings.averaged == 1
+    camera.service.set_parameters("rc_camera", [("fps", 25.0)])
+    errors = []
+    for on in (False, True):
+        camera.service.set_parameters("rc_stereomatching", [("quality", "Full"), ("static_scene", on)])
+        one = await new(camera, disparity_error_enabled=True)
+        errors.append(int(pixels(one.disparity_error).max()))
+    assert errors == [8, 3]
