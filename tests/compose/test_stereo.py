@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import io
 import json
-import os
 from collections.abc import Iterator
 from typing import Any
 from urllib.parse import urlsplit
@@ -17,8 +16,6 @@ import pytest
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
 from grpc_reflection.v1alpha.proto_reflection_descriptor_database import ProtoReflectionDescriptorDatabase
-
-from tests.support.gateway_process import gateway_process
 
 pytestmark = pytest.mark.compose
 
@@ -45,21 +42,9 @@ TRIANGLE = {
 
 
 @pytest.fixture(scope="module")
-def base() -> Iterator[str]:
-    """Base URL of a gateway with a stereo camera that sees the demo scene."""
-    given = os.environ.get("SCENEGATE_URL")
-    if given:
-        yield given.rstrip("/")
-        return
-    with gateway_process("--demo", "--only", "render,scene,stereo", "--grpc-port", "0") as (_, started):
-        yield started
-
-
-@pytest.fixture(scope="module")
-def channel(base: str) -> Iterator[grpc.Channel]:
-    port = httpx2.get(f"{base}/healthz").json()["interfaces"]["stereo"]["port"]
+def channel(url: str, interfaces: dict[str, Any]) -> Iterator[grpc.Channel]:
     options = [("grpc.max_receive_message_length", -1)]
-    with grpc.insecure_channel(f"{urlsplit(base).hostname}:{port}", options) as opened:
+    with grpc.insecure_channel(f"{urlsplit(url).hostname}:{interfaces['stereo']['port']}", options) as opened:
         yield opened
 
 
@@ -76,7 +61,7 @@ def take(channel: grpc.Channel, **enabled: Any) -> Any:
     return one
 
 
-def test_image_sets_of_the_demo_scene(base: str, channel: grpc.Channel) -> None:
+def test_image_sets_of_the_demo_scene(url: str, channel: grpc.Channel) -> None:
     one = take(channel, left_enabled=True, disparity_enabled=True, confidence_enabled=True, mesh_enabled=True)
     assert not one.HasField("right")
     assert (one.left.width, one.left.height, one.left.encoding) == (1280, 960, "mono8")
@@ -89,7 +74,7 @@ def test_image_sets_of_the_demo_scene(base: str, channel: grpc.Channel) -> None:
     assert one.mesh.data.startswith(b"ply\n")
 
     stamp = f"{one.timestamp.sec}.{one.timestamp.nsec:09d}"
-    truth = np.load(io.BytesIO(httpx2.get(f"{base}/stereo/truth.npz", params={"timestamp": stamp}).content))
+    truth = np.load(io.BytesIO(httpx2.get(f"{url}/stereo/truth.npz", params={"timestamp": stamp}).content))
     both = (disparity > 0) & (truth["disparity"] > 0)
     # The device's error model: a quarter of a pixel at full resolution.
     error = disparity[both] / 16 - truth["disparity"][both]
@@ -98,8 +83,8 @@ def test_image_sets_of_the_demo_scene(base: str, channel: grpc.Channel) -> None:
     assert np.allclose(d.image.focal_length * d.baseline / truth["depth"][both], truth["disparity"][both], rtol=1e-3)
 
 
-def test_parameters_change_the_stream(base: str, channel: grpc.Channel) -> None:
-    quality = f"{base}{API}/rc_stereomatching/parameters/quality"
+def test_parameters_change_the_stream(url: str, channel: grpc.Channel) -> None:
+    quality = f"{url}{API}/rc_stereomatching/parameters/quality"
     try:
         assert httpx2.put(quality, json={"value": "Low"}).status_code == 200
         assert take(channel, disparity_enabled=True).disparity.image.width == 214

@@ -1,0 +1,43 @@
+"""What a browser in another container sees: the page, its scene by WebSocket, nothing from any other host."""
+
+from __future__ import annotations
+
+import io
+
+import cv2
+import httpx2
+import numpy as np
+import pytest
+from PIL import Image
+
+from tests.support.browser import Watched, chromium
+
+pytestmark = [pytest.mark.compose, pytest.mark.browser]
+
+
+def test_the_page_shows_the_demo_scene(url: str) -> None:
+    with chromium() as browser:
+        shown = Watched(browser, url)
+        shown.page.wait_for_function("scenegate.model.find(['demo', 'robot'])?.parts != null", timeout=120_000)
+        before = where(shown)
+        shown.page.wait_for_function(
+            "before => JSON.stringify(scenegate.model.find(['demo', 'drone']).local.elements) != before", arg=before
+        )
+        png = shown.page.locator(".stage canvas").screenshot()
+        picture = np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
+        assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 100, "something is drawn"
+        assert shown.faults == []
+
+
+def where(shown: Watched) -> str:
+    found: str = shown.page.evaluate("JSON.stringify(scenegate.model.find(['demo', 'drone']).local.elements)")
+    return found
+
+
+def test_a_picture_by_our_own_rasterizer(http: httpx2.Client) -> None:
+    answer = http.get("/view/frame.jpg", params={"camera": "fit", "width": 320, "height": 240})
+    assert answer.status_code == 200, answer.text
+    picture = cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_COLOR)
+    assert picture is not None
+    assert picture.shape == (240, 320, 3)
+    assert picture.std() > 10
