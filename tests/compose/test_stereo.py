@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import json
+import os
 from collections.abc import Iterator
 from typing import Any
 from urllib.parse import urlsplit
@@ -16,6 +17,8 @@ import pytest
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
 from grpc_reflection.v1alpha.proto_reflection_descriptor_database import ProtoReflectionDescriptorDatabase
+
+from tests.support.gateway_process import gateway_process
 
 pytestmark = pytest.mark.compose
 
@@ -97,6 +100,7 @@ def test_parameters_change_the_stream(url: str, channel: grpc.Channel) -> None:
     assert take(channel, disparity_enabled=True).disparity.image.width == 640
 
 
+@pytest.mark.skipif("SCENEGATE_URL" in os.environ, reason="starts gateways of its own")
 def test_a_simulated_clock_gives_the_same_bytes_in_every_run(tmp_path: Any) -> None:
     scene = tmp_path / "triangle.gltf"
     scene.write_text(json.dumps(TRIANGLE))

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import cv2
+import httpx2
 import numpy as np
 import pytest
 
@@ -35,7 +38,14 @@ def run(name: str, *arguments: str | Path) -> str:
 
 def test_examples_are_short_and_all_here() -> None:
     found = sorted(path.name for path in EXAMPLES.glob("*.py"))
-    expected = ["publish_tree.py", "ray_serve.py", "read_dataset.py", "render_http.py", "stream_stereo.py"]
+    expected = [
+        "animate_robot.py",
+        "publish_tree.py",
+        "ray_serve.py",
+        "read_dataset.py",
+        "render_http.py",
+        "stream_stereo.py",
+    ]
     assert found == expected  # tests/batch has those of datasets and Ray
     assert all(len((EXAMPLES / name).read_text().splitlines()) <= MAX_LINES for name in found)
 
@@ -62,6 +72,30 @@ def test_publish_tree(gateway: dict[str, str], tmp_path: Path) -> None:
     assert picture.shape == (480, 640, 3)
     blue, green, red = (picture[..., i].astype(int) for i in range(3))
     assert ((red > 150) & (green > 80) & (blue < 80)).sum() > 500, "the orange arm is not to be seen"
+
+
+@pytest.mark.lcm
+def test_animate_robot(gateway: dict[str, str]) -> None:
+    pytest.importorskip("lcm", reason="LCM's library needs glib")
+    command = [sys.executable, str(EXAMPLES / "animate_robot.py"), gateway["tcpq"]]
+    with subprocess.Popen(command, stderr=subprocess.DEVNULL) as publisher:
+        try:
+            first = rover(gateway["http"], lambda head: True)
+            rover(gateway["http"], lambda head: head["transform"] != first["transform"])
+        finally:
+            publisher.terminate()
+
+
+def rover(url: str, wanted: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+    """The rover's head in the listing of the live scene, as soon as it is as wanted."""
+    limit = time.monotonic() + 60.0
+    while time.monotonic() < limit:
+        nodes = {tuple(node["path"]): node for node in httpx2.get(f"{url}/scene").json()["nodes"]}
+        head = nodes.get(("rover", "head"))
+        if head is not None and wanted(head):
+            return head
+        time.sleep(0.05)
+    raise AssertionError("the rover does not move")
 
 
 def test_stream_stereo(gateway: dict[str, str], tmp_path: Path) -> None:
