@@ -4,7 +4,8 @@
 
 Ours runs as the service that the gateway runs, in a process of its own, over UDP multicast and over the TCPQ hub. The
 floor is the least that any viewer of this protocol could do: a loop of liblcm, the fastest JSON reader at hand (orjson
-if it is installed) and a dict, over UDP. PYTHON is an interpreter with meshcat, viser or pydrake; see
+if it is installed) and a dict, over UDP. An echo by liblcm shows how long a small message takes while another client's
+big one arrives, without any viewer. PYTHON is an interpreter with meshcat, viser or pydrake; see
 ``bench/treeviewer_peers.py`` for what is measured there. Every figure is a median (p99 after the slash) in ms; the last
 lines are ratios. S bounds each job; the whole takes about 30 S.
 """
@@ -44,6 +45,7 @@ BOXES = 1000
 VERTICES = POINTS = 100_000
 FLOOD = 3000
 ANSWER_SECONDS = 10.0
+BIG_SECONDS = 0.1
 
 
 # --- requests
@@ -164,6 +166,19 @@ async def floor(url: str) -> None:
     await asyncio.Event().wait()
 
 
+async def echo(url: str) -> None:
+    """liblcm answering as soon as it has a message, whatever is in it: what UDP and the machine alone cost."""
+    network = lcm.LCM(url)
+    answer = answers.encode(answers.failed(0, "echo"))
+    network.subscribe(
+        f"{REQUEST}.*", lambda channel, _: network.publish(response_channel(channel), answer)
+    ).set_queue_capacity(0)
+    with_large_buffer(url)
+    asyncio.get_running_loop().add_reader(network.fileno(), network.handle)
+    print("ready", flush=True)
+    await asyncio.Event().wait()
+
+
 def with_large_buffer(url: str) -> None:
     """Gives liblcm, which hides its socket, the receive buffer that ours has, so that big messages arrive at all."""
     if not url.startswith("udpm"):
@@ -265,28 +280,39 @@ def started(child: subprocess.Popen[str]) -> None:
 
 
 def disturbed(url: str, message: bytes, seconds: float) -> None:
-    """Sends big messages, one after the other, and prints how long each took."""
+    """Sends big messages, one after the other but not more than one in ``BIG_SECONDS``; prints how long each took."""
     client = Client(url, "big")
     times = [client.ask(message)]
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         times.append(client.ask(message))
+        time.sleep(max(0.0, BIG_SECONDS - times[-1] / 1000.0))
+    print(json.dumps(times), flush=True)
+
+
+def undisturbed(url: str, seconds: float) -> None:
+    """Sends single transforms every 2 ms; prints how long each took."""
+    client, single = Client(url, "small"), transforms(1)
+    client.ask(single)
+    print("ready", flush=True)
+    time.sleep(2.0)  # until the other has made its message
+    times = []
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        times.append(client.ask(single))
+        time.sleep(0.002)
     print(json.dumps(times), flush=True)
 
 
 def others(url: str, kind: str, seconds: float) -> tuple[list[float], list[float]]:
     """Milliseconds of single transforms while another client sends big messages; and of those."""
-    client, single = Client(url, "small"), transforms(1)
-    with process("-m", "bench.treeviewer", "--part", f"big:{kind}", "--url", url, "--seconds", str(seconds)) as big:
-        client.ask(single)
-        time.sleep(2.0)  # until it has made its message
-        times = []
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            times.append(client.ask(single))
-            time.sleep(0.002)
-        assert big.stdout is not None
-        return times, json.loads(big.stdout.readline() or "[]")
+    place = ("--url", url, "--seconds", str(seconds))
+    with process("-m", "bench.treeviewer", "--part", "small", *place) as small:
+        started(small)
+        with process("-m", "bench.treeviewer", "--part", f"big:{kind}", *place) as big:
+            assert small.stdout is not None
+            assert big.stdout is not None
+            return json.loads(small.stdout.readline() or "[]"), json.loads(big.stdout.readline() or "[]")
 
 
 def peers_of(python: str, seconds: float) -> list[Figures]:
@@ -322,12 +348,14 @@ def compare(peers: str | None, seconds: float) -> None:
     tcpq = f"tcpq://127.0.0.1:{number}"
     messages = {job: make() for job, make in JOBS.items()}
     lines = []
+    echo_udp = f"udpm://239.255.76.67:{number + 2}?ttl=0"
     with (
         process("-m", "bench.treeviewer", "--part", "serve", "--url", udp, "--port", str(number)) as ours,
         process("-m", "bench.treeviewer", "--part", "floor", "--url", floor_udp) as plain,
+        process("-m", "bench.treeviewer", "--part", "echo", "--url", echo_udp) as bare,
     ):
-        started(ours)
-        started(plain)
+        for server in (ours, plain, bare):
+            started(server)
         table = measure({"ours, udp": udp, "ours, tcpq": tcpq, "floor, udp": floor_udp}, messages, seconds)
         for url, transport in ((udp, "udp"), (tcpq, "tcpq")):
             for count in (1, 100):
@@ -336,6 +364,7 @@ def compare(peers: str | None, seconds: float) -> None:
                     f"flood {transport}, {count} transforms each: {answered} of {FLOOD} answered, "
                     f"{answered * count / took:,.0f} transforms/s"
                 )
+        for url, transport in ((udp, "udp"), (tcpq, "tcpq"), (echo_udp, "udp, a bare echo by liblcm")):
             for kind in ("mesh", "cloud"):
                 times, big = others(url, kind, 2 * seconds)
                 lines.append(
@@ -374,6 +403,10 @@ def main() -> None:
         uvloop.run(serve(given.url, given.port))
     elif given.part == "floor":
         uvloop.run(floor(given.url))
+    elif given.part == "echo":
+        uvloop.run(echo(given.url))
+    elif given.part == "small":
+        undisturbed(given.url, given.seconds)
     elif given.part.startswith("big:"):
         disturbed(given.url, mesh() if given.part == "big:mesh" else cloud(), given.seconds)
     else:

@@ -263,6 +263,8 @@ def _mesh_file(params: Mapping[str, Any], rgba: Color, X: NDArray[np.float64], c
         scale = (x, y, z)
     else:
         single = given[0] if isinstance(given, list) and len(given) == 1 else given
+        if not isinstance(single, (int, float)):
+            raise CommandError(f"scale must be a number or three, not {show(given)}")
         value = fields.drawable(fields.number(single, "scale"), "scale")
         scale = (value, value, value)
     try:

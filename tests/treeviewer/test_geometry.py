@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import numpy as np
@@ -389,7 +390,7 @@ def test_a_mesh_file_may_be_scaled_by_one_number_or_three(scale: Any, asked: tup
 def test_a_bad_scale_is_refused(scale: Any) -> None:
     answer = Viewer(meshes=Files()).set({"type": "mesh_file", "filename": "a.obj", "scale": scale})
     assert answer["status"] == -3
-    assert "geometry.scale" in answer["error"]
+    assert answer["errors"][0]["reason"] == f"geometry.scale must be a number or three, not {json.dumps(scale)}"
 
 
 def test_a_files_parts_are_tinted_and_placed() -> None:
