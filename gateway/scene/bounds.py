@@ -39,6 +39,7 @@ class _Reach:
 
 
 _reaches: WeakKeyDictionary[Mesh, _Reach] = WeakKeyDictionary()
+_focus: WeakKeyDictionary[DrawList, tuple[Bounds | None]] = WeakKeyDictionary()
 _lock = threading.Lock()
 
 
@@ -182,8 +183,18 @@ def focus_bounds(drawn: DrawList) -> Bounds | None:
     """The box around what a person would look at: everything but grounds and walls much larger than the rest.
 
     A ground is an instance whose thinnest side is below 1 % of its longest and whose longest is more than 1.5 times the
-    diagonal of all that is not flat.
+    diagonal of all that is not flat. Remembered while the draw list lives: many cameras look at one scene.
     """
+    with _lock:
+        known = _focus.get(drawn)
+    if known is None:
+        known = (_focus_bounds(drawn),)
+        with _lock:
+            _focus[drawn] = known
+    return known[0]
+
+
+def _focus_bounds(drawn: DrawList) -> Bounds | None:
     boxes = [box for box in instance_bounds(drawn.instances) if box is not None]
     extents = [box[1] - box[0] for box in boxes]
     solid = union([box for box, extent in zip(boxes, extents, strict=True) if extent.min() >= 0.01 * extent.max()])

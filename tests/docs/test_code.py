@@ -1,0 +1,91 @@
+"""The Python and curl of the documentation, run as they stand against a gateway with the demo scene.
+
+Only addresses are replaced: the tests must not take the standard ports.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.docs.pages import PAGES, Block, blocks, commands
+from tests.support import forms
+from tests.support.gateway_process import gateway_process
+from tests.support.ports import free_ports
+
+SECONDS = 300
+PYTHON = [block for page in PAGES for block in blocks(page) if block.language == "python"]
+CURL = [
+    (block, line)
+    for page in PAGES
+    for block in blocks(page)
+    for line in commands(block)
+    if line.startswith("curl ") and "notest" not in block.options
+]
+
+
+@pytest.fixture(scope="module")
+def addresses() -> Iterator[dict[str, str]]:
+    """The addresses of the pages -> those of a gateway."""
+    grpc_port, tcpq_port = free_ports(2)
+    flags = ("--demo", "--grpc-port", str(grpc_port), "--tcpq-port", str(tcpq_port), "--lcm-url", "off")
+    with gateway_process(*flags) as (_, url):
+        yield {
+            "http://127.0.0.1:8000": url,
+            "127.0.0.1:50051": f"127.0.0.1:{grpc_port}",
+            "127.0.0.1:7700": f"127.0.0.1:{tcpq_port}",
+        }
+
+
+def placed(code: str, addresses: dict[str, str]) -> str:
+    for theirs, ours in addresses.items():
+        code = code.replace(theirs, ours)
+    return code
+
+
+@pytest.mark.parametrize("block", [b for b in PYTHON if "notest" not in b.options], ids=str)
+def test_python(block: Block, addresses: dict[str, str], tmp_path: Path) -> None:
+    interpreter = sys.executable
+    if "pydrake" in block.code:
+        interpreter = os.environ.get("SCENEGATE_DRAKE_PYTHON", "")
+        if not interpreter:
+            pytest.skip("SCENEGATE_DRAKE_PYTHON names no interpreter with pydrake")
+    elif "import lcm" in block.code:
+        pytest.importorskip("lcm", reason="LCM's library needs glib", exc_type=ImportError)
+    script = tmp_path / "block.py"
+    script.write_text(placed(block.code, addresses))
+    done = subprocess.run(
+        [interpreter, str(script)], cwd=tmp_path, capture_output=True, text=True, timeout=SECONDS, check=False
+    )
+    assert done.returncode == 0, f"{block}:\n{done.stdout[-1000:]}{done.stderr[-3000:]}"
+
+
+@pytest.mark.parametrize("block", [b for b in PYTHON if "notest" in b.options], ids=str)
+def test_python_that_is_not_run_is_python(block: Block) -> None:
+    compile(block.code, str(block), "exec")
+
+
+@pytest.mark.parametrize(("block", "line"), CURL, ids=[f"{block}-{i}" for i, (block, _) in enumerate(CURL)])
+def test_curl(block: Block, line: str, addresses: dict[str, str], tmp_path: Path) -> None:
+    if shutil.which("curl") is None:
+        pytest.skip("there is no curl on this machine")
+    if "/truth.npz?timestamp=" in line:
+        pytest.skip("needs the timestamp of a frame of its own")
+    (tmp_path / "scene.gltf").write_text(json.dumps(forms.gltf()))
+    command = placed(line, addresses).replace("curl ", "curl --fail --silent --show-error --max-time 120 ", 1)
+    done = subprocess.run(["bash", "-c", command], cwd=tmp_path, capture_output=True, timeout=SECONDS, check=False)
+    assert done.returncode == 0, f"{block}: {line}\n{done.stderr.decode()[-2000:]}"
+
+
+def test_there_is_something_to_run() -> None:
+    """A page that hides its code from the tests would pass them."""
+    run = [block for block in PYTHON if "notest" not in block.options]
+    assert len(run) >= 3
+    assert len(CURL) >= 4
