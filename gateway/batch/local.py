@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
 import multiprocessing
+import signal
 from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -14,6 +17,8 @@ from gateway.client.manifest import Failure
 
 WAITING: Final = 2
 """Tasks per worker that are handed out, so that none waits for the next one."""
+_PR_SET_PDEATHSIG: Final = 1
+"""prctl(2)."""
 DIED: Final = "the process that drew it died twice (out of memory?)"
 
 
@@ -40,7 +45,8 @@ def run_local(tasks: list[Task], workers: int) -> Iterator[Result]:
 
 def _until_broken(left: deque[Task], workers: int, suspects: list[Task]) -> Iterator[Result]:
     """Works off ``left``; after the death of a worker, ``suspects`` has what was handed out."""
-    with _pool(workers) as pool:
+    pool = _pool(workers)
+    try:
         running: dict[Future[Result], Task] = {}
         while left or running:
             while left and len(running) < WAITING * workers:
@@ -63,6 +69,8 @@ def _until_broken(left: deque[Task], workers: int, suspects: list[Task]) -> Iter
             if suspects:
                 suspects.extend(running.values())
                 return
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
 
 
 def _alone(task: Task) -> Result:
@@ -78,7 +86,14 @@ def _alone(task: Task) -> Result:
 
 def _pool(workers: int) -> ProcessPoolExecutor:
     # A forked child would inherit locks that threads of this process hold.
-    return ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"))
+    return ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=_begin)
+
+
+def _begin() -> None:
+    """In a worker: Ctrl+C is for the one that hands out work, and nobody outlives that one."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with contextlib.suppress(OSError, AttributeError):  # another system than Linux
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def _work(task: Task) -> Result:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
@@ -18,6 +20,8 @@ from gateway.client.manifest import Failure, RecordError, Sample, Settings, Sour
 
 VIEWS_PER_TASK: Final = 16
 """Reading a scene is paid once a task, and what a killed worker loses is a task: 16 views are about a second."""
+HASHED_AT_ONCE: Final = 1000
+"""Samples handed to the hashing threads: there may be millions."""
 
 CONVENTIONS: Final = {
     "units": "metres, pixels; the world is right-handed and Z up",
@@ -94,10 +98,9 @@ def make_order(
     common = (*views, *cameras.cameras)
     if not common:
         common = (View("default", None),)
-    names = [view.name for view in common]
-    for name in names:
-        if names.count(name) > 1:
-            raise PlanError(f"two views are called {name!r}")
+    names = Counter(view.name for view in common)
+    if (twice := names.most_common(1)[0])[1] > 1:
+        raise PlanError(f"two views are called {twice[0]!r}")
     strangers = cameras.scenes.keys() - {source.name for source in sources}
     if strangers:
         raise PlanError(f"the camera file names scenes that are not there: {', '.join(sorted(strangers)[:5])}")
@@ -151,20 +154,30 @@ def check_folder(order: Order, wanted: manifest.Dataset) -> list[Sample]:
     return list(samples.values())
 
 
-def done_of(order: Order, known: Iterable[Sample]) -> Iterator[Sample]:
-    """Those of the known samples that need not be drawn again: same scene, same view, files as they were written."""
+def done_of(order: Order, known: Iterable[Sample], threads: int = 1) -> Iterator[Sample]:
+    """Those of the known samples that need not be drawn again: same scene, same view, files as they were written.
+
+    ``threads``: that read and hash the pictures.
+    """
     wanted = {
         f"{source.name}/{view.name}": (source, view) for source in order.sources for view in order.views_of(source)
     }
     digests: dict[str, str | None] = {}
+    same: list[Sample] = []
     for sample in known:
         source, view = wanted[sample.id]
         if source.name not in digests:
             digests[source.name] = _scene_digest(order.out, source)
-        if sample.asked != view.asked or sample.scene_sha256 != digests[source.name]:
-            continue
-        if all(sha256_of(order.out / image.path) == image.sha256 for image in sample.images.values()):
-            yield sample
+        if sample.asked == view.asked and sample.scene_sha256 == digests[source.name]:
+            same.append(sample)
+
+    def is_whole(sample: Sample) -> bool:
+        return all(sha256_of(order.out / image.path) == image.sha256 for image in sample.images.values())
+
+    with ThreadPoolExecutor(threads) as pool:
+        for start in range(0, len(same), HASHED_AT_ONCE):
+            part = same[start : start + HASHED_AT_ONCE]
+            yield from (sample for sample, whole in zip(part, pool.map(is_whole, part), strict=True) if whole)
 
 
 def _scene_digest(out: Path, source: Source) -> str | None:

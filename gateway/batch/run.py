@@ -10,6 +10,7 @@ from gateway.batch.plan import Order, Result, Task, check_folder, description, d
 from gateway.client import manifest
 from gateway.client.manifest import Failure, Sample
 from gateway.ops import kernels
+from gateway.workers import usable_cpus
 
 Execute = Callable[[list[Task]], Iterator[Result]]
 
@@ -47,7 +48,7 @@ def run(order: Order, execute: Execute, report: Callable[[Progress], None]) -> P
     out = order.out
     renderer = kernels.sources_digest()
     wanted = description(order.settings, renderer)
-    samples = {sample.id: sample for sample in done_of(order, check_folder(order, wanted))}
+    samples = {sample.id: sample for sample in done_of(order, check_folder(order, wanted), usable_cpus())}
     progress = Progress(order.size, kept=len(samples))
     write_whole(out / manifest.DATASET, manifest.encode_for_people(wanted))
     # From here on the journal says what is there; without it the next run would believe an old manifest.

@@ -60,15 +60,15 @@ class Worker:
             scene = self._scene(task)
             folder = out / manifest.SCENES / task.source.name
             write_whole(folder / manifest.SCENE, manifest.encode_for_people(scene.record))
-        except (SceneError, OSError) as error:
-            result.failures.append(Failure(task.source.name, None, str(error)))
+        except Exception as error:  # noqa: BLE001 - one bad scene must not end the others
+            result.failures.append(Failure(task.source.name, None, _reason(error)))
             return result
         result.warnings = scene.record.warnings
         for view in task.views:
             try:
                 result.samples.append(self._sample(task, scene, view, out))
-            except (CameraError, ImageError, RequestError, OSError, ValueError) as error:
-                result.failures.append(Failure(task.source.name, view.name, str(error)))
+            except Exception as error:  # noqa: BLE001 - nor one bad view
+                result.failures.append(Failure(task.source.name, view.name, _reason(error)))
         return result
 
     def _scene(self, task: Task) -> LoadedScene:
@@ -116,6 +116,13 @@ class Worker:
         style = Style(settings.look, settings.background, settings.antialias)  # type: ignore[arg-type]
         formats = {image_type: _format(image_type, settings) for image_type in settings.types}
         return camera, draw(self._renderer, scene, camera, formats, style)
+
+
+def _reason(error: Exception) -> str:
+    """Our own errors are sentences; anything else is a defect, which its type helps to find."""
+    if isinstance(error, SceneError | CameraError | ImageError | RequestError | OSError):
+        return str(error)
+    return f"{type(error).__name__}: {error}"
 
 
 def _format(image_type: ImageType, settings: manifest.Settings) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import time
 from functools import partial
 from pathlib import Path
@@ -106,6 +107,7 @@ def dataset(
     """
     file = CameraFile() if cameras is None else read_camera_file(cameras)
     order = make_order(find_sources(scenes), views, file, settings, out.absolute())
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # stops as Ctrl+C does
     execute = partial(run_local, workers=cores) if ray is None else partial(run_ray, address=ray)
     console = Console(stderr=True)
     begin = time.monotonic()

@@ -5,6 +5,9 @@ from __future__ import annotations
 import json
 import os
 import signal
+import subprocess
+import sys
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -13,16 +16,19 @@ import msgspec
 import numpy as np
 import pytest
 
-from gateway.batch import local
+from gateway.batch import local, tasks
 from gateway.batch.camerafile import CameraFile
 from gateway.batch.plan import PlanError, Result, Task
 from gateway.batch.run import run
+from gateway.batch.scenes import LoadedScene, load_scene
+from gateway.batch.sources import Source
 from gateway.batch.tasks import Worker
 from gateway.batch.views import View
 from gateway.client import manifest
 from gateway.client.dataset import NO_LABEL, Dataset
 from tests.batch.conftest import SETTINGS, Draw, contents, order_of
 from tests.support import forms
+from tests.support.gateway_process import STOP_SECONDS
 
 
 def test_every_kind_of_scene_is_drawn(scenes: Path, tmp_path: Path, draw: Draw) -> None:
@@ -209,3 +215,42 @@ def test_a_worker_that_dies_takes_only_its_task_with_it(
     draw(order)
     draw(order_of(scenes, tmp_path / "whole"))
     assert contents(tmp_path / "out") == contents(tmp_path / "whole")
+
+
+def test_a_defect_in_one_scene_is_a_line_too(
+    scenes: Path, tmp_path: Path, draw: Draw, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(source: Source, up: str) -> LoadedScene:
+        if source.name == "a.gltf":
+            raise RecursionError("too deep")
+        return load_scene(source)
+
+    monkeypatch.setattr(tasks, "load_scene", broken)
+    progress = draw(order_of(scenes, tmp_path / "out"))
+    assert [(f.scene, f.reason) for f in progress.failures] == [("a.gltf", "RecursionError: too deep")]
+    assert progress.drawn == 5
+
+
+def test_a_command_that_is_told_to_stop_leaves_no_process_and_goes_on_later(scenes: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    arguments = (str(scenes), "-o", str(out), "--orbit", "1500", "--width", "64", "--height", "48", "--threads", "2")
+    command = [sys.executable, "-m", "gateway.cli", "render", *arguments]
+    # Its workers hold the other end of stderr: it ends when the last of them has ended.
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    try:
+        journal = out / manifest.JOURNAL
+        while not (journal.exists() and journal.stat().st_size):
+            assert process.poll() is None
+            time.sleep(0.02)  # nothing tells when the first line is there
+        process.terminate()
+        _, said = process.communicate(timeout=STOP_SECONDS)
+    finally:
+        process.kill()
+        process.communicate()
+    assert process.returncode == 130
+    assert "Traceback" not in said
+    assert "The same command goes on from here" in said
+    done = manifest.read_lines(journal, manifest.Sample)
+    assert 0 < len(done) < 4500
+    for sample in done:
+        assert all((out / image.path).stat().st_size == image.bytes for image in sample.images.values())
