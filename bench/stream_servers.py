@@ -23,6 +23,7 @@ from gateway.generated import image_interface_pb2 as pb
 from gateway.ops.process import tune
 from gateway.stereo import messages, server, wire
 from gateway.stereo.config import StereoConfig
+from gateway.stereo.events import EventHub
 from gateway.stereo.hub import Hub
 from gateway.stereo.messages import Taking
 from gateway.stereo.service import StereoService
@@ -65,7 +66,7 @@ def payload(name: str) -> list[wire.Chunk]:
 async def shared(name: str) -> tuple[int, Any]:
     """Our way: joined once per set, the same bytes to every client, newest set only."""
     hub = Hub(64, 16)
-    running, port, _ = await server.start(hub, StereoConfig(port=0))
+    running, port, _ = await server.start(hub, EventHub(64, 64), StereoConfig(port=0))
     chunks = payload(name)
 
     async def produce() -> None:

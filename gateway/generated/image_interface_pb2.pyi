@@ -147,3 +147,25 @@ class ImageSetRequest(_message.Message):
     mesh_options: MeshOptions
     color: bool
     def __init__(self, left_enabled: _Optional[bool] = ..., right_enabled: _Optional[bool] = ..., disparity_enabled: _Optional[bool] = ..., disparity_error_enabled: _Optional[bool] = ..., confidence_enabled: _Optional[bool] = ..., mesh_enabled: _Optional[bool] = ..., mesh_options: _Optional[_Union[MeshOptions, _Mapping]] = ..., color: _Optional[bool] = ...) -> None: ...
+
+class Event(_message.Message):
+    __slots__ = ("timestamp", "message")
+    TIMESTAMP_FIELD_NUMBER: _ClassVar[int]
+    MESSAGE_FIELD_NUMBER: _ClassVar[int]
+    timestamp: Time
+    message: str
+    def __init__(self, timestamp: _Optional[_Union[Time, _Mapping]] = ..., message: _Optional[str] = ...) -> None: ...
+
+class ImageEvents(_message.Message):
+    __slots__ = ("imageset_timestamp", "depth_acquisition_done")
+    IMAGESET_TIMESTAMP_FIELD_NUMBER: _ClassVar[int]
+    DEPTH_ACQUISITION_DONE_FIELD_NUMBER: _ClassVar[int]
+    imageset_timestamp: Time
+    depth_acquisition_done: Event
+    def __init__(self, imageset_timestamp: _Optional[_Union[Time, _Mapping]] = ..., depth_acquisition_done: _Optional[_Union[Event, _Mapping]] = ...) -> None: ...
+
+class ImageEventsRequest(_message.Message):
+    __slots__ = ("depth_acquisition_done_enabled",)
+    DEPTH_ACQUISITION_DONE_ENABLED_FIELD_NUMBER: _ClassVar[int]
+    depth_acquisition_done_enabled: bool
+    def __init__(self, depth_acquisition_done_enabled: _Optional[bool] = ...) -> None: ...

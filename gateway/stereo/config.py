@@ -61,6 +61,8 @@ class StereoConfig:
     hostname: str = "scenegate"
     max_clients: int = 64
     """Streams at a time; each holds one set (up to 70 MB with a full mesh) in its mailbox and some in its socket."""
+    max_events: int = 64
+    """Image events that wait for one listener; at the highest rate 2.5 s of them, some 2 kB."""
     max_kinds: int = 16
     """Different requests at a time: each is serialised separately, and meshes cost up to 0.1 s each."""
     history: int = 100

@@ -41,7 +41,7 @@ class Taking:
 
 def timestamp_field(nanoseconds: int) -> bytes:
     """Field 1 of a set, a disparity image or a mesh."""
-    return b"".join(wire.field(1, [_time(nanoseconds).SerializeToString()]))
+    return b"".join(wire.field(1, [time_of(nanoseconds).SerializeToString()]))
 
 
 def image(
@@ -63,7 +63,7 @@ def image(
         channels = pixels.shape[2] if pixels.ndim == 3 else 1
         encoding, step = ("rgb8" if channels == 3 else "mono8"), channels * width
     header = pb.Image(
-        timestamp=_time(taking.timestamp),
+        timestamp=time_of(taking.timestamp),
         height=height,
         width=width,
         focal_length=k.focal_length,
@@ -88,7 +88,7 @@ def image(
 def disparity(picture: list[Chunk], timestamp: int, baseline: float) -> list[Chunk]:
     """A ``DisparityImage`` around its image."""
     header = pb.DisparityImage(
-        timestamp=_time(timestamp),
+        timestamp=time_of(timestamp),
         scale=DISPARITY_SCALE,
         offset=0.0,
         invalid_data_value=0.0,
@@ -100,10 +100,11 @@ def disparity(picture: list[Chunk], timestamp: int, baseline: float) -> list[Chu
 
 def mesh(ply: tuple[Chunk, ...], timestamp: int) -> list[Chunk]:
     """A ``Mesh``."""
-    header = pb.Mesh(timestamp=_time(timestamp), format="ply")
+    header = pb.Mesh(timestamp=time_of(timestamp), format="ply")
     return [header.SerializeToString(), *wire.field(3, list(ply))]
 
 
-def _time(nanoseconds: int) -> pb.Time:
+def time_of(nanoseconds: int) -> pb.Time:
+    """A timestamp as the protocol has it."""
     sec, nsec = divmod(nanoseconds, NANOSECONDS)
     return pb.Time(sec=sec, nsec=nsec)

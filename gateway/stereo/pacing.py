@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from gateway.stereo import settings as stream_settings
 from gateway.stereo.clock import Clock
+from gateway.stereo.events import EventHub
 from gateway.stereo.frame import Frame
 from gateway.stereo.hub import Hub
 from gateway.stereo.parameters import Parameters
@@ -66,6 +68,7 @@ class Metronome:
         studio: Studio,
         workers: Workers,
         hub: Hub,
+        events: EventHub,
         parameters: Parameters,
         scene: SceneSource,
         pose: PoseSource,
@@ -75,6 +78,7 @@ class Metronome:
         self._studio = studio
         self._workers = workers
         self._hub = hub
+        self._events = events
         self._parameters = parameters
         self._scene = scene
         self._pose = pose
@@ -196,9 +200,7 @@ class Metronome:
             shot = camera if one_shot else replace(camera, lines=settings.lines(depth=True))
             frame = self._frame(settings, camera, shot, depth)
         self._last_depth = frame
-        # Averaged images are there when the last of them is taken; the timestamp is the first one's.
-        delay = (settings.averaged - 1) * period / 1e9 if self._studio.config.rate == "device" else 0.0
-        self._spawn(self._depth_tasks, self._make(frame, depth, delay))
+        self._spawn(self._depth_tasks, self._acquire(frame, depth))
 
     async def _expose_again(self, settings: StreamSettings, camera: Shot, kinds: set[Kind]) -> None:
         """Alternate exposure: the depth image follows after 40 ms, with Out1 high."""
@@ -208,7 +210,7 @@ class Metronome:
         if shot is None:
             return
         self._last_depth = self._frame(settings, camera, shot, kinds)
-        await self._make(self._last_depth, kinds)
+        await self._acquire(self._last_depth, kinds)
 
     def _frame(self, settings: StreamSettings, camera: Shot, depth: Shot, kinds: set[Kind]) -> Frame:
         frame = Frame(self._studio, self._workers, self._number, settings, camera, depth, kinds)
@@ -233,9 +235,17 @@ class Metronome:
         scene, revision = self._scene()
         return scene, revision, self._pose()
 
-    async def _make(self, frame: Frame, kinds: set[Kind], delay: float = 0.0) -> None:
-        if delay > 0.0:
-            await asyncio.sleep(delay)
+    async def _acquire(self, frame: Frame, kinds: set[Kind]) -> None:
+        """Takes the images of a depth frame, tells who listens, and makes the sets."""
+        # Averaged images are there when the last of them is taken; the timestamp is the first one's.
+        gap = round((frame.settings.averaged - 1) / frame.settings.camera_rate * 1e9)
+        if self._studio.config.rate == "device":
+            await asyncio.sleep(gap / 1e9)
+        stamp = frame.depth.timestamp
+        self._events.depth_acquisition_done(stamp, stamp + gap if self._clock.simulated else time.time_ns())
+        await self._make(frame, kinds)
+
+    async def _make(self, frame: Frame, kinds: set[Kind]) -> None:
         begin = asyncio.get_running_loop().time()
         try:
             await asyncio.gather(*(self._publish(frame, kind) for kind in kinds))

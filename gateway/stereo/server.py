@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeAlias
 
 import grpc
 import structlog
@@ -13,11 +13,14 @@ from grpc_reflection.v1alpha import reflection
 
 from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.config import StereoConfig, Tls
+from gateway.stereo.events import EventHub
 from gateway.stereo.hub import FullError, Hub, StreamError
 from gateway.stereo.request import RequestError, kind_of
 
 SERVICE = pb.DESCRIPTOR.services_by_name["ImageInterface"].full_name
 METHOD = "StreamImageSets"
+EVENTS_SERVICE = pb.DESCRIPTOR.services_by_name["ImageEventsInterface"].full_name
+EVENTS_METHOD = "StreamImageEvents"
 DEFAULT_LIMIT = 4 << 20
 """Bytes that a gRPC client accepts unless it was told otherwise."""
 _OPTIONS: list[tuple[str, int]] = [
@@ -33,14 +36,18 @@ _OPTIONS: list[tuple[str, int]] = [
 _log = structlog.get_logger("stereo")
 
 
-class StreamServicer:
-    """Answers ``StreamImageSets``."""
+Context: TypeAlias = "grpc.aio.ServicerContext[Any, Any]"
 
-    def __init__(self, hub: Hub, config: StereoConfig) -> None:
+
+class StreamServicer:
+    """Answers ``StreamImageSets`` and ``StreamImageEvents``."""
+
+    def __init__(self, hub: Hub, events: EventHub, config: StereoConfig) -> None:
         self._hub = hub
+        self._events = events
         self._config = config
 
-    async def stream(self, request: pb.ImageSetRequest, context: grpc.aio.ServicerContext[Any, Any]) -> None:
+    async def stream(self, request: pb.ImageSetRequest, context: Context) -> None:
         """Sends sets until the client leaves or its deadline ends."""
         try:
             kind = kind_of(request, mesh_rgb=self._config.mesh_rgb)
@@ -61,13 +68,24 @@ class StreamServicer:
         except StreamError as error:
             await context.abort(grpc.StatusCode.UNAVAILABLE, str(error))
 
+    async def events(self, request: pb.ImageEventsRequest, context: Context) -> None:
+        """Sends events until the client leaves or its deadline ends."""
+        try:
+            with self._events.subscribe(depth_acquisition_done=request.depth_acquisition_done_enabled) as queue:
+                # Headers first: a client may wait for them before it triggers what the events are about.
+                await context.send_initial_metadata(())
+                while True:
+                    await context.write(await queue.get())
+        except FullError as error:
+            await context.abort(grpc.StatusCode.RESOURCE_EXHAUSTED, str(error))
+
 
 def _announce(peer: str, kind: str, size: int) -> None:
     note = "more than a gRPC client accepts unless told otherwise" if size > DEFAULT_LIMIT else None
     _log.info(f"streaming {kind} to {peer}", bytes_per_set=size, **({"note": note} if note else {}))
 
 
-async def start(hub: Hub, config: StereoConfig) -> tuple[grpc.aio.Server, int, Callable[[], Any]]:
+async def start(hub: Hub, events: EventHub, config: StereoConfig) -> tuple[grpc.aio.Server, int, Callable[[], Any]]:
     """Starts serving.
 
     Returns:
@@ -77,14 +95,18 @@ async def start(hub: Hub, config: StereoConfig) -> tuple[grpc.aio.Server, int, C
         OSError: the port cannot be used, or a certificate cannot be read; one sentence.
     """
     server = grpc.aio.server(options=_OPTIONS)
-    servicer = StreamServicer(hub, config)
-    handler = grpc.unary_stream_rpc_method_handler(
-        servicer.stream, request_deserializer=pb.ImageSetRequest.FromString, response_serializer=None
-    )
-    server.add_generic_rpc_handlers((grpc.method_handlers_generic_handler(SERVICE, {METHOD: handler}),))
+    servicer = StreamServicer(hub, events, config)
+    for service, method, answer, request in (
+        (SERVICE, METHOD, servicer.stream, pb.ImageSetRequest),
+        (EVENTS_SERVICE, EVENTS_METHOD, servicer.events, pb.ImageEventsRequest),
+    ):
+        handler = grpc.unary_stream_rpc_method_handler(
+            answer, request_deserializer=request.FromString, response_serializer=None
+        )
+        server.add_generic_rpc_handlers((grpc.method_handlers_generic_handler(service, {method: handler}),))
     healthy = health.aio.HealthServicer()
     health_pb2_grpc.add_HealthServicer_to_server(healthy, server)
-    names = (SERVICE, health.SERVICE_NAME, reflection.SERVICE_NAME)
+    names = (SERVICE, EVENTS_SERVICE, health.SERVICE_NAME, reflection.SERVICE_NAME)
     reflection.enable_server_reflection(names, server)
     address = f"[{config.host}]:{config.port}" if ":" in config.host else f"{config.host}:{config.port}"
     try:
@@ -93,7 +115,7 @@ async def start(hub: Hub, config: StereoConfig) -> tuple[grpc.aio.Server, int, C
         await server.stop(None)
         raise OSError(f"the stereo camera cannot listen on {address}: the port is taken or not allowed") from error
     await server.start()
-    for name in ("", *names[:1]):
+    for name in ("", *names[:2]):
         await healthy.set(name, health_pb2.HealthCheckResponse.SERVING)
     return server, port, healthy.enter_graceful_shutdown
 

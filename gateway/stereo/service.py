@@ -11,6 +11,7 @@ import structlog
 from gateway.stereo import server
 from gateway.stereo.clock import Clock, SystemClock
 from gateway.stereo.config import StereoConfig
+from gateway.stereo.events import EventHub
 from gateway.stereo.hub import Hub
 from gateway.stereo.pacing import Counts, Metronome, PoseSource, Record, SceneSource
 from gateway.stereo.parameters import Parameters
@@ -52,9 +53,18 @@ class StereoService:
         self.studio = Studio(config, renderer)
         self.workers = workers
         self.hub = Hub(config.max_clients, config.max_kinds)
+        self.events = EventHub(config.max_clients, config.max_events)
         self.started = time.time()
         self._metronome = Metronome(
-            self.studio, workers, self.hub, self.parameters, scene, pose, clock or SystemClock(), self.trigger
+            self.studio,
+            workers,
+            self.hub,
+            self.events,
+            self.parameters,
+            scene,
+            pose,
+            clock or SystemClock(),
+            self.trigger,
         )
         self._port: int | None = None
 
@@ -94,7 +104,7 @@ class StereoService:
         Raises:
             OSError: the port is taken, or a certificate cannot be read; one sentence.
         """
-        running, self._port, leave = await server.start(self.hub, self.config)
+        running, self._port, leave = await server.start(self.hub, self.events, self.config)
         model = self.config.model
         _log.info(f"{model.name} on port {self._port}", baseline=model.baseline, depth=self.config.depth_mode)
         try:
@@ -130,6 +140,7 @@ class StereoService:
             "model": self.config.model.name,
             "port": self.port,
             "clients": len(self.hub),
+            "event_clients": len(self.events),
             "kinds": sorted(map(str, self.hub.kinds())),
             "depth_mode": self.config.depth_mode,
             "quality": self.settings.quality.value,

@@ -35,6 +35,12 @@ def test_wire_names_and_numbers_of_the_protocol_document() -> None:
     assert pb.DESCRIPTOR.package == ""
     service = pb.DESCRIPTOR.services_by_name["ImageInterface"]
     assert [m.full_name for m in service.methods] == ["ImageInterface.StreamImageSets"]
+    service = pb.DESCRIPTOR.services_by_name["ImageEventsInterface"]
+    assert [m.full_name for m in service.methods] == ["ImageEventsInterface.StreamImageEvents"]
+    assert {f.name: f.number for f in pb.ImageEvents.DESCRIPTOR.fields} == {
+        "imageset_timestamp": 1, "depth_acquisition_done": 2,
+    }  # fmt: skip
+    assert {f.name: f.number for f in pb.Event.DESCRIPTOR.fields} == {"timestamp": 1, "message": 2}
     image = {f.name: f.number for f in pb.Image.DESCRIPTOR.fields}
     assert image == {
         "timestamp": 1, "height": 2, "width": 3, "focal_length": 4, "principal_point_u": 5, "principal_point_v": 6,
