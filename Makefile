@@ -37,8 +37,9 @@ check: $(VENV)/.installed-dev ## lint, format, types, import contracts, compose 
 bench: $(VENV)/.installed-dev ## measure against real peers (BENCH=stream: bench/stream.py)
 	$(if $(BENCH),$(BIN)/python -m bench.$(BENCH) $(ARGS),@ls bench/*.py | sed -n 's|bench/\([a-z]*\)\.py|make bench BENCH=\1|p')
 
-docs: $(VENV)/.installed-dev ## write docs/configuration.md from the settings
+docs: $(VENV)/.installed-dev ## write docs/configuration.md and docs/limits.md from the source
 	$(BIN)/python -m gateway.cli.reference docs/configuration.md
+	$(BIN)/python -m gateway.cli.limits docs/limits.md
 
 generate: $(VENV)/.installed-dev ## write the protobuf classes from protos/
 	$(BIN)/python protos/generate.py

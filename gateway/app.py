@@ -19,6 +19,7 @@ from fastapi_offline import FastAPIOffline
 
 from gateway import __version__, warmup
 from gateway import settings as options
+from gateway.guard import Guard
 from gateway.house import NO_TELEMETRY, House
 from gateway.joins import JOINS, Join, join_demo
 from gateway.ops import health, kernels, logs, process
@@ -51,7 +52,11 @@ def create_app(settings: Settings, state: Kept | None = None) -> FastAPI:
 
     Args:
         state: as opened already; None: it is opened when the lifespan starts, if the settings name one.
+
+    Raises:
+        SettingsError: a token or a certificate that they name cannot be used.
     """
+    guard = Guard.of(settings)
     board = Board(essential=frozenset({KERNELS, "render"}))
     metrics = Metrics()
     started = asyncio.Event()
@@ -66,7 +71,8 @@ def create_app(settings: Settings, state: Kept | None = None) -> FastAPI:
         workers = Workers(settings.threads or usable_cpus(), settings.queue, settings.queue_mb * MIB)
         metrics.watch("scenegate_render_running", "Calls that worker threads run", lambda: workers.stats.running)
         metrics.watch("scenegate_render_waiting", "Calls that wait for a worker thread", lambda: workers.stats.waiting)
-        house = House(settings, app, board, metrics, LiveTree(), workers)
+        house = House(settings, app, board, metrics, LiveTree(), workers, guard)
+        guard.tell()
         house.state = state or await asyncio.to_thread(open_state, settings)
         start = asyncio.create_task(_start(house, wanted, started), name="start")
         try:
@@ -92,6 +98,7 @@ def create_app(settings: Settings, state: Kept | None = None) -> FastAPI:
     app.add_middleware(
         Gate, started=started, problem=lambda: board.entries[KERNELS].problem, open_paths=health.PATHS | {"/"}
     )
+    guard.protect(app)
     app.add_middleware(Requests, metrics=metrics, quiet=health.PATHS | POLLED)
 
     @app.get("/", include_in_schema=False)

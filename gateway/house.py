@@ -11,6 +11,7 @@ import structlog
 from fastapi import FastAPI
 from fastapi.telemetry import TelemetryConfig
 
+from gateway.guard import Guard
 from gateway.ops.board import Board, Service
 from gateway.ops.metrics import Metrics
 from gateway.scene.flatten import Flattener
@@ -43,6 +44,8 @@ class House:
     tree: LiveTree
     workers: Workers
     """Threads for work that must not hold the event loop."""
+    guard: Guard
+    """Tokens, TLS and hosts of every interface."""
     labels: LabelTable = field(default_factory=LabelTable)
     """Of the live tree: one number a path."""
     flattener: Flattener = field(init=False)

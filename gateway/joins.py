@@ -106,7 +106,7 @@ def join_treeviewer(house: House) -> None:
     from gateway.treeviewer.service import TreeViewerService
 
     settings = house.settings
-    config = TreeViewerConfig(lcm_url=settings.lcm_url, tcpq_host=settings.host, tcpq_port=settings.tcpq_port)
+    config = TreeViewerConfig(lcm_url=settings.lcm_url, tcpq_host=house.guard.tcpq_host, tcpq_port=settings.tcpq_port)
     durable = house.state.journal if house.state is not None else None
     service = TreeViewerService(config, house.tree, MeshFiles(settings.mesh_root), durable=durable)
     house.serve("treeviewer", service, where=settings.lcm_url or "LCM")

@@ -69,6 +69,7 @@ MountPose = Annotated[str, AfterValidator(_check_pose)]
 MountPath = Annotated[str, AfterValidator(_check_path)]
 Paths = Annotated[tuple[Path, ...], NoDecode, _split(os.pathsep)]
 Color = Annotated[tuple[Byte, Byte, Byte], NoDecode, _split(",")]
+Names = Annotated[tuple[str, ...], NoDecode, _split(",")]
 Interfaces = Annotated[tuple[InterfaceName, ...], NoDecode, _split(",")]
 
 
@@ -204,6 +205,35 @@ class Settings(BaseSettings):
         None, "Stereo camera", "PEM authority; only clients with a certificate of it are served."
     )
 
+    # --- Access
+    http_certificate: Path | None = option(
+        None, "Access", "PEM certificate; with --http-key HTTP, WebSocket and REST are encrypted."
+    )
+    http_key: Path | None = option(None, "Access", "PEM private key of --http-certificate, without a password.")
+    http_token_file: Path | None = option(
+        None,
+        "Access",
+        "File with bearer tokens, one a line: HTTP, WebSocket and REST want one of them, /healthz and /readyz apart.",
+    )
+    grpc_token_file: Path | None = option(
+        None, "Access", "The same for the image stream: 'authorization: Bearer TOKEN' in a call's metadata."
+    )
+    tcpq_host: str | None = option(
+        None,
+        "Access",
+        "Address of the TCPQ hub, which knows neither tokens nor TLS. Without it that of --host, or 127.0.0.1 where "
+        "one of the others wants a token.",
+    )
+    trusted_hosts: Names = option(
+        (),
+        "Access",
+        "Names that HTTP may be called by (Host header) besides numbers and localhost, separated by commas; '*' for "
+        "any, '*.example.org' for those below. Without it other names are refused on connections from this machine.",
+    )
+    cors_origins: Names = option(
+        (), "Access", "Origins whose pages may use HTTP (https://example.org), separated by commas; '*' for any."
+    )
+
     # --- State
     state: Path | None = option(
         None,
@@ -258,6 +288,8 @@ class Settings(BaseSettings):
     def _certificate_and_key(self) -> Self:
         if (self.grpc_certificate is None) != (self.grpc_key is None):
             raise ValueError("--grpc-certificate and --grpc-key need each other")
+        if (self.http_certificate is None) != (self.http_key is None):
+            raise ValueError("--http-certificate and --http-key need each other")
         if self.grpc_client_ca is not None and self.grpc_certificate is None:
             raise ValueError("--grpc-client-ca needs --grpc-certificate and --grpc-key")
         return self

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from fastapi import FastAPI
@@ -23,7 +24,7 @@ from renderers.stereo.model import MODELS, StereoModel, custom_model
 def join_stereo(house: House) -> None:
     """The image stream over gRPC, the device's REST interface, the truth beside them."""
     settings = house.settings
-    config = config_of(settings)
+    config = replace(config_of(settings), tokens=house.guard.grpc)
     view = StereoView(house, config)
     clock = SimulatedClock() if settings.clock == "simulated" else None
     service = StereoService(config, view.scene, view.pose, house.renderer, house.workers, clock)
@@ -43,7 +44,9 @@ def join_stereo(house: House) -> None:
     if settings.rest_port is not None:
         device = FastAPI(openapi_url=None, telemetry=NO_TELEMETRY)
         device.include_router(router(service))
-        house.serve("rest", PortService(device, settings.host, settings.rest_port), where="/api")
+        house.guard.protect(device)
+        port = PortService(device, settings.host, settings.rest_port, house.guard.tls)
+        house.serve("rest", port, where="/api")
 
 
 def config_of(settings: Settings) -> StereoConfig:

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from gateway import settings
+from gateway.cli import limits
 from gateway.cli.reference import reference
 from gateway.settings import Settings, SettingsError, load
 
@@ -19,6 +20,10 @@ def _clean(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in list(os.environ):
         if name.startswith("SCENEGATE_"):
             monkeypatch.delenv(name)
+
+
+def test_the_page_of_limits_is_what_the_classes_say() -> None:
+    assert (ROOT / "docs" / "limits.md").read_text("utf-8") == limits.reference(), "make docs writes it anew"
 
 
 def toml(folder: Path, text: str) -> Path:

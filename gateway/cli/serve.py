@@ -80,9 +80,15 @@ def run(settings: Settings) -> int:
     log = structlog.get_logger("gateway")
     for warning in options.unknown_environment():
         log.warning(warning)
+    from gateway.guard import Guard
     from gateway.state.errors import StateError
     from gateway.statejoin import open_state
 
+    try:
+        guard = Guard.of(settings)
+    except SettingsError as error:
+        log.error(str(error))
+        return 1
     try:
         state = open_state(settings)
     except StateError as error:
@@ -96,18 +102,19 @@ def run(settings: Settings) -> int:
         return 1
     port = listener.getsockname()[1]
     host = f"[{settings.host}]" if ":" in settings.host else settings.host
-    log.info("Scenegate listens; look at /view, / and /docs", url=f"http://{host}:{port}")
-    return _serve(settings, listener, state)
+    scheme = "http" if guard.tls is None else "https"
+    log.info("Scenegate listens; look at /view, / and /docs", url=f"{scheme}://{host}:{port}")
+    return _serve(settings, listener, state, guard.tls)
 
 
-def _serve(settings: Settings, listener: socket.socket, state: State | None) -> int:
+def _serve(settings: Settings, listener: socket.socket, state: State | None, tls: tuple[Path, Path] | None) -> int:
     import uvloop
 
     from gateway.app import create_app
     from gateway.ops import http, process
 
     app = create_app(settings, state)
-    server = http.MainServer(http.config(app, settings.shutdown_seconds, lifespan=True))
+    server = http.MainServer(http.config(app, settings.shutdown_seconds, lifespan=True, tls=tls))
     # Answers without an end (MJPEG) look at it; nobody else would tell them before their connections are cut.
     app.state.closing = lambda: server.should_exit
     app.state.on_started = process.settle

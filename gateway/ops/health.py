@@ -8,6 +8,8 @@ from fastapi.responses import JSONResponse
 from gateway.ops.board import Board
 from gateway.ops.metrics import CONTENT_TYPE, Metrics
 
+OPEN_PATHS = frozenset({"/healthz", "/readyz"})
+"""Answered without a token: those who watch over processes have none."""
 PATHS = frozenset({"/healthz", "/readyz", "/metrics"})
 """Answered from the first moment on, never logged above debug level."""
 

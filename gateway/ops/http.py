@@ -7,6 +7,7 @@ import signal
 import socket
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, Final
 
 import uvicorn
@@ -19,6 +20,15 @@ MAX_HEAD_BYTES: Final = 64 << 10
 """Request line and headers; Drake's client sends 200 bytes, browsers a few thousand. The parser has no bound."""
 HEAD_SECONDS: Final = 30.0
 """Time for them to arrive whole; a connection that sends nothing after connecting ends as well."""
+BODY_SECONDS: Final = 90.0
+"""Without a byte of a body that is not complete; what the gateway itself does not read for now does not count. The
+render endpoint asks earlier, with a sentence."""
+MAX_CONNECTIONS: Final = 8192
+"""HTTP and WebSocket connections of one port; beyond it 503 at once. Each takes a descriptor and some 20 kB."""
+MAX_WEBSOCKET_BYTES: Final = 64 << 10
+"""Of a message from a client; the browser view has nothing longer than 16 characters to say."""
+KEEP_ALIVE_SECONDS: Final = 60
+"""For the next request on a connection."""
 
 
 class BoundedHttp(HttpToolsProtocol):
@@ -27,21 +37,28 @@ class BoundedHttp(HttpToolsProtocol):
     _head_bytes = 0
     _in_head = True
     _head_timer: asyncio.TimerHandle | None = None
+    _body_timer: asyncio.TimerHandle | None = None
+    _received = 0
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Starts the clock of the first request."""
         super().connection_made(transport)
+        if len(self.connections) > MAX_CONNECTIONS:
+            self._refuse(503, "Service Unavailable", f"There are {MAX_CONNECTIONS} connections already.")
+            return
         self._head_timer = self.loop.call_later(HEAD_SECONDS, self._too_late)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Stops the clock."""
+        """Stops the clocks."""
         self._stop_timer()
+        self._stop_body_timer()
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
         """Counts while the head is not complete; what a head shares a piece with is the body's business."""
+        self._received += 1
         if self._in_head and self._head_bytes > MAX_HEAD_BYTES:
-            self._refuse()
+            self._refuse(431, "Request Header Fields Too Large", f"The headers are longer than {MAX_HEAD_BYTES} bytes.")
             return
         if self._in_head:
             self._head_bytes += len(data)
@@ -59,10 +76,12 @@ class BoundedHttp(HttpToolsProtocol):
         self._head_bytes = 0
         self._stop_timer()
         super().on_headers_complete()
+        self._watch_body()
 
     def on_message_complete(self) -> None:
         """The next thing on this connection is a head again."""
         self._in_head = True
+        self._stop_body_timer()
         super().on_message_complete()
 
     def _stop_timer(self) -> None:
@@ -70,33 +89,49 @@ class BoundedHttp(HttpToolsProtocol):
             self._head_timer.cancel()
             self._head_timer = None
 
+    def _watch_body(self) -> None:
+        self._stop_body_timer()
+        self._body_timer = self.loop.call_later(BODY_SECONDS, self._look_at_body, self._received)
+
+    def _look_at_body(self, received: int) -> None:
+        self._body_timer = None
+        if self._received == received and not self.flow.read_paused:
+            self._too_late()
+        else:
+            self._watch_body()
+
+    def _stop_body_timer(self) -> None:
+        if self._body_timer is not None:
+            self._body_timer.cancel()
+            self._body_timer = None
+
     def _too_late(self) -> None:
         self._head_timer = None
         if not self.transport.is_closing():
             self.transport.close()
 
-    def _refuse(self) -> None:
-        text = f"The headers are longer than {MAX_HEAD_BYTES} bytes.\n".encode()
+    def _refuse(self, status: int, phrase: str, sentence: str) -> None:
         if not self.transport.is_closing():
-            self.transport.write(
-                b"HTTP/1.1 431 Request Header Fields Too Large\r\ncontent-type: text/plain; charset=utf-8\r\n"
-                b"connection: close\r\ncontent-length: %d\r\n\r\n%s" % (len(text), text)
-            )
+            head = f"HTTP/1.1 {status} {phrase}\r\ncontent-type: text/plain; charset=utf-8\r\nconnection: close\r\n"
+            self.transport.write(f"{head}content-length: {len(sentence) + 1}\r\n\r\n{sentence}\n".encode())
             self.transport.close()
 
 
-def config(app: Any, grace_seconds: float, *, lifespan: bool) -> uvicorn.Config:
-    """How all our servers are run."""
+def config(app: Any, grace_seconds: float, *, lifespan: bool, tls: tuple[Path, Path] | None = None) -> uvicorn.Config:
+    """How all our servers are run. ``tls``: certificate and key, PEM."""
     return uvicorn.Config(
         app,
         http=BoundedHttp,
         ws="websockets-sansio",
+        ws_max_size=MAX_WEBSOCKET_BYTES,
+        ssl_certfile=tls[0] if tls is not None else None,
+        ssl_keyfile=tls[1] if tls is not None else None,
         ws_per_message_deflate=False,  # floats do not compress, the CPU time is gone all the same
         lifespan="on" if lifespan else "off",
         log_config=None,
         access_log=False,  # gateway.ops.requests writes one with the request's id
         server_header=False,
-        timeout_keep_alive=60,
+        timeout_keep_alive=KEEP_ALIVE_SECONDS,
         timeout_graceful_shutdown=max(1, round(grace_seconds)),
         backlog=2048,
     )
@@ -126,10 +161,11 @@ class _GuestServer(uvicorn.Server):
 class PortService:
     """A further port in the same event loop, as a service: it serves ``app`` until cancelled."""
 
-    def __init__(self, app: FastAPI, host: str, port: int) -> None:
+    def __init__(self, app: FastAPI, host: str, port: int, tls: tuple[Path, Path] | None = None) -> None:
         self._app = app
         self._host = host
         self._port = port
+        self._tls = tls
         self._server: uvicorn.Server | None = None
         self._bound = 0
 
@@ -153,7 +189,7 @@ class PortService:
         except OSError as error:
             raise OSError(f"cannot listen: {process.why_not_listening(error, self._host, self._port)}") from None
         self._bound = _port_of(listener)
-        self._server = server = _GuestServer(config(self._app, 1.0, lifespan=False))
+        self._server = server = _GuestServer(config(self._app, 1.0, lifespan=False, tls=self._tls))
         try:
             await server.serve(sockets=[listener])
         finally:

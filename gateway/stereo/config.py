@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
+from gateway.ops.tokens import Tokens
 from renderers.port import LookName
 from renderers.stereo.model import MODELS, StereoModel
 
@@ -32,6 +33,8 @@ class StereoConfig:
     """0: any free port."""
     tls: Tls | None = None
     """None: plaintext, as on the device."""
+    tokens: Tokens | None = None
+    """None: anybody may call, as on the device."""
     model: StereoModel = field(default_factory=lambda: MODELS["rc_visard 160-4"])
     depth_mode: DepthMode = "ground_truth"
     rate: Rate = "device"

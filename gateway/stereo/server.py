@@ -12,6 +12,7 @@ from grpc_health.v1 import health, health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection
 
 from gateway.generated import image_interface_pb2 as pb
+from gateway.ops.grpc_tokens import TokenCheck
 from gateway.stereo.config import StereoConfig, Tls
 from gateway.stereo.events import EventHub
 from gateway.stereo.hub import FullError, Hub, StreamError
@@ -21,6 +22,8 @@ SERVICE = pb.DESCRIPTOR.services_by_name["ImageInterface"].full_name
 METHOD = "StreamImageSets"
 EVENTS_SERVICE = pb.DESCRIPTOR.services_by_name["ImageEventsInterface"].full_name
 EVENTS_METHOD = "StreamImageEvents"
+MAX_CALLS = 1024
+"""At a time, health checks and reflection included; further ones get RESOURCE_EXHAUSTED at once."""
 DEFAULT_LIMIT = 4 << 20
 """Bytes that a gRPC client accepts unless it was told otherwise."""
 _OPTIONS: list[tuple[str, int]] = [
@@ -94,7 +97,8 @@ async def start(hub: Hub, events: EventHub, config: StereoConfig) -> tuple[grpc.
     Raises:
         OSError: the port cannot be used, or a certificate cannot be read; one sentence.
     """
-    server = grpc.aio.server(options=_OPTIONS)
+    checks = () if config.tokens is None else (TokenCheck(config.tokens),)
+    server = grpc.aio.server(interceptors=checks, options=_OPTIONS, maximum_concurrent_rpcs=MAX_CALLS)
     servicer = StreamServicer(hub, events, config)
     for service, method, answer, request in (
         (SERVICE, METHOD, servicer.stream, pb.ImageSetRequest),

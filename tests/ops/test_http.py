@@ -7,7 +7,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 import pytest
-from fastapi import FastAPI
+from fastapi import FastAPI, Request
 
 from gateway.ops import http
 
@@ -19,6 +19,10 @@ async def serving() -> AsyncIterator[int]:
     @app.get("/hello")
     async def hello() -> str:
         return "there"
+
+    @app.post("/take")
+    async def take(request: Request) -> int:
+        return len(await request.body())
 
     service = http.PortService(app, "127.0.0.1", 0)
     task = asyncio.create_task(service.run())
@@ -85,3 +89,29 @@ async def test_headers_that_never_end_end_the_connection(monkeypatch: pytest.Mon
         assert await asyncio.wait_for(reader.read(), 30) == b""
         writer.close()
         await writer.wait_closed()
+
+
+async def test_a_body_that_stops_ends_the_connection(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(http, "BODY_SECONDS", 0.05)
+    async with serving() as port:
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(b"POST /take HTTP/1.1\r\nhost: here\r\ncontent-length: 100\r\n\r\nbegin")
+        async with asyncio.timeout(30):
+            assert await reader.read() == b""
+        writer.close()
+
+
+async def test_connections_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(http, "MAX_CONNECTIONS", 2)
+    async with serving() as port:
+        held = [await asyncio.open_connection("127.0.0.1", port) for _ in range(2)]
+        for reader, writer in held:  # they are known to the server when it has answered
+            writer.write(b"GET /hello HTTP/1.1\r\nhost: here\r\n\r\n")
+            await reader.readuntil(b'"there"')
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        answer = await reader.read()
+        assert answer.startswith(b"HTTP/1.1 503 Service Unavailable")
+        assert answer.endswith(b"\r\n\r\nThere are 2 connections already.\n")
+        writer.close()
+        for _, writer in held:
+            writer.close()

@@ -1,0 +1,136 @@
+"""Who may come in over HTTP: the token, and the Host header against DNS rebinding."""
+
+from __future__ import annotations
+
+import ipaddress
+from collections.abc import Collection
+from typing import Final
+from urllib.parse import parse_qsl, quote, urlencode
+
+from starlette.datastructures import Headers
+from starlette.responses import PlainTextResponse, Response
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from gateway.ops.tokens import Tokens
+
+COOKIE: Final = "scenegate"
+QUERY: Final = "token"
+"""``/view?token=…`` gives a browser the cookie and goes on without the token in the address."""
+_REFUSED: Final = 1008
+"""WebSocket close code; before the connection is accepted the client sees 403."""
+
+
+class Access:
+    """ASGI middleware: 401 without the token, before anything of the body is read."""
+
+    def __init__(self, app: ASGIApp, *, tokens: Tokens, open_paths: Collection[str] = ()) -> None:
+        """``open_paths``: answered without a token (health, for whoever watches over the process)."""
+        self._app = app
+        self._tokens = tokens
+        self._open = open_paths
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "lifespan" or scope["path"] in self._open:
+            await self._app(scope, receive, send)
+            return
+        headers = Headers(scope=scope)
+        if self._tokens.accept_header(headers.get("authorization", "")) or self._tokens.accept_cookie(_cookie(headers)):
+            await self._app(scope, receive, send)
+        elif scope["type"] == "websocket":
+            await send({"type": "websocket.close", "code": _REFUSED, "reason": "a token is needed"})
+        else:
+            await self._answer(scope)(scope, receive, send)
+
+    def _answer(self, scope: Scope) -> Response:
+        query = parse_qsl(scope["query_string"].decode("latin-1"), keep_blank_values=True)
+        sent = [value for name, value in query if name == QUERY]
+        if scope["method"] == "GET" and sent and self._tokens.accept(sent[0]):
+            rest = urlencode([(name, value) for name, value in query if name != QUERY])
+            # One slash: "//host" would lead to another host.
+            path = "/" + quote(scope["path"].lstrip("/"))
+            answer = Response(status_code=303, headers={"Location": f"{path}?{rest}" if rest else path})
+            secure = scope.get("scheme") == "https"
+            answer.set_cookie(COOKIE, self._tokens.cookie, httponly=True, samesite="lax", secure=secure)
+            answer.headers["Cache-Control"] = "no-store"
+            answer.headers["Referrer-Policy"] = "no-referrer"
+            return answer
+        return PlainTextResponse(
+            "A token is needed: 'Authorization: Bearer TOKEN', or ?token=TOKEN once in a browser.\n",
+            401,
+            {"WWW-Authenticate": 'Bearer realm="scenegate"', "Cache-Control": "no-store"},
+        )
+
+
+def _cookie(headers: Headers) -> str:
+    for part in headers.get("cookie", "").split(";"):
+        name, _, value = part.strip().partition("=")
+        if name == COOKIE:
+            return value
+    return ""
+
+
+class TrustedHosts:
+    """ASGI middleware: a page of another site that has its name point to 127.0.0.1 (DNS rebinding) gets 421.
+
+    Numbers are always right: only a name can be made to point elsewhere. Programs that send no Host are no browsers.
+    """
+
+    def __init__(self, app: ASGIApp, *, names: Collection[str] = ()) -> None:
+        """``names``: accepted besides numbers and localhost; ``*`` for any, ``*.example.org`` for those below.
+
+        Without names any is accepted on connections that come from other machines: their addresses are not ours to
+        know, and the attack is worth nothing where the attacker can connect by himself.
+        """
+        self._app = app
+        self._names = frozenset(name.lower() for name in names)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "lifespan" or self._trusts(scope):
+            await self._app(scope, receive, send)
+        elif scope["type"] == "websocket":
+            await send({"type": "websocket.close", "code": _REFUSED, "reason": "the Host header names another host"})
+        else:
+            text = "This gateway is not the host that the Host header names; --trusted-hosts adds names.\n"
+            await PlainTextResponse(text, 421)(scope, receive, send)
+
+    def _trusts(self, scope: Scope) -> bool:
+        hosts = Headers(scope=scope).getlist("host")
+        if len(hosts) > 1:  # whoever reads the other one believes something else
+            return False
+        host = hosts[0] if hosts else ""
+        name = host_name(host)
+        if not host or "*" in self._names or name == "localhost" or name.endswith(".localhost") or _is_number(name):
+            return True
+        if not self._names:
+            here = (scope.get("server") or ("", None))[0]
+            return not is_loopback(str(here))
+        return name in self._names or any(f"*.{tail}" in self._names for tail in _tails(name))
+
+
+def host_name(host: str) -> str:
+    """A Host header without its port, in lower case; brackets of IPv6 addresses are taken off."""
+    host = host.strip().lower()
+    if host.startswith("["):
+        return host[1:].partition("]")[0]
+    return host.rpartition(":")[0] if host.count(":") == 1 else host
+
+
+def is_loopback(host: str) -> bool:
+    """Whether an address, or ``localhost``, is of this machine alone."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+def _is_number(name: str) -> bool:
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True
+
+
+def _tails(name: str) -> list[str]:
+    labels = name.split(".")
+    return [".".join(labels[index:]) for index in range(1, len(labels))]

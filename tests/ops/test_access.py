@@ -1,0 +1,125 @@
+"""Token, cookie and Host header, without a server."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import httpx2
+import pytest
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse
+from starlette.routing import Route
+
+from gateway.ops.access import COOKIE, Access, TrustedHosts, host_name
+from gateway.ops.tokens import Tokens
+
+TOKEN = "0123456789abcdef"
+TOKENS = Tokens(TOKEN)
+
+
+async def hello(request: Request) -> PlainTextResponse:
+    return PlainTextResponse(f"hello {request.url.query}")
+
+
+def client(server: tuple[str, int] | None = None, **hosts: Any) -> httpx2.AsyncClient:
+    app: Any = Starlette(routes=[Route("/{path:path}", hello)])
+    app = TrustedHosts(app, **hosts) if hosts or server else Access(app, tokens=TOKENS, open_paths={"/healthz"})
+
+    async def at(scope: Any, receive: Any, send: Any) -> None:
+        await app({**scope, "server": server} if server else scope, receive, send)
+
+    return httpx2.AsyncClient(transport=httpx2.ASGITransport(app=at), base_url="http://here")
+
+
+async def test_the_token_is_wanted_but_for_health() -> None:
+    async with client() as http:
+        assert (await http.get("/healthz")).status_code == 200
+        refused = await http.get("/scene")
+        assert (refused.status_code, refused.headers["www-authenticate"]) == (401, 'Bearer realm="scenegate"')
+        assert (await http.get("/scene", headers={"Authorization": "Bearer wrong"})).status_code == 401
+        assert (await http.get("/scene", headers={"Authorization": f"Bearer {TOKEN}"})).status_code == 200
+        assert (await http.post(f"/scene?token={TOKEN}")).status_code == 401, "the address is for browsers only"
+
+
+async def test_a_browser_gets_a_cookie_that_scripts_cannot_read() -> None:
+    async with client() as http:
+        answer = await http.get(f"/view?a=1&token={TOKEN}&b=2")
+        assert answer.status_code == 303
+        assert answer.headers["location"] == "/view?a=1&b=2"
+        cookie = answer.headers["set-cookie"].lower()
+        assert "httponly" in cookie
+        assert "samesite=lax" in cookie
+        assert TOKEN not in cookie
+        assert answer.headers["cache-control"] == "no-store"
+        assert (await http.get("/view")).status_code == 200
+        http.cookies.clear()
+        assert (await http.get("/view", headers={"Cookie": f"{COOKIE}={TOKEN}"})).status_code == 401
+        assert (await http.get("/view?token=wrong")).status_code == 401
+
+
+@pytest.mark.parametrize("path", ["//evil.example", "///evil.example/x", "/%2f/evil.example", "/\\evil.example"])
+async def test_the_way_on_never_leads_to_another_host(path: str) -> None:
+    async with client() as http:
+        answer = await http.get(httpx2.URL(f"http://here{path}?token={TOKEN}"))
+        location = answer.headers["location"]
+        assert location.startswith("/")
+        assert not location.startswith(("//", "/\\"))
+
+
+async def test_a_websocket_needs_the_token_too() -> None:
+    sent: list[Any] = []
+
+    async def send(message: Any) -> None:
+        sent.append(message)
+
+    async def inner(scope: Any, receive: Any, send: Any) -> None:
+        await send({"type": "websocket.accept"})
+
+    access = Access(inner, tokens=TOKENS)
+    scope = {"type": "websocket", "path": "/view/ws", "headers": [], "query_string": f"token={TOKEN}".encode()}
+    await access(scope, None, send)  # type: ignore[arg-type]
+    cookie = [(b"cookie", f"other=1; {COOKIE}={TOKENS.cookie}".encode())]
+    await access({**scope, "headers": cookie}, None, send)  # type: ignore[arg-type]
+    assert [message["type"] for message in sent] == ["websocket.close", "websocket.accept"]
+
+
+LOOPBACK = ("127.0.0.1", 8000)
+
+
+@pytest.mark.parametrize(
+    ("host", "status"),
+    [
+        ("localhost:8000", 200),
+        ("me.localhost", 200),
+        ("127.0.0.1:8000", 200),
+        ("[::1]:8000", 200),
+        ("192.168.1.7:8000", 200),
+        ("evil.example:8000", 421),
+        ("localhost.evil.example", 421),
+        ("127.0.0.1.evil.example", 421),
+    ],
+)
+async def test_names_of_others_do_not_lead_here(host: str, status: int) -> None:
+    async with client(LOOPBACK) as http:
+        assert (await http.get("/scene", headers={"Host": host})).status_code == status
+
+
+async def test_other_machines_may_use_any_name_unless_names_are_given() -> None:
+    async with client(("10.0.0.5", 8000)) as http:
+        assert (await http.get("/", headers={"Host": "gateway.example"})).status_code == 200
+    async with client(("10.0.0.5", 8000), names=("gateway.example", "*.lab.example")) as http:
+        for host, status in {
+            "Gateway.Example:80": 200,
+            "cell.lab.example": 200,
+            "a.cell.lab.example": 200,
+            "lab.example": 421,
+            "other.example": 421,
+        }.items():
+            assert (await http.get("/", headers={"Host": host})).status_code == status, host
+    async with client(LOOPBACK, names=("*",)) as http:
+        assert (await http.get("/", headers={"Host": "evil.example"})).status_code == 200
+
+
+def test_host_names() -> None:
+    assert [host_name(h) for h in ("A:1", "a", "[::1]:80", "::1", "[::1]")] == ["a", "a", "::1", "::1", "::1"]

@@ -1,0 +1,152 @@
+"""A gateway with TLS and tokens everywhere, as a process: who gets in, who does not, and what the log says."""
+
+from __future__ import annotations
+
+import ssl
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import grpc
+import httpx2
+import pytest
+from grpc_health.v1 import health_pb2, health_pb2_grpc
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
+from gateway.generated import image_interface_pb2 as pb
+from tests.support.certificates import certificate
+from tests.support.gateway_process import GatewayProcess, gateway_process
+
+TOKEN, CAMERA = "http-token-0123456789", "grpc-token-0123456789"
+BEARER = {"Authorization": f"Bearer {TOKEN}"}
+
+
+@dataclass
+class Secured:
+    process: GatewayProcess
+    url: str
+    context: ssl.SSLContext
+    pem: bytes
+    grpc_port: int
+
+    def http(self) -> httpx2.Client:
+        return httpx2.Client(base_url=self.url, verify=self.context, timeout=60.0)
+
+
+@pytest.fixture(scope="module")
+def secured(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Secured]:
+    folder = tmp_path_factory.mktemp("secured")
+    pem, key = certificate(folder)
+    (folder / "http").write_text(TOKEN)
+    (folder / "grpc").write_text(CAMERA)
+    flags = ("--lcm-url", "off", "--tcpq-port", "0", "--grpc-port", "0", "--rest-port", "0", "--demo")
+    flags += ("--http-certificate", str(pem), "--http-key", str(key), "--http-token-file", str(folder / "http"))
+    flags += ("--grpc-certificate", str(pem), "--grpc-key", str(key), "--grpc-token-file", str(folder / "grpc"))
+    flags += ("--cors-origins", "https://page.example", "--log-level", "debug")
+    with gateway_process(*flags) as (process, url):
+        context = ssl.create_default_context(cafile=str(pem))
+        health = httpx2.get(f"{url}/healthz", verify=context).json()["interfaces"]
+        yield Secured(process, url, context, pem.read_bytes(), int(health["stereo"]["port"]))
+        assert process.stop() == 0
+        log = process.rest_of_log()
+        assert not [entry for entry in log if entry["level"] in ("error", "critical", "raw")]
+        assert not [entry for entry in log if TOKEN in str(entry) or CAMERA in str(entry)], "tokens are never logged"
+
+
+def test_http_wants_the_token_over_tls(secured: Secured) -> None:
+    assert secured.url.startswith("https://")
+    with secured.http() as http:
+        for path in ("/", "/view", "/scene", "/docs", "/openapi.json", "/metrics", "/api/v2/system", "/nothing"):
+            assert http.get(path).status_code == 401, path
+        assert http.post("/render", content=b"x" * 100_000).status_code == 401
+        assert http.get("/readyz").status_code == 200
+        for path in ("/", "/view", "/scene", "/docs", "/metrics", "/api/v2/system"):
+            assert http.get(path, headers=BEARER).status_code == 200, path
+
+
+def test_the_further_rest_port_is_protected_alike(secured: Secured) -> None:
+    with secured.http() as http:
+        port = http.get("/healthz").json()["interfaces"]["rest"]["port"]
+        url = f"https://127.0.0.1:{port}/api/v2/system"
+        assert http.get(url).status_code == 401
+        assert http.get(url, headers=BEARER).status_code == 200
+
+
+def test_the_page_of_the_browser_view_works_with_a_token(secured: Secured) -> None:
+    with secured.http() as http:
+        assert http.get(f"/view?token={TOKEN}").status_code == 303
+        assert http.get("/view").status_code == 200
+        cookie = f"scenegate={http.cookies['scenegate']}"
+    url = secured.url.replace("https", "wss") + "/view/ws"
+    with connect(url, ssl=secured.context, additional_headers={"Cookie": cookie}) as socket:
+        assert isinstance(socket.recv(30), bytes)
+    with pytest.raises(InvalidStatus):
+        connect(url, ssl=secured.context)
+
+
+def test_a_page_of_another_site_cannot_open_the_websocket(secured: Secured) -> None:
+    url = secured.url.replace("https", "wss") + "/view/ws"
+    with pytest.raises(InvalidStatus):
+        connect(url, ssl=secured.context, additional_headers=BEARER, origin="https://evil.example")  # type: ignore[arg-type]
+
+
+def test_other_sites_may_ask_only_where_the_settings_say_so(secured: Secured) -> None:
+    with secured.http() as http:
+        for origin, allowed in {"https://page.example": True, "https://evil.example": False}.items():
+            asked = {"Origin": origin, "Access-Control-Request-Method": "POST"}
+            answer = http.options("/render", headers={**asked, "Access-Control-Request-Headers": "authorization"})
+            assert (answer.headers.get("access-control-allow-origin") == origin) is allowed
+            answer = http.get("/scene", headers={**BEARER, "Origin": origin})
+            assert ("access-control-allow-origin" in answer.headers) is allowed
+
+
+def test_another_name_in_the_host_header_is_refused(secured: Secured) -> None:
+    with secured.http() as http:
+        answer = http.get("/scene", headers={**BEARER, "Host": "rebound.example"})
+        assert answer.status_code == 421
+        assert "--trusted-hosts" in answer.text
+
+
+def test_plain_http_gets_nothing(secured: Secured) -> None:
+    with pytest.raises(httpx2.HTTPError):
+        httpx2.get(secured.url.replace("https", "http") + "/healthz")
+
+
+def stream(secured: Secured, metadata: Any) -> Any:
+    credentials = grpc.ssl_channel_credentials(secured.pem)
+    options = [("grpc.max_receive_message_length", -1)]
+    with grpc.secure_channel(f"127.0.0.1:{secured.grpc_port}", credentials, options) as channel:
+        call = channel.unary_stream(
+            "/ImageInterface/StreamImageSets",
+            request_serializer=pb.ImageSetRequest.SerializeToString,
+            response_deserializer=pb.ImageSet.FromString,
+        )
+        return next(call(pb.ImageSetRequest(left_enabled=True), metadata=metadata, timeout=60))
+
+
+def test_the_image_stream_wants_its_own_token(secured: Secured) -> None:
+    assert stream(secured, [("authorization", f"Bearer {CAMERA}")]).left.width > 0
+    for metadata in (None, [("authorization", f"Bearer {TOKEN}")], [("authorization-bin", b"\xff")]):
+        with pytest.raises(grpc.RpcError) as caught:
+            stream(secured, metadata)
+        assert caught.value.code() is grpc.StatusCode.UNAUTHENTICATED
+
+
+def test_health_checks_over_grpc_need_none(secured: Secured) -> None:
+    credentials = grpc.ssl_channel_credentials(secured.pem)
+    with grpc.secure_channel(f"127.0.0.1:{secured.grpc_port}", credentials) as channel:
+        answer = health_pb2_grpc.HealthStub(channel).Check(health_pb2.HealthCheckRequest(), timeout=30)
+    assert answer.status == health_pb2.HealthCheckResponse.SERVING
+
+
+def test_an_unusable_token_file_ends_the_start_with_one_sentence(tmp_path: Path) -> None:
+    (tmp_path / "token").write_text("short")
+    process = GatewayProcess("--http-port", "0", "--http-token-file", str(tmp_path / "token"))
+    try:
+        (line,) = process.rest_of_log()
+        assert process.process.wait(60) == 1
+    finally:
+        process.kill()
+    assert line["event"].startswith("Token 1 of the token file")

@@ -1,0 +1,156 @@
+"""Hostile HTTP against a whole gateway, by bytes: paths, headers, hosts, WebSockets, encodings."""
+
+from __future__ import annotations
+
+import gzip
+import socket
+from contextlib import suppress
+from urllib.parse import urlsplit
+
+import httpx2
+import pytest
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
+
+from tests.support import forms
+
+SECONDS = 30.0
+
+
+def raw(url: str, data: bytes, *, finish: bool = True) -> bytes:
+    """Everything that comes back for these bytes until the connection ends. ``finish``: nothing more is sent, ever."""
+    parts = urlsplit(url)
+    with socket.create_connection((parts.hostname or "", parts.port or 0), timeout=SECONDS) as connection:
+        connection.sendall(data)
+        if finish:
+            connection.shutdown(socket.SHUT_WR)
+        received = b""
+        try:
+            while piece := connection.recv(65536):
+                received += piece
+        except ConnectionError:
+            pass
+        return received
+
+
+def statuses(answer: bytes) -> list[int]:
+    return [int(part[:3]) for part in answer.split(b"HTTP/1.1 ")[1:]]
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/view/assets/..%2f..%2findex.html",
+        "/view/assets/../../../settings.py",
+        "/view/assets/%2e%2e/%2e%2e/routes.py",
+        "/view/assets/..%5c..%5croutes.py",
+        "/view/assets//etc/passwd",
+        "/view/assets/%00",
+        "/static-offline-docs/..%2f..%2f..%2fetc%2fpasswd",
+        "/static-offline-docs/../../../../etc/passwd",
+        "/..%2f..%2fetc/passwd",
+        "//etc/passwd",
+    ],
+)
+def test_paths_do_not_leave_the_page(gateway_url: str, path: str) -> None:
+    request = f"GET {path} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"
+    answer = raw(gateway_url, request.encode(), finish=False)
+    assert statuses(answer) in ([404], [400]), answer[:200]
+    assert b"root:" not in answer
+    assert b"from __future__" not in answer
+
+
+HOST = b"Host: localhost\r\n"
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        b"Content-Length: 5\r\nTransfer-Encoding: chunked\r\n",
+        b"Transfer-Encoding: chunked\r\nContent-Length: 5\r\n",
+        b"Content-Length: 5\r\nContent-Length: 6\r\n",
+        b"Content-Length: +5\r\n",
+        b"Content-Length: -1\r\n",
+        b"Content-Length: 99999999999999999999999\r\n",
+        b"Transfer-Encoding: xchunked\r\n",
+        b"Transfer-Encoding : chunked\r\n",
+        b"X-Name\0: 1\r\n",
+        b"X-Name: a\0b\r\n",
+        b" folded: 1\r\n",
+    ],
+)
+def test_requests_of_two_meanings_get_no_second_answer(gateway_url: str, head: bytes) -> None:
+    smuggled = b"GET /healthz HTTP/1.1\r\n" + HOST + b"\r\n"
+    answer = raw(gateway_url, b"POST /render HTTP/1.1\r\n" + HOST + head + b"\r\n0\r\n\r\n" + smuggled)
+    assert 200 not in statuses(answer), answer[:300]
+    assert len(statuses(answer)) <= 1
+
+
+@pytest.mark.parametrize(
+    "start", [b"GET / HTTP/9.9", b"G\0T / HTTP/1.1", b"\x16\x03\x01\x02\x00\x01", b"PRI * HTTP/2.0"]
+)
+def test_other_protocols_are_refused(gateway_url: str, start: bytes) -> None:
+    answer = raw(gateway_url, start + b"\r\n" + HOST + b"\r\n")
+    assert 200 not in statuses(answer)
+    assert httpx2.get(f"{gateway_url}/healthz").status_code == 200
+
+
+def test_line_breaks_in_an_id_do_not_reach_log_or_answer(gateway_url: str) -> None:
+    answer = raw(gateway_url, b"GET /healthz HTTP/1.1\r\n" + HOST + b"X-Request-ID: a\rSet-Cookie: b=1\r\n\r\n")
+    assert b"Set-Cookie" not in answer
+
+
+def test_a_name_that_was_made_to_point_here_is_refused(gateway_url: str) -> None:
+    """DNS rebinding: the browser believes to talk to the attacker's host."""
+    for path in ("/scene", "/view", "/healthz", "/api/v2/system"):
+        answer = httpx2.get(gateway_url + path, headers={"Host": "rebound.example:8000"})
+        assert answer.status_code == 421, path
+    asked = b"Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+    asked += b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nOrigin: http://rebound.example\r\n\r\n"
+    answer = raw(gateway_url, b"GET /view/ws HTTP/1.1\r\nHost: rebound.example\r\n" + asked, finish=False)
+    assert statuses(answer) == [403]
+
+
+def test_two_hosts_are_none(gateway_url: str) -> None:
+    answer = raw(gateway_url, b"GET /healthz HTTP/1.1\r\n" + HOST + b"Host: rebound.example\r\n\r\n")
+    assert statuses(answer) == [421]
+
+
+def test_a_page_of_another_site_may_not_open_the_websocket(gateway_url: str) -> None:
+    with pytest.raises(InvalidStatus):
+        connect(_websocket(gateway_url), origin="https://evil.example")  # type: ignore[arg-type]  # any text
+    with connect(_websocket(gateway_url), max_size=None) as socket:
+        assert isinstance(socket.recv(SECONDS), bytes)
+
+
+def test_a_page_of_another_site_may_not_read_answers(gateway_url: str) -> None:
+    answer = httpx2.get(f"{gateway_url}/scene", headers={"Origin": "https://evil.example"})
+    assert not [name for name in answer.headers if name.startswith("access-control")]
+
+
+@pytest.mark.parametrize("message", ["x" * 1000, "x" * 1_000_000, b"\0" * 100])
+def test_long_messages_end_their_own_websocket_only(gateway_url: str, message: str | bytes) -> None:
+    with connect(_websocket(gateway_url), max_size=None) as socket:
+        socket.send(message)
+        with suppress(ConnectionClosed):
+            while True:
+                socket.recv(SECONDS)
+    assert httpx2.get(f"{gateway_url}/healthz").status_code == 200
+
+
+def test_compressed_bodies_are_not_unpacked(gateway_url: str) -> None:
+    body = gzip.compress(bytes(64 << 20))
+    headers = {"Content-Type": forms.CONTENT_TYPE, "Content-Encoding": "gzip"}
+    answer = httpx2.post(f"{gateway_url}/render", content=body, headers=headers, timeout=SECONDS)
+    assert answer.status_code == 400
+
+
+@pytest.mark.parametrize("value", ["1e9", "-1", "99999999999999999999", "nan", "1" * 5000])
+def test_huge_dimensions_are_refused_before_anything_is_allocated(gateway_url: str, value: str) -> None:
+    for query in ({"width": value}, {"height": value}):
+        assert httpx2.get(f"{gateway_url}/scene/render", params=query).status_code in (400, 422)
+        assert httpx2.get(f"{gateway_url}/view/frame.jpg", params=query).status_code in (400, 422)
+
+
+def _websocket(url: str) -> str:
+    return url.replace("http", "ws") + "/view/ws"
