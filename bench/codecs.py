@@ -1,0 +1,128 @@
+"""Writers against OpenCV's and the glTF reader against trimesh, in one run, interleaved.
+
+    python -m bench.codecs
+
+Pictures are our own renderings: recorded scenes where SCENEGATE_CORPUS names them, else spheres. Medians of CPU ms of
+one thread. Every file is read back bit for bit by Pillow and, depth, by tifffile; ``bytes`` are ours over OpenCV's
+default. The reader's table says what its columns are.
+"""
+
+from __future__ import annotations
+
+import io
+import statistics
+import time
+from collections.abc import Callable, Iterator
+
+import cv2
+import numpy as np
+import tifffile
+from PIL import Image
+
+from bench import gltf, posted
+from bench.table import Row, at_least, geometric_mean, show
+from gateway import warmup
+from gateway.ops.process import tune
+from gateway.render.config import RenderConfig
+from gateway.render.depth import millimetres
+from gateway.render.form import read_form
+from gateway.render.multipart import FormReader
+from gateway.render.scenes import SceneStore
+from gateway.render.viewpoint import camera_of
+from renderers.cpu import CpuRenderer
+from renderers.encode import png_gray16, png_rgb, tiff_float32
+from renderers.port import Look, Output
+
+RUNS = 21
+SIZES = ((640, 480), (1920, 1080))
+GOALS = {"PNG, RGB": 5.0, "PNG, 16 bit": 8.0, "TIFF, 32-bit float": 2.0}
+LARGEST = 1.2
+
+
+def pictures() -> Iterator[tuple[str, posted.Array, posted.Array]]:
+    """Name, colour (H, W, 3) uint8 and depth (H, W) float32."""
+    folder = posted.corpus()
+    scenes = [posted.recorded(folder, number, "color") for number in ("001", "003", "010")] if folder else []
+    scenes.append(posted.textured("color", copies=6, side=512))
+    renderer, config = CpuRenderer(), RenderConfig()
+    store = SceneStore(config)
+    for scene in scenes:
+        for width, height in SIZES:
+            form = FormReader(posted.CONTENT_TYPE, config)
+            form.feed(scene.moved(width, height))
+            request = read_form(form.form(), config)
+            prepared = store.get(request.scene_sha256, request.scene)
+            camera = camera_of(request, prepared.gltf)
+            with renderer.render(prepared.drawn, camera, Output.COLOR | Output.DEPTH, Look("phong")) as frame:
+                assert frame.color is not None
+                assert frame.depth is not None
+                yield f"{scene.name} {width}×{height}", frame.color.copy(), frame.depth.copy()
+
+
+def milliseconds(work: Callable[[], object]) -> float:
+    """CPU time of this thread."""
+    begin = time.thread_time()
+    work()
+    return 1e3 * (time.thread_time() - begin)
+
+
+def encoded(suffix: str, image: posted.Array) -> bytes:
+    """By OpenCV with its own defaults; TIFF without compression, which is its fastest."""
+    options = (cv2.IMWRITE_TIFF_COMPRESSION, 1) if suffix == ".tiff" else ()
+    return bytes(cv2.imencode(suffix, image, options)[1])
+
+
+def check(kind: str, data: bytes, image: posted.Array) -> None:
+    """Raises unless independent readers give the very same samples."""
+    with Image.open(io.BytesIO(data)) as opened:
+        np.testing.assert_array_equal(np.asarray(opened), image)
+    if kind.startswith("TIFF"):
+        np.testing.assert_array_equal(tifffile.imread(io.BytesIO(data)).reshape(image.shape), image)
+
+
+def writers() -> list[Row]:
+    """PNG and TIFF."""
+    ratios: dict[str, list[float]] = {}
+    sizes: dict[str, list[float]] = {}
+    print("| picture | file | ours, ms | OpenCV, ms | ratio | bytes | of OpenCV's |\n|---|---|---|---|---|---|---|")
+    for name, color, depth in pictures():
+        bgr, grey = np.ascontiguousarray(color[..., ::-1]), millimetres(depth)
+        jobs: dict[str, tuple[posted.Array, Callable[[], bytes], Callable[[], bytes]]] = {
+            "PNG, RGB": (color, lambda color=color: png_rgb(color), lambda bgr=bgr: encoded(".png", bgr)),
+            "PNG, 16 bit": (grey, lambda grey=grey: png_gray16(grey), lambda grey=grey: encoded(".png", grey)),
+            "TIFF, 32-bit float": (
+                depth,
+                lambda depth=depth: tiff_float32(depth),
+                lambda depth=depth: encoded(".tiff", depth),
+            ),
+        }
+        for kind, (image, ours, theirs) in jobs.items():
+            check(kind, ours(), image)
+            times = [(milliseconds(ours), milliseconds(theirs)) for _ in range(RUNS)]
+            mine, other = (statistics.median(column) for column in zip(*times, strict=True))
+            size, reference = len(ours()), len(theirs())
+            ratios.setdefault(kind, []).append(other / mine)
+            sizes.setdefault(kind, []).append(size / reference)
+            figures = f"{mine:.2f} | {other:.2f} | {other / mine:.1f} | {size} | {size / reference:.2f}"
+            print(f"| {name} | {kind} | {figures} |", flush=True)
+    rows = []
+    for kind, goal in GOALS.items():
+        worst = f"least {min(ratios[kind]):.1f}×"
+        rows.append(at_least(f"{kind} writer (geometric mean)", worst, "OpenCV", geometric_mean(ratios[kind]), goal))
+        largest = max(sizes[kind])
+        mean = geometric_mean(sizes[kind])
+        what = f"{kind}: bytes of the file (geometric mean)"
+        rows.append(Row(what, f"largest {largest:.2f}×", "OpenCV", f"{mean:.2f}×", f"≤ {LARGEST}×", mean <= LARGEST))
+    return rows
+
+
+def main() -> None:
+    tune()  # as the server does
+    warmup.run()
+    cv2.setNumThreads(1)
+    rows = writers()
+    show([*rows, *gltf.rows()])
+
+
+if __name__ == "__main__":
+    main()

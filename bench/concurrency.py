@@ -1,0 +1,166 @@
+"""Two renders at once, one frame on two cores, the event loop's stalls meanwhile, and what overload does.
+
+    python -m bench.concurrency
+
+The loop's stall is how much later than asked a ticker of 1 ms wakes up while frames of a million triangles are drawn in
+the gateway's worker threads. Overload: 96 clients at once against a gateway that lets 16 requests wait.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import statistics
+import threading
+import time
+from collections.abc import Callable
+
+import uvloop
+
+from bench import posted
+from bench.gateways import Answer, gateway, post
+from bench.raster import scenes, view
+from bench.table import Row, at_least, at_most, show
+from gateway import warmup
+from gateway.ops.process import settle, tune
+from gateway.workers import Workers
+from renderers.cpu import CpuRenderer
+from renderers.drawlist import DrawList
+from renderers.port import Look, Output
+
+ALL = Output.COLOR | Output.DEPTH | Output.LABEL
+SIZE = (640, 480)
+FRAMES = 24
+TICK = 0.001
+
+
+def draw(renderer: CpuRenderer, scene: DrawList, frame: int) -> None:
+    renderer.render(scene, view(*SIZE, frame), ALL, Look()).close()
+
+
+def seconds_for(threads: int, work: Callable[[int], None]) -> float:
+    """Wall time of ``FRAMES`` calls shared by so many threads."""
+    numbers = iter(range(FRAMES))
+    lock = threading.Lock()
+
+    def run() -> None:
+        while True:
+            with lock:
+                number = next(numbers, None)
+            if number is None:
+                return
+            work(number)
+
+    crowd = [threading.Thread(target=run) for _ in range(threads)]
+    begin = time.perf_counter()
+    for each in crowd:
+        each.start()
+    for each in crowd:
+        each.join()
+    return time.perf_counter() - begin
+
+
+def scaling() -> list[Row]:
+    """Two callers, and two threads for one caller; each against one."""
+    print("\n| 640×480, all outputs | two renders at once | one frame on two threads |\n|---|---|---|")
+    alone, pair = CpuRenderer(1), CpuRenderer(2)
+    callers: dict[str, float] = {}
+    within: dict[str, float] = {}
+    for name, scene in scenes().items():
+        for renderer in (alone, pair):
+            draw(renderer, scene, 0)
+        runs: list[tuple[float, float, float]] = []
+        for _ in range(5):
+            one = seconds_for(1, lambda frame, scene=scene: draw(alone, scene, frame))
+            two = seconds_for(2, lambda frame, scene=scene: draw(alone, scene, frame))
+            split = seconds_for(1, lambda frame, scene=scene: draw(pair, scene, frame))
+            runs.append((one / two, one / split, one / FRAMES))
+        callers[name], within[name], took = (statistics.median(column) for column in zip(*runs, strict=True))
+        print(f"| {name} ({1e3 * took:.1f} ms alone) | {callers[name]:.2f}× | {within[name]:.2f}× |", flush=True)
+    slowest = list(within)[-1]
+    return [
+        at_least("two renders at once against one after the other (least)", "", "one", min(callers.values()), 1.8),
+        at_least(f"one frame on two threads, {slowest}", "", "one thread", within[slowest], 1.7),
+    ]
+
+
+def percentile(values: list[float], part: float) -> float:
+    return sorted(values)[min(len(values) - 1, int(part * len(values)))]
+
+
+async def stalls(seconds: float, renderer: CpuRenderer, scene: DrawList | None) -> list[float]:
+    """How late the ticker wakes, ms."""
+    workers = Workers()
+    ended = False
+
+    async def keep_drawing() -> None:
+        frame = 0
+        while not ended and scene is not None:
+            await workers.run(draw, renderer, scene, frame)
+            frame += 1
+
+    busy = asyncio.create_task(keep_drawing())
+    late: list[float] = []
+    end = time.perf_counter() + seconds
+    while (begin := time.perf_counter()) < end:
+        await asyncio.sleep(TICK)
+        late.append(1e3 * (time.perf_counter() - begin - TICK))
+    ended = True
+    await busy
+    await workers.close()
+    return late
+
+
+def event_loop() -> list[Row]:
+    """Idle and busy."""
+    scene = list(scenes().values())[-1]
+    renderer = CpuRenderer()
+    draw(renderer, scene, 0)
+    settle()
+    print("\n| event loop, 1 ms ticker, ms late | p50 | p99 | max |\n|---|---|---|---|")
+    worst = 0.0
+    for name, drawn in (("idle", None), ("a million triangles are drawn", scene)):
+        late = uvloop.run(stalls(5.0, renderer, drawn))
+        worst = percentile(late, 0.99)
+        print(f"| {name} | {percentile(late, 0.5):.2f} | {worst:.2f} | {max(late):.2f} |", flush=True)
+    return [at_most("event loop, p99 stall while a million triangles are drawn", worst, 2.0, "ms")]
+
+
+def overload() -> list[Row]:
+    """96 clients against 16 places."""
+    scene = posted.textured("color", copies=2, unique=1, side=512)
+    with gateway("--only", "render", "--queue", "16") as running:
+        post(running.port, scene.moved(*SIZE))
+        before = running.rss()
+        bodies = [scene.moved(*SIZE) for _ in range(96)]
+        answers: list[Answer] = []
+        crowd = [
+            threading.Thread(target=lambda body=body: answers.append(post(running.port, body)))  # type: ignore[misc]
+            for body in bodies
+        ]
+        for each in crowd:
+            each.start()
+        for each in crowd:
+            each.join()
+        again = post(running.port, scene.moved(*SIZE))
+        after = running.rss()
+    drawn = [answer.total for answer in answers if answer.status == 200]
+    refused = [answer for answer in answers if answer.status == 503 and "retry-after" in answer.headers]
+    print(
+        f"\nOverload: 96 requests of {len(bodies[0]) / 1e6:.1f} MB at once, places for 16: {len(drawn)} drawn (median "
+        f"{statistics.median(drawn):.0f} ms), {len(refused)} told to come again (median "
+        f"{statistics.median([a.total for a in refused] or [0.0]):.0f} ms), "
+        f"{len(answers) - len(drawn) - len(refused)} otherwise; the next request: {again.status}; "
+        f"memory {before:.0f} -> {after:.0f} MB"
+    )
+    good = len(drawn) + len(refused) == len(answers) == 96 and again.status == 200
+    return [Row("overload: every request is drawn or told when to come again, the next one is drawn", "", met=good)]
+
+
+def main() -> None:
+    tune()
+    warmup.run()
+    show([*scaling(), *event_loop(), *overload()])
+
+
+if __name__ == "__main__":
+    main()
