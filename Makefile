@@ -34,8 +34,8 @@ check: $(VENV)/.installed-dev ## lint, format, types, import contracts, compose 
 	$(BIN)/lint-imports
 	$(BIN)/check-jsonschema --builtin-schema vendor.compose-spec docker-compose.yml
 
-bench: $(VENV)/.installed-dev ## measure against real peers (BENCH=stream: bench/stream.py)
-	$(if $(BENCH),$(BIN)/python -m bench.$(BENCH) $(ARGS),@ls bench/*.py | sed -n 's|bench/\([a-z]*\)\.py|make bench BENCH=\1|p')
+bench: $(VENV)/.installed-dev ## measure against real peers, write docs/performance.md (BENCH=stream: that one only)
+	$(BIN)/python -m $(if $(BENCH),bench.$(BENCH),bench $(if $(PEERS),--peers $(PEERS)) --write docs/performance.md) $(ARGS)
 
 docs: $(VENV)/.installed-dev ## write docs/configuration.md and docs/limits.md from the source
 	$(BIN)/python -m gateway.cli.reference docs/configuration.md

@@ -3,9 +3,9 @@
     python -m bench.gltf [FOLDER]
 
 FOLDER holds recorded requests (default: the environment's SCENEGATE_CORPUS); without one, a scene is made up. Columns,
-medians in CPU ms of one thread: ``cold`` nothing known, ``meshes`` the buffers known but something else in the text different (new
-materials), ``moved`` only the nodes different, as while a robot moves; ``trimesh`` without materials. None decodes
-images.
+medians in CPU ms of one thread: ``cold`` nothing known, ``meshes`` the buffers known but something else in the text
+different (new materials), ``moved`` only the nodes different, as while a robot moves; ``trimesh`` without materials.
+None decodes images.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ import hashlib
 import json
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -67,24 +67,25 @@ class Posted:
 
     def moved(self, width: int, height: int) -> bytes:
         """The body of a request whose poses were never sent before."""
-        return self.body(self.scene(next(self._numbers)), width, height)
+        return body(self.scene(next(self._numbers)), self.fields, width, height)
 
-    def body(self, scene: bytes, width: int, height: int) -> bytes:
-        """A request for a picture of this size, of the same view."""
-        fields = dict(self.fields)
-        across, down = width / int(fields["width"]), height / int(fields["height"])
-        scale = max(across, down)
-        fields |= {"width": str(width), "height": str(height)}
-        fields |= {name: f"{float(fields[name]) * scale:.6f}" for name in ("focal_x", "focal_y")}
-        fields |= {"center_x": f"{width / 2 - 0.5:.6f}", "center_y": f"{height / 2 - 0.5:.6f}"}
-        fields["scene_sha256"] = hashlib.sha256(scene).hexdigest()
-        head = b"".join(
-            f'--{BOUNDARY}\r\nContent-Disposition: form-data; name="{name}"\r\n\r\n{value}\r\n'.encode()
-            for name, value in fields.items()
-        )
-        part = f'--{BOUNDARY}\r\nContent-Disposition: form-data; name="scene"; filename="0000000000000000001.gltf"\r\n'
-        part += "Content-Type: model/gltf+json\r\n\r\n"
-        return b"".join((head, part.encode(), scene, f"\r\n--{BOUNDARY}--\r\n".encode()))
+
+def body(scene: bytes, fields: Mapping[str, str], width: int, height: int) -> bytes:
+    """A request for a picture of this size, of the view that the fields describe."""
+    fields = dict(fields)
+    across, down = width / int(fields["width"]), height / int(fields["height"])
+    scale = max(across, down)
+    fields |= {"width": str(width), "height": str(height)}
+    fields |= {name: f"{float(fields[name]) * scale:.6f}" for name in ("focal_x", "focal_y")}
+    fields |= {"center_x": f"{width / 2 - 0.5:.6f}", "center_y": f"{height / 2 - 0.5:.6f}"}
+    fields["scene_sha256"] = hashlib.sha256(scene).hexdigest()
+    head = b"".join(
+        f'--{BOUNDARY}\r\nContent-Disposition: form-data; name="{name}"\r\n\r\n{value}\r\n'.encode()
+        for name, value in fields.items()
+    )
+    part = f'--{BOUNDARY}\r\nContent-Disposition: form-data; name="scene"; filename="0000000000000000001.gltf"\r\n'
+    part += "Content-Type: model/gltf+json\r\n\r\n"
+    return b"".join((head, part.encode(), scene, f"\r\n--{BOUNDARY}--\r\n".encode()))
 
 
 def recorded(folder: Path, number: str, kind: str) -> Posted:

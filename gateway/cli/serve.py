@@ -74,6 +74,7 @@ def run(settings: Settings) -> int:
     """Serves until a signal; the exit code."""
     from gateway.ops import logs, process
 
+    process.hurry()
     logs.configure(settings.log_format, settings.log_level)
     import structlog
 

@@ -29,11 +29,18 @@ def tune() -> None:
             resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
 
 
+def hurry() -> None:
+    """Stops the garbage collector until ``settle``: importing makes half a million objects, none of which is garbage,
+    and looking at them again and again takes a tenth of the start."""
+    gc.disable()
+
+
 def settle() -> None:
     """Takes what was made at the start out of the garbage collector's sight: its full collections would look at
     half a million objects of imported modules and hold everything for tens of milliseconds."""
     gc.collect()
     gc.freeze()
+    gc.enable()
 
 
 def listen(host: str, port: int) -> socket.socket:

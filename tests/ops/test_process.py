@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import resource
 import socket
 
@@ -42,3 +43,16 @@ def test_tuning_never_lowers_the_number_of_files() -> None:
     after, same = resource.getrlimit(resource.RLIMIT_NOFILE)
     assert same == hard
     assert after >= before or before == resource.RLIM_INFINITY
+
+
+def test_the_garbage_collector_works_again_after_the_start() -> None:
+    frozen = gc.get_freeze_count()
+    try:
+        process.hurry()
+        assert not gc.isenabled()
+        process.settle()
+        assert gc.isenabled()
+        assert gc.get_freeze_count() > frozen
+    finally:
+        gc.unfreeze()
+        gc.enable()

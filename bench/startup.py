@@ -1,0 +1,165 @@
+"""From process start to ready, with the kernel cache and without, and memory through many different scenes.
+
+    python -m bench.startup [--scenes 10000] [--plot docs/images/memory.svg] [--cold]
+
+``ready`` is when ``scenegate serve`` has started every interface. ``--cold`` measures with an empty cache, too: how
+much CPU time the children spend that fill it, and how much the serving process itself. The scenes differ in everything:
+each has a mesh that was never sent before, about 100 kB as a request; the caches are made small, so that they are full
+soon.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import statistics
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from bench import posted
+from bench.gateways import gateway, post
+from bench.table import Row, at_most, show
+
+STARTS = 7
+MESH_CACHE_MB, SCENE_CACHE_MB = 64, 32
+
+
+def cpu_seconds(pid: int) -> tuple[float, float]:
+    """Of the process itself, and of its children that have ended."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    own, children = sum(map(int, fields[11:13])), sum(map(int, fields[13:15]))
+    return own / os.sysconf("SC_CLK_TCK"), children / os.sysconf("SC_CLK_TCK")
+
+
+def warm_starts() -> list[Row]:
+    """Everything that is served by default, the kernels in the cache."""
+    with gateway():
+        pass  # fills the cache if need be
+    rows = []
+    for name, flags in (("all interfaces", ()), ("`--only render`", ("--only", "render"))):
+        took: list[float] = []
+        spent: list[float] = []
+        for _ in range(STARTS):
+            with gateway(*flags) as running:
+                took.append(running.started - running.began)
+                spent.append(cpu_seconds(running.process.pid)[0])
+        figure = f"CPU {statistics.median(spent):.2f} s, best {min(took):.2f} s"
+        what = f"process start to ready, kernels cached, {name} ({figure})"
+        rows.append(at_most(what, statistics.median(took), 2.0, "s"))
+    return rows
+
+
+def cold_start() -> list[Row]:
+    """With an empty cache."""
+    with tempfile.TemporaryDirectory() as folder:
+        empty = {"SCENEGATE_CACHE_DIR": folder, "NUMBA_CACHE_DIR": ""}
+        environment = {name: value for name, value in empty.items() if value}
+        inherited = os.environ.pop("NUMBA_CACHE_DIR", None)
+        try:
+            with gateway(environment=environment) as running:
+                took = running.started - running.began
+                own, children = cpu_seconds(running.process.pid)
+        finally:
+            if inherited is not None:
+                os.environ["NUMBA_CACHE_DIR"] = inherited
+    what = f"first start, kernels compiled: CPU of the children ({took:.0f} s to ready, {own:.1f} s CPU in the server)"
+    return [at_most(what, children, 60.0, "s CPU")]
+
+
+def different_scenes(count: int) -> Iterator[bytes]:
+    """Requests of which no two share a byte of geometry."""
+    positions, normals, uv, triangles = posted.sphere(32, 32)
+    rng = np.random.default_rng(5)
+    names = ("accessors", "bufferViews", "buffers", "materials", "meshes", "nodes")
+    for _ in range(count):
+        document = {"asset": {"version": "2.0", "generator": "VTK"}, **{name: [] for name in names}}
+        document |= {"scene": 0, "scenes": [{"nodes": [0, 1]}]}
+        document |= {"cameras": [{"type": "perspective", "perspective": {"yfov": 0.8, "zfar": 10.0, "znear": 0.01}}]}
+        stretched = (positions * rng.uniform(0.5, 1.5, 3)).astype(np.float32)
+        attributes = {
+            "POSITION": posted.accessor(document, stretched, 5126, "VEC3"),
+            "NORMAL": posted.accessor(document, normals * np.float32(rng.uniform(0.9, 1.1)), 5126, "VEC3"),
+            "TEXCOORD_0": posted.accessor(document, uv * np.float32(rng.uniform(0.5, 1.0)), 5126, "VEC2"),
+        }
+        indices = posted.accessor(document, rng.permutation(triangles).reshape(-1), 5125, "SCALAR")
+        document["materials"].append({"pbrMetallicRoughness": {"baseColorFactor": [*rng.random(3), 1.0]}})
+        document["meshes"].append({"primitives": [{"attributes": attributes, "indices": indices, "material": 0}]})
+        document["nodes"] += [{"mesh": 0, "matrix": [*np.eye(4).ravel()[:14], -2.0, 1.0]}, {"camera": 0}]
+        yield posted.body(json.dumps(document).encode(), posted.fields_for("color"), 320, 240)
+
+
+def memory(count: int, plot: Path | None) -> list[Row]:
+    """Resident memory of a gateway through so many scenes."""
+    flags = ("--only", "render", "--mesh-cache-mb", str(MESH_CACHE_MB), "--scene-cache-mb", str(SCENE_CACHE_MB))
+    seen: list[tuple[int, float]] = []
+    with gateway(*flags) as running:
+        begin = time.perf_counter()
+        for number, body in enumerate(different_scenes(count)):
+            answer = post(running.port, body)
+            if answer.status != 200:
+                raise SystemExit(f"scene {number}: {answer.body[:300]!r}")
+            if number % max(1, count // 200) == 0:
+                seen.append((number, running.rss()))
+        seen.append((count, running.rss()))
+        took = time.perf_counter() - begin
+    later = np.array([point for point in seen if point[0] >= count // 2])
+    slope = float(np.polyfit(later[:, 0], later[:, 1], 1)[0]) * 1000
+    first, last = seen[0][1], seen[-1][1]
+    print(
+        f"\n{count} different scenes in {took:.0f} s: {first:.0f} MB at first, {max(mb for _, mb in seen):.0f} MB at "
+        f"most, {last:.0f} MB at last; {slope:+.2f} MB per 1000 scenes over the second half"
+    )
+    if plot is not None:
+        plot.write_text(drawing(seen, f"{slope:+.2f} MB per 1000 scenes over the second half"), encoding="utf-8")
+    what = f"memory through {count} different scenes: growth over the second half, MB per 1000 scenes"
+    return [Row(what, f"{slope:+.2f}; {last:.0f} MB at last", "", "", "≤ 1", slope <= 1.0)]
+
+
+def drawing(points: list[tuple[int, float]], note: str) -> str:
+    """A plot of resident memory (MB) over scenes, as SVG."""
+    width, height, left, bottom = 720, 300, 60, 40
+    most, top = points[-1][0], 1.15 * max(mb for _, mb in points)
+
+    def at(number: float, mb: float) -> tuple[float, float]:
+        return left + (width - left - 20) * number / most, height - bottom - (height - bottom - 20) * mb / top
+
+    line = " ".join(f"{x:.1f},{y:.1f}" for x, y in (at(number, mb) for number, mb in points))
+    marks = []
+    step = 10 ** int(np.floor(np.log10(top))) / 2
+    for k in range(int(top / step) + 1):
+        _, y = at(0, k * step)
+        marks.append(f'<path d="M{left} {y:.1f}H{width - 20}" stroke="#ddd"/>')
+        marks.append(f'<text x="{left - 6}" y="{y + 4:.1f}" text-anchor="end">{k * step:.0f}</text>')
+    for k in range(6):
+        x, _ = at(most * k / 5, 0)
+        marks.append(f'<text x="{x:.1f}" y="{height - bottom + 18}" text-anchor="middle">{most * k // 5}</text>')
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" font-family="sans-serif" '
+        f'font-size="12"><rect width="100%" height="100%" fill="white"/>{"".join(marks)}'
+        f'<polyline points="{line}" fill="none" stroke="#1763c6" stroke-width="2"/>'
+        f'<text x="{left}" y="14">resident memory of the gateway, MB ({note})</text>'
+        f'<text x="{width - 20}" y="{height - 6}" text-anchor="end">different scenes</text></svg>\n'
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scenes", type=int, default=10_000)
+    parser.add_argument("--plot", type=Path, help="an SVG file for the memory")
+    parser.add_argument("--cold", action="store_true", help="also start with an empty cache (a minute of CPU)")
+    options = parser.parse_args()
+    rows = warm_starts()
+    if options.cold:
+        rows += cold_start()
+    if options.scenes:
+        rows += memory(options.scenes, options.plot)
+    show(rows)
+
+
+if __name__ == "__main__":
+    main()
