@@ -16,7 +16,7 @@ UNKNOWN_FORMAT_VERSION: Final = -2
 ERROR_HANDLING_REQUEST: Final = -3
 """Director defines it and stays silent instead; its Python client's handler thread ends at any negative status, so it
 is only sent when something really went wrong."""
-SUPPORTED: Final = {wire.FORMAT: [f"{wire.VERSION[0]}.{wire.VERSION[1]}"]}
+SUPPORTED: Final = {name: [f"{wire.VERSION[0]}.{wire.VERSION[1]}"] for name in (wire.FORMAT, wire.BINARY_FORMAT)}
 
 
 class Problem(msgspec.Struct, omit_defaults=True):
@@ -61,10 +61,13 @@ class ReadyAnswer(msgspec.Struct):
 
 
 _encoder: Final = msgspec.json.Encoder()
+_packer: Final = msgspec.msgpack.Encoder()
 
 
-def encode(answer: Answer | FormatAnswer | ReadyAnswer) -> bytes:
-    """The answer as a viewer2_comms_t."""
+def encode(answer: Answer | FormatAnswer | ReadyAnswer, *, binary: bool = False) -> bytes:
+    """The answer as a viewer2_comms_t, in JSON or in MessagePack."""
+    if binary:
+        return wire.encode(_packer.encode(answer), name=wire.BINARY_FORMAT)
     return wire.encode(_encoder.encode(answer))
 
 

@@ -17,6 +17,8 @@ class Limits:
     """Of one LCM message: liblcm itself refuses more than 2^28 bytes."""
     json_bytes: int = 32 * MIB
     """Of one message's JSON without its long number arrays: it becomes Python objects of about 10 times its size."""
+    binary_objects: int = 4_000_000
+    """Of one binary message besides its arrays: each becomes a Python object of up to 100 bytes."""
     path_elements: int = 128
     """Depth of the tree; robots stay below 50, and walking a path costs its depth."""
     element_chars: int = 4096
@@ -54,7 +56,8 @@ class TreeViewerConfig:
     receive_buffer_bytes: int = 64 * MIB
     """Of LCM's UDP socket: it decides how big a message survives (a 16 MB message wants 64 MB)."""
     offload_bytes: int = 256 * KIB
-    """Messages above it are decoded in a thread that does not hold the interpreter: 256 kB take 1 ms."""
+    """Messages above it are decoded in a thread that does not hold the interpreter: 256 kB of JSON take 1 ms. Binary
+    messages, which have more in them, above a quarter of it."""
     slice_commands: int = 500
     """Commands of a big message applied before the event loop gets its turn: 500 take about 1 ms."""
     threads: int = 2

@@ -161,7 +161,8 @@ class Dispatcher:
         await asyncio.gather(*tasks, return_exceptions=True)
 
     def _is_big(self, message: Message) -> bool:
-        if len(message) > self._config.offload_bytes:
+        size = len(message)
+        if size > self._config.offload_bytes or (size > self._config.offload_bytes // 4 and wire.is_binary(message)):
             return True
         return self._with_files is not None and self._with_files in bytes(message)
 
@@ -191,7 +192,7 @@ class Dispatcher:
             return
         except Exception:  # a defect must not end the transport  # noqa: BLE001
             answer = self._defect(channel, message)
-        self._send(channel, answer, reply)
+        self._send(channel, answer, reply, wire.is_binary(message))
 
     async def _answer_later(self, lane: _Lane, message: Message) -> None:
         answer: Answer | FormatAnswer
@@ -209,26 +210,26 @@ class Dispatcher:
             return
         except Exception:  # noqa: BLE001 - as above
             answer = self._defect(lane.channel, message)
-        self._send(lane.channel, answer, lane.reply)
+        self._send(lane.channel, answer, lane.reply, wire.is_binary(message))
 
-    def _send(self, channel: str, answer: Answer | FormatAnswer, reply: Reply) -> None:
+    def _send(self, channel: str, answer: Answer | FormatAnswer, reply: Reply, binary: bool) -> None:
         if self._durable is None:
-            self._publish(channel, answer, reply)
+            self._publish(channel, answer, reply, binary)
             return
         paths = 0
         if isinstance(answer, Answer):
             paths = len(answer.deleted_paths) + len(answer.added_geometries) + len(answer.set_transforms)
-        self._durable.after(partial(self._stored, channel, answer, reply), OVERHEAD_BYTES + PATH_BYTES * paths)
+        self._durable.after(partial(self._stored, channel, answer, reply, binary), OVERHEAD_BYTES + PATH_BYTES * paths)
 
-    def _stored(self, channel: str, answer: Answer | FormatAnswer, reply: Reply, problem: str) -> None:
+    def _stored(self, channel: str, answer: Answer | FormatAnswer, reply: Reply, binary: bool, problem: str) -> None:
         if problem and isinstance(answer, Answer):
             reason = f"the tree has been changed, but the change could not be stored: {problem}"
             answer.error = f"{answer.error}; {reason}" if answer.error else reason
             answer.status = answers.ERROR_HANDLING_REQUEST
-        self._publish(channel, answer, reply)
+        self._publish(channel, answer, reply, binary)
 
-    def _publish(self, channel: str, answer: Answer | FormatAnswer, reply: Reply) -> None:
-        message = answers.encode(answer)
+    def _publish(self, channel: str, answer: Answer | FormatAnswer, reply: Reply, binary: bool) -> None:
+        message = answers.encode(answer, binary=binary)
         try:
             reply(response_channel(channel), message)
         except (OSError, ValueError) as error:
@@ -245,7 +246,8 @@ class Dispatcher:
         except wire.WireError as error:
             self._undecodable(channel, error)
             return
-        self._publish(channel, answers.failed(comms.utime, "too many messages are waiting; send slower"), reply)
+        refusal = answers.failed(comms.utime, "too many messages are waiting; send slower")
+        self._publish(channel, refusal, reply, wire.is_binary(message))
 
     def _undecodable(self, channel: str, error: wire.WireError) -> None:
         self.counters.undecodable += 1

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.treeviewer import kernels
+from gateway.treeviewer.arrays import ArrayError, PackedArray
 
 LEAST_NUMBERS: Final = 256
 """Shorter arrays stay JSON: more than a path may have elements, fewer than what takes noticeable time."""
@@ -21,10 +22,6 @@ MOST_ARRAYS: Final = 65_536
 """Of one message; the rest stays JSON."""
 WORTH_SCANNING: Final = (b'"points"', b'"vertices"', b'"ranges"')
 """Keys whose values are long."""
-
-
-class ArrayError(ValueError):
-    """An array is not of the wanted shape; the message starts with a verb (``has 2 numbers in row 7, not 3``)."""
 
 
 class JsonError(ValueError):
@@ -42,7 +39,7 @@ class _Array:
 
 
 class Numbers:
-    """Number arrays of one request, from lists or from the text."""
+    """Number arrays of one request, from lists, from the text, or from bytes."""
 
     __slots__ = ("_arrays", "_data", "_prefix")
 
@@ -82,6 +79,8 @@ class Numbers:
         Raises:
             ArrayError: wrong shape, not numbers, or more than ``most`` rows.
         """
+        if isinstance(value, PackedArray):
+            return value.floats(columns, most)
         array = self._held(value)
         if array is None:
             listed = _from_list(value, columns, most)
@@ -96,6 +95,8 @@ class Numbers:
         Raises:
             ArrayError: wrong shape, not such indices, or more than ``most`` rows.
         """
+        if isinstance(value, PackedArray):
+            return value.indices(bound, most)
         array = self._held(value)
         if array is None:
             values = _from_list(value, (3,), most)

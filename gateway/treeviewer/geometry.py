@@ -27,8 +27,9 @@ from gateway.scene.geometry import (
 )
 from gateway.scene.transforms import IDENTITY
 from gateway.treeviewer import fields
+from gateway.treeviewer.arrays import ArrayError, PackedArray
 from gateway.treeviewer.config import Limits
-from gateway.treeviewer.extract import ArrayError, Numbers
+from gateway.treeviewer.extract import Numbers
 from gateway.treeviewer.fields import CommandError, NothingToDraw, show
 from gateway.treeviewer.normals import smooth_mesh
 from renderers.color import linear_from_srgb
@@ -230,7 +231,10 @@ def _channels(value: Any, count: int, context: Context) -> dict[str, NDArray[np.
         raise CommandError(f"channels has {len(value)} entries, the limit is {context.limits.channels}")
     channels: dict[str, NDArray[np.float32]] = {}
     for name, values in value.items():
-        if values is None or values in ([], {}):
+        if values is None or (not isinstance(values, PackedArray) and values in ([], {})):
+            continue
+        if not isinstance(name, str):
+            context.warnings.append(f"channel {show(name)} has no text as its name; it is ignored")
             continue
         columns = (3, 4) if name == "rgb" else (1,) if name == "intensity" else tuple(range(1, 17))
         try:
@@ -242,6 +246,8 @@ def _channels(value: Any, count: int, context: Context) -> dict[str, NDArray[np.
             context.warnings.append(f"channel {show(name)} has {len(array)} values for {count} points; it is ignored")
             continue
         if name in ("rgb", "intensity"):
+            if isinstance(values, PackedArray) and values.of_bytes:
+                array /= np.float32(255.0)
             array = np.clip(np.nan_to_num(array, copy=False, nan=0.0), 0.0, 1.0)
         channels[name] = array
     return channels

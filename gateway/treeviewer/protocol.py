@@ -11,6 +11,7 @@ from gateway.scene.live import LiveTree
 from gateway.treeviewer import answers, wire
 from gateway.treeviewer.answers import Answer, FormatAnswer
 from gateway.treeviewer.apply import Application
+from gateway.treeviewer.binary import BinaryReader
 from gateway.treeviewer.census import Census
 from gateway.treeviewer.config import Limits
 from gateway.treeviewer.geometry import MeshLoader
@@ -61,7 +62,10 @@ class TreeViewerProtocol:
         self.reads_files = meshes is not None
         """Whether a request may open files, which must not happen on the event loop."""
         self._live = live
-        self._reader = RequestReader(self.limits, meshes)
+        self._readers = {
+            wire.FORMAT: RequestReader(self.limits, meshes),
+            wire.BINARY_FORMAT: BinaryReader(self.limits, meshes),
+        }
 
     def header(self, message: bytes | memoryview) -> wire.Comms:
         """The message's header, cheap; its data is not looked at.
@@ -71,7 +75,7 @@ class TreeViewerProtocol:
             Refused: an encoding that we do not speak, or lengths that are lies.
         """
         comms = wire.decode(message)
-        if comms.format != wire.FORMAT:
+        if comms.format not in self._readers:
             raise Refused(FormatAnswer(comms.utime, answers.UNKNOWN_FORMAT, answers.SUPPORTED))
         if (comms.major, comms.minor) != wire.VERSION:
             raise Refused(FormatAnswer(comms.utime, answers.UNKNOWN_FORMAT_VERSION, answers.SUPPORTED))
@@ -89,7 +93,8 @@ class TreeViewerProtocol:
             Refused: it cannot be read.
         """
         try:
-            request = self._reader.read(comms.data, extract=True if len(comms.data) >= LEAST_EXTRACTED else None)
+            reader = self._readers[comms.format]
+            request = reader.read(comms.data, extract=True if len(comms.data) >= LEAST_EXTRACTED else None)
         except RequestError as error:
             raise Refused(answers.failed(comms.utime, str(error))) from None
         return Application(request, self._live, self.census, self.limits)

@@ -23,7 +23,8 @@ from gateway.treeviewer.fields import CommandError, show
 from gateway.treeviewer.geometry import Context, MeshLoader, parts_of
 from gateway.treeviewer.slices import pieces
 
-_UNREADABLE: Final = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
+TypedDecoder = msgspec.json.Decoder[Any] | msgspec.msgpack.Decoder[Any]
+UNREADABLE: Final = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
 """What msgspec raises for text that it does not understand."""
 LEAST_SCANNED: Final = 4096
 """Bytes; shorter requests have no array worth taking out."""
@@ -75,7 +76,7 @@ class RequestReader:
     def __init__(self, limits: Limits | None = None, meshes: MeshLoader | None = None) -> None:
         self._limits = limits or Limits()
         self._meshes = meshes
-        self._typed = typed.message_decoder(self._limits)
+        self._typed: msgspec.json.Decoder[Any] = msgspec.json.Decoder(typed.message_types(self._limits)[0])
         self._untyped = msgspec.json.Decoder()
 
     def read(self, data: memoryview, *, extract: bool | None = None) -> Request:
@@ -88,7 +89,7 @@ class RequestReader:
             RequestError: the text is not a JSON object, or too much of it.
         """
         if extract is None and len(data) <= self._limits.json_bytes:
-            usual = self._read_usual(data)
+            usual = self._usual(data, self._typed)
             if usual is not None:
                 return usual
         numbers = Numbers()
@@ -112,11 +113,11 @@ class RequestReader:
         except JsonError as error:
             raise RequestError(f"the request is not valid JSON {error}") from None
 
-    def _read_usual(self, data: memoryview) -> Request | None:
+    def _usual(self, data: memoryview, decoder: TypedDecoder) -> Request | None:
         """A small request without any oddity; None: a closer look is needed."""
         try:
-            message = self._typed.decode(data)
-        except _UNREADABLE:
+            message = decoder.decode(data)
+        except UNREADABLE:
             return None
         geometries, transforms = message.setgeometry, message.settransform
         odd = message.delete not in (None, []) or isinstance(geometries, dict) or isinstance(transforms, dict)
@@ -136,7 +137,7 @@ class RequestReader:
     def _read_text(self, body: bytes, context: Context) -> Request:
         try:
             message = self._typed.decode(body)
-        except _UNREADABLE:
+        except UNREADABLE:
             return self._lenient(_any_json(self._untyped, body), context)
         if message.draw is not msgspec.UNSET or message.load is not msgspec.UNSET:
             return self._lenient(self._untyped.decode(body), context)
@@ -236,7 +237,7 @@ def _commands(name: str, value: Any, request: Request, first: int) -> Iterator[t
 def _any_json(decoder: msgspec.json.Decoder[Any], body: bytes) -> Any:
     try:
         return decoder.decode(body)
-    except _UNREADABLE:
+    except UNREADABLE:
         pass
     try:
         return json.loads(body.decode())

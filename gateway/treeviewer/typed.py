@@ -92,15 +92,15 @@ _AnySolid = _Box | _Sphere | _Ellipsoid | _Cylinder | _Capsule
 
 
 class Message(msgspec.Struct, gc=False):
-    """What all messages have in common; the lists are typed by ``message_decoder``."""
+    """What all messages have in common; the lists are typed by ``message_types``."""
 
     delete: Any = None
     load: Any = msgspec.UNSET
     draw: Any = msgspec.UNSET
 
 
-def message_decoder(limits: Limits) -> msgspec.json.Decoder[Any]:
-    """A decoder of messages with ``setgeometry`` and ``settransform`` typed; paths are held to the limits."""
+def message_types(limits: Limits) -> tuple[type, type, type]:
+    """Messages with ``setgeometry`` and ``settransform`` typed, and the commands of both; paths are held to limits."""
     name = Annotated[str, msgspec.Meta(max_length=limits.element_chars)]
     number = Annotated[int, msgspec.Meta(ge=-(2**63), le=2**63 - 1)]
     path = Annotated[tuple[name | number, ...], msgspec.Meta(max_length=limits.path_elements)]
@@ -121,7 +121,7 @@ def message_decoder(limits: Limits) -> msgspec.json.Decoder[Any]:
         bases=(Message,),
         gc=False,
     )
-    return msgspec.json.Decoder(message)
+    return message, set_geometry, set_transform
 
 
 def parts_of(command: Any) -> tuple[Part, ...] | None:

@@ -13,6 +13,7 @@ import msgspec
 FINGERPRINT: Final = 0xD368E03F33C568BE
 """Of lcmtypes/viewer2_comms_t.lcm: the base hash 0x69b4701f99e2b45f, rotated left by one."""
 FORMAT: Final = "treeviewer_json"
+BINARY_FORMAT: Final = "treeviewer_msgpack"
 VERSION: Final = (1, 0)
 
 _HEAD: Final = struct.Struct(">QqI")
@@ -22,6 +23,7 @@ _USUAL_NAME: Final = struct.pack(">I", len(FORMAT) + 1) + FORMAT.encode() + b"\0
 _USUAL_VERSION: Final = struct.pack(">ii", *VERSION)
 _ANSWER_HEAD: Final = struct.pack(">Qq", FINGERPRINT, 0) + _USUAL_NAME + _USUAL_VERSION
 _COUNT: Final = struct.Struct(">i")
+_BINARY_NAME: Final = struct.pack(">I", len(BINARY_FORMAT) + 1) + BINARY_FORMAT.encode() + b"\0"
 _MAX_FORMAT_BYTES: Final = 256
 """Of the format's name; a longer one is not a name but damage."""
 
@@ -73,6 +75,11 @@ def decode(message: bytes | memoryview) -> Comms:
     data = view[begin : begin + max(count, 0)]
     fault = "" if len(data) == count else f"num_bytes is {count}, but {size - begin} bytes follow"
     return Comms(utime, name.decode("utf-8", "replace"), major, minor, data, fault)
+
+
+def is_binary(message: bytes | memoryview) -> bool:
+    """Whether the message says that its data is MessagePack; quick."""
+    return message[16 : 16 + len(_BINARY_NAME)] == _BINARY_NAME
 
 
 def encode(data: bytes, utime: int = 0, name: str = FORMAT, version: tuple[int, int] = VERSION) -> bytes:

@@ -35,9 +35,12 @@ def answer_of(viewer: TreeViewerProtocol, data: bytes) -> dict[str, Any]:
 
 
 def unordered(answer: dict[str, Any] | None) -> dict[str, Any]:
-    """Lists of paths in any order, each path once."""
+    """Lists of paths in any order, each path once; without the format that we have beyond Director."""
     assert answer is not None
     result = dict(answer)
+    if "supported_formats" in result:
+        formats = result["supported_formats"]
+        result["supported_formats"] = {name: formats[name] for name in formats if name != wire.BINARY_FORMAT}
     for name in LISTS:
         if name in answer:
             result[name] = {json.dumps(path) for path in answer[name]}
