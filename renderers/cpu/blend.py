@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from numba import njit
 
 from renderers import simd as vec
 from renderers.cpu.layout import J_BEFORE_IDS, J_BEFORE_INV_Z, J_BEYOND_IDS, J_BEYOND_INV_Z, J_IDS, J_INV_Z
 from renderers.pointers import f32_at, i32_at
+
+PLAIN: Final = 0
+"""Records come in the order of their numbers: of two at the same depth the first stays."""
+LAYERED: Final = 1
+"""As PLAIN, and only what lies between the job's layers."""
+TIES: Final = 2
+"""Records come on top of others of any number: of two at the same depth the lower number wins."""
 
 
 @njit(nogil=True, error_model="numpy")
@@ -27,25 +36,26 @@ def _between(job, pixel, w, identity):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def blend(job, layered, depths, ids, pixel, w, covered, identity):  # type: ignore[no-untyped-def]
+def blend(job, rule, depths, ids, pixel, w, covered, identity):  # type: ignore[no-untyped-def]
     """Write the covered lanes that are nearer than what is there.
 
-    Records come in the order of their numbers, so that of two at the same depth the first stays.
-
     Args:
-        layered: whether there are layers to lie between.
+        rule: PLAIN, LAYERED or TIES.
         w, covered, identity: f32x8, m8, i32x8 of the pixels from index ``pixel`` on.
     """
     old = vec.load_again(depths, pixel)
-    covered = covered & (w > old)
-    if layered:
+    if rule == TIES:
+        covered = covered & ((w > old) | ((w == old) & (identity < vec.load(ids, pixel))))
+    else:
+        covered = covered & (w > old)
+    if rule == LAYERED:
         covered = covered & _between(job, pixel, w, identity)
     vec.store(depths, pixel, vec.select(covered, w, old))
     vec.store(ids, pixel, vec.select(covered, identity, vec.load_again(ids, pixel)))
 
 
 @njit(nogil=True, error_model="numpy")
-def blend_one(job, layered, pixel, w, identity):  # type: ignore[no-untyped-def]
+def blend_one(job, rule, pixel, w, identity):  # type: ignore[no-untyped-def]
     """As ``blend`` for one covered pixel, whatever the order of records."""
     depths = f32_at(job[J_INV_Z])
     ids = i32_at(job[J_IDS])
@@ -53,7 +63,7 @@ def blend_one(job, layered, pixel, w, identity):  # type: ignore[no-untyped-def]
     other = ids[pixel]
     # Without a branch: which of two overlapping meshes is nearer cannot be predicted.
     accepted = (w > old) | ((w == old) & (identity < other))
-    if layered:
+    if rule == LAYERED:
         accepted = accepted & (vec.bits(_one_between(job, pixel, w, identity)) != 0)
     depths[pixel] = w if accepted else old
     ids[pixel] = identity if accepted else other

@@ -8,8 +8,10 @@ from numba import njit
 from renderers.cpu.clip import MAX_VERTICES, camera_vertex, clip_line, clip_triangle, project, snap
 from renderers.cpu.layout import (
     HALF,
+    J_BANDS,
     J_HEIGHT,
     J_LENGTHS,
+    J_LISTS,
     J_TABLE,
     J_VERTEX,
     J_WIDTH,
@@ -52,7 +54,7 @@ def first_centre(value):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, error_model="numpy")
 def large_triangle(job, lens, drawn, element, record):  # type: ignore[no-untyped-def]
-    """Write the record of a triangle; returns (first band, last band), or (0, -1) when nothing of it can be seen."""
+    """Write the record of a triangle; returns (first list, last list), or (0, -1) when nothing of it can be seen."""
     table = i64_at(job[J_TABLE])
     row = drawn * T_COLUMNS
     indices = u32_at(table[row + T_ELEMENTS] + 12 * element)
@@ -78,8 +80,13 @@ def large_triangle(job, lens, drawn, element, record):  # type: ignore[no-untype
     if left >= right or top >= bottom:
         return 0, -1
     area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
-    if area == 0 or area * table[row + T_CULL] > 0:
+    if area == 0:
         return 0, -1
+    shift = 0
+    if area * table[row + T_CULL] > 0:
+        shift = job[J_LISTS] - job[J_BANDS]
+        if shift == 0:
+            return 0, -1
     if area < 0:
         v1, v2, w1, w2, x1, x2, y1, y2 = v2, v1, w2, w1, x2, x1, y2, y1
     whole = i32_at(record)
@@ -114,7 +121,7 @@ def large_triangle(job, lens, drawn, element, record):  # type: ignore[no-untype
     bounds = f32_at(record)
     bounds[R_LOW] = low
     bounds[R_HIGH] = high
-    return top // BAND_ROWS, (bottom - 1) // BAND_ROWS
+    return shift + top // BAND_ROWS, shift + (bottom - 1) // BAND_ROWS
 
 
 @njit(nogil=True, error_model="numpy")
@@ -140,8 +147,13 @@ def clipped_triangle(job, lens, drawn, element, record):  # type: ignore[no-unty
     nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
     distance = nx * corners[0, 0] + ny * corners[0, 1] + nz * corners[0, 2]
     # Seen edge-on, distance is 0. Counter-clockwise triangles that face the camera have a negative one.
-    if distance == 0.0 or distance * i64_at(job[J_TABLE])[drawn * T_COLUMNS + T_CULL] > 0.0:
+    if distance == 0.0:
         return 0, -1
+    shift = 0
+    if distance * i64_at(job[J_TABLE])[drawn * T_COLUMNS + T_CULL] > 0.0:
+        shift = job[J_LISTS] - job[J_BANDS]
+        if shift == 0:
+            return 0, -1
     whole = i32_at(record)
     whole[R_XY] = left
     whole[R_XY + 1] = top
@@ -156,7 +168,7 @@ def clipped_triangle(job, lens, drawn, element, record):  # type: ignore[no-unty
     bounds = f32_at(record)
     bounds[R_LOW] = 1.0 / farthest
     bounds[R_HIGH] = 1.0 / lens[L_NEAR]
-    return top // BAND_ROWS, (bottom - 1) // BAND_ROWS
+    return shift + top // BAND_ROWS, shift + (bottom - 1) // BAND_ROWS
 
 
 @njit(nogil=True, error_model="numpy")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
@@ -11,11 +13,11 @@ from renderers.camera import Camera
 from renderers.cpu import layout as at
 from renderers.cpu.crew import Phase
 from renderers.cpu.pools import Scratch
-from renderers.cpu.resolve import draw_band
+from renderers.cpu.resolve import BACKS, EVERYTHING, FRONTS, LAYER_GAP, draw_band
 from renderers.cpu.scene import PreparedScene
 from renderers.cpu.setup import setup
 from renderers.cpu.transform import transform
-from renderers.cpu.visibility import Visibility, band_count
+from renderers.cpu.visibility import BAND_ROWS, Visibility, band_count
 from renderers.pointers import address_of
 from renderers.port import Frame
 from renderers.simd import LANES
@@ -39,10 +41,12 @@ class FrameJob:
         *,
         select: NDArray[np.bool_] | None = None,
         cull_back: NDArray[np.bool_] | None = None,
+        keep_backs: bool = False,
     ) -> None:
         """
         Args:
             select, cull_back: as in ``Rasterizer.visibility``.
+            keep_backs: culled faces are seen in the outputs, but not in what is shaded.
         """
         count = len(prepared.labels)
         bands = band_count(camera.height)
@@ -76,13 +80,16 @@ class FrameJob:
         small = scratch.take("small", padded * at.SMALL_BANDS, np.uint16)
         tall = scratch.take("tall", padded, np.uint16)
         micro = scratch.take("micro", padded * at.MICRO_PER_ELEMENT * 3, np.int32)
-        offsets = scratch.take("offsets", self._chunks * (2 * bands + 3), np.int32)
+        self._split = keep_backs and cull_back is not None
+        lists = 2 * bands if self._split else bands
+        offsets = scratch.take("offsets", self._chunks * (2 * lists + 4), np.int32)
 
         job = self._job = np.zeros(at.J_COLUMNS, dtype=np.int64)
         job[at.J_WIDTH] = camera.width
         job[at.J_HEIGHT] = camera.height
         job[at.J_STRIDE] = self._stride = -(-camera.width // LANES) * LANES
         job[at.J_BANDS] = bands
+        job[at.J_LISTS] = lists
         job[at.J_CHUNKS] = self._chunks
         job[at.J_VERTICES] = self._vertices
         job[at.J_ELEMENTS] = self._elements
@@ -148,8 +155,13 @@ class FrameJob:
         job[at.J_NORMAL] = address_of(frame.normal, np.float32)
         self._keep += (frame.depth, frame.label, frame.instance, frame.normal)
 
-    def phases(self, threads: int) -> tuple[Phase, Phase, Phase]:
-        """Transform, setup, and raster with resolve. Results do not depend on ``threads``."""
+    def phases(self, threads: int, shade: Callable[[int, int], None] | None = None) -> tuple[Phase, Phase, Phase]:
+        """Transform, setup, and raster with resolve. Results do not depend on ``threads``.
+
+        Args:
+            shade: called for every band, with the address that the records of the picture's first row would have; rows
+                are ``stride`` values apart.
+        """
         job, lens = address_of(self._job, np.int64), address_of(self._lens, np.float64)
         units = UNITS_PER_THREAD * threads if threads > 1 else 1
         vertices = max(-(-self._vertices // units), MIN_VERTICES)
@@ -163,8 +175,37 @@ class FrameJob:
                 -(-self._chunks // chunks),
                 lambda u: setup(job, lens, u * chunks, min((u + 1) * chunks, self._chunks)),
             ),
-            Phase(self._bands, lambda u: draw_band(job, lens, u)),
+            Phase(self._bands, self._bander(job, lens, threads, shade)),
         )
+
+    def _bander(
+        self, job: int, lens: int, threads: int, shade: Callable[[int, int], None] | None
+    ) -> Callable[[int], object]:
+        """What is done with a band."""
+        if self._job[at.J_IDS] != 0:
+            return lambda band: draw_band(job, lens, band, 0, EVERYTHING)
+        values = 2 * BAND_ROWS * self._stride + 2 * LAYER_GAP
+        layers = address_of(self._scratch.take("layers", threads * values, np.int32), np.int32)
+        free = deque(layers + 4 * values * k for k in range(threads))
+        geometry = bool(self._job[[at.J_DEPTH, at.J_LABEL, at.J_INSTANCE, at.J_NORMAL]].any())
+
+        def work(band: int) -> None:
+            layer = free.pop()  # never empty: as many threads as layers
+            if shade is None:
+                draw_band(job, lens, band, layer, EVERYTHING)
+            else:
+                draw_band(job, lens, band, layer, FRONTS if self._split or not geometry else EVERYTHING)
+                shade(band, layer - 4 * band * BAND_ROWS * self._stride)
+                if self._split:
+                    draw_band(job, lens, band, layer, BACKS)
+            free.append(layer)
+
+        return work
+
+    @property
+    def stride(self) -> int:
+        """Values of a row of the layer."""
+        return self._stride
 
 
 def _front(X: NDArray[np.float64]) -> NDArray[np.int64]:

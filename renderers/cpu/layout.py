@@ -38,7 +38,9 @@ J_PLAIN_INV_Z: Final = 11
 J_RECORDS: Final = 12  # (chunks * CHUNK, 64 bytes)
 J_SMALL: Final = 13  # (chunks, SMALL_BANDS * CHUNK) uint16
 J_TALL: Final = 14  # (chunks, CHUNK) uint16
-J_OFFSETS: Final = 15  # (chunks, 2 bands + 3) int32: starts in SMALL by band, starts in MICRO by band, tall records
+J_OFFSETS: Final = (
+    15  # (chunks, 2 lists + 4) int32: starts in SMALL, in MICRO by list, ends of tall fronts, backs
+)
 J_IDS: Final = 16  # (height, stride) int32; 0: nobody wants the layer itself, only the outputs
 J_INV_Z: Final = 17  # (height, stride) float32
 J_BEYOND_IDS: Final = 18  # (height, stride); 0: no such layer
@@ -57,7 +59,8 @@ J_ALL_MESHES: Final = 30  # (all, A_COLUMNS) int64
 J_ALL_X: Final = 31  # (all, 4, 4) float64, camera from mesh
 J_STRIDE: Final = 32  # width rounded up to whole vectors
 J_MICRO: Final = 33  # (chunks, MICRO_PER_ELEMENT * CHUNK, 3) int32: pixel, bits of the float32 1/z, record number
-J_COLUMNS: Final = 34
+J_LISTS: Final = 34  # bands; twice as many where back faces are kept apart: theirs follow
+J_COLUMNS: Final = 35
 
 # The lens: float64 values.
 L_FX: Final = 0
@@ -75,7 +78,7 @@ T_POSITIONS: Final = 2
 T_ELEMENTS: Final = 3
 T_TOPOLOGY: Final = 4
 T_RECORD: Final = 5  # record of element 0
-T_CULL: Final = 6  # 0: both sides; +1, -1: triangles whose screen area has this sign are culled
+T_CULL: Final = 6  # 0: both sides; +1, -1: triangles whose screen area has this sign are culled, or kept apart
 T_COLUMNS: Final = 7
 M_SIZE: Final = 12  # after the 3 rows of camera from mesh: point size or line width
 M_COLUMNS: Final = 13

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from renderers import simd as vec
-from renderers.cpu.blend import blend, blend_one
+from renderers.cpu.blend import LAYERED, PLAIN, TIES, blend, blend_one
 from renderers.cpu.clip import MAX_VERTICES, clip_triangle
 from renderers.cpu.elements import first_centre
 from renderers.cpu.layout import (
@@ -26,6 +26,7 @@ from renderers.cpu.layout import (
     J_HEIGHT,
     J_IDS,
     J_INV_Z,
+    J_LISTS,
     J_MICRO,
     J_OFFSETS,
     J_RECORDS,
@@ -68,7 +69,7 @@ from renderers.pointers import as_f32, f32_at, f64_at, i32_at, i64_at, u16_at
 
 
 @njit(nogil=True, error_model="numpy")
-def _small(job, layered, record, first_row, last_row):  # type: ignore[no-untyped-def]
+def _small(job, rule, record, first_row, last_row):  # type: ignore[no-untyped-def]
     """Draw a KIND_SMALL record: eight pixels at a time, no branch on coverage."""
     whole = i32_at(record)
     fraction = f32_at(record)
@@ -106,13 +107,13 @@ def _small(job, layered, record, first_row, last_row):  # type: ignore[no-untype
         for row in range(skipped, bottom - box_y):
             w = vec.f32(base + rise * np.float32(row)) + rising
             w = vec.least(vec.most(w, low), high)
-            blend(job, layered, depths, ids, pixel, w, (e0 | e1 | e2) >= zero, identity)
+            blend(job, rule, depths, ids, pixel, w, (e0 | e1 | e2) >= zero, identity)
             e0, e1, e2 = e0 + d0, e1 + d1, e2 + d2
             pixel += stride
 
 
 @njit(nogil=True, error_model="numpy")
-def _span(job, layered, record, row, start, stop, box_x, box_y):  # type: ignore[no-untyped-def]
+def _span(job, rule, record, row, start, stop, box_x, box_y):  # type: ignore[no-untyped-def]
     """Draw the pixels ``start .. stop`` of a row; ``box_x, box_y`` is the pixel that R_BASE belongs to.
 
     1/z is exact to float32 at the first of every eight pixels, wherever the span starts.
@@ -133,7 +134,7 @@ def _span(job, layered, record, row, start, stop, box_x, box_y):  # type: ignore
         here = vec.i32(column) + lane
         w = vec.f32(base + slope * np.float64(column - box_x)) + rising
         w = vec.least(vec.most(w, low), high)
-        blend(job, layered, depths, ids, begin + column, w, (here >= first) & (here < last), identity)
+        blend(job, rule, depths, ids, begin + column, w, (here >= first) & (here < last), identity)
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
@@ -153,7 +154,7 @@ def _crossing(xa, ya, xb, yb, y):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _corners(job, layered, record, x0, y0, x1, y1, x2, y2, first_row, last_row, box_x, box_y, scratch):  # type: ignore[no-untyped-def]
+def _corners(job, rule, record, x0, y0, x1, y1, x2, y2, first_row, last_row, box_x, box_y, scratch):  # type: ignore[no-untyped-def]
     """Draw the rows ``first_row .. last_row`` of a triangle in grid units, whichever way it winds.
 
     Args:
@@ -194,31 +195,31 @@ def _corners(job, layered, record, x0, y0, x1, y1, x2, y2, first_row, last_row, 
         vec.store(scratch, 8, stop)
         for k in range(min(bottom - group, vec.LANES)):
             if scratch[k] < scratch[8 + k]:
-                _span(job, layered, record, group + k, np.int64(scratch[k]), np.int64(scratch[8 + k]), box_x, box_y)
+                _span(job, rule, record, group + k, np.int64(scratch[k]), np.int64(scratch[8 + k]), box_x, box_y)
 
 
 @njit(nogil=True, error_model="numpy")
-def _draw(job, lens, layered, record, first_row, last_row, scratch):  # type: ignore[no-untyped-def]
+def _draw(job, lens, rule, record, first_row, last_row, scratch):  # type: ignore[no-untyped-def]
     """Draw the part of a record that lies in the rows ``first_row .. last_row``."""
     whole = i32_at(record)
     kind = whole[R_KIND]
     if kind == KIND_SMALL:
-        _small(job, layered, record, first_row, last_row)
+        _small(job, rule, record, first_row, last_row)
         return
     a, b = np.int64(whole[R_XY]), np.int64(whole[R_XY + 1])
     c, d = np.int64(whole[R_XY + 2]), np.int64(whole[R_XY + 3])
     e, f = np.int64(whole[R_XY + 4]), np.int64(whole[R_XY + 5])
     if kind == KIND_TRIANGLE:
         box_x, box_y = first_centre(min(a, c, e)), first_centre(min(b, d, f))
-        _corners(job, layered, record, a, b, c, d, e, f, first_row, last_row, box_x, box_y, scratch)
+        _corners(job, rule, record, a, b, c, d, e, f, first_row, last_row, box_x, box_y, scratch)
     elif kind == KIND_LINE:
         box_x, box_y = f & 0xFFFF, f >> 16
         # As GL's aliased lines: widened along the minor axis, so that a width of 1 is one pixel per step.
         ox, oy = (0, e) if abs(c - a) >= abs(d - b) else (e, 0)
         x0, y0, x1, y1 = a - ox, b - oy, c - ox, d - oy
         x2, y2, x3, y3 = c + ox, d + oy, a + ox, b + oy
-        _corners(job, layered, record, x0, y0, x1, y1, x2, y2, first_row, last_row, box_x, box_y, scratch)
-        _corners(job, layered, record, x0, y0, x2, y2, x3, y3, first_row, last_row, box_x, box_y, scratch)
+        _corners(job, rule, record, x0, y0, x1, y1, x2, y2, first_row, last_row, box_x, box_y, scratch)
+        _corners(job, rule, record, x0, y0, x2, y2, x3, y3, first_row, last_row, box_x, box_y, scratch)
     elif kind == KIND_CLIPPED:
         corners = np.empty((3, 3), np.float64)
         grid = np.empty((MAX_VERTICES, 2), np.int64)
@@ -227,16 +228,15 @@ def _draw(job, lens, layered, record, first_row, last_row, scratch):  # type: ig
         x0, y0 = grid[0, 0], grid[0, 1]
         for k in range(2, count):
             x1, y1, x2, y2 = grid[k - 1, 0], grid[k - 1, 1], grid[k, 0], grid[k, 1]
-            _corners(job, layered, record, x0, y0, x1, y1, x2, y2, first_row, last_row, a, b, scratch)
+            _corners(job, rule, record, x0, y0, x1, y1, x2, y2, first_row, last_row, a, b, scratch)
     else:
         for row in range(max(b, first_row), min(d, last_row)):
-            _span(job, layered, record, row, a, c, a, b)
+            _span(job, rule, record, row, a, c, a, b)
 
 
 @njit(nogil=True, error_model="numpy")
-def raster_band(job, lens, band):  # type: ignore[no-untyped-def]
-    """Clear the band and draw all that touches it, in the order of record numbers (micro triangles apart, which
-    compare numbers themselves)."""
+def clear_band(job, lens, band):  # type: ignore[no-untyped-def]
+    """Empty the band's layer."""
     first_row = band * BAND_ROWS
     last_row = min(first_row + BAND_ROWS, job[J_HEIGHT])
     stride = job[J_STRIDE]
@@ -248,14 +248,30 @@ def raster_band(job, lens, band):  # type: ignore[no-untyped-def]
     for pixel in range(first_row * stride, last_row * stride, vec.LANES):
         vec.store(ids, pixel, nobody)
         vec.store(depths, pixel, empty)
+
+
+@njit(nogil=True, error_model="numpy")
+def raster_band(job, lens, band, back):  # type: ignore[no-untyped-def]
+    """Draw all that touches the band, in the order of record numbers (micro triangles apart, which compare numbers
+    themselves). ``back``: the back faces that were kept apart, on top of the others."""
+    first_row = band * BAND_ROWS
+    last_row = min(first_row + BAND_ROWS, job[J_HEIGHT])
     own_scratch = np.empty(16, np.int32)
     scratch = i32_at(np.int64(own_scratch.ctypes.data))
-    layered = job[J_BEYOND_IDS] != 0 or job[J_BEFORE_IDS] != 0
-    bands = job[J_BANDS]
+    rule = PLAIN
+    if job[J_BEYOND_IDS] != 0 or job[J_BEFORE_IDS] != 0:
+        rule = LAYERED
+    lists = job[J_LISTS]
+    which = band
+    if back:
+        rule = TIES
+        which += job[J_BANDS]
     for chunk in range(job[J_CHUNKS]):
-        offsets = i32_at(job[J_OFFSETS] + 4 * chunk * (2 * bands + 3))
-        k, end = np.int64(offsets[band]), np.int64(offsets[band + 1])
-        t, talls = np.int64(0), np.int64(offsets[2 * bands + 2])
+        offsets = i32_at(job[J_OFFSETS] + 4 * chunk * (2 * lists + 4))
+        k, end = np.int64(offsets[which]), np.int64(offsets[which + 1])
+        t, talls = np.int64(0), np.int64(offsets[2 * lists + 2])
+        if back:
+            t, talls = talls, np.int64(offsets[2 * lists + 3])
         small = u16_at(job[J_SMALL] + 2 * chunk * CHUNK * SMALL_BANDS)
         tall = u16_at(job[J_TALL] + 2 * chunk * CHUNK)
         records = job[J_RECORDS] + chunk * CHUNK * RECORD_BYTES
@@ -266,9 +282,9 @@ def raster_band(job, lens, band):  # type: ignore[no-untyped-def]
             else:
                 index = np.int64(tall[t])
                 t += 1
-            _draw(job, lens, layered, records + index * RECORD_BYTES, first_row, last_row, scratch)
+            _draw(job, lens, rule, records + index * RECORD_BYTES, first_row, last_row, scratch)
         micro = i32_at(job[J_MICRO] + 12 * chunk * MICRO_PER_ELEMENT * CHUNK)
         inverse = as_f32(micro)
-        for m in range(offsets[bands + 1 + band], offsets[bands + 2 + band]):
-            blend_one(job, layered, np.int64(micro[3 * m]), inverse[3 * m + 1], micro[3 * m + 2])
+        for m in range(offsets[lists + 1 + which], offsets[lists + 2 + which]):
+            blend_one(job, rule, np.int64(micro[3 * m]), inverse[3 * m + 1], micro[3 * m + 2])
     own_scratch[0] = 0  # the pointer above does not keep the array alive

@@ -18,7 +18,7 @@ from renderers.cpu.scene import PreparedScene, prepare
 from renderers.cpu.visibility import Visibility
 from renderers.drawlist import DrawList
 from renderers.port import Frame, Look, LookName, Output
-from renderers.shading import ShadingScene, paint
+from renderers.shading import Painter, ShadingScene, paint
 from renderers.shading import prepare as prepare_shading
 from renderers.weaklru import WeakLru
 
@@ -155,34 +155,42 @@ class CpuRenderer:
         *,
         with_geometry: bool,
     ) -> None:
-        """Fill all outputs of a frame with colour; the surface behind the geometry serves colour where it can."""
+        """Fill all outputs of a frame with colour. One rasterization serves all of them: a band is shaded while it is
+        in the cache, before the back faces that only geometry shows are drawn on top. Translucent scenes take several.
+        """
         shading = _shading(scene, look.name)
-        if not with_geometry:
+        if shading.translucent:
+            if with_geometry:
+                self._geometry(prepared, camera, frame)
             paint(self, scene, shading, camera, look, color)
             return
-        with self._visibility(prepared, camera, frame=frame) as surface:
-            paint(self, scene, shading, camera, look, color, first=surface)
+        cull = shading.cull_back if shading.cull_back.any() else None
+        scratch = self._scratch.take()
+        try:
+            job = FrameJob(prepared, camera, scratch, cull_back=cull, keep_backs=with_geometry)
+            job.outputs(frame)
+            painter = Painter(shading, job.X_camera_mesh, prepared.first_record, camera, look, color, stride=job.stride)
+            self._crew.run(job.phases(self._crew.threads, painter.band), alone=job.small)
+        finally:
+            self._scratch.give(scratch)
 
     def _visibility(
         self,
         prepared: PreparedScene,
         camera: Camera,
         *,
-        frame: Frame | None = None,
         select: NDArray[np.bool_] | None = None,
         cull_back: NDArray[np.bool_] | None = None,
         beyond: Visibility | None = None,
         before: Visibility | None = None,
     ) -> Visibility:
-        """Rasterize, and fill the frame's geometry outputs on the way."""
+        """Rasterize one layer."""
         shape = (camera.height, camera.width)
         arrays = [self._pool.take(shape, np.int32), self._pool.take(shape, np.float32)]
         scratch = self._scratch.take()
         try:
             job = FrameJob(prepared, camera, scratch, select=select, cull_back=cull_back)
             job.layers(arrays[0], arrays[1], beyond, before)
-            if frame is not None:
-                job.outputs(frame)
             self._crew.run(job.phases(self._crew.threads), alone=job.small)
         finally:
             self._scratch.give(scratch)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from numba import njit
 
@@ -35,7 +37,7 @@ from renderers.cpu.layout import (
     L_FX,
     L_FY,
 )
-from renderers.cpu.raster import raster_band
+from renderers.cpu.raster import clear_band, raster_band
 from renderers.cpu.visibility import BAND_ROWS
 from renderers.drawlist import LABEL_NONE
 from renderers.jit import kernel
@@ -237,33 +239,40 @@ def _resolve_band(job, lens, band):  # type: ignore[no-untyped-def]
             named_again = _normal_row(job, lens, ids, row, width, named_again)
 
 
-@njit(nogil=True, error_model="numpy")
-def _draw_locally(job, lens, band):  # type: ignore[no-untyped-def]
-    """Raster and resolve into a layer that is this band only: it never leaves the cache."""
-    stride = job[J_STRIDE]
-    own_ids = np.empty(BAND_ROWS * stride, np.int32)
-    own_inverse = np.empty(BAND_ROWS * stride, np.float32)
-    own_job = np.empty(J_COLUMNS, np.int64)
-    for k in range(J_COLUMNS):
-        own_job[k] = job[k]
-    # Kernels count pixels from the picture's first row.
-    own_job[J_IDS] = np.int64(own_ids.ctypes.data) - 4 * band * BAND_ROWS * stride
-    own_job[J_INV_Z] = np.int64(own_inverse.ctypes.data) - 4 * band * BAND_ROWS * stride
-    local = i64_at(np.int64(own_job.ctypes.data))
-    raster_band(local, lens, band)
-    _resolve_band(local, lens, band)
-    # The pointers above do not keep the arrays alive.
-    own_job[0] = own_ids[0] = 0
-    own_inverse[0] = 0.0
+LAYER_GAP: Final = 528
+"""Values between a band's records and its depths: without it both would often lie a multiple of 4096 bytes apart, where
+loads of one wait for stores to the other."""
+EVERYTHING: Final = 0
+FRONTS: Final = 1
+BACKS: Final = 2
 
 
-@kernel("void(int64, int64, int64)")
-def draw_band(job_at, lens_at, band):  # type: ignore[no-untyped-def]
-    """Raster and resolve one band of the picture, while it is in the cache."""
+@kernel("void(int64, int64, int64, int64, int64)")
+def draw_band(job_at, lens_at, band, layer, part):  # type: ignore[no-untyped-def]
+    """Raster and resolve one band of the picture, while it is in the cache.
+
+    Args:
+        layer: address of a band's layer, BAND_ROWS x J_STRIDE int32, LAYER_GAP values and as many float32; 0: the layer
+            is where the job says.
+        part: EVERYTHING; FRONTS: without the back faces that are kept apart, and nothing is resolved; BACKS: these on
+            top of what FRONTS has left in the layer, and resolve.
+    """
     job = i64_at(job_at)
     lens = f64_at(lens_at)
-    if job[J_IDS] == 0:
-        _draw_locally(job, lens, band)
+    own_job = np.empty(J_COLUMNS, np.int64)
+    if layer != 0:
+        for k in range(J_COLUMNS):
+            own_job[k] = job[k]
+        # Kernels count pixels from the picture's first row.
+        before = 4 * band * BAND_ROWS * job[J_STRIDE]
+        own_job[J_IDS] = layer - before
+        own_job[J_INV_Z] = layer + 4 * (BAND_ROWS * job[J_STRIDE] + LAYER_GAP) - before
+        job = i64_at(np.int64(own_job.ctypes.data))
+    if part != BACKS:
+        clear_band(job, lens, band)
+        raster_band(job, lens, band, False)
     else:
-        raster_band(job, lens, band)
+        raster_band(job, lens, band, True)
+    if part != FRONTS:
         _resolve_band(job, lens, band)
+    own_job[0] = 0  # the pointer above does not keep the array alive

@@ -12,6 +12,7 @@ from renderers.cpu.layout import (
     J_BANDS,
     J_ELEMENTS,
     J_INSTANCES,
+    J_LISTS,
     J_MICRO,
     J_OFFSETS,
     J_RECORDS,
@@ -53,45 +54,52 @@ def _others(job, lens, drawn, element, record, spans, count):  # type: ignore[no
 
 @njit(nogil=True, error_model="numpy")
 def _distribute(job, chunk, spans, count, micro, micros, fill):  # type: ignore[no-untyped-def]
-    """Write a chunk's lists, sorted by band and in the order of records."""
-    bands = job[J_BANDS]
-    offsets = i32_at(job[J_OFFSETS] + 4 * chunk * (2 * bands + 3))
+    """Write a chunk's lists, sorted by list and in the order of records."""
+    lists = job[J_LISTS]
+    offsets = i32_at(job[J_OFFSETS] + 4 * chunk * (2 * lists + 4))
     small = u16_at(job[J_SMALL] + 2 * chunk * CHUNK * SMALL_BANDS)
     tall = u16_at(job[J_TALL] + 2 * chunk * CHUNK)
-    for band in range(bands):
-        fill[band] = 0
+    for each in range(lists):
+        fill[each] = 0
     for k in range(count):
         first, last = spans[2 * k], spans[2 * k + 1]
         if last - first < SMALL_BANDS:
-            for band in range(first, last + 1):
-                fill[band] += 1
+            for each in range(first, last + 1):
+                fill[each] += 1
     total = 0
-    for band in range(bands):
-        offsets[band] = total
-        total += fill[band]
-        fill[band] = offsets[band]
-    offsets[bands] = total
+    for each in range(lists):
+        offsets[each] = total
+        total += fill[each]
+        fill[each] = offsets[each]
+    offsets[lists] = total
     talls = 0
     for k in range(count):
         first, last = spans[2 * k], spans[2 * k + 1]
         if last - first < SMALL_BANDS:
-            for band in range(first, last + 1):
-                small[fill[band]] = k
-                fill[band] += 1
-        else:
+            for each in range(first, last + 1):
+                small[fill[each]] = k
+                fill[each] += 1
+        elif first < job[J_BANDS]:
             tall[talls] = k
             talls += 1
-    offsets[2 * bands + 2] = talls
+    offsets[2 * lists + 2] = talls
+    if lists > job[J_BANDS]:
+        for k in range(count):
+            first, last = spans[2 * k], spans[2 * k + 1]
+            if last - first >= SMALL_BANDS and first >= job[J_BANDS]:
+                tall[talls] = k
+                talls += 1
+    offsets[2 * lists + 3] = talls
 
     sorted_micro = i32_at(job[J_MICRO] + 12 * chunk * MICRO_PER_ELEMENT * CHUNK)
-    starts = bands + 1
-    for band in range(bands + 1):
-        offsets[starts + band] = 0
+    starts = lists + 1
+    for each in range(lists + 1):
+        offsets[starts + each] = 0
     for k in range(micros):
         offsets[starts + 1 + micro[4 * k + 3]] += 1
-    for band in range(bands):
-        offsets[starts + band + 1] += offsets[starts + band]
-        fill[band] = offsets[starts + band]
+    for each in range(lists):
+        offsets[starts + each + 1] += offsets[starts + each]
+        fill[each] = offsets[starts + each]
     for k in range(micros):
         place = np.int64(fill[micro[4 * k + 3]])
         fill[micro[4 * k + 3]] += 1
@@ -105,9 +113,8 @@ def setup(job_at, lens_at, begin_chunk, end_chunk):  # type: ignore[no-untyped-d
     job = i64_at(job_at)
     lens = f64_at(lens_at)
     table = i64_at(job[J_TABLE])
-    bands = job[J_BANDS]
     own_spans = np.empty(2 * CHUNK, np.int32)
-    own_fill = np.empty(bands + 1, np.int32)
+    own_fill = np.empty(job[J_LISTS] + 1, np.int32)
     own_micro = np.empty(4 * MICRO_PER_ELEMENT * CHUNK, np.int32)
     own_columns = np.empty(16 * vec.LANES, np.int32)
     spans = i32_at(np.int64(own_spans.ctypes.data))

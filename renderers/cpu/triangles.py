@@ -9,7 +9,9 @@ from renderers import simd as vec
 from renderers.cpu.elements import large_triangle
 from renderers.cpu.layout import (
     CHUNK,
+    J_BANDS,
     J_HEIGHT,
+    J_LISTS,
     J_STRIDE,
     J_TABLE,
     J_VERTEX,
@@ -70,8 +72,9 @@ def triangles(job, lens, drawn, element, lanes, record, spans, count, micro, mic
 
     Args:
         record: address of the chunk's records, of which ``count`` are taken.
-        spans: pointer to int32 pairs, first and last band of each record.
-        micro: pointer to int32 quadruples, pixel, bits of 1/z, record number, band; ``micros`` are taken.
+        spans: pointer to int32 pairs, first and last list of each record: its band, or for back faces that are kept
+            apart the number of bands and its band.
+        micro: pointer to int32 quadruples, pixel, bits of 1/z, record number, list; ``micros`` are taken.
         columns: pointer to RECORD_VALUES x 8 int32 of scratch.
 
     Returns:
@@ -125,7 +128,12 @@ def triangles(job, lens, drawn, element, lanes, record, spans, count, micro, mic
     slow = vec.bits(plain & ~fits) | clipped
     small = plain & fits
     area = (gx1 - gx0) * (gy2 - gy0) - (gx2 - gx0) * (gy1 - gy0)
-    small = small & (area != zero) & ~(area * vec.i32(table[row + T_CULL]) > zero)
+    small = small & (area != zero)
+    # The sign alone: an area times -1 may not fit where the triangle is not a small one.
+    back = vec.select(area < zero, vec.i32(-1), vec.i32(1)) == vec.i32(table[row + T_CULL])
+    apart = job[J_LISTS] - job[J_BANDS]
+    if apart == 0:
+        small = small & ~back
     if vec.bits(small) == 0 and slow == 0:
         return count, micros
 
@@ -173,7 +181,8 @@ def triangles(job, lens, drawn, element, lanes, record, spans, count, micro, mic
             if vec.bits(rows) == 0:
                 break
             start = base + down * vec.f32(np.float32(r))
-            vec.store(columns, 16, (top + vec.i32(r)) >> vec.i32(BAND_SHIFT))
+            lists = (top + vec.i32(r)) >> vec.i32(BAND_SHIFT)
+            vec.store(columns, 16, vec.select(back, lists + vec.i32(apart), lists))
             c0, c1, c2 = f0, f1, f2
             for c in range(wide):
                 covered = vec.bits(rows & ((c0 | c1 | c2) >= zero))
@@ -213,6 +222,7 @@ def triangles(job, lens, drawn, element, lanes, record, spans, count, micro, mic
         vec.store(values, 8 * S_DX, across)
         vec.store(values, 8 * S_DY, down)
     last_row = job[J_HEIGHT] - 1
+    backs = vec.bits(back)
     while pending != 0:
         k = vec.lowest_bit(pending)
         bit = np.int64(1) << k
@@ -226,8 +236,9 @@ def triangles(job, lens, drawn, element, lanes, record, spans, count, micro, mic
             out[start + R_KIND] = KIND_SMALL
             from_row = box >> 16
             to_row = from_row + (np.int64(columns[8 * S_SIZE + k]) >> 16) - 1
-            spans[2 * count] = max(from_row, 0) >> BAND_SHIFT  # type: ignore[operator]
-            spans[2 * count + 1] = min(to_row, last_row) >> BAND_SHIFT
+            shift = apart if bit & backs else 0
+            spans[2 * count] = shift + (max(from_row, 0) >> BAND_SHIFT)  # type: ignore[operator]
+            spans[2 * count + 1] = shift + (min(to_row, last_row) >> BAND_SHIFT)
             count += 1
         else:
             begin, end = large_triangle(job, lens, drawn, element + k, record + RECORD_BYTES * count)

@@ -27,7 +27,6 @@ from renderers.shading.layout import (
     P_MIRROR,
     S_COUNT,
     S_FIRST,
-    S_IDS,
     S_INSTANCES,
     S_LENS,
     S_MAPS,
@@ -124,10 +123,10 @@ def _clear_coordinates(rows, stride, begin, end, which):  # type: ignore[no-unty
 
 
 @njit(nogil=True, error_model="numpy")
-def _row(job, y, ids, starts, rows, stride, line, scratch, hint):  # type: ignore[no-untyped-def]
+def _row(job, seen, y, ids, starts, rows, stride, line, scratch, hint):  # type: ignore[no-untyped-def]
     """One row; returns the instance seen last, a hint for the next one."""
     width = job[S_WIDTH]
-    seen = i32_at(job[S_IDS] + 4 * y * job[S_STRIDE])
+    seen = i32_at(seen + 4 * y * job[S_STRIDE])
     for x in range(width):
         ids[x] = seen[x]
     first_record = i64_at(job[S_FIRST])
@@ -151,12 +150,13 @@ def _row(job, y, ids, starts, rows, stride, line, scratch, hint):  # type: ignor
     return hint
 
 
-@kernel("void(int64, int64, int64)")
-def shade_rows(job_at, row_begin, row_end):  # type: ignore[no-untyped-def]
+@kernel("void(int64, int64, int64, int64)")
+def shade_rows(job_at, ids_at, row_begin, row_end):  # type: ignore[no-untyped-def]
     """Shades the rows ``row_begin .. row_end - 1``; every row is independent of all others.
 
     Args:
         job_at: address of S_COLUMNS int64.
+        ids_at: address of (H, S_STRIDE) int32, the record of every pixel, -1 for none.
     """
     job = i64_at(job_at)
     width = job[S_WIDTH]
@@ -176,7 +176,7 @@ def shade_rows(job_at, row_begin, row_end):  # type: ignore[no-untyped-def]
     scratch = np.int64(own_scratch.ctypes.data)
     hint = np.int64(0)
     for y in range(row_begin, row_end):
-        hint = _row(job, y, ids, starts, rows, stride, line, scratch, hint)
+        hint = _row(job, ids_at, y, ids, starts, rows, stride, line, scratch, hint)
     # The pointers above do not keep the arrays alive.
     own_ids[0] = own_starts[0] = 0
     own_rows[0] = own_scratch[0] = 0.0

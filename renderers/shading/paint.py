@@ -55,8 +55,6 @@ def paint(
             label); used where it is just what colour needs, never changed or closed here.
         max_layers: see ``MAX_LAYERS``.
     """
-    if shading.look != look.name:
-        raise ValueError(f"the scene was prepared for the look {shading.look!r}, not {look.name!r}")
     cull = shading.cull_back if shading.cull_back.any() else None
     if not shading.translucent:
         if first is not None and cull is None:
@@ -90,6 +88,71 @@ def paint(
         _shade(rasterizer, shading, behind, camera, look, UNDER if any_layer else DIRECT, gathered, color)
 
 
+class Painter:
+    """Shades bands of one view; immutable, used from any thread."""
+
+    def __init__(
+        self,
+        shading: ShadingScene,
+        X_camera_mesh: NDArray[np.float64],
+        first_record: NDArray[np.int64],
+        camera: Camera,
+        look: Look,
+        color: NDArray[np.uint8],
+        *,
+        stride: int,
+        mode: int = DIRECT,
+        gathered: NDArray[np.float32] = _NOTHING,
+    ) -> None:
+        """
+        Args:
+            X_camera_mesh, first_record: as in ``Visibility``.
+            color: (H, W, 3) uint8, C-contiguous.
+            stride: values from one row of records to the next.
+            mode, gathered: see ``compose``.
+        """
+        if shading.look != look.name:
+            raise ValueError(f"the scene was prepared for the look {shading.look!r}, not {look.name!r}")
+        maps = instance_maps(X_camera_mesh)
+        lens = np.array((camera.fx, camera.fy, camera.cx, camera.cy), dtype=np.float64)
+        red, green, blue = look.background
+        job = np.zeros(at.S_COLUMNS, np.int64)
+        job[at.S_PBR] = look.name == "pbr"
+        job[at.S_MODE] = mode
+        job[at.S_WIDTH] = camera.width
+        job[at.S_STRIDE] = stride
+        job[at.S_HEIGHT] = self._height = camera.height
+        job[at.S_FIRST] = address_of(first_record, np.int64)
+        job[at.S_COUNT] = len(maps)
+        job[at.S_POINTS] = address_of(X_camera_mesh, np.float64)
+        job[at.S_MAPS] = address_of(maps, np.float32)
+        job[at.S_LENS] = address_of(lens, np.float64)
+        job[at.S_INSTANCES] = address_of(shading.instances, np.int64)
+        job[at.S_MATERIAL_INTEGERS] = address_of(shading.material_integers, np.int64)
+        job[at.S_MATERIAL_FLOATS] = address_of(shading.material_floats, np.float32)
+        job[at.S_TEXTURES] = address_of(shading.texture_integers, np.int64)
+        job[at.S_TEXTURE_FLOATS] = address_of(shading.texture_floats, np.float32)
+        job[at.S_BYTE_VALUES] = address_of(BYTE_VALUES, np.float32)
+        job[at.S_DECODED] = address_of(DECODED, np.float32)
+        job[at.S_GAMMA] = address_of(GAMMA_CELLS, np.int32)
+        job[at.S_BACKGROUND] = red | green << 8 | blue << 16
+        job[at.S_GATHERED] = address_of(gathered, np.float32)
+        job[at.S_COLOR] = address_of(color, np.uint8)
+        self._job = address_of(job, np.int64)
+        self._keep = (shading, X_camera_mesh, first_record, maps, lens, job, gathered, color)
+
+    def band(self, band: int, ids: int) -> None:
+        """Shade one band.
+
+        Args:
+            ids: address of the record of the picture's first pixel, or where it would be: only the band's are read.
+        """
+        from renderers.cpu.visibility import BAND_ROWS
+
+        begin = band * BAND_ROWS
+        shade_rows(self._job, ids, begin, min(begin + BAND_ROWS, self._height))
+
+
 def _shade(
     rasterizer: Rasterizer,
     shading: ShadingScene,
@@ -100,38 +163,19 @@ def _shade(
     gathered: NDArray[np.float32],
     color: NDArray[np.uint8],
 ) -> None:
-    """Runs ``shade_rows`` over all bands."""
-    from renderers.cpu.visibility import BAND_ROWS, band_count
+    """Runs a painter over all bands."""
+    from renderers.cpu.visibility import band_count
 
-    maps = instance_maps(seen.X_camera_mesh)
-    lens = np.array((camera.fx, camera.fy, camera.cx, camera.cy), dtype=np.float64)
-    red, green, blue = look.background
-    job = np.zeros(at.S_COLUMNS, np.int64)
-    job[at.S_PBR] = look.name == "pbr"
-    job[at.S_MODE] = mode
-    job[at.S_WIDTH] = job[at.S_STRIDE] = camera.width
-    job[at.S_HEIGHT] = camera.height
-    job[at.S_IDS] = address_of(seen.ids, np.int32)
-    job[at.S_FIRST] = address_of(seen.first_record, np.int64)
-    job[at.S_COUNT] = len(maps)
-    job[at.S_POINTS] = address_of(seen.X_camera_mesh, np.float64)
-    job[at.S_MAPS] = address_of(maps, np.float32)
-    job[at.S_LENS] = address_of(lens, np.float64)
-    job[at.S_INSTANCES] = address_of(shading.instances, np.int64)
-    job[at.S_MATERIAL_INTEGERS] = address_of(shading.material_integers, np.int64)
-    job[at.S_MATERIAL_FLOATS] = address_of(shading.material_floats, np.float32)
-    job[at.S_TEXTURES] = address_of(shading.texture_integers, np.int64)
-    job[at.S_TEXTURE_FLOATS] = address_of(shading.texture_floats, np.float32)
-    job[at.S_BYTE_VALUES] = address_of(BYTE_VALUES, np.float32)
-    job[at.S_DECODED] = address_of(DECODED, np.float32)
-    job[at.S_GAMMA] = address_of(GAMMA_CELLS, np.int32)
-    job[at.S_BACKGROUND] = red | green << 8 | blue << 16
-    job[at.S_GATHERED] = address_of(gathered, np.float32)
-    job[at.S_COLOR] = address_of(color, np.uint8)
-    address = address_of(job, np.int64)
-
-    def band(unit: int) -> None:
-        begin = unit * BAND_ROWS
-        shade_rows(address, begin, min(begin + BAND_ROWS, camera.height))
-
-    rasterizer.parallel(band_count(camera.height), band)
+    painter = Painter(
+        shading,
+        seen.X_camera_mesh,
+        seen.first_record,
+        camera,
+        look,
+        color,
+        stride=camera.width,
+        mode=mode,
+        gathered=gathered,
+    )
+    ids = address_of(seen.ids, np.int32)
+    rasterizer.parallel(band_count(camera.height), lambda unit: painter.band(unit, ids))
