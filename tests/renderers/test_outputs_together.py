@@ -1,0 +1,94 @@
+"""All outputs of a frame at once are what each is alone: one rasterization serves pictures with and without culling."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from renderers.camera import Camera
+from renderers.cpu import CpuRenderer
+from renderers.drawlist import DrawList, Instance, Material, Mesh
+from renderers.port import Look, Output
+from tests.renderers.shading_reference import ball, placed, quad
+
+GEOMETRY = Output.DEPTH | Output.LABEL | Output.INSTANCE | Output.NORMAL
+
+
+def views() -> list[Camera]:
+    """From outside and from within, where triangles are clipped; odd and even widths."""
+    inside = np.eye(4)
+    inside[2, 3] = -2.6
+    outside = np.eye(4)
+    return [
+        Camera(96, 131, 80.0, 80.0, 48.0, 65.0, 0.05, 50.0, outside),
+        Camera(61, 300, 50.0, 200.0, 30.0, 150.0, 0.05, 50.0, inside),
+    ]
+
+
+def scene(seed: int) -> DrawList:
+    """Single- and double-sided soups, mirrored ones, closed balls, and a pair of walls in one place that face away from
+    one another."""
+    rng = np.random.default_rng(seed)
+    instances = []
+    for k in range(8):
+        count = 40
+        size = float(rng.choice((0.03, 0.2, 0.6)))
+        corners = rng.uniform(-1.2, 1.2, (count, 1, 3)) + rng.normal(scale=size, size=(count, 3, 3))
+        mesh = Mesh(corners.reshape(-1, 3).astype(np.float32), np.arange(3 * count, dtype=np.uint32).reshape(-1, 3))
+        X = np.diag((1.0, -1.0 if k % 3 == 0 else 1.0, 1.0, 1.0))
+        X[2, 3] = 3.0
+        instances.append(Instance(mesh, Material((*rng.random(3), 1.0), double_sided=k % 4 == 3), X, k, k))
+    instances.append(replace(placed(ball(12, 0.7), Material((1.0, 0.5, 0.2, 1.0)), z=3.0), label=100, instance_id=100))
+    wall = quad(1.0, 4.0)
+    away = replace(wall, elements=np.ascontiguousarray(wall.elements[:, ::-1]))
+    for k, mesh in enumerate((away, wall, away)):
+        instances.append(replace(placed(mesh, Material((0.2, 0.4, 0.9, 1.0))), label=200 + k, instance_id=200 + k))
+    return DrawList(tuple(instances))
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+@pytest.mark.parametrize("seed", range(3))
+def test_together_as_alone(seed: int, threads: int) -> None:
+    renderer = CpuRenderer(threads)
+    drawn = scene(seed)
+    for camera in views():
+        with (
+            renderer.render(drawn, camera, GEOMETRY | Output.COLOR, Look()) as together,
+            renderer.render(drawn, camera, GEOMETRY) as geometry,
+            renderer.render(drawn, camera, Output.COLOR, Look()) as color,
+        ):
+            assert (together.color == color.color).all()  # type: ignore[union-attr]
+            assert (together.depth == geometry.depth).all()  # type: ignore[union-attr]
+            assert (together.label == geometry.label).all()  # type: ignore[union-attr]
+            assert (together.instance == geometry.instance).all()  # type: ignore[union-attr]
+            assert (together.normal == geometry.normal).all()  # type: ignore[union-attr]
+            # The scene shows both: what only geometry sees, and the nearest of surfaces in one place.
+            both_sided = replace_sides(drawn)
+            with renderer.render(both_sided, camera, Output.COLOR, Look()) as other:
+                assert (other.color != color.color).any()  # type: ignore[union-attr]
+    renderer.close()
+
+
+def replace_sides(drawn: DrawList) -> DrawList:
+    return DrawList(tuple(replace(i, material=replace(i.material, double_sided=True)) for i in drawn.instances))
+
+
+def test_of_faces_in_one_place_the_first_is_labelled_and_the_front_is_coloured() -> None:
+    wall = quad(2.0, 3.0)
+    away = replace(wall, elements=np.ascontiguousarray(wall.elements[:, ::-1]))
+    red, green = Material((1.0, 0.0, 0.0, 1.0)), Material((0.0, 1.0, 0.0, 1.0))
+    drawn = DrawList(
+        (
+            replace(placed(away, red), label=1),
+            replace(placed(wall, green), label=2),
+        )
+    )
+    camera = Camera(40, 40, 40.0, 40.0, 20.0, 20.0, 0.05, 50.0, np.eye(4))
+    renderer = CpuRenderer(1)
+    with renderer.render(drawn, camera, Output.COLOR | Output.LABEL, Look()) as frame:
+        assert frame.color is not None
+        assert frame.label is not None
+        assert (frame.label == 1).all()
+        assert (frame.color == (0, 255, 0)).all()
