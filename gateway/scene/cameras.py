@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -216,11 +216,9 @@ def resolve_camera(
         return _resized(stereo, width, height, near, far)
     scene = flatten(root) if drawn is None else drawn
     if isinstance(spec, FitCamera):
-        pose = _fit(focus_bounds(scene), fovy, width / height, (FIT_DIRECTION,))
+        pose = _fit(focus_bounds(scene), fovy, width / height, FIT_DIRECTION)
     elif isinstance(spec, OrbitCamera):
-        around = [_around(i / spec.count, spec.elevation) for i in range(spec.count)]
-        first = around[spec.index :] + around[: spec.index]
-        pose = _fit(focus_bounds(scene), fovy, width / height, first)
+        pose = _on_orbit(focus_bounds(scene), fovy, width / height, spec)
     elif isinstance(spec, PoseCamera):
         pose = spec.X_world_camera
     elif isinstance(spec, NodeCamera):
@@ -284,27 +282,45 @@ def _node_pose(root: Node, path: Path) -> NDArray[np.float64]:
     return pose
 
 
+def _fit(
+    bounds: Bounds | None, fovy: float, aspect: float, direction: Vector, distance: float | None = None
+) -> NDArray[np.float64]:
+    """A pose in a direction from the box's middle; ``distance`` None: just so far that all its corners are in view."""
+    box = np.array(((-0.5, -0.5, -0.5), (0.5, 0.5, 0.5))) if bounds is None else bounds
+    centre = box.mean(axis=0)
+    unit = np.array(direction) / np.linalg.norm(direction)
+    pose = look_at(centre + unit, centre, (0.0, 0.0, 1.0))
+    if distance is None:
+        x, y, z = ((corners_of(box) - centre) @ pose[:3, :3]).T
+        tan_y = math.tan(math.radians(0.5 * fovy)) / FIT_MARGIN
+        reach = np.maximum(np.abs(x) / (tan_y * aspect), np.abs(y) / tan_y)
+        distance = max(float((reach - z).max()), float(np.abs(box).max()) * 1e-6, 1e-6)
+    pose[:3, 3] = centre + unit * distance
+    return pose
+
+
+def _on_orbit(bounds: Bounds | None, fovy: float, aspect: float, orbit: OrbitCamera) -> NDArray[np.float64]:
+    box = np.array(((-0.5, -0.5, -0.5), (0.5, 0.5, 0.5))) if bounds is None else bounds
+    distance = _orbit_radius(box.tobytes(), fovy, aspect, orbit.count, orbit.elevation)
+    return _fit(box, fovy, aspect, _around(orbit.index / orbit.count, orbit.elevation), distance)
+
+
+@lru_cache(maxsize=64)
+def _orbit_radius(bounds: bytes, fovy: float, aspect: float, count: int, elevation: float) -> float:
+    """The distance from which each camera of an orbit has all corners in view; remembered, since all of them ask.
+
+    Args:
+        bounds: the bytes of a (2, 3) float64 box.
+    """
+    box = np.frombuffer(bounds).reshape(2, 3)
+    poses = (_fit(box, fovy, aspect, _around(index / count, elevation)) for index in range(count))
+    return max(float(np.linalg.norm(pose[:3, 3] - box.mean(axis=0))) for pose in poses)
+
+
 def _around(turn: float, elevation: float) -> Vector:
     """The direction from the middle to the eye after a part of a turn, counter-clockwise from +x."""
     angle, height = 2.0 * math.pi * turn, math.radians(elevation)
     return math.cos(angle) * math.cos(height), math.sin(angle) * math.cos(height), math.sin(height)
-
-
-def _fit(bounds: Bounds | None, fovy: float, aspect: float, directions: Sequence[Vector]) -> NDArray[np.float64]:
-    """A pose in the first direction from the box's middle, so far away that all its corners are in view from there and
-    would be from each of the other directions."""
-    box = np.array(((-0.5, -0.5, -0.5), (0.5, 0.5, 0.5))) if bounds is None else bounds
-    centre = box.mean(axis=0)
-    tan_y = math.tan(math.radians(0.5 * fovy)) / FIT_MARGIN
-    distance = max(float(np.abs(box).max()) * 1e-6, 1e-6)
-    units = [np.array(direction) / np.linalg.norm(direction) for direction in directions]
-    poses = [look_at(centre + unit, centre, (0.0, 0.0, 1.0)) for unit in units]
-    for pose in poses:
-        x, y, z = ((corners_of(box) - centre) @ pose[:3, :3]).T
-        reach = np.maximum(np.abs(x) / (tan_y * aspect), np.abs(y) / tan_y)
-        distance = max(distance, float((reach - z).max()))
-    poses[0][:3, 3] = centre + units[0] * distance
-    return poses[0]
 
 
 def _planes(bounds: Bounds | None, pose: NDArray[np.float64]) -> tuple[float, float]:

@@ -2,8 +2,8 @@
 
     python -m tests.batch.ray_cluster SCENES OUT ORBIT
 
-Run by ``test_ray.py`` with an interpreter that has Ray and Scenegate. Prints a line of JSON: what was drawn, on which
-nodes, and how many workers were killed.
+Run by ``test_ray.py`` with an interpreter that has Ray and Scenegate. Prints a line of JSON: what was drawn, how many
+workers were killed, and the cluster's address, which lives until standard input ends.
 """
 
 from __future__ import annotations
@@ -85,14 +85,18 @@ def main(scenes: Path, out: Path, orbit: int) -> None:
 
     try:
         progress = run(order_of(scenes, out, orbit=orbit), execute, lambda _: None)
-        nodes = len(cluster.list_all_nodes())
+        said = {
+            "drawn": progress.drawn,
+            "failures": [failure.reason for failure in progress.failures],
+            "killed": len(killed),
+            "nodes": len(cluster.list_all_nodes()),
+            "seconds": round(time.monotonic() - begin, 1),
+            "address": cluster.address,
+        }
+        print(json.dumps(said), flush=True)
+        sys.stdin.read()
     finally:
         cluster.shutdown()
-    seconds = round(time.monotonic() - begin, 1)
-    failures = [failure.reason for failure in progress.failures]
-    print(
-        json.dumps({"drawn": progress.drawn, "failures": failures, "killed": len(killed), "nodes": nodes, "s": seconds})
-    )
 
 
 if __name__ == "__main__":
