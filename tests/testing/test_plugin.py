@@ -1,0 +1,100 @@
+"""The plugin as its users have it: pytest in a process of its own, on the page's own example."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest_plugins = ["pytester"]
+
+PAGE = Path(__file__).parents[2] / "docs" / "testing.md"
+INSTALLED = any(entry.name == "scenegate" for entry in importlib.metadata.entry_points(group="pytest11"))
+PLUGIN = () if INSTALLED else ("-p", "gateway.testing.plugin")
+"""An installation that is older than the plugin does not know it yet."""
+ARGUMENTS = ("-W", "error", "-p", "no:cacheprovider", "-p", "no:asyncio", *PLUGIN)
+
+
+def example() -> str:
+    found = re.search(r"```python\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
+    assert found is not None
+    return found[1]
+
+
+def test_the_example_of_the_page_runs(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(test_cell=example())
+    pytester.runpytest_subprocess(*ARGUMENTS, timeout=300).assert_outcomes(passed=3)
+
+
+def test_scenes_and_flags_and_what_a_failure_shows(pytester: pytest.Pytester) -> None:
+    box = '{"setgeometry": [{"path": ["from the file"], "geometry": {"type": "box", "lengths": [1, 1, 1]}}]}'
+    pytester.makefile(".json", scene=box, other=box.replace("file", "marker"))
+    pytester.makefile(".obj", mesh="v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    pytester.makeini("[pytest]\nscenegate_scene = scene.json\nscenegate_flags = --only scene,treeviewer\n")
+    pytester.makepyfile(
+        """
+        import json, os, pytest
+
+        seen = {}
+
+        def paths(scenegate):
+            return json.dumps(scenegate.scene())
+
+        def test_scene_of_the_project(scenegate):
+            seen["first"] = scenegate.process.pid
+            assert "from the file" in paths(scenegate)
+            scenegate.publish({"delete": [{"path": []}]})
+
+        @pytest.mark.scenegate(scene="other.json")
+        def test_scene_of_the_test(scenegate):
+            assert scenegate.process.pid == seen["first"]
+            assert "from the marker" in paths(scenegate)
+            assert "from the file" not in paths(scenegate)
+
+        @pytest.mark.scenegate(scene="mesh.obj", fresh=True)
+        def test_mesh(scenegate):
+            assert scenegate.process.pid != seen["first"]
+            assert '"scene"' in paths(scenegate)
+            assert "stereo" not in scenegate.health()["interfaces"]
+
+        def test_that_fails(scenegate):
+            scenegate.get("/scene?never")
+            assert False, "on purpose"
+
+        @pytest.mark.scenegate(scene="nowhere.json")
+        def test_without_its_scene(scenegate):
+            pass
+
+        @pytest.mark.scenegate(sceen="other.json")
+        def test_with_a_typing_error(scenegate):
+            pass
+
+        def test_that_kills_it(scenegate):
+            scenegate.process.kill()
+            scenegate.process.wait()
+
+        def test_after_it_was_killed(scenegate):
+            assert scenegate.process.pid != seen["first"]
+
+        @pytest.mark.scenegate("--no-such-flag")
+        def test_that_cannot_start(scenegate):
+            pass
+        """
+    )
+    result = pytester.runpytest_subprocess(*ARGUMENTS, timeout=300)
+    result.assert_outcomes(passed=5, failed=1, errors=3)
+    result.stdout.fnmatch_lines(["*scenegate log*", '*"path": "/scene"*'])
+    result.stdout.fnmatch_lines(["*the scene *nowhere.json is not there*"])
+    result.stdout.fnmatch_lines(["*the marker scenegate has no sceen*"])
+    result.stdout.fnmatch_lines(["*the gateway ended with exit code 2*"])
+
+
+def test_nothing_heavy_is_imported_for_tests_that_do_not_use_it() -> None:
+    code = "import sys; before = set(sys.modules); import pytest; known = set(sys.modules)\n"
+    code += "import gateway.testing.plugin\nprint(*sorted(set(sys.modules) - known))"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert result.stdout.split() == ["gateway", "gateway.testing", "gateway.testing.plugin"]
