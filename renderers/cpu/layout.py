@@ -38,9 +38,7 @@ J_PLAIN_INV_Z: Final = 11
 J_RECORDS: Final = 12  # (chunks * CHUNK, 64 bytes)
 J_SMALL: Final = 13  # (chunks, SMALL_BANDS * CHUNK) uint16
 J_TALL: Final = 14  # (chunks, CHUNK) uint16
-J_OFFSETS: Final = (
-    15  # (chunks, 2 lists + 4) int32: starts in SMALL, in MICRO by list, ends of tall fronts, backs
-)
+J_OFFSETS: Final = 15  # (chunks, 2 lists + 4) int32: starts in SMALL, in MICRO by list, ends of tall fronts, backs
 J_IDS: Final = 16  # (height, stride) int32; 0: nobody wants the layer itself, only the outputs
 J_INV_Z: Final = 17  # (height, stride) float32
 J_BEYOND_IDS: Final = 18  # (height, stride); 0: no such layer
