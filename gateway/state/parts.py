@@ -48,7 +48,10 @@ _VALUES: Final[Mapping[str, type[Any]]] = MappingProxyType(
     }
 )
 _ENUMS: Final[Mapping[str, type[Enum]]] = MappingProxyType({kind.__name__: kind for kind in (AlphaMode, Wrap)})
-_FIELDS: Final = {kind: tuple(field.name for field in fields(kind)) for kind in _VALUES.values()}
+_FIELDS: Final[Mapping[type[Any], tuple[str, ...]]] = {
+    kind: kind.__struct_fields__ if issubclass(kind, msgspec.Struct) else tuple(field.name for field in fields(kind))
+    for kind in _VALUES.values()
+}
 _SHARED: Final = (Material, Mesh)
 _KINDS: Final = frozenset("fiub")
 """Kinds of array elements: numbers and truth values, never objects."""

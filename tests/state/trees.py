@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from enum import Enum
 from typing import Any
 
+import msgspec
 import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -121,6 +122,8 @@ def described(value: Any) -> Any:
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = [(field.name, described(getattr(value, field.name))) for field in dataclasses.fields(value)]
         return (type(value).__name__, fields)
+    if isinstance(value, msgspec.Struct):
+        return (type(value).__name__, [(name, described(getattr(value, name))) for name in value.__struct_fields__])
     if isinstance(value, Mapping):
         return [(described(key), described(entry)) for key, entry in value.items()]
     if isinstance(value, tuple):
