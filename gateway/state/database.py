@@ -11,6 +11,7 @@ import contextlib
 import fcntl
 import os
 import sqlite3
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
@@ -18,6 +19,8 @@ from typing import Final
 from gateway.state.errors import StateError
 from gateway.state.schema import APPLICATION_ID, MIGRATIONS
 
+LOCK_SECONDS: Final = 2.0
+"""For a gateway that is being killed to be gone, when whoever watches over it starts the next one at once."""
 _MAGIC: Final = b"SQLite format 3\0"
 _HEADER_BYTES: Final = 100
 _ID_AT: Final = 68
@@ -100,12 +103,17 @@ def _locked(path: Path) -> int:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     except OSError as error:
         raise StateError(f"The state file {path} cannot be opened: {error.strerror}.") from None
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        os.close(descriptor)
-        raise StateError(f"The state file {path} is in use by another gateway.") from None
-    return descriptor
+    end = time.monotonic() + LOCK_SECONDS
+    while True:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            if time.monotonic() < end:
+                time.sleep(0.02)
+                continue
+            os.close(descriptor)
+            raise StateError(f"The state file {path} is in use by another gateway.") from None
+        return descriptor
 
 
 def _recognise(path: Path, descriptor: int) -> bool:

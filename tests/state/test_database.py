@@ -107,7 +107,8 @@ def test_a_step_that_fails_leaves_the_version_before(tmp_path: Path, monkeypatch
     Database(path).close()
 
 
-def test_one_process_at_a_time(tmp_path: Path) -> None:
+def test_one_process_at_a_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "LOCK_SECONDS", 0.05)
     first = Database(tmp_path / "state")
     with pytest.raises(StateError, match="in use by another gateway"):
         Database(tmp_path / "state")
