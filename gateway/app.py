@@ -17,7 +17,7 @@ from fastapi import FastAPI
 from fastapi.responses import HTMLResponse
 from fastapi_offline import FastAPIOffline
 
-from gateway import __version__, warmup
+from gateway import __version__, figures, warmup
 from gateway import settings as options
 from gateway.guard import Guard
 from gateway.house import NO_TELEMETRY, House
@@ -64,16 +64,23 @@ def create_app(settings: Settings, state: Kept | None = None) -> FastAPI:
     if settings.demo:
         wanted["demo"] = join_demo
 
+    workers = Workers(settings.threads or usable_cpus(), settings.queue, settings.queue_mb * MIB)
+    stateless = settings.only == ("render",)
+
+    def full() -> bool:
+        # Only where nothing but renders would miss it: a balancer must not take streams away for a full queue.
+        return stateless and workers.full
+
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         process.tune()
         board.expect(KERNELS, *wanted)
-        workers = Workers(settings.threads or usable_cpus(), settings.queue, settings.queue_mb * MIB)
-        metrics.watch("scenegate_render_running", "Calls that worker threads run", lambda: workers.stats.running)
-        metrics.watch("scenegate_render_waiting", "Calls that wait for a worker thread", lambda: workers.stats.waiting)
         house = House(settings, app, board, metrics, LiveTree(), workers, guard)
+        figures.watch_process(metrics, board, workers)
+        figures.watch_tree(metrics, house.tree)
         guard.tell()
         house.state = state or await asyncio.to_thread(open_state, settings)
+        app.state.leave = house.leave
         start = asyncio.create_task(_start(house, wanted, started), name="start")
         try:
             yield
@@ -94,7 +101,7 @@ def create_app(settings: Settings, state: Kept | None = None) -> FastAPI:
         swagger_ui_parameters={"validatorUrl": None},
         telemetry=NO_TELEMETRY,
     )
-    app.include_router(health.router(board, metrics, __version__))
+    app.include_router(health.router(board, metrics, __version__, full))
     app.add_middleware(
         Gate, started=started, problem=lambda: board.entries[KERNELS].problem, open_paths=health.PATHS | {"/"}
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import structlog
 from fastapi import FastAPI
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 _log = structlog.get_logger("gateway")
 
+LAST_WORDS: Final = 0.9
+"""Part of --shutdown-seconds after which calls that wait for a thread are refused: the rest is for telling."""
 NO_TELEMETRY: TelemetryConfig = {"tracing": False, "metrics": False, "logs": False, "auto_configure": False}
 """FastAPI's own; it would configure exporters from the environment."""
 
@@ -60,6 +62,9 @@ class House:
     """What survives the process, if anything does."""
     _renderer: Renderer | None = None
     _tasks: set[asyncio.Task[None]] = field(default_factory=set)
+    _leaving: asyncio.Task[None] | None = None
+    _deadline: float = 0.0
+    """Of renders, seconds of the loop's clock; set when leaving."""
 
     def __post_init__(self) -> None:
         self.flattener = Flattener(self.labels)
@@ -102,15 +107,31 @@ class House:
         foreseen = isinstance(error, (OSError, ImportError, ValueError, RuntimeError))
         _log.error(f"{name} does not run: {problem}", exc_info=None if foreseen else error)
 
-    async def close(self) -> None:
-        """Ends every service, then the threads."""
+    def leave(self) -> None:
+        """The end has begun: streams end now, accepted renders go on, and before their time is over those that still
+        wait for a thread are told so instead of being cut off. Calling it again does nothing."""
+        if self._leaving is not None:
+            return
+        loop = asyncio.get_running_loop()
         self.board.stop()
         for task in self._tasks:
             task.cancel()
+        self._deadline = loop.time() + self.settings.shutdown_seconds
+        self._leaving = loop.create_task(self._give_up(LAST_WORDS * self.settings.shutdown_seconds), name="leave")
+
+    async def _give_up(self, seconds: float) -> None:
+        await asyncio.sleep(seconds)
+        await self.workers.close(0.0)
+
+    async def close(self) -> None:
+        """Ends every service, then the threads."""
+        self.leave()
+        assert self._leaving is not None
         await asyncio.gather(*self._tasks, return_exceptions=True)
         if self.state is not None:
             await self.state.close()
-        await self.workers.close(self.settings.shutdown_seconds)
+        self._leaving.cancel()
+        await self.workers.close(max(0.0, self._deadline - asyncio.get_running_loop().time()))
 
 
 def sentence(error: BaseException) -> str:

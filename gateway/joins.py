@@ -11,10 +11,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gateway import figures
 from gateway.house import House
 from gateway.settings import MIB, InterfaceName, Settings
 
 if TYPE_CHECKING:
+    from gateway.render.records import RenderRecord
     from gateway.scene.gltf import GltfLimits
     from gateway.scene.tree import Node
 
@@ -42,13 +44,13 @@ def join_render(house: House) -> None:
         scene_cache_bytes=settings.scene_cache_mb * MIB,
         keep_failures=settings.keep_failures,
     )
-    service = RenderService(
-        house.renderer,
-        house.workers,
-        config,
-        backdrop=_backdrop(house),
-        on_done=lambda record: house.on_render(record),
-    )
+
+    def done(record: RenderRecord) -> None:
+        figures.count_render(house.metrics, record)
+        house.on_render(record)
+
+    service = RenderService(house.renderer, house.workers, config, backdrop=_backdrop(house), on_done=done)
+    figures.watch_render(house.metrics, service)
     house.app.include_router(router(service))
     house.board.ready("render", where=settings.render_path, figures=service.status)
 
@@ -109,6 +111,7 @@ def join_treeviewer(house: House) -> None:
     config = TreeViewerConfig(lcm_url=settings.lcm_url, tcpq_host=house.guard.tcpq_host, tcpq_port=settings.tcpq_port)
     durable = house.state.journal if house.state is not None else None
     service = TreeViewerService(config, house.tree, MeshFiles(settings.mesh_root), durable=durable)
+    figures.watch_treeviewer(house.metrics, service)
     house.serve("treeviewer", service, where=settings.lcm_url or "LCM")
 
 

@@ -275,7 +275,12 @@ class Settings(BaseSettings):
         256, "Speed and limits", "MiB of whole posted scenes kept for requests that bring them again.", ge=0, le=1 << 20
     )
     shutdown_seconds: float = option(
-        10.0, "Speed and limits", "Time that running requests get to finish after SIGTERM.", ge=0, le=3600
+        10.0,
+        "Speed and limits",
+        "Time that accepted requests get to finish after SIGTERM; streams end at once, nothing new is taken. The "
+        "process has ended two seconds later at most.",
+        ge=0,
+        le=3600,
     )
 
     # --- Logs

@@ -7,6 +7,7 @@ from typing import Any
 
 from fastapi import FastAPI
 
+from gateway.figures import watch_stereo
 from gateway.house import NO_TELEMETRY, House
 from gateway.ops.http import PortService
 from gateway.settings import Settings
@@ -36,6 +37,7 @@ def join_stereo(house: House) -> None:
     if house.state is not None:
         house.state.keep_parameters("0", lambda: list(NODES), service.parameters)
         service.stored = house.state.journal.stored
+    watch_stereo(house.metrics, service)
     house.stereo_camera = view.camera
     house.eyes = StereoEyes(service, view, live=settings.stereo_scene == "live")
     house.app.include_router(router(service))

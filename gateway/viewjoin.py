@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from gateway.figures import watch_view
 from gateway.house import House
 from gateway.render.records import RenderRecord
 from gateway.viewer.config import ViewerConfig
@@ -30,6 +31,7 @@ def join_view(house: House) -> None:
     )
     sensor = SensorView(ports.sensor, config.sensor_seconds) if ports.sensor is not None else None
     house.on_render = lambda record: hub.renders.add(note_of(record))
+    watch_view(house.metrics, hub)
     house.app.include_router(router(hub))
     house.app.include_router(picture_router(pictures, sensor, hub.renders))
     house.serve("view", hub, where="/view")

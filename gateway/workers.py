@@ -98,8 +98,8 @@ class Workers:
         self.threads = threads if threads is not None else usable_cpus()
         if self.threads < 1 or max_waiting < 0 or max_waiting_bytes < 0:
             raise ValueError("workers need at least one thread and bounds that are not negative")
-        self._max_waiting = max_waiting
-        self._max_waiting_bytes = max_waiting_bytes
+        self.max_waiting = max_waiting
+        self.max_waiting_bytes = max_waiting_bytes
         self._name = name
         self._lock = threading.Lock()
         self._work = threading.Condition(self._lock)
@@ -154,6 +154,11 @@ class Workers:
         return self._running <= 1 and not self._queue
 
     @property
+    def full(self) -> bool:
+        """Whether a call of any size would be refused now: as many wait as may."""
+        return self.stats.waiting >= self.max_waiting and self._running >= self.threads
+
+    @property
     def stats(self) -> WorkersStats:
         with self._lock:
             spare = max(0, self.threads - self._running)
@@ -198,12 +203,12 @@ class Workers:
 
     def _check_bounds(self, weight: int) -> None:
         waiting = max(0, len(self._queue) - (self.threads - self._running))
-        if waiting >= self._max_waiting:
-            reason = f"{waiting} requests are waiting already, the limit is {self._max_waiting}"
-        elif self._queue and self._queue_bytes + weight > self._max_waiting_bytes:
+        if waiting >= self.max_waiting:
+            reason = f"{waiting} requests are waiting already, the limit is {self.max_waiting}"
+        elif self._queue and self._queue_bytes + weight > self.max_waiting_bytes:
             reason = (
                 f"the waiting requests hold {self._queue_bytes} bytes; with {weight} more "
-                f"they would exceed the limit of {self._max_waiting_bytes}"
+                f"they would exceed the limit of {self.max_waiting_bytes}"
             )
         else:
             return

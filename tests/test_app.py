@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import re
+import threading
 from collections.abc import AsyncIterator, Callable, Iterable, Mapping
 from contextlib import asynccontextmanager
 from typing import Any
@@ -156,6 +157,27 @@ async def test_metrics_show_the_queue(monkeypatch: pytest.MonkeyPatch) -> None:
     rooms(monkeypatch)
     async with running() as client:
         assert "scenegate_render_waiting 0.0" in (await client.get("/metrics")).text
+
+
+@pytest.mark.parametrize(("only", "expected"), [(("render",), 503), (("render", "scene"), 200)])
+async def test_who_only_renders_is_not_ready_while_its_queue_is_full(
+    monkeypatch: pytest.MonkeyPatch, only: tuple[str, ...], expected: int
+) -> None:
+    houses: list[House] = []
+    rooms(monkeypatch, render=houses.append)
+    async with running(only=only, threads=1, queue=1) as client:
+        while not houses:  # noqa: ASYNC110
+            await asyncio.sleep(0)
+        release = threading.Event()
+        calls = [asyncio.create_task(houses[0].workers.run(release.wait)) for _ in range(2)]
+        while houses[0].workers.stats.waiting < 1 or houses[0].workers.stats.running < 1:  # noqa: ASYNC110
+            await asyncio.sleep(0)
+        full = await client.get("/readyz")
+        assert full.status_code == expected
+        assert full.json()["status"] == ("busy" if expected == 503 else "ready")
+        release.set()
+        await asyncio.gather(*calls)
+        assert (await client.get("/readyz")).status_code == 200
 
 
 def test_the_module_level_app_is_made_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -115,7 +115,8 @@ def _serve(settings: Settings, listener: socket.socket, state: State | None, tls
     from gateway.ops import http, process
 
     app = create_app(settings, state)
-    server = http.MainServer(http.config(app, settings.shutdown_seconds, lifespan=True, tls=tls))
+    config = http.config(app, settings.shutdown_seconds, lifespan=True, tls=tls)
+    server = http.MainServer(config, lambda: app.state.leave())
     # Answers without an end (MJPEG) look at it; nobody else would tell them before their connections are cut.
     app.state.closing = lambda: server.should_exit
     app.state.on_started = process.settle

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from fastapi import APIRouter, Response
 from fastapi.responses import JSONResponse
 
@@ -14,8 +16,12 @@ PATHS = frozenset({"/healthz", "/readyz", "/metrics"})
 """Answered from the first moment on, never logged above debug level."""
 
 
-def router(board: Board, metrics: Metrics, version: str) -> APIRouter:
-    """The routes of operations."""
+def router(board: Board, metrics: Metrics, version: str, full: Callable[[], bool] = lambda: False) -> APIRouter:
+    """The routes of operations.
+
+    Args:
+        full: whether another request would be refused, for balancers that ask before they send.
+    """
     routes = APIRouter(tags=["operations"])
 
     @routes.get("/healthz", summary="The process lives")
@@ -25,8 +31,11 @@ def router(board: Board, metrics: Metrics, version: str) -> APIRouter:
 
     @routes.get("/readyz", summary="Whether to send work", responses={503: {"description": "Not now; the body tells"}})
     async def readyz() -> JSONResponse:
-        """200 when the kernels are warm and every interface has started or failed; 503 before and while stopping."""
+        """200 when the kernels are warm and every interface has started or failed; 503 before, while stopping and, of a
+        process that does nothing but render, while its queue is full."""
         described = board.describe()
+        if described["status"] == "ready" and full():
+            described["status"] = "busy"
         return JSONResponse(described, status_code=200 if described["status"] in ("ready", "degraded") else 503)
 
     @routes.get("/metrics", summary="Prometheus metrics", response_class=Response)

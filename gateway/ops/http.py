@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import signal
 import socket
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
@@ -132,13 +132,26 @@ def config(app: Any, grace_seconds: float, *, lifespan: bool, tls: tuple[Path, P
         access_log=False,  # gateway.ops.requests writes one with the request's id
         server_header=False,
         timeout_keep_alive=KEEP_ALIVE_SECONDS,
-        timeout_graceful_shutdown=max(1, round(grace_seconds)),
+        timeout_graceful_shutdown=grace_seconds,  # type: ignore[arg-type]  # a float does as well
         backlog=2048,
     )
 
 
 class MainServer(uvicorn.Server):
     """Ends with exit code 0 after SIGTERM or SIGINT; uvicorn would raise the signal once more."""
+
+    def __init__(self, config: uvicorn.Config, leave: Callable[[], None] = lambda: None) -> None:
+        """
+        Args:
+            leave: called in the event loop when the end begins, before connections are waited for.
+        """
+        super().__init__(config)
+        self._leave = leave
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Takes no new connection, lets requests finish, then ends the application."""
+        self._leave()
+        await super().shutdown(sockets)
 
     @contextmanager
     def capture_signals(self) -> Iterator[None]:

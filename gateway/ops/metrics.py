@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from typing import Final
 
 from prometheus_client import (
@@ -15,11 +16,48 @@ from prometheus_client import (
     ProcessCollector,
     generate_latest,
 )
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
+from prometheus_client.metrics_core import Metric
+from prometheus_client.registry import Collector
 
 CONTENT_TYPE: Final = CONTENT_TYPE_LATEST
 
 _SECONDS = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0)
 """A cached render takes about a millisecond, a queue of large scenes a minute."""
+
+
+Reading = float | Mapping[str, float]
+"""One figure, or one for each value of a label."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Watched:
+    """A figure that somebody else keeps."""
+
+    name: str
+    text: str
+    read: Callable[[], Reading]
+    label: str
+    total: bool
+
+    def family(self) -> Metric:
+        kind = CounterMetricFamily if self.total else GaugeMetricFamily
+        family: Metric = kind(self.name, self.text, labels=(self.label,) if self.label else ())
+        found = self.read()
+        for value, figure in found.items() if isinstance(found, Mapping) else (("", found),):
+            family.add_metric((value,) if self.label else (), figure)  # type: ignore[attr-defined]
+        return family
+
+
+class _Reader(Collector):
+    """Reads what is watched when Prometheus asks: keeping a second copy up to date would cost at every event."""
+
+    def __init__(self) -> None:
+        self.watched: list[_Watched] = []
+
+    def collect(self) -> Iterator[Metric]:
+        for each in self.watched:
+            yield each.family()
 
 
 class Metrics:
@@ -46,9 +84,33 @@ class Metrics:
             "scenegate_http_requests_in_flight", "HTTP requests being answered", registry=self.registry
         )
 
-    def watch(self, name: str, text: str, read: Callable[[], float]) -> None:
-        """A gauge that is read when Prometheus asks."""
-        Gauge(name, text, registry=self.registry).set_function(read)
+        self.renders = Counter(
+            "scenegate_renders_total",
+            "Requests of the render endpoint by type of image and outcome (ok, rejected, busy, gone, failed)",
+            ("type", "outcome"),
+            registry=self.registry,
+        )
+        self.stage_seconds = Histogram(
+            "scenegate_render_stage_seconds",
+            "Time that a render spent waiting for a thread (queue), reading the scene (parse), drawing and encoding",
+            ("stage",),
+            buckets=_SECONDS,
+            registry=self.registry,
+        )
+        self._reader = _Reader()
+        self.registry.register(self._reader)
+
+    def watch(self, name: str, text: str, read: Callable[[], Reading], *, label: str = "") -> None:
+        """A gauge that is read, in the event loop, when Prometheus asks.
+
+        Args:
+            label: of a gauge with several figures; ``read`` gives them by its value.
+        """
+        self._reader.watched.append(_Watched(name, text, read, label, total=False))
+
+    def watch_total(self, name: str, text: str, read: Callable[[], Reading], *, label: str = "") -> None:
+        """As ``watch``, for a counter; its name ends in ``_total``."""
+        self._reader.watched.append(_Watched(name, text, read, label, total=True))
 
     def exposition(self) -> bytes:
         """The text format."""

@@ -42,7 +42,7 @@ class Exchange:
         """A middleware that has given the request an id also answers with it."""
 
     async def answer(self) -> Response:
-        """Never raises, but for the cancellation of the whole server."""
+        """Never raises."""
         request: RenderRequest | None = None
         try:
             request = read_form(await self._form(), self._service.config)
@@ -57,6 +57,9 @@ class Exchange:
         except Closed as error:
             self._headers["Retry-After"] = "1"
             return await self._refusal(503, str(error), request)
+        except asyncio.CancelledError:  # the time for shutting down is over; the client should hear it, not a 500
+            self._headers["Retry-After"] = "1"
+            return await self._refusal(503, "the server shut down before the picture was ready", request)
         except ClientDisconnect:
             _log.info("render client left before its picture was ready", received=self._received)
             return await self._refusal(CLIENT_GONE, "the client left", request)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from gateway.render.config import RenderConfig
 from gateway.render.drawn import drawn
-from gateway.scene.gltf import GltfScene, MeshCache, read_gltf
+from gateway.scene.gltf import CacheStats, GltfScene, MeshCache, read_gltf
 from renderers.drawlist import DrawList
 
 
@@ -39,6 +39,16 @@ class SceneStore:
         """Scenes that were found."""
         self.misses = 0
         """Scenes that were read."""
+
+    @property
+    def nbytes(self) -> int:
+        """Of the scenes that are kept, about."""
+        return self._nbytes
+
+    @property
+    def geometry(self) -> CacheStats:
+        """Of the geometry by the content of its buffers."""
+        return self._meshes.stats
 
     def get(self, sha256: str, data: memoryview) -> PreparedScene:
         """The scene with these bytes.

@@ -13,6 +13,7 @@ from gateway.render.failures import FailureStore
 from gateway.render.form import RenderRequest
 from gateway.render.pipeline import Backdrop, Picture, Pipeline
 from gateway.render.records import RenderRecord
+from gateway.render.scenes import SceneStore
 from gateway.workers import Busy, Workers
 from renderers.port import Renderer
 
@@ -93,6 +94,16 @@ class RenderService:
                 self._on_done(record)
             except Exception:  # noqa: BLE001 - nobody's picture depends on who watches
                 _log.exception("an observer of renders failed")
+
+    @property
+    def inflight_bytes(self) -> int:
+        """Of bodies that arrive, wait or are rendered."""
+        return self._inflight
+
+    @property
+    def scenes(self) -> SceneStore:
+        """The caches, for metrics."""
+        return self._pipeline.scenes
 
     def status(self) -> dict[str, Any]:
         """Figures for health and metrics; plain JSON values."""

@@ -27,7 +27,17 @@ Pose = tuple[float, float, float, float, float, float, float]
 class Node:
     """A frame of the tree with its geometry and children. Read-only for everybody but the edit that owns it."""
 
-    __slots__ = ("__weakref__", "_matrix", "_owner", "_pose", "children", "geometry_count", "parts", "visible")
+    __slots__ = (
+        "__weakref__",
+        "_matrix",
+        "_owner",
+        "_pose",
+        "children",
+        "geometry_count",
+        "node_count",
+        "parts",
+        "visible",
+    )
 
     children: dict[PathElement, Node]
     """By path element, in order of creation."""
@@ -35,6 +45,8 @@ class Node:
     """Geometry; () is geometry that draws nothing but counts as present; None: none was ever set."""
     geometry_count: int
     """How many nodes of this subtree, itself included, have ``parts is not None``."""
+    node_count: int
+    """How many nodes this subtree has, itself included."""
     visible: bool
     """False hides the whole subtree in pictures."""
 
@@ -48,6 +60,7 @@ class Node:
         self.children = {} if children is None else children
         self.visible = True
         self.geometry_count = (parts is not None) + sum(c.geometry_count for c in self.children.values())
+        self.node_count = 1 + sum(c.node_count for c in self.children.values())
         self._matrix: NDArray[np.float64] | None = matrix
         self._pose: Pose | None = None
         self._owner: object | None = None
@@ -92,6 +105,7 @@ class Node:
         node.children = self.children.copy()
         node.visible = self.visible
         node.geometry_count = self.geometry_count
+        node.node_count = self.node_count
         node._matrix = self._matrix
         node._pose = self._pose
         node._owner = owner
@@ -151,10 +165,11 @@ class TreeEdit:
             return
         parents = self._own(path[:-1])
         old = parents[-1].children.get(path[-1])
-        difference = node.geometry_count - (old.geometry_count if old is not None else 0)
+        geometries, nodes = (old.geometry_count, old.node_count) if old is not None else (0, 0)
         parents[-1].children[path[-1]] = node
         for parent in parents:
-            parent.geometry_count += difference
+            parent.geometry_count += node.geometry_count - geometries
+            parent.node_count += node.node_count - nodes
 
     def delete(self, path: Path) -> bool:
         """Removes the node at ``path`` with geometry, transforms and all below it; the root is emptied instead.
@@ -174,6 +189,7 @@ class TreeEdit:
         del parents[-1].children[path[-1]]
         for parent in parents:
             parent.geometry_count -= target.geometry_count
+            parent.node_count -= target.node_count
         return True
 
     def commit(self) -> Node:
@@ -195,6 +211,7 @@ class TreeEdit:
         if node._owner is not owner:
             node = self._root = node._copy(owner)
         nodes = [node]
+        before = self.created
         for element in path:
             child = node.children.get(element)
             if child is None:
@@ -207,6 +224,10 @@ class TreeEdit:
                 node.children[element] = child
             nodes.append(child)
             node = child
+        if self.created != before:  # the last ones of the path
+            created = self.created - before
+            for above, owned in enumerate(reversed(nodes)):
+                owned.node_count += min(above, created)
         return nodes
 
 

@@ -87,8 +87,21 @@ class Hub:
         self._max_kinds = max_kinds
         self._subscriptions: set[Subscription] = set()
         self._newcomers: set[Subscription] = set()
+        self._gone_sent = 0
+        self._gone_skipped = 0
+        self._closed = ""
         self.changed = asyncio.Event()
         """Set when somebody came, took a set or waits for one."""
+
+    @property
+    def sent(self) -> int:
+        """Sets taken out by all clients since start."""
+        return self._gone_sent + sum(s.sent for s in self._subscriptions)
+
+    @property
+    def skipped(self) -> int:
+        """Sets that were replaced by newer ones before their clients took them, since start."""
+        return self._gone_skipped + sum(s.skipped for s in self._subscriptions)
 
     def __iter__(self) -> Iterator[Subscription]:
         return iter(tuple(self._subscriptions))
@@ -102,7 +115,10 @@ class Hub:
 
         Raises:
             FullError: there are too many clients, or too many different requests.
+            StreamError: the hub is closed.
         """
+        if self._closed:
+            raise StreamError(self._closed)
         if len(self._subscriptions) >= self._max_clients:
             raise FullError(f"{self._max_clients} streams are open already, the limit (max_clients)")
         kinds = self.kinds()
@@ -117,6 +133,8 @@ class Hub:
         finally:
             self._subscriptions.discard(subscription)
             self._newcomers.discard(subscription)
+            self._gone_sent += subscription.sent
+            self._gone_skipped += subscription.skipped
 
     def kinds(self) -> set[Kind]:
         """What is wanted at all."""
@@ -146,3 +164,9 @@ class Hub:
         for subscription in tuple(self._subscriptions):
             if subscription.kind == kind:
                 subscription.fail(StreamError(message))
+
+    def close(self, message: str) -> None:
+        """Ends all streams and takes no new ones."""
+        self._closed = message
+        for subscription in tuple(self._subscriptions):
+            subscription.fail(StreamError(message))

@@ -26,6 +26,8 @@ MAX_CALLS = 1024
 """At a time, health checks and reflection included; further ones get RESOURCE_EXHAUSTED at once."""
 DEFAULT_LIMIT = 4 << 20
 """Bytes that a gRPC client accepts unless it was told otherwise."""
+STOP_SECONDS = 1.0
+"""Time for the ends of the streams to be told; only a client that does not read needs it."""
 _OPTIONS: list[tuple[str, int]] = [
     ("grpc.max_send_message_length", -1),
     ("grpc.max_receive_message_length", 64 << 10),  # requests are a few bytes
@@ -145,4 +147,4 @@ async def stop(server: grpc.aio.Server, leave: Callable[[], Any]) -> None:
 
 async def _stop(server: grpc.aio.Server, leave: Callable[[], Any]) -> None:
     await leave()
-    await server.stop(0.2)
+    await server.stop(STOP_SECONDS)

@@ -111,6 +111,7 @@ class StereoService:
             await self._metronome.run()
         finally:
             self._port = None
+            self.hub.close("the stereo camera is shutting down")
             await server.stop(running, leave)
 
     def set_parameters(self, node: str, values: Iterable[tuple[str, object]]) -> list[str]:

@@ -123,10 +123,11 @@ class TreeMachine(RuleBasedStateMachine):
         assert as_model(self.edit.root) == self.model
 
     @invariant()
-    def geometry_counts_are_exact(self) -> None:
+    def counts_are_exact(self) -> None:
         for path, node in self.edit.root.walk():
             below = [values for p, values in self.model.items() if p[: len(path)] == path]
             assert node.geometry_count == sum(values["parts"] is not None for values in below)
+            assert node.node_count == len(below)
 
     @invariant()
     def snapshots_are_unaffected_and_changes_replay_them_into_the_present(self) -> None:
@@ -187,7 +188,7 @@ def test_deep_paths_do_not_recurse():
     edit.set_parts(path, (BOX,))
     root = edit.commit()
     assert root.geometry_count == 1
-    assert sum(1 for _ in root.walk()) == 5001
+    assert sum(1 for _ in root.walk()) == root.node_count == 5001
     assert sum(1 for _ in changes(Node(), root)) == 5000
 
 

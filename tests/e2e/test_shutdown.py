@@ -1,0 +1,85 @@
+"""SIGTERM in the middle of work: accepted renders are answered, streams end with a status, the exit code is 0."""
+
+from __future__ import annotations
+
+from collections import deque
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
+
+import grpc
+import httpx2
+import pytest
+
+from gateway.generated import image_interface_pb2 as pb
+from tests.support import forms
+from tests.support.gateway_process import GatewayProcess, gateway_process
+
+RENDERS = 12
+
+
+def post(url: str, size: int) -> httpx2.Response:
+    fields = {**forms.drake_fields("color"), "width": str(size), "height": str(size)}
+    content = forms.body(forms.gltf(), fields)
+    with httpx2.Client(timeout=120.0) as http:
+        return http.post(f"{url}/render", content=content, headers={"Content-Type": forms.CONTENT_TYPE})
+
+
+def figure(url: str, name: str) -> float:
+    lines = httpx2.get(f"{url}/metrics").text.splitlines()
+    return next(float(line.rpartition(" ")[2]) for line in lines if line.startswith(f"{name} "))
+
+
+def waiting(pool: ThreadPoolExecutor, url: str, size: int) -> list[Future[httpx2.Response]]:
+    """Renders of which at least half have arrived whole and wait for the one thread."""
+    sent = [pool.submit(post, url, size) for _ in range(RENDERS)]
+    while figure(url, "scenegate_render_waiting") < RENDERS / 2:
+        assert not all(one.done() for one in sent), "they were over before the signal; ask for larger pictures"
+    return sent
+
+
+def ends_well(process: GatewayProcess) -> None:
+    assert process.stop() == 0
+    assert not [entry for entry in process.rest_of_log() if entry["level"] in ("critical", "raw")]
+
+
+def test_accepted_renders_are_answered_and_nothing_new_is_taken() -> None:
+    with ThreadPoolExecutor(RENDERS) as pool, gateway_process("--only", "render", "--threads", "1") as (process, url):
+        sent = waiting(pool, url, 2048)
+        ends_well(process)
+        answers = [one.result() for one in sent if one.exception() is None]
+        assert len(answers) >= RENDERS / 2
+        assert {answer.status_code for answer in answers} == {200}
+        # Those that had not connected by then may have been refused, but none was cut off.
+        assert all(isinstance(one.exception(), httpx2.ConnectError) for one in sent if one.exception() is not None)
+        with pytest.raises(httpx2.ConnectError):
+            httpx2.get(f"{url}/healthz")
+
+
+def test_renders_that_cannot_finish_in_time_are_told() -> None:
+    flags = ("--only", "render", "--threads", "1", "--shutdown-seconds", "1")
+    with ThreadPoolExecutor(RENDERS) as pool, gateway_process(*flags) as (process, url):
+        sent = waiting(pool, url, 4096)
+        ends_well(process)
+        answers = [one.result() for one in sent if one.exception() is None]
+        turned_away = [answer for answer in answers if answer.status_code == 503]
+        assert turned_away, "there was time for all of them; ask for larger pictures"
+        assert all("shut" in answer.text and "retry-after" in answer.headers for answer in turned_away)
+        assert {answer.status_code for answer in answers} <= {200, 503}
+
+
+def test_streams_end_with_a_status_that_says_why() -> None:
+    with gateway_process("--only", "stereo", "--grpc-port", "0") as (process, url):
+        port = httpx2.get(f"{url}/healthz").json()["interfaces"]["stereo"]["port"]
+        with grpc.insecure_channel(f"127.0.0.1:{port}", [("grpc.max_receive_message_length", -1)]) as channel:
+            stream: Any = channel.unary_stream(
+                "/ImageInterface/StreamImageSets", pb.ImageSetRequest.SerializeToString, pb.ImageSet.FromString
+            )(pb.ImageSetRequest(left_enabled=True), timeout=120)
+            next(stream)
+            assert figure(url, "scenegate_stereo_streams") == 1.0
+            with ThreadPoolExecutor(1) as pool:
+                ended = pool.submit(deque, stream, 0)  # a client that reads, to the end
+                ends_well(process)
+                error = ended.exception()
+        assert isinstance(error, grpc.RpcError)
+        assert error.code() is grpc.StatusCode.UNAVAILABLE
+        assert "shutting down" in error.details()

@@ -1,0 +1,84 @@
+"""What Prometheus sees of a gateway that has worked: every figure is there and counts."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import grpc
+import httpx2
+import pytest
+
+from gateway.generated import image_interface_pb2 as pb
+from tests.support import forms
+from tests.support.gateway_process import gateway_process
+
+ALERTS = Path(__file__).parents[1] / "deploy" / "prometheus"
+
+
+@pytest.fixture(scope="module")
+def figures() -> Iterator[dict[str, float]]:
+    """Every sample of /metrics, its labels as they are written, after a few requests of each kind."""
+    flags = ("--demo", "--grpc-port", "0", "--tcpq-port", "0", "--lcm-url", "off")
+    with gateway_process(*flags) as (_, url), httpx2.Client(base_url=url) as http:
+        headers = {"Content-Type": forms.CONTENT_TYPE}
+        for image_type in ("color", "depth", "label", "color"):
+            body = forms.body(forms.gltf(), forms.drake_fields(image_type))
+            assert http.post("/render", content=body, headers=headers).status_code == 200
+        bad = forms.body(forms.gltf(), forms.drake_fields("color", width="-1"))
+        assert http.post("/render", content=bad, headers=headers).status_code == 400
+        port = http.get("/healthz").json()["interfaces"]["stereo"]["port"]
+        with grpc.insecure_channel(f"127.0.0.1:{port}") as channel:
+            stream = channel.unary_stream(
+                "/ImageInterface/StreamImageSets", pb.ImageSetRequest.SerializeToString, pb.ImageSet.FromString
+            )(pb.ImageSetRequest(left_enabled=True), timeout=120)
+            next(stream)
+            text = http.get("/metrics").text
+            stream.cancel()
+        samples = [line.rpartition(" ") for line in text.splitlines() if not line.startswith("#")]
+        yield {name: float(value) for name, _, value in samples}
+
+
+def test_renders_by_type_and_outcome(figures: dict[str, float]) -> None:
+    assert figures['scenegate_renders_total{outcome="ok",type="color"}'] == 2
+    assert figures['scenegate_renders_total{outcome="ok",type="label"}'] == 1
+    assert figures['scenegate_renders_total{outcome="rejected",type="unknown"}'] == 1
+    for stage in ("queue", "parse", "render", "encode"):
+        assert figures[f'scenegate_render_stage_seconds_count{{stage="{stage}"}}'] == 4
+    assert figures["scenegate_render_waiting_limit"] == 256
+
+
+def test_caches(figures: dict[str, float]) -> None:
+    assert figures['scenegate_cache_hits_total{cache="scenes"}'] == 3
+    assert figures['scenegate_cache_misses_total{cache="scenes"}'] == 1
+    assert figures['scenegate_cache_bytes{cache="scenes"}'] > 0
+
+
+def test_streams_tree_and_messages(figures: dict[str, float]) -> None:
+    assert figures["scenegate_stereo_streams"] == 1
+    assert figures["scenegate_stereo_sets_sent_total"] >= 1
+    assert figures["scenegate_stereo_sets_skipped_total"] >= 0
+    assert figures["scenegate_tree_nodes"] > figures["scenegate_tree_geometry_nodes"] > 10
+    assert figures["scenegate_tree_revision"] >= 1
+    assert figures['scenegate_lcm_messages_total{what="received"}'] == 0
+    assert figures['scenegate_lcm_lost_total{reason="datagrams"}'] == 0
+    assert figures['scenegate_interface_ready{interface="stereo"}'] == 1
+
+
+def test_alerts_ask_for_figures_that_exist(figures: dict[str, float]) -> None:
+    there = {re.split(r"[ {]", name)[0] for name in figures}
+    asked = set(re.findall(r"\bscenegate_\w+", (ALERTS / "alerts.yml").read_text()))
+    assert asked
+    assert asked <= there
+
+
+def test_each_alert_fires_when_it_should() -> None:
+    promtool = shutil.which("promtool")
+    if promtool is None:
+        pytest.skip("promtool is not installed (on Debian: apt install prometheus)")
+    for command in (("check", "config", "prometheus.yml"), ("test", "rules", "alerts_test.yml")):
+        done = subprocess.run([promtool, *command], cwd=ALERTS, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
