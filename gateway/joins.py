@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from gateway.render.records import RenderRecord
     from gateway.scene.gltf import GltfLimits
     from gateway.scene.tree import Node
+    from renderers.studio.rig import Rig
 
 
 Join = Callable[[House], None]
@@ -34,6 +35,7 @@ def join_render(house: House) -> None:
     config = RenderConfig(
         path=settings.render_path,
         look=settings.look,
+        samples=settings.samples,
         background=settings.background,
         depth_format="png16" if settings.depth_format == "png" else "tiff32f",
         max_body_bytes=settings.max_body_mb * MIB,
@@ -67,6 +69,14 @@ def _backdrop(house: House) -> Callable[[], Node] | None:
     return lambda: scene.root
 
 
+def _rig(settings: Settings) -> Rig:
+    """What lights the studio look."""
+    from gateway.rigfile import read_rig
+    from renderers.studio.rig import STUDIO
+
+    return STUDIO if settings.rig is None else read_rig(settings.rig)
+
+
 def gltf_limits(settings: Settings) -> GltfLimits:
     """Bounds of scenes that clients send."""
     from gateway.scene.gltf import GltfLimits
@@ -92,7 +102,7 @@ def join_scene(house: House) -> None:
         house.tree,
         house.renderer,
         house.workers,
-        SceneApiConfig(background=settings.background, max_pixels=settings.max_pixels),
+        SceneApiConfig(background=settings.background, max_pixels=settings.max_pixels, rig=_rig(settings)),
         labels=house.labels,
         flattener=house.flattener,
         stereo_camera=lambda: house.stereo_camera(),

@@ -62,6 +62,10 @@ def _check_path(text: str) -> str:
     return text
 
 
+def _to_number(value: object) -> object:
+    return int(value) if isinstance(value, str) and value.isascii() and value.isdigit() else value
+
+
 Byte = Annotated[int, Field(ge=0, le=255)]
 Port = Annotated[int, Field(ge=0, le=65535)]
 PortOrOff = Annotated[Port | None, BeforeValidator(lambda value: None if value == "off" else value)]
@@ -70,6 +74,7 @@ MountPath = Annotated[str, AfterValidator(_check_path)]
 Paths = Annotated[tuple[Path, ...], NoDecode, _split(os.pathsep)]
 Color = Annotated[tuple[Byte, Byte, Byte], NoDecode, _split(",")]
 Names = Annotated[tuple[str, ...], NoDecode, _split(",")]
+Samples = Annotated[Literal[1, 4, 8], BeforeValidator(_to_number)]
 Interfaces = Annotated[tuple[InterfaceName, ...], NoDecode, _split(",")]
 
 
@@ -110,6 +115,11 @@ class Settings(BaseSettings):
         "How colour is made: 'phong' as Drake without glTF meshes, 'pbr' as Drake with them, 'auto' decides by the "
         "generator that the posted scene names.",
     )
+    samples: Samples = option(
+        1,
+        "Render endpoint",
+        "Samples a pixel of colour pictures; with 1, edges are smoothed by FXAA, as Drake's RenderEngineVtk does.",
+    )
     background: Color = option((204, 229, 255), "Render endpoint", "Colour where nothing is; 0 to 255 each.")
     depth_format: Literal["tiff", "png"] = option(
         "tiff", "Render endpoint", "Depth as 32-bit float TIFF in metres, or as 16-bit PNG in millimetres."
@@ -122,6 +132,13 @@ class Settings(BaseSettings):
     )
     keep_failures: Path | None = option(
         None, "Render endpoint", "Folder that rejected render requests are written to, for replay."
+    )
+
+    # --- Live scene
+    rig: Path | None = option(
+        None,
+        "Live scene",
+        "TOML file with the lights, surroundings and exposure of the 'studio' look of GET /scene/render.",
     )
 
     # --- Tree viewer
@@ -358,7 +375,7 @@ def kind_of(field: FieldInfo) -> str:
     annotation: Any = field.annotation
     options = [part for part in get_args(annotation) if part is not type(None)]
     if get_origin(annotation) is Literal:
-        return "|".join(options)
+        return "|".join(map(str, options))
     kinds = {bool: "on|off", int: "NUMBER", float: "NUMBER", Path: "PATH", str: "TEXT"}
     if annotation in kinds:
         return kinds[annotation]

@@ -8,6 +8,7 @@ from typing import Final
 from gateway.ops import kernels
 
 _SHADING: Final = "renderers.shading"
+_STUDIO: Final = "renderers.studio"
 
 
 def _compile(wanted: Callable[[str], bool]) -> None:
@@ -22,11 +23,15 @@ def _compile(wanted: Callable[[str], bool]) -> None:
 
 
 def _visibility() -> None:
-    _compile(lambda module: not module.startswith(_SHADING))
+    _compile(lambda module: not module.startswith((_SHADING, _STUDIO)))
 
 
 def _shading() -> None:
     _compile(lambda module: module.startswith(_SHADING))
+
+
+def _studio() -> None:
+    _compile(lambda module: module.startswith(_STUDIO))
 
 
 def _others() -> None:
@@ -38,7 +43,12 @@ def _others() -> None:
     warm_stereo()
 
 
-PARTS: Final[Mapping[str, Callable[[], None]]] = {"visibility": _visibility, "shading": _shading, "others": _others}
+PARTS: Final[Mapping[str, Callable[[], None]]] = {
+    "visibility": _visibility,
+    "shading": _shading,
+    "studio": _studio,
+    "others": _others,
+}
 """Of about equal length (10 to 20 s of one core), compiled at the same time."""
 
 

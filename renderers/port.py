@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from renderers.camera import Camera
 from renderers.drawlist import DrawList
+from renderers.studio.rig import STUDIO, Rig
 
-LookName = Literal["phong", "pbr", "plain"]
+LookName = Literal["phong", "pbr", "plain", "studio"]
 
 
 class Output(Flag):
@@ -34,9 +35,14 @@ class Look:
     """``phong``: RenderEngineVtk's look without glTF meshes: headlight, ``255 * base * max(0, n.z)``, textures as
     stored, no gamma. ``pbr``: its look with glTF meshes: metallic-roughness, linear, gamma 1/2.2. ``plain``:
     Director's and the browser view's: as ``phong``, but the linear colour factors are first encoded as sRGB, so that
-    a surface that faces the camera has the very colour that was published."""
+    a surface that faces the camera has the very colour that was published. ``studio``: for people: all of glTF's
+    materials under ``rig``, with shadows, reflections and a tone curve."""
     background: tuple[int, int, int] = (204, 229, 255)
     """RGB as stored in the picture; Drake's default."""
+    samples: Literal[1, 4, 8] = 1
+    """Samples of visibility a pixel, of colour only: depth and labels are never mixed."""
+    rig: Rig = STUDIO
+    """What lights the ``studio`` look; the others have one head light."""
 
 
 @dataclass(slots=True, eq=False)

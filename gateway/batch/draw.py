@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import reduce
+from functools import lru_cache, reduce
 from operator import or_
+from pathlib import Path
 from typing import Final, Literal
 
 from gateway.batch.scenes import LoadedScene
@@ -14,11 +15,13 @@ from gateway.render.depth import millimetres
 from gateway.render.form import RenderRequest
 from gateway.render.pipeline import Pipeline
 from gateway.render.viewpoint import camera_of
+from gateway.rigfile import read_rig
 from renderers.camera import Camera
 from renderers.drawlist import Topology
 from renderers.encode import jpeg_rgb, png_gray16, png_label, png_rgb, tiff_float32
 from renderers.fxaa import fxaa
 from renderers.port import Frame, Look, LookName, Output, Renderer
+from renderers.studio.rig import STUDIO, Rig
 
 OUTPUTS: Final[dict[ImageType, Output]] = {"color": Output.COLOR, "depth": Output.DEPTH, "label": Output.LABEL}
 FORMATS: Final[dict[ImageType, tuple[str, ...]]] = {
@@ -33,9 +36,34 @@ FORMATS: Final[dict[ImageType, tuple[str, ...]]] = {
 class Style:
     """How colour is made."""
 
-    look: Literal["auto", "phong", "pbr", "plain"] = "auto"
+    look: Literal["auto", "phong", "pbr", "plain", "studio"] = "auto"
     background: tuple[int, int, int] = Look().background
     antialias: Literal["fxaa", "none"] = "fxaa"
+    """Of pictures with one sample a pixel."""
+    samples: Literal[0, 1, 4, 8] = 0
+    """0: 4 of the studio look, 1 of the others."""
+    rig: Rig = STUDIO
+    """What lights the studio look."""
+
+
+def style_of(settings: Settings) -> Style:
+    """The style that a dataset's settings say.
+
+    Raises:
+        RigFileError: the rig's file cannot be used.
+    """
+    return Style(
+        settings.look,  # type: ignore[arg-type]
+        settings.background,
+        settings.antialias,  # type: ignore[arg-type]
+        settings.samples,  # type: ignore[arg-type]
+        STUDIO if settings.rig is None else _rig(settings.rig),
+    )
+
+
+@lru_cache(maxsize=4)
+def _rig(path: str) -> Rig:
+    return read_rig(Path(path))
 
 
 def draw(
@@ -52,10 +80,12 @@ def draw(
     """
     look: LookName = scene.look if style.look == "auto" else style.look
     wanted = reduce(or_, (OUTPUTS[image_type] for image_type in formats))
-    with renderer.render(scene.drawn, camera, wanted, Look(look, style.background)) as frame:
+    samples: Literal[1, 4, 8] = style.samples or (4 if look == "studio" else 1)
+    with renderer.render(scene.drawn, camera, wanted, Look(look, style.background, samples, style.rig)) as frame:
         # FXAA takes a point of one pixel for a flaw and pales it.
         points = any(instance.mesh.topology is Topology.POINTS for instance in scene.drawn.instances)
-        if frame.color is not None and style.antialias == "fxaa" and not points:
+        smooth = style.antialias == "fxaa" and samples == 1 and look != "studio" and not points
+        if frame.color is not None and smooth:
             fxaa(frame.color)
         return {image_type: _encoded(frame, image_type, name) for image_type, name in formats.items()}
 
@@ -80,6 +110,7 @@ class RequestDrawer:
             look=look,  # type: ignore[arg-type]
             background=settings.background,
             antialias=settings.antialias,  # type: ignore[arg-type]
+            samples=settings.samples or 1,  # type: ignore[arg-type]
             depth_format="png16" if settings.depth_format == "png" else "tiff32f",
             scene_cache_count=1,
         )

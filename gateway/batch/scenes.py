@@ -83,7 +83,9 @@ def load_scene(source: Source, up: Up = "auto") -> LoadedScene:
 
 def _gltf(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
     scene = read_scene_file(Path(source.path), up=up, files=files)
-    look: LookName = "phong" if scene.generator == "VTK" else "pbr"
+    look: LookName = "studio"
+    if scene.from_drake:
+        look = "phong" if scene.generator == "VTK" else "pbr"
     drawn, labels = _painted(scene.root) if scene.from_drake else _numbered(scene.root)
     drawn = replace(drawn, lights=scene.lights)
     own = scene.cameras[0] if scene.cameras else None
@@ -96,7 +98,7 @@ def _mesh(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
     parts = parse_mesh(files.own(), suffix, files, MESH_LIMITS)
     root = Node(None, children={Path(source.path).stem: Node(parts)})
     drawn, labels = _numbered(root)
-    return LoadedScene(root, drawn, None, "plain", None, _record(source, files, labels))
+    return LoadedScene(root, drawn, None, "studio", None, _record(source, files, labels))
 
 
 def _tree(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
@@ -115,7 +117,7 @@ def _tree(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
     root = live.snapshot.root
     drawn, labels = _numbered(root)
     record = _record(source, files, labels, warnings=tuple(answer.warnings or ()))
-    return LoadedScene(root, drawn, None, "plain", None, record)
+    return LoadedScene(root, drawn, None, "studio", None, record)
 
 
 def _request(source: Source, files: FolderFiles, up: Up) -> LoadedScene:

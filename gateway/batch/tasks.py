@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from gateway.batch.draw import FORMATS, RequestDrawer, Style, draw
+from gateway.batch.draw import FORMATS, RequestDrawer, draw, style_of
 from gateway.batch.files import write_whole
 from gateway.batch.plan import Result, Task
 from gateway.batch.scenes import LoadedScene, SceneError, load_scene
@@ -113,7 +113,7 @@ class Worker:
         camera = camera_of(
             view, scene.root, scene.drawn, scene.own_camera, settings.width, settings.height, settings.fovy
         )
-        style = Style(settings.look, settings.background, settings.antialias)  # type: ignore[arg-type]
+        style = style_of(settings)
         formats = {image_type: _format(image_type, settings) for image_type in settings.types}
         return camera, draw(self._renderer, scene, camera, formats, style)
 

@@ -14,7 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from gateway.batch import run as runs
 from gateway.batch.camerafile import CameraFile, read_camera_file
-from gateway.batch.draw import FORMATS, Style, draw
+from gateway.batch.draw import FORMATS, draw, style_of
 from gateway.batch.local import run_local
 from gateway.batch.plan import make_order
 from gateway.batch.raytasks import run_ray
@@ -39,6 +39,16 @@ def types_of(text: str) -> tuple[ImageType, ...]:
     if not wanted or not set(wanted) <= set(IMAGE_TYPES):
         raise ValueError(f"--type {text!r}: of color, depth and label, separated by commas")
     return tuple(image_type for image_type in IMAGE_TYPES if image_type in wanted)
+
+
+def samples_of(number: int) -> int:
+    """
+    Raises:
+        ValueError: it is none of 0, 1, 4, 8.
+    """
+    if number not in (0, 1, 4, 8):
+        raise ValueError(f"--samples {number} is none of 0, 1, 4, 8")
+    return number
 
 
 def color_of(text: str) -> tuple[int, int, int]:
@@ -81,7 +91,7 @@ def one_picture(
         raise ValueError(f"{scenes[0]}: {error}") from None
     view = views[0] if views else View("default", None)
     camera = camera_of(view, scene.root, scene.drawn, scene.own_camera, settings.width, settings.height, settings.fovy)
-    style = Style(settings.look, settings.background, settings.antialias)  # type: ignore[arg-type]
+    style = style_of(settings)
     data = draw(CpuRenderer(threads), scene, camera, {image_type: name}, style)[image_type]
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_bytes(data)

@@ -16,6 +16,7 @@ class LookChoice(StrEnum):
     auto = "auto"
     phong = "phong"
     plain = "plain"
+    studio = "studio"
     pbr = "pbr"
 
 
@@ -78,10 +79,19 @@ def render(
         float, typer.Option(min=0.01, max=179.0, help="Vertical field of view where a camera names none, degrees.")
     ] = 45.0,
     look: Annotated[
-        LookChoice, typer.Option(help="How colour is made; auto: by the file's generator.")
+        LookChoice, typer.Option(help="How colour is made; auto: studio, but Drake's files as Drake shows them.")
     ] = LookChoice.auto,
     background: Annotated[str, typer.Option(metavar="R,G,B", help="Colour where nothing is.")] = "204,229,255",
-    antialias: Annotated[AntialiasChoice, typer.Option(help="Of colour.")] = AntialiasChoice.fxaa,
+    antialias: Annotated[
+        AntialiasChoice, typer.Option(help="Of colour with one sample a pixel, other than studio.")
+    ] = AntialiasChoice.fxaa,
+    samples: Annotated[
+        int, typer.Option(help="Samples a pixel of colour: 1, 4 or 8; 0: 4 of the studio look, 1 of the others.")
+    ] = 0,
+    rig: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", exists=True, dir_okay=False, help="TOML: lights of the studio look."),
+    ] = None,
     depth_format: Annotated[
         DepthChoice, typer.Option(help="In a dataset: tiff is 32-bit metres, png 16-bit millimetres.")
     ] = DepthChoice.tiff,
@@ -119,6 +129,8 @@ def render(
         antialias=antialias.value,
         depth_format=depth_format.value,
         background=batch.color_of(background),
+        samples=batch.samples_of(samples),
+        rig=None if rig is None else str(rig.absolute()),
     )
     named = [View(f"camera-{index:03d}", text) for index, text in enumerate(camera or ())]
     around = [View(f"orbit-{index:03d}", OrbitCamera(index, orbit, orbit_elevation)) for index in range(orbit)]

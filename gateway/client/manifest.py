@@ -48,6 +48,10 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     depth_format: str
     """``tiff``: 32-bit float, metres; ``png``: 16 bit, millimetres, 65535 is too far or nothing."""
     background: tuple[int, int, int]
+    samples: int = 0
+    """A pixel of colour; 0: 4 of the studio look, 1 (and ``antialias``) of the others."""
+    rig: str | None = None
+    """File with the lights of the studio look; None: the built-in ones."""
 
 
 class Dataset(msgspec.Struct, frozen=True, kw_only=True):

@@ -18,6 +18,8 @@ class RenderConfig:
     """Of the endpoint; Drake's client default is ``render`` below its base URL."""
 
     look: Literal["auto", "phong", "pbr"] = "auto"
+    samples: Literal[1, 4, 8] = 1
+    """Samples a pixel of colour; with more than one there is no FXAA."""
     """``auto`` follows ``asset.generator``: what RenderEngineVtk itself would have used for the scene."""
     default_look: LookName = "pbr"
     """With ``auto``, for scenes that neither VTK nor Drake's merger wrote: glTF's own material model."""

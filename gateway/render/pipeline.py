@@ -69,7 +69,7 @@ class Pipeline:
             camera = camera_of(request, scene.gltf)
             drawn = self._with_backdrop(scene.drawn)
             parsed = time.perf_counter()
-            look = Look(self._look(scene.gltf.generator), self._config.background)
+            look = Look(self._look(scene.gltf.generator), self._config.background, self._config.samples)
             with self._renderer.render(drawn, camera, _OUTPUTS[request.image_type], look) as frame:
                 rendered = time.perf_counter()
                 body, media_type = self._encoded(frame, request)
@@ -105,7 +105,7 @@ class Pipeline:
     def _encoded(self, frame: Frame, request: RenderRequest) -> tuple[bytes, str]:
         if request.image_type == "color":
             assert frame.color is not None
-            if self._config.antialias == "fxaa":
+            if self._config.antialias == "fxaa" and self._config.samples == 1:
                 fxaa(frame.color)
             return png_rgb(frame.color), "image/png"
         if request.image_type == "label":

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from renderers.port import LookName
+from renderers.studio.rig import STUDIO, Rig
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,12 +16,16 @@ class SceneApiConfig:
     width: int = 1280
     height: int = 720
     """Pixels, where a request names none."""
-    look: LookName = "plain"
-    """Where a request names none: the same colours as in the browser view."""
+    look: LookName = "studio"
+    """Where a request names none."""
+    samples: Literal[1, 4, 8] = 4
+    """A pixel of the studio look, where a request names none; the other looks have one, and FXAA."""
+    rig: Rig = STUDIO
+    """What lights the studio look."""
     background: tuple[int, int, int] = (204, 229, 255)
     """RGB of colour pictures where nothing is; the same as the render endpoint's."""
     antialias: Literal["fxaa", "none"] = "fxaa"
-    """Of colour pictures."""
+    """Of colour pictures with one sample a pixel in looks other than studio."""
     max_pixels: int = 4096 * 4096
     """width * height: a picture of this size takes about 200 MB while it is made."""
     max_side: int = 16384

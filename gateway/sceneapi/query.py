@@ -17,6 +17,7 @@ DepthFormat = Literal["tiff", "png"]
 TYPES: Final = ("color", "depth", "label")
 LOOKS: Final = get_args(LookName)
 FORMATS: Final = ("tiff", "png")
+SAMPLES: Final = ("1", "4", "8")
 
 
 class QueryError(ValueError):
@@ -32,6 +33,7 @@ class PictureQuery:
     width: int
     height: int
     look: LookName
+    samples: Literal[1, 4, 8]
     fovy: float
     """Degrees."""
     near: float | None
@@ -67,12 +69,14 @@ def parse_query(query: Mapping[str, str], config: SceneApiConfig) -> PictureQuer
             raise QueryError(f"{name}={_quoted(query[name])} must be positive, in metres")
     if near is not None and far is not None and near >= far:
         raise QueryError(f"near={_quoted(query['near'])} must be less than far={_quoted(query['far'])}")
+    look = cast("LookName", _choice(query, "look", LOOKS, config.look))
     return PictureQuery(
         camera=camera,
         type=cast("PictureType", _choice(query, "type", TYPES, "color")),
         width=width,
         height=height,
-        look=cast("LookName", _choice(query, "look", LOOKS, config.look)),
+        look=look,
+        samples=_samples(query, config.samples if look == "studio" else 1),
         fovy=DEFAULT_FOVY if fovy is None else fovy,
         near=near,
         far=far,
@@ -89,6 +93,10 @@ def _choice(query: Mapping[str, str], name: str, choices: tuple[str, ...], defau
     if value not in choices:
         raise QueryError(f"{name}={_quoted(value)} is none of {', '.join(choices)}")
     return value
+
+
+def _samples(query: Mapping[str, str], default: Literal[1, 4, 8]) -> Literal[1, 4, 8]:
+    return cast("Literal[1, 4, 8]", int(_choice(query, "samples", SAMPLES, str(default))))
 
 
 def _size(query: Mapping[str, str], name: str, default: int, config: SceneApiConfig) -> int:
@@ -133,6 +141,13 @@ def openapi_parameters(config: SceneApiConfig) -> list[dict[str, Any]]:
         _parameter("width", "integer", config.width, "Pixels.", minimum=1, maximum=config.max_side),
         _parameter("height", "integer", config.height, "Pixels.", minimum=1, maximum=config.max_side),
         _parameter("look", "string", config.look, "How colour is made.", enum=list(LOOKS)),
+        _parameter(
+            "samples",
+            "integer",
+            None,
+            f"Samples a pixel of colour; else {config.samples} of the studio look, and one and FXAA of the others.",
+            enum=[int(samples) for samples in SAMPLES],
+        ),
         _parameter("fovy", "number", DEFAULT_FOVY, "Vertical field of view in degrees, where the camera names none."),
         _parameter("near", "number", None, "Near clipping plane, metres; else chosen by the scene."),
         _parameter("far", "number", None, "Far clipping plane, metres; else chosen by the scene."),

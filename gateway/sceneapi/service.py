@@ -134,20 +134,23 @@ class SceneApi:
             )
         except CameraError as error:
             raise QueryError(str(error)) from error
-        look = Look(query.look, self.config.background)
+        look = Look(query.look, self.config.background, query.samples, self.config.rig)
+        smooth = self.config.antialias == "fxaa" and query.look != "studio" and query.samples == 1
         dots, outputs = None, _OUTPUTS[query.type]
-        if query.type == "color" and query.look == "plain" and self.config.antialias != "none":
+        if query.type == "color" and query.look == "plain" and smooth:
             dots = _dots(drawn)
             outputs |= Output(0) if dots is None else Output.INSTANCE
         with self._renderer.render(drawn, camera, outputs, look) as frame:
-            body, media_type = self._encoded(frame, query, dots)
+            body, media_type = self._encoded(frame, query, dots, smooth)
         self._pictures += 1
         return Answer(body, media_type, snapshot.revision)
 
-    def _encoded(self, frame: Frame, query: PictureQuery, dots: NDArray[np.bool_] | None) -> tuple[bytes, str]:
+    def _encoded(
+        self, frame: Frame, query: PictureQuery, dots: NDArray[np.bool_] | None, smooth: bool
+    ) -> tuple[bytes, str]:
         if query.type == "color":
             assert frame.color is not None
-            if self.config.antialias == "fxaa":
+            if smooth:
                 _smooth(frame.color, frame.instance, dots)
             return png_rgb(frame.color), "image/png"
         if query.type == "label":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 from renderers.port import LookName
 
@@ -30,8 +31,12 @@ class ViewerConfig:
     """Of their pictures; beyond it the oldest lose theirs."""
     background: tuple[int, int, int] = (204, 229, 255)
     """RGB where nothing is, in pictures of our own rasterizer."""
-    look: LookName = "plain"
-    """The same colours as the page shows."""
+    look: LookName = "studio"
+    """Of single pictures that ask for none."""
+    samples: Literal[1, 4, 8] = 4
+    """A pixel of the studio look; the others have one."""
+    stream_look: LookName = "plain"
+    """Of MJPEG streams that ask for none: the same colours as the page shows, and a fraction of the time."""
     width: int = 960
     """Pixels of a picture that asks for no size."""
     height: int = 640

@@ -60,7 +60,7 @@ def picture_router(pictures: Pictures, sensor: SensorView | None, renders: Recen
 def _add_views(routes: APIRouter, pictures: Pictures) -> None:
     config = pictures.config
 
-    def view_of(camera: str, width: int | None, height: int | None, quality: int, look: LookName | None) -> View:
+    def view_of(camera: str, width: int | None, height: int | None, quality: int, look: LookName) -> View:
         try:
             spec = parse_camera(camera)
         except CameraError as error:
@@ -69,7 +69,7 @@ def _add_views(routes: APIRouter, pictures: Pictures) -> None:
         if max(wide, high) > config.max_side or wide * high > config.max_pixels:
             limit = f"{config.max_side} pixels a side and {config.max_pixels} altogether"
             raise _ViewError(f"{wide}x{high} pixels are too many; at most {limit} are drawn")
-        return View(spec, wide, high, quality, look or config.look)
+        return View(spec, wide, high, quality, look)
 
     @routes.get("/view/frame.jpg", summary="The live scene as JPEG", response_class=Response)
     async def frame(
@@ -81,7 +81,7 @@ def _add_views(routes: APIRouter, pictures: Pictures) -> None:
     ) -> Response:
         """Drawn by the gateway's own rasterizer."""
         try:
-            view = view_of(camera, width, height, quality, look)
+            view = view_of(camera, width, height, quality, look or config.look)
         except _ViewError as error:
             return PlainTextResponse(str(error), 400)
         return await _answered(pictures, view)
@@ -98,7 +98,7 @@ def _add_views(routes: APIRouter, pictures: Pictures) -> None:
     ) -> Response:
         """A new picture whenever the scene has changed, for anything that shows MJPEG."""
         try:
-            view = view_of(camera, width, height, quality, look)
+            view = view_of(camera, width, height, quality, look or config.stream_look)
         except _ViewError as error:
             return PlainTextResponse(str(error), 400)
         first = await _answered(pictures, view)

@@ -84,7 +84,8 @@ class Pictures:
         camera = resolve_camera(
             view.camera, snapshot.root, view.width, view.height, stereo=self._stereo_camera(), drawn=drawn
         )
-        look = Look(view.look, self.config.background)
+        samples = self.config.samples if view.look == "studio" else 1
+        look = Look(view.look, self.config.background, samples)
         with self._renderer.render(drawn, camera, Output.COLOR, look) as frame:
             assert frame.color is not None
             return jpeg_rgb(frame.color, quality=view.quality)

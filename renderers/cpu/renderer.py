@@ -14,12 +14,16 @@ from renderers.cpu.crew import Crew, Phase
 from renderers.cpu.frame import FrameJob
 from renderers.cpu.layout import MAX_SIDE
 from renderers.cpu.pools import ArrayPool, ScratchPool
+from renderers.cpu.sampled import paint_sampled
 from renderers.cpu.scene import PreparedScene, prepare
 from renderers.cpu.visibility import Visibility
 from renderers.drawlist import DrawList
 from renderers.port import Frame, Look, LookName, Output
 from renderers.shading import Painter, ShadingScene, paint
 from renderers.shading import prepare as prepare_shading
+from renderers.studio.paint import paint as paint_studio
+from renderers.studio.tables import StudioScene
+from renderers.studio.tables import prepare as prepare_studio
 from renderers.weaklru import WeakLru
 
 GEOMETRY = Output.DEPTH | Output.LABEL | Output.INSTANCE | Output.NORMAL
@@ -29,6 +33,7 @@ MAX_SHADING_BYTES: Final = 1 << 30
 """Textures and attributes that prepared scenes keep alive; many scenes share them, so that this is an upper bound."""
 
 _shadings: WeakLru[DrawList, dict[LookName, ShadingScene]] = WeakLru(MAX_SHADING_BYTES)
+_studios: WeakLru[DrawList, StudioScene] = WeakLru(MAX_SHADING_BYTES)
 
 
 def _shading(scene: DrawList, look: LookName) -> ShadingScene:
@@ -39,6 +44,15 @@ def _shading(scene: DrawList, look: LookName) -> ShadingScene:
         known = prepare_shading(scene.instances, look)
         looks = {**looks, look: known}
         _shadings.put(scene, looks, sum(tables.nbytes for tables in looks.values()))
+    return known
+
+
+def _studio(scene: DrawList) -> StudioScene:
+    """The draw list's tables for the ``studio`` look, made once while it is alive and drawn."""
+    known = _studios.get(scene)
+    if known is None:
+        known = prepare_studio(scene.instances)
+        _studios.put(scene, known, known.nbytes)
     return known
 
 
@@ -156,8 +170,18 @@ class CpuRenderer:
         with_geometry: bool,
     ) -> None:
         """Fill all outputs of a frame with colour. One rasterization serves all of them: a band is shaded while it is
-        in the cache, before the back faces that only geometry shows are drawn on top. Translucent scenes take several.
+        in the cache, before the back faces that only geometry shows are drawn on top. Translucent scenes, samples and
+        the studio look take several.
         """
+        if look.name == "studio" or look.samples != 1:
+            if with_geometry:
+                self._geometry(prepared, camera, frame)
+            if look.name == "studio":
+                studio = _studio(scene)
+                paint_studio(self, scene, studio, camera, look.rig, look.samples, look.background, color)
+            else:
+                paint_sampled(self, scene, _shading(scene, look.name), camera, look, color)
+            return
         shading = _shading(scene, look.name)
         if shading.translucent:
             if with_geometry:

@@ -119,6 +119,16 @@ async def test_a_picture_in_colour(world: World):
 
 
 @pytest.mark.parametrize(
+    ("query", "look", "samples"),
+    [("", "studio", 4), ("&samples=8", "studio", 8), ("&look=pbr", "pbr", 1), ("&look=plain&samples=4", "plain", 4)],
+)
+async def test_pictures_for_people_are_the_default(world: World, query: str, look: str, samples: int):
+    await world.client.get(f"/scene/render?{SMALL}{query}")
+    asked = world.renderer.calls[-1][3]
+    assert (asked.name, asked.samples) == (look, samples)
+
+
+@pytest.mark.parametrize(
     ("shape", "look", "kept"),
     [
         (PointCloud(np.zeros((1, 3)), {}), "plain", True),
@@ -187,7 +197,8 @@ async def test_the_stereo_camera_where_there_is_one(world: World):
         ("height=99999999999999999999", "height='99999999999999999999' is not a number of pixels"),
         ("width=1000&height=1000", "width x height = 1000x1000 has more than 100000 pixels"),
         (f"{SMALL}&type=normals", "type='normals' is none of color, depth, label"),
-        (f"{SMALL}&look=cartoon", "look='cartoon' is none of phong, pbr, plain"),
+        (f"{SMALL}&look=cartoon", "look='cartoon' is none of phong, pbr, plain, studio"),
+        (f"{SMALL}&samples=2", "samples='2' is none of 1, 4, 8"),
         (f"{SMALL}&format=bmp", "format='bmp' is none of tiff, png"),
         (f"{SMALL}&fovy=200", "fovy='200' must lie between 0 and 180"),
         (f"{SMALL}&fovy=wide", "fovy='wide' is not a number"),
@@ -234,7 +245,7 @@ async def test_beyond_the_queue_the_answer_is_503_with_retry_after(world: World)
 async def test_every_parameter_is_documented(world: World):
     document = (await world.client.get("/openapi.json")).json()
     names = [p["name"] for p in document["paths"]["/scene/render"]["get"]["parameters"]]
-    assert names == ["camera", "type", "width", "height", "look", "fovy", "near", "far", "format"]
+    assert names == ["camera", "type", "width", "height", "look", "samples", "fovy", "near", "far", "format"]
 
 
 async def test_the_status_counts(world: World):

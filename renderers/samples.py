@@ -1,0 +1,118 @@
+"""Anti-aliasing by samples on visibility: each pixel's samples are rasterized, and what they see is shaded once.
+
+Every sample position is a visibility buffer of its own, drawn by a camera whose principal point is moved. A pixel
+that sees one element in all samples is shaded once; only those at edges are shaded for each element they see.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from renderers.camera import Camera
+from renderers.jit import kernel
+
+SampleCount = Literal[1, 4, 8]
+
+_SIXTEENTHS: Final[dict[int, tuple[tuple[int, int], ...]]] = {
+    1: ((0, 0),),
+    4: ((-2, -6), (6, -2), (-6, 2), (2, 6)),
+    8: ((1, -3), (-1, 3), (5, 1), (-3, -5), (-5, 5), (-7, -1), (3, 7), (7, -7)),
+}
+"""Offsets from the pixel's centre in 1/16 pixel: Direct3D's standard patterns, which most GPUs use."""
+
+
+def sample_cameras(camera: Camera, samples: int) -> tuple[Camera, ...]:
+    """A camera for each sample position; the same one for a single sample.
+
+    Raises:
+        ValueError: ``samples`` is not 1, 4 or 8.
+    """
+    offsets = _SIXTEENTHS.get(samples)
+    if offsets is None:
+        raise ValueError(f"samples must be 1, 4 or 8, not {samples}")
+    if samples == 1:
+        return (camera,)
+    return tuple(replace(camera, cx=camera.cx - x / 16.0, cy=camera.cy - y / 16.0) for x, y in offsets)
+
+
+def distinct(planes: Sequence[NDArray[np.int32]]) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
+    """What the samples see, each element once.
+
+    Args:
+        planes: (H, W) int32 records of each sample, -1 for nothing.
+
+    Returns:
+        (n, H, W) int32: the k-th different record of every pixel in the order of the samples, -1 for none. (n, H, W)
+        uint8: how many of its samples see it. Samples that see nothing count nowhere.
+    """
+    stacked = np.stack(planes)
+    counts = np.zeros(stacked.shape, np.uint8)
+    _distinct(stacked, counts)
+    used = 1
+    while used < len(stacked) and bool((stacked[used] >= 0).any()):
+        used += 1
+    return stacked[:used], counts[:used]
+
+
+@kernel("void(int32[:,:,::1], uint8[:,:,::1])")
+def _distinct(planes, counts):  # type: ignore[no-untyped-def]
+    """In place."""
+    n, height, width = planes.shape
+    seen = np.empty(n, np.int32)
+    for y in range(height):
+        for x in range(width):
+            first = planes[0, y, x]
+            same = True
+            for k in range(1, n):
+                same = same and planes[k, y, x] == first
+            if same:
+                counts[0, y, x] = n if first >= 0 else 0
+                for k in range(1, n):
+                    planes[k, y, x] = -1
+                continue
+            for k in range(n):
+                seen[k] = planes[k, y, x]
+                planes[k, y, x] = -1
+            used = 0
+            for k in range(n):
+                if seen[k] < 0:
+                    continue
+                slot = 0
+                while slot < used and planes[slot, y, x] != seen[k]:
+                    slot += 1
+                if slot == used:
+                    planes[used, y, x] = seen[k]
+                    used += 1
+                counts[slot, y, x] += 1
+
+
+def mix(
+    colors: NDArray[np.uint8],
+    counts: NDArray[np.uint8],
+    samples: int,
+    background: tuple[int, int, int],
+    out: NDArray[np.uint8],
+) -> None:
+    """The mean of what the samples see: (n, H, W, 3) colours by (n, H, W) counts of ``distinct``, the background for
+    the rest."""
+    _mix(colors, counts, samples, np.array(background, np.uint8), out)
+
+
+@kernel("void(uint8[:,:,:,::1], uint8[:,:,::1], int64, uint8[::1], uint8[:,:,::1])")
+def _mix(colors, counts, samples, background, out):  # type: ignore[no-untyped-def]
+    n, height, width = counts.shape
+    for y in range(height):
+        for x in range(width):
+            rest = samples
+            for k in range(n):
+                rest -= counts[k, y, x]
+            for c in range(3):
+                total = rest * np.int64(background[c])
+                for k in range(n):
+                    total += np.int64(counts[k, y, x]) * np.int64(colors[k, y, x, c])
+                out[y, x, c] = np.uint8((total + samples // 2) // samples)

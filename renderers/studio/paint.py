@@ -1,0 +1,182 @@
+"""A picture of the ``studio`` look."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from renderers.camera import Camera
+from renderers.color import linear_from_srgb
+from renderers.drawlist import DrawList
+from renderers.pointers import address_of
+from renderers.samples import distinct, sample_cameras
+from renderers.studio import kernels as k
+from renderers.studio.lamps import light_table
+from renderers.studio.rig import MAX_LIGHTS, MAX_SHADOWS, Rig
+from renderers.studio.sampling import BYTE_VALUES
+from renderers.studio.shadows import draw_maps, shadow_tables, visible_points
+from renderers.studio.surroundings import Ambient, ambient_of, split_sum
+from renderers.studio.tables import StudioScene, normal_matrices
+from renderers.studio.tonemap import SRGB_GUESSES, SRGB_THRESHOLDS
+
+if TYPE_CHECKING:  # the rasterizer calls this module
+    from renderers.cpu.visibility import Rasterizer, Visibility
+
+MAX_LAYERS: Final = 32
+"""Translucent surfaces behind one another in a pixel that are drawn, nearest first."""
+_ONE: Final = np.zeros((0, 0), np.uint8)
+
+
+def paint(
+    rasterizer: Rasterizer,
+    scene: DrawList,
+    studio: StudioScene,
+    camera: Camera,
+    rig: Rig,
+    samples: int,
+    background: tuple[int, int, int],
+    color: NDArray[np.uint8],
+) -> None:
+    """Draws the colour picture.
+
+    Opaque surfaces are rasterized at every sample position and shaded once per pixel and element. A scene with
+    translucent or cut-out surfaces is peeled and shaded at each sample position: their edges are in their textures.
+    Every fragment is tone-mapped, then fragments are mixed in the linear light of the display.
+
+    Args:
+        rasterizer: gives visibility and runs bands.
+        studio: prepared from the scene's instances.
+        samples: 1, 4 or 8 a pixel.
+        background: RGB as stored in the picture.
+        color: (H, W, 3) uint8, C-contiguous; every pixel is written.
+
+    Raises:
+        SurroundingsError: the rig's picture of the surroundings cannot be used.
+        ValueError: ``samples``.
+    """
+    from renderers.cpu.visibility import BAND_ROWS, band_count
+
+    cull = studio.cull_back if studio.cull_back.any() else None
+    opaque = ~studio.layered if studio.layered.any() else None
+    cameras = sample_cameras(camera, samples)
+    out = np.zeros((camera.height, camera.width, 4), np.float32)
+    bands = band_count(camera.height)
+    with ExitStack() as stack:
+        views = [
+            stack.enter_context(rasterizer.visibility(scene, each, select=opaque, cull_back=cull)) for each in cameras
+        ]
+        lights = (scene.lights if scene.lights and rig.scene_lights else rig.lights)[:MAX_LIGHTS]
+        points = visible_points(views[0], cameras[0]) if rig.shadow_size else np.zeros((0, 3))
+        maps, rows = draw_maps(rasterizer, scene, lights, points, rig.shadow_size, MAX_SHADOWS)
+        for each in maps:
+            stack.callback(each.seen.close)
+        ambient = ambient_of(rig.surroundings) if rig.surroundings is not None else None
+        light = _Light(rig, light_table(lights, rows, camera), len(lights), *shadow_tables(maps, camera), ambient)
+
+        def shade(view: Visibility, lens: Camera, mode: int, ids: Any, counts: Any, weight: float, target: Any) -> None:
+            job, keep = _job(studio, view, lens, light)
+
+            def band(unit: int) -> None:
+                begin = unit * BAND_ROWS
+                end = min(begin + BAND_ROWS, camera.height)
+                k.shade_rows(mode, job, ids, counts, weight, view.first_record, begin, end, target)
+
+            rasterizer.parallel(bands, band)
+            del keep
+
+        if opaque is None:
+            layers, counts = distinct([view.ids for view in views])
+            for ids, count in zip(layers, counts, strict=True):
+                shade(views[0], camera, k.ADD, ids, count, 1.0 / samples, out)
+        else:
+            for view, lens in zip(views, cameras, strict=True):
+                own = np.zeros_like(out)
+                for layer in _peeled(rasterizer, scene, studio, lens, cull, view):
+                    shade(layer, lens, k.BENEATH, layer.ids, _ONE, 1.0, own)
+                    layer.ids[own[..., 3] >= 1.0] = -1  # nothing can be seen behind
+                shade(view, lens, k.BENEATH, view.ids, _ONE, 1.0, own)
+                out += own if samples == 1 else own * np.float32(1.0 / samples)
+    behind = np.array([linear_from_srgb(value / 255.0) for value in background])
+
+    def finish(unit: int) -> None:
+        begin = unit * BAND_ROWS
+        end = min(begin + BAND_ROWS, camera.height)
+        k.finish_rows(out, behind, SRGB_THRESHOLDS, SRGB_GUESSES, begin, end, color)
+
+    rasterizer.parallel(bands, finish)
+
+
+def _peeled(
+    rasterizer: Rasterizer,
+    scene: DrawList,
+    studio: StudioScene,
+    camera: Camera,
+    cull: NDArray[np.bool_] | None,
+    behind: Visibility,
+) -> Iterator[Visibility]:
+    """The translucent surfaces in front of ``behind``, nearest first; pixels taken out of a layer see no further."""
+    beyond: Visibility | None = None
+    try:
+        for _ in range(MAX_LAYERS):
+            layer = rasterizer.visibility(
+                scene, camera, select=studio.layered, cull_back=cull, beyond=beyond, before=behind
+            )
+            if beyond is not None:
+                beyond.close()
+            beyond = layer
+            if not (layer.ids >= 0).any():
+                break
+            yield layer
+    finally:
+        if beyond is not None:
+            beyond.close()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Light:
+    """What lights a picture, in its camera's frame."""
+
+    rig: Rig
+    lamps: NDArray[np.float64]
+    count: int
+    floats: NDArray[np.float64]
+    """Of the shadow maps, as ``integers``."""
+    integers: NDArray[np.int64]
+    ambient: Ambient | None
+
+
+def _job(
+    studio: StudioScene, view: Visibility, camera: Camera, light: _Light
+) -> tuple[NDArray[np.int64], tuple[object, ...]]:
+    """The kernel's table, and what its addresses point into."""
+    X = view.X_camera_mesh if len(view.X_camera_mesh) else np.eye(4)[None]
+    N = normal_matrices(X)
+    turn = camera.X_world_camera[:3, :3]
+    lens = np.array((camera.fx, camera.fy, camera.cx, camera.cy, light.rig.exposure, *turn.flat))
+    values = np.ascontiguousarray(BYTE_VALUES)
+    job = np.zeros(k.J_COLUMNS, np.int64)
+    job[k.J_INSTANCES] = address_of(studio.instances, np.int64)
+    job[k.J_MATERIAL_INTEGERS] = address_of(studio.material_integers, np.int64)
+    job[k.J_MATERIAL_FLOATS] = address_of(studio.material_floats, np.float32)
+    job[k.J_TEXTURE_INTEGERS] = address_of(studio.texture_integers, np.int64)
+    job[k.J_TEXTURE_FLOATS] = address_of(studio.texture_floats, np.float32)
+    job[k.J_VALUES] = address_of(values, np.float32)
+    job[k.J_X] = address_of(X, np.float64)
+    job[k.J_N] = address_of(N, np.float64)
+    job[k.J_LIGHTS] = address_of(light.lamps, np.float64)
+    job[k.J_LIGHT_COUNT] = light.count
+    job[k.J_SHADOW_FLOATS] = address_of(light.floats, np.float64)
+    job[k.J_SHADOW_INTEGERS] = address_of(light.integers, np.int64)
+    job[k.J_SHADOW_RADIUS] = light.rig.shadow_radius
+    if light.ambient is not None:
+        job[k.J_HARMONICS] = address_of(light.ambient.harmonics, np.float64)
+        job[k.J_LEVELS] = address_of(light.ambient.columns, np.int64)
+        job[k.J_SPLIT] = address_of(split_sum(), np.float32)
+        job[k.J_SPLIT_SIDE] = split_sum().shape[0]
+    job[k.J_LENS] = address_of(lens, np.float64)
+    return job, (X, N, lens, values, light)

@@ -1,0 +1,247 @@
+"""A draw list as tables that the kernels of this look read."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from renderers.drawlist import AlphaMode, Instance, Material, Mesh, Texture, Topology
+from renderers.pointers import address_of
+from renderers.shading.materials import look_material
+from renderers.studio.mips import MipTable, mip_chain
+from renderers.studio.tangents import corner_tangents
+
+# Columns of the instance table; from II_ELEMENTS on addresses, 0 where the mesh has no such array.
+II_TOPOLOGY: Final = 0
+II_MATERIAL: Final = 1
+II_CORNER_TANGENTS: Final = 2  # 1: tangents by corner of a triangle, 0: by vertex
+II_ELEMENTS: Final = 3
+II_POSITIONS: Final = 4
+II_NORMALS: Final = 5
+II_UV0: Final = 6
+II_UV1: Final = 7
+II_COLORS: Final = 8
+II_TANGENTS: Final = 9
+II_COLUMNS: Final = 10
+
+# Columns of the materials' integer table: rows of the texture table or -1.
+MI_ALPHA: Final = 0  # 0 opaque, 1 mask, 2 blend
+MI_UNLIT: Final = 1
+MI_BASE: Final = 2
+MI_METALLIC_ROUGHNESS: Final = 3
+MI_NORMAL: Final = 4
+MI_OCCLUSION: Final = 5
+MI_EMISSIVE: Final = 6
+MI_SPECULAR: Final = 7
+MI_SPECULAR_COLOR: Final = 8
+MI_COLUMNS: Final = 9
+
+# Columns of the materials' float table.
+MF_BASE: Final = 0  # 4
+MF_METALLIC: Final = 4
+MF_ROUGHNESS: Final = 5
+MF_NORMAL_SCALE: Final = 6
+MF_OCCLUSION: Final = 7
+MF_EMISSIVE: Final = 8  # 3, with the strength
+MF_CUTOFF: Final = 11
+MF_REFLECTANCE: Final = 12  # of the dielectric, seen from the front
+MF_SPECULAR: Final = 13
+MF_SPECULAR_COLOR: Final = 14  # 3
+MF_COLUMNS: Final = 17
+
+_ALPHA: Final = {AlphaMode.OPAQUE: 0, AlphaMode.MASK: 1, AlphaMode.BLEND: 2}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StudioScene:
+    """What the kernels read of a draw list; independent of the camera and the rig, shared between threads."""
+
+    instances: NDArray[np.int64]
+    """(n, II_COLUMNS)."""
+    material_integers: NDArray[np.int64]
+    """(m, MI_COLUMNS)."""
+    material_floats: NDArray[np.float32]
+    """(m, MF_COLUMNS)."""
+    texture_integers: NDArray[np.int64]
+    """(t, TI_COLUMNS)."""
+    texture_floats: NDArray[np.float32]
+    """(t, TF_COLUMNS)."""
+    cull_back: NDArray[np.bool_]
+    """(n,): whose back faces are not shown."""
+    layered: NDArray[np.bool_]
+    """(n,): who may let something behind it be seen."""
+    keep: tuple[Any, ...]
+    """What the addresses in the tables point into."""
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of what was made for this look."""
+        return sum(each.nbytes for each in self.keep if not isinstance(each, (Mesh, Material)))
+
+
+_tangents: WeakKeyDictionary[Mesh, dict[int, NDArray[np.float32]]] = WeakKeyDictionary()
+"""By mesh, then by the set of coordinates they follow."""
+_lock = threading.Lock()
+
+
+def _tangents_of(mesh: Mesh, uv_set: int) -> NDArray[np.float32] | None:
+    """By corner, made once while the mesh lives; None: it has no coordinates or is no surface."""
+    uv = mesh.uv1 if uv_set == 1 else mesh.uv0
+    if uv is None or mesh.normals is None or mesh.topology is not Topology.TRIANGLES:
+        return None
+    with _lock:
+        known = _tangents.get(mesh, {}).get(uv_set)
+    if known is None:
+        fresh = corner_tangents(mesh.positions, mesh.normals, uv, mesh.elements)
+        with _lock:
+            known = _tangents.setdefault(mesh, {}).setdefault(uv_set, fresh)
+    return known
+
+
+def reflectance(ior: float) -> float:
+    """Of a dielectric in air seen from the front (KHR_materials_ior); 0 stands for total reflection."""
+    return 1.0 if ior == 0.0 else ((ior - 1.0) / (ior + 1.0)) ** 2
+
+
+def _material_rows(material: Material, lit: bool, textures: MipTable) -> tuple[list[int], list[float]]:
+    seen = look_material(material, "pbr")
+    unlit = seen.unlit or not lit
+    shiny = seen.metallic < 1.0 or seen.metallic_roughness_texture is not None
+
+    def row(texture: Texture | None, wanted: bool, srgb: bool = False) -> int:
+        return textures.row(texture, srgb) if texture is not None and wanted else -1
+
+    integers = [
+        _ALPHA[seen.alpha_mode],
+        int(unlit),
+        row(seen.base_color_texture, True, True),
+        row(seen.metallic_roughness_texture, not unlit),
+        row(seen.normal_texture, not unlit),
+        row(seen.occlusion_texture, not unlit and seen.occlusion_strength != 0.0),
+        row(seen.emissive_texture, not unlit and any(seen.emissive), True),
+        row(seen.specular_texture, not unlit and shiny),
+        row(seen.specular_color_texture, not unlit and shiny, True),
+    ]
+    floats = [
+        *seen.base_color,
+        seen.metallic,
+        seen.roughness,
+        seen.normal_scale,
+        seen.occlusion_strength,
+        *(value * seen.emissive_strength for value in seen.emissive),
+        seen.alpha_cutoff,
+        reflectance(seen.ior),
+        seen.specular,
+        *seen.specular_color,
+    ]
+    return integers, floats
+
+
+def _lets_through(instance: Instance) -> bool:
+    """Whether something behind may be seen through the instance; knows textures without transparent texels."""
+    material = instance.material
+    if material.alpha_mode is AlphaMode.OPAQUE:
+        return False
+    texture = material.base_color_texture
+    opaque = instance.mesh.colors is None
+    if texture is not None and opaque:
+        opaque = bool((mip_chain(texture.image, True).levels[0][..., 3] == 255).all())
+    least = material.alpha_cutoff if material.alpha_mode is AlphaMode.MASK else 1.0
+    return not (opaque and material.base_color[3] >= least)
+
+
+def _addresses(mesh: Mesh, keep: list[Any]) -> tuple[int, ...]:
+    """From ``II_ELEMENTS`` on, without tangents.
+
+    Raises:
+        ValueError, TypeError: an attribute is not what ``Mesh`` says: kernels would read beyond it.
+    """
+    count = len(mesh.positions)
+    for name, width in (("positions", 3), ("normals", 3), ("uv0", 2), ("uv1", 2), ("colors", 4), ("tangents", 4)):
+        array = getattr(mesh, name)
+        if array is not None and array.shape != (count, width):
+            raise ValueError(f"mesh with {count} vertices: {name} has shape {array.shape}, not {(count, width)}")
+    keep.append(mesh)
+    return (
+        address_of(mesh.elements, np.uint32),
+        address_of(mesh.positions, np.float32),
+        address_of(mesh.normals, np.float32),
+        address_of(mesh.uv0, np.float32),
+        address_of(mesh.uv1, np.float32),
+        address_of(mesh.colors, np.float32),
+    )
+
+
+def prepare(instances: Sequence[Instance]) -> StudioScene:
+    """Tables of a draw list's instances, in their order; decodes the images that they need.
+
+    Raises:
+        ImageError: an image cannot be decoded.
+        ValueError, TypeError: a mesh's arrays are not what ``Mesh`` says.
+    """
+    textures = MipTable()
+    rows: dict[tuple[int, bool], int] = {}
+    integers: list[list[int]] = []
+    floats: list[list[float]] = []
+    keep: list[Any] = []
+    geometry: dict[int, tuple[int, ...]] = {}
+    table = np.zeros((max(len(instances), 1), II_COLUMNS), np.int64)
+    for i, instance in enumerate(instances):
+        mesh, material = instance.mesh, instance.material
+        lit = mesh.topology is Topology.TRIANGLES
+        row = rows.get((id(material), lit))
+        if row is None:
+            row = rows[id(material), lit] = len(integers)
+            keep.append(material)
+            for rows_of, made in zip((integers, floats), _material_rows(material, lit, textures), strict=True):
+                rows_of.append(made)  # type: ignore[attr-defined]
+        columns = geometry.get(id(mesh))
+        if columns is None:
+            columns = geometry[id(mesh)] = _addresses(mesh, keep)
+        tangents, by_corner = mesh.tangents, 0
+        if integers[row][MI_NORMAL] < 0:
+            tangents = None
+        elif tangents is None:
+            assert material.normal_texture is not None
+            tangents, by_corner = _tangents_of(mesh, material.normal_texture.uv_set), 1
+        if tangents is not None:
+            keep.append(tangents)
+        table[i] = (mesh.elements.shape[1], row, by_corner, *columns, address_of(tangents, np.float32))
+    texture_integers, texture_floats = textures.as_tables()
+    with np.errstate(over="ignore"):  # a posted factor beyond float32 is infinite
+        float_table = np.array(floats or [[0.0] * MF_COLUMNS], np.float32)
+    return StudioScene(
+        instances=table,
+        material_integers=np.array(integers or [[-1] * MI_COLUMNS], np.int64),
+        material_floats=float_table,
+        texture_integers=texture_integers,
+        texture_floats=texture_floats,
+        cull_back=np.array([not instance.material.double_sided for instance in instances], np.bool_),
+        layered=np.array([_lets_through(instance) for instance in instances], np.bool_),
+        keep=(*keep, *textures.keep),
+    )
+
+
+def normal_matrices(X_camera_mesh: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 3, 3) float64: maps of normals, the inverse transpose up to a positive factor; defined for flat scales, too.
+
+    Args:
+        X_camera_mesh: (n, 4, 4) float64.
+    """
+    a = X_camera_mesh[:, :3, :3]
+    with np.errstate(all="ignore"):  # instances that are not finite draw nothing
+        cofactors = np.stack(
+            (np.cross(a[:, 1], a[:, 2]), np.cross(a[:, 2], a[:, 0]), np.cross(a[:, 0], a[:, 1])),
+            axis=1,
+        )
+        # cofactor(A) = det(A) A^-T: undo the determinant's sign (mirrored instances) and its size.
+        size = np.abs(cofactors).max(axis=(1, 2), keepdims=True)
+        sign = np.where(np.linalg.det(a) < 0.0, -1.0, 1.0)[:, None, None]
+        result: NDArray[np.float64] = np.ascontiguousarray(cofactors * sign / np.where(size > 0.0, size, 1.0))
+    return result

@@ -1,0 +1,149 @@
+"""Mip levels, tangents, samples: the parts that are checked by themselves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from renderers.camera import Camera
+from renderers.samples import distinct, mix, sample_cameras
+from renderers.studio.mips import make_chain
+from renderers.studio.rig import Rig
+from renderers.studio.tangents import corner_tangents
+from renderers.studio.tonemap import SRGB_GUESSES, SRGB_THRESHOLDS, srgb_byte
+from tests.renderers.shading_reference import ball
+from tests.renderers.studio import reference as ref
+from tests.renderers.studio.scenes import noise
+
+
+@pytest.mark.parametrize("srgb", [True, False])
+def test_levels_are_means(srgb: bool) -> None:
+    image = noise(32)
+    chain = make_chain(image.decode(), srgb)
+    exact = ref.levels(image, srgb)
+    assert [level.shape for level in chain.levels] == [level.shape for level in exact]
+    for level, expected in zip(chain.levels, exact, strict=True):
+        shown = np.concatenate(
+            (ref.srgb(expected[..., :3]) if srgb else 255 * expected[..., :3], 255 * expected[..., 3:]), -1
+        )
+        assert np.abs(level - shown).max() <= 1.1  # half a level of rounding, again at every level
+
+
+@pytest.mark.parametrize("shape", [(5, 7), (1, 9), (12, 1), (3, 2), (2, 2)])
+def test_levels_of_odd_sizes_keep_the_mean(shape: tuple[int, int]) -> None:
+    rng = np.random.default_rng(1)
+    pixels = rng.integers(0, 256, (*shape, 4)).astype(np.uint8)
+    chain = make_chain(pixels, False)
+    for before, level in zip(chain.levels, chain.levels[1:], strict=False):
+        assert level.shape[:2] == tuple(max(side // 2, 1) for side in before.shape[:2])
+        assert np.abs(level.mean(axis=(0, 1)) - before.mean(axis=(0, 1))).max() <= 0.5
+    assert chain.levels[-1].shape[:2] == (1, 1)
+
+
+def test_every_level_of_srgb() -> None:
+    values = np.concatenate((np.linspace(-0.1, 1.1, 20_001), [np.nan]))
+    got = np.array([srgb_byte(v, SRGB_THRESHOLDS, SRGB_GUESSES) for v in values[::20]])
+    exact = ref.srgb(np.nan_to_num(values[::20]))
+    assert np.abs(got - exact).max() <= 0.501
+
+
+def tangents_of(uv: np.ndarray) -> np.ndarray:
+    mesh = ball(12)
+    assert mesh.normals is not None
+    return corner_tangents(mesh.positions, mesh.normals, uv, mesh.elements).reshape(-1, 3, 4)
+
+
+def planar() -> np.ndarray:
+    """u along x, v against z (down the picture, if z is up)."""
+    mesh = ball(12)
+    return np.stack((mesh.positions[:, 0], -mesh.positions[:, 2]), -1).astype(np.float32)
+
+
+def test_tangents_lie_in_the_plane_of_the_normal_and_follow_u() -> None:
+    mesh = ball(12)
+    assert mesh.normals is not None
+    made = tangents_of(planar())
+    n = mesh.normals[mesh.elements]
+    used = np.linalg.norm(made[..., :3], axis=-1) > 0
+    assert used.mean() > 0.95
+    np.testing.assert_allclose(np.linalg.norm(made[used][:, :3], axis=-1), 1.0, atol=1e-5)
+    assert np.abs((made[..., :3] * n).sum(-1)[used]).max() < 1e-5
+    # Where the surface faces the map, the tangent is x as the surface shows it.
+    facing = np.abs(n[..., 1]) > 0.9
+    x = ref.normalized(np.array((1.0, 0, 0)) - n * n[..., :1])
+    assert (made[..., :3] * x).sum(-1)[facing & used].min() > 0.995
+
+
+def test_handedness_turns_with_the_coordinates_and_bitangents_point_up_the_picture() -> None:
+    mesh = ball(12)
+    assert mesh.normals is not None
+    n = mesh.normals[mesh.elements]
+    for sign in (1.0, -1.0):
+        made = tangents_of(planar() * np.array((sign, 1.0), np.float32))
+        bitangent = np.cross(n, made[..., :3]) * made[..., 3:]
+        facing = np.abs(n[..., 1]) > 0.9
+        assert bitangent[facing][:, 2].min() > 0.9  # v falls with z
+
+
+def test_vertices_on_a_mirror_line_have_both_hands() -> None:
+    """Two squares whose coordinates mirror each other share two vertices: MikkTSpace gives each side its own."""
+    p = np.array(((-1, 0, 0), (0, 0, 0), (1, 0, 0), (-1, 1, 0), (0, 1, 0), (1, 1, 0)), np.float32)
+    uv = np.stack((np.abs(p[:, 0]), 1 - p[:, 1]), -1).astype(np.float32)
+    triangles = np.array(((0, 1, 4), (0, 4, 3), (1, 2, 5), (1, 5, 4)), np.uint32)
+    normals = np.tile(np.array((0, 0, 1), np.float32), (6, 1))
+    made = corner_tangents(p, normals, uv, triangles).reshape(-1, 3, 4)
+    np.testing.assert_allclose(made[:2], np.broadcast_to((-1, 0, 0, -1), (2, 3, 4)), atol=1e-6)
+    np.testing.assert_allclose(made[2:], np.broadcast_to((1, 0, 0, 1), (2, 3, 4)), atol=1e-6)
+
+
+def test_vertices_are_welded_and_weighted_by_angle() -> None:
+    """The order of vertices, and whether equal ones are shared, does not matter."""
+    mesh = ball(8)
+    assert mesh.normals is not None
+    uv = np.stack((mesh.positions[:, 0] + 0.2 * mesh.positions[:, 1], -mesh.positions[:, 2]), -1).astype(np.float32)
+    shared = corner_tangents(mesh.positions, mesh.normals, uv, mesh.elements)
+    flat = mesh.elements.reshape(-1)
+    apart = corner_tangents(
+        mesh.positions[flat], mesh.normals[flat], uv[flat], np.arange(len(flat), dtype=np.uint32).reshape(-1, 3)
+    )
+    np.testing.assert_allclose(shared, apart, atol=1e-6)
+
+
+def test_unusable_coordinates_give_no_tangent() -> None:
+    mesh = ball(4)
+    assert mesh.normals is not None
+    for uv in (np.zeros((len(mesh.positions), 2)), np.full((len(mesh.positions), 2), np.nan)):
+        made = corner_tangents(mesh.positions, mesh.normals, uv.astype(np.float32), mesh.elements)
+        assert (made[:, :3] == 0).all()
+        assert (np.abs(made[:, 3]) == 1).all()
+
+
+def test_distinct_elements_of_samples() -> None:
+    planes = [np.array([[a, b, c, -1]], np.int32) for a, b, c in ((5, 7, -1), (5, 8, 3), (5, 7, -1), (5, -1, 3))]
+    layers, counts = distinct(planes)
+    assert layers[:, 0].T.tolist() == [[5, -1], [7, 8], [3, -1], [-1, -1]]
+    assert counts[:, 0].T.tolist() == [[4, 0], [2, 1], [2, 0], [0, 0]]
+    colors = np.array(
+        [[[(8, 8, 8), (80, 0, 0), (0, 40, 0), (0, 0, 0)]], [[(0, 0, 0), (0, 80, 0), (0, 0, 0), (0, 0, 0)]]], np.uint8
+    )
+    out = np.zeros((1, 4, 3), np.uint8)
+    mix(colors, counts, 4, (0, 0, 100), out)
+    assert out[0].tolist() == [[8, 8, 8], [40, 20, 25], [0, 20, 50], [0, 0, 100]]
+
+
+def test_sample_positions() -> None:
+    camera = Camera(4, 4, 2.0, 2.0, 2.0, 2.0, 0.1, 1.0, np.eye(4))
+    assert sample_cameras(camera, 1) == (camera,)
+    for samples in (4, 8):
+        offsets = np.array([(2.0 - c.cx, 2.0 - c.cy) for c in sample_cameras(camera, samples)])
+        np.testing.assert_allclose(offsets.mean(axis=0), 0.0, atol=1e-12 if samples == 4 else 0.07)
+        assert len({*offsets[:, 0]}) == len({*offsets[:, 1]}) == samples
+    with pytest.raises(ValueError, match="samples must be 1, 4 or 8, not 2"):
+        sample_cameras(camera, 2)
+
+
+def test_rigs_are_bounded() -> None:
+    with pytest.raises(ValueError, match="shadow_size"):
+        Rig(shadow_size=10)
+    with pytest.raises(ValueError, match="shadow_radius"):
+        Rig(shadow_radius=9)
