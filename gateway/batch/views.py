@@ -20,10 +20,10 @@ from gateway.scene.cameras import (
     PoseCamera,
     StereoCamera,
     parse_camera,
-    resolve_camera,
 )
 from gateway.scene.gltf import GltfCamera
 from gateway.scene.tree import Node
+from gateway.scene.viewpoints import resolve_camera
 from renderers.camera import Camera
 from renderers.drawlist import DrawList
 

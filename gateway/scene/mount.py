@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.scene.cameras import CameraError, LookAtCamera, NodeCamera, parse_camera, resolve_camera
+from gateway.scene.cameras import CameraError, LookAtCamera, NodeCamera, parse_camera
 from gateway.scene.transforms import from_pose, look_at
 from gateway.scene.tree import Node, Path
+from gateway.scene.viewpoints import resolve_camera
 from renderers.drawlist import DrawList
 
 

@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.scene.bounds import BoundsMemory
-from gateway.scene.cameras import CameraError, resolve_camera
+from gateway.scene.cameras import CameraError
 from gateway.scene.flatten import Flattener
 from gateway.scene.gltf_export import export_glb
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree, Snapshot
+from gateway.scene.viewpoints import resolve_camera
 from gateway.sceneapi.config import SceneApiConfig
 from gateway.sceneapi.listing import list_scene
 from gateway.sceneapi.query import PictureQuery, QueryError

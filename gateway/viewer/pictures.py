@@ -8,9 +8,10 @@ from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
 from typing import Final
 
-from gateway.scene.cameras import CameraSpec, resolve_camera
+from gateway.scene.cameras import CameraSpec
 from gateway.scene.flatten import Flattener
 from gateway.scene.live import LiveTree, Snapshot
+from gateway.scene.viewpoints import resolve_camera
 from gateway.viewer.config import ViewerConfig
 from gateway.workers import Busy, Workers
 from renderers.camera import Camera

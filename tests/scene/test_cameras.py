@@ -17,11 +17,11 @@ from gateway.scene.cameras import (
     NodeCamera,
     StereoCamera,
     parse_camera,
-    resolve_camera,
 )
 from gateway.scene.flatten import flatten
 from gateway.scene.geometry import Box, Part, Sphere
 from gateway.scene.tree import Node, TreeEdit
+from gateway.scene.viewpoints import resolve_camera
 from renderers.camera import Camera
 from renderers.drawlist import Material
 

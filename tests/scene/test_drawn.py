@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from gateway.scene import transforms as tf
-from gateway.scene.cameras import parse_camera, resolve_camera
+from gateway.scene.cameras import parse_camera
 from gateway.scene.flatten import Flattener
 from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Line, Part, Shape, Sphere
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree
+from gateway.scene.viewpoints import resolve_camera
 from renderers.cpu import CpuRenderer
 from renderers.drawlist import LABEL_NONE, Material
 from renderers.port import Look, Output
