@@ -159,6 +159,12 @@ class Settings(BaseSettings):
     stereo_scene: str = option(
         "live", "Stereo camera", "What the camera sees: 'live' for the live tree, or a .gltf or .glb file."
     )
+    stereo_images: Path | None = option(
+        None,
+        "Stereo camera",
+        "Folder with stereo pairs (…left….png, …right….png) that are shown in turn in the scene's place; depth is "
+        "matched from them.",
+    )
     stereo_pose: MountPose = option(
         "eye=1.4,-1.1,1.7;target=0,0,0.85",
         "Stereo camera",

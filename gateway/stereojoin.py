@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from fastapi import FastAPI
@@ -13,10 +14,12 @@ from gateway.ops.http import PortService
 from gateway.settings import Settings
 from gateway.stereo.clock import SimulatedClock
 from gateway.stereo.config import StereoConfig, Tls
+from gateway.stereo.pairs import PairStudio, geometry_in, pair_studio, pairs_in
 from gateway.stereo.parameter_specs import NODES
 from gateway.stereo.rest import router
 from gateway.stereo.service import StereoService
 from gateway.stereo.truth import truth_router
+from gateway.stereo.upload import upload_router
 from gateway.stereoeyes import StereoEyes
 from gateway.stereoview import StereoView
 from renderers.stereo.model import MODELS, StereoModel, custom_model
@@ -30,6 +33,9 @@ def join_stereo(house: House) -> None:
     clock = SimulatedClock() if settings.clock == "simulated" else None
     service = StereoService(config, view.scene, view.pose, house.renderer, house.workers, clock)
 
+    if settings.stereo_images is not None:
+        service.show_pairs(_pairs(settings.stereo_images, service))
+
     def status() -> dict[str, Any]:
         described = service.status()
         return {**described, "warning": view.mount.warning} if view.mount.warning else described
@@ -42,13 +48,23 @@ def join_stereo(house: House) -> None:
     house.eyes = StereoEyes(service, view, live=settings.stereo_scene == "live")
     house.app.include_router(router(service))
     house.app.include_router(truth_router(service))
+    house.app.include_router(upload_router(service))
     house.serve("stereo", service, where=f"gRPC on port {settings.grpc_port}", figures=status)
     if settings.rest_port is not None:
         device = FastAPI(openapi_url=None, telemetry=NO_TELEMETRY)
         device.include_router(router(service))
+        device.include_router(upload_router(service))
         house.guard.protect(device)
         port = PortService(device, settings.host, settings.rest_port, house.guard.tls)
         house.serve("rest", port, where="/api")
+
+
+def _pairs(folder: Path, service: StereoService) -> PairStudio:
+    """The pairs of a folder, with the geometry that is written there or else the model's."""
+    config = service.config
+    pairs = pairs_in(folder, config.max_pairs, config.max_pair_pixels)
+    geometry = geometry_in(folder) or (config.model.focal_factor, config.model.baseline)
+    return pair_studio(service.scene_studio, pairs, *geometry)
 
 
 def config_of(settings: Settings) -> StereoConfig:

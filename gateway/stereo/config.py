@@ -64,6 +64,12 @@ class StereoConfig:
     hostname: str = "scenegate"
     max_clients: int = 64
     """Streams at a time; each holds one set (up to 70 MB with a full mesh) in its mailbox and some in its socket."""
+    max_pairs: int = 10_000
+    """Stereo pairs in a folder that is shown in the scene's place: 400 s at the camera's rate; their names are kept."""
+    max_pair_pixels: int = 20_000_000
+    """Of one such image: 16 times the device's; 60 MB decoded, and eight are kept."""
+    max_upload: int = 64 << 20
+    """Bytes of a pair that is uploaded: four such images, compressed."""
     max_events: int = 64
     """Image events that wait for one listener; at the highest rate 2.5 s of them, some 2 kB."""
     max_kinds: int = 16

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from gateway.stereo.messages import INPUT_MASK, NANOSECONDS, OUTPUT_MASK
+from gateway.stereo.pairs import PairStudio
 from gateway.stereo.parameter_specs import NODES
 from gateway.stereo.service import StereoService
 
@@ -131,7 +132,7 @@ def _camera(service: StereoService) -> dict[str, object]:
         "color": 1,
         "temp_left": 35.0,
         "temp_right": 35.0,
-        "test": 0,
+        "test": int(isinstance(service.studio, PairStudio)),
         "params_override_active": 0,
         "selfcalib_counter": 0,
         "selfcalib_offset": 0.0,

@@ -58,6 +58,7 @@ class Record:
     settings: StreamSettings
     camera: Shot
     depth: Shot
+    studio: Studio
 
 
 class Metronome:
@@ -75,7 +76,8 @@ class Metronome:
         clock: Clock,
         trigger: Trigger,
     ) -> None:
-        self._studio = studio
+        self.studio = studio
+        """What frames are made by from now on."""
         self._workers = workers
         self._hub = hub
         self._events = events
@@ -123,7 +125,7 @@ class Metronome:
 
     async def _turn(self) -> None:
         """Waits for what comes next, and takes a frame if it is due."""
-        hub, fast = self._hub, self._studio.config.rate == "max"
+        hub, fast = self._hub, self.studio.config.rate == "max"
         hub.changed.clear()
         if len(hub) == 0:
             self._last = self._last_depth = self._depth_next = None
@@ -157,7 +159,7 @@ class Metronome:
         """Whether the frame that would be taken now is one with depth."""
         if settings.single:
             return self._trigger.pending
-        if self._studio.config.rate == "max" or self._depth_next is None:
+        if self.studio.config.rate == "max" or self._depth_next is None:
             return True
         ahead = self._depth_next - self._clock.stamp(self._stamp, period)
         # Far ahead: the computer's clock was set back.
@@ -165,7 +167,7 @@ class Metronome:
 
     async def _room(self, group: set[asyncio.Task[None]], kinds: set[Kind]) -> set[Kind]:
         """The kinds, or none when too much is in work; waits for it where frames must not be skipped."""
-        config = self._studio.config
+        config = self.studio.config
         matching = config.depth_mode == "matched" and group is self._depth_tasks
         limit = 1 if matching or self._clock.simulated else config.frames_in_flight
         while kinds and len(group) >= limit:
@@ -178,7 +180,7 @@ class Metronome:
     async def _take(self, settings: StreamSettings, plain: set[Kind], depth: set[Kind], period: int) -> None:
         """Notes the scene as it is now and lets the sets be made."""
         stamp = self._clock.stamp(self._stamp, period)
-        camera = await self._shot(stamp, settings.lines(depth=False), plain | depth)
+        camera = await self._shot(self._number + 1, stamp, settings.lines(depth=False), plain | depth)
         if camera is None:
             return
         self._number += 1
@@ -204,20 +206,20 @@ class Metronome:
 
     async def _expose_again(self, settings: StreamSettings, camera: Shot, kinds: set[Kind]) -> None:
         """Alternate exposure: the depth image follows after 40 ms, with Out1 high."""
-        if self._studio.config.rate == "device":
+        if self.studio.config.rate == "device":
             await asyncio.sleep(ALTERNATE_GAP / 1e9)
-        shot = await self._shot(camera.timestamp + ALTERNATE_GAP, settings.lines(depth=True), kinds)
+        shot = await self._shot(camera.index, camera.timestamp + ALTERNATE_GAP, settings.lines(depth=True), kinds)
         if shot is None:
             return
         self._last_depth = self._frame(settings, camera, shot, kinds)
         await self._acquire(self._last_depth, kinds)
 
     def _frame(self, settings: StreamSettings, camera: Shot, depth: Shot, kinds: set[Kind]) -> Frame:
-        frame = Frame(self._studio, self._workers, self._number, settings, camera, depth, kinds)
-        self.history.append(Record(self._number, settings, camera, depth))
+        frame = Frame(self.studio, self._workers, self._number, settings, camera, depth, kinds)
+        self.history.append(Record(self._number, settings, camera, depth, self.studio))
         return frame
 
-    async def _shot(self, stamp: int, lines: int, kinds: set[Kind]) -> Shot | None:
+    async def _shot(self, index: int, stamp: int, lines: int, kinds: set[Kind]) -> Shot | None:
         """The scene and the pose as they are now; None when there is none, which the clients are told."""
         try:
             async with self._sampling:
@@ -228,7 +230,7 @@ class Metronome:
             for kind in kinds:
                 self._fail(kind, "the scene could not be read", error)
         else:
-            return Shot(stamp, scene, revision, pose, lines)
+            return Shot(stamp, scene, revision, pose, lines, index)
         return None
 
     def _sample(self) -> tuple[DrawList, int, NDArray[np.float64]]:
@@ -239,7 +241,7 @@ class Metronome:
         """Takes the images of a depth frame, tells who listens, and makes the sets."""
         # Averaged images are there when the last of them is taken; the timestamp is the first one's.
         gap = round((frame.settings.averaged - 1) / frame.settings.camera_rate * 1e9)
-        if self._studio.config.rate == "device":
+        if self.studio.config.rate == "device":
             await asyncio.sleep(gap / 1e9)
         stamp = frame.depth.timestamp
         self._events.depth_acquisition_done(stamp, stamp + gap if self._clock.simulated else time.time_ns())

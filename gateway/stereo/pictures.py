@@ -36,6 +36,8 @@ class Shot:
     """(4, 4) float64: pose of the left optical frame."""
     lines: int
     """GPIO values."""
+    index: int = 0
+    """Number of the frame."""
 
     def projected(self, config: StereoConfig) -> bool:
         """Whether the projector's light is on: it hangs on Out1."""

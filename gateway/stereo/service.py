@@ -14,6 +14,7 @@ from gateway.stereo.config import StereoConfig
 from gateway.stereo.events import EventHub
 from gateway.stereo.hub import Hub
 from gateway.stereo.pacing import Counts, Metronome, PoseSource, Record, SceneSource
+from gateway.stereo.pairs import PairStudio
 from gateway.stereo.parameters import Parameters
 from gateway.stereo.pictures import Metered, Studio
 from gateway.stereo.settings import NEUTRAL_BLUE, NEUTRAL_RED, StreamSettings
@@ -45,18 +46,17 @@ class StereoService:
             workers: threads for everything that takes longer than a moment.
             clock: of the timestamps; None: the computer's.
         """
-        self.config = config
         self.parameters = Parameters()
         self.stored: Callable[[], Awaitable[str]] | None = None
         """Waits until the parameters are stored, where they are: empty, or why they could not be."""
         self.trigger = Trigger()
-        self.studio = Studio(config, renderer)
+        self._scene_studio = Studio(config, renderer)
         self.workers = workers
         self.hub = Hub(config.max_clients, config.max_kinds)
         self.events = EventHub(config.max_clients, config.max_events)
         self.started = time.time()
         self._metronome = Metronome(
-            self.studio,
+            self._scene_studio,
             workers,
             self.hub,
             self.events,
@@ -67,6 +67,26 @@ class StereoService:
             self.trigger,
         )
         self._port: int | None = None
+
+    @property
+    def studio(self) -> Studio:
+        """What makes the pictures of new frames: of the scene, or of pairs that were given."""
+        return self._metronome.studio
+
+    @property
+    def config(self) -> StereoConfig:
+        """What is fixed from start to end; model and depth mode are those of the pairs while such are shown."""
+        return self.studio.config
+
+    def show_pairs(self, studio: PairStudio | None) -> None:
+        """Shows pairs from the next frame on; None: the scene again."""
+        self._metronome.studio = studio or self._scene_studio
+        self.hub.changed.set()
+
+    @property
+    def scene_studio(self) -> Studio:
+        """The one of the scene, whatever is shown."""
+        return self._scene_studio
 
     @property
     def ready(self) -> bool:

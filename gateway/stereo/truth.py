@@ -37,7 +37,9 @@ def truth_router(service: StereoService) -> APIRouter:
         except LookupError as error:
             return JSONResponse({"message": str(error)}, 404)
         try:
-            data = await service.workers.run(truth_of, service.studio, record)
+            data = await service.workers.run(truth_of, record.studio, record)
+        except LookupError as error:
+            return JSONResponse({"message": str(error)}, 404)
         except Busy as error:
             return JSONResponse({"message": str(error)}, 503, {"Retry-After": str(error.retry_after)})
         return Response(data, media_type="application/zip", headers={"Cache-Control": "no-store"})

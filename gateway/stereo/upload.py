@@ -1,0 +1,103 @@
+"""The device's undocumented test mode: a stereo pair that is uploaded is shown in the scene's place."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from typing import Any
+
+from fastapi import APIRouter, Request
+from fastapi.responses import JSONResponse
+from starlette.datastructures import FormData, UploadFile
+from starlette.formparsers import MultiPartException, MultiPartParser
+
+from gateway.stereo.pairs import Pair, Pairs, PairStudio, pair_studio
+from gateway.stereo.service import StereoService
+from gateway.workers import Busy
+from renderers.drawlist import ImageError
+
+PATH = "/api/v2/pipelines/0/test/set"
+_LOW = ("left_out1_low", "right_out1_low")
+_HIGH = ("left_out1_high", "right_out1_high")
+
+
+class _TooLargeError(Exception):
+    pass
+
+
+def upload_router(service: StereoService) -> APIRouter:
+    """``POST`` shows a pair, ``DELETE`` the scene again."""
+    api = APIRouter(tags=["Stereo camera"])
+
+    @api.post(PATH, summary="Show a stereo pair: left_out1_low, right_out1_low (…_high), f, t")
+    async def post(request: Request) -> Any:
+        try:
+            form = await _form(request, service.config.max_upload)
+            try:
+                service.show_pairs(await _studio(service, form))
+            finally:
+                await form.close()
+        except _TooLargeError:
+            return _refused(413, f"the form is larger than {service.config.max_upload} bytes")
+        except Busy as error:
+            return JSONResponse({"message": str(error)}, 503, {"Retry-After": str(error.retry_after)})
+        except (ValueError, ImageError, MultiPartException) as error:
+            return _refused(400, str(error))
+        return {"return_code": {"value": 0, "message": ""}}
+
+    @api.delete(PATH, summary="Show the scene again")
+    async def delete() -> Any:
+        service.show_pairs(None)
+        return {"return_code": {"value": 0, "message": ""}}
+
+    return api
+
+
+def _refused(status: int, message: str) -> JSONResponse:
+    return JSONResponse({"message": message, "return_code": {"value": -1, "message": message}}, status)
+
+
+async def _form(request: Request, limit: int) -> FormData:
+    kind = request.headers.get("content-type", "")
+    if not kind.lower().startswith("multipart/form-data"):
+        raise ValueError(f"the content type is {kind[:80]!r}, multipart/form-data is needed")
+
+    async def bounded() -> AsyncIterator[bytes]:
+        size = 0
+        async for chunk in request.stream():
+            size += len(chunk)
+            if size > limit:
+                raise _TooLargeError
+            yield chunk
+
+    return await MultiPartParser(request.headers, bounded(), max_files=4, max_fields=8).parse()  # type: ignore[arg-type]  # an async generator is wanted
+
+
+async def _studio(service: StereoService, form: FormData) -> PairStudio:
+    low, high = [await _file(form, name) for name in _LOW], [await _file(form, name) for name in _HIGH]
+    if low[0] is None or low[1] is None:
+        raise ValueError("the form needs the files left_out1_low and right_out1_low")
+    lit = None
+    if high[0] is not None or high[1] is not None:
+        if high[0] is None or high[1] is None:
+            raise ValueError("left_out1_high and right_out1_high need each other")
+        lit = (high[0], high[1])
+    config = service.scene_studio.config
+    pairs = Pairs([Pair((low[0], low[1]), lit)], config.max_pair_pixels)
+    focal = _number(form, "f", config.model.focal_factor)
+    baseline = _number(form, "t", config.model.baseline)
+    return await service.workers.run(pair_studio, service.scene_studio, pairs, focal, baseline)
+
+
+async def _file(form: FormData, name: str) -> bytes | None:
+    value = form.get(name)
+    return await value.read() if isinstance(value, UploadFile) else None
+
+
+def _number(form: FormData, name: str, default: float) -> float:
+    value = form.get(name)
+    if value is None or value == "":
+        return default
+    try:
+        return float(value) if isinstance(value, str) and len(value) < 64 else float("nan")
+    except ValueError:
+        raise ValueError(f"{name}: {str(value)[:80]!r} is not a number") from None

@@ -1,0 +1,186 @@
+"""Stereo pairs that are given to the camera: by a folder, or uploaded as to the device's test mode."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import cv2
+import grpc
+import httpx2 as httpx
+import numpy as np
+import pytest
+from fastapi import FastAPI
+
+from gateway.client.stream_files import save
+from gateway.generated import image_interface_pb2 as pb
+from gateway.stereo.pairs import Pair, Pairs, geometry_in, pair_studio, pairs_in
+from gateway.stereo.rest import router
+from gateway.stereo.truth import truth_router
+from gateway.stereo.upload import PATH, upload_router
+from renderers.drawlist import ImageError
+from tests.stereo.conftest import SMALL, Camera, Start, pixels
+from tests.stereo.test_exposure import new
+
+LIMIT = 1_000_000
+
+
+def png(array: np.ndarray) -> bytes:
+    return cv2.imencode(".png", array[..., ::-1] if array.ndim == 3 else array)[1].tobytes()
+
+
+@pytest.fixture
+async def recorded(start: Start) -> pb.ImageSet:
+    """A set with projector, as a client has stored it."""
+    camera = await start(rate="max", depth_mode="matched")
+    camera.service.parameters.set("rc_iocontrol", [("out1_mode", "High")])
+    return await new(camera, left_enabled=True, right_enabled=True, disparity_enabled=True)
+
+
+@pytest.fixture
+async def camera(start: Start) -> Camera:
+    return await start(rate="max")
+
+
+@pytest.fixture
+async def rest(camera: Camera) -> AsyncIterator[httpx.AsyncClient]:
+    app = FastAPI()
+    app.include_router(router(camera.service))
+    app.include_router(upload_router(camera.service))
+    app.include_router(truth_router(camera.service))
+    async with httpx.AsyncClient(transport=httpx.ASGITransport(app=app), base_url="http://camera") as client:
+        yield client
+
+
+async def test_a_folder_of_our_own_client_s_sets_is_shown_again(
+    recorded: pb.ImageSet, camera: Camera, tmp_path: Path
+) -> None:
+    save(recorded, tmp_path)
+    geometry = geometry_in(tmp_path)
+    assert geometry == (pytest.approx(SMALL.focal_factor), pytest.approx(SMALL.baseline))
+    camera.service.show_pairs(pair_studio(camera.service.scene_studio, pairs_in(tmp_path, 10, LIMIT), *geometry))
+    one = await new(camera, left_enabled=True, right_enabled=True, disparity_enabled=True, mesh_enabled=True)
+    assert (pixels(one.left) == pixels(recorded.left)).all()
+    assert (pixels(one.right) == pixels(recorded.right)).all()
+    assert one.left.brightness == pytest.approx(recorded.left.brightness, abs=0.02)
+    assert one.disparity.baseline == pytest.approx(SMALL.baseline)
+    assert one.disparity.image.focal_length == pytest.approx(recorded.disparity.image.focal_length)
+    # The device renders depth images at their own resolution, a recording is reduced: nearly the same disparity.
+    both = (pixels(one.disparity.image) > 0) & (pixels(recorded.disparity.image) > 0)
+    assert both.mean() > 0.4
+    difference = pixels(one.disparity.image).astype(int) - pixels(recorded.disparity.image).astype(int)
+    assert np.median(np.abs(difference[both])) <= 4
+    assert one.mesh.data.startswith(b"ply")
+    camera.service.show_pairs(None)
+    back = await new(camera, left_enabled=True, disparity_enabled=True)
+    assert camera.service.config.depth_mode == "ground_truth"
+    assert (pixels(back.left) != pixels(recorded.left)).any()
+
+
+async def test_an_uploaded_pair_is_shown_and_the_camera_says_so(
+    recorded: pb.ImageSet, camera: Camera, rest: httpx.AsyncClient
+) -> None:
+    left, right = pixels(recorded.left), pixels(recorded.right)
+    files = {
+        "left_out1_low": png(left // 2), "right_out1_low": png(right // 2),
+        "left_out1_high": png(left), "right_out1_high": png(right),
+    }  # fmt: skip
+    answer = await rest.post(PATH, files=files, data={"f": "270.368", "t": "0.2"})
+    assert (answer.status_code, answer.json()["return_code"]["value"]) == (200, 0)
+    camera.service.parameters.set("rc_iocontrol", [("out1_mode", "ExposureAlternateActive")])
+    one = await new(camera, left_enabled=True, disparity_enabled=True, color=True)
+    assert (pixels(one.left)[:, :, 1] == left // 2).all()
+    assert one.left.encoding == "rgb8"
+    assert one.disparity.baseline == pytest.approx(0.2)
+    assert one.left.focal_length == pytest.approx(270.368)
+    camera.service.parameters.set("rc_iocontrol", [("out1_mode", "High")])
+    lit = await new(camera, left_enabled=True)
+    assert (pixels(lit.left) == left).all()
+    status = (await rest.get("/api/v2/pipelines/0/nodes/rc_camera/status")).json()["values"]
+    assert (status["test"], status["baseline"]) == ("1", "0.2")
+    assert (await rest.get("/api/v2/system")).json()["model_name"] == "rc_test"
+    truth = await rest.get("/stereo/truth.npz")
+    assert truth.status_code == 404
+    assert "nobody knows what is really there" in truth.json()["message"]
+    assert (await rest.delete(PATH)).status_code == 200
+    assert (await rest.get("/api/v2/system")).json()["model_name"] == "small"
+
+
+@pytest.mark.parametrize(
+    ("files", "data", "sentence"),
+    [
+        ({"left_out1_low": png(np.zeros((64, 64), np.uint8))}, {}, "needs the files left_out1_low and right_out1_low"),
+        ({"left_out1_low": b"GIF89a", "right_out1_low": b"x"}, {}, "GIF images are"),
+        ({}, {"f": "1"}, "needs the files"),
+        ("pair", {"f": "soft"}, "f: 'soft' is not a number"),
+        ("pair", {"t": "nan"}, "baseline nan m must be within"),
+        ("pair", {"f": "0.001"}, "focal_factor 0.001 must be within"),
+        ("sizes", {}, "has 32x32 pixels, the first one 64x64"),
+        ("tiny", {}, "size 8x8 must be within"),
+    ],
+)
+async def test_what_cannot_be_shown_is_said_and_changes_nothing(
+    rest: httpx.AsyncClient, camera: Camera, files: dict[str, bytes] | str, data: dict[str, str], sentence: str
+) -> None:
+    side = 8 if files == "tiny" else 64
+    one = png(np.zeros((side, side), np.uint8))
+    if isinstance(files, str):
+        other = png(np.zeros((32, 32), np.uint8)) if files == "sizes" else one
+        files = {"left_out1_low": one, "right_out1_low": other}
+    answer = await rest.post(PATH, files=files or {"x": b"y"}, data=data)
+    assert answer.status_code == 400
+    assert sentence in answer.json()["message"]
+    assert camera.service.config.model is SMALL
+
+
+async def test_uploads_are_bounded(start: Start) -> None:
+    camera = await start(max_upload=10_000)
+    app = FastAPI()
+    app.include_router(upload_router(camera.service))
+    async with httpx.AsyncClient(transport=httpx.ASGITransport(app=app), base_url="http://camera") as client:
+        answer = await client.post(PATH, files={"left_out1_low": b"x" * 20_000})
+        assert (answer.status_code, answer.json()["message"]) == (413, "the form is larger than 10000 bytes")
+        many = {f"file{i}": b"x" for i in range(9)}
+        assert (await client.post(PATH, files=many)).status_code == 400
+        assert (await client.post(PATH, json={"f": 1})).status_code == 400
+        bomb = Pairs([Pair((png(np.zeros((2000, 2000), np.uint8)),) * 2)], LIMIT)
+        with pytest.raises(ImageError, match="2000x2000 pixels are more than the limit of 1000000"):
+            bomb.picture(0, high=False, right=False)
+
+
+async def test_a_picture_that_breaks_later_ends_the_stream_with_the_reason(camera: Camera, tmp_path: Path) -> None:
+    good = png(np.zeros((64, 64), np.uint8))
+    for number, right in enumerate((good, b"\x89PNG\r\n\x1a\n broken")):
+        (tmp_path / f"{number}_left.png").write_bytes(good)
+        (tmp_path / f"{number}_right.png").write_bytes(right)
+    studio = pair_studio(camera.service.scene_studio, pairs_in(tmp_path, 10, LIMIT), 0.8, 0.1)
+    camera.service.show_pairs(studio)
+    call = camera.stream(left_enabled=True, right_enabled=True)
+    with pytest.raises(grpc.aio.AioRpcError, match=r"1_right\.png"):
+        async for _ in call:
+            pass
+
+
+def test_pairs_are_found_by_name(tmp_path: Path) -> None:
+    image = png(np.zeros((20, 20), np.uint8))
+    names = ("left/0.png", "right/0.png", "left/1.png", "a_left_out1_low.jpg", "a_right_out1_low.jpg")
+    names += ("a_left_out1_high.jpg", "a_right_out1_high.jpg", "leftover.txt")
+    for name in names:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes(image)
+    assert len(pairs_in(tmp_path, 2, LIMIT)) == 2
+    with pytest.raises(ValueError, match="holds 2 stereo pairs, more than 1"):
+        pairs_in(tmp_path, 1, LIMIT)
+    with pytest.raises(ValueError, match="holds no stereo pairs: none of its 1 pictures"):
+        pairs_in(tmp_path / "right", 1, LIMIT)
+
+
+def test_the_vendor_s_parameter_file_tells_the_geometry(tmp_path: Path) -> None:
+    text = "# Created by grpc_image_client\ncamera.A=[552.18500 0 320.00000; 0 552.18500 240.00000; 0 0 1]\n"
+    text += "camera.height=480\ncamera.width=640\nrho=88.37721\nt=0.16005\n"
+    (tmp_path / "image_1.000000002_00_00_param.txt").write_text(text)
+    assert geometry_in(tmp_path) == (pytest.approx(0.862789, rel=1e-5), 0.16005)
+    assert geometry_in(tmp_path / "none") is None
+    (tmp_path / "image_1.000000002_00_00_param.txt").write_text(text.replace("width=640", "width=0"))
+    with pytest.raises(ValueError, match="is not a number"):
+        geometry_in(tmp_path)
