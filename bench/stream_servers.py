@@ -24,6 +24,7 @@ from gateway.ops.process import tune
 from gateway.stereo import messages, server, wire
 from gateway.stereo.config import StereoConfig
 from gateway.stereo.events import EventHub
+from gateway.stereo.faults import FaultInjector
 from gateway.stereo.hub import Hub
 from gateway.stereo.messages import Taking
 from gateway.stereo.service import StereoService
@@ -66,7 +67,7 @@ def payload(name: str) -> list[wire.Chunk]:
 async def shared(name: str) -> tuple[int, Any]:
     """Our way: joined once per set, the same bytes to every client, newest set only."""
     hub = Hub(64, 16)
-    running, port, _ = await server.start(hub, EventHub(64, 64), StereoConfig(port=0))
+    running, port, _ = await server.start(hub, EventHub(64, 64), FaultInjector(0, 0), StereoConfig(port=0))
     chunks = payload(name)
 
     async def produce() -> None:

@@ -76,27 +76,33 @@ def count_render(metrics: Metrics, record: RenderRecord) -> None:
             metrics.stage_seconds.labels(stage).observe(seconds)
 
 
-def watch_stereo(metrics: Metrics, service: StereoService) -> None:
-    """The stereo camera's streams."""
-    hub, counts = service.hub, service.counts
-    metrics.watch("scenegate_stereo_streams", "Open streams", lambda: len(hub))
-    metrics.watch_total("scenegate_stereo_sets_sent_total", "Image sets sent to all clients", lambda: hub.sent)
+def watch_stereo(metrics: Metrics, *services: StereoService) -> None:
+    """The streams of all stereo cameras."""
+    hubs, counts = [s.hub for s in services], [s.counts for s in services]
+    metrics.watch("scenegate_stereo_streams", "Open streams", lambda: sum(map(len, hubs)))
     metrics.watch_total(
-        "scenegate_stereo_sets_skipped_total", "Image sets that slow clients did not take", lambda: hub.skipped
+        "scenegate_stereo_sets_sent_total", "Image sets sent to all clients", lambda: sum(h.sent for h in hubs)
+    )
+    metrics.watch_total(
+        "scenegate_stereo_sets_skipped_total",
+        "Image sets that slow clients did not take",
+        lambda: sum(h.skipped for h in hubs),
     )
     metrics.watch_total(
         "scenegate_stereo_frames_total",
         "Frames taken by kind",
-        lambda: {"camera": counts.frames, "depth": counts.depth_frames},
+        lambda: {"camera": sum(c.frames for c in counts), "depth": sum(c.depth_frames for c in counts)},
         label="kind",
     )
     metrics.watch_total(
         "scenegate_stereo_frames_missed_total",
         "Frames that were due, but too many were in work, or the threads had too much to do",
-        lambda: {"in_work": counts.skipped, "busy": counts.busy},
+        lambda: {"in_work": sum(c.skipped for c in counts), "busy": sum(c.busy for c in counts)},
         label="reason",
     )
-    metrics.watch("scenegate_stereo_depth_seconds", "From taking to publishing", lambda: counts.depth_seconds)
+    metrics.watch(
+        "scenegate_stereo_depth_seconds", "From taking to publishing", lambda: max(c.depth_seconds for c in counts)
+    )
 
 
 def watch_treeviewer(metrics: Metrics, service: TreeViewerService) -> None:

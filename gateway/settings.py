@@ -55,6 +55,10 @@ def _check_pose(text: str) -> str:
     return text
 
 
+def _check_mount(text: str) -> str:
+    return _check_path(text) if text.lstrip().startswith("[") else _check_pose(text)
+
+
 def _check_path(text: str) -> str:
     from gateway.scene.mount import parse_mount_path
 
@@ -71,6 +75,8 @@ Port = Annotated[int, Field(ge=0, le=65535)]
 PortOrOff = Annotated[Port | None, BeforeValidator(lambda value: None if value == "off" else value)]
 MountPose = Annotated[str, AfterValidator(_check_pose)]
 MountPath = Annotated[str, AfterValidator(_check_path)]
+AnyMount = Annotated[str, AfterValidator(_check_mount)]
+Mounts = Annotated[tuple[AnyMount, ...], NoDecode, _split("|"), Field(max_length=15)]
 Paths = Annotated[tuple[Path, ...], NoDecode, _split(os.pathsep)]
 Color = Annotated[tuple[Byte, Byte, Byte], NoDecode, _split(",")]
 Names = Annotated[tuple[str, ...], NoDecode, _split(",")]
@@ -175,6 +181,15 @@ class Settings(BaseSettings):
         "Stereo camera",
         'Node of the scene whose frame is the left optical frame, as JSON: ["robot", "head"]. While it is missing, the '
         "last pose holds.",
+    )
+    stereo_cameras: Mounts = option(
+        (),
+        "Stereo camera",
+        "Further stereo cameras, separated by |, each a pose or a node as above: pipelines 1, 2, … with the next ports "
+        "and parameters of their own.",
+    )
+    stereo_faults: bool = option(
+        False, "Stereo camera", "Let PUT /stereo/faults drop, delay and cut streams, for test rigs."
     )
     stereo_model: Literal["65-4", "160-4", "160-6", "custom"] = option(
         "160-4",
@@ -388,7 +403,7 @@ def kind_of(field: FieldInfo) -> str:
     if options == [int]:  # the ports that may be missing
         return "NUMBER|off"
     if get_origin(annotation) is tuple:
-        return {Path: "PATHS", Byte: "R,G,B"}.get(options[0], "NAMES")
+        return {Path: "PATHS", Byte: "R,G,B", AnyMount: "POSES"}.get(options[0], "NAMES")
     return kinds.get(options[0], "TEXT") if options else "TEXT"
 
 

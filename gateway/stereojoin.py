@@ -6,14 +6,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from fastapi import FastAPI
 
 from gateway.figures import watch_stereo
 from gateway.house import NO_TELEMETRY, House
 from gateway.ops.http import PortService
+from gateway.scene.mount import Mount, parse_mount_path, parse_mount_pose
 from gateway.settings import Settings
 from gateway.stereo.clock import SimulatedClock
 from gateway.stereo.config import StereoConfig, Tls
+from gateway.stereo.faultroutes import fault_router
 from gateway.stereo.pairs import PairStudio, geometry_in, pair_studio, pairs_in
 from gateway.stereo.parameter_specs import NODES
 from gateway.stereo.rest import router
@@ -26,13 +29,41 @@ from renderers.stereo.model import MODELS, StereoModel, custom_model
 
 
 def join_stereo(house: House) -> None:
-    """The image stream over gRPC, the device's REST interface, the truth beside them."""
+    """Every camera's image stream over gRPC, the device's REST interface, the truth and the faults beside them."""
+    settings = house.settings
+    path = parse_mount_path(settings.stereo_path) if settings.stereo_path is not None else None
+    mounts = [Mount(parse_mount_pose(settings.stereo_pose), path), *map(_mount, settings.stereo_cameras)]
+    services = [_join_camera(house, number, mount) for number, mount in enumerate(mounts)]
+    watch_stereo(house.metrics, *services)
+    apps = [house.app]
+    if settings.rest_port is not None:
+        apps.append(FastAPI(openapi_url=None, telemetry=NO_TELEMETRY))
+        house.guard.protect(apps[1])
+        house.serve("rest", PortService(apps[1], settings.host, settings.rest_port, house.guard.tls), where="/api")
+    for app in apps:
+        app.include_router(router(*services))
+        app.include_router(upload_router(*services))
+    house.app.include_router(truth_router(*services))
+    house.app.include_router(fault_router(*services))
+
+
+def _mount(text: str) -> Mount:
+    """A further camera, at a node (JSON) or a pose."""
+    if text.lstrip().startswith("["):
+        return Mount(np.eye(4), parse_mount_path(text))
+    return Mount(parse_mount_pose(text), None)
+
+
+def _join_camera(house: House, number: int, mount: Mount) -> StereoService:
+    """Pipeline ``number``; the first one is what the rest of the house calls the stereo camera."""
     settings = house.settings
     config = replace(config_of(settings), tokens=house.guard.grpc)
-    view = StereoView(house, config)
+    if number > 0:
+        port = settings.grpc_port + number if settings.grpc_port else 0
+        config = replace(config, port=port, seed=config.seed + number)
+    view = StereoView(house, config, mount)
     clock = SimulatedClock() if settings.clock == "simulated" else None
     service = StereoService(config, view.scene, view.pose, house.renderer, house.workers, clock)
-
     if settings.stereo_images is not None:
         service.show_pairs(_pairs(settings.stereo_images, service))
 
@@ -41,22 +72,14 @@ def join_stereo(house: House) -> None:
         return {**described, "warning": view.mount.warning} if view.mount.warning else described
 
     if house.state is not None:
-        house.state.keep_parameters("0", lambda: list(NODES), service.parameters)
+        house.state.keep_parameters(str(number), lambda: list(NODES), service.parameters)
         service.stored = house.state.journal.stored
-    watch_stereo(house.metrics, service)
-    house.stereo_camera = view.camera
-    house.eyes = StereoEyes(service, view, live=settings.stereo_scene == "live")
-    house.app.include_router(router(service))
-    house.app.include_router(truth_router(service))
-    house.app.include_router(upload_router(service))
-    house.serve("stereo", service, where=f"gRPC on port {settings.grpc_port}", figures=status)
-    if settings.rest_port is not None:
-        device = FastAPI(openapi_url=None, telemetry=NO_TELEMETRY)
-        device.include_router(router(service))
-        device.include_router(upload_router(service))
-        house.guard.protect(device)
-        port = PortService(device, settings.host, settings.rest_port, house.guard.tls)
-        house.serve("rest", port, where="/api")
+    if number == 0:
+        house.stereo_camera = view.camera
+        house.eyes = StereoEyes(service, view, live=settings.stereo_scene == "live")
+    name = f"stereo {number}" if number else "stereo"
+    house.serve(name, service, where=f"gRPC on port {config.port}", figures=status)
+    return service
 
 
 def _pairs(folder: Path, service: StereoService) -> PairStudio:
@@ -85,6 +108,7 @@ def config_of(settings: Settings) -> StereoConfig:
         d_eps=settings.stereo_d_eps,
         mesh_rgb=settings.stereo_mesh_rgb,
         background=settings.background,
+        faults=settings.stereo_faults,
     )
 
 

@@ -12,7 +12,7 @@ from gateway.house import House
 from gateway.scene.flatten import Flattener
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import Snapshot
-from gateway.scene.mount import Mount, parse_mount_path, parse_mount_pose
+from gateway.scene.mount import Mount
 from gateway.scene.scenefile import read_scene_file
 from gateway.stereo.config import StereoConfig
 from renderers.camera import Camera
@@ -22,12 +22,15 @@ from renderers.drawlist import DrawList
 class StereoView:
     """The pose belongs to the snapshot whose scene was asked for last."""
 
-    def __init__(self, house: House, config: StereoConfig) -> None:
+    def __init__(self, house: House, config: StereoConfig, mount: Mount) -> None:
+        """
+        Args:
+            mount: where the camera is.
+        """
         settings = house.settings
         self._house = house
         self._config = config
-        path = parse_mount_path(settings.stereo_path) if settings.stereo_path is not None else None
-        self.mount = Mount(parse_mount_pose(settings.stereo_pose), path)
+        self.mount = mount
         self._live = settings.stereo_scene == "live"
         self._flattener = house.flattener
         self._snapshot: Callable[[], Snapshot] = lambda: house.tree.snapshot

@@ -70,6 +70,10 @@ class StereoConfig:
     """Of one such image: 16 times the device's; 60 MB decoded, and eight are kept."""
     max_upload: int = 64 << 20
     """Bytes of a pair that is uploaded: four such images, compressed."""
+    faults: bool = False
+    """Whether faults may be injected over REST."""
+    max_late_bytes: int = 256 << 20
+    """Of sets that an injected delay holds back: 10 s of 1280x960 camera images at 10 Hz."""
     max_events: int = 64
     """Image events that wait for one listener; at the highest rate 2.5 s of them, some 2 kB."""
     max_kinds: int = 16

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
 from gateway.stereo.messages import INPUT_MASK, NANOSECONDS, OUTPUT_MASK
@@ -62,8 +62,9 @@ def call(service: StereoService, node: str, name: str) -> dict[str, Any]:
     return {"name": name, "response": actions[name]()}
 
 
-def system(service: StereoService) -> dict[str, Any]:
-    """The device's SysInfo."""
+def system(services: Sequence[StereoService]) -> dict[str, Any]:
+    """The device's SysInfo; of the first pipeline where there is only one such value."""
+    service = services[0]
     config = service.config
     now = time.time()
     address = config.host if config.host not in ("0.0.0.0", "::") else "127.0.0.1"  # noqa: S104 - a comparison
@@ -101,13 +102,15 @@ def system(service: StereoService) -> dict[str, Any]:
         "ntp_status": {"accuracy": "", "synchronized": False},
         "ptp_status": {"master_ip": "", "offset": 0.0, "offset_dev": 0.0, "offset_mean": 0.0, "state": "off"},
         "ui_lock": {"enabled": False},
-        "pipelines": {"config": {"max_pipelines": 1, "pending_changes": False, "pipelines": {"0": _pipeline(service)}}},
+        "pipelines": {
+            "config": {"max_pipelines": len(services), "pending_changes": False, "pipelines": pipelines(services)}
+        },
     }
 
 
-def pipelines(service: StereoService) -> dict[str, Any]:
-    """The only one, by its name."""
-    return {"0": _pipeline(service)}
+def pipelines(services: Sequence[StereoService]) -> dict[str, Any]:
+    """All by their numbers."""
+    return {str(number): _pipeline(service) for number, service in enumerate(services)}
 
 
 def _pipeline(service: StereoService) -> dict[str, Any]:

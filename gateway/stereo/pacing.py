@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from gateway.stereo import settings as stream_settings
 from gateway.stereo.clock import Clock
 from gateway.stereo.events import EventHub
+from gateway.stereo.faults import FaultInjector
 from gateway.stereo.frame import Frame
 from gateway.stereo.hub import Hub
 from gateway.stereo.parameters import Parameters
@@ -70,6 +71,7 @@ class Metronome:
         workers: Workers,
         hub: Hub,
         events: EventHub,
+        injector: FaultInjector,
         parameters: Parameters,
         scene: SceneSource,
         pose: PoseSource,
@@ -81,6 +83,7 @@ class Metronome:
         self._workers = workers
         self._hub = hub
         self._events = events
+        self._injector = injector
         self._parameters = parameters
         self._scene = scene
         self._pose = pose
@@ -180,7 +183,9 @@ class Metronome:
     async def _take(self, settings: StreamSettings, plain: set[Kind], depth: set[Kind], period: int) -> None:
         """Notes the scene as it is now and lets the sets be made."""
         stamp = self._clock.stamp(self._stamp, period)
-        camera = await self._shot(self._number + 1, stamp, settings.lines(depth=False), plain | depth)
+        camera = await self._shot(
+            self._number + 1, self._injector.stamp(stamp), settings.lines(depth=False), plain | depth
+        )
         if camera is None:
             return
         self._number += 1
@@ -270,7 +275,7 @@ class Metronome:
             self._fail(kind, f"frame {frame.number} ({kind}) could not be made", error)
         else:
             self.counts.problem = ""
-            self._hub.publish(kind, frame.number, data)
+            self._injector.deliver(frame.number, data, lambda: self._hub.publish(kind, frame.number, data))
 
     def _fail(self, kind: Kind, what: str, error: Exception) -> None:
         """Ends the streams of a kind with the reason; a defect of ours gets a traceback in the log."""
@@ -287,7 +292,7 @@ class Metronome:
             if frame is None or self._stamp is None or frame.settings != settings or settings.single:
                 continue
             rate = settings.depth_rate if kind.depth else settings.camera_rate
-            now = self._clock.stamp(self._stamp, 0)
+            now = self._injector.stamp(self._clock.stamp(self._stamp, 0))
             if now - frame.depth.timestamp < 1e9 / rate:
                 self._spawn(self._tasks, self._make(frame, {kind}))
 

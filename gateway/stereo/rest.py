@@ -15,7 +15,6 @@ from gateway.stereo.service import StereoService
 
 MAX_BODY = 64 << 10
 """Bytes; all parameters of a node together take two thousand."""
-_BASES = ("/api/v2/pipelines/0/nodes", "/api/v1/nodes")
 _TAGS: list[Any] = ["Stereo camera"]
 
 
@@ -38,26 +37,32 @@ _PUTS = msgspec.json.Decoder(_Put)
 _LISTS = msgspec.json.Decoder(list[_Named])
 
 
-def router(service: StereoService) -> APIRouter:
-    """Routes below ``/api``: version 2 for pipeline 0, version 1, and the paths that the manual's examples misspell."""
+def router(*services: StereoService) -> APIRouter:
+    """Routes below ``/api``: version 2 for every pipeline, version 1 for the first one, and the paths that the manual's
+    examples misspell.
+
+    Args:
+        services: pipeline 0, 1, …; at least one.
+    """
     api = APIRouter(tags=_TAGS)
 
     async def system() -> Any:
-        return device.system(service)
+        return device.system(services)
 
     async def nothing() -> list[Any]:
         return []
 
     async def pipelines() -> Any:
-        return device.pipelines(service)
+        return device.pipelines(services)
 
     for version in ("v1", "v2"):
         api.add_api_route(f"/api/{version}/system", system, methods=["GET"], summary="System")
         api.add_api_route(f"/api/{version}/logs", nothing, methods=["GET"], summary="Log files: none")
         api.add_api_route(f"/api/{version}/datastreams", nothing, methods=["GET"], summary="Data streams: none")
-    api.add_api_route("/api/v2/pipelines", pipelines, methods=["GET"], summary="The only pipeline")
-    for base in _BASES:
-        _add_nodes(api, base, service)
+    api.add_api_route("/api/v2/pipelines", pipelines, methods=["GET"], summary="Pipelines: one per camera")
+    for number, service in enumerate(services):
+        _add_nodes(api, f"/api/v2/pipelines/{number}/nodes", service)
+    _add_nodes(api, "/api/v1/nodes", services[0])
     return api
 
 

@@ -15,6 +15,7 @@ from gateway.generated import image_interface_pb2 as pb
 from gateway.ops.grpc_tokens import TokenCheck
 from gateway.stereo.config import StereoConfig, Tls
 from gateway.stereo.events import EventHub
+from gateway.stereo.faults import CUT, FaultInjector
 from gateway.stereo.hub import FullError, Hub, StreamError
 from gateway.stereo.request import RequestError, kind_of
 
@@ -47,9 +48,10 @@ Context: TypeAlias = "grpc.aio.ServicerContext[Any, Any]"
 class StreamServicer:
     """Answers ``StreamImageSets`` and ``StreamImageEvents``."""
 
-    def __init__(self, hub: Hub, events: EventHub, config: StereoConfig) -> None:
+    def __init__(self, hub: Hub, events: EventHub, injector: FaultInjector, config: StereoConfig) -> None:
         self._hub = hub
         self._events = events
+        self._injector = injector
         self._config = config
 
     async def stream(self, request: pb.ImageSetRequest, context: Context) -> None:
@@ -68,6 +70,8 @@ class StreamServicer:
                         first = False
                     await context.write(data)
                     del data  # while waiting for the next one
+                    if 0 < self._injector.faults.disconnect_after <= subscription.sent:
+                        raise StreamError(CUT)
         except FullError as error:
             await context.abort(grpc.StatusCode.RESOURCE_EXHAUSTED, str(error))
         except StreamError as error:
@@ -90,7 +94,9 @@ def _announce(peer: str, kind: str, size: int) -> None:
     _log.info(f"streaming {kind} to {peer}", bytes_per_set=size, **({"note": note} if note else {}))
 
 
-async def start(hub: Hub, events: EventHub, config: StereoConfig) -> tuple[grpc.aio.Server, int, Callable[[], Any]]:
+async def start(
+    hub: Hub, events: EventHub, injector: FaultInjector, config: StereoConfig
+) -> tuple[grpc.aio.Server, int, Callable[[], Any]]:
     """Starts serving.
 
     Returns:
@@ -101,7 +107,7 @@ async def start(hub: Hub, events: EventHub, config: StereoConfig) -> tuple[grpc.
     """
     checks = () if config.tokens is None else (TokenCheck(config.tokens),)
     server = grpc.aio.server(interceptors=checks, options=_OPTIONS, maximum_concurrent_rpcs=MAX_CALLS)
-    servicer = StreamServicer(hub, events, config)
+    servicer = StreamServicer(hub, events, injector, config)
     for service, method, answer, request in (
         (SERVICE, METHOD, servicer.stream, pb.ImageSetRequest),
         (EVENTS_SERVICE, EVENTS_METHOD, servicer.events, pb.ImageEventsRequest),

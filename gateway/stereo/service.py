@@ -12,6 +12,7 @@ from gateway.stereo import server
 from gateway.stereo.clock import Clock, SystemClock
 from gateway.stereo.config import StereoConfig
 from gateway.stereo.events import EventHub
+from gateway.stereo.faults import FaultInjector
 from gateway.stereo.hub import Hub
 from gateway.stereo.pacing import Counts, Metronome, PoseSource, Record, SceneSource
 from gateway.stereo.pairs import PairStudio
@@ -54,12 +55,14 @@ class StereoService:
         self.workers = workers
         self.hub = Hub(config.max_clients, config.max_kinds)
         self.events = EventHub(config.max_clients, config.max_events)
+        self.injector = FaultInjector(config.seed, config.max_late_bytes)
         self.started = time.time()
         self._metronome = Metronome(
             self._scene_studio,
             workers,
             self.hub,
             self.events,
+            self.injector,
             self.parameters,
             scene,
             pose,
@@ -124,7 +127,7 @@ class StereoService:
         Raises:
             OSError: the port is taken, or a certificate cannot be read; one sentence.
         """
-        running, self._port, leave = await server.start(self.hub, self.events, self.config)
+        running, self._port, leave = await server.start(self.hub, self.events, self.injector, self.config)
         model = self.config.model
         _log.info(f"{model.name} on port {self._port}", baseline=model.baseline, depth=self.config.depth_mode)
         try:

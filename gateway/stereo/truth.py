@@ -18,7 +18,7 @@ from renderers.port import Output
 from renderers.stereo.truth import DepthRange, true_disparity
 
 
-def truth_router(service: StereoService) -> APIRouter:
+def truth_router(*services: StereoService) -> APIRouter:
     """``GET /stereo/truth.npz``."""
     api = APIRouter(tags=["Stereo camera"])
 
@@ -29,7 +29,11 @@ def truth_router(service: StereoService) -> APIRouter:
         timestamp: Annotated[
             str, Query(description="Of any image of the set, as seconds.nanoseconds; none: the newest frame")
         ] = "",
+        pipeline: Annotated[int, Query(ge=0, description="Which camera, where there are several")] = 0,
     ) -> Response:
+        if pipeline >= len(services):
+            return JSONResponse({"message": f"there is no pipeline {pipeline}"}, 404)
+        service = services[pipeline]
         try:
             record = find(service.history, timestamp)
         except ValueError as error:

@@ -15,7 +15,6 @@ from gateway.stereo.service import StereoService
 from gateway.workers import Busy
 from renderers.drawlist import ImageError
 
-PATH = "/api/v2/pipelines/0/test/set"
 _LOW = ("left_out1_low", "right_out1_low")
 _HIGH = ("left_out1_high", "right_out1_high")
 
@@ -24,11 +23,17 @@ class _TooLargeError(Exception):
     pass
 
 
-def upload_router(service: StereoService) -> APIRouter:
-    """``POST`` shows a pair, ``DELETE`` the scene again."""
+def upload_router(*services: StereoService) -> APIRouter:
+    """``/api/v2/pipelines/0/test/set``, 1, …: ``POST`` shows a pair, ``DELETE`` the scene again."""
     api = APIRouter(tags=["Stereo camera"])
+    for number, service in enumerate(services):
+        _add(api, f"/api/v2/pipelines/{number}/test/set", service)
+    return api
 
-    @api.post(PATH, summary="Show a stereo pair: left_out1_low, right_out1_low (…_high), f, t")
+
+def _add(api: APIRouter, path: str, service: StereoService) -> None:
+
+    @api.post(path, summary="Show a stereo pair: left_out1_low, right_out1_low (…_high), f, t")
     async def post(request: Request) -> Any:
         try:
             form = await _form(request, service.config.max_upload)
@@ -44,12 +49,10 @@ def upload_router(service: StereoService) -> APIRouter:
             return _refused(400, str(error))
         return {"return_code": {"value": 0, "message": ""}}
 
-    @api.delete(PATH, summary="Show the scene again")
+    @api.delete(path, summary="Show the scene again")
     async def delete() -> Any:
         service.show_pairs(None)
         return {"return_code": {"value": 0, "message": ""}}
-
-    return api
 
 
 def _refused(status: int, message: str) -> JSONResponse:

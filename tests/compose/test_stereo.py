@@ -7,9 +7,11 @@ import io
 import json
 import os
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
+import cv2
 import grpc
 import httpx2
 import numpy as np
@@ -101,7 +103,7 @@ def test_parameters_change_the_stream(url: str, channel: grpc.Channel) -> None:
 
 
 @pytest.mark.skipif("SCENEGATE_URL" in os.environ, reason="starts gateways of its own")
-def test_a_simulated_clock_gives_the_same_bytes_in_every_run(tmp_path: Any) -> None:
+def test_a_simulated_clock_gives_the_same_bytes_in_every_run(tmp_path: Path) -> None:
     scene = tmp_path / "triangle.gltf"
     scene.write_text(json.dumps(TRIANGLE))
     flags = ("--only", "stereo", "--grpc-port", "0", "--stereo-scene", str(scene), "--clock", "simulated")
@@ -115,3 +117,28 @@ def test_a_simulated_clock_gives_the_same_bytes_in_every_run(tmp_path: Any) -> N
                 assert any(one.disparity.image.data)
                 runs.append(one.SerializeToString(deterministic=True))
     assert runs[0] == runs[1]
+
+
+def test_several_cameras_recorded_pairs_and_faults(tmp_path: Path) -> None:
+    ramp = np.tile(np.arange(160, dtype=np.uint8), (120, 1))
+    for side, shift in (("left", 0), ("right", 8)):
+        cv2.imwrite(str(tmp_path / f"1_{side}.png"), np.roll(ramp, -shift, axis=1))
+    flags = ("--only", "stereo", "--grpc-port", "0", "--stereo-images", str(tmp_path), "--stereo-faults")
+    flags += ("--stereo-cameras", 'eye=1,1,1;target=0,0,0|["robot", "hand"]')
+    with gateway_process(*flags) as (_, base), httpx2.Client(base_url=base) as http:
+        assert list(http.get("/api/v2/pipelines").json()) == ["0", "1", "2"]
+        interfaces = http.get("/healthz").json()["interfaces"]
+        ports = [interfaces[name]["port"] for name in ("stereo", "stereo 1", "stereo 2")]
+        assert len(set(ports)) == 3
+        answer = http.put("/api/v2/pipelines/1/nodes/rc_stereomatching/parameters?quality=Low")
+        assert answer.status_code == 200
+        sizes = []
+        for port in ports:
+            with grpc.insecure_channel(f"127.0.0.1:{port}") as channel:
+                one = take(channel, left_enabled=True, disparity_enabled=True)
+            assert np.array_equal(np.frombuffer(one.left.data, np.uint8).reshape(120, 160), ramp)
+            sizes.append(one.disparity.image.width)
+        assert sizes == [80, 27, 80]
+        assert http.put("/stereo/faults?pipeline=2", json={"drop": 1}).json()["drop"] == 1
+        assert http.get("/stereo/faults?pipeline=1").json()["drop"] == 0
+        assert http.get("/stereo/truth.npz?pipeline=1").status_code == 404

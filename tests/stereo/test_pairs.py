@@ -17,12 +17,13 @@ from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.pairs import Pair, Pairs, geometry_in, pair_studio, pairs_in
 from gateway.stereo.rest import router
 from gateway.stereo.truth import truth_router
-from gateway.stereo.upload import PATH, upload_router
+from gateway.stereo.upload import upload_router
 from renderers.drawlist import ImageError
 from tests.stereo.conftest import SMALL, Camera, Start, pixels
 from tests.stereo.test_exposure import new
 
 LIMIT = 1_000_000
+PATH = "/api/v2/pipelines/0/test/set"
 
 
 def png(array: np.ndarray) -> bytes:
