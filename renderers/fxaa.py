@@ -14,6 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from renderers.jit import kernel
+from renderers.pointers import address_of, f32_at, u8_at
 
 _HARD_CONTRAST: Final = np.float32(255.0 / 16.0)
 """Luma range (of 255) of a pixel and its four neighbours below which nothing is done ..."""
@@ -48,14 +49,16 @@ def fxaa(color: NDArray[np.uint8]) -> None:
             _scratch.arrays = kept
     source = kept[0][: 3 * pixels].reshape(height, width, 3)
     np.copyto(source, color)
-    _smooth(source, kept[1][:pixels].reshape(height, width), color)
+    luma = kept[1][:pixels].reshape(height, width)
+    _smooth(source, luma, address_of(source, np.uint8), address_of(luma, np.float32), address_of(color, np.uint8))
 
 
-@kernel("void(uint8[:,:,::1], float32[:,::1], uint8[:,:,::1])")
-def _smooth(source: NDArray[np.uint8], luma: NDArray[np.float32], out: NDArray[np.uint8]) -> None:
-    """``out`` holds a copy of ``source``; ``luma`` is scratch."""
+@kernel("void(uint8[:,:,::1], float32[:,::1], int64, int64, int64)")
+def _smooth(source, luma, source_at, luma_at, out_at):  # type: ignore[no-untyped-def]
+    """``out`` holds a copy of ``source``; ``luma`` is scratch; the addresses are those of the arrays and of ``out``."""
     height, width = luma.shape
     values, lumas = source.reshape(height * width * 3), luma.reshape(height * width)
+    pixels, levels, out = u8_at(source_at), f32_at(luma_at), u8_at(out_at)
     for i in range(height * width):
         lumas[i] = (
             np.float32(0.299) * values[3 * i]
@@ -64,7 +67,6 @@ def _smooth(source: NDArray[np.uint8], luma: NDArray[np.float32], out: NDArray[n
         )
     hot = np.ones(width, np.uint8)  # the first and the last column are always looked at closely
     for y in range(height):
-        # OpenGL's rows go upwards, which decides between neighbours of equal contrast: "north" is the row below.
         north, south = min(y + 1, height - 1), max(y - 1, 0)
         _find_edges(luma[y], luma[north], luma[south], hot)
         for x in range(width):
@@ -74,7 +76,7 @@ def _smooth(source: NDArray[np.uint8], luma: NDArray[np.float32], out: NDArray[n
                 brightest = max(max(max(n, s), max(w, e)), c)
                 contrast = brightest - min(min(min(n, s), min(w, e)), c)
                 if contrast >= max(_HARD_CONTRAST, _RELATIVE_CONTRAST * brightest):
-                    _smooth_pixel(source, luma, out, x, y, west, east, north, south, contrast)
+                    _smooth_pixel(pixels, levels, out, x, y, width, height, contrast)
 
 
 @njit(nogil=True, error_model="numpy")
@@ -91,9 +93,14 @@ def _find_edges(row, north, south, hot):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _smooth_pixel(source, luma, out, x, y, west, east, north, south, contrast):  # type: ignore[no-untyped-def]
-    c, n, s, w, e = luma[y, x], luma[north, x], luma[south, x], luma[y, west], luma[y, east]
-    nw, ne, sw, se = luma[north, west], luma[north, east], luma[south, west], luma[south, east]
+def _smooth_pixel(pixels, luma, out, x, y, width, height, contrast):  # type: ignore[no-untyped-def]
+    """By pointers: array arguments would cost reference counts and range checks for every pixel."""
+    # OpenGL's rows go upwards, which decides between neighbours of equal contrast: "north" is the row below.
+    here = y * width
+    north, south = min(y + 1, height - 1) * width, max(y - 1, 0) * width
+    west, east = max(x - 1, 0), min(x + 1, width - 1)
+    c, n, s, w, e = luma[here + x], luma[north + x], luma[south + x], luma[here + west], luma[here + east]
+    nw, ne, sw, se = luma[north + west], luma[north + east], luma[south + west], luma[south + east]
     # Second differences across rows and columns, the middle one counting twice: which way does the edge run?
     two = np.float32(2.0)
     across_columns = abs(nw + ne - two * n) + two * abs(w + e - two * c) + abs(sw + se - two * s)
@@ -103,13 +110,14 @@ def _smooth_pixel(source, luma, out, x, y, west, east, north, south, contrast): 
     first, second = (n, s) if horizontal else (w, e)
     if abs(c - first) >= abs(c - second):
         over = first
-        ox, oy = (x, north) if horizontal else (west, y)
+        beyond = north + x if horizontal else here + west
     else:
         over = second
-        ox, oy = (x, south) if horizontal else (east, y)
-    dx, dy = (1, 0) if horizontal else (0, 1)
-    back, luma_back = _edge_end(luma, x, y, ox, oy, -dx, -dy, c, over)
-    ahead, luma_ahead = _edge_end(luma, x, y, ox, oy, dx, dy, c, over)
+        beyond = south + x if horizontal else here + east
+    # Along the edge: pixels before and behind this one, and how far apart they lie in memory.
+    before, behind, step = (x, width - 1 - x, 1) if horizontal else (y, height - 1 - y, width)
+    back, luma_back = _edge_end(luma, here + x, beyond, -step, before, c, over)
+    ahead, luma_ahead = _edge_end(luma, here + x, beyond, step, behind, c, over)
     # North is +y here but -y in OpenGL: "back" is the nearer end only if strictly nearer in OpenGL's direction.
     if horizontal:
         back_is_nearer = back < ahead
@@ -124,25 +132,33 @@ def _smooth_pixel(source, luma, out, x, y, west, east, north, south, contrast): 
     spot = abs(mean - c) / contrast - _SUBPIXEL_CONTRAST
     blend = min(_SUBPIXEL_BLEND, max(np.float32(0.0), spot / (np.float32(1.0) - _SUBPIXEL_CONTRAST)))
     for k in range(3):
-        center = np.float32(source[y, x, k])
-        edge = center + shift * (np.float32(source[oy, ox, k]) - center)
-        around = np.float32(0.0)
-        for row in (north, y, south):
-            for column in (west, x, east):
-                around += np.float32(source[row, column, k])
-        value = edge + blend * (around / np.float32(9.0) - edge)
-        out[y, x, k] = np.uint8(value + np.float32(0.5))
+        center = np.float32(pixels[3 * (here + x) + k])
+        edge = center + shift * (np.float32(pixels[3 * beyond + k]) - center)
+        value = edge
+        if blend > np.float32(0.0):
+            # Sums of bytes are exact in any order.
+            around = np.int32(0)
+            for row in (north, here, south):
+                around += (
+                    np.int32(pixels[3 * (row + west) + k])
+                    + np.int32(pixels[3 * (row + x) + k])
+                    + np.int32(pixels[3 * (row + east) + k])
+                )
+            value = edge + blend * (np.float32(around) / np.float32(9.0) - edge)
+        out[3 * (here + x) + k] = np.uint8(value + np.float32(0.5))
 
 
 @njit(nogil=True, error_model="numpy")
-def _edge_end(luma, x, y, ox, oy, dx, dy, c, over):  # type: ignore[no-untyped-def]
+def _edge_end(luma, own, other, step, left, c, over):  # type: ignore[no-untyped-def]
     """Walks along both sides of an edge until a pixel is more like the other side; VTK's rule, which sees the ends of
-    lines one pixel wide, too. Returns the distance in pixels and the luma at the end on the pixel's own side."""
-    height, width = luma.shape
+    lines one pixel wide, too. Returns the distance in pixels and the luma at the end on the pixel's own side.
+
+    Beyond the picture's border, ``left`` pixels away, its last pixel goes on.
+    """
     distance, here = 1, c
     for _ in range(_SEARCH):
-        here = luma[min(max(y + distance * dy, 0), height - 1), min(max(x + distance * dx, 0), width - 1)]
-        there = luma[min(max(oy + distance * dy, 0), height - 1), min(max(ox + distance * dx, 0), width - 1)]
+        at = min(distance, left) * step
+        here, there = luma[own + at], luma[other + at]
         if abs(there - over) > abs(there - c) or abs(here - c) > abs(here - over):
             break
         distance += 1

@@ -19,7 +19,7 @@ from renderers.cpu.scene import PreparedScene, prepare
 from renderers.cpu.visibility import Visibility
 from renderers.drawlist import DrawList
 from renderers.port import Frame, Look, LookName, Output
-from renderers.shading import Painter, ShadingScene, paint
+from renderers.shading import Painter, Parallel, ShadingScene, paint
 from renderers.shading import prepare as prepare_shading
 from renderers.studio.paint import paint as paint_studio
 from renderers.studio.tables import StudioScene
@@ -36,12 +36,12 @@ _shadings: WeakLru[DrawList, dict[LookName, ShadingScene]] = WeakLru(MAX_SHADING
 _studios: WeakLru[DrawList, StudioScene] = WeakLru(MAX_SHADING_BYTES)
 
 
-def _shading(scene: DrawList, look: LookName) -> ShadingScene:
+def _shading(scene: DrawList, look: LookName, parallel: Parallel) -> ShadingScene:
     """The draw list's tables for shading, made once while it is alive and drawn."""
     looks = _shadings.get(scene) or {}
     known = looks.get(look)
     if known is None:
-        known = prepare_shading(scene.instances, look)
+        known = prepare_shading(scene.instances, look, parallel)
         looks = {**looks, look: known}
         _shadings.put(scene, looks, sum(tables.nbytes for tables in looks.values()))
     return known
@@ -180,9 +180,9 @@ class CpuRenderer:
                 studio = _studio(scene)
                 paint_studio(self, scene, studio, camera, look.rig, look.samples, look.background, color)
             else:
-                paint_sampled(self, scene, _shading(scene, look.name), camera, look, color)
+                paint_sampled(self, scene, _shading(scene, look.name, self.parallel), camera, look, color)
             return
-        shading = _shading(scene, look.name)
+        shading = _shading(scene, look.name, self.parallel)
         if shading.translucent:
             if with_geometry:
                 self._geometry(prepared, camera, frame)

@@ -34,12 +34,13 @@ from __future__ import annotations
 from renderers.shading.materials import look_material
 from renderers.shading.paint import MAX_LAYERS, Painter, paint
 from renderers.shading.scene import ShadingScene, prepare
-from renderers.shading.textures import texels_of
+from renderers.shading.textures import Parallel, texels_of
 from renderers.shading.warm import warmup
 
 __all__ = [
     "MAX_LAYERS",
     "Painter",
+    "Parallel",
     "ShadingScene",
     "look_material",
     "paint",

@@ -112,13 +112,10 @@ class MaterialRows:
 
 
 def material_rows(material: Material, look: LookName, lit: bool, textures: TextureTable) -> MaterialRows:
-    """Rows of one material; its textures are added to ``textures`` and decoded.
+    """Rows of one material; its textures are added to ``textures``.
 
     Args:
         lit: False for lines and points, which have no surface that could be lit.
-
-    Raises:
-        ImageError: a texture that this look needs cannot be decoded.
     """
     seen = look_material(material if lit else replace(material, unlit=True), look)
     used: list[Texture] = []

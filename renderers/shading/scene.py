@@ -15,7 +15,7 @@ from renderers.pointers import address_of, f32_at, f64_at
 from renderers.port import LookName
 from renderers.shading.layout import II_COLUMNS, P_COLUMNS, P_MIRROR, P_NORMAL, P_TANGENT
 from renderers.shading.materials import MaterialRows, as_tables, material_rows
-from renderers.shading.textures import Texels, TextureTable, texels_of
+from renderers.shading.textures import Parallel, Texels, TextureTable, texels_of
 from renderers.shading.vertices import VertexRecords, records_of
 
 
@@ -67,8 +67,11 @@ def _lets_through(instance: Instance) -> bool:
     return not (opaque and material.base_color[3] >= least)
 
 
-def prepare(instances: Sequence[Instance], look: LookName) -> ShadingScene:
+def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | None = None) -> ShadingScene:
     """Tables of a draw list's instances, in their order; decodes the images that the look needs.
+
+    Args:
+        parallel: for several images at the same time; None: one after the other.
 
     Raises:
         ImageError: an image cannot be decoded.
@@ -100,7 +103,7 @@ def prepare(instances: Sequence[Instance], look: LookName) -> ShadingScene:
             columns = geometry[id(mesh), tangent_set] = records.columns
         table[i] = (topology, material_row, *columns)
     integers, floats = as_tables(rows)
-    texture_integers, texture_floats = textures.as_tables()
+    texture_integers, texture_floats = textures.as_tables(parallel)
     return ShadingScene(
         look=look,
         instances=table,

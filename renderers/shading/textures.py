@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -68,50 +69,70 @@ def texels_of(image: Image) -> Texels:
     return fresh
 
 
+Parallel = Callable[[int, Callable[[int], object]], None]
+"""``parallel(units, work)`` calls work(0) .. work(units - 1) from several threads and raises the first error."""
+
+
 class TextureTable:
     """Collects the textures of one draw list; each gets a row."""
 
     def __init__(self) -> None:
         self._rows: dict[Texture, int] = {}
-        self._integers: list[tuple[int, ...]] = []
-        self._floats: list[tuple[float, ...]] = []
         self.keep: list[Texels] = []
-        """What the addresses point into."""
+        """What the addresses point into, after ``as_tables``."""
 
     def row(self, texture: Texture) -> int:
-        """The row of a texture, decoding its image at the first time.
+        """The row of a texture."""
+        return self._rows.setdefault(texture, len(self._rows))
+
+    def as_tables(self, parallel: Parallel | None = None) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+        """(n, TI_COLUMNS) int64 and (n, TF_COLUMNS) float32, at least one row each.
+
+        Args:
+            parallel: decodes images that were not used lately at the same time; None: one after the other.
 
         Raises:
             ImageError: see ``texels_of``.
         """
-        known = self._rows.get(texture)
-        if known is not None:
-            return known
-        texels = texels_of(texture.image)
-        self.keep.append(texels)
-        height, width = texels.rgba.shape[:2]
-        sampler = texture.sampler
-        # Without mip levels there is no footprint to decide by: the magnification filter is used throughout.
-        self._integers.append(
-            (
-                address_of(texels.rgba, np.uint8),
-                width,
-                height,
-                _WRAP[sampler.wrap_s],
-                _WRAP[sampler.wrap_t],
-                int(sampler.mag_linear),
-                texture.uv_set,
-                int(texture.uv_transform is not None),
-            )
-        )
-        self._floats.append(texture.uv_transform or (1.0, 0.0, 0.0, 0.0, 1.0, 0.0))
-        row = self._rows[texture] = len(self._integers) - 1
-        return row
-
-    def as_tables(self) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-        """(n, TI_COLUMNS) int64 and (n, TF_COLUMNS) float32, at least one row each."""
-        if not self._integers:
+        if not self._rows:
             return np.zeros((1, TI_COLUMNS), np.int64), np.zeros((1, TF_COLUMNS), np.float32)
+        found = _decode({id(texture.image): texture.image for texture in self._rows}, parallel)
+        integers: list[tuple[int, ...]] = []
+        for texture in self._rows:
+            texels = found[id(texture.image)]
+            self.keep.append(texels)
+            height, width = texels.rgba.shape[:2]
+            sampler = texture.sampler
+            # Without mip levels there is no footprint to decide by: the magnification filter is used throughout.
+            integers.append(
+                (
+                    address_of(texels.rgba, np.uint8),
+                    width,
+                    height,
+                    _WRAP[sampler.wrap_s],
+                    _WRAP[sampler.wrap_t],
+                    int(sampler.mag_linear),
+                    texture.uv_set,
+                    int(texture.uv_transform is not None),
+                )
+            )
         with np.errstate(over="ignore"):  # a posted texture transform beyond float32 is infinite
-            floats = np.array(self._floats, dtype=np.float32)
-        return np.array(self._integers, dtype=np.int64), floats
+            transforms = [texture.uv_transform or (1.0, 0.0, 0.0, 0.0, 1.0, 0.0) for texture in self._rows]
+            floats = np.array(transforms, dtype=np.float32)
+        return np.array(integers, dtype=np.int64), floats
+
+
+def _decode(images: dict[int, Image], parallel: Parallel | None) -> dict[int, Texels]:
+    """The texels of images, by the same keys."""
+    found = {key: texels for key, image in images.items() if (texels := _decoded.get(image)) is not None}
+    missing = [key for key in images if key not in found]
+
+    def decode(number: int) -> None:
+        found[missing[number]] = texels_of(images[missing[number]])
+
+    if parallel is not None and len(missing) > 1:
+        parallel(len(missing), decode)
+    else:
+        for number in range(len(missing)):
+            decode(number)
+    return found

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from renderers.fxaa import fxaa
+from tests.renderers import scalar_fxaa
 
 WHITE, BLACK = 255, 0
 
@@ -95,3 +96,15 @@ def test_threads_do_not_share_their_working_memory() -> None:
         thread.join()
     for result, wanted in zip(results, expected, strict=True):
         np.testing.assert_array_equal(result, wanted)
+
+
+@settings(deadline=None, max_examples=100)
+@given(st.integers(1, 40), st.integers(1, 40), st.sampled_from([2, 3, 17, 256]), st.integers(0, 2**32 - 1))
+def test_the_very_same_bytes_as_the_plain_code(height: int, width: int, levels: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    picture = (rng.integers(0, levels, (height, width, 3)) * (255 // (levels - 1))).astype(np.uint8)
+    if seed % 2:  # areas instead of noise: long edges
+        picture = picture[::5, ::7].repeat(5, axis=0).repeat(7, axis=1)[:height, :width]
+    expected = np.array(picture, order="C")
+    scalar_fxaa.fxaa(expected)
+    np.testing.assert_array_equal(smoothed(picture), expected)

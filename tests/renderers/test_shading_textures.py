@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import threading
 import weakref
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 from numba import njit
 
 from renderers import simd as vec
+from renderers.cpu.crew import Crew, Phase
 from renderers.drawlist import Image, ImageError, Sampler, Texture, Wrap
 from renderers.pointers import address_of, f32_at, i32_at, i64_at
 from renderers.shading import texels_of
@@ -203,3 +205,42 @@ def test_decoding_a_shown_value() -> None:
     c = np.linspace(0, 1, 5001).astype(np.float32)
     np.testing.assert_allclose(each(_decode_gamma, c, np.float32), c.astype(np.float64) ** 2.2, atol=2e-7)
     assert each(_decode_gamma, (np.nan, 2.0), np.float32).tolist() == [0, 1]
+
+
+def test_images_that_are_not_known_are_decoded_at_the_same_time() -> None:
+    together = threading.Barrier(2, timeout=60.0)
+
+    def decode() -> np.ndarray:
+        together.wait()  # breaks unless two threads are here
+        return PIXELS
+
+    table = TextureTable()
+    textures = [Texture(Image(bytes([k]), decode)) for k in range(2)]
+    known = Texture(picture(PIXELS))
+    expected = texels_of(known.image)
+    for texture in (known, *textures, replace(textures[0], uv_set=1)):
+        table.row(texture)
+    crew = Crew(2)
+    try:
+        integers, _ = table.as_tables(lambda units, work: crew.run((Phase(units, work),)))
+    finally:
+        crew.close()
+    assert len(integers) == 4
+    assert table.keep[0] is expected
+    assert table.keep[1] is table.keep[3] is not table.keep[2]
+    np.testing.assert_array_equal(table.keep[2].rgba, PIXELS)
+
+
+def test_the_first_error_of_decoding_is_raised() -> None:
+    def broken() -> np.ndarray:
+        raise ImageError("image 'wall': torn")
+
+    table = TextureTable()
+    for k in range(2):
+        table.row(Texture(Image(bytes([k]), broken)))
+    crew = Crew(2)
+    try:
+        with pytest.raises(ImageError, match="torn"):
+            table.as_tables(lambda units, work: crew.run((Phase(units, work),)))
+    finally:
+        crew.close()
