@@ -9,6 +9,8 @@ import typer
 
 from gateway import __version__
 from gateway.cli import dataset
+from gateway.cli.lcmlog import play, record
+from gateway.cli.publish import publish
 from gateway.cli.render import render
 from gateway.cli.serve import add_serve
 from gateway.client.command import stream
@@ -61,7 +63,7 @@ def check() -> None:
 
 
 add_serve(app)
-for command in (render, stream, check, warmup):
+for command in (render, stream, publish, record, play, check, warmup):
     app.command()(command)
 app.add_typer(dataset.app, name="dataset")
 

@@ -1,1 +1,60 @@
-"""Clients that users install: they know the wire, not the server."""
+"""Clients that users install: they know the wire, not the server.
+
+The tree viewer's client is here by name (``from gateway.client import TreeViewer, Box``), imported when asked for.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from gateway.client.tree.aio import AsyncTreeViewer
+    from gateway.client.tree.geometry import (
+        Box,
+        Capsule,
+        Cylinder,
+        Ellipsoid,
+        Geometry,
+        Line,
+        Mesh,
+        MeshFile,
+        PlanarLidar,
+        PointCloud,
+        Sphere,
+        Transform,
+        Triad,
+    )
+    from gateway.client.tree.viewer import Answer, Batch, Node, TreeViewer, TreeViewerError
+
+__all__ = [
+    "Answer",
+    "AsyncTreeViewer",
+    "Batch",
+    "Box",
+    "Capsule",
+    "Cylinder",
+    "Ellipsoid",
+    "Geometry",
+    "Line",
+    "Mesh",
+    "MeshFile",
+    "Node",
+    "PlanarLidar",
+    "PointCloud",
+    "Sphere",
+    "Transform",
+    "TreeViewer",
+    "TreeViewerError",
+    "Triad",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from gateway.client.tree import aio, geometry, viewer
+
+    for module in (viewer, geometry, aio):
+        if hasattr(module, name):
+            return getattr(module, name)
+    raise AttributeError(name)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import os
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -20,6 +19,7 @@ from gateway.treeviewer.errors import TreeViewerUnavailable
 from gateway.treeviewer.geometry import MeshLoader
 from gateway.treeviewer.hub import Hub, HubConnection
 from gateway.treeviewer.lcm_bus import LcmBus
+from gateway.treeviewer.network import join, url_of
 from gateway.treeviewer.protocol import REQUEST, RESPONSE, TreeViewerProtocol
 from gateway.treeviewer.tcpq_bus import TcpqBus
 from gateway.treeviewer.udpm_bus import UdpmBus
@@ -27,8 +27,6 @@ from gateway.treeviewer.udpm_bus import UdpmBus
 _log = structlog.get_logger("gateway.treeviewer")
 
 OFF = "off"
-DEFAULT_URL = "udpm://239.255.76.67:7667?ttl=0"
-"""liblcm's own."""
 PATTERN = f"{REQUEST}.*"
 """Director's own; the channel without a client id is among them."""
 
@@ -100,7 +98,7 @@ class TreeViewerService:
     async def _start(self) -> None:
         ready = answers.encode(answers.ReadyAnswer())
         wanted = 0
-        url = self._config.lcm_url or os.environ.get("LCM_DEFAULT_URL") or DEFAULT_URL
+        url = url_of(self._config.lcm_url)
         if url != OFF:
             wanted += 1
             try:
@@ -130,15 +128,11 @@ class TreeViewerService:
             _announce(bus, ready)
 
     def _join(self, url: str) -> None:
-        config = self._config
-        most = config.limits.message_bytes + 1024
-        match url.partition(":")[0]:
-            case "tcpq":
-                self._remote = TcpqBus(url, PATTERN, most)
-            case "udpm":
-                self._bus = UdpmBus(url, REQUEST, config.receive_buffer_bytes, config.waiting_bytes, most)
-            case _:
-                self._bus = LcmBus(url, PATTERN, config.waiting_bytes)
+        bus = join(url, REQUEST, self._config)
+        if isinstance(bus, TcpqBus):
+            self._remote = bus
+        else:
+            self._bus = bus
 
     async def _stop(self) -> None:
         if self._bus is not None:

@@ -23,6 +23,7 @@ _log = structlog.get_logger("gateway.treeviewer")
 PORT: Final = 7700
 RETRY_SECONDS: Final = 1.0
 CONNECT_SECONDS: Final = 10.0
+DRAIN_SECONDS: Final = 0.005
 MOST_UNSENT_BYTES: Final = 512 * 1024 * 1024
 """Answers waiting for the hub; beyond it they are refused."""
 
@@ -62,6 +63,15 @@ class TcpqBus:
         if self._connection is None:
             raise OSError(f"{self.url}: {self._problem}")
         self._connection.publish(channel, message)
+
+    async def drained(self, most: int) -> None:
+        """Returns when at most ``most`` bytes wait for the hub. Raises OSError when there is no connection."""
+        while True:
+            if self._connection is None:
+                raise OSError(f"{self.url}: {self._problem}")
+            if self._connection.unsent_bytes <= most:
+                return
+            await asyncio.sleep(DRAIN_SECONDS)
 
     async def close(self) -> None:
         if self._task is not None:
@@ -136,6 +146,10 @@ class _Connection(asyncio.BufferedProtocol):
         if transport.get_write_buffer_size() + len(message) > MOST_UNSENT_BYTES:
             raise OSError("the hub does not read")
         transport.write(publish_head(channel, len(message)) + message)
+
+    @property
+    def unsent_bytes(self) -> int:
+        return self._transport.get_write_buffer_size() if self._transport is not None else 0
 
     def end(self, reason: str) -> None:
         """Closes the connection for this reason."""

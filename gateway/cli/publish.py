@@ -1,0 +1,122 @@
+"""``scenegate publish``: a file into the live scene of a running viewer, ours or Director's."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from gateway.cli.lcmlog import LcmUrl
+
+if TYPE_CHECKING:
+    from gateway.client.tree.geometry import Geometry
+    from gateway.client.tree.memory import Changes
+    from gateway.client.tree.memory import Path as NodePath
+    from gateway.client.tree.viewer import Answer
+    from gateway.scene.geometry import Part
+
+
+def publish(
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="SCENE.json|MESH",
+            exists=True,
+            dir_okay=False,
+            help="A request of the protocol in JSON, or a mesh: glb, gltf, obj, stl, ply, dae.",
+        ),
+    ],
+    path: Annotated[str, typer.Option(help="Where in the tree: robot/base.")] = "",
+    lcm_url: LcmUrl = None,
+    timeout: Annotated[float, typer.Option(min=0.1, help="Seconds to wait for the viewer.")] = 10.0,
+) -> None:
+    """Publish a file at a path of the live scene; what was below that path is replaced."""
+    from gateway.client.tree.memory import Changes, path_of
+    from gateway.client.tree.viewer import TreeViewer
+
+    at = path_of(path)
+    changes = Changes()
+    if source.suffix.lower() == ".json":
+        _request(source, at, changes)
+    else:
+        at = at or (source.stem,)
+        changes.delete(at)
+        changes.set(at, [geometry.body() for geometry in _meshes(source)])
+    with TreeViewer(lcm_url, timeout=timeout) as viewer:
+        answer = viewer.send(changes)
+    _tell(answer)
+
+
+def _request(source: Path, at: NodePath, changes: Changes) -> None:
+    """The commands of a request of the protocol, below ``at``."""
+    try:
+        request = json.loads(source.read_text())
+    except ValueError as error:
+        raise ValueError(f"{source} is not JSON: {error}") from None
+    if not isinstance(request, dict) or not {"delete", "setgeometry", "settransform"} & request.keys():
+        raise ValueError(f"{source} is no request of the protocol: it has no delete, setgeometry or settransform")
+    for path, _ in _pairs(request, "delete", source):
+        changes.delete(at + path)
+    for path, command in _pairs(request, "setgeometry", source):
+        several = command.get("geometries")
+        changes.set(at + path, [command["geometry"]] if command.get("geometry") else several or [])
+    for path, command in _pairs(request, "settransform", source):
+        changes.transform(at + path, command.get("transform") or {})
+
+
+def _pairs(request: dict[str, Any], name: str, source: Path) -> Iterator[tuple[NodePath, dict[str, Any]]]:
+    from gateway.client.tree.memory import path_of
+
+    for index, command in enumerate(request.get(name) or ()):
+        path = command.get("path") if isinstance(command, dict) else None
+        if not isinstance(path, (list, str)):
+            raise ValueError(f"{source}: {name}[{index}] has no path")
+        yield path_of(path) if isinstance(path, str) else tuple(path), command
+
+
+def _meshes(source: Path) -> Iterator[Geometry]:
+    """A mesh file's triangles and points, in the colours of their materials; the protocol has no textures."""
+    from gateway.scene.geometry import Surface
+    from gateway.scene.meshfiles import MeshFiles
+
+    plain = True
+    for part in MeshFiles([source.parent]).load(str(source.resolve())):
+        colored = isinstance(part.shape, Surface) and part.shape.mesh.colors is not None
+        plain = plain and not colored and part.material.base_color_texture is None
+        yield from _geometries(part)
+    if not plain:
+        typer.echo(f"{source}: textures and vertex colours are not published; mesh_file shows them", err=True)
+
+
+def _geometries(part: Part) -> Iterator[Geometry]:
+    import numpy as np
+
+    from gateway.client.tree.geometry import Mesh, PointCloud
+    from gateway.scene.geometry import PointCloud as Points
+    from gateway.scene.meshing import meshes_of
+    from renderers.color import srgb_from_linear
+
+    X = part.X_node_part
+    red, green, blue, alpha = part.material.base_color
+    color = (srgb_from_linear(red), srgb_from_linear(green), srgb_from_linear(blue), alpha)
+    if isinstance(part.shape, Points):
+        points = part.shape.points @ X[:3, :3].T + X[:3, 3]
+        yield PointCloud(points, rgb=part.shape.channels.get("rgb"), color=color)
+        return
+    for mesh, _, X_part_mesh in meshes_of(part.shape, part.material):
+        if mesh.elements.shape[1] != 3:
+            continue
+        placed = X @ X_part_mesh
+        faces = mesh.elements if np.linalg.det(placed[:3, :3]) > 0 else mesh.elements[:, ::-1]
+        yield Mesh(mesh.positions @ placed[:3, :3].T + placed[:3, 3], faces, color=color)
+
+
+def _tell(answer: Answer) -> None:
+    for warning in answer.warnings:
+        typer.echo(warning, err=True)
+    for name, paths in (("set", answer.added), ("moved", answer.transformed), ("deleted", answer.deleted)):
+        if paths:
+            typer.echo(f"{name}: {', '.join('/'.join(map(str, path)) or '/' for path in paths[:10])}")

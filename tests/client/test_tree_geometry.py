@@ -1,0 +1,115 @@
+"""Typed geometry as the protocol has it, and what cannot be."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gateway.client import (
+    Box,
+    Capsule,
+    Cylinder,
+    Ellipsoid,
+    Geometry,
+    Line,
+    Mesh,
+    MeshFile,
+    PlanarLidar,
+    PointCloud,
+    Sphere,
+    Transform,
+    Triad,
+)
+from gateway.client.tree import wire
+from gateway.scene.transforms import from_pose
+from gateway.treeviewer import wire as server_wire
+from tests.treeviewer.conversation import Viewer
+
+POINTS = np.arange(12, dtype=np.float64).reshape(4, 3)
+ALL = [
+    Box((1, 2, 3), color=(1, 0, 0)),
+    Sphere(1, transform=(1, 2, 3)),
+    Ellipsoid((1, 2, 3)),
+    Cylinder(1, 2),
+    Capsule(1, 2),
+    Triad(0.5, tube=True),
+    Line(POINTS, end_head=True, head_length=0.1),
+    Mesh(POINTS, [[0, 1, 2]]),
+    PointCloud(POINTS, rgb=np.full((4, 3), 255, np.uint8), channels={"label": [1, 2, 3, 4], "uv": POINTS[:, :2]}),
+    PointCloud(POINTS, intensity=[0, 0.5, 1, 1]),
+    PlanarLidar([1, 2, 3], 0.0, 0.1, rgb=np.ones((3, 4))),
+]
+
+
+@pytest.mark.parametrize("name", [wire.JSON, wire.BINARY])
+@pytest.mark.parametrize("geometry", ALL, ids=lambda geometry: geometry.kind)
+def test_the_viewer_understands_every_geometry(geometry: Geometry, name: str) -> None:
+    viewer = Viewer()
+    body = {"setgeometry": [{"path": ("a", 1), "geometries": [geometry.body()]}]}
+    answer: Any = viewer.protocol.handle(wire.encode(body, 5, name))
+    assert (answer.status, answer.error, answer.warnings) == (0, "", [])
+    (part,) = viewer.parts("a", 1)
+    assert part.kind == geometry.kind
+
+
+@pytest.mark.parametrize("name", [wire.JSON, wire.BINARY])
+def test_colours_of_bytes_arrive_as_0_to_1(name: str) -> None:
+    viewer = Viewer()
+    cloud = PointCloud(POINTS, rgb=np.array([[0, 51, 255]] * 4, np.uint8))
+    viewer.protocol.handle(wire.encode({"setgeometry": [{"path": ["a"], "geometries": [cloud.body()]}]}, 5, name))
+    shape: Any = viewer.parts("a")[0].shape
+    np.testing.assert_allclose(shape.channels["rgb"], [[0, 0.2, 1]] * 4, rtol=1e-6)
+    np.testing.assert_array_equal(shape.points, POINTS)
+
+
+def test_mesh_files_are_scaled_by_one_or_three() -> None:
+    assert MeshFile("a.obj", 2).body()["scale"] == [2, 2, 2]
+    assert MeshFile("a.obj", (1, 2, 3)).body()["scale"] == [1, 2, 3]
+
+
+@pytest.mark.parametrize(
+    ("geometry", "reason"),
+    [
+        (Box((1, 2)), r"lengths must have 3 numbers, not shape \(2,\)"),
+        (Box((1, 2, 3), color=(1, 1)), "color must have 3 or 4 numbers"),
+        (PointCloud(POINTS.T), r"points must have rows of 3, not shape \(3, 4\)"),
+        (PointCloud(POINTS, rgb=POINTS[:2]), "rgb has 2 values for 4 points"),
+        (PointCloud(POINTS, rgb=POINTS[:, :2]), "rgb must have rows of 3 or 4"),
+        (PointCloud(np.full((4, 3), "x")), "points must have numbers, not <U1"),
+        (Mesh(POINTS, [[0, 1, 4]]), "faces refer to vertex 0 to 4, there are 4"),
+        (Mesh(POINTS, [[0, 1, 1.5]]), "faces must have integers"),
+        (Sphere(1, transform=np.eye(3)), "a transform is 3 numbers or a 4x4 matrix"),
+        (Sphere(1, transform=2 * np.eye(4)), "without scale, shear or mirroring"),
+        (Sphere(1, transform=np.diag((-1.0, 1, 1, 1))), "without scale, shear or mirroring"),
+    ],
+)
+def test_what_does_not_fit_is_refused_before_it_is_sent(geometry: Geometry, reason: str) -> None:
+    with pytest.raises(ValueError, match=reason):
+        geometry.body()
+
+
+@settings(deadline=None, max_examples=200)
+@given(st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(lambda q: np.linalg.norm(q) > 0.01))
+def test_matrices_and_quaternions_are_the_same_rotation(q: list[float]) -> None:
+    X = from_pose((1.0, -2.0, 3.0), (q[0], q[1], q[2], q[3]))
+    made = Transform.of(X).body()
+    t, r = made["translation"], made["quaternion"]
+    np.testing.assert_allclose(from_pose((t[0], t[1], t[2]), (r[0], r[1], r[2], r[3])), X, atol=1e-9)
+
+
+def test_arrays_are_remembered_as_they_were() -> None:
+    points = POINTS.copy()
+    body = PointCloud(points).body()
+    points[:] = 7
+    np.testing.assert_array_equal(body["points"], POINTS)
+
+
+def test_both_wires_are_the_same() -> None:
+    assert wire.encode({}, 9, wire.JSON) == server_wire.encode(b"{}", 9)
+    assert wire.decode(b"") is None
+    assert wire.decode(wire.encode({"timestamp": "x", "status": 0}, 1, wire.JSON)) is None
+    assert wire.decode(b"x" * 60) is None

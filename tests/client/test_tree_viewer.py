@@ -1,0 +1,235 @@
+"""The client against the real service over TCPQ and UDP, against a viewer that forgets, and against silence."""
+
+from __future__ import annotations
+
+import asyncio
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gateway.client import AsyncTreeViewer, Box, MeshFile, PointCloud, Sphere, TreeViewer, TreeViewerError
+from gateway.client.tree import link, viewer, wire
+from gateway.scene.live import LiveTree
+from gateway.treeviewer.answers import UNKNOWN_FORMAT
+from gateway.treeviewer.config import TreeViewerConfig
+from gateway.treeviewer.service import TreeViewerService
+from tests.support.ports import free_ports
+from tests.treeviewer.transports import free_url, join, serving, until
+
+pytestmark = pytest.mark.lcm
+
+
+@pytest.fixture(autouse=True)
+def lcm() -> None:
+    pytest.importorskip("lcm", reason="LCM cannot be imported: it needs libglib-2.0.so.0", exc_type=ImportError)
+
+
+async def in_thread(function: Callable[..., Any], *args: Any) -> Any:
+    return await asyncio.to_thread(function, *args)
+
+
+def paths(live: LiveTree) -> set[tuple[str | int, ...]]:
+    """Of all nodes with geometry."""
+    return {path for path, node in live.snapshot.root.walk() if node.parts is not None}
+
+
+def hub_of(service: TreeViewerService) -> str:
+    return f"tcpq://localhost:{service.tcpq_port}"
+
+
+def tour(url: str, binary: bool | None) -> None:
+    with TreeViewer(url, binary=binary) as it:
+        answer = it["robot"]["base"].set(Box((1, 2, 3)), Sphere(1), transform=(0, 0, 1))
+        assert (answer.status, answer.added, answer.transformed) == (0, (("robot", "base"),), (("robot", "base"),))
+        assert it["robot/arm"][0].set(PointCloud(np.zeros((5, 3)))).added == (("robot", "arm", 0),)
+        assert it["nobody"].transform((1, 2, 3)).missing == (("nobody",),)
+        with it.batch() as batch:
+            batch["x"].set(Sphere(1))
+            batch["y"].set(Sphere(1), transform=np.eye(4))
+            batch["x"].delete()
+        assert batch.answer is not None
+        assert (batch.answer.added, batch.answer.deleted) == ((("y",),), (("x",),))
+        with pytest.raises(ValueError, match="lengths must have 3"):
+            half_a_batch(it)
+        with pytest.raises(TreeViewerError, match="no folder of mesh files is open to clients") as caught:
+            it["mesh"].set(MeshFile("/etc/passwd"))
+        assert caught.value.answer.status == -3
+        assert it["robot"]["base"].delete().deleted == (("robot", "base"),)
+
+
+def half_a_batch(it: TreeViewer) -> None:
+    with it.batch() as batch:
+        batch["z"].set(Sphere(1))
+        batch["z"].set(Box((1, 2)))
+
+
+@pytest.mark.parametrize("binary", [None, True, False])
+async def test_over_tcpq(binary: bool | None) -> None:
+    live = LiveTree()
+    async with serving(live=live) as service:
+        await in_thread(tour, hub_of(service), binary)
+        assert paths(live) == {("robot", "arm", 0), ("y",)}
+        assert service.status()["internal_errors"] == 0
+
+
+async def test_over_udp() -> None:
+    url, live = free_url(), LiveTree()
+    join(url)
+    async with serving(TreeViewerConfig(lcm_url=url, tcpq_port=None), live=live):
+        await in_thread(tour, url, None)
+        assert paths(live) == {("robot", "arm", 0), ("y",)}
+
+
+async def test_a_million_points_over_tcpq() -> None:
+    live = LiveTree()
+    async with serving(live=live) as service:
+
+        def publish() -> None:
+            with TreeViewer(hub_of(service), timeout=30.0) as it:
+                points = np.zeros((1_000_000, 3), np.float32)
+                assert it["cloud"].set(PointCloud(points, rgb=points.astype(np.uint8))).status == 0
+
+        await in_thread(publish)
+        node = live.snapshot.root.find(("cloud",))
+        assert node is not None
+        assert node.parts is not None
+        shape: Any = node.parts[0].shape
+        assert shape.points.shape == shape.channels["rgb"].shape == (1_000_000, 3)
+
+
+async def test_the_asynchronous_one_does_the_same() -> None:
+    live = LiveTree()
+    async with serving(live=live) as service:
+        with pytest.raises(RuntimeError, match="enter the viewer first"):
+            AsyncTreeViewer()["a"]
+        async with AsyncTreeViewer(hub_of(service)) as it:
+            answers = await asyncio.gather(*(it["swarm"][i].set(Sphere(1)) for i in range(20)))
+            assert {answer.status for answer in answers} == {0}
+            await it["swarm"][0].transform((1, 2, 3))
+            async with it.batch() as batch:
+                batch["swarm", 1].delete()
+            assert len(paths(live)) == 19
+            await it.delete()
+        assert paths(live) == set()
+
+
+async def test_what_a_viewer_forgot_is_sent_again() -> None:
+    live = LiveTree()
+    async with serving(live=live) as service:
+
+        def forget() -> None:
+            with live.edit() as edit:
+                edit.delete(())
+
+        def talk() -> None:
+            with TreeViewer(hub_of(service)) as it:
+                it["robot"].transform((5, 0, 0))
+                it["robot"]["base"].set(Box((1, 1, 1)))
+                it["other"].set(Box((1, 1, 1)))
+                forget()
+                answer = it["robot"]["base"].transform((0, 0, 1))
+                assert (answer.status, answer.missing) == (0, ())
+
+        await in_thread(talk)
+        assert paths(live) == {("robot", "base")}
+        robot = live.snapshot.root.find(("robot",))
+        assert robot is not None
+        assert robot.matrix[0, 3] == 5.0
+
+
+async def test_a_viewer_that_starts_again_gets_everything() -> None:
+    (port,) = free_ports(1)
+    config = TreeViewerConfig(lcm_url="off", tcpq_port=port)
+    async with serving(config):
+        it = await in_thread(TreeViewer, f"tcpq://127.0.0.1:{port}", 20.0)
+        await in_thread(it["robot"].set, Box((1, 1, 1)))
+    live = LiveTree()
+    try:
+        async with serving(config, live=live):
+            await until(lambda: paths(live) == {("robot",)})
+            assert (await in_thread(it["robot"].transform, (1, 2, 3))).status == 0
+    finally:
+        await in_thread(it.close)
+
+
+async def test_json_is_spoken_with_viewers_that_know_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    live = LiveTree()
+    async with serving(live=live) as service:
+        readers = service._protocol._readers
+        monkeypatch.delitem(readers, wire.BINARY)
+
+        def talk() -> None:
+            with TreeViewer(hub_of(service)) as it:
+                assert it["a"].set(Sphere(1)).status == 0
+                assert it._format == wire.JSON
+            with TreeViewer(hub_of(service), binary=True) as it, pytest.raises(TreeViewerError) as caught:
+                it["b"].set(Sphere(1))
+            assert caught.value.answer.status == UNKNOWN_FORMAT
+
+        await in_thread(talk)
+        assert paths(live) == {("a",)}
+
+
+def test_silence_is_told() -> None:
+    url = free_url()
+    join(url)
+    with (
+        TreeViewer(url, timeout=0.05) as it,
+        pytest.raises(TimeoutError, match=r"no viewer answered within 0\.05 s on udpm:.* big messages can get lost"),
+    ):
+        it["a"].set(Sphere(1))
+    assert not it._waiting
+    with pytest.raises(ConnectionError, match="closed"):
+        it["a"].delete()
+
+
+def test_nobody_there_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    (port,) = free_ports(1)
+    with pytest.raises(ConnectionError, match="nobody listens there"):
+        TreeViewer(f"tcpq://127.0.0.1:{port}", timeout=0.05)
+    with pytest.raises(ConnectionError, match=r"the host 'no-such-host\.invalid' is unknown"):
+        TreeViewer("tcpq://no-such-host.invalid", timeout=0.0)
+    monkeypatch.setitem(sys.modules, "lcm", None)
+    with pytest.raises(ImportError, match=r"pip install lcm, and apt install libglib2\.0-0"):
+        TreeViewer("udpm://")
+
+
+def test_channels_are_taken_literally() -> None:
+    assert link._literal("A_<x.y>") == r"A_<x\.y>"
+
+
+def test_other_peoples_messages_do_no_harm() -> None:
+    url = free_url()
+    other = join(url)
+    with TreeViewer(url, timeout=0.05) as it:
+        threads = threading.active_count()
+        for message in (b"", b"junk", wire.encode({"timestamp": 0, "status": 0, "ready": True}, 0, wire.JSON)):
+            other.publish(wire.RESPONSE, message)
+            other.publish(f"{wire.RESPONSE}_<{it.client_id}>", message)
+        with pytest.raises(TimeoutError):
+            it["a"].set(Sphere(1))
+        assert threading.active_count() == threads
+
+
+def test_the_client_imports_nothing_of_the_server() -> None:
+    code = (
+        "import sys; from gateway.client import TreeViewer, AsyncTreeViewer, Box; "
+        "print([m for m in sys.modules if m.startswith('gateway.') and not m.startswith('gateway.client')], "
+        "[m for m in ('numba', 'fastapi', 'grpc', 'structlog', 'pydantic') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["[]", "[]"]
+
+
+def test_names_of_the_package() -> None:
+    import gateway.client as package
+
+    assert {name for name in package.__all__ if getattr(package, name) is not None} == set(package.__all__)
+    assert package.Node is viewer.Node
+    with pytest.raises(AttributeError):
+        _ = package.Nothing  # type: ignore[attr-defined]

@@ -1,0 +1,126 @@
+"""``scenegate publish``, ``record`` and ``play`` as a user types them, with a running gateway's tree viewer."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+from gateway.cli.main import app
+from gateway.scene.geometry import PointCloud, Surface
+from gateway.scene.live import LiveTree
+from tests.treeviewer.transports import serving
+
+REQUEST = {
+    "delete": [{"path": ["gone"]}],
+    "setgeometry": [
+        {"path": ["a"], "geometry": {"type": "box", "lengths": [1, 1, 1]}},
+        {"path": "b/c", "geometries": [{"type": "sphere", "radius": 1}, {"type": "triad"}]},
+    ],
+    "settransform": [{"path": ["a"], "transform": {"translation": [0, 0, 2]}}],
+}
+PLY = """ply
+format ascii 1.0
+element vertex 3
+property float x
+property float y
+property float z
+property uchar red
+property uchar green
+property uchar blue
+"""
+ROWS = "0 0 0 255 0 0\n1 0 0 0 255 0\n0 1 0 0 0 255\n"
+FACES = "element face 1\nproperty list uchar int vertex_indices\n"
+
+pytestmark = pytest.mark.lcm
+
+
+@pytest.fixture(autouse=True)
+def lcm() -> None:
+    pytest.importorskip("lcm", reason="LCM cannot be imported: it needs libglib-2.0.so.0", exc_type=ImportError)
+
+
+async def scenegate(*arguments: str | Path) -> Result:
+    return await asyncio.to_thread(CliRunner().invoke, app, [str(argument) for argument in arguments])
+
+
+async def test_requests_are_published_below_a_path(tmp_path: Path) -> None:
+    live = LiveTree()
+    (tmp_path / "scene.json").write_text(json.dumps(REQUEST))
+    async with serving(live=live) as service:
+        url = f"tcpq://127.0.0.1:{service.tcpq_port}"
+        done = await scenegate("publish", tmp_path / "scene.json", "--path", "robot/base", "--lcm-url", url)
+    assert done.exit_code == 0, done.output
+    assert "set: robot/base/a, robot/base/b/c\nmoved: robot/base/a\ndeleted: robot/base/gone\n" in done.output
+    base = live.snapshot.root.find(("robot", "base"))
+    assert base is not None
+    assert base.children["a"].matrix[2, 3] == 2.0
+    assert len(base.children["b"].children["c"].parts or ()) == 2
+
+
+@pytest.mark.parametrize("faces", [True, False], ids=["mesh", "points"])
+async def test_mesh_files_are_published(faces: bool, tmp_path: Path) -> None:
+    live = LiveTree()
+    text = f"{PLY}{FACES if faces else ''}end_header\n{ROWS}{'3 0 1 2' if faces else ''}\n"
+    (tmp_path / "thing.ply").write_text(text)
+    async with serving(live=live) as service:
+        url = f"tcpq://127.0.0.1:{service.tcpq_port}"
+        done = await scenegate("publish", tmp_path / "thing.ply", "--lcm-url", url)
+    assert done.exit_code == 0, done.output
+    assert ("vertex colours are not published" in done.output) == faces
+    (part,) = live.snapshot.root.children["thing"].parts or ()
+    corners = [(0, 0, 0), (0, 1, 0), (1, 0, 0)]
+    if faces:
+        assert isinstance(part.shape, Surface)
+        np.testing.assert_allclose(sorted(map(tuple, part.shape.mesh.positions.tolist())), corners)
+    else:
+        assert isinstance(part.shape, PointCloud)
+        np.testing.assert_allclose(sorted(map(tuple, part.shape.points.tolist())), corners)
+        np.testing.assert_allclose(part.shape.channels["rgb"][:, :3], np.eye(3))
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "reason"),
+    [
+        ("x.json", "{", "is not JSON"),
+        ("x.json", "[1]", "is no request of the protocol"),
+        ("x.json", '{"setgeometry": [{}]}', r"setgeometry[0] has no path"),
+        ("x.obj", "v 1\n", "x.obj"),
+        ("x.txt", "", "x.txt"),
+    ],
+)
+async def test_what_cannot_be_published_is_told(name: str, text: str, reason: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text(text)
+    done = await scenegate("publish", tmp_path / name, "--lcm-url", "memq://")
+    assert done.exit_code != 0
+    assert reason in str(done.exception)
+
+
+async def test_what_was_recorded_can_be_played(tmp_path: Path) -> None:
+    log, live = tmp_path / "out.lcmlog", LiveTree()
+    (tmp_path / "scene.json").write_text(json.dumps(REQUEST))
+    async with serving() as service:
+        url = f"tcpq://127.0.0.1:{service.tcpq_port}"
+        recorder = await asyncio.create_subprocess_exec(
+            sys.executable, "-m", "gateway.cli", "record", str(log), "--lcm-url", url, stderr=asyncio.subprocess.PIPE
+        )
+        assert recorder.stderr is not None
+        async with asyncio.timeout(60):
+            assert await recorder.stderr.readline() == b"Recording ...\n"
+            assert (await scenegate("publish", tmp_path / "scene.json", "--lcm-url", url)).exit_code == 0
+            recorder.terminate()
+            assert b"messages" in await recorder.stderr.read()
+            assert await recorder.wait() == 0
+    async with serving(live=live) as service:
+        url = f"tcpq://127.0.0.1:{service.tcpq_port}"
+        done = await scenegate("play", log, "--lcm-url", url, "--speed", "0", "--channels", ".*REQUEST.*")
+        assert done.exit_code == 0, done.output
+        assert "messages played" in done.output
+        async with asyncio.timeout(30):
+            while set(live.snapshot.root.children) != {"a", "b"}:  # noqa: ASYNC110 - it has no event
+                await asyncio.sleep(0)

@@ -1,0 +1,170 @@
+"""Logs of an LCM network: written, read, played; LCM's own reader and writer as the second opinion."""
+
+from __future__ import annotations
+
+import asyncio
+import io
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gateway.scene.live import LiveTree
+from gateway.treeviewer import replay
+from gateway.treeviewer.config import TreeViewerConfig
+from gateway.treeviewer.eventlog import Event, EventLogError, pack_event, read_events
+from gateway.treeviewer.protocol import REQUEST
+from tests.treeviewer.conversation import BOX, message
+from tests.treeviewer.transports import HubClient, free_url, join, lossless, serving, until
+
+EVENTS = [
+    Event(0, 1_000_000, f"{REQUEST}_<a>", message({"setgeometry": [{"path": ["a"], "geometry": BOX}]})),
+    Event(1, 1_000_500, "IMU", bytes(range(256))),
+    Event(2, 1_020_000, f"{REQUEST}_<a>", message({"setgeometry": [{"path": ["b"], "geometry": BOX}]})),
+]
+
+
+def written(events: list[Event]) -> bytes:
+    return b"".join(pack_event(e.number, e.time_us, e.channel, e.data) for e in events)
+
+
+@settings(deadline=None, max_examples=100)
+@given(
+    st.lists(
+        st.builds(Event, st.integers(0, 2**63 - 1), st.integers(-(2**63), 2**63 - 1), st.text(max_size=20), st.binary())
+    )
+)
+def test_events_survive(events: list[Event]) -> None:
+    assert list(read_events(io.BytesIO(written(events)))) == events
+
+
+@settings(deadline=None, max_examples=100)
+@given(st.binary(max_size=60), st.integers(0, 200), st.binary(max_size=100_000))
+def test_damage_costs_only_what_is_damaged(junk: bytes, cut: int, more: bytes) -> None:
+    whole = written(EVENTS)
+    data = junk + whole + more + whole[: len(whole) - cut]
+    found = list(read_events(io.BytesIO(data)))
+    assert [event for event in found if event in EVENTS][:2] == EVENTS[:2]
+
+
+def test_what_is_no_log_is_told() -> None:
+    assert list(read_events(io.BytesIO(b""))) == []
+    for data in (b"x", b"junk" * 100_000):
+        with pytest.raises(EventLogError, match="not an LCM log"):
+            list(read_events(io.BytesIO(data)))
+
+
+def test_lcms_own_tools_read_and_write_the_same(tmp_path: Path) -> None:
+    lcm = pytest.importorskip("lcm", reason="LCM cannot be imported: it needs libglib-2.0.so.0", exc_type=ImportError)
+    (tmp_path / "ours").write_bytes(written(EVENTS))
+    theirs = lcm.EventLog(str(tmp_path / "ours"), "r")
+    assert [Event(e.eventnum, e.timestamp, e.channel, e.data) for e in theirs] == EVENTS
+    log = lcm.EventLog(str(tmp_path / "theirs"), "w", overwrite=True)
+    for event in EVENTS:
+        log.write_event(event.time_us, event.channel, event.data)
+    log.close()
+    assert (tmp_path / "theirs").read_bytes() == (tmp_path / "ours").read_bytes()
+
+
+@asynccontextmanager
+async def recording(out: Path, url: str, channels: str = ".*") -> AsyncIterator[replay.Tally]:
+    stop, ready, tally = asyncio.Event(), asyncio.Event(), replay.Tally()
+    task = asyncio.create_task(replay.record(out, url, channels, tally, stop, ready.set))
+    waiting = asyncio.create_task(ready.wait())
+    await asyncio.wait({task, waiting}, return_when=asyncio.FIRST_COMPLETED)
+    yield tally
+    stop.set()
+    await task
+
+
+async def test_a_conversation_over_tcpq_is_recorded_and_played(tmp_path: Path) -> None:
+    out = tmp_path / "out.lcmlog"
+    async with serving() as service:
+        url = f"tcpq://127.0.0.1:{service.tcpq_port}"
+        async with recording(out, url, f"{REQUEST}.*") as tally:
+            client = await HubClient.connect(service.tcpq_port)
+            for event in EVENTS:
+                await client.publish(event.channel, event.data)
+            await until(lambda: tally.events == 2)
+            await client.close()
+    events = list(read_events(io.BytesIO(out.read_bytes())))
+    assert [(event.channel, event.data) for event in events] == [(e.channel, e.data) for e in (EVENTS[0], EVENTS[2])]
+    assert 0 <= events[1].time_us - events[0].time_us < 30e6
+
+    live = LiveTree()
+    async with serving(live=live) as service:
+        tally = replay.Tally()
+        await replay.play(out, f"tcpq://127.0.0.1:{service.tcpq_port}", 1.0, False, ".*", tally)
+        await until(lambda: set(live.snapshot.root.children) == {"a", "b"})
+        assert (tally.events, tally.data_bytes) == (2, len(EVENTS[0].data) + len(EVENTS[2].data))
+
+
+@pytest.mark.lcm
+async def test_udp_is_recorded_and_played(tmp_path: Path) -> None:
+    url = free_url()
+    client = join(url)
+    heard: list[str] = []
+    lossless(client, ".*", lambda channel, data: heard.append(channel))
+    log, out = tmp_path / "in.lcmlog", tmp_path / "out.lcmlog"
+    log.write_bytes(written(EVENTS))
+    live = LiveTree()
+    async with (
+        serving(TreeViewerConfig(lcm_url=url, tcpq_port=None), live=live),
+        recording(out, url, "IMU|DIR.*") as got,
+    ):
+        await replay.play(log, url, 0.0, False, ".*_<a>", replay.Tally())
+        await until(lambda: set(live.snapshot.root.children) == {"a", "b"})
+        await replay.play(log, url, 100.0, False, "IMU", replay.Tally())
+        await until(lambda: got.events == 5)  # and two answers
+    channels = [event.channel for event in read_events(io.BytesIO(out.read_bytes()))]
+    assert sorted(channels) == sorted(
+        [f"{REQUEST}_<a>"] * 2 + [f"{REQUEST.replace('REQUEST', 'RESPONSE')}_<a>"] * 2 + ["IMU"]
+    )
+
+
+async def test_a_log_is_played_again_and_again(tmp_path: Path) -> None:
+    log = tmp_path / "in.lcmlog"
+    log.write_bytes(written(EVENTS))
+    async with serving() as service:
+        tally = replay.Tally()
+        url = f"tcpq://127.0.0.1:{service.tcpq_port}"
+        playing = asyncio.create_task(replay.play(log, url, 0.0, True, ".*", tally))
+        await until(lambda: service.status()["received"] >= 10)
+        playing.cancel()
+        await asyncio.gather(playing, return_exceptions=True)
+        # a loop without any event would never end
+        await replay.play(log, url, 0.0, True, "nothing", tally)
+
+
+async def test_time_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    log = tmp_path / "in.lcmlog"
+    log.write_bytes(written(EVENTS))
+    slept: list[float] = []
+    sleep = asyncio.sleep
+
+    async def note(seconds: float) -> None:
+        slept.append(seconds)
+        await sleep(0)
+
+    async with serving() as service:
+        monkeypatch.setattr(replay.asyncio, "sleep", note)
+        url = f"tcpq://127.0.0.1:{service.tcpq_port}"
+        await replay.play(log, url, 0.001, False, ".*", replay.Tally())
+        monkeypatch.undo()
+    waits = [seconds for seconds in slept if seconds > 0.1]
+    assert waits == [pytest.approx(0.5, abs=0.4), pytest.approx(20.0, abs=0.5)]
+
+
+@pytest.mark.parametrize(("url", "reason"), [("tcpq://127.0.0.1:1", "LCM cannot join tcpq"), ("bogus://", "it knows")])
+async def test_nobody_there_is_told(url: str, reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(replay, "CONNECT_SECONDS", 0.05)
+    with pytest.raises((OSError, RuntimeError), match=reason):
+        await replay.record(tmp_path / "x", url, ".*", replay.Tally(), asyncio.Event())
+
+
+async def test_a_bad_pattern_is_told(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="is not a pattern"):
+        await replay.record(tmp_path / "x", "memq://", "(", replay.Tally(), asyncio.Event())
