@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
@@ -25,6 +28,30 @@ def write_whole(path: Path, data: bytes) -> None:
     except OSError:
         part.unlink(missing_ok=True)
         raise
+
+
+class InUseError(ValueError):
+    """Another process works on the folder; a sentence."""
+
+
+@contextmanager
+def alone(folder: Path) -> Iterator[None]:
+    """Keeps other runs off a folder; the lock ends with this process, whatever ends it.
+
+    Raises:
+        InUseError: there is another run.
+    """
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InUseError(f"another run works on {folder}") from None
+        except OSError:  # NFS locks no folders: there, people have to take care themselves
+            pass
+        yield
+    finally:
+        os.close(descriptor)
 
 
 def remove_parts(folder: Path) -> None:

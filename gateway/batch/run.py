@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 
-from gateway.batch.files import remove_parts, write_whole
+from gateway.batch.files import alone, remove_parts, write_whole
 from gateway.batch.plan import Order, Result, Task, check_folder, description, done_of, tasks_of
 from gateway.client import manifest
 from gateway.client.manifest import Failure, Sample
@@ -43,8 +43,15 @@ def run(order: Order, execute: Execute, report: Callable[[Progress], None]) -> P
 
     Raises:
         PlanError: the folder holds something else.
+        InUseError: another run works on it.
         OSError: it cannot be written.
     """
+    order.out.mkdir(parents=True, exist_ok=True)
+    with alone(order.out):
+        return _run(order, execute, report)
+
+
+def _run(order: Order, execute: Execute, report: Callable[[Progress], None]) -> Progress:
     out = order.out
     renderer = kernels.sources_digest()
     wanted = description(order.settings, renderer)

@@ -18,6 +18,7 @@ import pytest
 
 from gateway.batch import local, tasks
 from gateway.batch.camerafile import CameraFile
+from gateway.batch.files import InUseError, alone
 from gateway.batch.plan import PlanError, Result, Task
 from gateway.batch.run import run
 from gateway.batch.scenes import LoadedScene, load_scene
@@ -173,6 +174,14 @@ def test_a_dataset_of_other_settings_or_scenes_is_left_alone(scenes: Path, tmp_p
     with pytest.raises(PlanError, match=r"2 pictures of scenes or views that this command does not name \(a.gltf"):
         draw(order_of(scenes, out))
     assert contents(out) == before
+
+
+def test_two_runs_do_not_share_a_folder(scenes: Path, tmp_path: Path, draw: Draw) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    with alone(out), pytest.raises(InUseError, match="another run works on"):
+        draw(order_of(scenes, out))
+    assert draw(order_of(scenes, out)).drawn == 7
 
 
 def test_a_dataset_grows(scenes: Path, tmp_path: Path, draw: Draw) -> None:
