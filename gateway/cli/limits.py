@@ -51,6 +51,11 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     ("gRPC", "gateway.stereo.server", ("MAX_CALLS",)),
     ("The device's REST interface", "gateway.stereo.rest", ("MAX_BODY",)),
     ("Pictures", "renderers.images", ("MAX_PIXELS",)),
+    ("Datasets: descriptions", "gateway.client.manifest", ("MAX_LINE", "MAX_DESCRIPTION")),
+    ("Datasets: files of cameras", "gateway.batch.camerafile", ("MAX_BYTES",)),
+    ("Datasets: names of scenes", "gateway.batch.sources", ("MAX_NAME",)),
+    ("Datasets: tasks", "gateway.batch.plan", ("VIEWS_PER_TASK",)),
+    ("Datasets: tries on Ray", "gateway.batch.raytasks", ("RETRIES",)),
 )
 _NO_BOUNDS: Final = frozenset(
     {"tcpq_port", "port", "rate", "seed", "d_eps", "near", "far", "dot_light", "image_noise", "width", "height"}
