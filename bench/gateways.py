@@ -86,7 +86,8 @@ class Gateway:
             text=True,
         )
         self._lines: queue.Queue[str | None] = queue.Queue()
-        threading.Thread(target=self._read, daemon=True).start()
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
         url = str(self._wait_for("Scenegate listens")["url"])
         self.port = int(url.rpartition(":")[2])
         self._wait_for("Scenegate has started")
@@ -94,8 +95,9 @@ class Gateway:
 
     def _read(self) -> None:
         assert self.process.stderr is not None
-        for line in self.process.stderr:
-            self._lines.put(line)
+        with self.process.stderr as lines:
+            for line in lines:
+                self._lines.put(line)
         self._lines.put(None)
 
     def _wait_for(self, event: str) -> dict[str, object]:
@@ -118,6 +120,7 @@ class Gateway:
     def stop(self) -> None:
         self.process.send_signal(signal.SIGTERM)
         self.process.wait()
+        self._reader.join()
 
 
 @contextmanager

@@ -1,0 +1,47 @@
+"""docker-compose.yml and what it mounts, read by every program for them that is on this machine."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PROFILES = ("demo", "test", "scale", "observe")
+SERVICES = {"gateway", "publisher", "recorder", "test", "render", "haproxy", "prometheus"}
+
+
+def run(*command: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, check=False)
+
+
+@pytest.mark.parametrize("compose", ["docker compose", "docker-compose", "podman-compose"])
+def test_compose_reads_every_profile(compose: str) -> None:
+    command = compose.split()
+    if shutil.which(command[0]) is None or run(*command, "version").returncode:
+        pytest.skip(f"there is no {compose}")
+    profiles = [argument for profile in PROFILES for argument in ("--profile", profile)]
+    read = run(*command, *profiles, "config", "--services")
+    assert read.returncode == 0, read.stderr
+    assert {line.strip() for line in read.stdout.splitlines()} >= SERVICES
+
+
+def test_haproxy_reads_its_configuration() -> None:
+    if shutil.which("haproxy") is None:
+        pytest.skip("there is no haproxy")
+    read = run("haproxy", "-c", "-f", "deploy/haproxy/haproxy.cfg")
+    assert read.returncode == 0, read.stderr
+
+
+@pytest.mark.slow
+def test_a_killed_replica_is_hidden_by_the_balancer() -> None:
+    if shutil.which("haproxy") is None:
+        pytest.skip("there is no haproxy")
+    from bench.posted import textured
+    from bench.scale import killed
+
+    scene = textured("label", copies=1, unique=1, side=64)
+    rows = list(killed([scene.moved(160, 120) for _ in range(60)]))
+    assert [row.what for row in rows if row.met is False] == []
