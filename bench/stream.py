@@ -1,16 +1,18 @@
 """The stereo camera's stream: our fan-out against per-client protobuf and raw TCP, and the live camera, in one run.
 
-    python -m bench.stream [--seconds 3] [--payloads ABCD] [--clients 1 4 16] [--live]
+    python -m bench.stream [--seconds 3] [--payloads ABCD] [--clients 1 4 16] [--rounds 3] [--live]
 
 For each payload and number of clients: sets per second over all clients, MB/s, the server's CPU seconds per second and
 its CPU ms per set (of one client), the clients' CPU, the event loop's stall at a 1 ms ticker (p99, max, ms), and the
-ratio of our MB/s to the others'. Clients are Python processes (with ``--native PROGRAM``
-of bench/stream_client.cc, C++ ones) that take the bytes and do not parse them.
+ratio of our MB/s to the others'. Clients are Python processes (with ``--native PROGRAM`` of bench/stream_client.cc, C++
+ones) that take the bytes and do not parse them.
+
+``--rounds N`` repeats each comparison and prints the medians of the ratios: on a busy machine single rounds say little.
 
 ``--live`` renders: left, right, disparity, error and confidence of a scene with noise; the age is from timestamp to
 client. ``--slow`` adds a client that reads twice a second. ``--minutes N`` runs the live camera so long and prints its
-memory every tenth of it. ``--steps`` prints how much CPU time each turn of the event loop took in our code and in the
-stream's writers (gRPC's own sending included).
+memory every tenth of it and its slope. ``--steps`` prints how much CPU time each turn of the loop took in our code
+and in the stream's writers (gRPC's own sending included).
 """
 
 from __future__ import annotations
@@ -22,7 +24,10 @@ import socket
 import subprocess
 import sys
 import time
+from statistics import median
 from typing import Any
+
+import numpy as np
 
 from gateway.ops.process import tune
 
@@ -161,10 +166,11 @@ def run(
         flush=True,
     )  # fmt: skip
     if seconds >= 60:
-        print(
-            "   resident MB over time:",
-            *(f"{m:.0f}" for m in figures["memory"][:: max(len(figures["memory"]) // 10, 1)]),
-        )
+        memory = figures["memory"]
+        settled = memory[len(memory) // 3 :]
+        slope = float(np.polyfit(np.arange(len(settled)) * 2.0 / 60.0, settled, 1)[0])
+        print("   resident MB over time:", *(f"{m:.0f}" for m in memory[:: max(len(memory) // 10, 1)]))
+        print(f"   slope over the last two thirds: {slope:+.2f} MB per minute")
     for name in ("ours", "writer"):
         if f"{name}_max" in figures:
             print(f"   {name}: p99 {figures[f'{name}_p99'] * 1e3:.2f} ms, max {figures[f'{name}_max'] * 1e3:.2f} ms")
@@ -175,6 +181,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=3.0)
     parser.add_argument("--payloads", default="ABCD")
+    parser.add_argument("--rounds", type=int, default=1, help="repeat each comparison so often, one after the other")
     parser.add_argument("--clients", type=int, nargs="+", default=[1, 4, 16])
     parser.add_argument("--live", action="store_true")
     parser.add_argument("--look", default="pbr")
@@ -205,13 +212,16 @@ def main() -> None:
         return
     for name in options.payloads:
         for n in options.clients:
-            cells = {
-                kind: run(f"{name} {kind}", kind, [name], n, options.seconds, native=options.native)
-                for kind in ("tcp", "proto", "shared")
-            }
-            ours = cells["shared"]["mb"]
-            print(f"   shared bytes / raw TCP {ours / cells['tcp']['mb']:.2f}, "
-                  f"/ per-client protobuf {ours / cells['proto']['mb']:.2f}")  # fmt: skip
+            ratios: dict[str, list[float]] = {"tcp": [], "proto": []}
+            for _ in range(options.rounds):
+                cells = {
+                    kind: run(f"{name} {kind}", kind, [name], n, options.seconds, native=options.native)
+                    for kind in ("tcp", "proto", "shared")
+                }
+                for kind, values in ratios.items():
+                    values.append(cells["shared"]["mb"] / cells[kind]["mb"])
+            print(f"   shared bytes / raw TCP {median(ratios['tcp']):.2f}, "
+                  f"/ per-client protobuf {median(ratios['proto']):.2f} (medians of {options.rounds})")  # fmt: skip
 
 
 if __name__ == "__main__":
