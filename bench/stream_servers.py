@@ -182,7 +182,8 @@ async def main(kind: str, *arguments: str) -> None:
         while True:
             before = time.monotonic()
             await asyncio.sleep(0.001)
-            lateness[min(int((time.monotonic() - before - 0.001) * 1e4), 9_999)] += 1
+            late = int((time.monotonic() - before - 0.001) * 1e4)  # the loop's clock ticks in whole ms: may be early
+            lateness[min(max(late, 0), 9_999)] += 1
 
     memory: list[float] = []
 
