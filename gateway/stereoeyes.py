@@ -57,8 +57,8 @@ class StereoEyes:
             ImageError: a texture of the scene cannot be decoded.
         """
         service, settings = self._service, self._service.settings
-        camera, depth = await service.workers.run(self._shots, settings)
         self._number += 1
+        camera, depth = await service.workers.run(self._shots, settings, self._number)
         frame = Frame(service.studio, service.workers, self._number, settings, camera, depth, (_WANTED,))
         try:
             left, right, measured, metered = await asyncio.gather(
@@ -76,12 +76,12 @@ class StereoEyes:
         captions.update(await service.workers.run(self._captions, measured, settings))
         return SensorPictures(left.image, right.image, measured.disparity, measured.confidence, captions)
 
-    def _shots(self, settings: StreamSettings) -> tuple[Shot, Shot]:
+    def _shots(self, settings: StreamSettings, index: int) -> tuple[Shot, Shot]:
         scene, revision = self._view.scene()
         pose: NDArray[np.float64] = self._view.pose()
         now = time.time_ns()
-        camera = Shot(now, scene, revision, pose, settings.lines(depth=False))
-        return camera, Shot(now, scene, revision, pose, settings.lines(depth=True))
+        camera = Shot(now, scene, revision, pose, settings.lines(depth=False), index)
+        return camera, Shot(now, scene, revision, pose, settings.lines(depth=True), index)
 
     def _captions(self, measured: Measured, settings: StreamSettings) -> dict[PictureName, str]:
         valid = measured.disparity[measured.disparity > 0]

@@ -93,6 +93,18 @@ async def test_who_does_not_read_gets_the_newest_events_and_listeners_are_bounde
     assert refusal.value.code() == grpc.StatusCode.RESOURCE_EXHAUSTED
 
 
+async def test_listeners_that_leave_leave_nothing_behind(start: Start) -> None:
+    camera = await start(rate="max")
+    await camera.take(disparity_enabled=True)
+    calls = [await listen(camera) for _ in range(20)]
+    assert len(camera.service.events) == 20
+    for call in calls:
+        call.cancel()
+    async with asyncio.timeout(10):
+        while len(camera.service.events):  # noqa: ASYNC110 - the server is told by the network
+            await asyncio.sleep(0.005)
+
+
 async def test_the_events_service_is_healthy(start: Start) -> None:
     camera = await start()
     answer = await health_pb2_grpc.HealthStub(camera.channel).Check(
