@@ -22,7 +22,7 @@ from gateway import settings as options
 from gateway.guard import Guard
 from gateway.house import NO_TELEMETRY, House
 from gateway.joins import JOINS, Join, join_demo
-from gateway.ops import health, kernels, logs, process
+from gateway.ops import health, kernels, logs, methods, process
 from gateway.ops.board import Board, State
 from gateway.ops.landing import landing_page
 from gateway.ops.metrics import Metrics
@@ -101,6 +101,7 @@ def create_app(settings: Settings, state: Kept | None = None) -> FastAPI:
         swagger_ui_parameters={"validatorUrl": None},
         telemetry=NO_TELEMETRY,
     )
+    app.add_exception_handler(405, methods.not_allowed)
     app.include_router(health.router(board, metrics, __version__, full))
     app.add_middleware(
         Gate, started=started, problem=lambda: board.entries[KERNELS].problem, open_paths=health.PATHS | {"/"}

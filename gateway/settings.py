@@ -28,6 +28,7 @@ OTHER_ENV = frozenset(
         "SCENEGATE_CORPUS",
         "SCENEGATE_DRAKE_PYTHON",
         "SCENEGATE_FIDELITY",
+        "SCENEGATE_SCHEMATHESIS",
         "SCENEGATE_URL",
     }
 )

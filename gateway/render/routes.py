@@ -101,6 +101,10 @@ def router(service: RenderService) -> APIRouter:
         max_body_size=_NO_FRAMEWORK_LIMIT,
     )
     routes.add_api_route(
-        path, usage, methods=["GET", "HEAD", "PUT", "PATCH", "DELETE"], response_class=Response, include_in_schema=False
+        path,
+        usage,
+        methods=["GET", "HEAD", "PUT", "PATCH", "DELETE", "OPTIONS"],
+        response_class=Response,
+        include_in_schema=False,
     )
     return routes

@@ -73,7 +73,9 @@ def _responses(content: dict[str, Any], *, cached: bool) -> dict[int | str, dict
         200: {"description": "The header X-Scene-Revision tells which state of the scene it is.", "content": content},
         503: {"description": "Too many requests wait already; see Retry-After.", "content": _TEXT},
     }
+    answers[500] = {"description": "The scene holds a texture that cannot be drawn.", "content": _TEXT}
     if cached:
+        answers[413] = {"description": "The file would be larger than the limit.", "content": _TEXT}
         answers[304] = {"description": "The scene is still that of If-None-Match."}
     else:
         answers[400] = {"description": "A parameter cannot be used; the text names it and why.", "content": _TEXT}

@@ -18,6 +18,41 @@ MAX_BODY = 64 << 10
 _TAGS: list[Any] = ["Stereo camera"]
 
 
+_REFUSED: dict[str, Any] = {
+    "type": "object",
+    "required": ["message", "return_code"],
+    "properties": {
+        "message": {"type": "string"},
+        "return_code": {
+            "type": "object",
+            "required": ["value", "message"],
+            "properties": {"value": {"type": "integer"}, "message": {"type": "string"}},
+        },
+    },
+}
+_REFUSALS: dict[int | str, dict[str, Any]] = {
+    status: {"description": text, "content": {"application/json": {"schema": _REFUSED}}}
+    for status, text in {
+        400: "A value cannot be set; the message names the parameter and the limit.",
+        404: "There is no such node, parameter or service.",
+        413: "The body is too large.",
+        507: "The values are set, but could not be stored (--state).",
+    }.items()
+}
+_VALUE: dict[str, Any] = {"type": "object", "required": ["value"], "properties": {"value": {}}}
+_NAMED: dict[str, Any] = {
+    **_VALUE,
+    "required": ["name", "value"],
+    "properties": {"name": {"type": "string"}, "value": {}},
+}
+
+
+def _taking(schema: dict[str, Any]) -> dict[str, Any]:
+    """What a route reads by itself, for the description."""
+    text = "Or in the query, as the device takes it, too: ?name=value, ?value=1."
+    return {"requestBody": {"required": True, "description": text, "content": {"application/json": {"schema": schema}}}}
+
+
 class _Refusal(Exception):  # noqa: N818 - an answer
     def __init__(self, status: int, message: str) -> None:
         super().__init__(message)
@@ -44,7 +79,7 @@ def router(*services: StereoService) -> APIRouter:
     Args:
         services: pipeline 0, 1, …; at least one.
     """
-    api = APIRouter(tags=_TAGS)
+    api = APIRouter(tags=_TAGS, responses=_REFUSALS)
 
     async def system() -> Any:
         return device.system(services)
@@ -83,7 +118,11 @@ def _add_nodes(api: APIRouter, base: str, service: StereoService) -> None:
     async def parameters(node: str, request: Request) -> Any:
         return _answer(lambda: _describe(service, _node(node), request.query_params.getlist("name")))
 
-    @api.put(base + "/{node}/parameters", summary="Set parameters: all or none")
+    @api.put(
+        base + "/{node}/parameters",
+        summary="Set parameters: all or none",
+        openapi_extra=_taking({"type": "array", "items": _NAMED}),
+    )
     # The manual's examples have `.../parameters/parameters?x=` and `.../services/parameters?x=`; users copy them.
     @api.put(base + "/{node}/parameters/parameters", include_in_schema=False)
     @api.put(base + "/{node}/services/parameters", include_in_schema=False)
@@ -100,7 +139,7 @@ def _add_nodes(api: APIRouter, base: str, service: StereoService) -> None:
     async def parameter(node: str, name: str) -> Any:
         return _answer(lambda: _describe(service, _node(node), [name])[0])
 
-    @api.put(base + "/{node}/parameters/{name}", summary="Set a parameter")
+    @api.put(base + "/{node}/parameters/{name}", summary="Set a parameter", openapi_extra=_taking(_VALUE))
     async def put_parameter(node: str, name: str, request: Request) -> Any:
         try:
             value = await _single(request)

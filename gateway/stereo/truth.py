@@ -17,13 +17,26 @@ from gateway.workers import Busy
 from renderers.port import Output
 from renderers.stereo.truth import DepthRange, true_disparity
 
+_MESSAGE: dict[str, Any] = {
+    "application/json": {"schema": {"type": "object", "properties": {"message": {"type": "string"}}}}
+}
+_ANSWERS: dict[int | str, dict[str, Any]] = {
+    200: {"description": "NumPy's npz.", "content": {"application/zip": {}}},
+    400: {"description": "Not a timestamp.", "content": _MESSAGE},
+    404: {"description": "No such frame is remembered.", "content": _MESSAGE},
+    503: {"description": "Too many requests wait already; see Retry-After.", "content": _MESSAGE},
+}
+
 
 def truth_router(*services: StereoService) -> APIRouter:
     """``GET /stereo/truth.npz``."""
     api = APIRouter(tags=["Stereo camera"])
 
     @api.get(
-        "/stereo/truth.npz", summary="Exact depth, labels, poses and intrinsics of a frame", response_class=Response
+        "/stereo/truth.npz",
+        summary="Exact depth, labels, poses and intrinsics of a frame",
+        response_class=Response,
+        responses=_ANSWERS,
     )
     async def truth(
         timestamp: Annotated[

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import JSONResponse, PlainTextResponse, StreamingResponse
@@ -27,6 +27,29 @@ Size = Annotated[int | None, Query(ge=1, description="Pixels")]
 CameraText = Annotated[str, Query(description=_CAMERA)]
 Quality = Annotated[int, Query(ge=1, le=100, description="Of the JPEG")]
 LookChoice = Annotated[LookName | None, Query(description="How colour is made")]
+
+
+_TEXT: Final = {"text/plain": {"schema": {"type": "string"}}}
+_REFUSALS: Final[dict[int | str, dict[str, Any]]] = {
+    400: {"description": "The camera or the size cannot be used; the text says why.", "content": _TEXT},
+    422: {
+        "description": "A parameter is out of its range, or the scene has a texture that cannot be read.",
+        "content": {**_TEXT, "application/json": {"schema": {"type": "object"}}},
+    },
+    503: {"description": "Too many requests wait already; see Retry-After.", "content": _TEXT},
+}
+_JPEG: Final[dict[int | str, dict[str, Any]]] = {
+    200: {"description": "The picture.", "content": {"image/jpeg": {"schema": {"type": "string", "format": "binary"}}}},
+    **_REFUSALS,
+}
+_SENSOR: Final[dict[int | str, dict[str, Any]]] = {
+    **_JPEG,
+    404: {"description": "There is no such picture, or no stereo camera.", "content": _TEXT},
+}
+_STREAM: Final[dict[int | str, dict[str, Any]]] = {
+    200: {"description": "Pictures without an end.", "content": {"multipart/x-mixed-replace": {}}},
+    **_REFUSALS,
+}
 
 
 class _ViewError(ValueError):
@@ -71,7 +94,7 @@ def _add_views(routes: APIRouter, pictures: Pictures) -> None:
             raise _ViewError(f"{wide}x{high} pixels are too many; at most {limit} are drawn")
         return View(spec, wide, high, quality, look)
 
-    @routes.get("/view/frame.jpg", summary="The live scene as JPEG", response_class=Response)
+    @routes.get("/view/frame.jpg", summary="The live scene as JPEG", response_class=Response, responses=_JPEG)
     async def frame(
         camera: CameraText = "fit",
         width: Size = None,
@@ -86,7 +109,9 @@ def _add_views(routes: APIRouter, pictures: Pictures) -> None:
             return PlainTextResponse(str(error), 400)
         return await _answered(pictures, view)
 
-    @routes.get("/view/stream.mjpg", summary="The live scene as MJPEG", response_class=StreamingResponse)
+    @routes.get(
+        "/view/stream.mjpg", summary="The live scene as MJPEG", response_class=StreamingResponse, responses=_STREAM
+    )
     async def stream(
         request: Request,
         camera: CameraText = "fit",
@@ -137,7 +162,9 @@ def _add_sensor(routes: APIRouter, sensor: SensorView | None) -> None:
         except ImageError as error:
             return PlainTextResponse(str(error), 422)
 
-    @routes.get("/view/sensor/{name}.jpg", summary="What the stereo camera sees", response_class=Response)
+    @routes.get(
+        "/view/sensor/{name}.jpg", summary="What the stereo camera sees", response_class=Response, responses=_SENSOR
+    )
     async def picture(name: str, width: Size = None) -> Response:
         """``left``, ``right``, ``disparity`` (coloured) or ``confidence``, as JPEG."""
         if sensor is None:

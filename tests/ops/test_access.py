@@ -6,12 +6,14 @@ from typing import Any
 
 import httpx2
 import pytest
+from fastapi import APIRouter, FastAPI
 from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse
 from starlette.routing import Route
 
 from gateway.ops.access import COOKIE, Access, TrustedHosts, host_name
+from gateway.ops.methods import not_allowed
 from gateway.ops.tokens import Tokens
 
 TOKEN = "0123456789abcdef"
@@ -123,3 +125,17 @@ async def test_other_machines_may_use_any_name_unless_names_are_given() -> None:
 
 def test_host_names() -> None:
     assert [host_name(h) for h in ("A:1", "a", "[::1]:80", "::1", "[::1]")] == ["a", "a", "::1", "::1", "::1"]
+
+
+async def test_405_names_every_method_of_the_path() -> None:
+    app = FastAPI()
+    routes = APIRouter()
+    for method in ("GET", "PUT"):
+        routes.add_api_route("/thing/{name}", lambda name: name, methods=[method])
+    app.include_router(routes)
+    app.add_exception_handler(405, not_allowed)
+    async with httpx2.AsyncClient(transport=httpx2.ASGITransport(app=app), base_url="http://here") as http:
+        answer = await http.delete("/thing/it")
+        assert (answer.status_code, answer.headers["allow"]) == (405, "GET, PUT")
+        assert answer.text == "DELETE is not possible here; GET, PUT is.\n"
+        assert (await http.delete("/nothing")).status_code == 404
