@@ -1,0 +1,280 @@
+"""Nothing is left behind, overload is answered, and nothing grows: the whole gateway under clients of every kind.
+
+    python -m bench.soak [--clients 1000] [--minutes 3] [--plot soak.svg] [--parts churn,overload,mixed]
+
+``churn``: so many well-behaved, slow, half-open and vanishing clients on HTTP, render, WebSocket, gRPC and TCPQ; then
+the tasks, threads, descriptors and memory of the gateway beside those of before. ``overload``: the render endpoint with
+its queue just full, then with ten times as many clients; p99 of what was accepted, and how soon others are refused.
+``mixed``: load on every interface at once with a state file, for so many minutes; the slope of the memory over the
+second half, the stalls of the event loop, and a plot of both. All on loopback, in one gateway, two processes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import contextlib
+import json
+import random
+import signal
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import uvloop
+
+from bench import soak_clients as clients
+from bench.soak_clients import BEHAVIOURS, KINDS, Ports
+from bench.soak_plot import plot
+from gateway.ops.process import tune
+
+QUEUE = 32
+TOGETHER = 100
+"""Churning clients at a time."""
+Samples = list[dict[str, float]]
+
+
+class Gateway:
+    """The process, and what it says of itself."""
+
+    def __init__(self, process: asyncio.subprocess.Process, ports: Ports) -> None:
+        self.process = process
+        self.ports = ports
+        self.samples: Samples = []
+        self.begin = time.monotonic()
+
+    async def listen(self) -> None:
+        """Takes its figures in."""
+        assert self.process.stdout is not None
+        async for line in self.process.stdout:
+            self.samples.append({"t": time.monotonic() - self.begin, **json.loads(line)})
+
+    async def next(self) -> dict[str, float]:
+        """The figures of a second that is yet to come."""
+        seen = len(self.samples)
+        while len(self.samples) < seen + 2:  # noqa: ASYNC110 - once a second
+            await asyncio.sleep(0.1)
+        return self.samples[-1]
+
+
+@asynccontextmanager
+async def gateway(state: Path) -> AsyncIterator[Gateway]:
+    """A gateway that has started."""
+    port = random.randrange(20000, 60000)
+    flags = ["host=127.0.0.1", f"http_port={port}", "grpc_port=0", "tcpq_port=0", "lcm_url=off", f"state={state}"]
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "bench.soak_server", *flags, f"queue={QUEUE}", "threads=2"),
+        stdout=asyncio.subprocess.PIPE,
+    )
+    running = Gateway(process, Ports(port, 0, 0))
+    listening = asyncio.create_task(running.listen())
+    try:
+        while (health := await _health(port)) is None or health["status"] not in ("ready", "degraded"):  # noqa: ASYNC110
+            await asyncio.sleep(0.2)
+        interfaces = health["interfaces"]
+        tcpq = int(interfaces["treeviewer"]["tcpq"]["url"].rpartition(":")[2])
+        running.ports = Ports(port, int(interfaces["stereo"]["port"]), tcpq)
+        yield running
+    finally:
+        process.send_signal(signal.SIGTERM)
+        print(f"the gateway ended with exit code {await process.wait()}")
+        await listening
+
+
+async def _health(port: int) -> Any:
+    try:
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(clients.http_request("GET", "/healthz"))
+        answer = await reader.read()
+        writer.close()
+        return json.loads(answer.partition(b"\r\n\r\n")[2])
+    except (OSError, ValueError):
+        return None
+
+
+# --- churn
+
+
+async def churn(running: Gateway, count: int) -> None:
+    """Clients of all kinds; what is left of them."""
+    await _wave(running.ports, min(count, 200))  # what the first of their kind leave is made once: pools, caches
+    await asyncio.sleep(5.0)
+    before = await running.next()
+    begin = time.monotonic()
+    outcomes = await _wave(running.ports, count)
+    seconds = time.monotonic() - begin
+    after = await running.next()
+    for _ in range(90):  # half-open ones end after the server's own timeouts
+        if all(after[name] <= before[name] for name in ("tasks", "threads", "files")):
+            break
+        after = await running.next()
+    print(f"\nchurn: {count} clients in {seconds:.0f} s, {TOGETHER} at a time: {dict(outcomes)}")
+    for name in ("tasks", "threads", "files", "rss_mb"):
+        print(
+            f"  {name:8} before {before[name]:8.1f}   after {after[name]:8.1f}   left {after[name] - before[name]:+.1f}"
+        )
+
+
+async def _wave(ports: Ports, count: int) -> Counter[str]:
+    outcomes: Counter[str] = Counter()
+    room = asyncio.Semaphore(TOGETHER)
+
+    async def one(number: int) -> None:
+        kind, behaviour = KINDS[number % len(KINDS)], list(BEHAVIOURS)[number // len(KINDS) % len(BEHAVIOURS)]
+        async with room:
+            try:
+                async with asyncio.timeout(60.0):
+                    await BEHAVIOURS[behaviour](kind, ports)
+                outcomes[behaviour] += 1
+            except Exception as error:  # noqa: BLE001 - told in the sum
+                outcomes[f"{behaviour} {kind}: {type(error).__name__}"] += 1
+
+    await asyncio.gather(*(one(number) for number in range(count)))
+    return outcomes
+
+
+# --- overload
+
+
+async def overload(running: Gateway, seconds: float) -> None:
+    """The render endpoint with as many clients as fit, then ten times as many."""
+    body = clients.render_body(640)
+    fits = QUEUE + 2
+    full, _, _ = await _ask(running.ports, body, fits, seconds)
+    accepted, refused, failed = await _ask(running.ports, body, 10 * fits, seconds)
+    print(f"\noverload: a queue of {QUEUE}, 2 threads")
+    print(
+        f"  {fits} clients, queue just full: {len(full)} answers, "
+        f"p50 {_p(full, 0.5):.0f} ms, p99 {_p(full, 0.99):.0f} ms"
+    )
+    print(
+        f"  {10 * fits} clients: {len(accepted)} accepted, p50 {_p(accepted, 0.5):.0f} ms, "
+        f"p99 {_p(accepted, 0.99):.0f} ms; "
+        f"{len(refused)} refused after a median of {_p(refused, 0.5):.0f} ms, {failed} failed"
+    )
+    print(f"ratio of p99, ten times overload / queue just full: {_p(accepted, 0.99) / _p(full, 0.99):.2f}")
+
+
+async def _ask(ports: Ports, body: bytes, count: int, seconds: float) -> tuple[list[float], list[float], int]:
+    accepted: list[float] = []
+    refused: list[float] = []
+    failed = 0
+    end = time.monotonic() + seconds
+
+    async def one() -> None:
+        nonlocal failed
+        request = clients.http_request("POST", "/render", body)
+        while time.monotonic() < end:
+            begin = time.perf_counter()
+            reader, writer = await asyncio.open_connection("127.0.0.1", ports.http)
+            writer.write(request)
+            answer = await reader.read()
+            writer.close()
+            taken = 1e3 * (time.perf_counter() - begin)
+            if answer.startswith(b"HTTP/1.1 200"):
+                accepted.append(taken)
+            elif answer.startswith(b"HTTP/1.1 503"):
+                refused.append(taken)
+                await asyncio.sleep(0.2)  # Retry-After says a second
+            else:
+                failed += 1
+
+    await asyncio.gather(*(one() for _ in range(count)))
+    return accepted, refused, failed
+
+
+def _p(times: list[float], share: float) -> float:
+    ordered = sorted(times)
+    return ordered[min(len(ordered) - 1, int(share * len(ordered)))] if ordered else float("nan")
+
+
+# --- mixed load
+
+
+async def mixed(running: Gateway, minutes: float, target: Path) -> None:
+    """Everything at once."""
+    counts: Counter[str] = Counter()
+
+    def count(what: str) -> None:
+        counts[what] += 1
+
+    first = len(running.samples)
+    ports = running.ports
+    work = [
+        *(clients.publisher(ports, count, f"robot {k}") for k in range(2)),
+        *(clients.browser(ports, count) for _ in range(2)),
+        *(clients.camera(ports, count) for _ in range(2)),
+        *(clients.asker(ports, count, 0.1) for _ in range(2)),
+        _churning(ports, count),
+    ]
+    tasks = [asyncio.create_task(each) for each in work]
+    done, _ = await asyncio.wait(tasks, timeout=60.0 * minutes, return_when=asyncio.FIRST_EXCEPTION)
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)
+    for task in done:
+        print(f"a client ended: {task.exception()!r}")
+    samples = running.samples[first:]
+    half = samples[len(samples) // 2 :]
+    slope = _slope([s["t"] / 60.0 for s in half], [s["rss_mb"] for s in half])
+    stalls = [s["stall_p99_ms"] for s in samples]
+    cpu = (samples[-1]["cpu_s"] - samples[0]["cpu_s"]) / (samples[-1]["t"] - samples[0]["t"])
+    print(f"\nmixed: {minutes:g} minutes, {dict(counts)}, CPU {cpu:.2f} cores")
+    print(f"  memory {samples[0]['rss_mb']:.0f} MB at the start, {samples[-1]['rss_mb']:.0f} MB at the end")
+    print(f"  memory slope of the second half: {slope:+.2f} MB a minute")
+    print(f"  loop stall of each second: p99 median {median(stalls):.1f} ms, largest {max(stalls):.1f} ms")
+    print(f"  longest stall: {max(s['stall_max_ms'] for s in samples):.0f} ms")
+    await asyncio.to_thread(target.write_text, plot(samples), "utf-8")
+    print(f"  plot: {target}")
+
+
+async def _churning(ports: Ports, count: Any) -> None:
+    number = 0
+    while True:
+        number += 1
+        behaviour = BEHAVIOURS[list(BEHAVIOURS)[number % len(BEHAVIOURS)]]
+        with contextlib.suppress(OSError, asyncio.IncompleteReadError, TimeoutError):
+            async with asyncio.timeout(20.0):
+                await behaviour(KINDS[number % len(KINDS)], ports)
+        count("churned clients")
+        await asyncio.sleep(0.2)
+
+
+def _slope(x: list[float], y: list[float]) -> float:
+    """Of the least squares line."""
+    mx, my = sum(x) / len(x), sum(y) / len(y)
+    return sum((a - mx) * (b - my) for a, b in zip(x, y, strict=True)) / sum((a - mx) ** 2 for a in x)
+
+
+async def run(given: argparse.Namespace) -> None:
+    """The parts in turn, on one gateway."""
+    with tempfile.TemporaryDirectory() as folder:
+        async with gateway(Path(folder) / "soak.state") as running:
+            for part in given.parts.split(","):
+                if part == "churn":
+                    await churn(running, given.clients)
+                elif part == "overload":
+                    await overload(running, given.overload_seconds)
+                elif part == "mixed":
+                    await mixed(running, given.minutes, given.plot)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--clients", type=int, default=1000)
+    parser.add_argument("--minutes", type=float, default=3.0)
+    parser.add_argument("--overload-seconds", type=float, default=15.0)
+    parser.add_argument("--plot", type=Path, default=Path("soak.svg"))
+    parser.add_argument("--parts", default="churn,overload,mixed")
+    tune()
+    uvloop.run(run(parser.parse_args()))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,66 @@
+"""The gateway of the soak: as ``scenegate serve``, and once a second a line of JSON about itself.
+
+python -m bench.soak_server FLAGS…
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import os
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import uvloop
+
+from gateway import settings as options
+from gateway.app import create_app
+from gateway.ops import http, logs, process
+
+TICK = 0.001
+"""Seconds between two looks of the ticker whose delays are the loop's stalls."""
+
+
+async def tell() -> None:
+    """Prints figures until cancelled: what a leak would show in, and the stalls of the last second."""
+    while True:
+        stalls = []
+        end = time.perf_counter() + 1.0
+        while (begin := time.perf_counter()) < end:
+            await asyncio.sleep(TICK)
+            stalls.append(1e3 * (time.perf_counter() - begin - TICK))
+        stalls.sort()
+        figures: dict[str, Any] = {
+            "tasks": len(asyncio.all_tasks()),
+            "threads": threading.active_count(),
+            "files": len(os.listdir("/proc/self/fd")),  # noqa: PTH208 - names only
+            "rss_mb": int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6,  # noqa: ASYNC240 - no disk
+            "cpu_s": time.process_time(),
+            "stall_p99_ms": stalls[int(0.99 * len(stalls))],
+            "stall_max_ms": stalls[-1],
+        }
+        print(json.dumps(figures), flush=True)
+
+
+async def serve(flags: dict[str, Any]) -> None:
+    """Until SIGTERM."""
+    settings = options.load(flags)
+    logs.configure("json", "error")
+    app = create_app(settings)
+    listener = process.listen(settings.host, settings.http_port)
+    server = http.MainServer(http.config(app, settings.shutdown_seconds, lifespan=True))
+    app.state.closing = lambda: server.should_exit
+    app.state.on_started = process.settle
+    ticker = asyncio.create_task(tell())
+    await server.serve(sockets=[listener])
+    ticker.cancel()
+    with contextlib.suppress(asyncio.CancelledError):
+        await ticker
+
+
+if __name__ == "__main__":
+    uvloop.run(serve(dict(pair.split("=", 1) for pair in sys.argv[1:])))
