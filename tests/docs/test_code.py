@@ -13,6 +13,8 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from tests.docs.pages import PAGES, Block, blocks, commands
@@ -35,7 +37,16 @@ CURL = [
 def addresses() -> Iterator[dict[str, str]]:
     """The addresses of the pages -> those of a gateway."""
     grpc_port, tcpq_port = free_ports(2)
-    flags = ("--demo", "--grpc-port", str(grpc_port), "--tcpq-port", str(tcpq_port), "--lcm-url", "off")
+    flags = (
+        "--demo",
+        "--stereo-faults",
+        "--grpc-port",
+        str(grpc_port),
+        "--tcpq-port",
+        str(tcpq_port),
+        "--lcm-url",
+        "off",
+    )
     with gateway_process(*flags) as (_, url):
         yield {
             "http://127.0.0.1:8000": url,
@@ -79,6 +90,8 @@ def test_curl(block: Block, line: str, addresses: dict[str, str], tmp_path: Path
     if "/truth.npz?timestamp=" in line:
         pytest.skip("needs the timestamp of a frame of its own")
     (tmp_path / "scene.gltf").write_text(json.dumps(forms.gltf()))
+    for side in ("left", "right"):
+        cv2.imwrite(str(tmp_path / f"{side}.png"), np.full((480, 640), 128, np.uint8))
     command = placed(line, addresses).replace("curl ", "curl --fail --silent --show-error --max-time 120 ", 1)
     done = subprocess.run(["bash", "-c", command], cwd=tmp_path, capture_output=True, timeout=SECONDS, check=False)
     assert done.returncode == 0, f"{block}: {line}\n{done.stderr.decode()[-2000:]}"
