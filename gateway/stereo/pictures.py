@@ -82,7 +82,7 @@ class Studio:
         except ImageError:
             return Metered(settings.manual, 0.0)
         with frame:
-            dots = self._dots(frame, 0.0, METER_DIVISOR)
+            dots = self._dots(frame, shot, 0.0, METER_DIVISOR)
             assert frame.color is not None
             light, channels = self.config.dot_light, settings.manual.channels
             dark = brightness_of(frame.color, None, light, channels)
@@ -107,7 +107,7 @@ class Studio:
         key = frame_key(c.seed, number, stream)
         outputs = Output.COLOR | (Output.DEPTH if shot.projected(c) else Output(0))
         with self.render(shot, offset, divisor, outputs) as frame:
-            dots = self._dots(frame, offset, divisor)
+            dots = self._dots(frame, shot, offset, divisor)
             assert frame.color is not None
             return {
                 color: take(
@@ -141,8 +141,10 @@ class Studio:
         model = self.config.model
         return disparity_mesh(measured.disparity, model.intrinsics(divisor), model.baseline, options, left)
 
-    def _dots(self, frame: Frame, offset: float, divisor: int) -> NDArray[np.uint8] | None:
+    def _dots(self, frame: Frame, shot: Shot, offset: float, divisor: int) -> NDArray[np.uint8] | None:
         if frame.depth is None:
             return None
-        k = self.config.model.intrinsics(divisor)
-        return dots_on(frame.depth, k.focal_length, k.cx, k.cy, offset - self.config.model.baseline / 2)
+        model = self.config.model
+        k, middle = model.intrinsics(divisor), model.baseline / 2
+        with self.render(shot, middle, divisor, Output.DEPTH) as seen:
+            return dots_on(frame.depth, k.focal_length, k.cx, k.cy, offset - middle, seen.depth)

@@ -2,7 +2,7 @@
 
 The pattern is a texture over the projector's own image plane, so it stays where it is on a surface whichever camera
 looks: that is what gives a matcher something to match on blank walls. The projector sits half-way between the cameras
-and looks where they look; its light reaches what a camera sees, shadows behind near objects are neglected.
+and looks where they look; what a nearer object hides from it is dark.
 """
 
 from __future__ import annotations
@@ -37,13 +37,27 @@ def _patterns() -> tuple[NDArray[np.uint8], ...]:
     return tuple(levels)
 
 
-def dots_on(depth: NDArray[np.float32], focal_length: float, cx: float, cy: float, offset: float) -> NDArray[np.uint8]:
+_SHADOW_STEP: Final = 0.02
+"""Share of the depth by which a point may lie behind what the projector sees there and is still lit: slanted surfaces
+change that much within the pixels that are compared."""
+
+
+def dots_on(
+    depth: NDArray[np.float32],
+    focal_length: float,
+    cx: float,
+    cy: float,
+    offset: float,
+    seen: NDArray[np.float32] | None = None,
+) -> NDArray[np.uint8]:
     """Light of the projector at every pixel.
 
     Args:
         depth: (H, W) float32, metres, +inf where nothing is.
         focal_length, cx, cy: of the image, pixels.
         offset: x of the camera in the projector's frame, metres.
+        seen: (H, W) float32 depth from where the projector is, with the same intrinsics; None: it casts no shadows.
+            What lies outside of it is lit: the projector's field of view is the wider one.
 
     Returns:
         (H, W) uint8, 255 is full light; 0 where nothing is.
@@ -54,6 +68,8 @@ def dots_on(depth: NDArray[np.float32], focal_length: float, cx: float, cy: floa
         level, cell = level + 1, cell * 2
     out = np.empty(depth.shape, np.uint8)
     _dots_on(depth, patterns[level], 1.0 / cell, cx, cy, offset * focal_length, out)
+    if seen is not None:
+        _cast_shadows(depth, seen, offset * focal_length, 1.0 - _SHADOW_STEP, out)
     return out
 
 
@@ -81,3 +97,21 @@ def _dots_on(depth, pattern, cells_per_pixel, cx, cy, offset_f, out):  # type: i
                 lower = pattern[below, a] * (one - fu) + pattern[below, b] * fu
                 light = upper * (one - fv) + lower * fv
             out[k, i] = int(light + np.float32(0.5))
+
+
+@njit(nogil=True, cache=True)
+def _cast_shadows(depth, seen, offset_f, nearer, light):  # type: ignore[no-untyped-def]  # compiled
+    """No light where the projector sees something nearer in all three pixels around the point."""
+    height, width = depth.shape
+    shift, share = np.float32(offset_f), np.float32(nearer)
+    for k in range(height):
+        for i in range(width):
+            z = depth[k, i]
+            if light[k, i] == 0 or not z < np.float32(np.inf):
+                continue
+            column = int(np.floor(np.float32(i) + np.float32(0.5) + shift / z))
+            if column < 1 or column > width - 2:
+                continue
+            farthest = max(seen[k, column - 1], seen[k, column], seen[k, column + 1])
+            if farthest < z * share:
+                light[k, i] = 0

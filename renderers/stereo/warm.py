@@ -22,7 +22,7 @@ def warm_up() -> None:
     key = frame_key(0, 0, Stream.DISPARITY)
     depth = np.full((k.height, k.width), 2.0, np.float32)
     depth[10:14, 20:24] = np.inf
-    dots = dots_on(depth, k.focal_length, k.cx, k.cy, 0.1)
+    dots = dots_on(depth, k.focal_length, k.cx, k.cy, 0.1, depth)
     picture = np.full((k.height, k.width, 3), 90, np.uint8)
     image = take(picture, Exposure(), key, color=False, dots=dots, dot_light=1.0).image
     for color in (False, True):

@@ -88,6 +88,31 @@ def test_dots_stay_on_the_surface() -> None:
     assert not dots_on(np.full((8, 8), np.inf, np.float32), 100.0, 4.0, 4.0, 0.0).any()
 
 
+def test_what_the_projector_does_not_see_is_dark() -> None:
+    k, t = MODEL.intrinsics(2), MODEL.baseline
+    center, radius = (0.0, 0.0, 1.0), 0.2
+
+    def depth(x: float) -> NDArray[np.float32]:
+        return np.minimum(plane(k, x, 2.0), sphere(k, x, center, radius))
+
+    left = depth(-t / 2)
+    lit = dots_on(left, k.focal_length, k.cx, k.cy, -t / 2)
+    shaded = dots_on(left, k.focal_length, k.cx, k.cy, -t / 2, depth(0.0))
+    dark = (lit > 0) & (shaded == 0)
+    assert (shaded[~dark] == lit[~dark]).all()
+    assert np.allclose(left[dark], 2.0), "only the wall is in shadow"
+    # The sphere's shadow from the middle, in the frame of the left camera, on the row of its centre: two crescents, of
+    # which the left camera sees the one that is on its own side.
+    edge = 2.0 * np.tan(np.arcsin(radius / center[2]))
+    x = (np.arange(k.width) + 0.5 - k.cx) / k.focal_length * 2.0 - t / 2
+    row = k.height // 2
+    inside = (np.abs(x) < edge - 0.02) & (left[row] > 1.5) & (lit[row] > 0)
+    beside = (np.abs(x) > edge + 0.02) & (lit[row] > 0)
+    assert inside.sum() > 10
+    assert dark[row][inside].all()
+    assert not dark[row][beside].any()
+
+
 @pytest.mark.parametrize("quality", [Quality.HIGH, Quality.MEDIUM, Quality.LOW])
 def test_matching_with_the_projector(quality: Quality) -> None:
     k = MODEL.intrinsics(quality.divisor)
