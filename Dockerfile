@@ -46,6 +46,6 @@ RUN scenegate warmup
 EXPOSE 8000 7700 50051
 STOPSIGNAL SIGTERM
 HEALTHCHECK --interval=10s --timeout=3s --start-period=120s --retries=3 \
-    CMD ["python", "-c", "import os, urllib.request as u; u.urlopen(f'http://127.0.0.1:{os.environ.get(\"SCENEGATE_HTTP_PORT\", 8000)}/readyz', timeout=2)"]
+    CMD ["python", "-m", "gateway.ops.probe"]
 ENTRYPOINT ["scenegate"]
 CMD ["serve"]
