@@ -16,7 +16,7 @@ import pytest
 
 pytestmark = [pytest.mark.compose, pytest.mark.lcm]
 
-PUBLISHER = Path(__file__).parents[2] / "examples" / "publish_tree.py"
+PUBLISHER = Path(__file__).parent / "publisher.py"
 
 
 def publish(network: str, url: str, picture: Path) -> np.ndarray:
