@@ -15,7 +15,7 @@ import cv2
 import pytest
 
 from tests.batch.conftest import FACET, TREE, Draw, contents, order_of
-from tests.support.gateway_process import START_SECONDS, STOP_SECONDS
+from tests.support.gateway_process import START_SECONDS
 from tests.support.ports import free_ports
 
 ENVIRONMENT = "SCENEGATE_RAY_PYTHON"
@@ -72,7 +72,7 @@ def cluster(python: str, folders: tuple[Path, Path]) -> Iterator[dict[str, Any]]
         )
     try:
         yield json.loads(speaks(process, "{", errors))
-        process.communicate("", timeout=STOP_SECONDS)
+        process.communicate("", timeout=START_SECONDS)
     finally:
         process.kill()
         process.communicate()
@@ -127,7 +127,7 @@ def test_the_example_serves_on_a_cluster(python: str, cluster: dict[str, Any], t
         assert depth is not None
         assert depth[120, 160] == pytest.approx(3.0, abs=1e-6)
         server.terminate()
-        assert server.wait(STOP_SECONDS) == 0
+        assert server.wait(START_SECONDS) == 0
     finally:
         server.kill()
         server.communicate()

@@ -29,7 +29,7 @@ from gateway.client import manifest
 from gateway.client.dataset import NO_LABEL, Dataset
 from tests.batch.conftest import SETTINGS, Draw, contents, order_of
 from tests.support import forms
-from tests.support.gateway_process import STOP_SECONDS
+from tests.support.gateway_process import START_SECONDS
 
 
 def test_every_kind_of_scene_is_drawn(scenes: Path, tmp_path: Path, draw: Draw) -> None:
@@ -252,7 +252,7 @@ def test_a_command_that_is_told_to_stop_leaves_no_process_and_goes_on_later(scen
             assert process.poll() is None
             time.sleep(0.02)  # nothing tells when the first line is there
         process.terminate()
-        _, said = process.communicate(timeout=STOP_SECONDS)
+        _, said = process.communicate(timeout=START_SECONDS)
     finally:
         process.kill()
         process.communicate()
