@@ -50,43 +50,46 @@ def distinct(planes: Sequence[NDArray[np.int32]]) -> tuple[NDArray[np.int32], ND
         (n, H, W) int32: the k-th different record of every pixel in the order of the samples, -1 for none. (n, H, W)
         uint8: how many of its samples see it. Samples that see nothing count nowhere.
     """
-    stacked = np.stack(planes)
-    counts = np.zeros(stacked.shape, np.uint8)
-    _distinct(stacked, counts)
+    layers = np.full((len(planes), *planes[0].shape), -1, np.int32)
+    counts = np.zeros(layers.shape, np.uint8)
+    _distinct(np.stack(planes), layers, counts)
     used = 1
-    while used < len(stacked) and bool((stacked[used] >= 0).any()):
+    while used < len(layers) and bool((layers[used] >= 0).any()):
         used += 1
-    return stacked[:used], counts[:used]
+    return layers[:used], counts[:used]
 
 
-@kernel("void(int32[:,:,::1], uint8[:,:,::1])")
-def _distinct(planes, counts):  # type: ignore[no-untyped-def]
-    """In place."""
+@kernel("void(int32[:,:,::1], int32[:,:,::1], uint8[:,:,::1])")
+def _distinct(planes, layers, counts):  # type: ignore[no-untyped-def]
+    """``layers`` holds -1 and ``counts`` 0 when called."""
     n, height, width = planes.shape
+    differ = np.empty(width, np.int32)
     seen = np.empty(n, np.int32)
     for y in range(height):
+        first, top, count = planes[0, y], layers[0, y], counts[0, y]
+        for x in range(width):  # in vectors
+            top[x] = first[x]
+            count[x] = n if first[x] >= 0 else 0
+            differ[x] = 0
+        for k in range(1, n):
+            plane = planes[k, y]
+            for x in range(width):
+                differ[x] |= plane[x] ^ first[x]
         for x in range(width):
-            first = planes[0, y, x]
-            same = True
-            for k in range(1, n):
-                same = same and planes[k, y, x] == first
-            if same:
-                counts[0, y, x] = n if first >= 0 else 0
-                for k in range(1, n):
-                    planes[k, y, x] = -1
+            if differ[x] == 0:
                 continue
-            for k in range(n):
-                seen[k] = planes[k, y, x]
-                planes[k, y, x] = -1
+            top[x], count[x] = -1, 0
             used = 0
             for k in range(n):
-                if seen[k] < 0:
+                record = planes[k, y, x]
+                if record < 0:
                     continue
                 slot = 0
-                while slot < used and planes[slot, y, x] != seen[k]:
+                while slot < used and seen[slot] != record:
                     slot += 1
                 if slot == used:
-                    planes[used, y, x] = seen[k]
+                    seen[used] = record
+                    layers[used, y, x] = record
                     used += 1
                 counts[slot, y, x] += 1
 
@@ -108,6 +111,9 @@ def _mix(colors, counts, samples, background, out):  # type: ignore[no-untyped-d
     n, height, width = counts.shape
     for y in range(height):
         for x in range(width):
+            if counts[0, y, x] == samples:
+                out[y, x, 0], out[y, x, 1], out[y, x, 2] = colors[0, y, x, 0], colors[0, y, x, 1], colors[0, y, x, 2]
+                continue
             rest = samples
             for k in range(n):
                 rest -= counts[k, y, x]

@@ -87,6 +87,7 @@ def _towards(x: float, y: float, z: float) -> Rgb:
 
 STUDIO: Final = Rig(
     lights=(Light(LightKind.DIRECTIONAL, (1.0, 0.96, 0.9), 2.3, direction=_towards(0.35, 0.55, -1.0)),),
+    exposure=0.88,
     surroundings=Surroundings(
         hemisphere=Hemisphere((0.34, 0.37, 0.42), (0.16, 0.155, 0.15)),
         softboxes=(

@@ -1,0 +1,286 @@
+"""The pictures of docs/gallery.md, drawn by this repository's own renderer from scenes that are made here.
+
+    python -m bench.gallery [FOLDER]
+
+FOLDER (default: docs/images/gallery) gets one JPEG each. The same sources give the same pixels every time.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.demo import Demo
+from gateway.scene.cameras import parse_camera, resolve_camera
+from gateway.scene.flatten import flatten
+from gateway.scene.live import LiveTree
+from gateway.scene.tree import Node
+from renderers.camera import Camera
+from renderers.cpu import CpuRenderer, warmup
+from renderers.drawlist import (
+    AlphaMode,
+    DrawList,
+    Image,
+    Instance,
+    Light,
+    LightKind,
+    Material,
+    Mesh,
+    Sampler,
+    Texture,
+)
+from renderers.encode import jpeg_rgb
+from renderers.fxaa import fxaa
+from renderers.port import Look, Output
+from renderers.studio.rig import Hemisphere, Rig, Surroundings
+
+Picture = NDArray[np.uint8]
+PAPER: Final = (236, 239, 243)
+NIGHT: Final = (16, 18, 24)
+WIDTH, HEIGHT = 1120, 630
+
+
+def sphere(rings: int = 64, radius: float = 0.5) -> Mesh:
+    """Around the origin."""
+    u, v = np.meshgrid(np.linspace(0, 2 * np.pi, 2 * rings + 1), np.linspace(0, np.pi, rings + 1))
+    n = np.stack((np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)), -1).reshape(-1, 3)
+    a = (np.arange(rings)[:, None] * (2 * rings + 1) + np.arange(2 * rings)).ravel()
+    below = a + 2 * rings + 1
+    elements = np.concatenate((np.stack((a, below, a + 1), 1), np.stack((a + 1, below, below + 1), 1)))
+    uv = np.stack((u / np.pi, v / np.pi), -1).reshape(-1, 2)
+    points, normals = (np.ascontiguousarray(x, np.float32) for x in (radius * n, n))
+    return Mesh(points, elements.astype(np.uint32), normals, uv.astype(np.float32))
+
+
+def ground(half: float, repeats: float) -> Mesh:
+    """A square at z = 0."""
+    p = np.array(((-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)), np.float32) * np.float32(half)
+    normals = np.tile(np.array((0, 0, 1), np.float32), (4, 1))
+    return Mesh(
+        p, np.array(((0, 1, 2), (0, 2, 3)), np.uint32), normals, (p[:, :2] / half * repeats / 2).astype(np.float32)
+    )
+
+
+def image(pixels: NDArray[Any]) -> Image:
+    """An image of (H, W, 3 or 4) values 0 .. 255."""
+    rgba = np.full((*pixels.shape[:2], 4), 255, np.uint8)
+    rgba[..., : pixels.shape[2]] = np.clip(pixels, 0, 255)
+    return Image(rgba.tobytes(), lambda: rgba)
+
+
+def checks(light: Any = (214, 216, 219), dark: Any = (150, 155, 162), cells: int = 2, side: int = 256) -> Image:
+    """Squares."""
+    i, j = np.mgrid[:side, :side] * cells // side
+    return image(np.where(((i + j) % 2 == 0)[..., None], light, dark))
+
+
+def dents(side: int = 512) -> Image:
+    """A normal map of hammered metal."""
+    rng = np.random.default_rng(4)
+    height = np.zeros((side, side), np.float32)
+    y, x = np.mgrid[:side, :side]
+    for cx, cy, r in zip(*rng.uniform(0, side, (2, 260)), rng.uniform(18, 40, 260), strict=True):
+        dx, dy = (x - cx + side / 2) % side - side / 2, (y - cy + side / 2) % side - side / 2
+        height = np.minimum(height, (dx * dx + dy * dy) / (r * r) * 6 - 6)
+    height = np.asarray(cv2.GaussianBlur(np.pad(height, 16, "wrap"), (0, 0), 3)[16:-16, 16:-16], np.float32)
+    slope_y, slope_x = np.gradient(height)
+    n = np.stack((-slope_x, slope_y, np.full_like(height, 2.2)), -1)
+    return image((n / np.linalg.norm(n, axis=-1, keepdims=True) + 1) * 127.5)
+
+
+def at(x: float, y: float, z: float, scale: float = 1.0) -> NDArray[np.float64]:
+    X = np.diag((scale, scale, scale, 1.0))
+    X[:3, 3] = x, y, z
+    return X
+
+
+def camera(text: str, width: int = WIDTH, height: int = HEIGHT, drawn: DrawList | None = None) -> Camera:
+    """By the grammar of ``scenegate render --camera``."""
+    return resolve_camera(parse_camera(text), Node(), width, height, drawn=drawn)
+
+
+class Gallery:
+    """Draws them."""
+
+    def __init__(self) -> None:
+        self._renderer = CpuRenderer()
+        tree = LiveTree()
+        demo = Demo(tree)
+        demo.populate()
+        demo.edit(3.0)
+        self._demo = flatten(tree.snapshot.root)
+
+    def color(self, scene: DrawList, view: Camera, look: Look) -> Picture:
+        with self._renderer.render(scene, view, Output.COLOR, look) as frame:
+            assert frame.color is not None
+            return frame.color.copy()
+
+    def demo(self) -> Picture:
+        view = camera("eye=2.6,-2.5,1.9;target=0,0.1,0.62;fovy=32", drawn=self._demo)
+        return self.color(self._demo, view, Look("studio", PAPER, 8))
+
+    def looks(self) -> Picture:
+        """The four looks side by side."""
+        view = camera("eye=1.25,-1.2,1.55;target=0.05,0,0.95;fovy=32", WIDTH // 2, HEIGHT // 2, self._demo)
+        tiles = []
+        for name in ("phong", "pbr", "plain", "studio"):
+            picture = self.color(self._demo, view, Look(name, samples=4))
+            cv2.putText(picture, name, (14, 28), cv2.FONT_HERSHEY_SIMPLEX, 0.7, (40, 50, 60), 1, cv2.LINE_AA)
+            tiles.append(picture)
+        return np.vstack((np.hstack(tiles[:2]), np.hstack(tiles[2:])))
+
+    def materials(self) -> Picture:
+        """Metals and dielectrics by roughness, indices of refraction, a normal map."""
+        ball, floor = sphere(), ground(30, 60)
+        paper = Material((0.95, 0.95, 0.95, 1), metallic=0.0, roughness=0.7, base_color_texture=Texture(checks()))
+        instances = [Instance(floor, paper, np.eye(4))]
+        rows = (
+            lambda t: Material((1.0, 0.78, 0.36, 1), metallic=1.0, roughness=0.05 + 0.85 * t),
+            lambda t: Material((0.02, 0.12, 0.42, 1), metallic=0.0, roughness=0.05 + 0.85 * t),
+            lambda t: Material((0.6, 0.03, 0.03, 1), metallic=0.0, roughness=0.15, ior=1.0 + 1.6 * t),
+            lambda t: Material(
+                (0.95, 0.93, 0.9, 1) if t < 0.5 else (0.95, 0.55, 0.4, 1),
+                metallic=1.0,
+                roughness=0.12 + 0.3 * t,
+                normal_texture=Texture(dents()),
+                normal_scale=0.3 + 0.7 * t,
+            ),
+        )
+        for k, row in enumerate(rows):
+            for i in range(7):
+                place = at(1.15 * (i - 3), 1.25 * (1.5 - k), 0.5)
+                instances.append(Instance(ball, row(i / 6), place))
+        view = camera("eye=1.6,-9.0,5.2;target=0.1,-0.1,0.1;fovy=29")
+        return self.color(DrawList(tuple(instances)), view, Look("studio", PAPER, 8))
+
+    def lamps(self) -> Picture:
+        """Spots with shadows, a point light, emission."""
+        ball, floor = sphere(), ground(12, 10)
+        stone = Material((0.6, 0.6, 0.62, 1), metallic=0.0, roughness=0.55)
+        instances = [Instance(floor, stone, np.eye(4))]
+        for k in range(9):
+            angle = 2 * math.pi * k / 9
+            metal = Material((0.9, 0.9, 0.92, 1), metallic=float(k % 2), roughness=0.25)
+            instances.append(Instance(ball, metal, at(1.7 * math.cos(angle), 1.7 * math.sin(angle), 0.4, 0.8)))
+        glow = Material((0, 0, 0, 1), metallic=0.0, emissive=(1.0, 0.55, 0.2), emissive_strength=4.0)
+        instances.append(Instance(ball, glow, at(0, 0, 0.75, 0.5)))
+        colors = ((1.0, 0.25, 0.2), (0.25, 1.0, 0.35), (0.25, 0.4, 1.0))
+        lights = [Light(LightKind.POINT, (1.0, 0.6, 0.3), 4.0, (0.0, 0.0, 0.75), casts_shadow=False)]
+        for k, color in enumerate(colors):
+            angle = 2 * math.pi * k / 3 + 0.5
+            place = np.array((3.4 * math.cos(angle), 3.4 * math.sin(angle), 4.2))
+            aim = -place / np.linalg.norm(place)
+            lights.append(
+                Light(LightKind.SPOT, color, 42.0, (*place,), (*aim,), inner_cone=0.3, outer_cone=0.62)  # type: ignore[arg-type]
+            )
+        dim = Surroundings(Hemisphere((0.02, 0.025, 0.04), (0.01, 0.01, 0.01)))
+        rig = Rig(surroundings=dim, shadow_radius=4)
+        scene = DrawList(tuple(instances), lights=tuple(lights))
+        view = camera("eye=3.6,-5.6,4.0;target=0,-0.1,0.15;fovy=33")
+        return self.color(scene, view, Look("studio", NIGHT, 8, rig))
+
+    def glass(self) -> Picture:
+        """Translucent surfaces that overlap and cut through each other, sorted in every pixel."""
+        ball, floor = sphere(), ground(30, 60)
+        paper = Material((0.95, 0.95, 0.95, 1), metallic=0.0, roughness=0.7, base_color_texture=Texture(checks()))
+        instances = [Instance(floor, paper, np.eye(4))]
+        for k, color in enumerate(((0.9, 0.1, 0.15), (0.95, 0.7, 0.1), (0.1, 0.6, 0.3), (0.1, 0.35, 0.9))):
+            angle = 2 * math.pi * k / 4 + 0.4
+            pane = Material((*color, 0.55), metallic=0.0, roughness=0.05, alpha_mode=AlphaMode.BLEND)
+            instances.append(Instance(ball, pane, at(0.52 * math.cos(angle), 0.52 * math.sin(angle), 0.75, 1.5)))
+        core = Material((0.95, 0.95, 0.97, 1), metallic=1.0, roughness=0.1)
+        instances.append(Instance(ball, core, at(0, 0, 0.75, 0.5)))
+        view = camera("eye=1.6,-4.6,2.4;target=0,0,0.62;fovy=26")
+        return self.color(DrawList(tuple(instances)), view, Look("studio", PAPER, 4))
+
+    def filtering(self) -> Picture:
+        """The same floor without mip levels and with them, one sample and eight."""
+        floor = ground(60, 240)
+        view = camera("eye=0,-6,1.1;target=0,0,0.2;fovy=34", WIDTH // 2, HEIGHT // 2)
+        tiles = []
+        for mipmaps, samples, text in (
+            (False, 1, "no mip levels, 1 sample"),
+            (True, 1, "mip levels, 1 sample"),
+            (False, 8, "no mip levels, 8 samples"),
+            (True, 8, "mip levels, 8 samples"),
+        ):
+            texture = Texture(checks((235, 235, 235), (60, 66, 74)), Sampler(mipmaps=mipmaps))
+            wood = Material((0.9, 0.9, 0.9, 1), metallic=0.0, roughness=0.8, base_color_texture=texture)
+            ball = Material((0.9, 0.35, 0.1, 1), metallic=0.0, roughness=0.3)
+            scene = DrawList((Instance(floor, wood, np.eye(4)), Instance(sphere(), ball, at(0.7, -1.5, 0.5))))
+            picture = self.color(scene, view, Look("studio", (204, 229, 255), samples))  # type: ignore[arg-type]
+            cv2.putText(picture, text, (14, 26), cv2.FONT_HERSHEY_SIMPLEX, 0.55, (40, 50, 60), 1, cv2.LINE_AA)
+            tiles.append(picture)
+        return np.vstack((np.hstack(tiles[:2]), np.hstack(tiles[2:])))
+
+    def edges(self) -> Picture:
+        """One robot's elbow, eight times as large: 1 sample, FXAA, 4 and 8 samples."""
+        view = camera("eye=1.4,-1.1,1.7;target=0,0,0.85", 640, 480, self._demo)
+        tiles = []
+        for samples, text in ((1, "1 sample"), (1, "FXAA"), (4, "4 samples"), (8, "8 samples")):
+            picture = self.color(self._demo, view, Look("pbr", samples=samples))  # type: ignore[arg-type]
+            if text == "FXAA":
+                fxaa(picture)
+            part = picture[148:218, 260:295]
+            part = np.asarray(cv2.resize(part, None, fx=8, fy=8, interpolation=cv2.INTER_NEAREST), np.uint8)
+            cv2.putText(part, text, (10, 26), cv2.FONT_HERSHEY_SIMPLEX, 0.6, (255, 255, 255), 3, cv2.LINE_AA)
+            cv2.putText(part, text, (10, 26), cv2.FONT_HERSHEY_SIMPLEX, 0.6, (40, 50, 60), 1, cv2.LINE_AA)
+            tiles.append(part)
+        return np.hstack(tiles)
+
+    def outputs(self) -> Picture:
+        """Colour, depth, labels and normals of one call."""
+        view = camera("eye=1.9,-1.9,1.6;target=0,0.1,0.7;fovy=36", WIDTH // 2, HEIGHT // 2, self._demo)
+        scene = replace(
+            self._demo, instances=tuple(replace(i, label=k + 1) for k, i in enumerate(self._demo.instances))
+        )
+        wanted = Output.COLOR | Output.DEPTH | Output.LABEL | Output.NORMAL
+        with self._renderer.render(scene, view, wanted, Look("studio", PAPER, 8)) as frame:
+            assert frame.color is not None
+            assert frame.depth is not None
+            assert frame.label is not None
+            assert frame.normal is not None
+            near = 1.0 / np.where(np.isfinite(frame.depth), frame.depth, np.inf)
+            near = (np.clip((near - 0.15) / 0.4, 0, 1) * 255).astype(np.uint8)
+            depth = cv2.applyColorMap(near, cv2.COLORMAP_VIRIDIS)[..., ::-1]
+            palette = np.random.default_rng(1).integers(60, 256, (4096, 3))
+            label = np.where((frame.label == 0xFFFFFF)[..., None], 255, palette[np.minimum(frame.label, 4095)]).astype(
+                np.uint8
+            )
+            normal = np.where(
+                frame.normal.any(axis=-1, keepdims=True), (frame.normal * (1, -1, -1) + 1) * 127.5, 255
+            ).astype(np.uint8)
+            return np.vstack((np.hstack((frame.color, depth)), np.hstack((label, normal))))
+
+
+def main() -> None:
+    folder = Path(sys.argv[1] if len(sys.argv) > 1 else "docs/images/gallery")
+    folder.mkdir(parents=True, exist_ok=True)
+    warmup()
+    gallery = Gallery()
+    pictures: dict[str, Callable[[], Picture]] = {
+        "demo": gallery.demo,
+        "looks": gallery.looks,
+        "materials": gallery.materials,
+        "lamps": gallery.lamps,
+        "glass": gallery.glass,
+        "filtering": gallery.filtering,
+        "edges": gallery.edges,
+        "outputs": gallery.outputs,
+    }
+    for name, draw in pictures.items():
+        data = jpeg_rgb(np.ascontiguousarray(draw()), quality=86)
+        (folder / f"{name}.jpg").write_bytes(data)
+        print(f"{name:10} {len(data) / 1e3:6.0f} kB", flush=True)
+
+
+if __name__ == "__main__":
+    main()
