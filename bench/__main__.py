@@ -1,4 +1,4 @@
-"""Every bench, one table: ``python -m bench [--peers PYTHON] [--write docs/performance.md] [NAME ...]``.
+"""Every bench, one table: ``python -m bench [--peers PYTHON] [--quick] [--write FILE] [NAME ...]``.
 
 Each bench runs as a command of its own, shortly; its rows (``bench/table.py``) go into the one table, all that it
 prints into a section below. PYTHON is an interpreter with vtk, viser, meshcat (and pydrake, where it is at hand);
@@ -28,6 +28,8 @@ class Bench:
     """How one is run here, and how rows are made of what it prints beyond its own rows."""
 
     arguments: tuple[str, ...] = ()
+    quick: tuple[str, ...] = ()
+    """More arguments for a run that shows whether everything works; its figures are poor."""
     peers: bool = False
     """Whether it takes ``--peers``."""
     rows: Callable[[str], list[Row]] = lambda _: []
@@ -63,11 +65,11 @@ def viewer_rows(text: str) -> list[Row]:
 
 
 BENCHES = {
-    "raster": Bench(),
-    "render": Bench(peers=True),
+    "raster": Bench(quick=("--frames", "5"), peers=True),
+    "render": Bench(quick=("--frames", "5"), peers=True),
     "codecs": Bench(),
     "concurrency": Bench(),
-    "startup": Bench(("--cold", "--scenes", "10000", "--plot", PLOT)),
+    "startup": Bench(("--cold", "--scenes", "10000", "--plot", PLOT), quick=("--scenes", "1000")),
     "stream": Bench(("--live", "--clients", "1", "4", "--seconds", "4"), rows=stream_rows),
     "treeviewer": Bench(("--seconds", "1"), peers=True, rows=tree_rows),
     "viewer": Bench(("--clients", "1,10", "--seconds", "4"), peers=True, rows=viewer_rows),
@@ -88,9 +90,10 @@ def machine() -> str:
     )
 
 
-def run(name: str, bench: Bench, peers: str | None) -> tuple[str, list[Row], str]:
+def run(name: str, bench: Bench, peers: str | None, quick: bool) -> tuple[str, list[Row], str]:
     """The command line, its rows, and all else that it printed."""
     command = ["-m", f"bench.{name}", *bench.arguments, *(["--peers", peers] if bench.peers and peers else [])]
+    command += bench.quick if quick else ()
     shown = f"python {' '.join(command)}"
     print(f"$ {shown.replace(peers, 'PYTHON') if peers else shown}", flush=True)
     done = subprocess.run([sys.executable, *command], capture_output=True, text=True)
@@ -127,15 +130,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", choices=[[], *BENCHES], help="default: all")
     parser.add_argument("--peers", help="a Python that has vtk, viser and meshcat")
+    parser.add_argument("--quick", action="store_true", help="few frames: whether everything works")
     parser.add_argument("--write", type=Path, help="docs/performance.md")
     options = parser.parse_args()
-    results = [(name, *run(name, BENCHES[name], options.peers)) for name in options.names or BENCHES]
+    results: list[tuple[str, str, list[Row], str]] = []
+    for name in options.names or BENCHES:
+        results.append((name, *run(name, BENCHES[name], options.peers, options.quick)))
+        if options.write:  # after each: all of them take a while
+            options.write.write_text(document(results), encoding="utf-8")
     print(f"\n{HEAD}\n|---|---|---|---|---|---|")
     for _, _, rows, _ in results:
         for row in rows:
             print(row.markdown())
-    if options.write:
-        options.write.write_text(document(results), encoding="utf-8")
 
 
 if __name__ == "__main__":

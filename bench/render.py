@@ -105,6 +105,7 @@ def compare(
     servers = [server for server in (ours, vtk) if server is not None]
     first: dict[str, list[float]] = {}
     whole: dict[str, list[float]] = {}
+    work: dict[str, list[float]] = {}
     names = " / ".join(("ours", "VTK")[: len(servers)])
     print(f"| ms ({names}) | to first byte | ratio | CPU | over HTTP | ratio | stages of ours | stages of VTK |")
     print("|---|---|---|---|---|---|---|---|")
@@ -125,6 +126,7 @@ def compare(
                 if vtk is not None and (width, height) == (640, 480):
                     first.setdefault(kind, []).append(to_first[1] / to_first[0])
                     whole.setdefault(kind, []).append(total[1] / total[0])
+                    work.setdefault(kind, []).append(spent[1] / max(spent[0], 0.1))
                 note = ""
                 if kind == "label" and vtk is not None:
                     note = f" ({100 * differing(answers[0].body, answers[1].body):.2g} % of pixels differ)"
@@ -138,9 +140,10 @@ def compare(
     rows = []
     for kind in posted.KINDS:
         goal = FIRST_BYTE_GOALS[kind]
-        ratio, least = geometric_mean(first[kind]), min(first[kind])
+        ratio = geometric_mean(first[kind])
+        ours_cell = f"least {min(first[kind]):.1f}×; by CPU time {geometric_mean(work[kind]):.1f}×"
         what = f"`/render` {kind}, 640×480, last byte in to first byte out: geometric mean of {len(SCENES)} scenes"
-        rows.append(at_least(what, f"least {least:.1f}×", "VTK", ratio, goal))
+        rows.append(at_least(what, ours_cell, "VTK", ratio, goal))
     for kind in posted.KINDS:
         ratio, least = geometric_mean(whole[kind]), min(whole[kind])
         what = f"`/render` {kind}, 640×480, over HTTP, new connection each"

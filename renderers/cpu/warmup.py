@@ -25,5 +25,6 @@ def warmup() -> None:
     camera = Camera(16, 16, 16.0, 16.0, 8.0, 8.0, 0.1, 10.0, np.eye(4))
     renderer = CpuRenderer(threads=1)
     everything = Output.COLOR | Output.DEPTH | Output.LABEL | Output.INSTANCE | Output.NORMAL
-    for look in (Look("phong"), Look("pbr"), Look("studio", samples=4)):
+    # Not the studio look: its kernels are loaded, too, but its surroundings take half a second, and few ask for it.
+    for look in (Look("phong"), Look("pbr", samples=4)):
         renderer.render(DrawList(instances), camera, everything, look).close()

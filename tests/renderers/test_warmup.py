@@ -32,7 +32,7 @@ everything = Output.COLOR | Output.DEPTH | Output.LABEL | Output.INSTANCE | Outp
 with install_recorder("numba:compile") as recorder:
     for threads in (1, 2):
         renderer = CpuRenderer(threads)
-        for look in (Look("phong"), Look("pbr")):
+        for look in (Look("phong"), Look("pbr", samples=4), Look("pbr"), Look("studio", samples=4)):
             for outputs in (everything, Output.DEPTH, Output.COLOR):
                 renderer.render(DrawList(instances), camera, outputs, look).close()
         renderer.close()
