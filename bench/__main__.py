@@ -69,7 +69,7 @@ BENCHES = {
     "render": Bench(quick=("--frames", "5"), peers=True),
     "codecs": Bench(),
     "concurrency": Bench(),
-    "startup": Bench(("--cold", "--scenes", "10000", "--plot", PLOT), quick=("--scenes", "1000")),
+    "startup": Bench(("--cold", "--scenes", "10000", "--plot", PLOT), quick=("--scenes", "1000", "--plot", os.devnull)),
     "stream": Bench(("--live", "--clients", "1", "4", "--seconds", "4"), rows=stream_rows),
     "treeviewer": Bench(("--seconds", "1"), peers=True, rows=tree_rows),
     "viewer": Bench(("--clients", "1,10", "--seconds", "4"), peers=True, rows=viewer_rows),

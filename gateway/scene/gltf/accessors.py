@@ -129,7 +129,7 @@ class Accessors:
         self._warnings = warnings
         self._merged = merged
         self._buffers = buffers
-        self._limits = limits
+        self._limit = max(limits.max_vertices, limits.max_elements) * 3
         self._known: dict[int, Accessor] = {}
 
     def get(self, index: object, where: str) -> Accessor:
@@ -141,6 +141,10 @@ class Accessors:
         known = self._known.get(index) if isinstance(index, int) else None
         if known is not None:
             return known
+        plain = self._plain(index) if type(index) is int else None
+        if plain is not None:
+            self._known[index] = plain  # type: ignore[index]
+            return plain
         source = element(self._document.accessors, index, "accessors", where)
         assert isinstance(index, int)
         name = f"accessors[{index}]"
@@ -148,8 +152,7 @@ class Accessors:
         components = COMPONENTS.get(source.type or "")
         if components is None:
             raise GltfError(f"{name}.type: {str(source.type)[:20]} is not one of {', '.join(COMPONENTS)}")
-        limit = max(self._limits.max_vertices, self._limits.max_elements) * 3
-        count = _count(source.count, limit, f"{name}.count")
+        count = _count(source.count, self._limit, f"{name}.count")
         accessor = self._accessor(
             name, source.buffer_view, source.byte_offset, dtype, components, count, bool(source.normalized)
         )
@@ -162,6 +165,33 @@ class Accessors:
                 self._warnings.append(f"{error} (Drake's merge does not adapt sparse accessors: ignored)")
         self._known[index] = accessor
         return accessor
+
+    def _plain(self, index: int) -> Accessor | None:
+        """The accessor if it is as nearly all are: tight, not sparse, without a fault. Documents have thousands, and
+        most of the other way's time goes into names for messages. None: the other way finds out what is wrong."""
+        accessors, views = self._document.accessors, self._document.buffer_views
+        if accessors is None or views is None or not 0 <= index < len(accessors):
+            return None
+        source = accessors[index]
+        if source is None or source.sparse is not None or source.count is None or source.buffer_view is None:
+            return None
+        dtype, components = COMPONENT_TYPES.get(source.component_type or 0), COMPONENTS.get(source.type or "")
+        if dtype is None or components is None or not 0 <= source.count <= self._limit:
+            return None
+        view = views[source.buffer_view] if 0 <= source.buffer_view < len(views) else None
+        if view is None or view.extensions or view.byte_stride is not None or view.buffer is None:
+            return None
+        buffer = self._buffers.load(view.buffer, f"bufferViews[{source.buffer_view}].buffer")
+        start, length, offset = view.byte_offset or 0, view.byte_length, source.byte_offset or 0
+        stride = dtype.itemsize * components
+        if length is None or start < 0 or length < 0 or offset < 0 or start + length > len(buffer.data):
+            return None
+        if offset + source.count * stride > length:
+            return None
+        normalized = bool(source.normalized)
+        return Accessor(
+            f"accessors[{index}]", dtype, components, source.count, normalized, buffer, start + offset, stride, None
+        )
 
     def _accessor(
         self,

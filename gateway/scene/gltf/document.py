@@ -337,7 +337,8 @@ def vector(values: Sequence[float] | None, default: tuple[float, ...], where: st
         return default
     if len(values) != len(default):
         raise GltfError(f"{where}: {len(values)} numbers instead of {len(default)}")
-    if not all(map(math.isfinite, values)):
+    # A sum is finite if all of its terms are, but for those that overflow together.
+    if not math.isfinite(sum(values)) and not all(map(math.isfinite, values)):
         raise GltfError(f"{where}: not finite")
     return tuple(map(float, values))
 

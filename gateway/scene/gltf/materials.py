@@ -96,6 +96,8 @@ class Materials:
         base_color = vector(pbr.base_color_factor, (1.0, 1.0, 1.0, 1.0), f"{name}.pbrMetallicRoughness.baseColorFactor")
         normal, occlusion = source.normal_texture, source.occlusion_texture
         vtk = vtk and _is_vtk(source)
+        if vtk and pbr.base_color_texture is None:
+            return _vtk_material(base_color)
         alpha_mode = _alpha_mode(source.alpha_mode, name)
         if vtk and base_color[3] < 1.0:
             alpha_mode = AlphaMode.BLEND
@@ -262,6 +264,15 @@ class Materials:
         if self._pixels > self._limits.max_total_image_pixels:
             limit = self._limits.max_total_image_pixels
             raise GltfError(f"{name}: the images have more pixels than max_total_image_pixels = {limit}")
+
+
+@lru_cache(maxsize=1024)
+def _vtk_material(color: tuple[float, float, float, float]) -> Material:
+    """What nearly all materials of VTK's exporter are: a colour; equal ones are one object."""
+    blended = AlphaMode.BLEND if color[3] < 1.0 else AlphaMode.OPAQUE
+    return Material(
+        base_color=color, metallic=0.0, roughness=1.0, alpha_mode=blended, double_sided=True, vtk_export=True
+    )
 
 
 def _is_vtk(source: gltf.Material) -> bool:
