@@ -84,9 +84,13 @@ def machine() -> str:
         cpu = next((line.partition(": ")[2] for line in lines if line.startswith("model name")), cpu)
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / (1 << 30)
     packages = ", ".join(f"{name} {version(name)}" for name in ("numba", "numpy", "opencv-python-headless", "isal"))
+    cores, load = len(os.sched_getaffinity(0)), os.getloadavg()[1]
+    busy = (
+        f" **The machine was busy** (load average {load:.0f}): wall-clock figures are poor." if load > 2 * cores else ""
+    )
     return (
-        f"{len(os.sched_getaffinity(0))} × {cpu}, {memory:.0f} GiB; {platform.system()} {platform.machine()}, "
-        f"Python {platform.python_version()}, {packages}"
+        f"{cores} × {cpu}, {memory:.0f} GiB; {platform.system()} {platform.machine()}, "
+        f"Python {platform.python_version()}, {packages}.{busy}"
     )
 
 
