@@ -110,7 +110,7 @@ async def churn(running: Gateway, count: int) -> None:
     outcomes = await _wave(running.ports, count)
     seconds = time.monotonic() - begin
     after = await running.next()
-    for _ in range(90):  # half-open ones end after the server's own timeouts
+    for _ in range(45):  # half-open ones end after the server's own timeouts
         if all(after[name] <= before[name] for name in ("tasks", "threads", "files")):
             break
         after = await running.next()
@@ -144,7 +144,7 @@ async def _wave(ports: Ports, count: int) -> Counter[str]:
 
 async def overload(running: Gateway, seconds: float) -> None:
     """The render endpoint with as many clients as fit, then ten times as many."""
-    body = clients.render_body(640)
+    body = clients.render_body(1600)  # some ten milliseconds, so that rendering is what is scarce
     fits = QUEUE + 2
     full, _, _ = await _ask(running.ports, body, fits, seconds)
     accepted, refused, failed = await _ask(running.ports, body, 10 * fits, seconds)
@@ -181,7 +181,7 @@ async def _ask(ports: Ports, body: bytes, count: int, seconds: float) -> tuple[l
                 accepted.append(taken)
             elif answer.startswith(b"HTTP/1.1 503"):
                 refused.append(taken)
-                await asyncio.sleep(0.2)  # Retry-After says a second
+                await asyncio.sleep(1.0)  # as Retry-After says
             else:
                 failed += 1
 

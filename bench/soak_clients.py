@@ -109,8 +109,10 @@ async def well_behaved(kind: str, ports: Ports) -> None:
     """Asks, reads an answer, leaves."""
     if kind == "grpc":
         async with grpc.aio.insecure_channel(f"127.0.0.1:{ports.grpc}", options=_OPTIONS) as channel:
-            async for _ in _stream(channel, 30.0):
-                return
+            call = _stream(channel, 30.0)
+            await call.read()
+            call.cancel()
+        return
     reader, writer = await _open(kind, ports)
     writer.write(opening(kind))
     if kind == "tcpq":
