@@ -66,6 +66,7 @@ def viewer_rows(text: str) -> list[Row]:
 
 BENCHES = {
     "raster": Bench(quick=("--frames", "5"), peers=True),
+    "stores": Bench(),
     "render": Bench(quick=("--frames", "5"), peers=True),
     "codecs": Bench(),
     "concurrency": Bench(),

@@ -1,64 +1,70 @@
-"""Drawing: our rasterizer against Mesa's llvmpipe through OpenGL (moderngl on EGL), in one run, interleaved.
+"""Drawing: our rasterizer against other renderers, in one run, frame by frame in turn.
 
-    python -m bench.raster [THREADS]
+    python -m bench.raster [--peers PYTHON] [--threads 2] [--frames 25]
 
-Both draw colour (one head light, both sides), depth and label of the same warm scene and leave them in numpy arrays:
-we in one call, OpenGL in one pass into three render targets that are read back. Every frame has another camera.
-Columns are medians in ms, wall and CPU of all threads; ``ratio`` is OpenGL's time over ours. Ours without colour is
-timed, too: what a request for depth or label costs. THREADS (default: this
-machine's) are ours; llvmpipe takes what LP_NUM_THREADS says, or all.
+All draw the same warm scenes (one head light, fronts only) into arrays: colour, depth and label, in panda3d's case
+colour only. Each peer is a process of its own (``raster_peer.py``) whose context or window lives on: moderngl on EGL,
+one pass into three targets; VTK, a lit pass with its depth and a flat pass of labels; panda3d's software renderer.
+PYTHON is an interpreter that has vtk and panda3d; moderngl runs in this one. Every frame has another camera. Figures
+are medians in ms, wall and CPU of all threads; the ratio is the peer's over ours.
 """
 
 from __future__ import annotations
 
+import argparse
 import math
+import random
 import statistics
+import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
-import moderngl
 import numpy as np
 
+from bench.table import Row, at_least, at_most, geometric_mean, show, skipped
 from renderers.camera import Camera
 from renderers.cpu import CpuRenderer, warmup
-from renderers.drawlist import DrawList, Instance, Material, Mesh
+from renderers.drawlist import DrawList, Image, Instance, Material, Mesh, Texture
 from renderers.port import Look, Output
 
-FRAMES = 25
 WARM = 3
 SIZES = ((640, 480), (1280, 960))
-VERTEX = """
-#version 330
-uniform mat4 clip_from_camera; uniform mat4 camera_from_mesh; uniform mat3 normal_from_mesh;
-in vec3 position; in vec3 normal; out vec3 n; out float z;
-void main() {
-    vec4 p = camera_from_mesh * vec4(position, 1.0);
-    n = normal_from_mesh * normal; z = p.z; gl_Position = clip_from_camera * p;
-}"""
-FRAGMENT = """
-#version 330
-uniform vec3 base; uniform uint label; in vec3 n; in float z;
-layout(location = 0) out vec4 color; layout(location = 1) out float depth; layout(location = 2) out uint name;
-void main() { color = vec4(base * abs(normalize(n).z), 1.0); depth = z; name = label; }"""
+OURS = "ours"
+GOALS = {"moderngl": (5.0, 3.5), "vtk": (10.0, 7.0), "panda3d": (2.0, 1.0)}
+"""Geometric mean, and the least of any row."""
+EVERYTHING = Output.COLOR | Output.DEPTH | Output.LABEL
 
 
 def sphere(columns: int, rows: int, bumps: float = 0.0) -> Mesh:
-    """Around the origin, with shared vertices and normals."""
+    """Around the origin, with shared vertices, normals and texture coordinates; fronts outside."""
     u, v = np.meshgrid(np.linspace(0, 2 * np.pi, columns + 1), np.linspace(0, np.pi, rows + 1))
     n = np.stack((np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)), axis=-1)
     points = n * (1 + bumps * np.sin(9 * u) * np.sin(7 * v))[..., None]
     a = (np.arange(rows)[:, None] * (columns + 1) + np.arange(columns)).ravel()
     below = a + columns + 1
     elements = np.concatenate((np.stack((a, below, a + 1), 1), np.stack((a + 1, below, below + 1), 1)))
-    flat = (x.reshape(-1, 3).astype(np.float32) for x in (points, n))
-    return Mesh(next(flat), elements.astype(np.uint32), next(flat))
+    uv = np.stack((u / (2 * np.pi), v / np.pi), axis=-1)
+    points, n, uv = (x.reshape(len(u.ravel()), -1).astype(np.float32) for x in (points, n, uv))
+    return Mesh(points, elements.astype(np.uint32), n, uv)
+
+
+def pattern(size: int) -> np.ndarray[Any, Any]:
+    """(size, size, 4) uint8: smooth waves with grain, opaque."""
+    y, x = np.mgrid[0:size, 0:size] / size
+    grain = np.random.default_rng(1).normal(scale=12.0, size=(size, size, 3))
+    waves = np.stack((np.sin(40 * x), np.sin(31 * y), np.sin(23 * (x + y))), axis=-1)
+    pixels = np.full((size, size, 4), 255, np.uint8)
+    pixels[..., :3] = np.clip(128 + 90 * waves + grain, 0, 255)
+    return pixels
 
 
 def scenes() -> dict[str, DrawList]:
-    """Ten objects, a hundred and one, and one mesh of a million triangles."""
+    """Ten objects, a hundred and one, one mesh of a million triangles, and a ball with a picture on it."""
     rng = np.random.default_rng(0)
 
     def at(place: Any, scale: float) -> np.ndarray[Any, Any]:
@@ -73,15 +79,18 @@ def scenes() -> dict[str, DrawList]:
             np.tile(np.array((0, 0, -1), np.float32), (4, 1)),
         )
         places = rng.uniform((-spread, -spread, -1), (spread, spread, 1), size=(count, 3))
-        looks = [Material((*rng.uniform(0.2, 1.0, 3), 1.0), double_sided=True) for _ in range(count + 1)]
+        looks = [Material((*rng.uniform(0.2, 1.0, 3), 1.0)) for _ in range(count + 1)]
         balls = [Instance(mesh, looks[k], at(places[k], scale), k, k) for k in range(count)]
         return DrawList((*balls, Instance(wall, looks[-1], np.eye(4), count, count)))
 
-    fine = Instance(sphere(1000, 501, 0.1), Material((0.5, 0.5, 0.9, 1.0), double_sided=True), at((0, 0, 0), 1.3), 1, 1)
+    fine = Instance(sphere(1000, 501, 0.1), Material((0.5, 0.5, 0.9, 1.0)), at((0, 0, 0), 1.3), 1, 1)
+    pixels = pattern(2048)
+    painted = Material(base_color_texture=Texture(Image(b"pattern", lambda: pixels)))
     return {
-        "10 objects": some(9, sphere(24, 12), 0.5, 1.2),
-        "101 objects": some(100, sphere(24, 10), 0.3, 2.0),
-        "1 mesh": DrawList((fine,)),
+        "5k": some(9, sphere(24, 12), 0.5, 1.2),
+        "50k": some(100, sphere(24, 10), 0.3, 2.0),
+        "1M": DrawList((fine,)),
+        "20k textured": DrawList((Instance(sphere(101, 100), painted, at((0, 0, 0), 1.3), 1, 1),)),
     }
 
 
@@ -92,112 +101,153 @@ def view(width: int, height: int, frame: int) -> Camera:
     return Camera(width, height, 0.9 * width, 0.9 * width, width / 2, height / 2, 0.05, 10.0, X)
 
 
-class OpenGl:
-    """One scene on a context of its own size."""
+def write(scene: DrawList, path: Path) -> None:
+    """What ``raster_peer.py`` reads: meshes by number, and mesh, pose, colour and label of every instance."""
+    meshes = list(dict.fromkeys(i.mesh for i in scene.instances))
+    arrays: dict[str, Any] = {"meshes": len(meshes)}
+    for k, mesh in enumerate(meshes):
+        arrays |= {f"positions{k}": mesh.positions, f"normals{k}": mesh.normals, f"elements{k}": mesh.elements}
+        if mesh.uv0 is not None:
+            arrays[f"uv{k}"] = mesh.uv0
+    texture = scene.instances[0].material.base_color_texture
+    if texture is not None:
+        arrays["texture"] = texture.image.decode()
+    arrays["mesh"] = [meshes.index(i.mesh) for i in scene.instances]
+    arrays["pose"] = [i.X_world_mesh for i in scene.instances]
+    arrays["color"] = [i.material.base_color[:3] for i in scene.instances]
+    arrays["label"] = [i.label for i in scene.instances]
+    np.savez(path, **arrays)
 
-    def __init__(self, scene: DrawList, width: int, height: int) -> None:
-        self.context: Any = moderngl.create_standalone_context(backend="egl")
-        self.program = self.context.program(vertex_shader=VERTEX, fragment_shader=FRAGMENT)
-        targets = [
-            self.context.texture((width, height), 4),
-            self.context.texture((width, height), 1, dtype="f4"),
-            self.context.texture((width, height), 1, dtype="u4"),
-        ]
-        self.targets = targets
-        self.buffer = self.context.framebuffer(targets, self.context.depth_renderbuffer((width, height)))
-        self.draws = []
-        meshes: dict[int, Any] = {}
-        for instance in scene.instances:
-            mesh = instance.mesh
-            if id(mesh) not in meshes:
-                both = np.concatenate((mesh.positions, mesh.normals), axis=1)  # type: ignore[arg-type]  # they have normals
-                vertices = self.context.buffer(np.ascontiguousarray(both, np.float32).tobytes())
-                indices = self.context.buffer(mesh.elements.tobytes())
-                meshes[id(mesh)] = self.context.vertex_array(
-                    self.program, [(vertices, "3f 3f", "position", "normal")], indices
-                )
-            self.draws.append((instance, meshes[id(mesh)]))
-        self.pictures = [
-            np.empty((height, width, 4), np.uint8),
-            np.empty((height, width), np.float32),
-            np.empty((height, width), np.uint32),
-        ]
 
-    def draw(self, camera: Camera) -> None:
-        """One frame, read back."""
-        w, h, near, far = camera.width, camera.height, camera.near, camera.far
-        clip = np.array(
-            (
-                (2 * camera.fx / w, 0, 2 * camera.cx / w - 1, 0),
-                (0, 2 * camera.fy / h, 2 * camera.cy / h - 1, 0),
-                (0, 0, (far + near) / (far - near), -2 * far * near / (far - near)),
-                (0, 0, 1, 0),
-            )
+@dataclass(slots=True)
+class Process:
+    """A peer at work."""
+
+    pipe: subprocess.Popen[str]
+
+    @staticmethod
+    def start(python: str, name: str) -> Process:
+        """Raises RuntimeError when it does not come up: the renderer is not installed, or finds no EGL."""
+        script = str(Path(__file__).with_name("raster_peer.py"))
+        pipe = subprocess.Popen(
+            [python, script, name],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+            bufsize=1,
         )
-        self.buffer.use()
-        self.buffer.clear(0.8, 0.9, 1.0, depth=1.0)
-        self.context.enable_only(moderngl.DEPTH_TEST)
-        self.program["clip_from_camera"].write(clip.T.astype(np.float32).tobytes())
-        from_world = camera.X_camera_world
-        for instance, mesh in self.draws:
-            X = from_world @ instance.X_world_mesh
-            self.program["camera_from_mesh"].write(X.T.astype(np.float32).tobytes())
-            self.program["normal_from_mesh"].write(np.linalg.inv(X[:3, :3]).astype(np.float32).tobytes())
-            self.program["base"] = instance.material.base_color[:3]
-            self.program["label"] = instance.label
-            mesh.render()
-        for texture, picture in zip(self.targets, self.pictures, strict=True):
-            texture.read_into(picture)
+        process = Process(pipe)
+        if process._line() != "ready":
+            raise RuntimeError(f"{name} did not start")
+        return process
+
+    def ask(self, command: str) -> tuple[float, float]:
+        """Wall and CPU time of a command, ms."""
+        assert self.pipe.stdin is not None
+        self.pipe.stdin.write(command + "\n")
+        self.pipe.stdin.flush()
+        wall, cpu = map(float, self._line().split())
+        return wall, cpu
+
+    def _line(self) -> str:
+        assert self.pipe.stdout is not None
+        line = self.pipe.stdout.readline()
+        if not line:
+            raise RuntimeError("the peer ended")
+        return line.strip()
+
+    def close(self) -> None:
+        assert self.pipe.stdin is not None
+        self.pipe.stdin.close()
+        self.pipe.wait()
 
 
-def timed(call: Callable[[], object]) -> tuple[float, float]:
-    """Wall and CPU time of all threads, ms."""
+def timed(renderer: CpuRenderer, scene: DrawList, camera: Camera) -> tuple[float, float]:
+    """Wall and CPU time of one of our frames, ms."""
     wall, cpu = time.perf_counter(), time.process_time()
-    call()
+    renderer.render(scene, camera, EVERYTHING, Look()).close()
     return 1e3 * (time.perf_counter() - wall), 1e3 * (time.process_time() - cpu)
 
 
-def ours(renderer: CpuRenderer, scene: DrawList, outputs: Output, camera: Camera) -> None:
-    """One frame in pooled arrays."""
-    renderer.render(scene, camera, outputs, Look()).close()
-
-
-def compared(calls: dict[str, Callable[[Camera], None]], width: int, height: int) -> dict[str, tuple[float, float]]:
-    """Median wall and CPU time of each, frame by frame in turn."""
+def measured(
+    renderer: CpuRenderer, scene: DrawList, peers: dict[str, Process], width: int, height: int, frames: int
+) -> dict[str, tuple[float, float]]:
+    """Median wall and CPU time of each, frame by frame in turn, in random order."""
+    calls = {OURS: lambda frame: timed(renderer, scene, view(width, height, frame))}
+    for name, peer in peers.items():
+        calls[name] = partial(lambda peer, frame: peer.ask(f"draw {frame}"), peer)
     times: dict[str, list[tuple[float, float]]] = {name: [] for name in calls}
-    for frame in range(FRAMES + WARM):
-        camera = view(width, height, frame)
-        for name, call in calls.items():
-            times[name].append(timed(partial(call, camera)))
+    order = list(calls)
+    for frame in range(frames + WARM):
+        random.shuffle(order)
+        for name in order:
+            times[name].append(calls[name](frame))
     return {
         name: (statistics.median(t[0] for t in values[WARM:]), statistics.median(t[1] for t in values[WARM:]))
         for name, values in times.items()
     }
 
 
+def moved(renderer: CpuRenderer, scene: DrawList, frames: int) -> float:
+    """Our time for a scene whose meshes were seen and whose poses are new, over that of the unchanged one."""
+    camera = view(640, 480, 0)
+    times: dict[bool, list[float]] = {False: [], True: []}
+    for frame in range(frames + WARM):
+        X = np.eye(4)
+        X[0, 3] = 0.001 * frame
+        other = DrawList(tuple(Instance(i.mesh, i.material, X @ i.X_world_mesh, i.label) for i in scene.instances))
+        for changed, drawn in ((False, scene), (True, other)):
+            times[changed].append(timed(renderer, drawn, camera)[0])
+    return statistics.median(times[True][WARM:]) / statistics.median(times[False][WARM:])
+
+
 def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--peers", help="a Python that has vtk and panda3d")
+    parser.add_argument("--threads", type=int, default=2, help="ours; llvmpipe takes what LP_NUM_THREADS says, or all")
+    parser.add_argument("--frames", type=int, default=25)
+    options = parser.parse_args()
     warmup()
-    renderer = CpuRenderer(int(sys.argv[1]) if len(sys.argv) > 1 else None)
-    geometry = Output.DEPTH | Output.LABEL
-    print(f"{'ms wall/CPU':22}  {'depth+label':>15}  {'and colour':>15}  {'OpenGL':>15}  {'ratio of all three':>18}")
-    for name, scene in scenes().items():
-        for width, height in SIZES:
-            other = OpenGl(scene, width, height)
-            median = compared(
-                {
-                    "geometry": partial(ours, renderer, scene, geometry),
-                    "all": partial(ours, renderer, scene, geometry | Output.COLOR),
-                    "OpenGL": other.draw,
-                },
-                width,
-                height,
-            )
-            cells = "  ".join(f"{wall:7.2f}/{cpu:7.2f}" for wall, cpu in median.values())
-            ratios = "/".join(
-                f"{theirs / our:.1f}" for theirs, our in zip(median["OpenGL"], median["all"], strict=True)
-            )
-            print(f"{name:12} {width:4}x{height:<4}  {cells}  {ratios:>18}", flush=True)
-            other.context.release()
+    renderer = CpuRenderer(options.threads)
+    rows: list[Row] = []
+    peers: dict[str, Process] = {}
+    for name in GOALS:
+        try:
+            peers[name] = Process.start(sys.executable if name == "moderngl" else options.peers or "", name)
+        except (OSError, RuntimeError) as error:
+            rows.append(skipped(f"frames against {name}", str(error) if options.peers else "no --peers"))
+    ratios: dict[str, list[float]] = {name: [] for name in peers}
+    processor: dict[str, list[float]] = {name: [] for name in peers}
+    everything = scenes()
+    print(f"{'ms wall/CPU':20}" + "".join(f"{name:>18}" for name in (OURS, *peers)), flush=True)
+    with tempfile.TemporaryDirectory() as folder:
+        for name, scene in everything.items():
+            path = Path(folder) / "scene.npz"
+            write(scene, path)
+            for width, height in SIZES:
+                for peer in peers.values():
+                    peer.ask(f"load {path} {width} {height}")
+                median = measured(renderer, scene, peers, width, height, options.frames)
+                cells = "".join(f"{f'{wall:.2f}/{cpu:.2f}':>18}" for wall, cpu in median.values())
+                print(f"{name:12} {width:4}x{height:<4}" + cells, flush=True)
+                for peer_name in peers:
+                    wall, cpu = (theirs / our for theirs, our in zip(median[peer_name], median[OURS], strict=True))
+                    ratios[peer_name].append(wall)
+                    processor[peer_name].append(cpu)
+                    what = f"frame, {name} triangles, {width}x{height}"
+                    least = GOALS[peer_name][1]
+                    shown = f"{peer_name} {median[peer_name][0]:.2f} ms"
+                    rows.append(at_least(what, f"{median[OURS][0]:.2f} ms", shown, wall, least))
+    for peer_name, values in ratios.items():
+        cpu = geometric_mean(processor[peer_name])
+        what = f"frames, geometric mean (by CPU time {cpu:.1f}×)"
+        rows.append(at_least(what, "", peer_name, geometric_mean(values), GOALS[peer_name][0]))
+    ratio = moved(renderer, everything["50k"], options.frames)
+    rows.append(at_most("frame of moved meshes over that of the same scene", ratio, 1.5, "×"))
+    for peer in peers.values():
+        peer.close()
+    show(rows)
 
 
 if __name__ == "__main__":

@@ -6,8 +6,7 @@ Ours runs as the service that the gateway runs, in a process of its own, over UD
 floor is the least that any viewer of this protocol could do: a loop of liblcm, the fastest JSON reader at hand (orjson
 if it is installed) and a dict, over UDP. An echo by liblcm shows how long a small message takes while another client's
 big one arrives, without any viewer. PYTHON is an interpreter with meshcat, viser or pydrake; see
-``bench/treeviewer_peers.py`` for what is measured there. "Binary" is ours by its own client, from numpy arrays to the
-answer. Every figure is a median (p99 after the slash) in ms; the last
+``bench/treeviewer_peers.py`` for what is measured there. Every figure is a median (p99 after the slash) in ms; the last
 lines are ratios. S bounds each job; the whole takes about 30 S.
 """
 
@@ -34,8 +33,6 @@ from typing import Any
 import lcm
 import uvloop
 
-from bench.treeviewer_peers import cloud_arrays, mesh_arrays
-from gateway.client import Mesh, PointCloud, TreeViewer
 from gateway.ops.process import tune
 from gateway.scene.live import LiveTree
 from gateway.treeviewer import answers, wire
@@ -340,23 +337,6 @@ def in_process(messages: dict[str, bytes], seconds: float) -> Figures:
     return figures
 
 
-def by_client(url: str, seconds: float) -> Figures:
-    """Ours in the binary format: from numpy arrays to the answer, by the client that users have."""
-    vertices, faces = mesh_arrays()
-    points, rgb = cloud_arrays()
-    figures = Figures(f"binary, {url.partition(':')[0].removesuffix('m')}")
-    with TreeViewer(url, timeout=ANSWER_SECONDS, binary=True) as viewer:
-        for job, geometry in (("mesh 100k", Mesh(vertices, faces)), ("cloud 100k", PointCloud(points, rgb=rgb))):
-            viewer["binary"].set(geometry)
-            times = figures.jobs[job] = []
-            end = time.monotonic() + seconds
-            while time.monotonic() < end:
-                begin = time.perf_counter()
-                viewer["binary"].set(geometry)
-                times.append(1000.0 * (time.perf_counter() - begin))
-    return figures
-
-
 def percentile(times: list[float], share: float) -> float:
     ordered = sorted(times)
     return ordered[min(len(ordered) - 1, int(share * len(ordered)))] if ordered else math.nan
@@ -392,16 +372,15 @@ def compare(peers: str | None, seconds: float) -> None:
                     f"p50 {percentile(times, 0.5):.2f}, p99 {percentile(times, 0.99):.2f}, max {max(times):.1f} ms "
                     f"({len(big)} of them, median {percentile(big, 0.5):.0f} ms)"
                 )
-        binary = [by_client(url, seconds) for url in (udp, tcpq)]
     table.append(in_process(messages, seconds))
     found = peers_of(peers, seconds) if peers else []
-    report(table, binary, found, lines)
+    report(table, found, lines)
 
 
-def report(table: list[Figures], binary: list[Figures], peers: list[Figures], lines: list[str]) -> None:
-    print(f"{'ms, median/p99':<20}" + "".join(f"{figures.name:>20}" for figures in (*table, *binary, *peers)))
+def report(table: list[Figures], peers: list[Figures], lines: list[str]) -> None:
+    print(f"{'ms, median/p99':<20}" + "".join(f"{figures.name:>20}" for figures in (*table, *peers)))
     for job in JOBS:
-        print(f"{job:<20}" + "".join(f"{figures.cell(job):>20}" for figures in (*table, *binary, *peers)))
+        print(f"{job:<20}" + "".join(f"{figures.cell(job):>20}" for figures in (*table, *peers)))
     print(*lines, sep="\n")
     ours, _, plain, inside = table
     for job in JOBS:
@@ -410,8 +389,6 @@ def report(table: list[Figures], binary: list[Figures], peers: list[Figures], li
             if peer.jobs.get(job):
                 same = ours if peer.name == "meshcat" else inside  # meshcat's server is another process, as ours is
                 print(f"ratio {peer.name} / {same.name}, {job}: {peer.median(job) / same.median(job):.2f}")
-                for mine in (mine for mine in binary if mine.jobs.get(job)):
-                    print(f"ratio {peer.name} / {mine.name}, {job}: {peer.median(job) / mine.median(job):.2f}")
 
 
 def main() -> None:

@@ -185,7 +185,6 @@ class Dispatcher:
             del self._lanes[key]
 
     def _answer_now(self, channel: str, message: Message, reply: Reply) -> None:
-        before = self._protocol.snapshot  # kept until the answer is on its way: freeing a folder of many takes time
         try:
             answer = self._protocol.handle(message)
         except wire.WireError as error:
@@ -194,7 +193,6 @@ class Dispatcher:
         except Exception:  # a defect must not end the transport  # noqa: BLE001
             answer = self._defect(channel, message)
         self._send(channel, answer, reply, wire.is_binary(message))
-        del before
 
     async def _answer_later(self, lane: _Lane, message: Message) -> None:
         answer: Answer | FormatAnswer

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from functools import lru_cache
 from typing import Final
 
-from gateway.scene.live import LiveTree, Snapshot
+from gateway.scene.live import LiveTree
 from gateway.treeviewer import answers, wire
 from gateway.treeviewer.answers import Answer, FormatAnswer
 from gateway.treeviewer.apply import Application
@@ -66,11 +66,6 @@ class TreeViewerProtocol:
             wire.FORMAT: RequestReader(self.limits, meshes),
             wire.BINARY_FORMAT: BinaryReader(self.limits, meshes),
         }
-
-    @property
-    def snapshot(self) -> Snapshot:
-        """The newest state of the tree."""
-        return self._live.snapshot
 
     def header(self, message: bytes | memoryview) -> wire.Comms:
         """The message's header, cheap; its data is not looked at.

@@ -11,7 +11,6 @@ import struct
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -20,8 +19,6 @@ SHORT: Final = b"LC02"
 LONG: Final = b"LC03"
 MOST_SHORT: Final = 65_499
 """Bytes of channel, NUL and data in one datagram (LCM_SHORT_MESSAGE_MAX_SIZE)."""
-SURELY_SHORT: Final = MOST_SHORT - 64
-"""Bytes of data that fit into one datagram whatever the channel."""
 MOST_FRAGMENT: Final = 65_487
 """Bytes behind a fragment's header (LCM_FRAGMENT_MAX_PAYLOAD)."""
 MOST_FRAGMENTS: Final = 65_535
@@ -51,28 +48,17 @@ class Received(NamedTuple):
     data: bytes | memoryview
 
 
-@lru_cache(maxsize=1024)
-def _name(channel: str) -> bytes:
-    """The channel as it is sent. Raises ValueError when it is too long for LCM."""
-    name = channel.encode() + b"\0"
-    if len(name) > LONGEST_CHANNEL + 1:
-        longest = f"LCM's channel names have at most {LONGEST_CHANNEL} characters"
-        raise ValueError(f"{longest}, {channel!r} has {len(name) - 1}")
-    return name
-
-
-def short_datagram(channel: str, data: bytes, sequence: int) -> bytes:
-    """A message of at most ``SURELY_SHORT`` bytes. Raises ValueError when the channel is too long for LCM."""
-    return b"".join((_SHORT.pack(SHORT, sequence), _name(channel), data))
-
-
 def datagrams(channel: str, data: bytes, sequence: int) -> Iterator[list[bytes | memoryview]]:
     """The datagrams of a message, each in pieces.
 
     Raises:
         ValueError: the channel is too long for LCM, or the message has more fragments than can be numbered.
     """
-    name = _name(channel)
+    name = channel.encode() + b"\0"
+    if len(name) > LONGEST_CHANNEL + 1:
+        raise ValueError(
+            f"LCM's channel names have at most {LONGEST_CHANNEL} characters, {channel!r} has {len(name) - 1}"
+        )
     if len(name) + len(data) <= MOST_SHORT:
         yield [_SHORT.pack(SHORT, sequence), name, data]
         return

@@ -136,11 +136,8 @@ class UdpmBus:
 
     def publish(self, channel: str, message: bytes) -> None:
         """Raises OSError or ValueError when it cannot be sent (a channel of more than 63 bytes, no network)."""
-        if len(message) <= udpm.SURELY_SHORT:
-            self._out.sendto(udpm.short_datagram(channel, message, self._sequence), self._to)
-        else:
-            for pieces in udpm.datagrams(channel, message, self._sequence):
-                self._out.sendmsg(pieces, (), 0, self._to)
+        for pieces in udpm.datagrams(channel, message, self._sequence):
+            self._out.sendmsg(pieces, (), 0, self._to)
         self._sequence = (self._sequence + 1) & 0xFFFFFFFF
 
     def close(self) -> None:

@@ -52,20 +52,16 @@ class FrameJob:
         bands = band_count(camera.height)
         with np.errstate(all="ignore"):  # poses that are not finite draw nothing
             self.X_camera_mesh: NDArray[np.float64] = np.matmul(camera.X_camera_world, prepared.X_world_mesh)
-        drawn = np.arange(count) if select is None else np.flatnonzero(select)
-        rows = prepared.rows[drawn]
-        table = np.zeros((len(drawn) + 1, at.T_COLUMNS), dtype=np.int64)
-        np.cumsum(rows[:, 0], out=table[1:, at.T_VERTEX])
-        np.cumsum(rows[:, 1], out=table[1:, at.T_ELEMENT])
-        table[:-1, at.T_TOPOLOGY] = rows[:, 2]
-        table[:-1, at.T_POSITIONS] = rows[:, 3]
-        table[:-1, at.T_ELEMENTS] = rows[:, 4]
-        table[:-1, at.T_RECORD] = prepared.first_record[drawn]
+        table, X, sizes = prepared.table, self.X_camera_mesh, prepared.sizes
+        if select is not None:
+            table, X, sizes = _selected(table, select), X[select], sizes[select]
+        drawn = len(X)
         if cull_back is not None:
-            table[:-1, at.T_CULL] = np.where(cull_back[drawn], _front(self.X_camera_mesh[drawn]), 0)
-        lengths = np.empty((len(drawn), at.M_COLUMNS))
-        lengths[:, : at.M_SIZE] = self.X_camera_mesh[drawn, :3].reshape(len(drawn), 12)
-        lengths[:, at.M_SIZE] = prepared.sizes[drawn]
+            table = table.copy()
+            table[:-1, at.T_CULL] = np.where(cull_back if select is None else cull_back[select], _front(X), 0)
+        lengths = np.empty((drawn, at.M_COLUMNS))
+        lengths[:, : at.M_SIZE] = X.reshape(drawn, 16)[:, :12]
+        lengths[:, at.M_SIZE] = sizes
 
         self._vertices = int(table[-1, at.T_VERTEX])
         self._elements = int(table[-1, at.T_ELEMENT])
@@ -93,7 +89,7 @@ class FrameJob:
         job[at.J_CHUNKS] = self._chunks
         job[at.J_VERTICES] = self._vertices
         job[at.J_ELEMENTS] = self._elements
-        job[at.J_INSTANCES] = len(drawn)
+        job[at.J_INSTANCES] = drawn
         job[at.J_TABLE] = address_of(table, np.int64)
         job[at.J_LENGTHS] = address_of(lengths, np.float64)
         job[at.J_VERTEX] = address_of(vertices, np.float32)
@@ -187,7 +183,7 @@ class FrameJob:
         values = 2 * BAND_ROWS * self._stride + 2 * LAYER_GAP
         layers = address_of(self._scratch.take("layers", threads * values, np.int32), np.int32)
         free = deque(layers + 4 * values * k for k in range(threads))
-        geometry = bool(self._job[[at.J_DEPTH, at.J_LABEL, at.J_INSTANCE, at.J_NORMAL]].any())
+        geometry = any(self._job[k] != 0 for k in (at.J_DEPTH, at.J_LABEL, at.J_INSTANCE, at.J_NORMAL))
 
         def work(band: int) -> None:
             layer = free.pop()  # never empty: as many threads as layers
@@ -208,12 +204,28 @@ class FrameJob:
         return self._stride
 
 
+def _selected(table: NDArray[np.int64], select: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """The table of a part of the instances; records keep their numbers."""
+    counts = np.diff(table[:, [at.T_VERTEX, at.T_ELEMENT]], axis=0)[select]
+    part = np.zeros((len(counts) + 1, at.T_COLUMNS), dtype=np.int64)
+    part[:-1] = table[:-1][select]
+    part[0, [at.T_VERTEX, at.T_ELEMENT]] = 0
+    np.cumsum(counts[:, 0], out=part[1:, at.T_VERTEX])
+    np.cumsum(counts[:, 1], out=part[1:, at.T_ELEMENT])
+    return part
+
+
 def _front(X: NDArray[np.float64]) -> NDArray[np.int64]:
     """(n,) +1 or -1: the sign of the screen area (y down) of triangles that face away.
 
     In the optical frame a triangle that faces the camera runs counter-clockwise for the viewer, which is a negative
     area with y down; a mirrored transform turns that round.
     """
+    a, b, c = X[:, 0], X[:, 1], X[:, 2]
     with np.errstate(all="ignore"):
-        determinant = np.einsum("ni,ni->n", X[:, 0, :3], np.cross(X[:, 1, :3], X[:, 2, :3]))
+        determinant = (
+            a[:, 0] * (b[:, 1] * c[:, 2] - b[:, 2] * c[:, 1])
+            + a[:, 1] * (b[:, 2] * c[:, 0] - b[:, 0] * c[:, 2])
+            + a[:, 2] * (b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0])
+        )
     return np.where(determinant < 0.0, -1, 1)

@@ -251,6 +251,41 @@ def clear_band(job, lens, band):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
+def _farthest(job, first_row, last_row, tiles):  # type: ignore[no-untyped-def]
+    """Write the least 1/z of every eight columns of a band: what lies farther is seen nowhere in them.
+
+    Args:
+        tiles: pointer to J_STRIDE float32; the first of every eight is the result.
+    """
+    stride = job[J_STRIDE]
+    depths = f32_at(job[J_INV_Z])
+    for column in range(0, stride, vec.LANES):
+        vec.store(tiles, column, vec.load(depths, first_row * stride + column))
+    for row in range(first_row + 1, last_row):
+        for column in range(0, stride, vec.LANES):
+            vec.store(tiles, column, vec.least(vec.load(tiles, column), vec.load(depths, row * stride + column)))
+    for column in range(0, stride, vec.LANES):
+        for k in range(1, vec.LANES):
+            tiles[column] = min(tiles[column], tiles[column + k])
+
+
+@njit(nogil=True, error_model="numpy")
+def _hidden(record, tiles, width):  # type: ignore[no-untyped-def]
+    """Whether a KIND_SMALL record lies behind all that the band shows in the columns of its box."""
+    whole = i32_at(record)
+    if whole[R_KIND] != KIND_SMALL:
+        return False
+    box = np.int64(whole[S_BOX])
+    left = ((box & 0xFFFF) ^ 0x8000) - 0x8000
+    right = min(left + (np.int64(whole[S_SIZE]) & 0xFFFF), width)
+    high = f32_at(record)[R_HIGH]
+    column = (max(left, 0) >> 3) << 3  # type: ignore[operator]
+    while column < right and high < tiles[column]:
+        column += vec.LANES
+    return column >= right
+
+
+@njit(nogil=True, error_model="numpy")
 def raster_band(job, lens, band, back):  # type: ignore[no-untyped-def]
     """Draw all that touches the band, in the order of record numbers (micro triangles apart, which compare numbers
     themselves). ``back``: the back faces that were kept apart, on top of the others."""
@@ -266,6 +301,10 @@ def raster_band(job, lens, band, back):  # type: ignore[no-untyped-def]
     if back:
         rule = TIES
         which += job[J_BANDS]
+    own_tiles = np.empty(job[J_STRIDE] if back else 1, np.float32)
+    tiles = f32_at(np.int64(own_tiles.ctypes.data))
+    if back:
+        _farthest(job, first_row, last_row, tiles)
     for chunk in range(job[J_CHUNKS]):
         offsets = i32_at(job[J_OFFSETS] + 4 * chunk * (2 * lists + 4))
         k, end = np.int64(offsets[which]), np.int64(offsets[which + 1])
@@ -282,9 +321,12 @@ def raster_band(job, lens, band, back):  # type: ignore[no-untyped-def]
             else:
                 index = np.int64(tall[t])
                 t += 1
+            if back and _hidden(records + index * RECORD_BYTES, tiles, job[J_WIDTH]):
+                continue
             _draw(job, lens, rule, records + index * RECORD_BYTES, first_row, last_row, scratch)
         micro = i32_at(job[J_MICRO] + 12 * chunk * MICRO_PER_ELEMENT * CHUNK)
         inverse = as_f32(micro)
         for m in range(offsets[lists + 1 + which], offsets[lists + 2 + which]):
             blend_one(job, rule, np.int64(micro[3 * m]), inverse[3 * m + 1], micro[3 * m + 2])
-    own_scratch[0] = 0  # the pointer above does not keep the array alive
+    own_scratch[0] = 0  # the pointers above do not keep the arrays alive
+    own_tiles[0] = 0.0

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Any, Final, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from renderers.alike import Alike
 from renderers.camera import Camera
 from renderers.cpu.crew import Crew, Phase
 from renderers.cpu.frame import FrameJob
@@ -32,6 +33,7 @@ GEOMETRY = Output.DEPTH | Output.LABEL | Output.INSTANCE | Output.NORMAL
 MAX_SHADING_BYTES: Final = 1 << 30
 """Textures and attributes that prepared scenes keep alive; many scenes share them, so that this is an upper bound."""
 
+_alike: dict[LookName, Alike[ShadingScene]] = {name: Alike(MAX_SHADING_BYTES // 2) for name in get_args(LookName)}
 _shadings: WeakLru[DrawList, dict[LookName, ShadingScene]] = WeakLru(MAX_SHADING_BYTES)
 _studios: WeakLru[DrawList, StudioScene] = WeakLru(MAX_SHADING_BYTES)
 
@@ -41,7 +43,10 @@ def _shading(scene: DrawList, look: LookName, parallel: Parallel) -> ShadingScen
     looks = _shadings.get(scene) or {}
     known = looks.get(look)
     if known is None:
-        known = prepare_shading(scene.instances, look, parallel)
+        known = _alike[look].get(scene.instances)
+        if known is None:  # else: the same meshes and materials, in other places
+            known = prepare_shading(scene.instances, look, parallel)
+            _alike[look].put(scene.instances, known, known.nbytes)
         looks = {**looks, look: known}
         _shadings.put(scene, looks, sum(tables.nbytes for tables in looks.values()))
     return known

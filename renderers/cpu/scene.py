@@ -11,12 +11,25 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.cpu.layout import A_COLUMNS, MAX_POINT
-from renderers.drawlist import DrawList, Mesh, Topology
+from renderers.alike import Alike
+from renderers.cpu.layout import (
+    A_COLUMNS,
+    MAX_POINT,
+    T_COLUMNS,
+    T_ELEMENT,
+    T_ELEMENTS,
+    T_POSITIONS,
+    T_RECORD,
+    T_TOPOLOGY,
+    T_VERTEX,
+)
+from renderers.drawlist import DrawList, Instance, Mesh, Topology
 from renderers.pointers import address_of
 
 MAX_RECORDS: Final = 2**31 - 1
 """Records are numbered in int32."""
+MAX_STRUCTURE_BYTES: Final = 64 << 20
+"""Tables of scenes whose meshes are alive: half a million instances."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,11 +44,27 @@ class PreparedMesh:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Structure:
+    """What does not depend on poses and names."""
+
+    table: NDArray[np.int64]
+    """(I + 1, T_COLUMNS) int64: the table of a frame in which all instances are drawn from both sides."""
+    attributes: NDArray[np.int64]
+    """(I, A_COLUMNS) int64."""
+    first_record: NDArray[np.int64]
+    """(I + 1,) int64."""
+    sizes: NDArray[np.float64]
+    """(I,) float64: point size or line width, pixels."""
+    keep: tuple[PreparedMesh, ...]
+    """What the addresses point into, apart from the meshes themselves."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class PreparedScene:
     """I instances."""
 
-    rows: NDArray[np.int64]
-    """(I, 5) int64, ``PreparedMesh.row``."""
+    table: NDArray[np.int64]
+    """(I + 1, T_COLUMNS) int64: the table of a frame in which all instances are drawn from both sides."""
     attributes: NDArray[np.int64]
     """(I, A_COLUMNS) int64."""
     first_record: NDArray[np.int64]
@@ -53,6 +82,7 @@ class PreparedScene:
 
 
 _meshes: WeakKeyDictionary[Mesh, PreparedMesh] = WeakKeyDictionary()
+_structures: Alike[Structure] = Alike(MAX_STRUCTURE_BYTES)
 _scenes: WeakKeyDictionary[DrawList, PreparedScene] = WeakKeyDictionary()
 _lock = threading.Lock()
 
@@ -119,6 +149,27 @@ def prepare(scene: DrawList) -> PreparedScene:
         return known
     instances = scene.instances
     count = len(instances)
+    structure = _structures.get(instances)
+    if structure is None:
+        structure = _structure(instances)
+        _structures.put(instances, structure, structure.table.nbytes + structure.attributes.nbytes)
+    prepared = PreparedScene(
+        table=structure.table,
+        attributes=structure.attributes,
+        first_record=structure.first_record,
+        labels=np.array([instance.label for instance in instances], dtype=np.uint32),
+        instance_ids=np.array([instance.instance_id for instance in instances], dtype=np.int32),
+        sizes=structure.sizes,
+        X_world_mesh=np.array([i.X_world_mesh for i in instances], dtype=np.float64).reshape(count, 4, 4),
+        keep=(instances, structure),
+    )
+    with _lock:
+        return _scenes.setdefault(scene, prepared)
+
+
+def _structure(instances: tuple[Instance, ...]) -> Structure:
+    """Raises as ``prepare`` does."""
+    count = len(instances)
     by_mesh: dict[int, PreparedMesh] = {}
     meshes: list[PreparedMesh] = []
     for instance in instances:
@@ -127,20 +178,21 @@ def prepare(scene: DrawList) -> PreparedScene:
             mesh = by_mesh[id(instance.mesh)] = _prepared_mesh(instance.mesh)
         meshes.append(mesh)
     rows = np.array([mesh.row for mesh in meshes], dtype=np.int64).reshape(count, 5)
-    first_record = np.zeros(count + 1, dtype=np.int64)
-    np.cumsum(rows[:, 1], out=first_record[1:])
+    table = np.zeros((count + 1, T_COLUMNS), dtype=np.int64)
+    np.cumsum(rows[:, 0], out=table[1:, T_VERTEX])
+    np.cumsum(rows[:, 1], out=table[1:, T_ELEMENT])
+    table[:-1, T_TOPOLOGY] = rows[:, 2]
+    table[:-1, T_POSITIONS] = rows[:, 3]
+    table[:-1, T_ELEMENTS] = rows[:, 4]
+    first_record = np.ascontiguousarray(table[:, T_ELEMENT])
     if first_record[-1] > MAX_RECORDS:
         raise ValueError(f"the scene has {first_record[-1]} elements, more than {MAX_RECORDS} can be drawn")
+    table[:, T_RECORD] = first_record
     sizes = [(i.material.line_width if i.mesh.elements.shape[1] == 2 else i.material.point_size) for i in instances]
-    prepared = PreparedScene(
-        rows=rows,
+    return Structure(
+        table=table,
         attributes=np.array([mesh.attributes for mesh in meshes], dtype=np.int64).reshape(count, A_COLUMNS),
         first_record=first_record,
-        labels=np.array([instance.label for instance in instances], dtype=np.uint32),
-        instance_ids=np.array([instance.instance_id for instance in instances], dtype=np.int32),
         sizes=np.array([min(max(s, 1.0), MAX_POINT) if math.isfinite(s) else 1.0 for s in sizes], dtype=np.float64),
-        X_world_mesh=np.array([i.X_world_mesh for i in instances], dtype=np.float64).reshape(count, 4, 4),
-        keep=(instances, tuple(by_mesh.values())),
+        keep=tuple(by_mesh.values()),
     )
-    with _lock:
-        return _scenes.setdefault(scene, prepared)

@@ -162,13 +162,13 @@ def shade_rows(job_at, ids_at, row_begin, row_end):  # type: ignore[no-untyped-d
     width = job[S_WIDTH]
     pad = vec.LANES
     stride = width + pad
-    own_ids = np.empty(width + 2 * pad, np.int32)
+    own_ids = np.empty(width + pad + 64, np.int32)
     own_starts = np.empty(width + 2 * pad, np.int32)
     own_rows = np.empty(A_ROWS * stride, np.float32)
     own_line = np.empty(3 * (width + pad) + 4, np.uint8)
     own_scratch = np.empty(SCRATCH_VALUES, np.float32)
-    for k in range(pad):
-        own_ids[k] = own_ids[width + pad + k] = _OUTSIDE
+    own_ids[:pad] = _OUTSIDE
+    own_ids[pad + width :] = _OUTSIDE
     ids = i32_at(np.int64(own_ids.ctypes.data) + 4 * pad)
     starts = i32_at(np.int64(own_starts.ctypes.data))
     rows = f32_at(np.int64(own_rows.ctypes.data))

@@ -14,9 +14,7 @@ from renderers.port import Look
 from renderers.shading import layout as at
 from renderers.shading.compose import DIRECT, GATHER, UNDER
 from renderers.shading.kernels import shade_rows
-from renderers.shading.sampling import BYTE_VALUES
 from renderers.shading.scene import ShadingScene, instance_maps
-from renderers.shading.transfer import DECODED, GAMMA_CELLS
 
 if TYPE_CHECKING:  # the rasterizer calls this module
     from renderers.cpu.visibility import Rasterizer, Visibility
@@ -116,7 +114,7 @@ class Painter:
         maps = instance_maps(X_camera_mesh)
         lens = np.array((camera.fx, camera.fy, camera.cx, camera.cy), dtype=np.float64)
         red, green, blue = look.background
-        job = np.zeros(at.S_COLUMNS, np.int64)
+        job = shading.job.copy()
         job[at.S_PBR] = look.name == "pbr"
         job[at.S_MODE] = mode
         job[at.S_WIDTH] = camera.width
@@ -127,14 +125,6 @@ class Painter:
         job[at.S_POINTS] = address_of(X_camera_mesh, np.float64)
         job[at.S_MAPS] = address_of(maps, np.float32)
         job[at.S_LENS] = address_of(lens, np.float64)
-        job[at.S_INSTANCES] = address_of(shading.instances, np.int64)
-        job[at.S_MATERIAL_INTEGERS] = address_of(shading.material_integers, np.int64)
-        job[at.S_MATERIAL_FLOATS] = address_of(shading.material_floats, np.float32)
-        job[at.S_TEXTURES] = address_of(shading.texture_integers, np.int64)
-        job[at.S_TEXTURE_FLOATS] = address_of(shading.texture_floats, np.float32)
-        job[at.S_BYTE_VALUES] = address_of(BYTE_VALUES, np.float32)
-        job[at.S_DECODED] = address_of(DECODED, np.float32)
-        job[at.S_GAMMA] = address_of(GAMMA_CELLS, np.int32)
         job[at.S_BACKGROUND] = red | green << 8 | blue << 16
         job[at.S_GATHERED] = address_of(gathered, np.float32)
         job[at.S_COLOR] = address_of(color, np.uint8)

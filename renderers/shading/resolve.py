@@ -53,15 +53,18 @@ def run_starts(ids, width, starts):  # type: ignore[no-untyped-def]
     """Write the columns at which a row's runs of equal records begin, and ``width`` eight times behind them.
 
     Args:
-        ids: pointer to the row's int32, readable from -1 to width + 7; what lies outside differs from what lies within.
+        ids: pointer to the row's int32, readable from -1 to width + 63; what lies outside is the same everywhere, and
+            nowhere within.
         starts: pointer to width + 9 int32.
 
     Returns:
         The number of runs.
     """
     count = 0
-    for x in range(0, width, vec.LANES):
-        changes = vec.bits(vec.load(ids, x) != vec.load(ids, x - 1))
+    for x in range(0, width, 64):
+        changes = np.int64(0)
+        for k in range(0, 64, vec.LANES):  # one mask of 64 bits: its end is mispredicted once, not eight times
+            changes |= vec.bits(vec.load(ids, x + k) != vec.load(ids, x + k - 1)) << k
         while changes != 0:
             starts[count] = x + vec.lowest_bit(changes)
             changes &= changes - 1
@@ -152,16 +155,27 @@ def _set_up(columns, m, mirror, lens, y, first, ids, starts, run, count, smooth,
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _weights(base, slope, k, offset, lane):  # type: ignore[no-untyped-def]
-    """Perspective-correct barycentric coordinates of the second and third vertex at eight pixels of a run.
+def _further(base, slope, k, offset):  # type: ignore[no-untyped-def]
+    """Unnormalised coordinates ``offset`` pixels behind a run's first."""
+    return (
+        base[k] + slope[k] * offset,
+        base[8 + k] + slope[8 + k] * offset,
+        base[16 + k] + slope[16 + k] * offset,
+    )
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _weights(start, slope, k, lane):  # type: ignore[no-untyped-def]
+    """Perspective-correct barycentric coordinates of the second and third vertex at eight pixels of a run, from the
+    unnormalised ones at the first of them.
 
     A pixel centre that coverage (exact in 1/256 pixel) counts in may lie a little outside of the unrounded triangle:
     negative coordinates become 0, so that nothing is extrapolated. Anything not finite becomes the centroid.
     """
     zero = vec.f32(0.0)
-    b0 = vec.most(vec.f32(base[k] + slope[k] * offset) + vec.f32(slope[k]) * lane, zero)
-    b1 = vec.most(vec.f32(base[8 + k] + slope[8 + k] * offset) + vec.f32(slope[8 + k]) * lane, zero)
-    b2 = vec.most(vec.f32(base[16 + k] + slope[16 + k] * offset) + vec.f32(slope[16 + k]) * lane, zero)
+    b0 = vec.most(vec.f32(start[0]) + vec.f32(slope[k]) * lane, zero)
+    b1 = vec.most(vec.f32(start[1]) + vec.f32(slope[8 + k]) * lane, zero)
+    b2 = vec.most(vec.f32(start[2]) + vec.f32(slope[16 + k]) * lane, zero)
     total = b0 + b1 + b2
     usable = (total > zero) & (total < vec.f32(np.inf))
     share = vec.f32(1.0) / total
@@ -175,7 +189,7 @@ def _write_extras(has, extras, i0, i1, i2, rows, stride, begin, end, base, slope
     lane = vec.to_f32(vec.iota())
     o0, o1, o2 = i0 * E_COLUMNS, i1 * E_COLUMNS, i2 * E_COLUMNS
     for x in range(begin, end, vec.LANES):
-        w1, w2 = _weights(base, slope, k, np.float64(x - begin), lane)
+        w1, w2 = _weights(_further(base, slope, k, np.float64(x - begin)), slope, k, lane)
         if has & HAS_COLORS:
             for j in range(4):
                 a, b, c = extras[o0 + j], extras[o1 + j], extras[o2 + j]
@@ -225,8 +239,11 @@ def resolve_triangles(columns, m, mirror, lens, y, first, has, ids, starts, run,
             b = vec.load(vertices, i1 * V_COLUMNS) - a
             c = vec.load(vertices, i2 * V_COLUMNS) - a
             facing = vec.f32(values[8 * R_FACING + k])
+            start = base[k], base[8 + k], base[16 + k]
             for x in range(begin, end, vec.LANES):
-                w1, w2 = _weights(base, slope, k, np.float64(x - begin), lane)
+                w1, w2 = _weights(start, slope, k, lane)
+                if x + vec.LANES < end:
+                    start = _further(base, slope, k, np.float64(x + vec.LANES - begin))
                 vec.store(rows, A_FACING * stride + x, facing)
                 if smooth:
                     nx = vec.spread3(a) + (w1 * vec.spread3(b) + w2 * vec.spread3(c))

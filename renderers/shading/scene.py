@@ -13,9 +13,12 @@ from renderers.drawlist import AlphaMode, Instance, Material, Topology
 from renderers.jit import kernel
 from renderers.pointers import address_of, f32_at, f64_at
 from renderers.port import LookName
+from renderers.shading import layout as at
 from renderers.shading.layout import II_COLUMNS, P_COLUMNS, P_MIRROR, P_NORMAL, P_TANGENT
 from renderers.shading.materials import MaterialRows, as_tables, material_rows
+from renderers.shading.sampling import BYTE_VALUES
 from renderers.shading.textures import Parallel, Texels, TextureTable, texels_of
+from renderers.shading.transfer import DECODED, GAMMA_CELLS
 from renderers.shading.vertices import VertexRecords, records_of
 
 
@@ -38,8 +41,10 @@ class ShadingScene:
     """(n,): whose back faces colour does not show."""
     layered: NDArray[np.bool_]
     """(n,): who may let something behind it be seen: blended or cut out, and not opaque everywhere."""
+    job: NDArray[np.int64]
+    """(S_COLUMNS,): a picture's job as far as the tables go; copied for each."""
     keep: tuple[Any, ...]
-    """What the addresses in the tables point into."""
+    """What the addresses in the tables point into; not the meshes, so that whoever keeps this does not keep them."""
 
     @property
     def nbytes(self) -> int:
@@ -99,7 +104,7 @@ def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | 
         columns = geometry.get((id(mesh), tangent_set))
         if columns is None:
             records = records_of(mesh, tangent_set)
-            keep += (mesh, records)
+            keep.append(records)
             columns = geometry[id(mesh), tangent_set] = records.columns
         table[i] = (topology, material_row, *columns)
     integers, floats = as_tables(rows)
@@ -113,8 +118,29 @@ def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | 
         texture_floats=texture_floats,
         cull_back=np.array([not instance.material.double_sided for instance in instances], dtype=np.bool_),
         layered=np.array([_lets_through(instance) for instance in instances], dtype=np.bool_),
+        job=_job(table, integers, floats, texture_integers, texture_floats),
         keep=(*keep, *materials, *textures.keep),
     )
+
+
+def _job(
+    instances: NDArray[np.int64],
+    material_integers: NDArray[np.int64],
+    material_floats: NDArray[np.float32],
+    texture_integers: NDArray[np.int64],
+    texture_floats: NDArray[np.float32],
+) -> NDArray[np.int64]:
+    """``ShadingScene.job``."""
+    job = np.zeros(at.S_COLUMNS, np.int64)
+    job[at.S_INSTANCES] = address_of(instances, np.int64)
+    job[at.S_MATERIAL_INTEGERS] = address_of(material_integers, np.int64)
+    job[at.S_MATERIAL_FLOATS] = address_of(material_floats, np.float32)
+    job[at.S_TEXTURES] = address_of(texture_integers, np.int64)
+    job[at.S_TEXTURE_FLOATS] = address_of(texture_floats, np.float32)
+    job[at.S_BYTE_VALUES] = address_of(BYTE_VALUES, np.float32)
+    job[at.S_DECODED] = address_of(DECODED, np.float32)
+    job[at.S_GAMMA] = address_of(GAMMA_CELLS, np.int32)
+    return job
 
 
 @kernel("void(int64, int64, int64)")

@@ -50,7 +50,6 @@ def fragment(sequence: int, size: int, offset: int, number: int, fragments: int,
 
 def test_a_short_message_is_one_datagram_as_lcm_writes_it() -> None:
     assert cut("WANTED_x", b"data", 258) == [b"LC02\0\0\1\2WANTED_x\0data"]
-    assert udpm.short_datagram("WANTED_x", b"data", 258) == b"LC02\0\0\1\2WANTED_x\0data"
     assert read(assembler(), b"LC02\0\0\1\2WANTED_x\0data") == ("WANTED_x", b"data")
 
 
