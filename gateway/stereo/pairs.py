@@ -143,18 +143,19 @@ def _reduced(picture: NDArray[np.uint8], divisor: int, width: int, height: int) 
 
 
 def pair_studio(studio: Studio, pairs: Pairs, focal: float, baseline: float) -> PairStudio:
-    """A studio that shows pairs in the place of another's scene. Decodes the first image; call it in a thread.
+    """A studio that shows pairs in the place of another's scene. Decodes the first pair; call it in a thread.
 
     Args:
         focal: focal length in pixels, or divided by the image width when below ``FACTOR_LIMIT``.
         baseline: metres.
 
     Raises:
-        ImageError: the first image cannot be decoded.
+        ImageError: an image of the first pair cannot be decoded.
         ValueError: size, focal length or baseline are beyond the limits of a stereo camera.
     """
     picture = pairs.picture(0, high=False, right=False)
-    pairs.picture(0, high=False, right=True)
+    for high, right in ((False, True), (True, False), (True, True)):
+        pairs.picture(0, high=high, right=right)
     height, width = picture.shape[:2]
     factor = focal if focal < FACTOR_LIMIT else focal / width
     model = StereoModel(MODEL_NAME, width, height, factor, baseline)

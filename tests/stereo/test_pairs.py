@@ -117,6 +117,7 @@ async def test_an_uploaded_pair_is_shown_and_the_camera_says_so(
         ("pair", {"t": "nan"}, "baseline nan m must be within"),
         ("pair", {"f": "0.001"}, "focal_factor 0.001 must be within"),
         ("sizes", {}, "has 32x32 pixels, the first one 64x64"),
+        ("high", {}, "the right image of pair 1: an image that starts with b'broken'"),
         ("tiny", {}, "size 8x8 must be within"),
     ],
 )
@@ -127,7 +128,8 @@ async def test_what_cannot_be_shown_is_said_and_changes_nothing(
     one = png(np.zeros((side, side), np.uint8))
     if isinstance(files, str):
         other = png(np.zeros((32, 32), np.uint8)) if files == "sizes" else one
-        files = {"left_out1_low": one, "right_out1_low": other}
+        lit = {"left_out1_high": one, "right_out1_high": b"broken"} if files == "high" else {}
+        files = {"left_out1_low": one, "right_out1_low": other, **lit}
     answer = await rest.post(PATH, files=files or {"x": b"y"}, data=data)
     assert answer.status_code == 400
     assert sentence in answer.json()["message"]
