@@ -29,6 +29,9 @@ SHORT_HEAD: Final = 8
 """Bytes before the channel."""
 STALE_SECONDS: Final = 5.0
 """A message whose fragments stopped coming for so long will not become whole."""
+LEAST_FRAGMENT: Final = 512
+"""Bytes of a fragment, on average. Real ones have 65,487, on macOS 1423; one is remembered with 300 bytes, so that
+messages of more and smaller fragments would take memory that no bound counts."""
 MOST_UNFINISHED: Final = 1024
 """Messages on their way at a time, as many as there are senders; liblcm allows 1000."""
 
@@ -85,7 +88,9 @@ class _Unfinished:
     touched: float
     channel: str = ""
     spans: dict[int, tuple[int, int]] = field(default_factory=dict)
-    """Begin and end of each fragment that arrived."""
+    """Begin and end of each fragment that arrived; not kept of messages that nobody wants."""
+    unwanted: int = 0
+    """Fragments that arrived of a message that nobody wants."""
     row: int = 0
     """How many fragments came in order from the first, -1 when one did not; then nothing is read in place any more."""
     end: int = 0
@@ -145,6 +150,12 @@ class Assembler:
         channel = self.scratch[SHORT_HEAD:end].decode("utf-8", "replace")
         return Received(channel, bytes(self._view[end + 1 : count]))
 
+    def give_up_stale(self) -> None:
+        """Counts the messages that will not become whole, also when none comes after them, and frees them."""
+        oldest = self._clock() - STALE_SECONDS
+        for key in [key for key, message in self._unfinished.items() if message.touched <= oldest]:
+            self._give_up(key)
+
     def _fragment(
         self, count: int, sender: Address, expected: memoryview | None, owner: _Unfinished | None
     ) -> Received | None:
@@ -166,7 +177,7 @@ class Assembler:
                 return None
             begin, channel = end + 1, self.scratch[LONG_HEAD:end].decode("utf-8", "replace")
         until = offset + count - begin
-        if number >= fragments or until > size or size > self._most:
+        if number >= fragments or until > size or size > self._most or fragments > size // LEAST_FRAGMENT + 2:
             return None
         if message is None:
             message = self._begin(key, size, fragments)
@@ -175,14 +186,18 @@ class Assembler:
             if not self.scratch.startswith(self._prefix, LONG_HEAD):
                 self._release(message)
         message.touched = self._clock()
+        if message.data is None:
+            message.unwanted += 1
+            if message.unwanted >= fragments:
+                del self._unfinished[key]
+            return None
         if number in message.spans:
             return None
         message.spans[number] = (offset, until)
-        if message.data is not None:
-            if not in_place:
-                message.data[offset:until] = self._view[begin:count]
-            self._expect(message, number, offset, until)
-        return self._finish(key, message) if len(message.spans) == fragments else None
+        if not in_place:
+            message.data[offset:until] = self._view[begin:count]
+        self._expect(message, number, offset, until)
+        return self._finish(key, message, message.data) if len(message.spans) == fragments else None
 
     def _expect(self, message: _Unfinished, number: int, offset: int, until: int) -> None:
         """The next datagram is probably the next fragment."""
@@ -205,14 +220,12 @@ class Assembler:
         self.waiting_bytes += size
         return message
 
-    def _finish(self, key: tuple[Address, int], message: _Unfinished) -> Received | None:
+    def _finish(self, key: tuple[Address, int], message: _Unfinished, data: memoryview) -> Received | None:
         del self._unfinished[key]
-        data = message.data
-        if data is None:
-            return None
+        spans = sorted(message.spans.values())
         self._release(message)
         at = 0
-        for begin, end in sorted(message.spans.values()):
+        for begin, end in spans:
             if begin != at:
                 return None  # a gap would show what the memory held before
             at = end
@@ -227,3 +240,5 @@ class Assembler:
         if message.data is not None:
             self.waiting_bytes -= message.size
             message.data = None
+            message.unwanted = len(message.spans)
+            message.spans = {}

@@ -152,6 +152,7 @@ class UdpmBus:
 
     def status(self) -> dict[str, object]:
         """Plain JSON values."""
+        self._assembler.give_up_stale()
         described: dict[str, object] = {
             "url": self.url,
             "waiting_bytes": self.waiting_bytes + self._assembler.waiting_bytes,

@@ -155,6 +155,20 @@ def test_lost_fragments_are_noticed_when_the_next_message_comes_later() -> None:
     assert (it.incomplete, it.waiting_bytes) == (1, 0)
 
 
+def test_lost_fragments_are_noticed_without_a_next_message() -> None:
+    clock = Clock()
+    it = assembler(clock=clock)
+    lost = cut("WANTED", bytes(300_000))
+    for piece in lost[:-1]:
+        read(it, piece)
+    it.give_up_stale()
+    assert (it.incomplete, it.waiting_bytes) == (0, 300_000)
+    clock.now += udpm.STALE_SECONDS
+    it.give_up_stale()
+    assert (it.incomplete, it.waiting_bytes) == (1, 0)
+    assert read(it, lost[-1]) is None
+
+
 def test_a_sender_that_starts_again_with_the_same_numbers_is_a_new_message() -> None:
     it = assembler()
     read(it, cut("WANTED", bytes(300_000), 0)[0])
@@ -192,6 +206,18 @@ def test_lies_in_a_fragment_are_ignored(datagram: bytes) -> None:
     it = assembler()
     assert read(it, datagram) is None
     assert it.waiting_bytes == 0
+
+
+def test_a_message_may_not_have_more_fragments_than_any_program_makes() -> None:
+    it = assembler()
+    for number in range(2000):
+        read(it, fragment(1, 65_535, number, number, 65_535, b"x"))
+    assert it.waiting_bytes == 0
+    data = random.Random(5).randbytes(50_000)
+    size, cuts = 1423, range(0, 50_000, 1423)  # as liblcm on macOS
+    pieces = [fragment(1, 50_000, at, i, len(cuts), data[at : at + size]) for i, at in enumerate(cuts)]
+    pieces[0] = pieces[0][:20] + b"WANTED\0" + pieces[0][20:]
+    assert [read(it, piece) for piece in pieces][-1] == ("WANTED", data)
 
 
 def test_a_message_with_gaps_never_shows_what_the_memory_held() -> None:
