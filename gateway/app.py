@@ -123,7 +123,7 @@ async def _start(house: House, wanted: dict[str, Join], started: asyncio.Event) 
     begin = time.perf_counter()
     try:
         if not await asyncio.to_thread(kernels.are_cached):
-            _log.info("Compiling the rendering kernels into the cache, once ...", folder=str(kernels.folder()))
+            _log.info("Compiling the rendering kernels into the cache, once ...", folder=str(kernels.configure()))
             await kernels.compile_in_children(warmup.PARTS)
         await asyncio.to_thread(warmup.run)
         house.board.ready(KERNELS)

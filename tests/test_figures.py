@@ -75,6 +75,13 @@ def test_alerts_ask_for_figures_that_exist(figures: dict[str, float]) -> None:
     assert asked <= there
 
 
+def test_each_alert_has_a_test() -> None:
+    alerts = re.findall(r"alert: (\w+)", (ALERTS / "alerts.yml").read_text())
+    tested = re.findall(r'alertname="(\w+)"', (ALERTS / "alerts_test.yml").read_text())
+    assert alerts
+    assert sorted(tested) == sorted(alerts)
+
+
 def test_each_alert_fires_when_it_should() -> None:
     promtool = shutil.which("promtool")
     if promtool is None:
