@@ -68,8 +68,8 @@ def _join_camera(house: House, number: int, mount: Mount) -> StereoService:
         service.show_pairs(_pairs(settings.stereo_images, service))
 
     def status() -> dict[str, Any]:
-        described = service.status()
-        return {**described, "warning": view.mount.warning} if view.mount.warning else described
+        described, warning = service.status(), view.warning()
+        return {**described, "warning": warning} if warning else described
 
     if house.state is not None:
         house.state.keep_parameters(str(number), lambda: list(NODES), service.parameters)

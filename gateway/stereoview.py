@@ -48,6 +48,11 @@ class StereoView:
         """(4, 4) float64: X_world_left in that scene."""
         return self.mount.pose(self._seen.root)
 
+    def warning(self) -> str:
+        """A sentence when the camera's node is missing now, be it that nobody has streamed yet; else empty."""
+        self.mount.pose(self._snapshot().root)
+        return self.mount.warning
+
     def camera(self) -> Camera | None:
         """The left camera in the live tree as it is now; None when it sees a file."""
         if not self._live:

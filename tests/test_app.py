@@ -15,6 +15,7 @@ import pytest
 import gateway.app
 from gateway import warmup
 from gateway.house import House
+from gateway.joins import join_stereo
 from gateway.ops import kernels
 from gateway.settings import Settings
 
@@ -111,6 +112,24 @@ async def test_only_starts_what_was_asked_for(monkeypatch: pytest.MonkeyPatch) -
     async with running(only=("render",)) as client:
         assert (await client.get("/room")).status_code == 200
         assert "stereo" not in (await client.get("/healthz")).json()["interfaces"]
+
+
+async def test_a_camera_at_a_missing_node_warns_before_anybody_streams(monkeypatch: pytest.MonkeyPatch) -> None:
+    houses: list[House] = []
+
+    def join(house: House) -> None:
+        houses.append(house)
+        join_stereo(house)
+
+    rooms(monkeypatch, stereo=join)
+    async with running(grpc_port=0, stereo_path='["hand"]') as client:
+        assert (await client.get("/openapi.json")).status_code == 200
+        states = (await client.get("/healthz")).json()["interfaces"]
+        assert "there is no such node" in states["stereo"]["warning"]
+        with houses[0].tree.edit() as edit:
+            edit.set_pose(("hand",), (0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0))
+        states = (await client.get("/healthz")).json()["interfaces"]
+        assert "warning" not in states["stereo"]
 
 
 async def test_without_kernels_nothing_is_drawn_and_everybody_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
