@@ -62,6 +62,8 @@ class Journal:
         self._handed: list[tuple[Done, int]] = []
         self._closing = False
         self._checkpointing = threading.Event()
+        self._one_checkpoint = threading.Lock()
+        """SQLite refuses a second one at a time, so that a log that is too long would stay so."""
         self._threads: list[threading.Thread] = []
         self.waiting_bytes = 0
         """As those who wait said."""
@@ -183,7 +185,8 @@ class Journal:
 
     def _checkpoint(self, mode: str, connection: sqlite3.Connection) -> None:
         try:
-            connection.execute(f"PRAGMA wal_checkpoint({mode})").fetchall()
+            with self._one_checkpoint:
+                connection.execute(f"PRAGMA wal_checkpoint({mode})").fetchall()
         except sqlite3.Error as error:  # the log has everything; the next time may be better
             _log.warning("The state's log could not be moved into the file", reason=reason_of(error))
 

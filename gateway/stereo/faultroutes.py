@@ -15,12 +15,19 @@ MAX_BODY: Final = 4096
 """Bytes; all fields together take two hundred."""
 OFF: Final = "fault injection is off; start the gateway with --stereo-faults"
 
+_REFUSALS: Final[dict[int | str, dict[str, Any]]] = {
+    400: {"description": "The body is not what is wanted; a sentence tells why"},
+    403: {"description": "Fault injection is off"},
+    404: {"description": "There is no such pipeline"},
+    413: {"description": "The body is too large"},
+}
+
 Pipeline = Annotated[int, Query(ge=0, description="Which camera, where there are several")]
 
 
 def fault_router(*services: StereoService) -> APIRouter:
     """``/stereo/faults``: GET shows, PUT replaces, DELETE ends; ``POST …/disconnect`` cuts every stream now."""
-    api = APIRouter(tags=["Stereo camera"])
+    api = APIRouter(tags=["Stereo camera"], responses=_REFUSALS)
 
     def find(pipeline: int) -> StereoService | JSONResponse:
         if pipeline >= len(services):

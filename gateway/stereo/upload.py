@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator
-from typing import Any
+from typing import Any, Final
 
 from fastapi import APIRouter, Request
 from fastapi.responses import JSONResponse
@@ -17,6 +17,11 @@ from renderers.drawlist import ImageError
 
 _LOW = ("left_out1_low", "right_out1_low")
 _HIGH = ("left_out1_high", "right_out1_high")
+_REFUSALS: Final[dict[int | str, dict[str, Any]]] = {
+    400: {"description": "The form does not hold a stereo pair; a sentence tells why"},
+    413: {"description": "The form is too large"},
+    503: {"description": "Too much waits; Retry-After tells when to come again"},
+}
 
 
 class _TooLargeError(Exception):
@@ -25,7 +30,7 @@ class _TooLargeError(Exception):
 
 def upload_router(*services: StereoService) -> APIRouter:
     """``/api/v2/pipelines/0/test/set``, 1, …: ``POST`` shows a pair, ``DELETE`` the scene again."""
-    api = APIRouter(tags=["Stereo camera"])
+    api = APIRouter(tags=["Stereo camera"], responses=_REFUSALS)
     for number, service in enumerate(services):
         _add(api, f"/api/v2/pipelines/{number}/test/set", service)
     return api

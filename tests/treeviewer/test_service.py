@@ -320,8 +320,10 @@ async def test_big_messages_pass_in_both_directions_between_liblcm_and_ours(url:
         for size in (0, 1, udpm.MOST_SHORT, udpm.MOST_FRAGMENT, 130_001, *(() if ours.warning else (1_000_001,))):
             message = os.urandom(size)
             if size < 200_000:
-                ours.publish(RESPONSE, message)
-                assert await in_thread(theirs.handle_timeout, 10_000)
+                for _ in range(20):  # the kernel drops what liblcm's buffer has no room for, whoever sends
+                    ours.publish(RESPONSE, message)
+                    if await in_thread(theirs.handle_timeout, 1000):
+                        break
                 assert there.pop() == message
             theirs.publish("SOMETHING_ELSE", message)
 
