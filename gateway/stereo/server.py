@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from typing import Any, TypeAlias
 
 import grpc
 import structlog
+from google.protobuf.message import DecodeError, Message
 from grpc_health.v1 import health, health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection
 
@@ -89,6 +90,20 @@ class StreamServicer:
             await context.abort(grpc.StatusCode.RESOURCE_EXHAUSTED, str(error))
 
 
+def _decoded(kind: type[Message], answer: Callable[[Any, Context], Awaitable[None]]) -> Any:
+    """``answer`` for the bytes of a request; what cannot be decoded is the client's fault and told so."""
+
+    async def decode(data: bytes, context: Context) -> None:
+        try:
+            request = kind.FromString(data)
+        except DecodeError:
+            reason = f"the {len(data)} bytes of the request are not a message {kind.DESCRIPTOR.name}"
+            await context.abort(grpc.StatusCode.INVALID_ARGUMENT, reason)
+        await answer(request, context)
+
+    return decode
+
+
 def _announce(peer: str, kind: str, size: int) -> None:
     note = "more than a gRPC client accepts unless told otherwise" if size > DEFAULT_LIMIT else None
     _log.info(f"streaming {kind} to {peer}", bytes_per_set=size, **({"note": note} if note else {}))
@@ -112,9 +127,7 @@ async def start(
         (SERVICE, METHOD, servicer.stream, pb.ImageSetRequest),
         (EVENTS_SERVICE, EVENTS_METHOD, servicer.events, pb.ImageEventsRequest),
     ):
-        handler = grpc.unary_stream_rpc_method_handler(
-            answer, request_deserializer=request.FromString, response_serializer=None
-        )
+        handler = grpc.unary_stream_rpc_method_handler(_decoded(request, answer))  # bytes in and out
         server.add_generic_rpc_handlers((grpc.method_handlers_generic_handler(service, {method: handler}),))
     healthy = health.aio.HealthServicer()
     health_pb2_grpc.add_HealthServicer_to_server(healthy, server)

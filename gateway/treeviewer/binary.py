@@ -118,7 +118,7 @@ class BinaryReader(RequestReader):
         command = self._geometry.decode(raw)
         parts = typed.parts_of(command)
         if parts is None:
-            request.failures.append(Failure("setgeometry", index, command.path, "geometries is missing"))
+            request.fail(Failure("setgeometry", index, command.path, "geometries is missing"), self._limits)
         else:
             request.geometries.append((command.path, parts))
 

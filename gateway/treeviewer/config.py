@@ -41,6 +41,9 @@ class Limits:
     """Of all arrays that this interface put into the tree and that are still in use."""
     problems: int = 100
     """Reasons and warnings told in one answer; the others are counted, so that an answer stays small."""
+    failed_commands: int = 10_000
+    """Of one request; beyond them nothing of it is done: millions of wrong commands fit into a few bytes each, and
+    finding the reason of each would take a thread for seconds."""
 
 
 @dataclass(frozen=True, slots=True)

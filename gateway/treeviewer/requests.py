@@ -61,13 +61,31 @@ class Request(msgspec.Struct, gc=False):
     def commands(self) -> int:
         return len(self.deletes) + len(self.geometries) + len(self.transforms)
 
-    def extend(self, other: Request) -> None:
-        """Takes the commands of a piece of the same request."""
+    def fail(self, failure: Failure, limits: Limits) -> None:
+        """Remembers a command that cannot be carried out.
+
+        Raises:
+            RequestError: there are too many of them.
+        """
+        self.failures.append(failure)
+        self._bound(limits)
+
+    def extend(self, other: Request, limits: Limits) -> None:
+        """Takes the commands of a piece of the same request; raises as ``fail`` does."""
         self.deletes += other.deletes
         self.geometries += other.geometries
         self.transforms += other.transforms
         self.failures += other.failures
         self.warnings += other.warnings
+        self._bound(limits)
+
+    def _bound(self, limits: Limits) -> None:
+        if len(self.failures) > limits.failed_commands:
+            first = self.failures[0]
+            raise RequestError(
+                f"more than {limits.failed_commands} commands cannot be carried out, so nothing is done; "
+                f"{first.command}[{first.index}]: {first.reason}"
+            )
 
 
 class RequestReader:
@@ -106,7 +124,7 @@ class RequestReader:
             request = Request()
             for piece, index in small:
                 context.first = index
-                request.extend(self._read_text(piece, context))
+                request.extend(self._read_text(piece, context), self._limits)
                 time.sleep(0)  # the interpreter is free for a moment
             request.failures.sort(key=lambda failure: _ORDER.index(failure.command))
             return request
@@ -155,7 +173,7 @@ class RequestReader:
                 parts = typed.parts_of(command)
                 if parts is None:
                     failure = Failure("setgeometry", index, command.path, "geometries is missing")
-                    request.failures.append(failure)
+                    request.fail(failure, context.limits)
                 else:
                     request.geometries.append((command.path, parts))
         transforms = message.settransform
@@ -180,23 +198,23 @@ class RequestReader:
         return request
 
     def _deletes(self, value: Any, request: Request, context: Context) -> None:
-        for index, command in _commands("delete", value, request, context.first):
+        for index, command in _commands("delete", value, request, context):
             path = None
             try:
                 path = fields.path(command, context.limits, context.numbers)
             except CommandError as error:
-                request.failures.append(Failure("delete", index, path, str(error)))
+                request.fail(Failure("delete", index, path, str(error)), context.limits)
             else:
                 request.deletes.append(path)
 
     def _geometries(self, value: Any, request: Request, context: Context) -> None:
-        for index, command in _commands("setgeometry", value, request, context.first):
+        for index, command in _commands("setgeometry", value, request, context):
             path = None
             try:
                 path = fields.path(command, context.limits, context.numbers)
                 parts = parts_of(command, context)
             except CommandError as error:
-                request.failures.append(Failure("setgeometry", index, path, str(error)))
+                request.fail(Failure("setgeometry", index, path, str(error)), context.limits)
             else:
                 request.geometries.append((path, parts))
             if context.warnings:
@@ -204,7 +222,7 @@ class RequestReader:
                 context.warnings.clear()
 
     def _transforms(self, value: Any, request: Request, context: Context) -> None:
-        for index, command in _commands("settransform", value, request, context.first):
+        for index, command in _commands("settransform", value, request, context):
             path = None
             try:
                 path = fields.path(command, context.limits, context.numbers)
@@ -212,12 +230,12 @@ class RequestReader:
                     raise CommandError("transform is missing")
                 pose = fields.pose(command["transform"])
             except CommandError as error:
-                request.failures.append(Failure("settransform", index, path, str(error)))
+                request.fail(Failure("settransform", index, path, str(error)), context.limits)
             else:
                 request.transforms.append((path, pose))
 
 
-def _commands(name: str, value: Any, request: Request, first: int) -> Iterator[tuple[int, dict[str, Any]]]:
+def _commands(name: str, value: Any, request: Request, context: Context) -> Iterator[tuple[int, dict[str, Any]]]:
     """The commands of one list. Absent and null lists, ``{}`` and null commands are empty; one bare command is a list
     of one (the protocol document itself has such an example)."""
     if value is None or value == {}:
@@ -225,13 +243,15 @@ def _commands(name: str, value: Any, request: Request, first: int) -> Iterator[t
     if isinstance(value, dict) and "path" in value:
         value = [value]
     if not isinstance(value, list):
-        request.failures.append(Failure(name, 0, None, f"{name} must be a list of commands, not {show(value)}"))
+        failure = Failure(name, 0, None, f"{name} must be a list of commands, not {show(value)}")
+        request.fail(failure, context.limits)
         return
-    for index, command in enumerate(value, first):
+    for index, command in enumerate(value, context.first):
         if isinstance(command, dict):
             yield index, cast("dict[str, Any]", command)
         elif command is not None:
-            request.failures.append(Failure(name, index, None, f"a command must be an object, not {show(command)}"))
+            failure = Failure(name, index, None, f"a command must be an object, not {show(command)}")
+            request.fail(failure, context.limits)
 
 
 def _any_json(decoder: msgspec.json.Decoder[Any], body: bytes) -> Any:

@@ -111,6 +111,16 @@ async def test_quality_decides_size_and_intrinsics(
     assert image.principal_point_v == pytest.approx(120 / divisor)
 
 
+@pytest.mark.parametrize("method", ["/ImageInterface/StreamImageSets", "/ImageEventsInterface/StreamImageEvents"])
+async def test_bytes_that_are_no_request_are_the_clients_fault(start: Start, method: str) -> None:
+    camera = await start()
+    with pytest.raises(grpc.aio.AioRpcError) as refusal:
+        async for _ in camera.channel.unary_stream(method)(b"\xff\xff\xff", timeout=30.0):
+            pass
+    assert refusal.value.code() == grpc.StatusCode.INVALID_ARGUMENT
+    assert "the 3 bytes of the request are not a message Image" in refusal.value.details()
+
+
 @pytest.mark.parametrize("points", [1, 999])
 async def test_too_few_mesh_points_are_refused_with_a_sentence(start: Start, points: int) -> None:
     camera = await start()

@@ -255,6 +255,24 @@ def test_an_answer_tells_a_bounded_number_of_reasons() -> None:
     assert answer["error"].endswith("(and 9 more)")
 
 
+@pytest.mark.parametrize("command", ["delete", "setgeometry", "settransform"])
+def test_too_many_wrong_commands_end_the_request(command: str) -> None:
+    good = {"path": ["good"], "geometries": [BOX]}
+    viewer = Viewer(Limits(failed_commands=20))
+    answer = viewer.tell({"setgeometry": [good], command: [{"path": 5.5}] * 20} | {"x": 1})
+    assert answer["error"].endswith("(and 19 more)")
+    answer = viewer.tell({"setgeometry": [good], "delete": [5.5] * 10, command: [{"path": 5.5}] * 21})
+    assert answer["status"] == -3
+    assert answer["error"].startswith("more than 20 commands cannot be carried out, so nothing is done; ")
+
+
+def test_too_many_wrong_commands_end_a_request_read_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(slices, "LEAST_CUT", 10)
+    monkeypatch.setattr(slices, "SLICE_BYTES", 100)
+    viewer = Viewer(Limits(failed_commands=20))
+    assert "more than 20 commands" in viewer.tell({"delete": [5.5] * 300})["error"]
+
+
 # --- the fast ways read the same
 
 
