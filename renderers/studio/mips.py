@@ -93,9 +93,16 @@ def make_chain(rgba: NDArray[np.uint8], srgb: bool) -> MipChain:
     while len(levels) < MAX_LEVELS and max(levels[-1].shape[:2]) > 1:
         height, width = (max(side // 2, 1) for side in levels[-1].shape[:2])
         smaller = np.empty((height, width, 4), np.uint8)
-        _halve(levels[-1], smaller, there, back)
+        _halve(_read_only(levels[-1]), smaller, there, back)
         levels.append(smaller)
     return MipChain(tuple(levels))
+
+
+def _read_only(texels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Images are read-only, levels are not: to Numba two types, of which the second would be compiled while serving."""
+    view = texels.view()
+    view.flags.writeable = False
+    return view
 
 
 @njit(nogil=True, error_model="numpy")
@@ -111,7 +118,7 @@ def _covered(index, size, smaller):  # type: ignore[no-untyped-def]
     return first, w0, w1, w2
 
 
-@kernel("void(uint8[:,:,::1], uint8[:,:,::1], uint16[::1], uint8[::1])")
+@kernel("void(Array(uint8, 3, 'C', readonly=True), uint8[:,:,::1], uint16[::1], uint8[::1])")
 def _halve(source, out, there, back):  # type: ignore[no-untyped-def]
     """A level from the one before; ``there`` and ``back`` convert colours to where means are taken and back."""
     height, width = source.shape[0], source.shape[1]

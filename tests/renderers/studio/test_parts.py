@@ -7,7 +7,7 @@ import pytest
 
 from renderers.camera import Camera
 from renderers.samples import distinct, mix, sample_cameras
-from renderers.studio.mips import make_chain
+from renderers.studio.mips import _halve, make_chain
 from renderers.studio.rig import Rig
 from renderers.studio.tangents import corner_tangents
 from renderers.studio.tonemap import SRGB_GUESSES, SRGB_THRESHOLDS, srgb_byte
@@ -38,6 +38,15 @@ def test_levels_of_odd_sizes_keep_the_mean(shape: tuple[int, int]) -> None:
         assert level.shape[:2] == tuple(max(side // 2, 1) for side in before.shape[:2])
         assert np.abs(level.mean(axis=(0, 1)) - before.mean(axis=(0, 1))).max() <= 0.5
     assert chain.levels[-1].shape[:2] == (1, 1)
+
+
+def test_images_and_levels_are_one_type_to_the_compiler() -> None:
+    pixels = noise(8).decode().copy()
+    for writable in (True, False):
+        pixels.flags.writeable = writable
+        make_chain(pixels, True)
+        assert pixels.flags.writeable is writable
+    assert len(_halve.signatures) == 1  # another one would be compiled while serving
 
 
 def test_every_level_of_srgb() -> None:
