@@ -15,11 +15,11 @@ def _compile(wanted: Callable[[str], bool]) -> None:
     """The rasterizer's kernels whose module is wanted."""
     import renderers.cpu
     import renderers.fxaa  # noqa: F401 - they register their kernels
-    from renderers.jit import KERNELS
+    from renderers.jit import KERNELS, compile_kernel
 
     for kernel in KERNELS:
         if wanted(kernel.py_func.__module__):
-            kernel.compile(kernel.scenegate_signature)
+            compile_kernel(kernel)
 
 
 def _visibility() -> None:

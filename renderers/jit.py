@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from numba import njit
-from numba.core import caching
+from numba.core import caching, sigutils
 
 KERNELS: Final[list[Any]] = []
 """Every entry point made so far, for ``compile_all``."""
@@ -54,7 +54,15 @@ def _stamp(folder: Path) -> str:
     return digest.hexdigest()
 
 
+def compile_kernel(dispatcher: Any) -> None:
+    """Compile an entry point of ``KERNELS``, or load it from the cache."""
+    # By the arguments alone, as a first call looks it up: with the result in it the cache would have another key.
+    normalize: Any = sigutils.normalize_signature
+    arguments, _ = normalize(dispatcher.scenegate_signature)
+    dispatcher.compile(tuple(arguments))
+
+
 def compile_all() -> None:
-    """Compile, or load from the cache, every entry point of the modules imported so far."""
+    """``compile_kernel`` for every entry point of the modules imported so far."""
     for dispatcher in KERNELS:
-        dispatcher.compile(dispatcher.scenegate_signature)
+        compile_kernel(dispatcher)

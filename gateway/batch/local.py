@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import multiprocessing
+import os
 import signal
 from collections import deque
 from collections.abc import Iterator
@@ -86,14 +87,18 @@ def _alone(task: Task) -> Result:
 
 def _pool(workers: int) -> ProcessPoolExecutor:
     # A forked child would inherit locks that threads of this process hold.
-    return ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=_begin)
+    return ProcessPoolExecutor(
+        workers, mp_context=multiprocessing.get_context("spawn"), initializer=_begin, initargs=(os.getpid(),)
+    )
 
 
-def _begin() -> None:
+def _begin(parent: int) -> None:
     """In a worker: Ctrl+C is for the one that hands out work, and nobody outlives that one."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with contextlib.suppress(OSError, AttributeError):  # another system than Linux
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+        if os.getppid() != parent:  # it ended before this was asked for
+            os._exit(1)
 
 
 def _work(task: Task) -> Result:

@@ -91,7 +91,7 @@ class Hub:
         self._gone_skipped = 0
         self._closed = ""
         self.changed = asyncio.Event()
-        """Set when somebody came, took a set or waits for one."""
+        """Set when somebody came, left, took a set or waits for one."""
 
     @property
     def sent(self) -> int:
@@ -133,6 +133,7 @@ class Hub:
         finally:
             self._subscriptions.discard(subscription)
             self._newcomers.discard(subscription)
+            self.changed.set()
             self._gone_sent += subscription.sent
             self._gone_skipped += subscription.skipped
 
