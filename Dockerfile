@@ -22,9 +22,9 @@ RUN --mount=type=secret,id=ca \
 COPY pyproject.toml README.md LICENSE ./
 COPY gateway gateway
 COPY renderers renderers
-RUN /opt/tools/bin/python -m hatchling build -t wheel -d /tmp/wheel \
+RUN /opt/tools/bin/python -m hatchling build -t wheel -d dist \
  && /opt/tools/bin/uv pip install --quiet --python /opt/scenegate/bin/python --no-deps --offline --compile-bytecode \
-    /tmp/wheel/*.whl
+    dist/*.whl
 
 FROM python:3.11-slim-bookworm
 

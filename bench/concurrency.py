@@ -139,7 +139,7 @@ def overload() -> list[Row]:
         bodies = [scene.moved(*SIZE) for _ in range(96)]
         answers: list[Answer] = []
         crowd = [
-            threading.Thread(target=lambda body=body: answers.append(post(running.port, body)))  # type: ignore[misc]
+            threading.Thread(target=lambda body=body: answers.append(post(running.port, body)))  # type: ignore[misc]  # bound
             for body in bodies
         ]
         for each in crowd:

@@ -179,7 +179,7 @@ class Gallery:
             place = np.array((3.4 * math.cos(angle), 3.4 * math.sin(angle), 4.2))
             aim = -place / np.linalg.norm(place)
             lights.append(
-                Light(LightKind.SPOT, color, 42.0, (*place,), (*aim,), inner_cone=0.3, outer_cone=0.62)  # type: ignore[arg-type]
+                Light(LightKind.SPOT, color, 42.0, (*place,), (*aim,), inner_cone=0.3, outer_cone=0.62)  # type: ignore[arg-type]  # triples
             )
         dim = Surroundings(Hemisphere((0.02, 0.025, 0.04), (0.01, 0.01, 0.01)))
         rig = Rig(surroundings=dim, shadow_radius=4)
@@ -216,7 +216,7 @@ class Gallery:
             wood = Material((0.9, 0.9, 0.9, 1), metallic=0.0, roughness=0.8, base_color_texture=texture)
             ball = Material((0.9, 0.35, 0.1, 1), metallic=0.0, roughness=0.3)
             scene = DrawList((Instance(floor, wood, np.eye(4)), Instance(sphere(), ball, at(0.7, -1.5, 0.5))))
-            picture = self.color(scene, view, Look("studio", (204, 229, 255), samples))  # type: ignore[arg-type]
+            picture = self.color(scene, view, Look("studio", (204, 229, 255), samples))  # type: ignore[arg-type]  # 1, 4 or 8
             cv2.putText(picture, text, (14, 26), cv2.FONT_HERSHEY_SIMPLEX, 0.55, (40, 50, 60), 1, cv2.LINE_AA)
             tiles.append(picture)
         return np.vstack((np.hstack(tiles[:2]), np.hstack(tiles[2:])))
@@ -226,7 +226,7 @@ class Gallery:
         view = camera("eye=1.4,-1.1,1.7;target=0,0,0.85", 640, 480, self._demo)
         tiles = []
         for samples, text in ((1, "1 sample"), (1, "FXAA"), (4, "4 samples"), (8, "8 samples")):
-            picture = self.color(self._demo, view, Look("pbr", samples=samples))  # type: ignore[arg-type]
+            picture = self.color(self._demo, view, Look("pbr", samples=samples))  # type: ignore[arg-type]  # 1, 4 or 8
             if text == "FXAA":
                 fxaa(picture)
             part = picture[148:218, 260:295]

@@ -44,7 +44,7 @@ def median(calls: dict[str, Callable[[], object]], frames: int = FRAMES) -> dict
             call()
             times[name].append((time.perf_counter() - wall, time.process_time() - cpu))
     return {
-        name: tuple(1e3 * statistics.median(t[k] for t in values[2:]) for k in (0, 1))  # type: ignore[misc]
+        name: tuple(1e3 * statistics.median(t[k] for t in values[2:]) for k in (0, 1))  # type: ignore[misc]  # two of them
         for name, values in times.items()
     }
 
@@ -99,7 +99,7 @@ class Vtk:
     """A scene in VTK, offscreen."""
 
     def __init__(self, scene: DrawList, camera: Camera, samples: int, pbr: bool) -> None:
-        import vtk  # type: ignore[import-not-found, unused-ignore]
+        import vtk  # type: ignore[import-not-found, unused-ignore]  # a peer's interpreter has it
         from vtk.util import numpy_support as convert  # type: ignore[import-not-found, unused-ignore]
 
         self._window = window = vtk.vtkRenderWindow()

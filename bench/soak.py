@@ -75,7 +75,7 @@ async def gateway(state: Path) -> AsyncIterator[Gateway]:
     running = Gateway(process, Ports(port, 0, 0))
     listening = asyncio.create_task(running.listen())
     try:
-        while (health := await _health(port)) is None or health["status"] not in ("ready", "degraded"):  # noqa: ASYNC110
+        while (health := await _health(port)) is None or health["status"] not in ("ready", "degraded"):  # noqa: ASYNC110 - only asking tells
             await asyncio.sleep(0.2)
         interfaces = health["interfaces"]
         tcpq = int(interfaces["treeviewer"]["tcpq"]["url"].rpartition(":")[2])

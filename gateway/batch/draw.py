@@ -53,10 +53,10 @@ def style_of(settings: Settings) -> Style:
         RigFileError: the rig's file cannot be used.
     """
     return Style(
-        settings.look,  # type: ignore[arg-type]
+        settings.look,  # type: ignore[arg-type]  # checked when the settings were made
         settings.background,
-        settings.antialias,  # type: ignore[arg-type]
-        settings.samples,  # type: ignore[arg-type]
+        settings.antialias,  # type: ignore[arg-type]  # as the look
+        settings.samples,  # type: ignore[arg-type]  # as the look
         STUDIO if settings.rig is None else _rig(settings.rig),
     )
 
@@ -107,10 +107,10 @@ class RequestDrawer:
     def __init__(self, renderer: Renderer, settings: Settings) -> None:
         look = settings.look if settings.look in ("phong", "pbr") else "auto"
         config = RenderConfig(
-            look=look,  # type: ignore[arg-type]
+            look=look,  # type: ignore[arg-type]  # checked when the settings were made
             background=settings.background,
-            antialias=settings.antialias,  # type: ignore[arg-type]
-            samples=settings.samples or 1,  # type: ignore[arg-type]
+            antialias=settings.antialias,  # type: ignore[arg-type]  # as the look
+            samples=settings.samples or 1,  # type: ignore[arg-type]  # as the look
             depth_format="png16" if settings.depth_format == "png" else "tiff32f",
             scene_cache_count=1,
         )

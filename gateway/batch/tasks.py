@@ -77,7 +77,7 @@ class Worker:
         found = self._scenes.pop(key, None)
         if found is None:
             try:
-                found = load_scene(task.source, task.settings.up)  # type: ignore[arg-type]
+                found = load_scene(task.source, task.settings.up)  # type: ignore[arg-type]  # y, z or auto
             except SceneError as error:
                 found = error
         self._scenes[key] = found

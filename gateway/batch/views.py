@@ -171,5 +171,5 @@ def record_of(camera: Camera) -> CameraRecord:
         cy=float(camera.cy),
         near=float(camera.near),
         far=far,
-        X_world_camera=rows,  # type: ignore[arg-type]
+        X_world_camera=rows,  # type: ignore[arg-type]  # four rows of four
     )

@@ -86,7 +86,7 @@ def one_picture(
     if source.kind is Kind.REQUEST:
         raise ValueError(f"{scenes[0]}: a recorded request says itself what it is; name a folder with -o")
     try:
-        scene = load_scene(source, settings.up)  # type: ignore[arg-type]
+        scene = load_scene(source, settings.up)  # type: ignore[arg-type]  # y, z or auto
     except SceneError as error:
         raise ValueError(f"{scenes[0]}: {error}") from None
     view = views[0] if views else View("default", None)

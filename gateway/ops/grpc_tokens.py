@@ -12,7 +12,7 @@ from gateway.ops.tokens import Tokens
 _HEALTH: Final = "/grpc.health.v1.Health/"
 
 
-class TokenCheck(grpc.aio.ServerInterceptor):  # type: ignore[misc]
+class TokenCheck(grpc.aio.ServerInterceptor):  # type: ignore[misc]  # grpc has no types
     """UNAUTHENTICATED without ``authorization: Bearer TOKEN``."""
 
     def __init__(self, tokens: Tokens) -> None:

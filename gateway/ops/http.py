@@ -40,7 +40,7 @@ class BoundedHttp(HttpToolsProtocol):
     _body_timer: asyncio.TimerHandle | None = None
     _received = 0
 
-    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]  # uvicorn names it narrower
         """Starts the clock of the first request."""
         super().connection_made(transport)
         if len(self.connections) > MAX_CONNECTIONS:

@@ -16,7 +16,7 @@ def ready(port: int, *, tls: bool) -> bool:
     connection: http.client.HTTPConnection
     if tls:
         # Asked over loopback, and the certificate is for the name that others use.
-        context = ssl._create_unverified_context()  # noqa: S323
+        context = ssl._create_unverified_context()  # noqa: S323 - to itself; whose certificate does not matter
         connection = http.client.HTTPSConnection("127.0.0.1", port, timeout=SECONDS, context=context)
     else:
         connection = http.client.HTTPConnection("127.0.0.1", port, timeout=SECONDS)

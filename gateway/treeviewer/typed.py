@@ -48,6 +48,7 @@ class _Solid(msgspec.Struct, gc=False, tag_field="type"):
     transform: _Placement | None = None
 
     def shape(self) -> Shape:
+        """What it stands for; every type says it."""
         raise NotImplementedError
 
 

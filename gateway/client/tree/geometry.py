@@ -114,6 +114,7 @@ class Geometry:
         return body | self._fields()
 
     def _fields(self) -> dict[str, Any]:
+        """What this kind has besides; every kind says it."""
         raise NotImplementedError
 
 

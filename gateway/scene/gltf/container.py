@@ -20,7 +20,7 @@ stays in a core's cache."""
 _MAX_PLACES: Final = 100_000
 """Places that are looked at. What a hostile text has beyond stays in the JSON, which is bounded."""
 _URI_KEY: Final = re.compile(rb'"uri"\s*:\s*\Z')
-_TOKEN: Final = "\0data "  # noqa: S105
+_TOKEN: Final = "\0data "  # noqa: S105 - no secret
 """What a URI that was taken out leaves behind, before its number."""
 
 
