@@ -4,6 +4,7 @@ A rig replaces the built-in one; what a table leaves out has the value of ``rend
 Z up, angles in degrees::
 
     exposure = 1.0
+    tone = "neutral"            # aces, none
     shadow_size = 2048          # 0: no shadows
 
     [surroundings]
@@ -34,7 +35,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from renderers.drawlist import Light, LightKind
-from renderers.studio.rig import MAX_LIGHTS, Hemisphere, Rig, Softbox, Surroundings
+from renderers.studio.rig import MAX_LIGHTS, Hemisphere, Rig, Softbox, Surroundings, ToneName
 
 Light_ = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Number = Annotated[float, Field(allow_inf_nan=False)]
@@ -81,6 +82,7 @@ class _Light(_Table):
 
 class _Rig(_Table):
     exposure: Light_ = 1.0
+    tone: ToneName = Rig().tone
     shadow_size: int = Rig().shadow_size
     shadow_radius: int = Rig().shadow_radius
     scene_lights: bool = True
@@ -102,6 +104,7 @@ def read_rig(path: Path) -> Rig:
             surroundings=_surroundings(read.surroundings, path.parent) if read.surroundings is not None else None,
             scene_lights=read.scene_lights,
             exposure=read.exposure,
+            tone=read.tone,
             shadow_size=read.shadow_size,
             shadow_radius=read.shadow_radius,
         )

@@ -15,6 +15,7 @@ from renderers.studio.rig import Hemisphere, Rig, Softbox
 
 EVERYTHING = """
 exposure = 1.5
+tone = "aces"
 shadow_size = 512
 scene_lights = false
 [surroundings]
@@ -48,7 +49,7 @@ def test_everything_is_read(tmp_path: Path) -> None:
     sky = cv2.imencode(".hdr", np.ones((4, 8, 3), np.float32))[1].tobytes()
     (tmp_path / "sky.hdr").write_bytes(sky)
     rig = read_rig(path)
-    assert (rig.exposure, rig.shadow_size, rig.scene_lights) == (1.5, 512, False)
+    assert (rig.exposure, rig.tone, rig.shadow_size, rig.scene_lights) == (1.5, "aces", 512, False)
     assert rig.surroundings is not None
     assert rig.surroundings.image == sky
     assert rig.surroundings.hemisphere == Hemisphere((1, 1, 1), Hemisphere().ground)

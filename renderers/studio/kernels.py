@@ -48,7 +48,7 @@ from renderers.studio.tables import (
     MI_SPECULAR_COLOR,
     MI_UNLIT,
 )
-from renderers.studio.tonemap import neutral, srgb_byte
+from renderers.studio.tonemap import shown, srgb_byte
 
 ADD: Final = 0
 """Add the layer, weighted by how many of a pixel's samples see it; whatever its alpha, it covers."""
@@ -74,7 +74,8 @@ J_LEVELS: Final = 14
 J_SPLIT: Final = 15
 J_SPLIT_SIDE: Final = 16
 J_LENS: Final = 17  # fx, fy, cx, cy, exposure, then R_world_camera by rows
-J_COLUMNS: Final = 18
+J_TONE: Final = 18  # number of the tone curve, of ``tonemap.TONES``
+J_COLUMNS: Final = 19
 _NONE: Final = (0.0, 0.0, 0.0)
 _NOTHING: Final = ((0, 0, 0), _NONE, _NONE, _NONE, _NONE, _NONE, _NONE, 1.0, _NONE)
 """What ``_element`` gives, of nothing."""
@@ -239,7 +240,7 @@ def _pixel(job, columns, X, N, shared, element, x, y):  # type: ignore[no-untype
     else:
         red, green, blue = red + mf[MF_EMISSIVE], green + mf[MF_EMISSIVE + 1], blue + mf[MF_EMISSIVE + 2]
     exposure = lens[4]
-    red, green, blue = neutral(red * exposure, green * exposure, blue * exposure)
+    red, green, blue = shown(job[J_TONE], red * exposure, green * exposure, blue * exposure)
     return red, green, blue, alpha
 
 

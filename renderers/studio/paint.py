@@ -22,7 +22,7 @@ from renderers.studio.sampling import BYTE_VALUES
 from renderers.studio.shadows import draw_maps, shadow_tables, visible_points
 from renderers.studio.surroundings import Ambient, ambient_of, split_sum
 from renderers.studio.tables import StudioScene, normal_matrices
-from renderers.studio.tonemap import SRGB_GUESSES, SRGB_THRESHOLDS
+from renderers.studio.tonemap import SRGB_GUESSES, SRGB_THRESHOLDS, TONES
 
 if TYPE_CHECKING:  # the rasterizer calls this module
     from renderers.cpu.visibility import Rasterizer, Visibility
@@ -179,4 +179,5 @@ def _job(
         job[k.J_SPLIT] = address_of(split_sum(), np.float32)
         job[k.J_SPLIT_SIDE] = split_sum().shape[0]
     job[k.J_LENS] = address_of(lens, np.float64)
+    job[k.J_TONE] = TONES.index(light.rig.tone)
     return job, (X, N, lens, values, light)

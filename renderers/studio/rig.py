@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, Literal
 
 from renderers.drawlist import Light, LightKind
 
@@ -13,6 +13,7 @@ MAX_SHADOWS: Final = 4
 """Lights with a shadow map: each costs a drawing of the scene into ``shadow_size`` squared pixels."""
 
 Rgb = tuple[float, float, float]
+ToneName = Literal["neutral", "aces", "none"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +67,8 @@ class Rig:
     """Whether lights that the scene brings replace ``lights``."""
     exposure: float = 1.0
     """Multiplies all light before tone mapping."""
+    tone: ToneName = "neutral"
+    """The curve from light to the display: Khronos' PBR Neutral; ``aces``, what most glTF viewers show; none."""
     shadow_size: int = 2048
     """Side of a shadow map, texels; 0: no shadows."""
     shadow_radius: int = 2

@@ -1,7 +1,9 @@
 """From scene light to what a display shows.
 
-The tone curve is Khronos' "PBR Neutral" (specification 1.0, 2024): colours below 0.76 keep hue and saturation, what is
-brighter is compressed towards white.
+Tone curves: Khronos' "PBR Neutral" (specification 1.0, 2024): colours below 0.76 keep hue and saturation, what is
+brighter is compressed towards white. "ACES": Stephen Hill's fit of the Academy's reference rendering and output
+transforms (sRGB to AP1 with their saturation, one rational function, back), with the exposure of 1 / 0.6 that three.js,
+Babylon.js and the Khronos sample viewer put before it. Or none.
 """
 
 from __future__ import annotations
@@ -13,6 +15,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+TONES: Final = ("neutral", "aces", "none")
+_ACES_EXPOSURE: Final = 1.0 / 0.6
 _START: Final = 0.8 - 0.04
 _DESATURATION: Final = 0.15
 _STEPS: Final = 4096
@@ -36,6 +40,38 @@ def neutral(r, g, b):  # type: ignore[no-untyped-def]
         return 1.0, 1.0, 1.0
     white = new_peak * (1.0 - w)
     return r * scale * w + white, g * scale * w + white, b * scale * w + white
+
+
+@njit(nogil=True, error_model="numpy")
+def _aces_channel(v):  # type: ignore[no-untyped-def]
+    return (v * (v + 0.0245786) - 0.000090537) / (v * (0.983729 * v + 0.4329510) + 0.238081)
+
+
+@njit(nogil=True, error_model="numpy")
+def aces(r, g, b):  # type: ignore[no-untyped-def]
+    """Hill's fit on one linear colour; not a number becomes 0."""
+    # Beyond 1e6 the curve is white to the last digit; squares of anything larger might not be finite.
+    r = min(max(0.0, r), 1e6) * _ACES_EXPOSURE
+    g = min(max(0.0, g), 1e6) * _ACES_EXPOSURE
+    b = min(max(0.0, b), 1e6) * _ACES_EXPOSURE
+    x = _aces_channel(0.59719 * r + 0.35458 * g + 0.04823 * b)
+    y = _aces_channel(0.07600 * r + 0.90834 * g + 0.01566 * b)
+    z = _aces_channel(0.02840 * r + 0.13383 * g + 0.83777 * b)
+    return (
+        min(max(1.60475 * x - 0.53108 * y - 0.07367 * z, 0.0), 1.0),
+        min(max(-0.10208 * x + 1.10813 * y - 0.00605 * z, 0.0), 1.0),
+        min(max(-0.00327 * x - 0.07276 * y + 1.07602 * z, 0.0), 1.0),
+    )
+
+
+@njit(nogil=True, error_model="numpy")
+def shown(tone, r, g, b):  # type: ignore[no-untyped-def]
+    """One linear colour through the curve with a number of ``TONES``."""
+    if tone == 0:
+        return neutral(r, g, b)
+    if tone == 1:
+        return aces(r, g, b)
+    return min(max(0.0, r), 1.0), min(max(0.0, g), 1.0), min(max(0.0, b), 1.0)
 
 
 def _thresholds() -> NDArray[np.float32]:

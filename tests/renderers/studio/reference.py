@@ -112,6 +112,17 @@ def neutral(color: Array) -> Array:
     return np.where(peak < start, color, compressed)
 
 
+def aces(color: Array) -> Array:
+    """Hill's fit with the exposure that viewers put before it; matrices as he gives them, columns of colours."""
+    into = np.array(((0.59719, 0.35458, 0.04823), (0.07600, 0.90834, 0.01566), (0.02840, 0.13383, 0.83777)))
+    out = np.array(((1.60475, -0.53108, -0.07367), (-0.10208, 1.10813, -0.00605), (-0.00327, -0.07276, 1.07602)))
+    v = (color / 0.6) @ into.T
+    return ((v * (v + 0.0245786) - 0.000090537) / (v * (0.983729 * v + 0.4329510) + 0.238081)) @ out.T
+
+
+TONES = {"neutral": neutral, "aces": aces, "none": lambda color: color}
+
+
 def srgb(linear: Array) -> Array:
     """0 .. 1 to the levels 0 .. 255 that a display is given, not rounded."""
     c = np.clip(linear, 0.0, 1.0)

@@ -108,7 +108,8 @@ def test_lights_of_the_scene_replace_the_rigs(renderer: CpuRenderer) -> None:
     assert (same == drawn(renderer, scene, camera, both)).all()
 
 
-def test_tone_curve_and_encoding(renderer: CpuRenderer) -> None:
+@pytest.mark.parametrize("tone", ref.TONES)
+def test_tone_curve_and_encoding(renderer: CpuRenderer, tone: Any) -> None:
     """Emission alone: any colour, far beyond white, goes through the curve."""
     rng = np.random.default_rng(1)
     camera = view()
@@ -117,8 +118,8 @@ def test_tone_curve_and_encoding(renderer: CpuRenderer) -> None:
         strength = float(10 ** rng.uniform(-1.5, 2))
         lamp = Material((0, 0, 0, 1), metallic=0.0, specular=0.0, emissive=emissive, emissive_strength=strength)
         wall = sheet([(-9, -9, 4), (9, -9, 4), (9, 9, 4), (-9, 9, 4)])
-        color = drawn(renderer, DrawList((Instance(wall, lamp, np.eye(4)),)), camera, DARK)
-        expected = ref.srgb(ref.neutral(np.array(emissive) * strength))
+        color = drawn(renderer, DrawList((Instance(wall, lamp, np.eye(4)),)), camera, replace(DARK, tone=tone))
+        expected = ref.srgb(ref.TONES[tone](np.array(emissive) * strength))
         assert np.abs(color - expected).max() <= 0.501
 
 
