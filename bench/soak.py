@@ -31,10 +31,12 @@ import uvloop
 
 from bench import soak_clients as clients
 from bench.soak_clients import BEHAVIOURS, KINDS, Ports
+from bench.soak_overload import overload
 from bench.soak_plot import plot
 from gateway.ops.process import tune
 
 QUEUE = 32
+THREADS = 2
 TOGETHER = 100
 """Churning clients at a time."""
 Samples = list[dict[str, float]]
@@ -69,7 +71,7 @@ async def gateway(state: Path) -> AsyncIterator[Gateway]:
     port = random.randrange(20000, 60000)
     flags = ["host=127.0.0.1", f"http_port={port}", "grpc_port=0", "tcpq_port=0", "lcm_url=off", f"state={state}"]
     process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "bench.soak_server", *flags, f"queue={QUEUE}", "threads=2"),
+        *(sys.executable, "-m", "bench.soak_server", *flags, f"queue={QUEUE}", f"threads={THREADS}"),
         stdout=asyncio.subprocess.PIPE,
     )
     running = Gateway(process, Ports(port, 0, 0))
@@ -139,61 +141,6 @@ async def _wave(ports: Ports, count: int) -> Counter[str]:
     return outcomes
 
 
-# --- overload
-
-
-async def overload(running: Gateway, seconds: float) -> None:
-    """The render endpoint with as many clients as fit, then ten times as many."""
-    body = clients.render_body(1600)  # some ten milliseconds, so that rendering is what is scarce
-    fits = QUEUE + 2
-    full, _, _ = await _ask(running.ports, body, fits, seconds)
-    accepted, refused, failed = await _ask(running.ports, body, 10 * fits, seconds)
-    print(f"\noverload: a queue of {QUEUE}, 2 threads")
-    print(
-        f"  {fits} clients, queue just full: {len(full)} answers, "
-        f"p50 {_p(full, 0.5):.0f} ms, p99 {_p(full, 0.99):.0f} ms"
-    )
-    print(
-        f"  {10 * fits} clients: {len(accepted)} accepted, p50 {_p(accepted, 0.5):.0f} ms, "
-        f"p99 {_p(accepted, 0.99):.0f} ms; "
-        f"{len(refused)} refused after a median of {_p(refused, 0.5):.0f} ms, {failed} failed"
-    )
-    print(f"ratio of p99, ten times overload / queue just full: {_p(accepted, 0.99) / _p(full, 0.99):.2f}")
-
-
-async def _ask(ports: Ports, body: bytes, count: int, seconds: float) -> tuple[list[float], list[float], int]:
-    accepted: list[float] = []
-    refused: list[float] = []
-    failed = 0
-    end = time.monotonic() + seconds
-
-    async def one() -> None:
-        nonlocal failed
-        request = clients.http_request("POST", "/render", body)
-        while time.monotonic() < end:
-            begin = time.perf_counter()
-            reader, writer = await asyncio.open_connection("127.0.0.1", ports.http)
-            writer.write(request)
-            answer = await reader.read()
-            writer.close()
-            taken = 1e3 * (time.perf_counter() - begin)
-            if answer.startswith(b"HTTP/1.1 200"):
-                accepted.append(taken)
-            elif answer.startswith(b"HTTP/1.1 503"):
-                refused.append(taken)
-                await asyncio.sleep(1.0)  # as Retry-After says
-            else:
-                failed += 1
-
-    await asyncio.gather(*(one() for _ in range(count)))
-    return accepted, refused, failed
-
-
-def _p(times: list[float], share: float) -> float:
-    ordered = sorted(times)
-    return ordered[min(len(ordered) - 1, int(share * len(ordered)))] if ordered else float("nan")
-
-
 # --- mixed load
 
 
@@ -260,7 +207,7 @@ async def run(given: argparse.Namespace) -> None:
                 if part == "churn":
                     await churn(running, given.clients)
                 elif part == "overload":
-                    await overload(running, given.overload_seconds)
+                    await overload(running, QUEUE, THREADS, given.overload_seconds)
                 elif part == "mixed":
                     await mixed(running, given.minutes, given.plot)
 
@@ -269,7 +216,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--clients", type=int, default=1000)
     parser.add_argument("--minutes", type=float, default=3.0)
-    parser.add_argument("--overload-seconds", type=float, default=15.0)
+    parser.add_argument("--overload-seconds", type=float, default=10.0)
     parser.add_argument("--plot", type=Path, default=Path("soak.svg"))
     parser.add_argument("--parts", default="churn,overload,mixed")
     tune()

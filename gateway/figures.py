@@ -18,7 +18,9 @@ if TYPE_CHECKING:
     from gateway.treeviewer.service import TreeViewerService
     from gateway.viewer.hub import ViewHub
 
-_OUTCOMES: Final[Mapping[int, str]] = {200: "ok", 499: "gone", 500: "failed", 503: "busy"}
+BUSY: Final = "busy"
+"""Outcome of renders that there was no place for."""
+_OUTCOMES: Final[Mapping[int, str]] = {200: "ok", 499: "gone", 500: "failed", 503: BUSY}
 """By status; every other one is a rejected request."""
 
 

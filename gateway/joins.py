@@ -6,21 +6,28 @@ imported (a system library is missing) is a sentence on the board instead of the
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import structlog
 
 from gateway import figures
 from gateway.house import House
 from gateway.settings import MIB, InterfaceName, Settings
 
 if TYPE_CHECKING:
+    from gateway.ops.http import Door
     from gateway.render.records import RenderRecord
+    from gateway.render.service import RenderService
     from gateway.scene.gltf import GltfLimits
     from gateway.scene.tree import Node
     from renderers.studio.rig import Rig
 
+
+_log = structlog.get_logger("gateway.render")
 
 Join = Callable[[House], None]
 
@@ -54,7 +61,32 @@ def join_render(house: House) -> None:
     service = RenderService(house.renderer, house.workers, config, backdrop=_backdrop(house), on_done=done)
     figures.watch_render(house.metrics, service)
     house.app.include_router(router(service))
+    house.app.state.door = _door(house, service)
     house.board.ready("render", where=settings.render_path, figures=service.status)
+
+
+def _door(house: House, service: RenderService) -> Door:
+    """Whether there is a place for a render request, by its head; a log line a second, however many are refused."""
+    from gateway.ops.http import TurnedAway
+
+    path = house.settings.render_path.encode("latin-1", "replace")
+    refused = house.metrics.requests.labels(house.settings.render_path, "POST", 503)
+    busy_renders = house.metrics.renders.labels("unknown", figures.BUSY)
+    told, count = 0.0, 0
+
+    def door(method: bytes, target: bytes) -> TurnedAway | None:
+        nonlocal told, count
+        if method != b"POST" or target.partition(b"?")[0] != path or (busy := service.refuse()) is None:
+            return None
+        refused.inc()
+        busy_renders.inc()
+        count += 1
+        if (now := time.monotonic()) - told >= 1.0:
+            _log.warning("render requests turned away", count=count, reason=str(busy))
+            told, count = now, 0
+        return TurnedAway(f"the server is busy: {busy}", busy.retry_after)
+
+    return door
 
 
 def _backdrop(house: House) -> Callable[[], Node] | None:

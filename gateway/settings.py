@@ -24,11 +24,13 @@ OTHER_ENV = frozenset(
     {
         CONFIG_ENV,
         "SCENEGATE_ASSET_GENERATOR",
+        "SCENEGATE_CA",
         "SCENEGATE_CACHE_DIR",
         "SCENEGATE_CORPUS",
         "SCENEGATE_DRAKE_PYTHON",
         "SCENEGATE_FIDELITY",
         "SCENEGATE_SCHEMATHESIS",
+        "SCENEGATE_TOKEN",
         "SCENEGATE_URL",
     }
 )

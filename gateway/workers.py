@@ -158,6 +158,12 @@ class Workers:
         """Whether a call of any size would be refused now: as many wait as may."""
         return self.stats.waiting >= self.max_waiting and self._running >= self.threads
 
+    def refuse(self, coming: int) -> Busy | None:
+        """Why a call would be refused if ``coming`` others were handed in before it; counted when it is. Any thread."""
+        with self._lock:
+            ahead = self._running + len(self._queue) + coming
+            return self._busy(ahead - self.threads, coming) if ahead >= self.threads + self.max_waiting else None
+
     @property
     def stats(self) -> WorkersStats:
         with self._lock:
@@ -204,17 +210,21 @@ class Workers:
     def _check_bounds(self, weight: int) -> None:
         waiting = max(0, len(self._queue) - (self.threads - self._running))
         if waiting >= self.max_waiting:
-            reason = f"{waiting} requests are waiting already, the limit is {self.max_waiting}"
-        elif self._queue and self._queue_bytes + weight > self.max_waiting_bytes:
+            raise self._busy(waiting)
+        if self._queue and self._queue_bytes + weight > self.max_waiting_bytes:
             reason = (
                 f"the waiting requests hold {self._queue_bytes} bytes; with {weight} more "
                 f"they would exceed the limit of {self.max_waiting_bytes}"
             )
-        else:
-            return
+            raise self._busy(waiting, reason=reason)
+
+    def _busy(self, waiting: int, coming: int = 0, reason: str = "") -> Busy:
+        if not reason:
+            arriving = f" ({coming} of them still arriving)" if coming else ""
+            reason = f"{waiting} requests are waiting already{arriving}, the limit is {self.max_waiting}"
         self._rejected += 1
         seconds = math.ceil((waiting + 1) * self._mean_seconds / self.threads)
-        raise Busy(reason, min(max(1, seconds), MAX_RETRY_AFTER))
+        return Busy(reason, min(max(1, seconds), MAX_RETRY_AFTER))
 
     def _forget(self, job: _Job) -> None:
         with self._lock:

@@ -45,7 +45,7 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
         "gateway.ops.http",
         (
             *("MAX_CONNECTIONS", "MAX_HEAD_BYTES", "HEAD_SECONDS", "BODY_SECONDS", "KEEP_ALIVE_SECONDS"),
-            "MAX_WEBSOCKET_BYTES",
+            *("MAX_WEBSOCKET_BYTES", "LINGER_SECONDS", "LINGER_PAUSE", "LINGER_BYTES"),
         ),
     ),
     ("gRPC", "gateway.stereo.server", ("MAX_CALLS",)),

@@ -8,6 +8,8 @@ from typing import Annotated
 
 import typer
 
+_File = Path | None
+
 
 def stream(
     target: Annotated[str, typer.Argument(metavar="HOST:PORT", help="The camera; port 50051 when it has none.")],
@@ -33,16 +35,29 @@ def stream(
     ] = None,
     count: Annotated[int, typer.Option(min=0, help="End after so many sets; 0: when interrupted.")] = 0,
     timeout: Annotated[float, typer.Option(min=0.0, help="End with an error after so many seconds; 0: never.")] = 0.0,
-    ca: Annotated[
-        Path | None, typer.Option(metavar="FILE", exists=True, help="PEM authority: connect with TLS and trust it.")
+    token: Annotated[
+        str | None,
+        typer.Option(envvar="SCENEGATE_TOKEN", help="Bearer token; other users of this machine see command lines."),
     ] = None,
+    token_file: Annotated[_File, typer.Option(metavar="FILE", exists=True, help="File with the token.")] = None,
+    tls: Annotated[bool, typer.Option("--tls", help="Encrypt, trusting the system's authorities.")] = False,
+    ca: Annotated[
+        _File,
+        typer.Option(metavar="FILE", exists=True, envvar="SCENEGATE_CA", help="Encrypt, trusting this PEM authority."),
+    ] = None,
+    certificate: Annotated[_File, typer.Option(metavar="FILE", exists=True, help="PEM certificate to show.")] = None,
+    key: Annotated[_File, typer.Option(metavar="FILE", exists=True, help="PEM private key of --certificate.")] = None,
 ) -> None:
     """Receive image sets of a stereo camera, this one or a real rc_visard: left and disparity if nothing is chosen."""
+    from gateway.client.channel import Credentials, read_token
     from gateway.client.stream import Progress, StreamOptions, receive_all
 
+    if token_file is not None:
+        token = read_token(token_file)
+    credentials = Credentials(token, tls, ca, certificate, key)
     options = StreamOptions(
         target, left, right, disparity, error, confidence, mesh, color, max_points, min_depth, watertight, textured,
-        count, out, preview, ca, timeout or None,
+        count, out, preview, credentials, timeout or None,
     )  # fmt: skip
     on_screen = sys.stderr.isatty()
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import grpc
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.client import stream_files
+from gateway.client.channel import Credentials
 from gateway.generated import image_interface_pb2 as pb
 
 METHOD = "/ImageInterface/StreamImageSets"
@@ -51,8 +52,8 @@ class StreamOptions:
     """Folder for PNG, PLY and npz files, made if need be; None: nothing is kept."""
     preview: Path | None = None
     """Picture file that shows the images of the newest set side by side."""
-    ca: Path | None = None
-    """PEM file: connect with TLS and trust this authority."""
+    credentials: Credentials = field(default_factory=Credentials)
+    """TLS and token, where the camera wants them."""
     timeout: float | None = None
     """Seconds after which the stream ends with a failure; None: never."""
 
@@ -113,23 +114,19 @@ def receive(options: StreamOptions) -> Iterator[tuple[pb.ImageSet, int]]:
 
     Raises:
         StreamFailure: nobody answers, the request is refused, or the stream broke; one sentence.
-        OSError: the authority's file cannot be read.
+        OSError: a certificate cannot be read.
     """
     target = options.target if ":" in options.target.rsplit("]", 1)[-1] else f"{options.target}:50051"
     # Full meshes have 55 MB; the device's own client allows 300.
     settings = [("grpc.max_receive_message_length", -1)]
-    if options.ca is None:
-        channel = grpc.insecure_channel(target, settings)
-    else:
-        channel = grpc.secure_channel(target, grpc.ssl_channel_credentials(options.ca.read_bytes()), settings)
-    with channel:
+    with options.credentials.channel(target, settings) as channel:
         try:
             grpc.channel_ready_future(channel).result(_CONNECT_SECONDS)
         except grpc.FutureTimeoutError:
             raise StreamFailure(f"nobody answers at {target}") from None
         # The serialised set is kept as it came: its size is the figure that counts on the wire.
         open_stream = channel.unary_stream(METHOD, request_serializer=pb.ImageSetRequest.SerializeToString)
-        call = open_stream(options.request(), timeout=options.timeout)
+        call = open_stream(options.request(), timeout=options.timeout, metadata=options.credentials.metadata)
         try:
             for number, data in enumerate(call, 1):
                 yield pb.ImageSet.FromString(data), len(data)

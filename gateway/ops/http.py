@@ -7,6 +7,7 @@ import signal
 import socket
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -29,11 +30,37 @@ MAX_WEBSOCKET_BYTES: Final = 64 << 10
 """Of a message from a client; the browser view has nothing longer than 16 characters to say."""
 KEEP_ALIVE_SECONDS: Final = 60
 """For the next request on a connection."""
+LINGER_SECONDS: Final = 5.0
+"""For a client that was turned away in the middle of its body to read why: what it sends is thrown away."""
+LINGER_PAUSE: Final = 0.1
+"""Of them without reading: a client that looks for answers while it sends has left by then, and need not send more."""
+LINGER_BYTES: Final = 64 << 20
+"""Thrown away of one such body; then the connection ends."""
+
+
+@dataclass(frozen=True, slots=True)
+class TurnedAway:
+    """The answer to a request that there is no place for: 503."""
+
+    sentence: str
+    retry_after: int
+    """Seconds."""
+
+
+Door = Callable[[bytes, bytes], TurnedAway | None]
+"""Asked with method and target of every request that has a body, when its head has arrived; must return at once."""
 
 
 class BoundedHttp(HttpToolsProtocol):
-    """Refuses endless headers (431) and ends connections whose headers never come to an end."""
+    """Bounds what comes before the application, and turns away by ``app.state.door`` without asking the application.
 
+    Headers without end are refused (431), connections whose headers never come to an end are ended. Turning away where
+    the head is read costs a tenth of an answer of the application, so that those who are let in do not notice it.
+    """
+
+    _turned_away = False
+    _lingered = 0
+    _linger_timer: asyncio.TimerHandle | None = None
     _head_bytes = 0
     _in_head = True
     _head_timer: asyncio.TimerHandle | None = None
@@ -52,10 +79,17 @@ class BoundedHttp(HttpToolsProtocol):
         """Stops the clocks."""
         self._stop_timer()
         self._stop_body_timer()
+        if self._linger_timer is not None:
+            self._linger_timer.cancel()
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
         """Counts while the head is not complete; what a head shares a piece with is the body's business."""
+        if self._turned_away:
+            self._lingered += len(data)
+            if self._lingered > LINGER_BYTES:
+                self.transport.close()
+            return
         self._received += 1
         if self._in_head and self._head_bytes > MAX_HEAD_BYTES:
             self._refuse(431, "Request Header Fields Too Large", f"The headers are longer than {MAX_HEAD_BYTES} bytes.")
@@ -75,14 +109,48 @@ class BoundedHttp(HttpToolsProtocol):
         self._in_head = False
         self._head_bytes = 0
         self._stop_timer()
+        if self._turned_away or self._turn_away():
+            return
         super().on_headers_complete()
         self._watch_body()
 
+    def on_body(self, body: bytes) -> None:
+        """What belongs to a request that was turned away is nobody's."""
+        if not self._turned_away:
+            super().on_body(body)
+
     def on_message_complete(self) -> None:
         """The next thing on this connection is a head again."""
+        if self._turned_away:
+            self.transport.close()  # nothing is unread, so the answer arrives
+            return
         self._in_head = True
         self._stop_body_timer()
         super().on_message_complete()
+
+    def _turn_away(self) -> bool:
+        """Whether the door is shut for the request whose head has arrived; then it has been told so."""
+        if self.cycle is not None and not self.cycle.response_complete:
+            return False  # the answer to the one before comes first; the application refuses this one in its turn
+        door: Door | None = getattr(self.config.app.state, "door", None)  # type: ignore[union-attr]  # a FastAPI
+        if door is None or (turned_away := door(self.parser.get_method(), self.url)) is None:
+            return False
+        self._turned_away = True
+        self._unset_keepalive_if_required()
+        body = (turned_away.sentence + "\n").encode()
+        head = (
+            "HTTP/1.1 503 Service Unavailable\r\ncontent-type: text/plain; charset=utf-8\r\nconnection: close\r\n"
+            f"retry-after: {turned_away.retry_after}\r\ncontent-length: {len(body)}\r\n\r\n"
+        )
+        self.transport.write(head.encode() + body)
+        # Closing now would have the system answer what is still coming with a reset, which can overtake the sentence.
+        self._linger_timer = self.loop.call_later(LINGER_PAUSE, self._linger)
+        self.flow.pause_reading()
+        return True
+
+    def _linger(self) -> None:
+        self._linger_timer = self.loop.call_later(LINGER_SECONDS, self.transport.close)
+        self.flow.resume_reading()
 
     def _stop_timer(self) -> None:
         if self._head_timer is not None:

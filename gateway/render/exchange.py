@@ -15,7 +15,7 @@ from gateway.render.form import RenderRequest, read_form
 from gateway.render.multipart import Form, FormReader, too_large
 from gateway.render.pipeline import Picture
 from gateway.render.records import RenderRecord
-from gateway.render.service import RenderService
+from gateway.render.service import Place, RenderService
 from gateway.workers import Busy, Closed
 
 _log = structlog.get_logger("gateway.render")
@@ -35,6 +35,7 @@ class Exchange:
         self._begin = time.perf_counter()
         self._queued = 0.0
         self._received = 0
+        self._place: Place | None = None
         self._kept: list[bytes] | None = [] if service.failures is not None else None
         bound = structlog.contextvars.get_contextvars().get("request_id")
         self._request_id = str(bound) if bound else uuid.uuid4().hex
@@ -45,8 +46,9 @@ class Exchange:
         """Never raises."""
         request: RenderRequest | None = None
         try:
+            place = self._place = self._service.admit()
             request = read_form(await self._form(), self._service.config)
-            picture = await self._picture(request)
+            picture = await self._picture(request, place)
         except RequestError as error:
             _log.warning("render request rejected", status=error.status, reason=error.sentence)
             return await self._refusal(error.status, error.sentence, request)
@@ -68,6 +70,8 @@ class Exchange:
             sentence = f"internal error while rendering; the server's log has the details under {self._request_id}"
             return await self._refusal(500, sentence, request)
         finally:
+            if self._place is not None:
+                self._place.leave()
             self._service.give_back(self._received)
         self._done(200, request, picture, "")
         return self._response(request, picture)
@@ -95,9 +99,9 @@ class Exchange:
             ) from None
         return reader.form()
 
-    async def _picture(self, request: RenderRequest) -> Picture:
+    async def _picture(self, request: RenderRequest, place: Place) -> Picture:
         """Renders, unless the client leaves before."""
-        job = asyncio.create_task(self._service.render(request))
+        job = asyncio.create_task(self._service.render(request, place))
         gone = asyncio.create_task(_disconnect(self._http))
         try:
             await asyncio.wait((job, gone), return_when=asyncio.FIRST_COMPLETED)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
 from collections.abc import Callable
 from typing import Any
@@ -21,6 +22,23 @@ _log = structlog.get_logger("gateway.render")
 
 _RETRY_FULL = 5
 """Seconds until memory for another upload is probably free."""
+
+
+class Place:
+    """Of a request in the queue while its body arrives; given up when it is handed in, refused or too slow."""
+
+    __slots__ = ("_service", "_timer")
+
+    def __init__(self, service: RenderService, seconds: float) -> None:
+        self._service: RenderService | None = service
+        self._timer = asyncio.get_running_loop().call_later(seconds, self.leave)
+
+    def leave(self) -> None:
+        """Calling it again does nothing."""
+        self._timer.cancel()
+        if self._service is not None:
+            self._service.arriving -= 1
+            self._service = None
 
 
 class RenderService:
@@ -49,11 +67,30 @@ class RenderService:
         self._pipeline = Pipeline(renderer, self.config, backdrop)
         self._workers = workers
         self._on_done = on_done
+        self.arriving = 0
+        """Requests that hold a place while their bodies arrive."""
         self._inflight = 0
         self._answered: dict[int, int] = {}
 
-    async def render(self, request: RenderRequest) -> tuple[Picture, float]:
-        """The picture, and the seconds that the request waited for a thread.
+    def refuse(self) -> Busy | None:
+        """Why a request whose head has just arrived would be refused, if it would; then it is counted as answered."""
+        if (busy := self._workers.refuse(self.arriving)) is not None:
+            self._count(503)
+        return busy
+
+    def admit(self) -> Place:
+        """A place for a request whose head has arrived; its body may be read.
+
+        Raises:
+            Busy: as many wait or arrive as may wait.
+        """
+        if (busy := self._workers.refuse(self.arriving)) is not None:
+            raise busy
+        self.arriving += 1
+        return Place(self, self.config.arrival_seconds)
+
+    async def render(self, request: RenderRequest, place: Place) -> tuple[Picture, float]:
+        """The picture, and the seconds that the request waited for a thread. ``place`` is given up for one with it.
 
         Raises:
             RequestError: it cannot be drawn.
@@ -66,6 +103,7 @@ class RenderService:
             queued = time.perf_counter() - submitted
             return self._pipeline.picture(request), queued
 
+        place.leave()
         return await self._workers.run(work, weight=len(request.scene))
 
     def take(self, nbytes: int) -> None:
@@ -88,12 +126,15 @@ class RenderService:
 
     def done(self, record: RenderRecord) -> None:
         """Counts a finished request and tells the observer."""
-        self._answered[record.status] = self._answered.get(record.status, 0) + 1
+        self._count(record.status)
         if self._on_done is not None:
             try:
                 self._on_done(record)
             except Exception:  # noqa: BLE001 - nobody's picture depends on who watches
                 _log.exception("an observer of renders failed")
+
+    def _count(self, status: int) -> None:
+        self._answered[status] = self._answered.get(status, 0) + 1
 
     @property
     def inflight_bytes(self) -> int:
@@ -110,6 +151,7 @@ class RenderService:
         scenes = self._pipeline.scenes
         return {
             "answers": {str(status): count for status, count in sorted(self._answered.items())},
+            "arriving": self.arriving,
             "inflight_bytes": self._inflight,
             "scene_cache": {"hits": scenes.hits, "misses": scenes.misses},
         }

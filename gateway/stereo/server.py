@@ -99,7 +99,12 @@ def _decoded(kind: type[Message], answer: Callable[[Any, Context], Awaitable[Non
         except DecodeError:
             reason = f"the {len(data)} bytes of the request are not a message {kind.DESCRIPTOR.name}"
             await context.abort(grpc.StatusCode.INVALID_ARGUMENT, reason)
-        await answer(request, context)
+        try:
+            await answer(request, context)
+        except grpc.aio.InternalError:
+            # The connection broke while a message was being written. grpc would log a traceback for whoever vanishes;
+            # this is how it ends calls whose clients it has seen leaving.
+            raise asyncio.CancelledError from None
 
     return decode
 

@@ -12,7 +12,7 @@ import pytest
 import typer.main
 
 from gateway.cli.main import app
-from gateway.settings import Settings, env_of
+from gateway.settings import OTHER_ENV, Settings, env_of
 from tests.docs.pages import PAGES, ROOT, anchors, blocks, commands, links, prose, spans
 
 FOREIGN = {
@@ -97,8 +97,7 @@ def check_command(words: list[str], text: str) -> None:
 def test_variables_exist(page: Path) -> None:
     if page.name == "CONTRIBUTING.md":  # those of the tests
         return
-    others = {"SCENEGATE_CACHE_DIR", "SCENEGATE_CONFIG", "SCENEGATE_DIRECTOR", "SCENEGATE_LIVE"}
-    allowed = others | {env_of(name) for name in Settings.model_fields}
+    allowed = OTHER_ENV | {"SCENEGATE_DIRECTOR", "SCENEGATE_LIVE"} | {env_of(name) for name in Settings.model_fields}
     text = page.read_text("utf-8")
     assert set(re.findall(r"\bSCENEGATE_[A-Z_]+[A-Z]\b", text)) <= allowed
 

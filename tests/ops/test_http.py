@@ -12,8 +12,12 @@ from fastapi import FastAPI, Request
 from gateway.ops import http
 
 
+def shut(method: bytes, target: bytes) -> http.TurnedAway | None:
+    return http.TurnedAway("the server is busy: so it is", 7) if (method, target) == (b"POST", b"/take") else None
+
+
 @asynccontextmanager
-async def serving() -> AsyncIterator[int]:
+async def serving(door: http.Door | None = None) -> AsyncIterator[int]:
     app = FastAPI()
 
     @app.get("/hello")
@@ -24,6 +28,7 @@ async def serving() -> AsyncIterator[int]:
     async def take(request: Request) -> int:
         return len(await request.body())
 
+    app.state.door = door
     service = http.PortService(app, "127.0.0.1", 0)
     task = asyncio.create_task(service.run())
     try:
@@ -115,3 +120,72 @@ async def test_connections_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
         writer.close()
         for _, writer in held:
             writer.close()
+
+
+@pytest.mark.parametrize("sent", [0, 10, 1 << 20], ids=["nothing", "some", "much"])
+async def test_who_is_turned_away_reads_why_while_the_body_is_still_to_come(sent: int) -> None:
+    async with serving(shut) as port, asyncio.timeout(30):
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(b"POST /take HTTP/1.1\r\nhost: here\r\ncontent-length: 100000000\r\n\r\n" + b"b" * sent)
+        head = await reader.readuntil(b"\r\n\r\n")
+        assert head.startswith(b"HTTP/1.1 503 Service Unavailable\r\n")
+        assert b"\r\nconnection: close\r\n" in head
+        assert b"\r\nretry-after: 7\r\n" in head
+        assert await reader.readexactly(29) == b"the server is busy: so it is\n"
+        writer.close()
+        await writer.wait_closed()
+
+
+async def test_who_sends_everything_before_reading_gets_the_answer_and_the_rest_is_thrown_away() -> None:
+    async with serving(shut) as port, asyncio.timeout(30):
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(b"POST /take HTTP/1.1\r\nhost: here\r\ncontent-length: 30000000\r\n\r\n")
+        for _ in range(30):
+            writer.write(b"b" * 1_000_000)
+            await writer.drain()
+        assert (await reader.read()).endswith(b"so it is\n")
+        writer.close()
+        await writer.wait_closed()
+
+
+async def test_a_body_that_is_there_already_ends_the_connection_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(http, "LINGER_PAUSE", 1000.0)
+    async with serving(shut) as port, asyncio.timeout(30):
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(b"POST /take HTTP/1.1\r\nhost: here\r\ncontent-length: 5\r\n\r\nwhole")
+        assert (await reader.read()).endswith(b"so it is\n")
+        writer.close()
+        await writer.wait_closed()
+
+
+@pytest.mark.parametrize("bound", ["LINGER_SECONDS", "LINGER_BYTES"])
+async def test_who_never_stops_sending_is_cut_off(monkeypatch: pytest.MonkeyPatch, bound: str) -> None:
+    monkeypatch.setattr(http, bound, 0.05 if bound == "LINGER_SECONDS" else 1 << 20)
+    async with serving(shut) as port, asyncio.timeout(30):
+        _, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(b"POST /take HTTP/1.1\r\nhost: here\r\ntransfer-encoding: chunked\r\n\r\n")
+
+        async def send_for_ever() -> None:
+            while True:
+                writer.write(b"8000\r\n" + b"b" * 0x8000 + b"\r\n")
+                await writer.drain()
+
+        with pytest.raises(ConnectionError):
+            await send_for_ever()
+        writer.close()
+
+
+async def test_others_are_let_in_and_a_pipelined_one_waits_for_its_turn() -> None:
+    async with serving(shut) as port, asyncio.timeout(30):
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        get = b"GET /hello HTTP/1.1\r\nhost: here\r\n\r\n"
+        writer.write(get + b"POST /take HTTP/1.1\r\nhost: here\r\ncontent-length: 2\r\n\r\nxx")
+        assert (await reader.readuntil(b'"there"')).startswith(b"HTTP/1.1 200 OK")
+        # It came before the first one was answered, so the application has it, which would ask for itself.
+        assert (await reader.readuntil(b"\r\n\r\n2")).startswith(b"HTTP/1.1 200 OK")
+        writer.write(b"POST /take HTTP/1.1\r\nhost: here\r\ncontent-length: 2\r\n\r\nxx" + get)
+        answer = await reader.read()
+        assert answer.startswith(b"HTTP/1.1 503 ")
+        assert answer.endswith(b"so it is\n")
+        writer.close()
+        await writer.wait_closed()

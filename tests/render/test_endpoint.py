@@ -224,6 +224,55 @@ async def test_waiting_is_normal_and_beyond_the_bound_comes_retry_after(start: S
         assert server.service.status()["inflight_bytes"] == 0
 
 
+async def test_arriving_bodies_have_places_and_a_full_queue_refuses_before_the_body(
+    start: Start, watched: WatchedRenderer
+) -> None:
+    watched.go_on.clear()
+    read, come = 0, asyncio.Event()
+
+    async def late() -> object:
+        nonlocal read
+        read += 1
+        await come.wait()
+        yield body(SCENE)
+
+    async def post() -> httpx2.Response:
+        return await server.client.post("/render", content=late(), headers={"Content-Type": CONTENT_TYPE})
+
+    async with start(watched, threads=1, max_waiting=2) as server:
+        posts = [asyncio.create_task(post()) for _ in range(3)]
+        async with asyncio.timeout(LONG):
+            while server.service.arriving < 3:  # noqa: ASYNC110 - a count has no event to wait for
+                await asyncio.sleep(0)
+        assert_refused(await post(), 503, "2 requests are waiting already (3 of them still arriving)")
+        assert read == 3
+        come.set()
+        watched.go_on.set()
+        assert [response.status_code for response in await asyncio.gather(*posts)] == [200] * 3
+        assert server.service.arriving == 0
+
+
+async def test_who_arrives_too_slowly_does_not_keep_others_out(start: Start, watched: WatchedRenderer) -> None:
+    come = asyncio.Event()
+
+    async def trickling() -> object:
+        yield body(SCENE)[:100]
+        await come.wait()
+        yield body(SCENE)[100:]
+
+    async with start(watched, RenderConfig(arrival_seconds=0.01), threads=1, max_waiting=0) as server:
+        headers = {"Content-Type": CONTENT_TYPE}
+        slow = asyncio.create_task(server.client.post("/render", content=trickling(), headers=headers))
+        async with asyncio.timeout(LONG):
+            while server.service.arriving < 1:  # noqa: ASYNC110 - a count has no event to wait for
+                await asyncio.sleep(0)
+            while server.service.arriving > 0:  # noqa: ASYNC110
+                await asyncio.sleep(0.001)
+        assert (await server.post(body(SCENE), CONTENT_TYPE)).status_code == 200
+        come.set()
+        assert (await slow).status_code == 200
+
+
 async def test_bodies_in_flight_are_bounded(start: Start, watched: WatchedRenderer) -> None:
     watched.go_on.clear()
     size = len(body(SCENE))

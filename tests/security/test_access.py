@@ -12,9 +12,12 @@ import grpc
 import httpx2
 import pytest
 from grpc_health.v1 import health_pb2, health_pb2_grpc
+from typer.testing import CliRunner, Result
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
+from gateway.cli.main import app
+from gateway.client.stream import StreamFailure
 from gateway.generated import image_interface_pb2 as pb
 from tests.support.certificates import certificate
 from tests.support.gateway_process import GatewayProcess, gateway_process
@@ -139,6 +142,33 @@ def test_health_checks_over_grpc_need_none(secured: Secured) -> None:
     with grpc.secure_channel(f"127.0.0.1:{secured.grpc_port}", credentials) as channel:
         answer = health_pb2_grpc.HealthStub(channel).Check(health_pb2.HealthCheckRequest(), timeout=30)
     assert answer.status == health_pb2.HealthCheckResponse.SERVING
+
+
+def streamed(secured: Secured, folder: Path, *arguments: str, **environment: str) -> Result:
+    (folder / "ca.pem").write_bytes(secured.pem)
+    command = ["stream", f"127.0.0.1:{secured.grpc_port}", "--left", "--count", "1", "--timeout", "60"]
+    return CliRunner().invoke(app, [*command, *arguments], env=environment)
+
+
+def test_the_command_gets_in_with_authority_and_token(secured: Secured, tmp_path: Path) -> None:
+    ca, token = tmp_path / "ca.pem", tmp_path / "token"
+    token.write_text(f"# of the camera\n\n{CAMERA}\n")
+    ways: list[tuple[list[str], dict[str, str]]] = [
+        (["--ca", str(ca), "--token", CAMERA], {}),
+        (["--ca", str(ca), "--token-file", str(token)], {"SCENEGATE_TOKEN": "not this one"}),
+        ([], {"SCENEGATE_CA": str(ca), "SCENEGATE_TOKEN": CAMERA}),
+    ]
+    for arguments, environment in ways:
+        result = streamed(secured, tmp_path, *arguments, **environment)
+        assert result.exit_code == 0, result.output
+        assert "1 sets" in result.output
+
+
+@pytest.mark.parametrize("arguments", [[], ["--token", TOKEN]], ids=["none", "another"])
+def test_the_command_without_the_right_token_says_so(secured: Secured, tmp_path: Path, arguments: list[str]) -> None:
+    result = streamed(secured, tmp_path, "--ca", str(tmp_path / "ca.pem"), *arguments)
+    assert isinstance(result.exception, StreamFailure)
+    assert "UNAUTHENTICATED: the metadata needs 'authorization: Bearer TOKEN'" in str(result.exception)
 
 
 def test_an_unusable_token_file_ends_the_start_with_one_sentence(tmp_path: Path) -> None:

@@ -1,0 +1,59 @@
+"""What a client shows of itself: token, certificate, trust."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import grpc
+import pytest
+
+from gateway.client.channel import Credentials, read_token
+from tests.support.certificates import certificate
+
+
+def test_without_anything_nothing_is_sent() -> None:
+    assert Credentials().metadata == ()
+    assert Credentials(token=" a-token-0123456789 ").metadata == (("authorization", "Bearer a-token-0123456789"),)
+
+
+@pytest.mark.parametrize("token", ["", "  ", "two\nlines", "schl\u00fcssel"])
+def test_a_token_that_no_header_carries_is_refused(token: str) -> None:
+    with pytest.raises(ValueError, match="printable ASCII"):
+        Credentials(token=token)
+
+
+def test_a_certificate_needs_its_key(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="need each other"):
+        Credentials(certificate=tmp_path / "client.pem")
+
+
+def test_the_first_token_of_a_file_counts(tmp_path: Path) -> None:
+    path = tmp_path / "tokens"
+    path.write_text("# old ones below\n\n  first-0123456789  \nsecond-0123456789\n")
+    assert read_token(path) == "first-0123456789"
+    path.write_text("# none\n")
+    with pytest.raises(ValueError, match="has no token"):
+        read_token(path)
+
+
+async def test_a_server_that_wants_a_certificate_gets_it(tmp_path: Path) -> None:
+    pem, key = certificate(tmp_path)
+    own, own_key = certificate(tmp_path, "client")
+    server = grpc.aio.server()
+    wanted = grpc.ssl_server_credentials([(key.read_bytes(), pem.read_bytes())], own.read_bytes(), True)
+    port = server.add_secure_port("127.0.0.1:0", wanted)
+    await server.start()
+    try:
+        for credentials, comes_in in (
+            (Credentials(ca=pem, certificate=own, key=own_key), True),
+            (Credentials(ca=pem), False),
+        ):
+            with credentials.channel(f"127.0.0.1:{port}") as channel:
+                call = channel.unary_unary("/Nobody/Nothing")
+                with pytest.raises(grpc.RpcError) as caught:
+                    await asyncio.to_thread(call, b"", timeout=30, metadata=credentials.metadata)
+                is_there = caught.value.code() is grpc.StatusCode.UNIMPLEMENTED
+                assert is_there is comes_in, caught.value
+    finally:
+        await server.stop(None)
