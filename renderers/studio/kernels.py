@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 import numpy as np
@@ -16,7 +17,7 @@ from renderers.studio.reflection import ambient_channel, reflected
 from renderers.studio.resolve import along_line, corners, cross, dot, inside, mixed, three, turned, unit
 from renderers.studio.sampling import sample
 from renderers.studio.shadows import S_COLUMNS, SI_COLUMNS, lit_part
-from renderers.studio.surroundings import LEVELS
+from renderers.studio.surroundings import IRRADIANCE_SIZE, LEVELS
 from renderers.studio.tables import (
     II_COLORS,
     II_COLUMNS,
@@ -69,7 +70,7 @@ J_LIGHT_COUNT: Final = 9
 J_SHADOW_FLOATS: Final = 10
 J_SHADOW_INTEGERS: Final = 11
 J_SHADOW_RADIUS: Final = 12
-J_HARMONICS: Final = 13
+J_IRRADIANCE: Final = 13  # 0: no surroundings
 J_LEVELS: Final = 14
 J_SPLIT: Final = 15
 J_SPLIT_SIDE: Final = 16
@@ -339,16 +340,21 @@ def _lit(job, mi, mf, base, p, v, n, flat, uv):  # type: ignore[no-untyped-def]
         red += part * light[L_COLOR] * r
         green += part * light[L_COLOR + 1] * g
         blue += part * light[L_COLOR + 2] * b
-    if job[J_HARMONICS] == 0:
+    if job[J_IRRADIANCE] == 0:
         return red, green, blue
     # The surroundings are in the world's frame.
     turn = f64_at(job[J_LENS] + 8 * 5)
     wn = turned(turn, 3, n)
     n_v = dot(n, v)
-    m = unit(turned(turn, 3, (2.0 * n_v * n[0] - v[0], 2.0 * n_v * n[1] - v[1], 2.0 * n_v * n[2] - v[2])))
+    # What a rough surface reflects comes from between the mirrored direction and the normal (Lagarde and de Rousiers,
+    # "Moving Frostbite to PBR", 2014, 4.9.3).
+    mirror = (1.0 - alpha) * (math.sqrt(1.0 - alpha) + alpha)
+    up = 1.0 - mirror + mirror * 2.0 * n_v
+    m = unit(turned(turn, 3, (up * n[0] - mirror * v[0], up * n[1] - mirror * v[1], up * n[2] - mirror * v[2])))
     n_v = min(max(n_v, 0.0), 1.0)
     scale, bias = _split(job, n_v, roughness)
-    d0, d1, d2 = _diffuse(f64_at(job[J_HARMONICS]), wn)
+    u, at = octahedral(wn[0], wn[1], wn[2]) if dot(wn, wn) > 0.0 else (0.5, 0.5)
+    d0, d1, d2 = _level(f32_at(job[J_IRRADIANCE]), IRRADIANCE_SIZE, u, at)
     s0, s1, s2 = _specular(job, m, roughness)
     kept = 1.0
     if mi[MI_OCCLUSION] >= 0:
@@ -373,29 +379,6 @@ def _split(job, n_v, roughness):  # type: ignore[no-untyped-def]
     return (
         (table[a] * wa + table[b] * wb) * (1.0 - fy) + (table[a + 2] * wa + table[b + 2] * wb) * fy,
         (table[a + 1] * wa + table[b + 1] * wb) * (1.0 - fy) + (table[a + 3] * wa + table[b + 3] * wb) * fy,
-    )
-
-
-@njit(nogil=True, error_model="numpy")
-def _diffuse(h, n):  # type: ignore[no-untyped-def]
-    """Irradiance over pi, RGB, from the harmonics in the order of ``surroundings.basis``."""
-    x, y, z = n
-    b1, b2, b3 = 0.4886025119029199 * y, 0.4886025119029199 * z, 0.4886025119029199 * x
-    b4, b5, b7 = 1.0925484305920792 * x * y, 1.0925484305920792 * y * z, 1.0925484305920792 * x * z
-    b6, b8 = 0.31539156525252005 * (3.0 * z * z - 1.0), 0.5462742152960396 * (x * x - y * y)
-    return (
-        max(_sum(h, 0, b1, b2, b3, b4, b5, b6, b7, b8), 0.0),
-        max(_sum(h, 1, b1, b2, b3, b4, b5, b6, b7, b8), 0.0),
-        max(_sum(h, 2, b1, b2, b3, b4, b5, b6, b7, b8), 0.0),
-    )
-
-
-@njit(nogil=True, error_model="numpy")
-def _sum(h, k, b1, b2, b3, b4, b5, b6, b7, b8):  # type: ignore[no-untyped-def]
-    return (
-        0.28209479177387814 * h[k]
-        + (b1 * h[3 + k] + b2 * h[6 + k] + b3 * h[9 + k])
-        + (b4 * h[12 + k] + b5 * h[15 + k] + b6 * h[18 + k] + b7 * h[21 + k] + b8 * h[24 + k])
     )
 
 

@@ -174,7 +174,7 @@ def _job(
     job[k.J_SHADOW_INTEGERS] = address_of(light.integers, np.int64)
     job[k.J_SHADOW_RADIUS] = light.rig.shadow_radius
     if light.ambient is not None:
-        job[k.J_HARMONICS] = address_of(light.ambient.harmonics, np.float64)
+        job[k.J_IRRADIANCE] = address_of(light.ambient.irradiance, np.float32)
         job[k.J_LEVELS] = address_of(light.ambient.columns, np.int64)
         job[k.J_SPLIT] = address_of(split_sum(), np.float32)
         job[k.J_SPLIT_SIDE] = split_sum().shape[0]

@@ -1,9 +1,10 @@
-"""Image-based light: the surroundings as nine harmonics for diffuse and as filtered tables for specular reflection.
+"""Image-based light: the surroundings as a table of irradiance for diffuse and as filtered tables for specular
+reflection.
 
-Sources: Ramamoorthi and Hanrahan, "An Efficient Representation for Irradiance Environment Maps" (2001), for the
-harmonics; Karis, "Real Shading in Unreal Engine 4" (2013), for the split of the specular integral into filtered
-radiance and a table of the BRDF, each filtered with the normal as the direction of view; Krivanek and Colbert, "Real-
-time Shading with Filtered Importance Sampling" (2008), for the size of what a sample stands for.
+Sources: Karis, "Real Shading in Unreal Engine 4" (2013), for the split of the specular integral into filtered radiance
+and a table of the BRDF, each filtered with the normal as the direction of view; Krivanek and Colbert, "Real-time
+Shading with Filtered Importance Sampling" (2008), for the size of what a sample stands for. Irradiance is a table and
+not nine harmonics (Ramamoorthi and Hanrahan 2001): a room with windows is a quarter off in those.
 """
 
 from __future__ import annotations
@@ -32,6 +33,8 @@ MAX_HDR_PIXELS: Final = 8192 * 4096
 _DRAWN: Final = (256, 512)
 """Size of surroundings that are not a picture."""
 _SAMPLES: Final = 128
+IRRADIANCE_SIZE: Final = 32
+"""Side of the table of irradiance, texels."""
 _SPLIT: Final = 32
 """Side of the table of the BRDF's integral, by cosine and roughness."""
 
@@ -44,43 +47,25 @@ class SurroundingsError(ValueError):
 class Ambient:
     """Surroundings ready for kernels; world frame."""
 
-    harmonics: NDArray[np.float64]
-    """(9, 3) float64: ``irradiance / pi`` is their sum times the basis of ``basis``."""
+    irradiance: NDArray[np.float32]
+    """Octahedral table with border, (IRRADIANCE_SIZE + 2, IRRADIANCE_SIZE + 2, 3) float32: irradiance / pi."""
     levels: tuple[NDArray[np.float32], ...]
     """Octahedral tables with border, (N + 2, N + 2, 3) float32 radiance, by growing roughness."""
     columns: NDArray[np.int64]
     """(LEVELS, 2) int64: address and side N of each."""
 
 
-def basis(d: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(..., 9): real spherical harmonics up to degree 2 of unit directions (..., 3), orthonormal."""
-    x, y, z = d[..., 0], d[..., 1], d[..., 2]
-    return np.stack(
-        (
-            np.full_like(x, 0.28209479177387814),
-            0.4886025119029199 * y,
-            0.4886025119029199 * z,
-            0.4886025119029199 * x,
-            1.0925484305920792 * x * y,
-            1.0925484305920792 * y * z,
-            0.31539156525252005 * (3.0 * z * z - 1.0),
-            1.0925484305920792 * x * z,
-            0.5462742152960396 * (x * x - y * y),
-        ),
-        axis=-1,
-    )
-
-
-def harmonics_of(radiance: NDArray[np.float32]) -> NDArray[np.float64]:
-    """(9, 3): harmonics of ``irradiance / pi`` of an equirectangular picture (H, W, 3)."""
-    height, width = radiance.shape[:2]
+def irradiance_of(radiance: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The table ``Ambient.irradiance`` of an equirectangular picture (H, W, 3)."""
+    # What is smaller than a degree or two does not matter under a cosine.
+    height, width = min(radiance.shape[0], 64), min(radiance.shape[1], 128)
+    small = cv2.resize(radiance, (width, height), interpolation=cv2.INTER_AREA).reshape(-1, 3)
     edges = np.cos(math.pi * np.arange(height + 1) / height)
-    area = (edges[:-1] - edges[1:]) * (2.0 * math.pi / width)
-    wide = radiance.astype(np.float64) * area[:, None, None]
-    projected: NDArray[np.float64] = np.einsum("hwk,hwc->kc", basis(equirect_directions(height, width)), wide)
-    # Convolution with the clamped cosine: pi, 2 pi / 3, pi / 4 by degree; over pi.
-    projected *= np.array((1.0,) + (2.0 / 3.0,) * 3 + (0.25,) * 5)[:, None]
-    return projected
+    area = np.repeat((edges[:-1] - edges[1:]) * (2.0 / width), width)  # over pi
+    ahead = equirect_directions(height, width).reshape(-1, 3).T
+    wide = small * area[:, None]  # in float64, so that the sums' order leaves the table as it is
+    rows = [np.maximum(normals @ ahead, 0.0) @ wide for normals in octahedral_directions(IRRADIANCE_SIZE)]
+    return with_border(np.stack(rows).astype(np.float32))
 
 
 def read_hdr(data: bytes) -> NDArray[np.float32]:
@@ -175,7 +160,7 @@ def filtered(radiance: NDArray[np.float32]) -> Ambient:
         _prefilter(texels, offsets, sizes, directions, k / (LEVELS - 1), _hammersley(1 if k == 0 else _SAMPLES), out)
         levels.append(with_border(out.reshape(size, size, 3)))
     columns = np.array([(address_of(t, np.float32), s) for t, s in zip(levels, LEVEL_SIZES, strict=True)], np.int64)
-    return Ambient(harmonics_of(radiance), tuple(levels), columns)
+    return Ambient(irradiance_of(radiance), tuple(levels), columns)
 
 
 def _hammersley(count: int) -> NDArray[np.float64]:
