@@ -19,7 +19,7 @@ from gateway.house import House
 from gateway.settings import MIB, InterfaceName, Settings
 
 if TYPE_CHECKING:
-    from gateway.ops.http import Door
+    from gateway.ops.connection import Door
     from gateway.render.records import RenderRecord
     from gateway.render.service import RenderService
     from gateway.scene.gltf import GltfLimits
@@ -67,7 +67,7 @@ def join_render(house: House) -> None:
 
 def _door(house: House, service: RenderService) -> Door:
     """Whether there is a place for a render request, by its head; a log line a second, however many are refused."""
-    from gateway.ops.http import TurnedAway
+    from gateway.ops.connection import TurnedAway
 
     path = house.settings.render_path.encode("latin-1", "replace")
     refused = house.metrics.requests.labels(house.settings.render_path, "POST", 503)

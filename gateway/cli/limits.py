@@ -42,12 +42,13 @@ CLASSES: Final[tuple[tuple[str, str, str], ...]] = (
 CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     (
         "HTTP connections",
-        "gateway.ops.http",
+        "gateway.ops.connection",
         (
-            *("MAX_CONNECTIONS", "MAX_HEAD_BYTES", "HEAD_SECONDS", "BODY_SECONDS", "KEEP_ALIVE_SECONDS"),
-            *("MAX_WEBSOCKET_BYTES", "LINGER_SECONDS", "LINGER_PAUSE", "LINGER_BYTES"),
+            *("MAX_CONNECTIONS", "MAX_HEAD_BYTES", "MAX_TARGET_BYTES", "MAX_PIPELINED", "PIECE_BYTES"),
+            *("HEAD_SECONDS", "BODY_SECONDS", "LINGER_SECONDS", "LINGER_PAUSE", "LINGER_BYTES"),
         ),
     ),
+    ("HTTP servers", "gateway.ops.http", ("KEEP_ALIVE_SECONDS", "MAX_WEBSOCKET_BYTES")),
     ("gRPC", "gateway.stereo.server", ("MAX_CALLS",)),
     ("The device's REST interface", "gateway.stereo.rest", ("MAX_BODY",)),
     ("Pictures", "renderers.images", ("MAX_PIXELS",)),

@@ -46,7 +46,8 @@ class RenderConfig:
     max_part_headers: int = 16
     """Per part; the client sends two."""
     max_header_bytes: int = 4096
-    """Of one header line of a part: a file name and some parameters."""
+    """Of one header line of a part: a file name and some parameters. Of the request's Content-Type, too: taking one of
+    64 kB apart takes 50 ms."""
     max_field_bytes: int = 1024
     """Of a text field; the longest one of the protocol is a hash of 64 characters."""
     max_pixels: int = 4096 * 4096

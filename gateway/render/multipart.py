@@ -39,6 +39,10 @@ class FormReader:
 
     def __init__(self, content_type: str, config: RenderConfig) -> None:
         """``content_type``: the request's header, with the boundary."""
+        if len(content_type) > config.max_header_bytes:
+            raise RequestError(
+                400, f"Content-Type has {len(content_type)} characters, the limit is {config.max_header_bytes}"
+            )
         kind, options = parse_options_header(content_type.encode("latin-1", "replace"))
         if kind != b"multipart/form-data":
             got = quoted(content_type) if content_type else "none"

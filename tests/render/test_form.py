@@ -195,6 +195,11 @@ def test_what_is_no_form() -> None:
     assert "inside the part 'scene'" in refused(whole[: -len(BOUNDARY) - 10])
 
 
+def test_a_long_content_type_is_not_taken_apart() -> None:
+    with pytest.raises(RequestError, match="Content-Type has 60021 characters, the limit is 4096"):
+        FormReader("multipart/form-data; " + "a=b;" * 15_000, RenderConfig())
+
+
 def test_parts_without_a_name_or_encoded_are_refused() -> None:
     head = f"--{BOUNDARY}\r\n".encode()
     assert "part 1 of the form needs Content-Disposition" in refused(closed(head + b"X: y\r\n\r\nvalue\r\n"))

@@ -1,4 +1,4 @@
-"""The HTTP server's bounds on what comes before a request's body."""
+"""The HTTP server's bounds on what comes before the application, and whom it turns away."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from contextlib import asynccontextmanager
 import pytest
 from fastapi import FastAPI, Request
 
-from gateway.ops import http
+from gateway.ops import connection, http
 
 
-def shut(method: bytes, target: bytes) -> http.TurnedAway | None:
-    return http.TurnedAway("the server is busy: so it is", 7) if (method, target) == (b"POST", b"/take") else None
+def shut(method: bytes, target: bytes) -> connection.TurnedAway | None:
+    return connection.TurnedAway("the server is busy: so it is", 7) if (method, target) == (b"POST", b"/take") else None
 
 
 @asynccontextmanager
-async def serving(door: http.Door | None = None) -> AsyncIterator[int]:
+async def serving(door: connection.Door | None = None) -> AsyncIterator[int]:
     app = FastAPI()
 
     @app.get("/hello")
@@ -26,6 +26,7 @@ async def serving(door: http.Door | None = None) -> AsyncIterator[int]:
 
     @app.post("/take")
     async def take(request: Request) -> int:
+        assert "authorization" not in request.headers
         return len(await request.body())
 
     app.state.door = door
@@ -75,7 +76,7 @@ async def test_endless_headers_are_refused() -> None:
 async def test_a_refusal_says_the_limit() -> None:
     async with serving() as port:
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
-        writer.write(b"GET /hello HTTP/1.1\r\nhost: here\r\nx-long: " + b"p" * (http.MAX_HEAD_BYTES + 1))
+        writer.write(b"GET /hello HTTP/1.1\r\nhost: here\r\nx-long: " + b"p" * (connection.MAX_HEAD_BYTES + 1))
         await writer.drain()
         await asyncio.sleep(0.05)  # the next piece has to come by itself
         writer.write(b"p")
@@ -87,7 +88,7 @@ async def test_a_refusal_says_the_limit() -> None:
 
 @pytest.mark.parametrize("start", [b"", b"GET /hello HT"], ids=["nothing", "a piece"])
 async def test_headers_that_never_end_end_the_connection(monkeypatch: pytest.MonkeyPatch, start: bytes) -> None:
-    monkeypatch.setattr(http, "HEAD_SECONDS", 0.05)
+    monkeypatch.setattr(connection, "HEAD_SECONDS", 0.05)
     async with serving() as port:
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
         writer.write(start)
@@ -97,7 +98,7 @@ async def test_headers_that_never_end_end_the_connection(monkeypatch: pytest.Mon
 
 
 async def test_a_body_that_stops_ends_the_connection(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(http, "BODY_SECONDS", 0.05)
+    monkeypatch.setattr(connection, "BODY_SECONDS", 0.05)
     async with serving() as port:
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
         writer.write(b"POST /take HTTP/1.1\r\nhost: here\r\ncontent-length: 100\r\n\r\nbegin")
@@ -107,7 +108,7 @@ async def test_a_body_that_stops_ends_the_connection(monkeypatch: pytest.MonkeyP
 
 
 async def test_connections_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(http, "MAX_CONNECTIONS", 2)
+    monkeypatch.setattr(connection, "MAX_CONNECTIONS", 2)
     async with serving() as port:
         held = [await asyncio.open_connection("127.0.0.1", port) for _ in range(2)]
         for reader, writer in held:  # they are known to the server when it has answered
@@ -149,7 +150,7 @@ async def test_who_sends_everything_before_reading_gets_the_answer_and_the_rest_
 
 
 async def test_a_body_that_is_there_already_ends_the_connection_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(http, "LINGER_PAUSE", 1000.0)
+    monkeypatch.setattr(connection, "LINGER_PAUSE", 1000.0)
     async with serving(shut) as port, asyncio.timeout(30):
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
         writer.write(b"POST /take HTTP/1.1\r\nhost: here\r\ncontent-length: 5\r\n\r\nwhole")
@@ -160,7 +161,7 @@ async def test_a_body_that_is_there_already_ends_the_connection_at_once(monkeypa
 
 @pytest.mark.parametrize("bound", ["LINGER_SECONDS", "LINGER_BYTES"])
 async def test_who_never_stops_sending_is_cut_off(monkeypatch: pytest.MonkeyPatch, bound: str) -> None:
-    monkeypatch.setattr(http, bound, 0.05 if bound == "LINGER_SECONDS" else 1 << 20)
+    monkeypatch.setattr(connection, bound, 0.05 if bound == "LINGER_SECONDS" else 1 << 20)
     async with serving(shut) as port, asyncio.timeout(30):
         _, writer = await asyncio.open_connection("127.0.0.1", port)
         writer.write(b"POST /take HTTP/1.1\r\nhost: here\r\ntransfer-encoding: chunked\r\n\r\n")
@@ -189,3 +190,78 @@ async def test_others_are_let_in_and_a_pipelined_one_waits_for_its_turn() -> Non
         assert answer.endswith(b"so it is\n")
         writer.close()
         await writer.wait_closed()
+
+
+CHUNKED = b"POST /take HTTP/1.1\r\nhost: here\r\ntransfer-encoding: chunked\r\n\r\n"
+
+
+async def test_headers_behind_the_body_are_none() -> None:
+    async with serving() as port, asyncio.timeout(30):
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(CHUNKED + b"5\r\nhello\r\n0\r\nauthorization: Bearer stolen\r\n\r\n")
+        assert (await reader.readuntil(b"\r\n\r\n5")).startswith(b"HTTP/1.1 200 OK")
+        writer.close()
+
+
+@pytest.mark.parametrize(
+    ("start", "more"),
+    [(b"5\r\nhello\r\n0\r\n", b"a: b\r\n" * 1000), (b"0\r\na: ", b"b" * 10_000), (b"5;", b"b" * 10_000)],
+    ids=["trailers", "a trailer", "an extension"],
+)
+async def test_what_stands_beside_a_chunked_body_has_an_end(start: bytes, more: bytes) -> None:
+    async with serving() as port, asyncio.timeout(30):
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(CHUNKED + start)
+        for _ in range(100):
+            writer.write(more)
+        answer = await reader.readuntil(b"\r\n\r\n")
+        assert answer.startswith(b"HTTP/1.1 431 ")
+        assert (await reader.readline()).endswith(b"is too long.\n")
+        writer.close()
+
+
+async def test_chunks_of_a_byte_come_in_pieces_that_leave_others_their_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+    sizes: list[int] = []
+    plain = connection.BoundedHttp.data_received
+
+    def data_received(self: connection.BoundedHttp, data: bytes) -> None:
+        sizes.append(len(data))
+        plain(self, data)
+
+    monkeypatch.setattr(connection.BoundedHttp, "data_received", data_received)
+    async with serving() as port, asyncio.timeout(60):
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(CHUNKED + b"1\r\nx\r\n" * 50_000 + b"0\r\n\r\n")
+        assert (await reader.readuntil(b"\r\n\r\n50000")).startswith(b"HTTP/1.1 200 OK")
+        assert max(sizes) <= connection.PIECE_BYTES
+        size = 10_000_000  # nothing in a plain body has to be looked at, so it comes in larger pieces
+        writer.write(b"POST /take HTTP/1.1\r\nhost: here\r\ncontent-length: %d\r\n\r\n" % size + b"b" * size)
+        assert (await reader.readuntil(b"\r\n\r\n10000000")).startswith(b"HTTP/1.1 200 OK")
+        assert max(sizes) > connection.PIECE_BYTES
+        writer.close()
+
+
+async def test_requests_that_wait_for_the_one_before_are_bounded() -> None:
+    get = b"GET /hello HTTP/1.1\r\nhost: here\r\n\r\n"
+    async with serving() as port, asyncio.timeout(30):
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(get * 20)
+        for _ in range(20):
+            assert (await reader.readuntil(b'"there"')).startswith(b"HTTP/1.1 200 OK")
+        writer.write(get * 1000)
+        try:
+            answers = await reader.read()
+        except ConnectionError:
+            answers = b""
+        assert answers.count(b'"there"') < 1000
+        writer.close()
+
+
+async def test_a_long_target_is_refused() -> None:
+    async with serving() as port, asyncio.timeout(30):
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(b"GET /hello?" + b"a=b&" * 3000 + b" HTTP/1.1\r\nhost: here\r\n\r\n")
+        answer = await reader.read()
+        assert answer.startswith(b"HTTP/1.1 414 URI Too Long")
+        assert b"longer than 8192 bytes" in answer
+        writer.close()

@@ -1,0 +1,272 @@
+"""One HTTP connection: bounds on everything that comes before the application, and turning away without asking it."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ClassVar, Final
+
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
+
+MAX_HEAD_BYTES: Final = 64 << 10
+"""Request line and headers; Drake's client sends 200 bytes, browsers a few thousand. The parser has no bound. The same
+for what stands between two chunks of a body, and behind the last."""
+MAX_TARGET_BYTES: Final = 8 << 10
+"""Of the request line's target: RFC 9110 wants 8000 at least, and a query of 64 kB takes 20 ms to take apart."""
+MAX_PIPELINED: Final = 64
+"""Requests of a connection that wait for the one before; with more the connection ends."""
+PIECE_BYTES: Final = 16 << 10
+"""Read at a time of heads and chunked bodies: they can hold a request in 20 bytes and a chunk in 6, and each takes the
+event loop microseconds. Plain bodies come in pieces of 256 kB."""
+HEAD_SECONDS: Final = 30.0
+"""Time for them to arrive whole; a connection that sends nothing after connecting ends as well."""
+BODY_SECONDS: Final = 90.0
+"""Without a byte of a body that is not complete; what the gateway itself does not read for now does not count. The
+render endpoint asks earlier, with a sentence."""
+MAX_CONNECTIONS: Final = 8192
+"""HTTP and WebSocket connections of one port; beyond it 503 at once. Each takes a descriptor and some 20 kB."""
+LINGER_SECONDS: Final = 5.0
+"""For a client that was turned away in the middle of its body to read why: what it sends is thrown away."""
+LINGER_PAUSE: Final = 0.1
+"""Of them without reading: a client that looks for answers while it sends has left by then, and need not send more."""
+LINGER_BYTES: Final = 64 << 20
+"""Thrown away of one such body; then the connection ends."""
+
+
+@dataclass(frozen=True, slots=True)
+class TurnedAway:
+    """The answer to a request that there is no place for: 503."""
+
+    sentence: str
+    retry_after: int
+    """Seconds."""
+
+
+Door = Callable[[bytes, bytes], TurnedAway | None]
+"""Asked with method and target of every request that has a body, when its head has arrived; must return at once."""
+
+
+class BoundedHttp(HttpToolsProtocol):
+    """Bounds what comes before the application, and turns away by ``app.state.door`` without asking the application.
+
+    Headers without end are refused (431), connections whose headers never come to an end are ended. Turning away where
+    the head is read costs a tenth of an answer of the application, so that those who are let in do not notice it.
+    """
+
+    _deaf = False
+    """Whatever still comes is thrown away."""
+    _beside_body = 0
+    _lingered = 0
+    _linger_timer: asyncio.TimerHandle | None = None
+    _head_bytes = 0
+    _in_head = True
+    _encoding = b""
+    """Transfer-Encoding of the request that arrives."""
+    _head_timer: asyncio.TimerHandle | None = None
+    _body_timer: asyncio.TimerHandle | None = None
+    _received = 0
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]  # uvicorn names it narrower
+        """Starts the clock of the first request."""
+        super().connection_made(transport)
+        if len(self.connections) > MAX_CONNECTIONS:
+            self._refuse(503, "Service Unavailable", f"There are {MAX_CONNECTIONS} connections already.")
+            self.transport.close()
+            return
+        self._head_timer = self.loop.call_later(HEAD_SECONDS, self._too_late)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Stops the clocks."""
+        self._stop_timer()
+        self._stop_body_timer()
+        if self._linger_timer is not None:
+            self._linger_timer.cancel()
+        super().connection_lost(exc)
+
+    @property
+    def plain(self) -> bool:
+        """Whether nothing but bytes of a body can come now, none of which is looked at."""
+        return self._deaf or (not self._in_head and b"chunked" not in self._encoding)
+
+    def data_received(self, data: bytes) -> None:
+        """Counts while the head is not complete; what a head shares a piece with is the body's business."""
+        if self._deaf:
+            self._lingered += len(data)
+            if self._lingered > LINGER_BYTES:
+                self.transport.close()
+            return
+        if not self._in_head:
+            self._beside_body += len(data)
+            if self._beside_body > MAX_HEAD_BYTES + len(data):
+                self._refuse(431, "Request Header Fields Too Large", "What is beside the body's chunks is too long.")
+                return
+        self._received += 1
+        if self._in_head and self._head_bytes > MAX_HEAD_BYTES:
+            self._refuse(431, "Request Header Fields Too Large", f"The headers are longer than {MAX_HEAD_BYTES} bytes.")
+            return
+        if self._in_head:
+            self._head_bytes += len(data)
+        super().data_received(data)
+
+    def on_message_begin(self) -> None:
+        """A request starts; one on a kept connection gets a clock of its own."""
+        if self._deaf:
+            return
+        self._encoding = b""
+        super().on_message_begin()
+        if self._head_timer is None:
+            self._head_timer = self.loop.call_later(HEAD_SECONDS, self._too_late)
+
+    def on_header(self, name: bytes, value: bytes) -> None:
+        """A header. One behind a chunked body is none: whoever checked the head has not seen it."""
+        if not self._in_head or self._deaf:
+            return
+        if name.lower() == b"transfer-encoding":
+            self._encoding += value.lower()
+        super().on_header(name, value)
+
+    def on_headers_complete(self) -> None:
+        """The head has arrived whole."""
+        self._in_head = False
+        self._head_bytes = 0
+        self._stop_timer()
+        if self._deaf or self._turn_away():
+            return
+        if len(self.url) > MAX_TARGET_BYTES:
+            self._refuse(414, "URI Too Long", f"The path with its query is longer than {MAX_TARGET_BYTES} bytes.")
+            return
+        if len(self.pipeline) >= MAX_PIPELINED:
+            self._deaf = True
+            self.transport.abort()
+            return
+        super().on_headers_complete()
+        self._watch_body()
+
+    def on_body(self, body: bytes) -> None:
+        """What belongs to a request that was turned away is nobody's."""
+        self._beside_body = 0
+        if not self._deaf:
+            super().on_body(body)
+
+    def on_message_complete(self) -> None:
+        """The next thing on this connection is a head again."""
+        self._beside_body = 0
+        if self._deaf:
+            self.transport.close()  # nothing is unread, so the answer arrives
+            return
+        self._in_head = True
+        self._stop_body_timer()
+        super().on_message_complete()
+
+    def _turn_away(self) -> bool:
+        """Whether the door is shut for the request whose head has arrived; then it has been told so."""
+        if self.cycle is not None and not self.cycle.response_complete:
+            return False  # the answer to the one before comes first; the application refuses this one in its turn
+        door: Door | None = getattr(self.config.app.state, "door", None)  # type: ignore[union-attr]  # a FastAPI
+        if door is None or (turned_away := door(self.parser.get_method(), self.url)) is None:
+            return False
+        self._refuse(
+            503, "Service Unavailable", turned_away.sentence, f"retry-after: {turned_away.retry_after}\r\n".encode()
+        )
+        return True
+
+    def _linger(self) -> None:
+        self._linger_timer = self.loop.call_later(LINGER_SECONDS, self.transport.close)
+        self.flow.resume_reading()
+
+    def _stop_timer(self) -> None:
+        if self._head_timer is not None:
+            self._head_timer.cancel()
+            self._head_timer = None
+
+    def _watch_body(self) -> None:
+        self._stop_body_timer()
+        self._body_timer = self.loop.call_later(BODY_SECONDS, self._look_at_body, self._received)
+
+    def _look_at_body(self, received: int) -> None:
+        self._body_timer = None
+        if self._received == received and not self.flow.read_paused:
+            self._too_late()
+        else:
+            self._watch_body()
+
+    def _stop_body_timer(self) -> None:
+        if self._body_timer is not None:
+            self._body_timer.cancel()
+            self._body_timer = None
+
+    def _too_late(self) -> None:
+        self._head_timer = None
+        if not self.transport.is_closing():
+            self.transport.close()
+
+    def _refuse(self, status: int, phrase: str, sentence: str, headers: bytes = b"") -> None:
+        """Answers, throws away what still comes for a while, and ends the connection."""
+        self._deaf = True
+        self._unset_keepalive_if_required()
+        if self.transport.is_closing():
+            return
+        if self.cycle is not None and not self.cycle.response_complete:
+            self.cycle.disconnected = True
+            self.cycle.message_event.set()
+            if self.cycle.response_started or self.cycle.scope is not self.scope:
+                self.transport.abort()  # it would stand in another answer, or before it
+                return
+        body = (sentence + "\n").encode()
+        head = f"HTTP/1.1 {status} {phrase}\r\ncontent-type: text/plain; charset=utf-8\r\nconnection: close\r\n"
+        self.transport.write(head.encode() + headers + b"content-length: %d\r\n\r\n" % len(body) + body)
+        # Closing now would have the system answer what is still coming with a reset, which can overtake the sentence.
+        self._linger_timer = self.loop.call_later(LINGER_PAUSE, self._linger)
+        self.flow.pause_reading()
+
+
+class PacedHttp(asyncio.BufferedProtocol):
+    """Hands what comes to a ``BoundedHttp`` in pieces that do not hold the event loop."""
+
+    _scratch: ClassVar = memoryview(bytearray(256 << 10))
+    """What was just received, of any connection: it is copied before anything else can happen."""
+
+    def __init__(self, **given: Any) -> None:
+        """As uvicorn makes its protocols."""
+        self._http = BoundedHttp(**given)
+        self._transport: asyncio.Transport | None = None
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]  # it is one
+        """A client has come."""
+        self._transport = transport
+        self._http.connection_made(transport)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """It has gone."""
+        self._transport = None
+        self._http.connection_lost(exc)
+
+    def pause_writing(self) -> None:
+        """It does not read."""
+        self._http.pause_writing()
+
+    def resume_writing(self) -> None:
+        """It reads again."""
+        self._http.resume_writing()
+
+    def get_buffer(self, sizehint: int) -> memoryview:
+        """Where the next piece goes."""
+        return self._scratch if self._http.plain else self._scratch[:PIECE_BYTES]
+
+    def buffer_updated(self, nbytes: int) -> None:
+        """A piece has come. After a full small one others have their turn: libuv would read on 32 times."""
+        in_turn = nbytes == PIECE_BYTES
+        self._http.data_received(bytes(self._scratch[:nbytes]))
+        if in_turn and self._may_read():
+            assert self._transport is not None
+            self._transport.pause_reading()
+            self._http.loop.call_soon(self._read_on)
+
+    def _read_on(self) -> None:
+        if self._may_read():
+            assert self._transport is not None
+            self._transport.resume_reading()
+
+    def _may_read(self) -> bool:
+        return self._transport is not None and not self._transport.is_closing() and not self._http.flow.read_paused
