@@ -14,6 +14,7 @@ _STUDIO: Final = "renderers.studio"
 def _compile(wanted: Callable[[str], bool]) -> None:
     """The rasterizer's kernels whose module is wanted."""
     import renderers.cpu
+    import renderers.encode
     import renderers.fxaa  # noqa: F401 - they register their kernels
     from renderers.jit import KERNELS, compile_kernel
 

@@ -1,0 +1,356 @@
+"""Filtered rows of a picture as blocks of deflate (RFC 1951): repetitions of the pixel to the left, and the rest by
+Huffman codes made for each block.
+
+Rendered pictures are flat: filtered with Up, most pixels equal the one to their left. Only such repetitions are looked
+for, eight bytes at a time; what does not repeat is counted and packed four symbols at a time. Several times faster than
+a search for strings in a window, and on depth pictures, whose low bytes are noise, as small.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+from numba import njit
+
+from renderers.encode.huffman import assign_codes, code_lengths
+from renderers.jit import kernel
+from renderers.pointers import i64_at, u8_at, u32_at
+from renderers.words import load_word, low_zeros, store_word
+
+PADDING: Final = 64
+"""Bytes after the filtered rows that may be read, and after the output that may be written."""
+TABLES: Final = 17440
+"""Bytes of the work area that hold tables; behind them are 16 for every repetition, of at least 8 bytes each."""
+
+_SYMBOLS: Final = 288
+_END: Final = 256
+LOW: Final = np.uint64(255)
+_NOTHING: Final = 287
+"""A symbol that never occurs: of no length."""
+_LONGEST: Final = 258
+_LIMIT: Final = 12
+"""Bits of the longest literal code: four of them fit a word, behind the seven bits that may wait."""
+_ORDER: Final = (16, 17, 18, 0, 8, 7, 9, 6, 10, 5, 11, 4, 12, 3, 13, 2, 14, 1, 15)
+"""Of the code lengths' code lengths (section 3.2.7)."""
+_ORDER_ARRAY: Final = np.array(_ORDER, np.int64)
+
+
+def _length_symbols() -> Any:
+    """(259,) int64: symbol | extra bits << 16 | their value << 32 of each length (section 3.2.5)."""
+    table = np.full(259, _NOTHING, np.int64)
+    base, extra = 3, 0
+    for symbol in range(257, 285):
+        extra = max(0, (symbol - 261) // 4)
+        for offset in range(1 << extra):
+            table[base + offset] = symbol | extra << 16 | offset << 32
+        base += 1 << extra
+    table[_LONGEST] = 285
+    return table
+
+
+_LENGTHS: Final = _length_symbols()
+
+# Tables in the work area, bytes from its start.
+_COUNTS: Final = 0
+"""int64: four times 256 of literals (one would wait for itself), then the code lengths' tokens."""
+_TOTALS: Final = 8192
+"""int64, 288: of the block's symbols."""
+_HEAP: Final = 10496
+"""int64, 640."""
+_CODE_LENGTHS: Final = 15616
+"""Bytes, 320: of the literals, then of the distances."""
+_CODES: Final = 15936
+"""uint32, 288."""
+_META_COUNTS: Final = 17088
+"""int64, 24: of the code lengths."""
+_META_LENGTHS: Final = 17280
+"""Bytes, 32."""
+_META_CODES: Final = 17312
+"""uint32, 24."""
+_STATE: Final = 17408
+"""int64, 3: bits that wait, how many, and where in the output they go."""
+
+
+@njit(inline="never", error_model="numpy")
+def _filter(pixels: Any, above: Any, has_above: int, rows: int, row_bytes: int, swap: int, filtered: Any) -> None:
+    """Each byte minus the one above, behind the filter's number; of 16-bit samples the high byte first."""
+    for row in range(rows):
+        begin = row * (row_bytes + 1)
+        filtered[begin] = 2
+        begin += 1
+        here = row * row_bytes
+        if row == 0 and not has_above:
+            if swap:
+                for j in range(row_bytes >> 1):
+                    filtered[begin + 2 * j] = pixels[2 * j + 1]
+                    filtered[begin + 2 * j + 1] = pixels[2 * j]
+            else:
+                for j in range(row_bytes):
+                    filtered[begin + j] = pixels[j]
+        elif swap:
+            for j in range(row_bytes >> 1):
+                filtered[begin + 2 * j] = np.uint8(pixels[here + 2 * j + 1] - above[here + 2 * j + 1])
+                filtered[begin + 2 * j + 1] = np.uint8(pixels[here + 2 * j] - above[here + 2 * j])
+        else:
+            for j in range(row_bytes):
+                filtered[begin + j] = np.uint8(pixels[here + j] - above[here + j])
+
+
+@njit(inline="always", error_model="numpy")
+def _pieces(length: int) -> tuple[int, int, int]:
+    """A repetition as so many of the longest, and up to two others of 3 .. 257 (0: none)."""
+    whole, rest = length // _LONGEST, length % _LONGEST
+    if rest == 0 or rest >= 3:
+        return whole, rest, 0
+    return whole - 1, 256, rest + 2
+
+
+@njit(inline="never", error_model="numpy")
+def _find_runs(f: Any, total: int, pixel: int, work: int) -> int:
+    """Counts symbols; gives how many repetitions there are, whose starts and lengths follow the tables.
+
+    A word is taken whole, as literals, or begins a repetition: looking for the byte where one begins would cost more
+    time (mispredicted branches) than it saves bytes.
+    """
+    counts, totals, runs = i64_at(work + _COUNTS), i64_at(work + _TOTALS), i64_at(work + TABLES)
+    symbols = _LENGTHS
+    found = 0
+    for s in range(_SYMBOLS):
+        totals[s] = 0
+    for s in range(4 * 256):
+        counts[s] = 0
+    i = min(8, total)
+    for k in range(i):
+        counts[f[k]] += 1
+    while i + 8 <= total:
+        if load_word(f, i) != load_word(f, i - pixel):
+            word = load_word(f, i)
+            for k in range(8):
+                counts[((k & 3) << 8) + np.int64(word & np.uint64(255))] += 1
+                word >>= np.uint64(8)
+            i += 8
+            continue
+        j = i + 8
+        while j < total:
+            a = load_word(f, j) ^ load_word(f, j - pixel)
+            b = load_word(f, j + 8) ^ load_word(f, j + 8 - pixel)
+            c = load_word(f, j + 16) ^ load_word(f, j + 16 - pixel)
+            d = load_word(f, j + 24) ^ load_word(f, j + 24 - pixel)
+            if (a | b) | (c | d) == 0:
+                j += 32
+                continue
+            # Without branches, which would be guessed wrongly as often as not.
+            a, j = (a, j) if a != 0 else (b, j + 8)
+            a, j = (a, j) if a != 0 else (c, j + 8)
+            a, j = (a, j) if a != 0 else (d, j + 8)
+            j += low_zeros(a) >> 3
+            break
+        j = min(j, total)
+        runs[2 * found] = i
+        runs[2 * found + 1] = j - i
+        found += 1
+        whole, first, last = _pieces(j - i)
+        totals[285] += whole
+        totals[symbols[first] & 0xFFFF] += 1
+        totals[symbols[last] & 0xFFFF] += 1
+        i = j
+    while i < total:
+        counts[f[i]] += 1
+        i += 1
+    for s in range(256):
+        totals[s] = counts[s] + counts[256 + s] + counts[512 + s] + counts[768 + s]
+    totals[_END] = 1
+    totals[_NOTHING] = 0
+    return found
+
+
+@njit(inline="always", error_model="numpy")
+def _put(out: Any, state: Any, value: Any, bits: Any) -> None:
+    """Appends up to 32 bits."""
+    word = np.uint64(state[0]) | (np.uint64(value) << np.uint64(state[1]))
+    store_word(out, state[2], word)
+    total = state[1] + bits
+    state[0] = np.int64(word >> np.uint64(total & ~7))
+    state[1] = total & 7
+    state[2] += total >> 3
+
+
+@njit(inline="never", error_model="numpy")
+def _code_lengths(out: Any, literals: int, distances: int, work: int) -> None:
+    """The block's header: its codes' lengths, coded themselves (section 3.2.7)."""
+    state, lengths, order = i64_at(work + _STATE), u8_at(work + _CODE_LENGTHS), _ORDER_ARRAY
+    tokens, counts = i64_at(work + _COUNTS), i64_at(work + _META_COUNTS)  # symbol | extra bits << 8 | value << 16
+    meta, codes = u8_at(work + _META_LENGTHS), u32_at(work + _META_CODES)
+    for i in range(19):
+        counts[i] = 0
+    number = i = 0
+    while i < literals + distances:
+        value = np.int64(lengths[i])
+        length = 1
+        while i + length < literals + distances and lengths[i + length] == value:
+            length += 1
+        i += length
+        if value != 0:
+            tokens[number] = value
+            counts[value] += 1
+            number += 1
+            length -= 1
+        while length >= 3:
+            if value != 0:
+                step = min(length, 6)
+                symbol, extra, base = 16, 2, 3
+            elif length < 11:
+                step = length
+                symbol, extra, base = 17, 3, 3
+            else:
+                step = min(length, 138)
+                symbol, extra, base = 18, 7, 11
+            tokens[number] = symbol | extra << 8 | (step - base) << 16
+            counts[symbol] += 1
+            number += 1
+            length -= step
+        for _ in range(length):
+            tokens[number] = value
+            counts[value] += 1
+            number += 1
+    code_lengths(counts, 19, 7, meta, i64_at(work + _HEAP))
+    assign_codes(meta, 19, codes, i64_at(work + _HEAP))
+    last = 19
+    while last > 4 and meta[order[last - 1]] == 0:
+        last -= 1
+    _put(out, state, literals - 257, 5)
+    _put(out, state, distances - 1, 5)
+    _put(out, state, last - 4, 4)
+    for k in range(last):
+        _put(out, state, np.int64(meta[order[k]]), 3)
+    for k in range(number):
+        token = tokens[k]
+        code = np.int64(codes[token & 255])
+        _put(out, state, code & 0xFFFF, code >> 16)
+        _put(out, state, token >> 16, (token >> 8) & 255)
+
+
+@njit(inline="never", error_model="numpy")
+def _symbols(f: Any, total: int, pixel: int, runs: int, out: Any, work: int) -> None:
+    """The block's literals and repetitions, and its end."""
+    state, codes, table = i64_at(work + _STATE), u32_at(work + _CODES), i64_at(work + TABLES)
+    symbols = _LENGTHS
+    word, bits, place = np.uint64(state[0]), state[1], state[2]
+    distance = np.uint64(1 if pixel > 1 else 0)  # the second of two codes of one bit, but for distance 1
+    longest = np.int64(codes[285])
+    repeat = np.uint64(longest & 0xFFFF) | distance << np.uint64(longest >> 16)
+    repeat_bits = (longest >> 16) + 1
+    i = 0
+    for run in range(runs + 1):
+        start = table[2 * run] if run < runs else total
+        while i + 8 <= start:
+            eight = load_word(f, i)
+            i += 8
+            for _ in range(2):
+                a, b = codes[eight & LOW], codes[(eight >> np.uint64(8)) & LOW]
+                c, d = codes[(eight >> np.uint64(16)) & LOW], codes[(eight >> np.uint64(24)) & LOW]
+                eight >>= np.uint64(32)
+                first_bits, second_bits = np.uint64(a >> 16), np.uint64(c >> 16)
+                left = np.uint64(a & 0xFFFF) | np.uint64(b & 0xFFFF) << first_bits
+                right = np.uint64(c & 0xFFFF) | np.uint64(d & 0xFFFF) << second_bits
+                first_bits += np.uint64(b >> 16)
+                second_bits += np.uint64(d >> 16)
+                word |= (left | right << first_bits) << np.uint64(bits)
+                bits += np.int64(first_bits + second_bits)
+                store_word(out, place, word)
+                place += bits >> 3
+                word >>= np.uint64(bits & ~7)
+                bits &= 7
+        while i < start:  # the last few of the block: all others come in eights
+            a = codes[f[i]]
+            i += 1
+            word |= np.uint64(a & 0xFFFF) << np.uint64(bits)
+            bits += np.int64(a >> 16)
+            store_word(out, place, word)
+            place += bits >> 3
+            word >>= np.uint64(bits & ~7)
+            bits &= 7
+        if run == runs:
+            break
+        length = table[2 * run + 1]
+        i += length
+        whole, first, last = _pieces(length)
+        for _ in range(whole):
+            word |= repeat << np.uint64(bits)
+            bits += repeat_bits
+            store_word(out, place, word)
+            place += bits >> 3
+            word >>= np.uint64(bits & ~7)
+            bits &= 7
+        for part in range(2):
+            size = first if part == 0 else last
+            if size:
+                entry = symbols[size]
+                a = np.int64(codes[entry & 0xFFFF])
+                word |= np.uint64(a & 0xFFFF) << np.uint64(bits)
+                bits += a >> 16
+                word |= np.uint64(entry >> 32) << np.uint64(bits)
+                bits += (entry >> 16) & 0xFFFF
+                word |= distance << np.uint64(bits)
+                bits += 1
+                store_word(out, place, word)
+                place += bits >> 3
+                word >>= np.uint64(bits & ~7)
+                bits &= 7
+    a = np.int64(codes[_END])
+    word |= np.uint64(a & 0xFFFF) << np.uint64(bits)
+    bits += a >> 16
+    store_word(out, place, word)
+    state[0], state[1], state[2] = np.int64(word >> np.uint64(bits & ~7)), bits & 7, place + (bits >> 3)
+
+
+@kernel("int64(int64,int64,int64,int64,int64,int64,int64,int64,int64,int64,int64)")
+def deflate_rows(
+    pixels: int,
+    above: int,
+    rows: int,
+    row_bytes: int,
+    pixel: int,
+    swap: int,
+    filtered: int,
+    work: int,
+    out: int,
+    bit: int,
+    final: int,
+) -> int:
+    """Filters rows with Up and appends them as one block.
+
+    Args:
+        pixels: address of ``rows * row_bytes`` bytes.
+        above: address of the row above the first one; 0: there is none.
+        pixel: bytes to the left at which repetitions are looked for, 1 .. 4.
+        swap: 1: 16-bit samples, little endian; the file has the high byte first.
+        filtered: address of ``rows * (row_bytes + 1) + PADDING`` bytes, out: what was deflated, for its checksum.
+        work: address of ``TABLES`` and twice as many bytes as are filtered, 8-byte aligned, overwritten.
+        out: address of the output; one and a half times as many bytes as are filtered and ``PADDING`` twice over
+            suffice after the place in it.
+        bit: where to append, in bits from ``out``.
+        final: 1: the stream ends with this block, the rest of its last byte is zero.
+
+    Returns:
+        Where the next block goes, in bits.
+    """
+    f, o = u8_at(filtered), u8_at(out)
+    total = rows * (row_bytes + 1)
+    _filter(u8_at(pixels), u8_at(pixels - row_bytes), above, rows, row_bytes, swap, f)
+    state, lengths, codes = i64_at(work + _STATE), u8_at(work + _CODE_LENGTHS), u32_at(work + _CODES)
+    state[0] = np.int64(o[bit >> 3]) & ((1 << (bit & 7)) - 1)
+    state[1], state[2] = bit & 7, bit >> 3
+    runs = _find_runs(f, total, pixel, work)
+    literals = code_lengths(i64_at(work + _TOTALS), _SYMBOLS, _LIMIT, lengths, i64_at(work + _HEAP))
+    assign_codes(lengths, literals, codes, i64_at(work + _HEAP))
+    distances = max(2, pixel)
+    for d in range(distances):
+        lengths[literals + d] = np.uint8(d == 0 or d == distances - 1)
+    _put(o, state, final | 2 << 1, 3)
+    _code_lengths(o, literals, distances, work)
+    _symbols(f, total, pixel, runs, o, work)
+    _put(o, state, 0, 0)
+    end: int = 8 * state[2] + state[1]
+    return (end + 7) & ~7 if final else end
