@@ -19,10 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.demo import Demo
-from gateway.scene.cameras import parse_camera, resolve_camera
+from gateway.scene.cameras import parse_camera
 from gateway.scene.flatten import flatten
 from gateway.scene.live import LiveTree
 from gateway.scene.tree import Node
+from gateway.scene.viewpoints import resolve_camera
 from renderers.camera import Camera
 from renderers.cpu import CpuRenderer, warmup
 from renderers.drawlist import (

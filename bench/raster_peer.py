@@ -1,6 +1,6 @@
 """The frames of ``raster.py`` drawn by another renderer, in a process of its own that ``raster.py`` starts.
 
-    python bench/raster_peer.py moderngl|vtk|panda3d
+    python bench/raster_peer.py moderngl|vtk|panda3d|moderngl-4|vtk-8|vtk-pbr
 
 Reads commands from standard input, a line each: ``load FILE WIDTH HEIGHT`` (a scene as ``raster.py`` writes it) and
 ``draw FRAME``, which draws, reads everything back into arrays and answers with milliseconds, wall and CPU of all
@@ -117,12 +117,35 @@ class ModernGl(Peer):
             self.program["base"] = color
             self.program["label"] = label
             mesh.render()
+        self._read()
+
+    def _read(self) -> None:
         for texture, picture in zip(self.targets, self.pictures, strict=True):
             texture.read_into(picture, alignment=1)
 
 
+class ModernGl4(ModernGl):
+    """Colour only, 4 samples a pixel, resolved and read back."""
+
+    def load(self, scene: Any, width: int, height: int) -> None:
+        super().load(scene, width, height)
+        size, context = (width, height), self.context
+        del self.targets[1:], self.pictures[1:]
+        self.single = context.framebuffer(self.targets)
+        self.buffer = context.framebuffer(
+            [context.renderbuffer(size, 3, samples=4)], context.depth_renderbuffer(size, samples=4)
+        )
+
+    def _read(self) -> None:
+        self.context.copy_framebuffer(self.single, self.buffer)
+        super()._read()
+
+
 class Vtk(Peer):
     """One off-screen window: a lit pass with its depth buffer, then a flat pass of label colours."""
+
+    SAMPLES = 0
+    PBR = False
 
     def __init__(self) -> None:
         import vtk
@@ -132,7 +155,7 @@ class Vtk(Peer):
         self.support: Any = numpy_support
         self.window = vtk.vtkRenderWindow()
         self.window.SetOffScreenRendering(1)
-        self.window.SetMultiSamples(0)
+        self.window.SetMultiSamples(self.SAMPLES)
         self.renderer: Any = None
 
     def load(self, scene: Any, width: int, height: int) -> None:
@@ -174,10 +197,15 @@ class Vtk(Peer):
             matrix.DeepCopy(X.ravel())
             actor.SetUserMatrix(matrix)
             p = actor.GetProperty()
-            p.SetInterpolationToPhong()
-            p.SetAmbient(0.0)
-            p.SetDiffuse(1.0)
-            p.SetSpecular(0.0)
+            if self.PBR:
+                p.SetInterpolationToPBR()
+                p.SetMetallic(0.0)
+                p.SetRoughness(0.5)
+            else:
+                p.SetInterpolationToPhong()
+                p.SetAmbient(0.0)
+                p.SetDiffuse(1.0)
+                p.SetSpecular(0.0)
             p.BackfaceCullingOn()
             texture = None
             if "texture" in scene:
@@ -199,12 +227,16 @@ class Vtk(Peer):
         self.colors = vtk.vtkUnsignedCharArray()
         self.labels = vtk.vtkUnsignedCharArray()
 
-    def draw(self, frame: int) -> None:
+    def look(self, frame: int) -> tuple[int, int]:
+        """Moves the camera; the last column and row."""
         eye = camera(frame)
         view = self.renderer.GetActiveCamera()
         view.SetPosition(*eye)
         view.SetFocalPoint(eye[0], eye[1], eye[2] + 1)
-        right, top = self.size[0] - 1, self.size[1] - 1
+        return self.size[0] - 1, self.size[1] - 1
+
+    def draw(self, frame: int) -> None:
+        right, top = self.look(frame)
         for lit, out in ((True, self.colors), (False, self.labels)):
             for actor, texture, color, name in self.actors:
                 actor.GetProperty().SetColor(*(color if lit else name))
@@ -217,6 +249,30 @@ class Vtk(Peer):
                 self.window.GetZbufferData(0, 0, right, top, self.depth)
         z = self.support.vtk_to_numpy(self.depth)
         np.divide(NEAR * FAR, FAR - z * (FAR - NEAR), dtype=np.float32)  # metres
+
+
+class VtkPbr(Vtk):
+    """Colour only, physically based shading."""
+
+    PBR = True
+
+    def load(self, scene: Any, width: int, height: int) -> None:
+        super().load(scene, width, height)
+        for actor, texture, color, _ in self.actors:
+            actor.GetProperty().SetColor(*color)
+            actor.SetTexture(texture)
+
+    def draw(self, frame: int) -> None:
+        right, top = self.look(frame)
+        self.window.Render()
+        self.window.GetPixelData(0, 0, right, top, 0, self.colors, 0)
+
+
+class Vtk8(VtkPbr):
+    """Colour only, 8 samples a pixel."""
+
+    SAMPLES = 8
+    PBR = False
 
 
 class Panda(Peer):
@@ -301,7 +357,14 @@ class Panda(Peer):
         np.frombuffer(memoryview(self.texture.get_ram_image()), np.uint8)
 
 
-PEERS = {"moderngl": ModernGl, "vtk": Vtk, "panda3d": Panda}
+PEERS = {
+    "moderngl": ModernGl,
+    "moderngl-4": ModernGl4,
+    "vtk": Vtk,
+    "vtk-8": Vtk8,
+    "vtk-pbr": VtkPbr,
+    "panda3d": Panda,
+}
 
 
 def main() -> None:

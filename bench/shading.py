@@ -1,28 +1,33 @@
 """Shading: nanoseconds a visible pixel by feature, and whole frames against VTK and llvmpipe with multisampling.
 
-    python -m bench.shading [THREADS]
+    python -m bench.shading [--peers PYTHON] [--threads 2] [--frames 11]
 
 First, one thread on a screen full of one sphere: what each step of the studio look adds, and Drake's looks beside it
 (medians of CPU time, divided by the pixels that are covered). Then whole frames of a hundred and one objects, colour
 read back, in turn: VTK's physically based shading, VTK with 8 samples and llvmpipe through OpenGL with 4 samples,
-against ours with the same number of samples. VTK and moderngl are peers: what is not installed is left out. Columns are
-medians in ms, wall and CPU of all threads; ``ratio`` is theirs over ours.
+against ours with the same number of samples. Each peer is a process of its own (``raster_peer.py``); PYTHON is an
+interpreter that has vtk, moderngl runs in this one. Figures are medians in ms, wall and CPU of all threads; ``ratio``
+is theirs over ours, wall/CPU.
 """
 
 from __future__ import annotations
 
+import argparse
 import statistics
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from bench.gallery import checks, dents, sphere
-from bench.raster import scenes, view
+from bench.raster import SIZES, WARM, Process, scenes, view, write
+from bench.table import Row, at_least, show, skipped
 from renderers.camera import Camera
 from renderers.cpu import CpuRenderer, warmup
 from renderers.drawlist import DrawList, Instance, Light, LightKind, Material, Sampler, Texture
@@ -32,6 +37,8 @@ from renderers.studio.rig import STUDIO, Rig
 FRAMES = 11
 DARK = Rig(surroundings=None, shadow_size=0)
 KEY = STUDIO.lights
+Times = tuple[float, float]
+"""Wall and CPU, ms."""
 POINT = (Light(LightKind.POINT, intensity=10.0, position=(0.0, -1.0, -2.0)),)
 
 
@@ -95,123 +102,65 @@ def features() -> None:
         print(f"{name:30}  {cpu:7.2f}  {1e6 * cpu / pixels:7.1f}")
 
 
-class Vtk:
-    """A scene in VTK, offscreen."""
-
-    def __init__(self, scene: DrawList, camera: Camera, samples: int, pbr: bool) -> None:
-        import vtk  # type: ignore[import-not-found, unused-ignore]  # a peer's interpreter has it
-        from vtk.util import numpy_support as convert  # type: ignore[import-not-found, unused-ignore]
-
-        self._window = window = vtk.vtkRenderWindow()
-        window.SetOffScreenRendering(1)
-        window.SetMultiSamples(samples)
-        window.SetSize(camera.width, camera.height)
-        renderer = vtk.vtkRenderer()
-        window.AddRenderer(renderer)
-        self._image = vtk.vtkWindowToImageFilter()
-        self._image.SetInput(window)
-        self._image.ReadFrontBufferOff()
-        self._image.ShouldRerenderOff()
-        self._convert = convert
-        for instance in scene.instances:
-            mesh = instance.mesh
-            data = vtk.vtkPolyData()
-            points = vtk.vtkPoints()
-            points.SetData(convert.numpy_to_vtk(mesh.positions, deep=1))
-            data.SetPoints(points)
-            cells = vtk.vtkCellArray()
-            flat = np.hstack((np.full((len(mesh.elements), 1), 3), mesh.elements)).astype(np.int64).ravel()
-            cells.SetCells(len(mesh.elements), convert.numpy_to_vtkIdTypeArray(flat, deep=1))
-            data.SetPolys(cells)
-            data.GetPointData().SetNormals(convert.numpy_to_vtk(mesh.normals, deep=1))
-            mapper = vtk.vtkPolyDataMapper()
-            mapper.SetInputData(data)
-            actor = vtk.vtkActor()
-            actor.SetMapper(mapper)
-            matrix = vtk.vtkMatrix4x4()
-            matrix.DeepCopy(instance.X_world_mesh.ravel().tolist())
-            actor.SetUserMatrix(matrix)
-            if pbr:
-                actor.GetProperty().SetInterpolationToPBR()
-            actor.GetProperty().SetColor(*instance.material.base_color[:3])
-            renderer.AddActor(actor)
-        self._camera = renderer.GetActiveCamera()
-        X = camera.X_world_camera
-        self._camera.SetPosition(*X[:3, 3])
-        self._camera.SetFocalPoint(*(X[:3, 3] + X[:3, 2]))
-        self._camera.SetViewUp(*(-X[:3, 1]))
-        self._camera.SetViewAngle(2 * np.degrees(np.arctan(0.5 * camera.height / camera.fy)))
-        self._camera.SetClippingRange(camera.near, camera.far)
-        self._angle = 0.1
-
-    def draw(self) -> Any:
-        """One frame, read back."""
-        self._angle = -self._angle
-        self._camera.Azimuth(self._angle)
-        self._window.Render()
-        self._image.Modified()
-        self._image.Update()
-        return self._convert.vtk_to_numpy(self._image.GetOutput().GetPointData().GetScalars())
+PEERS: dict[str, tuple[str, Look, float]] = {
+    "vtk-pbr": ("VTK PBR", Look("pbr"), 8.0),
+    "vtk-8": ("VTK, 8 samples", Look("phong", samples=8), 9.0),
+    "moderngl-4": ("llvmpipe, 4 samples", Look("phong", samples=4), 4.0),
+}
+"""What each is called, our look that does equal work, and the goal."""
 
 
-class OpenGl4:
-    """``bench.raster``'s shader, colour only, with 4 samples."""
-
-    def __init__(self, scene: DrawList, camera: Camera) -> None:
-        from bench.raster import OpenGl
-
-        gl = self._gl = OpenGl(scene, camera.width, camera.height)
-        size = (camera.width, camera.height)
-        self._color, self._picture = gl.targets[0], gl.pictures[0]
-        gl.targets, gl.pictures = [], []
-        self._single = gl.context.framebuffer([self._color])
-        gl.buffer = gl.context.framebuffer(
-            [gl.context.renderbuffer(size, 4, samples=4)], gl.context.depth_renderbuffer(size, samples=4)
-        )
-        self._camera = camera
-        self.draw()
-        if np.ptp(self._picture) == 0:
-            raise RuntimeError("multisampling draws nothing here")
-
-    def draw(self) -> None:
-        """One frame, resolved and read back."""
-        self._gl.draw(self._camera)
-        self._gl.context.copy_framebuffer(self._single, self._gl.buffer)
-        self._color.read_into(self._picture)
-
-
-def frames(threads: int | None) -> None:
-    """Prints whole frames against the peers."""
+def frames(threads: int, python: str | None, count: int) -> list[Row]:
+    """Prints whole frames against the peers; the rows of their ratios by CPU time."""
     renderer = CpuRenderer(threads)
-    scene = scenes()["101 objects"]
-    print(f"\n{'101 objects, colour':34}  {'ours, ms wall/CPU':>18}  {'peer':>18}  ratio")
-    for width, height in ((640, 480), (1280, 960)):
-        camera = view(width, height, 0)
-        peers: list[tuple[str, Look, Callable[[], Any]]] = [
-            ("VTK PBR", Look("pbr"), lambda c=camera: Vtk(scene, c, 0, True)),
-            ("VTK, 8 samples", Look("phong", samples=8), lambda c=camera: Vtk(scene, c, 8, False)),
-            ("llvmpipe, 4 samples", Look("phong", samples=4), lambda c=camera: OpenGl4(scene, c)),
-        ]
-        for name, look, make in peers:
+    scene = scenes()["50k"]
+    rows: list[Row] = []
+    print(f"\n{'101 objects, colour, ms wall/CPU':34}  {'ours':>18}  {'peer':>18}  ratio")
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "scene.npz"
+        write(scene, path)
+        for kind, (name, look, goal) in PEERS.items():
             try:
-                peer = make()
-            except (ImportError, RuntimeError, ValueError) as error:
-                print(f"{name}: {error}", file=sys.stderr)
+                peer = Process.start(sys.executable if kind.startswith("moderngl") else python or "", kind)
+            except (OSError, RuntimeError) as error:
+                rows.append(skipped(name, str(error) if python else "no --peers"))
                 continue
+            for width, height in SIZES:
+                peer.ask(f"load {path} {width} {height}")
 
-            def ours(look: Look = look, camera: Camera = camera) -> None:
-                renderer.render(scene, camera, Output.COLOR, look).close()
+                def ours(frame: int, look: Look = look, width: int = width, height: int = height) -> Times:
+                    wall, cpu = time.perf_counter(), time.process_time()
+                    renderer.render(scene, view(width, height, frame), Output.COLOR, look).close()
+                    return 1e3 * (time.perf_counter() - wall), 1e3 * (time.process_time() - cpu)
 
-            times = median({"ours": ours, "peer": peer.draw})
-            cells = "  ".join(f"{wall:8.2f}/{cpu:9.2f}" for wall, cpu in times.values())
-            ratio = "/".join(f"{theirs / our:.1f}" for theirs, our in zip(times["peer"], times["ours"], strict=True))
-            print(f"{name + f' {width}x{height}':34}  {cells}  {ratio}", flush=True)
+                times: dict[str, list[Times]] = {"ours": [], "peer": []}
+                for frame in range(count + WARM):
+                    times["ours"].append(ours(frame))
+                    times["peer"].append(peer.ask(f"draw {frame}"))
+                median = [
+                    tuple(statistics.median(t[k] for t in each[WARM:]) for k in (0, 1)) for each in times.values()
+                ]
+                wall, cpu = (theirs / our for our, theirs in zip(*median, strict=True))
+                cells = "  ".join(f"{each[0]:8.2f}/{each[1]:9.2f}" for each in median)
+                print(f"{name + f' {width}x{height}':34}  {cells}  {wall:.1f}/{cpu:.1f}", flush=True)
+                what = f"frame, 101 objects, {width}x{height}, {look.name} x{look.samples} (by CPU time {cpu:.1f}×)"
+                rows.append(at_least(what, f"{median[0][0]:.2f} ms", f"{name} {median[1][0]:.2f} ms", wall, goal))
+            peer.close()
+    return rows
 
 
 def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--peers", help="a Python that has vtk")
+    parser.add_argument("--threads", type=int, default=2, help="ours; llvmpipe takes what LP_NUM_THREADS says, or all")
+    parser.add_argument("--frames", type=int, default=FRAMES)
+    parser.add_argument("--part", choices=("features", "frames"), help="only this one")
+    options = parser.parse_args()
     warmup()
-    features()
-    frames(int(sys.argv[1]) if len(sys.argv) > 1 else None)
+    if options.part != "frames":
+        features()
+    if options.part != "features":
+        show(frames(options.threads, options.peers, options.frames))
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
 """Anti-aliasing by samples on visibility: each pixel's samples are rasterized, and what they see is shaded once.
 
-Every sample position is a visibility buffer of its own, drawn by a camera whose principal point is moved. A pixel
-that sees one element in all samples is shaded once; only those at edges are shaded for each element they see.
+Opaque pictures of Drake's looks are rasterized with all samples at once (``renderers.cpu.multisample``). Elsewhere
+every sample position is a visibility buffer of its own, drawn by a camera whose principal point is moved. A pixel that
+sees one element in all samples is shaded once; only those at edges are shaded for each element they see.
 """
 
 from __future__ import annotations
@@ -38,6 +39,18 @@ def sample_cameras(camera: Camera, samples: int) -> tuple[Camera, ...]:
     if samples == 1:
         return (camera,)
     return tuple(replace(camera, cx=camera.cx - x / 16.0, cy=camera.cy - y / 16.0) for x, y in offsets)
+
+
+def sample_offsets(samples: int) -> NDArray[np.int32]:
+    """(2, 8) int32: the samples' offsets from the pixel's centre across and down, 1/256 pixel; four come twice.
+
+    Raises:
+        ValueError: ``samples`` is not 4 or 8.
+    """
+    if samples not in (4, 8):
+        raise ValueError(f"samples must be 4 or 8, not {samples}")
+    offsets = _SIXTEENTHS[samples] * (8 // samples)
+    return np.ascontiguousarray(16 * np.array(offsets, np.int32).T)
 
 
 def distinct(planes: Sequence[NDArray[np.int32]]) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:

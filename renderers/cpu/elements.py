@@ -12,6 +12,7 @@ from renderers.cpu.layout import (
     J_HEIGHT,
     J_LENGTHS,
     J_LISTS,
+    J_MARGIN,
     J_TABLE,
     J_VERTEX,
     J_WIDTH,
@@ -73,10 +74,11 @@ def large_triangle(job, lens, drawn, element, record):  # type: ignore[no-untype
         return 0, -1
     x0, x1, x2 = snap(vertices[v0]), snap(vertices[v1]), snap(vertices[v2])
     y0, y1, y2 = snap(vertices[v0 + 1]), snap(vertices[v1 + 1]), snap(vertices[v2 + 1])
-    left = max(first_centre(min(x0, x1, x2)), 0)
-    right = min(first_centre(max(x0, x1, x2)), job[J_WIDTH])
-    top = max(first_centre(min(y0, y1, y2)), 0)
-    bottom = min(first_centre(max(y0, y1, y2)), job[J_HEIGHT])
+    margin = job[J_MARGIN]
+    left = max(first_centre(min(x0, x1, x2) - margin), 0)
+    right = min(first_centre(max(x0, x1, x2) + margin), job[J_WIDTH])
+    top = max(first_centre(min(y0, y1, y2) - margin), 0)
+    bottom = min(first_centre(max(y0, y1, y2) + margin), job[J_HEIGHT])
     if left >= right or top >= bottom:
         return 0, -1
     area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
@@ -137,8 +139,9 @@ def clipped_triangle(job, lens, drawn, element, record):  # type: ignore[no-unty
     for k in range(1, count):
         left, right = min(left, grid[k, 0]), max(right, grid[k, 0])
         top, bottom = min(top, grid[k, 1]), max(bottom, grid[k, 1])
-    left, right = max(first_centre(left), 0), min(first_centre(right), job[J_WIDTH])
-    top, bottom = max(first_centre(top), 0), min(first_centre(bottom), job[J_HEIGHT])
+    margin = job[J_MARGIN]
+    left, right = max(first_centre(left - margin), 0), min(first_centre(right + margin), job[J_WIDTH])
+    top, bottom = max(first_centre(top - margin), 0), min(first_centre(bottom + margin), job[J_HEIGHT])
     farthest = max(corners[0, 2], corners[1, 2], corners[2, 2])
     if left >= right or top >= bottom:
         return 0, -1
@@ -198,10 +201,11 @@ def line(job, lens, drawn, element, record):  # type: ignore[no-untyped-def]
     x0, y0, x1, y1 = snap(fx0), snap(fy0), snap(fx1), snap(fy1)
     size = f64_at(job[J_LENGTHS] + 8 * (M_COLUMNS * drawn + M_SIZE))[0]
     half = np.int64(np.rint(min(max(size, 1.0), float(MAX_POINT)) * HALF))
-    left = max(first_centre(min(x0, x1) - half), 0)
-    right = min(first_centre(max(x0, x1) + half), job[J_WIDTH])
-    top = max(first_centre(min(y0, y1) - half), 0)
-    bottom = min(first_centre(max(y0, y1) + half), job[J_HEIGHT])
+    reach = half + job[J_MARGIN]
+    left = max(first_centre(min(x0, x1) - reach), 0)
+    right = min(first_centre(max(x0, x1) + reach), job[J_WIDTH])
+    top = max(first_centre(min(y0, y1) - reach), 0)
+    bottom = min(first_centre(max(y0, y1) + reach), job[J_HEIGHT])
     if left >= right or top >= bottom or (x0 == x1 and y0 == y1):
         return 0, -1
     whole = i32_at(record)
@@ -239,17 +243,18 @@ def point(job, drawn, element, record):  # type: ignore[no-untyped-def]
     if w < 0.0:
         return 0, -1
     size = np.int64(np.rint(min(max(f64_at(job[J_LENGTHS] + 8 * (M_COLUMNS * drawn + M_SIZE))[0], 1.0), MAX_POINT)))
-    start_x = first_centre(snap(vertex[0]) - size * HALF)
-    start_y = first_centre(snap(vertex[1]) - size * HALF)
-    left, right = max(start_x, 0), min(start_x + size, job[J_WIDTH])
-    top, bottom = max(start_y, 0), min(start_y + size, job[J_HEIGHT])
+    x0, y0 = snap(vertex[0]) - size * HALF, snap(vertex[1]) - size * HALF
+    x1, y1 = x0 + size * SUBPIXEL, y0 + size * SUBPIXEL
+    margin = job[J_MARGIN]
+    left, right = max(first_centre(x0 - margin), 0), min(first_centre(x1 + margin), job[J_WIDTH])
+    top, bottom = max(first_centre(y0 - margin), 0), min(first_centre(y1 + margin), job[J_HEIGHT])
     if left >= right or top >= bottom:
         return 0, -1
     whole = i32_at(record)
-    whole[R_XY] = left
-    whole[R_XY + 1] = top
-    whole[R_XY + 2] = right
-    whole[R_XY + 3] = bottom
+    whole[R_XY] = left if margin == 0 else x0
+    whole[R_XY + 1] = top if margin == 0 else y0
+    whole[R_XY + 2] = right if margin == 0 else x1
+    whole[R_XY + 3] = bottom if margin == 0 else y1
     whole[R_KIND] = KIND_POINT
     bounds = f32_at(record)
     bounds[R_LOW] = w

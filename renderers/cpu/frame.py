@@ -20,6 +20,7 @@ from renderers.cpu.transform import transform
 from renderers.cpu.visibility import BAND_ROWS, Visibility, band_count
 from renderers.pointers import address_of
 from renderers.port import Frame
+from renderers.samples import sample_offsets
 from renderers.simd import LANES
 
 MIN_VERTICES: Final = 4096
@@ -42,11 +43,13 @@ class FrameJob:
         select: NDArray[np.bool_] | None = None,
         cull_back: NDArray[np.bool_] | None = None,
         keep_backs: bool = False,
+        samples: int = 1,
     ) -> None:
         """
         Args:
             select, cull_back: as in ``Rasterizer.visibility``.
             keep_backs: culled faces are seen in the outputs, but not in what is shaded.
+            samples: 1, 4 or 8 a pixel; when there are several, bands are drawn by ``phases``' ``draw``.
         """
         count = len(prepared.labels)
         bands = band_count(camera.height)
@@ -67,7 +70,7 @@ class FrameJob:
         self._elements = int(table[-1, at.T_ELEMENT])
         self._chunks = -(-self._elements // at.CHUNK)
         self._bands = bands
-        self.small = camera.width * camera.height + 4 * self._elements < SMALL_WORK
+        self.small = samples * camera.width * camera.height + 4 * self._elements < SMALL_WORK
         """Not worth a second thread."""
 
         padded = self._chunks * at.CHUNK
@@ -107,6 +110,11 @@ class FrameJob:
         self._lens = np.array((camera.fx, camera.fy, camera.cx, camera.cy, camera.near, camera.far), dtype=np.float64)
         self._scratch = scratch
         self._keep: list[object] = [prepared, table, lengths]
+        if samples > 1:
+            offsets = sample_offsets(samples)
+            job[at.J_MARGIN] = np.abs(offsets).max()
+            job[at.J_SAMPLES] = address_of(offsets, np.int32)
+            self._keep.append(offsets)
 
     def layers(
         self, ids: NDArray[np.int32], inv_z: NDArray[np.float32], beyond: Visibility | None, before: Visibility | None
@@ -151,12 +159,18 @@ class FrameJob:
         job[at.J_NORMAL] = address_of(frame.normal, np.float32)
         self._keep += (frame.depth, frame.label, frame.instance, frame.normal)
 
-    def phases(self, threads: int, shade: Callable[[int, int], None] | None = None) -> tuple[Phase, Phase, Phase]:
+    def phases(
+        self,
+        threads: int,
+        shade: Callable[[int, int], None] | None = None,
+        draw: Callable[[int, int, int], None] | None = None,
+    ) -> tuple[Phase, Phase, Phase]:
         """Transform, setup, and raster with resolve. Results do not depend on ``threads``.
 
         Args:
             shade: called for every band, with the address that the records of the picture's first row would have; rows
                 are ``stride`` values apart.
+            draw: called for every band in place of raster and resolve, with the addresses of job and lens.
         """
         job, lens = address_of(self._job, np.int64), address_of(self._lens, np.float64)
         units = UNITS_PER_THREAD * threads if threads > 1 else 1
@@ -171,7 +185,10 @@ class FrameJob:
                 -(-self._chunks // chunks),
                 lambda u: setup(job, lens, u * chunks, min((u + 1) * chunks, self._chunks)),
             ),
-            Phase(self._bands, self._bander(job, lens, threads, shade)),
+            Phase(
+                self._bands,
+                self._bander(job, lens, threads, shade) if draw is None else lambda band: draw(job, lens, band),
+            ),
         )
 
     def _bander(

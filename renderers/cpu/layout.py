@@ -58,7 +58,11 @@ J_ALL_X: Final = 31  # (all, 4, 4) float64, camera from mesh
 J_STRIDE: Final = 32  # width rounded up to whole vectors
 J_MICRO: Final = 33  # (chunks, MICRO_PER_ELEMENT * CHUNK, 3) int32: pixel, bits of the float32 1/z, record number
 J_LISTS: Final = 34  # bands; twice as many where back faces are kept apart: theirs follow
-J_COLUMNS: Final = 35
+J_MARGIN: Final = 35  # grid units from a pixel's centre to its outermost sample, each way; 0: one sample
+J_SAMPLES: Final = 36  # (2, 8) int32: samples' offsets across and down, grid units
+J_SAMPLE_IDS: Final = 37  # (height, stride, 8) int32, float32: what each sample sees
+J_SAMPLE_INV_Z: Final = 38
+J_COLUMNS: Final = 39
 
 # The lens: float64 values.
 L_FX: Final = 0
@@ -117,7 +121,7 @@ KIND_CLIPPED: Final = 1
 KIND_LINE: Final = 2
 """R_XY: both ends, half the width in grid units."""
 KIND_POINT: Final = 3
-"""R_XY: first column and row, and those after the last."""
+"""R_XY: first column and row, and those after the last; where a pixel has samples, grid units instead."""
 KIND_SMALL: Final = 4
 """A triangle within SMALL_WIDTH x SMALL_HEIGHT: S_EDGES and on instead of R_XY and R_DX .. R_BASE."""
 

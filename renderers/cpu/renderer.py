@@ -15,7 +15,7 @@ from renderers.cpu.crew import Crew, Phase
 from renderers.cpu.frame import FrameJob
 from renderers.cpu.layout import MAX_SIDE
 from renderers.cpu.pools import ArrayPool, ScratchPool
-from renderers.cpu.sampled import paint_sampled
+from renderers.cpu.sampled import SampledBands, paint_each_sample
 from renderers.cpu.scene import PreparedScene, prepare
 from renderers.cpu.visibility import Visibility
 from renderers.drawlist import DrawList
@@ -178,28 +178,49 @@ class CpuRenderer:
         in the cache, before the back faces that only geometry shows are drawn on top. Translucent scenes, samples and
         the studio look take several.
         """
-        if look.name == "studio" or look.samples != 1:
-            if with_geometry:
-                self._geometry(prepared, camera, frame)
-            if look.name == "studio":
-                studio = _studio(scene)
-                paint_studio(self, scene, studio, camera, look.rig, look.samples, look.background, color)
-            else:
-                paint_sampled(self, scene, _shading(scene, look.name, self.parallel), camera, look, color)
+        if with_geometry and (look.name == "studio" or look.samples != 1):
+            self._geometry(prepared, camera, frame)
+        if look.name == "studio":
+            paint_studio(self, scene, _studio(scene), camera, look.rig, look.samples, look.background, color)
             return
         shading = _shading(scene, look.name, self.parallel)
         if shading.translucent:
+            if look.samples != 1:
+                paint_each_sample(self, scene, shading, camera, look, color)
+                return
             if with_geometry:
                 self._geometry(prepared, camera, frame)
             paint(self, scene, shading, camera, look, color)
             return
         cull = shading.cull_back if shading.cull_back.any() else None
+        if look.samples != 1:
+            self._sampled(prepared, shading, camera, look, cull, color)
+            return
         scratch = self._scratch.take()
         try:
             job = FrameJob(prepared, camera, scratch, cull_back=cull, keep_backs=with_geometry)
             job.outputs(frame)
             painter = Painter(shading, job.X_camera_mesh, prepared.first_record, camera, look, color, stride=job.stride)
             self._crew.run(job.phases(self._crew.threads, painter.band), alone=job.small)
+        finally:
+            self._scratch.give(scratch)
+
+    def _sampled(
+        self,
+        prepared: PreparedScene,
+        shading: ShadingScene,
+        camera: Camera,
+        look: Look,
+        cull: NDArray[np.bool_] | None,
+        color: NDArray[np.uint8],
+    ) -> None:
+        """An opaque colour picture with several samples a pixel."""
+        scratch = self._scratch.take()
+        try:
+            job = FrameJob(prepared, camera, scratch, cull_back=cull, samples=look.samples)
+            painter = Painter(shading, job.X_camera_mesh, prepared.first_record, camera, look, color, stride=job.stride)
+            bands = SampledBands(painter, scratch, self._crew.threads, camera, look, color, stride=job.stride)
+            self._crew.run(job.phases(self._crew.threads, draw=bands.draw), alone=job.small)
         finally:
             self._scratch.give(scratch)
 

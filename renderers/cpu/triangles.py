@@ -12,6 +12,7 @@ from renderers.cpu.layout import (
     J_BANDS,
     J_HEIGHT,
     J_LISTS,
+    J_MARGIN,
     J_STRIDE,
     J_TABLE,
     J_VERTEX,
@@ -112,12 +113,13 @@ def triangles(job, lens, drawn, element, lanes, record, spans, count, micro, mic
     gx0, gy0 = vec.to_i32(vec.rint(x0 * grid)), vec.to_i32(vec.rint(y0 * grid))
     gx1, gy1 = vec.to_i32(vec.rint(x1 * grid)), vec.to_i32(vec.rint(y1 * grid))
     gx2, gy2 = vec.to_i32(vec.rint(x2 * grid)), vec.to_i32(vec.rint(y2 * grid))
-    # first_centre(): ceil((value - 128) / 256)
-    up, eight, zero = vec.i32(127), vec.i32(8), vec.i32(0)
-    left = (vec.least(vec.least(gx0, gx1), gx2) + up) >> eight
-    right = (vec.most(vec.most(gx0, gx1), gx2) + up) >> eight
-    top = (vec.least(vec.least(gy0, gy1), gy2) + up) >> eight
-    bottom = (vec.most(vec.most(gy0, gy1), gy2) + up) >> eight
+    # first_centre(): ceil((value - 128) / 256); with samples, all pixels whose samples may be inside.
+    margin = job[J_MARGIN]
+    before, after, eight, zero = vec.i32(127 - margin), vec.i32(127 + margin), vec.i32(8), vec.i32(0)
+    left = (vec.least(vec.least(gx0, gx1), gx2) + before) >> eight
+    right = (vec.most(vec.most(gx0, gx1), gx2) + after) >> eight
+    top = (vec.least(vec.least(gy0, gy1), gy2) + before) >> eight
+    bottom = (vec.most(vec.most(gy0, gy1), gy2) + after) >> eight
     seen = (vec.most(left, zero) < vec.least(right, vec.i32(job[J_WIDTH]))) & (
         vec.most(top, zero) < vec.least(bottom, vec.i32(job[J_HEIGHT]))
     )
@@ -168,8 +170,8 @@ def triangles(job, lens, drawn, element, lanes, record, spans, count, micro, mic
     values = as_f32(columns)
     tiny = small & (width <= vec.i32(TINY)) & (height <= vec.i32(TINY))
     tiny = tiny & (left >= zero) & (right <= vec.i32(job[J_WIDTH])) & (top >= zero) & (bottom <= vec.i32(job[J_HEIGHT]))
-    if micros > CHUNK * MICRO_PER_ELEMENT - vec.LANES * TINY * TINY:
-        tiny = tiny & (lane < zero)  # no room left
+    if micros > CHUNK * MICRO_PER_ELEMENT - vec.LANES * TINY * TINY or margin != 0:
+        tiny = tiny & (lane < zero)  # no room left, or samples
     if vec.bits(tiny) != 0:
         stride = job[J_STRIDE]
         vec.store(columns, 8, top * vec.i32(stride) + left)

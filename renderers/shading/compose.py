@@ -100,10 +100,10 @@ def write_background(job, y, begin, end, line):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def put_line(job, y, line):  # type: ignore[no-untyped-def]
-    """Copy a finished row to the picture."""
-    count = 3 * job[S_WIDTH]
-    color = u8_at(job[S_COLOR] + y * count)
+def put_line(job, y, width, line):  # type: ignore[no-untyped-def]
+    """Copy the first ``width`` pixels of a finished row to the picture."""
+    count = 3 * width
+    color = u8_at(job[S_COLOR] + 3 * y * job[S_WIDTH])
     whole = count & ~np.int64(31)
     for k in range(0, whole, 32):
         vec.store_bytes(color, k, vec.load_bytes(line, k))

@@ -26,6 +26,7 @@ from renderers.shading.layout import (
     P_COLUMNS,
     P_MIRROR,
     S_COUNT,
+    S_COUNTS,
     S_FIRST,
     S_INSTANCES,
     S_LENS,
@@ -33,6 +34,7 @@ from renderers.shading.layout import (
     S_MATERIAL_FLOATS,
     S_MATERIAL_INTEGERS,
     S_MODE,
+    S_PLACES,
     S_POINTS,
     S_STRIDE,
     S_WIDTH,
@@ -46,7 +48,7 @@ from renderers.shading.materials import (
     MI_UNLIT,
     MI_UV,
 )
-from renderers.shading.resolve import SCRATCH_VALUES, resolve_strokes, resolve_triangles, run_starts
+from renderers.shading.resolve import SCRATCH_VALUES, resolve_strokes, resolve_triangles, run_starts, single_runs
 from renderers.shading.surface import shade
 
 PART: Final = 256
@@ -72,8 +74,12 @@ def _instance_of(first_record, count, record, hint):  # type: ignore[no-untyped-
 
 
 @njit(nogil=True, error_model="numpy")
-def _segment(job, y, instance, first, ids, starts, run, last_run, rows, stride, line, scratch):  # type: ignore[no-untyped-def]
-    """Resolve and shade the runs ``run .. last_run``, which all see one instance."""
+def _segment(job, y, places, instance, first, ids, starts, run, last_run, rows, stride, line, scratch):  # type: ignore[no-untyped-def]
+    """Resolve and shade the runs ``run .. last_run``, which all see one instance.
+
+    Args:
+        places: address of the columns of the picture that the row's records belong to; 0: where they lie.
+    """
     columns = i64_at(job[S_INSTANCES] + 8 * II_COLUMNS * instance)
     material = columns[II_MATERIAL]
     mi = i64_at(job[S_MATERIAL_INTEGERS] + 8 * MI_COLUMNS * material)
@@ -100,13 +106,15 @@ def _segment(job, y, instance, first, ids, starts, run, last_run, rows, stride, 
     if topology == 3:
         mirror = maps[P_MIRROR]
         resolve_triangles(
-            columns, points, mirror, lens, y, first, has, ids, starts, run, last_run, rows, stride, scratch
+            columns, points, mirror, lens, y, places, first, has, ids, starts, run, last_run, rows, stride, scratch
         )
     else:
-        resolve_strokes(columns, topology, points, lens, y, first, has, ids, starts, run, last_run, rows, stride)
+        resolve_strokes(
+            columns, topology, points, lens, y, places, first, has, ids, starts, run, last_run, rows, stride
+        )
     bumpy = mi[MI_NORMAL] >= 0 and (has & HAS_TANGENTS) != 0
     for part in range(begin, end, PART):
-        shade(job, has, mi, mf, maps, y, bumpy, rows, stride, part, min(part + PART, end), line)
+        shade(job, has, mi, mf, maps, y, places, bumpy, rows, stride, part, min(part + PART, end), line)
     mode = job[S_MODE]
     if mode == GATHER:
         gather(job, mi[MI_ALPHA_MODE], mf[MF_CUTOFF], y, begin, end, rows, stride)
@@ -125,12 +133,14 @@ def _clear_coordinates(rows, stride, begin, end, which):  # type: ignore[no-unty
 @njit(nogil=True, error_model="numpy")
 def _row(job, seen, y, ids, starts, rows, stride, line, scratch, hint):  # type: ignore[no-untyped-def]
     """One row; returns the instance seen last, a hint for the next one."""
-    width = job[S_WIDTH]
+    width, places = job[S_WIDTH], np.int64(0)
+    if job[S_PLACES] != 0:
+        width, places = np.int64(i32_at(job[S_COUNTS])[y]), job[S_PLACES] + 4 * y * job[S_STRIDE]
     seen = i32_at(seen + 4 * y * job[S_STRIDE])
     for x in range(width):
         ids[x] = seen[x]
     first_record = i64_at(job[S_FIRST])
-    runs = run_starts(ids, width, starts)
+    runs = run_starts(ids, width, starts) if places == 0 else single_runs(width, starts)
     run = 0
     while run < runs:
         begin = np.int64(starts[run])
@@ -144,9 +154,9 @@ def _row(job, seen, y, ids, starts, rows, stride, line, scratch, hint):  # type:
         start = run - 1
         while run < runs and first <= ids[starts[run]] and ids[starts[run]] < last:
             run += 1
-        _segment(job, y, hint, first, ids, starts, start, run, rows, stride, line, scratch)
+        _segment(job, y, places, hint, first, ids, starts, start, run, rows, stride, line, scratch)
     if job[S_MODE] != GATHER:
-        put_line(job, y, line)
+        put_line(job, y, width, line)
     return hint
 
 

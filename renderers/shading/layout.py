@@ -26,7 +26,9 @@ S_GAMMA: Final = 17  # GAMMA_CELLS
 S_BACKGROUND: Final = 18  # red, green, blue, lowest byte first
 S_GATHERED: Final = 19  # (H, W, 4) float32, see compose
 S_COLOR: Final = 20  # (H, W, 3) uint8
-S_COLUMNS: Final = 21
+S_PLACES: Final = 21  # (H, S_STRIDE) int32: the columns of the picture that records belong to; 0: where they lie
+S_COUNTS: Final = 22  # (H,) int32, with S_PLACES: records of each row
+S_COLUMNS: Final = 23
 
 
 # Per instance and view, float32.

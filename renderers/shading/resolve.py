@@ -76,6 +76,15 @@ def run_starts(ids, width, starts):  # type: ignore[no-untyped-def]
     return count
 
 
+@njit(nogil=True, error_model="numpy")
+def single_runs(width, starts):  # type: ignore[no-untyped-def]
+    """As ``run_starts`` for a row of which every pixel is a run of its own."""
+    for x in range(width):
+        starts[x] = x
+    vec.store(starts, width, vec.i32(width))
+    return width
+
+
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _optical(m, v):  # type: ignore[no-untyped-def]
     """Eight vertices (f32x8 each coordinate) in the optical frame, f64x8."""
@@ -103,7 +112,7 @@ def _dot(a, b):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _set_up(columns, m, mirror, lens, y, first, ids, starts, run, count, smooth, scratch):  # type: ignore[no-untyped-def]
+def _set_up(columns, m, mirror, lens, y, places, first, ids, starts, run, count, smooth, scratch):  # type: ignore[no-untyped-def]
     """Fill the scratch for the runs ``run .. run + count`` (at most eight) of triangles of one instance."""
     lane = vec.iota()
     begins = vec.select(lane < vec.i32(count), vec.load(starts, run), vec.i32(np.int64(starts[run])))
@@ -120,6 +129,8 @@ def _set_up(columns, m, mirror, lens, y, first, ids, starts, run, count, smooth,
     determinant = _dot(p0, r0)
     none, one = vec.f64(0.0), vec.f64(1.0)
     side = vec.select(determinant < none, vec.f64(-1.0), one)
+    if places != 0:
+        begins = vec.gather(i32_at(places), begins)
     dx = (vec.to_f64(begins) + vec.f64(0.5 - lens[2])) / vec.f64(lens[0])
     dy = vec.f64((y + 0.5 - lens[3]) / lens[1])
     a0 = side * (r0[0] * dx + r0[1] * dy + r0[2])
@@ -205,13 +216,17 @@ def _write_extras(has, extras, i0, i1, i2, rows, stride, begin, end, base, slope
 
 
 @njit(nogil=True, error_model="numpy")
-def resolve_triangles(columns, m, mirror, lens, y, first, has, ids, starts, run, last_run, rows, stride, scratch):  # type: ignore[no-untyped-def]
+def resolve_triangles(  # type: ignore[no-untyped-def]
+    columns, m, mirror, lens, y, places, first, has, ids, starts, run, last_run, rows, stride, scratch
+):
     """Attributes of the runs ``run .. last_run`` of one instance's triangles.
 
     Args:
         columns: pointer to the instance's row of the instance table.
         m: pointer to the (4, 4) float64 map to the optical frame. mirror: -1 where it mirrors, else 1.
         lens: pointer to fx, fy, cx, cy.
+        places: address of the columns of the picture that the row's records belong to, all of which are runs of their
+            own then; 0: where they lie.
         first: the instance's first record. has: HAS_ bits of what is wanted.
         ids, starts: as in ``run_starts``.
         rows: pointer to A_ROWS rows of ``stride`` float32.
@@ -227,7 +242,7 @@ def resolve_triangles(columns, m, mirror, lens, y, first, has, ids, starts, run,
     lane = vec.to_f32(vec.iota())
     for batch in range(run, last_run, vec.LANES):
         count = min(last_run - batch, vec.LANES)
-        _set_up(columns, m, mirror, lens, y, first, ids, starts, batch, count, smooth, scratch)
+        _set_up(columns, m, mirror, lens, y, places, first, ids, starts, batch, count, smooth, scratch)
         for k in range(count):
             begin, end = np.int64(starts[batch + k]), np.int64(starts[batch + k + 1])
             i0, i1, i2 = (
@@ -277,7 +292,9 @@ def _point(m, vertices, i):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def resolve_strokes(columns, topology, m, lens, y, first, has, ids, starts, run, last_run, rows, stride):  # type: ignore[no-untyped-def]
+def resolve_strokes(  # type: ignore[no-untyped-def]
+    columns, topology, m, lens, y, places, first, has, ids, starts, run, last_run, rows, stride
+):
     """As ``resolve_triangles`` for lines and points: weights of the two ends at the point of the segment that projects
     nearest (along the line) to each pixel.
 
@@ -298,7 +315,8 @@ def resolve_strokes(columns, topology, m, lens, y, first, has, ids, starts, run,
         ex, ey, ez = q[0] - p[0], q[1] - p[1], q[2] - p[2]
         sx, sy = ex * p[2] - p[0] * ez, ey * p[2] - p[1] * ez
         for x in range(begin, end):
-            along = sx * ((x + 0.5 - lens[2]) / lens[0]) + sy * dy
+            column = x if places == 0 else np.int64(i32_at(places)[x])
+            along = sx * ((column + 0.5 - lens[2]) / lens[0]) + sy * dy
             numerator = along * p[2] - (p[0] * sx + p[1] * sy)
             denominator = ex * sx + ey * sy - along * ez
             t = numerator / denominator if denominator != 0.0 else 0.0

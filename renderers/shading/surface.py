@@ -5,7 +5,7 @@ from __future__ import annotations
 from numba import njit
 
 from renderers import simd as vec
-from renderers.pointers import f64_at
+from renderers.pointers import f64_at, i32_at
 from renderers.shading.compose import DIRECT, write
 from renderers.shading.layout import (
     A_BASE,
@@ -201,7 +201,7 @@ def light_phong(job, has, mf, maps, varying, rows, stride, begin, end, line):  #
 
 
 @njit(nogil=True, error_model="numpy")
-def light_pbr(job, has, mi, mf, maps, y, varying, mapped, rows, stride, begin, end, line):  # type: ignore[no-untyped-def]
+def light_pbr(job, has, mi, mf, maps, y, places, varying, mapped, rows, stride, begin, end, line):  # type: ignore[no-untyped-def]
     """Reflection, occlusion and emission, linear."""
     lens = f64_at(job[S_LENS])
     rough, occluded, emitting = mi[MI_METALLIC_ROUGHNESS] >= 0, mi[MI_OCCLUSION] >= 0, mi[MI_EMISSIVE] >= 0
@@ -220,7 +220,8 @@ def light_pbr(job, has, mi, mf, maps, y, varying, mapped, rows, stride, begin, e
     for x in range(begin, end, vec.LANES):
         r, g, b = _color(job, varying, mf, rows, stride, x)
         nx, ny, nz = _normal(mapped, maps, smooth, rows, stride, x)
-        dx = (vec.f32(x) + lane + left) * across
+        column = vec.f32(x) + lane if places == 0 else vec.to_f32(vec.load(i32_at(places), x))
+        dx = (column + left) * across
         scale = -one / vec.sqrt(dx * dx + high)
         metallic, roughness = vec.f32(mf[MF_METALLIC]), vec.f32(mf[MF_ROUGHNESS])
         if rough:
@@ -238,8 +239,8 @@ def light_pbr(job, has, mi, mf, maps, y, varying, mapped, rows, stride, begin, e
 
 
 @njit(nogil=True, error_model="numpy")
-def shade(job, has, mi, mf, maps, y, bumpy, rows, stride, begin, end, line):  # type: ignore[no-untyped-def]
-    """Shade the pixels ``begin .. end`` of one instance from their attributes."""
+def shade(job, has, mi, mf, maps, y, places, bumpy, rows, stride, begin, end, line):  # type: ignore[no-untyped-def]
+    """Shade the pixels ``begin .. end`` of one instance from their attributes; ``places`` as in ``resolve``."""
     varying = mi[MI_BASE] >= 0 or (has & HAS_COLORS) != 0 or job[S_MODE] != DIRECT
     if varying:
         base_colors(job, has, mi, mf, rows, stride, begin, end)
@@ -248,6 +249,6 @@ def shade(job, has, mi, mf, maps, y, bumpy, rows, stride, begin, end, line):  # 
     elif job[S_PBR] != 0:
         if bumpy:
             map_normals(job, has, mi, mf, maps, rows, stride, begin, end)
-        light_pbr(job, has, mi, mf, maps, y, varying, bumpy, rows, stride, begin, end, line)
+        light_pbr(job, has, mi, mf, maps, y, places, varying, bumpy, rows, stride, begin, end, line)
     else:
         light_phong(job, has, mf, maps, varying, rows, stride, begin, end, line)

@@ -49,7 +49,7 @@ from renderers.studio.tables import (
     MI_SPECULAR_COLOR,
     MI_UNLIT,
 )
-from renderers.studio.tonemap import shown, srgb_byte
+from renderers.studio.tonemap import shown
 
 ADD: Final = 0
 """Add the layer, weighted by how many of a pixel's samples see it; whatever its alpha, it covers."""
@@ -409,14 +409,3 @@ def _level(table, side, u, v):  # type: ignore[no-untyped-def]
         table[a + 1] * wa + table[a + 4] * wb + table[b + 1] * wc + table[b + 4] * wd,
         table[a + 2] * wa + table[a + 5] * wb + table[b + 2] * wc + table[b + 5] * wd,
     )
-
-
-@kernel("void(float32[:,:,::1], float64[::1], float32[::1], uint8[::1], int64, int64, uint8[:,:,::1])")
-def finish_rows(layers, background, thresholds, guesses, row_begin, row_end, color):  # type: ignore[no-untyped-def]
-    """Puts the background (linear) behind what ``shade_rows`` gathered, and encodes as sRGB."""
-    for y in range(row_begin, row_end):
-        for x in range(color.shape[1]):
-            rest = 1.0 - np.float64(layers[y, x, 3])
-            behind = rest if rest > 1e-6 else 0.0
-            for k in range(3):
-                color[y, x, k] = srgb_byte(layers[y, x, k] + behind * background[k], thresholds, guesses)

@@ -16,13 +16,14 @@ from renderers.drawlist import DrawList
 from renderers.pointers import address_of
 from renderers.samples import distinct, sample_cameras
 from renderers.studio import kernels as k
+from renderers.studio.finish import finish_rows
 from renderers.studio.lamps import light_table
 from renderers.studio.rig import MAX_LIGHTS, MAX_SHADOWS, Rig
 from renderers.studio.sampling import BYTE_VALUES
 from renderers.studio.shadows import draw_maps, shadow_tables, visible_points
 from renderers.studio.surroundings import Ambient, ambient_of, split_sum
 from renderers.studio.tables import StudioScene, normal_matrices
-from renderers.studio.tonemap import SRGB_GUESSES, SRGB_THRESHOLDS, TONES
+from renderers.studio.tonemap import SRGB_CELLS, TONES
 
 if TYPE_CHECKING:  # the rasterizer calls this module
     from renderers.cpu.visibility import Rasterizer, Visibility
@@ -101,12 +102,14 @@ def paint(
                     layer.ids[own[..., 3] >= 1.0] = -1  # nothing can be seen behind
                 shade(view, lens, k.BENEATH, view.ids, _ONE, 1.0, own)
                 out += own if samples == 1 else own * np.float32(1.0 / samples)
-    behind = np.array([linear_from_srgb(value / 255.0) for value in background])
+    behind = np.array([linear_from_srgb(value / 255.0) for value in background], np.float32)
+    job = (address_of(out, np.float32), address_of(behind, np.float32), address_of(SRGB_CELLS, np.int32), camera.width)
+    picture = address_of(color, np.uint8)
 
     def finish(unit: int) -> None:
         begin = unit * BAND_ROWS
         end = min(begin + BAND_ROWS, camera.height)
-        k.finish_rows(out, behind, SRGB_THRESHOLDS, SRGB_GUESSES, begin, end, color)
+        finish_rows(*job, begin, end, picture)
 
     rasterizer.parallel(bands, finish)
 

@@ -8,18 +8,24 @@ Babylon.js and the Khronos sample viewer put before it. Or none.
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from renderers import simd as vec
+from renderers.pointers import i32_at
+
 TONES: Final = ("neutral", "aces", "none")
 _ACES_EXPOSURE: Final = 1.0 / 0.6
 _START: Final = 0.8 - 0.04
 _DESATURATION: Final = 0.15
-_STEPS: Final = 4096
+_LEAST: Final = np.float32(2.0**-13)
+"""Below the linear value of the least level above 0, 0.5 / 255 / 12.92."""
+_LEAST_BITS: Final = int(_LEAST.view(np.int32))
+_CELL: Final = 16
+"""Low bits of a float32 that lie within one cell of the table: 2^-7 of an octave, narrower than the levels."""
 
 
 @njit(nogil=True, error_model="numpy")
@@ -82,27 +88,31 @@ def _thresholds() -> NDArray[np.float32]:
     return single
 
 
-def _guesses(thresholds: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """(_STEPS + 1,) uint8: the least level in every cell of width 1 / _STEPS of the square root."""
-    ends = (np.arange(_STEPS + 1) / _STEPS) ** 2 * (1.0 - 1e-6)
-    levels = np.searchsorted(thresholds, ends, side="right") - 1
-    assert np.diff(levels).max() <= 1
-    return levels.astype(np.uint8)
+def _cells(thresholds: NDArray[np.float32]) -> NDArray[np.int32]:
+    """(1665,) int32, one for each 2^16 neighbouring float32 from _LEAST to 1: the level at the cell's first value,
+    times 2^16, plus how many values of the cell lie at or above the threshold of the next level."""
+    bits = np.arange(_LEAST_BITS, int(np.float32(1.0).view(np.int32)) + (1 << _CELL), 1 << _CELL, dtype=np.int32)
+    levels = np.searchsorted(thresholds, bits.view(np.float32), side="right") - 1
+    following = np.searchsorted(thresholds, (bits + (1 << _CELL)).view(np.float32), side="right") - 1
+    assert (following - levels).max() <= 1
+    next_bits = thresholds[np.minimum(levels + 1, 255)].view(np.int32)
+    above = np.where(levels < 255, np.maximum(bits + (1 << _CELL) - next_bits, 0), 0)
+    cells: NDArray[np.int32] = ((levels << _CELL) + above).astype(np.int32)
+    return cells
 
 
-SRGB_THRESHOLDS: Final = _thresholds()
-SRGB_GUESSES: Final = _guesses(SRGB_THRESHOLDS)
+SRGB_CELLS: Final = _cells(_thresholds())
 
 
-@njit(nogil=True, error_model="numpy")
-def srgb_byte(c, thresholds, guesses):  # type: ignore[no-untyped-def]
-    """``round(255 srgb(c))`` by comparison with exact thresholds: no ``pow``, so the same on every machine."""
-    if not (c > 0.0):
-        return np.uint8(0)
-    if c >= 1.0:
-        return np.uint8(255)
-    c = np.float32(c)
-    level = np.int64(guesses[np.int64(math.sqrt(c) * np.float32(_STEPS))])
-    if level < 255 and c >= thresholds[level + 1]:
-        level += 1
-    return np.uint8(level)
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def srgb_byte(c, cells):  # type: ignore[no-untyped-def]
+    """``round(255 srgb(c))`` of an f32x8 as i32x8, by a table that is exact for every float32: no ``pow``, so the same
+    on every machine. Below 0 or NaN is 0, above 1 is 255.
+
+    Args:
+        cells: address of ``SRGB_CELLS``.
+    """
+    c = vec.least(vec.most(c, vec.f32(_LEAST)), vec.f32(1.0))
+    bits = vec.bits_of(c) - vec.i32(_LEAST_BITS)
+    cell = vec.gather(i32_at(cells), bits >> vec.i32(_CELL))
+    return (cell + (bits & vec.i32((1 << _CELL) - 1))) >> vec.i32(_CELL)

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from renderers.camera import Camera
+from renderers.pointers import address_of
 from renderers.samples import distinct, mix, sample_cameras
+from renderers.studio.finish import finish_rows
 from renderers.studio.mips import _halve, make_chain
 from renderers.studio.rig import Rig
 from renderers.studio.tangents import corner_tangents
-from renderers.studio.tonemap import SRGB_GUESSES, SRGB_THRESHOLDS, srgb_byte
+from renderers.studio.tonemap import SRGB_CELLS
 from tests.renderers.shading_reference import ball
 from tests.renderers.studio import reference as ref
 from tests.renderers.studio.scenes import noise
@@ -51,9 +53,12 @@ def test_images_and_levels_are_one_type_to_the_compiler() -> None:
 
 def test_every_level_of_srgb() -> None:
     values = np.concatenate((np.linspace(-0.1, 1.1, 20_001), [np.nan]))
-    got = np.array([srgb_byte(v, SRGB_THRESHOLDS, SRGB_GUESSES) for v in values[::20]])
-    exact = ref.srgb(np.nan_to_num(values[::20]))
-    assert np.abs(got - exact).max() <= 0.501
+    layers = np.ones((1, len(values), 4), np.float32)
+    layers[0, :, :3] = values[:, None]
+    behind, color = np.zeros(3, np.float32), np.zeros((1, len(values), 3), np.uint8)
+    addresses = (address_of(layers, np.float32), address_of(behind, np.float32), address_of(SRGB_CELLS, np.int32))
+    finish_rows(*addresses, len(values), 0, 1, address_of(color, np.uint8))
+    assert np.abs(color[0] - ref.srgb(np.nan_to_num(values))[:, None]).max() <= 0.501
 
 
 def tangents_of(uv: np.ndarray) -> np.ndarray:

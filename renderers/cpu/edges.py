@@ -1,0 +1,226 @@
+"""From a band's samples to what is shaded: one record for every pixel, and more for those at edges.
+
+Triangles of one surface that meet within a pixel look the same there: where they share an edge and its normals, they
+are shaded once, as one. What is left are silhouettes, creases and seams.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numba import njit
+
+from renderers import simd as vec
+from renderers.cpu.layout import (
+    A_COLUMNS,
+    A_ELEMENTS,
+    A_NORMALS,
+    A_TOPOLOGY,
+    J_ALL_INSTANCES,
+    J_ALL_MESHES,
+    J_COLUMNS,
+    J_FIRST_RECORD,
+    J_HEIGHT,
+    J_SAMPLE_IDS,
+    J_SAMPLE_INV_Z,
+    J_STRIDE,
+    J_WIDTH,
+)
+from renderers.cpu.multisample import raster_samples
+from renderers.cpu.visibility import BAND_ROWS
+from renderers.jit import kernel
+from renderers.pointers import f64_at, i32_at, i64_at, u8_at, u32_at
+
+# A band's working memory, int64 addresses. Rows are the band's own, J_STRIDE or E_ROOM values apart.
+E_SAMPLE_IDS: Final = 0  # (BAND_ROWS, J_STRIDE, 8) int32
+E_SAMPLE_INV_Z: Final = 1  # (BAND_ROWS, J_STRIDE, 8) float32
+E_IDS: Final = 2  # (BAND_ROWS, J_STRIDE) int32: the record that is shaded for the pixel, -1: none
+E_ROOM: Final = 3  # entries that a row has room for
+E_COUNTS: Final = 4  # (BAND_ROWS,) int32: entries of each row
+E_RECORDS: Final = 5  # (BAND_ROWS, E_ROOM) int32: entries: further records of pixels
+E_PLACES: Final = 6  # (BAND_ROWS, E_ROOM) int32: their columns
+E_WEIGHTS: Final = 7  # (BAND_ROWS, E_ROOM) uint8: samples that see them, of 8
+E_MIXED: Final = 8  # (BAND_ROWS,) int32: pixels of each row that are mixed
+E_MIXES: Final = 9  # (BAND_ROWS, J_STRIDE) int32: column << 8 | samples of the pixel's own record << 4 | of nothing
+E_COLUMNS: Final = 10
+
+_REACH: Final = 32
+"""Places that an entry moves to lie beside those of its own instance: rows are nearly sorted, and never take long."""
+
+
+@njit(nogil=True, error_model="numpy")
+def _ones(bits):  # type: ignore[no-untyped-def]
+    """How many of eight bits are set."""
+    bits = bits - ((bits >> 1) & 0x55)
+    bits = (bits & 0x33) + ((bits >> 2) & 0x33)
+    return (bits + (bits >> 4)) & 0x0F
+
+
+@njit(nogil=True, error_model="numpy")
+def _joined(job, a, b, hint):  # type: ignore[no-untyped-def]
+    """Whether two records are triangles with normals of one instance that share an edge.
+
+    Args:
+        hint: pointer to an int64, the instance asked for last.
+    """
+    first = i64_at(job[J_FIRST_RECORD])
+    instance = hint[0]
+    if not (first[instance] <= a and a < first[instance + 1]):
+        low, high = np.int64(0), job[J_ALL_INSTANCES]
+        while high - low > 1:
+            middle = (low + high) >> 1
+            if first[middle] <= a:
+                low = middle
+            else:
+                high = middle
+        instance = hint[0] = low
+    begin = first[instance]
+    if b < begin or b >= first[instance + 1]:
+        return False
+    mesh = i64_at(job[J_ALL_MESHES] + 8 * A_COLUMNS * instance)
+    if mesh[A_TOPOLOGY] != 3 or mesh[A_NORMALS] == 0:
+        return False
+    p, q = u32_at(mesh[A_ELEMENTS] + 12 * (a - begin)), u32_at(mesh[A_ELEMENTS] + 12 * (b - begin))
+    shared = 0
+    for i in range(3):
+        shared += (p[i] == q[0]) | (p[i] == q[1]) | (p[i] == q[2])
+    return shared >= 2
+
+
+@njit(nogil=True, error_model="numpy")
+def _add(records, places, weights, count, record, place, weight):  # type: ignore[no-untyped-def]
+    """One more entry of a row, among the last ones in the order of records."""
+    at = count
+    least = max(count - _REACH, 0)
+    while at > least and records[at - 1] > record:
+        records[at], places[at], weights[at] = records[at - 1], places[at - 1], weights[at - 1]
+        at -= 1
+    records[at], places[at], weights[at] = record, place, weight
+
+
+@njit(nogil=True, error_model="numpy")
+def _sort_out(job, edges, band, scratch, hint):  # type: ignore[no-untyped-def]
+    """Fill E_IDS and the lists of the band's rows.
+
+    Args:
+        scratch: pointer to 32 int32.
+    """
+    stride, width, room = job[J_STRIDE], job[J_WIDTH], edges[E_ROOM]
+    for row in range(min(BAND_ROWS, job[J_HEIGHT] - band * BAND_ROWS)):
+        samples = i32_at(edges[E_SAMPLE_IDS] + 4 * vec.LANES * row * stride)
+        ids = i32_at(edges[E_IDS] + 4 * row * stride)
+        records = i32_at(edges[E_RECORDS] + 4 * row * room)
+        places = i32_at(edges[E_PLACES] + 4 * row * room)
+        weights = u8_at(edges[E_WEIGHTS] + row * room)
+        mixes = i32_at(edges[E_MIXES] + 4 * row * stride)
+        count = mixed = 0
+        for x in range(width):
+            at = vec.LANES * x
+            seen = vec.load(samples, at)
+            if vec.bits(seen == vec.spread0(seen)) == 255:
+                ids[x] = samples[at]
+                continue
+            # Each record once: scratch has its number, its samples, the group it is in, and the group's samples.
+            remaining, found, nothing = np.int64(255), 0, 0
+            while remaining != 0:
+                record = samples[at + vec.lowest_bit(remaining)]
+                same = vec.bits(seen == vec.i32(np.int64(record)))
+                remaining &= ~same
+                number = _ones(same)
+                if record < 0:
+                    nothing = number
+                    continue
+                group = np.int64(found)
+                for k in range(found):
+                    if _joined(job, np.int64(scratch[k]), np.int64(record), hint):
+                        group = np.int64(scratch[16 + k])
+                        break
+                scratch[found], scratch[8 + found], scratch[16 + found] = record, number, group
+                scratch[24 + found] = 0
+                scratch[24 + group] += number
+                found += 1
+            best = 0
+            for k in range(1, found):
+                if scratch[24 + k] > scratch[24 + best]:
+                    best = k
+            own = np.int64(scratch[24 + best])
+            for each in range(found):
+                if scratch[16 + each] != each:
+                    continue
+                largest = each
+                for k in range(each + 1, found):
+                    if scratch[16 + k] == each and scratch[8 + k] > scratch[8 + largest]:
+                        largest = k
+                if each == best:
+                    ids[x] = scratch[largest]
+                else:
+                    _add(records, places, weights, count, scratch[largest], x, scratch[24 + each])
+                    count += 1
+            if own < vec.LANES:
+                mixes[mixed] = (x << 8) | (own << 4) | nothing
+                mixed += 1
+        i32_at(edges[E_COUNTS])[row] = count
+        i32_at(edges[E_MIXED])[row] = mixed
+
+
+@kernel("void(int64, int64, int64, int64)")
+def draw_samples(job_at, lens_at, band, edges_at):  # type: ignore[no-untyped-def]
+    """Raster a band of the picture with eight samples a pixel and find out what is to be shaded.
+
+    Args:
+        job_at, lens_at: as for ``resolve.draw_band``. edges_at: address of E_COLUMNS int64.
+    """
+    job, edges = i64_at(job_at), i64_at(edges_at)
+    own_job = np.empty(J_COLUMNS, np.int64)
+    for k in range(J_COLUMNS):
+        own_job[k] = job[k]
+    # Kernels count pixels from the picture's first row.
+    before = 4 * vec.LANES * band * BAND_ROWS * job[J_STRIDE]
+    own_job[J_SAMPLE_IDS] = edges[E_SAMPLE_IDS] - before
+    own_job[J_SAMPLE_INV_Z] = edges[E_SAMPLE_INV_Z] - before
+    job = i64_at(np.int64(own_job.ctypes.data))
+    raster_samples(job, f64_at(lens_at), band)
+    own_scratch = np.empty(32, np.int32)
+    own_hint = np.zeros(1, np.int64)
+    _sort_out(job, edges, band, i32_at(np.int64(own_scratch.ctypes.data)), i64_at(np.int64(own_hint.ctypes.data)))
+    own_job[0] = own_scratch[0] = own_hint[0] = 0  # the pointers above do not keep the arrays alive
+
+
+@kernel("void(int64, int64, int64, int64, int64, int64, int64, int64)")
+def mix_edges(edges_at, stride, width, row_begin, row_end, colors_at, background, picture_at):  # type: ignore[no-untyped-def]
+    """Mix the band's pixels at edges as they are shown, as VTK mixes them.
+
+    Args:
+        edges_at: address of E_COLUMNS int64. stride: J_STRIDE.
+        row_begin, row_end: the band's rows of the picture.
+        colors_at: address of (BAND_ROWS, E_ROOM, 3) uint8, the entries' colours.
+        background: red, green, blue, lowest byte first.
+        picture_at: address of (H, W, 3) uint8, which has the colours of E_IDS.
+    """
+    edges = i64_at(edges_at)
+    room = edges[E_ROOM]
+    own_sums = np.empty(3 * width, np.int32)
+    sums = i32_at(np.int64(own_sums.ctypes.data))
+    for y in range(row_begin, row_end):
+        row = y - row_begin
+        picture = u8_at(picture_at + 3 * y * width)
+        mixes = i32_at(edges[E_MIXES] + 4 * row * stride)
+        mixed = np.int64(i32_at(edges[E_MIXED])[row])
+        for k in range(mixed):
+            mix = np.int64(mixes[k])
+            x, own, nothing = mix >> 8, (mix >> 4) & 15, mix & 15
+            for c in range(3):
+                sums[3 * x + c] = own * picture[3 * x + c] + nothing * ((background >> (8 * c)) & 255)
+        places = i32_at(edges[E_PLACES] + 4 * row * room)
+        weights = u8_at(edges[E_WEIGHTS] + row * room)
+        colors = u8_at(colors_at + 3 * row * room)
+        for k in range(i32_at(edges[E_COUNTS])[row]):
+            x, weight = np.int64(places[k]), np.int64(weights[k])
+            for c in range(3):
+                sums[3 * x + c] += weight * colors[3 * k + c]
+        for k in range(mixed):
+            x = np.int64(mixes[k]) >> 8
+            for c in range(3):
+                picture[3 * x + c] = (sums[3 * x + c] + vec.LANES // 2) // vec.LANES
+    own_sums[0] = 0  # the pointer above does not keep the array alive
