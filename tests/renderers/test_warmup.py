@@ -27,6 +27,7 @@ instances = tuple(
     for mode in AlphaMode
     for double in (False, True)
 )
+opaque = tuple(i for i in instances if i.material.alpha_mode is AlphaMode.OPAQUE)
 camera = Camera(40, 30, 40.0, 40.0, 20.0, 15.0, 0.1, 10.0, np.eye(4))
 everything = Output.COLOR | Output.DEPTH | Output.LABEL | Output.INSTANCE | Output.NORMAL
 with install_recorder("numba:compile") as recorder:
@@ -35,6 +36,7 @@ with install_recorder("numba:compile") as recorder:
         for look in (Look("phong"), Look("pbr", samples=4), Look("pbr"), Look("studio", samples=4)):
             for outputs in (everything, Output.DEPTH, Output.COLOR):
                 renderer.render(DrawList(instances), camera, outputs, look).close()
+                renderer.render(DrawList(opaque), camera, outputs, look).close()
         renderer.close()
 print(len(recorder.buffer), "compilations")
 
