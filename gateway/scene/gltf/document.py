@@ -23,6 +23,7 @@ class _Object(msgspec.Struct, rename="camel", gc=False):
 class Asset(_Object):
     generator: str | None = None
     version: str | None = None
+    min_version: str | None = None
 
 
 class Scene(_Object):
@@ -322,7 +323,12 @@ def _sentence(message: str) -> str:
 
 
 def _check_version(document: Document) -> None:
-    version = document.asset.version if document.asset is not None else None
+    if document.asset is None:
+        return
+    version, least = document.asset.version, document.asset.min_version
+    # As glTF 2.0, 3.2, says: a least version counts to its minor number, of a version alone only the major one does.
+    if least is not None and least != "2.0":
+        raise GltfError(f"asset.minVersion: the file asks for glTF {least[:16]}, but only 2.0 is read")
     if version is not None and version.split(".")[0] != "2":
         raise GltfError(f"asset.version: glTF {version[:16]} is not supported, only 2.x")
 

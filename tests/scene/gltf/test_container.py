@@ -119,6 +119,10 @@ def test_taking_out_is_reversible(value: Any, indent: int | None) -> None:
         (b'{"nodes":[{"mesh":true}]}', r"nodes\[0\]\.mesh: expected `int \| null`, got `bool`"),
         (b'{"asset":{"generator":"\xff\xfe"}}', "not JSON: "),
         (b'{"asset":{"version":"1.0"}}', r"asset\.version: glTF 1\.0 is not supported, only 2\.x"),
+        (
+            b'{"asset":{"version":"2.1","minVersion":"2.1"}}',
+            r"asset\.minVersion: the file asks for glTF 2\.1, but only 2\.0 is read",
+        ),
         (b'{"nodes":' + b"[" * 100_000, "nested too deeply"),
         (b'{"x":' + b'{"x":' * 100_000, "nested too deeply"),
         (b'{"x":NaN,"nodes":' + b"[" * 5_000 + b"]" * 5_000 + b"}", "nested too deeply"),
