@@ -177,7 +177,13 @@ async def mixed(running: Gateway, minutes: float, target: Path) -> None:
     print(f"  memory slope of the second half: {slope:+.2f} MB a minute")
     print(f"  loop stall of each second: p99 median {median(stalls):.1f} ms, largest {max(stalls):.1f} ms")
     print(f"  longest stall: {max(s['stall_max_ms'] for s in samples):.0f} ms")
-    await asyncio.to_thread(target.write_text, plot(samples), "utf-8")
+    turns, load = [s["turn_max_ms"] for s in samples], median(s["load"] for s in samples)
+    print(
+        f"  CPU time of the loop between two ticks: p99 median {median(s['turn_p99_ms'] for s in samples):.1f} ms, "
+        f"longest of a second: median {median(turns):.1f} ms, largest {max(turns):.1f} ms; the machine's load {load:.1f}"
+    )
+    told = f"{minutes:g} minutes of mixed load; memory {slope:+.2f} MB a minute over the second half"
+    await asyncio.to_thread(target.write_text, plot(samples, told), "utf-8")
     print(f"  plot: {target}")
 
 

@@ -26,14 +26,21 @@ TICK = 0.001
 
 
 async def tell() -> None:
-    """Prints figures until cancelled: what a leak would show in, and the stalls of the last second."""
+    """Prints figures until cancelled: what a leak would show in, and the stalls of the last second.
+
+    A stall is how late the ticker is, whoever is to blame: a turn of ours, a thread that holds the interpreter, other
+    programs on the machine. A turn is the CPU time that the loop's own thread took between two ticks: ours alone.
+    """
     while True:
-        stalls = []
+        stalls, turns = [], []
         end = time.perf_counter() + 1.0
         while (begin := time.perf_counter()) < end:
+            cpu = time.thread_time()
             await asyncio.sleep(TICK)
+            turns.append(1e3 * (time.thread_time() - cpu))
             stalls.append(1e3 * (time.perf_counter() - begin - TICK))
         stalls.sort()
+        turns.sort()
         figures: dict[str, Any] = {
             "tasks": len(asyncio.all_tasks()),
             "threads": threading.active_count(),
@@ -43,6 +50,9 @@ async def tell() -> None:
             "loop_cpu_s": time.thread_time(),
             "stall_p99_ms": stalls[int(0.99 * len(stalls))],
             "stall_max_ms": stalls[-1],
+            "turn_p99_ms": turns[int(0.99 * len(turns))],
+            "turn_max_ms": turns[-1],
+            "load": os.getloadavg()[0],
         }
         print(json.dumps(figures), flush=True)
 
