@@ -180,7 +180,7 @@ async def mixed(running: Gateway, minutes: float, target: Path) -> None:
     turns, load = [s["turn_max_ms"] for s in samples], median(s["load"] for s in samples)
     print(
         f"  CPU time of the loop between two ticks: p99 median {median(s['turn_p99_ms'] for s in samples):.1f} ms, "
-        f"longest of a second: median {median(turns):.1f} ms, largest {max(turns):.1f} ms; the machine's load {load:.1f}"
+        f"longest of a second {median(turns):.1f} ms, largest {max(turns):.1f} ms; the machine's load {load:.1f}"
     )
     told = f"{minutes:g} minutes of mixed load; memory {slope:+.2f} MB a minute over the second half"
     await asyncio.to_thread(target.write_text, plot(samples, told), "utf-8")

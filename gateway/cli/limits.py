@@ -49,6 +49,7 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
         ),
     ),
     ("HTTP servers", "gateway.ops.http", ("KEEP_ALIVE_SECONDS", "MAX_WEBSOCKET_BYTES")),
+    ("WebSocket connections", "gateway.ops.websocket", ("MAX_FRAGMENTS", "PIECE_BYTES")),
     ("gRPC", "gateway.stereo.server", ("MAX_CALLS",)),
     ("The device's REST interface", "gateway.stereo.rest", ("MAX_BODY",)),
     ("Pictures", "renderers.images", ("MAX_PIXELS",)),

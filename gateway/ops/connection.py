@@ -5,9 +5,11 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final
+from typing import Any, Final
 
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
+
+from gateway.ops.paced import LARGEST_PIECE, Paced
 
 MAX_HEAD_BYTES: Final = 64 << 10
 """Request line and headers; Drake's client sends 200 bytes, browsers a few thousand. The parser has no bound. The same
@@ -221,52 +223,16 @@ class BoundedHttp(HttpToolsProtocol):
         self.flow.pause_reading()
 
 
-class PacedHttp(asyncio.BufferedProtocol):
-    """Hands what comes to a ``BoundedHttp`` in pieces that do not hold the event loop."""
-
-    _scratch: ClassVar = memoryview(bytearray(256 << 10))
-    """What was just received, of any connection: it is copied before anything else can happen."""
+class PacedHttp(Paced[BoundedHttp]):
+    """Plain bodies come in large pieces, all else in small ones."""
 
     def __init__(self, **given: Any) -> None:
-        """As uvicorn makes its protocols."""
-        self._http = BoundedHttp(**given)
-        self._transport: asyncio.Transport | None = None
+        super().__init__(BoundedHttp(**given))
 
-    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]  # it is one
-        """A client has come."""
-        self._transport = transport
-        self._http.connection_made(transport)
+    def piece(self) -> int:
+        """The largest one while nothing of it is looked at."""
+        return LARGEST_PIECE if self.inner.plain else PIECE_BYTES
 
-    def connection_lost(self, exc: Exception | None) -> None:
-        """It has gone."""
-        self._transport = None
-        self._http.connection_lost(exc)
-
-    def pause_writing(self) -> None:
-        """It does not read."""
-        self._http.pause_writing()
-
-    def resume_writing(self) -> None:
-        """It reads again."""
-        self._http.resume_writing()
-
-    def get_buffer(self, sizehint: int) -> memoryview:
-        """Where the next piece goes."""
-        return self._scratch if self._http.plain else self._scratch[:PIECE_BYTES]
-
-    def buffer_updated(self, nbytes: int) -> None:
-        """A piece has come. After a full small one others have their turn: libuv would read on 32 times."""
-        in_turn = nbytes == PIECE_BYTES
-        self._http.data_received(bytes(self._scratch[:nbytes]))
-        if in_turn and self._may_read():
-            assert self._transport is not None
-            self._transport.pause_reading()
-            self._http.loop.call_soon(self._read_on)
-
-    def _read_on(self) -> None:
-        if self._may_read():
-            assert self._transport is not None
-            self._transport.resume_reading()
-
-    def _may_read(self) -> bool:
-        return self._transport is not None and not self._transport.is_closing() and not self._http.flow.read_paused
+    def may_read(self) -> bool:
+        """Whether the request is not held back."""
+        return not self.inner.flow.read_paused

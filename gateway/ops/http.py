@@ -14,6 +14,7 @@ from fastapi import FastAPI
 
 from gateway.ops import process
 from gateway.ops.connection import PacedHttp
+from gateway.ops.websocket import PacedWebSocket
 
 MAX_WEBSOCKET_BYTES: Final = 64 << 10
 """Of a message from a client; the browser view has nothing longer than 16 characters to say."""
@@ -26,7 +27,7 @@ def config(app: Any, grace_seconds: float, *, lifespan: bool, tls: tuple[Path, P
     return uvicorn.Config(
         app,
         http=PacedHttp,  # type: ignore[arg-type]  # made as one and used as a protocol, which is all it takes
-        ws="websockets-sansio",
+        ws=PacedWebSocket,  # type: ignore[arg-type]  # likewise
         ws_max_size=MAX_WEBSOCKET_BYTES,
         ssl_certfile=tls[0] if tls is not None else None,
         ssl_keyfile=tls[1] if tls is not None else None,

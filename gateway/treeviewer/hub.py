@@ -17,13 +17,15 @@ import structlog
 
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.errors import TreeViewerUnavailable
-from gateway.treeviewer.patterns import PatternError, compile_pattern
+from gateway.treeviewer.patterns import MOST_STEPS, PatternError, compile_pattern, steps_of
 from gateway.treeviewer.tcpq import HUB_HELLO, MAGIC_CLIENT, Frame, FrameError, FrameReader, publish_head
 
 _log = structlog.get_logger("gateway.treeviewer")
 
 REMEMBERED_CHANNELS: Final = 1024
 """Channels whose receivers are known without matching patterns again."""
+CLIENT_STEPS: Final = 2 * MOST_STEPS
+"""Of all patterns of one client together: a channel that was not seen before is matched with every pattern."""
 JOINED_BYTES: Final = 16 * 1024
 """Smaller messages are copied behind their head, so that they go out in one packet."""
 
@@ -138,6 +140,8 @@ class HubConnection(asyncio.BufferedProtocol):
         self._options: socket.socket | None = None
         self.name = "?"
         self._held = False
+        self._steps = 0
+        """Of all patterns together."""
 
     @property
     def unsent_bytes(self) -> int:
@@ -235,18 +239,25 @@ class HubConnection(asyncio.BufferedProtocol):
             _log.warning("A hub client has too many subscriptions", client=self.name, pattern=text)
             return
         try:
-            pattern = compile_pattern(text)
+            pattern, steps = compile_pattern(text), steps_of(text)
         except PatternError as error:
             _log.warning("A hub client's subscription was ignored", client=self.name, reason=str(error))
             return
+        if self._steps + steps > CLIENT_STEPS:
+            _log.warning("A hub client's subscriptions take too long to match", client=self.name, pattern=text)
+            return
+        self._steps += steps
         self._patterns[text] = (pattern, 1)
         self._hub.changed()
         self._hub.greet(self, pattern)
 
     def _unsubscribe(self, text: str) -> None:
         pattern, times = self._patterns.pop(text, (None, 0))
-        if pattern is not None and times > 1:
-            self._patterns[text] = (pattern, times - 1)
+        if pattern is not None:
+            if times > 1:
+                self._patterns[text] = (pattern, times - 1)
+            else:
+                self._steps -= steps_of(text)
         self._hub.changed()
 
     def _end(self, reason: str) -> None:

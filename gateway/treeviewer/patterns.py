@@ -6,8 +6,10 @@ import re
 import warnings
 from typing import Final
 
-MOST_REPEATS: Final = 3
-"""Repetitions in one pattern: a match against 63 characters then takes at most 63^3 steps, a few milliseconds."""
+CHARACTERS: Final = 63
+"""Of a channel's name at most, so of what a repetition can take."""
+MOST_STEPS: Final = CHARACTERS**3
+"""Ways in which one pattern may be tried against a channel, about: three repetitions; half a millisecond."""
 
 
 class PatternError(ValueError):
@@ -20,7 +22,7 @@ def compile_pattern(pattern: str) -> re.Pattern[str]:
     Raises:
         PatternError: not a regular expression, or one that could take too long.
     """
-    _check(pattern)
+    steps_of(pattern)
     try:
         with warnings.catch_warnings():
             # what Python may once take for a nested set is an ordinary character to LCM
@@ -30,10 +32,17 @@ def compile_pattern(pattern: str) -> re.Pattern[str]:
         raise PatternError(f"{pattern!r} is not a regular expression: {error}") from None
 
 
-def _check(pattern: str) -> None:
-    repeats = 0
+def steps_of(pattern: str) -> int:
+    """In how many ways a match of ``pattern`` may be tried before it fails, as an upper bound.
+
+    Raises:
+        PatternError: in too many, or something in it makes them hard to count.
+    """
+    steps = 1
     at = 0
     previous = ""
+    alternatives = [1]
+    """Of the whole and of each group that is open."""
     while at < len(pattern):
         c = pattern[at]
         if c == "\\":
@@ -49,12 +58,21 @@ def _check(pattern: str) -> None:
             continue
         if c == "(" and pattern[at + 1 : at + 2] == "?" and pattern[at + 2 : at + 3] != ":":
             raise PatternError(f"{pattern!r} has an extension of groups that is not supported")
-        if c == "(" and pattern[at + 1 : at + 2] == "?":
-            at += 2
-        if c in "*+{":
+        if c == "(":
+            alternatives.append(1)
+            at += 2 if pattern[at + 1 : at + 2] == "?" else 0
+        elif c == "|":
+            alternatives[-1] += 1
+        elif c == ")" and len(alternatives) > 1:
+            steps *= alternatives.pop()
+        elif c in "*+{":
             if previous == ")":
                 raise PatternError(f"{pattern!r} repeats a group, which is not supported")
-            repeats += 1
-            if repeats > MOST_REPEATS:
-                raise PatternError(f"{pattern!r} has more than {MOST_REPEATS} repetitions")
+            steps *= CHARACTERS
+        elif c == "?" and previous not in ("*", "+", "}"):  # behind those it means few rather than many
+            steps *= 2
         previous, at = c, at + 1
+    steps *= alternatives[0]
+    if steps > MOST_STEPS:
+        raise PatternError(f"{pattern!r} can be tried in {steps} ways, {MOST_STEPS} are possible")
+    return steps

@@ -84,7 +84,10 @@ def router(hub: ViewHub) -> APIRouter:
 
 def same_origin(origin: str | None, host: str) -> bool:
     """Whether a page may connect: one of this host, or no page at all (programs send no origin)."""
-    return origin is None or urlsplit(origin).netloc.lower() == host.lower()
+    try:
+        return origin is None or urlsplit(origin).netloc.lower() == host.lower()
+    except ValueError:  # brackets that are no address
+        return False
 
 
 async def _send(socket: WebSocket, browser: Browser) -> None:

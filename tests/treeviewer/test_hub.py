@@ -230,6 +230,19 @@ async def test_clients_and_subscriptions_are_bounded() -> None:
         await second.close()
 
 
+async def test_a_clients_patterns_together_are_bounded_in_what_they_cost() -> None:
+    async with serving() as service, asyncio.timeout(30):
+        client = await HubClient.connect(service.tcpq_port)
+        for i in range(3):  # two of them are as much as one client may have matched
+            await client.subscribe(f".*.*.*{i}")
+        await client.subscribe(".*.*.*0", Frame.UNSUBSCRIBE)
+        await client.subscribe(".*.*.*3")
+        for i in (2, 0, 1, 3):
+            await client.publish(f"C{i}", b"")
+        assert [(await client.next())[0] for _ in range(2)] == ["C1", "C3"]
+        await client.close()
+
+
 async def test_an_id_too_long_for_the_answers_channel_is_counted() -> None:
     async with serving() as service:
         client = await HubClient.connect(service.tcpq_port)
@@ -372,6 +385,7 @@ def test_any_bytes_are_frames_or_an_error(data: bytes) -> None:
         ("(?:A|B)[0-9]+", "B12", True),
         (r"a\*b", "a*b", True),
         ("[]*]x", "*x", True),
+        ("(A|B|C)_.*_(LEFT|RIGHT).*?x?", "B_1_LEFT", True),
     ],
 )
 def test_patterns_are_anchored_regular_expressions(pattern: str, channel: str, matches: bool) -> None:
@@ -380,7 +394,10 @@ def test_patterns_are_anchored_regular_expressions(pattern: str, channel: str, m
 
 @pytest.mark.parametrize(
     "pattern",
-    ["(a+)+", "(a|a)*", "a*a*a*a*", "(?=a)", r"(a)\1", "(", "[", "*", "a{1,99999999999}", "(?P<n>a)", "(.*){9}"],
+    [
+        *("(a+)+", "(a|a)*", "a*a*a*a*", "(?=a)", r"(a)\1", "(", "[", "*", "a{1,99999999999}", "(?P<n>a)", "(.*){9}"),
+        *("a?" * 30 + "a" * 30, "(a|aa)" * 30 + "b", "((a|aa)?)" * 20, "(?:a|aa)" * 10 + ".*.*b"),
+    ],
 )
 def test_patterns_that_could_take_forever_are_refused(pattern: str) -> None:
     with pytest.raises(PatternError):

@@ -230,6 +230,7 @@ async def test_channels_of_clouds_are_served_for_the_points_that_are_drawn(world
         ("http://evil.example", "127.0.0.1:8000", False),
         ("http://127.0.0.1:9000", "127.0.0.1:8000", False),
         ("null", "127.0.0.1:8000", False),
+        ("http://[", "127.0.0.1:8000", False),
     ],
 )
 def test_pages_of_other_hosts_may_not_connect(origin: str | None, host: str, allowed: bool) -> None:
