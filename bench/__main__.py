@@ -1,26 +1,42 @@
 """Every bench, one table: ``python -m bench [--peers PYTHON] [--quick] [--write FILE] [NAME ...]``.
 
-Each bench runs as a command of its own, shortly; its rows (``bench/table.py``) go into the one table, all that it
-prints into a section below. PYTHON is an interpreter with vtk, viser, meshcat (and pydrake, where it is at hand);
-without it, what needs it is skipped and says so.
+Each bench runs as a command of its own, shortly (all of them in a quarter of an hour on two cores); its rows
+(``bench/table.py``) go into the one table, all that it prints into a section below. One that fails, takes too long or
+lacks its peer is a row with the reason. PYTHON is an interpreter with vtk, panda3d, viser and meshcat; without it, what
+needs it is skipped and says so.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import platform
 import re
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
+from bench.running import run
 from bench.table import HEAD, Row, at_least, skipped
 
 PLOT = "docs/images/memory.svg"
+LIMIT = 600.0
+"""Seconds that one bench may take: two to three times what it takes alone."""
+PEERS = ("vtk", "panda3d", "viser", "meshcat")
+_VERSIONS = """
+import json, importlib.metadata as m
+found = {}
+for name in %r:
+    try: found[name] = m.version(name)
+    except m.PackageNotFoundError: pass
+print(json.dumps(found))
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,9 +46,19 @@ class Bench:
     arguments: tuple[str, ...] = ()
     quick: tuple[str, ...] = ()
     """More arguments for a run that shows whether everything works; its figures are poor."""
-    peers: bool = False
-    """Whether it takes ``--peers``."""
+    peers: tuple[str, ...] = ()
+    """What the interpreter of ``--peers`` has to have for it."""
     rows: Callable[[str], list[Row]] = lambda _: []
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """Of one bench."""
+
+    name: str
+    command: str
+    rows: list[Row]
+    details: str
 
 
 def stream_rows(text: str) -> list[Row]:
@@ -65,50 +91,68 @@ def viewer_rows(text: str) -> list[Row]:
 
 
 BENCHES = {
-    "raster": Bench(quick=("--frames", "5"), peers=True),
+    "raster": Bench(quick=("--frames", "5"), peers=("vtk", "panda3d")),
     "stores": Bench(),
-    "render": Bench(quick=("--frames", "5"), peers=True),
+    "render": Bench(quick=("--frames", "3"), peers=("vtk",)),
     "codecs": Bench(),
     "concurrency": Bench(),
     "startup": Bench(("--cold", "--scenes", "10000", "--plot", PLOT), quick=("--scenes", "1000", "--plot", os.devnull)),
     "stream": Bench(("--live", "--clients", "1", "4", "--seconds", "4"), rows=stream_rows),
-    "treeviewer": Bench(("--seconds", "1"), peers=True, rows=tree_rows),
-    "viewer": Bench(("--clients", "1,10", "--seconds", "4"), peers=True, rows=viewer_rows),
+    "treeviewer": Bench(("--seconds", "1"), peers=("viser", "meshcat"), rows=tree_rows),
+    "viewer": Bench(("--clients", "1,10", "--seconds", "4"), peers=("viser", "meshcat"), rows=viewer_rows),
 }
 
 
-def machine() -> str:
-    """What the figures were measured on."""
+def peers_in(python: str | None) -> tuple[dict[str, str], str]:
+    """Versions of the peers that an interpreter has, and why it has none."""
+    if python is None:
+        return {}, "no --peers"
+    try:
+        done = subprocess.run([python, "-c", _VERSIONS % (PEERS,)], capture_output=True, text=True, timeout=60)
+        return json.loads(done.stdout), ""
+    except (OSError, ValueError, subprocess.TimeoutExpired) as error:
+        return {}, f"--peers cannot be run: {type(error).__name__}"
+
+
+def machine(peers: dict[str, str], load: float) -> str:
+    """What the figures were measured on; ``load``: the load average before."""
     cpu = platform.processor() or platform.machine()
     if Path("/proc/cpuinfo").exists():
         lines = Path("/proc/cpuinfo").read_text().splitlines()
         cpu = next((line.partition(": ")[2] for line in lines if line.startswith("model name")), cpu)
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / (1 << 30)
-    packages = ", ".join(f"{name} {version(name)}" for name in ("numba", "numpy", "opencv-python-headless", "isal"))
-    cores, load = len(os.sched_getaffinity(0)), os.getloadavg()[1]
-    busy = (
-        f" **The machine was busy** (load average {load:.0f}): wall-clock figures are poor." if load > 2 * cores else ""
-    )
+    ours = ("numba", "numpy", "opencv-python-headless", "isal", "trimesh", "moderngl")
+    packages = ", ".join(f"{name} {number}" for name, number in ({n: version(n) for n in ours} | peers).items())
+    cores = len(os.sched_getaffinity(0))
+    busy = " **The machine was busy with other work**: wall-clock figures are poor." if load > 0.5 * cores else ""
     return (
-        f"{cores} × {cpu}, {memory:.0f} GiB; {platform.system()} {platform.machine()}, "
-        f"Python {platform.python_version()}, {packages}.{busy}"
+        f"{cores} × {cpu}, {memory:.0f} GiB; {platform.system()} {platform.machine()}, Python "
+        f"{platform.python_version()}, {packages}. Load average before: {load:.1f}.{busy}"
     )
 
 
-def run(name: str, bench: Bench, peers: str | None, quick: bool) -> tuple[str, list[Row], str]:
-    """The command line, its rows, and all else that it printed."""
-    command = ["-m", f"bench.{name}", *bench.arguments, *(["--peers", peers] if bench.peers and peers else [])]
-    command += bench.quick if quick else ()
+def measured(name: str, python: str | None, found: dict[str, str], reason: str, quick: bool) -> Result:
+    """Runs one bench."""
+    bench = BENCHES[name]
+    missing = [peer for peer in bench.peers if peer not in found]
+    command = ["-m", f"bench.{name}", *bench.arguments, *(bench.quick if quick else ())]
     shown = f"python {' '.join(command)}"
-    print(f"$ {shown.replace(peers, 'PYTHON') if peers else shown}", flush=True)
-    done = subprocess.run([sys.executable, *command], capture_output=True, text=True)
-    before, _, after = done.stdout.partition(HEAD)
-    lines = [line for line in after.splitlines()[2:] if line.startswith("|")]
-    rows = [_parsed(line) for line in lines] + bench.rows(done.stdout)
-    if done.returncode:
-        last = (done.stderr.strip().splitlines() or [""])[-1][:200]
-        rows.append(skipped(f"{name}", f"it ended with {done.returncode}: {last}"))
-    return shown.replace(peers, "PYTHON") if peers else shown, rows, before.strip("\n")
+    if python and bench.peers and not missing:
+        command += ["--peers", python]
+        shown += " --peers PYTHON"
+    print(f"$ {shown}", flush=True)
+    ran = run(command, LIMIT)
+    before, _, after = ran.output.partition(HEAD)
+    rows = [_parsed(line) for line in after.splitlines()[2:] if line.startswith("|")] + bench.rows(ran.output)
+    if missing:
+        why = reason or f"the interpreter of --peers has no {', '.join(missing)}"
+        rows.append(skipped(f"{name} against {', '.join(bench.peers)}", why))
+    if ran.failure:
+        rows.append(skipped(name, ran.failure))
+    for row in rows:
+        print(row.markdown())
+    print(f"({ran.seconds:.0f} s)\n", flush=True)
+    return Result(name, shown, rows, before.strip("\n"))
 
 
 def _parsed(line: str) -> Row:
@@ -116,37 +160,59 @@ def _parsed(line: str) -> Row:
     return Row(what, ours, peer, ratio, goal, {"yes": True, "**no**": False}.get(met))
 
 
-def document(results: list[tuple[str, str, list[Row], str]]) -> str:
+def table(results: list[Result]) -> str:
+    """All rows."""
+    lines = [row.markdown() for result in results for row in result.rows]
+    return "\n".join([HEAD, "|---|---|---|---|---|---|", *lines])
+
+
+def document(results: list[Result], where: str) -> str:
     """docs/performance.md."""
     head = Path(__file__).with_name("performance.md").read_text(encoding="utf-8")
-    table = "\n".join(
-        [HEAD, "|---|---|---|---|---|---|", *(row.markdown() for _, _, rows, _ in results for row in rows)]
-    )
     sections = []
-    for name, command, _, details in results:
-        text = details if details.lstrip().startswith("|") else f"```\n{details}\n```"
-        plot = f"\n\n![Memory through different scenes]({PLOT.removeprefix('docs/')})" if name == "startup" else ""
-        sections.append(f"### {name}\n\n`{command}`\n\n{text}{plot}")
-    filled = head.replace("{machine}", machine()).replace("{table}", table).replace("{details}", "\n\n".join(sections))
-    return filled.rstrip() + "\n"
+    for result in results:
+        details = result.details or "Nothing beyond its rows above."
+        text = details if details.lstrip().startswith(("|", "Nothing")) else f"```\n{details}\n```"
+        plot = (
+            f"\n\n![Memory through different scenes]({PLOT.removeprefix('docs/')})" if result.name == "startup" else ""
+        )
+        sections.append(f"### {result.name}\n\n`{result.command}`\n\n{text}{plot}")
+    values = {"machine": where, "table": table(results), "details": "\n\n".join(sections)}
+    for name, value in values.items():
+        head = head.replace(f"{{{name}}}", value)
+    return head.rstrip() + "\n"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", choices=[[], *BENCHES], help="default: all")
-    parser.add_argument("--peers", help="a Python that has vtk, viser and meshcat")
+    parser.add_argument("--peers", help="a Python that has vtk, panda3d, viser and meshcat")
     parser.add_argument("--quick", action="store_true", help="few frames: whether everything works")
-    parser.add_argument("--write", type=Path, help="docs/performance.md")
+    parser.add_argument("--write", type=Path, help="docs/performance.md, when all have been run")
     options = parser.parse_args()
-    results: list[tuple[str, str, list[Row], str]] = []
-    for name in options.names or BENCHES:
-        results.append((name, *run(name, BENCHES[name], options.peers, options.quick)))
-        if options.write:  # after each: all of them take a while
-            options.write.write_text(document(results), encoding="utf-8")
-    print(f"\n{HEAD}\n|---|---|---|---|---|---|")
-    for _, _, rows, _ in results:
-        for row in rows:
-            print(row.markdown())
+    if options.write and options.names:
+        parser.error("--write is for all benches: a page of some of them would pass for the whole")
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+    load, begin = os.getloadavg()[0], time.perf_counter()
+    found, reason = peers_in(options.peers)
+    print("Kernels are compiled into the cache, where they are not.", flush=True)
+    if failure := run(("-m", "gateway.cli", "warmup"), LIMIT).failure:
+        print(f"`scenegate warmup`: {failure}")
+    results: list[Result] = []
+    try:
+        for name in options.names or BENCHES:
+            result = measured(name, options.peers, found, reason, options.quick)
+            results.append(result)
+    except KeyboardInterrupt:
+        print("\nInterrupted; the rows so far:")
+    print(table(results))
+    if len(results) < len(options.names or BENCHES):
+        sys.exit(130)
+    print(f"\n{(time.perf_counter() - begin) / 60:.0f} min")
+    if options.write:
+        part = options.write.with_suffix(".part")
+        part.write_text(document(results, machine(found, load)), encoding="utf-8")
+        part.replace(options.write)
 
 
 if __name__ == "__main__":

@@ -132,7 +132,13 @@ def main() -> None:
     for clients in map(int, options.clients.split(",")):
         results = []
         for program, python in programs:
-            results.append(measure(program, python, clients, options.seconds))
+            try:
+                results.append(measure(program, python, clients, options.seconds))
+            except SystemExit as error:
+                if program == "ours":
+                    raise
+                print(f"{program}: {error}")
+                continue
             print(results[-1].line(), flush=True)
         first = results[0]
         for other in results[1:]:

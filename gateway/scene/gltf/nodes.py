@@ -284,8 +284,9 @@ def _camera(document: Document, visits: _Visits, names: list[str], worlds: Matri
 
 def _without_scale(X: Matrix) -> Matrix:
     """The pose without the scales of the node and its parents, which cameras ignore (glTF 2.0, 3.10.2)."""
-    lengths = np.linalg.norm(X[:3, :3], axis=0)
-    if (np.abs(lengths - 1.0) <= 1e-12).all() or not (lengths > 0.0).all():
+    with np.errstate(over="ignore"):
+        lengths = np.linalg.norm(X[:3, :3], axis=0)
+    if (np.abs(lengths - 1.0) <= 1e-12).all() or not (np.isfinite(lengths) & (lengths > 0.0)).all():
         return X
     result = X.copy()
     result[:3, :3] /= lengths
