@@ -173,6 +173,14 @@ def test_scales_do_not_reach_the_camera() -> None:
     np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
 
 
+def test_a_camera_may_have_a_scale_beyond_measure() -> None:
+    """As an axis of 1e300: its square overflows, and the pose is left as it is."""
+    b = camera_scene(matrix=[1e300, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1])
+    camera = b.read().camera
+    assert camera is not None
+    assert camera.X_world_camera[0, 0] == 1e300
+
+
 def test_the_first_node_with_camera_0_counts() -> None:
     b = Builder()
     b.add("cameras", CAMERA)
