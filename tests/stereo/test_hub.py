@@ -1,0 +1,137 @@
+"""Mailboxes: who comes, takes and leaves, without a server around them."""
+
+from __future__ import annotations
+
+import asyncio
+import weakref
+from contextlib import ExitStack
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gateway.stereo.hub import FullError, Hub, StreamError, Subscription
+from gateway.stereo.request import Kind
+
+LEFT = Kind(left=True)
+DEPTH = Kind(disparity=True)
+
+
+async def test_a_leaving_client_wakes_the_producer() -> None:
+    hub = Hub(4, 4)
+    with hub.subscribe(LEFT) as stays, ExitStack() as other:
+        leaves = other.enter_context(hub.subscribe(LEFT))
+        hub.publish(LEFT, 1, b"set")
+        await stays.get()
+
+        async def produce() -> None:
+            """As a camera does that waits for the slowest: a set when all have the last."""
+            while True:
+                hub.changed.clear()
+                if len(hub) and all(s.hungry for s in hub):
+                    hub.publish(LEFT, 2, b"next")
+                    return
+                await hub.changed.wait()
+
+        producer = asyncio.create_task(produce())
+        next_set = asyncio.create_task(stays.get())
+        for _ in range(5):
+            await asyncio.sleep(0)
+        assert not leaves.hungry
+        assert not producer.done()
+        other.close()
+        async with asyncio.timeout(5):
+            await producer
+            assert await next_set == b"next"
+
+
+async def test_a_mailbox_holds_the_newest_set_and_counts_what_it_replaced() -> None:
+    hub = Hub(4, 4)
+    with hub.subscribe(LEFT) as one:
+        for number in (1, 3, 2, 3):
+            hub.publish(LEFT, number, b"%d" % number)
+        assert await one.get() == b"3"
+        assert one.hungry
+        assert (hub.sent, hub.skipped) == (1, 1)
+    assert (hub.sent, hub.skipped) == (1, 1)
+
+
+async def test_a_cancelled_wait_is_no_hunger() -> None:
+    hub = Hub(4, 4)
+    with hub.subscribe(LEFT) as one:
+        waiting = asyncio.create_task(one.get())
+        await asyncio.sleep(0)
+        assert hub.urgent_kinds(starving=True) == {LEFT}
+        waiting.cancel()
+        await asyncio.gather(waiting, return_exceptions=True)
+        assert hub.urgent_kinds(starving=True) == set()
+        assert hub.urgent_kinds(starving=False) == {LEFT}
+
+
+STEPS = st.lists(
+    st.tuples(
+        st.sampled_from(["come", "leave", "publish", "take", "fail"]), st.integers(0, 7), st.sampled_from([LEFT, DEPTH])
+    ),
+    max_size=60,
+)
+
+
+@settings(deadline=None, max_examples=100)
+@given(STEPS)
+def test_clients_that_come_and_leave_at_random_leave_nothing(steps: list[tuple[str, int, Kind]]) -> None:
+    asyncio.run(_churn(steps))
+
+
+async def _churn(steps: list[tuple[str, int, Kind]]) -> None:
+    hub = Hub(5, 2)
+    open_: list[tuple[ExitStack, Subscription]] = []
+    traces: list[weakref.ref[object]] = []
+    taken = replaced = number = 0
+    for what, which, kind in steps:
+        some = open_[which % len(open_)] if open_ else None
+        if what == "come":
+            block = ExitStack()
+            try:
+                subscription = block.enter_context(hub.subscribe(kind))
+            except FullError:
+                assert len(open_) == 5
+            else:
+                open_.append((block, subscription))
+                traces.append(weakref.ref(subscription))
+        elif what == "publish":
+            number += 1
+            replaced += sum(s.kind == kind and not s.hungry for _, s in open_)
+            hub.publish(kind, number, b"set %d" % number)
+        elif what == "fail":
+            hub.fail(kind, "broken")
+        elif some is not None and what == "take" and not some[1].hungry:
+            try:
+                await some[1].get()
+                taken += 1
+            except StreamError:
+                pass
+        elif some is not None and what == "leave":
+            hub.changed.clear()
+            some[0].close()
+            open_.remove(some)
+            assert hub.changed.is_set()
+        assert len(hub) == len(open_)
+        assert hub.kinds() == {s.kind for _, s in open_}
+        assert (hub.sent, hub.skipped) == (taken, replaced)
+    some = subscription = None
+    while open_:
+        open_.pop()[0].close()
+    assert len(hub) == 0
+    assert hub.kinds() == hub.take_newcomers() == set()
+    assert (hub.sent, hub.skipped) == (taken, replaced)
+    assert [trace for trace in traces if trace() is not None] == []
+
+
+async def test_a_closed_hub_takes_nobody() -> None:
+    hub = Hub(1, 1)
+    with hub.subscribe(LEFT) as one:
+        hub.close("shutting down")
+        with pytest.raises(StreamError, match="shutting down"):
+            await one.get()
+    with pytest.raises(StreamError, match="shutting down"), hub.subscribe(LEFT):
+        pass
