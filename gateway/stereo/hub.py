@@ -33,27 +33,28 @@ class Subscription:
         """Sets that a newer one has replaced."""
         self._number = -1
         self._data: bytes | None = None
-        self._error: StreamError | None = None
+        self._over = ""
+        """Why the stream is over; empty: it is not."""
         self._filled = asyncio.Event()
         self.starving = False
         """Whether the client has sent everything and waits."""
 
     @property
     def hungry(self) -> bool:
-        """Whether the mailbox is empty."""
-        return self._data is None
+        """Whether the mailbox is empty, and the stream is not over."""
+        return self._data is None and not self._over
 
     def put(self, number: int, data: bytes) -> None:
         """Leaves a set unless a newer one, or this one, was here before."""
-        if number <= self._number:
+        if number <= self._number or self._over:
             return
         self.skipped += self._data is not None
         self._number, self._data = number, data
         self._filled.set()
 
-    def fail(self, error: StreamError) -> None:
+    def fail(self, message: str) -> None:
         """Ends the stream with a sentence."""
-        self._error = error
+        self._over, self._data = message, None
         self._filled.set()
 
     async def get(self) -> bytes:
@@ -69,8 +70,9 @@ class Subscription:
                 await self._filled.wait()
             finally:
                 self.starving = False
-        if self._error is not None:
-            raise self._error
+        if self._over:
+            # A new one: a kept one would hold this frame, and so the mailbox, in a cycle.
+            raise StreamError(self._over)
         data, self._data = self._data, None
         assert data is not None
         self._filled.clear()
@@ -164,10 +166,10 @@ class Hub:
         """Ends the streams of this kind."""
         for subscription in tuple(self._subscriptions):
             if subscription.kind == kind:
-                subscription.fail(StreamError(message))
+                subscription.fail(message)
 
     def close(self, message: str) -> None:
         """Ends all streams and takes no new ones."""
         self._closed = message
         for subscription in tuple(self._subscriptions):
-            subscription.fail(StreamError(message))
+            subscription.fail(message)

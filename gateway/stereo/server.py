@@ -18,6 +18,7 @@ from gateway.stereo.config import StereoConfig, Tls
 from gateway.stereo.events import EventHub
 from gateway.stereo.faults import CUT, FaultInjector
 from gateway.stereo.hub import FullError, Hub, StreamError
+from gateway.stereo.reflected import MethodPool
 from gateway.stereo.request import RequestError, kind_of
 
 SERVICE = pb.DESCRIPTOR.services_by_name["ImageInterface"].full_name
@@ -137,7 +138,7 @@ async def start(
     healthy = health.aio.HealthServicer()
     health_pb2_grpc.add_HealthServicer_to_server(healthy, server)
     names = (SERVICE, EVENTS_SERVICE, health.SERVICE_NAME, reflection.SERVICE_NAME)
-    reflection.enable_server_reflection(names, server)
+    reflection.enable_server_reflection(names, server, pool=MethodPool())
     address = f"[{config.host}]:{config.port}" if ":" in config.host else f"{config.host}:{config.port}"
     try:
         port = _bind(server, address, config.tls)

@@ -86,39 +86,49 @@ async def _churn(steps: list[tuple[str, int, Kind]]) -> None:
     hub = Hub(5, 2)
     open_: list[tuple[ExitStack, Subscription]] = []
     traces: list[weakref.ref[object]] = []
+    full: set[int] = set()
+    over: set[int] = set()
     taken = replaced = number = 0
     for what, which, kind in steps:
         some = open_[which % len(open_)] if open_ else None
         if what == "come":
             block = ExitStack()
             try:
-                subscription = block.enter_context(hub.subscribe(kind))
+                open_.append((block, block.enter_context(hub.subscribe(kind))))
             except FullError:
                 assert len(open_) == 5
             else:
-                open_.append((block, subscription))
-                traces.append(weakref.ref(subscription))
+                traces.append(weakref.ref(open_[-1][1]))
         elif what == "publish":
             number += 1
-            replaced += sum(s.kind == kind and not s.hungry for _, s in open_)
+            getting = {id(s) for _, s in open_ if s.kind == kind} - over
+            replaced += len(getting & full)
+            full |= getting
             hub.publish(kind, number, b"set %d" % number)
         elif what == "fail":
             hub.fail(kind, "broken")
+            over |= {id(s) for _, s in open_ if s.kind == kind}
+            full -= over
         elif some is not None and what == "take" and not some[1].hungry:
-            try:
+            if id(some[1]) in over:
+                with pytest.raises(StreamError, match="broken"):
+                    await some[1].get()
+            else:
                 await some[1].get()
+                full.discard(id(some[1]))
                 taken += 1
-            except StreamError:
-                pass
         elif some is not None and what == "leave":
             hub.changed.clear()
             some[0].close()
             open_.remove(some)
+            full.discard(id(some[1]))
+            over.discard(id(some[1]))
             assert hub.changed.is_set()
         assert len(hub) == len(open_)
+        assert {id(s) for _, s in open_ if not s.hungry} == full | over
         assert hub.kinds() == {s.kind for _, s in open_}
         assert (hub.sent, hub.skipped) == (taken, replaced)
-    some = subscription = None
+    some = None
     while open_:
         open_.pop()[0].close()
     assert len(hub) == 0

@@ -16,6 +16,7 @@ import grpc
 import numpy as np
 import pytest
 from grpc_health.v1 import health_pb2, health_pb2_grpc
+from grpc_reflection.v1alpha import reflection_pb2, reflection_pb2_grpc
 from grpc_reflection.v1alpha.proto_reflection_descriptor_database import ProtoReflectionDescriptorDatabase
 
 from gateway.generated import image_interface_pb2 as pb
@@ -200,6 +201,28 @@ async def test_health_and_reflection(start: Start) -> None:
     services, messages = await asyncio.to_thread(look)
     assert "ImageInterface" in services
     assert "ImageSetRequest" in messages
+
+
+@pytest.mark.parametrize(
+    ("name", "known"),
+    [
+        ("ImageInterface", True),
+        ("ImageInterface.StreamImageSets", True),
+        ("grpc.health.v1.Health.Watch", True),
+        ("Image.data", True),
+        ("ImageInterface.Nothing", False),
+        ("Nothing.StreamImageSets", False),
+        ("Nothing", False),
+        ("", False),
+    ],
+)
+async def test_reflection_finds_methods_too(start: Start, name: str, known: bool) -> None:
+    camera = await start()
+    call = reflection_pb2_grpc.ServerReflectionStub(camera.channel).ServerReflectionInfo()
+    await call.write(reflection_pb2.ServerReflectionRequest(file_containing_symbol=name))
+    answer = await call.read()
+    await call.done_writing()
+    assert answer.WhichOneof("message_response") == ("file_descriptor_response" if known else "error_response")
 
 
 async def test_a_taken_port_is_one_sentence(start: Start) -> None:
