@@ -4,15 +4,19 @@
 
 For each payload and number of clients: sets per second over all clients, MB/s, the server's CPU seconds per second and
 its CPU ms per set (of one client), the clients' CPU, the event loop's stall at a 1 ms ticker (p99, max, ms), and the
-ratio of our MB/s to the others'. Clients are Python processes (with ``--native PROGRAM`` of bench/stream_client.cc, C++
-ones) that take the bytes and do not parse them.
+ratio of our MB/s to the others'. Clients are Python processes (with ``--native PROGRAM`` of bench/stream_client.cc,
+C++ ones) that take the bytes and do not parse them. ``shared`` joins every set anew, as the camera does; ``again``
+sends the same set again and again, which is all that raw TCP does. ``--native-server PROGRAM`` of
+bench/stream_server.cc adds the least that gRPC costs: a C++ server that hands the library one shared slice. On a busy
+machine the second figure of each ratio counts: bytes per CPU second of server and clients together.
 
 ``--rounds N`` repeats each comparison and prints the medians of the ratios: on a busy machine single rounds say little.
 
-``--live`` renders: left, right, disparity, error and confidence of a scene with noise; the age is from timestamp to
-client. ``--slow`` adds a client that reads twice a second. ``--minutes N`` runs the live camera so long and prints its
-memory every tenth of it and its slope. ``--steps`` prints how much CPU time each turn of the loop took in our code
-and in the stream's writers (gRPC's own sending included).
+``--live`` renders: left, right, disparity, error and confidence of a scene with noise (``--scene table``, or ``demo``:
+the moving one of ``serve --demo``); the age is from timestamp to client. ``--slow`` adds a client that reads twice a
+second. ``--minutes N`` runs the live camera so long and prints its memory every tenth of it and its slope. ``--steps``
+prints how much CPU time each turn of the loop took in our code and in the stream's writers (gRPC's own sending
+included).
 """
 
 from __future__ import annotations
@@ -23,13 +27,16 @@ import os
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 from statistics import median
 from typing import Any
 
 import numpy as np
 
+from bench.stream_servers import payload
 from gateway.ops.process import tune
+from gateway.stereo import wire
 
 ROW = "{:<30}{:>8}{:>9}{:>8}{:>9}{:>9}{:>9}{:>11}{:>11}{:>8}{:>8}"
 HEAD = ROW.format(
@@ -127,6 +134,8 @@ def run(
 ) -> dict[str, float]:
     """One cell of the table."""
     command = [sys.executable, "-m", "bench.stream_servers", *(["--steps"] if steps else []), kind, *arguments]
+    if kind == "c++":
+        command = arguments
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
     ) as server:
@@ -137,8 +146,8 @@ def run(
             line = server.stdout.readline()
         port = line.strip()
         base = [sys.executable, "-m", "bench.stream", "--client", kind, port, str(seconds)]
-        if native and kind != "tcp":
-            base = [native, f"127.0.0.1:{port}", str(seconds)]
+        if native:
+            base = [native, f"tcp:{port}" if kind == "tcp" else f"127.0.0.1:{port}", str(seconds)]
         children = [
             subprocess.Popen([*base, "0.5" if i < slow else "0"], stdout=subprocess.PIPE, text=True)
             for i in range(clients + slow)
@@ -155,12 +164,14 @@ def run(
         server.kill()
     fast = [a for a in answers if not a["slow"]]
     total = {"sets": sum(a["sets"] for a in fast), "mb": sum(a["mb"] for a in fast), **figures}
+    total["cost"] = (figures["cpu"] + sum(a["cpu"] for a in answers)) / total["mb"]
+    stalls = [f"{figures[name]:.1f}" if name in figures else "" for name in ("stall_p99", "stall_max")]
     print(
         ROW.format(
             label, f"{clients}+{slow}" if slow else clients, f"{total['sets']:.1f}", f"{total['mb']:.0f}",
             f"{figures['cpu']:.2f}", f"{figures['cpu'] * 1000 * len(fast) / total['sets']:.1f}",
-            f"{sum(a['cpu'] for a in answers):.2f}", f"{figures['stall_p99']:.1f}",
-            f"{figures['stall_max']:.1f}", f"{sum(a['age'] for a in fast) / len(fast):.1f}" if kind == "live" else "",
+            f"{sum(a['cpu'] for a in answers):.2f}", *stalls,
+            f"{sum(a['age'] for a in fast) / len(fast):.1f}" if kind == "live" else "",
             f"{figures['rss']:.0f}",
         ),
         flush=True,
@@ -186,9 +197,11 @@ def main() -> None:
     parser.add_argument("--live", action="store_true")
     parser.add_argument("--look", default="pbr")
     parser.add_argument("--quality", default="High")
+    parser.add_argument("--scene", default="table", choices=("table", "demo"))
     parser.add_argument("--slow", type=int, default=0)
     parser.add_argument("--steps", action="store_true")
     parser.add_argument("--native", default="", help="the program made of bench/stream_client.cc")
+    parser.add_argument("--native-server", default="", help="the program made of bench/stream_server.cc")
     parser.add_argument("--minutes", type=float, default=0.0)
     parser.add_argument("--client", nargs=4, help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -199,9 +212,9 @@ def main() -> None:
         seconds = options.minutes * 60 or options.seconds
         for rate in ("max",) if options.minutes else ("max", "device"):
             for n in options.clients:
-                arguments = [rate, options.look, options.quality]
+                arguments = [rate, options.look, options.quality, options.scene]
                 run(
-                    f"live {options.quality} {options.look} {rate}",
+                    f"{options.scene} {options.quality} {options.look} {rate}",
                     "live",
                     arguments,
                     n,
@@ -210,18 +223,38 @@ def main() -> None:
                     options.steps,
                 )
         return
+    kinds = ["tcp", "c++", "proto", "again", "shared"] if options.native_server else ["tcp", "proto", "again", "shared"]
     for name in options.payloads:
-        for n in options.clients:
-            ratios: dict[str, list[float]] = {"tcp": [], "proto": []}
-            for _ in range(options.rounds):
-                cells = {
-                    kind: run(f"{name} {kind}", kind, [name], n, options.seconds, native=options.native)
-                    for kind in ("tcp", "proto", "shared")
-                }
-                for kind, values in ratios.items():
-                    values.append(cells["shared"]["mb"] / cells[kind]["mb"])
-            print(f"   shared bytes / raw TCP {median(ratios['tcp']):.2f}, "
-                  f"/ per-client protobuf {median(ratios['proto']):.2f} (medians of {options.rounds})")  # fmt: skip
+        with tempfile.NamedTemporaryFile() as file:
+            file.write(wire.join(payload(name)))
+            file.flush()
+            for n in options.clients:
+                rounds = [
+                    {
+                        kind: run(
+                            f"{name} {kind}",
+                            kind,
+                            [options.native_server, file.name] if kind == "c++" else [name],
+                            n,
+                            options.seconds,
+                            native=options.native,
+                        )
+                        for kind in kinds
+                    }
+                    for _ in range(options.rounds)
+                ]
+                _compare(rounds, kinds)
+
+
+def _compare(rounds: list[dict[str, dict[str, float]]], kinds: list[str]) -> None:
+    """Prints the medians of the ratios: bytes per second, and bytes per CPU second of server and clients."""
+    for kind in ("shared", "again", "c++"):
+        for other in ("tcp", "c++", "proto"):
+            if not {kind, other} <= {*kinds} or kind == other or (kind, other) == ("c++", "proto"):
+                continue
+            speed = median(r[kind]["mb"] / r[other]["mb"] for r in rounds)
+            cost = median(r[other]["cost"] / r[kind]["cost"] for r in rounds)
+            print(f"   {kind:>6} / {other:<5} {speed:.2f}, per CPU second {cost:.2f} (medians of {len(rounds)})")
 
 
 if __name__ == "__main__":

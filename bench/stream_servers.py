@@ -11,6 +11,7 @@ import os
 import resource
 import sys
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +27,10 @@ from gateway.stereo.events import EventHub
 from gateway.stereo.faults import FaultInjector
 from gateway.stereo.hub import Hub
 from gateway.stereo.messages import Taking
+from gateway.stereo.pacing import PoseSource, SceneSource
 from gateway.stereo.service import StereoService
 from gateway.workers import Workers
+from renderers.drawlist import DrawList
 from renderers.stereo.model import MODELS
 
 PAYLOADS = {
@@ -63,11 +66,16 @@ def payload(name: str) -> list[wire.Chunk]:
     return chunks
 
 
-async def shared(name: str) -> tuple[int, Any]:
-    """Our way: joined once per set, the same bytes to every client, newest set only."""
+async def shared(name: str, *, again: bool = False) -> tuple[int, Any]:
+    """Our way: joined once per set, the same bytes to every client, newest set only.
+
+    Args:
+        again: the set is joined once for all: what is left is sending, which is all that the raw TCP server does.
+    """
     hub = Hub(64, 16)
     running, port, _ = await server.start(hub, EventHub(64, 64), FaultInjector(0, 0), StereoConfig(port=0))
     chunks = payload(name)
+    ready = wire.join(chunks)
 
     async def produce() -> None:
         number = 0
@@ -77,7 +85,7 @@ async def shared(name: str) -> tuple[int, Any]:
             if len(hub) and all(s.hungry for s in hub):
                 kinds = hub.kinds()
                 number += 1
-                data = await asyncio.to_thread(wire.join, chunks)
+                data = ready if again else await asyncio.to_thread(wire.join, chunks)
                 for kind in kinds:
                     hub.publish(kind, number, data)
             else:
@@ -128,23 +136,49 @@ async def tcp(name: str) -> tuple[int, Any]:
     return listening.getsockname()[1], listening
 
 
-async def live(rate: str, look: str, quality: str) -> tuple[int, Any]:
+async def live(rate: str, look: str, quality: str, scene: str) -> tuple[int, Any]:
     """The whole camera: rendered, with noise, at the device's rate or as fast as it goes."""
     from renderers.cpu import CpuRenderer
     from renderers.cpu.warmup import warmup
     from renderers.stereo.warm import warm_up
-    from tests.stereo.scenes import pose, table
 
     warmup()
     warm_up()
-    scene = table()
     config = StereoConfig(port=0, rate=rate, look=look)  # type: ignore[arg-type]  # argparse has checked
-    service = StereoService(config, lambda: (scene, 1), pose, CpuRenderer(2), Workers(2))
+    source, pose, mover = {"table": _table, "demo": _demo}[scene]()
+    service = StereoService(config, source, pose, CpuRenderer(2), Workers(2))
     service.parameters.set("rc_stereomatching", [("quality", quality)])
     task = asyncio.create_task(service.run())
     while not service.ready:  # noqa: ASYNC110 - nobody tells when
         await asyncio.sleep(0.01)
-    return service.port, (task, service)
+    return service.port, (task, service, mover)
+
+
+def _table() -> tuple[SceneSource, PoseSource, None]:
+    """Six solids that stand still."""
+    from tests.stereo.scenes import pose, table
+
+    scene = table()
+    return lambda: (scene, 1), pose, None
+
+
+def _demo() -> tuple[SceneSource, PoseSource, Any]:
+    """What ``serve --demo`` shows, in motion, from where its camera is."""
+    from gateway.demorun import DemoRun
+    from gateway.scene.flatten import Flattener
+    from gateway.scene.labels import LabelTable
+    from gateway.scene.live import LiveTree
+    from gateway.scene.mount import parse_mount_pose
+    from gateway.settings import Settings
+
+    tree, flattener = LiveTree(), Flattener(LabelTable())
+    pose = parse_mount_pose(Settings.model_fields["stereo_pose"].default)
+
+    def scene() -> tuple[DrawList, int]:
+        snapshot = tree.snapshot
+        return flattener.flatten(snapshot), snapshot.revision
+
+    return scene, lambda: pose, asyncio.create_task(DemoRun(tree).run())
 
 
 def watch_steps() -> dict[str, list[float]]:
@@ -171,7 +205,8 @@ def watch_steps() -> dict[str, list[float]]:
 
 async def main(kind: str, *arguments: str) -> None:
     tune()
-    port, keep = await {"shared": shared, "proto": proto, "tcp": tcp, "live": live}[kind](*arguments)
+    servers = {"shared": shared, "again": partial(shared, again=True), "proto": proto, "tcp": tcp, "live": live}
+    port, keep = await servers[kind](*arguments)
     print(port, flush=True)
     lateness = [0] * 10_000  # in steps of 0.1 ms: a list of all would grow, which is what is being measured
     # A line says that every client has its first set: what was before does not count.
