@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from gateway.stereo.request import Kind
@@ -20,12 +20,14 @@ class StreamError(RuntimeError):
 class Subscription:
     """One client's mailbox."""
 
-    def __init__(self, kind: Kind, changed: asyncio.Event) -> None:
+    def __init__(self, kind: Kind, changed: asyncio.Event, epoch: int) -> None:
         """
         Args:
             changed: set when this client has taken a set or waits for one.
+            epoch: of the hub when the client came.
         """
         self.kind = kind
+        self.epoch = epoch
         self._changed = changed
         self.sent = 0
         """Sets taken out."""
@@ -84,7 +86,12 @@ class Subscription:
 class Hub:
     """All subscriptions."""
 
-    def __init__(self, max_clients: int, max_kinds: int) -> None:
+    def __init__(self, max_clients: int, max_kinds: int, epoch: Callable[[], int] = lambda: 0) -> None:
+        """
+        Args:
+            epoch: a number that grows when the camera is told to make other sets.
+        """
+        self.epoch = epoch
         self._max_clients = max_clients
         self._max_kinds = max_kinds
         self._subscriptions: set[Subscription] = set()
@@ -126,7 +133,7 @@ class Hub:
         kinds = self.kinds()
         if kind not in kinds and len(kinds) >= self._max_kinds:
             raise FullError(f"{self._max_kinds} different requests are served already, the limit (max_kinds)")
-        subscription = Subscription(kind, self.changed)
+        subscription = Subscription(kind, self.changed, self.epoch())
         self._subscriptions.add(subscription)
         self._newcomers.add(subscription)
         self.changed.set()
@@ -156,10 +163,15 @@ class Hub:
         newcomers, self._newcomers = self._newcomers, set()
         return {s.kind for s in newcomers}
 
-    def publish(self, kind: Kind, number: int, data: bytes) -> None:
-        """Leaves a set with everybody who wants this kind."""
+    def publish(self, kind: Kind, number: int, data: bytes, outdated: int | None = None) -> None:
+        """Leaves a set with everybody who wants this kind.
+
+        Args:
+            outdated: the epoch in which the set was taken, when the camera makes other ones by now. Who came later gets
+                none of those: a client that sets a parameter and then opens a stream means the stream.
+        """
         for subscription in self._subscriptions:
-            if subscription.kind == kind:
+            if subscription.kind == kind and (outdated is None or subscription.epoch <= outdated):
                 subscription.put(number, data)
 
     def fail(self, kind: Kind, message: str) -> None:

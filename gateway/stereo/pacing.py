@@ -182,6 +182,7 @@ class Metronome:
 
     async def _take(self, settings: StreamSettings, plain: set[Kind], depth: set[Kind], period: int) -> None:
         """Notes the scene as it is now and lets the sets be made."""
+        epoch = self._hub.epoch()
         stamp = self._clock.stamp(self._stamp, period)
         camera = await self._shot(
             self._number + 1, self._injector.stamp(stamp), settings.lines(depth=False), plain | depth
@@ -193,7 +194,7 @@ class Metronome:
         one_shot = settings.lines(depth=False) == settings.lines(depth=True)
         frame = None
         if plain:
-            self._last = frame = self._frame(settings, camera, camera, plain | (depth if one_shot else set()))
+            self._last = frame = self._frame(settings, camera, camera, plain | (depth if one_shot else set()), epoch)
             self._spawn(self._tasks, self._make(frame, plain))
         if not depth:
             return
@@ -201,26 +202,26 @@ class Metronome:
         self._depth_next = stamp + every if due is None or stamp - due > every else due + every
         self._trigger.taken()
         if settings.alternate:
-            self._spawn(self._depth_tasks, self._expose_again(settings, camera, depth))
+            self._spawn(self._depth_tasks, self._expose_again(settings, camera, depth, epoch))
             return
         if frame is None or not one_shot:
             shot = camera if one_shot else replace(camera, lines=settings.lines(depth=True))
-            frame = self._frame(settings, camera, shot, depth)
+            frame = self._frame(settings, camera, shot, depth, epoch)
         self._last_depth = frame
         self._spawn(self._depth_tasks, self._acquire(frame, depth))
 
-    async def _expose_again(self, settings: StreamSettings, camera: Shot, kinds: set[Kind]) -> None:
+    async def _expose_again(self, settings: StreamSettings, camera: Shot, kinds: set[Kind], epoch: int) -> None:
         """Alternate exposure: the depth image follows after 40 ms, with Out1 high."""
         if self.studio.config.rate == "device":
             await asyncio.sleep(ALTERNATE_GAP / 1e9)
         shot = await self._shot(camera.index, camera.timestamp + ALTERNATE_GAP, settings.lines(depth=True), kinds)
         if shot is None:
             return
-        self._last_depth = self._frame(settings, camera, shot, kinds)
+        self._last_depth = self._frame(settings, camera, shot, kinds, epoch)
         await self._acquire(self._last_depth, kinds)
 
-    def _frame(self, settings: StreamSettings, camera: Shot, depth: Shot, kinds: set[Kind]) -> Frame:
-        frame = Frame(self.studio, self._workers, self._number, settings, camera, depth, kinds)
+    def _frame(self, settings: StreamSettings, camera: Shot, depth: Shot, kinds: set[Kind], epoch: int) -> Frame:
+        frame = Frame(self.studio, self._workers, self._number, settings, camera, depth, kinds, epoch)
         self.history.append(Record(self._number, settings, camera, depth, self.studio))
         return frame
 
@@ -275,7 +276,11 @@ class Metronome:
             self._fail(kind, f"frame {frame.number} ({kind}) could not be made", error)
         else:
             self.counts.problem = ""
-            self._injector.deliver(frame.number, data, lambda: self._hub.publish(kind, frame.number, data))
+            self._injector.deliver(frame.number, data, lambda: self._deliver(frame, kind, data))
+
+    def _deliver(self, frame: Frame, kind: Kind, data: bytes) -> None:
+        current = frame.settings == self.settings and frame.studio is self.studio
+        self._hub.publish(kind, frame.number, data, None if current else frame.epoch)
 
     def _fail(self, kind: Kind, what: str, error: Exception) -> None:
         """Ends the streams of a kind with the reason; a defect of ours gets a traceback in the log."""
@@ -289,7 +294,8 @@ class Metronome:
         for kind in self._hub.take_newcomers():
             frame = self._last_depth if kind.depth else self._last
             settings = self.settings
-            if frame is None or self._stamp is None or frame.settings != settings or settings.single:
+            other = frame is not None and (frame.settings != settings or frame.studio is not self.studio)
+            if frame is None or self._stamp is None or other or settings.single:
                 continue
             rate = settings.depth_rate if kind.depth else settings.camera_rate
             now = self._injector.stamp(self._clock.stamp(self._stamp, 0))

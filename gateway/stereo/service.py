@@ -53,7 +53,8 @@ class StereoService:
         self.trigger = Trigger()
         self._scene_studio = Studio(config, renderer)
         self.workers = workers
-        self.hub = Hub(config.max_clients, config.max_kinds)
+        self._shows = 0
+        self.hub = Hub(config.max_clients, config.max_kinds, lambda: self.parameters.version + self._shows)
         self.events = EventHub(config.max_clients, config.max_events)
         self.injector = FaultInjector(config.seed, config.max_late_bytes)
         self.started = time.time()
@@ -84,6 +85,7 @@ class StereoService:
     def show_pairs(self, studio: PairStudio | None) -> None:
         """Shows pairs from the next frame on; None: the scene again."""
         self._metronome.studio = studio or self._scene_studio
+        self._shows += 1
         self.hub.changed.set()
 
     @property

@@ -137,6 +137,18 @@ async def _churn(steps: list[tuple[str, int, Kind]]) -> None:
     assert [trace for trace in traces if trace() is not None] == []
 
 
+async def test_an_outdated_set_goes_to_those_only_who_were_there_before() -> None:
+    epoch = 1
+    hub = Hub(4, 4, lambda: epoch)
+    with hub.subscribe(LEFT) as early:
+        epoch = 2
+        with hub.subscribe(LEFT) as late:
+            hub.publish(LEFT, 1, b"old", 1)
+            assert (early.hungry, late.hungry) == (False, True)
+            hub.publish(LEFT, 2, b"new")
+            assert await late.get() == await early.get() == b"new"
+
+
 async def test_a_closed_hub_takes_nobody() -> None:
     hub = Hub(1, 1)
     with hub.subscribe(LEFT) as one:

@@ -332,6 +332,30 @@ async def test_who_joins_later_gets_a_set_at_once_at_the_device_s_slow_rates(sta
     assert two.timestamp == one.timestamp
 
 
+async def test_who_opens_a_stream_after_setting_a_parameter_gets_no_older_set(start: Start) -> None:
+    taking, go = threading.Event(), threading.Event()
+    drawn = table()
+
+    def scene() -> tuple[DrawList, int]:
+        taking.set()
+        go.wait(10)
+        return drawn, 1
+
+    camera = await start(scene=scene)
+    first = camera.stream(disparity_enabled=True)
+    pending = asyncio.ensure_future(first.read())
+    assert await asyncio.to_thread(taking.wait, 10)
+    # A frame is in work with the quality of before, for the same request.
+    camera.service.parameters.set("rc_stereomatching", [("quality", "Low")])
+    second = camera.stream(disparity_enabled=True)
+    later = asyncio.ensure_future(second.read())
+    await _until(lambda: len(camera.service.hub) == 2)
+    go.set()
+    assert (await pending).disparity.image.width == 160
+    assert (await later).disparity.image.width == 54
+    assert (await first.read()).disparity.image.width == 54
+
+
 async def test_scene_and_pose_are_read_for_every_frame(start: Start) -> None:
     scenes = [table(), DrawList()]
     calls = 0
