@@ -1,8 +1,9 @@
 """The pictures of docs/gallery.md, drawn by this repository's own renderer from scenes that are made here.
 
-    python -m bench.gallery [FOLDER]
+    python -m bench.gallery [FOLDER [NAME ...]]
 
-FOLDER (default: docs/images/gallery) gets one JPEG each. The same sources give the same pixels every time.
+FOLDER (default: docs/images/gallery) gets one JPEG each, or those that are named. The same sources give the same pixels
+every time.
 """
 
 from __future__ import annotations
@@ -41,7 +42,14 @@ from renderers.drawlist import (
 from renderers.encode import jpeg_rgb
 from renderers.fxaa import fxaa
 from renderers.port import Look, Output
-from renderers.studio.rig import Hemisphere, Rig, Surroundings
+from renderers.stereo.exposure import Exposure
+from renderers.stereo.matching import match
+from renderers.stereo.model import DISPARITY_SCALE, MODELS
+from renderers.stereo.noise import Stream, frame_key
+from renderers.stereo.projector import dots_on
+from renderers.stereo.sensor import take
+from renderers.stereo.truth import DepthRange, true_disparity
+from renderers.studio.rig import STUDIO, Hemisphere, Rig, Surroundings
 
 Picture = NDArray[np.uint8]
 PAPER: Final = (236, 239, 243)
@@ -109,7 +117,7 @@ def camera(text: str, width: int = WIDTH, height: int = HEIGHT, drawn: DrawList 
 
 
 class Gallery:
-    """Draws them."""
+    """Draws them; each method is one picture."""
 
     def __init__(self) -> None:
         self._renderer = CpuRenderer()
@@ -261,6 +269,62 @@ class Gallery:
             ).astype(np.uint8)
             return np.vstack((np.hstack((frame.color, depth)), np.hstack((label, normal))))
 
+    def tones(self) -> Picture:
+        """Ever brighter light under the three tone curves, one above the other."""
+        ball = sphere()
+        instances = []
+        hues = ((0.85, 0.06, 0.05), (0.9, 0.45, 0.03), (0.75, 0.7, 0.06), (0.08, 0.5, 0.1), (0.05, 0.2, 0.75))
+        for k, color in enumerate((*hues, (0.35, 0.08, 0.6), (0.8, 0.8, 0.8))):
+            satin = Material((*color, 1), metallic=0.0, roughness=0.35)
+            instances.append(Instance(ball, satin, at(1.1 * (k - 3), 0, 0.5)))
+        view = camera("eye=0,-9,1.1;target=0,0,0.5;fovy=9.8", WIDTH, HEIGHT // 3)
+        strips = []
+        for tone in ("neutral", "aces", "none"):
+            rig = replace(STUDIO, tone=tone, exposure=2.2)  # type: ignore[arg-type]  # one of the curves
+            strip = self.color(DrawList(tuple(instances)), view, Look("studio", PAPER, 8, rig))
+            cv2.putText(strip, tone, (14, 26), cv2.FONT_HERSHEY_SIMPLEX, 0.6, (40, 50, 60), 1, cv2.LINE_AA)
+            strips.append(strip)
+        return np.vstack(strips)
+
+    def stereo(self) -> Picture:
+        """What the stereo camera streams: images with the projector's dots and noise, disparity matched from them, and
+        the exact one."""
+        model, divisor = MODELS["rc_visard 160-4"], 2
+        k = model.intrinsics(divisor)
+        pose = camera("eye=1.55,-1.5,1.3;target=0,0.1,0.62", drawn=self._demo).X_world_camera
+        exposure, depths, images = Exposure(), [], []
+        wanted = Output.COLOR | Output.DEPTH
+        middle = model.camera(pose, offset=model.baseline / 2, divisor=divisor, near=0.05, far=100.0)
+        with self._renderer.render(self._demo, middle, Output.DEPTH) as seen:
+            assert seen.depth is not None
+            for stream, offset in ((Stream.LEFT, 0.0), (Stream.RIGHT, model.baseline)):
+                view = model.camera(pose, offset=offset, divisor=divisor, near=0.05, far=100.0)
+                with self._renderer.render(self._demo, view, wanted, Look("pbr")) as frame:
+                    assert frame.color is not None
+                    assert frame.depth is not None
+                    dots = dots_on(frame.depth, k.focal_length, k.cx, k.cy, offset - model.baseline / 2, seen.depth)
+                    key = frame_key(1, 1, stream)
+                    images.append(take(frame.color, exposure, key, color=False, dots=dots, dot_light=1.5).image)
+                    depths.append(frame.depth.copy())
+        matched = match(images[0], images[1], model.disparity_range(divisor, 0.5), exposure.sigma(128.0))
+        ft = k.focal_length * model.baseline
+        exact = true_disparity(depths[0], depths[1], ft, DepthRange(0.5, 100.0))
+        most = float(np.percentile(exact[exact > 0], 99.5))
+
+        def painted(disparity: NDArray[Any]) -> Picture:
+            level = np.clip(disparity / most * 255.0, 0, 255).astype(np.uint8)
+            colors = np.asarray(cv2.applyColorMap(level, cv2.COLORMAP_TURBO)[..., ::-1], np.uint8)
+            return np.where((disparity > 0)[..., None], colors, np.uint8(255))
+
+        def grey(image: Picture) -> Picture:
+            return np.repeat(image[..., None], 3, axis=2)
+
+        pixels = matched.disparity * np.float32(DISPARITY_SCALE)
+        tiles = [grey(images[0]), grey(images[1]), painted(pixels), painted(exact)]
+        top, side = (k.height - HEIGHT // 2) // 2, (k.width - WIDTH // 2) // 2
+        tiles = [tile[top : top + HEIGHT // 2, side : side + WIDTH // 2] for tile in tiles]
+        return np.vstack((np.hstack(tiles[:2]), np.hstack(tiles[2:])))
+
 
 def main() -> None:
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else "docs/images/gallery")
@@ -276,8 +340,13 @@ def main() -> None:
         "filtering": gallery.filtering,
         "edges": gallery.edges,
         "outputs": gallery.outputs,
+        "tones": gallery.tones,
+        "stereo": gallery.stereo,
     }
-    for name, draw in pictures.items():
+    wanted = sys.argv[2:] or list(pictures)
+    if unknown := set(wanted) - set(pictures):
+        sys.exit(f"no such picture: {', '.join(sorted(unknown))}; there are {', '.join(pictures)}")
+    for name, draw in ((name, pictures[name]) for name in wanted):
         data = jpeg_rgb(np.ascontiguousarray(draw()), quality=86)
         (folder / f"{name}.jpg").write_bytes(data)
         print(f"{name:10} {len(data) / 1e3:6.0f} kB", flush=True)
