@@ -173,7 +173,8 @@ def _visits(document: Document, limits: GltfLimits) -> _Visits:
         index, parent, where = stack.pop()
         if index is None:
             continue
-        source = element(nodes, index, "nodes", where)
+        known = nodes[index] if type(index) is int and nodes is not None and 0 <= index < len(nodes) else None
+        source = known if known is not None else element(nodes, index, "nodes", where)
         if index in seen:
             raise GltfError(f"{where}: nodes[{index}] has several parents or is part of a cycle")
         seen.add(index)
@@ -223,24 +224,52 @@ def _matrix(node: gltf.Node, name: str) -> Matrix:
 
 def _matrices(visits: _Visits) -> list[Matrix]:
     """X_parent_node of every visit; ``IDENTITY`` itself where nothing moves."""
-    given = [source.matrix for source in visits.sources if source.matrix is not None]
+    matrices = _several(visits)
+    return [
+        _matrix(source, f"nodes[{index}]") if matrix is None else matrix
+        for index, source, matrix in zip(visits.indices, visits.sources, matrices, strict=True)
+    ]
+
+
+def _several(visits: _Visits) -> list[Matrix | None]:
+    """Those matrices that are as nearly all are, all at once: a call of numpy for every node would cost ten times as
+    much. None: to be looked at alone."""
+    result: list[Matrix | None] = [None] * len(visits.sources)
+    given, moved = [], []
+    for position, source in enumerate(visits.sources):
+        if source.matrix is not None:
+            given.append(position)
+        elif source.rotation is None and source.scale is None:
+            if source.translation is None:
+                result[position] = IDENTITY
+            else:
+                moved.append(position)
     if len(given) >= _FEW:
-        # All at once: a call of numpy for every node would cost ten times as much.
-        try:
-            values = np.array(given, dtype=np.float64)
-        except (ValueError, OverflowError):
-            values = np.empty((0, 0))
-        if values.shape == (len(given), 16) and np.isfinite(values).all():
+        values = _numbers([visits.sources[position].matrix for position in given], 16)
+        if values is not None:
             matrices = np.ascontiguousarray(values.reshape(-1, 4, 4).transpose(0, 2, 1))
             if (np.abs(matrices[:, 3] - IDENTITY[3]) <= _AFFINE_TOLERANCE).all():
                 matrices[:, 3] = IDENTITY[3]
-                moved = (matrices != IDENTITY).any(axis=(1, 2)).tolist()
-                found = iter([matrix if moves else IDENTITY for matrix, moves in zip(matrices, moved, strict=True)])
-                return [
-                    next(found) if source.matrix is not None else _matrix(source, f"nodes[{index}]")
-                    for index, source in zip(visits.indices, visits.sources, strict=True)
-                ]
-    return [_matrix(source, f"nodes[{index}]") for index, source in zip(visits.indices, visits.sources, strict=True)]
+                differs = (matrices != IDENTITY).any(axis=(1, 2)).tolist()
+                for position, matrix, moves in zip(given, matrices, differs, strict=True):
+                    result[position] = matrix if moves else IDENTITY
+    if len(moved) >= _FEW:
+        values = _numbers([visits.sources[position].translation for position in moved], 3)
+        if values is not None:
+            matrices = np.tile(IDENTITY, (len(moved), 1, 1))
+            matrices[:, :3, 3] = values
+            for position, matrix in zip(moved, matrices, strict=True):
+                result[position] = matrix
+    return result
+
+
+def _numbers(rows: list[list[float] | None], length: int) -> NDArray[np.float64] | None:
+    """(N, length), or None if any row has another length or a value that is not finite."""
+    try:
+        values = np.array(rows, dtype=np.float64)
+    except (ValueError, OverflowError):
+        return None
+    return values if values.shape == (len(rows), length) and np.isfinite(values).all() else None
 
 
 def _worlds(visits: _Visits, locals_: list[Matrix]) -> Matrices:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import msgspec
@@ -54,6 +54,8 @@ class Known:
     warnings: tuple[str, ...]
     counts: GltfCounts
     lights: tuple[gltf.Light | None, ...]
+    elements: dict[int, int] = field(default_factory=dict)
+    """Triangles, lines and points of each mesh's parts; filled while they are counted."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

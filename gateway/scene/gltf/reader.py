@@ -80,7 +80,7 @@ def read_gltf(
     if shared and (found := cache.prefixes.find(view, limits, textures)) is not None:
         known, rest = found
         try:
-            return _scene(rest, _Parts(limits, dict(known.parts), None), known, limits, [])
+            return _scene(rest, _Parts(limits, dict(known.parts), None, known.elements), known, limits, [])
         except _UnknownMeshError:
             pass  # a mesh that no node used before
     container = open_container(data)
@@ -92,7 +92,7 @@ def read_gltf(
     accessors = Accessors(document, buffers, limits, warnings, merged=generator == "Drake glTF merger")
     meshes = Meshes(accessors, cache, limits, warnings)
     materials = Materials(document, buffers, limits, warnings, textures=textures)
-    parts = _Parts(limits, {}, _Maker(document, meshes, materials, limits))
+    parts = _Parts(limits, {}, _Maker(document, meshes, materials, limits), {})
     known = Known(parts.known, generator, document.cameras or [], (), _counts(document), lights_of(document, warnings))
     scene = _scene(document, parts, known, limits, warnings)
     if meshes.without_positions and not meshes.with_positions:
@@ -129,11 +129,18 @@ class _UnknownMeshError(Exception):
 class _Parts:
     """The parts of each mesh, shared by all nodes that use it; counts what is drawn."""
 
-    def __init__(self, limits: GltfLimits, known: dict[int, tuple[Part, ...]], make: _Maker | None) -> None:
+    def __init__(
+        self,
+        limits: GltfLimits,
+        known: dict[int, tuple[Part, ...]],
+        make: _Maker | None,
+        elements: dict[int, int],
+    ) -> None:
+        """``elements``: of each mesh, where they were counted before; the others are added."""
         self.known = known
         self._limits = limits
         self._make = make
-        self._elements: dict[int, int] = {}
+        self._elements = elements
         self.instances = self.drawn = 0
 
     def __call__(self, index: int, where: str) -> tuple[Part, ...]:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gateway.scene.gltf import GltfError, GltfLimits, read_gltf
-from gateway.scene.transforms import IDENTITY, look_at
+from gateway.scene.transforms import IDENTITY, from_trs, look_at
 from tests.scene.gltf.builder import Builder, parts
 
 SHIFT = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 1, 2, 3, 1]
@@ -212,3 +212,38 @@ def test_meshes_without_any_camera() -> None:
     assert scene.camera_count == 0
     assert not scene.camera_node_missing
     assert scene.instance_count == 1
+
+
+@pytest.mark.parametrize("count", [3, 40])
+def test_many_nodes_are_placed_as_few_are(count: int) -> None:
+    """Matrices and translations are made for all nodes at once, where there are several of them."""
+    rng = np.random.default_rng(count)
+    b = Builder()
+    expected: list[Any] = []
+    for number in range(count):
+        x, y, z = rng.normal(size=3).tolist()
+        kind = number % 4
+        if kind == 0:
+            b.node(translation=[x, y, z])
+            expected.append(from_trs((x, y, z), (0, 0, 0, 1), (1, 1, 1)))
+        elif kind == 1:
+            matrix = from_trs((x, y, z), (0.5, 0.5, -0.5, 0.5), (1, 2, 3))
+            b.node(matrix=matrix.T.ravel().tolist())
+            expected.append(matrix)
+        elif kind == 2:
+            b.node(translation=[x, y, z], scale=[x, y, z])
+            expected.append(from_trs((x, y, z), (0, 0, 0, 1), (x, y, z)))
+        else:
+            b.node(name="still")
+            expected.append(np.eye(4))
+    found = [node.matrix for node in b.read().root.children.values()]
+    for matrix, wanted in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(matrix, wanted)
+
+
+def test_many_translations_are_checked() -> None:
+    b = Builder()
+    for number in range(20):
+        b.node(translation=[0, 0] if number == 11 else [0, 0, 1])
+    with pytest.raises(GltfError, match=r"nodes\[11\]\.translation: 2 numbers instead of 3"):
+        b.read()
