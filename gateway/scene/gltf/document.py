@@ -34,6 +34,8 @@ class Node(_Object):
     name: str | None = None
     children: list[int | None] | None = None
     mesh: int | None = None
+    skin: int | None = None
+    weights: list[float] | None = None
     camera: int | None = None
     matrix: list[float] | None = None
     translation: list[float] | None = None
@@ -53,6 +55,7 @@ class Primitive(_Object):
 class Mesh(_Object):
     name: str | None = None
     primitives: list[Primitive | None] | None = None
+    weights: list[float] | None = None
 
 
 class SparseIndices(_Object):

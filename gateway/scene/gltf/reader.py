@@ -87,6 +87,7 @@ def read_gltf(
     document = parse(container.json, limits)
     warnings: list[str] = []
     _check_extensions(document, warnings)
+    _check_deformations(document, warnings)
     generator = (document.asset.generator if document.asset is not None else None) or ""
     buffers = Buffers(document, container, cache, limits, resolve)
     accessors = Accessors(document, buffers, limits, warnings, merged=generator == "Drake glTF merger")
@@ -199,6 +200,17 @@ def _check_extensions(document: Document, warnings: list[str]) -> None:
     ignored = sorted(used - READ - FALLBACK)
     if ignored:
         warnings.append(f"extensionsUsed: {', '.join(ignored)[:500]} ignored")
+
+
+def _check_deformations(document: Document, warnings: list[str]) -> None:
+    """Skins and morph targets are not read: a mesh is drawn as it is stored, and whoever looks at it is told."""
+    nodes = [node for node in document.nodes or () if node is not None and node.mesh is not None]
+    if skinned := sum(node.skin is not None for node in nodes):
+        warnings.append(f"nodes: skins are ignored, {skinned} meshes are drawn as they are stored")
+    weights = [node.weights for node in nodes]
+    weights += [mesh.weights for mesh in document.meshes or () if mesh is not None]
+    if morphed := sum(any(values or ()) for values in weights):
+        warnings.append(f"weights: morph targets are ignored, {morphed} meshes are drawn as they are stored")
 
 
 def _counts(document: Document) -> GltfCounts:

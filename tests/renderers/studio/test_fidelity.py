@@ -52,7 +52,7 @@ def test_as_near_to_each_engine_as_they_to_one_another(renderer: CpuRenderer, na
         assert line.silhouette <= max(MAX_SILHOUETTE, line.others_silhouette[-1]), line
     (summary,) = summaries(lines)
     assert summary.silhouette <= MAX_SILHOUETTE
-    assert summary.ours <= 1.1 * summary.others, summary
+    assert summary.ours <= summary.others, summary
 
 
 def square(value: float, shift: int = 0) -> np.ndarray:

@@ -247,3 +247,13 @@ def test_many_translations_are_checked() -> None:
         b.node(translation=[0, 0] if number == 11 else [0, 0, 1])
     with pytest.raises(GltfError, match=r"nodes\[11\]\.translation: 2 numbers instead of 3"):
         b.read()
+
+
+def test_skins_and_morph_targets_are_ignored_with_a_warning() -> None:
+    b = Builder()
+    mesh = b.triangle()
+    b.json["meshes"][mesh]["weights"] = [0.0, 0.0]
+    b.json["scenes"] = [{"nodes": [b.node(mesh=mesh), b.node(mesh=mesh, skin=0), b.node(skin=0, weights=[1.0])]}]
+    assert b.read().warnings == ("nodes: skins are ignored, 1 meshes are drawn as they are stored",)
+    b.json["nodes"][0]["weights"] = [0.0, 0.5]
+    assert b.read().warnings[1:] == ("weights: morph targets are ignored, 1 meshes are drawn as they are stored",)
