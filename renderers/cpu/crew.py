@@ -5,10 +5,12 @@ from __future__ import annotations
 import itertools
 import threading
 import time
+import weakref
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from queue import SimpleQueue
+from typing import Protocol
 
 Work = Callable[[int], object]
 
@@ -19,6 +21,17 @@ class Phase:
 
     units: int
     work: Work
+
+
+class Task(Protocol):
+    """Work that shares itself out among those who call it; a call returns when all is done and never raises."""
+
+    @property
+    def threads(self) -> int:
+        """How many may be of use."""
+        ...
+
+    def __call__(self) -> object: ...
 
 
 class _Job:
@@ -59,7 +72,11 @@ class Crew:
         self.threads = threads
         self._lock = threading.Lock()
         self._callers = 0
-        self._helpers = ThreadPoolExecutor(threads - 1, "scenegate-raster") if threads > 1 else None
+        self._jobs: SimpleQueue[Callable[[], object] | None] = SimpleQueue()
+        self._helpers: list[threading.Thread] = []
+        self._closed = False
+        # A crew that nobody closes ends its helpers when it is collected.
+        self._finalizer = weakref.finalize(self, _end, self._jobs, self._helpers)
 
     @contextmanager
     def caller(self) -> Iterator[None]:
@@ -79,14 +96,48 @@ class Crew:
             alone: the work is too small to be worth waking a helper.
         """
         job = _Job(phases)
-        if self._helpers is not None and not alone:
-            for _ in range(min(self.threads - max(1, self._callers), max((p.units for p in phases), default=0) - 1)):
-                self._helpers.submit(job.run)
-        job.run()
+        self._share(job.run, 1 if alone else max((p.units for p in phases), default=0))
         if job.error is not None:
             raise job.error
 
+    def share(self, task: Task) -> None:
+        """Have a task done, by the caller and whoever else is free."""
+        self._share(task, task.threads)
+
+    def _share(self, work: Callable[[], object], threads: int) -> None:
+        """Call ``work`` here and in up to ``threads - 1`` helpers, in which it must not raise."""
+        helpers = min(self.threads - max(1, self._callers), threads - 1)
+        if helpers > 0:
+            if len(self._helpers) < self.threads - 1:
+                self._start()
+            for _ in range(helpers):
+                self._jobs.put(work)
+        work()
+
+    def _start(self) -> None:
+        with self._lock:
+            while not self._closed and len(self._helpers) < self.threads - 1:
+                name = f"scenegate-raster-{len(self._helpers)}"
+                helper = threading.Thread(target=_help, args=(self._jobs,), name=name, daemon=True)
+                helper.start()
+                self._helpers.append(helper)
+
     def close(self) -> None:
         """End the helpers once they are idle."""
-        if self._helpers is not None:
-            self._helpers.shutdown(wait=True)
+        with self._lock:
+            self._closed = True
+        self._finalizer()
+        for helper in self._helpers:
+            helper.join()
+
+
+def _help(jobs: SimpleQueue[Callable[[], object] | None]) -> None:
+    """A helper's life."""
+    while (work := jobs.get()) is not None:
+        work()
+        del work  # nothing is kept alive while there is nothing to do
+
+
+def _end(jobs: SimpleQueue[Callable[[], object] | None], helpers: list[threading.Thread]) -> None:
+    for _ in helpers:
+        jobs.put(None)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
+from functools import cache
 from typing import Any, Final
 
 import numpy as np
@@ -11,16 +11,20 @@ from numpy.typing import NDArray
 
 from renderers.camera import Camera
 from renderers.cpu import layout as at
+from renderers.cpu import work as at_work
 from renderers.cpu.crew import Phase
 from renderers.cpu.pools import Scratch
-from renderers.cpu.resolve import BACKS, EVERYTHING, FRONTS, LAYER_GAP, draw_band
+from renderers.cpu.resolve import LAYER_GAP, draw_band
 from renderers.cpu.scene import PreparedScene
 from renderers.cpu.setup import setup
-from renderers.cpu.transform import transform
+from renderers.cpu.transform import place, transform
 from renderers.cpu.visibility import BAND_ROWS, Visibility, band_count
+from renderers.cpu.work import work
+from renderers.native import YIELD_ADDRESS, kernel_address
 from renderers.pointers import address_of
 from renderers.port import Frame
 from renderers.samples import sample_offsets
+from renderers.shading.kernels import shade_rows
 from renderers.simd import LANES
 
 MIN_VERTICES: Final = 4096
@@ -58,13 +62,17 @@ class FrameJob:
         table, X, sizes = prepared.table, self.X_camera_mesh, prepared.sizes
         if select is not None:
             table, X, sizes = _selected(table, select), X[select], sizes[select]
+            cull_back = None if cull_back is None else cull_back[select]
         drawn = len(X)
-        if cull_back is not None:
-            table = table.copy()
-            table[:-1, at.T_CULL] = np.where(cull_back if select is None else cull_back[select], _front(X), 0)
-        lengths = np.empty((drawn, at.M_COLUMNS))
-        lengths[:, : at.M_SIZE] = X.reshape(drawn, 16)[:, :12]
-        lengths[:, at.M_SIZE] = sizes
+        table, lengths = table.copy(), np.empty((drawn, at.M_COLUMNS))
+        place(
+            address_of(X, np.float64),
+            address_of(sizes, np.float64),
+            address_of(cull_back, np.bool_),
+            address_of(table, np.int64),
+            address_of(lengths, np.float64),
+            drawn,
+        )
 
         self._vertices = int(table[-1, at.T_VERTEX])
         self._elements = int(table[-1, at.T_ELEMENT])
@@ -74,14 +82,8 @@ class FrameJob:
         """Not worth a second thread."""
 
         padded = self._chunks * at.CHUNK
-        vertices = scratch.take("vertices", 4 * self._vertices, np.float32)
-        records = scratch.take("records", padded * at.RECORD_BYTES // 8, np.float64)
-        small = scratch.take("small", padded * at.SMALL_BANDS, np.uint16)
-        tall = scratch.take("tall", padded, np.uint16)
-        micro = scratch.take("micro", padded * at.MICRO_PER_ELEMENT * 3, np.int32)
         self._split = keep_backs and cull_back is not None
         lists = 2 * bands if self._split else bands
-        offsets = scratch.take("offsets", self._chunks * (2 * lists + 4), np.int32)
 
         job = self._job = np.zeros(at.J_COLUMNS, dtype=np.int64)
         job[at.J_WIDTH] = camera.width
@@ -95,19 +97,23 @@ class FrameJob:
         job[at.J_INSTANCES] = drawn
         job[at.J_TABLE] = address_of(table, np.int64)
         job[at.J_LENGTHS] = address_of(lengths, np.float64)
-        job[at.J_VERTEX] = address_of(vertices, np.float32)
-        job[at.J_RECORDS] = address_of(records, np.float64)
-        job[at.J_SMALL] = address_of(small, np.uint16)
-        job[at.J_TALL] = address_of(tall, np.uint16)
-        job[at.J_MICRO] = address_of(micro, np.int32)
-        job[at.J_OFFSETS] = address_of(offsets, np.int32)
+        for column, name, values, dtype in (
+            (at.J_VERTEX, "vertices", 4 * self._vertices, np.float32),
+            (at.J_RECORDS, "records", padded * at.RECORD_BYTES // 8, np.float64),
+            (at.J_SMALL, "small", padded * at.SMALL_BANDS, np.uint16),
+            (at.J_TALL, "tall", padded, np.uint16),
+            (at.J_MICRO, "micro", padded * at.MICRO_PER_ELEMENT * 4, np.int32),
+            (at.J_RANGES, "ranges", 4 * self._chunks, np.int32),
+            (at.J_OFFSETS, "offsets", self._chunks * (2 * lists + 4), np.int32),
+        ):
+            job[column] = scratch.take(name, values, dtype)[1]
         job[at.J_ALL_INSTANCES] = count
-        job[at.J_FIRST_RECORD] = address_of(prepared.first_record, np.int64)
-        job[at.J_ALL_LABELS] = address_of(prepared.labels, np.uint32)
-        job[at.J_ALL_IDS] = address_of(prepared.instance_ids, np.int32)
-        job[at.J_ALL_MESHES] = address_of(prepared.attributes, np.int64)
+        job[at.J_FIRST_RECORD : at.J_ALL_MESHES + 1] = prepared.addresses
         job[at.J_ALL_X] = address_of(self.X_camera_mesh, np.float64)
         self._lens = np.array((camera.fx, camera.fy, camera.cx, camera.cy, camera.near, camera.far), dtype=np.float64)
+        job[at.J_SETUP] = kernel_addresses()[1]
+        job[at.J_SELF] = address_of(job, np.int64)
+        job[at.J_LENS] = address_of(self._lens, np.float64)
         self._scratch = scratch
         self._keep: list[object] = [prepared, table, lengths]
         if samples > 1:
@@ -131,8 +137,8 @@ class FrameJob:
             job[at.J_INV_Z] = address_of(inv_z, np.float32)
         else:
             count = height * self._stride
-            job[at.J_IDS] = address_of(self._scratch.take("ids", count, np.int32), np.int32)
-            job[at.J_INV_Z] = address_of(self._scratch.take("inv_z", count, np.float32), np.float32)
+            job[at.J_IDS] = self._scratch.take("ids", count, np.int32)[1]
+            job[at.J_INV_Z] = self._scratch.take("inv_z", count, np.float32)[1]
             job[at.J_PLAIN_IDS] = address_of(ids, np.int32)
             job[at.J_PLAIN_INV_Z] = address_of(inv_z, np.float32)
         if beyond is not None:
@@ -159,23 +165,14 @@ class FrameJob:
         job[at.J_NORMAL] = address_of(frame.normal, np.float32)
         self._keep += (frame.depth, frame.label, frame.instance, frame.normal)
 
-    def phases(
-        self,
-        threads: int,
-        shade: Callable[[int, int], None] | None = None,
-        draw: Callable[[int, int, int], None] | None = None,
-    ) -> tuple[Phase, Phase, Phase]:
-        """Transform, setup, and raster with resolve. Results do not depend on ``threads``.
+    def phases(self, threads: int, draw: Callable[[int, int, int], None]) -> tuple[Phase, Phase, Phase]:
+        """Transform, setup, and what else is done with the bands. Results do not depend on ``threads``.
 
         Args:
-            shade: called for every band, with the address that the records of the picture's first row would have; rows
-                are ``stride`` values apart.
-            draw: called for every band in place of raster and resolve, with the addresses of job and lens.
+            draw: called for every band, with the addresses of job and lens.
         """
         job, lens = address_of(self._job, np.int64), address_of(self._lens, np.float64)
-        units = UNITS_PER_THREAD * threads if threads > 1 else 1
-        vertices = max(-(-self._vertices // units), MIN_VERTICES)
-        chunks = max(-(-self._chunks // units), 1)
+        vertices, chunks = self._per_unit(threads)
         return (
             Phase(
                 -(-self._vertices // vertices),
@@ -185,40 +182,79 @@ class FrameJob:
                 -(-self._chunks // chunks),
                 lambda u: setup(job, lens, u * chunks, min((u + 1) * chunks, self._chunks)),
             ),
-            Phase(
-                self._bands,
-                self._bander(job, lens, threads, shade) if draw is None else lambda band: draw(job, lens, band),
-            ),
+            Phase(self._bands, lambda band: draw(job, lens, band)),
         )
 
-    def _bander(
-        self, job: int, lens: int, threads: int, shade: Callable[[int, int], None] | None
-    ) -> Callable[[int], object]:
-        """What is done with a band."""
-        if self._job[at.J_IDS] != 0:
-            return lambda band: draw_band(job, lens, band, 0, EVERYTHING)
-        values = 2 * BAND_ROWS * self._stride + 2 * LAYER_GAP
-        layers = address_of(self._scratch.take("layers", threads * values, np.int32), np.int32)
-        free = deque(layers + 4 * values * k for k in range(threads))
-        geometry = any(self._job[k] != 0 for k in (at.J_DEPTH, at.J_LABEL, at.J_INSTANCE, at.J_NORMAL))
+    def _per_unit(self, threads: int) -> tuple[int, int]:
+        """Vertices and chunks of a unit of work."""
+        units = UNITS_PER_THREAD * threads if threads > 1 else 1
+        return max(-(-self._vertices // units), MIN_VERTICES), max(-(-self._chunks // units), 1)
 
-        def work(band: int) -> None:
-            layer = free.pop()  # never empty: as many threads as layers
-            if shade is None:
-                draw_band(job, lens, band, layer, EVERYTHING)
-            else:
-                draw_band(job, lens, band, layer, FRONTS if self._split or not geometry else EVERYTHING)
-                shade(band, layer - 4 * band * BAND_ROWS * self._stride)
-                if self._split:
-                    draw_band(job, lens, band, layer, BACKS)
-            free.append(layer)
+    def task(self, threads: int, shade_job: int = 0) -> Task:
+        """What ``threads`` threads at most may do together. Results do not depend on ``threads``.
 
-        return work
+        Args:
+            shade_job: address of a painter's job: every band is shaded while it is in the cache. 0: none.
+        """
+        job = self._job
+        vertices, chunks = self._per_unit(threads)
+        layers, values = 0, 0
+        if job[at.J_IDS] == 0:
+            values = 2 * BAND_ROWS * self._stride + 2 * LAYER_GAP
+            layers = self._scratch.take("layers", threads * values, np.int32)[1]
+        transforming, setting_up, drawing, shading = kernel_addresses()
+        task = np.zeros(at_work.W_COLUMNS, np.int64)
+        task[: at_work.W_UNITS + at_work.PHASES] = (
+            address_of(job, np.int64),
+            address_of(self._lens, np.float64),
+            transforming,
+            setting_up,
+            drawing,
+            shading if shade_job else 0,
+            shade_job,
+            self._vertices,
+            vertices,
+            self._chunks,
+            chunks,
+            job[at.J_HEIGHT],
+            4 * self._stride,
+            layers,
+            4 * values,
+            any(job[k] != 0 for k in (at.J_DEPTH, at.J_LABEL, at.J_INSTANCE, at.J_NORMAL)),
+            self._split,
+            YIELD_ADDRESS,
+            -(-self._vertices // vertices),
+            -(-self._chunks // chunks),
+            self._bands,
+        )
+        most = max(-(-self._vertices // vertices), -(-self._chunks // chunks), self._bands)
+        return Task(self, task, 1 if self.small else min(threads, most))
 
     @property
     def stride(self) -> int:
         """Values of a row of the layer."""
         return self._stride
+
+
+class Task:
+    """A frame's work, for every thread that takes part; keeps alive what it works on."""
+
+    def __init__(self, job: FrameJob, table: NDArray[np.int64], threads: int) -> None:
+        self._job = job
+        self._table = table
+        self._address = address_of(table, np.int64)
+        self.threads = threads
+        """How many may be of use."""
+
+    def __call__(self) -> None:
+        """Take part until the frame is finished."""
+        work(self._address)
+
+
+@cache
+def kernel_addresses() -> tuple[int, int, int, int]:
+    """Of transform, setup, draw_band and shade_rows."""
+    return kernel_address(transform), kernel_address(setup), kernel_address(draw_band), kernel_address(shade_rows)
 
 
 def _selected(table: NDArray[np.int64], select: NDArray[np.bool_]) -> NDArray[np.int64]:
@@ -230,19 +266,3 @@ def _selected(table: NDArray[np.int64], select: NDArray[np.bool_]) -> NDArray[np
     np.cumsum(counts[:, 0], out=part[1:, at.T_VERTEX])
     np.cumsum(counts[:, 1], out=part[1:, at.T_ELEMENT])
     return part
-
-
-def _front(X: NDArray[np.float64]) -> NDArray[np.int64]:
-    """(n,) +1 or -1: the sign of the screen area (y down) of triangles that face away.
-
-    In the optical frame a triangle that faces the camera runs counter-clockwise for the viewer, which is a negative
-    area with y down; a mirrored transform turns that round.
-    """
-    a, b, c = X[:, 0], X[:, 1], X[:, 2]
-    with np.errstate(all="ignore"):
-        determinant = (
-            a[:, 0] * (b[:, 1] * c[:, 2] - b[:, 2] * c[:, 1])
-            + a[:, 1] * (b[:, 2] * c[:, 0] - b[:, 0] * c[:, 2])
-            + a[:, 2] * (b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0])
-        )
-    return np.where(determinant < 0.0, -1, 1)

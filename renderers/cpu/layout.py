@@ -39,6 +39,7 @@ J_RECORDS: Final = 12  # (chunks * CHUNK, 64 bytes)
 J_SMALL: Final = 13  # (chunks, SMALL_BANDS * CHUNK) uint16
 J_TALL: Final = 14  # (chunks, CHUNK) uint16
 J_OFFSETS: Final = 15  # (chunks, 2 lists + 4) int32: starts in SMALL and MICRO by list, ends of tall ones
+# (in J_RANGES, chunks by 4 int32: first and last band with anything of the chunk, and with back faces kept apart)
 J_IDS: Final = 16  # (height, stride) int32; 0: nobody wants the layer itself, only the outputs
 J_INV_Z: Final = 17  # (height, stride) float32
 J_BEYOND_IDS: Final = 18  # (height, stride); 0: no such layer
@@ -56,13 +57,17 @@ J_ALL_IDS: Final = 29  # (all,) int32
 J_ALL_MESHES: Final = 30  # (all, A_COLUMNS) int64
 J_ALL_X: Final = 31  # (all, 4, 4) float64, camera from mesh
 J_STRIDE: Final = 32  # width rounded up to whole vectors
-J_MICRO: Final = 33  # (chunks, MICRO_PER_ELEMENT * CHUNK, 3) int32: pixel, bits of the float32 1/z, record number
+J_MICRO: Final = 33  # (chunks, MICRO_PER_ELEMENT * CHUNK, 4) int32: pixel, bits of the float32 1/z, record number, list
 J_LISTS: Final = 34  # bands; twice as many where back faces are kept apart: theirs follow
 J_MARGIN: Final = 35  # grid units from a pixel's centre to its outermost sample, each way; 0: one sample
 J_SAMPLES: Final = 36  # (2, 8) int32: samples' offsets across and down, grid units
 J_SAMPLE_IDS: Final = 37  # (height, stride, 8) int32, float32: what each sample sees
 J_SAMPLE_INV_Z: Final = 38
-J_COLUMNS: Final = 39
+J_RANGES: Final = 39
+J_SETUP: Final = 40  # addresses: the kernel that sets up what was put off, this job, the lens
+J_SELF: Final = 41
+J_LENS: Final = 42
+J_COLUMNS: Final = 43
 
 # The lens: float64 values.
 L_FX: Final = 0
@@ -124,6 +129,27 @@ KIND_POINT: Final = 3
 """R_XY: first column and row, and those after the last; where a pixel has samples, grid units instead."""
 KIND_SMALL: Final = 4
 """A triangle within SMALL_WIDTH x SMALL_HEIGHT: S_EDGES and on instead of R_XY and R_DX .. R_BASE."""
+
+KIND_LATER: Final = 5
+"""Up to eight back faces that are kept apart, neighbours in their mesh, of which only the box and the nearest 1/z are
+known: nearly all are hidden, and those that are not are set up when their band is drawn. S_BOX, S_SIZE and R_HIGH are
+those of all of them."""
+G_ELEMENT: Final = 0  # int32: first element, which of the eight, drawn instance
+G_LANES: Final = 1
+G_DRAWN: Final = 2
+LATER_WIDTH: Final = 128
+LATER_HEIGHT: Final = 64
+"""Pixels: scattered triangles are not put off together, since every band of their box would set them up."""
+
+# What J_SETUP is asked for, int64: the address of a KIND_LATER record; addresses of room for 8 records, 8 spans, the
+# pixels of 8 tiny triangles and a column of 16 x 8 int32; the answer, how many records and pixels there are.
+Q_GROUP: Final = 0
+Q_RECORDS: Final = 1
+Q_SPANS: Final = 2
+Q_MICRO: Final = 3
+Q_SCRATCH: Final = 4
+Q_COUNT: Final = 5
+Q_MICROS: Final = 6
 
 # A small triangle's record: 16 values of 4 bytes; R_ID, R_KIND, R_LOW and R_HIGH as above. The third edge's steps are
 # minus the sum of the others'.

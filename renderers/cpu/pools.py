@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from renderers.pointers import address_of
+
 POOL_BYTES = 256 << 20
 """Bytes of idle picture arrays that a renderer keeps: a stereo pair of 12 Mpx with all outputs."""
 SCRATCH_BYTES = 512 << 20
@@ -55,19 +57,20 @@ class Scratch:
     """Named flat arrays that only grow: the working memory of one frame at a time."""
 
     def __init__(self) -> None:
-        self._arrays: dict[str, NDArray[Any]] = {}
+        self._arrays: dict[str, tuple[NDArray[Any], int]] = {}
+        self.nbytes = 0
 
-    def take(self, name: str, count: int, dtype: DTypeLike) -> NDArray[Any]:
-        """A flat array of at least ``count`` values with undefined contents."""
-        array = self._arrays.get(name)
-        if array is None or array.size < count:
-            self._arrays[name] = np.empty(0, dtype)  # the old one goes before the new one comes
-            array = self._arrays[name] = np.empty(math.ceil(count * 1.25), dtype)
-        return array
-
-    @property
-    def nbytes(self) -> int:
-        return sum(array.nbytes for array in self._arrays.values())
+    def take(self, name: str, count: int, dtype: type[np.generic]) -> tuple[NDArray[Any], int]:
+        """A flat array of at least ``count`` values with undefined contents, and its address."""
+        known = self._arrays.get(name)
+        if known is None or known[0].size < count:
+            if known is not None:  # the old one goes before the new one comes
+                self.nbytes -= self._arrays.pop(name)[0].nbytes
+                known = None
+            array = np.empty(math.ceil(count * 1.25), dtype)
+            known = self._arrays[name] = array, address_of(array, dtype)
+            self.nbytes += array.nbytes
+        return known
 
 
 class ScratchPool:

@@ -9,6 +9,8 @@ pixel centre.
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from numba import njit
 
@@ -26,21 +28,33 @@ from renderers.cpu.layout import (
     J_HEIGHT,
     J_IDS,
     J_INV_Z,
+    J_LENS,
     J_LISTS,
     J_MICRO,
     J_OFFSETS,
+    J_RANGES,
     J_RECORDS,
+    J_SELF,
+    J_SETUP,
     J_SMALL,
     J_STRIDE,
     J_TABLE,
     J_TALL,
     J_WIDTH,
     KIND_CLIPPED,
+    KIND_LATER,
     KIND_LINE,
     KIND_SMALL,
     KIND_TRIANGLE,
     L_FAR,
     MICRO_PER_ELEMENT,
+    Q_COUNT,
+    Q_GROUP,
+    Q_MICRO,
+    Q_MICROS,
+    Q_RECORDS,
+    Q_SCRATCH,
+    Q_SPANS,
     R_BASE,
     R_DX,
     R_DY,
@@ -63,8 +77,10 @@ from renderers.cpu.layout import (
     SUBPIXEL,
     T_COLUMNS,
     T_RECORD,
+    TINY,
 )
 from renderers.cpu.visibility import BAND_ROWS
+from renderers.native import call_kernel
 from renderers.pointers import as_f32, f32_at, f64_at, i32_at, i64_at, u16_at
 
 
@@ -250,39 +266,82 @@ def clear_band(job, lens, band):  # type: ignore[no-untyped-def]
         vec.store(depths, pixel, empty)
 
 
+TILE_ROWS: Final = 8
+
+
 @njit(nogil=True, error_model="numpy")
 def _farthest(job, first_row, last_row, tiles):  # type: ignore[no-untyped-def]
-    """Write the least 1/z of every eight columns of a band: what lies farther is seen nowhere in them.
+    """Write the least 1/z of every TILE_ROWS rows of eight columns of a band: what lies farther is seen nowhere in
+    them.
 
     Args:
-        tiles: pointer to J_STRIDE float32; the first of every eight is the result.
+        tiles: pointer to as many rows of J_STRIDE float32; the first of every eight is the result.
     """
     stride = job[J_STRIDE]
     depths = f32_at(job[J_INV_Z])
-    for column in range(0, stride, vec.LANES):
-        vec.store(tiles, column, vec.load(depths, first_row * stride + column))
-    for row in range(first_row + 1, last_row):
+    for top in range(first_row, last_row, TILE_ROWS):
+        out = (top - first_row) // TILE_ROWS * stride
+        bottom = min(top + TILE_ROWS, last_row)
         for column in range(0, stride, vec.LANES):
-            vec.store(tiles, column, vec.least(vec.load(tiles, column), vec.load(depths, row * stride + column)))
-    for column in range(0, stride, vec.LANES):
-        for k in range(1, vec.LANES):
-            tiles[column] = min(tiles[column], tiles[column + k])
+            least = vec.load(depths, top * stride + column)
+            for row in range(top + 1, bottom):
+                least = vec.least(least, vec.load(depths, row * stride + column))
+            vec.store(tiles, out + column, least)
+        for column in range(out, out + stride, vec.LANES):
+            for k in range(1, vec.LANES):
+                tiles[column] = min(tiles[column], tiles[column + k])
 
 
 @njit(nogil=True, error_model="numpy")
-def _hidden(record, tiles, width):  # type: ignore[no-untyped-def]
-    """Whether a KIND_SMALL record lies behind all that the band shows in the columns of its box."""
+def _hidden(job, record, tiles, first_row, last_row):  # type: ignore[no-untyped-def]
+    """Whether a KIND_SMALL or KIND_LATER record lies behind all that the band shows around its box."""
     whole = i32_at(record)
-    if whole[R_KIND] != KIND_SMALL:
+    if whole[R_KIND] != KIND_SMALL and whole[R_KIND] != KIND_LATER:
         return False
     box = np.int64(whole[S_BOX])
     left = ((box & 0xFFFF) ^ 0x8000) - 0x8000
-    right = min(left + (np.int64(whole[S_SIZE]) & 0xFFFF), width)
+    size = np.int64(whole[S_SIZE])
+    right = min(left + (size & 0xFFFF), job[J_WIDTH])
+    top, bottom = max(box >> 16, first_row) - first_row, min((box >> 16) + (size >> 16), last_row) - first_row
     high = f32_at(record)[R_HIGH]
-    column = (max(left, 0) >> 3) << 3  # type: ignore[operator]
-    while column < right and high < tiles[column]:
-        column += vec.LANES
-    return column >= right
+    begin = (max(left, 0) >> 3) << 3  # type: ignore[operator]
+    hidden = True
+    for tile in range(top // TILE_ROWS, (bottom + TILE_ROWS - 1) // TILE_ROWS):
+        row = tile * job[J_STRIDE]
+        for column in range(row + begin, row + right, vec.LANES):
+            hidden = hidden & (high < tiles[column])
+    return hidden
+
+
+@njit(nogil=True, error_model="numpy")
+def _draw_late(job, lens, rule, record, which, first_row, last_row, room, scratch):  # type: ignore[no-untyped-def]
+    """Set up and draw the part of a KIND_LATER record that lies in the band.
+
+    Args:
+        which: the band's list of back faces. room: address of ROOM int64.
+    """
+    request = i64_at(room)
+    request[Q_GROUP] = record
+    request[Q_RECORDS] = records = room + 64
+    request[Q_SPANS] = records + vec.LANES * RECORD_BYTES
+    request[Q_SCRATCH] = request[Q_SPANS] + 8 * vec.LANES
+    request[Q_MICRO] = request[Q_SCRATCH] + 64 * vec.LANES
+    call_kernel(job[J_SETUP], (job[J_SELF], job[J_LENS], np.int64(-1), room))
+    for k in range(request[Q_COUNT]):
+        _draw(job, lens, rule, records + k * RECORD_BYTES, first_row, last_row, scratch)
+    _draw_micro(job, rule, i32_at(request[Q_MICRO]), 0, request[Q_MICROS], which)
+
+
+ROOM: Final = 8 + (vec.LANES * (RECORD_BYTES + 8 + 64) + 16 * (vec.LANES * TINY * TINY + 1)) // 8
+
+
+@njit(nogil=True, error_model="numpy")
+def _draw_micro(job, rule, micro, begin, end, which):  # type: ignore[no-untyped-def]
+    """Draw the pixels ``begin .. end`` of tiny triangles that belong to the list ``which``."""
+    inverse = as_f32(micro)
+    for m in range(begin, end):
+        if micro[4 * m + 3] == which:
+            blend_one(job, rule, np.int64(micro[4 * m]), inverse[4 * m + 1], micro[4 * m + 2])
 
 
 @njit(nogil=True, error_model="numpy")
@@ -301,11 +360,16 @@ def raster_band(job, lens, band, back):  # type: ignore[no-untyped-def]
     if back:
         rule = TIES
         which += job[J_BANDS]
-    own_tiles = np.empty(job[J_STRIDE] if back else 1, np.float32)
+    own_tiles = np.empty(BAND_ROWS // TILE_ROWS * job[J_STRIDE] if back else 1, np.float32)
     tiles = f32_at(np.int64(own_tiles.ctypes.data))
     if back:
         _farthest(job, first_row, last_row, tiles)
+    own_room = np.empty(ROOM if back else 1, np.int64)
+    room = np.int64(own_room.ctypes.data)
+    ranges = i32_at(job[J_RANGES] + (8 if back else 0))
     for chunk in range(job[J_CHUNKS]):
+        if band < ranges[4 * chunk] or band > ranges[4 * chunk + 1]:
+            continue
         offsets = i32_at(job[J_OFFSETS] + 4 * chunk * (2 * lists + 4))
         k, end = np.int64(offsets[which]), np.int64(offsets[which + 1])
         t, talls = np.int64(0), np.int64(offsets[2 * lists + 2])
@@ -321,12 +385,16 @@ def raster_band(job, lens, band, back):  # type: ignore[no-untyped-def]
             else:
                 index = np.int64(tall[t])
                 t += 1
-            if back and _hidden(records + index * RECORD_BYTES, tiles, job[J_WIDTH]):
+            if back and _hidden(job, records + index * RECORD_BYTES, tiles, first_row, last_row):
                 continue
-            _draw(job, lens, rule, records + index * RECORD_BYTES, first_row, last_row, scratch)
-        micro = i32_at(job[J_MICRO] + 12 * chunk * MICRO_PER_ELEMENT * CHUNK)
-        inverse = as_f32(micro)
-        for m in range(offsets[lists + 1 + which], offsets[lists + 2 + which]):
-            blend_one(job, rule, np.int64(micro[3 * m]), inverse[3 * m + 1], micro[3 * m + 2])
+            record = records + index * RECORD_BYTES
+            if i32_at(record)[R_KIND] == KIND_LATER:
+                _draw_late(job, lens, rule, record, which, first_row, last_row, room, scratch)
+            else:
+                _draw(job, lens, rule, record, first_row, last_row, scratch)
+        micro = i32_at(job[J_MICRO] + 16 * chunk * MICRO_PER_ELEMENT * CHUNK)
+        begin, end = np.int64(offsets[lists + 1 + which]), np.int64(offsets[lists + 2 + which])
+        _draw_micro(job, rule, micro, begin, end, which)
     own_scratch[0] = 0  # the pointers above do not keep the arrays alive
     own_tiles[0] = 0.0
+    own_room[0] = 0

@@ -158,7 +158,7 @@ class CpuRenderer:
         try:
             job = FrameJob(prepared, camera, scratch)
             job.outputs(frame)
-            self._crew.run(job.phases(self._crew.threads), alone=job.small)
+            self._crew.share(job.task(self._crew.threads))
         finally:
             # Nothing works on these any more: run() returns when all units have ended.
             self._scratch.give(scratch)
@@ -192,7 +192,7 @@ class CpuRenderer:
                 self._geometry(prepared, camera, frame)
             paint(self, scene, shading, camera, look, color)
             return
-        cull = shading.cull_back if shading.cull_back.any() else None
+        cull = shading.cull_back if shading.culls else None
         if look.samples != 1:
             self._sampled(prepared, shading, camera, look, cull, color)
             return
@@ -201,7 +201,7 @@ class CpuRenderer:
             job = FrameJob(prepared, camera, scratch, cull_back=cull, keep_backs=with_geometry)
             job.outputs(frame)
             painter = Painter(shading, job.X_camera_mesh, prepared.first_record, camera, look, color, stride=job.stride)
-            self._crew.run(job.phases(self._crew.threads, painter.band), alone=job.small)
+            self._crew.share(job.task(self._crew.threads, painter.job))
         finally:
             self._scratch.give(scratch)
 
@@ -241,7 +241,7 @@ class CpuRenderer:
         try:
             job = FrameJob(prepared, camera, scratch, select=select, cull_back=cull_back)
             job.layers(arrays[0], arrays[1], beyond, before)
-            self._crew.run(job.phases(self._crew.threads), alone=job.small)
+            self._crew.share(job.task(self._crew.threads))
         finally:
             self._scratch.give(scratch)
         return Visibility(

@@ -66,7 +66,7 @@ class SampledBands:
             at.E_MIXES: BAND_ROWS * stride,
         }
         size = sum(parts.values()) + BAND_ROWS * room * 3 // 4 + _GAP * (len(parts) + 1)
-        memory = address_of(scratch.take("samples", threads * size, np.int32), np.int32)
+        memory = scratch.take("samples", threads * size, np.int32)[1]
         self._tables = np.zeros((threads, at.E_COLUMNS), np.int64)
         self._free: deque[tuple[int, NDArray[np.int64], int, EntryPainter]] = deque()
         for k, table in enumerate(self._tables):

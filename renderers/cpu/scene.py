@@ -77,8 +77,10 @@ class PreparedScene:
     """(I,) float64: point size or line width, pixels."""
     X_world_mesh: NDArray[np.float64]
     """(I, 4, 4) float64."""
+    addresses: tuple[int, int, int, int]
+    """Of ``first_record``, ``labels``, ``instance_ids`` and ``attributes``."""
     keep: tuple[Any, ...]
-    """What the addresses point into."""
+    """What the addresses in the tables point into."""
 
 
 _meshes: WeakKeyDictionary[Mesh, PreparedMesh] = WeakKeyDictionary()
@@ -153,12 +155,20 @@ def prepare(scene: DrawList) -> PreparedScene:
     if structure is None:
         structure = _structure(instances)
         _structures.put(instances, structure, structure.table.nbytes + structure.attributes.nbytes)
+    labels = np.array([instance.label for instance in instances], dtype=np.uint32)
+    instance_ids = np.array([instance.instance_id for instance in instances], dtype=np.int32)
     prepared = PreparedScene(
         table=structure.table,
         attributes=structure.attributes,
         first_record=structure.first_record,
-        labels=np.array([instance.label for instance in instances], dtype=np.uint32),
-        instance_ids=np.array([instance.instance_id for instance in instances], dtype=np.int32),
+        labels=labels,
+        instance_ids=instance_ids,
+        addresses=(
+            address_of(structure.first_record, np.int64),
+            address_of(labels, np.uint32),
+            address_of(instance_ids, np.int32),
+            address_of(structure.attributes, np.int64),
+        ),
         sizes=structure.sizes,
         X_world_mesh=np.array([i.X_world_mesh for i in instances], dtype=np.float64).reshape(count, 4, 4),
         keep=(instances, structure),

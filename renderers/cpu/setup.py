@@ -9,17 +9,28 @@ from renderers import simd as vec
 from renderers.cpu.elements import line, point
 from renderers.cpu.layout import (
     CHUNK,
+    G_DRAWN,
+    G_ELEMENT,
+    G_LANES,
     J_BANDS,
     J_ELEMENTS,
     J_INSTANCES,
     J_LISTS,
     J_MICRO,
     J_OFFSETS,
+    J_RANGES,
     J_RECORDS,
     J_SMALL,
     J_TABLE,
     J_TALL,
     MICRO_PER_ELEMENT,
+    Q_COUNT,
+    Q_GROUP,
+    Q_MICRO,
+    Q_MICROS,
+    Q_RECORDS,
+    Q_SCRATCH,
+    Q_SPANS,
     R_ID,
     RECORD_BYTES,
     SMALL_BANDS,
@@ -52,6 +63,32 @@ def _others(job, lens, drawn, element, record, spans, count):  # type: ignore[no
     return count + 1
 
 
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _reach(ranges, bands, first, last):  # type: ignore[no-untyped-def]
+    """Widen a chunk's ranges of bands by the lists ``first .. last``."""
+    side = 0
+    if first >= bands:
+        side = 2
+        first, last = first - bands, last - bands
+    ranges[side] = min(ranges[side], first)
+    ranges[side + 1] = max(ranges[side + 1], last)
+
+
+@njit(nogil=True, error_model="numpy")
+def _late(job, lens, request):  # type: ignore[no-untyped-def]
+    """Set up a KIND_LATER record's triangles."""
+    group = i32_at(request[Q_GROUP])
+    drawn, element = np.int64(group[G_DRAWN]), np.int64(group[G_ELEMENT])
+    table = i64_at(job[J_TABLE])
+    row = drawn * T_COLUMNS
+    lanes = min(table[row + T_COLUMNS + T_ELEMENT] - table[row + T_ELEMENT] - element, vec.LANES)
+    spans, micro, columns = i32_at(request[Q_SPANS]), i32_at(request[Q_MICRO]), i32_at(request[Q_SCRATCH])
+    records, late = request[Q_RECORDS], np.int64(group[G_LANES])
+    count, micros = triangles(job, lens, drawn, element, lanes, late, records, spans, 0, micro, 0, columns)
+    request[Q_COUNT] = count
+    request[Q_MICROS] = micros
+
+
 @njit(nogil=True, error_model="numpy")
 def _distribute(job, chunk, spans, count, micro, micros, fill):  # type: ignore[no-untyped-def]
     """Write a chunk's lists, sorted by list and in the order of records."""
@@ -59,10 +96,16 @@ def _distribute(job, chunk, spans, count, micro, micros, fill):  # type: ignore[
     offsets = i32_at(job[J_OFFSETS] + 4 * chunk * (2 * lists + 4))
     small = u16_at(job[J_SMALL] + 2 * chunk * CHUNK * SMALL_BANDS)
     tall = u16_at(job[J_TALL] + 2 * chunk * CHUNK)
+    bands = job[J_BANDS]
+    ranges = i32_at(job[J_RANGES] + 16 * chunk)
+    for side in range(2):
+        ranges[2 * side] = bands
+        ranges[2 * side + 1] = -1
     for each in range(lists):
         fill[each] = 0
     for k in range(count):
         first, last = spans[2 * k], spans[2 * k + 1]
+        _reach(ranges, bands, first, last)
         if last - first < SMALL_BANDS:
             for each in range(first, last + 1):
                 fill[each] += 1
@@ -91,31 +134,46 @@ def _distribute(job, chunk, spans, count, micro, micros, fill):  # type: ignore[
                 talls += 1
     offsets[2 * lists + 3] = talls
 
-    sorted_micro = i32_at(job[J_MICRO] + 12 * chunk * MICRO_PER_ELEMENT * CHUNK)
+    sorted_micro = i32_at(job[J_MICRO] + 16 * chunk * MICRO_PER_ELEMENT * CHUNK)
     starts = lists + 1
     for each in range(lists + 1):
         offsets[starts + each] = 0
-    for k in range(micros):
-        offsets[starts + 1 + micro[4 * k + 3]] += 1
+    # Neighbours mostly go to the same list.
+    m = 0
+    while m < micros:
+        begin, goal = m, np.int64(micro[4 * m + 3])
+        while m < micros and micro[4 * m + 3] == goal:
+            m += 1
+        offsets[starts + 1 + goal] += m - begin
+        _reach(ranges, bands, goal, goal)
     for each in range(lists):
         offsets[starts + each + 1] += offsets[starts + each]
         fill[each] = offsets[starts + each]
-    for k in range(micros):
-        place = np.int64(fill[micro[4 * k + 3]])
-        fill[micro[4 * k + 3]] += 1
-        for value in range(3):
-            sorted_micro[3 * place + value] = micro[4 * k + value]
+    m = 0
+    while m < micros:
+        goal = np.int64(micro[4 * m + 3])
+        place = np.int64(fill[goal])
+        while m < micros and micro[4 * m + 3] == goal:
+            for value in range(4):
+                sorted_micro[4 * place + value] = micro[4 * m + value]
+            place += 1
+            m += 1
+        fill[goal] = place
 
 
 @kernel("void(int64, int64, int64, int64)")
 def setup(job_at, lens_at, begin_chunk, end_chunk):  # type: ignore[no-untyped-def]
-    """Records and band lists of the chunks ``begin_chunk .. end_chunk`` of the drawn elements."""
+    """Records and band lists of the chunks ``begin_chunk .. end_chunk`` of the drawn elements; or where ``begin_chunk``
+    is -1, what the request at the address ``end_chunk`` (Q_GROUP and on) asks for."""
     job = i64_at(job_at)
     lens = f64_at(lens_at)
+    if begin_chunk < 0:
+        _late(job, lens, i64_at(end_chunk))
+        return
     table = i64_at(job[J_TABLE])
     own_spans = np.empty(2 * CHUNK, np.int32)
     own_fill = np.empty(job[J_LISTS] + 1, np.int32)
-    own_micro = np.empty(4 * MICRO_PER_ELEMENT * CHUNK, np.int32)
+    own_micro = np.empty(4 * (MICRO_PER_ELEMENT * CHUNK + 1), np.int32)
     own_columns = np.empty(16 * vec.LANES, np.int32)
     spans = i32_at(np.int64(own_spans.ctypes.data))
     fill = i32_at(np.int64(own_fill.ctypes.data))
@@ -136,7 +194,7 @@ def setup(job_at, lens_at, begin_chunk, end_chunk):  # type: ignore[no-untyped-d
                 for k in range(work, stop, vec.LANES):
                     lanes = min(stop - k, vec.LANES)
                     count, micros = triangles(
-                        job, lens, drawn, k - offset, lanes, record, spans, count, micro, micros, columns
+                        job, lens, drawn, k - offset, lanes, 0, record, spans, count, micro, micros, columns
                     )
             else:
                 for k in range(work, stop):

@@ -20,12 +20,14 @@ from renderers.cpu.layout import (
     L_FY,
     L_NEAR,
     M_COLUMNS,
+    M_SIZE,
     T_COLUMNS,
+    T_CULL,
     T_POSITIONS,
     T_VERTEX,
 )
 from renderers.jit import kernel
-from renderers.pointers import f32_at, f64_at, i64_at
+from renderers.pointers import f32_at, f64_at, i64_at, u8_at
 
 BEHIND: Final = -2.0
 """In place of 1/z: the vertex is nearer than the near plane (or not a number)."""
@@ -82,6 +84,35 @@ def _transform(matrix, positions, count, lens, out):  # type: ignore[no-untyped-
         out[4 * k] = column
         out[4 * k + 1] = row
         out[4 * k + 2] = inverse if depth >= near else BEHIND
+
+
+@kernel("void(int64, int64, int64, int64, int64, int64)")
+def place(points_at, sizes_at, cull_at, table_at, lengths_at, count):  # type: ignore[no-untyped-def]
+    """What a frame's tables say of the drawn instances' poses.
+
+    Args:
+        points_at, sizes_at: addresses of (count, 4, 4) float64, camera from mesh, and of (count,) float64.
+        cull_at: address of (count,) bool, whose back faces are culled; 0: nobody's.
+        table_at, lengths_at: addresses of the rows, of which T_CULL, and of M_COLUMNS float64, which are filled.
+    """
+    points, sizes, cull = f64_at(points_at), f64_at(sizes_at), u8_at(cull_at)
+    table, lengths = i64_at(table_at), f64_at(lengths_at)
+    for k in range(count):
+        m, out = 16 * k, M_COLUMNS * k
+        for value in range(M_SIZE):
+            lengths[out + value] = points[m + value]
+        lengths[out + M_SIZE] = sizes[k]
+        side = 0
+        if cull_at != 0 and cull[k] != 0:
+            # In the optical frame a triangle that faces the camera runs counter-clockwise for the viewer, which is a
+            # negative area with y down; a mirrored map turns that round.
+            determinant = (
+                points[m] * (points[m + 5] * points[m + 10] - points[m + 6] * points[m + 9])
+                + points[m + 1] * (points[m + 6] * points[m + 8] - points[m + 4] * points[m + 10])
+                + points[m + 2] * (points[m + 4] * points[m + 9] - points[m + 5] * points[m + 8])
+            )
+            side = -1 if determinant < 0.0 else 1
+        table[T_COLUMNS * k + T_CULL] = side
 
 
 @kernel("void(int64, int64, int64, int64)")

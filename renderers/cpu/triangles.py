@@ -9,6 +9,9 @@ from renderers import simd as vec
 from renderers.cpu.elements import large_triangle
 from renderers.cpu.layout import (
     CHUNK,
+    G_DRAWN,
+    G_ELEMENT,
+    G_LANES,
     J_BANDS,
     J_HEIGHT,
     J_LISTS,
@@ -17,8 +20,11 @@ from renderers.cpu.layout import (
     J_TABLE,
     J_VERTEX,
     J_WIDTH,
+    KIND_LATER,
     KIND_SMALL,
     L_FAR,
+    LATER_HEIGHT,
+    LATER_WIDTH,
     MICRO_PER_ELEMENT,
     R_HIGH,
     R_ID,
@@ -65,13 +71,16 @@ def _edge(xa, ya, xb, yb, px, py):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def triangles(job, lens, drawn, element, lanes, record, spans, count, micro, micros, columns):  # type: ignore[no-untyped-def]
+def triangles(job, lens, drawn, element, lanes, late, record, spans, count, micro, micros, columns):  # type: ignore[no-untyped-def]
     """Set up the triangles ``element .. element + lanes`` (at most eight) of a drawn instance.
 
     Those whose box holds at most TINY x TINY pixel centres are solved here for good, all eight at once, and leave
     their pixels; small ones become KIND_SMALL records; large and clipped ones go to the scalar path.
 
+    Back faces that are kept apart are put off (KIND_LATER) where they are small and near one another.
+
     Args:
+        late: a mask of the lanes to set up that were put off, and no others; 0: all lanes, for the first time.
         record: address of the chunk's records, of which ``count`` are taken.
         spans: pointer to int32 pairs, first and last list of each record: its band, or for back faces that are kept
             apart the number of bands and its band.
@@ -136,6 +145,29 @@ def triangles(job, lens, drawn, element, lanes, record, spans, count, micro, mic
     apart = job[J_LISTS] - job[J_BANDS]
     if apart == 0:
         small = small & ~back
+    elif late != 0:
+        small = small & (((vec.i32(late) >> lane) & vec.i32(1)) != zero)
+        slow = 0
+    else:
+        waiting = small & back
+        if vec.bits(waiting) != 0:
+            far, near = vec.i32(-(1 << 20)), vec.i32(1 << 20)
+            box_x, box_y = vec.least_of(vec.select(waiting, left, near)), vec.least_of(vec.select(waiting, top, near))
+            end_x, end_y = vec.most_of(vec.select(waiting, right, far)), vec.most_of(vec.select(waiting, bottom, far))
+            if end_x - box_x <= LATER_WIDTH and end_y - box_y <= LATER_HEIGHT:
+                group = i32_at(record + RECORD_BYTES * count)
+                group[G_ELEMENT] = element
+                group[G_LANES] = vec.bits(waiting)
+                group[G_DRAWN] = drawn
+                group[R_ID] = table[row + T_RECORD] + element
+                group[R_KIND] = KIND_LATER
+                group[S_BOX] = (box_y << 16) | (box_x & 0xFFFF)
+                group[S_SIZE] = ((end_y - box_y) << 16) | (end_x - box_x)
+                group[R_HIGH] = vec.most_of(vec.select(waiting, vec.bits_of(high), zero))  # ordered as the floats are
+                spans[2 * count] = apart + (max(box_y, 0) >> BAND_SHIFT)
+                spans[2 * count + 1] = apart + (min(end_y, job[J_HEIGHT]) - 1 >> BAND_SHIFT)
+                count += 1
+                small = small & ~back
     if vec.bits(small) == 0 and slow == 0:
         return count, micros
 
@@ -174,7 +206,7 @@ def triangles(job, lens, drawn, element, lanes, record, spans, count, micro, mic
         tiny = tiny & (lane < zero)  # no room left, or samples
     if vec.bits(tiny) != 0:
         stride = job[J_STRIDE]
-        vec.store(columns, 8, top * vec.i32(stride) + left)
+        place, numbers = top * vec.i32(stride) + left, vec.i32(number) + lane
         wide = 1 + (vec.bits(tiny & (width > vec.i32(1))) != 0) + (vec.bits(tiny & (width > vec.i32(2))) != 0)
         wide += vec.bits(tiny & (width > vec.i32(3))) != 0
         f0, f1, f2 = e0, e1, e2
@@ -184,22 +216,13 @@ def triangles(job, lens, drawn, element, lanes, record, spans, count, micro, mic
                 break
             start = base + down * vec.f32(np.float32(r))
             lists = (top + vec.i32(r)) >> vec.i32(BAND_SHIFT)
-            vec.store(columns, 16, vec.select(back, lists + vec.i32(apart), lists))
+            lists = vec.select(back, lists + vec.i32(apart), lists)
             c0, c1, c2 = f0, f1, f2
             for c in range(wide):
-                covered = vec.bits(rows & ((c0 | c1 | c2) >= zero))
-                if covered != 0:
-                    w = start + across * vec.f32(np.float32(c))
-                    vec.store(values, 0, vec.least(vec.most(w, low), high))
-                    offset = r * stride + c
-                    while covered != 0:
-                        k = vec.lowest_bit(covered)
-                        covered &= covered - 1
-                        micro[4 * micros] = columns[8 + k] + offset
-                        micro[4 * micros + 1] = columns[k]
-                        micro[4 * micros + 2] = number + k
-                        micro[4 * micros + 3] = columns[16 + k]
-                        micros += 1
+                covered = rows & ((c0 | c1 | c2) >= zero)
+                w = vec.least(vec.most(start + across * vec.f32(np.float32(c)), low), high)
+                pixels = place + vec.i32(r * stride + c)
+                micros = vec.store_quads(micro, micros, covered, pixels, vec.bits_of(w), numbers, lists)
                 c0, c1, c2 = c0 + right0, c1 + right1, c2 + right2
             f0, f1, f2 = f0 + down0, f1 + down1, f2 + down2
 

@@ -26,14 +26,20 @@ _INVERSE_GAMMA: Final = 1.0 / GAMMA
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
+def packed(r, g, b):  # type: ignore[no-untyped-def]
+    """Eight colours (f32x8 each) that are stored as they are, as i32x8: red in the lowest byte, then green, blue."""
+    return plain_byte(r) | (plain_byte(g) << vec.i32(8)) | (plain_byte(b) << vec.i32(16))
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def write(job, pbr, line, x, r, g, b):  # type: ignore[no-untyped-def]
-    """Eight shaded pixels (f32x8 each) as bytes of the row of the picture that ``line`` points to."""
+    """Eight shaded pixels (f32x8 each), packed, to the row that ``line`` points to."""
     if pbr:
         cells = job[S_GAMMA]
         red, green, blue = gamma_byte(r, cells), gamma_byte(g, cells), gamma_byte(b, cells)
+        vec.store(line, x, red | (green << vec.i32(8)) | (blue << vec.i32(16)))
     else:
-        red, green, blue = plain_byte(r), plain_byte(g), plain_byte(b)
-    vec.store_rgb(line, 3 * x, red | (green << vec.i32(8)) | (blue << vec.i32(16)))
+        vec.store(line, x, packed(r, g, b))
 
 
 @njit(nogil=True, error_model="numpy")
@@ -48,7 +54,7 @@ def _shown(c, pbr):  # type: ignore[no-untyped-def]
 @njit(nogil=True, error_model="numpy")
 def _one_byte(c):  # type: ignore[no-untyped-def]
     """As ``plain_byte`` for a scalar that is a number."""
-    return np.uint8(min(max(c, _ZERO), _ONE) * np.float32(255.0) + np.float32(0.5))
+    return np.int32(min(max(c, _ZERO), _ONE) * np.float32(255.0) + np.float32(0.5))
 
 
 @njit(nogil=True, error_model="numpy")
@@ -73,14 +79,16 @@ def gather(job, alpha_mode, cutoff, y, begin, end, rows, stride):  # type: ignor
 
 @njit(nogil=True, error_model="numpy")
 def write_under(job, y, begin, end, rows, stride, line):  # type: ignore[no-untyped-def]
-    """A segment beneath the gathered layers, as bytes."""
+    """A segment beneath the gathered layers."""
     pbr = job[S_PBR] != 0
     gathered = f32_at(job[S_GATHERED] + 16 * y * job[S_WIDTH])
     for x in range(begin, end):
         through = gathered[4 * x + 3]
+        pixel = np.int32(0)
         for k in range(3):
             shown = _shown(rows[(A_BASE + k) * stride + x], pbr)
-            line[3 * x + k] = _one_byte(gathered[4 * x + k] + through * shown)
+            pixel |= _one_byte(gathered[4 * x + k] + through * shown) << np.int32(8 * k)
+        line[x] = pixel
 
 
 @njit(nogil=True, error_model="numpy")
@@ -90,22 +98,25 @@ def write_background(job, y, begin, end, line):  # type: ignore[no-untyped-def]
     if job[S_MODE] == DIRECT:
         pixels = vec.i32(background)
         for x in range(begin, end, vec.LANES):
-            vec.store_rgb(line, 3 * x, pixels)
+            vec.store(line, x, pixels)
     elif job[S_MODE] == UNDER:
         gathered = f32_at(job[S_GATHERED] + 16 * y * job[S_WIDTH])
         for x in range(begin, end):
+            pixel = np.int32(0)
             for k in range(3):
                 behind = np.float32((background >> (8 * k)) & 255) / np.float32(255.0)
-                line[3 * x + k] = _one_byte(gathered[4 * x + k] + gathered[4 * x + 3] * behind)
+                pixel |= _one_byte(gathered[4 * x + k] + gathered[4 * x + 3] * behind) << np.int32(8 * k)
+            line[x] = pixel
 
 
 @njit(nogil=True, error_model="numpy")
 def put_line(job, y, width, line):  # type: ignore[no-untyped-def]
-    """Copy the first ``width`` pixels of a finished row to the picture."""
-    count = 3 * width
+    """The first ``width`` packed pixels of a finished row to the bytes of the picture."""
     color = u8_at(job[S_COLOR] + 3 * y * job[S_WIDTH])
-    whole = count & ~np.int64(31)
-    for k in range(0, whole, 32):
-        vec.store_bytes(color, k, vec.load_bytes(line, k))
-    for k in range(whole, count):
-        color[k] = line[k]
+    # What is written behind eight pixels, up to four bytes, must be overwritten by the next ones of the same row.
+    whole = max(width - 2, 0) // vec.LANES * vec.LANES
+    for x in range(0, whole, vec.LANES):
+        vec.store_rgb(color, 3 * x, vec.load(line, x))
+    for x in range(whole, width):
+        for k in range(3):
+            color[3 * x + k] = line[x] >> (8 * k)

@@ -9,8 +9,8 @@ from numba import njit
 
 from renderers import simd as vec
 from renderers.jit import kernel
-from renderers.pointers import f32_at, f64_at, i32_at, i64_at, u8_at
-from renderers.shading.compose import DIRECT, GATHER, gather, put_line, write_background, write_under
+from renderers.pointers import f32_at, f64_at, i32_at, i64_at
+from renderers.shading.compose import DIRECT, GATHER, gather, packed, put_line, write_background, write_under
 from renderers.shading.layout import (
     A_ROWS,
     A_UV0,
@@ -34,25 +34,31 @@ from renderers.shading.layout import (
     S_MATERIAL_FLOATS,
     S_MATERIAL_INTEGERS,
     S_MODE,
+    S_PBR,
     S_PLACES,
     S_POINTS,
     S_STRIDE,
     S_WIDTH,
 )
 from renderers.shading.materials import (
+    MF_BASE,
     MF_COLUMNS,
     MF_CUTOFF,
     MI_ALPHA_MODE,
+    MI_BASE,
     MI_COLUMNS,
     MI_NORMAL,
     MI_UNLIT,
     MI_UV,
 )
+from renderers.shading.plain import fill, show_plain
 from renderers.shading.resolve import SCRATCH_VALUES, resolve_strokes, resolve_triangles, run_starts, single_runs
 from renderers.shading.surface import shade
 
 PART: Final = 256
 """Pixels shaded at a time: their rows of attributes stay in the first-level cache."""
+MANY: Final = 50_000
+"""Triangles of a mesh whose records, some 30 bytes each, fill most of a second-level cache."""
 _OUTSIDE: Final = -(2**31)
 """No record: what lies beside a row."""
 
@@ -88,6 +94,7 @@ def _segment(job, y, places, instance, first, ids, starts, run, last_run, rows, 
     points = f64_at(job[S_POINTS] + 8 * 16 * instance)
     lens = f64_at(job[S_LENS])
     topology = columns[II_TOPOLOGY]
+    many = i64_at(job[S_FIRST])[instance + 1] - first > MANY
     wanted = HAS_COLORS
     if mi[MI_UNLIT] == 0:
         wanted |= HAS_NORMALS
@@ -99,6 +106,18 @@ def _segment(job, y, places, instance, first, ids, starts, run, last_run, rows, 
         wanted |= HAS_UV1
     has = columns[II_HAS] & wanted
     begin, end = np.int64(starts[run]), np.int64(starts[last_run])
+    if job[S_MODE] == DIRECT and job[S_PBR] == 0 and mi[MI_BASE] < 0 and not has & HAS_COLORS:
+        if mi[MI_UNLIT] != 0:
+            fill(line, begin, end, packed(vec.f32(mf[MF_BASE]), vec.f32(mf[MF_BASE + 1]), vec.f32(mf[MF_BASE + 2])))
+            return
+        if topology == 3:
+            smooth, spare = (has & HAS_NORMALS) != 0, job[S_WIDTH] + vec.LANES
+            mirror = maps[P_MIRROR]
+            show_plain(
+                columns, points, mirror, lens, y, places, first, many, smooth, mf, maps, ids, starts, run, last_run,
+                spare, line, scratch,
+            )  # fmt: skip
+            return
     for which in range(2):
         missing = HAS_UV0 << which
         if wanted & missing and not has & missing:
@@ -106,7 +125,22 @@ def _segment(job, y, places, instance, first, ids, starts, run, last_run, rows, 
     if topology == 3:
         mirror = maps[P_MIRROR]
         resolve_triangles(
-            columns, points, mirror, lens, y, places, first, has, ids, starts, run, last_run, rows, stride, scratch
+            columns,
+            points,
+            mirror,
+            lens,
+            y,
+            places,
+            first,
+            many,
+            has,
+            ids,
+            starts,
+            run,
+            last_run,
+            rows,
+            stride,
+            scratch,
         )
     else:
         resolve_strokes(
@@ -175,19 +209,18 @@ def shade_rows(job_at, ids_at, row_begin, row_end):  # type: ignore[no-untyped-d
     own_ids = np.empty(width + pad + 64, np.int32)
     own_starts = np.empty(width + 2 * pad, np.int32)
     own_rows = np.empty(A_ROWS * stride, np.float32)
-    own_line = np.empty(3 * (width + pad) + 4, np.uint8)
+    own_line = np.empty(width + 2 * pad, np.int32)
     own_scratch = np.empty(SCRATCH_VALUES, np.float32)
     own_ids[:pad] = _OUTSIDE
     own_ids[pad + width :] = _OUTSIDE
     ids = i32_at(np.int64(own_ids.ctypes.data) + 4 * pad)
     starts = i32_at(np.int64(own_starts.ctypes.data))
     rows = f32_at(np.int64(own_rows.ctypes.data))
-    line = u8_at(np.int64(own_line.ctypes.data))
+    line = i32_at(np.int64(own_line.ctypes.data))
     scratch = np.int64(own_scratch.ctypes.data)
     hint = np.int64(0)
     for y in range(row_begin, row_end):
         hint = _row(job, ids_at, y, ids, starts, rows, stride, line, scratch, hint)
     # The pointers above do not keep the arrays alive.
-    own_ids[0] = own_starts[0] = 0
+    own_ids[0] = own_starts[0] = own_line[0] = 0
     own_rows[0] = own_scratch[0] = 0.0
-    own_line[0] = 0

@@ -53,7 +53,7 @@ def paint(
             label); used where it is just what colour needs, never changed or closed here.
         max_layers: see ``MAX_LAYERS``.
     """
-    cull = shading.cull_back if shading.cull_back.any() else None
+    cull = shading.cull_back if shading.culls else None
     if not shading.translucent:
         if first is not None and cull is None:
             _shade(rasterizer, shading, first, camera, look, DIRECT, _NOTHING, color)
@@ -130,7 +130,8 @@ class Painter:
         job[at.S_COLOR] = address_of(color, np.uint8)
         self.table = job
         """(S_COLUMNS,) int64; valid while this object is alive."""
-        self._job = address_of(job, np.int64)
+        self.job = address_of(job, np.int64)
+        """Its address."""
         self._keep = (shading, X_camera_mesh, first_record, maps, lens, job, gathered, color)
 
     def band(self, band: int, ids: int) -> None:
@@ -142,7 +143,7 @@ class Painter:
         from renderers.cpu.visibility import BAND_ROWS
 
         begin = band * BAND_ROWS
-        shade_rows(self._job, ids, begin, min(begin + BAND_ROWS, self.height))
+        shade_rows(self.job, ids, begin, min(begin + BAND_ROWS, self.height))
 
 
 class EntryPainter:

@@ -44,7 +44,8 @@ R_SLOPE: Final = 3  # 3 rows float64: change per pixel
 R_INDEX: Final = 12  # 3 rows int32: vertices
 R_FACING: Final = 15  # float32
 R_FLAT: Final = 16  # 3 rows float32: the triangle's own normal
-SCRATCH_VALUES: Final = 19 * 8
+R_PIXEL: Final = 19  # int32: packed
+SCRATCH_VALUES: Final = 20 * 8
 """Values of 4 bytes."""
 
 
@@ -112,7 +113,7 @@ def _dot(a, b):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _set_up(columns, m, mirror, lens, y, places, first, ids, starts, run, count, smooth, scratch):  # type: ignore[no-untyped-def]
+def set_up(columns, m, mirror, lens, y, places, first, ids, starts, run, count, smooth, scratch):  # type: ignore[no-untyped-def]
     """Fill the scratch for the runs ``run .. run + count`` (at most eight) of triangles of one instance."""
     lane = vec.iota()
     begins = vec.select(lane < vec.i32(count), vec.load(starts, run), vec.i32(np.int64(starts[run])))
@@ -165,8 +166,21 @@ def _set_up(columns, m, mirror, lens, y, places, first, ids, starts, run, count,
         vec.store(values, 8 * R_FLAT + 16, vec.to_f32(n[2] * scale))
 
 
+@njit(nogil=True, error_model="numpy")
+def look_ahead(columns, first, ids, starts, run, last_run):  # type: ignore[no-untyped-def]
+    """Fetch what ``set_up`` will read of the next eight runs, and the elements of the eight after these. Meshes of many
+    triangles lie in no cache of this core, and every run waits for one element and then for three vertices."""
+    elements, vertices = u32_at(columns[II_ELEMENTS]), f32_at(columns[II_VERTICES])
+    for k in range(run + vec.LANES, min(run + 2 * vec.LANES, last_run)):
+        element = 3 * (np.int64(ids[starts[k]]) - first)
+        for corner in range(3):
+            vec.prefetch(vertices, np.int64(elements[element + corner]) * V_COLUMNS)
+    for k in range(run + 2 * vec.LANES, min(run + 3 * vec.LANES, last_run)):
+        vec.prefetch(elements, 3 * (np.int64(ids[starts[k]]) - first))
+
+
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _further(base, slope, k, offset):  # type: ignore[no-untyped-def]
+def further(base, slope, k, offset):  # type: ignore[no-untyped-def]
     """Unnormalised coordinates ``offset`` pixels behind a run's first."""
     return (
         base[k] + slope[k] * offset,
@@ -176,17 +190,27 @@ def _further(base, slope, k, offset):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _weights(start, slope, k, lane):  # type: ignore[no-untyped-def]
-    """Perspective-correct barycentric coordinates of the second and third vertex at eight pixels of a run, from the
-    unnormalised ones at the first of them.
+def weights(start, slope, k, lane):  # type: ignore[no-untyped-def]
+    """``weights_of`` eight pixels of one run, from the unnormalised coordinates at the first of them."""
+    return weights_of(
+        (vec.f32(start[0]), vec.f32(start[1]), vec.f32(start[2])),
+        (vec.f32(slope[k]), vec.f32(slope[8 + k]), vec.f32(slope[16 + k])),
+        lane,
+    )
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def weights_of(start, slope, offset):  # type: ignore[no-untyped-def]
+    """Perspective-correct barycentric coordinates of the second and third vertex, eight at a time (f32x8), from the
+    unnormalised ones ``offset`` pixels before.
 
     A pixel centre that coverage (exact in 1/256 pixel) counts in may lie a little outside of the unrounded triangle:
     negative coordinates become 0, so that nothing is extrapolated. Anything not finite becomes the centroid.
     """
     zero = vec.f32(0.0)
-    b0 = vec.most(vec.f32(start[0]) + vec.f32(slope[k]) * lane, zero)
-    b1 = vec.most(vec.f32(start[1]) + vec.f32(slope[8 + k]) * lane, zero)
-    b2 = vec.most(vec.f32(start[2]) + vec.f32(slope[16 + k]) * lane, zero)
+    b0 = vec.most(start[0] + slope[0] * offset, zero)
+    b1 = vec.most(start[1] + slope[1] * offset, zero)
+    b2 = vec.most(start[2] + slope[2] * offset, zero)
     total = b0 + b1 + b2
     usable = (total > zero) & (total < vec.f32(np.inf))
     share = vec.f32(1.0) / total
@@ -200,7 +224,7 @@ def _write_extras(has, extras, i0, i1, i2, rows, stride, begin, end, base, slope
     lane = vec.to_f32(vec.iota())
     o0, o1, o2 = i0 * E_COLUMNS, i1 * E_COLUMNS, i2 * E_COLUMNS
     for x in range(begin, end, vec.LANES):
-        w1, w2 = _weights(_further(base, slope, k, np.float64(x - begin)), slope, k, lane)
+        w1, w2 = weights(further(base, slope, k, np.float64(x - begin)), slope, k, lane)
         if has & HAS_COLORS:
             for j in range(4):
                 a, b, c = extras[o0 + j], extras[o1 + j], extras[o2 + j]
@@ -217,7 +241,7 @@ def _write_extras(has, extras, i0, i1, i2, rows, stride, begin, end, base, slope
 
 @njit(nogil=True, error_model="numpy")
 def resolve_triangles(  # type: ignore[no-untyped-def]
-    columns, m, mirror, lens, y, places, first, has, ids, starts, run, last_run, rows, stride, scratch
+    columns, m, mirror, lens, y, places, first, many, has, ids, starts, run, last_run, rows, stride, scratch
 ):
     """Attributes of the runs ``run .. last_run`` of one instance's triangles.
 
@@ -227,7 +251,8 @@ def resolve_triangles(  # type: ignore[no-untyped-def]
         lens: pointer to fx, fy, cx, cy.
         places: address of the columns of the picture that the row's records belong to, all of which are runs of their
             own then; 0: where they lie.
-        first: the instance's first record. has: HAS_ bits of what is wanted.
+        first: the instance's first record. many: whether its mesh is larger than a cache.
+        has: HAS_ bits of what is wanted.
         ids, starts: as in ``run_starts``.
         rows: pointer to A_ROWS rows of ``stride`` float32.
         scratch: address of SCRATCH_VALUES values of 4 bytes.
@@ -242,7 +267,9 @@ def resolve_triangles(  # type: ignore[no-untyped-def]
     lane = vec.to_f32(vec.iota())
     for batch in range(run, last_run, vec.LANES):
         count = min(last_run - batch, vec.LANES)
-        _set_up(columns, m, mirror, lens, y, places, first, ids, starts, batch, count, smooth, scratch)
+        if many:
+            look_ahead(columns, first, ids, starts, batch, last_run)
+        set_up(columns, m, mirror, lens, y, places, first, ids, starts, batch, count, smooth, scratch)
         for k in range(count):
             begin, end = np.int64(starts[batch + k]), np.int64(starts[batch + k + 1])
             i0, i1, i2 = (
@@ -256,9 +283,9 @@ def resolve_triangles(  # type: ignore[no-untyped-def]
             facing = vec.f32(values[8 * R_FACING + k])
             start = base[k], base[8 + k], base[16 + k]
             for x in range(begin, end, vec.LANES):
-                w1, w2 = _weights(start, slope, k, lane)
+                w1, w2 = weights(start, slope, k, lane)
                 if x + vec.LANES < end:
-                    start = _further(base, slope, k, np.float64(x + vec.LANES - begin))
+                    start = further(base, slope, k, np.float64(x + vec.LANES - begin))
                 vec.store(rows, A_FACING * stride + x, facing)
                 if smooth:
                     nx = vec.spread3(a) + (w1 * vec.spread3(b) + w2 * vec.spread3(c))

@@ -17,6 +17,7 @@ from renderers.shading.textures import (
     TI_COLUMNS,
     TI_HEIGHT,
     TI_LINEAR,
+    TI_STRIDE,
     TI_TRANSFORMED,
     TI_UV_SET,
     TI_WIDTH,
@@ -93,7 +94,7 @@ def _nearest(integers, values, space, u, v):  # type: ignore[no-untyped-def]
     unit = vec.f32(_UNIT)
     i = _wrapped(vec.to_i32(vec.floor(_place(u, wrap_s, width))), wrap_s, width)
     j = _wrapped(vec.to_i32(vec.floor(_place(v, wrap_t, height))), wrap_t, height)
-    at = j * vec.i32(width) + i
+    at = j * vec.i32(integers[TI_STRIDE]) + i
     r, g, b, alpha = _channels(vec.gather(i32_at(integers[TI_ADDRESS]), at))
     if space == SRGB:
         r, g, b = vec.gather_rgb(u8_at(integers[TI_ADDRESS]), at, f32_at(values))
@@ -112,8 +113,9 @@ def _bilinear(integers, values, space, u, v):  # type: ignore[no-untyped-def]
     fx, fy = x - x0, y - y0
     i, j = vec.to_i32(x0), vec.to_i32(y0)
     i0, i1 = _wrapped(i, wrap_s, width), _wrapped(i + one, wrap_s, width)
-    j0 = _wrapped(j, wrap_t, height) * vec.i32(width)
-    j1 = _wrapped(j + one, wrap_t, height) * vec.i32(width)
+    stride = vec.i32(integers[TI_STRIDE])
+    j0 = _wrapped(j, wrap_t, height) * stride
+    j1 = _wrapped(j + one, wrap_t, height) * stride
     unit = vec.f32(_UNIT)
     gx, gy = vec.f32(1.0) - fx, vec.f32(1.0) - fy
     wa, wb, wc, wd = gx * gy, fx * gy, gx * fy, fx * fy

@@ -41,6 +41,10 @@ class ShadingScene:
     """(n,): whose back faces colour does not show."""
     layered: NDArray[np.bool_]
     """(n,): who may let something behind it be seen: blended or cut out, and not opaque everywhere."""
+    culls: bool
+    """Whether there is any such."""
+    translucent: bool
+    """Whether a picture may need more than one layer."""
     job: NDArray[np.int64]
     """(S_COLUMNS,): a picture's job as far as the tables go; copied for each."""
     keep: tuple[Any, ...]
@@ -50,15 +54,10 @@ class ShadingScene:
     def nbytes(self) -> int:
         """Bytes of what the addresses point into, textures above all."""
         return sum(
-            each.rgba.nbytes if isinstance(each, Texels) else each.nbytes
+            each.rows.nbytes if isinstance(each, Texels) else each.nbytes
             for each in self.keep
             if isinstance(each, (Texels, VertexRecords))
         )
-
-    @property
-    def translucent(self) -> bool:
-        """Whether a picture may need more than one layer."""
-        return bool(self.layered.any())
 
 
 def _lets_through(instance: Instance) -> bool:
@@ -109,6 +108,8 @@ def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | 
         table[i] = (topology, material_row, *columns)
     integers, floats = as_tables(rows)
     texture_integers, texture_floats = textures.as_tables(parallel)
+    cull_back = np.array([not instance.material.double_sided for instance in instances], dtype=np.bool_)
+    layered = np.array([_lets_through(instance) for instance in instances], dtype=np.bool_)
     return ShadingScene(
         look=look,
         instances=table,
@@ -116,8 +117,10 @@ def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | 
         material_floats=floats,
         texture_integers=texture_integers,
         texture_floats=texture_floats,
-        cull_back=np.array([not instance.material.double_sided for instance in instances], dtype=np.bool_),
-        layered=np.array([_lets_through(instance) for instance in instances], dtype=np.bool_),
+        cull_back=cull_back,
+        layered=layered,
+        culls=bool(cull_back.any()),
+        translucent=bool(layered.any()),
         job=_job(table, integers, floats, texture_integers, texture_floats),
         keep=(*keep, *materials, *textures.keep),
     )

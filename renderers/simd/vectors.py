@@ -223,6 +223,22 @@ lowest_bit = make(lambda value: types.int64 if value is types.int64 else None, _
 """Index of the lowest set bit of an int64 that is not 0."""
 
 
+def _reduction(name: str) -> Any:
+    def emit(builder: Any, sig: Any, value: Any) -> Any:
+        kind = ir.FunctionType(I32, [i32x8.llvm])
+        declare: Any = cgutils.get_or_insert_function
+        return builder.sext(
+            builder.call(declare(builder.module, kind, f"llvm.vector.reduce.{name}.v8i32"), [value]), I64
+        )
+
+    return make(lambda a: types.int64 if a is i32x8 else None, emit)
+
+
+least_of = _reduction("smin")
+"""int64: the smallest of eight int32."""
+most_of = _reduction("smax")
+
+
 def _rounding(name: str) -> Any:
     def emit(builder: Any, sig: Any, value: Any) -> Any:
         vector = sig.return_type

@@ -116,9 +116,11 @@ def test_the_pool_keeps_no_more_than_its_bound() -> None:
 def test_scratch_grows_and_large_scratch_is_dropped() -> None:
     pool = ScratchPool(max_bytes=1000)
     scratch = pool.take()
-    small = scratch.take("x", 10, np.float32)
-    assert scratch.take("x", 5, np.float32) is small
-    assert scratch.take("x", 100, np.float32).size >= 100
+    small, address = scratch.take("x", 10, np.float32)
+    assert address == small.ctypes.data
+    assert scratch.take("x", 5, np.float32)[0] is small
+    assert scratch.take("x", 100, np.float32)[0].size >= 100
+    assert scratch.nbytes == scratch.take("x", 100, np.float32)[0].nbytes
     pool.give(scratch)
     assert pool.take() is scratch
     scratch.take("x", 10_000, np.float32)

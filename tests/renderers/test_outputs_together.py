@@ -41,6 +41,13 @@ def scene(seed: int) -> DrawList:
         X[2, 3] = 3.0
         instances.append(Instance(mesh, Material((*rng.random(3), 1.0), double_sided=k % 4 == 3), X, k, k))
     instances.append(replace(placed(ball(12, 0.7), Material((1.0, 0.5, 0.2, 1.0)), z=3.0), label=100, instance_id=100))
+    for k, cells in enumerate((8, 60)):  # bowls, of large triangles and of some that hold a pixel or none
+        bowl = ball(cells, 0.6)
+        low = bowl.positions[bowl.elements].mean(axis=1)[:, 1] > -0.1
+        open_above = replace(bowl, elements=np.ascontiguousarray(bowl.elements[low]))
+        X = np.eye(4)
+        X[:3, 3] = 0.5 - k, 0.4, 2.2
+        instances.append(Instance(open_above, Material((0.1, 0.9, 0.3, 1.0)), X, 101 + k, 101 + k))
     wall = quad(1.0, 4.0)
     away = replace(wall, elements=np.ascontiguousarray(wall.elements[:, ::-1]))
     for k, mesh in enumerate((away, wall, away)):

@@ -151,6 +151,31 @@ def test_far_and_huge_triangles_to_a_level() -> None:
             assert differences.max() <= 1, (differences > 1).sum()
 
 
+@pytest.mark.parametrize("cells", [4, 30, 230])
+def test_plain_surfaces_to_a_level(cells: int) -> None:
+    """One colour without texture: large triangles, small ones, and so many that they are fetched ahead; with normals
+    that are the same at all corners, that differ, and none; with a mirror image, and colours that are cut off."""
+    round_one = ball(cells, 0.9)
+    flat = replace(round_one, positions=round_one.positions[round_one.elements].reshape(-1, 3), uv0=None, tangents=None)
+    flat = replace(
+        flat,
+        elements=np.arange(len(flat.positions), dtype=np.uint32).reshape(-1, 3),
+        normals=np.repeat(flat.positions[::3], 3, axis=0),
+    )
+    for mesh in (round_one, flat, replace(flat, normals=None)):
+        for color in ((0.9, 0.3, 1.0, 1.0), (1.7, -0.2, 0.5, 1.0)):
+            for unlit in (False, True):
+                material = Material(color, double_sided=True, unlit=unlit)
+                X = np.diag((1.0, -1.0, 1.0, 1.0))
+                X[2, 3] = 4.0
+                drawn = DrawList((placed(mesh, material, z=3.0), Instance(mesh, material, X)))
+                for name in ("phong", "plain"):
+                    ours, scalar = both(drawn, view(83, 61), Look(name))  # type: ignore[arg-type]
+                    differences = np.abs(ours - scalar)
+                    assert differences.max() <= 1
+                    assert (differences != 0).mean() < 0.02
+
+
 @pytest.mark.parametrize("size", [(83, 61), (64, 40), (9, 70)])
 def test_threads_do_not_matter(size: tuple[int, int]) -> None:
     drawn = scene(np.random.default_rng(7))

@@ -129,6 +129,20 @@ def test_any_coordinate_reads_inside_the_image(wrap: Wrap, bad: float, linear: b
         assert ((got >= 0) & (got <= 1)).all()
 
 
+def test_rows_of_a_page_are_spread() -> None:
+    """Where every row would begin in the same place of the caches they are longer, and read all the same."""
+    pixels = np.random.default_rng(5).integers(0, 256, (7, 1024, 4)).astype(np.uint8)
+    image = picture(pixels)
+    texels = texels_of(image)
+    assert texels.rows.shape[1] > texels.width == 1024
+    np.testing.assert_array_equal(texels.rgba, pixels)
+    for linear in (True, False):
+        for wrap in Wrap:
+            texture = Texture(image, Sampler(wrap, wrap, mag_linear=linear))
+            for u, v in ((0.37201, 0.51), (0.99999, 0.93), (-0.0003, 1.2), (0.00001, 0.02)):
+                np.testing.assert_allclose(read(texture, u, v), lookup(texture, u, v, False), atol=2e-3)
+
+
 def test_an_image_is_decoded_once_and_forgotten_with_it() -> None:
     calls = 0
 

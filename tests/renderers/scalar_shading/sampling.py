@@ -12,6 +12,7 @@ from renderers.shading.textures import (
     TI_ADDRESS,
     TI_HEIGHT,
     TI_LINEAR,
+    TI_STRIDE,
     TI_TRANSFORMED,
     TI_WIDTH,
     TI_WRAP_S,
@@ -87,7 +88,7 @@ def sample(integers, floats, values, space, u, v):
     if load_i64(integers, TI_LINEAR) == 0:
         i = _wrapped(math.floor(x), width, wrap_s)
         j = _wrapped(math.floor(y), height, wrap_t)
-        at = (j * width + i) * 4
+        at = (j * load_i64(integers, TI_STRIDE) + i) * 4
         return (
             load_f32(values, space * 256 + load_u8(address, at)),
             load_f32(values, space * 256 + load_u8(address, at + 1)),
@@ -100,8 +101,9 @@ def sample(integers, floats, values, space, u, v):
     fx, fy = np.float32(x - x0), np.float32(y - y0)
     i0 = _wrapped(x0, width, wrap_s)
     i1 = _wrapped(x0 + 1, width, wrap_s)
-    j0 = _wrapped(y0, height, wrap_t) * width
-    j1 = _wrapped(y0 + 1, height, wrap_t) * width
+    stride = load_i64(integers, TI_STRIDE)
+    j0 = _wrapped(y0, height, wrap_t) * stride
+    j1 = _wrapped(y0 + 1, height, wrap_t) * stride
     a, b, c, d = (j0 + i0) * 4, (j0 + i1) * 4, (j1 + i0) * 4, (j1 + i1) * 4
     one = np.float32(1.0)
     wa, wb, wc, wd = (one - fx) * (one - fy), fx * (one - fy), (one - fx) * fy, fx * fy

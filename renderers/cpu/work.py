@@ -1,0 +1,94 @@
+"""A frame's phases, from the vertices to the finished bands, in one call of each thread that works on it."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from numba import njit
+
+from renderers.cpu.resolve import BACKS, EVERYTHING, FRONTS
+from renderers.cpu.visibility import BAND_ROWS
+from renderers.jit import kernel
+from renderers.native import call_kernel, shared_number, take_number, yield_at
+from renderers.pointers import i64_at
+
+PHASES: Final = 3
+"""Transform, setup, bands."""
+
+# The task: int64 values.
+W_JOB: Final = 0  # address of the job, see layout
+W_LENS: Final = 1
+W_TRANSFORM: Final = 2  # addresses of the kernels
+W_SETUP: Final = 3
+W_DRAW: Final = 4
+W_SHADE: Final = 5  # 0: nothing is shaded
+W_SHADE_JOB: Final = 6
+W_VERTICES: Final = 7
+W_VERTICES_PER_UNIT: Final = 8
+W_CHUNKS: Final = 9
+W_CHUNKS_PER_UNIT: Final = 10
+W_HEIGHT: Final = 11
+W_ROW_BYTES: Final = 12  # of a layer's records
+W_LAYERS: Final = 13  # address of a layer of one band for each thread; 0: the layer is where the job says
+W_LAYER_BYTES: Final = 14
+W_GEOMETRY: Final = 15  # whether other pictures than colour are wanted
+W_SPLIT: Final = 16  # whether back faces are kept apart
+W_YIELD: Final = 17
+W_UNITS: Final = 18  # PHASES values
+W_THREADS: Final = 24  # how many have begun; from here on written while threads work
+W_TAKEN: Final = 25  # PHASES values: units taken
+W_ENDED: Final = 28  # PHASES values: units done
+W_COLUMNS: Final = 31
+
+_PATIENCE: Final = 200
+"""Looks at another thread's progress before the core is offered to others: some microseconds."""
+
+
+@njit(nogil=True, error_model="numpy")
+def _band(task, band, layer):  # type: ignore[no-untyped-def]
+    """Draw and shade one band."""
+    job, lens, draw = task[W_JOB], task[W_LENS], task[W_DRAW]
+    if task[W_SHADE] == 0:
+        call_kernel(draw, (job, lens, band, layer, EVERYTHING))
+        return
+    split = task[W_SPLIT] != 0
+    call_kernel(draw, (job, lens, band, layer, FRONTS if split or task[W_GEOMETRY] == 0 else EVERYTHING))
+    first = band * BAND_ROWS
+    last = min(first + BAND_ROWS, task[W_HEIGHT])
+    call_kernel(task[W_SHADE], (task[W_SHADE_JOB], layer - first * task[W_ROW_BYTES], first, last))
+    if split:
+        call_kernel(draw, (job, lens, band, layer, BACKS))
+
+
+@kernel("void(int64)")
+def work(task_at):  # type: ignore[no-untyped-def]
+    """Take part in a frame until it is finished; any number of threads, each at any time, even when nothing is left.
+
+    Args:
+        task_at: address of W_COLUMNS int64.
+    """
+    task = i64_at(task_at)
+    layer = task[W_LAYERS]
+    if layer != 0:
+        layer += take_number(task, W_THREADS) * task[W_LAYER_BYTES]
+    for phase in range(PHASES):
+        units = task[W_UNITS + phase]
+        unit = take_number(task, W_TAKEN + phase)
+        while unit < units:
+            if phase == 0:
+                begin = unit * task[W_VERTICES_PER_UNIT]
+                end = min(begin + task[W_VERTICES_PER_UNIT], task[W_VERTICES])
+                call_kernel(task[W_TRANSFORM], (task[W_JOB], task[W_LENS], begin, end))
+            elif phase == 1:
+                begin = unit * task[W_CHUNKS_PER_UNIT]
+                end = min(begin + task[W_CHUNKS_PER_UNIT], task[W_CHUNKS])
+                call_kernel(task[W_SETUP], (task[W_JOB], task[W_LENS], begin, end))
+            else:
+                _band(task, unit, layer)
+            take_number(task, W_ENDED + phase)
+            unit = take_number(task, W_TAKEN + phase)
+        looks = 0
+        while shared_number(task, W_ENDED + phase) < units:  # the last units are under way in other threads
+            looks += 1
+            if looks > _PATIENCE and task[W_YIELD] != 0:
+                yield_at(task[W_YIELD])
