@@ -137,9 +137,9 @@ those of all of them."""
 G_ELEMENT: Final = 0  # int32: first element, which of the eight, drawn instance
 G_LANES: Final = 1
 G_DRAWN: Final = 2
-LATER_WIDTH: Final = 128
-LATER_HEIGHT: Final = 64
-"""Pixels: scattered triangles are not put off together, since every band of their box would set them up."""
+LATER_SIDE: Final = 24
+"""Pixels across and down that a group may take: large triangles cost less to set up than to keep, and scattered ones
+would be set up by every band of their box."""
 
 # What J_SETUP is asked for, int64: the address of a KIND_LATER record; addresses of room for 8 records, 8 spans, the
 # pixels of 8 tiny triangles and a column of 16 x 8 int32; the answer, how many records and pixels there are.

@@ -81,7 +81,7 @@ from renderers.cpu.layout import (
 )
 from renderers.cpu.visibility import BAND_ROWS
 from renderers.native import call_kernel
-from renderers.pointers import as_f32, f32_at, f64_at, i32_at, i64_at, u16_at
+from renderers.pointers import as_f32, as_i32, f32_at, f64_at, i32_at, i64_at, u16_at
 
 
 @njit(nogil=True, error_model="numpy")
@@ -279,6 +279,7 @@ def _farthest(job, first_row, last_row, tiles):  # type: ignore[no-untyped-def]
     """
     stride = job[J_STRIDE]
     depths = f32_at(job[J_INV_Z])
+    whole = as_i32(tiles)
     for top in range(first_row, last_row, TILE_ROWS):
         out = (top - first_row) // TILE_ROWS * stride
         bottom = min(top + TILE_ROWS, last_row)
@@ -286,10 +287,8 @@ def _farthest(job, first_row, last_row, tiles):  # type: ignore[no-untyped-def]
             least = vec.load(depths, top * stride + column)
             for row in range(top + 1, bottom):
                 least = vec.least(least, vec.load(depths, row * stride + column))
-            vec.store(tiles, out + column, least)
-        for column in range(out, out + stride, vec.LANES):
-            for k in range(1, vec.LANES):
-                tiles[column] = min(tiles[column], tiles[column + k])
+            # Bits are ordered as the values are: but for the one that stands for nothing, none is negative.
+            whole[out + column] = vec.least_of(vec.bits_of(least))
 
 
 @njit(nogil=True, error_model="numpy")

@@ -23,8 +23,7 @@ from renderers.cpu.layout import (
     KIND_LATER,
     KIND_SMALL,
     L_FAR,
-    LATER_HEIGHT,
-    LATER_WIDTH,
+    LATER_SIDE,
     MICRO_PER_ELEMENT,
     R_HIGH,
     R_ID,
@@ -154,7 +153,7 @@ def triangles(job, lens, drawn, element, lanes, late, record, spans, count, micr
             far, near = vec.i32(-(1 << 20)), vec.i32(1 << 20)
             box_x, box_y = vec.least_of(vec.select(waiting, left, near)), vec.least_of(vec.select(waiting, top, near))
             end_x, end_y = vec.most_of(vec.select(waiting, right, far)), vec.most_of(vec.select(waiting, bottom, far))
-            if end_x - box_x <= LATER_WIDTH and end_y - box_y <= LATER_HEIGHT:
+            if end_x - box_x <= LATER_SIDE and end_y - box_y <= LATER_SIDE:
                 group = i32_at(record + RECORD_BYTES * count)
                 group[G_ELEMENT] = element
                 group[G_LANES] = vec.bits(waiting)

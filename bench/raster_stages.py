@@ -1,0 +1,84 @@
+"""Where the CPU time of our frames goes: the scenes of ``raster``, one thread, every phase called by itself.
+
+    python -m bench.raster_stages [--look phong] [--frames 30]
+
+The first quartile of each phase over the frames, ms: programs that share the machine only ever add to it. ``whole`` is
+the frame as it is drawn, in one call; what is beside the phases is Python and the tables.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import time
+from collections import defaultdict
+from unittest.mock import patch
+
+from bench.raster import EVERYTHING, SIZES, scenes, view
+from renderers.cpu import CpuRenderer, frame, warmup
+from renderers.cpu import work as at
+from renderers.cpu.resolve import BACKS, FRONTS, draw_band
+from renderers.cpu.resolve import EVERYTHING as ALL_FACES
+from renderers.cpu.setup import setup
+from renderers.cpu.transform import transform
+from renderers.cpu.visibility import BAND_ROWS
+from renderers.port import Look
+from renderers.shading.kernels import shade_rows
+
+PHASES = ("transform", "setup", "draw", "shade", "back faces", "whole")
+
+
+def by_phase(address: int, spent: dict[str, float]) -> None:
+    """What ``work.work`` does, phase by phase; adds the CPU time of each, s."""
+    task = (ctypes.c_int64 * at.W_COLUMNS).from_address(address)
+    job, lens, layer, split = task[at.W_JOB], task[at.W_LENS], task[at.W_LAYERS], task[at.W_SPLIT]
+    now = time.thread_time()
+
+    def note(phase: str) -> None:
+        nonlocal now
+        before, now = now, time.thread_time()
+        spent[phase] += now - before
+
+    transform(job, lens, 0, task[at.W_VERTICES])
+    note("transform")
+    setup(job, lens, 0, task[at.W_CHUNKS])
+    note("setup")
+    for band in range(task[at.W_UNITS + 2]):
+        first = band * BAND_ROWS
+        draw_band(job, lens, band, layer, FRONTS if split else ALL_FACES)
+        note("draw")
+        last = min(first + BAND_ROWS, task[at.W_HEIGHT])
+        shade_rows(task[at.W_SHADE_JOB], layer - first * task[at.W_ROW_BYTES], first, last)
+        note("shade")
+        if split:
+            draw_band(job, lens, band, layer, BACKS)
+            note("back faces")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--look", choices=("phong", "plain", "pbr"), default="phong")
+    parser.add_argument("--frames", type=int, default=30)
+    options = parser.parse_args()
+    warmup()
+    renderer, look = CpuRenderer(1), Look(options.look)
+    print(f"{'ms CPU':24}" + "".join(f"{phase:>12}" for phase in PHASES), flush=True)
+    for name, scene in scenes().items():
+        for width, height in SIZES:
+            times: dict[str, list[float]] = defaultdict(list)
+            for number in range(options.frames + 2):
+                spent: dict[str, float] = defaultdict(float)
+                with patch.object(frame, "work", lambda address, spent=spent: by_phase(address, spent)):
+                    renderer.render(scene, view(width, height, number), EVERYTHING, look).close()
+                start = time.thread_time()
+                renderer.render(scene, view(width, height, number), EVERYTHING, look).close()
+                spent["whole"] = time.thread_time() - start
+                for phase, value in spent.items():
+                    times[phase].append(value)
+            quartiles = [sorted(times[phase][2:])[options.frames // 4] if phase in times else 0.0 for phase in PHASES]
+            cells = "".join(f"{1e3 * value:12.3f}" for value in quartiles)
+            print(f"{name:14}{width:5}x{height:<4}" + cells, flush=True)
+
+
+if __name__ == "__main__":
+    main()
