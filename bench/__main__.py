@@ -96,7 +96,10 @@ BENCHES = {
     "render": Bench(quick=("--frames", "3"), peers=("vtk",)),
     "codecs": Bench(),
     "concurrency": Bench(),
-    "startup": Bench(("--cold", "--scenes", "10000", "--plot", PLOT), quick=("--scenes", "1000", "--plot", os.devnull)),
+    "startup": Bench(
+        ("--cold", "--scenes", "10000", "--plot", PLOT),
+        quick=("--starts", "1", "--scenes", "100", "--plot", os.devnull),
+    ),
     "stream": Bench(("--live", "--clients", "1", "4", "--seconds", "4"), rows=stream_rows),
     "treeviewer": Bench(("--seconds", "1"), peers=("viser", "meshcat"), rows=tree_rows),
     "viewer": Bench(("--clients", "1,10", "--seconds", "4"), peers=("viser", "meshcat"), rows=viewer_rows),

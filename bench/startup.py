@@ -36,7 +36,7 @@ def cpu_seconds(pid: int) -> tuple[float, float]:
     return own / os.sysconf("SC_CLK_TCK"), children / os.sysconf("SC_CLK_TCK")
 
 
-def warm_starts() -> list[Row]:
+def warm_starts(starts: int) -> list[Row]:
     """Everything that is served by default, the kernels in the cache."""
     with gateway():
         pass  # fills the cache if need be
@@ -44,7 +44,7 @@ def warm_starts() -> list[Row]:
     for name, flags in (("all interfaces", ()), ("`--only render`", ("--only", "render"))):
         took: list[float] = []
         spent: list[float] = []
-        for _ in range(STARTS):
+        for _ in range(starts):
             with gateway(*flags) as running:
                 took.append(running.started - running.began)
                 spent.append(cpu_seconds(running.process.pid)[0])
@@ -151,9 +151,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenes", type=int, default=10_000)
     parser.add_argument("--plot", type=Path, help="an SVG file for the memory")
+    parser.add_argument("--starts", type=int, default=STARTS, help="of each kind, for the median")
     parser.add_argument("--cold", action="store_true", help="also start with an empty cache (a minute of CPU)")
     options = parser.parse_args()
-    rows = warm_starts()
+    rows = warm_starts(options.starts)
     if options.cold:
         rows += cold_start()
     if options.scenes:
