@@ -210,11 +210,12 @@ def main() -> None:
     print(HEAD)
     if options.live or options.minutes:
         seconds = options.minutes * 60 or options.seconds
+        name = "live" if options.scene == "table" else options.scene
         for rate in ("max",) if options.minutes else ("max", "device"):
             for n in options.clients:
                 arguments = [rate, options.look, options.quality, options.scene]
                 run(
-                    f"{options.scene} {options.quality} {options.look} {rate}",
+                    f"{name} {options.quality} {options.look} {rate}",
                     "live",
                     arguments,
                     n,
