@@ -45,12 +45,15 @@ class FaultInjector:
         self._last_due = 0.0
         self._frozen: int | None = None
         self.faults = _NONE
+        self.changes = 0
+        """How often faults were set."""
         self.dropped = 0
         """Sets that were lost on purpose or for lack of room."""
 
     def set(self, faults: Faults) -> None:
         """From now on."""
         self.faults = faults
+        self.changes += 1
         if not faults.clock_frozen:
             self._frozen = None
 

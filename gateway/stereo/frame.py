@@ -53,7 +53,7 @@ class Frame:
         self.settings = settings
         self.camera = camera
         self.depth = depth
-        self.studio = studio
+        self._studio = studio
         self._workers = workers
         self._colors = {
             Stream.LEFT: frozenset(k.color for k in kinds if k.left or (k.mesh is not None and k.mesh.textured)),
@@ -69,12 +69,12 @@ class Frame:
 
     async def measured(self) -> Measured:
         """The depth images."""
-        return await self._once("depth", self._match if self.studio.config.depth_mode == "matched" else self._measure)
+        return await self._once("depth", self._match if self._studio.config.depth_mode == "matched" else self._measure)
 
     async def metered(self, shot: Shot) -> Metered:
         """How the images of one of the two instants are taken."""
         return await self._once(
-            ("metered", shot.timestamp, shot.lines), lambda: self._run(self.studio.meter, shot, self.settings)
+            ("metered", shot.timestamp, shot.lines), lambda: self._run(self._studio.meter, shot, self.settings)
         )
 
     def discard(self) -> None:
@@ -109,16 +109,16 @@ class Frame:
         taking = self._taking(self.camera, metered)
         if stream is Stream.LEFT:
             self.taken = replace(metered, brightness=taken.brightness)
-        return messages.image(taken.image, self.studio.config.model.intrinsics(), taking, taken.brightness)
+        return messages.image(taken.image, self._studio.config.model.intrinsics(), taking, taken.brightness)
 
     async def _disparity_message(self) -> list[Chunk]:
         picture = await self._depth_message("disparity")
-        return messages.disparity(picture, self.depth.timestamp, self.studio.config.model.baseline)
+        return messages.disparity(picture, self.depth.timestamp, self._studio.config.model.baseline)
 
     async def _depth_message(self, name: str) -> list[Chunk]:
         measured, metered = await self.measured(), await self.metered(self.depth)
         pixels: NDArray[np.uint8] | NDArray[np.uint16] = getattr(measured, name)
-        k = self.studio.config.model.intrinsics(self.settings.quality.divisor)
+        k = self._studio.config.model.intrinsics(self.settings.quality.divisor)
         return messages.image(pixels, k, self._taking(self.depth, metered), metered.brightness)
 
     async def _mesh_message(self, options: MeshOptions, color: bool) -> list[Chunk]:
@@ -127,12 +127,12 @@ class Frame:
     async def _mesh(self, options: MeshOptions, color: bool) -> list[Chunk]:
         left = (await self.image(Stream.LEFT, color)).image if options.textured else None
         measured = await self.measured()
-        ply = await self._run(self.studio.mesh, measured, self.settings.quality.divisor, options, left)
+        ply = await self._run(self._studio.mesh, measured, self.settings.quality.divisor, options, left)
         return messages.mesh(ply, self.depth.timestamp)
 
     def _taking(self, shot: Shot, metered: Metered) -> Taking:
         exposure = metered.exposure
-        noise = exposure.sigma(128.0) * self.studio.config.noise_factor
+        noise = exposure.sigma(128.0) * self._studio.config.noise_factor
         reduction = metered.out1_reduction
         return Taking(shot.timestamp, exposure.time, exposure.gain, exposure.gamma, noise, shot.lines, reduction)
 
@@ -148,23 +148,23 @@ class Frame:
         self, shot: Shot, stream: Stream, divisor: int, colors: frozenset[bool], averaged: int = 1
     ) -> dict[bool, Taken]:
         exposure = (await self.metered(shot)).exposure
-        return await self._run(self.studio.take, shot, exposure, self.number, stream, divisor, colors, averaged)
+        return await self._run(self._studio.take, shot, exposure, self.number, stream, divisor, colors, averaged)
 
     async def _measure(self) -> Measured:
-        divisor, t = self.settings.quality.divisor, self.studio.config.model.baseline
+        divisor, t = self.settings.quality.divisor, self._studio.config.model.baseline
         left, right = await _all(
-            [self._run(self.studio.render, self.depth, offset, divisor, Output.DEPTH) for offset in (0.0, t)]
+            [self._run(self._studio.render, self.depth, offset, divisor, Output.DEPTH) for offset in (0.0, t)]
         )
-        return await self._run(self.studio.measure, left, right, self.settings, self.number)
+        return await self._run(self._studio.measure, left, right, self.settings, self.number)
 
     async def _match(self) -> Measured:
         settings, shot = self.settings, self.depth
         left, right, exposure = await self._pair(shot, Stream.LEFT_DEPTH, Stream.RIGHT_DEPTH)
         second = None
         dark = replace(shot, lines=settings.lines(depth=False))
-        if settings.double_shot and shot.projected(self.studio.config) and not dark.lines & 1:
+        if settings.double_shot and shot.projected(self._studio.config) and not dark.lines & 1:
             second = await self._pair(dark, Stream.LEFT_SECOND, Stream.RIGHT_SECOND)
-        return await self._run(self.studio.match, left, right, exposure, settings, second)
+        return await self._run(self._studio.match, left, right, exposure, settings, second)
 
     async def _pair(self, shot: Shot, *streams: Stream) -> tuple[Taken, Taken, Exposure]:
         """What is matched: grey images at the depth images' resolution."""

@@ -163,15 +163,15 @@ class Hub:
         newcomers, self._newcomers = self._newcomers, set()
         return {s.kind for s in newcomers}
 
-    def publish(self, kind: Kind, number: int, data: bytes, outdated: int | None = None) -> None:
+    def publish(self, kind: Kind, number: int, data: bytes, epoch: int = 0) -> None:
         """Leaves a set with everybody who wants this kind.
 
         Args:
-            outdated: the epoch in which the set was taken, when the camera makes other ones by now. Who came later gets
-                none of those: a client that sets a parameter and then opens a stream means the stream.
+            epoch: in which the set was taken. Who came in a later one does not get it: a client that sets a parameter
+                or a fault and then opens a stream means the stream.
         """
         for subscription in self._subscriptions:
-            if subscription.kind == kind and (outdated is None or subscription.epoch <= outdated):
+            if subscription.kind == kind and subscription.epoch <= epoch:
                 subscription.put(number, data)
 
     def fail(self, kind: Kind, message: str) -> None:

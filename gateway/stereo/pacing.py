@@ -7,6 +7,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -276,11 +277,8 @@ class Metronome:
             self._fail(kind, f"frame {frame.number} ({kind}) could not be made", error)
         else:
             self.counts.problem = ""
-            self._injector.deliver(frame.number, data, lambda: self._deliver(frame, kind, data))
-
-    def _deliver(self, frame: Frame, kind: Kind, data: bytes) -> None:
-        current = frame.settings == self.settings and frame.studio is self.studio
-        self._hub.publish(kind, frame.number, data, None if current else frame.epoch)
+            put = partial(self._hub.publish, kind, frame.number, data, frame.epoch)
+            self._injector.deliver(frame.number, data, put)
 
     def _fail(self, kind: Kind, what: str, error: Exception) -> None:
         """Ends the streams of a kind with the reason; a defect of ours gets a traceback in the log."""
@@ -294,8 +292,7 @@ class Metronome:
         for kind in self._hub.take_newcomers():
             frame = self._last_depth if kind.depth else self._last
             settings = self.settings
-            other = frame is not None and (frame.settings != settings or frame.studio is not self.studio)
-            if frame is None or self._stamp is None or other or settings.single:
+            if frame is None or self._stamp is None or frame.epoch != self._hub.epoch() or settings.single:
                 continue
             rate = settings.depth_rate if kind.depth else settings.camera_rate
             now = self._injector.stamp(self._clock.stamp(self._stamp, 0))

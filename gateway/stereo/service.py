@@ -54,7 +54,7 @@ class StereoService:
         self._scene_studio = Studio(config, renderer)
         self.workers = workers
         self._shows = 0
-        self.hub = Hub(config.max_clients, config.max_kinds, lambda: self.parameters.version + self._shows)
+        self.hub = Hub(config.max_clients, config.max_kinds, self._epoch)
         self.events = EventHub(config.max_clients, config.max_events)
         self.injector = FaultInjector(config.seed, config.max_late_bytes)
         self.started = time.time()
@@ -71,6 +71,10 @@ class StereoService:
             self.trigger,
         )
         self._port: int | None = None
+
+    def _epoch(self) -> int:
+        """Grows with everything that changes what sets are like."""
+        return self.parameters.version + self.injector.changes + self._shows
 
     @property
     def studio(self) -> Studio:

@@ -145,7 +145,7 @@ async def test_an_outdated_set_goes_to_those_only_who_were_there_before() -> Non
         with hub.subscribe(LEFT) as late:
             hub.publish(LEFT, 1, b"old", 1)
             assert (early.hungry, late.hungry) == (False, True)
-            hub.publish(LEFT, 2, b"new")
+            hub.publish(LEFT, 2, b"new", 2)
             assert await late.get() == await early.get() == b"new"
 
 
