@@ -74,7 +74,7 @@ def stream_rows(text: str) -> list[Row]:
 
 def tree_rows(text: str) -> list[Row]:
     """Of lines such as ``ratio meshcat / ours, udp, 1 transform: 31.2``."""
-    found = re.findall(r"ratio (\S+) / ([^:]+): ([\d.]+)$", text, re.MULTILINE)
+    found = re.findall(r"ratio (.+?) / ([^:]+): ([\d.]+)$", text, re.MULTILINE)
     return [Row(f"tree viewer, {what}", "", peer, f"{ratio}×") for peer, what, ratio in found]
 
 
@@ -102,6 +102,7 @@ BENCHES = {
     ),
     "stream": Bench(("--live", "--clients", "1", "4", "--seconds", "4"), rows=stream_rows),
     "treeviewer": Bench(("--seconds", "1"), peers=("viser", "meshcat"), rows=tree_rows),
+    "treeviewer_binary": Bench(("--seconds", "2"), peers=("meshcat",)),
     "viewer": Bench(("--clients", "1,10", "--seconds", "4"), peers=("viser", "meshcat"), rows=viewer_rows),
 }
 

@@ -1,13 +1,14 @@
 """The tree viewer against its peers: the same jobs, from the client's call to the viewer's answer.
 
-    python -m bench.treeviewer [--peers PYTHON] [--seconds S]
+    python -m bench.treeviewer [--peers PYTHON] [--seconds S] [--latency]
 
 Ours runs as the service that the gateway runs, in a process of its own, over UDP multicast and over the TCPQ hub. The
 floor is the least that any viewer of this protocol could do: a loop of liblcm, the fastest JSON reader at hand (orjson
 if it is installed) and a dict, over UDP. An echo by liblcm shows how long a small message takes while another client's
 big one arrives, without any viewer. PYTHON is an interpreter with meshcat, viser or pydrake; see
 ``bench/treeviewer_peers.py`` for what is measured there. Every figure is a median (p99 after the slash) in ms; the last
-lines are ratios. S bounds each job; the whole takes about 30 S.
+lines are ratios. S bounds each job; the whole takes about 30 S. With ``--latency`` only the small message beside big
+ones is measured. Binary messages are ``bench.treeviewer_binary``'s.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -130,11 +132,16 @@ async def serve(url: str, port: int) -> None:
     await running
 
 
+def json_reader() -> str:
+    """The fastest at hand that makes objects; orjson comes with the dependency group ``bench``."""
+    return "orjson" if find_spec("orjson") else "msgspec"
+
+
 async def floor(url: str) -> None:
     """liblcm on the loop, JSON to objects, objects into a dict, an answer of the same size."""
-    try:
+    if json_reader() == "orjson":
         from orjson import dumps, loads
-    except ImportError:
+    else:
         import msgspec
 
         dumps, loads = msgspec.json.encode, msgspec.json.decode
@@ -199,8 +206,10 @@ class Client:
     def __init__(self, url: str, name: str) -> None:
         self._lcm = lcm.LCM(url)
         self._channel = f"{REQUEST}_<{name}>"
-        self._answers: list[bytes] = []
-        subscription = self._lcm.subscribe(f"{RESPONSE}_<{name}>", lambda _, data: self._answers.append(data))
+        answers: list[bytes] = []
+        self._answers = answers
+        # a handler that knew of this object would keep it for ever, liblcm's thread with it, which takes every message
+        subscription = self._lcm.subscribe(f"{RESPONSE}_<{name}>", lambda _, data: answers.append(data))
         subscription.set_queue_capacity(0)
         with_large_buffer(url)
         time.sleep(0.2)  # until the network knows of the subscription
@@ -342,13 +351,30 @@ def percentile(times: list[float], share: float) -> float:
     return ordered[min(len(ordered) - 1, int(share * len(ordered)))] if ordered else math.nan
 
 
-def compare(peers: str | None, seconds: float) -> None:
+SMALL_BESIDE_BIG = "1 transform while another client sends a {kind} of 11 MB after the other, {transport}"
+
+
+def latency(urls: dict[str, str], seconds: float) -> list[str]:
+    """Sentences about a small message's delay beside big ones; ``urls`` by name of what serves there."""
+    lines = []
+    for transport, url in urls.items():
+        for kind in ("mesh", "cloud"):
+            times, big = others(url, kind, 2 * seconds)
+            what = SMALL_BESIDE_BIG.format(kind=kind, transport=transport)
+            lines.append(
+                f"{what}: p50 {percentile(times, 0.5):.2f}, p99 {percentile(times, 0.99):.2f}, max {max(times):.1f} ms "
+                f"({len(big)} of them, median {percentile(big, 0.5):.0f} ms)"
+            )
+    return lines
+
+
+def compare(peers: str | None, seconds: float, only_latency: bool) -> None:
     number = random.randrange(20000, 50000)
-    udp, floor_udp = (f"udpm://239.255.76.67:{number + k}?ttl=0" for k in (0, 1))
+    udp, floor_udp, echo_udp = (f"udpm://239.255.76.67:{number + k}?ttl=0" for k in (0, 1, 2))
     tcpq = f"tcpq://127.0.0.1:{number}"
     messages = {job: make() for job, make in JOBS.items()}
-    lines = []
-    echo_udp = f"udpm://239.255.76.67:{number + 2}?ttl=0"
+    lines: list[str] = []
+    table: list[Figures] = []
     with (
         process("-m", "bench.treeviewer", "--part", "serve", "--url", udp, "--port", str(number)) as ours,
         process("-m", "bench.treeviewer", "--part", "floor", "--url", floor_udp) as plain,
@@ -356,35 +382,33 @@ def compare(peers: str | None, seconds: float) -> None:
     ):
         for server in (ours, plain, bare):
             started(server)
-        table = measure({"ours, udp": udp, "ours, tcpq": tcpq, "floor, udp": floor_udp}, messages, seconds)
-        for url, transport in ((udp, "udp"), (tcpq, "tcpq")):
-            for count in (1, 100):
-                answered, took = Client(url, "flood").flood(transforms(count), FLOOD)
-                lines.append(
-                    f"flood {transport}, {count} transforms each: {answered} of {FLOOD} answered, "
-                    f"{answered * count / took:,.0f} transforms/s"
-                )
-        for url, transport in ((udp, "udp"), (tcpq, "tcpq"), (echo_udp, "udp, a bare echo by liblcm")):
-            for kind in ("mesh", "cloud"):
-                times, big = others(url, kind, 2 * seconds)
-                lines.append(
-                    f"1 transform while another client sends a {kind} of 11 MB after the other, {transport}: "
-                    f"p50 {percentile(times, 0.5):.2f}, p99 {percentile(times, 0.99):.2f}, max {max(times):.1f} ms "
-                    f"({len(big)} of them, median {percentile(big, 0.5):.0f} ms)"
-                )
+        if not only_latency:
+            floor_name = f"floor ({json_reader()}), udp"
+            table = measure({"ours, udp": udp, "ours, tcpq": tcpq, floor_name: floor_udp}, messages, seconds)
+            for url, transport in ((udp, "udp"), (tcpq, "tcpq")):
+                for count in (1, 100):
+                    answered, took = Client(url, "flood").flood(transforms(count), FLOOD)
+                    lines.append(
+                        f"flood {transport}, {count} transforms each: {answered} of {FLOOD} answered, "
+                        f"{answered * count / took:,.0f} transforms/s"
+                    )
+        lines += latency({"udp": udp, "tcpq": tcpq, "udp, a bare echo by liblcm": echo_udp}, seconds)
+    if only_latency:
+        print(*lines, sep="\n")
+        return
     table.append(in_process(messages, seconds))
     found = peers_of(peers, seconds) if peers else []
     report(table, found, lines)
 
 
 def report(table: list[Figures], peers: list[Figures], lines: list[str]) -> None:
-    print(f"{'ms, median/p99':<20}" + "".join(f"{figures.name:>20}" for figures in (*table, *peers)))
+    print(f"{'ms, median/p99':<20}" + "".join(f"{figures.name:>21}" for figures in (*table, *peers)))
     for job in JOBS:
-        print(f"{job:<20}" + "".join(f"{figures.cell(job):>20}" for figures in (*table, *peers)))
+        print(f"{job:<20}" + "".join(f"{figures.cell(job):>21}" for figures in (*table, *peers)))
     print(*lines, sep="\n")
     ours, _, plain, inside = table
     for job in JOBS:
-        print(f"ratio floor / ours, {job}: {plain.median(job) / ours.median(job):.2f}")
+        print(f"ratio {plain.name.partition(',')[0]} / ours, {job}: {plain.median(job) / ours.median(job):.2f}")
         for peer in peers:
             if peer.jobs.get(job):
                 same = ours if peer.name == "meshcat" else inside  # meshcat's server is another process, as ours is
@@ -395,6 +419,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--peers", help="an interpreter with meshcat, viser or pydrake")
     parser.add_argument("--seconds", type=float, default=3.0)
+    parser.add_argument("--latency", action="store_true", help="only the delay of small messages beside big ones")
     parser.add_argument("--part", default="", help=argparse.SUPPRESS)
     parser.add_argument("--url", default="", help=argparse.SUPPRESS)
     parser.add_argument("--port", type=int, default=0, help=argparse.SUPPRESS)
@@ -410,7 +435,7 @@ def main() -> None:
     elif given.part.startswith("big:"):
         disturbed(given.url, mesh() if given.part == "big:mesh" else cloud(), given.seconds)
     else:
-        compare(given.peers, given.seconds)
+        compare(given.peers, given.seconds, given.latency)
 
 
 if __name__ == "__main__":

@@ -341,6 +341,14 @@ class Settings(BaseSettings):
         return self
 
     @model_validator(mode="after")
+    def _pairs_or_scene(self) -> Self:
+        if self.stereo_images is not None and self.stereo_scene != "live":
+            raise ValueError(
+                "--stereo-images and --stereo-scene exclude each other: the pairs are shown in the scene's place"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _custom_camera(self) -> Self:
         described = (self.stereo_size, self.stereo_focal_factor, self.stereo_baseline)
         if self.stereo_model != "custom":

@@ -117,6 +117,6 @@ def _geometries(part: Part) -> Iterator[Geometry]:
 def _tell(answer: Answer) -> None:
     for warning in answer.warnings:
         typer.echo(warning, err=True)
-    for name, paths in (("set", answer.added), ("moved", answer.transformed), ("deleted", answer.deleted)):
+    for name, paths in (("deleted", answer.deleted), ("set", answer.added), ("moved", answer.transformed)):
         if paths:
             typer.echo(f"{name}: {', '.join('/'.join(map(str, path)) or '/' for path in paths[:10])}")

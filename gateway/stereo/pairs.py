@@ -186,6 +186,10 @@ def pairs_in(folder: Path, max_pairs: int, max_pixels: int) -> Pairs:
         )
         lit = "out1_low" in name and all(path in known for path in high)
         found.append(Pair((left, right), high if lit else None))
+    if not folder.is_dir():
+        raise ValueError(f"{folder} is no folder")
+    if not files:
+        raise ValueError(f"{folder} holds no pictures ({', '.join(_SUFFIXES)})")
     if not found:
         raise ValueError(
             f"{folder} holds no stereo pairs: none of its {len(files)} pictures is a …left… with a …right…"

@@ -34,12 +34,19 @@ class Foreign:
     """An extension that means nothing here."""
 
 
+def _is_map(first: int) -> bool:
+    """Whether a value that begins with this byte is a map, or nil, which is as good as an empty one."""
+    return 0x80 <= first <= 0x8F or first in (0xC0, 0xDE, 0xDF)
+
+
 def _extension(code: int, payload: memoryview) -> object:
     return unpack(payload) if code == EXTENSION else Foreign()
 
 
 class BinaryReader(RequestReader):
     """Reads requests under given limits. Has no state of its own and may be used by several threads."""
+
+    _whole = "a MessagePack map"
 
     def __init__(self, limits: Limits | None = None, meshes: MeshLoader | None = None) -> None:
         super().__init__(limits, meshes)
@@ -78,6 +85,8 @@ class BinaryReader(RequestReader):
             raise RequestError(f"the request has more than {most} objects besides its arrays, the limit")
 
     def _in_pieces(self, data: memoryview) -> Request:
+        if not _is_map(data[0]):
+            raise RequestError(f"the request must be {self._whole}, its first byte is {data[0]:02x}")
         members = self._members.decode(data) or {}
         request, context = Request(), Context(self._limits, meshes=self._meshes)
         if "delete" in members:

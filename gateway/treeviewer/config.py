@@ -69,6 +69,8 @@ class TreeViewerConfig:
     """Of messages that wait behind big ones, all clients together; beyond it a UDP message is refused."""
     client_waiting_bytes: int = 64 * MIB
     """Of one hub client's messages waiting here; beyond it the hub stops reading from that client; nothing is lost."""
+    unsent_bytes: int = 64 * MIB
+    """Of answers that the UDP network does not take yet; beyond it answers are dropped, and counted."""
     hub_clients: int = 256
     """Connections to the hub."""
     hub_client_send_bytes: int = 512 * MIB

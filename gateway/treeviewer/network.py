@@ -31,6 +31,6 @@ def join(url: str, prefix: str, config: TreeViewerConfig) -> Bus:
         case "tcpq":
             return TcpqBus(url, f"{prefix}.*", most)
         case "udpm":
-            return UdpmBus(url, prefix, config.receive_buffer_bytes, config.waiting_bytes, most)
+            return UdpmBus(url, prefix, config.receive_buffer_bytes, config.waiting_bytes, most, config.unsent_bytes)
         case _:
             return LcmBus(url, f"{prefix}.*", config.waiting_bytes)

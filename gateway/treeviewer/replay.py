@@ -14,10 +14,11 @@ from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.eventlog import pack_event, read_events
 from gateway.treeviewer.network import Bus, join, url_of
 from gateway.treeviewer.tcpq_bus import TcpqBus
+from gateway.treeviewer.udpm_bus import UdpmBus
 
 CONNECT_SECONDS: Final = 10.0
 MOST_UNSENT_BYTES: Final = 16 * 1024 * 1024
-"""Waiting for a TCPQ hub when played faster than it takes."""
+"""Waiting for a network when played faster than it takes."""
 NOBODY: Final = "SCENEGATE_PLAYS_ONLY"
 """A beginning of channels that nobody uses."""
 EARLY_SECONDS: Final = 0.001
@@ -112,7 +113,7 @@ async def play(path: Path, url: str | None, speed: float, loop: bool, channels: 
             await _play_once(path, bus, speed, wanted, tally)
             if not loop or tally.events == before:
                 break
-        if isinstance(bus, TcpqBus):
+        if isinstance(bus, TcpqBus | UdpmBus):
             await bus.drained(0)
     finally:
         await _left(bus)
@@ -130,7 +131,7 @@ async def _play_once(path: Path, bus: Bus, speed: float, wanted: re.Pattern[str]
                 due = begin[0] + (event.time_us - begin[1]) / 1e6 / speed - time.monotonic()
                 if due > EARLY_SECONDS:
                     await asyncio.sleep(due)
-            if isinstance(bus, TcpqBus):
+            if isinstance(bus, TcpqBus | UdpmBus):
                 await bus.drained(MOST_UNSENT_BYTES)
             bus.publish(event.channel, event.data)
             tally.events += 1

@@ -91,6 +91,9 @@ class Request(msgspec.Struct, gc=False):
 class RequestReader:
     """Reads requests under given limits. Has no state of its own and may be used by several threads."""
 
+    _whole = "a JSON object"
+    """What a request is."""
+
     def __init__(self, limits: Limits | None = None, meshes: MeshLoader | None = None) -> None:
         self._limits = limits or Limits()
         self._meshes = meshes
@@ -188,7 +191,7 @@ class RequestReader:
         if message is None:
             return request
         if not isinstance(message, dict):
-            raise RequestError(f"the request must be a JSON object, not {show(message)}")
+            raise RequestError(f"the request must be {self._whole}, not {show(message)}")
         self._deletes(message.get("delete"), request, context)
         # Director's older keys override the new ones wherever they appear
         geometries = message["load"] if "load" in message else message.get("setgeometry")

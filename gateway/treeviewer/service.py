@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import os
+import sys
+import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -45,7 +49,7 @@ class TreeViewerService:
         """``durable``: where the tree is stored; answers wait for it."""
         self._config = config
         self._protocol = TreeViewerProtocol(live, config.limits, meshfiles, clock)
-        self._executor = ThreadPoolExecutor(config.threads, "treeviewer")
+        self._executor = ThreadPoolExecutor(config.threads, "treeviewer", _step_back)
         self._dispatcher = Dispatcher(self._protocol, config, self._executor, durable)
         self._bus: LcmBus | UdpmBus | None = None
         self._remote: TcpqBus | None = None
@@ -167,6 +171,19 @@ class TreeViewerService:
         waiting = self._dispatcher.receive(sender, channel, data, partial(_publish, hub), sender.release)
         if waiting > self._config.client_waiting_bytes:
             sender.hold()
+
+
+NICENESS: Final = 10
+"""Of the threads that read big messages, beyond the process's own: a tenth of the event loop's share of a processor
+that both want. They compute for 50 ms at a time, in which others' small messages would wait for the processor."""
+
+
+def _step_back() -> None:
+    """Lets everybody else go first, in a thread that is about to read big messages."""
+    if sys.platform == "linux":  # elsewhere a thread has no number, and the whole process would step back
+        with contextlib.suppress(OSError):
+            thread = threading.get_native_id()
+            os.setpriority(os.PRIO_PROCESS, thread, min(19, os.getpriority(os.PRIO_PROCESS, thread) + NICENESS))
 
 
 _HERE: Final = frozenset(("127.0.0.1", "localhost", "::1", "0.0.0.0"))  # noqa: S104 - names that mean this machine

@@ -32,6 +32,8 @@ STALE_SECONDS: Final = 5.0
 LEAST_FRAGMENT: Final = 512
 """Bytes of a fragment, on average. Real ones have 65,487, on macOS 1423; one is remembered with 300 bytes, so that
 messages of more and smaller fragments would take memory that no bound counts."""
+FINISHED_REMEMBERED: Final = 256
+"""Messages that are remembered after they became whole, since a datagram can come twice (several routes do that)."""
 MOST_UNFINISHED: Final = 1024
 """Messages on their way at a time, as many as there are senders; liblcm allows 1000."""
 
@@ -127,6 +129,10 @@ class Assembler:
         """Of all messages on their way."""
         self.incomplete = 0
         """Wanted messages given up because fragments of them were lost."""
+        self.refused = 0
+        """Wanted messages that said they had more than ``most_bytes``, or fragments of less than ``LEAST_FRAGMENT``."""
+        self._finished: dict[tuple[Address, int], tuple[int, int, float]] = {}
+        """Size, fragments and time of the newest whole messages, oldest first."""
 
     @property
     def place(self) -> list[memoryview] | None:
@@ -177,9 +183,14 @@ class Assembler:
                 return None
             begin, channel = end + 1, self.scratch[LONG_HEAD:end].decode("utf-8", "replace")
         until = offset + count - begin
-        if number >= fragments or until > size or size > self._most or fragments > size // LEAST_FRAGMENT + 2:
+        if number >= fragments or until > size:
+            return None
+        if size > self._most or fragments > size // LEAST_FRAGMENT + 2:
+            self.refused += number == 0 and self.scratch.startswith(self._prefix, LONG_HEAD)
             return None
         if message is None:
+            if self._has_been(key, size, fragments):
+                return None
             message = self._begin(key, size, fragments)
         if number == 0:
             message.channel = channel
@@ -190,6 +201,7 @@ class Assembler:
             message.unwanted += 1
             if message.unwanted >= fragments:
                 del self._unfinished[key]
+                self._remember(key, message)
             return None
         if number in message.spans:
             return None
@@ -224,12 +236,28 @@ class Assembler:
         del self._unfinished[key]
         spans = sorted(message.spans.values())
         self._release(message)
+        self._remember(key, message)
         at = 0
         for begin, end in spans:
             if begin != at:
                 return None  # a gap would show what the memory held before
             at = end
         return Received(message.channel, data) if at == message.size else None
+
+    def _remember(self, key: tuple[Address, int], message: _Unfinished) -> None:
+        if len(self._finished) >= FINISHED_REMEMBERED:
+            del self._finished[next(iter(self._finished))]
+        self._finished[key] = (message.size, message.fragments, message.touched)
+
+    def _has_been(self, key: tuple[Address, int], size: int, fragments: int) -> bool:
+        """Whether a fragment belongs to a message that was whole a moment ago; another one may use its number later."""
+        known = self._finished.get(key)
+        if known is None:
+            return False
+        if known[:2] == (size, fragments) and self._clock() - known[2] < STALE_SECONDS:
+            return True
+        del self._finished[key]
+        return False
 
     def _give_up(self, key: tuple[Address, int]) -> None:
         message = self._unfinished.pop(key)

@@ -43,8 +43,7 @@ HANDLED_AT_ONCE: Final = 64
 """Messages answered before the loop goes on: 2 ms when they are small."""
 HANDLED_BETWEEN: Final = 8
 """Messages answered before the kernel's buffer is emptied again, which by default holds 200 of them."""
-SEND_SECONDS: Final = 1.0
-"""A network that takes an answer no sooner is broken."""
+DRAIN_SECONDS: Final = 0.005
 OVERHEAD_BYTES: Final = 256
 
 
@@ -93,7 +92,15 @@ def network_of(url: str) -> Network:
 class UdpmBus:
     """Joins at once; receives from ``start`` on, in one event loop. What has not been read stays in the kernel."""
 
-    def __init__(self, url: str, prefix: str, buffer_bytes: int, waiting_bytes: int, message_bytes: int) -> None:
+    def __init__(
+        self,
+        url: str,
+        prefix: str,
+        buffer_bytes: int,
+        waiting_bytes: int,
+        message_bytes: int,
+        unsent_bytes: int = 1 << 26,
+    ) -> None:
         """Joins the network.
 
         Args:
@@ -101,6 +108,7 @@ class UdpmBus:
             buffer_bytes: wanted for the socket.
             waiting_bytes: of messages on their way, and of those not handled yet; what arrives beyond it is dropped.
             message_bytes: of one message.
+            unsent_bytes: of messages that the network does not take yet; one may always wait.
         Raises:
             TreeViewerUnavailable: with the reason in one sentence.
         """
@@ -112,6 +120,9 @@ class UdpmBus:
         self.waiting_bytes = 0
         self.dropped = 0
         self.dropped_bytes = 0
+        self._unsent: deque[list[bytes | memoryview]] = deque()
+        self.unsent_bytes = 0
+        self._most_unsent = unsent_bytes
         self._sequence = 0
         self._receive: Callable[[str, bytes | memoryview], None] | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -135,18 +146,40 @@ class UdpmBus:
         self._loop.add_reader(self._in.fileno(), self._readable)
 
     def publish(self, channel: str, message: bytes) -> None:
-        """Raises OSError or ValueError when it cannot be sent (a channel of more than 63 bytes, no network)."""
-        for pieces in udpm.datagrams(channel, message, self._sequence):
-            self._out.sendmsg(pieces, (), 0, self._to)
+        """Sends at once what the network takes at once, the rest as soon as it does; never waits.
+
+        Raises OSError or ValueError when it cannot be sent (a channel of more than 63 bytes, no network, too much that
+        waits already).
+        """
+        if self._unsent and self.unsent_bytes + len(message) > self._most_unsent:
+            raise OSError(f"the network {self.url} takes nothing: {self.unsent_bytes} bytes wait for it")
+        datagrams = udpm.datagrams(channel, message, self._sequence)
         self._sequence = (self._sequence + 1) & 0xFFFFFFFF
+        if not self._unsent:
+            for pieces in datagrams:
+                try:
+                    self._out.sendmsg(pieces, (), 0, self._to)
+                except BlockingIOError:
+                    self._wait_with(pieces)
+                    break
+        for pieces in datagrams:
+            self._wait_with(pieces)
+
+    async def drained(self, most: int) -> None:
+        """Returns when at most ``most`` bytes wait for the network."""
+        while self.unsent_bytes > most:
+            await asyncio.sleep(DRAIN_SECONDS)
 
     def close(self) -> None:
         """Leaves the network."""
         if self._loop is not None:
             self._loop.remove_reader(self._in.fileno())
+            self._loop.remove_writer(self._out.fileno())
             self._loop = None
         self._receive = None
         self._waiting.clear()
+        self._unsent.clear()
+        self.unsent_bytes = 0
         self._in.close()
         self._out.close()
 
@@ -159,6 +192,8 @@ class UdpmBus:
             "dropped": self.dropped,
             "dropped_bytes": self.dropped_bytes,
             "incomplete": self._assembler.incomplete,
+            "refused": self._assembler.refused,
+            "unsent_bytes": self.unsent_bytes,
             "receive_buffer_bytes": self._buffer.size(),
             "lost_datagrams": self._buffer.lost_datagrams(),
         }
@@ -194,6 +229,32 @@ class UdpmBus:
         raise TreeViewerUnavailable(
             f"LCM cannot join {self.url}: what is sent there does not come back, a route or a firewall is in the way"
         )
+
+    def _wait_with(self, pieces: list[bytes | memoryview]) -> None:
+        if self._loop is None:
+            raise OSError(f"the network {self.url} takes nothing now")
+        if not self._unsent:
+            self._loop.add_writer(self._out.fileno(), self._writable)
+        self._unsent.append(pieces)
+        self.unsent_bytes += sum(map(len, pieces))
+
+    def _writable(self) -> None:
+        """Sends what waits, a bounded amount: others have their turn, too."""
+        size = 0
+        while self._unsent and size < BYTES_AT_ONCE:
+            pieces = self._unsent[0]
+            try:
+                self._out.sendmsg(pieces, (), 0, self._to)
+            except (BlockingIOError, InterruptedError):
+                return
+            except OSError as error:  # the network has gone; a message that misses a part is lost as a whole
+                _log.warning("LCM could not send a message", reason=str(error))
+            self._unsent.popleft()
+            here = sum(map(len, pieces))
+            self.unsent_bytes -= here
+            size += here
+        if not self._unsent and self._loop is not None:
+            self._loop.remove_writer(self._out.fileno())
 
     def _readable(self) -> None:
         if not self._scheduled:
@@ -277,5 +338,5 @@ def _sender(network: Network) -> socket.socket:
     sending = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     sending.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, network.ttl)
     sending.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 1)
-    sending.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("ll", int(SEND_SECONDS), 0))
+    sending.setblocking(False)
     return sending

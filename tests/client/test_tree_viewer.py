@@ -59,6 +59,8 @@ def tour(url: str, binary: bool | None) -> None:
         with pytest.raises(TreeViewerError, match="no folder of mesh files is open to clients") as caught:
             it["mesh"].set(MeshFile("/etc/passwd"))
         assert caught.value.answer.status == -3
+        with pytest.raises(TypeError, match=r"set takes geometries such as Box\(\(1, 1, 1\)\), not 'box'"):
+            it["robot"].set("box")  # type: ignore[arg-type]
         assert it["robot"]["base"].delete().deleted == (("robot", "base"),)
 
 

@@ -56,7 +56,7 @@ async def test_requests_are_published_below_a_path(tmp_path: Path) -> None:
         url = f"tcpq://127.0.0.1:{service.tcpq_port}"
         done = await scenegate("publish", tmp_path / "scene.json", "--path", "robot/base", "--lcm-url", url)
     assert done.exit_code == 0, done.output
-    assert "set: robot/base/a, robot/base/b/c\nmoved: robot/base/a\ndeleted: robot/base/gone\n" in done.output
+    assert "deleted: robot/base/gone\nset: robot/base/a, robot/base/b/c\nmoved: robot/base/a\n" in done.output
     base = live.snapshot.root.find(("robot", "base"))
     assert base is not None
     assert base.children["a"].matrix[2, 3] == 2.0

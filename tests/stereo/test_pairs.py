@@ -174,6 +174,11 @@ def test_pairs_are_found_by_name(tmp_path: Path) -> None:
     assert len(pairs_in(tmp_path, 2, LIMIT)) == 2
     with pytest.raises(ValueError, match="holds 2 stereo pairs, more than 1"):
         pairs_in(tmp_path, 1, LIMIT)
+    with pytest.raises(ValueError, match="nowhere is no folder"):
+        pairs_in(tmp_path / "nowhere", 10, 10_000_000)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(ValueError, match=r"empty holds no pictures \(\.png, "):
+        pairs_in(tmp_path / "empty", 10, 10_000_000)
     with pytest.raises(ValueError, match="holds no stereo pairs: none of its 1 pictures"):
         pairs_in(tmp_path / "right", 1, LIMIT)
 

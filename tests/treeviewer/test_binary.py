@@ -147,7 +147,7 @@ def test_the_version_must_be_ours_and_the_formats_are_told() -> None:
     [
         (b"\xc1", "is not valid MessagePack"),
         (b"\x81\xa1", "is not valid MessagePack"),
-        (b"\x93\x01\x02\x03", "must be a JSON object"),
+        (b"\x93\x01\x02\x03", "must be a MessagePack map, not [1, 2, 3]"),
         (b"\x91" * 5000, "is not valid MessagePack"),
         (b"", "is not valid MessagePack"),
     ],
@@ -173,7 +173,7 @@ def big(body: bytes) -> bytes:
         (big(b"\xdd\xff\xff\xff\xff"), "it ends too early"),
         (big(b"\xdc\x03\xe9" + bytes(1001)), "more than 1000 objects besides its arrays"),
         (b"\xdd" + struct.pack(">I", 100) + bytes(100) + bytes(LEAST_CUT), "bytes follow"),
-        (b"\xc6" + struct.pack(">I", LEAST_CUT) + bytes(LEAST_CUT), "is not valid MessagePack"),
+        (b"\xc6" + struct.pack(">I", LEAST_CUT) + bytes(LEAST_CUT), "must be a MessagePack map, its first byte is c6"),
     ],
 )
 def test_big_ones_are_looked_at_before_objects_are_made(data: bytes, reason: str) -> None:

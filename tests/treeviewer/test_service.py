@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import builtins
+import contextlib
 import errno
 import os
 import socket
 import sys
 import threading
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
@@ -169,6 +170,73 @@ async def test_messages_beyond_the_bound_of_waiting_bytes_are_dropped_and_counte
         assert bus.waiting_bytes <= 1000
     finally:
         bus.close()
+
+
+class Narrow:
+    """A network that takes what a socket's peer has read."""
+
+    def __init__(self) -> None:
+        self.near, self.far = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self.near.setblocking(False)
+        self.far.setblocking(False)
+
+    def sendmsg(self, pieces: list[bytes], *_: object) -> int:
+        return self.near.sendmsg(pieces)
+
+    def fileno(self) -> int:
+        return self.near.fileno()
+
+    def close(self) -> None:
+        self.near.close()
+        self.far.close()
+
+    def read(self) -> list[bytes]:
+        found = []
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                found.append(self.far.recv(1 << 17))
+        return found
+
+
+@pytest.mark.lcm
+async def test_a_network_that_takes_nothing_holds_nobody_up(url: str) -> None:
+    bus = udpm_bus.UdpmBus(url, REQUEST, 1 << 20, 1 << 20, 1 << 20, unsent_bytes=1 << 20)
+    network = Narrow()
+    bus._out.close()
+    bus._out = cast("socket.socket", network)
+    try:
+        with pytest.raises(OSError, match="takes nothing now"):  # there is no loop yet that could send the rest
+            for _ in range(1000):
+                bus.publish("early", bytes(1000))
+        network.read()
+        bus.start(lambda channel, data: None)
+        big = os.urandom(4 << 20)
+        bus.publish("big", big)  # alone, so whatever its size
+        with pytest.raises(OSError, match=r"takes nothing: \d+ bytes wait"):
+            bus.publish("small", b"x")
+        assert bus.status()["unsent_bytes"] == bus.unsent_bytes > 1 << 20
+        assembler = udpm.Assembler(b"", 1 << 30, 1 << 30)
+        found = []
+
+        def passed() -> list[udpm.Received]:
+            for datagram in network.read():
+                assembler.scratch[: len(datagram)] = datagram
+                place = assembler.place
+                if place is not None:
+                    place[1][: len(datagram) - len(place[0])] = datagram[len(place[0]) :]
+                if (message := assembler.received(len(datagram), ("x", 1))) is not None:
+                    found.append(message)
+            return found
+
+        await until(lambda: bool(passed()))
+        await bus.drained(0)
+        bus.publish("small", b"x")
+        await until(lambda: len(passed()) == 2)
+        assert [(channel, bytes(data)) for channel, data in found] == [("big", big), ("small", b"x")]
+        assert bus.unsent_bytes == 0
+    finally:
+        bus.close()
+        network.close()
 
 
 @pytest.mark.lcm

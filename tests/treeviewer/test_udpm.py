@@ -220,6 +220,40 @@ def test_a_message_may_not_have_more_fragments_than_any_program_makes() -> None:
     assert [read(it, piece) for piece in pieces][-1] == ("WANTED", data)
 
 
+def test_what_claims_too_much_is_counted_once_a_message() -> None:
+    it = assembler(most=1_000_000)
+    for sequence, name in ((1, "WANTED"), (2, "WANTED"), (3, "OTHER")):
+        for piece in cut(name, bytes(1_000_001), sequence):
+            assert read(it, piece) is None
+    for number in range(3):  # a wanted one of far too many fragments
+        assert read(it, fragment(9, 70_000, 0, number, 60_000, b"WANTED\0x")) is None
+    assert (it.refused, it.incomplete, it.waiting_bytes) == (3, 0, 0)
+    assert [read(it, piece) for piece in cut("WANTED", bytes(1_000_000))][-1] is not None
+    assert it.refused == 3
+
+
+def test_what_comes_twice_counts_once() -> None:
+    clock = Clock()
+    it = assembler(clock=clock)
+    pieces = cut("WANTED", random.Random(1).randbytes(300_000))
+    other = cut("OTHER", bytes(300_000), 8)
+    for piece in pieces[:-1] + other[:-1]:
+        read(it, piece)
+    assert read(it, pieces[-1]) is not None
+    assert read(it, other[-1]) is None
+    assert [read(it, piece) for piece in pieces + other] == [None] * (len(pieces) + len(other))
+    clock.now = udpm.STALE_SECONDS + 1.0
+    it.give_up_stale()
+    assert (it.incomplete, it.waiting_bytes) == (0, 0)
+    # later the same numbers mean another message, at once if it looks different
+    assert [read(it, piece) for piece in pieces][-1] is not None
+    assert [read(it, piece) for piece in cut("WANTED", bytes(200_000))][-1] is not None
+    for number in range(udpm.FINISHED_REMEMBERED + 10):
+        for piece in cut("WANTED", bytes(70_000), 100 + number):
+            read(it, piece)
+    assert len(it._finished) == udpm.FINISHED_REMEMBERED
+
+
 def test_a_message_with_gaps_never_shows_what_the_memory_held() -> None:
     it = assembler()
     assert read(it, fragment(1, 100, 0, 0, 2, b"WANTED\0" + bytes(50))) is None

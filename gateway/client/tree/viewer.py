@@ -62,6 +62,9 @@ class Node:
 
     def set(self, *geometries: Geometry, transform: Transform | ArrayLike | None = None) -> Answer:
         """Replaces the geometry here, and the transform if one is given; children stay. None: empty."""
+        for geometry in geometries:
+            if not isinstance(geometry, Geometry):
+                raise TypeError(f"set takes geometries such as Box((1, 1, 1)), not {_shown(geometry)}")
         changes = Changes()
         changes.set(self.path, [geometry.body() for geometry in geometries])
         if transform is not None:
@@ -238,6 +241,12 @@ class TreeViewer:
             with contextlib.suppress(ConnectionError):  # gone again; it will say when it is back
                 utime, _ = self._post(everything.body(0), self._format or wire.JSON)
                 self._waiting.pop(utime, None)
+
+
+def _shown(value: object) -> str:
+    """A value in a sentence: short, whatever it is."""
+    text = repr(value) if isinstance(value, (str, int, float)) else f"a {type(value).__name__}"
+    return text if len(text) <= 40 else f"{text[:40]}…"
 
 
 def _answer(reply: wire.Reply, missing: list[Path]) -> Answer:
