@@ -52,7 +52,8 @@ def compare(old: Node, new: Node, seq: int, without: Collection[PathElement] = (
             found.transforms.append((key, after))
         if before.visible != after.visible:
             found.visible.append((key, after))
-        _compare_children(found, stack, key, before, after, without if not key else ())
+        if after.children or before.children:
+            _compare_children(found, stack, key, before, after, without if not key else ())
     return found
 
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 import hashlib
 import math
 import weakref
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import fields
 from enum import Enum
 from types import MappingProxyType
@@ -52,6 +52,8 @@ _FIELDS: Final[Mapping[type[Any], tuple[str, ...]]] = {
     kind: kind.__struct_fields__ if issubclass(kind, msgspec.Struct) else tuple(field.name for field in fields(kind))
     for kind in _VALUES.values()
 }
+_PLAIN: Final = frozenset((geometry.Box, geometry.Sphere, geometry.Ellipsoid, geometry.Cylinder, geometry.Capsule))
+"""Shapes of a few numbers, which clients send by the thousand."""
 _SHARED: Final = (Material, Mesh)
 _KINDS: Final = frozenset("fiub")
 """Kinds of array elements: numbers and truth values, never objects."""
@@ -72,6 +74,18 @@ class PartsWriter:
     def __init__(self) -> None:
         self._digests: dict[int, tuple[weakref.ref[Any], bytes]] = {}
         self._shared: dict[int, tuple[Any, bytes, Blobs]] = {}
+
+    def alike(self, parts: tuple[Part, ...]) -> Hashable | None:
+        """Equal for parts of the same bytes, as long as their materials live; None: only ``encode`` can tell.
+
+        Numbers are compared as they are stored: 1 and 1.0, 0.0 and -0.0 differ.
+        """
+        key = []
+        for part in parts:
+            if type(part.shape) not in _PLAIN or part.X_node_part is not IDENTITY:
+                return None
+            key.append((type(part.shape), _encoder.encode(part.shape), id(part.material), part.kind, part.source))
+        return tuple(key)
 
     def encode(self, parts: tuple[Part, ...]) -> tuple[bytes, Blobs]:
         """The structure, and the blobs that it names; arrays are not copied."""

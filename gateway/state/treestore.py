@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import sqlite3
 import struct
-from collections.abc import Iterable
+from collections.abc import Hashable, Iterable
 from typing import Final
 
 import numpy as np
@@ -18,6 +18,8 @@ from gateway.state.difference import Difference, compare
 from gateway.state.keys import AFTER, path_of
 from gateway.state.parts import DamagedError, PartsReader, PartsWriter
 
+ROWS_AT_ONCE: Final = 500
+"""Asked for in one statement."""
 _POSE: Final = struct.Struct("<7d")
 _MATRIX_BYTES: Final = 16 * 8
 
@@ -91,6 +93,8 @@ class _Rows:
         self._parts = parts
         self._digests: dict[int, bytes] = {}
         """By identity of the parts, which the difference keeps alive."""
+        self._alike: dict[Hashable, bytes] = {}
+        """By ``PartsWriter.alike``."""
         self._loose: set[bytes] = set()
         """Parts that a node has let go of."""
 
@@ -100,21 +104,38 @@ class _Rows:
             below = (key, key + AFTER)
             self._loosen("SELECT parts FROM tree_node WHERE path >= ? AND path < ?", below)
             self._connection.execute("DELETE FROM tree_node WHERE path >= ? AND path < ?", below)
-        for key, node in difference.geometry:
-            self._loosen("SELECT parts FROM tree_node WHERE path = ?", (key,))
-            self._connection.execute("UPDATE tree_node SET parts = ? WHERE path = ?", (self._stored(node.parts), key))
-        run(
-            "INSERT INTO tree_node (path, seq, parts, transform, visible) VALUES (?, ?, ?, ?, ?)",
-            [(key, seq, self._stored(n.parts), _transform(n), n.visible) for key, seq, n in difference.added],
-        )
-        run(
-            "UPDATE tree_node SET transform = ? WHERE path = ?",
-            [(_transform(n), key) for key, n in difference.transforms],
-        )
-        run("UPDATE tree_node SET visible = ? WHERE path = ?", [(n.visible, key) for key, n in difference.visible])
-        run("UPDATE tree_node SET seq = ? WHERE path = ?", [(seq, key) for key, seq in difference.moved])
+        for begin in range(0, len(difference.geometry), ROWS_AT_ONCE):
+            self._replace(difference.geometry[begin : begin + ROWS_AT_ONCE])
+        if difference.added:
+            run(
+                "INSERT INTO tree_node (path, seq, parts, transform, visible) VALUES (?, ?, ?, ?, ?)",
+                [(key, seq, self._stored(n.parts), _transform(n), n.visible) for key, seq, n in difference.added],
+            )
+        if difference.transforms:
+            run(
+                "UPDATE tree_node SET transform = ? WHERE path = ?",
+                [(_transform(n), key) for key, n in difference.transforms],
+            )
+        if difference.visible:
+            run("UPDATE tree_node SET visible = ? WHERE path = ?", [(n.visible, key) for key, n in difference.visible])
+        if difference.moved:
+            run("UPDATE tree_node SET seq = ? WHERE path = ?", [(seq, key) for key, seq in difference.moved])
         for digest in self._loose:
             self._collect(digest)
+
+    def _replace(self, nodes: list[tuple[bytes, Node]]) -> None:
+        """Geometry of nodes that are stored already; what is sent again as it is costs no write."""
+        places = ",".join("?" * len(nodes))
+        before = dict(
+            self._connection.execute(
+                f"SELECT path, parts FROM tree_node WHERE path IN ({places})",  # noqa: S608 - nothing but marks
+                [key for key, _ in nodes],
+            )
+        )
+        now = [(self._stored(node.parts), key) for key, node in nodes]
+        changed = [(digest, key) for digest, key in now if digest != before.get(key)]
+        self._loose.update(old for _, key in changed if (old := before.get(key)) is not None)
+        self._connection.executemany("UPDATE tree_node SET parts = ? WHERE path = ?", changed)
 
     def _stored(self, parts: tuple[Part, ...] | None) -> bytes | None:
         if parts is None:
@@ -122,8 +143,14 @@ class _Rows:
         digest = self._digests.get(id(parts))
         if digest is not None:
             return digest
+        alike = self._parts.alike(parts)
+        digest = self._alike.get(alike) if alike is not None else None
+        if digest is not None:
+            return digest
         data, blobs = self._parts.encode(parts)
         digest = self._digests[id(parts)] = hashlib.sha256(data).digest()
+        if alike is not None:
+            self._alike[alike] = digest
         execute = self._connection.execute
         if execute("INSERT OR IGNORE INTO tree_parts VALUES (?, ?)", (digest, data)).rowcount:
             for name, blob in blobs.items():
