@@ -268,12 +268,18 @@ def measure(contestants: dict[str, str], messages: dict[str, bytes], seconds: fl
 
 
 @contextlib.contextmanager
-def process(*arguments: str, python: str = sys.executable) -> Iterator[subprocess.Popen[str]]:
+def process(*arguments: str, python: str = sys.executable, stdin: int | None = None) -> Iterator[subprocess.Popen[str]]:
     """A part of this benchmark in a process of its own, ended with the block."""
     root = Path(__file__).parents[1]
     environment = {**os.environ, "PYTHONPATH": str(root)}
     with subprocess.Popen(
-        [python, *arguments], cwd=root, env=environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        [python, *arguments],
+        cwd=root,
+        env=environment,
+        stdin=stdin,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
     ) as child:
         try:
             yield child

@@ -1,6 +1,7 @@
 """The jobs of ``bench.treeviewer`` done by other viewers, each by its own interface.
 
     python -m bench.treeviewer_peers SECONDS    (by an interpreter that has them)
+    python -m bench.treeviewer_peers ask VIEWER (does the jobs that it reads, one a line; prints their milliseconds)
 
 * meshcat (Python): its server in a process of its own; every call waits for the server.
 * viser: in process; a call returns when the message is queued for browsers, of which there are none.
@@ -27,6 +28,7 @@ import numpy as np
 BOXES = 1000
 SIDE = 316
 COUNTS = (1, 100, 1000)
+MILLION = 1_000_000
 Jobs = dict[str, Callable[[], object]]
 
 
@@ -39,9 +41,10 @@ def mesh_arrays() -> tuple[np.ndarray, np.ndarray]:
     return vertices, faces.astype(np.uint32)
 
 
-def cloud_arrays() -> tuple[np.ndarray, np.ndarray]:
+def cloud_arrays(count: int = 100_000) -> tuple[np.ndarray, np.ndarray]:
+    """Points and colours, (N, 3) float32."""
     chance = np.random.default_rng(1)
-    return chance.random((100_000, 3), np.float32), chance.random((100_000, 3), np.float32)
+    return chance.random((count, 3), np.float32), chance.random((count, 3), np.float32)
 
 
 @contextlib.contextmanager
@@ -53,6 +56,7 @@ def meshcat_jobs() -> Iterator[Jobs]:
     box = g.Box([0.1, 0.1, 0.1])
     vertices, faces = mesh_arrays()
     points, rgb = cloud_arrays()
+    many, colors = cloud_arrays(MILLION)
 
     def create() -> None:
         for i in range(BOXES):
@@ -69,6 +73,7 @@ def meshcat_jobs() -> Iterator[Jobs]:
         **moves(move),
         "mesh 100k": lambda: viewer["mesh"].set_object(g.TriangularMeshGeometry(vertices, faces)),
         "cloud 100k": lambda: viewer["cloud"].set_object(g.PointCloud(points.T, rgb.T)),
+        "cloud 1M": lambda: viewer["cloud"].set_object(g.PointCloud(many.T, colors.T)),
     }
 
 
@@ -149,6 +154,16 @@ def moves(move: Callable[[int], None]) -> Jobs:
     return {f"{count} transform{'s' if count > 1 else ''}": job(count) for count in COUNTS}
 
 
+def answer(jobs: Jobs) -> None:
+    """Does what it is told until there is no more."""
+    print("ready", flush=True)
+    for line in sys.stdin:
+        job = jobs[line.partition(",")[0].strip()]
+        begin = time.perf_counter()
+        job()
+        print(1000.0 * (time.perf_counter() - begin), flush=True)
+
+
 def measure(jobs: Jobs, seconds: float) -> dict[str, list[float]]:
     result: dict[str, list[float]] = {}
     for name, job in jobs.items():
@@ -168,10 +183,16 @@ def measure(jobs: Jobs, seconds: float) -> dict[str, list[float]]:
 
 
 def main() -> None:
+    viewers = {"meshcat": meshcat_jobs, "viser": viser_jobs, "meldis": meldis_jobs}
+    if sys.argv[1] == "ask":
+        with viewers[sys.argv[2]]() as made:
+            answer(made)
+        os._exit(0)
     seconds = float(sys.argv[1])
-    for name, jobs in (("meshcat", meshcat_jobs), ("viser", viser_jobs), ("meldis", meldis_jobs)):
+    for name, jobs in viewers.items():
         try:
             with jobs() as made:
+                made.pop("cloud 1M", None)  # of bench.treeviewer_binary
                 figures = measure(made, seconds)
         except ImportError as error:
             print(f"{name} is not installed: {error}", file=sys.stderr)

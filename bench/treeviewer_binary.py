@@ -1,0 +1,130 @@
+"""Binary clouds and meshes: the user's call with numpy arrays until the viewer has them, ours against meshcat.
+
+    python -m bench.treeviewer_binary [--peers PYTHON] [--seconds S]
+
+Ours is ``gateway.client.TreeViewer`` over TCPQ and over UDP multicast, to the gateway's service, in a process
+of its own; the call ends with the viewer's answer, when the geometry is in the scene. The peer is the fastest of the
+others that speaks binary over a socket: meshcat (MessagePack over ZeroMQ to its server's process; viser queues in
+process, meldis takes messages in process). PYTHON is an interpreter that has it. All are asked in turn, so that
+whatever else the machine does meets all alike; figures are medians (p99 after the slash) in ms, ratios are of medians.
+A million points over UDP need a larger receive buffer than most systems allow, and are not measured. S bounds each job.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import math
+import random
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+
+from bench.table import Row, at_least, at_most, show, skipped
+from bench.treeviewer import Figures, process, started
+from bench.treeviewer_peers import MILLION, cloud_arrays, mesh_arrays
+from gateway.client import Mesh, PointCloud, TreeViewer
+
+OURS = ("ours, tcpq", "ours, udp")
+PEER = "meshcat"
+POINTS = {"cloud 100k": 100_000, "cloud 100k, colours of bytes": 100_000, "cloud 1M": MILLION}
+JOBS = ("mesh 100k", *POINTS)
+FEW_MS = 10.0
+"""What "a few milliseconds" is held to."""
+
+Ask = Callable[[str], float]
+"""Does a job and returns milliseconds; infinite: it cannot."""
+
+
+def asking(url: str) -> Ask:
+    """Ours by its own client."""
+    viewer = TreeViewer(url, timeout=30.0, binary=True)
+    vertices, faces = mesh_arrays()
+    geometries: dict[str, Mesh | PointCloud] = {"mesh 100k": Mesh(vertices, faces)}
+    for name, count in POINTS.items():
+        points, rgb = cloud_arrays(count)
+        geometries[name] = PointCloud(points, rgb=(255.0 * rgb).astype("u1") if "bytes" in name else rgb)
+
+    def ask(job: str) -> float:
+        if url.startswith("udpm") and job == "cloud 1M":
+            return math.inf
+        begin = time.perf_counter()
+        viewer[job.partition(" ")[0]].set(geometries[job])
+        return 1000.0 * (time.perf_counter() - begin)
+
+    return ask
+
+
+@contextlib.contextmanager
+def peer(python: str) -> Iterator[Ask]:
+    """Meshcat in a process of that interpreter, which does jobs as it is told."""
+    with process("-m", "bench.treeviewer_peers", "ask", PEER, python=python, stdin=subprocess.PIPE) as child:
+        assert child.stdout is not None
+        if "ready\n" not in iter(child.stdout.readline, ""):  # the viewer itself says things before
+            raise SystemExit(f"{PEER} does not run in {python}")
+
+        def ask(job: str) -> float:
+            assert child.stdin is not None
+            assert child.stdout is not None
+            child.stdin.write(f"{job}\n")
+            child.stdin.flush()
+            return float(child.stdout.readline())
+
+        yield ask
+
+
+def measure(contestants: dict[str, Ask], seconds: float) -> dict[str, Figures]:
+    """All jobs of all, in turn."""
+    table = {name: Figures(name, {job: [] for job in JOBS}) for name in contestants}
+    for job in JOBS:
+        for ask in contestants.values():
+            ask(job)
+        end = time.monotonic() + seconds * len(contestants)
+        while time.monotonic() < end:
+            for name, ask in contestants.items():
+                table[name].jobs[job].append(ask(job))
+    for figures in table.values():
+        figures.jobs = {job: times for job, times in figures.jobs.items() if times and times[0] < math.inf}
+    return table
+
+
+def rows(table: dict[str, Figures]) -> list[Row]:
+    found = []
+    for job in JOBS:
+        for name in OURS:
+            mine, other = table[name].median(job), table[PEER].median(job) if PEER in table else math.nan
+            what = f"tree viewer, binary, {name.partition(', ')[2]}: {job}"
+            if math.isnan(mine):
+                continue
+            if math.isnan(other):
+                found.append(skipped(what, "no interpreter with meshcat (--peers)"))
+            else:
+                found.append(at_least(what, f"{mine:.2f} ms", f"{PEER} {other:.2f} ms", other / mine, 1.0))
+    for name in OURS:
+        what = f"100,000 coloured points, {name.partition(', ')[2]}"
+        found.append(at_most(what, table[name].median("cloud 100k, colours of bytes"), FEW_MS, "ms"))
+    return found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--peers", help="an interpreter with meshcat")
+    parser.add_argument("--seconds", type=float, default=3.0)
+    given = parser.parse_args()
+    number = random.randrange(20000, 50000)
+    udp, tcpq = f"udpm://239.255.76.67:{number}?ttl=0", f"tcpq://127.0.0.1:{number}"
+    with contextlib.ExitStack() as stack:
+        server = process("-m", "bench.treeviewer", "--part", "serve", "--url", udp, "--port", str(number))
+        started(stack.enter_context(server))
+        contestants = {"ours, tcpq": asking(tcpq), "ours, udp": asking(udp)}
+        if given.peers:
+            contestants[PEER] = stack.enter_context(peer(given.peers))
+        table = measure(contestants, given.seconds)
+    print(f"{'ms, median/p99':<30}" + "".join(f"{name:>16}" for name in table))
+    for job in JOBS:
+        print(f"{job:<30}" + "".join(f"{figures.cell(job):>16}" for figures in table.values()))
+    show(rows(table))
+
+
+if __name__ == "__main__":
+    main()
