@@ -7,6 +7,7 @@ of its own; the call ends with the viewer's answer, when the geometry is in the 
 others that speaks binary over a socket: meshcat (MessagePack over ZeroMQ to its server's process; viser queues in
 process, meldis takes messages in process). PYTHON is an interpreter that has it. All are asked in turn, so that
 whatever else the machine does meets all alike; figures are medians (p99 after the slash) in ms, ratios are of medians.
+Beside them is the processors' time of client and server for one call (Linux), which says the same on a busy machine.
 A million points over UDP need a larger receive buffer than most systems allow, and are not measured. S bounds each job.
 """
 
@@ -15,10 +16,13 @@ from __future__ import annotations
 import argparse
 import contextlib
 import math
+import os
 import random
 import subprocess
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
 
 from bench.table import Row, at_least, at_most, show, skipped
 from bench.treeviewer import Figures, process, started
@@ -29,11 +33,40 @@ OURS = ("ours, tcpq", "ours, udp")
 PEER = "meshcat"
 POINTS = {"cloud 100k": 100_000, "cloud 100k, colours of bytes": 100_000, "cloud 1M": MILLION}
 JOBS = ("mesh 100k", *POINTS)
+CPU = "CPU, "
 FEW_MS = 10.0
 """What "a few milliseconds" is held to."""
 
 Ask = Callable[[str], float]
 """Does a job and returns milliseconds; infinite: it cannot."""
+
+
+@dataclass
+class Contestant:
+    """Somebody who is asked."""
+
+    ask: Ask
+    processes: Callable[[], list[int]]
+    """Numbers of all processes that work for it."""
+
+
+def family(process_id: int) -> list[int]:
+    """The process and all that it has started."""
+    found = [process_id]
+    for task in Path(f"/proc/{process_id}/task").glob("*/children"):
+        for child in task.read_text().split():
+            found += family(int(child))
+    return found
+
+
+def computed(process_ids: list[int]) -> float:
+    """Milliseconds that they had a processor, all threads; NaN where the system does not tell."""
+    total = 0
+    for number in process_ids:
+        for task in Path(f"/proc/{number}/task").glob("*/schedstat"):
+            with contextlib.suppress(OSError):  # a thread that has just ended
+                total += int(task.read_text().split()[0])
+    return 1e-6 * total or math.nan
 
 
 def asking(url: str) -> Ask:
@@ -56,7 +89,7 @@ def asking(url: str) -> Ask:
 
 
 @contextlib.contextmanager
-def peer(python: str) -> Iterator[Ask]:
+def peer(python: str) -> Iterator[Contestant]:
     """Meshcat in a process of that interpreter, which does jobs as it is told."""
     with process("-m", "bench.treeviewer_peers", "ask", PEER, python=python, stdin=subprocess.PIPE) as child:
         assert child.stdout is not None
@@ -70,21 +103,25 @@ def peer(python: str) -> Iterator[Ask]:
             child.stdin.flush()
             return float(child.stdout.readline())
 
-        yield ask
+        yield Contestant(ask, lambda: family(child.pid))
 
 
-def measure(contestants: dict[str, Ask], seconds: float) -> dict[str, Figures]:
-    """All jobs of all, in turn."""
-    table = {name: Figures(name, {job: [] for job in JOBS}) for name in contestants}
+def measure(contestants: dict[str, Contestant], seconds: float) -> dict[str, Figures]:
+    """All jobs of all, in turn; the processors' time as jobs of their own, named with ``CPU``."""
+    table = {name: Figures(name, {name: [] for job in JOBS for name in (job, CPU + job)}) for name in contestants}
     for job in JOBS:
-        for ask in contestants.values():
-            ask(job)
+        for contestant in contestants.values():
+            contestant.ask(job)
         end = time.monotonic() + seconds * len(contestants)
         while time.monotonic() < end:
-            for name, ask in contestants.items():
-                table[name].jobs[job].append(ask(job))
+            for name, contestant in contestants.items():
+                processes = contestant.processes()
+                before = computed(processes)
+                table[name].jobs[job].append(contestant.ask(job))
+                table[name].jobs[CPU + job].append(computed(processes) - before)
     for figures in table.values():
-        figures.jobs = {job: times for job, times in figures.jobs.items() if times and times[0] < math.inf}
+        done = {job for job in JOBS if figures.jobs[job] and figures.jobs[job][0] < math.inf}
+        figures.jobs = {job: times for job, times in figures.jobs.items() if job.removeprefix(CPU) in done}
     return table
 
 
@@ -98,8 +135,12 @@ def rows(table: dict[str, Figures]) -> list[Row]:
                 continue
             if math.isnan(other):
                 found.append(skipped(what, "no interpreter with meshcat (--peers)"))
-            else:
-                found.append(at_least(what, f"{mine:.2f} ms", f"{PEER} {other:.2f} ms", other / mine, 1.0))
+                continue
+            found.append(at_least(what, f"{mine:.2f} ms", f"{PEER} {other:.2f} ms", other / mine, 1.0))
+            work, theirs = table[name].median(CPU + job), table[PEER].median(CPU + job)
+            found.append(
+                Row(f"… processors' time, {job}", f"{work:.2f} ms", f"{theirs:.2f} ms", f"{theirs / work:.1f}×")
+            )
     for name in OURS:
         what = f"100,000 coloured points, {name.partition(', ')[2]}"
         found.append(at_most(what, table[name].median("cloud 100k, colours of bytes"), FEW_MS, "ms"))
@@ -115,14 +156,16 @@ def main() -> None:
     udp, tcpq = f"udpm://239.255.76.67:{number}?ttl=0", f"tcpq://127.0.0.1:{number}"
     with contextlib.ExitStack() as stack:
         server = process("-m", "bench.treeviewer", "--part", "serve", "--url", udp, "--port", str(number))
-        started(stack.enter_context(server))
-        contestants = {"ours, tcpq": asking(tcpq), "ours, udp": asking(udp)}
+        child = stack.enter_context(server)
+        started(child)
+        ours = [os.getpid(), child.pid]
+        contestants = {name: Contestant(asking(url), lambda: ours) for name, url in zip(OURS, (tcpq, udp), strict=True)}
         if given.peers:
             contestants[PEER] = stack.enter_context(peer(given.peers))
         table = measure(contestants, given.seconds)
-    print(f"{'ms, median/p99':<30}" + "".join(f"{name:>16}" for name in table))
-    for job in JOBS:
-        print(f"{job:<30}" + "".join(f"{figures.cell(job):>16}" for figures in table.values()))
+    print(f"{'ms, median/p99':<36}" + "".join(f"{name:>16}" for name in table))
+    for job in [line for name in JOBS for line in (name, CPU + name)]:
+        print(f"{job:<36}" + "".join(f"{figures.cell(job):>16}" for figures in table.values()))
     show(rows(table))
 
 

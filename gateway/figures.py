@@ -153,6 +153,7 @@ def _lost(status: Mapping[str, Any]) -> dict[str, float]:
     return {
         "datagrams": float(_part(status, "lcm", "lost_datagrams")),
         "incomplete": float(_part(status, "lcm", "incomplete")),
+        "refused": float(_part(status, "lcm", "refused")),
         "waiting": float(status["dropped"]) + float(_part(status, "lcm", "dropped")),
         "undecodable": float(status["undecodable"]),
     }

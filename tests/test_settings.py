@@ -125,3 +125,9 @@ def test_every_setting_has_a_group_a_description_and_a_default_that_is_valid() -
 def test_the_reference_is_up_to_date() -> None:
     written = (ROOT / "docs" / "configuration.md").read_text("utf-8")
     assert written == reference(), "run `make docs`"
+
+
+def test_pairs_and_a_scene_file_exclude_each_other(tmp_path: Path) -> None:
+    with pytest.raises(SettingsError, match="--stereo-images and --stereo-scene exclude each other"):
+        load({"stereo_images": tmp_path, "stereo_scene": "scene.glb"})
+    assert load({"stereo_images": tmp_path}).stereo_scene == "live"

@@ -64,7 +64,7 @@ class TreeViewerConfig:
     slice_commands: int = 500
     """Commands of a big message applied before the event loop gets its turn: 500 take about 1 ms."""
     threads: int = 2
-    """For big messages and mesh files."""
+    """For big JSON messages, and as many for big binary messages and mesh files."""
     waiting_bytes: int = 1024 * MIB
     """Of messages that wait behind big ones, all clients together; beyond it a UDP message is refused."""
     client_waiting_bytes: int = 64 * MIB

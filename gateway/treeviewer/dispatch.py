@@ -87,14 +87,21 @@ class Dispatcher:
         self,
         protocol: TreeViewerProtocol,
         config: TreeViewerConfig,
-        executor: Executor,
+        for_json: Executor,
+        for_others: Executor,
         durable: Durable | None = None,
     ) -> None:
-        """``durable``: answers wait for it; None: they are sent at once."""
+        """
+        Args:
+            for_json: reads big messages of text, which takes long.
+            for_others: reads big binary messages and files.
+            durable: answers wait for it; None: they are sent at once.
+        """
         self._protocol = protocol
         self._durable = durable
         self._config = config
-        self._executor = executor
+        self._for_json = for_json
+        self._for_others = for_others
         self._lanes: dict[object, _Lane] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self.counters = Counters()
@@ -199,7 +206,9 @@ class Dispatcher:
         try:
             comms = self._protocol.header(message)
             loop = asyncio.get_running_loop()
-            application = await loop.run_in_executor(self._executor, self._protocol.open, comms)
+            text = len(message) > self._config.offload_bytes and not wire.is_binary(message)
+            executor = self._for_json if text else self._for_others
+            application = await loop.run_in_executor(executor, self._protocol.open, comms)
             while application.step(self._config.slice_commands):  # noqa: ASYNC110 - others get their turn
                 await asyncio.sleep(0)
             answer = application.answer(comms.utime)

@@ -26,7 +26,7 @@ from gateway.scene.geometry import (
     Triad,
 )
 from gateway.scene.transforms import IDENTITY
-from gateway.treeviewer import fields
+from gateway.treeviewer import fields, kernels
 from gateway.treeviewer.arrays import ArrayError, PackedArray
 from gateway.treeviewer.config import Limits
 from gateway.treeviewer.extract import Numbers
@@ -248,7 +248,7 @@ def _channels(value: Any, count: int, context: Context) -> dict[str, NDArray[np.
         if name in ("rgb", "intensity"):
             if isinstance(values, PackedArray) and values.of_bytes:
                 array /= np.float32(255.0)
-            array = np.clip(np.nan_to_num(array, copy=False, nan=0.0), 0.0, 1.0)
+            kernels.to_unit_interval(array.reshape(-1))
         channels[name] = array
     return channels
 
@@ -325,10 +325,9 @@ def _finite(points: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[n
 
 def _drawable_rows(points: NDArray[np.float32]) -> NDArray[np.bool_] | None:
     """(N,) which points can be drawn; None: all of them, which is quick to see."""
-    size = np.abs(points)
-    if size.max(initial=0.0) <= FARTHEST_F32:
+    if kernels.all_within(points.reshape(-1), FARTHEST_F32):
         return None
-    return np.asarray((size <= FARTHEST_F32).all(axis=1))
+    return np.asarray((np.abs(points) <= FARTHEST_F32).all(axis=1))
 
 
 _MAKERS: Final[dict[str, Callable[[Mapping[str, Any], Context], Shape | None]]] = {

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 _BYTES = types.Array(types.uint8, 1, "C", readonly=True)
 _POWERS = types.Array(types.float64, 1, "C", readonly=True)
+_SINGLES = types.Array(types.float32, 1, "C", readonly=True)
 _TABLE = types.Array(types.int64, 2, "C")
 _SPAN = types.Tuple((types.int64,) * 5)  # type: ignore[no-untyped-call]
 
@@ -270,6 +271,27 @@ def to_indices(values, out, bound):  # type: ignore[no-untyped-def]
             return k
         out[k] = np.uint32(value)
     return -1
+
+
+@njit(types.boolean(_SINGLES, types.float32), nogil=True, cache=True)
+def all_within(values, farthest):  # type: ignore[no-untyped-def]
+    """Whether no value is NaN or farther from 0 than ``farthest``."""
+    for begin in range(0, values.shape[0], 1024):
+        outside = 0
+        for k in range(begin, min(begin + 1024, values.shape[0])):
+            outside += not abs(values[k]) <= farthest
+        if outside:
+            return False
+    return True
+
+
+@njit(types.void(types.float32[::1]), nogil=True, cache=True)
+def to_unit_interval(values):  # type: ignore[no-untyped-def]
+    """Numbers below 0 become 0, above 1 become 1, NaN becomes 0; in place."""
+    for k in range(values.shape[0]):
+        value = values[k]
+        value = value if value > 0.0 else np.float32(0.0)
+        values[k] = value if value < 1.0 else np.float32(1.0)
 
 
 @njit(_FOUND(_BYTES, _TABLE, types.int64[::1]), nogil=True, cache=True)

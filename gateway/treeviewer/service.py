@@ -49,8 +49,11 @@ class TreeViewerService:
         """``durable``: where the tree is stored; answers wait for it."""
         self._config = config
         self._protocol = TreeViewerProtocol(live, config.limits, meshfiles, clock)
-        self._executor = ThreadPoolExecutor(config.threads, "treeviewer", _step_back)
-        self._dispatcher = Dispatcher(self._protocol, config, self._executor, durable)
+        self._executors = (
+            ThreadPoolExecutor(config.threads, "treeviewer-json", _step_back),
+            ThreadPoolExecutor(config.threads, "treeviewer"),
+        )
+        self._dispatcher = Dispatcher(self._protocol, config, *self._executors, durable)
         self._bus: LcmBus | UdpmBus | None = None
         self._remote: TcpqBus | None = None
         self._hub: Hub | None = None
@@ -149,7 +152,8 @@ class TreeViewerService:
             await self._hub.close()
             self._hub = None
         await self._dispatcher.close()
-        self._executor.shutdown(wait=False, cancel_futures=True)
+        for executor in self._executors:
+            executor.shutdown(wait=False, cancel_futures=True)
 
     def _problem(self, transport: str, error: TreeViewerUnavailable) -> None:
         self._problems[transport] = str(error)
@@ -174,12 +178,12 @@ class TreeViewerService:
 
 
 NICENESS: Final = 10
-"""Of the threads that read big messages, beyond the process's own: a tenth of the event loop's share of a processor
-that both want. They compute for 50 ms at a time, in which others' small messages would wait for the processor."""
+"""Of the threads that read big JSON, beyond the process's own: a tenth of the event loop's share of a processor that
+both want. They compute for 50 ms at a time, in which others' small messages would wait for the processor."""
 
 
 def _step_back() -> None:
-    """Lets everybody else go first, in a thread that is about to read big messages."""
+    """Lets everybody else go first, in a thread that is about to read big JSON."""
     if sys.platform == "linux":  # elsewhere a thread has no number, and the whole process would step back
         with contextlib.suppress(OSError):
             thread = threading.get_native_id()

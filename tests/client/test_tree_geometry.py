@@ -27,6 +27,7 @@ from gateway.client import (
 from gateway.client.tree import wire
 from gateway.scene.transforms import from_pose
 from gateway.treeviewer import wire as server_wire
+from gateway.treeviewer.arrays import unpack
 from tests.treeviewer.conversation import Viewer
 
 POINTS = np.arange(12, dtype=np.float64).reshape(4, 3)
@@ -113,3 +114,31 @@ def test_both_wires_are_the_same() -> None:
     assert wire.decode(b"") is None
     assert wire.decode(wire.encode({"timestamp": "x", "status": 0}, 1, wire.JSON)) is None
     assert wire.decode(b"x" * 60) is None
+
+
+def test_what_json_makes_of_colours_leaves_them_as_they_were_for_the_next_time() -> None:
+    rgb = np.array([[255, 0, 51]], np.uint8)
+    body = {"setgeometry": [{"path": ["a"], "geometries": [PointCloud([[0, 0, 0]], rgb=rgb).body()]}]}
+    assert b"0.2" in wire.encode(body, 1, wire.JSON)
+    assert body["setgeometry"][0]["geometries"][0]["channels"]["rgb"].dtype == np.uint8
+
+
+@settings(deadline=None)
+@given(
+    st.lists(st.integers(0, 5), min_size=1, max_size=2),
+    st.sampled_from(["<f4", ">f4", "<f8", "u1", "<i8"]),
+    st.booleans(),
+)
+def test_arrays_are_packed_alike_whether_there_is_room_before_them_or_not(
+    shape: list[int], kind: str, room: bool
+) -> None:
+    values = np.arange(np.prod(shape), dtype=kind).reshape(shape)
+    array: Any = values
+    if room:
+        array = wire.with_room(tuple(shape), kind)
+        array[...] = values
+    strange = array[::-1]  # not as it lies in the memory
+    for given_, wanted in ((array, values), (strange, values[::-1])):
+        packed = wire._packed(given_)
+        assert unpack(memoryview(packed.data)).values.tolist() == wanted.tolist()
+    assert array.tolist() == values.tolist()

@@ -102,7 +102,7 @@ async def test_mutated_messages_of_real_clients(count: int) -> None:
     live = LiveTree()
     sent: list[bytes] = []
     with ThreadPoolExecutor(1) as executor:
-        dispatcher = Dispatcher(TreeViewerProtocol(live, config.limits), config, executor)
+        dispatcher = Dispatcher(TreeViewerProtocol(live, config.limits), config, executor, executor)
 
         def good() -> None:
             sent.clear()

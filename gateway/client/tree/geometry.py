@@ -10,6 +10,8 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gateway.client.tree.wire import with_room
+
 Triple = tuple[float, float, float]
 _STRAIGHT: Final = 1e-4
 """How far a matrix may be from a rotation; float32 ones are 1e-7 away, measured ones more."""
@@ -87,9 +89,12 @@ def _rows(name: str, values: ArrayLike, *columns: int, kind: type[np.generic] = 
     if array.ndim != (1 if columns == (1,) else 2) or width not in columns:
         wanted = "numbers" if columns == (1,) else f"rows of {' or '.join(map(str, columns))}"
         raise ValueError(f"{name} must have {wanted}, not shape {array.shape}")
-    if array.dtype.kind not in ("iub" if kind is np.int64 else "fiub"):
-        raise ValueError(f"{name} must have {'integers' if kind is np.int64 else 'numbers'}, not {array.dtype}")
-    return array.astype(kind)  # a copy: it is remembered, whatever becomes of the caller's
+    whole = kind in (np.int64, np.uint32)
+    if array.dtype.kind not in ("iub" if whole else "fiub"):
+        raise ValueError(f"{name} must have {'integers' if whole else 'numbers'}, not {array.dtype}")
+    copy = with_room(array.shape, kind)  # it is remembered, whatever becomes of the caller's
+    copy[...] = array
+    return copy
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -213,10 +218,12 @@ class Mesh(Geometry):
     faces: ArrayLike
 
     def _fields(self) -> dict[str, Any]:
-        vertices, faces = _rows("vertices", self.vertices, 3), _rows("faces", self.faces, 3, kind=np.int64)
+        small = np.asarray(self.faces).dtype == np.uint32  # what is sent; others may have numbers that it cannot hold
+        vertices = _rows("vertices", self.vertices, 3)
+        faces = _rows("faces", self.faces, 3, kind=np.uint32 if small else np.int64)
         if len(faces) and not (faces.min() >= 0 and faces.max() < len(vertices)):
             raise ValueError(f"faces refer to vertex {faces.min()} to {faces.max()}, there are {len(vertices)}")
-        return {"vertices": vertices, "faces": faces.astype(np.uint32)}
+        return {"vertices": vertices, "faces": faces.astype(np.uint32, copy=False)}
 
 
 @dataclass(frozen=True, slots=True)
