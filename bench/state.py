@@ -14,7 +14,9 @@ import argparse
 import asyncio
 import gc
 import math
+import statistics
 import tempfile
+import time
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -25,8 +27,11 @@ from bench.treeviewer import Client, Figures, measure, process, started, transfo
 from gateway.ops.process import tune
 from gateway.scene.live import LiveTree
 from gateway.state.config import StateConfig
+from gateway.state.database import Database
 from gateway.state.service import State
+from gateway.state.treestore import TreeStore
 from gateway.treeviewer.config import TreeViewerConfig
+from gateway.treeviewer.protocol import TreeViewerProtocol
 from gateway.treeviewer.service import TreeViewerService
 
 JOBS = {
@@ -36,6 +41,7 @@ JOBS = {
     "create 1000 boxes": treeviewer.boxes,
     "cloud 100k": treeviewer.cloud,
 }
+COMMITS = 21
 FLOODS = {"flood of 3000 single transforms": (1, 3000), "flood of 200 x 1000 transforms": (1000, 200)}
 
 
@@ -57,6 +63,27 @@ async def serve(port: int, path: Path | None) -> None:
     gc.freeze()
     print("ready", flush=True)
     await running
+
+
+def commits(folder: Path) -> None:
+    """Prints what the journal's thread computes for a commit, the same whatever else the machine does."""
+    live = LiveTree()
+    database, store, protocol = Database(folder / "bench.commits"), TreeStore(live), TreeViewerProtocol(live)
+    connection = database.writer
+    print("processor's time of a commit in ms, and of the first one")
+    for job, make in JOBS.items():
+        message, times = make(), []
+        for _ in range(COMMITS):
+            protocol.handle(message)
+            begin = time.thread_time()
+            connection.execute("BEGIN IMMEDIATE")
+            captured = store.capture()
+            store.write(connection, captured)
+            connection.execute("COMMIT")
+            store.committed(captured)
+            times.append(1e3 * (time.thread_time() - begin))
+        print(f"{job:32}{statistics.median(times[1:]):>14.3g}{times[0]:>14.3g}")
+    database.close()
 
 
 def compare(seconds: float, folder: Path) -> None:
@@ -100,6 +127,7 @@ def main() -> None:
         return
     with tempfile.TemporaryDirectory(dir=given.folder) as folder:
         compare(given.seconds, Path(folder))
+        commits(Path(folder))
 
 
 if __name__ == "__main__":

@@ -115,6 +115,8 @@ async def play(path: Path, url: str | None, speed: float, loop: bool, channels: 
                 break
         if isinstance(bus, TcpqBus | UdpmBus):
             await bus.drained(0)
+        if isinstance(bus, TcpqBus):
+            await bus.finish()
     finally:
         await _left(bus)
 

@@ -24,6 +24,7 @@ PORT: Final = 7700
 RETRY_SECONDS: Final = 1.0
 CONNECT_SECONDS: Final = 10.0
 DRAIN_SECONDS: Final = 0.005
+FINISH_SECONDS: Final = 10.0
 MOST_UNSENT_BYTES: Final = 512 * 1024 * 1024
 """Answers waiting for the hub; beyond it they are refused."""
 
@@ -53,6 +54,7 @@ class TcpqBus:
         self._connection: _Connection | None = None
         self._task: asyncio.Task[None] | None = None
         self._problem = "not connected yet"
+        self._finishing = False
 
     def start(self, receive: Receive, connected: Callable[[], None]) -> None:
         """Messages go to ``receive`` from now on; ``connected`` is called after every connecting."""
@@ -72,6 +74,18 @@ class TcpqBus:
             if self._connection.unsent_bytes <= most:
                 return
             await asyncio.sleep(DRAIN_SECONDS)
+
+    async def finish(self) -> None:
+        """Publishes nothing more; returns when the hub has taken everything and left, or does not.
+
+        Closing alone would reset the connection where a word of the hub lies unread here, and the hub would lose what
+        it has not read.
+        """
+        self._finishing = True
+        connection = self._connection
+        if connection is not None:
+            connection.finish()
+            await asyncio.wait({connection.lost}, timeout=FINISH_SECONDS)
 
     async def close(self) -> None:
         if self._task is not None:
@@ -104,6 +118,8 @@ class TcpqBus:
                 finally:
                     self._connection = None
                     connection.end("")
+                if self._finishing:
+                    return
                 self._note(f"the hub has gone: {reason}")
             await asyncio.sleep(RETRY_SECONDS)
 
@@ -150,6 +166,11 @@ class _Connection(asyncio.BufferedProtocol):
     @property
     def unsent_bytes(self) -> int:
         return self._transport.get_write_buffer_size() if self._transport is not None else 0
+
+    def finish(self) -> None:
+        """Tells the hub that nothing more comes."""
+        if self._transport is not None and not self._transport.is_closing():
+            self._transport.write_eof()
 
     def end(self, reason: str) -> None:
         """Closes the connection for this reason."""

@@ -17,6 +17,7 @@ from gateway.treeviewer import replay
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.eventlog import Event, EventLogError, pack_event, read_events
 from gateway.treeviewer.protocol import REQUEST
+from gateway.treeviewer.tcpq import HUB_HELLO, publish_head
 from tests.treeviewer.conversation import BOX, message
 from tests.treeviewer.transports import HubClient, free_url, join, lossless, serving, until
 
@@ -137,6 +138,33 @@ async def test_a_log_is_played_again_and_again(tmp_path: Path) -> None:
         await asyncio.gather(playing, return_exceptions=True)
         # a loop without any event would never end
         await replay.play(log, url, 0.0, True, "nothing", tally)
+
+
+async def test_what_was_played_arrives_although_the_hub_says_things_meanwhile(tmp_path: Path) -> None:
+    """Closing a connection with unread bytes resets it, and the hub loses what it has not read."""
+    log = tmp_path / "in.lcmlog"
+    log.write_bytes(written(EVENTS) * 500)
+    got: asyncio.Future[int] = asyncio.get_running_loop().create_future()
+
+    async def hub(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.readexactly(8)
+        writer.write(HUB_HELLO)
+        size = 0
+        try:
+            while data := await reader.read(4096):
+                size += len(data)
+                writer.write(publish_head("CHATTER", 1000) + bytes(1000))
+        except ConnectionError:
+            size = -1
+        got.set_result(size)
+        writer.close()
+
+    server = await asyncio.start_server(hub, "127.0.0.1", 0)
+    url = f"tcpq://127.0.0.1:{server.sockets[0].getsockname()[1]}"
+    await replay.play(log, url, 0.0, False, ".*", replay.Tally())
+    assert await got > sum(len(event.data) for event in EVENTS) * 500
+    server.close()
+    await server.wait_closed()
 
 
 async def test_time_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
