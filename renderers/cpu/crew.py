@@ -107,7 +107,7 @@ class Crew:
     def _share(self, work: Callable[[], object], threads: int) -> None:
         """Call ``work`` here and in up to ``threads - 1`` helpers, in which it must not raise."""
         helpers = min(self.threads - max(1, self._callers), threads - 1)
-        if helpers > 0:
+        if helpers > 0 and not self._closed:
             if len(self._helpers) < self.threads - 1:
                 self._start()
             for _ in range(helpers):

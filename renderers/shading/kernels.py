@@ -57,6 +57,10 @@ from renderers.shading.surface import shade
 
 PART: Final = 256
 """Pixels shaded at a time: their rows of attributes stay in the first-level cache."""
+SHORT_RUNS: Final = 3
+LONG_RUNS: Final = 12
+"""Pixels of a run, on average over a segment, up to and from which it is shaded where it is resolved. Of what lies
+between, the ends of runs leave too many lanes without work: their attributes are written side by side first."""
 MANY: Final = 50_000
 """Triangles of a mesh whose records, some 30 bytes each, fill most of a second-level cache."""
 _OUTSIDE: Final = -(2**31)
@@ -110,7 +114,8 @@ def _segment(job, y, places, instance, first, ids, starts, run, last_run, rows, 
         if mi[MI_UNLIT] != 0:
             fill(line, begin, end, packed(vec.f32(mf[MF_BASE]), vec.f32(mf[MF_BASE + 1]), vec.f32(mf[MF_BASE + 2])))
             return
-        if topology == 3:
+        pixels, runs = end - begin, last_run - run
+        if topology == 3 and (pixels <= SHORT_RUNS * runs or pixels >= LONG_RUNS * runs):
             smooth, spare = (has & HAS_NORMALS) != 0, job[S_WIDTH] + vec.LANES
             mirror = maps[P_MIRROR]
             show_plain(
