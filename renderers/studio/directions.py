@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 
@@ -47,15 +46,3 @@ def with_border(table: NDArray[np.float32]) -> NDArray[np.float32]:
     out[1:-1, 0], out[1:-1, -1] = table[::-1, 0], table[::-1, -1]
     out[0, 0], out[0, -1], out[-1, 0], out[-1, -1] = table[-1, -1], table[-1, 0], table[0, -1], table[0, 0]
     return out
-
-
-@njit(nogil=True, error_model="numpy")
-def octahedral(x, y, z):  # type: ignore[no-untyped-def]
-    """Where a direction (any length but 0) lies in an octahedral table, 0 .. 1 each way."""
-    scale = 1.0 / (abs(x) + abs(y) + abs(z))
-    u, v = x * scale, y * scale
-    if z < 0.0:
-        fold = -z * scale
-        u = u + fold if u >= 0.0 else u - fold
-        v = v + fold if v >= 0.0 else v - fold
-    return 0.5 * u + 0.5, 0.5 * v + 0.5

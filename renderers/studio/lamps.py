@@ -1,4 +1,4 @@
-"""Lights as a table in the camera's optical frame, and what of them arrives at a point."""
+"""Lights as a table in the camera's optical frame."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from renderers.camera import Camera
@@ -43,23 +42,3 @@ def light_table(lights: Sequence[Light], shadows: Sequence[int], camera: Camera)
         row[L_SPOT_OFFSET] = -outer * row[L_SPOT_SCALE]
         row[L_SHADOW] = shadow
     return table
-
-
-@njit(nogil=True, error_model="numpy")
-def arriving(light, x, y, z):  # type: ignore[no-untyped-def]
-    """Unit vector from a point to a light (a pointer to its row) and the share of its colour that arrives."""
-    if light[L_KIND] == 0.0:
-        return -light[L_DIRECTION], -light[L_DIRECTION + 1], -light[L_DIRECTION + 2], 1.0
-    lx, ly, lz = light[L_POSITION] - x, light[L_POSITION + 1] - y, light[L_POSITION + 2] - z
-    d2 = max(lx * lx + ly * ly + lz * lz, 1e-12)
-    scale = 1.0 / math.sqrt(d2)
-    lx, ly, lz = lx * scale, ly * scale, lz * scale
-    part = 1.0 / d2
-    reach = d2 * light[L_RANGE]
-    if reach > 0.0:
-        part *= max(min(1.0 - reach * reach, 1.0), 0.0)
-    if light[L_KIND] == 2.0:
-        cosine = -(lx * light[L_DIRECTION] + ly * light[L_DIRECTION + 1] + lz * light[L_DIRECTION + 2])
-        cone = min(max(cosine * light[L_SPOT_SCALE] + light[L_SPOT_OFFSET], 0.0), 1.0)
-        part *= cone * cone
-    return lx, ly, lz, part

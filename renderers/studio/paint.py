@@ -16,6 +16,7 @@ from renderers.drawlist import DrawList
 from renderers.pointers import address_of
 from renderers.samples import distinct, sample_cameras
 from renderers.studio import kernels as k
+from renderers.studio import layout as at
 from renderers.studio.finish import finish_rows
 from renderers.studio.lamps import light_table
 from renderers.studio.rig import MAX_LIGHTS, MAX_SHADOWS, Rig
@@ -162,25 +163,25 @@ def _job(
     turn = camera.X_world_camera[:3, :3]
     lens = np.array((camera.fx, camera.fy, camera.cx, camera.cy, light.rig.exposure, *turn.flat))
     values = np.ascontiguousarray(BYTE_VALUES)
-    job = np.zeros(k.J_COLUMNS, np.int64)
-    job[k.J_INSTANCES] = address_of(studio.instances, np.int64)
-    job[k.J_MATERIAL_INTEGERS] = address_of(studio.material_integers, np.int64)
-    job[k.J_MATERIAL_FLOATS] = address_of(studio.material_floats, np.float32)
-    job[k.J_TEXTURE_INTEGERS] = address_of(studio.texture_integers, np.int64)
-    job[k.J_TEXTURE_FLOATS] = address_of(studio.texture_floats, np.float32)
-    job[k.J_VALUES] = address_of(values, np.float32)
-    job[k.J_X] = address_of(X, np.float64)
-    job[k.J_N] = address_of(N, np.float64)
-    job[k.J_LIGHTS] = address_of(light.lamps, np.float64)
-    job[k.J_LIGHT_COUNT] = light.count
-    job[k.J_SHADOW_FLOATS] = address_of(light.floats, np.float64)
-    job[k.J_SHADOW_INTEGERS] = address_of(light.integers, np.int64)
-    job[k.J_SHADOW_RADIUS] = light.rig.shadow_radius
+    job = np.zeros(at.J_COLUMNS, np.int64)
+    job[at.J_INSTANCES] = address_of(studio.instances, np.int64)
+    job[at.J_MATERIAL_INTEGERS] = address_of(studio.material_integers, np.int64)
+    job[at.J_MATERIAL_FLOATS] = address_of(studio.material_floats, np.float32)
+    job[at.J_TEXTURE_INTEGERS] = address_of(studio.texture_integers, np.int64)
+    job[at.J_TEXTURE_FLOATS] = address_of(studio.texture_floats, np.float32)
+    job[at.J_VALUES] = address_of(values, np.float32)
+    job[at.J_X] = address_of(X, np.float64)
+    job[at.J_N] = address_of(N, np.float64)
+    job[at.J_LIGHTS] = address_of(light.lamps, np.float64)
+    job[at.J_LIGHT_COUNT] = light.count
+    job[at.J_SHADOW_FLOATS] = address_of(light.floats, np.float64)
+    job[at.J_SHADOW_INTEGERS] = address_of(light.integers, np.int64)
+    job[at.J_SHADOW_RADIUS] = light.rig.shadow_radius
     if light.ambient is not None:
-        job[k.J_IRRADIANCE] = address_of(light.ambient.irradiance, np.float32)
-        job[k.J_LEVELS] = address_of(light.ambient.columns, np.int64)
-        job[k.J_SPLIT] = address_of(split_sum(), np.float32)
-        job[k.J_SPLIT_SIDE] = split_sum().shape[0]
-    job[k.J_LENS] = address_of(lens, np.float64)
-    job[k.J_TONE] = TONES.index(light.rig.tone)
+        job[at.J_RADIANCE] = address_of(light.ambient.texels, np.float32)
+        job[at.J_LEVELS] = address_of(light.ambient.places, np.int32)
+        job[at.J_SPLIT] = address_of(split_sum(), np.float32)
+        job[at.J_SPLIT_SIDE] = split_sum().shape[0]
+    job[at.J_LENS] = address_of(lens, np.float64)
+    job[at.J_TONE] = TONES.index(light.rig.tone)
     return job, (X, N, lens, values, light)

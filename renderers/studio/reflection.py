@@ -1,64 +1,63 @@
-"""How a surface reflects: glTF 2.0 appendix B with KHR_materials_ior and KHR_materials_specular."""
+"""How surfaces reflect, eight pixels at a time: glTF 2.0 appendix B, KHR_materials_ior and KHR_materials_specular."""
 
 from __future__ import annotations
 
 import math
 from typing import Final
 
+import numpy as np
 from numba import njit
 
-_LEAST_ALPHA: Final = 1e-3
+from renderers import simd as vec
+
+_LEAST_ALPHA: Final = np.float32(1e-3)
 """Of roughness squared: a mirror would show a point light as nothing."""
 
 
 @njit(nogil=True, error_model="numpy")
-def fifth(x):  # type: ignore[no-untyped-def]
-    """The fifth power of Schlick's approximation, of 1 - cosine."""
-    x = min(max(1.0 - x, 0.0), 1.0)
-    return x * x * x * x * x
-
-
-@njit(nogil=True, error_model="numpy")
-def reflected(n, v, l, base, metallic, alpha, f0, f90):  # type: ignore[no-untyped-def]
-    """The BRDF times the cosine of the light, RGB.
+def reflected(n, v, l, n_l, base, metallic, roughness, f0, f90):  # type: ignore[no-untyped-def]
+    """The BRDF times the cosine of the light, RGB; meaningless where ``n_l`` is not above 0.
 
     GGX (Walter 2007) with the height-correlated Smith term (Heitz 2014); a dielectric is the mix of diffuse and
     specular by its largest Fresnel term, a metal reflects with its base colour.
 
     Args:
-        n, v, l: unit vectors: normal, to the viewer, to the light.
-        alpha: roughness squared. f0, f90: of the dielectric, RGB and a number.
+        n, v, l: unit vectors: normal, to the viewer, to the light; three f32x8 each. n_l: their cosine.
+        f0, f90: of the dielectric, RGB and an f32x8.
     """
-    n_l = n[0] * l[0] + n[1] * l[1] + n[2] * l[2]
-    if not (n_l > 0.0):
-        return 0.0, 0.0, 0.0
-    n_v = max(abs(n[0] * v[0] + n[1] * v[1] + n[2] * v[2]), 1e-4)
+    zero, one = vec.f32(0.0), vec.f32(1.0)
+    n_v = vec.most(vec.absolute(n[0] * v[0] + n[1] * v[1] + n[2] * v[2]), vec.f32(1e-4))
     hx, hy, hz = v[0] + l[0], v[1] + l[1], v[2] + l[2]
-    length = math.sqrt(hx * hx + hy * hy + hz * hz)
-    scale = 1.0 / length if length > 0.0 else 0.0
+    length = vec.sqrt(hx * hx + hy * hy + hz * hz)
+    scale = vec.select(length > zero, one / length, zero)
     hx, hy, hz = hx * scale, hy * scale, hz * scale
-    n_h = min(max(n[0] * hx + n[1] * hy + n[2] * hz, 0.0), 1.0)
     v_h = v[0] * hx + v[1] * hy + v[2] * hz
-    alpha = max(alpha, _LEAST_ALPHA)
+    alpha = vec.most(roughness * roughness, vec.f32(_LEAST_ALPHA))
     a2 = alpha * alpha
-    d = (n_h * a2 - n_h) * n_h + 1.0
-    smith = n_l * math.sqrt(n_v * n_v * (1.0 - a2) + a2) + n_v * math.sqrt(n_l * n_l * (1.0 - a2) + a2)
-    specular = a2 / (math.pi * d * d) * 0.5 / smith
-    s = fifth(v_h)
+    # 1 - (n.h)^2 as the square of a sine: float32 has no digits left for the difference near a mirror's highlight.
+    cx, cy, cz = n[1] * hz - n[2] * hy, n[2] * hx - n[0] * hz, n[0] * hy - n[1] * hx
+    sine2 = vec.least(cx * cx + cy * cy + cz * cz, one)
+    d = sine2 + (one - sine2) * a2
+    keep = one - a2
+    smith = n_l * vec.sqrt(n_v * n_v * keep + a2) + n_v * vec.sqrt(n_l * n_l * keep + a2)
+    specular = a2 / (vec.f32(2.0 * math.pi) * d * d * smith)
+    s = vec.least(vec.most(one - v_h, zero), one)
+    s2 = s * s
+    s = s2 * s2 * s
     dr, dg, db = f0[0] + (f90 - f0[0]) * s, f0[1] + (f90 - f0[1]) * s, f0[2] + (f90 - f0[2]) * s
-    diffuse = (1.0 - max(dr, max(dg, db))) * (1.0 - metallic) / math.pi
-    dielectric = specular * (1.0 - metallic)
-    metal = specular * metallic
+    dull = one - metallic
+    diffuse = (one - vec.most(dr, vec.most(dg, db))) * dull * vec.f32(1.0 / math.pi)
+    dielectric, metal = specular * dull, specular * metallic
     return (
-        (diffuse * base[0] + dielectric * dr + metal * (base[0] + (1.0 - base[0]) * s)) * n_l,
-        (diffuse * base[1] + dielectric * dg + metal * (base[1] + (1.0 - base[1]) * s)) * n_l,
-        (diffuse * base[2] + dielectric * db + metal * (base[2] + (1.0 - base[2]) * s)) * n_l,
+        (diffuse * base[0] + dielectric * dr + metal * (base[0] + (one - base[0]) * s)) * n_l,
+        (diffuse * base[1] + dielectric * dg + metal * (base[1] + (one - base[1]) * s)) * n_l,
+        (diffuse * base[2] + dielectric * db + metal * (base[2] + (one - base[2]) * s)) * n_l,
     )
 
 
 @njit(nogil=True, error_model="numpy")
 def ambient_channel(base, metallic, f0, f90, scale, bias, diffuse_light, specular_light):  # type: ignore[no-untyped-def]
-    """One channel of the reflection of the surroundings.
+    """One channel of the reflection of the surroundings; all f32x8.
 
     Args:
         base: base colour. f0, f90: of the dielectric.
@@ -68,13 +67,15 @@ def ambient_channel(base, metallic, f0, f90, scale, bias, diffuse_light, specula
     The energy that the single-scattering model loses on rough surfaces comes back as Fdez-Aguera describes ("A
     Multiple-Scattering Microfacet Model for Real-Time Image-based Lighting", JCGT 2019).
     """
-    lost = 1.0 - scale - bias
+    zero, one, part = vec.f32(0.0), vec.f32(1.0), vec.f32(1.0 / 21.0)
+    lost = one - scale - bias
     single = f0 * scale + f90 * bias
-    mean = f0 + (f90 - f0) / 21.0
-    multiple = lost * single * mean / (1.0 - mean * lost)
-    dielectric = single * specular_light + (multiple + base * max(1.0 - single - multiple, 0.0)) * diffuse_light
+    mean = f0 + (f90 - f0) * part
+    multiple = lost * single * mean / (one - mean * lost)
+    left = vec.most(one - single - multiple, zero)
+    dielectric = single * specular_light + (multiple + base * left) * diffuse_light
     single = base * scale + bias
-    mean = base + (1.0 - base) / 21.0
-    multiple = lost * single * mean / (1.0 - mean * lost)
+    mean = base + (one - base) * part
+    multiple = lost * single * mean / (one - mean * lost)
     metal = single * specular_light + multiple * diffuse_light
     return dielectric + metallic * (metal - dielectric)

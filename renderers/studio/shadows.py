@@ -15,13 +15,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from renderers.camera import Camera
 from renderers.drawlist import AlphaMode, DrawList, Instance, Light, LightKind, Topology
-from renderers.pointers import address_of, f32_at, i32_at
-from renderers.studio.resolve import moved
+from renderers.pointers import address_of
 
 if TYPE_CHECKING:  # the rasterizer calls this room
     from renderers.cpu.visibility import Rasterizer, Visibility
@@ -31,10 +29,9 @@ S_FOCAL: Final = 12
 S_CENTER: Final = 13
 S_OFFSET: Final = 14  # metres along the normal by which receivers are lifted, per metre from the light
 S_COLUMNS: Final = 15
-SI_IDS: Final = 0
-SI_INV_Z: Final = 1
-SI_SIDE: Final = 2
-SI_COLUMNS: Final = 3
+SI_INV_Z: Final = 0
+SI_SIDE: Final = 1
+SI_COLUMNS: Final = 2
 
 _FARNESS: Final = 100.0
 """Distance of the camera that stands for a directional light, in radii of what it must see."""
@@ -134,52 +131,5 @@ def shadow_tables(maps: Sequence[ShadowMap], camera: Camera) -> tuple[NDArray[np
         row[S_MAP : S_MAP + 12] = (each.camera.X_camera_world @ camera.X_world_camera)[:3].reshape(-1)
         row[S_FOCAL], row[S_CENTER] = each.camera.fx, each.camera.cx
         row[S_OFFSET] = _LIFT / each.camera.fx
-        columns[:] = address_of(each.seen.ids, np.int32), address_of(each.seen.inv_z, np.float32), each.camera.width
+        columns[:] = address_of(each.seen.inv_z, np.float32), each.camera.width
     return floats, integers
-
-
-@njit(nogil=True, error_model="numpy")
-def lit_part(floats, integers, radius, x, y, z, nx, ny, nz):  # type: ignore[no-untyped-def]
-    """How much of a light reaches a point, 0 .. 1; 1 outside of the map.
-
-    Args:
-        floats, integers: pointers to the map's rows.
-        radius: texels either way over which it is filtered: ``2 radius + 1`` squared bilinear readings.
-        x, y, z: point, nx, ny, nz: normal of its triangle (unit, towards the light), both in the camera's frame.
-    """
-    m = floats
-    lx, ly, lz = (
-        m[0] * nx + m[1] * ny + m[2] * nz,
-        m[4] * nx + m[5] * ny + m[6] * nz,
-        m[8] * nx + m[9] * ny + m[10] * nz,
-    )
-    px, py, pz = moved(m, (x, y, z))
-    if not (pz > 0.0):
-        return 1.0
-    lift = m[S_OFFSET] * pz
-    px, py, pz = px + lift * lx, py + lift * ly, pz + lift * lz
-    focal, centre = m[S_FOCAL], m[S_CENTER]
-    u, v = focal * px / pz + centre, focal * py / pz + centre
-    side = integers[SI_SIDE]
-    if not (radius + 1.0 < u < side - radius - 1.0 and radius + 1.0 < v < side - radius - 1.0):
-        return 1.0
-    # The plane n.p = d has 1/z = n.(ray) / d, linear over the map.
-    d = lx * px + ly * py + lz * pz
-    here = 1.0 / pz
-    if d < -1e-9 * pz:
-        du, dv = lx / (focal * d), ly / (focal * d)
-    else:
-        du = dv = 0.0
-    ids, inv_z = i32_at(integers[SI_IDS]), f32_at(integers[SI_INV_Z])
-    i, j = math.floor(u - 0.5), math.floor(v - 0.5)
-    fu, fv = u - 0.5 - i, v - 0.5 - j
-    total = 0.0
-    for row in range(j - radius, j + radius + 2):
-        wv = 1.0 - fv if row == j - radius else (fv if row == j + radius + 1 else 1.0)
-        plane = here + dv * (row + 0.5 - v)
-        for column in range(i - radius, i + radius + 2):
-            at = row * side + column
-            if ids[at] < 0 or np.float64(inv_z[at]) <= (plane + du * (column + 0.5 - u)) * (1.0 + 1e-6):
-                wu = 1.0 - fu if column == i - radius else (fu if column == i + radius + 1 else 1.0)
-                total += wu * wv
-    return total / ((2.0 * radius + 1.0) * (2.0 * radius + 1.0))

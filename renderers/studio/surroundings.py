@@ -21,7 +21,6 @@ from numba import njit
 from numpy.typing import NDArray
 
 from renderers.jit import kernel
-from renderers.pointers import address_of
 from renderers.studio.directions import equirect_directions, octahedral_directions, with_border
 from renderers.studio.rig import Surroundings
 
@@ -51,8 +50,10 @@ class Ambient:
     """Octahedral table with border, (IRRADIANCE_SIZE + 2, IRRADIANCE_SIZE + 2, 3) float32: irradiance / pi."""
     levels: tuple[NDArray[np.float32], ...]
     """Octahedral tables with border, (N + 2, N + 2, 3) float32 radiance, by growing roughness."""
-    columns: NDArray[np.int64]
-    """(LEVELS, 2) int64: address and side N of each."""
+    texels: NDArray[np.float32]
+    """All levels and then the irradiance behind one another, and one more value, which is read but not used."""
+    places: NDArray[np.int32]
+    """(LEVELS + 1, 2) int32: where in ``texels`` each begins, and its side N."""
 
 
 def irradiance_of(radiance: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -159,8 +160,15 @@ def filtered(radiance: NDArray[np.float32]) -> Ambient:
         out = np.zeros((size * size, 3), np.float32)
         _prefilter(texels, offsets, sizes, directions, k / (LEVELS - 1), _hammersley(1 if k == 0 else _SAMPLES), out)
         levels.append(with_border(out.reshape(size, size, 3)))
-    columns = np.array([(address_of(t, np.float32), s) for t, s in zip(levels, LEVEL_SIZES, strict=True)], np.int64)
-    return Ambient(irradiance_of(radiance), tuple(levels), columns)
+    irradiance = irradiance_of(radiance)
+    tables = [*levels, irradiance]
+    begins = np.cumsum([0, *(table.size for table in tables[:-1])])
+    return Ambient(
+        irradiance,
+        tuple(levels),
+        np.concatenate([*(table.reshape(-1) for table in tables), np.zeros(1, np.float32)]),
+        np.stack((begins, (*LEVEL_SIZES, IRRADIANCE_SIZE)), -1).astype(np.int32),
+    )
 
 
 def _hammersley(count: int) -> NDArray[np.float64]:

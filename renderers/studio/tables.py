@@ -40,7 +40,8 @@ MI_OCCLUSION: Final = 5
 MI_EMISSIVE: Final = 6
 MI_SPECULAR: Final = 7
 MI_SPECULAR_COLOR: Final = 8
-MI_COLUMNS: Final = 9
+MI_UV: Final = 9  # bit 0, 1: the first, second set of coordinates is read
+MI_COLUMNS: Final = 10
 
 # Columns of the materials' float table.
 MF_BASE: Final = 0  # 4
@@ -114,8 +115,14 @@ def _material_rows(material: Material, lit: bool, textures: MipTable) -> tuple[l
     unlit = seen.unlit or not lit
     shiny = seen.metallic < 1.0 or seen.metallic_roughness_texture is not None
 
+    uv = 0
+
     def row(texture: Texture | None, wanted: bool, srgb: bool = False) -> int:
-        return textures.row(texture, srgb) if texture is not None and wanted else -1
+        nonlocal uv
+        if texture is None or not wanted:
+            return -1
+        uv |= 2 if texture.uv_set == 1 else 1
+        return textures.row(texture, srgb)
 
     integers = [
         _ALPHA[seen.alpha_mode],
@@ -128,6 +135,7 @@ def _material_rows(material: Material, lit: bool, textures: MipTable) -> tuple[l
         row(seen.specular_texture, not unlit and shiny),
         row(seen.specular_color_texture, not unlit and shiny, True),
     ]
+    integers.append(uv)
     floats = [
         *seen.base_color,
         seen.metallic,

@@ -28,56 +28,71 @@ _CELL: Final = 16
 """Low bits of a float32 that lie within one cell of the table: 2^-7 of an octave, narrower than the levels."""
 
 
-@njit(nogil=True, error_model="numpy")
-def neutral(r, g, b):  # type: ignore[no-untyped-def]
-    """The tone curve on one linear colour >= 0; not a number becomes 0."""
-    r, g, b = (max(0.0, r)), (max(0.0, g)), (max(0.0, b))
-    x = min(r, min(g, b))
-    offset = x - 6.25 * x * x if x < 0.08 else 0.04
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _neutral(r, g, b):  # type: ignore[no-untyped-def]
+    """Khronos' curve on linear colours; not a number becomes 0."""
+    zero, one, start = vec.f32(0.0), vec.f32(1.0), vec.f32(_START)
+    r, g, b = vec.most(r, zero), vec.most(g, zero), vec.most(b, zero)
+    x = vec.least(r, vec.least(g, b))
+    offset = vec.select(x < vec.f32(0.08), x - vec.f32(6.25) * x * x, vec.f32(0.04))
     r, g, b = r - offset, g - offset, b - offset
-    peak = max(r, max(g, b))
-    if peak < _START:
-        return r, g, b
-    d = 1.0 - _START
-    new_peak = 1.0 - d * d / (peak + d - _START)
-    scale = new_peak / peak if peak < 1e30 else 0.0
-    w = 1.0 / (_DESATURATION * (peak - new_peak) + 1.0)
-    if peak >= 1e30:
-        return 1.0, 1.0, 1.0
-    white = new_peak * (1.0 - w)
-    return r * scale * w + white, g * scale * w + white, b * scale * w + white
-
-
-@njit(nogil=True, error_model="numpy")
-def _aces_channel(v):  # type: ignore[no-untyped-def]
-    return (v * (v + 0.0245786) - 0.000090537) / (v * (0.983729 * v + 0.4329510) + 0.238081)
-
-
-@njit(nogil=True, error_model="numpy")
-def aces(r, g, b):  # type: ignore[no-untyped-def]
-    """Hill's fit on one linear colour; not a number becomes 0."""
-    # Beyond 1e6 the curve is white to the last digit; squares of anything larger might not be finite.
-    r = min(max(0.0, r), 1e6) * _ACES_EXPOSURE
-    g = min(max(0.0, g), 1e6) * _ACES_EXPOSURE
-    b = min(max(0.0, b), 1e6) * _ACES_EXPOSURE
-    x = _aces_channel(0.59719 * r + 0.35458 * g + 0.04823 * b)
-    y = _aces_channel(0.07600 * r + 0.90834 * g + 0.01566 * b)
-    z = _aces_channel(0.02840 * r + 0.13383 * g + 0.83777 * b)
+    peak = vec.most(r, vec.most(g, b))
+    d = one - start
+    new_peak = one - d * d / (peak + d - start)
+    bright, white = peak >= start, peak >= vec.f32(1e30)
+    w = one / (vec.f32(_DESATURATION) * (peak - new_peak) + one)
+    scale = vec.select(bright, new_peak / peak * w, one)
+    added = vec.select(bright, new_peak * (one - w), zero)
     return (
-        min(max(1.60475 * x - 0.53108 * y - 0.07367 * z, 0.0), 1.0),
-        min(max(-0.10208 * x + 1.10813 * y - 0.00605 * z, 0.0), 1.0),
-        min(max(-0.00327 * x - 0.07276 * y + 1.07602 * z, 0.0), 1.0),
+        vec.select(white, one, r * scale + added),
+        vec.select(white, one, g * scale + added),
+        vec.select(white, one, b * scale + added),
     )
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _mixed(a, b, c, x, y, z):  # type: ignore[no-untyped-def]
+    return vec.f32(a) * x + vec.f32(b) * y + vec.f32(c) * z
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _aces_channel(v):  # type: ignore[no-untyped-def]
+    above = v * (v + vec.f32(0.0245786)) - vec.f32(0.000090537)
+    return above / (v * (vec.f32(0.983729) * v + vec.f32(0.4329510)) + vec.f32(0.238081))
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _aces(r, g, b):  # type: ignore[no-untyped-def]
+    """Hill's fit on linear colours; not a number becomes 0."""
+    # Beyond 1e6 the curve is white to the last digit; squares of anything larger might not be finite.
+    zero, bound, exposure = vec.f32(0.0), vec.f32(1e6), vec.f32(_ACES_EXPOSURE)
+    r = vec.least(vec.most(r, zero), bound) * exposure
+    g = vec.least(vec.most(g, zero), bound) * exposure
+    b = vec.least(vec.most(b, zero), bound) * exposure
+    x = _aces_channel(_mixed(0.59719, 0.35458, 0.04823, r, g, b))
+    y = _aces_channel(_mixed(0.07600, 0.90834, 0.01566, r, g, b))
+    z = _aces_channel(_mixed(0.02840, 0.13383, 0.83777, r, g, b))
+    return _none(
+        _mixed(1.60475, -0.53108, -0.07367, x, y, z),
+        _mixed(-0.10208, 1.10813, -0.00605, x, y, z),
+        _mixed(-0.00327, -0.07276, 1.07602, x, y, z),
+    )
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _none(r, g, b):  # type: ignore[no-untyped-def]
+    zero, one = vec.f32(0.0), vec.f32(1.0)
+    return vec.least(vec.most(r, zero), one), vec.least(vec.most(g, zero), one), vec.least(vec.most(b, zero), one)
 
 
 @njit(nogil=True, error_model="numpy")
 def shown(tone, r, g, b):  # type: ignore[no-untyped-def]
-    """One linear colour through the curve with a number of ``TONES``."""
+    """Linear colours (f32x8 each) through the curve with a number of ``TONES``."""
     if tone == 0:
-        return neutral(r, g, b)
+        return _neutral(r, g, b)
     if tone == 1:
-        return aces(r, g, b)
-    return min(max(0.0, r), 1.0), min(max(0.0, g), 1.0), min(max(0.0, b), 1.0)
+        return _aces(r, g, b)
+    return _none(r, g, b)
 
 
 def _thresholds() -> NDArray[np.float32]:

@@ -198,3 +198,11 @@ def textured(texture: Texture, uv: Array, right: Array, below: Array, color: boo
     else:
         mipped = filtered[np.minimum(np.ceil(detail + 0.5).astype(np.int64) - 1, len(chain) - 1), every]
     return np.where(small[:, None], mipped, result)
+
+
+def octahedral(d: Array) -> tuple[float, float]:
+    """Where a direction lies in an octahedral table, 0 .. 1 each way."""
+    x, y, z = d / np.abs(d).sum()
+    if z < 0.0:
+        x, y = x - z * (1.0 if x >= 0.0 else -1.0), y - z * (1.0 if y >= 0.0 else -1.0)
+    return 0.5 * x + 0.5, 0.5 * y + 0.5

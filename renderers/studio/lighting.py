@@ -1,0 +1,282 @@
+"""Light on a part of a row, eight pixels at a time: lamps with their shadows, the surroundings, the tone curve."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from renderers import simd as vec
+from renderers.pointers import f32_at, f64_at, i32_at, i64_at
+from renderers.studio.lamps import (
+    L_COLOR,
+    L_COLUMNS,
+    L_DIRECTION,
+    L_KIND,
+    L_POSITION,
+    L_RANGE,
+    L_SHADOW,
+    L_SPOT_OFFSET,
+    L_SPOT_SCALE,
+)
+from renderers.studio.layout import (
+    G_BASE,
+    G_EMITTED,
+    G_F0,
+    G_F90,
+    G_FLAT,
+    G_KEPT,
+    G_LIGHT,
+    G_METALLIC,
+    G_NORMAL,
+    G_POINT,
+    G_ROUGHNESS,
+    G_VIEW,
+    J_LENS,
+    J_LEVELS,
+    J_LIGHT_COUNT,
+    J_LIGHTS,
+    J_RADIANCE,
+    J_SHADOW_FLOATS,
+    J_SHADOW_INTEGERS,
+    J_SHADOW_RADIUS,
+    J_SPLIT,
+    J_SPLIT_SIDE,
+    J_TONE,
+    STRIDE,
+)
+from renderers.studio.reflection import ambient_channel, reflected
+from renderers.studio.shadowing import lit_parts
+from renderers.studio.shadows import S_COLUMNS, SI_COLUMNS
+from renderers.studio.surroundings import LEVELS
+from renderers.studio.tonemap import shown
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _three(rows, row, x):  # type: ignore[no-untyped-def]
+    at = row * STRIDE + x
+    return vec.load(rows, at), vec.load(rows, at + STRIDE), vec.load(rows, at + 2 * STRIDE)
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _put(rows, row, x, r, g, b):  # type: ignore[no-untyped-def]
+    at = row * STRIDE + x
+    vec.store(rows, at, r)
+    vec.store(rows, at + STRIDE, g)
+    vec.store(rows, at + 2 * STRIDE, b)
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _dot(a, b):  # type: ignore[no-untyped-def]
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _arriving(light, p):  # type: ignore[no-untyped-def]
+    """Unit vectors from points to a light (a pointer to its row) and the share of its colour that arrives."""
+    zero, one = vec.f32(0.0), vec.f32(1.0)
+    shining = vec.f32(light[L_DIRECTION]), vec.f32(light[L_DIRECTION + 1]), vec.f32(light[L_DIRECTION + 2])
+    if light[L_KIND] == 0.0:
+        return -shining[0], -shining[1], -shining[2], one
+    x = vec.f32(light[L_POSITION]) - p[0]
+    y = vec.f32(light[L_POSITION + 1]) - p[1]
+    z = vec.f32(light[L_POSITION + 2]) - p[2]
+    d2 = vec.most(x * x + y * y + z * z, vec.f32(1e-12))
+    scale = one / vec.sqrt(d2)
+    x, y, z = x * scale, y * scale, z * scale
+    part = one / d2
+    if light[L_RANGE] > 0.0:
+        reach = d2 * vec.f32(light[L_RANGE])
+        part = part * vec.most(vec.least(one - reach * reach, one), zero)
+    if light[L_KIND] == 2.0:
+        cosine = -(x * shining[0] + y * shining[1] + z * shining[2])
+        cone = cosine * vec.f32(light[L_SPOT_SCALE]) + vec.f32(light[L_SPOT_OFFSET])
+        cone = vec.least(vec.most(cone, zero), one)
+        part = part * cone * cone
+    return x, y, z, part
+
+
+@njit(nogil=True, error_model="numpy")
+def _add_lamp(job, light, rows, count, scratch):  # type: ignore[no-untyped-def]
+    """Add what ``count`` pixels reflect of one light to the rows G_LIGHT."""
+    zero = vec.f32(0.0)
+    shadow = np.int64(light[L_SHADOW])
+    color = vec.f32(light[L_COLOR]), vec.f32(light[L_COLOR + 1]), vec.f32(light[L_COLOR + 2])
+    for x in range(0, count, vec.LANES):
+        n, p = _three(rows, G_NORMAL, x), _three(rows, G_POINT, x)
+        lx, ly, lz, part = _arriving(light, p)
+        l = (lx, ly, lz)
+        n_l = _dot(n, l)
+        part = vec.select(n_l > zero, part, zero)
+        if shadow >= 0:
+            flat = _three(rows, G_FLAT, x)
+            # Else the triangle itself is in the way.
+            part = vec.select(_dot(flat, l) > zero, part, zero)
+            wanted = vec.bits(part > zero)
+            if wanted != 0:
+                part = part * lit_parts(
+                    f64_at(job[J_SHADOW_FLOATS] + 8 * S_COLUMNS * shadow),
+                    i64_at(job[J_SHADOW_INTEGERS] + 8 * SI_COLUMNS * shadow),
+                    job[J_SHADOW_RADIUS],
+                    p[0],
+                    p[1],
+                    p[2],
+                    flat[0],
+                    flat[1],
+                    flat[2],
+                    wanted,
+                    scratch,
+                )
+        lit = part > zero
+        if vec.bits(lit) == 0:
+            continue
+        r, g, b = reflected(
+            n,
+            _three(rows, G_VIEW, x),
+            l,
+            n_l,
+            _three(rows, G_BASE, x),
+            vec.load(rows, G_METALLIC * STRIDE + x),
+            vec.load(rows, G_ROUGHNESS * STRIDE + x),
+            _three(rows, G_F0, x),
+            vec.load(rows, G_F90 * STRIDE + x),
+        )
+        red, green, blue = _three(rows, G_LIGHT, x)
+        _put(
+            rows,
+            G_LIGHT,
+            x,
+            red + vec.select(lit, part * color[0] * r, zero),
+            green + vec.select(lit, part * color[1] * g, zero),
+            blue + vec.select(lit, part * color[2] * b, zero),
+        )
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _octahedral(d):  # type: ignore[no-untyped-def]
+    """Where directions (any length) lie in an octahedral table, 0 .. 1 each way; the middle for 0."""
+    zero, half = vec.f32(0.0), vec.f32(0.5)
+    total = vec.absolute(d[0]) + vec.absolute(d[1]) + vec.absolute(d[2])
+    scale = vec.select(total > zero, vec.f32(1.0) / total, zero)
+    u, v = d[0] * scale, d[1] * scale
+    fold = vec.most(zero - d[2] * scale, zero)
+    u = vec.select(u >= zero, u + fold, u - fold)
+    v = vec.select(v >= zero, v + fold, v - fold)
+    return half * u + half, half * v + half
+
+
+@njit(nogil=True, error_model="numpy")
+def _read(texels, places, level, u, v):  # type: ignore[no-untyped-def]
+    """Bilinear in octahedral tables with a border of one texel, RGB; ``level``: i32x8, which table."""
+    two, three = vec.i32(2), vec.i32(3)
+    offset, side = vec.gather(places, level * two), vec.gather(places, level * two + vec.i32(1))
+    most = vec.to_f32(side)
+    half = vec.f32(0.5)
+    x = vec.least(vec.most(u * most + half, vec.f32(0.0)), most + half)
+    y = vec.least(vec.most(v * most + half, vec.f32(0.0)), most + half)
+    i, j = vec.to_i32(x), vec.to_i32(y)
+    fx, fy = x - vec.to_f32(i), y - vec.to_f32(j)
+    gx, gy = vec.f32(1.0) - fx, vec.f32(1.0) - fy
+    line = side + two
+    at = offset + (j * line + i) * three
+    below = at + line * three
+    a, b = vec.load_triples(texels, at), vec.load_triples(texels, at + three)
+    c, d = vec.load_triples(texels, below), vec.load_triples(texels, below + three)
+    wa, wb, wc, wd = gx * gy, fx * gy, gx * fy, fx * fy
+    return (
+        a[0] * wa + b[0] * wb + c[0] * wc + d[0] * wd,
+        a[1] * wa + b[1] * wb + c[1] * wc + d[1] * wd,
+        a[2] * wa + b[2] * wb + c[2] * wc + d[2] * wd,
+    )
+
+
+@njit(nogil=True, error_model="numpy")
+def _split(table, side, n_v, roughness):  # type: ignore[no-untyped-def]
+    """Scale and bias of ``split_sum``, bilinear; both coordinates 0 .. 1."""
+    one, two, last = vec.f32(1.0), vec.i32(2), vec.i32(side - 2)
+    x, y = n_v * vec.f32(side - 1), roughness * vec.f32(side - 1)
+    i, j = vec.least(vec.to_i32(x), last), vec.least(vec.to_i32(y), last)
+    fx, fy = x - vec.to_f32(i), y - vec.to_f32(j)
+    a = (i * vec.i32(side) + j) * two
+    b = a + vec.i32(2 * side)
+    wa, wb, wc, wd = (one - fx) * (one - fy), fx * (one - fy), (one - fx) * fy, fx * fy
+    first = vec.i32(1)
+    return (
+        vec.gather(table, a) * wa
+        + vec.gather(table, b) * wb
+        + vec.gather(table, a + two) * wc
+        + vec.gather(table, b + two) * wd,
+        vec.gather(table, a + first) * wa
+        + vec.gather(table, b + first) * wb
+        + vec.gather(table, a + two + first) * wc
+        + vec.gather(table, b + two + first) * wd,
+    )
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _turned(m, d):  # type: ignore[no-untyped-def]
+    """Directions by a (3, 3) float64 matrix (a pointer)."""
+    return (
+        vec.f32(m[0]) * d[0] + vec.f32(m[1]) * d[1] + vec.f32(m[2]) * d[2],
+        vec.f32(m[3]) * d[0] + vec.f32(m[4]) * d[1] + vec.f32(m[5]) * d[2],
+        vec.f32(m[6]) * d[0] + vec.f32(m[7]) * d[1] + vec.f32(m[8]) * d[2],
+    )
+
+
+@njit(nogil=True, error_model="numpy")
+def _add_surroundings(job, rows, count):  # type: ignore[no-untyped-def]
+    """Add what ``count`` pixels reflect of the surroundings, which are in the world's frame, to the rows G_LIGHT."""
+    turn = f64_at(job[J_LENS] + 8 * 5)
+    texels, places = f32_at(job[J_RADIANCE]), i32_at(job[J_LEVELS])
+    zero, one, two = vec.f32(0.0), vec.f32(1.0), vec.f32(2.0)
+    for x in range(0, count, vec.LANES):
+        n, v = _three(rows, G_NORMAL, x), _three(rows, G_VIEW, x)
+        roughness = vec.least(vec.most(vec.load(rows, G_ROUGHNESS * STRIDE + x), zero), one)
+        n_v = _dot(n, v)
+        # What a rough surface reflects comes from between the mirrored direction and the normal (Lagarde and de
+        # Rousiers, "Moving Frostbite to PBR", 2014, 4.9.3).
+        alpha = roughness * roughness
+        mirror = (one - alpha) * (vec.sqrt(one - alpha) + alpha)
+        up = one - mirror + mirror * two * n_v
+        m = up * n[0] - mirror * v[0], up * n[1] - mirror * v[1], up * n[2] - mirror * v[2]
+        n_v = vec.least(vec.most(n_v, zero), one)
+        scale, bias = _split(f32_at(job[J_SPLIT]), job[J_SPLIT_SIDE], n_v, roughness)
+        u, w = _octahedral(_turned(turn, n))
+        d0, d1, d2 = _read(texels, places, vec.i32(LEVELS), u, w)
+        at = roughness * vec.f32(float(LEVELS - 1))
+        low = vec.least(vec.to_i32(at), vec.i32(LEVELS - 2))
+        part = at - vec.to_f32(low)
+        u, w = _octahedral(_turned(turn, m))
+        r0, g0, b0 = _read(texels, places, low, u, w)
+        r1, g1, b1 = _read(texels, places, low + vec.i32(1), u, w)
+        base, f0 = _three(rows, G_BASE, x), _three(rows, G_F0, x)
+        f90 = vec.load(rows, G_F90 * STRIDE + x)
+        metallic, kept = vec.load(rows, G_METALLIC * STRIDE + x), vec.load(rows, G_KEPT * STRIDE + x)
+        r = ambient_channel(base[0], metallic, f0[0], f90, scale, bias, d0, r0 + part * (r1 - r0))
+        g = ambient_channel(base[1], metallic, f0[1], f90, scale, bias, d1, g0 + part * (g1 - g0))
+        b = ambient_channel(base[2], metallic, f0[2], f90, scale, bias, d2, b0 + part * (b1 - b0))
+        red, green, blue = _three(rows, G_LIGHT, x)
+        _put(rows, G_LIGHT, x, red + kept * r, green + kept * g, blue + kept * b)
+
+
+@njit(nogil=True, error_model="numpy")
+def light_up(job, rows, count, scratch):  # type: ignore[no-untyped-def]
+    """Fill the rows G_LIGHT of ``count`` pixels: tone-mapped linear RGB.
+
+    Args:
+        job: pointer to the J_COLUMNS int64. rows: pointer to G_ROWS rows of STRIDE float32.
+        scratch: address of SCRATCH_VALUES values of 4 bytes.
+    """
+    zero = vec.f32(0.0)
+    for x in range(0, count, vec.LANES):
+        _put(rows, G_LIGHT, x, zero, zero, zero)
+    for k in range(job[J_LIGHT_COUNT]):
+        _add_lamp(job, f64_at(job[J_LIGHTS] + 8 * L_COLUMNS * k), rows, count, scratch)
+    if job[J_RADIANCE] != 0:
+        _add_surroundings(job, rows, count)
+    exposure = vec.f32(f64_at(job[J_LENS])[4])
+    tone = job[J_TONE]
+    for x in range(0, count, vec.LANES):
+        r, g, b = _three(rows, G_LIGHT, x)
+        er, eg, eb = _three(rows, G_EMITTED, x)
+        r, g, b = shown(tone, (r + er) * exposure, (g + eg) * exposure, (b + eb) * exposure)
+        _put(rows, G_LIGHT, x, r, g, b)
