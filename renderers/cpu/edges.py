@@ -31,19 +31,19 @@ from renderers.cpu.multisample import raster_samples
 from renderers.cpu.visibility import BAND_ROWS
 from renderers.jit import kernel
 from renderers.pointers import f64_at, i32_at, i64_at, u8_at, u32_at
-
-# A band's working memory, int64 addresses. Rows are the band's own, J_STRIDE or E_ROOM values apart.
-E_SAMPLE_IDS: Final = 0  # (BAND_ROWS, J_STRIDE, 8) int32
-E_SAMPLE_INV_Z: Final = 1  # (BAND_ROWS, J_STRIDE, 8) float32
-E_IDS: Final = 2  # (BAND_ROWS, J_STRIDE) int32: the record that is shaded for the pixel, -1: none
-E_ROOM: Final = 3  # entries that a row has room for
-E_COUNTS: Final = 4  # (BAND_ROWS,) int32: entries of each row
-E_RECORDS: Final = 5  # (BAND_ROWS, E_ROOM) int32: entries: further records of pixels
-E_PLACES: Final = 6  # (BAND_ROWS, E_ROOM) int32: their columns
-E_WEIGHTS: Final = 7  # (BAND_ROWS, E_ROOM) uint8: samples that see them, of 8
-E_MIXED: Final = 8  # (BAND_ROWS,) int32: pixels of each row that are mixed
-E_MIXES: Final = 9  # (BAND_ROWS, J_STRIDE) int32: column << 8 | samples of the pixel's own record << 4 | of nothing
-E_COLUMNS: Final = 10
+from renderers.samples import (
+    E_COLORS,
+    E_COUNTS,
+    E_IDS,
+    E_MIXED,
+    E_MIXES,
+    E_PLACES,
+    E_RECORDS,
+    E_ROOM,
+    E_SAMPLE_IDS,
+    E_SAMPLE_INV_Z,
+    E_WEIGHTS,
+)
 
 _REACH: Final = 32
 """Places that an entry moves to lie beside those of its own instance: rows are nearly sorted, and never take long."""
@@ -187,14 +187,13 @@ def draw_samples(job_at, lens_at, band, edges_at):  # type: ignore[no-untyped-de
     own_job[0] = own_scratch[0] = own_hint[0] = 0  # the pointers above do not keep the arrays alive
 
 
-@kernel("void(int64, int64, int64, int64, int64, int64, int64, int64)")
-def mix_edges(edges_at, stride, width, row_begin, row_end, colors_at, background, picture_at):  # type: ignore[no-untyped-def]
+@kernel("void(int64, int64, int64, int64, int64, int64, int64)")
+def mix_edges(edges_at, stride, width, row_begin, row_end, background, picture_at):  # type: ignore[no-untyped-def]
     """Mix the band's pixels at edges as they are shown, as VTK mixes them.
 
     Args:
-        edges_at: address of E_COLUMNS int64. stride: J_STRIDE.
+        edges_at: address of E_COLUMNS int64, E_COLORS filled. stride: J_STRIDE.
         row_begin, row_end: the band's rows of the picture.
-        colors_at: address of (BAND_ROWS, E_ROOM, 3) uint8, the entries' colours.
         background: red, green, blue, lowest byte first.
         picture_at: address of (H, W, 3) uint8, which has the colours of E_IDS.
     """
@@ -214,7 +213,7 @@ def mix_edges(edges_at, stride, width, row_begin, row_end, colors_at, background
                 sums[3 * x + c] = own * picture[3 * x + c] + nothing * ((background >> (8 * c)) & 255)
         places = i32_at(edges[E_PLACES] + 4 * row * room)
         weights = u8_at(edges[E_WEIGHTS] + row * room)
-        colors = u8_at(colors_at + 3 * row * room)
+        colors = u8_at(edges[E_COLORS] + 3 * row * room)
         for k in range(i32_at(edges[E_COUNTS])[row]):
             x, weight = np.int64(places[k]), np.int64(weights[k])
             for c in range(3):

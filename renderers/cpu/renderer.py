@@ -12,13 +12,15 @@ from numpy.typing import NDArray
 from renderers.alike import Alike
 from renderers.camera import Camera
 from renderers.cpu.crew import Crew, Phase
+from renderers.cpu.edges import draw_samples
 from renderers.cpu.frame import FrameJob
 from renderers.cpu.layout import MAX_SIDE
 from renderers.cpu.pools import ArrayPool, ScratchPool
-from renderers.cpu.sampled import SampledBands, paint_each_sample
+from renderers.cpu.sampled import EdgeMemory, mixed_bands, paint_each_sample
 from renderers.cpu.scene import PreparedScene, prepare
-from renderers.cpu.visibility import Visibility
+from renderers.cpu.visibility import SampledView, Visibility
 from renderers.drawlist import DrawList
+from renderers.pointers import address_of
 from renderers.port import Frame, Look, LookName, Output
 from renderers.shading import Painter, Parallel, ShadingScene, paint
 from renderers.shading import prepare as prepare_shading
@@ -141,6 +143,32 @@ class CpuRenderer:
             prepare(scene), camera, select=select, cull_back=cull_back, beyond=beyond, before=before
         )
 
+    def sampled(
+        self,
+        scene: DrawList,
+        camera: Camera,
+        samples: int,
+        begin: Callable[[SampledView], Callable[[int, NDArray[np.int64]], None]],
+        *,
+        cull_back: NDArray[np.bool_] | None = None,
+    ) -> None:
+        """As ``Rasterizer.sampled``."""
+        prepared = prepare(scene)
+        scratch = self._scratch.take()
+        try:
+            job = FrameJob(prepared, camera, scratch, cull_back=cull_back, samples=samples)
+            memory = EdgeMemory(scratch, self._crew.threads, camera, samples, job.stride)
+            work = begin(SampledView(prepared.first_record, job.X_camera_mesh, job.stride))
+
+            def draw(job_at: int, lens_at: int, band: int) -> None:
+                with memory.taken() as edges:
+                    draw_samples(job_at, lens_at, band, address_of(edges, np.int64))
+                    work(band, edges)
+
+            self._crew.run(job.phases(self._crew.threads, draw=draw), alone=job.small)
+        finally:
+            self._scratch.give(scratch)
+
     def parallel(self, units: int, work: Callable[[int], object]) -> None:
         """As ``Rasterizer.parallel``."""
         self._crew.run((Phase(units, work),))
@@ -194,7 +222,14 @@ class CpuRenderer:
             return
         cull = shading.cull_back if shading.culls else None
         if look.samples != 1:
-            self._sampled(prepared, shading, camera, look, cull, color)
+
+            def begin(view: SampledView) -> Callable[[int, NDArray[np.int64]], None]:
+                painter = Painter(
+                    shading, view.X_camera_mesh, view.first_record, camera, look, color, stride=view.stride
+                )
+                return mixed_bands(painter, camera, look, color, view.stride)
+
+            self.sampled(scene, camera, look.samples, begin, cull_back=cull)
             return
         scratch = self._scratch.take()
         try:
@@ -202,25 +237,6 @@ class CpuRenderer:
             job.outputs(frame)
             painter = Painter(shading, job.X_camera_mesh, prepared.first_record, camera, look, color, stride=job.stride)
             self._crew.share(job.task(self._crew.threads, painter.job))
-        finally:
-            self._scratch.give(scratch)
-
-    def _sampled(
-        self,
-        prepared: PreparedScene,
-        shading: ShadingScene,
-        camera: Camera,
-        look: Look,
-        cull: NDArray[np.bool_] | None,
-        color: NDArray[np.uint8],
-    ) -> None:
-        """An opaque colour picture with several samples a pixel."""
-        scratch = self._scratch.take()
-        try:
-            job = FrameJob(prepared, camera, scratch, cull_back=cull, samples=look.samples)
-            painter = Painter(shading, job.X_camera_mesh, prepared.first_record, camera, look, color, stride=job.stride)
-            bands = SampledBands(painter, scratch, self._crew.threads, camera, look, color, stride=job.stride)
-            self._crew.run(job.phases(self._crew.threads, draw=bands.draw), alone=job.small)
         finally:
             self._scratch.give(scratch)
 

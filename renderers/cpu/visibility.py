@@ -54,6 +54,18 @@ class Visibility:
         self.close()
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class SampledView:
+    """What is the same in all bands of a picture with several samples a pixel."""
+
+    first_record: NDArray[np.int64]
+    """As in ``Visibility``."""
+    X_camera_mesh: NDArray[np.float64]
+    """As in ``Visibility``."""
+    stride: int
+    """Values from one row of a band's records to the next."""
+
+
 class Rasterizer(Protocol):
     """What shading asks for more layers and for threads. ``CpuRenderer`` gives one per render call."""
 
@@ -77,6 +89,24 @@ class Rasterizer(Protocol):
             beyond: only what lies strictly behind this layer, ordered by depth and then by record (depth peeling).
                 Where that layer sees nothing, nothing is drawn.
             before: only what lies strictly in front of this layer. Where that layer sees nothing, everything is.
+        """
+        ...
+
+    def sampled(
+        self,
+        scene: DrawList,
+        camera: Camera,
+        samples: int,
+        begin: Callable[[SampledView], Callable[[int, NDArray[np.int64]], None]],
+        *,
+        cull_back: NDArray[np.bool_] | None = None,
+    ) -> None:
+        """Find out what 4 or 8 samples of every pixel see, band by band, while a band is in the cache.
+
+        Args:
+            begin: called once; gives what is called for every band, from any thread, with its number and
+                (``samples.E_COLUMNS``,) int64, what is to be shaded in it.
+            cull_back: as in ``visibility``.
         """
         ...
 

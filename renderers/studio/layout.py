@@ -24,7 +24,9 @@ J_SPLIT: Final = 15
 J_SPLIT_SIDE: Final = 16
 J_LENS: Final = 17  # fx, fy, cx, cy, exposure, then R_world_camera by rows
 J_TONE: Final = 18  # number of the tone curve, of ``tonemap.TONES``
-J_COLUMNS: Final = 19
+J_FIRST: Final = 19  # (J_COUNT + 1,) int64: the first record of every instance
+J_COUNT: Final = 20
+J_COLUMNS: Final = 21
 
 # Rows of what is to be lit, float32, one value per pixel; vectors in the optical frame.
 G_NORMAL: Final = 0  # 3 rows: unit, on the side that is seen

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from renderers.camera import Camera
 from renderers.color import linear_from_srgb
 from renderers.drawlist import DrawList
 from renderers.pointers import address_of
-from renderers.samples import distinct, sample_cameras
+from renderers.samples import E_IDS, sample_cameras
 from renderers.studio import kernels as k
 from renderers.studio import layout as at
 from renderers.studio.finish import finish_rows
@@ -27,11 +27,10 @@ from renderers.studio.tables import StudioScene, normal_matrices
 from renderers.studio.tonemap import SRGB_CELLS, TONES
 
 if TYPE_CHECKING:  # the rasterizer calls this module
-    from renderers.cpu.visibility import Rasterizer, Visibility
+    from renderers.cpu.visibility import Rasterizer, SampledView, Visibility
 
 MAX_LAYERS: Final = 32
 """Translucent surfaces behind one another in a pixel that are drawn, nearest first."""
-_ONE: Final = np.zeros((0, 0), np.uint8)
 
 
 def paint(
@@ -46,7 +45,7 @@ def paint(
 ) -> None:
     """Draws the colour picture.
 
-    Opaque surfaces are rasterized at every sample position and shaded once per pixel and element. A scene with
+    Opaque surfaces are rasterized with all samples at once and shaded once per pixel and surface. A scene with
     translucent or cut-out surfaces is peeled and shaded at each sample position: their edges are in their textures.
     Every fragment is tone-mapped, then fragments are mixed in the linear light of the display.
 
@@ -69,40 +68,62 @@ def paint(
     out = np.zeros((camera.height, camera.width, 4), np.float32)
     bands = band_count(camera.height)
     with ExitStack() as stack:
-        views = [
-            stack.enter_context(rasterizer.visibility(scene, each, select=opaque, cull_back=cull)) for each in cameras
-        ]
+        seen = stack.enter_context(rasterizer.visibility(scene, cameras[0], select=opaque, cull_back=cull))
         lights = (scene.lights if scene.lights and rig.scene_lights else rig.lights)[:MAX_LIGHTS]
-        points = visible_points(views[0], cameras[0]) if rig.shadow_size else np.zeros((0, 3))
+        points = visible_points(seen, cameras[0]) if rig.shadow_size else np.zeros((0, 3))
         maps, rows = draw_maps(rasterizer, scene, lights, points, rig.shadow_size, MAX_SHADOWS)
         for each in maps:
             stack.callback(each.seen.close)
         ambient = ambient_of(rig.surroundings) if rig.surroundings is not None else None
         light = _Light(rig, light_table(lights, rows, camera), len(lights), *shadow_tables(maps, camera), ambient)
+        size = camera.height, camera.width
 
-        def shade(view: Visibility, lens: Camera, mode: int, ids: Any, counts: Any, weight: float, target: Any) -> None:
-            job, keep = _job(studio, view, lens, light)
+        def shade(view: Visibility, lens: Camera, mode: int, target: NDArray[np.float32]) -> None:
+            """Shade a layer."""
+            job, keep = _job(studio, view.X_camera_mesh, view.first_record, lens, light)
+            table, to = address_of(job, np.int64), address_of(target, np.float32)
+            ids = address_of(view.ids, np.int32)
 
             def band(unit: int) -> None:
                 begin = unit * BAND_ROWS
-                end = min(begin + BAND_ROWS, camera.height)
-                k.shade_rows(mode, job, ids, counts, weight, view.first_record, begin, end, target)
+                end = min(begin + BAND_ROWS, size[0])
+                k.shade_rows(mode, table, ids + 4 * begin * size[1], 0, size[1], size[1], begin, end, to)
 
             rasterizer.parallel(bands, band)
             del keep
 
+        def begin_edges(view: SampledView) -> Callable[[int, NDArray[np.int64]], None]:
+            """Shade what samples see."""
+            job, keep = _job(studio, view.X_camera_mesh, view.first_record, camera, light)
+            stack.callback(lambda: (job, keep))
+            table, to = address_of(job, np.int64), address_of(out, np.float32)
+
+            def band(unit: int, edges: NDArray[np.int64]) -> None:
+                begin = unit * BAND_ROWS
+                end = min(begin + BAND_ROWS, size[0])
+                where = int(edges[E_IDS]), address_of(edges, np.int64), view.stride
+                k.shade_rows(k.EDGES, table, *where, size[1], begin, end, to)
+
+            return band
+
         if opaque is None:
-            layers, counts = distinct([view.ids for view in views])
-            for ids, count in zip(layers, counts, strict=True):
-                shade(views[0], camera, k.ADD, ids, count, 1.0 / samples, out)
+            if samples == 1:
+                shade(seen, camera, k.ADD, out)
+            else:
+                rasterizer.sampled(scene, camera, samples, begin_edges, cull_back=cull)
         else:
-            for view, lens in zip(views, cameras, strict=True):
-                own = np.zeros_like(out)
-                for layer in _peeled(rasterizer, scene, studio, lens, cull, view):
-                    shade(layer, lens, k.BENEATH, layer.ids, _ONE, 1.0, own)
+            for each_camera in cameras:
+                own = out if samples == 1 else np.zeros_like(out)
+                view = seen
+                if each_camera is not cameras[0]:
+                    view = rasterizer.visibility(scene, each_camera, select=opaque, cull_back=cull)
+                    stack.callback(view.close)
+                for layer in _peeled(rasterizer, scene, studio, each_camera, cull, view):
+                    shade(layer, each_camera, k.BENEATH, own)
                     layer.ids[own[..., 3] >= 1.0] = -1  # nothing can be seen behind
-                shade(view, lens, k.BENEATH, view.ids, _ONE, 1.0, own)
-                out += own if samples == 1 else own * np.float32(1.0 / samples)
+                shade(view, each_camera, k.BENEATH, own)
+                if samples > 1:
+                    out += own * np.float32(1.0 / samples)
     behind = np.array([linear_from_srgb(value / 255.0) for value in background], np.float32)
     job = (address_of(out, np.float32), address_of(behind, np.float32), address_of(SRGB_CELLS, np.int32), camera.width)
     picture = address_of(color, np.uint8)
@@ -155,10 +176,14 @@ class _Light:
 
 
 def _job(
-    studio: StudioScene, view: Visibility, camera: Camera, light: _Light
+    studio: StudioScene,
+    X_camera_mesh: NDArray[np.float64],
+    first_record: NDArray[np.int64],
+    camera: Camera,
+    light: _Light,
 ) -> tuple[NDArray[np.int64], tuple[object, ...]]:
     """The kernel's table, and what its addresses point into."""
-    X = view.X_camera_mesh if len(view.X_camera_mesh) else np.eye(4)[None]
+    X = X_camera_mesh if len(X_camera_mesh) else np.eye(4)[None]
     N = normal_matrices(X)
     turn = camera.X_world_camera[:3, :3]
     lens = np.array((camera.fx, camera.fy, camera.cx, camera.cy, light.rig.exposure, *turn.flat))
@@ -184,4 +209,6 @@ def _job(
         job[at.J_SPLIT_SIDE] = split_sum().shape[0]
     job[at.J_LENS] = address_of(lens, np.float64)
     job[at.J_TONE] = TONES.index(light.rig.tone)
-    return job, (X, N, lens, values, light)
+    job[at.J_FIRST] = address_of(first_record, np.int64)
+    job[at.J_COUNT] = len(first_record) - 1
+    return job, (X, N, lens, values, light, first_record)

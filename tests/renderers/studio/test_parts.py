@@ -7,7 +7,7 @@ import pytest
 
 from renderers.camera import Camera
 from renderers.pointers import address_of
-from renderers.samples import distinct, mix, sample_cameras
+from renderers.samples import sample_cameras
 from renderers.studio.finish import finish_rows
 from renderers.studio.mips import _halve, make_chain
 from renderers.studio.rig import Rig
@@ -130,19 +130,6 @@ def test_unusable_coordinates_give_no_tangent() -> None:
         made = corner_tangents(mesh.positions, mesh.normals, uv.astype(np.float32), mesh.elements)
         assert (made[:, :3] == 0).all()
         assert (np.abs(made[:, 3]) == 1).all()
-
-
-def test_distinct_elements_of_samples() -> None:
-    planes = [np.array([[a, b, c, -1]], np.int32) for a, b, c in ((5, 7, -1), (5, 8, 3), (5, 7, -1), (5, -1, 3))]
-    layers, counts = distinct(planes)
-    assert layers[:, 0].T.tolist() == [[5, -1], [7, 8], [3, -1], [-1, -1]]
-    assert counts[:, 0].T.tolist() == [[4, 0], [2, 1], [2, 0], [0, 0]]
-    colors = np.array(
-        [[[(8, 8, 8), (80, 0, 0), (0, 40, 0), (0, 0, 0)]], [[(0, 0, 0), (0, 80, 0), (0, 0, 0), (0, 0, 0)]]], np.uint8
-    )
-    out = np.zeros((1, 4, 3), np.uint8)
-    mix(colors, counts, 4, (0, 0, 100), out)
-    assert out[0].tolist() == [[8, 8, 8], [40, 20, 25], [0, 20, 50], [0, 0, 100]]
 
 
 def test_sample_positions() -> None:
