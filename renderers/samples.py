@@ -26,8 +26,8 @@ _SIXTEENTHS: Final[dict[int, tuple[tuple[int, int], ...]]] = {
 
 
 # A band's working memory, int64 addresses. Rows are the band's own, J_STRIDE or E_ROOM values apart.
-E_SAMPLE_IDS: Final = 0  # (BAND_ROWS, J_STRIDE, 8) int32
-E_SAMPLE_INV_Z: Final = 1  # (BAND_ROWS, J_STRIDE, 8) float32
+E_SAMPLE_IDS: Final = 0  # (BAND_ROWS, J_STRIDE, samples) int32
+E_SAMPLE_INV_Z: Final = 1  # (BAND_ROWS, J_STRIDE, samples) float32
 E_IDS: Final = 2  # (BAND_ROWS, J_STRIDE) int32: the record that is shaded for the pixel, -1: none
 E_ROOM: Final = 3  # entries that a row has room for
 E_COUNTS: Final = 4  # (BAND_ROWS,) int32: entries of each row
@@ -55,12 +55,14 @@ def sample_cameras(camera: Camera, samples: int) -> tuple[Camera, ...]:
 
 
 def sample_offsets(samples: int) -> NDArray[np.int32]:
-    """(2, 8) int32: the samples' offsets from the pixel's centre across and down, 1/256 pixel; four come twice.
+    """(2, 8) int32: the samples' offsets from the pixel's centre across and down, 1/256 pixel; after four come those of
+    the pixel to the right.
 
     Raises:
         ValueError: ``samples`` is not 4 or 8.
     """
     if samples not in (4, 8):
         raise ValueError(f"samples must be 4 or 8, not {samples}")
-    offsets = _SIXTEENTHS[samples] * (8 // samples)
-    return np.ascontiguousarray(16 * np.array(offsets, np.int32).T)
+    offsets = 16 * np.array(_SIXTEENTHS[samples] * (8 // samples), np.int32)
+    offsets[samples:, 0] += 256
+    return np.ascontiguousarray(offsets.T)

@@ -22,6 +22,7 @@ from renderers.cpu.layout import (
     J_COLUMNS,
     J_FIRST_RECORD,
     J_HEIGHT,
+    J_PAIRED,
     J_SAMPLE_IDS,
     J_SAMPLE_INV_Z,
     J_STRIDE,
@@ -58,30 +59,34 @@ def _ones(bits):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _joined(job, a, b, hint):  # type: ignore[no-untyped-def]
+def _ask_for(job, record, known):  # type: ignore[no-untyped-def]
+    """Fill ``known`` with what ``_joined`` needs of the instance of a record."""
+    first = i64_at(job[J_FIRST_RECORD])
+    low, high = np.int64(0), job[J_ALL_INSTANCES]
+    while high - low > 1:
+        middle = (low + high) >> 1
+        if first[middle] <= record:
+            low = middle
+        else:
+            high = middle
+    mesh = i64_at(job[J_ALL_MESHES] + 8 * A_COLUMNS * low)
+    known[0], known[1] = first[low], first[low + 1]
+    known[2] = mesh[A_ELEMENTS] if mesh[A_TOPOLOGY] == 3 and mesh[A_NORMALS] != 0 else 0
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _joined(job, a, b, known):  # type: ignore[no-untyped-def]
     """Whether two records are triangles with normals of one instance that share an edge.
 
     Args:
-        hint: pointer to an int64, the instance asked for last.
+        known: pointer to 3 int64 about the instance asked for last: its first record, the one after its last, and the
+            address of its elements (0: they are no triangles with normals).
     """
-    first = i64_at(job[J_FIRST_RECORD])
-    instance = hint[0]
-    if not (first[instance] <= a and a < first[instance + 1]):
-        low, high = np.int64(0), job[J_ALL_INSTANCES]
-        while high - low > 1:
-            middle = (low + high) >> 1
-            if first[middle] <= a:
-                low = middle
-            else:
-                high = middle
-        instance = hint[0] = low
-    begin = first[instance]
-    if b < begin or b >= first[instance + 1]:
+    if a < known[0] or a >= known[1]:
+        _ask_for(job, a, known)
+    if b < known[0] or b >= known[1] or known[2] == 0:
         return False
-    mesh = i64_at(job[J_ALL_MESHES] + 8 * A_COLUMNS * instance)
-    if mesh[A_TOPOLOGY] != 3 or mesh[A_NORMALS] == 0:
-        return False
-    p, q = u32_at(mesh[A_ELEMENTS] + 12 * (a - begin)), u32_at(mesh[A_ELEMENTS] + 12 * (b - begin))
+    p, q = u32_at(known[2] + 12 * (a - known[0])), u32_at(known[2] + 12 * (b - known[0]))
     shared = 0
     for i in range(3):
         shared += (p[i] == q[0]) | (p[i] == q[1]) | (p[i] == q[2])
@@ -100,15 +105,18 @@ def _add(records, places, weights, count, record, place, weight):  # type: ignor
 
 
 @njit(nogil=True, error_model="numpy")
-def _sort_out(job, edges, band, scratch, hint):  # type: ignore[no-untyped-def]
+def _sort_out(job, edges, band, scratch, known):  # type: ignore[no-untyped-def]
     """Fill E_IDS and the lists of the band's rows.
 
     Args:
-        scratch: pointer to 32 int32.
+        scratch: pointer to 32 int32. known: see ``_joined``.
     """
     stride, width, room = job[J_STRIDE], job[J_WIDTH], edges[E_ROOM]
+    paired = job[J_PAIRED]
+    number_of_samples = vec.LANES >> paired
+    everybody = np.int64(255) if paired == 0 else np.int64(15)
     for row in range(min(BAND_ROWS, job[J_HEIGHT] - band * BAND_ROWS)):
-        samples = i32_at(edges[E_SAMPLE_IDS] + 4 * vec.LANES * row * stride)
+        samples = i32_at(edges[E_SAMPLE_IDS] + 4 * number_of_samples * row * stride)
         ids = i32_at(edges[E_IDS] + 4 * row * stride)
         records = i32_at(edges[E_RECORDS] + 4 * row * room)
         places = i32_at(edges[E_PLACES] + 4 * row * room)
@@ -116,24 +124,31 @@ def _sort_out(job, edges, band, scratch, hint):  # type: ignore[no-untyped-def]
         mixes = i32_at(edges[E_MIXES] + 4 * row * stride)
         count = mixed = 0
         for x in range(width):
-            at = vec.LANES * x
-            seen = vec.load(samples, at)
-            if vec.bits(seen == vec.spread0(seen)) == 255:
+            at = number_of_samples * x
+            seen = vec.load(samples, at)  # of four samples, the next pixel's, too
+            same = vec.bits(seen == vec.spread0(seen)) & everybody
+            if same == everybody:
                 ids[x] = samples[at]
                 continue
+            # Most often, two triangles of a smooth surface meet.
+            one, other = np.int64(samples[at]), np.int64(samples[at + vec.lowest_bit(everybody & ~same)])
+            others = vec.bits(seen == vec.i32(other)) & everybody
+            if same | others == everybody and one >= 0 and other >= 0 and _joined(job, one, other, known):
+                ids[x] = one if _ones(same) >= _ones(others) else other
+                continue
             # Each record once: scratch has its number, its samples, the group it is in, and the group's samples.
-            remaining, found, nothing = np.int64(255), 0, 0
+            remaining, found, nothing = everybody, 0, 0
             while remaining != 0:
                 record = samples[at + vec.lowest_bit(remaining)]
-                same = vec.bits(seen == vec.i32(np.int64(record)))
+                same = vec.bits(seen == vec.i32(np.int64(record))) & everybody
                 remaining &= ~same
-                number = _ones(same)
+                number = _ones(same) << paired
                 if record < 0:
                     nothing = number
                     continue
                 group = np.int64(found)
                 for k in range(found):
-                    if _joined(job, np.int64(scratch[k]), np.int64(record), hint):
+                    if _joined(job, np.int64(scratch[k]), np.int64(record), known):
                         group = np.int64(scratch[16 + k])
                         break
                 scratch[found], scratch[8 + found], scratch[16 + found] = record, number, group
@@ -176,15 +191,15 @@ def draw_samples(job_at, lens_at, band, edges_at):  # type: ignore[no-untyped-de
     for k in range(J_COLUMNS):
         own_job[k] = job[k]
     # Kernels count pixels from the picture's first row.
-    before = 4 * vec.LANES * band * BAND_ROWS * job[J_STRIDE]
+    before = 4 * (vec.LANES >> job[J_PAIRED]) * band * BAND_ROWS * job[J_STRIDE]
     own_job[J_SAMPLE_IDS] = edges[E_SAMPLE_IDS] - before
     own_job[J_SAMPLE_INV_Z] = edges[E_SAMPLE_INV_Z] - before
     job = i64_at(np.int64(own_job.ctypes.data))
     raster_samples(job, f64_at(lens_at), band)
     own_scratch = np.empty(32, np.int32)
-    own_hint = np.zeros(1, np.int64)
-    _sort_out(job, edges, band, i32_at(np.int64(own_scratch.ctypes.data)), i64_at(np.int64(own_hint.ctypes.data)))
-    own_job[0] = own_scratch[0] = own_hint[0] = 0  # the pointers above do not keep the arrays alive
+    own_known = np.zeros(3, np.int64)
+    _sort_out(job, edges, band, i32_at(np.int64(own_scratch.ctypes.data)), i64_at(np.int64(own_known.ctypes.data)))
+    own_job[0] = own_scratch[0] = own_known[0] = 0  # the pointers above do not keep the arrays alive
 
 
 @kernel("void(int64, int64, int64, int64, int64, int64, int64)")

@@ -118,7 +118,8 @@ class FrameJob:
         self._keep: list[object] = [prepared, table, lengths]
         if samples > 1:
             offsets = sample_offsets(samples)
-            job[at.J_MARGIN] = np.abs(offsets).max()
+            job[at.J_MARGIN] = np.abs(offsets[:, :4]).max() if samples == 4 else np.abs(offsets).max()
+            job[at.J_PAIRED] = samples == 4
             job[at.J_SAMPLES] = address_of(offsets, np.int32)
             self._keep.append(offsets)
 

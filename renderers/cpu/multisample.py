@@ -2,8 +2,8 @@
 
 A triangle is set up once. Its edges and its 1/z are linear, so that what they are at a sample is what they are at the
 pixel's centre plus an offset that is the same in all pixels. A pixel's samples lie side by side, one to a lane: a small
-triangle, which fills few pixels of a vector along a row, fills all its lanes along the samples. Four samples are eight
-of which each comes twice.
+triangle, which fills few pixels of a vector along a row, fills all its lanes along the samples. Of four samples, those
+of an even column and of the next one share a vector; what is said of the pixel is said of the first one then.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from renderers.cpu.layout import (
     J_HEIGHT,
     J_MARGIN,
     J_OFFSETS,
+    J_PAIRED,
     J_RECORDS,
     J_SAMPLE_IDS,
     J_SAMPLE_INV_Z,
@@ -66,9 +67,8 @@ _FAR_AWAY = 1 << 30
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _put(depths, ids, pixel, w, covered, identity):  # type: ignore[no-untyped-def]
-    """Write the covered samples of a pixel that are nearer than what is there."""
-    at = vec.LANES * pixel
+def _put(depths, ids, at, w, covered, identity):  # type: ignore[no-untyped-def]
+    """Write the covered samples from place ``at`` on that are nearer than what is there."""
     old = vec.load_again(depths, at)
     covered = covered & (w > old)
     vec.store(depths, at, vec.select(covered, w, old))
@@ -118,7 +118,8 @@ def _small(job, record, first_row, last_row):  # type: ignore[no-untyped-def]
     m2 = margin * ((abs(right2) + abs(down2)) >> 8)
     e0, e1, e2 = np.int64(whole[S_EDGES]), np.int64(whole[S_EDGES + 1]), np.int64(whole[S_EDGES + 2])
     lane, zero = vec.iota(), vec.i32(0)
-    for column in range(left, right, vec.LANES):  # type: ignore[call-overload]
+    paired = job[J_PAIRED]
+    for column in range(left & ~paired, right, vec.LANES):
         across = vec.i32(column - box_x) + lane
         skipped = top - box_y
         t0 = vec.i32(e0 + m0 + skipped * down0) + across * vec.i32(right0)
@@ -128,6 +129,8 @@ def _small(job, record, first_row, last_row):  # type: ignore[no-untyped-def]
         valid = (np.int64(1) << min(right - column, vec.LANES)) - 1
         for row in range(skipped, bottom - box_y):
             touched = vec.bits((t0 | t1 | t2) >= zero) & valid
+            if paired != 0:
+                touched = (touched | (touched >> 1)) & 0x55
             t0, t1, t2 = t0 + d0, t1 + d1, t2 + d2
             line = (box_y + row) * stride + column
             here = base + rise * np.float32(row)
@@ -140,7 +143,7 @@ def _small(job, record, first_row, last_row):  # type: ignore[no-untyped-def]
                 c2 = vec.i32(e2 + row * down2 + x * right2) + o2
                 w = vec.f32(here + slope * np.float32(x)) + rising
                 w = vec.least(vec.most(w, low), high)
-                _put(depths, ids, line + k, w, (c0 | c1 | c2) >= zero, identity)
+                _put(depths, ids, (line + k) << (3 - paired), w, (c0 | c1 | c2) >= zero, identity)
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
@@ -182,11 +185,12 @@ def _span(job, record, row, start, stop, box_x, box_y, scratch):  # type: ignore
     ids = i32_at(job[J_SAMPLE_IDS])
     depths = f32_at(job[J_SAMPLE_INV_Z])
     line = row * job[J_STRIDE]
-    for column in range(begin, end):
+    paired = job[J_PAIRED]
+    for column in range(max(begin & ~paired, 0), end, 1 + paired):
         here = vec.i32(column)
         w = vec.f32(base + slope * np.float64(column - box_x)) + rising
         w = vec.least(vec.most(w, low), high)
-        _put(depths, ids, line + column, w, (here >= start) & (here < stop), identity)
+        _put(depths, ids, (line + column) << (3 - paired), w, (here >= start) & (here < stop), identity)
 
 
 @njit(nogil=True, error_model="numpy")
@@ -210,9 +214,10 @@ def _corners(job, record, x0, y0, x1, y1, x2, y2, first_row, last_row, box_x, bo
     fx2, fy2 = np.float64(x2), np.float64(y2)
     samples = i32_at(job[J_SAMPLES])
     x, oy = vec.to_f64(vec.load(samples, 0)), vec.to_f64(vec.load(samples, vec.LANES))
+    further = (vec.load(samples, 0) + vec.i32(HALF)) >> vec.i32(8)  # columns to the right
     for row in range(top, bottom):
         y = vec.f64(row * SUBPIXEL + HALF) + oy
-        start, stop = vec.i32(left), vec.i32(right)
+        start, stop = vec.i32(left) - further, vec.i32(right) - further
         # With this winding (y down) edges that run upwards are left ones.
         if y1 < y0:
             start = vec.most(start, _crossing(fx0, fy0, fx1, fy1, x, y))
@@ -295,7 +300,8 @@ def raster_samples(job, lens, band):  # type: ignore[no-untyped-def]
     # Nothing at or beyond this 1/z is accepted: the far plane costs no test of its own.
     empty = vec.f32(np.nextafter(np.float32(1.0 / lens[L_FAR]), np.float32(-1.0)))
     nobody = vec.i32(-1)
-    for at in range(vec.LANES * first_row * stride, vec.LANES * last_row * stride, vec.LANES):
+    samples = vec.LANES >> job[J_PAIRED]
+    for at in range(samples * first_row * stride, samples * last_row * stride, vec.LANES):
         vec.store(ids, at, nobody)
         vec.store(depths, at, empty)
     own_scratch = np.empty(2 * vec.LANES, np.int32)

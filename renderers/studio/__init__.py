@@ -6,5 +6,6 @@ _ior, _specular and _emissive_strength; punctual lights with filtered shadow map
 with this room but visibility, so that no feature here can change a pixel of theirs.
 
 ``paint.paint`` draws a picture, ``tables.prepare`` what of it does not depend on the camera, ``rig.Rig`` says what
-lights it. A pixel is shaded by itself (``kernels``): a new feature is a column of a table and some lines there.
+lights it. What pixels see is gathered one by one into rows (``surface``, ``layout``), which are lit eight at a time
+(``lighting``, ``reflection``, ``shadowing``): a new feature is a column of a table or a row, and some lines there.
 """

@@ -86,8 +86,8 @@ def _row(job, mode, y, records, columns_at, weights, count, hint, out, places, r
                 hint = low
             columns = i64_at(job[J_INSTANCES] + 8 * II_COLUMNS * hint)
             X, N = f64_at(job[J_X] + 8 * 16 * hint), f64_at(job[J_N] + 8 * 9 * hint)
-            element = element_of(job, columns, X, record - first_record[hint])
-        found = look_at(job, columns, X, N, element, record - first_record[hint], x, y, rows, slot)
+            element = element_of(columns, X, N, record - first_record[hint])
+        found = look_at(job, columns, X, element, record - first_record[hint], x, y, rows, slot)
         if found == NOTHING:
             continue
         if mode != BENEATH:

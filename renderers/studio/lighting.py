@@ -260,7 +260,7 @@ def _add_surroundings(job, rows, count):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, error_model="numpy")
 def light_up(job, rows, count, scratch):  # type: ignore[no-untyped-def]
-    """Fill the rows G_LIGHT of ``count`` pixels: tone-mapped linear RGB.
+    """Fill the rows G_VIEW and G_LIGHT of ``count`` pixels, the latter with tone-mapped linear RGB.
 
     Args:
         job: pointer to the J_COLUMNS int64. rows: pointer to G_ROWS rows of STRIDE float32.
@@ -269,6 +269,10 @@ def light_up(job, rows, count, scratch):  # type: ignore[no-untyped-def]
     zero = vec.f32(0.0)
     for x in range(0, count, vec.LANES):
         _put(rows, G_LIGHT, x, zero, zero, zero)
+        px, py, pz = _three(rows, G_POINT, x)
+        length = vec.sqrt(px * px + py * py + pz * pz)
+        scale = vec.select(length > zero, vec.f32(-1.0) / length, zero)
+        _put(rows, G_VIEW, x, px * scale, py * scale, pz * scale)
     for k in range(job[J_LIGHT_COUNT]):
         _add_lamp(job, f64_at(job[J_LIGHTS] + 8 * L_COLUMNS * k), rows, count, scratch)
     if job[J_RADIANCE] != 0:

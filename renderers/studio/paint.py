@@ -186,7 +186,9 @@ def _job(
     X = X_camera_mesh if len(X_camera_mesh) else np.eye(4)[None]
     N = normal_matrices(X)
     turn = camera.X_world_camera[:3, :3]
-    lens = np.array((camera.fx, camera.fy, camera.cx, camera.cy, light.rig.exposure, *turn.flat))
+    lens = np.array(
+        (camera.fx, camera.fy, camera.cx, camera.cy, light.rig.exposure, *turn.flat, 1.0 / camera.fx, 1.0 / camera.fy)
+    )
     values = np.ascontiguousarray(BYTE_VALUES)
     job = np.zeros(at.J_COLUMNS, np.int64)
     job[at.J_INSTANCES] = address_of(studio.instances, np.int64)

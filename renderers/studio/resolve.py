@@ -83,7 +83,8 @@ def inside(a, b, c):  # type: ignore[no-untyped-def]
     a, b, c = max(a, 0.0), max(b, 0.0), max(c, 0.0)
     total = a + b + c
     if total > 0.0 and total < math.inf:
-        return a / total, b / total, c / total
+        share = 1.0 / total
+        return a * share, b * share, c * share
     return 1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0
 
 

@@ -20,7 +20,6 @@ from renderers.studio.layout import (
     G_NORMAL,
     G_POINT,
     G_ROUGHNESS,
-    G_VIEW,
     J_LENS,
     J_MATERIAL_FLOATS,
     J_MATERIAL_INTEGERS,
@@ -72,7 +71,7 @@ TO_BE_LIT: Final = 2
 """All rows but G_LIGHT have what it is made of."""
 
 _NONE: Final = (0.0, 0.0, 0.0)
-NO_ELEMENT: Final = ((0, 0, 0), _NONE, _NONE, _NONE, _NONE, _NONE, _NONE, 1.0, _NONE)
+NO_ELEMENT: Final = ((0, 0, 0), _NONE, _NONE, _NONE, _NONE, _NONE, _NONE, 1.0, _NONE, (_NONE, _NONE, _NONE))
 """What ``element_of`` gives, of nothing."""
 
 
@@ -116,10 +115,10 @@ def _coordinates(address, i0, i1, i2, w, sx, sy, total):  # type: ignore[no-unty
 
 
 @njit(nogil=True, error_model="numpy")
-def element_of(job, columns, X, element):  # type: ignore[no-untyped-def]
+def element_of(columns, X, N, element):  # type: ignore[no-untyped-def]
     """What all pixels of an element share: its vertices' numbers and places in the optical frame, the rows of
     ``[p0 p1 p2]^-1`` up to a positive factor, which side is seen (-1: the back), and its own normal towards the
-    camera. Of a line or a point, the rows mean nothing."""
+    camera, and its vertices' normals. Of a line or a point, the rows mean nothing."""
     i0, i1, i2, p0, p1, p2 = corners(columns, element, X)
     r0, r1, r2 = cross(p1, p2), cross(p2, p0), cross(p0, p1)
     determinant = dot(p0, r0)
@@ -130,20 +129,28 @@ def element_of(job, columns, X, element):  # type: ignore[no-untyped-def]
     flat = unit(cross((p1[0] - p0[0], p1[1] - p0[1], p1[2] - p0[2]), (p2[0] - p0[0], p2[1] - p0[1], p2[2] - p0[2])))
     if dot(flat, p0) > 0.0:
         flat = -flat[0], -flat[1], -flat[2]
-    return (i0, i1, i2), p0, p1, p2, r0, r1, r2, facing, flat
+    own = flat, flat, flat
+    if columns[II_NORMALS] != 0:
+        normals = f32_at(columns[II_NORMALS])
+        own = (
+            turned(N, 3, three(normals, i0, 3)),
+            turned(N, 3, three(normals, i1, 3)),
+            turned(N, 3, three(normals, i2, 3)),
+        )
+    return (i0, i1, i2), p0, p1, p2, r0, r1, r2, facing, flat, own
 
 
 @njit(nogil=True, error_model="numpy")
-def look_at(job, columns, X, N, shared, element, x, y, rows, slot):  # type: ignore[no-untyped-def]
+def look_at(job, columns, X, shared, element, x, y, rows, slot):  # type: ignore[no-untyped-def]
     """Put what a pixel sees of an element into the rows (G_) at ``slot``; ``shared``: of ``element_of``.
 
     Returns:
         ``NOTHING``, ``SHOWN`` or ``TO_BE_LIT``.
     """
     lens = f64_at(job[J_LENS])
-    fx, fy = lens[0], lens[1]
-    dx, dy = (x + 0.5 - lens[2]) / fx, (y + 0.5 - lens[3]) / fy
-    (i0, i1, i2), p0, p1, p2, r0, r1, r2, facing, flat = shared
+    across, down = lens[14], lens[15]
+    dx, dy = (x + 0.5 - lens[2]) * across, (y + 0.5 - lens[3]) * down
+    (i0, i1, i2), p0, p1, p2, r0, r1, r2, facing, flat, own = shared
     sx = sy = (0.0, 0.0, 0.0)
     total = 0.0
     if columns[II_TOPOLOGY] == 3:
@@ -151,8 +158,8 @@ def look_at(job, columns, X, N, shared, element, x, y, rows, slot):  # type: ign
         b = r1[0] * dx + r1[1] * dy + r1[2]
         c = r2[0] * dx + r2[1] * dy + r2[2]
         total = a + b + c
-        sx = r0[0] / fx, r1[0] / fx, r2[0] / fx
-        sy = r0[1] / fy, r1[1] / fy, r2[1] / fy
+        sx = r0[0] * across, r1[0] * across, r2[0] * across
+        sy = r0[1] * down, r1[1] * down, r2[1] * down
         w = inside(a, b, c)
     else:
         t = along_line(p0, p1, dx, dy)
@@ -195,9 +202,8 @@ def look_at(job, columns, X, N, shared, element, x, y, rows, slot):  # type: ign
         w[0] * p0[2] + w[1] * p1[2] + w[2] * p2[2],
     )
     _put(rows, G_POINT, slot, p)
-    _put(rows, G_VIEW, slot, unit((-p[0], -p[1], -p[2])))
     _put(rows, G_FLAT, slot, flat)
-    _put(rows, G_NORMAL, slot, _normal(job, columns, mi, mf, X, N, element, i0, i1, i2, w, uv, facing, flat))
+    _put(rows, G_NORMAL, slot, _normal(job, columns, mi, mf, X, element, i0, i1, i2, w, uv, facing, flat, own))
     _put(rows, G_BASE, slot, (max(red, 0.0), max(green, 0.0), max(blue, 0.0)))
     _reflecting(job, mi, mf, uv, rows, slot)
     emitted = three(mf, MF_EMISSIVE, 1)
@@ -245,18 +251,18 @@ def _reflecting(job, mi, mf, uv, rows, slot):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _normal(job, columns, mi, mf, X, N, element, i0, i1, i2, w, uv, facing, flat):  # type: ignore[no-untyped-def]
+def _normal(job, columns, mi, mf, X, element, i0, i1, i2, w, uv, facing, flat, own):  # type: ignore[no-untyped-def]
     """Unit shading normal on the side that is seen."""
     if columns[II_NORMALS] == 0:
         return flat
-    normals = f32_at(columns[II_NORMALS])
-    n0, n1, n2 = three(normals, i0, 3), three(normals, i1, 3), three(normals, i2, 3)
-    own = (
-        w[0] * n0[0] + w[1] * n1[0] + w[2] * n2[0],
-        w[0] * n0[1] + w[1] * n1[1] + w[2] * n2[1],
-        w[0] * n0[2] + w[1] * n1[2] + w[2] * n2[2],
+    n0, n1, n2 = own
+    n = unit(
+        (
+            w[0] * n0[0] + w[1] * n1[0] + w[2] * n2[0],
+            w[0] * n0[1] + w[1] * n1[1] + w[2] * n2[1],
+            w[0] * n0[2] + w[1] * n1[2] + w[2] * n2[2],
+        )
     )
-    n = unit(turned(N, 3, own))
     if mi[MI_NORMAL] >= 0 and columns[II_TANGENTS] != 0:
         tangents = f32_at(columns[II_TANGENTS])
         j0, j1, j2 = i0, i1, i2
