@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from gateway.render.service import RenderService
     from gateway.scene.gltf import GltfLimits
     from gateway.scene.tree import Node
-    from renderers.studio.rig import Rig
 
 
 _log = structlog.get_logger("gateway.render")
@@ -101,14 +100,6 @@ def _backdrop(house: House) -> Callable[[], Node] | None:
     return lambda: scene.root
 
 
-def _rig(settings: Settings) -> Rig:
-    """What lights the studio look."""
-    from gateway.rigfile import read_rig
-    from renderers.studio.rig import STUDIO
-
-    return STUDIO if settings.rig is None else read_rig(settings.rig)
-
-
 def gltf_limits(settings: Settings) -> GltfLimits:
     """Bounds of scenes that clients send."""
     from gateway.scene.gltf import GltfLimits
@@ -125,6 +116,7 @@ def gltf_limits(settings: Settings) -> GltfLimits:
 
 def join_scene(house: House) -> None:
     """``GET /scene``, ``/scene.glb``, ``/scene/render``."""
+    from gateway.rigfile import rig_of
     from gateway.sceneapi.config import SceneApiConfig
     from gateway.sceneapi.routes import router
     from gateway.sceneapi.service import SceneApi
@@ -134,7 +126,7 @@ def join_scene(house: House) -> None:
         house.tree,
         house.renderer,
         house.workers,
-        SceneApiConfig(background=settings.background, max_pixels=settings.max_pixels, rig=_rig(settings)),
+        SceneApiConfig(background=settings.background, max_pixels=settings.max_pixels, rig=rig_of(settings.rig)),
         labels=house.labels,
         flattener=house.flattener,
         stereo_camera=lambda: house.stereo_camera(),

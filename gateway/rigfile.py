@@ -35,7 +35,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from renderers.drawlist import Light, LightKind
-from renderers.studio.rig import MAX_LIGHTS, Hemisphere, Rig, Softbox, Surroundings, ToneName
+from renderers.studio.rig import MAX_LIGHTS, STUDIO, Hemisphere, Rig, Softbox, Surroundings, ToneName
 
 Light_ = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Number = Annotated[float, Field(allow_inf_nan=False)]
@@ -88,6 +88,15 @@ class _Rig(_Table):
     scene_lights: bool = True
     surroundings: _Surroundings | None = None
     lights: tuple[_Light, ...] = ()
+
+
+def rig_of(path: Path | None) -> Rig:
+    """The rig of a file, or the built-in one.
+
+    Raises:
+        RigFileError: see ``read_rig``.
+    """
+    return STUDIO if path is None else read_rig(path)
 
 
 def read_rig(path: Path) -> Rig:

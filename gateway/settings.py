@@ -147,7 +147,8 @@ class Settings(BaseSettings):
     rig: Path | None = option(
         None,
         "Live scene",
-        "TOML file with the lights, surroundings and exposure of the 'studio' look of GET /scene/render.",
+        "TOML file with the lights, surroundings and exposure of the 'studio' look of GET /scene/render and of "
+        "/view/frame.jpg.",
     )
 
     # --- Tree viewer

@@ -7,6 +7,7 @@ from typing import Any
 from gateway.figures import watch_view
 from gateway.house import House
 from gateway.render.records import RenderRecord
+from gateway.rigfile import rig_of
 from gateway.viewer.config import ViewerConfig
 from gateway.viewer.hub import ViewHub
 from gateway.viewer.pictureroutes import picture_router
@@ -18,7 +19,7 @@ from gateway.viewer.sensor import SensorView
 
 def join_view(house: House) -> None:
     """``/view``."""
-    config = ViewerConfig(background=house.settings.background)
+    config = ViewerConfig(background=house.settings.background, rig=rig_of(house.settings.rig))
     eyes = house.eyes
     ports = ViewPorts(
         status=lambda: status_of(house),

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from renderers.port import LookName
+from renderers.studio.rig import STUDIO, Rig
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +36,8 @@ class ViewerConfig:
     """Of single pictures that ask for none."""
     samples: Literal[1, 4, 8] = 4
     """A pixel of the studio look; the others have one."""
+    rig: Rig = STUDIO
+    """What lights the studio look."""
     stream_look: LookName = "plain"
     """Of MJPEG streams that ask for none: the same colours as the page shows, and a fraction of the time."""
     width: int = 960

@@ -86,7 +86,7 @@ class Pictures:
             view.camera, snapshot.root, view.width, view.height, stereo=self._stereo_camera(), drawn=drawn
         )
         samples = self.config.samples if view.look == "studio" else 1
-        look = Look(view.look, self.config.background, samples)
+        look = Look(view.look, self.config.background, samples, self.config.rig)
         with self._renderer.render(drawn, camera, Output.COLOR, look) as frame:
             assert frame.color is not None
             return jpeg_rgb(frame.color, quality=view.quality)

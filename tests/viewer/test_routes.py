@@ -31,6 +31,7 @@ from renderers.camera import Camera
 from renderers.drawlist import DrawList, Material
 from renderers.encode import png_gray16, png_rgb, tiff_float32
 from renderers.port import Frame, Look, Output
+from renderers.studio.rig import Rig
 
 
 @dataclass
@@ -38,9 +39,11 @@ class CountingRenderer:
     """Grey pictures."""
 
     cameras: list[Camera] = field(default_factory=list)
+    looks: list[Look | None] = field(default_factory=list)
 
     def render(self, scene: DrawList, camera: Camera, outputs: Output, look: Look | None = None) -> Frame:
         self.cameras.append(camera)
+        self.looks.append(look)
         return Frame(color=np.full((camera.height, camera.width, 3), 90, np.uint8))
 
 
@@ -54,7 +57,7 @@ class World:
         with self.tree.edit() as edit:
             edit.set_parts(("box",), (Part(Box((1, 1, 1)), Material()),))
             edit.set_parts(("cloud",), (Part(self.cloud, Material()),))
-        self.config = ViewerConfig(max_side=1024, max_streams=1, sensor_seconds=1000.0)
+        self.config = ViewerConfig(max_side=1024, max_streams=1, sensor_seconds=1000.0, rig=Rig(exposure=0.5))
         self.hub = ViewHub(self.config, self.tree)
         self.renderer = CountingRenderer()
         flattener = Flattener(LabelTable())
@@ -112,6 +115,7 @@ async def test_frame_is_drawn_once_per_revision(world: World) -> None:
     second = await world.http.get("/view/frame.jpg?width=64&height=48")
     assert int(second.headers["x-scene-revision"]) == world.tree.snapshot.revision
     assert len(world.renderer.cameras) == 2
+    assert world.renderer.looks == [Look("studio", world.config.background, 4, Rig(exposure=0.5))] * 2
 
 
 @pytest.mark.parametrize(
