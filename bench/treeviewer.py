@@ -28,11 +28,13 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import lcm
+import msgspec
 import uvloop
 
 from gateway.ops.process import tune
@@ -140,10 +142,9 @@ def json_reader() -> str:
 async def floor(url: str) -> None:
     """liblcm on the loop, JSON to objects, objects into a dict, an answer of the same size."""
     if json_reader() == "orjson":
-        from orjson import dumps, loads
+        reader = import_module("orjson")
+        dumps, loads = reader.dumps, reader.loads
     else:
-        import msgspec
-
         dumps, loads = msgspec.json.encode, msgspec.json.decode
     tree: dict[Any, Any] = {}
     network = lcm.LCM(url)
@@ -294,10 +295,18 @@ def started(child: subprocess.Popen[str]) -> None:
         raise SystemExit(f"a server did not start: {line!r}")
 
 
+def wait_for_all() -> None:
+    """Says that this process can begin, and waits until the others can."""
+    print("ready", flush=True)
+    sys.stdin.readline()
+
+
 def disturbed(url: str, message: bytes, seconds: float) -> None:
     """Sends big messages, one after the other but not more than one in ``BIG_SECONDS``; prints how long each took."""
     client = Client(url, "big")
-    times = [client.ask(message)]
+    client.ask(message)
+    wait_for_all()
+    times: list[float] = []
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         times.append(client.ask(message))
@@ -309,9 +318,8 @@ def undisturbed(url: str, seconds: float) -> None:
     """Sends single transforms every 2 ms; prints how long each took."""
     client, single = Client(url, "small"), transforms(1)
     client.ask(single)
-    print("ready", flush=True)
-    time.sleep(2.0)  # until the other has made its message
-    times = []
+    wait_for_all()
+    times: list[float] = []
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         times.append(client.ask(single))
@@ -322,12 +330,19 @@ def undisturbed(url: str, seconds: float) -> None:
 def others(url: str, kind: str, seconds: float) -> tuple[list[float], list[float]]:
     """Milliseconds of single transforms while another client sends big messages; and of those."""
     place = ("--url", url, "--seconds", str(seconds))
-    with process("-m", "bench.treeviewer", "--part", "small", *place) as small:
-        started(small)
-        with process("-m", "bench.treeviewer", "--part", f"big:{kind}", *place) as big:
-            assert small.stdout is not None
-            assert big.stdout is not None
-            return json.loads(small.stdout.readline() or "[]"), json.loads(big.stdout.readline() or "[]")
+    with contextlib.ExitStack() as stack:
+        both = [
+            stack.enter_context(process("-m", "bench.treeviewer", "--part", part, *place, stdin=subprocess.PIPE))
+            for part in ("small", f"big:{kind}")
+        ]
+        for child in both:
+            started(child)
+        for child in both:
+            assert child.stdin is not None
+            child.stdin.write("\n")
+            child.stdin.flush()
+        found = [json.loads(child.stdout.readline() or "[]") for child in both if child.stdout is not None]
+        return found[0], found[1]
 
 
 def peers_of(python: str, seconds: float) -> list[Figures]:
