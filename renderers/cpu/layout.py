@@ -138,7 +138,7 @@ those of all of them."""
 G_ELEMENT: Final = 0  # int32: first element, which of the eight, drawn instance
 G_LANES: Final = 1
 G_DRAWN: Final = 2
-LATER_SIDE: Final = 24
+LATER_SIDE: Final = 12
 """Pixels across and down that a group may take: large triangles cost less to set up than to keep, and scattered ones
 would be set up by every band of their box."""
 
