@@ -1,12 +1,13 @@
 """Nothing is left behind, overload is answered, and nothing grows: the whole gateway under clients of every kind.
 
-    python -m bench.soak [--clients 1000] [--minutes 3] [--plot soak.svg] [--parts churn,overload,mixed]
+    python -m bench.soak [--clients 1000] [--minutes 3] [--plot soak.svg] [--parts churn,overload,turns,mixed]
 
 ``churn``: so many well-behaved, slow, half-open and vanishing clients on HTTP, render, WebSocket, gRPC and TCPQ; then
 the tasks, threads, descriptors and memory of the gateway beside those of before. ``overload``: the render endpoint with
 its queue just full, then with ten times as many clients; p99 of what was accepted, and how soon others are refused.
-``mixed``: load on every interface at once with a state file, for so many minutes; the slope of the memory over the
-second half, the stalls of the event loop, and a plot of both. All on loopback, in one gateway, two processes.
+``turns``: how long each kind of work holds the event loop. ``mixed``: everything at once with a state file,
+for so many minutes; the slope of the memory over the second half, the stalls of the event loop, and a plot of both. All
+on loopback, in one gateway, two processes.
 """
 
 from __future__ import annotations
@@ -33,10 +34,14 @@ from bench import soak_clients as clients
 from bench.soak_clients import BEHAVIOURS, KINDS, Ports
 from bench.soak_overload import overload
 from bench.soak_plot import plot
+from bench.soak_turns import turns
 from gateway.ops.process import tune
 
 QUEUE = 32
 THREADS = 2
+COUNTED = ("tasks", "threads", "files")
+"""Of the gateway: what must not be left."""
+SETTLE_SECONDS = 45
 TOGETHER = 100
 """Churning clients at a time."""
 Samples = list[dict[str, float]]
@@ -103,24 +108,31 @@ async def _health(port: int) -> Any:
 # --- churn
 
 
-async def churn(running: Gateway, count: int) -> None:
-    """Clients of all kinds; what is left of them."""
+async def churn(running: Gateway, count: int) -> tuple[dict[str, float], Counter[str]]:
+    """Clients of all kinds; what is left of them, by figure, and how their visits ended."""
     await _wave(running.ports, min(count, 200))  # what the first of their kind leave is made once: pools, caches
-    await asyncio.sleep(5.0)
-    before = await running.next()
+    before = await _settled(running, None)
     begin = time.monotonic()
     outcomes = await _wave(running.ports, count)
     seconds = time.monotonic() - begin
-    after = await running.next()
-    for _ in range(45):  # half-open ones end after the server's own timeouts
-        if all(after[name] <= before[name] for name in ("tasks", "threads", "files")):
-            break
-        after = await running.next()
+    after = await _settled(running, before)
     print(f"\nchurn: {count} clients in {seconds:.0f} s, {TOGETHER} at a time: {dict(outcomes)}")
-    for name in ("tasks", "threads", "files", "rss_mb"):
+    for name in (*COUNTED, "rss_mb"):
         print(
             f"  {name:8} before {before[name]:8.1f}   after {after[name]:8.1f}   left {after[name] - before[name]:+.1f}"
         )
+    return {name: after[name] - before[name] for name in COUNTED}, outcomes
+
+
+async def _settled(running: Gateway, before: dict[str, float] | None) -> dict[str, float]:
+    """The figures when they are as before, or else do not change: half-open clients end by the server's timeouts."""
+    last = await running.next()
+    for _ in range(SETTLE_SECONDS):
+        now = await running.next()
+        if all(now[name] <= before[name] if before else now[name] == last[name] for name in COUNTED):
+            return now
+        last = now
+    return last
 
 
 async def _wave(ports: Ports, count: int) -> Counter[str]:
@@ -214,6 +226,8 @@ async def run(given: argparse.Namespace) -> None:
                     await churn(running, given.clients)
                 elif part == "overload":
                     await overload(running, QUEUE, THREADS, given.overload_seconds)
+                elif part == "turns":
+                    await turns(running)
                 elif part == "mixed":
                     await mixed(running, given.minutes, given.plot)
 
@@ -224,7 +238,7 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=3.0)
     parser.add_argument("--overload-seconds", type=float, default=10.0)
     parser.add_argument("--plot", type=Path, default=Path("soak.svg"))
-    parser.add_argument("--parts", default="churn,overload,mixed")
+    parser.add_argument("--parts", default="churn,overload,turns,mixed")
     tune()
     uvloop.run(run(parser.parse_args()))
 

@@ -16,7 +16,8 @@ import structlog
 
 from gateway import figures
 from gateway.house import House
-from gateway.settings import MIB, InterfaceName, Settings
+from gateway.options import InterfaceName
+from gateway.settings import MIB, Settings
 
 if TYPE_CHECKING:
     from gateway.ops.connection import Door

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway import settings
+from gateway import options, settings
 from gateway.cli import limits
 from gateway.cli.reference import reference
 from gateway.settings import Settings, SettingsError, load
@@ -117,7 +117,7 @@ def test_every_setting_has_a_group_a_description_and_a_default_that_is_valid() -
     for name, field in Settings.model_fields.items():
         assert field.description, name
         assert field.description.endswith("."), name
-        assert settings.group_of(field), name
+        assert options.group_of(field), name
     defaults = {name: field.default for name, field in Settings.model_fields.items()}
     assert Settings.model_validate(defaults) == load()
 

@@ -15,7 +15,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
-from gateway.settings import Settings, default_of, flag_of, group_of
+from gateway.options import default_of, flag_of, group_of
+from gateway.settings import Settings
 
 _HEAD: Final = """# Limits
 

@@ -12,8 +12,8 @@ import typer
 from pydantic.fields import FieldInfo
 from rich.markup import escape
 
-from gateway import settings as options
-from gateway.settings import Settings, SettingsError
+from gateway import options
+from gateway.settings import Settings, SettingsError, load, unknown_environment
 
 if TYPE_CHECKING:
     from gateway.state.service import State
@@ -28,7 +28,7 @@ def _command() -> Any:
     def serve(config: Path | None, **flags: Any) -> None:
         given = {name: value for name, value in flags.items() if value is not None}
         try:
-            settings = options.load(given, config)
+            settings = load(given, config)
         except SettingsError as error:
             typer.echo(f"scenegate: {error}", err=True)
             raise typer.Exit(2) from None
@@ -79,7 +79,7 @@ def run(settings: Settings) -> int:
     import structlog
 
     log = structlog.get_logger("gateway")
-    for warning in options.unknown_environment():
+    for warning in unknown_environment():
         log.warning(warning)
     from gateway.guard import Guard
     from gateway.state.errors import StateError

@@ -7,15 +7,21 @@ import ctypes
 import gc
 import resource
 import socket
+import sys
 
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
 """mallopt parameters, malloc.h of glibc."""
+_SWITCH_SECONDS = 0.001
+"""For a thread that computes in Python to let the event loop have the interpreter; Python's own 5 ms would be part of
+every turn while one decodes or lists."""
 _FILES = 65_536
 """Descriptors: one for each HTTP, WebSocket and gRPC connection."""
 
 
 def tune() -> None:
-    """Keeps freed pictures' pages and allows many connections; does what the system allows, silently."""
+    """Keeps freed pictures' pages, gives the event loop its turn soon and allows many connections; does what the system
+    allows, silently."""
+    sys.setswitchinterval(_SWITCH_SECONDS)
     with contextlib.suppress(OSError, AttributeError):  # another libc
         libc = ctypes.CDLL(None)
         # By default blocks of several MB are mapped anew and given back every frame: the page faults cost more than

@@ -12,7 +12,8 @@ import pytest
 import typer.main
 
 from gateway.cli.main import app
-from gateway.settings import OTHER_ENV, Settings, env_of
+from gateway.options import OTHER_ENV, env_of
+from gateway.settings import Settings
 from tests.docs.pages import PAGES, ROOT, anchors, blocks, commands, links, prose, spans
 
 FOREIGN = {

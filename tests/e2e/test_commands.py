@@ -16,7 +16,8 @@ from typer.testing import CliRunner, Result
 
 from gateway import __version__
 from gateway.cli.main import app
-from gateway.settings import Settings, flag_of
+from gateway.options import flag_of
+from gateway.settings import Settings
 from tests.support import forms
 
 

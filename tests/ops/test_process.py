@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import resource
 import socket
+import sys
 
 import pytest
 
@@ -43,6 +44,15 @@ def test_tuning_never_lowers_the_number_of_files() -> None:
     after, same = resource.getrlimit(resource.RLIMIT_NOFILE)
     assert same == hard
     assert after >= before or before == resource.RLIM_INFINITY
+
+
+def test_threads_let_the_event_loop_have_its_turn_within_a_millisecond() -> None:
+    before = sys.getswitchinterval()
+    try:
+        process.tune()
+        assert sys.getswitchinterval() <= 0.0011
+    finally:
+        sys.setswitchinterval(before)
 
 
 def test_the_garbage_collector_works_again_after_the_start() -> None:

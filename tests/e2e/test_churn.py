@@ -1,0 +1,21 @@
+"""Well-behaved, slow, half-open and vanishing clients of every interface: nothing of them is left.
+
+The short form of ``python -m bench.soak --parts churn``.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from bench import soak, soak_clients
+
+
+async def test_nothing_is_left_of_a_hundred_clients(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(soak_clients, "HELD_SECONDS", 0.2)
+    async with soak.gateway(tmp_path / "state") as running:
+        left, outcomes = await soak.churn(running, 100)
+    assert running.process.returncode == 0
+    assert {name: count for name, count in left.items() if count > 0} == {}
+    assert outcomes["well-behaved"] == outcomes["vanishing"] == 25, outcomes
