@@ -22,6 +22,11 @@ _PREFIX: Final = struct.Struct("<II")
 _json: Final = msgspec.json.Encoder()
 
 
+def fragment(value: dict[str, Any]) -> msgspec.Raw:
+    """A part of a header, encoded before the whole."""
+    return msgspec.Raw(_json.encode(value))
+
+
 class FrameBuilder:
     """Collects arrays and bytes of a frame's body."""
 

@@ -176,7 +176,7 @@ class Browser:
                 for frame in self._session.forget(gone):
                     yield frame
             if self._session.credit and self._session.behind:
-                update = self._session.next_update()
+                update = await self._session.next_update()
                 self._given = asyncio.get_running_loop().time()
                 missing = self._session.missing(update)
                 self._session.sent(missing)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import mimetypes
+from functools import cache
 from importlib.resources import files
-from importlib.resources.abc import Traversable
 from typing import Final
 from urllib.parse import urlsplit
 
@@ -32,14 +32,13 @@ def router(hub: ViewHub) -> APIRouter:
 
     @routes.get("/view", include_in_schema=False)
     async def page(request: Request) -> Response:
-        return _file(STATIC / "index.html", request, ASK_AGAIN)
+        return _file("index.html", request, ASK_AGAIN)
 
     @routes.get("/view/assets/{name}", include_in_schema=False)
     async def asset(name: str, request: Request) -> Response:
-        known = {entry.name: entry for entry in (STATIC / "assets").iterdir()}
-        if name not in known:
+        if name not in _assets():
             return PlainTextResponse(f"the page has no file {name[:80]!r}", 404)
-        return _file(known[name], request, FOR_EVER)
+        return _file(f"assets/{name}", request, FOR_EVER)
 
     @routes.get("/view/image/{number}", include_in_schema=False)
     async def image(number: int) -> Response:
@@ -57,7 +56,9 @@ def router(hub: ViewHub) -> APIRouter:
         values = hub.payloads.channel(mesh, name)
         if values is None:
             return PlainTextResponse(f"mesh {mesh} is no point cloud with a channel {name[:80]!r}", 404)
-        return Response(values.tobytes(), media_type="application/octet-stream", headers=ASK_AGAIN)
+        # Copied in a thread: a cloud of millions of points has tens of megabytes.
+        data = await asyncio.to_thread(values.tobytes)
+        return Response(data, media_type="application/octet-stream", headers=ASK_AGAIN)
 
     @routes.websocket("/view/ws")
     async def connection(socket: WebSocket) -> None:
@@ -118,10 +119,21 @@ def _encode(image: Image) -> bytes:
     return png_rgba(image.decode())
 
 
-def _file(entry: Traversable, request: Request, headers: dict[str, str]) -> Response:
-    data = entry.read_bytes()
-    tag = f'"{hashlib.sha256(data).hexdigest()[:16]}"'
+@cache
+def _assets() -> frozenset[str]:
+    return frozenset(entry.name for entry in (STATIC / "assets").iterdir())
+
+
+@cache
+def _read(path: str) -> tuple[bytes, str]:
+    """A file of the page and its tag; there is a handful, and they do not change."""
+    data = STATIC.joinpath(path).read_bytes()
+    return data, f'"{hashlib.sha256(data).hexdigest()[:16]}"'
+
+
+def _file(path: str, request: Request, headers: dict[str, str]) -> Response:
+    data, tag = _read(path)
     if request.headers.get("if-none-match") == tag:
         return Response(status_code=304, headers={**headers, "ETag": tag})
-    kind = mimetypes.guess_type(entry.name)[0] or "application/octet-stream"
+    kind = mimetypes.guess_type(path)[0] or "application/octet-stream"
     return Response(data, media_type=kind, headers={**headers, "ETag": tag})

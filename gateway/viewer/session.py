@@ -35,14 +35,15 @@ class Session:
         """Meshes that the page needs for an update and does not have."""
         return sorted(update.meshes - self._known)
 
-    def next_update(self) -> Update:
-        """The update to the newest state; uses up the credit."""
-        if self._epoch != self._encoder.epoch:
-            self._have, self._epoch = EMPTY, self._encoder.epoch
-        update = self._encoder.update(self._have)
-        self._have = self._encoder.current
+    async def next_update(self) -> Update:
+        """The update to the newest state; uses up the credit. A big one does not hold the event loop."""
         self.credit = False
-        return update
+        while True:
+            if self._epoch != self._encoder.epoch:
+                self._have, self._epoch = EMPTY, self._encoder.epoch
+            update, self._have = await self._encoder.update(self._have)
+            if self._epoch == self._encoder.epoch:
+                return update
 
     def let_go(self) -> None:
         """Keeps an old scene alive no longer for a page that does not take its update in: the next one starts over."""

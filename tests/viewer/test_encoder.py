@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import gc
 from typing import Any
 
@@ -11,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gateway.scene.geometry import Box, Part, PointCloud, Sphere, Surface
-from gateway.scene.live import LiveTree
+from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.tree import Node, TreeEdit
-from gateway.viewer.encoder import EMPTY, Encoder, encode_rig
+from gateway.viewer.encoder import EMPTY, TURN_CHANGES, Encoder, encode_rig
 from gateway.viewer.frames import parse
 from gateway.viewer.payloads import Payloads
 from gateway.viewer.ports import Rig
@@ -64,7 +65,7 @@ class Browser:
     def catch_up(self) -> None:
         if not self.session.behind:
             return
-        update = self.session.next_update()
+        update = asyncio.run(self.session.next_update())
         missing = self.session.missing(update)
         for number in missing:
             frame = self.payloads.mesh_frame(number)
@@ -108,7 +109,7 @@ def test_a_step_that_only_moves_names_no_path() -> None:
         with tree.edit() as edit:
             edit.set_pose(("arm", 3), (x, 0, 0, 1, 0, 0, 0))
         encoder.advance(tree.snapshot)
-    header, body = parse(encoder.update(before).frame)
+    header, body = parse(asyncio.run(encoder.update(before))[0].frame)
     assert set(header) == {"kind", "from", "revision", "poses"}
     assert np.frombuffer(body, "<u4", 1).tolist() == [encoder.id_of(("arm", 3))]
     assert header["poses"]["values"][1] == 7
@@ -119,7 +120,57 @@ def test_updates_are_shared() -> None:
     with tree.edit() as edit:
         edit.set_parts(("a",), (Part(Sphere(1), MATERIAL),))
     encoder.advance(tree.snapshot)
-    assert encoder.update(EMPTY) is encoder.update(EMPTY)
+    assert asyncio.run(encoder.update(EMPTY))[0] is asyncio.run(encoder.update(EMPTY))[0]
+
+
+def many_boxes(count: int) -> Node:
+    edit = TreeEdit(Node())
+    for i in range(count):
+        edit.set_parts(("boxes", i), (Part(Box((0.1, 0.1, 0.1 + i)), Material()),))
+    return edit.commit()
+
+
+async def test_others_have_their_turn_while_a_big_scene_is_encoded_and_it_may_change() -> None:
+    encoder, turns = Encoder(Payloads()), 0
+    first, later = Snapshot(many_boxes(400), 1), Snapshot(many_boxes(401), 2)
+    encoder.advance(first)
+
+    async def others() -> None:
+        nonlocal turns
+        while not encoding.done():
+            turns += 1
+            if turns == 3:
+                encoder.advance(later)
+            await asyncio.sleep(0)
+
+    encoding = asyncio.create_task(encoder.update(EMPTY))
+    same = asyncio.create_task(encoder.update(EMPTY))
+    await others()
+    update, leads_to = await encoding
+    assert turns >= 400 // TURN_CHANGES
+    assert leads_to is first
+    header, _ = parse(update.frame)
+    assert header["revision"] == 1
+    assert len(header["nodes"]) == 401
+    newest, leads_to = await same
+    assert leads_to is later
+    assert len(parse(newest.frame)[0]["nodes"]) == 402
+    step, leads_to = await encoder.update(first)
+    assert leads_to is later
+    assert [node["name"] for node in parse(step.frame)[0]["nodes"] if "name" in node] == [400]
+
+
+async def test_an_update_of_paths_that_were_numbered_anew_meanwhile_is_not_sent() -> None:
+    encoder = Encoder(Payloads(), max_paths=450)
+    encoder.advance(Snapshot(many_boxes(400), 1))
+    session = Session(encoder, Payloads())
+    sending = asyncio.create_task(session.next_update())
+    await asyncio.sleep(0)
+    encoder.advance(Snapshot(many_boxes(460), 2))
+    assert encoder.epoch == 1
+    header, _ = parse((await sending).frame)
+    assert (header["from"], header["revision"], len(header["nodes"])) == (0, 2, 461)
+    assert not session.behind
 
 
 def test_numbers_beyond_float32_are_infinite_without_a_warning() -> None:
@@ -129,7 +180,7 @@ def test_numbers_beyond_float32_are_infinite_without_a_warning() -> None:
         edit.set_matrix(("matrix",), np.diag([1e300, 1, 1, 1]))
     encoder.advance(tree.snapshot)
     model = Model()
-    model.take(encoder.update(EMPTY).frame)
+    model.take(asyncio.run(encoder.update(EMPTY))[0].frame)
     tree_now = model.tree()
     assert tree_now["pose",][2][0] == np.inf
     assert tree_now["matrix",][2][0] == np.inf
@@ -173,7 +224,7 @@ def test_materials_and_channels_are_told() -> None:
     with tree.edit() as edit:
         edit.set_parts(("cloud",), (Part(PointCloud(points, channels), glass, source="scan.ply"),))
     encoder.advance(tree.snapshot)
-    header, _ = parse(encoder.update(EMPTY).frame)
+    header, _ = parse(asyncio.run(encoder.update(EMPTY))[0].frame)
     (part,) = next(entry for entry in header["nodes"] if entry["name"] == "cloud")["parts"]
     assert part["channels"] == {"intensity": 1, "rgb": 3}
     assert (part["points"], part["source"]) == (3, "scan.ply")
@@ -199,7 +250,7 @@ def test_how_a_surface_is_cut_glows_and_reads_its_texture_is_told() -> None:
     with tree.edit() as edit:
         edit.set_parts(("leaf",), (Part(Surface(mesh), leaf),))
     encoder.advance(tree.snapshot)
-    update = encoder.update(EMPTY)
+    update = asyncio.run(encoder.update(EMPTY))[0]
     header, _ = parse(update.frame)
     (part,) = next(entry for entry in header["nodes"] if entry["name"] == "leaf")["parts"]
     material = part["draws"][0]["material"]
