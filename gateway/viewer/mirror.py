@@ -53,11 +53,12 @@ class Mirror:
 
     def __init__(self, root: Node) -> None:
         self._ids: dict[Path, int] = {(): 0}
+        self._paths: list[Path] = [()]
         self.nodes: list[Node] = [root]
         """By number: the node as it is; an empty one where none is any more."""
         self._root = _Mirror(0, root)
         self._steps: deque[Step] = deque(maxlen=KEPT_STEPS)
-        self._grow(self._root, ())
+        self._grow(self._root)
 
     def __len__(self) -> int:
         return len(self._ids)
@@ -99,8 +100,8 @@ class Mirror:
                 unlike.append(mirror)
         for mirror in unlike:
             self._prune(mirror)
-        if unlike:
-            self._grow(self._root, ())
+        for mirror in unlike:
+            self._grow(mirror)
         self._steps.append(Step(before, posed, reshaped, shown, bool(unlike)))
 
     def since(self, revision: int) -> Step | None:
@@ -129,24 +130,23 @@ class Mirror:
             self.nodes[lost.number] = _NOTHING
             stack.extend(lost.children.values())
 
-    def _grow(self, mirror: _Mirror, path: Path) -> None:
-        """Mirrors and numbers what is new anywhere below."""
-        stack = [(mirror, path)]
+    def _grow(self, mirror: _Mirror) -> None:
+        """Mirrors and numbers its new children, and all that is below those."""
+        stack = [mirror]
         while stack:
-            parent, at = stack.pop()
-            mirrored = parent.children
+            parent = stack.pop()
+            at, mirrored = self._paths[parent.number], parent.children
             for name, node in parent.node.children.items():
-                below = (*at, name)
-                child = mirrored.get(name)
-                if child is None:
-                    child = mirrored[name] = self._enter(node, below)
-                if node.children:
-                    stack.append((child, below))
+                if name not in mirrored:
+                    child = mirrored[name] = self._enter(node, (*at, name))
+                    if node.children:
+                        stack.append(child)
 
     def _enter(self, node: Node, path: Path) -> _Mirror:
         number = self._ids.setdefault(path, len(self._ids))
         if number == len(self.nodes):
             self.nodes.append(node)
+            self._paths.append(path)
         else:
             self.nodes[number] = node
         return _Mirror(number, node)
