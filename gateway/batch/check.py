@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
+import os
+from array import array
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import lru_cache
+from itertools import islice
 from pathlib import Path, PurePosixPath
 from typing import Any, Final
 
@@ -18,8 +23,10 @@ from gateway.batch.views import RIGID
 from gateway.client import dataset, manifest
 from gateway.client.manifest import CameraRecord, Failure, ImageFile, ImageType, RecordError, Sample
 
-WAITING: Final = 4
+WAITING: Final = 16
 """Samples per thread that are handed out: their number is not bounded, memory is."""
+KEPT_SCENES: Final = 8
+"""Descriptions of scenes in memory: samples come scene by scene, and one may describe a million paths."""
 
 
 @dataclass(slots=True)
@@ -47,53 +54,99 @@ def check_dataset(folder: Path, threads: int) -> Report:
                 f"{manifest.MANIFEST} is missing: the run has not ended; give its command again to go on"
             )
             return report
-        samples = manifest.read_lines(folder / manifest.MANIFEST, Sample)
         failed = folder / manifest.FAILED
-        failures = manifest.read_lines(failed, Failure) if failed.exists() else []
+        failures = list(manifest.read_lines(failed, Failure)) if failed.exists() else []
     except RecordError as error:
         report.problems.append(str(error))
         return report
     report.notes += [f"{f.scene}{'' if f.view is None else ', ' + f.view} was not drawn: {f.reason}" for f in failures]
     if (folder / manifest.JOURNAL).exists():
         report.notes.append(f"{manifest.JOURNAL} is there: a run is going on, or was stopped")
-    report.samples = len(samples)
-    seen: set[str] = set()
-    for sample in samples:
-        if sample.id in seen:
-            report.problems.append(f"{manifest.MANIFEST}: {sample.id} is there twice")
-        seen.add(sample.id)
-    scenes = _check_scenes(folder, samples, report)
-
-    def problems_of(sample: Sample) -> list[str]:
-        return list(_problems(folder, sample, description, scenes.get(sample.scene)))
-
-    with ThreadPoolExecutor(threads) as pool:
-        step = WAITING * threads
-        for start in range(0, len(samples), step):
-            part = samples[start : start + step]
-            for sample, problems in zip(part, pool.map(problems_of, part), strict=True):
-                report.problems += [f"{sample.id}: {problem}" for problem in problems]
-                report.images += len(sample.images)
-                report.nbytes += sum(image.bytes for image in sample.images.values())
-    _check_strangers(folder, samples, report)
+    try:
+        _check_samples(folder, description, threads, report)
+    except RecordError as error:
+        report.problems.append(str(error))
     return report
 
 
-def _check_scenes(folder: Path, samples: list[Sample], report: Report) -> dict[str, manifest.Scene]:
-    found: dict[str, manifest.Scene] = {}
-    for name in dict.fromkeys(sample.scene for sample in samples):
-        try:
-            scene = manifest.read_file(folder / manifest.SCENES / name / manifest.SCENE, manifest.Scene)
-        except RecordError as error:
-            report.problems.append(str(error))
-            continue
-        if scene.scene != name:
-            report.problems.append(f"{name}: its {manifest.SCENE} is that of {scene.scene}")
-        if scene.sha256 != digest_of(scene.sources):
-            report.problems.append(f"{name}: the hash in {manifest.SCENE} does not follow from those of its sources")
-        found[name] = scene
-    report.scenes = len(found)
-    return found
+def _check_samples(folder: Path, description: manifest.Dataset, threads: int, report: Report) -> None:
+    """
+    Raises:
+        RecordError: the manifest cannot be read to its end.
+    """
+    ids, paths, checked = _Names(), _Names(), set[str]()
+
+    @lru_cache(maxsize=KEPT_SCENES)
+    def scene_of(name: str) -> manifest.Scene | None:
+        problems: list[str] = []
+        scene = _scene(folder, name, problems)
+        if name not in checked:  # the samples of a scene need not come one after the other
+            report.problems.extend(problems)
+            report.scenes += scene is not None
+            checked.add(name)
+        return scene
+
+    def problems_of(sample: Sample, scene: manifest.Scene | None) -> list[str]:
+        return list(_problems(folder, sample, description, scene))
+
+    samples = manifest.read_lines(folder / manifest.MANIFEST, Sample)
+    with ThreadPoolExecutor(threads) as pool:
+        while part := list(islice(samples, WAITING * threads)):
+            scenes = [scene_of(sample.scene) for sample in part]
+            for sample, problems in zip(part, pool.map(problems_of, part, scenes), strict=True):
+                report.problems += [f"{sample.id}: {problem}" for problem in problems]
+                report.samples += 1
+                report.images += len(sample.images)
+                report.nbytes += sum(image.bytes for image in sample.images.values())
+                ids.add(sample.id)
+                for image in sample.images.values():
+                    paths.add(image.path)
+    if twice := ids.twice():
+        again = (sample.id for sample in manifest.read_lines(folder / manifest.MANIFEST, Sample))
+        names = dict.fromkeys(name for name in again if _Names.hashed(name) in twice)
+        report.problems += [f"{manifest.MANIFEST}: {name} is there twice" for name in names]
+    _check_strangers(folder, paths, report)
+
+
+class _Names:
+    """Which names there were, 8 bytes each: of a million, two have the same hash once in 30 million datasets."""
+
+    def __init__(self) -> None:
+        self._hashes = array("Q")
+        self._sorted: NDArray[np.uint64] | None = None
+
+    @staticmethod
+    def hashed(name: str) -> int:
+        return int.from_bytes(hashlib.blake2b(name.encode("utf-8", "replace"), digest_size=8).digest(), "little")
+
+    def add(self, name: str) -> None:
+        self._hashes.append(self.hashed(name))
+
+    def twice(self) -> set[int]:
+        """Hashes of the names that were added more than once."""
+        values = np.sort(np.array(self._hashes, np.uint64))
+        return set(values[1:][values[1:] == values[:-1]].tolist())
+
+    def __contains__(self, name: str) -> bool:
+        if self._sorted is None:
+            self._sorted = np.sort(np.array(self._hashes, np.uint64))
+        value = np.uint64(self.hashed(name))
+        place = int(np.searchsorted(self._sorted, value))
+        return place < len(self._sorted) and bool(self._sorted[place] == value)
+
+
+def _scene(folder: Path, name: str, problems: list[str]) -> manifest.Scene | None:
+    """The description of a scene; what is wrong with it is added to the problems."""
+    try:
+        scene = manifest.read_file(folder / manifest.SCENES / name / manifest.SCENE, manifest.Scene)
+    except RecordError as error:
+        problems.append(str(error))
+        return None
+    if scene.scene != name:
+        problems.append(f"{name}: its {manifest.SCENE} is that of {scene.scene}")
+    if scene.sha256 != digest_of(scene.sources):
+        problems.append(f"{name}: the hash in {manifest.SCENE} does not follow from those of its sources")
+    return scene
 
 
 def _problems(
@@ -169,11 +222,12 @@ def _image_problem(
     return ""
 
 
-def _check_strangers(folder: Path, samples: list[Sample], report: Report) -> None:
+def _check_strangers(folder: Path, known: _Names, report: Report) -> None:
     """Files that nobody speaks of: harmless, but a sign of something else writing there."""
-    known = {image.path for sample in samples for image in sample.images.values()}
-    for path in sorted((folder / manifest.SCENES).rglob("*")):
-        relative = path.relative_to(folder).as_posix()
-        if path.is_file() and relative not in known and path.name != manifest.SCENE:
-            kind = "left by a process that was killed" if path.suffix == PART else "not in the manifest"
-            report.notes.append(f"{relative}: {kind}")
+    for path, folders, files in os.walk(folder / manifest.SCENES):
+        folders.sort()
+        for name in sorted(files):
+            relative = (Path(path) / name).relative_to(folder).as_posix()
+            if name != manifest.SCENE and relative not in known:
+                kind = "left by a process that was killed" if name.endswith(PART) else "not in the manifest"
+                report.notes.append(f"{relative}: {kind}")

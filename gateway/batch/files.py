@@ -5,7 +5,7 @@ from __future__ import annotations
 import fcntl
 import hashlib
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
@@ -15,17 +15,25 @@ PART: Final = ".part"
 _BLOCK: Final = 1 << 20
 
 
-def write_whole(path: Path, data: bytes) -> None:
-    """Writes a file under another name of the same folder and renames it; folders are made.
+def write_whole(path: Path, data: bytes | Iterable[bytes]) -> None:
+    """Writes a file, whole or in pieces, under another name of the same folder and renames it; folders are made.
 
     A process that is killed meanwhile leaves a ``.part`` file, which the end of the next run removes.
     """
+    with part_of(path) as part:
+        with part.open("wb") as file:
+            file.writelines((data,) if isinstance(data, bytes) else data)
+        part.replace(path)
+
+
+@contextmanager
+def part_of(path: Path) -> Iterator[Path]:
+    """The name under which a file is written; what still has it after an error is removed. Folders are made."""
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f"{path.name}.{os.getpid()}{PART}")
     try:
-        part.write_bytes(data)
-        part.replace(path)
-    except OSError:
+        yield part
+    except BaseException:
         part.unlink(missing_ok=True)
         raise
 

@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
 from gateway import __version__
 from gateway.batch.camerafile import CameraFile
-from gateway.batch.files import sha256_of
-from gateway.batch.scenes import digest_of
 from gateway.batch.sources import Kind, Source
 from gateway.batch.views import REQUEST, View
 from gateway.client import manifest
-from gateway.client.manifest import Failure, RecordError, Sample, Settings, SourceFile
+from gateway.client.manifest import Failure, RecordError, Sample, Settings
 
 VIEWS_PER_TASK: Final = 16
 """Reading a scene is paid once a task, and what a killed worker loses is a task: 16 views are about a second."""
-HASHED_AT_ONCE: Final = 1000
-"""Samples handed to the hashing threads: there may be millions."""
+
+_OF_REQUEST: Final = (View(REQUEST, None),)
 
 CONVENTIONS: Final = {
     "units": "metres, pixels; the world is right-handed and Z up",
@@ -76,7 +73,7 @@ class Order:
     def views_of(self, source: Source) -> tuple[View, ...]:
         """The views of a scene."""
         if source.kind is Kind.REQUEST:
-            return (View(REQUEST, None),)
+            return _OF_REQUEST
         return self.own_views.get(source.name, self.views)
 
     @property
@@ -114,8 +111,8 @@ def description(settings: Settings, renderer: str) -> manifest.Dataset:
     )
 
 
-def check_folder(order: Order, wanted: manifest.Dataset) -> list[Sample]:
-    """What earlier runs left in the folder of the dataset, if it is the same dataset.
+def check_folder(order: Order, wanted: manifest.Dataset) -> manifest.Dataset | None:
+    """What the folder of the dataset holds: nothing, or the same dataset, perhaps of another version of the renderer.
 
     Raises:
         PlanError: the folder holds something else, which would be spoilt.
@@ -124,15 +121,9 @@ def check_folder(order: Order, wanted: manifest.Dataset) -> list[Sample]:
     if not (out / manifest.DATASET).exists():
         if out.is_dir() and any(out.iterdir()):
             raise PlanError(f"{out} is not empty and holds no dataset")
-        return []
+        return None
     try:
         found = manifest.read_dataset(out)
-        samples = {
-            sample.id: sample
-            for name in (manifest.MANIFEST, manifest.JOURNAL)
-            if (out / name).exists()
-            for sample in manifest.read_lines(out / name, Sample, torn_end=name == manifest.JOURNAL)
-        }
     except RecordError as error:
         raise PlanError(str(error)) from None
     if found.settings != wanted.settings:
@@ -142,60 +133,19 @@ def check_folder(order: Order, wanted: manifest.Dataset) -> list[Sample]:
         raise PlanError(
             f"{out} holds a dataset with other settings ({name}: {there} there, {here} now); name another folder"
         )
-    planned = {f"{source.name}/{view.name}" for source in order.sources for view in order.views_of(source)}
-    strangers = sorted(samples.keys() - planned)
-    if strangers:
-        raise PlanError(
-            f"{out} holds {len(strangers)} pictures of scenes or views that this command does not name "
-            f"({strangers[0]}); name another folder"
-        )
-    if found.renderer != wanted.renderer:
-        return []  # drawn by another version: all again
-    return list(samples.values())
+    return found
 
 
-def done_of(order: Order, known: Iterable[Sample], threads: int = 1) -> Iterator[Sample]:
-    """Those of the known samples that need not be drawn again: same scene, same view, files as they were written.
-
-    ``threads``: that read and hash the pictures.
-    """
-    wanted = {
-        f"{source.name}/{view.name}": (source, view) for source in order.sources for view in order.views_of(source)
-    }
-    digests: dict[str, str | None] = {}
-    same: list[Sample] = []
-    for sample in known:
-        source, view = wanted[sample.id]
-        if source.name not in digests:
-            digests[source.name] = _scene_digest(order.out, source)
-        if sample.asked == view.asked and sample.scene_sha256 == digests[source.name]:
-            same.append(sample)
-
-    def is_whole(sample: Sample) -> bool:
-        return all(sha256_of(order.out / image.path) == image.sha256 for image in sample.images.values())
-
-    with ThreadPoolExecutor(threads) as pool:
-        for start in range(0, len(same), HASHED_AT_ONCE):
-            part = same[start : start + HASHED_AT_ONCE]
-            yield from (sample for sample, whole in zip(part, pool.map(is_whole, part), strict=True) if whole)
-
-
-def _scene_digest(out: Path, source: Source) -> str | None:
-    """The hash that the scene would have now, of the files that it was read from; None when one is missing."""
-    try:
-        known = manifest.read_file(out / manifest.SCENES / source.name / manifest.SCENE, manifest.Scene)
-    except RecordError:
-        return None
-    folder = Path(source.path).parent
-    now = tuple(SourceFile(file.path, sha256_of(folder / file.path) or "") for file in known.sources)
-    return digest_of(now)
-
-
-def tasks_of(order: Order, done: set[str], renderer: str) -> list[Task]:
-    """The tasks that are left, in the order of the scenes."""
+def tasks_of(order: Order, is_done: Callable[[int], bool], renderer: str) -> list[Task]:
+    """The tasks that are left, in the order of the scenes; ``is_done`` is asked by a sample's number in that order."""
     tasks: list[Task] = []
+    first = 0
     for source in order.sources:
-        views = [view for view in order.views_of(source) if f"{source.name}/{view.name}" not in done]
+        all_of = order.views_of(source)
+        views = [view for number, view in enumerate(all_of, first) if not is_done(number)]
+        first += len(all_of)
+        if source.problem:
+            continue
         for start in range(0, len(views), VIEWS_PER_TASK):
             part = tuple(views[start : start + VIEWS_PER_TASK])
             tasks.append(Task(len(tasks), source, part, str(order.out), order.settings, renderer))

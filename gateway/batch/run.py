@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 
-from gateway.batch.files import alone, remove_parts, write_whole
-from gateway.batch.plan import Order, Result, Task, check_folder, description, done_of, tasks_of
+from gateway.batch.files import alone, part_of, remove_parts, write_whole
+from gateway.batch.known import check_samples, good_samples
+from gateway.batch.ledger import Ledger, Plan
+from gateway.batch.plan import Order, Result, Task, check_folder, description, tasks_of
 from gateway.client import manifest
-from gateway.client.manifest import Failure, Sample
+from gateway.client.manifest import Failure
 from gateway.ops import kernels
 from gateway.workers import usable_cpus
 
@@ -55,41 +57,47 @@ def _run(order: Order, execute: Execute, report: Callable[[Progress], None]) -> 
     out = order.out
     renderer = kernels.sources_digest()
     wanted = description(order.settings, renderer)
-    samples = {sample.id: sample for sample in done_of(order, check_folder(order, wanted), usable_cpus())}
-    progress = Progress(order.size, kept=len(samples))
-    write_whole(out / manifest.DATASET, manifest.encode_for_people(wanted))
-    # From here on the journal says what is there; without it the next run would believe an old manifest.
-    write_whole(out / manifest.JOURNAL, _lines(samples.values()))
-    for name in (manifest.MANIFEST, manifest.FAILED):
-        (out / name).unlink(missing_ok=True)
-    report(progress)
-    with (out / manifest.JOURNAL).open("ab") as journal:
-        for result in execute(tasks_of(order, set(samples), renderer)):
+    found = check_folder(order, wanted)
+    plan = Plan(order)
+    if found is None:
+        write_whole(out / manifest.DATASET, manifest.encode_for_people(wanted))
+    else:
+        check_samples(order, plan)
+    with part_of(out / manifest.JOURNAL) as part, part.open("w+b") as journal:
+        ledger = Ledger(plan, journal)
+        if found is not None and found.renderer == renderer:  # another version draws all again
+            for sample in good_samples(order, plan, usable_cpus()):
+                ledger.add(sample)
+        ledger.flush()
+        # From here on the journal says what is there; without it the next run would believe an old manifest.
+        part.replace(out / manifest.JOURNAL)
+        for name in (manifest.MANIFEST, manifest.FAILED):
+            (out / name).unlink(missing_ok=True)
+        write_whole(out / manifest.DATASET, manifest.encode_for_people(wanted))
+        refused = (Failure(source.shown, None, source.problem) for source in order.sources if source.problem)
+        progress = Progress(plan.size, kept=ledger.count, failures=dict.fromkeys(refused))
+        report(progress)
+        for result in execute(tasks_of(order, ledger.has, renderer)):
             for sample in result.samples:
-                samples[sample.id] = sample
-                journal.write(manifest.encode(sample) + b"\n")
-            journal.flush()
+                ledger.add(sample)
+            ledger.flush()
             progress.drawn += len(result.samples)
             progress.failures.update(dict.fromkeys(result.failures))
             if result.warnings and result.samples:
                 progress.warnings[result.samples[0].scene] = result.warnings
             report(progress)
-    _finish(order, samples, progress.failures)
+        _finish(order, ledger, progress.failures)
     return progress
 
 
-def _finish(order: Order, samples: dict[str, Sample], failures: Iterable[Failure]) -> None:
+def _finish(order: Order, ledger: Ledger, failures: Iterable[Failure]) -> None:
     out = order.out
+    remove_parts(out)
     for source in order.sources:
         folder = out / manifest.SCENES / source.name
-        if folder.is_dir():
+        if not source.problem and folder.is_dir():
             remove_parts(folder)
     if failed := sorted(failures, key=lambda failure: (failure.scene, failure.view or "")):
-        write_whole(out / manifest.FAILED, _lines(failed))
-    planned = (f"{source.name}/{view.name}" for source in order.sources for view in order.views_of(source))
-    write_whole(out / manifest.MANIFEST, _lines(samples[name] for name in planned if name in samples))
+        write_whole(out / manifest.FAILED, (manifest.encode(failure) + b"\n" for failure in failed))
+    write_whole(out / manifest.MANIFEST, ledger.lines())
     (out / manifest.JOURNAL).unlink()
-
-
-def _lines(records: Iterable[Sample | Failure]) -> bytes:
-    return b"".join(manifest.encode(record) + b"\n" for record in records)

@@ -40,10 +40,17 @@ class Source:
     path: str
     """Absolute."""
     kind: Kind
+    problem: str = ""
+    """Why there can be no pictures under this name; empty: there can."""
+
+    @property
+    def shown(self) -> str:
+        """The name in one line, whatever it is made of."""
+        return self.name if self.name.isprintable() else repr(self.name)[1:-1]
 
 
 def find_sources(inputs: Iterable[Path]) -> tuple[Source, ...]:
-    """The scenes of the inputs, ordered by name.
+    """The scenes of the inputs, ordered by name; those whose name cannot be used say so.
 
     Raises:
         SourceError: an input holds no scene, or two scenes would have the same name.
@@ -84,9 +91,12 @@ def _named(path: Path) -> Source:
 
 
 def _source(name: str, path: Path, kind: Kind) -> Source:
-    if len(name) > MAX_NAME or not name.isprintable() or "\\" in name:
-        raise SourceError(f"{name[:80]!r} cannot be a scene's name: too long, or characters that are not printable")
-    return Source(name, str(path.resolve()), kind)
+    problem = ""
+    if len(name) > MAX_NAME:
+        problem = f"a name of {len(name)} characters; {MAX_NAME} are the most: rename the file"
+    elif odd := next((character for character in name if character == "\\" or not character.isprintable()), None):
+        problem = f"a name with the character {odd!r}, which not every system can write: rename the file"
+    return Source(name, str(path.resolve()), kind, problem)
 
 
 def kind_of(path: Path) -> Kind | None:

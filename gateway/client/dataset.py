@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.client import manifest
+from gateway.client.lines import Lines
 from gateway.client.manifest import ImageType, RecordError
 
 NO_LABEL: Final = 0xFFFFFF
@@ -96,7 +97,11 @@ class Sample:
 
 
 class Dataset(Sequence[Sample]):
-    """The samples of a dataset, in the order of its manifest."""
+    """The samples of a dataset, in the order of its manifest.
+
+    Of the manifest only the places of its lines are kept in memory; a bad line is a RecordError when it is asked for.
+    Can be pickled, as the workers of data loaders need it.
+    """
 
     def __init__(self, folder: str | Path) -> None:
         """
@@ -108,12 +113,12 @@ class Dataset(Sequence[Sample]):
         path = self.folder / manifest.MANIFEST
         if not path.is_file():
             raise RecordError(f"{folder}: the dataset is not finished; run the command that makes it again")
-        self._records = manifest.read_lines(path, manifest.Sample)
+        self._lines = Lines(path)
 
     @cached_property
     def scenes(self) -> tuple[str, ...]:
-        """Names of all scenes."""
-        return tuple(dict.fromkeys(record.scene for record in self._records))
+        """Names of all scenes. Reads the whole manifest."""
+        return tuple(dict.fromkeys(self._record(index).scene for index in range(len(self))))
 
     def labels(self, scene: str) -> Mapping[int, tuple[tuple[str | int, ...], ...]]:
         """What the labels of a scene's pictures mean: the paths of the nodes that carry each."""
@@ -121,7 +126,7 @@ class Dataset(Sequence[Sample]):
         return {int(label): paths for label, paths in found.labels.items()}
 
     def __len__(self) -> int:
-        return len(self._records)
+        return len(self._lines)
 
     @overload
     def __getitem__(self, index: int) -> Sample: ...
@@ -129,11 +134,14 @@ class Dataset(Sequence[Sample]):
     def __getitem__(self, index: slice) -> list[Sample]: ...
     def __getitem__(self, index: int | slice) -> Sample | list[Sample]:
         if isinstance(index, slice):
-            return [self._sample(record) for record in self._records[index]]
-        return self._sample(self._records[index])
+            return [self._sample(number) for number in range(*index.indices(len(self)))]
+        return self._sample(index)
 
     def __iter__(self) -> Iterator[Sample]:
-        return (self._sample(record) for record in self._records)
+        return map(self._sample, range(len(self)))
 
-    def _sample(self, record: manifest.Sample) -> Sample:
-        return Sample(self.folder, record, self.description.settings.depth_format)
+    def _sample(self, index: int) -> Sample:
+        return Sample(self.folder, self._record(index), self.description.settings.depth_format)
+
+    def _record(self, index: int) -> manifest.Sample:
+        return manifest.decode(self._lines[index], manifest.Sample, self._lines.where(index))

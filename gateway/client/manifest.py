@@ -6,6 +6,7 @@ folder with a ``scene.json``. No times, no machine names: the same input gives t
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final, Literal, TypeVar
 
@@ -187,8 +188,8 @@ def read_file(path: Path, kind: type[Record]) -> Record:
     return decode(data, kind, str(path))
 
 
-def read_lines(path: Path, kind: type[Record], *, torn_end: bool = False) -> list[Record]:
-    """The records of a file of JSON lines.
+def read_lines(path: Path, kind: type[Record], *, torn_end: bool = False) -> Iterator[Record]:
+    """The records of a file of JSON lines, one after the other.
 
     Args:
         torn_end: whether the last line may be cut off, as a process leaves it that was killed; it is left out then.
@@ -196,7 +197,6 @@ def read_lines(path: Path, kind: type[Record], *, torn_end: bool = False) -> lis
     Raises:
         RecordError: names the line.
     """
-    records: list[Record] = []
     try:
         with path.open("rb") as file:
             number = 0
@@ -207,10 +207,9 @@ def read_lines(path: Path, kind: type[Record], *, torn_end: bool = False) -> lis
                     if torn_end and len(line) <= MAX_LINE:
                         break
                     raise RecordError(f"{where}: {'longer than the limit' if len(line) > MAX_LINE else 'cut off'}")
-                records.append(decode(line, kind, where))
+                yield decode(line, kind, where)
     except OSError as error:
         raise RecordError(f"{path}: {error.strerror or error}") from None
-    return records
 
 
 def read_dataset(folder: Path) -> Dataset:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import subprocess
 import sys
 from pathlib import Path
@@ -11,7 +12,8 @@ import numpy as np
 import pytest
 
 from gateway.client.dataset import Dataset
-from gateway.client.manifest import RecordError
+from gateway.client.lines import Lines
+from gateway.client.manifest import MAX_LINE, RecordError
 from tests.batch.conftest import SETTINGS, Draw, order_of
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "read_dataset.py"
@@ -47,6 +49,53 @@ def test_samples_are_a_sequence(scenes: Path, tmp_path: Path, draw: Draw) -> Non
     recorded = next(sample for sample in dataset if sample.record.view == "request")
     with pytest.raises(RecordError, match=r"has no color picture, only depth"):
         _ = recorded.color
+
+
+def test_data_loaders_can_share_it(scenes: Path, tmp_path: Path, draw: Draw) -> None:
+    draw(order_of(scenes, tmp_path / "out"))
+    dataset = Dataset(tmp_path / "out")
+    other = pickle.loads(pickle.dumps(dataset))
+    assert [sample.id for sample in other] == [sample.id for sample in dataset]
+    assert (other[0].depth == dataset[0].depth).all()
+
+
+def test_a_bad_line_is_named_when_it_is_asked_for(scenes: Path, tmp_path: Path, draw: Draw) -> None:
+    draw(order_of(scenes, tmp_path / "out"))
+    path = tmp_path / "out" / "manifest.jsonl"
+    lines = path.read_bytes().splitlines()
+    path.write_bytes(b"\n".join([lines[0], b'{"id": 1}', *lines[2:], b""]))
+    dataset = Dataset(tmp_path / "out")
+    assert dataset[0].id == "a.gltf/orbit-0"
+    with pytest.raises(RecordError, match=r"manifest.jsonl, line 2: Expected `str`"):
+        _ = dataset[1]
+
+
+@pytest.mark.parametrize(
+    ("data", "problem"),
+    [(b"a\nb", "line 2: cut off"), (b"a\n" + b"x" * (MAX_LINE + 1) + b"\nb\n", "line 2: longer than the limit")],
+)
+def test_lines_that_are_not_whole(tmp_path: Path, data: bytes, problem: str) -> None:
+    (tmp_path / "lines").write_bytes(data)
+    with pytest.raises(RecordError, match=problem):
+        Lines(tmp_path / "lines")
+
+
+def test_lines_by_number(tmp_path: Path) -> None:
+    path = tmp_path / "lines"
+    path.write_bytes(b"")
+    assert len(Lines(path)) == 0
+    path.write_bytes(b"a\n\nlast\n")
+    lines = Lines(path)
+    assert [lines[0], lines[1], lines[-1]] == [b"a", b"", b"last"]
+    for outside in (3, -4):
+        with pytest.raises(IndexError):
+            _ = lines[outside]
+    saved = pickle.dumps(lines)
+    path.write_bytes(b"a\n")
+    with pytest.raises(RecordError, match="has changed"):
+        pickle.loads(saved)
+    with pytest.raises(RecordError, match="No such file"):
+        Lines(tmp_path / "none")
 
 
 def test_no_dataset(tmp_path: Path) -> None:

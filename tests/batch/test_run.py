@@ -139,7 +139,7 @@ def test_bad_scenes_and_views_are_a_line_each(scenes: Path, tmp_path: Path, draw
     (scenes / "cut.multipart").write_bytes(forms.body(forms.gltf())[:-100])
     cameras = CameraFile((View("nobody", 'path:["nobody"]'),))
     progress = draw(order_of(scenes, tmp_path / "out", orbit=40, cameras=cameras))
-    failed = manifest.read_lines(tmp_path / "out" / manifest.FAILED, manifest.Failure)
+    failed = list(manifest.read_lines(tmp_path / "out" / manifest.FAILED, manifest.Failure))
     assert [(failure.scene, failure.view) for failure in failed] == [
         ("a.gltf", "nobody"),
         ("broken.gltf", None),
@@ -152,6 +152,71 @@ def test_bad_scenes_and_views_are_a_line_each(scenes: Path, tmp_path: Path, draw
     assert "cut short" in failed[2].reason
     assert progress.finished == 3 * 40 + 1
     assert len(Dataset(tmp_path / "out")) == progress.finished
+
+
+def test_scenes_whose_names_cannot_be_used_are_a_line_each(scenes: Path, tmp_path: Path, draw: Draw) -> None:
+    good = (scenes / "a.gltf").read_bytes()
+    long = f"{'b' * 235}.gltf"
+    for name in ("two\nlines.gltf", long, "c\\d.gltf"):
+        (scenes / name).write_bytes(good)
+    out = tmp_path / "out"
+    progress = draw(order_of(scenes, out))
+    failed = list(manifest.read_lines(out / manifest.FAILED, manifest.Failure))
+    assert [(failure.scene, failure.view) for failure in failed] == [
+        (long, None),
+        ("c\\d.gltf", None),
+        (r"two\nlines.gltf", None),
+    ]
+    assert failed[0].reason == "a name of 240 characters; 200 are the most: rename the file"
+    assert failed[2].reason.startswith(r"a name with the character '\n'")
+    assert (progress.drawn, progress.total) == (7, 13)
+    assert len(Dataset(out)) == 7
+    for name in ("two\nlines.gltf", long, "c\\d.gltf"):
+        (scenes / name).rename(scenes / f"{name[0]}.gltf")
+    progress = draw(order_of(scenes, out))
+    assert (progress.kept, progress.drawn, progress.failures) == (7, 6, {})
+    assert not (out / manifest.FAILED).exists()
+
+
+def test_the_command_draws_the_others_and_ends_with_1(scenes: Path, tmp_path: Path) -> None:
+    (scenes / "two\nlines.gltf").write_bytes((scenes / "a.gltf").read_bytes())
+    command = [sys.executable, "-m", "gateway.cli", "render", str(scenes), "--width", "32", "--height", "24"]
+    done = subprocess.run([*command, "-o", str(tmp_path / "out")], capture_output=True, text=True, check=False)
+    assert done.returncode == 1, done.stderr
+    assert r"scenegate: two\nlines.gltf: a name with the character '\n'" in done.stderr
+    assert "4 of 5 samples" in done.stderr
+    picture = [str(scenes / "two\nlines.gltf"), "-o", str(tmp_path / "one.png")]
+    command[4:5] = picture  # a single picture has no place in a dataset, and needs no name
+    assert subprocess.run(command, capture_output=True, text=True, check=False).returncode == 0
+    assert (tmp_path / "one.png").read_bytes() == (tmp_path / "out/scenes/a.gltf/default.color.png").read_bytes()
+
+
+def test_a_run_that_was_killed_at_its_very_end_goes_on(scenes: Path, tmp_path: Path, draw: Draw) -> None:
+    out = tmp_path / "out"
+    draw(order_of(scenes, out))
+    whole = contents(out)
+    lines = (out / manifest.MANIFEST).read_bytes().splitlines(keepends=True)
+    (out / manifest.JOURNAL).write_bytes(b"".join(reversed(lines)))  # the manifest is there, the journal still is
+    (out / f"{manifest.MANIFEST}.7.part").write_bytes(lines[0])
+    progress = draw(order_of(scenes, out))
+    assert (progress.kept, progress.drawn) == (7, 0)
+    assert contents(out) == whole
+
+
+def test_pictures_of_another_renderer_are_drawn_again(scenes: Path, tmp_path: Path, draw: Draw) -> None:
+    out = tmp_path / "out"
+    draw(order_of(scenes, out))
+    whole = contents(out)
+    description = out / manifest.DATASET
+    known = manifest.read_dataset(out)
+    description.write_bytes(manifest.encode_for_people(msgspec.structs.replace(known, renderer="0" * 16)))
+    with pytest.raises(KeyboardInterrupt):
+        draw(order_of(scenes, out), most=0)
+    assert manifest.read_dataset(out).renderer == known.renderer
+    assert not (out / manifest.MANIFEST).exists(), "an old manifest under a new renderer would be believed"
+    progress = draw(order_of(scenes, out))
+    assert (progress.kept, progress.drawn) == (0, 7)
+    assert contents(out) == whole
 
 
 def test_a_folder_with_something_else_is_left_alone(scenes: Path, tmp_path: Path, draw: Draw) -> None:
@@ -259,7 +324,7 @@ def test_a_command_that_is_told_to_stop_leaves_no_process_and_goes_on_later(scen
     assert process.returncode == 130
     assert "Traceback" not in said
     assert "The same command goes on from here" in said
-    done = manifest.read_lines(journal, manifest.Sample)
+    done = list(manifest.read_lines(journal, manifest.Sample))
     assert 0 < len(done) < 4500
     for sample in done:
         assert all((out / image.path).stat().st_size == image.bytes for image in sample.images.values())

@@ -1,20 +1,31 @@
-"""The other tests of this folder once more, from a container of their own against one with the gateway."""
+"""docker-compose.yml with containers: every profile does its work, and the other tests of this folder pass in one."""
 
 from __future__ import annotations
 
 import os
 import re
-import uuid
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TypeVar
 
+import httpx2
 import pytest
 
-from tests.support.engines import BASE, Engine, engines
-from tests.support.ports import free_ports
+from tests.support.engines import BASE, Engine, Project, engines
+from tests.support.forms import CONTENT_TYPE, body
 
 pytestmark = [pytest.mark.compose, pytest.mark.slow]
 
 IMAGES = {"scenegate": "Dockerfile", "scenegate-test": "tests/compose/Dockerfile"}
-PORTS = ("HTTP_PORT", "TCPQ_PORT", "GRPC_PORT")
+START_SECONDS = 180.0
+RECORDED = 250
+"""Image sets of docker-compose.yml's recorder."""
+RENDERS = 120
+SCENE = {"asset": {"version": "2.0"}, "scene": 0, "scenes": [{}]}
+
+Value = TypeVar("Value")
 
 
 @pytest.fixture(scope="module", params=["docker", "podman"])
@@ -34,15 +45,141 @@ def engine(request: pytest.FixtureRequest) -> Engine:
     return chosen
 
 
-def test_the_tests_pass_in_a_container(engine: Engine) -> None:
-    project = ("-p", f"scenegate{uuid.uuid4().hex[:8]}", "--profile", "test")
-    ports = dict(zip(PORTS, map(str, free_ports(len(PORTS))), strict=True))
-    try:
-        ran = engine.run_compose(*project, "run", "--rm", "-T", "test", env=ports)
+@pytest.fixture
+def tell(capsys: pytest.CaptureFixture[str]) -> Callable[[str], None]:
+    """Shows a figure in the output of the tests, passed or not."""
+
+    def show(text: str) -> None:
+        with capsys.disabled():
+            print(f"\n  {text}", end="", flush=True)
+
+    return show
+
+
+def wait_for(what: str, ask: Callable[[], Value | None]) -> Value:
+    """The first answer that is not None and not empty."""
+    limit = time.monotonic() + START_SECONDS
+    said: object = None
+    while time.monotonic() < limit:
+        try:
+            if found := ask():
+                return found
+        except httpx2.TransportError as error:
+            said = error
+        time.sleep(0.1)
+    raise AssertionError(f"{what} did not come in {START_SECONDS:.0f} s; {said or ''}")
+
+
+def ready(project: Project) -> bool | None:
+    return httpx2.get(f"{project.url('HTTP_PORT')}/readyz").status_code == 200 or None
+
+
+@contextmanager
+def needs(engine: Engine, service: str) -> Iterator[Project]:
+    """A project, where the image of a service of others is to be had."""
+    if not engine.has_for(service):
+        pytest.skip(f"{engine.name} cannot pull the image of {service}")
+    with engine.project() as project:
+        yield project
+
+
+def test_the_gateway_is_soon_ready(engine: Engine, tell: Callable[[str], None]) -> None:
+    tell(engine.described)
+    tell(f"image: {engine.megabytes('scenegate'):.0f} MB, of which its base is {engine.megabytes(BASE):.0f} MB")
+    with engine.project() as project:
+        began = time.monotonic()
+        project.up("", "gateway")
+        returned = time.monotonic() - began
+        wait_for("readiness", lambda: ready(project))
+        tell(f"ready {time.monotonic() - began:.1f} s after `up -d` began, which took {returned:.1f} s of them")
+        (container,) = project.containers("gateway")
+        probe = engine.run("exec", container, "python", "-m", "gateway.ops.probe")
+        who = engine.run("exec", container, "id", "-u").strip()
+        tell(f"user {who}; the health check's command: {probe.strip() or 'ready'}")
+        assert who == "10001"
+
+
+def test_the_tests_pass_in_a_container(engine: Engine, tell: Callable[[str], None]) -> None:
+    with engine.project() as project:
+        project.profiles["test"] = None
+        ran = project.compose("--profile=test", "run", "--rm", "-T", "test")
         assert ran.returncode == 0, ran.stdout[-4000:] + ran.stderr[-4000:]
+        for line in ran.stdout.strip().splitlines()[-14:]:
+            tell(f"| {line}")
         passed = re.search(r"(\d+) passed", ran.stdout)
         assert passed is not None
         assert int(passed[1]) >= 14, "LCM and the browser were there, too"
-    finally:
-        ended = engine.run_compose(*project, "down", "-t", "15", "-v", env=ports)
-    assert ended.returncode == 0, ended.stderr[-4000:]
+
+
+def test_demo_publishes_and_records(engine: Engine, tell: Callable[[str], None]) -> None:
+    with engine.project() as project:
+        project.up("demo")
+        (recorder,) = wait_for("the recorder", lambda: project.containers("recorder"))
+        wait_for("the rover", lambda: "rover" in httpx2.get(f"{project.url('HTTP_PORT')}/scene").text or None)
+        ended = engine.run("wait", recorder).strip()
+        assert ended == "0", engine.run("logs", recorder)[-4000:]
+        listed = f"{project.name}_recorded:/recorded"
+        files = engine.run("run", "--rm", "-v", listed, "--entrypoint", "find", "scenegate", "/recorded", "-type", "f")
+    counts = {kind: len(re.findall(rf"_{kind}\.png$", files, re.MULTILINE)) for kind in ("left", "disparity")}
+    tell(f"demo: the rover is in the scene; files recorded over gRPC: {counts}")
+    assert counts == {"left": RECORDED, "disparity": RECORDED}
+
+
+def test_haproxy_spreads_renders(engine: Engine, tell: Callable[[str], None]) -> None:
+    with needs(engine, "haproxy") as project:
+        project.up("scale", "--scale", "render=3", "haproxy", "render")
+        replicas = project.containers("render")
+        assert len(replicas) == 3
+        request = body(SCENE)
+        with httpx2.Client(base_url=project.url("SCALE_PORT"), timeout=60.0) as client:
+
+            def render() -> int:
+                answer = client.post("/render", content=request, headers={"content-type": CONTENT_TYPE})
+                return answer.status_code
+
+            wait_for("a replica behind HAProxy", lambda: render() == 200 or None)
+            wait_for("all replicas", lambda: all(drawn(engine, each) is not None for each in replicas) or None)
+            before = {each: drawn(engine, each) or 0 for each in replicas}
+            statuses = [render() for _ in range(RENDERS)]
+        share = [(drawn(engine, each) or 0) - before[each] for each in replicas]
+    tell(f"scale: {statuses.count(200)} of {RENDERS} renders answered, by replica: {share}")
+    assert statuses == [200] * RENDERS
+    assert sum(share) == RENDERS
+    assert min(share) > 0
+
+
+def drawn(engine: Engine, container: str) -> int | None:
+    """Renders that a replica says it has answered; None: it is not ready."""
+    ask = (
+        "import urllib.request as u; o = lambda p: u.urlopen('http://127.0.0.1:8000' + p).read().decode();"
+        "o('/readyz'); print([x.split()[1] for x in o('/metrics').splitlines() if x.startswith"
+        "('scenegate_renders_total{') and 'outcome=\"ok\"' in x])"
+    )
+    try:
+        said = engine.run("exec", container, "python", "-c", ask)
+    except AssertionError:
+        return None
+    return sum(int(float(value)) for value in re.findall(r"'([\d.e+]+)'", said))
+
+
+def test_prometheus_scrapes_every_target(engine: Engine, tell: Callable[[str], None]) -> None:
+    with needs(engine, "prometheus") as project:
+        project.up("observe", "gateway", "prometheus")
+        expected = {"scenegate": 1}
+        if engine.has_for("haproxy"):
+            project.up("scale", "--scale", "render=2", "haproxy", "render")
+            expected = {"scenegate": 3, "haproxy": 1}
+        api = f"{project.url('PROMETHEUS_PORT')}/api/v1"
+
+        def up() -> bool | None:
+            active = httpx2.get(f"{api}/targets").json()["data"]["activeTargets"]
+            return Counter(each["labels"]["job"] for each in active if each["health"] == "up") == expected or None
+
+        wait_for(f"Prometheus with the targets {expected}", up)
+        answer = httpx2.get(f"{api}/query", params={"query": "sum(scenegate_interface_ready)"}).json()
+        groups = httpx2.get(f"{api}/rules").json()["data"]["groups"]
+    alerts = [rule["name"] for group in groups for rule in group["rules"]]
+    value = float(answer["data"]["result"][0]["value"][1])
+    tell(f"observe: targets up {expected}, {value:.0f} interfaces ready, {len(alerts)} alerts loaded")
+    assert value >= 1
+    assert alerts

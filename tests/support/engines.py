@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
+import uuid
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+
+from tests.support.ports import free_ports
 
 ROOT = Path(__file__).parents[2]
 BASE = "python:3.11-slim-bookworm"
 """What both of our images start from."""
 BUILD_SECONDS = 1800.0
+PORTS = ("HTTP_PORT", "TCPQ_PORT", "GRPC_PORT", "SCALE_PORT", "PROMETHEUS_PORT")
+"""What docker-compose.yml publishes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,9 +46,67 @@ class Engine:
             not _run(self.name, "image", "inspect", image).returncode or not _run(self.name, "pull", image).returncode
         )
 
-    def run_compose(self, *arguments: str, env: dict[str, str]) -> subprocess.CompletedProcess[str]:
+    def has_for(self, service: str) -> bool:
+        """Whether the image that docker-compose.yml names for a service is here, or can be pulled."""
+        text = (ROOT / "docker-compose.yml").read_text()
+        named = re.search(rf"^  {service}:\n(?:    .*\n)*?    image: (\S+)$", text, re.MULTILINE)
+        assert named is not None, f"docker-compose.yml names no image for {service}"
+        return self.has(named[1])
+
+    def megabytes(self, image: str) -> float:
+        """Size of an image with all of its layers, 10^6 bytes."""
+        return int(self.run("image", "inspect", "--format", "{{.Size}}", image).strip()) / 1e6
+
+    def run(self, *arguments: str) -> str:
+        """What the engine's own command prints with these arguments."""
+        ran = _run(self.name, *arguments)
+        assert ran.returncode == 0, f"{self.name} {' '.join(arguments)}: {ran.stderr[-4000:]}"
+        return ran.stdout
+
+    @property
+    def described(self) -> str:
+        """Names and versions of the engine and of its compose command."""
+        commands = ((self.name, "-v"), (*self.compose, "version"))
+        return ", ".join(_run(*command).stdout.strip().partition("\n")[0] for command in commands)
+
+    @contextmanager
+    def project(self) -> Iterator[Project]:
+        """A compose project of its own, on free ports; its containers, network and volumes go at the end."""
+        ports = dict(zip(PORTS, free_ports(len(PORTS)), strict=True))
+        made = Project(self, f"scenegate{uuid.uuid4().hex[:8]}", ports)
+        try:
+            yield made
+        finally:
+            ended = made.compose(*(f"--profile={name}" for name in made.profiles), "down", "-t", "15", "-v")
+        assert ended.returncode == 0, ended.stderr[-4000:]
+
+
+class Project:
+    """docker-compose.yml under a name and on ports of its own."""
+
+    def __init__(self, engine: Engine, name: str, ports: Mapping[str, int]) -> None:
+        self.engine, self.name, self.ports = engine, name, ports
+        self.profiles: dict[str, None] = {}
+
+    def compose(self, *arguments: str) -> subprocess.CompletedProcess[str]:
         """The compose command with these arguments, to its end."""
-        return _run(*self.compose, *arguments, env=env, seconds=BUILD_SECONDS)
+        env = {name: str(port) for name, port in self.ports.items()}
+        return _run(*self.engine.compose, "-p", self.name, *arguments, env=env, seconds=BUILD_SECONDS)
+
+    def up(self, profile: str, *arguments: str) -> None:
+        """Starts a profile (empty: what has none) in the background, of images that are there."""
+        self.profiles |= {profile: None} if profile else {}
+        ran = self.compose(*([f"--profile={profile}"] if profile else []), "up", "-d", "--no-build", *arguments)
+        assert ran.returncode == 0, ran.stdout[-4000:] + ran.stderr[-4000:]
+
+    def containers(self, service: str) -> list[str]:
+        """The ids of a service's containers, ended ones, too."""
+        of = (f"label=com.docker.compose.project={self.name}", f"label=com.docker.compose.service={service}")
+        return self.engine.run("ps", "-a", "-q", *(f"--filter={each}" for each in of)).split()
+
+    def url(self, port: str) -> str:
+        """The base URL of a published port."""
+        return f"http://127.0.0.1:{self.ports[port]}"
 
 
 def engines() -> tuple[dict[str, Engine], dict[str, str]]:
