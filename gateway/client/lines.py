@@ -1,8 +1,9 @@
-"""Single lines of a file of many: a manifest of a million samples has 0.8 GB, and a reader wants one line of it."""
+"""Single lines of a file of many: a manifest of a million samples has 1 GB, and a reader wants one line of it."""
 
 from __future__ import annotations
 
-import mmap
+import os
+import weakref
 from pathlib import Path
 from typing import Final
 
@@ -11,13 +12,14 @@ from numpy.typing import NDArray
 
 from gateway.client.manifest import MAX_LINE, RecordError
 
-_BLOCK: Final = 16 << 20
+_BLOCK: Final = 4 << 20
 
 
 class Lines:
     """The lines of a file, by number from 0, without their ends; 8 bytes of memory each.
 
-    The file is mapped: one that is replaced meanwhile (by renaming another one) stays what it was.
+    The file stays open: one that is replaced meanwhile (by renaming another one) stays what it was. Threads and forked
+    processes may read at the same time.
     """
 
     def __init__(self, path: Path) -> None:
@@ -26,17 +28,26 @@ class Lines:
             RecordError: it cannot be read, has a line beyond ``MAX_LINE``, or its last line is cut off.
         """
         self._path = path
-        self._data = _mapped(path)
+        self._file = self._open()
         found: list[NDArray[np.int64]] = [np.zeros(1, np.int64)]
-        for start in range(0, len(self._data), _BLOCK):
-            block = np.frombuffer(self._data, np.uint8, min(_BLOCK, len(self._data) - start), start)
-            found.append(np.flatnonzero(block == ord("\n")) + (start + 1))
+        size = 0
+        while block := os.pread(self._file, _BLOCK, size):
+            found.append(np.flatnonzero(np.frombuffer(block, np.uint8) == ord("\n")) + (size + 1))
+            size += len(block)
         self._starts = np.concatenate(found)
-        long = np.flatnonzero(np.diff(self._starts, append=len(self._data)) > MAX_LINE)
+        long = np.flatnonzero(np.diff(self._starts, append=size) > MAX_LINE)
         if long.size:
             raise RecordError(f"{self.where(int(long[0]))}: longer than the limit")
-        if self._starts[-1] != len(self._data):
+        if self._starts[-1] != size:
             raise RecordError(f"{self.where(len(self))}: cut off")
+
+    def _open(self) -> int:
+        try:
+            file = os.open(self._path, os.O_RDONLY | os.O_CLOEXEC)
+        except OSError as error:
+            raise RecordError(f"{self._path}: {error.strerror or error}") from None
+        weakref.finalize(self, os.close, file)
+        return file
 
     def __len__(self) -> int:
         return len(self._starts) - 1
@@ -46,7 +57,8 @@ class Lines:
             number += len(self)
         if not 0 <= number < len(self):
             raise IndexError(f"line {number} of {len(self)}")
-        return self._data[int(self._starts[number]) : int(self._starts[number + 1]) - 1]
+        start, end = int(self._starts[number]), int(self._starts[number + 1])
+        return os.pread(self._file, end - start - 1, start)
 
     def where(self, number: int) -> str:
         """For messages."""
@@ -57,16 +69,6 @@ class Lines:
 
     def __setstate__(self, state: tuple[Path, NDArray[np.int64]]) -> None:
         self._path, self._starts = state
-        self._data = _mapped(self._path)
-        if len(self._data) != self._starts[-1]:
+        self._file = self._open()
+        if os.fstat(self._file).st_size != self._starts[-1]:
             raise RecordError(f"{self._path} has changed")
-
-
-def _mapped(path: Path) -> mmap.mmap | bytes:
-    try:
-        with path.open("rb") as file:
-            if path.stat().st_size == 0:  # nothing cannot be mapped
-                return b""
-            return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-    except OSError as error:
-        raise RecordError(f"{path}: {error.strerror or error}") from None

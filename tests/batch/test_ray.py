@@ -12,9 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import msgspec
 import pytest
 
-from tests.batch.conftest import FACET, TREE, Draw, contents, order_of
+from tests.batch.conftest import FACET, SETTINGS, TREE, Draw, contents, order_of
 from tests.support.gateway_process import START_SECONDS
 from tests.support.ports import free_ports
 
@@ -65,7 +66,8 @@ def cluster(python: str, folders: tuple[Path, Path]) -> Iterator[dict[str, Any]]
     """Two nodes that have made the dataset while a worker was killed, and are still there."""
     scenes, out = folders
     errors = out.with_name("errors.txt")
-    command = [python, "-m", "tests.batch.ray_cluster", str(scenes), str(out), str(ORBIT)]
+    settings = msgspec.json.encode(SETTINGS).decode()
+    command = [python, "-m", "bench.ray_nodes", str(scenes), str(out), str(ORBIT), settings]
     with errors.open("w") as file:
         process = subprocess.Popen(
             command, cwd=ROOT, env=environment(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=file, text=True

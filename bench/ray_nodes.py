@@ -1,9 +1,10 @@
 """A Ray cluster of two nodes on this machine makes a dataset while one of its workers is killed.
 
-    python -m tests.batch.ray_cluster SCENES OUT ORBIT
+    python -m bench.ray_nodes SCENES OUT ORBIT SETTINGS
 
-Run by ``test_ray.py`` with an interpreter that has Ray and Scenegate. Prints a line of JSON: what was drawn, how many
-workers were killed, and the cluster's address, which lives until standard input ends.
+Run by ``bench.cluster`` and by the tests, with an interpreter that has Ray and Scenegate. SETTINGS are those of a
+dataset as JSON. Prints a line of JSON: what was drawn, how many workers were killed, and the cluster's address, which
+lives until standard input ends. Each ``replicas`` there prints how many replicas of Ray Serve's render endpoint run.
 """
 
 from __future__ import annotations
@@ -16,9 +17,28 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-KILL_AFTER = 0.4
+import msgspec
+
+if TYPE_CHECKING:
+    from gateway.batch.plan import Order
+    from gateway.client.manifest import Settings
+
+KILL_AFTER = 0.5
 """Part of the tasks that must be done before a worker is killed."""
+
+
+def order(scenes: Path, out: Path, orbit: int, settings: Settings) -> Order:
+    """Every scene of a folder from so many cameras around it."""
+    from gateway.batch.camerafile import CameraFile
+    from gateway.batch.plan import make_order
+    from gateway.batch.sources import find_sources
+    from gateway.batch.views import View
+    from gateway.scene.cameras import OrbitCamera
+
+    views = tuple(View(f"orbit-{index}", OrbitCamera(index, orbit, 30.0)) for index in range(orbit))
+    return make_order(find_sources([scenes]), views, CameraFile(), settings, out)
 
 
 def parent_of(pid: int) -> int:
@@ -47,7 +67,20 @@ def drawing_workers() -> list[int]:
     return found
 
 
-def main(scenes: Path, out: Path, orbit: int) -> None:
+def replicas(address: str) -> int:
+    """Replicas of ``examples/ray_serve.py`` that answer requests."""
+    import ray
+    from ray import serve
+
+    if not ray.is_initialized():
+        ray.init(address, log_to_driver=False, logging_level="ERROR")
+    application = serve.status().applications.get("scenegate")
+    if application is None or "render" not in application.deployments:
+        return 0
+    return int(application.deployments["render"].replica_states.get("RUNNING", 0))
+
+
+def main(scenes: Path, out: Path, orbit: int, settings: bytes) -> None:
     from gateway import warmup
     from gateway.ops import kernels
 
@@ -57,7 +90,7 @@ def main(scenes: Path, out: Path, orbit: int) -> None:
     from gateway.batch.plan import Result, Task
     from gateway.batch.raytasks import run_ray
     from gateway.batch.run import run
-    from tests.batch.conftest import order_of
+    from gateway.client.manifest import Settings
 
     store = 100 << 20
     cluster = Cluster(True, head_node_args={"num_cpus": 1, "include_dashboard": False, "object_store_memory": store})
@@ -84,7 +117,8 @@ def main(scenes: Path, out: Path, orbit: int) -> None:
         killer.join()
 
     try:
-        progress = run(order_of(scenes, out, orbit=orbit), execute, lambda _: None)
+        asked = order(scenes, out, orbit, msgspec.json.decode(settings, type=Settings))
+        progress = run(asked, execute, lambda _: None)
         said = {
             "drawn": progress.drawn,
             "failures": [failure.reason for failure in progress.failures],
@@ -94,10 +128,12 @@ def main(scenes: Path, out: Path, orbit: int) -> None:
             "address": cluster.address,
         }
         print(json.dumps(said), flush=True)
-        sys.stdin.read()
+        for line in sys.stdin:
+            if line.strip() == "replicas":
+                print(replicas(cluster.address), flush=True)
     finally:
         cluster.shutdown()
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]))
+    main(Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]), sys.argv[4].encode())
