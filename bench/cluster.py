@@ -43,7 +43,7 @@ def settings() -> Any:
     from gateway.client.manifest import Settings
 
     return Settings(
-        types=("color", "depth", "label"), width=320, height=240, fovy=45.0, look="auto", up="auto", antialias="fxaa",
+        types=("color", "depth", "label"), width=320, height=240, fovy=45.0, look="plain", up="auto", antialias="fxaa",
         depth_format="png", background=(204, 229, 255),
     )  # fmt: skip
 
@@ -182,8 +182,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write_scenes(folder / "scenes")
-        seconds = alone(folder / "scenes", folder / "one", orbit)
         with nodes(options.ray, folder / "scenes", folder / "ray", orbit) as (cluster, said):
+            seconds = alone(folder / "scenes", folder / "one", orbit)
             rows = list(dataset_rows(said, folder / "one", folder / "ray", seconds, SCENES * orbit))
             if options.serve:
                 rows += served(options.ray, cluster, said["address"], 20000 + os.getpid() % 20000)

@@ -15,9 +15,9 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 
 KILL_AFTER = 0.5
 """Part of the tasks that must be done before a worker is killed."""
+STARTS = 3
+STORE_BYTES = 100 << 20
+"""Of a node's object store: tasks carry names of files."""
 
 
 def order(scenes: Path, out: Path, orbit: int, settings: Settings) -> Order:
@@ -80,6 +83,22 @@ def replicas(address: str) -> int:
     return int(application.deployments["render"].replica_states.get("RUNNING", 0))
 
 
+def two_nodes(make: Callable[[], Any]) -> Any:
+    """A cluster of two nodes with a core each. Ray gives a node 30 s to start, which is too short on a busy machine."""
+    for attempt in range(STARTS):
+        cluster = make()
+        try:
+            cluster.add_node(num_cpus=1, object_store_memory=STORE_BYTES, include_dashboard=False)
+            cluster.add_node(num_cpus=1, object_store_memory=STORE_BYTES)
+        except Exception:  # Ray has no type of its own for it
+            cluster.shutdown()
+            if attempt == STARTS - 1:
+                raise
+        else:
+            return cluster
+    raise AssertionError
+
+
 def main(scenes: Path, out: Path, orbit: int, settings: bytes) -> None:
     from gateway import warmup
     from gateway.ops import kernels
@@ -92,9 +111,7 @@ def main(scenes: Path, out: Path, orbit: int, settings: bytes) -> None:
     from gateway.batch.run import run
     from gateway.client.manifest import Settings
 
-    store = 100 << 20
-    cluster = Cluster(True, head_node_args={"num_cpus": 1, "include_dashboard": False, "object_store_memory": store})
-    cluster.add_node(num_cpus=1, object_store_memory=store)
+    cluster = two_nodes(Cluster)
     killed: list[int] = []
     begin = time.monotonic()
 
