@@ -29,6 +29,7 @@ import numpy as np
 
 from bench.gateways import TIMEOUT, post
 from bench.posted import sphere, textured
+from bench.ray_nodes import ENVIRONMENT, order
 from bench.table import Row, at_least, show, skipped
 
 ROOT = Path(__file__).parents[1]
@@ -66,7 +67,6 @@ def alone(scenes: Path, out: Path, orbit: int) -> float:
     from gateway.ops import kernels
 
     kernels.ensure_cached(warmup.PARTS)
-    from bench.ray_nodes import order
     from gateway.batch.local import run_local
     from gateway.batch.run import run
 
@@ -96,8 +96,7 @@ def nodes(python: str, scenes: Path, out: Path, orbit: int) -> Iterator[tuple[su
 
 
 def _environment() -> dict[str, str]:
-    # Ray's own report of usage would go out into the world.
-    return {**os.environ, "RAY_USAGE_STATS_ENABLED": "0", "RAY_DEDUP_LOGS": "0", "PYTHONPATH": str(ROOT)}
+    return {**os.environ, **ENVIRONMENT, "PYTHONPATH": str(ROOT)}
 
 
 def digests(folder: Path) -> dict[str, str]:
@@ -175,7 +174,8 @@ def main() -> None:
     parser.add_argument("--serve", action="store_true", help="and Ray Serve's autoscaling")
     parser.add_argument("--ray", metavar="PYTHON", default=os.environ.get("SCENEGATE_RAY_PYTHON", sys.executable))
     options = parser.parse_args()
-    if subprocess.run([options.ray, "-c", "import ray.serve"], capture_output=True).returncode:
+    wanted = "import ray.serve" if options.serve else "import ray"
+    if subprocess.run([options.ray, "-c", wanted], capture_output=True).returncode:
         show([skipped("a dataset on two Ray nodes", f"{options.ray} has no Ray")])
         return
     orbit = max(1, options.renders // SCENES)

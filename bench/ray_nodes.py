@@ -27,7 +27,14 @@ if TYPE_CHECKING:
 
 KILL_AFTER = 0.5
 """Part of the tasks that must be done before a worker is killed."""
-STARTS = 3
+STARTS = 6
+ENVIRONMENT = {
+    "RAY_USAGE_STATS_ENABLED": "0",  # its report would go out into the world
+    "RAY_DEDUP_LOGS": "0",
+    "RAY_agent_register_timeout_ms": "300000",  # 30 s are too few on a busy machine
+    "RAY_worker_register_timeout_seconds": "300",
+}
+"""Of whoever runs this, and talks to it."""
 STORE_BYTES = 100 << 20
 """Of a node's object store: tasks carry names of files."""
 
@@ -84,15 +91,18 @@ def replicas(address: str) -> int:
 
 
 def two_nodes(make: Callable[[], Any]) -> Any:
-    """A cluster of two nodes with a core each. Ray gives a node 30 s to start, which is too short on a busy machine."""
-    for attempt in range(STARTS):
+    """A cluster of two nodes with a core each.
+
+    The parts of a node wait 15 s for each other, with no setting for it: on a busy machine that needs several tries.
+    """
+    for left in reversed(range(STARTS)):
         cluster = make()
         try:
             cluster.add_node(num_cpus=1, object_store_memory=STORE_BYTES, include_dashboard=False)
             cluster.add_node(num_cpus=1, object_store_memory=STORE_BYTES)
         except Exception:  # Ray has no type of its own for it
             cluster.shutdown()
-            if attempt == STARTS - 1:
+            if not left:
                 raise
         else:
             return cluster

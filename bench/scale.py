@@ -116,12 +116,14 @@ def throughput(bodies: Sequence[bytes]) -> Iterator[Row]:
             balancer = stack.enter_context(haproxy([replica.port for replica in replicas]))
             rate, cpu = _measure(balancer.port, replicas, bodies)
         first = first or rate
-        yield Row(
-            f"{count} replicas of one thread", f"{rate:.1f} renders/s", f"{cpu:.1f} ms CPU", f"{rate / first:.2f}×"
-        )
+        yield _rate(f"{count} replica{'s' * (count > 1)} of one thread behind HAProxy", rate, cpu, first)
         with gateway("--only", "render", "--threads", str(count)) as single:
             rate, cpu = _measure(single.port, [single], bodies)
-        yield Row(f"1 process of {count} threads", f"{rate:.1f} renders/s", f"{cpu:.1f} ms CPU", f"{rate / first:.2f}×")
+        yield _rate(f"one process of {count} thread{'s' * (count > 1)}, no HAProxy", rate, cpu, first)
+
+
+def _rate(what: str, rate: float, cpu: float, first: float) -> Row:
+    return Row(what, f"{rate:.1f} renders/s, {cpu:.1f} ms of CPU each", "", f"{rate / first:.2f}× one replica's rate")
 
 
 def _measure(port: int, replicas: Sequence[Gateway], bodies: Sequence[bytes]) -> tuple[float, float]:
@@ -163,14 +165,20 @@ def killed(bodies: Sequence[bytes]) -> Iterator[Row]:
     others = Counter(a.status if isinstance(a, Answer) else str(a) for a in answers if a not in good)
     times = sorted(a.total for a in good)
     retried = sum(int(row["wretr"] or 0) for row in rows), sum(int(row["wredis"] or 0) for row in rows)
-    what = "renders answered, one of three replicas killed (-9), one ended (TERM)"
+    what = "renders answered while one of three replicas is killed (-9), and later another one ended (TERM)"
     yield at_least(what, f"{len(good)} of {len(answers)}", "", 100 * len(good) / len(answers), 100.0, " %")
     yield at_least(
-        "of them with the picture of a replica that lives", f"{same}", "", 100 * same / len(answers), 100.0, " %"
+        "of them the same bytes as without that",
+        f"{same} of {len(answers)}",
+        "",
+        100 * same / len(answers),
+        100.0,
+        " %",
     )
-    yield Row("retries, sent to another replica", f"{retried[0]}, {retried[1]}", f"failed: {dict(others) or 'none'}")
+    yield Row("HAProxy sent a request again to the same replica, to another one", f"{retried[0]}, {retried[1]} times")
+    yield Row("answers other than a picture", ", ".join(f"{n} × {what}" for what, n in others.items()) or "none")
     longest = f"{statistics.median(times):.0f} ms, {times[int(0.99 * len(times))]:.0f} ms, {times[-1]:.0f} ms"
-    yield Row("median, 99 %, longest", longest)
+    yield Row(f"time of an answer, {CLIENTS} clients at once: median, 99 %, longest", longest)
 
 
 def main() -> None:
@@ -182,7 +190,11 @@ def main() -> None:
         return
     scene = textured("color", copies=2, unique=2, side=256)
     bodies = [scene.moved(WIDTH, HEIGHT) for _ in range(count)]
-    print(f"{len(bodies[0]) / 1e6:.2f} MB a request, {WIDTH}x{HEIGHT}, {CLIENTS} clients, {os.cpu_count()} cores")
+    print(
+        f"{count} renders of {WIDTH}x{HEIGHT} a row, {len(bodies[0]) / 1e6:.2f} MB a request, {CLIENTS} clients, "
+        f"{os.cpu_count()} cores. On a busy machine compare the CPU times, not the rates.",
+        flush=True,
+    )
     show([*killed(bodies), *throughput(bodies)])
 
 

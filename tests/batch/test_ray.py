@@ -15,6 +15,7 @@ import cv2
 import msgspec
 import pytest
 
+from bench.ray_nodes import ENVIRONMENT as RAY_ENVIRONMENT
 from tests.batch.conftest import FACET, SETTINGS, TREE, Draw, contents, order_of
 from tests.support.gateway_process import START_SECONDS
 from tests.support.ports import free_ports
@@ -35,8 +36,7 @@ def python() -> str:
 
 
 def environment() -> dict[str, str]:
-    # Ray's own report of usage would go out into the world.
-    return {**os.environ, "RAY_USAGE_STATS_ENABLED": "0", "RAY_DEDUP_LOGS": "0", "PYTHONPATH": str(ROOT)}
+    return {**os.environ, **RAY_ENVIRONMENT, "PYTHONPATH": str(ROOT)}
 
 
 def speaks(process: subprocess.Popen[str], begin: str, errors: Path) -> str:
