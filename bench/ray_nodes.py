@@ -9,6 +9,7 @@ lives until standard input ends. Each ``replicas`` there prints how many replica
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -59,21 +60,25 @@ def parent_of(pid: int) -> int:
         return 0
 
 
-def drawing_workers() -> list[int]:
-    """Worker processes of this process's own cluster that draw at this moment."""
+def children() -> list[int]:
+    """All processes that this one, or one of its children, has started."""
     found: list[int] = []
     for folder in Path("/proc").glob("[0-9]*"):
-        try:
-            title = (folder / "cmdline").read_bytes()
-        except OSError:
-            continue
-        if not title.startswith(b"ray::draw"):
-            continue
-        ancestor = int(folder.name)
+        ancestor = parent_of(int(folder.name))
         while ancestor not in (0, 1, os.getpid()):
             ancestor = parent_of(ancestor)
         if ancestor == os.getpid():
             found.append(int(folder.name))
+    return found
+
+
+def drawing_workers() -> list[int]:
+    """Worker processes of this process's own cluster that draw at this moment."""
+    found: list[int] = []
+    for pid in children():
+        with contextlib.suppress(OSError):
+            if Path(f"/proc/{pid}/cmdline").read_bytes().startswith(b"ray::draw"):
+                found.append(pid)
     return found
 
 
@@ -102,6 +107,9 @@ def two_nodes(make: Callable[[], Any]) -> Any:
             cluster.add_node(num_cpus=1, object_store_memory=STORE_BYTES)
         except Exception:  # Ray has no type of its own for it
             cluster.shutdown()
+            for pid in children():  # of the node that did not start, which the cluster does not know
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(pid, signal.SIGKILL)
             if not left:
                 raise
         else:
