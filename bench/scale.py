@@ -67,10 +67,11 @@ def haproxy(ports: Sequence[int]) -> Iterator[Balancer]:
     with tempfile.NamedTemporaryFile("w", suffix=".cfg") as file:
         file.write(text)
         file.flush()
-        with subprocess.Popen(["haproxy", "-db", "-f", file.name], stdout=subprocess.DEVNULL) as process:
+        with subprocess.Popen(["haproxy", "-q", "-db", "-f", file.name], stdout=subprocess.DEVNULL) as process:
             balancer = Balancer(front, stats, process)
             try:
                 while not _all_up(balancer):
+                    assert process.poll() is None, f"haproxy ended with {process.returncode}"
                     time.sleep(0.1)
                 yield balancer
             finally:
