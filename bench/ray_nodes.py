@@ -4,7 +4,7 @@
 
 Run by ``bench.cluster`` and by the tests, with an interpreter that has Ray and Scenegate. SETTINGS are those of a
 dataset as JSON. Prints a line of JSON: what was drawn, how many workers were killed, and the cluster's address, which
-lives until standard input ends. Each ``replicas`` there prints how many replicas of Ray Serve's render endpoint run.
+lives until standard input ends.
 """
 
 from __future__ import annotations
@@ -82,19 +82,6 @@ def drawing_workers() -> list[int]:
     return found
 
 
-def replicas(address: str) -> int:
-    """Replicas of ``examples/ray_serve.py`` that answer requests."""
-    import ray
-    from ray import serve
-
-    if not ray.is_initialized():
-        ray.init(address, log_to_driver=False, logging_level="ERROR")
-    application = serve.status().applications.get("scenegate")
-    if application is None or "render" not in application.deployments:
-        return 0
-    return int(application.deployments["render"].replica_states.get("RUNNING", 0))
-
-
 def two_nodes(make: Callable[[], Any]) -> Any:
     """A cluster of two nodes with a core each.
 
@@ -163,9 +150,7 @@ def main(scenes: Path, out: Path, orbit: int, settings: bytes) -> None:
             "address": cluster.address,
         }
         print(json.dumps(said), flush=True)
-        for line in sys.stdin:
-            if line.strip() == "replicas":
-                print(replicas(cluster.address), flush=True)
+        sys.stdin.read()
     finally:
         cluster.shutdown()
 
