@@ -19,7 +19,7 @@ from tests.docs.pages import PAGES, ROOT, anchors, blocks, commands, links, pros
 FOREIGN = {
     "--backup", "--blend_file", "--bpy_settings_file", "--force-reinstall", "--ignore-scripts", "--only-binary",
     "--peers", "--profile", "--rm", "--secret", "--step", "--steps", "--upgrade", "--workers", "--live", "--network",
-    "--announce", "--url", "--data-binary", "--no-build-isolation", "--lcm", "--out",
+    "--announce", "--url", "--data-binary", "--no-build-isolation", "--lcm", "--out", "--pictures",
 }  # fmt: skip
 """Flags of other programs, and of our benches, that pages may speak of."""
 
