@@ -78,6 +78,8 @@ class Engine:
             yield made
         finally:
             ended = made.compose(*(f"--profile={name}" for name in made.profiles), "down", "-t", "15", "-v")
+            if left := made.containers():  # podman-compose 1.6 forgets all replicas but the first
+                self.run("rm", "-f", *left)
         assert ended.returncode == 0, ended.stderr[-4000:]
 
 
@@ -99,9 +101,10 @@ class Project:
         ran = self.compose(*([f"--profile={profile}"] if profile else []), "up", "-d", "--no-build", *arguments)
         assert ran.returncode == 0, ran.stdout[-4000:] + ran.stderr[-4000:]
 
-    def containers(self, service: str) -> list[str]:
-        """The ids of a service's containers, ended ones, too."""
-        of = (f"label=com.docker.compose.project={self.name}", f"label=com.docker.compose.service={service}")
+    def containers(self, service: str = "") -> list[str]:
+        """The ids of a service's containers, or of all; ended ones, too."""
+        of = [f"label=com.docker.compose.project={self.name}"]
+        of += [f"label=com.docker.compose.service={service}"] if service else []
         return self.engine.run("ps", "-a", "-q", *(f"--filter={each}" for each in of)).split()
 
     def url(self, port: str) -> str:
