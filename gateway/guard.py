@@ -15,7 +15,7 @@ from fastapi import FastAPI
 from starlette.middleware.cors import CORSMiddleware
 
 from gateway.ops import health
-from gateway.ops.access import Access, TrustedHosts, is_loopback
+from gateway.ops.access import CORS_EXPOSED, Access, TrustedHosts, is_loopback
 from gateway.ops.tokens import TokenError, Tokens, read_tokens
 from gateway.settings import Settings, SettingsError
 
@@ -62,8 +62,9 @@ class Guard:
                 allow_origins=list(self.settings.cors_origins),
                 allow_methods=["GET", "HEAD", "POST", "PUT", "DELETE"],
                 allow_headers=["*"],
-                expose_headers=["X-Request-ID", "Retry-After", "ETag"],
+                expose_headers=list(CORS_EXPOSED),
             )
+        app.state.cors_origins = frozenset(self.settings.cors_origins)  # for answers made without the application
         app.add_middleware(TrustedHosts, names=self.settings.trusted_hosts)
 
     def tell(self) -> None:

@@ -16,6 +16,8 @@ from gateway.ops.tokens import Tokens
 COOKIE: Final = "scenegate"
 QUERY: Final = "token"
 """``/view?token=…`` gives a browser the cookie and goes on without the token in the address."""
+CORS_EXPOSED: Final = ("X-Request-ID", "X-Scene-Revision", "X-Frame", "Retry-After", "ETag")
+"""Headers of answers that pages of the allowed origins may read."""
 _REFUSED: Final = 1008
 """WebSocket close code; before the connection is accepted the client sees 403."""
 

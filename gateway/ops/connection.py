@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any, Final
 
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
+from gateway.ops.access import CORS_EXPOSED
 from gateway.ops.paced import LARGEST_PIECE, Paced
+from gateway.ops.requests import request_id
 
 MAX_HEAD_BYTES: Final = 64 << 10
 """Request line and headers; Drake's client sends 200 bytes, browsers a few thousand. The parser has no bound. The same
@@ -168,10 +170,23 @@ class BoundedHttp(HttpToolsProtocol):
         door: Door | None = getattr(self.config.app.state, "door", None)  # type: ignore[union-attr]  # a FastAPI
         if door is None or (turned_away := door(self.parser.get_method(), self.url)) is None:
             return False
-        self._refuse(
-            503, "Service Unavailable", turned_away.sentence, f"retry-after: {turned_away.retry_after}\r\n".encode()
-        )
+        headers = f"retry-after: {turned_away.retry_after}\r\n".encode() + self._as_the_application_would()
+        self._refuse(503, "Service Unavailable", turned_away.sentence, headers)
         return True
+
+    def _as_the_application_would(self) -> bytes:
+        """The request's id; what lets a page of an allowed origin read the answer: else it sees a broken network."""
+        sent = {name: value for name, value in self.headers if name in (b"x-request-id", b"origin")}
+        lines = b"x-request-id: %s\r\n" % request_id(sent.get(b"x-request-id", b"")).encode()
+        readers: Collection[str] = getattr(self.config.app.state, "cors_origins", ())  # type: ignore[union-attr]  # a FastAPI
+        if not readers or b"origin" not in sent:
+            return lines
+        origin = "*" if "*" in readers else sent[b"origin"].decode("latin-1")
+        if origin not in readers:
+            return lines
+        names = ", ".join(CORS_EXPOSED)
+        lines += f"access-control-allow-origin: {origin}\r\naccess-control-expose-headers: {names}\r\n".encode()
+        return lines if origin == "*" else lines + b"vary: Origin\r\n"
 
     def _linger(self) -> None:
         self._linger_timer = self.loop.call_later(LINGER_SECONDS, self.transport.close)

@@ -19,6 +19,12 @@ _ID = re.compile(r"[A-Za-z0-9._:/+=-]{1,128}")
 """What a client may send as X-Request-ID; anything else could forge log lines and is replaced."""
 
 
+def request_id(sent: bytes) -> str:
+    """The id of a request: what its X-Request-ID says, or a new one where that is missing or unfit; ASCII."""
+    text = sent.decode("latin-1")
+    return text if _ID.fullmatch(text) else uuid.uuid4().hex
+
+
 class Requests:
     """ASGI middleware: X-Request-ID in and out, bound to every log line; counts and durations; one line a request."""
 
@@ -31,26 +37,25 @@ class Requests:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        sent = dict(scope["headers"]).get(b"x-request-id", b"").decode("latin-1")
-        request_id = sent if _ID.fullmatch(sent) else uuid.uuid4().hex
+        identity = request_id(dict(scope["headers"]).get(b"x-request-id", b""))
         status = 0
 
         async def send_with_id(message: Message) -> None:
             nonlocal status
             if message["type"] == "http.response.start":
                 status = message["status"]
-                message["headers"] = [*message.get("headers", ()), (b"x-request-id", request_id.encode("latin-1"))]
+                message["headers"] = [*message.get("headers", ()), (b"x-request-id", identity.encode())]
             await send(message)
 
         start = time.perf_counter()
-        with structlog.contextvars.bound_contextvars(request_id=request_id), self._metrics.in_flight.track_inprogress():
+        with structlog.contextvars.bound_contextvars(request_id=identity), self._metrics.in_flight.track_inprogress():
             try:
                 await self._app(scope, receive, send_with_id)
             except Exception as error:  # a defect of ours; Drake prints the body, so it is one line
                 _log.exception("unhandled", path=scope["path"])
                 if status:
                     raise  # the answer has begun: the connection must break, or a cut picture looks whole
-                text = f"Internal error: {type(error).__name__}: {error}"[:1000] + f" (request {request_id})\n"
+                text = f"Internal error: {type(error).__name__}: {error}"[:1000] + f" (request {identity})\n"
                 await PlainTextResponse(text, status_code=500)(scope, receive, send_with_id)
             finally:
                 seconds = time.perf_counter() - start

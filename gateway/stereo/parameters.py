@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from gateway.stereo.parameter_specs import NODES, Spec, Value
+
+_SHOWN: Final = 80
+"""Characters of a client's value that a refusal repeats."""
 
 
 class ParameterError(ValueError):
@@ -116,10 +119,10 @@ def check(spec: Spec, value: object) -> Value:
     """
     if spec.type == "string":
         if not isinstance(value, str):
-            raise ParameterError(f"{spec.name}: {value!r} is not a string")
+            raise ParameterError(f"{spec.name}: {_shown(value)} is not a string")
         value = spec.aliases.get(value, value)
         if value not in spec.choices:
-            raise ParameterError(f"{spec.name}: {value!r} is none of {', '.join(spec.choices)}")
+            raise ParameterError(f"{spec.name}: {_shown(value)} is none of {', '.join(spec.choices)}")
         return value
     if spec.type == "bool":
         known = {"true": True, "false": False, "1": True, "0": False}
@@ -129,7 +132,7 @@ def check(spec: Spec, value: object) -> Value:
             return value
         if isinstance(value, int) and value in (0, 1):
             return bool(value)
-        raise ParameterError(f"{spec.name}: {value!r} is not true or false")
+        raise ParameterError(f"{spec.name}: {_shown(value)} is not true or false")
     number = _number(spec, value)
     assert isinstance(spec.low, (int, float))
     assert isinstance(spec.high, (int, float))
@@ -145,7 +148,7 @@ def _number(spec: Spec, value: object) -> int | float:
         except ValueError:
             raise ParameterError(f"{spec.name}: {value!r} is not a number") from None
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise ParameterError(f"{spec.name}: {str(value)[:80]!r} is not a number")
+        raise ParameterError(f"{spec.name}: {_shown(value)} is not a number")
     try:
         number = float(value)
     except OverflowError:
@@ -157,3 +160,11 @@ def _number(spec: Spec, value: object) -> int | float:
     if number != int(number):
         raise ParameterError(f"{spec.name}: {number:g} is not a whole number")
     return int(number)
+
+
+def _shown(value: object) -> str:
+    """A client's value in a sentence; sentences have an end, and what is nested may be too deep to be written."""
+    if isinstance(value, (list, dict)):
+        return "a list" if isinstance(value, list) else "an object"
+    text = repr(value)
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…"

@@ -230,17 +230,22 @@ async def _assignments(request: Request) -> list[tuple[str, object]]:
     query = request.query_params.multi_items()
     if query:
         return list(query)
-    try:
-        return [(entry.name, entry.value) for entry in _LISTS.decode(body)]
-    except msgspec.DecodeError as error:
-        raise _Refusal(400, f'the body is not like [{{"name": "quality", "value": "High"}}]: {error}') from None
+    entries: list[_Named] = _decode(_LISTS, body, '[{"name": "quality", "value": "High"}]')
+    return [(entry.name, entry.value) for entry in entries]
 
 
 async def _single(request: Request) -> object:
     body = await _body(request)
     if not body and "value" in request.query_params:
         return request.query_params["value"]
+    put: _Put = _decode(_PUTS, body, '{"value": 1.0}')
+    return put.value
+
+
+def _decode(decoder: msgspec.json.Decoder[Any], body: bytes, like: str) -> Any:
     try:
-        return _PUTS.decode(body).value
+        return decoder.decode(body)
     except msgspec.DecodeError as error:
-        raise _Refusal(400, f'the body is not like {{"value": 1.0}}: {error}') from None
+        raise _Refusal(400, f"the body is not like {like}: {error}") from None
+    except RecursionError:
+        raise _Refusal(400, f"the body is not like {like}: it is nested too deep") from None

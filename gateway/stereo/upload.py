@@ -7,7 +7,8 @@ from typing import Any, Final
 
 from fastapi import APIRouter, Request
 from fastapi.responses import JSONResponse
-from starlette.datastructures import FormData, UploadFile
+from python_multipart.multipart import parse_options_header
+from starlette.datastructures import FormData, Headers, UploadFile
 from starlette.formparsers import MultiPartException, MultiPartParser
 
 from gateway.stereo.pairs import Pair, Pairs, PairStudio, pair_studio
@@ -15,6 +16,8 @@ from gateway.stereo.service import StereoService
 from gateway.workers import Busy
 from renderers.drawlist import ImageError
 
+MAX_CONTENT_TYPE: Final = 1024
+"""Characters of the header; a boundary has 70 at most (RFC 2046, 5.1.1)."""
 _LOW = ("left_out1_low", "right_out1_low")
 _HIGH = ("left_out1_high", "right_out1_high")
 _REFUSALS: Final[dict[int | str, dict[str, Any]]] = {
@@ -65,9 +68,15 @@ def _refused(status: int, message: str) -> JSONResponse:
 
 
 async def _form(request: Request, limit: int) -> FormData:
-    kind = request.headers.get("content-type", "")
-    if not kind.lower().startswith("multipart/form-data"):
-        raise ValueError(f"the content type is {kind[:80]!r}, multipart/form-data is needed")
+    sent = request.headers.get("content-type", "")
+    if len(sent) > MAX_CONTENT_TYPE:
+        raise ValueError(f"Content-Type has {len(sent)} characters, the limit is {MAX_CONTENT_TYPE}")
+    kind, options = parse_options_header(sent)
+    if kind != b"multipart/form-data" or not options.get(b"boundary"):
+        raise ValueError(f"the content type is {sent[:80]!r}, multipart/form-data with a boundary is needed")
+    # Nothing but the boundary goes on: a charset of the client's choice may be one that takes minutes to decode (idna).
+    boundary = options[b"boundary"].replace(b"\\", b"\\\\").replace(b'"', b'\\"')
+    headers = Headers(raw=[(b"content-type", b'multipart/form-data; boundary="' + boundary + b'"')])
 
     async def bounded() -> AsyncIterator[bytes]:
         size = 0
@@ -77,7 +86,7 @@ async def _form(request: Request, limit: int) -> FormData:
                 raise _TooLargeError
             yield chunk
 
-    return await MultiPartParser(request.headers, bounded(), max_files=4, max_fields=8).parse()  # type: ignore[arg-type]  # an async generator is wanted
+    return await MultiPartParser(headers, bounded(), max_files=4, max_fields=8).parse()  # type: ignore[arg-type]  # an async generator is wanted
 
 
 async def _studio(service: StereoService, form: FormData) -> PairStudio:

@@ -17,7 +17,7 @@ def shut(method: bytes, target: bytes) -> connection.TurnedAway | None:
 
 
 @asynccontextmanager
-async def serving(door: connection.Door | None = None) -> AsyncIterator[int]:
+async def serving(door: connection.Door | None = None, origins: tuple[str, ...] = ()) -> AsyncIterator[int]:
     app = FastAPI()
 
     @app.get("/hello")
@@ -30,6 +30,7 @@ async def serving(door: connection.Door | None = None) -> AsyncIterator[int]:
         return len(await request.body())
 
     app.state.door = door
+    app.state.cors_origins = frozenset(origins)
     service = http.PortService(app, "127.0.0.1", 0)
     task = asyncio.create_task(service.run())
     try:
@@ -133,6 +134,34 @@ async def test_who_is_turned_away_reads_why_while_the_body_is_still_to_come(sent
         assert b"\r\nconnection: close\r\n" in head
         assert b"\r\nretry-after: 7\r\n" in head
         assert await reader.readexactly(29) == b"the server is busy: so it is\n"
+        writer.close()
+        await writer.wait_closed()
+
+
+@pytest.mark.parametrize(
+    ("origins", "sent", "answered"),
+    [
+        ((), b"https://page.example", b""),
+        (("https://page.example",), b"https://page.example", b"https://page.example"),
+        (("https://page.example",), b"https://evil.example", b""),
+        (("https://page.example",), b"", b""),
+        (("*",), b"https://page.example", b"*"),
+    ],
+)
+async def test_who_is_turned_away_gets_the_headers_of_any_answer(
+    origins: tuple[str, ...], sent: bytes, answered: bytes
+) -> None:
+    async with serving(shut, origins) as port, asyncio.timeout(30):
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        origin = b"origin: %s\r\n" % sent if sent else b""
+        writer.write(b"POST /take HTTP/1.1\r\nX-Request-Id: job-7\r\n" + origin + b"content-length: 9\r\n\r\n")
+        head = await reader.readuntil(b"\r\n\r\n")
+        assert head.startswith(b"HTTP/1.1 503 ")
+        assert b"\r\nx-request-id: job-7\r\n" in head
+        allowed = [line for line in head.split(b"\r\n") if line.startswith(b"access-control-allow-origin")]
+        assert allowed == ([b"access-control-allow-origin: " + answered] if answered else [])
+        assert (b"\r\nvary: Origin\r\n" in head) is (answered not in (b"", b"*"))
+        assert (b"Retry-After" in head) is bool(answered)
         writer.close()
         await writer.wait_closed()
 

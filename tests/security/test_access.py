@@ -103,6 +103,7 @@ def test_other_sites_may_ask_only_where_the_settings_say_so(secured: Secured) ->
             assert (answer.headers.get("access-control-allow-origin") == origin) is allowed
             answer = http.get("/scene", headers={**BEARER, "Origin": origin})
             assert ("access-control-allow-origin" in answer.headers) is allowed
+            assert not allowed or "X-Scene-Revision" in answer.headers["access-control-expose-headers"]
 
 
 def test_another_name_in_the_host_header_is_refused(secured: Secured) -> None:

@@ -151,6 +151,32 @@ async def test_uploads_are_bounded(start: Start) -> None:
             bomb.picture(0, high=False, right=False)
 
 
+@pytest.mark.parametrize(
+    ("kind", "sentence"),
+    [
+        ("multipart/form-data; " + "a=b;" * 15_000, "Content-Type has 60021 characters, the limit is 1024"),
+        ("multipart/form-data", "multipart/form-data with a boundary is needed"),
+        ("multipart/form-data-not; boundary=x", "multipart/form-data with a boundary is needed"),
+        ("application/json", "multipart/form-data with a boundary is needed"),
+        ('multipart/form-data; boundary="\\"\\\\"', "the form needs the files"),
+    ],
+)
+async def test_the_content_type_of_a_form(rest: httpx.AsyncClient, kind: str, sentence: str) -> None:
+    body = b'--"\\\r\nContent-Disposition: form-data; name="f"\r\n\r\n1\r\n--"\\--\r\n'
+    answer = await rest.post(PATH, content=body, headers={"Content-Type": kind})
+    assert answer.status_code == 400
+    assert sentence in answer.json()["message"]
+
+
+async def test_the_charset_of_a_form_is_not_the_client_s_choice(rest: httpx.AsyncClient) -> None:
+    body = b'--x\r\nContent-Disposition: form-data; name="f"\r\n\r\nMQ==\r\n--x--\r\n'
+    for charset in ("idna", "undefined", "utf-16"):  # the first takes a minute for a megabyte, the second any name
+        answer = await rest.post(
+            PATH, content=body, headers={"Content-Type": f"multipart/form-data; boundary=x; charset={charset}"}
+        )
+        assert "the form needs the files" in answer.json()["message"]
+
+
 async def test_a_picture_that_breaks_later_ends_the_stream_with_the_reason(camera: Camera, tmp_path: Path) -> None:
     good = png(np.zeros((64, 64), np.uint8))
     for number, right in enumerate((good, b"\x89PNG\r\n\x1a\n broken")):

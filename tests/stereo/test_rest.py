@@ -83,7 +83,10 @@ async def test_setting_by_body(rest: httpx.AsyncClient, camera: Camera) -> None:
         ('[{"name": "fps", "value": 5}, {"name": "gain_value", "value": 19}]', 400, "gain_value: 19 is out of range"),
         ('[{"name": "fps", "value": 5}, {"name": "speed", "value": 1}]', 404, "rc_camera has no parameter 'speed'"),
         ('[{"name": "fps", "value": "fast"}]', 400, "fps: 'fast' is not a number"),
-        ('[{"name": "fps", "value": true}]', 400, "fps: 'True' is not a number"),
+        ('[{"name": "fps", "value": true}]', 400, "fps: True is not a number"),
+        ('[{"name": "fps", "value": [5]}]', 400, "fps: a list is not a number"),
+        ('[{"name": "exp_auto", "value": {}}]', 400, "exp_auto: an object is not true or false"),
+        ('[{"name": "fps", "value": %s}]' % ("[" * 30_000 + "]" * 30_000), 400, "nested too deep"),
         ('[{"name": "fps", "value": 1e400}]', 400, "Number out of range"),
         ('[{"name": "fps", "value": NaN}]', 400, "the body is not like"),
         ('{"fps": 5}', 400, "the body is not like"),
@@ -100,6 +103,20 @@ async def test_what_is_wrong_is_said_and_changes_nothing(
     assert sentence in answer.json()["message"]
     assert answer.json()["return_code"]["value"] != 0
     assert dict(camera.service.parameters.values("rc_camera")) == before
+
+
+@pytest.mark.parametrize("name", ["fps", "exp_auto", "exp_control"])
+async def test_what_is_sent_for_one_parameter_may_be_anything(rest: httpx.AsyncClient, name: str) -> None:
+    path = f"{V2}/rc_camera/parameters/{name}"
+    for depth in (*range(850, 1000, 3), 5000, 30_000):  # about the depth at which the interpreter gives up, and beyond
+        nested = await rest.put(path, content='{"value": %s}' % ("[" * depth + "]" * depth))
+        assert nested.status_code == 400
+        assert len(nested.json()["message"]) < 200
+    unknown = await rest.put(path, content='{"value": 1, "other": %s}' % ("[" * 30_000 + "]" * 30_000))
+    assert unknown.status_code == 400
+    long = await rest.put(path, content='{"value": "%s"}' % ("a" * 60_000))
+    assert long.status_code == 400
+    assert len(long.json()["message"]) < 200
 
 
 async def test_unknown_things_are_404(rest: httpx.AsyncClient) -> None:
