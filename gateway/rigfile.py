@@ -28,6 +28,7 @@ Z up, angles in degrees::
 from __future__ import annotations
 
 import math
+import reprlib
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -109,7 +110,7 @@ def read_rig(path: Path) -> Rig:
         values: dict[str, Any] = tomllib.loads(path.read_text("utf-8"))
         read = _Rig.model_validate(values)
         return Rig(
-            lights=tuple(map(_light, read.lights)),
+            lights=tuple(_light(table, f"lights.{n}") for n, table in enumerate(read.lights)),
             surroundings=_surroundings(read.surroundings, path.parent) if read.surroundings is not None else None,
             scene_lights=read.scene_lights,
             exposure=read.exposure,
@@ -118,11 +119,10 @@ def read_rig(path: Path) -> Rig:
             shadow_radius=read.shadow_radius,
         )
     except OSError as error:
-        raise RigFileError(f"{error.filename or path} cannot be read: {error.strerror}") from None
+        of = f" (the surroundings of {path})" if error.filename not in (None, str(path)) else ""
+        raise RigFileError(f"{error.filename or path} cannot be read: {error.strerror}{of}") from None
     except ValidationError as error:
-        fault = error.errors(include_url=False)[0]
-        where = ".".join(map(str, fault["loc"]))
-        raise RigFileError(f"{path}: {where}: {fault['msg'][:1].lower()}{fault['msg'][1:]}") from None
+        raise RigFileError(f"{path}: {_fault(error)}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, ValueError) as error:
         raise RigFileError(f"{path}: {error}") from None
 
@@ -137,9 +137,13 @@ def _surroundings(table: _Surroundings, folder: Path) -> Surroundings:
         hemisphere=Hemisphere(table.sky, table.ground),
         softboxes=tuple(
             Softbox(
-                _direction(box.direction), box.radiance, math.radians(box.width), math.radians(box.height), box.softness
+                _direction(box.direction, f"surroundings.softboxes.{n}"),
+                box.radiance,
+                math.radians(box.width),
+                math.radians(box.height),
+                box.softness,
             )
-            for box in table.softboxes
+            for n, box in enumerate(table.softboxes)
         ),
         image=image,
         intensity=table.intensity,
@@ -147,15 +151,15 @@ def _surroundings(table: _Surroundings, folder: Path) -> Surroundings:
     )
 
 
-def _light(table: _Light) -> Light:
+def _light(table: _Light, where: str) -> Light:
     if table.kind == "spot" and table.inner_cone >= table.outer_cone:
-        raise ValueError(f"lights: inner_cone = {table.inner_cone:g} must be less than {table.outer_cone:g}")
+        raise ValueError(f"{where}: inner_cone = {table.inner_cone:g} must be less than outer_cone = {table.outer_cone:g}")
     return Light(
         LightKind(table.kind),
         table.color,
         table.intensity,
         table.position,
-        _direction(table.direction),
+        _direction(table.direction, where),
         table.range,
         math.radians(table.inner_cone),
         math.radians(table.outer_cone),
@@ -163,8 +167,16 @@ def _light(table: _Light) -> Light:
     )
 
 
-def _direction(v: Vector) -> Vector:
+def _direction(v: Vector, where: str) -> Vector:
     length = math.hypot(*v)
     if not 1e-9 < length < 1e9:
-        raise ValueError(f"direction = {list(v)} has no direction")
+        raise ValueError(f"{where}: direction = {list(v)} has no direction")
     return v[0] / length, v[1] / length, v[2] / length
+
+
+def _fault(error: ValidationError) -> str:
+    """The first fault as a sentence: where it is, why, and the value, where one was given."""
+    fault = error.errors(include_url=False)[0]
+    where = ".".join(map(str, fault["loc"]))
+    text = f"{where}: {fault['msg'][:1].lower()}{fault['msg'][1:]}"
+    return text if fault["type"] == "missing" else f"{text}, not {reprlib.repr(fault['input'])}"

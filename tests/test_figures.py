@@ -75,6 +75,19 @@ def test_alerts_ask_for_figures_that_exist(figures: dict[str, float]) -> None:
     assert asked <= there
 
 
+def test_the_page_has_every_figure_with_its_labels(figures: dict[str, float]) -> None:
+    there: dict[str, set[str]] = {}
+    for sample in figures:
+        name, _, labels = sample.partition("{")
+        if name.startswith("scenegate_") and not name.endswith(("_created", "_sum", "_count")):
+            there.setdefault(name.removesuffix("_bucket"), set()).update(re.findall(r'(\w+)="', labels))
+    page = (ALERTS.parents[1] / "docs" / "deployment.md").read_text("utf-8")
+    told: dict[str, set[str]] = {}
+    for names, labels in re.findall(r"^\| (`scenegate_[^|]*)\|([^|]*)\|", page, re.MULTILINE):
+        told |= {name: set(re.findall(r"\w+", labels)) for name in re.findall(r"\w+", names)}
+    assert told == {name: labels - {"le"} for name, labels in there.items()}
+
+
 def test_each_alert_has_a_test() -> None:
     alerts = re.findall(r"alert: (\w+)", (ALERTS / "alerts.yml").read_text())
     tested = re.findall(r'alertname="(\w+)"', (ALERTS / "alerts_test.yml").read_text())

@@ -71,15 +71,16 @@ def test_an_empty_file_is_darkness(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("exposure = -1", "exposure: input should be greater than or equal to 0"),
+        ("exposure = -1", "exposure: input should be greater than or equal to 0, not -1"),
         ("exposure = inf", "exposure: input should be a finite number"),
         ("fog = 1", "fog: extra inputs are not permitted"),
         ("shadow_size = 5", "shadow_size must be 0 or 64 .. 8192"),
         ("[[lights]]", "lights.0.kind: field required"),
-        ("[[lights]]\nkind = 'sun'", "lights.0.kind"),
-        ("[[lights]]\nkind = 'spot'\ninner_cone = 50", "inner_cone = 50 must be less than 45"),
-        ("[[lights]]\nkind = 'spot'\ndirection = [0, 0, 0]", "has no direction"),
-        ("[surroundings]\nimage = 'none.hdr'", "none.hdr cannot be read: No such file"),
+        ("[[lights]]\nkind = 'sun'", "lights.0.kind: input should be 'directional', 'point' or 'spot', not 'sun'"),
+        ("tone = 'filmic'", "tone: input should be 'neutral', 'aces' or 'none', not 'filmic'"),
+        ("[[lights]]\nkind = 'spot'\ninner_cone = 50", "lights.0: inner_cone = 50 must be less than outer_cone = 45"),
+        ("[[lights]]\nkind = 'spot'\ndirection = [0, 0, 0]", "lights.0: direction = [0.0, 0.0, 0.0] has no direction"),
+        ("[surroundings]\nimage = 'none.hdr'", "none.hdr cannot be read: No such file or directory (the surroundings of "),
         ("[surroundings]\nimage = 'rig.toml'", "no Radiance picture"),
         ("exposure = ", "rig.toml: Invalid value"),
     ],
@@ -90,7 +91,7 @@ def test_what_cannot_be_used_is_a_sentence(tmp_path: Path, text: str, message: s
     with pytest.raises(RigFileError) as error:
         read_rig(path)
     assert message in str(error.value)
-    assert "rig.toml" in str(error.value) or "none.hdr" in str(error.value)
+    assert "rig.toml" in str(error.value)
 
 
 def test_no_file(tmp_path: Path) -> None:
