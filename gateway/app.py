@@ -111,9 +111,8 @@ def create_app(settings: Settings, state: Kept | None = None) -> FastAPI:
 
     @app.get("/", include_in_schema=False)
     async def landing() -> HTMLResponse:
-        return HTMLResponse(
-            landing_page(__version__, {"view": "See the scene", "docs": "HTTP interface", "metrics": "metrics"})
-        )
+        view = {"view": "See the scene"} if "view" in wanted else {}
+        return HTMLResponse(landing_page(__version__, {**view, "docs": "HTTP interface", "metrics": "metrics"}))
 
     return app
 

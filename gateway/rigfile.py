@@ -153,7 +153,9 @@ def _surroundings(table: _Surroundings, folder: Path) -> Surroundings:
 
 def _light(table: _Light, where: str) -> Light:
     if table.kind == "spot" and table.inner_cone >= table.outer_cone:
-        raise ValueError(f"{where}: inner_cone = {table.inner_cone:g} must be less than outer_cone = {table.outer_cone:g}")
+        raise ValueError(
+            f"{where}: inner_cone = {table.inner_cone:g} must be less than outer_cone = {table.outer_cone:g}"
+        )
     return Light(
         LightKind(table.kind),
         table.color,

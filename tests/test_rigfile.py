@@ -80,7 +80,10 @@ def test_an_empty_file_is_darkness(tmp_path: Path) -> None:
         ("tone = 'filmic'", "tone: input should be 'neutral', 'aces' or 'none', not 'filmic'"),
         ("[[lights]]\nkind = 'spot'\ninner_cone = 50", "lights.0: inner_cone = 50 must be less than outer_cone = 45"),
         ("[[lights]]\nkind = 'spot'\ndirection = [0, 0, 0]", "lights.0: direction = [0.0, 0.0, 0.0] has no direction"),
-        ("[surroundings]\nimage = 'none.hdr'", "none.hdr cannot be read: No such file or directory (the surroundings of "),
+        (
+            "[surroundings]\nimage = 'none.hdr'",
+            "none.hdr cannot be read: No such file or directory (the surroundings of ",
+        ),
         ("[surroundings]\nimage = 'rig.toml'", "no Radiance picture"),
         ("exposure = ", "rig.toml: Invalid value"),
     ],

@@ -10,6 +10,8 @@ import typer
 
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 """An OUT that ends so is one picture."""
+FOREIGN = (".bmp", ".exr", ".gif", ".npy", ".npz", ".webp")
+"""An OUT that ends so was meant to be one picture, and would be a folder: it is refused."""
 
 
 class LookChoice(StrEnum):
@@ -135,6 +137,8 @@ def render(
     named = [View(f"camera-{index:03d}", text) for index, text in enumerate(camera or ())]
     around = [View(f"orbit-{index:03d}", OrbitCamera(index, orbit, orbit_elevation)) for index in range(orbit)]
     cores = threads or usable_cpus()
+    if out.suffix.lower() in FOREIGN and not out.is_dir():
+        raise ValueError(f"{out}: pictures are written as {', '.join(PICTURES)}; or name a folder with -o")
     if out.suffix.lower() in PICTURES and not out.is_dir():
         batch.one_picture(scenes, out, settings, [*named, *around], cameras, cores)
     elif batch.dataset(scenes, out, settings, (*named, *around), cameras, cores, ray):

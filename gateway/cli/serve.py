@@ -104,19 +104,27 @@ def run(settings: Settings) -> int:
     port = listener.getsockname()[1]
     host = f"[{settings.host}]" if ":" in settings.host else settings.host
     scheme = "http" if guard.tls is None else "https"
-    log.info("Scenegate listens; look at /view, / and /docs", url=f"{scheme}://{host}:{port}")
+    pages = "/view, / and /docs" if not settings.only or "view" in settings.only else "/ and /docs"
+    log.info(f"Scenegate listens; look at {pages}", url=f"{scheme}://{host}:{port}")
     return _serve(settings, listener, state, guard.tls)
 
 
 def _serve(settings: Settings, listener: socket.socket, state: State | None, tls: tuple[Path, Path] | None) -> int:
+    import structlog
     import uvloop
 
     from gateway.app import create_app
     from gateway.ops import http, process
 
+    log = structlog.get_logger("gateway")
     app = create_app(settings, state)
     config = http.config(app, settings.shutdown_seconds, lifespan=True, tls=tls)
-    server = http.MainServer(config, lambda: app.state.leave())
+
+    def leave() -> None:
+        log.info("Scenegate stops; requests that it has accepted may finish", seconds=settings.shutdown_seconds)
+        app.state.leave()
+
+    server = http.MainServer(config, leave)
     # Answers without an end (MJPEG) look at it; nobody else would tell them before their connections are cut.
     app.state.closing = lambda: server.should_exit
     app.state.on_started = process.settle
@@ -129,4 +137,5 @@ def _serve(settings: Settings, listener: socket.socket, state: State | None, tls
     app.state.give_up = give_up
     with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
         runner.run(server.serve(sockets=[listener]))
+    log.info("Scenegate has stopped")
     return 1 if gave_up else 0 if server.started else 3

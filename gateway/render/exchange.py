@@ -116,7 +116,7 @@ class Exchange:
 
     def _response(self, request: RenderRequest, picture: Picture) -> Response:
         for warning in (*request.warnings, *picture.warnings):
-            _log.info("render request is odd", warning=warning)
+            _log.warning("render request is odd", warning=warning)
         stages = (("queue", self._queued), *picture.stages)
         _log.debug(
             "rendered",

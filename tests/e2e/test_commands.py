@@ -139,6 +139,7 @@ def test_render_a_folder_makes_a_dataset_of_what_can_be_drawn(tmp_path: Path) ->
 def test_errors_of_render_are_sentences(tmp_path: Path) -> None:
     for arguments, message in (
         (("-o", "out.tiff"), "a color picture is written as .png or .jpg"),
+        (("-o", "out.bmp"), "out.bmp: pictures are written as .png, .jpg, .jpeg, .tif, .tiff; or name a folder"),
         (("-o", str(tmp_path / "o.png"), "--camera", "eye=1,2"), "camera"),
         (("-o", str(tmp_path / "o.png"), "--camera", 'path:["nobody"]'), "there is no such node"),
         (("-o", str(tmp_path / "o.png"), "--type", "color,depth"), "is one picture: for more scenes, types or cameras"),

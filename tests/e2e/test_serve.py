@@ -62,7 +62,20 @@ def test_a_signal_ends_it_with_exit_code_0(number: signal.Signals) -> None:
         assert httpx2.get(f"{url}/readyz").status_code == 200
         process.process.send_signal(number)
         assert process.process.wait(30) == 0
-        assert not [entry for entry in process.rest_of_log() if entry["level"] in ("error", "critical", "raw")]
+        log = process.rest_of_log()
+        assert not [entry for entry in log if entry["level"] in ("error", "critical", "raw")]
+        assert [entry["event"] for entry in log][-2:] == [
+            "Scenegate stops; requests that it has accepted may finish",
+            "Scenegate has stopped",
+        ]
+
+
+def test_a_render_only_gateway_points_to_no_page_that_it_lacks() -> None:
+    with gateway_process("--only", "render") as (process, url):
+        assert "/view" not in process.log[0]["event"]
+        links = re.findall(r'<a href="([^"]+)"', httpx2.get(url).text)
+        assert links
+        assert all(httpx2.get(f"{url}/{link}").status_code == 200 for link in links)
 
 
 def test_a_signal_during_the_start_ends_it_too() -> None:

@@ -12,6 +12,7 @@ import httpx2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from structlog.testing import capture_logs
 
 from gateway.render.config import RenderConfig
 from gateway.scene.geometry import Box, Part
@@ -161,6 +162,16 @@ async def test_defects_are_short_and_logged_with_an_id(
             watched.error = None
             assert (await server.post(body(SCENE), CONTENT_TYPE)).status_code == 200
     assert "secret" not in response.text
+
+
+async def test_what_is_ignored_is_a_logged_warning(start: Start, watched: WatchedRenderer) -> None:
+    async with start(watched) as server:
+        with capture_logs() as lines:
+            odd = body(gltf(extensionsUsed=["ACME_x"]), drake_fields(zorp="1"))
+            assert (await server.post(odd, CONTENT_TYPE)).status_code == 200
+    told = {line["warning"] for line in lines if line["log_level"] == "warning"}
+    assert "extensionsUsed: ACME_x ignored" in told
+    assert any("zorp" in text for text in told)
 
 
 async def test_a_failing_observer_changes_nothing(start: Start, watched: WatchedRenderer) -> None:
