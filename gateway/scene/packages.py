@@ -13,6 +13,7 @@ from typing import Final
 MAX_FOLDERS: Final = 20_000
 """Folders visited by one search; a large catkin workspace has a few thousand."""
 MAX_DEPTH: Final = 8
+"""Folders below a root, in each other; a package deeper than that is not found."""
 RESCAN_SECONDS: Final = 10.0
 """An unknown name makes us search again, but not more often than this: the names come from clients."""
 _HEAD: Final = 1 << 16

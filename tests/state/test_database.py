@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sqlite3
 from pathlib import Path
 
@@ -53,6 +54,13 @@ def test_a_foreign_file_is_left_as_it_is(tmp_path: Path, content: bytes, says: s
         Database(path)
     assert path.read_bytes() == content
     assert [entry.name for entry in tmp_path.iterdir()] == ["state"]
+
+
+def test_a_pipe_is_no_file(tmp_path: Path) -> None:
+    path = tmp_path / "state"
+    os.mkfifo(path)
+    with pytest.raises(StateError, match="is no regular file"):
+        Database(path)
 
 
 def test_the_database_of_another_program_is_left_as_it_is(tmp_path: Path) -> None:
