@@ -147,7 +147,8 @@ def join_treeviewer(house: House) -> None:
     durable = house.state.journal if house.state is not None else None
     service = TreeViewerService(config, house.tree, MeshFiles(settings.mesh_root), durable=durable)
     figures.watch_treeviewer(house.metrics, service)
-    house.serve("treeviewer", service, where=settings.lcm_url or "LCM")
+    where = settings.lcm_url or "LCM"
+    house.serve("treeviewer", service, where="TCPQ" if where == "off" and settings.tcpq_port is not None else where)
 
 
 def join_stereo(house: House) -> None:

@@ -69,7 +69,8 @@ def _join_camera(house: House, number: int, mount: Mount) -> StereoService:
 
     def status() -> dict[str, Any]:
         described, warning = service.status(), view.warning()
-        return {**described, "warning": warning} if warning else described
+        where = {"where": f"gRPC on port {described['port']}"}  # the one that was free, where 0 was asked for
+        return {**described, **where, **({"warning": warning} if warning else {})}
 
     if house.state is not None:
         house.state.keep_parameters(str(number), lambda: list(NODES), service.parameters)
@@ -78,7 +79,7 @@ def _join_camera(house: House, number: int, mount: Mount) -> StereoService:
         house.stereo_camera = view.camera
         house.eyes = StereoEyes(service, view, live=settings.stereo_scene == "live")
     name = f"stereo {number}" if number else "stereo"
-    house.serve(name, service, where=f"gRPC on port {config.port}", figures=status)
+    house.serve(name, service, figures=status)
     return service
 
 

@@ -30,7 +30,10 @@ def figures() -> Iterator[dict[str, float]]:
             assert http.post("/render", content=body, headers=headers).status_code == 200
         bad = forms.body(forms.gltf(), forms.drake_fields("color", width="-1"))
         assert http.post("/render", content=bad, headers=headers).status_code == 400
-        port = http.get("/healthz").json()["interfaces"]["stereo"]["port"]
+        interfaces = http.get("/healthz").json()["interfaces"]
+        port = interfaces["stereo"]["port"]
+        assert interfaces["stereo"]["where"] == f"gRPC on port {port}"
+        assert interfaces["treeviewer"]["where"] == "TCPQ"
         with grpc.insecure_channel(f"127.0.0.1:{port}") as channel:
             stream = channel.unary_stream(
                 "/ImageInterface/StreamImageSets", pb.ImageSetRequest.SerializeToString, pb.ImageSet.FromString
