@@ -1,6 +1,6 @@
 """Every bench, one table: ``python -m bench [--peers PYTHON] [--quick] [--write FILE] [NAME ...]``.
 
-Each bench runs as a command of its own, shortly (all of them in a quarter of an hour on two cores); its rows
+Each bench runs as a command of its own, shortly (all of them in about twenty minutes on two cores); its rows
 (``bench/table.py``) go into the one table, all that it prints into a section below. One that fails, takes too long or
 lacks its peer is a row with the reason. PYTHON is an interpreter with vtk, panda3d, viser and meshcat; without it, what
 needs it is skipped and says so.
@@ -92,6 +92,7 @@ def viewer_rows(text: str) -> list[Row]:
 
 BENCHES = {
     "raster": Bench(quick=("--frames", "5"), peers=("vtk", "panda3d")),
+    "shading": Bench(quick=("--frames", "3"), peers=("vtk",)),
     "stores": Bench(),
     "render": Bench(quick=("--frames", "3"), peers=("vtk",)),
     "codecs": Bench(),
