@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import socket
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -123,7 +124,7 @@ def receive(options: StreamOptions) -> Iterator[tuple[pb.ImageSet, int]]:
         try:
             grpc.channel_ready_future(channel).result(_CONNECT_SECONDS)
         except grpc.FutureTimeoutError:
-            raise StreamFailure(f"nobody answers at {target}") from None
+            raise StreamFailure(_why_silent(target)) from None
         # The serialised set is kept as it came: its size is the figure that counts on the wire.
         open_stream = channel.unary_stream(METHOD, request_serializer=pb.ImageSetRequest.SerializeToString)
         call = open_stream(options.request(), timeout=options.timeout, metadata=options.credentials.metadata)
@@ -138,6 +139,19 @@ def receive(options: StreamOptions) -> Iterator[tuple[pb.ImageSet, int]]:
             raise StreamFailure(f"{target} ended the stream: {error.code().name}: {error.details()}") from None
         finally:
             call.cancel()
+
+
+def _why_silent(target: str) -> str:
+    """gRPC tells a wrong certificate and a port without TLS only to its own log, and goes on trying."""
+    host, _, port = target.rpartition(":")
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), _CONNECT_SECONDS).close()
+    except (OSError, ValueError, OverflowError):
+        return f"nobody answers at {target}"
+    return (
+        f"{target} takes connections, but does not answer: only one side uses TLS, its certificate is not made for "
+        "this name or not trusted, it wants one to be shown, or it is no gRPC server"
+    )
 
 
 def receive_all(options: StreamOptions, report: Callable[[Progress], None] = lambda _: None) -> Progress:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 from pathlib import Path
 
 import cv2
@@ -44,6 +45,16 @@ async def test_sets_become_files(start: Start, tmp_path: Path) -> None:
     assert np.allclose(data["depth"][valid], expected)
     assert np.isinf(data["depth"][~valid]).all()
     assert cv2.imread(str(tmp_path / "preview.png")).shape == (240, 2 * 320 + 3 * 160 + 4 * 4, 3)
+
+
+def test_who_listens_without_answering_is_told_from_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gateway.client.stream._CONNECT_SECONDS", 0.2)
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        target = f"127.0.0.1:{silent.getsockname()[1]}"
+        with pytest.raises(StreamFailure, match="takes connections, but does not answer: only one side uses TLS"):
+            receive_all(StreamOptions(target, count=1))
+    with pytest.raises(StreamFailure, match=f"nobody answers at {target}"):
+        receive_all(StreamOptions(target, count=1))
 
 
 async def test_a_refusal_is_one_sentence(start: Start) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 import subprocess
 import sys
 import threading
@@ -235,3 +236,11 @@ def test_names_of_the_package() -> None:
     assert package.Node is viewer.Node
     with pytest.raises(AttributeError):
         _ = package.Nothing  # type: ignore[attr-defined]
+
+
+def test_liblcm_does_not_tell_every_try_to_reach_a_hub_that_is_not_there(capfd: pytest.CaptureFixture[str]) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        url = f"tcpq://127.0.0.1:{taken.getsockname()[1]}"
+    with pytest.raises(ConnectionError, match="nobody listens there"):
+        TreeViewer(url, timeout=1.0)
+    assert capfd.readouterr().err.count("Unable to connect") == 1

@@ -46,9 +46,14 @@ class Link:
             try:
                 self._lcm = self._join()
             except ConnectionError:
-                if time.monotonic() > end or not self.url.startswith("tcpq"):
+                if not self.url.startswith("tcpq"):
                     raise
-                time.sleep(RETRY_SECONDS)
+                while True:  # liblcm tells every try in three lines on stderr, so it tries when somebody is there
+                    if time.monotonic() > end:
+                        raise
+                    time.sleep(RETRY_SECONDS)
+                    if _listens(self.url):
+                        break
         self._thread = threading.Thread(target=self._receive, name="treeviewer-link", daemon=True)
         self._thread.start()
 
@@ -102,6 +107,8 @@ class Link:
 
     def _rejoin(self) -> None:
         with contextlib.suppress(ConnectionError):
+            if self.url.startswith("tcpq") and not _listens(self.url):
+                raise ConnectionError
             network = self._join()
             with self._joined:
                 _kept.append(self._lcm)
@@ -124,6 +131,16 @@ def _numeric(url: str) -> str:
         return f"tcpq://{socket.gethostbyname(parts.hostname)}:{parts.port or 7700}"
     except OSError:
         raise ConnectionError(f"LCM cannot join {url}: the host {parts.hostname!r} is unknown") from None
+
+
+def _listens(url: str) -> bool:
+    """Whether anybody takes connections where a TCPQ URL points to."""
+    try:
+        parts = urlsplit(_numeric(url))
+        socket.create_connection((parts.hostname, parts.port or 7700), RETRY_SECONDS).close()
+    except (OSError, ValueError):
+        return False
+    return True
 
 
 def _literal(channel: str) -> str:
