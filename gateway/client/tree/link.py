@@ -12,6 +12,9 @@ from functools import partial
 from typing import Any, Final
 from urllib.parse import urlsplit
 
+import numpy as np
+from numpy.typing import NDArray
+
 DEFAULT_URL: Final = "udpm://239.255.76.67:7667?ttl=0"
 """liblcm's own."""
 WAIT_MS: Final = 100
@@ -57,7 +60,7 @@ class Link:
         self._thread = threading.Thread(target=self._receive, name="treeviewer-link", daemon=True)
         self._thread.start()
 
-    def publish(self, channel: str, message: bytes) -> None:
+    def publish(self, channel: str, message: bytes | NDArray[np.uint8]) -> None:
         """Raises ConnectionError when there is no network within the timeout, or the message cannot be sent."""
         with self._joined:
             if not self._joined.wait_for(lambda: self._alive() or self._closed.is_set(), self._timeout):
