@@ -80,8 +80,16 @@ def create_app(settings: Settings, state: Kept | None = None) -> FastAPI:
         figures.watch_tree(metrics, house.tree)
         guard.tell()
         house.state = state or await asyncio.to_thread(open_state, settings)
-        app.state.leave = house.leave
         start = asyncio.create_task(_start(house, wanted, started), name="start")
+
+        def leave() -> None:
+            house.leave()
+            if not started.is_set():  # no room is joined any more; who waits for the start is told so
+                start.cancel()
+                board.fail(KERNELS, "it was told to stop")
+                started.set()
+
+        app.state.leave = leave
         try:
             yield
         finally:

@@ -127,6 +127,8 @@ class House:
         """Ends every service, then the threads."""
         self.leave()
         assert self._leaving is not None
+        for task in self._tasks:  # some may have been started since
+            task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
         if self.state is not None:
             await self.state.close()

@@ -204,3 +204,39 @@ def test_the_module_level_app_is_made_from_the_environment(monkeypatch: pytest.M
     assert gateway.app.app.title == "Scenegate"
     with pytest.raises(AttributeError):
         _ = gateway.app.nothing
+
+
+async def test_the_end_in_the_middle_of_the_start_is_told_to_those_who_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked, go_on = threading.Event(), threading.Event()
+
+    def compiling() -> None:
+        asked.set()
+        go_on.wait()
+
+    monkeypatch.setattr(warmup, "run", compiling)
+    rooms(monkeypatch, render=add_route)
+    app = gateway.app.create_app(Settings())
+    try:
+        async with app.router.lifespan_context(app):
+            transport = httpx2.ASGITransport(app=app)
+            async with httpx2.AsyncClient(transport=transport, base_url="http://test") as client:
+                waiting = asyncio.create_task(client.get("/room"))
+                await asyncio.to_thread(asked.wait)
+                app.state.leave()
+                answer = await waiting
+        assert (answer.status_code, answer.text) == (503, "The gateway did not start: it was told to stop\n")
+    finally:
+        go_on.set()
+
+
+async def test_a_service_that_starts_after_the_end_began_ends_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    service = FakeService()
+
+    def late(house: House) -> None:
+        house.leave()
+        house.serve("render", service)
+
+    rooms(monkeypatch, render=late)
+    async with asyncio.timeout(20), running() as client:
+        await client.get("/room")  # waits until the rooms are joined
+    assert service.ended.is_set()
