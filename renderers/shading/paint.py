@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from renderers.camera import Camera
 from renderers.drawlist import DrawList
+from renderers.layers import MAX_LAYERS, peeled
 from renderers.pointers import address_of
 from renderers.port import Look
 from renderers.shading import layout as at
@@ -18,11 +19,6 @@ from renderers.shading.scene import ShadingScene, instance_maps
 
 if TYPE_CHECKING:  # the rasterizer calls this module
     from renderers.cpu.visibility import Rasterizer, Visibility
-
-MAX_LAYERS: Final = 32
-"""Default bound of translucent and cut-out surfaces drawn behind one another in a pixel, nearest first: each costs one
-more pass over the translucent instances, and a hostile scene could stack millions. Behind 32 layers of opacity 0.2
-less than a thousandth of the light is left; what lies deeper is not drawn."""
 
 _NOTHING: Final = np.zeros((0, 0, 4), dtype=np.float32)
 _NO_COLOR: Final = np.zeros((0, 0, 3), dtype=np.uint8)
@@ -51,7 +47,7 @@ def paint(
         color: (H, W, 3) uint8, C-contiguous; every pixel is written.
         first: visibility of the whole scene with both faces of everything, if there is one anyway (for depth or
             label); used where it is just what colour needs, never changed or closed here.
-        max_layers: see ``MAX_LAYERS``.
+        max_layers: as for ``peeled``.
     """
     cull = shading.cull_back if shading.culls else None
     if not shading.translucent:
@@ -65,24 +61,11 @@ def paint(
         gathered = np.zeros((camera.height, camera.width, 4), dtype=np.float32)
         gathered[..., 3] = 1.0
         any_layer = False
-        beyond: Visibility | None = None
-        try:
-            for _ in range(max_layers):
-                layer = rasterizer.visibility(
-                    scene, camera, select=shading.layered, cull_back=cull, beyond=beyond, before=behind
-                )
-                if beyond is not None:
-                    beyond.close()
-                beyond = layer
-                if not (layer.ids >= 0).any():
-                    break
-                any_layer = True
-                _shade(rasterizer, shading, layer, camera, look, GATHER, gathered, _NO_COLOR)
-                # Nothing can be seen behind an opaque texel: no more layers there.
-                layer.ids[gathered[..., 3] <= 0.0] = -1
-        finally:
-            if beyond is not None:
-                beyond.close()
+        for layer in peeled(rasterizer, scene, shading, camera, cull, behind, max_layers):
+            any_layer = True
+            _shade(rasterizer, shading, layer, camera, look, GATHER, gathered, _NO_COLOR)
+            # Nothing can be seen behind an opaque texel: no more layers there.
+            layer.ids[gathered[..., 3] <= 0.0] = -1
         _shade(rasterizer, shading, behind, camera, look, UNDER if any_layer else DIRECT, gathered, color)
 
 

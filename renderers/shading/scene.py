@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.drawlist import AlphaMode, Instance, Material, Topology
+from renderers.drawlist import Image, Instance, Material, Topology
 from renderers.jit import kernel
 from renderers.pointers import address_of, f32_at, f64_at
 from renderers.port import LookName
@@ -20,35 +20,21 @@ from renderers.shading.sampling import BYTE_VALUES
 from renderers.shading.textures import Parallel, Texels, TextureTable, texels_of
 from renderers.shading.transfer import DECODED, GAMMA_CELLS
 from renderers.shading.vertices import VertexRecords, records_of
+from renderers.tables import SceneTables, lets_through
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ShadingScene:
-    """What the kernels read of a draw list under one look; independent of the camera, shared between threads."""
+class ShadingScene(SceneTables):
+    """What the kernels read of a draw list under one look. What it keeps are not the meshes, so that whoever keeps this
+    does not keep them."""
 
     look: LookName
-    instances: NDArray[np.int64]
-    """(n, II_COLUMNS)."""
-    material_integers: NDArray[np.int64]
-    """(m, MI_COLUMNS)."""
-    material_floats: NDArray[np.float32]
-    """(m, MF_COLUMNS)."""
-    texture_integers: NDArray[np.int64]
-    """(t, TI_COLUMNS)."""
-    texture_floats: NDArray[np.float32]
-    """(t, TF_COLUMNS)."""
-    cull_back: NDArray[np.bool_]
-    """(n,): whose back faces colour does not show."""
-    layered: NDArray[np.bool_]
-    """(n,): who may let something behind it be seen: blended or cut out, and not opaque everywhere."""
     culls: bool
-    """Whether there is any such."""
+    """Whether ``cull_back`` holds of any."""
     translucent: bool
     """Whether a picture may need more than one layer."""
     job: NDArray[np.int64]
     """(S_COLUMNS,): a picture's job as far as the tables go; copied for each."""
-    keep: tuple[Any, ...]
-    """What the addresses in the tables point into; not the meshes, so that whoever keeps this does not keep them."""
 
     @property
     def nbytes(self) -> int:
@@ -60,15 +46,8 @@ class ShadingScene:
         )
 
 
-def _lets_through(instance: Instance) -> bool:
-    """Whether something behind may be seen through the instance; knows textures without transparent texels."""
-    material = instance.material
-    if material.alpha_mode is AlphaMode.OPAQUE:
-        return False
-    texture = material.base_color_texture
-    opaque = instance.mesh.colors is None and (texture is None or texels_of(texture.image).opaque)
-    least = material.alpha_cutoff if material.alpha_mode is AlphaMode.MASK else 1.0
-    return not (opaque and material.base_color[3] >= least)
+def _opaque(image: Image) -> bool:
+    return texels_of(image).opaque
 
 
 def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | None = None) -> ShadingScene:
@@ -109,7 +88,7 @@ def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | 
     integers, floats = as_tables(rows)
     texture_integers, texture_floats = textures.as_tables(parallel)
     cull_back = np.array([not instance.material.double_sided for instance in instances], dtype=np.bool_)
-    layered = np.array([_lets_through(instance) for instance in instances], dtype=np.bool_)
+    layered = np.array([lets_through(instance, _opaque) for instance in instances], dtype=np.bool_)
     return ShadingScene(
         look=look,
         instances=table,

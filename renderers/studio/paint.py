@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from renderers.camera import Camera
 from renderers.color import linear_from_srgb
 from renderers.drawlist import DrawList
+from renderers.layers import peeled
 from renderers.pointers import address_of
 from renderers.samples import E_IDS, sample_cameras
 from renderers.studio import kernels as k
@@ -28,9 +29,6 @@ from renderers.studio.tonemap import SRGB_CELLS, TONES
 
 if TYPE_CHECKING:  # the rasterizer calls this module
     from renderers.cpu.visibility import Rasterizer, SampledView, Visibility
-
-MAX_LAYERS: Final = 32
-"""Translucent surfaces behind one another in a pixel that are drawn, nearest first."""
 
 
 def paint(
@@ -118,7 +116,7 @@ def paint(
                 if each_camera is not cameras[0]:
                     view = rasterizer.visibility(scene, each_camera, select=opaque, cull_back=cull)
                     stack.callback(view.close)
-                for layer in _peeled(rasterizer, scene, studio, each_camera, cull, view):
+                for layer in peeled(rasterizer, scene, studio, each_camera, cull, view):
                     shade(layer, each_camera, k.BENEATH, own)
                     layer.ids[own[..., 3] >= 1.0] = -1  # nothing can be seen behind
                 shade(view, each_camera, k.BENEATH, own)
@@ -134,32 +132,6 @@ def paint(
         finish_rows(*job, begin, end, picture)
 
     rasterizer.parallel(bands, finish)
-
-
-def _peeled(
-    rasterizer: Rasterizer,
-    scene: DrawList,
-    studio: StudioScene,
-    camera: Camera,
-    cull: NDArray[np.bool_] | None,
-    behind: Visibility,
-) -> Iterator[Visibility]:
-    """The translucent surfaces in front of ``behind``, nearest first; pixels taken out of a layer see no further."""
-    beyond: Visibility | None = None
-    try:
-        for _ in range(MAX_LAYERS):
-            layer = rasterizer.visibility(
-                scene, camera, select=studio.layered, cull_back=cull, beyond=beyond, before=behind
-            )
-            if beyond is not None:
-                beyond.close()
-            beyond = layer
-            if not (layer.ids >= 0).any():
-                break
-            yield layer
-    finally:
-        if beyond is not None:
-            beyond.close()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

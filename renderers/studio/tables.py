@@ -11,11 +11,12 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.drawlist import AlphaMode, Instance, Material, Mesh, Texture, Topology
+from renderers.drawlist import AlphaMode, Image, Instance, Material, Mesh, Texture, Topology
 from renderers.pointers import address_of
 from renderers.shading.materials import look_material
 from renderers.studio.mips import MipTable, mip_chain
 from renderers.studio.tangents import corner_tangents
+from renderers.tables import SceneTables, lets_through
 
 # Columns of the instance table; from II_ELEMENTS on addresses, 0 where the mesh has no such array.
 II_TOPOLOGY: Final = 0
@@ -60,25 +61,8 @@ _ALPHA: Final = {AlphaMode.OPAQUE: 0, AlphaMode.MASK: 1, AlphaMode.BLEND: 2}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StudioScene:
-    """What the kernels read of a draw list; independent of the camera and the rig, shared between threads."""
-
-    instances: NDArray[np.int64]
-    """(n, II_COLUMNS)."""
-    material_integers: NDArray[np.int64]
-    """(m, MI_COLUMNS)."""
-    material_floats: NDArray[np.float32]
-    """(m, MF_COLUMNS)."""
-    texture_integers: NDArray[np.int64]
-    """(t, TI_COLUMNS)."""
-    texture_floats: NDArray[np.float32]
-    """(t, TF_COLUMNS)."""
-    cull_back: NDArray[np.bool_]
-    """(n,): whose back faces are not shown."""
-    layered: NDArray[np.bool_]
-    """(n,): who may let something behind it be seen."""
-    keep: tuple[Any, ...]
-    """What the addresses in the tables point into."""
+class StudioScene(SceneTables):
+    """What the kernels read of a draw list; independent of the rig, too."""
 
     @property
     def nbytes(self) -> int:
@@ -151,17 +135,8 @@ def _material_rows(material: Material, lit: bool, textures: MipTable) -> tuple[l
     return integers, floats
 
 
-def _lets_through(instance: Instance) -> bool:
-    """Whether something behind may be seen through the instance; knows textures without transparent texels."""
-    material = instance.material
-    if material.alpha_mode is AlphaMode.OPAQUE:
-        return False
-    texture = material.base_color_texture
-    opaque = instance.mesh.colors is None
-    if texture is not None and opaque:
-        opaque = bool((mip_chain(texture.image, True).levels[0][..., 3] == 255).all())
-    least = material.alpha_cutoff if material.alpha_mode is AlphaMode.MASK else 1.0
-    return not (opaque and material.base_color[3] >= least)
+def _opaque(image: Image) -> bool:
+    return bool((mip_chain(image, True).levels[0][..., 3] == 255).all())
 
 
 def _addresses(mesh: Mesh, keep: list[Any]) -> tuple[int, ...]:
@@ -231,7 +206,7 @@ def prepare(instances: Sequence[Instance]) -> StudioScene:
         texture_integers=texture_integers,
         texture_floats=texture_floats,
         cull_back=np.array([not instance.material.double_sided for instance in instances], np.bool_),
-        layered=np.array([_lets_through(instance) for instance in instances], np.bool_),
+        layered=np.array([lets_through(instance, _opaque) for instance in instances], np.bool_),
         keep=(*keep, *textures.keep),
     )
 
