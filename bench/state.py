@@ -22,8 +22,8 @@ from pathlib import Path
 
 import uvloop
 
-from bench import treeviewer
-from bench.treeviewer import Client, Figures, measure, process, started, transforms
+from bench.treeviewer_clients import Client, Figures, measure, process, started
+from bench.treeviewer_requests import boxes, cloud, transforms
 from gateway.ops.process import tune
 from gateway.scene.live import LiveTree
 from gateway.state.config import StateConfig
@@ -38,8 +38,8 @@ JOBS = {
     "1 transform": lambda: transforms(1),
     "100 transforms": lambda: transforms(100),
     "1000 transforms": lambda: transforms(1000),
-    "create 1000 boxes": treeviewer.boxes,
-    "cloud 100k": treeviewer.cloud,
+    "create 1000 boxes": boxes,
+    "cloud 100k": cloud,
 }
 COMMITS = 21
 FLOODS = {"flood of 3000 single transforms": (1, 3000), "flood of 200 x 1000 transforms": (1000, 200)}

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bench.table import Row, at_least, at_most, show, skipped
-from bench.treeviewer import Figures, process, started
+from bench.treeviewer_clients import Figures, process, started
 from bench.treeviewer_peers import MILLION, cloud_arrays, mesh_arrays
 from gateway.client import Mesh, PointCloud, TreeViewer
 
@@ -155,7 +155,7 @@ def main() -> None:
     number = random.randrange(20000, 50000)
     udp, tcpq = f"udpm://239.255.76.67:{number}?ttl=0", f"tcpq://127.0.0.1:{number}"
     with contextlib.ExitStack() as stack:
-        server = process("-m", "bench.treeviewer", "--part", "serve", "--url", udp, "--port", str(number))
+        server = process("-m", "bench.treeviewer_servers", "serve", "--url", udp, "--port", str(number))
         child = stack.enter_context(server)
         started(child)
         ours = [os.getpid(), child.pid]
