@@ -18,6 +18,7 @@ from gateway.house import House
 from gateway.joins import join_stereo
 from gateway.ops import kernels
 from gateway.settings import Settings
+from tests.support.waiting import until
 
 
 class FakeService:
@@ -185,12 +186,10 @@ async def test_who_only_renders_is_not_ready_while_its_queue_is_full(
     houses: list[House] = []
     rooms(monkeypatch, render=houses.append)
     async with running(only=only, threads=1, queue=1) as client:
-        while not houses:  # noqa: ASYNC110
-            await asyncio.sleep(0)
+        await until(lambda: houses)
         release = threading.Event()
         calls = [asyncio.create_task(houses[0].workers.run(release.wait)) for _ in range(2)]
-        while houses[0].workers.stats.waiting < 1 or houses[0].workers.stats.running < 1:  # noqa: ASYNC110
-            await asyncio.sleep(0)
+        await until(lambda: houses[0].workers.stats.waiting == 1 and houses[0].workers.stats.running == 1)
         full = await client.get("/readyz")
         assert full.status_code == expected
         assert full.json()["status"] == ("busy" if expected == 503 else "ready")

@@ -7,11 +7,11 @@ import contextvars
 import gc
 import threading
 import weakref
-from collections.abc import Callable
 
 import pytest
 
 from gateway.workers import Busy, Closed, Workers
+from tests.support.waiting import until
 
 LONG = 30.0
 """Seconds; a bound on waiting for events so that a bug fails a test instead of hanging it."""
@@ -32,13 +32,6 @@ class Gate:
 
 async def started(gate: Gate) -> None:
     assert await asyncio.to_thread(gate.started.wait, LONG)
-
-
-async def until(condition: Callable[[], bool]) -> None:
-    """Lets the loop and the threads go on until the condition holds."""
-    async with asyncio.timeout(LONG):
-        while not condition():  # noqa: ASYNC110 - the threads have no event to wait for
-            await asyncio.sleep(0)
 
 
 async def test_results_errors_keywords_and_context_cross_the_threads() -> None:

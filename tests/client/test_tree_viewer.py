@@ -19,15 +19,17 @@ from gateway.scene.live import LiveTree
 from gateway.treeviewer.answers import UNKNOWN_FORMAT
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.service import TreeViewerService
+from tests.support.liblcm import liblcm
 from tests.support.ports import free_ports
-from tests.treeviewer.transports import free_url, join, serving, until
+from tests.support.waiting import until
+from tests.treeviewer.transports import free_url, join, serving
 
 pytestmark = pytest.mark.lcm
 
 
 @pytest.fixture(autouse=True)
 def lcm() -> None:
-    pytest.importorskip("lcm", reason="LCM cannot be imported: it needs libglib-2.0.so.0", exc_type=ImportError)
+    liblcm()
 
 
 async def in_thread(function: Callable[..., Any], *args: Any) -> Any:

@@ -14,6 +14,8 @@ import httpx2
 import numpy as np
 import pytest
 
+from tests.support.liblcm import liblcm
+
 pytestmark = [pytest.mark.compose, pytest.mark.lcm]
 
 PUBLISHER = Path(__file__).parent / "publisher.py"
@@ -43,7 +45,7 @@ def check(url: str, picture: np.ndarray) -> None:
 
 
 def test_over_tcpq(url: str, interfaces: dict[str, Any], tmp_path: Path) -> None:
-    pytest.importorskip("lcm", reason="LCM cannot be imported: it needs libglib-2.0.so.0", exc_type=ImportError)
+    liblcm()
     port = urlsplit(interfaces["treeviewer"]["tcpq"]["url"]).port
     # liblcm does not resolve names: it says "Connection refused" for tcpq://gateway:7700.
     address = socket.gethostbyname(urlsplit(url).hostname or "")
@@ -52,7 +54,7 @@ def test_over_tcpq(url: str, interfaces: dict[str, Any], tmp_path: Path) -> None
 
 
 def test_over_multicast(url: str, interfaces: dict[str, Any], tmp_path: Path) -> None:
-    lcm = pytest.importorskip("lcm", reason="LCM cannot be imported: it needs libglib-2.0.so.0", exc_type=ImportError)
+    lcm = liblcm()
     state = interfaces["treeviewer"]["lcm"]
     if "problem" in state:
         pytest.skip(f"the gateway has no multicast: {state['problem']}")

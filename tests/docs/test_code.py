@@ -20,6 +20,7 @@ import pytest
 from tests.docs.pages import PAGES, Block, blocks, commands
 from tests.support import forms
 from tests.support.gateway_process import gateway_process
+from tests.support.liblcm import liblcm
 from tests.support.ports import free_ports
 
 SECONDS = 300
@@ -69,7 +70,7 @@ def test_python(block: Block, addresses: dict[str, str], tmp_path: Path) -> None
         if not interpreter:
             pytest.skip("SCENEGATE_DRAKE_PYTHON names no interpreter with pydrake")
     elif "import lcm" in block.code:
-        pytest.importorskip("lcm", reason="LCM's library needs glib", exc_type=ImportError)
+        liblcm()
     script = tmp_path / "block.py"
     script.write_text(placed(block.code, addresses))
     done = subprocess.run(

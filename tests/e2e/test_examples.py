@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from tests.support.gateway_process import gateway_process
+from tests.support.liblcm import liblcm
 from tests.support.ports import free_ports
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -64,7 +65,7 @@ def test_render_http(gateway: dict[str, str], tmp_path: Path) -> None:
 
 @pytest.mark.lcm
 def test_publish_tree(gateway: dict[str, str], tmp_path: Path) -> None:
-    pytest.importorskip("lcm", reason="LCM's library needs glib")
+    liblcm()
     out = run("publish_tree.py", gateway["tcpq"], gateway["http"], tmp_path / "robot.png")
     assert "robot.png" in out
     picture = cv2.imread(str(tmp_path / "robot.png"))
@@ -76,7 +77,7 @@ def test_publish_tree(gateway: dict[str, str], tmp_path: Path) -> None:
 
 @pytest.mark.lcm
 def test_animate_robot(gateway: dict[str, str]) -> None:
-    pytest.importorskip("lcm", reason="LCM's library needs glib")
+    liblcm()
     command = [sys.executable, str(EXAMPLES / "animate_robot.py"), gateway["tcpq"]]
     with subprocess.Popen(command, stderr=subprocess.DEVNULL) as publisher:
         try:

@@ -15,6 +15,7 @@ import pytest
 
 from gateway.generated import image_interface_pb2 as pb
 from tests.support.gateway_process import GatewayProcess, gateway_process
+from tests.support.liblcm import liblcm
 
 FINGERPRINT = 0xD368E03F33C568BE
 """robotlocomotion.viewer2_comms_t, as lcm-gen computes it."""
@@ -52,7 +53,7 @@ def viewer2_comms(request: dict[str, Any]) -> bytes:
 
 def publish_box(running: Running) -> dict[str, Any]:
     """A box of half a metre at the origin, by LCM's own library; the gateway's answer."""
-    lcm = pytest.importorskip("lcm", reason="the system's libglib is missing", exc_type=ImportError)
+    lcm = liblcm()
     bus = lcm.LCM(running.interface("treeviewer")["tcpq"]["url"])
     answers: list[dict[str, Any]] = []
 

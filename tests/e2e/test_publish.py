@@ -14,6 +14,8 @@ from typer.testing import CliRunner, Result
 from gateway.cli.main import app
 from gateway.scene.geometry import PointCloud, Surface
 from gateway.scene.live import LiveTree
+from tests.support.liblcm import liblcm
+from tests.support.waiting import until
 from tests.treeviewer.transports import serving
 
 REQUEST = {
@@ -42,7 +44,7 @@ pytestmark = pytest.mark.lcm
 
 @pytest.fixture(autouse=True)
 def lcm() -> None:
-    pytest.importorskip("lcm", reason="LCM cannot be imported: it needs libglib-2.0.so.0", exc_type=ImportError)
+    liblcm()
 
 
 async def scenegate(*arguments: str | Path) -> Result:
@@ -121,6 +123,4 @@ async def test_what_was_recorded_can_be_played(tmp_path: Path) -> None:
         done = await scenegate("play", log, "--lcm-url", url, "--speed", "0", "--channels", ".*REQUEST.*")
         assert done.exit_code == 0, done.output
         assert "messages played" in done.output
-        async with asyncio.timeout(30):
-            while set(live.snapshot.root.children) != {"a", "b"}:  # noqa: ASYNC110 - it has no event
-                await asyncio.sleep(0)
+        await until(lambda: set(live.snapshot.root.children) == {"a", "b"})

@@ -9,7 +9,8 @@ from contextlib import asynccontextmanager
 import pytest
 from fastapi import FastAPI, Request
 
-from gateway.ops import connection, http
+from gateway.ops import connection
+from tests.ops.listening import listening
 
 
 def shut(method: bytes, target: bytes) -> connection.TurnedAway | None:
@@ -31,16 +32,8 @@ async def serving(door: connection.Door | None = None, origins: tuple[str, ...] 
 
     app.state.door = door
     app.state.cors_origins = frozenset(origins)
-    service = http.PortService(app, "127.0.0.1", 0)
-    task = asyncio.create_task(service.run())
-    try:
-        while not service.ready:
-            assert not task.done(), task.result()
-            await asyncio.sleep(0)
-        yield int(service.status()["port"])
-    finally:
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
+    async with listening(app) as port:
+        yield port
 
 
 async def test_requests_on_one_connection_each_have_a_whole_allowance() -> None:

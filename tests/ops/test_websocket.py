@@ -10,8 +10,8 @@ from contextlib import asynccontextmanager
 import pytest
 from fastapi import FastAPI, WebSocket, WebSocketDisconnect
 
-from gateway.ops import http
 from gateway.ops.websocket import MAX_FRAGMENTS, PIECE_BYTES, BoundedWebSocket
+from tests.ops.listening import listening
 
 UPGRADE = (
     b"GET /ws HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
@@ -42,21 +42,12 @@ async def connected() -> AsyncIterator[tuple[asyncio.StreamReader, asyncio.Strea
         except WebSocketDisconnect as end:
             got.append(str(end.code))
 
-    service = http.PortService(app, "127.0.0.1", 0)
-    task = asyncio.create_task(service.run())
-    try:
-        while not service.ready:
-            assert not task.done(), task.result()
-            await asyncio.sleep(0)
-        async with asyncio.timeout(60):
-            reader, writer = await asyncio.open_connection("127.0.0.1", int(service.status()["port"]))
-            writer.write(UPGRADE)
-            assert b" 101 " in await reader.readuntil(b"\r\n\r\n")
-            yield reader, writer, got
-            writer.close()
-    finally:
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
+    async with listening(app) as port, asyncio.timeout(60):
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(UPGRADE)
+        assert b" 101 " in await reader.readuntil(b"\r\n\r\n")
+        yield reader, writer, got
+        writer.close()
 
 
 @pytest.mark.parametrize("payload", [b"", b"x"], ids=["empty", "of a byte"])

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import threading
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass, field
 
+import cv2
 import httpx2
 import numpy as np
 import pytest
 from fastapi import FastAPI
+from numpy.typing import NDArray
 
 from gateway.render.config import RenderConfig
 from gateway.render.pipeline import Backdrop
@@ -22,6 +25,7 @@ from renderers.camera import Camera
 from renderers.drawlist import LABEL_NONE, DrawList
 from renderers.port import Frame, Look, Output, Renderer
 from tests.support.corpus import TABLE
+from tests.support.forms import gltf
 
 LONG = 30.0
 """Seconds; a bound on waiting for events so that a bug fails a test instead of hanging it."""
@@ -72,6 +76,26 @@ class Running:
 
     async def post(self, body: bytes, content_type: str) -> httpx2.Response:
         return await self.client.post("/render", content=body, headers={"Content-Type": content_type})
+
+
+SCENE = json.dumps(gltf()).encode()
+
+
+def decoded(response: httpx2.Response) -> NDArray[np.generic]:
+    """The picture of an answer, channels as RGB."""
+    image = cv2.imdecode(np.frombuffer(response.content, np.uint8), cv2.IMREAD_UNCHANGED)
+    assert image is not None
+    return image[..., ::-1] if image.ndim == 3 else image
+
+
+def assert_refused(response: httpx2.Response, status: int, *words: str) -> None:
+    """The answer is one of plain text that has all the words."""
+    assert response.status_code == status
+    assert response.headers["content-type"] == "text/plain; charset=utf-8"
+    assert 0 < len(response.content) < 8192
+    assert int(response.headers["content-length"]) == len(response.content)
+    text = response.content.decode()
+    assert all(word in text for word in words), text
 
 
 Start = Callable[..., AbstractAsyncContextManager[Running]]

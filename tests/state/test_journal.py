@@ -18,6 +18,7 @@ from gateway.state.config import StateConfig
 from gateway.state.service import State
 from renderers.drawlist import Material
 from tests.state import trees
+from tests.support.waiting import until
 
 BOX = (Part(Box((1.0, 2.0, 3.0)), Material()),)
 SECONDS = 30.0
@@ -74,7 +75,7 @@ class Slow:
         pass
 
 
-async def until(event: threading.Event) -> None:
+async def happened(event: threading.Event) -> None:
     async with asyncio.timeout(SECONDS):
         assert await asyncio.to_thread(event.wait, SECONDS)
 
@@ -102,7 +103,7 @@ async def test_what_comes_while_it_writes_is_the_next_transaction(kept: Kept) ->
     kept.state.journal.add(slow)
     told: list[str] = []
     kept.state.journal.after(lambda problem: told.append("first"), 10)
-    await until(slow.writing)
+    await happened(slow.writing)
     for number in range(5):
         kept.put(f"node {number}")
         kept.state.journal.after(lambda problem, number=number: told.append(f"then {number}"), 10)  # type: ignore[misc]
@@ -172,9 +173,7 @@ async def test_edits_that_nobody_waits_for_are_stored_a_moment_later(config: Sta
     kept.state.start()
     kept.state.keep_tree(kept.live)
     kept.put("quiet")
-    async with asyncio.timeout(SECONDS):
-        while not kept.state.status()["commits"]:  # noqa: ASYNC110 - nobody tells
-            await asyncio.sleep(0)
+    await until(lambda: kept.state.status()["commits"])
     assert kept.sql("SELECT count(*) FROM tree_node") == 2
     await kept.state.close()
 

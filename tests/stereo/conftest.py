@@ -23,9 +23,20 @@ from renderers.drawlist import DrawList
 from renderers.stereo.model import StereoModel
 from renderers.stereo.warm import warm_up
 from tests.stereo.scenes import pose, table
+from tests.support.waiting import until
 
 SMALL = StereoModel("small", 320, 240, 0.8449, 0.160)
 """The device's geometry at a quarter of its resolution: quick to render."""
+
+EVERYTHING: dict[str, bool] = {
+    "left_enabled": True,
+    "right_enabled": True,
+    "disparity_enabled": True,
+    "disparity_error_enabled": True,
+    "confidence_enabled": True,
+    "mesh_enabled": True,
+}
+"""A request for all that the camera has."""
 
 Start = Callable[..., Awaitable["Camera"]]
 
@@ -70,8 +81,7 @@ async def running(
     workers = Workers(2)
     service = StereoService(config, scene, pose, renderer, workers, clock)
     task = asyncio.create_task(service.run())
-    while not service.ready and not task.done():  # noqa: ASYNC110 - it is ready soon or fails
-        await asyncio.sleep(0)
+    await until(lambda: service.ready or task.done())
     if task.done():
         task.result()
     options = [("grpc.max_receive_message_length", -1), ("grpc.use_local_subchannel_pool", 1)]

@@ -4,38 +4,20 @@ from __future__ import annotations
 
 import asyncio
 import io
-import random
-import shutil
-import subprocess
-import threading
 import time
-from pathlib import Path
 from typing import Any
 
 import grpc
 import numpy as np
 import pytest
-from grpc_health.v1 import health_pb2, health_pb2_grpc
-from grpc_reflection.v1alpha import reflection_pb2, reflection_pb2_grpc
-from grpc_reflection.v1alpha.proto_reflection_descriptor_database import ProtoReflectionDescriptorDatabase
 
 from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.clock import SimulatedClock
-from gateway.stereo.config import Tls
 from gateway.stereo.truth import find, show, truth_of
 from renderers.drawlist import DrawList, Image, ImageError, Instance, Material, Mesh, Texture
 from renderers.stereo.model import MODELS
-from tests.stereo.conftest import SMALL, Camera, Start, pixels
+from tests.stereo.conftest import EVERYTHING, Camera, Start, pixels
 from tests.stereo.scenes import table
-
-EVERYTHING: dict[str, Any] = {
-    "left_enabled": True,
-    "right_enabled": True,
-    "disparity_enabled": True,
-    "disparity_error_enabled": True,
-    "confidence_enabled": True,
-    "mesh_enabled": True,
-}
 
 
 async def test_everything_that_is_asked_for_comes_with_one_timestamp(start: Start) -> None:
@@ -112,16 +94,6 @@ async def test_quality_decides_size_and_intrinsics(
     assert image.principal_point_v == pytest.approx(120 / divisor)
 
 
-@pytest.mark.parametrize("method", ["/ImageInterface/StreamImageSets", "/ImageEventsInterface/StreamImageEvents"])
-async def test_bytes_that_are_no_request_are_the_clients_fault(start: Start, method: str) -> None:
-    camera = await start()
-    with pytest.raises(grpc.aio.AioRpcError) as refusal:
-        async for _ in camera.channel.unary_stream(method)(b"\xff\xff\xff", timeout=30.0):
-            pass
-    assert refusal.value.code() == grpc.StatusCode.INVALID_ARGUMENT
-    assert "the 3 bytes of the request are not a message Image" in refusal.value.details()
-
-
 @pytest.mark.parametrize("points", [1, 999])
 async def test_too_few_mesh_points_are_refused_with_a_sentence(start: Start, points: int) -> None:
     camera = await start()
@@ -185,52 +157,6 @@ async def test_depth_on_demand(start: Start) -> None:
     assert (await pending).disparity.image.gpios.values == 1
 
 
-async def test_health_and_reflection(start: Start) -> None:
-    camera = await start()
-    stub = health_pb2_grpc.HealthStub(camera.channel)
-    for name in ("", "ImageInterface"):
-        answer = await stub.Check(health_pb2.HealthCheckRequest(service=name))
-        assert answer.status == health_pb2.HealthCheckResponse.SERVING
-
-    def look() -> tuple[list[str], list[str]]:
-        with grpc.insecure_channel(f"127.0.0.1:{camera.service.port}") as channel:
-            database = ProtoReflectionDescriptorDatabase(channel)
-            file = database.FindFileContainingSymbol("ImageInterface")
-            return list(database.get_services()), [m.name for m in file.message_type]
-
-    services, messages = await asyncio.to_thread(look)
-    assert "ImageInterface" in services
-    assert "ImageSetRequest" in messages
-
-
-@pytest.mark.parametrize(
-    ("name", "known"),
-    [
-        ("ImageInterface", True),
-        ("ImageInterface.StreamImageSets", True),
-        ("grpc.health.v1.Health.Watch", True),
-        ("Image.data", True),
-        ("ImageInterface.Nothing", False),
-        ("Nothing.StreamImageSets", False),
-        ("Nothing", False),
-        ("", False),
-    ],
-)
-async def test_reflection_finds_methods_too(start: Start, name: str, known: bool) -> None:
-    camera = await start()
-    call = reflection_pb2_grpc.ServerReflectionStub(camera.channel).ServerReflectionInfo()
-    await call.write(reflection_pb2.ServerReflectionRequest(file_containing_symbol=name))
-    answer = await call.read()
-    await call.done_writing()
-    assert answer.WhichOneof("message_response") == ("file_descriptor_response" if known else "error_response")
-
-
-async def test_a_taken_port_is_one_sentence(start: Start) -> None:
-    camera = await start()
-    with pytest.raises(OSError, match=r"^the stereo camera cannot listen on 127.0.0.1:\d+: the port is taken"):
-        await start(port=camera.service.port)
-
-
 async def test_a_picture_that_cannot_be_made_ends_the_stream_with_the_reason(start: Start) -> None:
     def decode() -> Any:
         raise ImageError("image 'wall.png' is broken")
@@ -268,94 +194,6 @@ async def test_a_scene_that_cannot_be_read_does_not_end_the_camera(start: Start)
     assert "warning" not in camera.service.status()
 
 
-async def test_clients_coming_and_leaving_leave_nothing_behind(start: Start) -> None:
-    camera = await start(rate="max")
-    await camera.take(disparity_enabled=True)
-    order = random.Random(4)
-    tasks, threads = len(asyncio.all_tasks()), threading.active_count()
-
-    async def visit() -> None:
-        request = {name: order.random() < 0.4 for name in EVERYTHING}
-        call = camera.stream(**request, timeout=order.choice((0.05, 30.0)))
-        try:
-            for _ in range(order.randrange(4)):
-                await call.read()
-        except grpc.aio.AioRpcError as error:
-            assert error.code() == grpc.StatusCode.DEADLINE_EXCEEDED  # noqa: PT017
-        call.cancel()
-
-    for _ in range(6):
-        await asyncio.gather(*(visit() for _ in range(8)))
-    await _until(lambda: len(camera.service.hub) == 0 and camera.service.workers.stats.running == 0)
-    await _until(lambda: len(asyncio.all_tasks()) <= tasks)
-    assert threading.active_count() <= threads + 1
-
-
-async def _until(condition: Any) -> None:
-    async with asyncio.timeout(10):
-        while not condition():  # noqa: ASYNC110 - conditions of the server, without an event
-            await asyncio.sleep(0.005)
-
-
-async def test_a_client_that_does_not_read_costs_the_others_nothing(start: Start) -> None:
-    camera = await start(rate="max", model=SMALL)
-    slow, fast = camera.stream(left_enabled=True, color=True), camera.stream(left_enabled=True, color=True)
-    await slow.read()
-    stamps = [(await fast.read()).timestamp for _ in range(150)]
-    assert len({(t.sec, t.nsec) for t in stamps}) == 150
-    stuck = min(camera.service.hub, key=lambda s: s.sent)
-    assert stuck.sent < 150
-    assert stuck.skipped > 0
-
-
-async def test_limits_of_clients_and_kinds(start: Start) -> None:
-    camera = await start(max_clients=2, max_kinds=1)
-    first = camera.stream(left_enabled=True)
-    await first.read()
-    with pytest.raises(grpc.aio.AioRpcError, match="max_kinds"):
-        await camera.stream(right_enabled=True).read()
-    second = camera.stream(left_enabled=True)
-    await second.read()
-    with pytest.raises(grpc.aio.AioRpcError, match="max_clients"):
-        await camera.stream(left_enabled=True).read()
-    first.cancel()
-    await _until(lambda: len(camera.service.hub) == 1)
-    await camera.take(left_enabled=True)
-
-
-async def test_who_joins_later_gets_a_set_at_once_at_the_device_s_slow_rates(start: Start) -> None:
-    camera = await start()
-    camera.service.parameters.set("rc_stereomatching", [("quality", "Full")])  # one depth image per second
-    first = camera.stream(disparity_enabled=True)
-    one = await first.read()
-    (two,) = await camera.take(disparity_enabled=True, left_enabled=True)
-    assert two.timestamp == one.timestamp
-
-
-async def test_who_opens_a_stream_after_setting_a_parameter_gets_no_older_set(start: Start) -> None:
-    taking, go = threading.Event(), threading.Event()
-    drawn = table()
-
-    def scene() -> tuple[DrawList, int]:
-        taking.set()
-        go.wait(10)
-        return drawn, 1
-
-    camera = await start(scene=scene)
-    first = camera.stream(disparity_enabled=True)
-    pending = asyncio.ensure_future(first.read())
-    assert await asyncio.to_thread(taking.wait, 10)
-    # A frame is in work with the quality of before, for the same request.
-    camera.service.parameters.set("rc_stereomatching", [("quality", "Low")])
-    second = camera.stream(disparity_enabled=True)
-    later = asyncio.ensure_future(second.read())
-    await _until(lambda: len(camera.service.hub) == 2)
-    go.set()
-    assert (await pending).disparity.image.width == 160
-    assert (await later).disparity.image.width == 54
-    assert (await first.read()).disparity.image.width == 54
-
-
 async def test_scene_and_pose_are_read_for_every_frame(start: Start) -> None:
     scenes = [table(), DrawList()]
     calls = 0
@@ -370,42 +208,6 @@ async def test_scene_and_pose_are_read_for_every_frame(start: Start) -> None:
     seen = [bool(pixels(s.disparity.image).any()) for s in sets]
     assert True in seen
     assert False in seen
-
-
-async def test_tls_with_client_certificates(start: Start, tmp_path: Path) -> None:
-    openssl = shutil.which("openssl")
-    if openssl is None:
-        pytest.skip("openssl makes the certificates")
-
-    def make(name: str) -> tuple[Path, Path]:
-        key, certificate = tmp_path / f"{name}.key", tmp_path / f"{name}.pem"
-        command = [openssl, "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-keyout", str(key)]
-        command += ["-out", str(certificate), "-subj", f"/CN={name}", "-addext", "subjectAltName=IP:127.0.0.1"]
-        subprocess.run(command, check=True, capture_output=True)
-        return key, certificate
-
-    key, certificate = make("camera")
-    client_key, client_certificate = make("client")
-    camera = await start(tls=Tls(certificate, key, client_certificate))
-    target = f"127.0.0.1:{camera.service.port}"
-
-    async def first(credentials: grpc.ChannelCredentials) -> pb.ImageSet:
-        async with grpc.aio.secure_channel(target, credentials) as channel:
-            return await Camera(camera.service, channel, camera.task).stream(timeout=5, left_enabled=True).read()
-
-    trusted = grpc.ssl_channel_credentials(
-        certificate.read_bytes(), client_key.read_bytes(), client_certificate.read_bytes()
-    )
-    assert (await first(trusted)).HasField("left")
-    with pytest.raises(grpc.aio.AioRpcError):
-        await first(grpc.ssl_channel_credentials(certificate.read_bytes()))
-    with pytest.raises(grpc.aio.AioRpcError):
-        await camera.stream(timeout=2, left_enabled=True).read()
-
-
-async def test_a_certificate_that_cannot_be_read_is_one_sentence(start: Start, tmp_path: Path) -> None:
-    with pytest.raises(OSError, match=r"the stereo camera cannot read .*missing\.key: No such file"):
-        await start(tls=Tls(tmp_path / "x.pem", tmp_path / "missing.key"))
 
 
 @pytest.mark.parametrize(

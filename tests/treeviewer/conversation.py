@@ -16,12 +16,18 @@ from gateway.treeviewer.geometry import MeshLoader
 from gateway.treeviewer.protocol import TreeViewerProtocol
 
 BOX = {"type": "box", "lengths": [1, 2, 3]}
+CLOUD = {"type": "pointcloud", "points": [[0, 0, 0], [1, 0, 0], [0, 1, 0]]}
+TRIANGLE = {"vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0]], "faces": [[0, 1, 2]]}
+"""Of a mesh_data."""
 
 
 def message(request: Any, utime: int = 7) -> bytes:
     """A request as Python clients write it (with bare NaN); text is taken as it is."""
     text = request if isinstance(request, str) else json.dumps(request)
     return wire.encode(text.encode("utf-8", "surrogatepass"), utime)
+
+
+ONE_BOX = message({"setgeometry": [{"path": ["a"], "geometry": BOX}]})
 
 
 def decoded(data: bytes) -> dict[str, Any]:

@@ -18,11 +18,6 @@ POSE = {"translation": [1, 2, 3], "quaternion": [1, 0, 0, 0]}
 LINE = {"type": "line", "points": [[0, 0, 0], [1, 1, 1]]}
 
 
-@pytest.fixture
-def viewer() -> Viewer:
-    return Viewer()
-
-
 def test_deletes_come_first_then_geometries_then_transforms(viewer: Viewer) -> None:
     viewer.tell({"setgeometry": [{"path": ["a"], "geometry": LINE}, {"path": ["a", "b"], "geometry": LINE}]})
     answer = viewer.tell(

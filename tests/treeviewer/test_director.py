@@ -10,8 +10,9 @@ import pytest
 
 from gateway.scene.live import LiveTree
 from gateway.treeviewer.config import TreeViewerConfig
+from tests.support.waiting import until
 from tests.treeviewer import director_checkout
-from tests.treeviewer.transports import free_url, join, serving, until
+from tests.treeviewer.transports import free_url, join, serving
 
 pytestmark = [pytest.mark.slow, pytest.mark.lcm]
 

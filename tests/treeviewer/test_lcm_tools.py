@@ -20,8 +20,10 @@ import pytest
 
 from gateway.scene.live import LiveTree
 from gateway.treeviewer.eventlog import read_events
+from tests.support.liblcm import liblcm
+from tests.support.waiting import SECONDS, until
 from tests.treeviewer.test_recording import EVENTS, written
-from tests.treeviewer.transports import SECONDS, HubClient, serving, until
+from tests.treeviewer.transports import HubClient, serving
 
 pytestmark = pytest.mark.lcm
 ROOT = Path(__file__).parents[2]
@@ -162,7 +164,7 @@ async def test_lcms_tools_play_and_filter_a_log_of_ours(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 async def test_lcm_spy_reads_a_log_of_ours(tmp_path: Path) -> None:
-    lcm = pytest.importorskip("lcm", reason="LCM cannot be imported: it needs libglib-2.0.so.0", exc_type=ImportError)
+    lcm = liblcm()
     jar = next(Path(lcm.__file__).parents[1].glob("share/java/lcm.jar"), None)
     if jar is None or shutil.which("javac") is None:
         pytest.skip("lcm-spy is Java: javac or the wheel's lcm.jar is missing")

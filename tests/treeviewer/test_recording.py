@@ -18,8 +18,10 @@ from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.eventlog import Event, EventLogError, pack_event, read_events
 from gateway.treeviewer.protocol import REQUEST
 from gateway.treeviewer.tcpq import HUB_HELLO, publish_head
+from tests.support.liblcm import liblcm
+from tests.support.waiting import until
 from tests.treeviewer.conversation import BOX, message
-from tests.treeviewer.transports import HubClient, free_url, join, lossless, serving, until
+from tests.treeviewer.transports import HubClient, free_url, join, lossless, serving
 
 EVENTS = [
     Event(0, 1_000_000, f"{REQUEST}_<a>", message({"setgeometry": [{"path": ["a"], "geometry": BOX}]})),
@@ -59,7 +61,7 @@ def test_what_is_no_log_is_told() -> None:
 
 
 def test_lcms_own_tools_read_and_write_the_same(tmp_path: Path) -> None:
-    lcm = pytest.importorskip("lcm", reason="LCM cannot be imported: it needs libglib-2.0.so.0", exc_type=ImportError)
+    lcm = liblcm()
     (tmp_path / "ours").write_bytes(written(EVENTS))
     theirs = lcm.EventLog(str(tmp_path / "ours"), "r")
     assert [Event(e.eventnum, e.timestamp, e.channel, e.data) for e in theirs] == EVENTS

@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 
 from gateway.treeviewer.tcpq import Frame
-from tests.treeviewer.transports import SECONDS, HubClient, serving
+from tests.support.waiting import SECONDS
+from tests.treeviewer.transports import HubClient, serving
 
 pytestmark = [pytest.mark.slow, pytest.mark.lcm]
 

@@ -21,9 +21,8 @@ from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.geometry import MeshLoader
 from gateway.treeviewer.service import TreeViewerService
 from gateway.treeviewer.tcpq import CLIENT_HELLO, HUB_HELLO, Frame, publish_head, subscription
-
-SECONDS = 30.0
-"""A test that waits longer has failed."""
+from tests.support.liblcm import liblcm
+from tests.support.waiting import SECONDS
 
 
 def free_url() -> str:
@@ -31,9 +30,14 @@ def free_url() -> str:
     return f"udpm://239.255.76.67:{random.randrange(20000, 60000)}?ttl=0"
 
 
+def config_of(url: str) -> TreeViewerConfig:
+    """The service on an LCM network, with a hub on a free port."""
+    return TreeViewerConfig(lcm_url=url, tcpq_port=0)
+
+
 def join(url: str) -> Any:
     """A real LCM client; skips the test where LCM does not work."""
-    lcm = pytest.importorskip("lcm", reason="LCM cannot be imported: it needs libglib-2.0.so.0", exc_type=ImportError)
+    lcm = liblcm()
     try:
         return lcm.LCM(url)
     except RuntimeError:
@@ -117,11 +121,9 @@ class HubClient:
             await self.writer.wait_closed()
 
 
-async def until(condition: Callable[[], bool]) -> None:
-    """Returns when the condition holds; it is looked at between all other things that the loop does."""
-    async with asyncio.timeout(SECONDS):
-        while not condition():  # noqa: ASYNC110 - what changes has no event to wait for
-            await asyncio.sleep(0)
+async def in_thread(function: Callable[..., Any], *args: Any) -> Any:
+    """What the function returns; the loop goes on meanwhile."""
+    return await asyncio.get_running_loop().run_in_executor(None, function, *args)
 
 
 def resident_bytes() -> int:

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
-import struct
-import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -18,96 +15,16 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from gateway.scene.gltf import read_gltf
-from tests.support.browser import Watched, chromium
+from tests.support.browser import chromium
 from tests.support.forms import CONTENT_TYPE, body, drake_fields, gltf
 from tests.support.gateway_process import GatewayProcess, gateway_process
+from tests.viewer.page import Publisher, View, row
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
-FINGERPRINT = 0xD368E03F33C568BE
-"""robotlocomotion.viewer2_comms_t, as lcm-gen computes it."""
+
 FLAGS = ("--lcm-url", "off", "--grpc-port", "0")
 RED, GREEN = [1, 0, 0, 1], [0, 1, 0, 1]
-
-
-class Publisher:
-    """Speaks the tree viewer's protocol by LCM's own library."""
-
-    def __init__(self, url: str) -> None:
-        lcm = pytest.importorskip("lcm", reason="the system's libglib is missing", exc_type=ImportError)
-        with httpx2.Client(base_url=url) as http:
-            interfaces = http.get("/healthz").json()["interfaces"]
-        self.bus = lcm.LCM(interfaces["treeviewer"]["tcpq"]["url"])
-        self.sent = 0
-
-    def send(self, **request: Any) -> None:
-        self.sent += 1
-        full = {
-            "utime": self.sent,
-            "timestamp": self.sent,
-            "setgeometry": [],
-            "settransform": [],
-            "delete": [],
-            **request,
-        }
-        data = json.dumps(full).encode()
-        name = b"treeviewer_json\0"
-        head = struct.pack(">QqI", FINGERPRINT, full["utime"], len(name))
-        self.bus.publish(
-            "DIRECTOR_TREE_VIEWER_REQUEST_<test>", head + name + struct.pack(">iii", 1, 0, len(data)) + data
-        )
-
-    def box(self, path: list[str], color: list[float], x: float = 0.0, size: float = 1.0) -> None:
-        self.send(
-            setgeometry=[{"path": path, "geometry": {"type": "box", "lengths": [size] * 3, "color": color}}],
-            settransform=[self.at(path, x)],
-        )
-
-    def at(self, path: list[str], x: float) -> dict[str, Any]:
-        return {"path": path, "transform": {"translation": [x, 0.0, 0.0], "quaternion": [1.0, 0.0, 0.0, 0.0]}}
-
-
-class View(Watched):
-    """The page, looked at from the side: the world's x to the right."""
-
-    def look_at(self, *path: str) -> None:
-        """Waits for a node (the page frames the first that it sees), then looks at it with ``look``."""
-        self.until(lambda: self.page.evaluate("path => scenegate.model.find(path)?.parts != null", path), str(path))
-        self.look()
-
-    def look(self) -> None:
-        """The camera on the −Y side, two metres of x on either side of the middle; then nothing moves it."""
-        self.page.evaluate(
-            """() => {
-              const { stage, frustum, Box3 } = scenegate;
-              const box = new Box3();
-              box.min.set(-2, -0.5, -0.5);
-              box.max.set(2, 0.5, 0.5);
-              stage.look("side", box);
-              for (const object of [stage.grid, stage.axes, frustum.object]) stage.show(object, false);
-            }"""
-        )
-
-    def colors(self) -> NDArray[np.uint8]:
-        """(H, W, 3): the picture of the scene."""
-        png = self.page.locator(".stage canvas").screenshot()
-        return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
-
-    def share(self, color: str, side: str = "both") -> float:
-        """Which part of the picture, or of its left or right half, has the colour."""
-        pixels = self.colors().astype(int)
-        half = pixels.shape[1] // 2
-        pixels = {"both": pixels, "left": pixels[:, :half], "right": pixels[:, half:]}[side]
-        channel = {"red": 0, "green": 1, "blue": 2}[color]
-        others = np.delete(pixels, channel, axis=2).max(axis=2)
-        return float((pixels[:, :, channel] > others + 90).mean())
-
-    def until(self, condition: Any, what: str) -> None:
-        """Waits for pixels; SwiftShader draws a few frames a second."""
-        limit = time.monotonic() + 60.0
-        while not condition():
-            assert time.monotonic() < limit, f"{what}: still not so after a minute; faults: {self.faults}"
-            self.page.wait_for_timeout(100)
 
 
 @pytest.fixture(scope="module")
@@ -131,10 +48,6 @@ def view(browser: Any, gateway: tuple[GatewayProcess, str]) -> Iterator[tuple[Vi
     yield shown, publisher
     shown.page.close()
     assert shown.faults == []
-
-
-def row(view: View, path: list[str]) -> Any:
-    return view.page.locator(f".row[data-path='{json.dumps(path, separators=(',', ':'))}']")
 
 
 def test_what_is_published_is_seen_moves_and_goes(view: tuple[View, Publisher]) -> None:

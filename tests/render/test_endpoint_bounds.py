@@ -1,0 +1,165 @@
+"""Bodies that are too large or never come, the queue and its bound, and clients that leave."""
+
+from __future__ import annotations
+
+import asyncio
+
+import httpx2
+
+from gateway.render.config import RenderConfig
+from tests.render.conftest import LONG, SCENE, Start, WatchedRenderer, assert_refused
+from tests.support.forms import CONTENT_TYPE, body, part
+from tests.support.waiting import until
+
+
+async def test_too_large_is_refused_early_or_on_the_way(start: Start, watched: WatchedRenderer) -> None:
+    async with start(watched, RenderConfig(max_body_bytes=10_000)) as server:
+        sent = 0
+
+        async def chunks() -> object:
+            nonlocal sent
+            for _ in range(1000):
+                sent += 1000
+                yield b"x" * 1000 if sent > 1000 else part("scene", b"x" * 900)[:1000]
+
+        headers = {"Content-Type": CONTENT_TYPE}
+        announced = await server.client.post(
+            "/render", content=chunks(), headers={**headers, "Content-Length": "1000000"}
+        )
+        assert_refused(announced, 413, "1000000 bytes", "10000", "max_body_bytes")
+        assert sent == 0
+        counted = await server.client.post("/render", content=chunks(), headers=headers)
+        assert_refused(counted, 413, "10000", "max_body_bytes")
+        assert 10_000 < sent <= 12_000
+        assert server.service.status()["inflight_bytes"] == 0
+
+
+async def test_a_limit_of_the_framework_does_not_hide_the_reason(start: Start, watched: WatchedRenderer) -> None:
+    async with start(watched, RenderConfig(max_body_bytes=1000)) as server:
+        server.app.max_body_size = 1000
+        assert_refused(await server.post(body(b"x" * 5000), CONTENT_TYPE), 413, "max_body_bytes")
+
+
+async def test_a_stalled_upload_is_given_up(start: Start, watched: WatchedRenderer) -> None:
+    async def stalled() -> object:
+        yield body(SCENE)[:200]
+        await asyncio.Event().wait()
+
+    async with start(watched, RenderConfig(receive_timeout=0.01)) as server:
+        response = await server.client.post("/render", content=stalled(), headers={"Content-Type": CONTENT_TYPE})
+        assert_refused(response, 408, "no data for 0.01 s after 200 bytes")
+        assert server.service.status()["inflight_bytes"] == 0
+
+
+async def test_waiting_is_normal_and_beyond_the_bound_comes_retry_after(start: Start, watched: WatchedRenderer) -> None:
+    watched.go_on.clear()
+    async with start(watched, threads=1, max_waiting=3) as server:
+        posts = [asyncio.create_task(server.post(body(SCENE), CONTENT_TYPE)) for _ in range(4)]
+        assert await asyncio.to_thread(watched.started.wait, LONG)
+        await until(lambda: server.workers.stats.waiting == 3)
+        refused = await server.post(body(SCENE), CONTENT_TYPE)
+        assert_refused(refused, 503, "busy", "3 requests are waiting")
+        assert int(refused.headers["retry-after"]) >= 1
+        watched.go_on.set()
+        assert [response.status_code for response in await asyncio.gather(*posts)] == [200] * 4
+        assert server.service.status()["inflight_bytes"] == 0
+
+
+async def test_arriving_bodies_have_places_and_a_full_queue_refuses_before_the_body(
+    start: Start, watched: WatchedRenderer
+) -> None:
+    watched.go_on.clear()
+    read, come = 0, asyncio.Event()
+
+    async def late() -> object:
+        nonlocal read
+        read += 1
+        await come.wait()
+        yield body(SCENE)
+
+    async def post() -> httpx2.Response:
+        return await server.client.post("/render", content=late(), headers={"Content-Type": CONTENT_TYPE})
+
+    async with start(watched, threads=1, max_waiting=2) as server:
+        posts = [asyncio.create_task(post()) for _ in range(3)]
+        await until(lambda: server.service.arriving == 3)
+        assert_refused(await post(), 503, "2 requests are waiting already (3 of them still arriving)")
+        assert read == 3
+        come.set()
+        watched.go_on.set()
+        assert [response.status_code for response in await asyncio.gather(*posts)] == [200] * 3
+        assert server.service.arriving == 0
+
+
+async def test_who_arrives_too_slowly_does_not_keep_others_out(start: Start, watched: WatchedRenderer) -> None:
+    come = asyncio.Event()
+
+    async def trickling() -> object:
+        yield body(SCENE)[:100]
+        await come.wait()
+        yield body(SCENE)[100:]
+
+    async with start(watched, RenderConfig(arrival_seconds=0.01), threads=1, max_waiting=0) as server:
+        headers = {"Content-Type": CONTENT_TYPE}
+        slow = asyncio.create_task(server.client.post("/render", content=trickling(), headers=headers))
+        await until(lambda: server.service.arriving == 1)
+        await until(lambda: server.service.arriving == 0)
+        assert (await server.post(body(SCENE), CONTENT_TYPE)).status_code == 200
+        come.set()
+        assert (await slow).status_code == 200
+
+
+async def test_bodies_in_flight_are_bounded(start: Start, watched: WatchedRenderer) -> None:
+    watched.go_on.clear()
+    size = len(body(SCENE))
+    async with start(watched, RenderConfig(max_inflight_bytes=size + 10), threads=2) as server:
+        first = asyncio.create_task(server.post(body(SCENE), CONTENT_TYPE))
+        assert await asyncio.to_thread(watched.started.wait, LONG)
+        assert server.service.status()["inflight_bytes"] == size
+        refused = await server.post(body(SCENE), CONTENT_TYPE)
+        assert_refused(refused, 503, "max_inflight_bytes")
+        assert int(refused.headers["retry-after"]) >= 1
+        watched.go_on.set()
+        assert (await first).status_code == 200
+        assert (await server.post(body(SCENE), CONTENT_TYPE)).status_code == 200
+
+
+async def test_a_client_that_leaves_frees_its_place(start: Start, watched: WatchedRenderer) -> None:
+    watched.go_on.clear()
+    async with start(watched, threads=1) as server:
+        held = asyncio.create_task(server.post(body(SCENE), CONTENT_TYPE))
+        assert await asyncio.to_thread(watched.started.wait, LONG)
+        leave, sent = asyncio.Event(), []
+        whole = [{"type": "http.request", "body": body(SCENE), "more_body": False}]
+
+        async def receive() -> dict[str, object]:
+            if whole:
+                return whole.pop()
+            await leave.wait()
+            return {"type": "http.disconnect"}
+
+        async def send(message: dict[str, object]) -> None:
+            sent.append(message)
+
+        scope = {
+            "type": "http",
+            "asgi": {"version": "3.0"},
+            "http_version": "1.1",
+            "method": "POST",
+            "scheme": "http",
+            "path": "/render",
+            "raw_path": b"/render",
+            "query_string": b"",
+            "root_path": "",
+            "headers": [(b"content-type", CONTENT_TYPE.encode())],
+        }
+        leaver = asyncio.create_task(server.app(scope, receive, send))  # type: ignore[arg-type]
+        async with asyncio.timeout(LONG):
+            await until(lambda: server.workers.stats.waiting == 1)
+            leave.set()
+            await leaver
+        assert server.workers.stats.waiting == 0
+        assert [record.status for record in server.records] == [499]
+        watched.go_on.set()
+        assert (await held).status_code == 200
+        assert len(watched.calls) == 1

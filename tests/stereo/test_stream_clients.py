@@ -1,0 +1,97 @@
+"""Many clients of the stream: who comes and leaves, who does not read, who joins later; and their limits."""
+
+from __future__ import annotations
+
+import asyncio
+import random
+import threading
+
+import grpc
+import pytest
+
+from renderers.drawlist import DrawList
+from tests.stereo.conftest import EVERYTHING, SMALL, Start
+from tests.stereo.scenes import table
+from tests.support.waiting import until
+
+
+async def test_clients_coming_and_leaving_leave_nothing_behind(start: Start) -> None:
+    camera = await start(rate="max")
+    await camera.take(disparity_enabled=True)
+    order = random.Random(4)
+    tasks, threads = len(asyncio.all_tasks()), threading.active_count()
+
+    async def visit() -> None:
+        request = {name: order.random() < 0.4 for name in EVERYTHING}
+        call = camera.stream(**request, timeout=order.choice((0.05, 30.0)))
+        try:
+            for _ in range(order.randrange(4)):
+                await call.read()
+        except grpc.aio.AioRpcError as error:
+            assert error.code() == grpc.StatusCode.DEADLINE_EXCEEDED  # noqa: PT017
+        call.cancel()
+
+    for _ in range(6):
+        await asyncio.gather(*(visit() for _ in range(8)))
+    await until(lambda: len(camera.service.hub) == 0 and camera.service.workers.stats.running == 0)
+    await until(lambda: len(asyncio.all_tasks()) <= tasks)
+    assert threading.active_count() <= threads + 1
+
+
+async def test_a_client_that_does_not_read_costs_the_others_nothing(start: Start) -> None:
+    camera = await start(rate="max", model=SMALL)
+    slow, fast = camera.stream(left_enabled=True, color=True), camera.stream(left_enabled=True, color=True)
+    await slow.read()
+    stamps = [(await fast.read()).timestamp for _ in range(150)]
+    assert len({(t.sec, t.nsec) for t in stamps}) == 150
+    stuck = min(camera.service.hub, key=lambda s: s.sent)
+    assert stuck.sent < 150
+    assert stuck.skipped > 0
+
+
+async def test_limits_of_clients_and_kinds(start: Start) -> None:
+    camera = await start(max_clients=2, max_kinds=1)
+    first = camera.stream(left_enabled=True)
+    await first.read()
+    with pytest.raises(grpc.aio.AioRpcError, match="max_kinds"):
+        await camera.stream(right_enabled=True).read()
+    second = camera.stream(left_enabled=True)
+    await second.read()
+    with pytest.raises(grpc.aio.AioRpcError, match="max_clients"):
+        await camera.stream(left_enabled=True).read()
+    first.cancel()
+    await until(lambda: len(camera.service.hub) == 1)
+    await camera.take(left_enabled=True)
+
+
+async def test_who_joins_later_gets_a_set_at_once_at_the_device_s_slow_rates(start: Start) -> None:
+    camera = await start()
+    camera.service.parameters.set("rc_stereomatching", [("quality", "Full")])  # one depth image per second
+    first = camera.stream(disparity_enabled=True)
+    one = await first.read()
+    (two,) = await camera.take(disparity_enabled=True, left_enabled=True)
+    assert two.timestamp == one.timestamp
+
+
+async def test_who_opens_a_stream_after_setting_a_parameter_gets_no_older_set(start: Start) -> None:
+    taking, go = threading.Event(), threading.Event()
+    drawn = table()
+
+    def scene() -> tuple[DrawList, int]:
+        taking.set()
+        go.wait(10)
+        return drawn, 1
+
+    camera = await start(scene=scene)
+    first = camera.stream(disparity_enabled=True)
+    pending = asyncio.ensure_future(first.read())
+    assert await asyncio.to_thread(taking.wait, 10)
+    # A frame is in work with the quality of before, for the same request.
+    camera.service.parameters.set("rc_stereomatching", [("quality", "Low")])
+    second = camera.stream(disparity_enabled=True)
+    later = asyncio.ensure_future(second.read())
+    await until(lambda: len(camera.service.hub) == 2)
+    go.set()
+    assert (await pending).disparity.image.width == 160
+    assert (await later).disparity.image.width == 54
+    assert (await first.read()).disparity.image.width == 54

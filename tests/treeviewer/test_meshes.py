@@ -1,0 +1,158 @@
+"""Meshes that clients send, their normals, and meshes in files."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gateway.scene.geometry import Part, Sphere, Surface
+from gateway.scene.transforms import from_pose, scaling
+from gateway.treeviewer.normals import CREASE_COSINE, smooth_mesh, smoothed
+from renderers.drawlist import AlphaMode, Material, Mesh
+from tests.treeviewer.conversation import TRIANGLE, Viewer
+
+NAN = float("nan")
+
+
+def mesh_of(viewer: Viewer) -> Mesh:
+    shape = viewer.parts()[0].shape
+    assert isinstance(shape, Surface)
+    return shape.mesh
+
+
+@pytest.mark.parametrize("faces", [[[0, 1, 2]], [[0.0, 1.0, 2.0]]])
+def test_mesh_data(viewer: Viewer, faces: list[Any]) -> None:
+    viewer.set({"type": "mesh_data", **TRIANGLE, "faces": faces})
+    mesh = mesh_of(viewer)
+    np.testing.assert_array_equal(mesh.positions[mesh.elements[0]], np.array(TRIANGLE["vertices"], np.float32))
+    assert mesh.normals is not None
+    np.testing.assert_allclose(mesh.normals, np.tile((0, 0, 1), (3, 1)))
+
+
+@pytest.mark.parametrize("mesh", [{"vertices": [], "faces": []}, {**TRIANGLE, "faces": []}])
+def test_a_mesh_without_faces_draws_nothing(viewer: Viewer, mesh: dict[str, Any]) -> None:
+    assert viewer.set({"type": "mesh_data", **mesh})["status"] == 0
+    assert viewer.parts() == ()
+
+
+def test_faces_with_vertices_that_are_nowhere_are_left_out(viewer: Viewer) -> None:
+    vertices = [*TRIANGLE["vertices"], [NAN, 0, 0]]
+    answer = viewer.set({"type": "mesh_data", "vertices": vertices, "faces": [[0, 1, 2], [0, 1, 3]]})
+    assert "1 vertices are not finite" in answer["warnings"][0]
+    assert len(mesh_of(viewer).elements) == 1
+    assert np.isfinite(mesh_of(viewer).positions).all()
+
+
+def test_normals_are_smooth_up_to_creases_of_45_degrees() -> None:
+    def roof(angle: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        c, s = np.cos(angle), np.sin(angle)
+        positions = np.array([[0, 0, 0], [0, 1, 0], [-1, 0, 0], [c, 0, -s], [9, 9, 9]], np.float32)
+        return smooth_mesh(positions, np.array([[0, 1, 2], [0, 3, 1]], np.uint32))
+
+    gentle, elements, normals = roof(np.radians(44))
+    assert len(gentle) == 4, "the vertices of the ridge are shared, the unused one is left out"
+    ridge = normals[elements[0, 0]]
+    np.testing.assert_allclose(ridge, (np.sin(np.radians(22)), 0, np.cos(np.radians(22))), atol=1e-6)
+    sharp, elements, normals = roof(np.radians(46))
+    assert len(sharp) == 6
+    np.testing.assert_allclose(normals[elements[0]], np.tile((0, 0, 1), (3, 1)), atol=1e-6)
+
+
+def test_normals_of_many_and_of_flat_faces_are_unit_vectors() -> None:
+    count = 600
+    angle = np.linspace(0, 2 * np.pi, count, endpoint=False)
+    rim = np.stack((np.cos(angle), np.sin(angle), 0.01 * np.cos(9 * angle)), axis=1)
+    positions = np.concatenate((np.zeros((1, 3)), rim, np.zeros((1, 3)))).astype(np.float32)
+    index = np.arange(count, dtype=np.uint32)
+    fan = np.stack((np.zeros_like(index), index + 1, (index + 1) % count + 1), axis=1).astype(np.uint32)
+    faces = np.concatenate((fan, np.array([[0, 0, 0], [0, count + 1, 1]], np.uint32)))
+    placed, elements, normals = smooth_mesh(positions, faces)
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-6)
+    np.testing.assert_array_equal(placed[elements], positions[faces])
+
+
+@pytest.mark.parametrize("height", [0.02, 1.0], ids=["gentle", "steep"])
+def test_the_short_way_to_normals_gives_the_very_same(height: float) -> None:
+    """Hills without creases take it, hills with creases do not; with vertices that no face uses neither."""
+    side = 40
+    y, x = np.mgrid[0:side, 0:side].astype(np.float32) / side
+    z = height * np.random.default_rng(3).random((side, side), np.float32) / (1.0 if height > 0.5 else side)
+    positions = np.stack((x, y, z), axis=-1).reshape(-1, 3)
+    a = (np.arange(side - 1)[:, None] * side + np.arange(side - 1)).ravel()
+    faces = np.concatenate((np.stack((a, a + 1, a + side), 1), np.stack((a + 1, a + side + 1, a + side), 1)))
+    faces = faces.astype(np.uint32)
+    placed, normals, elements = smoothed(positions, faces, CREASE_COSINE)
+    assert (len(placed) == len(positions)) is (height < 0.5)
+    for found, wanted in zip(smooth_mesh(positions, faces), (placed, elements, normals), strict=True):
+        np.testing.assert_array_equal(found, wanted)
+    more = np.concatenate((positions, np.ones((3, 3), np.float32)))
+    for found, wanted in zip(smooth_mesh(more, faces), (placed, elements, normals), strict=True):
+        np.testing.assert_array_equal(found, wanted)
+
+
+class Files:
+    """Two parts, red and plain."""
+
+    def __init__(self) -> None:
+        self.asked: list[tuple[str, tuple[float, float, float]]] = []
+
+    def load(self, filename: str, scale: tuple[float, float, float]) -> tuple[Part, ...]:
+        self.asked.append((filename, scale))
+        if filename == "missing.obj":
+            raise FileNotFoundError("missing.obj does not exist")
+        if filename == "broken.obj":
+            raise ValueError("broken.obj is \ud800 broken")
+        return (Part(Sphere(1), Material(base_color=(1, 0, 0, 0.5)), scaling(*scale)), Part(Sphere(2), Material()))
+
+
+@pytest.mark.parametrize(
+    ("scale", "asked"), [(None, (1, 1, 1)), (2, (2, 2, 2)), ([2], (2, 2, 2)), ([1, 2, 3], (1, 2, 3)), (True, (1, 1, 1))]
+)
+def test_a_mesh_file_may_be_scaled_by_one_number_or_three(scale: Any, asked: tuple[float, ...]) -> None:
+    files = Files()
+    viewer = Viewer(meshes=files)
+    assert viewer.set({"type": "mesh_file", "filename": "a.obj", "scale": scale})["status"] == 0
+    assert files.asked == [("a.obj", asked)]
+    assert [part.kind for part in viewer.parts()] == ["mesh_file"] * 2
+    assert [part.source for part in viewer.parts()] == ["a.obj"] * 2
+
+
+@pytest.mark.parametrize("scale", [[1, 2], "x", [None]])
+def test_a_bad_scale_is_refused(scale: Any) -> None:
+    answer = Viewer(meshes=Files()).set({"type": "mesh_file", "filename": "a.obj", "scale": scale})
+    assert answer["status"] == -3
+    assert answer["errors"][0]["reason"] == f"geometry.scale must be a number or three, not {json.dumps(scale)}"
+
+
+def test_a_files_parts_are_tinted_and_placed() -> None:
+    viewer = Viewer(meshes=Files())
+    viewer.set(
+        {
+            "type": "mesh_file",
+            "filename": "a.obj",
+            "scale": 2,
+            "color": [1, 1, 0, 0.5],
+            "transform": {"translation": [1, 2, 3]},
+        }
+    )
+    red, plain = viewer.parts()
+    assert red.material.base_color == (1, 0, 0, 0.25)
+    assert plain.material.base_color == (1, 1, 0, 0.5)
+    assert plain.material.alpha_mode is AlphaMode.BLEND
+    np.testing.assert_array_equal(red.X_node_part, from_pose((1, 2, 3), (1, 0, 0, 0)) @ scaling(2, 2, 2))
+    viewer.set({"type": "mesh_file", "filename": "a.obj", "color": [1, 1, 1, 1]})
+    assert viewer.parts()[0].material.base_color == (1, 0, 0, 0.5), "white leaves the file's colours"
+
+
+def test_a_missing_file_is_a_warning_and_a_broken_one_an_error() -> None:
+    viewer = Viewer(meshes=Files())
+    missing = viewer.set({"type": "mesh_file", "filename": "missing.obj"})
+    assert (missing["status"], missing["added_geometries"]) == (0, [["it"]])
+    assert "missing.obj does not exist, so nothing is drawn" in missing["warnings"][0]
+    assert viewer.parts() == ()
+    broken = viewer.set({"type": "mesh_file", "filename": "broken.obj"})
+    assert broken["status"] == -3
+    assert broken["errors"][0]["reason"] == "geometry.filename: broken.obj is ? broken"
