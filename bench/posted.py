@@ -141,9 +141,9 @@ def textured(kind: str, copies: int = 10, unique: int = 3, side: int = 4096) -> 
     )
     pictures = []
     for _ in range(unique):
-        noise = rng.integers(0, 256, (side // 16, side // 16, 3), dtype=np.uint8)
+        noise = rng.integers(0, 256, (side // 32, side // 32, 3), dtype=np.uint8)
         picture = cv2.resize(noise, (side, side), interpolation=cv2.INTER_CUBIC)
-        encoded = cv2.imencode(".jpg", picture, (cv2.IMWRITE_JPEG_QUALITY, 85))[1]
+        encoded = cv2.imencode(".jpg", picture, (cv2.IMWRITE_JPEG_QUALITY, 64))[1]
         pictures.append("data:image/jpeg;base64," + base64.b64encode(encoded.tobytes()).decode())
     meshes = [sphere(100 + which, 100) for which in range(unique)]
     for number in range(copies):

@@ -82,7 +82,7 @@ class Exchange:
         announced = self._http.headers.get("content-length", "")
         if announced.isdecimal() and len(announced) < 20 and int(announced) > config.max_body_bytes:
             raise too_large(int(announced), config)
-        reader = FormReader(self._http.headers.get("content-type", ""), config)
+        reader = FormReader(self._http.headers.get("content-type", ""), config, self._service.scenes.arrival)
         loop = asyncio.get_running_loop()
         try:
             async with asyncio.timeout(config.receive_timeout) as deadline:

@@ -15,6 +15,7 @@ from typing import Final, Literal, cast
 from gateway.render.config import RenderConfig
 from gateway.render.errors import RequestError, quoted
 from gateway.render.multipart import Form
+from gateway.scene.gltf import Text
 
 ImageType = Literal["color", "depth", "label"]
 IMAGE_TYPES: Final = ("color", "depth", "label")
@@ -70,7 +71,7 @@ class RenderRequest:
     """Metres; nearer is "too close". Meaningful for depth only, else 0."""
     max_depth: float
     """Metres; farther is "too far". Meaningful for depth only, else inf."""
-    scene: memoryview
+    scene: Text
     """The glTF file."""
     scene_sha256: str
     """Of the bytes received, 64 hexadecimal digits."""

@@ -1,11 +1,12 @@
 """multipart/form-data (RFC 7578), parsed while its bytes arrive; no I/O.
 
-The scene is hashed on the way and written once, into the buffer that the glTF reader will read.
+The scene is hashed on the way and written once, into the buffer that the glTF reader will read; where it is what came
+before, it is compared instead (``gateway.scene.gltf.arrivals``).
 """
 
 from __future__ import annotations
 
-import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from python_multipart.exceptions import FormParserError
@@ -13,6 +14,7 @@ from python_multipart.multipart import MultipartParser, parse_options_header
 
 from gateway.render.config import RenderConfig
 from gateway.render.errors import RequestError, quoted
+from gateway.scene.gltf import Arrival, Text
 
 SCENE = "scene"
 """Name of the part with the glTF file."""
@@ -26,8 +28,8 @@ class Form:
 
     fields: dict[str, str]
     """The text parts by name, white space at the ends removed."""
-    scene: memoryview | None
-    """The file's bytes, read-only; None: there was no such part."""
+    scene: Text | None
+    """The file; None: there was no such part."""
     scene_sha256: str
     """64 hexadecimal digits, of the bytes received."""
     scene_filename: str
@@ -37,8 +39,12 @@ class Form:
 class FormReader:
     """Feed it the body, chunk by chunk, then take the form. Every method raises ``RequestError``."""
 
-    def __init__(self, content_type: str, config: RenderConfig) -> None:
-        """``content_type``: the request's header, with the boundary."""
+    def __init__(self, content_type: str, config: RenderConfig, arrive: Callable[[], Arrival] = Arrival) -> None:
+        """
+        Args:
+            content_type: the request's header, with the boundary.
+            arrive: what the scene is fed to.
+        """
         if len(content_type) > config.max_header_bytes:
             raise RequestError(
                 400, f"Content-Type has {len(content_type)} characters, the limit is {config.max_header_bytes}"
@@ -74,9 +80,9 @@ class FormReader:
         self._complete = False
         self._names: set[str] = set()
         self._fields: dict[str, str] = {}
-        self._scene: bytearray | None = None
+        self._arrive = arrive
+        self._scene: Arrival | None = None
         self._scene_filename = ""
-        self._hash = hashlib.sha256()
         self._name = ""
         self._header_name = bytearray()
         self._header_value = bytearray()
@@ -108,8 +114,10 @@ class FormReader:
                 f"the multipart body ends{inside} after {self._received} bytes, before the closing boundary: "
                 "the upload was cut short",
             )
-        scene = None if self._scene is None else memoryview(self._scene).toreadonly()
-        return Form(self._fields, scene, self._hash.hexdigest(), self._scene_filename)
+        scene = self._scene
+        if scene is None:
+            return Form(self._fields, None, "", "")
+        return Form(self._fields, scene.text(), scene.sha256(), self._scene_filename)
 
     def _part_begin(self) -> None:
         self._parts += 1
@@ -153,15 +161,14 @@ class FormReader:
             )
         self._names.add(name)
         if name == SCENE:
-            self._scene = bytearray()
+            self._scene = self._arrive()
             self._scene_filename = options.get(b"filename", b"").decode("utf-8", "replace")
 
     def _part_data(self, data: bytes, start: int, end: int) -> None:
         with memoryview(data) as whole, whole[start:end] as piece:
             if self._name == SCENE:
                 assert self._scene is not None
-                self._hash.update(piece)
-                self._scene += piece
+                self._scene.feed(piece)
                 return
             if len(self._text) + len(piece) > self._config.max_field_bytes:
                 raise RequestError(

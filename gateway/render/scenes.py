@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from gateway.render.config import RenderConfig
 from gateway.render.drawn import drawn
-from gateway.scene.gltf import CacheStats, GltfScene, MeshCache, read_gltf
+from gateway.scene.gltf import Arrival, CacheStats, GltfScene, MeshCache, Text, read_gltf
 from renderers.drawlist import DrawList
 
 
@@ -50,7 +50,11 @@ class SceneStore:
         """Of the geometry by the content of its buffers."""
         return self._meshes.stats
 
-    def get(self, sha256: str, data: memoryview) -> PreparedScene:
+    def arrival(self) -> Arrival:
+        """What the next scene is fed to while it arrives."""
+        return Arrival(self._meshes.prefixes)
+
+    def get(self, sha256: str, data: Text) -> PreparedScene:
         """The scene with these bytes.
 
         Raises:

@@ -4,6 +4,7 @@
 ``GltfLimits`` does not allow; equal contents become equal objects, across documents by a shared ``MeshCache``.
 """
 
+from gateway.scene.gltf.arrivals import Arrival, Text
 from gateway.scene.gltf.buffers import Resolver
 from gateway.scene.gltf.cache import CacheStats, MeshCache
 from gateway.scene.gltf.errors import GltfError
@@ -16,6 +17,7 @@ from gateway.scene.gltf.scene import DRAKE_GENERATORS, GltfCamera, GltfCounts, G
 __all__ = [
     "DEFAULT_MATERIAL",
     "DRAKE_GENERATORS",
+    "Arrival",
     "CacheStats",
     "GltfCamera",
     "GltfCounts",
@@ -24,6 +26,7 @@ __all__ = [
     "GltfScene",
     "MeshCache",
     "Resolver",
+    "Text",
     "label_from_material",
     "read_gltf",
     "warm_up",

@@ -7,24 +7,29 @@ same. Comparing it with what came before is five times faster than the fastest w
 
 from __future__ import annotations
 
+import hashlib
 import threading
 from collections import OrderedDict
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Final
+from itertools import count
+from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 
 from gateway.scene.geometry import Part, Surface
 from gateway.scene.gltf import document as gltf
-from gateway.scene.gltf.bytewise import equal_bytes
+from gateway.scene.gltf.bytewise import common_length, equal_bytes
 from gateway.scene.gltf.container import Container
 from gateway.scene.gltf.limits import GltfLimits
 from gateway.scene.gltf.scene import GltfCounts
 
+if TYPE_CHECKING:
+    from gateway.scene.gltf.arrivals import Text
+
 MIN_LENGTH: Final = 4096
 """Bytes. Below, reading everything costs no more than comparing."""
-_HEAD: Final = 256
+HEAD: Final = 256
 """Bytes by which stored texts are looked up."""
 _TAIL: Final = 1 << 16
 """Bytes that are compared first: colour, depth and label requests of a scene differ in their materials only, which come
@@ -35,6 +40,11 @@ _CANDIDATES: Final = 256
 """Texts seen once that are remembered (by a hash): a text is worth keeping when it comes again."""
 _TRIES: Final = 64
 """Places of ``"nodes"`` that are tried; scenes and names can contain it, too."""
+
+_HASH_STEP: Final = 1 << 20
+"""Bytes between the kept states of a text's hash: as many are hashed again at most."""
+
+_uids = count(1)
 
 _MEMBERS: Final = msgspec.json.Decoder(dict[str, msgspec.Raw])
 _NODES: Final = msgspec.json.Decoder(list[gltf.Node | None] | None)
@@ -59,13 +69,33 @@ class Known:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Entry:
+class KeptText:
+    """The text before the nodes of a document that came more than once."""
+
     text: bytes
     fixed: dict[str, bytes]
     """Members after the nodes, other than nodes and scenes."""
     options: tuple[GltfLimits, bool]
     known: Known
     nbytes: int
+    hashes: tuple[Any, ...]
+    """SHA-256 of its first 0, ``_HASH_STEP``, ... bytes, and of all; never fed, only copied."""
+    shared: dict[int, int]
+    """By ``uid`` of others with the same head that were kept before: how many bytes they have in common."""
+    uid: int = field(default_factory=lambda: next(_uids))
+
+    def hash_until(self, length: int) -> Any:
+        """SHA-256 of the first ``length`` bytes, to be fed with what follows."""
+        if length == len(self.text):
+            return self.hashes[-1].copy()
+        step = length // _HASH_STEP
+        hashed = self.hashes[step].copy()
+        hashed.update(memoryview(self.text)[step * _HASH_STEP : length])
+        return hashed
+
+    def common(self, other: KeptText) -> int:
+        """How many bytes it has in common with another one with the same head, at least."""
+        return self.shared.get(other.uid) or other.shared.get(self.uid, 0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,7 +147,7 @@ class Prefixes:
         self.max_bytes = max_bytes
         self.hits = 0
         self._lock = threading.Lock()
-        self._entries: OrderedDict[bytes, list[_Entry]] = OrderedDict()
+        self._entries: OrderedDict[bytes, list[KeptText]] = OrderedDict()
         self._candidates: OrderedDict[int, None] = OrderedDict()
         self._nbytes = 0
 
@@ -126,30 +156,46 @@ class Prefixes:
         """Texts, and the arrays that they keep alive."""
         return self._nbytes
 
-    def find(self, view: memoryview, limits: GltfLimits, textures: bool) -> tuple[Known, gltf.Document] | None:
-        """What is known of a document, and the members of it that are not: nodes and scenes."""
-        head = bytes(view[:_HEAD])
+    def beginning_with(self, head: bytes) -> list[KeptText]:
+        """The texts whose first ``HEAD`` bytes are these, the last used first."""
         with self._lock:
-            entries = tuple(self._entries.get(head, ()))
-        for entry in entries:
-            text, length = entry.text, len(entry.text)
-            if entry.options != (limits, textures) or length >= len(view):
+            return list(self._entries.get(head, ()))
+
+    def find(self, text: Text, limits: GltfLimits, textures: bool) -> tuple[Known, gltf.Document] | None:
+        """What is known of a document, and the members of it that are not: nodes and scenes."""
+        if text.known is not None:  # it was compared while it arrived
+            found = self._with(text.known, bytes(text.rest), limits, textures)
+            if found is not None:
+                return found
+        view = memoryview(text.whole())
+        for entry in self.beginning_with(bytes(view[:HEAD])):
+            kept, length = entry.text, len(entry.text)
+            if kept[-_TAIL:] != bytes(view[max(0, length - _TAIL) : length]) or not equal_bytes(kept, view[:length]):
                 continue
-            if text[-_TAIL:] != bytes(view[max(0, length - _TAIL) : length]) or not equal_bytes(text, view[:length]):
-                continue
-            rest = _rest(bytes(view[length:]), entry.fixed, limits)
-            if rest is None:
-                continue
-            with self._lock:
-                self.hits += 1
-                same = self._entries.get(head, [])
-                if entry in same:
-                    self._entries.move_to_end(head)
-                    same.remove(entry)
-                    same.insert(0, entry)
-            rest.cameras = entry.known.cameras
-            return entry.known, rest
+            found = self._with(entry, bytes(view[length:]), limits, textures)
+            if found is not None:
+                return found
         return None
+
+    def _with(
+        self, entry: KeptText, rest: bytes, limits: GltfLimits, textures: bool
+    ) -> tuple[Known, gltf.Document] | None:
+        """Of a document that begins with a kept text."""
+        if entry.options != (limits, textures):
+            return None
+        document = _rest(rest, entry.fixed, limits)
+        if document is None:
+            return None
+        head = entry.text[:HEAD]
+        with self._lock:
+            self.hits += 1
+            same = self._entries.get(head, [])
+            if entry in same:
+                self._entries.move_to_end(head)
+                same.remove(entry)
+                same.insert(0, entry)
+        document.cameras = entry.known.cameras
+        return entry.known, document
 
     def is_repeated(self, where: Split, buffers: tuple[int, ...]) -> bool:
         """Whether a text with this part and these buffers was asked for before; every second time, so that of many
@@ -170,8 +216,10 @@ class Prefixes:
         nbytes = 2 * where.length + sum(mesh.nbytes for mesh in {id(m): m for m in meshes.values()}.values())
         if nbytes > self.max_bytes:
             return
-        entry = _Entry(bytes(view[: where.length]), where.fixed, (limits, textures), known, nbytes)
-        head = bytes(view[:_HEAD])
+        text = bytes(view[: where.length])
+        head = text[:HEAD]
+        shared = {other.uid: common_length(text, other.text) for other in self.beginning_with(head)}
+        entry = KeptText(text, where.fixed, (limits, textures), known, nbytes, _hashes(text), shared)
         with self._lock:
             entries = self._entries.setdefault(head, [])
             self._entries.move_to_end(head)
@@ -189,6 +237,15 @@ class Prefixes:
             self._entries.clear()
             self._candidates.clear()
             self._nbytes = 0
+
+
+def _hashes(text: bytes) -> tuple[Any, ...]:
+    hashed = hashlib.sha256()
+    states = []
+    for begin in range(0, len(text), _HASH_STEP):
+        states.append(hashed.copy())
+        hashed.update(memoryview(text)[begin : begin + _HASH_STEP])
+    return (*states, hashed)
 
 
 def _rest(text: bytes, fixed: dict[str, bytes], limits: GltfLimits) -> gltf.Document | None:

@@ -7,6 +7,7 @@ from typing import Final
 
 from gateway.scene.geometry import Part, Surface
 from gateway.scene.gltf.accessors import Accessors
+from gateway.scene.gltf.arrivals import Text
 from gateway.scene.gltf.buffers import Buffers, Resolver
 from gateway.scene.gltf.cache import MeshCache
 from gateway.scene.gltf.container import open_container
@@ -54,7 +55,7 @@ _MAX_WARNINGS: Final = 100
 
 
 def read_gltf(
-    data: bytes | memoryview,
+    data: bytes | memoryview | Text,
     *,
     resolve: Resolver | None = None,
     limits: GltfLimits | None = None,
@@ -76,14 +77,15 @@ def read_gltf(
     limits = GltfLimits() if limits is None else limits
     shared = cache is not None
     cache = MeshCache(limits.max_buffer_bytes + limits.max_mesh_bytes, 0) if cache is None else cache
-    view = memoryview(data).cast("B")
-    if shared and (found := cache.prefixes.find(view, limits, textures)) is not None:
+    text = data if isinstance(data, Text) else Text(data)
+    if shared and (found := cache.prefixes.find(text, limits, textures)) is not None:
         known, rest = found
         try:
             return _scene(rest, _Parts(limits, dict(known.parts), None, known.elements), known, limits, [])
         except _UnknownMeshError:
             pass  # a mesh that no node used before
-    container = open_container(data)
+    whole = text.whole()
+    container = open_container(whole)
     document = parse(container.json, limits)
     warnings: list[str] = []
     _check_extensions(document, warnings)
@@ -100,10 +102,10 @@ def read_gltf(
         raise GltfError(f"{meshes.without_positions}: no POSITION, and no other primitive has one")
     if len(warnings) > _MAX_WARNINGS:
         warnings[_MAX_WARNINGS:] = [f"{len(warnings) - _MAX_WARNINGS} more"]
-    where = split(container, len(view)) if shared and resolve is None else None
+    where = split(container, len(whole)) if shared and resolve is None else None
     if where is not None and cache.prefixes.is_repeated(where, buffers.uids):
         known = replace(known, parts=dict(parts.known), warnings=tuple(warnings))
-        cache.prefixes.add(view, where, limits, textures, known)
+        cache.prefixes.add(memoryview(whole), where, limits, textures, known)
     return replace(scene, warnings=tuple(warnings))
 
 
