@@ -29,7 +29,7 @@ from renderers.shading.layout import (
     S_MODE,
     S_PBR,
 )
-from renderers.shading.lights import reflect_pbr
+from renderers.shading.lights import alpha_of, coat, cosines, gloss, reflected
 from renderers.shading.materials import (
     COLORS_MULTIPLY,
     COLORS_REPLACE,
@@ -166,12 +166,16 @@ def _color(job, varying, mf, rows, stride, x):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _normal(mapped, maps, smooth, rows, stride, x):  # type: ignore[no-untyped-def]
-    """Unit normal of eight pixels; ``mapped``: ``map_normals`` has put it into the rows."""
-    if mapped:
-        at = A_NORMAL * stride + x
-        return vec.load(rows, at), vec.load(rows, at + stride), vec.load(rows, at + 2 * stride)
-    return _seen_normal(maps, smooth, rows, stride, x)
+def _towards(mapped, maps, smooth, rows, stride, x):  # type: ignore[no-untyped-def]
+    """Normal of eight pixels, of any length, on the side that is seen, with minus its z; ``mapped``: ``map_normals``
+    has put it into the rows."""
+    at = A_NORMAL * stride + x
+    nx, ny, nz = vec.load(rows, at), vec.load(rows, at + stride), vec.load(rows, at + 2 * stride)
+    if smooth and not mapped:
+        nx, ny, nz = turned(maps, P_NORMAL, nx, ny, nz)
+        facing = vec.load(rows, A_FACING * stride + x)
+        nx, ny, nz = nx * facing, ny * facing, nz * facing
+    return nx, ny, -nz
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
@@ -213,7 +217,7 @@ def light_phong(job, has, mf, maps, varying, rows, stride, begin, end, line):  #
 
 @njit(nogil=True, error_model="numpy")
 def light_pbr(job, has, mi, mf, maps, y, places, varying, mapped, rows, stride, begin, end, line):  # type: ignore[no-untyped-def]
-    """Reflection, occlusion and emission, linear."""
+    """Reflection, occlusion and emission, linear. The normals in the rows are replaced by what comes of them."""
     lens = f64_at(job[S_LENS])
     rough, occluded, emitting = mi[MI_METALLIC_ROUGHNESS] >= 0, mi[MI_OCCLUSION] >= 0, mi[MI_EMISSIVE] >= 0
     if rough:
@@ -222,23 +226,71 @@ def light_pbr(job, has, mi, mf, maps, y, places, varying, mapped, rows, stride, 
         sample(job, mi[MI_OCCLUSION], AS_STORED, rows, stride, begin, end, A_OCCLUSION)
     if emitting:
         sample(job, mi[MI_EMISSIVE], SRGB, rows, stride, begin, end, A_EMISSIVE)
-    direct = job[S_MODE] == DIRECT
     smooth = (has & HAS_NORMALS) != 0
-    one, lane = vec.f32(1.0), vec.to_f32(vec.iota())
+    lane = vec.to_f32(vec.iota())
     left, across = vec.f32(0.5 - lens[2]), vec.f32(1.0 / lens[0])
     dy = vec.f32((y + 0.5 - lens[3]) / lens[1])
-    high = dy * dy + one
+    high = dy * dy + vec.f32(1.0)
+    for x in range(begin, end, vec.LANES):
+        nx, ny, towards = _towards(mapped, maps, smooth, rows, stride, x)
+        column = vec.f32(x) + lane if places == 0 else vec.to_f32(vec.load(i32_at(places), x))
+        _keep(rows, stride, x, cosines(nx, ny, towards, (column + left) * across, dy, high))
+    roughness = vec.f32(mf[MF_ROUGHNESS])
+    for x in range(begin, end, vec.LANES):
+        n_l, n_v, v_l = _kept(rows, stride, x)
+        a2 = alpha_of(roughness * vec.load(rows, (A_ROUGH + 1) * stride + x) if rough else roughness)
+        _keep(rows, stride, x, gloss(n_l, n_v, v_l, a2))
+    if rough or varying != UNIFORM or occluded or emitting or job[S_MODE] != DIRECT:
+        _finish_varied(job, mi, mf, varying, rows, stride, begin, end, line)
+    else:
+        _finish_uniform(job, mf, rows, stride, begin, end, line)
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _keep(rows, stride, x, three):  # type: ignore[no-untyped-def]
+    """Three values of eight pixels in place of their normals."""
+    at = A_NORMAL * stride + x
+    vec.store(rows, at, three[0])
+    vec.store(rows, at + stride, three[1])
+    vec.store(rows, at + 2 * stride, three[2])
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _kept(rows, stride, x):  # type: ignore[no-untyped-def]
+    """What ``_keep`` has stored."""
+    at = A_NORMAL * stride + x
+    return vec.load(rows, at), vec.load(rows, at + stride), vec.load(rows, at + 2 * stride)
+
+
+@njit(nogil=True, error_model="numpy")
+def _finish_uniform(job, mf, rows, stride, begin, end, line):  # type: ignore[no-untyped-def]
+    """From ``gloss`` in the rows to the picture, of a material whose factors are all there is to it."""
+    red, green, blue = vec.f32(mf[MF_BASE]), vec.f32(mf[MF_BASE + 1]), vec.f32(mf[MF_BASE + 2])
+    diffuse, f0, grazing = coat(red, green, blue, vec.f32(mf[MF_METALLIC]))
+    er, eg, eb = vec.f32(mf[MF_EMISSIVE]), vec.f32(mf[MF_EMISSIVE + 1]), vec.f32(mf[MF_EMISSIVE + 2])
+    for x in range(begin, end, vec.LANES):
+        n_l, specular, schlick = _kept(rows, stride, x)
+        r = reflected(n_l, specular, schlick, diffuse[0], f0[0], grazing[0]) + er
+        g = reflected(n_l, specular, schlick, diffuse[1], f0[1], grazing[1]) + eg
+        b = reflected(n_l, specular, schlick, diffuse[2], f0[2], grazing[2]) + eb
+        write(job, True, line, x, r, g, b)
+
+
+@njit(nogil=True, error_model="numpy")
+def _finish_varied(job, mi, mf, varying, rows, stride, begin, end, line):  # type: ignore[no-untyped-def]
+    """As ``_finish_uniform`` with whatever textures there are, or for the layers."""
+    rough, occluded, emitting = mi[MI_METALLIC_ROUGHNESS] >= 0, mi[MI_OCCLUSION] >= 0, mi[MI_EMISSIVE] >= 0
+    direct, one = job[S_MODE] == DIRECT, vec.f32(1.0)
     for x in range(begin, end, vec.LANES):
         r, g, b = _color(job, varying, mf, rows, stride, x)
-        nx, ny, nz = _normal(mapped, maps, smooth, rows, stride, x)
-        column = vec.f32(x) + lane if places == 0 else vec.to_f32(vec.load(i32_at(places), x))
-        dx = (column + left) * across
-        scale = -one / vec.sqrt(dx * dx + high)
-        metallic, roughness = vec.f32(mf[MF_METALLIC]), vec.f32(mf[MF_ROUGHNESS])
+        metallic = vec.f32(mf[MF_METALLIC])
         if rough:
-            roughness = roughness * vec.load(rows, (A_ROUGH + 1) * stride + x)
             metallic = metallic * vec.load(rows, (A_ROUGH + 2) * stride + x)
-        r, g, b = reflect_pbr(nx, ny, nz, dx * scale, dy * scale, scale, r, g, b, metallic, roughness)
+        diffuse, f0, grazing = coat(r, g, b, metallic)
+        n_l, specular, schlick = _kept(rows, stride, x)
+        r = reflected(n_l, specular, schlick, diffuse[0], f0[0], grazing[0])
+        g = reflected(n_l, specular, schlick, diffuse[1], f0[1], grazing[1])
+        b = reflected(n_l, specular, schlick, diffuse[2], f0[2], grazing[2])
         if occluded:
             kept = one + vec.f32(mf[MF_OCCLUSION]) * (vec.load(rows, A_OCCLUSION * stride + x) - one)
             r, g, b = r * kept, g * kept, b * kept

@@ -9,7 +9,7 @@ Traps, all measured on Zen 3 with LLVM 22:
 * ``store(p, select(m, new, load(p)))`` becomes a masked store (vpmaskmovd), which is microcoded on Zen 1 to 3: 5 to 15
   times slower. ``load_again`` is a volatile load that keeps LLVM from seeing the pattern (llvm-project issue 213195;
   mended by pull request 214187, which llvmlite 0.50 does not have).
-* gathers are eight scalar loads and inserts: faster than vgatherdps.
+* gathers are LLVM's: eight scalar loads and inserts on Zen, where vgatherdps is slower, one instruction on Intel.
 * scalar ``math.floor`` and ``ceil`` of float32 are calls into libm; ``floor`` and ``ceil`` here are one instruction.
 """
 

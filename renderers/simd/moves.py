@@ -10,6 +10,7 @@ from numba.core import cgutils
 
 from renderers.simd.vectors import (
     F32,
+    I1,
     I8,
     I32,
     I64,
@@ -75,18 +76,31 @@ store = make(
 """``store(pointer, i, v)``: writes the values i .. i + 7 behind it, unaligned. The result means nothing."""
 
 
+class _ManyPlaces(ir.instructions.GEPInstr):  # type: ignore[misc]
+    """The addresses of values behind a pointer, one for each lane of a vector of indices."""
+
+    def __init__(self, builder: Any, pointer: Any, indices: Any) -> None:
+        super().__init__(builder.block, pointer, [ir.Constant(I32, 0)], False, "")
+        self.type = ir.VectorType(pointer.type, LANES)
+        self.indices = [indices]
+        self.operands = [pointer, indices]
+
+
 def _emit_gather(builder: Any, sig: Any, pointer: Any, indices: Any) -> Any:
     vector = sig.return_type
-    out = ir.Constant(vector.llvm, ir.Undefined)
-    for lane in range(LANES):
-        k = ir.Constant(I32, lane)
-        index = builder.sext(builder.extract_element(indices, k), I64)
-        out = builder.insert_element(out, builder.load(builder.gep(pointer, [index])), k)
-    return out
+    places = _ManyPlaces(builder, pointer, indices)
+    builder._insert(places)
+    lanes = ir.VectorType(I1, LANES)
+    kind = ir.FunctionType(vector.llvm, [places.type, I32, lanes, vector.llvm])
+    declare: Any = cgutils.get_or_insert_function
+    gathering = declare(builder.module, kind, f"llvm.masked.gather.v8{vector.llvm.element.intrinsic_name}.v8p0")
+    align, every = ir.Constant(I32, 8 if vector is f64x8 else 4), ir.Constant(lanes, [1] * LANES)
+    return builder.call(gathering, [places, align, every, ir.Constant(vector.llvm, ir.Undefined)])
 
 
 gather = make(lambda pointer, indices: _vector_behind(pointer) if indices is i32x8 else None, _emit_gather)
-"""``gather(pointer, i32x8)``: one value per lane, by scalar loads."""
+"""``gather(pointer, i32x8)``: one value per lane. LLVM knows on which machines one instruction is faster than eight
+loads: on Intel's since Skylake (half the time), not on Zen."""
 
 
 def _emit_prefetch(builder: Any, sig: Any, pointer: Any, index: Any) -> Any:
