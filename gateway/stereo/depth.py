@@ -72,7 +72,7 @@ def match_depth(
         apply_filters(first, filters, ft, divisor)
         return first
     if second is not None:
-        other_sigma = second[2].sigma(128.0) * config.noise_factor
+        other_sigma = second[2].sigma(128.0) * config.noise_factor / settings.averaged**0.5
         other = _match_within(second[0].image, second[1].image, searched, other_sigma, settings)
     else:
         other = _match_halved(left.image, right.image, searched, sigma)

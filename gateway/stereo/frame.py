@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gateway.stereo import messages, wire
 from gateway.stereo.messages import Taking
-from gateway.stereo.pictures import Metered, Shot, Studio
+from gateway.stereo.pictures import Metered, Shot, Studio, Wanted
 from gateway.stereo.request import Kind
 from gateway.stereo.settings import StreamSettings
 from gateway.stereo.wire import Chunk
@@ -101,7 +101,7 @@ class Frame:
         chunks: list[Chunk] = [messages.timestamp_field(shot.timestamp)]
         for (number, _), part in zip(names, parts, strict=True):
             chunks += wire.field(number, part)
-        return chunks[0] if len(chunks) == 1 else await self._run(wire.join, chunks)  # type: ignore[return-value]
+        return chunks[0] if len(chunks) == 1 else await self._run(wire.join, chunks)  # type: ignore[return-value]  # bytes
 
     async def _image_message(self, stream: Stream, color: bool) -> list[Chunk]:
         taken = await self.image(stream, color)
@@ -148,7 +148,8 @@ class Frame:
         self, shot: Shot, stream: Stream, divisor: int, colors: frozenset[bool], averaged: int = 1
     ) -> dict[bool, Taken]:
         exposure = (await self.metered(shot)).exposure
-        return await self._run(self._studio.take, shot, exposure, self.number, stream, divisor, colors, averaged)
+        wanted = Wanted(exposure, self.number, stream, divisor, colors, averaged)
+        return await self._run(self._studio.take, shot, wanted)
 
     async def _measure(self) -> Measured:
         divisor, t = self.settings.quality.divisor, self._studio.config.model.baseline
@@ -200,4 +201,4 @@ async def _all(coroutines: list[Coroutine[Any, Any, T]]) -> list[T]:
     for result in results:
         if isinstance(result, BaseException):
             raise result
-    return results  # type: ignore[return-value]
+    return results  # type: ignore[return-value]  # no exceptions are left

@@ -13,14 +13,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.stereo.pictures import Metered, Shot, Studio
+from gateway.stereo.pictures import Metered, Shot, Studio, Wanted
 from gateway.stereo.settings import StreamSettings
 from renderers.drawlist import ImageError
 from renderers.images import decode_image
 from renderers.port import Frame, Output
-from renderers.stereo.exposure import Exposure
 from renderers.stereo.model import StereoModel
-from renderers.stereo.noise import Stream
 from renderers.stereo.sensor import Taken
 
 MODEL_NAME: Final = "rc_test"
@@ -113,22 +111,13 @@ class PairStudio(Studio):
         left = self.pairs.picture(shot.index, high=bool(shot.lines & 1), right=False)
         return Metered(settings.manual, float(cv2.cvtColor(left, cv2.COLOR_RGB2GRAY).mean()) / 255.0)
 
-    def take(
-        self,
-        shot: Shot,
-        exposure: Exposure,
-        number: int,
-        stream: Stream,
-        divisor: int,
-        colors: frozenset[bool],
-        averaged: int = 1,
-    ) -> dict[bool, Taken]:
-        picture = self.pairs.picture(shot.index, high=bool(shot.lines & 1), right=stream.right)
-        k = self.config.model.intrinsics(divisor)
-        if divisor > 1:
-            picture = _reduced(picture, divisor, k.width, k.height)
+    def take(self, shot: Shot, wanted: Wanted) -> dict[bool, Taken]:
+        picture = self.pairs.picture(shot.index, high=bool(shot.lines & 1), right=wanted.stream.right)
+        k = self.config.model.intrinsics(wanted.divisor)
+        if wanted.divisor > 1:
+            picture = _reduced(picture, wanted.divisor, k.width, k.height)
         made = {}
-        for color in colors:
+        for color in wanted.colors:
             image = picture if color else np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), np.uint8)
             made[color] = Taken(np.ascontiguousarray(image), float(image.mean()) / 255.0)
         return made

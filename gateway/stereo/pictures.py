@@ -45,6 +45,22 @@ class Shot:
 
 
 @dataclass(frozen=True, slots=True)
+class Wanted:
+    """Which images of one camera are taken, and how."""
+
+    exposure: Exposure
+    number: int
+    """Of the frame: noise is a function of it."""
+    stream: Stream
+    divisor: int
+    """Of the model's resolution."""
+    colors: frozenset[bool]
+    """False: in grey; True: in colour."""
+    averaged: int = 1
+    """Each is the mean of so many, with that much less noise."""
+
+
+@dataclass(frozen=True, slots=True)
 class Metered:
     """What automatic exposure decided."""
 
@@ -91,29 +107,21 @@ class Studio:
         seen = bright if shot.lines & 1 else dark
         return Metered(exposure, float(exposure.response(seen * exposure.factor).mean()), reduction)
 
-    def take(
-        self,
-        shot: Shot,
-        exposure: Exposure,
-        number: int,
-        stream: Stream,
-        divisor: int,
-        colors: frozenset[bool],
-        averaged: int = 1,
-    ) -> dict[bool, Taken]:
-        """Images of one camera, in grey (False) and colour (True) as wanted; each the mean of ``averaged`` ones."""
+    def take(self, shot: Shot, wanted: Wanted) -> dict[bool, Taken]:
+        """Images of one camera, by whether they are in colour."""
         c = self.config
-        offset = c.model.baseline if stream.right else 0.0
-        key = frame_key(c.seed, number, stream)
+        offset = c.model.baseline if wanted.stream.right else 0.0
+        key = frame_key(c.seed, wanted.number, wanted.stream)
+        noise = c.noise_factor / wanted.averaged**0.5
         outputs = Output.COLOR | (Output.DEPTH if shot.projected(c) else Output(0))
-        with self.render(shot, offset, divisor, outputs) as frame:
-            dots = self._dots(frame, shot, offset, divisor)
+        with self.render(shot, offset, wanted.divisor, outputs) as frame:
+            dots = self._dots(frame, shot, offset, wanted.divisor)
             assert frame.color is not None
             return {
                 color: take(
-                    frame.color, exposure, key, color=color, dots=dots, dot_light=c.dot_light, noise=c.noise_factor
+                    frame.color, wanted.exposure, key, color=color, dots=dots, dot_light=c.dot_light, noise=noise
                 )
-                for color in colors
+                for color in wanted.colors
             }
 
     def measure(self, left: Frame, right: Frame, settings: StreamSettings, number: int) -> Measured:

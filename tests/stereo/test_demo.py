@@ -12,7 +12,7 @@ from gateway.scene.mount import parse_mount_pose
 from gateway.settings import Settings
 from gateway.stereo.config import StereoConfig
 from gateway.stereo.parameters import Parameters
-from gateway.stereo.pictures import Shot, Studio
+from gateway.stereo.pictures import Shot, Studio, Wanted
 from gateway.stereo.settings import read
 from renderers.cpu import CpuRenderer
 from renderers.port import Output
@@ -34,7 +34,7 @@ def test_matching_the_demo_scene_with_the_projector(renderer: CpuRenderer, secon
     shot = Shot(0, scene, 1, parse_mount_pose(Settings(only=()).stereo_pose), 1)
     exposure = studio.meter(shot, settings).exposure
     left, right = (
-        studio.take(shot, exposure, 1, stream, divisor, frozenset((False,)))[False]
+        studio.take(shot, Wanted(exposure, 1, stream, divisor, frozenset((False,))))[False]
         for stream in (Stream.LEFT_DEPTH, Stream.RIGHT_DEPTH)
     )
     measured = studio.match(left, right, exposure, settings)

@@ -205,3 +205,18 @@ async def test_static_scenes_are_averaged(start: Start) -> None:
         one = await new(camera, disparity_error_enabled=True)
         errors.append(int(pixels(one.disparity_error).max()))
     assert errors == [8, 3]
+
+
+async def test_static_scenes_are_matched_in_images_with_less_noise(start: Start) -> None:
+    """Eight images have sqrt(8) times less, so that disparities change less from one frame to the next."""
+    camera = await start(rate="max", depth_mode="matched", image_noise=10.0)
+    camera.service.set_parameters("rc_iocontrol", [("out1_mode", "High")])
+    changes = []
+    for on in (False, True):
+        camera.service.set_parameters("rc_stereomatching", [("quality", "Full"), ("static_scene", on)])
+        first, second = (
+            pixels(one.disparity.image).astype(float) for one in await camera.take(2, disparity_enabled=True)
+        )
+        both = (first > 0) & (second > 0)
+        changes.append(float(np.abs(first - second)[both].clip(max=16.0).mean()))
+    assert changes[0] > 1.5 * changes[1]

@@ -28,7 +28,7 @@ async def test_clients_coming_and_leaving_leave_nothing_behind(start: Start) -> 
             for _ in range(order.randrange(4)):
                 await call.read()
         except grpc.aio.AioRpcError as error:
-            assert error.code() == grpc.StatusCode.DEADLINE_EXCEEDED  # noqa: PT017
+            assert error.code() == grpc.StatusCode.DEADLINE_EXCEEDED
         call.cancel()
 
     for _ in range(6):
