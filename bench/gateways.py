@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bench.posted import CONTENT_TYPE
+from gateway.testing.running import clean_environment
 
 TIMEOUT = 600.0
 
@@ -75,13 +76,15 @@ class Gateway:
     """A running ``scenegate serve``."""
 
     def __init__(self, *flags: str, environment: dict[str, str] | None = None) -> None:
-        clean = {name: value for name, value in os.environ.items() if not name.startswith("SCENEGATE_")}
-        if "SCENEGATE_CACHE_DIR" in os.environ:
-            clean["SCENEGATE_CACHE_DIR"] = os.environ["SCENEGATE_CACHE_DIR"]
         self.began = time.perf_counter()
         self.process = subprocess.Popen(
             [sys.executable, "-m", "gateway.cli", "serve", "--http-port", "0", *flags],
-            env={**clean, "SCENEGATE_LOG_FORMAT": "json", "SCENEGATE_LOG_LEVEL": "info", **(environment or {})},
+            env={
+                **clean_environment(),
+                "SCENEGATE_LOG_FORMAT": "json",
+                "SCENEGATE_LOG_LEVEL": "info",
+                **(environment or {}),
+            },
             stderr=subprocess.PIPE,
             text=True,
         )

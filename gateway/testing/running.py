@@ -24,6 +24,11 @@ _FLAGS: Final = ("--http-port", "0", "--grpc-port", "0", "--tcpq-port", "0", "--
 """First, so that those of the tests win."""
 
 
+def clean_environment() -> dict[str, str]:
+    """Of this process: settings of the shell that runs the tests are not meant for them, places of caches are."""
+    return {n: v for n, v in os.environ.items() if not n.startswith("SCENEGATE_") or n == "SCENEGATE_CACHE_DIR"}
+
+
 class Gateway:
     """A running gateway; what tests need to reach it."""
 
@@ -40,12 +45,10 @@ class Gateway:
         """
         self.log_path = folder / "gateway.log"
         """One JSON object a line."""
-        # Settings of the shell that runs the tests are not meant for them, places of caches are.
-        clean = {n: v for n, v in os.environ.items() if not n.startswith("SCENEGATE_") or n == "SCENEGATE_CACHE_DIR"}
         with self.log_path.open("wb") as log:
             self.process = subprocess.Popen(  # noqa: S603 - our own program
                 [sys.executable, "-m", "gateway.cli", "serve", *_FLAGS, *flags],
-                env=clean,
+                env=clean_environment(),
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,

@@ -20,6 +20,24 @@ _NORMALS = types.Tuple((types.boolean, types.float32[:, ::1], types.int64[::1]))
 _RESULT = types.Tuple((types.float32[:, ::1], types.float32[:, ::1], types.uint32[:, ::1]))  # type: ignore[no-untyped-call]
 
 
+@njit(nogil=True)
+def _face(positions, a, b, c, unit):  # type: ignore[no-untyped-def]
+    """The cross product of a face's edges, twice its area long; ``unit`` (3,) becomes its direction."""
+    ux = np.float64(positions[b, 0]) - positions[a, 0]
+    uy = np.float64(positions[b, 1]) - positions[a, 1]
+    uz = np.float64(positions[b, 2]) - positions[a, 2]
+    vx = np.float64(positions[c, 0]) - positions[a, 0]
+    vy = np.float64(positions[c, 1]) - positions[a, 1]
+    vz = np.float64(positions[c, 2]) - positions[a, 2]
+    x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    length = math.sqrt(x * x + y * y + z * z)
+    if length > 0.0:
+        unit[0], unit[1], unit[2] = x / length, y / length, z / length
+    else:
+        unit[0], unit[1], unit[2] = 0.0, 0.0, 1.0
+    return x, y, z
+
+
 @njit(_RESULT(_FLOATS, _FACES, types.float64), nogil=True, cache=True)
 def smoothed(positions, faces, cosine):  # type: ignore[no-untyped-def]
     """Positions, unit normals and faces of the same surface with vertices doubled where it has creases.
@@ -40,20 +58,8 @@ def smoothed(positions, faces, cosine):  # type: ignore[no-untyped-def]
     unit = np.empty((m, 3), np.float64)
     begin = np.zeros(count + 1, np.int64)
     for f in range(m):
-        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-        ux = np.float64(positions[b, 0]) - positions[a, 0]
-        uy = np.float64(positions[b, 1]) - positions[a, 1]
-        uz = np.float64(positions[b, 2]) - positions[a, 2]
-        vx = np.float64(positions[c, 0]) - positions[a, 0]
-        vy = np.float64(positions[c, 1]) - positions[a, 1]
-        vz = np.float64(positions[c, 2]) - positions[a, 2]
-        x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-        length = math.sqrt(x * x + y * y + z * z)
+        x, y, z = _face(positions, faces[f, 0], faces[f, 1], faces[f, 2], unit[f])
         area[f, 0], area[f, 1], area[f, 2] = x, y, z
-        if length > 0.0:
-            unit[f, 0], unit[f, 1], unit[f, 2] = x / length, y / length, z / length
-        else:
-            unit[f, 0], unit[f, 1], unit[f, 2] = 0.0, 0.0, 1.0
         for k in range(3):
             begin[np.int64(faces[f, k]) + 1] += 1
     for v in range(count):
@@ -151,18 +157,7 @@ def smooth_everywhere(positions, faces, cosine):  # type: ignore[no-untyped-def]
     uses = np.zeros(count, np.int64)
     for f in range(len(faces)):
         a, b, c = np.int64(faces[f, 0]), np.int64(faces[f, 1]), np.int64(faces[f, 2])
-        ux = np.float64(positions[b, 0]) - positions[a, 0]
-        uy = np.float64(positions[b, 1]) - positions[a, 1]
-        uz = np.float64(positions[b, 2]) - positions[a, 2]
-        vx = np.float64(positions[c, 0]) - positions[a, 0]
-        vy = np.float64(positions[c, 1]) - positions[a, 1]
-        vz = np.float64(positions[c, 2]) - positions[a, 2]
-        x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-        length = math.sqrt(x * x + y * y + z * z)
-        if length > 0.0:
-            unit[f, 0], unit[f, 1], unit[f, 2] = x / length, y / length, z / length
-        else:
-            unit[f, 0], unit[f, 1], unit[f, 2] = 0.0, 0.0, 1.0
+        x, y, z = _face(positions, a, b, c, unit[f])
         for corner in (a, b, c):
             total[corner, 0] += x
             total[corner, 1] += y

@@ -15,7 +15,7 @@ import httpx2
 import pytest
 
 from tests.support import forms
-from tests.support.gateway_process import START_SECONDS, GatewayProcess, gateway_process
+from tests.support.gateway_process import GatewayProcess, gateway_process, refused
 
 
 @pytest.fixture(scope="module")
@@ -90,26 +90,16 @@ def test_a_signal_during_the_start_ends_it_too() -> None:
 def test_a_taken_port_is_one_clear_sentence() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        process = GatewayProcess("--http-port", str(port))
-        try:
-            log = process.rest_of_log()
-            assert process.process.wait(START_SECONDS) == 1
-        finally:
-            process.kill()
-    (line,) = log
+        code, (line,) = refused("--http-port", str(port))
+    assert code == 1
     reason = f"another program listens there (127.0.0.1 port {port})"
     assert line["event"] == f"HTTP cannot listen: {reason}; choose another with --http-port or --host."
 
 
 def test_a_setting_that_cannot_be_used_is_exit_code_2() -> None:
-    process = GatewayProcess(env={"SCENEGATE_HTTP_PORT": "many"})
-    try:
-        log = process.rest_of_log()
-        assert process.process.wait(START_SECONDS) == 2
-    finally:
-        process.kill()
-    assert len(log) == 1
-    assert log[0]["event"].startswith("scenegate: SCENEGATE_HTTP_PORT: input should be a valid integer")
+    code, (line,) = refused(env={"SCENEGATE_HTTP_PORT": "many"})
+    assert code == 2
+    assert line["event"].startswith("scenegate: SCENEGATE_HTTP_PORT: input should be a valid integer")
 
 
 def test_uvicorn_serves_the_same_application(tmp_path: Path) -> None:

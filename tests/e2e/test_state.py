@@ -11,7 +11,7 @@ from typing import Any
 import httpx2
 import pytest
 
-from tests.support.gateway_process import START_SECONDS, GatewayProcess, gateway_process
+from tests.support.gateway_process import gateway_process, refused
 from tests.treeviewer.conversation import BOX, decoded, message
 from tests.treeviewer.transports import HubClient
 
@@ -86,13 +86,8 @@ def test_a_file_that_is_no_state_ends_the_start_with_one_sentence(tmp_path: Path
     path = tmp_path / "notes.txt" if content else tmp_path / "missing" / "state"
     if content:
         path.write_bytes(content)
-    process = GatewayProcess("--http-port", "0", "--state", str(path))
-    try:
-        log = process.rest_of_log()
-        assert process.process.wait(START_SECONDS) == 1
-    finally:
-        process.kill()
-    (line,) = log
+    code, (line,) = refused("--http-port", "0", "--state", str(path))
+    assert code == 1
     assert line["event"].startswith(f"The state file {path} ")
     assert content is None or path.read_bytes() == content
 
@@ -107,11 +102,7 @@ def test_a_damaged_tree_ends_the_start_and_is_left_as_it_is(tmp_path: Path) -> N
     connection.commit()
     connection.close()
     before = state.read_bytes()
-    process = GatewayProcess("--http-port", "0", *FLAGS, "--state", str(state))
-    try:
-        log = process.rest_of_log()
-        assert process.process.wait(START_SECONDS) == 1
-    finally:
-        process.kill()
+    code, log = refused("--http-port", "0", *FLAGS, "--state", str(state))
+    assert code == 1
     assert any("is damaged: a geometry is not what its digest says" in entry["event"] for entry in log)
     assert state.read_bytes() == before

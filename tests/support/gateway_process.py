@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import queue
 import signal
 import subprocess
@@ -12,6 +11,8 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
+
+from gateway.testing.running import clean_environment
 
 START_SECONDS = 300.0
 """Compiling all kernels on a slow, busy machine; only a hang takes longer."""
@@ -22,12 +23,9 @@ class GatewayProcess:
     """A running process and what it logs."""
 
     def __init__(self, *flags: str, env: dict[str, str] | None = None) -> None:
-        clean = {name: value for name, value in os.environ.items() if not name.startswith("SCENEGATE_")}
-        if "SCENEGATE_CACHE_DIR" in os.environ:
-            clean["SCENEGATE_CACHE_DIR"] = os.environ["SCENEGATE_CACHE_DIR"]
         self.process = subprocess.Popen(
             [sys.executable, "-m", "gateway.cli", "serve", *flags],
-            env={**clean, "SCENEGATE_LOG_FORMAT": "json", **(env or {})},
+            env={**clean_environment(), "SCENEGATE_LOG_FORMAT": "json", **(env or {})},
             stderr=subprocess.PIPE,
             text=True,
         )
@@ -77,6 +75,16 @@ class GatewayProcess:
             self.process.kill()
         self.process.wait()
         self._reader.join(STOP_SECONDS)
+
+
+def refused(*flags: str, env: dict[str, str] | None = None) -> tuple[int, list[dict[str, Any]]]:
+    """The exit code and the log of a gateway that does not start."""
+    gateway = GatewayProcess(*flags, env=env)
+    try:
+        log = gateway.rest_of_log()
+        return gateway.process.wait(STOP_SECONDS), log
+    finally:
+        gateway.kill()
 
 
 @contextmanager
