@@ -148,9 +148,9 @@ async def _start(house: House, wanted: dict[str, Join], started: asyncio.Event) 
     except Exception as error:  # noqa: BLE001 - nothing renders without kernels, but health tells why
         house.fail(KERNELS, error)
     started.set()
-    joined = time.perf_counter()
-    # Rooms say themselves whether they are ready; nobody tells when.
-    while house.board.verdict() == "starting" and time.perf_counter() - joined < _SETTLE_SECONDS:  # noqa: ASYNC110
+    settled = time.perf_counter() + _SETTLE_SECONDS
+    # Rooms say themselves whether they are ready.
+    while house.board.verdict() == "starting" and time.perf_counter() < settled:  # noqa: ASYNC110 - nobody tells when
         await asyncio.sleep(0.02)
     if (on_started := getattr(house.app.state, "on_started", None)) is not None:
         on_started()

@@ -40,7 +40,7 @@ class Busy(Exception):  # noqa: N818 - it is an answer, not a fault
         """Seconds after which a place is probably free, >= 1."""
 
 
-class Closed(Exception):  # noqa: N818
+class Closed(Exception):  # noqa: N818 - as above
     """The pool is shutting down and takes no work."""
 
 
@@ -114,7 +114,13 @@ class Workers:
         self._closing = False
         self._ended: list[tuple[asyncio.AbstractEventLoop, asyncio.Future[None]]] = []
 
-    async def run(self, fn: Callable[P, T], *args: P.args, weight: int = 0, **kwargs: P.kwargs) -> T:  # type: ignore[valid-type]
+    async def run(  # type: ignore[valid-type]  # PEP 612 has no place for weight
+        self,
+        fn: Callable[P, T],
+        *args: P.args,
+        weight: int = 0,
+        **kwargs: P.kwargs,
+    ) -> T:
         """Calls ``fn`` in a thread, with the caller's context variables, and returns what it returns.
 
         Args:
@@ -262,7 +268,7 @@ class Workers:
             self._alive -= 1
             waiters = self._ended if self._alive == 0 else []
         for loop, ended in waiters:
-            _call_soon(loop, lambda ended=ended: None if ended.done() else ended.set_result(None))  # type: ignore[misc]
+            _call_soon(loop, lambda ended=ended: None if ended.done() else ended.set_result(None))  # type: ignore[misc]  # no type for a default
 
 
 def _tell(job: _Job, result: Any, error: BaseException | None) -> None:

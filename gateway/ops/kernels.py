@@ -35,10 +35,8 @@ class KernelError(RuntimeError):
 @cache
 def folder() -> Path:
     """The folder of this version's kernels, made if need be; a private temporary one where none can be written."""
-    base = os.environ.get(CACHE_ENV) or os.path.join(  # noqa: PTH118
-        os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"),  # noqa: PTH111
-        "scenegate",
-    )
+    caches = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # noqa: PTH111 - or as it is: no home
+    base = os.environ.get(CACHE_ENV) or Path(caches, "scenegate")
     path = Path(base) / "kernels" / sources_digest()
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -59,7 +57,7 @@ def configure() -> Path:
     path = Path(os.environ.setdefault("NUMBA_CACHE_DIR", str(folder())))
     loaded = sys.modules.get("numba.core.config")
     if loaded is not None:
-        loaded.CACHE_DIR = str(path)  # type: ignore[attr-defined]
+        loaded.CACHE_DIR = str(path)  # type: ignore[attr-defined]  # any module, for all that is known
     return path
 
 

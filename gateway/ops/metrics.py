@@ -42,10 +42,11 @@ class _Watched:
 
     def family(self) -> Metric:
         kind = CounterMetricFamily if self.total else GaugeMetricFamily
-        family: Metric = kind(self.name, self.text, labels=(self.label,) if self.label else ())
+        labels = (self.label,) if self.label else ()
+        family: CounterMetricFamily | GaugeMetricFamily = kind(self.name, self.text, labels=labels)
         found = self.read()
         for value, figure in found.items() if isinstance(found, Mapping) else (("", found),):
-            family.add_metric((value,) if self.label else (), figure)  # type: ignore[attr-defined]
+            family.add_metric((value,) if self.label else (), figure)
         return family
 
 

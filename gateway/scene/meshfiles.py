@@ -226,7 +226,7 @@ class _Source:
 
 def _is_file(path: Path) -> bool:
     """Unlike ``Path.is_file``, also False for names that the system refuses to look at."""
-    return os.path.isfile(path)  # noqa: PTH113
+    return os.path.isfile(path)  # noqa: PTH113 - as the docstring says
 
 
 def _stamp(real: str) -> _Stamp | None:

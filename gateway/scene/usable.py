@@ -45,7 +45,7 @@ def without_broken_textures(parts: tuple[Part, ...], max_pixels: int) -> tuple[P
                 left -= pixels if pixels is not None and pixels <= left else 0
             if not usable[texture.image]:
                 broken[field] = None
-        materials[part.material] = replace(part.material, **broken) if broken else part.material  # type: ignore[arg-type]
+        materials[part.material] = replace(part.material, **broken) if broken else part.material  # type: ignore[arg-type]  # by name
     if all(old is new for old, new in materials.items()):
         return parts
     return tuple(msgspec.structs.replace(part, material=materials[part.material]) for part in parts)

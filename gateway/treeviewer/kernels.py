@@ -162,7 +162,7 @@ def read_numbers(data, begin, end, powers, out):  # type: ignore[no-untyped-def]
             after_value = after_open = False
             i += 1
             continue
-        if c == SPACE or c == NEWLINE or c == RETURN or c == TAB:  # noqa: SIM109 - twice as fast compiled
+        if c == SPACE or c == NEWLINE or c == RETURN or c == TAB:
             i += 1
             continue
         if c == OPEN:
@@ -228,7 +228,7 @@ def read_numbers(data, begin, end, powers, out):  # type: ignore[no-untyped-def]
                     c = data[i]
                 if i == first:
                     return start
-            if c == LOWER_E or c == UPPER_E:  # noqa: SIM109
+            if c == LOWER_E or c == UPPER_E:
                 i += 1
                 c = data[i]
                 down = c == MINUS
@@ -319,7 +319,7 @@ def outline(data, members, commas):  # type: ignore[no-untyped-def]
     last = 0
     while i < n:
         c = data[i]
-        if c == SPACE or c == NEWLINE or c == RETURN or c == TAB:  # noqa: SIM109
+        if c == SPACE or c == NEWLINE or c == RETURN or c == TAB:
             i += 1
             continue
         if depth == 0 and (begun or c != BRACE):
@@ -339,13 +339,13 @@ def outline(data, members, commas):  # type: ignore[no-untyped-def]
                 hanging = False
                 members[found, 0] = begin
                 members[found, 1] = i + 1
-        elif c == OPEN or c == BRACE:  # noqa: SIM109
+        elif c == OPEN or c == BRACE:
             depth += 1
             if depth == 2:
                 if not in_value:
                     return 0, 0
                 is_list = c == OPEN
-        elif c == CLOSE or c == END_BRACE:  # noqa: SIM109
+        elif c == CLOSE or c == END_BRACE:
             depth -= 1
             if depth < 0:
                 return 0, 0

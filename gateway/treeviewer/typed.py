@@ -116,8 +116,8 @@ def message_types(limits: Limits) -> tuple[type, type, type]:
     message = msgspec.defstruct(
         "TypedMessage",
         [
-            ("setgeometry", list[set_geometry] | empty | None, None),  # type: ignore[valid-type]
-            ("settransform", list[set_transform] | empty | None, None),  # type: ignore[valid-type]
+            ("setgeometry", list[set_geometry] | empty | None, None),  # type: ignore[valid-type]  # made above
+            ("settransform", list[set_transform] | empty | None, None),  # type: ignore[valid-type]  # made above
         ],
         bases=(Message,),
         gc=False,

@@ -191,7 +191,7 @@ def test_the_grammar_of_numbers_in_taken_out_arrays(number: str, good: bool) -> 
         try:
             request = reader.read(memoryview(text.encode()), extract=True)
         except RequestError as error:
-            assert "not valid JSON" in str(error)  # noqa: PT017
+            assert "not valid JSON" in str(error)
         else:
             assert "points has" in request.failures[0].reason
         return

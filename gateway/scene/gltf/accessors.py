@@ -141,9 +141,8 @@ class Accessors:
         known = self._known.get(index) if isinstance(index, int) else None
         if known is not None:
             return known
-        plain = self._plain(index) if type(index) is int else None
-        if plain is not None:
-            self._known[index] = plain  # type: ignore[index]
+        if type(index) is int and (plain := self._plain(index)) is not None:
+            self._known[index] = plain
             return plain
         source = element(self._document.accessors, index, "accessors", where)
         assert isinstance(index, int)

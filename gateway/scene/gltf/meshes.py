@@ -194,7 +194,7 @@ class Meshes:
             read("COLOR_0", _rgba),
             read("TANGENT", _tangents),
         )
-        return Mesh(*map(_frozen, arrays))  # type: ignore[arg-type]
+        return Mesh(*map(_frozen, arrays))  # type: ignore[arg-type]  # in the order of its fields
 
 
 def _frozen(array: NDArray[T] | None) -> NDArray[T] | None:
