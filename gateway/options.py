@@ -118,7 +118,7 @@ def kind_of(field: FieldInfo) -> str:
     kinds = {bool: "on|off", int: "NUMBER", float: "NUMBER", Path: "PATH", str: "TEXT"}
     if annotation in kinds:
         return kinds[annotation]
-    if options == [int]:  # the ports that may be missing
+    if options == [Port]:  # the ports that may be missing
         return "NUMBER|off"
     if get_origin(annotation) is tuple:
         return {Path: "PATHS", Byte: "R,G,B", AnyMount: "POSES"}.get(options[0], "NAMES")

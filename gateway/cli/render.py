@@ -83,7 +83,9 @@ def render(
     look: Annotated[
         LookChoice, typer.Option(help="How colour is made; auto: studio, but Drake's files as Drake shows them.")
     ] = LookChoice.auto,
-    background: Annotated[str, typer.Option(metavar="R,G,B", help="Colour where nothing is.")] = "204,229,255",
+    background: Annotated[
+        str, typer.Option(metavar="R,G,B", help="Colour where nothing is; 0 to 255 each.")
+    ] = "204,229,255",
     antialias: Annotated[
         AntialiasChoice, typer.Option(help="Of colour with one sample a pixel, other than studio.")
     ] = AntialiasChoice.fxaa,
