@@ -187,9 +187,7 @@ class Gallery:
             angle = 2 * math.pi * k / 3 + 0.5
             place = np.array((3.4 * math.cos(angle), 3.4 * math.sin(angle), 4.2))
             aim = -place / np.linalg.norm(place)
-            lights.append(
-                Light(LightKind.SPOT, color, 42.0, (*place,), (*aim,), inner_cone=0.3, outer_cone=0.62)  # type: ignore[arg-type]  # triples
-            )
+            lights.append(Light(LightKind.SPOT, color, 42.0, (*place,), (*aim,), inner_cone=0.3, outer_cone=0.62))
         dim = Surroundings(Hemisphere((0.02, 0.025, 0.04), (0.01, 0.01, 0.01)))
         rig = Rig(surroundings=dim, shadow_radius=4)
         scene = DrawList(tuple(instances), lights=tuple(lights))
@@ -225,7 +223,7 @@ class Gallery:
             wood = Material((0.9, 0.9, 0.9, 1), metallic=0.0, roughness=0.8, base_color_texture=texture)
             ball = Material((0.9, 0.35, 0.1, 1), metallic=0.0, roughness=0.3)
             scene = DrawList((Instance(floor, wood, np.eye(4)), Instance(sphere(), ball, at(0.7, -1.5, 0.5))))
-            picture = self.color(scene, view, Look("studio", (204, 229, 255), samples))  # type: ignore[arg-type]  # 1, 4 or 8
+            picture = self.color(scene, view, Look("studio", (204, 229, 255), samples))
             cv2.putText(picture, text, (14, 26), cv2.FONT_HERSHEY_SIMPLEX, 0.55, (40, 50, 60), 1, cv2.LINE_AA)
             tiles.append(picture)
         return np.vstack((np.hstack(tiles[:2]), np.hstack(tiles[2:])))
@@ -235,7 +233,7 @@ class Gallery:
         view = camera("eye=1.4,-1.1,1.7;target=0,0,0.85", 640, 480, self._demo)
         tiles = []
         for samples, text in ((1, "1 sample"), (1, "FXAA"), (4, "4 samples"), (8, "8 samples")):
-            picture = self.color(self._demo, view, Look("pbr", samples=samples))  # type: ignore[arg-type]  # 1, 4 or 8
+            picture = self.color(self._demo, view, Look("pbr", samples=samples))
             if text == "FXAA":
                 fxaa(picture)
             part = picture[148:218, 260:295]
@@ -280,7 +278,7 @@ class Gallery:
         view = camera("eye=0,-9,1.1;target=0,0,0.5;fovy=9.8", WIDTH, HEIGHT // 3)
         strips = []
         for tone in ("neutral", "aces", "none"):
-            rig = replace(STUDIO, tone=tone, exposure=2.2)  # type: ignore[arg-type]  # one of the curves
+            rig = replace(STUDIO, tone=tone, exposure=2.2)
             strip = self.color(DrawList(tuple(instances)), view, Look("studio", PAPER, 8, rig))
             cv2.putText(strip, tone, (14, 26), cv2.FONT_HERSHEY_SIMPLEX, 0.6, (40, 50, 60), 1, cv2.LINE_AA)
             strips.append(strip)

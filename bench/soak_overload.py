@@ -66,7 +66,7 @@ async def ask(port: int, count: int, seconds: float, body: bytes) -> Answers:
         await asyncio.sleep(WARM_SECONDS / 2 * number / count)  # people do not come in the same millisecond
         while (start := loop.time()) < end:
             done: asyncio.Future[bytes] = loop.create_future()
-            await loop.create_connection(lambda done=done: _Ask(request, done), "127.0.0.1", port)  # type: ignore[misc]
+            await loop.create_connection(lambda done=done: _Ask(request, done), "127.0.0.1", port)
             status = (await done)[9:12]
             taken = 1e3 * (loop.time() - start)
             counts = start - begin >= WARM_SECONDS

@@ -144,7 +144,7 @@ async def turns(running: Any) -> None:
     for name, work in works.items():
         await running.next()
         first, begin = len(running.samples), time.monotonic()
-        task = asyncio.create_task(work(running.ports))  # type: ignore[arg-type]  # each is a coroutine
+        task = asyncio.create_task(work(running.ports))
         await asyncio.wait((task,), timeout=60.0 if "made" in name else SECONDS)
         await running.next()
         task.cancel()

@@ -144,7 +144,7 @@ async def live(rate: str, look: str, quality: str, scene: str) -> tuple[int, Any
 
     warmup()
     warm_up()
-    config = StereoConfig(port=0, rate=rate, look=look)  # type: ignore[arg-type]  # argparse has checked
+    config = StereoConfig(port=0, rate=rate, look=look)
     source, pose, mover = {"table": _table, "demo": _demo}[scene]()
     service = StereoService(config, source, pose, CpuRenderer(2), Workers(2))
     service.parameters.set("rc_stereomatching", [("quality", quality)])
@@ -199,7 +199,7 @@ def watch_steps() -> dict[str, list[float]]:
         elif "grpc" in file:
             seen["writer"].append(time.thread_time() - before)
 
-    events.Handle._run = timed  # type: ignore[method-assign]  # to be timed
+    events.Handle._run = timed
     return seen
 
 

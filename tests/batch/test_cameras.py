@@ -130,7 +130,7 @@ def test_views_that_differ_are_told_apart() -> None:
         View("v", "fit", Lens(height=3)),
         View("v", OrbitCamera(0, 2, 30.0)),
         View("v", OrbitCamera(0, 2, 31.0)),
-        View("v", rows),  # type: ignore[arg-type]
-        View("v", moved),  # type: ignore[arg-type]
+        View("v", rows),
+        View("v", moved),
     ]
     assert len({view.asked for view in views}) == len(views)

@@ -63,7 +63,7 @@ def tour(url: str, binary: bool | None) -> None:
             it["mesh"].set(MeshFile("/etc/passwd"))
         assert caught.value.answer.status == -3
         with pytest.raises(TypeError, match=r"set takes geometries such as Box\(\(1, 1, 1\)\), not 'box'"):
-            it["robot"].set("box")  # type: ignore[arg-type]
+            it["robot"].set("box")
         assert it["robot"]["base"].delete().deleted == (("robot", "base"),)
 
 
@@ -237,7 +237,7 @@ def test_names_of_the_package() -> None:
     assert {name for name in package.__all__ if getattr(package, name) is not None} == set(package.__all__)
     assert package.Node is viewer.Node
     with pytest.raises(AttributeError):
-        _ = package.Nothing  # type: ignore[attr-defined]
+        _ = package.Nothing
 
 
 def test_liblcm_does_not_tell_every_try_to_reach_a_hub_that_is_not_there(capfd: pytest.CaptureFixture[str]) -> None:

@@ -80,9 +80,9 @@ async def test_a_websocket_needs_the_token_too() -> None:
 
     access = Access(inner, tokens=TOKENS)
     scope = {"type": "websocket", "path": "/view/ws", "headers": [], "query_string": f"token={TOKEN}".encode()}
-    await access(scope, None, send)  # type: ignore[arg-type]
+    await access(scope, None, send)
     cookie = [(b"cookie", f"other=1; {COOKIE}={TOKENS.cookie}".encode())]
-    await access({**scope, "headers": cookie}, None, send)  # type: ignore[arg-type]
+    await access({**scope, "headers": cookie}, None, send)
     assert [message["type"] for message in sent] == ["websocket.close", "websocket.accept"]
 
 

@@ -97,8 +97,8 @@ async def test_pings_of_who_does_not_read_are_not_hoarded() -> None:
 
     socket = BoundedWebSocket.__new__(BoundedWebSocket)
     socket.writable = asyncio.Event()
-    socket.transport = Transport()  # type: ignore[assignment]  # as much of them as is used
-    socket.conn = Connection()  # type: ignore[assignment]
+    socket.transport = Transport()
+    socket.conn = Connection()
     for number in range(1000):
         Connection.answer = b"pong %d" % number
         socket.handle_ping()

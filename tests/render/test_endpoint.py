@@ -74,7 +74,7 @@ async def test_the_camera_is_the_forms_and_the_nodes(start: Start, watched: Watc
 async def test_the_look_follows_the_generator(
     start: Start, watched: WatchedRenderer, generator: str, look: str, name: str
 ) -> None:
-    async with start(watched, RenderConfig(look=look, background=(1, 2, 3))) as server:  # type: ignore[arg-type]
+    async with start(watched, RenderConfig(look=look, background=(1, 2, 3))) as server:
         response = await server.post(body(gltf(generator=generator)), CONTENT_TYPE)
     assert watched.calls[0][3].name == name
     assert (decoded(response) == (1, 2, 3)).all()

@@ -153,7 +153,7 @@ async def test_a_client_that_leaves_frees_its_place(start: Start, watched: Watch
             "root_path": "",
             "headers": [(b"content-type", CONTENT_TYPE.encode())],
         }
-        leaver = asyncio.create_task(server.app(scope, receive, send))  # type: ignore[arg-type]
+        leaver = asyncio.create_task(server.app(scope, receive, send))
         async with asyncio.timeout(LONG):
             await until(lambda: server.workers.stats.waiting == 1)
             leave.set()

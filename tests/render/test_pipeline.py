@@ -71,7 +71,7 @@ def test_colour_is_smoothed_unless_the_operator_says_no() -> None:
     renderer = CpuRenderer(1)
     shades = {}
     for antialias in ("fxaa", "none"):
-        config = RenderConfig(antialias=antialias)  # type: ignore[arg-type]
+        config = RenderConfig(antialias=antialias)
         pipeline = Pipeline(renderer, config)
         for kind in ("color", "label"):
             reader = FormReader(CONTENT_TYPE, config)

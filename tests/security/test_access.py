@@ -92,7 +92,7 @@ def test_the_page_of_the_browser_view_works_with_a_token(secured: Secured) -> No
 def test_a_page_of_another_site_cannot_open_the_websocket(secured: Secured) -> None:
     url = secured.url.replace("https", "wss") + "/view/ws"
     with pytest.raises(InvalidStatus):
-        connect(url, ssl=secured.context, additional_headers=BEARER, origin="https://evil.example")  # type: ignore[arg-type]
+        connect(url, ssl=secured.context, additional_headers=BEARER, origin="https://evil.example")
 
 
 def test_other_sites_may_ask_only_where_the_settings_say_so(secured: Secured) -> None:

@@ -118,7 +118,7 @@ def test_two_hosts_are_none(gateway_url: str) -> None:
 
 def test_a_page_of_another_site_may_not_open_the_websocket(gateway_url: str) -> None:
     with pytest.raises(InvalidStatus):
-        connect(_websocket(gateway_url), origin="https://evil.example")  # type: ignore[arg-type]  # any text
+        connect(_websocket(gateway_url), origin="https://evil.example")
     with connect(_websocket(gateway_url), max_size=None) as socket:
         assert isinstance(socket.recv(SECONDS), bytes)
 

@@ -92,7 +92,7 @@ async def test_a_turn_of_the_loop_is_one_transaction_and_all_are_told_in_order(k
     commits = kept.state.journal.figures.commits
     for number in range(100):
         kept.put(f"node {number}")
-        kept.state.journal.after(lambda problem, number=number: told.append(number))  # type: ignore[misc]
+        kept.state.journal.after(lambda problem, number=number: told.append(number))
     assert await kept.state.journal.stored() == ""
     assert told == list(range(100))
     assert kept.state.journal.figures.commits == commits + 1
@@ -106,7 +106,7 @@ async def test_what_comes_while_it_writes_is_the_next_transaction(kept: Kept) ->
     await happened(slow.writing)
     for number in range(5):
         kept.put(f"node {number}")
-        kept.state.journal.after(lambda problem, number=number: told.append(f"then {number}"), 10)  # type: ignore[misc]
+        kept.state.journal.after(lambda problem, number=number: told.append(f"then {number}"), 10)
         await asyncio.sleep(0)
     assert told == []
     assert kept.state.journal.waiting_bytes == 60

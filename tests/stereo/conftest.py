@@ -101,7 +101,7 @@ async def start(renderer: CpuRenderer) -> AsyncIterator[Start]:
         scene: Callable[[], tuple[DrawList, int]] | None = None, clock: Clock | None = None, **fields: object
     ) -> Camera:
         drawn = table()
-        config = StereoConfig(**{"port": 0, "model": SMALL, "look": "phong", **fields})  # type: ignore[arg-type]
+        config = StereoConfig(**{"port": 0, "model": SMALL, "look": "phong", **fields})
         context = running(renderer, config, scene or (lambda: (drawn, 1)), clock)
         camera = await context.__aenter__()
         stack.append(context)
@@ -109,7 +109,7 @@ async def start(renderer: CpuRenderer) -> AsyncIterator[Start]:
 
     yield begin
     for context in reversed(stack):
-        await context.__aexit__(None, None, None)  # type: ignore[attr-defined]
+        await context.__aexit__(None, None, None)
 
 
 def pixels(image: pb.Image) -> NDArray[np.uint8] | NDArray[np.uint16]:

@@ -56,7 +56,7 @@ async def test_dropped_frames_are_those_that_the_seed_says(camera: Camera, rest:
     twin, kept = FaultInjector(0, 0), []
     twin.set(Faults(drop=0.5))
     for number in range(1, frames[-1] + 1):
-        twin.deliver(number, b"", lambda number=number: kept.append(number))  # type: ignore[misc]
+        twin.deliver(number, b"", lambda number=number: kept.append(number))
     assert frames == kept
     assert frames[-1] > 12
     assert (await rest.get("/stereo/faults")).json()["dropped"] >= frames[-1] - 12
@@ -69,11 +69,11 @@ async def test_delayed_sets_come_later_in_order_and_within_bounds() -> None:
     begin = loop.time()
     done = loop.create_future()
     for number in range(3):
-        injector.deliver(number, bytes(40), lambda number=number: came.append(number))  # type: ignore[misc]
+        injector.deliver(number, bytes(40), lambda number=number: came.append(number))
     assert (came, injector.dropped) == ([], 1)
     injector.set(Faults())
     # Later sets do not overtake those that are late.
-    injector.deliver(7, bytes(10), lambda: (came.append(7), done.set_result(None)))  # type: ignore[func-returns-value]
+    injector.deliver(7, bytes(10), lambda: (came.append(7), done.set_result(None)))
     await done
     assert came == [0, 1, 7]
     assert loop.time() - begin >= 0.05

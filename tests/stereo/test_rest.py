@@ -264,7 +264,7 @@ def test_any_value_is_stored_in_range_or_refused(named: tuple[str, Spec], value:
     assert type(stored) is type(spec.default)
     if isinstance(stored, (int, float)) and not isinstance(stored, bool):
         assert math.isfinite(stored)
-        assert spec.low <= stored <= spec.high  # type: ignore[operator]
+        assert spec.low <= stored <= spec.high
 
 
 @pytest.mark.parametrize(("node", "spec"), SPECS, ids=lambda v: getattr(v, "name", v))

@@ -18,4 +18,4 @@ async def test_a_connection_that_breaks_while_writing_ends_the_call_like_a_cance
         raise grpc.aio.InternalError('Failed "execute_batch"')
 
     with pytest.raises(asyncio.CancelledError):
-        await _decoded(pb.ImageSetRequest, answer)(b"\x08\x01", None)  # type: ignore[arg-type]  # it needs no context
+        await _decoded(pb.ImageSetRequest, answer)(b"\x08\x01", None)

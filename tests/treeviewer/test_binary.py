@@ -237,11 +237,11 @@ def described(viewer: Viewer) -> list[Any]:
 def parted(part: Part) -> Any:
     it = part.shape
     if isinstance(it, PointCloud):
-        it = (it.points.tobytes(), {name: values.tobytes() for name, values in it.channels.items()})  # type: ignore[assignment]
+        it = (it.points.tobytes(), {name: values.tobytes() for name, values in it.channels.items()})
     elif isinstance(it, Surface):
-        it = (it.mesh.positions.tobytes(), it.mesh.elements.tobytes())  # type: ignore[assignment]
+        it = (it.mesh.positions.tobytes(), it.mesh.elements.tobytes())
     elif isinstance(it, Line):
-        it = (it.points.tobytes(), it.radius, it.closed)  # type: ignore[assignment]
+        it = (it.points.tobytes(), it.radius, it.closed)
     return it, part.material, part.X_node_part.tobytes(), part.kind
 
 

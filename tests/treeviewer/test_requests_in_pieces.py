@@ -65,7 +65,7 @@ def test_a_request_read_in_pieces_says_the_same(monkeypatch: pytest.MonkeyPatch)
     assert len(list(cut)) > 100
     in_pieces = whole(data)
     for request in (in_one, in_pieces):
-        request.transforms = [(path, tuple(map(str, pose))) for path, pose in request.transforms]  # type: ignore[misc]
+        request.transforms = [(path, tuple(map(str, pose))) for path, pose in request.transforms]
     same(in_pieces, in_one)
 
 

@@ -183,7 +183,7 @@ async def test_renders_are_listed_and_shown(world: World) -> None:
         ("depth", png_gray16(np.full((6, 8), 1500, np.uint16)), "image/png"),
     ]
     for kind, body, media_type in notes:
-        world.hub.renders.add(RenderNote(200, 0.01, 0.002, kind, "scene", kind, body, media_type, ""))  # type: ignore[arg-type]
+        world.hub.renders.add(RenderNote(200, 0.01, 0.002, kind, "scene", kind, body, media_type, ""))
     world.hub.renders.add(RenderNote(400, 0.01, 0.0, "not understood", "", "", b"", "", "width is missing"))
     listing = (await world.http.get("/view/renders")).json()
     assert [entry["status"] for entry in listing] == [400, 200, 200, 200]
