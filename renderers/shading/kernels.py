@@ -54,6 +54,7 @@ from renderers.shading.materials import (
 from renderers.shading.plain import fill, show_plain
 from renderers.shading.resolve import SCRATCH_VALUES, resolve_strokes, resolve_triangles, run_starts, single_runs
 from renderers.shading.surface import shade
+from renderers.shading.textured import show_textured
 
 PART: Final = 256
 """Pixels shaded at a time: their rows of attributes stay in the first-level cache."""
@@ -123,6 +124,18 @@ def _segment(job, y, places, instance, first, ids, starts, run, last_run, rows, 
                 spare, line, scratch,
             )  # fmt: skip
             return
+    if (
+        topology == 3
+        and job[S_MODE] == DIRECT
+        and job[S_PBR] == 0
+        and mi[MI_BASE] >= 0
+        and has & ~HAS_NORMALS == HAS_UV0
+    ):
+        show_textured(
+            job, columns, points, maps, lens, y, places, first, many, has, mi, mf, ids, starts, run, last_run, rows,
+            stride, line, scratch,
+        )  # fmt: skip
+        return
     for which in range(2):
         missing = HAS_UV0 << which
         if wanted & missing and not has & missing:

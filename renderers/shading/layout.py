@@ -71,6 +71,7 @@ A_UV1: Final = 6  # 2 rows
 A_COLOR: Final = 8  # 4 rows: RGBA as the mesh has them
 A_TANGENT: Final = 12  # 4 rows: tangent in the mesh's frame; sign of the bitangent
 # Filled by shading, as far as a material needs them.
+A_LIGHT: Final = A_FACING  # 1 row, instead: what the head light leaves of a colour
 A_BASE: Final = 16  # 4 rows: base colour and alpha where they vary; the shaded colour where it is not written at once
 A_TEXEL: Final = 20  # 4 rows: what a texture has at the pixels
 A_ROUGH: Final = 24  # 4 rows: metallic-roughness texture: roughness is the second, metallic the third

@@ -9,7 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from renderers import simd as vec
-from renderers.pointers import f32_at, i32_at, i64_at, u8_at
+from renderers.pointers import f32_at, i32_at, i64_at
 from renderers.shading.layout import A_UV0, S_BYTE_VALUES, S_TEXTURE_FLOATS, S_TEXTURES
 from renderers.shading.textures import (
     TF_COLUMNS,
@@ -73,21 +73,37 @@ def _wrapped(index, wrap, size):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _channels(texel):  # type: ignore[no-untyped-def]
-    """Four f32x8, 0 .. 255, of eight RGBA texels."""
+def _channels(texel, space, values):  # type: ignore[no-untyped-def]
+    """Four f32x8 of eight RGBA texels: 0 .. 255, the colours of ``SRGB`` linear, 0 .. 1."""
     byte, eight = vec.i32(255), vec.i32(8)
     second = texel >> eight
     third = second >> eight
+    r, g, b = texel & byte, second & byte, third & byte
+    alpha = vec.to_f32((third >> eight) & byte)
+    if space == SRGB:
+        table = f32_at(values)
+        return vec.gather(table, r), vec.gather(table, g), vec.gather(table, b), alpha
+    return vec.to_f32(r), vec.to_f32(g), vec.to_f32(b), alpha
+
+
+@njit(nogil=True, error_model="numpy")
+def _far_apart(integers, i, j):  # type: ignore[no-untyped-def]
+    """Four texels of eight places, of which some lie across the border of the image."""
+    width, height = integers[TI_WIDTH], integers[TI_HEIGHT]
+    wrap_s, wrap_t = integers[TI_WRAP_S], integers[TI_WRAP_T]
+    one, stride, texels = vec.i32(1), vec.i32(integers[TI_STRIDE]), i32_at(integers[TI_ADDRESS])
+    i0, i1 = _wrapped(i, wrap_s, width), _wrapped(i + one, wrap_s, width)
+    j0, j1 = _wrapped(j, wrap_t, height) * stride, _wrapped(j + one, wrap_t, height) * stride
     return (
-        vec.to_f32(texel & byte),
-        vec.to_f32(second & byte),
-        vec.to_f32(third & byte),
-        vec.to_f32((third >> eight) & byte),
+        vec.gather(texels, j0 + i0),
+        vec.gather(texels, j0 + i1),
+        vec.gather(texels, j1 + i0),
+        vec.gather(texels, j1 + i1),
     )
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _nearest(integers, values, space, u, v):  # type: ignore[no-untyped-def]
+def nearest(integers, values, space, u, v):  # type: ignore[no-untyped-def]
     """RGBA of the texel that (u, v) lies in."""
     width, height = integers[TI_WIDTH], integers[TI_HEIGHT]
     wrap_s, wrap_t = integers[TI_WRAP_S], integers[TI_WRAP_T]
@@ -95,48 +111,38 @@ def _nearest(integers, values, space, u, v):  # type: ignore[no-untyped-def]
     i = _wrapped(vec.to_i32(vec.floor(_place(u, wrap_s, width))), wrap_s, width)
     j = _wrapped(vec.to_i32(vec.floor(_place(v, wrap_t, height))), wrap_t, height)
     at = j * vec.i32(integers[TI_STRIDE]) + i
-    r, g, b, alpha = _channels(vec.gather(i32_at(integers[TI_ADDRESS]), at))
+    r, g, b, alpha = _channels(vec.gather(i32_at(integers[TI_ADDRESS]), at), space, values)
     if space == SRGB:
-        r, g, b = vec.gather_rgb(u8_at(integers[TI_ADDRESS]), at, f32_at(values))
         return r, g, b, alpha * unit
     return r * unit, g * unit, b * unit, alpha * unit
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _bilinear(integers, values, space, u, v):  # type: ignore[no-untyped-def]
+def bilinear(integers, values, space, u, v):  # type: ignore[no-untyped-def]
     """RGBA of the four texels whose centres are around (u, v)."""
     width, height = integers[TI_WIDTH], integers[TI_HEIGHT]
     wrap_s, wrap_t = integers[TI_WRAP_S], integers[TI_WRAP_T]
-    half, one = vec.f32(0.5), vec.i32(1)
+    half = vec.f32(0.5)
     x, y = _place(u, wrap_s, width) - half, _place(v, wrap_t, height) - half
     x0, y0 = vec.floor(x), vec.floor(y)
     fx, fy = x - x0, y - y0
     i, j = vec.to_i32(x0), vec.to_i32(y0)
-    i0, i1 = _wrapped(i, wrap_s, width), _wrapped(i + one, wrap_s, width)
-    stride = vec.i32(integers[TI_STRIDE])
-    j0 = _wrapped(j, wrap_t, height) * stride
-    j1 = _wrapped(j + one, wrap_t, height) * stride
     unit = vec.f32(_UNIT)
     gx, gy = vec.f32(1.0) - fx, vec.f32(1.0) - fy
     wa, wb, wc, wd = gx * gy, fx * gy, gx * fy, fx * fy
-    texels = i32_at(integers[TI_ADDRESS])
-    if vec.bits(i1 == i0 + one) == 255:  # nearly always: neighbours are loaded together
-        ta, tb = vec.gather_pairs(texels, j0 + i0)
-        tc, td = vec.gather_pairs(texels, j1 + i0)
+    texels, stride = i32_at(integers[TI_ADDRESS]), vec.i32(integers[TI_STRIDE])
+    inside = (x0 >= vec.f32(0.0)) & (y0 >= vec.f32(0.0)) & (i < vec.i32(width - 1)) & (j < vec.i32(height - 1))
+    if vec.bits(inside) == 255:  # nearly always: neighbours are loaded together
+        at = j * stride + i
+        ta, tb, tc, td = vec.gather_squares(texels, at, integers[TI_STRIDE])
     else:
-        ta, tb = vec.gather(texels, j0 + i0), vec.gather(texels, j0 + i1)
-        tc, td = vec.gather(texels, j1 + i0), vec.gather(texels, j1 + i1)
-    ra, ga, ba, aa = _channels(ta)
-    rb, gb, bb, ab = _channels(tb)
-    rc, gc, bc, ac = _channels(tc)
-    rd, gd, bd, ad = _channels(td)
+        ta, tb, tc, td = _far_apart(integers, i, j)
+    ra, ga, ba, aa = _channels(ta, space, values)
+    rb, gb, bb, ab = _channels(tb, space, values)
+    rc, gc, bc, ac = _channels(tc, space, values)
+    rd, gd, bd, ad = _channels(td, space, values)
     alpha = (aa * wa + ab * wb + ac * wc + ad * wd) * unit
     if space == SRGB:
-        texels_at, table = u8_at(integers[TI_ADDRESS]), f32_at(values)
-        ra, ga, ba = vec.gather_rgb(texels_at, j0 + i0, table)
-        rb, gb, bb = vec.gather_rgb(texels_at, j0 + i1, table)
-        rc, gc, bc = vec.gather_rgb(texels_at, j1 + i0, table)
-        rd, gd, bd = vec.gather_rgb(texels_at, j1 + i1, table)
         unit = vec.f32(1.0)
     return (
         (ra * wa + rb * wb + rc * wc + rd * wd) * unit,
@@ -147,7 +153,16 @@ def _bilinear(integers, values, space, u, v):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _coordinates(integers, floats, rows, at, stride):  # type: ignore[no-untyped-def]
+def fetch(integers, u, v):  # type: ignore[no-untyped-def]
+    """Have the texels around eight places brought near, for ``bilinear`` to read later."""
+    x = _place(u, integers[TI_WRAP_S], integers[TI_WIDTH]) - vec.f32(0.5)
+    y = _place(v, integers[TI_WRAP_T], integers[TI_HEIGHT]) - vec.f32(0.5)
+    at = vec.to_i32(y) * vec.i32(integers[TI_STRIDE]) + vec.to_i32(x)
+    vec.prefetch_squares(i32_at(integers[TI_ADDRESS]), at, integers[TI_STRIDE])
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def coordinates(integers, floats, rows, at, stride):  # type: ignore[no-untyped-def]
     """Texture coordinates of eight pixels."""
     u, v = vec.load(rows, at), vec.load(rows, at + stride)
     if integers[TI_TRANSFORMED] != 0:
@@ -176,20 +191,20 @@ def sample(job, row, space, rows, stride, begin, end, out):  # type: ignore[no-u
     linear = integers[TI_LINEAR] != 0
     if space == SRGB and linear:
         for x in range(begin, end, vec.LANES):
-            u, v = _coordinates(integers, floats, rows, uv + x, stride)
-            _put(rows, to + x, stride, _bilinear(integers, values, SRGB, u, v))
+            u, v = coordinates(integers, floats, rows, uv + x, stride)
+            _put(rows, to + x, stride, bilinear(integers, values, SRGB, u, v))
     elif space == SRGB:
         for x in range(begin, end, vec.LANES):
-            u, v = _coordinates(integers, floats, rows, uv + x, stride)
-            _put(rows, to + x, stride, _nearest(integers, values, SRGB, u, v))
+            u, v = coordinates(integers, floats, rows, uv + x, stride)
+            _put(rows, to + x, stride, nearest(integers, values, SRGB, u, v))
     elif linear:
         for x in range(begin, end, vec.LANES):
-            u, v = _coordinates(integers, floats, rows, uv + x, stride)
-            _put(rows, to + x, stride, _bilinear(integers, values, AS_STORED, u, v))
+            u, v = coordinates(integers, floats, rows, uv + x, stride)
+            _put(rows, to + x, stride, bilinear(integers, values, AS_STORED, u, v))
     else:
         for x in range(begin, end, vec.LANES):
-            u, v = _coordinates(integers, floats, rows, uv + x, stride)
-            _put(rows, to + x, stride, _nearest(integers, values, AS_STORED, u, v))
+            u, v = coordinates(integers, floats, rows, uv + x, stride)
+            _put(rows, to + x, stride, nearest(integers, values, AS_STORED, u, v))
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)

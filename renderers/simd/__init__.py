@@ -15,10 +15,10 @@ Traps, all measured on Zen 3 with LLVM 22:
 
 from __future__ import annotations
 
+from renderers.simd.lookups import float_of, gather_squares, permute, prefetch_squares
 from renderers.simd.moves import (
     gather,
     gather_pairs,
-    gather_rgb,
     load,
     load_again,
     load_corners,
@@ -80,10 +80,11 @@ __all__ = [
     "f32x8",
     "f64",
     "f64x8",
+    "float_of",
     "floor",
     "gather",
     "gather_pairs",
-    "gather_rgb",
+    "gather_squares",
     "i32",
     "i32x8",
     "iota",
@@ -99,7 +100,9 @@ __all__ = [
     "m8",
     "most",
     "most_of",
+    "permute",
     "prefetch",
+    "prefetch_squares",
     "rint",
     "scatter",
     "select",

@@ -207,29 +207,6 @@ def load_elements(typing_context: Any, values: Any, offsets: Any) -> Any:
 
 
 @intrinsic  # type: ignore[untyped-decorator]
-def gather_rgb(typing_context: Any, texels: Any, indices: Any, table: Any) -> Any:
-    """Three f32x8: the red, green and blue bytes of eight texels (4 bytes each), each looked up in a table.
-
-    Args:
-        texels: pointer to uint8. indices: i32x8 of texels. table: pointer to 256 float32.
-    """
-    out: Any = types.UniTuple(f32x8, 3)  # type: ignore[no-untyped-call]
-
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        parts = [ir.Constant(f32x8.llvm, ir.Undefined)] * 3
-        for lane in range(LANES):
-            k = ir.Constant(I32, lane)
-            texel = builder.shl(builder.sext(builder.extract_element(args[1], k), I64), ir.Constant(I64, 2))
-            for j in range(3):
-                byte = builder.load(builder.gep(args[0], [builder.add(texel, ir.Constant(I64, j))]))
-                value = builder.load(builder.gep(args[2], [builder.zext(byte, I64)]))
-                parts[j] = builder.insert_element(parts[j], value, k)
-        return context.make_tuple(builder, out, parts)
-
-    return out(texels, indices, table), generate
-
-
-@intrinsic  # type: ignore[untyped-decorator]
 def gather_pairs(typing_context: Any, values: Any, indices: Any) -> Any:
     """Two i32x8: the int32 at ``indices[lane]`` (an i32x8) behind a pointer, and the one after it."""
     out: Any = types.UniTuple(i32x8, 2)  # type: ignore[no-untyped-call]

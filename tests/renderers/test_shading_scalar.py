@@ -176,6 +176,32 @@ def test_plain_surfaces_to_a_level(cells: int) -> None:
                     assert (differences != 0).mean() < 0.02
 
 
+@pytest.mark.parametrize("side", [16, 512])
+@pytest.mark.parametrize("cells", [4, 30, 230])
+def test_textured_surfaces_to_a_level(cells: int, side: int) -> None:
+    """A picture without other attributes: large triangles, small ones, and so many that they are fetched ahead; images
+    that are fetched ahead; with and without normals, unlit, seen from behind; filtered or not, across every border."""
+    y, x = np.mgrid[0:side, 0:side] / side * 2.0 * np.pi
+    waves = np.stack((np.sin(x), np.cos(y), np.sin(2.0 * x + y), np.ones_like(x)), axis=-1)
+    image = picture((127.5 + 127.5 * waves).astype(np.uint8))
+    flat = picture(np.full((side, side, 4), (250, 120, 30, 255), np.uint8))  # any of its texels is the right one
+    round_one = replace(ball(cells, 0.9), tangents=None)
+    for mesh in (round_one, replace(round_one, normals=None)):
+        for unlit in (False, True):
+            for wrap in Wrap:
+                for shown, linear in ((image, True), (flat, False)):
+                    turn = (2.0, 0.5, -0.25, -0.5, 1.5, 0.125)
+                    texture = Texture(shown, Sampler(wrap, wrap, mag_linear=linear), 0, turn if unlit else None)
+                    material = Material((0.9, 1.3, 1.0, 1.0), texture, double_sided=True, unlit=unlit)
+                    X = np.diag((1.0, -1.0, 1.0, 1.0))
+                    X[2, 3] = 4.0
+                    drawn = DrawList((placed(mesh, material, z=3.0), Instance(mesh, material, X)))
+                    ours, scalar = both(drawn, view(83, 61), Look("phong"))
+                    differences = np.abs(ours - scalar)
+                    assert differences.max() <= 1
+                    assert (differences != 0).mean() < 0.02
+
+
 @pytest.mark.parametrize("size", [(83, 61), (64, 40), (9, 70)])
 def test_threads_do_not_matter(size: tuple[int, int]) -> None:
     drawn = scene(np.random.default_rng(7))

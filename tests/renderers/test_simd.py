@@ -194,15 +194,13 @@ def test_vectors_give_the_bits_of_scalars(name: str, width: int) -> None:
 
 
 @njit
-def _moves(values, whole, offsets, texels, table, out, number, picture):
+def _moves(values, whole, offsets, out, number, picture):
     o, n = f32_at(out), i32_at(number)
     at = vec.load(i32_at(offsets), 0)
     for k, part in enumerate(vec.load_triples(f32_at(values), at)):
         vec.store(o, 8 * k, part)
-    for k, part in enumerate(vec.gather_rgb(u8_at(texels), at, f32_at(table))):
-        vec.store(o, 24 + 8 * k, part)
-    vec.store(o, 48, vec.spread3(vec.load(f32_at(values), 0)))
-    vec.store(o, 56, vec.sqrt(vec.absolute(vec.load(f32_at(values), 0))))
+    vec.store(o, 24, vec.spread3(vec.load(f32_at(values), 0)))
+    vec.store(o, 32, vec.sqrt(vec.absolute(vec.load(f32_at(values), 0))))
     for k, part in enumerate(vec.load_elements(i32_at(whole), at)):
         vec.store(n, 8 * k, part)
     for k, part in enumerate(vec.gather_pairs(i32_at(whole), at)):
@@ -216,14 +214,12 @@ def test_moves() -> None:
     values = rng.normal(size=40).astype(np.float32)
     whole = rng.integers(0, 1 << 31, 40).astype(np.int32)
     offsets = rng.permutation(30)[:8].astype(np.int32)
-    texels, table = rng.integers(0, 256, 160).astype(np.uint8), rng.random(256).astype(np.float32)
-    out, number, picture = np.zeros(64, np.float32), np.zeros(48, np.int32), np.full(72, 7, np.uint8)
-    _moves(*(a.ctypes.data for a in (values, whole, offsets, texels, table, out, number, picture)))
+    out, number, picture = np.zeros(40, np.float32), np.zeros(48, np.int32), np.full(72, 7, np.uint8)
+    _moves(*(a.ctypes.data for a in (values, whole, offsets, out, number, picture)))
     each = offsets[None] + np.arange(3)[:, None]
     np.testing.assert_array_equal(out[:24].reshape(3, 8), values[each])
-    np.testing.assert_array_equal(out[24:48].reshape(3, 8), table[texels[4 * offsets + np.arange(3)[:, None]]])
-    assert (out[48:56] == values[3]).all()
-    np.testing.assert_array_equal(out[56:], np.sqrt(np.abs(values[:8])))
+    assert (out[24:32] == values[3]).all()
+    np.testing.assert_array_equal(out[32:], np.sqrt(np.abs(values[:8])))
     np.testing.assert_array_equal(number[:24].reshape(3, 8), whole[each])
     np.testing.assert_array_equal(number[24:40].reshape(2, 8), whole[each[:2]])
     np.testing.assert_array_equal(number[40:], values[:8].view(np.int32))
@@ -231,3 +227,29 @@ def test_moves() -> None:
     assert picture[0] == 7
     assert (picture[29:32] == 7).all()  # four more bytes may be anything
     assert (picture[32:] == 7).all()
+
+
+@njit
+def _lookups(values, whole, offsets, lanes, out, number):
+    o, n = f32_at(out), i32_at(number)
+    at, lane = vec.load(i32_at(offsets), 0), vec.load(i32_at(lanes), 0)
+    floats, integers = vec.load(f32_at(values), 0), vec.load(i32_at(whole), 0)
+    vec.prefetch_squares(i32_at(whole), at, 5)
+    for k, part in enumerate(vec.gather_squares(i32_at(whole), at, 5)):
+        vec.store(n, 8 * k, part)
+    vec.store(n, 32, vec.permute(integers, lane))
+    vec.store(o, 0, vec.permute(floats, lane))
+    vec.store(o, 8, vec.float_of(integers))
+
+
+def test_lookups() -> None:
+    rng = np.random.default_rng(2)
+    values = rng.normal(size=40).astype(np.float32)
+    whole = rng.integers(0, 1 << 30, 40).astype(np.int32)
+    offsets, lanes = rng.permutation(30)[:8].astype(np.int32), rng.integers(0, 8, 8).astype(np.int32)
+    out, number = np.zeros(16, np.float32), np.zeros(40, np.int32)
+    _lookups(*(a.ctypes.data for a in (values, whole, offsets, lanes, out, number)))
+    np.testing.assert_array_equal(number[:32].reshape(4, 8), whole[offsets + np.array((0, 1, 5, 6))[:, None]])
+    np.testing.assert_array_equal(number[32:], whole[lanes])
+    np.testing.assert_array_equal(out[:8], values[lanes])
+    np.testing.assert_array_equal(out[8:], whole[:8].view(np.float32))

@@ -1,0 +1,84 @@
+"""Lanes by number: from another vector, and from the rows of a texture."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+
+from renderers.simd.vectors import I8, I32, I64, LANES, Vector, f32x8, i32x8, intrinsic, make, shuffle
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def permute(typing_context: Any, value: Any, lanes: Any) -> Any:
+    """In every lane the lane of a vector that an i32x8 says, 0 .. 7."""
+    if not isinstance(value, Vector) or value not in (f32x8, i32x8) or lanes is not i32x8:
+        return None
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        if "+avx2" in context.codegen().magic_tuple()[2]:
+            name = "llvm.x86.avx2.permps" if value.is_float else "llvm.x86.avx2.permd"
+            kind = ir.FunctionType(value.llvm, [value.llvm, i32x8.llvm])
+            declare: Any = cgutils.get_or_insert_function
+            return builder.call(declare(builder.module, kind, name), args)
+        out = ir.Constant(value.llvm, ir.Undefined)
+        for lane in range(LANES):
+            k = ir.Constant(I32, lane)
+            out = builder.insert_element(out, builder.extract_element(args[0], builder.extract_element(args[1], k)), k)
+        return out
+
+    return value(value, lanes), generate
+
+
+float_of = make(lambda a: f32x8 if a is i32x8 else None, lambda builder, sig, value: builder.bitcast(value, f32x8.llvm))
+"""The float32 values of bit patterns."""
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def gather_squares(typing_context: Any, values: Any, indices: Any, stride: Any) -> Any:
+    """Four i32x8: the int32 at ``indices[lane]`` behind a pointer, the one after it, and the same ``stride`` (an int64)
+    further on. Indices are at least 0."""
+    out: Any = types.UniTuple(i32x8, 4)  # type: ignore[no-untyped-call]
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        rows = args[0], builder.gep(args[0], [args[2]])
+        pairs = ir.VectorType(I64, 4)
+        parts: list[Any] = []
+        fours: list[list[Any]] = [[ir.Constant(pairs, ir.Undefined)] * 2, [ir.Constant(pairs, ir.Undefined)] * 2]
+        for lane in range(LANES):
+            offset = builder.zext(builder.extract_element(args[1], ir.Constant(I32, lane)), I64)
+            # Lanes 0, 1, 4, 5 and 2, 3, 6, 7: the halves of registers are then shuffled each by themselves.
+            which, slot = lane // 2 % 2, ir.Constant(I32, lane // 4 * 2 + lane % 2)
+            for row in range(2):
+                place = builder.bitcast(builder.gep(rows[row], [offset]), I64.as_pointer())
+                fours[row][which] = builder.insert_element(fours[row][which], builder.load(place, align=4), slot)
+        evens = [0, 2, 8, 10, 4, 6, 12, 14]
+        for row in range(2):
+            first, second = (builder.bitcast(four, i32x8.llvm) for four in fours[row])
+            parts += [shuffle(builder, first, second, [pick + k for pick in evens]) for k in range(2)]
+        return context.make_tuple(builder, out, parts)
+
+    return out(values, indices, stride), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def prefetch_squares(typing_context: Any, values: Any, indices: Any, stride: Any) -> Any:
+    """Fetch the cache lines of the int32 at ``indices[lane]`` behind a pointer and ``stride`` (an int64) further on,
+    which may lie anywhere. The result means nothing."""
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        rows = args[0], builder.gep(args[0], [args[2]])
+        byte = I8.as_pointer()
+        kind = ir.FunctionType(ir.VoidType(), [byte, I32, I32, I32])
+        declare: Any = cgutils.get_or_insert_function
+        function = declare(builder.module, kind, "llvm.prefetch.p0")
+        read, soon, data = ir.Constant(I32, 0), ir.Constant(I32, 3), ir.Constant(I32, 1)
+        for lane in range(LANES):
+            offset = builder.zext(builder.extract_element(args[1], ir.Constant(I32, lane)), I64)
+            for row in rows:
+                builder.call(function, [builder.bitcast(builder.gep(row, [offset]), byte), read, soon, data])
+        return ir.Constant(I32, 0)
+
+    return types.int32(values, indices, stride), generate
