@@ -30,7 +30,7 @@ from bench.raster import SIZES, WARM, Process, scenes, view, write
 from bench.table import Row, at_least, show, skipped
 from renderers.camera import Camera
 from renderers.cpu import CpuRenderer, warmup
-from renderers.drawlist import DrawList, Instance, Light, LightKind, Material, Sampler, Texture
+from renderers.drawlist import AlphaMode, DrawList, Instance, Light, LightKind, Material, Sampler, Texture
 from renderers.port import Look, Output
 from renderers.studio.rig import STUDIO, Rig
 
@@ -77,6 +77,7 @@ def features() -> None:
         "phong": (ball(), Look("phong")),
         "pbr": (ball(), Look("pbr")),
         "pbr, texture": (ball(base_color_texture=texture), Look("pbr")),
+        "pbr, translucent": (ball(base_color=(0.7, 0.6, 0.5, 0.5), alpha_mode=AlphaMode.BLEND), Look("pbr")),
         "studio, unlit": studio(unlit=True),
         "+ bilinear texture": studio(unlit=True, base_color_texture=Texture(texture.image, Sampler(mipmaps=False))),
         "+ trilinear texture": studio(unlit=True, base_color_texture=texture),

@@ -9,9 +9,20 @@ from numba import njit
 
 from renderers import simd as vec
 from renderers.pointers import f32_at, u8_at
-from renderers.shading.layout import A_BASE, S_BACKGROUND, S_COLOR, S_GAMMA, S_GATHERED, S_MODE, S_PBR, S_WIDTH
+from renderers.shading.layout import (
+    A_BASE,
+    S_BACKGROUND,
+    S_COLOR,
+    S_ENCODED,
+    S_GAMMA,
+    S_GATHERED,
+    S_HEIGHT,
+    S_MODE,
+    S_PBR,
+    S_WIDTH,
+)
 from renderers.shading.materials import ALPHA_BLEND, ALPHA_MASK
-from renderers.shading.transfer import GAMMA, gamma_byte, plain_byte
+from renderers.shading.transfer import encode_gamma, gamma_byte, plain_byte
 
 DIRECT: Final = 0
 """Write the picture."""
@@ -19,10 +30,6 @@ GATHER: Final = 1
 """Add a translucent layer behind those gathered so far."""
 UNDER: Final = 2
 """Write the picture beneath the gathered layers."""
-
-_ZERO: Final = np.float32(0.0)
-_ONE: Final = np.float32(1.0)
-_INVERSE_GAMMA: Final = 1.0 / GAMMA
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
@@ -42,53 +49,77 @@ def write(job, pbr, line, x, r, g, b):  # type: ignore[no-untyped-def]
         vec.store(line, x, packed(r, g, b))
 
 
-@njit(nogil=True, error_model="numpy")
-def _shown(c, pbr):  # type: ignore[no-untyped-def]
-    """What ``write`` rounds to a byte, 0 .. 1."""
-    if not (c > _ZERO):
-        return _ZERO
-    c = min(c, _ONE)
-    return np.float32(np.float64(c) ** _INVERSE_GAMMA) if pbr else c
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _shown(job, c):  # type: ignore[no-untyped-def]
+    """What ``write`` rounds to a byte, 0 .. 1, f32x8."""
+    if job[S_PBR] != 0:
+        return encode_gamma(c, job[S_ENCODED])
+    return vec.least(vec.most(c, vec.f32(0.0)), vec.f32(1.0))
 
 
-@njit(nogil=True, error_model="numpy")
-def _one_byte(c):  # type: ignore[no-untyped-def]
-    """As ``plain_byte`` for a scalar that is a number."""
-    return np.int32(min(max(c, _ZERO), _ONE) * np.float32(255.0) + np.float32(0.5))
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _layers(job, y):  # type: ignore[no-untyped-def]
+    """Pointer to the layers gathered in a row: red, green, blue and how much of what is behind is seen, each
+    ``_plane`` values behind the one before."""
+    return f32_at(job[S_GATHERED] + 4 * (job[S_WIDTH] + vec.LANES) * y)
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _plane(job):  # type: ignore[no-untyped-def]
+    return (job[S_WIDTH] + vec.LANES) * job[S_HEIGHT]
 
 
 @njit(nogil=True, error_model="numpy")
 def gather(job, alpha_mode, cutoff, y, begin, end, rows, stride):  # type: ignore[no-untyped-def]
     """Adds a segment behind the layers gathered so far, in the space of the stored picture, as VTK does."""
-    pbr = job[S_PBR] != 0
-    gathered = f32_at(job[S_GATHERED] + 16 * y * job[S_WIDTH])
-    for x in range(begin, end):
-        through = gathered[4 * x + 3]
-        alpha = rows[(A_BASE + 3) * stride + x]
+    layers, plane = _layers(job, y), _plane(job)
+    zero, one, lane = vec.f32(0.0), vec.f32(1.0), vec.iota()
+    for x in range(begin, end, vec.LANES):
+        through = vec.load_again(layers, 3 * plane + x)
+        alpha = vec.load(rows, (A_BASE + 3) * stride + x)
         if alpha_mode == ALPHA_BLEND:
-            alpha = min(max(alpha, _ZERO), _ONE) if alpha == alpha else _ONE
+            alpha = vec.select(alpha == alpha, vec.least(vec.most(alpha, zero), one), one)
         elif alpha_mode == ALPHA_MASK:
-            alpha = _ZERO if alpha < cutoff else _ONE
+            alpha = vec.select(alpha < vec.f32(cutoff), zero, one)
         else:
-            alpha = _ONE
-        if alpha > _ZERO and through > _ZERO:
-            for k in range(3):
-                gathered[4 * x + k] += through * alpha * _shown(rows[(A_BASE + k) * stride + x], pbr)
-            gathered[4 * x + 3] = through * (_ONE - alpha)
+            alpha = one
+        share = through * alpha
+        adding = (lane < vec.i32(end - x)) & (share > zero)
+        for k in range(3):
+            before = vec.load_again(layers, k * plane + x)
+            shown = _shown(job, vec.load(rows, (A_BASE + k) * stride + x))
+            vec.store(layers, k * plane + x, vec.select(adding, before + share * shown, before))
+        vec.store(layers, 3 * plane + x, vec.select(adding, through * (one - alpha), through))
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _beneath(layers, plane, x, r, g, b):  # type: ignore[no-untyped-def]
+    """Packed pixels: what is shown (f32x8 each) beneath the layers."""
+    through = vec.load(layers, 3 * plane + x)
+    return packed(
+        vec.load(layers, x) + through * r,
+        vec.load(layers, plane + x) + through * g,
+        vec.load(layers, 2 * plane + x) + through * b,
+    )
 
 
 @njit(nogil=True, error_model="numpy")
 def write_under(job, y, begin, end, rows, stride, line):  # type: ignore[no-untyped-def]
     """A segment beneath the gathered layers."""
-    pbr = job[S_PBR] != 0
-    gathered = f32_at(job[S_GATHERED] + 16 * y * job[S_WIDTH])
-    for x in range(begin, end):
-        through = gathered[4 * x + 3]
-        pixel = np.int32(0)
-        for k in range(3):
-            shown = _shown(rows[(A_BASE + k) * stride + x], pbr)
-            pixel |= _one_byte(gathered[4 * x + k] + through * shown) << np.int32(8 * k)
-        line[x] = pixel
+    layers, plane = _layers(job, y), _plane(job)
+    for x in range(begin, end, vec.LANES):
+        at = A_BASE * stride + x
+        r, g, b = (
+            _shown(job, vec.load(rows, at)),
+            _shown(job, vec.load(rows, at + stride)),
+            vec.load(rows, at + 2 * stride),
+        )
+        vec.store(line, x, _beneath(layers, plane, x, r, g, _shown(job, b)))
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _channel(background, k):  # type: ignore[no-untyped-def]
+    return vec.f32(np.float32((background >> (8 * k)) & 255) / np.float32(255.0))
 
 
 @njit(nogil=True, error_model="numpy")
@@ -100,13 +131,10 @@ def write_background(job, y, begin, end, line):  # type: ignore[no-untyped-def]
         for x in range(begin, end, vec.LANES):
             vec.store(line, x, pixels)
     elif job[S_MODE] == UNDER:
-        gathered = f32_at(job[S_GATHERED] + 16 * y * job[S_WIDTH])
-        for x in range(begin, end):
-            pixel = np.int32(0)
-            for k in range(3):
-                behind = np.float32((background >> (8 * k)) & 255) / np.float32(255.0)
-                pixel |= _one_byte(gathered[4 * x + k] + gathered[4 * x + 3] * behind) << np.int32(8 * k)
-            line[x] = pixel
+        layers, plane = _layers(job, y), _plane(job)
+        r, g, b = _channel(background, 0), _channel(background, 1), _channel(background, 2)
+        for x in range(begin, end, vec.LANES):
+            vec.store(line, x, _beneath(layers, plane, x, r, g, b))
 
 
 @njit(nogil=True, error_model="numpy")

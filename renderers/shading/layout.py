@@ -24,11 +24,12 @@ S_BYTE_VALUES: Final = 15  # BYTE_VALUES
 S_DECODED: Final = 16  # DECODED
 S_GAMMA: Final = 17  # GAMMA_CELLS
 S_BACKGROUND: Final = 18  # red, green, blue, lowest byte first
-S_GATHERED: Final = 19  # (H, W, 4) float32, see compose
+S_GATHERED: Final = 19  # (4, H, W + 8) float32, see compose
 S_COLOR: Final = 20  # (H, W, 3) uint8
 S_PLACES: Final = 21  # (H, S_STRIDE) int32: the columns of the picture that records belong to; 0: where they lie
 S_COUNTS: Final = 22  # (H,) int32, with S_PLACES: records of each row
-S_COLUMNS: Final = 23
+S_ENCODED: Final = 23  # ENCODED
+S_COLUMNS: Final = 24
 
 
 # Per instance and view, float32.

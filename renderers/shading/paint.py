@@ -16,11 +16,12 @@ from renderers.shading import layout as at
 from renderers.shading.compose import DIRECT, GATHER, UNDER
 from renderers.shading.kernels import shade_rows
 from renderers.shading.scene import ShadingScene, instance_maps
+from renderers.simd import LANES
 
 if TYPE_CHECKING:  # the rasterizer calls this module
     from renderers.cpu.visibility import Rasterizer, Visibility
 
-_NOTHING: Final = np.zeros((0, 0, 4), dtype=np.float32)
+_NOTHING: Final = np.zeros((4, 0, LANES), dtype=np.float32)
 _NO_COLOR: Final = np.zeros((0, 0, 3), dtype=np.uint8)
 
 
@@ -58,14 +59,14 @@ def paint(
             _shade(rasterizer, shading, seen, camera, look, DIRECT, _NOTHING, color)
         return
     with rasterizer.visibility(scene, camera, select=~shading.layered, cull_back=cull) as behind:
-        gathered = np.zeros((camera.height, camera.width, 4), dtype=np.float32)
-        gathered[..., 3] = 1.0
+        gathered = np.zeros((4, camera.height, camera.width + LANES), dtype=np.float32)
+        gathered[3] = 1.0
         any_layer = False
         for layer in peeled(rasterizer, scene, shading, camera, cull, behind, max_layers):
             any_layer = True
             _shade(rasterizer, shading, layer, camera, look, GATHER, gathered, _NO_COLOR)
             # Nothing can be seen behind an opaque texel: no more layers there.
-            layer.ids[gathered[..., 3] <= 0.0] = -1
+            layer.ids[gathered[3, :, : camera.width] <= 0.0] = -1
         _shade(rasterizer, shading, behind, camera, look, UNDER if any_layer else DIRECT, gathered, color)
 
 

@@ -18,7 +18,7 @@ from renderers.shading.layout import II_COLUMNS, P_COLUMNS, P_MIRROR, P_NORMAL, 
 from renderers.shading.materials import MaterialRows, as_tables, material_rows
 from renderers.shading.sampling import BYTE_VALUES
 from renderers.shading.textures import Parallel, Texels, TextureTable, texels_of
-from renderers.shading.transfer import DECODED, GAMMA_CELLS
+from renderers.shading.transfer import DECODED, ENCODED, GAMMA_CELLS
 from renderers.shading.vertices import VertexRecords, records_of
 from renderers.tables import SceneTables, lets_through
 
@@ -121,6 +121,7 @@ def _job(
     job[at.S_TEXTURE_FLOATS] = address_of(texture_floats, np.float32)
     job[at.S_BYTE_VALUES] = address_of(BYTE_VALUES, np.float32)
     job[at.S_DECODED] = address_of(DECODED, np.float32)
+    job[at.S_ENCODED] = address_of(ENCODED, np.float32)
     job[at.S_GAMMA] = address_of(GAMMA_CELLS, np.int32)
     return job
 

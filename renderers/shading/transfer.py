@@ -45,12 +45,27 @@ def _gamma_cells() -> NDArray[np.int32]:
     return cells
 
 
+_FAINT: Final = np.float32(2.0**-40)
+"""Below this a linear value is shown as 0: a thousandth of a level."""
+_FAINT_BITS: Final = int(_FAINT.view(np.int32))
+
+
+def _encoded() -> NDArray[np.float32]:
+    """(5122,) float32: ``c^(1/2.2)`` of every 2^16th float32 from _FAINT to 1, and one beyond for interpolation at 1; 0
+    for the first."""
+    bits = np.arange(_FAINT_BITS, int(np.float32(1.0).view(np.int32)) + 2 * (1 << _CELL), 1 << _CELL, dtype=np.int32)
+    result: NDArray[np.float32] = (bits.view(np.float32).astype(np.float64) ** (1.0 / GAMMA)).astype(np.float32)
+    result[0] = 0.0
+    return result
+
+
 def _decoded() -> NDArray[np.float32]:
     """(_STEPS + 2,) float32: ``(i / _STEPS)^2.2``; the last entry is for interpolation at 1."""
     return (np.minimum(np.arange(_STEPS + 2) / _STEPS, 1.0) ** GAMMA).astype(np.float32)
 
 
 DECODED: Final = _decoded()
+ENCODED: Final = _encoded()
 THRESHOLDS: Final = _thresholds()
 GAMMA_CELLS: Final = _gamma_cells()
 
@@ -84,3 +99,16 @@ def decode_gamma(c, decoded):  # type: ignore[no-untyped-def]
     table = f32_at(decoded)
     low = vec.gather(table, cell)
     return low + (at - vec.to_f32(cell)) * (vec.gather(table, cell + vec.i32(1)) - low)
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def encode_gamma(c, encoded):  # type: ignore[no-untyped-def]
+    """``c^(1/2.2)`` of an f32x8 in 0..1 (clamped; NaN is 0), interpolated in ``ENCODED`` (its address): within 2e-6 of
+    it."""
+    c = vec.least(vec.most(c, vec.f32(_FAINT)), vec.f32(1.0))
+    bits = vec.bits_of(c) - vec.i32(_FAINT_BITS)
+    cell = bits >> vec.i32(_CELL)
+    table = f32_at(encoded)
+    low = vec.gather(table, cell)
+    share = vec.to_f32(bits & vec.i32((1 << _CELL) - 1)) * vec.f32(1.0 / (1 << _CELL))
+    return low + share * (vec.gather(table, cell + vec.i32(1)) - low)

@@ -22,11 +22,21 @@ from renderers.shading import texels_of
 from renderers.shading.layout import A_ROWS, A_TEXEL, A_UV0, S_BYTE_VALUES, S_COLUMNS, S_TEXTURE_FLOATS, S_TEXTURES
 from renderers.shading.sampling import AS_STORED, BYTE_VALUES, SRGB, sample
 from renderers.shading.textures import TextureTable
-from renderers.shading.transfer import DECODED, GAMMA_CELLS, THRESHOLDS, decode_gamma, gamma_byte, plain_byte
+from renderers.shading.transfer import (
+    DECODED,
+    ENCODED,
+    GAMMA_CELLS,
+    THRESHOLDS,
+    decode_gamma,
+    encode_gamma,
+    gamma_byte,
+    plain_byte,
+)
 from tests.renderers.shading_reference import lookup, picture
 
 CELLS = address_of(GAMMA_CELLS, np.int32)
 DECODED_AT = address_of(DECODED, np.float32)
+ENCODED_AT = address_of(ENCODED, np.float32)
 PIXELS = np.random.default_rng(3).integers(0, 256, (5, 3, 4)).astype(np.uint8)
 
 
@@ -51,6 +61,12 @@ def _gamma_bytes(values, out, count):
 def _decode_gamma(values, out, count):
     for k in range(0, count, 8):
         vec.store(f32_at(out), k, decode_gamma(vec.load(f32_at(values), k), DECODED_AT))
+
+
+@njit
+def _encode_gamma(values, out, count):
+    for k in range(0, count, 8):
+        vec.store(f32_at(out), k, encode_gamma(vec.load(f32_at(values), k), ENCODED_AT))
 
 
 def each(kernel: Callable[[int, int, int], None], values: object, dtype: type[np.generic] = np.int32) -> np.ndarray:
@@ -219,6 +235,13 @@ def test_decoding_a_shown_value() -> None:
     c = np.linspace(0, 1, 5001).astype(np.float32)
     np.testing.assert_allclose(each(_decode_gamma, c, np.float32), c.astype(np.float64) ** 2.2, atol=2e-7)
     assert each(_decode_gamma, (np.nan, 2.0), np.float32).tolist() == [0, 1]
+
+
+def test_encoding_a_value_to_be_shown() -> None:
+    c = np.concatenate((np.linspace(0, 1, 5001), 2.0 ** np.linspace(-39, 0, 4001))).astype(np.float32)
+    shown = c.astype(np.float64) ** (1 / 2.2)
+    np.testing.assert_allclose(each(_encode_gamma, c, np.float32), shown, rtol=2.1e-6)
+    assert each(_encode_gamma, (np.nan, 2.0, -1.0, 1e-13), np.float32).tolist() == [0, 1, 0, 0]
 
 
 def test_images_that_are_not_known_are_decoded_at_the_same_time() -> None:
