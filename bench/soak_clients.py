@@ -105,13 +105,18 @@ async def _open(kind: str, ports: Ports) -> tuple[asyncio.StreamReader, asyncio.
     return await asyncio.open_connection("127.0.0.1", port_of(kind, ports))
 
 
+async def _one_set(ports: Ports) -> None:
+    """A stream that ends with its first image set, and the connection with it."""
+    async with grpc.aio.insecure_channel(f"127.0.0.1:{ports.grpc}", options=_OPTIONS) as channel:
+        call = _stream(channel, 30.0)
+        await call.read()
+        call.cancel()
+
+
 async def well_behaved(kind: str, ports: Ports) -> None:
     """Asks, reads an answer, leaves."""
     if kind == "grpc":
-        async with grpc.aio.insecure_channel(f"127.0.0.1:{ports.grpc}", options=_OPTIONS) as channel:
-            call = _stream(channel, 30.0)
-            await call.read()
-            call.cancel()
+        await _one_set(ports)
         return
     reader, writer = await _open(kind, ports)
     writer.write(opening(kind))
@@ -152,10 +157,7 @@ async def half_open(kind: str, ports: Ports) -> None:
 async def vanishing(kind: str, ports: Ports) -> None:
     """Is gone without a word (RST) as soon as it has asked."""
     if kind == "grpc" and random.random() < 0.5:
-        async with grpc.aio.insecure_channel(f"127.0.0.1:{ports.grpc}", options=_OPTIONS) as channel:
-            call = _stream(channel, 30.0)
-            await call.read()
-            call.cancel()
+        await _one_set(ports)
         return
     _, writer = await _open(kind, ports)
     writer.write(opening(kind))

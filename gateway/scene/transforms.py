@@ -109,7 +109,9 @@ def from_trs(translation: Sequence[float], rotation_xyzw: Sequence[float], scale
     return matrix
 
 
-def look_at(eye: Sequence[float], target: Sequence[float], up: Sequence[float]) -> Matrix:
+def look_at(
+    eye: Sequence[float] | NDArray[np.float64], target: Sequence[float] | NDArray[np.float64], up: Sequence[float]
+) -> Matrix:
     """Pose of an optical frame (+Z forward, +X right, +Y down) at ``eye`` that sees ``target`` with ``up`` upwards.
 
     Raises:

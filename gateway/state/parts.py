@@ -148,7 +148,7 @@ class PartsWriter:
         if array.nbytes <= INLINE_BYTES:
             return ["array", dtype, shape, array.tobytes()]
         whole = np.ascontiguousarray(array)
-        raw = memoryview(whole.reshape(-1).view(np.uint8))  # type: ignore[arg-type]  # an array has a buffer
+        raw = whole.reshape(-1).view(np.uint8).data
         digest = self._digest(array, raw)
         blobs[digest] = raw
         return ["blob", dtype, shape, digest]
