@@ -1,4 +1,4 @@
-"""Eight bytes at a time: unaligned words behind a pointer, and their lowest set bit."""
+"""Many bytes at a time: unaligned words behind a pointer, where they differ, and a word's lowest set bit."""
 
 from __future__ import annotations
 
@@ -40,6 +40,20 @@ def _low_zeros(typing_context: Any, word: Any) -> tuple[Any, Callable[..., Any]]
     return types.int64(types.uint64), generate
 
 
+def _differing(typing_context: Any, pointer: Any, index: Any, other: Any) -> tuple[Any, Callable[..., Any]]:
+    """``differing(pointer, i, j)``: which of the 64 bytes behind i are not those behind j, the first one lowest."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        many = ir.VectorType(ir.IntType(8), 64).as_pointer()
+        a, b = (
+            builder.load(builder.bitcast(builder.gep(args[0], [place]), many), align=1) for place in (args[1], args[2])
+        )
+        return builder.bitcast(builder.icmp_unsigned("!=", a, b), ir.IntType(64))
+
+    return types.uint64(pointer, types.int64, types.int64), generate
+
+
 load_word: Any = intrinsic(_load)
 store_word: Any = intrinsic(_store)
 low_zeros: Any = intrinsic(_low_zeros)
+differing: Any = intrinsic(_differing)

@@ -2,7 +2,7 @@
 Huffman codes made for each block.
 
 Rendered pictures are flat: filtered with Up, most pixels equal the one to their left. Only such repetitions are looked
-for, eight bytes at a time; what does not repeat is counted and packed four symbols at a time. Several times faster than
+for, 64 bytes at a time; what does not repeat is counted and packed four symbols at a time. Several times faster than
 a search for strings in a window, and on depth pictures, whose low bytes are noise, as small.
 """
 
@@ -16,12 +16,12 @@ from numba import njit
 from renderers.encode.huffman import assign_codes, code_lengths
 from renderers.jit import kernel
 from renderers.pointers import i64_at, u8_at, u32_at
-from renderers.words import load_word, low_zeros, store_word
+from renderers.words import differing, load_word, low_zeros, store_word
 
 PADDING: Final = 64
 """Bytes after the filtered rows that may be read, and after the output that may be written."""
 TABLES: Final = 17440
-"""Bytes of the work area that hold tables; behind them are 16 for every repetition, of at least 8 bytes each."""
+"""Bytes of the work area that hold tables; behind them are 16 for every repetition, of at least 16 bytes each."""
 
 _SYMBOLS: Final = 288
 _END: Final = 256
@@ -69,7 +69,20 @@ _META_LENGTHS: Final = 17280
 _META_CODES: Final = 17312
 """uint32, 24."""
 _STATE: Final = 17408
-"""int64, 3: bits that wait, how many, and where in the output they go."""
+"""int64, 4: bits that wait, how many, where in the output they go, and the checksum."""
+CHECKSUM: Final = _STATE // 8 + 3
+"""Where in the work area, in words, the Adler-32 of what was filtered so far stands: 1 at the start."""
+_MODULUS: Final = np.int64(65521)
+"""Of Adler-32 (RFC 1950, section 9)."""
+_LARGE: Final = np.int64(1 << 40)
+"""The second sum is reduced from here: what a run or a word adds cannot overflow 63 bits then."""
+_SHORT: Final = np.uint64(0xFFFF)
+"""A repetition has 16 bytes or more: a shorter one saves few bits, and costs more than as many literals."""
+_EVEN: Final = np.uint64(0x00FF00FF00FF00FF)
+_ONES: Final = np.uint64(0x0001000100010001)
+_EVEN_WEIGHTS: Final = np.uint64(0x0008000600040002)
+_ODD_WEIGHTS: Final = np.uint64(0x0007000500030001)
+"""Of the bytes of a word in the second sum, as factors: the products' highest 16 bits are the weighted sum."""
 
 
 @njit(inline="never", error_model="numpy")
@@ -106,14 +119,59 @@ def _pieces(length: int) -> tuple[int, int, int]:
     return whole - 1, 256, rest + 2
 
 
+@njit(inline="always", error_model="numpy")
+def _sum_word(word: Any, first: int, second: int) -> tuple[int, int]:
+    """Adler's sums after the eight bytes of a word."""
+    even, odd = word & _EVEN, (word >> np.uint64(8)) & _EVEN
+    plain = ((even + odd) * _ONES) >> np.uint64(48)
+    weighted = (even * _EVEN_WEIGHTS >> np.uint64(48)) + (odd * _ODD_WEIGHTS >> np.uint64(48))
+    return first + np.int64(plain), second + 8 * first + np.int64(weighted)
+
+
+@njit(inline="never", error_model="numpy")
+def _sum_bytes(f: Any, begin: int, end: int, first: int, second: int) -> tuple[int, int]:
+    """Adler's sums after some bytes."""
+    i = begin
+    while i + 8 <= end:
+        first, second = _sum_word(load_word(f, i), first, second)
+        i += 8
+        if second >= _LARGE:
+            first, second = first % _MODULUS, second % _MODULUS
+    while i < end:
+        first += np.int64(f[i])
+        second += first
+        i += 1
+    return first, second
+
+
+@njit(inline="never", error_model="numpy")
+def _sum_repetition(f: Any, begin: int, end: int, block: int, first: int, second: int) -> tuple[int, int]:
+    """Adler's sums after bytes that repeat themselves every ``block`` bytes, 8 or 24."""
+    number = (end - begin) // block
+    plain, weighted = _sum_bytes(f, begin, begin + block, 0, 0) if number > 0 else (0, 0)
+    begin += number * block
+    while number > 0:
+        some = min(number, 4096)
+        second += block * (some * first + plain * (some * (some - 1) // 2)) + some * weighted
+        first += some * plain
+        number -= some
+        if second >= _LARGE:
+            first, second = first % _MODULUS, second % _MODULUS
+    return _sum_bytes(f, begin, end, first, second)
+
+
 @njit(inline="never", error_model="numpy")
 def _find_runs(f: Any, total: int, pixel: int, work: int) -> int:
-    """Counts symbols; gives how many repetitions there are, whose starts and lengths follow the tables.
+    """Counts symbols and adds to the checksum; gives how many repetitions there are, whose starts and lengths follow
+    the tables.
 
     A word is taken whole, as literals, or begins a repetition: looking for the byte where one begins would cost more
-    time (mispredicted branches) than it saves bytes.
+    time (mispredicted branches) than it saves bytes. Of a repetition the checksum needs only the first
+    bytes and the number.
     """
     counts, totals, runs = i64_at(work + _COUNTS), i64_at(work + _TOTALS), i64_at(work + TABLES)
+    state = i64_at(work + _STATE)
+    first_sum, second_sum = state[3] & 0xFFFF, state[3] >> 16
     symbols = _LENGTHS
     found = 0
     for s in range(_SYMBOLS):
@@ -123,30 +181,32 @@ def _find_runs(f: Any, total: int, pixel: int, work: int) -> int:
     i = min(8, total)
     for k in range(i):
         counts[f[k]] += 1
-    while i + 8 <= total:
-        if load_word(f, i) != load_word(f, i - pixel):
-            word = load_word(f, i)
+    first_sum, second_sum = _sum_bytes(f, 0, i, first_sum, second_sum)
+    while i + 16 <= total:  # whether a repetition begins must not depend on what is behind the end
+        mask = differing(f, i, i - pixel)
+        word = load_word(f, i)
+        if mask & _SHORT != 0:
+            first_sum, second_sum = _sum_word(word, first_sum, second_sum)
             for k in range(8):
                 counts[((k & 3) << 8) + np.int64(word & np.uint64(255))] += 1
                 word >>= np.uint64(8)
             i += 8
+            if second_sum >= _LARGE:
+                first_sum, second_sum = first_sum % _MODULUS, second_sum % _MODULUS
             continue
-        j = i + 8
-        while j < total:
-            a = load_word(f, j) ^ load_word(f, j - pixel)
-            b = load_word(f, j + 8) ^ load_word(f, j + 8 - pixel)
-            c = load_word(f, j + 16) ^ load_word(f, j + 16 - pixel)
-            d = load_word(f, j + 24) ^ load_word(f, j + 24 - pixel)
-            if (a | b) | (c | d) == 0:
-                j += 32
-                continue
-            # Without branches, which would be guessed wrongly as often as not.
-            a, j = (a, j) if a != 0 else (b, j + 8)
-            a, j = (a, j) if a != 0 else (c, j + 8)
-            a, j = (a, j) if a != 0 else (d, j + 8)
-            j += low_zeros(a) >> 3
-            break
-        j = min(j, total)
+        j = i
+        while mask == 0:  # the next address must not wait for what was compared
+            j += 64
+            if j >= total:
+                break
+            mask = differing(f, j, j - pixel)
+        j = min(j + (low_zeros(mask) & 63), total)
+        if word == 0:
+            second_sum += (j - i) * first_sum
+            if second_sum >= _LARGE:
+                first_sum, second_sum = first_sum % _MODULUS, second_sum % _MODULUS
+        else:
+            first_sum, second_sum = _sum_repetition(f, i, j, 24 if pixel == 3 else 8, first_sum, second_sum)
         runs[2 * found] = i
         runs[2 * found + 1] = j - i
         found += 1
@@ -155,9 +215,10 @@ def _find_runs(f: Any, total: int, pixel: int, work: int) -> int:
         totals[symbols[first] & 0xFFFF] += 1
         totals[symbols[last] & 0xFFFF] += 1
         i = j
-    while i < total:
-        counts[f[i]] += 1
-        i += 1
+    for k in range(i, total):
+        counts[f[k]] += 1
+    first_sum, second_sum = _sum_bytes(f, i, total, first_sum, second_sum)
+    state[3] = first_sum % _MODULUS | (second_sum % _MODULUS) << 16
     for s in range(256):
         totals[s] = counts[s] + counts[256 + s] + counts[512 + s] + counts[768 + s]
     totals[_END] = 1
@@ -326,8 +387,9 @@ def deflate_rows(
         above: address of the row above the first one; 0: there is none.
         pixel: bytes to the left at which repetitions are looked for, 1 .. 4.
         swap: 1: 16-bit samples, little endian; the file has the high byte first.
-        filtered: address of ``rows * (row_bytes + 1) + PADDING`` bytes, out: what was deflated, for its checksum.
-        work: address of ``TABLES`` and twice as many bytes as are filtered, 8-byte aligned, overwritten.
+        filtered: address of ``rows * (row_bytes + 1) + PADDING`` bytes, out: what was deflated.
+        work: address of ``TABLES`` and as many bytes as are filtered, 8-byte aligned, overwritten but for the checksum
+            (``CHECKSUM``), which goes on.
         out: address of the output; one and a half times as many bytes as are filtered and ``PADDING`` twice over
             suffice after the place in it.
         bit: where to append, in bits from ``out``.

@@ -17,7 +17,7 @@ import numpy as np
 from isal import isal_zlib
 from numpy.typing import NDArray
 
-from renderers.encode.deflate import PADDING, TABLES, deflate_rows
+from renderers.encode.deflate import CHECKSUM, PADDING, TABLES, deflate_rows
 from renderers.pointers import address_of
 
 _SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
@@ -90,7 +90,7 @@ class _Scratch(threading.local):
         if size > self.size:
             self.size = size
             self.filtered = np.empty(size + PADDING, np.uint8)
-            self.work = np.empty(TABLES // 8 + size // 4 + 1, np.int64)
+            self.work = np.empty(TABLES // 8 + size // 8 + 2, np.int64)
             self.out = np.empty(size * 3 // 2 + 1024 + 2 * PADDING, np.uint8)
 
 
@@ -103,20 +103,20 @@ def _zlib(rows: NDArray[np.uint8], *, pixel: int, swap: bool) -> Iterator[bytes]
     step = max(1, min(height, _BAND_BYTES // (row_bytes + 1)))
     scratch = _Scratch() if step == 1 else _scratch  # rows of half a megabyte are rare
     scratch.resize(step * (row_bytes + 1))
-    filtered, out = scratch.filtered, scratch.out
-    places = tuple(address_of(array, array.dtype.type) for array in (filtered, scratch.work, out))
+    out = scratch.out
+    places = tuple(address_of(array, array.dtype.type) for array in (scratch.filtered, scratch.work, out))
     begin = address_of(rows, np.uint8)
-    checksum, bit = 1, 0
+    scratch.work[CHECKSUM] = 1
+    bit = 0
     yield _ZLIB_HEADER
     for top in range(0, height, step):
         count = min(step, height - top)
         last = top + count == height
         where = begin + top * row_bytes
         bit = deflate_rows(where, top > 0, count, row_bytes, pixel, swap, *places, bit, last)
-        checksum = isal_zlib.adler32(filtered[: count * (row_bytes + 1)], checksum)
         yield out[: bit >> 3].tobytes()
         out[0], bit = out[bit >> 3], bit & 7
-    yield struct.pack(">I", checksum)
+    yield struct.pack(">I", scratch.work[CHECKSUM])
 
 
 def _chunk(kind: bytes, *data: bytes) -> list[bytes]:

@@ -163,6 +163,30 @@ def test_png_structure_is_minimal_and_checksums_hold() -> None:
     assert kinds == [b"IHDR", b"IDAT", b"IEND"]
 
 
+@pytest.mark.parametrize("channels", [1, 3, 4])
+@pytest.mark.parametrize("value", [0, 1, 255])
+def test_checksums_of_long_repetitions_hold(channels: int, value: int) -> None:
+    """Their sums are not made byte by byte."""
+    image = np.full((1500, 700, channels), value, np.uint8)
+    image[::7] += np.arange(channels, dtype=np.uint8) + 1  # rows that differ from the one above by a pixel's pattern
+    image[3, 5:40] = np.random.default_rng(value).integers(0, 256, (35, channels), np.uint8)
+    write = {1: lambda x: png_gray8(x[..., 0]), 3: png_rgb, 4: png_rgba}[channels]
+    data = write(image)
+    begin = data.index(b"IDAT")
+    (length,) = struct.unpack_from(">I", data, begin - 4)
+    filtered = zlib.decompress(data[begin + 4 : begin + 4 + length])  # raises unless the Adler-32 is right
+    assert len(filtered) == 1500 * (1 + 700 * channels)
+    np.testing.assert_array_equal(pillow(data), image if channels > 1 else image[..., 0])
+
+
+@pytest.mark.parametrize("width", range(1, 40))
+def test_files_do_not_depend_on_what_was_written_before(width: int) -> None:
+    image = np.full((1, width, 3), 7, np.uint8)
+    first = png_rgb(image)
+    png_rgb(picture(width, (200, 300, 3), np.uint8))
+    assert png_rgb(image) == first
+
+
 def test_wrong_arrays_are_refused() -> None:
     with pytest.raises(ValueError, match=r"expected \(H, W, 3\) uint8, got \(4, 4\) uint8"):
         png_rgb(np.zeros((4, 4), np.uint8))
