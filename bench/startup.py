@@ -2,10 +2,11 @@
 
     python -m bench.startup [--scenes 10000] [--plot docs/images/memory.svg] [--cold]
 
-``ready`` is when ``scenegate serve`` has started every interface. ``--cold`` measures with an empty cache, too: how
-much CPU time the children spend that fill it, and how much the serving process itself. The scenes differ in everything:
-each has a mesh that was never sent before, about 100 kB as a request; the caches are made small, so that they are full
-soon.
+``ready`` is when ``scenegate serve`` has started every interface. Modules have their byte code, as pip and the image
+install them, whatever PYTHONDONTWRITEBYTECODE says here: compiling 1500 modules takes longer than all else. ``--cold``
+measures with an empty cache, too: how much CPU time the children spend that fill it, and how much the serving process
+itself. The scenes differ in everything: each has a mesh that was never sent before, about 100 kB as a request; the
+caches are made small, so that they are full soon.
 """
 
 from __future__ import annotations
@@ -38,19 +39,29 @@ def cpu_seconds(pid: int) -> tuple[float, float]:
 
 def warm_starts(starts: int) -> list[Row]:
     """Everything that is served by default, the kernels in the cache."""
-    with gateway():
-        pass  # fills the cache if need be
+    rows: list[Row] = []
+    with tempfile.TemporaryDirectory() as folder:
+        installed = {"PYTHONDONTWRITEBYTECODE": "", "PYTHONPYCACHEPREFIX": folder}
+        for flags in ((), ("--only", "render")):
+            with gateway(*flags, environment=installed):
+                pass  # fills the caches if need be
+        rows += _warm_starts(starts, installed)
+    return rows
+
+
+def _warm_starts(starts: int, environment: dict[str, str]) -> list[Row]:
     rows = []
     for name, flags in (("all interfaces", ()), ("`--only render`", ("--only", "render"))):
         took: list[float] = []
         spent: list[float] = []
         for _ in range(starts):
-            with gateway(*flags) as running:
+            with gateway(*flags, environment=environment) as running:
                 took.append(running.started - running.began)
                 spent.append(cpu_seconds(running.process.pid)[0])
-        figure = f"CPU {statistics.median(spent):.2f} s, best {min(took):.2f} s"
-        what = f"process start to ready, kernels cached, {name} ({figure})"
+        what = f"process start to ready, kernels cached, {name} (best {min(took):.2f} s)"
         rows.append(at_most(what, statistics.median(took), 2.0, "s"))
+        what = f"its CPU time, which other programs disturb less, {name}"
+        rows.append(at_most(what, statistics.median(spent), 2.0, "s CPU"))
     return rows
 
 

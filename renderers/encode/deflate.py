@@ -72,9 +72,9 @@ _STATE: Final = 17408
 """int64, 4: bits that wait, how many, where in the output they go, and the checksum."""
 CHECKSUM: Final = _STATE // 8 + 3
 """Where in the work area, in words, the Adler-32 of what was filtered so far stands: 1 at the start."""
-_MODULUS: Final = np.int64(65521)
+_MODULUS: Final[int] = 65521
 """Of Adler-32 (RFC 1950, section 9)."""
-_LARGE: Final = np.int64(1 << 40)
+_LARGE: Final[int] = 1 << 40
 """The second sum is reduced from here: what a run or a word adds cannot overflow 63 bits then."""
 _SHORT: Final = np.uint64(0xFFFF)
 """A repetition has 16 bytes or more: a shorter one saves few bits, and costs more than as many literals."""
@@ -120,7 +120,7 @@ def _pieces(length: int) -> tuple[int, int, int]:
 
 
 @njit(inline="always", error_model="numpy")
-def _sum_word(word: Any, first: int, second: int) -> tuple[int, int]:
+def _sum_word(word: Any, first: Any, second: Any) -> Any:
     """Adler's sums after the eight bytes of a word."""
     even, odd = word & _EVEN, (word >> np.uint64(8)) & _EVEN
     plain = ((even + odd) * _ONES) >> np.uint64(48)
@@ -129,7 +129,7 @@ def _sum_word(word: Any, first: int, second: int) -> tuple[int, int]:
 
 
 @njit(inline="never", error_model="numpy")
-def _sum_bytes(f: Any, begin: int, end: int, first: int, second: int) -> tuple[int, int]:
+def _sum_bytes(f: Any, begin: int, end: int, first: Any, second: Any) -> Any:
     """Adler's sums after some bytes."""
     i = begin
     while i + 8 <= end:
@@ -145,7 +145,7 @@ def _sum_bytes(f: Any, begin: int, end: int, first: int, second: int) -> tuple[i
 
 
 @njit(inline="never", error_model="numpy")
-def _sum_repetition(f: Any, begin: int, end: int, block: int, first: int, second: int) -> tuple[int, int]:
+def _sum_repetition(f: Any, begin: int, end: int, block: int, first: Any, second: Any) -> Any:
     """Adler's sums after bytes that repeat themselves every ``block`` bytes, 8 or 24."""
     number = (end - begin) // block
     plain, weighted = _sum_bytes(f, begin, begin + block, 0, 0) if number > 0 else (0, 0)
