@@ -115,9 +115,8 @@ def rows() -> list[Row]:
     scenes = list(recorded(Path(corpus))) if corpus else []
     scenes += [("40 meshes, 800k vertices", made_up(40, 20_000)), ("500 boxes", made_up(500, 24))]
     times_of: list[tuple[float, ...]] = []
-    print(
-        "\n| scene | MB | cold, ms | meshes | moved | arrays | trimesh | normals | normals / cold | / meshes | / moved |"
-    )
+    heads = "scene | MB | cold, ms | meshes | moved | arrays | trimesh | normals | normals / cold | / meshes | / moved"
+    print(f"\n| {heads} |")
     print("|" + 11 * "---|")
     for name, data in scenes:
         materials, nodes = variants(data)

@@ -85,7 +85,9 @@ class Guard:
                     lacks = _lacks(self.tls is not None, self.http is not None)
                     yield "The device's REST interface", f"{s.host} port {s.rest_port}", lacks
                 lacks = _lacks(s.grpc_certificate is not None, self.grpc is not None or s.grpc_client_ca is not None)
-                yield "The stereo camera's gRPC", f"{s.host} port {s.grpc_port}", lacks
+                # Its library listens on both families when told any address of one.
+                grpc_host = "0.0.0.0 and ::" if s.host in ("0.0.0.0", "::") else s.host  # noqa: S104 - only said
+                yield "The stereo camera's gRPC", f"{grpc_host} port {s.grpc_port}", lacks
         if s.only and "treeviewer" not in s.only:
             return
         if s.tcpq_port is not None and _is_beyond(self.tcpq_host):

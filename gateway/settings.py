@@ -52,7 +52,10 @@ class Settings(BaseSettings):
 
     # --- Interfaces
     host: str = option(
-        "127.0.0.1", "Interfaces", "Address that HTTP, gRPC and TCPQ listen on; 0.0.0.0 lets other machines in."
+        "127.0.0.1",
+        "Interfaces",
+        "Address that HTTP, gRPC and TCPQ listen on; 0.0.0.0 lets other machines in (gRPC then listens on IPv6, too: "
+        "its library makes no difference between 0.0.0.0 and ::).",
     )
     http_port: Port = option(
         8000, "Interfaces", "Port of HTTP: render endpoint, scene, docs, health. 0 takes a free one.", flag="--port"

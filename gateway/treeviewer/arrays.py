@@ -16,7 +16,7 @@ TYPES: Final = {
     name: np.dtype(f"<{name}") for name in ("f2", "f4", "f8", "u1", "u2", "u4", "u8", "i1", "i2", "i4", "i8")
 }
 """Kind (float, unsigned, integer) and bytes of one number, all little endian."""
-_HEAD: Final = struct.Struct("<2sBx")
+_HEAD: Final = struct.Struct("<2sBB")
 
 
 class ArrayError(ValueError):
@@ -78,10 +78,12 @@ def unpack(payload: memoryview) -> PackedArray:
     """An extension's payload; what is wrong with it is told when the array is used."""
     if len(payload) < _HEAD.size:
         return PackedArray(None, f"has {len(payload)} bytes, less than an array's head")
-    name, dimensions = _HEAD.unpack_from(payload)
+    name, dimensions, reserved = _HEAD.unpack_from(payload)
     kind = TYPES.get(name.decode("ascii", "replace"))
     if kind is None:
         return PackedArray(None, f"has numbers of type {name!r}, not of {', '.join(TYPES)}")
+    if reserved != 0:
+        return PackedArray(None, f"has {reserved} in byte 3 of its head, which must be 0")
     begin = _HEAD.size + 4 * dimensions
     if dimensions not in (1, 2) or len(payload) < begin:
         return PackedArray(None, f"has {dimensions} dimensions, 1 or 2 are possible")
@@ -95,5 +97,5 @@ def unpack(payload: memoryview) -> PackedArray:
 def pack(values: NDArray[Any]) -> bytes:
     """The payload of an array of one or two dimensions, for tests and benchmarks."""
     little = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
-    head = _HEAD.pack(values.dtype.str[1:].encode(), values.ndim)
+    head = _HEAD.pack(values.dtype.str[1:].encode(), values.ndim, 0)
     return b"".join((head, struct.pack(f"<{values.ndim}I", *values.shape), little.data if values.size else b""))

@@ -95,6 +95,7 @@ def test_arrays_come_as_bytes(padding: int) -> None:
         ({"points": b"c8\1\0" + struct.pack("<I", 0)}, "points has numbers of type b'c8', not of f2, f4"),
         ({"points": b"f4\3\0" + bytes(12)}, "points has 3 dimensions, 1 or 2 are possible"),
         ({"points": b"f4\2\0" + bytes(4)}, "points has 2 dimensions, 1 or 2 are possible"),
+        ({"points": b"f4\1\7" + bytes(4)}, "points has 7 in byte 3 of its head, which must be 0"),
         ({"points": b"f4\2\0" + struct.pack("<2I", 2, 3) + bytes(23)}, "has 23 bytes of numbers, its shape needs 24"),
         (
             {"type": "mesh_data", "vertices": np.zeros((3, 3)), "faces": np.array([[0, 1, 2], [0, 3, 1]])},
