@@ -11,7 +11,8 @@ kernels into Numba's cache.
 
 How a pixel is made: its record gives the element. Runs of pixels that see one element are resolved (``resolve``): the
 exact perspective-correct barycentric coordinates spread the vertex records (``vertices``) along the row. Segments of
-pixels that see one instance are shaded (``surface``) eight pixels at a time, at most ``kernels.PART`` at once.
+pixels that see one instance are shaded (``surface``) eight pixels at a time, at most ``kernels.PART`` at once. Segments
+of one colour under the head light take a shorter way: ``plain``, or where triangles are as large as pixels, ``tiny``.
 
 **To add a feature** (a light, a map, a probe), write a function in a file of its own over a segment's columns::
 

@@ -11,6 +11,7 @@ from renderers import simd as vec
 from renderers.jit import kernel
 from renderers.pointers import f32_at, f64_at, i32_at, i64_at
 from renderers.shading.compose import DIRECT, GATHER, gather, packed, put_line, write_background, write_under
+from renderers.shading.head import fits
 from renderers.shading.layout import (
     A_ROWS,
     A_UV0,
@@ -52,16 +53,24 @@ from renderers.shading.materials import (
     MI_UV,
 )
 from renderers.shading.plain import fill, show_plain
-from renderers.shading.resolve import SCRATCH_VALUES, resolve_strokes, resolve_triangles, run_starts, single_runs
+from renderers.shading.planes import MEMORY_VALUES, forget
+from renderers.shading.resolve import (
+    SCRATCH_VALUES,
+    changes,
+    count_runs,
+    resolve_strokes,
+    resolve_triangles,
+    run_starts,
+    single_runs,
+)
 from renderers.shading.surface import shade
 from renderers.shading.textured import show_textured
+from renderers.shading.tiny import E_VALUES, look_from, show_tiny
 
 PART: Final = 256
 """Pixels shaded at a time: their rows of attributes stay in the first-level cache."""
-SHORT_RUNS: Final = 3
-LONG_RUNS: Final = 12
-"""Pixels of a run, on average over a segment, up to and from which it is shaded where it is resolved. Of what lies
-between, the ends of runs leave too many lanes without work: their attributes are written side by side first."""
+TINY_RUNS: Final = 2
+"""Pixels of a run, on average over a segment, up to which every pixel is solved by itself."""
 MANY: Final = 50_000
 """Triangles of a mesh whose records, some 30 bytes each, fill most of a second-level cache."""
 _OUTSIDE: Final = -(2**31)
@@ -85,8 +94,21 @@ def _instance_of(first_record, count, record, hint):  # type: ignore[no-untyped-
 
 
 @njit(nogil=True, error_model="numpy")
-def _segment(job, y, places, instance, first, ids, starts, run, last_run, rows, stride, line, scratch):  # type: ignore[no-untyped-def]
-    """Resolve and shade the runs ``run .. last_run``, which all see one instance.
+def _extent(ids, x, width, first, last):  # type: ignore[no-untyped-def]
+    """The first pixel from ``x`` on that sees no record of ``first .. last``."""
+    low, high = vec.i32(first), vec.i32(last)
+    while x < width:
+        records = vec.load(ids, x)
+        others = 255 ^ vec.bits((records >= low) & (records < high))
+        if others != 0:
+            return min(x + vec.lowest_bit(others), width)
+        x += vec.LANES
+    return np.int64(width)
+
+
+@njit(nogil=True, error_model="numpy")
+def _segment(job, y, places, instance, first, ids, masks, starts, begin, end, rows, stride, line, scratch, memory):  # type: ignore[no-untyped-def]
+    """Resolve and shade the pixels ``begin .. end``, which all see one instance.
 
     Args:
         places: address of the columns of the picture that the row's records belong to; 0: where they lie.
@@ -110,20 +132,24 @@ def _segment(job, y, places, instance, first, ids, starts, run, last_run, rows, 
     if mi[MI_UV] & 2:
         wanted |= HAS_UV1
     has = columns[II_HAS] & wanted
-    begin, end = np.int64(starts[run]), np.int64(starts[last_run])
     if job[S_MODE] == DIRECT and job[S_PBR] == 0 and mi[MI_BASE] < 0 and not has & HAS_COLORS:
         if mi[MI_UNLIT] != 0:
             fill(line, begin, end, packed(vec.f32(mf[MF_BASE]), vec.f32(mf[MF_BASE + 1]), vec.f32(mf[MF_BASE + 2])))
             return
-        pixels, runs = end - begin, last_run - run
-        if topology == 3 and (pixels <= SHORT_RUNS * runs or pixels >= LONG_RUNS * runs):
-            smooth, spare = (has & HAS_NORMALS) != 0, job[S_WIDTH] + vec.LANES
-            mirror = maps[P_MIRROR]
+        if topology == 3 and fits(mf):
+            smooth = (has & HAS_NORMALS) != 0
+            if places != 0 or end - begin <= TINY_RUNS * count_runs(masks, begin, end):
+                eye = f64_at(scratch)
+                if look_from(points, maps, lens, y, eye):
+                    spare = i32_at(scratch + 8 * E_VALUES)
+                    show_tiny(columns, maps, places, first, many, smooth, mf, ids, begin, end, line, eye, spare)
+                    return
+            runs = run_starts(masks, begin, end, starts) if places == 0 else single_runs(begin, end, starts)
             show_plain(
-                columns, points, mirror, lens, y, places, first, many, smooth, mf, maps, ids, starts, run, last_run,
-                spare, line, scratch,
+                columns, points, maps, lens, y, places, first, many, smooth, mf, ids, starts, 0, runs, line, memory
             )  # fmt: skip
             return
+    runs = run_starts(masks, begin, end, starts) if places == 0 else single_runs(begin, end, starts)
     if (
         topology == 3
         and job[S_MODE] == DIRECT
@@ -132,7 +158,7 @@ def _segment(job, y, places, instance, first, ids, starts, run, last_run, rows, 
         and has & ~HAS_NORMALS == HAS_UV0
     ):
         show_textured(
-            job, columns, points, maps, lens, y, places, first, many, has, mi, mf, ids, starts, run, last_run, rows,
+            job, columns, points, maps, lens, y, places, first, many, has, mi, mf, ids, starts, 0, runs, rows,
             stride, line, scratch,
         )  # fmt: skip
         return
@@ -154,16 +180,14 @@ def _segment(job, y, places, instance, first, ids, starts, run, last_run, rows, 
             has,
             ids,
             starts,
-            run,
-            last_run,
+            0,
+            runs,
             rows,
             stride,
             scratch,
         )
     else:
-        resolve_strokes(
-            columns, topology, points, lens, y, places, first, has, ids, starts, run, last_run, rows, stride
-        )
+        resolve_strokes(columns, topology, points, lens, y, places, first, has, ids, starts, 0, runs, rows, stride)
     bumpy = mi[MI_NORMAL] >= 0 and (has & HAS_TANGENTS) != 0
     for part in range(begin, end, PART):
         shade(job, has, mi, mf, maps, y, places, bumpy, rows, stride, part, min(part + PART, end), line)
@@ -183,7 +207,7 @@ def _clear_coordinates(rows, stride, begin, end, which):  # type: ignore[no-unty
 
 
 @njit(nogil=True, error_model="numpy")
-def _row(job, seen, y, ids, starts, rows, stride, line, scratch, hint):  # type: ignore[no-untyped-def]
+def _row(job, seen, y, ids, masks, starts, rows, stride, line, scratch, memory, hint):  # type: ignore[no-untyped-def]
     """One row; returns the instance seen last, a hint for the next one."""
     width, places = job[S_WIDTH], np.int64(0)
     if job[S_PLACES] != 0:
@@ -192,21 +216,20 @@ def _row(job, seen, y, ids, starts, rows, stride, line, scratch, hint):  # type:
     for x in range(width):
         ids[x] = seen[x]
     first_record = i64_at(job[S_FIRST])
-    runs = run_starts(ids, width, starts) if places == 0 else single_runs(width, starts)
-    run = 0
-    while run < runs:
-        begin = np.int64(starts[run])
+    if places == 0:
+        changes(ids, width, masks)
+    begin = np.int64(0)
+    while begin < width:
         record = np.int64(ids[begin])
-        run += 1
         if record < 0:
-            write_background(job, y, begin, np.int64(starts[run]), line)
-            continue
-        hint = _instance_of(first_record, job[S_COUNT], record, hint)
-        first, last = first_record[hint], first_record[hint + 1]
-        start = run - 1
-        while run < runs and first <= ids[starts[run]] and ids[starts[run]] < last:
-            run += 1
-        _segment(job, y, places, hint, first, ids, starts, start, run, rows, stride, line, scratch)
+            end = _extent(ids, begin, width, np.int64(-1), np.int64(0))
+            write_background(job, y, begin, end, line)
+        else:
+            hint = _instance_of(first_record, job[S_COUNT], record, hint)
+            first = first_record[hint]
+            end = _extent(ids, begin, width, first, first_record[hint + 1])
+            _segment(job, y, places, hint, first, ids, masks, starts, begin, end, rows, stride, line, scratch, memory)
+        begin = end
     if job[S_MODE] != GATHER:
         put_line(job, y, width, line)
     return hint
@@ -225,20 +248,27 @@ def shade_rows(job_at, ids_at, row_begin, row_end):  # type: ignore[no-untyped-d
     pad = vec.LANES
     stride = width + pad
     own_ids = np.empty(width + pad + 64, np.int32)
+    own_masks = np.empty(width // 64 + 2, np.int64)
     own_starts = np.empty(width + 2 * pad, np.int32)
     own_rows = np.empty(A_ROWS * stride, np.float32)
     own_line = np.empty(width + 2 * pad, np.int32)
     own_scratch = np.empty(SCRATCH_VALUES, np.float32)
+    own_memory = np.empty(MEMORY_VALUES, np.float32)
     own_ids[:pad] = _OUTSIDE
     own_ids[pad + width :] = _OUTSIDE
     ids = i32_at(np.int64(own_ids.ctypes.data) + 4 * pad)
+    masks = i64_at(np.int64(own_masks.ctypes.data))
     starts = i32_at(np.int64(own_starts.ctypes.data))
     rows = f32_at(np.int64(own_rows.ctypes.data))
     line = i32_at(np.int64(own_line.ctypes.data))
     scratch = np.int64(own_scratch.ctypes.data)
+    memory = np.int64(own_memory.ctypes.data)
+    forget(memory)
     hint = np.int64(0)
     for y in range(row_begin, row_end):
-        hint = _row(job, ids_at, y, ids, starts, rows, stride, line, scratch, hint)
+        hint = _row(job, ids_at, y, ids, masks, starts, rows, stride, line, scratch, memory, hint)
     # The pointers above do not keep the arrays alive.
     own_ids[0] = own_starts[0] = own_line[0] = 0
+    own_masks[0] = 0
     own_rows[0] = own_scratch[0] = 0.0
+    own_memory[0] = 0.0

@@ -1,47 +1,33 @@
 """Segments of one colour under the head light, resolved and shaded in one go: nothing is stored between.
 
-What most of a picture is: walls whose normals are the same at all three corners, of which one pixel is shaded and the
-others are copies; triangles of a few pixels, of which eight are shaded at once, a lane each; and larger ones, shaded
-eight pixels at a time. The arithmetic is that of ``resolve`` and ``surface``, to the last bit.
+What most of a picture is: walls whose normals are the same at all three corners, whose runs are copies of one pixel;
+and triangles of some pixels a row, whose normals are linear along a run and are shaded eight pixels at a time.
 """
 
 from __future__ import annotations
 
-from typing import Final
-
+import numpy as np
 from numba import njit
 
 from renderers import simd as vec
-from renderers.pointers import f32_at, f64_at, i32_at
-from renderers.shading.compose import packed
-from renderers.shading.layout import II_VERTICES, P_NORMAL, V_COLUMNS, V_NORMAL
-from renderers.shading.materials import MF_BASE
-from renderers.shading.resolve import (
-    R_BASE,
-    R_FACING,
-    R_FLAT,
-    R_INDEX,
-    R_PIXEL,
-    R_SLOPE,
-    further,
-    look_ahead,
+from renderers.pointers import f32_at, i32_at, u32_at
+from renderers.shading.head import colors_of, shine
+from renderers.shading.layout import II_ELEMENTS, II_VERTICES, P_NORMAL, V_COLUMNS
+from renderers.shading.planes import (
+    AHEAD,
+    OUTSIDE,
+    PL_COLUMN,
+    PL_FACING,
+    PL_LINE,
+    ROW_VALUES,
+    knows,
+    look_up,
+    miss,
+    pixel_of,
+    planes_of,
     set_up,
-    weights,
-    weights_of,
 )
-from renderers.shading.surface import reach, turned
-
-SHORT: Final = 6
-"""Runs up to this length are shaded a lane each: as many steps as the longest of eight has pixels."""
-
-
-@njit(nogil=True, error_model="numpy", forceinline=True)
-def _lit(mf, maps, smooth, nx, ny, nz, facing):  # type: ignore[no-untyped-def]
-    """Packed pixels of eight normals, as ``surface.light_phong`` makes them."""
-    if smooth:
-        nx, ny, nz = turned(maps, P_NORMAL, nx, ny, nz)
-    light = vec.most(-(nz * reach(nx, ny, nz, facing)), vec.f32(0.0))
-    return packed(vec.f32(mf[MF_BASE]) * light, vec.f32(mf[MF_BASE + 1]) * light, vec.f32(mf[MF_BASE + 2]) * light)
+from renderers.shading.surface import turned
 
 
 @njit(nogil=True, error_model="numpy")
@@ -52,92 +38,70 @@ def fill(line, begin, end, pixels):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _long(mf, maps, vertices, starts, batch, count, line, scratch):  # type: ignore[no-untyped-def]
-    """Runs of any length of a mesh with normals, one after the other."""
-    base, slope = f64_at(scratch + 64 * R_BASE), f64_at(scratch + 64 * R_SLOPE)
-    whole, values = i32_at(scratch), f32_at(scratch)
-    lane = vec.to_f32(vec.iota())
-    for k in range(count):
-        a = vec.load(vertices, whole[8 * R_INDEX + k] * V_COLUMNS)
-        b = vec.load(vertices, whole[8 * R_INDEX + 8 + k] * V_COLUMNS) - a
-        c = vec.load(vertices, whole[8 * R_INDEX + 16 + k] * V_COLUMNS) - a
-        facing = vec.f32(values[8 * R_FACING + k])
-        start = base[k], base[8 + k], base[16 + k]
-        begin, end = starts[batch + k], starts[batch + k + 1]
-        for x in range(begin, end, vec.LANES):
-            w1, w2 = weights(start, slope, k, lane)
-            if x + vec.LANES < end:
-                start = further(base, slope, k, float(x + vec.LANES - begin))
-            nx = vec.spread3(a) + (w1 * vec.spread3(b) + w2 * vec.spread3(c))
-            ny = vec.spread4(a) + (w1 * vec.spread4(b) + w2 * vec.spread4(c))
-            nz = vec.spread5(a) + (w1 * vec.spread5(b) + w2 * vec.spread5(c))
-            vec.store(line, x, _lit(mf, maps, True, nx, ny, nz, facing))
-
-
-@njit(nogil=True, error_model="numpy")
-def _short(mf, maps, a, b, c, begins, lengths, spare, line, scratch):  # type: ignore[no-untyped-def]
-    """Eight short runs, a lane each, from their corners' normals: those of the first and what the others add."""
-    base, slope = f64_at(scratch + 64 * R_BASE), f64_at(scratch + 64 * R_SLOPE)
-    start = vec.to_f32(vec.load(base, 0)), vec.to_f32(vec.load(base, 8)), vec.to_f32(vec.load(base, 16))
-    step = vec.to_f32(vec.load(slope, 0)), vec.to_f32(vec.load(slope, 8)), vec.to_f32(vec.load(slope, 16))
-    facing = vec.load(f32_at(scratch), 8 * R_FACING)
-    pixel = 0
-    used = lengths > vec.i32(0)
-    while vec.bits(used) != 0:
-        w1, w2 = weights_of(start, step, vec.f32(pixel))
-        nx = a[0] + (w1 * b[0] + w2 * c[0])
-        ny = a[1] + (w1 * b[1] + w2 * c[1])
-        nz = a[2] + (w1 * b[2] + w2 * c[2])
-        place = vec.select(used, begins + vec.i32(pixel), vec.i32(spare))
-        vec.scatter(line, place, _lit(mf, maps, True, nx, ny, nz, facing))
-        pixel += 1
-        used = lengths > vec.i32(pixel)
+def _bounded(columns, maps, element, facing, start, slope, begin, end, colors, line):  # type: ignore[no-untyped-def]
+    """A run that a pixel of lies beside its triangle: as coverage is exact in 1/256 pixel, some do by a little.
+    Negative coordinates become 0, so that nothing is extrapolated."""
+    elements, vertices = u32_at(columns[II_ELEMENTS]), f32_at(columns[II_VERTICES])
+    a = vec.load(vertices, np.int64(elements[3 * element]) * V_COLUMNS)
+    b = vec.load(vertices, np.int64(elements[3 * element + 1]) * V_COLUMNS)
+    c = vec.load(vertices, np.int64(elements[3 * element + 2]) * V_COLUMNS)
+    lane, zero, seen = vec.to_f32(vec.iota()), vec.f32(0.0), vec.f32(-facing)
+    for x in range(begin, end, vec.LANES):
+        offset = lane + vec.f32(x - begin)
+        w0 = vec.most(vec.spread3(start) + vec.spread3(slope) * offset, zero)
+        w1 = vec.most(vec.spread4(start) + vec.spread4(slope) * offset, zero)
+        w2 = vec.most(vec.spread5(start) + vec.spread5(slope) * offset, zero)
+        nx = w0 * vec.spread3(a) + w1 * vec.spread3(b) + w2 * vec.spread3(c)
+        ny = w0 * vec.spread4(a) + w1 * vec.spread4(b) + w2 * vec.spread4(c)
+        nz = w0 * vec.spread5(a) + w1 * vec.spread5(b) + w2 * vec.spread5(c)
+        nx, ny, nz = turned(maps, P_NORMAL, nx, ny, nz)
+        vec.store(line, x, shine(nz * seen, nx * nx + ny * ny + nz * nz, colors))
 
 
 @njit(nogil=True, error_model="numpy")
 def show_plain(  # type: ignore[no-untyped-def]
-    columns, m, mirror, lens, y, places, first, many, smooth, mf, maps, ids, starts, run, last_run, spare, line, scratch
+    columns, m, maps, lens, y, places, first, many, smooth, mf, ids, starts, run, last_run, line, memory
 ):
     """Pixels of the runs ``run .. last_run`` of one instance's triangles, whose colour is the material's factor.
 
     Args:
-        columns .. scratch: as for ``resolve.resolve_triangles``.
-        smooth: whether the mesh has normals. mf, maps: the material's and the instance's rows of values.
-        spare: index behind the row where ``line`` may be written, too.
+        columns .. last_run: as for ``resolve.resolve_triangles``; maps, mf: the instance's and the material's rows of
+            values; smooth: whether the mesh has normals.
         line: pointer to the row's packed pixels; up to seven behind the last run are overwritten.
+        memory: see ``planes.forget``.
     """
-    vertices = f32_at(columns[II_VERTICES])
-    whole, values = i32_at(scratch), f32_at(scratch)
-    lane, none = vec.iota(), vec.f32(0.0)
-    stride, normal = vec.i32(V_COLUMNS), vec.i32(V_NORMAL)
-    for batch in range(run, last_run, vec.LANES):
-        count = min(last_run - batch, vec.LANES)
-        if many:
-            look_ahead(columns, first, ids, starts, batch, last_run)
-        set_up(columns, m, mirror, lens, y, places, first, ids, starts, batch, count, smooth, scratch)
-        begins = vec.load(starts, batch)
-        used = lane < vec.i32(count)
-        lengths = vec.select(used, vec.load(starts, batch + 1) - begins, vec.i32(0))
-        if not smooth:
-            flat = vec.load(values, 8 * R_FLAT), vec.load(values, 8 * R_FLAT + 8), vec.load(values, 8 * R_FLAT + 16)
-            vec.store(whole, 8 * R_PIXEL, _lit(mf, maps, False, flat[0], flat[1], flat[2], vec.f32(1.0)))
-            uniform = True
-        else:
-            a = vec.load_triples(vertices, vec.load(whole, 8 * R_INDEX) * stride + normal)
-            b = vec.load_triples(vertices, vec.load(whole, 8 * R_INDEX + 8) * stride + normal)
-            c = vec.load_triples(vertices, vec.load(whole, 8 * R_INDEX + 16) * stride + normal)
-            b = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-            c = c[0] - a[0], c[1] - a[1], c[2] - a[2]
-            same = (b[0] == none) & (b[1] == none) & (b[2] == none)
-            same = same & (c[0] == none) & (c[1] == none) & (c[2] == none)
-            uniform = vec.bits(same & used) == vec.bits(used)
-            if uniform:
-                facing = vec.load(values, 8 * R_FACING)
-                vec.store(whole, 8 * R_PIXEL, _lit(mf, maps, True, a[0], a[1], a[2], facing))
-            elif vec.bits(lengths > vec.i32(SHORT)) == 0:
-                _short(mf, maps, a, b, c, begins, lengths, spare, line, scratch)
-            else:
-                _long(mf, maps, vertices, starts, batch, count, line, scratch)
-        if uniform:
-            for k in range(count):
-                fill(line, starts[batch + k], starts[batch + k + 1], vec.i32(whole[8 * R_PIXEL + k]))
+    colors = colors_of(mf)
+    lane, zero, eight = vec.to_f32(vec.iota()), vec.f32(0.0), vec.f32(8.0)
+    for batch in range(run, last_run, AHEAD):
+        stop = min(batch + AHEAD, last_run)
+        missing = look_up(ids, starts, places, batch, stop, memory)
+        for k in range(0, missing, vec.LANES):
+            set_up(columns, m, maps, lens, y, first, many, smooth, colors, memory, k, missing)
+        for r in range(batch, stop):
+            begin, end = np.int64(starts[r]), np.int64(starts[r + 1])
+            record = np.int64(ids[begin])
+            column = begin if places == 0 else np.int64(i32_at(places)[begin])
+            if not knows(memory, record):  # another of these runs has taken its place
+                miss(memory, record, column)
+                set_up(columns, m, maps, lens, y, first, False, smooth, colors, memory, 0, 1)
+            pixel = np.int64(pixel_of(memory, record))
+            if pixel >= 0:
+                fill(line, begin, end, vec.i32(pixel))
+                continue
+            planes = planes_of(memory, record)
+            right, down = np.float32(column) - planes[PL_COLUMN], np.float32(y) - planes[PL_LINE]
+            slope = vec.load(planes, 2 * ROW_VALUES)
+            start = vec.load(planes, 0) + (vec.f32(down) * vec.load(planes, ROW_VALUES) + vec.f32(right) * slope)
+            last = start + slope * vec.f32(end - 1 - begin)
+            if vec.bits(vec.least(start, last) < zero) & OUTSIDE != 0:
+                facing = np.float32(planes[PL_FACING])
+                _bounded(columns, maps, record - first, facing, start, slope, begin, end, colors, line)
+                continue
+            nx = vec.spread0(start) + vec.spread0(slope) * lane
+            ny = vec.spread1(start) + vec.spread1(slope) * lane
+            nz = vec.spread2(start) + vec.spread2(slope) * lane
+            further = slope * eight
+            dx, dy, dz = vec.spread0(further), vec.spread1(further), vec.spread2(further)
+            for x in range(begin, end, vec.LANES):
+                vec.store(line, x, shine(nz, nx * nx + ny * ny + nz * nz, colors))
+                nx, ny, nz = nx + dx, ny + dy, nz + dz

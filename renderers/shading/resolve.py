@@ -18,6 +18,7 @@ from numba import njit
 
 from renderers import simd as vec
 from renderers.pointers import f32_at, f64_at, i32_at, u32_at
+from renderers.shading.ahead import look_ahead_of_runs
 from renderers.shading.layout import (
     A_COLOR,
     A_FACING,
@@ -36,6 +37,7 @@ from renderers.shading.layout import (
     II_VERTICES,
     V_COLUMNS,
 )
+from renderers.shading.triples import cross, dot, minus, optical
 
 # Scratch of eight runs, in rows of eight values of 8 bytes.
 R_BASE: Final = 0  # 3 rows float64: coordinates at the run's first pixel
@@ -44,72 +46,76 @@ R_SLOPE: Final = 3  # 3 rows float64: change per pixel
 R_INDEX: Final = 12  # 3 rows int32: vertices
 R_FACING: Final = 15  # float32
 R_FLAT: Final = 16  # 3 rows float32: the triangle's own normal
-R_PIXEL: Final = 19  # int32: packed
-SCRATCH_VALUES: Final = 20 * 8
+SCRATCH_VALUES: Final = 19 * 8
 """Values of 4 bytes."""
 
 
 @njit(nogil=True, error_model="numpy")
-def run_starts(ids, width, starts):  # type: ignore[no-untyped-def]
-    """Write the columns at which a row's runs of equal records begin, and ``width`` eight times behind them.
+def changes(ids, width, masks):  # type: ignore[no-untyped-def]
+    """Find out which pixels of a row see another record than their left neighbours.
 
     Args:
         ids: pointer to the row's int32, readable from -1 to width + 63; what lies outside is the same everywhere, and
             nowhere within.
-        starts: pointer to width + 9 int32.
-
-    Returns:
-        The number of runs.
+        masks: pointer to one int64 for every 64 pixels, and one more: a bit for each, the lowest first.
     """
-    count = 0
     for x in range(0, width, 64):
-        changes = np.int64(0)
+        mask = np.int64(0)
         for k in range(0, 64, vec.LANES):  # one mask of 64 bits: its end is mispredicted once, not eight times
-            changes |= vec.bits(vec.load(ids, x + k) != vec.load(ids, x + k - 1)) << k
-        while changes != 0:
-            starts[count] = x + vec.lowest_bit(changes)
-            changes &= changes - 1
-            count += 1
-    # The change at the row's end may or may not have been among them.
-    while count > 0 and starts[count - 1] >= width:
-        count -= 1
-    vec.store(starts, count, vec.i32(width))
+            mask |= vec.bits(vec.load(ids, x + k) != vec.load(ids, x + k - 1)) << k
+        masks[x >> 6] = mask
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _between(masks, word, begin, end):  # type: ignore[no-untyped-def]
+    """A mask's bits for the pixels ``begin .. end``."""
+    mask = masks[word]
+    if word == begin >> 6:
+        mask &= np.int64(-1) << (begin & 63)
+    if word == end >> 6:
+        mask &= (np.int64(1) << (end & 63)) - 1
+    return mask
+
+
+@njit(nogil=True, error_model="numpy")
+def count_runs(masks, begin, end):  # type: ignore[no-untyped-def]
+    """Runs of equal records among the pixels ``begin .. end``, which are not none, of a row."""
+    count = 1
+    for word in range((begin + 1) >> 6, (end >> 6) + 1):
+        count += vec.count_bits(_between(masks, word, begin + 1, end))
     return count
 
 
 @njit(nogil=True, error_model="numpy")
-def single_runs(width, starts):  # type: ignore[no-untyped-def]
+def run_starts(masks, begin, end, starts):  # type: ignore[no-untyped-def]
+    """Write the columns at which runs of equal records begin among the pixels ``begin .. end``, which are not none, and
+    ``end`` eight times behind them.
+
+    Args:
+        masks: see ``changes``. starts: pointer to end - begin + 8 int32.
+
+    Returns:
+        The number of runs.
+    """
+    starts[0] = begin
+    count = 1
+    for word in range((begin + 1) >> 6, (end >> 6) + 1):
+        mask = _between(masks, word, begin + 1, end)
+        while mask != 0:
+            starts[count] = (word << 6) + vec.lowest_bit(mask)
+            mask &= mask - 1
+            count += 1
+    vec.store(starts, count, vec.i32(end))
+    return count
+
+
+@njit(nogil=True, error_model="numpy")
+def single_runs(begin, end, starts):  # type: ignore[no-untyped-def]
     """As ``run_starts`` for a row of which every pixel is a run of its own."""
-    for x in range(width):
-        starts[x] = x
-    vec.store(starts, width, vec.i32(width))
-    return width
-
-
-@njit(nogil=True, error_model="numpy", forceinline=True)
-def _optical(m, v):  # type: ignore[no-untyped-def]
-    """Eight vertices (f32x8 each coordinate) in the optical frame, f64x8."""
-    x, y, z = vec.to_f64(v[0]), vec.to_f64(v[1]), vec.to_f64(v[2])
-    return (
-        vec.f64(m[0]) * x + vec.f64(m[1]) * y + vec.f64(m[2]) * z + vec.f64(m[3]),
-        vec.f64(m[4]) * x + vec.f64(m[5]) * y + vec.f64(m[6]) * z + vec.f64(m[7]),
-        vec.f64(m[8]) * x + vec.f64(m[9]) * y + vec.f64(m[10]) * z + vec.f64(m[11]),
-    )
-
-
-@njit(nogil=True, error_model="numpy", forceinline=True)
-def _cross(a, b):  # type: ignore[no-untyped-def]
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@njit(nogil=True, error_model="numpy", forceinline=True)
-def _minus(a, b):  # type: ignore[no-untyped-def]
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
-
-
-@njit(nogil=True, error_model="numpy", forceinline=True)
-def _dot(a, b):  # type: ignore[no-untyped-def]
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    for x in range(begin, end):
+        starts[x - begin] = x
+    vec.store(starts, end - begin, vec.i32(end))
+    return end - begin
 
 
 @njit(nogil=True, error_model="numpy")
@@ -121,13 +127,13 @@ def set_up(columns, m, mirror, lens, y, places, first, ids, starts, run, count, 
     i0, i1, i2 = vec.load_elements(u32_at(columns[II_ELEMENTS]), element * vec.i32(3))
     vertices = f32_at(columns[II_VERTICES])
     stride = vec.i32(V_COLUMNS)
-    p0 = _optical(m, vec.load_triples(vertices, i0 * stride))
-    p1 = _optical(m, vec.load_triples(vertices, i1 * stride))
-    p2 = _optical(m, vec.load_triples(vertices, i2 * stride))
+    p0 = optical(m, vec.load_triples(vertices, i0 * stride))
+    p1 = optical(m, vec.load_triples(vertices, i1 * stride))
+    p2 = optical(m, vec.load_triples(vertices, i2 * stride))
     # Rows of det(P) P^-1. The determinant is ((p1 - p0) x (p2 - p0)) . p0: negative where a counter-clockwise
     # element is seen from its front. A mirroring map turns that round.
-    r0, r1, r2 = _cross(p1, p2), _cross(p2, p0), _cross(p0, p1)
-    determinant = _dot(p0, r0)
+    r0, r1, r2 = cross(p1, p2), cross(p2, p0), cross(p0, p1)
+    determinant = dot(p0, r0)
     none, one = vec.f64(0.0), vec.f64(1.0)
     side = vec.select(determinant < none, vec.f64(-1.0), one)
     if places != 0:
@@ -156,27 +162,14 @@ def set_up(columns, m, mirror, lens, y, places, first, ids, starts, run, count, 
     back = vec.select(determinant > none, vec.f32(-mirror), vec.f32(mirror))
     vec.store(values, 8 * R_FACING, back)
     if not smooth:
-        n = _cross(_minus(p1, p0), _minus(p2, p0))
-        length = vec.sqrt(_dot(n, n))
+        n = cross(minus(p1, p0), minus(p2, p0))
+        length = vec.sqrt(dot(n, n))
         usable = (length > none) & (length < vec.f64(math.inf))
         # Against the sign of the determinant: towards the camera.
         scale = vec.select(usable, (none - side) / vec.select(usable, length, one), none)
         vec.store(values, 8 * R_FLAT, vec.to_f32(n[0] * scale))
         vec.store(values, 8 * R_FLAT + 8, vec.to_f32(n[1] * scale))
         vec.store(values, 8 * R_FLAT + 16, vec.to_f32(n[2] * scale))
-
-
-@njit(nogil=True, error_model="numpy")
-def look_ahead(columns, first, ids, starts, run, last_run):  # type: ignore[no-untyped-def]
-    """Fetch what ``set_up`` will read of the next eight runs, and the elements of the eight after these. Meshes of many
-    triangles lie in no cache of this core, and every run waits for one element and then for three vertices."""
-    elements, vertices = u32_at(columns[II_ELEMENTS]), f32_at(columns[II_VERTICES])
-    for k in range(run + vec.LANES, min(run + 2 * vec.LANES, last_run)):
-        element = 3 * (np.int64(ids[starts[k]]) - first)
-        for corner in range(3):
-            vec.prefetch(vertices, np.int64(elements[element + corner]) * V_COLUMNS)
-    for k in range(run + 2 * vec.LANES, min(run + 3 * vec.LANES, last_run)):
-        vec.prefetch(elements, 3 * (np.int64(ids[starts[k]]) - first))
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
@@ -191,26 +184,16 @@ def further(base, slope, k, offset):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def weights(start, slope, k, lane):  # type: ignore[no-untyped-def]
-    """``weights_of`` eight pixels of one run, from the unnormalised coordinates at the first of them."""
-    return weights_of(
-        (vec.f32(start[0]), vec.f32(start[1]), vec.f32(start[2])),
-        (vec.f32(slope[k]), vec.f32(slope[8 + k]), vec.f32(slope[16 + k])),
-        lane,
-    )
-
-
-@njit(nogil=True, error_model="numpy", forceinline=True)
-def weights_of(start, slope, offset):  # type: ignore[no-untyped-def]
-    """Perspective-correct barycentric coordinates of the second and third vertex, eight at a time (f32x8), from the
-    unnormalised ones ``offset`` pixels before.
+    """Perspective-correct barycentric coordinates of the second and third vertex at eight pixels of run ``k`` (f32x8),
+    from the unnormalised ones at the first of them.
 
     A pixel centre that coverage (exact in 1/256 pixel) counts in may lie a little outside of the unrounded triangle:
     negative coordinates become 0, so that nothing is extrapolated. Anything not finite becomes the centroid.
     """
     zero = vec.f32(0.0)
-    b0 = vec.most(start[0] + slope[0] * offset, zero)
-    b1 = vec.most(start[1] + slope[1] * offset, zero)
-    b2 = vec.most(start[2] + slope[2] * offset, zero)
+    b0 = vec.most(vec.f32(start[0]) + vec.f32(slope[k]) * lane, zero)
+    b1 = vec.most(vec.f32(start[1]) + vec.f32(slope[8 + k]) * lane, zero)
+    b2 = vec.most(vec.f32(start[2]) + vec.f32(slope[16 + k]) * lane, zero)
     total = b0 + b1 + b2
     usable = (total > zero) & (total < vec.f32(np.inf))
     share = vec.f32(1.0) / total
@@ -268,7 +251,7 @@ def resolve_triangles(  # type: ignore[no-untyped-def]
     for batch in range(run, last_run, vec.LANES):
         count = min(last_run - batch, vec.LANES)
         if many:
-            look_ahead(columns, first, ids, starts, batch, last_run)
+            look_ahead_of_runs(columns, first, ids, starts, batch, last_run)
         set_up(columns, m, mirror, lens, y, places, first, ids, starts, batch, count, smooth, scratch)
         for k in range(count):
             begin, end = np.int64(starts[batch + k]), np.int64(starts[batch + k + 1])

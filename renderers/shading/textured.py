@@ -15,6 +15,7 @@ from numba import njit
 
 from renderers import simd as vec
 from renderers.pointers import f32_at, f64_at, i32_at, i64_at
+from renderers.shading.ahead import look_ahead_of_runs
 from renderers.shading.compose import packed
 from renderers.shading.layout import (
     A_LIGHT,
@@ -37,7 +38,6 @@ from renderers.shading.resolve import (
     R_INDEX,
     R_SLOPE,
     further,
-    look_ahead,
     set_up,
     weights,
 )
@@ -250,7 +250,7 @@ def show_textured(  # type: ignore[no-untyped-def]
     for batch in range(run, last_run, vec.LANES):
         count = min(last_run - batch, vec.LANES)
         if many:
-            look_ahead(columns, first, ids, starts, batch, last_run)
+            look_ahead_of_runs(columns, first, ids, starts, batch, last_run)
         _resolve(
             columns, m, maps, lens, y, places, first, smooth, lit, ids, starts, batch, count, rows, stride, scratch
         )

@@ -136,14 +136,15 @@ scatter = make(
 """``scatter(pointer, i32x8, v)``: writes one value per lane, lane 0 first. The result means nothing."""
 
 
-def _transposed(builder: Any, quads: list[Any]) -> list[Any]:
-    """The first three columns of eight rows of four."""
+def _transposed(builder: Any, quads: list[Any], columns: int = 3) -> list[Any]:
+    """The first columns of eight rows of four."""
     pairs = [shuffle(builder, quads[k], quads[k + 4], list(range(8))) for k in range(4)]
     low, high = [0, 8, 1, 9, 4, 12, 5, 13], [2, 10, 3, 11, 6, 14, 7, 15]
     xy = [shuffle(builder, pairs[k], pairs[k + 1], low) for k in (0, 2)]
     w = [shuffle(builder, pairs[k], pairs[k + 1], high) for k in (0, 2)]
     first, second = [0, 1, 8, 9, 4, 5, 12, 13], [2, 3, 10, 11, 6, 7, 14, 15]
-    return [shuffle(builder, a[0], a[1], picks) for a, picks in ((xy, first), (xy, second), (w, first))]
+    pairs_of = ((xy, first), (xy, second), (w, first), (w, second))
+    return [shuffle(builder, a[0], a[1], picks) for a, picks in pairs_of[:columns]]
 
 
 @intrinsic  # type: ignore[untyped-decorator]
@@ -186,6 +187,67 @@ def load_triples(typing_context: Any, values: Any, offsets: Any) -> Any:
         return context.make_tuple(builder, out, _transposed(builder, quads))
 
     return out(values, offsets), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def load_vertices(
+    typing_context: Any, records: Any, at: Any, first: Any, elements: Any, vertices: Any, corner: Any
+) -> Any:
+    """Six f32x8, the first six values of a vertex of eight float32, for one corner (0, 1 or 2) of eight triangles.
+
+    Args:
+        records: pointer to int32, of which the eight from ``at`` on are triangles' numbers plus ``first``.
+        elements: pointer to (M, 3) uint32. vertices: pointer to (N, 8) float32.
+    """
+    out: Any = types.UniTuple(f32x8, 6)  # type: ignore[no-untyped-call]
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        pointer, at, first, elements, vertices, corner = args
+        quad = ir.VectorType(F32, 4)
+        halves: tuple[list[Any], list[Any]] = ([], [])
+        for lane in range(LANES):
+            place = builder.gep(pointer, [builder.add(at, ir.Constant(I64, lane))])
+            element = builder.sub(builder.sext(builder.load(place), I64), first)
+            place = builder.gep(elements, [builder.add(builder.mul(element, ir.Constant(I64, 3)), corner)])
+            value = builder.shl(builder.zext(builder.load(place), I64), ir.Constant(I64, 3))
+            for half in range(2):
+                place = builder.gep(vertices, [builder.add(value, ir.Constant(I64, 4 * half))])
+                halves[half].append(builder.load(builder.bitcast(place, quad.as_pointer()), align=4))
+        columns = _transposed(builder, halves[0], 4) + _transposed(builder, halves[1], 2)
+        return context.make_tuple(builder, out, columns)
+
+    return out(records, types.int64, types.int64, elements, vertices, types.int64), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def store_rows(typing_context: Any, pointer: Any, places: Any, values: Any) -> Any:
+    """Write lane k of eight f32x8 (a tuple) as eight neighbouring float32, from value ``places[k]`` on (an i32x8), lane
+    0 first. The result means nothing."""
+    one: Any = types.int32
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        columns = [builder.extract_value(args[2], k) for k in range(LANES)]
+        low, high = [0, 8, 1, 9, 4, 12, 5, 13], [2, 10, 3, 11, 6, 14, 7, 15]
+        first, second = [0, 1, 8, 9, 4, 5, 12, 13], [2, 3, 10, 11, 6, 7, 14, 15]
+        # By blocks of two columns, of four, of eight.
+        pairs = [[shuffle(builder, columns[k], columns[k + 1], picks) for picks in (low, high)] for k in range(0, 8, 2)]
+        fours = [
+            [
+                shuffle(builder, pairs[k][half], pairs[k + 1][half], picks)
+                for half in range(2)
+                for picks in (first, second)
+            ]
+            for k in (0, 2)
+        ]
+        halves = [0, 1, 2, 3, 8, 9, 10, 11], [4, 5, 6, 7, 12, 13, 14, 15]
+        for lane in range(LANES):
+            row = shuffle(builder, fours[0][lane % 4], fours[1][lane % 4], halves[lane // 4])
+            place = builder.sext(builder.extract_element(args[1], ir.Constant(I32, lane)), I64)
+            place = builder.bitcast(builder.gep(args[0], [place]), f32x8.llvm.as_pointer())
+            builder.store(row, place, align=4)
+        return ir.Constant(I32, 0)
+
+    return one(pointer, places, values), generate
 
 
 @intrinsic  # type: ignore[untyped-decorator]

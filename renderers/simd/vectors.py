@@ -223,6 +223,14 @@ lowest_bit = make(lambda value: types.int64 if value is types.int64 else None, _
 """Index of the lowest set bit of an int64 that is not 0."""
 
 
+def _emit_count(builder: Any, sig: Any, value: Any) -> Any:
+    return builder.ctpop(value)
+
+
+count_bits = make(lambda value: types.int64 if value is types.int64 else None, _emit_count)
+"""How many bits of an int64 are set."""
+
+
 def _reduction(name: str) -> Any:
     def emit(builder: Any, sig: Any, value: Any) -> Any:
         kind = ir.FunctionType(I32, [i32x8.llvm])

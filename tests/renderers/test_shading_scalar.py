@@ -202,6 +202,49 @@ def test_textured_surfaces_to_a_level(cells: int, side: int) -> None:
                     assert (differences != 0).mean() < 0.02
 
 
+@pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize("thickness", [1.0, 0.2, 1e-3, 0.0])
+@pytest.mark.parametrize("smooth", [True, False])
+def test_triangles_as_large_as_pixels_to_a_level(unit: float, thickness: float, smooth: bool) -> None:
+    """In meshes of any unit, far from their own origin, upright and squashed, which float32 bears only so far."""
+    rng = np.random.default_rng(5)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    round_one = ball(120, 0.9)
+    offset = (3.0, -40.0, 7.0)
+    positions = ((round_one.positions + np.array(offset, np.float32)) * unit).astype(np.float32)
+    mesh = replace(round_one, positions=positions, uv0=None, tangents=None)
+    if not smooth:
+        mesh = replace(mesh, normals=None)
+    X = np.eye(4)
+    X[:3, :3] = turn @ np.diag((1.0, 1.0, thickness)) @ turn.T / unit
+    X[:3, 3] = (0.0, 0.0, 4.0) - X[:3, :3] @ (np.array(offset) * unit)
+    drawn = DrawList((Instance(mesh, Material((0.9, 0.3, 1.0, 1.0), double_sided=True), X),))
+    ours, scalar = both(drawn, view(83, 61), Look("phong"))
+    differences = np.abs(ours - scalar)
+    assert (differences > 1).sum() <= 8  # grains of a surface seen edge-on, where the side that is seen is rounding's
+    assert (differences != 0).mean() < 0.02
+
+
+def test_triangles_that_are_remembered_at_the_same_place() -> None:
+    """Every 1024th element is seen, the others have no area."""
+    rng = np.random.default_rng(6)
+    count = 60
+    left = np.linspace(-3.0, 2.8, count)
+    positions = np.zeros((count, 3, 3), np.float32)
+    positions[..., 0] = left[:, None] + rng.uniform(0.0, 0.4, (count, 3))
+    positions[..., 1] = (-1.5, 1.5, 0.0)
+    positions[..., 2] = rng.uniform(2.0, 3.0, (count, 3))
+    elements = np.zeros((1024 * count, 3), np.uint32)
+    elements[::1024] = np.arange(3 * count).reshape(-1, 3)
+    mesh = Mesh(positions.reshape(-1, 3), elements, rng.normal(size=(3 * count, 3)).astype(np.float32))
+    drawn = DrawList((Instance(mesh, Material((0.9, 0.3, 1.0, 1.0), double_sided=True), np.eye(4)),))
+    ours, scalar = both(drawn, view(163, 61), Look("phong"))
+    differences = np.abs(ours - scalar)
+    assert ours.any()
+    assert differences.max() <= 1
+    assert (differences != 0).mean() < 0.02
+
+
 @pytest.mark.parametrize("size", [(83, 61), (64, 40), (9, 70)])
 def test_threads_do_not_matter(size: tuple[int, int]) -> None:
     drawn = scene(np.random.default_rng(7))

@@ -253,3 +253,34 @@ def test_lookups() -> None:
     np.testing.assert_array_equal(number[32:], whole[lanes])
     np.testing.assert_array_equal(out[:8], values[lanes])
     np.testing.assert_array_equal(out[8:], whole[:8].view(np.float32))
+
+
+@njit
+def _records(records, elements, vertices, out, places, rows, mask):
+    corner = vec.load_vertices(i32_at(records), 2, 100, u32_at(elements), f32_at(vertices), 1)
+    for k, part in enumerate(corner):
+        vec.store(f32_at(out), 8 * k, part)
+    x, y = corner[0], corner[1]
+    values = x, y, corner[2], corner[3], corner[4], corner[5], x + y, x - y
+    vec.store_rows(f32_at(rows), vec.load(i32_at(places), 0), values)
+    return vec.count_bits(mask)
+
+
+def test_vertices_of_eight_records_and_back_to_rows() -> None:
+    rng = np.random.default_rng(2)
+    vertices = rng.normal(size=(20, 8)).astype(np.float32)
+    elements = rng.integers(0, 20, (30, 3)).astype(np.uint32)
+    records = 100 + rng.integers(0, 30, 10).astype(np.int32)
+    places = 8 * rng.permutation(12)[:8].astype(np.int32) + 3
+    places[5] = places[2]  # the last one counts
+    out, rows = np.zeros((6, 8), np.float32), np.full(104, 9.0, np.float32)
+    tables = (records, elements, vertices, out, places, rows)
+    assert _records(*(a.ctypes.data for a in tables), -3) == 63
+    expected = vertices[elements[records[2:] - 100, 1]]
+    np.testing.assert_array_equal(out, expected[:, :6].T)
+    x, y = expected[:, 0], expected[:, 1]
+    written = np.column_stack((expected[:, :6], x + y, x - y))
+    wanted = np.full(104, 9.0, np.float32)
+    for place, row in zip(places, written, strict=True):
+        wanted[place : place + 8] = row
+    np.testing.assert_array_equal(rows, wanted)

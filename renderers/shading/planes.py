@@ -1,0 +1,205 @@
+"""What is linear over a triangle, as planes over the picture, remembered from one row of a band to the next.
+
+With the vertices in the optical frame as the columns of P, the barycentric coordinates of a pixel's ray d, divided by
+its depth, are ``P^-1 d``: linear over the picture, and so is what they weigh as long as only its direction counts: the
+normal. They are float32, from a pixel on that sees the triangle: within a band, rounding has little to add up.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numba import njit
+
+from renderers import simd as vec
+from renderers.pointers import f32_at, i32_at, u32_at
+from renderers.shading.ahead import look_ahead
+from renderers.shading.head import shine
+from renderers.shading.layout import II_ELEMENTS, II_VERTICES, P_MIRROR, P_NORMAL
+from renderers.shading.surface import turned
+from renderers.shading.triples import cross, dot, minus, optical
+
+SLOTS: Final = 1024
+"""Triangles that are remembered, a place for each by the low bits of its record: several times what a row sees."""
+AHEAD: Final = 128
+"""Runs that are looked up at a time: few enough that they seldom put each other out of their places."""
+
+# The memory, values of 4 bytes.
+_RECORDS: Final = 0  # SLOTS: whose triangle's; -1: nobody's
+_PIXELS: Final = SLOTS  # SLOTS: see ``pixel_of``
+_MISSING: Final = 2 * SLOTS  # AHEAD and a vector more: records that are to be set up
+_COLUMNS: Final = _MISSING + AHEAD + vec.LANES  # as many: the columns that they are needed at
+_PLANES: Final = _COLUMNS + AHEAD + vec.LANES  # float32 from here on: PLANE_VALUES for every place
+ROW_VALUES: Final = 8
+PLANE_VALUES: Final = 3 * ROW_VALUES
+"""A row at one pixel, a row of what a step down adds, and one of what a step to the right adds."""
+MEMORY_VALUES: Final = _PLANES + SLOTS * PLANE_VALUES
+
+# A row: the normal, turned to the side that is seen, with minus its z, which is what the head light sees of it ...
+PL_NORMAL: Final = 0  # 3 values
+PL_WEIGHTS: Final = 3  # 3 values: barycentric coordinates over depth
+OUTSIDE: Final = 7 << PL_WEIGHTS
+"""The lanes of the coordinates."""
+# ... and in the first row only:
+PL_FACING: Final = 6  # -1 where a back face is seen
+# in the second and third:
+PL_COLUMN: Final = ROW_VALUES + 6  # the pixel that the first row belongs to
+PL_LINE: Final = 2 * ROW_VALUES + 6
+
+
+@njit(nogil=True, error_model="numpy")
+def forget(memory):  # type: ignore[no-untyped-def]
+    """Empty the memory, MEMORY_VALUES of 4 bytes at that address."""
+    records = i32_at(memory)
+    for slot in range(0, SLOTS, vec.LANES):
+        vec.store(records, _RECORDS + slot, vec.i32(-1))
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def slot_of(record):  # type: ignore[no-untyped-def]
+    return record & (SLOTS - 1)
+
+
+@njit(nogil=True, error_model="numpy")
+def look_up(ids, starts, places, run, last_run, memory):  # type: ignore[no-untyped-def]
+    """Find out which of the runs' triangles are missing: at most AHEAD of them.
+
+    Returns:
+        How many; the last one is repeated behind them.
+    """
+    whole = i32_at(memory)
+    count = 0
+    for batch in range(run, last_run, vec.LANES):
+        begins = vec.load(starts, batch)
+        records = vec.gather(ids, begins)
+        known = vec.gather(whole, (records & vec.i32(SLOTS - 1)) + vec.i32(_RECORDS))
+        missing = vec.bits(records != known)
+        for k in range(min(last_run - batch, vec.LANES)):  # without a branch: which are missing cannot be predicted
+            begin = np.int64(starts[batch + k])
+            whole[_MISSING + count] = ids[begin]
+            whole[_COLUMNS + count] = begin
+            count += (missing >> k) & 1
+    if count > 0:
+        if places != 0:
+            for k in range(count):
+                whole[_COLUMNS + k] = i32_at(places)[whole[_COLUMNS + k]]
+        vec.store(whole, _MISSING + count, vec.i32(np.int64(whole[_MISSING + count - 1])))
+        vec.store(whole, _COLUMNS + count, vec.i32(np.int64(whole[_COLUMNS + count - 1])))
+    return count
+
+
+@njit(nogil=True, error_model="numpy")
+def miss(memory, record, column):  # type: ignore[no-untyped-def]
+    """Make a record the only missing one."""
+    vec.store(i32_at(memory), _MISSING, vec.i32(record))
+    vec.store(i32_at(memory), _COLUMNS, vec.i32(column))
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def knows(memory, record):  # type: ignore[no-untyped-def]
+    """Whether the record's triangle is at its place."""
+    return i32_at(memory)[_RECORDS + slot_of(record)] == record
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def planes_of(memory, record):  # type: ignore[no-untyped-def]
+    """Pointer to a triangle's PLANE_VALUES float32."""
+    return f32_at(memory + 4 * (_PLANES + PLANE_VALUES * slot_of(record)))
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def pixel_of(memory, record):  # type: ignore[no-untyped-def]
+    """The packed pixel of a triangle that has the same colour everywhere, else -1."""
+    return i32_at(memory)[_PIXELS + slot_of(record)]
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _seen(maps, corner, facing):  # type: ignore[no-untyped-def]
+    """A corner's normal as in a row, f64x8, from a vertex's six values."""
+    nx, ny, nz = turned(maps, P_NORMAL, corner[3], corner[4], corner[5])
+    return vec.to_f64(nx * facing), vec.to_f64(ny * facing), vec.to_f64(-(nz * facing))
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _same(a, b):  # type: ignore[no-untyped-def]
+    return (a[3] == b[3]) & (a[4] == b[4]) & (a[5] == b[5])
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _keep(planes, places, a, b, c, w, more):  # type: ignore[no-untyped-def]
+    """Store a row of eight triangles: the corners' normals with their weights, these, and one value more."""
+    x, y, z = (
+        w[0] * a[0] + w[1] * b[0] + w[2] * c[0],
+        w[0] * a[1] + w[1] * b[1] + w[2] * c[1],
+        w[0] * a[2] + w[1] * b[2] + w[2] * c[2],
+    )
+    x, y, z = vec.to_f32(x), vec.to_f32(y), vec.to_f32(z)
+    row = x, y, z, vec.to_f32(w[0]), vec.to_f32(w[1]), vec.to_f32(w[2]), more, more
+    vec.store_rows(planes, places, row)
+
+
+@njit(nogil=True, error_model="numpy")
+def set_up(columns, m, maps, lens, y, first, many, smooth, colors, memory, at, count):  # type: ignore[no-untyped-def]
+    """Put the triangles of eight of ``count`` missing records, from number ``at`` on, to their places.
+
+    Args:
+        columns, m, lens, y, first, many: as for ``resolve.resolve_triangles``.
+        maps: pointer to the instance's P_COLUMNS values.
+        smooth: whether the mesh has normals. colors: see ``head.shine``.
+    """
+    whole = i32_at(memory)
+    vertices, elements = f32_at(columns[II_VERTICES]), u32_at(columns[II_ELEMENTS])
+    column, row = vec.to_f64(vec.load(whole, _COLUMNS + at)), vec.f64(y)
+    at += _MISSING
+    if many:
+        look_ahead(whole, at, _MISSING + count, first, elements, vertices)
+    records = vec.load(whole, at)
+    v0 = vec.load_vertices(whole, at, first, elements, vertices, 0)
+    v1 = vec.load_vertices(whole, at, first, elements, vertices, 1)
+    v2 = vec.load_vertices(whole, at, first, elements, vertices, 2)
+    p0, p1, p2 = optical(m, v0), optical(m, v1), optical(m, v2)
+    # Rows of det(P) P^-1. The determinant is ((p1 - p0) x (p2 - p0)) . p0: negative where a counter-clockwise
+    # element is seen from its front. A mirroring map turns that round.
+    r0, r1, r2 = cross(p1, p2), cross(p2, p0), cross(p0, p1)
+    determinant = dot(p0, r0)
+    none, one = vec.f64(0.0), vec.f64(1.0)
+    mirror = np.float64(maps[P_MIRROR])
+    slots = records & vec.i32(SLOTS - 1)
+    vec.scatter(whole, slots + vec.i32(_RECORDS), records)
+    if not smooth:
+        n = cross(minus(p1, p0), minus(p2, p0))
+        # Against the sign of the determinant: towards the camera.
+        nz = vec.select(determinant < none, -n[2], n[2])
+        length = vec.sqrt(dot(n, n))
+        usable = (length > none) & (length < vec.f64(math.inf))
+        nz = vec.select(usable, nz / vec.select(usable, length, one), none)
+        vec.scatter(whole, slots + vec.i32(_PIXELS), shine(vec.to_f32(nz), vec.f32(1.0), colors))
+        return
+    facing = vec.select(determinant > none, vec.f64(-mirror), vec.f64(mirror))
+    side = vec.to_f32(facing)
+    n0, n1, n2 = _seen(maps, v0, side), _seen(maps, v1, side), _seen(maps, v2, side)
+    z, square = vec.to_f32(n0[2]), vec.to_f32(dot(n0, n0))
+    uniform = _same(v0, v1) & _same(v0, v2)
+    pixels = vec.select(uniform, shine(z, square, colors), vec.i32(-1))
+    vec.scatter(whole, slots + vec.i32(_PIXELS), pixels)
+    # Of triangles that are seen edge-on, any positive factor will do.
+    size = vec.absolute(determinant)
+    usable = (size > none) & (size < vec.f64(math.inf))
+    scale = one / vec.select(usable, size, one)
+    scale = vec.select(determinant < none, -scale, scale)
+    sx, sy = scale * vec.f64(1.0 / lens[0]), scale * vec.f64(1.0 / lens[1])
+    left, top = column + vec.f64(0.5 - lens[2]), row + vec.f64(0.5 - lens[3])
+    right = r0[0] * sx, r1[0] * sx, r2[0] * sx
+    down = r0[1] * sy, r1[1] * sy, r2[1] * sy
+    here = (
+        r0[2] * scale + right[0] * left + down[0] * top,
+        r1[2] * scale + right[1] * left + down[1] * top,
+        r2[2] * scale + right[2] * left + down[2] * top,
+    )
+    planes = f32_at(memory + 4 * _PLANES)
+    slots = slots * vec.i32(PLANE_VALUES)
+    _keep(planes, slots, n0, n1, n2, here, side)
+    _keep(planes, slots + vec.i32(ROW_VALUES), n0, n1, n2, down, vec.to_f32(column))
+    _keep(planes, slots + vec.i32(2 * ROW_VALUES), n0, n1, n2, right, vec.to_f32(row))
