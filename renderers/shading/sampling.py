@@ -118,47 +118,69 @@ def nearest(integers, values, space, u, v):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def bilinear(integers, values, space, u, v):  # type: ignore[no-untyped-def]
-    """RGBA of the four texels whose centres are around (u, v)."""
+def _footprint(integers, u, v):  # type: ignore[no-untyped-def]
+    """The column and row of the first of the four texels whose centres are around (u, v), how far behind its centre
+    that is (0 .. 1 each), and whether all four lie side by side in the image."""
     width, height = integers[TI_WIDTH], integers[TI_HEIGHT]
-    wrap_s, wrap_t = integers[TI_WRAP_S], integers[TI_WRAP_T]
-    half = vec.f32(0.5)
-    x, y = _place(u, wrap_s, width) - half, _place(v, wrap_t, height) - half
+    half, zero = vec.f32(0.5), vec.f32(0.0)
+    x = _place(u, integers[TI_WRAP_S], width) - half
+    y = _place(v, integers[TI_WRAP_T], height) - half
     x0, y0 = vec.floor(x), vec.floor(y)
-    fx, fy = x - x0, y - y0
     i, j = vec.to_i32(x0), vec.to_i32(y0)
-    unit = vec.f32(_UNIT)
+    inside = (x0 >= zero) & (y0 >= zero) & (i < vec.i32(width - 1)) & (j < vec.i32(height - 1))
+    return i, j, x - x0, y - y0, inside
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _mixed(four, space, values, fx, fy):  # type: ignore[no-untyped-def]
+    """Channels between four texels, row by row, at the share ``fx`` of the second column and ``fy`` of the second row;
+    scaled as ``_channels`` says."""
     gx, gy = vec.f32(1.0) - fx, vec.f32(1.0) - fy
     wa, wb, wc, wd = gx * gy, fx * gy, gx * fy, fx * fy
-    texels, stride = i32_at(integers[TI_ADDRESS]), vec.i32(integers[TI_STRIDE])
-    inside = (x0 >= vec.f32(0.0)) & (y0 >= vec.f32(0.0)) & (i < vec.i32(width - 1)) & (j < vec.i32(height - 1))
-    if vec.bits(inside) == 255:  # nearly always: neighbours are loaded together
-        at = j * stride + i
-        ta, tb, tc, td = vec.gather_squares(texels, at, integers[TI_STRIDE])
-    else:
-        ta, tb, tc, td = _far_apart(integers, i, j)
-    ra, ga, ba, aa = _channels(ta, space, values)
-    rb, gb, bb, ab = _channels(tb, space, values)
-    rc, gc, bc, ac = _channels(tc, space, values)
-    rd, gd, bd, ad = _channels(td, space, values)
-    alpha = (aa * wa + ab * wb + ac * wc + ad * wd) * unit
-    if space == SRGB:
-        unit = vec.f32(1.0)
+    ra, ga, ba, aa = _channels(four[0], space, values)
+    rb, gb, bb, ab = _channels(four[1], space, values)
+    rc, gc, bc, ac = _channels(four[2], space, values)
+    rd, gd, bd, ad = _channels(four[3], space, values)
     return (
-        (ra * wa + rb * wb + rc * wc + rd * wd) * unit,
-        (ga * wa + gb * wb + gc * wc + gd * wd) * unit,
-        (ba * wa + bb * wb + bc * wc + bd * wd) * unit,
-        alpha,
+        ra * wa + rb * wb + rc * wc + rd * wd,
+        ga * wa + gb * wb + gc * wc + gd * wd,
+        ba * wa + bb * wb + bc * wc + bd * wd,
+        aa * wa + ab * wb + ac * wc + ad * wd,
     )
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def fetch(integers, u, v):  # type: ignore[no-untyped-def]
-    """Have the texels around eight places brought near, for ``bilinear`` to read later."""
-    x = _place(u, integers[TI_WRAP_S], integers[TI_WIDTH]) - vec.f32(0.5)
-    y = _place(v, integers[TI_WRAP_T], integers[TI_HEIGHT]) - vec.f32(0.5)
-    at = vec.to_i32(y) * vec.i32(integers[TI_STRIDE]) + vec.to_i32(x)
-    vec.prefetch_squares(i32_at(integers[TI_ADDRESS]), at, integers[TI_STRIDE])
+def bilinear(integers, values, space, u, v):  # type: ignore[no-untyped-def]
+    """RGBA of the four texels whose centres are around (u, v)."""
+    i, j, fx, fy, inside = _footprint(integers, u, v)
+    if vec.bits(inside) == 255:  # nearly always: neighbours are loaded together
+        at = j * vec.i32(integers[TI_STRIDE]) + i
+        four = vec.gather_squares(i32_at(integers[TI_ADDRESS]), at, integers[TI_STRIDE])
+    else:
+        four = _far_apart(integers, i, j)
+    r, g, b, alpha = _mixed(four, space, values, fx, fy)
+    unit = vec.f32(_UNIT)
+    if space == SRGB:
+        return r, g, b, alpha * unit
+    return r * unit, g * unit, b * unit, alpha * unit
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def locate(integers, u, v, fetched):  # type: ignore[no-untyped-def]
+    """For ``at_once``: the number of the first of four texels, or -1 where they do not lie side by side, and the shares
+    of the second column and row. ``fetched``: have them brought near."""
+    i, j, fx, fy, inside = _footprint(integers, u, v)
+    at = j * vec.i32(integers[TI_STRIDE]) + i
+    if fetched:
+        vec.prefetch_squares(i32_at(integers[TI_ADDRESS]), at, integers[TI_STRIDE])
+    return vec.select(inside, at, vec.i32(-1)), fx, fy
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def at_once(integers, rows, at, fx, fy):  # type: ignore[no-untyped-def]
+    """RGBA as stored, 0 .. 255, of eight footprints whose first texels' numbers are in a row from value ``at`` on."""
+    four = vec.load_squares(i32_at(integers[TI_ADDRESS]), rows, at, integers[TI_STRIDE])
+    return _mixed(four, AS_STORED, np.int64(0), fx, fy)
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)

@@ -19,6 +19,7 @@ from renderers.shading.ahead import look_ahead_of_runs
 from renderers.shading.compose import packed
 from renderers.shading.layout import (
     A_LIGHT,
+    A_TEXEL,
     A_UV0,
     HAS_NORMALS,
     II_VERTICES,
@@ -41,7 +42,7 @@ from renderers.shading.resolve import (
     set_up,
     weights,
 )
-from renderers.shading.sampling import AS_STORED, bilinear, coordinates, fetch, nearest
+from renderers.shading.sampling import AS_STORED, at_once, bilinear, coordinates, locate, nearest
 from renderers.shading.surface import reach, turned
 from renderers.shading.textures import TF_COLUMNS, TI_COLUMNS, TI_HEIGHT, TI_LINEAR, TI_STRIDE
 
@@ -214,19 +215,50 @@ def _pixels(mf, lit, rgba, rows, at):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _show(integers, floats, mf, lit, rows, stride, begin, end, line):  # type: ignore[no-untyped-def]
-    """Sample, light and pack what is resolved."""
-    uv, light = A_UV0 * stride, A_LIGHT * stride
-    if integers[TI_LINEAR] != 0:
-        for x in range(begin, end, vec.LANES):
+def _locate(integers, floats, rows, stride, begin, end):  # type: ignore[no-untyped-def]
+    """Where the texels of the pixels ``begin .. end`` are, into the rows from A_TEXEL on."""
+    large = integers[TI_HEIGHT] * integers[TI_STRIDE] > LARGE
+    uv, to = A_UV0 * stride, A_TEXEL * stride
+    for x in range(begin, end, vec.LANES):
+        u, v = coordinates(integers, floats, rows, uv + x, stride)
+        at, fx, fy = locate(integers, u, v, large)
+        vec.store(rows, to + x, vec.float_of(at))
+        vec.store(rows, to + stride + x, fx)
+        vec.store(rows, to + 2 * stride + x, fy)
+
+
+@njit(nogil=True, error_model="numpy")
+def _show_located(integers, floats, mf, lit, rows, stride, begin, end, line):  # type: ignore[no-untyped-def]
+    """Sample, light and pack what is located, of a material whose factors are within 0 .. 1: nothing is too bright."""
+    uv, light, to = A_UV0 * stride, A_LIGHT * stride, A_TEXEL * stride
+    red, green, blue = vec.f32(mf[MF_BASE]), vec.f32(mf[MF_BASE + 1]), vec.f32(mf[MF_BASE + 2])
+    half, zero = vec.f32(0.5), vec.i32(0)
+    for x in range(begin, end, vec.LANES):
+        if vec.bits(vec.bits_of(vec.load(rows, to + x)) < zero) != 0:
             u, v = coordinates(integers, floats, rows, uv + x, stride)
             rgba = bilinear(integers, np.int64(0), AS_STORED, u, v)
             vec.store(line, x, _pixels(mf, lit, rgba, rows, light + x))
-    else:
-        for x in range(begin, end, vec.LANES):
-            u, v = coordinates(integers, floats, rows, uv + x, stride)
-            rgba = nearest(integers, np.int64(0), AS_STORED, u, v)
-            vec.store(line, x, _pixels(mf, lit, rgba, rows, light + x))
+            continue
+        fx, fy = vec.load(rows, to + stride + x), vec.load(rows, to + 2 * stride + x)
+        r, g, b, _ = at_once(integers, rows, to + x, fx, fy)
+        kr, kg, kb = red, green, blue
+        if lit:
+            shine = vec.load(rows, light + x)
+            kr, kg, kb = red * shine, green * shine, blue * shine
+        r, g, b = vec.to_i32(r * kr + half), vec.to_i32(g * kg + half), vec.to_i32(b * kb + half)
+        vec.store(line, x, r | (g << vec.i32(8)) | (b << vec.i32(16)))
+
+
+@njit(nogil=True, error_model="numpy")
+def _show(integers, floats, mf, lit, rows, stride, begin, end, line):  # type: ignore[no-untyped-def]
+    """Sample, light and pack what is resolved."""
+    uv, light = A_UV0 * stride, A_LIGHT * stride
+    for x in range(begin, end, vec.LANES):
+        u, v = coordinates(integers, floats, rows, uv + x, stride)
+        if integers[TI_LINEAR] != 0:
+            vec.store(line, x, _pixels(mf, lit, bilinear(integers, np.int64(0), AS_STORED, u, v), rows, light + x))
+        else:
+            vec.store(line, x, _pixels(mf, lit, nearest(integers, np.int64(0), AS_STORED, u, v), rows, light + x))
 
 
 @njit(nogil=True, error_model="numpy")
@@ -244,9 +276,11 @@ def show_textured(  # type: ignore[no-untyped-def]
     lit, smooth = mi[MI_UNLIT] == 0, (has & HAS_NORMALS) != 0
     integers = i64_at(job[S_TEXTURES] + 8 * TI_COLUMNS * mi[MI_BASE])
     floats = f32_at(job[S_TEXTURE_FLOATS] + 4 * TF_COLUMNS * mi[MI_BASE])
-    large = integers[TI_HEIGHT] * integers[TI_STRIDE] > LARGE
-    uv = A_UV0 * stride
-    shown = fetched = np.int64(starts[run])
+    modest = True
+    for k in range(3):
+        modest = modest and mf[MF_BASE + k] >= 0.0 and mf[MF_BASE + k] <= 1.0
+    located = modest and integers[TI_LINEAR] != 0
+    shown = seen = np.int64(starts[run])
     for batch in range(run, last_run, vec.LANES):
         count = min(last_run - batch, vec.LANES)
         if many:
@@ -254,14 +288,19 @@ def show_textured(  # type: ignore[no-untyped-def]
         _resolve(
             columns, m, maps, lens, y, places, first, smooth, lit, ids, starts, batch, count, rows, stride, scratch
         )
+        if not located:
+            continue
         end = np.int64(starts[batch + count])
-        if large:
-            while fetched + vec.LANES <= end:
-                u, v = coordinates(integers, floats, rows, uv + fetched, stride)
-                fetch(integers, u, v)
-                fetched += vec.LANES
-        if end - shown >= AHEAD + PART:
-            last = shown + (end - shown - AHEAD) // vec.LANES * vec.LANES
-            _show(integers, floats, mf, lit, rows, stride, shown, last, line)
+        whole = seen + (end - seen) // vec.LANES * vec.LANES
+        _locate(integers, floats, rows, stride, seen, whole)
+        seen = whole
+        if seen - shown >= AHEAD + PART:
+            last = seen - AHEAD
+            _show_located(integers, floats, mf, lit, rows, stride, shown, last, line)
             shown = last
-    _show(integers, floats, mf, lit, rows, stride, shown, np.int64(starts[last_run]), line)
+    end = np.int64(starts[last_run])
+    if located:
+        _locate(integers, floats, rows, stride, seen, end)
+        _show_located(integers, floats, mf, lit, rows, stride, shown, end, line)
+    else:
+        _show(integers, floats, mf, lit, rows, stride, shown, end, line)

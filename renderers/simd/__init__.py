@@ -15,7 +15,7 @@ Traps, all measured on Zen 3 with LLVM 22:
 
 from __future__ import annotations
 
-from renderers.simd.lookups import float_of, gather_squares, permute, prefetch_squares
+from renderers.simd.lookups import float_of, gather_squares, load_squares, permute, prefetch_squares
 from renderers.simd.moves import (
     gather,
     gather_pairs,
@@ -98,6 +98,7 @@ __all__ = [
     "load_again",
     "load_corners",
     "load_elements",
+    "load_squares",
     "load_third",
     "load_triples",
     "load_vertices",

@@ -8,6 +8,7 @@ from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 
+from renderers.simd.moves import VolatileLoad
 from renderers.simd.vectors import I8, I32, I64, LANES, Vector, f32x8, i32x8, intrinsic, make, shuffle
 
 
@@ -36,6 +37,24 @@ float_of = make(lambda a: f32x8 if a is i32x8 else None, lambda builder, sig, va
 """The float32 values of bit patterns."""
 
 
+def _squares(builder: Any, values: Any, offsets: list[Any], stride: Any) -> list[Any]:
+    """The four vectors of ``gather_squares`` from eight int64."""
+    rows = values, builder.gep(values, [stride])
+    pairs = ir.VectorType(I64, 4)
+    fours: list[list[Any]] = [[ir.Constant(pairs, ir.Undefined)] * 2, [ir.Constant(pairs, ir.Undefined)] * 2]
+    for lane, offset in enumerate(offsets):
+        # Lanes 0, 1, 4, 5 and 2, 3, 6, 7: the halves of registers are then shuffled each by themselves.
+        which, slot = lane // 2 % 2, ir.Constant(I32, lane // 4 * 2 + lane % 2)
+        for row in range(2):
+            place = builder.bitcast(builder.gep(rows[row], [offset]), I64.as_pointer())
+            fours[row][which] = builder.insert_element(fours[row][which], builder.load(place, align=4), slot)
+    parts: list[Any] = []
+    for row in range(2):
+        first, second = (builder.bitcast(four, i32x8.llvm) for four in fours[row])
+        parts += [shuffle(builder, first, second, [pick + k for pick in (0, 2, 8, 10, 4, 6, 12, 14)]) for k in range(2)]
+    return parts
+
+
 @intrinsic  # type: ignore[untyped-decorator]
 def gather_squares(typing_context: Any, values: Any, indices: Any, stride: Any) -> Any:
     """Four i32x8: the int32 at ``indices[lane]`` behind a pointer, the one after it, and the same ``stride`` (an int64)
@@ -43,24 +62,29 @@ def gather_squares(typing_context: Any, values: Any, indices: Any, stride: Any) 
     out: Any = types.UniTuple(i32x8, 4)  # type: ignore[no-untyped-call]
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        rows = args[0], builder.gep(args[0], [args[2]])
-        pairs = ir.VectorType(I64, 4)
-        parts: list[Any] = []
-        fours: list[list[Any]] = [[ir.Constant(pairs, ir.Undefined)] * 2, [ir.Constant(pairs, ir.Undefined)] * 2]
-        for lane in range(LANES):
-            offset = builder.zext(builder.extract_element(args[1], ir.Constant(I32, lane)), I64)
-            # Lanes 0, 1, 4, 5 and 2, 3, 6, 7: the halves of registers are then shuffled each by themselves.
-            which, slot = lane // 2 % 2, ir.Constant(I32, lane // 4 * 2 + lane % 2)
-            for row in range(2):
-                place = builder.bitcast(builder.gep(rows[row], [offset]), I64.as_pointer())
-                fours[row][which] = builder.insert_element(fours[row][which], builder.load(place, align=4), slot)
-        evens = [0, 2, 8, 10, 4, 6, 12, 14]
-        for row in range(2):
-            first, second = (builder.bitcast(four, i32x8.llvm) for four in fours[row])
-            parts += [shuffle(builder, first, second, [pick + k for pick in evens]) for k in range(2)]
-        return context.make_tuple(builder, out, parts)
+        lanes = [builder.extract_element(args[1], ir.Constant(I32, lane)) for lane in range(LANES)]
+        offsets = [builder.zext(lane, I64) for lane in lanes]
+        return context.make_tuple(builder, out, _squares(builder, args[0], offsets, args[2]))
 
     return out(values, indices, stride), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def load_squares(typing_context: Any, values: Any, indices: Any, begin: Any, stride: Any) -> Any:
+    """As ``gather_squares`` with the eight indices from value ``begin`` on behind a pointer to values of four bytes,
+    stored there long enough ago: loading them one by one is cheaper than taking a vector apart."""
+    out: Any = types.UniTuple(i32x8, 4)  # type: ignore[no-untyped-call]
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        first = builder.bitcast(builder.gep(args[1], [args[2]]), I32.as_pointer())
+        lanes = [VolatileLoad(builder.block, builder.gep(first, [ir.Constant(I64, k)])) for k in range(LANES)]
+        for load in lanes:  # volatile, or LLVM makes one vector of them and takes it apart
+            load.align = 4
+            builder._insert(load)
+        offsets = [builder.zext(lane, I64) for lane in lanes]
+        return context.make_tuple(builder, out, _squares(builder, args[0], offsets, args[3]))
+
+    return out(values, indices, types.int64, stride), generate
 
 
 @intrinsic  # type: ignore[untyped-decorator]

@@ -35,7 +35,7 @@ def _address(builder: Any, vector: Vector, pointer: Any, index: Any) -> Any:
     return builder.bitcast(builder.gep(pointer, [index]), vector.llvm.as_pointer())
 
 
-class _VolatileLoad(ir.instructions.LoadInstr):  # type: ignore[misc]
+class VolatileLoad(ir.instructions.LoadInstr):  # type: ignore[misc]
     """A load that is neither removed nor merged with others."""
 
     def descr(self, buffer: list[str]) -> None:
@@ -50,7 +50,7 @@ def _loader(*, volatile: bool) -> Any:
         align = 8 if vector is f64x8 else 4
         if not volatile:
             return builder.load(address, align=align)
-        load = _VolatileLoad(builder.block, address)
+        load = VolatileLoad(builder.block, address)
         load.align = align
         builder._insert(load)
         return load

@@ -237,6 +237,8 @@ def _lookups(values, whole, offsets, lanes, out, number):
     vec.prefetch_squares(i32_at(whole), at, 5)
     for k, part in enumerate(vec.gather_squares(i32_at(whole), at, 5)):
         vec.store(n, 8 * k, part)
+    for k, part in enumerate(vec.load_squares(i32_at(whole), i32_at(offsets), 0, 5)):
+        vec.store(n, 40 + 8 * k, part)
     vec.store(n, 32, vec.permute(integers, lane))
     vec.store(o, 0, vec.permute(floats, lane))
     vec.store(o, 8, vec.float_of(integers))
@@ -247,10 +249,11 @@ def test_lookups() -> None:
     values = rng.normal(size=40).astype(np.float32)
     whole = rng.integers(0, 1 << 30, 40).astype(np.int32)
     offsets, lanes = rng.permutation(30)[:8].astype(np.int32), rng.integers(0, 8, 8).astype(np.int32)
-    out, number = np.zeros(16, np.float32), np.zeros(40, np.int32)
+    out, number = np.zeros(16, np.float32), np.zeros(72, np.int32)
     _lookups(*(a.ctypes.data for a in (values, whole, offsets, lanes, out, number)))
     np.testing.assert_array_equal(number[:32].reshape(4, 8), whole[offsets + np.array((0, 1, 5, 6))[:, None]])
-    np.testing.assert_array_equal(number[32:], whole[lanes])
+    np.testing.assert_array_equal(number[32:40], whole[lanes])
+    np.testing.assert_array_equal(number[40:], number[:32])
     np.testing.assert_array_equal(out[:8], values[lanes])
     np.testing.assert_array_equal(out[8:], whole[:8].view(np.float32))
 
