@@ -40,6 +40,7 @@ from renderers.cpu.layout import (
     T_COLUMNS,
     T_CULL,
     T_ELEMENTS,
+    T_HIDDEN,
     T_VERTEX,
 )
 from renderers.cpu.transform import BEHIND
@@ -83,6 +84,8 @@ def large_triangle(job, lens, drawn, element, record):  # type: ignore[no-untype
         return 0, -1
     area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
     if area == 0:
+        return 0, -1
+    if area * table[row + T_HIDDEN] > 0:
         return 0, -1
     shift = 0
     if area * table[row + T_CULL] > 0:

@@ -47,28 +47,34 @@ class FrameJob:
         select: NDArray[np.bool_] | None = None,
         cull_back: NDArray[np.bool_] | None = None,
         keep_backs: bool = False,
+        opaque: bool = False,
         samples: int = 1,
     ) -> None:
         """
         Args:
             select, cull_back: as in ``Rasterizer.visibility``.
             keep_backs: culled faces are seen in the outputs, but not in what is shaded.
+            opaque: only the nearest surface of every pixel is wanted, whatever it is, so that the backs of solid meshes
+                need not be drawn.
             samples: 1, 4 or 8 a pixel; when there are several, bands are drawn by ``phases``' ``draw``.
         """
         count = len(prepared.labels)
         bands = band_count(camera.height)
         with np.errstate(all="ignore"):  # poses that are not finite draw nothing
             self.X_camera_mesh: NDArray[np.float64] = np.matmul(camera.X_camera_world, prepared.X_world_mesh)
-        table, X, sizes = prepared.table, self.X_camera_mesh, prepared.sizes
+        table, X, sizes, bounds = prepared.table, self.X_camera_mesh, prepared.sizes, prepared.bounds
         if select is not None:
-            table, X, sizes = _selected(table, select), X[select], sizes[select]
+            table, X, sizes, bounds = _selected(table, select), X[select], sizes[select], bounds[select]
             cull_back = None if cull_back is None else cull_back[select]
         drawn = len(X)
         table, lengths = table.copy(), np.empty((drawn, at.M_COLUMNS))
+        self._lens = np.array((camera.fx, camera.fy, camera.cx, camera.cy, camera.near, camera.far), dtype=np.float64)
         place(
             address_of(X, np.float64),
             address_of(sizes, np.float64),
             address_of(cull_back, np.bool_),
+            address_of(bounds, np.float64) if opaque else 0,
+            address_of(self._lens, np.float64),
             address_of(table, np.int64),
             address_of(lengths, np.float64),
             drawn,
@@ -82,7 +88,7 @@ class FrameJob:
         """Not worth a second thread."""
 
         padded = self._chunks * at.CHUNK
-        self._split = keep_backs and cull_back is not None
+        self._split = keep_backs and bool(table[-1, at.T_CULL])
         lists = 2 * bands if self._split else bands
 
         job = self._job = np.zeros(at.J_COLUMNS, dtype=np.int64)
@@ -110,7 +116,6 @@ class FrameJob:
         job[at.J_ALL_INSTANCES] = count
         job[at.J_FIRST_RECORD : at.J_ALL_MESHES + 1] = prepared.addresses
         job[at.J_ALL_X] = address_of(self.X_camera_mesh, np.float64)
-        self._lens = np.array((camera.fx, camera.fy, camera.cx, camera.cy, camera.near, camera.far), dtype=np.float64)
         job[at.J_SETUP] = kernel_addresses()[1]
         job[at.J_SELF] = address_of(job, np.int64)
         job[at.J_LENS] = address_of(self._lens, np.float64)

@@ -87,9 +87,15 @@ T_ELEMENTS: Final = 3
 T_TOPOLOGY: Final = 4
 T_RECORD: Final = 5  # record of element 0
 T_CULL: Final = 6  # 0: both sides; +1, -1: triangles whose screen area has this sign are culled, or kept apart
-T_COLUMNS: Final = 7
+T_HIDDEN: Final = 7  # 0; +1, -1: triangles whose screen area has this sign are hidden by others of their mesh
+T_COLUMNS: Final = 8
 M_SIZE: Final = 12  # after the 3 rows of camera from mesh: point size or line width
 M_COLUMNS: Final = 13
+
+# Of every instance's mesh, float64, see solid: middle and half sides of its box; half a side below 0: not solid.
+B_MIDDLE: Final = 0
+B_HALF: Final = 3
+B_COLUMNS: Final = 6
 
 # What resolve reads of every instance's mesh.
 A_TOPOLOGY: Final = 0

@@ -83,9 +83,13 @@ from renderers.cpu.visibility import BAND_ROWS
 from renderers.native import call_kernel
 from renderers.pointers import as_f32, as_i32, f32_at, f64_at, i32_at, i64_at, u16_at
 
+ROOM_OF_ROWS: Final = 16
+"""Values of the scratch before those that hold 1/z of each row, or of every eight pixels of a row."""
+SCRATCH: Final = ROOM_OF_ROWS + BAND_ROWS + vec.LANES
+
 
 @njit(nogil=True, error_model="numpy")
-def _small(job, rule, record, first_row, last_row):  # type: ignore[no-untyped-def]
+def _small(job, rule, record, first_row, last_row, scratch):  # type: ignore[no-untyped-def]
     """Draw a KIND_SMALL record: eight pixels at a time, no branch on coverage."""
     whole = i32_at(record)
     fraction = f32_at(record)
@@ -94,7 +98,7 @@ def _small(job, rule, record, first_row, last_row):  # type: ignore[no-untyped-d
     box_y = box >> 16
     box_x = ((box & 0xFFFF) ^ 0x8000) - 0x8000
     top = max(box_y, first_row)
-    bottom = min(box_y + (size >> 16), last_row)
+    rows = min(box_y + (size >> 16), last_row) - top
     left = max(box_x, 0)
     right = min(box_x + (size & 0xFFFF), job[J_WIDTH])
     stride = job[J_STRIDE]
@@ -103,33 +107,56 @@ def _small(job, rule, record, first_row, last_row):  # type: ignore[no-untyped-d
     identity = vec.i32(whole[R_ID])
     low, high = vec.f32(fraction[R_LOW]), vec.f32(fraction[R_HIGH])
     slope = vec.f32(fraction[S_DX])
-    right0, right1 = np.int64(whole[S_RIGHT]), np.int64(whole[S_RIGHT + 1])
-    down0, down1 = np.int64(whole[S_DOWN]), np.int64(whole[S_DOWN_SECOND])
-    down2 = -down0 - down1
-    base, rise = fraction[S_BASE], fraction[S_DY]
+    right0, right1 = vec.i32(whole[S_RIGHT]), vec.i32(whole[S_RIGHT + 1])
+    d0, d1 = vec.i32(whole[S_DOWN]), vec.i32(whole[S_DOWN_SECOND])
+    zero = vec.i32(0)
+    d2, right2 = zero - d0 - d1, zero - right0 - right1
+    base, rise = vec.f32(fraction[S_BASE]), vec.f32(fraction[S_DY])
     lane = vec.iota()
-    for start in range(left, right, vec.LANES):  # type: ignore[call-overload]
-        # A block at the right margin moves left: pixels drawn twice are refused the second time.
-        column = min(start, stride - vec.LANES)
-        across = vec.i32(column - box_x) + lane
-        skipped = top - box_y
-        e0 = vec.i32(np.int64(whole[S_EDGES]) + skipped * down0) + across * vec.i32(right0)
-        e1 = vec.i32(np.int64(whole[S_EDGES + 1]) + skipped * down1) + across * vec.i32(right1)
-        e2 = vec.i32(np.int64(whole[S_EDGES + 2]) + skipped * down2) - across * vec.i32(right0 + right1)
-        d0, d1, d2 = vec.i32(down0), vec.i32(down1), vec.i32(down2)
-        rising = slope * vec.to_f32(across)
-        zero = vec.i32(0)
+    starts = as_f32(scratch)
+    for row in range(0, rows, vec.LANES):
+        down = vec.to_f32(vec.i32(top - box_y + row) + lane)
+        vec.store(starts, ROOM_OF_ROWS + row, base + rise * down)
+    # Blocks begin where vectors do: what a neighbour has just stored is loaded as a whole, and from one cache line.
+    begin = left & ~np.int64(vec.LANES - 1)  # type: ignore[operator]
+    skipped = vec.i32(top - box_y)
+    across = vec.i32(begin - box_x) + lane
+    f0 = vec.i32(whole[S_EDGES]) + skipped * d0 + across * right0
+    f1 = vec.i32(whole[S_EDGES + 1]) + skipped * d1 + across * right1
+    f2 = vec.i32(whole[S_EDGES + 2]) + skipped * d2 + across * right2
+    eight = vec.i32(vec.LANES)
+    step0, step1, step2 = right0 * eight, right1 * eight, right2 * eight
+    column = begin
+    # Two blocks of a row at once: how often a loop over the rows turns cannot be predicted.
+    while column + vec.LANES < right:
+        e0, e1, e2 = f0, f1, f2
+        g0, g1, g2 = f0 + step0, f1 + step1, f2 + step2
+        rising, further = slope * vec.to_f32(across), slope * vec.to_f32(across + eight)
         pixel = top * stride + column
-        for row in range(skipped, bottom - box_y):
-            w = vec.f32(base + rise * np.float32(row)) + rising
-            w = vec.least(vec.most(w, low), high)
+        for row in range(rows):
+            start = vec.f32(starts[ROOM_OF_ROWS + row])
+            w = vec.least(vec.most(start + rising, low), high)
             blend(job, rule, depths, ids, pixel, w, (e0 | e1 | e2) >= zero, identity)
+            w = vec.least(vec.most(start + further, low), high)
+            blend(job, rule, depths, ids, pixel + vec.LANES, w, (g0 | g1 | g2) >= zero, identity)
             e0, e1, e2 = e0 + d0, e1 + d1, e2 + d2
+            g0, g1, g2 = g0 + d0, g1 + d1, g2 + d2
+            pixel += stride
+        across = across + eight + eight
+        f0, f1, f2 = f0 + step0 + step0, f1 + step1 + step1, f2 + step2 + step2
+        column += 2 * vec.LANES
+    if column < right:
+        rising = slope * vec.to_f32(across)
+        pixel = top * stride + column
+        for row in range(rows):
+            w = vec.least(vec.most(vec.f32(starts[ROOM_OF_ROWS + row]) + rising, low), high)
+            blend(job, rule, depths, ids, pixel, w, (f0 | f1 | f2) >= zero, identity)
+            f0, f1, f2 = f0 + d0, f1 + d1, f2 + d2
             pixel += stride
 
 
 @njit(nogil=True, error_model="numpy")
-def _span(job, rule, record, row, start, stop, box_x, box_y):  # type: ignore[no-untyped-def]
+def _span(job, rule, record, row, start, stop, box_x, box_y, scratch):  # type: ignore[no-untyped-def]
     """Draw the pixels ``start .. stop`` of a row; ``box_x, box_y`` is the pixel that R_BASE belongs to.
 
     1/z is exact to float32 at the first of every eight pixels, wherever the span starts.
@@ -142,15 +169,23 @@ def _span(job, rule, record, row, start, stop, box_x, box_y):  # type: ignore[no
     identity = vec.i32(i32_at(record)[R_ID])
     ids = i32_at(job[J_IDS])
     depths = f32_at(job[J_INV_Z])
-    begin = row * job[J_STRIDE]
     lane = vec.iota()
     rising = vec.f32(slope) * vec.to_f32(lane)
-    first, last = vec.i32(start), vec.i32(stop)
-    for column in range(start & ~np.int64(vec.LANES - 1), stop, vec.LANES):
-        here = vec.i32(column) + lane
-        w = vec.f32(base + slope * np.float64(column - box_x)) + rising
-        w = vec.least(vec.most(w, low), high)
-        blend(job, rule, depths, ids, begin + column, w, (here >= first) & (here < last), identity)
+    first, last, eight = vec.i32(start), vec.i32(stop), vec.i32(vec.LANES)
+    starts = as_f32(scratch)
+    blocks = vec.to_f64(lane * eight)
+    begin = start & ~np.int64(vec.LANES - 1)
+    here = vec.i32(begin) + lane
+    pixel = row * job[J_STRIDE] + begin
+    for column in range(begin, stop, vec.LANES * vec.LANES):
+        at = vec.f64(column - box_x) + blocks
+        vec.store(starts, ROOM_OF_ROWS, vec.to_f32(vec.f64(base) + vec.f64(slope) * at))
+        for k in range(min((stop - column + vec.LANES - 1) // vec.LANES, vec.LANES)):
+            w = vec.f32(starts[ROOM_OF_ROWS + k]) + rising
+            w = vec.least(vec.most(w, low), high)
+            blend(job, rule, depths, ids, pixel, w, (here >= first) & (here < last), identity)
+            here = here + eight
+            pixel += vec.LANES
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
@@ -174,7 +209,7 @@ def _corners(job, rule, record, x0, y0, x1, y1, x2, y2, first_row, last_row, box
     """Draw the rows ``first_row .. last_row`` of a triangle in grid units, whichever way it winds.
 
     Args:
-        scratch: pointer to 16 int32.
+        scratch: pointer to SCRATCH int32.
     """
     area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
     if area == 0:
@@ -211,7 +246,8 @@ def _corners(job, rule, record, x0, y0, x1, y1, x2, y2, first_row, last_row, box
         vec.store(scratch, 8, stop)
         for k in range(min(bottom - group, vec.LANES)):
             if scratch[k] < scratch[8 + k]:
-                _span(job, rule, record, group + k, np.int64(scratch[k]), np.int64(scratch[8 + k]), box_x, box_y)
+                start_k, stop_k = np.int64(scratch[k]), np.int64(scratch[8 + k])
+                _span(job, rule, record, group + k, start_k, stop_k, box_x, box_y, scratch)
 
 
 @njit(nogil=True, error_model="numpy")
@@ -220,7 +256,7 @@ def _draw(job, lens, rule, record, first_row, last_row, scratch):  # type: ignor
     whole = i32_at(record)
     kind = whole[R_KIND]
     if kind == KIND_SMALL:
-        _small(job, rule, record, first_row, last_row)
+        _small(job, rule, record, first_row, last_row, scratch)
         return
     a, b = np.int64(whole[R_XY]), np.int64(whole[R_XY + 1])
     c, d = np.int64(whole[R_XY + 2]), np.int64(whole[R_XY + 3])
@@ -247,7 +283,7 @@ def _draw(job, lens, rule, record, first_row, last_row, scratch):  # type: ignor
             _corners(job, rule, record, x0, y0, x1, y1, x2, y2, first_row, last_row, a, b, scratch)
     else:
         for row in range(max(b, first_row), min(d, last_row)):
-            _span(job, rule, record, row, a, c, a, b)
+            _span(job, rule, record, row, a, c, a, b, scratch)
 
 
 @njit(nogil=True, error_model="numpy")
@@ -349,7 +385,7 @@ def raster_band(job, lens, band, back):  # type: ignore[no-untyped-def]
     themselves). ``back``: the back faces that were kept apart, on top of the others."""
     first_row = band * BAND_ROWS
     last_row = min(first_row + BAND_ROWS, job[J_HEIGHT])
-    own_scratch = np.empty(16, np.int32)
+    own_scratch = np.empty(SCRATCH, np.int32)
     scratch = i32_at(np.int64(own_scratch.ctypes.data))
     rule = PLAIN
     if job[J_BEYOND_IDS] != 0 or job[J_BEFORE_IDS] != 0:
@@ -359,13 +395,19 @@ def raster_band(job, lens, band, back):  # type: ignore[no-untyped-def]
     if back:
         rule = TIES
         which += job[J_BANDS]
+    ranges = i32_at(job[J_RANGES] + (8 if back else 0))
+    if back:
+        reached = False
+        for chunk in range(job[J_CHUNKS]):
+            reached = reached | ((band >= ranges[4 * chunk]) & (band <= ranges[4 * chunk + 1]))
+        if not reached:
+            return
     own_tiles = np.empty(BAND_ROWS // TILE_ROWS * job[J_STRIDE] if back else 1, np.float32)
     tiles = f32_at(np.int64(own_tiles.ctypes.data))
     if back:
         _farthest(job, first_row, last_row, tiles)
     own_room = np.empty(ROOM if back else 1, np.int64)
     room = np.int64(own_room.ctypes.data)
-    ranges = i32_at(job[J_RANGES] + (8 if back else 0))
     for chunk in range(job[J_CHUNKS]):
         if band < ranges[4 * chunk] or band > ranges[4 * chunk + 1]:
             continue

@@ -184,7 +184,7 @@ class CpuRenderer:
         """Fill the frame's geometry outputs; the layer itself stays in the cache, band by band."""
         scratch = self._scratch.take()
         try:
-            job = FrameJob(prepared, camera, scratch)
+            job = FrameJob(prepared, camera, scratch, opaque=True)
             job.outputs(frame)
             self._crew.share(job.task(self._crew.threads))
         finally:
@@ -233,7 +233,7 @@ class CpuRenderer:
             return
         scratch = self._scratch.take()
         try:
-            job = FrameJob(prepared, camera, scratch, cull_back=cull, keep_backs=with_geometry)
+            job = FrameJob(prepared, camera, scratch, cull_back=cull, keep_backs=with_geometry, opaque=True)
             job.outputs(frame)
             painter = Painter(shading, job.X_camera_mesh, prepared.first_record, camera, look, color, stride=job.stride)
             self._crew.share(job.task(self._crew.threads, painter.job))

@@ -132,9 +132,49 @@ def _normal_run(job, lens, instance, record, row, start, stop):  # type: ignore[
         out[3 * column + 2] = nz
 
 
+# What of a row's names is kept from one block to the next: the last two instances seen, since at an edge pixels go to
+# and fro between two; each its records' first and end, label and identity. Then a block's labels and identities.
+N_FIRST: Final = 0
+N_END: Final = 1
+N_LABEL: Final = 2
+N_IDENTITY: Final = 3
+N_OTHER: Final = 4
+N_INSTANCE: Final = 8
+N_COLUMNS: Final = 9
+_NOBODY: Final = (-1, 0, int(np.uint32(LABEL_NONE).astype(np.int32)), -1)
+
+
+@njit(nogil=True, error_model="numpy")
+def _mixed_names(job, ids, column, seen, block):  # type: ignore[no-untyped-def]
+    """Labels and identities of eight pixels, left in ``block``; ``seen`` is renewed."""
+    first_record = i64_at(job[J_FIRST_RECORD])
+    eight = vec.load(ids, column)
+    names = numbers = vec.i32(0)
+    missing = 255
+    while missing != 0:
+        record = np.int64(ids[column + vec.lowest_bit(missing)])
+        for k in range(N_OTHER):
+            seen[k], seen[N_OTHER + k] = seen[N_OTHER + k], seen[k]
+        if record < seen[N_FIRST] or record >= seen[N_END]:
+            if record < 0:
+                seen[N_FIRST], seen[N_END], seen[N_LABEL], seen[N_IDENTITY] = _NOBODY
+            else:
+                instance = _instance_of(first_record, job[J_ALL_INSTANCES], record, seen[N_INSTANCE])
+                seen[N_INSTANCE] = instance
+                seen[N_FIRST], seen[N_END] = first_record[instance], first_record[instance + 1]
+                seen[N_LABEL] = i32_at(job[J_ALL_LABELS])[instance]
+                seen[N_IDENTITY] = i32_at(job[J_ALL_IDS])[instance]
+        same = (eight >= vec.i32(seen[N_FIRST])) & (eight < vec.i32(seen[N_END]))
+        names = vec.select(same, vec.i32(seen[N_LABEL]), names)
+        numbers = vec.select(same, vec.i32(seen[N_IDENTITY]), numbers)
+        missing &= ~vec.bits(same)
+    vec.store(block, 0, names)
+    vec.store(block, vec.LANES, numbers)
+
+
 @njit(nogil=True, error_model="numpy")
 def _depth_row(inverse, ids, out, width):  # type: ignore[no-untyped-def]
-    """Depth of one row."""
+    """Depth of one row. Apart from its labels: stores that go on in one cache line are joined, others are not."""
     one, none, zero = vec.f32(1.0), vec.f32(np.inf), vec.i32(0)
     whole = width - width % vec.LANES
     for column in range(0, whole, vec.LANES):
@@ -145,50 +185,40 @@ def _depth_row(inverse, ids, out, width):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _named_row(job, ids, width, labels, identities, instance):  # type: ignore[no-untyped-def]
+def _named_row(job, ids, width, labels, identities, seen, block):  # type: ignore[no-untyped-def]
     """Label and instance of one row, eight pixels at once where they see one instance (or nothing).
 
     Args:
+        ids: pointer to the row's records, whole vectors of them.
         labels, identities: pointers to uint32 and int32; null: not wanted.
-        instance: the one seen last, a hint.
-
-    Returns:
-        The new hint.
+        seen: pointer to N_COLUMNS int64, as the row before left them. block: pointer to 2 x 8 int32 of scratch.
     """
-    first_record = i64_at(job[J_FIRST_RECORD])
-    instances = job[J_ALL_INSTANCES]
     want_labels, want_identities = job[J_LABEL] != 0, job[J_INSTANCE] != 0
-    column = 0
-    record = np.int64(-1)
-    from_record, to_record = np.int64(-1), np.int64(0)
-    label, identity = np.int32(LABEL_NONE), np.int32(-1)
-    while column < width:
-        if column + vec.LANES <= width:
-            eight = vec.load(ids, column)
-            if vec.bits((eight >= vec.i32(from_record)) & (eight < vec.i32(to_record))) == 255:
-                if want_labels:
-                    vec.store(labels, column, vec.i32(label))
-                if want_identities:
-                    vec.store(identities, column, vec.i32(identity))
-                column += vec.LANES
-                continue
-        for k in range(column, min(column + vec.LANES, width)):
-            record = np.int64(ids[k])
-            if record < from_record or record >= to_record:
-                if record < 0:
-                    from_record, to_record = np.int64(-1), np.int64(0)
-                    label, identity = np.int32(LABEL_NONE), np.int32(-1)
-                else:
-                    instance = _instance_of(first_record, instances, record, instance)
-                    from_record, to_record = first_record[instance], first_record[instance + 1]
-                    label = i32_at(job[J_ALL_LABELS])[instance]
-                    identity = i32_at(job[J_ALL_IDS])[instance]
+    first, end = vec.i32(seen[N_FIRST]), vec.i32(seen[N_END])
+    name, number = vec.i32(seen[N_LABEL]), vec.i32(seen[N_IDENTITY])
+    whole = width - width % vec.LANES
+    for column in range(0, whole, vec.LANES):
+        eight = vec.load(ids, column)
+        if vec.bits((eight >= first) & (eight < end)) == 255:
             if want_labels:
-                labels[k] = label
+                vec.store(labels, column, name)
             if want_identities:
-                identities[k] = identity
-        column += vec.LANES
-    return instance
+                vec.store(identities, column, number)
+        else:
+            _mixed_names(job, ids, column, seen, block)
+            if want_labels:
+                vec.store(labels, column, vec.load(block, 0))
+            if want_identities:
+                vec.store(identities, column, vec.load(block, vec.LANES))
+            first, end = vec.i32(seen[N_FIRST]), vec.i32(seen[N_END])
+            name, number = vec.i32(seen[N_LABEL]), vec.i32(seen[N_IDENTITY])
+    if whole < width:
+        _mixed_names(job, ids, whole, seen, block)
+        for k in range(width - whole):
+            if want_labels:
+                labels[whole + k] = block[k]
+            if want_identities:
+                identities[whole + k] = block[vec.LANES + k]
 
 
 @njit(nogil=True, error_model="numpy")
@@ -219,7 +249,10 @@ def _resolve_band(job, lens, band):  # type: ignore[no-untyped-def]
     last_row = min(first_row + BAND_ROWS, job[J_HEIGHT])
     width = job[J_WIDTH]
     stride = job[J_STRIDE]
-    named = named_again = 0
+    named = 0
+    own_seen = np.zeros(N_COLUMNS, np.int64)
+    own_block = np.empty(2 * vec.LANES, np.int32)
+    seen, block = i64_at(np.int64(own_seen.ctypes.data)), i32_at(np.int64(own_block.ctypes.data))
     for row in range(first_row, last_row):
         ids = i32_at(job[J_IDS] + 4 * row * stride)
         inverse = f32_at(job[J_INV_Z] + 4 * row * stride)
@@ -234,9 +267,10 @@ def _resolve_band(job, lens, band):  # type: ignore[no-untyped-def]
         if job[J_LABEL] != 0 or job[J_INSTANCE] != 0:
             labels = i32_at(job[J_LABEL] + 4 * row * width)
             identities = i32_at(job[J_INSTANCE] + 4 * row * width)
-            named = _named_row(job, ids, width, labels, identities, named)
+            _named_row(job, ids, width, labels, identities, seen, block)
         if job[J_NORMAL] != 0:
-            named_again = _normal_row(job, lens, ids, row, width, named_again)
+            named = _normal_row(job, lens, ids, row, width, named)
+    own_seen[0] = own_block[0] = 0  # the pointers above do not keep the arrays alive
 
 
 LAYER_GAP: Final = 528

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from renderers.alike import Alike
 from renderers.cpu.layout import (
     A_COLUMNS,
+    B_COLUMNS,
     MAX_POINT,
     T_COLUMNS,
     T_ELEMENT,
@@ -23,6 +24,7 @@ from renderers.cpu.layout import (
     T_TOPOLOGY,
     T_VERTEX,
 )
+from renderers.cpu.solid import solid
 from renderers.drawlist import DrawList, Instance, Mesh, Topology
 from renderers.pointers import address_of
 
@@ -30,6 +32,8 @@ MAX_RECORDS: Final = 2**31 - 1
 """Records are numbered in int32."""
 MAX_STRUCTURE_BYTES: Final = 64 << 20
 """Tables of scenes whose meshes are alive: half a million instances."""
+NOT_SOLID: Final = (0.0, 0.0, 0.0, -1.0, -1.0, -1.0)
+"""In place of a solid mesh's box."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,6 +44,8 @@ class PreparedMesh:
     """Vertices, elements, topology, address of positions, address of elements: what is transformed and set up."""
     attributes: tuple[int, int, int, int]
     """As A_TOPOLOGY and on: the mesh's own arrays."""
+    bounds: tuple[float, float, float, float, float, float] = NOT_SOLID
+    """As B_MIDDLE and on."""
     keep: tuple[NDArray[Any], ...] = ()
 
 
@@ -55,6 +61,8 @@ class Structure:
     """(I + 1,) int64."""
     sizes: NDArray[np.float64]
     """(I,) float64: point size or line width, pixels."""
+    bounds: NDArray[np.float64]
+    """(I, B_COLUMNS) float64."""
     keep: tuple[PreparedMesh, ...]
     """What the addresses point into, apart from the meshes themselves."""
 
@@ -75,6 +83,8 @@ class PreparedScene:
     """(I,) int32."""
     sizes: NDArray[np.float64]
     """(I,) float64: point size or line width, pixels."""
+    bounds: NDArray[np.float64]
+    """(I, B_COLUMNS) float64."""
     X_world_mesh: NDArray[np.float64]
     """(I, 4, 4) float64."""
     addresses: tuple[int, int, int, int]
@@ -112,21 +122,25 @@ def _prepare_mesh(mesh: Mesh) -> PreparedMesh:
         address_of(elements, np.uint32),
         address_of(normals, np.float32),
     )
-    if count <= max(64, elements.size):
-        row = (count, len(elements), int(topology), attributes[1], attributes[2])
-        return PreparedMesh(row, attributes)
-    # Many glTF primitives share one long vertex array: transform only what this one uses.
-    used, compact = np.unique(elements, return_inverse=True)
-    own_positions = np.ascontiguousarray(positions[used])
-    own_elements = np.ascontiguousarray(compact.reshape(elements.shape), dtype=np.uint32)
+    own_positions, own_elements = positions, elements
+    if count > max(64, elements.size):
+        # Many glTF primitives share one long vertex array: transform only what this one uses.
+        used, compact = np.unique(elements, return_inverse=True)
+        own_positions = np.ascontiguousarray(positions[used])
+        own_elements = np.ascontiguousarray(compact.reshape(elements.shape), dtype=np.uint32)
+    bounds = NOT_SOLID
+    if topology == Topology.TRIANGLES:
+        known = solid(own_positions, own_elements)
+        if known is not None:
+            bounds, own_positions = known
     row = (
-        len(used),
+        len(own_positions),
         len(elements),
         int(topology),
         address_of(own_positions, np.float32),
         address_of(own_elements, np.uint32),
     )
-    return PreparedMesh(row, attributes, (own_positions, own_elements))
+    return PreparedMesh(row, attributes, bounds, (own_positions, own_elements))
 
 
 def _prepared_mesh(mesh: Mesh) -> PreparedMesh:
@@ -170,6 +184,7 @@ def prepare(scene: DrawList) -> PreparedScene:
             address_of(structure.attributes, np.int64),
         ),
         sizes=structure.sizes,
+        bounds=structure.bounds,
         X_world_mesh=np.array([i.X_world_mesh for i in instances], dtype=np.float64).reshape(count, 4, 4),
         keep=(instances, structure),
     )
@@ -204,5 +219,6 @@ def _structure(instances: tuple[Instance, ...]) -> Structure:
         attributes=np.array([mesh.attributes for mesh in meshes], dtype=np.int64).reshape(count, A_COLUMNS),
         first_record=first_record,
         sizes=np.array([min(max(s, 1.0), MAX_POINT) if math.isfinite(s) else 1.0 for s in sizes], dtype=np.float64),
+        bounds=np.array([mesh.bounds for mesh in meshes], dtype=np.float64).reshape(count, B_COLUMNS),
         keep=tuple(by_mesh.values()),
     )

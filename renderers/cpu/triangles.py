@@ -45,6 +45,7 @@ from renderers.cpu.layout import (
     T_COLUMNS,
     T_CULL,
     T_ELEMENTS,
+    T_HIDDEN,
     T_RECORD,
     T_VERTEX,
     TINY,
@@ -140,7 +141,9 @@ def triangles(job, lens, drawn, element, lanes, late, record, spans, count, micr
     area = (gx1 - gx0) * (gy2 - gy0) - (gx2 - gx0) * (gy1 - gy0)
     small = small & (area != zero)
     # The sign alone: an area times -1 may not fit where the triangle is not a small one.
-    back = vec.select(area < zero, vec.i32(-1), vec.i32(1)) == vec.i32(table[row + T_CULL])
+    side = vec.select(area < zero, vec.i32(-1), vec.i32(1))
+    small = small & (side != vec.i32(table[row + T_HIDDEN]))
+    back = side == vec.i32(table[row + T_CULL])
     apart = job[J_LISTS] - job[J_BANDS]
     if apart == 0:
         small = small & ~back
