@@ -8,20 +8,27 @@ read back, in turn: VTK's physically based shading, VTK with 8 samples and llvmp
 against ours with the same number of samples. Each peer is a process of its own (``raster_peer.py``); PYTHON is an
 interpreter that has vtk, moderngl runs in this one. Figures are medians in ms, wall and CPU of all threads; ``ratio``
 is theirs over ours, wall/CPU.
+
+``--part stages``: where the CPU time of one thread goes in frames with several samples, every stage called by itself;
+the first quartile over the frames, ms.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import statistics
 import sys
 import tempfile
 import time
+from collections import defaultdict
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
@@ -29,7 +36,7 @@ from bench.gallery import checks, dents, sphere
 from bench.raster import SIZES, WARM, Process, scenes, view, write
 from bench.table import Row, at_least, show, skipped
 from renderers.camera import Camera
-from renderers.cpu import CpuRenderer, warmup
+from renderers.cpu import CpuRenderer, frame, renderer, sampled, warmup
 from renderers.drawlist import AlphaMode, DrawList, Instance, Light, LightKind, Material, Sampler, Texture
 from renderers.port import Look, Output
 from renderers.studio.rig import STUDIO, Rig
@@ -150,17 +157,60 @@ def frames(threads: int, python: str | None, count: int) -> list[Row]:
     return rows
 
 
+STAGES = {
+    "transform": frame,
+    "setup": frame,
+    "draw_samples": renderer,
+    "find_edges": renderer,
+    "shade_mixed": sampled,
+}
+"""Kernels of a frame with samples, and who calls them."""
+
+
+def stages(count: int) -> None:
+    """Prints where frames with several samples go."""
+    drawer = CpuRenderer(1)
+    print(f"{'one thread, ms CPU':30}" + "".join(f"{name:>14}" for name in (*STAGES, "whole")))
+    for name, scene in scenes().items():
+        for (width, height), samples in itertools.product(SIZES, (4, 8)):
+            look = Look("phong", samples=samples)  # type: ignore[arg-type]  # 4 and 8 are literals' values
+            times: dict[str, list[float]] = defaultdict(list)
+            for number in range(count + WARM):
+                spent: dict[str, float] = defaultdict(float)
+                with ExitStack() as patches:
+                    for stage, module in STAGES.items():
+                        call = partial(timed, getattr(module, stage), stage, spent)
+                        patches.enter_context(patch.object(module, stage, call))
+                    drawer.render(scene, view(width, height, number), Output.COLOR, look).close()
+                start = time.thread_time()
+                drawer.render(scene, view(width, height, number), Output.COLOR, look).close()
+                spent["whole"] = time.thread_time() - start
+                for stage, value in spent.items():
+                    times[stage].append(value)
+            cells = "".join(f"{1e3 * sorted(values[WARM:])[count // 4]:14.3f}" for values in times.values())
+            print(f"{f'{name}, {width}x{height}, {samples} samples':30}" + cells, flush=True)
+
+
+def timed(call: Callable[..., object], name: str, spent: dict[str, float], *arguments: int) -> None:
+    """Calls and adds the thread's CPU time, s."""
+    start = time.thread_time()
+    call(*arguments)
+    spent[name] += time.thread_time() - start
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--peers", help="a Python that has vtk")
     parser.add_argument("--threads", type=int, default=2, help="ours; llvmpipe takes what LP_NUM_THREADS says, or all")
     parser.add_argument("--frames", type=int, default=FRAMES)
-    parser.add_argument("--part", choices=("features", "frames"), help="only this one")
+    parser.add_argument("--part", choices=("features", "frames", "stages"), help="only this one")
     options = parser.parse_args()
     warmup()
-    if options.part != "frames":
+    if options.part == "stages":
+        stages(options.frames)
+    if options.part in (None, "features"):
         features()
-    if options.part != "features":
+    if options.part in (None, "frames"):
         show(frames(options.threads, options.peers, options.frames))
 
 

@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 from renderers.jit import kernel
 from renderers.pointers import address_of, f32_at, u8_at
 
-_HARD_CONTRAST: Final = np.float32(255.0 / 16.0)
+HARD_CONTRAST: Final = np.float32(255.0 / 16.0)
 """Luma range (of 255) of a pixel and its four neighbours below which nothing is done ..."""
-_RELATIVE_CONTRAST: Final = np.float32(1.0 / 8.0)
+RELATIVE_CONTRAST: Final = np.float32(1.0 / 8.0)
 """... or below this part of the brightest of them."""
-_SUBPIXEL_CONTRAST: Final = np.float32(1.0 / 4.0)
+SUBPIXEL_CONTRAST: Final = np.float32(1.0 / 4.0)
 """A pixel that differs from its neighbours' mean by less than this part of their range is no lone spot."""
-_SUBPIXEL_BLEND: Final = np.float32(3.0 / 4.0)
+SUBPIXEL_BLEND: Final = np.float32(3.0 / 4.0)
 """How much of a lone spot its surroundings replace at most."""
-_SEARCH: Final = 12
+SEARCH: Final = 12
 """Pixels along an edge, either way, in which its ends are looked for."""
 
 
@@ -75,7 +75,7 @@ def _smooth(source, luma, source_at, luma_at, out_at):  # type: ignore[no-untype
                 c, n, s, w, e = luma[y, x], luma[north, x], luma[south, x], luma[y, west], luma[y, east]
                 brightest = max(max(max(n, s), max(w, e)), c)
                 contrast = brightest - min(min(min(n, s), min(w, e)), c)
-                if contrast >= max(_HARD_CONTRAST, _RELATIVE_CONTRAST * brightest):
+                if contrast >= max(HARD_CONTRAST, RELATIVE_CONTRAST * brightest):
                     _smooth_pixel(pixels, levels, out, x, y, width, height, contrast)
 
 
@@ -89,7 +89,7 @@ def _find_edges(row, north, south, hot):  # type: ignore[no-untyped-def]
         c, n, s, w, e = cs[x], ns[x], ss[x], ws[x], es[x]
         brightest = max(max(max(n, s), max(w, e)), c)
         contrast = brightest - min(min(min(n, s), min(w, e)), c)
-        hots[x] = np.uint8(contrast >= max(_HARD_CONTRAST, _RELATIVE_CONTRAST * brightest))
+        hots[x] = np.uint8(contrast >= max(HARD_CONTRAST, RELATIVE_CONTRAST * brightest))
 
 
 @njit(nogil=True, error_model="numpy")
@@ -129,8 +129,8 @@ def _smooth_pixel(pixels, luma, out, x, y, width, height, contrast):  # type: ig
         shift = np.float32(0.5) - np.float32(min(back, ahead)) / np.float32(back + ahead)
     # A lone spot is blended with its surroundings.
     mean = np.float32(0.25) * (n + s + w + e)
-    spot = abs(mean - c) / contrast - _SUBPIXEL_CONTRAST
-    blend = min(_SUBPIXEL_BLEND, max(np.float32(0.0), spot / (np.float32(1.0) - _SUBPIXEL_CONTRAST)))
+    spot = abs(mean - c) / contrast - SUBPIXEL_CONTRAST
+    blend = min(SUBPIXEL_BLEND, max(np.float32(0.0), spot / (np.float32(1.0) - SUBPIXEL_CONTRAST)))
     for k in range(3):
         center = np.float32(pixels[3 * (here + x) + k])
         edge = center + shift * (np.float32(pixels[3 * beyond + k]) - center)
@@ -156,7 +156,7 @@ def _edge_end(luma, own, other, step, left, c, over):  # type: ignore[no-untyped
     Beyond the picture's border, ``left`` pixels away, its last pixel goes on.
     """
     distance, here = 1, c
-    for _ in range(_SEARCH):
+    for _ in range(SEARCH):
         at = min(distance, left) * step
         here, there = luma[own + at], luma[other + at]
         if abs(there - over) > abs(there - c) or abs(here - c) > abs(here - over):

@@ -8,6 +8,7 @@ a camera whose principal point is moved.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from typing import Final, Literal
 
 import numpy as np
@@ -26,8 +27,8 @@ _SIXTEENTHS: Final[dict[int, tuple[tuple[int, int], ...]]] = {
 
 
 # A band's working memory, int64 addresses. Rows are the band's own, J_STRIDE or E_ROOM values apart.
-E_SAMPLE_IDS: Final = 0  # (BAND_ROWS, J_STRIDE, samples) int32
-E_SAMPLE_INV_Z: Final = 1  # (BAND_ROWS, J_STRIDE, samples) float32
+E_SAMPLE_IDS: Final = 0  # (slots, 8) int32
+E_SAMPLE_INV_Z: Final = 1  # (slots, 8) float32
 E_IDS: Final = 2  # (BAND_ROWS, J_STRIDE) int32: the record that is shaded for the pixel, -1: none
 E_ROOM: Final = 3  # entries that a row has room for
 E_COUNTS: Final = 4  # (BAND_ROWS,) int32: entries of each row
@@ -37,7 +38,10 @@ E_WEIGHTS: Final = 7  # (BAND_ROWS, E_ROOM) uint8: samples that see them, of 8
 E_MIXED: Final = 8  # (BAND_ROWS,) int32: pixels of each row that are mixed
 E_MIXES: Final = 9  # (BAND_ROWS, J_STRIDE) int32: column << 8 | samples of the pixel's own record << 4 | of nothing
 E_COLORS: Final = 10  # (BAND_ROWS, E_ROOM, 3) uint8: for whoever shades the entries
-E_COLUMNS: Final = 11
+E_FAR: Final = 11  # (BAND_ROWS, J_STRIDE) float32
+E_NEAR: Final = 12
+E_SLOTS: Final = 13  # (BAND_ROWS, J_STRIDE) int32
+E_COLUMNS: Final = 14
 
 
 def sample_cameras(camera: Camera, samples: int) -> tuple[Camera, ...]:
@@ -55,14 +59,18 @@ def sample_cameras(camera: Camera, samples: int) -> tuple[Camera, ...]:
 
 
 def sample_offsets(samples: int) -> NDArray[np.int32]:
-    """(2, 8) int32: the samples' offsets from the pixel's centre across and down, 1/256 pixel; after four come those of
-    the pixel to the right.
+    """(2, 8) int32: the samples' offsets from the pixel's centre across and down, 1/256 pixel; four come twice.
 
     Raises:
         ValueError: ``samples`` is not 4 or 8.
     """
     if samples not in (4, 8):
         raise ValueError(f"samples must be 4 or 8, not {samples}")
-    offsets = 16 * np.array(_SIXTEENTHS[samples] * (8 // samples), np.int32)
-    offsets[samples:, 0] += 256
-    return np.ascontiguousarray(offsets.T)
+    return np.ascontiguousarray(16 * np.array(_SIXTEENTHS[samples] * (8 // samples), np.int32).T)
+
+
+@cache
+def lanes_of_masks() -> NDArray[np.int32]:
+    """(256, 8) int32: the bits that are set in each mask of eight, the lowest first; 0 behind them."""
+    masks, bits = np.arange(256)[:, None], np.arange(8)
+    return np.ascontiguousarray(np.sort(np.where(masks >> bits & 1, bits, 8), axis=1) % 8, np.int32)

@@ -20,42 +20,56 @@ from renderers.cpu.layout import (
     J_ALL_INSTANCES,
     J_ALL_MESHES,
     J_COLUMNS,
+    J_FAR,
     J_FIRST_RECORD,
     J_HEIGHT,
-    J_PAIRED,
+    J_IDS,
+    J_LANES,
+    J_NEAR,
+    J_RECORDS,
     J_SAMPLE_IDS,
     J_SAMPLE_INV_Z,
+    J_SLOTS,
     J_STRIDE,
     J_WIDTH,
+    R_ID,
+    RECORD_BYTES,
 )
-from renderers.cpu.multisample import raster_samples
+from renderers.cpu.multisample import MIXED, raster_samples
 from renderers.cpu.visibility import BAND_ROWS
 from renderers.jit import kernel
+from renderers.native import call_kernel
 from renderers.pointers import f64_at, i32_at, i64_at, u8_at, u32_at
 from renderers.samples import (
     E_COLORS,
     E_COUNTS,
+    E_FAR,
     E_IDS,
     E_MIXED,
     E_MIXES,
+    E_NEAR,
     E_PLACES,
     E_RECORDS,
     E_ROOM,
     E_SAMPLE_IDS,
     E_SAMPLE_INV_Z,
+    E_SLOTS,
     E_WEIGHTS,
+)
+from renderers.shading.layout import (
+    S_BACKGROUND,
+    S_COLOR,
+    S_COLUMNS,
+    S_COUNTS,
+    S_PLACES,
+    S_STRIDE,
+    S_WIDTH,
 )
 
 _REACH: Final = 32
 """Places that an entry moves to lie beside those of its own instance: rows are nearly sorted, and never take long."""
-
-
-@njit(nogil=True, error_model="numpy")
-def _ones(bits):  # type: ignore[no-untyped-def]
-    """How many of eight bits are set."""
-    bits = bits - ((bits >> 1) & 0x55)
-    bits = (bits & 0x33) + ((bits >> 2) & 0x33)
-    return (bits + (bits >> 4)) & 0x0F
+_LAST: Final = 2**31 - 1
+"""More than any record."""
 
 
 @njit(nogil=True, error_model="numpy")
@@ -86,102 +100,229 @@ def _joined(job, a, b, known):  # type: ignore[no-untyped-def]
         _ask_for(job, a, known)
     if b < known[0] or b >= known[1] or known[2] == 0:
         return False
-    p, q = u32_at(known[2] + 12 * (a - known[0])), u32_at(known[2] + 12 * (b - known[0]))
-    shared = 0
-    for i in range(3):
-        shared += (p[i] == q[0]) | (p[i] == q[1]) | (p[i] == q[2])
-    return shared >= 2
+    # Triangles that are drawn have three corners: which of two is asked about the other's does not matter.
+    low, high = min(a, b) - known[0], max(a, b) - known[0]
+    p, q = u32_at(known[2] + 12 * low), u32_at(known[2] + 12 * high)
+    if high < 2:
+        shared = 0
+        for i in range(3):
+            shared += (p[i] == q[0]) | (p[i] == q[1]) | (p[i] == q[2])
+        return shared >= 2
+    corners = vec.load(q, -5)  # and the five before them
+    met = (corners == vec.i32(p[0])) | (corners == vec.i32(p[1])) | (corners == vec.i32(p[2]))
+    return vec.count_bits(vec.bits(met) >> 5) >= 2
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _add(records, marks, count, record, place, weight):  # type: ignore[no-untyped-def]
+    """One more entry of a row, among the last ones in the order of records; returns how many there are then.
+
+    Args:
+        records: pointer to int32; _REACH values before the first are less than any record.
+        marks: pointer to int32, column and weight of each.
+    """
+    end = count
+    records[end] = _LAST
+    new, mark = vec.i32(record), vec.i32((place << 8) | weight)
+    for _ in range(_REACH // vec.LANES):
+        old, before = vec.load(records, end - 7), vec.load(records, end - 8)
+        old_marks, marks_before = vec.load(marks, end - 7), vec.load(marks, end - 8)
+        moves, stays = before > new, old <= new
+        vec.store(records, end - 7, vec.select(moves, before, vec.select(stays, old, new)))
+        vec.store(marks, end - 7, vec.select(moves, marks_before, vec.select(stays, old_marks, mark)))
+        end -= vec.LANES
+        if records[end] <= record:
+            return count + 1
+    records[end], marks[end] = record, (place << 8) | weight
+    return count + 1
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _two(a, own, b, rest):  # type: ignore[no-untyped-def]
+    """The one of two records with more samples, the first of equals, and its samples; then the other's."""
+    if own >= rest:
+        return a, own, b, rest
+    return b, rest, a, own
 
 
 @njit(nogil=True, error_model="numpy")
-def _add(records, places, weights, count, record, place, weight):  # type: ignore[no-untyped-def]
-    """One more entry of a row, among the last ones in the order of records."""
-    at = count
-    least = max(count - _REACH, 0)
-    while at > least and records[at - 1] > record:
-        records[at], places[at], weights[at] = records[at - 1], places[at - 1], weights[at - 1]
-        at -= 1
-    records[at], places[at], weights[at] = record, place, weight
+def _three(job, x, a, n, b, m, c, o, records, marks, count, known):  # type: ignore[no-untyped-def]
+    """``_several`` for three records ``a``, ``b`` and ``c`` with ``n``, ``m`` and ``o`` samples; one may be -1."""
+    if a < 0 or b < 0 or c < 0:
+        nothing = n
+        if a < 0:
+            a, n, b, m = b, m, c, o
+        elif b < 0:
+            nothing = m
+            b, m = c, o
+        else:
+            nothing = o
+        shown, own, other, rest = _two(a, n, b, m)
+        if _joined(job, a, b, known):
+            return shown, own + rest, nothing, count
+        return shown, own, nothing, _add(records, marks, count, other, x, rest)
+    with_b, with_c = _joined(job, a, b, known), _joined(job, a, c, known)
+    b_with_c = _joined(job, b, c, known)
+    if with_b and (with_c or b_with_c):
+        shown, own, _, _ = _two(a, n, b, m)
+        shown, own, _, _ = _two(shown, own, c, o)
+        return shown, np.int64(vec.LANES), np.int64(0), count
+    if with_b or with_c or b_with_c:
+        if with_b:
+            first, _, _, _ = _two(a, n, b, m)
+            n, second, m = n + m, c, o
+        elif with_c:
+            first, _, _, _ = _two(a, n, c, o)
+            n, second = n + o, b
+        else:
+            first = a
+            second, _, _, _ = _two(b, m, c, o)
+            m += o
+        shown, own, other, rest = _two(first, n, second, m)
+        return shown, own, np.int64(0), _add(records, marks, count, other, x, rest)
+    shown, own, first, n = _two(a, n, b, m)
+    shown, own, second, o = _two(shown, own, c, o)
+    count = _add(records, marks, count, first, x, n)
+    return shown, own, np.int64(0), _add(records, marks, count, second, x, o)
 
 
 @njit(nogil=True, error_model="numpy")
-def _sort_out(job, edges, band, scratch, known):  # type: ignore[no-untyped-def]
+def _several(job, seen, x, records, marks, count, scratch, known):  # type: ignore[no-untyped-def]
+    """A pixel whose samples see any number of records.
+
+    Args:
+        seen: i32x8. records, marks, count: see ``_add``. scratch: pointer to 40 int32. known: see ``_joined``.
+
+    Returns:
+        The record that is shaded for the pixel, the samples it has, those that see nothing, and the new ``count``.
+    """
+    vec.store(scratch, 32, seen)
+    # Each record once: scratch has its number, its samples, the group it is in, and the group's samples.
+    remaining, found, nothing = np.int64(255), 0, np.int64(0)
+    while remaining != 0:
+        record = np.int64(scratch[32 + vec.lowest_bit(remaining)])
+        same = vec.bits(seen == vec.i32(record))
+        remaining &= ~same
+        number = vec.count_bits(same)
+        if record < 0:
+            nothing = number
+            continue
+        group = np.int64(found)
+        for k in range(found):
+            if _joined(job, np.int64(scratch[k]), record, known):
+                group = np.int64(scratch[16 + k])
+                break
+        scratch[found], scratch[8 + found], scratch[16 + found] = record, number, group
+        scratch[24 + found] = 0
+        scratch[24 + group] += number
+        found += 1
+    best = 0
+    for k in range(1, found):
+        if scratch[24 + k] > scratch[24 + best]:
+            best = k
+    shown = np.int64(scratch[best])
+    for each in range(found):
+        if scratch[16 + each] != each:
+            continue
+        largest = each
+        for k in range(each + 1, found):
+            if scratch[16 + k] == each and scratch[8 + k] > scratch[8 + largest]:
+                largest = k
+        if each == best:
+            shown = np.int64(scratch[largest])
+        else:
+            count = _add(records, marks, count, scratch[largest], x, scratch[24 + each])
+    return shown, np.int64(scratch[24 + best]), nothing, count
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _named(records, ids, at):  # type: ignore[no-untyped-def]
+    """Replace the places of eight pixels' records by their numbers; a mask of those whose samples have their own.
+
+    Args:
+        records: pointer to all records, int32. ids: pointer to the places, from ``at`` on.
+    """
+    places = vec.load(ids, at)
+    values = RECORD_BYTES // 4
+    for k in range(vec.LANES):
+        owner = np.int64(ids[at + k])
+        number = records[max(owner, 0) * values + R_ID]  # type: ignore[operator]
+        ids[at + k] = number if owner >= 0 else owner
+    return vec.bits(places == vec.i32(MIXED))
+
+
+@njit(nogil=True, error_model="numpy")
+def _sort_out(job, edges, band, columns, found, marks, scratch, known):  # type: ignore[no-untyped-def]
     """Fill E_IDS and the lists of the band's rows.
 
     Args:
-        scratch: pointer to 32 int32. known: see ``_joined``.
+        columns: pointer to J_STRIDE + 8 int32. found, marks: ``_add``'s, with room for E_ROOM entries.
+        scratch: pointer to 40 int32. known: see ``_joined``.
     """
     stride, width, room = job[J_STRIDE], job[J_WIDTH], edges[E_ROOM]
-    paired = job[J_PAIRED]
-    number_of_samples = vec.LANES >> paired
-    everybody = np.int64(255) if paired == 0 else np.int64(15)
+    lanes, samples = i32_at(job[J_LANES]), i32_at(edges[E_SAMPLE_IDS])
+    records_at = i32_at(job[J_RECORDS])
     for row in range(min(BAND_ROWS, job[J_HEIGHT] - band * BAND_ROWS)):
-        samples = i32_at(edges[E_SAMPLE_IDS] + 4 * number_of_samples * row * stride)
+        slots = i32_at(edges[E_SLOTS] + 4 * row * stride)
         ids = i32_at(edges[E_IDS] + 4 * row * stride)
         records = i32_at(edges[E_RECORDS] + 4 * row * room)
         places = i32_at(edges[E_PLACES] + 4 * row * room)
         weights = u8_at(edges[E_WEIGHTS] + row * room)
         mixes = i32_at(edges[E_MIXES] + 4 * row * stride)
-        count = mixed = 0
-        for x in range(width):
-            at = number_of_samples * x
-            seen = vec.load(samples, at)  # of four samples, the next pixel's, too
-            same = vec.bits(seen == vec.spread0(seen)) & everybody
-            if same == everybody:
-                ids[x] = samples[at]
+        count, mixed, several = np.int64(0), np.int64(0), np.int64(0)
+        for column in range(0, width, vec.LANES):
+            pending = _named(records_at, ids, column)
+            vec.store(columns, several, vec.load(lanes, vec.LANES * pending) + vec.i32(column))
+            several += vec.count_bits(pending)
+        while several > 0 and columns[several - 1] >= width:
+            several -= 1
+        for k in range(several):
+            x = np.int64(columns[k])
+            at = vec.LANES * np.int64(slots[x])
+            seen = vec.load(samples, at)
+            same = vec.bits(seen == vec.spread0(seen))
+            one = np.int64(samples[at])
+            if same == 255:
+                ids[x] = one
                 continue
-            # Most often, two triangles of a smooth surface meet.
-            one, other = np.int64(samples[at]), np.int64(samples[at + vec.lowest_bit(everybody & ~same)])
-            others = vec.bits(seen == vec.i32(other)) & everybody
-            if same | others == everybody and one >= 0 and other >= 0 and _joined(job, one, other, known):
-                ids[x] = one if _ones(same) >= _ones(others) else other
-                continue
-            # Each record once: scratch has its number, its samples, the group it is in, and the group's samples.
-            remaining, found, nothing = everybody, 0, 0
-            while remaining != 0:
-                record = samples[at + vec.lowest_bit(remaining)]
-                same = vec.bits(seen == vec.i32(np.int64(record))) & everybody
-                remaining &= ~same
-                number = _ones(same) << paired
-                if record < 0:
-                    nothing = number
-                    continue
-                group = np.int64(found)
-                for k in range(found):
-                    if _joined(job, np.int64(scratch[k]), np.int64(record), known):
-                        group = np.int64(scratch[16 + k])
-                        break
-                scratch[found], scratch[8 + found], scratch[16 + found] = record, number, group
-                scratch[24 + found] = 0
-                scratch[24 + group] += number
-                found += 1
-            best = 0
-            for k in range(1, found):
-                if scratch[24 + k] > scratch[24 + best]:
-                    best = k
-            own = np.int64(scratch[24 + best])
-            for each in range(found):
-                if scratch[16 + each] != each:
-                    continue
-                largest = each
-                for k in range(each + 1, found):
-                    if scratch[16 + k] == each and scratch[8 + k] > scratch[8 + largest]:
-                        largest = k
-                if each == best:
-                    ids[x] = scratch[largest]
+            other = np.int64(samples[at + vec.lowest_bit(~same)])
+            others = vec.bits(seen == vec.i32(other))
+            own, rest = vec.count_bits(same), vec.count_bits(others)
+            nothing = np.int64(0)
+            left = 255 & ~(same | others)
+            if left == 0:  # most often, two triangles of a smooth surface
+                if one >= 0 and other >= 0:
+                    shown, own, other, rest = _two(one, own, other, rest)
+                    if _joined(job, shown, other, known):
+                        ids[x] = shown
+                        continue
+                    count = _add(found, marks, count, other, x, rest)
                 else:
-                    _add(records, places, weights, count, scratch[largest], x, scratch[24 + each])
-                    count += 1
-            if own < vec.LANES:
-                mixes[mixed] = (x << 8) | (own << 4) | nothing
-                mixed += 1
+                    shown = max(one, other)
+                    own, nothing = (own, rest) if one >= 0 else (rest, own)
+            else:
+                third = np.int64(samples[at + vec.lowest_bit(left)])
+                thirds = vec.bits(seen == vec.i32(third))
+                if left == thirds:
+                    more = vec.count_bits(thirds)
+                    shown, own, nothing, count = _three(
+                        job, x, one, own, other, rest, third, more, found, marks, count, known
+                    )
+                else:
+                    shown, own, nothing, count = _several(job, seen, x, found, marks, count, scratch, known)
+            ids[x] = shown
+            mixes[mixed] = (x << 8) | (own << 4) | nothing
+            mixed += own < vec.LANES
+        for k in range(count):
+            mark = marks[k]
+            records[k], places[k], weights[k] = found[k], mark >> 8, mark & 255
         i32_at(edges[E_COUNTS])[row] = count
         i32_at(edges[E_MIXED])[row] = mixed
 
 
 @kernel("void(int64, int64, int64, int64)")
 def draw_samples(job_at, lens_at, band, edges_at):  # type: ignore[no-untyped-def]
-    """Raster a band of the picture with eight samples a pixel and find out what is to be shaded.
+    """Raster the samples of a band of the picture.
 
     Args:
         job_at, lens_at: as for ``resolve.draw_band``. edges_at: address of E_COLUMNS int64.
@@ -191,28 +332,41 @@ def draw_samples(job_at, lens_at, band, edges_at):  # type: ignore[no-untyped-de
     for k in range(J_COLUMNS):
         own_job[k] = job[k]
     # Kernels count pixels from the picture's first row.
-    before = 4 * (vec.LANES >> job[J_PAIRED]) * band * BAND_ROWS * job[J_STRIDE]
-    own_job[J_SAMPLE_IDS] = edges[E_SAMPLE_IDS] - before
-    own_job[J_SAMPLE_INV_Z] = edges[E_SAMPLE_INV_Z] - before
-    job = i64_at(np.int64(own_job.ctypes.data))
-    raster_samples(job, f64_at(lens_at), band)
-    own_scratch = np.empty(32, np.int32)
+    before = 4 * band * BAND_ROWS * job[J_STRIDE]
+    own_job[J_SAMPLE_IDS], own_job[J_SAMPLE_INV_Z] = edges[E_SAMPLE_IDS], edges[E_SAMPLE_INV_Z]
+    own_job[J_IDS], own_job[J_SLOTS] = edges[E_IDS] - before, edges[E_SLOTS] - before
+    own_job[J_FAR], own_job[J_NEAR] = edges[E_FAR] - before, edges[E_NEAR] - before
+    raster_samples(i64_at(np.int64(own_job.ctypes.data)), f64_at(lens_at), band)
+    own_job[0] = 0  # the pointer above does not keep the array alive
+
+
+@kernel("void(int64, int64, int64)")
+def find_edges(job_at, band, edges_at):  # type: ignore[no-untyped-def]
+    """Find out what is to be shaded in a band that ``draw_samples`` has drawn; arguments as there."""
+    job, edges = i64_at(job_at), i64_at(edges_at)
+    columns = 40
+    found = columns + job[J_STRIDE] + vec.LANES + _REACH
+    room = edges[E_ROOM] + _REACH + vec.LANES
+    own_scratch = np.empty(found + 2 * room, np.int32)
+    for k in range(found - _REACH, found):
+        own_scratch[k] = -1
     own_known = np.zeros(3, np.int64)
-    _sort_out(job, edges, band, i32_at(np.int64(own_scratch.ctypes.data)), i64_at(np.int64(own_known.ctypes.data)))
-    own_job[0] = own_scratch[0] = own_known[0] = 0  # the pointers above do not keep the arrays alive
+    scratch, known = np.int64(own_scratch.ctypes.data), i64_at(np.int64(own_known.ctypes.data))
+    entries, marks = i32_at(scratch + 4 * found), i32_at(scratch + 4 * (found + room))
+    _sort_out(job, edges, band, i32_at(scratch + 4 * columns), entries, marks, i32_at(scratch), known)
+    own_scratch[0] = own_known[0] = 0  # the pointers above do not keep the arrays alive
 
 
-@kernel("void(int64, int64, int64, int64, int64, int64, int64)")
-def mix_edges(edges_at, stride, width, row_begin, row_end, background, picture_at):  # type: ignore[no-untyped-def]
-    """Mix the band's pixels at edges as they are shown, as VTK mixes them.
+@njit(nogil=True, error_model="numpy")
+def _mix(edges, stride, width, row_begin, row_end, background, picture_at, pitch):  # type: ignore[no-untyped-def]
+    """Mix the band's pixels at edges.
 
     Args:
-        edges_at: address of E_COLUMNS int64, E_COLORS filled. stride: J_STRIDE.
+        edges: pointer to E_COLUMNS int64, E_COLORS filled; its rows are ``pitch`` colours long. stride: J_STRIDE.
         row_begin, row_end: the band's rows of the picture.
         background: red, green, blue, lowest byte first.
         picture_at: address of (H, W, 3) uint8, which has the colours of E_IDS.
     """
-    edges = i64_at(edges_at)
     room = edges[E_ROOM]
     own_sums = np.empty(3 * width, np.int32)
     sums = i32_at(np.int64(own_sums.ctypes.data))
@@ -228,7 +382,7 @@ def mix_edges(edges_at, stride, width, row_begin, row_end, background, picture_a
                 sums[3 * x + c] = own * picture[3 * x + c] + nothing * ((background >> (8 * c)) & 255)
         places = i32_at(edges[E_PLACES] + 4 * row * room)
         weights = u8_at(edges[E_WEIGHTS] + row * room)
-        colors = u8_at(edges[E_COLORS] + 3 * row * room)
+        colors = u8_at(edges[E_COLORS] + 3 * row * pitch)
         for k in range(i32_at(edges[E_COUNTS])[row]):
             x, weight = np.int64(places[k]), np.int64(weights[k])
             for c in range(3):
@@ -238,3 +392,33 @@ def mix_edges(edges_at, stride, width, row_begin, row_end, background, picture_a
             for c in range(3):
                 picture[3 * x + c] = (sums[3 * x + c] + vec.LANES // 2) // vec.LANES
     own_sums[0] = 0  # the pointer above does not keep the array alive
+
+
+@kernel("void(int64, int64, int64, int64, int64, int64)")
+def shade_mixed(shade_at, job_at, edges_at, stride, row_begin, row_end):  # type: ignore[no-untyped-def]
+    """Shade a band's pixels and its entries, and mix those at edges as they are shown, as VTK mixes them.
+
+    Args:
+        shade_at: address of ``renderers.shading.kernels.shade_rows``. job_at: address of a ``Painter``'s job, of the
+            mode ``DIRECT``.
+        edges_at: address of E_COLUMNS int64. stride: J_STRIDE.
+        row_begin, row_end: the band's rows of the picture.
+    """
+    job, edges = i64_at(job_at), i64_at(edges_at)
+    call_kernel(shade_at, (job_at, edges[E_IDS] - 4 * row_begin * stride, row_begin, row_end))
+    counts, room = i32_at(edges[E_COUNTS]), edges[E_ROOM]
+    most = np.int64(0)
+    for row in range(row_end - row_begin):
+        most = max(most, np.int64(counts[row]))
+    if most > 0:
+        own_job = np.empty(S_COLUMNS, np.int64)
+        for k in range(S_COLUMNS):
+            own_job[k] = job[k]
+        # Kernels count from the picture's first row.
+        before = 4 * row_begin * room
+        own_job[S_WIDTH], own_job[S_STRIDE] = most, room
+        own_job[S_PLACES], own_job[S_COUNTS] = edges[E_PLACES] - before, edges[E_COUNTS] - 4 * row_begin
+        own_job[S_COLOR] = edges[E_COLORS] - 3 * row_begin * most
+        call_kernel(shade_at, (np.int64(own_job.ctypes.data), edges[E_RECORDS] - before, row_begin, row_end))
+        own_job[0] = 0  # the address above does not keep the array alive
+    _mix(edges, stride, job[S_WIDTH], row_begin, row_end, job[S_BACKGROUND], job[S_COLOR], most)

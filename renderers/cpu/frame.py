@@ -23,7 +23,7 @@ from renderers.cpu.work import work
 from renderers.native import YIELD_ADDRESS, kernel_address
 from renderers.pointers import address_of
 from renderers.port import Frame
-from renderers.samples import sample_offsets
+from renderers.samples import lanes_of_masks, sample_offsets
 from renderers.shading.kernels import shade_rows
 from renderers.simd import LANES
 
@@ -123,9 +123,9 @@ class FrameJob:
         self._keep: list[object] = [prepared, table, lengths]
         if samples > 1:
             offsets = sample_offsets(samples)
-            job[at.J_MARGIN] = np.abs(offsets[:, :4]).max() if samples == 4 else np.abs(offsets).max()
-            job[at.J_PAIRED] = samples == 4
+            job[at.J_MARGIN] = np.abs(offsets).max()
             job[at.J_SAMPLES] = address_of(offsets, np.int32)
+            job[at.J_LANES] = address_of(lanes_of_masks(), np.int32)
             self._keep.append(offsets)
 
     def layers(

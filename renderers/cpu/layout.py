@@ -60,15 +60,18 @@ J_STRIDE: Final = 32  # width rounded up to whole vectors
 J_MICRO: Final = 33  # (chunks, MICRO_PER_ELEMENT * CHUNK, 4) int32: pixel, bits of the float32 1/z, record number, list
 J_LISTS: Final = 34  # bands; twice as many where back faces are kept apart: theirs follow
 J_MARGIN: Final = 35  # grid units from a pixel's centre to its outermost sample, each way; 0: one sample
-J_SAMPLES: Final = 36  # (2, 8) int32: offsets of a vector's samples across and down, grid units
-J_SAMPLE_IDS: Final = 37  # (height, stride, samples) int32, float32: what each sample sees
+J_SAMPLES: Final = 36  # (2, 8) int32: offsets of a pixel's samples across and down, grid units
+J_SAMPLE_IDS: Final = 37  # (slots, 8) int32, float32: what each sample sees
 J_SAMPLE_INV_Z: Final = 38
 J_RANGES: Final = 39
 J_SETUP: Final = 40  # addresses: the kernel that sets up what was put off, this job, the lens
 J_SELF: Final = 41
 J_LENS: Final = 42
-J_PAIRED: Final = 43  # 1: a vector holds two neighbours' four samples each, 0: eight of one pixel
-J_COLUMNS: Final = 44
+J_FAR: Final = 43  # (height, stride) float32: bounds of the 1/z of a pixel's samples
+J_NEAR: Final = 44
+J_LANES: Final = 45  # (256, 8) int32: the lanes of each mask, the lowest first
+J_SLOTS: Final = 46  # (height, stride) int32: which slot of the samples a pixel has, -1: none
+J_COLUMNS: Final = 47
 
 # The lens: float64 values.
 L_FX: Final = 0

@@ -1,12 +1,19 @@
-"""Records to samples: as ``raster``, for the eight samples of a pixel at once.
+"""Records to samples: as ``raster``, for the samples of a pixel at once.
 
 A triangle is set up once. Its edges and its 1/z are linear, so that what they are at a sample is what they are at the
-pixel's centre plus an offset that is the same in all pixels. A pixel's samples lie side by side, one to a lane: a small
-triangle, which fills few pixels of a vector along a row, fills all its lanes along the samples. Of four samples, those
-of an even column and of the next one share a vector; what is said of the pixel is said of the first one then.
+pixel's centre plus an offset that is the same in all pixels; what they are at least and at most in a pixel is what they
+are at its centre plus the least and the greatest of these offsets.
+
+Most pixels see one record with all their samples. Of those only the record's place is kept, and bounds of 1/z: eight
+pixels at a time, a triangle that covers all samples and lies in front of all that was there takes the whole pixel, and
+one that lies behind it is passed over. What is left are edges of triangles and surfaces that meet: there every sample
+has its record and its 1/z, side by side, one to a lane. Bounds may be wider than what they bound: they decide only
+what costs more to find out, never what is seen. Four samples take eight lanes, too, each of them two.
 """
 
 from __future__ import annotations
+
+from typing import Final
 
 import numpy as np
 from numba import njit
@@ -19,14 +26,19 @@ from renderers.cpu.layout import (
     HALF,
     J_BANDS,
     J_CHUNKS,
+    J_FAR,
     J_HEIGHT,
+    J_IDS,
+    J_LANES,
     J_MARGIN,
+    J_NEAR,
     J_OFFSETS,
-    J_PAIRED,
+    J_RANGES,
     J_RECORDS,
     J_SAMPLE_IDS,
     J_SAMPLE_INV_Z,
     J_SAMPLES,
+    J_SLOTS,
     J_SMALL,
     J_STRIDE,
     J_TABLE,
@@ -56,23 +68,24 @@ from renderers.cpu.layout import (
     S_RIGHT,
     S_SIZE,
     SMALL_BANDS,
+    SMALL_HEIGHT,
+    SMALL_WIDTH,
     SUBPIXEL,
     T_COLUMNS,
     T_RECORD,
 )
+from renderers.cpu.raster import next_record
 from renderers.cpu.visibility import BAND_ROWS
-from renderers.pointers import f32_at, f64_at, i32_at, i64_at, u16_at
+from renderers.pointers import as_f32, as_i32, f32_at, f64_at, i32_at, i64_at, u16_at
 
-_FAR_AWAY = 1 << 30
-
-
-@njit(nogil=True, error_model="numpy", forceinline=True)
-def _put(depths, ids, at, w, covered, identity):  # type: ignore[no-untyped-def]
-    """Write the covered samples from place ``at`` on that are nearer than what is there."""
-    old = vec.load_again(depths, at)
-    covered = covered & (w > old)
-    vec.store(depths, at, vec.select(covered, w, old))
-    vec.store(ids, at, vec.select(covered, identity, vec.load_again(ids, at)))
+_FAR_AWAY: Final = 1 << 30
+MIXED: Final = -2
+"""Instead of the place of a pixel's record: its samples have records of their own."""
+BATCH: Final = (SMALL_WIDTH + vec.LANES) * (SMALL_HEIGHT + 1)
+"""Scratch begins with room for all pixels of a small triangle; here is what is known of eight of them ..."""
+TAKEN: Final = BATCH + 4 * vec.LANES
+"""... and here how many slots the band has taken."""
+SCRATCH_VALUES: Final = TAKEN + 1
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
@@ -83,9 +96,133 @@ def _rising(samples, dx, dy):  # type: ignore[no-untyped-def]
     return vec.f32(dx) * across + vec.f32(dy) * down
 
 
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _bounds(rising, scratch):  # type: ignore[no-untyped-def]
+    """The least and the greatest of ``rising``, float32; without bound where one is not finite.
+
+    Args:
+        scratch: pointer to SCRATCH_VALUES int32.
+    """
+    magnitude = vec.i32(0x7FFFFFFF)
+    whole = vec.bits_of(rising)
+    order = whole ^ ((whole >> vec.i32(31)) & magnitude)  # ordered as the values are
+    scratch[0], scratch[1] = vec.least_of(order), vec.most_of(order)
+    values = as_f32(scratch)
+    for k in range(2):
+        scratch[k] ^= (scratch[k] >> 31) & 0x7FFFFFFF
+    least, most = values[0], values[1]
+    if not (least > -np.inf and most < np.inf):
+        least, most = np.float32(-np.inf), np.float32(np.inf)
+    return least, most
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _cover(ids, far, near, at, w, lowest, highest, low, high, full, touched, place):  # type: ignore[no-untyped-def]
+    """Give the pixels that a record takes wholly to it, eight from ``at`` on.
+
+    Args:
+        ids, far, near: pointers to J_IDS, J_FAR and J_NEAR.
+        w: f32x8, 1/z at the centres before it is bounded by ``low`` and ``high``. lowest, highest: f32x8, what is
+            added to it at the samples, at least and at most.
+        full, touched: m8, pixels of which all samples are covered, and some may be.
+        place: i32x8, of the record among all.
+
+    Returns:
+        A mask of the pixels whose samples must be looked at.
+    """
+    # Not a number: never in front of all, never behind all.
+    farther, nearer = vec.least(high, w + lowest), vec.most(w + highest, low)
+    old_far, old_near = vec.load_again(far, at), vec.load_again(near, at)
+    whole = full & (farther > old_near)
+    vec.store(far, at, vec.select(whole, farther, old_far))
+    vec.store(near, at, vec.select(whole, nearer, old_near))
+    vec.store(ids, at, vec.select(whole, place, vec.load_again(ids, at)))
+    return vec.bits(touched & (nearer > old_far) & ~whole)
+
+
 @njit(nogil=True, error_model="numpy")
-def _small(job, record, first_row, last_row):  # type: ignore[no-untyped-def]
-    """Draw a KIND_SMALL record: the pixels that it may touch are found eight at a time."""
+def _box(whole):  # type: ignore[no-untyped-def]
+    """The pixel that R_BASE of a record that is not small belongs to."""
+    kind = whole[R_KIND]
+    a, b = np.int64(whole[R_XY]), np.int64(whole[R_XY + 1])
+    if kind == KIND_TRIANGLE:
+        c, d = np.int64(whole[R_XY + 2]), np.int64(whole[R_XY + 3])
+        e, f = np.int64(whole[R_XY + 4]), np.int64(whole[R_XY + 5])
+        return first_centre(min(a, c, e)), first_centre(min(b, d, f))
+    if kind == KIND_LINE:
+        corner = np.int64(whole[R_XY + 5])
+        return corner & 0xFFFF, corner >> 16
+    if kind == KIND_CLIPPED:
+        return a, b
+    return np.int64(0), np.int64(0)
+
+
+@njit(nogil=True, error_model="numpy")
+def _expand(job, at, first, owner):  # type: ignore[no-untyped-def]
+    """Write the samples of a pixel that all see one record.
+
+    Args:
+        at: the pixel's number. first: the number of its first sample. owner: the place of its record.
+    """
+    y = at // job[J_STRIDE]
+    x = at - y * job[J_STRIDE]
+    record = job[J_RECORDS] + owner * RECORD_BYTES
+    whole, fraction, samples = i32_at(record), f32_at(record), i32_at(job[J_SAMPLES])
+    if whole[R_KIND] == KIND_SMALL:
+        box = np.int64(whole[S_BOX])
+        box_x = ((box & 0xFFFF) ^ 0x8000) - 0x8000
+        slope, rise = fraction[S_DX], fraction[S_DY]
+        here = fraction[S_BASE] + rise * np.float32(y - (box >> 16))
+        w = vec.f32(here + slope * np.float32(x - box_x)) + _rising(samples, slope, rise)
+    else:
+        plane = f64_at(record)
+        box_x, box_y = _box(whole)
+        base = plane[R_BASE] + plane[R_DY] * np.float64(y - box_y)
+        w = vec.f32(base + plane[R_DX] * np.float64(x - box_x)) + _rising(samples, plane[R_DX], plane[R_DY])
+    vec.store(i32_at(job[J_SAMPLE_IDS]), first, vec.i32(whole[R_ID]))
+    w = vec.least(vec.most(w, vec.f32(fraction[R_LOW])), vec.f32(fraction[R_HIGH]))
+    vec.store(f32_at(job[J_SAMPLE_INV_Z]), first, w)
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _put(job, owners, slots, far, near, ids, depths, taken, at, w, covered, identity):  # type: ignore[no-untyped-def]
+    """Write the covered samples of a pixel that are nearer than what is there; which of them are, and whether it was
+    empty, cannot be predicted and is no branch.
+
+    Args:
+        owners, slots, far, near: pointers to J_IDS, J_SLOTS, and J_FAR and J_NEAR as int32. ids, depths: to
+            J_SAMPLE_IDS and J_SAMPLE_INV_Z. taken: how many slots are. at: the pixel's number.
+
+    Returns:
+        The new ``taken``.
+    """
+    slot = np.int64(slots[at])
+    new = slot < 0
+    slot = taken if new else slot
+    slots[at] = slot
+    first = vec.LANES * slot
+    owner = np.int64(owners[at])
+    if owner >= 0:
+        _expand(job, at, first, owner)
+    owners[at] = MIXED
+    # What an empty pixel has is one of its bounds.
+    empty = vec.i32(owner) == vec.i32(-1)
+    old = vec.select(empty, vec.f32(as_f32(far)[at]), vec.load_again(depths, first))
+    seen = vec.select(empty, vec.i32(-1), vec.load_again(ids, first))
+    covered = covered & (w > old)
+    w = vec.select(covered, w, old)
+    vec.store(depths, first, w)
+    vec.store(ids, first, vec.select(covered, identity, seen))
+    # Bits are ordered as the values are: but for the one that stands for nothing, none is negative.
+    whole = vec.bits_of(w)
+    far[at] = vec.least_of(whole)
+    near[at] = vec.most_of(whole)
+    return taken + new
+
+
+@njit(nogil=True, error_model="numpy")
+def _small(job, record, place, first_row, last_row, scratch):  # type: ignore[no-untyped-def]
+    """Draw a KIND_SMALL record, eight pixels at a time."""
     whole = i32_at(record)
     fraction = f32_at(record)
     box = np.int64(whole[S_BOX])
@@ -97,13 +234,13 @@ def _small(job, record, first_row, last_row):  # type: ignore[no-untyped-def]
     left = max(box_x, 0)
     right = min(box_x + (size & 0xFFFF), job[J_WIDTH])
     stride = job[J_STRIDE]
-    ids = i32_at(job[J_SAMPLE_IDS])
-    depths = f32_at(job[J_SAMPLE_INV_Z])
     samples = i32_at(job[J_SAMPLES])
-    identity = vec.i32(whole[R_ID])
+    identity, taker = vec.i32(whole[R_ID]), vec.i32(place)
     low, high = vec.f32(fraction[R_LOW]), vec.f32(fraction[R_HIGH])
     base, slope, rise = fraction[S_BASE], fraction[S_DX], fraction[S_DY]
     rising = _rising(samples, slope, rise)
+    down_to, up_to = _bounds(rising, scratch)
+    lowest, highest = vec.f32(down_to), vec.f32(up_to)
     right0, right1 = np.int64(whole[S_RIGHT]), np.int64(whole[S_RIGHT + 1])
     down0, down1 = np.int64(whole[S_DOWN]), np.int64(whole[S_DOWN_SECOND])
     right2, down2 = -right0 - right1, -down0 - down1
@@ -112,38 +249,57 @@ def _small(job, record, first_row, last_row):  # type: ignore[no-untyped-def]
     o0 = vec.i32(right0 >> 8) * ox + vec.i32(down0 >> 8) * oy
     o1 = vec.i32(right1 >> 8) * ox + vec.i32(down1 >> 8) * oy
     o2 = vec.i32(right2 >> 8) * ox + vec.i32(down2 >> 8) * oy
-    margin = job[J_MARGIN]
-    m0 = margin * ((abs(right0) + abs(down0)) >> 8)
-    m1 = margin * ((abs(right1) + abs(down1)) >> 8)
-    m2 = margin * ((abs(right2) + abs(down2)) >> 8)
+    most0, most1, most2 = vec.most_of(o0), vec.most_of(o1), vec.most_of(o2)
+    # From the greatest to the least of a pixel's samples.
+    b0 = vec.i32(vec.least_of(o0) - most0)
+    b1 = vec.i32(vec.least_of(o1) - most1)
+    b2 = vec.i32(vec.least_of(o2) - most2)
     e0, e1, e2 = np.int64(whole[S_EDGES]), np.int64(whole[S_EDGES + 1]), np.int64(whole[S_EDGES + 2])
+    total = vec.i32(e0 + e1 + e2)  # the three change by nothing together
     lane, zero = vec.iota(), vec.i32(0)
-    paired = job[J_PAIRED]
-    for column in range(left & ~paired, right, vec.LANES):
+    skipped = top - box_y
+    owners, far, near = i32_at(job[J_IDS]), f32_at(job[J_FAR]), f32_at(job[J_NEAR])
+    lanes, count = i32_at(job[J_LANES]), np.int64(0)
+    d0, d1, d2 = vec.i32(down0), vec.i32(down1), vec.i32(down2)
+    for start in range(left, right, vec.LANES):  # type: ignore[call-overload]
+        # A block at the right margin moves left: its pixels that were drawn are not drawn again.
+        column = min(start, stride - vec.LANES)
+        valid = np.int64(255) << (start - column)
         across = vec.i32(column - box_x) + lane
-        skipped = top - box_y
-        t0 = vec.i32(e0 + m0 + skipped * down0) + across * vec.i32(right0)
-        t1 = vec.i32(e1 + m1 + skipped * down1) + across * vec.i32(right1)
-        t2 = vec.i32(e2 + m2 + skipped * down2) + across * vec.i32(right2)
-        d0, d1, d2 = vec.i32(down0), vec.i32(down1), vec.i32(down2)
-        valid = (np.int64(1) << min(right - column, vec.LANES)) - 1
+        t0 = vec.i32(e0 + most0 + skipped * down0) + across * vec.i32(right0)
+        t1 = vec.i32(e1 + most1 + skipped * down1) + across * vec.i32(right1)
+        t2 = vec.i32(e2 + most2 + skipped * down2) + across * vec.i32(right2)
+        along = vec.f32(slope) * vec.to_f32(across)
+        at = top * stride + column
         for row in range(skipped, bottom - box_y):
-            touched = vec.bits((t0 | t1 | t2) >= zero) & valid
-            if paired != 0:
-                touched = (touched | (touched >> 1)) & 0x55
+            touched = (t0 | t1 | t2) >= zero
+            full = ((t0 + b0) | (t1 + b1) | (t2 + b2)) >= zero
             t0, t1, t2 = t0 + d0, t1 + d1, t2 + d2
-            line = (box_y + row) * stride + column
-            here = base + rise * np.float32(row)
-            while touched != 0:
-                k = vec.lowest_bit(touched)
-                touched &= touched - 1
-                x = column - box_x + k
-                c0 = vec.i32(e0 + row * down0 + x * right0) + o0
-                c1 = vec.i32(e1 + row * down1 + x * right1) + o1
-                c2 = vec.i32(e2 + row * down2 + x * right2) + o2
-                w = vec.f32(here + slope * np.float32(x)) + rising
-                w = vec.least(vec.most(w, low), high)
-                _put(depths, ids, (line + k) << (3 - paired), w, (c0 | c1 | c2) >= zero, identity)
+            w = vec.f32(base + rise * np.float32(row)) + along
+            left_open = _cover(owners, far, near, at, w, lowest, highest, low, high, full, touched, taker) & valid
+            here = (row << 8) + column - box_x + 8
+            vec.store(scratch, count, vec.load(lanes, vec.LANES * left_open) + vec.i32(here))
+            count += vec.count_bits(left_open)
+            at += stride
+    far_bits, near_bits = as_i32(far), as_i32(near)
+    ids, depths = i32_at(job[J_SAMPLE_IDS]), f32_at(job[J_SAMPLE_INV_Z])
+    slots, taken = i32_at(job[J_SLOTS]), np.int64(scratch[TAKEN])
+    centres = as_f32(scratch)
+    for begin in range(0, count, vec.LANES):
+        listed = vec.load(scratch, begin)
+        rows, xs = listed >> vec.i32(8), (listed & vec.i32(255)) - vec.i32(8)
+        vec.store(scratch, BATCH, vec.i32(e0) + rows * d0 + xs * vec.i32(right0))
+        vec.store(scratch, BATCH + 8, vec.i32(e1) + rows * d1 + xs * vec.i32(right1))
+        vec.store(scratch, BATCH + 16, (rows + vec.i32(box_y)) * vec.i32(stride) + (xs + vec.i32(box_x)))
+        w = (vec.f32(base) + vec.f32(rise) * vec.to_f32(rows)) + vec.f32(slope) * vec.to_f32(xs)
+        vec.store(centres, BATCH + 24, w)
+        for k in range(min(count - begin, vec.LANES)):  # type: ignore[call-overload]
+            c0, c1 = vec.i32(scratch[BATCH + k]) + o0, vec.i32(scratch[BATCH + 8 + k]) + o1
+            covered = (c0 | c1 | (total - c0 - c1)) >= zero
+            w = vec.least(vec.most(vec.f32(centres[BATCH + 24 + k]) + rising, low), high)
+            at = np.int64(scratch[BATCH + 16 + k])
+            taken = _put(job, owners, slots, far_bits, near_bits, ids, depths, taken, at, w, covered, identity)
+    scratch[TAKEN] = taken
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
@@ -161,40 +317,52 @@ def _crossing(xa, ya, xb, yb, x, y):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _span(job, record, row, start, stop, box_x, box_y, scratch):  # type: ignore[no-untyped-def]
+def _span(job, record, place, row, start, stop, box_x, box_y, scratch):  # type: ignore[no-untyped-def]
     """Draw a row in which every sample has columns of its own, ``start .. stop`` (i32x8 each).
 
     Args:
-        box_x, box_y: the pixel that R_BASE belongs to. scratch: pointer to 16 int32.
+        place: of the record among all. box_x, box_y: the pixel that R_BASE belongs to.
+        scratch: pointer to SCRATCH_VALUES int32.
     """
     some = start < stop
     start, stop = vec.select(some, start, vec.i32(_FAR_AWAY)), vec.select(some, stop, vec.i32(-_FAR_AWAY))
-    vec.store(scratch, 0, start)
-    vec.store(scratch, vec.LANES, stop)
-    begin, end = np.int64(scratch[0]), np.int64(scratch[vec.LANES])
-    for k in range(1, vec.LANES):
-        begin, end = min(begin, np.int64(scratch[k])), max(end, np.int64(scratch[vec.LANES + k]))
+    begin, end = vec.least_of(start), vec.most_of(stop)
+    if begin >= end:
+        return
+    full_begin, full_end = vec.i32(vec.most_of(start)), vec.i32(vec.least_of(stop))
+    first, last = vec.i32(begin), vec.i32(end)
     plane = f64_at(record)
     bounds = f32_at(record)
-    samples = i32_at(job[J_SAMPLES])
     slope = plane[R_DX]
     base = plane[R_BASE] + plane[R_DY] * np.float64(row - box_y)
-    rising = _rising(samples, slope, plane[R_DY])
+    rising = _rising(i32_at(job[J_SAMPLES]), slope, plane[R_DY])
+    down_to, up_to = _bounds(rising, scratch)
+    lowest, highest = vec.f32(down_to), vec.f32(up_to)
     low, high = vec.f32(bounds[R_LOW]), vec.f32(bounds[R_HIGH])
-    identity = vec.i32(i32_at(record)[R_ID])
-    ids = i32_at(job[J_SAMPLE_IDS])
-    depths = f32_at(job[J_SAMPLE_INV_Z])
+    identity, taker = vec.i32(i32_at(record)[R_ID]), vec.i32(place)
+    owners, far, near = i32_at(job[J_IDS]), f32_at(job[J_FAR]), f32_at(job[J_NEAR])
+    far_bits, near_bits = as_i32(far), as_i32(near)
+    ids, depths = i32_at(job[J_SAMPLE_IDS]), f32_at(job[J_SAMPLE_INV_Z])
+    slots, taken = i32_at(job[J_SLOTS]), np.int64(scratch[TAKEN])
     line = row * job[J_STRIDE]
-    paired = job[J_PAIRED]
-    for column in range(max(begin & ~paired, 0), end, 1 + paired):
-        here = vec.i32(column)
-        w = vec.f32(base + slope * np.float64(column - box_x)) + rising
-        w = vec.least(vec.most(w, low), high)
-        _put(depths, ids, (line + column) << (3 - paired), w, (here >= start) & (here < stop), identity)
+    lane = vec.iota()
+    for column in range(begin & ~np.int64(vec.LANES - 1), end, vec.LANES):
+        here = vec.i32(column) + lane
+        full, touched = (here >= full_begin) & (here < full_end), (here >= first) & (here < last)
+        w = vec.to_f32(vec.f64(base) + vec.f64(slope) * vec.to_f64(here - vec.i32(box_x)))
+        left_open = _cover(owners, far, near, line + column, w, lowest, highest, low, high, full, touched, taker)
+        while left_open != 0:
+            x = column + vec.lowest_bit(left_open)
+            left_open &= left_open - 1
+            covered = (vec.i32(x) >= start) & (vec.i32(x) < stop)
+            w = vec.f32(base + slope * np.float64(x - box_x)) + rising
+            w = vec.least(vec.most(w, low), high)
+            taken = _put(job, owners, slots, far_bits, near_bits, ids, depths, taken, line + x, w, covered, identity)
+    scratch[TAKEN] = taken
 
 
 @njit(nogil=True, error_model="numpy")
-def _corners(job, record, x0, y0, x1, y1, x2, y2, first_row, last_row, box_x, box_y, scratch):  # type: ignore[no-untyped-def]
+def _corners(job, record, place, x0, y0, x1, y1, x2, y2, first_row, last_row, box_x, box_y, scratch):  # type: ignore[no-untyped-def]
     """Draw the rows ``first_row .. last_row`` of a triangle in grid units, whichever way it winds."""
     area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
     if area == 0:
@@ -214,10 +382,9 @@ def _corners(job, record, x0, y0, x1, y1, x2, y2, first_row, last_row, box_x, bo
     fx2, fy2 = np.float64(x2), np.float64(y2)
     samples = i32_at(job[J_SAMPLES])
     x, oy = vec.to_f64(vec.load(samples, 0)), vec.to_f64(vec.load(samples, vec.LANES))
-    further = (vec.load(samples, 0) + vec.i32(HALF)) >> vec.i32(8)  # columns to the right
     for row in range(top, bottom):
         y = vec.f64(row * SUBPIXEL + HALF) + oy
-        start, stop = vec.i32(left) - further, vec.i32(right) - further
+        start, stop = vec.i32(left), vec.i32(right)
         # With this winding (y down) edges that run upwards are left ones.
         if y1 < y0:
             start = vec.most(start, _crossing(fx0, fy0, fx1, fy1, x, y))
@@ -232,11 +399,11 @@ def _corners(job, record, x0, y0, x1, y1, x2, y2, first_row, last_row, box_x, bo
         elif y0 > y2:
             stop = vec.least(stop, _crossing(fx2, fy2, fx0, fy0, x, y))
         inside = (y >= vec.f64(lowest)) & (y < vec.f64(highest))
-        _span(job, record, row, start, vec.select(inside, stop, vec.i32(-1)), box_x, box_y, scratch)
+        _span(job, record, place, row, start, vec.select(inside, stop, vec.i32(-1)), box_x, box_y, scratch)
 
 
 @njit(nogil=True, error_model="numpy")
-def _square(job, record, x0, y0, x1, y1, first_row, last_row, scratch):  # type: ignore[no-untyped-def]
+def _square(job, record, place, x0, y0, x1, y1, first_row, last_row, scratch):  # type: ignore[no-untyped-def]
     """Draw a point: the samples in a square of grid units."""
     margin = job[J_MARGIN]
     top = max(first_centre(y0 - margin), first_row)
@@ -250,16 +417,16 @@ def _square(job, record, x0, y0, x1, y1, first_row, last_row, scratch):  # type:
     for row in range(top, bottom):
         y = vec.i32(row * SUBPIXEL + HALF) + oy
         inside = (y >= vec.i32(y0)) & (y < vec.i32(y1))
-        _span(job, record, row, start, vec.select(inside, stop, vec.i32(-1)), np.int64(0), np.int64(0), scratch)
+        _span(job, record, place, row, start, vec.select(inside, stop, vec.i32(-1)), np.int64(0), np.int64(0), scratch)
 
 
 @njit(nogil=True, error_model="numpy")
-def _draw(job, lens, record, first_row, last_row, scratch):  # type: ignore[no-untyped-def]
+def _draw(job, lens, record, place, first_row, last_row, scratch):  # type: ignore[no-untyped-def]
     """Draw the part of a record that lies in the rows ``first_row .. last_row``."""
     whole = i32_at(record)
     kind = whole[R_KIND]
     if kind == KIND_SMALL:
-        _small(job, record, first_row, last_row)
+        _small(job, record, place, first_row, last_row, scratch)
         return
     a, b = np.int64(whole[R_XY]), np.int64(whole[R_XY + 1])
     c, d = np.int64(whole[R_XY + 2]), np.int64(whole[R_XY + 3])
@@ -269,57 +436,60 @@ def _draw(job, lens, record, first_row, last_row, scratch):  # type: ignore[no-u
     count = 3
     if kind == KIND_TRIANGLE:
         grid[0, 0], grid[0, 1], grid[1, 0], grid[1, 1], grid[2, 0], grid[2, 1] = a, b, c, d, e, f
-        a, b = first_centre(min(a, c, e)), first_centre(min(b, d, f))
     elif kind == KIND_LINE:
         ox, oy = (0, e) if abs(c - a) >= abs(d - b) else (e, 0)
         grid[0, 0], grid[0, 1], grid[1, 0], grid[1, 1] = a - ox, b - oy, c - ox, d - oy
         grid[2, 0], grid[2, 1], grid[3, 0], grid[3, 1] = c + ox, d + oy, a + ox, b + oy
         count = 4
-        a, b = f & 0xFFFF, f >> 16
     elif kind == KIND_CLIPPED:
         corners = np.empty((3, 3), np.float64)
         element = np.int64(whole[R_ID]) - i64_at(job[J_TABLE])[c * T_COLUMNS + T_RECORD]
         count = clip_triangle(job, lens, c, element, corners, grid)
     else:
-        _square(job, record, a, b, c, d, first_row, last_row, scratch)
+        _square(job, record, place, a, b, c, d, first_row, last_row, scratch)
         return
     x0, y0 = grid[0, 0], grid[0, 1]
+    box_x, box_y = _box(whole)
     for k in range(2, count):
         x1, y1, x2, y2 = grid[k - 1, 0], grid[k - 1, 1], grid[k, 0], grid[k, 1]
-        _corners(job, record, x0, y0, x1, y1, x2, y2, first_row, last_row, a, b, scratch)
+        _corners(job, record, place, x0, y0, x1, y1, x2, y2, first_row, last_row, box_x, box_y, scratch)
 
 
 @njit(nogil=True, error_model="numpy")
 def raster_samples(job, lens, band):  # type: ignore[no-untyped-def]
-    """Empty the band's samples and draw all that touches it, in the order of record numbers."""
+    """Empty the band and draw all that touches it, in the order of record numbers.
+
+    Then J_IDS has the place of each pixel's record among all, -1 where it sees none and MIXED where its samples have
+    records of their own, the numbers of which J_SAMPLE_IDS has from eight times J_SLOTS on.
+    """
     first_row = band * BAND_ROWS
     last_row = min(first_row + BAND_ROWS, job[J_HEIGHT])
     stride = job[J_STRIDE]
-    ids = i32_at(job[J_SAMPLE_IDS])
-    depths = f32_at(job[J_SAMPLE_INV_Z])
+    ids, far, near = i32_at(job[J_IDS]), f32_at(job[J_FAR]), f32_at(job[J_NEAR])
     # Nothing at or beyond this 1/z is accepted: the far plane costs no test of its own.
     empty = vec.f32(np.nextafter(np.float32(1.0 / lens[L_FAR]), np.float32(-1.0)))
     nobody = vec.i32(-1)
-    samples = vec.LANES >> job[J_PAIRED]
-    for at in range(samples * first_row * stride, samples * last_row * stride, vec.LANES):
+    slots = i32_at(job[J_SLOTS])
+    for at in range(first_row * stride, last_row * stride, vec.LANES):
         vec.store(ids, at, nobody)
-        vec.store(depths, at, empty)
-    own_scratch = np.empty(2 * vec.LANES, np.int32)
+        vec.store(slots, at, nobody)
+        vec.store(far, at, empty)
+        vec.store(near, at, empty)
+    own_scratch = np.empty(SCRATCH_VALUES, np.int32)
     scratch = i32_at(np.int64(own_scratch.ctypes.data))
+    scratch[TAKEN] = 0
     lists = job[J_BANDS]
+    ranges = i32_at(job[J_RANGES])
     for chunk in range(job[J_CHUNKS]):
+        if band < ranges[4 * chunk] or band > ranges[4 * chunk + 1]:
+            continue
         offsets = i32_at(job[J_OFFSETS] + 4 * chunk * (2 * lists + 4))
         k, end = np.int64(offsets[band]), np.int64(offsets[band + 1])
         t, talls = np.int64(0), np.int64(offsets[2 * lists + 2])
         small = u16_at(job[J_SMALL] + 2 * chunk * CHUNK * SMALL_BANDS)
         tall = u16_at(job[J_TALL] + 2 * chunk * CHUNK)
-        records = job[J_RECORDS] + chunk * CHUNK * RECORD_BYTES
         while k < end or t < talls:
-            if t >= talls or (k < end and small[k] < tall[t]):
-                index = np.int64(small[k])
-                k += 1
-            else:
-                index = np.int64(tall[t])
-                t += 1
-            _draw(job, lens, records + index * RECORD_BYTES, first_row, last_row, scratch)
+            index, k, t = next_record(small, k, end, tall, t, talls)
+            place = chunk * CHUNK + index
+            _draw(job, lens, job[J_RECORDS] + place * RECORD_BYTES, place, first_row, last_row, scratch)
     own_scratch[0] = 0  # the pointer above does not keep the array alive

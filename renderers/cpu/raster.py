@@ -379,6 +379,15 @@ def _draw_micro(job, rule, micro, begin, end, which):  # type: ignore[no-untyped
             blend_one(job, rule, np.int64(micro[4 * m]), inverse[4 * m + 1], micro[4 * m + 2])
 
 
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def next_record(small, k, end, tall, t, talls):  # type: ignore[no-untyped-def]
+    """The lowest number of what is left of a band's list of small records and of its chunk's tall ones, not both at
+    their ends; then both places after it."""
+    if t >= talls or (k < end and small[k] < tall[t]):
+        return np.int64(small[k]), k + 1, t
+    return np.int64(tall[t]), k, t + 1
+
+
 @njit(nogil=True, error_model="numpy")
 def raster_band(job, lens, band, back):  # type: ignore[no-untyped-def]
     """Draw all that touches the band, in the order of record numbers (micro triangles apart, which compare numbers
@@ -420,12 +429,7 @@ def raster_band(job, lens, band, back):  # type: ignore[no-untyped-def]
         tall = u16_at(job[J_TALL] + 2 * chunk * CHUNK)
         records = job[J_RECORDS] + chunk * CHUNK * RECORD_BYTES
         while k < end or t < talls:
-            if t >= talls or (k < end and small[k] < tall[t]):
-                index = np.int64(small[k])
-                k += 1
-            else:
-                index = np.int64(tall[t])
-                t += 1
+            index, k, t = next_record(small, k, end, tall, t, talls)
             if back and _hidden(job, records + index * RECORD_BYTES, tiles, first_row, last_row):
                 continue
             record = records + index * RECORD_BYTES

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from renderers.alike import Alike
 from renderers.camera import Camera
 from renderers.cpu.crew import Crew, Phase
-from renderers.cpu.edges import draw_samples
+from renderers.cpu.edges import draw_samples, find_edges
 from renderers.cpu.frame import FrameJob
 from renderers.cpu.layout import MAX_SIDE
 from renderers.cpu.pools import ArrayPool, ScratchPool
@@ -162,7 +162,9 @@ class CpuRenderer:
 
             def draw(job_at: int, lens_at: int, band: int) -> None:
                 with memory.taken() as edges:
-                    draw_samples(job_at, lens_at, band, address_of(edges, np.int64))
+                    edges_at = address_of(edges, np.int64)
+                    draw_samples(job_at, lens_at, band, edges_at)
+                    find_edges(job_at, band, edges_at)
                     work(band, edges)
 
             self._crew.run(job.phases(self._crew.threads, draw=draw), alone=job.small)
@@ -227,7 +229,7 @@ class CpuRenderer:
                 painter = Painter(
                     shading, view.X_camera_mesh, view.first_record, camera, look, color, stride=view.stride
                 )
-                return mixed_bands(painter, camera, look, color, view.stride)
+                return mixed_bands(painter, view.stride)
 
             self.sampled(scene, camera, look.samples, begin, cull_back=cull)
             return

@@ -12,14 +12,16 @@ from numpy.typing import NDArray
 
 from renderers import samples as at
 from renderers.camera import Camera
-from renderers.cpu.edges import mix_edges
+from renderers.cpu.edges import shade_mixed
 from renderers.cpu.pools import Scratch
 from renderers.cpu.visibility import BAND_ROWS, Rasterizer
 from renderers.drawlist import DrawList
+from renderers.native import kernel_address
 from renderers.pointers import address_of
 from renderers.port import Look
 from renderers.samples import sample_cameras
-from renderers.shading import EntryPainter, Painter, ShadingScene, paint
+from renderers.shading import Painter, ShadingScene, paint
+from renderers.shading.kernels import shade_rows
 from renderers.simd import LANES
 
 _GAP: Final = 1040
@@ -40,6 +42,9 @@ class EdgeMemory:
             at.E_SAMPLE_IDS: BAND_ROWS * stride * LANES,
             at.E_SAMPLE_INV_Z: BAND_ROWS * stride * LANES,
             at.E_IDS: BAND_ROWS * stride,
+            at.E_FAR: BAND_ROWS * stride,
+            at.E_NEAR: BAND_ROWS * stride,
+            at.E_SLOTS: BAND_ROWS * stride,
             at.E_COUNTS: BAND_ROWS,
             at.E_RECORDS: BAND_ROWS * room,
             at.E_PLACES: BAND_ROWS * room,
@@ -66,25 +71,18 @@ class EdgeMemory:
         self._free.append(table)
 
 
-def mixed_bands(
-    painter: Painter, camera: Camera, look: Look, color: NDArray[np.uint8], stride: int
-) -> Callable[[int, NDArray[np.int64]], None]:
+def mixed_bands(painter: Painter, stride: int) -> Callable[[int, NDArray[np.int64]], None]:
     """For ``Rasterizer.sampled``: shades and mixes bands of an opaque scene as they are shown, as VTK mixes them.
 
     Args:
-        painter: of the whole picture ``color``. stride: values from one row of records to the next.
+        painter: of the whole picture. stride: values from one row of records to the next.
     """
-    picture = address_of(color, np.uint8)
-    red, green, blue = look.background
-    background = red | green << 8 | blue << 16
+    shade = kernel_address(shade_rows)
 
     def work(band: int, edges: NDArray[np.int64]) -> None:
-        painter.band(band, int(edges[at.E_IDS]) - 4 * band * BAND_ROWS * stride)
-        room, places, counts = int(edges[at.E_ROOM]), int(edges[at.E_PLACES]), int(edges[at.E_COUNTS])
-        EntryPainter(painter, room, places, counts, int(edges[at.E_COLORS])).band(band, int(edges[at.E_RECORDS]))
         begin = band * BAND_ROWS
-        end = min(begin + BAND_ROWS, camera.height)
-        mix_edges(address_of(edges, np.int64), stride, camera.width, begin, end, background, picture)
+        end = min(begin + BAND_ROWS, painter.height)
+        shade_mixed(shade, painter.job, address_of(edges, np.int64), stride, begin, end)
 
     return work
 

@@ -112,10 +112,8 @@ class Painter:
         job[at.S_BACKGROUND] = red | green << 8 | blue << 16
         job[at.S_GATHERED] = address_of(gathered, np.float32)
         job[at.S_COLOR] = address_of(color, np.uint8)
-        self.table = job
-        """(S_COLUMNS,) int64; valid while this object is alive."""
         self.job = address_of(job, np.int64)
-        """Its address."""
+        """Address of S_COLUMNS int64; valid while this object is alive."""
         self._keep = (shading, X_camera_mesh, first_record, maps, lens, job, gathered, color)
 
     def band(self, band: int, ids: int) -> None:
@@ -128,37 +126,6 @@ class Painter:
 
         begin = band * BAND_ROWS
         shade_rows(self.job, ids, begin, min(begin + BAND_ROWS, self.height))
-
-
-class EntryPainter:
-    """Shades records that belong to other columns of the picture than those they lie in, band by band: for one thread
-    at a time."""
-
-    def __init__(self, painter: Painter, room: int, places: int, counts: int, color: int) -> None:
-        """
-        Args:
-            painter: of the picture; must be of the mode ``DIRECT``.
-            room: values from one of a band's rows to the next.
-            places: address of (BAND_ROWS, room) int32, the columns; seven more values behind them are readable.
-            counts: address of (BAND_ROWS,) int32, records of each row.
-            color: address of (BAND_ROWS, room, 3) uint8, the result.
-        """
-        self._painter = painter
-        self._job = painter.table.copy()
-        self._job[at.S_WIDTH] = self._job[at.S_STRIDE] = self._room = room
-        self._places, self._counts, self._color = places, counts, color
-
-    def band(self, band: int, ids: int) -> None:
-        """Shade one band; ``ids``: address of (BAND_ROWS, room) int32, its records."""
-        from renderers.cpu.visibility import BAND_ROWS
-
-        begin = band * BAND_ROWS
-        before = begin * self._room  # kernels count from the picture's first row
-        self._job[at.S_PLACES] = self._places - 4 * before
-        self._job[at.S_COUNTS] = self._counts - 4 * begin
-        self._job[at.S_COLOR] = self._color - 3 * before
-        end = min(begin + BAND_ROWS, self._painter.height)
-        shade_rows(address_of(self._job, np.int64), ids - 4 * before, begin, end)
 
 
 def _shade(

@@ -2,22 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-_HARD_CONTRAST: Final = np.float32(255.0 / 16.0)
-"""Luma range (of 255) of a pixel and its four neighbours below which nothing is done ..."""
-_RELATIVE_CONTRAST: Final = np.float32(1.0 / 8.0)
-"""... or below this part of the brightest of them."""
-_SUBPIXEL_CONTRAST: Final = np.float32(1.0 / 4.0)
-"""A pixel that differs from its neighbours' mean by less than this part of their range is no lone spot."""
-_SUBPIXEL_BLEND: Final = np.float32(3.0 / 4.0)
-"""How much of a lone spot its surroundings replace at most."""
-_SEARCH: Final = 12
-"""Pixels along an edge, either way, in which its ends are looked for."""
+from renderers.fxaa import HARD_CONTRAST, RELATIVE_CONTRAST, SEARCH, SUBPIXEL_BLEND, SUBPIXEL_CONTRAST
 
 
 def fxaa(color: NDArray[np.uint8]) -> None:
@@ -47,7 +36,7 @@ def _smooth(source: NDArray[np.uint8], luma: NDArray[np.float32], out: NDArray[n
                 c, n, s, w, e = luma[y, x], luma[north, x], luma[south, x], luma[y, west], luma[y, east]
                 brightest = max(max(max(n, s), max(w, e)), c)
                 contrast = brightest - min(min(min(n, s), min(w, e)), c)
-                if contrast >= max(_HARD_CONTRAST, _RELATIVE_CONTRAST * brightest):
+                if contrast >= max(HARD_CONTRAST, RELATIVE_CONTRAST * brightest):
                     _smooth_pixel(source, luma, out, x, y, west, east, north, south, contrast)
 
 
@@ -61,7 +50,7 @@ def _find_edges(row, north, south, hot):  # type: ignore[no-untyped-def]
         c, n, s, w, e = cs[x], ns[x], ss[x], ws[x], es[x]
         brightest = max(max(max(n, s), max(w, e)), c)
         contrast = brightest - min(min(min(n, s), min(w, e)), c)
-        hots[x] = np.uint8(contrast >= max(_HARD_CONTRAST, _RELATIVE_CONTRAST * brightest))
+        hots[x] = np.uint8(contrast >= max(HARD_CONTRAST, RELATIVE_CONTRAST * brightest))
 
 
 @njit(nogil=True, error_model="numpy")
@@ -95,8 +84,8 @@ def _smooth_pixel(source, luma, out, x, y, west, east, north, south, contrast): 
         shift = np.float32(0.5) - np.float32(min(back, ahead)) / np.float32(back + ahead)
     # A lone spot is blended with its surroundings.
     mean = np.float32(0.25) * (n + s + w + e)
-    spot = abs(mean - c) / contrast - _SUBPIXEL_CONTRAST
-    blend = min(_SUBPIXEL_BLEND, max(np.float32(0.0), spot / (np.float32(1.0) - _SUBPIXEL_CONTRAST)))
+    spot = abs(mean - c) / contrast - SUBPIXEL_CONTRAST
+    blend = min(SUBPIXEL_BLEND, max(np.float32(0.0), spot / (np.float32(1.0) - SUBPIXEL_CONTRAST)))
     for k in range(3):
         center = np.float32(source[y, x, k])
         edge = center + shift * (np.float32(source[oy, ox, k]) - center)
@@ -114,7 +103,7 @@ def _edge_end(luma, x, y, ox, oy, dx, dy, c, over):  # type: ignore[no-untyped-d
     lines one pixel wide, too. Returns the distance in pixels and the luma at the end on the pixel's own side."""
     height, width = luma.shape
     distance, here = 1, c
-    for _ in range(_SEARCH):
+    for _ in range(SEARCH):
         here = luma[min(max(y + distance * dy, 0), height - 1), min(max(x + distance * dx, 0), width - 1)]
         there = luma[min(max(oy + distance * dy, 0), height - 1), min(max(ox + distance * dx, 0), width - 1)]
         if abs(there - over) > abs(there - c) or abs(here - c) > abs(here - over):
