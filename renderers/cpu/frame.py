@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from itertools import accumulate
 from typing import Any, Final
 
 import numpy as np
@@ -62,21 +63,32 @@ class FrameJob:
         bands = band_count(camera.height)
         with np.errstate(all="ignore"):  # poses that are not finite draw nothing
             self.X_camera_mesh: NDArray[np.float64] = np.matmul(camera.X_camera_world, prepared.X_world_mesh)
-        table, X, sizes, bounds = prepared.table, self.X_camera_mesh, prepared.sizes, prepared.bounds
+        known, X, sizes, bounds = prepared.table, self.X_camera_mesh, prepared.sizes, prepared.bounds
         if select is not None:
-            table, X, sizes, bounds = _selected(table, select), X[select], sizes[select], bounds[select]
+            known, X, sizes, bounds = _selected(known, select), X[select], sizes[select], bounds[select]
             cull_back = None if cull_back is None else cull_back[select]
         drawn = len(X)
-        table, lengths = table.copy(), np.empty((drawn, at.M_COLUMNS))
-        self._lens = np.array((camera.fx, camera.fy, camera.cx, camera.cy, camera.near, camera.far), dtype=np.float64)
+        # All tables in one array: to ask an array for its address takes as long as to fill most of them.
+        lens_at, table_at, lengths_at, task_at, end = accumulate(
+            (at.J_COLUMNS, at.L_COLUMNS, known.size, at.M_COLUMNS * drawn, at_work.W_COLUMNS)
+        )
+        own = np.zeros(end, dtype=np.int64)
+        self._job_address = address = address_of(own, np.int64)
+        self._lens_address = address + 8 * lens_at
+        self._task, self._task_address = own[task_at:], address + 8 * task_at
+        lens = (camera.fx, camera.fy, camera.cx, camera.cy, camera.near, camera.far)
+        own[lens_at:table_at].view(np.float64)[:] = lens
+        table = own[table_at:lengths_at].reshape(known.shape)
+        table[:] = known
+        X_address = address_of(X, np.float64)
         place(
-            address_of(X, np.float64),
+            X_address,
             address_of(sizes, np.float64),
             address_of(cull_back, np.bool_),
             address_of(bounds, np.float64) if opaque else 0,
-            address_of(self._lens, np.float64),
-            address_of(table, np.int64),
-            address_of(lengths, np.float64),
+            self._lens_address,
+            address + 8 * table_at,
+            address + 8 * lengths_at,
             drawn,
         )
 
@@ -91,7 +103,7 @@ class FrameJob:
         self._split = keep_backs and bool(table[-1, at.T_CULL])
         lists = 2 * bands if self._split else bands
 
-        job = self._job = np.zeros(at.J_COLUMNS, dtype=np.int64)
+        job = self._job = own[:lens_at]
         job[at.J_WIDTH] = camera.width
         job[at.J_HEIGHT] = camera.height
         job[at.J_STRIDE] = self._stride = -(-camera.width // LANES) * LANES
@@ -101,8 +113,8 @@ class FrameJob:
         job[at.J_VERTICES] = self._vertices
         job[at.J_ELEMENTS] = self._elements
         job[at.J_INSTANCES] = drawn
-        job[at.J_TABLE] = address_of(table, np.int64)
-        job[at.J_LENGTHS] = address_of(lengths, np.float64)
+        job[at.J_TABLE] = address + 8 * table_at
+        job[at.J_LENGTHS] = address + 8 * lengths_at
         for column, name, values, dtype in (
             (at.J_VERTEX, "vertices", 4 * self._vertices, np.float32),
             (at.J_RECORDS, "records", padded * at.RECORD_BYTES // 8, np.float64),
@@ -115,12 +127,13 @@ class FrameJob:
             job[column] = scratch.take(name, values, dtype)[1]
         job[at.J_ALL_INSTANCES] = count
         job[at.J_FIRST_RECORD : at.J_ALL_MESHES + 1] = prepared.addresses
-        job[at.J_ALL_X] = address_of(self.X_camera_mesh, np.float64)
+        job[at.J_ALL_X] = X_address if select is None else address_of(self.X_camera_mesh, np.float64)
         job[at.J_SETUP] = kernel_addresses()[1]
-        job[at.J_SELF] = address_of(job, np.int64)
-        job[at.J_LENS] = address_of(self._lens, np.float64)
+        job[at.J_SELF] = address
+        job[at.J_LENS] = self._lens_address
         self._scratch = scratch
-        self._keep: list[object] = [prepared, table, lengths]
+        self._wanted = False
+        self._keep: list[object] = [prepared, own]
         if samples > 1:
             offsets = sample_offsets(samples)
             job[at.J_MARGIN] = np.abs(offsets).max()
@@ -169,6 +182,7 @@ class FrameJob:
         job[at.J_LABEL] = address_of(frame.label, np.uint32)
         job[at.J_INSTANCE] = address_of(frame.instance, np.int32)
         job[at.J_NORMAL] = address_of(frame.normal, np.float32)
+        self._wanted = any(job[at.J_DEPTH : at.J_NORMAL + 1])
         self._keep += (frame.depth, frame.label, frame.instance, frame.normal)
 
     def phases(self, threads: int, draw: Callable[[int, int, int], None]) -> tuple[Phase, Phase, Phase]:
@@ -177,7 +191,7 @@ class FrameJob:
         Args:
             draw: called for every band, with the addresses of job and lens.
         """
-        job, lens = address_of(self._job, np.int64), address_of(self._lens, np.float64)
+        job, lens = self._job_address, self._lens_address
         vertices, chunks = self._per_unit(threads)
         return (
             Phase(
@@ -209,10 +223,11 @@ class FrameJob:
             values = 2 * BAND_ROWS * self._stride + 2 * LAYER_GAP
             layers = self._scratch.take("layers", threads * values, np.int32)[1]
         transforming, setting_up, drawing, shading = kernel_addresses()
-        task = np.zeros(at_work.W_COLUMNS, np.int64)
+        task = self._task
+        task[at_work.W_THREADS :] = 0
         task[: at_work.W_UNITS + at_work.PHASES] = (
-            address_of(job, np.int64),
-            address_of(self._lens, np.float64),
+            self._job_address,
+            self._lens_address,
             transforming,
             setting_up,
             drawing,
@@ -226,7 +241,7 @@ class FrameJob:
             4 * self._stride,
             layers,
             4 * values,
-            any(job[k] != 0 for k in (at.J_DEPTH, at.J_LABEL, at.J_INSTANCE, at.J_NORMAL)),
+            self._wanted,
             self._split,
             YIELD_ADDRESS,
             -(-self._vertices // vertices),
@@ -234,7 +249,7 @@ class FrameJob:
             self._bands,
         )
         most = max(-(-self._vertices // vertices), -(-self._chunks // chunks), self._bands)
-        return Task(self, task, 1 if self.small else min(threads, most))
+        return Task(self, self._task_address, 1 if self.small else min(threads, most))
 
     @property
     def stride(self) -> int:
@@ -245,10 +260,9 @@ class FrameJob:
 class Task:
     """A frame's work, for every thread that takes part; keeps alive what it works on."""
 
-    def __init__(self, job: FrameJob, table: NDArray[np.int64], threads: int) -> None:
+    def __init__(self, job: FrameJob, address: int, threads: int) -> None:
         self._job = job
-        self._table = table
-        self._address = address_of(table, np.int64)
+        self._address = address
         self.threads = threads
         """How many may be of use."""
 
