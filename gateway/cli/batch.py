@@ -99,6 +99,8 @@ def one_picture(
         out.with_suffix(".labels.json").write_bytes(manifest.encode_labels(scene.record))
     for warning in scene.record.warnings:
         typer.echo(f"{scenes[0]}: {warning}", err=True)
+    if settings.rig is not None and settings.look == "auto" and scene.look != "studio":
+        typer.echo(f"{scenes[0]}: drawn as Drake shows it, without --rig; --look studio takes it", err=True)
 
 
 def dataset(

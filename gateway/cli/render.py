@@ -94,7 +94,12 @@ def render(
     ] = 0,
     rig: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", exists=True, dir_okay=False, help="TOML: lights of the studio look."),
+        typer.Option(
+            metavar="FILE",
+            exists=True,
+            dir_okay=False,
+            help="TOML: lights of the studio look, the only one that they light.",
+        ),
     ] = None,
     depth_format: Annotated[
         DepthChoice, typer.Option(help="In a dataset: tiff is 32-bit metres, png 16-bit millimetres.")
@@ -136,6 +141,8 @@ def render(
         samples=batch.samples_of(samples),
         rig=None if rig is None else str(rig.absolute()),
     )
+    if rig is not None and look not in (LookChoice.auto, LookChoice.studio):
+        typer.echo(f"--rig lights the studio look only: --look {look.value} is drawn without it", err=True)
     named = [View(f"camera-{index:03d}", text) for index, text in enumerate(camera or ())]
     around = [View(f"orbit-{index:03d}", OrbitCamera(index, orbit, orbit_elevation)) for index in range(orbit)]
     cores = threads or usable_cpus()

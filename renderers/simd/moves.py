@@ -190,6 +190,22 @@ def load_triples(typing_context: Any, values: Any, offsets: Any) -> Any:
 
 
 @intrinsic  # type: ignore[untyped-decorator]
+def load_quads(typing_context: Any, values: Any, offsets: Any) -> Any:
+    """Four f32x8: the float32 at ``offsets[lane]`` (an i32x8) behind a pointer and the three after it."""
+    out: Any = types.UniTuple(f32x8, 4)  # type: ignore[no-untyped-call]
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        quad = ir.VectorType(F32, 4)
+        quads = []
+        for lane in range(LANES):
+            offset = builder.sext(builder.extract_element(args[1], ir.Constant(I32, lane)), I64)
+            quads.append(builder.load(builder.bitcast(builder.gep(args[0], [offset]), quad.as_pointer()), align=4))
+        return context.make_tuple(builder, out, _transposed(builder, quads, 4))
+
+    return out(values, offsets), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
 def load_vertices(
     typing_context: Any, records: Any, at: Any, first: Any, elements: Any, vertices: Any, corner: Any
 ) -> Any:
@@ -248,6 +264,35 @@ def store_rows(typing_context: Any, pointer: Any, places: Any, values: Any) -> A
         return ir.Constant(I32, 0)
 
     return one(pointer, places, values), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def load_octets(typing_context: Any, values: Any, offsets: Any) -> Any:
+    """Eight f32x8: the float32 at ``offsets[lane]`` (an i32x8) behind a pointer and the seven after it, for every lane.
+
+    One load per lane and a transposition.
+    """
+    out: Any = types.UniTuple(f32x8, LANES)  # type: ignore[no-untyped-call]
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        rows = []
+        for lane in range(LANES):
+            offset = builder.sext(builder.extract_element(args[1], ir.Constant(I32, lane)), I64)
+            rows.append(builder.load(_address(builder, f32x8, args[0], offset), align=4))
+        low, high = [0, 8, 1, 9, 4, 12, 5, 13], [2, 10, 3, 11, 6, 14, 7, 15]
+        pairs = [shuffle(builder, rows[k], rows[k + 1], picks) for k in range(0, LANES, 2) for picks in (low, high)]
+        first, second = [0, 1, 8, 9, 4, 5, 12, 13], [2, 3, 10, 11, 6, 7, 14, 15]
+        quads = [
+            shuffle(builder, pairs[k + j], pairs[k + j + 2], picks)
+            for k in (0, 4)
+            for j in range(2)
+            for picks in (first, second)
+        ]
+        lower, upper = [0, 1, 2, 3, 8, 9, 10, 11], [4, 5, 6, 7, 12, 13, 14, 15]
+        parts = [shuffle(builder, quads[j], quads[j + 4], picks) for picks in (lower, upper) for j in range(4)]
+        return context.make_tuple(builder, out, parts)
+
+    return out(values, offsets), generate
 
 
 @intrinsic  # type: ignore[untyped-decorator]

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from typing import Final
 
+from numba import njit
+
+from renderers.simd import LANES
+
 # Columns of the job: addresses and sizes.
 J_INSTANCES: Final = 0
 J_MATERIAL_INTEGERS: Final = 1
 J_MATERIAL_FLOATS: Final = 2
 J_TEXTURE_INTEGERS: Final = 3
 J_TEXTURE_FLOATS: Final = 4
-J_VALUES: Final = 5
+J_VALUES: Final = 5  # ``BYTE_VALUES``
 J_X: Final = 6
 J_N: Final = 7
 J_LIGHTS: Final = 8
@@ -27,6 +31,12 @@ J_TONE: Final = 18  # number of the tone curve, of ``tonemap.TONES``
 J_FIRST: Final = 19  # (J_COUNT + 1,) int64: the first record of every instance
 J_COUNT: Final = 20
 J_COLUMNS: Final = 21
+
+# What finishes a picture: addresses.
+F_BEHIND: Final = 0  # (3,) float32, the linear background
+F_CELLS: Final = 1  # ``SRGB_CELLS``
+F_COLOR: Final = 2  # (H, W, 3) uint8
+F_COLUMNS: Final = 3
 
 # Rows of what is to be lit, float32, one value per pixel; vectors in the optical frame.
 G_NORMAL: Final = 0  # 3 rows: unit, on the side that is seen
@@ -48,5 +58,12 @@ PART: Final = 256
 """Pixels lit at a time: their rows stay in the first-level cache."""
 STRIDE: Final = PART + 8
 """Values of a row: loops run over the last pixel by up to seven."""
-SCRATCH_VALUES: Final = 8 * 8
-"""Values of 4 bytes that ``shadowing.lit_parts`` works in."""
+
+
+def line_of(width: int) -> int:
+    """Values of one channel of a row: whole vectors, and one more, as loops may begin anywhere."""
+    return (width + LANES - 1) // LANES * LANES + LANES
+
+
+line_in_kernel: Final = njit(nogil=True, error_model="numpy")(line_of)
+"""The same for kernels: who calls it from Python compiles it."""

@@ -96,7 +96,7 @@ def _arriving(light, p):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _add_lamp(job, light, rows, count, scratch):  # type: ignore[no-untyped-def]
+def _add_lamp(job, light, rows, count):  # type: ignore[no-untyped-def]
     """Add what ``count`` pixels reflect of one light to the rows G_LIGHT."""
     zero = vec.f32(0.0)
     shadow = np.int64(light[L_SHADOW])
@@ -111,8 +111,7 @@ def _add_lamp(job, light, rows, count, scratch):  # type: ignore[no-untyped-def]
             flat = _three(rows, G_FLAT, x)
             # Else the triangle itself is in the way.
             part = vec.select(_dot(flat, l) > zero, part, zero)
-            wanted = vec.bits(part > zero)
-            if wanted != 0:
+            if vec.bits(part > zero) != 0:
                 part = part * lit_parts(
                     f64_at(job[J_SHADOW_FLOATS] + 8 * S_COLUMNS * shadow),
                     i64_at(job[J_SHADOW_INTEGERS] + 8 * SI_COLUMNS * shadow),
@@ -123,8 +122,6 @@ def _add_lamp(job, light, rows, count, scratch):  # type: ignore[no-untyped-def]
                     flat[0],
                     flat[1],
                     flat[2],
-                    wanted,
-                    scratch,
                 )
         lit = part > zero
         if vec.bits(lit) == 0:
@@ -167,7 +164,7 @@ def _octahedral(d):  # type: ignore[no-untyped-def]
 @njit(nogil=True, error_model="numpy")
 def _read(texels, places, level, u, v):  # type: ignore[no-untyped-def]
     """Bilinear in octahedral tables with a border of one texel, RGB; ``level``: i32x8, which table."""
-    two, three = vec.i32(2), vec.i32(3)
+    two, four = vec.i32(2), vec.i32(4)
     offset, side = vec.gather(places, level * two), vec.gather(places, level * two + vec.i32(1))
     most = vec.to_f32(side)
     half = vec.f32(0.5)
@@ -176,16 +173,15 @@ def _read(texels, places, level, u, v):  # type: ignore[no-untyped-def]
     i, j = vec.to_i32(x), vec.to_i32(y)
     fx, fy = x - vec.to_f32(i), y - vec.to_f32(j)
     gx, gy = vec.f32(1.0) - fx, vec.f32(1.0) - fy
-    line = side + two
-    at = offset + (j * line + i) * three
-    below = at + line * three
-    a, b = vec.load_triples(texels, at), vec.load_triples(texels, at + three)
-    c, d = vec.load_triples(texels, below), vec.load_triples(texels, below + three)
+    line = (side + two) * four
+    at = offset + j * line + i * four
+    # Of two neighbours, four values each.
+    a, c = vec.load_octets(texels, at), vec.load_octets(texels, at + line)
     wa, wb, wc, wd = gx * gy, fx * gy, gx * fy, fx * fy
     return (
-        a[0] * wa + b[0] * wb + c[0] * wc + d[0] * wd,
-        a[1] * wa + b[1] * wb + c[1] * wc + d[1] * wd,
-        a[2] * wa + b[2] * wb + c[2] * wc + d[2] * wd,
+        a[0] * wa + a[4] * wb + c[0] * wc + c[4] * wd,
+        a[1] * wa + a[5] * wb + c[1] * wc + c[5] * wd,
+        a[2] * wa + a[6] * wb + c[2] * wc + c[6] * wd,
     )
 
 
@@ -196,19 +192,13 @@ def _split(table, side, n_v, roughness):  # type: ignore[no-untyped-def]
     x, y = n_v * vec.f32(side - 1), roughness * vec.f32(side - 1)
     i, j = vec.least(vec.to_i32(x), last), vec.least(vec.to_i32(y), last)
     fx, fy = x - vec.to_f32(i), y - vec.to_f32(j)
-    a = (i * vec.i32(side) + j) * two
-    b = a + vec.i32(2 * side)
+    place = (i * vec.i32(side) + j) * two
     wa, wb, wc, wd = (one - fx) * (one - fy), fx * (one - fy), (one - fx) * fy, fx * fy
-    first = vec.i32(1)
+    # Scale and bias at a roughness and at the next.
+    a, c = vec.load_quads(table, place), vec.load_quads(table, place + vec.i32(2 * side))
     return (
-        vec.gather(table, a) * wa
-        + vec.gather(table, b) * wb
-        + vec.gather(table, a + two) * wc
-        + vec.gather(table, b + two) * wd,
-        vec.gather(table, a + first) * wa
-        + vec.gather(table, b + first) * wb
-        + vec.gather(table, a + two + first) * wc
-        + vec.gather(table, b + two + first) * wd,
+        a[0] * wa + c[0] * wb + a[2] * wc + c[2] * wd,
+        a[1] * wa + c[1] * wb + a[3] * wc + c[3] * wd,
     )
 
 
@@ -259,12 +249,11 @@ def _add_surroundings(job, rows, count):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def light_up(job, rows, count, scratch):  # type: ignore[no-untyped-def]
+def light_up(job, rows, count):  # type: ignore[no-untyped-def]
     """Fill the rows G_VIEW and G_LIGHT of ``count`` pixels, the latter with tone-mapped linear RGB.
 
     Args:
         job: pointer to the J_COLUMNS int64. rows: pointer to G_ROWS rows of STRIDE float32.
-        scratch: address of SCRATCH_VALUES values of 4 bytes.
     """
     zero = vec.f32(0.0)
     for x in range(0, count, vec.LANES):
@@ -274,7 +263,7 @@ def light_up(job, rows, count, scratch):  # type: ignore[no-untyped-def]
         scale = vec.select(length > zero, vec.f32(-1.0) / length, zero)
         _put(rows, G_VIEW, x, px * scale, py * scale, pz * scale)
     for k in range(job[J_LIGHT_COUNT]):
-        _add_lamp(job, f64_at(job[J_LIGHTS] + 8 * L_COLUMNS * k), rows, count, scratch)
+        _add_lamp(job, f64_at(job[J_LIGHTS] + 8 * L_COLUMNS * k), rows, count)
     if job[J_RADIANCE] != 0:
         _add_surroundings(job, rows, count)
     exposure = vec.f32(f64_at(job[J_LENS])[4])

@@ -22,7 +22,7 @@ from renderers.studio.finish import finish_rows
 from renderers.studio.lamps import light_table
 from renderers.studio.rig import MAX_LIGHTS, MAX_SHADOWS, Rig
 from renderers.studio.sampling import BYTE_VALUES
-from renderers.studio.shadows import draw_maps, shadow_tables, visible_points
+from renderers.studio.shadows import ShadowMap, draw_maps, pixel_size, shadow_tables, visible_points
 from renderers.studio.surroundings import Ambient, ambient_of, split_sum
 from renderers.studio.tables import StudioScene, normal_matrices
 from renderers.studio.tonemap import SRGB_CELLS, TONES
@@ -63,29 +63,63 @@ def paint(
     cull = studio.cull_back if studio.cull_back.any() else None
     opaque = ~studio.layered if studio.layered.any() else None
     cameras = sample_cameras(camera, samples)
-    out = np.zeros((camera.height, camera.width, 4), np.float32)
-    bands = band_count(camera.height)
-    with ExitStack() as stack:
-        seen = stack.enter_context(rasterizer.visibility(scene, cameras[0], select=opaque, cull_back=cull))
-        lights = (scene.lights if scene.lights and rig.scene_lights else rig.lights)[:MAX_LIGHTS]
-        points = visible_points(seen, cameras[0]) if rig.shadow_size else np.zeros((0, 3))
-        maps, rows = draw_maps(rasterizer, scene, lights, points, rig.shadow_size, MAX_SHADOWS)
-        for each in maps:
-            stack.callback(each.seen.close)
-        ambient = ambient_of(rig.surroundings) if rig.surroundings is not None else None
-        light = _Light(rig, light_table(lights, rows, camera), len(lights), *shadow_tables(maps, camera), ambient)
-        size = camera.height, camera.width
+    height, width = camera.height, camera.width
+    bands = band_count(height)
+    behind = np.array([linear_from_srgb(value / 255.0) for value in background], np.float32)
+    finish = np.zeros(at.F_COLUMNS, np.int64)
+    finish[at.F_BEHIND] = address_of(behind, np.float32)
+    finish[at.F_CELLS] = address_of(SRGB_CELLS, np.int32)
+    finish[at.F_COLOR] = address_of(color, np.uint8)
+    finishing = address_of(finish, np.int64)
 
-        def shade(view: Visibility, lens: Camera, mode: int, target: NDArray[np.float32]) -> None:
-            """Shade a layer."""
+    def rows(unit: int) -> tuple[int, int]:
+        return unit * BAND_ROWS, min((unit + 1) * BAND_ROWS, height)
+
+    def cut(view: Visibility, lens: Camera) -> NDArray[np.bool_]:
+        """Where a layer is not cut out."""
+        nothing = _Light(rig, light_table((), (), lens), 0, *shadow_tables((), lens), [], None)
+        job, keep = _job(studio, view.X_camera_mesh, view.first_record, lens, nothing)
+        alpha = np.zeros((lens.height, at.line_of(lens.width)), np.float32)
+        table, to, ids = address_of(job, np.int64), address_of(alpha, np.float32), address_of(view.ids, np.int32)
+
+        def band(unit: int) -> None:
+            begin, end = unit * BAND_ROWS, min((unit + 1) * BAND_ROWS, lens.height)
+            where = ids + 4 * begin * lens.width, 0, lens.width
+            k.shade_rows(k.CUT, table, *where, lens.width, begin, end, to, 0)
+
+        rasterizer.parallel(band_count(lens.height), band)
+        del keep
+        there: NDArray[np.bool_] = alpha[:, : lens.width] > 0.0
+        return there
+
+    with ExitStack() as stack:
+        lights = (scene.lights if scene.lights and rig.scene_lights else rig.lights)[:MAX_LIGHTS]
+        shadowed = rig.shadow_size != 0 and any(light.casts_shadow for light in lights)
+        seen: Visibility | None = None
+        maps: list[ShadowMap] = []
+        map_of = [-1] * len(lights)
+        if shadowed or opaque is not None or samples == 1:
+            seen = stack.enter_context(rasterizer.visibility(scene, cameras[0], select=opaque, cull_back=cull))
+        if shadowed and seen is not None:
+            points = visible_points(seen, cameras[0])
+            pixel = pixel_size(points, camera)
+            maps, map_of = draw_maps(
+                rasterizer, scene, lights, points, rig.shadow_size, pixel, MAX_SHADOWS, studio.layered, cut
+            )
+        ambient = ambient_of(rig.surroundings) if rig.surroundings is not None else None
+        light = _Light(
+            rig, light_table(lights, map_of, camera), len(lights), *shadow_tables(maps, camera), maps, ambient
+        )
+
+        def shade(view: Visibility, lens: Camera, mode: int, target: NDArray[np.float32] | None) -> None:
+            """Shade a layer; None: at once into the picture."""
             job, keep = _job(studio, view.X_camera_mesh, view.first_record, lens, light)
             table, to = address_of(job, np.int64), address_of(target, np.float32)
             ids = address_of(view.ids, np.int32)
 
             def band(unit: int) -> None:
-                begin = unit * BAND_ROWS
-                end = min(begin + BAND_ROWS, size[0])
-                k.shade_rows(mode, table, ids + 4 * begin * size[1], 0, size[1], size[1], begin, end, to)
+                begin, end = rows(unit)
+                k.shade_rows(mode, table, ids + 4 * begin * width, 0, width, width, begin, end, to, finishing)
 
             rasterizer.parallel(bands, band)
             del keep
@@ -94,44 +128,35 @@ def paint(
             """Shade what samples see."""
             job, keep = _job(studio, view.X_camera_mesh, view.first_record, camera, light)
             stack.callback(lambda: (job, keep))
-            table, to = address_of(job, np.int64), address_of(out, np.float32)
+            table = address_of(job, np.int64)
 
             def band(unit: int, edges: NDArray[np.int64]) -> None:
-                begin = unit * BAND_ROWS
-                end = min(begin + BAND_ROWS, size[0])
                 where = int(edges[E_IDS]), address_of(edges, np.int64), view.stride
-                k.shade_rows(k.EDGES, table, *where, size[1], begin, end, to)
+                k.shade_rows(k.EDGES, table, *where, width, *rows(unit), 0, finishing)
 
             return band
 
         if opaque is None:
-            if samples == 1:
-                shade(seen, camera, k.ADD, out)
+            if samples == 1 and seen is not None:
+                shade(seen, camera, k.ADD, None)
             else:
                 rasterizer.sampled(scene, camera, samples, begin_edges, cull_back=cull)
-        else:
-            for each_camera in cameras:
-                own = out if samples == 1 else np.zeros_like(out)
-                view = seen
-                if each_camera is not cameras[0]:
-                    view = rasterizer.visibility(scene, each_camera, select=opaque, cull_back=cull)
-                    stack.callback(view.close)
-                for layer in peeled(rasterizer, scene, studio, each_camera, cull, view):
-                    shade(layer, each_camera, k.BENEATH, own)
-                    layer.ids[own[..., 3] >= 1.0] = -1  # nothing can be seen behind
-                shade(view, each_camera, k.BENEATH, own)
-                if samples > 1:
-                    out += own * np.float32(1.0 / samples)
-    behind = np.array([linear_from_srgb(value / 255.0) for value in background], np.float32)
-    job = (address_of(out, np.float32), address_of(behind, np.float32), address_of(SRGB_CELLS, np.int32), camera.width)
-    picture = address_of(color, np.uint8)
-
-    def finish(unit: int) -> None:
-        begin = unit * BAND_ROWS
-        end = min(begin + BAND_ROWS, camera.height)
-        finish_rows(*job, begin, end, picture)
-
-    rasterizer.parallel(bands, finish)
+            return
+        shape = height, 4, at.line_of(width)
+        out = np.zeros(shape, np.float32)
+        for each_camera in cameras:
+            own = out if samples == 1 else np.zeros(shape, np.float32)
+            view = seen
+            if view is None or each_camera is not cameras[0]:
+                view = stack.enter_context(rasterizer.visibility(scene, each_camera, select=opaque, cull_back=cull))
+            for layer in peeled(rasterizer, scene, studio, each_camera, cull, view):
+                shade(layer, each_camera, k.BENEATH, own)
+                layer.ids[own[:, 3, :width] >= 1.0] = -1  # nothing can be seen behind
+            shade(view, each_camera, k.BENEATH, own)
+            if samples > 1:
+                out += own * np.float32(1.0 / samples)
+        layers = address_of(out, np.float32)
+        rasterizer.parallel(bands, lambda unit: finish_rows(layers, finishing, width, *rows(unit)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,6 +169,8 @@ class _Light:
     floats: NDArray[np.float64]
     """Of the shadow maps, as ``integers``."""
     integers: NDArray[np.int64]
+    maps: list[ShadowMap]
+    """What the addresses among these point into."""
     ambient: Ambient | None
 
 
@@ -161,14 +188,13 @@ def _job(
     lens = np.array(
         (camera.fx, camera.fy, camera.cx, camera.cy, light.rig.exposure, *turn.flat, 1.0 / camera.fx, 1.0 / camera.fy)
     )
-    values = np.ascontiguousarray(BYTE_VALUES)
     job = np.zeros(at.J_COLUMNS, np.int64)
     job[at.J_INSTANCES] = address_of(studio.instances, np.int64)
     job[at.J_MATERIAL_INTEGERS] = address_of(studio.material_integers, np.int64)
     job[at.J_MATERIAL_FLOATS] = address_of(studio.material_floats, np.float32)
     job[at.J_TEXTURE_INTEGERS] = address_of(studio.texture_integers, np.int64)
     job[at.J_TEXTURE_FLOATS] = address_of(studio.texture_floats, np.float32)
-    job[at.J_VALUES] = address_of(values, np.float32)
+    job[at.J_VALUES] = address_of(BYTE_VALUES, np.float32)
     job[at.J_X] = address_of(X, np.float64)
     job[at.J_N] = address_of(N, np.float64)
     job[at.J_LIGHTS] = address_of(light.lamps, np.float64)
@@ -185,4 +211,4 @@ def _job(
     job[at.J_TONE] = TONES.index(light.rig.tone)
     job[at.J_FIRST] = address_of(first_record, np.int64)
     job[at.J_COUNT] = len(first_record) - 1
-    return job, (X, N, lens, values, light, first_record)
+    return job, (X, N, lens, light, first_record)

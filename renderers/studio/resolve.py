@@ -1,4 +1,4 @@
-"""From a visible element and a pixel to the point that is seen: attributes and their derivatives."""
+"""From visible elements and pixels to the points that are seen, eight lanes at a time, each with its own element."""
 
 from __future__ import annotations
 
@@ -7,103 +7,124 @@ import math
 import numpy as np
 from numba import njit
 
-from renderers.pointers import f32_at, u32_at
-from renderers.studio.tables import II_ELEMENTS, II_POSITIONS, II_TOPOLOGY
+from renderers import simd as vec
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def cross(a, b):  # type: ignore[no-untyped-def]
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def dot(a, b):  # type: ignore[no-untyped-def]
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(nogil=True, error_model="numpy")
-def unit(a):  # type: ignore[no-untyped-def]
-    """Unit length; 0 for what has no direction."""
-    length = math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
-    scale = 1.0 / length if length > 0.0 and length < math.inf else 0.0
-    return a[0] * scale, a[1] * scale, a[2] * scale
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def minus(a, b):  # type: ignore[no-untyped-def]
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def reach(a, to):  # type: ignore[no-untyped-def]
+    """f32x8: what makes vectors ``to`` long; 0 for what has no direction."""
+    length = vec.sqrt(dot(a, a))
+    usable = (length > vec.f32(0.0)) & (length < vec.f32(math.inf))
+    return vec.select(usable, to / length, vec.f32(0.0))
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def moved(X, p):  # type: ignore[no-untyped-def]
-    """A point by a (4, 4) matrix (a pointer)."""
+    """Points (f32x8) by a (4, 4) matrix (a pointer), f64x8."""
+    x, y, z = vec.to_f64(p[0]), vec.to_f64(p[1]), vec.to_f64(p[2])
     return (
-        X[0] * p[0] + X[1] * p[1] + X[2] * p[2] + X[3],
-        X[4] * p[0] + X[5] * p[1] + X[6] * p[2] + X[7],
-        X[8] * p[0] + X[9] * p[1] + X[10] * p[2] + X[11],
+        vec.f64(X[0]) * x + vec.f64(X[1]) * y + vec.f64(X[2]) * z + vec.f64(X[3]),
+        vec.f64(X[4]) * x + vec.f64(X[5]) * y + vec.f64(X[6]) * z + vec.f64(X[7]),
+        vec.f64(X[8]) * x + vec.f64(X[9]) * y + vec.f64(X[10]) * z + vec.f64(X[11]),
     )
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def turned(X, stride, p):  # type: ignore[no-untyped-def]
-    """A direction by the linear part of a matrix whose rows are ``stride`` values long."""
+    """Directions (f32x8) by the linear part of a matrix whose rows are ``stride`` values long."""
     return (
-        X[0] * p[0] + X[1] * p[1] + X[2] * p[2],
-        X[stride] * p[0] + X[stride + 1] * p[1] + X[stride + 2] * p[2],
-        X[2 * stride] * p[0] + X[2 * stride + 1] * p[1] + X[2 * stride + 2] * p[2],
+        vec.f32(X[0]) * p[0] + vec.f32(X[1]) * p[1] + vec.f32(X[2]) * p[2],
+        vec.f32(X[stride]) * p[0] + vec.f32(X[stride + 1]) * p[1] + vec.f32(X[stride + 2]) * p[2],
+        vec.f32(X[2 * stride]) * p[0] + vec.f32(X[2 * stride + 1]) * p[1] + vec.f32(X[2 * stride + 2]) * p[2],
     )
 
 
-@njit(nogil=True, error_model="numpy")
-def three(values, index, stride):  # type: ignore[no-untyped-def]
-    return (
-        np.float64(values[index * stride]),
-        np.float64(values[index * stride + 1]),
-        np.float64(values[index * stride + 2]),
-    )
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def single(a):  # type: ignore[no-untyped-def]
+    """Vectors as float32."""
+    return vec.to_f32(a[0]), vec.to_f32(a[1]), vec.to_f32(a[2])
 
 
-@njit(nogil=True, error_model="numpy")
-def corners(columns, element, X):  # type: ignore[no-untyped-def]
-    """Vertices of an element, and where they are in the optical frame; lines and points repeat their last vertex."""
-    topology = columns[II_TOPOLOGY]
-    elements, positions = u32_at(columns[II_ELEMENTS]), f32_at(columns[II_POSITIONS])
-    i0 = np.int64(elements[element * topology])
-    i1 = np.int64(elements[element * topology + 1]) if topology > 1 else i0
-    i2 = np.int64(elements[element * topology + 2]) if topology > 2 else i1
-    return (
-        i0,
-        i1,
-        i2,
-        moved(X, three(positions, i0, 3)),
-        moved(X, three(positions, i1, 3)),
-        moved(X, three(positions, i2, 3)),
-    )
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def coordinates(p0, p1, p2, dx, dy):  # type: ignore[no-untyped-def]
+    """Where rays (dx, dy, 1) meet the planes of triangles.
 
+    Args:
+        p0, p1, p2: corners in the optical frame, dx, dy: f64x8.
 
-@njit(nogil=True, error_model="numpy")
-def inside(a, b, c):  # type: ignore[no-untyped-def]
-    """Barycentric coordinates of any scale as >= 0 with sum 1: a sample or a rounded edge may let a pixel see a
-    triangle that its centre lies beside; nothing is extrapolated."""
-    a, b, c = max(a, 0.0), max(b, 0.0), max(c, 0.0)
+    Returns:
+        Perspective-correct barycentric coordinates, three f32x8, nothing is extrapolated; their derivatives by dx and
+        by dy but for the share that is common to all three, three f32x8 each; and f64x8 the determinant of the corners.
+    """
+    none, one, third = vec.f64(0.0), vec.f64(1.0), vec.f64(1.0 / 3.0)
+    r0, r1, r2 = cross(p1, p2), cross(p2, p0), cross(p0, p1)
+    determinant = dot(p0, r0)
+    side = vec.select(determinant < none, vec.f64(-1.0), one)
+    a = vec.most(side * (r0[0] * dx + r0[1] * dy + r0[2]), none)
+    b = vec.most(side * (r1[0] * dx + r1[1] * dy + r1[2]), none)
+    c = vec.most(side * (r2[0] * dx + r2[1] * dy + r2[2]), none)
     total = a + b + c
-    if total > 0.0 and total < math.inf:
-        share = 1.0 / total
-        return a * share, b * share, c * share
-    return 1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0
+    usable = (total > none) & (total < vec.f64(math.inf))
+    share = vec.select(usable, one / total, none)
+    w = (
+        vec.to_f32(vec.select(usable, a * share, third)),
+        vec.to_f32(vec.select(usable, b * share, third)),
+        vec.to_f32(vec.select(usable, c * share, third)),
+    )
+    share = share * side
+    sx = vec.to_f32(r0[0] * share), vec.to_f32(r1[0] * share), vec.to_f32(r2[0] * share)
+    sy = vec.to_f32(r0[1] * share), vec.to_f32(r1[1] * share), vec.to_f32(r2[1] * share)
+    return w, sx, sy, determinant
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def along_line(p, q, dx, dy):  # type: ignore[no-untyped-def]
-    """Share of the second end where a segment passes a ray (dx, dy, 1) nearest, 0 .. 1.
+    """Share of the second end (f32x8) where segments pass rays (dx, dy, 1) nearest, 0 .. 1.
 
     With e = q - p all points p + t e project onto one line of the image with the direction s = e.xy p.z - p.xy e.z;
     the projection's component along s is to be the ray's, which is linear in t.
     """
-    ex, ey, ez = q[0] - p[0], q[1] - p[1], q[2] - p[2]
+    none, one = vec.f64(0.0), vec.f64(1.0)
+    ex, ey, ez = minus(q, p)
     sx, sy = ex * p[2] - p[0] * ez, ey * p[2] - p[1] * ez
     along = sx * dx + sy * dy
-    denominator = ex * sx + ey * sy - along * ez
-    t = (along * p[2] - (p[0] * sx + p[1] * sy)) / denominator if denominator != 0.0 else 0.0
-    return min(max(t, 0.0), 1.0) if math.isfinite(t) else 0.0
+    t = (along * p[2] - (p[0] * sx + p[1] * sy)) / (ex * sx + ey * sy - along * ez)
+    t = vec.select(vec.absolute(t) < vec.f64(math.inf), t, none)
+    return vec.to_f32(vec.least(vec.most(t, none), one))
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def mixed(w, a, b, c):  # type: ignore[no-untyped-def]
+    """An attribute between three corners."""
+    return w[0] * a + w[1] * b + w[2] * c
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def sloped(s, value, a, b, c):  # type: ignore[no-untyped-def]
+    """The derivative of an attribute that is ``value`` here; ``s``: of ``coordinates``.
+
+    With u = sum(b_i u_i) / sum(b_i) and b_i linear over the image, du/dx = sum(b_i' (u_i - u)) / sum(b_i).
+    """
+    return s[0] * (a - value) + s[1] * (b - value) + s[2] * (c - value)
 
 
 @njit(nogil=True, error_model="numpy")
-def mixed(values, stride, k, i0, i1, i2, w0, w1, w2):  # type: ignore[no-untyped-def]
-    """One value of an attribute between three vertices."""
-    return values[i0 * stride + k] * w0 + values[i1 * stride + k] * w1 + values[i2 * stride + k] * w2
+def mirrors(X):  # type: ignore[no-untyped-def]
+    """-1 where a (4, 4) matrix (a pointer) mirrors, else 1."""
+    determinant = dot((X[0], X[1], X[2]), cross((X[4], X[5], X[6]), (X[8], X[9], X[10])))
+    return np.float32(-1.0) if determinant < 0.0 else np.float32(1.0)

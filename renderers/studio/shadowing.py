@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from renderers import simd as vec
-from renderers.pointers import f32_at, i32_at
+from renderers.pointers import f32_at
 from renderers.studio.shadows import S_CENTER, S_FOCAL, S_OFFSET, SI_INV_Z, SI_SIDE
 
 _PLAY: Final = np.float32(1.0 + 1e-6)
@@ -20,50 +20,65 @@ def _turned(m, k, x, y, z):  # type: ignore[no-untyped-def]
     return vec.f64(m[k]) * x + vec.f64(m[k + 1]) * y + vec.f64(m[k + 2]) * z
 
 
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _column(lit, texels, column, width, plane, du, fu):  # type: ignore[no-untyped-def]
+    """A row's sum with one more column: its weight where the plane of the receiver is not behind the texel."""
+    if column >= width:
+        return lit
+    zero, one = vec.f32(0.0), vec.f32(1.0)
+    weight = one
+    if column == 0:
+        weight = one - fu
+    elif column == width - 1:
+        weight = fu
+    # Where nothing is, the map holds what is below 0.
+    clear = texels <= vec.most(plane + du * vec.f32(column), zero)
+    return lit + vec.select(clear, weight, zero)
+
+
 @njit(nogil=True, error_model="numpy")
-def _filtered(inv_z, side, radius, at, base, du, dv, fu, fv, sums):  # type: ignore[no-untyped-def]
-    """Mean of the comparisons around one point, eight columns at a time.
+def _filtered(inv_z, side, radius, at, base, du, dv, fu, fv):  # type: ignore[no-untyped-def]
+    """Means of the comparisons around eight points.
 
     Args:
-        at: index of the first texel. base, du, dv: 1/z of the receiver's plane there, and its change by column and row.
-        fu, fv: where the point lies between texels. sums: pointer to eight float32.
+        at: indices of the first texels. base, du, dv: 1/z of the receivers' planes there, and its change by column and
+            row. fu, fv: where the points lie between texels.
     """
     width = 2 * radius + 2
-    zero, one = vec.f32(0.0), vec.f32(1.0)
-    lane = vec.to_f32(vec.iota())
-    acc = zero
-    for c in range(0, width, vec.LANES):
-        column = vec.f32(c) + lane
-        weight = vec.select(column < vec.f32(width - 1), one, vec.select(column < vec.f32(width), vec.f32(fu), zero))
-        weight = vec.select(column < one, vec.f32(np.float32(1.0) - fu), weight)
-        across = vec.f32(base) + vec.f32(du) * column
-        for row in range(width):
-            share = np.float32(1.0)
-            if row == 0:
-                share = np.float32(1.0) - fv
-            elif row == width - 1:
-                share = fv
-            # Where nothing is, the map holds what is below 0.
-            plane = vec.most(across + vec.f32(dv * np.float32(row)), zero) * vec.f32(_PLAY)
-            clear = vec.load(inv_z, at + row * side + c) <= plane
-            acc = acc + vec.select(clear, weight * vec.f32(share), zero)
-    vec.store(sums, 0, acc)
-    total = np.float32(0.0)
-    for k in range(vec.LANES):
-        total += sums[k]
-    return total / np.float32((2 * radius + 1) * (2 * radius + 1))
+    zero, one, line, play = vec.f32(0.0), vec.f32(1.0), vec.i32(side), vec.f32(_PLAY)
+    base, du, dv = base * play, du * play, dv * play
+    total = zero
+    for row in range(width):
+        plane = base + dv * vec.f32(row)
+        lit = zero
+        for c in range(0, width, vec.LANES):
+            t = vec.load_octets(inv_z, at + vec.i32(c))
+            lit = _column(lit, t[0], c, width, plane, du, fu)
+            lit = _column(lit, t[1], c + 1, width, plane, du, fu)
+            lit = _column(lit, t[2], c + 2, width, plane, du, fu)
+            lit = _column(lit, t[3], c + 3, width, plane, du, fu)
+            lit = _column(lit, t[4], c + 4, width, plane, du, fu)
+            lit = _column(lit, t[5], c + 5, width, plane, du, fu)
+            lit = _column(lit, t[6], c + 6, width, plane, du, fu)
+            lit = _column(lit, t[7], c + 7, width, plane, du, fu)
+        share = one
+        if row == 0:
+            share = one - fv
+        elif row == width - 1:
+            share = fv
+        total = total + share * lit
+        at = at + line
+    return total / vec.f32((2 * radius + 1) * (2 * radius + 1))
 
 
 @njit(nogil=True, error_model="numpy")
-def lit_parts(m, integers, radius, x, y, z, nx, ny, nz, wanted, scratch):  # type: ignore[no-untyped-def]
+def lit_parts(m, integers, radius, x, y, z, nx, ny, nz):  # type: ignore[no-untyped-def]
     """f32x8: how much of a light reaches points, 0 .. 1; 1 outside of the map.
 
     Args:
         m, integers: pointers to the map's rows.
         radius: texels either way over which it is filtered: ``2 radius + 1`` squared bilinear readings.
         x, y, z: points, nx, ny, nz: normals of their triangles (unit, towards the light), both in the camera's frame.
-        wanted: bits of the lanes that are wanted; the others give anything.
-        scratch: address of SCRATCH_VALUES values of 4 bytes.
     """
     x, y, z = vec.to_f64(x), vec.to_f64(y), vec.to_f64(z)
     nx, ny, nz = vec.to_f64(nx), vec.to_f64(ny), vec.to_f64(nz)
@@ -92,31 +107,7 @@ def lit_parts(m, integers, radius, x, y, z, nx, ny, nz, wanted, scratch):  # typ
     reach = vec.f64(float(radius))
     base = here - du * (reach + fu) - dv * (reach + fv)
     radii = vec.i32(radius)
-    whole, values = i32_at(scratch), f32_at(scratch)
-    vec.store(whole, 0, (vec.to_i32(j) - radii) * vec.i32(side) + vec.to_i32(i) - radii)
-    vec.store(values, 8, vec.to_f32(base))
-    vec.store(values, 16, vec.to_f32(du))
-    vec.store(values, 24, vec.to_f32(dv))
-    vec.store(values, 32, vec.to_f32(fu))
-    vec.store(values, 40, vec.to_f32(fv))
-    vec.store(values, 48, vec.f32(1.0))
-    lanes = vec.bits(inside) & wanted
-    inv_z = f32_at(integers[SI_INV_Z])
-    sums = f32_at(scratch + 4 * 56)
-    while lanes != 0:
-        k = vec.lowest_bit(lanes)
-        lanes &= lanes - 1
-        at = np.int64(whole[k])
-        values[48 + k] = _filtered(
-            inv_z,
-            side,
-            radius,
-            at,
-            values[8 + k],
-            values[16 + k],
-            values[24 + k],
-            values[32 + k],
-            values[40 + k],
-            sums,
-        )
-    return vec.load(values, 48)
+    at = (vec.to_i32(j) - radii) * vec.i32(side) + vec.to_i32(i) - radii
+    base, du, dv = vec.to_f32(base), vec.to_f32(du), vec.to_f32(dv)
+    part = _filtered(f32_at(integers[SI_INV_Z]), side, radius, at, base, du, dv, vec.to_f32(fu), vec.to_f32(fv))
+    return vec.select(inside, part, vec.f32(1.0))

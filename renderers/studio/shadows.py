@@ -2,15 +2,16 @@
 
 A directional light becomes a camera so far away that its rays differ by half a degree at most, as the sun's do. Maps
 are fitted to what the picture shows (Lauritzen, Salvi, Lefohn, "Sample Distribution Shadow Maps", 2011), not to the
-scene, which may have a floor of a hundred metres. Borders are filtered by percentage closer filtering (Reeves,
-Salesin, Cook 1987) with bilinear weights; the receiver's own plane gives its depth at every texel, so that a plane
-never shadows itself.
+scene, which may have a floor of a hundred metres. The fit goes in steps, so that a camera that moves a little finds the
+map of the picture before; a map depends on scene, light and step alone, never on what was drawn before. Borders are
+filtered by percentage closer filtering (Reeves, Salesin, Cook 1987) with bilinear weights; the receiver's own plane
+gives its depth at every texel, so that a plane never shadows itself.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from renderers.camera import Camera
 from renderers.drawlist import AlphaMode, DrawList, Instance, Light, LightKind, Topology
 from renderers.pointers import address_of
+from renderers.weaklru import WeakLru
 
 if TYPE_CHECKING:  # the rasterizer calls this room
     from renderers.cpu.visibility import Rasterizer, Visibility
@@ -44,16 +46,54 @@ _SPREAD: Final = 1.5
 pixels lie."""
 
 
+MAX_MAP_BYTES: Final = 128 << 20
+"""Maps kept for scenes that are alive: eight of 2048 x 2048 texels, a rig of four lights for two scenes."""
+MAPS_PER_SCENE: Final = 8
+"""Maps kept of one scene: four lights and a camera that goes to and fro over the border of a step."""
+_COARSENESS: Final = 1.25
+"""Texels of a map are at most so many times as large as a pixel of the picture at a middling distance: the filter takes
+five of them, and finer borders are hardly seen."""
+_LEAST_SIDE: Final = 512
+"""A map of that size costs a millisecond."""
+_STEPS: Final = (0.5946035575013605, 0.7071067811865476, 0.8408964152537145, 1.0)
+"""Sizes of a map within an octave, 2^(k/4)."""
+_ROOM: Final = 16.0 / 15.0
+"""How much larger a map is than what it must hold: its middle goes in steps of an eighth of its radius."""
+
+
+MAX_CUT_OUT: Final = 8
+"""Cut-out surfaces behind one another that the light is followed through: each is another drawing of them all. Where it
+passes holes in as many, it goes on."""
+Cut = Callable[["Visibility", Camera], NDArray[np.bool_]]
+"""Where (H, W) a layer that a camera sees is not cut out."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ShadowMap:
     """One light's view."""
 
     camera: Camera
-    seen: Visibility
+    inv_z: NDArray[np.float32]
+    """(side, side) float32: 1 / distance along the light's axis of the nearest caster, below 0 where none is."""
+
+
+_maps: WeakLru[DrawList, tuple[ShadowMap, ...]] = WeakLru(MAX_MAP_BYTES)
+"""The newest first."""
+
+
+def map_side(largest: int, extent: float, pixel: float) -> int:
+    """Texels of the side of a map: ``largest``, halved as long as they stay small.
+
+    Args:
+        extent: metres that it covers. pixel: metres that a pixel of the picture covers.
+    """
+    while largest >= 2 * _LEAST_SIDE and _COARSENESS * pixel * (largest // 2) >= extent:
+        largest //= 2
+    return largest
 
 
 def casters(instances: Sequence[Instance]) -> NDArray[np.bool_]:
-    """(n,): who casts shadows: surfaces that are not blended. Cut-out ones cast the shadow of their whole shape."""
+    """(n,): who casts shadows: surfaces that are not blended."""
     return np.array(
         [i.mesh.topology is Topology.TRIANGLES and i.material.alpha_mode is not AlphaMode.BLEND for i in instances],
         np.bool_,
@@ -74,11 +114,23 @@ def visible_points(seen: Visibility, camera: Camera) -> NDArray[np.float64]:
     y = (rows[hit] + 0.5 - camera.cy) / camera.fy * z
     points = np.stack((x, y, z), -1)[near]
     world: NDArray[np.float64] = points @ camera.X_world_camera[:3, :3].T + camera.X_world_camera[:3, 3]
-    return world
+    return world[np.isfinite(world).all(axis=-1)]
 
 
-def light_camera(light: Light, points: NDArray[np.float64], size: int) -> Camera | None:
-    """The camera of a light's map, fitted to points (n, 3) of the world; None: it has nothing to see or no map."""
+def pixel_size(points: NDArray[np.float64], camera: Camera) -> float:
+    """Metres that a pixel of a picture covers at the median distance of points (n, 3) of the world."""
+    if not len(points):
+        return 0.0
+    depth = (points - camera.X_world_camera[:3, 3]) @ camera.X_world_camera[:3, 2]
+    return float(np.median(depth)) / max(camera.fx, camera.fy)
+
+
+def light_camera(light: Light, points: NDArray[np.float64], largest: int, pixel: float) -> Camera | None:
+    """The camera of a light's map, fitted to points (n, 3) of the world; None: it has nothing to see or no map.
+
+    Args:
+        largest, pixel: as in ``map_side``.
+    """
     if light.kind is LightKind.POINT or not len(points):
         return None
     ahead = np.array(light.direction, np.float64)
@@ -87,39 +139,103 @@ def light_camera(light: Light, points: NDArray[np.float64], size: int) -> Camera
     side /= np.linalg.norm(side)
     X = np.eye(4)
     X[:3, :3] = np.stack((side, np.cross(ahead, side), ahead), -1)
-    centre = 0.5 * size
     if light.kind is LightKind.SPOT:
         X[:3, 3] = light.position
         depth = (points - X[:3, 3]) @ ahead
         if not (depth > 0.0).any():
             return None
-        focal = centre / math.tan(min(light.outer_cone, math.radians(80.0)))
-        return Camera(size, size, focal, focal, centre, centre, 1e-3 * float(depth.max()), math.inf, X)
+        slope = math.tan(min(light.outer_cone, math.radians(80.0)))
+        size = map_side(largest, 2.0 * slope * float(np.median(depth)), pixel)
+        focal, centre = 0.5 * size / slope, 0.5 * size
+        near = math.ldexp(1e-3, math.frexp(float(depth.max()))[1] - 1)
+        return Camera(size, size, focal, focal, centre, centre, near, math.inf, X)
     local = points @ X[:3, :3]
     low, high = local.min(axis=0), local.max(axis=0)
-    radius = max(0.5 * float((high - low)[:2].max()), 1e-6) * 1.02
-    distance = _FARNESS * max(radius, 0.5 * float(high[2] - low[2]))
-    radius *= 1.0 + float(high[2] - low[2]) / distance  # what is nearer to the light looks larger
-    X[:3, 3] = X[:3, :3] @ np.array((*(0.5 * (low + high))[:2], low[2] - distance))
-    focal = centre * distance / radius
+    mantissa, exponent = math.frexp(_ROOM * max(0.5 * float((high - low)[:2].max()), 1e-6) * 1.02)
+    radius = math.ldexp(next(step for step in _STEPS if mantissa <= step), exponent)
+    cell = 0.125 * radius
+    middle = np.round(0.5 * (low + high)[:2] / cell) * cell
+    first, last = math.floor(low[2] / radius) * radius, math.ceil(high[2] / radius) * radius
+    distance = _FARNESS * max(radius, 0.5 * (last - first))
+    radius *= 1.0 + (last - first) / distance  # what is nearer to the light looks larger
+    X[:3, 3] = X[:3, :3] @ np.array((*middle, first - distance))
+    size = map_side(largest, 2.0 * radius, pixel)
+    focal, centre = 0.5 * size * distance / radius, 0.5 * size
     return Camera(size, size, focal, focal, centre, centre, 1e-2 * distance, math.inf, X)
 
 
+def _same(a: Camera, b: Camera) -> bool:
+    return (a.width, a.fx, a.near) == (b.width, b.fx, b.near) and np.array_equal(a.X_world_camera, b.X_world_camera)
+
+
+def _map_of(rasterizer: Rasterizer, scene: DrawList, camera: Camera, cut_out: NDArray[np.bool_], cut: Cut) -> ShadowMap:
+    """The map that a camera sees, drawn once while the scene lives and the map was used lately."""
+    for each in _maps.get(scene) or ():
+        if _same(each.camera, camera):
+            return each
+    casting = casters(scene.instances)
+    whole, cut_out = casting & ~cut_out, casting & cut_out
+    with rasterizer.visibility(scene, camera, select=whole) as seen:
+        inv_z = seen.inv_z.copy()
+        if cut_out.any():
+            _add_cut_out(rasterizer, scene, camera, cut_out, cut, seen, inv_z)
+    fresh = ShadowMap(camera, inv_z)
+    kept = (fresh, *(_maps.get(scene) or ()))[:MAPS_PER_SCENE]
+    _maps.put(scene, kept, sum(each.inv_z.nbytes for each in kept))
+    return fresh
+
+
+def _add_cut_out(
+    rasterizer: Rasterizer,
+    scene: DrawList,
+    camera: Camera,
+    select: NDArray[np.bool_],
+    cut: Cut,
+    behind: Visibility,
+    inv_z: NDArray[np.float32],
+) -> None:
+    """Put what is nearer than ``behind`` and not cut out into a map."""
+    beyond: Visibility | None = None
+    try:
+        for _ in range(MAX_CUT_OUT):
+            layer = rasterizer.visibility(scene, camera, select=select, beyond=beyond, before=behind)
+            if beyond is not None:
+                beyond.close()
+            beyond = layer
+            if not (layer.ids >= 0).any():
+                break
+            there = cut(layer, camera)
+            np.copyto(inv_z, layer.inv_z, where=there)
+            layer.ids[there] = -1  # nothing behind matters
+    finally:
+        if beyond is not None:
+            beyond.close()
+
+
 def draw_maps(
-    rasterizer: Rasterizer, scene: DrawList, lights: Sequence[Light], points: NDArray[np.float64], size: int, limit: int
+    rasterizer: Rasterizer,
+    scene: DrawList,
+    lights: Sequence[Light],
+    points: NDArray[np.float64],
+    largest: int,
+    pixel: float,
+    limit: int,
+    cut_out: NDArray[np.bool_],
+    cut: Cut,
 ) -> tuple[list[ShadowMap], list[int]]:
     """The maps of the first ``limit`` lights that can have one, and each light's map or -1.
 
-    Whoever calls closes the maps.
+    Args:
+        points: (n, 3), visible ones. largest, pixel: as in ``map_side``.
+        cut_out: (n,): of which instances only a part may be there, as ``cut`` says.
     """
     maps: list[ShadowMap] = []
     rows: list[int] = []
-    select = casters(scene.instances)
     for light in lights:
-        camera = light_camera(light, points, size) if light.casts_shadow and size and len(maps) < limit else None
+        camera = light_camera(light, points, largest, pixel) if light.casts_shadow and len(maps) < limit else None
         rows.append(-1 if camera is None else len(maps))
         if camera is not None:
-            maps.append(ShadowMap(camera, rasterizer.visibility(scene, camera, select=select)))
+            maps.append(_map_of(rasterizer, scene, camera, cut_out, cut))
     return maps, rows
 
 
@@ -131,5 +247,5 @@ def shadow_tables(maps: Sequence[ShadowMap], camera: Camera) -> tuple[NDArray[np
         row[S_MAP : S_MAP + 12] = (each.camera.X_camera_world @ camera.X_world_camera)[:3].reshape(-1)
         row[S_FOCAL], row[S_CENTER] = each.camera.fx, each.camera.cx
         row[S_OFFSET] = _LIFT / each.camera.fx
-        columns[:] = address_of(each.seen.inv_z, np.float32), each.camera.width
+        columns[:] = address_of(each.inv_z, np.float32), each.camera.width
     return floats, integers

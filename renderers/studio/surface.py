@@ -1,4 +1,4 @@
-"""What a pixel sees of an element, by itself and in float64: its material and its place, ready to be lit."""
+"""What pixels see of one instance, eight at a time: their material and their place, ready to be lit."""
 
 from __future__ import annotations
 
@@ -7,7 +7,22 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-from renderers.pointers import f32_at, f64_at, i64_at
+from renderers import simd as vec
+from renderers.pointers import f32_at, f64_at, i64_at, u32_at
+from renderers.shading.layout import (
+    E_COLOR,
+    E_COLUMNS,
+    E_TANGENT,
+    E_UV1,
+    HAS_COLORS,
+    HAS_NORMALS,
+    HAS_TANGENTS,
+    HAS_UV0,
+    HAS_UV1,
+    V_COLUMNS,
+    V_NORMAL,
+    V_UV0,
+)
 from renderers.studio.layout import (
     G_ALPHA,
     G_BASE,
@@ -23,22 +38,37 @@ from renderers.studio.layout import (
     J_LENS,
     J_MATERIAL_FLOATS,
     J_MATERIAL_INTEGERS,
+    J_N,
     J_TEXTURE_FLOATS,
     J_TEXTURE_INTEGERS,
     J_VALUES,
+    J_X,
     STRIDE,
 )
 from renderers.studio.mips import TF_COLUMNS, TI_COLUMNS, TI_UV_SET
-from renderers.studio.resolve import along_line, corners, cross, dot, inside, mixed, three, turned, unit
+from renderers.studio.resolve import (
+    along_line,
+    coordinates,
+    cross,
+    dot,
+    minus,
+    mirrors,
+    mixed,
+    moved,
+    reach,
+    single,
+    sloped,
+    turned,
+)
 from renderers.studio.sampling import sample
 from renderers.studio.tables import (
-    II_COLORS,
     II_CORNER_TANGENTS,
+    II_ELEMENTS,
+    II_EXTRAS,
+    II_HAS,
     II_MATERIAL,
-    II_NORMALS,
-    II_TANGENTS,
     II_TOPOLOGY,
-    II_UV0,
+    II_VERTICES,
     MF_BASE,
     MF_COLUMNS,
     MF_CUTOFF,
@@ -63,27 +93,45 @@ from renderers.studio.tables import (
     MI_UV,
 )
 
-NOTHING: Final = 0
-"""The pixel is cut out."""
+COLOR: Final = 0
+"""What ``look_at`` is to find out: what opaque surfaces look like,"""
+COLOR_AND_ALPHA: Final = 1
+"""and of what lets something be seen through, G_ALPHA,"""
+ALPHA: Final = 2
+"""or only that."""
 SHOWN: Final = 1
-"""The rows G_EMITTED and G_ALPHA have what it looks like."""
+"""The rows G_EMITTED have what it looks like."""
 TO_BE_LIT: Final = 2
-"""All rows but G_LIGHT have what it is made of."""
-
-_NONE: Final = (0.0, 0.0, 0.0)
-NO_ELEMENT: Final = ((0, 0, 0), _NONE, _NONE, _NONE, _NONE, _NONE, _NONE, 1.0, _NONE, (_NONE, _NONE, _NONE))
-"""What ``element_of`` gives, of nothing."""
+"""All rows but G_VIEW and G_LIGHT have what it is made of."""
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _put(rows, row, slot, values):  # type: ignore[no-untyped-def]
     at = row * STRIDE + slot
-    rows[at], rows[at + STRIDE], rows[at + 2 * STRIDE] = values
+    vec.store(rows, at, values[0])
+    vec.store(rows, at + STRIDE, values[1])
+    vec.store(rows, at + 2 * STRIDE, values[2])
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _three(values, k):  # type: ignore[no-untyped-def]
+    return vec.f32(values[k]), vec.f32(values[k + 1]), vec.f32(values[k + 2])
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _times(a, b):  # type: ignore[no-untyped-def]
+    return a[0] * b[0], a[1] * b[1], a[2] * b[2]
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _clamped(value):  # type: ignore[no-untyped-def]
+    """0 .. 1; 0 for what is no number."""
+    return vec.least(vec.most(value, vec.f32(0.0)), vec.f32(1.0))
 
 
 @njit(nogil=True, error_model="numpy")
 def _texture(job, row, uv):  # type: ignore[no-untyped-def]
-    """RGBA of a row of the texture table; ``uv``: both sets of coordinates with derivatives, 12 values."""
+    """RGBA of a row of the texture table; ``uv``: both sets of coordinates with derivatives, 12 f32x8."""
     integers = i64_at(job[J_TEXTURE_INTEGERS] + 8 * TI_COLUMNS * row)
     floats = f32_at(job[J_TEXTURE_FLOATS] + 4 * TF_COLUMNS * row)
     values = f32_at(job[J_VALUES])
@@ -92,203 +140,210 @@ def _texture(job, row, uv):  # type: ignore[no-untyped-def]
     return sample(integers, floats, values, uv[6], uv[7], uv[8], uv[9], uv[10], uv[11])
 
 
-@njit(nogil=True, error_model="numpy")
-def _coordinates(address, i0, i1, i2, w, sx, sy, total):  # type: ignore[no-untyped-def]
-    """u, v and their derivatives by column and row: with u = sum(b_i u_i) / sum(b_i) and b_i linear over the image,
-    du/dx = (sum(b_i' u_i) - u sum(b_i')) / sum(b_i)."""
-    if address == 0:
-        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    values = f32_at(address)
-    u = mixed(values, 2, 0, i0, i1, i2, w[0], w[1], w[2])
-    v = mixed(values, 2, 1, i0, i1, i2, w[0], w[1], w[2])
-    if not (total > 0.0):
-        return u, v, 0.0, 0.0, 0.0, 0.0
-    slope_x, slope_y = sx[0] + sx[1] + sx[2], sy[0] + sy[1] + sy[2]
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _coordinates(w, sx, sy, u, v):  # type: ignore[no-untyped-def]
+    """u, v and their derivatives by column and row; ``u``, ``v``: at three corners."""
+    here, there = mixed(w, u[0], u[1], u[2]), mixed(w, v[0], v[1], v[2])
     return (
-        u,
-        v,
-        (mixed(values, 2, 0, i0, i1, i2, sx[0], sx[1], sx[2]) - u * slope_x) / total,
-        (mixed(values, 2, 1, i0, i1, i2, sx[0], sx[1], sx[2]) - v * slope_x) / total,
-        (mixed(values, 2, 0, i0, i1, i2, sy[0], sy[1], sy[2]) - u * slope_y) / total,
-        (mixed(values, 2, 1, i0, i1, i2, sy[0], sy[1], sy[2]) - v * slope_y) / total,
+        here,
+        there,
+        sloped(sx, here, u[0], u[1], u[2]),
+        sloped(sx, there, v[0], v[1], v[2]),
+        sloped(sy, here, u[0], u[1], u[2]),
+        sloped(sy, there, v[0], v[1], v[2]),
     )
 
 
 @njit(nogil=True, error_model="numpy")
-def element_of(columns, X, N, element):  # type: ignore[no-untyped-def]
-    """What all pixels of an element share: its vertices' numbers and places in the optical frame, the rows of
-    ``[p0 p1 p2]^-1`` up to a positive factor, which side is seen (-1: the back), and its own normal towards the
-    camera, and its vertices' normals. Of a line or a point, the rows mean nothing."""
-    i0, i1, i2, p0, p1, p2 = corners(columns, element, X)
-    r0, r1, r2 = cross(p1, p2), cross(p2, p0), cross(p0, p1)
-    determinant = dot(p0, r0)
-    if determinant < 0.0:
-        r0, r1, r2 = (-r0[0], -r0[1], -r0[2]), (-r1[0], -r1[1], -r1[2]), (-r2[0], -r2[1], -r2[2])
-    mirrored = dot((X[0], X[1], X[2]), cross((X[4], X[5], X[6]), (X[8], X[9], X[10]))) < 0.0
-    facing = -1.0 if (determinant > 0.0) != mirrored else 1.0
-    flat = unit(cross((p1[0] - p0[0], p1[1] - p0[1], p1[2] - p0[2]), (p2[0] - p0[0], p2[1] - p0[1], p2[2] - p0[2])))
-    if dot(flat, p0) > 0.0:
-        flat = -flat[0], -flat[1], -flat[2]
-    own = flat, flat, flat
-    if columns[II_NORMALS] != 0:
-        normals = f32_at(columns[II_NORMALS])
-        own = (
-            turned(N, 3, three(normals, i0, 3)),
-            turned(N, 3, three(normals, i1, 3)),
-            turned(N, 3, three(normals, i2, 3)),
-        )
-    return (i0, i1, i2), p0, p1, p2, r0, r1, r2, facing, flat, own
+def look_at(job, columns, instance, wanted, elements, places, slot, y, rows):  # type: ignore[no-untyped-def]
+    """Put what eight pixels see of an instance into the rows (G_) at ``slot``.
 
-
-@njit(nogil=True, error_model="numpy")
-def look_at(job, columns, X, shared, element, x, y, rows, slot):  # type: ignore[no-untyped-def]
-    """Put what a pixel sees of an element into the rows (G_) at ``slot``; ``shared``: of ``element_of``.
+    Args:
+        columns: pointer to the instance's row of the instance table.
+        wanted: ``COLOR``, ``COLOR_AND_ALPHA`` or ``ALPHA``.
+        elements, places: pointers to the int32 elements that the pixels of the slots see, and their columns.
 
     Returns:
-        ``NOTHING``, ``SHOWN`` or ``TO_BE_LIT``.
+        ``SHOWN`` or ``TO_BE_LIT``.
     """
-    lens = f64_at(job[J_LENS])
-    across, down = lens[14], lens[15]
-    dx, dy = (x + 0.5 - lens[2]) * across, (y + 0.5 - lens[3]) * down
-    (i0, i1, i2), p0, p1, p2, r0, r1, r2, facing, flat, own = shared
-    sx = sy = (0.0, 0.0, 0.0)
-    total = 0.0
-    if columns[II_TOPOLOGY] == 3:
-        a = r0[0] * dx + r0[1] * dy + r0[2]
-        b = r1[0] * dx + r1[1] * dy + r1[2]
-        c = r2[0] * dx + r2[1] * dy + r2[2]
-        total = a + b + c
-        sx = r0[0] * across, r1[0] * across, r2[0] * across
-        sy = r0[1] * down, r1[1] * down, r2[1] * down
-        w = inside(a, b, c)
+    lens, X = f64_at(job[J_LENS]), f64_at(job[J_X] + 8 * 16 * instance)
+    across, down = vec.f64(lens[14]), vec.f64(lens[15])
+    dx = (vec.to_f64(vec.load(places, slot)) + vec.f64(0.5 - lens[2])) * across
+    dy = vec.f64(y + 0.5 - lens[3]) * down
+    element = vec.load(elements, slot)
+    indices, vertices = u32_at(columns[II_ELEMENTS]), f32_at(columns[II_VERTICES])
+    eight, one = vec.i32(V_COLUMNS), vec.f32(1.0)
+    topology, has = columns[II_TOPOLOGY], columns[II_HAS]
+    if topology == 3:
+        at = element * vec.i32(3)
+        i0, i1, i2 = vec.gather(indices, at), vec.gather(indices, at + vec.i32(1)), vec.gather(indices, at + vec.i32(2))
+    elif topology == 2:
+        i0, i1 = vec.gather(indices, element + element), vec.gather(indices, element + element + vec.i32(1))
+        i2 = i1
+    else:
+        i0 = vec.gather(indices, element)
+        i1, i2 = i0, i0
+    a, b, c = (
+        vec.load_octets(vertices, i0 * eight),
+        vec.load_octets(vertices, i1 * eight),
+        vec.load_octets(vertices, i2 * eight),
+    )
+    p0, p1, p2 = moved(X, a), moved(X, b), moved(X, c)
+    zero = vec.f32(0.0)
+    if topology == 3:
+        w, sx, sy, determinant = coordinates(p0, p1, p2, dx, dy)
+        sx = sx[0] * vec.to_f32(across), sx[1] * vec.to_f32(across), sx[2] * vec.to_f32(across)
+        sy = sy[0] * vec.to_f32(down), sy[1] * vec.to_f32(down), sy[2] * vec.to_f32(down)
     else:
         t = along_line(p0, p1, dx, dy)
-        w = 1.0 - t, t, 0.0
-    mi = i64_at(job[J_MATERIAL_INTEGERS] + 8 * MI_COLUMNS * columns[II_MATERIAL])
-    mf = f32_at(job[J_MATERIAL_FLOATS] + 4 * MF_COLUMNS * columns[II_MATERIAL])
-    c0 = _coordinates(columns[II_UV0] if mi[MI_UV] & 1 else 0, i0, i1, i2, w, sx, sy, total)
-    c1 = _coordinates(columns[II_UV0 + 1] if mi[MI_UV] & 2 else 0, i0, i1, i2, w, sx, sy, total)
+        w = one - t, t, zero
+        sx = sy = (zero, zero, zero)
+        determinant = vec.f64(0.0)
+    material = columns[II_MATERIAL]
+    mi = i64_at(job[J_MATERIAL_INTEGERS] + 8 * MI_COLUMNS * material)
+    mf = f32_at(job[J_MATERIAL_FLOATS] + 4 * MF_COLUMNS * material)
+    c0 = c1 = (zero, zero, zero, zero, zero, zero)
+    extras, wide = f32_at(columns[II_EXTRAS]), vec.i32(E_COLUMNS)
+    if (mi[MI_UV] & 1) != 0 and (has & HAS_UV0) != 0:
+        k = V_UV0
+        c0 = _coordinates(w, sx, sy, (a[k], b[k], c[k]), (a[k + 1], b[k + 1], c[k + 1]))
+    color, alpha = _three(mf, MF_BASE), vec.f32(mf[MF_BASE + 3])
+    if (has & (HAS_COLORS | HAS_UV1)) != 0:
+        d = vec.load_octets(extras, i0 * wide)
+        e = vec.load_octets(extras, i1 * wide)
+        f = vec.load_octets(extras, i2 * wide)
+        if (has & HAS_COLORS) != 0:
+            k = E_COLOR
+            color = (
+                color[0] * mixed(w, d[k], e[k], f[k]),
+                color[1] * mixed(w, d[k + 1], e[k + 1], f[k + 1]),
+                color[2] * mixed(w, d[k + 2], e[k + 2], f[k + 2]),
+            )
+            alpha = alpha * mixed(w, d[k + 3], e[k + 3], f[k + 3])
+        if (mi[MI_UV] & 2) != 0 and (has & HAS_UV1) != 0:
+            k = E_UV1
+            c1 = _coordinates(w, sx, sy, (d[k], e[k], f[k]), (d[k + 1], e[k + 1], f[k + 1]))
     uv = (c0[0], c0[1], c0[2], c0[3], c0[4], c0[5], c1[0], c1[1], c1[2], c1[3], c1[4], c1[5])
-    red, green, blue, alpha = (
-        np.float64(mf[MF_BASE]),
-        np.float64(mf[MF_BASE + 1]),
-        np.float64(mf[MF_BASE + 2]),
-        np.float64(mf[MF_BASE + 3]),
-    )
-    if columns[II_COLORS] != 0:
-        colors = f32_at(columns[II_COLORS])
-        red *= mixed(colors, 4, 0, i0, i1, i2, w[0], w[1], w[2])
-        green *= mixed(colors, 4, 1, i0, i1, i2, w[0], w[1], w[2])
-        blue *= mixed(colors, 4, 2, i0, i1, i2, w[0], w[1], w[2])
-        alpha *= mixed(colors, 4, 3, i0, i1, i2, w[0], w[1], w[2])
     if mi[MI_BASE] >= 0:
-        t0, t1, t2, t3 = _texture(job, mi[MI_BASE], uv)
-        red, green, blue, alpha = red * t0, green * t1, blue * t2, alpha * t3
-    if mi[MI_ALPHA] == 0:
-        alpha = np.float64(1.0)
-    elif mi[MI_ALPHA] == 1:
-        alpha = np.float64(0.0 if alpha < mf[MF_CUTOFF] else 1.0)
-    else:
-        alpha = np.float64(min(max(alpha, 0.0), 1.0) if alpha == alpha else 1.0)
-    if not alpha > 0.0:
-        return NOTHING
-    rows[G_ALPHA * STRIDE + slot] = alpha
+        texel = _texture(job, mi[MI_BASE], uv)
+        color, alpha = _times(color, texel), alpha * texel[3]
+    if wanted != COLOR:
+        if mi[MI_ALPHA] == 0:
+            alpha = one
+        elif mi[MI_ALPHA] == 1:
+            alpha = vec.select(alpha < vec.f32(mf[MF_CUTOFF]), zero, one)
+        else:
+            alpha = vec.select(alpha == alpha, _clamped(alpha), one)
+        vec.store(rows, G_ALPHA * STRIDE + slot, alpha)
+        if wanted == ALPHA or (mi[MI_UNLIT] == 0 and vec.bits(alpha > zero) == 0):
+            return TO_BE_LIT  # as nothing: whatever the rows have
     if mi[MI_UNLIT] != 0:
-        _put(rows, G_EMITTED, slot, (min(max(red, 0.0), 1.0), min(max(green, 0.0), 1.0), min(max(blue, 0.0), 1.0)))
+        _put(rows, G_EMITTED, slot, (_clamped(color[0]), _clamped(color[1]), _clamped(color[2])))
         return SHOWN
-    p = (
-        w[0] * p0[0] + w[1] * p1[0] + w[2] * p2[0],
-        w[0] * p0[1] + w[1] * p1[1] + w[2] * p2[1],
-        w[0] * p0[2] + w[1] * p1[2] + w[2] * p2[2],
+    s0, s1, s2 = single(p0), single(p1), single(p2)
+    _put(
+        rows,
+        G_POINT,
+        slot,
+        (mixed(w, s0[0], s1[0], s2[0]), mixed(w, s0[1], s1[1], s2[1]), mixed(w, s0[2], s1[2], s2[2])),
     )
-    _put(rows, G_POINT, slot, p)
+    flat = cross(single(minus(p1, p0)), single(minus(p2, p0)))
+    # The determinant is the product of this and p0: towards the camera.
+    scale = reach(flat, vec.select(determinant > vec.f64(0.0), -one, one))
+    flat = flat[0] * scale, flat[1] * scale, flat[2] * scale
     _put(rows, G_FLAT, slot, flat)
-    _put(rows, G_NORMAL, slot, _normal(job, columns, mi, mf, X, element, i0, i1, i2, w, uv, facing, flat, own))
-    _put(rows, G_BASE, slot, (max(red, 0.0), max(green, 0.0), max(blue, 0.0)))
+    normal = flat
+    if (has & HAS_NORMALS) != 0:
+        k, mirror = V_NORMAL, vec.f32(mirrors(X))
+        facing = vec.select(determinant > vec.f64(0.0), -mirror, mirror)
+        n = mixed(w, a[k], b[k], c[k]), mixed(w, a[k + 1], b[k + 1], c[k + 1]), mixed(w, a[k + 2], b[k + 2], c[k + 2])
+        n = turned(f64_at(job[J_N] + 8 * 9 * instance), 3, n)
+        scale = reach(n, one)
+        n = n[0] * scale, n[1] * scale, n[2] * scale
+        if mi[MI_NORMAL] >= 0 and (columns[II_CORNER_TANGENTS] != 0 or (has & HAS_TANGENTS) != 0):
+            if columns[II_CORNER_TANGENTS] != 0:
+                tangents, at = f32_at(columns[II_CORNER_TANGENTS]), element * vec.i32(12)
+                t0, t1, t2 = (
+                    vec.load_triples(tangents, at),
+                    vec.load_triples(tangents, at + vec.i32(4)),
+                    vec.load_triples(tangents, at + eight),
+                )
+                hand = vec.gather(tangents, at + vec.i32(3))
+            else:
+                at = vec.i32(E_TANGENT)
+                t0, t1, t2 = (
+                    vec.load_triples(extras, i0 * wide + at),
+                    vec.load_triples(extras, i1 * wide + at),
+                    vec.load_triples(extras, i2 * wide + at),
+                )
+                hand = vec.gather(extras, i0 * wide + vec.i32(E_TANGENT + 3))
+            t = mixed(w, t0[0], t1[0], t2[0]), mixed(w, t0[1], t1[1], t2[1]), mixed(w, t0[2], t1[2], t2[2])
+            hand = vec.select(hand >= zero, mirror, -mirror)
+            n = _bent(n, turned(X, 4, t), hand, _texture(job, mi[MI_NORMAL], uv), vec.f32(mf[MF_NORMAL_SCALE]))
+        normal = n[0] * facing, n[1] * facing, n[2] * facing
+    _put(rows, G_NORMAL, slot, normal)
+    _put(rows, G_BASE, slot, (vec.most(color[0], zero), vec.most(color[1], zero), vec.most(color[2], zero)))
     _reflecting(job, mi, mf, uv, rows, slot)
-    emitted = three(mf, MF_EMISSIVE, 1)
+    emitted = _three(mf, MF_EMISSIVE)
     if mi[MI_EMISSIVE] >= 0:
-        t0, t1, t2, _ = _texture(job, mi[MI_EMISSIVE], uv)
-        emitted = emitted[0] * t0, emitted[1] * t1, emitted[2] * t2
+        emitted = _times(emitted, _texture(job, mi[MI_EMISSIVE], uv))
     _put(rows, G_EMITTED, slot, emitted)
     return TO_BE_LIT
 
 
 @njit(nogil=True, error_model="numpy")
 def _reflecting(job, mi, mf, uv, rows, slot):  # type: ignore[no-untyped-def]
-    """Put how the pixel reflects into the rows from G_METALLIC to G_KEPT."""
-    metallic, roughness = np.float64(mf[MF_METALLIC]), np.float64(mf[MF_ROUGHNESS])
+    """Put how pixels reflect into the rows from G_METALLIC to G_KEPT."""
+    one = vec.f32(1.0)
+    metallic, roughness, kept = vec.f32(mf[MF_METALLIC]), vec.f32(mf[MF_ROUGHNESS]), one
+    occlusion = mi[MI_OCCLUSION]
     if mi[MI_METALLIC_ROUGHNESS] >= 0:
-        _, g, b, _ = _texture(job, mi[MI_METALLIC_ROUGHNESS], uv)
+        r, g, b, _ = _texture(job, mi[MI_METALLIC_ROUGHNESS], uv)
         roughness, metallic = roughness * g, metallic * b
-    f90 = np.float64(mf[MF_SPECULAR])
+        if occlusion == mi[MI_METALLIC_ROUGHNESS]:  # mostly the same picture
+            kept = one + vec.f32(mf[MF_OCCLUSION]) * (r - one)
+            occlusion = np.int64(-1)
+    if occlusion >= 0:
+        r, _, _, _ = _texture(job, occlusion, uv)
+        kept = one + vec.f32(mf[MF_OCCLUSION]) * (r - one)
+    f90 = vec.f32(mf[MF_SPECULAR])
     if mi[MI_SPECULAR] >= 0:
-        _, _, _, a = _texture(job, mi[MI_SPECULAR], uv)
-        f90 *= a
-    tint = three(mf, MF_SPECULAR_COLOR, 1)
+        _, _, _, alpha = _texture(job, mi[MI_SPECULAR], uv)
+        f90 = f90 * alpha
+    tint = _three(mf, MF_SPECULAR_COLOR)
     if mi[MI_SPECULAR_COLOR] >= 0:
-        r, g, b, _ = _texture(job, mi[MI_SPECULAR_COLOR], uv)
-        tint = tint[0] * r, tint[1] * g, tint[2] * b
-    reflectance = np.float64(mf[MF_REFLECTANCE])
-    kept = 1.0
-    if mi[MI_OCCLUSION] >= 0:
-        r, _, _, _ = _texture(job, mi[MI_OCCLUSION], uv)
-        kept = 1.0 + mf[MF_OCCLUSION] * (r - 1.0)
-    rows[G_METALLIC * STRIDE + slot] = min(max(metallic, 0.0), 1.0)
-    rows[G_ROUGHNESS * STRIDE + slot] = min(max(roughness, 0.0), 1.0)
-    rows[G_F90 * STRIDE + slot] = f90
-    rows[G_KEPT * STRIDE + slot] = kept
-    _put(
-        rows,
-        G_F0,
-        slot,
-        (
-            min(reflectance * tint[0], 1.0) * f90,
-            min(reflectance * tint[1], 1.0) * f90,
-            min(reflectance * tint[2], 1.0) * f90,
-        ),
+        tint = _times(tint, _texture(job, mi[MI_SPECULAR_COLOR], uv))
+    reflectance = vec.f32(mf[MF_REFLECTANCE])
+    vec.store(rows, G_METALLIC * STRIDE + slot, _clamped(metallic))
+    vec.store(rows, G_ROUGHNESS * STRIDE + slot, _clamped(roughness))
+    vec.store(rows, G_F90 * STRIDE + slot, f90)
+    vec.store(rows, G_KEPT * STRIDE + slot, kept)
+    f0 = (
+        vec.least(reflectance * tint[0], one) * f90,
+        vec.least(reflectance * tint[1], one) * f90,
+        vec.least(reflectance * tint[2], one) * f90,
     )
+    _put(rows, G_F0, slot, f0)
 
 
-@njit(nogil=True, error_model="numpy")
-def _normal(job, columns, mi, mf, X, element, i0, i1, i2, w, uv, facing, flat, own):  # type: ignore[no-untyped-def]
-    """Unit shading normal on the side that is seen."""
-    if columns[II_NORMALS] == 0:
-        return flat
-    n0, n1, n2 = own
-    n = unit(
-        (
-            w[0] * n0[0] + w[1] * n1[0] + w[2] * n2[0],
-            w[0] * n0[1] + w[1] * n1[1] + w[2] * n2[1],
-            w[0] * n0[2] + w[1] * n1[2] + w[2] * n2[2],
-        )
-    )
-    if mi[MI_NORMAL] >= 0 and columns[II_TANGENTS] != 0:
-        tangents = f32_at(columns[II_TANGENTS])
-        j0, j1, j2 = i0, i1, i2
-        if columns[II_CORNER_TANGENTS] != 0:
-            j0, j1, j2 = 3 * element, 3 * element + 1, 3 * element + 2
-        t = (
-            mixed(tangents, 4, 0, j0, j1, j2, w[0], w[1], w[2]),
-            mixed(tangents, 4, 1, j0, j1, j2, w[0], w[1], w[2]),
-            mixed(tangents, 4, 2, j0, j1, j2, w[0], w[1], w[2]),
-        )
-        t = turned(X, 4, t)
-        along = dot(n, t)
-        t = unit((t[0] - along * n[0], t[1] - along * n[1], t[2] - along * n[2]))
-        if dot(t, t) > 0.0:
-            mirrored = dot((X[0], X[1], X[2]), cross((X[4], X[5], X[6]), (X[8], X[9], X[10]))) < 0.0
-            hand = 1.0 if (tangents[4 * j0 + 3] >= 0.0) != mirrored else -1.0
-            b = cross(n, t)
-            r, g, blue, _ = _texture(job, mi[MI_NORMAL], uv)
-            mx, my, mz = (2.0 * r - 1.0) * mf[MF_NORMAL_SCALE], (2.0 * g - 1.0) * mf[MF_NORMAL_SCALE], 2.0 * blue - 1.0
-            bent = unit(
-                (
-                    mx * t[0] + hand * my * b[0] + mz * n[0],
-                    mx * t[1] + hand * my * b[1] + mz * n[1],
-                    mx * t[2] + hand * my * b[2] + mz * n[2],
-                )
-            )
-            if dot(bent, bent) > 0.0:
-                n = bent
-    return n[0] * facing, n[1] * facing, n[2] * facing
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def _bent(n, t, hand, texel, strength):  # type: ignore[no-untyped-def]
+    """Unit normals by a normal map; where a tangent has no direction, the normal stays as it was.
+
+    Args:
+        n: unit normals of the front. t: tangents, any length. hand: -1 or 1. texel: of the map.
+    """
+    zero, one, two = vec.f32(0.0), vec.f32(1.0), vec.f32(2.0)
+    along = dot(n, t)
+    t = t[0] - along * n[0], t[1] - along * n[1], t[2] - along * n[2]
+    scale = reach(t, one)
+    usable = scale > zero
+    t = t[0] * scale, t[1] * scale, t[2] * scale
+    b = cross(n, t)
+    mx, my, mz = (two * texel[0] - one) * strength, (two * texel[1] - one) * strength * hand, two * texel[2] - one
+    x = mx * t[0] + my * b[0] + mz * n[0]
+    y = mx * t[1] + my * b[1] + mz * n[1]
+    z = mx * t[2] + my * b[2] + mz * n[2]
+    scale = reach((x, y, z), one)
+    usable = usable & (scale > zero)
+    return vec.select(usable, x * scale, n[0]), vec.select(usable, y * scale, n[1]), vec.select(usable, z * scale, n[2])

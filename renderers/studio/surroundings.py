@@ -51,7 +51,7 @@ class Ambient:
     levels: tuple[NDArray[np.float32], ...]
     """Octahedral tables with border, (N + 2, N + 2, 3) float32 radiance, by growing roughness."""
     texels: NDArray[np.float32]
-    """All levels and then the irradiance behind one another, and one more value, which is read but not used."""
+    """All levels and then the irradiance behind one another, four values a texel, of which the last is not used."""
     places: NDArray[np.int32]
     """(LEVELS + 1, 2) int32: where in ``texels`` each begins, and its side N."""
 
@@ -162,11 +162,11 @@ def filtered(radiance: NDArray[np.float32]) -> Ambient:
         levels.append(with_border(out.reshape(size, size, 3)))
     irradiance = irradiance_of(radiance)
     tables = [*levels, irradiance]
-    begins = np.cumsum([0, *(table.size for table in tables[:-1])])
+    begins = np.cumsum([0, *(4 * table.shape[0] * table.shape[1] for table in tables[:-1])])
     return Ambient(
         irradiance,
         tuple(levels),
-        np.concatenate([*(table.reshape(-1) for table in tables), np.zeros(1, np.float32)]),
+        np.concatenate([np.pad(table, ((0, 0), (0, 0), (0, 1))).reshape(-1) for table in tables]),
         np.stack((begins, (*LEVEL_SIZES, IRRADIANCE_SIZE)), -1).astype(np.int32),
     )
 

@@ -14,22 +14,22 @@ from numpy.typing import NDArray
 from renderers.drawlist import AlphaMode, Image, Instance, Material, Mesh, Texture, Topology
 from renderers.pointers import address_of
 from renderers.shading.materials import look_material
+from renderers.shading.vertices import records_of
 from renderers.studio.mips import MipTable, mip_chain
 from renderers.studio.tangents import corner_tangents
 from renderers.tables import SceneTables, lets_through
 
-# Columns of the instance table; from II_ELEMENTS on addresses, 0 where the mesh has no such array.
+# Columns of the instance table.
 II_TOPOLOGY: Final = 0
 II_MATERIAL: Final = 1
-II_CORNER_TANGENTS: Final = 2  # 1: tangents by corner of a triangle, 0: by vertex
-II_ELEMENTS: Final = 3
-II_POSITIONS: Final = 4
-II_NORMALS: Final = 5
-II_UV0: Final = 6
-II_UV1: Final = 7
-II_COLORS: Final = 8
-II_TANGENTS: Final = 9
-II_COLUMNS: Final = 10
+II_CORNER_TANGENTS: Final = (
+    2  # address of tangents by corner of a triangle; 0: the vertices have them, or none is wanted
+)
+II_ELEMENTS: Final = 3  # and the next three: ``VertexRecords.columns``
+II_VERTICES: Final = 4
+II_EXTRAS: Final = 5
+II_HAS: Final = 6
+II_COLUMNS: Final = 7
 
 # Columns of the materials' integer table: rows of the texture table or -1.
 MI_ALPHA: Final = 0  # 0 opaque, 1 mask, 2 blend
@@ -67,7 +67,7 @@ class StudioScene(SceneTables):
     @property
     def nbytes(self) -> int:
         """Bytes of what was made for this look."""
-        return sum(each.nbytes for each in self.keep if not isinstance(each, (Mesh, Material)))
+        return sum(each.nbytes for each in self.keep if each is not None and not isinstance(each, Material))
 
 
 _tangents: WeakKeyDictionary[Mesh, dict[int, NDArray[np.float32]]] = WeakKeyDictionary()
@@ -139,28 +139,6 @@ def _opaque(image: Image) -> bool:
     return bool((mip_chain(image, True).levels[0][..., 3] == 255).all())
 
 
-def _addresses(mesh: Mesh, keep: list[Any]) -> tuple[int, ...]:
-    """From ``II_ELEMENTS`` on, without tangents.
-
-    Raises:
-        ValueError, TypeError: an attribute is not what ``Mesh`` says: kernels would read beyond it.
-    """
-    count = len(mesh.positions)
-    for name, width in (("positions", 3), ("normals", 3), ("uv0", 2), ("uv1", 2), ("colors", 4), ("tangents", 4)):
-        array = getattr(mesh, name)
-        if array is not None and array.shape != (count, width):
-            raise ValueError(f"mesh with {count} vertices: {name} has shape {array.shape}, not {(count, width)}")
-    keep.append(mesh)
-    return (
-        address_of(mesh.elements, np.uint32),
-        address_of(mesh.positions, np.float32),
-        address_of(mesh.normals, np.float32),
-        address_of(mesh.uv0, np.float32),
-        address_of(mesh.uv1, np.float32),
-        address_of(mesh.colors, np.float32),
-    )
-
-
 def prepare(instances: Sequence[Instance]) -> StudioScene:
     """Tables of a draw list's instances, in their order; decodes the images that they need.
 
@@ -173,7 +151,7 @@ def prepare(instances: Sequence[Instance]) -> StudioScene:
     integers: list[list[int]] = []
     floats: list[list[float]] = []
     keep: list[Any] = []
-    geometry: dict[int, tuple[int, ...]] = {}
+    geometry: dict[tuple[int, int], tuple[int, ...]] = {}
     table = np.zeros((max(len(instances), 1), II_COLUMNS), np.int64)
     for i, instance in enumerate(instances):
         mesh, material = instance.mesh, instance.material
@@ -184,18 +162,19 @@ def prepare(instances: Sequence[Instance]) -> StudioScene:
             keep.append(material)
             for rows_of, made in zip((integers, floats), _material_rows(material, lit, textures), strict=True):
                 rows_of.append(made)  # type: ignore[attr-defined]
-        columns = geometry.get(id(mesh))
+        mapped = integers[row][MI_NORMAL] >= 0
+        tangent_set = 0 if mapped and mesh.tangents is not None else -1
+        columns = geometry.get((id(mesh), tangent_set))
         if columns is None:
-            columns = geometry[id(mesh)] = _addresses(mesh, keep)
-        tangents, by_corner = mesh.tangents, 0
-        if integers[row][MI_NORMAL] < 0:
-            tangents = None
-        elif tangents is None:
+            records = records_of(mesh, tangent_set)
+            keep.append(records)
+            columns = geometry[id(mesh), tangent_set] = records.columns
+        tangents = None
+        if mapped and mesh.tangents is None:
             assert material.normal_texture is not None
-            tangents, by_corner = _tangents_of(mesh, material.normal_texture.uv_set), 1
-        if tangents is not None:
+            tangents = _tangents_of(mesh, material.normal_texture.uv_set)
             keep.append(tangents)
-        table[i] = (mesh.elements.shape[1], row, by_corner, *columns, address_of(tangents, np.float32))
+        table[i] = (mesh.elements.shape[1], row, address_of(tangents, np.float32), *columns)
     texture_integers, texture_floats = textures.as_tables()
     with np.errstate(over="ignore"):  # a posted factor beyond float32 is infinite
         float_table = np.array(floats or [[0.0] * MF_COLUMNS], np.float32)

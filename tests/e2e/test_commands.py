@@ -136,6 +136,21 @@ def test_render_a_folder_makes_a_dataset_of_what_can_be_drawn(tmp_path: Path) ->
     assert "scenegate: a.gltf/camera-000: scenes/a.gltf/camera-000.label.png: changed" in checked.stderr
 
 
+def test_a_rig_that_does_not_light_the_look_is_mentioned(tmp_path: Path) -> None:
+    rig, out = tmp_path / "rig.toml", tmp_path / "out.png"
+    rig.write_text("exposure = 0.5\n")
+    arguments = ("-o", str(out), "--width", "64", "--height", "48", "--rig", str(rig))
+    for look, said in (
+        ("pbr", "--rig lights the studio look only: --look pbr is drawn without it"),
+        ("auto", "drawn as Drake shows it, without --rig; --look studio takes it"),
+        ("studio", ""),
+    ):
+        result = pictured(tmp_path, *arguments, "--look", look)
+        assert result.exit_code == 0, result.stderr
+        assert ("rig" in result.stderr) == bool(said)
+        assert said in result.stderr
+
+
 def test_errors_of_render_are_sentences(tmp_path: Path) -> None:
     for arguments, message in (
         (("-o", "out.tiff"), "a color picture is written as .png or .jpg"),

@@ -207,6 +207,10 @@ def _moves(values, whole, offsets, out, number, picture):
         vec.store(n, 24 + 8 * k, part)
     vec.store(n, 40, vec.bits_of(vec.load(f32_at(values), 0)))
     vec.store_rgb(u8_at(picture), 1, vec.load(i32_at(whole), 0))
+    for k, part in enumerate(vec.load_quads(f32_at(values), at)):
+        vec.store(o, 40 + 8 * k, part)
+    for k, part in enumerate(vec.load_octets(f32_at(values), at)):
+        vec.store(o, 72 + 8 * k, part)
 
 
 def test_moves() -> None:
@@ -214,12 +218,15 @@ def test_moves() -> None:
     values = rng.normal(size=40).astype(np.float32)
     whole = rng.integers(0, 1 << 31, 40).astype(np.int32)
     offsets = rng.permutation(30)[:8].astype(np.int32)
-    out, number, picture = np.zeros(40, np.float32), np.zeros(48, np.int32), np.full(72, 7, np.uint8)
+    out, number, picture = np.zeros(136, np.float32), np.zeros(48, np.int32), np.full(72, 7, np.uint8)
     _moves(*(a.ctypes.data for a in (values, whole, offsets, out, number, picture)))
     each = offsets[None] + np.arange(3)[:, None]
     np.testing.assert_array_equal(out[:24].reshape(3, 8), values[each])
     assert (out[24:32] == values[3]).all()
-    np.testing.assert_array_equal(out[32:], np.sqrt(np.abs(values[:8])))
+    np.testing.assert_array_equal(out[32:40], np.sqrt(np.abs(values[:8])))
+    eight = offsets[None] + np.arange(8)[:, None]
+    np.testing.assert_array_equal(out[40:72].reshape(4, 8), values[eight[:4]])
+    np.testing.assert_array_equal(out[72:].reshape(8, 8), values[eight])
     np.testing.assert_array_equal(number[:24].reshape(3, 8), whole[each])
     np.testing.assert_array_equal(number[24:40].reshape(2, 8), whole[each[:2]])
     np.testing.assert_array_equal(number[40:], values[:8].view(np.int32))

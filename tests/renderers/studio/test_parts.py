@@ -9,6 +9,7 @@ from renderers.camera import Camera
 from renderers.pointers import address_of
 from renderers.samples import sample_cameras
 from renderers.studio.finish import finish_rows
+from renderers.studio.layout import F_BEHIND, F_CELLS, F_COLOR, F_COLUMNS, line_of
 from renderers.studio.mips import _halve, make_chain
 from renderers.studio.rig import Rig
 from renderers.studio.tangents import corner_tangents
@@ -53,11 +54,13 @@ def test_images_and_levels_are_one_type_to_the_compiler() -> None:
 
 def test_every_level_of_srgb() -> None:
     values = np.concatenate((np.linspace(-0.1, 1.1, 20_001), [np.nan]))
-    layers = np.ones((1, len(values), 4), np.float32)
-    layers[0, :, :3] = values[:, None]
+    layers = np.ones((1, 4, line_of(len(values))), np.float32)
+    layers[0, :3, : len(values)] = values
     behind, color = np.zeros(3, np.float32), np.zeros((1, len(values), 3), np.uint8)
-    addresses = (address_of(layers, np.float32), address_of(behind, np.float32), address_of(SRGB_CELLS, np.int32))
-    finish_rows(*addresses, len(values), 0, 1, address_of(color, np.uint8))
+    finish = np.zeros(F_COLUMNS, np.int64)
+    finish[F_BEHIND], finish[F_CELLS] = address_of(behind, np.float32), address_of(SRGB_CELLS, np.int32)
+    finish[F_COLOR] = address_of(color, np.uint8)
+    finish_rows(address_of(layers, np.float32), address_of(finish, np.int64), len(values), 0, 1)
     assert np.abs(color[0] - ref.srgb(np.nan_to_num(values))[:, None]).max() <= 0.501
 
 

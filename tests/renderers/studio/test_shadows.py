@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from renderers.camera import Camera
 from renderers.cpu import CpuRenderer
-from renderers.drawlist import AlphaMode, DrawList, Instance, LightKind
-from renderers.studio.shadows import casters, light_camera
+from renderers.cpu.visibility import Visibility
+from renderers.drawlist import AlphaMode, DrawList, Image, Instance, LightKind, Sampler, Texture
+from renderers.studio.shadows import _map_of, casters, light_camera, map_side
 from tests.renderers.shading_reference import ball, hits
 from tests.renderers.studio import reference as ref
-from tests.renderers.studio.scenes import DARK, at, drawn, from_above, shadowed
+from tests.renderers.studio.scenes import DARK, at, drawn, from_above, shadowed, sheet
 
 RIG = replace(DARK, shadow_size=1024)
 
@@ -60,7 +63,9 @@ def test_shadows_lie_where_rays_meet_something(renderer: CpuRenderer, kind: Ligh
     assert (dark & clear).sum() > 150
     assert (~dark & clear).sum() > 1000
     assert (color[dark & clear] == 0).all()
-    assert (color[~dark & clear] == lit[~dark & clear]).all()
+    # At the corners of shadows, which lie across, borders reach a little farther.
+    assert (color[~dark & clear] != lit[~dark & clear]).any(-1).sum() <= 2
+    assert (color[~dark & clear] >= 0.9 * lit[~dark & clear]).all()
     # Borders are filtered: some are neither.
     part = color.sum(-1) / np.maximum(lit.sum(-1), 1)
     assert ((part > 0.1) & (part < 0.9) & (which == 0)).sum() > 20
@@ -89,8 +94,8 @@ def test_who_casts() -> None:
 
 def test_no_map() -> None:
     point = replace(shadowed(LightKind.SPOT).lights[0], kind=LightKind.POINT)
-    assert light_camera(point, np.ones((3, 3)), 64) is None
-    assert light_camera(shadowed(LightKind.SPOT).lights[0], np.zeros((0, 3)), 64) is None
+    assert light_camera(point, np.ones((3, 3)), 64, 0.0) is None
+    assert light_camera(shadowed(LightKind.SPOT).lights[0], np.zeros((0, 3)), 64, 0.0) is None
 
 
 @pytest.mark.parametrize("kind", [LightKind.DIRECTIONAL, LightKind.SPOT])
@@ -98,7 +103,7 @@ def test_the_map_holds_what_is_seen(kind: LightKind) -> None:
     rng = np.random.default_rng(0)
     light = shadowed(kind).lights[0]
     points = rng.uniform((-1, 0, 3), (1, 1, 5), (500, 3))
-    camera = light_camera(light, points, 512)
+    camera = light_camera(light, points, 512, 0.0)
     assert camera is not None
     p = points @ camera.X_camera_world[:3, :3].T + camera.X_camera_world[:3, 3]
     pixels = p[:, :2] / p[:, 2:] * camera.fx + camera.cx
@@ -106,4 +111,72 @@ def test_the_map_holds_what_is_seen(kind: LightKind) -> None:
     if kind is LightKind.DIRECTIONAL:
         assert pixels.min() >= 0
         assert pixels.max() <= 512
-        assert np.ptp(pixels, axis=0).max() > 0.9 * 512
+        assert np.ptp(pixels, axis=0).max() > 0.7 * 512  # sizes and places go in steps
+
+
+def test_a_map_is_drawn_once_for_a_camera_that_moves_a_little(renderer: CpuRenderer) -> None:
+    """And is the same whichever camera came first."""
+    scene = shadowed(LightKind.DIRECTIONAL)
+    whole = np.zeros(len(scene.instances), np.bool_)
+
+    def never(view: Visibility, camera: Camera) -> np.ndarray[Any, Any]:
+        raise AssertionError
+
+    rng = np.random.default_rng(0)
+    points = rng.uniform((-1, 0, 3), (1, 1, 5), (500, 3))
+    cameras = [light_camera(scene.lights[0], points + shift, 256, 0.0) for shift in (0.0, 1e-3, 4.0)]
+    assert all(camera is not None for camera in cameras)
+    here, near, far = (_map_of(renderer, scene, camera, whole, never) for camera in cameras if camera is not None)
+    assert here is near
+    assert far is not here
+    again = replace(scene)  # as new
+    assert np.array_equal(_map_of(renderer, again, here.camera, whole, never).inv_z, here.inv_z)
+
+
+@pytest.mark.parametrize("kind", [LightKind.DIRECTIONAL, LightKind.SPOT])
+def test_pictures_do_not_know_what_was_drawn_before(renderer: CpuRenderer, kind: LightKind) -> None:
+    camera = from_above()
+    other = replace(camera, X_world_camera=camera.X_world_camera @ at(0.3, 0.1, -0.5))
+    scene = shadowed(kind)
+    drawn(renderer, scene, other, RIG)
+    assert np.array_equal(drawn(renderer, scene, camera, RIG), drawn(renderer, replace(scene), camera, RIG))
+
+
+def test_maps_are_as_fine_as_the_picture() -> None:
+    assert map_side(2048, 2.0, 0.0) == 2048
+    assert map_side(2048, 2.0, 0.001) == 2048
+    assert map_side(2048, 2.0, 0.002) == 1024
+    assert map_side(2048, 2.0, 1.0) == 512
+    assert map_side(64, 2.0, 1.0) == 64
+    assert map_side(3000, 2.0, 0.002) == 1500
+
+
+@pytest.mark.parametrize("kind", [LightKind.DIRECTIONAL, LightKind.SPOT])
+@pytest.mark.parametrize("above", [False, True])
+def test_light_falls_through_what_is_cut_out(renderer: CpuRenderer, kind: LightKind, above: bool) -> None:
+    """A slab of which one half is cut out casts the shadow of a slab that is only the other half; a second one right
+    above it, whose other half is cut out, too."""
+    scene, camera = shadowed(kind), from_above()
+    floor, slab = scene.instances
+
+    def half(first: bool, y: float) -> Instance:
+        pixels = np.zeros((2, 2, 4), np.uint8)
+        pixels[:, 0 if first else 1] = 255
+        sampler = Sampler(mag_linear=False, min_linear=False, mipmaps=False)
+        texture = Texture(Image(bytes((first, 9)), lambda: pixels), sampler)
+        material = replace(slab.material, base_color_texture=texture, alpha_mode=AlphaMode.MASK)
+        return replace(slab, material=material, X_world_mesh=at(0.0, y, 0.0))
+
+    corners = [(-0.7, 0.2, 4.0), (0.0, 0.2, 4.0), (0.0, 0.2, 5.4), (-0.7, 0.2, 5.4)]
+    left = replace(slab, mesh=sheet(corners))
+    right = replace(slab, mesh=sheet([(x + 0.7, y - 0.01, z) for x, y, z in corners]))
+    cut_out = (half(True, 0.0), half(False, -0.01)) if above else (half(True, 0.0),)
+    whole = (left, right) if above else (left,)
+    pictures = [
+        drawn(renderer, replace(scene, instances=(floor, *parts)), camera, RIG).astype(float)
+        for parts in (cut_out, whole, (slab,))
+    ]
+    # Apart from borders: what is cut out has no part in where maps lie.
+    assert (np.abs(pictures[0] - pictures[1]).max(axis=-1) > 100).sum() <= 8
+    if not above:
+        assert (np.abs(pictures[0] - pictures[2]).max(axis=-1) > 100).sum() > 80
