@@ -52,7 +52,7 @@ place in float64."""
 
 PART: Final = 64
 """Pixels that are sampled at a time."""
-AHEAD: Final = 64
+AHEAD: Final = 128
 """Pixels that are resolved before their texels are read, while these come from further away."""
 LARGE: Final = 1 << 17
 """Texels of images that are fetched: half a megabyte, which is not in the nearer caches anyhow."""
