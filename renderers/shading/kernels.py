@@ -53,6 +53,7 @@ from renderers.shading.materials import (
     MI_UV,
 )
 from renderers.shading.plain import fill, show_plain
+from renderers.shading.plain_pbr import lay_normals
 from renderers.shading.planes import MEMORY_VALUES, forget
 from renderers.shading.resolve import (
     SCRATCH_VALUES,
@@ -63,7 +64,7 @@ from renderers.shading.resolve import (
     run_starts,
     single_runs,
 )
-from renderers.shading.surface import shade
+from renderers.shading.surface import UNIFORM, light_pbr, shade
 from renderers.shading.textured import show_textured
 from renderers.shading.tiny import E_VALUES, look_from, show_tiny
 
@@ -161,6 +162,20 @@ def _segment(job, y, places, instance, first, ids, masks, starts, begin, end, ro
             job, columns, points, maps, lens, y, places, first, many, has, mi, mf, ids, starts, 0, runs, rows,
             stride, line, scratch,
         )  # fmt: skip
+        return
+    if (
+        topology == 3
+        and job[S_MODE] == DIRECT
+        and job[S_PBR] != 0
+        and has == HAS_NORMALS
+        and wanted == HAS_NORMALS | HAS_COLORS
+        and places == 0
+        and end - begin > TINY_RUNS * runs
+    ):  # a surface that is nothing but factors
+        lay_normals(columns, points, maps, lens, y, first, many, mf, ids, starts, runs, rows, stride, memory)
+        for part in range(begin, end, PART):
+            last = min(part + PART, end)
+            light_pbr(job, has, mi, mf, maps, y, places, UNIFORM, True, rows, stride, part, last, line)
         return
     for which in range(2):
         missing = HAS_UV0 << which

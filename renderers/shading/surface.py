@@ -116,8 +116,8 @@ def _seen_normal(maps, smooth, rows, stride, x):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, error_model="numpy")
 def map_normals(job, has, mi, mf, maps, rows, stride, begin, end):  # type: ignore[no-untyped-def]
-    """Put the normal map's unit normals, in the optical frame and on the side that is seen, into the rows A_NORMAL.
-    Where a tangent has no direction, the normal stays as it was."""
+    """Put the normal map's unit normals, in the optical frame, on the side that is seen and with minus their z, into
+    the rows A_NORMAL. Where a tangent has no direction, the normal stays as it was."""
     sample(job, mi[MI_NORMAL], AS_STORED, rows, stride, begin, end, A_TEXEL)
     one, two, zero = vec.f32(1.0), vec.f32(2.0), vec.f32(0.0)
     strength, mirror = vec.f32(mf[MF_NORMAL_SCALE]), vec.f32(maps[P_MIRROR])
@@ -148,7 +148,7 @@ def map_normals(job, has, mi, mf, maps, rows, stride, begin, end):  # type: igno
         at = A_NORMAL * stride + x
         vec.store(rows, at, vec.select(usable, ux * scale, nx))
         vec.store(rows, at + stride, vec.select(usable, uy * scale, ny))
-        vec.store(rows, at + 2 * stride, vec.select(usable, uz * scale, nz))
+        vec.store(rows, at + 2 * stride, -vec.select(usable, uz * scale, nz))
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
@@ -166,12 +166,14 @@ def _color(job, varying, mf, rows, stride, x):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _towards(mapped, maps, smooth, rows, stride, x):  # type: ignore[no-untyped-def]
-    """Normal of eight pixels, of any length, on the side that is seen, with minus its z; ``mapped``: ``map_normals``
-    has put it into the rows."""
+def _towards(ready, maps, smooth, rows, stride, x):  # type: ignore[no-untyped-def]
+    """Normal of eight pixels, of any length, on the side that is seen, with minus its z; ``ready``: that is what the
+    rows hold."""
     at = A_NORMAL * stride + x
     nx, ny, nz = vec.load(rows, at), vec.load(rows, at + stride), vec.load(rows, at + 2 * stride)
-    if smooth and not mapped:
+    if ready:
+        return nx, ny, nz
+    if smooth:
         nx, ny, nz = turned(maps, P_NORMAL, nx, ny, nz)
         facing = vec.load(rows, A_FACING * stride + x)
         nx, ny, nz = nx * facing, ny * facing, nz * facing
@@ -216,8 +218,12 @@ def light_phong(job, has, mf, maps, varying, rows, stride, begin, end, line):  #
 
 
 @njit(nogil=True, error_model="numpy")
-def light_pbr(job, has, mi, mf, maps, y, places, varying, mapped, rows, stride, begin, end, line):  # type: ignore[no-untyped-def]
-    """Reflection, occlusion and emission, linear. The normals in the rows are replaced by what comes of them."""
+def light_pbr(job, has, mi, mf, maps, y, places, varying, ready, rows, stride, begin, end, line):  # type: ignore[no-untyped-def]
+    """Reflection, occlusion and emission, linear. The normals in the rows are replaced by what comes of them.
+
+    Args:
+        ready: see ``_towards``.
+    """
     lens = f64_at(job[S_LENS])
     rough, occluded, emitting = mi[MI_METALLIC_ROUGHNESS] >= 0, mi[MI_OCCLUSION] >= 0, mi[MI_EMISSIVE] >= 0
     if rough:
@@ -232,7 +238,7 @@ def light_pbr(job, has, mi, mf, maps, y, places, varying, mapped, rows, stride, 
     dy = vec.f32((y + 0.5 - lens[3]) / lens[1])
     high = dy * dy + vec.f32(1.0)
     for x in range(begin, end, vec.LANES):
-        nx, ny, towards = _towards(mapped, maps, smooth, rows, stride, x)
+        nx, ny, towards = _towards(ready, maps, smooth, rows, stride, x)
         column = vec.f32(x) + lane if places == 0 else vec.to_f32(vec.load(i32_at(places), x))
         _keep(rows, stride, x, cosines(nx, ny, towards, (column + left) * across, dy, high))
     roughness = vec.f32(mf[MF_ROUGHNESS])
