@@ -138,10 +138,7 @@ def overload() -> list[Row]:
         before = running.rss()
         bodies = [scene.moved(*SIZE) for _ in range(96)]
         answers: list[Answer] = []
-        crowd = [
-            threading.Thread(target=lambda body=body: answers.append(post(running.port, body)))  # type: ignore[misc]  # bound
-            for body in bodies
-        ]
+        crowd = [threading.Thread(target=lambda body=body: answers.append(post(running.port, body))) for body in bodies]
         for each in crowd:
             each.start()
         for each in crowd:

@@ -58,8 +58,7 @@ def median(calls: dict[str, Callable[[], object]], frames: int = FRAMES) -> dict
             call()
             times[name].append((time.perf_counter() - wall, time.process_time() - cpu))
     return {
-        name: tuple(1e3 * statistics.median(t[k] for t in values[2:]) for k in (0, 1))  # type: ignore[misc]  # two of them
-        for name, values in times.items()
+        name: tuple(1e3 * statistics.median(t[k] for t in values[2:]) for k in (0, 1)) for name, values in times.items()
     }
 
 
@@ -181,7 +180,7 @@ def stages(count: int) -> None:
     print(f"{'one thread, ms CPU':30}" + "".join(f"{name:>14}" for name in (*STAGES, "whole")))
     for name, scene in scenes().items():
         for (width, height), samples in itertools.product(SIZES, (4, 8)):
-            look = Look("phong", samples=samples)  # type: ignore[arg-type]  # 4 and 8 are literals' values
+            look = Look("phong", samples=samples)
             times: dict[str, list[float]] = defaultdict(list)
             for number in range(count + WARM):
                 spent: dict[str, float] = defaultdict(float)

@@ -24,7 +24,7 @@ TIMES = 200
 
 
 @njit(nogil=True)
-def _again(new, depths, ids, times):  # type: ignore[no-untyped-def]
+def _again(new, depths, ids, times):
     n, d, i = f32_at(new), f32_at(depths), i32_at(ids)
     for time_ in range(times):
         for k in range(0, PIXELS, 8):
@@ -34,7 +34,7 @@ def _again(new, depths, ids, times):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True)
-def _plainly(new, depths, ids, times):  # type: ignore[no-untyped-def]
+def _plainly(new, depths, ids, times):
     n, d, i = f32_at(new), f32_at(depths), i32_at(ids)
     for time_ in range(times):
         for k in range(0, PIXELS, 8):

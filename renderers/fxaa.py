@@ -54,7 +54,7 @@ def fxaa(color: NDArray[np.uint8]) -> None:
 
 
 @kernel("void(uint8[:,:,::1], float32[:,::1], int64, int64, int64)")
-def _smooth(source, luma, source_at, luma_at, out_at):  # type: ignore[no-untyped-def]
+def _smooth(source, luma, source_at, luma_at, out_at):
     """``out`` holds a copy of ``source``; ``luma`` is scratch; the addresses are those of the arrays and of ``out``."""
     height, width = luma.shape
     values, lumas = source.reshape(height * width * 3), luma.reshape(height * width)
@@ -80,7 +80,7 @@ def _smooth(source, luma, source_at, luma_at, out_at):  # type: ignore[no-untype
 
 
 @njit(nogil=True, error_model="numpy")
-def _find_edges(row, north, south, hot):  # type: ignore[no-untyped-def]
+def _find_edges(row, north, south, hot):
     """Which inner pixels of a row have contrast: all from slices with the same index, so that it is compiled to vector
     instructions; the pictures are mostly flat, and this is most of the work."""
     inner = len(row) - 2
@@ -93,7 +93,7 @@ def _find_edges(row, north, south, hot):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _smooth_pixel(pixels, luma, out, x, y, width, height, contrast):  # type: ignore[no-untyped-def]
+def _smooth_pixel(pixels, luma, out, x, y, width, height, contrast):
     """By pointers: array arguments would cost reference counts and range checks for every pixel."""
     # OpenGL's rows go upwards, which decides between neighbours of equal contrast: "north" is the row below.
     here = y * width
@@ -149,7 +149,7 @@ def _smooth_pixel(pixels, luma, out, x, y, width, height, contrast):  # type: ig
 
 
 @njit(nogil=True, error_model="numpy")
-def _edge_end(luma, own, other, step, left, c, over):  # type: ignore[no-untyped-def]
+def _edge_end(luma, own, other, step, left, c, over):
     """Walks along both sides of an edge until a pixel is more like the other side; VTK's rule, which sees the ends of
     lines one pixel wide, too. Returns the distance in pixels and the luma at the end on the pixel's own side.
 

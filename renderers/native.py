@@ -28,7 +28,7 @@ def kernel_address(dispatcher: Any) -> int:
     return address
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def call_kernel(typing_context: Any, address: Any, arguments: Any) -> Any:
     """``call_kernel(address, (a, b, ..))``: call an entry point that takes int64 and returns nothing.
 
@@ -50,7 +50,7 @@ def call_kernel(typing_context: Any, address: Any, arguments: Any) -> Any:
     return types.int32(types.int64, arguments), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def take_number(typing_context: Any, pointer: Any, index: Any) -> Any:
     """``take_number(pointer, i)``: the int64 there, which is one more for whoever asks next, from any thread."""
 
@@ -60,7 +60,7 @@ def take_number(typing_context: Any, pointer: Any, index: Any) -> Any:
     return types.int64(pointer, types.int64), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def shared_number(typing_context: Any, pointer: Any, index: Any) -> Any:
     """The int64 there as another thread left it, with all that it wrote before ``take_number``."""
 
@@ -81,7 +81,7 @@ YIELD_ADDRESS: Final = _yield_address()
 """``int sched_yield(void)``; 0: there is none."""
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def yield_at(typing_context: Any, address: Any) -> Any:
     """Let another thread have the core; ``address``: YIELD_ADDRESS, not 0."""
 

@@ -32,7 +32,7 @@ def address_of(array: NDArray[Any] | None, dtype: type[np.generic]) -> int:
 
 def _pointer_to(element: Any) -> Any:
     def cast(typing_context: Any, address: Any) -> tuple[Any, Callable[..., Any]]:
-        pointer: Any = types.CPointer(element)  # type: ignore[no-untyped-call]
+        pointer: Any = types.CPointer(element)
 
         def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
             return builder.inttoptr(args[0], context.get_value_type(pointer))
@@ -60,7 +60,7 @@ u16_at = _pointer_to(types.uint16)
 
 def _same_place_as(element: Any) -> Any:
     def cast(typing_context: Any, pointer: Any) -> tuple[Any, Callable[..., Any]]:
-        wanted: Any = types.CPointer(element)  # type: ignore[no-untyped-call]
+        wanted: Any = types.CPointer(element)
 
         def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
             return builder.bitcast(args[0], context.get_value_type(wanted))

@@ -14,7 +14,7 @@ LONGER: Final = -3
 
 
 @njit(types.int64(_BYTES, types.int64, types.int64), nogil=True, cache=True)
-def _word(data, at, size):  # type: ignore[no-untyped-def]
+def _word(data, at, size):
     """A big-endian number of ``size`` bytes."""
     value = 0
     for k in range(size):
@@ -23,7 +23,7 @@ def _word(data, at, size):  # type: ignore[no-untyped-def]
 
 
 @njit(types.int64(_BYTES, types.int64), nogil=True, cache=True)
-def objects(data, most):  # type: ignore[no-untyped-def]
+def objects(data, most):
     """How many values one MessagePack value consists of; more than ``most``: there are more than that many.
 
     Negative: TRUNCATED, MALFORMED or LONGER. Strings, binaries and extensions count as one, whatever their length

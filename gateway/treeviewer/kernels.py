@@ -16,9 +16,9 @@ _BYTES = types.Array(types.uint8, 1, "C", readonly=True)
 _POWERS = types.Array(types.float64, 1, "C", readonly=True)
 _SINGLES = types.Array(types.float32, 1, "C", readonly=True)
 _TABLE = types.Array(types.int64, 2, "C")
-_SPAN = types.Tuple((types.int64,) * 5)  # type: ignore[no-untyped-call]
+_SPAN = types.Tuple((types.int64,) * 5)
 
-_FOUND = types.UniTuple(types.int64, 2)  # type: ignore[no-untyped-call]
+_FOUND = types.UniTuple(types.int64, 2)
 
 QUOTE, BACKSLASH, OPEN, CLOSE, COMMA = ord('"'), ord("\\"), ord("["), ord("]"), ord(",")
 BRACE, END_BRACE, COLON = ord("{"), ord("}"), ord(":")
@@ -55,7 +55,7 @@ numbers', those that only true, false, null and strings have do not."""
 
 
 @njit(_SPAN(_BYTES, types.int64), nogil=True, cache=True)
-def _span(data, begin):  # type: ignore[no-untyped-def]
+def _span(data, begin):
     """The array that opens at ``begin``: (end, numbers, rows, columns, depth); end is -1 if it has more than numbers.
 
     Looks at characters only; ``read_numbers`` checks the grammar, and relies on the closing bracket that is here
@@ -104,7 +104,7 @@ def _span(data, begin):  # type: ignore[no-untyped-def]
 
 
 @njit(types.int64(_BYTES, _TABLE, types.int64), nogil=True, cache=True)
-def find_arrays(data, table, least):  # type: ignore[no-untyped-def]
+def find_arrays(data, table, least):
     """Fills ``table`` (rows: begin, end, numbers, rows, columns, depth) with the arrays of at least ``least`` numbers.
 
     Returns how many; it stops looking when the table is full. Every byte is looked at most three times, as arrays of
@@ -143,7 +143,7 @@ def find_arrays(data, table, least):  # type: ignore[no-untyped-def]
     nogil=True,
     cache=True,
 )
-def read_numbers(data, begin, end, powers, out):  # type: ignore[no-untyped-def]
+def read_numbers(data, begin, end, powers, out):
     """Reads the array [begin, end) of ``data``, flattened, into ``out``, which has room for exactly its numbers.
 
     Returns -1, or the position of what JSON does not allow. Numbers are exact for up to 15 digits and small exponents,
@@ -263,7 +263,7 @@ def read_numbers(data, begin, end, powers, out):  # type: ignore[no-untyped-def]
 
 
 @njit(types.int64(types.float64[::1], types.uint32[::1], types.float64), nogil=True, cache=True)
-def to_indices(values, out, bound):  # type: ignore[no-untyped-def]
+def to_indices(values, out, bound):
     """Whole numbers in [0, bound) into ``out``. Returns -1, or which number is not one."""
     for k in range(values.shape[0]):
         value = values[k]
@@ -274,7 +274,7 @@ def to_indices(values, out, bound):  # type: ignore[no-untyped-def]
 
 
 @njit(types.boolean(_SINGLES, types.float32), nogil=True, cache=True)
-def all_within(values, farthest):  # type: ignore[no-untyped-def]
+def all_within(values, farthest):
     """Whether no value is NaN or farther from 0 than ``farthest``."""
     for begin in range(0, values.shape[0], 1024):
         outside = 0
@@ -286,7 +286,7 @@ def all_within(values, farthest):  # type: ignore[no-untyped-def]
 
 
 @njit(types.void(types.float32[::1]), nogil=True, cache=True)
-def to_unit_interval(values):  # type: ignore[no-untyped-def]
+def to_unit_interval(values):
     """Numbers below 0 become 0, above 1 become 1, NaN becomes 0; in place."""
     for k in range(values.shape[0]):
         value = values[k]
@@ -295,7 +295,7 @@ def to_unit_interval(values):  # type: ignore[no-untyped-def]
 
 
 @njit(_FOUND(_BYTES, _TABLE, types.int64[::1]), nogil=True, cache=True)
-def outline(data, members, commas):  # type: ignore[no-untyped-def]
+def outline(data, members, commas):
     """Where the members of the JSON object ``data`` are, and the commas between the elements of those that are lists.
 
     Args:

@@ -16,12 +16,12 @@ MOST_FACES: Final = 256
 
 _FLOATS = types.Array(types.float32, 2, "C", readonly=True)
 _FACES = types.Array(types.uint32, 2, "C", readonly=True)
-_NORMALS = types.Tuple((types.boolean, types.float32[:, ::1], types.int64[::1]))  # type: ignore[no-untyped-call]
-_RESULT = types.Tuple((types.float32[:, ::1], types.float32[:, ::1], types.uint32[:, ::1]))  # type: ignore[no-untyped-call]
+_NORMALS = types.Tuple((types.boolean, types.float32[:, ::1], types.int64[::1]))
+_RESULT = types.Tuple((types.float32[:, ::1], types.float32[:, ::1], types.uint32[:, ::1]))
 
 
 @njit(nogil=True)
-def _face(positions, a, b, c, unit):  # type: ignore[no-untyped-def]
+def _face(positions, a, b, c, unit):
     """The cross product of a face's edges, twice its area long; ``unit`` (3,) becomes its direction."""
     ux = np.float64(positions[b, 0]) - positions[a, 0]
     uy = np.float64(positions[b, 1]) - positions[a, 1]
@@ -39,7 +39,7 @@ def _face(positions, a, b, c, unit):  # type: ignore[no-untyped-def]
 
 
 @njit(_RESULT(_FLOATS, _FACES, types.float64), nogil=True, cache=True)
-def smoothed(positions, faces, cosine):  # type: ignore[no-untyped-def]
+def smoothed(positions, faces, cosine):
     """Positions, unit normals and faces of the same surface with vertices doubled where it has creases.
 
     A corner's normal is the mean, weighted by area, of the faces around its vertex whose normal is within the crease
@@ -140,7 +140,7 @@ def smoothed(positions, faces, cosine):  # type: ignore[no-untyped-def]
 
 
 @njit(_NORMALS(_FLOATS, _FACES, types.float64), nogil=True, cache=True)
-def smooth_everywhere(positions, faces, cosine):  # type: ignore[no-untyped-def]
+def smooth_everywhere(positions, faces, cosine):
     """What ``smoothed`` gives for a surface without creases, in a third of the time: no vertex is doubled there.
 
     Args:

@@ -20,7 +20,7 @@ TIES: Final = 2
 
 
 @njit(nogil=True, error_model="numpy")
-def _between(job, pixel, w, identity):  # type: ignore[no-untyped-def]
+def _between(job, pixel, w, identity):
     """Lanes that lie strictly beyond the one and before the other given layer, by depth and then by record."""
     zero = vec.i32(0)
     accepted = zero == zero
@@ -36,7 +36,7 @@ def _between(job, pixel, w, identity):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def blend(job, rule, depths, ids, pixel, w, covered, identity):  # type: ignore[no-untyped-def]
+def blend(job, rule, depths, ids, pixel, w, covered, identity):
     """Write the covered lanes that are nearer than what is there.
 
     Args:
@@ -55,7 +55,7 @@ def blend(job, rule, depths, ids, pixel, w, covered, identity):  # type: ignore[
 
 
 @njit(nogil=True, error_model="numpy")
-def blend_one(job, rule, pixel, w, identity):  # type: ignore[no-untyped-def]
+def blend_one(job, rule, pixel, w, identity):
     """As ``blend`` for one covered pixel, whatever the order of records."""
     depths = f32_at(job[J_INV_Z])
     ids = i32_at(job[J_IDS])
@@ -70,7 +70,7 @@ def blend_one(job, rule, pixel, w, identity):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _one_between(job, pixel, w, identity):  # type: ignore[no-untyped-def]
+def _one_between(job, pixel, w, identity):
     """Lane 0 of ``_between``; the layers are read where the eight pixels end, not past the picture."""
     start = pixel & ~np.int64(vec.LANES - 1)
     lane = vec.iota() == vec.i32(pixel - start)

@@ -30,13 +30,13 @@ MAX_VERTICES = 24
 
 
 @njit(nogil=True, error_model="numpy")
-def snap(value):  # type: ignore[no-untyped-def]
+def snap(value):
     """Grid units of a float32 pixel coordinate (the product is exact; ties to even)."""
     return np.int64(np.rint(np.float32(value) * np.float32(SUBPIXEL)))
 
 
 @njit(nogil=True, error_model="numpy")
-def camera_vertex(job, drawn, index, out, k):  # type: ignore[no-untyped-def]
+def camera_vertex(job, drawn, index, out, k):
     """Write vertex ``index`` of a drawn instance's mesh, in the camera's frame, to the (n, 3) float64 ``out[k]``."""
     table = i64_at(job[J_TABLE])
     p = f32_at(table[drawn * T_COLUMNS + T_POSITIONS])
@@ -49,7 +49,7 @@ def camera_vertex(job, drawn, index, out, k):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def plane_distance(lens, plane, p, k):  # type: ignore[no-untyped-def]
+def plane_distance(lens, plane, p, k):
     """How far inside the near plane (0) or a side of the guard band (1 .. 4) the point ``p[k]`` is; >= 0 is inside."""
     if plane == 0:
         return p[k, 2] - lens[L_NEAR]
@@ -63,7 +63,7 @@ def plane_distance(lens, plane, p, k):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def cut(p, inside, d_inside, outside, d_outside, out, k):  # type: ignore[no-untyped-def]
+def cut(p, inside, d_inside, outside, d_outside, out, k):
     """The point of the edge on the plane, from the inside end towards the outside end whichever way the triangle runs,
     so that two triangles with a common edge get the same point."""
     t = d_inside / (d_inside - d_outside)
@@ -72,14 +72,14 @@ def cut(p, inside, d_inside, outside, d_outside, out, k):  # type: ignore[no-unt
 
 
 @njit(nogil=True, error_model="numpy")
-def project(lens, p, k):  # type: ignore[no-untyped-def]
+def project(lens, p, k):
     """Pixel coordinates (float32) of the point ``p[k]``, which is not behind the near plane."""
     w = 1.0 / p[k, 2]
     return np.float32(lens[L_FX] * p[k, 0] * w + lens[L_CX]), np.float32(lens[L_FY] * p[k, 1] * w + lens[L_CY])
 
 
 @njit(nogil=True, error_model="numpy")
-def is_finite(p, count):  # type: ignore[no-untyped-def]
+def is_finite(p, count):
     """Whether the first ``count`` points are numbers."""
     total = 0.0
     for k in range(count):
@@ -88,7 +88,7 @@ def is_finite(p, count):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def clip_triangle(job, lens, drawn, element, corners, grid):  # type: ignore[no-untyped-def]
+def clip_triangle(job, lens, drawn, element, corners, grid):
     """The visible part of a triangle.
 
     Args:
@@ -150,7 +150,7 @@ def clip_triangle(job, lens, drawn, element, corners, grid):  # type: ignore[no-
 
 
 @njit(nogil=True, error_model="numpy")
-def clip_line(lens, ends):  # type: ignore[no-untyped-def]
+def clip_line(lens, ends):
     """Clip the segment between the two (2, 3) float64 ``ends`` in place; returns whether something is left."""
     if not is_finite(ends, 2):
         return False

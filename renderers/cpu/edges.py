@@ -73,7 +73,7 @@ _LAST: Final = 2**31 - 1
 
 
 @njit(nogil=True, error_model="numpy")
-def _ask_for(job, record, known):  # type: ignore[no-untyped-def]
+def _ask_for(job, record, known):
     """Fill ``known`` with what ``_joined`` needs of the instance of a record."""
     first = i64_at(job[J_FIRST_RECORD])
     low, high = np.int64(0), job[J_ALL_INSTANCES]
@@ -89,7 +89,7 @@ def _ask_for(job, record, known):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _joined(job, a, b, known):  # type: ignore[no-untyped-def]
+def _joined(job, a, b, known):
     """Whether two records are triangles with normals of one instance that share an edge.
 
     Args:
@@ -114,7 +114,7 @@ def _joined(job, a, b, known):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _add(records, marks, count, record, place, weight):  # type: ignore[no-untyped-def]
+def _add(records, marks, count, record, place, weight):
     """One more entry of a row, among the last ones in the order of records; returns how many there are then.
 
     Args:
@@ -138,7 +138,7 @@ def _add(records, marks, count, record, place, weight):  # type: ignore[no-untyp
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _two(a, own, b, rest):  # type: ignore[no-untyped-def]
+def _two(a, own, b, rest):
     """The one of two records with more samples, the first of equals, and its samples; then the other's."""
     if own >= rest:
         return a, own, b, rest
@@ -146,7 +146,7 @@ def _two(a, own, b, rest):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _three(job, x, a, n, b, m, c, o, records, marks, count, known):  # type: ignore[no-untyped-def]
+def _three(job, x, a, n, b, m, c, o, records, marks, count, known):
     """``_several`` for three records ``a``, ``b`` and ``c`` with ``n``, ``m`` and ``o`` samples; one may be -1."""
     if a < 0 or b < 0 or c < 0:
         nothing = n
@@ -187,7 +187,7 @@ def _three(job, x, a, n, b, m, c, o, records, marks, count, known):  # type: ign
 
 
 @njit(nogil=True, error_model="numpy")
-def _several(job, seen, x, records, marks, count, scratch, known):  # type: ignore[no-untyped-def]
+def _several(job, seen, x, records, marks, count, scratch, known):
     """A pixel whose samples see any number of records.
 
     Args:
@@ -236,7 +236,7 @@ def _several(job, seen, x, records, marks, count, scratch, known):  # type: igno
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _named(records, ids, at):  # type: ignore[no-untyped-def]
+def _named(records, ids, at):
     """Replace the places of eight pixels' records by their numbers; a mask of those whose samples have their own.
 
     Args:
@@ -246,13 +246,13 @@ def _named(records, ids, at):  # type: ignore[no-untyped-def]
     values = RECORD_BYTES // 4
     for k in range(vec.LANES):
         owner = np.int64(ids[at + k])
-        number = records[max(owner, 0) * values + R_ID]  # type: ignore[operator]
+        number = records[max(owner, 0) * values + R_ID]  # type: ignore[operator]  # kernels' integers
         ids[at + k] = number if owner >= 0 else owner
     return vec.bits(places == vec.i32(MIXED))
 
 
 @njit(nogil=True, error_model="numpy")
-def _sort_out(job, edges, band, columns, found, marks, scratch, known):  # type: ignore[no-untyped-def]
+def _sort_out(job, edges, band, columns, found, marks, scratch, known):
     """Fill E_IDS and the lists of the band's rows.
 
     Args:
@@ -321,7 +321,7 @@ def _sort_out(job, edges, band, columns, found, marks, scratch, known):  # type:
 
 
 @kernel("void(int64, int64, int64, int64)")
-def draw_samples(job_at, lens_at, band, edges_at):  # type: ignore[no-untyped-def]
+def draw_samples(job_at, lens_at, band, edges_at):
     """Raster the samples of a band of the picture.
 
     Args:
@@ -341,7 +341,7 @@ def draw_samples(job_at, lens_at, band, edges_at):  # type: ignore[no-untyped-de
 
 
 @kernel("void(int64, int64, int64)")
-def find_edges(job_at, band, edges_at):  # type: ignore[no-untyped-def]
+def find_edges(job_at, band, edges_at):
     """Find out what is to be shaded in a band that ``draw_samples`` has drawn; arguments as there."""
     job, edges = i64_at(job_at), i64_at(edges_at)
     columns = 40
@@ -358,7 +358,7 @@ def find_edges(job_at, band, edges_at):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _mix(edges, stride, width, row_begin, row_end, background, picture_at, pitch):  # type: ignore[no-untyped-def]
+def _mix(edges, stride, width, row_begin, row_end, background, picture_at, pitch):
     """Mix the band's pixels at edges.
 
     Args:
@@ -395,7 +395,7 @@ def _mix(edges, stride, width, row_begin, row_end, background, picture_at, pitch
 
 
 @kernel("void(int64, int64, int64, int64, int64, int64)")
-def shade_mixed(shade_at, job_at, edges_at, stride, row_begin, row_end):  # type: ignore[no-untyped-def]
+def shade_mixed(shade_at, job_at, edges_at, stride, row_begin, row_end):
     """Shade a band's pixels and its entries, and mix those at edges as they are shown, as VTK mixes them.
 
     Args:

@@ -49,13 +49,13 @@ from renderers.pointers import f32_at, f64_at, i32_at, i64_at, u32_at
 
 
 @njit(nogil=True, error_model="numpy")
-def first_centre(value):  # type: ignore[no-untyped-def]
+def first_centre(value):
     """The first pixel whose centre is at or after the grid coordinate: ceil((value - 1/2 px) / 1 px)."""
     return (value - HALF + SUBPIXEL - 1) >> 8
 
 
 @njit(nogil=True, error_model="numpy")
-def large_triangle(job, lens, drawn, element, record):  # type: ignore[no-untyped-def]
+def large_triangle(job, lens, drawn, element, record):
     """Write the record of a triangle; returns (first list, last list), or (0, -1) when nothing of it can be seen."""
     table = i64_at(job[J_TABLE])
     row = drawn * T_COLUMNS
@@ -130,7 +130,7 @@ def large_triangle(job, lens, drawn, element, record):  # type: ignore[no-untype
 
 
 @njit(nogil=True, error_model="numpy")
-def clipped_triangle(job, lens, drawn, element, record):  # type: ignore[no-untyped-def]
+def clipped_triangle(job, lens, drawn, element, record):
     """As ``large_triangle`` for one that needs clipping; raster clips it again, band by band."""
     corners = np.empty((3, 3), np.float64)
     grid = np.empty((MAX_VERTICES, 2), np.int64)
@@ -178,7 +178,7 @@ def clipped_triangle(job, lens, drawn, element, record):  # type: ignore[no-unty
 
 
 @njit(nogil=True, error_model="numpy")
-def line(job, lens, drawn, element, record):  # type: ignore[no-untyped-def]
+def line(job, lens, drawn, element, record):
     """Write the record of a line, clipped."""
     table = i64_at(job[J_TABLE])
     row = drawn * T_COLUMNS
@@ -236,7 +236,7 @@ def line(job, lens, drawn, element, record):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def point(job, drawn, element, record):  # type: ignore[no-untyped-def]
+def point(job, drawn, element, record):
     """Write the record of a point: the size x size pixels whose centres are nearest to it."""
     table = i64_at(job[J_TABLE])
     row = drawn * T_COLUMNS

@@ -89,7 +89,7 @@ SCRATCH_VALUES: Final = TAKEN + 1
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _rising(samples, dx, dy):  # type: ignore[no-untyped-def]
+def _rising(samples, dx, dy):
     """f32x8: 1/z at the samples less that at the centre."""
     pixel = vec.f32(1.0 / SUBPIXEL)
     across, down = vec.to_f32(vec.load(samples, 0)) * pixel, vec.to_f32(vec.load(samples, vec.LANES)) * pixel
@@ -97,7 +97,7 @@ def _rising(samples, dx, dy):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _bounds(rising, scratch):  # type: ignore[no-untyped-def]
+def _bounds(rising, scratch):
     """The least and the greatest of ``rising``, float32; without bound where one is not finite.
 
     Args:
@@ -117,7 +117,7 @@ def _bounds(rising, scratch):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _cover(ids, far, near, at, w, lowest, highest, low, high, full, touched, place):  # type: ignore[no-untyped-def]
+def _cover(ids, far, near, at, w, lowest, highest, low, high, full, touched, place):
     """Give the pixels that a record takes wholly to it, eight from ``at`` on.
 
     Args:
@@ -141,7 +141,7 @@ def _cover(ids, far, near, at, w, lowest, highest, low, high, full, touched, pla
 
 
 @njit(nogil=True, error_model="numpy")
-def _box(whole):  # type: ignore[no-untyped-def]
+def _box(whole):
     """The pixel that R_BASE of a record that is not small belongs to."""
     kind = whole[R_KIND]
     a, b = np.int64(whole[R_XY]), np.int64(whole[R_XY + 1])
@@ -158,7 +158,7 @@ def _box(whole):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _expand(job, at, first, owner):  # type: ignore[no-untyped-def]
+def _expand(job, at, first, owner):
     """Write the samples of a pixel that all see one record.
 
     Args:
@@ -185,7 +185,7 @@ def _expand(job, at, first, owner):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _put(job, owners, slots, far, near, ids, depths, taken, at, w, covered, identity):  # type: ignore[no-untyped-def]
+def _put(job, owners, slots, far, near, ids, depths, taken, at, w, covered, identity):
     """Write the covered samples of a pixel that are nearer than what is there; which of them are, and whether it was
     empty, cannot be predicted and is no branch.
 
@@ -221,7 +221,7 @@ def _put(job, owners, slots, far, near, ids, depths, taken, at, w, covered, iden
 
 
 @njit(nogil=True, error_model="numpy")
-def _small(job, record, place, first_row, last_row, scratch):  # type: ignore[no-untyped-def]
+def _small(job, record, place, first_row, last_row, scratch):
     """Draw a KIND_SMALL record, eight pixels at a time."""
     whole = i32_at(record)
     fraction = f32_at(record)
@@ -261,7 +261,7 @@ def _small(job, record, place, first_row, last_row, scratch):  # type: ignore[no
     owners, far, near = i32_at(job[J_IDS]), f32_at(job[J_FAR]), f32_at(job[J_NEAR])
     lanes, count = i32_at(job[J_LANES]), np.int64(0)
     d0, d1, d2 = vec.i32(down0), vec.i32(down1), vec.i32(down2)
-    for start in range(left, right, vec.LANES):  # type: ignore[call-overload]
+    for start in range(left, right, vec.LANES):  # type: ignore[call-overload]  # kernels' integers
         # A block at the right margin moves left: its pixels that were drawn are not drawn again.
         column = min(start, stride - vec.LANES)
         valid = np.int64(255) << (start - column)
@@ -293,7 +293,7 @@ def _small(job, record, place, first_row, last_row, scratch):  # type: ignore[no
         vec.store(scratch, BATCH + 16, (rows + vec.i32(box_y)) * vec.i32(stride) + (xs + vec.i32(box_x)))
         w = (vec.f32(base) + vec.f32(rise) * vec.to_f32(rows)) + vec.f32(slope) * vec.to_f32(xs)
         vec.store(centres, BATCH + 24, w)
-        for k in range(min(count - begin, vec.LANES)):  # type: ignore[call-overload]
+        for k in range(min(count - begin, vec.LANES)):  # type: ignore[call-overload]  # kernels' integers
             c0, c1 = vec.i32(scratch[BATCH + k]) + o0, vec.i32(scratch[BATCH + 8 + k]) + o1
             covered = (c0 | c1 | (total - c0 - c1)) >= zero
             w = vec.least(vec.most(vec.f32(centres[BATCH + 24 + k]) + rising, low), high)
@@ -303,7 +303,7 @@ def _small(job, record, place, first_row, last_row, scratch):  # type: ignore[no
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _crossing(xa, ya, xb, yb, x, y):  # type: ignore[no-untyped-def]
+def _crossing(xa, ya, xb, yb, x, y):
     """i32x8: for every sample, the first column in which it is at or right of the edge; see ``raster``.
 
     Args:
@@ -317,7 +317,7 @@ def _crossing(xa, ya, xb, yb, x, y):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _span(job, record, place, row, start, stop, box_x, box_y, scratch):  # type: ignore[no-untyped-def]
+def _span(job, record, place, row, start, stop, box_x, box_y, scratch):
     """Draw a row in which every sample has columns of its own, ``start .. stop`` (i32x8 each).
 
     Args:
@@ -362,7 +362,7 @@ def _span(job, record, place, row, start, stop, box_x, box_y, scratch):  # type:
 
 
 @njit(nogil=True, error_model="numpy")
-def _corners(job, record, place, x0, y0, x1, y1, x2, y2, first_row, last_row, box_x, box_y, scratch):  # type: ignore[no-untyped-def]
+def _corners(job, record, place, x0, y0, x1, y1, x2, y2, first_row, last_row, box_x, box_y, scratch):
     """Draw the rows ``first_row .. last_row`` of a triangle in grid units, whichever way it winds."""
     area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
     if area == 0:
@@ -403,7 +403,7 @@ def _corners(job, record, place, x0, y0, x1, y1, x2, y2, first_row, last_row, bo
 
 
 @njit(nogil=True, error_model="numpy")
-def _square(job, record, place, x0, y0, x1, y1, first_row, last_row, scratch):  # type: ignore[no-untyped-def]
+def _square(job, record, place, x0, y0, x1, y1, first_row, last_row, scratch):
     """Draw a point: the samples in a square of grid units."""
     margin = job[J_MARGIN]
     top = max(first_centre(y0 - margin), first_row)
@@ -421,7 +421,7 @@ def _square(job, record, place, x0, y0, x1, y1, first_row, last_row, scratch):  
 
 
 @njit(nogil=True, error_model="numpy")
-def _draw(job, lens, record, place, first_row, last_row, scratch):  # type: ignore[no-untyped-def]
+def _draw(job, lens, record, place, first_row, last_row, scratch):
     """Draw the part of a record that lies in the rows ``first_row .. last_row``."""
     whole = i32_at(record)
     kind = whole[R_KIND]
@@ -456,7 +456,7 @@ def _draw(job, lens, record, place, first_row, last_row, scratch):  # type: igno
 
 
 @njit(nogil=True, error_model="numpy")
-def raster_samples(job, lens, band):  # type: ignore[no-untyped-def]
+def raster_samples(job, lens, band):
     """Empty the band and draw all that touches it, in the order of record numbers.
 
     Then J_IDS has the place of each pixel's record among all, -1 where it sees none and MIXED where its samples have

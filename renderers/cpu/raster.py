@@ -89,7 +89,7 @@ SCRATCH: Final = ROOM_OF_ROWS + BAND_ROWS + vec.LANES
 
 
 @njit(nogil=True, error_model="numpy")
-def _small(job, rule, record, first_row, last_row, scratch):  # type: ignore[no-untyped-def]
+def _small(job, rule, record, first_row, last_row, scratch):
     """Draw a KIND_SMALL record: eight pixels at a time, no branch on coverage."""
     whole = i32_at(record)
     fraction = f32_at(record)
@@ -118,7 +118,7 @@ def _small(job, rule, record, first_row, last_row, scratch):  # type: ignore[no-
         down = vec.to_f32(vec.i32(top - box_y + row) + lane)
         vec.store(starts, ROOM_OF_ROWS + row, base + rise * down)
     # Blocks begin where vectors do: what a neighbour has just stored is loaded as a whole, and from one cache line.
-    begin = left & ~np.int64(vec.LANES - 1)  # type: ignore[operator]
+    begin = left & ~np.int64(vec.LANES - 1)  # type: ignore[operator]  # kernels' integers
     skipped = vec.i32(top - box_y)
     across = vec.i32(begin - box_x) + lane
     f0 = vec.i32(whole[S_EDGES]) + skipped * d0 + across * right0
@@ -156,7 +156,7 @@ def _small(job, rule, record, first_row, last_row, scratch):  # type: ignore[no-
 
 
 @njit(nogil=True, error_model="numpy")
-def _span(job, rule, record, row, start, stop, box_x, box_y, scratch):  # type: ignore[no-untyped-def]
+def _span(job, rule, record, row, start, stop, box_x, box_y, scratch):
     """Draw the pixels ``start .. stop`` of a row; ``box_x, box_y`` is the pixel that R_BASE belongs to.
 
     1/z is exact to float32 at the first of every eight pixels, wherever the span starts.
@@ -189,7 +189,7 @@ def _span(job, rule, record, row, start, stop, box_x, box_y, scratch):  # type: 
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _crossing(xa, ya, xb, yb, y):  # type: ignore[no-untyped-def]
+def _crossing(xa, ya, xb, yb, y):
     """i32x8: the first pixel columns whose centres are at or right of the edge in eight rows of centres ``y``.
 
     Args:
@@ -205,7 +205,7 @@ def _crossing(xa, ya, xb, yb, y):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _corners(job, rule, record, x0, y0, x1, y1, x2, y2, first_row, last_row, box_x, box_y, scratch):  # type: ignore[no-untyped-def]
+def _corners(job, rule, record, x0, y0, x1, y1, x2, y2, first_row, last_row, box_x, box_y, scratch):
     """Draw the rows ``first_row .. last_row`` of a triangle in grid units, whichever way it winds.
 
     Args:
@@ -251,7 +251,7 @@ def _corners(job, rule, record, x0, y0, x1, y1, x2, y2, first_row, last_row, box
 
 
 @njit(nogil=True, error_model="numpy")
-def _draw(job, lens, rule, record, first_row, last_row, scratch):  # type: ignore[no-untyped-def]
+def _draw(job, lens, rule, record, first_row, last_row, scratch):
     """Draw the part of a record that lies in the rows ``first_row .. last_row``."""
     whole = i32_at(record)
     kind = whole[R_KIND]
@@ -287,7 +287,7 @@ def _draw(job, lens, rule, record, first_row, last_row, scratch):  # type: ignor
 
 
 @njit(nogil=True, error_model="numpy")
-def clear_band(job, lens, band):  # type: ignore[no-untyped-def]
+def clear_band(job, lens, band):
     """Empty the band's layer."""
     first_row = band * BAND_ROWS
     last_row = min(first_row + BAND_ROWS, job[J_HEIGHT])
@@ -306,7 +306,7 @@ TILE_ROWS: Final = 8
 
 
 @njit(nogil=True, error_model="numpy")
-def _farthest(job, first_row, last_row, tiles):  # type: ignore[no-untyped-def]
+def _farthest(job, first_row, last_row, tiles):
     """Write the least 1/z of every TILE_ROWS rows of eight columns of a band: what lies farther is seen nowhere in
     them.
 
@@ -328,7 +328,7 @@ def _farthest(job, first_row, last_row, tiles):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _hidden(job, record, tiles, first_row, last_row):  # type: ignore[no-untyped-def]
+def _hidden(job, record, tiles, first_row, last_row):
     """Whether a KIND_SMALL or KIND_LATER record lies behind all that the band shows around its box."""
     whole = i32_at(record)
     if whole[R_KIND] != KIND_SMALL and whole[R_KIND] != KIND_LATER:
@@ -339,7 +339,7 @@ def _hidden(job, record, tiles, first_row, last_row):  # type: ignore[no-untyped
     right = min(left + (size & 0xFFFF), job[J_WIDTH])
     top, bottom = max(box >> 16, first_row) - first_row, min((box >> 16) + (size >> 16), last_row) - first_row
     high = f32_at(record)[R_HIGH]
-    begin = (max(left, 0) >> 3) << 3  # type: ignore[operator]
+    begin = (max(left, 0) >> 3) << 3  # type: ignore[operator]  # kernels' integers
     hidden = True
     for tile in range(top // TILE_ROWS, (bottom + TILE_ROWS - 1) // TILE_ROWS):
         row = tile * job[J_STRIDE]
@@ -349,7 +349,7 @@ def _hidden(job, record, tiles, first_row, last_row):  # type: ignore[no-untyped
 
 
 @njit(nogil=True, error_model="numpy")
-def _draw_late(job, lens, rule, record, which, first_row, last_row, room, scratch):  # type: ignore[no-untyped-def]
+def _draw_late(job, lens, rule, record, which, first_row, last_row, room, scratch):
     """Set up and draw the part of a KIND_LATER record that lies in the band.
 
     Args:
@@ -371,7 +371,7 @@ ROOM: Final = 8 + (vec.LANES * (RECORD_BYTES + 8 + 64) + 16 * (vec.LANES * TINY 
 
 
 @njit(nogil=True, error_model="numpy")
-def _draw_micro(job, rule, micro, begin, end, which):  # type: ignore[no-untyped-def]
+def _draw_micro(job, rule, micro, begin, end, which):
     """Draw the pixels ``begin .. end`` of tiny triangles that belong to the list ``which``."""
     inverse = as_f32(micro)
     for m in range(begin, end):
@@ -380,7 +380,7 @@ def _draw_micro(job, rule, micro, begin, end, which):  # type: ignore[no-untyped
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def next_record(small, k, end, tall, t, talls):  # type: ignore[no-untyped-def]
+def next_record(small, k, end, tall, t, talls):
     """The lowest number of what is left of a band's list of small records and of its chunk's tall ones, not both at
     their ends; then both places after it."""
     if t >= talls or (k < end and small[k] < tall[t]):
@@ -389,7 +389,7 @@ def next_record(small, k, end, tall, t, talls):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def raster_band(job, lens, band, back):  # type: ignore[no-untyped-def]
+def raster_band(job, lens, band, back):
     """Draw all that touches the band, in the order of record numbers (micro triangles apart, which compare numbers
     themselves). ``back``: the back faces that were kept apart, on top of the others."""
     first_row = band * BAND_ROWS

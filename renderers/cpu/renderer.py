@@ -88,7 +88,7 @@ class CpuRenderer:
         """End the helper threads; frames in work are finished."""
         self._crew.close()
 
-    def render(self, scene: DrawList, camera: Camera, outputs: Output, look: Look = Look()) -> Frame:  # noqa: B008
+    def render(self, scene: DrawList, camera: Camera, outputs: Output, look: Look = Look()) -> Frame:
         """As ``Renderer.render``.
 
         Raises:

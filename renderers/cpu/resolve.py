@@ -45,7 +45,7 @@ from renderers.pointers import f32_at, f64_at, i32_at, i64_at, u32_at
 
 
 @njit(nogil=True, error_model="numpy")
-def _instance_of(first, count, record, hint):  # type: ignore[no-untyped-def]
+def _instance_of(first, count, record, hint):
     """``visibility.instance_of`` on a pointer."""
     if first[hint] <= record and record < first[hint + 1]:
         return hint
@@ -61,7 +61,7 @@ def _instance_of(first, count, record, hint):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _normal_run(job, lens, instance, record, row, start, stop):  # type: ignore[no-untyped-def]
+def _normal_run(job, lens, instance, record, row, start, stop):
     """Normals of the pixels ``start .. stop`` of a row, which all see one record."""
     out = f32_at(job[J_NORMAL] + 12 * row * job[J_WIDTH])
     mesh = i64_at(job[J_ALL_MESHES] + 8 * A_COLUMNS * instance)
@@ -145,7 +145,7 @@ _NOBODY: Final = (-1, 0, int(np.uint32(LABEL_NONE).astype(np.int32)), -1)
 
 
 @njit(nogil=True, error_model="numpy")
-def _mixed_names(job, ids, column, seen, block):  # type: ignore[no-untyped-def]
+def _mixed_names(job, ids, column, seen, block):
     """Labels and identities of eight pixels, left in ``block``; ``seen`` is renewed."""
     first_record = i64_at(job[J_FIRST_RECORD])
     eight = vec.load(ids, column)
@@ -173,7 +173,7 @@ def _mixed_names(job, ids, column, seen, block):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _depth_row(inverse, ids, out, width):  # type: ignore[no-untyped-def]
+def _depth_row(inverse, ids, out, width):
     """Depth of one row. Apart from its labels: stores that go on in one cache line are joined, others are not."""
     one, none, zero = vec.f32(1.0), vec.f32(np.inf), vec.i32(0)
     whole = width - width % vec.LANES
@@ -185,7 +185,7 @@ def _depth_row(inverse, ids, out, width):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _named_row(job, ids, width, labels, identities, seen, block):  # type: ignore[no-untyped-def]
+def _named_row(job, ids, width, labels, identities, seen, block):
     """Label and instance of one row, eight pixels at once where they see one instance (or nothing).
 
     Args:
@@ -222,7 +222,7 @@ def _named_row(job, ids, width, labels, identities, seen, block):  # type: ignor
 
 
 @njit(nogil=True, error_model="numpy")
-def _normal_row(job, lens, ids, row, width, instance):  # type: ignore[no-untyped-def]
+def _normal_row(job, lens, ids, row, width, instance):
     """Normals of one row, by runs of pixels that see one record; returns the new hint."""
     first_record = i64_at(job[J_FIRST_RECORD])
     start = 0
@@ -243,7 +243,7 @@ def _normal_row(job, lens, ids, row, width, instance):  # type: ignore[no-untype
 
 
 @njit(nogil=True, error_model="numpy")
-def _resolve_band(job, lens, band):  # type: ignore[no-untyped-def]
+def _resolve_band(job, lens, band):
     """Fill the wanted outputs of a band from its records."""
     first_row = band * BAND_ROWS
     last_row = min(first_row + BAND_ROWS, job[J_HEIGHT])
@@ -282,7 +282,7 @@ BACKS: Final = 2
 
 
 @kernel("void(int64, int64, int64, int64, int64)")
-def draw_band(job_at, lens_at, band, layer, part):  # type: ignore[no-untyped-def]
+def draw_band(job_at, lens_at, band, layer, part):
     """Raster and resolve one band of the picture, while it is in the cache.
 
     Args:

@@ -46,7 +46,7 @@ from renderers.pointers import f64_at, i32_at, i64_at, u16_at
 
 
 @njit(nogil=True, error_model="numpy")
-def _others(job, lens, drawn, element, record, spans, count):  # type: ignore[no-untyped-def]
+def _others(job, lens, drawn, element, record, spans, count):
     """A line or a point; returns the new ``count`` as ``triangles`` does."""
     row = drawn * T_COLUMNS
     table = i64_at(job[J_TABLE])
@@ -64,7 +64,7 @@ def _others(job, lens, drawn, element, record, spans, count):  # type: ignore[no
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _reach(ranges, bands, first, last):  # type: ignore[no-untyped-def]
+def _reach(ranges, bands, first, last):
     """Widen a chunk's ranges of bands by the lists ``first .. last``."""
     side = 0
     if first >= bands:
@@ -75,7 +75,7 @@ def _reach(ranges, bands, first, last):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _late(job, lens, request):  # type: ignore[no-untyped-def]
+def _late(job, lens, request):
     """Set up a KIND_LATER record's triangles."""
     group = i32_at(request[Q_GROUP])
     drawn, element = np.int64(group[G_DRAWN]), np.int64(group[G_ELEMENT])
@@ -90,7 +90,7 @@ def _late(job, lens, request):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _distribute(job, chunk, spans, count, micro, micros, fill):  # type: ignore[no-untyped-def]
+def _distribute(job, chunk, spans, count, micro, micros, fill):
     """Write a chunk's lists, sorted by list and in the order of records."""
     lists = job[J_LISTS]
     offsets = i32_at(job[J_OFFSETS] + 4 * chunk * (2 * lists + 4))
@@ -162,7 +162,7 @@ def _distribute(job, chunk, spans, count, micro, micros, fill):  # type: ignore[
 
 
 @kernel("void(int64, int64, int64, int64)")
-def setup(job_at, lens_at, begin_chunk, end_chunk):  # type: ignore[no-untyped-def]
+def setup(job_at, lens_at, begin_chunk, end_chunk):
     """Records and band lists of the chunks ``begin_chunk .. end_chunk`` of the drawn elements; or where ``begin_chunk``
     is -1, what the request at the address ``end_chunk`` (Q_GROUP and on) asks for."""
     job = i64_at(job_at)

@@ -30,7 +30,7 @@ Bounds = tuple[float, float, float, float, float, float]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _mixed(value):  # type: ignore[no-untyped-def]
+def _mixed(value):
     """splitmix64's finalizer: any change of the 64 bits changes half of the result's."""
     value = (value ^ (value >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     value = (value ^ (value >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
@@ -38,7 +38,7 @@ def _mixed(value):  # type: ignore[no-untyped-def]
 
 
 @kernel("void(int64, int64, int64, int64, int64, int64, int64)")
-def enclose(positions_at, count, elements_at, triangles, own_at, keys_at, out_at):  # type: ignore[no-untyped-def]
+def enclose(positions_at, count, elements_at, triangles, own_at, keys_at, out_at):
     """Find out whether a mesh is closed and faces away from the middle of its box everywhere.
 
     An edge from a to b is counted as A(a) B(b) - A(b) B(a), modulo 2^64, with two random numbers A and B of each place

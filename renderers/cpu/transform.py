@@ -40,7 +40,7 @@ OUTSIDE: Final = -1.0
 
 
 @njit(nogil=True, error_model="numpy")
-def drawn_at(table, count, column, value):  # type: ignore[no-untyped-def]
+def drawn_at(table, count, column, value):
     """The last of ``count`` rows of a table of T_COLUMNS whose ``column`` is <= value."""
     low = 0
     high = count
@@ -54,7 +54,7 @@ def drawn_at(table, count, column, value):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _transform(matrix, positions, count, lens, out):  # type: ignore[no-untyped-def]
+def _transform(matrix, positions, count, lens, out):
     """``count`` vertices, eight at a time; the last few one by one with the same arithmetic."""
     fx, fy, cx, cy, near = lens[L_FX], lens[L_FY], lens[L_CX], lens[L_CY], lens[L_NEAR]
     m00, m01, m02, m03 = matrix[0], matrix[1], matrix[2], matrix[3]
@@ -91,7 +91,7 @@ def _transform(matrix, positions, count, lens, out):  # type: ignore[no-untyped-
 
 
 @njit(nogil=True, error_model="numpy")
-def _outside(m, box, lens):  # type: ignore[no-untyped-def]
+def _outside(m, box, lens):
     """Whether all of a box lies beyond the near plane and within the guard band, so that nothing in it is clipped."""
     far_x, far_y, z = abs(m[3]), abs(m[7]), m[11]
     size = abs(m[11])
@@ -112,7 +112,7 @@ def _outside(m, box, lens):  # type: ignore[no-untyped-def]
 
 
 @kernel("void(int64, int64, int64, int64, int64, int64, int64, int64)")
-def place(points_at, sizes_at, cull_at, bounds_at, lens_at, table_at, lengths_at, count):  # type: ignore[no-untyped-def]
+def place(points_at, sizes_at, cull_at, bounds_at, lens_at, table_at, lengths_at, count):
     """What a frame's tables say of the drawn instances' poses.
 
     Args:
@@ -153,7 +153,7 @@ def place(points_at, sizes_at, cull_at, bounds_at, lens_at, table_at, lengths_at
 
 
 @kernel("void(int64, int64, int64, int64)")
-def transform(job_at, lens_at, begin, end):  # type: ignore[no-untyped-def]
+def transform(job_at, lens_at, begin, end):
     """Pixel coordinates and 1/z of the vertices ``begin .. end`` of the drawn instances, in the job's arrays.
 
     Args:

@@ -59,7 +59,7 @@ BAND_SHIFT = BAND_ROWS.bit_length() - 1
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _edge(xa, ya, xb, yb, px, py):  # type: ignore[no-untyped-def]
+def _edge(xa, ya, xb, yb, px, py):
     """The edge function at the grid point (px, py), lowered by one where the edge is open (neither left nor top), and
     the edge's extent; all i32x8. With positive area and y down, left edges run upwards, top edges to the right."""
     zero, one = vec.i32(0), vec.i32(1)
@@ -71,7 +71,7 @@ def _edge(xa, ya, xb, yb, px, py):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def triangles(job, lens, drawn, element, lanes, late, record, spans, count, micro, micros, columns):  # type: ignore[no-untyped-def]
+def triangles(job, lens, drawn, element, lanes, late, record, spans, count, micro, micros, columns):
     """Set up the triangles ``element .. element + lanes`` (at most eight) of a drawn instance.
 
     Those whose box holds at most TINY x TINY pixel centres are solved here for good, all eight at once, and leave
@@ -264,7 +264,7 @@ def triangles(job, lens, drawn, element, lanes, late, record, spans, count, micr
             from_row = box >> 16
             to_row = from_row + (np.int64(columns[8 * S_SIZE + k]) >> 16) - 1
             shift = apart if bit & backs else 0
-            spans[2 * count] = shift + (max(from_row, 0) >> BAND_SHIFT)  # type: ignore[operator]
+            spans[2 * count] = shift + (max(from_row, 0) >> BAND_SHIFT)  # type: ignore[operator]  # kernels' integers
             spans[2 * count + 1] = shift + (min(to_row, last_row) >> BAND_SHIFT)
             count += 1
         else:

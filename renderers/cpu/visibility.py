@@ -125,7 +125,7 @@ def band_count(height: int) -> int:
 
 
 @njit(nogil=True, cache=True, inline="always")
-def instance_of(first_record, record, hint):  # type: ignore[no-untyped-def]
+def instance_of(first_record, record, hint):
     """Instance of a record (for kernels).
 
     Args:

@@ -45,7 +45,7 @@ _PATIENCE: Final = 200
 
 
 @njit(nogil=True, error_model="numpy")
-def _band(task, band, layer):  # type: ignore[no-untyped-def]
+def _band(task, band, layer):
     """Draw and shade one band."""
     job, lens, draw = task[W_JOB], task[W_LENS], task[W_DRAW]
     if task[W_SHADE] == 0:
@@ -61,7 +61,7 @@ def _band(task, band, layer):  # type: ignore[no-untyped-def]
 
 
 @kernel("void(int64)")
-def work(task_at):  # type: ignore[no-untyped-def]
+def work(task_at):
     """Take part in a frame until it is finished; any number of threads, each at any time, even when nothing is left.
 
     Args:

@@ -18,7 +18,7 @@ _ELEMENTS: Final = 32
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def look_ahead(records, at, end, first, elements, vertices):  # type: ignore[no-untyped-def]
+def look_ahead(records, at, end, first, elements, vertices):
     """Fetch for the eight records from ``at`` on, and some behind them.
 
     Args:
@@ -36,7 +36,7 @@ def look_ahead(records, at, end, first, elements, vertices):  # type: ignore[no-
 
 
 @njit(nogil=True, error_model="numpy")
-def look_ahead_of_runs(columns, first, ids, starts, run, last_run):  # type: ignore[no-untyped-def]
+def look_ahead_of_runs(columns, first, ids, starts, run, last_run):
     """Fetch what ``resolve.set_up`` will read of the next eight runs, and the elements of the eight after these."""
     elements, vertices = u32_at(columns[II_ELEMENTS]), f32_at(columns[II_VERTICES])
     for k in range(run + vec.LANES, min(run + 2 * vec.LANES, last_run)):

@@ -33,13 +33,13 @@ UNDER: Final = 2
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def packed(r, g, b):  # type: ignore[no-untyped-def]
+def packed(r, g, b):
     """Eight colours (f32x8 each) that are stored as they are, as i32x8: red in the lowest byte, then green, blue."""
     return plain_byte(r) | (plain_byte(g) << vec.i32(8)) | (plain_byte(b) << vec.i32(16))
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def write(job, pbr, line, x, r, g, b):  # type: ignore[no-untyped-def]
+def write(job, pbr, line, x, r, g, b):
     """Eight shaded pixels (f32x8 each), packed, to the row that ``line`` points to."""
     if pbr:
         cells = job[S_GAMMA]
@@ -50,7 +50,7 @@ def write(job, pbr, line, x, r, g, b):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _shown(job, c):  # type: ignore[no-untyped-def]
+def _shown(job, c):
     """What ``write`` rounds to a byte, 0 .. 1, f32x8."""
     if job[S_PBR] != 0:
         return encode_gamma(c, job[S_ENCODED])
@@ -58,19 +58,19 @@ def _shown(job, c):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _layers(job, y):  # type: ignore[no-untyped-def]
+def _layers(job, y):
     """Pointer to the layers gathered in a row: red, green, blue and how much of what is behind is seen, each
     ``_plane`` values behind the one before."""
     return f32_at(job[S_GATHERED] + 4 * (job[S_WIDTH] + vec.LANES) * y)
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _plane(job):  # type: ignore[no-untyped-def]
+def _plane(job):
     return (job[S_WIDTH] + vec.LANES) * job[S_HEIGHT]
 
 
 @njit(nogil=True, error_model="numpy")
-def gather(job, alpha_mode, cutoff, y, begin, end, rows, stride):  # type: ignore[no-untyped-def]
+def gather(job, alpha_mode, cutoff, y, begin, end, rows, stride):
     """Adds a segment behind the layers gathered so far, in the space of the stored picture, as VTK does."""
     layers, plane = _layers(job, y), _plane(job)
     zero, one, lane = vec.f32(0.0), vec.f32(1.0), vec.iota()
@@ -93,7 +93,7 @@ def gather(job, alpha_mode, cutoff, y, begin, end, rows, stride):  # type: ignor
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _beneath(layers, plane, x, r, g, b):  # type: ignore[no-untyped-def]
+def _beneath(layers, plane, x, r, g, b):
     """Packed pixels: what is shown (f32x8 each) beneath the layers."""
     through = vec.load(layers, 3 * plane + x)
     return packed(
@@ -104,7 +104,7 @@ def _beneath(layers, plane, x, r, g, b):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def write_under(job, y, begin, end, rows, stride, line):  # type: ignore[no-untyped-def]
+def write_under(job, y, begin, end, rows, stride, line):
     """A segment beneath the gathered layers."""
     layers, plane = _layers(job, y), _plane(job)
     for x in range(begin, end, vec.LANES):
@@ -118,12 +118,12 @@ def write_under(job, y, begin, end, rows, stride, line):  # type: ignore[no-unty
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _channel(background, k):  # type: ignore[no-untyped-def]
+def _channel(background, k):
     return vec.f32(np.float32((background >> (8 * k)) & 255) / np.float32(255.0))
 
 
 @njit(nogil=True, error_model="numpy")
-def write_background(job, y, begin, end, line):  # type: ignore[no-untyped-def]
+def write_background(job, y, begin, end, line):
     """Pixels that see nothing."""
     background = job[S_BACKGROUND]
     if job[S_MODE] == DIRECT:
@@ -138,7 +138,7 @@ def write_background(job, y, begin, end, line):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def put_line(job, y, width, line):  # type: ignore[no-untyped-def]
+def put_line(job, y, width, line):
     """The first ``width`` packed pixels of a finished row to the bytes of the picture."""
     color = u8_at(job[S_COLOR] + 3 * y * job[S_WIDTH])
     # What is written behind eight pixels, up to four bytes, must be overwritten by the next ones of the same row.

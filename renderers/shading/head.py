@@ -17,26 +17,26 @@ _UPWARDS: Final = 1.0 + 2.0**-22
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _levels(factor):  # type: ignore[no-untyped-def]
+def _levels(factor):
     """A factor in levels of a byte; at least 0."""
     return vec.f32(max(factor, 0.0) * (255.0 * _UPWARDS))
 
 
 @njit(nogil=True, error_model="numpy")
-def fits(mf):  # type: ignore[no-untyped-def]
+def fits(mf):
     """Whether ``shine`` may be used: no factor of the material is above 1."""
     one = np.float32(1.0)
     return mf[MF_BASE] <= one and mf[MF_BASE + 1] <= one and mf[MF_BASE + 2] <= one
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def colors_of(mf):  # type: ignore[no-untyped-def]
+def colors_of(mf):
     """Red, green and blue of a material, f32x8 each, for ``shine``."""
     return _levels(mf[MF_BASE]), _levels(mf[MF_BASE + 1]), _levels(mf[MF_BASE + 2])
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def shine(towards, square, colors):  # type: ignore[no-untyped-def]
+def shine(towards, square, colors):
     """Eight lit surfaces, packed (i32x8): red in the lowest byte, then green and blue, each the nearest level; the
     highest byte is anything. Surfaces without a direction are black.
 

@@ -79,7 +79,7 @@ _OUTSIDE: Final = -(2**31)
 
 
 @njit(nogil=True, error_model="numpy")
-def _instance_of(first_record, count, record, hint):  # type: ignore[no-untyped-def]
+def _instance_of(first_record, count, record, hint):
     """Instance of a record; ``hint`` is tried first."""
     if first_record[hint] <= record and record < first_record[hint + 1]:
         return hint
@@ -95,7 +95,7 @@ def _instance_of(first_record, count, record, hint):  # type: ignore[no-untyped-
 
 
 @njit(nogil=True, error_model="numpy")
-def _extent(ids, x, width, first, last):  # type: ignore[no-untyped-def]
+def _extent(ids, x, width, first, last):
     """The first pixel from ``x`` on that sees no record of ``first .. last``."""
     low, high = vec.i32(first), vec.i32(last)
     while x < width:
@@ -108,7 +108,7 @@ def _extent(ids, x, width, first, last):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _segment(job, y, places, instance, first, ids, masks, starts, begin, end, rows, stride, line, scratch, memory):  # type: ignore[no-untyped-def]
+def _segment(job, y, places, instance, first, ids, masks, starts, begin, end, rows, stride, line, scratch, memory):
     """Resolve and shade the pixels ``begin .. end``, which all see one instance.
 
     Args:
@@ -214,7 +214,7 @@ def _segment(job, y, places, instance, first, ids, masks, starts, begin, end, ro
 
 
 @njit(nogil=True, error_model="numpy")
-def _clear_coordinates(rows, stride, begin, end, which):  # type: ignore[no-untyped-def]
+def _clear_coordinates(rows, stride, begin, end, which):
     """Coordinates that the mesh lacks are 0."""
     for row in range(A_UV0 + 2 * which, A_UV0 + 2 * which + 2):
         for x in range(begin, end, vec.LANES):
@@ -222,7 +222,7 @@ def _clear_coordinates(rows, stride, begin, end, which):  # type: ignore[no-unty
 
 
 @njit(nogil=True, error_model="numpy")
-def _row(job, seen, y, ids, masks, starts, rows, stride, line, scratch, memory, hint):  # type: ignore[no-untyped-def]
+def _row(job, seen, y, ids, masks, starts, rows, stride, line, scratch, memory, hint):
     """One row; returns the instance seen last, a hint for the next one."""
     width, places = job[S_WIDTH], np.int64(0)
     if job[S_PLACES] != 0:
@@ -251,7 +251,7 @@ def _row(job, seen, y, ids, masks, starts, rows, stride, line, scratch, memory, 
 
 
 @kernel("void(int64, int64, int64, int64)")
-def shade_rows(job_at, ids_at, row_begin, row_end):  # type: ignore[no-untyped-def]
+def shade_rows(job_at, ids_at, row_begin, row_end):
     """Shades the rows ``row_begin .. row_end - 1``; every row is independent of all others.
 
     Args:

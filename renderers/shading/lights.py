@@ -26,7 +26,7 @@ at Chebyshev's points): Schlick's fifth power of it is within 1.3e-5 up to the h
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def cosines(nx, ny, towards, dx, dy, high):  # type: ignore[no-untyped-def]
+def cosines(nx, ny, towards, dx, dy, high):
     """What the head light's reflection depends on, eight pixels at a time: n . l, n . v, and v . l.
 
     The light shines along the optical axis: l = (0, 0, -1); v = -(dx, dy, 1) of unit length. Where the normal has no
@@ -42,7 +42,7 @@ def cosines(nx, ny, towards, dx, dy, high):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def alpha_of(roughness):  # type: ignore[no-untyped-def]
+def alpha_of(roughness):
     """GGX's alpha squared of a material's roughness, f32x8."""
     rough = vec.f32(_SMALLEST_ROUGHNESS) + vec.f32(np.float32(1.0) - _SMALLEST_ROUGHNESS) * roughness
     rough = rough * rough
@@ -50,7 +50,7 @@ def alpha_of(roughness):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def gloss(n_l, n_v, v_l, a2):  # type: ignore[no-untyped-def]
+def gloss(n_l, n_v, v_l, a2):
     """From ``cosines`` to n . l, D V n . l (0 where no light arrives) and Schlick's (1 - h . l)^5.
 
     D is GGX (Walter 2007), V the height-correlated Smith term (Heitz 2014). With h = (v + l) / |v + l| and
@@ -74,7 +74,7 @@ def gloss(n_l, n_v, v_l, a2):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def coat(red, green, blue, metallic):  # type: ignore[no-untyped-def]
+def coat(red, green, blue, metallic):
     """Of a material's linear base colour (f32x8 each): the diffuse colours, those reflected at normal incidence
     (F0 = 0.04 for dielectrics), and what grazing light adds to these: F90 = clamp(16.5 (F0.r + F0.g + F0.b)), as VTK
     has it, minus F0."""
@@ -88,7 +88,7 @@ def coat(red, green, blue, metallic):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def reflected(n_l, specular, schlick, diffuse, f0, grazing):  # type: ignore[no-untyped-def]
+def reflected(n_l, specular, schlick, diffuse, f0, grazing):
     """One channel's linear radiance towards the camera under one white head light of radiance 1, from ``gloss`` and
     ``coat``: metallic-roughness (glTF 2.0 appendix B) as VTK evaluates it, with the diffuse part
     (1 - F)(1 - metallic) base / pi. The light's radiance carries no factor pi."""

@@ -31,14 +31,14 @@ from renderers.shading.surface import turned
 
 
 @njit(nogil=True, error_model="numpy")
-def fill(line, begin, end, pixels):  # type: ignore[no-untyped-def]
+def fill(line, begin, end, pixels):
     """Eight equal packed pixels over a part of a row."""
     for x in range(begin, end, vec.LANES):
         vec.store(line, x, pixels)
 
 
 @njit(nogil=True, error_model="numpy")
-def _bounded(columns, maps, element, facing, start, slope, begin, end, colors, line):  # type: ignore[no-untyped-def]
+def _bounded(columns, maps, element, facing, start, slope, begin, end, colors, line):
     """A run that a pixel of lies beside its triangle: as coverage is exact in 1/256 pixel, some do by a little.
     Negative coordinates become 0, so that nothing is extrapolated."""
     elements, vertices = u32_at(columns[II_ELEMENTS]), f32_at(columns[II_VERTICES])
@@ -59,9 +59,7 @@ def _bounded(columns, maps, element, facing, start, slope, begin, end, colors, l
 
 
 @njit(nogil=True, error_model="numpy")
-def show_plain(  # type: ignore[no-untyped-def]
-    columns, m, maps, lens, y, places, first, many, smooth, mf, ids, starts, run, last_run, line, memory
-):
+def show_plain(columns, m, maps, lens, y, places, first, many, smooth, mf, ids, starts, run, last_run, line, memory):
     """Pixels of the runs ``run .. last_run`` of one instance's triangles, whose colour is the material's factor.
 
     Args:

@@ -27,7 +27,7 @@ from renderers.shading.surface import turned
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _put(rows, stride, x, nx, ny, towards):  # type: ignore[no-untyped-def]
+def _put(rows, stride, x, nx, ny, towards):
     at = A_NORMAL * stride + x
     vec.store(rows, at, nx)
     vec.store(rows, at + stride, ny)
@@ -35,7 +35,7 @@ def _put(rows, stride, x, nx, ny, towards):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _bounded(columns, maps, element, facing, start, slope, begin, end, rows, stride):  # type: ignore[no-untyped-def]
+def _bounded(columns, maps, element, facing, start, slope, begin, end, rows, stride):
     """A run that a pixel of lies beside its triangle, as in ``plain``."""
     elements, vertices = u32_at(columns[II_ELEMENTS]), f32_at(columns[II_VERTICES])
     a = vec.load(vertices, np.int64(elements[3 * element]) * V_COLUMNS)
@@ -55,7 +55,7 @@ def _bounded(columns, maps, element, facing, start, slope, begin, end, rows, str
 
 
 @njit(nogil=True, error_model="numpy")
-def lay_normals(columns, m, maps, lens, y, first, many, mf, ids, starts, runs, rows, stride, memory):  # type: ignore[no-untyped-def]
+def lay_normals(columns, m, maps, lens, y, first, many, mf, ids, starts, runs, rows, stride, memory):
     """Put the normals of ``runs`` runs of one instance's triangles, whose mesh has normals, into the rows A_NORMAL: in
     the optical frame, of any length, on the side that is seen, with minus their z.
 

@@ -50,7 +50,7 @@ PL_LINE: Final = 2 * ROW_VALUES + 6
 
 
 @njit(nogil=True, error_model="numpy")
-def forget(memory):  # type: ignore[no-untyped-def]
+def forget(memory):
     """Empty the memory, MEMORY_VALUES of 4 bytes at that address."""
     records = i32_at(memory)
     for slot in range(0, SLOTS, vec.LANES):
@@ -58,12 +58,12 @@ def forget(memory):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def slot_of(record):  # type: ignore[no-untyped-def]
+def slot_of(record):
     return record & (SLOTS - 1)
 
 
 @njit(nogil=True, error_model="numpy")
-def look_up(ids, starts, places, run, last_run, memory):  # type: ignore[no-untyped-def]
+def look_up(ids, starts, places, run, last_run, memory):
     """Find out which of the runs' triangles are missing: at most AHEAD of them.
 
     Returns:
@@ -91,44 +91,44 @@ def look_up(ids, starts, places, run, last_run, memory):  # type: ignore[no-unty
 
 
 @njit(nogil=True, error_model="numpy")
-def miss(memory, record, column):  # type: ignore[no-untyped-def]
+def miss(memory, record, column):
     """Make a record the only missing one."""
     vec.store(i32_at(memory), _MISSING, vec.i32(record))
     vec.store(i32_at(memory), _COLUMNS, vec.i32(column))
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def knows(memory, record):  # type: ignore[no-untyped-def]
+def knows(memory, record):
     """Whether the record's triangle is at its place."""
     return i32_at(memory)[_RECORDS + slot_of(record)] == record
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def planes_of(memory, record):  # type: ignore[no-untyped-def]
+def planes_of(memory, record):
     """Pointer to a triangle's PLANE_VALUES float32."""
     return f32_at(memory + 4 * (_PLANES + PLANE_VALUES * slot_of(record)))
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def pixel_of(memory, record):  # type: ignore[no-untyped-def]
+def pixel_of(memory, record):
     """The packed pixel of a triangle that has the same colour everywhere, else -1."""
     return i32_at(memory)[_PIXELS + slot_of(record)]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _seen(maps, corner, facing):  # type: ignore[no-untyped-def]
+def _seen(maps, corner, facing):
     """A corner's normal as in a row, f64x8, from a vertex's six values."""
     nx, ny, nz = turned(maps, P_NORMAL, corner[3], corner[4], corner[5])
     return vec.to_f64(nx * facing), vec.to_f64(ny * facing), vec.to_f64(-(nz * facing))
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _same(a, b):  # type: ignore[no-untyped-def]
+def _same(a, b):
     return (a[3] == b[3]) & (a[4] == b[4]) & (a[5] == b[5])
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _keep(planes, places, a, b, c, w, more):  # type: ignore[no-untyped-def]
+def _keep(planes, places, a, b, c, w, more):
     """Store a row of eight triangles: the corners' normals with their weights, these, and one value more."""
     x, y, z = (
         w[0] * a[0] + w[1] * b[0] + w[2] * c[0],
@@ -141,7 +141,7 @@ def _keep(planes, places, a, b, c, w, more):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def set_up(columns, m, maps, lens, y, first, many, smooth, colors, memory, at, count):  # type: ignore[no-untyped-def]
+def set_up(columns, m, maps, lens, y, first, many, smooth, colors, memory, at, count):
     """Put the triangles of eight of ``count`` missing records, from number ``at`` on, to their places.
 
     Args:

@@ -51,7 +51,7 @@ SCRATCH_VALUES: Final = 19 * 8
 
 
 @njit(nogil=True, error_model="numpy")
-def changes(ids, width, masks):  # type: ignore[no-untyped-def]
+def changes(ids, width, masks):
     """Find out which pixels of a row see another record than their left neighbours.
 
     Args:
@@ -67,7 +67,7 @@ def changes(ids, width, masks):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _between(masks, word, begin, end):  # type: ignore[no-untyped-def]
+def _between(masks, word, begin, end):
     """A mask's bits for the pixels ``begin .. end``."""
     mask = masks[word]
     if word == begin >> 6:
@@ -78,7 +78,7 @@ def _between(masks, word, begin, end):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def count_runs(masks, begin, end):  # type: ignore[no-untyped-def]
+def count_runs(masks, begin, end):
     """Runs of equal records among the pixels ``begin .. end``, which are not none, of a row."""
     count = 1
     for word in range((begin + 1) >> 6, (end >> 6) + 1):
@@ -87,7 +87,7 @@ def count_runs(masks, begin, end):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def run_starts(masks, begin, end, starts):  # type: ignore[no-untyped-def]
+def run_starts(masks, begin, end, starts):
     """Write the columns at which runs of equal records begin among the pixels ``begin .. end``, which are not none, and
     ``end`` eight times behind them.
 
@@ -110,7 +110,7 @@ def run_starts(masks, begin, end, starts):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def single_runs(begin, end, starts):  # type: ignore[no-untyped-def]
+def single_runs(begin, end, starts):
     """As ``run_starts`` for a row of which every pixel is a run of its own."""
     for x in range(begin, end):
         starts[x - begin] = x
@@ -119,7 +119,7 @@ def single_runs(begin, end, starts):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def set_up(columns, m, mirror, lens, y, places, first, ids, starts, run, count, smooth, scratch):  # type: ignore[no-untyped-def]
+def set_up(columns, m, mirror, lens, y, places, first, ids, starts, run, count, smooth, scratch):
     """Fill the scratch for the runs ``run .. run + count`` (at most eight) of triangles of one instance."""
     lane = vec.iota()
     begins = vec.select(lane < vec.i32(count), vec.load(starts, run), vec.i32(np.int64(starts[run])))
@@ -173,7 +173,7 @@ def set_up(columns, m, mirror, lens, y, places, first, ids, starts, run, count, 
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def further(base, slope, k, offset):  # type: ignore[no-untyped-def]
+def further(base, slope, k, offset):
     """Unnormalised coordinates ``offset`` pixels behind a run's first."""
     return (
         base[k] + slope[k] * offset,
@@ -183,7 +183,7 @@ def further(base, slope, k, offset):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def weights(start, slope, k, lane):  # type: ignore[no-untyped-def]
+def weights(start, slope, k, lane):
     """Perspective-correct barycentric coordinates of the second and third vertex at eight pixels of run ``k`` (f32x8),
     from the unnormalised ones at the first of them.
 
@@ -202,7 +202,7 @@ def weights(start, slope, k, lane):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _write_extras(has, extras, i0, i1, i2, rows, stride, begin, end, base, slope, k):  # type: ignore[no-untyped-def]
+def _write_extras(has, extras, i0, i1, i2, rows, stride, begin, end, base, slope, k):
     """Colours, second coordinates and tangents of one run."""
     lane = vec.to_f32(vec.iota())
     o0, o1, o2 = i0 * E_COLUMNS, i1 * E_COLUMNS, i2 * E_COLUMNS
@@ -223,7 +223,7 @@ def _write_extras(has, extras, i0, i1, i2, rows, stride, begin, end, base, slope
 
 
 @njit(nogil=True, error_model="numpy")
-def resolve_triangles(  # type: ignore[no-untyped-def]
+def resolve_triangles(
     columns, m, mirror, lens, y, places, first, many, has, ids, starts, run, last_run, rows, stride, scratch
 ):
     """Attributes of the runs ``run .. last_run`` of one instance's triangles.
@@ -290,7 +290,7 @@ def resolve_triangles(  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _point(m, vertices, i):  # type: ignore[no-untyped-def]
+def _point(m, vertices, i):
     """One vertex in the optical frame, float64."""
     at = i * V_COLUMNS
     x, y, z = np.float64(vertices[at]), np.float64(vertices[at + 1]), np.float64(vertices[at + 2])
@@ -302,9 +302,7 @@ def _point(m, vertices, i):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def resolve_strokes(  # type: ignore[no-untyped-def]
-    columns, topology, m, lens, y, places, first, has, ids, starts, run, last_run, rows, stride
-):
+def resolve_strokes(columns, topology, m, lens, y, places, first, has, ids, starts, run, last_run, rows, stride):
     """As ``resolve_triangles`` for lines and points: weights of the two ends at the point of the segment that projects
     nearest (along the line) to each pixel.
 

@@ -47,7 +47,7 @@ specification asks."""
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _place(coordinate, wrap, size):  # type: ignore[no-untyped-def]
+def _place(coordinate, wrap, size):
     """f32x8: where a coordinate lies among ``size`` texels, within a texel of the first image, or of the first two for
     MIRRORED_REPEAT. Exact where ``size`` is a power of two."""
     coordinate = vec.select(vec.absolute(coordinate) < vec.f32(_LARGEST), coordinate, vec.f32(0.0))
@@ -61,7 +61,7 @@ def _place(coordinate, wrap, size):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _wrapped(index, wrap, size):  # type: ignore[no-untyped-def]
+def _wrapped(index, wrap, size):
     """i32x8: the texels 0 .. size - 1 that indices next to a ``_place`` mean."""
     zero, count = vec.i32(0), vec.i32(size)
     if wrap == WRAP_REPEAT:
@@ -73,7 +73,7 @@ def _wrapped(index, wrap, size):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _channels(texel, space, values):  # type: ignore[no-untyped-def]
+def _channels(texel, space, values):
     """Four f32x8 of eight RGBA texels: 0 .. 255, the colours of ``SRGB`` linear, 0 .. 1."""
     byte, eight = vec.i32(255), vec.i32(8)
     second = texel >> eight
@@ -87,7 +87,7 @@ def _channels(texel, space, values):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _far_apart(integers, i, j):  # type: ignore[no-untyped-def]
+def _far_apart(integers, i, j):
     """Four texels of eight places, of which some lie across the border of the image."""
     width, height = integers[TI_WIDTH], integers[TI_HEIGHT]
     wrap_s, wrap_t = integers[TI_WRAP_S], integers[TI_WRAP_T]
@@ -103,7 +103,7 @@ def _far_apart(integers, i, j):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def nearest(integers, values, space, u, v):  # type: ignore[no-untyped-def]
+def nearest(integers, values, space, u, v):
     """RGBA of the texel that (u, v) lies in."""
     width, height = integers[TI_WIDTH], integers[TI_HEIGHT]
     wrap_s, wrap_t = integers[TI_WRAP_S], integers[TI_WRAP_T]
@@ -118,7 +118,7 @@ def nearest(integers, values, space, u, v):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _footprint(integers, u, v):  # type: ignore[no-untyped-def]
+def _footprint(integers, u, v):
     """The column and row of the first of the four texels whose centres are around (u, v), how far behind its centre
     that is (0 .. 1 each), and whether all four lie side by side in the image."""
     width, height = integers[TI_WIDTH], integers[TI_HEIGHT]
@@ -132,7 +132,7 @@ def _footprint(integers, u, v):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _mixed(four, space, values, fx, fy):  # type: ignore[no-untyped-def]
+def _mixed(four, space, values, fx, fy):
     """Channels between four texels, row by row, at the share ``fx`` of the second column and ``fy`` of the second row;
     scaled as ``_channels`` says."""
     gx, gy = vec.f32(1.0) - fx, vec.f32(1.0) - fy
@@ -150,7 +150,7 @@ def _mixed(four, space, values, fx, fy):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def bilinear(integers, values, space, u, v):  # type: ignore[no-untyped-def]
+def bilinear(integers, values, space, u, v):
     """RGBA of the four texels whose centres are around (u, v)."""
     i, j, fx, fy, inside = _footprint(integers, u, v)
     if vec.bits(inside) == 255:  # nearly always: neighbours are loaded together
@@ -166,7 +166,7 @@ def bilinear(integers, values, space, u, v):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def locate(integers, u, v, fetched):  # type: ignore[no-untyped-def]
+def locate(integers, u, v, fetched):
     """For ``at_once``: the number of the first of four texels, or -1 where they do not lie side by side, and the shares
     of the second column and row. ``fetched``: have them brought near."""
     i, j, fx, fy, inside = _footprint(integers, u, v)
@@ -177,14 +177,14 @@ def locate(integers, u, v, fetched):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def at_once(integers, rows, at, fx, fy):  # type: ignore[no-untyped-def]
+def at_once(integers, rows, at, fx, fy):
     """RGBA as stored, 0 .. 255, of eight footprints whose first texels' numbers are in a row from value ``at`` on."""
     four = vec.load_squares(i32_at(integers[TI_ADDRESS]), rows, at, integers[TI_STRIDE])
     return _mixed(four, AS_STORED, np.int64(0), fx, fy)
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def coordinates(integers, floats, rows, at, stride):  # type: ignore[no-untyped-def]
+def coordinates(integers, floats, rows, at, stride):
     """Texture coordinates of eight pixels."""
     u, v = vec.load(rows, at), vec.load(rows, at + stride)
     if integers[TI_TRANSFORMED] != 0:
@@ -196,7 +196,7 @@ def coordinates(integers, floats, rows, at, stride):  # type: ignore[no-untyped-
 
 
 @njit(nogil=True, error_model="numpy")
-def sample(job, row, space, rows, stride, begin, end, out):  # type: ignore[no-untyped-def]
+def sample(job, row, space, rows, stride, begin, end, out):
     """Write RGBA of a texture at the pixels ``begin .. end`` to four rows from row ``out`` on.
 
     Args:
@@ -230,7 +230,7 @@ def sample(job, row, space, rows, stride, begin, end, out):  # type: ignore[no-u
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _put(rows, at, stride, rgba):  # type: ignore[no-untyped-def]
+def _put(rows, at, stride, rgba):
     vec.store(rows, at, rgba[0])
     vec.store(rows, at + stride, rgba[1])
     vec.store(rows, at + 2 * stride, rgba[2])

@@ -127,7 +127,7 @@ def _job(
 
 
 @kernel("void(int64, int64, int64)")
-def _map_instances(points_at, maps_at, count):  # type: ignore[no-untyped-def]
+def _map_instances(points_at, maps_at, count):
     points, maps = f64_at(points_at), f32_at(maps_at)
     for instance in range(count):
         m, out = 16 * instance, P_COLUMNS * instance

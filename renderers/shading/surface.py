@@ -56,7 +56,7 @@ FROM_TEXTURE: Final = 2
 
 
 @njit(nogil=True, error_model="numpy")
-def base_colors(job, has, mi, mf, rows, stride, begin, end):  # type: ignore[no-untyped-def]
+def base_colors(job, has, mi, mf, rows, stride, begin, end):
     """Base colour and alpha of a segment into the rows A_BASE: factor x vertex colour x texture."""
     textured, colored = mi[MI_BASE] >= 0, (has & HAS_COLORS) != 0
     if textured:
@@ -80,7 +80,7 @@ def base_colors(job, has, mi, mf, rows, stride, begin, end):  # type: ignore[no-
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def turned(m, k, x, y, z):  # type: ignore[no-untyped-def]
+def turned(m, k, x, y, z):
     """The (3, 3) float32 map from value ``k`` of a pointer on, of three f32x8."""
     return (
         vec.f32(m[k]) * x + vec.f32(m[k + 1]) * y + vec.f32(m[k + 2]) * z,
@@ -90,7 +90,7 @@ def turned(m, k, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def reach(x, y, z, to):  # type: ignore[no-untyped-def]
+def reach(x, y, z, to):
     """What makes a vector ``to`` long; 0 where it has no direction."""
     zero = vec.f32(0.0)
     length = vec.sqrt(x * x + y * y + z * z)
@@ -98,7 +98,7 @@ def reach(x, y, z, to):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _seen_normal(maps, smooth, rows, stride, x):  # type: ignore[no-untyped-def]
+def _seen_normal(maps, smooth, rows, stride, x):
     """Unit normal in the optical frame, on the side that is seen; 0 where it has no direction.
 
     Args:
@@ -115,7 +115,7 @@ def _seen_normal(maps, smooth, rows, stride, x):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def map_normals(job, has, mi, mf, maps, rows, stride, begin, end):  # type: ignore[no-untyped-def]
+def map_normals(job, has, mi, mf, maps, rows, stride, begin, end):
     """Put the normal map's unit normals, in the optical frame, on the side that is seen and with minus their z, into
     the rows A_NORMAL. Where a tangent has no direction, the normal stays as it was."""
     sample(job, mi[MI_NORMAL], AS_STORED, rows, stride, begin, end, A_TEXEL)
@@ -152,7 +152,7 @@ def map_normals(job, has, mi, mf, maps, rows, stride, begin, end):  # type: igno
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _color(job, varying, mf, rows, stride, x):  # type: ignore[no-untyped-def]
+def _color(job, varying, mf, rows, stride, x):
     """Base colour of eight pixels: the rows A_BASE where it varies, the texture's times the material's factor, or that
     alone."""
     if varying == FROM_ROWS:
@@ -166,7 +166,7 @@ def _color(job, varying, mf, rows, stride, x):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _towards(ready, maps, smooth, rows, stride, x):  # type: ignore[no-untyped-def]
+def _towards(ready, maps, smooth, rows, stride, x):
     """Normal of eight pixels, of any length, on the side that is seen, with minus its z; ``ready``: that is what the
     rows hold."""
     at = A_NORMAL * stride + x
@@ -181,7 +181,7 @@ def _towards(ready, maps, smooth, rows, stride, x):  # type: ignore[no-untyped-d
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _out(job, pbr, direct, line, rows, stride, x, r, g, b):  # type: ignore[no-untyped-def]
+def _out(job, pbr, direct, line, rows, stride, x, r, g, b):
     """Eight finished pixels to the picture, or for the layers to the rows A_BASE."""
     if direct:
         write(job, pbr, line, x, r, g, b)
@@ -192,7 +192,7 @@ def _out(job, pbr, direct, line, rows, stride, x, r, g, b):  # type: ignore[no-u
 
 
 @njit(nogil=True, error_model="numpy")
-def show_unlit(job, mf, varying, rows, stride, begin, end, line):  # type: ignore[no-untyped-def]
+def show_unlit(job, mf, varying, rows, stride, begin, end, line):
     """A segment whose colour is its base colour."""
     direct = job[S_MODE] == DIRECT
     pbr = job[S_PBR] != 0
@@ -205,7 +205,7 @@ def show_unlit(job, mf, varying, rows, stride, begin, end, line):  # type: ignor
 
 
 @njit(nogil=True, error_model="numpy")
-def light_phong(job, has, mf, maps, varying, rows, stride, begin, end, line):  # type: ignore[no-untyped-def]
+def light_phong(job, has, mf, maps, varying, rows, stride, begin, end, line):
     """The head light shines along the optical axis: base x max(0, n . (0, 0, -1))."""
     direct = job[S_MODE] == DIRECT
     smooth = (has & HAS_NORMALS) != 0
@@ -218,7 +218,7 @@ def light_phong(job, has, mf, maps, varying, rows, stride, begin, end, line):  #
 
 
 @njit(nogil=True, error_model="numpy")
-def light_pbr(job, has, mi, mf, maps, y, places, varying, ready, rows, stride, begin, end, line):  # type: ignore[no-untyped-def]
+def light_pbr(job, has, mi, mf, maps, y, places, varying, ready, rows, stride, begin, end, line):
     """Reflection, occlusion and emission, linear. The normals in the rows are replaced by what comes of them.
 
     Args:
@@ -253,7 +253,7 @@ def light_pbr(job, has, mi, mf, maps, y, places, varying, ready, rows, stride, b
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _keep(rows, stride, x, three):  # type: ignore[no-untyped-def]
+def _keep(rows, stride, x, three):
     """Three values of eight pixels in place of their normals."""
     at = A_NORMAL * stride + x
     vec.store(rows, at, three[0])
@@ -262,14 +262,14 @@ def _keep(rows, stride, x, three):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _kept(rows, stride, x):  # type: ignore[no-untyped-def]
+def _kept(rows, stride, x):
     """What ``_keep`` has stored."""
     at = A_NORMAL * stride + x
     return vec.load(rows, at), vec.load(rows, at + stride), vec.load(rows, at + 2 * stride)
 
 
 @njit(nogil=True, error_model="numpy")
-def _finish_uniform(job, mf, rows, stride, begin, end, line):  # type: ignore[no-untyped-def]
+def _finish_uniform(job, mf, rows, stride, begin, end, line):
     """From ``gloss`` in the rows to the picture, of a material whose factors are all there is to it."""
     red, green, blue = vec.f32(mf[MF_BASE]), vec.f32(mf[MF_BASE + 1]), vec.f32(mf[MF_BASE + 2])
     diffuse, f0, grazing = coat(red, green, blue, vec.f32(mf[MF_METALLIC]))
@@ -283,7 +283,7 @@ def _finish_uniform(job, mf, rows, stride, begin, end, line):  # type: ignore[no
 
 
 @njit(nogil=True, error_model="numpy")
-def _finish_varied(job, mi, mf, varying, rows, stride, begin, end, line):  # type: ignore[no-untyped-def]
+def _finish_varied(job, mi, mf, varying, rows, stride, begin, end, line):
     """As ``_finish_uniform`` with whatever textures there are, or for the layers."""
     rough, occluded, emitting = mi[MI_METALLIC_ROUGHNESS] >= 0, mi[MI_OCCLUSION] >= 0, mi[MI_EMISSIVE] >= 0
     direct, one = job[S_MODE] == DIRECT, vec.f32(1.0)
@@ -308,7 +308,7 @@ def _finish_varied(job, mi, mf, varying, rows, stride, begin, end, line):  # typ
 
 
 @njit(nogil=True, error_model="numpy")
-def shade(job, has, mi, mf, maps, y, places, bumpy, rows, stride, begin, end, line):  # type: ignore[no-untyped-def]
+def shade(job, has, mi, mf, maps, y, places, bumpy, rows, stride, begin, end, line):
     """Shade the pixels ``begin .. end`` of one instance from their attributes; ``places`` as in ``resolve``."""
     varying = UNIFORM
     if (has & HAS_COLORS) != 0 or job[S_MODE] != DIRECT or (bumpy and mi[MI_BASE] >= 0):

@@ -59,32 +59,32 @@ LARGE: Final = 1 << 17
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _light(nx, ny, nz, facing):  # type: ignore[no-untyped-def]
+def _light(nx, ny, nz, facing):
     """What ``surface.light_phong`` multiplies colours by."""
     return vec.most(-(nz * reach(nx, ny, nz, facing)), vec.f32(0.0))
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _blend(b, corners, k):  # type: ignore[no-untyped-def]
+def _blend(b, corners, k):
     """Value ``k`` of three corners, by coordinates of any scale."""
     return b[0] * corners[0][k] + b[1] * corners[1][k] + b[2] * corners[2][k]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _coordinates(vertices, offsets):  # type: ignore[no-untyped-def]
+def _coordinates(vertices, offsets):
     """Texture coordinates of eight vertices."""
     u, v = vec.gather_pairs(vertices, offsets + vec.i32(V_UV0))
     return vec.float_of(u), vec.float_of(v)
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _line(base, slope, lanes, t):  # type: ignore[no-untyped-def]
+def _line(base, slope, lanes, t):
     """A linear function of each lane's run."""
     return vec.permute(base, lanes) + vec.permute(slope, lanes) * t
 
 
 @njit(nogil=True, error_model="numpy")
-def _together(maps, vertices, smooth, lit, starts, batch, begin, end, b, s, rows, stride, scratch):  # type: ignore[no-untyped-def]
+def _together(maps, vertices, smooth, lit, starts, batch, begin, end, b, s, rows, stride, scratch):
     """Eight short runs, every pixel within its triangle: the pixels ``begin .. end``.
 
     Args:
@@ -144,7 +144,7 @@ def _together(maps, vertices, smooth, lit, starts, batch, begin, end, b, s, rows
 
 
 @njit(nogil=True, error_model="numpy")
-def _alone(maps, vertices, smooth, lit, starts, batch, count, rows, stride, scratch):  # type: ignore[no-untyped-def]
+def _alone(maps, vertices, smooth, lit, starts, batch, count, rows, stride, scratch):
     """Runs of any length one after the other."""
     base, slope = f64_at(scratch + 64 * R_BASE), f64_at(scratch + 64 * R_SLOPE)
     whole, values = i32_at(scratch), f32_at(scratch)
@@ -178,9 +178,7 @@ def _alone(maps, vertices, smooth, lit, starts, batch, count, rows, stride, scra
 
 
 @njit(nogil=True, error_model="numpy")
-def _resolve(  # type: ignore[no-untyped-def]
-    columns, m, maps, lens, y, places, first, smooth, lit, ids, starts, batch, count, rows, stride, scratch
-):
+def _resolve(columns, m, maps, lens, y, places, first, smooth, lit, ids, starts, batch, count, rows, stride, scratch):
     """Texture coordinates and, if ``lit``, light of at most eight runs into the rows A_UV0 and A_LIGHT."""
     vertices = f32_at(columns[II_VERTICES])
     base, slope = f64_at(scratch + 64 * R_BASE), f64_at(scratch + 64 * R_SLOPE)
@@ -205,7 +203,7 @@ def _resolve(  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _pixels(mf, lit, rgba, rows, at):  # type: ignore[no-untyped-def]
+def _pixels(mf, lit, rgba, rows, at):
     """Eight packed pixels."""
     r, g, b = vec.f32(mf[MF_BASE]) * rgba[0], vec.f32(mf[MF_BASE + 1]) * rgba[1], vec.f32(mf[MF_BASE + 2]) * rgba[2]
     if lit:
@@ -215,7 +213,7 @@ def _pixels(mf, lit, rgba, rows, at):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _locate(integers, floats, rows, stride, begin, end):  # type: ignore[no-untyped-def]
+def _locate(integers, floats, rows, stride, begin, end):
     """Where the texels of the pixels ``begin .. end`` are, into the rows from A_TEXEL on."""
     large = integers[TI_HEIGHT] * integers[TI_STRIDE] > LARGE
     uv, to = A_UV0 * stride, A_TEXEL * stride
@@ -228,7 +226,7 @@ def _locate(integers, floats, rows, stride, begin, end):  # type: ignore[no-unty
 
 
 @njit(nogil=True, error_model="numpy")
-def _show_located(integers, floats, mf, lit, rows, stride, begin, end, line):  # type: ignore[no-untyped-def]
+def _show_located(integers, floats, mf, lit, rows, stride, begin, end, line):
     """Sample, light and pack what is located, of a material whose factors are within 0 .. 1: nothing is too bright."""
     uv, light, to = A_UV0 * stride, A_LIGHT * stride, A_TEXEL * stride
     red, green, blue = vec.f32(mf[MF_BASE]), vec.f32(mf[MF_BASE + 1]), vec.f32(mf[MF_BASE + 2])
@@ -250,7 +248,7 @@ def _show_located(integers, floats, mf, lit, rows, stride, begin, end, line):  #
 
 
 @njit(nogil=True, error_model="numpy")
-def _show(integers, floats, mf, lit, rows, stride, begin, end, line):  # type: ignore[no-untyped-def]
+def _show(integers, floats, mf, lit, rows, stride, begin, end, line):
     """Sample, light and pack what is resolved."""
     uv, light = A_UV0 * stride, A_LIGHT * stride
     for x in range(begin, end, vec.LANES):
@@ -262,7 +260,7 @@ def _show(integers, floats, mf, lit, rows, stride, begin, end, line):  # type: i
 
 
 @njit(nogil=True, error_model="numpy")
-def show_textured(  # type: ignore[no-untyped-def]
+def show_textured(
     job, columns, m, maps, lens, y, places, first, many, has, mi, mf, ids, starts, run, last_run, rows, stride, line,
     scratch,
 ):  # fmt: skip

@@ -36,7 +36,7 @@ E_VALUES: Final = 10
 
 
 @njit(nogil=True, error_model="numpy")
-def look_from(m, maps, lens, y, eye):  # type: ignore[no-untyped-def]
+def look_from(m, maps, lens, y, eye):
     """Fill the E_VALUES float64 behind ``eye`` for one row of one instance.
 
     Returns:
@@ -64,14 +64,14 @@ def look_from(m, maps, lens, y, eye):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _apart(value):  # type: ignore[no-untyped-def]
+def _apart(value):
     """A float64 as the sum of two float32, in all lanes."""
     high = np.float32(value)
     return vec.f32(high), vec.f32(value - np.float64(high))
 
 
 @njit(nogil=True, error_model="numpy")
-def show_tiny(columns, maps, places, first, many, smooth, mf, ids, begin, end, line, eye, spare):  # type: ignore[no-untyped-def]
+def show_tiny(columns, maps, places, first, many, smooth, mf, ids, begin, end, line, eye, spare):
     """The pixels ``begin .. end`` of one instance's triangles, whose colour is the material's factor.
 
     Args:

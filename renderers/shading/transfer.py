@@ -71,7 +71,7 @@ GAMMA_CELLS: Final = _gamma_cells()
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def gamma_byte(c, cells):  # type: ignore[no-untyped-def]
+def gamma_byte(c, cells):
     """``round(255 c^(1/2.2))`` of an f32x8 as i32x8, by a table that is exact for every float32: no ``pow``, so the
     same on every machine. Below 0 or NaN is 0, above 1 is 255.
 
@@ -85,14 +85,14 @@ def gamma_byte(c, cells):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def plain_byte(c):  # type: ignore[no-untyped-def]
+def plain_byte(c):
     """``round(255 c)`` of an f32x8 as i32x8; below 0 or NaN is 0, above 1 is 255."""
     c = vec.least(vec.most(c, vec.f32(0.0)), vec.f32(1.0))
     return vec.to_i32(c * vec.f32(255.0) + vec.f32(0.5))
 
 
 @njit(nogil=True, error_model="numpy")
-def decode_gamma(c, decoded):  # type: ignore[no-untyped-def]
+def decode_gamma(c, decoded):
     """``c^2.2`` of an f32x8 in 0..1 (clamped; NaN is 0), interpolated in ``DECODED`` (its address): within 1e-7."""
     at = vec.least(vec.most(c, vec.f32(0.0)), vec.f32(1.0)) * vec.f32(float(_STEPS))
     cell = vec.to_i32(at)
@@ -102,7 +102,7 @@ def decode_gamma(c, decoded):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def encode_gamma(c, encoded):  # type: ignore[no-untyped-def]
+def encode_gamma(c, encoded):
     """``c^(1/2.2)`` of an f32x8 in 0..1 (clamped; NaN is 0), interpolated in ``ENCODED`` (its address): within 2e-6 of
     it."""
     c = vec.least(vec.most(c, vec.f32(_FAINT)), vec.f32(1.0))

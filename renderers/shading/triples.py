@@ -8,22 +8,22 @@ from renderers import simd as vec
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def cross(a, b):  # type: ignore[no-untyped-def]
+def cross(a, b):
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def minus(a, b):  # type: ignore[no-untyped-def]
+def minus(a, b):
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def dot(a, b):  # type: ignore[no-untyped-def]
+def dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def optical(m, v):  # type: ignore[no-untyped-def]
+def optical(m, v):
     """Eight vertices (f32x8 each coordinate) in the optical frame, f64x8; m: pointer to a (4, 4) float64 map."""
     x, y, z = vec.to_f64(v[0]), vec.to_f64(v[1]), vec.to_f64(v[2])
     return (

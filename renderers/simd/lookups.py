@@ -12,7 +12,7 @@ from renderers.simd.moves import VolatileLoad
 from renderers.simd.vectors import I8, I32, I64, LANES, Vector, f32x8, i32x8, intrinsic, make, shuffle
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def permute(typing_context: Any, value: Any, lanes: Any) -> Any:
     """In every lane the lane of a vector that an i32x8 says, 0 .. 7."""
     if not isinstance(value, Vector) or value not in (f32x8, i32x8) or lanes is not i32x8:
@@ -55,11 +55,11 @@ def _squares(builder: Any, values: Any, offsets: list[Any], stride: Any) -> list
     return parts
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def gather_squares(typing_context: Any, values: Any, indices: Any, stride: Any) -> Any:
     """Four i32x8: the int32 at ``indices[lane]`` behind a pointer, the one after it, and the same ``stride`` (an int64)
     further on. Indices are at least 0."""
-    out: Any = types.UniTuple(i32x8, 4)  # type: ignore[no-untyped-call]
+    out: Any = types.UniTuple(i32x8, 4)
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         lanes = [builder.extract_element(args[1], ir.Constant(I32, lane)) for lane in range(LANES)]
@@ -69,11 +69,11 @@ def gather_squares(typing_context: Any, values: Any, indices: Any, stride: Any) 
     return out(values, indices, stride), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def load_squares(typing_context: Any, values: Any, indices: Any, begin: Any, stride: Any) -> Any:
     """As ``gather_squares`` with the eight indices from value ``begin`` on behind a pointer to values of four bytes,
     stored there long enough ago: loading them one by one is cheaper than taking a vector apart."""
-    out: Any = types.UniTuple(i32x8, 4)  # type: ignore[no-untyped-call]
+    out: Any = types.UniTuple(i32x8, 4)
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         first = builder.bitcast(builder.gep(args[1], [args[2]]), I32.as_pointer())
@@ -87,7 +87,7 @@ def load_squares(typing_context: Any, values: Any, indices: Any, begin: Any, str
     return out(values, indices, types.int64, stride), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def prefetch_squares(typing_context: Any, values: Any, indices: Any, stride: Any) -> Any:
     """Fetch the cache lines of the int32 at ``indices[lane]`` behind a pointer and ``stride`` (an int64) further on,
     which may lie anywhere. The result means nothing."""

@@ -35,7 +35,7 @@ def _address(builder: Any, vector: Vector, pointer: Any, index: Any) -> Any:
     return builder.bitcast(builder.gep(pointer, [index]), vector.llvm.as_pointer())
 
 
-class VolatileLoad(ir.instructions.LoadInstr):  # type: ignore[misc]
+class VolatileLoad(ir.instructions.LoadInstr):  # type: ignore[misc]  # llvmlite has no types
     """A load that is neither removed nor merged with others."""
 
     def descr(self, buffer: list[str]) -> None:
@@ -76,7 +76,7 @@ store = make(
 """``store(pointer, i, v)``: writes the values i .. i + 7 behind it, unaligned. The result means nothing."""
 
 
-class _ManyPlaces(ir.instructions.GEPInstr):  # type: ignore[misc]
+class _ManyPlaces(ir.instructions.GEPInstr):  # type: ignore[misc]  # llvmlite has no types
     """The addresses of values behind a pointer, one for each lane of a vector of indices."""
 
     def __init__(self, builder: Any, pointer: Any, indices: Any) -> None:
@@ -147,14 +147,14 @@ def _transposed(builder: Any, quads: list[Any], columns: int = 3) -> list[Any]:
     return [shuffle(builder, a[0], a[1], picks) for a, picks in pairs_of[:columns]]
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def load_corners(typing_context: Any, vertices: Any, indices: Any, corner: Any) -> Any:
     """Three f32x8, the first three of the four float32 of a vertex, for one corner (0, 1 or 2) of eight triangles.
 
     ``vertices`` points to (N, 4) float32, ``indices`` to (8, 3) uint32. One load per vertex and a transposition:
     a third of the instructions of three gathers, and one cache line instead of three.
     """
-    out: Any = types.UniTuple(f32x8, 3)  # type: ignore[no-untyped-call]
+    out: Any = types.UniTuple(f32x8, 3)
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         quad = ir.VectorType(F32, 4)
@@ -169,13 +169,13 @@ def load_corners(typing_context: Any, vertices: Any, indices: Any, corner: Any) 
     return out(vertices, indices, types.int64), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def load_triples(typing_context: Any, values: Any, offsets: Any) -> Any:
     """Three f32x8: the float32 at ``offsets[lane]`` behind a pointer and the two after it, for every lane.
 
     Four values are read per lane, so that one more must exist. ``offsets`` is an i32x8.
     """
-    out: Any = types.UniTuple(f32x8, 3)  # type: ignore[no-untyped-call]
+    out: Any = types.UniTuple(f32x8, 3)
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         quad = ir.VectorType(F32, 4)
@@ -189,10 +189,10 @@ def load_triples(typing_context: Any, values: Any, offsets: Any) -> Any:
     return out(values, offsets), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def load_quads(typing_context: Any, values: Any, offsets: Any) -> Any:
     """Four f32x8: the float32 at ``offsets[lane]`` (an i32x8) behind a pointer and the three after it."""
-    out: Any = types.UniTuple(f32x8, 4)  # type: ignore[no-untyped-call]
+    out: Any = types.UniTuple(f32x8, 4)
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         quad = ir.VectorType(F32, 4)
@@ -205,7 +205,7 @@ def load_quads(typing_context: Any, values: Any, offsets: Any) -> Any:
     return out(values, offsets), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def load_vertices(
     typing_context: Any, records: Any, at: Any, first: Any, elements: Any, vertices: Any, corner: Any
 ) -> Any:
@@ -215,7 +215,7 @@ def load_vertices(
         records: pointer to int32, of which the eight from ``at`` on are triangles' numbers plus ``first``.
         elements: pointer to (M, 3) uint32. vertices: pointer to (N, 8) float32.
     """
-    out: Any = types.UniTuple(f32x8, 6)  # type: ignore[no-untyped-call]
+    out: Any = types.UniTuple(f32x8, 6)
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         pointer, at, first, elements, vertices, corner = args
@@ -235,7 +235,7 @@ def load_vertices(
     return out(records, types.int64, types.int64, elements, vertices, types.int64), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def store_rows(typing_context: Any, pointer: Any, places: Any, values: Any) -> Any:
     """Write lane k of eight f32x8 (a tuple) as eight neighbouring float32, from value ``places[k]`` on (an i32x8), lane
     0 first. The result means nothing."""
@@ -266,13 +266,13 @@ def store_rows(typing_context: Any, pointer: Any, places: Any, values: Any) -> A
     return one(pointer, places, values), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def load_octets(typing_context: Any, values: Any, offsets: Any) -> Any:
     """Eight f32x8: the float32 at ``offsets[lane]`` (an i32x8) behind a pointer and the seven after it, for every lane.
 
     One load per lane and a transposition.
     """
-    out: Any = types.UniTuple(f32x8, LANES)  # type: ignore[no-untyped-call]
+    out: Any = types.UniTuple(f32x8, LANES)
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         rows = []
@@ -295,10 +295,10 @@ def load_octets(typing_context: Any, values: Any, offsets: Any) -> Any:
     return out(values, offsets), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def load_elements(typing_context: Any, values: Any, offsets: Any) -> Any:
     """Three i32x8: the int32 or uint32 at ``offsets[lane]`` (an i32x8) behind a pointer and the two after it."""
-    out: Any = types.UniTuple(i32x8, 3)  # type: ignore[no-untyped-call]
+    out: Any = types.UniTuple(i32x8, 3)
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         parts = [ir.Constant(i32x8.llvm, ir.Undefined)] * 3
@@ -313,10 +313,10 @@ def load_elements(typing_context: Any, values: Any, offsets: Any) -> Any:
     return out(values, offsets), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def gather_pairs(typing_context: Any, values: Any, indices: Any) -> Any:
     """Two i32x8: the int32 at ``indices[lane]`` (an i32x8) behind a pointer, and the one after it."""
-    out: Any = types.UniTuple(i32x8, 2)  # type: ignore[no-untyped-call]
+    out: Any = types.UniTuple(i32x8, 2)
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         quarters: list[Any] = []
@@ -334,7 +334,7 @@ def gather_pairs(typing_context: Any, values: Any, indices: Any) -> Any:
     return out(values, indices), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def store_rgb(typing_context: Any, pointer: Any, index: Any, pixels: Any) -> Any:
     """Write the low three bytes of eight i32 (red lowest) as 24 bytes from byte ``index`` on.
 
@@ -354,7 +354,7 @@ def store_rgb(typing_context: Any, pointer: Any, index: Any, pixels: Any) -> Any
     return types.int32(pointer, types.int64, pixels), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def store_quads(typing_context: Any, pointer: Any, count: Any, mask: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
     """Append (a, b, c, d) of the lanes in the mask to a list of four int32 each, of which there are ``count``.
 
@@ -380,7 +380,7 @@ def store_quads(typing_context: Any, pointer: Any, count: Any, mask: Any, a: Any
     return types.int64(pointer, types.int64, mask, a, b, c, d), generate
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def store_vertices(typing_context: Any, vertices: Any, index: Any, x: Any, y: Any, w: Any) -> Any:
     """Write eight vertices (x, y, w and an unused value) from float32 ``index`` on; the result means nothing."""
 

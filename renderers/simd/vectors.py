@@ -39,7 +39,7 @@ m8: Final = Vector("m8", types.boolean, I1)
 @register_model(Vector)
 class _VectorModel(models.PrimitiveModel):
     def __init__(self, manager: Any, numba_type: Vector) -> None:
-        super().__init__(manager, numba_type, numba_type.llvm)  # type: ignore[no-untyped-call]
+        super().__init__(manager, numba_type, numba_type.llvm)  # type: ignore[no-untyped-call]  # llvmlite's
 
 
 def _operators() -> None:
@@ -158,7 +158,7 @@ i32 = _splat(i32x8)
 """``i32(integer)``: the value's low 32 bits in all lanes."""
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def iota(typing_context: Any) -> Any:
     """i32x8: 0, 1, .. 7."""
 

@@ -82,7 +82,7 @@ def _within_three(sigma: float, d_eps: float) -> float:
 
 
 @njit(nogil=True, cache=True)
-def _measure(true, key, sigma, d_eps, inside, slope_free, slope_half, normal, disparity, confidence):  # type: ignore[no-untyped-def]  # compiled
+def _measure(true, key, sigma, d_eps, inside, slope_free, slope_half, normal, disparity, confidence):
     height, width = true.shape
     if not sigma > 0.0:
         for k in range(height):
@@ -128,13 +128,13 @@ def _measure(true, key, sigma, d_eps, inside, slope_free, slope_half, normal, di
 
 
 @njit(inline="always")
-def _units(d):  # type: ignore[no-untyped-def]  # compiled
+def _units(d):
     """A disparity in 1/16 pixel, to nearest; below one unit it says "infinitely far", which the device encodes as 1."""
     return np.int32(min(max(d * np.float32(16.0), np.float32(1.0)), np.float32(65535.0)) + np.float32(0.5))
 
 
 @njit(nogil=True, cache=True)
-def _round(row, values, beliefs):  # type: ignore[no-untyped-def]  # compiled
+def _round(row, values, beliefs):
     for i in range(len(row)):
         valid = row[i] > np.float32(0.0)
         values[i] = np.uint16(_units(row[i])) if valid else np.uint16(0)
@@ -142,7 +142,7 @@ def _round(row, values, beliefs):  # type: ignore[no-untyped-def]  # compiled
 
 
 @njit(nogil=True, cache=True)
-def _steepest(row, above, below, slope):  # type: ignore[no-untyped-def]  # compiled
+def _steepest(row, above, below, slope):
     """(W,) float32: largest step to a valid neighbour above, below, left and right."""
     zero = np.float32(0.0)
     width = len(row)

@@ -62,7 +62,7 @@ def apply_filters(measured: Measured, filters: Filters, focal_times_baseline: fl
 
 
 @njit(nogil=True, cache=True)
-def _remove(disparity, error, confidence, minconf, lowest, highest, ft_units, maxdeptherr):  # type: ignore[no-untyped-def]  # compiled
+def _remove(disparity, error, confidence, minconf, lowest, highest, ft_units, maxdeptherr):
     height, width = disparity.shape
     for k in range(height):
         for i in range(width):
@@ -86,7 +86,7 @@ def _remove_segments(measured: Measured, smallest: int) -> None:
 
 
 @njit(nogil=True, cache=True)
-def _forget(disparity, error, confidence):  # type: ignore[no-untyped-def]  # compiled
+def _forget(disparity, error, confidence):
     """No disparity: no error, no confidence."""
     for i in range(len(disparity)):
         valid = disparity[i] != 0
@@ -113,7 +113,7 @@ def fill_holes(measured: Measured, fill: int) -> None:
 
 
 @njit(nogil=True, cache=True)
-def _measure_holes(disparity, labels, size, low, high):  # type: ignore[no-untyped-def]  # compiled
+def _measure_holes(disparity, labels, size, low, high):
     """Size and border of every hole. A hole at the edge of the image has no border there: low is set below all."""
     height, width = disparity.shape
     for k in range(height):
@@ -132,7 +132,7 @@ def _measure_holes(disparity, labels, size, low, high):  # type: ignore[no-untyp
 
 
 @njit(nogil=True, cache=True)
-def _interpolate(disparity, error, confidence, labels, chosen, filled):  # type: ignore[no-untyped-def]  # compiled
+def _interpolate(disparity, error, confidence, labels, chosen, filled):
     """Along each row, linearly between the two ends of the hole."""
     height, width = disparity.shape
     for k in range(height):

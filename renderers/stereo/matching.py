@@ -57,7 +57,7 @@ def match(left: NDArray[np.uint8], right: NDArray[np.uint8], disparities: int, s
 
 
 @njit(nogil=True, cache=True)
-def _judge(raw, left, right, disparities, sigma, base, weight, disparity, error, confidence):  # type: ignore[no-untyped-def]  # compiled
+def _judge(raw, left, right, disparities, sigma, base, weight, disparity, error, confidence):
     """Error from texture and noise, confidence from how well the two windows agree, both over 5 x 5 pixels.
 
     A window without texture, or one whose difference is not small against its texture, says little about the match.

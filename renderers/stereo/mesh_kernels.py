@@ -7,7 +7,7 @@ from numba import njit
 
 
 @njit(nogil=True, cache=True)
-def bin_points(disparity, n, nearest, d, u, v):  # type: ignore[no-untyped-def]  # compiled
+def bin_points(disparity, n, nearest, d, u, v):
     """Means over a plane's pixels lie on the plane: disparity is affine in the pixel's position there."""
     height, width = disparity.shape
     rows, columns = d.shape
@@ -38,7 +38,7 @@ def bin_points(disparity, n, nearest, d, u, v):  # type: ignore[no-untyped-def] 
 
 
 @njit(nogil=True, cache=True)
-def fill_all(d, u, v):  # type: ignore[no-untyped-def]  # compiled
+def fill_all(d, u, v):
     """Gives every empty bin the farther of its neighbours in the row, rows without any that of the nearest row above or
     below: behind an edge lies the background, as in stereo post-processing."""
     rows, columns = d.shape
@@ -70,7 +70,7 @@ def fill_all(d, u, v):  # type: ignore[no-untyped-def]  # compiled
 
 
 @njit(nogil=True, cache=True)
-def number_points(d, index):  # type: ignore[no-untyped-def]  # compiled
+def number_points(d, index):
     count = 0
     for r in range(d.shape[0]):
         for c in range(d.shape[1]):
@@ -81,7 +81,7 @@ def number_points(d, index):  # type: ignore[no-untyped-def]  # compiled
 
 
 @njit(nogil=True, cache=True)
-def place_points(d, u, v, f, cx, cy, t, footprint, out):  # type: ignore[no-untyped-def]  # compiled
+def place_points(d, u, v, f, cx, cy, t, footprint, out):
     """The manual's formula: P = ((u - cx) t / d, (v - cy) t / d, f t / d), with t in metres per unit of d."""
     n = 0
     for r in range(d.shape[0]):
@@ -96,7 +96,7 @@ def place_points(d, u, v, f, cx, cy, t, footprint, out):  # type: ignore[no-unty
 
 
 @njit(inline="always")
-def _cell_valid(d, r, c, step):  # type: ignore[no-untyped-def]  # compiled
+def _cell_valid(d, r, c, step):
     """Number of valid corners of the cell below and right of (r, c); 0 when it must not be connected."""
     low, high, valid = np.float32(np.inf), np.float32(0.0), 0
     for value in (d[r, c], d[r, c + 1], d[r + 1, c + 1], d[r + 1, c]):
@@ -108,7 +108,7 @@ def _cell_valid(d, r, c, step):  # type: ignore[no-untyped-def]  # compiled
 
 
 @njit(nogil=True, cache=True)
-def count_faces(d, index, step):  # type: ignore[no-untyped-def]  # compiled
+def count_faces(d, index, step):
     count = 0
     for r in range(d.shape[0] - 1):
         for c in range(d.shape[1] - 1):
@@ -117,7 +117,7 @@ def count_faces(d, index, step):  # type: ignore[no-untyped-def]  # compiled
 
 
 @njit(nogil=True, cache=True)
-def make_faces(d, index, step, out):  # type: ignore[no-untyped-def]  # compiled
+def make_faces(d, index, step, out):
     """Corners in the vendor's order (i-1,k-1), (i-1,k), (i,k), (i,k-1): counter-clockwise seen from the camera."""
     n = 0
     for r in range(d.shape[0] - 1):

@@ -74,7 +74,7 @@ def dots_on(
 
 
 @njit(nogil=True, cache=True)
-def _dots_on(depth, pattern, cells_per_pixel, cx, cy, offset_f, out):  # type: ignore[no-untyped-def]  # compiled
+def _dots_on(depth, pattern, cells_per_pixel, cx, cy, offset_f, out):
     height, width = depth.shape
     mask = pattern.shape[0] - 1
     scale, shift = np.float32(cells_per_pixel), np.float32(offset_f)
@@ -100,7 +100,7 @@ def _dots_on(depth, pattern, cells_per_pixel, cx, cy, offset_f, out):  # type: i
 
 
 @njit(nogil=True, cache=True)
-def _cast_shadows(depth, seen, offset_f, nearer, light):  # type: ignore[no-untyped-def]  # compiled
+def _cast_shadows(depth, seen, offset_f, nearer, light):
     """No light where the projector sees something nearer in all three pixels around the point."""
     height, width = depth.shape
     shift, share = np.float32(offset_f), np.float32(nearer)

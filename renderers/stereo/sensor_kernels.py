@@ -15,7 +15,7 @@ STEPS: Final = 4096
 
 
 @njit(nogil=True, cache=True)
-def grey_by_table(picture, table, weights, key, out):  # type: ignore[no-untyped-def]  # compiled
+def grey_by_table(picture, table, weights, key, out):
     """One table look-up a pixel: weights of red, green and blue in 1/256, luma in 1024 steps."""
     height, width = out.shape
     total = 0
@@ -35,7 +35,7 @@ def grey_by_table(picture, table, weights, key, out):  # type: ignore[no-untyped
 
 
 @njit(nogil=True, cache=True)
-def color_by_table(picture, table, key, out):  # type: ignore[no-untyped-def]  # compiled
+def color_by_table(picture, table, key, out):
     height, width = out.shape[:2]
     total = 0
     for k in range(height):
@@ -50,7 +50,7 @@ def color_by_table(picture, table, key, out):  # type: ignore[no-untyped-def]  #
 
 
 @njit(nogil=True, cache=True)
-def grey_with_dots(picture, dots, light, weights, response, sigma, normal, key, out):  # type: ignore[no-untyped-def]  # compiled
+def grey_with_dots(picture, dots, light, weights, response, sigma, normal, key, out):
     height, width = out.shape
     top = np.float32(STEPS - 1)
     red, green, blue = weights[0], weights[1], weights[2]
@@ -71,7 +71,7 @@ def grey_with_dots(picture, dots, light, weights, response, sigma, normal, key, 
 
 
 @njit(nogil=True, cache=True)
-def color_with_dots(picture, dots, light, weights, response, sigma, normal, key, out):  # type: ignore[no-untyped-def]  # compiled
+def color_with_dots(picture, dots, light, weights, response, sigma, normal, key, out):
     height, width = out.shape[:2]
     top = np.float32(STEPS - 1)
     total = 0

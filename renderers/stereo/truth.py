@@ -46,7 +46,7 @@ def true_disparity(
 
 
 @njit(nogil=True, cache=True)
-def _true_disparity(left, right, ft, z_min, z_max, step, out):  # type: ignore[no-untyped-def]  # compiled
+def _true_disparity(left, right, ft, z_min, z_max, step, out):
     height, width = left.shape
     ft32 = np.float32(ft)
     step32 = np.float32(step)

@@ -13,7 +13,7 @@ from renderers.studio.tonemap import srgb_byte
 
 
 @njit(nogil=True, error_model="numpy")
-def finish_row(layers, line, behind, cells, width, spare, color_at):  # type: ignore[no-untyped-def]
+def finish_row(layers, line, behind, cells, width, spare, color_at):
     """Puts the background behind what was gathered of a row, and encodes as sRGB.
 
     Args:
@@ -37,7 +37,7 @@ def finish_row(layers, line, behind, cells, width, spare, color_at):  # type: ig
 
 
 @kernel("void(int64, int64, int64, int64, int64)")
-def finish_rows(layers_at, finish_at, width, row_begin, row_end):  # type: ignore[no-untyped-def]
+def finish_rows(layers_at, finish_at, width, row_begin, row_end):
     """``finish_row`` for the rows ``row_begin .. row_end - 1``.
 
     Args:

@@ -42,7 +42,7 @@ EDGES: Final = 2
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _add_one(mode, out, line, x, rows, row, slot):  # type: ignore[no-untyped-def]
+def _add_one(mode, out, line, x, rows, row, slot):
     share = rows[G_ALPHA * STRIDE + slot]
     if mode == BENEATH:
         share *= np.float32(1.0) - out[3 * line + x]
@@ -52,7 +52,7 @@ def _add_one(mode, out, line, x, rows, row, slot):  # type: ignore[no-untyped-de
 
 
 @njit(nogil=True, error_model="numpy")
-def _add(mode, out, line, places, rows, row, begin, end):  # type: ignore[no-untyped-def]
+def _add(mode, out, line, places, rows, row, begin, end):
     """Add the colours of slots in the rows from ``row`` on to their pixels.
 
     Args:
@@ -78,7 +78,7 @@ def _add(mode, out, line, places, rows, row, begin, end):  # type: ignore[no-unt
 
 
 @njit(nogil=True, error_model="numpy")
-def _look(job, mode, instance, elements, places, begin, end, y, out, line, rows):  # type: ignore[no-untyped-def]
+def _look(job, mode, instance, elements, places, begin, end, y, out, line, rows):
     """Look at the slots ``begin .. end`` of one instance; returns the end of those that are to be lit."""
     if begin == end:
         return end
@@ -103,7 +103,7 @@ def _look(job, mode, instance, elements, places, begin, end, y, out, line, rows)
 
 
 @njit(nogil=True, error_model="numpy")
-def _light(job, mode, out, line, places, count, rows):  # type: ignore[no-untyped-def]
+def _light(job, mode, out, line, places, count, rows):
     """Light what was gathered, and add it to the row."""
     if count > 0:
         light_up(job, rows, count)
@@ -111,7 +111,7 @@ def _light(job, mode, out, line, places, count, rows):  # type: ignore[no-untype
 
 
 @njit(nogil=True, error_model="numpy")
-def _row(job, mode, y, records, columns_at, weights, count, hint, out, line, elements, places, rows):  # type: ignore[no-untyped-def]
+def _row(job, mode, y, records, columns_at, weights, count, hint, out, line, elements, places, rows):
     """Shade the records of one row and add them to it; returns the instance seen last, a hint for the next row.
 
     Args:
@@ -171,7 +171,7 @@ def _row(job, mode, y, records, columns_at, weights, count, hint, out, line, ele
 
 
 @kernel("void(int64, int64, int64, int64, int64, int64, int64, int64, int64, int64)")
-def shade_rows(mode, job_at, ids_at, edges_at, stride, width, row_begin, row_end, out_at, finish_at):  # type: ignore[no-untyped-def]
+def shade_rows(mode, job_at, ids_at, edges_at, stride, width, row_begin, row_end, out_at, finish_at):
     """Shades the rows ``row_begin .. row_end - 1`` of a layer; every pixel is independent of all others.
 
     Args:

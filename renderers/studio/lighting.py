@@ -52,13 +52,13 @@ from renderers.studio.tonemap import shown
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _three(rows, row, x):  # type: ignore[no-untyped-def]
+def _three(rows, row, x):
     at = row * STRIDE + x
     return vec.load(rows, at), vec.load(rows, at + STRIDE), vec.load(rows, at + 2 * STRIDE)
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _put(rows, row, x, r, g, b):  # type: ignore[no-untyped-def]
+def _put(rows, row, x, r, g, b):
     at = row * STRIDE + x
     vec.store(rows, at, r)
     vec.store(rows, at + STRIDE, g)
@@ -66,12 +66,12 @@ def _put(rows, row, x, r, g, b):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _dot(a, b):  # type: ignore[no-untyped-def]
+def _dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _arriving(light, p):  # type: ignore[no-untyped-def]
+def _arriving(light, p):
     """Unit vectors from points to a light (a pointer to its row) and the share of its colour that arrives."""
     zero, one = vec.f32(0.0), vec.f32(1.0)
     shining = vec.f32(light[L_DIRECTION]), vec.f32(light[L_DIRECTION + 1]), vec.f32(light[L_DIRECTION + 2])
@@ -96,7 +96,7 @@ def _arriving(light, p):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _add_lamp(job, light, rows, count):  # type: ignore[no-untyped-def]
+def _add_lamp(job, light, rows, count):
     """Add what ``count`` pixels reflect of one light to the rows G_LIGHT."""
     zero = vec.f32(0.0)
     shadow = np.int64(light[L_SHADOW])
@@ -149,7 +149,7 @@ def _add_lamp(job, light, rows, count):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _octahedral(d):  # type: ignore[no-untyped-def]
+def _octahedral(d):
     """Where directions (any length) lie in an octahedral table, 0 .. 1 each way; the middle for 0."""
     zero, half = vec.f32(0.0), vec.f32(0.5)
     total = vec.absolute(d[0]) + vec.absolute(d[1]) + vec.absolute(d[2])
@@ -162,7 +162,7 @@ def _octahedral(d):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _read(texels, places, level, u, v):  # type: ignore[no-untyped-def]
+def _read(texels, places, level, u, v):
     """Bilinear in octahedral tables with a border of one texel, RGB; ``level``: i32x8, which table."""
     two, four = vec.i32(2), vec.i32(4)
     offset, side = vec.gather(places, level * two), vec.gather(places, level * two + vec.i32(1))
@@ -186,7 +186,7 @@ def _read(texels, places, level, u, v):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _split(table, side, n_v, roughness):  # type: ignore[no-untyped-def]
+def _split(table, side, n_v, roughness):
     """Scale and bias of ``split_sum``, bilinear; both coordinates 0 .. 1."""
     one, two, last = vec.f32(1.0), vec.i32(2), vec.i32(side - 2)
     x, y = n_v * vec.f32(side - 1), roughness * vec.f32(side - 1)
@@ -203,7 +203,7 @@ def _split(table, side, n_v, roughness):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _turned(m, d):  # type: ignore[no-untyped-def]
+def _turned(m, d):
     """Directions by a (3, 3) float64 matrix (a pointer)."""
     return (
         vec.f32(m[0]) * d[0] + vec.f32(m[1]) * d[1] + vec.f32(m[2]) * d[2],
@@ -213,7 +213,7 @@ def _turned(m, d):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _add_surroundings(job, rows, count):  # type: ignore[no-untyped-def]
+def _add_surroundings(job, rows, count):
     """Add what ``count`` pixels reflect of the surroundings, which are in the world's frame, to the rows G_LIGHT."""
     turn = f64_at(job[J_LENS] + 8 * 5)
     texels, places = f32_at(job[J_RADIANCE]), i32_at(job[J_LEVELS])
@@ -249,7 +249,7 @@ def _add_surroundings(job, rows, count):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def light_up(job, rows, count):  # type: ignore[no-untyped-def]
+def light_up(job, rows, count):
     """Fill the rows G_VIEW and G_LIGHT of ``count`` pixels, the latter with tone-mapped linear RGB.
 
     Args:

@@ -106,7 +106,7 @@ def _read_only(texels: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 @njit(nogil=True, error_model="numpy")
-def _covered(index, size, smaller):  # type: ignore[no-untyped-def]
+def _covered(index, size, smaller):
     """First source texel and the weights of it and the next two, in units of 1 / smaller: a texel of the smaller level
     covers size / smaller texels, two or (where the size is odd) up to a half on either side more."""
     begin = index * size
@@ -119,7 +119,7 @@ def _covered(index, size, smaller):  # type: ignore[no-untyped-def]
 
 
 @kernel("void(Array(uint8, 3, 'C', readonly=True), uint8[:,:,::1], uint16[::1], uint8[::1])")
-def _halve(source, out, there, back):  # type: ignore[no-untyped-def]
+def _halve(source, out, there, back):
     """A level from the one before; ``there`` and ``back`` convert colours to where means are taken and back."""
     height, width = source.shape[0], source.shape[1]
     rows, columns = out.shape[0], out.shape[1]

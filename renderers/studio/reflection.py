@@ -15,7 +15,7 @@ _LEAST_ALPHA: Final = np.float32(1e-3)
 
 
 @njit(nogil=True, error_model="numpy")
-def reflected(n, v, l, n_l, base, metallic, roughness, f0, f90):  # type: ignore[no-untyped-def]
+def reflected(n, v, l, n_l, base, metallic, roughness, f0, f90):
     """The BRDF times the cosine of the light, RGB; meaningless where ``n_l`` is not above 0.
 
     GGX (Walter 2007) with the height-correlated Smith term (Heitz 2014); a dielectric is the mix of diffuse and
@@ -56,7 +56,7 @@ def reflected(n, v, l, n_l, base, metallic, roughness, f0, f90):  # type: ignore
 
 
 @njit(nogil=True, error_model="numpy")
-def ambient_channel(base, metallic, f0, f90, scale, bias, diffuse_light, specular_light):  # type: ignore[no-untyped-def]
+def ambient_channel(base, metallic, f0, f90, scale, bias, diffuse_light, specular_light):
     """One channel of the reflection of the surroundings; all f32x8.
 
     Args:

@@ -11,22 +11,22 @@ from renderers import simd as vec
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def cross(a, b):  # type: ignore[no-untyped-def]
+def cross(a, b):
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def dot(a, b):  # type: ignore[no-untyped-def]
+def dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def minus(a, b):  # type: ignore[no-untyped-def]
+def minus(a, b):
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def reach(a, to):  # type: ignore[no-untyped-def]
+def reach(a, to):
     """f32x8: what makes vectors ``to`` long; 0 for what has no direction."""
     length = vec.sqrt(dot(a, a))
     usable = (length > vec.f32(0.0)) & (length < vec.f32(math.inf))
@@ -34,7 +34,7 @@ def reach(a, to):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def moved(X, p):  # type: ignore[no-untyped-def]
+def moved(X, p):
     """Points (f32x8) by a (4, 4) matrix (a pointer), f64x8."""
     x, y, z = vec.to_f64(p[0]), vec.to_f64(p[1]), vec.to_f64(p[2])
     return (
@@ -45,7 +45,7 @@ def moved(X, p):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def turned(X, stride, p):  # type: ignore[no-untyped-def]
+def turned(X, stride, p):
     """Directions (f32x8) by the linear part of a matrix whose rows are ``stride`` values long."""
     return (
         vec.f32(X[0]) * p[0] + vec.f32(X[1]) * p[1] + vec.f32(X[2]) * p[2],
@@ -55,13 +55,13 @@ def turned(X, stride, p):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def single(a):  # type: ignore[no-untyped-def]
+def single(a):
     """Vectors as float32."""
     return vec.to_f32(a[0]), vec.to_f32(a[1]), vec.to_f32(a[2])
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def coordinates(p0, p1, p2, dx, dy):  # type: ignore[no-untyped-def]
+def coordinates(p0, p1, p2, dx, dy):
     """Where rays (dx, dy, 1) meet the planes of triangles.
 
     Args:
@@ -93,7 +93,7 @@ def coordinates(p0, p1, p2, dx, dy):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def along_line(p, q, dx, dy):  # type: ignore[no-untyped-def]
+def along_line(p, q, dx, dy):
     """Share of the second end (f32x8) where segments pass rays (dx, dy, 1) nearest, 0 .. 1.
 
     With e = q - p all points p + t e project onto one line of the image with the direction s = e.xy p.z - p.xy e.z;
@@ -109,13 +109,13 @@ def along_line(p, q, dx, dy):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def mixed(w, a, b, c):  # type: ignore[no-untyped-def]
+def mixed(w, a, b, c):
     """An attribute between three corners."""
     return w[0] * a + w[1] * b + w[2] * c
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def sloped(s, value, a, b, c):  # type: ignore[no-untyped-def]
+def sloped(s, value, a, b, c):
     """The derivative of an attribute that is ``value`` here; ``s``: of ``coordinates``.
 
     With u = sum(b_i u_i) / sum(b_i) and b_i linear over the image, du/dx = sum(b_i' (u_i - u)) / sum(b_i).
@@ -124,7 +124,7 @@ def sloped(s, value, a, b, c):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def mirrors(X):  # type: ignore[no-untyped-def]
+def mirrors(X):
     """-1 where a (4, 4) matrix (a pointer) mirrors, else 1."""
     determinant = dot((X[0], X[1], X[2]), cross((X[4], X[5], X[6]), (X[8], X[9], X[10])))
     return np.float32(-1.0) if determinant < 0.0 else np.float32(1.0)

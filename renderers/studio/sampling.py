@@ -38,7 +38,7 @@ BYTE_VALUES: Final = _byte_values()
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _place(coordinate, wrap, size):  # type: ignore[no-untyped-def]
+def _place(coordinate, wrap, size):
     """Where coordinates lie among ``size`` texels, within a texel of the first image, or of the first two for
     MIRRORED_REPEAT; 0 for what is no number or has no fractions."""
     coordinate = vec.select(vec.absolute(coordinate) < vec.f32(_LARGEST), coordinate, vec.f32(0.0))
@@ -52,7 +52,7 @@ def _place(coordinate, wrap, size):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _wrapped(index, wrap, size):  # type: ignore[no-untyped-def]
+def _wrapped(index, wrap, size):
     """The texels 0 .. size - 1 that indices next to a ``_place`` mean (``WRAPS``)."""
     zero, count = vec.i32(0), vec.i32(size)
     if wrap == 0:
@@ -65,12 +65,12 @@ def _wrapped(index, wrap, size):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _alpha(texel):  # type: ignore[no-untyped-def]
+def _alpha(texel):
     return vec.to_f32((texel >> vec.i32(24)) & vec.i32(255))
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _colors(texel, decoded, values):  # type: ignore[no-untyped-def]
+def _colors(texel, decoded, values):
     """Linear if ``decoded``, else 0 .. 255."""
     byte = vec.i32(255)
     r, g, b = texel & byte, (texel >> vec.i32(8)) & byte, (texel >> vec.i32(16)) & byte
@@ -80,14 +80,14 @@ def _colors(texel, decoded, values):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _between(a, b, c, d, fx, fy):  # type: ignore[no-untyped-def]
+def _between(a, b, c, d, fx, fy):
     """Bilinear; exact where all four are equal."""
     above, below = a + fx * (b - a), c + fx * (d - c)
     return above + fy * (below - above)
 
 
 @njit(nogil=True, error_model="numpy")
-def _level(integers, values, level, linear, u, v):  # type: ignore[no-untyped-def]
+def _level(integers, values, level, linear, u, v):
     """RGBA of one level."""
     address, width = integers[TI_LEVEL + 3 * level], integers[TI_LEVEL + 3 * level + 1]
     height = integers[TI_LEVEL + 3 * level + 2]
@@ -133,7 +133,7 @@ def _level(integers, values, level, linear, u, v):  # type: ignore[no-untyped-de
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _chosen(mask, a, b):  # type: ignore[no-untyped-def]
+def _chosen(mask, a, b):
     return (
         vec.select(mask, a[0], b[0]),
         vec.select(mask, a[1], b[1]),
@@ -143,7 +143,7 @@ def _chosen(mask, a, b):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _faded(a, b, part):  # type: ignore[no-untyped-def]
+def _faded(a, b, part):
     return (
         a[0] + part * (b[0] - a[0]),
         a[1] + part * (b[1] - a[1]),
@@ -153,7 +153,7 @@ def _faded(a, b, part):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def sample(integers, floats, values, u, v, ux, vx, uy, vy):  # type: ignore[no-untyped-def]
+def sample(integers, floats, values, u, v, ux, vx, uy, vy):
     """RGBA of a texture, four f32x8.
 
     Args:
@@ -206,7 +206,7 @@ def sample(integers, floats, values, u, v, ux, vx, uy, vy):  # type: ignore[no-u
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _reduced(x, whole, factor, half_octaves):  # type: ignore[no-untyped-def]
+def _reduced(x, whole, factor, half_octaves):
     large = x >= vec.f32(factor)
     return (
         vec.select(large, x * vec.f32(1.0 / factor), x),
@@ -215,7 +215,7 @@ def _reduced(x, whole, factor, half_octaves):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _half_log2(x):  # type: ignore[no-untyped-def]
+def _half_log2(x):
     """``log2(x) / 2`` for x >= 1, within 1e-6: divides until x < 2, then the series of artanh. No ``log`` of the C
     library, whose last bit is not the same everywhere. 31 at least from 2^63 on, or not a number."""
     whole = vec.f32(0.0)

@@ -16,12 +16,12 @@ _PLAY: Final = np.float32(1.0 + 1e-6)
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _turned(m, k, x, y, z):  # type: ignore[no-untyped-def]
+def _turned(m, k, x, y, z):
     return vec.f64(m[k]) * x + vec.f64(m[k + 1]) * y + vec.f64(m[k + 2]) * z
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _column(lit, texels, column, width, plane, du, fu):  # type: ignore[no-untyped-def]
+def _column(lit, texels, column, width, plane, du, fu):
     """A row's sum with one more column: its weight where the plane of the receiver is not behind the texel."""
     if column >= width:
         return lit
@@ -37,7 +37,7 @@ def _column(lit, texels, column, width, plane, du, fu):  # type: ignore[no-untyp
 
 
 @njit(nogil=True, error_model="numpy")
-def _filtered(inv_z, side, radius, at, base, du, dv, fu, fv):  # type: ignore[no-untyped-def]
+def _filtered(inv_z, side, radius, at, base, du, dv, fu, fv):
     """Means of the comparisons around eight points.
 
     Args:
@@ -72,7 +72,7 @@ def _filtered(inv_z, side, radius, at, base, du, dv, fu, fv):  # type: ignore[no
 
 
 @njit(nogil=True, error_model="numpy")
-def lit_parts(m, integers, radius, x, y, z, nx, ny, nz):  # type: ignore[no-untyped-def]
+def lit_parts(m, integers, radius, x, y, z, nx, ny, nz):
     """f32x8: how much of a light reaches points, 0 .. 1; 1 outside of the map.
 
     Args:

@@ -106,7 +106,7 @@ TO_BE_LIT: Final = 2
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _put(rows, row, slot, values):  # type: ignore[no-untyped-def]
+def _put(rows, row, slot, values):
     at = row * STRIDE + slot
     vec.store(rows, at, values[0])
     vec.store(rows, at + STRIDE, values[1])
@@ -114,23 +114,23 @@ def _put(rows, row, slot, values):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _three(values, k):  # type: ignore[no-untyped-def]
+def _three(values, k):
     return vec.f32(values[k]), vec.f32(values[k + 1]), vec.f32(values[k + 2])
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _times(a, b):  # type: ignore[no-untyped-def]
+def _times(a, b):
     return a[0] * b[0], a[1] * b[1], a[2] * b[2]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _clamped(value):  # type: ignore[no-untyped-def]
+def _clamped(value):
     """0 .. 1; 0 for what is no number."""
     return vec.least(vec.most(value, vec.f32(0.0)), vec.f32(1.0))
 
 
 @njit(nogil=True, error_model="numpy")
-def _texture(job, row, uv):  # type: ignore[no-untyped-def]
+def _texture(job, row, uv):
     """RGBA of a row of the texture table; ``uv``: both sets of coordinates with derivatives, 12 f32x8."""
     integers = i64_at(job[J_TEXTURE_INTEGERS] + 8 * TI_COLUMNS * row)
     floats = f32_at(job[J_TEXTURE_FLOATS] + 4 * TF_COLUMNS * row)
@@ -141,7 +141,7 @@ def _texture(job, row, uv):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _coordinates(w, sx, sy, u, v):  # type: ignore[no-untyped-def]
+def _coordinates(w, sx, sy, u, v):
     """u, v and their derivatives by column and row; ``u``, ``v``: at three corners."""
     here, there = mixed(w, u[0], u[1], u[2]), mixed(w, v[0], v[1], v[2])
     return (
@@ -155,7 +155,7 @@ def _coordinates(w, sx, sy, u, v):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def look_at(job, columns, instance, wanted, elements, places, slot, y, rows):  # type: ignore[no-untyped-def]
+def look_at(job, columns, instance, wanted, elements, places, slot, y, rows):
     """Put what eight pixels see of an instance into the rows (G_) at ``slot``.
 
     Args:
@@ -292,7 +292,7 @@ def look_at(job, columns, instance, wanted, elements, places, slot, y, rows):  #
 
 
 @njit(nogil=True, error_model="numpy")
-def _reflecting(job, mi, mf, uv, rows, slot):  # type: ignore[no-untyped-def]
+def _reflecting(job, mi, mf, uv, rows, slot):
     """Put how pixels reflect into the rows from G_METALLIC to G_KEPT."""
     one = vec.f32(1.0)
     metallic, roughness, kept = vec.f32(mf[MF_METALLIC]), vec.f32(mf[MF_ROUGHNESS]), one
@@ -327,7 +327,7 @@ def _reflecting(job, mi, mf, uv, rows, slot):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _bent(n, t, hand, texel, strength):  # type: ignore[no-untyped-def]
+def _bent(n, t, hand, texel, strength):
     """Unit normals by a normal map; where a tangent has no direction, the normal stays as it was.
 
     Args:

@@ -181,7 +181,7 @@ def _hammersley(count: int) -> NDArray[np.float64]:
 
 
 @kernel("void(float32[::1], int64[::1], int64[:,::1], float64[:,::1], float64, float64[:,::1], float32[:,::1])")
-def _prefilter(texels, offsets, sizes, directions, roughness, points, out):  # type: ignore[no-untyped-def]
+def _prefilter(texels, offsets, sizes, directions, roughness, points, out):
     """Mean radiance around each direction, weighted as GGX of this roughness reflects it to a viewer in that very
     direction (Karis 2013): half vectors by importance, each sample read from the level whose texels are as large as
     what it stands for."""
@@ -230,7 +230,7 @@ def _prefilter(texels, offsets, sizes, directions, roughness, points, out):  # t
 
 
 @njit(nogil=True, error_model="numpy")
-def _read(texels, offsets, sizes, level, x, y, z):  # type: ignore[no-untyped-def]
+def _read(texels, offsets, sizes, level, x, y, z):
     """Bilinear in the nearest level of the pyramid of equirectangular pictures."""
     which = min(max(int(level + 0.5), 0), offsets.shape[0] - 1)
     height, width = sizes[which, 0], sizes[which, 1]

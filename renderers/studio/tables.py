@@ -161,7 +161,7 @@ def prepare(instances: Sequence[Instance]) -> StudioScene:
             row = rows[id(material), lit] = len(integers)
             keep.append(material)
             for rows_of, made in zip((integers, floats), _material_rows(material, lit, textures), strict=True):
-                rows_of.append(made)  # type: ignore[attr-defined]
+                rows_of.append(made)  # type: ignore[attr-defined]  # integers and floats, each in its list
         mapped = integers[row][MI_NORMAL] >= 0
         tangent_set = 0 if mapped and mesh.tangents is not None else -1
         columns = geometry.get((id(mesh), tangent_set))

@@ -53,7 +53,7 @@ def corner_tangents(
 
 
 @njit(nogil=True, error_model="numpy")
-def _root(parent, k):  # type: ignore[no-untyped-def]
+def _root(parent, k):
     while parent[k] != k:
         parent[k] = parent[parent[k]]
         k = parent[k]
@@ -61,7 +61,7 @@ def _root(parent, k):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _join(parent, j, k):  # type: ignore[no-untyped-def]
+def _join(parent, j, k):
     j, k = _root(parent, j), _root(parent, k)
     if j < k:
         parent[k] = j
@@ -70,7 +70,7 @@ def _join(parent, j, k):  # type: ignore[no-untyped-def]
 
 
 @kernel("void(float64[:,::1], float64[:,::1], float64[:,::1], int64[::1], int64[::1], int64[::1], float32[:,::1])")
-def _tangents(p, n, uv, corner, welded, edges, out):  # type: ignore[no-untyped-def]
+def _tangents(p, n, uv, corner, welded, edges, out):
     """
     Args:
         p, n, uv: of the vertices. corner: (3 M,) vertex of each corner; welded: the same, equal vertices being one.
@@ -132,7 +132,7 @@ def _tangents(p, n, uv, corner, welded, edges, out):  # type: ignore[no-untyped-
 
 
 @njit(nogil=True, error_model="numpy")
-def _flat(nx, ny, nz, x, y, z):  # type: ignore[no-untyped-def]
+def _flat(nx, ny, nz, x, y, z):
     """A vector without its part along the normal, unit length; 0 where nothing is left."""
     d = nx * x + ny * y + nz * z
     x, y, z = x - d * nx, y - d * ny, z - d * nz

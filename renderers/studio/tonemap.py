@@ -29,7 +29,7 @@ _CELL: Final = 16
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _neutral(r, g, b):  # type: ignore[no-untyped-def]
+def _neutral(r, g, b):
     """Khronos' curve on linear colours; not a number becomes 0."""
     zero, one, start = vec.f32(0.0), vec.f32(1.0), vec.f32(_START)
     r, g, b = vec.most(r, zero), vec.most(g, zero), vec.most(b, zero)
@@ -51,18 +51,18 @@ def _neutral(r, g, b):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _mixed(a, b, c, x, y, z):  # type: ignore[no-untyped-def]
+def _mixed(a, b, c, x, y, z):
     return vec.f32(a) * x + vec.f32(b) * y + vec.f32(c) * z
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _aces_channel(v):  # type: ignore[no-untyped-def]
+def _aces_channel(v):
     above = v * (v + vec.f32(0.0245786)) - vec.f32(0.000090537)
     return above / (v * (vec.f32(0.983729) * v + vec.f32(0.4329510)) + vec.f32(0.238081))
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _aces(r, g, b):  # type: ignore[no-untyped-def]
+def _aces(r, g, b):
     """Hill's fit on linear colours; not a number becomes 0."""
     # Beyond 1e6 the curve is white to the last digit; squares of anything larger might not be finite.
     zero, bound, exposure = vec.f32(0.0), vec.f32(1e6), vec.f32(_ACES_EXPOSURE)
@@ -80,13 +80,13 @@ def _aces(r, g, b):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def _none(r, g, b):  # type: ignore[no-untyped-def]
+def _none(r, g, b):
     zero, one = vec.f32(0.0), vec.f32(1.0)
     return vec.least(vec.most(r, zero), one), vec.least(vec.most(g, zero), one), vec.least(vec.most(b, zero), one)
 
 
 @njit(nogil=True, error_model="numpy")
-def shown(tone, r, g, b):  # type: ignore[no-untyped-def]
+def shown(tone, r, g, b):
     """Linear colours (f32x8 each) through the curve with a number of ``TONES``."""
     if tone == 0:
         return _neutral(r, g, b)
@@ -120,7 +120,7 @@ SRGB_CELLS: Final = _cells(_thresholds())
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def srgb_byte(c, cells):  # type: ignore[no-untyped-def]
+def srgb_byte(c, cells):
     """``round(255 srgb(c))`` of an f32x8 as i32x8, by a table that is exact for every float32: no ``pow``, so the same
     on every machine. Below 0 or NaN is 0, above 1 is 255.
 

@@ -44,7 +44,7 @@ class WatchedRenderer:
     def __post_init__(self) -> None:
         self.go_on.set()
 
-    def render(self, scene: DrawList, camera: Camera, outputs: Output, look: Look = Look()) -> Frame:  # noqa: B008 - it is frozen
+    def render(self, scene: DrawList, camera: Camera, outputs: Output, look: Look = Look()) -> Frame:
         self.calls.append((scene, camera, outputs, look))
         self.started.set()
         assert self.go_on.wait(LONG)

@@ -19,7 +19,7 @@ def same_as_golden(name: str, **arrays: NDArray[Any]) -> None:
     path = FOLDER / f"{name}.npz"
     if os.environ.get(REGENERATE):
         FOLDER.mkdir(exist_ok=True)
-        np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
+        np.savez_compressed(path, **arrays)
         pytest.skip(f"{path.name} was written")
     with np.load(path) as golden:
         assert set(golden.files) == set(arrays)

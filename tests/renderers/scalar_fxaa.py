@@ -41,7 +41,7 @@ def _smooth(source: NDArray[np.uint8], luma: NDArray[np.float32], out: NDArray[n
 
 
 @njit(nogil=True, error_model="numpy")
-def _find_edges(row, north, south, hot):  # type: ignore[no-untyped-def]
+def _find_edges(row, north, south, hot):
     """Which inner pixels of a row have contrast: all from slices with the same index, so that it is compiled to vector
     instructions; the pictures are mostly flat, and this is most of the work."""
     inner = len(row) - 2
@@ -54,7 +54,7 @@ def _find_edges(row, north, south, hot):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def _smooth_pixel(source, luma, out, x, y, west, east, north, south, contrast):  # type: ignore[no-untyped-def]
+def _smooth_pixel(source, luma, out, x, y, west, east, north, south, contrast):
     c, n, s, w, e = luma[y, x], luma[north, x], luma[south, x], luma[y, west], luma[y, east]
     nw, ne, sw, se = luma[north, west], luma[north, east], luma[south, west], luma[south, east]
     # Second differences across rows and columns, the middle one counting twice: which way does the edge run?
@@ -98,7 +98,7 @@ def _smooth_pixel(source, luma, out, x, y, west, east, north, south, contrast): 
 
 
 @njit(nogil=True, error_model="numpy")
-def _edge_end(luma, x, y, ox, oy, dx, dy, c, over):  # type: ignore[no-untyped-def]
+def _edge_end(luma, x, y, ox, oy, dx, dy, c, over):
     """Walks along both sides of an edge until a pixel is more like the other side; VTK's rule, which sees the ends of
     lines one pixel wide, too. Returns the distance in pixels and the luma at the end on the pixel's own side."""
     height, width = luma.shape

@@ -204,7 +204,7 @@ def surface_color(
         return mixed
 
     def read(texture: Texture, srgb: bool) -> Array:
-        uv = at(mesh.uv1 if texture.uv_set else mesh.uv0)  # type: ignore[arg-type]
+        uv = at(mesh.uv1 if texture.uv_set else mesh.uv0)
         return lookup(texture, float(uv[0]), float(uv[1]), srgb)
 
     pbr = look == "pbr"

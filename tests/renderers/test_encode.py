@@ -193,11 +193,11 @@ def test_wrong_arrays_are_refused() -> None:
     with pytest.raises(ValueError, match="at least one pixel"):
         png_gray8(np.zeros((0, 4), np.uint8))
     with pytest.raises(ValueError, match="float64"):
-        tiff_float32(np.zeros((4, 4)))  # type: ignore[arg-type]
+        tiff_float32(np.zeros((4, 4)))
     with pytest.raises(ValueError, match="at least one pixel"):
         tiff_gray16(np.zeros((4, 0), np.uint16))
     with pytest.raises(ValueError, match="uint16"):
-        jpeg_rgb(np.zeros((4, 4, 3), np.uint16))  # type: ignore[arg-type]
+        jpeg_rgb(np.zeros((4, 4, 3), np.uint16))
 
 
 def test_jpeg_looks_like_the_picture() -> None:

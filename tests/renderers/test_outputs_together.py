@@ -66,15 +66,15 @@ def test_together_as_alone(seed: int, threads: int) -> None:
             renderer.render(drawn, camera, GEOMETRY) as geometry,
             renderer.render(drawn, camera, Output.COLOR, Look()) as color,
         ):
-            assert (together.color == color.color).all()  # type: ignore[union-attr]
-            assert (together.depth == geometry.depth).all()  # type: ignore[union-attr]
-            assert (together.label == geometry.label).all()  # type: ignore[union-attr]
-            assert (together.instance == geometry.instance).all()  # type: ignore[union-attr]
-            assert (together.normal == geometry.normal).all()  # type: ignore[union-attr]
+            assert (together.color == color.color).all()
+            assert (together.depth == geometry.depth).all()
+            assert (together.label == geometry.label).all()
+            assert (together.instance == geometry.instance).all()
+            assert (together.normal == geometry.normal).all()
             # The scene shows both: what only geometry sees, and the nearest of surfaces in one place.
             both_sided = replace_sides(drawn)
             with renderer.render(both_sided, camera, Output.COLOR, Look()) as other:
-                assert (other.color != color.color).any()  # type: ignore[union-attr]
+                assert (other.color != color.color).any()
     renderer.close()
 
 

@@ -40,8 +40,8 @@ def stars(shape: tuple[int, int] = (6, 7)) -> Texture:
 @pytest.mark.parametrize("look", ["phong", "pbr"])
 def test_translucent_surfaces_are_sorted_per_pixel(look: str) -> None:
     scene = DrawList(crossing())
-    ours = painted(scene, VIEW, Look(look))  # type: ignore[arg-type]
-    expected = reference_color(scene, VIEW, Look(look))  # type: ignore[arg-type]
+    ours = painted(scene, VIEW, Look(look))
+    expected = reference_color(scene, VIEW, Look(look))
     assert np.abs(ours - expected).max() <= 1.0
 
 
@@ -63,8 +63,8 @@ def test_alpha_of_a_texture(look: str, mode: AlphaMode) -> None:
         double_sided=True,
     )
     scene = DrawList((placed(ball(6), material, z=3.0, linear=tilt), placed(quad(2.0, 6.0), WALL)))
-    ours = painted(scene, VIEW, Look(look)).astype(np.float64)  # type: ignore[arg-type]
-    expected = reference_color(scene, VIEW, Look(look))  # type: ignore[arg-type]
+    ours = painted(scene, VIEW, Look(look)).astype(np.float64)
+    expected = reference_color(scene, VIEW, Look(look))
     wrong = (np.abs(ours - expected) > 1.0).any(axis=-1)
     assert wrong.mean() <= (0.003 if mode is MASK else 0.0)  # an alpha within float32 of the cutoff may go either way
 
@@ -98,9 +98,9 @@ class Counting(BruteForce):
         super().__init__()
         self.calls = 0
 
-    def visibility(self, *args: object, **options: object) -> object:  # type: ignore[override]
+    def visibility(self, *args: object, **options: object) -> object:
         self.calls += 1
-        return super().visibility(*args, **options)  # type: ignore[arg-type]
+        return super().visibility(*args, **options)
 
 
 def test_layers_end_where_nothing_shows_through() -> None:
@@ -135,9 +135,9 @@ def test_the_visibility_at_hand_is_used_and_left_alone() -> None:
     scene = DrawList((placed(quad(), WALL),))
     rasterizer = Counting()
     first = rasterizer.visibility(scene, VIEW)
-    before = first.ids.copy()  # type: ignore[attr-defined]
+    before = first.ids.copy()
     color = np.zeros((VIEW.height, VIEW.width, 3), np.uint8)
-    paint(rasterizer, scene, prepare(scene.instances, "phong"), VIEW, Look(), color, first=first)  # type: ignore[arg-type]
+    paint(rasterizer, scene, prepare(scene.instances, "phong"), VIEW, Look(), color, first=first)
     assert rasterizer.calls == 1
-    assert (first.ids == before).all()  # type: ignore[attr-defined]
+    assert (first.ids == before).all()
     assert (color == painted(scene, VIEW, Look())).all()

@@ -89,13 +89,13 @@ def test_a_ball_looks_as_specified(look: str, name: str) -> None:
     mesh = ball()
     assert mesh.uv0 is not None
     mesh = replace(mesh, uv1=np.ascontiguousarray(mesh.uv0[:, ::-1]))
-    assert_same(DrawList((placed(mesh, MATERIALS[name], z=3.0, linear=TURNED),)), Look(look))  # type: ignore[arg-type]
+    assert_same(DrawList((placed(mesh, MATERIALS[name], z=3.0, linear=TURNED),)), Look(look))
 
 
 @pytest.mark.parametrize("linear", [TURNED, SQUASHED, MIRRORED], ids=["turned", "squashed", "mirrored"])
 @pytest.mark.parametrize("look", ["phong", "pbr"])
 def test_any_affine_map_keeps_normals_and_tangents_right(look: str, linear: Array) -> None:
-    assert_same(DrawList((placed(ball(), FULL, z=3.0, linear=linear),)), Look(look))  # type: ignore[arg-type]
+    assert_same(DrawList((placed(ball(), FULL, z=3.0, linear=linear),)), Look(look))
 
 
 def test_a_mirrored_ball_is_lit_as_bright_as_its_original() -> None:
@@ -108,8 +108,8 @@ def test_a_mirrored_ball_is_lit_as_bright_as_its_original() -> None:
 @pytest.mark.parametrize("look", ["phong", "pbr"])
 def test_triangles_without_normals_are_flat(look: str) -> None:
     mesh = replace(ball(), normals=None)
-    assert_same(DrawList((placed(mesh, z=3.0, linear=SQUASHED),)), Look(look))  # type: ignore[arg-type]
-    assert_same(DrawList((placed(mesh, z=3.0, linear=MIRRORED),)), Look(look))  # type: ignore[arg-type]
+    assert_same(DrawList((placed(mesh, z=3.0, linear=SQUASHED),)), Look(look))
+    assert_same(DrawList((placed(mesh, z=3.0, linear=MIRRORED),)), Look(look))
 
 
 @pytest.mark.parametrize("normals", [True, False])
@@ -132,7 +132,7 @@ def test_a_back_face_of_a_single_sided_material_is_not_seen() -> None:
 @pytest.mark.parametrize("unlit", [False, True])
 def test_vertex_colors(look: str, unlit: bool) -> None:
     material = Material(base_color=(1.0, 0.5, 0.25, 1.0), metallic=0.0, unlit=unlit)
-    assert_same(DrawList((placed(colored(ball()), material, z=3.0, linear=TURNED),)), Look(look))  # type: ignore[arg-type]
+    assert_same(DrawList((placed(colored(ball()), material, z=3.0, linear=TURNED),)), Look(look))
 
 
 def test_an_inside_view_crosses_the_near_plane() -> None:
@@ -152,7 +152,7 @@ def test_phong_is_exact_on_a_plane() -> None:
 
 def test_background_is_as_stored_in_both_looks() -> None:
     for look in ("phong", "pbr"):
-        empty = painted(DrawList(), camera(), Look(look, (1, 2, 3)))  # type: ignore[arg-type]
+        empty = painted(DrawList(), camera(), Look(look, (1, 2, 3)))
         assert (empty == (1, 2, 3)).all()
 
 
@@ -217,7 +217,7 @@ def test_attributes_shorter_than_the_mesh_are_refused(name: str) -> None:
         prepare((placed(quad(**{name: short})),), "phong")
     wide = np.zeros((4, short.shape[1]))
     with pytest.raises(TypeError, match="float32"):
-        prepare((placed(quad(**{name: wide}), FULL),), "pbr")  # type: ignore[arg-type]
+        prepare((placed(quad(**{name: wide}), FULL),), "pbr")
 
 
 def test_plain_shows_the_colour_that_was_published() -> None:

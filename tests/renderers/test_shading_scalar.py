@@ -104,7 +104,7 @@ def both_sided(drawn: DrawList) -> DrawList:
 @pytest.mark.parametrize("seed", range(6))
 def test_random_scenes_to_a_level(name: str, seed: int) -> None:
     drawn = both_sided(scene(np.random.default_rng(seed)))
-    ours, scalar = both(drawn, view(83, 61), Look(name))  # type: ignore[arg-type]
+    ours, scalar = both(drawn, view(83, 61), Look(name))
     differences = np.abs(ours - scalar)
     assert differences.max() <= 1
     assert (differences != 0).mean() < 0.02
@@ -114,7 +114,7 @@ def test_random_scenes_to_a_level(name: str, seed: int) -> None:
 def test_narrow_pictures(width: int) -> None:
     drawn = both_sided(scene(np.random.default_rng(3)))
     for name in ("phong", "pbr"):
-        ours, scalar = both(drawn, view(width, 33), Look(name))  # type: ignore[arg-type]
+        ours, scalar = both(drawn, view(width, 33), Look(name))
         assert np.abs(ours - scalar).max() <= 1
 
 
@@ -127,7 +127,7 @@ def test_nothing_beyond_the_picture_is_written() -> None:
         color = whole[: 3 * width * height].reshape(height, width, 3)
         for name in ("phong", "pbr"):
             with RENDERER.visibility(drawn, camera) as seen:
-                paint(RENDERER, drawn, prepare(drawn.instances, name), camera, Look(name), color, first=seen)  # type: ignore[arg-type]
+                paint(RENDERER, drawn, prepare(drawn.instances, name), camera, Look(name), color, first=seen)
             assert (whole[3 * width * height :] == 77).all()
 
 
@@ -146,7 +146,7 @@ def test_far_and_huge_triangles_to_a_level() -> None:
     )
     for drawn in scenes:
         for name in ("phong", "pbr"):
-            ours, scalar = both(drawn, camera, Look(name))  # type: ignore[arg-type]
+            ours, scalar = both(drawn, camera, Look(name))
             differences = np.abs(ours - scalar)
             assert differences.max() <= 1, (differences > 1).sum()
 
@@ -170,7 +170,7 @@ def test_plain_surfaces_to_a_level(cells: int) -> None:
                 X[2, 3] = 4.0
                 drawn = DrawList((placed(mesh, material, z=3.0), Instance(mesh, material, X)))
                 for name in ("phong", "plain"):
-                    ours, scalar = both(drawn, view(83, 61), Look(name))  # type: ignore[arg-type]
+                    ours, scalar = both(drawn, view(83, 61), Look(name))
                     differences = np.abs(ours - scalar)
                     assert differences.max() <= 1
                     assert (differences != 0).mean() < 0.02
@@ -252,7 +252,7 @@ def test_threads_do_not_matter(size: tuple[int, int]) -> None:
         pictures = []
         for threads in (1, 2, 4):
             renderer = CpuRenderer(threads)
-            with renderer.render(drawn, view(*size), Output.COLOR | Output.DEPTH, Look(name)) as frame:  # type: ignore[arg-type]
+            with renderer.render(drawn, view(*size), Output.COLOR | Output.DEPTH, Look(name)) as frame:
                 assert frame.color is not None
                 pictures.append(frame.color.copy())
             renderer.close()

@@ -35,7 +35,7 @@ class NotingRenderer:
     """Colour of one pixel, at ``SPOT``, where the first instance is."""
     closed: int = 0
 
-    def render(self, scene: DrawList, camera: Camera, outputs: Output, look: Look = Look()) -> Frame:  # noqa: B008 - it is frozen
+    def render(self, scene: DrawList, camera: Camera, outputs: Output, look: Look = Look()) -> Frame:
         self.calls.append((scene, camera, outputs, look))
         if self.error is not None:
             raise self.error

@@ -26,7 +26,7 @@ GUESSES = _guesses(THRESHOLDS)
 
 
 @njit(nogil=True, error_model="numpy")
-def gamma_byte(c, thresholds, guesses):  # type: ignore[no-untyped-def]
+def gamma_byte(c, thresholds, guesses):
     """``round(255 c^(1/2.2))`` by comparison with exact thresholds: no ``pow``, so the same on every machine.
 
     Args:
@@ -44,7 +44,7 @@ def gamma_byte(c, thresholds, guesses):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def plain_byte(c):  # type: ignore[no-untyped-def]
+def plain_byte(c):
     """``round(255 c)`` of a float32; below 0 or NaN is 0, above 1 is 255."""
     if not (c > np.float32(0.0)):
         return np.uint8(0)
@@ -54,7 +54,7 @@ def plain_byte(c):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, error_model="numpy")
-def decode_gamma(c, decoded):  # type: ignore[no-untyped-def]
+def decode_gamma(c, decoded):
     """``c^2.2`` of a float32 in 0..1 (clamped; NaN is 0), interpolated in ``DECODED`` (its address): within 1e-7."""
     if not (c > np.float32(0.0)):
         return np.float32(0.0)

@@ -53,7 +53,7 @@ def at(x: float, y: float, z: float) -> NDArray[np.float64]:
 
 def two_balls(**material: object) -> DrawList:
     """A dielectric and a metal."""
-    plastic = Material((0.8, 0.3, 0.2, 1.0), metallic=0.0, roughness=0.4, **material)  # type: ignore[arg-type]
+    plastic = Material((0.8, 0.3, 0.2, 1.0), metallic=0.0, roughness=0.4, **material)
     metal = Material((0.9, 0.8, 0.5, 1.0), metallic=1.0, roughness=0.5)
     mesh = ball(12, 0.8)
     return DrawList((Instance(mesh, plastic, at(-0.9, 0.0, 3.5)), Instance(mesh, metal, at(0.9, 0.1, 3.5))))
@@ -100,6 +100,6 @@ def drawn(
     background: tuple[int, int, int] = (0, 0, 0),
 ) -> NDArray[np.uint8]:
     """(H, W, 3)."""
-    with renderer.render(scene, camera, Output.COLOR, Look("studio", background, samples, rig)) as frame:  # type: ignore[arg-type]
+    with renderer.render(scene, camera, Output.COLOR, Look("studio", background, samples, rig)) as frame:
         assert frame.color is not None
         return frame.color.copy()

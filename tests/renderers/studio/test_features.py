@@ -59,12 +59,12 @@ class Point:
     def lit(self, base: ref.Array, metallic: Any = 0.0, roughness: Any = 0.5, **more: Any) -> ref.Array:
         """Under the lamp alone."""
         material: Any = SimpleNamespace(**{"ior": 1.5, "specular": 1.0, "specular_color": (1.0, 1.0, 1.0)} | more)
-        x, y, z, w = LAMP_NODE["rotation"]  # type: ignore[misc]
+        x, y, z, w = LAMP_NODE["rotation"]
         shines = np.array((2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y))) * -1.0
         n, v = np.array((0.0, 0.0, 1.0)) + 0 * self.p, ref.normalized(-self.p)
         one = np.ones((len(self.p), 1))
         f = ref.brdf(n, v, -shines + 0 * self.p, base + 0 * self.p, material, roughness * one, metallic * one)
-        return f * LAMP["intensity"] * np.array(LAMP["color"])  # type: ignore[operator]
+        return f * LAMP["intensity"] * np.array(LAMP["color"])
 
 
 def png() -> bytes:
@@ -129,8 +129,8 @@ def second(at: Point) -> ref.Array:
 
 def transformed(at: Point) -> ref.Array:
     """KHR_texture_transform: translation * rotation * scale, rotation counter-clockwise in a picture whose v is up."""
-    c, s = np.cos(TRANSFORM["rotation"]), np.sin(TRANSFORM["rotation"])  # type: ignore[call-overload]
-    m = np.array(((c, s), (-s, c))) @ np.diag(TRANSFORM["scale"])  # type: ignore[call-overload]
+    c, s = np.cos(TRANSFORM["rotation"]), np.sin(TRANSFORM["rotation"])
+    m = np.array(((c, s), (-s, c))) @ np.diag(TRANSFORM["scale"])
     return second(at) @ m.T + np.array(TRANSFORM["offset"])
 
 

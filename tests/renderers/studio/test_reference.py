@@ -269,7 +269,7 @@ def test_samples(renderer: CpuRenderer, samples: int, look: Any) -> None:
     each = [table[ref.look(scene, c).instance] for c in sample_cameras(camera, samples)]
     mean = np.mean(each, axis=0)
     expected = (ref.srgb(mean) if look == "studio" else 255.0 * mean).reshape(36, 48, 3)
-    with renderer.render(scene, camera, Output.COLOR, Look(look, (255, 255, 255), samples, DARK)) as frame:  # type: ignore[arg-type]
+    with renderer.render(scene, camera, Output.COLOR, Look(look, (255, 255, 255), samples, DARK)) as frame:
         assert frame.color is not None
         wrong = np.abs(frame.color - expected).max(axis=-1)
     assert np.abs(mean - each[0]).max() > 0.2
