@@ -10,10 +10,10 @@ import threading
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from renderers.jit import kernel
+from renderers.linked import inner
 from renderers.pointers import address_of, f32_at, u8_at
 
 HARD_CONTRAST: Final = np.float32(255.0 / 16.0)
@@ -79,7 +79,7 @@ def _smooth(source, luma, source_at, luma_at, out_at):
                     _smooth_pixel(pixels, levels, out, x, y, width, height, contrast)
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _find_edges(row, north, south, hot):
     """Which inner pixels of a row have contrast: all from slices with the same index, so that it is compiled to vector
     instructions; the pictures are mostly flat, and this is most of the work."""
@@ -92,7 +92,7 @@ def _find_edges(row, north, south, hot):
         hots[x] = np.uint8(contrast >= max(HARD_CONTRAST, RELATIVE_CONTRAST * brightest))
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _smooth_pixel(pixels, luma, out, x, y, width, height, contrast):
     """By pointers: array arguments would cost reference counts and range checks for every pixel."""
     # OpenGL's rows go upwards, which decides between neighbours of equal contrast: "north" is the row below.
@@ -148,7 +148,7 @@ def _smooth_pixel(pixels, luma, out, x, y, width, height, contrast):
         out[3 * (here + x) + k] = np.uint8(value + np.float32(0.5))
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _edge_end(luma, own, other, step, left, c, over):
     """Walks along both sides of an edge until a pixel is more like the other side; VTK's rule, which sees the ends of
     lines one pixel wide, too. Returns the distance in pixels and the luma at the end on the pixel's own side.

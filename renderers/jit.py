@@ -22,7 +22,7 @@ KERNELS: Final[list[Any]] = []
 
 
 def kernel(signature: str) -> Callable[[Callable[..., Any]], Any]:
-    """Decorator for entry points that Python calls; what they call among themselves is plain ``njit`` (uncached).
+    """Decorator for entry points that Python calls; what they call among themselves is of ``renderers.linked``.
 
     Args:
         signature: the one specialisation, as Numba writes it. It is compiled (or loaded from the cache) at the first

@@ -7,7 +7,17 @@ import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-COMPILED = {"kernel", "njit", "intrinsic", "overload", "overload_method", "overload_attribute", "lower_builtin"}
+COMPILED = {
+    "kernel",
+    "inner",
+    "inlined",
+    "njit",
+    "intrinsic",
+    "overload",
+    "overload_method",
+    "overload_attribute",
+    "lower_builtin",
+}
 """Numba's decorators: it finds the types itself."""
 
 

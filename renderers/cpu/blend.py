@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numba import njit
 
 from renderers import simd as vec
 from renderers.cpu.layout import J_BEFORE_IDS, J_BEFORE_INV_Z, J_BEYOND_IDS, J_BEYOND_INV_Z, J_IDS, J_INV_Z
+from renderers.linked import inlined, inner
 from renderers.pointers import f32_at, i32_at
 
 PLAIN: Final = 0
@@ -19,7 +19,7 @@ TIES: Final = 2
 """Records come on top of others of any number: of two at the same depth the lower number wins."""
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _between(job, pixel, w, identity):
     """Lanes that lie strictly beyond the one and before the other given layer, by depth and then by record."""
     zero = vec.i32(0)
@@ -35,7 +35,7 @@ def _between(job, pixel, w, identity):
     return accepted
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def blend(job, rule, depths, ids, pixel, w, covered, identity):
     """Write the covered lanes that are nearer than what is there.
 
@@ -54,7 +54,7 @@ def blend(job, rule, depths, ids, pixel, w, covered, identity):
     vec.store(ids, pixel, vec.select(covered, identity, vec.load_again(ids, pixel)))
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def blend_one(job, rule, pixel, w, identity):
     """As ``blend`` for one covered pixel, whatever the order of records."""
     depths = f32_at(job[J_INV_Z])
@@ -69,7 +69,7 @@ def blend_one(job, rule, pixel, w, identity):
     ids[pixel] = identity if accepted else other
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _one_between(job, pixel, w, identity):
     """Lane 0 of ``_between``; the layers are read where the eight pixels end, not past the picture."""
     start = pixel & ~np.int64(vec.LANES - 1)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from renderers.cpu.layout import (
     GUARD,
@@ -22,6 +21,7 @@ from renderers.cpu.layout import (
     T_POSITIONS,
     T_VERTEX,
 )
+from renderers.linked import inner
 from renderers.pointers import f32_at, f64_at, i64_at, u32_at
 
 PLANES = 5
@@ -29,13 +29,13 @@ MAX_VERTICES = 24
 """A convex polygon has at most 3 + PLANES; each plane adds at most half, however rounding bends one: 3 * 1.5^5 < 24."""
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def snap(value):
     """Grid units of a float32 pixel coordinate (the product is exact; ties to even)."""
     return np.int64(np.rint(np.float32(value) * np.float32(SUBPIXEL)))
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def camera_vertex(job, drawn, index, out, k):
     """Write vertex ``index`` of a drawn instance's mesh, in the camera's frame, to the (n, 3) float64 ``out[k]``."""
     table = i64_at(job[J_TABLE])
@@ -48,7 +48,7 @@ def camera_vertex(job, drawn, index, out, k):
         out[k, row] = m[4 * row] * x + m[4 * row + 1] * y + m[4 * row + 2] * z + m[4 * row + 3]
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def plane_distance(lens, plane, p, k):
     """How far inside the near plane (0) or a side of the guard band (1 .. 4) the point ``p[k]`` is; >= 0 is inside."""
     if plane == 0:
@@ -62,7 +62,7 @@ def plane_distance(lens, plane, p, k):
     return (GUARD - lens[L_CY]) * p[k, 2] - lens[L_FY] * p[k, 1]
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def cut(p, inside, d_inside, outside, d_outside, out, k):
     """The point of the edge on the plane, from the inside end towards the outside end whichever way the triangle runs,
     so that two triangles with a common edge get the same point."""
@@ -71,14 +71,14 @@ def cut(p, inside, d_inside, outside, d_outside, out, k):
         out[k, row] = p[inside, row] + t * (p[outside, row] - p[inside, row])
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def project(lens, p, k):
     """Pixel coordinates (float32) of the point ``p[k]``, which is not behind the near plane."""
     w = 1.0 / p[k, 2]
     return np.float32(lens[L_FX] * p[k, 0] * w + lens[L_CX]), np.float32(lens[L_FY] * p[k, 1] * w + lens[L_CY])
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def is_finite(p, count):
     """Whether the first ``count`` points are numbers."""
     total = 0.0
@@ -87,7 +87,7 @@ def is_finite(p, count):
     return total < np.inf
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def clip_triangle(job, lens, drawn, element, corners, grid):
     """The visible part of a triangle.
 
@@ -149,7 +149,7 @@ def clip_triangle(job, lens, drawn, element, corners, grid):
     return count
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def clip_line(lens, ends):
     """Clip the segment between the two (2, 3) float64 ``ends`` in place; returns whether something is left."""
     if not is_finite(ends, 2):

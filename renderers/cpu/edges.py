@@ -9,7 +9,6 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numba import njit
 
 from renderers import simd as vec
 from renderers.cpu.layout import (
@@ -38,6 +37,7 @@ from renderers.cpu.layout import (
 from renderers.cpu.multisample import MIXED, raster_samples
 from renderers.cpu.visibility import BAND_ROWS
 from renderers.jit import kernel
+from renderers.linked import inlined, inner
 from renderers.native import call_kernel
 from renderers.pointers import f64_at, i32_at, i64_at, u8_at, u32_at
 from renderers.samples import (
@@ -72,7 +72,7 @@ _LAST: Final = 2**31 - 1
 """More than any record."""
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _ask_for(job, record, known):
     """Fill ``known`` with what ``_joined`` needs of the instance of a record."""
     first = i64_at(job[J_FIRST_RECORD])
@@ -88,7 +88,7 @@ def _ask_for(job, record, known):
     known[2] = mesh[A_ELEMENTS] if mesh[A_TOPOLOGY] == 3 and mesh[A_NORMALS] != 0 else 0
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _joined(job, a, b, known):
     """Whether two records are triangles with normals of one instance that share an edge.
 
@@ -113,7 +113,7 @@ def _joined(job, a, b, known):
     return vec.count_bits(vec.bits(met) >> 5) >= 2
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _add(records, marks, count, record, place, weight):
     """One more entry of a row, among the last ones in the order of records; returns how many there are then.
 
@@ -137,7 +137,7 @@ def _add(records, marks, count, record, place, weight):
     return count + 1
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _two(a, own, b, rest):
     """The one of two records with more samples, the first of equals, and its samples; then the other's."""
     if own >= rest:
@@ -145,7 +145,7 @@ def _two(a, own, b, rest):
     return b, rest, a, own
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _three(job, x, a, n, b, m, c, o, records, marks, count, known):
     """``_several`` for three records ``a``, ``b`` and ``c`` with ``n``, ``m`` and ``o`` samples; one may be -1."""
     if a < 0 or b < 0 or c < 0:
@@ -186,7 +186,7 @@ def _three(job, x, a, n, b, m, c, o, records, marks, count, known):
     return shown, own, np.int64(0), _add(records, marks, count, second, x, o)
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _several(job, seen, x, records, marks, count, scratch, known):
     """A pixel whose samples see any number of records.
 
@@ -235,7 +235,7 @@ def _several(job, seen, x, records, marks, count, scratch, known):
     return shown, np.int64(scratch[24 + best]), nothing, count
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _named(records, ids, at):
     """Replace the places of eight pixels' records by their numbers; a mask of those whose samples have their own.
 
@@ -251,7 +251,7 @@ def _named(records, ids, at):
     return vec.bits(places == vec.i32(MIXED))
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _sort_out(job, edges, band, columns, found, marks, scratch, known):
     """Fill E_IDS and the lists of the band's rows.
 
@@ -357,7 +357,7 @@ def find_edges(job_at, band, edges_at):
     own_scratch[0] = own_known[0] = 0  # the pointers above do not keep the arrays alive
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _mix(edges, stride, width, row_begin, row_end, background, picture_at, pitch):
     """Mix the band's pixels at edges.
 

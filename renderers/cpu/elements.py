@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from renderers.cpu.clip import MAX_VERTICES, camera_vertex, clip_line, clip_triangle, project, snap
 from renderers.cpu.layout import (
@@ -45,16 +44,17 @@ from renderers.cpu.layout import (
 )
 from renderers.cpu.transform import BEHIND
 from renderers.cpu.visibility import BAND_ROWS
+from renderers.linked import inner
 from renderers.pointers import f32_at, f64_at, i32_at, i64_at, u32_at
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def first_centre(value):
     """The first pixel whose centre is at or after the grid coordinate: ceil((value - 1/2 px) / 1 px)."""
     return (value - HALF + SUBPIXEL - 1) >> 8
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def large_triangle(job, lens, drawn, element, record):
     """Write the record of a triangle; returns (first list, last list), or (0, -1) when nothing of it can be seen."""
     table = i64_at(job[J_TABLE])
@@ -129,7 +129,7 @@ def large_triangle(job, lens, drawn, element, record):
     return shift + top // BAND_ROWS, shift + (bottom - 1) // BAND_ROWS
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def clipped_triangle(job, lens, drawn, element, record):
     """As ``large_triangle`` for one that needs clipping; raster clips it again, band by band."""
     corners = np.empty((3, 3), np.float64)
@@ -177,7 +177,7 @@ def clipped_triangle(job, lens, drawn, element, record):
     return shift + top // BAND_ROWS, shift + (bottom - 1) // BAND_ROWS
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def line(job, lens, drawn, element, record):
     """Write the record of a line, clipped."""
     table = i64_at(job[J_TABLE])
@@ -235,7 +235,7 @@ def line(job, lens, drawn, element, record):
     return top // BAND_ROWS, (bottom - 1) // BAND_ROWS
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def point(job, drawn, element, record):
     """Write the record of a point: the size x size pixels whose centres are nearest to it."""
     table = i64_at(job[J_TABLE])

@@ -16,7 +16,6 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numba import njit
 
 from renderers import simd as vec
 from renderers.cpu.clip import MAX_VERTICES, clip_triangle
@@ -76,6 +75,7 @@ from renderers.cpu.layout import (
 )
 from renderers.cpu.raster import next_record
 from renderers.cpu.visibility import BAND_ROWS
+from renderers.linked import inlined, inner
 from renderers.pointers import as_f32, as_i32, f32_at, f64_at, i32_at, i64_at, u16_at
 
 _FAR_AWAY: Final = 1 << 30
@@ -88,7 +88,7 @@ TAKEN: Final = BATCH + 4 * vec.LANES
 SCRATCH_VALUES: Final = TAKEN + 1
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _rising(samples, dx, dy):
     """f32x8: 1/z at the samples less that at the centre."""
     pixel = vec.f32(1.0 / SUBPIXEL)
@@ -96,7 +96,7 @@ def _rising(samples, dx, dy):
     return vec.f32(dx) * across + vec.f32(dy) * down
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _bounds(rising, scratch):
     """The least and the greatest of ``rising``, float32; without bound where one is not finite.
 
@@ -116,7 +116,7 @@ def _bounds(rising, scratch):
     return least, most
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _cover(ids, far, near, at, w, lowest, highest, low, high, full, touched, place):
     """Give the pixels that a record takes wholly to it, eight from ``at`` on.
 
@@ -140,7 +140,7 @@ def _cover(ids, far, near, at, w, lowest, highest, low, high, full, touched, pla
     return vec.bits(touched & (nearer > old_far) & ~whole)
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _box(whole):
     """The pixel that R_BASE of a record that is not small belongs to."""
     kind = whole[R_KIND]
@@ -157,7 +157,7 @@ def _box(whole):
     return np.int64(0), np.int64(0)
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _expand(job, at, first, owner):
     """Write the samples of a pixel that all see one record.
 
@@ -184,7 +184,7 @@ def _expand(job, at, first, owner):
     vec.store(f32_at(job[J_SAMPLE_INV_Z]), first, w)
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _put(job, owners, slots, far, near, ids, depths, taken, at, w, covered, identity):
     """Write the covered samples of a pixel that are nearer than what is there; which of them are, and whether it was
     empty, cannot be predicted and is no branch.
@@ -220,7 +220,7 @@ def _put(job, owners, slots, far, near, ids, depths, taken, at, w, covered, iden
     return taken + new
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _small(job, record, place, first_row, last_row, scratch):
     """Draw a KIND_SMALL record, eight pixels at a time."""
     whole = i32_at(record)
@@ -302,7 +302,7 @@ def _small(job, record, place, first_row, last_row, scratch):
     scratch[TAKEN] = taken
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _crossing(xa, ya, xb, yb, x, y):
     """i32x8: for every sample, the first column in which it is at or right of the edge; see ``raster``.
 
@@ -316,7 +316,7 @@ def _crossing(xa, ya, xb, yb, x, y):
     return vec.to_i32(vec.least(vec.most(crossing, vec.f64(-1e9)), vec.f64(1e9)))
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _span(job, record, place, row, start, stop, box_x, box_y, scratch):
     """Draw a row in which every sample has columns of its own, ``start .. stop`` (i32x8 each).
 
@@ -361,7 +361,7 @@ def _span(job, record, place, row, start, stop, box_x, box_y, scratch):
     scratch[TAKEN] = taken
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _corners(job, record, place, x0, y0, x1, y1, x2, y2, first_row, last_row, box_x, box_y, scratch):
     """Draw the rows ``first_row .. last_row`` of a triangle in grid units, whichever way it winds."""
     area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
@@ -402,7 +402,7 @@ def _corners(job, record, place, x0, y0, x1, y1, x2, y2, first_row, last_row, bo
         _span(job, record, place, row, start, vec.select(inside, stop, vec.i32(-1)), box_x, box_y, scratch)
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _square(job, record, place, x0, y0, x1, y1, first_row, last_row, scratch):
     """Draw a point: the samples in a square of grid units."""
     margin = job[J_MARGIN]
@@ -420,7 +420,7 @@ def _square(job, record, place, x0, y0, x1, y1, first_row, last_row, scratch):
         _span(job, record, place, row, start, vec.select(inside, stop, vec.i32(-1)), np.int64(0), np.int64(0), scratch)
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _draw(job, lens, record, place, first_row, last_row, scratch):
     """Draw the part of a record that lies in the rows ``first_row .. last_row``."""
     whole = i32_at(record)
@@ -455,7 +455,7 @@ def _draw(job, lens, record, place, first_row, last_row, scratch):
         _corners(job, record, place, x0, y0, x1, y1, x2, y2, first_row, last_row, box_x, box_y, scratch)
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def raster_samples(job, lens, band):
     """Empty the band and draw all that touches it, in the order of record numbers.
 

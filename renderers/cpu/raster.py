@@ -12,7 +12,6 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numba import njit
 
 from renderers import simd as vec
 from renderers.cpu.blend import LAYERED, PLAIN, TIES, blend, blend_one
@@ -80,6 +79,7 @@ from renderers.cpu.layout import (
     TINY,
 )
 from renderers.cpu.visibility import BAND_ROWS
+from renderers.linked import inlined, inner
 from renderers.native import call_kernel
 from renderers.pointers import as_f32, as_i32, f32_at, f64_at, i32_at, i64_at, u16_at
 
@@ -88,7 +88,7 @@ ROOM_OF_ROWS: Final = 16
 SCRATCH: Final = ROOM_OF_ROWS + BAND_ROWS + vec.LANES
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _small(job, rule, record, first_row, last_row, scratch):
     """Draw a KIND_SMALL record: eight pixels at a time, no branch on coverage."""
     whole = i32_at(record)
@@ -155,7 +155,7 @@ def _small(job, rule, record, first_row, last_row, scratch):
             pixel += stride
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _span(job, rule, record, row, start, stop, box_x, box_y, scratch):
     """Draw the pixels ``start .. stop`` of a row; ``box_x, box_y`` is the pixel that R_BASE belongs to.
 
@@ -188,7 +188,7 @@ def _span(job, rule, record, row, start, stop, box_x, box_y, scratch):
             pixel += vec.LANES
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _crossing(xa, ya, xb, yb, y):
     """i32x8: the first pixel columns whose centres are at or right of the edge in eight rows of centres ``y``.
 
@@ -204,7 +204,7 @@ def _crossing(xa, ya, xb, yb, y):
     return vec.to_i32(vec.least(vec.most(crossing, vec.f64(-1e9)), reach))
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _corners(job, rule, record, x0, y0, x1, y1, x2, y2, first_row, last_row, box_x, box_y, scratch):
     """Draw the rows ``first_row .. last_row`` of a triangle in grid units, whichever way it winds.
 
@@ -250,7 +250,7 @@ def _corners(job, rule, record, x0, y0, x1, y1, x2, y2, first_row, last_row, box
                 _span(job, rule, record, group + k, start_k, stop_k, box_x, box_y, scratch)
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _draw(job, lens, rule, record, first_row, last_row, scratch):
     """Draw the part of a record that lies in the rows ``first_row .. last_row``."""
     whole = i32_at(record)
@@ -286,7 +286,7 @@ def _draw(job, lens, rule, record, first_row, last_row, scratch):
             _span(job, rule, record, row, a, c, a, b, scratch)
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def clear_band(job, lens, band):
     """Empty the band's layer."""
     first_row = band * BAND_ROWS
@@ -305,7 +305,7 @@ def clear_band(job, lens, band):
 TILE_ROWS: Final = 8
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _farthest(job, first_row, last_row, tiles):
     """Write the least 1/z of every TILE_ROWS rows of eight columns of a band: what lies farther is seen nowhere in
     them.
@@ -327,7 +327,7 @@ def _farthest(job, first_row, last_row, tiles):
             whole[out + column] = vec.least_of(vec.bits_of(least))
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _hidden(job, record, tiles, first_row, last_row):
     """Whether a KIND_SMALL or KIND_LATER record lies behind all that the band shows around its box."""
     whole = i32_at(record)
@@ -348,7 +348,7 @@ def _hidden(job, record, tiles, first_row, last_row):
     return hidden
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _draw_late(job, lens, rule, record, which, first_row, last_row, room, scratch):
     """Set up and draw the part of a KIND_LATER record that lies in the band.
 
@@ -370,7 +370,7 @@ def _draw_late(job, lens, rule, record, which, first_row, last_row, room, scratc
 ROOM: Final = 8 + (vec.LANES * (RECORD_BYTES + 8 + 64) + 16 * (vec.LANES * TINY * TINY + 1)) // 8
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _draw_micro(job, rule, micro, begin, end, which):
     """Draw the pixels ``begin .. end`` of tiny triangles that belong to the list ``which``."""
     inverse = as_f32(micro)
@@ -379,7 +379,7 @@ def _draw_micro(job, rule, micro, begin, end, which):
             blend_one(job, rule, np.int64(micro[4 * m]), inverse[4 * m + 1], micro[4 * m + 2])
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def next_record(small, k, end, tall, t, talls):
     """The lowest number of what is left of a band's list of small records and of its chunk's tall ones, not both at
     their ends; then both places after it."""
@@ -388,7 +388,7 @@ def next_record(small, k, end, tall, t, talls):
     return np.int64(tall[t]), k, t + 1
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def raster_band(job, lens, band, back):
     """Draw all that touches the band, in the order of record numbers (micro triangles apart, which compare numbers
     themselves). ``back``: the back faces that were kept apart, on top of the others."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numba import njit
 
 from renderers import simd as vec
 from renderers.cpu.layout import (
@@ -41,10 +40,11 @@ from renderers.cpu.raster import clear_band, raster_band
 from renderers.cpu.visibility import BAND_ROWS
 from renderers.drawlist import LABEL_NONE
 from renderers.jit import kernel
+from renderers.linked import inner
 from renderers.pointers import f32_at, f64_at, i32_at, i64_at, u32_at
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _instance_of(first, count, record, hint):
     """``visibility.instance_of`` on a pointer."""
     if first[hint] <= record and record < first[hint + 1]:
@@ -60,7 +60,7 @@ def _instance_of(first, count, record, hint):
     return low
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _normal_run(job, lens, instance, record, row, start, stop):
     """Normals of the pixels ``start .. stop`` of a row, which all see one record."""
     out = f32_at(job[J_NORMAL] + 12 * row * job[J_WIDTH])
@@ -144,7 +144,7 @@ N_COLUMNS: Final = 9
 _NOBODY: Final = (-1, 0, int(np.uint32(LABEL_NONE).astype(np.int32)), -1)
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _mixed_names(job, ids, column, seen, block):
     """Labels and identities of eight pixels, left in ``block``; ``seen`` is renewed."""
     first_record = i64_at(job[J_FIRST_RECORD])
@@ -172,7 +172,7 @@ def _mixed_names(job, ids, column, seen, block):
     vec.store(block, vec.LANES, numbers)
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _depth_row(inverse, ids, out, width):
     """Depth of one row. Apart from its labels: stores that go on in one cache line are joined, others are not."""
     one, none, zero = vec.f32(1.0), vec.f32(np.inf), vec.i32(0)
@@ -184,7 +184,7 @@ def _depth_row(inverse, ids, out, width):
         out[column] = np.float32(1.0) / inverse[column] if ids[column] >= 0 else np.float32(np.inf)
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _named_row(job, ids, width, labels, identities, seen, block):
     """Label and instance of one row, eight pixels at once where they see one instance (or nothing).
 
@@ -221,7 +221,7 @@ def _named_row(job, ids, width, labels, identities, seen, block):
                 identities[whole + k] = block[vec.LANES + k]
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _normal_row(job, lens, ids, row, width, instance):
     """Normals of one row, by runs of pixels that see one record; returns the new hint."""
     first_record = i64_at(job[J_FIRST_RECORD])
@@ -242,7 +242,7 @@ def _normal_row(job, lens, ids, row, width, instance):
     return instance
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _resolve_band(job, lens, band):
     """Fill the wanted outputs of a band from its records."""
     first_row = band * BAND_ROWS

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from renderers import simd as vec
 from renderers.cpu.elements import line, point
@@ -42,10 +41,11 @@ from renderers.cpu.layout import (
 from renderers.cpu.transform import drawn_at
 from renderers.cpu.triangles import triangles
 from renderers.jit import kernel
+from renderers.linked import inlined, inner
 from renderers.pointers import f64_at, i32_at, i64_at, u16_at
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _others(job, lens, drawn, element, record, spans, count):
     """A line or a point; returns the new ``count`` as ``triangles`` does."""
     row = drawn * T_COLUMNS
@@ -63,7 +63,7 @@ def _others(job, lens, drawn, element, record, spans, count):
     return count + 1
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _reach(ranges, bands, first, last):
     """Widen a chunk's ranges of bands by the lists ``first .. last``."""
     side = 0
@@ -74,7 +74,7 @@ def _reach(ranges, bands, first, last):
     ranges[side + 1] = max(ranges[side + 1], last)
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _late(job, lens, request):
     """Set up a KIND_LATER record's triangles."""
     group = i32_at(request[Q_GROUP])
@@ -89,7 +89,7 @@ def _late(job, lens, request):
     request[Q_MICROS] = micros
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _distribute(job, chunk, spans, count, micro, micros, fill):
     """Write a chunk's lists, sorted by list and in the order of records."""
     lists = job[J_LISTS]

@@ -16,10 +16,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from renderers.jit import kernel
+from renderers.linked import inlined
 from renderers.pointers import address_of, f32_at, f64_at, i64_at, u32_at
 
 NEAR_ZERO: Final = 2.0**-40
@@ -29,7 +29,7 @@ NEAR_ZERO: Final = 2.0**-40
 Bounds = tuple[float, float, float, float, float, float]
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _mixed(value):
     """splitmix64's finalizer: any change of the 64 bits changes half of the result's."""
     value = (value ^ (value >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)

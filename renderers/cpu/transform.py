@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numba import njit
 
 from renderers import simd as vec
 from renderers.cpu.layout import (
@@ -31,6 +30,7 @@ from renderers.cpu.layout import (
     T_VERTEX,
 )
 from renderers.jit import kernel
+from renderers.linked import inner
 from renderers.pointers import f32_at, f64_at, i64_at, u8_at
 
 BEHIND: Final = -2.0
@@ -39,7 +39,7 @@ OUTSIDE: Final = -1.0
 """In place of 1/z: the vertex is outside the guard band."""
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def drawn_at(table, count, column, value):
     """The last of ``count`` rows of a table of T_COLUMNS whose ``column`` is <= value."""
     low = 0
@@ -53,7 +53,7 @@ def drawn_at(table, count, column, value):
     return low
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _transform(matrix, positions, count, lens, out):
     """``count`` vertices, eight at a time; the last few one by one with the same arithmetic."""
     fx, fy, cx, cy, near = lens[L_FX], lens[L_FY], lens[L_CX], lens[L_CY], lens[L_NEAR]
@@ -90,7 +90,7 @@ def _transform(matrix, positions, count, lens, out):
         out[4 * k + 2] = inverse if depth >= near else BEHIND
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _outside(m, box, lens):
     """Whether all of a box lies beyond the near plane and within the guard band, so that nothing in it is clipped."""
     far_x, far_y, z = abs(m[3]), abs(m[7]), m[11]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from renderers import simd as vec
 from renderers.cpu.elements import large_triangle
@@ -52,13 +51,14 @@ from renderers.cpu.layout import (
 )
 from renderers.cpu.transform import BEHIND
 from renderers.cpu.visibility import BAND_ROWS
+from renderers.linked import inlined, inner
 from renderers.pointers import as_f32, as_u32, f32_at, i32_at, i64_at, u32_at
 
 RECORD_VALUES = RECORD_BYTES // 4
 BAND_SHIFT = BAND_ROWS.bit_length() - 1
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _edge(xa, ya, xb, yb, px, py):
     """The edge function at the grid point (px, py), lowered by one where the edge is open (neither left nor top), and
     the edge's extent; all i32x8. With positive area and y down, left edges run upwards, top edges to the right."""
@@ -70,7 +70,7 @@ def _edge(xa, ya, xb, yb, px, py):
     return vec.select(closed, value, value - one), dx, dy
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def triangles(job, lens, drawn, element, lanes, late, record, spans, count, micro, micros, columns):
     """Set up the triangles ``element .. element + lanes`` (at most eight) of a drawn instance.
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import Final
 
-from numba import njit
-
 from renderers.cpu.resolve import BACKS, EVERYTHING, FRONTS
 from renderers.cpu.visibility import BAND_ROWS
 from renderers.jit import kernel
+from renderers.linked import inner
 from renderers.native import call_kernel, shared_number, take_number, yield_at
 from renderers.pointers import i64_at
 
@@ -44,7 +43,7 @@ _PATIENCE: Final = 200
 """Looks at another thread's progress before the core is offered to others: some microseconds."""
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _band(task, band, layer):
     """Draw and shade one band."""
     job, lens, draw = task[W_JOB], task[W_LENS], task[W_DRAW]

@@ -16,7 +16,7 @@ of one colour under the head light take a shorter way: ``plain``, or where trian
 
 **To add a feature** (a light, a map, a probe), write a function in a file of its own over a segment's columns::
 
-    @njit(nogil=True, error_model="numpy")
+    @inner
     def fog(job, mf, rows, stride, begin, end):
         for x in range(begin, end, vec.LANES):
             vec.store(rows, A_FOG * stride + x, ...)  # from vec.load(rows, A_... * stride + x) of eight pixels

@@ -6,9 +6,9 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numba import njit
 
 from renderers import simd as vec
+from renderers.linked import inlined, inner
 from renderers.pointers import f32_at, u32_at
 from renderers.shading.layout import II_ELEMENTS, II_VERTICES, V_COLUMNS
 
@@ -17,7 +17,7 @@ _ELEMENTS: Final = 32
 """Records ahead: two and four vectors."""
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def look_ahead(records, at, end, first, elements, vertices):
     """Fetch for the eight records from ``at`` on, and some behind them.
 
@@ -35,7 +35,7 @@ def look_ahead(records, at, end, first, elements, vertices):
         vec.prefetch(elements, 3 * (np.int64(records[at + _ELEMENTS + k]) - first))
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def look_ahead_of_runs(columns, first, ids, starts, run, last_run):
     """Fetch what ``resolve.set_up`` will read of the next eight runs, and the elements of the eight after these."""
     elements, vertices = u32_at(columns[II_ELEMENTS]), f32_at(columns[II_VERTICES])

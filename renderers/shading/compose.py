@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numba import njit
 
 from renderers import simd as vec
+from renderers.linked import inlined, inner
 from renderers.pointers import f32_at, u8_at
 from renderers.shading.layout import (
     A_BASE,
@@ -32,13 +32,13 @@ UNDER: Final = 2
 """Write the picture beneath the gathered layers."""
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def packed(r, g, b):
     """Eight colours (f32x8 each) that are stored as they are, as i32x8: red in the lowest byte, then green, blue."""
     return plain_byte(r) | (plain_byte(g) << vec.i32(8)) | (plain_byte(b) << vec.i32(16))
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def write(job, pbr, line, x, r, g, b):
     """Eight shaded pixels (f32x8 each), packed, to the row that ``line`` points to."""
     if pbr:
@@ -49,7 +49,7 @@ def write(job, pbr, line, x, r, g, b):
         vec.store(line, x, packed(r, g, b))
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _shown(job, c):
     """What ``write`` rounds to a byte, 0 .. 1, f32x8."""
     if job[S_PBR] != 0:
@@ -57,19 +57,19 @@ def _shown(job, c):
     return vec.least(vec.most(c, vec.f32(0.0)), vec.f32(1.0))
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _layers(job, y):
     """Pointer to the layers gathered in a row: red, green, blue and how much of what is behind is seen, each
     ``_plane`` values behind the one before."""
     return f32_at(job[S_GATHERED] + 4 * (job[S_WIDTH] + vec.LANES) * y)
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _plane(job):
     return (job[S_WIDTH] + vec.LANES) * job[S_HEIGHT]
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def gather(job, alpha_mode, cutoff, y, begin, end, rows, stride):
     """Adds a segment behind the layers gathered so far, in the space of the stored picture, as VTK does."""
     layers, plane = _layers(job, y), _plane(job)
@@ -92,7 +92,7 @@ def gather(job, alpha_mode, cutoff, y, begin, end, rows, stride):
         vec.store(layers, 3 * plane + x, vec.select(adding, through * (one - alpha), through))
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _beneath(layers, plane, x, r, g, b):
     """Packed pixels: what is shown (f32x8 each) beneath the layers."""
     through = vec.load(layers, 3 * plane + x)
@@ -103,7 +103,7 @@ def _beneath(layers, plane, x, r, g, b):
     )
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def write_under(job, y, begin, end, rows, stride, line):
     """A segment beneath the gathered layers."""
     layers, plane = _layers(job, y), _plane(job)
@@ -117,12 +117,12 @@ def write_under(job, y, begin, end, rows, stride, line):
         vec.store(line, x, _beneath(layers, plane, x, r, g, _shown(job, b)))
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _channel(background, k):
     return vec.f32(np.float32((background >> (8 * k)) & 255) / np.float32(255.0))
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def write_background(job, y, begin, end, line):
     """Pixels that see nothing."""
     background = job[S_BACKGROUND]
@@ -137,7 +137,7 @@ def write_background(job, y, begin, end, line):
             vec.store(line, x, _beneath(layers, plane, x, r, g, b))
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def put_line(job, y, width, line):
     """The first ``width`` packed pixels of a finished row to the bytes of the picture."""
     color = u8_at(job[S_COLOR] + 3 * y * job[S_WIDTH])

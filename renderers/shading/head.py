@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numba import njit
 
 from renderers import simd as vec
+from renderers.linked import inlined, inner
 from renderers.shading.materials import MF_BASE
 
 _WHOLE: Final = 2.0**23
@@ -16,26 +16,26 @@ _UPWARDS: Final = 1.0 + 2.0**-22
 """Makes the nearest integer of what lies halfway the upper one."""
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _levels(factor):
     """A factor in levels of a byte; at least 0."""
     return vec.f32(max(factor, 0.0) * (255.0 * _UPWARDS))
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def fits(mf):
     """Whether ``shine`` may be used: no factor of the material is above 1."""
     one = np.float32(1.0)
     return mf[MF_BASE] <= one and mf[MF_BASE + 1] <= one and mf[MF_BASE + 2] <= one
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def colors_of(mf):
     """Red, green and blue of a material, f32x8 each, for ``shine``."""
     return _levels(mf[MF_BASE]), _levels(mf[MF_BASE + 1]), _levels(mf[MF_BASE + 2])
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def shine(towards, square, colors):
     """Eight lit surfaces, packed (i32x8): red in the lowest byte, then green and blue, each the nearest level; the
     highest byte is anything. Surfaces without a direction are black.

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numba import njit
 
 from renderers import simd as vec
 from renderers.jit import kernel
+from renderers.linked import inner
 from renderers.pointers import f32_at, f64_at, i32_at, i64_at
 from renderers.shading.compose import DIRECT, GATHER, gather, packed, put_line, write_background, write_under
 from renderers.shading.head import fits
@@ -78,7 +78,7 @@ _OUTSIDE: Final = -(2**31)
 """No record: what lies beside a row."""
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _instance_of(first_record, count, record, hint):
     """Instance of a record; ``hint`` is tried first."""
     if first_record[hint] <= record and record < first_record[hint + 1]:
@@ -94,7 +94,7 @@ def _instance_of(first_record, count, record, hint):
     return low
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _extent(ids, x, width, first, last):
     """The first pixel from ``x`` on that sees no record of ``first .. last``."""
     low, high = vec.i32(first), vec.i32(last)
@@ -107,7 +107,7 @@ def _extent(ids, x, width, first, last):
     return np.int64(width)
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _segment(job, y, places, instance, first, ids, masks, starts, begin, end, rows, stride, line, scratch, memory):
     """Resolve and shade the pixels ``begin .. end``, which all see one instance.
 
@@ -213,7 +213,7 @@ def _segment(job, y, places, instance, first, ids, masks, starts, begin, end, ro
         write_under(job, y, begin, end, rows, stride, line)
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _clear_coordinates(rows, stride, begin, end, which):
     """Coordinates that the mesh lacks are 0."""
     for row in range(A_UV0 + 2 * which, A_UV0 + 2 * which + 2):
@@ -221,7 +221,7 @@ def _clear_coordinates(rows, stride, begin, end, which):
             vec.store(rows, row * stride + x, vec.f32(0.0))
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _row(job, seen, y, ids, masks, starts, rows, stride, line, scratch, memory, hint):
     """One row; returns the instance seen last, a hint for the next one."""
     width, places = job[S_WIDTH], np.int64(0)

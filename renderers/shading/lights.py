@@ -6,9 +6,9 @@ import math
 from typing import Final
 
 import numpy as np
-from numba import njit
 
 from renderers import simd as vec
+from renderers.linked import inlined
 
 _SMALLEST_COSINE: Final = np.float32(1e-5)
 """VTK's lower bound of the cosines in its shader; keeps the visibility term finite."""
@@ -25,7 +25,7 @@ at Chebyshev's points): Schlick's fifth power of it is within 1.3e-5 up to the h
 # wait for one another, and of several such chains that are worked on at once, short ones leave more room for others.
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def cosines(nx, ny, towards, dx, dy, high):
     """What the head light's reflection depends on, eight pixels at a time: n . l, n . v, and v . l.
 
@@ -41,7 +41,7 @@ def cosines(nx, ny, towards, dx, dy, high):
     return towards * (both * ray), (towards - (nx * dx + ny * dy)) * both, both * length
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def alpha_of(roughness):
     """GGX's alpha squared of a material's roughness, f32x8."""
     rough = vec.f32(_SMALLEST_ROUGHNESS) + vec.f32(np.float32(1.0) - _SMALLEST_ROUGHNESS) * roughness
@@ -49,7 +49,7 @@ def alpha_of(roughness):
     return rough * rough
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def gloss(n_l, n_v, v_l, a2):
     """From ``cosines`` to n . l, D V n . l (0 where no light arrives) and Schlick's (1 - h . l)^5.
 
@@ -73,7 +73,7 @@ def gloss(n_l, n_v, v_l, a2):
     return vec.select(lit, n_l, zero), vec.select(lit, specular, zero), m2 * m2 * m
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def coat(red, green, blue, metallic):
     """Of a material's linear base colour (f32x8 each): the diffuse colours, those reflected at normal incidence
     (F0 = 0.04 for dielectrics), and what grazing light adds to these: F90 = clamp(16.5 (F0.r + F0.g + F0.b)), as VTK
@@ -87,7 +87,7 @@ def coat(red, green, blue, metallic):
     return (diffuse * red, diffuse * green, diffuse * blue), (r, g, b), (f90 - r, f90 - g, f90 - b)
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def reflected(n_l, specular, schlick, diffuse, f0, grazing):
     """One channel's linear radiance towards the camera under one white head light of radiance 1, from ``gloss`` and
     ``coat``: metallic-roughness (glTF 2.0 appendix B) as VTK evaluates it, with the diffuse part

@@ -7,9 +7,9 @@ and triangles of some pixels a row, whose normals are linear along a run and are
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from renderers import simd as vec
+from renderers.linked import inner
 from renderers.pointers import f32_at, i32_at, u32_at
 from renderers.shading.head import colors_of, shine
 from renderers.shading.layout import II_ELEMENTS, II_VERTICES, P_NORMAL, V_COLUMNS
@@ -30,14 +30,14 @@ from renderers.shading.planes import (
 from renderers.shading.surface import turned
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def fill(line, begin, end, pixels):
     """Eight equal packed pixels over a part of a row."""
     for x in range(begin, end, vec.LANES):
         vec.store(line, x, pixels)
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _bounded(columns, maps, element, facing, start, slope, begin, end, colors, line):
     """A run that a pixel of lies beside its triangle: as coverage is exact in 1/256 pixel, some do by a little.
     Negative coordinates become 0, so that nothing is extrapolated."""
@@ -58,7 +58,7 @@ def _bounded(columns, maps, element, facing, start, slope, begin, end, colors, l
         vec.store(line, x, shine(nz * seen, nx * nx + ny * ny + nz * nz, colors))
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def show_plain(columns, m, maps, lens, y, places, first, many, smooth, mf, ids, starts, run, last_run, line, memory):
     """Pixels of the runs ``run .. last_run`` of one instance's triangles, whose colour is the material's factor.
 

@@ -4,9 +4,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from renderers import simd as vec
+from renderers.linked import inlined, inner
 from renderers.pointers import f32_at, u32_at
 from renderers.shading.head import colors_of
 from renderers.shading.layout import A_NORMAL, II_ELEMENTS, II_VERTICES, P_NORMAL, V_COLUMNS
@@ -26,7 +26,7 @@ from renderers.shading.planes import (
 from renderers.shading.surface import turned
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _put(rows, stride, x, nx, ny, towards):
     at = A_NORMAL * stride + x
     vec.store(rows, at, nx)
@@ -34,7 +34,7 @@ def _put(rows, stride, x, nx, ny, towards):
     vec.store(rows, at + 2 * stride, towards)
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _bounded(columns, maps, element, facing, start, slope, begin, end, rows, stride):
     """A run that a pixel of lies beside its triangle, as in ``plain``."""
     elements, vertices = u32_at(columns[II_ELEMENTS]), f32_at(columns[II_VERTICES])
@@ -54,7 +54,7 @@ def _bounded(columns, maps, element, facing, start, slope, begin, end, rows, str
         _put(rows, stride, x, nx * seen, ny * seen, -(nz * seen))
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def lay_normals(columns, m, maps, lens, y, first, many, mf, ids, starts, runs, rows, stride, memory):
     """Put the normals of ``runs`` runs of one instance's triangles, whose mesh has normals, into the rows A_NORMAL: in
     the optical frame, of any length, on the side that is seen, with minus their z.

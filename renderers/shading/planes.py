@@ -11,9 +11,9 @@ import math
 from typing import Final
 
 import numpy as np
-from numba import njit
 
 from renderers import simd as vec
+from renderers.linked import inlined, inner
 from renderers.pointers import f32_at, i32_at, u32_at
 from renderers.shading.ahead import look_ahead
 from renderers.shading.head import shine
@@ -49,7 +49,7 @@ PL_COLUMN: Final = ROW_VALUES + 6  # the pixel that the first row belongs to
 PL_LINE: Final = 2 * ROW_VALUES + 6
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def forget(memory):
     """Empty the memory, MEMORY_VALUES of 4 bytes at that address."""
     records = i32_at(memory)
@@ -57,12 +57,12 @@ def forget(memory):
         vec.store(records, _RECORDS + slot, vec.i32(-1))
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def slot_of(record):
     return record & (SLOTS - 1)
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def look_up(ids, starts, places, run, last_run, memory):
     """Find out which of the runs' triangles are missing: at most AHEAD of them.
 
@@ -90,44 +90,44 @@ def look_up(ids, starts, places, run, last_run, memory):
     return count
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def miss(memory, record, column):
     """Make a record the only missing one."""
     vec.store(i32_at(memory), _MISSING, vec.i32(record))
     vec.store(i32_at(memory), _COLUMNS, vec.i32(column))
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def knows(memory, record):
     """Whether the record's triangle is at its place."""
     return i32_at(memory)[_RECORDS + slot_of(record)] == record
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def planes_of(memory, record):
     """Pointer to a triangle's PLANE_VALUES float32."""
     return f32_at(memory + 4 * (_PLANES + PLANE_VALUES * slot_of(record)))
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def pixel_of(memory, record):
     """The packed pixel of a triangle that has the same colour everywhere, else -1."""
     return i32_at(memory)[_PIXELS + slot_of(record)]
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _seen(maps, corner, facing):
     """A corner's normal as in a row, f64x8, from a vertex's six values."""
     nx, ny, nz = turned(maps, P_NORMAL, corner[3], corner[4], corner[5])
     return vec.to_f64(nx * facing), vec.to_f64(ny * facing), vec.to_f64(-(nz * facing))
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _same(a, b):
     return (a[3] == b[3]) & (a[4] == b[4]) & (a[5] == b[5])
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _keep(planes, places, a, b, c, w, more):
     """Store a row of eight triangles: the corners' normals with their weights, these, and one value more."""
     x, y, z = (
@@ -140,7 +140,7 @@ def _keep(planes, places, a, b, c, w, more):
     vec.store_rows(planes, places, row)
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def set_up(columns, m, maps, lens, y, first, many, smooth, colors, memory, at, count):
     """Put the triangles of eight of ``count`` missing records, from number ``at`` on, to their places.
 

@@ -14,9 +14,9 @@ import math
 from typing import Final
 
 import numpy as np
-from numba import njit
 
 from renderers import simd as vec
+from renderers.linked import inlined, inner
 from renderers.pointers import f32_at, f64_at, i32_at, u32_at
 from renderers.shading.ahead import look_ahead_of_runs
 from renderers.shading.layout import (
@@ -50,7 +50,7 @@ SCRATCH_VALUES: Final = 19 * 8
 """Values of 4 bytes."""
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def changes(ids, width, masks):
     """Find out which pixels of a row see another record than their left neighbours.
 
@@ -66,7 +66,7 @@ def changes(ids, width, masks):
         masks[x >> 6] = mask
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _between(masks, word, begin, end):
     """A mask's bits for the pixels ``begin .. end``."""
     mask = masks[word]
@@ -77,7 +77,7 @@ def _between(masks, word, begin, end):
     return mask
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def count_runs(masks, begin, end):
     """Runs of equal records among the pixels ``begin .. end``, which are not none, of a row."""
     count = 1
@@ -86,7 +86,7 @@ def count_runs(masks, begin, end):
     return count
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def run_starts(masks, begin, end, starts):
     """Write the columns at which runs of equal records begin among the pixels ``begin .. end``, which are not none, and
     ``end`` eight times behind them.
@@ -109,7 +109,7 @@ def run_starts(masks, begin, end, starts):
     return count
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def single_runs(begin, end, starts):
     """As ``run_starts`` for a row of which every pixel is a run of its own."""
     for x in range(begin, end):
@@ -118,7 +118,7 @@ def single_runs(begin, end, starts):
     return end - begin
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def set_up(columns, m, mirror, lens, y, places, first, ids, starts, run, count, smooth, scratch):
     """Fill the scratch for the runs ``run .. run + count`` (at most eight) of triangles of one instance."""
     lane = vec.iota()
@@ -172,7 +172,7 @@ def set_up(columns, m, mirror, lens, y, places, first, ids, starts, run, count, 
         vec.store(values, 8 * R_FLAT + 16, vec.to_f32(n[2] * scale))
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def further(base, slope, k, offset):
     """Unnormalised coordinates ``offset`` pixels behind a run's first."""
     return (
@@ -182,7 +182,7 @@ def further(base, slope, k, offset):
     )
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def weights(start, slope, k, lane):
     """Perspective-correct barycentric coordinates of the second and third vertex at eight pixels of run ``k`` (f32x8),
     from the unnormalised ones at the first of them.
@@ -201,7 +201,7 @@ def weights(start, slope, k, lane):
     return vec.select(usable, b1 * share, third), vec.select(usable, b2 * share, third)
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _write_extras(has, extras, i0, i1, i2, rows, stride, begin, end, base, slope, k):
     """Colours, second coordinates and tangents of one run."""
     lane = vec.to_f32(vec.iota())
@@ -222,7 +222,7 @@ def _write_extras(has, extras, i0, i1, i2, rows, stride, begin, end, base, slope
                 vec.store(rows, (A_TANGENT + j) * stride + x, vec.f32(a) + (w1 * vec.f32(b - a) + w2 * vec.f32(c - a)))
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def resolve_triangles(
     columns, m, mirror, lens, y, places, first, many, has, ids, starts, run, last_run, rows, stride, scratch
 ):
@@ -289,7 +289,7 @@ def resolve_triangles(
                 _write_extras(has, extras, i0, i1, i2, rows, stride, begin, end, base, slope, k)
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _point(m, vertices, i):
     """One vertex in the optical frame, float64."""
     at = i * V_COLUMNS
@@ -301,7 +301,7 @@ def _point(m, vertices, i):
     )
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def resolve_strokes(columns, topology, m, lens, y, places, first, has, ids, starts, run, last_run, rows, stride):
     """As ``resolve_triangles`` for lines and points: weights of the two ends at the point of the segment that projects
     nearest (along the line) to each pixel.

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from renderers import simd as vec
+from renderers.linked import inlined, inner
 from renderers.pointers import f32_at, i32_at, i64_at
 from renderers.shading.layout import A_UV0, S_BYTE_VALUES, S_TEXTURE_FLOATS, S_TEXTURES
 from renderers.shading.textures import (
@@ -46,7 +46,7 @@ BYTE_VALUES: Final = _byte_values()
 specification asks."""
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _place(coordinate, wrap, size):
     """f32x8: where a coordinate lies among ``size`` texels, within a texel of the first image, or of the first two for
     MIRRORED_REPEAT. Exact where ``size`` is a power of two."""
@@ -60,7 +60,7 @@ def _place(coordinate, wrap, size):
     return coordinate * vec.f32(size)
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _wrapped(index, wrap, size):
     """i32x8: the texels 0 .. size - 1 that indices next to a ``_place`` mean."""
     zero, count = vec.i32(0), vec.i32(size)
@@ -72,7 +72,7 @@ def _wrapped(index, wrap, size):
     return vec.least(vec.most(index, zero), count - vec.i32(1))
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _channels(texel, space, values):
     """Four f32x8 of eight RGBA texels: 0 .. 255, the colours of ``SRGB`` linear, 0 .. 1."""
     byte, eight = vec.i32(255), vec.i32(8)
@@ -86,7 +86,7 @@ def _channels(texel, space, values):
     return vec.to_f32(r), vec.to_f32(g), vec.to_f32(b), alpha
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _far_apart(integers, i, j):
     """Four texels of eight places, of which some lie across the border of the image."""
     width, height = integers[TI_WIDTH], integers[TI_HEIGHT]
@@ -102,7 +102,7 @@ def _far_apart(integers, i, j):
     )
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def nearest(integers, values, space, u, v):
     """RGBA of the texel that (u, v) lies in."""
     width, height = integers[TI_WIDTH], integers[TI_HEIGHT]
@@ -117,7 +117,7 @@ def nearest(integers, values, space, u, v):
     return r * unit, g * unit, b * unit, alpha * unit
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _footprint(integers, u, v):
     """The column and row of the first of the four texels whose centres are around (u, v), how far behind its centre
     that is (0 .. 1 each), and whether all four lie side by side in the image."""
@@ -131,7 +131,7 @@ def _footprint(integers, u, v):
     return i, j, x - x0, y - y0, inside
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _mixed(four, space, values, fx, fy):
     """Channels between four texels, row by row, at the share ``fx`` of the second column and ``fy`` of the second row;
     scaled as ``_channels`` says."""
@@ -149,7 +149,7 @@ def _mixed(four, space, values, fx, fy):
     )
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def bilinear(integers, values, space, u, v):
     """RGBA of the four texels whose centres are around (u, v)."""
     i, j, fx, fy, inside = _footprint(integers, u, v)
@@ -165,7 +165,7 @@ def bilinear(integers, values, space, u, v):
     return r * unit, g * unit, b * unit, alpha * unit
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def locate(integers, u, v, fetched):
     """For ``at_once``: the number of the first of four texels, or -1 where they do not lie side by side, and the shares
     of the second column and row. ``fetched``: have them brought near."""
@@ -176,14 +176,14 @@ def locate(integers, u, v, fetched):
     return vec.select(inside, at, vec.i32(-1)), fx, fy
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def at_once(integers, rows, at, fx, fy):
     """RGBA as stored, 0 .. 255, of eight footprints whose first texels' numbers are in a row from value ``at`` on."""
     four = vec.load_squares(i32_at(integers[TI_ADDRESS]), rows, at, integers[TI_STRIDE])
     return _mixed(four, AS_STORED, np.int64(0), fx, fy)
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def coordinates(integers, floats, rows, at, stride):
     """Texture coordinates of eight pixels."""
     u, v = vec.load(rows, at), vec.load(rows, at + stride)
@@ -195,7 +195,7 @@ def coordinates(integers, floats, rows, at, stride):
     return u, v
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def sample(job, row, space, rows, stride, begin, end, out):
     """Write RGBA of a texture at the pixels ``begin .. end`` to four rows from row ``out`` on.
 
@@ -229,7 +229,7 @@ def sample(job, row, space, rows, stride, begin, end, out):
             _put(rows, to + x, stride, nearest(integers, values, AS_STORED, u, v))
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _put(rows, at, stride, rgba):
     vec.store(rows, at, rgba[0])
     vec.store(rows, at + stride, rgba[1])

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from numba import njit
-
 from renderers import simd as vec
+from renderers.linked import inlined, inner
 from renderers.pointers import f64_at, i32_at
 from renderers.shading.compose import DIRECT, write
 from renderers.shading.layout import (
@@ -55,7 +54,7 @@ FROM_ROWS: Final = 1
 FROM_TEXTURE: Final = 2
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def base_colors(job, has, mi, mf, rows, stride, begin, end):
     """Base colour and alpha of a segment into the rows A_BASE: factor x vertex colour x texture."""
     textured, colored = mi[MI_BASE] >= 0, (has & HAS_COLORS) != 0
@@ -79,7 +78,7 @@ def base_colors(job, has, mi, mf, rows, stride, begin, end):
             vec.store(rows, (A_BASE + k) * stride + x, value)
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def turned(m, k, x, y, z):
     """The (3, 3) float32 map from value ``k`` of a pointer on, of three f32x8."""
     return (
@@ -89,7 +88,7 @@ def turned(m, k, x, y, z):
     )
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def reach(x, y, z, to):
     """What makes a vector ``to`` long; 0 where it has no direction."""
     zero = vec.f32(0.0)
@@ -97,7 +96,7 @@ def reach(x, y, z, to):
     return vec.select(length > zero, to / length, zero)
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _seen_normal(maps, smooth, rows, stride, x):
     """Unit normal in the optical frame, on the side that is seen; 0 where it has no direction.
 
@@ -114,7 +113,7 @@ def _seen_normal(maps, smooth, rows, stride, x):
     return nx * scale, ny * scale, nz * scale
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def map_normals(job, has, mi, mf, maps, rows, stride, begin, end):
     """Put the normal map's unit normals, in the optical frame, on the side that is seen and with minus their z, into
     the rows A_NORMAL. Where a tangent has no direction, the normal stays as it was."""
@@ -151,7 +150,7 @@ def map_normals(job, has, mi, mf, maps, rows, stride, begin, end):
         vec.store(rows, at + 2 * stride, -vec.select(usable, uz * scale, nz))
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _color(job, varying, mf, rows, stride, x):
     """Base colour of eight pixels: the rows A_BASE where it varies, the texture's times the material's factor, or that
     alone."""
@@ -165,7 +164,7 @@ def _color(job, varying, mf, rows, stride, x):
     return r, g, b
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _towards(ready, maps, smooth, rows, stride, x):
     """Normal of eight pixels, of any length, on the side that is seen, with minus its z; ``ready``: that is what the
     rows hold."""
@@ -180,7 +179,7 @@ def _towards(ready, maps, smooth, rows, stride, x):
     return nx, ny, -nz
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _out(job, pbr, direct, line, rows, stride, x, r, g, b):
     """Eight finished pixels to the picture, or for the layers to the rows A_BASE."""
     if direct:
@@ -191,7 +190,7 @@ def _out(job, pbr, direct, line, rows, stride, x, r, g, b):
         vec.store(rows, (A_BASE + 2) * stride + x, b)
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def show_unlit(job, mf, varying, rows, stride, begin, end, line):
     """A segment whose colour is its base colour."""
     direct = job[S_MODE] == DIRECT
@@ -204,7 +203,7 @@ def show_unlit(job, mf, varying, rows, stride, begin, end, line):
             _out(job, False, direct, line, rows, stride, x, r, g, b)
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def light_phong(job, has, mf, maps, varying, rows, stride, begin, end, line):
     """The head light shines along the optical axis: base x max(0, n . (0, 0, -1))."""
     direct = job[S_MODE] == DIRECT
@@ -217,7 +216,7 @@ def light_phong(job, has, mf, maps, varying, rows, stride, begin, end, line):
         _out(job, False, direct, line, rows, stride, x, r * light, g * light, b * light)
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def light_pbr(job, has, mi, mf, maps, y, places, varying, ready, rows, stride, begin, end, line):
     """Reflection, occlusion and emission, linear. The normals in the rows are replaced by what comes of them.
 
@@ -252,7 +251,7 @@ def light_pbr(job, has, mi, mf, maps, y, places, varying, ready, rows, stride, b
         _finish_uniform(job, mf, rows, stride, begin, end, line)
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _keep(rows, stride, x, three):
     """Three values of eight pixels in place of their normals."""
     at = A_NORMAL * stride + x
@@ -261,14 +260,14 @@ def _keep(rows, stride, x, three):
     vec.store(rows, at + 2 * stride, three[2])
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _kept(rows, stride, x):
     """What ``_keep`` has stored."""
     at = A_NORMAL * stride + x
     return vec.load(rows, at), vec.load(rows, at + stride), vec.load(rows, at + 2 * stride)
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _finish_uniform(job, mf, rows, stride, begin, end, line):
     """From ``gloss`` in the rows to the picture, of a material whose factors are all there is to it."""
     red, green, blue = vec.f32(mf[MF_BASE]), vec.f32(mf[MF_BASE + 1]), vec.f32(mf[MF_BASE + 2])
@@ -282,7 +281,7 @@ def _finish_uniform(job, mf, rows, stride, begin, end, line):
         write(job, True, line, x, r, g, b)
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _finish_varied(job, mi, mf, varying, rows, stride, begin, end, line):
     """As ``_finish_uniform`` with whatever textures there are, or for the layers."""
     rough, occluded, emitting = mi[MI_METALLIC_ROUGHNESS] >= 0, mi[MI_OCCLUSION] >= 0, mi[MI_EMISSIVE] >= 0
@@ -307,7 +306,7 @@ def _finish_varied(job, mi, mf, varying, rows, stride, begin, end, line):
         _out(job, True, direct, line, rows, stride, x, r + er, g + eg, b + eb)
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def shade(job, has, mi, mf, maps, y, places, bumpy, rows, stride, begin, end, line):
     """Shade the pixels ``begin .. end`` of one instance from their attributes; ``places`` as in ``resolve``."""
     varying = UNIFORM

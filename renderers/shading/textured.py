@@ -11,9 +11,9 @@ import math
 from typing import Final
 
 import numpy as np
-from numba import njit
 
 from renderers import simd as vec
+from renderers.linked import inlined, inner
 from renderers.pointers import f32_at, f64_at, i32_at, i64_at
 from renderers.shading.ahead import look_ahead_of_runs
 from renderers.shading.compose import packed
@@ -58,32 +58,32 @@ LARGE: Final = 1 << 17
 """Texels of images that are fetched: half a megabyte, which is not in the nearer caches anyhow."""
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _light(nx, ny, nz, facing):
     """What ``surface.light_phong`` multiplies colours by."""
     return vec.most(-(nz * reach(nx, ny, nz, facing)), vec.f32(0.0))
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _blend(b, corners, k):
     """Value ``k`` of three corners, by coordinates of any scale."""
     return b[0] * corners[0][k] + b[1] * corners[1][k] + b[2] * corners[2][k]
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _coordinates(vertices, offsets):
     """Texture coordinates of eight vertices."""
     u, v = vec.gather_pairs(vertices, offsets + vec.i32(V_UV0))
     return vec.float_of(u), vec.float_of(v)
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _line(base, slope, lanes, t):
     """A linear function of each lane's run."""
     return vec.permute(base, lanes) + vec.permute(slope, lanes) * t
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _together(maps, vertices, smooth, lit, starts, batch, begin, end, b, s, rows, stride, scratch):
     """Eight short runs, every pixel within its triangle: the pixels ``begin .. end``.
 
@@ -143,7 +143,7 @@ def _together(maps, vertices, smooth, lit, starts, batch, begin, end, b, s, rows
             vec.store(rows, A_LIGHT * stride + x, light)
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _alone(maps, vertices, smooth, lit, starts, batch, count, rows, stride, scratch):
     """Runs of any length one after the other."""
     base, slope = f64_at(scratch + 64 * R_BASE), f64_at(scratch + 64 * R_SLOPE)
@@ -177,7 +177,7 @@ def _alone(maps, vertices, smooth, lit, starts, batch, count, rows, stride, scra
             vec.store(rows, A_LIGHT * stride + x, light)
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _resolve(columns, m, maps, lens, y, places, first, smooth, lit, ids, starts, batch, count, rows, stride, scratch):
     """Texture coordinates and, if ``lit``, light of at most eight runs into the rows A_UV0 and A_LIGHT."""
     vertices = f32_at(columns[II_VERTICES])
@@ -202,7 +202,7 @@ def _resolve(columns, m, maps, lens, y, places, first, smooth, lit, ids, starts,
         _alone(maps, vertices, smooth, lit, starts, batch, count, rows, stride, scratch)
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _pixels(mf, lit, rgba, rows, at):
     """Eight packed pixels."""
     r, g, b = vec.f32(mf[MF_BASE]) * rgba[0], vec.f32(mf[MF_BASE + 1]) * rgba[1], vec.f32(mf[MF_BASE + 2]) * rgba[2]
@@ -212,7 +212,7 @@ def _pixels(mf, lit, rgba, rows, at):
     return packed(r, g, b)
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _locate(integers, floats, rows, stride, begin, end):
     """Where the texels of the pixels ``begin .. end`` are, into the rows from A_TEXEL on."""
     large = integers[TI_HEIGHT] * integers[TI_STRIDE] > LARGE
@@ -225,7 +225,7 @@ def _locate(integers, floats, rows, stride, begin, end):
         vec.store(rows, to + 2 * stride + x, fy)
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _show_located(integers, floats, mf, lit, rows, stride, begin, end, line):
     """Sample, light and pack what is located, of a material whose factors are within 0 .. 1: nothing is too bright."""
     uv, light, to = A_UV0 * stride, A_LIGHT * stride, A_TEXEL * stride
@@ -247,7 +247,7 @@ def _show_located(integers, floats, mf, lit, rows, stride, begin, end, line):
         vec.store(line, x, r | (g << vec.i32(8)) | (b << vec.i32(16)))
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _show(integers, floats, mf, lit, rows, stride, begin, end, line):
     """Sample, light and pack what is resolved."""
     uv, light = A_UV0 * stride, A_LIGHT * stride
@@ -259,7 +259,7 @@ def _show(integers, floats, mf, lit, rows, stride, begin, end, line):
             vec.store(line, x, _pixels(mf, lit, nearest(integers, np.int64(0), AS_STORED, u, v), rows, light + x))
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def show_textured(
     job, columns, m, maps, lens, y, places, first, many, has, mi, mf, ids, starts, run, last_run, rows, stride, line,
     scratch,

@@ -11,9 +11,9 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numba import njit
 
 from renderers import simd as vec
+from renderers.linked import inlined, inner
 from renderers.pointers import f32_at, i32_at, u32_at
 from renderers.shading.ahead import look_ahead
 from renderers.shading.head import colors_of, shine
@@ -35,7 +35,7 @@ E_SCALE: Final = 9  # square of a mesh's unit
 E_VALUES: Final = 10
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def look_from(m, maps, lens, y, eye):
     """Fill the E_VALUES float64 behind ``eye`` for one row of one instance.
 
@@ -63,14 +63,14 @@ def look_from(m, maps, lens, y, eye):
     return size * inverse < _SKEW and _SCALES[0] < inverse and inverse < _SCALES[1]
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _apart(value):
     """A float64 as the sum of two float32, in all lanes."""
     high = np.float32(value)
     return vec.f32(high), vec.f32(value - np.float64(high))
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def show_tiny(columns, maps, places, first, many, smooth, mf, ids, begin, end, line, eye, spare):
     """The pixels ``begin .. end`` of one instance's triangles, whose colour is the material's factor.
 

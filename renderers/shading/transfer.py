@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from renderers import simd as vec
+from renderers.linked import inlined, inner
 from renderers.pointers import f32_at, i32_at
 
 GAMMA: Final = 2.2
@@ -70,7 +70,7 @@ THRESHOLDS: Final = _thresholds()
 GAMMA_CELLS: Final = _gamma_cells()
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def gamma_byte(c, cells):
     """``round(255 c^(1/2.2))`` of an f32x8 as i32x8, by a table that is exact for every float32: no ``pow``, so the
     same on every machine. Below 0 or NaN is 0, above 1 is 255.
@@ -84,14 +84,14 @@ def gamma_byte(c, cells):
     return (cell + (bits & vec.i32((1 << _CELL) - 1))) >> vec.i32(_CELL)
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def plain_byte(c):
     """``round(255 c)`` of an f32x8 as i32x8; below 0 or NaN is 0, above 1 is 255."""
     c = vec.least(vec.most(c, vec.f32(0.0)), vec.f32(1.0))
     return vec.to_i32(c * vec.f32(255.0) + vec.f32(0.5))
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def decode_gamma(c, decoded):
     """``c^2.2`` of an f32x8 in 0..1 (clamped; NaN is 0), interpolated in ``DECODED`` (its address): within 1e-7."""
     at = vec.least(vec.most(c, vec.f32(0.0)), vec.f32(1.0)) * vec.f32(float(_STEPS))
@@ -101,7 +101,7 @@ def decode_gamma(c, decoded):
     return low + (at - vec.to_f32(cell)) * (vec.gather(table, cell + vec.i32(1)) - low)
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def encode_gamma(c, encoded):
     """``c^(1/2.2)`` of an f32x8 in 0..1 (clamped; NaN is 0), interpolated in ``ENCODED`` (its address): within 2e-6 of
     it."""

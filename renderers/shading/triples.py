@@ -2,27 +2,26 @@
 
 from __future__ import annotations
 
-from numba import njit
-
 from renderers import simd as vec
+from renderers.linked import inlined
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def cross(a, b):
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def minus(a, b):
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def optical(m, v):
     """Eight vertices (f32x8 each coordinate) in the optical frame, f64x8; m: pointer to a (4, 4) float64 map."""
     x, y, z = vec.to_f64(v[0]), vec.to_f64(v[1]), vec.to_f64(v[2])

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from renderers import simd as vec
 from renderers.jit import kernel
+from renderers.linked import inner
 from renderers.pointers import f32_at, i64_at, u8_at
 from renderers.studio.layout import F_BEHIND, F_CELLS, F_COLOR, line_in_kernel
 from renderers.studio.tonemap import srgb_byte
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def finish_row(layers, line, behind, cells, width, spare, color_at):
     """Puts the background behind what was gathered of a row, and encodes as sRGB.
 

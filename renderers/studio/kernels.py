@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numba import njit
 
 from renderers import simd as vec
 from renderers.jit import kernel
+from renderers.linked import inlined, inner
 from renderers.pointers import f32_at, i32_at, i64_at, u8_at
 from renderers.samples import E_COUNTS, E_MIXED, E_MIXES, E_PLACES, E_RECORDS, E_ROOM, E_WEIGHTS
 from renderers.studio.finish import finish_row
@@ -41,7 +41,7 @@ EDGES: Final = 2
 """Add what samples see: ``samples.E_IDS``, where pixels are mixed by its share, and the entries by theirs."""
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _add_one(mode, out, line, x, rows, row, slot):
     share = rows[G_ALPHA * STRIDE + slot]
     if mode == BENEATH:
@@ -51,7 +51,7 @@ def _add_one(mode, out, line, x, rows, row, slot):
     out[3 * line + x] += share
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _add(mode, out, line, places, rows, row, begin, end):
     """Add the colours of slots in the rows from ``row`` on to their pixels.
 
@@ -77,7 +77,7 @@ def _add(mode, out, line, places, rows, row, begin, end):
         vec.store(out, 3 * line + x, covered + vec.select(here, share, zero))
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _look(job, mode, instance, elements, places, begin, end, y, out, line, rows):
     """Look at the slots ``begin .. end`` of one instance; returns the end of those that are to be lit."""
     if begin == end:
@@ -102,7 +102,7 @@ def _look(job, mode, instance, elements, places, begin, end, y, out, line, rows)
     return end
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _light(job, mode, out, line, places, count, rows):
     """Light what was gathered, and add it to the row."""
     if count > 0:
@@ -110,7 +110,7 @@ def _light(job, mode, out, line, places, count, rows):
         _add(mode, out, line, places, rows, G_LIGHT, 0, count)
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _row(job, mode, y, records, columns_at, weights, count, hint, out, line, elements, places, rows):
     """Shade the records of one row and add them to it; returns the instance seen last, a hint for the next row.
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from numba import njit
-
+from renderers.linked import inner
 from renderers.simd import LANES
 
 # Columns of the job: addresses and sizes.
@@ -65,5 +64,5 @@ def line_of(width: int) -> int:
     return (width + LANES - 1) // LANES * LANES + LANES
 
 
-line_in_kernel: Final = njit(nogil=True, error_model="numpy")(line_of)
+line_in_kernel: Final = inner(line_of)
 """The same for kernels: who calls it from Python compiles it."""

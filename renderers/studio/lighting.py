@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from renderers import simd as vec
+from renderers.linked import inlined, inner
 from renderers.pointers import f32_at, f64_at, i32_at, i64_at
 from renderers.studio.lamps import (
     L_COLOR,
@@ -51,13 +51,13 @@ from renderers.studio.surroundings import LEVELS
 from renderers.studio.tonemap import shown
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _three(rows, row, x):
     at = row * STRIDE + x
     return vec.load(rows, at), vec.load(rows, at + STRIDE), vec.load(rows, at + 2 * STRIDE)
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _put(rows, row, x, r, g, b):
     at = row * STRIDE + x
     vec.store(rows, at, r)
@@ -65,12 +65,12 @@ def _put(rows, row, x, r, g, b):
     vec.store(rows, at + 2 * STRIDE, b)
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _arriving(light, p):
     """Unit vectors from points to a light (a pointer to its row) and the share of its colour that arrives."""
     zero, one = vec.f32(0.0), vec.f32(1.0)
@@ -95,7 +95,7 @@ def _arriving(light, p):
     return x, y, z, part
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _add_lamp(job, light, rows, count):
     """Add what ``count`` pixels reflect of one light to the rows G_LIGHT."""
     zero = vec.f32(0.0)
@@ -148,7 +148,7 @@ def _add_lamp(job, light, rows, count):
         )
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _octahedral(d):
     """Where directions (any length) lie in an octahedral table, 0 .. 1 each way; the middle for 0."""
     zero, half = vec.f32(0.0), vec.f32(0.5)
@@ -161,7 +161,7 @@ def _octahedral(d):
     return half * u + half, half * v + half
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _read(texels, places, level, u, v):
     """Bilinear in octahedral tables with a border of one texel, RGB; ``level``: i32x8, which table."""
     two, four = vec.i32(2), vec.i32(4)
@@ -185,7 +185,7 @@ def _read(texels, places, level, u, v):
     )
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _split(table, side, n_v, roughness):
     """Scale and bias of ``split_sum``, bilinear; both coordinates 0 .. 1."""
     one, two, last = vec.f32(1.0), vec.i32(2), vec.i32(side - 2)
@@ -202,7 +202,7 @@ def _split(table, side, n_v, roughness):
     )
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _turned(m, d):
     """Directions by a (3, 3) float64 matrix (a pointer)."""
     return (
@@ -212,7 +212,7 @@ def _turned(m, d):
     )
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _add_surroundings(job, rows, count):
     """Add what ``count`` pixels reflect of the surroundings, which are in the world's frame, to the rows G_LIGHT."""
     turn = f64_at(job[J_LENS] + 8 * 5)
@@ -248,7 +248,7 @@ def _add_surroundings(job, rows, count):
         _put(rows, G_LIGHT, x, red + kept * r, green + kept * g, blue + kept * b)
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def light_up(job, rows, count):
     """Fill the rows G_VIEW and G_LIGHT of ``count`` pixels, the latter with tone-mapped linear RGB.
 

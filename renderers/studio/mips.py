@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from renderers.drawlist import Image, Texture, Wrap
 from renderers.jit import kernel
+from renderers.linked import inner
 from renderers.pointers import address_of
 from renderers.shading.textures import texels_of
 from renderers.weaklru import WeakLru
@@ -105,7 +105,7 @@ def _read_only(texels: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return view
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _covered(index, size, smaller):
     """First source texel and the weights of it and the next two, in units of 1 / smaller: a texel of the smaller level
     covers size / smaller texels, two or (where the size is odd) up to a half on either side more."""

@@ -6,15 +6,15 @@ import math
 from typing import Final
 
 import numpy as np
-from numba import njit
 
 from renderers import simd as vec
+from renderers.linked import inner
 
 _LEAST_ALPHA: Final = np.float32(1e-3)
 """Of roughness squared: a mirror would show a point light as nothing."""
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def reflected(n, v, l, n_l, base, metallic, roughness, f0, f90):
     """The BRDF times the cosine of the light, RGB; meaningless where ``n_l`` is not above 0.
 
@@ -55,7 +55,7 @@ def reflected(n, v, l, n_l, base, metallic, roughness, f0, f90):
     )
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def ambient_channel(base, metallic, f0, f90, scale, bias, diffuse_light, specular_light):
     """One channel of the reflection of the surroundings; all f32x8.
 

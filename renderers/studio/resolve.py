@@ -5,27 +5,27 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from renderers import simd as vec
+from renderers.linked import inlined, inner
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def cross(a, b):
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def minus(a, b):
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def reach(a, to):
     """f32x8: what makes vectors ``to`` long; 0 for what has no direction."""
     length = vec.sqrt(dot(a, a))
@@ -33,7 +33,7 @@ def reach(a, to):
     return vec.select(usable, to / length, vec.f32(0.0))
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def moved(X, p):
     """Points (f32x8) by a (4, 4) matrix (a pointer), f64x8."""
     x, y, z = vec.to_f64(p[0]), vec.to_f64(p[1]), vec.to_f64(p[2])
@@ -44,7 +44,7 @@ def moved(X, p):
     )
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def turned(X, stride, p):
     """Directions (f32x8) by the linear part of a matrix whose rows are ``stride`` values long."""
     return (
@@ -54,13 +54,13 @@ def turned(X, stride, p):
     )
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def single(a):
     """Vectors as float32."""
     return vec.to_f32(a[0]), vec.to_f32(a[1]), vec.to_f32(a[2])
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def coordinates(p0, p1, p2, dx, dy):
     """Where rays (dx, dy, 1) meet the planes of triangles.
 
@@ -92,7 +92,7 @@ def coordinates(p0, p1, p2, dx, dy):
     return w, sx, sy, determinant
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def along_line(p, q, dx, dy):
     """Share of the second end (f32x8) where segments pass rays (dx, dy, 1) nearest, 0 .. 1.
 
@@ -108,13 +108,13 @@ def along_line(p, q, dx, dy):
     return vec.to_f32(vec.least(vec.most(t, none), one))
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def mixed(w, a, b, c):
     """An attribute between three corners."""
     return w[0] * a + w[1] * b + w[2] * c
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def sloped(s, value, a, b, c):
     """The derivative of an attribute that is ``value`` here; ``s``: of ``coordinates``.
 
@@ -123,7 +123,7 @@ def sloped(s, value, a, b, c):
     return s[0] * (a - value) + s[1] * (b - value) + s[2] * (c - value)
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def mirrors(X):
     """-1 where a (4, 4) matrix (a pointer) mirrors, else 1."""
     determinant = dot((X[0], X[1], X[2]), cross((X[4], X[5], X[6]), (X[8], X[9], X[10])))

@@ -6,10 +6,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from renderers import simd as vec
+from renderers.linked import inlined, inner
 from renderers.pointers import i32_at
 from renderers.studio.mips import (
     TI_LEVEL,
@@ -37,7 +37,7 @@ BYTE_VALUES: Final = _byte_values()
 """(256,) float32: what a byte means as sRGB. Texels are converted before they are filtered."""
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _place(coordinate, wrap, size):
     """Where coordinates lie among ``size`` texels, within a texel of the first image, or of the first two for
     MIRRORED_REPEAT; 0 for what is no number or has no fractions."""
@@ -51,7 +51,7 @@ def _place(coordinate, wrap, size):
     return coordinate * vec.f32(size)
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _wrapped(index, wrap, size):
     """The texels 0 .. size - 1 that indices next to a ``_place`` mean (``WRAPS``)."""
     zero, count = vec.i32(0), vec.i32(size)
@@ -64,12 +64,12 @@ def _wrapped(index, wrap, size):
     return vec.least(vec.most(index, zero), count - vec.i32(1))
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _alpha(texel):
     return vec.to_f32((texel >> vec.i32(24)) & vec.i32(255))
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _colors(texel, decoded, values):
     """Linear if ``decoded``, else 0 .. 255."""
     byte = vec.i32(255)
@@ -79,14 +79,14 @@ def _colors(texel, decoded, values):
     return vec.to_f32(r), vec.to_f32(g), vec.to_f32(b)
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _between(a, b, c, d, fx, fy):
     """Bilinear; exact where all four are equal."""
     above, below = a + fx * (b - a), c + fx * (d - c)
     return above + fy * (below - above)
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _level(integers, values, level, linear, u, v):
     """RGBA of one level."""
     address, width = integers[TI_LEVEL + 3 * level], integers[TI_LEVEL + 3 * level + 1]
@@ -132,7 +132,7 @@ def _level(integers, values, level, linear, u, v):
     )
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _chosen(mask, a, b):
     return (
         vec.select(mask, a[0], b[0]),
@@ -142,7 +142,7 @@ def _chosen(mask, a, b):
     )
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _faded(a, b, part):
     return (
         a[0] + part * (b[0] - a[0]),
@@ -152,7 +152,7 @@ def _faded(a, b, part):
     )
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def sample(integers, floats, values, u, v, ux, vx, uy, vy):
     """RGBA of a texture, four f32x8.
 
@@ -205,7 +205,7 @@ def sample(integers, floats, values, u, v, ux, vx, uy, vy):
     return result
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _reduced(x, whole, factor, half_octaves):
     large = x >= vec.f32(factor)
     return (
@@ -214,7 +214,7 @@ def _reduced(x, whole, factor, half_octaves):
     )
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _half_log2(x):
     """``log2(x) / 2`` for x >= 1, within 1e-6: divides until x < 2, then the series of artanh. No ``log`` of the C
     library, whose last bit is not the same everywhere. 31 at least from 2^63 on, or not a number."""

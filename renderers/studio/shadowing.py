@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numba import njit
 
 from renderers import simd as vec
+from renderers.linked import inlined, inner
 from renderers.pointers import f32_at
 from renderers.studio.shadows import S_CENTER, S_FOCAL, S_OFFSET, SI_INV_Z, SI_SIDE
 
@@ -15,12 +15,12 @@ _PLAY: Final = np.float32(1.0 + 1e-6)
 """Depths are float32 in the map."""
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _turned(m, k, x, y, z):
     return vec.f64(m[k]) * x + vec.f64(m[k + 1]) * y + vec.f64(m[k + 2]) * z
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _column(lit, texels, column, width, plane, du, fu):
     """A row's sum with one more column: its weight where the plane of the receiver is not behind the texel."""
     if column >= width:
@@ -36,7 +36,7 @@ def _column(lit, texels, column, width, plane, du, fu):
     return lit + vec.select(clear, weight, zero)
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _filtered(inv_z, side, radius, at, base, du, dv, fu, fv):
     """Means of the comparisons around eight points.
 
@@ -71,7 +71,7 @@ def _filtered(inv_z, side, radius, at, base, du, dv, fu, fv):
     return total / vec.f32((2 * radius + 1) * (2 * radius + 1))
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def lit_parts(m, integers, radius, x, y, z, nx, ny, nz):
     """f32x8: how much of a light reaches points, 0 .. 1; 1 outside of the map.
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numba import njit
 
 from renderers import simd as vec
+from renderers.linked import inlined, inner
 from renderers.pointers import f32_at, f64_at, i64_at, u32_at
 from renderers.shading.layout import (
     E_COLOR,
@@ -105,7 +105,7 @@ TO_BE_LIT: Final = 2
 """All rows but G_VIEW and G_LIGHT have what it is made of."""
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _put(rows, row, slot, values):
     at = row * STRIDE + slot
     vec.store(rows, at, values[0])
@@ -113,23 +113,23 @@ def _put(rows, row, slot, values):
     vec.store(rows, at + 2 * STRIDE, values[2])
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _three(values, k):
     return vec.f32(values[k]), vec.f32(values[k + 1]), vec.f32(values[k + 2])
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _times(a, b):
     return a[0] * b[0], a[1] * b[1], a[2] * b[2]
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _clamped(value):
     """0 .. 1; 0 for what is no number."""
     return vec.least(vec.most(value, vec.f32(0.0)), vec.f32(1.0))
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _texture(job, row, uv):
     """RGBA of a row of the texture table; ``uv``: both sets of coordinates with derivatives, 12 f32x8."""
     integers = i64_at(job[J_TEXTURE_INTEGERS] + 8 * TI_COLUMNS * row)
@@ -140,7 +140,7 @@ def _texture(job, row, uv):
     return sample(integers, floats, values, uv[6], uv[7], uv[8], uv[9], uv[10], uv[11])
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _coordinates(w, sx, sy, u, v):
     """u, v and their derivatives by column and row; ``u``, ``v``: at three corners."""
     here, there = mixed(w, u[0], u[1], u[2]), mixed(w, v[0], v[1], v[2])
@@ -154,7 +154,7 @@ def _coordinates(w, sx, sy, u, v):
     )
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def look_at(job, columns, instance, wanted, elements, places, slot, y, rows):
     """Put what eight pixels see of an instance into the rows (G_) at ``slot``.
 
@@ -291,7 +291,7 @@ def look_at(job, columns, instance, wanted, elements, places, slot, y, rows):
     return TO_BE_LIT
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _reflecting(job, mi, mf, uv, rows, slot):
     """Put how pixels reflect into the rows from G_METALLIC to G_KEPT."""
     one = vec.f32(1.0)
@@ -326,7 +326,7 @@ def _reflecting(job, mi, mf, uv, rows, slot):
     _put(rows, G_F0, slot, f0)
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _bent(n, t, hand, texel, strength):
     """Unit normals by a normal map; where a tangent has no direction, the normal stays as it was.
 

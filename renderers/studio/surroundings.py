@@ -17,10 +17,10 @@ from typing import Final
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from renderers.jit import kernel
+from renderers.linked import inner
 from renderers.studio.directions import equirect_directions, octahedral_directions, with_border
 from renderers.studio.rig import Surroundings
 
@@ -229,7 +229,7 @@ def _prefilter(texels, offsets, sizes, directions, roughness, points, out):
             out[k, 0], out[k, 1], out[k, 2] = red / total, green / total, blue / total
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _read(texels, offsets, sizes, level, x, y, z):
     """Bilinear in the nearest level of the pyramid of equirectangular pictures."""
     which = min(max(int(level + 0.5), 0), offsets.shape[0] - 1)

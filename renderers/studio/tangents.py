@@ -12,10 +12,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from renderers.jit import kernel
+from renderers.linked import inner
 
 
 def corner_tangents(
@@ -52,7 +52,7 @@ def corner_tangents(
     return out
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _root(parent, k):
     while parent[k] != k:
         parent[k] = parent[parent[k]]
@@ -60,7 +60,7 @@ def _root(parent, k):
     return k
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _join(parent, j, k):
     j, k = _root(parent, j), _root(parent, k)
     if j < k:
@@ -131,7 +131,7 @@ def _tangents(p, n, uv, corner, welded, edges, out):
         out[c, 3] = -1.0 if hand[group] < 0 else 1.0
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def _flat(nx, ny, nz, x, y, z):
     """A vector without its part along the normal, unit length; 0 where nothing is left."""
     d = nx * x + ny * y + nz * z

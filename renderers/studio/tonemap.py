@@ -11,10 +11,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from renderers import simd as vec
+from renderers.linked import inlined, inner
 from renderers.pointers import i32_at
 
 TONES: Final = ("neutral", "aces", "none")
@@ -28,7 +28,7 @@ _CELL: Final = 16
 """Low bits of a float32 that lie within one cell of the table: 2^-7 of an octave, narrower than the levels."""
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _neutral(r, g, b):
     """Khronos' curve on linear colours; not a number becomes 0."""
     zero, one, start = vec.f32(0.0), vec.f32(1.0), vec.f32(_START)
@@ -50,18 +50,18 @@ def _neutral(r, g, b):
     )
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _mixed(a, b, c, x, y, z):
     return vec.f32(a) * x + vec.f32(b) * y + vec.f32(c) * z
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _aces_channel(v):
     above = v * (v + vec.f32(0.0245786)) - vec.f32(0.000090537)
     return above / (v * (vec.f32(0.983729) * v + vec.f32(0.4329510)) + vec.f32(0.238081))
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _aces(r, g, b):
     """Hill's fit on linear colours; not a number becomes 0."""
     # Beyond 1e6 the curve is white to the last digit; squares of anything larger might not be finite.
@@ -79,13 +79,13 @@ def _aces(r, g, b):
     )
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def _none(r, g, b):
     zero, one = vec.f32(0.0), vec.f32(1.0)
     return vec.least(vec.most(r, zero), one), vec.least(vec.most(g, zero), one), vec.least(vec.most(b, zero), one)
 
 
-@njit(nogil=True, error_model="numpy")
+@inner
 def shown(tone, r, g, b):
     """Linear colours (f32x8 each) through the curve with a number of ``TONES``."""
     if tone == 0:
@@ -119,7 +119,7 @@ def _cells(thresholds: NDArray[np.float32]) -> NDArray[np.int32]:
 SRGB_CELLS: Final = _cells(_thresholds())
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined
 def srgb_byte(c, cells):
     """``round(255 srgb(c))`` of an f32x8 as i32x8, by a table that is exact for every float32: no ``pow``, so the same
     on every machine. Below 0 or NaN is 0, above 1 is 255.

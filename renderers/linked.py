@@ -1,0 +1,84 @@
+"""Functions that only kernels call: linked into these, neither optimised nor made machine code by themselves.
+
+Numba makes every compiled function whole: optimised, with wrappers for Python, as machine code. What a kernel calls
+is then linked into it and optimised again, layer upon layer, and a third of the time that all kernels take goes into
+code that is never run. The compiler here leaves such functions as they were lowered; all is optimised once, in the
+kernel.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from numba import njit
+from numba.core import compiler, compiler_machinery, typed_passes
+from numba.core.codegen import JITCodeLibrary
+
+
+class _NoEnvironment:
+    """A code generator for functions that are in no engine: there is nowhere to put what raises exceptions."""
+
+    def __init__(self, codegen: Any) -> None:
+        self._codegen = codegen
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._codegen, name)
+
+    def set_env(self, name: str, env: object) -> None:
+        """Nothing: kernels raise no exceptions."""
+
+
+class _Linked(JITCodeLibrary):
+    """Code to be linked into other code."""
+
+    @property
+    def codegen(self) -> Any:
+        return _NoEnvironment(self._codegen)
+
+    def get_pointer_to_function(self, name: str) -> int:
+        self._ensure_finalized()
+        return 0
+
+    def _optimize_final_module(self) -> None:
+        pass
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._verify_declare_only_symbols()
+        self._finalized = True
+
+
+@compiler_machinery.register_pass(mutates_CFG=False, analysis_only=True)
+class _LinkedLibrary(compiler_machinery.LoweringPass):
+    """Says where lowering puts its code."""
+
+    _name = "linked_library"
+
+    def __init__(self) -> None:
+        pass
+
+    def run_pass(self, state: Any) -> bool:
+        state.library = _Linked(state.targetctx.codegen(), state.func_id.func_qualname)
+        return False
+
+
+class _Compiler(compiler.Compiler):
+    def define_pipelines(self) -> list[Any]:
+        (passes,) = super().define_pipelines()
+        passes.add_pass_after(_LinkedLibrary, typed_passes.AnnotateTypes)
+        passes.finalize()
+        return [passes]
+
+
+_jit: Final[Any] = njit  # its stubs lack some of the options
+_OPTIONS: Final[dict[str, Any]] = {
+    "nogil": True,
+    "error_model": "numpy",
+    "no_cpython_wrapper": True,
+    "no_cfunc_wrapper": True,
+    "pipeline_class": _Compiler,
+}
+inner: Final[Any] = _jit(**_OPTIONS)
+"""Decorator for a function that kernels call. Python cannot call it: that ends the process."""
+inlined: Final[Any] = _jit(forceinline=True, **_OPTIONS)
+"""``inner`` for what shall have no call of its own."""
