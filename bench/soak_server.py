@@ -9,6 +9,7 @@ import asyncio
 import contextlib
 import json
 import os
+import re
 import sys
 import threading
 import time
@@ -23,6 +24,9 @@ from gateway.ops import http, logs, process
 
 TICK = 0.001
 """Seconds between two looks of the ticker whose delays are the loop's stalls."""
+WORKER = re.compile(r"_\d+$")
+"""What a pool puts behind its name for each worker. A pool counts once: it is bounded, and grows whenever more is asked
+of it at the same time than ever before."""
 
 
 async def tell() -> None:
@@ -43,7 +47,7 @@ async def tell() -> None:
         turns.sort()
         figures: dict[str, Any] = {
             "tasks": len(asyncio.all_tasks()),
-            "threads": threading.active_count(),
+            "threads": len({WORKER.sub("", thread.name) for thread in threading.enumerate()}),
             "files": len(os.listdir("/proc/self/fd")),  # noqa: PTH208 - names only
             "rss_mb": int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6,  # noqa: ASYNC240 - no disk
             "cpu_s": time.process_time(),
