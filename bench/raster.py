@@ -1,4 +1,4 @@
-"""Drawing: our rasterizer against other renderers, in one run, frame by frame in turn.
+"""Drawing: our rasterizer against other renderers, in one run, a few frames each in turn.
 
     python -m bench.raster [--peers PYTHON] [--threads 2] [--frames 25]
 
@@ -19,6 +19,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -33,6 +34,7 @@ from renderers.drawlist import DrawList, Image, Instance, Material, Mesh, Textur
 from renderers.port import Look, Output
 
 WARM = 3
+TURN = 5
 SIZES = ((640, 480), (1280, 960))
 OURS = "ours"
 GOALS = {"moderngl": (5.0, 3.5), "vtk": (10.0, 7.0), "panda3d": (2.0, 1.0)}
@@ -170,23 +172,36 @@ def timed(renderer: CpuRenderer, scene: DrawList, camera: Camera) -> tuple[float
     return 1e3 * (time.perf_counter() - wall), 1e3 * (time.process_time() - cpu)
 
 
-def measured(
-    renderer: CpuRenderer, scene: DrawList, peers: dict[str, Process], width: int, height: int, frames: int
-) -> dict[str, tuple[float, float]]:
-    """Median wall and CPU time of each, frame by frame in turn, in random order."""
-    calls = {OURS: lambda frame: timed(renderer, scene, view(width, height, frame))}
-    for name, peer in peers.items():
-        calls[name] = partial(lambda peer, frame: peer.ask(f"draw {frame}"), peer)
+def in_turns(calls: Mapping[str, Callable[[int], tuple[float, float]]], frames: int) -> dict[str, tuple[float, float]]:
+    """Median wall and CPU time of each.
+
+    They take turns of ``TURN`` frames, in random order: what the others do to the caches between two turns costs the
+    first frame of a turn, not the median of warm ones.
+
+    Args:
+        calls: draw a frame of that number; wall and CPU time.
+        frames: of each, at least; WARM more are drawn before.
+    """
     times: dict[str, list[tuple[float, float]]] = {name: [] for name in calls}
     order = list(calls)
-    for frame in range(frames + WARM):
+    for first in range(0, frames + WARM, TURN):
         random.shuffle(order)
         for name in order:
-            times[name].append(calls[name](frame))
+            times[name] += [calls[name](frame) for frame in range(first, first + TURN)]
     return {
         name: (statistics.median(t[0] for t in values[WARM:]), statistics.median(t[1] for t in values[WARM:]))
         for name, values in times.items()
     }
+
+
+def measured(
+    renderer: CpuRenderer, scene: DrawList, peers: dict[str, Process], width: int, height: int, frames: int
+) -> dict[str, tuple[float, float]]:
+    """``in_turns`` of ours and the peers."""
+    calls = {OURS: lambda frame: timed(renderer, scene, view(width, height, frame))}
+    for name, peer in peers.items():
+        calls[name] = partial(lambda peer, frame: peer.ask(f"draw {frame}"), peer)
+    return in_turns(calls, frames)
 
 
 def moved(renderer: CpuRenderer, scene: DrawList, frames: int) -> float:

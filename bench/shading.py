@@ -33,7 +33,7 @@ from unittest.mock import patch
 import numpy as np
 
 from bench.gallery import checks, dents, sphere
-from bench.raster import SIZES, WARM, Process, scenes, view, write
+from bench.raster import SIZES, WARM, Process, in_turns, scenes, view, write
 from bench.table import Row, at_least, show, skipped
 from renderers.camera import Camera
 from renderers.cpu import CpuRenderer, frame, renderer, sampled, warmup
@@ -148,13 +148,8 @@ def frames(threads: int, python: str | None, count: int) -> list[Row]:
                     renderer.render(scene, view(width, height, frame), Output.COLOR, look).close()
                     return 1e3 * (time.perf_counter() - wall), 1e3 * (time.process_time() - cpu)
 
-                times: dict[str, list[Times]] = {"ours": [], "peer": []}
-                for frame in range(count + WARM):
-                    times["ours"].append(ours(frame))
-                    times["peer"].append(peer.ask(f"draw {frame}"))
-                median = [
-                    tuple(statistics.median(t[k] for t in each[WARM:]) for k in (0, 1)) for each in times.values()
-                ]
+                calls = {"ours": ours, "peer": partial(lambda peer, frame: peer.ask(f"draw {frame}"), peer)}
+                median = list(in_turns(calls, count).values())
                 wall, cpu = (theirs / our for our, theirs in zip(*median, strict=True))
                 cells = "  ".join(f"{each[0]:8.2f}/{each[1]:9.2f}" for each in median)
                 print(f"{name + f' {width}x{height}':34}  {cells}  {wall:.1f}/{cpu:.1f}", flush=True)
