@@ -1,6 +1,6 @@
 """Every bench, one table: ``python -m bench [--peers PYTHON] [--quick] [--write FILE] [NAME ...]``.
 
-Each bench runs as a command of its own, shortly (all of them in about twenty minutes on two cores); its rows
+Each bench runs as a command of its own, shortly (all of them in about twelve minutes on two quiet cores); its rows
 (``bench/table.py``) go into the one table, all that it prints into a section below. One that fails, takes too long or
 lacks its peer is a row with the reason. PYTHON is an interpreter with vtk, panda3d, viser and meshcat; without it, what
 needs it is skipped and says so.

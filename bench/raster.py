@@ -34,7 +34,7 @@ from renderers.drawlist import DrawList, Image, Instance, Material, Mesh, Textur
 from renderers.port import Look, Output
 
 WARM = 3
-TURN = 5
+TURN = 10
 SIZES = ((640, 480), (1280, 960))
 OURS = "ours"
 GOALS = {"moderngl": (5.0, 3.5), "vtk": (10.0, 7.0), "panda3d": (2.0, 1.0)}
