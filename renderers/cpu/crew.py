@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import ctypes
 import itertools
+import os
+import sys
 import threading
 import time
 import weakref
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from queue import SimpleQueue
 from typing import Protocol
 
 Work = Callable[[int], object]
+
+_processor: Callable[[], int] = ctypes.PyDLL(None).sched_getcpu if sys.platform == "linux" else lambda: -1
+"""Number of the processor that the caller runs on; negative: not known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +81,7 @@ class Crew:
         self._jobs: SimpleQueue[Callable[[], object] | None] = SimpleQueue()
         self._helpers: list[threading.Thread] = []
         self._closed = False
+        self._away = -1
         # A crew that nobody closes ends its helpers when it is collected.
         self._finalizer = weakref.finalize(self, _end, self._jobs, self._helpers)
 
@@ -110,6 +117,7 @@ class Crew:
         if helpers > 0 and not self._closed:
             if len(self._helpers) < self.threads - 1:
                 self._start()
+            self._part()
             for _ in range(helpers):
                 self._jobs.put(work)
         work()
@@ -121,6 +129,24 @@ class Crew:
                 helper = threading.Thread(target=_help, args=(self._jobs,), name=name, daemon=True)
                 helper.start()
                 self._helpers.append(helper)
+                self._away = -1
+
+    def _part(self) -> None:
+        """Keep helpers off the processor that the caller runs on.
+
+        Linux wakes a thread where it ran last. Where processors share no cache, as those of small virtual machines, a
+        helper that once ran on the caller's waits there for milliseconds beside an idle one, longer than most frames
+        take.
+        """
+        here = _processor()
+        if here == self._away or here < 0:
+            return
+        self._away = here
+        with suppress(OSError):  # a sandbox may forbid it
+            others = os.sched_getaffinity(0) - {here}
+            for helper in self._helpers:
+                if others and helper.native_id is not None:
+                    os.sched_setaffinity(helper.native_id, others)
 
     def close(self) -> None:
         """End the helpers once they are idle."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import os
 import threading
 import weakref
 
@@ -178,3 +179,33 @@ def test_primitives_that_share_a_long_vertex_array_transform_only_their_own() ->
     with renderer.render(shared, camera(), outputs) as a, renderer.render(own, camera(), outputs) as b:
         assert np.array_equal(a.depth, b.depth)
         assert np.array_equal(a.normal, b.normal)
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="threads cannot be placed here")
+def test_helpers_run_on_another_processor_than_the_caller() -> None:
+    allowed = os.sched_getaffinity(0)
+    if len(allowed) < 2:
+        pytest.skip("there is one processor")
+    here = min(allowed)
+    crew, taken = Crew(2), threading.Barrier(2)
+    places: dict[int, set[int]] = {}
+
+    def note(_: int) -> None:
+        places[threading.get_ident()] = os.sched_getaffinity(0)
+        taken.wait()
+
+    try:
+        os.sched_setaffinity(0, {here})
+        with crew.caller():
+            crew.run([Phase(2, note)])
+        assert places.pop(threading.get_ident()) == {here}
+        os.sched_setaffinity(0, allowed)
+        places.clear()
+        with crew.caller():
+            crew.run([Phase(2, note)])
+        assert places.pop(threading.get_ident()) == allowed
+        (helper,) = places.values()
+        assert len(helper) == len(allowed) - 1
+    finally:
+        os.sched_setaffinity(0, allowed)
+        crew.close()
