@@ -34,7 +34,8 @@ from renderers.cpu.layout import (
     R_ID,
     RECORD_BYTES,
 )
-from renderers.cpu.multisample import MIXED, raster_samples
+from renderers.cpu.multisample import raster_samples
+from renderers.cpu.pixelsamples import MIXED
 from renderers.cpu.visibility import BAND_ROWS
 from renderers.jit import kernel
 from renderers.linked import inlined, inner

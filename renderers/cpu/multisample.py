@@ -73,151 +73,18 @@ from renderers.cpu.layout import (
     T_COLUMNS,
     T_RECORD,
 )
+from renderers.cpu.pixelsamples import bounds_of, box_of, cover, put, rising_at
 from renderers.cpu.raster import next_record
 from renderers.cpu.visibility import BAND_ROWS
 from renderers.linked import inlined, inner
 from renderers.pointers import as_f32, as_i32, f32_at, f64_at, i32_at, i64_at, u16_at
 
 _FAR_AWAY: Final = 1 << 30
-MIXED: Final = -2
-"""Instead of the place of a pixel's record: its samples have records of their own."""
 BATCH: Final = (SMALL_WIDTH + vec.LANES) * (SMALL_HEIGHT + 1)
 """Scratch begins with room for all pixels of a small triangle; here is what is known of eight of them ..."""
 TAKEN: Final = BATCH + 4 * vec.LANES
 """... and here how many slots the band has taken."""
 SCRATCH_VALUES: Final = TAKEN + 1
-
-
-@inlined
-def _rising(samples, dx, dy):
-    """f32x8: 1/z at the samples less that at the centre."""
-    pixel = vec.f32(1.0 / SUBPIXEL)
-    across, down = vec.to_f32(vec.load(samples, 0)) * pixel, vec.to_f32(vec.load(samples, vec.LANES)) * pixel
-    return vec.f32(dx) * across + vec.f32(dy) * down
-
-
-@inlined
-def _bounds(rising, scratch):
-    """The least and the greatest of ``rising``, float32; without bound where one is not finite.
-
-    Args:
-        scratch: pointer to SCRATCH_VALUES int32.
-    """
-    magnitude = vec.i32(0x7FFFFFFF)
-    whole = vec.bits_of(rising)
-    order = whole ^ ((whole >> vec.i32(31)) & magnitude)  # ordered as the values are
-    scratch[0], scratch[1] = vec.least_of(order), vec.most_of(order)
-    values = as_f32(scratch)
-    for k in range(2):
-        scratch[k] ^= (scratch[k] >> 31) & 0x7FFFFFFF
-    least, most = values[0], values[1]
-    if not (least > -np.inf and most < np.inf):
-        least, most = np.float32(-np.inf), np.float32(np.inf)
-    return least, most
-
-
-@inlined
-def _cover(ids, far, near, at, w, lowest, highest, low, high, full, touched, place):
-    """Give the pixels that a record takes wholly to it, eight from ``at`` on.
-
-    Args:
-        ids, far, near: pointers to J_IDS, J_FAR and J_NEAR.
-        w: f32x8, 1/z at the centres before it is bounded by ``low`` and ``high``. lowest, highest: f32x8, what is
-            added to it at the samples, at least and at most.
-        full, touched: m8, pixels of which all samples are covered, and some may be.
-        place: i32x8, of the record among all.
-
-    Returns:
-        A mask of the pixels whose samples must be looked at.
-    """
-    # Not a number: never in front of all, never behind all.
-    farther, nearer = vec.least(high, w + lowest), vec.most(w + highest, low)
-    old_far, old_near = vec.load_again(far, at), vec.load_again(near, at)
-    whole = full & (farther > old_near)
-    vec.store(far, at, vec.select(whole, farther, old_far))
-    vec.store(near, at, vec.select(whole, nearer, old_near))
-    vec.store(ids, at, vec.select(whole, place, vec.load_again(ids, at)))
-    return vec.bits(touched & (nearer > old_far) & ~whole)
-
-
-@inner
-def _box(whole):
-    """The pixel that R_BASE of a record that is not small belongs to."""
-    kind = whole[R_KIND]
-    a, b = np.int64(whole[R_XY]), np.int64(whole[R_XY + 1])
-    if kind == KIND_TRIANGLE:
-        c, d = np.int64(whole[R_XY + 2]), np.int64(whole[R_XY + 3])
-        e, f = np.int64(whole[R_XY + 4]), np.int64(whole[R_XY + 5])
-        return first_centre(min(a, c, e)), first_centre(min(b, d, f))
-    if kind == KIND_LINE:
-        corner = np.int64(whole[R_XY + 5])
-        return corner & 0xFFFF, corner >> 16
-    if kind == KIND_CLIPPED:
-        return a, b
-    return np.int64(0), np.int64(0)
-
-
-@inner
-def _expand(job, at, first, owner):
-    """Write the samples of a pixel that all see one record.
-
-    Args:
-        at: the pixel's number. first: the number of its first sample. owner: the place of its record.
-    """
-    y = at // job[J_STRIDE]
-    x = at - y * job[J_STRIDE]
-    record = job[J_RECORDS] + owner * RECORD_BYTES
-    whole, fraction, samples = i32_at(record), f32_at(record), i32_at(job[J_SAMPLES])
-    if whole[R_KIND] == KIND_SMALL:
-        box = np.int64(whole[S_BOX])
-        box_x = ((box & 0xFFFF) ^ 0x8000) - 0x8000
-        slope, rise = fraction[S_DX], fraction[S_DY]
-        here = fraction[S_BASE] + rise * np.float32(y - (box >> 16))
-        w = vec.f32(here + slope * np.float32(x - box_x)) + _rising(samples, slope, rise)
-    else:
-        plane = f64_at(record)
-        box_x, box_y = _box(whole)
-        base = plane[R_BASE] + plane[R_DY] * np.float64(y - box_y)
-        w = vec.f32(base + plane[R_DX] * np.float64(x - box_x)) + _rising(samples, plane[R_DX], plane[R_DY])
-    vec.store(i32_at(job[J_SAMPLE_IDS]), first, vec.i32(whole[R_ID]))
-    w = vec.least(vec.most(w, vec.f32(fraction[R_LOW])), vec.f32(fraction[R_HIGH]))
-    vec.store(f32_at(job[J_SAMPLE_INV_Z]), first, w)
-
-
-@inlined
-def _put(job, owners, slots, far, near, ids, depths, taken, at, w, covered, identity):
-    """Write the covered samples of a pixel that are nearer than what is there; which of them are, and whether it was
-    empty, cannot be predicted and is no branch.
-
-    Args:
-        owners, slots, far, near: pointers to J_IDS, J_SLOTS, and J_FAR and J_NEAR as int32. ids, depths: to
-            J_SAMPLE_IDS and J_SAMPLE_INV_Z. taken: how many slots are. at: the pixel's number.
-
-    Returns:
-        The new ``taken``.
-    """
-    slot = np.int64(slots[at])
-    new = slot < 0
-    slot = taken if new else slot
-    slots[at] = slot
-    first = vec.LANES * slot
-    owner = np.int64(owners[at])
-    if owner >= 0:
-        _expand(job, at, first, owner)
-    owners[at] = MIXED
-    # What an empty pixel has is one of its bounds.
-    empty = vec.i32(owner) == vec.i32(-1)
-    old = vec.select(empty, vec.f32(as_f32(far)[at]), vec.load_again(depths, first))
-    seen = vec.select(empty, vec.i32(-1), vec.load_again(ids, first))
-    covered = covered & (w > old)
-    w = vec.select(covered, w, old)
-    vec.store(depths, first, w)
-    vec.store(ids, first, vec.select(covered, identity, seen))
-    # Bits are ordered as the values are: but for the one that stands for nothing, none is negative.
-    whole = vec.bits_of(w)
-    far[at] = vec.least_of(whole)
-    near[at] = vec.most_of(whole)
-    return taken + new
 
 
 @inner
@@ -238,8 +105,8 @@ def _small(job, record, place, first_row, last_row, scratch):
     identity, taker = vec.i32(whole[R_ID]), vec.i32(place)
     low, high = vec.f32(fraction[R_LOW]), vec.f32(fraction[R_HIGH])
     base, slope, rise = fraction[S_BASE], fraction[S_DX], fraction[S_DY]
-    rising = _rising(samples, slope, rise)
-    down_to, up_to = _bounds(rising, scratch)
+    rising = rising_at(samples, slope, rise)
+    down_to, up_to = bounds_of(rising, scratch)
     lowest, highest = vec.f32(down_to), vec.f32(up_to)
     right0, right1 = np.int64(whole[S_RIGHT]), np.int64(whole[S_RIGHT + 1])
     down0, down1 = np.int64(whole[S_DOWN]), np.int64(whole[S_DOWN_SECOND])
@@ -276,7 +143,7 @@ def _small(job, record, place, first_row, last_row, scratch):
             full = ((t0 + b0) | (t1 + b1) | (t2 + b2)) >= zero
             t0, t1, t2 = t0 + d0, t1 + d1, t2 + d2
             w = vec.f32(base + rise * np.float32(row)) + along
-            left_open = _cover(owners, far, near, at, w, lowest, highest, low, high, full, touched, taker) & valid
+            left_open = cover(owners, far, near, at, w, lowest, highest, low, high, full, touched, taker) & valid
             here = (row << 8) + column - box_x + 8
             vec.store(scratch, count, vec.load(lanes, vec.LANES * left_open) + vec.i32(here))
             count += vec.count_bits(left_open)
@@ -298,7 +165,7 @@ def _small(job, record, place, first_row, last_row, scratch):
             covered = (c0 | c1 | (total - c0 - c1)) >= zero
             w = vec.least(vec.most(vec.f32(centres[BATCH + 24 + k]) + rising, low), high)
             at = np.int64(scratch[BATCH + 16 + k])
-            taken = _put(job, owners, slots, far_bits, near_bits, ids, depths, taken, at, w, covered, identity)
+            taken = put(job, owners, slots, far_bits, near_bits, ids, depths, taken, at, w, covered, identity)
     scratch[TAKEN] = taken
 
 
@@ -335,8 +202,8 @@ def _span(job, record, place, row, start, stop, box_x, box_y, scratch):
     bounds = f32_at(record)
     slope = plane[R_DX]
     base = plane[R_BASE] + plane[R_DY] * np.float64(row - box_y)
-    rising = _rising(i32_at(job[J_SAMPLES]), slope, plane[R_DY])
-    down_to, up_to = _bounds(rising, scratch)
+    rising = rising_at(i32_at(job[J_SAMPLES]), slope, plane[R_DY])
+    down_to, up_to = bounds_of(rising, scratch)
     lowest, highest = vec.f32(down_to), vec.f32(up_to)
     low, high = vec.f32(bounds[R_LOW]), vec.f32(bounds[R_HIGH])
     identity, taker = vec.i32(i32_at(record)[R_ID]), vec.i32(place)
@@ -350,14 +217,14 @@ def _span(job, record, place, row, start, stop, box_x, box_y, scratch):
         here = vec.i32(column) + lane
         full, touched = (here >= full_begin) & (here < full_end), (here >= first) & (here < last)
         w = vec.to_f32(vec.f64(base) + vec.f64(slope) * vec.to_f64(here - vec.i32(box_x)))
-        left_open = _cover(owners, far, near, line + column, w, lowest, highest, low, high, full, touched, taker)
+        left_open = cover(owners, far, near, line + column, w, lowest, highest, low, high, full, touched, taker)
         while left_open != 0:
             x = column + vec.lowest_bit(left_open)
             left_open &= left_open - 1
             covered = (vec.i32(x) >= start) & (vec.i32(x) < stop)
             w = vec.f32(base + slope * np.float64(x - box_x)) + rising
             w = vec.least(vec.most(w, low), high)
-            taken = _put(job, owners, slots, far_bits, near_bits, ids, depths, taken, line + x, w, covered, identity)
+            taken = put(job, owners, slots, far_bits, near_bits, ids, depths, taken, line + x, w, covered, identity)
     scratch[TAKEN] = taken
 
 
@@ -449,7 +316,7 @@ def _draw(job, lens, record, place, first_row, last_row, scratch):
         _square(job, record, place, a, b, c, d, first_row, last_row, scratch)
         return
     x0, y0 = grid[0, 0], grid[0, 1]
-    box_x, box_y = _box(whole)
+    box_x, box_y = box_of(whole)
     for k in range(2, count):
         x1, y1, x2, y2 = grid[k - 1, 0], grid[k - 1, 1], grid[k, 0], grid[k, 1]
         _corners(job, record, place, x0, y0, x1, y1, x2, y2, first_row, last_row, box_x, box_y, scratch)

@@ -17,7 +17,7 @@ from renderers.linked import inlined, inner
 from renderers.pointers import f32_at, i32_at, u32_at
 from renderers.shading.ahead import look_ahead
 from renderers.shading.head import shine
-from renderers.shading.layout import II_ELEMENTS, II_VERTICES, P_MIRROR, P_NORMAL
+from renderers.shading.layout import II_ELEMENTS, II_VERTICES, P_MIRROR, P_NORMAL, V_COLUMNS
 from renderers.shading.surface import turned
 from renderers.shading.triples import cross, dot, minus, optical
 
@@ -203,3 +203,52 @@ def set_up(columns, m, maps, lens, y, first, many, smooth, colors, memory, at, c
     _keep(planes, slots, n0, n1, n2, here, side)
     _keep(planes, slots + vec.i32(ROW_VALUES), n0, n1, n2, down, vec.to_f32(column))
     _keep(planes, slots + vec.i32(2 * ROW_VALUES), n0, n1, n2, right, vec.to_f32(row))
+
+
+@inlined
+def stand_in(columns, m, maps, lens, y, first, smooth, colors, memory, record, column):
+    """Make sure that a record is known that was looked up: another of its row may have taken its place since."""
+    if not knows(memory, record):
+        miss(memory, record, column)
+        set_up(columns, m, maps, lens, y, first, False, smooth, colors, memory, 0, 1)
+
+
+@inlined
+def along(planes, y, column):
+    """The row's values of a known record at a column of the picture, and what each column adds: f32x8 both."""
+    right, down = np.float32(column) - planes[PL_COLUMN], np.float32(y) - planes[PL_LINE]
+    slope = vec.load(planes, 2 * ROW_VALUES)
+    start = vec.load(planes, 0) + (vec.f32(down) * vec.load(planes, ROW_VALUES) + vec.f32(right) * slope)
+    return start, slope
+
+
+@inlined
+def strays(start, slope, pixels):
+    """Whether a pixel of a run lies beside its triangle: as coverage is exact in 1/256 pixel, some do by a little."""
+    last = start + slope * vec.f32(pixels - 1)
+    return vec.bits(vec.least(start, last) < vec.f32(0.0)) & OUTSIDE != 0
+
+
+@inlined
+def corners_of(columns, element):
+    """The vertices of a triangle, f32x8 each."""
+    elements, vertices = u32_at(columns[II_ELEMENTS]), f32_at(columns[II_VERTICES])
+    return (
+        vec.load(vertices, np.int64(elements[3 * element]) * V_COLUMNS),
+        vec.load(vertices, np.int64(elements[3 * element + 1]) * V_COLUMNS),
+        vec.load(vertices, np.int64(elements[3 * element + 2]) * V_COLUMNS),
+    )
+
+
+@inlined
+def bounded_normals(maps, a, b, c, start, slope, offset):
+    """Normals of eight pixels ``offset`` behind a run's first, in the optical frame: negative coordinates become 0, so
+    that nothing is extrapolated."""
+    zero = vec.f32(0.0)
+    w0 = vec.most(vec.spread3(start) + vec.spread3(slope) * offset, zero)
+    w1 = vec.most(vec.spread4(start) + vec.spread4(slope) * offset, zero)
+    w2 = vec.most(vec.spread5(start) + vec.spread5(slope) * offset, zero)
+    nx = w0 * vec.spread3(a) + w1 * vec.spread3(b) + w2 * vec.spread3(c)
+    ny = w0 * vec.spread4(a) + w1 * vec.spread4(b) + w2 * vec.spread4(c)
+    nz = w0 * vec.spread5(a) + w1 * vec.spread5(b) + w2 * vec.spread5(c)
+    return turned(maps, P_NORMAL, nx, ny, nz)
