@@ -109,6 +109,7 @@ def create_app(settings: Settings, state: Kept | None = None) -> FastAPI:
         swagger_ui_parameters={"validatorUrl": None},
         telemetry=NO_TELEMETRY,
     )
+    app.add_exception_handler(404, methods.not_found)
     app.add_exception_handler(405, methods.not_allowed)
     app.include_router(health.router(board, metrics, __version__, full))
     app.add_middleware(

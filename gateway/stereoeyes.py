@@ -86,7 +86,7 @@ class StereoEyes:
     def _captions(self, measured: Measured, settings: StreamSettings) -> dict[PictureName, str]:
         valid = measured.disparity[measured.disparity > 0]
         if not valid.size:
-            return {"disparity": "nothing measured", "confidence": ""}
+            return {"disparity": "no depth", "confidence": ""}
         model = self._service.config.model
         ft = model.intrinsics(settings.quality.divisor).focal_length * model.baseline
         far, near = ft / (DISPARITY_SCALE * np.percentile(valid, _SPREAD))

@@ -23,13 +23,16 @@ class Session:
         self._have: Snapshot = EMPTY
         self._epoch = encoder.epoch
         self._known: set[int] = set()
+        self._told = False
         self.credit = True
         """Whether the page is ready for another update."""
 
     @property
     def behind(self) -> bool:
-        """Whether there is something newer than what the page has."""
-        return self._have.revision != self._encoder.current.revision or self._epoch != self._encoder.epoch
+        """Whether there is something newer than what the page has; at first it has nothing, not even an empty scene."""
+        if not self._told or self._epoch != self._encoder.epoch:
+            return True
+        return self._have.revision != self._encoder.current.revision
 
     def missing(self, update: Update) -> list[int]:
         """Meshes that the page needs for an update and does not have."""
@@ -38,6 +41,7 @@ class Session:
     async def next_update(self) -> Update:
         """The update to the newest state; uses up the credit. A big one does not hold the event loop."""
         self.credit = False
+        self._told = True
         while True:
             if self._epoch != self._encoder.epoch:
                 self._have, self._epoch = EMPTY, self._encoder.epoch

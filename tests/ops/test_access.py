@@ -13,7 +13,7 @@ from starlette.responses import PlainTextResponse
 from starlette.routing import Route
 
 from gateway.ops.access import COOKIE, Access, TrustedHosts, host_name
-from gateway.ops.methods import not_allowed
+from gateway.ops.methods import not_allowed, not_found
 from gateway.ops.tokens import Tokens
 
 TOKEN = "0123456789abcdef"
@@ -139,3 +139,12 @@ async def test_405_names_every_method_of_the_path() -> None:
         assert (answer.status_code, answer.headers["allow"]) == (405, "GET, PUT")
         assert answer.text == "DELETE is not possible here; GET, PUT is.\n"
         assert (await http.delete("/nothing")).status_code == 404
+
+
+async def test_404_says_where_to_look() -> None:
+    app = FastAPI()
+    app.add_exception_handler(404, not_found)
+    async with httpx2.AsyncClient(transport=httpx2.ASGITransport(app=app), base_url="http://here") as http:
+        answer = await http.get("/nothing?here=1")
+    assert answer.status_code == 404
+    assert answer.text.startswith("Nothing is at /nothing here. /docs describes what there is")

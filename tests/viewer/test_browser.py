@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -303,6 +303,8 @@ def test_a_gateway_without_a_stereo_camera_is_no_fault(browser: Any) -> None:
         view = View(browser, url)
         view.until(lambda: view.page.evaluate("scenegate.model.nodes.size > 10"), "the demo is there")
         view.page.get_by_text("No stereo camera runs in this gateway.").wait_for()
+        view.page.get_by_role("tab", name="Renders").click()
+        view.page.get_by_text("No render endpoint runs in this gateway.").wait_for()
         where = "[...scenegate.stage.camera.position.toArray(), ...scenegate.stage.controls.target.toArray()]"
 
         def moves(what: str) -> None:
@@ -322,3 +324,49 @@ def test_a_gateway_without_a_stereo_camera_is_no_fault(browser: Any) -> None:
             view.page.mouse.move(600, 400)
         view.page.close()
         assert view.faults == []
+
+
+def test_what_has_not_come_yet_is_waited_for(browser: Any, gateway: tuple[GatewayProcess, str]) -> None:
+    """Nothing is said of the gateway before it has said so itself; and a gateway that is away is no empty one."""
+    _, url = gateway
+    Publisher(url).send(delete=[{"path": []}])
+    page = browser.new_page()
+    held: list[Any] = []
+    answer: list[Callable[[Any], None]] = [lambda route: held.append(route)]
+    page.route("**/view/sensor", lambda route: answer[0](route))
+    sockets: list[Any] = []
+    page.route_web_socket("**/view/ws", lambda socket: sockets.append(socket))
+    page.goto(f"{url}/view")
+    waiting = page.get_by_text("Waiting for the gateway …").locator("visible=true")
+    page.get_by_text("Waiting for the scene …").wait_for()
+    waiting.wait_for()
+    page.get_by_role("tab", name="Renders").click()
+    waiting.wait_for()
+    page.get_by_role("tab", name="Stereo").click()
+    answer[0] = lambda route: route.continue_()
+    held.pop().continue_()
+    page.locator("[data-picture=left] img").wait_for()
+    answer[0] = lambda route: route.abort()
+    page.get_by_text("these are its last pictures").wait_for()
+    sockets.pop().connect_to_server()
+    page.get_by_text("The scene is empty.").wait_for()
+    page.get_by_role("tab", name="Renders").click()
+    page.get_by_text("No render request has come yet.").or_(page.locator(".renders li").first).wait_for()
+    page.close()
+
+
+def test_a_texture_that_fails_is_asked_for_again(browser: Any) -> None:
+    with gateway_process("--only", "view", "--demo") as (_, url):
+        page = browser.new_page()
+        asked: list[str] = []
+
+        def refuse_once(route: Any) -> None:
+            known = route.request.url in asked
+            asked.append(route.request.url)
+            route.continue_() if known else route.abort()
+
+        page.route("**/view/image/*", refuse_once)
+        page.goto(f"{url}/view")
+        came = "e => e.name.includes('/view/image/') && e.responseStatus === 200"
+        page.wait_for_function(f"performance.getEntriesByType('resource').some({came})")
+        page.close()

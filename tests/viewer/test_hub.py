@@ -97,6 +97,16 @@ async def test_without_credit_a_browser_gets_no_update_and_then_the_newest(hub: 
     assert view.status()["browsers"] == 0
 
 
+async def test_an_empty_scene_is_told_too() -> None:
+    view = ViewHub(QUICK, LiveTree())
+    running = asyncio.create_task(view.run())
+    client = Client(view.connect())
+    assert "nodes" not in await client.update()
+    client.browser.close()
+    running.cancel()
+    await asyncio.gather(running, return_exceptions=True)
+
+
 async def test_a_browser_that_hangs_keeps_no_scene_alive() -> None:
     tree = LiveTree()
     with tree.edit() as edit:

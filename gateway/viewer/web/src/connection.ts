@@ -11,11 +11,12 @@ export class Connection {
 
   /**
    * @param onMessage takes a message in
-   * @param onState told whenever the connection comes or goes; after "open" the gateway sends the whole scene anew
+   * @param onState told whenever the connection comes or goes, with the gateway's reason where it gave one; after "open" it sends
+   *   the whole scene anew
    */
   constructor(
     private readonly onMessage: (message: Message) => void,
-    private readonly onState: (state: "open" | "closed") => void,
+    private readonly onState: (state: "open" | "closed", reason: string) => void,
   ) {
     this.open();
   }
@@ -30,7 +31,7 @@ export class Connection {
     const scheme = location.protocol === "https:" ? "wss:" : "ws:";
     const socket = new WebSocket(`${scheme}//${location.host}/view/ws`);
     socket.binaryType = "arraybuffer";
-    socket.onopen = () => this.onState("open");
+    socket.onopen = () => this.onState("open", "");
     socket.onmessage = (event: MessageEvent<ArrayBuffer>) => {
       try {
         this.onMessage(parse(event.data));
@@ -40,8 +41,8 @@ export class Connection {
         socket.close();
       }
     };
-    socket.onclose = () => {
-      this.onState("closed");
+    socket.onclose = ({ reason }) => {
+      this.onState("closed", reason);
       setTimeout(() => this.open(), this.wait);
       this.wait = Math.min(this.wait * 2, LONGEST_WAIT);
     };

@@ -115,7 +115,7 @@ function take(message: Message): void {
       break;
     case "status":
       status.show(message);
-      renders.announce(message.renders ?? 0);
+      renders.announce(message);
       break;
   }
 }
@@ -151,9 +151,14 @@ function say(text: string, where: "centre" | "foot"): void {
     }, 6000);
 }
 
-const connection = new Connection(take, (state) => {
-  status.connected(state);
-  if (state === "open") drawing.reset();
+const connection = new Connection(take, (state, reason) => {
+  status.connected(state, reason);
+  if (state === "open") {
+    drawing.reset();
+    sensors.connected();
+    renders.connected();
+    say("Waiting for the scene …", "centre");
+  } else if (model.revision === 0) say(reason || "The gateway does not answer; this page keeps trying.", "centre");
 });
 
 function setTheme(name: Theme): void {

@@ -5,6 +5,7 @@ import {
   ClampToEdgeWrapping,
   DoubleSide,
   FrontSide,
+  ImageLoader,
   LineBasicMaterial,
   MeshBasicMaterial,
   MeshLambertMaterial,
@@ -12,13 +13,13 @@ import {
   NearestFilter,
   PointsMaterial,
   RepeatWrapping,
-  TextureLoader,
+  Texture,
   type Material as ThreeMaterial,
   type MeshLambertMaterialParameters,
-  type Texture,
   type Wrapping,
 } from "three";
 import { BEFORE, shiftDepth } from "./depth";
+import { h } from "./dom";
 import type { Material } from "./protocol";
 
 const WRAP: Record<number, Wrapping> = {
@@ -28,6 +29,19 @@ const WRAP: Record<number, Wrapping> = {
 };
 /** Materials kept although nothing uses them: a publisher that sets geometry anew gets its shader back. */
 const KEPT = 64;
+/** Milliseconds after which a picture that did not come is asked for again. */
+const RETRY = 2000;
+
+/** What a texture shows until its picture is there; without one, three.js draws black. */
+function blank(): HTMLCanvasElement {
+  const canvas = h("canvas", { width: 1, height: 1 });
+  const context = canvas.getContext("2d");
+  if (context) {
+    context.fillStyle = "white";
+    context.fillRect(0, 0, 1, 1);
+  }
+  return canvas;
+}
 
 interface Shared {
   material: ThreeMaterial;
@@ -38,7 +52,7 @@ export class Materials {
   private readonly made = new Map<string, Shared>();
   private readonly keys = new WeakMap<ThreeMaterial, string>();
   private readonly textures = new Map<string, Texture>();
-  private readonly loader = new TextureLoader();
+  private readonly loader = new ImageLoader();
   private wireframe = false;
   /** Pixels; 0 takes what the scene says. */
   private pointSize = 0;
@@ -148,7 +162,7 @@ export class Materials {
     const key = JSON.stringify(texture);
     let made = this.textures.get(key);
     if (!made) {
-      made = this.loader.load(`/view/image/${texture.image}`, this.redraw);
+      made = this.load(`/view/image/${texture.image}`);
       made.flipY = false; // glTF: (0, 0) is the top-left corner
       made.wrapS = WRAP[texture.wrap[0]] ?? RepeatWrapping;
       made.wrapT = WRAP[texture.wrap[1]] ?? RepeatWrapping;
@@ -161,6 +175,25 @@ export class Materials {
       }
       this.textures.set(key, made);
     }
+    return made;
+  }
+
+  private load(url: string, tries = 3): Texture {
+    const made = new Texture<HTMLCanvasElement | HTMLImageElement>(blank());
+    made.needsUpdate = true;
+    const ask = () =>
+      this.loader.load(
+        url,
+        (image) => {
+          made.dispose(); // the picture has another size than what stands for it
+          made.image = image;
+          made.needsUpdate = true;
+          this.redraw();
+        },
+        undefined,
+        () => (tries -= 1) > 0 && setTimeout(ask, RETRY),
+      );
+    ask();
     return made;
   }
 

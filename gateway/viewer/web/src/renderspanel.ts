@@ -2,6 +2,7 @@
 
 import { h } from "./dom";
 import type { Lightbox } from "./lightbox";
+import type { Status } from "./protocol";
 
 interface Render {
   id: number;
@@ -18,13 +19,14 @@ interface Render {
 export class RendersPanel {
   readonly element = h("section", { "aria-label": "Recent renders" });
   private readonly list = h("ul", { class: "renders" });
-  private readonly empty = h("p", { class: "empty" }, "No render request has come yet. POST /render answers Drake's render clients.");
+  private readonly note = h("p", { class: "empty", role: "status" }, "Waiting for the gateway …");
+  /** How many requests the list counts in; -1: it is of no gateway yet. */
   private last = -1;
   private known = 0;
   private active = false;
 
   constructor(private readonly lightbox: Lightbox) {
-    this.element.append(this.empty, this.list);
+    this.element.append(this.note, this.list);
   }
 
   setActive(active: boolean): void {
@@ -32,19 +34,37 @@ export class RendersPanel {
     void this.refresh();
   }
 
-  /** The gateway has answered this many requests so far. */
-  announce(count: number): void {
-    this.known = count;
+  /** The gateway is there, maybe another one than before, whose requests count from none. */
+  connected(): void {
+    this.last = -1;
+  }
+
+  /** What the gateway says of itself. */
+  announce(status: Status): void {
+    const { interfaces, renders } = status;
+    this.known = renders ?? 0;
+    if (this.known === 0) {
+      const runs = !interfaces || "render" in interfaces;
+      this.note.textContent = runs
+        ? "No render request has come yet. POST /render answers Drake's render clients."
+        : "No render endpoint runs in this gateway.";
+      this.note.hidden = false;
+      this.list.replaceChildren();
+    }
     void this.refresh();
   }
 
   private async refresh(): Promise<void> {
-    if (!this.active || this.known === this.last) return;
-    this.last = this.known;
+    const { known } = this;
+    if (!this.active || known === 0 || known === this.last) return;
+    this.last = known;
     const answer = await fetch("/view/renders").catch(() => null);
-    if (!answer?.ok) return;
+    if (!answer?.ok) {
+      this.last = -1; // the next status asks again
+      return;
+    }
     const renders = (await answer.json()) as Render[];
-    this.empty.hidden = renders.length > 0;
+    this.note.hidden = true;
     this.list.replaceChildren(...renders.map((render) => this.item(render)));
   }
 

@@ -17,7 +17,7 @@ export class SensorsPanel {
   readonly element = h("section", { class: "sensors", "aria-label": "Stereo camera" });
   private readonly images = new Map<Name, HTMLImageElement>();
   private readonly captions = new Map<Name, HTMLElement>();
-  private readonly empty = h("p", { class: "empty" }, "No stereo camera runs in this gateway.");
+  private readonly note = h("p", { class: "empty", role: "status" }, "Waiting for the gateway …");
   private readonly thumbs = h("div", { class: "thumbs" });
   private readonly parameters = new Parameters();
   private number = 0;
@@ -31,7 +31,7 @@ export class SensorsPanel {
   constructor(private readonly lightbox: Lightbox) {
     for (const name of Object.keys(PICTURES) as Name[]) this.addThumb(name);
     this.thumbs.hidden = true;
-    this.element.append(this.empty, this.thumbs, this.parameters.element);
+    this.element.append(this.note, this.thumbs, this.parameters.element);
     lightbox.element.addEventListener("close", () => (this.full = null));
     document.addEventListener("visibilitychange", () => this.poll());
   }
@@ -40,6 +40,13 @@ export class SensorsPanel {
   setActive(active: boolean): void {
     if (active && !this.active) this.asked = false;
     this.active = active;
+    this.poll();
+  }
+
+  /** The gateway is there, maybe another one than before: nothing of the last one's counts. */
+  connected(): void {
+    this.number = 0;
+    this.asked = false;
     this.poll();
   }
 
@@ -70,21 +77,27 @@ export class SensorsPanel {
     this.looking = true;
     try {
       const answer = await fetch("/view/sensor");
-      const runs = answer.status === 200; // 204: there is no camera
-      if (runs) await this.take((await answer.json()) as SensorState);
-      this.empty.hidden = runs;
-      this.thumbs.hidden = !runs;
-      this.parameters.element.hidden = !runs;
-      if (!answer.ok) this.empty.textContent = await answer.text();
-      if (runs && this.active && !this.asked) {
-        this.asked = true;
-        void this.parameters.load();
-      }
+      if (answer.status === 200) {
+        await this.take((await answer.json()) as SensorState);
+        this.say("", true);
+        if (this.active && !this.asked) {
+          this.asked = true;
+          void this.parameters.load();
+        }
+      } else if (answer.status === 204) this.say("No stereo camera runs in this gateway.", false);
+      else this.say(await answer.text(), false);
     } catch {
-      // The gateway is away; the connection says so, and the next look will tell.
+      this.say(this.thumbs.hidden ? "The gateway does not answer." : "The gateway does not answer; these are its last pictures.");
     }
     this.looking = false;
     this.timer = setTimeout(() => this.poll(), PERIOD);
+  }
+
+  /** One sentence above the pictures, or instead of them. */
+  private say(text: string, shown = !this.thumbs.hidden): void {
+    this.note.textContent = text;
+    this.note.hidden = text === "";
+    this.thumbs.hidden = this.parameters.element.hidden = !shown;
   }
 
   private async take(state: SensorState): Promise<void> {

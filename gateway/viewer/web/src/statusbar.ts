@@ -16,9 +16,10 @@ export class StatusBar {
     this.element.append(this.connection, this.interfaces, this.facts, this.rates);
   }
 
-  connected(state: "open" | "closed"): void {
+  connected(state: "open" | "closed", reason: string): void {
     this.connection.className = `light ${state === "open" ? "good" : "bad"}`;
     this.connection.textContent = state === "open" ? "connected" : "reconnecting …";
+    this.connection.title = reason;
     if (state === "closed") this.interfaces.replaceChildren();
   }
 
