@@ -20,6 +20,8 @@ _MAX_DISTANCE: Final = 1e12
 """Metres from the origin; farther out, float64 resolves no millimetres any more, and inverting the pose fails."""
 _RIGID: Final = 1e-6
 """What a rotation written with six digits is off by; a pose nearer to rigid than that is used as it is."""
+_LEAST_ANGLE: Final = 1e-9
+"""Radians between up and the line of sight, below which up is rounding and the pose would be singular."""
 _NO_CAMERA: Final = (
     "the scene has geometry but no camera: Drake's client leaves the camera out when everything with a perception role "
     "is a glTF mesh. Add any other geometry with a perception role (a Box, Sphere or OBJ mesh, as small as you like) "
@@ -77,10 +79,13 @@ def rigid_pose(X: NDArray[np.float64], name: str) -> NDArray[np.float64]:
             if np.abs(rotation.T @ rotation - np.eye(3)).max() < _RIGID and np.linalg.det(rotation) > 0.0:
                 return X
             forward = rotation[:, 2] / np.linalg.norm(rotation[:, 2])
-            down = rotation[:, 1] - forward * (forward @ rotation[:, 1])
-            down /= np.linalg.norm(down)
-            pose = np.eye(4)
-            pose[:3, 0], pose[:3, 1], pose[:3, 2], pose[:3, 3] = np.cross(down, forward), down, forward, X[:3, 3]
-            if np.isfinite(pose).all():
-                return pose
+            down = rotation[:, 1] / np.linalg.norm(rotation[:, 1])
+            down -= forward * (forward @ down)
+            length = np.linalg.norm(down)
+            if length > _LEAST_ANGLE:
+                down /= length
+                pose = np.eye(4)
+                pose[:3, 0], pose[:3, 1], pose[:3, 2], pose[:3, 3] = np.cross(down, forward), down, forward, X[:3, 3]
+                if np.isfinite(pose).all():
+                    return pose
     raise RequestError(400, f"scene: the transform of the camera node {name!r} is singular")

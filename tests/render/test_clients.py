@@ -168,6 +168,12 @@ async def test_scaled_and_mirrored_camera_nodes_keep_position_and_direction(serv
     response = await answer(server, flat)
     assert response.status_code == 400
     assert "camera node 'flat' is singular" in response.text
+    # Up and the line of sight are one, but for rounding.
+    sheared = [-1e-30, 1e-30, 0, 0, 0.7, 0, 0.7, 0, 0.3, 0, 0.3, 0, 0, 1e5, 1e5, 1]
+    flat = gltf(nodes=[{"children": [1, 2]}, {"mesh": 0}, {"camera": 0, "name": "flat", "matrix": sheared}])
+    response = await answer(server, flat)
+    assert response.status_code == 400
+    assert "camera node 'flat' is singular" in response.text
     away = gltf(nodes=[{"children": [1, 2]}, {"mesh": 0}, {"camera": 0, "name": "away", "translation": [1e30, 0, 0]}])
     response = await answer(server, away)
     assert response.status_code == 400
