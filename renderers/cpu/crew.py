@@ -9,8 +9,8 @@ import sys
 import threading
 import time
 import weakref
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from queue import SimpleQueue
 from typing import Protocol
@@ -85,16 +85,14 @@ class Crew:
         # A crew that nobody closes ends its helpers when it is collected.
         self._finalizer = weakref.finalize(self, _end, self._jobs, self._helpers)
 
-    @contextmanager
-    def caller(self) -> Iterator[None]:
-        """While inside, the calling thread counts as one of the crew's threads."""
+    def __enter__(self) -> None:
+        """Until ``__exit__``, the calling thread counts as one of the crew's threads."""
         with self._lock:
             self._callers += 1
-        try:
-            yield
-        finally:
-            with self._lock:
-                self._callers -= 1
+
+    def __exit__(self, *exc: object) -> None:
+        with self._lock:
+            self._callers -= 1
 
     def run(self, phases: Sequence[Phase], *, alone: bool = False) -> None:
         """Do the phases one after the other, each in parallel; raises the first error of a unit.

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from ctypes import addressof, c_char
 from functools import cache
-from itertools import accumulate
+from struct import Struct
 from typing import Any, Final
 
 import numpy as np
@@ -15,10 +16,11 @@ from renderers.cpu import layout as at
 from renderers.cpu import work as at_work
 from renderers.cpu.crew import Phase
 from renderers.cpu.pools import Scratch
+from renderers.cpu.poses import look_from, place
 from renderers.cpu.resolve import LAYER_GAP, draw_band
 from renderers.cpu.scene import PreparedScene
 from renderers.cpu.setup import setup
-from renderers.cpu.transform import place, transform
+from renderers.cpu.transform import transform
 from renderers.cpu.visibility import BAND_ROWS, Visibility, band_count
 from renderers.cpu.work import work
 from renderers.native import YIELD_ADDRESS, kernel_address
@@ -34,6 +36,12 @@ UNITS_PER_THREAD: Final = 8
 """Units of work per thread and phase, so that one slow unit or late thread does not leave the others waiting."""
 SMALL_WORK: Final = 60_000
 """Pixels plus 4 x elements below which a frame takes less time than waking another thread."""
+
+_LENS_AT: Final = at.J_COLUMNS
+_TABLE: Final = at.J_COLUMNS + at.L_COLUMNS
+"""Where a frame's tables begin in the array that holds them all, in values of 8 bytes."""
+_JOB, _LENS, _OUTPUTS = Struct(f"{at.J_COLUMNS}q"), Struct(f"{at.L_COLUMNS}d"), Struct("4q")
+_TASK: Final = Struct(f"{at_work.W_COLUMNS}q")
 
 
 class FrameJob:
@@ -59,87 +67,88 @@ class FrameJob:
                 need not be drawn.
             samples: 1, 4 or 8 a pixel; when there are several, bands are drawn by ``phases``' ``draw``.
         """
-        count = len(prepared.labels)
-        bands = band_count(camera.height)
-        with np.errstate(all="ignore"):  # poses that are not finite draw nothing
-            self.X_camera_mesh: NDArray[np.float64] = np.matmul(camera.X_camera_world, prepared.X_world_mesh)
-        known, X, sizes, bounds = prepared.table, self.X_camera_mesh, prepared.sizes, prepared.bounds
-        if select is not None:
-            known, X, sizes, bounds = _selected(known, select), X[select], sizes[select], bounds[select]
-            cull_back = None if cull_back is None else cull_back[select]
-        drawn = len(X)
-        # All tables in one array: to ask an array for its address takes as long as to fill most of them.
-        lens_at, table_at, lengths_at, task_at, end = accumulate(
-            (at.J_COLUMNS, at.L_COLUMNS, known.size, at.M_COLUMNS * drawn, at_work.W_COLUMNS)
-        )
-        own = np.zeros(end, dtype=np.int64)
-        self._job_address = address = address_of(own, np.int64)
-        self._lens_address = address + 8 * lens_at
-        self._task, self._task_address = own[task_at:], address + 8 * task_at
-        lens = (camera.fx, camera.fy, camera.cx, camera.cy, camera.near, camera.far)
-        own[lens_at:table_at].view(np.float64)[:] = lens
-        table = own[table_at:lengths_at].reshape(known.shape)
-        table[:] = known
-        X_address = address_of(X, np.float64)
-        place(
-            X_address,
-            address_of(sizes, np.float64),
-            address_of(cull_back, np.bool_),
-            address_of(bounds, np.float64) if opaque else 0,
-            self._lens_address,
-            address + 8 * table_at,
+        count, width, height = len(prepared.labels), camera.width, camera.height
+        # All tables in one array: to ask an array for its address takes as long as to fill most of them. Most of what
+        # Python does here it does with cold caches, the last frame having gone through them: a line takes microseconds.
+        lengths_at = _TABLE + at.T_COLUMNS * (count + 1)
+        poses_at = lengths_at + at.M_COLUMNS * count
+        task_at = poses_at + 16 * count
+        self._own = own = np.zeros(task_at + at_work.W_COLUMNS, dtype=np.int64)
+        self._memory = memory = own.data
+        self._address = address = addressof(c_char.from_buffer(memory))
+        self._task_at = task_at
+        self._count = count
+        self._poses_at = poses_at
+        self.poses_address = meshes = address + 8 * poses_at
+        """Of ``X_camera_mesh``."""
+        _LENS.pack_into(memory, 8 * _LENS_AT, camera.fx, camera.fy, camera.cx, camera.cy, camera.near, camera.far)
+        self.lens_address = lens = address + 8 * _LENS_AT
+        """Of fx, fy, cx, cy and the clipping planes, float64."""
+        memory[at.J_TABLE], memory[at.J_LENGTHS], memory[at.J_LENS] = (
+            address + 8 * _TABLE,
             address + 8 * lengths_at,
-            drawn,
+            lens,
         )
+        known, points, sizes, bounds = prepared.placed_at
+        if not look_from(address_of(camera.X_world_camera, np.float64), points, meshes, count):
+            with np.errstate(all="ignore"):  # poses that are not finite draw nothing
+                self.X_camera_mesh[:] = np.matmul(camera.X_camera_world, prepared.X_world_mesh)
+        selected, culled = address_of(select, np.bool_), address_of(cull_back, np.bool_)
+        apart = place(address, known, meshes, sizes, bounds if opaque else 0, selected, culled, count)
 
-        self._vertices = int(table[-1, at.T_VERTEX])
-        self._elements = int(table[-1, at.T_ELEMENT])
-        self._chunks = -(-self._elements // at.CHUNK)
-        self._bands = bands
-        self.small = samples * camera.width * camera.height + 4 * self._elements < SMALL_WORK
+        self._vertices, self._elements, drawn = memory[at.J_VERTICES : at.J_INSTANCES + 1].tolist()
+        self._chunks = chunks = -(-self._elements // at.CHUNK)
+        self._bands = bands = band_count(height)
+        self.stride = stride = -(-width // LANES) * LANES
+        """Values of a row of the layer."""
+        self.small = samples * width * height + 4 * self._elements < SMALL_WORK
         """Not worth a second thread."""
-
-        padded = self._chunks * at.CHUNK
-        self._split = keep_backs and bool(table[-1, at.T_CULL])
+        self._split = keep_backs and apart > 0
         lists = 2 * bands if self._split else bands
 
-        job = self._job = own[:lens_at]
-        job[at.J_WIDTH] = camera.width
-        job[at.J_HEIGHT] = camera.height
-        job[at.J_STRIDE] = self._stride = -(-camera.width // LANES) * LANES
+        job = [0] * at.J_COLUMNS
+        job[at.J_WIDTH] = width
+        job[at.J_HEIGHT] = height
+        job[at.J_STRIDE] = stride
         job[at.J_BANDS] = bands
         job[at.J_LISTS] = lists
-        job[at.J_CHUNKS] = self._chunks
+        job[at.J_CHUNKS] = chunks
         job[at.J_VERTICES] = self._vertices
         job[at.J_ELEMENTS] = self._elements
         job[at.J_INSTANCES] = drawn
-        job[at.J_TABLE] = address + 8 * table_at
+        job[at.J_TABLE] = address + 8 * _TABLE
         job[at.J_LENGTHS] = address + 8 * lengths_at
-        for column, name, values, dtype in (
-            (at.J_VERTEX, "vertices", 4 * self._vertices, np.float32),
-            (at.J_RECORDS, "records", padded * at.RECORD_BYTES // 8, np.float64),
-            (at.J_SMALL, "small", padded * at.SMALL_BANDS, np.uint16),
-            (at.J_TALL, "tall", padded, np.uint16),
-            (at.J_MICRO, "micro", padded * at.MICRO_PER_ELEMENT * 4, np.int32),
-            (at.J_RANGES, "ranges", 4 * self._chunks, np.int32),
-            (at.J_OFFSETS, "offsets", self._chunks * (2 * lists + 4), np.int32),
-        ):
-            job[column] = scratch.take(name, values, dtype)[1]
+        (
+            job[at.J_VERTEX],
+            job[at.J_RECORDS],
+            job[at.J_SMALL],
+            job[at.J_TALL],
+            job[at.J_MICRO],
+            job[at.J_RANGES],
+            job[at.J_OFFSETS],
+        ) = _room(scratch, self._vertices, chunks, lists)
         job[at.J_ALL_INSTANCES] = count
-        job[at.J_FIRST_RECORD : at.J_ALL_MESHES + 1] = prepared.addresses
-        job[at.J_ALL_X] = X_address if select is None else address_of(self.X_camera_mesh, np.float64)
+        job[at.J_FIRST_RECORD : at.J_ALL_MESHES + 1] = prepared.resolved_at
+        job[at.J_ALL_X] = meshes
         job[at.J_SETUP] = kernel_addresses()[1]
         job[at.J_SELF] = address
-        job[at.J_LENS] = self._lens_address
+        job[at.J_LENS] = lens
+        _JOB.pack_into(memory, 0, *job)
         self._scratch = scratch
         self._wanted = False
-        self._keep: list[object] = [prepared, own]
+        self._keep: list[object] = [prepared]
         if samples > 1:
             offsets = sample_offsets(samples)
-            job[at.J_MARGIN] = np.abs(offsets).max()
-            job[at.J_SAMPLES] = address_of(offsets, np.int32)
-            job[at.J_LANES] = address_of(lanes_of_masks(), np.int32)
+            own[at.J_MARGIN] = np.abs(offsets).max()
+            own[at.J_SAMPLES] = address_of(offsets, np.int32)
+            own[at.J_LANES] = address_of(lanes_of_masks(), np.int32)
             self._keep.append(offsets)
+
+    @property
+    def X_camera_mesh(self) -> NDArray[np.float64]:
+        """(I, 4, 4) float64: as in ``Visibility``."""
+        poses = self._own[self._poses_at : self._task_at]
+        return poses.view(np.float64).reshape(self._count, 4, 4)
 
     def layers(
         self, ids: NDArray[np.int32], inv_z: NDArray[np.float32], beyond: Visibility | None, before: Visibility | None
@@ -149,13 +158,13 @@ class FrameJob:
 
         Kernels work on whole vectors: where the width is not a multiple of eight, on padded copies.
         """
-        job = self._job
+        job = self._own
         height, width = ids.shape
-        if self._stride == width:
+        if self.stride == width:
             job[at.J_IDS] = address_of(ids, np.int32)
             job[at.J_INV_Z] = address_of(inv_z, np.float32)
         else:
-            count = height * self._stride
+            count = height * self.stride
             job[at.J_IDS] = self._scratch.take("ids", count, np.int32)[1]
             job[at.J_INV_Z] = self._scratch.take("inv_z", count, np.float32)[1]
             job[at.J_PLAIN_IDS] = address_of(ids, np.int32)
@@ -170,19 +179,19 @@ class FrameJob:
 
     def _padded(self, array: NDArray[Any]) -> NDArray[Any]:
         """The array, or a copy whose rows are whole vectors; kept as long as the job."""
-        if array.shape[1] != self._stride:
-            array = np.pad(array, ((0, 0), (0, self._stride - array.shape[1])))
+        if array.shape[1] != self.stride:
+            array = np.pad(array, ((0, 0), (0, self.stride - array.shape[1])))
         self._keep.append(array)
         return array
 
-    def outputs(self, frame: Frame) -> None:
-        """Say which pictures are filled after a band is rasterized."""
-        job = self._job
-        job[at.J_DEPTH] = address_of(frame.depth, np.float32)
-        job[at.J_LABEL] = address_of(frame.label, np.uint32)
-        job[at.J_INSTANCE] = address_of(frame.instance, np.int32)
-        job[at.J_NORMAL] = address_of(frame.normal, np.float32)
-        self._wanted = any(job[at.J_DEPTH : at.J_NORMAL + 1])
+    def outputs(self, frame: Frame, places: Sequence[int]) -> None:
+        """Say which pictures are filled after a band is rasterized.
+
+        Args:
+            places: addresses of depth, label, instance and normal; 0: not wanted.
+        """
+        _OUTPUTS.pack_into(self._memory, 8 * at.J_DEPTH, *places)
+        self._wanted = any(places)
         self._keep += (frame.depth, frame.label, frame.instance, frame.normal)
 
     def phases(self, threads: int, draw: Callable[[int, int, int], None]) -> tuple[Phase, Phase, Phase]:
@@ -191,7 +200,7 @@ class FrameJob:
         Args:
             draw: called for every band, with the addresses of job and lens.
         """
-        job, lens = self._job_address, self._lens_address
+        job, lens = self._address, self.lens_address
         vertices, chunks = self._per_unit(threads)
         return (
             Phase(
@@ -216,18 +225,18 @@ class FrameJob:
         Args:
             shade_job: address of a painter's job: every band is shaded while it is in the cache. 0: none.
         """
-        job = self._job
+        own = self._own
         vertices, chunks = self._per_unit(threads)
         layers, values = 0, 0
-        if job[at.J_IDS] == 0:
-            values = 2 * BAND_ROWS * self._stride + 2 * LAYER_GAP
+        if self._memory[at.J_IDS] == 0:
+            values = 2 * BAND_ROWS * self.stride + 2 * LAYER_GAP
             layers = self._scratch.take("layers", threads * values, np.int32)[1]
         transforming, setting_up, drawing, shading = kernel_addresses()
-        task = self._task
-        task[at_work.W_THREADS :] = 0
+        units = -(-self._vertices // vertices), -(-self._chunks // chunks), self._bands
+        task = [0] * at_work.W_COLUMNS
         task[: at_work.W_UNITS + at_work.PHASES] = (
-            self._job_address,
-            self._lens_address,
+            self._address,
+            self.lens_address,
             transforming,
             setting_up,
             drawing,
@@ -237,24 +246,17 @@ class FrameJob:
             vertices,
             self._chunks,
             chunks,
-            job[at.J_HEIGHT],
-            4 * self._stride,
+            int(own[at.J_HEIGHT]),
+            4 * self.stride,
             layers,
             4 * values,
             self._wanted,
             self._split,
             YIELD_ADDRESS,
-            -(-self._vertices // vertices),
-            -(-self._chunks // chunks),
-            self._bands,
+            *units,
         )
-        most = max(-(-self._vertices // vertices), -(-self._chunks // chunks), self._bands)
-        return Task(self, self._task_address, 1 if self.small else min(threads, most))
-
-    @property
-    def stride(self) -> int:
-        """Values of a row of the layer."""
-        return self._stride
+        _TASK.pack_into(self._memory, 8 * self._task_at, *task)
+        return Task(self, self._address + 8 * self._task_at, 1 if self.small else min(threads, max(units)))
 
 
 class Task:
@@ -277,12 +279,18 @@ def kernel_addresses() -> tuple[int, int, int, int]:
     return kernel_address(transform), kernel_address(setup), kernel_address(draw_band), kernel_address(shade_rows)
 
 
-def _selected(table: NDArray[np.int64], select: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """The table of a part of the instances; records keep their numbers."""
-    counts = np.diff(table[:, [at.T_VERTEX, at.T_ELEMENT]], axis=0)[select]
-    part = np.zeros((len(counts) + 1, at.T_COLUMNS), dtype=np.int64)
-    part[:-1] = table[:-1][select]
-    part[0, [at.T_VERTEX, at.T_ELEMENT]] = 0
-    np.cumsum(counts[:, 0], out=part[1:, at.T_VERTEX])
-    np.cumsum(counts[:, 1], out=part[1:, at.T_ELEMENT])
-    return part
+def _room(scratch: Scratch, vertices: int, chunks: int, lists: int) -> tuple[int, ...]:
+    """Addresses of J_VERTEX, J_RECORDS, J_SMALL, J_TALL, J_MICRO, J_RANGES and J_OFFSETS."""
+    padded = chunks * at.CHUNK
+    return scratch.room(
+        (vertices, chunks, lists),
+        lambda: (
+            ("vertices", 4 * vertices, np.float32),
+            ("records", padded * at.RECORD_BYTES // 8, np.float64),
+            ("small", padded * at.SMALL_BANDS, np.uint16),
+            ("tall", padded, np.uint16),
+            ("micro", padded * at.MICRO_PER_ELEMENT * 4, np.int32),
+            ("ranges", 4 * chunks, np.int32),
+            ("offsets", chunks * (2 * lists + 4), np.int32),
+        ),
+    )

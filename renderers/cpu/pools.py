@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import threading
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -29,38 +31,50 @@ def aligned(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
     return raw[skipped : skipped + nbytes].view(dtype).reshape(shape)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Pooled:
+    """An array that goes back to its pool."""
+
+    array: NDArray[Any]
+    address: int
+    kind: tuple[tuple[int, ...], type[np.generic]]
+    """Shape and dtype."""
+
+
 class ArrayPool:
     """Arrays by shape and dtype. Thread-safe; what is not given back is simply collected."""
 
     def __init__(self, max_bytes: int = POOL_BYTES) -> None:
         self._max_bytes = max_bytes
         self._bytes = 0
-        self._free: dict[tuple[tuple[int, ...], np.dtype[Any]], list[NDArray[Any]]] = {}
+        self._free: dict[tuple[tuple[int, ...], type[np.generic]], list[Pooled]] = {}
         self._lock = threading.Lock()
 
-    def take(self, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
+    def take(self, shape: tuple[int, ...], dtype: type[np.generic]) -> Pooled:
         """A C-contiguous array with undefined contents."""
-        key = (shape, np.dtype(dtype))
+        kind = (shape, dtype)
         with self._lock:
-            free = self._free.get(key)
+            free = self._free.get(kind)
             if free:
-                array = free.pop()
-                self._bytes -= array.nbytes
-                return array
-        return aligned(shape, dtype)
+                pooled = free.pop()
+                self._bytes -= pooled.array.nbytes
+                return pooled
+        array = aligned(shape, dtype)
+        return Pooled(array, address_of(array, dtype), kind)
 
-    def give(self, array: NDArray[Any]) -> None:
-        """Take an array back. The oldest shapes are dropped when too much lies idle."""
-        if array.nbytes > self._max_bytes:
-            return
-        key = (array.shape, array.dtype)
+    def give(self, taken: Iterable[Pooled]) -> None:
+        """Take arrays back. The oldest shapes are dropped when too much lies idle."""
         with self._lock:
-            self._free.setdefault(key, []).append(array)
-            self._bytes += array.nbytes
+            for pooled in taken:
+                nbytes = pooled.array.nbytes
+                if nbytes > self._max_bytes:
+                    continue
+                self._free.setdefault(pooled.kind, []).append(pooled)
+                self._bytes += nbytes
             while self._bytes > self._max_bytes:
                 oldest = next(iter(self._free))
                 if self._free[oldest]:
-                    self._bytes -= self._free[oldest].pop(0).nbytes
+                    self._bytes -= self._free[oldest].pop(0).array.nbytes
                 if not self._free[oldest]:
                     del self._free[oldest]
 
@@ -70,6 +84,8 @@ class Scratch:
 
     def __init__(self) -> None:
         self._arrays: dict[str, tuple[NDArray[Any], int]] = {}
+        self._sizes: object = None
+        self._places: tuple[int, ...] = ()
         self.nbytes = 0
 
     def take(self, name: str, count: int, dtype: type[np.generic]) -> tuple[NDArray[Any], int]:
@@ -83,6 +99,18 @@ class Scratch:
             known = self._arrays[name] = array, address_of(array, dtype)
             self.nbytes += array.nbytes
         return known
+
+    def room(self, sizes: object, parts: Callable[[], Iterable[tuple[str, int, type[np.generic]]]]) -> tuple[int, ...]:
+        """Addresses of several arrays, which nobody else takes.
+
+        Args:
+            sizes: what their sizes depend on: with the same as before, they are where they were.
+            parts: gives what ``take`` is told of each.
+        """
+        if sizes != self._sizes:
+            self._places = tuple([self.take(*part)[1] for part in parts()])
+            self._sizes = sizes
+        return self._places
 
 
 class ScratchPool:

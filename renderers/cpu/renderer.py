@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
-from typing import Any, Final, get_args
+from collections.abc import Callable, Sequence
+from typing import Final, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from renderers.cpu.crew import Crew, Phase
 from renderers.cpu.edges import draw_samples, find_edges
 from renderers.cpu.frame import FrameJob
 from renderers.cpu.layout import MAX_SIDE
-from renderers.cpu.pools import ArrayPool, ScratchPool
+from renderers.cpu.pools import ArrayPool, Pooled, ScratchPool
 from renderers.cpu.sampled import EdgeMemory, mixed_bands, paint_each_sample
 from renderers.cpu.scene import PreparedScene, prepare
 from renderers.cpu.visibility import SampledView, Visibility
@@ -29,8 +29,15 @@ from renderers.studio.tables import StudioScene
 from renderers.studio.tables import prepare as prepare_studio
 from renderers.weaklru import WeakLru
 
-GEOMETRY = Output.DEPTH | Output.LABEL | Output.INSTANCE | Output.NORMAL
-"""Outputs of all geometry: both sides, opaque whatever the material says."""
+_PICTURES: Final = (
+    (Output.COLOR.value, True, np.uint8),
+    (Output.DEPTH.value, False, np.float32),
+    (Output.LABEL.value, False, np.uint32),
+    (Output.INSTANCE.value, False, np.int32),
+    (Output.NORMAL.value, True, np.float32),
+)
+"""A frame's pictures in their order: who wants it, whether its values are vectors, their type. All but the first show
+all geometry: both sides, opaque whatever the material says."""
 
 MAX_SHADING_BYTES: Final = 1 << 30
 """Textures and attributes that prepared scenes keep alive; many scenes share them, so that this is an upper bound."""
@@ -99,31 +106,20 @@ class CpuRenderer:
             raise ValueError(f"camera size {camera.width}x{camera.height} is larger than {MAX_SIDE}x{MAX_SIDE}")
         prepared = prepare(scene)
         shape = (camera.height, camera.width)
-        taken: list[NDArray[Any]] = []
-        all_wanted = outputs.value
-
-        def take(wanted: Output, shape: tuple[int, ...], dtype: type[np.generic]) -> NDArray[Any] | None:
-            if not wanted.value & all_wanted:  # operators of flags take microseconds
-                return None
-            taken.append(self._pool.take(shape, dtype))
-            return taken[-1]
-
-        frame = Frame(
-            color=take(Output.COLOR, (*shape, 3), np.uint8),
-            depth=take(Output.DEPTH, shape, np.float32),
-            label=take(Output.LABEL, shape, np.uint32),
-            instance=take(Output.INSTANCE, shape, np.int32),
-            normal=take(Output.NORMAL, (*shape, 3), np.float32),
-            _release=self._releaser(taken),
-        )
+        all_wanted = outputs.value  # operators of flags take microseconds
+        taken = [
+            self._pool.take((*shape, 3) if vectors else shape, dtype) if all_wanted & wanted else None
+            for wanted, vectors, dtype in _PICTURES
+        ]
+        color, depth, label, instance, normal = [None if each is None else each.array for each in taken]
+        places = [0 if each is None else each.address for each in taken]
+        frame = Frame(color, depth, label, instance, normal, self._releaser(taken))
         try:
-            with self._crew.caller():
+            with self._crew:
                 if frame.color is None:
-                    self._geometry(prepared, camera, frame)
+                    self._geometry(prepared, camera, frame, places)
                 else:
-                    self._color(
-                        prepared, scene, camera, look, frame, frame.color, with_geometry=bool(outputs & GEOMETRY)
-                    )
+                    self._color(prepared, scene, camera, look, frame, frame.color, places)
         except BaseException:
             frame.close()
             raise
@@ -176,19 +172,19 @@ class CpuRenderer:
         """As ``Rasterizer.parallel``."""
         self._crew.run((Phase(units, work),))
 
-    def _releaser(self, arrays: list[NDArray[Any]]) -> Callable[[], None]:
-        def release() -> None:
-            for array in arrays:
-                self._pool.give(array)
+    def _releaser(self, taken: Sequence[Pooled | None]) -> Callable[[], None]:
+        return lambda: self._pool.give(each for each in taken if each is not None)
 
-        return release
+    def _geometry(self, prepared: PreparedScene, camera: Camera, frame: Frame, places: Sequence[int]) -> None:
+        """Fill the frame's geometry outputs; the layer itself stays in the cache, band by band.
 
-    def _geometry(self, prepared: PreparedScene, camera: Camera, frame: Frame) -> None:
-        """Fill the frame's geometry outputs; the layer itself stays in the cache, band by band."""
+        Args:
+            places: addresses of the frame's pictures, in the order of ``_PICTURES``.
+        """
         scratch = self._scratch.take()
         try:
             job = FrameJob(prepared, camera, scratch, opaque=True)
-            job.outputs(frame)
+            job.outputs(frame, places[1:])
             self._crew.share(job.task(self._crew.threads))
         finally:
             # Nothing works on these any more: run() returns when all units have ended.
@@ -202,15 +198,18 @@ class CpuRenderer:
         look: Look,
         frame: Frame,
         color: NDArray[np.uint8],
-        *,
-        with_geometry: bool,
+        places: Sequence[int],
     ) -> None:
         """Fill all outputs of a frame with colour. One rasterization serves all of them: a band is shaded while it is
         in the cache, before the back faces that only geometry shows are drawn on top. Translucent scenes, samples and
         the studio look take several.
+
+        Args:
+            places: as for ``_geometry``.
         """
+        with_geometry = any(places[1:])
         if with_geometry and (look.name == "studio" or look.samples != 1):
-            self._geometry(prepared, camera, frame)
+            self._geometry(prepared, camera, frame, places)
         if look.name == "studio":
             paint_studio(self, scene, _studio(scene), camera, look.rig, look.samples, look.background, color)
             return
@@ -220,14 +219,14 @@ class CpuRenderer:
                 paint_each_sample(self, scene, shading, camera, look, color)
                 return
             if with_geometry:
-                self._geometry(prepared, camera, frame)
+                self._geometry(prepared, camera, frame, places)
             paint(self, scene, shading, camera, look, color)
             return
         cull = shading.cull_back if shading.culls else None
         if look.samples != 1:
 
             def begin(view: SampledView) -> Callable[[int, NDArray[np.int64]], None]:
-                painter = Painter(
+                painter = Painter.of(
                     shading, view.X_camera_mesh, view.first_record, camera, look, color, stride=view.stride
                 )
                 return mixed_bands(painter, view.stride)
@@ -237,8 +236,14 @@ class CpuRenderer:
         scratch = self._scratch.take()
         try:
             job = FrameJob(prepared, camera, scratch, cull_back=cull, keep_backs=with_geometry, opaque=True)
-            job.outputs(frame)
-            painter = Painter(shading, job.X_camera_mesh, prepared.first_record, camera, look, color, stride=job.stride)
+            job.outputs(frame, places[1:])
+            painter = Painter(
+                shading,
+                (prepared.resolved_at[0], job.poses_address, places[0], job.stride),
+                camera,
+                look,
+                keep=(job, color),
+            )
             self._crew.share(job.task(self._crew.threads, painter.job))
         finally:
             self._scratch.give(scratch)
@@ -255,18 +260,18 @@ class CpuRenderer:
     ) -> Visibility:
         """Rasterize one layer."""
         shape = (camera.height, camera.width)
-        arrays = [self._pool.take(shape, np.int32), self._pool.take(shape, np.float32)]
+        taken = self._pool.take(shape, np.int32), self._pool.take(shape, np.float32)
         scratch = self._scratch.take()
         try:
             job = FrameJob(prepared, camera, scratch, select=select, cull_back=cull_back)
-            job.layers(arrays[0], arrays[1], beyond, before)
+            job.layers(taken[0].array, taken[1].array, beyond, before)
             self._crew.share(job.task(self._crew.threads))
         finally:
             self._scratch.give(scratch)
         return Visibility(
-            ids=arrays[0],
-            inv_z=arrays[1],
+            ids=taken[0].array,
+            inv_z=taken[1].array,
             first_record=prepared.first_record,
             X_camera_mesh=job.X_camera_mesh,
-            _release=self._releaser(arrays),
+            _release=self._releaser(taken),
         )

@@ -87,8 +87,10 @@ class PreparedScene:
     """(I, B_COLUMNS) float64."""
     X_world_mesh: NDArray[np.float64]
     """(I, 4, 4) float64."""
-    addresses: tuple[int, int, int, int]
-    """Of ``first_record``, ``labels``, ``instance_ids`` and ``attributes``."""
+    resolved_at: tuple[int, int, int, int]
+    """Addresses of ``first_record``, ``labels``, ``instance_ids`` and ``attributes``."""
+    placed_at: tuple[int, int, int, int]
+    """Addresses of ``table``, ``X_world_mesh``, ``sizes`` and ``bounds``."""
     keep: tuple[Any, ...]
     """What the addresses in the tables point into."""
 
@@ -171,21 +173,28 @@ def prepare(scene: DrawList) -> PreparedScene:
         _structures.put(instances, structure, structure.table.nbytes + structure.attributes.nbytes)
     labels = np.array([instance.label for instance in instances], dtype=np.uint32)
     instance_ids = np.array([instance.instance_id for instance in instances], dtype=np.int32)
+    X_world_mesh = np.array([i.X_world_mesh for i in instances], dtype=np.float64).reshape(count, 4, 4)
     prepared = PreparedScene(
         table=structure.table,
         attributes=structure.attributes,
         first_record=structure.first_record,
         labels=labels,
         instance_ids=instance_ids,
-        addresses=(
+        resolved_at=(
             address_of(structure.first_record, np.int64),
             address_of(labels, np.uint32),
             address_of(instance_ids, np.int32),
             address_of(structure.attributes, np.int64),
         ),
+        placed_at=(
+            address_of(structure.table, np.int64),
+            address_of(X_world_mesh, np.float64),
+            address_of(structure.sizes, np.float64),
+            address_of(structure.bounds, np.float64),
+        ),
         sizes=structure.sizes,
         bounds=structure.bounds,
-        X_world_mesh=np.array([i.X_world_mesh for i in instances], dtype=np.float64).reshape(count, 4, 4),
+        X_world_mesh=X_world_mesh,
         keep=(instances, structure),
     )
     with _lock:

@@ -8,9 +8,6 @@ import numpy as np
 
 from renderers import simd as vec
 from renderers.cpu.layout import (
-    B_COLUMNS,
-    B_HALF,
-    B_MIDDLE,
     GUARD,
     J_INSTANCES,
     J_LENGTHS,
@@ -22,16 +19,13 @@ from renderers.cpu.layout import (
     L_FY,
     L_NEAR,
     M_COLUMNS,
-    M_SIZE,
     T_COLUMNS,
-    T_CULL,
-    T_HIDDEN,
     T_POSITIONS,
     T_VERTEX,
 )
 from renderers.jit import kernel
 from renderers.linked import inner
-from renderers.pointers import f32_at, f64_at, i64_at, u8_at
+from renderers.pointers import f32_at, f64_at, i64_at
 
 BEHIND: Final = -2.0
 """In place of 1/z: the vertex is nearer than the near plane (or not a number)."""
@@ -88,68 +82,6 @@ def _transform(matrix, positions, count, lens, out):
         out[4 * k] = column
         out[4 * k + 1] = row
         out[4 * k + 2] = inverse if depth >= near else BEHIND
-
-
-@inner
-def _outside(m, box, lens):
-    """Whether all of a box lies beyond the near plane and within the guard band, so that nothing in it is clipped."""
-    far_x, far_y, z = abs(m[3]), abs(m[7]), m[11]
-    size = abs(m[11])
-    for axis in range(3):
-        middle, half = box[B_MIDDLE + axis], box[B_HALF + axis]
-        far_x += abs(m[axis]) * (abs(middle) + half)
-        far_y += abs(m[4 + axis]) * (abs(middle) + half)
-        z += m[8 + axis] * middle - abs(m[8 + axis]) * half
-        size += abs(m[8 + axis]) * (abs(middle) + half)
-    z -= 1e-9 * size  # what rounding may add up to
-    most = GUARD - 1.0
-    return (
-        box[B_HALF] >= 0.0
-        and z > lens[L_NEAR]
-        and lens[L_FX] * far_x <= (most - abs(lens[L_CX])) * z
-        and lens[L_FY] * far_y <= (most - abs(lens[L_CY])) * z
-    )
-
-
-@kernel("void(int64, int64, int64, int64, int64, int64, int64, int64)")
-def place(points_at, sizes_at, cull_at, bounds_at, lens_at, table_at, lengths_at, count):
-    """What a frame's tables say of the drawn instances' poses.
-
-    Args:
-        points_at, sizes_at: addresses of (count, 4, 4) float64, camera from mesh, and of (count,) float64.
-        cull_at: address of (count,) bool, whose back faces are culled; 0: nobody's.
-        bounds_at: address of (count, B_COLUMNS) float64; 0: nothing may be said of what is hidden.
-        lens_at: address of L_COLUMNS float64.
-        table_at, lengths_at: addresses of count + 1 rows, of which T_CULL and T_HIDDEN, and of M_COLUMNS float64, which
-            are filled. T_CULL of the last row: how many have back faces that are culled and not hidden.
-    """
-    lens = f64_at(lens_at)
-    apart = 0
-    points, sizes, cull = f64_at(points_at), f64_at(sizes_at), u8_at(cull_at)
-    table, lengths = i64_at(table_at), f64_at(lengths_at)
-    for k in range(count):
-        m, out = 16 * k, M_COLUMNS * k
-        for value in range(M_SIZE):
-            lengths[out + value] = points[m + value]
-        lengths[out + M_SIZE] = sizes[k]
-        side = hidden = 0
-        culled = cull_at != 0 and cull[k] != 0
-        solid = bounds_at != 0 and _outside(f64_at(points_at + 128 * k), f64_at(bounds_at + 8 * B_COLUMNS * k), lens)
-        if culled or solid:
-            # In the optical frame a triangle that faces the camera runs counter-clockwise for the viewer, which is a
-            # negative area with y down; a mirrored map turns that round.
-            determinant = (
-                points[m] * (points[m + 5] * points[m + 10] - points[m + 6] * points[m + 9])
-                + points[m + 1] * (points[m + 6] * points[m + 8] - points[m + 4] * points[m + 10])
-                + points[m + 2] * (points[m + 4] * points[m + 9] - points[m + 5] * points[m + 8])
-            )
-            side = -1 if determinant < 0.0 else 1
-            hidden = side if solid and determinant != 0.0 else 0
-            side = side if culled else 0
-            apart += side != 0 and hidden == 0
-        table[T_COLUMNS * k + T_CULL] = side
-        table[T_COLUMNS * k + T_HIDDEN] = hidden
-    table[T_COLUMNS * count + T_CULL] = apart
 
 
 @kernel("void(int64, int64, int64, int64)")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from struct import Struct
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -15,7 +16,7 @@ from renderers.port import Look
 from renderers.shading import layout as at
 from renderers.shading.compose import DIRECT, GATHER, UNDER
 from renderers.shading.kernels import shade_rows
-from renderers.shading.scene import ShadingScene, instance_maps
+from renderers.shading.scene import ShadingScene, map_instances
 from renderers.simd import LANES
 
 if TYPE_CHECKING:  # the rasterizer calls this module
@@ -23,6 +24,11 @@ if TYPE_CHECKING:  # the rasterizer calls this module
 
 _NOTHING: Final = np.zeros((4, 0, LANES), dtype=np.float32)
 _NO_COLOR: Final = np.zeros((0, 0, 3), dtype=np.uint8)
+_MAPS: Final = at.S_COLUMNS + 4
+"""Where the maps begin, in values of 8 bytes: behind the job and the lens."""
+_VIEW: Final = Struct(f"{at.S_LENS + 1 - at.S_PBR}q")
+_TARGET: Final = Struct(f"{at.S_COLOR + 1 - at.S_BACKGROUND}q")
+_LENS: Final = Struct("4d")
 
 
 def paint(
@@ -76,6 +82,45 @@ class Painter:
     def __init__(
         self,
         shading: ShadingScene,
+        places: tuple[int, int, int, int],
+        camera: Camera,
+        look: Look,
+        *,
+        mode: int = DIRECT,
+        gathered: int = 0,
+        keep: object = None,
+    ) -> None:
+        """
+        Args:
+            places: addresses of ``first_record`` and ``X_camera_mesh`` as in ``Visibility``, and of (H, W, 3) uint8,
+                the picture; values from one row of records to the next.
+            mode, gathered: see ``compose``; the address of its array.
+            keep: what the addresses point into.
+        """
+        if shading.look != look.name:
+            raise ValueError(f"the scene was prepared for the look {shading.look!r}, not {look.name!r}")
+        first_record, meshes, color, stride = places
+        self.height = camera.height
+        count = len(shading.cull_back)
+        red, green, blue = look.background
+        # The job, the lens and the maps in one array: see FrameJob.
+        own = np.empty(_MAPS + (count * at.P_COLUMNS + 1) // 2, np.int64)
+        address = address_of(own, np.int64)
+        own[: at.S_COLUMNS] = shading.job
+        memory = own.data
+        view = (look.name == "pbr", mode, camera.width, camera.height, stride, first_record, count, meshes)
+        _VIEW.pack_into(memory, 8 * at.S_PBR, *view, address + 8 * _MAPS, address + 8 * at.S_COLUMNS)
+        _TARGET.pack_into(memory, 8 * at.S_BACKGROUND, red | green << 8 | blue << 16, gathered, color)
+        _LENS.pack_into(memory, 8 * at.S_COLUMNS, camera.fx, camera.fy, camera.cx, camera.cy)
+        map_instances(meshes, address + 8 * _MAPS, count)
+        self.job = address
+        """Address of S_COLUMNS int64; valid while this object is alive."""
+        self._keep = (shading, own, keep)
+
+    @classmethod
+    def of(
+        cls,
+        shading: ShadingScene,
         X_camera_mesh: NDArray[np.float64],
         first_record: NDArray[np.int64],
         camera: Camera,
@@ -85,36 +130,29 @@ class Painter:
         stride: int,
         mode: int = DIRECT,
         gathered: NDArray[np.float32] = _NOTHING,
-    ) -> None:
-        """
+    ) -> Painter:
+        """From arrays.
+
         Args:
             X_camera_mesh, first_record: as in ``Visibility``.
             color: (H, W, 3) uint8, C-contiguous.
             stride: values from one row of records to the next.
             mode, gathered: see ``compose``.
         """
-        if shading.look != look.name:
-            raise ValueError(f"the scene was prepared for the look {shading.look!r}, not {look.name!r}")
-        maps = instance_maps(X_camera_mesh)
-        lens = np.array((camera.fx, camera.fy, camera.cx, camera.cy), dtype=np.float64)
-        red, green, blue = look.background
-        job = shading.job.copy()
-        job[at.S_PBR] = look.name == "pbr"
-        job[at.S_MODE] = mode
-        job[at.S_WIDTH] = camera.width
-        job[at.S_STRIDE] = stride
-        job[at.S_HEIGHT] = self.height = camera.height
-        job[at.S_FIRST] = address_of(first_record, np.int64)
-        job[at.S_COUNT] = len(maps)
-        job[at.S_POINTS] = address_of(X_camera_mesh, np.float64)
-        job[at.S_MAPS] = address_of(maps, np.float32)
-        job[at.S_LENS] = address_of(lens, np.float64)
-        job[at.S_BACKGROUND] = red | green << 8 | blue << 16
-        job[at.S_GATHERED] = address_of(gathered, np.float32)
-        job[at.S_COLOR] = address_of(color, np.uint8)
-        self.job = address_of(job, np.int64)
-        """Address of S_COLUMNS int64; valid while this object is alive."""
-        self._keep = (shading, X_camera_mesh, first_record, maps, lens, job, gathered, color)
+        return cls(
+            shading,
+            (
+                address_of(first_record, np.int64),
+                address_of(X_camera_mesh, np.float64),
+                address_of(color, np.uint8),
+                stride,
+            ),
+            camera,
+            look,
+            mode=mode,
+            gathered=address_of(gathered, np.float32),
+            keep=(X_camera_mesh, first_record, color, gathered),
+        )
 
     def band(self, band: int, ids: int) -> None:
         """Shade one band.
@@ -141,7 +179,7 @@ def _shade(
     """Runs a painter over all bands."""
     from renderers.cpu.visibility import band_count
 
-    painter = Painter(
+    painter = Painter.of(
         shading,
         seen.X_camera_mesh,
         seen.first_record,

@@ -127,7 +127,13 @@ def _job(
 
 
 @kernel("void(int64, int64, int64)")
-def _map_instances(points_at, maps_at, count):
+def map_instances(points_at, maps_at, count):
+    """Maps of normals, the inverse transpose up to a positive factor (defined for flat scales, too), maps of tangents
+    up to a positive factor, and whether X mirrors.
+
+    Args:
+        points_at: address of (count, 4, 4) float64, camera from mesh. maps_at: of (count, P_COLUMNS) float32.
+    """
     points, maps = f64_at(points_at), f32_at(maps_at)
     for instance in range(count):
         m, out = 16 * instance, P_COLUMNS * instance
@@ -155,15 +161,3 @@ def _map_instances(points_at, maps_at, count):
                 maps[out + P_NORMAL + 3 * axis + k] = cofactor * scale
                 tangent = points[m + 4 * axis + k]
                 maps[out + P_TANGENT + 3 * axis + k] = tangent / largest if largest > 0.0 else 0.0
-
-
-def instance_maps(X_camera_mesh: NDArray[np.float64]) -> NDArray[np.float32]:
-    """(n, P_COLUMNS) float32: maps of normals, the inverse transpose up to a positive factor (defined for flat scales,
-    too), maps of tangents up to a positive factor, and whether X mirrors.
-
-    Args:
-        X_camera_mesh: (n, 4, 4) float64, C-contiguous.
-    """
-    maps = np.empty((len(X_camera_mesh), P_COLUMNS), np.float32)
-    _map_instances(address_of(X_camera_mesh, np.float64), address_of(maps, np.float32), len(maps))
-    return maps

@@ -43,7 +43,7 @@ def test_helpers_work_at_the_same_time() -> None:
 def test_the_callers_share_the_threads() -> None:
     """With as many callers as threads nobody wakes a helper: each does its own work."""
     crew = Crew(2)
-    with crew.caller(), crew.caller():
+    with crew, crew:
         seen: set[int] = set()
         crew.run([Phase(50, lambda _: seen.add(threading.get_ident()))])
         assert seen == {threading.get_ident()}
@@ -105,12 +105,12 @@ def test_reused_arrays_hold_nothing_of_the_frame_before() -> None:
 def test_the_pool_keeps_no_more_than_its_bound() -> None:
     pool = ArrayPool(max_bytes=1000)
     first, second = pool.take((100,), np.float32), pool.take((200,), np.float32)
-    pool.give(first)
-    pool.give(second)
+    pool.give([first])
+    pool.give([second])
     assert pool.take((100,), np.float32) is not first
     assert pool.take((200,), np.float32) is second
     huge = pool.take((500,), np.float32)
-    pool.give(huge)
+    pool.give([huge])
     assert pool.take((500,), np.float32) is not huge
 
 
@@ -196,12 +196,12 @@ def test_helpers_run_on_another_processor_than_the_caller() -> None:
 
     try:
         os.sched_setaffinity(0, {here})
-        with crew.caller():
+        with crew:
             crew.run([Phase(2, note)])
         assert places.pop(threading.get_ident()) == {here}
         os.sched_setaffinity(0, allowed)
         places.clear()
-        with crew.caller():
+        with crew:
             crew.run([Phase(2, note)])
         assert places.pop(threading.get_ident()) == allowed
         (helper,) = places.values()

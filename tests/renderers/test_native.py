@@ -7,34 +7,26 @@ import threading
 import numpy as np
 from numba import njit
 
-from renderers.cpu.layout import M_COLUMNS, M_SIZE, T_COLUMNS, T_CULL, T_HIDDEN
-from renderers.cpu.scene import NOT_SOLID
-from renderers.cpu.transform import place
 from renderers.native import YIELD_ADDRESS, call_kernel, kernel_address, shared_number, take_number, yield_at
 from renderers.pointers import i64_at
+from renderers.shading.layout import P_COLUMNS, P_MIRROR
+from renderers.shading.scene import map_instances
 
 
 @njit
-def _call(address, points, sizes, cull, bounds, lens, table, lengths, count):
-    call_kernel(address, (points, sizes, cull, bounds, lens, table, lengths, count))
+def _call(address, points, maps, count):
+    call_kernel(address, (points, maps, count))
 
 
 def test_a_kernel_called_by_its_address_does_what_it_does() -> None:
-    points = np.stack((np.eye(4), np.diag((-1.0, 1.0, 1.0, 1.0)), np.eye(4)))
-    points[:, 2, 3] = 3.0
-    sizes, cull = np.array((1.0, 2.0, 3.0)), np.array((True, True, False))
-    bounds = np.array(((0.0, 0.0, 0.0, 1.0, 1.0, 3.0), NOT_SOLID, (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)))
-    lens = np.array((100.0, 100.0, 50.0, 50.0, 0.1, 10.0))
-    tables = []
-    for call in (place, lambda *arguments: _call(kernel_address(place), *arguments)):
-        table, lengths = np.full((4, T_COLUMNS), 7), np.zeros((3, M_COLUMNS))
-        call(*(a.ctypes.data for a in (points, sizes, cull, bounds, lens, table, lengths)), 3)
-        assert table[:, T_CULL].tolist() == [1, -1, 0, 2]
-        assert table[:3, T_HIDDEN].tolist() == [0, 0, 1]
-        np.testing.assert_array_equal(lengths[:, :M_SIZE], points.reshape(3, 16)[:, :12])
-        np.testing.assert_array_equal(lengths[:, M_SIZE], sizes)
-        tables.append(table)
-    assert (tables[0] == tables[1]).all()
+    points = np.stack((np.eye(4), np.diag((-1.0, 2.0, 1.0, 1.0))))
+    filled = []
+    for call in (map_instances, lambda *arguments: _call(kernel_address(map_instances), *arguments)):
+        maps = np.full((2, P_COLUMNS), 7.0, np.float32)
+        call(points.ctypes.data, maps.ctypes.data, 2)
+        assert maps[:, P_MIRROR].tolist() == [1.0, -1.0]
+        filled.append(maps)
+    assert (filled[0] == filled[1]).all()
 
 
 @njit(nogil=True)
