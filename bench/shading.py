@@ -16,6 +16,7 @@ the first quartile over the frames, ms.
 from __future__ import annotations
 
 import argparse
+import ctypes
 import itertools
 import statistics
 import sys
@@ -23,7 +24,6 @@ import tempfile
 import time
 from collections import defaultdict
 from collections.abc import Callable
-from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -36,7 +36,12 @@ from bench.gallery import checks, dents, sphere
 from bench.raster import SIZES, WARM, Process, in_turns, scenes, view, write
 from bench.table import Row, at_least, show, skipped
 from renderers.camera import Camera
-from renderers.cpu import CpuRenderer, frame, renderer, sampled, warmup
+from renderers.cpu import CpuRenderer, frame, warmup
+from renderers.cpu import work as at
+from renderers.cpu.edges import draw_samples, find_edges, shade_mixed
+from renderers.cpu.setup import setup
+from renderers.cpu.transform import transform
+from renderers.cpu.visibility import BAND_ROWS
 from renderers.drawlist import AlphaMode, DrawList, Instance, Light, LightKind, Material, Sampler, Texture
 from renderers.port import Look, Output
 from renderers.studio.rig import STUDIO, Rig
@@ -159,14 +164,33 @@ def frames(threads: int, python: str | None, count: int) -> list[Row]:
     return rows
 
 
-STAGES = {
-    "transform": frame,
-    "setup": frame,
-    "draw_samples": renderer,
-    "find_edges": renderer,
-    "shade_mixed": sampled,
-}
-"""Kernels of a frame with samples, and who calls them."""
+STAGES = ("transform", "setup", "draw_samples", "find_edges", "shade_mixed")
+
+
+def by_stage(address: int, spent: dict[str, float]) -> None:
+    """What ``work.work`` does in a frame with several samples, stage by stage; adds the CPU time of each, s."""
+    task = (ctypes.c_int64 * at.W_COLUMNS).from_address(address)
+    job, lens, memory = task[at.W_JOB], task[at.W_LENS], task[at.W_LAYERS]
+    now = time.thread_time()
+
+    def note(stage: str) -> None:
+        nonlocal now
+        before, now = now, time.thread_time()
+        spent[stage] += now - before
+
+    transform(job, lens, 0, task[at.W_VERTICES])
+    note("transform")
+    setup(job, lens, 0, task[at.W_CHUNKS])
+    note("setup")
+    for band in range(task[at.W_UNITS + 2]):
+        first = band * BAND_ROWS
+        draw_samples(job, lens, band, memory)
+        note("draw_samples")
+        find_edges(job, band, memory)
+        note("find_edges")
+        last = min(first + BAND_ROWS, task[at.W_HEIGHT])
+        shade_mixed(task[at.W_SHADE_JOB], memory, task[at.W_STRIDE], first, last)
+        note("shade_mixed")
 
 
 def stages(count: int) -> None:
@@ -179,10 +203,7 @@ def stages(count: int) -> None:
             times: dict[str, list[float]] = defaultdict(list)
             for number in range(count + WARM):
                 spent: dict[str, float] = defaultdict(float)
-                with ExitStack() as patches:
-                    for stage, module in STAGES.items():
-                        call = partial(timed, getattr(module, stage), stage, spent)
-                        patches.enter_context(patch.object(module, stage, call))
+                with patch.object(frame, "work", partial(by_stage, spent=spent)):
                     drawer.render(scene, view(width, height, number), Output.COLOR, look).close()
                 start = time.thread_time()
                 drawer.render(scene, view(width, height, number), Output.COLOR, look).close()
@@ -191,13 +212,6 @@ def stages(count: int) -> None:
                     times[stage].append(value)
             cells = "".join(f"{1e3 * sorted(values[WARM:])[count // 4]:14.3f}" for values in times.values())
             print(f"{f'{name}, {width}x{height}, {samples} samples':30}" + cells, flush=True)
-
-
-def timed(call: Callable[..., object], name: str, spent: dict[str, float], *arguments: int) -> None:
-    """Calls and adds the thread's CPU time, s."""
-    start = time.thread_time()
-    call(*arguments)
-    spent[name] += time.thread_time() - start
 
 
 def main() -> None:

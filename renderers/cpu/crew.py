@@ -94,14 +94,10 @@ class Crew:
         with self._lock:
             self._callers -= 1
 
-    def run(self, phases: Sequence[Phase], *, alone: bool = False) -> None:
-        """Do the phases one after the other, each in parallel; raises the first error of a unit.
-
-        Args:
-            alone: the work is too small to be worth waking a helper.
-        """
+    def run(self, phases: Sequence[Phase]) -> None:
+        """Do the phases one after the other, each in parallel; raises the first error of a unit."""
         job = _Job(phases)
-        self._share(job.run, 1 if alone else max((p.units for p in phases), default=0))
+        self._share(job.run, max((p.units for p in phases), default=0))
         if job.error is not None:
             raise job.error
 

@@ -395,16 +395,17 @@ def _mix(edges, stride, width, row_begin, row_end, background, picture_at, pitch
     own_sums[0] = 0  # the pointer above does not keep the array alive
 
 
-@kernel("void(int64, int64, int64, int64, int64, int64)")
-def shade_mixed(shade_at, job_at, edges_at, stride, row_begin, row_end):
+@kernel("void(int64, int64, int64, int64, int64)")
+def shade_mixed(own_at, edges_at, stride, row_begin, row_end):
     """Shade a band's pixels and its entries, and mix those at edges as they are shown, as VTK mixes them.
 
     Args:
-        shade_at: address of ``renderers.shading.kernels.shade_rows``. job_at: address of a ``Painter``'s job, of the
-            mode ``DIRECT``.
+        own_at: address of 2 int64: where ``renderers.shading.kernels.shade_rows`` lies, and a ``Painter``'s job, of
+            the mode ``DIRECT``.
         edges_at: address of E_COLUMNS int64. stride: J_STRIDE.
         row_begin, row_end: the band's rows of the picture.
     """
+    shade_at, job_at = i64_at(own_at)[0], i64_at(own_at)[1]
     job, edges = i64_at(job_at), i64_at(edges_at)
     call_kernel(shade_at, (job_at, edges[E_IDS] - 4 * row_begin * stride, row_begin, row_end))
     counts, room = i32_at(edges[E_COUNTS]), edges[E_ROOM]

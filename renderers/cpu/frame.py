@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from ctypes import addressof, c_char
 from functools import cache
 from struct import Struct
@@ -14,14 +14,13 @@ from numpy.typing import NDArray
 from renderers.camera import Camera
 from renderers.cpu import layout as at
 from renderers.cpu import work as at_work
-from renderers.cpu.crew import Phase
 from renderers.cpu.pools import Scratch
 from renderers.cpu.poses import look_from, place
 from renderers.cpu.resolve import LAYER_GAP, draw_band
 from renderers.cpu.scene import PreparedScene
 from renderers.cpu.setup import setup
 from renderers.cpu.transform import transform
-from renderers.cpu.visibility import BAND_ROWS, Visibility, band_count
+from renderers.cpu.visibility import BAND_ROWS, SampledShader, Visibility, band_count
 from renderers.cpu.work import work
 from renderers.native import YIELD_ADDRESS, kernel_address
 from renderers.pointers import address_of
@@ -65,7 +64,7 @@ class FrameJob:
             keep_backs: culled faces are seen in the outputs, but not in what is shaded.
             opaque: only the nearest surface of every pixel is wanted, whatever it is, so that the backs of solid meshes
                 need not be drawn.
-            samples: 1, 4 or 8 a pixel; when there are several, bands are drawn by ``phases``' ``draw``.
+            samples: 1, 4 or 8 a pixel; when there are several, they are for ``sampled_task``.
         """
         count, width, height = len(prepared.labels), camera.width, camera.height
         # All tables in one array: to ask an array for its address takes as long as to fill most of them. Most of what
@@ -194,26 +193,6 @@ class FrameJob:
         self._wanted = any(places)
         self._keep += (frame.depth, frame.label, frame.instance, frame.normal)
 
-    def phases(self, threads: int, draw: Callable[[int, int, int], None]) -> tuple[Phase, Phase, Phase]:
-        """Transform, setup, and what else is done with the bands. Results do not depend on ``threads``.
-
-        Args:
-            draw: called for every band, with the addresses of job and lens.
-        """
-        job, lens = self._address, self.lens_address
-        vertices, chunks = self._per_unit(threads)
-        return (
-            Phase(
-                -(-self._vertices // vertices),
-                lambda u: transform(job, lens, u * vertices, min((u + 1) * vertices, self._vertices)),
-            ),
-            Phase(
-                -(-self._chunks // chunks),
-                lambda u: setup(job, lens, u * chunks, min((u + 1) * chunks, self._chunks)),
-            ),
-            Phase(self._bands, lambda band: draw(job, lens, band)),
-        )
-
     def _per_unit(self, threads: int) -> tuple[int, int]:
         """Vertices and chunks of a unit of work."""
         units = UNITS_PER_THREAD * threads if threads > 1 else 1
@@ -225,13 +204,33 @@ class FrameJob:
         Args:
             shade_job: address of a painter's job: every band is shaded while it is in the cache. 0: none.
         """
-        own = self._own
-        vertices, chunks = self._per_unit(threads)
         layers, values = 0, 0
         if self._memory[at.J_IDS] == 0:
             values = 2 * BAND_ROWS * self.stride + 2 * LAYER_GAP
             layers = self._scratch.take("layers", threads * values, np.int32)[1]
-        transforming, setting_up, drawing, shading = kernel_addresses()
+        _, _, drawing, shading = kernel_addresses()
+        return self._shared(threads, drawing, shading if shade_job else 0, shade_job, layers, 4 * values, 0)
+
+    def sampled_task(
+        self, threads: int, draw: int, find: int, memory: NDArray[np.int64], shader: SampledShader
+    ) -> Task:
+        """As ``task``, of several samples a pixel.
+
+        Args:
+            draw, find: addresses of ``edges.draw_samples`` and ``edges.find_edges``.
+            memory: (threads, E_COLUMNS) int64, of each thread.
+        """
+        self._keep += (memory, shader)
+        layers, values = address_of(memory, np.int64), memory.strides[0]
+        return self._shared(threads, draw, shader.kernel, shader.job, layers, values, find)
+
+    def _shared(
+        self, threads: int, draw: int, shade: int, shade_job: int, layers: int, layer_bytes: int, find: int
+    ) -> Task:
+        """The task, with what differs between one sample and several filled in, see ``work``."""
+        own = self._own
+        vertices, chunks = self._per_unit(threads)
+        transforming, setting_up, _, _ = kernel_addresses()
         units = -(-self._vertices // vertices), -(-self._chunks // chunks), self._bands
         task = [0] * at_work.W_COLUMNS
         task[: at_work.W_UNITS + at_work.PHASES] = (
@@ -239,8 +238,8 @@ class FrameJob:
             self.lens_address,
             transforming,
             setting_up,
-            drawing,
-            shading if shade_job else 0,
+            draw,
+            shade,
             shade_job,
             self._vertices,
             vertices,
@@ -249,10 +248,12 @@ class FrameJob:
             int(own[at.J_HEIGHT]),
             4 * self.stride,
             layers,
-            4 * values,
+            layer_bytes,
             self._wanted,
             self._split,
             YIELD_ADDRESS,
+            find,
+            self.stride,
             *units,
         )
         _TASK.pack_into(self._memory, 8 * self._task_at, *task)

@@ -12,15 +12,13 @@ from numpy.typing import NDArray
 from renderers.alike import Alike
 from renderers.camera import Camera
 from renderers.cpu.crew import Crew, Phase
-from renderers.cpu.edges import draw_samples, find_edges
 from renderers.cpu.frame import FrameJob
 from renderers.cpu.layout import MAX_SIDE
 from renderers.cpu.pools import ArrayPool, Pooled, ScratchPool
-from renderers.cpu.sampled import EdgeMemory, mixed_bands, paint_each_sample
+from renderers.cpu.sampled import edge_kernels, edge_memory, mixed_bands, paint_each_sample
 from renderers.cpu.scene import PreparedScene, prepare
-from renderers.cpu.visibility import SampledView, Visibility
+from renderers.cpu.visibility import SampledShader, SampledView, Visibility
 from renderers.drawlist import DrawList
-from renderers.pointers import address_of
 from renderers.port import Frame, Look, LookName, Output
 from renderers.shading import Painter, Parallel, ShadingScene, paint
 from renderers.shading import prepare as prepare_shading
@@ -145,7 +143,7 @@ class CpuRenderer:
         scene: DrawList,
         camera: Camera,
         samples: int,
-        begin: Callable[[SampledView], Callable[[int, NDArray[np.int64]], None]],
+        begin: Callable[[SampledView], SampledShader],
         *,
         cull_back: NDArray[np.bool_] | None = None,
     ) -> None:
@@ -154,17 +152,10 @@ class CpuRenderer:
         scratch = self._scratch.take()
         try:
             job = FrameJob(prepared, camera, scratch, cull_back=cull_back, samples=samples)
-            memory = EdgeMemory(scratch, self._crew.threads, camera, samples, job.stride)
-            work = begin(SampledView(prepared.first_record, job.X_camera_mesh, job.stride))
-
-            def draw(job_at: int, lens_at: int, band: int) -> None:
-                with memory.taken() as edges:
-                    edges_at = address_of(edges, np.int64)
-                    draw_samples(job_at, lens_at, band, edges_at)
-                    find_edges(job_at, band, edges_at)
-                    work(band, edges)
-
-            self._crew.run(job.phases(self._crew.threads, draw=draw), alone=job.small)
+            threads = self._crew.threads
+            memory = edge_memory(scratch, threads, camera, samples, job.stride)
+            shader = begin(SampledView(prepared.first_record, job.X_camera_mesh, job.stride))
+            self._crew.share(job.sampled_task(threads, *edge_kernels(), memory, shader))
         finally:
             self._scratch.give(scratch)
 
@@ -225,11 +216,10 @@ class CpuRenderer:
         cull = shading.cull_back if shading.culls else None
         if look.samples != 1:
 
-            def begin(view: SampledView) -> Callable[[int, NDArray[np.int64]], None]:
-                painter = Painter.of(
-                    shading, view.X_camera_mesh, view.first_record, camera, look, color, stride=view.stride
+            def begin(view: SampledView) -> SampledShader:
+                return mixed_bands(
+                    Painter.of(shading, view.X_camera_mesh, view.first_record, camera, look, color, stride=view.stride)
                 )
-                return mixed_bands(painter, view.stride)
 
             self.sampled(scene, camera, look.samples, begin, cull_back=cull)
             return

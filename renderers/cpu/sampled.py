@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -12,9 +10,9 @@ from numpy.typing import NDArray
 
 from renderers import samples as at
 from renderers.camera import Camera
-from renderers.cpu.edges import shade_mixed
+from renderers.cpu.edges import draw_samples, find_edges, shade_mixed
 from renderers.cpu.pools import Scratch
-from renderers.cpu.visibility import BAND_ROWS, Rasterizer
+from renderers.cpu.visibility import BAND_ROWS, Rasterizer, SampledShader
 from renderers.drawlist import DrawList
 from renderers.native import kernel_address
 from renderers.pointers import address_of
@@ -28,63 +26,53 @@ _GAP: Final = 1040
 """Values between arrays of a band, for the sake of ``resolve.LAYER_GAP``; also what is read behind them."""
 
 
-class EdgeMemory:
-    """Working memory of bands (``samples.E_COLUMNS`` addresses each), as much as threads may draw at the same time."""
+def edge_memory(scratch: Scratch, threads: int, camera: Camera, samples: int, stride: int) -> NDArray[np.int64]:
+    """(threads, E_COLUMNS) int64, see ``samples``: working memory of the bands that threads draw at the same time.
 
-    def __init__(self, scratch: Scratch, threads: int, camera: Camera, samples: int, stride: int) -> None:
-        """
-        Args:
-            scratch: must live as long as bands are drawn.
-            stride: values from one row of records to the next.
-        """
-        room = (samples - 1) * camera.width
-        parts = {  # values of 4 bytes
-            at.E_SAMPLE_IDS: BAND_ROWS * stride * LANES,
-            at.E_SAMPLE_INV_Z: BAND_ROWS * stride * LANES,
-            at.E_IDS: BAND_ROWS * stride,
-            at.E_FAR: BAND_ROWS * stride,
-            at.E_NEAR: BAND_ROWS * stride,
-            at.E_SLOTS: BAND_ROWS * stride,
-            at.E_COUNTS: BAND_ROWS,
-            at.E_RECORDS: BAND_ROWS * room,
-            at.E_PLACES: BAND_ROWS * room,
-            at.E_WEIGHTS: BAND_ROWS * room // 4,
-            at.E_MIXED: BAND_ROWS,
-            at.E_MIXES: BAND_ROWS * stride,
-            at.E_COLORS: BAND_ROWS * room * 3 // 4,
-        }
-        size = sum(parts.values()) + _GAP * len(parts)
-        place = scratch.take("samples", threads * size, np.int32)[1]
-        self._free: deque[NDArray[np.int64]] = deque()
-        for table in np.zeros((threads, at.E_COLUMNS), np.int64):
-            table[at.E_ROOM] = room
-            for column, values in parts.items():
-                table[column] = place
-                place += 4 * (values + _GAP)
-            self._free.append(table)
-
-    @contextmanager
-    def taken(self) -> Iterator[NDArray[np.int64]]:
-        """(E_COLUMNS,) int64 for one thread."""
-        table = self._free.pop()  # never empty: as many as threads
-        yield table
-        self._free.append(table)
+    Args:
+        scratch: must live as long as bands are drawn.
+        stride: values from one row of records to the next.
+    """
+    room = (samples - 1) * camera.width
+    parts = {  # values of 4 bytes
+        at.E_SAMPLE_IDS: BAND_ROWS * stride * LANES,
+        at.E_SAMPLE_INV_Z: BAND_ROWS * stride * LANES,
+        at.E_IDS: BAND_ROWS * stride,
+        at.E_FAR: BAND_ROWS * stride,
+        at.E_NEAR: BAND_ROWS * stride,
+        at.E_SLOTS: BAND_ROWS * stride,
+        at.E_COUNTS: BAND_ROWS,
+        at.E_RECORDS: BAND_ROWS * room,
+        at.E_PLACES: BAND_ROWS * room,
+        at.E_WEIGHTS: BAND_ROWS * room // 4,
+        at.E_MIXED: BAND_ROWS,
+        at.E_MIXES: BAND_ROWS * stride,
+        at.E_COLORS: BAND_ROWS * room * 3 // 4,
+    }
+    size = sum(parts.values()) + _GAP * len(parts)
+    place = scratch.take("samples", threads * size, np.int32)[1]
+    tables = np.empty((threads, at.E_COLUMNS), np.int64)
+    tables[:, at.E_ROOM] = room
+    for column, values in parts.items():
+        tables[:, column] = range(place, place + threads * 4 * size, 4 * size)
+        place += 4 * (values + _GAP)
+    return tables
 
 
-def mixed_bands(painter: Painter, stride: int) -> Callable[[int, NDArray[np.int64]], None]:
+@cache
+def edge_kernels() -> tuple[int, int]:
+    """Addresses of draw_samples and find_edges."""
+    return kernel_address(draw_samples), kernel_address(find_edges)
+
+
+def mixed_bands(painter: Painter) -> SampledShader:
     """For ``Rasterizer.sampled``: shades and mixes bands of an opaque scene as they are shown, as VTK mixes them.
 
     Args:
-        painter: of the whole picture. stride: values from one row of records to the next.
+        painter: of the whole picture.
     """
-    shade = kernel_address(shade_rows)
-
-    def work(band: int, edges: NDArray[np.int64]) -> None:
-        begin = band * BAND_ROWS
-        end = min(begin + BAND_ROWS, painter.height)
-        shade_mixed(shade, painter.job, address_of(edges, np.int64), stride, begin, end)
-
-    return work
+    job = np.array((kernel_address(shade_rows), painter.job), np.int64)
+    return SampledShader(kernel_address(shade_mixed), address_of(job, np.int64), (job, painter))
 
 
 def paint_each_sample(

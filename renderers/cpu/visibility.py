@@ -66,6 +66,18 @@ class SampledView:
     """Values from one row of a band's records to the next."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class SampledShader:
+    """What is done with a band whose samples' records are known."""
+
+    kernel: int
+    """Address of a kernel of five int64: ``job``, the address of the band's ``samples.E_COLUMNS`` int64, the view's
+    stride, and the band's first row of the picture and the one after its last. Called from any thread."""
+    job: int
+    keep: object
+    """What lives as long as bands are shaded."""
+
+
 class Rasterizer(Protocol):
     """What shading asks for more layers and for threads. ``CpuRenderer`` gives one per render call."""
 
@@ -97,15 +109,14 @@ class Rasterizer(Protocol):
         scene: DrawList,
         camera: Camera,
         samples: int,
-        begin: Callable[[SampledView], Callable[[int, NDArray[np.int64]], None]],
+        begin: Callable[[SampledView], SampledShader],
         *,
         cull_back: NDArray[np.bool_] | None = None,
     ) -> None:
         """Find out what 4 or 8 samples of every pixel see, band by band, while a band is in the cache.
 
         Args:
-            begin: called once; gives what is called for every band, from any thread, with its number and
-                (``samples.E_COLUMNS``,) int64, what is to be shaded in it.
+            begin: called once; says what is called for every band.
             cull_back: as in ``visibility``.
         """
         ...

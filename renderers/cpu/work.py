@@ -20,7 +20,7 @@ W_LENS: Final = 1
 W_TRANSFORM: Final = 2  # addresses of the kernels
 W_SETUP: Final = 3
 W_DRAW: Final = 4
-W_SHADE: Final = 5  # 0: nothing is shaded
+W_SHADE: Final = 5  # 0: nothing is shaded; with several samples a kernel as ``edges.shade_mixed``
 W_SHADE_JOB: Final = 6
 W_VERTICES: Final = 7
 W_VERTICES_PER_UNIT: Final = 8
@@ -28,12 +28,14 @@ W_CHUNKS: Final = 9
 W_CHUNKS_PER_UNIT: Final = 10
 W_HEIGHT: Final = 11
 W_ROW_BYTES: Final = 12  # of a layer's records
-W_LAYERS: Final = 13  # address of a layer of one band for each thread; 0: the layer is where the job says
-W_LAYER_BYTES: Final = 14
+W_LAYERS: Final = 13  # address of a layer of one band for each thread; 0: the layer is where the job says; with
+W_LAYER_BYTES: Final = 14  # several samples of each thread's ``samples.E_COLUMNS`` addresses
 W_GEOMETRY: Final = 15  # whether other pictures than colour are wanted
 W_SPLIT: Final = 16  # whether back faces are kept apart
 W_YIELD: Final = 17
-W_UNITS: Final = 18  # PHASES values
+W_FIND: Final = 18  # address of ``edges.find_edges``; 0: one sample
+W_STRIDE: Final = 19
+W_UNITS: Final = 20  # PHASES values
 W_THREADS: Final = 24  # how many have begun; from here on written while threads work
 W_TAKEN: Final = 25  # PHASES values: units taken
 W_ENDED: Final = 28  # PHASES values: units done
@@ -47,13 +49,18 @@ _PATIENCE: Final = 200
 def _band(task, band, layer):
     """Draw and shade one band."""
     job, lens, draw = task[W_JOB], task[W_LENS], task[W_DRAW]
+    first = band * BAND_ROWS
+    last = min(first + BAND_ROWS, task[W_HEIGHT])
+    if task[W_FIND] != 0:
+        call_kernel(draw, (job, lens, band, layer))
+        call_kernel(task[W_FIND], (job, band, layer))
+        call_kernel(task[W_SHADE], (task[W_SHADE_JOB], layer, task[W_STRIDE], first, last))
+        return
     if task[W_SHADE] == 0:
         call_kernel(draw, (job, lens, band, layer, EVERYTHING))
         return
     split = task[W_SPLIT] != 0
     call_kernel(draw, (job, lens, band, layer, FRONTS if split or task[W_GEOMETRY] == 0 else EVERYTHING))
-    first = band * BAND_ROWS
-    last = min(first + BAND_ROWS, task[W_HEIGHT])
     call_kernel(task[W_SHADE], (task[W_SHADE_JOB], layer - first * task[W_ROW_BYTES], first, last))
     if split:
         call_kernel(draw, (job, lens, band, layer, BACKS))

@@ -9,8 +9,9 @@ import numpy as np
 from renderers import simd as vec
 from renderers.jit import kernel
 from renderers.linked import inlined, inner
+from renderers.native import call_kernel
 from renderers.pointers import f32_at, i32_at, i64_at, u8_at
-from renderers.samples import E_COUNTS, E_MIXED, E_MIXES, E_PLACES, E_RECORDS, E_ROOM, E_WEIGHTS
+from renderers.samples import E_COUNTS, E_IDS, E_MIXED, E_MIXES, E_PLACES, E_RECORDS, E_ROOM, E_WEIGHTS
 from renderers.studio.finish import finish_row
 from renderers.studio.layout import (
     F_BEHIND,
@@ -223,3 +224,24 @@ def shade_rows(mode, job_at, ids_at, edges_at, stride, width, row_begin, row_end
             )
     # The pointers above do not keep the arrays alive.
     own_rows[0] = own_slots[0] = own_out[0] = own_bytes[0] = 0
+
+
+B_SHADE: Final = 0  # address of shade_rows
+B_JOB: Final = 1
+B_WIDTH: Final = 2
+B_FINISH: Final = 3
+B_COLUMNS: Final = 4
+
+
+@kernel("void(int64, int64, int64, int64, int64)")
+def shade_edges(own_at, edges_at, stride, row_begin, row_end):
+    """Shades a band's pixels and those at edges, and finishes its rows; see ``visibility.SampledShader``.
+
+    Args:
+        own_at: address of B_COLUMNS int64.
+    """
+    own, ids = i64_at(own_at), i64_at(edges_at)[E_IDS]
+    call_kernel(
+        own[B_SHADE],
+        (EDGES, own[B_JOB], ids, edges_at, stride, own[B_WIDTH], row_begin, row_end, np.int64(0), own[B_FINISH]),
+    )

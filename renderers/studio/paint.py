@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -14,8 +13,9 @@ from renderers.camera import Camera
 from renderers.color import linear_from_srgb
 from renderers.drawlist import DrawList
 from renderers.layers import peeled
+from renderers.native import kernel_address
 from renderers.pointers import address_of
-from renderers.samples import E_IDS, sample_cameras
+from renderers.samples import sample_cameras
 from renderers.studio import kernels as k
 from renderers.studio import layout as at
 from renderers.studio.finish import finish_rows
@@ -28,7 +28,7 @@ from renderers.studio.tables import StudioScene, normal_matrices
 from renderers.studio.tonemap import SRGB_CELLS, TONES
 
 if TYPE_CHECKING:  # the rasterizer calls this module
-    from renderers.cpu.visibility import Rasterizer, SampledView, Visibility
+    from renderers.cpu.visibility import Rasterizer, SampledShader, SampledView, Visibility
 
 
 def paint(
@@ -58,7 +58,7 @@ def paint(
         SurroundingsError: the rig's picture of the surroundings cannot be used.
         ValueError: ``samples``.
     """
-    from renderers.cpu.visibility import BAND_ROWS, band_count
+    from renderers.cpu.visibility import BAND_ROWS, SampledShader, band_count
 
     cull = studio.cull_back if studio.cull_back.any() else None
     opaque = ~studio.layered if studio.layered.any() else None
@@ -124,17 +124,15 @@ def paint(
             rasterizer.parallel(bands, band)
             del keep
 
-        def begin_edges(view: SampledView) -> Callable[[int, NDArray[np.int64]], None]:
+        def begin_edges(view: SampledView) -> SampledShader:
             """Shade what samples see."""
             job, keep = _job(studio, view.X_camera_mesh, view.first_record, camera, light)
-            stack.callback(lambda: (job, keep))
-            table = address_of(job, np.int64)
-
-            def band(unit: int, edges: NDArray[np.int64]) -> None:
-                where = int(edges[E_IDS]), address_of(edges, np.int64), view.stride
-                k.shade_rows(k.EDGES, table, *where, width, *rows(unit), 0, finishing)
-
-            return band
+            own = np.zeros(k.B_COLUMNS, np.int64)
+            own[k.B_SHADE] = kernel_address(k.shade_rows)
+            own[k.B_JOB] = address_of(job, np.int64)
+            own[k.B_WIDTH] = width
+            own[k.B_FINISH] = finishing
+            return SampledShader(kernel_address(k.shade_edges), address_of(own, np.int64), (own, job, keep))
 
         if opaque is None:
             if samples == 1 and seen is not None:
