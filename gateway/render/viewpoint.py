@@ -25,7 +25,8 @@ _LEAST_ANGLE: Final = 1e-9
 _NO_CAMERA: Final = (
     "the scene has geometry but no camera: Drake's client leaves the camera out when everything with a perception role "
     "is a glTF mesh. Add any other geometry with a perception role (a Box, Sphere or OBJ mesh, as small as you like) "
-    "to the SceneGraph; other clients: add a 'cameras' entry and a node with \"camera\": 0"
+    "to the SceneGraph; other clients: add a 'cameras' entry and a node with \"camera\": 0, "
+    "or export the live scene with one: /scene.glb?camera=fit"
 )
 
 

@@ -43,15 +43,25 @@ class PictureQuery:
     """Of depth."""
 
 
+def parse_file_query(query: Mapping[str, str], config: SceneApiConfig) -> PictureQuery | None:
+    """The camera that ``GET /scene.glb`` is to have; None: none.
+
+    Raises:
+        QueryError: naming the parameter.
+    """
+    _known(query, FILE_PARAMETERS)
+    if query and "camera" not in query:
+        raise QueryError(f"{next(iter(query))!r} is of a camera, and the query has no 'camera'")
+    return parse_query(query, config) if query else None
+
+
 def parse_query(query: Mapping[str, str], config: SceneApiConfig) -> PictureQuery:
     """The picture that a query asks for.
 
     Raises:
         QueryError: naming the parameter.
     """
-    unknown = [name for name in query if name not in PARAMETERS]
-    if unknown:
-        raise QueryError(f"{_quoted(unknown[0])} is no parameter; known are {', '.join(PARAMETERS)}")
+    _known(query, PARAMETERS)
     try:
         camera = parse_camera(query.get("camera", "fit"))
     except CameraError as error:
@@ -82,6 +92,12 @@ def parse_query(query: Mapping[str, str], config: SceneApiConfig) -> PictureQuer
         far=far,
         format=cast("DepthFormat", _choice(query, "format", FORMATS, "tiff")),
     )
+
+
+def _known(query: Mapping[str, str], names: tuple[str, ...]) -> None:
+    unknown = [name for name in query if name not in names]
+    if unknown:
+        raise QueryError(f"{_quoted(unknown[0])} is no parameter; known are {', '.join(names)}")
 
 
 def _quoted(text: str) -> str:
@@ -127,6 +143,17 @@ def _parameter(name: str, kind: str, default: object, text: str, **more: object)
     return {"name": name, "in": "query", "required": False, "description": text, "schema": schema}
 
 
+def openapi_file_parameters(config: SceneApiConfig) -> list[dict[str, Any]]:
+    """The parameters of ``GET /scene.glb`` for the OpenAPI document."""
+    known = {entry["name"]: entry for entry in openapi_parameters(config)}
+    camera = known["camera"]
+    text = (
+        f"Written into the file, as clients of /render need one; without it the file has none. {camera['description']}"
+    )
+    plain = {key: value for key, value in camera["schema"].items() if key != "default"}
+    return [{**camera, "description": text, "schema": plain}, *(known[name] for name in FILE_PARAMETERS[1:])]
+
+
 def openapi_parameters(config: SceneApiConfig) -> list[dict[str, Any]]:
     """The parameters for the OpenAPI document."""
     return [
@@ -156,3 +183,4 @@ def openapi_parameters(config: SceneApiConfig) -> list[dict[str, Any]]:
 
 
 PARAMETERS: Final = tuple(entry["name"] for entry in openapi_parameters(SceneApiConfig()))
+FILE_PARAMETERS: Final = ("camera", "width", "height", "fovy", "near", "far")

@@ -8,12 +8,19 @@ from typing import Any, Final
 from fastapi import APIRouter, Request, Response
 
 from gateway.scene.gltf_export import ExportError
-from gateway.sceneapi.query import QueryError, openapi_parameters, parse_query
+from gateway.sceneapi.query import (
+    QueryError,
+    openapi_file_parameters,
+    openapi_parameters,
+    parse_file_query,
+    parse_query,
+)
 from gateway.sceneapi.service import Answer, SceneApi
 from gateway.workers import Busy, Closed
 from renderers.drawlist import ImageError
 
 _TEXT: Final = {"text/plain": {"schema": {"type": "string"}}}
+_UNUSABLE: Final = {"description": "A parameter cannot be used; the text names it and why.", "content": _TEXT}
 _BINARY: Final = {"schema": {"type": "string", "format": "binary"}}
 
 
@@ -27,7 +34,13 @@ def router(service: SceneApi) -> APIRouter:
 
     async def file(http: Request) -> Response:
         """The scene as one binary glTF file: Y up, textures embedded, hidden nodes left out."""
-        return await _state(service, http, service.file)
+        try:
+            query = parse_file_query(dict(http.query_params), service.config)
+        except QueryError as error:
+            return _plain(400, str(error))
+        if query is None:
+            return await _state(service, http, service.file)
+        return await _now(service, lambda: service.file(query))
 
     async def picture(http: Request) -> Response:
         """A picture of the scene as it is now."""
@@ -35,10 +48,7 @@ def router(service: SceneApi) -> APIRouter:
             query = parse_query(dict(http.query_params), service.config)
         except QueryError as error:
             return _plain(400, str(error))
-        answer = await _made(service, lambda: service.picture(query))
-        if isinstance(answer, Answer):
-            return _response(answer, {"Cache-Control": "no-store"})
-        return answer
+        return await _now(service, lambda: service.picture(query))
 
     routes.add_api_route(
         "/scene",
@@ -54,7 +64,8 @@ def router(service: SceneApi) -> APIRouter:
         methods=["GET"],
         summary="Download the scene",
         response_class=Response,
-        responses=_responses({"model/gltf-binary": _BINARY}, cached=True),
+        responses={**_responses({"model/gltf-binary": _BINARY}, cached=True), 400: _UNUSABLE},
+        openapi_extra={"parameters": openapi_file_parameters(service.config)},
     )
     routes.add_api_route(
         "/scene/render",
@@ -78,7 +89,7 @@ def _responses(content: dict[str, Any], *, cached: bool) -> dict[int | str, dict
         answers[413] = {"description": "The file would be larger than the limit.", "content": _TEXT}
         answers[304] = {"description": "The scene is still that of If-None-Match."}
     else:
-        answers[400] = {"description": "A parameter cannot be used; the text names it and why.", "content": _TEXT}
+        answers[400] = _UNUSABLE
     return answers
 
 
@@ -94,6 +105,12 @@ async def _state(service: SceneApi, http: Request, make: Callable[[], Answer]) -
     if not isinstance(answer, Answer):
         return answer
     return _response(answer, {**headers, "ETag": service.etag(answer.revision)})
+
+
+async def _now(service: SceneApi, make: Callable[[], Answer]) -> Response:
+    """An answer that depends on more than the scene."""
+    answer = await _made(service, make)
+    return _response(answer, {"Cache-Control": "no-store"}) if isinstance(answer, Answer) else answer
 
 
 async def _made(service: SceneApi, make: Callable[[], Answer]) -> Answer | Response:

@@ -102,14 +102,18 @@ class SceneApi:
                 known = self._listed = Answer(body, "application/json", snapshot.revision)
             return known
 
-    def file(self) -> Answer:
-        """``GET /scene.glb``.
+    def file(self, query: PictureQuery | None = None) -> Answer:
+        """``GET /scene.glb``, with the camera of a query.
 
         Raises:
             ExportError: the file would be too large.
+            QueryError: the camera cannot be resolved in the scene as it is.
         """
         snapshot = self._tree.snapshot
-        body = export_glb(snapshot.root, max_bytes=self.config.max_export_bytes)
+        camera = None
+        if query is not None:
+            camera = self._camera(query, snapshot, self._flattener.flatten(snapshot))
+        body = export_glb(snapshot.root, camera=camera, max_bytes=self.config.max_export_bytes)
         return Answer(body, "model/gltf-binary", snapshot.revision)
 
     def picture(self, query: PictureQuery) -> Answer:
@@ -121,8 +125,21 @@ class SceneApi:
         """
         snapshot = self._tree.snapshot
         drawn = self._flattener.flatten(snapshot)
+        camera = self._camera(query, snapshot, drawn)
+        look = Look(query.look, self.config.background, query.samples, self.config.rig)
+        smooth = self.config.antialias == "fxaa" and query.look != "studio" and query.samples == 1
+        dots, outputs = None, _OUTPUTS[query.type]
+        if query.type == "color" and query.look == "plain" and smooth:
+            dots = _dots(drawn)
+            outputs |= Output(0) if dots is None else Output.INSTANCE
+        with self._renderer.render(drawn, camera, outputs, look) as frame:
+            body, media_type = self._encoded(frame, query, dots, smooth)
+        self._pictures += 1
+        return Answer(body, media_type, snapshot.revision)
+
+    def _camera(self, query: PictureQuery, snapshot: Snapshot, drawn: DrawList) -> Camera:
         try:
-            camera = resolve_camera(
+            return resolve_camera(
                 query.camera,
                 snapshot.root,
                 query.width,
@@ -135,16 +152,6 @@ class SceneApi:
             )
         except CameraError as error:
             raise QueryError(str(error)) from error
-        look = Look(query.look, self.config.background, query.samples, self.config.rig)
-        smooth = self.config.antialias == "fxaa" and query.look != "studio" and query.samples == 1
-        dots, outputs = None, _OUTPUTS[query.type]
-        if query.type == "color" and query.look == "plain" and smooth:
-            dots = _dots(drawn)
-            outputs |= Output(0) if dots is None else Output.INSTANCE
-        with self._renderer.render(drawn, camera, outputs, look) as frame:
-            body, media_type = self._encoded(frame, query, dots, smooth)
-        self._pictures += 1
-        return Answer(body, media_type, snapshot.revision)
 
     def _encoded(
         self, frame: Frame, query: PictureQuery, dots: NDArray[np.bool_] | None, smooth: bool

@@ -4,6 +4,7 @@ import io
 import json
 import math
 import struct
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from gateway.scene.geometry import Box, Capsule, Cylinder, Line, Part, PointClou
 from gateway.scene.gltf import read_gltf
 from gateway.scene.gltf_export import ExportError, export_glb
 from gateway.scene.tree import Node, TreeEdit
+from renderers.camera import Camera
 from renderers.drawlist import (
     AlphaMode,
     DrawList,
@@ -267,3 +269,19 @@ def test_real_scenes_survive():
             np.testing.assert_allclose(sorted_rows(after[topology]), sorted_rows(before[topology]), atol=1e-4)
         checked += 1
     assert checked >= 3
+
+
+def test_a_camera_comes_back_where_it_was():
+    pose = tf.look_at((2.0, -3.0, 1.5), (0.0, 0.5, 0.2), (0.0, 0.0, 1.0))
+    camera = Camera(64, 48, 50.0, 40.0, 32.0, 24.0, 0.125, 16.0, pose)
+    read = read_gltf(export_glb(scene(), camera=camera))
+    assert read.camera is not None
+    np.testing.assert_allclose(tf.Y_UP_TO_Z_UP @ read.camera.X_world_camera, pose, atol=1e-12)
+    written = document(export_glb(scene(), camera=camera))["cameras"]
+    assert written[0]["type"] == "perspective"
+    lens = written[0]["perspective"]
+    assert (lens["znear"], lens["zfar"]) == (0.125, 16.0)
+    assert np.tan(lens["yfov"] / 2) == pytest.approx(24.0 / 40.0)
+    assert lens["aspectRatio"] * np.tan(lens["yfov"] / 2) == pytest.approx(32.0 / 50.0)
+    endless = replace(camera, far=float("inf"))
+    assert "zfar" not in document(export_glb(scene(), camera=endless))["cameras"][0]["perspective"]

@@ -100,6 +100,23 @@ async def test_the_file_holds_the_scene(world: World):
     assert read_gltf(response.content).instance_count == 2
 
 
+async def test_the_file_has_the_camera_that_was_asked_for(world: World):
+    assert read_gltf((await world.client.get("/scene.glb")).content).camera is None
+    response = await world.client.get("/scene.glb?camera=eye=3,0,0;target=0,0,0&width=64&height=48&far=9")
+    assert (response.headers["cache-control"], "etag" in response.headers) == ("no-store", False)
+    camera = read_gltf(response.content).camera
+    assert camera is not None
+    np.testing.assert_allclose(camera.X_world_camera[:3, 3], (3, 0, 0), atol=1e-12)
+    for query, words in (
+        ("camera=stereo", "no stereo camera"),
+        ("camera=path:[1]", "no such node"),
+        ("width=64", "the query has no 'camera'"),
+        ("camera=fit&type=depth", "'type' is no parameter; known are camera, width"),
+    ):
+        refusal = await world.client.get(f"/scene.glb?{query}")
+        assert (refusal.status_code, words in refusal.text) == (400, True), refusal.text
+
+
 async def test_a_file_beyond_the_limit_is_a_sentence(world: World):
     world.service.config = SceneApiConfig(max_export_bytes=10)
     response = await world.client.get("/scene.glb")

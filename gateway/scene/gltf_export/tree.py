@@ -8,6 +8,7 @@ subtrees are left out; so are nodes whose transform is not finite, as JSON has n
 
 from __future__ import annotations
 
+import math
 from typing import Any, Final
 
 import numpy as np
@@ -19,6 +20,7 @@ from gateway.scene.meshing import meshes_of
 from gateway.scene.names import written
 from gateway.scene.transforms import IDENTITY, Y_UP_TO_Z_UP, Matrix
 from gateway.scene.tree import Node
+from renderers.camera import OPENGL_FROM_OPTICAL, Camera
 from renderers.color import linear_colors_from_srgb
 from renderers.drawlist import Material, Mesh, Topology
 
@@ -27,17 +29,18 @@ GENERATOR: Final = "Scenegate"
 _MODES: Final = {Topology.POINTS: 0, Topology.LINES: 1, Topology.TRIANGLES: 4}
 
 
-def export_glb(root: Node, *, max_bytes: int = MAX_BYTES) -> bytes:
+def export_glb(root: Node, *, camera: Camera | None = None, max_bytes: int = MAX_BYTES) -> bytes:
     """The tree as a .glb file.
 
     Args:
         root: a committed tree, Z up, metres.
+        camera: written as the file's only one; glTF has no principal point, so it looks through its picture's middle.
         max_bytes: of the file's binary part.
 
     Raises:
         ExportError: the file would be larger than ``max_bytes``.
     """
-    return _Writer(max_bytes).write(root)
+    return _Writer(max_bytes).write(root, camera)
 
 
 class _Writer:
@@ -47,10 +50,12 @@ class _Writer:
         self._primitives: list[dict[str, Any]] = []
         """Without a material."""
 
-    def write(self, root: Node) -> bytes:
+    def write(self, root: Node, camera: Camera | None) -> bytes:
         entry: dict[str, Any] = {"name": "Z up to Y up", "matrix": _column_major(Y_UP_TO_Z_UP.T)}
         top = self._document.add("nodes", entry)
         self._nodes(root, entry)
+        if camera is not None:
+            self._camera(camera, entry)
         return self._document.glb(top)
 
     def _nodes(self, root: Node, top: dict[str, Any]) -> None:
@@ -66,6 +71,19 @@ class _Writer:
             parent.setdefault("children", []).append(index)
             self._parts(node, entry)
             stack.extend((str(written(key)), child, entry) for key, child in reversed(node.children.items()))
+
+    def _camera(self, camera: Camera, parent: dict[str, Any]) -> None:
+        """A perspective camera (glTF 2.0, 3.10.3)."""
+        perspective = {
+            "yfov": 2.0 * math.atan(0.5 * camera.height / camera.fy),
+            "aspectRatio": (camera.width / camera.fx) / (camera.height / camera.fy),
+            "znear": camera.near,
+            **({"zfar": camera.far} if math.isfinite(camera.far) else {}),
+        }
+        index = self._document.add("cameras", {"type": "perspective", "perspective": perspective})
+        pose = camera.X_world_camera @ OPENGL_FROM_OPTICAL
+        node = self._document.add("nodes", {"name": "camera", "camera": index, "matrix": _column_major(pose)})
+        parent.setdefault("children", []).append(node)
 
     def _parts(self, node: Node, entry: dict[str, Any]) -> None:
         """The node's geometry: on the node itself where it needs no transform of its own, else below it."""

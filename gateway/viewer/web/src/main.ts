@@ -62,6 +62,7 @@ const bar = toolbar({
   },
   theme: () => setTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark"),
   snapshot: () => void snapshot(),
+  file: () => `/scene.glb?${viewQuery()}`,
 }, background);
 const layout = new Layout(tree.element, holder, tabs.element, bar, () => inSight());
 
@@ -179,10 +180,14 @@ function cameraText(): string {
   return `eye=${at(stage.camera.position)};target=${at(stage.controls.target)};up=0,0,1;fovy=${fovy}`;
 }
 
-async function snapshot(): Promise<void> {
+/** This view as parameters of `/scene/render` and `/scene.glb`. */
+function viewQuery(): URLSearchParams {
   const { clientWidth: width, clientHeight: height } = holder;
-  const query = new URLSearchParams({ camera: cameraText(), type: "color", width: `${width}`, height: `${height}` });
-  const answer = await fetch(`/scene/render?${query}`).catch(() => null);
+  return new URLSearchParams({ camera: cameraText(), width: `${width}`, height: `${height}` });
+}
+
+async function snapshot(): Promise<void> {
+  const answer = await fetch(`/scene/render?${viewQuery()}`).catch(() => null);
   if (!answer?.ok) {
     say(answer ? await answer.text() : "The gateway does not answer.", "foot");
     return;

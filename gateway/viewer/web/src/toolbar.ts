@@ -19,6 +19,8 @@ export interface ToolbarActions {
   background(name: Background): void;
   theme(): void;
   snapshot(): void;
+  /** Where the scene's file is, with this view as its camera. */
+  file(): string;
 }
 
 export interface Toolbar {
@@ -62,6 +64,13 @@ export function toolbar(actions: ToolbarActions, chosen: Background): Toolbar {
   );
   const left = button("tree", "Scene tree (T)", () => actions.panel("left"));
   const right = button("sensor", "Selection, stereo camera, renders (S)", () => actions.panel("right"));
+  const file = h(
+    "a",
+    { class: "button", href: "/scene.glb", download: "scene.glb", title: "The scene as .glb, with this view as its camera" },
+    icon("download"),
+    ".glb",
+  );
+  file.addEventListener("click", () => (file.href = actions.file()));
   const tools = h(
     "div",
     { class: "tools", role: "toolbar", "aria-label": "View" },
@@ -79,7 +88,7 @@ export function toolbar(actions: ToolbarActions, chosen: Background): Toolbar {
     backgrounds,
     gap(),
     button("snapshot", "This view as PNG, drawn by the gateway's own rasterizer", () => actions.snapshot()),
-    h("a", { class: "button", href: "/scene.glb", download: "scene.glb", title: "The scene as .glb" }, icon("download"), ".glb"),
+    file,
     button("theme", "Light or dark", () => actions.theme()),
   );
   const element = h("div", { class: "bar" }, left, h("span", { class: "brand" }, "Scenegate"), tools, right);
