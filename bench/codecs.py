@@ -13,6 +13,7 @@ import io
 import statistics
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 
 import cv2
 import numpy as np
@@ -89,13 +90,9 @@ def writers() -> list[Row]:
     for name, color, depth in pictures():
         bgr, grey = np.ascontiguousarray(color[..., ::-1]), millimetres(depth)
         jobs: dict[str, tuple[posted.Array, Callable[[], bytes], Callable[[], bytes]]] = {
-            "PNG, RGB": (color, lambda color=color: png_rgb(color), lambda bgr=bgr: encoded(".png", bgr)),
-            "PNG, 16 bit": (grey, lambda grey=grey: png_gray16(grey), lambda grey=grey: encoded(".png", grey)),
-            "TIFF, 32-bit float": (
-                depth,
-                lambda depth=depth: tiff_float32(depth),
-                lambda depth=depth: encoded(".tiff", depth),
-            ),
+            "PNG, RGB": (color, partial(png_rgb, color), partial(encoded, ".png", bgr)),
+            "PNG, 16 bit": (grey, partial(png_gray16, grey), partial(encoded, ".png", grey)),
+            "TIFF, 32-bit float": (depth, partial(tiff_float32, depth), partial(encoded, ".tiff", depth)),
         }
         for kind, (image, ours, theirs) in jobs.items():
             check(kind, ours(), image)

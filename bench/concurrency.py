@@ -13,6 +13,7 @@ import statistics
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 
 import uvloop
 
@@ -75,9 +76,9 @@ def scaling() -> list[Row]:
             draw(renderer, scene, 0)
         runs: list[tuple[float, float, float]] = []
         for _ in range(5):
-            one = seconds_for(1, lambda frame, scene=scene: draw(alone, scene, frame))
-            two = seconds_for(2, lambda frame, scene=scene: draw(alone, scene, frame))
-            split = seconds_for(1, lambda frame, scene=scene: draw(pair, scene, frame))
+            one = seconds_for(1, partial(draw, alone, scene))
+            two = seconds_for(2, partial(draw, alone, scene))
+            split = seconds_for(1, partial(draw, pair, scene))
             runs.append((one / two, one / split, one / FRAMES))
         callers[name], within[name], took = (statistics.median(column) for column in zip(*runs, strict=True))
         print(f"| {name} ({1e3 * took:.1f} ms alone) | {callers[name]:.2f}× | {within[name]:.2f}× |", flush=True)

@@ -113,7 +113,9 @@ def scenarios(checkout: Path) -> tuple[list[Scenario], dict[str, str]]:
     found: list[Scenario] = []
     without: dict[str, str] = {}
     for written in json.loads((root / "test" / "config.json").read_text("utf-8"))["scenarios"]:
-        values = {key: {**v, **written.get(key, {})} if isinstance(v, dict) else v for key, v in DEFAULTS.items()}
+        values: dict[str, Any] = {
+            key: {**v, **written.get(key, {})} if isinstance(v, dict) else v for key, v in DEFAULTS.items()
+        }
         values |= {key: v for key, v in written.items() if not isinstance(v, dict)}
         name: str = values["name"]
         model, lighting = _below(root, values["model"]), _below(root, values["lighting"])

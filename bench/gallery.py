@@ -13,7 +13,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import cv2
 import numpy as np
@@ -52,6 +52,7 @@ from renderers.stereo.truth import DepthRange, true_disparity
 from renderers.studio.rig import STUDIO, Hemisphere, Rig, Surroundings
 
 Picture = NDArray[np.uint8]
+Samples = Literal[1, 4, 8]
 PAPER: Final = (236, 239, 243)
 NIGHT: Final = (16, 18, 24)
 WIDTH, HEIGHT = 1120, 630
@@ -151,7 +152,7 @@ class Gallery:
         ball, floor = sphere(), ground(30, 60)
         paper = Material((0.95, 0.95, 0.95, 1), metallic=0.0, roughness=0.7, base_color_texture=Texture(checks()))
         instances = [Instance(floor, paper, np.eye(4))]
-        rows = (
+        rows: tuple[Callable[[float], Material], ...] = (
             lambda t: Material((1.0, 0.78, 0.36, 1), metallic=1.0, roughness=0.05 + 0.85 * t),
             lambda t: Material((0.02, 0.12, 0.42, 1), metallic=0.0, roughness=0.05 + 0.85 * t),
             lambda t: Material((0.6, 0.03, 0.03, 1), metallic=0.0, roughness=0.15, ior=1.0 + 1.6 * t),
@@ -213,12 +214,13 @@ class Gallery:
         floor = ground(60, 240)
         view = camera("eye=0,-6,1.1;target=0,0,0.2;fovy=34", WIDTH // 2, HEIGHT // 2)
         tiles = []
-        for mipmaps, samples, text in (
+        tries: list[tuple[bool, Samples, str]] = [
             (False, 1, "no mip levels, 1 sample"),
             (True, 1, "mip levels, 1 sample"),
             (False, 8, "no mip levels, 8 samples"),
             (True, 8, "mip levels, 8 samples"),
-        ):
+        ]
+        for mipmaps, samples, text in tries:
             texture = Texture(checks((235, 235, 235), (60, 66, 74)), Sampler(mipmaps=mipmaps))
             wood = Material((0.9, 0.9, 0.9, 1), metallic=0.0, roughness=0.8, base_color_texture=texture)
             ball = Material((0.9, 0.35, 0.1, 1), metallic=0.0, roughness=0.3)
@@ -232,7 +234,8 @@ class Gallery:
         """One robot's elbow, eight times as large: 1 sample, FXAA, 4 and 8 samples."""
         view = camera("eye=1.4,-1.1,1.7;target=0,0,0.85", 640, 480, self._demo)
         tiles = []
-        for samples, text in ((1, "1 sample"), (1, "FXAA"), (4, "4 samples"), (8, "8 samples")):
+        tries: list[tuple[Samples, str]] = [(1, "1 sample"), (1, "FXAA"), (4, "4 samples"), (8, "8 samples")]
+        for samples, text in tries:
             picture = self.color(self._demo, view, Look("pbr", samples=samples))
             if text == "FXAA":
                 fxaa(picture)

@@ -111,7 +111,7 @@ class Gateway:
                 entry = json.loads(line)
             except ValueError:
                 continue
-            if str(entry.get("event", "")).startswith(event):
+            if isinstance(entry, dict) and str(entry.get("event", "")).startswith(event):
                 return entry
         raise SystemExit(f"the gateway ended with {self.process.wait()}: {''.join(said)}")
 

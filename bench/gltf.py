@@ -135,8 +135,8 @@ def rows() -> list[Row]:
                 partial(trimesh_scene, moved),
                 partial(trimesh_with_normals, moved, missing=missing),
             )
-            for column, work in zip(times, works, strict=True):
-                column.append(milliseconds(work))
+            for taken, work in zip(times, works, strict=True):
+                taken.append(milliseconds(work))
         medians = [statistics.median(column) for column in times]
         times_of.append((*medians,))
         figures = " | ".join(f"{value:.2f}" for value in medians)

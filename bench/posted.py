@@ -124,7 +124,8 @@ def sphere(columns: int, rows: int) -> tuple[Array, Array, Array, Array]:
     below = first + columns + 1
     triangles = np.concatenate((np.stack((first, below, first + 1), 1), np.stack((first + 1, below, below + 1), 1)))
     uv = np.stack((u, v), -1).reshape(-1, 2)
-    return *(x.astype(np.float32) for x in (0.5 * normals, normals, uv)), triangles.astype(np.uint32)
+    narrow = np.float32
+    return (0.5 * normals).astype(narrow), normals.astype(narrow), uv.astype(narrow), triangles.astype(np.uint32)
 
 
 def textured(kind: str, copies: int = 10, unique: int = 3, side: int = 4096) -> Posted:

@@ -51,8 +51,8 @@ def sphere(columns: int, rows: int, bumps: float = 0.0) -> Mesh:
     below = a + columns + 1
     elements = np.concatenate((np.stack((a, below, a + 1), 1), np.stack((a + 1, below, below + 1), 1)))
     uv = np.stack((u / (2 * np.pi), v / np.pi), axis=-1)
-    points, n, uv = (x.reshape(len(u.ravel()), -1).astype(np.float32) for x in (points, n, uv))
-    return Mesh(points, elements.astype(np.uint32), n, uv)
+    positions, normals, uv0 = (x.reshape(u.size, -1).astype(np.float32) for x in (points, n, uv))
+    return Mesh(positions, elements.astype(np.uint32), normals, uv0)
 
 
 def pattern(size: int) -> np.ndarray[Any, Any]:

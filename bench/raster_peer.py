@@ -64,7 +64,8 @@ class ModernGl(Peer):
     def __init__(self) -> None:
         import moderngl
 
-        self.context: Any = moderngl.create_standalone_context(backend="egl")
+        settings: dict[str, Any] = {"backend": "egl"}
+        self.context: Any = moderngl.create_standalone_context(**settings)
         self.flags = moderngl.DEPTH_TEST | moderngl.CULL_FACE
 
     def load(self, scene: Any, width: int, height: int) -> None:
@@ -318,13 +319,13 @@ class Panda(Peer):
             rows = [scene[f"positions{k}"], scene[f"normals{k}"]] + ([scene[f"uv{k}"]] if textured else [])
             vertices = np.ascontiguousarray(np.concatenate(rows, axis=1), np.float32)
             data.unclean_set_num_rows(len(vertices))
-            memoryview(data.modify_array(0)).cast("B").cast("f")[:] = memoryview(vertices.ravel())
+            memoryview(data.modify_array(0)).cast("B").cast("f")[:] = vertices.ravel().data
             triangles = core.GeomTriangles(core.Geom.UH_static)
             triangles.set_index_type(core.Geom.NT_uint32)
             elements = np.ascontiguousarray(scene[f"elements{k}"], np.uint32).ravel()
             array = triangles.modify_vertices()
             array.unclean_set_num_rows(len(elements))
-            memoryview(array).cast("B").cast("I")[:] = memoryview(elements)
+            memoryview(array).cast("B").cast("I")[:] = elements.data
             geometry = core.Geom(data)
             geometry.add_primitive(triangles)
             node = core.GeomNode("mesh")

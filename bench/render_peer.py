@@ -93,7 +93,7 @@ class Painter:
         writer.SetInputConnection(grabber.GetOutputPort())
         writer.WriteToMemoryOn()
         writer.Write()
-        return vtk_to_numpy(writer.GetResult()).tobytes()
+        return bytes(vtk_to_numpy(writer.GetResult()))
 
     def depth(self, width: int, height: int, fields: dict[str, str]) -> bytes:
         near, far = float(fields["near"]), float(fields["far"])

@@ -27,7 +27,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 from unittest.mock import patch
 
 import numpy as np
@@ -63,7 +63,8 @@ def median(calls: dict[str, Callable[[], object]], frames: int = FRAMES) -> dict
             call()
             times[name].append((time.perf_counter() - wall, time.process_time() - cpu))
     return {
-        name: tuple(1e3 * statistics.median(t[k] for t in values[2:]) for k in (0, 1)) for name, values in times.items()
+        name: (1e3 * statistics.median(t[0] for t in values[2:]), 1e3 * statistics.median(t[1] for t in values[2:]))
+        for name, values in times.items()
     }
 
 
@@ -153,9 +154,11 @@ def frames(threads: int, python: str | None, count: int) -> list[Row]:
                     renderer.render(scene, view(width, height, frame), Output.COLOR, look).close()
                     return 1e3 * (time.perf_counter() - wall), 1e3 * (time.process_time() - cpu)
 
-                calls = {"ours": ours, "peer": partial(lambda peer, frame: peer.ask(f"draw {frame}"), peer)}
-                median = list(in_turns(calls, count).values())
-                wall, cpu = (theirs / our for our, theirs in zip(*median, strict=True))
+                def theirs(frame: int, peer: Process = peer) -> Times:
+                    return peer.ask(f"draw {frame}")
+
+                median = list(in_turns({"ours": ours, "theirs": theirs}, count).values())
+                wall, cpu = (other / our for our, other in zip(*median, strict=True))
                 cells = "  ".join(f"{each[0]:8.2f}/{each[1]:9.2f}" for each in median)
                 print(f"{name + f' {width}x{height}':34}  {cells}  {wall:.1f}/{cpu:.1f}", flush=True)
                 what = f"frame, 101 objects, {width}x{height}, {look.name} x{look.samples} (by CPU time {cpu:.1f}×)"
@@ -164,6 +167,7 @@ def frames(threads: int, python: str | None, count: int) -> list[Row]:
     return rows
 
 
+SAMPLES: tuple[Literal[4, 8], ...] = (4, 8)
 STAGES = ("transform", "setup", "draw_samples", "find_edges", "shade_mixed")
 
 
@@ -198,7 +202,7 @@ def stages(count: int) -> None:
     drawer = CpuRenderer(1)
     print(f"{'one thread, ms CPU':30}" + "".join(f"{name:>14}" for name in (*STAGES, "whole")))
     for name, scene in scenes().items():
-        for (width, height), samples in itertools.product(SIZES, (4, 8)):
+        for (width, height), samples in itertools.product(SIZES, SAMPLES):
             look = Look("phong", samples=samples)
             times: dict[str, list[float]] = defaultdict(list)
             for number in range(count + WARM):

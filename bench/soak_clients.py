@@ -170,7 +170,7 @@ async def vanishing(kind: str, ports: Ports) -> None:
 _OPTIONS: Final = [("grpc.max_receive_message_length", -1), ("grpc.use_local_subchannel_pool", 1)]
 
 
-def _stream(channel: grpc.aio.Channel, seconds: float | None, **wanted: bool) -> Any:
+def _stream(channel: grpc.aio.Channel, seconds: float | None, **wanted: Any) -> Any:
     call = channel.unary_stream(
         "/ImageInterface/StreamImageSets",
         request_serializer=pb.ImageSetRequest.SerializeToString,

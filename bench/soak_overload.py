@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import time
 from dataclasses import dataclass, field
+from functools import partial
 from statistics import median
 from typing import Any
 
@@ -66,7 +67,7 @@ async def ask(port: int, count: int, seconds: float, body: bytes) -> Answers:
         await asyncio.sleep(WARM_SECONDS / 2 * number / count)  # people do not come in the same millisecond
         while (start := loop.time()) < end:
             done: asyncio.Future[bytes] = loop.create_future()
-            await loop.create_connection(lambda done=done: _Ask(request, done), "127.0.0.1", port)
+            await loop.create_connection(partial(_Ask, request, done), "127.0.0.1", port)
             status = (await done)[9:12]
             taken = 1e3 * (loop.time() - start)
             counts = start - begin >= WARM_SECONDS

@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import struct
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable, Coroutine
 from typing import Any
 
 from bench.soak_clients import BOUNDARY, Ports, http_request, pose, render_body, tree_request
@@ -21,7 +21,7 @@ NODES = 50_000
 BODY_BYTES = 25_000_000
 """Of a big render request, as Drake's users have them."""
 
-Work = Callable[[Ports], Awaitable[None]]
+Work = Callable[[Ports], Coroutine[Any, Any, None]]
 
 
 async def exchange(port: int, request: bytes) -> bytes:

@@ -19,6 +19,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -88,7 +89,7 @@ def different_scenes(count: int) -> Iterator[bytes]:
     rng = np.random.default_rng(5)
     names = ("accessors", "bufferViews", "buffers", "materials", "meshes", "nodes")
     for _ in range(count):
-        document = {"asset": {"version": "2.0", "generator": "VTK"}, **{name: [] for name in names}}
+        document: dict[str, Any] = {"asset": {"version": "2.0", "generator": "VTK"}, **{name: [] for name in names}}
         document |= {"scene": 0, "scenes": [{"nodes": [0, 1]}]}
         document |= {"cameras": [{"type": "perspective", "perspective": {"yfov": 0.8, "zfar": 10.0, "znear": 0.01}}]}
         stretched = (positions * rng.uniform(0.5, 1.5, 3)).astype(np.float32)

@@ -24,7 +24,7 @@ TIMES = 200
 
 
 @njit(nogil=True)
-def _again(new, depths, ids, times):
+def _again(new: int, depths: int, ids: int, times: int) -> None:
     n, d, i = f32_at(new), f32_at(depths), i32_at(ids)
     for time_ in range(times):
         for k in range(0, PIXELS, 8):
@@ -34,7 +34,7 @@ def _again(new, depths, ids, times):
 
 
 @njit(nogil=True)
-def _plainly(new, depths, ids, times):
+def _plainly(new: int, depths: int, ids: int, times: int) -> None:
     n, d, i = f32_at(new), f32_at(depths), i32_at(ids)
     for time_ in range(times):
         for k in range(0, PIXELS, 8):

@@ -89,9 +89,10 @@ def _grpc_sets(port: int) -> Any:
 
     from gateway.generated import image_interface_pb2 as pb
 
+    wanted: dict[str, Any] = dict.fromkeys(LIVE, True)
     options = [("grpc.max_receive_message_length", -1)]
     channel = grpc.insecure_channel(f"127.0.0.1:{port}", options)
-    request = pb.ImageSetRequest(**dict.fromkeys(LIVE, True))
+    request = pb.ImageSetRequest(**wanted)
     return channel.unary_stream("/ImageInterface/StreamImageSets", pb.ImageSetRequest.SerializeToString)(request)
 
 
@@ -119,7 +120,7 @@ def _stamp(data: Any) -> float:
         stamp = pb.ImageSet.FromString(bytes(data[: 2 + data[1]])).timestamp
     except ValueError:  # another order of fields: protobuf's own
         return time.time()
-    return stamp.sec + stamp.nsec * 1e-9
+    return float(stamp.sec + stamp.nsec * 1e-9)
 
 
 def run(

@@ -22,7 +22,7 @@ import uvloop
 from gateway.generated import image_interface_pb2 as pb
 from gateway.ops.process import tune
 from gateway.stereo import messages, server, wire
-from gateway.stereo.config import StereoConfig
+from gateway.stereo.config import Rate, StereoConfig
 from gateway.stereo.events import EventHub
 from gateway.stereo.faults import FaultInjector
 from gateway.stereo.hub import Hub
@@ -31,6 +31,7 @@ from gateway.stereo.pacing import PoseSource, SceneSource
 from gateway.stereo.service import StereoService
 from gateway.workers import Workers
 from renderers.drawlist import DrawList
+from renderers.port import LookName
 from renderers.stereo.model import MODELS
 
 PAYLOADS = {
@@ -136,7 +137,7 @@ async def tcp(name: str) -> tuple[int, Any]:
     return listening.getsockname()[1], listening
 
 
-async def live(rate: str, look: str, quality: str, scene: str) -> tuple[int, Any]:
+async def live(rate: Rate, look: LookName, quality: str, scene: str) -> tuple[int, Any]:
     """The whole camera: rendered, with noise, at the device's rate or as fast as it goes."""
     from renderers.cpu import CpuRenderer
     from renderers.cpu.warmup import warmup
@@ -186,7 +187,8 @@ def watch_steps() -> dict[str, list[float]]:
     import asyncio.events as events
 
     seen: dict[str, list[float]] = {"ours": [], "writer": []}
-    run = events.Handle._run
+    handles: Any = events.Handle  # a method of it is another one from here on
+    run = handles._run
 
     def timed(handle: Any) -> None:
         task = getattr(handle._callback, "__self__", None)
@@ -199,13 +201,19 @@ def watch_steps() -> dict[str, list[float]]:
         elif "grpc" in file:
             seen["writer"].append(time.thread_time() - before)
 
-    events.Handle._run = timed
+    handles._run = timed
     return seen
 
 
 async def main(kind: str, *arguments: str) -> None:
     tune()
-    servers = {"shared": shared, "again": partial(shared, again=True), "proto": proto, "tcp": tcp, "live": live}
+    servers: dict[str, Any] = {
+        "shared": shared,
+        "again": partial(shared, again=True),
+        "proto": proto,
+        "tcp": tcp,
+        "live": live,
+    }
     port, keep = await servers[kind](*arguments)
     print(port, flush=True)
     lateness = [0] * 10_000  # in steps of 0.1 ms: a list of all would grow, which is what is being measured

@@ -61,7 +61,7 @@ class Helper:
                 return json.loads(line)
             except ValueError:
                 continue
-        raise SystemExit(f"{self.process.args} ended with {self.process.wait()}")
+        raise SystemExit(f"{self.process.args!r} ended with {self.process.wait()}")
 
     def ask(self) -> Any:
         assert self.process.stdin is not None
