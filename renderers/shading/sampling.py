@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from renderers import simd as vec
 from renderers.linked import inlined, inner
@@ -32,18 +31,6 @@ _LARGEST: Final = np.float32(1e9)
 AS_STORED: Final = 0
 SRGB: Final = 1
 _UNIT: Final = np.float32(1.0 / 255.0)
-
-
-def _byte_values() -> NDArray[np.float32]:
-    stored = np.arange(256) / 255.0
-    # IEC 61966-2-1, the piecewise sRGB transfer function.
-    linear = np.where(stored <= 0.04045, stored / 12.92, ((stored + 0.055) / 1.055) ** 2.4)
-    return linear.astype(np.float32)
-
-
-BYTE_VALUES: Final = _byte_values()
-"""(256,) float32: the linear value of an sRGB byte. Texels are converted before they are filtered, as the glTF
-specification asks."""
 
 
 @inlined

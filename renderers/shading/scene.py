@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from renderers.color import BYTE_VALUES
 from renderers.drawlist import Image, Instance, Material, Topology
 from renderers.jit import kernel
 from renderers.pointers import address_of, f32_at, f64_at
@@ -16,7 +17,6 @@ from renderers.port import LookName
 from renderers.shading import layout as at
 from renderers.shading.layout import II_COLUMNS, P_COLUMNS, P_MIRROR, P_NORMAL, P_TANGENT
 from renderers.shading.materials import MaterialRows, as_tables, material_rows
-from renderers.shading.sampling import BYTE_VALUES
 from renderers.shading.textures import Parallel, Texels, TextureTable, texels_of
 from renderers.shading.transfer import DECODED, ENCODED, GAMMA_CELLS
 from renderers.shading.vertices import VertexRecords, records_of

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from renderers.color import linear_values_from_srgb, srgb_values_from_linear
 from renderers.drawlist import Image, Texture, Wrap
 from renderers.jit import kernel
 from renderers.linked import inner
@@ -39,11 +40,9 @@ _LINEAR_STEPS: Final = 65535
 
 
 def _tables() -> tuple[NDArray[np.uint16], NDArray[np.uint8]]:
-    """Bytes of sRGB to linear light in 65535 steps, and back (IEC 61966-2-1)."""
-    stored = np.arange(256) / 255.0
-    linear = np.where(stored <= 0.04045, stored / 12.92, ((stored + 0.055) / 1.055) ** 2.4)
-    values = np.arange(_LINEAR_STEPS + 1) / _LINEAR_STEPS
-    shown = np.where(values <= 0.0031308, values * 12.92, 1.055 * values ** (1.0 / 2.4) - 0.055)
+    """Bytes of sRGB to linear light in 65535 steps, and back."""
+    linear = linear_values_from_srgb(np.arange(256) / 255.0)
+    shown = srgb_values_from_linear(np.arange(_LINEAR_STEPS + 1) / _LINEAR_STEPS)
     return np.round(linear * _LINEAR_STEPS).astype(np.uint16), np.round(shown * 255.0).astype(np.uint8)
 
 

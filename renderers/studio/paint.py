@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.camera import Camera
-from renderers.color import linear_from_srgb
+from renderers.color import BYTE_VALUES, linear_from_srgb
 from renderers.drawlist import DrawList
 from renderers.layers import peeled
 from renderers.native import kernel_address
@@ -21,7 +21,6 @@ from renderers.studio import layout as at
 from renderers.studio.finish import finish_rows
 from renderers.studio.lamps import light_table
 from renderers.studio.rig import MAX_LIGHTS, MAX_SHADOWS, Rig
-from renderers.studio.sampling import BYTE_VALUES
 from renderers.studio.shadows import ShadowMap, draw_maps, pixel_size, shadow_tables, visible_points
 from renderers.studio.surroundings import Ambient, ambient_of, split_sum
 from renderers.studio.tables import StudioScene, normal_matrices

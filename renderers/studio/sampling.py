@@ -6,7 +6,6 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from renderers import simd as vec
 from renderers.linked import inlined, inner
@@ -25,16 +24,6 @@ from renderers.studio.mips import (
 _LARGEST: Final = np.float32(1e9)
 _UNIT: Final = np.float32(1.0 / 255.0)
 _NO_LEVEL: Final = 1 << 20
-
-
-def _byte_values() -> NDArray[np.float32]:
-    stored = np.arange(256) / 255.0
-    linear = np.where(stored <= 0.04045, stored / 12.92, ((stored + 0.055) / 1.055) ** 2.4)
-    return linear.astype(np.float32)
-
-
-BYTE_VALUES: Final = _byte_values()
-"""(256,) float32: what a byte means as sRGB. Texels are converted before they are filtered."""
 
 
 @inlined

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers import simd as vec
+from renderers.color import linear_values_from_srgb
 from renderers.linked import inlined, inner
 from renderers.pointers import i32_at
 
@@ -98,8 +99,7 @@ def shown(tone, r, g, b):
 def _thresholds() -> NDArray[np.float32]:
     """(256,) float32: from ``thresholds[k]`` on, ``round(255 srgb(c))`` is at least k; the first is 0."""
     shown = np.maximum(np.arange(256) - 0.5, 0.0) / 255.0
-    linear = np.where(shown <= 0.04045, shown / 12.92, ((shown + 0.055) / 1.055) ** 2.4)
-    single: NDArray[np.float32] = linear.astype(np.float32)
+    single: NDArray[np.float32] = linear_values_from_srgb(shown).astype(np.float32)
     return single
 
 

@@ -15,12 +15,13 @@ from hypothesis import strategies as st
 from numba import njit
 
 from renderers import simd as vec
+from renderers.color import BYTE_VALUES
 from renderers.cpu.crew import Crew, Phase
 from renderers.drawlist import Image, ImageError, Sampler, Texture, Wrap
 from renderers.pointers import address_of, f32_at, i32_at, i64_at
 from renderers.shading import texels_of
 from renderers.shading.layout import A_ROWS, A_TEXEL, A_UV0, S_BYTE_VALUES, S_COLUMNS, S_TEXTURE_FLOATS, S_TEXTURES
-from renderers.shading.sampling import AS_STORED, BYTE_VALUES, SRGB, sample
+from renderers.shading.sampling import AS_STORED, SRGB, sample
 from renderers.shading.textures import TextureTable
 from renderers.shading.transfer import (
     DECODED,
