@@ -134,7 +134,7 @@ class Gallery:
             return frame.color.copy()
 
     def demo(self) -> Picture:
-        view = camera("eye=2.6,-2.5,1.9;target=0,0.1,0.62;fovy=32", drawn=self._demo)
+        view = camera("eye=2.6,-2.5,1.9;target=0,0.1,0.7;fovy=36", drawn=self._demo)
         return self.color(self._demo, view, Look("studio", PAPER, 8))
 
     def looks(self) -> Picture:
@@ -168,7 +168,7 @@ class Gallery:
             for i in range(7):
                 place = at(1.15 * (i - 3), 1.25 * (1.5 - k), 0.5)
                 instances.append(Instance(ball, row(i / 6), place))
-        view = camera("eye=1.6,-9.0,5.2;target=0.1,-0.1,0.1;fovy=29")
+        view = camera("eye=1.6,-9.0,5.2;target=-0.1,-0.25,0.1;fovy=32")
         return self.color(DrawList(tuple(instances)), view, Look("studio", PAPER, 8))
 
     def lamps(self) -> Picture:
@@ -202,10 +202,10 @@ class Gallery:
         instances = [Instance(floor, paper, np.eye(4))]
         for k, color in enumerate(((0.9, 0.1, 0.15), (0.95, 0.7, 0.1), (0.1, 0.6, 0.3), (0.1, 0.35, 0.9))):
             angle = 2 * math.pi * k / 4 + 0.4
-            pane = Material((*color, 0.55), metallic=0.0, roughness=0.05, alpha_mode=AlphaMode.BLEND)
+            pane = Material((*color, 0.36), metallic=0.0, roughness=0.05, alpha_mode=AlphaMode.BLEND)
             instances.append(Instance(ball, pane, at(0.52 * math.cos(angle), 0.52 * math.sin(angle), 0.75, 1.5)))
-        core = Material((0.95, 0.95, 0.97, 1), metallic=1.0, roughness=0.1)
-        instances.append(Instance(ball, core, at(0, 0, 0.75, 0.5)))
+        core = Material((0.8, 0.8, 0.83, 1), metallic=1.0, roughness=0.08)
+        instances.append(Instance(ball, core, at(0, 0, 0.75, 0.7)))
         view = camera("eye=1.6,-4.6,2.4;target=0,0,0.62;fovy=26")
         return self.color(DrawList(tuple(instances)), view, Look("studio", PAPER, 4))
 
@@ -241,8 +241,8 @@ class Gallery:
                 fxaa(picture)
             part = picture[148:218, 260:295]
             part = np.asarray(cv2.resize(part, None, fx=8, fy=8, interpolation=cv2.INTER_NEAREST), np.uint8)
-            cv2.putText(part, text, (10, 26), cv2.FONT_HERSHEY_SIMPLEX, 0.6, (255, 255, 255), 3, cv2.LINE_AA)
-            cv2.putText(part, text, (10, 26), cv2.FONT_HERSHEY_SIMPLEX, 0.6, (40, 50, 60), 1, cv2.LINE_AA)
+            cv2.rectangle(part, (0, 0), (130, 36), PAPER, cv2.FILLED)
+            cv2.putText(part, text, (14, 24), cv2.FONT_HERSHEY_SIMPLEX, 0.6, (40, 50, 60), 1, cv2.LINE_AA)
             tiles.append(part)
         return np.hstack(tiles)
 
