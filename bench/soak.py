@@ -44,7 +44,8 @@ COUNTED = ("tasks", "threads", "files")
 SETTLE_SECONDS = 45
 TOGETHER = 100
 """Churning clients at a time."""
-Samples = list[dict[str, float]]
+Samples = list[dict[str, Any]]
+"""Numbers, but for ``thread_names``."""
 
 
 class Gateway:
@@ -62,7 +63,7 @@ class Gateway:
         async for line in self.process.stdout:
             self.samples.append({"t": time.monotonic() - self.begin, **json.loads(line)})
 
-    async def next(self) -> dict[str, float]:
+    async def next(self) -> dict[str, Any]:
         """The figures of a second that is yet to come."""
         seen = len(self.samples)
         while len(self.samples) < seen + 2:  # noqa: ASYNC110 - once a second
@@ -111,6 +112,7 @@ async def _health(port: int) -> Any:
 async def churn(running: Gateway, count: int) -> tuple[dict[str, float], Counter[str]]:
     """Clients of all kinds; what is left of them, by figure, and how their visits ended."""
     await _wave(running.ports, min(count, 200))  # what the first of their kind leave is made once: pools, caches
+    await clients.well_behaved("grpc", running.ports)  # alone: only then a picture has the rasterizer's second thread
     before = await _settled(running, None)
     begin = time.monotonic()
     outcomes = await _wave(running.ports, count)
@@ -121,10 +123,12 @@ async def churn(running: Gateway, count: int) -> tuple[dict[str, float], Counter
         print(
             f"  {name:8} before {before[name]:8.1f}   after {after[name]:8.1f}   left {after[name] - before[name]:+.1f}"
         )
+    if new := set(after["thread_names"]) - set(before["thread_names"]):
+        print(f"  threads that were not there before: {', '.join(sorted(new))}")
     return {name: after[name] - before[name] for name in COUNTED}, outcomes
 
 
-async def _settled(running: Gateway, before: dict[str, float] | None) -> dict[str, float]:
+async def _settled(running: Gateway, before: dict[str, Any] | None) -> dict[str, Any]:
     """The figures when they are as before, or else do not change: half-open clients end by the server's timeouts."""
     last = await running.next()
     for _ in range(SETTLE_SECONDS):

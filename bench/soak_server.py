@@ -24,7 +24,7 @@ from gateway.ops import http, logs, process
 
 TICK = 0.001
 """Seconds between two looks of the ticker whose delays are the loop's stalls."""
-WORKER = re.compile(r"_\d+$")
+WORKER = re.compile(r"[_-]\d+$")
 """What a pool puts behind its name for each worker. A pool counts once: it is bounded, and grows whenever more is asked
 of it at the same time than ever before."""
 
@@ -45,9 +45,11 @@ async def tell() -> None:
             stalls.append(1e3 * (time.perf_counter() - begin - TICK))
         stalls.sort()
         turns.sort()
+        names = {WORKER.sub("", thread.name) for thread in threading.enumerate()}
         figures: dict[str, Any] = {
             "tasks": len(asyncio.all_tasks()),
-            "threads": len({WORKER.sub("", thread.name) for thread in threading.enumerate()}),
+            "threads": len(names),
+            "thread_names": sorted(names),
             "files": len(os.listdir("/proc/self/fd")),  # noqa: PTH208 - names only
             "rss_mb": int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6,  # noqa: ASYNC240 - no disk
             "cpu_s": time.process_time(),

@@ -14,7 +14,7 @@ from typing import Any
 
 from gateway.testing.running import clean_environment
 
-START_SECONDS = 300.0
+START_SECONDS = 900.0
 """Compiling all kernels on a slow, busy machine; only a hang takes longer."""
 STOP_SECONDS = 60.0
 
@@ -44,7 +44,7 @@ class GatewayProcess:
 
     def wait_for(self, event: str, seconds: float = START_SECONDS) -> dict[str, Any]:
         """The next log event that starts so; fails when the process ends before."""
-        while (line := self._lines.get(timeout=seconds)) is not None:
+        while (line := self._line(event, seconds)) is not None:
             try:
                 entry = json.loads(line)
             except ValueError:
@@ -54,6 +54,12 @@ class GatewayProcess:
                 return entry
         self._lines.put(None)
         raise AssertionError(f"ended with exit code {self.process.wait()} before {event!r}: {self.log}")
+
+    def _line(self, event: str, seconds: float) -> str | None:
+        try:
+            return self._lines.get(timeout=seconds)
+        except queue.Empty:
+            raise AssertionError(f"no {event!r}, and no word for {seconds:g} s: {self.log}") from None
 
     def rest_of_log(self) -> list[dict[str, Any]]:
         """Every event until the process has ended."""
