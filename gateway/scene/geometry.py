@@ -50,8 +50,7 @@ class Capsule(Value, frozen=True, gc=False):
     """Of the cylinder, without the end caps."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Surface:
+class Surface(msgspec.Struct, frozen=True, gc=False, eq=False):
     """An explicit mesh: a glTF primitive, ``mesh_data``, or one part of a loaded file."""
 
     mesh: Mesh

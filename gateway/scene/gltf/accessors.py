@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import Any, Final, TypeAlias
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,41 +31,72 @@ _MAX_STRIDE: Final = 252
 """Bytes, by the specification; zero would make a huge array of few bytes."""
 
 
-@dataclass(slots=True, eq=False)  # not frozen: that would make it three times as slow to create
-class Accessor:
-    """A checked accessor, not read yet. Immutable."""
+ZEROS: Final = Buffer(b"")
+"""Of accessors without a buffer view."""
 
-    name: str
-    """``accessors[3]``, for messages."""
+
+class Kind(msgspec.Struct, frozen=True, gc=False, eq=False):
+    """What the values of an accessor are; equal ones are one object."""
+
     dtype: np.dtype[Any]
     components: int
-    count: int
     normalized: bool
-    buffer: Buffer | None
-    """None: zeros."""
+    nbytes: int
+    """Of all components together."""
+
+
+_KINDS: Final[dict[tuple[int | None, str | None, bool], Kind]] = {
+    (code, shape, normalized): Kind(dtype, components, normalized, dtype.itemsize * components)
+    for code, dtype in COMPONENT_TYPES.items()
+    for shape, components in COMPONENTS.items()
+    for normalized in (False, True)
+}
+POINTS: Final = _KINDS[5126, "VEC3", False]
+TEXTURE_COORDINATES: Final = _KINDS[5126, "VEC2", False]
+INDICES: Final = frozenset(_KINDS[code, "SCALAR", False] for code in (5121, 5123, 5125))
+ALIGNED_INDICES: Final = _KINDS[5125, "SCALAR", False]
+
+
+class Accessor(msgspec.Struct, frozen=True, gc=False, eq=False):
+    """A checked accessor, not read yet."""
+
+    index: int
+    kind: Kind
+    count: int
+    buffer: Buffer
+    """``ZEROS``: there is none."""
     offset: int
     """Bytes from the start of the buffer."""
     stride: int
-    sparse: SparsePart | None
+    key: tuple[object, ...]
+    """Equal keys are equal contents."""
+    sparse: SparsePart | None = None
+    part: str = ""
+    """``.sparse.indices`` of the accessor, for messages."""
 
     @property
-    def key(self) -> tuple[object, ...]:
-        """Equal keys are equal contents."""
-        uid = self.buffer.uid if self.buffer is not None else 0
-        sparse = self.sparse.key if self.sparse is not None else None
-        layout = (self.dtype.char, self.components, self.count, self.normalized)
-        return (uid, self.offset, self.stride, *layout, sparse)
+    def name(self) -> str:
+        """``accessors[3]``, for messages."""
+        return f"accessors[{self.index}]{self.part}"
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        return self.kind.dtype
+
+    @property
+    def components(self) -> int:
+        return self.kind.components
 
     @property
     def buffers(self) -> list[Buffer]:
         """What it is made of."""
         parts = (self, self.sparse.indices, self.sparse.values) if self.sparse is not None else (self,)
-        return [part.buffer for part in parts if part.buffer is not None]
+        return [part.buffer for part in parts if part.buffer is not ZEROS]
 
     def raw(self, first: int = 0, stop: int | None = None) -> Array:
         """(stop - first, components) as stored, little-endian, a view of the buffer if there is no sparse part."""
         stop = self.count if stop is None else stop
-        if self.buffer is None:
+        if self.buffer is ZEROS:
             array: Array = np.zeros((stop - first, self.components), self.dtype)
         else:
             array = np.ndarray(
@@ -93,23 +124,18 @@ class Accessor:
             with np.errstate(over="ignore", invalid="ignore"):
                 return own(array, np.float32)
         result = array.astype(np.float32, order="C")
-        if self.normalized:
+        if self.kind.normalized:
             result *= np.float32(1.0 / np.iinfo(self.dtype).max)
             if kind == "i":
                 np.maximum(result, np.float32(-1.0), out=result)
         return result
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SparsePart:
+class SparsePart(msgspec.Struct, frozen=True, gc=False, eq=False):
     """Elements that replace some of the accessor's."""
 
     indices: Accessor
     values: Accessor
-
-    @property
-    def key(self) -> tuple[object, ...]:
-        return (*self.indices.key, *self.values.key)
 
 
 def own(array: Array, dtype: type[np.generic]) -> Array:
@@ -122,15 +148,31 @@ class Accessors:
     """The accessors of one document."""
 
     def __init__(
-        self, document: Document, buffers: Buffers, limits: GltfLimits, warnings: list[str], *, merged: bool = False
+        self,
+        document: Document,
+        buffers: Buffers,
+        limits: GltfLimits,
+        warnings: list[str],
+        *,
+        merged: bool = False,
+        known: Accessors | None = None,
     ) -> None:
-        """``merged``: by Drake's client, which leaves the indices of sparse parts as they were in the single files."""
+        """
+        Args:
+            merged: by Drake's client, which leaves the indices of sparse parts as they were in the single files.
+            known: of a document that has the same ones, and began with the same text.
+        """
         self._document = document
+        self._sources = document.accessors or []
+        self._views = document.buffer_views or []
         self._warnings = warnings
         self._merged = merged
         self._buffers = buffers
+        self._loaded = buffers.loaded
         self._limit = max(limits.max_vertices, limits.max_elements) * 3
-        self._known: dict[int, Accessor] = {}
+        self._known: dict[int, Accessor] = {} if known is None else known._known.copy()
+        self.warned = False
+        """Whether there was a fault that those who know these accessors would not hear of."""
 
     def get(self, index: object, where: str) -> Accessor:
         """``accessors[index]``, its bytes checked against the buffer.
@@ -138,74 +180,67 @@ class Accessors:
         Raises:
             GltfError: out of range, of an unknown type, or beyond its buffer view.
         """
-        known = self._known.get(index) if isinstance(index, int) else None
-        if known is not None:
-            return known
-        if type(index) is int and (plain := self._plain(index)) is not None:
-            self._known[index] = plain
+        if type(index) is int and (plain := self.plain(index)) is not None:
             return plain
         source = element(self._document.accessors, index, "accessors", where)
         assert isinstance(index, int)
         name = f"accessors[{index}]"
-        dtype = _dtype(source.component_type, f"{name}.componentType")
-        components = COMPONENTS.get(source.type or "")
-        if components is None:
+        _dtype(source.component_type, f"{name}.componentType")
+        kind = _KINDS.get((source.component_type, source.type, bool(source.normalized)))
+        if kind is None:
             raise GltfError(f"{name}.type: {str(source.type)[:20]} is not one of {', '.join(COMPONENTS)}")
         count = _count(source.count, self._limit, f"{name}.count")
-        accessor = self._accessor(
-            name, source.buffer_view, source.byte_offset, dtype, components, count, bool(source.normalized)
-        )
+        accessor = self._accessor(index, source.buffer_view, source.byte_offset, kind, count)
         if source.sparse is not None:
             try:
                 accessor = self._with_sparse(accessor, source.sparse)
             except GltfError as error:
                 if not self._merged:
                     raise
+                self.warned = True
                 self._warnings.append(f"{error} (Drake's merge does not adapt sparse accessors: ignored)")
         self._known[index] = accessor
         return accessor
 
-    def _plain(self, index: int) -> Accessor | None:
-        """The accessor if it is as nearly all are: tight, not sparse, without a fault. Documents have thousands, and
-        most of the other way's time goes into names for messages. None: the other way finds out what is wrong."""
-        accessors, views = self._document.accessors, self._document.buffer_views
-        if accessors is None or views is None or not 0 <= index < len(accessors):
+    def plain(self, index: int) -> Accessor | None:
+        """The accessor if it is known, or as nearly all are: tight, not sparse, without a fault. Documents have
+        thousands, and most of the other way's time goes into messages. None: ``get`` finds out what is wrong."""
+        known = self._known.get(index)
+        if known is not None:
+            return known
+        sources, views = self._sources, self._views
+        source = sources[index] if 0 <= index < len(sources) else None
+        if source is None or source.sparse is not None:
             return None
-        source = accessors[index]
-        if source is None or source.sparse is not None or source.count is None or source.buffer_view is None:
+        kind = _KINDS.get((source.component_type, source.type, source.normalized or False))
+        count, at = source.count, source.buffer_view
+        if kind is None or count is None or at is None or not 0 <= count <= self._limit or not 0 <= at < len(views):
             return None
-        dtype, components = COMPONENT_TYPES.get(source.component_type or 0), COMPONENTS.get(source.type or "")
-        if dtype is None or components is None or not 0 <= source.count <= self._limit:
+        view = views[at]
+        stride = kind.nbytes
+        if view is None or view.extensions or view.buffer is None or (view.byte_stride or stride) != stride:
             return None
-        view = views[source.buffer_view] if 0 <= source.buffer_view < len(views) else None
-        if view is None or view.extensions or view.byte_stride is not None or view.buffer is None:
-            return None
-        buffer = self._buffers.load(view.buffer, f"bufferViews[{source.buffer_view}].buffer")
+        buffer = self._loaded.get(view.buffer)
+        if buffer is None:
+            buffer = self._buffers.load(view.buffer, at)
         start, length, offset = view.byte_offset or 0, view.byte_length, source.byte_offset or 0
-        stride = dtype.itemsize * components
         if length is None or start < 0 or length < 0 or offset < 0 or start + length > len(buffer.data):
             return None
-        if offset + source.count * stride > length:
+        if offset + count * stride > length:
             return None
-        normalized = bool(source.normalized)
-        return Accessor(
-            f"accessors[{index}]", dtype, components, source.count, normalized, buffer, start + offset, stride, None
-        )
+        start += offset
+        key = (buffer.uid, start, stride, count, kind)
+        accessor = self._known[index] = Accessor(index, kind, count, buffer, start, stride, key)
+        return accessor
 
     def _accessor(
-        self,
-        name: str,
-        view: int | None,
-        byte_offset: int | None,
-        dtype: np.dtype[Any],
-        components: int,
-        count: int,
-        normalized: bool = False,
+        self, index: int, view: int | None, byte_offset: int | None, kind: Kind, count: int, part: str = ""
     ) -> Accessor:
         if view is None:
-            return Accessor(name, dtype, components, count, normalized, None, 0, 0, None)
+            return Accessor(index, kind, count, ZEROS, 0, 0, (0, 0, 0, count, kind), None, part)
+        name = f"accessors[{index}]{part}"
         buffer, start, length, view_stride = self._buffers.view(view, f"{name}.bufferView")
-        size = dtype.itemsize * components
+        size = kind.nbytes
         stride = view_stride or size
         offset = byte_offset or 0
         if not size <= stride <= max(_MAX_STRIDE, size):
@@ -213,7 +248,8 @@ class Accessors:
         needed = offset + (count - 1) * stride + size if count else 0
         if offset < 0 or needed > length:
             raise GltfError(f"{name}: needs {needed} bytes of bufferViews[{view}], which has {length}")
-        return Accessor(name, dtype, components, count, normalized, buffer, start + offset, stride, None)
+        key = (buffer.uid, start + offset, stride, count, kind)
+        return Accessor(index, kind, count, buffer, start + offset, stride, key, None, part)
 
     def _with_sparse(self, base: Accessor, sparse: Sparse) -> Accessor:
         name = f"{base.name}.sparse"
@@ -227,15 +263,17 @@ class Accessors:
         dtype = _dtype(sparse.indices.component_type, f"{name}.indices.componentType")
         if dtype.kind != "u":
             raise GltfError(f"{name}.indices.componentType: {sparse.indices.component_type} is not unsigned")
+        kind = _KINDS[sparse.indices.component_type or 0, "SCALAR", False]
         indices = self._accessor(
-            f"{name}.indices", sparse.indices.buffer_view, sparse.indices.byte_offset, dtype, 1, count
+            base.index, sparse.indices.buffer_view, sparse.indices.byte_offset, kind, count, ".sparse.indices"
         )
         values = self._accessor(
-            f"{name}.values", sparse.values.buffer_view, sparse.values.byte_offset, base.dtype, base.components, count
+            base.index, sparse.values.buffer_view, sparse.values.byte_offset, base.kind, count, ".sparse.values"
         )
         if (largest := int(indices.raw().max())) >= base.count:
             raise GltfError(f"{name}.indices: {largest} is out of range ({base.count} elements)")
-        return replace(base, sparse=SparsePart(indices, values))
+        key = (*base.key, *indices.key, *values.key)
+        return msgspec.structs.replace(base, sparse=SparsePart(indices, values), key=key)
 
 
 def _dtype(component_type: int | None, where: str) -> np.dtype[Any]:

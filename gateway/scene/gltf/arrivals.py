@@ -19,12 +19,22 @@ _NOTHING: Final = memoryview(b"")
 class Text:
     """A document that has arrived: the beginning of a kept text, which may be empty, and the rest. Immutable."""
 
-    __slots__ = ("_rest", "_shared", "_source")
+    __slots__ = ("_lasting", "_rest", "_shared", "_source")
 
     def __init__(
-        self, rest: bytes | bytearray | memoryview, source: KeptText | None = None, shared: int | None = None
+        self,
+        rest: bytes | bytearray | memoryview,
+        source: KeptText | None = None,
+        shared: int | None = None,
+        *,
+        lasting: bool = False,
     ) -> None:
-        """``shared``: bytes of ``source`` that it begins with; None: all of them."""
+        """
+        Args:
+            shared: bytes of ``source`` that it begins with; None: all of them.
+            lasting: nobody changes ``rest`` any more.
+        """
+        self._lasting: Final = lasting or isinstance(rest, bytes)
         self._rest: Final = rest if isinstance(rest, bytes) else memoryview(rest).cast("B").toreadonly()
         self._source: Final = source
         self._shared: Final = (len(source.text) if shared is None else shared) if source is not None else 0
@@ -44,6 +54,11 @@ class Text:
     def rest(self) -> bytes | memoryview:
         """What follows the part of a kept text; read-only."""
         return self._rest
+
+    @property
+    def is_lasting(self) -> bool:
+        """Whether what ``whole`` gives may be kept."""
+        return self._lasting or self._shared > 0
 
     def whole(self) -> bytes | memoryview:
         """All of it in one piece, read-only; made anew when part of it is a kept text's."""
@@ -85,7 +100,7 @@ class Arrival:
     def text(self) -> Text:
         """What has come."""
         self._end()
-        return Text(self._own, self._source, self._shared)
+        return Text(self._own, self._source, self._shared, lasting=True)
 
     def sha256(self) -> str:
         """64 hexadecimal digits, of the bytes that have come."""

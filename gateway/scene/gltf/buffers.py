@@ -21,6 +21,7 @@ Resolver = Callable[[str], bytes]
 
 _SCHEME: Final = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
 _USUAL_HEAD: Final = b"data:application/octet-stream;base64,"
+_USUAL_TEXT: Final = _USUAL_HEAD.decode()
 _BASE64_NOISE: Final = re.compile(rb"[\s=]+")
 _URL_ALPHABET: Final = bytes.maketrans(b"-_", b"+/")
 
@@ -35,39 +36,47 @@ class Buffers:
         cache: MeshCache,
         limits: GltfLimits,
         resolve: Resolver | None,
+        known: Buffers | None = None,
     ) -> None:
+        """``known``: of a document that has the same buffers, and began with the same text."""
         self._document = document
         self._container = container
         self._cache = cache
         self._limits = limits
         self._resolve = resolve
-        self._loaded: dict[int, Buffer] = {}
-        self._held: dict[tuple[int, int], Buffer] = {}
-        self._nbytes = 0
+        self.loaded: Final[dict[int, Buffer]] = {} if known is None else known.loaded.copy()
+        """By index."""
+        self._texts: dict[str, Buffer] = {} if known is None else known._texts.copy()
+        """By what stands in the JSON."""
+        self._held: dict[tuple[int, int], Buffer] = {} if known is None else known._held.copy()
+        self.nbytes: int = 0 if known is None else known.nbytes
 
     @property
     def uids(self) -> tuple[int, ...]:
         """What was loaded so far, in order."""
         return tuple(buffer.uid for buffer in self._held.values())
 
-    def load(self, index: int, where: str) -> Buffer:
-        """``buffers[index]``.
+    def load(self, index: int, view: int) -> Buffer:
+        """``buffers[index]``, which ``bufferViews[view]`` refers to.
 
         Raises:
             GltfError: out of range, unreadable, or all buffers together are beyond ``max_buffer_bytes``.
         """
-        known = self._loaded.get(index)
+        known = self.loaded.get(index)
         if known is not None:
             return known
-        buffer = element(self._document.buffers, index, "buffers", where)
+        sources = self._document.buffers
+        buffer = sources[index] if sources is not None and 0 <= index < len(sources) else None
+        if buffer is None:
+            buffer = element(sources, index, "buffers", f"bufferViews[{view}].buffer")
         if buffer.uri is not None:
-            loaded = self.of_uri(buffer.uri, f"buffers[{index}].uri")
+            loaded = self.of_uri(buffer.uri, "buffers", index)
         elif index == 0 and self._container.bin is not None:
             self.charge(len(self._container.bin), "the binary chunk")
             loaded = self._cache.buffer(self._container.bin, self._held)
         else:
             raise GltfError(f"buffers[{index}]: there is neither a uri nor a binary chunk")
-        self._loaded[index] = loaded
+        self.loaded[index] = loaded
         return loaded
 
     def view(self, index: int, where: str) -> tuple[Buffer, int, int, int | None]:
@@ -79,7 +88,7 @@ class Buffers:
             raise GltfError(f"{name}: {compressed[0]} is not supported")
         if view.buffer is None:
             raise GltfError(f"{name}.buffer: missing")
-        buffer = self.load(view.buffer, f"{name}.buffer")
+        buffer = self.load(view.buffer, index)
         offset, length = view.byte_offset or 0, view.byte_length
         if length is None:
             raise GltfError(f"{name}.byteLength: missing")
@@ -90,8 +99,25 @@ class Buffers:
             )
         return buffer, offset, length, view.byte_stride
 
-    def of_uri(self, text: str, where: str) -> Buffer:
-        """The bytes of a data URI or, by the resolver, of a file."""
+    def of_uri(self, text: str, kind: str, index: int) -> Buffer:
+        """The bytes of a data URI or, by the resolver, of a file; ``kind[index]`` has it."""
+        buffer = self._texts.get(text)
+        if buffer is not None:
+            self.charge(len(buffer.data), kind, index)
+            return buffer
+        if text.startswith(_USUAL_TEXT):
+            self.charge(len(text) * 3 // 4, kind, index)
+            try:
+                data = pybase64.b64decode(text[len(_USUAL_TEXT) :], validate=True)
+            except ValueError:
+                self.nbytes -= len(text) * 3 // 4
+            else:
+                buffer = self._texts[text] = self._cache.buffer(data, self._held)
+                return buffer
+        buffer = self._texts[text] = self._of_other(text, f"{kind}[{index}].uri")
+        return buffer
+
+    def _of_other(self, text: str, where: str) -> Buffer:
         uri = self._container.uri(text)
         if isinstance(uri, str) and uri[:5].lower() != "data:":
             return self._of_file(uri, where)
@@ -108,10 +134,12 @@ class Buffers:
                 raise GltfError(f"{where}: not a valid data URI: {error}") from error
         return self._cache.buffer(data, self._held)
 
-    def charge(self, nbytes: int, where: str) -> None:
-        """Counts bytes against ``max_buffer_bytes``, before they are made."""
-        self._nbytes += nbytes
-        if self._nbytes > self._limits.max_buffer_bytes:
+    def charge(self, nbytes: int, what: str, index: int = -1) -> None:
+        """Counts bytes against ``max_buffer_bytes``, before they are made; ``what``, or the URI of ``what[index]``,
+        needs them."""
+        self.nbytes += nbytes
+        if self.nbytes > self._limits.max_buffer_bytes:
+            where = what if index < 0 else f"{what}[{index}].uri"
             raise GltfError(f"{where}: the buffers exceed max_buffer_bytes = {self._limits.max_buffer_bytes}")
 
     def _of_file(self, uri: str, where: str) -> Buffer:

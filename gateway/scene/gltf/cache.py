@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass
 from itertools import count
 from typing import Final, TypeAlias
 
+import msgspec
 import numpy as np
 from isal import isal_zlib
 
 from gateway.scene.gltf.bytewise import equal_bytes
 from gateway.scene.gltf.prefixes import Prefixes
+from gateway.scene.gltf.stems import Stems
 from renderers.drawlist import Image, Mesh
 
 MeshKey: TypeAlias = tuple[object, ...]
@@ -21,16 +24,13 @@ MeshKey: TypeAlias = tuple[object, ...]
 _uids = count(1)
 
 
-class Buffer:
+class Buffer(msgspec.Struct, frozen=True, gc=False, eq=False):
     """Immutable bytes with an identity: the cache gives equal bytes the same object."""
 
-    __slots__ = ("data", "images", "uid")
-
-    def __init__(self, data: bytes) -> None:
-        self.data: Final = data
-        self.uid: Final = next(_uids)
-        self.images: Final[dict[tuple[int, int], Image]] = {}
-        """Images that were made of (offset, length) of it."""
+    data: bytes
+    uid: int = msgspec.field(default_factory=_uids.__next__)
+    images: dict[tuple[int, int], Image] = msgspec.field(default_factory=dict)
+    """Images that were made of (offset, length) of it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,17 +49,15 @@ class CacheStats:
     mesh_misses: int
 
 
-@dataclass(slots=True, eq=False)
-class _Entry:
+class _Entry(msgspec.Struct, frozen=True, gc=False, eq=False):
     buffer: Buffer
-    meshes: set[MeshKey] = field(default_factory=set)
+    meshes: set[MeshKey] = msgspec.field(default_factory=set)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Kept:
+class _Kept(msgspec.Struct, frozen=True, gc=False, eq=False):
     mesh: Mesh
     nbytes: int
-    buffers: tuple[int, ...]
+    buffers: set[Buffer]
 
 
 class MeshCache:
@@ -80,7 +78,8 @@ class MeshCache:
         text_bytes = max_bytes // 2 if max_text_bytes is None else max_text_bytes
         self.max_bytes = max_bytes - text_bytes
         """Of buffers and meshes."""
-        self.prefixes: Final = Prefixes(text_bytes)
+        self.stems: Final = Stems(text_bytes // 4)
+        self.prefixes: Final = Prefixes(text_bytes - self.stems.max_bytes)
         self._lock = threading.Lock()
         self._entries: OrderedDict[tuple[int, int], _Entry] = OrderedDict()
         self._by_uid: dict[int, _Entry] = {}
@@ -100,31 +99,37 @@ class MeshCache:
             known = held.get(key)
             if known is not None and equal_bytes(known.data, data):
                 return known
-            buffer = held[key] = self._buffer(key, data)
-            return buffer
-        return self._buffer(key, data)
-
-    def _buffer(self, key: tuple[int, int], data: bytes | memoryview) -> Buffer:
-        with self._lock:
-            entry = self._entries.get(key)
-        if entry is not None and equal_bytes(entry.buffer.data, data):
-            with self._lock:
-                self._buffer_hits += 1
-                if key in self._entries:
-                    self._entries.move_to_end(key)
-            return entry.buffer
-        buffer = Buffer(data if isinstance(data, bytes) else bytes(data))
-        with self._lock:
-            self._buffer_misses += 1
-            other = self._entries.get(key)
-            if other is not None and other is not entry and other.buffer.data == buffer.data:
-                return other.buffer  # another thread was faster
-            if other is not None:
-                self._drop(key)
-            self._entries[key] = self._by_uid[buffer.uid] = _Entry(buffer)
-            self._nbytes += len(data)
-            self._shrink()
+        buffer = self._kept_or_new(key, data)
+        if held is not None:
+            held[key] = buffer
         return buffer
+
+    def _kept_or_new(self, key: tuple[int, int], data: bytes | memoryview) -> Buffer:
+        buffer: Buffer | None = None
+        while True:
+            with self._lock:
+                entry = self._entries.get(key)
+                if entry is None and (buffer is not None or isinstance(data, bytes)):
+                    buffer = Buffer(data) if buffer is None else buffer  # type: ignore[arg-type]  # bytes, as asked
+                    self._entries[key] = self._by_uid[buffer.uid] = _Entry(buffer)
+                    self._buffer_misses += 1
+                    self._nbytes += key[0]
+                    if self._nbytes > self.max_bytes:
+                        self._shrink()
+                    return buffer
+            if entry is not None:
+                same = equal_bytes(entry.buffer.data, data)
+                with self._lock:
+                    self._buffer_hits += same
+                    if self._entries.get(key) is entry:
+                        if same:
+                            self._entries.move_to_end(key)
+                        else:
+                            self._drop(key)
+                if same:
+                    return entry.buffer
+            if buffer is None and not isinstance(data, bytes):
+                buffer = Buffer(bytes(data))  # not while others wait
 
     def mesh(self, key: MeshKey) -> Mesh | None:
         """The mesh that was kept for ``key``."""
@@ -134,20 +139,24 @@ class MeshCache:
             self._mesh_misses += kept is None
         return kept.mesh if kept is not None else None
 
-    def add_mesh(self, key: MeshKey, mesh: Mesh, buffers: list[Buffer]) -> Mesh:
-        """Keeps ``mesh`` as long as all ``buffers`` it was made of are kept; returns what is kept for ``key``."""
-        own = mesh_bytes(mesh, buffers)
+    def add_mesh(self, key: MeshKey, mesh: Mesh, buffers: set[Buffer], own: int) -> Mesh:
+        """Keeps ``mesh`` as long as all ``buffers`` it was made of are kept; returns what is kept for ``key``.
+
+        Args:
+            own: bytes of its arrays that are not views of ``buffers``.
+        """
         with self._lock:
             known = self._meshes.get(key)
             if known is not None:
                 return known.mesh
-            entries = [entry for b in buffers if (entry := self._by_uid.get(b.uid)) is not None]
+            entries = [entry for buffer in buffers if (entry := self._by_uid.get(buffer.uid)) is not None]
             if entries and len(entries) == len(buffers):
                 for entry in entries:
                     entry.meshes.add(key)
-                self._meshes[key] = _Kept(mesh, own, tuple(b.uid for b in buffers))
+                self._meshes[key] = _Kept(mesh, own, buffers)
                 self._nbytes += own
-                self._shrink()
+                if self._nbytes > self.max_bytes:
+                    self._shrink()
         return mesh
 
     def clear(self) -> None:
@@ -158,13 +167,14 @@ class MeshCache:
             self._meshes.clear()
             self._nbytes = 0
         self.prefixes.clear()
+        self.stems.clear()
 
     @property
     def stats(self) -> CacheStats:
         with self._lock:
             return CacheStats(
                 nbytes=self._nbytes,
-                text_bytes=self.prefixes.nbytes,
+                text_bytes=self.prefixes.nbytes + self.stems.nbytes,
                 buffers=len(self._entries),
                 meshes=len(self._meshes),
                 document_hits=self.prefixes.hits,
@@ -185,12 +195,12 @@ class MeshCache:
         for mesh_key in entry.meshes:
             kept = self._meshes.pop(mesh_key)
             self._nbytes -= kept.nbytes
-            for uid in kept.buffers:
-                if (other := self._by_uid.get(uid)) is not None:
+            for buffer in kept.buffers:
+                if (other := self._by_uid.get(buffer.uid)) is not None:
                     other.meshes.discard(mesh_key)
 
 
-def mesh_bytes(mesh: Mesh, buffers: list[Buffer]) -> int:
+def mesh_bytes(mesh: Mesh, buffers: Iterable[Buffer]) -> int:
     """Bytes of the mesh's arrays that are not views of ``buffers``."""
     views = {id(buffer.data) for buffer in buffers}
     total = 0

@@ -274,8 +274,7 @@ def parse(text: bytes, limits: GltfLimits) -> Document:
     """
     if len(text) > limits.max_json_bytes:
         raise GltfError(f"the JSON text has {len(text)} bytes, more than max_json_bytes = {limits.max_json_bytes}")
-    values = text.count(b",") + text.count(b"{") + text.count(b"[")
-    if values > limits.max_json_values:
+    if (values := count_values(text, limits)) > limits.max_json_values:
         raise GltfError(
             f"the JSON text has about {values} values, more than max_json_values = {limits.max_json_values}"
         )
@@ -289,6 +288,13 @@ def parse(text: bytes, limits: GltfLimits) -> Document:
         raise GltfError("the JSON text is nested too deeply") from error
     _check_version(document)
     return document
+
+
+def count_values(text: bytes, limits: GltfLimits) -> int:
+    """About how many values JSON ``text`` has, 0 if its length alone tells that they are not too many."""
+    if len(text) <= limits.max_json_values:
+        return 0
+    return text.count(b",") + text.count(b"{") + text.count(b"[")
 
 
 def _parse_leniently(text: bytes) -> Document:

@@ -10,7 +10,8 @@ class GltfLimits:
     """Every bound of the reader. A document beyond one is refused with a sentence that names the bound."""
 
     max_json_bytes: int = 16 << 20
-    """The JSON text without its embedded data URIs. Drake's largest scenes (25 MB bodies) have about 0.3 MB."""
+    """The JSON text without its embedded data URIs of 1 KiB and more. Drake's largest scenes (25 MB bodies) have about
+    0.3 MB."""
     max_json_values: int = 2_000_000
     """Commas, brackets and braces of that text: a value costs up to 200 bytes when parsed, all of them 400 MB."""
     max_nodes: int = 100_000

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
 from dataclasses import replace
 from functools import lru_cache
 from typing import Final, TypeVar
@@ -72,23 +71,23 @@ class Materials:
         self._counted: set[bytes] = set()
         self._pixels = 0
 
-    def material(self, index: int | None, where: str, attributes: Collection[str] = ()) -> Material:
-        """``materials[index]``, or ``DEFAULT_MATERIAL`` for None.
+    def of(self, primitive: gltf.Primitive, index: int, number: int) -> Material:
+        """The material of ``meshes[index].primitives[number]``, or ``DEFAULT_MATERIAL``.
 
-        Args:
-            attributes: names of the primitive's attributes: other exporters' materials may look like VTK's, but VTK's
-                never writes normals or vertex colours.
+        Other exporters' materials may look like VTK's, but VTK's never writes normals or vertex colours.
 
         Raises:
             GltfError: out of range, a factor that is no vector, or images beyond the limits.
         """
-        if index is None:
+        at = primitive.material
+        if at is None:
             return DEFAULT_MATERIAL
-        vtk = self._from_drake and _NOT_FROM_VTK.isdisjoint(attributes)
-        known = self._materials.get((index, vtk))
+        vtk = self._from_drake and _NOT_FROM_VTK.isdisjoint(primitive.attributes or ())
+        known = self._materials.get((at, vtk))
         if known is None:
-            source = element(self._document.materials, index, "materials", where)
-            known = self._materials[index, vtk] = self._make(source, f"materials[{index}]", vtk)
+            where = f"meshes[{index}].primitives[{number}].material"
+            known = self._make(element(self._document.materials, at, "materials", where), f"materials[{at}]", vtk)
+            self._materials[at, vtk] = known
         return known
 
     def _make(self, source: gltf.Material, name: str, vtk: bool) -> Material:
@@ -101,34 +100,39 @@ class Materials:
         alpha_mode = _alpha_mode(source.alpha_mode, name)
         if vtk and base_color[3] < 1.0:
             alpha_mode = AlphaMode.BLEND
+        made = Material(
+            base_color=base_color,
+            base_color_texture=self._texture(pbr.base_color_texture, name, "baseColorTexture"),
+            metallic=_unit(pbr.metallic_factor, name, "metallicFactor"),
+            roughness=_unit(pbr.roughness_factor, name, "roughnessFactor"),
+            metallic_roughness_texture=self._texture(pbr.metallic_roughness_texture, name, "metallicRoughnessTexture"),
+            normal_texture=self._texture(normal, name, "normalTexture"),
+            normal_scale=_number(normal.scale if normal else None, 1.0, name, "normalTexture.scale"),
+            occlusion_texture=self._texture(occlusion, name, "occlusionTexture"),
+            occlusion_strength=_unit(occlusion.strength if occlusion else None, name, "occlusionTexture.strength"),
+            emissive=vector(source.emissive_factor, (0.0, 0.0, 0.0), f"{name}.emissiveFactor"),
+            emissive_texture=self._texture(source.emissive_texture, name, "emissiveTexture"),
+            alpha_mode=alpha_mode,
+            alpha_cutoff=_number(source.alpha_cutoff, 0.5, name, "alphaCutoff"),
+            double_sided=bool(source.double_sided) or vtk,
+            vtk_export=vtk,
+        )
+        return self._extended(made, source, name) if source.extensions else made
+
+    def _extended(self, made: Material, source: gltf.Material, name: str) -> Material:
+        """With what the extensions of the material say."""
         strength = self._extension(source, "KHR_materials_emissive_strength", gltf.EmissiveStrength, name)
         ior = self._extension(source, "KHR_materials_ior", gltf.Ior, name)
         specular = self._extension(source, "KHR_materials_specular", gltf.Specular, name)
-        made = Material(
-            base_color=base_color,
-            base_color_texture=self._texture(pbr.base_color_texture, f"{name}.baseColorTexture"),
-            metallic=_unit(pbr.metallic_factor, f"{name}.metallicFactor"),
-            roughness=_unit(pbr.roughness_factor, f"{name}.roughnessFactor"),
-            metallic_roughness_texture=self._texture(
-                pbr.metallic_roughness_texture, f"{name}.metallicRoughnessTexture"
-            ),
-            normal_texture=self._texture(normal, f"{name}.normalTexture"),
-            normal_scale=_number(normal.scale if normal else None, 1.0, f"{name}.normalTexture.scale"),
-            occlusion_texture=self._texture(occlusion, f"{name}.occlusionTexture"),
-            occlusion_strength=_unit(occlusion.strength if occlusion else None, f"{name}.occlusionTexture.strength"),
-            emissive=vector(source.emissive_factor, (0.0, 0.0, 0.0), f"{name}.emissiveFactor"),
-            emissive_texture=self._texture(source.emissive_texture, f"{name}.emissiveTexture"),
-            alpha_mode=alpha_mode,
-            alpha_cutoff=_number(source.alpha_cutoff, 0.5, f"{name}.alphaCutoff"),
-            double_sided=bool(source.double_sided) or vtk,
-            emissive_strength=max(0.0, _number(strength.emissive_strength, 1.0, f"{name}.emissiveStrength")),
+        made = replace(
+            made,
+            emissive_strength=max(0.0, _number(strength.emissive_strength, 1.0, name, "emissiveStrength")),
             unlit=extension(source.extensions, "KHR_materials_unlit") is not None,
-            ior=_ior(ior.ior, f"{name}.ior"),
-            specular=_unit(specular.specular_factor, f"{name}.specularFactor"),
-            specular_texture=self._texture(specular.specular_texture, f"{name}.specularTexture"),
+            ior=_ior(ior.ior, name),
+            specular=_unit(specular.specular_factor, name, "specularFactor"),
+            specular_texture=self._texture(specular.specular_texture, name, "specularTexture"),
             specular_color=vector(specular.specular_color_factor, (1.0, 1.0, 1.0), f"{name}.specularColorFactor"),
-            specular_color_texture=self._texture(specular.specular_color_texture, f"{name}.specularColorTexture"),
-            vtk_export=vtk,
+            specular_color_texture=self._texture(specular.specular_color_texture, name, "specularColorTexture"),
         )
         if extension(source.extensions, _GLOSSINESS) is None:
             return made
@@ -141,14 +145,12 @@ class Materials:
         return replace(
             made,
             base_color=vector(glossy.diffuse_factor, (1.0, 1.0, 1.0, 1.0), f"{name}.diffuseFactor"),
-            base_color_texture=self._texture(glossy.diffuse_texture, f"{name}.diffuseTexture"),
+            base_color_texture=self._texture(glossy.diffuse_texture, name, "diffuseTexture"),
             metallic=0.0,
-            roughness=1.0 - _unit(glossy.glossiness_factor, f"{name}.glossinessFactor"),
+            roughness=1.0 - _unit(glossy.glossiness_factor, name, "glossinessFactor"),
             metallic_roughness_texture=None,
             specular_color=(r / _REFLECTANCE, g / _REFLECTANCE, b / _REFLECTANCE),
-            specular_color_texture=self._texture(
-                glossy.specular_glossiness_texture, f"{name}.specularGlossinessTexture"
-            ),
+            specular_color_texture=self._texture(glossy.specular_glossiness_texture, name, "specularGlossinessTexture"),
         )
 
     def _extension(self, source: gltf.Material, extension_name: str, kind: type[_E], name: str) -> _E:
@@ -161,9 +163,10 @@ class Materials:
         except msgspec.MsgspecError as error:
             raise GltfError(f"{name}.extensions.{extension_name}: {error}") from error
 
-    def _texture(self, info: gltf.TextureInfo | None, where: str) -> Texture | None:
+    def _texture(self, info: gltf.TextureInfo | None, name: str, member: str) -> Texture | None:
         if info is None or not self._with_textures:
             return None
+        where = f"{name}.{member}"
         if info.index is None:
             raise GltfError(f"{where}.index: missing")
         if info.index not in self._textures:
@@ -234,7 +237,7 @@ class Materials:
         if source.buffer_view is not None:
             buffer, offset, length, _ = self._buffers.view(source.buffer_view, f"images[{index}].bufferView")
         elif source.uri is not None:
-            buffer = self._buffers.of_uri(source.uri, f"images[{index}].uri")
+            buffer = self._buffers.of_uri(source.uri, "images", index)
             offset, length = 0, len(buffer.data)
         else:
             raise GltfError(f"images[{index}]: there is neither a uri nor a bufferView")
@@ -285,14 +288,12 @@ def _is_vtk(source: gltf.Material) -> bool:
         return False
     if pbr.metallic_factor != 0.0 or pbr.roughness_factor != 1.0:
         return False
-    return source == gltf.Material(
-        pbr_metallic_roughness=gltf.MetallicRoughness(
-            base_color_factor=pbr.base_color_factor,
-            base_color_texture=pbr.base_color_texture,
-            metallic_factor=pbr.metallic_factor,
-            roughness_factor=pbr.roughness_factor,
-        )
-    )
+    if pbr.metallic_roughness_texture is not None or source.name is not None or source.double_sided is not None:
+        return False
+    if source.alpha_mode is not None or source.alpha_cutoff is not None or source.extensions is not None:
+        return False
+    textures = (source.normal_texture, source.occlusion_texture, source.emissive_texture)
+    return textures == (None, None, None) and source.emissive_factor is None
 
 
 def _alpha_mode(value: str | None, name: str) -> AlphaMode:
@@ -302,21 +303,21 @@ def _alpha_mode(value: str | None, name: str) -> AlphaMode:
         raise GltfError(f"{name}.alphaMode: {value!r:.30} is not OPAQUE, MASK or BLEND") from error
 
 
-def _number(value: float | None, default: float, where: str) -> float:
+def _number(value: float | None, default: float, name: str, member: str) -> float:
     if value is None:
         return default
     if not math.isfinite(value):
-        raise GltfError(f"{where}: not finite")
+        raise GltfError(f"{name}.{member}: not finite")
     return float(value)
 
 
-def _unit(value: float | None, where: str) -> float:
-    return min(1.0, max(0.0, _number(value, 1.0, where)))
+def _unit(value: float | None, name: str, member: str) -> float:
+    return min(1.0, max(0.0, _number(value, 1.0, name, member)))
 
 
-def _ior(value: float | None, where: str) -> float:
+def _ior(value: float | None, name: str) -> float:
     """At least 1, but 0 has a meaning of its own (KHR_materials_ior)."""
-    number = _number(value, 1.5, where)
+    number = _number(value, 1.5, name, "ior")
     return number if number == 0.0 else max(1.0, number)
 
 
@@ -324,6 +325,6 @@ def _uv_transform(source: gltf.TextureTransform, where: str) -> tuple[float, flo
     """Offset * rotation * scale, as the extension's text and reference viewer compose them; v points down."""
     x, y = vector(source.offset, (0.0, 0.0), f"{where}.offset")
     sx, sy = vector(source.scale, (1.0, 1.0), f"{where}.scale")
-    angle = _number(source.rotation, 0.0, f"{where}.rotation")
+    angle = _number(source.rotation, 0.0, where, "rotation")
     c, s = math.cos(angle), math.sin(angle)
     return (c * sx, s * sy, x, -s * sx, c * sy, y)

@@ -9,13 +9,22 @@ from typing import Any, Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.scene.gltf.accessors import Accessor, Accessors
-from gateway.scene.gltf.cache import MeshCache
+from gateway.scene.gltf.accessors import (
+    ALIGNED_INDICES,
+    INDICES,
+    POINTS,
+    TEXTURE_COORDINATES,
+    ZEROS,
+    Accessor,
+    Accessors,
+)
+from gateway.scene.gltf.cache import MeshCache, MeshKey, mesh_bytes
 from gateway.scene.gltf.document import Primitive
 from gateway.scene.gltf.elements import MODES, element_count, elements_of
 from gateway.scene.gltf.errors import GltfError
+from gateway.scene.gltf.kernels import is_sound, sum_normals
 from gateway.scene.gltf.limits import GltfLimits
-from gateway.scene.gltf.normals import unit_rows, vertex_normals
+from gateway.scene.gltf.normals import NO_UV, unit_rows, vertex_normals
 from renderers.drawlist import Mesh
 
 Floats = NDArray[np.float32]
@@ -23,6 +32,12 @@ T = TypeVar("T", bound=np.generic)
 
 _OPTIONAL: Final = {"NORMAL": (3,), "TANGENT": (4,), "TEXCOORD_0": (2,), "TEXCOORD_1": (2,), "COLOR_0": (3, 4)}
 """Attributes in use besides POSITION, with their numbers of components."""
+_COMPONENTS: Final = {"POSITION": (3,), **_OPTIONAL}
+_OTHERS: Final = ("TANGENT", "TEXCOORD_1", "COLOR_0")
+_PLAIN: Final = {"POSITION": POINTS, "NORMAL": POINTS, "TEXCOORD_0": TEXTURE_COORDINATES}
+"""Attributes that are looked at together, and their kinds."""
+_F32: Final = np.dtype("<f4")
+_U32: Final = np.dtype("<u4")
 _COMPRESSION: Final = "KHR_draco_mesh_compression"
 _VERTEX_BYTES: Final = 4 * (3 + 3 + 4 + 2 + 2 + 4)
 
@@ -37,51 +52,123 @@ class _Source:
     """POSITION and those of ``_OPTIONAL`` that can be used."""
     indices: Accessor | None
 
-    @property
-    def key(self) -> tuple[object, ...]:
-        attributes = [item for name, accessor in sorted(self.attributes.items()) for item in (name, *accessor.key)]
-        return (self.mode, *attributes, *(self.indices.key if self.indices is not None else ()))
+
+def _key(mode: int, indices: Accessor | None, attributes: dict[str, Accessor]) -> MeshKey:
+    """Equal keys are equal meshes."""
+    of = attributes.get
+    position, normal, uv = of("POSITION"), of("NORMAL"), of("TEXCOORD_0")
+    usual = (
+        mode,
+        indices.key if indices is not None else None,
+        position.key if position is not None else None,
+        normal.key if normal is not None else None,
+        uv.key if uv is not None else None,
+    )
+    others = [(name, attributes[name].key) for name in _OTHERS if name in attributes]
+    return (*usual, *others) if others else usual
 
 
 class Meshes:
     """Makes the meshes of one document."""
 
-    def __init__(self, accessors: Accessors, cache: MeshCache, limits: GltfLimits, warnings: list[str]) -> None:
+    def __init__(
+        self,
+        accessors: Accessors,
+        cache: MeshCache,
+        limits: GltfLimits,
+        warnings: list[str],
+        known: Meshes | None = None,
+    ) -> None:
+        """``known``: of a document that has the same accessors."""
         self._accessors = accessors
         self._cache = cache
         self._limits = limits
         self._warnings = warnings
-        self._made: dict[tuple[object, ...], Mesh | None] = {}
+        self._made: dict[MeshKey, Mesh | None] = {}
+        self._before: dict[MeshKey, Mesh | None] = {} if known is None else known._made
         self.without_positions = ""
         """The first primitive that has none ..."""
         self.with_positions = False
         """... and whether any has."""
-        self._vertices = self._elements = self._nbytes = 0
+        self._vertices = self._elements = self.nbytes = 0
 
-    def mesh(self, primitive: Primitive, name: str) -> Mesh | None:
-        """The mesh of a primitive; None when it has nothing to draw.
-
-        Args:
-            name: ``meshes[2].primitives[0]``, for messages.
+    def mesh(self, primitive: Primitive, index: int, number: int) -> Mesh | None:
+        """The mesh of ``meshes[index].primitives[number]``; None when it has nothing to draw.
 
         Raises:
             GltfError: a reference or an index is out of range, or a limit is exceeded.
         """
+        plain = self._plain(primitive)
+        return plain if plain is not None else self._any(primitive, f"meshes[{index}].primitives[{number}]")
+
+    def _plain(self, primitive: Primitive) -> Mesh | None:
+        """The mesh of a primitive as nearly all are: indexed triangles, as they lie in the buffers, without a fault and
+        within the limits. None, and nothing done, for any other: the other way finds out what it is."""
+        attributes, get = primitive.attributes, self._accessors.plain
+        if attributes is None or primitive.indices is None or (primitive.mode is not None and primitive.mode != 4):
+            return None
+        found: dict[str, Accessor] = {}
+        fewest = 1 << 62
+        for name, at in attributes.items():
+            if at is None or name not in _COMPONENTS:
+                continue
+            accessor = get(at)
+            if accessor is None or accessor.components not in _COMPONENTS[name]:
+                return None
+            found[name] = accessor
+            if accessor.count < fewest:
+                fewest = accessor.count
+            if name in _PLAIN and (accessor.kind is not _PLAIN[name] or accessor.offset & 3):
+                return None
+        position, indices = found.get("POSITION"), get(primitive.indices)
+        if position is None or indices is None or indices.kind not in INDICES:
+            return None
+        n, m = position.count, indices.count // 3
+        if n == 0 or m == 0 or 3 * m != indices.count or fewest < n:
+            return None
+        self.with_positions = True
+        key = _key(4, indices, found)
+        mesh = self._made.get(key)
+        if mesh is not None:
+            return mesh
+        mesh = self._before.get(key) or self._cache.mesh(key)
+        if mesh is not None:
+            n, m = len(mesh.positions), len(mesh.elements)
+        vertices, elements = self._vertices + n, self._elements + m
+        nbytes = self.nbytes + _VERTEX_BYTES * n + 12 * m
+        limits = self._limits
+        if vertices > limits.max_vertices or elements > limits.max_elements or nbytes > limits.max_mesh_bytes:
+            return None
+        if mesh is None:
+            mesh = _read(position, indices, found)
+            if mesh is None:
+                return None
+            buffers = {accessor.buffer for accessor in found.values()}
+            buffers.add(indices.buffer)
+            own = 12 * (("NORMAL" not in found) * n + (indices.kind is not ALIGNED_INDICES) * m)
+            if not _PLAIN.keys() >= found.keys():
+                own = mesh_bytes(mesh, buffers)
+            mesh = self._cache.add_mesh(key, mesh, buffers, own)
+        self._made[key] = mesh
+        self._vertices, self._elements, self.nbytes = vertices, elements, nbytes
+        return mesh
+
+    def _any(self, primitive: Primitive, name: str) -> Mesh | None:
         source = self._check(primitive, name)
         if source is None:
             return None
-        key = source.key
+        key = _key(source.mode, source.indices, source.attributes)
         if key in self._made:
             return self._made[key]
-        mesh = self._cache.mesh(key)
+        mesh = self._before.get(key) or self._cache.mesh(key)
         if mesh is not None:
             self._charge(len(mesh.positions), len(mesh.elements), name)
         else:
             mesh = self._build(source)
             if mesh is not None:
                 accessors = [*source.attributes.values(), *([source.indices] if source.indices is not None else [])]
-                buffers = {b.uid: b for accessor in accessors for b in accessor.buffers}
-                mesh = self._cache.add_mesh(key, mesh, list(buffers.values()))
+                buffers = {buffer for accessor in accessors for buffer in accessor.buffers}
+                mesh = self._cache.add_mesh(key, mesh, buffers, mesh_bytes(mesh, buffers))
         self._made[key] = mesh
         return mesh
 
@@ -98,7 +185,7 @@ class Meshes:
         position = self._accessors.get(references["POSITION"], f"{name}.attributes.POSITION")
         if position.components != 3:
             raise GltfError(f"{name}.attributes.POSITION: {position.name} has {position.components} components, not 3")
-        if position.buffer is None and position.sparse is None and _COMPRESSION in (primitive.extensions or {}):
+        if position.buffer is ZEROS and position.sparse is None and _COMPRESSION in (primitive.extensions or {}):
             raise GltfError(f"{name}: {_COMPRESSION} is not supported")
         attributes = {"POSITION": position}
         for key, components in _OPTIONAL.items():
@@ -122,13 +209,13 @@ class Meshes:
     def _charge(self, vertices: int, elements: int, name: str) -> None:
         self._vertices += vertices
         self._elements += elements
-        self._nbytes += _VERTEX_BYTES * vertices + 12 * elements
+        self.nbytes += _VERTEX_BYTES * vertices + 12 * elements
         limits = self._limits
         if self._vertices > limits.max_vertices:
             raise GltfError(f"{name}: the meshes have more vertices than max_vertices = {limits.max_vertices}")
         if self._elements > limits.max_elements:
             raise GltfError(f"{name}: the meshes have more elements than max_elements = {limits.max_elements}")
-        if self._nbytes > limits.max_mesh_bytes:
+        if self.nbytes > limits.max_mesh_bytes:
             raise GltfError(f"{name}: the meshes need more bytes than max_mesh_bytes = {limits.max_mesh_bytes}")
 
     def _build(self, source: _Source) -> Mesh | None:
@@ -195,6 +282,42 @@ class Meshes:
             read("TANGENT", _tangents),
         )
         return Mesh(*map(_frozen, arrays))  # type: ignore[arg-type]  # in the order of its fields
+
+
+def _read(position: Accessor, indices: Accessor, attributes: dict[str, Accessor]) -> Mesh | None:
+    """The mesh of plain accessors: views of their buffers where that is possible; None: there is a fault."""
+    n, m = position.count, indices.count // 3
+    positions = _view(position, n, 3)
+    limit = n
+    if indices.kind is ALIGNED_INDICES and not indices.offset & 3:
+        elements: NDArray[np.uint32] = np.ndarray((m, 3), _U32, indices.buffer.data, indices.offset)
+    else:
+        elements = indices.raw().astype(np.uint32).reshape(m, 3)
+        elements.setflags(write=False)
+        limit = min(n, int(np.iinfo(indices.dtype).max))  # the largest one of its type is forbidden
+    uv, normal = attributes.get("TEXCOORD_0"), attributes.get("NORMAL")
+    uvs = NO_UV if uv is None else _view(uv, n, 2)
+    if normal is None:
+        normals: Floats = np.empty((n, 3), _F32)
+        sound = sum_normals(positions, elements, uvs, limit, normals)
+        normals.setflags(write=False)
+    else:
+        normals = _view(normal, n, 3)
+        sound = is_sound(positions, elements, uvs, limit, normals)
+    if not sound:
+        return None
+    if len(attributes) == 1 + (uv is not None) + (normal is not None):
+        return Mesh(positions, elements, normals, None if uv is None else uvs)
+    others = (
+        _frozen(repair(accessor.floats(0, n))) if (accessor := attributes.get(name)) is not None else None
+        for name, repair in (("TEXCOORD_1", _finite), ("COLOR_0", _rgba), ("TANGENT", _tangents))
+    )
+    return Mesh(positions, elements, normals, None if uv is None else uvs, *others)
+
+
+def _view(accessor: Accessor, count: int, components: int) -> Floats:
+    """(count, components) float32 of a plain accessor; read-only, since buffers are ``bytes``."""
+    return np.ndarray((count, components), _F32, accessor.buffer.data, accessor.offset)
 
 
 def _frozen(array: NDArray[T] | None) -> NDArray[T] | None:

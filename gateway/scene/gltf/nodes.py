@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -14,6 +15,7 @@ from gateway.scene.geometry import Part
 from gateway.scene.gltf import document as gltf
 from gateway.scene.gltf.document import Document, vector
 from gateway.scene.gltf.errors import GltfError, element
+from gateway.scene.gltf.kernels import AFFINE_TOLERANCE, arrange
 from gateway.scene.gltf.lights import place_lights
 from gateway.scene.gltf.limits import GltfLimits
 from gateway.scene.gltf.scene import GltfCamera
@@ -21,26 +23,28 @@ from gateway.scene.transforms import IDENTITY, Matrix, from_column_major, from_t
 from renderers.drawlist import Light
 
 _IDENTITY_NUMBERS: Final = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-_OPTICAL: Final = np.diag((1.0, -1.0, -1.0, 1.0))
-"""The optical frame in glTF's camera frame, which looks along -Z with +Y up."""
-_AFFINE_TOLERANCE: Final = 1e-6
-_FEW: Final = 8
-"""Nodes below which working on all of them together does not pay."""
+_NOT_TURNED: Final = _IDENTITY_NUMBERS[:12]
+_OPTICAL: Final = np.array((1.0, -1.0, -1.0, 1.0))
+"""The columns of the optical frame in glTF's camera frame, which looks along -Z with +Y up."""
+_FEW: Final = 64
+"""Nodes below which working on all of a level together does not pay."""
 
 Matrices: TypeAlias = NDArray[np.float64]
 """(N, 4, 4)."""
+Flags: TypeAlias = NDArray[np.bool_]
+"""(N,)."""
 
 
 @dataclass(slots=True, eq=False)
 class _Visits:
     """The nodes of the scene in the order parents first, each below all that lie before it among its siblings."""
 
-    indices: list[int] = field(default_factory=list)
+    indices: list[int]
     """In the document."""
-    sources: list[gltf.Node] = field(default_factory=list)
-    parents: list[int] = field(default_factory=list)
+    sources: list[gltf.Node]
+    parents: list[int]
     """Positions among the visits; -1: a root."""
-    depths: list[int] = field(default_factory=list)
+    depths: list[int]
     """1: a root."""
 
 
@@ -58,11 +62,13 @@ class NodeTree:
     """What the nodes of a scene become: parts with their places, at once; a tree, when it is asked for."""
 
     def __init__(
-        self, visits: _Visits, parts: list[tuple[Part, ...] | None], locals_: list[Matrix], worlds: Matrices
+        self, visits: _Visits, parts: list[tuple[Part, ...] | None], locals_: Matrices, moves: Flags, worlds: Matrices
     ) -> None:
+        """``moves``: which of the matrices differ from the identity."""
         self._visits = visits
         self._parts = parts
         self._locals = locals_
+        self._moves = moves
         self._worlds = worlds
         self._root: tree.Node | None = None
         self.cameras: tuple[GltfCamera, ...] = ()
@@ -87,26 +93,29 @@ class NodeTree:
 
     def names(self) -> list[str]:
         """Of each visit, unique among its siblings."""
-        taken: dict[int, set[str]] = {}
         visits = self._visits
+        names = [source.name or f"node{index}" for index, source in zip(visits.indices, visits.sources, strict=True)]
+        if len(set(zip(visits.parents, names, strict=True))) == len(names):
+            return names
+        taken: dict[int, set[str]] = {}
         return [
-            _unique(source.name or f"node{index}", taken.setdefault(parent, set()))
-            for index, source, parent in zip(visits.indices, visits.sources, visits.parents, strict=True)
+            _unique(name, taken.setdefault(parent, set())) for name, parent in zip(names, visits.parents, strict=True)
         ]
 
     def _tree(self) -> tree.Node:
         names, parents = self.names(), self._visits.parents
+        locals_ = [X if moves else IDENTITY for X, moves in zip(self._locals, self._moves.tolist(), strict=True)]
         children: list[dict[tree.PathElement, tree.Node]] = [{} for _ in range(len(parents) + 1)]  # the last: roots
         for position in range(len(parents) - 1, -1, -1):
             # Children were added last first.
             own = dict(reversed(children[position].items()))
-            children[parents[position]][names[position]] = tree.Node(self._parts[position], self._locals[position], own)
+            children[parents[position]][names[position]] = tree.Node(self._parts[position], locals_[position], own)
         return tree.Node(None, IDENTITY, dict(reversed(children[-1].items())))
 
 
 def build_tree(
     document: Document,
-    parts_of: Callable[[int, str], tuple[Part, ...]],
+    parts_of: Callable[[int, int], tuple[Part, ...]],
     limits: GltfLimits,
     lights: tuple[gltf.Light | None, ...] = (),
     warnings: list[str] | None = None,
@@ -114,7 +123,7 @@ def build_tree(
     """The tree of the document's default scene.
 
     Args:
-        parts_of: gives the parts of ``meshes[index]``; the second argument says who asks.
+        parts_of: gives the parts of ``meshes[index]``; the second argument is the node that asks.
         lights: of the document.
         warnings: gets what is wrong with lights.
 
@@ -122,17 +131,17 @@ def build_tree(
         GltfError: cycles, several parents, references out of range, matrices that are not affine, limits.
     """
     visits = _visits(document, limits)
-    locals_ = _matrices(visits)
-    worlds = _worlds(visits, locals_)
+    locals_, moves = _matrices(visits)
+    worlds = _worlds(visits, locals_, moves)
     seeing = [position for position, source in enumerate(visits.sources) if source.camera is not None]
     for position in seeing:
         where = f"nodes[{visits.indices[position]}].camera"
         element(document.cameras, visits.sources[position].camera, "cameras", where)
     parts = [
-        parts_of(source.mesh, f"nodes[{index}].mesh") if source.mesh is not None else None
+        parts_of(source.mesh, index) if source.mesh is not None else None
         for index, source in zip(visits.indices, visits.sources, strict=True)
     ]
-    nodes = NodeTree(visits, parts, locals_, worlds)
+    nodes = NodeTree(visits, parts, locals_, moves, worlds)
     if seeing:
         names = nodes.names()
         nodes.cameras = tuple(_camera(document, visits, names, worlds, position) for position in seeing)
@@ -164,32 +173,36 @@ def _roots(document: Document) -> tuple[list[int | None], str]:
 def _visits(document: Document, limits: GltfLimits) -> _Visits:
     nodes = document.nodes
     roots, where = _roots(document)
-    visits = _Visits()
-    depths = visits.depths
+    visits = _Visits([], [], [], [])
+    indices, sources, parents, depths = visits.indices, visits.sources, visits.parents, visits.depths
+    count = len(nodes) if nodes is not None else 0
     seen: set[int] = set()
-    # Last in, first out: what a node refers to comes directly after it, in order.
-    stack: list[tuple[int | None, int, str]] = [(index, -1, where) for index in reversed(roots)]
-    while stack:
-        index, parent, where = stack.pop()
-        if index is None:
-            continue
-        known = nodes[index] if type(index) is int and nodes is not None and 0 <= index < len(nodes) else None
-        source = known if known is not None else element(nodes, index, "nodes", where)
-        if index in seen:
-            raise GltfError(f"{where}: nodes[{index}] has several parents or is part of a cycle")
-        seen.add(index)
-        if len(seen) > limits.max_nodes:
-            raise GltfError(f"the scene has more nodes than max_nodes = {limits.max_nodes}")
-        depth = depths[parent] + 1 if parent >= 0 else 1
-        if depth > limits.max_node_depth:
-            raise GltfError(f"nodes[{index}] lies deeper than max_node_depth = {limits.max_node_depth}")
-        if source.children:
-            position, where = len(depths), f"nodes[{index}].children"
-            stack.extend([(child, position, where) for child in reversed(source.children)])
-        visits.indices.append(index)
-        visits.sources.append(source)
-        visits.parents.append(parent)
-        depths.append(depth)
+    # Who is being looked at: children not seen yet, position, depth of the children, and who refers to them.
+    open_: list[tuple[Iterator[int | None], int, int, str]] = [(iter(roots), -1, 1, where)]
+    while open_:
+        children, parent, depth, where = open_[-1]
+        for index in children:
+            if index is None:
+                continue
+            source = nodes[index] if nodes is not None and type(index) is int and 0 <= index < count else None
+            if source is None:
+                source = element(nodes, index, "nodes", where)
+            if index in seen:
+                raise GltfError(f"{where}: nodes[{index}] has several parents or is part of a cycle")
+            seen.add(index)
+            if len(seen) > limits.max_nodes:
+                raise GltfError(f"the scene has more nodes than max_nodes = {limits.max_nodes}")
+            if depth > limits.max_node_depth:
+                raise GltfError(f"nodes[{index}] lies deeper than max_node_depth = {limits.max_node_depth}")
+            indices.append(index)
+            sources.append(source)
+            parents.append(parent)
+            depths.append(depth)
+            if source.children:
+                open_.append((iter(source.children), len(depths) - 1, depth + 1, f"nodes[{index}].children"))
+                break
+        else:
+            open_.pop()
     return visits
 
 
@@ -209,7 +222,7 @@ def _matrix(node: gltf.Node, name: str) -> Matrix:
         if values == _IDENTITY_NUMBERS:
             return IDENTITY
         matrix = from_column_major(values)
-        if np.abs(matrix[3] - IDENTITY[3]).max() > _AFFINE_TOLERANCE:
+        if np.abs(matrix[3] - IDENTITY[3]).max() > AFFINE_TOLERANCE:
             raise GltfError(f"{name}.matrix: not affine, its last row is {matrix[3].tolist()}")
         matrix[3] = IDENTITY[3]
         return matrix
@@ -222,67 +235,46 @@ def _matrix(node: gltf.Node, name: str) -> Matrix:
     )
 
 
-def _matrices(visits: _Visits) -> list[Matrix]:
-    """X_parent_node of every visit; ``IDENTITY`` itself where nothing moves."""
-    matrices = _several(visits)
-    return [
-        _matrix(source, f"nodes[{index}]") if matrix is None else matrix
-        for index, source, matrix in zip(visits.indices, visits.sources, matrices, strict=True)
-    ]
-
-
-def _several(visits: _Visits) -> list[Matrix | None]:
-    """Those matrices that are as nearly all are, all at once: a call of numpy for every node would cost ten times as
-    much. None: to be looked at alone."""
-    result: list[Matrix | None] = [None] * len(visits.sources)
-    given, moved = [], []
-    for position, source in enumerate(visits.sources):
+def _matrices(visits: _Visits) -> tuple[Matrices, Flags]:
+    """X_parent_node of every visit, and whether it differs from the identity. All at once: a call of numpy for every
+    node would cost ten times as much."""
+    count = len(visits.sources)
+    matrices, moves = np.empty((count, 4, 4)), np.empty(count, np.bool_)
+    numbers: list[float] = []
+    usual = True
+    for index, source in zip(visits.indices, visits.sources, strict=True):
         if source.matrix is not None:
-            given.append(position)
-        elif source.rotation is None and source.scale is None:
-            if source.translation is None:
-                result[position] = IDENTITY
-            else:
-                moved.append(position)
-    if len(given) >= _FEW:
-        values = _numbers([visits.sources[position].matrix for position in given], 16)
-        if values is not None:
-            matrices = np.ascontiguousarray(values.reshape(-1, 4, 4).transpose(0, 2, 1))
-            if (np.abs(matrices[:, 3] - IDENTITY[3]) <= _AFFINE_TOLERANCE).all():
-                matrices[:, 3] = IDENTITY[3]
-                differs = (matrices != IDENTITY).any(axis=(1, 2)).tolist()
-                for position, matrix, moves in zip(given, matrices, differs, strict=True):
-                    result[position] = matrix if moves else IDENTITY
-    if len(moved) >= _FEW:
-        values = _numbers([visits.sources[position].translation for position in moved], 3)
-        if values is not None:
-            matrices = np.tile(IDENTITY, (len(moved), 1, 1))
-            matrices[:, :3, 3] = values
-            for position, matrix in zip(moved, matrices, strict=True):
-                result[position] = matrix
-    return result
+            numbers += source.matrix
+            usual &= len(source.matrix) == 16
+        elif source.rotation is not None or source.scale is not None:
+            numbers += _matrix(source, f"nodes[{index}]").T.ravel().tolist()
+        elif source.translation is None:
+            numbers += _IDENTITY_NUMBERS
+        else:
+            numbers += _NOT_TURNED
+            numbers += source.translation
+            numbers.append(1.0)
+            usual &= len(source.translation) == 3
+    if not usual or not arrange(np.array(numbers, np.float64), matrices, moves):
+        for position, (index, source) in enumerate(zip(visits.indices, visits.sources, strict=True)):
+            matrix = _matrix(source, f"nodes[{index}]")
+            matrices[position], moves[position] = matrix, matrix is not IDENTITY
+    return matrices, moves
 
 
-def _numbers(rows: list[list[float] | None], length: int) -> NDArray[np.float64] | None:
-    """(N, length), or None if any row has another length or a value that is not finite."""
-    try:
-        values = np.array(rows, dtype=np.float64)
-    except (ValueError, OverflowError):
-        return None
-    return values if values.shape == (len(rows), length) and np.isfinite(values).all() else None
-
-
-def _worlds(visits: _Visits, locals_: list[Matrix]) -> Matrices:
-    """(N, 4, 4) X_world_node, multiplied level by level."""
-    worlds = np.array(locals_).reshape(-1, 4, 4)
-    if len(worlds) < _FEW:
-        for position, parent in enumerate(visits.parents):
-            if parent >= 0:
-                worlds[position] = worlds[parent] @ worlds[position]
-    elif max(visits.depths) > 1:
-        depths, parents = np.array(visits.depths), np.array(visits.parents)
-        levels = np.split(np.argsort(depths, kind="stable"), np.cumsum(np.bincount(depths))[:-1])
-        with np.errstate(all="ignore"):
+def _worlds(visits: _Visits, locals_: Matrices, moves: Flags) -> Matrices:
+    """(N, 4, 4) X_world_node; ``locals_`` itself where all nodes are roots."""
+    if max(visits.depths, default=1) == 1:
+        return locals_
+    worlds = locals_.copy()
+    with np.errstate(all="ignore"):
+        if len(worlds) < _FEW:
+            for position, (parent, moved) in enumerate(zip(visits.parents, moves.tolist(), strict=True)):
+                if parent >= 0:
+                    worlds[position] = worlds[parent] @ worlds[position] if moved else worlds[parent]
+        else:
+            depths, parents = np.array(visits.depths), np.array(visits.parents)
+            levels = np.split(np.argsort(depths, kind="stable"), np.cumsum(np.bincount(depths))[:-1])
             for level in levels[2:]:
                 worlds[level] = np.matmul(worlds[parents[level]], worlds[level])
     return worlds
@@ -302,7 +294,7 @@ def _camera(document: Document, visits: _Visits, names: list[str], worlds: Matri
     return GltfCamera(
         index=index,
         name=source.name or node.name or "",
-        X_world_camera=_without_scale(worlds[position]) @ _OPTICAL,
+        X_world_camera=_without_scale(worlds[position]) * _OPTICAL + 0.0,  # no negative zeros
         yfov=source.perspective.yfov if source.perspective is not None else None,
         znear=(lens.znear if lens is not None else None) or 0.0,
         zfar=lens.zfar if lens is not None else None,
@@ -313,9 +305,8 @@ def _camera(document: Document, visits: _Visits, names: list[str], worlds: Matri
 
 def _without_scale(X: Matrix) -> Matrix:
     """The pose without the scales of the node and its parents, which cameras ignore (glTF 2.0, 3.10.2)."""
-    with np.errstate(over="ignore"):
-        lengths = np.linalg.norm(X[:3, :3], axis=0)
-    if (np.abs(lengths - 1.0) <= 1e-12).all() or not (np.isfinite(lengths) & (lengths > 0.0)).all():
+    lengths = [math.sqrt(x * x + y * y + z * z) for x, y, z in X[:3, :3].T.tolist()]
+    if all(abs(length - 1.0) <= 1e-12 for length in lengths) or not all(0.0 < length < math.inf for length in lengths):
         return X
     result = X.copy()
     result[:3, :3] /= lengths

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gateway.scene.gltf.kernels import sum_normals
+
+NO_UV: Final = np.ndarray((0, 2), np.float32, b"")
+"""Texture coordinates of a mesh without; read-only."""
 
 
 def vertex_normals(positions: NDArray[np.float32], triangles: NDArray[np.uint32]) -> NDArray[np.float32]:
@@ -23,7 +26,7 @@ def vertex_normals(positions: NDArray[np.float32], triangles: NDArray[np.uint32]
         (N, 3) float32, unit length; (0, 0, 1) for vertices of no triangle with an area.
     """
     normals = np.empty(positions.shape, np.float32)
-    sum_normals(_read_only(positions), _read_only(triangles), normals)
+    sum_normals(_read_only(positions), _read_only(triangles), NO_UV, -1, normals)
     return normals
 
 

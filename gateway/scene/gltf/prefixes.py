@@ -64,8 +64,8 @@ class Known:
     warnings: tuple[str, ...]
     counts: GltfCounts
     lights: tuple[gltf.Light | None, ...]
-    elements: dict[int, int] = field(default_factory=dict)
-    """Triangles, lines and points of each mesh's parts; filled while they are counted."""
+    elements: dict[int, int]
+    """Triangles, lines and points of each mesh's parts."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -252,7 +252,7 @@ def _rest(text: bytes, fixed: dict[str, bytes], limits: GltfLimits) -> gltf.Docu
     """Nodes and scenes of the text from ``nodes`` on; None when it has to be read as a whole."""
     if len(text) > limits.max_json_bytes:
         return None
-    if text.count(b",") + text.count(b"{") + text.count(b"[") > limits.max_json_values:
+    if gltf.count_values(text, limits) > limits.max_json_values:
         return None
     try:
         members = _MEMBERS.decode(b"{" + text)

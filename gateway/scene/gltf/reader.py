@@ -17,7 +17,7 @@ from gateway.scene.gltf.lights import lights_of
 from gateway.scene.gltf.limits import GltfLimits
 from gateway.scene.gltf.materials import Materials
 from gateway.scene.gltf.meshes import Meshes
-from gateway.scene.gltf.nodes import build_tree
+from gateway.scene.gltf.nodes import NodeTree, build_tree
 from gateway.scene.gltf.prefixes import Known, split
 from gateway.scene.gltf.scene import GltfCounts, GltfScene
 
@@ -81,36 +81,52 @@ def read_gltf(
     if shared and (found := cache.prefixes.find(text, limits, textures)) is not None:
         known, rest = found
         try:
-            return _scene(rest, _Parts(limits, dict(known.parts), None, known.elements), known, limits, [])
+            parts = _Parts(limits, dict(known.parts), None, known.elements)
+            return _scene(rest, parts, known, build_tree(rest, parts, limits, known.lights, []), known.warnings)
         except _UnknownMeshError:
             pass  # a mesh that no node used before
     whole = text.whole()
-    container = open_container(whole)
-    document = parse(container.json, limits)
+    grown = cache.stems.find(whole, limits) if shared and resolve is None else None
+    if grown is not None:
+        stem, container, document = grown.stem, grown.container, grown.document
+    else:
+        stem, container = None, open_container(whole)
+        document = parse(container.json, limits)
     warnings: list[str] = []
     _check_extensions(document, warnings)
     _check_deformations(document, warnings)
     generator = (document.asset.generator if document.asset is not None else None) or ""
-    buffers = Buffers(document, container, cache, limits, resolve)
-    accessors = Accessors(document, buffers, limits, warnings, merged=generator == "Drake glTF merger")
-    meshes = Meshes(accessors, cache, limits, warnings)
+    merged = generator == "Drake glTF merger"
+    if stem is None:
+        buffers = Buffers(document, container, cache, limits, resolve)
+        accessors = Accessors(document, buffers, limits, warnings, merged=merged)
+        meshes = Meshes(accessors, cache, limits, warnings)
+    else:
+        buffers = Buffers(document, container, cache, limits, resolve, stem.buffers)
+        accessors = Accessors(document, buffers, limits, warnings, merged=merged, known=stem.accessors)
+        meshes = Meshes(accessors, cache, limits, warnings, stem.meshes)
     materials = Materials(document, buffers, limits, warnings, textures=textures)
-    parts = _Parts(limits, {}, _Maker(document, meshes, materials, limits), {})
-    known = Known(parts.known, generator, document.cameras or [], (), _counts(document), lights_of(document, warnings))
-    scene = _scene(document, parts, known, limits, warnings)
+    elements: dict[int, int] = {}
+    parts = _Parts(limits, {}, _Maker(document, meshes, materials, limits), elements)
+    counts, lights = _counts(document), lights_of(document, warnings)
+    known = Known(parts.known, generator, document.cameras or [], (), counts, lights, elements)
+    nodes = build_tree(document, parts, limits, known.lights, warnings)
     if meshes.without_positions and not meshes.with_positions:
         raise GltfError(f"{meshes.without_positions}: no POSITION, and no other primitive has one")
     if len(warnings) > _MAX_WARNINGS:
         warnings[_MAX_WARNINGS:] = [f"{len(warnings) - _MAX_WARNINGS} more"]
-    where = split(container, len(whole)) if shared and resolve is None else None
-    if where is not None and cache.prefixes.is_repeated(where, buffers.uids):
-        known = replace(known, parts=dict(parts.known), warnings=tuple(warnings))
-        cache.prefixes.add(memoryview(whole), where, limits, textures, known)
-    return replace(scene, warnings=tuple(warnings))
+    if shared and resolve is None:
+        where = split(container, len(whole))
+        if where is not None and cache.prefixes.is_repeated(where, buffers.uids):
+            known = replace(known, parts=dict(parts.known), warnings=tuple(warnings))
+            cache.prefixes.add(memoryview(whole), where, limits, textures, known)
+        if stem is None and text.is_lasting:
+            cache.stems.add(whole, container, document, (buffers, accessors, meshes), limits)
+    return _scene(document, parts, known, nodes, tuple(warnings))
 
 
-def _scene(document: Document, parts: _Parts, known: Known, limits: GltfLimits, warnings: list[str]) -> GltfScene:
-    nodes = build_tree(document, parts, limits, known.lights, warnings)
+def _scene(document: Document, parts: _Parts, known: Known, nodes: NodeTree, warnings: tuple[str, ...]) -> GltfScene:
+    counts, node_count = known.counts, len(document.nodes or ())
     return GltfScene(
         nodes=nodes,
         generator=known.generator,
@@ -119,8 +135,8 @@ def _scene(document: Document, parts: _Parts, known: Known, limits: GltfLimits, 
         camera_node_missing=bool(known.cameras) and all(camera.index != 0 for camera in nodes.cameras),
         instance_count=parts.instances,
         element_count=parts.drawn,
-        warnings=known.warnings,
-        counts=replace(known.counts, nodes=len(document.nodes or ())),
+        warnings=warnings,
+        counts=counts if counts.nodes == node_count else replace(counts, nodes=node_count),
         lights=nodes.lights,
     )
 
@@ -139,30 +155,29 @@ class _Parts:
         make: _Maker | None,
         elements: dict[int, int],
     ) -> None:
-        """``elements``: of each mesh, where they were counted before; the others are added."""
+        """``elements``: of each known mesh; the others are added."""
         self.known = known
         self._limits = limits
         self._make = make
         self._elements = elements
         self.instances = self.drawn = 0
 
-    def __call__(self, index: int, where: str) -> tuple[Part, ...]:
+    def __call__(self, index: int, node: int) -> tuple[Part, ...]:
         parts = self.known.get(index)
         if parts is None:
             if self._make is None:
                 raise _UnknownMeshError
-            parts = self.known[index] = self._make(index, where)
-        elements = self._elements.get(index)
-        if elements is None:
-            elements = sum(len(part.shape.mesh.elements) for part in parts if isinstance(part.shape, Surface))
-            self._elements[index] = elements
+            parts = self.known[index] = self._make(index, node)
+            self._elements[index] = self._make.elements
+        elements = self._elements[index]
         self.instances += len(parts)
         self.drawn += elements
         if self.instances > self._limits.max_instances:
-            raise GltfError(f"{where}: the scene has more instances than max_instances = {self._limits.max_instances}")
+            limit = self._limits.max_instances
+            raise GltfError(f"nodes[{node}].mesh: the scene has more instances than max_instances = {limit}")
         if self.drawn > self._limits.max_drawn_elements:
             limit = self._limits.max_drawn_elements
-            raise GltfError(f"{where}: the scene draws more elements than max_drawn_elements = {limit}")
+            raise GltfError(f"nodes[{node}].mesh: the scene draws more elements than max_drawn_elements = {limit}")
         return parts
 
 
@@ -175,21 +190,24 @@ class _Maker:
         self._materials = materials
         self._limits = limits
         self._primitives = 0
+        self.elements = 0
+        """Triangles, lines and points of the mesh that was made last."""
 
-    def __call__(self, index: int, where: str) -> tuple[Part, ...]:
-        source = element(self._document.meshes, index, "meshes", where)
-        self._primitives += len(source.primitives or ())
+    def __call__(self, index: int, node: int) -> tuple[Part, ...]:
+        source = element(self._document.meshes, index, "meshes", f"nodes[{node}].mesh")
+        self.elements = 0
+        primitives = source.primitives or ()
+        self._primitives += len(primitives)
         if self._primitives > self._limits.max_primitives:
             raise GltfError(f"meshes[{index}]: more primitives than max_primitives = {self._limits.max_primitives}")
         parts: list[Part] = []
-        for number, primitive in enumerate(source.primitives or ()):
+        for number, primitive in enumerate(primitives):
             if primitive is None:
                 continue
-            name = f"meshes[{index}].primitives[{number}]"
-            mesh = self._meshes.mesh(primitive, name)
+            mesh = self._meshes.mesh(primitive, index, number)
             if mesh is not None:
-                material = self._materials.material(primitive.material, f"{name}.material", primitive.attributes or ())
-                parts.append(Part(Surface(mesh), material))
+                self.elements += len(mesh.elements)
+                parts.append(Part(Surface(mesh), self._materials.of(primitive, index, number)))
         return tuple(parts)
 
 

@@ -62,7 +62,7 @@ def test_long_data_uris_are_taken_out_of_the_json() -> None:
     container = open_container(text)
     assert len(container.json) < 600
     assert len(container.uris) == 1
-    assert bytes(container.uris[0]).decode() == data_uri(LONG)
+    assert bytes(next(iter(container.uris.values()))).decode() == data_uri(LONG)
 
 
 def test_what_only_looks_like_a_uri_stays() -> None:

@@ -1,11 +1,51 @@
 from __future__ import annotations
 
-import numpy as np
+import re
 
-from gateway.scene.gltf import warm_up
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from gateway.scene.gltf import kernels, warm_up
 from gateway.scene.gltf.bytewise import equal_bytes
-from gateway.scene.gltf.kernels import equal_arrays, sum_normals
-from gateway.scene.gltf.normals import vertex_normals
+from gateway.scene.gltf.kernels import STRETCH, arrange, equal_arrays, is_sound, long_strings, sum_normals
+from gateway.scene.gltf.normals import NO_UV, vertex_normals
+from gateway.scene.transforms import IDENTITY
+
+Floats = NDArray[np.float32]
+Triangles = NDArray[np.uint32]
+
+
+def straightforward_normals(positions: Floats, triangles: Triangles) -> Floats:
+    """One triangle after the other, in float64."""
+    sums = np.zeros(positions.shape)
+    for corners in triangles:
+        a, b, c = positions[corners].astype(np.float64)
+        (ux, uy, uz), (vx, vy, vz) = b - a, c - a
+        normal = np.array((uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx))
+        for corner in corners:
+            sums[corner] += normal
+    result = np.empty(positions.shape, np.float32)
+    with np.errstate(all="ignore"):
+        for i, (x, y, z) in enumerate(sums):
+            length = np.sqrt(x * x + y * y + z * z)
+            result[i] = sums[i] * (1.0 / length) if 0.0 < length < np.inf else (0.0, 0.0, 1.0)
+    return result
+
+
+def mesh(seed: int, vertices: int, triangles: int, scale: float = 1.0) -> tuple[Floats, Triangles]:
+    rng = np.random.default_rng(seed)
+    positions = (rng.normal(size=(vertices, 3)) * scale).astype(np.float32)
+    indices = rng.integers(0, vertices, (triangles, 3), dtype=np.uint32)
+    indices[0] = (0, vertices - 1, vertices // 2)  # so that all are in use
+    return frozen(positions), frozen(indices)
+
+
+def frozen(array: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+    array.flags.writeable = False
+    return array
 
 
 def test_nothing_is_compiled_after_the_warm_up() -> None:
@@ -14,10 +54,92 @@ def test_nothing_is_compiled_after_the_warm_up() -> None:
     data = bytes(10_000)
     for other in (bytes(10_000), memoryview(bytearray(10_000)), memoryview(bytearray(10_001))[1:]):
         assert equal_bytes(data, other)
+        assert equal_bytes(memoryview(data), other)
     positions, triangles = np.zeros((3, 3), np.float32), np.array([(0, 1, 2)], np.uint32)
     for writeable in (True, False):
         positions.flags.writeable = triangles.flags.writeable = writeable
         vertex_normals(positions, triangles)
         assert positions.flags.writeable == writeable
-    assert len(equal_arrays.signatures) == 1
-    assert len(sum_normals.signatures) == 1
+    for kernel in (equal_arrays, sum_normals, is_sound, arrange, long_strings):
+        assert len(kernel.signatures) == 1
+
+
+@pytest.mark.parametrize(("vertices", "triangles"), [(3, 1), (4, 9), (50, 100), (500, 300)])
+@pytest.mark.parametrize("scale", [1.0, 1e-30, 1e30])
+def test_normals_are_those_of_one_triangle_after_the_other(vertices: int, triangles: int, scale: float) -> None:
+    positions, indices = mesh(vertices, vertices, triangles, scale)
+    expected = straightforward_normals(positions, indices)
+    for limit in (-1, vertices):
+        normals = np.empty((vertices, 3), np.float32)
+        assert sum_normals(positions, indices, NO_UV, limit, normals)
+        np.testing.assert_array_equal(normals, expected)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("at", [0, 7, 49])
+def test_what_is_not_finite_is_found(value: float, at: int) -> None:
+    good, indices = mesh(0, 50, 100)
+    unit = straightforward_normals(good, indices)
+    uv = np.zeros((50, 2), np.float32)
+    bad, bad_uv, bad_unit = good.copy(), uv.copy(), unit.copy()
+    bad[at, at % 3] = bad_uv[at, at % 2] = bad_unit[at, at % 3] = value
+    for array in (uv, bad, bad_uv, unit, bad_unit):
+        frozen(array)
+    normals = np.empty((50, 3), np.float32)
+    assert sum_normals(good, indices, uv, 50, normals)
+    assert is_sound(good, indices, uv, 50, unit)
+    for positions, coordinates, given_normals in ((bad, uv, unit), (good, bad_uv, unit), (good, uv, bad_unit)):
+        assert not is_sound(positions, indices, coordinates, 50, given_normals)
+        assert sum_normals(positions, indices, coordinates, 50, normals) == (given_normals is bad_unit)
+
+
+def test_indices_out_of_range_and_narrow_ones_are_found() -> None:
+    positions, indices = mesh(0, 50, 100)
+    unit = frozen(straightforward_normals(positions, indices))
+    normals = np.empty((50, 3), np.float32)
+    narrow = frozen(indices % np.uint32(20))
+    for triangles, limit, sound in ((indices, 50, True), (indices, 49, False), (narrow, 50, False)):
+        assert sum_normals(positions, triangles, NO_UV, limit, normals) == sound
+        assert is_sound(positions, triangles, NO_UV, limit, unit) == sound
+
+
+def test_normals_that_are_not_of_unit_length_are_found() -> None:
+    positions, indices = mesh(0, 50, 100)
+    unit = straightforward_normals(positions, indices)
+    for factor, sound in ((1.0, True), (1.0005, True), (1.01, False), (0.0, False)):
+        changed = unit.copy()
+        changed[30] *= np.float32(factor)
+        assert is_sound(positions, indices, NO_UV, 50, frozen(changed)) == sound
+
+
+@given(st.lists(st.one_of(st.integers(0, 40), st.integers(480, 2100)), max_size=12), st.booleans())
+@settings(deadline=None)
+def test_long_strings_are_all_found(lengths: list[int], closed: bool) -> None:
+    text = b'"'.join(bytes([97 + i]) * length for i, length in enumerate(lengths)) + b'"' * closed
+    places = np.empty((len(text) // int(STRETCH), 2), np.int64)
+    found = places[: long_strings(np.frombuffer(text, np.uint8), places)].tolist()
+    expected = [[m.start() + 1, m.end()] for m in re.finditer(rb'"[^"]*(?=")', text)]
+    assert found == [[begin, end] for begin, end in expected if end - begin >= 2 * int(STRETCH)]
+
+
+def test_matrices_of_nodes() -> None:
+    numbers = np.random.default_rng(0).normal(size=(3, 16))
+    numbers[:, [3, 7, 11]], numbers[:, 15] = 1e-7, 1.0
+    numbers[1] = IDENTITY.T.ravel()
+    matrices, moves = np.empty((3, 4, 4)), np.empty(3, np.bool_)
+    assert arrange(numbers.ravel(), matrices, moves)
+    assert moves.tolist() == [True, False, True]
+    np.testing.assert_array_equal(matrices[:, :3], numbers.reshape(3, 4, 4).transpose(0, 2, 1)[:, :3])
+    assert (matrices[:, 3] == (0, 0, 0, 1)).all()
+    for at, value in ((0, np.nan), (20, np.inf), (35, 1e-5), (47, 2.0), (12, -np.inf)):
+        odd = numbers.ravel().copy()
+        odd[at] = value
+        assert not arrange(odd, matrices, moves)
+
+
+def test_all_kernels_are_warmed_up() -> None:
+    warm_up()
+    compiled = [value for value in vars(kernels).values() if hasattr(value, "signatures")]
+    entries = [kernel for kernel in compiled if not kernel.py_func.__name__.startswith("_")]
+    assert len(entries) == 5
+    assert all(kernel.signatures for kernel in entries)
