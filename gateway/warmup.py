@@ -1,42 +1,43 @@
-"""Every compiled kernel of every room: compiled into the cache by child processes, then loaded by the server."""
+"""Every compiled kernel of every room: compiled into the cache by child processes, then loaded by the server.
+
+Every child spends seconds on importing and on functions that kernels have in common, so that there are few, as many as
+processors; they take the parts one after the other.
+"""
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from gateway.ops import kernels
-
-_SHADING: Final = "renderers.shading"
-_STUDIO: Final = "renderers.studio"
+from gateway.ops import kernels, process
 
 
-def _compile(wanted: Callable[[str], bool]) -> None:
-    """The rasterizer's kernels whose module is wanted."""
-    import renderers.cpu
-    import renderers.encode
-    import renderers.fxaa  # noqa: F401 - they register their kernels
-    from renderers.jit import KERNELS, compile_kernel
+def _kernels_of(*modules: str, but: tuple[str, ...] = ()) -> Callable[[], None]:
+    """Compiles the rasterizer's kernels of these modules."""
 
-    for kernel in KERNELS:
-        if wanted(kernel.py_func.__module__):
-            compile_kernel(kernel)
+    def compile_them() -> None:
+        import renderers.cpu
+        import renderers.encode
+        import renderers.fxaa  # noqa: F401 - they register their kernels
+        from renderers.jit import KERNELS, compile_kernel
 
+        for kernel in KERNELS:
+            module = kernel.py_func.__module__
+            if module.startswith(modules) and not module.startswith(but):
+                compile_kernel(kernel)
 
-def _visibility() -> None:
-    _compile(lambda module: not module.startswith((_SHADING, _STUDIO)))
-
-
-def _shading() -> None:
-    _compile(lambda module: module.startswith(_SHADING))
+    return compile_them
 
 
-def _studio() -> None:
-    _compile(lambda module: module.startswith(_STUDIO))
+def _treeviewer() -> None:
+    import gateway.treeviewer.binary_kernels
+    import gateway.treeviewer.kernels
+    import gateway.treeviewer.normals  # noqa: F401 - they are compiled, or loaded, when imported
 
 
-def _others() -> None:
-    import gateway.treeviewer.service  # noqa: F401 - its kernels are compiled, or loaded, when imported
+def _stereo() -> None:
     from gateway.scene.gltf.kernels import warm_up as warm_reader
     from renderers.stereo.warm import warm_up as warm_stereo
 
@@ -44,23 +45,43 @@ def _others() -> None:
     warm_stereo()
 
 
+_APART: Final = ("renderers.shading", "renderers.studio", "renderers.cpu.setup", "renderers.cpu.edges")
+
 PARTS: Final[Mapping[str, Callable[[], None]]] = {
-    "visibility": _visibility,
-    "shading": _shading,
-    "studio": _studio,
-    "others": _others,
+    "shading": _kernels_of("renderers.shading"),
+    "studio": _kernels_of("renderers.studio"),
+    "setup": _kernels_of("renderers.cpu.setup"),
+    "rest": _kernels_of("renderers", but=_APART),
+    "edges": _kernels_of("renderers.cpu.edges"),
+    "stereo": _stereo,
+    "treeviewer": _treeviewer,
 }
-"""Of about equal length (10 to 20 s of one core), compiled at the same time."""
+"""Handed out in this order, which is that of their length (12 to 4 s of one core), so that children end together."""
 
 
-def run(part: str | None = None) -> None:
-    """Blocks until the kernels, or those of one part, are loaded. In a serving process: only when they are cached."""
+def run() -> None:
+    """Blocks until the kernels are loaded. In a serving process: only when they are cached."""
     kernels.configure()
-    if part is not None:
-        PARTS[part]()
-        return
     for load in PARTS.values():
         load()
     from renderers.cpu import warmup as first_pictures
 
     first_pictures()
+
+
+def compile_parts(numbers: int) -> None:
+    """Compiles parts until none is left.
+
+    Args:
+        numbers: a descriptor that a byte is read from for each part, its place in ``PARTS``; other processes read from
+            it, too.
+    """
+    kernels.configure()
+    process.hurry()  # compiling makes millions of objects, none of which is garbage before all is done
+    parts = tuple(PARTS.values())
+    while number := os.read(numbers, 1):
+        parts[number[0]]()
+
+
+if __name__ == "__main__":
+    compile_parts(int(sys.argv[1]))

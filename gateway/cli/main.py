@@ -39,16 +39,11 @@ def _common(
     pass
 
 
-def warmup(
-    part: Annotated[str | None, typer.Option(hidden=True, help="Compile one part in this process.")] = None,
-) -> None:
+def warmup() -> None:
     """Compile the rendering kernels into the cache, so that the next start is quick."""
     from gateway import warmup as all_kernels
     from gateway.ops import kernels
 
-    if part is not None:
-        all_kernels.run(part)
-        return
     folder = kernels.configure()
     kernels.ensure_cached(all_kernels.PARTS, lambda: typer.echo(f"Compiling the rendering kernels into {folder} ..."))
     typer.echo(f"The rendering kernels are in {folder}.")

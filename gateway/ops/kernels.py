@@ -28,6 +28,10 @@ _KEPT = 4
 """Folders of other versions that stay; each holds a few MB."""
 
 
+_MOST_CHILDREN = 3
+"""More would not be ready sooner: the largest part takes a third of the time. Each holds up to 0.6 GB."""
+
+
 class KernelError(RuntimeError):
     """The kernels could not be compiled; the message is one sentence."""
 
@@ -98,19 +102,38 @@ def mark_cached() -> None:
 
 
 async def compile_in_children(parts: Iterable[str]) -> None:
-    """Runs ``python -m gateway.cli warmup --part PART`` for all parts at once, and notes that it is done.
+    """Compiles all parts in as many children as there are processors, and notes that it is done.
+
+    The children, ``python -m gateway.warmup N``, read from a pipe which part is the next.
+
+    Args:
+        parts: ``warmup.PARTS``; at most 255.
 
     Raises:
-        KernelError: one failed; with its last line.
+        KernelError: a child failed; with its last line.
     """
-    await asyncio.gather(*(_compile_in_child(part) for part in parts))
+    count = len(tuple(parts))
+    numbers, told = os.pipe()
+    try:
+        os.write(told, bytes(range(count)))
+        os.close(told)  # who reads finds the end when all parts are taken
+        children = min(_processors(), count, _MOST_CHILDREN)
+        await asyncio.gather(*(_compile_in_child(numbers) for _ in range(children)))
+    finally:
+        os.close(numbers)
     mark_cached()
 
 
-async def _compile_in_child(part: str) -> None:
+def _processors() -> int:
+    """That this process may run on."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+async def _compile_in_child(numbers: int) -> None:
     child = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "gateway.cli", "warmup", "--part", part),
+        *(sys.executable, "-m", "gateway.warmup", str(numbers)),
         env={**os.environ, "NUMBA_CACHE_DIR": str(configure())},
+        pass_fds=(numbers,),
         stdin=asyncio.subprocess.DEVNULL,
         stdout=asyncio.subprocess.DEVNULL,
         stderr=asyncio.subprocess.PIPE,

@@ -11,10 +11,10 @@ from __future__ import annotations
 from typing import Any, Final
 
 import numpy as np
-from numba import njit
 
 from renderers.encode.huffman import assign_codes, code_lengths
 from renderers.jit import kernel
+from renderers.linked import inlined, inner
 from renderers.pointers import i64_at, u8_at, u32_at
 from renderers.words import differing, load_word, low_zeros, store_word
 
@@ -85,7 +85,7 @@ _ODD_WEIGHTS: Final = np.uint64(0x0007000500030001)
 """Of the bytes of a word in the second sum, as factors: the products' highest 16 bits are the weighted sum."""
 
 
-@njit(inline="never", error_model="numpy")
+@inner
 def _filter(pixels: Any, above: Any, has_above: int, rows: int, row_bytes: int, swap: int, filtered: Any) -> None:
     """Each byte minus the one above, behind the filter's number; of 16-bit samples the high byte first."""
     for row in range(rows):
@@ -110,7 +110,7 @@ def _filter(pixels: Any, above: Any, has_above: int, rows: int, row_bytes: int, 
                 filtered[begin + j] = np.uint8(pixels[here + j] - above[here + j])
 
 
-@njit(inline="always", error_model="numpy")
+@inlined
 def _pieces(length: int) -> tuple[int, int, int]:
     """A repetition as so many of the longest, and up to two others of 3 .. 257 (0: none)."""
     whole, rest = length // _LONGEST, length % _LONGEST
@@ -119,7 +119,7 @@ def _pieces(length: int) -> tuple[int, int, int]:
     return whole - 1, 256, rest + 2
 
 
-@njit(inline="always", error_model="numpy")
+@inlined
 def _sum_word(word: Any, first: Any, second: Any) -> Any:
     """Adler's sums after the eight bytes of a word."""
     even, odd = word & _EVEN, (word >> np.uint64(8)) & _EVEN
@@ -128,7 +128,7 @@ def _sum_word(word: Any, first: Any, second: Any) -> Any:
     return first + np.int64(plain), second + 8 * first + np.int64(weighted)
 
 
-@njit(inline="never", error_model="numpy")
+@inner
 def _sum_bytes(f: Any, begin: int, end: int, first: Any, second: Any) -> Any:
     """Adler's sums after some bytes."""
     i = begin
@@ -144,7 +144,7 @@ def _sum_bytes(f: Any, begin: int, end: int, first: Any, second: Any) -> Any:
     return first, second
 
 
-@njit(inline="never", error_model="numpy")
+@inner
 def _sum_repetition(f: Any, begin: int, end: int, block: int, first: Any, second: Any) -> Any:
     """Adler's sums after bytes that repeat themselves every ``block`` bytes, 8 or 24."""
     number = (end - begin) // block
@@ -160,7 +160,7 @@ def _sum_repetition(f: Any, begin: int, end: int, block: int, first: Any, second
     return _sum_bytes(f, begin, end, first, second)
 
 
-@njit(inline="never", error_model="numpy")
+@inner
 def _find_runs(f: Any, total: int, pixel: int, work: int) -> int:
     """Counts symbols and adds to the checksum; gives how many repetitions there are, whose starts and lengths follow
     the tables.
@@ -226,7 +226,7 @@ def _find_runs(f: Any, total: int, pixel: int, work: int) -> int:
     return found
 
 
-@njit(inline="always", error_model="numpy")
+@inlined
 def _put(out: Any, state: Any, value: Any, bits: Any) -> None:
     """Appends up to 32 bits."""
     word = np.uint64(state[0]) | (np.uint64(value) << np.uint64(state[1]))
@@ -237,7 +237,7 @@ def _put(out: Any, state: Any, value: Any, bits: Any) -> None:
     state[2] += total >> 3
 
 
-@njit(inline="never", error_model="numpy")
+@inner
 def _code_lengths(out: Any, literals: int, distances: int, work: int) -> None:
     """The block's header: its codes' lengths, coded themselves (section 3.2.7)."""
     state, lengths, order = i64_at(work + _STATE), u8_at(work + _CODE_LENGTHS), _ORDER_ARRAY
@@ -292,7 +292,7 @@ def _code_lengths(out: Any, literals: int, distances: int, work: int) -> None:
         _put(out, state, token >> 16, (token >> 8) & 255)
 
 
-@njit(inline="never", error_model="numpy")
+@inner
 def _symbols(f: Any, total: int, pixel: int, runs: int, out: Any, work: int) -> None:
     """The block's literals and repetitions, and its end."""
     state, codes, table = i64_at(work + _STATE), u32_at(work + _CODES), i64_at(work + TABLES)

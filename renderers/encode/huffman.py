@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
+
+from renderers.linked import inner
 
 
-@njit(inline="never", error_model="numpy")
+@inner
 def code_lengths(counts: Any, symbols: int, limit: int, lengths: Any, heap: Any) -> int:
     """Lengths of an optimal code, shortened where one would be longer than ``limit``.
 
@@ -110,7 +111,7 @@ def code_lengths(counts: Any, symbols: int, limit: int, lengths: Any, heap: Any)
     return last
 
 
-@njit(inline="never", error_model="numpy")
+@inner
 def assign_codes(lengths: Any, symbols: int, codes: Any, heap: Any) -> None:
     """Canonical codes, first bit lowest as deflate packs them, with their lengths above.
 

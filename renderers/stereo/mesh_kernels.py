@@ -63,10 +63,17 @@ def fill_all(d, u, v):
                 first = r
             last = r
         elif last >= 0:
-            d[r] = d[last]
+            _copy_row(d, last, r)
     if first > 0:
         for r in range(first):
-            d[r] = d[first]
+            _copy_row(d, first, r)
+
+
+@njit(inline="always")
+def _copy_row(d, source, row):
+    """By a loop: an assignment of slices can fail, and all that its message needs would be compiled, too."""
+    for c in range(d.shape[1]):
+        d[row, c] = d[source, c]
 
 
 @njit(nogil=True, cache=True)
