@@ -56,6 +56,16 @@ def _check_path(text: str) -> str:
     return text
 
 
+def _check_color(value: object) -> object:
+    """One sentence for the whole value, instead of one for each of its parts."""
+    if not isinstance(value, str):
+        return value
+    parts = [part.strip() for part in value.split(",")]
+    if len(parts) != 3 or not all(part.isascii() and part.isdigit() and int(part) <= 255 for part in parts):
+        raise ValueError("must be R,G,B: three whole numbers of 0 to 255")
+    return parts
+
+
 def _to_number(value: object) -> object:
     return int(value) if isinstance(value, str) and value.isascii() and value.isdigit() else value
 
@@ -68,7 +78,7 @@ MountPath = Annotated[str, AfterValidator(_check_path)]
 AnyMount = Annotated[str, AfterValidator(_check_mount)]
 Mounts = Annotated[tuple[AnyMount, ...], NoDecode, _split("|"), Field(max_length=15)]
 Paths = Annotated[tuple[Path, ...], NoDecode, _split(os.pathsep)]
-Color = Annotated[tuple[Byte, Byte, Byte], NoDecode, _split(",")]
+Color = Annotated[tuple[Byte, Byte, Byte], NoDecode, BeforeValidator(_check_color)]
 Names = Annotated[tuple[str, ...], NoDecode, _split(",")]
 Samples = Annotated[Literal[1, 4, 8], BeforeValidator(_to_number)]
 Interfaces = Annotated[tuple[InterfaceName, ...], NoDecode, _split(",")]

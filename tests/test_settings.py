@@ -74,6 +74,8 @@ def test_lists_are_separated_as_people_write_them(monkeypatch: pytest.MonkeyPatc
         ({"stereo_size": "640x480"}, {}, "", "--stereo-size, --stereo-focal-factor and --stereo-baseline need "),
         ({"stereo_model": "custom", "stereo_size": "640"}, {}, "", "'640' is not a size like 1280x960."),
         ({"stereo_model": "custom"}, {}, "stereo_baseline = -0.1", "stereo baseline -0.1 m must be within "),
+        ({"background": "red"}, {}, "", "--background: must be R,G,B: three whole numbers of 0 to 255, got 'red'."),
+        ({"background": "1,2,256"}, {}, "", "--background: must be R,G,B"),
         ({"clock": "sundial"}, {}, "", "--clock: input should be 'real' or 'simulated', got 'sundial'."),
         ({}, {}, "htpp_port = 1", "htpp_port in {file} is no setting; did you mean http_port?"),
         ({}, {}, "http_port = ", "The configuration file {file} is not TOML"),

@@ -68,5 +68,8 @@ def main() -> None:
     try:
         app()
     except (OSError, ValueError, RuntimeError, ImportError) as error:
-        typer.echo(f"scenegate: {error}", err=True)
+        sentence = str(error)
+        if isinstance(error, OSError) and error.filename is not None:
+            sentence = f"{error.filename}: {error.strerror}"
+        typer.echo(f"scenegate: {sentence}", err=True)
         sys.exit(1)

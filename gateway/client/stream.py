@@ -146,7 +146,9 @@ def _why_silent(target: str) -> str:
     host, _, port = target.rpartition(":")
     try:
         socket.create_connection((host.strip("[]"), int(port)), _CONNECT_SECONDS).close()
-    except (OSError, ValueError, OverflowError):
+    except (ValueError, OverflowError):
+        return f"{target} is no HOST:PORT: {port!r} is no port"
+    except OSError:
         return f"nobody answers at {target}"
     return (
         f"{target} takes connections, but does not answer: only one side uses TLS, its certificate is not made for "

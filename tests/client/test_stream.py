@@ -57,6 +57,11 @@ def test_who_listens_without_answering_is_told_from_nobody(monkeypatch: pytest.M
         receive_all(StreamOptions(target, count=1))
 
 
+def test_a_target_without_a_port_number_is_a_sentence() -> None:
+    with pytest.raises(StreamFailure, match="'camera' is no port"):
+        receive_all(StreamOptions("localhost:camera", count=1))
+
+
 async def test_a_refusal_is_one_sentence(start: Start) -> None:
     camera = await start()
     options = StreamOptions(f"127.0.0.1:{camera.service.port}", mesh=True, max_points=10)

@@ -197,6 +197,8 @@ def test_nobody_there_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     (port,) = free_ports(1)
     with pytest.raises(ConnectionError, match="nobody listens there"):
         TreeViewer(f"tcpq://127.0.0.1:{port}", timeout=0.05)
+    with pytest.raises(ConnectionError, match=r"udpm:// and tcpq:// are what viewers speak"):
+        TreeViewer("bogus://here")
     with pytest.raises(ConnectionError, match=r"the host 'no-such-host\.invalid' is unknown"):
         TreeViewer("tcpq://no-such-host.invalid", timeout=0.0)
     monkeypatch.setitem(sys.modules, "lcm", None)

@@ -168,3 +168,9 @@ def test_errors_of_render_are_sentences(tmp_path: Path) -> None:
     said = scenegate("render", str(tmp_path / "scene.gltf"), "-o", "out.tiff")
     assert said.returncode == 1
     assert said.stderr == "scenegate: out.tiff: a color picture is written as .png or .jpg or .jpeg\n"
+
+
+def test_a_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    log = tmp_path / "no" / "log"
+    said = scenegate("record", str(log), "--lcm-url", "memq://", "--seconds", "1")
+    assert (said.returncode, said.stderr) == (1, f"scenegate: {log}: No such file or directory\n")

@@ -20,6 +20,8 @@ DEFAULT_URL: Final = "udpm://239.255.76.67:7667?ttl=0"
 WAIT_MS: Final = 100
 """Between looks whether the link was closed; messages wake the thread at once."""
 RETRY_SECONDS: Final = 0.2
+_HINTS: Final = {"tcpq": "nobody listens there", "udpm": "is there a route for multicast?"}
+"""Why a network of that scheme cannot be joined; liblcm tells its reasons on stderr only."""
 
 _kept: Final[list[Any]] = []
 """LCM objects of links that were lost: liblcm may crash when one is ended while another thread has it."""
@@ -91,7 +93,7 @@ class Link:
         try:
             network = lcm.LCM(_numeric(self.url))
         except RuntimeError:
-            hint = "nobody listens there" if self.url.startswith("tcpq") else "is there a route for multicast?"
+            hint = _HINTS.get(self.url.partition("://")[0], "udpm:// and tcpq:// are what viewers speak")
             raise ConnectionError(f"LCM cannot join {self.url}: {hint}") from None
         for channel, handler in self._handlers.items():
             subscription = network.subscribe(_literal(channel), partial(_hand_on, handler))
