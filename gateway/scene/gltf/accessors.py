@@ -51,6 +51,7 @@ _KINDS: Final[dict[tuple[int | None, str | None, bool], Kind]] = {
     for shape, components in COMPONENTS.items()
     for normalized in (False, True)
 }
+KINDS: Final = frozenset(_KINDS.values())
 POINTS: Final = _KINDS[5126, "VEC3", False]
 TEXTURE_COORDINATES: Final = _KINDS[5126, "VEC2", False]
 INDICES: Final = frozenset(_KINDS[code, "SCALAR", False] for code in (5121, 5123, 5125))

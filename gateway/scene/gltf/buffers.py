@@ -54,7 +54,7 @@ class Buffers:
     @property
     def uids(self) -> tuple[int, ...]:
         """What was loaded so far, in order."""
-        return tuple(buffer.uid for buffer in self._held.values())
+        return tuple([buffer.uid for buffer in self._held.values()])
 
     def load(self, index: int, view: int) -> Buffer:
         """``buffers[index]``, which ``bufferViews[view]`` refers to.

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from gateway.scene.gltf.accessors import (
     ALIGNED_INDICES,
     INDICES,
+    KINDS,
     POINTS,
     TEXTURE_COORDINATES,
     ZEROS,
@@ -32,10 +33,16 @@ T = TypeVar("T", bound=np.generic)
 
 _OPTIONAL: Final = {"NORMAL": (3,), "TANGENT": (4,), "TEXCOORD_0": (2,), "TEXCOORD_1": (2,), "COLOR_0": (3, 4)}
 """Attributes in use besides POSITION, with their numbers of components."""
-_COMPONENTS: Final = {"POSITION": (3,), **_OPTIONAL}
 _OTHERS: Final = ("TANGENT", "TEXCOORD_1", "COLOR_0")
-_PLAIN: Final = {"POSITION": POINTS, "NORMAL": POINTS, "TEXCOORD_0": TEXTURE_COORDINATES}
-"""Attributes that are looked at together, and their kinds."""
+_KINDS: Final = {
+    "POSITION": {POINTS},
+    "NORMAL": {POINTS},
+    "TEXCOORD_0": {TEXTURE_COORDINATES},
+    **{name: {kind for kind in KINDS if kind.components in _OPTIONAL[name]} for name in _OTHERS},
+}
+"""Attributes of plain meshes."""
+_PLAIN: Final = frozenset({"POSITION", "NORMAL", "TEXCOORD_0"})
+"""Those that are taken as they are."""
 _F32: Final = np.dtype("<f4")
 _U32: Final = np.dtype("<u4")
 _COMPRESSION: Final = "KHR_draco_mesh_compression"
@@ -64,8 +71,9 @@ def _key(mode: int, indices: Accessor | None, attributes: dict[str, Accessor]) -
         normal.key if normal is not None else None,
         uv.key if uv is not None else None,
     )
-    others = [(name, attributes[name].key) for name in _OTHERS if name in attributes]
-    return (*usual, *others) if others else usual
+    if len(attributes) == 1 + (normal is not None) + (uv is not None):
+        return usual
+    return (*usual, *[(name, attributes[name].key) for name in _OTHERS if name in attributes])
 
 
 class Meshes:
@@ -110,16 +118,15 @@ class Meshes:
         found: dict[str, Accessor] = {}
         fewest = 1 << 62
         for name, at in attributes.items():
-            if at is None or name not in _COMPONENTS:
+            kinds = _KINDS.get(name)
+            if at is None or kinds is None:
                 continue
             accessor = get(at)
-            if accessor is None or accessor.components not in _COMPONENTS[name]:
+            if accessor is None or accessor.kind not in kinds or accessor.offset & 3:
                 return None
             found[name] = accessor
             if accessor.count < fewest:
                 fewest = accessor.count
-            if name in _PLAIN and (accessor.kind is not _PLAIN[name] or accessor.offset & 3):
-                return None
         position, indices = found.get("POSITION"), get(primitive.indices)
         if position is None or indices is None or indices.kind not in INDICES:
             return None
@@ -146,7 +153,7 @@ class Meshes:
             buffers = {accessor.buffer for accessor in found.values()}
             buffers.add(indices.buffer)
             own = 12 * (("NORMAL" not in found) * n + (indices.kind is not ALIGNED_INDICES) * m)
-            if not _PLAIN.keys() >= found.keys():
+            if not _PLAIN.issuperset(found):
                 own = mesh_bytes(mesh, buffers)
             mesh = self._cache.add_mesh(key, mesh, buffers, own)
         self._made[key] = mesh
@@ -292,9 +299,10 @@ def _read(position: Accessor, indices: Accessor, attributes: dict[str, Accessor]
     if indices.kind is ALIGNED_INDICES and not indices.offset & 3:
         elements: NDArray[np.uint32] = np.ndarray((m, 3), _U32, indices.buffer.data, indices.offset)
     else:
-        elements = indices.raw().astype(np.uint32).reshape(m, 3)
+        size = indices.kind.nbytes
+        elements = np.ndarray((m, 3), indices.kind.dtype, indices.buffer.data, indices.offset).astype(_U32)
         elements.setflags(write=False)
-        limit = min(n, int(np.iinfo(indices.dtype).max))  # the largest one of its type is forbidden
+        limit = min(n, (1 << 8 * size) - 1)  # the largest one of its type is forbidden
     uv, normal = attributes.get("TEXCOORD_0"), attributes.get("NORMAL")
     uvs = NO_UV if uv is None else _view(uv, n, 2)
     if normal is None:

@@ -264,14 +264,16 @@ def _matrices(visits: _Visits) -> tuple[Matrices, Flags]:
 
 def _worlds(visits: _Visits, locals_: Matrices, moves: Flags) -> Matrices:
     """(N, 4, 4) X_world_node; ``locals_`` itself where all nodes are roots."""
-    if max(visits.depths, default=1) == 1:
+    if not any(map(moves.item, set(visits.parents) - {-1})):
         return locals_
     worlds = locals_.copy()
     with np.errstate(all="ignore"):
         if len(worlds) < _FEW:
-            for position, (parent, moved) in enumerate(zip(visits.parents, moves.tolist(), strict=True)):
-                if parent >= 0:
-                    worlds[position] = worlds[parent] @ worlds[position] if moved else worlds[parent]
+            moved = moves.tolist()  # by any of its parents, or itself
+            for position, parent in enumerate(visits.parents):
+                if parent >= 0 and moved[parent]:
+                    worlds[position] = worlds[parent] @ worlds[position] if moved[position] else worlds[parent]
+                    moved[position] = True
         else:
             depths, parents = np.array(visits.depths), np.array(visits.parents)
             levels = np.split(np.argsort(depths, kind="stable"), np.cumsum(np.bincount(depths))[:-1])

@@ -50,6 +50,7 @@ HARMLESS: Final = frozenset(
     }
 )
 """Extensions that change the look only, or nothing: also when required, the scene is drawn without them."""
+_LIMITS: Final = GltfLimits()
 _MAX_WARNINGS: Final = 100
 """A document with one fault has it in every mesh."""
 
@@ -74,7 +75,7 @@ def read_gltf(
     Raises:
         GltfError: with a sentence that names the element, its value and the reason.
     """
-    limits = GltfLimits() if limits is None else limits
+    limits = _LIMITS if limits is None else limits
     shared = cache is not None
     cache = MeshCache(limits.max_buffer_bytes + limits.max_mesh_bytes, 0) if cache is None else cache
     text = data if isinstance(data, Text) else Text(data)
@@ -116,8 +117,12 @@ def read_gltf(
     if len(warnings) > _MAX_WARNINGS:
         warnings[_MAX_WARNINGS:] = [f"{len(warnings) - _MAX_WARNINGS} more"]
     if shared and resolve is None:
-        where = split(container, len(whole))
+        where = split(container, len(whole), prove=False)
         if where is not None and cache.prefixes.is_repeated(where, buffers.uids):
+            where = split(container, len(whole))
+        else:
+            where = None
+        if where is not None:
             known = replace(known, parts=dict(parts.known), warnings=tuple(warnings))
             cache.prefixes.add(memoryview(whole), where, limits, textures, known)
         if stem is None and text.is_lasting:

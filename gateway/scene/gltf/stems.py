@@ -116,7 +116,7 @@ class Stems:
             if stem.length < 0:
                 stem.prove()
             length = stem.length
-            if length == 0 or length >= len(view) or stem.limits != limits:
+            if length == 0 or length >= len(view) or (stem.limits is not limits and stem.limits != limits):
                 continue
             if not equal_bytes(memoryview(stem.text)[:length], view[:length]):
                 continue
