@@ -64,7 +64,8 @@ def create_app(settings: Settings, state: Kept | None = None) -> FastAPI:
     if settings.demo:
         wanted["demo"] = join_demo
 
-    workers = Workers(settings.threads or usable_cpus(), settings.queue, settings.queue_mb * MIB)
+    threads = settings.threads or usable_cpus()
+    workers = Workers(threads, settings.queue, settings.queue_mb * MIB, niceness=settings.niceness)
     stateless = settings.only == ("render",)
 
     def full() -> bool:

@@ -245,6 +245,14 @@ class Settings(BaseSettings):
         ge=0,
         le=100_000,
     )
+    niceness: int = option(
+        10,
+        "Speed and limits",
+        "How far threads that draw stand behind the process's own priority: streams and answers are in time meanwhile. "
+        "Other programs of the machine go before them, too; 0: nobody does.",
+        ge=0,
+        le=19,
+    )
     queue_mb: int = option(
         2048, "Speed and limits", "MiB of request bodies that arrive, wait or are rendered.", ge=1, le=1 << 20
     )

@@ -5,12 +5,15 @@ from __future__ import annotations
 import asyncio
 import contextvars
 import gc
+import os
+import sys
 import threading
 import weakref
 
 import pytest
 
 from gateway.workers import Busy, Closed, Workers
+from renderers.cpu.crew import Crew, Phase
 from tests.support.waiting import until
 
 LONG = 30.0
@@ -230,3 +233,26 @@ def test_bounds_are_checked() -> None:
     with pytest.raises(ValueError, match="at least one thread"):
         Workers(0)
     assert Workers().threads >= 1
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux gives every thread a priority")
+async def test_threads_that_draw_and_their_helpers_stand_behind_the_event_loop() -> None:
+    def niceness(_: int = 0) -> int:
+        return os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
+
+    def draw() -> set[int]:
+        crew, seen, meeting = Crew(2), set[int](), threading.Barrier(2)
+
+        def work(_: int) -> None:
+            seen.add(niceness())
+            meeting.wait(LONG)
+
+        crew.run((Phase(2, work),))
+        crew.close()
+        return seen
+
+    own = niceness()
+    workers = Workers(1, niceness=3)
+    assert await workers.run(draw) == {min(19, own + 3)}
+    assert niceness() == own
+    assert await workers.close()

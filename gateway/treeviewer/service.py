@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import os
-import sys
-import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -27,6 +23,7 @@ from gateway.treeviewer.network import join, url_of
 from gateway.treeviewer.protocol import REQUEST, RESPONSE, TreeViewerProtocol
 from gateway.treeviewer.tcpq_bus import TcpqBus
 from gateway.treeviewer.udpm_bus import UdpmBus
+from gateway.workers import step_back
 
 _log = structlog.get_logger("gateway.treeviewer")
 
@@ -50,7 +47,7 @@ class TreeViewerService:
         self._config = config
         self._protocol = TreeViewerProtocol(live, config.limits, meshfiles, clock)
         self._executors = (
-            ThreadPoolExecutor(config.threads, "treeviewer-json", _step_back),
+            ThreadPoolExecutor(config.threads, "treeviewer-json", step_back),
             ThreadPoolExecutor(config.threads, "treeviewer"),
         )
         self._dispatcher = Dispatcher(self._protocol, config, *self._executors, durable)
@@ -175,19 +172,6 @@ class TreeViewerService:
         waiting = self._dispatcher.receive(sender, channel, data, partial(_publish, hub), sender.release)
         if waiting > self._config.client_waiting_bytes:
             sender.hold()
-
-
-NICENESS: Final = 10
-"""Of the threads that read big JSON, beyond the process's own: a tenth of the event loop's share of a processor that
-both want. They compute for 50 ms at a time, in which others' small messages would wait for the processor."""
-
-
-def _step_back() -> None:
-    """Lets everybody else go first, in a thread that is about to read big JSON."""
-    if sys.platform == "linux":  # elsewhere a thread has no number, and the whole process would step back
-        with contextlib.suppress(OSError):
-            thread = threading.get_native_id()
-            os.setpriority(os.PRIO_PROCESS, thread, min(19, os.getpriority(os.PRIO_PROCESS, thread) + NICENESS))
 
 
 _HERE: Final = frozenset(("127.0.0.1", "localhost", "::1", "0.0.0.0"))  # noqa: S104 - names that mean this machine
