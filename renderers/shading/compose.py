@@ -22,7 +22,7 @@ from renderers.shading.layout import (
     S_WIDTH,
 )
 from renderers.shading.materials import ALPHA_BLEND, ALPHA_MASK
-from renderers.shading.transfer import encode_gamma, gamma_byte, plain_byte
+from renderers.shading.transfer import encode_gamma, gamma_pixels, plain_byte
 
 DIRECT: Final = 0
 """Write the picture."""
@@ -42,9 +42,7 @@ def packed(r, g, b):
 def write(job, pbr, line, x, r, g, b):
     """Eight shaded pixels (f32x8 each), packed, to the row that ``line`` points to."""
     if pbr:
-        cells = job[S_GAMMA]
-        red, green, blue = gamma_byte(r, cells), gamma_byte(g, cells), gamma_byte(b, cells)
-        vec.store(line, x, red | (green << vec.i32(8)) | (blue << vec.i32(16)))
+        vec.store(line, x, gamma_pixels(r, g, b, job[S_GAMMA]))
     else:
         vec.store(line, x, packed(r, g, b))
 

@@ -53,7 +53,7 @@ from renderers.shading.materials import (
     MI_UV,
 )
 from renderers.shading.plain import fill, show_plain
-from renderers.shading.plain_pbr import lay_normals
+from renderers.shading.plain_pbr import PART, light_up, show_plain_pbr
 from renderers.shading.planes import MEMORY_VALUES, forget
 from renderers.shading.resolve import (
     SCRATCH_VALUES,
@@ -64,12 +64,10 @@ from renderers.shading.resolve import (
     run_starts,
     single_runs,
 )
-from renderers.shading.surface import UNIFORM, light_pbr, shade
+from renderers.shading.surface import shade
 from renderers.shading.textured import show_textured
 from renderers.shading.tiny import E_VALUES, look_from, show_tiny
 
-PART: Final = 256
-"""Pixels shaded at a time: their rows of attributes stay in the first-level cache."""
 TINY_RUNS: Final = 2
 """Pixels of a run, on average over a segment, up to which every pixel is solved by itself."""
 MANY: Final = 50_000
@@ -133,24 +131,38 @@ def _segment(job, y, places, instance, first, ids, masks, starts, begin, end, ro
     if mi[MI_UV] & 2:
         wanted |= HAS_UV1
     has = columns[II_HAS] & wanted
+    smooth = (has & HAS_NORMALS) != 0
+    tiny = places != 0 or end - begin <= TINY_RUNS * count_runs(masks, begin, end)
+    eye, spare = f64_at(scratch), i32_at(scratch + 8 * E_VALUES)
     if job[S_MODE] == DIRECT and job[S_PBR] == 0 and mi[MI_BASE] < 0 and not has & HAS_COLORS:
         if mi[MI_UNLIT] != 0:
             fill(line, begin, end, packed(vec.f32(mf[MF_BASE]), vec.f32(mf[MF_BASE + 1]), vec.f32(mf[MF_BASE + 2])))
             return
         if topology == 3 and fits(mf):
-            smooth = (has & HAS_NORMALS) != 0
-            if places != 0 or end - begin <= TINY_RUNS * count_runs(masks, begin, end):
-                eye = f64_at(scratch)
-                if look_from(points, maps, lens, y, eye):
-                    spare = i32_at(scratch + 8 * E_VALUES)
-                    show_tiny(columns, maps, places, first, many, smooth, mf, ids, begin, end, line, eye, spare)
-                    return
+            if tiny and look_from(points, maps, lens, y, eye):
+                show_tiny(
+                    columns, maps, places, first, many, smooth, mf, ids, begin, end, True, rows, stride, line, eye,
+                    spare,
+                )  # fmt: skip
+                return
             runs = run_starts(masks, begin, end, starts) if places == 0 else single_runs(begin, end, starts)
             show_plain(
                 columns, points, maps, lens, y, places, first, many, smooth, mf, ids, starts, 0, runs, line, memory
             )  # fmt: skip
             return
+    factors = topology == 3 and job[S_MODE] == DIRECT and wanted == HAS_NORMALS | HAS_COLORS and not has & HAS_COLORS
+    if factors and tiny and job[S_PBR] != 0 and look_from(points, maps, lens, y, eye):
+        show_tiny(
+            columns, maps, places, first, many, smooth, mf, ids, begin, end, False, rows, stride, line, eye, spare
+        )  # fmt: skip
+        light_up(job, has, mi, mf, maps, y, places, rows, stride, begin, end, line)
+        return
     runs = run_starts(masks, begin, end, starts) if places == 0 else single_runs(begin, end, starts)
+    if factors and smooth and places == 0 and job[S_PBR] != 0:
+        show_plain_pbr(
+            job, columns, points, maps, lens, y, first, many, mi, mf, ids, starts, runs, rows, stride, line, memory
+        )  # fmt: skip
+        return
     if (
         topology == 3
         and job[S_MODE] == DIRECT
@@ -162,20 +174,6 @@ def _segment(job, y, places, instance, first, ids, masks, starts, begin, end, ro
             job, columns, points, maps, lens, y, places, first, many, has, mi, mf, ids, starts, 0, runs, rows,
             stride, line, scratch,
         )  # fmt: skip
-        return
-    if (
-        topology == 3
-        and job[S_MODE] == DIRECT
-        and job[S_PBR] != 0
-        and has == HAS_NORMALS
-        and wanted == HAS_NORMALS | HAS_COLORS
-        and places == 0
-        and end - begin > TINY_RUNS * runs
-    ):  # a surface that is nothing but factors
-        lay_normals(columns, points, maps, lens, y, first, many, mf, ids, starts, runs, rows, stride, memory)
-        for part in range(begin, end, PART):
-            last = min(part + PART, end)
-            light_pbr(job, has, mi, mf, maps, y, places, UNIFORM, True, rows, stride, part, last, line)
         return
     for which in range(2):
         missing = HAS_UV0 << which
@@ -261,7 +259,7 @@ def shade_rows(job_at, ids_at, row_begin, row_end):
     job = i64_at(job_at)
     width = job[S_WIDTH]
     pad = vec.LANES
-    stride = width + pad
+    stride = width + 2 * pad
     own_ids = np.empty(width + pad + 64, np.int32)
     own_masks = np.empty(width // 64 + 2, np.int64)
     own_starts = np.empty(width + 2 * pad, np.int32)

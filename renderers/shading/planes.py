@@ -21,7 +21,7 @@ from renderers.shading.layout import II_ELEMENTS, II_VERTICES, P_MIRROR, P_NORMA
 from renderers.shading.surface import turned
 from renderers.shading.triples import cross, dot, minus, optical
 
-SLOTS: Final = 1024
+SLOTS: Final = 4096
 """Triangles that are remembered, a place for each by the low bits of its record: several times what a row sees."""
 AHEAD: Final = 128
 """Runs that are looked up at a time: few enough that they seldom put each other out of their places."""

@@ -1,5 +1,5 @@
-"""Segments of one colour under the head light whose triangles are about as large as pixels: every lane is a pixel with
-a triangle of its own.
+"""Segments of one colour whose triangles are about as large as pixels: every lane is a pixel with a triangle of its
+own.
 
 Coordinates are float32, from the pixel's ray in the mesh's own frame: differences of a small triangle's vertices are
 exact there, and nothing is transformed but the ray and the normal. (Moeller, Trumbore: Fast, minimum storage
@@ -17,7 +17,7 @@ from renderers.linked import inlined, inner
 from renderers.pointers import f32_at, i32_at, u32_at
 from renderers.shading.ahead import look_ahead
 from renderers.shading.head import colors_of, shine
-from renderers.shading.layout import II_ELEMENTS, II_VERTICES, P_NORMAL
+from renderers.shading.layout import A_NORMAL, II_ELEMENTS, II_VERTICES, P_NORMAL
 from renderers.shading.surface import turned
 from renderers.shading.triples import cross, dot, minus
 
@@ -71,13 +71,16 @@ def _apart(value):
 
 
 @inner
-def show_tiny(columns, maps, places, first, many, smooth, mf, ids, begin, end, line, eye, spare):
+def show_tiny(
+    columns, maps, places, first, many, smooth, mf, ids, begin, end, shown, rows, stride, line, eye, spare
+):  # fmt: skip
     """The pixels ``begin .. end`` of one instance's triangles, whose colour is the material's factor.
 
     Args:
         columns .. mf: as for ``plain.show_plain``.
         ids: pointer to the row's records.
-        line: pointer to the row's packed pixels; up to seven behind the last are overwritten.
+        shown: lit by the head light they go to ``line``, a pointer to the row's packed pixels; if not ``shown``, their
+            normals go to ``rows``, as from ``plain_pbr``. Up to seven pixels behind the last are overwritten.
         eye: see ``look_from``. spare: pointer to 8 int32.
     """
     elements, vertices = u32_at(columns[II_ELEMENTS]), f32_at(columns[II_VERTICES])
@@ -120,4 +123,11 @@ def show_tiny(columns, maps, places, first, many, smooth, mf, ids, begin, end, l
         else:
             n = n[0] * unit, n[1] * unit, n[2] * unit
         nx, ny, nz = turned(maps, P_NORMAL, n[0], n[1], n[2])
-        vec.store(line, x, shine(-(nz * facing), nx * nx + ny * ny + nz * nz, colors))
+        nz = -(nz * facing)
+        if shown:
+            vec.store(line, x, shine(nz, nx * nx + ny * ny + nz * nz, colors))
+        else:
+            at = A_NORMAL * stride + x
+            vec.store(rows, at, nx * facing)
+            vec.store(rows, at + stride, ny * facing)
+            vec.store(rows, at + 2 * stride, nz)

@@ -34,14 +34,15 @@ def _thresholds() -> NDArray[np.float32]:
 
 def _gamma_cells() -> NDArray[np.int32]:
     """(2561,) int32, one for each 2^16 neighbouring float32 from _LEAST to 1: the level at the cell's first value,
-    times 2^16, plus how many values of the cell lie at or above the threshold of the next level."""
+    times 2^16, plus how many values of the cell lie at or above the threshold of the next level; minus the bits of the
+    first value (all modulo 2^32): with a value's bits added, its level is in the third byte."""
     bits = np.arange(_LEAST_BITS, int(np.float32(1.0).view(np.int32)) + 2 * (1 << _CELL), 1 << _CELL, dtype=np.int32)
     starts = bits.view(np.float32)
     levels = np.searchsorted(THRESHOLDS, starts, side="right") - 1
     assert np.diff(levels).max() <= 1
     following = THRESHOLDS[np.minimum(levels + 1, 255)].view(np.int32)
     above = np.where(levels < 255, np.maximum(bits + (1 << _CELL) - following, 0), 0)
-    cells: NDArray[np.int32] = ((levels << _CELL) + above)[:-1].astype(np.int32)
+    cells: NDArray[np.int32] = ((levels << _CELL) + above - bits)[:-1].astype(np.int32)
     return cells
 
 
@@ -71,17 +72,23 @@ GAMMA_CELLS: Final = _gamma_cells()
 
 
 @inlined
-def gamma_byte(c, cells):
-    """``round(255 c^(1/2.2))`` of an f32x8 as i32x8, by a table that is exact for every float32: no ``pow``, so the
-    same on every machine. Below 0 or NaN is 0, above 1 is 255.
+def _gamma_level(c, cells):
+    """``round(255 c^(1/2.2))`` of an f32x8 in the third byte of an i32x8, the lower ones are anything; by a table that
+    is exact for every float32: no ``pow``, so the same on every machine. Below 0 or NaN is 0, above 1 is 255."""
+    c = vec.least(vec.most(c, vec.f32(_LEAST)), vec.f32(1.0))
+    bits = vec.bits_of(c)
+    return vec.gather(i32_at(cells - 4 * (_LEAST_BITS >> _CELL)), bits >> vec.i32(_CELL)) + bits
+
+
+@inlined
+def gamma_pixels(r, g, b, cells):
+    """Eight linear colours (f32x8 each) as they are shown, packed: red in the lowest byte, then green, blue.
 
     Args:
         cells: address of ``GAMMA_CELLS``.
     """
-    c = vec.least(vec.most(c, vec.f32(_LEAST)), vec.f32(1.0))
-    bits = vec.bits_of(c) - vec.i32(_LEAST_BITS)
-    cell = vec.gather(i32_at(cells), bits >> vec.i32(_CELL))
-    return (cell + (bits & vec.i32((1 << _CELL) - 1))) >> vec.i32(_CELL)
+    red, green = _gamma_level(r, cells) >> vec.i32(_CELL), _gamma_level(g, cells) >> vec.i32(8)
+    return red | (green & vec.i32(0xFF00)) | (_gamma_level(b, cells) & vec.i32(0xFF0000))
 
 
 @inlined

@@ -12,6 +12,7 @@ from renderers.cpu import CpuRenderer
 from renderers.drawlist import DrawList, Instance, Material, Mesh, Sampler, Texture, Wrap
 from renderers.port import Look, Output
 from renderers.shading import paint, prepare
+from renderers.shading.planes import SLOTS
 from renderers.shading.vertices import records_of
 from tests.renderers.scalar_shading import shaded
 from tests.renderers.shading_reference import ball, picture, placed, quad
@@ -169,7 +170,7 @@ def test_plain_surfaces_to_a_level(cells: int) -> None:
                 X = np.diag((1.0, -1.0, 1.0, 1.0))
                 X[2, 3] = 4.0
                 drawn = DrawList((placed(mesh, material, z=3.0), Instance(mesh, material, X)))
-                for name in ("phong", "plain"):
+                for name in ("phong", "plain", "pbr"):
                     ours, scalar = both(drawn, view(83, 61), Look(name))
                     differences = np.abs(ours - scalar)
                     assert differences.max() <= 1
@@ -219,14 +220,15 @@ def test_triangles_as_large_as_pixels_to_a_level(unit: float, thickness: float, 
     X[:3, :3] = turn @ np.diag((1.0, 1.0, thickness)) @ turn.T / unit
     X[:3, 3] = (0.0, 0.0, 4.0) - X[:3, :3] @ (np.array(offset) * unit)
     drawn = DrawList((Instance(mesh, Material((0.9, 0.3, 1.0, 1.0), double_sided=True), X),))
-    ours, scalar = both(drawn, view(83, 61), Look("phong"))
-    differences = np.abs(ours - scalar)
-    assert (differences > 1).sum() <= 8  # grains of a surface seen edge-on, where the side that is seen is rounding's
-    assert (differences != 0).mean() < 0.02
+    for name in ("phong", "pbr"):
+        ours, scalar = both(drawn, view(83, 61), Look(name))
+        differences = np.abs(ours - scalar)
+        assert (differences > 1).sum() <= 8  # grains of a surface seen edge-on, where the seen side is rounding's
+        assert (differences != 0).mean() < 0.02
 
 
 def test_triangles_that_are_remembered_at_the_same_place() -> None:
-    """Every 1024th element is seen, the others have no area."""
+    """Every SLOTS-th element is seen, the others have no area."""
     rng = np.random.default_rng(6)
     count = 60
     left = np.linspace(-3.0, 2.8, count)
@@ -234,15 +236,36 @@ def test_triangles_that_are_remembered_at_the_same_place() -> None:
     positions[..., 0] = left[:, None] + rng.uniform(0.0, 0.4, (count, 3))
     positions[..., 1] = (-1.5, 1.5, 0.0)
     positions[..., 2] = rng.uniform(2.0, 3.0, (count, 3))
-    elements = np.zeros((1024 * count, 3), np.uint32)
-    elements[::1024] = np.arange(3 * count).reshape(-1, 3)
+    elements = np.zeros((SLOTS * count, 3), np.uint32)
+    elements[::SLOTS] = np.arange(3 * count).reshape(-1, 3)
     mesh = Mesh(positions.reshape(-1, 3), elements, rng.normal(size=(3 * count, 3)).astype(np.float32))
     drawn = DrawList((Instance(mesh, Material((0.9, 0.3, 1.0, 1.0), double_sided=True), np.eye(4)),))
-    ours, scalar = both(drawn, view(163, 61), Look("phong"))
-    differences = np.abs(ours - scalar)
-    assert ours.any()
-    assert differences.max() <= 1
-    assert (differences != 0).mean() < 0.02
+    for name in ("phong", "pbr"):
+        ours, scalar = both(drawn, view(163, 61), Look(name))
+        differences = np.abs(ours - scalar)
+        assert ours.any()
+        assert differences.max() <= 1
+        assert (differences != 0).mean() < 0.02
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.6, -1.1, 1.45])
+@pytest.mark.parametrize("metallic", [0.0, 0.7, 1.0])
+def test_walls_to_a_level(tilt: float, metallic: float) -> None:
+    """Long runs of one normal, dull and glossy, ahead and at a grazing angle, through long lenses and short ones."""
+    turn = np.array(((np.cos(tilt), 0, np.sin(tilt)), (0, 1, 0), (-np.sin(tilt), 0, np.cos(tilt))))
+    for roughness in (0.0, 0.3, 0.5, 1.0):
+        for emissive in ((0.0, 0.0, 0.0), (0.05, 0.0, 0.9)):
+            material = Material(
+                (0.9, 0.3, 0.02, 1.0), metallic=metallic, roughness=roughness, emissive=emissive, double_sided=True
+            )
+            ahead = placed(quad(0.3, 0.0), replace(material, base_color=(0.2, 0.9, 0.6, 1.0)), z=1.0)
+            drawn = DrawList((placed(quad(2.0, 0.0), material, z=2.0, linear=turn), ahead))
+            for focal in (60.0, 131.0, 300.0, 900.0):
+                camera = Camera(203, 41, focal, focal + 5.0, 100.3, 20.2, 0.05, 50.0, np.eye(4))
+                ours, scalar = both(drawn, camera, Look("pbr"))
+                differences = np.abs(ours - scalar)
+                assert differences.max() <= 1
+                assert (differences != 0).mean() < 0.02
 
 
 @pytest.mark.parametrize("size", [(83, 61), (64, 40), (9, 70)])

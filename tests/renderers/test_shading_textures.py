@@ -30,7 +30,7 @@ from renderers.shading.transfer import (
     THRESHOLDS,
     decode_gamma,
     encode_gamma,
-    gamma_byte,
+    gamma_pixels,
     plain_byte,
 )
 from tests.renderers.shading_reference import lookup, picture
@@ -55,7 +55,13 @@ def _plain_bytes(values, out, count):
 @njit
 def _gamma_bytes(values, out, count):
     for k in range(0, count, 8):
-        vec.store(i32_at(out), k, gamma_byte(vec.load(f32_at(values), k), CELLS))
+        # Three places of a pixel; the others shall not matter.
+        value, zero, one = vec.load(f32_at(values), k), vec.f32(0.0), vec.f32(1.0)
+        red = gamma_pixels(value, zero, zero, CELLS)
+        green = gamma_pixels(zero, value, one, CELLS) ^ vec.i32(0xFF0000)
+        blue = gamma_pixels(one, one, value, CELLS) ^ vec.i32(0xFFFF)
+        same = (red == (green >> vec.i32(8))) & (red == (blue >> vec.i32(16)))
+        vec.store(i32_at(out), k, vec.select(same, red, vec.i32(-1)))
 
 
 @njit
