@@ -51,7 +51,7 @@ def blend(job, rule, depths, ids, pixel, w, covered, identity):
     if rule == LAYERED:
         covered = covered & _between(job, pixel, w, identity)
     vec.store(depths, pixel, vec.select(covered, w, old))
-    vec.store(ids, pixel, vec.select(covered, identity, vec.load_again(ids, pixel)))
+    vec.store_where(ids, pixel, covered, identity)
 
 
 @inner

@@ -63,14 +63,7 @@ from renderers.cpu.layout import (
     R_LOW,
     R_XY,
     RECORD_BYTES,
-    S_BASE,
     S_BOX,
-    S_DOWN,
-    S_DOWN_SECOND,
-    S_DX,
-    S_DY,
-    S_EDGES,
-    S_RIGHT,
     S_SIZE,
     SMALL_BANDS,
     SUBPIXEL,
@@ -78,6 +71,7 @@ from renderers.cpu.layout import (
     T_RECORD,
     TINY,
 )
+from renderers.cpu.small import SMALL_SCRATCH, draw_prepared, prepare
 from renderers.cpu.visibility import BAND_ROWS
 from renderers.linked import inlined, inner
 from renderers.native import call_kernel
@@ -85,82 +79,19 @@ from renderers.pointers import as_f32, as_i32, f32_at, f64_at, i32_at, i64_at, u
 
 ROOM_OF_ROWS: Final = 16
 """Values of the scratch before those that hold 1/z of each row, or of every eight pixels of a row."""
-SCRATCH: Final = ROOM_OF_ROWS + BAND_ROWS + vec.LANES
+SCRATCH: Final = max(ROOM_OF_ROWS + BAND_ROWS + vec.LANES, SMALL_SCRATCH)
 
 
 @inner
 def _small(job, rule, record, first_row, last_row, scratch):
-    """Draw a KIND_SMALL record: eight pixels at a time, no branch on coverage."""
-    whole = i32_at(record)
-    fraction = f32_at(record)
-    box = np.int64(whole[S_BOX])
-    size = np.int64(whole[S_SIZE])
-    box_y = box >> 16
-    box_x = ((box & 0xFFFF) ^ 0x8000) - 0x8000
-    top = max(box_y, first_row)
-    rows = min(box_y + (size >> 16), last_row) - top
-    left = max(box_x, 0)
-    right = min(box_x + (size & 0xFFFF), job[J_WIDTH])
-    stride = job[J_STRIDE]
-    ids = i32_at(job[J_IDS])
-    depths = f32_at(job[J_INV_Z])
-    identity = vec.i32(whole[R_ID])
-    low, high = vec.f32(fraction[R_LOW]), vec.f32(fraction[R_HIGH])
-    slope = vec.f32(fraction[S_DX])
-    right0, right1 = vec.i32(whole[S_RIGHT]), vec.i32(whole[S_RIGHT + 1])
-    d0, d1 = vec.i32(whole[S_DOWN]), vec.i32(whole[S_DOWN_SECOND])
-    zero = vec.i32(0)
-    d2, right2 = zero - d0 - d1, zero - right0 - right1
-    base, rise = vec.f32(fraction[S_BASE]), vec.f32(fraction[S_DY])
-    lane = vec.iota()
-    starts = as_f32(scratch)
-    for row in range(0, rows, vec.LANES):
-        down = vec.to_f32(vec.i32(top - box_y + row) + lane)
-        vec.store(starts, ROOM_OF_ROWS + row, base + rise * down)
-    # Blocks begin where vectors do: what a neighbour has just stored is loaded as a whole, and from one cache line.
-    begin = left & ~np.int64(vec.LANES - 1)  # type: ignore[operator]  # kernels' integers
-    skipped = vec.i32(top - box_y)
-    across = vec.i32(begin - box_x) + lane
-    f0 = vec.i32(whole[S_EDGES]) + skipped * d0 + across * right0
-    f1 = vec.i32(whole[S_EDGES + 1]) + skipped * d1 + across * right1
-    f2 = vec.i32(whole[S_EDGES + 2]) + skipped * d2 + across * right2
-    eight = vec.i32(vec.LANES)
-    step0, step1, step2 = right0 * eight, right1 * eight, right2 * eight
-    column = begin
-    # Two blocks of a row at once: how often a loop over the rows turns cannot be predicted.
-    while column + vec.LANES < right:
-        e0, e1, e2 = f0, f1, f2
-        g0, g1, g2 = f0 + step0, f1 + step1, f2 + step2
-        rising, further = slope * vec.to_f32(across), slope * vec.to_f32(across + eight)
-        pixel = top * stride + column
-        for row in range(rows):
-            start = vec.f32(starts[ROOM_OF_ROWS + row])
-            w = vec.least(vec.most(start + rising, low), high)
-            blend(job, rule, depths, ids, pixel, w, (e0 | e1 | e2) >= zero, identity)
-            w = vec.least(vec.most(start + further, low), high)
-            blend(job, rule, depths, ids, pixel + vec.LANES, w, (g0 | g1 | g2) >= zero, identity)
-            e0, e1, e2 = e0 + d0, e1 + d1, e2 + d2
-            g0, g1, g2 = g0 + d0, g1 + d1, g2 + d2
-            pixel += stride
-        across = across + eight + eight
-        f0, f1, f2 = f0 + step0 + step0, f1 + step1 + step1, f2 + step2 + step2
-        column += 2 * vec.LANES
-    if column < right:
-        rising = slope * vec.to_f32(across)
-        pixel = top * stride + column
-        for row in range(rows):
-            w = vec.least(vec.most(vec.f32(starts[ROOM_OF_ROWS + row]) + rising, low), high)
-            blend(job, rule, depths, ids, pixel, w, (f0 | f1 | f2) >= zero, identity)
-            f0, f1, f2 = f0 + d0, f1 + d1, f2 + d2
-            pixel += stride
+    """Draw a KIND_SMALL record by itself."""
+    prepare(job, record, first_row, last_row, scratch)
+    draw_prepared(job, rule, scratch)
 
 
-@inner
-def _span(job, rule, record, row, start, stop, box_x, box_y, scratch):
-    """Draw the pixels ``start .. stop`` of a row; ``box_x, box_y`` is the pixel that R_BASE belongs to.
-
-    1/z is exact to float32 at the first of every eight pixels, wherever the span starts.
-    """
+@inlined
+def _span_by(job, rule, record, row, start, stop, box_x, box_y, scratch):
+    """``_span`` for a rule that is a constant, or for any."""
     plane = f64_at(record)
     bounds = f32_at(record)
     slope = plane[R_DX]
@@ -172,20 +103,38 @@ def _span(job, rule, record, row, start, stop, box_x, box_y, scratch):
     lane = vec.iota()
     rising = vec.f32(slope) * vec.to_f32(lane)
     first, last, eight = vec.i32(start), vec.i32(stop), vec.i32(vec.LANES)
+    every = lane == lane
     starts = as_f32(scratch)
     blocks = vec.to_f64(lane * eight)
     begin = start & ~np.int64(vec.LANES - 1)
-    here = vec.i32(begin) + lane
     pixel = row * job[J_STRIDE] + begin
     for column in range(begin, stop, vec.LANES * vec.LANES):
         at = vec.f64(column - box_x) + blocks
         vec.store(starts, ROOM_OF_ROWS, vec.to_f32(vec.f64(base) + vec.f64(slope) * at))
-        for k in range(min((stop - column + vec.LANES - 1) // vec.LANES, vec.LANES)):
-            w = vec.f32(starts[ROOM_OF_ROWS + k]) + rising
-            w = vec.least(vec.most(w, low), high)
-            blend(job, rule, depths, ids, pixel, w, (here >= first) & (here < last), identity)
-            here = here + eight
-            pixel += vec.LANES
+        if column >= start and column + vec.LANES * vec.LANES <= stop:
+            for k in range(vec.LANES):
+                w = vec.least(vec.most(vec.f32(starts[ROOM_OF_ROWS + k]) + rising, low), high)
+                blend(job, rule, depths, ids, pixel + vec.LANES * k, w, every, identity)
+            pixel += vec.LANES * vec.LANES
+        else:
+            here = vec.i32(column) + lane
+            for k in range(min((stop - column + vec.LANES - 1) // vec.LANES, vec.LANES)):
+                w = vec.least(vec.most(vec.f32(starts[ROOM_OF_ROWS + k]) + rising, low), high)
+                blend(job, rule, depths, ids, pixel, w, (here >= first) & (here < last), identity)
+                here = here + eight
+                pixel += vec.LANES
+
+
+@inner
+def _span(job, rule, record, row, start, stop, box_x, box_y, scratch):
+    """Draw the pixels ``start .. stop`` of a row; ``box_x, box_y`` is the pixel that R_BASE belongs to.
+
+    1/z is exact to float32 at the first of every eight pixels, wherever the span starts.
+    """
+    if rule == PLAIN:
+        _span_by(job, PLAIN, record, row, start, stop, box_x, box_y, scratch)
+    else:
+        _span_by(job, rule, record, row, start, stop, box_x, box_y, scratch)
 
 
 @inlined
@@ -297,8 +246,10 @@ def clear_band(job, lens, band):
     # Nothing at or beyond this 1/z is accepted: the far plane costs no test of its own.
     empty = vec.f32(np.nextafter(np.float32(1.0 / lens[L_FAR]), np.float32(-1.0)))
     nobody = vec.i32(-1)
+    # One after the other: stores that go on in one cache line are joined, others are not.
     for pixel in range(first_row * stride, last_row * stride, vec.LANES):
         vec.store(ids, pixel, nobody)
+    for pixel in range(first_row * stride, last_row * stride, vec.LANES):
         vec.store(depths, pixel, empty)
 
 
@@ -364,19 +315,54 @@ def _draw_late(job, lens, rule, record, which, first_row, last_row, room, scratc
     call_kernel(job[J_SETUP], (job[J_SELF], job[J_LENS], np.int64(-1), room))
     for k in range(request[Q_COUNT]):
         _draw(job, lens, rule, records + k * RECORD_BYTES, first_row, last_row, scratch)
-    _draw_micro(job, rule, i32_at(request[Q_MICRO]), 0, request[Q_MICROS], which)
+    micro = i32_at(request[Q_MICRO])
+    for m in range(request[Q_MICROS]):
+        if micro[4 * m + 3] == which:
+            _draw_micro(job, rule, micro, m, m + 1)
 
 
+_RECORDS_AHEAD: Final = 6
+"""Records that are on their way from the cache that they share with all that setup has left."""
+_LINES: Final = 4
+"""Cache lines of pixels of tiny triangles that are fetched ahead; the processor sees by itself that more follow."""
 ROOM: Final = 8 + (vec.LANES * (RECORD_BYTES + 8 + 64) + 16 * (vec.LANES * TINY * TINY + 1)) // 8
 
 
 @inner
-def _draw_micro(job, rule, micro, begin, end, which):
-    """Draw the pixels ``begin .. end`` of tiny triangles that belong to the list ``which``."""
+def _draw_micro(job, rule, micro, begin, end):
+    """Draw the pixels ``begin .. end`` of tiny triangles."""
     inverse = as_f32(micro)
     for m in range(begin, end):
-        if micro[4 * m + 3] == which:
-            blend_one(job, rule, np.int64(micro[4 * m]), inverse[4 * m + 1], micro[4 * m + 2])
+        blend_one(job, rule, np.int64(micro[4 * m]), inverse[4 * m + 1], micro[4 * m + 2])
+
+
+@inlined
+def _look_ahead(job, chunk, which, step):
+    """Fetch what a band will need of a later chunk: its lists' places, then the lists, then the first records.
+
+    A band meets a few values of every chunk, each in a cache line of its own.
+    """
+    chunk = min(chunk, job[J_CHUNKS] - 1)
+    lists = job[J_LISTS]
+    offsets = i32_at(job[J_OFFSETS] + 4 * chunk * (2 * lists + 4))
+    if step == 0:
+        vec.prefetch(offsets, which)
+        vec.prefetch(offsets, lists + 1 + which)
+        vec.prefetch(offsets, 2 * lists + 2)
+        return
+    begin = np.int64(offsets[which])
+    small = u16_at(job[J_SMALL] + 2 * chunk * CHUNK * SMALL_BANDS)
+    if step == 1:
+        vec.prefetch(small, begin)
+        micro = i32_at(job[J_MICRO] + 16 * chunk * MICRO_PER_ELEMENT * CHUNK)
+        first = 4 * np.int64(offsets[lists + 1 + which])
+        for line in range(_LINES):
+            vec.prefetch(micro, first + 16 * line)
+        return
+    records = i32_at(job[J_RECORDS] + chunk * CHUNK * RECORD_BYTES)
+    last = max(np.int64(offsets[which + 1]) - 1, 0)
+    for k in range(_RECORDS_AHEAD):
+        vec.prefetch(records, RECORD_BYTES // 4 * np.int64(small[min(begin + k, last)]))
 
 
 @inlined
@@ -394,8 +380,10 @@ def raster_band(job, lens, band, back):
     themselves). ``back``: the back faces that were kept apart, on top of the others."""
     first_row = band * BAND_ROWS
     last_row = min(first_row + BAND_ROWS, job[J_HEIGHT])
-    own_scratch = np.empty(SCRATCH, np.int32)
+    own_scratch = np.empty(SCRATCH + 2 * SMALL_SCRATCH, np.int32)
     scratch = i32_at(np.int64(own_scratch.ctypes.data))
+    free = np.int64(own_scratch.ctypes.data) + 4 * SCRATCH
+    prepared = free + 4 * SMALL_SCRATCH
     rule = PLAIN
     if job[J_BEYOND_IDS] != 0 or job[J_BEFORE_IDS] != 0:
         rule = LAYERED
@@ -420,6 +408,8 @@ def raster_band(job, lens, band, back):
     for chunk in range(job[J_CHUNKS]):
         if band < ranges[4 * chunk] or band > ranges[4 * chunk + 1]:
             continue
+        for step in range(3):
+            _look_ahead(job, chunk + 3 - step, which, step)
         offsets = i32_at(job[J_OFFSETS] + 4 * chunk * (2 * lists + 4))
         k, end = np.int64(offsets[which]), np.int64(offsets[which + 1])
         t, talls = np.int64(0), np.int64(offsets[2 * lists + 2])
@@ -428,18 +418,37 @@ def raster_band(job, lens, band, back):
         small = u16_at(job[J_SMALL] + 2 * chunk * CHUNK * SMALL_BANDS)
         tall = u16_at(job[J_TALL] + 2 * chunk * CHUNK)
         records = job[J_RECORDS] + chunk * CHUNK * RECORD_BYTES
-        while k < end or t < talls:
-            index, k, t = next_record(small, k, end, tall, t, talls)
-            if back and _hidden(job, records + index * RECORD_BYTES, tiles, first_row, last_row):
-                continue
-            record = records + index * RECORD_BYTES
-            if i32_at(record)[R_KIND] == KIND_LATER:
-                _draw_late(job, lens, rule, record, which, first_row, last_row, room, scratch)
-            else:
-                _draw(job, lens, rule, record, first_row, last_row, scratch)
+        if back or rule != PLAIN:
+            while k < end or t < talls:
+                index, k, t = next_record(small, k, end, tall, t, talls)
+                record = records + index * RECORD_BYTES
+                if back and _hidden(job, record, tiles, first_row, last_row):
+                    continue
+                if i32_at(record)[R_KIND] == KIND_LATER:
+                    _draw_late(job, lens, rule, record, which, first_row, last_row, room, scratch)
+                else:
+                    _draw(job, lens, rule, record, first_row, last_row, scratch)
+        else:
+            ready = False
+            while ready or k < end or t < talls:
+                record, is_small, was_ready = np.int64(0), False, ready
+                if k < end or t < talls:
+                    index, k, t = next_record(small, k, end, tall, t, talls)
+                    later = np.int64(small[max(min(k + _RECORDS_AHEAD, end - 1), 0)])
+                    vec.prefetch(i32_at(records), RECORD_BYTES // 4 * later)
+                    record = records + index * RECORD_BYTES
+                    is_small = i32_at(record)[R_KIND] == KIND_SMALL
+                    if is_small:
+                        prepare(job, record, first_row, last_row, i32_at(free))
+                if was_ready:
+                    draw_prepared(job, PLAIN, i32_at(prepared))
+                if record != 0 and not is_small:
+                    _draw(job, lens, rule, record, first_row, last_row, scratch)
+                ready = is_small
+                free, prepared = prepared, free
         micro = i32_at(job[J_MICRO] + 16 * chunk * MICRO_PER_ELEMENT * CHUNK)
         begin, end = np.int64(offsets[lists + 1 + which]), np.int64(offsets[lists + 2 + which])
-        _draw_micro(job, rule, micro, begin, end, which)
+        _draw_micro(job, rule, micro, begin, end)
     own_scratch[0] = 0  # the pointers above do not keep the arrays alive
     own_tiles[0] = 0.0
     own_room[0] = 0

@@ -35,6 +35,7 @@ from renderers.simd.moves import (
     store_rgb,
     store_rows,
     store_vertices,
+    store_where,
 )
 from renderers.simd.vectors import (
     LANES,
@@ -49,6 +50,7 @@ from renderers.simd.vectors import (
     f64,
     f64x8,
     floor,
+    highest_bit,
     i32,
     i32x8,
     iota,
@@ -91,6 +93,7 @@ __all__ = [
     "gather",
     "gather_pairs",
     "gather_squares",
+    "highest_bit",
     "i32",
     "i32x8",
     "iota",
@@ -130,6 +133,7 @@ __all__ = [
     "store_rgb",
     "store_rows",
     "store_vertices",
+    "store_where",
     "to_f32",
     "to_f64",
     "to_i32",

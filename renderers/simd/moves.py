@@ -20,6 +20,7 @@ from renderers.simd.vectors import (
     f64x8,
     i32x8,
     intrinsic,
+    m8,
     make,
     shuffle,
 )
@@ -74,6 +75,35 @@ store = make(
     _emit_store,
 )
 """``store(pointer, i, v)``: writes the values i .. i + 7 behind it, unaligned. The result means nothing."""
+
+
+@intrinsic
+def store_where(typing_context: Any, pointer: Any, index: Any, mask: Any, value: Any) -> Any:
+    """``store_where(pointer, i, m8, v)``: writes the lanes in the mask. The result means nothing.
+
+    One masked store where the machine has AVX-512's, which cost what others do; elsewhere all lanes are stored, the
+    others as they were, see the module's notes. What is loaded again soon is better blended by the caller: a masked
+    store does not forward to a load.
+    """
+    if _vector_behind(pointer) is not value or mask is not m8 or value is f64x8:
+        return None
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        address = _address(builder, value, args[0], args[1])
+        if "+avx512vl" in context.codegen().magic_tuple()[2]:
+            lanes = ir.VectorType(I1, LANES)
+            kind = ir.FunctionType(ir.VoidType(), [value.llvm, address.type, I32, lanes])
+            declare: Any = cgutils.get_or_insert_function
+            name = f"llvm.masked.store.v8{value.llvm.element.intrinsic_name}.p0"
+            builder.call(declare(builder.module, kind, name), [args[3], address, ir.Constant(I32, 4), args[2]])
+        else:
+            old = VolatileLoad(builder.block, address)
+            old.align = 4
+            builder._insert(old)
+            builder.store(builder.select(args[2], args[3], old), address, align=4)
+        return ir.Constant(I32, 0)
+
+    return types.int32(pointer, types.int64, mask, value), generate
 
 
 class _ManyPlaces(ir.instructions.GEPInstr):  # type: ignore[misc]  # llvmlite has no types

@@ -223,6 +223,14 @@ lowest_bit = make(lambda value: types.int64 if value is types.int64 else None, _
 """Index of the lowest set bit of an int64 that is not 0."""
 
 
+def _emit_highest(builder: Any, sig: Any, value: Any) -> Any:
+    return builder.sub(ir.Constant(I64, 63), builder.ctlz(value, ir.Constant(I1, 1)))
+
+
+highest_bit = make(lambda value: types.int64 if value is types.int64 else None, _emit_highest)
+"""Index of the highest set bit of an int64 that is not 0."""
+
+
 def _emit_count(builder: Any, sig: Any, value: Any) -> Any:
     return builder.ctpop(value)
 

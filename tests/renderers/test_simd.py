@@ -141,6 +141,24 @@ def test_blends_are_not_masked_stores() -> None:
 
 
 @njit
+def _store_where(out, values, number):
+    o, v, n = f32_at(out), f32_at(values), i64_at(number)
+    vec.store_where(o, 3, vec.load(v, 0) > vec.f32(0.0), vec.load(v, 0))
+    n[0] = vec.highest_bit(n[0])
+
+
+@pytest.mark.parametrize("number", (1, 2, 3, 1 << 31, (1 << 40) - 1, -1))
+def test_stores_of_some_lanes_and_highest_bits(number: int) -> None:
+    out, values, found = np.full(16, 9.0, np.float32), A.astype(np.float32), np.array((number,), np.int64)
+    _store_where(out.ctypes.data, values.ctypes.data, found.ctypes.data)
+    expected = np.full(16, 9.0, np.float32)
+    expected[3:11] = np.where(A > 0.0, A, 9.0)
+    np.testing.assert_array_equal(out, expected)
+    assert found[0] == (number & (1 << 64) - 1).bit_length() - 1
+    assert "maskmov" not in "".join(_store_where.inspect_asm().values())  # see above
+
+
+@njit
 def _lists(values, offsets, out, number):
     a, o, n = i32_at(values), i32_at(out), i64_at(number)
     x, y = vec.load(a, 0), vec.load(a, 8)
