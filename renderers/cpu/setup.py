@@ -84,15 +84,20 @@ def _late(job, lens, request):
     lanes = min(table[row + T_COLUMNS + T_ELEMENT] - table[row + T_ELEMENT] - element, vec.LANES)
     spans, micro, columns = i32_at(request[Q_SPANS]), i32_at(request[Q_MICRO]), i32_at(request[Q_SCRATCH])
     records, late = request[Q_RECORDS], np.int64(group[G_LANES])
-    count, micros = triangles(job, lens, drawn, element, lanes, late, records, spans, 0, micro, 0, columns)
+    count, micros = triangles(job, lens, drawn, element, element + lanes, late, records, spans, 0, micro, 0, columns)
     request[Q_COUNT] = count
     request[Q_MICROS] = micros
 
 
 @inner
-def _distribute(job, chunk, spans, count, micro, micros, fill):
-    """Write a chunk's lists, sorted by list and in the order of records."""
-    lists = job[J_LISTS]
+def _distribute(job, chunk, spans, count, micro_at, micros, fill):
+    """Write a chunk's lists, sorted by list; records in their order.
+
+    Args:
+        micro_at: address of the pixels that ``triangles`` has left.
+        fill: pointer to 2 x (lists + 1) int32 of scratch.
+    """
+    lists, micro = job[J_LISTS], i32_at(micro_at)
     offsets = i32_at(job[J_OFFSETS] + 4 * chunk * (2 * lists + 4))
     small = u16_at(job[J_SMALL] + 2 * chunk * CHUNK * SMALL_BANDS)
     tall = u16_at(job[J_TALL] + 2 * chunk * CHUNK)
@@ -134,31 +139,38 @@ def _distribute(job, chunk, spans, count, micro, micros, fill):
                 talls += 1
     offsets[2 * lists + 3] = talls
 
-    sorted_micro = i32_at(job[J_MICRO] + 16 * chunk * MICRO_PER_ELEMENT * CHUNK)
     starts = lists + 1
     for each in range(lists + 1):
         offsets[starts + each] = 0
-    # Neighbours mostly go to the same list.
-    m = 0
-    while m < micros:
-        begin, goal = m, np.int64(micro[4 * m + 3])
-        while m < micros and micro[4 * m + 3] == goal:
-            m += 1
-        offsets[starts + 1 + goal] += m - begin
-        _reach(ranges, bands, goal, goal)
+        fill[each] = 0
+    # Where neighbours go to the same list, each would wait for the one before it; so every other one counts by itself.
+    # A branch would be mispredicted wherever a triangle lies in two bands.
+    even = micros & ~1
+    for m in range(0, even, 2):
+        offsets[starts + 1 + micro[4 * m + 3]] += 1
+        fill[micro[4 * m + 7]] += 1
+    if even < micros:
+        offsets[starts + 1 + micro[4 * even + 3]] += 1
     for each in range(lists):
-        offsets[starts + each + 1] += offsets[starts + each]
+        here = offsets[starts + each + 1] + fill[each]
+        if here != 0:
+            _reach(ranges, bands, each, each)
+        offsets[starts + each + 1] = offsets[starts + each] + here
         fill[each] = offsets[starts + each]
-    m = 0
-    while m < micros:
-        goal = np.int64(micro[4 * m + 3])
-        place = np.int64(fill[goal])
-        while m < micros and micro[4 * m + 3] == goal:
-            for value in range(4):
-                sorted_micro[4 * place + value] = micro[4 * m + value]
-            place += 1
-            m += 1
-        fill[goal] = place
+        fill[starts + each] = offsets[starts + each + 1]
+    # One of two from a list's begin, the other from its end: within a list the order does not matter.
+    unsorted, out = i64_at(micro_at), i64_at(job[J_MICRO] + 16 * chunk * MICRO_PER_ELEMENT * CHUNK)
+    for m in range(0, even, 2):
+        goal, other = micro[4 * m + 3], starts + micro[4 * m + 7]
+        place = fill[goal]
+        fill[goal] = place + 1
+        out[2 * place], out[2 * place + 1] = unsorted[2 * m], unsorted[2 * m + 1]
+        place = fill[other] - 1
+        fill[other] = place
+        out[2 * place], out[2 * place + 1] = unsorted[2 * m + 2], unsorted[2 * m + 3]
+    if even < micros:
+        place = fill[micro[4 * even + 3]]
+        out[2 * place], out[2 * place + 1] = unsorted[2 * even], unsorted[2 * even + 1]
 
 
 @kernel("void(int64, int64, int64, int64)")
@@ -172,7 +184,7 @@ def setup(job_at, lens_at, begin_chunk, end_chunk):
         return
     table = i64_at(job[J_TABLE])
     own_spans = np.empty(2 * CHUNK, np.int32)
-    own_fill = np.empty(job[J_LISTS] + 1, np.int32)
+    own_fill = np.empty(2 * (job[J_LISTS] + 1), np.int32)
     own_micro = np.empty(4 * (MICRO_PER_ELEMENT * CHUNK + 1), np.int32)
     own_columns = np.empty(16 * vec.LANES, np.int32)
     spans = i32_at(np.int64(own_spans.ctypes.data))
@@ -191,16 +203,15 @@ def setup(job_at, lens_at, begin_chunk, end_chunk):
             stop = min(end, table[row + T_COLUMNS + T_ELEMENT])
             offset = table[row + T_ELEMENT]
             if table[row + T_TOPOLOGY] == 3:
-                for k in range(work, stop, vec.LANES):
-                    lanes = min(stop - k, vec.LANES)
-                    count, micros = triangles(
-                        job, lens, drawn, k - offset, lanes, 0, record, spans, count, micro, micros, columns
-                    )
+                begin, last = work - offset, stop - offset
+                count, micros = triangles(
+                    job, lens, drawn, begin, last, 0, record, spans, count, micro, micros, columns
+                )
             else:
                 for k in range(work, stop):
                     count = _others(job, lens, drawn, k - offset, record, spans, count)
             work = max(work, stop)
             drawn += 1
-        _distribute(job, chunk, spans, count, micro, micros, fill)
+        _distribute(job, chunk, spans, count, np.int64(own_micro.ctypes.data), micros, fill)
     # The pointers above do not keep the arrays alive.
     own_spans[0] = own_fill[0] = own_micro[0] = own_columns[0] = 0

@@ -56,6 +56,8 @@ from renderers.pointers import as_f32, as_u32, f32_at, i32_at, i64_at, u32_at
 
 RECORD_VALUES = RECORD_BYTES // 4
 BAND_SHIFT = BAND_ROWS.bit_length() - 1
+_AHEAD = 64
+"""Triangles whose vertices are fetched before they are needed; at the ends of pages the processor does not do that."""
 
 
 @inlined
@@ -71,7 +73,29 @@ def _edge(xa, ya, xb, yb, px, py):
 
 
 @inner
-def triangles(job, lens, drawn, element, lanes, late, record, spans, count, micro, micros, columns):
+def triangles(job, lens, drawn, begin, end, late, record, spans, count, micro, micros, columns):
+    """Set up the triangles ``begin .. end`` of a drawn instance; see ``_eight``."""
+    # In one loop: to call a function for every eight takes a fifth of the time of those that are not seen.
+    farthest = np.float32(1.0 / lens[L_FAR])
+    row = drawn * T_COLUMNS
+    table = i64_at(job[J_TABLE])
+    vertices, indices = f32_at(job[J_VERTEX] + 16 * table[row + T_VERTEX]), u32_at(table[row + T_ELEMENTS])
+    for element in range(begin, end, vec.LANES):
+        lanes = min(end - element, vec.LANES)
+        vec.prefetch(indices, 3 * (element + 2 * _AHEAD))
+        vec.prefetch(indices, 3 * (element + 2 * _AHEAD) + 12)
+        later = 3 * min(element + _AHEAD, end - 1)
+        vec.prefetch(vertices, 4 * np.int64(indices[later]))
+        vec.prefetch(vertices, 4 * np.int64(indices[later + 1]))
+        vec.prefetch(vertices, 4 * np.int64(indices[later + 2]))
+        count, micros = _eight(
+            job, lens, farthest, drawn, element, lanes, late, record, spans, count, micro, micros, columns
+        )
+    return count, micros
+
+
+@inlined
+def _eight(job, lens, farthest, drawn, element, lanes, late, record, spans, count, micro, micros, columns):
     """Set up the triangles ``element .. element + lanes`` (at most eight) of a drawn instance.
 
     Those whose box holds at most TINY x TINY pixel centres are solved here for good, all eight at once, and leave
@@ -80,6 +104,7 @@ def triangles(job, lens, drawn, element, lanes, late, record, spans, count, micr
     Back faces that are kept apart are put off (KIND_LATER) where they are small and near one another.
 
     Args:
+        farthest: 1/z of the far plane.
         late: a mask of the lanes to set up that were put off, and no others; 0: all lanes, for the first time.
         record: address of the chunk's records, of which ``count`` are taken.
         spans: pointer to int32 pairs, first and last list of each record: its band, or for back faces that are kept
@@ -110,7 +135,7 @@ def triangles(job, lens, drawn, element, lanes, late, record, spans, count, micr
     used = lane < vec.i32(lanes)
     plain = used & (low > none)
     clipped = vec.bits(used & (low < none) & (high > vec.f32(BEHIND)))
-    plain = plain & (high >= vec.f32(np.float32(1.0 / lens[L_FAR])))
+    plain = plain & (high >= vec.f32(farthest))
     if vec.bits(plain) == 0 and clipped == 0:
         return count, micros
 

@@ -147,7 +147,7 @@ def _store_where(out, values, number):
     n[0] = vec.highest_bit(n[0])
 
 
-@pytest.mark.parametrize("number", (1, 2, 3, 1 << 31, (1 << 40) - 1, -1))
+@pytest.mark.parametrize("number", [1, 2, 3, 1 << 31, (1 << 40) - 1, -1])
 def test_stores_of_some_lanes_and_highest_bits(number: int) -> None:
     out, values, found = np.full(16, 9.0, np.float32), A.astype(np.float32), np.array((number,), np.int64)
     _store_where(out.ctypes.data, values.ctypes.data, found.ctypes.data)
