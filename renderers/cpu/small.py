@@ -106,10 +106,10 @@ def prepare(job, record, first_row, last_row, scratch):
     box_y, box_x = box >> 16, ((box & 0xFFFF) ^ 0x8000) - 0x8000
     top = max(box_y, first_row)
     rows = min(box_y + (size >> 16), last_row) - top
-    left = max(box_x, 0)
+    left = max(box_x, np.int64(0))
     right = min(box_x + (size & 0xFFFF), job[J_WIDTH])
     # Strips begin where vectors do: what a neighbour has just stored is loaded as a whole, and from one cache line.
-    begin = np.int64(left) & ~np.int64(vec.LANES - 1)
+    begin = left & ~np.int64(vec.LANES - 1)
     groups = (rows + vec.LANES - 1) >> 3
     origin = max(min(top, last_row - vec.LANES * groups), first_row)
 
