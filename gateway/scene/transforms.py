@@ -35,6 +35,11 @@ def from_pose(translation: Sequence[float], quaternion: Sequence[float]) -> Matr
         quaternion: (4,) [w, x, y, z]; normalised here, all zeros means no rotation (as Director does). Non-finite
             numbers give a non-finite matrix.
     """
+    return np.array(pose_rows(translation, quaternion))
+
+
+def pose_rows(translation: Sequence[float], quaternion: Sequence[float]) -> tuple[tuple[float, ...], ...]:
+    """The four rows of ``from_pose``, without an array."""
     w, x, y, z = quaternion
     norm2 = w * w + x * x + y * y + z * z
     if not _SQUARE_SAFE[0] < norm2 < _SQUARE_SAFE[1] and all(map(math.isfinite, quaternion)):
@@ -47,13 +52,11 @@ def from_pose(translation: Sequence[float], quaternion: Sequence[float]) -> Matr
     xx, xy, xz = s * x * x, s * x * y, s * x * z
     yy, yz, zz = s * y * y, s * y * z, s * z * z
     tx, ty, tz = translation
-    return np.array(
-        (
-            (1.0 - (yy + zz), xy - wz, xz + wy, tx),
-            (xy + wz, 1.0 - (xx + zz), yz - wx, ty),
-            (xz - wy, yz + wx, 1.0 - (xx + yy), tz),
-            (0.0, 0.0, 0.0, 1.0),
-        )
+    return (
+        (1.0 - (yy + zz), xy - wz, xz + wy, tx),
+        (xy + wz, 1.0 - (xx + zz), yz - wx, ty),
+        (xz - wy, yz + wx, 1.0 - (xx + yy), tz),
+        (0.0, 0.0, 0.0, 1.0),
     )
 
 
@@ -103,10 +106,17 @@ def from_column_major(values: Sequence[float]) -> Matrix:
 
 def from_trs(translation: Sequence[float], rotation_xyzw: Sequence[float], scale: Sequence[float]) -> Matrix:
     """glTF's node properties: T * R * S, the rotation as glTF writes it ([x, y, z, w])."""
+    return from_column_major(trs_numbers(translation, rotation_xyzw, scale))
+
+
+def trs_numbers(
+    translation: Sequence[float], rotation_xyzw: Sequence[float], scale: Sequence[float]
+) -> tuple[float, ...]:
+    """The 16 numbers of ``from_trs``, column-major, without an array."""
     x, y, z, w = rotation_xyzw
-    matrix = from_pose(translation, (w, x, y, z))
-    matrix[:3, :3] *= np.asarray(scale, dtype=np.float64)
-    return matrix
+    p, q, r = scale
+    (a, b, c, tx), (d, e, f, ty), (g, h, i, tz), _ = pose_rows(translation, (w, x, y, z))
+    return (a * p, d * p, g * p, 0.0, b * q, e * q, h * q, 0.0, c * r, f * r, i * r, 0.0, tx, ty, tz, 1.0)
 
 
 def look_at(

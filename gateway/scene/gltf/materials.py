@@ -27,6 +27,7 @@ _NEAREST: Final = 9728
 _MIN_NEAREST: Final = frozenset({9728, 9984, 9986})
 _MIN_MIPMAPS: Final = frozenset({9984, 9985, 9986, 9987})
 _MIP_NEAREST: Final = frozenset({9984, 9985})
+_NO_TEXTURES: Final = (None, None, None, None)
 _GLOSSINESS: Final = "KHR_materials_pbrSpecularGlossiness"
 _REFLECTANCE: Final = 0.04
 """Of a dielectric with the default index of refraction, seen from the front."""
@@ -100,21 +101,29 @@ class Materials:
         alpha_mode = _alpha_mode(source.alpha_mode, name)
         if vtk and base_color[3] < 1.0:
             alpha_mode = AlphaMode.BLEND
+        metallic = _unit(pbr.metallic_factor, name, "metallicFactor")
+        roughness = _unit(pbr.roughness_factor, name, "roughnessFactor")
+        emissive = vector(source.emissive_factor, (0.0, 0.0, 0.0), f"{name}.emissiveFactor")
+        cutoff = _number(source.alpha_cutoff, 0.5, name, "alphaCutoff")
+        double_sided = bool(source.double_sided) or vtk
+        surface = (pbr.base_color_texture, pbr.metallic_roughness_texture, normal, occlusion)
+        if surface == _NO_TEXTURES and source.emissive_texture is None and not source.extensions:
+            return _untextured(base_color, metallic, roughness, emissive, alpha_mode, cutoff, double_sided)
         made = Material(
             base_color=base_color,
             base_color_texture=self._texture(pbr.base_color_texture, name, "baseColorTexture"),
-            metallic=_unit(pbr.metallic_factor, name, "metallicFactor"),
-            roughness=_unit(pbr.roughness_factor, name, "roughnessFactor"),
+            metallic=metallic,
+            roughness=roughness,
             metallic_roughness_texture=self._texture(pbr.metallic_roughness_texture, name, "metallicRoughnessTexture"),
             normal_texture=self._texture(normal, name, "normalTexture"),
             normal_scale=_number(normal.scale if normal else None, 1.0, name, "normalTexture.scale"),
             occlusion_texture=self._texture(occlusion, name, "occlusionTexture"),
             occlusion_strength=_unit(occlusion.strength if occlusion else None, name, "occlusionTexture.strength"),
-            emissive=vector(source.emissive_factor, (0.0, 0.0, 0.0), f"{name}.emissiveFactor"),
+            emissive=emissive,
             emissive_texture=self._texture(source.emissive_texture, name, "emissiveTexture"),
             alpha_mode=alpha_mode,
-            alpha_cutoff=_number(source.alpha_cutoff, 0.5, name, "alphaCutoff"),
-            double_sided=bool(source.double_sided) or vtk,
+            alpha_cutoff=cutoff,
+            double_sided=double_sided,
             vtk_export=vtk,
         )
         return self._extended(made, source, name) if source.extensions else made
@@ -275,6 +284,28 @@ def _vtk_material(color: tuple[float, float, float, float]) -> Material:
     blended = AlphaMode.BLEND if color[3] < 1.0 else AlphaMode.OPAQUE
     return Material(
         base_color=color, metallic=0.0, roughness=1.0, alpha_mode=blended, double_sided=True, vtk_export=True
+    )
+
+
+@lru_cache(maxsize=1024)
+def _untextured(
+    color: tuple[float, float, float, float],
+    metallic: float,
+    roughness: float,
+    emissive: tuple[float, float, float],
+    alpha_mode: AlphaMode,
+    cutoff: float,
+    double_sided: bool,
+) -> Material:
+    """What most others are: a few numbers; equal ones are one object."""
+    return Material(
+        base_color=color,
+        metallic=metallic,
+        roughness=roughness,
+        emissive=emissive,
+        alpha_mode=alpha_mode,
+        alpha_cutoff=cutoff,
+        double_sided=double_sided,
     )
 
 

@@ -94,6 +94,11 @@ class Meshes:
         self._warnings = warnings
         self._made: dict[MeshKey, Mesh | None] = {}
         self._before: dict[MeshKey, Mesh | None] = {} if known is None else known._made
+        self._described: dict[tuple[object, ...], Mesh] = {}
+        """By what primitives say."""
+        self._described_before: dict[tuple[object, ...], Mesh] = {} if known is None else known._described
+        self._counted: set[int] = set()
+        """Identities of meshes that were counted against the limits; they are held by the tables above."""
         self.without_positions = ""
         """The first primitive that has none ..."""
         self.with_positions = False
@@ -106,8 +111,23 @@ class Meshes:
         Raises:
             GltfError: a reference or an index is out of range, or a limit is exceeded.
         """
-        plain = self._plain(primitive)
-        return plain if plain is not None else self._any(primitive, f"meshes[{index}].primitives[{number}]")
+        attributes = primitive.attributes
+        if attributes is None:
+            return self._any(primitive, f"meshes[{index}].primitives[{number}]")
+        # Equal words about the same accessors mean the same mesh.
+        words = (primitive.mode, primitive.indices, *attributes.items())
+        mesh = self._described.get(words)
+        if mesh is not None:
+            return mesh
+        mesh = self._described_before.get(words)
+        if mesh is not None and self._takes(mesh):
+            self.with_positions = True
+        else:
+            mesh = self._plain(primitive)
+            if mesh is None:
+                return self._any(primitive, f"meshes[{index}].primitives[{number}]")
+        self._described[words] = mesh
+        return mesh
 
     def _plain(self, primitive: Primitive) -> Mesh | None:
         """The mesh of a primitive as nearly all are: indexed triangles, as they lie in the buffers, without a fault and
@@ -139,14 +159,9 @@ class Meshes:
         if mesh is not None:
             return mesh
         mesh = self._before.get(key) or self._cache.mesh(key)
-        if mesh is not None:
-            n, m = len(mesh.positions), len(mesh.elements)
-        vertices, elements = self._vertices + n, self._elements + m
-        nbytes = self.nbytes + _VERTEX_BYTES * n + 12 * m
-        limits = self._limits
-        if vertices > limits.max_vertices or elements > limits.max_elements or nbytes > limits.max_mesh_bytes:
-            return None
         if mesh is None:
+            if not self._fits(n, m):
+                return None
             mesh = _read(position, indices, found)
             if mesh is None:
                 return None
@@ -156,9 +171,31 @@ class Meshes:
             if not _PLAIN.issuperset(found):
                 own = mesh_bytes(mesh, buffers)
             mesh = self._cache.add_mesh(key, mesh, buffers, own)
+        if not self._takes(mesh):
+            return None
         self._made[key] = mesh
-        self._vertices, self._elements, self.nbytes = vertices, elements, nbytes
         return mesh
+
+    def _fits(self, vertices: int, elements: int) -> bool:
+        limits, nbytes = self._limits, _VERTEX_BYTES * vertices + 12 * elements
+        return (
+            self._vertices + vertices <= limits.max_vertices
+            and self._elements + elements <= limits.max_elements
+            and self.nbytes + nbytes <= limits.max_mesh_bytes
+        )
+
+    def _takes(self, mesh: Mesh) -> bool:
+        """Counts a mesh once against the limits; False, and nothing done: it would be beyond."""
+        if id(mesh) in self._counted:
+            return True
+        vertices, elements = len(mesh.positions), len(mesh.elements)
+        if not self._fits(vertices, elements):
+            return False
+        self._counted.add(id(mesh))
+        self._vertices += vertices
+        self._elements += elements
+        self.nbytes += _VERTEX_BYTES * vertices + 12 * elements
+        return True
 
     def _any(self, primitive: Primitive, name: str) -> Mesh | None:
         source = self._check(primitive, name)
@@ -169,7 +206,8 @@ class Meshes:
             return self._made[key]
         mesh = self._before.get(key) or self._cache.mesh(key)
         if mesh is not None:
-            self._charge(len(mesh.positions), len(mesh.elements), name)
+            if not self._takes(mesh):
+                self._charge(len(mesh.positions), len(mesh.elements), name)
         else:
             mesh = self._build(source)
             if mesh is not None:

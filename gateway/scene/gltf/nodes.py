@@ -19,7 +19,7 @@ from gateway.scene.gltf.kernels import AFFINE_TOLERANCE, arrange
 from gateway.scene.gltf.lights import place_lights
 from gateway.scene.gltf.limits import GltfLimits
 from gateway.scene.gltf.scene import GltfCamera
-from gateway.scene.transforms import IDENTITY, Matrix, from_column_major, from_trs
+from gateway.scene.transforms import IDENTITY, Matrix, from_column_major, from_trs, trs_numbers
 from renderers.drawlist import Light
 
 _IDENTITY_NUMBERS: Final = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
@@ -228,7 +228,11 @@ def _matrix(node: gltf.Node, name: str) -> Matrix:
         return matrix
     if node.translation is None and node.rotation is None and node.scale is None:
         return IDENTITY
-    return from_trs(
+    return from_trs(*_trs(node, name))
+
+
+def _trs(node: gltf.Node, name: str) -> tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]:
+    return (
         vector(node.translation, (0.0, 0.0, 0.0), f"{name}.translation"),
         vector(node.rotation, (0.0, 0.0, 0.0, 1.0), f"{name}.rotation"),
         vector(node.scale, (1.0, 1.0, 1.0), f"{name}.scale"),
@@ -247,7 +251,7 @@ def _matrices(visits: _Visits) -> tuple[Matrices, Flags]:
             numbers += source.matrix
             usual &= len(source.matrix) == 16
         elif source.rotation is not None or source.scale is not None:
-            numbers += _matrix(source, f"nodes[{index}]").T.ravel().tolist()
+            numbers += trs_numbers(*_trs(source, f"nodes[{index}]"))
         elif source.translation is None:
             numbers += _IDENTITY_NUMBERS
         else:
@@ -307,7 +311,8 @@ def _camera(document: Document, visits: _Visits, names: list[str], worlds: Matri
 
 def _without_scale(X: Matrix) -> Matrix:
     """The pose without the scales of the node and its parents, which cameras ignore (glTF 2.0, 3.10.2)."""
-    lengths = [math.sqrt(x * x + y * y + z * z) for x, y, z in X[:3, :3].T.tolist()]
+    (a, b, c, _), (d, e, f, _), (g, h, i, _), _ = X.tolist()
+    lengths = [math.sqrt(a * a + d * d + g * g), math.sqrt(b * b + e * e + h * h), math.sqrt(c * c + f * f + i * i)]
     if all(abs(length - 1.0) <= 1e-12 for length in lengths) or not all(0.0 < length < math.inf for length in lengths):
         return X
     result = X.copy()

@@ -8,6 +8,7 @@ same. Comparing it with what came before is five times faster than the fastest w
 from __future__ import annotations
 
 import hashlib
+import re
 import threading
 from collections import OrderedDict
 from collections.abc import Mapping
@@ -39,6 +40,7 @@ _SAME_HEAD: Final = 8
 """Texts with the same beginning that are kept: each one that does not match may cost a comparison."""
 _CANDIDATES: Final = 256
 """Texts seen once that are remembered (by a hash): a text is worth keeping when it comes again."""
+_OBJECTS: Final = re.compile(rb"\s*:\s*\[\s*(\{|null)")
 _TRIES: Final = 64
 """Places of ``"nodes"`` that are tried; scenes and names can contain it, too."""
 
@@ -105,19 +107,34 @@ class Split:
 
     length: int
     """Bytes of the text before."""
-    slim: bytes
-    """That text without its data URIs."""
     fixed: dict[str, bytes]
 
 
-def split(container: Container, total: int, *, prove: bool = True) -> Split | None:
-    """Where the member ``nodes`` begins; None when data URIs follow it, or in a ``.glb``.
-
-    That both halves are JSON objects proves that the place is between two members of the outermost object.
+def stable_part(container: Container, total: int) -> bytes | None:
+    """The text before the nodes without its data URIs, found by a look at what follows: nodes are objects, other
+    members of that name are numbers. Nothing is proved.
 
     Args:
         total: bytes of the document.
-        prove: False looks at the second half only, which is nearly always right and the shorter one by far.
+    """
+    if container.tail is None or total < MIN_LENGTH:
+        return None
+    slim = container.json
+    begin = len(slim) - (total - container.tail)
+    at = len(slim)
+    for _ in range(_TRIES):
+        at = slim.rfind(b'"nodes"', begin, at)
+        if at < 0:
+            return None
+        if _OBJECTS.match(slim, at + len(b'"nodes"')):
+            return slim[:at]
+    return None
+
+
+def split(container: Container, total: int) -> Split | None:
+    """Where the member ``nodes`` begins; None when data URIs follow it, or in a ``.glb``.
+
+    That both halves are JSON objects proves that the place is between two members of the outermost object.
     """
     if container.tail is None:
         return None
@@ -133,12 +150,11 @@ def split(container: Container, total: int, *, prove: bool = True) -> Split | No
             continue
         try:
             members = _MEMBERS.decode(b"{" + slim[at:])
-            if prove:
-                _MEMBERS.decode(before[:-1] + b"}")
+            _MEMBERS.decode(before[:-1] + b"}")
         except (msgspec.MsgspecError, ValueError, RecursionError):
             continue
         length = total - (len(slim) - at)
-        return Split(length, before, _fixed(members)) if length >= MIN_LENGTH else None
+        return Split(length, _fixed(members)) if length >= MIN_LENGTH else None
     return None
 
 
@@ -203,10 +219,10 @@ class Prefixes:
         document.cameras = entry.known.cameras
         return entry.known, document
 
-    def is_repeated(self, where: Split, buffers: tuple[int, ...]) -> bool:
+    def is_repeated(self, stable: bytes, buffers: tuple[int, ...]) -> bool:
         """Whether a text with this part and these buffers was asked for before; every second time, so that of many
         threads only one adds it."""
-        key = hash((len(where.slim), isal_zlib.crc32(where.slim), buffers))
+        key = hash((len(stable), isal_zlib.crc32(stable), buffers))
         with self._lock:
             if key in self._candidates:
                 del self._candidates[key]

@@ -18,7 +18,7 @@ from gateway.scene.gltf.limits import GltfLimits
 from gateway.scene.gltf.materials import Materials
 from gateway.scene.gltf.meshes import Meshes
 from gateway.scene.gltf.nodes import NodeTree, build_tree
-from gateway.scene.gltf.prefixes import Known, split
+from gateway.scene.gltf.prefixes import Known, split, stable_part
 from gateway.scene.gltf.scene import GltfCounts, GltfScene
 
 READ: Final = frozenset(
@@ -117,11 +117,9 @@ def read_gltf(
     if len(warnings) > _MAX_WARNINGS:
         warnings[_MAX_WARNINGS:] = [f"{len(warnings) - _MAX_WARNINGS} more"]
     if shared and resolve is None:
-        where = split(container, len(whole), prove=False)
-        if where is not None and cache.prefixes.is_repeated(where, buffers.uids):
-            where = split(container, len(whole))
-        else:
-            where = None
+        stable = stable_part(container, len(whole))
+        repeated = stable is not None and cache.prefixes.is_repeated(stable, buffers.uids)
+        where = split(container, len(whole)) if repeated else None
         if where is not None:
             known = replace(known, parts=dict(parts.known), warnings=tuple(warnings))
             cache.prefixes.add(memoryview(whole), where, limits, textures, known)

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from gateway.scene.gltf.meshes import Meshes
 
 _MEMBERS: Final = msgspec.json.Decoder(dict[str, msgspec.Raw])
-_DOCUMENT: Final = msgspec.json.Decoder(gltf.Document)
 _FIRST: Final = b'"materials"'
 _SAME_HEAD: Final = 4
 """Stems with the same beginning that are kept: each one that does not match may cost a comparison."""
@@ -167,17 +166,32 @@ def _grown(stem: Stem, rest: bytes, limits: GltfLimits) -> Grown | None:
     """None when the document has to be read as a whole."""
     if len(stem.json) + len(rest) > min(limits.max_json_bytes, limits.max_json_values):
         return None
-    text = b"{" + rest
     try:
-        if not stem.members.isdisjoint(_MEMBERS.decode(text)):
-            return None
-        document: Any = _DOCUMENT.decode(text)
+        document: Any = _REST.decode(b"{" + rest)
     except (msgspec.MsgspecError, ValueError, RecursionError):
         return None
     for name, field in _FIELDS.items():
+        absent = getattr(document, field) is msgspec.UNSET
         if name in stem.members:
+            if not absent:
+                return None
             setattr(document, field, getattr(stem.document, field))
+        elif absent:
+            setattr(document, field, None)
     return Grown(stem, Container(stem.json + rest, stem.container.uris, stem.length, None), document)
 
 
 _FIELDS: Final = {field.encode_name: field.name for field in msgspec.structs.fields(gltf.Document)}
+_REST: Final = msgspec.json.Decoder(
+    msgspec.defstruct(
+        "Rest",
+        [
+            (field.name, field.type | msgspec.UnsetType, msgspec.UNSET)
+            for field in msgspec.structs.fields(gltf.Document)
+        ],
+        bases=(gltf.Document,),
+        rename="camel",
+        gc=False,
+    )
+)
+"""Tells absent members from null."""

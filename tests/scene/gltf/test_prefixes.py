@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from gateway.scene.gltf import GltfError, GltfLimits, GltfScene, MeshCache, read_gltf
 from gateway.scene.gltf.container import open_container
-from gateway.scene.gltf.prefixes import MIN_LENGTH, split
+from gateway.scene.gltf.prefixes import MIN_LENGTH, split, stable_part
 from tests.scene.gltf.builder import Builder, glb, mesh_of, parts
 
 
@@ -200,6 +200,7 @@ def test_where_nodes_begin() -> None:
     assert where is not None
     assert data[where.length :].startswith(b'"nodes": [{"name": "g0"')
     assert set(where.fixed) == {"samplers", "textures"}
+    assert stable_part(open_container(data), len(data)) == open_container(data).json.partition(b'"nodes": [{')[0]
     for other in ({k: v for k, v in source.items() if k != "nodes"}, {"nodes": source["nodes"], **source}):
         data = dump(other)
         assert split(open_container(data), len(data)) is None

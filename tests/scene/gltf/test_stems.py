@@ -186,3 +186,20 @@ def test_stems_are_bounded_and_the_oldest_goes_first() -> None:
         assert 0 < cache.stems.nbytes <= cache.stems.max_bytes
     assert is_grown(cache, dump(document(seed=290)))
     assert not is_grown(cache, dump(document(seed=0)))
+
+
+def test_meshes_that_are_described_in_several_ways_count_once() -> None:
+    source = document()
+    for at in (0, 1):
+        source["accessors"].append(dict(source["accessors"][at]))
+    again = {"attributes": {"POSITION": len(source["accessors"]) - 2}, "indices": 1, "material": 0}
+    source["meshes"].append({"primitives": [again, {**again, "indices": len(source["accessors"]) - 1}]})
+    source["nodes"].append({"mesh": 3})
+    cache, limits = MeshCache(), GltfLimits(max_vertices=3 * 600, max_elements=3 * 200)
+    expected = outcome(read_gltf(dump(source), limits=limits))
+    for red in (0.1, 0.2, 0.3):
+        data = dump(painted(source, red))
+        assert outcome(read_gltf(data, cache=cache, limits=limits)) == expected
+    assert cache.stems.find(data, limits) is not None
+    with pytest.raises(GltfError, match="max_vertices = 1799"):
+        read_gltf(data, cache=cache, limits=GltfLimits(max_vertices=1799))
