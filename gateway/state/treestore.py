@@ -166,14 +166,17 @@ class _Rows:
         """Deletes parts that no node has any more, and their blobs that no parts name any more."""
         execute = self._connection.execute
         if not execute(
-            "DELETE FROM tree_parts WHERE digest = ?1 AND NOT EXISTS (SELECT 1 FROM tree_node WHERE parts = ?1)",
+            "DELETE FROM tree_parts WHERE digest = ?"
+            " AND NOT EXISTS (SELECT 1 FROM tree_node WHERE parts = tree_parts.digest)",
             (digest,),
         ).rowcount:
             return
         blobs = execute("SELECT blob FROM tree_use WHERE parts = ?", (digest,)).fetchall()
         execute("DELETE FROM tree_use WHERE parts = ?", (digest,))
         self._connection.executemany(
-            "DELETE FROM tree_blob WHERE digest = ?1 AND NOT EXISTS (SELECT 1 FROM tree_use WHERE blob = ?1)", blobs
+            "DELETE FROM tree_blob WHERE digest = ?"
+            " AND NOT EXISTS (SELECT 1 FROM tree_use WHERE blob = tree_blob.digest)",
+            blobs,
         )
 
 

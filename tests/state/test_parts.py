@@ -4,7 +4,7 @@ from typing import get_args
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from gateway.scene.geometry import Box, Part, PointCloud, Shape, Surface
@@ -21,7 +21,7 @@ def again(parts: tuple[Part, ...]) -> tuple[Part, ...]:
 
 
 @given(st.lists(trees.parts, max_size=3).map(tuple))
-@settings(deadline=None, max_examples=150)
+@settings(deadline=None, max_examples=150, suppress_health_check=[HealthCheck.too_slow])
 def test_geometry_comes_back_exactly(parts: tuple[Part, ...]) -> None:
     assert trees.described(again(parts)) == trees.described(parts)
 
