@@ -41,6 +41,7 @@ from renderers.jit import kernel
 from renderers.linked import inlined, inner
 from renderers.native import call_kernel
 from renderers.pointers import f64_at, i32_at, i64_at, u8_at, u32_at
+from renderers.records import instance_of
 from renderers.samples import (
     E_COLORS,
     E_COUNTS,
@@ -77,15 +78,9 @@ _LAST: Final = 2**31 - 1
 def _ask_for(job, record, known):
     """Fill ``known`` with what ``_joined`` needs of the instance of a record."""
     first = i64_at(job[J_FIRST_RECORD])
-    low, high = np.int64(0), job[J_ALL_INSTANCES]
-    while high - low > 1:
-        middle = (low + high) >> 1
-        if first[middle] <= record:
-            low = middle
-        else:
-            high = middle
-    mesh = i64_at(job[J_ALL_MESHES] + 8 * A_COLUMNS * low)
-    known[0], known[1] = first[low], first[low + 1]
+    instance = instance_of(first, job[J_ALL_INSTANCES], record, 0)
+    mesh = i64_at(job[J_ALL_MESHES] + 8 * A_COLUMNS * instance)
+    known[0], known[1] = first[instance], first[instance + 1]
     known[2] = mesh[A_ELEMENTS] if mesh[A_TOPOLOGY] == 3 and mesh[A_NORMALS] != 0 else 0
 
 

@@ -42,22 +42,7 @@ from renderers.drawlist import LABEL_NONE
 from renderers.jit import kernel
 from renderers.linked import inner
 from renderers.pointers import f32_at, f64_at, i32_at, i64_at, u32_at
-
-
-@inner
-def _instance_of(first, count, record, hint):
-    """``visibility.instance_of`` on a pointer."""
-    if first[hint] <= record and record < first[hint + 1]:
-        return hint
-    low = 0
-    high = count
-    while high - low > 1:
-        middle = (low + high) >> 1
-        if first[middle] <= record:
-            low = middle
-        else:
-            high = middle
-    return low
+from renderers.records import instance_of
 
 
 @inner
@@ -159,7 +144,7 @@ def _mixed_names(job, ids, column, seen, block):
             if record < 0:
                 seen[N_FIRST], seen[N_END], seen[N_LABEL], seen[N_IDENTITY] = _NOBODY
             else:
-                instance = _instance_of(first_record, job[J_ALL_INSTANCES], record, seen[N_INSTANCE])
+                instance = instance_of(first_record, job[J_ALL_INSTANCES], record, seen[N_INSTANCE])
                 seen[N_INSTANCE] = instance
                 seen[N_FIRST], seen[N_END] = first_record[instance], first_record[instance + 1]
                 seen[N_LABEL] = i32_at(job[J_ALL_LABELS])[instance]
@@ -232,7 +217,7 @@ def _normal_row(job, lens, ids, row, width, instance):
         while stop < width and ids[stop] == record:
             stop += 1
         if record >= 0:
-            instance = _instance_of(first_record, job[J_ALL_INSTANCES], record, instance)
+            instance = instance_of(first_record, job[J_ALL_INSTANCES], record, instance)
             _normal_run(job, lens, instance, record, row, start, stop)
         else:
             normals = f32_at(job[J_NORMAL] + 12 * row * width)

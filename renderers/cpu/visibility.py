@@ -2,7 +2,7 @@
 
 A *record* is one element (triangle, line or point) of one instance. Records are numbered over the whole draw list:
 record ``r`` is element ``r - first_record[i]`` of instance ``i`` where ``first_record[i] <= r < first_record[i + 1]``
-(``instance_of``). The numbers depend on the draw list only, not on the camera, the selection or the threads.
+(``renderers.records``). The numbers depend on the draw list only, not on the camera, the selection or the threads.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 from typing import Final, Protocol
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from renderers.camera import Camera
@@ -133,25 +132,3 @@ class Rasterizer(Protocol):
 def band_count(height: int) -> int:
     """Number of bands of an image of ``height`` rows; the last may be shorter."""
     return -(-height // BAND_ROWS)
-
-
-@njit(nogil=True, cache=True, inline="always")
-def instance_of(first_record, record, hint):
-    """Instance of a record (for kernels).
-
-    Args:
-        first_record: (I + 1,) int64 as in ``Visibility``.
-        record: a record number >= 0.
-        hint: instance of the record asked before (0 at the start): neighbours mostly share it.
-    """
-    if first_record[hint] <= record < first_record[hint + 1]:
-        return hint
-    low = 0
-    high = first_record.shape[0] - 1
-    while high - low > 1:
-        middle = (low + high) >> 1
-        if first_record[middle] <= record:
-            low = middle
-        else:
-            high = middle
-    return low

@@ -10,6 +10,7 @@ from renderers import simd as vec
 from renderers.jit import kernel
 from renderers.linked import inner
 from renderers.pointers import f32_at, f64_at, i32_at, i64_at
+from renderers.records import instance_of
 from renderers.shading.compose import DIRECT, GATHER, gather, packed, put_line, write_background, write_under
 from renderers.shading.head import fits
 from renderers.shading.layout import (
@@ -74,22 +75,6 @@ MANY: Final = 50_000
 """Triangles of a mesh whose records, some 30 bytes each, fill most of a second-level cache."""
 _OUTSIDE: Final = -(2**31)
 """No record: what lies beside a row."""
-
-
-@inner
-def _instance_of(first_record, count, record, hint):
-    """Instance of a record; ``hint`` is tried first."""
-    if first_record[hint] <= record and record < first_record[hint + 1]:
-        return hint
-    low = 0
-    high = count
-    while high - low > 1:
-        middle = (low + high) >> 1
-        if first_record[middle] <= record:
-            low = middle
-        else:
-            high = middle
-    return low
 
 
 @inner
@@ -238,7 +223,7 @@ def _row(job, seen, y, ids, masks, starts, rows, stride, line, scratch, memory, 
             end = _extent(ids, begin, width, np.int64(-1), np.int64(0))
             write_background(job, y, begin, end, line)
         else:
-            hint = _instance_of(first_record, job[S_COUNT], record, hint)
+            hint = instance_of(first_record, job[S_COUNT], record, hint)
             first = first_record[hint]
             end = _extent(ids, begin, width, first, first_record[hint + 1])
             _segment(job, y, places, hint, first, ids, masks, starts, begin, end, rows, stride, line, scratch, memory)

@@ -11,6 +11,7 @@ from renderers.jit import kernel
 from renderers.linked import inlined, inner
 from renderers.native import call_kernel
 from renderers.pointers import f32_at, i32_at, i64_at, u8_at
+from renderers.records import instance_of
 from renderers.samples import E_COUNTS, E_IDS, E_MIXED, E_MIXES, E_PLACES, E_RECORDS, E_ROOM, E_WEIGHTS
 from renderers.studio.finish import finish_row
 from renderers.studio.layout import (
@@ -151,14 +152,7 @@ def _row(job, mode, y, records, columns_at, weights, count, hint, out, line, ele
                 _light(job, mode, out, line, places, slot, rows)
                 begin = slot = np.int64(0)
             if not (first <= record and record < last):
-                low, high = np.int64(0), job[J_COUNT]
-                while high - low > 1:
-                    middle = (low + high) >> 1
-                    if first_record[middle] <= record:
-                        low = middle
-                    else:
-                        high = middle
-                hint = low
+                hint = instance_of(first_record, job[J_COUNT], record, hint)
                 first, last = first_record[hint], first_record[hint + 1]
         elements[slot] = record - first
         places[slot] = x
