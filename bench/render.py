@@ -7,13 +7,14 @@ Both servers are processes of their own and get the same bytes; every request ha
 ``to first byte`` is from the last byte of a request to the first of its answer, the body having arrived before; ``over
 HTTP`` is from connecting to the last byte of the answer, a new connection for each, as Drake's client has it. Medians.
 ``CPU`` is what the server's processes spent a request, which a busy machine disturbs less. Without ``--full`` only
-640 x 480 is asked for. Then: four clients against one; a scene of 25 MB of textured meshes, cold and warm with its
-stages; poses that changed against the very same request again.
+640 x 480 is asked for. Then: four clients against one, also with one thread a frame; a scene of 25 MB of textured
+meshes, cold and warm with its stages; poses that changed against the very same request again.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import statistics
 import subprocess
 import threading
@@ -191,6 +192,7 @@ def four_clients(ours: Server, vtk: Server | None, folder: Path, frames: int) ->
     )
     ratios: list[float] = []
     costs: list[float] = []
+    limits: list[float] = []
     for number in ("001", "010"):
         for kind in posted.KINDS:
             scene = posted.recorded(folder, number, kind)
@@ -215,14 +217,49 @@ def four_clients(ours: Server, vtk: Server | None, folder: Path, frames: int) ->
                 [statistics.fmean(each[column] for each in spent[clients]) for clients in (1, 4)] for column in (0, 1)
             )
             costs.append(server[1] / server[0])
+            processors = len(os.sched_getaffinity(0))
+            limits.append(1e3 * processors / (server[1] + client[1]) / one)
             cpu = " | ".join(f"{ms:.1f}" for ms in (*server, *client))
             cells = f"{one:.0f} | {four:.0f} | {four / one:.2f} | {' | '.join(theirs)} | {cpu}"
             print(f"| {scene.name} {kind} | {cells} |", flush=True)
     what = "`/render`, four clients' throughput against one's (geometric mean)"
     rows = [at_least(what, f"least {min(ratios):.2f}×", "one client", geometric_mean(ratios), 1.8)]
+    what = "… what the processors' time a request allows (geometric mean)"
+    rows.append(Row(what, f"least {min(limits):.2f}×", "one client", f"{geometric_mean(limits):.2f}×"))
     what = "`/render`, the server's CPU time a request with four clients against one (geometric mean)"
     rows.append(Row(what, f"worst {max(costs):.2f}×", "one client", f"{geometric_mean(costs):.2f}×"))
     return rows
+
+
+def scheduling(folder: Path, frames: int) -> list[Row]:
+    """Four clients' throughput against one's where a frame has one thread: what one client leaves idle is there for
+    others. Otherwise a single client's frames use every processor, too, and the ratio says how well they share it."""
+    print(
+        "\n| requests/s, 640×480, one thread a frame | one client | four | ratio | processors in use, one | four |"
+        "\n|---|---|---|---|---|---|"
+    )
+    ratios: list[float] = []
+    with gateway("--only", "render", "--frame-threads", "1") as running:
+        for number in ("001", "010"):
+            for kind in posted.KINDS:
+                scene = posted.recorded(folder, number, kind)
+                rates: dict[int, list[float]] = {1: [], 4: []}
+                used: dict[int, list[float]] = {1: [], 4: []}
+                for turn in range(6):
+                    for clients in (1, 4):
+                        bodies = [scene.moved(640, 480) for _ in range(2 * frames)]
+                        before = cpu_of(running.process.pid) + time.process_time()
+                        rate = throughput(running.port, bodies, clients)
+                        spent = cpu_of(running.process.pid) + time.process_time() - before
+                        if turn:  # the first one warms the caches
+                            rates[clients].append(rate)
+                            used[clients].append(spent * rate / len(bodies))
+                one, four = (statistics.median(rates[clients]) for clients in (1, 4))
+                ratios.append(four / one)
+                busy = " | ".join(f"{statistics.median(used[clients]):.2f}" for clients in (1, 4))
+                print(f"| {scene.name} {kind} | {one:.0f} | {four:.0f} | {four / one:.2f} | {busy} |", flush=True)
+    what = "`/render`, one thread a frame: four clients' throughput against one's (geometric mean)"
+    return [at_least(what, f"least {min(ratios):.2f}×", "one client", geometric_mean(ratios), 1.8)]
 
 
 def big(vtk: Server | None, frames: int) -> list[Row]:
@@ -315,7 +352,7 @@ def measure(parts: list[str], running: Gateway, vtk: Server | None, folder: Path
     sizes = SIZES if full else ((640, 480),)
     all_parts: dict[str, Callable[[], list[Row]]] = {
         "compare": lambda: compare(ours, vtk, folder, sizes, frames),
-        "clients": lambda: four_clients(ours, vtk, folder, frames),
+        "clients": lambda: four_clients(ours, vtk, folder, frames) + scheduling(folder, frames),
         "unchanged": lambda: unchanged(ours, folder, frames),
         "big": lambda: big(vtk, frames),
     }

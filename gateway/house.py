@@ -75,7 +75,7 @@ class House:
         if self._renderer is None:
             from renderers.cpu import CpuRenderer
 
-            self._renderer = CpuRenderer(self.workers.threads)
+            self._renderer = CpuRenderer(self.settings.frame_threads or self.workers.threads)
         return self._renderer
 
     def serve(

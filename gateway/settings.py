@@ -237,6 +237,14 @@ class Settings(BaseSettings):
 
     # --- Speed and limits
     threads: int = option(0, "Speed and limits", "Threads that render; 0: one per core.", ge=0, le=1024)
+    frame_threads: int = option(
+        0,
+        "Speed and limits",
+        "Threads that may work on one picture while others are idle; 0: as many as render. Fewer leave processors to "
+        "other programs when few pictures are asked for at once.",
+        ge=0,
+        le=1024,
+    )
     queue: int = option(
         256,
         "Speed and limits",
