@@ -157,12 +157,17 @@ def _mixed_names(job, ids, column, seen, block):
     vec.store(block, vec.LANES, numbers)
 
 
+_AHEAD: Final = 1024
+"""Pixels of a picture that are on their way to the cache before they are written: pictures follow row upon row."""
+
+
 @inner
 def _depth_row(inverse, ids, out, width):
     """Depth of one row. Apart from its labels: stores that go on in one cache line are joined, others are not."""
     one, none, zero = vec.f32(1.0), vec.f32(np.inf), vec.i32(0)
     whole = width - width % vec.LANES
     for column in range(0, whole, vec.LANES):
+        vec.prefetch(out, column + _AHEAD)
         seen = vec.load(ids, column) >= zero
         vec.store(out, column, vec.select(seen, one / vec.load(inverse, column), none))
     for column in range(whole, width):
@@ -186,6 +191,7 @@ def _named_row(job, ids, width, labels, identities, seen, block):
         eight = vec.load(ids, column)
         if vec.bits((eight >= first) & (eight < end)) == 255:
             if want_labels:
+                vec.prefetch(labels, column + _AHEAD)
                 vec.store(labels, column, name)
             if want_identities:
                 vec.store(identities, column, number)
