@@ -157,7 +157,7 @@ def _segment(job, y, places, instance, first, ids, masks, starts, begin, end, ro
     ):
         show_textured(
             job, columns, points, maps, lens, y, places, first, many, has, mi, mf, ids, starts, 0, runs, rows,
-            stride, line, scratch,
+            stride, line, scratch, memory,
         )  # fmt: skip
         return
     for which in range(2):

@@ -27,15 +27,15 @@ AHEAD: Final = 128
 """Runs that are looked up at a time: few enough that they seldom put each other out of their places."""
 
 # The memory, values of 4 bytes.
-_RECORDS: Final = 0  # SLOTS: whose triangle's; -1: nobody's
-_PIXELS: Final = SLOTS  # SLOTS: see ``pixel_of``
-_MISSING: Final = 2 * SLOTS  # AHEAD and a vector more: records that are to be set up
-_COLUMNS: Final = _MISSING + AHEAD + vec.LANES  # as many: the columns that they are needed at
-_PLANES: Final = _COLUMNS + AHEAD + vec.LANES  # float32 from here on: PLANE_VALUES for every place
+M_RECORDS: Final = 0  # SLOTS: whose triangle's; -1: nobody's
+M_PIXELS: Final = SLOTS  # SLOTS: see ``pixel_of``
+M_MISSING: Final = 2 * SLOTS  # AHEAD and a vector more: records that are to be set up
+M_COLUMNS: Final = M_MISSING + AHEAD + vec.LANES  # as many: the columns that they are needed at
+M_PLANES: Final = M_COLUMNS + AHEAD + vec.LANES  # float32 from here on: PLANE_VALUES for every place
 ROW_VALUES: Final = 8
 PLANE_VALUES: Final = 3 * ROW_VALUES
 """A row at one pixel, a row of what a step down adds, and one of what a step to the right adds."""
-MEMORY_VALUES: Final = _PLANES + SLOTS * PLANE_VALUES
+MEMORY_VALUES: Final = M_PLANES + SLOTS * PLANE_VALUES
 
 # A row: the normal, turned to the side that is seen, with minus its z, which is what the head light sees of it ...
 PL_NORMAL: Final = 0  # 3 values
@@ -54,7 +54,7 @@ def forget(memory):
     """Empty the memory, MEMORY_VALUES of 4 bytes at that address."""
     records = i32_at(memory)
     for slot in range(0, SLOTS, vec.LANES):
-        vec.store(records, _RECORDS + slot, vec.i32(-1))
+        vec.store(records, M_RECORDS + slot, vec.i32(-1))
 
 
 @inlined
@@ -74,49 +74,77 @@ def look_up(ids, starts, places, run, last_run, memory):
     for batch in range(run, last_run, vec.LANES):
         begins = vec.load(starts, batch)
         records = vec.gather(ids, begins)
-        known = vec.gather(whole, (records & vec.i32(SLOTS - 1)) + vec.i32(_RECORDS))
+        known = vec.gather(whole, (records & vec.i32(SLOTS - 1)) + vec.i32(M_RECORDS))
         missing = vec.bits(records != known)
         for k in range(min(last_run - batch, vec.LANES)):  # without a branch: which are missing cannot be predicted
             begin = np.int64(starts[batch + k])
-            whole[_MISSING + count] = ids[begin]
-            whole[_COLUMNS + count] = begin
+            whole[M_MISSING + count] = ids[begin]
+            whole[M_COLUMNS + count] = begin
             count += (missing >> k) & 1
     if count > 0:
         if places != 0:
             for k in range(count):
-                whole[_COLUMNS + k] = i32_at(places)[whole[_COLUMNS + k]]
-        vec.store(whole, _MISSING + count, vec.i32(np.int64(whole[_MISSING + count - 1])))
-        vec.store(whole, _COLUMNS + count, vec.i32(np.int64(whole[_COLUMNS + count - 1])))
+                whole[M_COLUMNS + k] = i32_at(places)[whole[M_COLUMNS + k]]
+        vec.store(whole, M_MISSING + count, vec.i32(np.int64(whole[M_MISSING + count - 1])))
+        vec.store(whole, M_COLUMNS + count, vec.i32(np.int64(whole[M_COLUMNS + count - 1])))
     return count
 
 
 @inner
 def miss(memory, record, column):
     """Make a record the only missing one."""
-    vec.store(i32_at(memory), _MISSING, vec.i32(record))
-    vec.store(i32_at(memory), _COLUMNS, vec.i32(column))
+    vec.store(i32_at(memory), M_MISSING, vec.i32(record))
+    vec.store(i32_at(memory), M_COLUMNS, vec.i32(column))
 
 
 @inlined
 def knows(memory, record):
     """Whether the record's triangle is at its place."""
-    return i32_at(memory)[_RECORDS + slot_of(record)] == record
+    return i32_at(memory)[M_RECORDS + slot_of(record)] == record
 
 
 @inlined
 def planes_of(memory, record):
     """Pointer to a triangle's PLANE_VALUES float32."""
-    return f32_at(memory + 4 * (_PLANES + PLANE_VALUES * slot_of(record)))
+    return f32_at(memory + 4 * (M_PLANES + PLANE_VALUES * slot_of(record)))
 
 
 @inlined
 def pixel_of(memory, record):
     """The packed pixel of a triangle that has the same colour everywhere, else -1."""
-    return i32_at(memory)[_PIXELS + slot_of(record)]
+    return i32_at(memory)[M_PIXELS + slot_of(record)]
 
 
 @inlined
-def _seen(maps, corner, facing):
+def inverse(p0, p1, p2):
+    """Rows of det(P) P^-1, and the determinant ((p1 - p0) x (p2 - p0)) . p0: negative where a counter-clockwise element
+    is seen from its front. A mirroring map turns that round."""
+    rows = cross(p1, p2), cross(p2, p0), cross(p0, p1)
+    return rows, dot(p0, rows[0])
+
+
+@inlined
+def spread_out(rows, scale, lens, column, row):
+    """Barycentric coordinates over depth, times a factor, at a pixel, and what a step to the right and one down add:
+    three f64x8 each.
+
+    Args:
+        rows: see ``inverse``. scale: f64x8, a factor over the determinant. column, row: of the pixel.
+    """
+    sx, sy = scale * vec.f64(1.0 / lens[0]), scale * vec.f64(1.0 / lens[1])
+    left, top = column + vec.f64(0.5 - lens[2]), row + vec.f64(0.5 - lens[3])
+    right = rows[0][0] * sx, rows[1][0] * sx, rows[2][0] * sx
+    down = rows[0][1] * sy, rows[1][1] * sy, rows[2][1] * sy
+    here = (
+        rows[0][2] * scale + right[0] * left + down[0] * top,
+        rows[1][2] * scale + right[1] * left + down[1] * top,
+        rows[2][2] * scale + right[2] * left + down[2] * top,
+    )
+    return here, right, down
+
+
+@inlined
+def seen_normals(maps, corner, facing):
     """A corner's normal as in a row, f64x8, from a vertex's six values."""
     nx, ny, nz = turned(maps, P_NORMAL, corner[3], corner[4], corner[5])
     return vec.to_f64(nx * facing), vec.to_f64(ny * facing), vec.to_f64(-(nz * facing))
@@ -151,23 +179,20 @@ def set_up(columns, m, maps, lens, y, first, many, smooth, colors, memory, at, c
     """
     whole = i32_at(memory)
     vertices, elements = f32_at(columns[II_VERTICES]), u32_at(columns[II_ELEMENTS])
-    column, row = vec.to_f64(vec.load(whole, _COLUMNS + at)), vec.f64(y)
-    at += _MISSING
+    column, row = vec.to_f64(vec.load(whole, M_COLUMNS + at)), vec.f64(y)
+    at += M_MISSING
     if many:
-        look_ahead(whole, at, _MISSING + count, first, elements, vertices)
+        look_ahead(whole, at, M_MISSING + count, first, elements, vertices)
     records = vec.load(whole, at)
     v0 = vec.load_vertices(whole, at, first, elements, vertices, 0)
     v1 = vec.load_vertices(whole, at, first, elements, vertices, 1)
     v2 = vec.load_vertices(whole, at, first, elements, vertices, 2)
     p0, p1, p2 = optical(m, v0), optical(m, v1), optical(m, v2)
-    # Rows of det(P) P^-1. The determinant is ((p1 - p0) x (p2 - p0)) . p0: negative where a counter-clockwise
-    # element is seen from its front. A mirroring map turns that round.
-    r0, r1, r2 = cross(p1, p2), cross(p2, p0), cross(p0, p1)
-    determinant = dot(p0, r0)
+    rows, determinant = inverse(p0, p1, p2)
     none, one = vec.f64(0.0), vec.f64(1.0)
     mirror = np.float64(maps[P_MIRROR])
     slots = records & vec.i32(SLOTS - 1)
-    vec.scatter(whole, slots + vec.i32(_RECORDS), records)
+    vec.scatter(whole, slots + vec.i32(M_RECORDS), records)
     if not smooth:
         n = cross(minus(p1, p0), minus(p2, p0))
         # Against the sign of the determinant: towards the camera.
@@ -175,30 +200,22 @@ def set_up(columns, m, maps, lens, y, first, many, smooth, colors, memory, at, c
         length = vec.sqrt(dot(n, n))
         usable = (length > none) & (length < vec.f64(math.inf))
         nz = vec.select(usable, nz / vec.select(usable, length, one), none)
-        vec.scatter(whole, slots + vec.i32(_PIXELS), shine(vec.to_f32(nz), vec.f32(1.0), colors))
+        vec.scatter(whole, slots + vec.i32(M_PIXELS), shine(vec.to_f32(nz), vec.f32(1.0), colors))
         return
     facing = vec.select(determinant > none, vec.f64(-mirror), vec.f64(mirror))
     side = vec.to_f32(facing)
-    n0, n1, n2 = _seen(maps, v0, side), _seen(maps, v1, side), _seen(maps, v2, side)
+    n0, n1, n2 = seen_normals(maps, v0, side), seen_normals(maps, v1, side), seen_normals(maps, v2, side)
     z, square = vec.to_f32(n0[2]), vec.to_f32(dot(n0, n0))
     uniform = _same(v0, v1) & _same(v0, v2)
     pixels = vec.select(uniform, shine(z, square, colors), vec.i32(-1))
-    vec.scatter(whole, slots + vec.i32(_PIXELS), pixels)
+    vec.scatter(whole, slots + vec.i32(M_PIXELS), pixels)
     # Of triangles that are seen edge-on, any positive factor will do.
     size = vec.absolute(determinant)
     usable = (size > none) & (size < vec.f64(math.inf))
     scale = one / vec.select(usable, size, one)
     scale = vec.select(determinant < none, -scale, scale)
-    sx, sy = scale * vec.f64(1.0 / lens[0]), scale * vec.f64(1.0 / lens[1])
-    left, top = column + vec.f64(0.5 - lens[2]), row + vec.f64(0.5 - lens[3])
-    right = r0[0] * sx, r1[0] * sx, r2[0] * sx
-    down = r0[1] * sy, r1[1] * sy, r2[1] * sy
-    here = (
-        r0[2] * scale + right[0] * left + down[0] * top,
-        r1[2] * scale + right[1] * left + down[1] * top,
-        r2[2] * scale + right[2] * left + down[2] * top,
-    )
-    planes = f32_at(memory + 4 * _PLANES)
+    here, right, down = spread_out(rows, scale, lens, column, row)
+    planes = f32_at(memory + 4 * M_PLANES)
     slots = slots * vec.i32(PLANE_VALUES)
     _keep(planes, slots, n0, n1, n2, here, side)
     _keep(planes, slots + vec.i32(ROW_VALUES), n0, n1, n2, down, vec.to_f32(column))

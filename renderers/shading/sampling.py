@@ -105,17 +105,25 @@ def nearest(integers, values, space, u, v):
 
 
 @inlined
-def _footprint(integers, u, v):
-    """The column and row of the first of the four texels whose centres are around (u, v), how far behind its centre
+def reduced(integers, u, v):
+    """Column and row among the texels' centres, f32x8 each, of coordinates; within a texel of the first image, or of
+    the first two for MIRRORED_REPEAT."""
+    half = vec.f32(0.5)
+    return (
+        _place(u, integers[TI_WRAP_S], integers[TI_WIDTH]) - half,
+        _place(v, integers[TI_WRAP_T], integers[TI_HEIGHT]) - half,
+    )
+
+
+@inlined
+def _footprint(integers, x, y):
+    """The column and row of the first of the four texels whose centres are around (x, y), how far behind its centre
     that is (0 .. 1 each), and whether all four lie side by side in the image."""
-    width, height = integers[TI_WIDTH], integers[TI_HEIGHT]
-    half, zero = vec.f32(0.5), vec.f32(0.0)
-    x = _place(u, integers[TI_WRAP_S], width) - half
-    y = _place(v, integers[TI_WRAP_T], height) - half
+    zero, one = vec.f32(0.0), vec.i32(1)
     x0, y0 = vec.floor(x), vec.floor(y)
-    i, j = vec.to_i32(x0), vec.to_i32(y0)
-    inside = (x0 >= zero) & (y0 >= zero) & (i < vec.i32(width - 1)) & (j < vec.i32(height - 1))
-    return i, j, x - x0, y - y0, inside
+    width, height = vec.to_f32(vec.i32(integers[TI_WIDTH]) - one), vec.to_f32(vec.i32(integers[TI_HEIGHT]) - one)
+    inside = (x0 >= zero) & (y0 >= zero) & (x0 < width) & (y0 < height)
+    return vec.to_i32(x0), vec.to_i32(y0), x - x0, y - y0, inside
 
 
 @inlined
@@ -139,7 +147,8 @@ def _mixed(four, space, values, fx, fy):
 @inlined
 def bilinear(integers, values, space, u, v):
     """RGBA of the four texels whose centres are around (u, v)."""
-    i, j, fx, fy, inside = _footprint(integers, u, v)
+    x, y = reduced(integers, u, v)
+    i, j, fx, fy, inside = _footprint(integers, x, y)
     if vec.bits(inside) == 255:  # nearly always: neighbours are loaded together
         at = j * vec.i32(integers[TI_STRIDE]) + i
         four = vec.gather_squares(i32_at(integers[TI_ADDRESS]), at, integers[TI_STRIDE])
@@ -153,21 +162,25 @@ def bilinear(integers, values, space, u, v):
 
 
 @inlined
-def locate(integers, u, v, fetched):
-    """For ``at_once``: the number of the first of four texels, or -1 where they do not lie side by side, and the shares
-    of the second column and row. ``fetched``: have them brought near."""
-    i, j, fx, fy, inside = _footprint(integers, u, v)
-    at = j * vec.i32(integers[TI_STRIDE]) + i
-    if fetched:
-        vec.prefetch_squares(i32_at(integers[TI_ADDRESS]), at, integers[TI_STRIDE])
-    return vec.select(inside, at, vec.i32(-1)), fx, fy
+def locate(integers, x, y):
+    """The number of the first of the four texels around (x, y), the shares of the second column and row, and whether
+    the four lie side by side: the rest is anything where they do not."""
+    i, j, fx, fy, inside = _footprint(integers, x, y)
+    return j * vec.i32(integers[TI_STRIDE]) + i, fx, fy, inside
 
 
 @inlined
-def at_once(integers, rows, at, fx, fy):
-    """RGBA as stored, 0 .. 255, of eight footprints whose first texels' numbers are in a row from value ``at`` on."""
-    four = vec.load_squares(i32_at(integers[TI_ADDRESS]), rows, at, integers[TI_STRIDE])
-    return _mixed(four, AS_STORED, np.int64(0), fx, fy)
+def coordinates_of(integers, x, y):
+    """Texture coordinates of a column and row among the texels' centres."""
+    half, one = vec.f32(0.5), vec.f32(1.0)
+    return (x + half) * (one / vec.f32(integers[TI_WIDTH])), (y + half) * (one / vec.f32(integers[TI_HEIGHT]))
+
+
+@inlined
+def at_place(integers, x, y):
+    """RGBA as stored, 0 .. 1, of the four texels around (x, y), in any of an image's repetitions."""
+    u, v = coordinates_of(integers, x, y)
+    return bilinear(integers, np.int64(0), AS_STORED, u, v)
 
 
 @inlined

@@ -15,7 +15,7 @@ Traps, all measured on Zen 3 with LLVM 22:
 
 from __future__ import annotations
 
-from renderers.simd.lookups import float_of, gather_squares, load_squares, permute, prefetch_squares
+from renderers.simd.lookups import float_of, gather_squares, permute
 from renderers.simd.moves import (
     gather,
     gather_pairs,
@@ -37,6 +37,7 @@ from renderers.simd.moves import (
     store_vertices,
     store_where,
 )
+from renderers.simd.squares import SQUARE_VALUES, copy_squares, load_lines, mix_squares, prefetch_rows
 from renderers.simd.vectors import (
     LANES,
     Vector,
@@ -78,11 +79,13 @@ from renderers.simd.vectors import (
 
 __all__ = [
     "LANES",
+    "SQUARE_VALUES",
     "Vector",
     "absolute",
     "bits",
     "bits_of",
     "ceil",
+    "copy_squares",
     "count_bits",
     "f32",
     "f32x8",
@@ -103,19 +106,20 @@ __all__ = [
     "load_again",
     "load_corners",
     "load_elements",
+    "load_lines",
     "load_octets",
     "load_quads",
-    "load_squares",
     "load_third",
     "load_triples",
     "load_vertices",
     "lowest_bit",
     "m8",
+    "mix_squares",
     "most",
     "most_of",
     "permute",
     "prefetch",
-    "prefetch_squares",
+    "prefetch_rows",
     "rint",
     "scatter",
     "select",

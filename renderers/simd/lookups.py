@@ -8,8 +8,7 @@ from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 
-from renderers.simd.moves import VolatileLoad
-from renderers.simd.vectors import I8, I32, I64, LANES, Vector, f32x8, i32x8, intrinsic, make, shuffle
+from renderers.simd.vectors import I32, I64, LANES, Vector, f32x8, i32x8, intrinsic, make, shuffle
 
 
 @intrinsic
@@ -67,42 +66,3 @@ def gather_squares(typing_context: Any, values: Any, indices: Any, stride: Any) 
         return context.make_tuple(builder, out, _squares(builder, args[0], offsets, args[2]))
 
     return out(values, indices, stride), generate
-
-
-@intrinsic
-def load_squares(typing_context: Any, values: Any, indices: Any, begin: Any, stride: Any) -> Any:
-    """As ``gather_squares`` with the eight indices from value ``begin`` on behind a pointer to values of four bytes,
-    stored there long enough ago: loading them one by one is cheaper than taking a vector apart."""
-    out: Any = types.UniTuple(i32x8, 4)
-
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        first = builder.bitcast(builder.gep(args[1], [args[2]]), I32.as_pointer())
-        lanes = [VolatileLoad(builder.block, builder.gep(first, [ir.Constant(I64, k)])) for k in range(LANES)]
-        for load in lanes:  # volatile, or LLVM makes one vector of them and takes it apart
-            load.align = 4
-            builder._insert(load)
-        offsets = [builder.zext(lane, I64) for lane in lanes]
-        return context.make_tuple(builder, out, _squares(builder, args[0], offsets, args[3]))
-
-    return out(values, indices, types.int64, stride), generate
-
-
-@intrinsic
-def prefetch_squares(typing_context: Any, values: Any, indices: Any, stride: Any) -> Any:
-    """Fetch the cache lines of the int32 at ``indices[lane]`` behind a pointer and ``stride`` (an int64) further on,
-    which may lie anywhere. The result means nothing."""
-
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        rows = args[0], builder.gep(args[0], [args[2]])
-        byte = I8.as_pointer()
-        kind = ir.FunctionType(ir.VoidType(), [byte, I32, I32, I32])
-        declare: Any = cgutils.get_or_insert_function
-        function = declare(builder.module, kind, "llvm.prefetch.p0")
-        read, soon, data = ir.Constant(I32, 0), ir.Constant(I32, 3), ir.Constant(I32, 1)
-        for lane in range(LANES):
-            offset = builder.zext(builder.extract_element(args[1], ir.Constant(I32, lane)), I64)
-            for row in rows:
-                builder.call(function, [builder.bitcast(builder.gep(row, [offset]), byte), read, soon, data])
-        return ir.Constant(I32, 0)
-
-    return types.int32(values, indices, stride), generate

@@ -296,6 +296,21 @@ def store_rows(typing_context: Any, pointer: Any, places: Any, values: Any) -> A
     return one(pointer, places, values), generate
 
 
+def columns_of(builder: Any, rows: list[Any]) -> list[Any]:
+    """Eight vectors of eight, rows and columns exchanged."""
+    low, high = [0, 8, 1, 9, 4, 12, 5, 13], [2, 10, 3, 11, 6, 14, 7, 15]
+    pairs = [shuffle(builder, rows[k], rows[k + 1], picks) for k in range(0, LANES, 2) for picks in (low, high)]
+    first, second = [0, 1, 8, 9, 4, 5, 12, 13], [2, 3, 10, 11, 6, 7, 14, 15]
+    quads = [
+        shuffle(builder, pairs[k + j], pairs[k + j + 2], picks)
+        for k in (0, 4)
+        for j in range(2)
+        for picks in (first, second)
+    ]
+    lower, upper = [0, 1, 2, 3, 8, 9, 10, 11], [4, 5, 6, 7, 12, 13, 14, 15]
+    return [shuffle(builder, quads[j], quads[j + 4], picks) for picks in (lower, upper) for j in range(4)]
+
+
 @intrinsic
 def load_octets(typing_context: Any, values: Any, offsets: Any) -> Any:
     """Eight f32x8: the float32 at ``offsets[lane]`` (an i32x8) behind a pointer and the seven after it, for every lane.
@@ -309,18 +324,7 @@ def load_octets(typing_context: Any, values: Any, offsets: Any) -> Any:
         for lane in range(LANES):
             offset = builder.sext(builder.extract_element(args[1], ir.Constant(I32, lane)), I64)
             rows.append(builder.load(_address(builder, f32x8, args[0], offset), align=4))
-        low, high = [0, 8, 1, 9, 4, 12, 5, 13], [2, 10, 3, 11, 6, 14, 7, 15]
-        pairs = [shuffle(builder, rows[k], rows[k + 1], picks) for k in range(0, LANES, 2) for picks in (low, high)]
-        first, second = [0, 1, 8, 9, 4, 5, 12, 13], [2, 3, 10, 11, 6, 7, 14, 15]
-        quads = [
-            shuffle(builder, pairs[k + j], pairs[k + j + 2], picks)
-            for k in (0, 4)
-            for j in range(2)
-            for picks in (first, second)
-        ]
-        lower, upper = [0, 1, 2, 3, 8, 9, 10, 11], [4, 5, 6, 7, 12, 13, 14, 15]
-        parts = [shuffle(builder, quads[j], quads[j + 4], picks) for picks in (lower, upper) for j in range(4)]
-        return context.make_tuple(builder, out, parts)
+        return context.make_tuple(builder, out, columns_of(builder, rows))
 
     return out(values, offsets), generate
 

@@ -193,14 +193,15 @@ def test_textured_surfaces_to_a_level(cells: int, side: int) -> None:
                 for shown, linear in ((image, True), (flat, False)):
                     turn = (2.0, 0.5, -0.25, -0.5, 1.5, 0.125)
                     texture = Texture(shown, Sampler(wrap, wrap, mag_linear=linear), 0, turn if unlit else None)
-                    material = Material((0.9, 1.3, 1.0, 1.0), texture, double_sided=True, unlit=unlit)
-                    X = np.diag((1.0, -1.0, 1.0, 1.0))
-                    X[2, 3] = 4.0
-                    drawn = DrawList((placed(mesh, material, z=3.0), Instance(mesh, material, X)))
-                    ours, scalar = both(drawn, view(83, 61), Look("phong"))
-                    differences = np.abs(ours - scalar)
-                    assert differences.max() <= 1
-                    assert (differences != 0).mean() < 0.02
+                    for green in (0.3, 1.3):
+                        material = Material((0.9, green, 1.0, 1.0), texture, double_sided=True, unlit=unlit)
+                        X = np.diag((1.0, -1.0, 1.0, 1.0))
+                        X[2, 3] = 4.0
+                        drawn = DrawList((placed(mesh, material, z=3.0), Instance(mesh, material, X)))
+                        ours, scalar = both(drawn, view(83, 61), Look("phong"))
+                        differences = np.abs(ours - scalar)
+                        assert differences.max() <= 1
+                        assert (differences != 0).mean() < 0.02
 
 
 @pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])
@@ -227,8 +228,9 @@ def test_triangles_as_large_as_pixels_to_a_level(unit: float, thickness: float, 
         assert (differences != 0).mean() < 0.02
 
 
-def test_triangles_that_are_remembered_at_the_same_place() -> None:
-    """Every SLOTS-th element is seen, the others have no area."""
+@pytest.mark.parametrize("textured", [False, True])
+def test_triangles_that_are_remembered_at_the_same_place(textured: bool) -> None:
+    """Of every SLOTS elements one is seen, the others have no area."""
     rng = np.random.default_rng(6)
     count = 60
     left = np.linspace(-3.0, 2.8, count)
@@ -239,7 +241,12 @@ def test_triangles_that_are_remembered_at_the_same_place() -> None:
     elements = np.zeros((SLOTS * count, 3), np.uint32)
     elements[::SLOTS] = np.arange(3 * count).reshape(-1, 3)
     mesh = Mesh(positions.reshape(-1, 3), elements, rng.normal(size=(3 * count, 3)).astype(np.float32))
-    drawn = DrawList((Instance(mesh, Material((0.9, 0.3, 1.0, 1.0), double_sided=True), np.eye(4)),))
+    material = Material((0.9, 0.3, 1.0, 1.0), double_sided=True)
+    if textured:
+        mesh = replace(mesh, uv0=rng.uniform(-2, 2, (3 * count, 2)).astype(np.float32))
+        pixels = rng.integers(0, 256, (9, 13, 4)).astype(np.uint8)
+        material = replace(material, base_color_texture=Texture(picture(pixels)))
+    drawn = DrawList((Instance(mesh, material, np.eye(4)),))
     for name in ("phong", "pbr"):
         ours, scalar = both(drawn, view(163, 61), Look(name))
         differences = np.abs(ours - scalar)
