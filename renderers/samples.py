@@ -41,7 +41,8 @@ E_COLORS: Final = 10  # (BAND_ROWS, E_ROOM, 3) uint8: for whoever shades the ent
 E_FAR: Final = 11  # (BAND_ROWS, J_STRIDE) float32
 E_NEAR: Final = 12
 E_SLOTS: Final = 13  # (BAND_ROWS, J_STRIDE) int32
-E_COLUMNS: Final = 14
+E_OWNERS: Final = 14  # (BAND_ROWS, J_STRIDE) int32
+E_COLUMNS: Final = 15
 
 
 def sample_cameras(camera: Camera, samples: int) -> tuple[Camera, ...]:

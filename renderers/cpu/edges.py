@@ -25,14 +25,12 @@ from renderers.cpu.layout import (
     J_IDS,
     J_LANES,
     J_NEAR,
-    J_RECORDS,
+    J_OWNERS,
     J_SAMPLE_IDS,
     J_SAMPLE_INV_Z,
     J_SLOTS,
     J_STRIDE,
     J_WIDTH,
-    R_ID,
-    RECORD_BYTES,
 )
 from renderers.cpu.multisample import raster_samples
 from renderers.cpu.pixelsamples import MIXED
@@ -50,6 +48,7 @@ from renderers.samples import (
     E_MIXED,
     E_MIXES,
     E_NEAR,
+    E_OWNERS,
     E_PLACES,
     E_RECORDS,
     E_ROOM,
@@ -232,47 +231,91 @@ def _several(job, seen, x, records, marks, count, scratch, known):
 
 
 @inlined
-def _named(records, ids, at):
-    """Replace the places of eight pixels' records by their numbers; a mask of those whose samples have their own.
-
-    Args:
-        records: pointer to all records, int32. ids: pointer to the places, from ``at`` on.
-    """
-    places = vec.load(ids, at)
-    values = RECORD_BYTES // 4
-    for k in range(vec.LANES):
-        owner = np.int64(ids[at + k])
-        number = records[max(owner, 0) * values + R_ID]  # type: ignore[operator]  # kernels' integers
-        ids[at + k] = number if owner >= 0 else owner
-    return vec.bits(places == vec.i32(MIXED))
+def _apart(job, shown, others, begin, count, known):
+    """Which of up to eight pairs of records, ``count`` from ``begin`` on, are not of ``_joined``; a mask."""
+    a, b = vec.load(shown, begin), vec.load(others, begin)
+    zero, one, two, three = vec.i32(0), vec.i32(1), vec.i32(2), vec.i32(3)
+    apart = (np.int64(1) << min(count, vec.LANES)) - 1
+    pending = apart
+    while pending != 0:  # once, where all are of one instance
+        record = np.int64(shown[begin + vec.lowest_bit(pending)])
+        if record < known[0] or record >= known[1]:
+            _ask_for(job, record, known)
+        first, end = vec.i32(known[0]), vec.i32(known[1])
+        own = (a >= first) & (a < end)
+        both = own & (b >= first) & (b < end)
+        pending &= ~vec.bits(own)
+        if known[2] == 0 or vec.bits(both) == 0:
+            continue
+        elements = i32_at(known[2])
+        p, q = vec.select(both, a - first, zero) * three, vec.select(both, b - first, zero) * three
+        q0, q1, q2 = vec.gather(elements, q), vec.gather(elements, q + one), vec.gather(elements, q + two)
+        p0, p1, p2 = vec.gather(elements, p), vec.gather(elements, p + one), vec.gather(elements, p + two)
+        met0 = (p0 == q0) | (p0 == q1) | (p0 == q2)
+        met1 = (p1 == q0) | (p1 == q1) | (p1 == q2)
+        met2 = (p2 == q0) | (p2 == q1) | (p2 == q2)
+        apart &= ~vec.bits(both & ((met0 & met1) | (met0 & met2) | (met1 & met2)))
+    return apart
 
 
 @inner
-def _sort_out(job, edges, band, columns, found, marks, scratch, known):
+def _sort_out(job, edges, band, columns, pairs, found, marks, scratch, known):
     """Fill E_IDS and the lists of the band's rows.
 
     Args:
-        columns: pointer to J_STRIDE + 8 int32. found, marks: ``_add``'s, with room for E_ROOM entries.
+        columns: pointer to room for J_STRIDE + 8 int32. pairs: to as much, three times.
+        found, marks: ``_add``'s, with room for E_ROOM entries.
         scratch: pointer to 40 int32. known: see ``_joined``.
     """
     stride, width, room = job[J_STRIDE], job[J_WIDTH], edges[E_ROOM]
     lanes, samples = i32_at(job[J_LANES]), i32_at(edges[E_SAMPLE_IDS])
-    records_at = i32_at(job[J_RECORDS])
+    length = stride + vec.LANES
+    shown_at, others_at, about = i32_at(pairs), i32_at(pairs + 4 * length), i32_at(pairs + 8 * length)
     for row in range(min(BAND_ROWS, job[J_HEIGHT] - band * BAND_ROWS)):
         slots = i32_at(edges[E_SLOTS] + 4 * row * stride)
         ids = i32_at(edges[E_IDS] + 4 * row * stride)
+        owners = i32_at(edges[E_OWNERS] + 4 * row * stride)
         records = i32_at(edges[E_RECORDS] + 4 * row * room)
         places = i32_at(edges[E_PLACES] + 4 * row * room)
         weights = u8_at(edges[E_WEIGHTS] + row * room)
         mixes = i32_at(edges[E_MIXES] + 4 * row * stride)
         count, mixed, several = np.int64(0), np.int64(0), np.int64(0)
         for column in range(0, width, vec.LANES):
-            pending = _named(records_at, ids, column)
+            pending = vec.bits(vec.load(owners, column) == vec.i32(MIXED))
             vec.store(columns, several, vec.load(lanes, vec.LANES * pending) + vec.i32(column))
             several += vec.count_bits(pending)
         while several > 0 and columns[several - 1] >= width:
             several -= 1
+        # Most often, a pixel sees two records: these are told apart eight at a time. What a pixel is cannot be
+        # predicted and is no branch: all go to both lists, and stay in one.
+        twos, more = np.int64(0), np.int64(0)
         for k in range(several):
+            x = np.int64(columns[k])
+            at = vec.LANES * np.int64(slots[x])
+            seen = vec.load(samples, at)
+            same = vec.bits(seen == vec.spread0(seen))
+            one = np.int64(samples[at])
+            other = np.int64(samples[at + vec.lowest_bit(~same)])  # of the next pixel, where all are the same
+            others = vec.bits(seen == vec.i32(other))
+            own, rest = vec.count_bits(same), vec.count_bits(others)
+            plain = ((same | others) == 255) & (same != 255) & ((one | other) >= 0)
+            first = own >= rest
+            ids[x] = shown_at[twos] = one if first else other
+            others_at[twos] = other if first else one
+            about[twos] = (x << 8) | (rest if first else own)
+            columns[more] = x
+            twos += plain
+            more += not plain
+        for begin in range(0, twos, vec.LANES):
+            apart = _apart(job, shown_at, others_at, begin, twos - begin, known)
+            while apart != 0:
+                k = begin + vec.lowest_bit(apart)
+                apart &= apart - 1
+                mark = np.int64(about[k])
+                count = _add(found, marks, count, others_at[k], mark >> 8, mark & 255)
+                mixes[mixed] = (mark >> 8 << 8) | ((vec.LANES - (mark & 255)) << 4)
+                mixed += 1
+        for k in range(more):
             x = np.int64(columns[k])
             at = vec.LANES * np.int64(slots[x])
             seen = vec.load(samples, at)
@@ -286,23 +329,16 @@ def _sort_out(job, edges, band, columns, found, marks, scratch, known):
             own, rest = vec.count_bits(same), vec.count_bits(others)
             nothing = np.int64(0)
             left = 255 & ~(same | others)
-            if left == 0:  # most often, two triangles of a smooth surface
-                if one >= 0 and other >= 0:
-                    shown, own, other, rest = _two(one, own, other, rest)
-                    if _joined(job, shown, other, known):
-                        ids[x] = shown
-                        continue
-                    count = _add(found, marks, count, other, x, rest)
-                else:
-                    shown = max(one, other)
-                    own, nothing = (own, rest) if one >= 0 else (rest, own)
+            if left == 0:  # one of the two is nothing
+                shown = max(one, other)
+                own, nothing = (own, rest) if one >= 0 else (rest, own)
             else:
                 third = np.int64(samples[at + vec.lowest_bit(left)])
                 thirds = vec.bits(seen == vec.i32(third))
                 if left == thirds:
-                    more = vec.count_bits(thirds)
+                    last = vec.count_bits(thirds)
                     shown, own, nothing, count = _three(
-                        job, x, one, own, other, rest, third, more, found, marks, count, known
+                        job, x, one, own, other, rest, third, last, found, marks, count, known
                     )
                 else:
                     shown, own, nothing, count = _several(job, seen, x, found, marks, count, scratch, known)
@@ -331,6 +367,7 @@ def draw_samples(job_at, lens_at, band, edges_at):
     before = 4 * band * BAND_ROWS * job[J_STRIDE]
     own_job[J_SAMPLE_IDS], own_job[J_SAMPLE_INV_Z] = edges[E_SAMPLE_IDS], edges[E_SAMPLE_INV_Z]
     own_job[J_IDS], own_job[J_SLOTS] = edges[E_IDS] - before, edges[E_SLOTS] - before
+    own_job[J_OWNERS] = edges[E_OWNERS] - before
     own_job[J_FAR], own_job[J_NEAR] = edges[E_FAR] - before, edges[E_NEAR] - before
     raster_samples(i64_at(np.int64(own_job.ctypes.data)), f64_at(lens_at), band)
     own_job[0] = 0  # the pointer above does not keep the array alive
@@ -340,16 +377,18 @@ def draw_samples(job_at, lens_at, band, edges_at):
 def find_edges(job_at, band, edges_at):
     """Find out what is to be shaded in a band that ``draw_samples`` has drawn; arguments as there."""
     job, edges = i64_at(job_at), i64_at(edges_at)
-    columns = 40
-    found = columns + job[J_STRIDE] + vec.LANES + _REACH
     room = edges[E_ROOM] + _REACH + vec.LANES
+    length = job[J_STRIDE] + vec.LANES
+    columns, pairs = 40, 40 + length
+    found = pairs + 3 * length + _REACH
     own_scratch = np.empty(found + 2 * room, np.int32)
-    for k in range(found - _REACH, found):
-        own_scratch[k] = -1
     own_known = np.zeros(3, np.int64)
     scratch, known = np.int64(own_scratch.ctypes.data), i64_at(np.int64(own_known.ctypes.data))
     entries, marks = i32_at(scratch + 4 * found), i32_at(scratch + 4 * (found + room))
-    _sort_out(job, edges, band, i32_at(scratch + 4 * columns), entries, marks, i32_at(scratch), known)
+    for k in range(1, _REACH + 1):
+        entries[-k] = -1
+    columns_at = i32_at(scratch + 4 * columns)
+    _sort_out(job, edges, band, columns_at, scratch + 4 * pairs, entries, marks, i32_at(scratch), known)
     own_scratch[0] = own_known[0] = 0  # the pointers above do not keep the arrays alive
 
 

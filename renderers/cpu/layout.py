@@ -71,7 +71,8 @@ J_FAR: Final = 43  # (height, stride) float32: bounds of the 1/z of a pixel's sa
 J_NEAR: Final = 44
 J_LANES: Final = 45  # (256, 8) int32: the lanes of each mask, the lowest first
 J_SLOTS: Final = 46  # (height, stride) int32: which slot of the samples a pixel has, -1: none
-J_COLUMNS: Final = 47
+J_OWNERS: Final = 47  # (height, stride) int32: the place of a pixel's record among all, see ``multisample``
+J_COLUMNS: Final = 48
 
 # The lens: float64 values.
 L_FX: Final = 0

@@ -32,6 +32,7 @@ from renderers.cpu.layout import (
     J_MARGIN,
     J_NEAR,
     J_OFFSETS,
+    J_OWNERS,
     J_RANGES,
     J_RECORDS,
     J_SAMPLE_IDS,
@@ -125,7 +126,8 @@ def _small(job, record, place, first_row, last_row, scratch):
     total = vec.i32(e0 + e1 + e2)  # the three change by nothing together
     lane, zero = vec.iota(), vec.i32(0)
     skipped = top - box_y
-    owners, far, near = i32_at(job[J_IDS]), f32_at(job[J_FAR]), f32_at(job[J_NEAR])
+    seen, owners = i32_at(job[J_IDS]), i32_at(job[J_OWNERS])
+    far, near = f32_at(job[J_FAR]), f32_at(job[J_NEAR])
     lanes, count = i32_at(job[J_LANES]), np.int64(0)
     d0, d1, d2 = vec.i32(down0), vec.i32(down1), vec.i32(down2)
     for start in range(left, right, vec.LANES):  # type: ignore[call-overload]  # kernels' integers
@@ -143,7 +145,9 @@ def _small(job, record, place, first_row, last_row, scratch):
             full = ((t0 + b0) | (t1 + b1) | (t2 + b2)) >= zero
             t0, t1, t2 = t0 + d0, t1 + d1, t2 + d2
             w = vec.f32(base + rise * np.float32(row)) + along
-            left_open = cover(owners, far, near, at, w, lowest, highest, low, high, full, touched, taker) & valid
+            left_open = valid & cover(
+                seen, owners, far, near, at, w, lowest, highest, low, high, full, touched, identity, taker
+            )
             here = (row << 8) + column - box_x + 8
             vec.store(scratch, count, vec.load(lanes, vec.LANES * left_open) + vec.i32(here))
             count += vec.count_bits(left_open)
@@ -207,7 +211,8 @@ def _span(job, record, place, row, start, stop, box_x, box_y, scratch):
     lowest, highest = vec.f32(down_to), vec.f32(up_to)
     low, high = vec.f32(bounds[R_LOW]), vec.f32(bounds[R_HIGH])
     identity, taker = vec.i32(i32_at(record)[R_ID]), vec.i32(place)
-    owners, far, near = i32_at(job[J_IDS]), f32_at(job[J_FAR]), f32_at(job[J_NEAR])
+    seen, owners = i32_at(job[J_IDS]), i32_at(job[J_OWNERS])
+    far, near = f32_at(job[J_FAR]), f32_at(job[J_NEAR])
     far_bits, near_bits = as_i32(far), as_i32(near)
     ids, depths = i32_at(job[J_SAMPLE_IDS]), f32_at(job[J_SAMPLE_INV_Z])
     slots, taken = i32_at(job[J_SLOTS]), np.int64(scratch[TAKEN])
@@ -217,7 +222,9 @@ def _span(job, record, place, row, start, stop, box_x, box_y, scratch):
         here = vec.i32(column) + lane
         full, touched = (here >= full_begin) & (here < full_end), (here >= first) & (here < last)
         w = vec.to_f32(vec.f64(base) + vec.f64(slope) * vec.to_f64(here - vec.i32(box_x)))
-        left_open = cover(owners, far, near, line + column, w, lowest, highest, low, high, full, touched, taker)
+        left_open = cover(
+            seen, owners, far, near, line + column, w, lowest, highest, low, high, full, touched, identity, taker
+        )
         while left_open != 0:
             x = column + vec.lowest_bit(left_open)
             left_open &= left_open - 1
@@ -326,19 +333,22 @@ def _draw(job, lens, record, place, first_row, last_row, scratch):
 def raster_samples(job, lens, band):
     """Empty the band and draw all that touches it, in the order of record numbers.
 
-    Then J_IDS has the place of each pixel's record among all, -1 where it sees none and MIXED where its samples have
-    records of their own, the numbers of which J_SAMPLE_IDS has from eight times J_SLOTS on.
+    Then J_IDS has the number of each pixel's record, -1 where it sees none, and J_OWNERS the record's place among all,
+    -1 or MIXED where the samples have records of their own, the numbers of which J_SAMPLE_IDS has from eight times
+    J_SLOTS on.
     """
     first_row = band * BAND_ROWS
     last_row = min(first_row + BAND_ROWS, job[J_HEIGHT])
     stride = job[J_STRIDE]
-    ids, far, near = i32_at(job[J_IDS]), f32_at(job[J_FAR]), f32_at(job[J_NEAR])
+    ids, owners = i32_at(job[J_IDS]), i32_at(job[J_OWNERS])
+    far, near = f32_at(job[J_FAR]), f32_at(job[J_NEAR])
     # Nothing at or beyond this 1/z is accepted: the far plane costs no test of its own.
     empty = vec.f32(np.nextafter(np.float32(1.0 / lens[L_FAR]), np.float32(-1.0)))
     nobody = vec.i32(-1)
     slots = i32_at(job[J_SLOTS])
     for at in range(first_row * stride, last_row * stride, vec.LANES):
         vec.store(ids, at, nobody)
+        vec.store(owners, at, nobody)
         vec.store(slots, at, nobody)
         vec.store(far, at, empty)
         vec.store(near, at, empty)

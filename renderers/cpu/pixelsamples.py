@@ -70,15 +70,15 @@ def bounds_of(rising, scratch):
 
 
 @inlined
-def cover(ids, far, near, at, w, lowest, highest, low, high, full, touched, place):
+def cover(ids, owners, far, near, at, w, lowest, highest, low, high, full, touched, identity, place):
     """Give the pixels that a record takes wholly to it, eight from ``at`` on.
 
     Args:
-        ids, far, near: pointers to J_IDS, J_FAR and J_NEAR.
+        ids, owners, far, near: pointers to J_IDS, J_OWNERS, J_FAR and J_NEAR.
         w: f32x8, 1/z at the centres before it is bounded by ``low`` and ``high``. lowest, highest: f32x8, what is
             added to it at the samples, at least and at most.
         full, touched: m8, pixels of which all samples are covered, and some may be.
-        place: i32x8, of the record among all.
+        identity, place: i32x8, the record's number and its place among all.
 
     Returns:
         A mask of the pixels whose samples must be looked at.
@@ -89,7 +89,8 @@ def cover(ids, far, near, at, w, lowest, highest, low, high, full, touched, plac
     whole = full & (farther > old_near)
     vec.store(far, at, vec.select(whole, farther, old_far))
     vec.store(near, at, vec.select(whole, nearer, old_near))
-    vec.store(ids, at, vec.select(whole, place, vec.load_again(ids, at)))
+    vec.store(ids, at, vec.select(whole, identity, vec.load_again(ids, at)))
+    vec.store(owners, at, vec.select(whole, place, vec.load_again(owners, at)))
     return vec.bits(touched & (nearer > old_far) & ~whole)
 
 
@@ -143,7 +144,7 @@ def put(job, owners, slots, far, near, ids, depths, taken, at, w, covered, ident
     empty, cannot be predicted and is no branch.
 
     Args:
-        owners, slots, far, near: pointers to J_IDS, J_SLOTS, and J_FAR and J_NEAR as int32. ids, depths: to
+        owners, slots, far, near: pointers to J_OWNERS, J_SLOTS, and J_FAR and J_NEAR as int32. ids, depths: to
             J_SAMPLE_IDS and J_SAMPLE_INV_Z. taken: how many slots are. at: the pixel's number.
 
     Returns:

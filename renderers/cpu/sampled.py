@@ -41,6 +41,7 @@ def edge_memory(scratch: Scratch, threads: int, camera: Camera, samples: int, st
         at.E_FAR: BAND_ROWS * stride,
         at.E_NEAR: BAND_ROWS * stride,
         at.E_SLOTS: BAND_ROWS * stride,
+        at.E_OWNERS: BAND_ROWS * stride,
         at.E_COUNTS: BAND_ROWS,
         at.E_RECORDS: BAND_ROWS * room,
         at.E_PLACES: BAND_ROWS * room,
