@@ -68,7 +68,6 @@ from renderers.cpu.layout import (
     S_RIGHT,
     S_SIZE,
     SMALL_BANDS,
-    SMALL_HEIGHT,
     SMALL_WIDTH,
     SUBPIXEL,
     T_COLUMNS,
@@ -81,11 +80,31 @@ from renderers.linked import inlined, inner
 from renderers.pointers import as_f32, as_i32, f32_at, f64_at, i32_at, i64_at, u16_at
 
 _FAR_AWAY: Final = 1 << 30
-BATCH: Final = (SMALL_WIDTH + vec.LANES) * (SMALL_HEIGHT + 1)
-"""Scratch begins with room for all pixels of a small triangle; here is what is known of eight of them ..."""
-TAKEN: Final = BATCH + 4 * vec.LANES
+BATCH: Final = (SMALL_WIDTH + 3 * vec.LANES) * BAND_ROWS
+"""Scratch begins with room for a band's pixels of a small triangle; here is what is known of eight of them ..."""
+STARTS: Final = BATCH + 4 * vec.LANES
+"""... here 1/z where each row begins ..."""
+ROWS: Final = STARTS + BAND_ROWS + vec.LANES
+"""... here the first and the last row of eight columns of blocks ..."""
+TAKEN: Final = ROWS + 2 * vec.LANES
 """... and here how many slots the band has taken."""
 SCRATCH_VALUES: Final = TAKEN + 1
+
+
+@inlined
+def _reach(edge, right, down, across, lowest, highest):
+    """Narrow the rows in which columns of blocks may be on the inner side of an edge, float32 of some decimals.
+
+    Args:
+        edge: an edge function in row 0, grid units; right, down: its steps. across: i32x8, the blocks' first columns.
+    """
+    best = vec.i32(edge + max(7 * right, 0)) + across * vec.i32(right)
+    zero, slack = vec.f32(0.0), vec.f32(0.01)
+    change = np.float32(down)
+    step = np.float32(1.0) / change if down != 0 else np.float32(0.0)
+    crossed = zero - vec.to_f32(best) * vec.f32(step)
+    lowest = vec.select(vec.f32(change) > zero, vec.most(crossed - slack, lowest), lowest)
+    return lowest, vec.select(vec.f32(change) < zero, vec.least(crossed + slack, highest), highest)
 
 
 @inner
@@ -99,6 +118,8 @@ def _small(job, record, place, first_row, last_row, scratch):
     box_x = ((box & 0xFFFF) ^ 0x8000) - 0x8000
     top = max(box_y, first_row)
     bottom = min(box_y + (size >> 16), last_row)
+    if top >= bottom:  # one of the chunk's tall ones
+        return
     left = max(box_x, 0)
     right = min(box_x + (size & 0xFFFF), job[J_WIDTH])
     stride = job[J_STRIDE]
@@ -118,40 +139,63 @@ def _small(job, record, place, first_row, last_row, scratch):
     o1 = vec.i32(right1 >> 8) * ox + vec.i32(down1 >> 8) * oy
     o2 = vec.i32(right2 >> 8) * ox + vec.i32(down2 >> 8) * oy
     most0, most1, most2 = vec.most_of(o0), vec.most_of(o1), vec.most_of(o2)
-    # From the greatest to the least of a pixel's samples.
-    b0 = vec.i32(vec.least_of(o0) - most0)
-    b1 = vec.i32(vec.least_of(o1) - most1)
-    b2 = vec.i32(vec.least_of(o2) - most2)
+    # From the least to the greatest of a pixel's samples.
+    b0 = vec.i32(most0 - vec.least_of(o0))
+    b1 = vec.i32(most1 - vec.least_of(o1))
+    b2 = vec.i32(most2 - vec.least_of(o2))
     e0, e1, e2 = np.int64(whole[S_EDGES]), np.int64(whole[S_EDGES + 1]), np.int64(whole[S_EDGES + 2])
     total = vec.i32(e0 + e1 + e2)  # the three change by nothing together
     lane, zero = vec.iota(), vec.i32(0)
-    skipped = top - box_y
+    skipped, rows = top - box_y, bottom - top
     seen, owners = i32_at(job[J_IDS]), i32_at(job[J_OWNERS])
     far, near = f32_at(job[J_FAR]), f32_at(job[J_NEAR])
     lanes, count = i32_at(job[J_LANES]), np.int64(0)
     d0, d1, d2 = vec.i32(down0), vec.i32(down1), vec.i32(down2)
-    for start in range(left, right, vec.LANES):  # type: ignore[call-overload]  # kernels' integers
-        # A block at the right margin moves left: its pixels that were drawn are not drawn again.
-        column = min(start, stride - vec.LANES)
-        valid = np.int64(255) << (start - column)
-        across = vec.i32(column - box_x) + lane
-        t0 = vec.i32(e0 + most0 + skipped * down0) + across * vec.i32(right0)
-        t1 = vec.i32(e1 + most1 + skipped * down1) + across * vec.i32(right1)
-        t2 = vec.i32(e2 + most2 + skipped * down2) + across * vec.i32(right2)
-        along = vec.f32(slope) * vec.to_f32(across)
-        at = top * stride + column
-        for row in range(skipped, bottom - box_y):
-            touched = (t0 | t1 | t2) >= zero
-            full = ((t0 + b0) | (t1 + b1) | (t2 + b2)) >= zero
-            t0, t1, t2 = t0 + d0, t1 + d1, t2 + d2
-            w = vec.f32(base + rise * np.float32(row)) + along
-            left_open = valid & cover(
-                seen, owners, far, near, at, w, lowest, highest, low, high, full, touched, identity, taker
-            )
-            here = (row << 8) + column - box_x + 8
-            vec.store(scratch, count, vec.load(lanes, vec.LANES * left_open) + vec.i32(here))
-            count += vec.count_bits(left_open)
-            at += stride
+    starts = as_f32(scratch)
+    for row in range(0, rows, vec.LANES):
+        below = vec.to_f32(vec.i32(skipped + row) + lane)
+        vec.store(starts, STARTS + row, vec.f32(base) + vec.f32(rise) * below)
+    # Where there are several columns of blocks, half of the box lies outside the triangle, and blocks begin where
+    # vectors do: they lie in one cache line.
+    wide = right - left > 2 * vec.LANES
+    begin = left - (left & (vec.LANES - 1) if wide else 0)  # type: ignore[operator]  # kernels' integers
+    f0, f1, f2 = e0 + most0 + skipped * down0, e1 + most1 + skipped * down1, e2 + most2 + skipped * down2
+    for group in range(begin, right, vec.LANES * vec.LANES):
+        # Of each of eight columns of blocks, the rows that the triangle may reach.
+        across = vec.i32(group - box_x) + (lane << vec.i32(3))
+        lowest_row, highest_row = vec.f32(0.0), vec.f32(rows - 1)
+        if wide:
+            lowest_row, highest_row = _reach(f0, right0, down0, across, lowest_row, highest_row)
+            lowest_row, highest_row = _reach(f1, right1, down1, across, lowest_row, highest_row)
+            lowest_row, highest_row = _reach(f2, right2, down2, across, lowest_row, highest_row)
+        first, last = vec.ceil(vec.least(lowest_row, vec.f32(rows))), vec.floor(vec.most(highest_row, vec.f32(-1.0)))
+        vec.store(scratch, ROWS, vec.to_i32(first))
+        vec.store(scratch, ROWS + vec.LANES, vec.to_i32(last))
+        for block in range(min((right - group + vec.LANES - 1) >> 3, vec.LANES)):
+            start = group + vec.LANES * block
+            # A block at the right margin moves left: its pixels that were drawn are not drawn again.
+            column = min(start, stride - vec.LANES)
+            valid = np.int64(255) << (start - column)
+            across = vec.i32(column - box_x) + lane
+            first_row, end_row = np.int64(scratch[ROWS + block]), np.int64(scratch[ROWS + vec.LANES + block]) + 1
+            t0 = vec.i32(f0 + first_row * down0) + across * vec.i32(right0)
+            t1 = vec.i32(f1 + first_row * down1) + across * vec.i32(right1)
+            t2 = vec.i32(f2 + first_row * down2) + across * vec.i32(right2)
+            along = vec.f32(slope) * vec.to_f32(across)
+            at = (top + first_row) * stride + column
+            here = ((skipped + first_row) << 8) + column - box_x + 8
+            for row in range(first_row, end_row):
+                touched = (t0 | t1 | t2) >= zero
+                full = (t0 >= b0) & (t1 >= b1) & (t2 >= b2)
+                t0, t1, t2 = t0 + d0, t1 + d1, t2 + d2
+                w = vec.f32(starts[STARTS + row]) + along
+                left_open = valid & cover(
+                    seen, owners, far, near, at, w, lowest, highest, low, high, full, touched, identity, taker
+                )
+                vec.store(scratch, count, vec.load(lanes, vec.LANES * left_open) + vec.i32(here))
+                count += vec.count_bits(left_open)
+                at += stride
+                here += 256
     far_bits, near_bits = as_i32(far), as_i32(near)
     ids, depths = i32_at(job[J_SAMPLE_IDS]), f32_at(job[J_SAMPLE_INV_Z])
     slots, taken = i32_at(job[J_SLOTS]), np.int64(scratch[TAKEN])
