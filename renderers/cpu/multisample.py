@@ -8,7 +8,8 @@ Most pixels see one record with all their samples. Of those only the record's pl
 pixels at a time, a triangle that covers all samples and lies in front of all that was there takes the whole pixel, and
 one that lies behind it is passed over. What is left are edges of triangles and surfaces that meet: there every sample
 has its record and its 1/z, side by side, one to a lane. Bounds may be wider than what they bound: they decide only
-what costs more to find out, never what is seen. Four samples take eight lanes, too, each of them two.
+what costs more to find out, never what is seen. Four samples take eight lanes, too, each of them two; small triangles
+test two pixels at a time.
 """
 
 from __future__ import annotations
@@ -73,7 +74,7 @@ from renderers.cpu.layout import (
     T_COLUMNS,
     T_RECORD,
 )
-from renderers.cpu.pixelsamples import bounds_of, box_of, cover, put, rising_at
+from renderers.cpu.pixelsamples import bounds_of, box_of, cover, put, put_two, rising_at
 from renderers.cpu.raster import next_record
 from renderers.cpu.visibility import BAND_ROWS
 from renderers.linked import inlined, inner
@@ -200,6 +201,7 @@ def _small(job, record, place, first_row, last_row, scratch):
     ids, depths = i32_at(job[J_SAMPLE_IDS]), f32_at(job[J_SAMPLE_INV_Z])
     slots, taken = i32_at(job[J_SLOTS]), np.int64(scratch[TAKEN])
     centres = as_f32(scratch)
+    four = samples[0] == samples[4] and samples[8] == samples[12]
     for begin in range(0, count, vec.LANES):
         listed = vec.load(scratch, begin)
         rows, xs = listed >> vec.i32(8), (listed & vec.i32(255)) - vec.i32(8)
@@ -208,12 +210,24 @@ def _small(job, record, place, first_row, last_row, scratch):
         vec.store(scratch, BATCH + 16, (rows + vec.i32(box_y)) * vec.i32(stride) + (xs + vec.i32(box_x)))
         w = (vec.f32(base) + vec.f32(rise) * vec.to_f32(rows)) + vec.f32(slope) * vec.to_f32(xs)
         vec.store(centres, BATCH + 24, w)
-        for k in range(min(count - begin, vec.LANES)):  # type: ignore[call-overload]  # kernels' integers
+        k, end = np.int64(0), min(np.int64(count) - begin, np.int64(vec.LANES))
+        while four and k + 1 < end:
+            place_of = BATCH + k
+            c0 = vec.halves(vec.i32(scratch[place_of]), vec.i32(scratch[place_of + 1])) + o0
+            c1 = vec.halves(vec.i32(scratch[place_of + 8]), vec.i32(scratch[place_of + 9])) + o1
+            covered = (c0 | c1 | (total - c0 - c1)) >= zero
+            w = vec.halves(vec.f32(centres[place_of + 24]), vec.f32(centres[place_of + 25])) + rising
+            w = vec.least(vec.most(w, low), high)
+            a, b = np.int64(scratch[place_of + 16]), np.int64(scratch[place_of + 17])
+            taken = put_two(job, owners, slots, far_bits, near_bits, ids, depths, taken, a, b, w, covered, identity)
+            k += 2
+        while k < end:
             c0, c1 = vec.i32(scratch[BATCH + k]) + o0, vec.i32(scratch[BATCH + 8 + k]) + o1
             covered = (c0 | c1 | (total - c0 - c1)) >= zero
             w = vec.least(vec.most(vec.f32(centres[BATCH + 24 + k]) + rising, low), high)
             at = np.int64(scratch[BATCH + 16 + k])
             taken = put(job, owners, slots, far_bits, near_bits, ids, depths, taken, at, w, covered, identity)
+            k += 1
     scratch[TAKEN] = taken
 
 

@@ -139,6 +139,45 @@ def expand(job, at, first, owner):
 
 
 @inlined
+def _slot_of(job, owners, slots, taken, at):
+    """The number of the first sample of a pixel whose samples are to have records of their own, the place of its record
+    before, and the new ``taken``; as ``put``."""
+    slot = np.int64(slots[at])
+    new = slot < 0
+    slot = taken if new else slot
+    slots[at] = slot
+    owner = np.int64(owners[at])
+    if owner >= 0:
+        expand(job, at, vec.LANES * slot, owner)
+    owners[at] = MIXED
+    return vec.LANES * slot, owner, taken + new
+
+
+@inlined
+def put_two(job, owners, slots, far, near, ids, depths, taken, a, b, w, covered, identity):
+    """``put`` for two pixels ``a`` and ``b`` of four samples: the first four lanes are those of ``a``."""
+    first_a, owner_a, taken = _slot_of(job, owners, slots, taken, a)
+    first_b, owner_b, taken = _slot_of(job, owners, slots, taken, b)
+    empty = vec.halves(vec.i32(owner_a), vec.i32(owner_b)) == vec.i32(-1)
+    behind = vec.halves(vec.f32(as_f32(far)[a]), vec.f32(as_f32(far)[b]))
+    old = vec.select(empty, behind, vec.halves(vec.load_again(depths, first_a), vec.load_again(depths, first_b)))
+    seen = vec.halves(vec.load_again(ids, first_a), vec.load_again(ids, first_b))
+    covered = covered & (w > old)
+    w = vec.select(covered, w, old)
+    seen = vec.select(covered, identity, vec.select(empty, vec.i32(-1), seen))
+    vec.store(depths, first_a, vec.low_twice(w))
+    vec.store(depths, first_b, vec.high_twice(w))
+    vec.store(ids, first_a, vec.low_twice(seen))
+    vec.store(ids, first_b, vec.high_twice(seen))
+    whole = vec.bits_of(w)
+    least, most = vec.least(whole, vec.swapped_pairs(whole)), vec.most(whole, vec.swapped_pairs(whole))
+    least, most = vec.least(least, vec.swapped(least)), vec.most(most, vec.swapped(most))
+    far[a], far[b] = vec.lane0(least), vec.lane4(least)
+    near[a], near[b] = vec.lane0(most), vec.lane4(most)
+    return taken
+
+
+@inlined
 def put(job, owners, slots, far, near, ids, depths, taken, at, w, covered, identity):
     """Write the covered samples of a pixel that are nearer than what is there; which of them are, and whether it was
     empty, cannot be predicted and is no branch.
@@ -150,15 +189,7 @@ def put(job, owners, slots, far, near, ids, depths, taken, at, w, covered, ident
     Returns:
         The new ``taken``.
     """
-    slot = np.int64(slots[at])
-    new = slot < 0
-    slot = taken if new else slot
-    slots[at] = slot
-    first = vec.LANES * slot
-    owner = np.int64(owners[at])
-    if owner >= 0:
-        expand(job, at, first, owner)
-    owners[at] = MIXED
+    first, owner, taken = _slot_of(job, owners, slots, taken, at)
     # What an empty pixel has is one of its bounds.
     empty = vec.i32(owner) == vec.i32(-1)
     old = vec.select(empty, vec.f32(as_f32(far)[at]), vec.load_again(depths, first))
@@ -171,4 +202,4 @@ def put(job, owners, slots, far, near, ids, depths, taken, at, w, covered, ident
     whole = vec.bits_of(w)
     far[at] = vec.least_of(whole)
     near[at] = vec.most_of(whole)
-    return taken + new
+    return taken

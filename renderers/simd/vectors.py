@@ -183,6 +183,40 @@ spread0, spread1, spread2, spread3, spread4, spread5, spread6, spread7 = (_sprea
 """``spread3(v)``: lane 3 of the vector in all lanes."""
 
 
+def _rearrangement(picks: list[int]) -> Any:
+    def emit(builder: Any, sig: Any, value: Any) -> Any:
+        return shuffle(builder, value, value, picks)
+
+    return make(lambda a: a if isinstance(a, Vector) and a is not m8 else None, emit)
+
+
+low_twice = _rearrangement([0, 1, 2, 3, 0, 1, 2, 3])
+"""The first four lanes, twice."""
+high_twice = _rearrangement([4, 5, 6, 7, 4, 5, 6, 7])
+swapped = _rearrangement([1, 0, 3, 2, 5, 4, 7, 6])
+"""Every two lanes change places."""
+swapped_pairs = _rearrangement([2, 3, 0, 1, 6, 7, 4, 5])
+
+
+def _emit_halves(builder: Any, sig: Any, a: Any, b: Any) -> Any:
+    return shuffle(builder, a, b, [0, 1, 2, 3, 12, 13, 14, 15])
+
+
+halves = make(lambda a, b: a if isinstance(a, Vector) and a is b and a is not m8 else None, _emit_halves)
+"""``halves(a, b)``: the first four lanes of ``a`` and the last four of ``b``."""
+
+
+def _lane(number: int) -> Any:
+    def emit(builder: Any, sig: Any, value: Any) -> Any:
+        return builder.extract_element(value, ir.Constant(I32, number))
+
+    return make(lambda a: types.int32 if a is i32x8 else None, emit)
+
+
+lane0, lane4 = _lane(0), _lane(4)
+"""``lane4(v)``: int32, lane 4 of the vector."""
+
+
 def _emit_select(builder: Any, sig: Any, mask: Any, a: Any, b: Any) -> Any:
     return builder.select(mask, a, b)
 

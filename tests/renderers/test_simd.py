@@ -360,3 +360,28 @@ def test_vertices_of_eight_records_and_back_to_rows() -> None:
     for place, row in zip(places, written, strict=True):
         wanted[place : place + 8] = row
     np.testing.assert_array_equal(rows, wanted)
+
+
+@njit
+def _fours(a, b, out):
+    p, q, o = i32_at(a), i32_at(b), i32_at(out)
+    x, y = vec.load(p, 0), vec.load(q, 0)
+    vec.store(o, 0, vec.low_twice(x))
+    vec.store(o, 8, vec.high_twice(x))
+    vec.store(o, 16, vec.halves(x, y))
+    vec.store(o, 24, vec.swapped(x))
+    vec.store(o, 32, vec.swapped_pairs(x))
+    o[40], o[41] = vec.lane0(x), vec.lane4(x)
+
+
+def test_vectors_of_two_fours() -> None:
+    a, b, out = np.arange(8, dtype=np.int32), np.arange(10, 18, dtype=np.int32), np.zeros(42, np.int32)
+    _fours(a.ctypes.data, b.ctypes.data, out.ctypes.data)
+    assert out.tolist() == [
+        *(0, 1, 2, 3, 0, 1, 2, 3),
+        *(4, 5, 6, 7, 4, 5, 6, 7),
+        *(0, 1, 2, 3, 14, 15, 16, 17),
+        *(1, 0, 3, 2, 5, 4, 7, 6),
+        *(2, 3, 0, 1, 6, 7, 4, 5),
+        *(0, 4),
+    ]
