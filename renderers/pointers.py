@@ -7,6 +7,7 @@ Array arguments of functions that are not inlined cost reference counts (atomics
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Callable
 from typing import Any
 
@@ -28,6 +29,13 @@ def address_of(array: NDArray[Any] | None, dtype: type[np.generic]) -> int:
         raise TypeError(f"an array of {array.dtype}, {array.shape} must be C-contiguous {np.dtype(dtype)}")
     address: int = array.__array_interface__["data"][0]  # a third of the time of array.ctypes.data
     return address
+
+
+def table(values: int) -> tuple[NDArray[np.int64], memoryview, int]:
+    """(values,) int64, all 0, at least one; its memory; its address, at a fraction of what ``address_of`` takes."""
+    array = np.zeros(values, np.int64)
+    memory = array.data
+    return array, memory, ctypes.addressof(ctypes.c_char.from_buffer(memory))
 
 
 def _pointer_to(element: Any) -> Any:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from ctypes import addressof, c_char
 from functools import cache
 from struct import Struct
 from typing import Any, Final
@@ -23,7 +22,7 @@ from renderers.cpu.transform import transform
 from renderers.cpu.visibility import BAND_ROWS, SampledShader, Visibility, band_count
 from renderers.cpu.work import work
 from renderers.native import YIELD_ADDRESS, kernel_address
-from renderers.pointers import address_of
+from renderers.pointers import address_of, table
 from renderers.port import Frame
 from renderers.samples import lanes_of_masks, sample_offsets
 from renderers.shading.kernels import shade_rows
@@ -40,6 +39,7 @@ _LENS_AT: Final = at.J_COLUMNS
 _TABLE: Final = at.J_COLUMNS + at.L_COLUMNS
 """Where a frame's tables begin in the array that holds them all, in values of 8 bytes."""
 _JOB, _LENS, _OUTPUTS = Struct(f"{at.J_COLUMNS}q"), Struct(f"{at.L_COLUMNS}d"), Struct("4q")
+_POSE: Final = Struct("16d")
 _TASK: Final = Struct(f"{at_work.W_COLUMNS}q")
 
 
@@ -52,15 +52,15 @@ class FrameJob:
         camera: Camera,
         scratch: Scratch,
         *,
-        select: NDArray[np.bool_] | None = None,
-        cull_back: NDArray[np.bool_] | None = None,
+        select: int = 0,
+        cull_back: int = 0,
         keep_backs: bool = False,
         opaque: bool = False,
         samples: int = 1,
     ) -> None:
         """
         Args:
-            select, cull_back: as in ``Rasterizer.visibility``.
+            select, cull_back: as in ``Rasterizer.visibility``, their addresses; 0: None.
             keep_backs: culled faces are seen in the outputs, but not in what is shaded.
             opaque: only the nearest surface of every pixel is wanted, whatever it is, so that the backs of solid meshes
                 need not be drawn.
@@ -72,11 +72,10 @@ class FrameJob:
         lengths_at = _TABLE + at.T_COLUMNS * (count + 1)
         poses_at = lengths_at + at.M_COLUMNS * count
         task_at = poses_at + 16 * count
-        self._own = own = np.zeros(task_at + at_work.W_COLUMNS, dtype=np.int64)
-        self._memory = memory = own.data
-        self._address = address = addressof(c_char.from_buffer(memory))
+        own, memory, address = table(task_at + at_work.W_COLUMNS)
+        self._own, self._memory, self._address = own, memory, address
         self._task_at = task_at
-        self._count = count
+        self._count, self._height = count, height
         self._poses_at = poses_at
         self.poses_address = meshes = address + 8 * poses_at
         """Of ``X_camera_mesh``."""
@@ -89,11 +88,11 @@ class FrameJob:
             lens,
         )
         known, points, sizes, bounds = prepared.placed_at
-        if not look_from(address_of(camera.X_world_camera, np.float64), points, meshes, count):
+        _POSE.pack_into(memory, 8 * task_at, *camera.X_world_camera.ravel().tolist())  # where the task will be
+        if not look_from(address + 8 * task_at, points, meshes, count):
             with np.errstate(all="ignore"):  # poses that are not finite draw nothing
                 self.X_camera_mesh[:] = np.matmul(camera.X_camera_world, prepared.X_world_mesh)
-        selected, culled = address_of(select, np.bool_), address_of(cull_back, np.bool_)
-        apart = place(address, known, meshes, sizes, bounds if opaque else 0, selected, culled, count)
+        apart = place(address, known, meshes, sizes, bounds if opaque else 0, select, cull_back, count)
 
         self._vertices, self._elements, drawn = memory[at.J_VERTICES : at.J_INSTANCES + 1].tolist()
         self._chunks = chunks = -(-self._elements // at.CHUNK)
@@ -228,7 +227,6 @@ class FrameJob:
         self, threads: int, draw: int, shade: int, shade_job: int, layers: int, layer_bytes: int, find: int
     ) -> Task:
         """The task, with what differs between one sample and several filled in, see ``work``."""
-        own = self._own
         vertices, chunks = self._per_unit(threads)
         transforming, setting_up, _, _ = kernel_addresses()
         units = -(-self._vertices // vertices), -(-self._chunks // chunks), self._bands
@@ -245,7 +243,7 @@ class FrameJob:
             vertices,
             self._chunks,
             chunks,
-            int(own[at.J_HEIGHT]),
+            self._height,
             4 * self.stride,
             layers,
             layer_bytes,

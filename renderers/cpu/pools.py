@@ -37,6 +37,7 @@ class Pooled:
 
     array: NDArray[Any]
     address: int
+    nbytes: int
     kind: tuple[tuple[int, ...], type[np.generic]]
     """Shape and dtype."""
 
@@ -57,24 +58,22 @@ class ArrayPool:
             free = self._free.get(kind)
             if free:
                 pooled = free.pop()
-                self._bytes -= pooled.array.nbytes
+                self._bytes -= pooled.nbytes
                 return pooled
         array = aligned(shape, dtype)
-        return Pooled(array, address_of(array, dtype), kind)
+        return Pooled(array, address_of(array, dtype), array.nbytes, kind)
 
-    def give(self, taken: Iterable[Pooled]) -> None:
-        """Take arrays back. The oldest shapes are dropped when too much lies idle."""
+    def give(self, taken: Iterable[Pooled | None]) -> None:
+        """Take arrays back; None is nothing. The oldest shapes are dropped when too much lies idle."""
         with self._lock:
             for pooled in taken:
-                nbytes = pooled.array.nbytes
-                if nbytes > self._max_bytes:
-                    continue
-                self._free.setdefault(pooled.kind, []).append(pooled)
-                self._bytes += nbytes
+                if pooled is not None and pooled.nbytes <= self._max_bytes:
+                    self._free.setdefault(pooled.kind, []).append(pooled)
+                    self._bytes += pooled.nbytes
             while self._bytes > self._max_bytes:
                 oldest = next(iter(self._free))
                 if self._free[oldest]:
-                    self._bytes -= self._free[oldest].pop(0).array.nbytes
+                    self._bytes -= self._free[oldest].pop(0).nbytes
                 if not self._free[oldest]:
                     del self._free[oldest]
 

@@ -19,6 +19,7 @@ from renderers.cpu.sampled import edge_kernels, edge_memory, mixed_bands, paint_
 from renderers.cpu.scene import PreparedScene, prepare
 from renderers.cpu.visibility import SampledShader, SampledView, Visibility
 from renderers.drawlist import DrawList
+from renderers.pointers import address_of
 from renderers.port import Frame, Look, LookName, Output
 from renderers.shading import Painter, Parallel, ShadingScene, paint
 from renderers.shading import prepare as prepare_shading
@@ -151,7 +152,8 @@ class CpuRenderer:
         prepared = prepare(scene)
         scratch = self._scratch.take()
         try:
-            job = FrameJob(prepared, camera, scratch, cull_back=cull_back, samples=samples)
+            culled = address_of(cull_back, np.bool_)
+            job = FrameJob(prepared, camera, scratch, cull_back=culled, samples=samples)
             threads = self._crew.threads
             memory = edge_memory(scratch, threads, camera, samples, job.stride)
             shader = begin(SampledView(prepared.first_record, job.X_camera_mesh, job.stride))
@@ -164,7 +166,7 @@ class CpuRenderer:
         self._crew.run((Phase(units, work),))
 
     def _releaser(self, taken: Sequence[Pooled | None]) -> Callable[[], None]:
-        return lambda: self._pool.give(each for each in taken if each is not None)
+        return lambda: self._pool.give(taken)
 
     def _geometry(self, prepared: PreparedScene, camera: Camera, frame: Frame, places: Sequence[int]) -> None:
         """Fill the frame's geometry outputs; the layer itself stays in the cache, band by band.
@@ -213,7 +215,6 @@ class CpuRenderer:
                 self._geometry(prepared, camera, frame, places)
             paint(self, scene, shading, camera, look, color)
             return
-        cull = shading.cull_back if shading.culls else None
         if look.samples != 1:
 
             def begin(view: SampledView) -> SampledShader:
@@ -221,11 +222,12 @@ class CpuRenderer:
                     Painter.of(shading, view.X_camera_mesh, view.first_record, camera, look, color, stride=view.stride)
                 )
 
-            self.sampled(scene, camera, look.samples, begin, cull_back=cull)
+            self.sampled(scene, camera, look.samples, begin, cull_back=shading.cull_back if shading.culls else None)
             return
         scratch = self._scratch.take()
         try:
-            job = FrameJob(prepared, camera, scratch, cull_back=cull, keep_backs=with_geometry, opaque=True)
+            culled = shading.cull_at if shading.culls else 0
+            job = FrameJob(prepared, camera, scratch, cull_back=culled, keep_backs=with_geometry, opaque=True)
             job.outputs(frame, places[1:])
             painter = Painter(
                 shading,
@@ -253,7 +255,8 @@ class CpuRenderer:
         taken = self._pool.take(shape, np.int32), self._pool.take(shape, np.float32)
         scratch = self._scratch.take()
         try:
-            job = FrameJob(prepared, camera, scratch, select=select, cull_back=cull_back)
+            selected, culled = address_of(select, np.bool_), address_of(cull_back, np.bool_)
+            job = FrameJob(prepared, camera, scratch, select=selected, cull_back=culled)
             job.layers(taken[0].array, taken[1].array, beyond, before)
             self._crew.share(job.task(self._crew.threads))
         finally:

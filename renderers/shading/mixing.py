@@ -19,7 +19,7 @@ from renderers.shading.materials import MF_BASE
 from renderers.shading.sampling import at_place, coordinates_of, locate, reduced
 from renderers.shading.textures import TI_ADDRESS, TI_HEIGHT, TI_STRIDE
 
-PART: Final = 512
+PART: Final = 128
 """Pixels that are sampled at a time."""
 LARGE: Final = 1 << 17
 """Texels of images that are fetched: half a megabyte, which is not in the nearer caches anyhow."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from renderers.camera import Camera
 from renderers.drawlist import DrawList
 from renderers.layers import MAX_LAYERS, peeled
-from renderers.pointers import address_of
+from renderers.pointers import address_of, table
 from renderers.port import Look
 from renderers.shading import layout as at
 from renderers.shading.compose import DIRECT, GATHER, UNDER
@@ -104,10 +104,8 @@ class Painter:
         count = len(shading.cull_back)
         red, green, blue = look.background
         # The job, the lens and the maps in one array: see FrameJob.
-        own = np.empty(_MAPS + (count * at.P_COLUMNS + 1) // 2, np.int64)
-        address = address_of(own, np.int64)
+        own, memory, address = table(_MAPS + (count * at.P_COLUMNS + 1) // 2)
         own[: at.S_COLUMNS] = shading.job
-        memory = own.data
         view = (look.name == "pbr", mode, camera.width, camera.height, stride, first_record, count, meshes)
         _VIEW.pack_into(memory, 8 * at.S_PBR, *view, address + 8 * _MAPS, address + 8 * at.S_COLUMNS)
         _TARGET.pack_into(memory, 8 * at.S_BACKGROUND, red | green << 8 | blue << 16, gathered, color)

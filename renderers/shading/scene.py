@@ -31,6 +31,8 @@ class ShadingScene(SceneTables):
     look: LookName
     culls: bool
     """Whether ``cull_back`` holds of any."""
+    cull_at: int
+    """Address of ``cull_back``."""
     translucent: bool
     """Whether a picture may need more than one layer."""
     job: NDArray[np.int64]
@@ -99,6 +101,7 @@ def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | 
         cull_back=cull_back,
         layered=layered,
         culls=bool(cull_back.any()),
+        cull_at=address_of(cull_back, np.bool_),
         translucent=bool(layered.any()),
         job=_job(table, integers, floats, texture_integers, texture_floats),
         keep=(*keep, *materials, *textures.keep),
