@@ -15,6 +15,8 @@ from tests.support import forms
 from tests.support.gateway_process import GatewayProcess, gateway_process
 
 RENDERS = 12
+TOO_MANY = 48
+"""4096 x 4096 pixels each: some seconds of one thread."""
 
 
 def post(url: str, size: int) -> httpx2.Response:
@@ -29,10 +31,10 @@ def figure(url: str, name: str) -> float:
     return next(float(line.rpartition(" ")[2]) for line in lines if line.startswith(f"{name} "))
 
 
-def waiting(pool: ThreadPoolExecutor, url: str, size: int) -> list[Future[httpx2.Response]]:
+def waiting(pool: ThreadPoolExecutor, url: str, size: int, count: int) -> list[Future[httpx2.Response]]:
     """Renders of which at least half have arrived whole and wait for the one thread."""
-    sent = [pool.submit(post, url, size) for _ in range(RENDERS)]
-    while figure(url, "scenegate_render_waiting") < RENDERS / 2:
+    sent = [pool.submit(post, url, size) for _ in range(count)]
+    while figure(url, "scenegate_render_waiting") < count / 2:
         assert not all(one.done() for one in sent), "they were over before the signal; ask for larger pictures"
     return sent
 
@@ -44,7 +46,7 @@ def ends_well(process: GatewayProcess) -> None:
 
 def test_accepted_renders_are_answered_and_nothing_new_is_taken() -> None:
     with ThreadPoolExecutor(RENDERS) as pool, gateway_process("--only", "render", "--threads", "1") as (process, url):
-        sent = waiting(pool, url, 2048)
+        sent = waiting(pool, url, 2048, RENDERS)
         ends_well(process)
         answers = [one.result() for one in sent if one.exception() is None]
         assert len(answers) >= RENDERS / 2
@@ -57,8 +59,8 @@ def test_accepted_renders_are_answered_and_nothing_new_is_taken() -> None:
 
 def test_renders_that_cannot_finish_in_time_are_told() -> None:
     flags = ("--only", "render", "--threads", "1", "--shutdown-seconds", "1")
-    with ThreadPoolExecutor(RENDERS) as pool, gateway_process(*flags) as (process, url):
-        sent = waiting(pool, url, 4096)
+    with ThreadPoolExecutor(TOO_MANY) as pool, gateway_process(*flags) as (process, url):
+        sent = waiting(pool, url, 4096, TOO_MANY)
         ends_well(process)
         answers = [one.result() for one in sent if one.exception() is None]
         turned_away = [answer for answer in answers if answer.status_code == 503]

@@ -11,7 +11,7 @@ from gateway.scene.geometry import Box, Part, PointCloud, Shape, Surface
 from gateway.scene.transforms import IDENTITY
 from gateway.state import parts as codec
 from gateway.state.parts import DamagedError, PartsReader, PartsWriter
-from renderers.drawlist import Material, Mesh
+from renderers.drawlist import Image, Material, Mesh, Texture
 from tests.state import trees
 
 
@@ -24,6 +24,16 @@ def again(parts: tuple[Part, ...]) -> tuple[Part, ...]:
 @settings(deadline=None, max_examples=150, suppress_health_check=[HealthCheck.too_slow])
 def test_geometry_comes_back_exactly(parts: tuple[Part, ...]) -> None:
     assert trees.described(again(parts)) == trees.described(parts)
+
+
+def test_names_of_pictures_come_back() -> None:
+    pixels = np.arange(4 * 7 * 5, dtype=np.uint8).reshape(7, 5, 4)
+    material = Material(base_color_texture=Texture(Image(b"key", lambda: pixels, "wood \ud800")))
+    (part,) = again((Part(Box((1.0, 2.0, 3.0)), material),))
+    texture = part.material.base_color_texture
+    assert texture is not None
+    assert texture.image.name == "wood \ud800"
+    np.testing.assert_array_equal(texture.image.decode(), pixels)
 
 
 def test_every_shape_is_known() -> None:

@@ -116,7 +116,7 @@ def described(value: Any) -> Any:
     if isinstance(value, float):
         return np.float64(value).tobytes()
     if isinstance(value, Image):
-        return ("picture", value.name, described(value.decode()))
+        return ("picture", described(value.decode()))  # those of equal bytes are one, with the name of the first
     if isinstance(value, Enum):
         return value
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
