@@ -58,6 +58,8 @@ class ArrayPool:
             free = self._free.get(kind)
             if free:
                 pooled = free.pop()
+                if not free:
+                    del self._free[kind]
                 self._bytes -= pooled.nbytes
                 return pooled
         array = aligned(shape, dtype)
@@ -72,8 +74,7 @@ class ArrayPool:
                     self._bytes += pooled.nbytes
             while self._bytes > self._max_bytes:
                 oldest = next(iter(self._free))
-                if self._free[oldest]:
-                    self._bytes -= self._free[oldest].pop(0).nbytes
+                self._bytes -= self._free[oldest].pop(0).nbytes
                 if not self._free[oldest]:
                     del self._free[oldest]
 

@@ -85,8 +85,13 @@ _LINE: Final = 16
 
 def _spread(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """The rows, each a cache line longer where they would get in each other's way: rows a power of two apart share a
-    few sets of the cache when a texture stands on its side."""
+    few sets of the cache when a texture stands on its side. Behind a single row or column lies what a square of four
+    texels at the first one reaches, which ``mixing`` copies for pixels that are found elsewhere, too."""
     height, width = pixels.shape[:2]
+    if height == 1 or width == 1:
+        flat = np.zeros((height * width + width + 1, 4), np.uint8)
+        flat[: height * width] = pixels.reshape(-1, 4)
+        return flat[: height * width].reshape(pixels.shape)
     if width % _ALIKE:
         return np.ascontiguousarray(pixels)
     rows = np.empty((height, width + _LINE, 4), np.uint8)

@@ -114,6 +114,15 @@ def test_the_pool_keeps_no_more_than_its_bound() -> None:
     assert pool.take((500,), np.float32) is not huge
 
 
+def test_the_pool_remembers_no_shapes_that_it_has_none_of() -> None:
+    """Clients choose sizes."""
+    pool = ArrayPool()
+    for width in range(1, 50):
+        pool.give([pool.take((width,), np.float32)])
+        pool.take((width,), np.float32)
+    assert not pool._free
+
+
 def test_scratch_grows_and_large_scratch_is_dropped() -> None:
     pool = ScratchPool(max_bytes=1000)
     scratch = pool.take()

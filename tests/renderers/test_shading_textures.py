@@ -166,6 +166,18 @@ def test_rows_of_a_page_are_spread() -> None:
                 np.testing.assert_allclose(read(texture, u, v), lookup(texture, u, v, False), atol=2e-3)
 
 
+@pytest.mark.parametrize(("height", "width"), [(1, 1), (1, 5), (5, 1), (1, 1024)])
+def test_a_square_of_texels_can_be_copied_from_a_single_row_or_column(height: int, width: int) -> None:
+    """Kernels copy squares that start at texel 0 before they know whether they are of use."""
+    pixels = np.arange(4 * height * width, dtype=np.uint32).astype(np.uint8).reshape(height, width, 4)
+    rows = texels_of(picture(pixels)).rows
+    np.testing.assert_array_equal(rows, pixels)
+    stride, owner = rows.shape[1], rows.base
+    assert owner is not None
+    behind = owner.ctypes.data + owner.nbytes - rows.ctypes.data
+    assert behind >= 4 * (stride + 2)
+
+
 def test_an_image_is_decoded_once_and_forgotten_with_it() -> None:
     calls = 0
 

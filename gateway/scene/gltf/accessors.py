@@ -171,7 +171,8 @@ class Accessors:
         self._buffers = buffers
         self._loaded = buffers.loaded
         self._limit = max(limits.max_vertices, limits.max_elements) * 3
-        self._known: dict[int, Accessor] = {} if known is None else known._known.copy()
+        self._plain: dict[int, Accessor] = {} if known is None else known._plain.copy()
+        self._others: dict[int, Accessor] = {} if known is None else known._others.copy()
         self.warned = False
         """Whether there was a fault that those who know these accessors would not hear of."""
 
@@ -183,6 +184,8 @@ class Accessors:
         """
         if type(index) is int and (plain := self.plain(index)) is not None:
             return plain
+        if type(index) is int and (known := self._others.get(index)) is not None:
+            return known
         source = element(self._document.accessors, index, "accessors", where)
         assert isinstance(index, int)
         name = f"accessors[{index}]"
@@ -200,13 +203,13 @@ class Accessors:
                     raise
                 self.warned = True
                 self._warnings.append(f"{error} (Drake's merge does not adapt sparse accessors: ignored)")
-        self._known[index] = accessor
+        self._others[index] = accessor
         return accessor
 
     def plain(self, index: int) -> Accessor | None:
-        """The accessor if it is known, or as nearly all are: tight, not sparse, without a fault. Documents have
-        thousands, and most of the other way's time goes into messages. None: ``get`` finds out what is wrong."""
-        known = self._known.get(index)
+        """The accessor if it is as nearly all are: tight, not sparse, without a fault. Documents have thousands, and
+        most of the other way's time goes into messages. None: ``get`` finds out what it is."""
+        known = self._plain.get(index)
         if known is not None:
             return known
         sources, views = self._sources, self._views
@@ -231,7 +234,7 @@ class Accessors:
             return None
         start += offset
         key = (buffer.uid, start, stride, count, kind)
-        accessor = self._known[index] = Accessor(index, kind, count, buffer, start, stride, key)
+        accessor = self._plain[index] = Accessor(index, kind, count, buffer, start, stride, key)
         return accessor
 
     def _accessor(

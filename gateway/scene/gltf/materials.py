@@ -29,6 +29,8 @@ _MIN_MIPMAPS: Final = frozenset({9984, 9985, 9986, 9987})
 _MIP_NEAREST: Final = frozenset({9984, 9985})
 _NO_TEXTURES: Final = (None, None, None, None)
 _GLOSSINESS: Final = "KHR_materials_pbrSpecularGlossiness"
+_IMAGES_OF_BUFFER: Final = 4096
+"""Images that a buffer remembers. Documents can ask for ever new pieces of one that is kept; then all are forgotten."""
 _REFLECTANCE: Final = 0.04
 """Of a dielectric with the default index of refraction, seen from the front."""
 
@@ -255,6 +257,8 @@ class Materials:
         if image is None:
             self._buffers.charge(length, f"images[{index}]")  # it is hashed: many views can name the same bytes
             image = image_from_bytes(data, name=name, max_pixels=self._limits.max_image_pixels)
+            if len(buffer.images) >= _IMAGES_OF_BUFFER:
+                buffer.images.clear()
             buffer.images[offset, length] = image
         self._count_pixels(image, data, name)
         self._images[index] = image

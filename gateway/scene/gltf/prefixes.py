@@ -132,7 +132,7 @@ def stable_part(container: Container, total: int) -> bytes | None:
 
 
 def split(container: Container, total: int) -> Split | None:
-    """Where the member ``nodes`` begins; None when data URIs follow it, or in a ``.glb``.
+    """Where the member ``nodes`` begins; None when data URIs follow it, when scenes come before it, or in a ``.glb``.
 
     That both halves are JSON objects proves that the place is between two members of the outermost object.
     """
@@ -150,9 +150,11 @@ def split(container: Container, total: int) -> Split | None:
             continue
         try:
             members = _MEMBERS.decode(b"{" + slim[at:])
-            _MEMBERS.decode(before[:-1] + b"}")
+            stable = _MEMBERS.decode(before[:-1] + b"}")
         except (msgspec.MsgspecError, ValueError, RecursionError):
             continue
+        if not _PER_REQUEST.isdisjoint(stable):
+            return None
         length = total - (len(slim) - at)
         return Split(length, _fixed(members)) if length >= MIN_LENGTH else None
     return None

@@ -1,8 +1,9 @@
 """Documents that differ from an earlier one in their materials, or what comes after: their buffers are known then.
 
 Drake's client asks for colours, depths and labels of one scene, and its writer sorts the members of a document by name:
-accessors, buffers and images come before the materials. What stands before these, the stem, is compared with the texts
-that came before, which takes a third of the time of decoding it; everything made of it is taken over.
+accessors, buffers and images come before the materials. Documents in another order are read as a whole. What stands
+before the materials, the stem, is compared with the texts that came before, which takes a third of the time of decoding
+it; everything made of it is taken over.
 
 ``prefixes`` keeps more (all but the nodes) of documents that came twice; a stem is kept from the first time on.
 """
@@ -31,6 +32,8 @@ _MEMBERS: Final = msgspec.json.Decoder(dict[str, msgspec.Raw])
 _FIRST: Final = b'"materials"'
 _SAME_HEAD: Final = 4
 """Stems with the same beginning that are kept: each one that does not match may cost a comparison."""
+_GEOMETRY: Final = ("accessors", "bufferViews", "buffers")
+"""Members that must come before the materials, since what is taken over was made of them."""
 _TRIES: Final = 16
 """Places of ``"materials"`` that are tried; names can contain it, too."""
 _PARSED: Final = 8
@@ -60,7 +63,9 @@ class Stem:
 
     def prove(self) -> None:
         """Finds where the materials begin. That both halves are JSON objects proves that the place is between two
-        members of the outermost object. Not done before another document comes that begins alike."""
+        members of the outermost object. Nothing is found where a name is in both, since the later one counted.
+
+        Not done before another document comes that begins alike."""
         slim, tail = self.container.json, self.container.tail
         length = 0
         begin = at = len(slim) - (len(self.text) - (tail or 0))
@@ -71,12 +76,13 @@ class Stem:
             before = slim[:at].rstrip()
             if before.endswith(b","):
                 try:
-                    self.members = frozenset(_MEMBERS.decode(before[:-1] + b"}"))
-                    _MEMBERS.decode(b"{" + slim[at:])
+                    members = frozenset(_MEMBERS.decode(before[:-1] + b"}"))
+                    others = _MEMBERS.decode(b"{" + slim[at:])
                 except (msgspec.MsgspecError, ValueError, RecursionError):
                     pass
                 else:
-                    self.json, length = slim[:at], (tail or 0) + at - begin
+                    if members.isdisjoint(others) and not any(name in others for name in _GEOMETRY):
+                        self.json, self.members, length = slim[:at], members, (tail or 0) + at - begin
                     break
             at += len(_FIRST)
         self.length = length if length >= MIN_LENGTH else 0
@@ -172,7 +178,7 @@ def _grown(stem: Stem, rest: bytes, limits: GltfLimits) -> Grown | None:
         return None
     for name, field in _FIELDS.items():
         absent = getattr(document, field) is msgspec.UNSET
-        if name in stem.members:
+        if name in stem.members or name in _GEOMETRY:
             if not absent:
                 return None
             setattr(document, field, getattr(stem.document, field))
