@@ -254,10 +254,10 @@ class Settings(BaseSettings):
         le=100_000,
     )
     niceness: int = option(
-        10,
+        0,
         "Speed and limits",
-        "How far threads that draw stand behind the process's own priority: streams and answers are in time meanwhile. "
-        "Other programs of the machine go before them, too; 0: nobody does.",
+        "How far threads that draw stand behind the process's own priority, so that other programs of the machine go "
+        "before them. The event loop does on Linux 6.12 and later; on older kernels it may need 10 here.",
         ge=0,
         le=19,
     )

@@ -7,17 +7,17 @@ turned away. A caller that leaves frees its place.
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import contextvars
 import math
 import os
-import sys
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final, ParamSpec, TypeVar
+
+from gateway.turns import step_back
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -26,18 +26,6 @@ MAX_RETRY_AFTER: Final = 60
 """Seconds; an estimate beyond a minute is a guess about other people's requests."""
 _SMOOTHING: Final = 0.1
 """Weight of the newest duration in the running mean that ``Retry-After`` is estimated from."""
-NICENESS: Final = 10
-"""Of threads that compute, beyond the process's own: a tenth of the event loop's share of a processor that both want.
-Where every processor draws, the loop would wait for the end of a thread's turn whenever a byte arrives: 3 to 10 ms."""
-
-
-def step_back(niceness: int = NICENESS) -> None:
-    """Lets every thread of a lower niceness go first, in a thread that is about to compute; threads that it starts do
-    the same. Does what the system allows, silently."""
-    if sys.platform == "linux" and niceness > 0:  # elsewhere a thread has no number, and the whole process would
-        with contextlib.suppress(OSError):
-            thread = threading.get_native_id()
-            os.setpriority(os.PRIO_PROCESS, thread, min(19, os.getpriority(os.PRIO_PROCESS, thread) + niceness))
 
 
 def usable_cpus() -> int:
@@ -100,7 +88,7 @@ class Workers:
         max_waiting_bytes: int = 1 << 30,
         *,
         name: str = "worker",
-        niceness: int = NICENESS,
+        niceness: int = 0,
     ) -> None:
         """
         Args:

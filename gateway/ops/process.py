@@ -9,6 +9,8 @@ import resource
 import socket
 import sys
 
+from gateway.turns import step_forward
+
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
 """mallopt parameters, malloc.h of glibc."""
 _SWITCH_SECONDS = 0.001
@@ -22,6 +24,7 @@ def tune() -> None:
     """Keeps freed pictures' pages, gives the event loop its turn soon and allows many connections; does what the system
     allows, silently."""
     sys.setswitchinterval(_SWITCH_SECONDS)
+    step_forward()
     with contextlib.suppress(OSError, AttributeError):  # another libc
         libc = ctypes.CDLL(None)
         # By default blocks of several MB are mapped anew and given back every frame: the page faults cost more than

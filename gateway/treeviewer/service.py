@@ -23,7 +23,7 @@ from gateway.treeviewer.network import join, url_of
 from gateway.treeviewer.protocol import REQUEST, RESPONSE, TreeViewerProtocol
 from gateway.treeviewer.tcpq_bus import TcpqBus
 from gateway.treeviewer.udpm_bus import UdpmBus
-from gateway.workers import step_back
+from gateway.turns import step_back
 
 _log = structlog.get_logger("gateway.treeviewer")
 
