@@ -12,6 +12,7 @@ import argparse
 import ctypes
 import time
 from collections import defaultdict
+from collections.abc import Callable
 from unittest.mock import patch
 
 from bench.raster import EVERYTHING, SIZES, scenes, view
@@ -28,10 +29,8 @@ from renderers.shading.kernels import shade_rows
 PHASES = ("transform", "setup", "draw", "shade", "back faces", "whole")
 
 
-def by_phase(address: int, spent: dict[str, float]) -> None:
-    """What ``work.work`` does, phase by phase; adds the CPU time of each, s."""
-    task = (ctypes.c_int64 * at.W_COLUMNS).from_address(address)
-    job, lens, layer, split = task[at.W_JOB], task[at.W_LENS], task[at.W_LAYERS], task[at.W_SPLIT]
+def laps(spent: dict[str, float]) -> Callable[[str], None]:
+    """What adds the CPU time of the calling thread since its last call, or since now, to the phase of that name, s."""
     now = time.thread_time()
 
     def note(phase: str) -> None:
@@ -39,6 +38,14 @@ def by_phase(address: int, spent: dict[str, float]) -> None:
         before, now = now, time.thread_time()
         spent[phase] += now - before
 
+    return note
+
+
+def by_phase(address: int, spent: dict[str, float]) -> None:
+    """What ``work.work`` does, phase by phase; adds the CPU time of each, s."""
+    task = (ctypes.c_int64 * at.W_COLUMNS).from_address(address)
+    job, lens, layer, split = task[at.W_JOB], task[at.W_LENS], task[at.W_LAYERS], task[at.W_SPLIT]
+    note = laps(spent)
     transform(job, lens, 0, task[at.W_VERTICES])
     note("transform")
     setup(job, lens, 0, task[at.W_CHUNKS])

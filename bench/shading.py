@@ -34,6 +34,7 @@ import numpy as np
 
 from bench.gallery import checks, dents, sphere
 from bench.raster import SIZES, WARM, Process, in_turns, scenes, view, write
+from bench.raster_stages import laps
 from bench.table import Row, at_least, show, skipped
 from renderers.camera import Camera
 from renderers.cpu import CpuRenderer, frame, warmup
@@ -175,13 +176,7 @@ def by_stage(address: int, spent: dict[str, float]) -> None:
     """What ``work.work`` does in a frame with several samples, stage by stage; adds the CPU time of each, s."""
     task = (ctypes.c_int64 * at.W_COLUMNS).from_address(address)
     job, lens, memory = task[at.W_JOB], task[at.W_LENS], task[at.W_LAYERS]
-    now = time.thread_time()
-
-    def note(stage: str) -> None:
-        nonlocal now
-        before, now = now, time.thread_time()
-        spent[stage] += now - before
-
+    note = laps(spent)
     transform(job, lens, 0, task[at.W_VERTICES])
     note("transform")
     setup(job, lens, 0, task[at.W_CHUNKS])

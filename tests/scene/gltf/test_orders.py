@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gateway.scene.gltf import GltfError, MeshCache, read_gltf
-from tests.scene.gltf.builder import parts
+from tests.scene.gltf.builder import mesh_of, parts
 from tests.scene.gltf.test_prefixes import outcome
 
 NAMES = ("buffers", "bufferViews", "accessors", "materials", "meshes", "nodes", "scenes", "scene")
@@ -44,7 +44,7 @@ def dump(source: dict[str, Any], order: tuple[str, ...] = NAMES) -> bytes:
 
 def drawn(data: bytes, cache: MeshCache | None = None) -> Any:
     scene = read_gltf(data, cache=cache)
-    return outcome(scene), [part.shape.mesh.positions.tobytes() for _, part in parts(scene)]  # type: ignore[union-attr]
+    return outcome(scene), [mesh_of(part).positions.tobytes() for _, part in parts(scene)]
 
 
 @settings(deadline=None, max_examples=60)
@@ -105,7 +105,7 @@ def several(accessor: dict[str, Any], data: bytes, view: dict[str, Any]) -> byte
 
 
 def positions(data: bytes) -> list[list[list[float]]]:
-    return [part.shape.mesh.positions.tolist() for _, part in parts(read_gltf(data))]  # type: ignore[union-attr]
+    return [mesh_of(part).positions.tolist() for _, part in parts(read_gltf(data))]
 
 
 def test_interleaved_positions_of_several_primitives() -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from gateway.scene.gltf import Arrival, GltfError, GltfLimits, MeshCache, read_gltf
 from gateway.scene.gltf.prefixes import MIN_LENGTH
-from tests.scene.gltf.builder import Builder, data_uri, glb, parts
+from tests.scene.gltf.builder import Builder, data_uri, glb, mesh_of, parts
 from tests.scene.gltf.test_materials import png
 from tests.scene.gltf.test_prefixes import dump, outcome
 
@@ -57,7 +57,7 @@ def test_what_comes_before_other_materials_is_taken_over() -> None:
         assert colors(scene) == colors(read_gltf(data))
         assert colors(scene)[0][0][0] == red
         for (_, new), (_, old) in zip(parts(scene), parts(first), strict=True):
-            assert new.shape.mesh is old.shape.mesh  # type: ignore[union-attr]
+            assert mesh_of(new) is mesh_of(old)
     stats = cache.stats
     assert (stats.buffer_hits, stats.buffer_misses) == (0, misses)
     assert misses == 5  # three meshes share their indices
