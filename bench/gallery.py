@@ -13,7 +13,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import cv2
 import numpy as np
@@ -41,7 +41,7 @@ from renderers.drawlist import (
 )
 from renderers.encode import jpeg_rgb
 from renderers.fxaa import fxaa
-from renderers.port import Look, Output
+from renderers.port import Look, Output, SampleCount
 from renderers.stereo.exposure import Exposure
 from renderers.stereo.matching import match
 from renderers.stereo.model import DISPARITY_SCALE, MODELS
@@ -52,7 +52,6 @@ from renderers.stereo.truth import DepthRange, true_disparity
 from renderers.studio.rig import STUDIO, Hemisphere, Rig, Surroundings
 
 Picture = NDArray[np.uint8]
-Samples = Literal[1, 4, 8]
 PAPER: Final = (236, 239, 243)
 NIGHT: Final = (16, 18, 24)
 WIDTH, HEIGHT = 1120, 630
@@ -214,7 +213,7 @@ class Gallery:
         floor = ground(60, 240)
         view = camera("eye=0,-6,1.1;target=0,0,0.2;fovy=34", WIDTH // 2, HEIGHT // 2)
         tiles = []
-        tries: list[tuple[bool, Samples, str]] = [
+        tries: list[tuple[bool, SampleCount, str]] = [
             (False, 1, "no mip levels, 1 sample"),
             (True, 1, "mip levels, 1 sample"),
             (False, 8, "no mip levels, 8 samples"),
@@ -234,7 +233,7 @@ class Gallery:
         """One robot's elbow, eight times as large: 1 sample, FXAA, 4 and 8 samples."""
         view = camera("eye=1.4,-1.1,1.7;target=0,0,0.85", 640, 480, self._demo)
         tiles = []
-        tries: list[tuple[Samples, str]] = [(1, "1 sample"), (1, "FXAA"), (4, "4 samples"), (8, "8 samples")]
+        tries: list[tuple[SampleCount, str]] = [(1, "1 sample"), (1, "FXAA"), (4, "4 samples"), (8, "8 samples")]
         for samples, text in tries:
             picture = self.color(self._demo, view, Look("pbr", samples=samples))
             if text == "FXAA":

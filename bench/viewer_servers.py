@@ -16,8 +16,6 @@ from collections.abc import Callable
 import numpy as np
 
 ARMS, LINKS, POINTS, RATE = 10, 100, 100_000, 60.0
-MARKER = (ARMS - 1, LINKS - 1)
-"""The node that is moved last; whoever gets its pose has got the tick."""
 
 
 def cloud() -> tuple[np.ndarray, np.ndarray]:

@@ -15,6 +15,7 @@ from renderers.drawlist import DrawList
 from renderers.studio.rig import STUDIO, Rig
 
 LookName = Literal["phong", "pbr", "plain", "studio"]
+SampleCount = Literal[1, 4, 8]
 
 
 class Output(Flag):
@@ -39,7 +40,7 @@ class Look:
     materials under ``rig``, with shadows, reflections and a tone curve."""
     background: tuple[int, int, int] = (204, 229, 255)
     """RGB as stored in the picture; Drake's default."""
-    samples: Literal[1, 4, 8] = 1
+    samples: SampleCount = 1
     """Samples of visibility a pixel, of colour only: depth and labels are never mixed."""
     rig: Rig = STUDIO
     """What lights the ``studio`` look; the others have one head light."""

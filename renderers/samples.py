@@ -9,14 +9,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from renderers.camera import Camera
-
-SampleCount = Literal[1, 4, 8]
 
 _SIXTEENTHS: Final[dict[int, tuple[tuple[int, int], ...]]] = {
     1: ((0, 0),),

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from gateway.scene.gltf.limits import GltfLimits
-from renderers.port import LookName
+from renderers.port import LookName, SampleCount
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,7 +18,7 @@ class RenderConfig:
     """Of the endpoint; Drake's client default is ``render`` below its base URL."""
 
     look: Literal["auto", "phong", "pbr"] = "auto"
-    samples: Literal[1, 4, 8] = 1
+    samples: SampleCount = 1
     """Samples a pixel of colour; with more than one there is no FXAA."""
     """``auto`` follows ``asset.generator``: what RenderEngineVtk itself would have used for the scene."""
     default_look: LookName = "pbr"

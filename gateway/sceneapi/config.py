@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from renderers.port import LookName
+from renderers.port import LookName, SampleCount
 from renderers.studio.rig import STUDIO, Rig
 
 
@@ -18,7 +18,7 @@ class SceneApiConfig:
     """Pixels, where a request names none."""
     look: LookName = "studio"
     """Where a request names none."""
-    samples: Literal[1, 4, 8] = 4
+    samples: SampleCount = 4
     """A pixel of the studio look, where a request names none; the other looks have one, and FXAA."""
     rig: Rig = STUDIO
     """What lights the studio look."""

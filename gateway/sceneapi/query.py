@@ -9,7 +9,7 @@ from typing import Any, Final, Literal, cast, get_args
 
 from gateway.scene.cameras import DEFAULT_FOVY, CameraError, CameraSpec, parse_camera
 from gateway.sceneapi.config import SceneApiConfig
-from renderers.port import LookName
+from renderers.port import LookName, SampleCount
 
 PictureType = Literal["color", "depth", "label"]
 DepthFormat = Literal["tiff", "png"]
@@ -33,7 +33,7 @@ class PictureQuery:
     width: int
     height: int
     look: LookName
-    samples: Literal[1, 4, 8]
+    samples: SampleCount
     fovy: float
     """Degrees."""
     near: float | None
@@ -111,8 +111,8 @@ def _choice(query: Mapping[str, str], name: str, choices: tuple[str, ...], defau
     return value
 
 
-def _samples(query: Mapping[str, str], default: Literal[1, 4, 8]) -> Literal[1, 4, 8]:
-    return cast("Literal[1, 4, 8]", int(_choice(query, "samples", SAMPLES, str(default))))
+def _samples(query: Mapping[str, str], default: SampleCount) -> SampleCount:
+    return cast("SampleCount", int(_choice(query, "samples", SAMPLES, str(default))))
 
 
 def _size(query: Mapping[str, str], name: str, default: int, config: SceneApiConfig) -> int:

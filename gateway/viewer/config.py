@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
-from renderers.port import LookName
+from renderers.port import LookName, SampleCount
 from renderers.studio.rig import STUDIO, Rig
 
 
@@ -34,7 +33,7 @@ class ViewerConfig:
     """RGB where nothing is, in pictures of our own rasterizer."""
     look: LookName = "studio"
     """Of single pictures that ask for none."""
-    samples: Literal[1, 4, 8] = 4
+    samples: SampleCount = 4
     """A pixel of the studio look; the others have one."""
     rig: Rig = STUDIO
     """What lights the studio look."""

@@ -98,7 +98,7 @@ def check_command(words: list[str], text: str) -> None:
 def test_variables_exist(page: Path) -> None:
     if page.name == "CONTRIBUTING.md":  # those of the tests
         return
-    allowed = OTHER_ENV | {"SCENEGATE_DIRECTOR", "SCENEGATE_LIVE"} | {env_of(name) for name in Settings.model_fields}
+    allowed = OTHER_ENV | {env_of(name) for name in Settings.model_fields}
     text = page.read_text("utf-8")
     assert set(re.findall(r"\bSCENEGATE_[A-Z_]+[A-Z]\b", text)) <= allowed
 

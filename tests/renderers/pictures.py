@@ -11,13 +11,17 @@ import pytest
 from numpy.typing import NDArray
 
 FOLDER = Path(__file__).parent.parent / "pictures"
-REGENERATE = "SCENEGATE_REGENERATE_PICTURES"
+
+
+def wanted_anew() -> bool:
+    """Whether golden pictures are to be written instead of compared."""
+    return bool(os.environ.get("SCENEGATE_REGENERATE_PICTURES"))
 
 
 def same_as_golden(name: str, **arrays: NDArray[Any]) -> None:
     """Compare arrays bit for bit with ``tests/pictures/NAME.npz``; write it instead when asked to."""
     path = FOLDER / f"{name}.npz"
-    if os.environ.get(REGENERATE):
+    if wanted_anew():
         FOLDER.mkdir(exist_ok=True)
         np.savez_compressed(path, **arrays)
         pytest.skip(f"{path.name} was written")

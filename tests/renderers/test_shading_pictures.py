@@ -1,14 +1,12 @@
 """Whole pictures through ``CpuRenderer``: golden ones, any number of threads, and scenes that break assumptions.
 
-``SCENEGATE_WRITE_PICTURES=1`` writes the golden pictures anew; look at them before committing them.
+``SCENEGATE_REGENERATE_PICTURES=1 pytest ...`` writes the golden pictures anew; look at them before committing them.
 """
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -19,9 +17,9 @@ from renderers.cpu import CpuRenderer
 from renderers.drawlist import AlphaMode, DrawList, Instance, Material, Mesh, Sampler, Texture, Wrap
 from renderers.port import Look, Output
 from renderers.shading.tangents import vertex_tangents
+from tests.renderers.pictures import FOLDER, wanted_anew
 from tests.renderers.shading_reference import Array, BruteForce, ball, camera, painted, picture, placed, quad
 
-PICTURES = Path(__file__).parents[1] / "pictures"
 LOOKS = (Look("phong"), Look("pbr"))
 
 
@@ -105,9 +103,9 @@ def drawn(renderer: CpuRenderer, scene: DrawList, view: Camera, look: Look) -> n
 
 @pytest.mark.parametrize("look", LOOKS, ids=lambda look: look.name)
 def test_golden_picture(renderer: CpuRenderer, look: Look) -> None:
-    path = PICTURES / f"shading_{look.name}.png"
+    path = FOLDER / f"shading_{look.name}.png"
     color = drawn(renderer, everything(), wide_view(), look)
-    if os.environ.get("SCENEGATE_WRITE_PICTURES"):
+    if wanted_anew():
         cv2.imwrite(str(path), color[..., ::-1])
     golden = cv2.imread(str(path))
     assert golden is not None

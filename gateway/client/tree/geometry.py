@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from gateway.client.tree.wire import with_room
 
-Triple = tuple[float, float, float]
 _STRAIGHT: Final = 1e-4
 """How far a matrix may be from a rotation; float32 ones are 1e-7 away, measured ones more."""
 

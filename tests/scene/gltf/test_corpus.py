@@ -21,7 +21,6 @@ from tests.support.corpus import IMAGE_TYPES, DrakeScene, corpus_dir, drake_scen
 pytestmark = pytest.mark.corpus
 
 SCENES = pytest.mark.parametrize("scene", drake_scenes() or [None], ids=str)
-OPTICAL = np.diag((1.0, -1.0, -1.0, 1.0))
 
 
 def read(scene: DrakeScene | None, image_type: str = "color", **options: Any) -> tuple[GltfScene, dict[str, Any]]:
