@@ -27,6 +27,7 @@ Z up, angles in degrees::
 
 from __future__ import annotations
 
+import hashlib
 import math
 import reprlib
 import tomllib
@@ -98,6 +99,17 @@ def rig_of(path: Path | None) -> Rig:
         RigFileError: see ``read_rig``.
     """
     return STUDIO if path is None else read_rig(path)
+
+
+def rig_digest(path: Path) -> str:
+    """SHA-256 of a rig's file and of the picture of its surroundings, in hexadecimal.
+
+    Raises:
+        RigFileError: see ``read_rig``.
+    """
+    rig = read_rig(path)
+    image = rig.surroundings.image if rig.surroundings is not None else None
+    return hashlib.sha256(path.read_bytes() + (image or b"")).hexdigest()
 
 
 def read_rig(path: Path) -> Rig:

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from gateway.rigfile import RigFileError, read_rig
+from gateway.rigfile import RigFileError, read_rig, rig_digest
 from renderers.drawlist import Light, LightKind
 from renderers.studio.rig import Hemisphere, Rig, Softbox
 
@@ -95,6 +95,19 @@ def test_what_cannot_be_used_is_a_sentence(tmp_path: Path, text: str, message: s
         read_rig(path)
     assert message in str(error.value)
     assert "rig.toml" in str(error.value)
+
+
+def test_the_digest_is_of_the_file_and_of_its_picture(tmp_path: Path) -> None:
+    path, picture = tmp_path / "rig.toml", tmp_path / "light.hdr"
+    path.write_text('[surroundings]\nimage = "light.hdr"')
+    pixels = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\n"
+    picture.write_bytes(pixels + 2 * bytes((128, 128, 128, 128)))
+    first = rig_digest(path)
+    assert rig_digest(path) == first
+    picture.write_bytes(pixels + 2 * bytes((128, 128, 128, 129)))
+    second = rig_digest(path)
+    path.write_text(path.read_text() + "\nintensity = 2")
+    assert len({first, second, rig_digest(path)}) == 3
 
 
 def test_no_file(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from renderers.camera import Camera
 from renderers.drawlist import Topology
 from renderers.encode import jpeg_rgb, png_gray16, png_label, png_rgb, tiff_float32
 from renderers.fxaa import fxaa
-from renderers.port import Frame, Look, LookName, Output, Renderer
+from renderers.port import Frame, Look, LookName, Output, Renderer, SampleCount
 from renderers.studio.rig import STUDIO, Rig
 
 OUTPUTS: Final[dict[ImageType, Output]] = {"color": Output.COLOR, "depth": Output.DEPTH, "label": Output.LABEL}
@@ -61,6 +61,25 @@ def style_of(settings: Settings) -> Style:
     )
 
 
+def unlit_by_rig(scene: LoadedScene, settings: Settings) -> str | None:
+    """Why the lights of ``--rig`` do not light a scene, as a sentence; None: they do, there are none, or the look that
+    was asked for never has them.
+
+    Raises:
+        RigFileError: the rig's file cannot be used.
+    """
+    if settings.rig is None or "color" not in settings.types or settings.look not in ("auto", "studio"):
+        return None
+    if scene.request is not None:
+        return "a recorded request is drawn as /render does, without --rig"
+    if settings.look == "auto" and scene.look != "studio":
+        return "drawn as Drake shows it, without --rig; --look studio takes it"
+    rig = _rig(settings.rig)
+    if scene.drawn.lights and rig.lights and rig.scene_lights:
+        return "its own lights replace those of --rig; scene_lights = false in the rig's file keeps them"
+    return None
+
+
 @lru_cache(maxsize=4)
 def _rig(path: str) -> Rig:
     return read_rig(Path(path))
@@ -80,7 +99,7 @@ def draw(
     """
     look: LookName = scene.look if style.look == "auto" else style.look
     wanted = reduce(or_, (OUTPUTS[image_type] for image_type in formats))
-    samples: Literal[1, 4, 8] = style.samples or (4 if look == "studio" else 1)
+    samples: SampleCount = style.samples or (4 if look == "studio" else 1)
     with renderer.render(scene.drawn, camera, wanted, Look(look, style.background, samples, style.rig)) as frame:
         # FXAA takes a point of one pixel for a flaw and pales it.
         points = any(instance.mesh.topology is Topology.POINTS for instance in scene.drawn.instances)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from gateway.batch.draw import FORMATS, RequestDrawer, draw, style_of
+from gateway.batch.draw import FORMATS, RequestDrawer, draw, style_of, unlit_by_rig
 from gateway.batch.files import write_whole
 from gateway.batch.plan import Result, Task
 from gateway.batch.scenes import LoadedScene, SceneError, load_scene
@@ -58,12 +58,13 @@ class Worker:
             return result
         try:
             scene = self._scene(task)
+            unlit = unlit_by_rig(scene, task.settings)
             folder = out / manifest.SCENES / task.source.name
             write_whole(folder / manifest.SCENE, manifest.encode_for_people(scene.record))
         except Exception as error:  # noqa: BLE001 - one bad scene must not end the others
             result.failures.append(Failure(task.source.name, None, _reason(error)))
             return result
-        result.warnings = scene.record.warnings
+        result.warnings = scene.record.warnings if unlit is None else (*scene.record.warnings, unlit)
         for view in task.views:
             try:
                 result.samples.append(self._sample(task, scene, view, out))

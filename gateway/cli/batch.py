@@ -14,7 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from gateway.batch import run as runs
 from gateway.batch.camerafile import CameraFile, read_camera_file
-from gateway.batch.draw import FORMATS, draw, style_of
+from gateway.batch.draw import FORMATS, draw, style_of, unlit_by_rig
 from gateway.batch.local import run_local
 from gateway.batch.plan import make_order
 from gateway.batch.raytasks import run_ray
@@ -97,10 +97,9 @@ def one_picture(
     out.write_bytes(data)
     if image_type == "label":
         out.with_suffix(".labels.json").write_bytes(manifest.encode_labels(scene.record))
-    for warning in scene.record.warnings:
-        typer.echo(f"{scenes[0]}: {warning}", err=True)
-    if settings.rig is not None and settings.look == "auto" and scene.look != "studio":
-        typer.echo(f"{scenes[0]}: drawn as Drake shows it, without --rig; --look studio takes it", err=True)
+    for warning in (*scene.record.warnings, unlit_by_rig(scene, settings)):
+        if warning is not None:
+            typer.echo(f"{scenes[0]}: {warning}", err=True)
 
 
 def dataset(

@@ -125,6 +125,7 @@ def render(
     from gateway.batch.views import View
     from gateway.cli import batch
     from gateway.client.manifest import Settings
+    from gateway.rigfile import rig_digest
     from gateway.scene.cameras import OrbitCamera
     from gateway.workers import usable_cpus
 
@@ -140,6 +141,7 @@ def render(
         background=batch.color_of(background),
         samples=batch.samples_of(samples),
         rig=None if rig is None else str(rig.absolute()),
+        rig_sha256=None if rig is None else rig_digest(rig),
     )
     if rig is not None and look not in (LookChoice.auto, LookChoice.studio):
         typer.echo(f"--rig lights the studio look only: --look {look.value} is drawn without it", err=True)

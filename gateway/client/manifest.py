@@ -53,6 +53,8 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A pixel of colour; 0: 4 of the studio look, 1 (and ``antialias``) of the others."""
     rig: str | None = None
     """File with the lights of the studio look; None: the built-in ones."""
+    rig_sha256: str | None = None
+    """Of that file, and of the picture of the surroundings that it names."""
 
 
 class Dataset(msgspec.Struct, frozen=True, kw_only=True):

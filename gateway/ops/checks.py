@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import ctypes.util
+import errno
 import platform
 import resource
 import socket
@@ -15,6 +16,7 @@ from pathlib import Path
 
 from gateway import __version__
 from gateway.ops import kernels, process
+from gateway.ops.neighbours import Neighbour, gateway_at
 
 LIBRARIES = ("numpy", "numba", "opencv-python-headless", "fastapi", "uvicorn", "grpcio", "protobuf", "lcm")
 _LCM_ADDRESS = ("239.255.76.67", 7667)
@@ -55,8 +57,9 @@ def findings(host: str, ports: Mapping[str, int], threads: int) -> Iterator[Find
     yield Finding("threads", Verdict.OK, f"{threads} threads render")
     yield _open_files()
     yield _kernels()
+    neighbours: list[Neighbour] = []
     for name, port in ports.items():
-        yield _port(name, host, port)
+        yield _port(name, host, port, neighbours)
     yield _multicast()
     yield _receive_buffer()
 
@@ -90,10 +93,17 @@ def _kernels() -> Finding:
     return Finding("kernels", Verdict.NOTE, f"not compiled yet, the first start does it: scenegate warmup ({folder})")
 
 
-def _port(name: str, host: str, port: int) -> Finding:
+def _port(name: str, host: str, port: int, neighbours: list[Neighbour]) -> Finding:
+    """``neighbours``: the running gateways that were found so far, whose other ports are known."""
     try:
         process.listen(host, port).close()
     except OSError as error:
+        there = next((found for found in neighbours if port in found.ports), None)
+        if there is None and error.errno == errno.EADDRINUSE and (there := gateway_at(host, port)) is not None:
+            neighbours.append(there)
+        if there is not None:
+            detail = f"{name}: taken by a running gateway, Scenegate {there.version}, {there.status}"
+            return Finding(f"port {port}", Verdict.NOTE, detail)
         return Finding(f"port {port}", Verdict.BAD, f"{name}: {process.why_not_listening(error, host, port)}")
     return Finding(f"port {port}", Verdict.OK, f"{name}: free")
 

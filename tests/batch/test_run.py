@@ -31,6 +31,8 @@ from tests.batch.conftest import SETTINGS, Draw, contents, order_of
 from tests.support import forms
 from tests.support.gateway_process import START_SECONDS
 
+LIGHTS = "KHR_lights_punctual"
+
 
 def test_every_kind_of_scene_is_drawn(scenes: Path, tmp_path: Path, draw: Draw) -> None:
     views = CameraFile((View("corner", "fit"), View("low", "eye=3,-3,1;target=0,0.5,0.2")))
@@ -328,3 +330,31 @@ def test_a_command_that_is_told_to_stop_leaves_no_process_and_goes_on_later(scen
     assert 0 < len(done) < 4500
     for sample in done:
         assert all((out / image.path).stat().st_size == image.bytes for image in sample.images.values())
+
+
+def test_lights_of_a_rig_that_light_nothing_are_a_warning(scenes: Path, tmp_path: Path, draw: Draw) -> None:
+    document = forms.gltf(generator="somebody", extensions={LIGHTS: {"lights": [{"type": "directional"}]}})
+    document["nodes"].append({"extensions": {LIGHTS: {"light": 0}}})
+    document["scenes"][0]["nodes"].append(len(document["nodes"]) - 1)
+    (scenes / "lit.gltf").write_text(json.dumps(document))
+    (scenes / "drake.gltf").write_text(json.dumps(forms.gltf()))
+
+    def warned(text: str, types: tuple[manifest.ImageType, ...] = ("color",), look: str = "auto") -> dict[str, str]:
+        number = len(list(tmp_path.iterdir()))
+        rig = tmp_path / f"{number}.toml"
+        rig.write_text(text)
+        settings = msgspec.structs.replace(SETTINGS, types=types, look=look, rig=str(rig))
+        progress = draw(order_of(scenes, tmp_path / f"out-{number}", orbit=1, settings=settings))
+        assert not progress.failures
+        return {name: texts[-1] for name, texts in progress.warnings.items() if texts and "rig" in texts[-1]}
+
+    light = '[[lights]]\nkind = "directional"\n'
+    drake = "drawn as Drake shows it, without --rig; --look studio takes it"
+    request = "a recorded request is drawn as /render does, without --rig"
+    replaced = "its own lights replace those of --rig; scene_lights = false in the rig's file keeps them"
+    assert warned(light) == {"drake.gltf": drake, "depth.multipart": request, "lit.gltf": replaced}
+    assert warned(light, look="studio") == {"depth.multipart": request, "lit.gltf": replaced}
+    assert warned(f"scene_lights = false\n{light}") == {"drake.gltf": drake, "depth.multipart": request}
+    assert warned("exposure = 2.0\n", look="studio") == {"depth.multipart": request}
+    assert warned(light, ("depth",)) == {}
+    assert warned(light, look="pbr") == {}
