@@ -277,6 +277,7 @@ def test_the_scene_comes_back_after_a_restart(browser: Any) -> None:
         shown.expect_outage = True
         assert process.stop() == 0
         shown.until(lambda: "reconnecting" in shown.page.locator(".status").inner_text(), "the page notices")
+        shown.page.get_by_text("this is the scene as it was").wait_for()
         second = stack.enter_context(_on_port(port))
         publisher = Publisher(url)
         publisher.box(["other"], GREEN, x=0.5)

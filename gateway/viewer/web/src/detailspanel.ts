@@ -3,7 +3,7 @@
 import { Euler, Quaternion, Vector3, type Box3 } from "three";
 import { choices } from "./clouds";
 import { COLOR_MAPS, ramp, type MapName } from "./colormaps";
-import { h, pathText, short } from "./dom";
+import { counted, h, pathText, short, shortRow } from "./dom";
 import { icon } from "./icons";
 import type { TreeNode } from "./model";
 
@@ -90,27 +90,29 @@ export class DetailsPanel {
     const scale = new Vector3();
     node.world.decompose(position, rotation, scale);
     const angles = new Euler().setFromQuaternion(rotation, "ZYX");
-    const degrees = [angles.x, angles.y, angles.z].map((angle) => short((angle * 180) / Math.PI));
-    const rows: [string, string][] = [
-      ["Position in the world (x y z, m)", position.toArray().map(short).join("  ")],
-      ["Roll, pitch, yaw (degrees)", degrees.join("  ")],
-      ["Quaternion (w x y z)", [rotation.w, rotation.x, rotation.y, rotation.z].map(short).join("  ")],
-    ];
-    if (scale.distanceTo(new Vector3(1, 1, 1)) > 1e-6) rows.push(["Scale", scale.toArray().map(short).join("  ")]);
+    const degrees = [angles.x, angles.y, angles.z].map((angle) => (angle * 180) / Math.PI);
     const box = this.actions.boundsOf(node);
+    const size = box.getSize(new Vector3());
+    const metres = Math.max(size.x, size.y, size.z, position.length());
+    const rows: [string, string][] = [
+      ["Position in the world (x y z, m)", shortRow(position.toArray(), metres)],
+      ["Roll, pitch, yaw (degrees)", shortRow(degrees, 360)],
+      ["Quaternion (w x y z)", shortRow([rotation.w, rotation.x, rotation.y, rotation.z])],
+    ];
+    if (scale.distanceTo(new Vector3(1, 1, 1)) > 1e-6) rows.push(["Scale", shortRow(scale.toArray())]);
     if (!box.isEmpty()) {
-      rows.push(["Bounding box (m)", `${box.min.toArray().map(short).join("  ")}\n${box.max.toArray().map(short).join("  ")}`]);
-      rows.push(["Size (m)", box.getSize(new Vector3()).toArray().map(short).join("  ")]);
+      rows.push(["Bounding box (m)", [box.min, box.max].map((corner) => shortRow(corner.toArray(), metres)).join("\n")]);
+      rows.push(["Size (m)", shortRow(size.toArray(), metres)]);
     }
-    for (const part of node.parts ?? []) {
+    const parts = (node.parts ?? []).map((part) => {
       const facts = [part.kind];
       if (part.points !== undefined) facts.push(`${part.points} points`);
       const channels = Object.keys(part.channels ?? {});
       if (channels.length) facts.push(channels.join(", "));
       if (part.source) facts.push(part.source);
-      rows.push(["Geometry", facts.join(" · ")]);
-    }
-    if (!node.parts) rows.push(["Geometry", "none"]);
+      return facts.join(" · ");
+    });
+    rows.push(["Geometry", counted(parts).join("\n") || "none"]);
     if (node.children.size) rows.push(["Children", String(node.children.size)]);
     this.values.replaceChildren(...rows.flatMap(([name, value]) => [h("dt", {}, name), h("dd", {}, value)]));
     const range = node.cloudRange;

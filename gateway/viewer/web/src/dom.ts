@@ -18,9 +18,21 @@ export function h<K extends keyof HTMLElementTagNameMap>(
   return element;
 }
 
-/** A number for people: four significant digits. */
+/** A number for people: four significant digits, whole numbers with all of theirs. */
 export function short(value: number): string {
-  return Number.isFinite(value) ? String(Number(value.toPrecision(4))) : String(value);
+  return Number.isFinite(value) && !Number.isInteger(value) ? String(Number(value.toPrecision(4))) : String(value);
+}
+
+/** Numbers that belong together; what is a millionth of `scale` (by default of the largest) or less is 0. */
+export function shortRow(values: number[], scale = Math.max(...values.map(Math.abs))): string {
+  return values.map((value) => short(Math.abs(value) <= 1e-6 * scale ? 0 : value)).join("  ");
+}
+
+/** Each text once, in order of first appearance, with how often it is there: `cylinder ×2`. */
+export function counted(texts: string[]): string[] {
+  const counts = new Map<string, number>();
+  for (const text of texts) counts.set(text, (counts.get(text) ?? 0) + 1);
+  return [...counts].map(([text, count]) => (count > 1 ? `${text} ×${count}` : text));
 }
 
 /** A path element or path as text; numbers and strings stay apart. */

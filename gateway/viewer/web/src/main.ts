@@ -139,13 +139,13 @@ function update(message: SceneUpdate): void {
 
 let hintTimer = 0;
 
-/** A sentence over the view; one at the foot goes by itself. */
-function say(text: string, where: "centre" | "foot"): void {
+/** A sentence over the view; one at the foot goes by itself, unless it is to stay until the next. */
+function say(text: string, where: "centre" | "foot", stays = where === "centre"): void {
   if (where === "centre" && hintTimer) return;
   hint.textContent = text;
   hint.hidden = text === "";
   hint.classList.toggle("centre", where === "centre");
-  if (where === "foot")
+  if (!stays)
     hintTimer = setTimeout(() => {
       hintTimer = 0;
       hint.hidden = true;
@@ -160,6 +160,7 @@ const connection = new Connection(take, (state, reason) => {
     renders.connected();
     say("Waiting for the scene …", "centre");
   } else if (model.revision === 0) say(reason || "The gateway does not answer; this page keeps trying.", "centre");
+  else say(reason || "The gateway does not answer; this is the scene as it was.", "foot", true);
 });
 
 function setTheme(name: Theme): void {

@@ -20,11 +20,13 @@ export class StatusBar {
     this.connection.className = `light ${state === "open" ? "good" : "bad"}`;
     this.connection.textContent = state === "open" ? "connected" : "reconnecting …";
     this.connection.title = reason;
-    if (state === "closed") this.interfaces.replaceChildren();
+    if (state === "open") return;
+    this.interfaces.replaceChildren();
+    this.facts.replaceChildren();
   }
 
   tick(frames: number, updates: number, nodes: number, revision: number): void {
-    this.rates.textContent = `${nodes} nodes · revision ${revision} · ${updates} updates/s · ${frames} fps`;
+    this.rates.textContent = `${nodes} ${nodes === 1 ? "node" : "nodes"} · revision ${revision} · ${updates} updates/s · ${frames} fps`;
   }
 
   show(status: Status): void {

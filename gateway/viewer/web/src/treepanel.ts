@@ -1,6 +1,6 @@
 // The tree of paths: expand, search, hide, select. Only rows in sight exist as elements, so thousands of nodes are fine.
 
-import { h } from "./dom";
+import { counted, h } from "./dom";
 import { icon } from "./icons";
 import type { Model, TreeNode } from "./model";
 
@@ -129,7 +129,7 @@ export class TreePanel {
     });
     eye.append(icon(node.shown ? "eye" : "hidden"));
     const label = h("span", { class: typeof node.name === "number" ? "name number" : "name" }, name);
-    const kinds = h("span", { class: "kinds" }, node.parts?.map((part) => part.kind).join(", ") ?? "");
+    const kinds = h("span", { class: "kinds" }, counted(node.parts?.map((part) => part.kind) ?? []).join(", "));
     const element = h(
       "div",
       {
