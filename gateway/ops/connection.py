@@ -5,11 +5,15 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
-from typing import Any, Final
+from functools import partial
+from typing import Any, Final, cast
 
-from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
+import httptools
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
 
 from gateway.ops.access import CORS_EXPOSED
+from gateway.ops.direct import EXTENSION, Direct
+from gateway.ops.joined import Joined
 from gateway.ops.paced import LARGEST_PIECE, Paced
 from gateway.ops.requests import request_id
 
@@ -70,6 +74,10 @@ class BoundedHttp(HttpToolsProtocol):
     _head_timer: asyncio.TimerHandle | None = None
     _body_timer: asyncio.TimerHandle | None = None
     _received = 0
+    direct: Direct | None = None
+    """Of the request whose body arrives, if it says how long that is and the application is asked already ..."""
+    _present: Direct | None = None
+    """... and, until the next one, of the request whose body has arrived."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]  # uvicorn names it narrower
         """Starts the clock of the first request."""
@@ -87,6 +95,27 @@ class BoundedHttp(HttpToolsProtocol):
         if self._linger_timer is not None:
             self._linger_timer.cancel()
         super().connection_lost(exc)
+        if self._present is not None:
+            self._present.lose()
+            self._present = self.direct = None
+
+    @property
+    def pouring(self) -> bool:
+        """Whether the application takes what comes where it lies."""
+        return self.direct is not None and self.direct.taken and not self._deaf
+
+    def pour(self, buffer: bytearray, count: int) -> None:
+        """What came while ``pouring``: the first ``count`` bytes of ``buffer``."""
+        assert self.direct is not None
+        self._received += 1
+        self._unset_keepalive_if_required()
+        body = min(count, self.direct.left)
+        self.direct.feed(buffer, body)
+        if self.direct.left == 0:
+            self.parser = _parser(self)  # the one before waits for the body
+            self.on_message_complete()
+            if body < count:
+                self.data_received(bytes(buffer[body:count]))
 
     @property
     def plain(self) -> bool:
@@ -146,10 +175,32 @@ class BoundedHttp(HttpToolsProtocol):
             return
         super().on_headers_complete()
         self._watch_body()
+        if self.cycle is not None and self.cycle.scope is self.scope:
+            self.cycle.transport = cast("asyncio.Transport", Joined(self.transport, self.loop))
+            if not self.pipeline and not self.parser.should_upgrade():
+                self._offer()
+
+    def _offer(self) -> None:
+        """Lets the application, which has not begun, have the body directly."""
+        length = b"0" if self._encoding else dict(self.headers).get(b"content-length", b"0")
+        if int(length) > 0:
+            self._present = self.direct = Direct(self.loop, int(length), partial(self._begin_body, self.cycle))
+            self.scope["extensions"] = {EXTENSION: self.direct}  # type: ignore[dict-item]  # it may hold anything
+
+    def _begin_body(self, cycle: RequestResponseCycle) -> bytes:
+        """As the request's ``receive`` would."""
+        if cycle.waiting_for_100_continue and not self.transport.is_closing():
+            cycle.waiting_for_100_continue = False
+            self.transport.write(b"HTTP/1.1 100 Continue\r\n\r\n")
+        self.flow.resume_reading()
+        come, cycle.body = bytes(cycle.body), bytearray()
+        return come
 
     def on_body(self, body: bytes) -> None:
         """What belongs to a request that was turned away is nobody's."""
         self._beside_body = 0
+        if self.direct is not None:
+            self.direct.left -= len(body)
         if not self._deaf:
             super().on_body(body)
 
@@ -160,6 +211,7 @@ class BoundedHttp(HttpToolsProtocol):
             self.transport.close()  # nothing is unread, so the answer arrives
             return
         self._in_head = True
+        self.direct = None
         self._stop_body_timer()
         super().on_message_complete()
 
@@ -251,3 +303,17 @@ class PacedHttp(Paced[BoundedHttp]):
     def may_read(self) -> bool:
         """Whether the request is not held back."""
         return not self.inner.flow.read_paused
+
+    def take(self, buffer: bytearray, count: int) -> None:
+        """What has come is copied unless the application takes it where it lies."""
+        if self.inner.pouring:
+            self.inner.pour(buffer, count)
+        else:
+            super().take(buffer, count)
+
+
+def _parser(connection: HttpToolsProtocol) -> httptools.HttpRequestParser:
+    """As uvicorn makes it."""
+    parser = httptools.HttpRequestParser(connection)
+    parser.set_dangerous_leniencies(lenient_data_after_close=True)
+    return parser

@@ -27,8 +27,9 @@ T = TypeVar("T", bound=Inner)
 class Paced(asyncio.BufferedProtocol, Generic[T]):
     """Hands what comes to ``inner``. After a full piece others have their turn: libuv would read on 32 times."""
 
-    _scratch: Final = memoryview(bytearray(LARGEST_PIECE))
-    """What was just received, of any connection: it is copied before anything else can happen."""
+    _buffer: Final = bytearray(LARGEST_PIECE)
+    _scratch: Final = memoryview(_buffer)
+    """What was just received, of any connection: it is dealt with or copied before anything else can happen."""
 
     def __init__(self, inner: T) -> None:
         self.inner = inner
@@ -67,10 +68,14 @@ class Paced(asyncio.BufferedProtocol, Generic[T]):
     def buffer_updated(self, nbytes: int) -> None:
         """A piece has come."""
         whole = LARGEST_PIECE > nbytes == self.piece()
-        self.data_received(bytes(self._scratch[:nbytes]))
+        self.take(self._buffer, nbytes)
         if whole and self._transport is not None and not self._transport.is_closing() and self.may_read():
             self._transport.pause_reading()
             self.inner.loop.call_soon(self._read_on)
+
+    def take(self, buffer: bytearray, count: int) -> None:
+        """The first ``count`` bytes of ``buffer`` have come."""
+        self.data_received(bytes(self._scratch[:count]))
 
     def data_received(self, data: bytes) -> None:
         """As of protocols that are handed bytes."""

@@ -5,11 +5,14 @@ from __future__ import annotations
 import asyncio
 import time
 import uuid
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import structlog
 from fastapi import Request, Response
 from starlette.requests import ClientDisconnect
 
+from gateway.ops.direct import Direct
 from gateway.render.errors import RequestError, message_bytes
 from gateway.render.form import RenderRequest, read_form
 from gateway.render.multipart import Form, FormReader, too_large
@@ -32,6 +35,7 @@ class Exchange:
     def __init__(self, service: RenderService, http: Request) -> None:
         self._service = service
         self._http = http
+        self._direct = Direct.of(http.scope)
         self._begin = time.perf_counter()
         self._queued = 0.0
         self._received = 0
@@ -83,16 +87,19 @@ class Exchange:
         if announced.isdecimal() and len(announced) < 20 and int(announced) > config.max_body_bytes:
             raise too_large(int(announced), config)
         reader = FormReader(self._http.headers.get("content-type", ""), config, self._service.scenes.arrival)
-        loop = asyncio.get_running_loop()
+
+        def take(buffer: bytes | bytearray, count: int) -> None:
+            self._service.take(count)
+            self._received += count
+            if self._kept is not None:
+                self._kept.append(bytes(buffer[:count]))
+            reader.feed(buffer, count)
+
         try:
-            async with asyncio.timeout(config.receive_timeout) as deadline:
-                async for chunk in self._http.stream():
-                    deadline.reschedule(loop.time() + config.receive_timeout)
-                    self._service.take(len(chunk))
-                    self._received += len(chunk)
-                    if self._kept is not None:
-                        self._kept.append(chunk)
-                    reader.feed(chunk)
+            if self._direct is not None:
+                await self._direct.pour(take, config.receive_timeout)
+            else:
+                await _read(self._http, take, config.receive_timeout)
         except TimeoutError:
             raise RequestError(
                 408, f"no data for {config.receive_timeout:g} s after {self._received} bytes (receive_timeout)"
@@ -101,18 +108,23 @@ class Exchange:
 
     async def _picture(self, request: RenderRequest, place: Place) -> Picture:
         """Renders, unless the client leaves before."""
-        job = asyncio.create_task(self._service.render(request, place))
-        gone = asyncio.create_task(_disconnect(self._http))
-        try:
-            await asyncio.wait((job, gone), return_when=asyncio.FIRST_COMPLETED)
-            if not job.done() and gone.exception() is None:
-                raise ClientDisconnect
-            picture, self._queued = await job
-            return picture
-        finally:
-            for task in (job, gone):
-                task.cancel()
-            await asyncio.gather(job, gone, return_exceptions=True)
+        task = asyncio.current_task()
+        assert task is not None
+        left = False
+
+        def gone() -> None:
+            nonlocal left
+            left = True
+            task.cancel()
+
+        with _told_when_gone(self._http, self._direct, gone):
+            try:
+                picture, self._queued = await self._service.render(request, place)
+            except asyncio.CancelledError:
+                if left and task.uncancel() == 0:
+                    raise ClientDisconnect from None
+                raise
+        return picture
 
     def _response(self, request: RenderRequest, picture: Picture) -> Response:
         for warning in (*request.warnings, *picture.warnings):
@@ -148,7 +160,33 @@ class Exchange:
         self._service.done(RenderRecord(self._request_id, status, seconds, self._queued, request, picture, error))
 
 
-async def _disconnect(http: Request) -> None:
-    """Returns when the client has left; the body must have been read."""
-    while (await http.receive())["type"] != "http.disconnect":
-        pass
+async def _read(http: Request, take: Callable[[bytes, int], None], patience: float) -> None:
+    """``Direct.pour`` by ASGI alone."""
+    loop = asyncio.get_running_loop()
+    async with asyncio.timeout(patience) as deadline:
+        async for chunk in http.stream():
+            deadline.reschedule(loop.time() + patience)
+            take(chunk, len(chunk))
+
+
+@contextmanager
+def _told_when_gone(http: Request, direct: Direct | None, gone: Callable[[], None]) -> Iterator[None]:
+    """Has ``gone`` called when the client leaves; the body must have been read."""
+    if direct is not None:
+        direct.watch(gone)
+        try:
+            yield
+        finally:
+            direct.watch(None)
+        return
+
+    async def wait() -> None:
+        while (await http.receive())["type"] != "http.disconnect":
+            pass
+        gone()
+
+    waiting = asyncio.create_task(wait())
+    try:
+        yield
+    finally:
+        waiting.cancel()

@@ -74,6 +74,7 @@ class SceneApi:
         self._lock = threading.Lock()
         self._bounds = BoundsMemory()
         self._listed: Answer | None = None
+        self._counting = threading.Lock()
         self._pictures = 0
 
     @property
@@ -134,7 +135,8 @@ class SceneApi:
             outputs |= Output(0) if dots is None else Output.INSTANCE
         with self._renderer.render(drawn, camera, outputs, look) as frame:
             body, media_type = self._encoded(frame, query, dots, smooth)
-        self._pictures += 1
+        with self._counting:
+            self._pictures += 1
         return Answer(body, media_type, snapshot.revision)
 
     def _camera(self, query: PictureQuery, snapshot: Snapshot, drawn: DrawList) -> Camera:

@@ -1,0 +1,94 @@
+"""The endpoint on a real port, where the body comes from the connection directly."""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import json
+import random
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from gateway.render.config import RenderConfig
+from tests.ops.listening import listening
+from tests.render.conftest import LONG, Start, WatchedRenderer
+from tests.support.forms import CONTENT_TYPE, body, drake_fields, gltf
+from tests.support.waiting import until
+
+LARGE = json.dumps(gltf(extras=[n * n for n in range(60_000)])).encode()
+"""400 kB: more than a connection is read at a time."""
+
+
+def request(form: bytes) -> bytes:
+    head = f"POST /render HTTP/1.1\r\nHost: h\r\nContent-Type: {CONTENT_TYPE}\r\nContent-Length: {len(form)}\r\n\r\n"
+    return head.encode() + form
+
+
+def cut(data: bytes, seed: int) -> Iterator[bytes]:
+    """Pieces of very different lengths."""
+    lengths = random.Random(seed)
+    at = 0
+    while at < len(data):
+        count = int(10 ** lengths.uniform(0, 5.5))
+        yield data[at : at + count]
+        at += count
+
+
+async def answer(reader: asyncio.StreamReader) -> tuple[int, bytes]:
+    head = await reader.readuntil(b"\r\n\r\n")
+    length = next(int(line[15:]) for line in head.lower().split(b"\r\n") if line.startswith(b"content-length:"))
+    return int(head.split()[1]), await reader.readexactly(length)
+
+
+@pytest.mark.parametrize("seed", range(4))
+async def test_the_same_picture_however_the_body_is_cut(start: Start, watched: WatchedRenderer, seed: int) -> None:
+    async with start(watched) as server, listening(server.app) as port, asyncio.timeout(LONG):
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        for kind in ("color", "depth", "label"):
+            form = body(LARGE, drake_fields(kind))
+            whole = await server.post(form, CONTENT_TYPE)
+            for piece in cut(request(form), seed):
+                writer.write(piece)
+                await writer.drain()
+            assert await answer(reader) == (200, whole.content)
+        writer.close()
+        seen = [record.request.scene_sha256 for record in server.records if record.request is not None]
+        assert seen == [hashlib.sha256(LARGE).hexdigest()] * 6
+        assert server.service.inflight_bytes == 0
+
+
+async def test_a_client_that_leaves_while_it_waits_frees_its_place(start: Start, watched: WatchedRenderer) -> None:
+    watched.go_on.clear()
+    async with start(watched, threads=1) as server, listening(server.app) as port, asyncio.timeout(LONG):
+        writers = []
+        for waiting in range(2):
+            _, writer = await asyncio.open_connection("127.0.0.1", port)
+            writer.write(request(body(LARGE)))
+            await until(lambda waiting=waiting: server.workers.stats.waiting == waiting)  # type: ignore[misc]  # no type for a default
+            await until(lambda: server.workers.stats.running == 1)
+            writers.append(writer)
+        for writer in reversed(writers):
+            writer.close()
+        await until(lambda: server.workers.stats.waiting == 0)
+        await until(lambda: [record.status for record in server.records] == [499, 499])
+        watched.go_on.set()
+        await until(lambda: server.workers.stats.running == 0)
+        assert server.service.inflight_bytes == 0
+        assert server.service.arriving == 0
+
+
+async def test_uploads_that_stall_are_given_up_and_kept(start: Start, watched: WatchedRenderer, tmp_path: Path) -> None:
+    config = RenderConfig(receive_timeout=0.05, keep_failures=tmp_path)
+    form = body(LARGE)
+    async with start(watched, config) as server, listening(server.app) as port, asyncio.timeout(LONG):
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(request(form)[:-10])
+        status, sentence = await answer(reader)
+        writer.close()
+        assert status == 408
+        assert sentence.startswith(b"no data for 0.05 s after %d bytes" % (len(form) - 10))
+        assert server.service.inflight_bytes == 0
+        kept = [path.read_bytes() for path in tmp_path.glob("*.multipart")]  # noqa: ASYNC240
+        assert any(form[:-10] in data for data in kept)
