@@ -88,8 +88,10 @@ def _locate(integers, rows, stride, begin, end, found):
         vec.store(found, at + F_FX, _twice(fx))
         vec.store(found, at + F_FY, _twice(fy))
         vec.store(found, at + F_LIGHT, _twice(light))
+        # What lies behind the end was left there by whatever was drawn before: it must not change how others are mixed.
+        beyond = vec.iota() >= vec.i32(end - x)
         found[far + count] = x
-        count += np.int64(vec.bits(near) != 255)
+        count += np.int64(vec.bits(near | beyond) != 255)
         at += FOUND
     return count
 
