@@ -55,7 +55,7 @@ def by_phase(address: int, spent: dict[str, float]) -> None:
         draw_band(job, lens, band, layer, FRONTS if split else ALL_FACES)
         note("draw")
         last = min(first + BAND_ROWS, task[at.W_HEIGHT])
-        shade_rows(task[at.W_SHADE_JOB], layer - first * task[at.W_ROW_BYTES], first, last)
+        shade_rows(task[at.W_SHADE_JOB], layer - 4 * first * task[at.W_STRIDE], first, last)
         note("shade")
         if split:
             draw_band(job, lens, band, layer, BACKS)

@@ -31,7 +31,11 @@ def address_of(array: NDArray[Any] | None, dtype: type[np.generic]) -> int:
     return address
 
 
-def table(values: int) -> tuple[NDArray[np.int64], memoryview, int]:
+Table = tuple[NDArray[np.int64], memoryview, int]
+"""An array, its memory, its address."""
+
+
+def table(values: int) -> Table:
     """(values,) int64, all 0, at least one; its memory; its address, at a fraction of what ``address_of`` takes."""
     array = np.zeros(values, np.int64)
     memory = array.data

@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from renderers.pointers import address_of
+from renderers.pointers import Table, address_of, table
 
 POOL_BYTES = 256 << 20
 """Bytes of idle picture arrays that a renderer keeps: a stereo pair of 12 Mpx with all outputs."""
@@ -31,47 +31,49 @@ def aligned(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
     return raw[skipped : skipped + nbytes].view(dtype).reshape(shape)
 
 
+Kinds = tuple[tuple[tuple[int, ...], type[np.generic]], ...]
+"""Shapes and dtypes."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Pooled:
-    """An array that goes back to its pool."""
+    """Arrays that go back to their pool together."""
 
-    array: NDArray[Any]
-    address: int
+    arrays: tuple[NDArray[Any], ...]
+    addresses: tuple[int, ...]
     nbytes: int
-    kind: tuple[tuple[int, ...], type[np.generic]]
-    """Shape and dtype."""
+    kinds: Kinds
 
 
 class ArrayPool:
-    """Arrays by shape and dtype. Thread-safe; what is not given back is simply collected."""
+    """Groups of arrays by shapes and dtypes. Thread-safe; what is not given back is simply collected."""
 
     def __init__(self, max_bytes: int = POOL_BYTES) -> None:
         self._max_bytes = max_bytes
         self._bytes = 0
-        self._free: dict[tuple[tuple[int, ...], type[np.generic]], list[Pooled]] = {}
+        self._free: dict[Kinds, list[Pooled]] = {}
         self._lock = threading.Lock()
 
-    def take(self, shape: tuple[int, ...], dtype: type[np.generic]) -> Pooled:
-        """A C-contiguous array with undefined contents."""
-        kind = (shape, dtype)
+    def take(self, kinds: Kinds) -> Pooled:
+        """C-contiguous arrays with undefined contents."""
         with self._lock:
-            free = self._free.get(kind)
+            free = self._free.get(kinds)
             if free:
                 pooled = free.pop()
                 if not free:
-                    del self._free[kind]
+                    del self._free[kinds]
                 self._bytes -= pooled.nbytes
                 return pooled
-        array = aligned(shape, dtype)
-        return Pooled(array, address_of(array, dtype), array.nbytes, kind)
+        arrays = tuple([aligned(shape, dtype) for shape, dtype in kinds])
+        addresses = tuple([address_of(array, dtype) for array, (_, dtype) in zip(arrays, kinds, strict=True)])
+        return Pooled(arrays, addresses, sum(array.nbytes for array in arrays), kinds)
 
-    def give(self, taken: Iterable[Pooled | None]) -> None:
-        """Take arrays back; None is nothing. The oldest shapes are dropped when too much lies idle."""
+    def give(self, pooled: Pooled) -> None:
+        """Take arrays back. The oldest shapes are dropped when too much lies idle."""
         with self._lock:
-            for pooled in taken:
-                if pooled is not None and pooled.nbytes <= self._max_bytes:
-                    self._free.setdefault(pooled.kind, []).append(pooled)
-                    self._bytes += pooled.nbytes
+            if pooled.nbytes <= self._max_bytes:
+                self._free.setdefault(pooled.kinds, []).append(pooled)
+                self._bytes += pooled.nbytes
             while self._bytes > self._max_bytes:
                 oldest = next(iter(self._free))
                 self._bytes -= self._free[oldest].pop(0).nbytes
@@ -84,6 +86,7 @@ class Scratch:
 
     def __init__(self) -> None:
         self._arrays: dict[str, tuple[NDArray[Any], int]] = {}
+        self._tables: dict[str, tuple[int, Table]] = {}
         self._sizes: object = None
         self._places: tuple[int, ...] = ()
         self.nbytes = 0
@@ -99,6 +102,13 @@ class Scratch:
             known = self._arrays[name] = array, address_of(array, dtype)
             self.nbytes += array.nbytes
         return known
+
+    def table(self, name: str, values: int) -> Table:
+        """At least ``values`` int64 with undefined contents, see ``pointers.table``."""
+        known = self._tables.get(name)
+        if known is None or known[0] < values:
+            known = self._tables[name] = values, table(values)
+        return known[1]
 
     def room(self, sizes: object, parts: Callable[[], Iterable[tuple[str, int, type[np.generic]]]]) -> tuple[int, ...]:
         """Addresses of several arrays, which nobody else takes.
@@ -118,14 +128,20 @@ class ScratchPool:
 
     def __init__(self, max_bytes: int = SCRATCH_BYTES) -> None:
         self._max_bytes = max_bytes
+        self._bytes = 0
         self._free: list[Scratch] = []
         self._lock = threading.Lock()
 
     def take(self) -> Scratch:
         with self._lock:
-            return self._free.pop() if self._free else Scratch()
+            if not self._free:
+                return Scratch()
+            scratch = self._free.pop()
+            self._bytes -= scratch.nbytes
+            return scratch
 
     def give(self, scratch: Scratch) -> None:
         with self._lock:
-            if sum(s.nbytes for s in self._free) + scratch.nbytes <= self._max_bytes:
+            if self._bytes + scratch.nbytes <= self._max_bytes:
+                self._bytes += scratch.nbytes
                 self._free.append(scratch)

@@ -1,4 +1,4 @@
-"""Where a frame's instances are: the first of its kernels, which needs no other thread."""
+"""Where a frame's instances are."""
 
 from __future__ import annotations
 
@@ -30,7 +30,6 @@ from renderers.cpu.layout import (
     T_TOPOLOGY,
     T_VERTEX,
 )
-from renderers.jit import kernel
 from renderers.linked import inner
 from renderers.pointers import f64_at, i64_at, u8_at
 
@@ -64,7 +63,7 @@ def _determinant(m):
     )
 
 
-@kernel("int64(int64, int64, int64, int64)")
+@inner
 def look_from(pose_at, points_at, meshes_at, count):
     """Poses in the world to poses in the camera's frame.
 
@@ -100,7 +99,7 @@ def look_from(pose_at, points_at, meshes_at, count):
     return 1
 
 
-@kernel("int64(int64, int64, int64, int64, int64, int64, int64, int64)")
+@inner
 def place(job_at, known_at, meshes_at, sizes_at, bounds_at, select_at, cull_at, count):
     """Tables of the drawn instances, and how much there is to draw: J_VERTICES, J_ELEMENTS and J_INSTANCES.
 

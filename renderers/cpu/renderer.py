@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import Final, get_args
 
 import numpy as np
@@ -14,7 +15,7 @@ from renderers.camera import Camera
 from renderers.cpu.crew import Crew, Phase
 from renderers.cpu.frame import FrameJob
 from renderers.cpu.layout import MAX_SIDE
-from renderers.cpu.pools import ArrayPool, Pooled, ScratchPool
+from renderers.cpu.pools import ArrayPool, Kinds, Pooled, ScratchPool
 from renderers.cpu.sampled import edge_kernels, edge_memory, mixed_bands, paint_each_sample
 from renderers.cpu.scene import PreparedScene, prepare
 from renderers.cpu.visibility import SampledShader, SampledView, Visibility
@@ -37,6 +38,20 @@ _PICTURES: Final = (
 )
 """A frame's pictures in their order: who wants it, whether its values are vectors, their type. All but the first show
 all geometry: both sides, opaque whatever the material says."""
+
+
+@lru_cache(256)
+def _pictures(wanted: int, height: int, width: int) -> tuple[Kinds, tuple[int, ...]]:
+    """Shapes and dtypes of the pictures that are wanted, and for each in ``_PICTURES`` its place among them; -1: not
+    wanted."""
+    kinds: list[tuple[tuple[int, ...], type[np.generic]]] = []
+    order = []
+    for each, vectors, dtype in _PICTURES:
+        order.append(len(kinds) if wanted & each else -1)
+        if wanted & each:
+            kinds.append(((height, width, 3) if vectors else (height, width), dtype))
+    return tuple(kinds), tuple(order)
+
 
 MAX_SHADING_BYTES: Final = 1 << 30
 """Textures and attributes that prepared scenes keep alive; many scenes share them, so that this is an upper bound."""
@@ -104,14 +119,11 @@ class CpuRenderer:
         if not camera.width <= MAX_SIDE >= camera.height:
             raise ValueError(f"camera size {camera.width}x{camera.height} is larger than {MAX_SIDE}x{MAX_SIDE}")
         prepared = prepare(scene)
-        shape = (camera.height, camera.width)
-        all_wanted = outputs.value  # operators of flags take microseconds
-        taken = [
-            self._pool.take((*shape, 3) if vectors else shape, dtype) if all_wanted & wanted else None
-            for wanted, vectors, dtype in _PICTURES
-        ]
-        color, depth, label, instance, normal = [None if each is None else each.array for each in taken]
-        places = [0 if each is None else each.address for each in taken]
+        kinds, order = _pictures(outputs.value, camera.height, camera.width)  # operators of flags take microseconds
+        taken = self._pool.take(kinds)
+        arrays, addresses = (*taken.arrays, None), (*taken.addresses, 0)
+        places = [addresses[at] for at in order]
+        color, depth, label, instance, normal = [arrays[at] for at in order]
         frame = Frame(color, depth, label, instance, normal, self._releaser(taken))
         try:
             with self._crew:
@@ -153,11 +165,11 @@ class CpuRenderer:
         scratch = self._scratch.take()
         try:
             culled = address_of(cull_back, np.bool_)
-            job = FrameJob(prepared, camera, scratch, cull_back=culled, samples=samples)
             threads = self._crew.threads
+            job = FrameJob(prepared, camera, scratch, threads, cull_back=culled, samples=samples)
             memory = edge_memory(scratch, threads, camera, samples, job.stride)
             shader = begin(SampledView(prepared.first_record, job.X_camera_mesh, job.stride))
-            self._crew.share(job.sampled_task(threads, *edge_kernels(), memory, shader))
+            self._crew.share(job.sampled_task(*edge_kernels(), memory, shader))
         finally:
             self._scratch.give(scratch)
 
@@ -165,7 +177,7 @@ class CpuRenderer:
         """As ``Rasterizer.parallel``."""
         self._crew.run((Phase(units, work),))
 
-    def _releaser(self, taken: Sequence[Pooled | None]) -> Callable[[], None]:
+    def _releaser(self, taken: Pooled) -> Callable[[], None]:
         return lambda: self._pool.give(taken)
 
     def _geometry(self, prepared: PreparedScene, camera: Camera, frame: Frame, places: Sequence[int]) -> None:
@@ -176,9 +188,9 @@ class CpuRenderer:
         """
         scratch = self._scratch.take()
         try:
-            job = FrameJob(prepared, camera, scratch, opaque=True)
+            job = FrameJob(prepared, camera, scratch, self._crew.threads, opaque=True)
             job.outputs(frame, places[1:])
-            self._crew.share(job.task(self._crew.threads))
+            self._crew.share(job.task())
         finally:
             # Nothing works on these any more: run() returns when all units have ended.
             self._scratch.give(scratch)
@@ -227,16 +239,25 @@ class CpuRenderer:
         scratch = self._scratch.take()
         try:
             culled = shading.cull_at if shading.culls else 0
-            job = FrameJob(prepared, camera, scratch, cull_back=culled, keep_backs=with_geometry, opaque=True)
+            job = FrameJob(
+                prepared,
+                camera,
+                scratch,
+                self._crew.threads,
+                cull_back=culled,
+                keep_backs=with_geometry,
+                opaque=True,
+            )
             job.outputs(frame, places[1:])
             painter = Painter(
                 shading,
-                (prepared.resolved_at[0], job.poses_address, places[0], job.stride),
+                (prepared.first_record_at, job.poses_address, places[0], job.stride),
                 camera,
                 look,
+                table=lambda values: scratch.table("painter", values),
                 keep=(job, color),
             )
-            self._crew.share(job.task(self._crew.threads, painter.job))
+            self._crew.share(job.task(painter.job))
         finally:
             self._scratch.give(scratch)
 
@@ -252,19 +273,21 @@ class CpuRenderer:
     ) -> Visibility:
         """Rasterize one layer."""
         shape = (camera.height, camera.width)
-        taken = self._pool.take(shape, np.int32), self._pool.take(shape, np.float32)
+        taken = self._pool.take(((shape, np.int32), (shape, np.float32)))
+        ids, inv_z = taken.arrays
         scratch = self._scratch.take()
         try:
             selected, culled = address_of(select, np.bool_), address_of(cull_back, np.bool_)
-            job = FrameJob(prepared, camera, scratch, select=selected, cull_back=culled)
-            job.layers(taken[0].array, taken[1].array, beyond, before)
-            self._crew.share(job.task(self._crew.threads))
+            job = FrameJob(prepared, camera, scratch, self._crew.threads, select=selected, cull_back=culled)
+            job.layers(ids, inv_z, beyond, before)
+            self._crew.share(job.task())
+            poses = job.X_camera_mesh.copy()
         finally:
             self._scratch.give(scratch)
         return Visibility(
-            ids=taken[0].array,
-            inv_z=taken[1].array,
+            ids=ids,
+            inv_z=inv_z,
             first_record=prepared.first_record,
-            X_camera_mesh=job.X_camera_mesh,
+            X_camera_mesh=poses,
             _release=self._releaser(taken),
         )

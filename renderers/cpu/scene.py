@@ -87,10 +87,13 @@ class PreparedScene:
     """(I, B_COLUMNS) float64."""
     X_world_mesh: NDArray[np.float64]
     """(I, 4, 4) float64."""
-    resolved_at: tuple[int, int, int, int]
-    """Addresses of ``first_record``, ``labels``, ``instance_ids`` and ``attributes``."""
-    placed_at: tuple[int, int, int, int]
-    """Addresses of ``table``, ``X_world_mesh``, ``sizes`` and ``bounds``."""
+    first_record_at: int
+    """Address of ``first_record``."""
+    counts: tuple[int, int, int]
+    """Instances, vertices, elements."""
+    asked: tuple[int, ...]
+    """A_COUNT to A_MESHES, see ``begin``: the number of instances; addresses of ``table``, ``X_world_mesh``, ``sizes``,
+    ``bounds``, ``first_record``, ``labels``, ``instance_ids`` and ``attributes``."""
     keep: tuple[Any, ...]
     """What the addresses in the tables point into."""
 
@@ -180,17 +183,18 @@ def prepare(scene: DrawList) -> PreparedScene:
         first_record=structure.first_record,
         labels=labels,
         instance_ids=instance_ids,
-        resolved_at=(
-            address_of(structure.first_record, np.int64),
-            address_of(labels, np.uint32),
-            address_of(instance_ids, np.int32),
-            address_of(structure.attributes, np.int64),
-        ),
-        placed_at=(
+        first_record_at=address_of(structure.first_record, np.int64),
+        counts=(count, *structure.table[-1, [T_VERTEX, T_ELEMENT]].tolist()),
+        asked=(
+            count,
             address_of(structure.table, np.int64),
             address_of(X_world_mesh, np.float64),
             address_of(structure.sizes, np.float64),
             address_of(structure.bounds, np.float64),
+            address_of(structure.first_record, np.int64),
+            address_of(labels, np.uint32),
+            address_of(instance_ids, np.int32),
+            address_of(structure.attributes, np.int64),
         ),
         sizes=structure.sizes,
         bounds=structure.bounds,

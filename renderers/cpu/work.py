@@ -19,27 +19,26 @@ W_JOB: Final = 0  # address of the job, see layout
 W_LENS: Final = 1
 W_TRANSFORM: Final = 2  # addresses of the kernels
 W_SETUP: Final = 3
-W_DRAW: Final = 4
-W_SHADE: Final = 5  # 0: nothing is shaded; with several samples a kernel as ``edges.shade_mixed``
-W_SHADE_JOB: Final = 6
-W_VERTICES: Final = 7
-W_VERTICES_PER_UNIT: Final = 8
-W_CHUNKS: Final = 9
-W_CHUNKS_PER_UNIT: Final = 10
-W_HEIGHT: Final = 11
-W_ROW_BYTES: Final = 12  # of a layer's records
-W_LAYERS: Final = 13  # address of a layer of one band for each thread; 0: the layer is where the job says; with
-W_LAYER_BYTES: Final = 14  # several samples of each thread's ``samples.E_COLUMNS`` addresses
-W_GEOMETRY: Final = 15  # whether other pictures than colour are wanted
-W_SPLIT: Final = 16  # whether back faces are kept apart
-W_YIELD: Final = 17
-W_FIND: Final = 18  # address of ``edges.find_edges``; 0: one sample
-W_STRIDE: Final = 19
-W_UNITS: Final = 20  # PHASES values
-W_THREADS: Final = 24  # how many have begun; from here on written while threads work
-W_TAKEN: Final = 25  # PHASES values: units taken
-W_ENDED: Final = 28  # PHASES values: units done
-W_COLUMNS: Final = 31
+W_YIELD: Final = 4
+W_VERTICES: Final = 5
+W_VERTICES_PER_UNIT: Final = 6
+W_CHUNKS: Final = 7
+W_CHUNKS_PER_UNIT: Final = 8
+W_HEIGHT: Final = 9
+W_STRIDE: Final = 10  # records of a row of a layer
+W_SPLIT: Final = 11  # whether back faces are kept apart
+W_DRAW: Final = 12
+W_SHADE: Final = 13  # 0: nothing is shaded; with several samples a kernel as ``edges.shade_mixed``
+W_SHADE_JOB: Final = 14
+W_LAYERS: Final = 15  # address of a layer of one band for each thread; 0: the layer is where the job says; with
+W_LAYER_BYTES: Final = 16  # several samples of each thread's ``samples.E_COLUMNS`` addresses
+W_FIND: Final = 17  # address of ``edges.find_edges``; 0: one sample
+W_GEOMETRY: Final = 18  # whether other pictures than colour are wanted
+W_UNITS: Final = 19  # PHASES values
+W_THREADS: Final = 22  # how many have begun; from here on written while threads work
+W_TAKEN: Final = 23  # PHASES values: units taken
+W_ENDED: Final = 26  # PHASES values: units done
+W_COLUMNS: Final = 29
 
 _PATIENCE: Final = 200
 """Looks at another thread's progress before the core is offered to others: some microseconds."""
@@ -61,7 +60,7 @@ def _band(task, band, layer):
         return
     split = task[W_SPLIT] != 0
     call_kernel(draw, (job, lens, band, layer, FRONTS if split or task[W_GEOMETRY] == 0 else EVERYTHING))
-    call_kernel(task[W_SHADE], (task[W_SHADE_JOB], layer - first * task[W_ROW_BYTES], first, last))
+    call_kernel(task[W_SHADE], (task[W_SHADE_JOB], layer - 4 * first * task[W_STRIDE], first, last))
     if split:
         call_kernel(draw, (job, lens, band, layer, BACKS))
 

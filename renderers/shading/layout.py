@@ -23,12 +23,12 @@ S_TEXTURE_FLOATS: Final = 14
 S_BYTE_VALUES: Final = 15  # BYTE_VALUES
 S_DECODED: Final = 16  # DECODED
 S_GAMMA: Final = 17  # GAMMA_CELLS
-S_BACKGROUND: Final = 18  # red, green, blue, lowest byte first
-S_GATHERED: Final = 19  # (4, H, W + 8) float32, see compose
-S_COLOR: Final = 20  # (H, W, 3) uint8
-S_PLACES: Final = 21  # (H, S_STRIDE) int32: the columns of the picture that records belong to; 0: where they lie
-S_COUNTS: Final = 22  # (H,) int32, with S_PLACES: records of each row
-S_ENCODED: Final = 23  # ENCODED
+S_ENCODED: Final = 18  # ENCODED
+S_BACKGROUND: Final = 19  # red, green, blue, lowest byte first
+S_GATHERED: Final = 20  # (4, H, W + 8) float32, see compose
+S_COLOR: Final = 21  # (H, W, 3) uint8
+S_PLACES: Final = 22  # (H, S_STRIDE) int32: the columns of the picture that records belong to; 0: where they lie
+S_COUNTS: Final = 23  # (H,) int32, with S_PLACES: records of each row
 S_COLUMNS: Final = 24
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from struct import Struct
 from typing import TYPE_CHECKING, Final
 
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from renderers.camera import Camera
 from renderers.drawlist import DrawList
 from renderers.layers import MAX_LAYERS, peeled
-from renderers.pointers import address_of, table
+from renderers.pointers import Table, address_of, table
 from renderers.port import Look
 from renderers.shading import layout as at
 from renderers.shading.compose import DIRECT, GATHER, UNDER
@@ -26,9 +27,7 @@ _NOTHING: Final = np.zeros((4, 0, LANES), dtype=np.float32)
 _NO_COLOR: Final = np.zeros((0, 0, 3), dtype=np.uint8)
 _MAPS: Final = at.S_COLUMNS + 4
 """Where the maps begin, in values of 8 bytes: behind the job and the lens."""
-_VIEW: Final = Struct(f"{at.S_LENS + 1 - at.S_PBR}q")
-_TARGET: Final = Struct(f"{at.S_COLOR + 1 - at.S_BACKGROUND}q")
-_LENS: Final = Struct("4d")
+_JOB: Final = Struct(f"{at.S_COLUMNS}q4d")
 
 
 def paint(
@@ -88,6 +87,7 @@ class Painter:
         *,
         mode: int = DIRECT,
         gathered: int = 0,
+        table: Callable[[int], Table] = table,
         keep: object = None,
     ) -> None:
         """
@@ -95,6 +95,7 @@ class Painter:
             places: addresses of ``first_record`` and ``X_camera_mesh`` as in ``Visibility``, and of (H, W, 3) uint8,
                 the picture; values from one row of records to the next.
             mode, gathered: see ``compose``; the address of its array.
+            table: gives working memory, which nobody else uses while this is.
             keep: what the addresses point into.
         """
         if shading.look != look.name:
@@ -103,13 +104,32 @@ class Painter:
         self.height = camera.height
         count = len(shading.cull_back)
         red, green, blue = look.background
-        # The job, the lens and the maps in one array: see FrameJob.
+        # The job, the lens and the maps in one array: see ``renderers.cpu.begin``.
         own, memory, address = table(_MAPS + (count * at.P_COLUMNS + 1) // 2)
-        own[: at.S_COLUMNS] = shading.job
-        view = (look.name == "pbr", mode, camera.width, camera.height, stride, first_record, count, meshes)
-        _VIEW.pack_into(memory, 8 * at.S_PBR, *view, address + 8 * _MAPS, address + 8 * at.S_COLUMNS)
-        _TARGET.pack_into(memory, 8 * at.S_BACKGROUND, red | green << 8 | blue << 16, gathered, color)
-        _LENS.pack_into(memory, 8 * at.S_COLUMNS, camera.fx, camera.fy, camera.cx, camera.cy)
+        _JOB.pack_into(
+            memory,
+            0,
+            look.name == "pbr",
+            mode,
+            camera.width,
+            camera.height,
+            stride,
+            first_record,
+            count,
+            meshes,
+            address + 8 * _MAPS,
+            address + 8 * at.S_COLUMNS,
+            *shading.job,
+            red | green << 8 | blue << 16,
+            gathered,
+            color,
+            0,
+            0,
+            camera.fx,
+            camera.fy,
+            camera.cx,
+            camera.cy,
+        )
         map_instances(meshes, address + 8 * _MAPS, count)
         self.job = address
         """Address of S_COLUMNS int64; valid while this object is alive."""

@@ -14,7 +14,6 @@ from renderers.drawlist import Image, Instance, Material, Topology
 from renderers.jit import kernel
 from renderers.pointers import address_of, f32_at, f64_at
 from renderers.port import LookName
-from renderers.shading import layout as at
 from renderers.shading.layout import II_COLUMNS, P_COLUMNS, P_MIRROR, P_NORMAL, P_TANGENT
 from renderers.shading.materials import MaterialRows, as_tables, material_rows
 from renderers.shading.textures import Parallel, Texels, TextureTable, texels_of
@@ -35,8 +34,8 @@ class ShadingScene(SceneTables):
     """Address of ``cull_back``."""
     translucent: bool
     """Whether a picture may need more than one layer."""
-    job: NDArray[np.int64]
-    """(S_COLUMNS,): a picture's job as far as the tables go; copied for each."""
+    job: tuple[int, ...]
+    """S_INSTANCES to S_ENCODED of a picture's job."""
 
     @property
     def nbytes(self) -> int:
@@ -114,19 +113,19 @@ def _job(
     material_floats: NDArray[np.float32],
     texture_integers: NDArray[np.int64],
     texture_floats: NDArray[np.float32],
-) -> NDArray[np.int64]:
+) -> tuple[int, ...]:
     """``ShadingScene.job``."""
-    job = np.zeros(at.S_COLUMNS, np.int64)
-    job[at.S_INSTANCES] = address_of(instances, np.int64)
-    job[at.S_MATERIAL_INTEGERS] = address_of(material_integers, np.int64)
-    job[at.S_MATERIAL_FLOATS] = address_of(material_floats, np.float32)
-    job[at.S_TEXTURES] = address_of(texture_integers, np.int64)
-    job[at.S_TEXTURE_FLOATS] = address_of(texture_floats, np.float32)
-    job[at.S_BYTE_VALUES] = address_of(BYTE_VALUES, np.float32)
-    job[at.S_DECODED] = address_of(DECODED, np.float32)
-    job[at.S_ENCODED] = address_of(ENCODED, np.float32)
-    job[at.S_GAMMA] = address_of(GAMMA_CELLS, np.int32)
-    return job
+    return (
+        address_of(instances, np.int64),
+        address_of(material_integers, np.int64),
+        address_of(material_floats, np.float32),
+        address_of(texture_integers, np.int64),
+        address_of(texture_floats, np.float32),
+        address_of(BYTE_VALUES, np.float32),
+        address_of(DECODED, np.float32),
+        address_of(GAMMA_CELLS, np.int32),
+        address_of(ENCODED, np.float32),
+    )
 
 
 @kernel("void(int64, int64, int64)")

@@ -14,7 +14,7 @@ from renderers.cpu import CpuRenderer
 from renderers.cpu import scene as prepared_scenes
 from renderers.cpu.crew import Crew, Phase
 from renderers.cpu.layout import T_VERTEX
-from renderers.cpu.pools import ArrayPool, ScratchPool
+from renderers.cpu.pools import ArrayPool, Kinds, ScratchPool
 from renderers.cpu.scene import prepare
 from renderers.drawlist import DrawList
 from renderers.port import Output
@@ -104,22 +104,24 @@ def test_reused_arrays_hold_nothing_of_the_frame_before() -> None:
 
 def test_the_pool_keeps_no_more_than_its_bound() -> None:
     pool = ArrayPool(max_bytes=1000)
-    first, second = pool.take((100,), np.float32), pool.take((200,), np.float32)
-    pool.give([first])
-    pool.give([second])
-    assert pool.take((100,), np.float32) is not first
-    assert pool.take((200,), np.float32) is second
-    huge = pool.take((500,), np.float32)
-    pool.give([huge])
-    assert pool.take((500,), np.float32) is not huge
+    few, more, many = ((((count,), np.float32),) for count in (100, 200, 500))
+    first, second = pool.take(few), pool.take(more)
+    pool.give(first)
+    pool.give(second)
+    assert pool.take(few) is not first
+    assert pool.take(more) is second
+    huge = pool.take(many)
+    pool.give(huge)
+    assert pool.take(many) is not huge
 
 
 def test_the_pool_remembers_no_shapes_that_it_has_none_of() -> None:
     """Clients choose sizes."""
     pool = ArrayPool()
     for width in range(1, 50):
-        pool.give([pool.take((width,), np.float32)])
-        pool.take((width,), np.float32)
+        kinds: Kinds = (((width,), np.float32), ((width, 3), np.uint8))
+        pool.give(pool.take(kinds))
+        pool.take(kinds)
     assert not pool._free
 
 
@@ -170,6 +172,7 @@ def test_tables_are_made_once_and_go_with_their_scene() -> None:
     table = prepare(scene)
     assert prepare(scene) is table
     meshes = [weakref.ref(i.mesh) for i in scene.instances]
+    gc.collect()
     known = len(prepared_scenes._scenes)
     del scene, table
     gc.collect()

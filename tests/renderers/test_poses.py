@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from renderers.camera import Camera
-from renderers.cpu import CpuRenderer
+from renderers.cpu import CpuRenderer, poses
 from renderers.cpu.layout import (
     J_COLUMNS,
     J_ELEMENTS,
@@ -30,10 +30,21 @@ from renderers.cpu.layout import (
     T_RECORD,
     T_VERTEX,
 )
-from renderers.cpu.poses import look_from, place
 from renderers.cpu.scene import NOT_SOLID
+from renderers.jit import kernel
 from renderers.port import Output
 from tests.renderers.scenes import camera, draw_list, mesh
+
+
+@kernel("int64(int64, int64, int64, int64)")
+def look_from(pose_at, points_at, meshes_at, count):
+    return poses.look_from(pose_at, points_at, meshes_at, count)
+
+
+@kernel("int64(int64, int64, int64, int64, int64, int64, int64, int64)")
+def place(job_at, known_at, meshes_at, sizes_at, bounds_at, select_at, cull_at, count):
+    return poses.place(job_at, known_at, meshes_at, sizes_at, bounds_at, select_at, cull_at, count)
+
 
 POINTS = np.stack((np.eye(4), np.diag((-1.0, 1.0, 1.0, 1.0)), np.eye(4)))
 POINTS[:, 2, 3] = 3.0
