@@ -9,18 +9,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Final
 
-from python_multipart.multipart import parse_options_header
+from python_multipart.exceptions import FormParserError
+from python_multipart.multipart import MultipartParser, parse_options_header
 
 from gateway.render.config import RenderConfig
 from gateway.render.errors import RequestError, quoted
-from gateway.render.parts import Head, MalformedBody, PartCutter
 from gateway.scene.gltf import Arrival, Text
 
 SCENE = "scene"
 """Name of the part with the glTF file."""
-_PLAIN_ENCODINGS: Final = frozenset((b"", b"7bit", b"8bit", b"binary"))
+_PLAIN_ENCODINGS = frozenset((b"", b"7bit", b"8bit", b"binary"))
 """Content-Transfer-Encodings that leave the bytes alone; RFC 7578 (4.7) deprecates the others."""
 _options = lru_cache(maxsize=64)(parse_options_header)
 """Of a Content-Disposition: a client sends the same twenty with every request."""
@@ -61,25 +60,37 @@ class FormReader:
         if not boundary:
             raise RequestError(400, f"Content-Type names no boundary: {quoted(content_type)}")
         try:
-            self._cutter = PartCutter(
+            self._parser = MultipartParser(
                 boundary,
-                self._part_begins,
-                self._part_data,
-                self._part_ends,
-                max_headers=config.max_part_headers,
-                max_header_bytes=config.max_header_bytes,
+                {
+                    "on_part_begin": self._part_begin,
+                    "on_header_field": self._header_name_piece,
+                    "on_header_value": self._header_value_piece,
+                    "on_header_end": self._header_end,
+                    "on_headers_finished": self._headers_finished,
+                    "on_part_data": self._part_data,
+                    "on_part_end": self._part_end,
+                    "on_end": self._end,
+                },
+                max_header_count=config.max_part_headers,
+                max_header_size=config.max_header_bytes,
             )
-        except MalformedBody as error:
+        except FormParserError as error:
             raise RequestError(400, f"Content-Type has an unusable boundary: {error}") from None
         self._config = config
         self._received = 0
         self._parts = 0
+        self._complete = False
         self._names: set[str] = set()
         self._fields: dict[str, str] = {}
         self._arrive = arrive
         self._scene: Arrival | None = None
         self._scene_filename = ""
         self._name = ""
+        self._header_name = bytearray()
+        self._header_value = bytearray()
+        self._disposition = b""
+        self._encoding = b""
         self._text = bytearray()
 
     @property
@@ -89,17 +100,19 @@ class FormReader:
 
     def feed(self, chunk: bytes | bytearray, count: int | None = None) -> None:
         """The next bytes of the body: the first ``count`` of ``chunk``, or all. They are not kept."""
-        self._received += len(chunk) if count is None else count
+        if not isinstance(chunk, bytes) or (count is not None and count < len(chunk)):
+            chunk = bytes(memoryview(chunk)[:count])
+        self._received += len(chunk)
         if self._received > self._config.max_body_bytes:
             raise too_large(self._received, self._config)
         try:
-            self._cutter.feed(chunk, count)
-        except MalformedBody as error:
+            self._parser.write(chunk)
+        except FormParserError as error:
             raise RequestError(400, f"the multipart body is malformed: {error}") from None
 
     def form(self) -> Form:
         """The whole form, after the last byte."""
-        if not self._cutter.complete:
+        if not self._complete:
             inside = f" inside the part {quoted(self._name)}" if self._name else ""
             raise RequestError(
                 400,
@@ -111,47 +124,64 @@ class FormReader:
             return Form(self._fields, None, "", "")
         return Form(self._fields, scene.text(), scene.sha256(), self._scene_filename)
 
-    def _part_begins(self, head: Head) -> None:
+    def _part_begin(self) -> None:
         self._parts += 1
         if self._parts > self._config.max_parts:
             raise RequestError(400, f"the form has more than {self._config.max_parts} parts")
-        disposition = encoding = b""
-        for header, value in head:
-            if header == b"content-disposition":
-                disposition = value
-            elif header == b"content-transfer-encoding":
-                encoding = value.strip().lower()
-        kind, options = _options(disposition)
+        self._name = ""
+        self._disposition = self._encoding = b""
+        self._header_name.clear()
+        self._header_value.clear()
+        self._text.clear()
+
+    def _header_name_piece(self, data: bytes, start: int, end: int) -> None:
+        self._header_name += data[start:end]
+
+    def _header_value_piece(self, data: bytes, start: int, end: int) -> None:
+        self._header_value += data[start:end]
+
+    def _header_end(self) -> None:
+        name = bytes(self._header_name).lower()
+        if name == b"content-disposition":
+            self._disposition = bytes(self._header_value)
+        elif name == b"content-transfer-encoding":
+            self._encoding = bytes(self._header_value).strip().lower()
+        self._header_name.clear()
+        self._header_value.clear()
+
+    def _headers_finished(self) -> None:
+        kind, options = _options(self._disposition)
         if kind != b"form-data" or not options.get(b"name"):
-            got = quoted(disposition) if disposition else "none"
+            got = quoted(self._disposition) if self._disposition else "none"
             raise RequestError(
                 400, f'part {self._parts} of the form needs Content-Disposition: form-data; name="…", got {got}'
             )
         self._name = name = options[b"name"].decode("utf-8", "replace")
         if name in self._names:
             raise RequestError(400, f"the field {quoted(name)} was sent twice")
-        if encoding not in _PLAIN_ENCODINGS:
+        if self._encoding not in _PLAIN_ENCODINGS:
             raise RequestError(
-                400, f"the field {quoted(name)} has Content-Transfer-Encoding {quoted(encoding)}; send it as it is"
+                400,
+                f"the field {quoted(name)} has Content-Transfer-Encoding {quoted(self._encoding)}; send it as it is",
             )
         self._names.add(name)
-        self._text.clear()
         if name == SCENE:
             self._scene = self._arrive()
             self._scene_filename = options.get(b"filename", b"").decode("utf-8", "replace")
 
-    def _part_data(self, piece: memoryview) -> None:
-        if self._name == SCENE:
-            assert self._scene is not None
-            self._scene.feed(piece)
-            return
-        if len(self._text) + len(piece) > self._config.max_field_bytes:
-            raise RequestError(
-                400, f"the field {quoted(self._name)} is longer than {self._config.max_field_bytes} bytes"
-            )
-        self._text += piece
+    def _part_data(self, data: bytes, start: int, end: int) -> None:
+        with memoryview(data) as whole, whole[start:end] as piece:
+            if self._name == SCENE:
+                assert self._scene is not None
+                self._scene.feed(piece)
+                return
+            if len(self._text) + len(piece) > self._config.max_field_bytes:
+                raise RequestError(
+                    400, f"the field {quoted(self._name)} is longer than {self._config.max_field_bytes} bytes"
+                )
+            self._text += piece
 
-    def _part_ends(self) -> None:
+    def _part_end(self) -> None:
         if self._name != SCENE:
             try:
                 self._fields[self._name] = self._text.decode().strip()
@@ -160,6 +190,9 @@ class FormReader:
                     400, f"the field {quoted(self._name)} is not UTF-8 text: {quoted(bytes(self._text))}"
                 ) from None
         self._name = ""
+
+    def _end(self) -> None:
+        self._complete = True
 
 
 def too_large(size: int, config: RenderConfig) -> RequestError:
