@@ -75,7 +75,9 @@ class House:
         if self._renderer is None:
             from renderers.cpu import CpuRenderer
 
-            self._renderer = CpuRenderer(self.settings.frame_threads or self.workers.threads)
+            threads = self.settings.frame_threads or self.workers.threads
+            beside = max(0, threads - self.workers.threads)
+            self._renderer = CpuRenderer(threads, lambda: beside + self.workers.spare)
         return self._renderer
 
     def serve(

@@ -160,9 +160,9 @@ class Workers:
             del job, future  # the traceback of a failure must not keep the request alive in a cycle
 
     @property
-    def idle(self) -> bool:
-        """Whether at most one call runs and none waits: that one may use every core. Safe in any thread."""
-        return self._running <= 1 and not self._queue
+    def spare(self) -> int:
+        """Threads that no call runs in or waits for: processors that those that run may use besides. Any thread."""
+        return max(0, self.threads - self._running - len(self._queue))
 
     @property
     def full(self) -> bool:

@@ -72,14 +72,14 @@ async def test_first_come_first_served_and_never_more_than_the_threads() -> None
 
     waiting = [asyncio.create_task(workers.run(call, number)) for number in range(20)]
     await until(lambda: workers.stats.waiting == 20)
-    assert not workers.idle
+    assert workers.spare == 0
     gates[0].open.set()  # one thread works through the queue, in order, while the other is held
     await asyncio.gather(*waiting)
     assert order == list(range(20))
     assert most == 1
     gates[1].open.set()
     await asyncio.gather(*held)
-    assert workers.idle
+    assert workers.spare == 2
     assert await workers.close()
 
 

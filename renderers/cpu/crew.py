@@ -72,10 +72,12 @@ class Crew:
     """A caller and up to ``threads - 1`` helpers. The caller always works itself: when helpers are late or busy with
     other callers' jobs, it does everything, so that a job never waits for a free thread."""
 
-    def __init__(self, threads: int) -> None:
+    def __init__(self, threads: int, spare: Callable[[], int] | None = None) -> None:
+        """``spare``: tells how many processors nobody else has work for now; None: nobody knows."""
         if threads < 1:
             raise ValueError(f"threads must be at least 1, got {threads}")
         self.threads = threads
+        self._spare = spare
         self._lock = threading.Lock()
         self._callers = 0
         self._jobs: SimpleQueue[Callable[[], object] | None] = SimpleQueue()
@@ -108,6 +110,8 @@ class Crew:
     def _share(self, work: Callable[[], object], threads: int) -> None:
         """Call ``work`` here and in up to ``threads - 1`` helpers, in which it must not raise."""
         helpers = min(self.threads - max(1, self._callers), threads - 1)
+        if helpers > 0 and self._spare is not None:
+            helpers = min(helpers, self._spare())  # sharing costs more than it gains where all have work of their own
         if helpers > 0 and not self._closed:
             if len(self._helpers) < self.threads - 1:
                 self._start()

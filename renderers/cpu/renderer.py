@@ -90,13 +90,14 @@ class CpuRenderer:
     Also the ``Rasterizer`` that shading asks for further layers and for threads.
     """
 
-    def __init__(self, threads: int | None = None) -> None:
+    def __init__(self, threads: int | None = None, spare: Callable[[], int] | None = None) -> None:
         """
         Args:
             threads: how many threads, the callers of ``render`` among them, may work at the same time inside frames;
                 None: as many as this machine has. Concurrent callers share them: each works on its own frame.
+            spare: tells how many processors nobody has work for but the frames; no more threads help than that.
         """
-        self._crew = Crew(threads if threads is not None else os.cpu_count() or 1)
+        self._crew = Crew(threads if threads is not None else os.cpu_count() or 1, spare)
         self._pool = ArrayPool()
         self._scratch = ScratchPool()
 

@@ -50,6 +50,18 @@ def test_the_callers_share_the_threads() -> None:
     crew.close()
 
 
+def test_helpers_come_only_where_a_processor_is_spare() -> None:
+    spare = 0
+    crew = Crew(3, lambda: spare)
+    seen: set[int] = set()
+    crew.run([Phase(50, lambda _: seen.add(threading.get_ident()))])
+    assert seen == {threading.get_ident()}
+    spare = 1
+    meeting = threading.Barrier(2)
+    crew.run([Phase(2, lambda _: meeting.wait(timeout=30))])
+    crew.close()
+
+
 @pytest.mark.parametrize("threads", [1, 3])
 def test_an_error_reaches_the_caller_and_stops_later_phases(threads: int) -> None:
     crew = Crew(threads)
