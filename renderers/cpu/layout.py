@@ -92,7 +92,8 @@ T_TOPOLOGY: Final = 4
 T_RECORD: Final = 5  # record of element 0
 T_CULL: Final = 6  # 0: both sides; +1, -1: triangles whose screen area has this sign are culled, or kept apart
 T_HIDDEN: Final = 7  # 0; +1, -1: triangles whose screen area has this sign are hidden by others of their mesh
-T_COLUMNS: Final = 8
+T_CLUSTERS: Final = 8  # of its mesh's triangles, see ``clusters``; 0: not known
+T_COLUMNS: Final = 9
 M_SIZE: Final = 12  # after the 3 rows of camera from mesh: point size or line width
 M_COLUMNS: Final = 13
 

@@ -20,6 +20,7 @@ from renderers.cpu.layout import (
     L_NEAR,
     M_COLUMNS,
     M_SIZE,
+    T_CLUSTERS,
     T_COLUMNS,
     T_CULL,
     T_ELEMENT,
@@ -140,7 +141,7 @@ def place(job_at, known_at, meshes_at, sizes_at, bounds_at, select_at, cull_at, 
             apart += side != 0 and hidden == 0
         table[row + T_VERTEX] = vertices
         table[row + T_ELEMENT] = elements
-        for column in (T_POSITIONS, T_ELEMENTS, T_TOPOLOGY, T_RECORD):
+        for column in (T_POSITIONS, T_ELEMENTS, T_TOPOLOGY, T_RECORD, T_CLUSTERS):
             table[row + column] = known[source + column]
         table[row + T_CULL] = side
         table[row + T_HIDDEN] = hidden

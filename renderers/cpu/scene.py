@@ -12,10 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.alike import Alike
+from renderers.cpu.clusters import WORTH, bound_clusters, cluster_values
 from renderers.cpu.layout import (
     A_COLUMNS,
     B_COLUMNS,
     MAX_POINT,
+    T_CLUSTERS,
     T_COLUMNS,
     T_ELEMENT,
     T_ELEMENTS,
@@ -40,8 +42,8 @@ NOT_SOLID: Final = (0.0, 0.0, 0.0, -1.0, -1.0, -1.0)
 class PreparedMesh:
     """Addresses and counts of a mesh; ``keep`` holds what they point to that is not the mesh's own."""
 
-    row: tuple[int, int, int, int, int]
-    """Vertices, elements, topology, address of positions, address of elements: what is transformed and set up."""
+    row: tuple[int, int, int, int, int, int]
+    """Vertices, elements, topology, addresses of positions, elements and clusters: what is transformed and set up."""
     attributes: tuple[int, int, int, int]
     """As A_TOPOLOGY and on: the mesh's own arrays."""
     bounds: tuple[float, float, float, float, float, float] = NOT_SOLID
@@ -138,14 +140,14 @@ def _prepare_mesh(mesh: Mesh) -> PreparedMesh:
         known = solid(own_positions, own_elements)
         if known is not None:
             bounds, own_positions = known
-    row = (
-        len(own_positions),
-        len(elements),
-        int(topology),
-        address_of(own_positions, np.float32),
-        address_of(own_elements, np.uint32),
-    )
-    return PreparedMesh(row, attributes, bounds, (own_positions, own_elements))
+    places = address_of(own_positions, np.float32), address_of(own_elements, np.uint32)
+    clusters = None
+    if topology == Topology.TRIANGLES and len(elements) >= WORTH:
+        clusters = np.zeros(cluster_values(len(elements)), np.float32)
+        bound_clusters(*places, len(elements), address_of(clusters, np.float32))
+    row = len(own_positions), len(elements), int(topology), *places, address_of(clusters, np.float32)
+    keep = tuple(each for each in (own_positions, own_elements, clusters) if each is not None)
+    return PreparedMesh(row, attributes, bounds, keep)
 
 
 def _prepared_mesh(mesh: Mesh) -> PreparedMesh:
@@ -215,13 +217,14 @@ def _structure(instances: tuple[Instance, ...]) -> Structure:
         if mesh is None:
             mesh = by_mesh[id(instance.mesh)] = _prepared_mesh(instance.mesh)
         meshes.append(mesh)
-    rows = np.array([mesh.row for mesh in meshes], dtype=np.int64).reshape(count, 5)
+    rows = np.array([mesh.row for mesh in meshes], dtype=np.int64).reshape(count, 6)
     table = np.zeros((count + 1, T_COLUMNS), dtype=np.int64)
     np.cumsum(rows[:, 0], out=table[1:, T_VERTEX])
     np.cumsum(rows[:, 1], out=table[1:, T_ELEMENT])
     table[:-1, T_TOPOLOGY] = rows[:, 2]
     table[:-1, T_POSITIONS] = rows[:, 3]
     table[:-1, T_ELEMENTS] = rows[:, 4]
+    table[:-1, T_CLUSTERS] = rows[:, 5]
     first_record = np.ascontiguousarray(table[:, T_ELEMENT])
     if first_record[-1] > MAX_RECORDS:
         raise ValueError(f"the scene has {first_record[-1]} elements, more than {MAX_RECORDS} can be drawn")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from renderers import simd as vec
+from renderers.cpu.clusters import V_COLUMNS, look_at
 from renderers.cpu.elements import line, point
 from renderers.cpu.layout import (
     CHUNK,
@@ -33,6 +34,7 @@ from renderers.cpu.layout import (
     R_ID,
     RECORD_BYTES,
     SMALL_BANDS,
+    T_CLUSTERS,
     T_COLUMNS,
     T_ELEMENT,
     T_RECORD,
@@ -42,7 +44,7 @@ from renderers.cpu.transform import drawn_at
 from renderers.cpu.triangles import triangles
 from renderers.jit import kernel
 from renderers.linked import inlined, inner
-from renderers.pointers import f64_at, i32_at, i64_at, u16_at
+from renderers.pointers import as_f32, f32_at, f64_at, i32_at, i64_at, u16_at
 
 
 @inner
@@ -84,7 +86,9 @@ def _late(job, lens, request):
     lanes = min(table[row + T_COLUMNS + T_ELEMENT] - table[row + T_ELEMENT] - element, vec.LANES)
     spans, micro, columns = i32_at(request[Q_SPANS]), i32_at(request[Q_MICRO]), i32_at(request[Q_SCRATCH])
     records, late = request[Q_RECORDS], np.int64(group[G_LANES])
-    count, micros = triangles(job, lens, drawn, element, element + lanes, late, records, spans, 0, micro, 0, columns)
+    count, micros = triangles(
+        job, lens, drawn, element, element + lanes, late, records, spans, 0, micro, 0, columns, 0, as_f32(columns)
+    )
     request[Q_COUNT] = count
     request[Q_MICROS] = micros
 
@@ -187,10 +191,13 @@ def setup(job_at, lens_at, begin_chunk, end_chunk):
     own_fill = np.empty(2 * (job[J_LISTS] + 1), np.int32)
     own_micro = np.empty(4 * (MICRO_PER_ELEMENT * CHUNK + 1), np.int32)
     own_columns = np.empty(16 * vec.LANES, np.int32)
+    own_view = np.empty(V_COLUMNS, np.float32)
     spans = i32_at(np.int64(own_spans.ctypes.data))
     fill = i32_at(np.int64(own_fill.ctypes.data))
     micro = i32_at(np.int64(own_micro.ctypes.data))
     columns = i32_at(np.int64(own_columns.ctypes.data))
+    view = f32_at(np.int64(own_view.ctypes.data))
+    viewed, clusters = -1, np.int64(0)
     for chunk in range(begin_chunk, end_chunk):
         work = chunk * CHUNK
         end = min(work + CHUNK, job[J_ELEMENTS])
@@ -204,8 +211,12 @@ def setup(job_at, lens_at, begin_chunk, end_chunk):
             offset = table[row + T_ELEMENT]
             if table[row + T_TOPOLOGY] == 3:
                 begin, last = work - offset, stop - offset
+                if drawn != viewed:
+                    viewed, clusters = drawn, table[row + T_CLUSTERS]
+                    if clusters != 0 and not look_at(job, lens, drawn, view):
+                        clusters = np.int64(0)
                 count, micros = triangles(
-                    job, lens, drawn, begin, last, 0, record, spans, count, micro, micros, columns
+                    job, lens, drawn, begin, last, 0, record, spans, count, micro, micros, columns, clusters, view
                 )
             else:
                 for k in range(work, stop):
@@ -215,3 +226,4 @@ def setup(job_at, lens_at, begin_chunk, end_chunk):
         _distribute(job, chunk, spans, count, np.int64(own_micro.ctypes.data), micros, fill)
     # The pointers above do not keep the arrays alive.
     own_spans[0] = own_fill[0] = own_micro[0] = own_columns[0] = 0
+    own_view[0] = 0.0

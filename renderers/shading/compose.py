@@ -30,6 +30,8 @@ GATHER: Final = 1
 """Add a translucent layer behind those gathered so far."""
 UNDER: Final = 2
 """Write the picture beneath the gathered layers."""
+_AHEAD: Final = 1024
+"""Pixels of the picture that are on their way to the cache before they are written: it follows row upon row."""
 
 
 @inlined
@@ -142,6 +144,7 @@ def put_line(job, y, width, line):
     # What is written behind eight pixels, up to four bytes, must be overwritten by the next ones of the same row.
     whole = max(width - 2, 0) // vec.LANES * vec.LANES
     for x in range(0, whole, vec.LANES):
+        vec.prefetch(color, 3 * (x + _AHEAD))
         vec.store_rgb(color, 3 * x, vec.load(line, x))
     for x in range(whole, width):
         for k in range(3):
