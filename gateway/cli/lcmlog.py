@@ -54,11 +54,14 @@ def play(
     """Play a log into an LCM network."""
     from gateway.ops import logs
     from gateway.treeviewer import replay
+    from gateway.treeviewer.eventlog import EventLogError
 
     logs.configure("human", "warning")
     tally = replay.Tally()
     try:
         asyncio.run(replay.play(log, lcm_url, speed, loop, channels, tally))
+    except EventLogError as error:
+        raise ValueError(f"{log}: {error}") from None
     except KeyboardInterrupt:
         pass
     typer.echo(f"{log}: {tally.events} messages played, {tally.data_bytes} bytes", err=True)

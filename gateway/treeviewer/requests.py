@@ -7,6 +7,7 @@ others), and Python's own, which alone knows the bare NaN and Infinity tokens of
 from __future__ import annotations
 
 import json
+import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -235,6 +236,9 @@ class RequestReader:
             except CommandError as error:
                 request.fail(Failure("settransform", index, path, str(error)), context.limits)
             else:
+                if not all(map(math.isfinite, pose)):
+                    text = "transform is not finite, so nothing below it is drawn"
+                    request.warnings.append(f"settransform[{index}] {_named(path)}: {text}")
                 request.transforms.append((path, pose))
 
 

@@ -115,4 +115,6 @@ GEOMS: dict[int, Difference] = {
     29: Difference(-3, "lies outside", "only files below the folders that the operator opened are looked at"),
 }
 
-DIFFERENCES: dict[str, dict[int, Difference]] = {"bad": BAD, "cpp_wrapper": CPP_WRAPPER, "geoms": GEOMS}
+NAN = {5: Difference(0, "transform is not finite", "a warning tells why nothing is drawn", [["cam"]])}
+
+DIFFERENCES: dict[str, dict[int, Difference]] = {"bad": BAD, "cpp_wrapper": CPP_WRAPPER, "geoms": GEOMS, "nan": NAN}

@@ -191,6 +191,7 @@ def test_pythons_numbers_beyond_json_are_kept_in_the_tree(viewer: Viewer, number
     text = f'{{"settransform": [{{"path": ["a"], "transform": {{"translation": [{number}, 0, 1]}}}}]}}'
     answer = viewer.tell(text)
     assert answer["status"] == 1, answer
+    assert answer["warnings"] == ['settransform[0] ["a"]: transform is not finite, so nothing below it is drawn']
     pose = viewer.node("a").pose
     assert pose is not None
     assert not math.isfinite(pose[0])
