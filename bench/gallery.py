@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from gateway.demo import Demo
 from gateway.scene.cameras import parse_camera
 from gateway.scene.flatten import flatten
+from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree
 from gateway.scene.tree import Node
 from gateway.scene.viewpoints import resolve_camera
@@ -125,7 +126,8 @@ class Gallery:
         demo = Demo(tree)
         demo.populate()
         demo.edit(3.0)
-        self._demo = flatten(tree.snapshot.root)
+        labels = LabelTable()
+        self._demo = flatten(tree.snapshot.root, label_of=lambda path, _: labels.label_of(path))
 
     def color(self, scene: DrawList, view: Camera, look: Look) -> Picture:
         with self._renderer.render(scene, view, Output.COLOR, look) as frame:
@@ -133,7 +135,7 @@ class Gallery:
             return frame.color.copy()
 
     def demo(self) -> Picture:
-        view = camera("eye=2.6,-2.5,1.9;target=0,0.1,0.7;fovy=36", drawn=self._demo)
+        view = camera("eye=2.75,-2.75,2.1;target=0.05,-0.05,0.56;fovy=37", drawn=self._demo)
         return self.color(self._demo, view, Look("studio", PAPER, 8))
 
     def looks(self) -> Picture:
@@ -247,18 +249,15 @@ class Gallery:
 
     def outputs(self) -> Picture:
         """Colour, depth, labels and normals of one call."""
-        view = camera("eye=1.9,-1.9,1.6;target=0,0.1,0.7;fovy=36", WIDTH // 2, HEIGHT // 2, self._demo)
-        scene = replace(
-            self._demo, instances=tuple(replace(i, label=k + 1) for k, i in enumerate(self._demo.instances))
-        )
+        view = camera("eye=2.75,-2.75,2.1;target=0.05,-0.05,0.56;fovy=37", WIDTH // 2, HEIGHT // 2, self._demo)
         wanted = Output.COLOR | Output.DEPTH | Output.LABEL | Output.NORMAL
-        with self._renderer.render(scene, view, wanted, Look("studio", PAPER, 8)) as frame:
+        with self._renderer.render(self._demo, view, wanted, Look("studio", PAPER, 8)) as frame:
             assert frame.color is not None
             assert frame.depth is not None
             assert frame.label is not None
             assert frame.normal is not None
             near = 1.0 / np.where(np.isfinite(frame.depth), frame.depth, np.inf)
-            near = (np.clip((near - 0.15) / 0.4, 0, 1) * 255).astype(np.uint8)
+            near = (np.clip((near - 0.12) / 0.26, 0, 1) * 255).astype(np.uint8)
             depth = cv2.applyColorMap(near, cv2.COLORMAP_VIRIDIS)[..., ::-1]
             palette = np.random.default_rng(1).integers(60, 256, (4096, 3))
             label = np.where((frame.label == 0xFFFFFF)[..., None], 255, palette[np.minimum(frame.label, 4095)]).astype(
