@@ -28,6 +28,8 @@ class Crowded:
     """Requests a second."""
     server_ms: float
     """CPU time a request."""
+    loop_ms: float
+    """Of it, the time of the server's first thread: our event loop."""
     client_ms: float
 
     others: float
@@ -53,10 +55,11 @@ def crowd(port: int, pid: int, bodies: Sequence[bytes], clients: int) -> Crowded
     for process in processes:
         process.start()
     barrier.wait(TIMEOUT)
-    before, everybody, began = _spent(pid), _everybody(), time.perf_counter()
+    before, loop, everybody, began = _spent(pid), _first(pid), _everybody(), time.perf_counter()
     barrier.wait(TIMEOUT)
     told: list[tuple[float, float, float, int]] = [pipe.recv() for pipe, _ in pipes]
-    spent, everybody, whole = _spent(pid) - before, _everybody() - everybody, time.perf_counter() - began
+    spent, loop = _spent(pid) - before, _first(pid) - loop
+    everybody, whole = _everybody() - everybody, time.perf_counter() - began
     for process in processes:
         process.join()
     if failed := sum(failures for *_, failures in told):
@@ -64,7 +67,16 @@ def crowd(port: int, pid: int, bodies: Sequence[bytes], clients: int) -> Crowded
     seconds = max(end for _, end, _, _ in told) - min(begin for begin, _, _, _ in told)
     own = sum(cpu for _, _, cpu, _ in told)
     others = max(0.0, everybody - spent - own) / whole
-    return Crowded(len(bodies) / seconds, 1e3 * spent / len(bodies), 1e3 * own / len(bodies), others)
+    server_ms, loop_ms, client_ms = (1e3 * each / len(bodies) for each in (spent, loop, own))
+    return Crowded(len(bodies) / seconds, server_ms, loop_ms, client_ms, others)
+
+
+def _first(pid: int) -> float:
+    """CPU seconds of a process's first thread; 0 where the kernel does not say."""
+    try:
+        return int(Path(f"/proc/{pid}/schedstat").read_text().split()[0]) / 1e9
+    except OSError:
+        return 0.0
 
 
 def _spent(pid: int) -> float:

@@ -206,20 +206,21 @@ class Turns:
         """For the table."""
         one, four = self.medians(lambda seen: seen.rate)
         busy = " | ".join(f"{value:.2f}" for value in self.medians(lambda seen: seen.busy))
-        cpu = [*self.medians(lambda seen: seen.server_ms), *self.medians(lambda seen: seen.client_ms)]
+        cpu = [*self.medians(lambda seen: seen.server_ms), *self.medians(lambda seen: seen.loop_ms)]
+        cpu += self.medians(lambda seen: seen.client_ms)
         work = " | ".join(f"{ms:.1f}" for ms in cpu)
         return f"{one:.0f} | {four:.0f} | {self.gain:.2f} | {self.bound:.2f} | {busy} | {self.others:.2f} | {work}"
 
 
 TURNS_HEAD = (
     "one client | four | ratio | at most | processors in use, one | four | by others "
-    "| server's CPU ms a request, one | four | clients', one | four |"
+    "| server's CPU ms a request, one | four | of it the event loop's, one | four | clients', one | four |"
 )
 
 
 def four_clients(ours: Server, vtk: Server | None, folder: Path, frames: int) -> list[Row]:
     """Four clients' throughput against one's, in turns."""
-    print(f"\n| requests/s, 640×480 | {TURNS_HEAD} VTK, one | four |\n|{'---|' * 14}")
+    print(f"\n| requests/s, 640×480 | {TURNS_HEAD} VTK, one | four |\n|{'---|' * 16}")
     found: list[Turns] = []
     for number in ("001", "010"):
         for kind in posted.KINDS:
@@ -233,7 +234,10 @@ def four_clients(ours: Server, vtk: Server | None, folder: Path, frames: int) ->
     costs = [four / one for one, four in (turns.medians(lambda seen: seen.server_ms) for turns in found)]
     what = "`/render`, the server's CPU time a request with four clients against one (geometric mean)"
     cost = Row(what, f"worst {max(costs):.2f}×", "one client", f"{geometric_mean(costs):.2f}×")
-    return [*gained("`/render`", found), cost]
+    loops = [max(0.001, turns.medians(lambda seen: seen.loop_ms)[1]) for turns in found]
+    what = "… of which the event loop's, one request after the other on any machine (geometric mean)"
+    loop = Row(what, f"{geometric_mean(loops):.2f} ms (most {max(loops):.2f})")
+    return [*gained("`/render`", found), cost, loop]
 
 
 def gained(what: str, found: list[Turns]) -> list[Row]:
@@ -271,7 +275,7 @@ def gained(what: str, found: list[Turns]) -> list[Row]:
 def scheduling(folder: Path, frames: int) -> list[Row]:
     """Four clients' throughput against one's where a frame has one thread: what one client leaves idle is there for
     others. Otherwise a single client's frames use every processor, too, and the ratio says how well they share it."""
-    print(f"\n| requests/s, 640×480, one thread a frame | {TURNS_HEAD}\n|{'---|' * 12}")
+    print(f"\n| requests/s, 640×480, one thread a frame | {TURNS_HEAD}\n|{'---|' * 14}")
     found: list[Turns] = []
     with gateway("--only", "render", "--frame-threads", "1") as running:
         for number in ("001", "010"):
