@@ -78,6 +78,9 @@ def compile_parts(numbers: int) -> None:
     """
     kernels.configure()
     process.hurry()  # compiling makes millions of objects, none of which is garbage before all is done
+    from renderers.remembered import remember
+
+    remember()
     parts = tuple(PARTS.values())
     while number := os.read(numbers, 1):
         parts[number[0]]()
