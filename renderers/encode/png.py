@@ -113,7 +113,8 @@ def _zlib(rows: NDArray[np.uint8], *, pixel: int, swap: bool) -> Iterator[bytes]
         count = min(step, height - top)
         last = top + count == height
         where = begin + top * row_bytes
-        bit = deflate_rows(where, top > 0, count, row_bytes, pixel, swap, *places, bit, last)
+        # Integers all: Numba would compile the kernel once more for bool, while serving.
+        bit = deflate_rows(where, int(top > 0), count, row_bytes, pixel, int(swap), *places, bit, int(last))
         yield out[: bit >> 3].tobytes()
         out[0], bit = out[bit >> 3], bit & 7
     yield struct.pack(">I", scratch.work[CHECKSUM])

@@ -13,10 +13,12 @@ import pytest
 import tifffile
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from numba import int64
 from numpy.typing import NDArray
 from PIL import Image
 
 from renderers.encode import jpeg_rgb, png_gray8, png_gray16, png_label, png_rgb, png_rgba, tiff_float32, tiff_gray16
+from renderers.encode.deflate import deflate_rows
 
 sizes = st.tuples(st.integers(1, 70), st.integers(1, 70))
 seeds = st.integers(0, 2**32 - 1)
@@ -94,6 +96,13 @@ def test_png_of_noise_and_of_many_bands(shape: tuple[int, int]) -> None:
     encoded = png_rgb(noise)
     np.testing.assert_array_equal(opencv(encoded)[..., ::-1], noise)
     assert len(encoded) < 1.01 * noise.nbytes + 200
+
+
+def test_pictures_of_all_kinds_are_written_by_one_compiled_kernel() -> None:
+    png_gray8(np.zeros((2, 3), np.uint8))
+    png_gray16(np.zeros((2, 3), np.uint16))
+    png_rgb(np.zeros((700, 300, 3), np.uint8))  # of several bands
+    assert [str(signature) for signature in deflate_rows.signatures] == [str((int64,) * 11)]
 
 
 def test_equal_pictures_are_equal_files() -> None:
