@@ -26,7 +26,7 @@ from renderers.cpu.work import work
 from renderers.native import YIELD_ADDRESS, kernel_address
 from renderers.pointers import address_of
 from renderers.port import Frame
-from renderers.samples import lanes_of_masks, sample_offsets
+from renderers.samples import E_COLUMNS, lanes_of_masks, sample_offsets
 from renderers.shading.kernels import shade_rows
 from renderers.simd import LANES
 
@@ -108,11 +108,7 @@ class FrameJob:
             useful = begin(address)
         self._useful = useful
         if samples > 1:
-            offsets = sample_offsets(samples)
-            own[at.J_MARGIN] = np.abs(offsets).max()
-            own[at.J_SAMPLES] = address_of(offsets, np.int32)
-            own[at.J_LANES] = address_of(lanes_of_masks(), np.int32)
-            self._keep.append(offsets)
+            memory[at.J_MARGIN], memory[at.J_SAMPLES], memory[at.J_LANES], _ = _sample_tables(samples)
 
     @property
     def X_camera_mesh(self) -> NDArray[np.float64]:
@@ -177,16 +173,15 @@ class FrameJob:
         _, _, drawing, shading = kernel_addresses()
         return self._drawn(drawing, shading if shade_job else 0, shade_job, layers, 4 * values, 0)
 
-    def sampled_task(self, draw: int, find: int, memory: NDArray[np.int64], shader: SampledShader) -> Task:
+    def sampled_task(self, draw: int, find: int, memory: int, shader: SampledShader) -> Task:
         """As ``task``, of several samples a pixel.
 
         Args:
             draw, find: addresses of ``edges.draw_samples`` and ``edges.find_edges``.
-            memory: (threads, E_COLUMNS) int64, of each thread.
+            memory: address of (threads, E_COLUMNS) int64, of each thread; lives as long as the scratch.
         """
-        self._keep += (memory, shader)
-        layers, values = address_of(memory, np.int64), memory.strides[0]
-        return self._drawn(draw, shader.kernel, shader.job, layers, values, find)
+        self._keep.append(shader)
+        return self._drawn(draw, shader.kernel, shader.job, memory, 8 * E_COLUMNS, find)
 
     def _drawn(self, *how: int) -> Task:
         """The task, with what differs between one sample and several: W_DRAW and on."""
@@ -211,6 +206,13 @@ class Task:
     def __call__(self) -> None:
         """Take part until the frame is finished."""
         work(self._address)
+
+
+@cache
+def _sample_tables(samples: int) -> tuple[int, int, int, object]:
+    """J_MARGIN, J_SAMPLES and J_LANES, and what they point to."""
+    offsets, lanes = sample_offsets(samples), lanes_of_masks()
+    return int(np.abs(offsets).max()), address_of(offsets, np.int32), address_of(lanes, np.int32), (offsets, lanes)
 
 
 @cache

@@ -6,7 +6,7 @@ import math
 import threading
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -20,6 +20,7 @@ SCRATCH_BYTES = 512 << 20
 
 
 CACHE_LINE: Final = 64
+T = TypeVar("T")
 
 
 def aligned(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
@@ -89,6 +90,7 @@ class Scratch:
         self._tables: dict[str, tuple[int, Table]] = {}
         self._sizes: object = None
         self._places: tuple[int, ...] = ()
+        self._made: tuple[object, Any] = None, None
         self.nbytes = 0
 
     def take(self, name: str, count: int, dtype: type[np.generic]) -> tuple[NDArray[Any], int]:
@@ -121,6 +123,13 @@ class Scratch:
             self._places = tuple([self.take(*part)[1] for part in parts()])
             self._sizes = sizes
         return self._places
+
+    def made(self, key: object, make: Callable[[], T]) -> T:
+        """What ``make`` gave last, if that was for the same key; it may hold addresses of arrays nobody else takes."""
+        if key != self._made[0]:
+            self._made = key, make()
+        last: T = self._made[1]
+        return last
 
 
 class ScratchPool:

@@ -228,28 +228,16 @@ class CpuRenderer:
                 self._geometry(prepared, camera, frame, places)
             paint(self, scene, shading, camera, look, color)
             return
-        if look.samples != 1:
-
-            def begin(view: SampledView) -> SampledShader:
-                return mixed_bands(
-                    Painter.of(shading, view.X_camera_mesh, view.first_record, camera, look, color, stride=view.stride)
-                )
-
-            self.sampled(scene, camera, look.samples, begin, cull_back=shading.cull_back if shading.culls else None)
-            return
         scratch = self._scratch.take()
         try:
-            culled = shading.cull_at if shading.culls else 0
-            job = FrameJob(
-                prepared,
-                camera,
-                scratch,
-                self._crew.threads,
-                cull_back=culled,
-                keep_backs=with_geometry,
-                opaque=True,
-            )
-            job.outputs(frame, places[1:])
+            culled, threads = shading.cull_at if shading.culls else 0, self._crew.threads
+            if look.samples == 1:
+                job = FrameJob(
+                    prepared, camera, scratch, threads, cull_back=culled, keep_backs=with_geometry, opaque=True
+                )
+                job.outputs(frame, places[1:])
+            else:
+                job = FrameJob(prepared, camera, scratch, threads, cull_back=culled, samples=look.samples)
             painter = Painter(
                 shading,
                 (prepared.first_record_at, job.poses_address, places[0], job.stride),
@@ -258,7 +246,12 @@ class CpuRenderer:
                 table=lambda values: scratch.table("painter", values),
                 keep=(job, color),
             )
-            self._crew.share(job.task(painter.job))
+            if look.samples == 1:
+                task = job.task(painter.job)
+            else:
+                memory = edge_memory(scratch, threads, camera, look.samples, job.stride)
+                task = job.sampled_task(*edge_kernels(), memory, mixed_bands(painter))
+            self._crew.share(task)
         finally:
             self._scratch.give(scratch)
 

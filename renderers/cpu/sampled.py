@@ -15,7 +15,7 @@ from renderers.cpu.pools import Scratch
 from renderers.cpu.visibility import BAND_ROWS, Rasterizer, SampledShader
 from renderers.drawlist import DrawList
 from renderers.native import kernel_address
-from renderers.pointers import address_of
+from renderers.pointers import address_of, table
 from renderers.port import Look
 from renderers.samples import sample_cameras
 from renderers.shading import Painter, ShadingScene, paint
@@ -26,14 +26,23 @@ _GAP: Final = 1040
 """Values between arrays of a band, for the sake of ``resolve.LAYER_GAP``; also what is read behind them."""
 
 
-def edge_memory(scratch: Scratch, threads: int, camera: Camera, samples: int, stride: int) -> NDArray[np.int64]:
-    """(threads, E_COLUMNS) int64, see ``samples``: working memory of the bands that threads draw at the same time.
+def edge_memory(scratch: Scratch, threads: int, camera: Camera, samples: int, stride: int) -> int:
+    """Address of (threads, E_COLUMNS) int64, see ``samples``: working memory of the bands that threads draw at the same
+    time.
 
     Args:
         scratch: must live as long as bands are drawn.
         stride: values from one row of records to the next.
     """
-    room = (samples - 1) * camera.width
+    sizes = threads, camera.width, samples, stride
+    return scratch.made(sizes, lambda: _edge_tables(scratch, *sizes))[1]
+
+
+def _edge_tables(
+    scratch: Scratch, threads: int, width: int, samples: int, stride: int
+) -> tuple[NDArray[np.int64], int]:
+    """``edge_memory``'s, and their address."""
+    room = (samples - 1) * width
     parts = {  # values of 4 bytes
         at.E_SAMPLE_IDS: BAND_ROWS * stride * LANES,
         at.E_SAMPLE_INV_Z: BAND_ROWS * stride * LANES,
@@ -57,7 +66,7 @@ def edge_memory(scratch: Scratch, threads: int, camera: Camera, samples: int, st
     for column, values in parts.items():
         tables[:, column] = range(place, place + threads * 4 * size, 4 * size)
         place += 4 * (values + _GAP)
-    return tables
+    return tables, address_of(tables, np.int64)
 
 
 @cache
@@ -66,14 +75,22 @@ def edge_kernels() -> tuple[int, int]:
     return kernel_address(draw_samples), kernel_address(find_edges)
 
 
+@cache
+def _shading_kernels() -> tuple[int, int]:
+    """Addresses of shade_mixed and shade_rows."""
+    return kernel_address(shade_mixed), kernel_address(shade_rows)
+
+
 def mixed_bands(painter: Painter) -> SampledShader:
     """For ``Rasterizer.sampled``: shades and mixes bands of an opaque scene as they are shown, as VTK mixes them.
 
     Args:
         painter: of the whole picture.
     """
-    job = np.array((kernel_address(shade_rows), painter.job), np.int64)
-    return SampledShader(kernel_address(shade_mixed), address_of(job, np.int64), (job, painter))
+    mixing, shading = _shading_kernels()
+    own, memory, address = table(2)
+    memory[0], memory[1] = shading, painter.job
+    return SampledShader(mixing, address, (own, painter))
 
 
 def paint_each_sample(
