@@ -183,11 +183,11 @@ def by_stage(address: int, spent: dict[str, float]) -> None:
     note("setup")
     for band in range(task[at.W_UNITS + 2]):
         first = band * BAND_ROWS
-        draw_samples(job, lens, band, memory)
-        note("draw_samples")
-        find_edges(job, band, memory)
-        note("find_edges")
         last = min(first + BAND_ROWS, task[at.W_HEIGHT])
+        draw_samples(job, lens, first, last, memory)
+        note("draw_samples")
+        find_edges(job, first, last, memory)
+        note("find_edges")
         shade_mixed(task[at.W_SHADE_JOB], memory, task[at.W_STRIDE], first, last)
         note("shade_mixed")
 

@@ -21,7 +21,6 @@ from renderers.cpu.layout import (
     J_COLUMNS,
     J_FAR,
     J_FIRST_RECORD,
-    J_HEIGHT,
     J_IDS,
     J_LANES,
     J_NEAR,
@@ -34,7 +33,6 @@ from renderers.cpu.layout import (
 )
 from renderers.cpu.multisample import raster_samples
 from renderers.cpu.pixelsamples import MIXED
-from renderers.cpu.visibility import BAND_ROWS
 from renderers.jit import kernel
 from renderers.linked import inlined, inner
 from renderers.native import call_kernel
@@ -259,11 +257,11 @@ def _apart(job, shown, others, begin, count, known):
 
 
 @inner
-def _sort_out(job, edges, band, columns, pairs, found, marks, scratch, known):
+def _sort_out(job, edges, rows, columns, pairs, found, marks, scratch, known):
     """Fill E_IDS and the lists of the band's rows.
 
     Args:
-        columns: pointer to room for J_STRIDE + 8 int32. pairs: to as much, three times.
+        rows: how many. columns: pointer to room for J_STRIDE + 8 int32. pairs: to as much, three times.
         found, marks: ``_add``'s, with room for E_ROOM entries.
         scratch: pointer to 40 int32. known: see ``_joined``.
     """
@@ -271,7 +269,7 @@ def _sort_out(job, edges, band, columns, pairs, found, marks, scratch, known):
     lanes, samples = i32_at(job[J_LANES]), i32_at(edges[E_SAMPLE_IDS])
     length = stride + vec.LANES
     shown_at, others_at, about = i32_at(pairs), i32_at(pairs + 4 * length), i32_at(pairs + 8 * length)
-    for row in range(min(BAND_ROWS, job[J_HEIGHT] - band * BAND_ROWS)):
+    for row in range(rows):
         slots = i32_at(edges[E_SLOTS] + 4 * row * stride)
         ids = i32_at(edges[E_IDS] + 4 * row * stride)
         owners = i32_at(edges[E_OWNERS] + 4 * row * stride)
@@ -352,30 +350,31 @@ def _sort_out(job, edges, band, columns, pairs, found, marks, scratch, known):
         i32_at(edges[E_MIXED])[row] = mixed
 
 
-@kernel("void(int64, int64, int64, int64)")
-def draw_samples(job_at, lens_at, band, edges_at):
-    """Raster the samples of a band of the picture.
+@kernel("void(int64, int64, int64, int64, int64)")
+def draw_samples(job_at, lens_at, row_begin, row_end, edges_at):
+    """Raster the samples of a band of the picture, or of part of one.
 
     Args:
-        job_at, lens_at: as for ``resolve.draw_band``. edges_at: address of E_COLUMNS int64.
+        job_at, lens_at: as for ``resolve.draw_band``. row_begin, row_end: rows of the picture.
+        edges_at: address of E_COLUMNS int64.
     """
     job, edges = i64_at(job_at), i64_at(edges_at)
     own_job = np.empty(J_COLUMNS, np.int64)
     for k in range(J_COLUMNS):
         own_job[k] = job[k]
     # Kernels count pixels from the picture's first row.
-    before = 4 * band * BAND_ROWS * job[J_STRIDE]
+    before = 4 * row_begin * job[J_STRIDE]
     own_job[J_SAMPLE_IDS], own_job[J_SAMPLE_INV_Z] = edges[E_SAMPLE_IDS], edges[E_SAMPLE_INV_Z]
     own_job[J_IDS], own_job[J_SLOTS] = edges[E_IDS] - before, edges[E_SLOTS] - before
     own_job[J_OWNERS] = edges[E_OWNERS] - before
     own_job[J_FAR], own_job[J_NEAR] = edges[E_FAR] - before, edges[E_NEAR] - before
-    raster_samples(i64_at(np.int64(own_job.ctypes.data)), f64_at(lens_at), band)
+    raster_samples(i64_at(np.int64(own_job.ctypes.data)), f64_at(lens_at), row_begin, row_end)
     own_job[0] = 0  # the pointer above does not keep the array alive
 
 
-@kernel("void(int64, int64, int64)")
-def find_edges(job_at, band, edges_at):
-    """Find out what is to be shaded in a band that ``draw_samples`` has drawn; arguments as there."""
+@kernel("void(int64, int64, int64, int64)")
+def find_edges(job_at, row_begin, row_end, edges_at):
+    """Find out what is to be shaded in rows that ``draw_samples`` has drawn; arguments as there."""
     job, edges = i64_at(job_at), i64_at(edges_at)
     room = edges[E_ROOM] + _REACH + vec.LANES
     length = job[J_STRIDE] + vec.LANES
@@ -388,7 +387,7 @@ def find_edges(job_at, band, edges_at):
     for k in range(1, _REACH + 1):
         entries[-k] = -1
     columns_at = i32_at(scratch + 4 * columns)
-    _sort_out(job, edges, band, columns_at, scratch + 4 * pairs, entries, marks, i32_at(scratch), known)
+    _sort_out(job, edges, row_end - row_begin, columns_at, scratch + 4 * pairs, entries, marks, i32_at(scratch), known)
     own_scratch[0] = own_known[0] = 0  # the pointers above do not keep the arrays alive
 
 

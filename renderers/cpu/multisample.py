@@ -27,7 +27,6 @@ from renderers.cpu.layout import (
     J_BANDS,
     J_CHUNKS,
     J_FAR,
-    J_HEIGHT,
     J_IDS,
     J_LANES,
     J_MARGIN,
@@ -388,16 +387,14 @@ def _draw(job, lens, record, place, first_row, last_row, scratch):
 
 
 @inner
-def raster_samples(job, lens, band):
-    """Empty the band and draw all that touches it, in the order of record numbers.
+def raster_samples(job, lens, first_row, last_row):
+    """Empty the rows, all of one band, and draw all that touches them, in the order of record numbers.
 
     Then J_IDS has the number of each pixel's record, -1 where it sees none, and J_OWNERS the record's place among all,
     -1 or MIXED where the samples have records of their own, the numbers of which J_SAMPLE_IDS has from eight times
     J_SLOTS on.
     """
-    first_row = band * BAND_ROWS
-    last_row = min(first_row + BAND_ROWS, job[J_HEIGHT])
-    stride = job[J_STRIDE]
+    band, stride = first_row // BAND_ROWS, job[J_STRIDE]
     ids, owners = i32_at(job[J_IDS]), i32_at(job[J_OWNERS])
     far, near = f32_at(job[J_FAR]), f32_at(job[J_NEAR])
     # Nothing at or beyond this 1/z is accepted: the far plane costs no test of its own.

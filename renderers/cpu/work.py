@@ -50,11 +50,6 @@ def _band(task, band, layer):
     job, lens, draw = task[W_JOB], task[W_LENS], task[W_DRAW]
     first = band * BAND_ROWS
     last = min(first + BAND_ROWS, task[W_HEIGHT])
-    if task[W_FIND] != 0:
-        call_kernel(draw, (job, lens, band, layer))
-        call_kernel(task[W_FIND], (job, band, layer))
-        call_kernel(task[W_SHADE], (task[W_SHADE_JOB], layer, task[W_STRIDE], first, last))
-        return
     if task[W_SHADE] == 0:
         call_kernel(draw, (job, lens, band, layer, EVERYTHING))
         return
@@ -63,6 +58,23 @@ def _band(task, band, layer):
     call_kernel(task[W_SHADE], (task[W_SHADE_JOB], layer - 4 * first * task[W_STRIDE], first, last))
     if split:
         call_kernel(draw, (job, lens, band, layer, BACKS))
+
+
+@inner
+def _samples(task, unit, memory):
+    """Draw and shade one band with several samples a pixel; of the last band, a half.
+
+    A band takes a tenth of a frame where pictures are small: threads that end at different times wait for half of it.
+    """
+    before = task[W_UNITS + 2] - 1
+    first = min(unit, before) * BAND_ROWS
+    if unit > before:
+        first += BAND_ROWS // 2
+    last = min(first + (BAND_ROWS if unit < before else BAND_ROWS // 2), task[W_HEIGHT])
+    if first < last:
+        call_kernel(task[W_DRAW], (task[W_JOB], task[W_LENS], first, last, memory))
+        call_kernel(task[W_FIND], (task[W_JOB], first, last, memory))
+        call_kernel(task[W_SHADE], (task[W_SHADE_JOB], memory, task[W_STRIDE], first, last))
 
 
 @kernel("void(int64)")
@@ -78,6 +90,8 @@ def work(task_at):
         layer += take_number(task, W_THREADS) * task[W_LAYER_BYTES]
     for phase in range(PHASES):
         units = task[W_UNITS + phase]
+        if phase == 2 and task[W_FIND] != 0:
+            units += 1
         unit = take_number(task, W_TAKEN + phase)
         while unit < units:
             if phase == 0:
@@ -88,6 +102,8 @@ def work(task_at):
                 begin = unit * task[W_CHUNKS_PER_UNIT]
                 end = min(begin + task[W_CHUNKS_PER_UNIT], task[W_CHUNKS])
                 call_kernel(task[W_SETUP], (task[W_JOB], task[W_LENS], begin, end))
+            elif task[W_FIND] != 0:
+                _samples(task, unit, layer)
             else:
                 _band(task, unit, layer)
             take_number(task, W_ENDED + phase)
