@@ -10,7 +10,7 @@ interpreter that has vtk, moderngl runs in this one. Figures are medians in ms, 
 is theirs over ours, wall/CPU.
 
 ``--part stages``: where the CPU time of one thread goes in frames with several samples, every stage called by itself;
-the first quartile over the frames, ms.
+``around`` is what one thread does before and after, whatever the others do; the first quartile over the frames, ms.
 """
 
 from __future__ import annotations
@@ -169,7 +169,7 @@ def frames(threads: int, python: str | None, count: int) -> list[Row]:
 
 
 SAMPLES: tuple[Literal[4, 8], ...] = (4, 8)
-STAGES = ("transform", "setup", "draw_samples", "find_edges", "shade_mixed")
+STAGES = ("transform", "setup", "draw_samples", "find_edges", "shade_mixed", "around")
 
 
 def by_stage(address: int, spent: dict[str, float]) -> None:
@@ -202,8 +202,10 @@ def stages(count: int) -> None:
             times: dict[str, list[float]] = defaultdict(list)
             for number in range(count + WARM):
                 spent: dict[str, float] = defaultdict(float)
+                camera, start = view(width, height, number), time.thread_time()
                 with patch.object(frame, "work", partial(by_stage, spent=spent)):
-                    drawer.render(scene, view(width, height, number), Output.COLOR, look).close()
+                    drawer.render(scene, camera, Output.COLOR, look).close()
+                spent["around"] = time.thread_time() - start - sum(spent.values())
                 start = time.thread_time()
                 drawer.render(scene, view(width, height, number), Output.COLOR, look).close()
                 spent["whole"] = time.thread_time() - start
