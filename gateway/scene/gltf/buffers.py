@@ -51,6 +51,10 @@ class Buffers:
         self._held: dict[tuple[int, int], Buffer] = {} if known is None else known._held.copy()
         self.nbytes: int = 0 if known is None else known.nbytes
 
+    def finish(self) -> None:
+        """Nothing is loaded any more: lets go of the cache, which may keep this."""
+        del self._cache
+
     @property
     def uids(self) -> tuple[int, ...]:
         """What was loaded so far, in order."""
@@ -131,16 +135,17 @@ class Buffers:
                 unescaped = msgspec.json.decode(b'"%b"' % bytes(raw), type=str) if not isinstance(uri, str) else uri
                 data = decode_data_uri(memoryview(unescaped.encode()))
             except (ValueError, msgspec.MsgspecError) as error:
+                self.nbytes -= len(raw) * 3 // 4
                 raise GltfError(f"{where}: not a valid data URI: {error}") from error
         return self._cache.buffer(data, self._held)
 
     def charge(self, nbytes: int, what: str, index: int = -1) -> None:
         """Counts bytes against ``max_buffer_bytes``, before they are made; ``what``, or the URI of ``what[index]``,
         needs them."""
-        self.nbytes += nbytes
-        if self.nbytes > self._limits.max_buffer_bytes:
+        if self.nbytes + nbytes > self._limits.max_buffer_bytes:
             where = what if index < 0 else f"{what}[{index}].uri"
             raise GltfError(f"{where}: the buffers exceed max_buffer_bytes = {self._limits.max_buffer_bytes}")
+        self.nbytes += nbytes
 
     def _of_file(self, uri: str, where: str) -> Buffer:
         shown = uri if len(uri) <= 80 else f"{uri[:77]}..."

@@ -45,3 +45,22 @@ def common_length(a: bytes, b: bytes) -> int:
             x, y = np.frombuffer(a, np.uint8, end - begin, begin), np.frombuffer(b, np.uint8, end - begin, begin)
             return begin + int(np.argmax(x != y))
     return shorter
+
+
+_HEAD: Final = bytes.__basicsize__ - 1
+"""Bytes of a ``bytes`` object before its contents; the size counts the zero that ends them."""
+
+
+def address_of_bytes(data: bytes) -> int:
+    """Where the contents of ``data`` begin, in a tenth of numpy's time. Whoever asks keeps ``data`` alive."""
+    return id(data) + _HEAD
+
+
+def _check_address() -> None:
+    probe = bytes(range(64))
+    address: int = np.frombuffer(probe, np.uint8).__array_interface__["data"][0]
+    if address_of_bytes(probe) != address:
+        raise ImportError("this Python keeps the contents of bytes elsewhere than CPython does")
+
+
+_check_address()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import count
 from typing import Final, TypeAlias
@@ -49,15 +49,10 @@ class CacheStats:
     mesh_misses: int
 
 
-class _Entry(msgspec.Struct, frozen=True, gc=False, eq=False):
-    buffer: Buffer
-    meshes: set[MeshKey] = msgspec.field(default_factory=set)
-
-
 class _Kept(msgspec.Struct, frozen=True, gc=False, eq=False):
     mesh: Mesh
     nbytes: int
-    buffers: set[Buffer]
+    buffers: tuple[Buffer, ...]
 
 
 class MeshCache:
@@ -81,8 +76,9 @@ class MeshCache:
         self.stems: Final = Stems(text_bytes // 4)
         self.prefixes: Final = Prefixes(text_bytes - self.stems.max_bytes)
         self._lock = threading.Lock()
-        self._entries: OrderedDict[tuple[int, int], _Entry] = OrderedDict()
-        self._by_uid: dict[int, _Entry] = {}
+        self._entries: OrderedDict[tuple[int, int], Buffer] = OrderedDict()
+        self._made_of: dict[int, set[MeshKey]] = {}
+        """By ``Buffer.uid`` of all that are kept."""
         self._meshes: dict[MeshKey, _Kept] = {}
         self._nbytes = 0
         self._buffer_hits = self._buffer_misses = self._mesh_hits = self._mesh_misses = 0
@@ -111,14 +107,15 @@ class MeshCache:
                 entry = self._entries.get(key)
                 if entry is None and (buffer is not None or isinstance(data, bytes)):
                     buffer = Buffer(data) if buffer is None else buffer  # type: ignore[arg-type]  # bytes, as asked
-                    self._entries[key] = self._by_uid[buffer.uid] = _Entry(buffer)
+                    self._entries[key] = buffer
+                    self._made_of[buffer.uid] = set()
                     self._buffer_misses += 1
                     self._nbytes += key[0]
                     if self._nbytes > self.max_bytes:
                         self._shrink()
                     return buffer
             if entry is not None:
-                same = equal_bytes(entry.buffer.data, data)
+                same = equal_bytes(entry.data, data)
                 with self._lock:
                     self._buffer_hits += same
                     if self._entries.get(key) is entry:
@@ -127,43 +124,55 @@ class MeshCache:
                         else:
                             self._drop(key)
                 if same:
-                    return entry.buffer
+                    return entry
             if buffer is None and not isinstance(data, bytes):
                 buffer = Buffer(bytes(data))  # not while others wait
 
-    def mesh(self, key: MeshKey) -> Mesh | None:
-        """The mesh that was kept for ``key``."""
+    def meshes(self, keys: Iterable[MeshKey]) -> dict[MeshKey, Mesh]:
+        """Those meshes of ``keys`` that were kept."""
+        found: dict[MeshKey, Mesh] = {}
         with self._lock:
-            kept = self._meshes.get(key)
-            self._mesh_hits += kept is not None
-            self._mesh_misses += kept is None
-        return kept.mesh if kept is not None else None
+            if not self._meshes:
+                self._mesh_misses += len([*keys])
+                return found
+            for key in keys:
+                kept = self._meshes.get(key)
+                if kept is None:
+                    self._mesh_misses += 1
+                else:
+                    self._mesh_hits += 1
+                    found[key] = kept.mesh
+        return found
 
-    def add_mesh(self, key: MeshKey, mesh: Mesh, buffers: set[Buffer], own: int) -> Mesh:
-        """Keeps ``mesh`` as long as all ``buffers`` it was made of are kept; returns what is kept for ``key``.
+    def add_meshes(self, made: Sequence[tuple[MeshKey, Mesh, tuple[Buffer, ...], int]]) -> list[Mesh]:
+        """Keeps meshes as long as all buffers they were made of are kept; returns what is kept for their keys.
 
         Args:
-            own: bytes of its arrays that are not views of ``buffers``.
+            made: key, mesh, the buffers, and the bytes of its arrays that are not views of these.
         """
+        result: list[Mesh] = []
         with self._lock:
-            known = self._meshes.get(key)
-            if known is not None:
-                return known.mesh
-            entries = [entry for buffer in buffers if (entry := self._by_uid.get(buffer.uid)) is not None]
-            if entries and len(entries) == len(buffers):
-                for entry in entries:
-                    entry.meshes.add(key)
-                self._meshes[key] = _Kept(mesh, own, buffers)
-                self._nbytes += own
-                if self._nbytes > self.max_bytes:
-                    self._shrink()
-        return mesh
+            for key, mesh, buffers, own in made:
+                known = self._meshes.get(key)
+                if known is not None:
+                    result.append(known.mesh)
+                    continue
+                result.append(mesh)
+                keys_of = [keys for buffer in buffers if (keys := self._made_of.get(buffer.uid)) is not None]
+                if keys_of and len(keys_of) == len(buffers):
+                    for keys in keys_of:
+                        keys.add(key)
+                    self._meshes[key] = _Kept(mesh, own, buffers)
+                    self._nbytes += own
+                    if self._nbytes > self.max_bytes:
+                        self._shrink()
+        return result
 
     def clear(self) -> None:
         """Forgets everything."""
         with self._lock:
             self._entries.clear()
-            self._by_uid.clear()
+            self._made_of.clear()
             self._meshes.clear()
             self._nbytes = 0
         self.prefixes.clear()
@@ -189,15 +198,14 @@ class MeshCache:
             self._drop(next(iter(self._entries)))
 
     def _drop(self, key: tuple[int, int]) -> None:
-        entry = self._entries.pop(key)
-        del self._by_uid[entry.buffer.uid]
-        self._nbytes -= len(entry.buffer.data)
-        for mesh_key in entry.meshes:
+        dropped = self._entries.pop(key)
+        self._nbytes -= len(dropped.data)
+        for mesh_key in self._made_of.pop(dropped.uid):
             kept = self._meshes.pop(mesh_key)
             self._nbytes -= kept.nbytes
             for buffer in kept.buffers:
-                if (other := self._by_uid.get(buffer.uid)) is not None:
-                    other.meshes.discard(mesh_key)
+                if (others := self._made_of.get(buffer.uid)) is not None:
+                    others.discard(mesh_key)
 
 
 def mesh_bytes(mesh: Mesh, buffers: Iterable[Buffer]) -> int:

@@ -11,6 +11,7 @@ import numpy as np
 
 from gateway.scene.gltf.errors import GltfError
 from gateway.scene.gltf.kernels import STRETCH, long_strings
+from renderers.quick import quick
 
 _MAGIC: Final = b"glTF"
 _JSON_CHUNK: Final = 0x4E4F534A
@@ -21,6 +22,7 @@ _TOKEN: Final = "\0data "  # noqa: S105 - no secret
 """What a URI that was taken out leaves behind, before its number."""
 
 
+@quick
 @dataclass(frozen=True, slots=True, eq=False)
 class Container:
     """A document before its JSON is parsed."""

@@ -10,6 +10,8 @@ from llvmlite import ir
 from numba import extending, types
 from numpy.typing import NDArray
 
+from renderers.pointers import f32_at, f64_at, i64_at, u8_at, u16_at, u32_at
+
 intrinsic: Any = extending.intrinsic
 
 _BLOCK: Final = np.uint64(4096)
@@ -17,14 +19,26 @@ _BLOCK: Final = np.uint64(4096)
 STRETCH: Final = np.uint64(512)
 """Bytes; half of what makes a string a long one."""
 _QUOTE: Final = np.uint8(0x22)
+ROW: Final = 10
+"""What ``read_meshes`` is told of a mesh. Addresses are 0 where there is nothing.
+
+0. address of its positions, (n, 3) float32
+1. n
+2. address of its indices
+3. how many, a multiple of 3
+4. bytes of an index: 1, 2 or 4
+5. address of (n, 2) float32 texture coordinates
+6. address of (n, 3) float32 normals that it comes with
+7. address of uint32 to write the indices to; 0: they are aligned uint32, and read where they are
+8. address of (n, 3) float32 to write normals to, where it comes without
+9. a limit that all indices must be below; negative: it is known that all is sound. Written: 1, or 0 where something is
+   not finite, out of range, of another length than 1, or less than half of the vertices are in use: no normals then.
+"""
 AFFINE_TOLERANCE: Final = 1e-6
 """How far the last row of a node's matrix may be from (0, 0, 0, 1)."""
 
 # Arrays of meshes are read-only, and Numba compiles again for writable ones: callers pass read-only views.
 _BYTES: Final = types.Array(types.uint8, 1, "C", readonly=True)
-_FLOATS: Final = types.Array(types.float32, 2, "C", readonly=True)
-_TRIANGLES: Final = types.Array(types.uint32, 2, "C", readonly=True)
-_NORMALS: Final = types.Array(types.float32, 2, "C")
 _INFINITE: Final = np.uint32(0x7F800000)
 """Bits of an infinite float32; those of NaN, without the sign, are larger."""
 _UNIT: Final = np.float32(1.999e-3)
@@ -97,114 +111,135 @@ def long_strings(text: NDArray[np.uint8], places: NDArray[np.int64]) -> int:
 
 
 @intrinsic
-def _add_normal(typing_context: Any, records: Any, a: Any, b: Any, c: Any) -> Any:
-    """``_add_normal(records, a, b, c)``: add the cross product of a triangle to its three vertices.
+def _add_normal(typing_context: Any, points: Any, sums: Any, a: Any, b: Any, c: Any) -> Any:
+    """``_add_normal(points, sums, a, b, c)``: add the cross product of a triangle to its three vertices.
 
-    A record, a row of a C-contiguous array, is eight float64: a place and a sum, each with a fourth value of no
-    meaning. All of a vertex is one line of the cache then, and one instruction works on x, y and z: scalars take twice
-    the time.
+    A point is three float32, a sum four float64, the last of no meaning: one instruction works on x, y and z then,
+    where scalars take twice the time.
     """
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         four = ir.VectorType(ir.DoubleType(), 4).as_pointer()
+        pair = ir.VectorType(ir.FloatType(), 2)
         lanes = ir.Constant(ir.VectorType(ir.IntType(32), 4), [1, 2, 0, 3])
-        eight = ir.Constant(ir.IntType(64), 8)
-        data = context.make_array(signature.args[0])(context, builder, args[0]).data
-        places = [builder.gep(data, [builder.mul(index, eight)]) for index in args[1:]]
-        p, q, r = (builder.load(builder.bitcast(place, four), align=8) for place in places)
+        joined = ir.Constant(ir.VectorType(ir.IntType(32), 4), [0, 1, 2, 2])
+
+        def place(first: Any, index: Any, size: int) -> Any:
+            return builder.gep(first, [builder.mul(index, ir.Constant(ir.IntType(64), size))])
+
+        def point(index: Any) -> Any:
+            begin = place(args[0], index, 3)
+            xy = builder.load(builder.bitcast(begin, pair.as_pointer()), align=4)
+            last = builder.load(builder.gep(begin, [ir.Constant(ir.IntType(64), 2)]), align=4)
+            z = builder.insert_element(ir.Constant(pair, ir.Undefined), last, ir.Constant(ir.IntType(32), 0))
+            return builder.fpext(builder.shuffle_vector(xy, z, joined), ir.VectorType(ir.DoubleType(), 4))
+
+        p, q, r = (point(index) for index in args[2:])
         u, v = builder.fsub(q, p), builder.fsub(r, p)
         u_yzx, v_yzx = (builder.shuffle_vector(x, x, lanes) for x in (u, v))
         zxy = builder.fsub(builder.fmul(u, v_yzx), builder.fmul(u_yzx, v))
         normal = builder.shuffle_vector(zxy, zxy, lanes)
-        for place in places:  # one after the other: corners can be the same vertex
-            sums = builder.bitcast(builder.gep(place, [ir.Constant(ir.IntType(64), 4)]), four)
-            builder.store(builder.fadd(builder.load(sums, align=8), normal), sums, align=8)
+        for index in args[2:]:  # one after the other: corners can be the same vertex
+            sum_ = builder.bitcast(place(args[1], index, 4), four)
+            builder.store(builder.fadd(builder.load(sum_, align=8), normal), sum_, align=8)
         return ir.Constant(ir.IntType(32), 0)
 
-    return types.int32(records, types.uint64, types.uint64, types.uint64), generate
+    return types.int32(points, sums, types.uint64, types.uint64, types.uint64), generate
 
 
 @numba.njit(inline="never", error_model="numpy")
-def _in_range(elements: NDArray[np.uint32], vertices: int, limit: int) -> bool:
+def _in_range(elements: Any, count: int, vertices: int, limit: int) -> bool:
     """Whether all indices are below ``limit`` and more than half of the vertices lie between the first and the last."""
-    flat = elements.reshape(elements.size)
     low, high = np.uint32(0xFFFFFFFF), np.uint32(0)
-    for i in range(np.uint64(len(flat))):
-        low, high = min(low, flat[i]), max(high, flat[i])
+    for i in range(np.uint64(count)):
+        low, high = min(low, elements[i]), max(high, elements[i])
     return bool(np.int64(high) < limit and 2 * (np.int64(high) + 1 - np.int64(low)) > vertices)
 
 
 @numba.njit(inline="never", error_model="numpy")
-def _finite(values: NDArray[np.float32]) -> bool:
-    bits = values.reshape(values.size).view(np.uint32)
+def _finite(bits: Any, count: int) -> bool:
     largest = np.uint32(0)
-    for i in range(np.uint64(len(bits))):
+    for i in range(np.uint64(count)):
         largest = max(largest, bits[i] & np.uint32(0x7FFFFFFF))
     return bool(largest < _INFINITE)
 
 
-@numba.njit(nogil=True, cache=True, fastmath=False, error_model="numpy")
-def sum_normals(
-    positions: NDArray[np.float32],
-    triangles: NDArray[np.uint32],
-    uv: NDArray[np.float32],
-    limit: int,
-    normals: NDArray[np.float32],
-) -> bool:
-    """Adds each triangle's cross product to its three vertices, then normalises; (0, 0, 1) where nothing was added.
-
-    Args:
-        positions, triangles: (N, 3), (M, 3).
-        uv: (N or 0, 2).
-        limit: indices must be below it; negative: it is known that all is sound.
-        normals: (N, 3), written.
-
-    Returns:
-        False: something is not finite, out of range, or less than half of the vertices are in use. Nothing is written.
-    """
-    n = positions.shape[0]
-    if limit >= 0 and not (_in_range(triangles, n, limit) and _finite(positions) and _finite(uv)):
-        return False
-    records = np.empty((n, 8), np.float64)
-    for i in range(n):
-        for k in range(3):
-            records[i, k] = np.float64(positions[i, k])
-            records[i, 4 + k] = 0.0
-        records[i, 3] = records[i, 7] = 0.0
-    for t in range(triangles.shape[0]):
-        _add_normal(records, triangles[t, 0], triangles[t, 1], triangles[t, 2])
-    for i in range(n):
-        x, y, z = records[i, 4], records[i, 5], records[i, 6]
-        length = np.sqrt(x * x + y * y + z * z)
-        if length > 0.0 and length < np.inf:
-            scale = 1.0 / length  # divisions would take half of the time
-            normals[i, 0] = np.float32(x * scale)
-            normals[i, 1] = np.float32(y * scale)
-            normals[i, 2] = np.float32(z * scale)
-        else:
-            normals[i, 0] = np.float32(0.0)
-            normals[i, 1] = np.float32(0.0)
-            normals[i, 2] = np.float32(1.0)
-    return True
-
-
-@numba.njit(nogil=True, cache=True, fastmath=False, error_model="numpy")
-def is_sound(
-    positions: NDArray[np.float32],
-    elements: NDArray[np.uint32],
-    uv: NDArray[np.float32],
-    limit: int,
-    normals: NDArray[np.float32],
-) -> bool:
-    """The same questions of a mesh that comes with normals; False also when these have not unit length."""
-    n = positions.shape[0]
-    if not (_in_range(elements, n, limit) and _finite(positions) and _finite(uv)):
-        return False
+@numba.njit(inline="never", error_model="numpy")
+def _units(vectors: Any, count: int) -> bool:
     sound = True
-    for i in range(n):
-        x, y, z = normals[i, 0], normals[i, 1], normals[i, 2]
+    for i in range(np.uint64(count)):
+        x, y, z = vectors[3 * i], vectors[3 * i + 1], vectors[3 * i + 2]
         sound &= abs(x * x + y * y + z * z - np.float32(1.0)) <= _UNIT  # false for what is not finite
     return sound
+
+
+@numba.njit(inline="never", error_model="numpy")
+def _sum_normals(points: Any, n: int, elements: Any, count: int, sums: Any, normals: Any) -> None:
+    for i in range(np.uint64(4 * n)):
+        sums[i] = 0.0
+    for t in range(np.uint64(count)):
+        first = np.uint64(3) * t
+        _add_normal(
+            points,
+            sums,
+            np.uint64(elements[first]),
+            np.uint64(elements[first + np.uint64(1)]),
+            np.uint64(elements[first + np.uint64(2)]),
+        )
+    for i in range(np.uint64(n)):
+        x, y, z = sums[4 * i], sums[4 * i + 1], sums[4 * i + 2]
+        length = np.sqrt(x * x + y * y + z * z)
+        scale = 1.0 / length  # divisions would take half of the time
+        usable = (length > 0.0) & (length < np.inf)
+        normals[3 * i] = np.float32(x * scale) if usable else np.float32(0.0)
+        normals[3 * i + 1] = np.float32(y * scale) if usable else np.float32(0.0)
+        normals[3 * i + 2] = np.float32(z * scale) if usable else np.float32(1.0)
+
+
+@numba.njit(inline="never", error_model="numpy")
+def _widen(source: Any, count: int, target: Any) -> None:
+    for i in range(np.uint64(count)):
+        target[i] = np.uint32(source[i])
+
+
+@numba.njit(nogil=True, cache=True, fastmath=False, error_model="numpy")
+def read_meshes(rows: int, count: int) -> None:
+    """Triangles of many meshes: looks whether they are sound, widens their indices, makes normals.
+
+    Normals are the cross products of the triangles, summed at each of their vertices in float64, one triangle after the
+    other, at unit length; (0, 0, 1) where nothing was added.
+
+    Args:
+        rows: address of (count, ``ROW``) int64, one for each mesh, contents as ``ROW`` tells. Whoever fills them keeps
+            the arrays alive.
+    """
+    most = np.int64(0)
+    for number in range(count):
+        row = i64_at(rows + 8 * ROW * number)
+        if row[6] == 0:
+            most = max(most, row[1])
+    room = np.empty(4 * most, np.float64)
+    sums = f64_at(room.ctypes.data)
+    for number in range(count):
+        row = i64_at(rows + 8 * ROW * number)
+        n, indices, size, limit = row[1], row[3], row[4], row[9]
+        if size == 1:
+            _widen(u8_at(row[2]), indices, u32_at(row[7]))
+        elif size == 2:
+            _widen(u16_at(row[2]), indices, u32_at(row[7]))
+        elif row[7] != 0:
+            _widen(u32_at(row[2]), indices, u32_at(row[7]))
+        elements = u32_at(row[2] if row[7] == 0 else row[7])
+        points = f32_at(row[0])
+        sound = limit < 0 or (
+            _in_range(elements, indices, n, limit)
+            and _finite(u32_at(row[0]), 3 * n)
+            and (row[5] == 0 or _finite(u32_at(row[5]), 2 * n))
+            and (row[6] == 0 or _units(f32_at(row[6]), n))
+        )
+        if sound and row[6] == 0:
+            _sum_normals(points, n, elements, indices // 3, sums, f32_at(row[8]))
+        row[9] = np.int64(sound)
 
 
 @numba.njit(nogil=True, cache=True, fastmath=False, error_model="numpy")
@@ -239,6 +274,5 @@ def warm_up() -> None:
     """Compiles the kernels, or loads them from Numba's cache. Takes a few seconds of one core when that is empty."""
     equal_arrays.compile((_BYTES, _BYTES))
     long_strings.compile((_BYTES, types.int64[:, ::1]))
-    sum_normals.compile((_FLOATS, _TRIANGLES, _FLOATS, types.int64, _NORMALS))
+    read_meshes.compile((types.int64, types.int64))
     arrange.compile((types.float64[::1], types.float64[:, :, ::1], types.boolean[::1]))
-    is_sound.compile((_FLOATS, _TRIANGLES, _FLOATS, types.int64, _FLOATS))

@@ -2,49 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any, Final, TypeVar
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.scene.gltf.accessors import (
-    ALIGNED_INDICES,
-    INDICES,
-    KINDS,
-    POINTS,
-    TEXTURE_COORDINATES,
-    ZEROS,
-    Accessor,
-    Accessors,
-)
-from gateway.scene.gltf.cache import MeshCache, MeshKey, mesh_bytes
+from gateway.scene.gltf.accessors import INDICES, KINDS, POINTS, TEXTURE_COORDINATES, ZEROS, Accessor, Accessors
+from gateway.scene.gltf.attributes import Floats, finite, frozen, rgba, tangents, without_bad_vertices
+from gateway.scene.gltf.batch import OTHERS, Layout, own_bytes, read_together
+from gateway.scene.gltf.cache import Buffer, MeshCache, MeshKey, mesh_bytes
 from gateway.scene.gltf.document import Primitive
 from gateway.scene.gltf.elements import MODES, element_count, elements_of
 from gateway.scene.gltf.errors import GltfError
-from gateway.scene.gltf.kernels import is_sound, sum_normals
 from gateway.scene.gltf.limits import GltfLimits
-from gateway.scene.gltf.normals import NO_UV, unit_rows, vertex_normals
+from gateway.scene.gltf.normals import unit_rows, vertex_normals
 from renderers.drawlist import Mesh
-
-Floats = NDArray[np.float32]
-T = TypeVar("T", bound=np.generic)
 
 _OPTIONAL: Final = {"NORMAL": (3,), "TANGENT": (4,), "TEXCOORD_0": (2,), "TEXCOORD_1": (2,), "COLOR_0": (3, 4)}
 """Attributes in use besides POSITION, with their numbers of components."""
-_OTHERS: Final = ("TANGENT", "TEXCOORD_1", "COLOR_0")
 _KINDS: Final = {
     "POSITION": {POINTS},
     "NORMAL": {POINTS},
     "TEXCOORD_0": {TEXTURE_COORDINATES},
-    **{name: {kind for kind in KINDS if kind.components in _OPTIONAL[name]} for name in _OTHERS},
+    **{name: {kind for kind in KINDS if kind.components in _OPTIONAL[name]} for name in OTHERS},
 }
 """Attributes of plain meshes."""
-_PLAIN: Final = frozenset({"POSITION", "NORMAL", "TEXCOORD_0"})
-"""Those that are taken as they are."""
-_F32: Final = np.dtype("<f4")
-_U32: Final = np.dtype("<u4")
 _COMPRESSION: Final = "KHR_draco_mesh_compression"
 _VERTEX_BYTES: Final = 4 * (3 + 3 + 4 + 2 + 2 + 4)
 
@@ -73,7 +57,7 @@ def _key(mode: int, indices: Accessor | None, attributes: dict[str, Accessor]) -
     )
     if len(attributes) == 1 + (normal is not None) + (uv is not None):
         return usual
-    return (*usual, *[(name, attributes[name].key) for name in _OTHERS if name in attributes])
+    return (*usual, *[(name, attributes[name].key) for name in OTHERS if name in attributes])
 
 
 class Meshes:
@@ -93,7 +77,11 @@ class Meshes:
         self._limits = limits
         self._warnings = warnings
         self._made: dict[MeshKey, Mesh | None] = {}
+        self._repaired: dict[MeshKey, Mesh | None] = {}
+        """Those that there was a warning about, which no other document would hear if it got the mesh."""
         self._before: dict[MeshKey, Mesh | None] = {} if known is None else known._made
+        self._prepared: dict[int, Mesh] = {}
+        """By identity of the primitive, for as long as the document is read."""
         self._described: dict[tuple[object, ...], Mesh] = {}
         """By what primitives say."""
         self._described_before: dict[tuple[object, ...], Mesh] = {} if known is None else known._described
@@ -111,27 +99,53 @@ class Meshes:
         Raises:
             GltfError: a reference or an index is out of range, or a limit is exceeded.
         """
-        attributes = primitive.attributes
-        if attributes is None:
-            return self._any(primitive, f"meshes[{index}].primitives[{number}]")
-        # Equal words about the same accessors mean the same mesh.
-        words = (primitive.mode, primitive.indices, *attributes.items())
-        mesh = self._described.get(words)
-        if mesh is not None:
-            return mesh
-        mesh = self._described_before.get(words)
-        if mesh is not None and self._takes(mesh):
-            self.with_positions = True
-        else:
-            mesh = self._plain(primitive)
-            if mesh is None:
-                return self._any(primitive, f"meshes[{index}].primitives[{number}]")
-        self._described[words] = mesh
-        return mesh
+        mesh = self._prepared.get(id(primitive))
+        return self._any(primitive, f"meshes[{index}].primitives[{number}]") if mesh is None else mesh
 
-    def _plain(self, primitive: Primitive) -> Mesh | None:
-        """The mesh of a primitive as nearly all are: indexed triangles, as they lie in the buffers, without a fault and
-        within the limits. None, and nothing done, for any other: the other way finds out what it is."""
+    def finish(self) -> None:
+        """Nothing is made any more: lets go of the cache, which may keep this."""
+        self._prepared.clear()
+        del self._cache
+
+    def prepare(self, primitives: Iterable[Primitive | None]) -> None:
+        """Makes the meshes of those that are as nearly all are, together: indexed triangles as they lie in the buffers,
+        without a fault and within the limits. ``mesh`` finds out what the others are.
+
+        Args:
+            primitives: of the document, which holds them; in order.
+        """
+        described, before = self._described, self._described_before
+        found: list[tuple[int, tuple[object, ...], MeshKey]] = []
+        waiting: dict[MeshKey, Layout] = {}
+        try:
+            for primitive in primitives:
+                if primitive is None or primitive.attributes is None:
+                    continue
+                # Equal words about the same accessors mean the same mesh.
+                words: tuple[object, ...] = (primitive.mode, primitive.indices, *primitive.attributes.items())
+                mesh = described.get(words)
+                if mesh is None and before and (mesh := before.get(words)) is not None:
+                    if not self._takes(mesh):
+                        break
+                    described[words] = mesh
+                if mesh is not None:
+                    self._prepared[id(primitive)] = mesh
+                elif (layout := self._layout(primitive)) is not None:
+                    key = _key(4, *layout)
+                    found.append((id(primitive), words, key))
+                    waiting[key] = layout
+        except GltfError:
+            pass  # a buffer that cannot be read: who asks for the mesh is told
+        if waiting:
+            made = self._together(waiting)
+            for primitive_id, words, key in found:
+                mesh = made.get(key)
+                if mesh is not None:
+                    self._prepared[primitive_id] = described[words] = mesh
+        self.with_positions |= bool(self._prepared)
+
+    def _layout(self, primitive: Primitive) -> Layout | None:
+        """None: it is none of those that are read together."""
         attributes, get = primitive.attributes, self._accessors.plain
         if attributes is None or primitive.indices is None or (primitive.mode is not None and primitive.mode != 4):
             return None
@@ -150,31 +164,41 @@ class Meshes:
         position, indices = found.get("POSITION"), get(primitive.indices)
         if position is None or indices is None or indices.kind not in INDICES:
             return None
-        n, m = position.count, indices.count // 3
-        if n == 0 or m == 0 or 3 * m != indices.count or fewest < n:
+        n, m = position.count, indices.count
+        if n == 0 or m == 0 or m % 3 or fewest < n or indices.offset % indices.kind.nbytes:
             return None
-        self.with_positions = True
-        key = _key(4, indices, found)
-        mesh = self._made.get(key)
-        if mesh is not None:
-            return mesh
-        mesh = self._before.get(key) or self._cache.mesh(key)
-        if mesh is None:
-            if not self._fits(n, m):
-                return None
-            mesh = _read(position, indices, found)
-            if mesh is None:
-                return None
-            buffers = {accessor.buffer for accessor in found.values()}
-            buffers.add(indices.buffer)
-            own = 12 * (("NORMAL" not in found) * n + (indices.kind is not ALIGNED_INDICES) * m)
-            if not _PLAIN.issuperset(found):
-                own = mesh_bytes(mesh, buffers)
-            mesh = self._cache.add_mesh(key, mesh, buffers, own)
-        if not self._takes(mesh):
-            return None
-        self._made[key] = mesh
-        return mesh
+        return indices, found
+
+    def _together(self, waiting: dict[MeshKey, Layout]) -> dict[MeshKey, Mesh]:
+        """The meshes of these layouts, but for those that have a fault or are beyond the limits."""
+        made: dict[MeshKey, Mesh] = {}
+        new: dict[MeshKey, Layout] = {}
+        known = self._cache.meshes(waiting)
+        vertices = triangles = 0
+        for key, layout in waiting.items():
+            mesh = self._made.get(key) or self._before.get(key) or known.get(key)
+            if mesh is not None:
+                if self._takes(mesh):
+                    made[key] = mesh
+                continue
+            vertices, triangles = vertices + layout[1]["POSITION"].count, triangles + layout[0].count // 3
+            if not self._fits(vertices, triangles):
+                break
+            new[key] = layout
+        if new:
+            sound: list[tuple[MeshKey, Mesh, tuple[Buffer, ...], int]] = []
+            for (key, layout), mesh in zip(new.items(), read_together([*new.values()]), strict=True):
+                if mesh is not None:
+                    indices, attributes = layout
+                    buffers = (indices.buffer, *[accessor.buffer for accessor in attributes.values()])
+                    plain = OTHERS.keys().isdisjoint(attributes)
+                    own = own_bytes(*layout) if plain else mesh_bytes(mesh, buffers)
+                    sound.append((key, mesh, buffers, own))
+            for (key, *_), mesh in zip(sound, self._cache.add_meshes(sound), strict=True):
+                if self._takes(mesh):
+                    made[key] = mesh
+        self._made.update(made)
+        return made
 
     def _fits(self, vertices: int, elements: int) -> bool:
         limits, nbytes = self._limits, _VERTEX_BYTES * vertices + 12 * elements
@@ -204,16 +228,22 @@ class Meshes:
         key = _key(source.mode, source.indices, source.attributes)
         if key in self._made:
             return self._made[key]
-        mesh = self._before.get(key) or self._cache.mesh(key)
+        if key in self._repaired:
+            return self._repaired[key]
+        mesh = self._before.get(key) or self._cache.meshes((key,)).get(key)
         if mesh is not None:
             if not self._takes(mesh):
                 self._charge(len(mesh.positions), len(mesh.elements), name)
         else:
+            warnings = len(self._warnings)
             mesh = self._build(source)
+            if len(self._warnings) > warnings:
+                self._repaired[key] = mesh
+                return mesh
             if mesh is not None:
                 accessors = [*source.attributes.values(), *([source.indices] if source.indices is not None else [])]
-                buffers = {buffer for accessor in accessors for buffer in accessor.buffers}
-                mesh = self._cache.add_mesh(key, mesh, buffers, mesh_bytes(mesh, buffers))
+                buffers = (*{buffer for accessor in accessors for buffer in accessor.buffers},)
+                (mesh,) = self._cache.add_meshes([(key, mesh, buffers, mesh_bytes(mesh, buffers))])
         self._made[key] = mesh
         return mesh
 
@@ -298,13 +328,13 @@ class Meshes:
         return self._assemble(source, elements, first, stop)
 
     def _assemble(self, source: _Source, elements: NDArray[np.uint32], first: int, stop: int) -> Mesh | None:
-        def read(name: str, repair: Callable[[Floats], Floats] = _finite) -> Floats | None:
+        def read(name: str, repair: Callable[[Floats], Floats] = finite) -> Floats | None:
             accessor = source.attributes.get(name)
             return None if accessor is None else repair(accessor.floats(first, stop))
 
         positions = source.attributes["POSITION"].floats(first, stop)
         if not np.isfinite(positions).all():
-            positions, elements, dropped = _without_bad_vertices(positions, elements)
+            positions, elements, dropped = without_bad_vertices(positions, elements)
             self._warnings.append(f"{source.name}: {dropped} elements with vertices that are not finite are left out")
             if len(elements) == 0:
                 return None
@@ -323,83 +353,7 @@ class Meshes:
             normals,
             read("TEXCOORD_0"),
             read("TEXCOORD_1"),
-            read("COLOR_0", _rgba),
-            read("TANGENT", _tangents),
+            read("COLOR_0", rgba),
+            read("TANGENT", tangents),
         )
-        return Mesh(*map(_frozen, arrays))  # type: ignore[arg-type]  # in the order of its fields
-
-
-def _read(position: Accessor, indices: Accessor, attributes: dict[str, Accessor]) -> Mesh | None:
-    """The mesh of plain accessors: views of their buffers where that is possible; None: there is a fault."""
-    n, m = position.count, indices.count // 3
-    positions = _view(position, n, 3)
-    limit = n
-    if indices.kind is ALIGNED_INDICES and not indices.offset & 3:
-        elements: NDArray[np.uint32] = np.ndarray((m, 3), _U32, indices.buffer.data, indices.offset)
-    else:
-        size = indices.kind.nbytes
-        elements = np.ndarray((m, 3), indices.kind.dtype, indices.buffer.data, indices.offset).astype(_U32)
-        elements.setflags(write=False)
-        limit = min(n, (1 << 8 * size) - 1)  # the largest one of its type is forbidden
-    uv, normal = attributes.get("TEXCOORD_0"), attributes.get("NORMAL")
-    uvs = NO_UV if uv is None else _view(uv, n, 2)
-    if normal is None:
-        normals: Floats = np.empty((n, 3), _F32)
-        sound = sum_normals(positions, elements, uvs, limit, normals)
-        normals.setflags(write=False)
-    else:
-        normals = _view(normal, n, 3)
-        sound = is_sound(positions, elements, uvs, limit, normals)
-    if not sound:
-        return None
-    if len(attributes) == 1 + (uv is not None) + (normal is not None):
-        return Mesh(positions, elements, normals, None if uv is None else uvs)
-    others = (
-        _frozen(repair(accessor.floats(0, n))) if (accessor := attributes.get(name)) is not None else None
-        for name, repair in (("TEXCOORD_1", _finite), ("COLOR_0", _rgba), ("TANGENT", _tangents))
-    )
-    return Mesh(positions, elements, normals, None if uv is None else uvs, *others)
-
-
-def _view(accessor: Accessor, count: int, components: int) -> Floats:
-    """(count, components) float32 of a plain accessor; read-only, since buffers are ``bytes``."""
-    return np.ndarray((count, components), _F32, accessor.buffer.data, accessor.offset)
-
-
-def _frozen(array: NDArray[T] | None) -> NDArray[T] | None:
-    if array is not None:
-        array.flags.writeable = False
-    return array
-
-
-def _finite(values: Floats) -> Floats:
-    return values if np.isfinite(values).all() else np.nan_to_num(values, nan=0.0, posinf=0.0, neginf=0.0)
-
-
-def _rgba(values: Floats) -> Floats:
-    """RGB or RGBA as RGBA in 0 .. 1."""
-    values = np.clip(_finite(values), 0.0, 1.0)
-    if values.shape[1] == 4:
-        return values
-    result = np.ones((len(values), 4), np.float32)
-    result[:, :3] = values
-    return result
-
-
-def _tangents(values: Floats) -> Floats:
-    """Unit xyz; (1, 0, 0) where there is no direction; w is 1 or -1."""
-    xyz, bad = unit_rows(np.ascontiguousarray(values[:, :3]))
-    result = np.empty(values.shape, np.float32)
-    result[:, :3] = xyz
-    result[bad, :3] = (1.0, 0.0, 0.0)
-    result[:, 3] = np.where(values[:, 3] < 0.0, -1.0, 1.0)
-    return result
-
-
-def _without_bad_vertices(positions: Floats, elements: NDArray[np.uint32]) -> tuple[Floats, NDArray[np.uint32], int]:
-    """Positions with zeros where they are not finite, the elements that use none of those, and how many others."""
-    bad = np.asarray(~np.isfinite(positions).all(axis=1))
-    kept: NDArray[Any] = np.ascontiguousarray(elements[~bad[elements].any(axis=1)])
-    cleaned = positions.copy()
-    cleaned[bad] = 0.0
-    return cleaned, kept, len(elements) - len(kept)
+        return Mesh(*map(frozen, arrays))  # type: ignore[arg-type]  # in the order of its fields

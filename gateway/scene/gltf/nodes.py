@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Final, TypeAlias
+from typing import Final, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,9 +113,19 @@ class NodeTree:
         return tree.Node(None, IDENTITY, dict(reversed(children[-1].items())))
 
 
+class PartsOf(Protocol):
+    """What the nodes' meshes draw."""
+
+    def prepare(self, indices: Iterable[int]) -> None:
+        """``indices``: of the meshes that will be asked for, in order."""
+
+    def __call__(self, index: int, node: int) -> tuple[Part, ...]:
+        """The parts of ``meshes[index]``, which ``nodes[node]`` asks for."""
+
+
 def build_tree(
     document: Document,
-    parts_of: Callable[[int, int], tuple[Part, ...]],
+    parts_of: PartsOf,
     limits: GltfLimits,
     lights: tuple[gltf.Light | None, ...] = (),
     warnings: list[str] | None = None,
@@ -123,7 +133,6 @@ def build_tree(
     """The tree of the document's default scene.
 
     Args:
-        parts_of: gives the parts of ``meshes[index]``; the second argument is the node that asks.
         lights: of the document.
         warnings: gets what is wrong with lights.
 
@@ -137,6 +146,7 @@ def build_tree(
     for position in seeing:
         where = f"nodes[{visits.indices[position]}].camera"
         element(document.cameras, visits.sources[position].camera, "cameras", where)
+    parts_of.prepare(source.mesh for source in visits.sources if source.mesh is not None)
     parts = [
         parts_of(source.mesh, index) if source.mesh is not None else None
         for index, source in zip(visits.indices, visits.sources, strict=True)

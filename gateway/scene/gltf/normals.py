@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from array import array
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.scene.gltf.kernels import sum_normals
-
-NO_UV: Final = np.ndarray((0, 2), np.float32, b"")
-"""Texture coordinates of a mesh without; read-only."""
+from gateway.scene.gltf.kernels import read_meshes
+from renderers.pointers import address_of
 
 
 def vertex_normals(positions: NDArray[np.float32], triangles: NDArray[np.uint32]) -> NDArray[np.float32]:
@@ -26,16 +24,11 @@ def vertex_normals(positions: NDArray[np.float32], triangles: NDArray[np.uint32]
         (N, 3) float32, unit length; (0, 0, 1) for vertices of no triangle with an area.
     """
     normals = np.empty(positions.shape, np.float32)
-    sum_normals(_read_only(positions), _read_only(triangles), NO_UV, -1, normals)
+    places, corners = address_of(positions, np.float32), address_of(triangles, np.uint32)
+    target = address_of(normals, np.float32)
+    row = array("q", (places, len(positions), corners, triangles.size, 4, 0, 0, 0, target, -1))
+    read_meshes(row.buffer_info()[0], 1)
     return normals
-
-
-def _read_only(array: NDArray[Any]) -> NDArray[Any]:
-    if not array.flags.writeable:
-        return array
-    view = array.view()
-    view.flags.writeable = False
-    return view
 
 
 def unit_rows(vectors: NDArray[np.float32], tolerance: float = 1e-3) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:

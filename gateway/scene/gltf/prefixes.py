@@ -25,6 +25,7 @@ from gateway.scene.gltf.bytewise import common_length, equal_bytes
 from gateway.scene.gltf.container import Container
 from gateway.scene.gltf.limits import GltfLimits
 from gateway.scene.gltf.scene import GltfCounts
+from renderers.quick import quick
 
 if TYPE_CHECKING:
     from gateway.scene.gltf.arrivals import Text
@@ -56,6 +57,23 @@ _INDEX: Final = msgspec.json.Decoder(int | None)
 _PER_REQUEST: Final = frozenset({"nodes", "scene", "scenes"})
 
 
+@quick
+@dataclass(frozen=True, slots=True, eq=False)
+class Warned:
+    """What a document was warned of, by what it is about."""
+
+    extensions: tuple[str, ...] = ()
+    lights: tuple[str, ...] = ()
+    """Of the document, not of nodes."""
+    meshes: tuple[str, ...] = ()
+    """And of their materials."""
+    order: tuple[int, ...] = ()
+    """The meshes in the order of their first use: another one may give other warnings."""
+    morphed: int = 0
+    """Meshes with weights of their own."""
+
+
+@quick
 @dataclass(frozen=True, slots=True, eq=False)
 class Known:
     """What the text before the nodes, and the members after them, make."""
@@ -64,7 +82,7 @@ class Known:
     """By mesh; only of meshes that were in use."""
     generator: str
     cameras: list[gltf.Camera | None]
-    warnings: tuple[str, ...]
+    warned: Warned
     counts: GltfCounts
     lights: tuple[gltf.Light | None, ...]
     elements: dict[int, int]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Final
 
@@ -11,14 +12,14 @@ from gateway.scene.gltf.arrivals import Text
 from gateway.scene.gltf.buffers import Buffers, Resolver
 from gateway.scene.gltf.cache import MeshCache
 from gateway.scene.gltf.container import open_container
-from gateway.scene.gltf.document import Document, parse
+from gateway.scene.gltf.document import Document, Primitive, parse
 from gateway.scene.gltf.errors import GltfError, element
 from gateway.scene.gltf.lights import lights_of
 from gateway.scene.gltf.limits import GltfLimits
 from gateway.scene.gltf.materials import Materials
 from gateway.scene.gltf.meshes import Meshes
 from gateway.scene.gltf.nodes import NodeTree, build_tree
-from gateway.scene.gltf.prefixes import Known, split, stable_part
+from gateway.scene.gltf.prefixes import Known, Warned, split, stable_part
 from gateway.scene.gltf.scene import GltfCounts, GltfScene
 
 READ: Final = frozenset(
@@ -82,8 +83,13 @@ def read_gltf(
     if shared and (found := cache.prefixes.find(text, limits, textures)) is not None:
         known, rest = found
         try:
-            parts = _Parts(limits, dict(known.parts), None, known.elements)
-            return _scene(rest, parts, known, build_tree(rest, parts, limits, known.lights, []), known.warnings)
+            parts, warned = _Parts(limits, dict(known.parts), None, known.elements), known.warned
+            of_nodes: list[str] = []
+            nodes = build_tree(rest, parts, limits, known.lights, of_nodes)
+            if not warned.meshes or (*parts.order,) == warned.order:
+                deformed = _deformations(rest, warned.morphed)
+                of_all = (*warned.extensions, *deformed, *warned.lights, *warned.meshes, *of_nodes)
+                return _scene(rest, parts, known, nodes, _shortened(of_all))
         except _UnknownMeshError:
             pass  # a mesh that no node used before
     whole = text.whole()
@@ -93,9 +99,9 @@ def read_gltf(
     else:
         stem, container = None, open_container(whole)
         document = parse(container.json, limits)
+    of_extensions = _check_extensions(document)
+    morphed = sum(any(mesh.weights or ()) for mesh in document.meshes or () if mesh is not None)
     warnings: list[str] = []
-    _check_extensions(document, warnings)
-    _check_deformations(document, warnings)
     generator = (document.asset.generator if document.asset is not None else None) or ""
     merged = generator == "Drake glTF merger"
     if stem is None:
@@ -109,23 +115,32 @@ def read_gltf(
     materials = Materials(document, buffers, limits, warnings, textures=textures)
     elements: dict[int, int] = {}
     parts = _Parts(limits, {}, _Maker(document, meshes, materials, limits), elements)
-    counts, lights = _counts(document), lights_of(document, warnings)
-    known = Known(parts.known, generator, document.cameras or [], (), counts, lights, elements)
-    nodes = build_tree(document, parts, limits, known.lights, warnings)
+    of_lights: list[str] = []
+    of_nodes = []
+    counts, lights = _counts(document), lights_of(document, of_lights)
+    known = Known(parts.known, generator, document.cameras or [], Warned(), counts, lights, elements)
+    nodes = build_tree(document, parts, limits, known.lights, of_nodes)
     if meshes.without_positions and not meshes.with_positions:
         raise GltfError(f"{meshes.without_positions}: no POSITION, and no other primitive has one")
-    if len(warnings) > _MAX_WARNINGS:
-        warnings[_MAX_WARNINGS:] = [f"{len(warnings) - _MAX_WARNINGS} more"]
     if shared and resolve is None:
         stable = stable_part(container, len(whole))
         repeated = stable is not None and cache.prefixes.is_repeated(stable, buffers.uids)
         where = split(container, len(whole)) if repeated else None
-        if where is not None:
-            known = replace(known, parts=dict(parts.known), warnings=tuple(warnings))
+        if where is not None and len(warnings) + len(of_lights) <= _MAX_WARNINGS:
+            warned = Warned(of_extensions, (*of_lights,), (*warnings,), (*parts.order,), morphed)
+            known = replace(known, parts=dict(parts.known), warned=warned)
             cache.prefixes.add(memoryview(whole), where, limits, textures, known)
         if stem is None and text.is_lasting:
+            buffers.finish()
+            meshes.finish()
             cache.stems.add(whole, container, document, (buffers, accessors, meshes), limits)
-    return _scene(document, parts, known, nodes, tuple(warnings))
+    of_all = (*of_extensions, *_deformations(document, morphed), *of_lights, *warnings, *of_nodes)
+    return _scene(document, parts, known, nodes, _shortened(of_all))
+
+
+def _shortened(warnings: tuple[str, ...]) -> tuple[str, ...]:
+    rest = len(warnings) - _MAX_WARNINGS
+    return warnings if rest <= 0 else (*warnings[:_MAX_WARNINGS], f"{rest} more")
 
 
 def _scene(document: Document, parts: _Parts, known: Known, nodes: NodeTree, warnings: tuple[str, ...]) -> GltfScene:
@@ -164,6 +179,13 @@ class _Parts:
         self._make = make
         self._elements = elements
         self.instances = self.drawn = 0
+        self.order: dict[int, None] = {}
+        """The meshes in the order of their first use."""
+
+    def prepare(self, indices: Iterable[int]) -> None:
+        """Meshes that will be asked for, in this order. Whatever is wrong with them is told then."""
+        if self._make is not None:
+            self._make.prepare(index for index in dict.fromkeys(indices) if index not in self.known)
 
     def __call__(self, index: int, node: int) -> tuple[Part, ...]:
         parts = self.known.get(index)
@@ -172,6 +194,7 @@ class _Parts:
                 raise _UnknownMeshError
             parts = self.known[index] = self._make(index, node)
             self._elements[index] = self._make.elements
+        self.order[index] = None
         elements = self._elements[index]
         self.instances += len(parts)
         self.drawn += elements
@@ -196,6 +219,16 @@ class _Maker:
         self.elements = 0
         """Triangles, lines and points of the mesh that was made last."""
 
+    def prepare(self, indices: Iterable[int]) -> None:
+        meshes = self._document.meshes or ()
+        primitives: list[Primitive | None] = []
+        for index in indices:
+            source = meshes[index] if 0 <= index < len(meshes) else None
+            primitives += (source.primitives if source is not None else None) or ()
+            if len(primitives) > self._limits.max_primitives:
+                break
+        self._meshes.prepare(primitives[: self._limits.max_primitives])
+
     def __call__(self, index: int, node: int) -> tuple[Part, ...]:
         source = element(self._document.meshes, index, "meshes", f"nodes[{node}].mesh")
         self.elements = 0
@@ -214,26 +247,30 @@ class _Maker:
         return tuple(parts)
 
 
-def _check_extensions(document: Document, warnings: list[str]) -> None:
+def _check_extensions(document: Document) -> tuple[str, ...]:
+    """What is said about those that are not read."""
     required = {name for name in document.extensions_required or () if name}
     unknown = sorted(required - READ - FALLBACK - HARMLESS)
     if unknown:
         raise GltfError(f"extensionsRequired: {', '.join(unknown)[:500]} cannot be read")
     used = {name for name in document.extensions_used or () if name}
     ignored = sorted(used - READ - FALLBACK)
-    if ignored:
-        warnings.append(f"extensionsUsed: {', '.join(ignored)[:500]} ignored")
+    return (f"extensionsUsed: {', '.join(ignored)[:500]} ignored",) if ignored else ()
 
 
-def _check_deformations(document: Document, warnings: list[str]) -> None:
-    """Skins and morph targets are not read: a mesh is drawn as it is stored, and whoever looks at it is told."""
+def _deformations(document: Document, morphed: int) -> list[str]:
+    """Skins and morph targets are not read: a mesh is drawn as it is stored, and whoever looks at it is told.
+
+    Args:
+        morphed: meshes with weights of their own.
+    """
+    said: list[str] = []
     nodes = [node for node in document.nodes or () if node is not None and node.mesh is not None]
-    if skinned := sum(node.skin is not None for node in nodes):
-        warnings.append(f"nodes: skins are ignored, {skinned} meshes are drawn as they are stored")
-    weights = [node.weights for node in nodes]
-    weights += [mesh.weights for mesh in document.meshes or () if mesh is not None]
-    if morphed := sum(any(values or ()) for values in weights):
-        warnings.append(f"weights: morph targets are ignored, {morphed} meshes are drawn as they are stored")
+    if skinned := sum([node.skin is not None for node in nodes]):
+        said.append(f"nodes: skins are ignored, {skinned} meshes are drawn as they are stored")
+    if morphed := morphed + sum([any(node.weights) for node in nodes if node.weights]):
+        said.append(f"weights: morph targets are ignored, {morphed} meshes are drawn as they are stored")
+    return said
 
 
 def _counts(document: Document) -> GltfCounts:

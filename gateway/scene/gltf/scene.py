@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from gateway.scene.tree import Node, Path
 from renderers.drawlist import Light
+from renderers.quick import quick
 
 if TYPE_CHECKING:
     from gateway.scene.gltf.nodes import NodeTree
@@ -18,6 +19,7 @@ DRAKE_GENERATORS = frozenset({"VTK", "Drake glTF merger"})
 """``asset.generator`` of what Drake's render client sends: primitives and OBJ only, or with glTF meshes."""
 
 
+@quick
 @dataclass(frozen=True, slots=True, eq=False)
 class GltfCamera:
     """A camera as a node of the scene carries it."""
@@ -39,6 +41,7 @@ class GltfCamera:
     """Of its node in ``GltfScene.root``."""
 
 
+@quick
 @dataclass(frozen=True, slots=True)
 class GltfCounts:
     """Lengths of the document's arrays, for logs and metrics."""
@@ -51,6 +54,7 @@ class GltfCounts:
     cameras: int = 0
 
 
+@quick
 @dataclass(frozen=True, slots=True, eq=False)
 class GltfScene:
     """A document, read."""

@@ -143,7 +143,7 @@ class Stems:
     ) -> None:
         """Keeps ``text``, which must not change."""
         buffers, accessors, meshes = read
-        if container.tail is None or len(text) < MIN_LENGTH or accessors.warned or _FIRST not in container.json:
+        if container.tail is None or len(text) < MIN_LENGTH or accessors.warned or document.materials is None:
             return
         nbytes = len(text) + _PARSED * len(container.json) + buffers.nbytes + meshes.nbytes
         # Of sums that come near the limits, a document that takes them over could count something twice.

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from gateway.scene.gltf import kernels, warm_up
 from gateway.scene.gltf.bytewise import equal_bytes
-from gateway.scene.gltf.kernels import STRETCH, arrange, equal_arrays, is_sound, long_strings, sum_normals
-from gateway.scene.gltf.normals import NO_UV, vertex_normals
+from gateway.scene.gltf.kernels import STRETCH, arrange, equal_arrays, long_strings, read_meshes
+from gateway.scene.gltf.normals import vertex_normals
 from gateway.scene.transforms import IDENTITY
+from renderers.pointers import address_of
 
 Floats = NDArray[np.float32]
 Triangles = NDArray[np.uint32]
@@ -49,6 +50,34 @@ def frozen(array: NDArray[Any]) -> NDArray[Any]:
     return array
 
 
+def read(
+    positions: Floats,
+    indices: NDArray[Any],
+    limit: int,
+    uv: Floats | None = None,
+    given: Floats | None = None,
+) -> tuple[bool, Floats, Triangles]:
+    """Whether a mesh is sound, its normals and its indices; ``given``: the normals that it comes with."""
+    normals, widened = np.full(positions.shape, 7.0, np.float32), np.empty(indices.shape, np.uint32)
+    as_they_are = indices.dtype == np.uint32
+    row = (
+        address_of(positions, np.float32),
+        len(positions),
+        address_of(indices, indices.dtype.type),
+        indices.size,
+        indices.itemsize,
+        address_of(uv, np.float32),
+        address_of(given, np.float32),
+        0 if as_they_are else address_of(widened, np.uint32),
+        address_of(normals, np.float32),
+        limit,
+    )
+    rows = np.array([row, row], np.int64)
+    read_meshes(rows.__array_interface__["data"][0], 2)
+    assert rows[0, 9] == rows[1, 9]
+    return bool(rows[0, 9]), normals if given is None else given, indices if as_they_are else widened
+
+
 def test_nothing_is_compiled_after_the_warm_up() -> None:
     """Read-only and writable arrays are different types to Numba: callers must always pass the same."""
     warm_up()
@@ -61,7 +90,7 @@ def test_nothing_is_compiled_after_the_warm_up() -> None:
         positions.flags.writeable = triangles.flags.writeable = writeable
         vertex_normals(positions, triangles)
         assert positions.flags.writeable == writeable
-    for kernel in (equal_arrays, sum_normals, is_sound, arrange, long_strings):
+    for kernel in (equal_arrays, read_meshes, arrange, long_strings):
         assert len(kernel.signatures) == 1
 
 
@@ -71,9 +100,18 @@ def test_normals_are_those_of_one_triangle_after_the_other(vertices: int, triang
     positions, indices = mesh(vertices, vertices, triangles, scale)
     expected = straightforward_normals(positions, indices)
     for limit in (-1, vertices):
-        normals = np.empty((vertices, 3), np.float32)
-        assert sum_normals(positions, indices, NO_UV, limit, normals)
+        sound, normals, _ = read(positions, indices, limit)
+        assert sound
         np.testing.assert_array_equal(normals, expected)
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.uint32])
+def test_narrow_indices_are_widened(kind: type[np.unsignedinteger[Any]]) -> None:
+    positions, indices = mesh(0, 50, 100)
+    sound, normals, widened = read(positions, indices.astype(kind), 50)
+    assert sound
+    np.testing.assert_array_equal(widened, indices)
+    np.testing.assert_array_equal(normals, straightforward_normals(positions, indices))
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
@@ -86,22 +124,22 @@ def test_what_is_not_finite_is_found(value: float, at: int) -> None:
     bad[at, at % 3] = bad_uv[at, at % 2] = bad_unit[at, at % 3] = value
     for array in (uv, bad, bad_uv, unit, bad_unit):
         frozen(array)
-    normals = np.empty((50, 3), np.float32)
-    assert sum_normals(good, indices, uv, 50, normals)
-    assert is_sound(good, indices, uv, 50, unit)
+    assert read(good, indices, 50, uv)[0]
+    assert read(good, indices, 50, uv, unit)[0]
     for positions, coordinates, given_normals in ((bad, uv, unit), (good, bad_uv, unit), (good, uv, bad_unit)):
-        assert not is_sound(positions, indices, coordinates, 50, given_normals)
-        assert sum_normals(positions, indices, coordinates, 50, normals) == (given_normals is bad_unit)
+        assert not read(positions, indices, 50, coordinates, given_normals)[0]
+        sound, normals, _ = read(positions, indices, 50, coordinates)
+        assert sound == (given_normals is bad_unit)
+        assert sound or (normals == 7.0).all()
 
 
 def test_indices_out_of_range_and_narrow_ones_are_found() -> None:
     positions, indices = mesh(0, 50, 100)
     unit = frozen(straightforward_normals(positions, indices))
-    normals = np.empty((50, 3), np.float32)
     narrow = frozen(indices % np.uint32(20))
     for triangles, limit, sound in ((indices, 50, True), (indices, 49, False), (narrow, 50, False)):
-        assert sum_normals(positions, triangles, NO_UV, limit, normals) == sound
-        assert is_sound(positions, triangles, NO_UV, limit, unit) == sound
+        assert read(positions, triangles, limit)[0] == sound
+        assert read(positions, triangles, limit, given=unit)[0] == sound
 
 
 def test_normals_that_are_not_of_unit_length_are_found() -> None:
@@ -110,7 +148,7 @@ def test_normals_that_are_not_of_unit_length_are_found() -> None:
     for factor, sound in ((1.0, True), (1.0005, True), (1.01, False), (0.0, False)):
         changed = unit.copy()
         changed[30] *= np.float32(factor)
-        assert is_sound(positions, indices, NO_UV, 50, frozen(changed)) == sound
+        assert read(positions, indices, 50, given=frozen(changed))[0] == sound
 
 
 @given(st.lists(st.one_of(st.integers(0, 40), st.integers(480, 2100)), max_size=12), st.booleans())
@@ -142,5 +180,5 @@ def test_all_kernels_are_warmed_up() -> None:
     warm_up()
     compiled = [value for value in vars(kernels).values() if hasattr(value, "signatures")]
     entries = [kernel for kernel in compiled if not kernel.py_func.__name__.startswith("_")]
-    assert len(entries) == 5
+    assert len(entries) == 4
     assert all(kernel.signatures for kernel in entries)
