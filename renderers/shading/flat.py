@@ -12,7 +12,7 @@ from renderers import simd as vec
 from renderers.linked import inner
 from renderers.shading.compose import write
 from renderers.shading.layout import A_BASE, A_COLOR
-from renderers.shading.lights import alpha_of, coat, cosines, gloss, reflected
+from renderers.shading.lights import alpha_of, coat, cosines, gloss, reflected, schlick
 from renderers.shading.materials import MF_BASE, MF_EMISSIVE, MF_METALLIC, MF_ROUGHNESS
 
 SHORTEST: Final = 16
@@ -34,7 +34,7 @@ def changes_slowly(mf, lens):
 
 
 @inner
-def show_flat(job, mf, lens, y, planes, rows, stride, begin, end, line):
+def show_flat(job, mf, lens, y, planes, rows, stride, begin, end, line, steep):
     """Pixels of one run of at least SHORTEST.
 
     Args:
@@ -42,6 +42,7 @@ def show_flat(job, mf, lens, y, planes, rows, stride, begin, end, line):
         mf: the material's values. lens: pointer to fx, fy, cx, cy.
         rows: rows of ``stride`` values, of which those from A_COLOR to A_BASE + 2 are used.
         line: pointer to the row's packed pixels; up to seven behind the run are overwritten.
+        steep: see ``surface.row_schlick``.
 
     Returns:
         Whether it was done: not where the surface is seen at a grazing angle.
@@ -55,6 +56,10 @@ def show_flat(job, mf, lens, y, planes, rows, stride, begin, end, line):
     diffuse, f0, grazing = coat(red, green, blue, vec.f32(mf[MF_METALLIC]))
     er, eg, eb = vec.f32(mf[MF_EMISSIVE]), vec.f32(mf[MF_EMISSIVE + 1]), vec.f32(mf[MF_EMISSIVE + 2])
     eight, half = vec.f32(8.0), vec.f32(0.5)
+    if steep < np.float32(0.0):
+        middle = 0.5 * (begin + end) - lens[2]
+        steep = schlick(middle / lens[0], (y + 0.5 - lens[3]) / lens[1])
+    grazed = vec.f32(steep)
     lane = vec.to_f32(vec.iota())
     pieces = (end - begin + 7) // 8
     nodes = A_BASE * stride
@@ -64,10 +69,10 @@ def show_flat(job, mf, lens, y, planes, rows, stride, begin, end, line):
         ahead = vec.f32(k) + lane > vec.f32(pieces + 1)
         if vec.bits(ahead | (n_v > vec.f32(_GRAZING))) != 255:
             return False
-        n_l, specular, schlick = gloss(n_l, n_v, v_l, a2)
-        vec.store(rows, nodes + k, reflected(n_l, specular, schlick, diffuse[0], f0[0], grazing[0]) + er)
-        vec.store(rows, nodes + stride + k, reflected(n_l, specular, schlick, diffuse[1], f0[1], grazing[1]) + eg)
-        vec.store(rows, nodes + 2 * stride + k, reflected(n_l, specular, schlick, diffuse[2], f0[2], grazing[2]) + eb)
+        n_l, specular = gloss(n_l, n_v, v_l, a2)
+        vec.store(rows, nodes + k, reflected(n_l, specular, grazed, diffuse[0], f0[0], grazing[0]) + er)
+        vec.store(rows, nodes + stride + k, reflected(n_l, specular, grazed, diffuse[1], f0[1], grazing[1]) + eg)
+        vec.store(rows, nodes + 2 * stride + k, reflected(n_l, specular, grazed, diffuse[2], f0[2], grazing[2]) + eb)
     t = lane / eight
     for channel in range(3):
         at, to = nodes + channel * stride, (A_COLOR + 2 * channel) * stride

@@ -65,7 +65,7 @@ from renderers.shading.resolve import (
     run_starts,
     single_runs,
 )
-from renderers.shading.surface import shade
+from renderers.shading.surface import row_schlick, shade
 from renderers.shading.textured import show_textured
 from renderers.shading.tiny import E_VALUES, look_from, show_tiny
 
@@ -91,11 +91,14 @@ def _extent(ids, x, width, first, last):
 
 
 @inner
-def _segment(job, y, places, instance, first, ids, masks, starts, begin, end, rows, stride, line, scratch, memory):
+def _segment(
+    job, y, places, instance, first, ids, masks, starts, begin, end, rows, stride, line, scratch, memory, steep
+):  # fmt: skip
     """Resolve and shade the pixels ``begin .. end``, which all see one instance.
 
     Args:
         places: address of the columns of the picture that the row's records belong to; 0: where they lie.
+        steep: see ``surface.row_schlick``.
     """
     columns = i64_at(job[S_INSTANCES] + 8 * II_COLUMNS * instance)
     material = columns[II_MATERIAL]
@@ -140,12 +143,13 @@ def _segment(job, y, places, instance, first, ids, masks, starts, begin, end, ro
         show_tiny(
             columns, maps, places, first, many, smooth, mf, ids, begin, end, False, rows, stride, line, eye, spare
         )  # fmt: skip
-        light_up(job, has, mi, mf, maps, y, places, rows, stride, begin, end, line)
+        light_up(job, has, mi, mf, maps, y, places, rows, stride, begin, end, line, steep)
         return
     runs = run_starts(masks, begin, end, starts) if places == 0 else single_runs(begin, end, starts)
     if factors and smooth and places == 0 and job[S_PBR] != 0:
         show_plain_pbr(
-            job, columns, points, maps, lens, y, first, many, mi, mf, ids, starts, runs, rows, stride, line, memory
+            job, columns, points, maps, lens, y, first, many, mi, mf, ids, starts, runs, rows, stride, line, memory,
+            steep,
         )  # fmt: skip
         return
     if (
@@ -188,7 +192,7 @@ def _segment(job, y, places, instance, first, ids, masks, starts, begin, end, ro
         resolve_strokes(columns, topology, points, lens, y, places, first, has, ids, starts, 0, runs, rows, stride)
     bumpy = mi[MI_NORMAL] >= 0 and (has & HAS_TANGENTS) != 0
     for part in range(begin, end, PART):
-        shade(job, has, mi, mf, maps, y, places, bumpy, rows, stride, part, min(part + PART, end), line)
+        shade(job, has, mi, mf, maps, y, places, bumpy, rows, stride, part, min(part + PART, end), line, steep)
     mode = job[S_MODE]
     if mode == GATHER:
         gather(job, mi[MI_ALPHA_MODE], mf[MF_CUTOFF], y, begin, end, rows, stride)
@@ -216,6 +220,7 @@ def _row(job, seen, y, ids, masks, starts, rows, stride, line, scratch, memory, 
     first_record = i64_at(job[S_FIRST])
     if places == 0:
         changes(ids, width, masks)
+    steep = row_schlick(job, y, places, width) if job[S_PBR] != 0 and width > 0 else np.float32(0.0)
     begin = np.int64(0)
     while begin < width:
         record = np.int64(ids[begin])
@@ -226,7 +231,9 @@ def _row(job, seen, y, ids, masks, starts, rows, stride, line, scratch, memory, 
             hint = instance_of(first_record, job[S_COUNT], record, hint)
             first = first_record[hint]
             end = _extent(ids, begin, width, first, first_record[hint + 1])
-            _segment(job, y, places, hint, first, ids, masks, starts, begin, end, rows, stride, line, scratch, memory)
+            _segment(
+                job, y, places, hint, first, ids, masks, starts, begin, end, rows, stride, line, scratch, memory, steep
+            )  # fmt: skip
         begin = end
     if job[S_MODE] != GATHER:
         put_line(job, y, width, line)

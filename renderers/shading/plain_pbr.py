@@ -34,10 +34,11 @@ PART: Final = 256
 
 
 @inner
-def light_up(job, has, mi, mf, maps, y, places, rows, stride, begin, end, line):
+def light_up(job, has, mi, mf, maps, y, places, rows, stride, begin, end, line, steep):
     """Shade the pixels ``begin .. end`` from the normals in the rows, as ``show_plain_pbr`` has them."""
     for part in range(begin, end, PART):
-        light_pbr(job, has, mi, mf, maps, y, places, UNIFORM, True, rows, stride, part, min(part + PART, end), line)
+        stop = min(part + PART, end)
+        light_pbr(job, has, mi, mf, maps, y, places, UNIFORM, True, rows, stride, part, stop, line, steep)
 
 
 @inlined
@@ -60,7 +61,7 @@ def _bounded(columns, maps, element, facing, start, slope, begin, end, rows, str
 
 @inner
 def show_plain_pbr(
-    job, columns, m, maps, lens, y, first, many, mi, mf, ids, starts, runs, rows, stride, line, memory
+    job, columns, m, maps, lens, y, first, many, mi, mf, ids, starts, runs, rows, stride, line, memory, steep
 ):  # fmt: skip
     """Pixels of ``runs`` runs of one instance's triangles, whose mesh has normals.
 
@@ -69,10 +70,10 @@ def show_plain_pbr(
             ``stride`` values, 16 more than the row has pixels: what is written behind a run is overwritten later.
         maps, mi, mf: the instance's and the material's rows of values. memory: see ``planes.forget``.
         line: pointer to the row's packed pixels; up to seven behind the last run are overwritten.
+        steep: see ``surface.row_schlick``.
     """
     colors, none = colors_of(mf), np.int64(0)
     lane, eight = vec.to_f32(vec.iota()), vec.f32(8.0)
-    slowly = changes_slowly(mf, lens)
     shown = np.int64(starts[0])
     for batch in range(0, runs, AHEAD):
         stop = min(batch + AHEAD, runs)
@@ -84,10 +85,10 @@ def show_plain_pbr(
             record = np.int64(ids[begin])
             stand_in(columns, m, maps, lens, y, first, True, colors, memory, record, begin)
             planes = planes_of(memory, record)
-            if slowly and end - begin >= SHORTEST and pixel_of(memory, record) >= 0:
-                light_up(job, HAS_NORMALS, mi, mf, maps, y, none, rows, stride, shown, begin, line)
+            if end - begin >= SHORTEST and pixel_of(memory, record) >= 0 and changes_slowly(mf, lens):
+                light_up(job, HAS_NORMALS, mi, mf, maps, y, none, rows, stride, shown, begin, line, steep)
                 shown = begin
-                if show_flat(job, mf, lens, y, planes, rows, stride, begin, end, line):
+                if show_flat(job, mf, lens, y, planes, rows, stride, begin, end, line, steep):
                     shown = end
                     continue
             start, slope = along(planes, y, begin)
@@ -107,4 +108,4 @@ def show_plain_pbr(
             for x in range(begin + 2 * vec.LANES, end, vec.LANES):
                 nx, ny, nz = nx + dx, ny + dy, nz + dz
                 _put(rows, stride, x, nx, ny, nz)
-    light_up(job, HAS_NORMALS, mi, mf, maps, y, none, rows, stride, shown, np.int64(starts[runs]), line)
+    light_up(job, HAS_NORMALS, mi, mf, maps, y, none, rows, stride, shown, np.int64(starts[runs]), line, steep)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
+import numpy as np
+
 from renderers import simd as vec
 from renderers.linked import inlined, inner
 from renderers.pointers import f64_at, i32_at
@@ -28,7 +30,7 @@ from renderers.shading.layout import (
     S_MODE,
     S_PBR,
 )
-from renderers.shading.lights import alpha_of, coat, cosines, gloss, reflected
+from renderers.shading.lights import FAINT, alpha_of, coat, cosines, gloss, reflected, schlick
 from renderers.shading.materials import (
     COLORS_MULTIPLY,
     COLORS_REPLACE,
@@ -217,11 +219,25 @@ def light_phong(job, has, mf, maps, varying, rows, stride, begin, end, line):
 
 
 @inner
-def light_pbr(job, has, mi, mf, maps, y, places, varying, ready, rows, stride, begin, end, line):
+def row_schlick(job, y, places, width):
+    """``lights.schlick`` of a row of ``width`` pixels: 0 where it is not seen, -1 where it differs."""
+    ends = max(_schlick_at(job, y, places, np.int64(0)), _schlick_at(job, y, places, width - 1))
+    return np.float32(0.0 if ends < FAINT else -1.0)
+
+
+@inner
+def _schlick_at(job, y, places, x):
+    lens = f64_at(job[S_LENS])
+    column = x if places == 0 else np.int64(i32_at(places)[x])
+    return schlick((column + 0.5 - lens[2]) / lens[0], (y + 0.5 - lens[3]) / lens[1])
+
+
+@inner
+def light_pbr(job, has, mi, mf, maps, y, places, varying, ready, rows, stride, begin, end, line, steep):
     """Reflection, occlusion and emission, linear. The normals in the rows are replaced by what comes of them.
 
     Args:
-        ready: see ``_towards``.
+        ready: see ``_towards``. steep: see ``row_schlick``.
     """
     lens = f64_at(job[S_LENS])
     rough, occluded, emitting = mi[MI_METALLIC_ROUGHNESS] >= 0, mi[MI_OCCLUSION] >= 0, mi[MI_EMISSIVE] >= 0
@@ -239,63 +255,59 @@ def light_pbr(job, has, mi, mf, maps, y, places, varying, ready, rows, stride, b
     for x in range(begin, end, vec.LANES):
         nx, ny, towards = _towards(ready, maps, smooth, rows, stride, x)
         column = vec.f32(x) + lane if places == 0 else vec.to_f32(vec.load(i32_at(places), x))
-        _keep(rows, stride, x, cosines(nx, ny, towards, (column + left) * across, dy, high))
+        n_l, n_v, v_l = cosines(nx, ny, towards, (column + left) * across, dy, high)
+        at = A_NORMAL * stride + x
+        vec.store(rows, at, n_l)
+        vec.store(rows, at + stride, n_v)
+        vec.store(rows, at + 2 * stride, v_l)
     roughness = vec.f32(mf[MF_ROUGHNESS])
     for x in range(begin, end, vec.LANES):
-        n_l, n_v, v_l = _kept(rows, stride, x)
+        at = A_NORMAL * stride + x
+        n_l, n_v, v_l = vec.load(rows, at), vec.load(rows, at + stride), vec.load(rows, at + 2 * stride)
         a2 = alpha_of(roughness * vec.load(rows, (A_ROUGH + 1) * stride + x) if rough else roughness)
-        _keep(rows, stride, x, gloss(n_l, n_v, v_l, a2))
+        n_l, specular = gloss(n_l, n_v, v_l, a2)
+        vec.store(rows, at, n_l)
+        vec.store(rows, at + stride, specular)
+    if steep < np.float32(0.0):
+        steep = _schlick_at(job, y, places, (begin + end) // 2)
     if rough or varying != UNIFORM or occluded or emitting or job[S_MODE] != DIRECT:
-        _finish_varied(job, mi, mf, varying, rows, stride, begin, end, line)
+        _finish_varied(job, mi, mf, steep, varying, rows, stride, begin, end, line)
     else:
-        _finish_uniform(job, mf, rows, stride, begin, end, line)
-
-
-@inlined
-def _keep(rows, stride, x, three):
-    """Three values of eight pixels in place of their normals."""
-    at = A_NORMAL * stride + x
-    vec.store(rows, at, three[0])
-    vec.store(rows, at + stride, three[1])
-    vec.store(rows, at + 2 * stride, three[2])
-
-
-@inlined
-def _kept(rows, stride, x):
-    """What ``_keep`` has stored."""
-    at = A_NORMAL * stride + x
-    return vec.load(rows, at), vec.load(rows, at + stride), vec.load(rows, at + 2 * stride)
+        _finish_uniform(job, mf, steep, rows, stride, begin, end, line)
 
 
 @inner
-def _finish_uniform(job, mf, rows, stride, begin, end, line):
+def _finish_uniform(job, mf, steep, rows, stride, begin, end, line):
     """From ``gloss`` in the rows to the picture, of a material whose factors are all there is to it."""
     red, green, blue = vec.f32(mf[MF_BASE]), vec.f32(mf[MF_BASE + 1]), vec.f32(mf[MF_BASE + 2])
     diffuse, f0, grazing = coat(red, green, blue, vec.f32(mf[MF_METALLIC]))
     er, eg, eb = vec.f32(mf[MF_EMISSIVE]), vec.f32(mf[MF_EMISSIVE + 1]), vec.f32(mf[MF_EMISSIVE + 2])
+    grazed = vec.f32(steep)
     for x in range(begin, end, vec.LANES):
-        n_l, specular, schlick = _kept(rows, stride, x)
-        r = reflected(n_l, specular, schlick, diffuse[0], f0[0], grazing[0]) + er
-        g = reflected(n_l, specular, schlick, diffuse[1], f0[1], grazing[1]) + eg
-        b = reflected(n_l, specular, schlick, diffuse[2], f0[2], grazing[2]) + eb
+        at = A_NORMAL * stride + x
+        n_l, specular = vec.load(rows, at), vec.load(rows, at + stride)
+        r = reflected(n_l, specular, grazed, diffuse[0], f0[0], grazing[0]) + er
+        g = reflected(n_l, specular, grazed, diffuse[1], f0[1], grazing[1]) + eg
+        b = reflected(n_l, specular, grazed, diffuse[2], f0[2], grazing[2]) + eb
         write(job, True, line, x, r, g, b)
 
 
 @inner
-def _finish_varied(job, mi, mf, varying, rows, stride, begin, end, line):
+def _finish_varied(job, mi, mf, steep, varying, rows, stride, begin, end, line):
     """As ``_finish_uniform`` with whatever textures there are, or for the layers."""
     rough, occluded, emitting = mi[MI_METALLIC_ROUGHNESS] >= 0, mi[MI_OCCLUSION] >= 0, mi[MI_EMISSIVE] >= 0
-    direct, one = job[S_MODE] == DIRECT, vec.f32(1.0)
+    direct, one, grazed = job[S_MODE] == DIRECT, vec.f32(1.0), vec.f32(steep)
     for x in range(begin, end, vec.LANES):
         r, g, b = _color(job, varying, mf, rows, stride, x)
         metallic = vec.f32(mf[MF_METALLIC])
         if rough:
             metallic = metallic * vec.load(rows, (A_ROUGH + 2) * stride + x)
         diffuse, f0, grazing = coat(r, g, b, metallic)
-        n_l, specular, schlick = _kept(rows, stride, x)
-        r = reflected(n_l, specular, schlick, diffuse[0], f0[0], grazing[0])
-        g = reflected(n_l, specular, schlick, diffuse[1], f0[1], grazing[1])
-        b = reflected(n_l, specular, schlick, diffuse[2], f0[2], grazing[2])
+        at = A_NORMAL * stride + x
+        n_l, specular = vec.load(rows, at), vec.load(rows, at + stride)
+        r = reflected(n_l, specular, grazed, diffuse[0], f0[0], grazing[0])
+        g = reflected(n_l, specular, grazed, diffuse[1], f0[1], grazing[1])
+        b = reflected(n_l, specular, grazed, diffuse[2], f0[2], grazing[2])
         if occluded:
             kept = one + vec.f32(mf[MF_OCCLUSION]) * (vec.load(rows, A_OCCLUSION * stride + x) - one)
             r, g, b = r * kept, g * kept, b * kept
@@ -307,8 +319,9 @@ def _finish_varied(job, mi, mf, varying, rows, stride, begin, end, line):
 
 
 @inner
-def shade(job, has, mi, mf, maps, y, places, bumpy, rows, stride, begin, end, line):
-    """Shade the pixels ``begin .. end`` of one instance from their attributes; ``places`` as in ``resolve``."""
+def shade(job, has, mi, mf, maps, y, places, bumpy, rows, stride, begin, end, line, steep):
+    """Shade the pixels ``begin .. end`` of one instance from their attributes; ``places`` as in ``resolve``, ``steep``
+    from ``row_schlick``."""
     varying = UNIFORM
     if (has & HAS_COLORS) != 0 or job[S_MODE] != DIRECT or (bumpy and mi[MI_BASE] >= 0):
         varying = FROM_ROWS
@@ -321,6 +334,6 @@ def shade(job, has, mi, mf, maps, y, places, bumpy, rows, stride, begin, end, li
     elif job[S_PBR] != 0:
         if bumpy:
             map_normals(job, has, mi, mf, maps, rows, stride, begin, end)
-        light_pbr(job, has, mi, mf, maps, y, places, varying, bumpy, rows, stride, begin, end, line)
+        light_pbr(job, has, mi, mf, maps, y, places, varying, bumpy, rows, stride, begin, end, line, steep)
     else:
         light_phong(job, has, mf, maps, varying, rows, stride, begin, end, line)
