@@ -73,10 +73,9 @@ A_COLOR: Final = 8  # 4 rows: RGBA as the mesh has them
 A_TANGENT: Final = 12  # 4 rows: tangent in the mesh's frame; sign of the bitangent
 # Filled by shading, as far as a material needs them.
 A_LIGHT: Final = A_FACING  # 1 row, instead: what the head light leaves of a colour
-A_PLACE: Final = A_NORMAL  # 2 rows, instead: column and row among a texture's texels over depth, later these
-A_DEPTH: Final = A_UV1  # 1 row, instead: one over depth, later depth
-A_SQUARE: Final = A_UV1 + 1  # 1 row, instead: squared length of a normal, later what the head light leaves
-A_TOWARDS: Final = A_COLOR  # 1 row, instead: minus the z of that normal
+A_PLACE: Final = A_NORMAL  # 2 rows, instead, int32: column and row among a texture's texels, see sampling.FINE
+A_SHARE: Final = A_UV1  # 1 row, instead, int32: what the head light leaves, see mixing.WHOLE
+A_INDEX: Final = A_UV1 + 1  # 1 row, instead, int32: the number of a texel
 A_RUN: Final = A_TANGENT  # 4 rows, instead: one value per run, see texel_planes
 A_BASE: Final = 16  # 4 rows: base colour and alpha where they vary; the shaded colour where it is not written at once
 A_TEXEL: Final = 20  # 4 rows: what a texture has at the pixels

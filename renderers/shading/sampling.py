@@ -28,6 +28,9 @@ from renderers.shading.textures import (
 
 _LARGEST: Final = np.float32(1e9)
 """Coordinates beyond this, and what is not a number, become 0: float32 has no fractions left for them long since."""
+FINE_BITS: Final = 15
+FINE: Final = 1 << FINE_BITS
+"""Parts of a texel where places among them are integers: as many as mixing in 16 bits tells apart."""
 AS_STORED: Final = 0
 SRGB: Final = 1
 _UNIT: Final = np.float32(1.0 / 255.0)
@@ -163,22 +166,31 @@ def bilinear(integers, values, space, u, v):
 
 @inlined
 def locate(integers, x, y):
-    """The number of the first of the four texels around (x, y), the shares of the second column and row, and whether
-    the four lie side by side: the rest is anything where they do not."""
-    i, j, fx, fy, inside = _footprint(integers, x, y)
-    return j * vec.i32(integers[TI_STRIDE]) + i, fx, fy, inside
+    """The number of the first of the four texels around a place in parts of a texel (``FINE``), and whether the four
+    do not lie side by side in the image: the number is anything where they do not."""
+    bits = vec.i32(FINE_BITS)
+    i, j = x >> bits, y >> bits
+    right, lower = vec.i32(integers[TI_WIDTH] - 2) - i, vec.i32(integers[TI_HEIGHT] - 2) - j
+    return j * vec.i32(integers[TI_STRIDE]) + i, (i | j | right | lower) < vec.i32(0)
+
+
+@inlined
+def parts(x):
+    """What ``locate`` takes, of a column or row among the texels' centres (f32x8)."""
+    return vec.to_i32(x * vec.f32(FINE))
 
 
 @inlined
 def coordinates_of(integers, x, y):
-    """Texture coordinates of a column and row among the texels' centres."""
-    half, one = vec.f32(0.5), vec.f32(1.0)
+    """Texture coordinates of a place as ``locate`` takes it."""
+    half, one, fine = vec.f32(0.5), vec.f32(1.0), vec.f32(1.0 / FINE)
+    x, y = vec.to_f32(x) * fine, vec.to_f32(y) * fine
     return (x + half) * (one / vec.f32(integers[TI_WIDTH])), (y + half) * (one / vec.f32(integers[TI_HEIGHT]))
 
 
 @inlined
 def at_place(integers, x, y):
-    """RGBA as stored, 0 .. 1, of the four texels around (x, y), in any of an image's repetitions."""
+    """RGBA as stored, 0 .. 1, of the four texels around a place, in any of an image's repetitions."""
     u, v = coordinates_of(integers, x, y)
     return bilinear(integers, np.int64(0), AS_STORED, u, v)
 

@@ -13,15 +13,13 @@ import numpy as np
 
 from renderers import simd as vec
 from renderers.linked import inlined, inner
-from renderers.pointers import f32_at, f64_at, i32_at, i64_at
+from renderers.pointers import as_i32, f32_at, f64_at, i32_at, i64_at
 from renderers.shading.ahead import look_ahead_of_runs
 from renderers.shading.compose import packed
 from renderers.shading.layout import (
-    A_DEPTH,
     A_LIGHT,
     A_PLACE,
-    A_SQUARE,
-    A_TOWARDS,
+    A_SHARE,
     A_UV0,
     HAS_NORMALS,
     II_VERTICES,
@@ -32,7 +30,7 @@ from renderers.shading.layout import (
     V_COLUMNS,
 )
 from renderers.shading.materials import MF_BASE, MI_BASE, MI_UNLIT
-from renderers.shading.mixing import PART, show_located
+from renderers.shading.mixing import PART, WHOLE, show_located
 from renderers.shading.planes import AHEAD as RUNS
 from renderers.shading.planes import look_up
 from renderers.shading.resolve import (
@@ -45,7 +43,7 @@ from renderers.shading.resolve import (
     set_up,
     weights,
 )
-from renderers.shading.sampling import AS_STORED, bilinear, coordinates, nearest, reduced
+from renderers.shading.sampling import AS_STORED, bilinear, coordinates, nearest, parts, reduced
 from renderers.shading.surface import reach, turned
 from renderers.shading.texel_planes import eight_runs, eight_short_runs, find_runs, set_up_texels
 from renderers.shading.textures import TF_COLUMNS, TI_COLUMNS, TI_LINEAR
@@ -67,16 +65,18 @@ def _line(base, slope, lanes, t):
 
 
 @inner
-def _together(lit, starts, batch, begin, end, base, slope, rows, stride):
-    """Eight runs, every pixel within its triangle: the pixels ``begin .. end``.
+def _together(starts, batch, begin, end, unlike, base, slope, rows, stride):
+    """Eight runs, every pixel within its triangle: A_PLACE and A_SHARE of the pixels ``begin .. end``.
 
     Args:
-        base, slope: see ``texel_planes.eight_runs``.
+        unlike, base, slope: see ``texel_planes.eight_runs``.
     """
+    whole = as_i32(rows)
     begins = vec.load(starts, batch)
     next1, next2, next3 = vec.spread1(begins), vec.spread2(begins), vec.spread3(begins)
     next4, next5, next6, next7 = vec.spread4(begins), vec.spread5(begins), vec.spread6(begins), vec.spread7(begins)
-    none, unit = vec.i32(0), vec.i32(1)
+    none, unit, zero, one = vec.i32(0), vec.i32(1), vec.f32(0.0), vec.f32(1.0)
+    even = vec.bits(unlike > zero) == 0
     for x in range(begin, end, vec.LANES):
         column = vec.i32(x) + vec.iota()
         run = vec.select(column < next1, none, unit)
@@ -87,17 +87,21 @@ def _together(lit, starts, batch, begin, end, base, slope, rows, stride):
         run = run + vec.select(column < next6, none, unit)
         run = run + vec.select(column < next7, none, unit)
         t = vec.to_f32(column - vec.permute(begins, run))
-        vec.store(rows, A_DEPTH * stride + x, _line(base[3], slope[3], run, t))
-        vec.store(rows, A_PLACE * stride + x, _line(base[4], slope[4], run, t))
-        vec.store(rows, (A_PLACE + 1) * stride + x, _line(base[5], slope[5], run, t))
-        if lit:
-            nx, ny, nz = (
-                _line(base[0], slope[0], run, t),
-                _line(base[1], slope[1], run, t),
-                _line(base[2], slope[2], run, t),
-            )
-            vec.store(rows, A_SQUARE * stride + x, nx * nx + ny * ny + nz * nz)
-            vec.store(rows, A_TOWARDS * stride + x, nz)
+        light, total = _line(base[0], slope[0], run, t), _line(base[3], slope[3], run, t)
+        if even:
+            depth = one / total
+            light = light * depth
+        else:
+            nx, ny = _line(base[1], slope[1], run, t), _line(base[2], slope[2], run, t)
+            alone = vec.permute(unlike, run) > zero
+            length = vec.select(alone, vec.sqrt(nx * nx + ny * ny + light * light), one)
+            # One division for both. What has no direction has no place then either, and is black anywhere.
+            share = one / (total * length)
+            depth = share * length
+            light = light * vec.select(alone, share * total * vec.f32(WHOLE), depth)
+        vec.store(whole, A_SHARE * stride + x, vec.to_i32(vec.most(light, zero)))
+        vec.store(whole, A_PLACE * stride + x, vec.to_i32(_line(base[4], slope[4], run, t) * depth))
+        vec.store(whole, (A_PLACE + 1) * stride + x, vec.to_i32(_line(base[5], slope[5], run, t) * depth))
 
 
 @inner
@@ -143,18 +147,16 @@ def _alone(maps, vertices, smooth, lit, starts, batch, picked, rows, stride, scr
 @inner
 def _by_itself(integers, floats, lit, rows, stride, begin, end):
     """What the rows A_UV0 and A_LIGHT say of one run, as ``_together`` writes it, and nothing behind the run."""
-    one = vec.f32(1.0)
+    whole, light = as_i32(rows), vec.f32(1.0)
     for x in range(begin, end, vec.LANES):
         u, v = coordinates(integers, floats, rows, A_UV0 * stride + x, stride)
         u, v = reduced(integers, u, v)
         inside = vec.iota() < vec.i32(end - x)
-        _blend(rows, A_PLACE * stride + x, inside, u)
-        _blend(rows, (A_PLACE + 1) * stride + x, inside, v)
-        _blend(rows, A_DEPTH * stride + x, inside, one)
         if lit:
             light = vec.load(rows, A_LIGHT * stride + x)
-            _blend(rows, A_SQUARE * stride + x, inside, one)
-            _blend(rows, A_TOWARDS * stride + x, inside, light)
+        _blend(whole, A_PLACE * stride + x, inside, parts(u))
+        _blend(whole, (A_PLACE + 1) * stride + x, inside, parts(v))
+        _blend(whole, A_SHARE * stride + x, inside, vec.to_i32(light * vec.f32(WHOLE)))
 
 
 @inlined
@@ -230,7 +232,7 @@ def show_textured(
         if not short:
             missing = look_up(ids, starts, places, part, stop, memory)
             for k in range(0, missing, vec.LANES):
-                set_up_texels(columns, m, maps, lens, y, first, many, smooth, integers, floats, memory, k, missing)
+                set_up_texels(columns, m, maps, lens, y, first, many, smooth, lit, integers, floats, memory, k, missing)
             find_runs(ids, starts, y, places, part, stop, rows, stride, memory)
         for batch in range(part, stop, vec.LANES):
             count = min(stop - batch, vec.LANES)
@@ -239,10 +241,12 @@ def show_textured(
                 if many:
                     look_ahead_of_runs(columns, first, ids, starts, batch, last_run)
                 set_up(columns, m, maps[P_MIRROR], lens, y, places, first, ids, starts, batch, count, smooth, scratch)
-                good, base, slope = eight_short_runs(columns, maps, smooth, integers, floats, starts, batch, scratch)
+                good, unlike, base, slope = eight_short_runs(
+                    columns, maps, smooth, lit, integers, floats, starts, batch, scratch
+                )
             else:
-                good, base, slope = eight_runs(starts, batch, part, rows, stride, memory)
-            _together(lit, starts, batch, begin, end, base, slope, rows, stride)
+                good, unlike, base, slope = eight_runs(starts, batch, part, rows, stride, memory)
+            _together(starts, batch, begin, end, unlike, base, slope, rows, stride)
             bad = (255 ^ good) & ((1 << count) - 1)
             if bad != 0:
                 _resolve(
@@ -257,5 +261,5 @@ def show_textured(
         if stop < last_run:  # what is beyond the last of eights waits for its neighbours
             end = shown + (end - shown) // vec.LANES * vec.LANES
         for x in range(shown, end, PART):
-            show_located(integers, mf, lit, rows, stride, x, min(x + PART, end), line)
+            show_located(integers, mf, rows, stride, x, min(x + PART, end), line)
         shown = max(end, shown)

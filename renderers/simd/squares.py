@@ -92,8 +92,7 @@ def mix_squares(typing_context: Any, values: Any, at: Any, fx: Any, fy: Any, lig
 
     Args:
         values: pointer to float32; ``copy_squares`` has written those from ``at`` on, long enough ago.
-        fx, fy, light: i32x8, the share of the right and of the lower texels, and a factor: 0 to 32767 for 0 to 1, in
-            both halves of every value.
+        fx, fy, light: i32x8, the share of the right and of the lower texels, and a factor: 0 to 32767 for 0 to 1.
         color: i32x8, four factors in the halves of every two values, as small.
     """
 
@@ -101,13 +100,14 @@ def mix_squares(typing_context: Any, values: Any, at: Any, fx: Any, fy: Any, lig
         values, at, fx, fy, light, color = args
         first = builder.bitcast(builder.gep(values, [at]), _BYTES.as_pointer())
         seven = _splat(_WORDS, 7)
+        fx, fy, light = (builder.bitcast(value, _WORDS) for value in (fx, fy, light))
         pairs = []
         for k in range(4):  # pixels four apart, so that all shuffles are within the halves of registers
             upper, lower = (
                 builder.zext(builder.load(builder.gep(first, [ir.Constant(I64, 2 * k + row)]), align=4), _WORDS)
                 for row in range(2)
             )
-            share = builder.bitcast(shuffle(builder, fy, fy, [k] * 4 + [k + 4] * 4), _WORDS)
+            share = shuffle(builder, fy, fy, [2 * k] * 8 + [2 * k + 8] * 8)
             step = _scaled(builder, context, builder.shl(builder.sub(lower, upper), seven), share)
             pairs.append(builder.bitcast(builder.add(builder.shl(upper, seven), step), _LONGS))
         color = builder.bitcast(color, _WORDS)
@@ -115,10 +115,10 @@ def mix_squares(typing_context: Any, values: Any, at: Any, fx: Any, fy: Any, lig
         for k in (0, 2):
             left = builder.bitcast(shuffle(builder, pairs[k], pairs[k + 1], [0, 4, 2, 6]), _WORDS)
             right = builder.bitcast(shuffle(builder, pairs[k], pairs[k + 1], [1, 5, 3, 7]), _WORDS)
-            picks = [k, k, k + 1, k + 1, k + 4, k + 4, k + 5, k + 5]
-            share = builder.bitcast(shuffle(builder, fx, fx, picks), _WORDS)
+            picks = [2 * pixel for pixel in (k, k + 1, k + 4, k + 5) for _ in range(4)]
+            share = shuffle(builder, fx, fx, picks)
             value = builder.add(left, _scaled(builder, context, builder.sub(right, left), share))
-            factor = _scaled(builder, context, builder.bitcast(shuffle(builder, light, light, picks), _WORDS), color)
+            factor = _scaled(builder, context, shuffle(builder, light, light, picks), color)
             value = builder.add(_scaled(builder, context, value, factor), _splat(_WORDS, 64))
             halves.append(builder.lshr(value, seven))
         return builder.bitcast(_packed(builder, context, *halves), i32x8.llvm)
