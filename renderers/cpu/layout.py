@@ -120,6 +120,12 @@ TINY: Final = 4
 """Triangles whose box holds at most TINY x TINY pixel centres are solved in setup, which leaves their pixels."""
 MICRO_PER_ELEMENT: Final = 4
 """Room for pixels of tiny triangles, per element of a chunk; when it is used up, the others become records."""
+MICRO_VALUES: Final = 4
+"""Of each of these pixels, while its chunk is set up, in arrays of their own: its place, the highest bit set where a
+back face is kept apart; the bits of 1/z; the record number; its list."""
+MICRO_LISTS: Final = 3
+MICRO_ROOM: Final = MICRO_PER_ELEMENT * CHUNK + 8
+"""int32 of such an array."""
 
 # A record is 64 bytes: 8 int32, 3 float64, 2 float32. Offsets are counted in values of the respective type.
 RECORD_BYTES: Final = 64
@@ -154,14 +160,16 @@ LATER_SIDE: Final = 12
 would be set up by every band of their box."""
 
 # What J_SETUP is asked for, int64: the address of a KIND_LATER record; addresses of room for 8 records, 8 spans, the
-# pixels of 8 tiny triangles and a column of 16 x 8 int32; the answer, how many records and pixels there are.
+# pixels of 8 tiny triangles, a column of 16 x 8 int32, and MICRO_VALUES x MICRO_ROOM int32; the answer, how many
+# records and pixels there are.
 Q_GROUP: Final = 0
 Q_RECORDS: Final = 1
 Q_SPANS: Final = 2
 Q_MICRO: Final = 3
 Q_SCRATCH: Final = 4
-Q_COUNT: Final = 5
-Q_MICROS: Final = 6
+Q_PIXELS: Final = 5
+Q_COUNT: Final = 6
+Q_MICROS: Final = 7
 
 # A small triangle's record: 16 values of 4 bytes; R_ID, R_KIND, R_LOW and R_HIGH as above. The third edge's steps are
 # minus the sum of the others'.

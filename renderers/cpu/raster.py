@@ -47,10 +47,13 @@ from renderers.cpu.layout import (
     KIND_TRIANGLE,
     L_FAR,
     MICRO_PER_ELEMENT,
+    MICRO_ROOM,
+    MICRO_VALUES,
     Q_COUNT,
     Q_GROUP,
     Q_MICRO,
     Q_MICROS,
+    Q_PIXELS,
     Q_RECORDS,
     Q_SCRATCH,
     Q_SPANS,
@@ -312,6 +315,7 @@ def _draw_late(job, lens, rule, record, which, first_row, last_row, room, scratc
     request[Q_SPANS] = records + vec.LANES * RECORD_BYTES
     request[Q_SCRATCH] = request[Q_SPANS] + 8 * vec.LANES
     request[Q_MICRO] = request[Q_SCRATCH] + 64 * vec.LANES
+    request[Q_PIXELS] = request[Q_MICRO] + 16 * vec.LANES * TINY * TINY
     call_kernel(job[J_SETUP], (job[J_SELF], job[J_LENS], np.int64(-1), room))
     for k in range(request[Q_COUNT]):
         _draw(job, lens, rule, records + k * RECORD_BYTES, first_row, last_row, scratch)
@@ -325,7 +329,7 @@ _RECORDS_AHEAD: Final = 6
 """Records that are on their way from the cache that they share with all that setup has left."""
 _LINES: Final = 4
 """Cache lines of pixels of tiny triangles that are fetched ahead; the processor sees by itself that more follow."""
-ROOM: Final = 8 + (vec.LANES * (RECORD_BYTES + 8 + 64) + 16 * (vec.LANES * TINY * TINY + 1)) // 8
+ROOM: Final = 8 + (vec.LANES * (RECORD_BYTES + 8 + 64 + 16 * TINY * TINY) + 4 * MICRO_VALUES * MICRO_ROOM) // 8
 
 
 @inner

@@ -21,13 +21,18 @@ from renderers.cpu.layout import (
     J_RANGES,
     J_RECORDS,
     J_SMALL,
+    J_STRIDE,
     J_TABLE,
     J_TALL,
+    MICRO_LISTS,
     MICRO_PER_ELEMENT,
+    MICRO_ROOM,
+    MICRO_VALUES,
     Q_COUNT,
     Q_GROUP,
     Q_MICRO,
     Q_MICROS,
+    Q_PIXELS,
     Q_RECORDS,
     Q_SCRATCH,
     Q_SPANS,
@@ -41,7 +46,7 @@ from renderers.cpu.layout import (
     T_TOPOLOGY,
 )
 from renderers.cpu.transform import drawn_at
-from renderers.cpu.triangles import triangles
+from renderers.cpu.triangles import BAND_SHIFT, triangles
 from renderers.jit import kernel
 from renderers.linked import inlined, inner
 from renderers.pointers import as_f32, f32_at, f64_at, i32_at, i64_at, u16_at
@@ -84,24 +89,58 @@ def _late(job, lens, request):
     table = i64_at(job[J_TABLE])
     row = drawn * T_COLUMNS
     lanes = min(table[row + T_COLUMNS + T_ELEMENT] - table[row + T_ELEMENT] - element, vec.LANES)
-    spans, micro, columns = i32_at(request[Q_SPANS]), i32_at(request[Q_MICRO]), i32_at(request[Q_SCRATCH])
+    spans, columns, micro = i32_at(request[Q_SPANS]), i32_at(request[Q_SCRATCH]), i32_at(request[Q_PIXELS])
     records, late = request[Q_RECORDS], np.int64(group[G_LANES])
     count, micros = triangles(
         job, lens, drawn, element, element + lanes, late, records, spans, 0, micro, 0, columns, 0, as_f32(columns)
     )
+    _find_lists(job, micro, micros)
+    for m in range(0, micros, vec.LANES):
+        _store_micros(i32_at(request[Q_MICRO]), m, micro, m)
     request[Q_COUNT] = count
     request[Q_MICROS] = micros
 
 
 @inner
-def _distribute(job, chunk, spans, count, micro_at, micros, fill):
+def _find_lists(job, micro, micros):
+    """Say for each of the pixels that ``triangles`` has left which list it belongs to."""
+    # Halfway into a pixel: no product is nearer to a whole number than that.
+    half, row = vec.f64(0.5), vec.f64(1.0 / np.float64(job[J_STRIDE]))
+    zero, apart = vec.i32(0), vec.i32(job[J_LISTS] - job[J_BANDS])
+    for m in range(0, micros, vec.LANES):
+        marked = vec.load(micro, m)
+        pixels = marked & vec.i32(0x7FFFFFFF)
+        lists = vec.to_i32((vec.to_f64(pixels) + half) * row) >> vec.i32(BAND_SHIFT)
+        vec.store(micro, m, pixels)
+        vec.store(micro, MICRO_LISTS * MICRO_ROOM + m, vec.select(marked < zero, lists + apart, lists))
+
+
+@inlined
+def _store_micros(out, place, micro, m):
+    """Write eight pixels as quadruples."""
+    w, numbers = vec.load(micro, MICRO_ROOM + m), vec.load(micro, 2 * MICRO_ROOM + m)
+    vec.store_quads(out, 4 * place, vec.load(micro, m), w, numbers, vec.load(micro, MICRO_LISTS * MICRO_ROOM + m))
+
+
+@inlined
+def _store_micro(out, fill, micro, m):
+    """Write a pixel as a quadruple to the end of its list."""
+    goal = np.int64(micro[MICRO_LISTS * MICRO_ROOM + m])
+    place = np.int64(fill[goal])
+    fill[goal] = place + 1
+    for value in range(4):
+        out[4 * place + value] = micro[value * MICRO_ROOM + m]
+
+
+@inner
+def _distribute(job, chunk, spans, count, micro, micros, fill):
     """Write a chunk's lists, sorted by list; records in their order.
 
     Args:
-        micro_at: address of the pixels that ``triangles`` has left.
-        fill: pointer to 2 x (lists + 1) int32 of scratch.
+        micro, micros: what ``triangles`` and ``_find_lists`` have left.
+        fill: pointer to lists + 1 int32 of scratch.
     """
-    lists, micro = job[J_LISTS], i32_at(micro_at)
+    lists, which = job[J_LISTS], MICRO_LISTS * MICRO_ROOM
     offsets = i32_at(job[J_OFFSETS] + 4 * chunk * (2 * lists + 4))
     small = u16_at(job[J_SMALL] + 2 * chunk * CHUNK * SMALL_BANDS)
     tall = u16_at(job[J_TALL] + 2 * chunk * CHUNK)
@@ -146,35 +185,35 @@ def _distribute(job, chunk, spans, count, micro_at, micros, fill):
     starts = lists + 1
     for each in range(lists + 1):
         offsets[starts + each] = 0
-        fill[each] = 0
-    # Where neighbours go to the same list, each would wait for the one before it; so every other one counts by itself.
-    # A branch would be mispredicted wherever a triangle lies in two bands.
-    even = micros & ~1
-    for m in range(0, even, 2):
-        offsets[starts + 1 + micro[4 * m + 3]] += 1
-        fill[micro[4 * m + 7]] += 1
-    if even < micros:
-        offsets[starts + 1 + micro[4 * even + 3]] += 1
+    # Eight neighbours mostly go to one list; one by one each would wait for the one before it.
+    whole = micros & ~np.int64(vec.LANES - 1)
+    for m in range(0, whole, vec.LANES):
+        goal = np.int64(micro[which + m])
+        if vec.bits(vec.load(micro, which + m) == vec.i32(goal)) == 255:
+            offsets[starts + 1 + goal] += vec.LANES
+        else:
+            for k in range(m, m + vec.LANES):
+                offsets[starts + 1 + micro[which + k]] += 1
+    for m in range(whole, micros):
+        offsets[starts + 1 + micro[which + m]] += 1
     for each in range(lists):
-        here = offsets[starts + each + 1] + fill[each]
+        here = offsets[starts + each + 1]
         if here != 0:
             _reach(ranges, bands, each, each)
-        offsets[starts + each + 1] = offsets[starts + each] + here
         fill[each] = offsets[starts + each]
-        fill[starts + each] = offsets[starts + each + 1]
-    # One of two from a list's begin, the other from its end: within a list the order does not matter.
-    unsorted, out = i64_at(micro_at), i64_at(job[J_MICRO] + 16 * chunk * MICRO_PER_ELEMENT * CHUNK)
-    for m in range(0, even, 2):
-        goal, other = micro[4 * m + 3], starts + micro[4 * m + 7]
-        place = fill[goal]
-        fill[goal] = place + 1
-        out[2 * place], out[2 * place + 1] = unsorted[2 * m], unsorted[2 * m + 1]
-        place = fill[other] - 1
-        fill[other] = place
-        out[2 * place], out[2 * place + 1] = unsorted[2 * m + 2], unsorted[2 * m + 3]
-    if even < micros:
-        place = fill[micro[4 * even + 3]]
-        out[2 * place], out[2 * place + 1] = unsorted[2 * even], unsorted[2 * even + 1]
+        offsets[starts + each + 1] = fill[each] + here
+    out = i32_at(job[J_MICRO] + 16 * chunk * MICRO_PER_ELEMENT * CHUNK)
+    for m in range(0, whole, vec.LANES):
+        goal = np.int64(micro[which + m])
+        if vec.bits(vec.load(micro, which + m) == vec.i32(goal)) == 255:
+            place = np.int64(fill[goal])
+            _store_micros(out, place, micro, m)
+            fill[goal] = place + vec.LANES
+        else:
+            for k in range(m, m + vec.LANES):
+                _store_micro(out, fill, micro, k)
+    for m in range(whole, micros):
+        _store_micro(out, fill, micro, m)
 
 
 @kernel("void(int64, int64, int64, int64)")
@@ -188,8 +227,8 @@ def setup(job_at, lens_at, begin_chunk, end_chunk):
         return
     table = i64_at(job[J_TABLE])
     own_spans = np.empty(2 * CHUNK, np.int32)
-    own_fill = np.empty(2 * (job[J_LISTS] + 1), np.int32)
-    own_micro = np.empty(4 * (MICRO_PER_ELEMENT * CHUNK + 1), np.int32)
+    own_fill = np.empty(job[J_LISTS] + 1, np.int32)
+    own_micro = np.empty(MICRO_VALUES * MICRO_ROOM, np.int32)
     own_columns = np.empty(16 * vec.LANES, np.int32)
     own_view = np.empty(V_COLUMNS, np.float32)
     spans = i32_at(np.int64(own_spans.ctypes.data))
@@ -223,7 +262,8 @@ def setup(job_at, lens_at, begin_chunk, end_chunk):
                     count = _others(job, lens, drawn, k - offset, record, spans, count)
             work = max(work, stop)
             drawn += 1
-        _distribute(job, chunk, spans, count, np.int64(own_micro.ctypes.data), micros, fill)
+        _find_lists(job, micro, micros)
+        _distribute(job, chunk, spans, count, micro, micros, fill)
     # The pointers above do not keep the arrays alive.
     own_spans[0] = own_fill[0] = own_micro[0] = own_columns[0] = 0
     own_view[0] = 0.0

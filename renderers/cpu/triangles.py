@@ -25,6 +25,7 @@ from renderers.cpu.layout import (
     L_FAR,
     LATER_SIDE,
     MICRO_PER_ELEMENT,
+    MICRO_ROOM,
     R_HIGH,
     R_ID,
     R_KIND,
@@ -118,6 +119,16 @@ def triangles(job, lens, drawn, begin, end, late, record, spans, count, micro, m
 
 
 @inlined
+def _leave(micro, micros, covered, pixels, w, numbers):
+    """Append a pixel of each covered triangle; returns the new ``micros``. Without a branch: which are covered cannot
+    be predicted. Up to seven values behind the last are overwritten."""
+    vec.store(micro, micros, vec.compressed(covered, pixels))
+    vec.store(micro, MICRO_ROOM + micros, vec.compressed(covered, vec.bits_of(w)))
+    vec.store(micro, 2 * MICRO_ROOM + micros, vec.compressed(covered, numbers))
+    return micros + vec.count_bits(vec.bits(covered))
+
+
+@inlined
 def _eight(job, lens, farthest, drawn, element, lanes, late, record, spans, count, micro, micros, columns):
     """Set up the triangles ``element .. element + lanes`` (at most eight) of a drawn instance.
 
@@ -132,7 +143,7 @@ def _eight(job, lens, farthest, drawn, element, lanes, late, record, spans, coun
         record: address of the chunk's records, of which ``count`` are taken.
         spans: pointer to int32 pairs, first and last list of each record: its band, or for back faces that are kept
             apart the number of bands and its band.
-        micro: pointer to int32 quadruples, pixel, bits of 1/z, record number, list; ``micros`` are taken.
+        micro: pointer to MICRO_VALUES arrays of MICRO_ROOM int32, of which ``micros`` values are taken.
         columns: pointer to RECORD_VALUES x 8 int32 of scratch.
 
     Returns:
@@ -257,22 +268,18 @@ def _eight(job, lens, farthest, drawn, element, lanes, late, record, spans, coun
     if vec.bits(tiny) != 0:
         stride = job[J_STRIDE]
         place, numbers = top * vec.i32(stride) + left, vec.i32(number) + lane
-        wide = 1 + (vec.bits(tiny & (width > vec.i32(1))) != 0) + (vec.bits(tiny & (width > vec.i32(2))) != 0)
-        wide += vec.bits(tiny & (width > vec.i32(3))) != 0
+        place = vec.select(back, place | vec.i32(-(1 << 31)), place)
+        # Nearly all have at most three pixels a side: to do all nine costs less than to guess wrong how many there are.
+        most = vec.i32(TINY - 1)
+        sides = TINY - 1 + (vec.bits(tiny & ((width > most) | (height > most))) != 0)
         f0, f1, f2 = e0, e1, e2
-        for r in range(TINY):
-            rows = tiny & (height > vec.i32(r))
-            if vec.bits(rows) == 0:
-                break
+        for r in range(sides):
             start = base + down * vec.f32(np.float32(r))
-            lists = (top + vec.i32(r)) >> vec.i32(BAND_SHIFT)
-            lists = vec.select(back, lists + vec.i32(apart), lists)
             c0, c1, c2 = f0, f1, f2
-            for c in range(wide):
-                covered = rows & ((c0 | c1 | c2) >= zero)
+            for c in range(sides):
                 w = vec.least(vec.most(start + across * vec.f32(np.float32(c)), low), high)
-                pixels = place + vec.i32(r * stride + c)
-                micros = vec.store_quads(micro, micros, covered, pixels, vec.bits_of(w), numbers, lists)
+                pixels, covered = place + vec.i32(r * stride + c), tiny & ((c0 | c1 | c2) >= zero)
+                micros = _leave(micro, micros, covered, pixels, w, numbers)
                 c0, c1, c2 = c0 + right0, c1 + right1, c2 + right2
             f0, f1, f2 = f0 + down0, f1 + down1, f2 + down2
 

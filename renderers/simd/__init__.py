@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from renderers.simd.lookups import float_of, gather_squares, permute
 from renderers.simd.moves import (
+    compressed,
     gather,
     gather_pairs,
     load,
@@ -92,6 +93,7 @@ __all__ = [
     "bits",
     "bits_of",
     "ceil",
+    "compressed",
     "copy_squares",
     "count_bits",
     "f32",

@@ -388,30 +388,40 @@ def store_rgb(typing_context: Any, pointer: Any, index: Any, pixels: Any) -> Any
     return types.int32(pointer, types.int64, pixels), generate
 
 
-@intrinsic
-def store_quads(typing_context: Any, pointer: Any, count: Any, mask: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
-    """Append (a, b, c, d) of the lanes in the mask to a list of four int32 each, of which there are ``count``.
+def _emit_compressed(builder: Any, sig: Any, mask: Any, value: Any) -> Any:
+    lanes = ir.VectorType(I1, LANES)
+    kind = ir.FunctionType(value.type, [value.type, lanes, value.type])
+    declare: Any = cgutils.get_or_insert_function
+    name = f"llvm.experimental.vector.compress.v8{sig.return_type.llvm.element.intrinsic_name}"
+    return builder.call(declare(builder.module, kind, name), [value, mask, ir.Constant(value.type, ir.Undefined)])
 
-    Returns the new count. Without a branch: which lanes are in cannot be predicted. One more entry may be overwritten.
-    """
+
+compressed = make(
+    lambda mask, value: value if mask is m8 and value in (f32x8, i32x8) else None,
+    _emit_compressed,
+)
+"""``compressed(m8, v)``: the lanes in the mask, in their order, as the first lanes; the others mean nothing. One
+instruction with AVX-512; elsewhere each lane is stored where the ones before it end."""
+
+
+@intrinsic
+def store_quads(typing_context: Any, pointer: Any, index: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
+    """Write eight times (a, b, c, d), four int32 each, from value ``index`` on. The result means nothing."""
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        pointer, count, mask, a, b, c, d = args
+        pointer, index, a, b, c, d = args
         halves = [0, 8, 1, 9, 4, 12, 5, 13], [2, 10, 3, 11, 6, 14, 7, 15]
         picks = [0, 1, 8, 9, 4, 5, 12, 13], [2, 3, 10, 11, 6, 7, 14, 15]
         pairs = [(shuffle(builder, a, b, half), shuffle(builder, c, d, half)) for half in halves]
         quads = [shuffle(builder, ab, cd, pick) for ab, cd in pairs for pick in picks]
-        bits = builder.zext(builder.bitcast(mask, I8), I64)
-        one = ir.Constant(I64, 1)
-        for lane in range(LANES):
-            low = 4 * (lane // 4)
-            quad = shuffle(builder, quads[lane % 4], quads[lane % 4], [low, low + 1, low + 2, low + 3])
-            place = builder.gep(pointer, [builder.shl(count, ir.Constant(I64, 2))])
-            builder.store(quad, builder.bitcast(place, quad.type.as_pointer()), align=4)
-            count = builder.add(count, builder.and_(builder.lshr(bits, ir.Constant(I64, lane)), one))
-        return count
+        lower, upper = [0, 1, 2, 3, 8, 9, 10, 11], [4, 5, 6, 7, 12, 13, 14, 15]
+        for k, (first, half) in enumerate(((0, lower), (2, lower), (0, upper), (2, upper))):
+            place = builder.add(index, ir.Constant(I64, 8 * k))
+            row = shuffle(builder, quads[first], quads[first + 1], half)
+            builder.store(row, _address(builder, i32x8, pointer, place), align=4)
+        return ir.Constant(I32, 0)
 
-    return types.int64(pointer, types.int64, mask, a, b, c, d), generate
+    return types.int32(pointer, types.int64, a, b, c, d), generate
 
 
 @intrinsic

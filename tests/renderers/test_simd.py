@@ -164,7 +164,9 @@ def _lists(values, offsets, out, number):
     x, y = vec.load(a, 0), vec.load(a, 8)
     vec.prefetch(a, 1 << 40)  # may lie anywhere
     n[0], n[1] = vec.least_of(x), vec.most_of(x)
-    n[2] = vec.store_quads(o, 1, x > y, x, y, vec.iota(), vec.load(i32_at(offsets), 0))
+    n[2] = vec.count_bits(vec.bits(x > y))
+    taken, kept = x > y, vec.compressed(x > y, vec.to_f32(vec.iota()))
+    vec.store_quads(o, 4, vec.compressed(taken, x), vec.compressed(taken, y), vec.to_i32(kept), vec.iota())
     vec.scatter(i32_at(out), vec.load(i32_at(offsets), 0), y)
 
 
@@ -177,9 +179,11 @@ def test_lists_and_extremes(seed: int) -> None:
     _lists(values.ctypes.data, offsets.ctypes.data, out.ctypes.data, number.ctypes.data)
     x, y = values[:8], values[8:]
     taken = x > y
-    assert number.tolist() == [x.min(), x.max(), 1 + taken.sum()]
-    quads = np.stack((x, y, np.arange(8), offsets), axis=1)[taken]
-    np.testing.assert_array_equal(out[4 : 4 * number[2]], quads.ravel())
+    assert number.tolist() == [x.min(), x.max(), taken.sum()]
+    quads = np.stack((x, y, np.arange(8)), axis=1)[taken]
+    written = out[4:36].reshape(8, 4)
+    np.testing.assert_array_equal(written[: number[2], :3], quads)
+    np.testing.assert_array_equal(written[:, 3], np.arange(8))
     assert (out[:4] == 3).all()
     np.testing.assert_array_equal(out[offsets], y)
 
