@@ -11,7 +11,7 @@ T = TypeVar("T")
 def quick(cls: type[T]) -> type[T]:
     """Gives a frozen slotted dataclass an ``__init__`` that calls the descriptors of its slots.
 
-    The one of ``dataclasses`` calls ``object.__setattr__`` with the name of every field, which takes three times as
+    The one of ``dataclasses`` calls ``object.__setattr__`` with the name of every field, which takes twice as
     long; readers make thousands of meshes and materials.
 
     Raises:
