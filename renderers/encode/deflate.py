@@ -15,12 +15,12 @@ import numpy as np
 from renderers.encode.huffman import assign_codes, code_lengths
 from renderers.jit import kernel
 from renderers.linked import inlined, inner
-from renderers.pointers import i64_at, u8_at, u32_at
+from renderers.pointers import i64_at, u8_at, u16_at, u32_at
 from renderers.words import differing, load_word, low_zeros, store_word
 
 PADDING: Final = 64
 """Bytes after the filtered rows that may be read, and after the output that may be written."""
-TABLES: Final = 17440
+TABLES: Final = 17456
 """Bytes of the work area that hold tables; behind them are 16 for every repetition, of at least 16 bytes each."""
 
 _SYMBOLS: Final = 288
@@ -53,7 +53,7 @@ _LENGTHS: Final = _length_symbols()
 
 # Tables in the work area, bytes from its start.
 _COUNTS: Final = 0
-"""int64: four times 256 of literals (one would wait for itself), then the code lengths' tokens."""
+"""uint32: eight times 256 of literals (one would wait for itself), then, int64, the code lengths' tokens."""
 _TOTALS: Final = 8192
 """int64, 288: of the block's symbols."""
 _HEAP: Final = 10496
@@ -69,9 +69,11 @@ _META_LENGTHS: Final = 17280
 _META_CODES: Final = 17312
 """uint32, 24."""
 _STATE: Final = 17408
-"""int64, 4: bits that wait, how many, where in the output they go, and the checksum."""
-CHECKSUM: Final = _STATE // 8 + 3
-"""Where in the work area, in words, the Adler-32 of what was filtered so far stands: 1 at the start."""
+"""int64, 5: bits that wait, how many, where in the output they go, the checksum, and the row."""
+CHECKSUM: Final[int] = _STATE // 8 + 3
+"""Where in the work area, in words, the Adler-32 of what was filtered so far stands."""
+ROW: Final[int] = _STATE // 8 + 4
+"""Where the next row to be written stands."""
 _MODULUS: Final[int] = 65521
 """Of Adler-32 (RFC 1950, section 9)."""
 _LARGE: Final[int] = 1 << 40
@@ -83,6 +85,11 @@ _ONES: Final = np.uint64(0x0001000100010001)
 _EVEN_WEIGHTS: Final = np.uint64(0x0008000600040002)
 _ODD_WEIGHTS: Final = np.uint64(0x0007000500030001)
 """Of the bytes of a word in the second sum, as factors: the products' highest 16 bits are the weighted sum."""
+
+
+def room_of(size: int) -> int:
+    """Bytes that a block of so many filtered ones may take, whatever they are."""
+    return size * 3 // 2 + 1024 + 2 * PADDING
 
 
 @inner
@@ -144,20 +151,25 @@ def _sum_bytes(f: Any, begin: int, end: int, first: Any, second: Any) -> Any:
     return first, second
 
 
+@inlined
+def _sum_words(f: Any, begin: int, end: int, first: Any, second: Any) -> Any:
+    """Adler's sums after bytes that repeat themselves every 8 bytes, one or more; nothing here depends on how many."""
+    word = load_word(f, begin)
+    plain, weighted = _sum_word(word, 0, 0)
+    number, rest = (end - begin) >> 3, (end - begin) & 7
+    second += 8 * (number * first + plain * (number * (number - 1) // 2)) + number * weighted
+    first += number * plain
+    plain, weighted = _sum_word(word & ((np.uint64(1) << np.uint64(8 * rest)) - np.uint64(1)), 0, 0)
+    return first + plain, second + rest * first + weighted - (8 - rest) * plain
+
+
 @inner
-def _sum_repetition(f: Any, begin: int, end: int, block: int, first: Any, second: Any) -> Any:
-    """Adler's sums after bytes that repeat themselves every ``block`` bytes, 8 or 24."""
-    number = (end - begin) // block
-    plain, weighted = _sum_bytes(f, begin, begin + block, 0, 0) if number > 0 else (0, 0)
-    begin += number * block
-    while number > 0:
-        some = min(number, 4096)
-        second += block * (some * first + plain * (some * (some - 1) // 2)) + some * weighted
-        first += some * plain
-        number -= some
-        if second >= _LARGE:
-            first, second = first % _MODULUS, second % _MODULUS
-    return _sum_bytes(f, begin, end, first, second)
+def _sum_triples(f: Any, begin: int, end: int, first: Any, second: Any) -> Any:
+    """Adler's sums after bytes that repeat themselves every 24 bytes."""
+    number = (end - begin) // 24
+    plain, weighted = _sum_bytes(f, begin, begin + 24, 0, 0) if number > 0 else (0, 0)
+    second += 24 * (number * first + plain * (number * (number - 1) // 2)) + number * weighted
+    return _sum_bytes(f, begin + number * 24, end, first + number * plain, second)
 
 
 @inner
@@ -169,14 +181,14 @@ def _find_runs(f: Any, total: int, pixel: int, work: int) -> int:
     time (mispredicted branches) than it saves bytes. Of a repetition the checksum needs only the first
     bytes and the number.
     """
-    counts, totals, runs = i64_at(work + _COUNTS), i64_at(work + _TOTALS), i64_at(work + TABLES)
+    counts, totals, runs = u32_at(work + _COUNTS), i64_at(work + _TOTALS), i64_at(work + TABLES)
     state = i64_at(work + _STATE)
     first_sum, second_sum = state[3] & 0xFFFF, state[3] >> 16
     symbols = _LENGTHS
     found = 0
     for s in range(_SYMBOLS):
         totals[s] = 0
-    for s in range(4 * 256):
+    for s in range(8 * 256):
         counts[s] = 0
     i = min(8, total)
     for k in range(i):
@@ -188,7 +200,7 @@ def _find_runs(f: Any, total: int, pixel: int, work: int) -> int:
         if mask & _SHORT != 0:
             first_sum, second_sum = _sum_word(word, first_sum, second_sum)
             for k in range(8):
-                counts[((k & 3) << 8) + np.int64(word & np.uint64(255))] += 1
+                counts[(k << 8) + np.int64(word & LOW)] += 1
                 word >>= np.uint64(8)
             i += 8
             if second_sum >= _LARGE:
@@ -201,12 +213,12 @@ def _find_runs(f: Any, total: int, pixel: int, work: int) -> int:
                 break
             mask = differing(f, j, j - pixel)
         j = min(j + (low_zeros(mask) & 63), total)
-        if word == 0:
-            second_sum += (j - i) * first_sum
-            if second_sum >= _LARGE:
-                first_sum, second_sum = first_sum % _MODULUS, second_sum % _MODULUS
+        if pixel == 3 and word != 0:
+            first_sum, second_sum = _sum_triples(f, i, j, first_sum, second_sum)
         else:
-            first_sum, second_sum = _sum_repetition(f, i, j, 24 if pixel == 3 else 8, first_sum, second_sum)
+            first_sum, second_sum = _sum_words(f, i, j, first_sum, second_sum)
+        if second_sum >= _LARGE:
+            first_sum, second_sum = first_sum % _MODULUS, second_sum % _MODULUS
         runs[2 * found] = i
         runs[2 * found + 1] = j - i
         found += 1
@@ -220,7 +232,10 @@ def _find_runs(f: Any, total: int, pixel: int, work: int) -> int:
     first_sum, second_sum = _sum_bytes(f, i, total, first_sum, second_sum)
     state[3] = first_sum % _MODULUS | (second_sum % _MODULUS) << 16
     for s in range(256):
-        totals[s] = counts[s] + counts[256 + s] + counts[512 + s] + counts[768 + s]
+        total_of = np.int64(0)
+        for k in range(8):
+            total_of += np.int64(counts[(k << 8) + s])
+        totals[s] = total_of
     totals[_END] = 1
     totals[_NOTHING] = 0
     return found
@@ -296,12 +311,15 @@ def _code_lengths(out: Any, literals: int, distances: int, work: int) -> None:
 def _symbols(f: Any, total: int, pixel: int, runs: int, out: Any, work: int) -> None:
     """The block's literals and repetitions, and its end."""
     state, codes, table = i64_at(work + _STATE), u32_at(work + _CODES), i64_at(work + TABLES)
+    parts = u16_at(work + _CODES)  # a load costs less than to take two values apart
     symbols = _LENGTHS
     word, bits, place = np.uint64(state[0]), state[1], state[2]
     distance = np.uint64(1 if pixel > 1 else 0)  # the second of two codes of one bit, but for distance 1
     longest = np.int64(codes[285])
     repeat = np.uint64(longest & 0xFFFF) | distance << np.uint64(longest >> 16)
     repeat_bits = (longest >> 16) + 1
+    repeats = repeat | repeat << np.uint64(repeat_bits)
+    repeats |= repeats << np.uint64(2 * repeat_bits)
     i = 0
     for run in range(runs + 1):
         start = table[2 * run] if run < runs else total
@@ -309,14 +327,14 @@ def _symbols(f: Any, total: int, pixel: int, runs: int, out: Any, work: int) -> 
             eight = load_word(f, i)
             i += 8
             for _ in range(2):
-                a, b = codes[eight & LOW], codes[(eight >> np.uint64(8)) & LOW]
-                c, d = codes[(eight >> np.uint64(16)) & LOW], codes[(eight >> np.uint64(24)) & LOW]
+                a, b = 2 * np.int64(eight & LOW), 2 * np.int64((eight >> np.uint64(8)) & LOW)
+                c, d = 2 * np.int64((eight >> np.uint64(16)) & LOW), 2 * np.int64((eight >> np.uint64(24)) & LOW)
                 eight >>= np.uint64(32)
-                first_bits, second_bits = np.uint64(a >> 16), np.uint64(c >> 16)
-                left = np.uint64(a & 0xFFFF) | np.uint64(b & 0xFFFF) << first_bits
-                right = np.uint64(c & 0xFFFF) | np.uint64(d & 0xFFFF) << second_bits
-                first_bits += np.uint64(b >> 16)
-                second_bits += np.uint64(d >> 16)
+                first_bits, second_bits = np.uint64(parts[a + 1]), np.uint64(parts[c + 1])
+                left = np.uint64(parts[a]) | np.uint64(parts[b]) << first_bits
+                right = np.uint64(parts[c]) | np.uint64(parts[d]) << second_bits
+                first_bits += np.uint64(parts[b + 1])
+                second_bits += np.uint64(parts[d + 1])
                 word |= (left | right << first_bits) << np.uint64(bits)
                 bits += np.int64(first_bits + second_bits)
                 store_word(out, place, word)
@@ -337,28 +355,35 @@ def _symbols(f: Any, total: int, pixel: int, runs: int, out: Any, work: int) -> 
         length = table[2 * run + 1]
         i += length
         whole, first, last = _pieces(length)
-        for _ in range(whole):
-            word |= repeat << np.uint64(bits)
-            bits += repeat_bits
+        while whole >= 4:
+            word |= repeats << np.uint64(bits)
+            bits += 4 * repeat_bits
             store_word(out, place, word)
             place += bits >> 3
             word >>= np.uint64(bits & ~7)
             bits &= 7
+            whole -= 4
+        # From here on nothing branches: how long repetitions are cannot be foreseen.
+        some = whole * repeat_bits
+        word |= (repeats & ((np.uint64(1) << np.uint64(some)) - np.uint64(1))) << np.uint64(bits)
+        bits += some
+        store_word(out, place, word)
+        place += bits >> 3
+        word >>= np.uint64(bits & ~7)
+        bits &= 7
         for part in range(2):
             size = first if part == 0 else last
-            if size:
-                entry = symbols[size]
-                a = np.int64(codes[entry & 0xFFFF])
-                word |= np.uint64(a & 0xFFFF) << np.uint64(bits)
-                bits += a >> 16
-                word |= np.uint64(entry >> 32) << np.uint64(bits)
-                bits += (entry >> 16) & 0xFFFF
-                word |= distance << np.uint64(bits)
-                bits += 1
-                store_word(out, place, word)
-                place += bits >> 3
-                word >>= np.uint64(bits & ~7)
-                bits &= 7
+            entry = symbols[size]
+            a = np.int64(codes[entry & 0xFFFF])  # no bits for a size of 0
+            value = np.uint64(a & 0xFFFF) | np.uint64(entry >> 32) << np.uint64(a >> 16)
+            coded = (a >> 16) + ((entry >> 16) & 0xFFFF)
+            used = np.int64(size != 0)
+            word |= (value | (distance & np.uint64(used)) << np.uint64(coded)) << np.uint64(bits)
+            bits += coded + used
+        store_word(out, place, word)
+        place += bits >> 3
+        word >>= np.uint64(bits & ~7)
+        bits &= 7
     a = np.int64(codes[_END])
     word |= np.uint64(a & 0xFFFF) << np.uint64(bits)
     bits += a >> 16
@@ -366,53 +391,69 @@ def _symbols(f: Any, total: int, pixel: int, runs: int, out: Any, work: int) -> 
     state[0], state[1], state[2] = np.int64(word >> np.uint64(bits & ~7)), bits & 7, place + (bits >> 3)
 
 
-@kernel("int64(int64,int64,int64,int64,int64,int64,int64,int64,int64,int64,int64)")
-def deflate_rows(
-    pixels: int,
-    above: int,
-    rows: int,
-    row_bytes: int,
-    pixel: int,
-    swap: int,
-    filtered: int,
-    work: int,
-    out: int,
-    bit: int,
-    final: int,
-) -> int:
-    """Filters rows with Up and appends them as one block.
-
-    Args:
-        pixels: address of ``rows * row_bytes`` bytes.
-        above: address of the row above the first one; 0: there is none.
-        pixel: bytes to the left at which repetitions are looked for, 1 .. 4.
-        swap: 1: 16-bit samples, little endian; the file has the high byte first.
-        filtered: address of ``rows * (row_bytes + 1) + PADDING`` bytes, out: what was deflated.
-        work: address of ``TABLES`` and as many bytes as are filtered, 8-byte aligned, overwritten but for the checksum
-            (``CHECKSUM``), which goes on.
-        out: address of the output; one and a half times as many bytes as are filtered and ``PADDING`` twice over
-            suffice after the place in it.
-        bit: where to append, in bits from ``out``.
-        final: 1: the stream ends with this block, the rest of its last byte is zero.
-
-    Returns:
-        Where the next block goes, in bits.
-    """
-    f, o = u8_at(filtered), u8_at(out)
-    total = rows * (row_bytes + 1)
-    _filter(u8_at(pixels), u8_at(pixels - row_bytes), above, rows, row_bytes, swap, f)
-    state, lengths, codes = i64_at(work + _STATE), u8_at(work + _CODE_LENGTHS), u32_at(work + _CODES)
-    state[0] = np.int64(o[bit >> 3]) & ((1 << (bit & 7)) - 1)
-    state[1], state[2] = bit & 7, bit >> 3
+@inner
+def _deflate_band(filtered: int, total: int, pixel: int, work: int, out: Any, final: int) -> None:
+    """One block: filtered bytes as symbols of a code of their own."""
+    f, lengths, codes = u8_at(filtered), u8_at(work + _CODE_LENGTHS), u32_at(work + _CODES)
+    state = i64_at(work + _STATE)
     runs = _find_runs(f, total, pixel, work)
     literals = code_lengths(i64_at(work + _TOTALS), _SYMBOLS, _LIMIT, lengths, i64_at(work + _HEAP))
     assign_codes(lengths, literals, codes, i64_at(work + _HEAP))
+    codes[_NOTHING] = 0
     distances = max(2, pixel)
     for d in range(distances):
         lengths[literals + d] = np.uint8(d == 0 or d == distances - 1)
-    _put(o, state, final | 2 << 1, 3)
-    _code_lengths(o, literals, distances, work)
-    _symbols(f, total, pixel, runs, o, work)
-    _put(o, state, 0, 0)
-    end: int = 8 * state[2] + state[1]
-    return (end + 7) & ~7 if final else end
+    _put(out, state, final | 2 << 1, 3)
+    _code_lengths(out, literals, distances, work)
+    _symbols(f, total, pixel, runs, out, work)
+    _put(out, state, 0, 0)
+
+
+@kernel("int64(int64,int64,int64,int64,int64,int64,int64,int64,int64,int64,int64)")
+def deflate_rows(
+    pixels: int,
+    height: int,
+    row_bytes: int,
+    pixel: int,
+    swap: int,
+    top: int,
+    step: int,
+    filtered: int,
+    work: int,
+    out: int,
+    latest: int,
+) -> int:
+    """Filters the rows of a picture with Up and writes blocks of them, until all are written or the output is full.
+
+    Args:
+        pixels: address of ``height * row_bytes`` bytes.
+        pixel: bytes to the left at which repetitions are looked for, 1 .. 4.
+        swap: 1: 16-bit samples, little endian; the file has the high byte first.
+        top: the row to go on with; 0 begins a stream.
+        step: rows of a block.
+        filtered: address of ``step * (row_bytes + 1) + PADDING`` bytes, overwritten.
+        work: address of ``TABLES`` and as many bytes as are filtered, 8-byte aligned; ``CHECKSUM`` and ``ROW`` tell in
+            it how far this came. It must stay as it is between calls for the same stream.
+        out: address of the output, which is written from its start.
+        latest: where in the output a block may begin at the latest: so that ``room_of(step * (row_bytes + 1))`` follow.
+
+    Returns:
+        Whole bytes written; the bits of one that has begun come first at the next call. The last byte of the stream
+        is filled with zeros.
+    """
+    o, state = u8_at(out), i64_at(work + _STATE)
+    if top == 0:
+        state[0] = state[1] = 0
+        state[CHECKSUM - _STATE // 8] = 1
+    state[2] = 0
+    while top < height and state[2] <= latest:
+        rows = min(step, height - top)
+        begin = pixels + top * row_bytes
+        _filter(u8_at(begin), u8_at(begin - row_bytes), int(top > 0), rows, row_bytes, swap, u8_at(filtered))
+        top += rows
+        _deflate_band(filtered, rows * (row_bytes + 1), pixel, work, o, int(top == height))
+    state[ROW - _STATE // 8] = top
+    size: int = state[2]
+    if top == height and state[1] > 0:
+        size += 1
+    return size

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import struct
 import threading
-from collections.abc import Iterator
+from functools import lru_cache
 from typing import Final
 
 import cv2
@@ -17,7 +17,7 @@ import numpy as np
 from isal import isal_zlib
 from numpy.typing import NDArray
 
-from renderers.encode.deflate import CHECKSUM, PADDING, TABLES, deflate_rows
+from renderers.encode.deflate import CHECKSUM, PADDING, ROW, TABLES, deflate_rows, room_of
 from renderers.pointers import address_of
 
 _SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
@@ -31,6 +31,8 @@ _ZLIB_HEADER: Final = b"\x78\x01"
 _BAND_BYTES: Final = 1 << 18
 """Rows are filtered and deflated in bands of about this size: they stay in the second-level cache, and no picture-sized
 buffer is allocated (fresh pages cost as much as the filter)."""
+_OUT_BYTES: Final = 1 << 20
+"""Of output that is kept for a thread: nearly every picture is written by one call."""
 
 
 def png_rgb(image: NDArray[np.uint8]) -> bytes:
@@ -72,57 +74,58 @@ def _checked(image: NDArray[np.generic], channels: int, dtype: type[np.generic])
 
 def _png(image: NDArray[np.generic], bits: int, color_type: int) -> bytes:
     height, width = image.shape[:2]
-    rows = image.view(np.uint8).reshape(height, -1)
+    row_bytes = image.nbytes // height
+    step = max(1, min(height, _BAND_BYTES // (row_bytes + 1)))
+    band = step * (row_bytes + 1)
+    scratch = _scratch if band <= _BAND_BYTES else _Scratch(band)  # rows of a quarter of a megabyte are rare
+    out, checksum = scratch.out, _IDAT_CRC
+    pieces: list[bytes | memoryview] = []
+    begin, sample, swap = address_of(image, image.dtype.type), row_bytes // width, int(bits == 16)
+    top = 0
+    while True:
+        # Integers all: Numba would compile the kernel once more for bool, while serving.
+        size = deflate_rows(begin, height, row_bytes, sample, swap, top, step, *scratch.places)
+        piece = out[:size]
+        checksum = isal_zlib.crc32(piece, checksum)
+        top = scratch.work[ROW]
+        if top == height:
+            break
+        pieces.append(bytes(piece))
+    pieces.append(piece)
+    adler = _WORD.pack(scratch.work[CHECKSUM])
+    length = sum(map(len, pieces)) + len(_ZLIB_HEADER) + len(adler)
+    begin_of_data = _WORD.pack(length) + b"IDAT" + _ZLIB_HEADER
+    end = adler + _WORD.pack(isal_zlib.crc32(adler, checksum)) + _IEND
+    return b"".join((_head(width, height, bits, color_type), begin_of_data, *pieces, end))
+
+
+@lru_cache(maxsize=64)
+def _head(width: int, height: int, bits: int, color_type: int) -> bytes:
+    """All before the chunk of the data."""
     header = struct.pack(">IIBBBBB", width, height, bits, color_type, 0, 0, 0)
-    stream = _zlib(rows, pixel=rows.shape[1] // width, swap=bits == 16)
-    return b"".join((_SIGNATURE, *_chunk(b"IHDR", header), *_chunk(b"IDAT", *stream), *_chunk(b"IEND")))
+    return _SIGNATURE + _chunk(b"IHDR", header)
+
+
+def _chunk(kind: bytes, data: bytes) -> bytes:
+    """Section 5.3: length, type, data, CRC over type and data."""
+    return _WORD.pack(len(data)) + kind + data + _WORD.pack(isal_zlib.crc32(kind + data))
+
+
+_WORD: Final = struct.Struct(">I")
+_IEND: Final = _chunk(b"IEND", b"")
+_IDAT_CRC: Final[int] = isal_zlib.crc32(b"IDAT" + _ZLIB_HEADER)
 
 
 class _Scratch(threading.local):
     """What a thread deflates in, kept: fresh pages would cost as much as the work."""
 
-    def __init__(self) -> None:
-        self.size = 0
-        self.resize(_BAND_BYTES)
-
-    def resize(self, size: int) -> None:
-        """``size``: of a band, filtered."""
-        if size > self.size:
-            self.size = size
-            self.filtered = np.empty(size + PADDING, np.uint8)
-            self.work = np.empty(TABLES // 8 + size // 8 + 2, np.int64)
-            self.out = np.empty(size * 3 // 2 + 1024 + 2 * PADDING, np.uint8)
+    def __init__(self, band: int = _BAND_BYTES) -> None:
+        filtered = np.empty(band + PADDING, np.uint8)
+        work = np.empty(TABLES // 8 + band // 8 + 2, np.int64)
+        out = np.empty(max(_OUT_BYTES, room_of(band)), np.uint8)
+        self.arrays = filtered, work, out
+        self.places = (*(address_of(array, array.dtype.type) for array in self.arrays), out.size - room_of(band))
+        self.work, self.out = work.data, out.data
 
 
 _scratch: Final = _Scratch()
-
-
-def _zlib(rows: NDArray[np.uint8], *, pixel: int, swap: bool) -> Iterator[bytes]:
-    """(H, N) uint8 -> the zlib stream (RFC 1950) of the filtered rows, in pieces."""
-    height, row_bytes = rows.shape
-    step = max(1, min(height, _BAND_BYTES // (row_bytes + 1)))
-    scratch = _Scratch() if step == 1 else _scratch  # rows of half a megabyte are rare
-    scratch.resize(step * (row_bytes + 1))
-    out = scratch.out
-    places = tuple(address_of(array, array.dtype.type) for array in (scratch.filtered, scratch.work, out))
-    begin = address_of(rows, np.uint8)
-    scratch.work[CHECKSUM] = 1
-    bit = 0
-    yield _ZLIB_HEADER
-    for top in range(0, height, step):
-        count = min(step, height - top)
-        last = top + count == height
-        where = begin + top * row_bytes
-        # Integers all: Numba would compile the kernel once more for bool, while serving.
-        bit = deflate_rows(where, int(top > 0), count, row_bytes, pixel, int(swap), *places, bit, int(last))
-        yield out[: bit >> 3].tobytes()
-        out[0], bit = out[bit >> 3], bit & 7
-    yield struct.pack(">I", scratch.work[CHECKSUM])
-
-
-def _chunk(kind: bytes, *data: bytes) -> list[bytes]:
-    """Section 5.3: length, type, data, CRC over type and data."""
-    crc = isal_zlib.crc32(kind)
-    for piece in data:
-        crc = isal_zlib.crc32(piece, crc)
-    return [struct.pack(">I", sum(map(len, data))), kind, *data, struct.pack(">I", crc)]
