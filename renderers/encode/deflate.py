@@ -93,28 +93,21 @@ def room_of(size: int) -> int:
 
 
 @inner
-def _filter(pixels: Any, above: Any, has_above: int, rows: int, row_bytes: int, swap: int, filtered: Any) -> None:
+def _filter(pixels: int, above: int, rows: int, row_bytes: int, swap: int, filtered: int) -> None:
     """Each byte minus the one above, behind the filter's number; of 16-bit samples the high byte first."""
-    for row in range(rows):
-        begin = row * (row_bytes + 1)
-        filtered[begin] = 2
-        begin += 1
-        here = row * row_bytes
-        if row == 0 and not has_above:
-            if swap:
-                for j in range(row_bytes >> 1):
-                    filtered[begin + 2 * j] = pixels[2 * j + 1]
-                    filtered[begin + 2 * j + 1] = pixels[2 * j]
-            else:
-                for j in range(row_bytes):
-                    filtered[begin + j] = pixels[j]
-        elif swap:
+    for _ in range(rows):
+        u8_at(filtered)[0] = 2
+        here, before, f = u8_at(pixels), u8_at(above), u8_at(filtered + 1)
+        if swap:
             for j in range(row_bytes >> 1):
-                filtered[begin + 2 * j] = np.uint8(pixels[here + 2 * j + 1] - above[here + 2 * j + 1])
-                filtered[begin + 2 * j + 1] = np.uint8(pixels[here + 2 * j] - above[here + 2 * j])
+                f[2 * j] = np.uint8(here[2 * j + 1] - before[2 * j + 1])
+                f[2 * j + 1] = np.uint8(here[2 * j] - before[2 * j])
         else:
             for j in range(row_bytes):
-                filtered[begin + j] = np.uint8(pixels[here + j] - above[here + j])
+                f[j] = np.uint8(here[j] - before[j])
+        above = pixels
+        pixels += row_bytes
+        filtered += row_bytes + 1
 
 
 @inlined
@@ -151,7 +144,7 @@ def _sum_bytes(f: Any, begin: int, end: int, first: Any, second: Any) -> Any:
     return first, second
 
 
-@inlined
+@inner
 def _sum_words(f: Any, begin: int, end: int, first: Any, second: Any) -> Any:
     """Adler's sums after bytes that repeat themselves every 8 bytes, one or more; nothing here depends on how many."""
     word = load_word(f, begin)
@@ -231,17 +224,15 @@ def _find_runs(f: Any, total: int, pixel: int, work: int) -> int:
         counts[f[k]] += 1
     first_sum, second_sum = _sum_bytes(f, i, total, first_sum, second_sum)
     state[3] = first_sum % _MODULUS | (second_sum % _MODULUS) << 16
-    for s in range(256):
-        total_of = np.int64(0)
-        for k in range(8):
-            total_of += np.int64(counts[(k << 8) + s])
-        totals[s] = total_of
+    for k in range(8):
+        for s in range(256):
+            totals[s] += np.int64(counts[(k << 8) + s])
     totals[_END] = 1
     totals[_NOTHING] = 0
     return found
 
 
-@inlined
+@inner
 def _put(out: Any, state: Any, value: Any, bits: Any) -> None:
     """Appends up to 32 bits."""
     word = np.uint64(state[0]) | (np.uint64(value) << np.uint64(state[1]))
@@ -391,24 +382,6 @@ def _symbols(f: Any, total: int, pixel: int, runs: int, out: Any, work: int) -> 
     state[0], state[1], state[2] = np.int64(word >> np.uint64(bits & ~7)), bits & 7, place + (bits >> 3)
 
 
-@inner
-def _deflate_band(filtered: int, total: int, pixel: int, work: int, out: Any, final: int) -> None:
-    """One block: filtered bytes as symbols of a code of their own."""
-    f, lengths, codes = u8_at(filtered), u8_at(work + _CODE_LENGTHS), u32_at(work + _CODES)
-    state = i64_at(work + _STATE)
-    runs = _find_runs(f, total, pixel, work)
-    literals = code_lengths(i64_at(work + _TOTALS), _SYMBOLS, _LIMIT, lengths, i64_at(work + _HEAP))
-    assign_codes(lengths, literals, codes, i64_at(work + _HEAP))
-    codes[_NOTHING] = 0
-    distances = max(2, pixel)
-    for d in range(distances):
-        lengths[literals + d] = np.uint8(d == 0 or d == distances - 1)
-    _put(out, state, final | 2 << 1, 3)
-    _code_lengths(out, literals, distances, work)
-    _symbols(f, total, pixel, runs, out, work)
-    _put(out, state, 0, 0)
-
-
 @kernel("int64(int64,int64,int64,int64,int64,int64,int64,int64,int64,int64,int64)")
 def deflate_rows(
     pixels: int,
@@ -441,17 +414,32 @@ def deflate_rows(
         Whole bytes written; the bits of one that has begun come first at the next call. The last byte of the stream
         is filled with zeros.
     """
-    o, state = u8_at(out), i64_at(work + _STATE)
+    f, o, state = u8_at(filtered), u8_at(out), i64_at(work + _STATE)
+    lengths, codes = u8_at(work + _CODE_LENGTHS), u32_at(work + _CODES)
+    distances = max(2, pixel)
     if top == 0:
         state[0] = state[1] = 0
         state[CHECKSUM - _STATE // 8] = 1
+        zeros = u8_at(work + TABLES)  # the row above the first, where repetitions will be written
+        for j in range(row_bytes):
+            zeros[j] = 0
     state[2] = 0
     while top < height and state[2] <= latest:
         rows = min(step, height - top)
         begin = pixels + top * row_bytes
-        _filter(u8_at(begin), u8_at(begin - row_bytes), int(top > 0), rows, row_bytes, swap, u8_at(filtered))
+        _filter(begin, begin - row_bytes if top > 0 else work + TABLES, rows, row_bytes, swap, filtered)
         top += rows
-        _deflate_band(filtered, rows * (row_bytes + 1), pixel, work, o, int(top == height))
+        total = rows * (row_bytes + 1)
+        runs = _find_runs(f, total, pixel, work)
+        literals = code_lengths(i64_at(work + _TOTALS), _SYMBOLS, _LIMIT, lengths, i64_at(work + _HEAP))
+        assign_codes(lengths, literals, codes, i64_at(work + _HEAP))
+        codes[_NOTHING] = 0
+        for d in range(distances):
+            lengths[literals + d] = np.uint8(d == 0 or d == distances - 1)
+        _put(o, state, int(top == height) | 2 << 1, 3)
+        _code_lengths(o, literals, distances, work)
+        _symbols(f, total, pixel, runs, o, work)
+        _put(o, state, 0, 0)
     state[ROW - _STATE // 8] = top
     size: int = state[2]
     if top == height and state[1] > 0:

@@ -31,6 +31,8 @@ _ZLIB_HEADER: Final = b"\x78\x01"
 _BAND_BYTES: Final = 1 << 18
 """Rows are filtered and deflated in bands of about this size: they stay in the second-level cache, and no picture-sized
 buffer is allocated (fresh pages cost as much as the filter)."""
+_ROW_BYTES: Final = 1 << 27
+"""What the checksum of one long repetition adds up to stays within 63 bits so."""
 _OUT_BYTES: Final = 1 << 20
 """Of output that is kept for a thread: nearly every picture is written by one call."""
 
@@ -75,6 +77,8 @@ def _checked(image: NDArray[np.generic], channels: int, dtype: type[np.generic])
 def _png(image: NDArray[np.generic], bits: int, color_type: int) -> bytes:
     height, width = image.shape[:2]
     row_bytes = image.nbytes // height
+    if row_bytes > _ROW_BYTES:
+        raise ValueError(f"a row of {row_bytes} bytes, {_ROW_BYTES} at most")
     step = max(1, min(height, _BAND_BYTES // (row_bytes + 1)))
     band = step * (row_bytes + 1)
     scratch = _scratch if band <= _BAND_BYTES else _Scratch(band)  # rows of a quarter of a megabyte are rare
@@ -82,7 +86,7 @@ def _png(image: NDArray[np.generic], bits: int, color_type: int) -> bytes:
     pieces: list[bytes | memoryview] = []
     begin, sample, swap = address_of(image, image.dtype.type), row_bytes // width, int(bits == 16)
     top = 0
-    while True:
+    while True:  # nearly always once
         # Integers all: Numba would compile the kernel once more for bool, while serving.
         size = deflate_rows(begin, height, row_bytes, sample, swap, top, step, *scratch.places)
         piece = out[:size]

@@ -98,6 +98,14 @@ def test_png_of_noise_and_of_many_bands(shape: tuple[int, int]) -> None:
     assert len(encoded) < 1.01 * noise.nbytes + 200
 
 
+@pytest.mark.parametrize("color", [255, (1, 254, 255), (255, 255, 255, 3)])
+def test_png_of_one_repetition_of_megabytes(color: int | tuple[int, ...]) -> None:
+    """Its checksum, which readers compare, is computed from its first bytes and how often they come."""
+    image = np.full((1, 3_000_001, *np.shape(color)), color, np.uint8)
+    write = {2: png_gray8, 3: png_rgb if image.shape[-1] == 3 else png_rgba}[image.ndim]
+    np.testing.assert_array_equal(pillow(write(image)), image)
+
+
 def test_pictures_of_all_kinds_are_written_by_one_compiled_kernel() -> None:
     png_gray8(np.zeros((2, 3), np.uint8))
     png_gray16(np.zeros((2, 3), np.uint16))
