@@ -125,8 +125,11 @@ def _request(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
     body = files.own()
     boundary = body[:_BOUNDARY_BYTES].partition(b"\r\n")[0].removeprefix(b"--").decode("latin-1")
     reader = FormReader(f'multipart/form-data; boundary="{boundary}"', config)
-    reader.feed(body)
-    request = read_form(reader.form(), config)
+    try:
+        reader.feed(body)
+        request = read_form(reader.form(), config)
+    finally:
+        reader.close()
     # The pipeline of the endpoint reads the glTF; here only what the form says is of interest.
     record = _record(source, files, {}, warnings=request.warnings)
     return LoadedScene(Node(), DrawList(), None, "pbr", request, record)

@@ -116,6 +116,8 @@ class BoundedHttp(HttpToolsProtocol):
             self.on_message_complete()
             if body < count:
                 self.data_received(bytes(buffer[body:count]))
+            else:
+                self._watch_rest()
 
     @property
     def plain(self) -> bool:
@@ -141,6 +143,7 @@ class BoundedHttp(HttpToolsProtocol):
         if self._in_head:
             self._head_bytes += len(data)
         super().data_received(data)
+        self._watch_rest()
 
     def on_message_begin(self) -> None:
         """A request starts; one on a kept connection gets a clock of its own."""
@@ -240,6 +243,38 @@ class BoundedHttp(HttpToolsProtocol):
         lines += f"access-control-allow-origin: {origin}\r\naccess-control-expose-headers: {names}\r\n".encode()
         return lines if origin == "*" else lines + b"vary: Origin\r\n"
 
+    def send_400_response(self, msg: str) -> None:
+        """What the answer before has to say comes first."""
+        self._flush()
+        super().send_400_response(msg)
+
+    def shutdown(self) -> None:
+        """The same for an answer without a body."""
+        self._flush()
+        super().shutdown()
+
+    def _flush(self) -> None:
+        answers: object = None if self.cycle is None else self.cycle.transport
+        if isinstance(answers, Joined):
+            answers.flush()
+
+    def _watch_rest(self) -> None:
+        """Any byte stops uvicorn's clock of connections that are kept, and only an answer starts it: it starts again
+        after the rest of a body that was answered early, and after a line between two requests."""
+        if (
+            self._in_head
+            and self._head_timer is None
+            and self.timeout_keep_alive_task is None
+            and self.cycle is not None
+            and self.cycle.response_complete
+            and not self.pipeline
+            and self in self.connections  # else another protocol has the transport, or nobody
+            and not self.transport.is_closing()
+        ):
+            self.timeout_keep_alive_task = self.loop.call_later(
+                self.timeout_keep_alive, self.timeout_keep_alive_handler
+            )
+
     def _linger(self) -> None:
         self._linger_timer = self.loop.call_later(LINGER_SECONDS, self.transport.close)
         self.flow.resume_reading()
@@ -282,6 +317,7 @@ class BoundedHttp(HttpToolsProtocol):
             if self.cycle.response_started or self.cycle.scope is not self.scope:
                 self.transport.abort()  # it would stand in another answer, or before it
                 return
+        self._flush()
         body = (sentence + "\n").encode()
         head = f"HTTP/1.1 {status} {phrase}\r\ncontent-type: text/plain; charset=utf-8\r\nconnection: close\r\n"
         self.transport.write(head.encode() + headers + b"content-length: %d\r\n\r\n" % len(body) + body)

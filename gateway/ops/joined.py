@@ -19,7 +19,9 @@ class Joined:
 
     def write(self, data: bytes) -> None:
         """As of transports."""
-        if self._head:
+        if self._transport.is_closing():
+            self._head = b""
+        elif self._head:
             head, self._head = self._head, b""
             self._transport.writelines((head, data))
         elif self._written:
@@ -27,18 +29,19 @@ class Joined:
         else:
             self._written = True
             self._head = data
-            self._loop.call_soon(self._flush)
+            self._loop.call_soon(self.flush)
 
     def close(self) -> None:
         """As of transports."""
-        self._flush()
+        self.flush()
         self._transport.close()
 
     def is_closing(self) -> bool:
         """As of transports."""
         return self._transport.is_closing()
 
-    def _flush(self) -> None:
-        if self._head:
-            head, self._head = self._head, b""
+    def flush(self) -> None:
+        """Writes a head that waits: to be called before something else is written past this."""
+        head, self._head = self._head, b""
+        if head and not self._transport.is_closing():
             self._transport.write(head)

@@ -104,7 +104,10 @@ class Exchange:
             raise RequestError(
                 408, f"no data for {config.receive_timeout:g} s after {self._received} bytes (receive_timeout)"
             ) from None
-        return reader.form()
+        else:
+            return reader.form()
+        finally:
+            reader.close()
 
     async def _picture(self, request: RenderRequest, place: Place) -> Picture:
         """Renders, unless the client leaves before."""

@@ -110,6 +110,11 @@ class FormReader:
         except FormParserError as error:
             raise RequestError(400, f"the multipart body is malformed: {error}") from None
 
+    def close(self) -> None:
+        """Lets go of what has come, but for what ``form`` has given. The parser's callbacks are methods of this reader:
+        without it a body would stay until the garbage collector comes, long after it was answered."""
+        self._parser.callbacks = {}
+
     def form(self) -> Form:
         """The whole form, after the last byte."""
         if not self._complete:

@@ -101,6 +101,46 @@ async def test_a_body_that_stops_ends_the_connection(monkeypatch: pytest.MonkeyP
         writer.close()
 
 
+@pytest.mark.parametrize(
+    ("first", "rest"),
+    [
+        (b"GET /hello HTTP/1.1\r\nhost: here\r\n\r\n", b"\r\n"),
+        (b"POST /nowhere HTTP/1.1\r\nhost: here\r\ncontent-length: 9\r\n\r\n", b"just late"),
+        (b"POST /hello HTTP/1.1\r\nhost: here\r\ncontent-length: 9\r\n\r\nnot", b" taken"),
+    ],
+)
+async def test_a_kept_connection_ends_when_nothing_follows_but_what_asks_for_nothing(
+    monkeypatch: pytest.MonkeyPatch, first: bytes, rest: bytes
+) -> None:
+    made = connection.BoundedHttp.connection_made
+
+    def soon(self: connection.BoundedHttp, transport: asyncio.Transport) -> None:
+        made(self, transport)
+        self.timeout_keep_alive = 1
+
+    monkeypatch.setattr(connection.BoundedHttp, "connection_made", soon)
+    async with serving() as port, asyncio.timeout(30.0):
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(first)
+        await reader.readuntil(b"\r\n\r\n")
+        writer.write(rest)
+        await reader.read()
+        assert reader.at_eof()
+        writer.close()
+
+
+async def test_a_head_that_waits_comes_before_what_the_connection_itself_says() -> None:
+    """An answer without a body, and something that is no request right behind."""
+    async with serving() as port, asyncio.timeout(30.0):
+        for _ in range(20):
+            reader, writer = await asyncio.open_connection("127.0.0.1", port)
+            writer.write(b"HEAD /hello HTTP/1.1\r\nhost: here\r\n\r\n")
+            assert (await reader.readuntil(b"\r\n\r\n")).startswith(b"HTTP/1.1 405")
+            writer.write(b"nothing\r\n\r\n")
+            assert (await reader.readuntil(b"\r\n\r\n")).startswith(b"HTTP/1.1 400")
+            writer.close()
+
+
 async def test_connections_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(connection, "MAX_CONNECTIONS", 2)
     async with serving() as port:

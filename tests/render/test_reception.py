@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import hashlib
 import json
 import random
+import weakref
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from gateway.render import exchange
 from gateway.render.config import RenderConfig
+from gateway.render.multipart import FormReader
 from tests.ops.listening import listening
 from tests.render.conftest import LONG, Start, WatchedRenderer
 from tests.support.forms import CONTENT_TYPE, body, drake_fields, gltf
@@ -92,3 +96,28 @@ async def test_uploads_that_stall_are_given_up_and_kept(start: Start, watched: W
         assert server.service.inflight_bytes == 0
         kept = [path.read_bytes() for path in tmp_path.glob("*.multipart")]  # noqa: ASYNC240
         assert any(form[:-10] in data for data in kept)
+
+
+@pytest.mark.parametrize("scene", [LARGE, b"y" * 400_000])
+async def test_nothing_of_a_body_waits_for_the_garbage_collector(
+    start: Start, watched: WatchedRenderer, monkeypatch: pytest.MonkeyPatch, scene: bytes
+) -> None:
+    """A client may send hundreds of megabytes, whether they are a scene or not."""
+    readers: list[weakref.ref[FormReader]] = []
+
+    class Watched(FormReader):
+        def __init__(self, *given: object) -> None:
+            super().__init__(*given)  # type: ignore[arg-type]  # whatever the endpoint gives
+            readers.append(weakref.ref(self))
+
+    monkeypatch.setattr(exchange, "FormReader", Watched)
+    async with start(watched) as server, listening(server.app) as port, asyncio.timeout(LONG):
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        gc.disable()
+        try:
+            writer.write(request(body(scene, drake_fields("depth"))))
+            assert (await answer(reader))[0] == (200 if scene is LARGE else 400)
+            await until(lambda: readers[0]() is None)
+        finally:
+            gc.enable()
+        writer.close()

@@ -1,0 +1,68 @@
+"""An answer's head waits for its body."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import cast
+
+from gateway.ops.joined import Joined
+
+
+class Kept:
+    """A transport that keeps what is written; closed ones may not be written to, as uvloop has it."""
+
+    def __init__(self) -> None:
+        self.written: list[bytes] = []
+        self.closing = False
+
+    def write(self, data: bytes) -> None:
+        assert not self.closing
+        self.written.append(data)
+
+    def writelines(self, parts: tuple[bytes, ...]) -> None:
+        self.write(b"".join(parts))
+
+    def is_closing(self) -> bool:
+        return self.closing
+
+    def close(self) -> None:
+        self.closing = True
+
+
+def joined() -> tuple[Joined, Kept]:
+    kept = Kept()
+    return Joined(cast("asyncio.Transport", kept), asyncio.get_running_loop()), kept
+
+
+async def test_head_and_body_are_one_piece() -> None:
+    answer, kept = joined()
+    answer.write(b"head ")
+    assert kept.written == []
+    answer.write(b"body")
+    answer.write(b"more")
+    assert kept.written == [b"head body", b"more"]
+
+
+async def test_a_head_alone_is_written_in_the_next_turn() -> None:
+    answer, kept = joined()
+    answer.write(b"head")
+    await asyncio.sleep(0)
+    assert kept.written == [b"head"]
+
+
+async def test_a_head_is_written_before_the_end() -> None:
+    answer, kept = joined()
+    answer.write(b"head")
+    answer.close()
+    assert kept.written == [b"head"]
+    assert answer.is_closing()
+
+
+async def test_nothing_is_written_to_a_connection_that_has_ended() -> None:
+    answer, kept = joined()
+    answer.write(b"head")
+    kept.close()
+    await asyncio.sleep(0)
+    answer.write(b"body")
+    answer.flush()
+    assert kept.written == []
