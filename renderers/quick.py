@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, TypeVar
+import inspect
+import sys
+from typing import TypeVar
 
 T = TypeVar("T")
 
@@ -19,12 +21,15 @@ def quick(cls: type[T]) -> type[T]:
     """
     if "__slots__" not in cls.__dict__ or hasattr(cls, "__post_init__"):
         raise TypeError(f"{cls.__name__} has no slots, or a __post_init__")
-    parameters, statements, names = [], [], dict[str, Any]()
-    for field in dataclasses.fields(cls):  # type: ignore[arg-type]  # whoever is none gets the TypeError
-        if not field.init or field.kw_only or field.default_factory is not dataclasses.MISSING:
+    fields = dataclasses.fields(cls)  # type: ignore[arg-type]  # whoever is none gets the TypeError
+    if [*inspect.signature(cls).parameters] != [field.name for field in fields]:
+        raise TypeError(f"{cls.__name__} is not made from its fields alone")
+    parameters, statements, names = [], ["    pass"], dict(vars(sys.modules[cls.__module__]))
+    for field in fields:
+        if field.kw_only or field.default_factory is not dataclasses.MISSING:
             raise TypeError(f"{cls.__name__}.{field.name} is no field that is only set")
         default = field.default is not dataclasses.MISSING
-        names[f"_set_{field.name}"] = cls.__dict__[field.name].__set__
+        names[f"_set_{field.name}"] = getattr(cls, field.name).__set__
         names[f"_default_{field.name}"] = field.default
         parameters.append(f"{field.name}=_default_{field.name}" if default else field.name)
         statements.append(f"    _set_{field.name}(self, {field.name})")

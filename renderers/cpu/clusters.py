@@ -1,8 +1,9 @@
 """Sixteen triangles at a time that cannot be seen: turned away from the camera, or outside of the picture.
 
 Neighbours in a mesh's order lie near one another and face much the same way. Of every sixteen a sphere and a cone are
-known, which hold their corners and their normals; where all that these allow is turned away, or beyond one side of the
-picture, the sixteen are never looked at. That is more than half of most closed surfaces. (Shirman, Abi-Ezzi: The cone
+known, which hold their corners and their normals; where all that these allow is turned away (the axis, too: the sum of
+its angle and the cone's must stay below a half turn), or beyond one side of the picture, the sixteen are never looked
+at. That is more than half of most closed surfaces. (Shirman, Abi-Ezzi: The cone
 of normals technique for fast processing of curved patches, 1993.)
 
 What is left out, setup would have culled: the pixels are the same. A triangle that faces away might still turn to the
@@ -245,5 +246,8 @@ def seen_clusters(clusters, view, at):
     # 1 + t, times the least depth.
     wide = nearest + stretch * (vec.sqrt(square) + reach)
     safe = area * nearest > vec.f32(_MOVED) * wide + vec.f32(_REST) * nearest
+    # The eye's direction and a normal are least alike at the sum of two angles, which is beyond a half turn where the
+    # axis does not point away: then the cone holds the direction to the eye.
+    safe = safe & (across > none)
     hidden = hidden | (safe & (behind > none) & (nearest > vec.f32(view[V_NEAR])) & (high > vec.f32(_LOWEST)))
     return vec.bits(hidden) ^ 255

@@ -97,7 +97,8 @@ class Scratch:
         """A flat array of at least ``count`` values with undefined contents, and its address."""
         known = self._arrays.get(name)
         if known is None or known[0].size < count:
-            if known is not None:  # the old one goes before the new one comes
+            if known is not None:  # the old one goes before the new one comes, which there may be no memory for
+                self._sizes, self._made = None, (None, None)
                 self.nbytes -= self._arrays.pop(name)[0].nbytes
                 known = None
             array = aligned((math.ceil(count * 1.25),), dtype)
@@ -109,7 +110,9 @@ class Scratch:
         """At least ``values`` int64 with undefined contents, see ``pointers.table``."""
         known = self._tables.get(name)
         if known is None or known[0] < values:
+            before = 0 if known is None else known[0]
             known = self._tables[name] = values, table(values)
+            self.nbytes += 8 * (values - before)
         return known[1]
 
     def room(self, sizes: object, parts: Callable[[], Iterable[tuple[str, int, type[np.generic]]]]) -> tuple[int, ...]:

@@ -43,11 +43,13 @@ from renderers.shading.resolve import (
     set_up,
     weights,
 )
-from renderers.shading.sampling import AS_STORED, bilinear, coordinates, nearest, parts, reduced
+from renderers.shading.sampling import AS_STORED, FINE_BITS, bilinear, coordinates, nearest, parts, reduced
 from renderers.shading.surface import reach, turned
 from renderers.shading.texel_planes import eight_runs, eight_short_runs, find_runs, set_up_texels
-from renderers.shading.textures import TF_COLUMNS, TI_COLUMNS, TI_LINEAR
+from renderers.shading.textures import TF_COLUMNS, TI_COLUMNS, TI_HEIGHT, TI_LINEAR, TI_WIDTH
 
+LARGEST: Final = 1 << (30 - FINE_BITS)
+"""Texels of a side from which on places among those of two images, with their fractions, do not fit into int32."""
 SHORT: Final = 1.5
 """Pixels of a run, on average over a segment, up to which triangles are hardly seen in more than one row."""
 
@@ -214,7 +216,8 @@ def show_textured(
     modest = True
     for k in range(3):
         modest = modest and mf[MF_BASE + k] >= 0.0 and mf[MF_BASE + k] <= 1.0
-    if not modest or integers[TI_LINEAR] == 0:
+    large = integers[TI_WIDTH] >= LARGEST or integers[TI_HEIGHT] >= LARGEST
+    if not modest or large or integers[TI_LINEAR] == 0:
         for batch in range(run, last_run, vec.LANES):
             count = min(last_run - batch, vec.LANES)
             if many:

@@ -157,3 +157,32 @@ def test_pictures_are_the_same(seed: int) -> None:
     quick = pictures()
     with patch.object(scene, "WORTH", 10**9):
         assert pictures() == quick
+
+
+@pytest.mark.parametrize("seed", [2246, *range(20)])
+def test_wide_cones_hold_the_direction_to_the_eye(seed: int) -> None:
+    """A blunt spike seen from its axis: the normals of its sides and of its tip spread over more than a half turn."""
+    rng = np.random.default_rng(seed)
+    height, top, n = rng.uniform(0.5, 4), rng.uniform(0.1, 0.8), 7
+    u = 2 * np.pi * np.arange(n) / n + rng.random()
+    around = np.stack((np.cos(u), np.sin(u), np.zeros(n)), axis=-1)
+    tip = (0, 0, height + rng.uniform(0, 0.3))
+    points = np.concatenate((around, around * (top, top, 0) + (0, 0, height), [tip])).astype(np.float32)
+    k = np.arange(n)
+    after = (k + 1) % n
+    sides = np.stack((np.stack((n + k, n + after, np.full(n, 2 * n)), 1), np.stack((k, after, n + after), 1)), 1)
+    elements = np.concatenate((sides.reshape(-1, 3), [(0, 1, n + 1), (n, n + 1, 2 * n)]))
+    X = np.diag((1.0, -1.0, -1.0, 1.0))
+    away = height + 10.0 ** rng.uniform(-1, 1)
+    X[:3, 3] = rng.normal() * 0.05, rng.normal() * 0.05, away
+    view = Camera(64, 48, 30.0, 30.0, 32.0, 24.0, 0.01, 100.0, np.eye(4))
+    pictures = []
+    for worth in (scene.WORTH, 10**9):
+        mesh = Mesh(points, np.tile(elements, (4, 1)).astype(np.uint32))
+        with (
+            patch.object(scene, "WORTH", worth),
+            CpuRenderer(1).render(DrawList((Instance(mesh, Material(), X, 1, 1),)), view, Output.COLOR) as frame,
+        ):
+            assert frame.color is not None
+            pictures.append(frame.color.copy())
+    np.testing.assert_array_equal(*pictures)

@@ -10,11 +10,11 @@ import weakref
 import numpy as np
 import pytest
 
-from renderers.cpu import CpuRenderer
+from renderers.cpu import CpuRenderer, pools
 from renderers.cpu import scene as prepared_scenes
 from renderers.cpu.crew import Crew, Phase
 from renderers.cpu.layout import T_VERTEX
-from renderers.cpu.pools import ArrayPool, Kinds, ScratchPool
+from renderers.cpu.pools import ArrayPool, Kinds, Scratch, ScratchPool
 from renderers.cpu.scene import prepare
 from renderers.drawlist import DrawList
 from renderers.port import Output
@@ -150,6 +150,35 @@ def test_scratch_grows_and_large_scratch_is_dropped() -> None:
     scratch.take("x", 10_000, np.float32)
     pool.give(scratch)
     assert pool.take() is not scratch
+
+
+def test_scratch_forgets_places_of_arrays_that_had_to_go(monkeypatch: pytest.MonkeyPatch) -> None:
+    """There may be no memory for their successors; the old ones are gone then."""
+    scratch = Scratch()
+    before = scratch.room("few", lambda: [("x", 100, np.float32)])
+    made = scratch.made("few", object)
+
+    def none(*_: object) -> None:
+        raise MemoryError
+
+    with monkeypatch.context() as patched:
+        patched.setattr(pools, "aligned", none)
+        with pytest.raises(MemoryError):
+            scratch.room("many", lambda: [("x", 10_000, np.float32)])
+    after = scratch.room("few", lambda: [("x", 100, np.float32)])
+    assert after == (scratch.take("x", 100, np.float32)[1],)
+    assert len(before) == 1
+    assert scratch.made("few", object) is not made
+
+
+def test_tables_count_as_scratch() -> None:
+    scratch = Scratch()
+    scratch.table("x", 1000)
+    assert scratch.nbytes == 8000
+    scratch.table("x", 10)
+    assert scratch.nbytes == 8000
+    scratch.table("x", 3000)
+    assert scratch.nbytes == 24_000
 
 
 def test_frames_at_the_same_time() -> None:

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import typing
 from dataclasses import dataclass, field
 
 import pytest
@@ -58,6 +59,27 @@ def test_only_what_is_only_set_can_be_quick() -> None:
         def __post_init__(self) -> None:
             pass
 
-    for kind in (Made, Open, Checked):
+    @dataclass(frozen=True, slots=True)
+    class Given:
+        item: int
+        more: dataclasses.InitVar[int] = 0
+
+    for kind in (Made, Open, Checked, Given):
         with pytest.raises(TypeError, match=kind.__name__):
             quick(kind)
+
+
+def test_fields_of_a_base_are_set_too() -> None:
+    @quick
+    @dataclass(frozen=True, slots=True)
+    class More(Value):
+        third: float = 3.0
+
+    @quick
+    @dataclass(frozen=True, slots=True)
+    class Empty:
+        pass
+
+    assert (More(1).first, More(1).second, More(1, third=2.0).third) == (1, "two", 2.0)
+    assert Empty() == Empty()
+    assert typing.get_type_hints(Mesh.__init__)["positions"]

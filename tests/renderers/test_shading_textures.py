@@ -15,10 +15,13 @@ from hypothesis import strategies as st
 from numba import njit
 
 from renderers import simd as vec
+from renderers.camera import Camera
 from renderers.color import BYTE_VALUES
+from renderers.cpu import CpuRenderer
 from renderers.cpu.crew import Crew, Phase
-from renderers.drawlist import Image, ImageError, Sampler, Texture, Wrap
+from renderers.drawlist import DrawList, Image, ImageError, Instance, Material, Mesh, Sampler, Texture, Wrap
 from renderers.pointers import address_of, f32_at, i32_at, i64_at
+from renderers.port import Output
 from renderers.shading import texels_of
 from renderers.shading.layout import A_ROWS, A_TEXEL, A_UV0, S_BYTE_VALUES, S_COLUMNS, S_TEXTURE_FLOATS, S_TEXTURES
 from renderers.shading.sampling import AS_STORED, SRGB, sample
@@ -300,3 +303,26 @@ def test_the_first_error_of_decoding_is_raised() -> None:
             table.as_tables(lambda units, work: crew.run((Phase(units, work),)))
     finally:
         crew.close()
+
+
+@pytest.mark.parametrize("wrap", [Wrap.REPEAT, Wrap.CLAMP_TO_EDGE, Wrap.MIRRORED_REPEAT])
+@pytest.mark.parametrize("length", [32767, 40_000, 100_000])
+@pytest.mark.parametrize("upright", [False, True])
+def test_ramps_of_any_length(upright: bool, length: int, wrap: Wrap) -> None:
+    """From black to red over a square; longer ones than integers have fractions for."""
+    ramp = (np.arange(length) * 255 / (length - 1)).round().astype(np.uint8)
+    pixels = np.full((2, length, 4), 255, np.uint8)
+    pixels[..., 0] = ramp
+    if upright:
+        pixels = pixels.swapaxes(0, 1)
+    texture = Texture(picture(np.ascontiguousarray(pixels)), Sampler(wrap_s=wrap, wrap_t=wrap))
+    corners = np.array(((-1, -1, 2), (1, -1, 2), (1, 1, 2), (-1, 1, 2)), np.float32)
+    uv = np.array(((0, 0), (1, 0), (1, 1), (0, 1)), np.float32)
+    square = Mesh(corners, np.array(((0, 1, 2), (0, 2, 3)), np.uint32), None, uv)
+    drawn = DrawList((Instance(square, Material(base_color_texture=texture, double_sided=True), np.eye(4)),))
+    view = Camera(100, 100, 100.0, 100.0, 50.0, 50.0, 0.05, 100.0, np.eye(4))
+    with CpuRenderer(1).render(drawn, view, Output.COLOR) as frame:
+        assert frame.color is not None
+        seen = frame.color[50, :, 0] if not upright else frame.color[:, 50, 0]
+        expected = 255 * (np.arange(100) + 0.5) / 100
+        assert np.abs(seen - expected).max() <= 1.5
