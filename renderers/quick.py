@@ -37,5 +37,5 @@ def quick(cls: type[T]) -> type[T]:
     exec(f"def __init__(self, {', '.join(parameters)}):\n" + "\n".join(statements), names)  # noqa: S102 - names of fields
     made = names["__init__"]
     made.__annotations__, made.__qualname__, made.__module__ = given.__annotations__, given.__qualname__, cls.__module__
-    cls.__init__ = made  # type: ignore[method-assign]
+    cls.__init__ = made  # type: ignore[method-assign]  # as dataclasses does
     return cls

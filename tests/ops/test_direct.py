@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass, field
 
 import pytest
@@ -59,7 +59,7 @@ class Taker:
 
 
 @asynccontextmanager
-async def serving(taker: Taker) -> AsyncIterator[Callable[[], AsyncIterator[Address]]]:
+async def serving(taker: Taker) -> AsyncIterator[Callable[[], AbstractAsyncContextManager[Address]]]:
     app = FastAPI()
 
     @app.post("/take")
@@ -76,7 +76,7 @@ async def serving(taker: Taker) -> AsyncIterator[Callable[[], AsyncIterator[Addr
             finally:
                 writer.close()
 
-        yield connect  # type: ignore[misc]
+        yield connect
 
 
 def post(body: bytes, *headers: bytes) -> bytes:

@@ -26,7 +26,7 @@ def test_a_quick_value_is_as_any_other() -> None:
     assert repr(Value(3, "x")) == "Value(first=3, second='x')"
     assert dataclasses.replace(Value(1), second="three") == Value(1, "three")
     with pytest.raises(dataclasses.FrozenInstanceError):
-        Value(1).first = 2  # type: ignore[misc]
+        Value(1).first = 2  # type: ignore[misc]  # that it is refused is tested
     with pytest.raises(TypeError, match="first"):
         Value()  # type: ignore[call-arg]
     with pytest.raises(TypeError, match="third"):
