@@ -41,7 +41,7 @@ def statuses(answer: bytes) -> list[int]:
     "path",
     [
         "/view/assets/..%2f..%2findex.html",
-        "/view/assets/../../../settings.py",
+        "/view/assets/../../../app.py",
         "/view/assets/%2e%2e/%2e%2e/routes.py",
         "/view/assets/..%5c..%5croutes.py",
         "/view/assets//etc/passwd",
