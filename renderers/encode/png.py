@@ -17,7 +17,8 @@ import numpy as np
 from isal import isal_zlib
 from numpy.typing import NDArray
 
-from renderers.encode.deflate import CHECKSUM, PADDING, ROW, TABLES, deflate_rows, room_of
+from renderers.encode.deflate import deflate_rows
+from renderers.encode.workarea import CHECKSUM, PADDING, ROW, TABLES, room_of
 from renderers.pointers import address_of
 
 _SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
