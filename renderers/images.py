@@ -21,6 +21,7 @@ import PIL.Image
 from numpy.typing import NDArray
 
 from renderers.drawlist import Image, ImageError
+from renderers.pngrows import rows_are_missing
 
 MAX_PIXELS: Final = 64 << 20
 """Default bound of one image: 8192 x 8192, 256 MB as RGBA. A header of a few bytes can announce any size."""
@@ -205,6 +206,8 @@ def _by_opencv(data: bytes | memoryview) -> NDArray[np.uint8] | None:
 
 
 def _by_pillow(data: bytes | memoryview, name: str, header: ImageHeader) -> NDArray[np.uint8]:
+    if header.format == "PNG" and rows_are_missing(memoryview(data).cast("B")):
+        raise ImageError(f"{name}: broken PNG data: there are fewer rows than its header says")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -218,6 +221,8 @@ def _by_pillow(data: bytes | memoryview, name: str, header: ImageHeader) -> NDAr
                 return np.array(image.convert("RGBA"), np.uint8)
     except ImageError:
         raise
+    except PIL.UnidentifiedImageError as error:  # whose message names an object of ours
+        raise ImageError(f"{name}: broken {header.format} data") from error
     except Exception as error:  # Pillow's plugins raise almost anything for broken data
         raise ImageError(f"{name}: broken {header.format} data: {error}") from error
 

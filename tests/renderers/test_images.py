@@ -4,6 +4,7 @@ import gc
 import io
 import struct
 import zlib
+from collections.abc import Callable
 
 import cv2
 import numpy as np
@@ -148,6 +149,7 @@ def test_bombs_are_refused_by_their_header() -> None:
         (b"\xff\xd8\xff\xe0\0\x10JFIF", r"tex: its header is cut off \(10 bytes\)"),
         (b"RIFF\0\0\0\0WEBPVP8 ", r"tex: its header is cut off"),
         (encoded(RGBA, "PNG")[:60], "tex: broken PNG data"),
+        (encoded(RGBA, "PNG")[:29] + bytes(4) + encoded(RGBA, "PNG")[33:], "tex: broken PNG data$"),
         (raw_png(0, 5, 8, 2, b""), "tex: 0x5 pixels"),
     ],
 )
@@ -155,6 +157,53 @@ def test_errors_name_the_image(data: bytes, message: str) -> None:
     image = image_from_bytes(data, name="tex")
     with pytest.raises(ImageError, match=message):
         image.decode()
+
+
+def interlaced(width: int, height: int, depth: int, colour_type: int, rows: bytes, *more: bytes) -> bytes:
+    header = struct.pack(">IIBBBBB", width, height, depth, colour_type, 0, 0, 1)
+    parts = (b"\x89PNG\r\n\x1a\n", chunk(b"IHDR", header), *more, chunk(b"IDAT", zlib.compress(rows)))
+    return b"".join((*parts, chunk(b"IEND", b"")))
+
+
+GREY_KEY = chunk(b"tRNS", b"\0\5")
+"""Sends a picture of grey levels to the decoder that says nothing when rows are missing."""
+
+
+@pytest.mark.parametrize("data", [b"", GREY_KEY])
+@pytest.mark.parametrize(
+    ("write", "rows"),
+    [
+        (raw_png, [b"\0\1\2\3", b"\0\4\5\6", b"\0\7\7\7"]),
+        # Passes of 3 x 3 pixels: (0, 0), none, none, (2, 0), (0, 2) (2, 2), (1, 0) (1, 2), the row 1.
+        (interlaced, [b"\0\1", b"\0\3", b"\0\7\7", b"\0\2", b"\0\7", b"\0\4\5\6"]),
+    ],
+    ids=["rows", "interlaced"],
+)
+def test_png_rows_that_are_missing_are_told(write: Callable[..., bytes], rows: list[bytes], data: bytes) -> None:
+    more = (data,) if data else ()
+    levels = decode_image(write(3, 3, 8, 0, b"".join(rows), *more))[..., 0]
+    assert levels.tolist() == [[1, 2, 3], [4, 5, 6], [7, 7, 7]]
+    for count in range(len(rows)):
+        with pytest.raises(ImageError, match="tex: broken PNG data: there are fewer rows than its header says"):
+            decode_image(write(3, 3, 8, 0, b"".join(rows[:count]), *more), name="tex")
+
+
+@pytest.mark.parametrize("side", [256, 511, 513, 1024])
+def test_large_flat_pictures_have_all_their_rows(side: int) -> None:
+    """A thousandth of their size, they are inflated in many steps, each of which may end within a repetition."""
+    rows = side * (b"\0" + bytes(side))
+    assert decode_image(raw_png(side, side, 8, 0, rows, GREY_KEY)).shape == (side, side, 4)
+    with pytest.raises(ImageError, match="there are fewer rows"):
+        decode_image(raw_png(side, side, 8, 0, rows[: -side - 1], GREY_KEY))
+
+
+def test_png_rows_in_several_chunks_and_without_an_end_are_decoded() -> None:
+    whole = encoded(RGBA, "PNG")
+    at = whole.index(b"IDAT")
+    (length,) = struct.unpack_from(">I", whole, at - 4)
+    pixels = whole[at + 4 : at + 4 + length]
+    pieces = (whole[: at - 4], *(chunk(b"IDAT", pixels[k : k + 7]) for k in range(0, length, 7)))
+    assert decode_image(b"".join(pieces)).tolist() == RGBA.tolist()
 
 
 def test_a_false_frame_header_in_noise_is_not_taken_for_the_real_one() -> None:

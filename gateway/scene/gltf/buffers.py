@@ -64,7 +64,7 @@ class Buffers:
         """``buffers[index]``, which ``bufferViews[view]`` refers to.
 
         Raises:
-            GltfError: out of range, unreadable, or all buffers together are beyond ``max_buffer_bytes``.
+            GltfError: out of range, unreadable, shorter than it says, or all together are beyond ``max_buffer_bytes``.
         """
         known = self.loaded.get(index)
         if known is not None:
@@ -80,6 +80,10 @@ class Buffers:
             loaded = self._cache.buffer(self._container.bin, self._held)
         else:
             raise GltfError(f"buffers[{index}]: there is neither a uri nor a binary chunk")
+        if buffer.byte_length is not None and buffer.byte_length > len(loaded.data):  # glTF 2.0, section 3.6.1.1
+            raise GltfError(
+                f"buffers[{index}].byteLength: {buffer.byte_length} is more than the {len(loaded.data)} bytes there"
+            )
         self.loaded[index] = loaded
         return loaded
 

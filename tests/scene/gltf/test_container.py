@@ -50,6 +50,20 @@ def test_every_form(data: bytes, kind: str, form: str) -> None:
     assert positions(source) == data
 
 
+@pytest.mark.parametrize("form", ["uri", "glb"])
+def test_a_buffer_holds_as_many_bytes_as_it_says(form: str) -> None:
+    """More may be there (the chunk of a binary file ends at a multiple of four), fewer may not, whatever is used."""
+
+    def said(length: int) -> bytes:
+        source = document(data_uri(LONG) if form == "uri" else None, len(LONG))
+        source["buffers"][0]["byteLength"] = length
+        return json.dumps(source).encode() if form == "uri" else glb(source, LONG)
+
+    assert positions(said(len(LONG))) == positions(said(len(LONG) - 3)) == LONG
+    with pytest.raises(GltfError, match=r"buffers\[0\]\.byteLength: 3601 is more than the 3600 bytes there"):
+        read_gltf(said(len(LONG) + 1))
+
+
 def test_nothing_refers_to_a_buffer_that_the_caller_may_reuse() -> None:
     body = bytearray(glb(document(None, len(LONG)), LONG))
     (mesh,) = meshes(read_gltf(memoryview(body)))
