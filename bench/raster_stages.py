@@ -50,15 +50,14 @@ def by_phase(address: int, spent: dict[str, float]) -> None:
     note("transform")
     setup(job, lens, 0, task[at.W_CHUNKS])
     note("setup")
-    for band in range(task[at.W_UNITS + 2]):
-        first = band * BAND_ROWS
-        draw_band(job, lens, band, layer, FRONTS if split else ALL_FACES)
-        note("draw")
+    for first in range(0, task[at.W_HEIGHT], BAND_ROWS):
         last = min(first + BAND_ROWS, task[at.W_HEIGHT])
+        draw_band(job, lens, first, last, layer, FRONTS if split else ALL_FACES)
+        note("draw")
         shade_rows(task[at.W_SHADE_JOB], layer - 4 * first * task[at.W_STRIDE], first, last)
         note("shade")
         if split:
-            draw_band(job, lens, band, layer, BACKS)
+            draw_band(job, lens, first, last, layer, BACKS)
             note("back faces")
 
 
@@ -75,7 +74,7 @@ def main() -> None:
             times: dict[str, list[float]] = defaultdict(list)
             for number in range(options.frames + 2):
                 spent: dict[str, float] = defaultdict(float)
-                with patch.object(frame, "work", lambda address, spent=spent: by_phase(address, spent)):
+                with patch.object(frame, "work", lambda address, _, spent=spent: by_phase(address, spent)):
                     renderer.render(scene, view(width, height, number), EVERYTHING, look).close()
                 start = time.thread_time()
                 renderer.render(scene, view(width, height, number), EVERYTHING, look).close()

@@ -172,7 +172,7 @@ SAMPLES: tuple[Literal[4, 8], ...] = (4, 8)
 STAGES = ("transform", "setup", "draw_samples", "find_edges", "shade_mixed", "around")
 
 
-def by_stage(address: int, spent: dict[str, float]) -> None:
+def by_stage(address: int, _: bool, spent: dict[str, float]) -> None:
     """What ``work.work`` does in a frame with several samples, stage by stage; adds the CPU time of each, s."""
     task = (ctypes.c_int64 * at.W_COLUMNS).from_address(address)
     job, lens, memory = task[at.W_JOB], task[at.W_LENS], task[at.W_LAYERS]

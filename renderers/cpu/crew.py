@@ -39,6 +39,10 @@ class Task(Protocol):
 
     def __call__(self) -> object: ...
 
+    def help(self) -> object:
+        """As a call, but it may return before all is done."""
+        ...
+
 
 class _Job:
     """Phases one after the other; whoever calls ``run`` takes units until none are left."""
@@ -99,16 +103,16 @@ class Crew:
     def run(self, phases: Sequence[Phase]) -> None:
         """Do the phases one after the other, each in parallel; raises the first error of a unit."""
         job = _Job(phases)
-        self._share(job.run, max((p.units for p in phases), default=0))
+        self._share(job.run, job.run, max((p.units for p in phases), default=0))
         if job.error is not None:
             raise job.error
 
     def share(self, task: Task) -> None:
         """Have a task done, by the caller and whoever else is free."""
-        self._share(task, task.threads)
+        self._share(task, task.help, task.threads)
 
-    def _share(self, work: Callable[[], object], threads: int) -> None:
-        """Call ``work`` here and in up to ``threads - 1`` helpers, in which it must not raise."""
+    def _share(self, work: Callable[[], object], help_it: Callable[[], object], threads: int) -> None:
+        """Call ``work`` here and ``help_it`` in up to ``threads - 1`` helpers, in which it must not raise."""
         helpers = min(self.threads - max(1, self._callers), threads - 1)
         if helpers > 0 and self._spare is not None:
             helpers = min(helpers, self._spare())  # sharing costs more than it gains where all have work of their own
@@ -117,7 +121,7 @@ class Crew:
                 self._start()
             self._part()
             for _ in range(helpers):
-                self._jobs.put(work)
+                self._jobs.put(help_it)
         work()
 
     def _start(self) -> None:

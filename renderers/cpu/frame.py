@@ -30,7 +30,9 @@ from renderers.samples import E_COLUMNS, lanes_of_masks, sample_offsets
 from renderers.shading.kernels import shade_rows
 from renderers.simd import LANES
 
-_ASKED: Final = Struct(f"{at_begin.A_LENS}q{at.L_COLUMNS}d16d")
+_ASKED: Final = Struct(f"{at_begin.A_LENS}q{at.L_COLUMNS}d")
+_PLACED: Final = Struct("2q16d")
+"""A_POSED, A_TASK, A_POSE."""
 _OUTPUTS: Final = Struct("4q")
 _Words: Final = c_int64 * at_work.W_COLUMNS
 _DRAWN: Final = Struct(f"{at_work.W_GEOMETRY + 1 - at_work.W_DRAW}q")
@@ -63,6 +65,7 @@ class FrameJob:
         """
         width, height = camera.width, camera.height
         count, vertices, elements = prepared.counts
+        scratch.again = None, None  # what it knows is written over
         own, memory, address = scratch.table("frame", at_begin.FIXED + at_begin.PER_INSTANCE * count)
         self._own, self._memory, self._address, self._count = own, memory, address, count
         # Fresh memory: helpers that are late look at it when others already use the scratch.
@@ -85,22 +88,19 @@ class FrameJob:
             cull_back,
             opaque,
             keep_backs,
-            False,
             *prepared.asked,
             *_room(scratch, vertices, -(-elements // at.CHUNK), band_count(height)),
             transforming,
             setting_up,
             YIELD_ADDRESS,
-            addressof(self._words),
             camera.fx,
             camera.fy,
             camera.cx,
             camera.cy,
             camera.near,
             camera.far,
-            *camera.X_world_camera.ravel().tolist(),
         )
-        useful = begin(address)
+        useful = _begin(memory, address, self._words, camera)
         if useful == 0:
             with np.errstate(all="ignore"):  # poses that are not finite draw nothing
                 self.X_camera_mesh[:] = np.matmul(camera.X_camera_world, prepared.X_world_mesh)
@@ -188,6 +188,43 @@ class FrameJob:
         _DRAWN.pack_into(self._words, 8 * at_work.W_DRAW, *how, self._wanted)
         return Task(self._words, self._useful)
 
+    def again(self) -> Again:
+        """After ``task``: what another frame has in common with it."""
+        drawn = _DRAWN.unpack_from(self._words, 8 * at_work.W_DRAW)
+        return Again(self._memory, self._address, drawn)
+
+
+class Again:
+    """A frame that is like the scratch's last one, but for where the camera is and which pictures it fills: most of
+    what a ``FrameJob`` does is done. It keeps nothing alive but the scratch's memory."""
+
+    __slots__ = "_address", "_drawn", "_memory"
+
+    def __init__(self, memory: memoryview, address: int, drawn: tuple[int, ...]) -> None:
+        self._memory, self._address, self._drawn = memory, address, drawn
+
+    def task(self, camera: Camera, places: Sequence[int]) -> Task | None:
+        """As ``FrameJob.task``; None: it takes a ``FrameJob``.
+
+        Args:
+            places: as for ``FrameJob.outputs``.
+        """
+        words = _Words()
+        useful = _begin(self._memory, self._address, words, camera)
+        if useful == 0:
+            return None
+        _OUTPUTS.pack_into(self._memory, 8 * at.J_DEPTH, *places)
+        _DRAWN.pack_into(words, 8 * at_work.W_DRAW, *self._drawn)
+        return Task(words, useful)
+
+
+def _begin(memory: memoryview, address: int, words: Array[c_int64], camera: Camera) -> int:
+    """``begin`` with the camera's pose."""
+    pose = camera.X_world_camera.ravel().tolist()
+    _PLACED.pack_into(memory, 8 * (at_begin.ASKED + at_begin.A_POSED), 0, addressof(words), *pose)
+    useful: int = begin(address)
+    return useful
+
 
 class Task:
     """A frame's work, for every thread that takes part. What it works on must live until the frame is finished; those
@@ -205,7 +242,11 @@ class Task:
 
     def __call__(self) -> None:
         """Take part until the frame is finished."""
-        work(self._address)
+        work(self._address, True)
+
+    def help(self) -> None:
+        """Take part until there is nothing left to do."""
+        work(self._address, False)
 
 
 @cache

@@ -239,10 +239,8 @@ def _draw(job, lens, rule, record, first_row, last_row, scratch):
 
 
 @inner
-def clear_band(job, lens, band):
-    """Empty the band's layer."""
-    first_row = band * BAND_ROWS
-    last_row = min(first_row + BAND_ROWS, job[J_HEIGHT])
+def clear_rows(job, lens, first_row, last_row):
+    """Empty the layer's rows."""
     stride = job[J_STRIDE]
     ids = i32_at(job[J_IDS])
     depths = f32_at(job[J_INV_Z])
@@ -322,7 +320,7 @@ def _draw_late(job, lens, rule, record, which, first_row, last_row, room, scratc
     micro = i32_at(request[Q_MICRO])
     for m in range(request[Q_MICROS]):
         if micro[4 * m + 3] == which:
-            _draw_micro(job, rule, micro, m, m + 1)
+            _draw_some_micro(job, rule, micro, m, m + 1, first_row, last_row)
 
 
 _RECORDS_AHEAD: Final = 6
@@ -338,6 +336,15 @@ def _draw_micro(job, rule, micro, begin, end):
     inverse = as_f32(micro)
     for m in range(begin, end):
         blend_one(job, rule, np.int64(micro[4 * m]), inverse[4 * m + 1], micro[4 * m + 2])
+
+
+@inner
+def _draw_some_micro(job, rule, micro, begin, end, first_row, last_row):
+    """``_draw_micro`` of those in some rows."""
+    first, last = first_row * job[J_STRIDE], last_row * job[J_STRIDE]
+    for m in range(begin, end):
+        if micro[4 * m] >= first and micro[4 * m] < last:
+            _draw_micro(job, rule, micro, m, m + 1)
 
 
 @inlined
@@ -379,11 +386,11 @@ def next_record(small, k, end, tall, t, talls):
 
 
 @inner
-def raster_band(job, lens, band, back):
-    """Draw all that touches the band, in the order of record numbers (micro triangles apart, which compare numbers
-    themselves). ``back``: the back faces that were kept apart, on top of the others."""
-    first_row = band * BAND_ROWS
-    last_row = min(first_row + BAND_ROWS, job[J_HEIGHT])
+def raster_band(job, lens, first_row, last_row, back):
+    """Draw all that touches the rows of a band, or of a part of one, in the order of record numbers (micro triangles
+    apart, which compare numbers themselves). ``back``: the back faces that were kept apart, on top of the others."""
+    band = first_row // BAND_ROWS
+    whole = last_row - first_row == min(BAND_ROWS, job[J_HEIGHT] - band * BAND_ROWS)
     own_scratch = np.empty(SCRATCH + 2 * SMALL_SCRATCH, np.int32)
     scratch = i32_at(np.int64(own_scratch.ctypes.data))
     free = np.int64(own_scratch.ctypes.data) + 4 * SCRATCH
@@ -452,7 +459,10 @@ def raster_band(job, lens, band, back):
                 free, prepared = prepared, free
         micro = i32_at(job[J_MICRO] + 16 * chunk * MICRO_PER_ELEMENT * CHUNK)
         begin, end = np.int64(offsets[lists + 1 + which]), np.int64(offsets[lists + 2 + which])
-        _draw_micro(job, rule, micro, begin, end)
+        if whole:
+            _draw_micro(job, rule, micro, begin, end)
+        else:
+            _draw_some_micro(job, rule, micro, begin, end, first_row, last_row)
     own_scratch[0] = 0  # the pointers above do not keep the arrays alive
     own_tiles[0] = 0.0
     own_room[0] = 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from functools import lru_cache
+from operator import attrgetter
 from typing import Final, get_args
 
 import numpy as np
@@ -13,9 +14,9 @@ from numpy.typing import NDArray
 from renderers.alike import Alike
 from renderers.camera import Camera
 from renderers.cpu.crew import Crew, Phase
-from renderers.cpu.frame import FrameJob
+from renderers.cpu.frame import FrameJob, Task
 from renderers.cpu.layout import MAX_SIDE
-from renderers.cpu.pools import ArrayPool, Kinds, Pooled, ScratchPool
+from renderers.cpu.pools import ArrayPool, Kinds, Pooled, Scratch, ScratchPool
 from renderers.cpu.sampled import edge_kernels, edge_memory, mixed_bands, paint_each_sample
 from renderers.cpu.scene import PreparedScene, prepare
 from renderers.cpu.visibility import SampledShader, SampledView, Visibility
@@ -56,6 +57,7 @@ def _pictures(wanted: int, height: int, width: int) -> tuple[Kinds, tuple[int, .
 MAX_SHADING_BYTES: Final = 1 << 30
 """Textures and attributes that prepared scenes keep alive; many scenes share them, so that this is an upper bound."""
 
+_intrinsics: Final = attrgetter("width", "height", "fx", "fy", "cx", "cy", "near", "far")
 _alike: dict[LookName, Alike[ShadingScene]] = {name: Alike(MAX_SHADING_BYTES // 2) for name in get_args(LookName)}
 _shadings: WeakLru[DrawList, dict[LookName, ShadingScene]] = WeakLru(MAX_SHADING_BYTES)
 _studios: WeakLru[DrawList, StudioScene] = WeakLru(MAX_SHADING_BYTES)
@@ -230,30 +232,51 @@ class CpuRenderer:
             return
         scratch = self._scratch.take()
         try:
-            culled, threads = shading.cull_at if shading.culls else 0, self._crew.threads
-            if look.samples == 1:
-                job = FrameJob(
-                    prepared, camera, scratch, threads, cull_back=culled, keep_backs=with_geometry, opaque=True
-                )
-                job.outputs(frame, places[1:])
-            else:
-                job = FrameJob(prepared, camera, scratch, threads, cull_back=culled, samples=look.samples)
-            painter = Painter(
-                shading,
-                (prepared.first_record_at, job.poses_address, places[0], job.stride),
-                camera,
-                look,
-                table=lambda values: scratch.table("painter", values),
-                keep=(job, color),
-            )
-            if look.samples == 1:
-                task = job.task(painter.job)
-            else:
-                memory = edge_memory(scratch, threads, camera, look.samples, job.stride)
-                task = job.sampled_task(*edge_kernels(), memory, mixed_bands(painter))
-            self._crew.share(task)
+            self._crew.share(self._task(prepared, shading, camera, look, frame, color, places, scratch, with_geometry))
         finally:
             self._scratch.give(scratch)
+
+    def _task(
+        self,
+        prepared: PreparedScene,
+        shading: ShadingScene,
+        camera: Camera,
+        look: Look,
+        frame: Frame,
+        color: NDArray[np.uint8],
+        places: Sequence[int],
+        scratch: Scratch,
+        with_geometry: bool,
+    ) -> Task:
+        """What draws an opaque frame in one pass; ``prepared``, ``shading`` and the frame's arrays must outlive it."""
+        culled, threads = shading.cull_at if shading.culls else 0, self._crew.threads
+        # All that the scratch's tables were filled with but for the poses and the pictures: addresses among it.
+        same = prepared.asked, prepared.counts, shading.job, culled, with_geometry, _intrinsics(camera), look
+        if scratch.again[0] == same:
+            again, repainter = scratch.again[1]
+            repeated: Task | None = again.task(camera, places[1:])
+            if repeated is not None:
+                repainter.paint(places[0])
+                return repeated
+        if look.samples == 1:
+            job = FrameJob(prepared, camera, scratch, threads, cull_back=culled, keep_backs=with_geometry, opaque=True)
+            job.outputs(frame, places[1:])
+        else:
+            job = FrameJob(prepared, camera, scratch, threads, cull_back=culled, samples=look.samples)
+        painter = Painter(
+            shading,
+            (prepared.first_record_at, job.poses_address, places[0], job.stride),
+            camera,
+            look,
+            table=lambda values: scratch.table("painter", values),
+            keep=(job, color),
+        )
+        if look.samples != 1:
+            memory = edge_memory(scratch, threads, camera, look.samples, job.stride)
+            return job.sampled_task(*edge_kernels(), memory, mixed_bands(painter))
+        task = job.task(painter.job)
+        scratch.again = same, (job.again(), painter.again)
+        return task
 
     def _visibility(
         self,

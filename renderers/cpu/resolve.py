@@ -21,7 +21,6 @@ from renderers.cpu.layout import (
     J_COLUMNS,
     J_DEPTH,
     J_FIRST_RECORD,
-    J_HEIGHT,
     J_IDS,
     J_INSTANCE,
     J_INV_Z,
@@ -36,7 +35,7 @@ from renderers.cpu.layout import (
     L_FX,
     L_FY,
 )
-from renderers.cpu.raster import clear_band, raster_band
+from renderers.cpu.raster import clear_rows, raster_band
 from renderers.cpu.visibility import BAND_ROWS
 from renderers.drawlist import LABEL_NONE
 from renderers.jit import kernel
@@ -234,10 +233,8 @@ def _normal_row(job, lens, ids, row, width, instance):
 
 
 @inner
-def _resolve_band(job, lens, band):
-    """Fill the wanted outputs of a band from its records."""
-    first_row = band * BAND_ROWS
-    last_row = min(first_row + BAND_ROWS, job[J_HEIGHT])
+def _resolve_rows(job, lens, first_row, last_row):
+    """Fill the wanted outputs of some rows from their records."""
     width = job[J_WIDTH]
     stride = job[J_STRIDE]
     named = 0
@@ -272,11 +269,12 @@ FRONTS: Final = 1
 BACKS: Final = 2
 
 
-@kernel("void(int64, int64, int64, int64, int64)")
-def draw_band(job_at, lens_at, band, layer, part):
-    """Raster and resolve one band of the picture, while it is in the cache.
+@kernel("void(int64, int64, int64, int64, int64, int64)")
+def draw_band(job_at, lens_at, row_begin, row_end, layer, part):
+    """Raster and resolve a band of the picture, or a part of one, while it is in the cache.
 
     Args:
+        row_begin, row_end: rows of the picture, all of one band.
         layer: address of a band's layer, BAND_ROWS x J_STRIDE int32, LAYER_GAP values and as many float32; 0: the layer
             is where the job says.
         part: EVERYTHING; FRONTS: without the back faces that are kept apart, and nothing is resolved; BACKS: these on
@@ -289,15 +287,15 @@ def draw_band(job_at, lens_at, band, layer, part):
         for k in range(J_COLUMNS):
             own_job[k] = job[k]
         # Kernels count pixels from the picture's first row.
-        before = 4 * band * BAND_ROWS * job[J_STRIDE]
+        before = 4 * row_begin * job[J_STRIDE]
         own_job[J_IDS] = layer - before
         own_job[J_INV_Z] = layer + 4 * (BAND_ROWS * job[J_STRIDE] + LAYER_GAP) - before
         job = i64_at(np.int64(own_job.ctypes.data))
     if part != BACKS:
-        clear_band(job, lens, band)
-        raster_band(job, lens, band, False)
+        clear_rows(job, lens, row_begin, row_end)
+        raster_band(job, lens, row_begin, row_end, False)
     else:
-        raster_band(job, lens, band, True)
+        raster_band(job, lens, row_begin, row_end, True)
     if part != FRONTS:
-        _resolve_band(job, lens, band)
+        _resolve_rows(job, lens, row_begin, row_end)
     own_job[0] = 0  # the pointer above does not keep the array alive

@@ -7,7 +7,7 @@ from typing import Final
 from renderers.cpu.resolve import BACKS, EVERYTHING, FRONTS
 from renderers.cpu.visibility import BAND_ROWS
 from renderers.jit import kernel
-from renderers.linked import inner
+from renderers.linked import inlined, inner
 from renderers.native import call_kernel, shared_number, take_number, yield_at
 from renderers.pointers import i64_at
 
@@ -40,58 +40,68 @@ W_TAKEN: Final = 23  # PHASES values: units taken
 W_ENDED: Final = 26  # PHASES values: units done
 W_COLUMNS: Final = 29
 
+HALVED: Final = 2
+"""Bands at the end of a picture that are two units of work each, with one sample a pixel."""
+HALVED_SAMPLES: Final = 1
+"""The same with several samples."""
 _PATIENCE: Final = 200
 """Looks at another thread's progress before the core is offered to others: some microseconds."""
 
 
-@inner
-def _band(task, band, layer):
-    """Draw and shade one band."""
-    job, lens, draw = task[W_JOB], task[W_LENS], task[W_DRAW]
-    first = band * BAND_ROWS
-    last = min(first + BAND_ROWS, task[W_HEIGHT])
-    if task[W_SHADE] == 0:
-        call_kernel(draw, (job, lens, band, layer, EVERYTHING))
-        return
-    split = task[W_SPLIT] != 0
-    call_kernel(draw, (job, lens, band, layer, FRONTS if split or task[W_GEOMETRY] == 0 else EVERYTHING))
-    call_kernel(task[W_SHADE], (task[W_SHADE_JOB], layer - 4 * first * task[W_STRIDE], first, last))
-    if split:
-        call_kernel(draw, (job, lens, band, layer, BACKS))
-
-
-@inner
-def _samples(task, unit, memory):
-    """Draw and shade one band with several samples a pixel; of the last band, a half.
+@inlined
+def unit_rows(unit, bands, halved, height):
+    """The rows of a unit of work: a band, of the last ``halved`` ones a half. None where the end is not behind the
+    begin.
 
     A band takes a tenth of a frame where pictures are small: threads that end at different times wait for half of it.
     """
-    before = task[W_UNITS + 2] - 1
-    first = min(unit, before) * BAND_ROWS
-    if unit > before:
-        first += BAND_ROWS // 2
-    last = min(first + (BAND_ROWS if unit < before else BAND_ROWS // 2), task[W_HEIGHT])
-    if first < last:
-        call_kernel(task[W_DRAW], (task[W_JOB], task[W_LENS], first, last, memory))
-        call_kernel(task[W_FIND], (task[W_JOB], first, last, memory))
-        call_kernel(task[W_SHADE], (task[W_SHADE_JOB], memory, task[W_STRIDE], first, last))
+    whole = max(bands - halved, 0)
+    first = unit * BAND_ROWS
+    if unit >= whole:
+        first = whole * BAND_ROWS + (unit - whole) * (BAND_ROWS // 2)
+    return first, min(first + (BAND_ROWS if unit < whole else BAND_ROWS // 2), height)
 
 
-@kernel("void(int64)")
-def work(task_at):
-    """Take part in a frame until it is finished; any number of threads, each at any time, even when nothing is left.
+@inner
+def _band(task, first, last, layer):
+    """Draw and shade rows of one band."""
+    job, lens, draw = task[W_JOB], task[W_LENS], task[W_DRAW]
+    if task[W_SHADE] == 0:
+        call_kernel(draw, (job, lens, first, last, layer, EVERYTHING))
+        return
+    split = task[W_SPLIT] != 0
+    call_kernel(draw, (job, lens, first, last, layer, FRONTS if split or task[W_GEOMETRY] == 0 else EVERYTHING))
+    call_kernel(task[W_SHADE], (task[W_SHADE_JOB], layer - 4 * first * task[W_STRIDE], first, last))
+    if split:
+        call_kernel(draw, (job, lens, first, last, layer, BACKS))
+
+
+@inner
+def _samples(task, first, last, memory):
+    """Draw and shade rows of one band with several samples a pixel."""
+    call_kernel(task[W_DRAW], (task[W_JOB], task[W_LENS], first, last, memory))
+    call_kernel(task[W_FIND], (task[W_JOB], first, last, memory))
+    call_kernel(task[W_SHADE], (task[W_SHADE_JOB], memory, task[W_STRIDE], first, last))
+
+
+@kernel("void(int64, boolean)")
+def work(task_at, stay):
+    """Take part in a frame; any number of threads, each at any time, even when nothing is left.
 
     Args:
         task_at: address of W_COLUMNS int64.
+        stay: whether to stay until the frame is finished, not only until there is nothing left to do. Threads that
+            leave at the same time wait for each other's turn with the interpreter.
     """
     task = i64_at(task_at)
     layer = task[W_LAYERS]
     if layer != 0:
         layer += take_number(task, W_THREADS) * task[W_LAYER_BYTES]
+    halved = HALVED if task[W_FIND] == 0 else HALVED_SAMPLES
     for phase in range(PHASES):
         units = task[W_UNITS + phase]
-        if phase == 2 and task[W_FIND] != 0:
-            units += 1
+        if phase == 2:
+            units += min(units, halved)
         unit = take_number(task, W_TAKEN + phase)
         while unit < units:
             if phase == 0:
@@ -102,12 +112,16 @@ def work(task_at):
                 begin = unit * task[W_CHUNKS_PER_UNIT]
                 end = min(begin + task[W_CHUNKS_PER_UNIT], task[W_CHUNKS])
                 call_kernel(task[W_SETUP], (task[W_JOB], task[W_LENS], begin, end))
-            elif task[W_FIND] != 0:
-                _samples(task, unit, layer)
             else:
-                _band(task, unit, layer)
+                first, last = unit_rows(unit, task[W_UNITS + 2], halved, task[W_HEIGHT])
+                if first < last and task[W_FIND] != 0:
+                    _samples(task, first, last, layer)
+                elif first < last:
+                    _band(task, first, last, layer)
             take_number(task, W_ENDED + phase)
             unit = take_number(task, W_TAKEN + phase)
+        if phase == PHASES - 1 and not stay:
+            return
         looks = 0
         while shared_number(task, W_ENDED + phase) < units:  # the last units are under way in other threads
             looks += 1

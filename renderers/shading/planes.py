@@ -70,17 +70,15 @@ def look_up(ids, starts, places, run, last_run, memory):
         How many; the last one is repeated behind them.
     """
     whole = i32_at(memory)
-    count = 0
+    count = np.int64(0)
     for batch in range(run, last_run, vec.LANES):
         begins = vec.load(starts, batch)
         records = vec.gather(ids, begins)
         known = vec.gather(whole, (records & vec.i32(SLOTS - 1)) + vec.i32(M_RECORDS))
-        missing = vec.bits(records != known)
-        for k in range(min(last_run - batch, vec.LANES)):  # without a branch: which are missing cannot be predicted
-            begin = np.int64(starts[batch + k])
-            whole[M_MISSING + count] = ids[begin]
-            whole[M_COLUMNS + count] = begin
-            count += (missing >> k) & 1
+        missing = (records != known) & (vec.i32(batch) + vec.iota() < vec.i32(last_run))
+        vec.store(whole, M_MISSING + count, vec.compressed(missing, records))
+        vec.store(whole, M_COLUMNS + count, vec.compressed(missing, begins))
+        count += vec.count_bits(vec.bits(missing))
     if count > 0:
         if places != 0:
             for k in range(count):

@@ -48,6 +48,8 @@ R_FACING: Final = 15  # float32
 R_FLAT: Final = 16  # 3 rows float32: the triangle's own normal
 SCRATCH_VALUES: Final = 19 * 8
 """Values of 4 bytes."""
+_LAST: Final = -(2**63)
+"""The highest of 64 bits."""
 
 
 @inner
@@ -101,10 +103,13 @@ def run_starts(masks, begin, end, starts):
     count = 1
     for word in range((begin + 1) >> 6, (end >> 6) + 1):
         mask = _between(masks, word, begin + 1, end)
-        while mask != 0:
-            starts[count] = (word << 6) + vec.lowest_bit(mask)
-            mask &= mask - 1
-            count += 1
+        bits = vec.count_bits(mask)
+        # Eight at a time, some in vain: how many there are cannot be predicted.
+        for group in range(0, bits, vec.LANES):
+            for k in range(vec.LANES):
+                starts[count + group + k] = (word << 6) + vec.lowest_bit(mask | _LAST)
+                mask &= mask - 1
+        count += bits
     vec.store(starts, count, vec.i32(end))
     return count
 

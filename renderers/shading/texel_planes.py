@@ -70,8 +70,9 @@ def _texels(coordinate, wrap, size):
     the image that the least of them is in, where it is repeated."""
     a, b, c = vec.to_f64(coordinate[0]), vec.to_f64(coordinate[1]), vec.to_f64(coordinate[2])
     if wrap != WRAP_CLAMP:
-        period = vec.f64(1.0 if wrap == WRAP_REPEAT else 2.0)
-        first = period * vec.floor(vec.least(vec.least(a, b), c) / period)
+        period = 1.0 if wrap == WRAP_REPEAT else 2.0
+        least = vec.least(vec.least(coordinate[0], coordinate[1]), coordinate[2])
+        first = vec.to_f64(vec.f32(period) * vec.floor(vec.f32(1.0 / period) * least))
         a, b, c = a - first, b - first, c - first
     half, count = vec.f64(0.5 * FINE), vec.f64(np.float64(size) * FINE)
     return a * count - half, b * count - half, c * count - half

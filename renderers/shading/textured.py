@@ -67,27 +67,26 @@ def _line(base, slope, lanes, t):
 
 
 @inner
-def _together(starts, batch, begin, end, unlike, base, slope, rows, stride):
+def _together(ids, single, starts, batch, begin, end, unlike, base, slope, rows, stride):
     """Eight runs, every pixel within its triangle: A_PLACE and A_SHARE of the pixels ``begin .. end``.
 
     Args:
+        single: whether every pixel is a run of its own.
         unlike, base, slope: see ``texel_planes.eight_runs``.
     """
     whole = as_i32(rows)
     begins = vec.load(starts, batch)
-    next1, next2, next3 = vec.spread1(begins), vec.spread2(begins), vec.spread3(begins)
-    next4, next5, next6, next7 = vec.spread4(begins), vec.spread5(begins), vec.spread6(begins), vec.spread7(begins)
-    none, unit, zero, one = vec.i32(0), vec.i32(1), vec.f32(0.0), vec.f32(1.0)
+    zero, one = vec.f32(0.0), vec.f32(1.0)
     even = vec.bits(unlike > zero) == 0
+    up_to = (vec.i32(2) << vec.iota()) - vec.i32(1)
+    before = np.int64(-1)
     for x in range(begin, end, vec.LANES):
         column = vec.i32(x) + vec.iota()
-        run = vec.select(column < next1, none, unit)
-        run = run + vec.select(column < next2, none, unit)
-        run = run + vec.select(column < next3, none, unit)
-        run = run + vec.select(column < next4, none, unit)
-        run = run + vec.select(column < next5, none, unit)
-        run = run + vec.select(column < next6, none, unit)
-        run = run + vec.select(column < next7, none, unit)
+        new = np.int64(255)
+        if not single:
+            new = vec.bits(vec.load(ids, x) != vec.load(ids, x - 1))
+        run = vec.i32(before) + vec.count_bits(vec.i32(new) & up_to)
+        before += vec.count_bits(new)
         t = vec.to_f32(column - vec.permute(begins, run))
         light, total = _line(base[0], slope[0], run, t), _line(base[3], slope[3], run, t)
         if even:
@@ -249,7 +248,7 @@ def show_textured(
                 )
             else:
                 good, unlike, base, slope = eight_runs(starts, batch, part, rows, stride, memory)
-            _together(starts, batch, begin, end, unlike, base, slope, rows, stride)
+            _together(ids, places != 0, starts, batch, begin, end, unlike, base, slope, rows, stride)
             bad = (255 ^ good) & ((1 << count) - 1)
             if bad != 0:
                 _resolve(

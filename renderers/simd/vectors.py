@@ -266,11 +266,15 @@ highest_bit = make(lambda value: types.int64 if value is types.int64 else None, 
 
 
 def _emit_count(builder: Any, sig: Any, value: Any) -> Any:
-    return builder.ctpop(value)
+    declare: Any = cgutils.get_or_insert_function
+    name = "i64" if value.type == I64 else f"v{LANES}i32"
+    return builder.call(
+        declare(builder.module, ir.FunctionType(value.type, [value.type]), f"llvm.ctpop.{name}"), [value]
+    )
 
 
-count_bits = make(lambda value: types.int64 if value is types.int64 else None, _emit_count)
-"""How many bits of an int64 are set."""
+count_bits = make(lambda value: value if value in (types.int64, i32x8) else None, _emit_count)
+"""How many bits of an int64, or of each int32, are set."""
 
 
 def _reduction(name: str) -> Any:

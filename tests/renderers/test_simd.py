@@ -389,3 +389,16 @@ def test_vectors_of_two_fours() -> None:
         *(2, 3, 0, 1, 6, 7, 4, 5),
         *(0, 4),
     ]
+
+
+@njit
+def _counts(values):
+    p = i32_at(values)
+    vec.store(p, 0, vec.count_bits(vec.load(p, 0)))
+
+
+def test_bits_are_counted_lane_by_lane() -> None:
+    values = np.array((0, 1, -1, 255, 1 << 31, 0x0F0F0F0F, 6, 0x7FFFFFFF), np.int64)
+    lanes = values.astype(np.uint64).astype(np.uint32).view(np.int32)
+    _counts(lanes.ctypes.data)
+    assert lanes.tolist() == [(int(value) & 0xFFFFFFFF).bit_count() for value in values]

@@ -1,0 +1,105 @@
+"""Frames that are like the one before, but for the camera's place; and pictures of any height."""
+
+from __future__ import annotations
+
+import gc
+import weakref
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from renderers.camera import Camera
+from renderers.cpu import CpuRenderer
+from renderers.drawlist import DrawList, Instance, Material
+from renderers.port import Frame, Look, Output
+from tests.renderers.scenes import pose, sphere
+from tests.renderers.test_shading_scalar import scene
+
+ALL = Output.COLOR | Output.DEPTH | Output.LABEL
+CAMERA = Camera(160, 100, 140.0, 140.0, 80.3, 50.0, 0.05, 50.0, np.eye(4))
+
+
+@pytest.fixture
+def renderer() -> Iterator[CpuRenderer]:
+    each = CpuRenderer(2)
+    yield each
+    each.close()
+
+
+def _taken(frame: Frame) -> tuple[NDArray[np.generic], ...]:
+    """Copies of the frame's pictures, which is closed."""
+    with frame:
+        pictures = (frame.color, frame.depth, frame.label)
+        return tuple(picture.copy() for picture in pictures if picture is not None)
+
+
+def _fresh(drawn: DrawList, camera: Camera, outputs: Output, look: Look) -> tuple[NDArray[np.generic], ...]:
+    """By a renderer that has drawn nothing."""
+    own = CpuRenderer(1)
+    pictures = _taken(own.render(drawn, camera, outputs, look))
+    own.close()
+    return pictures
+
+
+def _at(z: float) -> Camera:
+    X = np.eye(4)
+    X[:3, 3] = 0.02, -0.03, z
+    return replace(CAMERA, X_world_camera=X)
+
+
+def test_what_is_drawn_again_is_as_if_it_were_new(renderer: CpuRenderer) -> None:
+    drawn, other = scene(np.random.default_rng(7)), scene(np.random.default_rng(8))
+    looks = Look("phong"), Look("pbr"), Look("phong", background=(1, 2, 3)), Look("phong", samples=4)
+    wide = replace(CAMERA, width=203, cx=100.0)
+    near = replace(CAMERA, near=2.5)
+    for turn, camera in enumerate((_at(0.0), _at(0.1), wide, _at(0.2), near, _at(-0.3))):
+        for which in (drawn, other, drawn):
+            for outputs in (ALL, Output.COLOR):
+                look = looks[(turn + (which is other)) % len(looks)]
+                expected = _fresh(which, camera, outputs, look)
+                for got, wanted in zip(_taken(renderer.render(which, camera, outputs, look)), expected, strict=True):
+                    np.testing.assert_array_equal(got, wanted)
+
+
+def test_a_camera_without_a_place_of_its_own_comes_between(renderer: CpuRenderer) -> None:
+    drawn = scene(np.random.default_rng(7))
+    flat = np.diag((1.0, 1.0, 1.0, 2.0))  # not affine: poses are found in another way
+    for X in (np.eye(4), flat, np.eye(4), flat):
+        camera = replace(CAMERA, X_world_camera=X)
+        expected = _fresh(drawn, camera, ALL, Look())
+        for got, wanted in zip(_taken(renderer.render(drawn, camera, ALL)), expected, strict=True):
+            np.testing.assert_array_equal(got, wanted)
+
+
+def test_a_frame_keeps_no_scene_alive(renderer: CpuRenderer) -> None:
+    drawn = scene(np.random.default_rng(7))
+    for _ in range(2):
+        renderer.render(drawn, CAMERA, ALL).close()
+    mesh = weakref.ref(drawn.instances[0].mesh)
+    del drawn
+    gc.collect()
+    assert mesh() is None
+
+
+@pytest.mark.parametrize("triangles", [(200, 150), (24, 12)], ids=["tiny", "small"])
+def test_the_last_rows_of_a_picture_are_those_of_a_higher_one(
+    triangles: tuple[int, int], renderer: CpuRenderer
+) -> None:
+    """Bands at the end are drawn in halves, and records and tiny triangles belong to whole ones."""
+    rng = np.random.default_rng(4)
+    fronts = Material((0.4, 0.5, 0.6, 1.0))
+    balls = [Instance(sphere(*triangles), fronts, pose(rng, z=3.0, scale=0.9), k, k) for k in range(4)]
+    drawn = DrawList((*balls, Instance(sphere(6, 4), fronts, pose(rng, z=1.2, scale=1.5), 9, 9)))
+    high = _taken(renderer.render(drawn, replace(CAMERA, height=160), ALL))
+    seen = 0
+    for height in (1, 15, 16, 17, 31, 32, 33, 48, 63, 64, 65, 80, 81, 96, 97, 113, 159):
+        color, depth, label = _taken(renderer.render(drawn, replace(CAMERA, height=height), ALL))
+        np.testing.assert_array_equal(depth, high[1][:height])
+        np.testing.assert_array_equal(label, high[2][:height])
+        # Shading remembers within a unit of work what it found at a triangle's first pixel.
+        assert np.abs(color.astype(int) - high[0][:height].astype(int)).max() <= 1
+        seen += np.isfinite(depth[-1].astype(float)).any()
+    assert seen > 10
