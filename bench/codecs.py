@@ -23,7 +23,7 @@ from PIL import Image
 from bench import gltf, posted
 from bench.table import Row, at_least, geometric_mean, show
 from gateway import warmup
-from gateway.ops.process import tune
+from gateway.ops.process import settle, tune
 from gateway.render.config import RenderConfig
 from gateway.render.depth import millimetres
 from gateway.render.form import read_form
@@ -120,6 +120,7 @@ def writers() -> list[Row]:
 def main() -> None:
     tune()  # as the server does
     warmup.run()
+    settle()
     cv2.setNumThreads(1)
     rows = writers()
     show([*rows, *gltf.rows()])

@@ -1,13 +1,18 @@
-"""Reading what Drake's client sends: our reader against trimesh, in one run, interleaved.
+"""Reading glTF: our reader against trimesh, in one run: rounds in which each reads the document a few times in a row,
+in random order, so that none is always the first that comes after another program's code.
 
     python -m bench.gltf [FOLDER]
 
-FOLDER holds recorded requests (default: the environment's SCENEGATE_CORPUS); without one, a scene is made up. Columns,
-medians in CPU ms of one thread: ``cold`` nothing known, ``meshes`` the buffers known but something else in the text
-different (new materials), ``moved`` only the nodes different, as while a robot moves; ``trimesh`` its loader of scenes
-without materials, and ``normals``: the same with what a renderer needs and our reader always makes, vertex normals
-where the document has none, by a few lines of numpy (trimesh's own need SciPy and take longer). The goal is about equal
-results; ``arrays`` is trimesh's parser alone, which makes neither a tree nor meshes. None decodes images.
+First what Drake's client sends. FOLDER holds recorded requests (default: the environment's SCENEGATE_CORPUS); without
+one, a scene is made up. Columns, medians in CPU ms of one thread: ``cold`` nothing known, ``meshes`` the buffers known
+but something else in the text different (new materials), ``moved`` only the nodes different, as while a robot moves;
+``trimesh`` its loader of scenes without materials, and ``normals``: the same with what a renderer needs and our reader
+always makes, vertex normals where the document has none, by a few lines of numpy (trimesh's own need SciPy and take
+longer). The goal is about equal results; ``arrays`` is trimesh's parser alone, which makes neither a tree nor meshes.
+None decodes images.
+
+Then files as modelling tools write them (``gltf_files``), of which nothing is known. They have normals, so that
+trimesh's scene is all that there is to do.
 """
 
 from __future__ import annotations
@@ -16,10 +21,11 @@ import base64
 import io
 import json
 import os
+import random
 import statistics
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,12 +34,14 @@ import numpy as np
 import trimesh
 import trimesh.exchange.gltf
 
+from bench import gltf_files
 from bench.posted import scene_of
 from bench.table import Row, at_least, geometric_mean, show
-from gateway.ops.process import tune
+from gateway.ops.process import settle, tune
 from gateway.scene.gltf import MeshCache, read_gltf, warm_up
 
-RUNS = 15
+ROUNDS, TIMES = 5, 3
+RUNS = ROUNDS * TIMES
 
 
 def made_up(meshes: int, vertices: int) -> bytes:
@@ -70,9 +78,15 @@ def recorded(folder: Path) -> Iterator[tuple[str, bytes]]:
         yield request.parent.parent.name, scene_of(request.read_bytes())
 
 
-def trimesh_scene(data: bytes) -> Any:
+def parsed(data: bytes, kind: str = "gltf") -> object:
+    """Arrays alone."""
+    parser = {"glb": trimesh.exchange.gltf.load_glb, "gltf": trimesh.exchange.gltf.load_gltf}[kind]
+    return parser(io.BytesIO(data), skip_materials=True)
+
+
+def trimesh_scene(data: bytes, kind: str = "gltf") -> Any:
     """A tree of meshes, normals as far as the document has them."""
-    return trimesh.load_scene(io.BytesIO(data), file_type="gltf", process=False, skip_materials=True)
+    return trimesh.load_scene(io.BytesIO(data), file_type=kind, process=False, skip_materials=True)
 
 
 def trimesh_with_normals(data: bytes, *, missing: bool) -> None:
@@ -96,6 +110,21 @@ def milliseconds(work: Callable[[], object]) -> float:
     return 1e3 * (time.thread_time() - begin)
 
 
+def medians_of(works: Sequence[Sequence[Callable[[], object]]]) -> tuple[float, ...]:
+    """Of each, whose runs are given."""
+    times: list[list[float]] = [[] for _ in works]
+    order = random.Random(0)
+    for first in range(0, RUNS, TIMES):
+        for which in order.sample(range(len(works)), len(works)):
+            times[which] += map(milliseconds, works[which][first : first + TIMES])
+    return tuple(map(statistics.median, times))
+
+
+def read_cold(data: bytes) -> object:
+    """By ours, with nothing known."""
+    return read_gltf(data, cache=MeshCache())
+
+
 def variants(data: bytes) -> tuple[list[bytes], list[bytes]]:
     """The document with other materials, and with other nodes; members sorted by name as the client writes them."""
     document = {key: value for key, value in json.loads(data).items() if value is not None}
@@ -109,7 +138,7 @@ def variants(data: bytes) -> tuple[list[bytes], list[bytes]]:
     return materials, nodes
 
 
-def rows() -> list[Row]:
+def of_requests() -> list[Row]:
     """Prints the table of all scenes; gives the geometric means."""
     corpus = sys.argv[1] if len(sys.argv) > 1 else os.environ.get("SCENEGATE_CORPUS")
     scenes = list(recorded(Path(corpus))) if corpus else []
@@ -125,20 +154,17 @@ def rows() -> list[Row]:
         read_gltf(data, cache=known)
         for text in nodes[:3]:
             read_gltf(text, cache=moving)
-        times: list[list[float]] = [[], [], [], [], [], []]
-        for other, moved in zip(materials[3:], nodes[3:], strict=True):
-            works: tuple[Callable[[], object], ...] = (
-                partial(read_gltf, data, cache=MeshCache()),
-                partial(read_gltf, other, cache=known),
-                partial(read_gltf, moved, cache=moving),
-                partial(trimesh.exchange.gltf.load_gltf, io.BytesIO(moved), skip_materials=True),
-                partial(trimesh_scene, moved),
-                partial(trimesh_with_normals, moved, missing=missing),
+        medians = medians_of(
+            (
+                [partial(read_cold, data)] * RUNS,
+                [partial(read_gltf, text, cache=known) for text in materials[3:]],
+                [partial(read_gltf, text, cache=moving) for text in nodes[3:]],
+                [partial(parsed, text) for text in nodes[3:]],
+                [partial(trimesh_scene, text) for text in nodes[3:]],
+                [partial(trimesh_with_normals, text, missing=missing) for text in nodes[3:]],
             )
-            for taken, work in zip(times, works, strict=True):
-                taken.append(milliseconds(work))
-        medians = [statistics.median(column) for column in times]
-        times_of.append((*medians,))
+        )
+        times_of.append(medians)
         figures = " | ".join(f"{value:.2f}" for value in medians)
         quotients = " | ".join(f"{medians[5] / value:.1f}" for value in medians[:3])
         print(f"| {name} | {len(data) / 1e6:.2f} | {figures} | {quotients} |", flush=True)
@@ -153,14 +179,37 @@ def rows() -> list[Row]:
             for at, it in ((3, "arrays"), (4, "scene"))
         )
         cell = f"{geometric_mean(column):.2f} ms (least {min(ratios):.1f}×; {', '.join(bare)})"
-        name = f"glTF reader, {what} (geometric mean)"
+        name = f"glTF reader, requests of Drake's client, {what} (geometric mean)"
         found.append(at_least(name, cell, f"trimesh with normals {peer:.2f} ms", geometric_mean(ratios), 8))
     return found
+
+
+def of_files() -> Row:
+    """Prints the table of the files; gives the geometric mean."""
+    times_of: list[tuple[float, ...]] = []
+    print("\n| file | MB | cold, ms | arrays | trimesh | trimesh / cold |\n" + "|" + 6 * "---|")
+    for name, kind, data in gltf_files.files():
+        works = (partial(read_cold, data), partial(parsed, data, kind), partial(trimesh_scene, data, kind))
+        medians = medians_of([[work] * RUNS for work in works])
+        times_of.append(medians)
+        figures = " | ".join(f"{value:.2f}" for value in medians)
+        print(f"| {name} | {len(data) / 1e6:.2f} | {figures} | {medians[2] / medians[0]:.1f} |", flush=True)
+    cold, arrays, peer = (geometric_mean(column) for column in zip(*times_of, strict=True))
+    ratios = [theirs / ours for ours, _, theirs in times_of]
+    cell = f"{cold:.2f} ms (least {min(ratios):.1f}×; {arrays / cold:.1f}× arrays)"
+    name = "glTF reader, files as modelling tools write them, nothing known before (geometric mean)"
+    return at_least(name, cell, f"trimesh {peer:.2f} ms", geometric_mean(ratios), 8)
+
+
+def rows() -> list[Row]:
+    """Of both."""
+    return [*of_requests(), of_files()]
 
 
 def main() -> None:
     tune()  # as the server does
     warm_up()
+    settle()
     show(rows())
 
 

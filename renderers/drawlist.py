@@ -67,7 +67,7 @@ class Image:
     """A picture used by textures, decoded only when a renderer asks for its pixels."""
 
     key: bytes
-    """Digest of the encoded (or raw) content: equal keys have equal pixels."""
+    """A checksum of the encoded (or raw) content, for messages: images are told apart by identity."""
     decode: Callable[[], NDArray[np.uint8]]
     """Returns (H, W, 4) uint8 RGBA, straight alpha, top row first. May be called from any thread and more than once;
     raises ``ImageError`` with a sentence that names the image and the reason."""

@@ -5,19 +5,20 @@ The reader of a scene never decodes: depth and label pictures need no texture at
 
 from __future__ import annotations
 
-import hashlib
 import io
 import re
 import struct
 import threading
 import warnings
 import weakref
+from collections import deque
 from dataclasses import dataclass
 from typing import Any, Final
 
 import cv2
 import numpy as np
 import PIL.Image
+from isal import isal_zlib
 from numpy.typing import NDArray
 
 from renderers.drawlist import Image, ImageError
@@ -26,6 +27,7 @@ from renderers.pngrows import rows_are_missing
 MAX_PIXELS: Final = 64 << 20
 """Default bound of one image: 8192 x 8192, 256 MB as RGBA. A header of a few bytes can announce any size."""
 
+_KEY: Final = struct.Struct("<QQI")
 _MAX_SEGMENTS: Final = 1024
 """Segments or chunks before the pixels that are walked over; real files have tens."""
 _MARKER: Final = re.compile(rb"(?:[^\xff]|\xff+\0)*\xff+[^\xff\0]", re.DOTALL)
@@ -114,7 +116,17 @@ def _webp_size(start: bytes) -> tuple[int, int]:
     return width & 0x3FFF, height & 0x3FFF
 
 
-_images: weakref.WeakValueDictionary[bytes, Image] = weakref.WeakValueDictionary()
+class _Known(weakref.ref[Image]):
+    """An image as long as somebody holds it."""
+
+    __slots__ = ("key",)
+    key: bytes
+
+
+_images: dict[bytes, _Known] = {}
+"""By a checksum: whoever finds one compares."""
+_dead: deque[_Known] = deque()
+"""Images die anywhere, within this module's own statements too: their death is only noted there."""
 _lock: Final = threading.Lock()
 
 
@@ -126,14 +138,36 @@ def image_from_bytes(data: bytes | memoryview, *, name: str = "", max_pixels: in
         name: for messages.
         max_pixels: ``decode`` refuses images whose header announces more.
     """
-    digest = hashlib.sha256(data)
-    digest.update(max_pixels.to_bytes(8, "little"))
-    key = digest.digest()
+    # A comparison costs a twentieth of a hash that nobody can make collide.
+    key = _KEY.pack(len(data), max_pixels, isal_zlib.crc32(data))
+    known = _found(key)
+    if known is not None and _is_of(known, data):
+        return known
+    made = Image(key, _Decoder(data, name or "image", max_pixels), name)
+    entry = _Known(made, _dead.append)
+    entry.key = key
     with _lock:
-        image = _images.get(key)
-        if image is None:
-            image = _images[key] = Image(key, _Decoder(data, name or "image", max_pixels), name)
-    return image
+        while _dead:
+            dead = _dead.popleft()
+            if _images.get(dead.key) is dead:
+                del _images[dead.key]
+        found = _found(key)
+        if found is not None and found is not known and _is_of(found, data):
+            return found
+        _images[key] = entry
+    return made
+
+
+def _found(key: bytes) -> Image | None:
+    entry = _images.get(key)
+    return None if entry is None else entry()
+
+
+def _is_of(image: Image, data: bytes | memoryview) -> bool:
+    """Whether it was made of these bytes; their checksums agree, and with these their lengths."""
+    assert isinstance(image.decode, _Decoder)
+    own = image.decode.data
+    return (own if isinstance(own, bytes) else bytes(own)).startswith(data)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

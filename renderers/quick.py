@@ -5,16 +5,19 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import sys
-from typing import TypeVar
+from typing import Any, Final, TypeVar
 
 T = TypeVar("T")
 
+_SET_CLASS: Final[Any] = object.__dict__["__class__"].__set__
+
 
 def quick(cls: type[T]) -> type[T]:
-    """Gives a frozen slotted dataclass an ``__init__`` that calls the descriptors of its slots.
+    """A frozen slotted dataclass as a class without slots of its own on one with these slots that is not frozen: values
+    are of that one while their fields are set.
 
-    The one of ``dataclasses`` calls ``object.__setattr__`` with the name of every field, which takes twice as
-    long; readers make thousands of meshes and materials.
+    The ``__init__`` of ``dataclasses`` calls ``object.__setattr__`` with the name of every field, which takes four
+    times as long; readers make thousands of meshes and materials.
 
     Raises:
         TypeError: it is none, or has fields that need more than being set.
@@ -24,18 +27,27 @@ def quick(cls: type[T]) -> type[T]:
     fields = dataclasses.fields(cls)  # type: ignore[arg-type]  # whoever is none gets the TypeError
     if [*inspect.signature(cls).parameters] != [field.name for field in fields]:
         raise TypeError(f"{cls.__name__} is not made from its fields alone")
-    parameters, statements, names = [], ["    pass"], dict(vars(sys.modules[cls.__module__]))
+    if cls.__bases__ != (object,):
+        raise TypeError(f"{cls.__name__} has a base")
+    slots: tuple[str, ...] = cls.__dict__["__slots__"]
+    home, given = vars(sys.modules[cls.__module__]), cls.__init__
+    parameters, statements = [], []
+    names: dict[str, Any] = dict(home)
     for field in fields:
         if field.kw_only or field.default_factory is not dataclasses.MISSING:
             raise TypeError(f"{cls.__name__}.{field.name} is no field that is only set")
         default = field.default is not dataclasses.MISSING
-        names[f"_set_{field.name}"] = getattr(cls, field.name).__set__
         names[f"_default_{field.name}"] = field.default
         parameters.append(f"{field.name}=_default_{field.name}" if default else field.name)
-        statements.append(f"    _set_{field.name}(self, {field.name})")
-    given = cls.__init__
-    exec(f"def __init__(self, {', '.join(parameters)}):\n" + "\n".join(statements), names)  # noqa: S102 - names of fields
-    made = names["__init__"]
-    made.__annotations__, made.__qualname__, made.__module__ = given.__annotations__, given.__qualname__, cls.__module__
-    cls.__init__ = made  # type: ignore[method-assign]  # as dataclasses does
-    return cls
+        statements.append(f"    self.{field.name} = {field.name}\n")
+    members = {name: value for name, value in vars(cls).items() if name not in (*slots, "__weakref__", "__dict__")}
+    opened = type(f"_Open{cls.__name__}", (), {"__slots__": slots, "__module__": cls.__module__})
+    made: Any = type(cls)(cls.__name__, (opened,), {**members, "__slots__": ()})  # type: ignore[misc]  # a metaclass
+    names |= {"_set_class": _SET_CLASS, "_opened": opened, "_made": made}
+    head = f"def __init__(self, {', '.join(parameters)}):\n    _set_class(self, _opened)\n"
+    exec(head + "".join(statements) + "    self.__class__ = _made\n", names)  # noqa: S102 - names of fields
+    init = names["__init__"]
+    init.__annotations__, init.__qualname__, init.__module__ = given.__annotations__, given.__qualname__, cls.__module__
+    made.__init__ = init
+    kind: type[T] = made
+    return kind

@@ -1,10 +1,14 @@
 from __future__ import annotations
 
+import copy
 import dataclasses
 import inspect
+import pickle
 import typing
+import weakref
 from dataclasses import dataclass, field
 
+import numpy as np
 import pytest
 
 from renderers.drawlist import Image, Material, Mesh, Sampler, Texture
@@ -64,22 +68,38 @@ def test_only_what_is_only_set_can_be_quick() -> None:
         item: int
         more: dataclasses.InitVar[int] = 0
 
-    for kind in (Made, Open, Checked, Given):
-        with pytest.raises(TypeError, match=kind.__name__):
-            quick(kind)
-
-
-def test_fields_of_a_base_are_set_too() -> None:
-    @quick
     @dataclass(frozen=True, slots=True)
     class More(Value):
         third: float = 3.0
 
+    for kind in (Made, Open, Checked, Given, More):
+        with pytest.raises(TypeError, match=kind.__name__):
+            quick(kind)
+
+
+def test_what_is_made_is_frozen_hashed_and_held_weakly_as_its_dataclass_says() -> None:
+    value = Value(1)
+    for change in (lambda: setattr(value, "first", 2), lambda: delattr(value, "first")):
+        with pytest.raises(dataclasses.FrozenInstanceError):
+            change()
+    assert not hasattr(value, "__dict__")
+    assert {value, Value(1), Value(2)} == {Value(1), Value(2)}
+    assert pickle.loads(pickle.dumps(Material(metallic=0.5))) == Material(metallic=0.5)
+    assert copy.copy(Material(metallic=0.5)).metallic == 0.5
+    mesh = Mesh(np.zeros((3, 3), np.float32), np.zeros((1, 3), np.uint32))
+    handle = weakref.ref(mesh)
+    assert handle() is mesh
+    del mesh
+    assert handle() is None
+    with pytest.raises(TypeError):
+        weakref.ref(Material())
+
+
+def test_a_class_without_fields() -> None:
     @quick
     @dataclass(frozen=True, slots=True)
     class Empty:
         pass
 
-    assert (More(1).first, More(1).second, More(1, third=2.0).third) == (1, "two", 2.0)
     assert Empty() == Empty()
     assert typing.get_type_hints(Mesh.__init__)["positions"]

@@ -31,7 +31,7 @@ _MAX_STRIDE: Final = 252
 """Bytes, by the specification; zero would make a huge array of few bytes."""
 
 
-ZEROS: Final = Buffer(b"")
+ZEROS: Final = Buffer(b"", 0)
 """Of accessors without a buffer view."""
 
 
@@ -52,6 +52,12 @@ _KINDS: Final[dict[tuple[int | None, str | None, bool], Kind]] = {
     for normalized in (False, True)
 }
 KINDS: Final = frozenset(_KINDS.values())
+_BY_TYPE: Final[dict[str | None, dict[int | None, Kind]]] = {
+    shape: {code: _KINDS[code, shape, False] for code in COMPONENT_TYPES} for shape in COMPONENTS
+}
+_BY_TYPE_NORMALIZED: Final[dict[str | None, dict[int | None, Kind]]] = {
+    shape: {code: _KINDS[code, shape, True] for code in COMPONENT_TYPES} for shape in COMPONENTS
+}
 POINTS: Final = _KINDS[5126, "VEC3", False]
 TEXTURE_COORDINATES: Final = _KINDS[5126, "VEC2", False]
 INDICES: Final = frozenset(_KINDS[code, "SCALAR", False] for code in (5121, 5123, 5125))
@@ -171,7 +177,8 @@ class Accessors:
         self._buffers = buffers
         self._loaded = buffers.loaded
         self._limit = max(limits.max_vertices, limits.max_elements) * 3
-        self._plain: dict[int, Accessor] = {} if known is None else known._plain.copy()
+        self.known: dict[int, Accessor] = {} if known is None else known.known.copy()
+        """What ``plain`` found."""
         self._others: dict[int, Accessor] = {} if known is None else known._others.copy()
         self.warned = False
         """Whether there was a fault that those who know these accessors would not hear of."""
@@ -209,14 +216,15 @@ class Accessors:
     def plain(self, index: int) -> Accessor | None:
         """The accessor if it is as nearly all are: tight, not sparse, without a fault. Documents have thousands, and
         most of the other way's time goes into messages. None: ``get`` finds out what it is."""
-        known = self._plain.get(index)
+        known = self.known.get(index)
         if known is not None:
             return known
         sources, views = self._sources, self._views
         source = sources[index] if 0 <= index < len(sources) else None
         if source is None or source.sparse is not None:
             return None
-        kind = _KINDS.get((source.component_type, source.type, source.normalized or False))
+        kinds = _BY_TYPE.get(source.type) if not source.normalized else _BY_TYPE_NORMALIZED.get(source.type)
+        kind = None if kinds is None else kinds.get(source.component_type)
         count, at = source.count, source.buffer_view
         if kind is None or count is None or at is None or not 0 <= count <= self._limit or not 0 <= at < len(views):
             return None
@@ -234,7 +242,7 @@ class Accessors:
             return None
         start += offset
         key = (buffer.uid, start, stride, count, kind)
-        accessor = self._plain[index] = Accessor(index, kind, count, buffer, start, stride, key)
+        accessor = self.known[index] = Accessor(index, kind, count, buffer, start, stride, key)
         return accessor
 
     def _accessor(

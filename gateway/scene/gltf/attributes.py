@@ -16,7 +16,7 @@ T = TypeVar("T", bound=np.generic)
 def frozen(array: NDArray[T] | None) -> NDArray[T] | None:
     """Itself, read-only from now on."""
     if array is not None:
-        array.flags.writeable = False
+        array.setflags(write=False)
     return array
 
 
@@ -27,7 +27,11 @@ def finite(values: Floats) -> Floats:
 
 def rgba(values: Floats) -> Floats:
     """RGB or RGBA as RGBA in 0 .. 1."""
-    values = np.clip(finite(values), 0.0, 1.0)
+    return with_alpha(np.clip(finite(values), 0.0, 1.0))
+
+
+def with_alpha(values: Floats) -> Floats:
+    """RGB or RGBA as RGBA."""
     if values.shape[1] == 4:
         return values
     result = np.ones((len(values), 4), np.float32)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Final
+import ctypes
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gateway.scene.gltf.kernels import equal_arrays
 
@@ -54,6 +56,15 @@ _HEAD: Final = bytes.__basicsize__ - 1
 def address_of_bytes(data: bytes) -> int:
     """Where the contents of ``data`` begin, in a tenth of numpy's time. Whoever asks keeps ``data`` alive."""
     return id(data) + _HEAD
+
+
+_first_of: Final[Any] = ctypes.c_char.from_buffer
+
+
+def address_of_new(memory: bytearray | NDArray[Any]) -> int:
+    """Where a writable, C-contiguous array begins that is not empty, in a seventh of numpy's time. Whoever asks keeps
+    it alive."""
+    return ctypes.addressof(_first_of(memory))
 
 
 def _check_address() -> None:

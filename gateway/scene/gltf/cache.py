@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 from isal import isal_zlib
 
-from gateway.scene.gltf.bytewise import equal_bytes
+from gateway.scene.gltf.bytewise import address_of_bytes, equal_bytes
 from gateway.scene.gltf.prefixes import Prefixes
 from gateway.scene.gltf.stems import Stems
 from renderers.drawlist import Image, Mesh
@@ -27,7 +27,10 @@ _uids = count(1)
 class Buffer(msgspec.Struct, frozen=True, gc=False, eq=False):
     """Immutable bytes with an identity: the cache gives equal bytes the same object."""
 
-    data: bytes
+    data: bytes | memoryview
+    """A memoryview is of a ``bytes`` object, most of it."""
+    address: int
+    """Where they begin; for the buffer's lifetime."""
     uid: int = msgspec.field(default_factory=_uids.__next__)
     images: dict[tuple[int, int], Image] = msgspec.field(default_factory=dict)
     """Images that were made of (offset, length) of it."""
@@ -50,9 +53,10 @@ class CacheStats:
 
 
 class _Kept(msgspec.Struct, frozen=True, gc=False, eq=False):
+    key: MeshKey
     mesh: Mesh
     nbytes: int
-    buffers: tuple[Buffer, ...]
+    buffers: Sequence[Buffer]
 
 
 class MeshCache:
@@ -77,14 +81,14 @@ class MeshCache:
         self.prefixes: Final = Prefixes(text_bytes - self.stems.max_bytes)
         self._lock = threading.Lock()
         self._entries: OrderedDict[tuple[int, int], Buffer] = OrderedDict()
-        self._made_of: dict[int, set[MeshKey]] = {}
-        """By ``Buffer.uid`` of all that are kept."""
+        self._made_of: dict[int, dict[int, _Kept]] = {}
+        """By ``Buffer.uid`` of all that are kept; their meshes by identity."""
         self._meshes: dict[MeshKey, _Kept] = {}
         self._nbytes = 0
         self._buffer_hits = self._buffer_misses = self._mesh_hits = self._mesh_misses = 0
 
     def buffer(self, data: bytes | memoryview, held: dict[tuple[int, int], Buffer] | None = None) -> Buffer:
-        """The buffer with these bytes; a memoryview is copied when they are new.
+        """The buffer with these bytes; a memoryview is copied when they are new, but for most of a ``bytes`` object.
 
         Args:
             held: buffers that the caller keeps anyway, found first and added to: equal bytes of one document are one
@@ -106,9 +110,10 @@ class MeshCache:
             with self._lock:
                 entry = self._entries.get(key)
                 if entry is None and (buffer is not None or isinstance(data, bytes)):
-                    buffer = Buffer(data) if buffer is None else buffer  # type: ignore[arg-type]  # bytes, as asked
+                    if buffer is None:
+                        buffer = Buffer(data, address_of_bytes(data))  # type: ignore[arg-type]  # bytes, as asked
                     self._entries[key] = buffer
-                    self._made_of[buffer.uid] = set()
+                    self._made_of[buffer.uid] = {}
                     self._buffer_misses += 1
                     self._nbytes += key[0]
                     if self._nbytes > self.max_bytes:
@@ -126,7 +131,7 @@ class MeshCache:
                 if same:
                     return entry
             if buffer is None and not isinstance(data, bytes):
-                buffer = Buffer(bytes(data))  # not while others wait
+                buffer = _buffer_of(data)  # not while others wait
 
     def meshes(self, keys: Iterable[MeshKey]) -> dict[MeshKey, Mesh]:
         """Those meshes of ``keys`` that were kept."""
@@ -144,7 +149,7 @@ class MeshCache:
                     found[key] = kept.mesh
         return found
 
-    def add_meshes(self, made: Sequence[tuple[MeshKey, Mesh, tuple[Buffer, ...], int]]) -> list[Mesh]:
+    def add_meshes(self, made: Iterable[tuple[MeshKey, Mesh, Sequence[Buffer], int]]) -> list[Mesh]:
         """Keeps meshes as long as all buffers they were made of are kept; returns what is kept for their keys.
 
         Args:
@@ -158,11 +163,11 @@ class MeshCache:
                     result.append(known.mesh)
                     continue
                 result.append(mesh)
-                keys_of = [keys for buffer in buffers if (keys := self._made_of.get(buffer.uid)) is not None]
-                if keys_of and len(keys_of) == len(buffers):
-                    for keys in keys_of:
-                        keys.add(key)
-                    self._meshes[key] = _Kept(mesh, own, buffers)
+                kept_of = [kept for buffer in buffers if (kept := self._made_of.get(buffer.uid)) is not None]
+                if kept_of and len(kept_of) == len(buffers):
+                    self._meshes[key] = new = _Kept(key, mesh, own, buffers)
+                    for kept in kept_of:
+                        kept[id(new)] = new
                     self._nbytes += own
                     if self._nbytes > self.max_bytes:
                         self._shrink()
@@ -200,12 +205,24 @@ class MeshCache:
     def _drop(self, key: tuple[int, int]) -> None:
         dropped = self._entries.pop(key)
         self._nbytes -= len(dropped.data)
-        for mesh_key in self._made_of.pop(dropped.uid):
-            kept = self._meshes.pop(mesh_key)
+        for identity, kept in self._made_of.pop(dropped.uid).items():
+            del self._meshes[kept.key]
             self._nbytes -= kept.nbytes
             for buffer in kept.buffers:
                 if (others := self._made_of.get(buffer.uid)) is not None:
-                    others.discard(mesh_key)
+                    others.pop(identity, None)
+
+
+def _buffer_of(view: memoryview) -> Buffer:
+    """The bytes of a file are kept themselves, if most of them are meant and numbers lie in them as machines want it;
+    others are copied."""
+    owner = view.obj
+    if isinstance(owner, bytes) and view.contiguous and 2 * view.nbytes > len(owner):
+        address: int = np.frombuffer(view, np.uint8).__array_interface__["data"][0]
+        if address % 4 == 0:
+            return Buffer(view, address)
+    data = bytes(view)
+    return Buffer(data, address_of_bytes(data))
 
 
 def mesh_bytes(mesh: Mesh, buffers: Iterable[Buffer]) -> int:

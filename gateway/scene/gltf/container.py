@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import re
 import struct
+from array import array
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
+from gateway.scene.gltf.bytewise import address_of_bytes
 from gateway.scene.gltf.errors import GltfError
 from gateway.scene.gltf.kernels import STRETCH, long_strings
 from renderers.quick import quick
 
+_STRETCH: Final = int(STRETCH)
 _MAGIC: Final = b"glTF"
 _JSON_CHUNK: Final = 0x4E4F534A
 _BIN_CHUNK: Final = 0x004E4942
@@ -95,13 +98,23 @@ def _take_data_uris(view: memoryview) -> tuple[bytes, dict[str, memoryview], int
     stay in the JSON, where they cost less. A quote that no backslash precedes begins or ends a string, so a URI is what
     lies between ``"data:`` and the next quote. Text for which that is not so is not JSON and fails in the parser.
     """
-    text = np.frombuffer(view, np.uint8)
-    text.flags.writeable = False
-    places = np.empty((len(text) // int(STRETCH), 2), np.int64)
+    count = len(view)
+    if count < 2 * _STRETCH:
+        return bytes(view), {}, 0
+    owner = view.obj
+    if isinstance(owner, bytes) and len(owner) == count:
+        address = address_of_bytes(owner)
+    else:
+        address = np.frombuffer(view, np.uint8).__array_interface__["data"][0]
+    to_places = array("q", bytes(16 * (count // _STRETCH)))
+    found = long_strings(address, count, to_places.buffer_info()[0])
+    if found == 0:
+        return bytes(view), {}, 0
     pieces: list[bytes | memoryview] = []
     uris: dict[str, memoryview] = {}
     done = 0
-    for at, end in places[: long_strings(text, places)].tolist():
+    places = iter(to_places[: 2 * found])
+    for at, end in zip(places, places, strict=True):
         before = bytes(view[max(0, at - 65) : at + 5])
         usual = before.endswith(_USUAL_KEY) or (before.endswith(b'"data:') and _URI_KEY.search(before[:-6]))
         if usual and view[end - 1] != 0x5C and view[at - 2] != 0x5C:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
 from typing import Any, Final, TypeAlias
 
 import msgspec
@@ -342,7 +341,7 @@ def _check_version(document: Document) -> None:
         raise GltfError(f"asset.version: glTF {version[:16]} is not supported, only 2.x")
 
 
-def vector(values: Sequence[float] | None, default: tuple[float, ...], where: str) -> tuple[Any, ...]:
+def vector(values: list[float] | None, default: tuple[float, ...], where: str) -> tuple[Any, ...]:
     """``values`` as a tuple as long as ``default``, which stands for null.
 
     Raises:
@@ -355,7 +354,7 @@ def vector(values: Sequence[float] | None, default: tuple[float, ...], where: st
     # A sum is finite if all of its terms are, but for those that overflow together.
     if not math.isfinite(sum(values)) and not all(map(math.isfinite, values)):
         raise GltfError(f"{where}: not finite")
-    return tuple(map(float, values))
+    return tuple(values)
 
 
 def extension(extensions: Extensions, name: str) -> msgspec.Raw | None:

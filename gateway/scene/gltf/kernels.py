@@ -69,20 +69,24 @@ def equal_arrays(x: NDArray[np.uint8], y: NDArray[np.uint8]) -> bool:
 
 
 @numba.njit(nogil=True, cache=True, fastmath=False, error_model="numpy")
-def long_strings(text: NDArray[np.uint8], places: NDArray[np.int64]) -> int:
+def long_strings(address: int, count: int, to_places: int) -> int:
     """Finds what lies between two quotes that are ``2 * STRETCH`` bytes apart or more.
 
     Such a stretch has an aligned one of ``STRETCH`` bytes without any quote in it: only those are looked at closely,
     and the others at the speed of memory.
 
     Args:
-        places: (len(text) // STRETCH, 2), written: where each begins, after its quote, and where the next quote is.
+        address: of the text, bytes.
+        count: of its bytes.
+        to_places: address of (count // STRETCH, 2) int64, written: where each begins, after its quote, and where the
+            next quote is.
 
     Returns:
         How many there are.
     """
+    text, places = u8_at(address), i64_at(to_places)
     found = np.int64(0)
-    length, end = np.uint64(len(text)), np.uint64(0)
+    length, end = np.uint64(count), np.uint64(0)
     for stretch in range(np.uint64(0), length // STRETCH):
         first = np.uint64(stretch) * STRETCH
         if first < end:
@@ -105,7 +109,7 @@ def long_strings(text: NDArray[np.uint8], places: NDArray[np.int64]) -> int:
         while end < length and text[end] != _QUOTE:
             end += np.uint64(1)
         if begin > 0 and end < length and end - begin >= np.uint64(2) * STRETCH:
-            places[found, 0], places[found, 1] = begin, end
+            places[2 * found], places[2 * found + 1] = begin, end
             found += 1
     return int(found)
 
@@ -243,19 +247,21 @@ def read_meshes(rows: int, count: int) -> None:
 
 
 @numba.njit(nogil=True, cache=True, fastmath=False, error_model="numpy")
-def arrange(numbers: NDArray[np.float64], matrices: NDArray[np.float64], moves: NDArray[np.bool_]) -> bool:
+def arrange(count: int, from_numbers: int, to_matrices: int, to_moves: int) -> bool:
     """Column-major matrices of nodes as row-major ones, their last rows exact.
 
     Args:
-        numbers: (16 N,).
-        matrices: (N, 4, 4), written.
-        moves: (N,), written: whether a matrix differs from the identity.
+        count: of matrices.
+        from_numbers: address of (16 count,) float64.
+        to_matrices: address of (count, 4, 4) float64, written.
+        to_moves: address of (count,) bytes, written: 1 where a matrix differs from the identity, else 0.
 
     Returns:
         False: a number is not finite, or a matrix not affine.
     """
+    numbers, matrices, moves = f64_at(from_numbers), f64_at(to_matrices), u8_at(to_moves)
     sound = True
-    for node in range(len(matrices)):
+    for node in range(count):
         moved = False
         for row in range(4):
             for column in range(4):
@@ -265,14 +271,14 @@ def arrange(numbers: NDArray[np.float64], matrices: NDArray[np.float64], moves: 
                     sound &= abs(value - unit) <= AFFINE_TOLERANCE
                     value = unit
                 moved |= value != unit
-                matrices[node, row, column] = value
-        moves[node] = moved
+                matrices[16 * node + 4 * row + column] = value
+        moves[node] = np.uint8(moved)
     return sound
 
 
 def warm_up() -> None:
     """Compiles the kernels, or loads them from Numba's cache. Takes a few seconds of one core when that is empty."""
     equal_arrays.compile((_BYTES, _BYTES))
-    long_strings.compile((_BYTES, types.int64[:, ::1]))
+    long_strings.compile((types.int64, types.int64, types.int64))
     read_meshes.compile((types.int64, types.int64))
-    arrange.compile((types.float64[::1], types.float64[:, :, ::1], types.boolean[::1]))
+    arrange.compile((types.int64, types.int64, types.int64, types.int64))

@@ -28,6 +28,9 @@ _MIN_NEAREST: Final = frozenset({9728, 9984, 9986})
 _MIN_MIPMAPS: Final = frozenset({9984, 9985, 9986, 9987})
 _MIP_NEAREST: Final = frozenset({9984, 9985})
 _NO_TEXTURES: Final = (None, None, None, None)
+_SAMPLER: Final = Sampler()
+_WRAPS: Final[dict[int | None, Wrap]] = {None: Wrap.REPEAT} | {wrap.value: wrap for wrap in Wrap}
+_ALPHA_MODES: Final[dict[str | None, AlphaMode]] = {None: AlphaMode.OPAQUE} | {mode.value: mode for mode in AlphaMode}
 _GLOSSINESS: Final = "KHR_materials_pbrSpecularGlossiness"
 _IMAGES_OF_BUFFER: Final = 4096
 """Images that a buffer remembers. Documents can ask for ever new pieces of one that is kept; then all are forgotten."""
@@ -71,7 +74,8 @@ class Materials:
         self._materials: dict[tuple[int, bool], Material] = {}
         self._textures: dict[int, tuple[Image, Sampler] | None] = {}
         self._images: dict[int, Image] = {}
-        self._counted: set[bytes] = set()
+        self._counted: set[int] = set()
+        """Identities of images, which are held."""
         self._pixels = 0
 
     def of(self, primitive: gltf.Primitive, index: int, number: int) -> Material:
@@ -85,7 +89,7 @@ class Materials:
         at = primitive.material
         if at is None:
             return DEFAULT_MATERIAL
-        vtk = self._from_drake and _NOT_FROM_VTK.isdisjoint(primitive.attributes or ())
+        vtk = self._from_drake and (primitive.attributes is None or _NOT_FROM_VTK.isdisjoint(primitive.attributes))
         known = self._materials.get((at, vtk))
         if known is None:
             where = f"meshes[{index}].primitives[{number}].material"
@@ -220,7 +224,7 @@ class Materials:
 
     def _sampler(self, index: int | None, where: str) -> Sampler:
         if index is None:
-            return Sampler()
+            return _SAMPLER
         source = element(self._document.samplers, index, "samplers", where)
         smallest = source.min_filter
         return Sampler(
@@ -233,11 +237,11 @@ class Materials:
         )
 
     def _wrap(self, value: int | None, where: str) -> Wrap:
-        try:
-            return Wrap.REPEAT if value is None else Wrap(value)
-        except ValueError:
+        wrap = _WRAPS.get(value)
+        if wrap is None:
             self._warnings.append(f"{where}: {value} is not a wrap mode, REPEAT is used")
             return Wrap.REPEAT
+        return wrap
 
     def _image(self, index: int, where: str) -> Image:
         known = self._images.get(index)
@@ -260,14 +264,14 @@ class Materials:
             if len(buffer.images) >= _IMAGES_OF_BUFFER:
                 buffer.images.clear()
             buffer.images[offset, length] = image
-        self._count_pixels(image, data, name)
         self._images[index] = image
+        self._count_pixels(image, data, name)
         return image
 
     def _count_pixels(self, image: Image, data: memoryview, name: str) -> None:
-        if image.key in self._counted:
+        if id(image) in self._counted:
             return
-        self._counted.add(image.key)
+        self._counted.add(id(image))
         try:
             pixels = image_header(data, name).pixels
         except ImageError as error:
@@ -321,21 +325,27 @@ def _is_vtk(source: gltf.Material) -> bool:
     pbr = source.pbr_metallic_roughness
     if pbr is None or pbr.base_color_factor is None or len(pbr.base_color_factor) != 4:
         return False
-    if pbr.metallic_factor != 0.0 or pbr.roughness_factor != 1.0:
-        return False
-    if pbr.metallic_roughness_texture is not None or source.name is not None or source.double_sided is not None:
-        return False
-    if source.alpha_mode is not None or source.alpha_cutoff is not None or source.extensions is not None:
-        return False
-    textures = (source.normal_texture, source.occlusion_texture, source.emissive_texture)
-    return textures == (None, None, None) and source.emissive_factor is None
+    return (
+        pbr.metallic_factor == 0.0
+        and pbr.roughness_factor == 1.0
+        and pbr.metallic_roughness_texture is None
+        and source.name is None
+        and source.double_sided is None
+        and source.alpha_mode is None
+        and source.alpha_cutoff is None
+        and source.extensions is None
+        and source.normal_texture is None
+        and source.occlusion_texture is None
+        and source.emissive_texture is None
+        and source.emissive_factor is None
+    )
 
 
 def _alpha_mode(value: str | None, name: str) -> AlphaMode:
-    try:
-        return AlphaMode.OPAQUE if value is None else AlphaMode(value)
-    except ValueError as error:
-        raise GltfError(f"{name}.alphaMode: {value!r:.30} is not OPAQUE, MASK or BLEND") from error
+    mode = _ALPHA_MODES.get(value)
+    if mode is None:
+        raise GltfError(f"{name}.alphaMode: {value!r:.30} is not OPAQUE, MASK or BLEND")
+    return mode
 
 
 def _number(value: float | None, default: float, name: str, member: str) -> float:

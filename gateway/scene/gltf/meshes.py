@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, TypeAlias
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from gateway.scene.gltf.accessors import INDICES, KINDS, POINTS, TEXTURE_COORDINATES, ZEROS, Accessor, Accessors
 from gateway.scene.gltf.attributes import Floats, finite, frozen, rgba, tangents, without_bad_vertices
-from gateway.scene.gltf.batch import OTHERS, Layout, own_bytes, read_together
+from gateway.scene.gltf.batch import OTHERS, Layout, read_together
 from gateway.scene.gltf.cache import Buffer, MeshCache, MeshKey, mesh_bytes
 from gateway.scene.gltf.document import Primitive
 from gateway.scene.gltf.elements import MODES, element_count, elements_of
@@ -22,13 +23,9 @@ from renderers.drawlist import Mesh
 
 _OPTIONAL: Final = {"NORMAL": (3,), "TANGENT": (4,), "TEXCOORD_0": (2,), "TEXCOORD_1": (2,), "COLOR_0": (3, 4)}
 """Attributes in use besides POSITION, with their numbers of components."""
-_KINDS: Final = {
-    "POSITION": {POINTS},
-    "NORMAL": {POINTS},
-    "TEXCOORD_0": {TEXTURE_COORDINATES},
-    **{name: {kind for kind in KINDS if kind.components in _OPTIONAL[name]} for name in OTHERS},
-}
-"""Attributes of plain meshes."""
+_USUAL: Final = {"POSITION": POINTS, "NORMAL": POINTS, "TEXCOORD_0": TEXTURE_COORDINATES}
+_OTHER_KINDS: Final = {name: {kind for kind in KINDS if kind.components in _OPTIONAL[name]} for name in OTHERS}
+"""Attributes of plain meshes, and what their values are."""
 _COMPRESSION: Final = "KHR_draco_mesh_compression"
 _VERTEX_BYTES: Final = 4 * (3 + 3 + 4 + 2 + 2 + 4)
 
@@ -42,6 +39,45 @@ class _Source:
     attributes: dict[str, Accessor]
     """POSITION and those of ``_OPTIONAL`` that can be used."""
     indices: Accessor | None
+
+
+class _Waiting(msgspec.Struct, gc=False, eq=False):
+    """A mesh that is to be made."""
+
+    layout: Layout
+    primitives: list[Primitive]
+    """Those that ask for it."""
+
+
+_Words: TypeAlias = tuple[object, ...]
+
+
+def _words(primitive: Primitive) -> _Words:
+    """What a primitive says: equal words about the same accessors mean the same mesh."""
+    attributes = primitive.attributes or {}
+    return (primitive.mode, primitive.indices, *attributes, *attributes.values())
+
+
+def _total(waiting: Iterable[_Waiting]) -> tuple[int, int]:
+    """Vertices and triangles."""
+    vertices = triangles = 0
+    for asked in waiting:
+        vertices += asked.layout[1].count
+        triangles += asked.layout[0].count // 3
+    return vertices, triangles
+
+
+def _plain_key(layout: Layout) -> MeshKey:
+    """What ``_key`` gives."""
+    indices, position, normal, uv, others = layout
+    usual = (
+        4,
+        indices.key,
+        position.key,
+        normal.key if normal is not None else None,
+        uv.key if uv is not None else None,
+    )
+    return usual if others is None else (*usual, *[(name, others[name].key) for name in OTHERS if name in others])
 
 
 def _key(mode: int, indices: Accessor | None, attributes: dict[str, Accessor]) -> MeshKey:
@@ -80,11 +116,11 @@ class Meshes:
         self._repaired: dict[MeshKey, Mesh | None] = {}
         """Those that there was a warning about, which no other document would hear if it got the mesh."""
         self._before: dict[MeshKey, Mesh | None] = {} if known is None else known._made
-        self._prepared: dict[int, Mesh] = {}
+        self.prepared: dict[int, Mesh] = {}
         """By identity of the primitive, for as long as the document is read."""
-        self._described: dict[tuple[object, ...], Mesh] = {}
-        """By what primitives say."""
-        self._described_before: dict[tuple[object, ...], Mesh] = {} if known is None else known._described
+        self._described: list[tuple[Primitive, Mesh]] = []
+        """All that were prepared."""
+        self._described_before: dict[_Words, Mesh] = {} if known is None else known.described()
         self._counted: set[int] = set()
         """Identities of meshes that were counted against the limits; they are held by the tables above."""
         self.without_positions = ""
@@ -94,111 +130,143 @@ class Meshes:
         self._vertices = self._elements = self.nbytes = 0
 
     def mesh(self, primitive: Primitive, index: int, number: int) -> Mesh | None:
-        """The mesh of ``meshes[index].primitives[number]``; None when it has nothing to draw.
+        """The mesh of ``meshes[index].primitives[number]``, which is not among ``prepared``; None when it has nothing
+        to draw.
 
         Raises:
             GltfError: a reference or an index is out of range, or a limit is exceeded.
         """
-        mesh = self._prepared.get(id(primitive))
-        return self._any(primitive, f"meshes[{index}].primitives[{number}]") if mesh is None else mesh
+        return self._any(primitive, f"meshes[{index}].primitives[{number}]")
 
     def finish(self) -> None:
         """Nothing is made any more: lets go of the cache, which may keep this."""
-        self._prepared.clear()
+        self.prepared.clear()
         del self._cache
 
     def prepare(self, primitives: Iterable[Primitive | None]) -> None:
         """Makes the meshes of those that are as nearly all are, together: indexed triangles as they lie in the buffers,
-        without a fault and within the limits. ``mesh`` finds out what the others are.
+        without a fault and within the limits. They are ``prepared`` then; ``mesh`` finds out what the others are.
 
         Args:
             primitives: of the document, which holds them; in order.
         """
-        described, before = self._described, self._described_before
-        found: list[tuple[int, tuple[object, ...], MeshKey]] = []
-        waiting: dict[MeshKey, Layout] = {}
+        before, prepared = self._described_before, self.prepared
+        waiting: dict[MeshKey, _Waiting] = {}
         try:
             for primitive in primitives:
                 if primitive is None or primitive.attributes is None:
                     continue
-                # Equal words about the same accessors mean the same mesh.
-                words: tuple[object, ...] = (primitive.mode, primitive.indices, *primitive.attributes.items())
-                mesh = described.get(words)
-                if mesh is None and before and (mesh := before.get(words)) is not None:
+                if before and (mesh := before.get(_words(primitive))) is not None:
                     if not self._takes(mesh):
                         break
-                    described[words] = mesh
-                if mesh is not None:
-                    self._prepared[id(primitive)] = mesh
+                    prepared[id(primitive)] = mesh
+                    self._described.append((primitive, mesh))
                 elif (layout := self._layout(primitive)) is not None:
-                    key = _key(4, *layout)
-                    found.append((id(primitive), words, key))
-                    waiting[key] = layout
+                    key = _plain_key(layout)
+                    known = waiting.get(key)
+                    if known is None:
+                        waiting[key] = _Waiting(layout, [primitive])
+                    else:
+                        known.primitives.append(primitive)
         except GltfError:
             pass  # a buffer that cannot be read: who asks for the mesh is told
         if waiting:
-            made = self._together(waiting)
-            for primitive_id, words, key in found:
-                mesh = made.get(key)
-                if mesh is not None:
-                    self._prepared[primitive_id] = described[words] = mesh
-        self.with_positions |= bool(self._prepared)
+            self._together(waiting)
+        self.with_positions |= bool(prepared)
+
+    def described(self) -> dict[_Words, Mesh]:
+        """Meshes by what primitives said, for a document with the same accessors."""
+        found = self._described_before.copy()
+        found.update((_words(primitive), mesh) for primitive, mesh in self._described)
+        return found
 
     def _layout(self, primitive: Primitive) -> Layout | None:
         """None: it is none of those that are read together."""
-        attributes, get = primitive.attributes, self._accessors.plain
+        attributes, known, get = primitive.attributes, self._accessors.known, self._accessors.plain
         if attributes is None or primitive.indices is None or (primitive.mode is not None and primitive.mode != 4):
             return None
-        found: dict[str, Accessor] = {}
+        position = normal = uv = others = None
         fewest = 1 << 62
         for name, at in attributes.items():
-            kinds = _KINDS.get(name)
-            if at is None or kinds is None:
+            if at is None:
                 continue
-            accessor = get(at)
-            if accessor is None or accessor.kind not in kinds or accessor.offset & 3:
+            kind = _USUAL.get(name)
+            if kind is None and name not in _OTHER_KINDS:
+                continue
+            accessor = known.get(at) or get(at)
+            if accessor is None or accessor.offset & 3:
                 return None
-            found[name] = accessor
             if accessor.count < fewest:
                 fewest = accessor.count
-        position, indices = found.get("POSITION"), get(primitive.indices)
+            if accessor.kind is kind:
+                if name == "POSITION":
+                    position = accessor
+                elif name == "NORMAL":
+                    normal = accessor
+                else:
+                    uv = accessor
+            elif kind is None and accessor.kind in _OTHER_KINDS[name]:
+                others = {} if others is None else others
+                others[name] = accessor
+            else:
+                return None
+        indices = known.get(primitive.indices) or get(primitive.indices)
         if position is None or indices is None or indices.kind not in INDICES:
             return None
         n, m = position.count, indices.count
         if n == 0 or m == 0 or m % 3 or fewest < n or indices.offset % indices.kind.nbytes:
             return None
-        return indices, found
+        return indices, position, normal, uv, others
 
-    def _together(self, waiting: dict[MeshKey, Layout]) -> dict[MeshKey, Mesh]:
-        """The meshes of these layouts, but for those that have a fault or are beyond the limits."""
-        made: dict[MeshKey, Mesh] = {}
-        new: dict[MeshKey, Layout] = {}
+    def _together(self, waiting: dict[MeshKey, _Waiting]) -> None:
+        """Makes these meshes, but for those that have a fault or are beyond the limits."""
+        new: list[tuple[MeshKey, _Waiting]] = []
         known = self._cache.meshes(waiting)
         vertices = triangles = 0
-        for key, layout in waiting.items():
-            mesh = self._made.get(key) or self._before.get(key) or known.get(key)
-            if mesh is not None:
-                if self._takes(mesh):
-                    made[key] = mesh
-                continue
-            vertices, triangles = vertices + layout[1]["POSITION"].count, triangles + layout[0].count // 3
-            if not self._fits(vertices, triangles):
-                break
-            new[key] = layout
-        if new:
-            sound: list[tuple[MeshKey, Mesh, tuple[Buffer, ...], int]] = []
-            for (key, layout), mesh in zip(new.items(), read_together([*new.values()]), strict=True):
+        if known or self._made or self._before or not self._fits(*_total(waiting.values())):
+            for key, asked in waiting.items():
+                mesh = self._made.get(key) or self._before.get(key) or known.get(key)
                 if mesh is not None:
-                    indices, attributes = layout
-                    buffers = (indices.buffer, *[accessor.buffer for accessor in attributes.values()])
-                    plain = OTHERS.keys().isdisjoint(attributes)
-                    own = own_bytes(*layout) if plain else mesh_bytes(mesh, buffers)
-                    sound.append((key, mesh, buffers, own))
-            for (key, *_), mesh in zip(sound, self._cache.add_meshes(sound), strict=True):
-                if self._takes(mesh):
-                    made[key] = mesh
-        self._made.update(made)
-        return made
+                    if self._takes(mesh):
+                        self._prepare(key, asked, mesh)
+                    continue
+                indices, position, *_ = asked.layout
+                vertices, triangles = vertices + position.count, triangles + indices.count // 3
+                if not self._fits(vertices, triangles):
+                    break
+                new.append((key, asked))
+        else:
+            new += waiting.items()
+        if not new:
+            return
+        sound: list[tuple[MeshKey, Mesh, list[Buffer], int]] = []
+        of_sound: list[_Waiting] = []
+        for (key, asked), read in zip(new, read_together([asked.layout for _, asked in new]), strict=True):
+            if read is not None:
+                mesh, own = read
+                indices, position, normal, uv, others = asked.layout
+                buffers = [indices.buffer]
+                if position.buffer is not indices.buffer:
+                    buffers.append(position.buffer)
+                if normal is not None and normal.buffer is not position.buffer:
+                    buffers.append(normal.buffer)
+                if uv is not None and uv.buffer is not position.buffer:
+                    buffers.append(uv.buffer)
+                if others is not None:
+                    buffers += [accessor.buffer for accessor in others.values()]
+                    own = mesh_bytes(mesh, buffers)
+                sound.append((key, mesh, buffers, own))
+                of_sound.append(asked)
+        for (key, *_), asked, mesh in zip(sound, of_sound, self._cache.add_meshes(sound), strict=True):
+            indices, position, *_ = asked.layout
+            self._count(mesh, position.count, indices.count // 3)
+            self._prepare(key, asked, mesh)
+
+    def _prepare(self, key: MeshKey, asked: _Waiting, mesh: Mesh) -> None:
+        self._made[key] = mesh
+        for primitive in asked.primitives:
+            self.prepared[id(primitive)] = mesh
+            self._described.append((primitive, mesh))
 
     def _fits(self, vertices: int, elements: int) -> bool:
         limits, nbytes = self._limits, _VERTEX_BYTES * vertices + 12 * elements
@@ -215,11 +283,15 @@ class Meshes:
         vertices, elements = len(mesh.positions), len(mesh.elements)
         if not self._fits(vertices, elements):
             return False
-        self._counted.add(id(mesh))
-        self._vertices += vertices
-        self._elements += elements
-        self.nbytes += _VERTEX_BYTES * vertices + 12 * elements
+        self._count(mesh, vertices, elements)
         return True
+
+    def _count(self, mesh: Mesh, vertices: int, elements: int) -> None:
+        if id(mesh) not in self._counted:
+            self._counted.add(id(mesh))
+            self._vertices += vertices
+            self._elements += elements
+            self.nbytes += _VERTEX_BYTES * vertices + 12 * elements
 
     def _any(self, primitive: Primitive, name: str) -> Mesh | None:
         source = self._check(primitive, name)

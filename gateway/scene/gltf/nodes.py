@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Final, Protocol, TypeAlias
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from gateway.scene import tree
 from gateway.scene.geometry import Part
 from gateway.scene.gltf import document as gltf
+from gateway.scene.gltf.bytewise import address_of_new
 from gateway.scene.gltf.document import Document, vector
 from gateway.scene.gltf.errors import GltfError, element
 from gateway.scene.gltf.kernels import AFFINE_TOLERANCE, arrange
@@ -26,6 +28,7 @@ _IDENTITY_NUMBERS: Final = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.
 _NOT_TURNED: Final = _IDENTITY_NUMBERS[:12]
 _OPTICAL: Final = np.array((1.0, -1.0, -1.0, 1.0))
 """The columns of the optical frame in glTF's camera frame, which looks along -Z with +Y up."""
+_ZEROS: Final = np.zeros(4)
 _FEW: Final = 64
 """Nodes below which working on all of a level together does not pay."""
 
@@ -253,7 +256,9 @@ def _matrices(visits: _Visits) -> tuple[Matrices, Flags]:
     """X_parent_node of every visit, and whether it differs from the identity. All at once: a call of numpy for every
     node would cost ten times as much."""
     count = len(visits.sources)
-    matrices, moves = np.empty((count, 4, 4)), np.empty(count, np.bool_)
+    matrices, moves = np.empty((count, 4, 4)), np.zeros(count, np.bool_)
+    if count == 0:
+        return matrices, moves
     numbers: list[float] = []
     usual = True
     for index, source in zip(visits.indices, visits.sources, strict=True):
@@ -269,7 +274,9 @@ def _matrices(visits: _Visits) -> tuple[Matrices, Flags]:
             numbers += source.translation
             numbers.append(1.0)
             usual &= len(source.translation) == 3
-    if not usual or not arrange(np.array(numbers, np.float64), matrices, moves):
+    given = array("d", numbers)
+    places = (given.buffer_info()[0], address_of_new(matrices), address_of_new(moves))
+    if not usual or not arrange(count, *places):
         for position, (index, source) in enumerate(zip(visits.indices, visits.sources, strict=True)):
             matrix = _matrix(source, f"nodes[{index}]")
             matrices[position], moves[position] = matrix, matrix is not IDENTITY
@@ -278,7 +285,9 @@ def _matrices(visits: _Visits) -> tuple[Matrices, Flags]:
 
 def _worlds(visits: _Visits, locals_: Matrices, moves: Flags) -> Matrices:
     """(N, 4, 4) X_world_node; ``locals_`` itself where all nodes are roots."""
-    if not any(map(moves.item, set(visits.parents) - {-1})):
+    turned = {*visits.parents}
+    turned.discard(-1)
+    if not turned or not any(map(moves.item, turned)):
         return locals_
     worlds = locals_.copy()
     with np.errstate(all="ignore"):
@@ -310,7 +319,7 @@ def _camera(document: Document, visits: _Visits, names: list[str], worlds: Matri
     return GltfCamera(
         index=index,
         name=source.name or node.name or "",
-        X_world_camera=_without_scale(worlds[position]) * _OPTICAL + 0.0,  # no negative zeros
+        X_world_camera=_without_scale(worlds[position]) * _OPTICAL + _ZEROS,  # none is negative
         yfov=source.perspective.yfov if source.perspective is not None else None,
         znear=(lens.znear if lens is not None else None) or 0.0,
         zfar=lens.zfar if lens is not None else None,
@@ -322,8 +331,11 @@ def _camera(document: Document, visits: _Visits, names: list[str], worlds: Matri
 def _without_scale(X: Matrix) -> Matrix:
     """The pose without the scales of the node and its parents, which cameras ignore (glTF 2.0, 3.10.2)."""
     (a, b, c, _), (d, e, f, _), (g, h, i, _), _ = X.tolist()
-    lengths = [math.sqrt(a * a + d * d + g * g), math.sqrt(b * b + e * e + h * h), math.sqrt(c * c + f * f + i * i)]
-    if all(abs(length - 1.0) <= 1e-12 for length in lengths) or not all(0.0 < length < math.inf for length in lengths):
+    x, y, z = math.sqrt(a * a + d * d + g * g), math.sqrt(b * b + e * e + h * h), math.sqrt(c * c + f * f + i * i)
+    if abs(x - 1.0) <= 1e-12 and abs(y - 1.0) <= 1e-12 and abs(z - 1.0) <= 1e-12:
+        return X
+    lengths = (x, y, z)
+    if not all(0.0 < length < math.inf for length in lengths):
         return X
     result = X.copy()
     result[:3, :3] /= lengths

@@ -100,7 +100,7 @@ def read_gltf(
         stem, container = None, open_container(whole)
         document = parse(container.json, limits)
     of_extensions = _check_extensions(document)
-    morphed = sum(any(mesh.weights or ()) for mesh in document.meshes or () if mesh is not None)
+    morphed = sum([1 for mesh in document.meshes or () if mesh is not None and mesh.weights and any(mesh.weights)])
     warnings: list[str] = []
     generator = (document.asset.generator if document.asset is not None else None) or ""
     merged = generator == "Drake glTF merger"
@@ -213,6 +213,7 @@ class _Maker:
     def __init__(self, document: Document, meshes: Meshes, materials: Materials, limits: GltfLimits) -> None:
         self._document = document
         self._meshes = meshes
+        self._prepared = meshes.prepared
         self._materials = materials
         self._limits = limits
         self._primitives = 0
@@ -230,7 +231,10 @@ class _Maker:
         self._meshes.prepare(primitives[: self._limits.max_primitives])
 
     def __call__(self, index: int, node: int) -> tuple[Part, ...]:
-        source = element(self._document.meshes, index, "meshes", f"nodes[{node}].mesh")
+        meshes = self._document.meshes
+        source = meshes[index] if meshes is not None and 0 <= index < len(meshes) else None
+        if source is None:
+            source = element(meshes, index, "meshes", f"nodes[{node}].mesh")
         self.elements = 0
         primitives = source.primitives or ()
         self._primitives += len(primitives)
@@ -240,7 +244,7 @@ class _Maker:
         for number, primitive in enumerate(primitives):
             if primitive is None:
                 continue
-            mesh = self._meshes.mesh(primitive, index, number)
+            mesh = self._prepared.get(id(primitive)) or self._meshes.mesh(primitive, index, number)
             if mesh is not None:
                 self.elements += len(mesh.elements)
                 parts.append(Part(Surface(mesh), self._materials.of(primitive, index, number)))
@@ -249,6 +253,8 @@ class _Maker:
 
 def _check_extensions(document: Document) -> tuple[str, ...]:
     """What is said about those that are not read."""
+    if not document.extensions_required and not document.extensions_used:
+        return ()
     required = {name for name in document.extensions_required or () if name}
     unknown = sorted(required - READ - FALLBACK - HARMLESS)
     if unknown:
@@ -265,7 +271,11 @@ def _deformations(document: Document, morphed: int) -> list[str]:
         morphed: meshes with weights of their own.
     """
     said: list[str] = []
-    nodes = [node for node in document.nodes or () if node is not None and node.mesh is not None]
+    nodes = [
+        node
+        for node in document.nodes or ()
+        if node is not None and (node.skin is not None or node.weights) and node.mesh is not None
+    ]
     if skinned := sum([node.skin is not None for node in nodes]):
         said.append(f"nodes: skins are ignored, {skinned} meshes are drawn as they are stored")
     if morphed := morphed + sum([any(node.weights) for node in nodes if node.weights]):

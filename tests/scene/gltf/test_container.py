@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from gateway.scene.gltf import GltfError, GltfLimits, read_gltf
 from gateway.scene.gltf.buffers import decode_data_uri
@@ -69,6 +70,38 @@ def test_nothing_refers_to_a_buffer_that_the_caller_may_reuse() -> None:
     (mesh,) = meshes(read_gltf(memoryview(body)))
     body[:] = bytes(len(body))
     assert mesh.positions.tobytes() == LONG
+
+
+def base_of(array: NDArray[Any]) -> object:
+    base: object = array
+    while isinstance(base, np.ndarray):
+        base = base.base
+    return base.obj if isinstance(base, memoryview) else base
+
+
+def test_the_chunk_of_a_file_is_read_where_it_lies_if_it_is_most_of_it_and_aligned() -> None:
+    points = np.random.default_rng(0).random((5000, 3)).astype("<f4")
+
+    def file(padding: int) -> tuple[bytes, NDArray[np.float32]]:
+        text = json.dumps(document(None, points.nbytes)).encode()
+        data = glb(text + b" " * (-len(text) % 4 + padding), points.tobytes())
+        (mesh,) = meshes(read_gltf(data))
+        np.testing.assert_array_equal(mesh.positions, points[: len(mesh.positions)])
+        assert not mesh.positions.flags.writeable
+        assert mesh.positions.flags.aligned
+        return data, mesh.positions
+
+    data, positions = file(0)
+    assert base_of(positions) is data
+    data, positions = file(3 * points.nbytes)  # else a small part would keep all of it
+    assert base_of(positions) is not data
+    data, _ = file(0)
+    for begin in range(4):
+        part = memoryview(b"x" * begin + data)[begin:]
+        (mesh,) = meshes(read_gltf(part))
+        np.testing.assert_array_equal(mesh.positions, points[: len(mesh.positions)])
+        assert mesh.positions.flags.aligned
+        assert (base_of(mesh.positions) is part.obj) == (begin == 0)
 
 
 def test_long_data_uris_are_taken_out_of_the_json() -> None:

@@ -156,7 +156,8 @@ def test_normals_that_are_not_of_unit_length_are_found() -> None:
 def test_long_strings_are_all_found(lengths: list[int], closed: bool) -> None:
     text = b'"'.join(bytes([97 + i]) * length for i, length in enumerate(lengths)) + b'"' * closed
     places = np.empty((len(text) // int(STRETCH), 2), np.int64)
-    found = places[: long_strings(np.frombuffer(text, np.uint8), places)].tolist()
+    count = long_strings(np.frombuffer(text, np.uint8).ctypes.data, len(text), places.ctypes.data)
+    found = places[:count].tolist()
     expected = [[m.start() + 1, m.end()] for m in re.finditer(rb'"[^"]*(?=")', text)]
     assert found == [[begin, end] for begin, end in expected if end - begin >= 2 * int(STRETCH)]
 
@@ -166,14 +167,14 @@ def test_matrices_of_nodes() -> None:
     numbers[:, [3, 7, 11]], numbers[:, 15] = 1e-7, 1.0
     numbers[1] = IDENTITY.T.ravel()
     matrices, moves = np.empty((3, 4, 4)), np.empty(3, np.bool_)
-    assert arrange(numbers.ravel(), matrices, moves)
+    assert arrange(3, numbers.ctypes.data, matrices.ctypes.data, moves.ctypes.data)
     assert moves.tolist() == [True, False, True]
     np.testing.assert_array_equal(matrices[:, :3], numbers.reshape(3, 4, 4).transpose(0, 2, 1)[:, :3])
     assert (matrices[:, 3] == (0, 0, 0, 1)).all()
     for at, value in ((0, np.nan), (20, np.inf), (35, 1e-5), (47, 2.0), (12, -np.inf)):
         odd = numbers.ravel().copy()
         odd[at] = value
-        assert not arrange(odd, matrices, moves)
+        assert not arrange(3, odd.ctypes.data, matrices.ctypes.data, moves.ctypes.data)
 
 
 def test_all_kernels_are_warmed_up() -> None:
