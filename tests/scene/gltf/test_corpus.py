@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -131,7 +132,7 @@ def test_every_texture_decodes(scene: DrakeScene | None) -> None:
     images = {
         texture.image
         for _, part in parts(glTF)
-        for texture in (getattr(part.material, name) for name in part.material.__slots__)
+        for texture in (getattr(part.material, field.name) for field in fields(part.material))
         if isinstance(texture, Texture)
     }
     assert len(images) <= info["images"]
