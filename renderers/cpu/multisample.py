@@ -22,27 +22,20 @@ from renderers import simd as vec
 from renderers.cpu.clip import MAX_VERTICES, clip_triangle
 from renderers.cpu.elements import first_centre
 from renderers.cpu.layout import (
-    CHUNK,
     HALF,
-    J_BANDS,
-    J_CHUNKS,
     J_FAR,
     J_IDS,
     J_LANES,
     J_MARGIN,
     J_NEAR,
-    J_OFFSETS,
     J_OWNERS,
-    J_RANGES,
     J_RECORDS,
     J_SAMPLE_IDS,
     J_SAMPLE_INV_Z,
     J_SAMPLES,
     J_SLOTS,
-    J_SMALL,
     J_STRIDE,
     J_TABLE,
-    J_TALL,
     J_WIDTH,
     KIND_CLIPPED,
     KIND_LINE,
@@ -67,17 +60,16 @@ from renderers.cpu.layout import (
     S_EDGES,
     S_RIGHT,
     S_SIZE,
-    SMALL_BANDS,
     SMALL_WIDTH,
     SUBPIXEL,
     T_COLUMNS,
     T_RECORD,
 )
+from renderers.cpu.order import BUCKETS, count_records, front_to_back
 from renderers.cpu.pixelsamples import bounds_of, box_of, cover, put, put_two, rising_at
-from renderers.cpu.raster import next_record
 from renderers.cpu.visibility import BAND_ROWS
 from renderers.linked import inlined, inner
-from renderers.pointers import as_f32, as_i32, f32_at, f64_at, i32_at, i64_at, u16_at
+from renderers.pointers import as_f32, as_i32, f32_at, f64_at, i32_at, i64_at
 
 _FAR_AWAY: Final = 1 << 30
 BATCH: Final = (SMALL_WIDTH + 3 * vec.LANES) * BAND_ROWS
@@ -107,6 +99,39 @@ def _reach(edge, right, down, across, lowest, highest):
     return lowest, vec.select(vec.f32(change) < zero, vec.least(crossed + slack, highest), highest)
 
 
+@inlined
+def _hidden(far, stride, left, right, top, bottom, high):
+    """Whether all pixels of a box see only what is nearer than 1/z ``high``.
+
+    Args:
+        far: pointer to J_FAR. left .. bottom: the first column and row of the box and those after its last ones.
+    """
+    limit, lane = vec.f32(high), vec.iota()
+    # What is seen at all is seen in the middle, most often.
+    column = max(min((left + right - vec.LANES) >> 1, stride - vec.LANES), 0)
+    at = ((top + bottom) >> 1) * stride + column
+    here = vec.i32(column) + lane
+    inside = (here >= vec.i32(left)) & (here < vec.i32(right))
+    if vec.bits((vec.load(far, at) <= limit) & inside) != 0:
+        return False
+    last = bottom - top - 1
+    for start in range(left, right, 2 * vec.LANES):
+        # Two columns of blocks and four rows at a time; those at the margins are looked at again.
+        first, second = min(start, stride - vec.LANES), min(start + vec.LANES, stride - vec.LANES)
+        farthest, other = vec.f32(np.inf), vec.f32(np.inf)
+        for row in range(0, last + 1, 4):
+            for k in range(4):
+                at = (top + min(row + k, last)) * stride
+                farthest = vec.least(vec.load(far, at + first), farthest)
+                other = vec.least(vec.load(far, at + second), other)
+        end = vec.i32(right)
+        met = (farthest <= limit) & (vec.i32(first) + lane < end)
+        met_other = (other <= limit) & (vec.i32(second) + lane < end)
+        if vec.bits(met | met_other) != 0:
+            return False
+    return True
+
+
 @inner
 def _small(job, record, place, first_row, last_row, scratch):
     """Draw a KIND_SMALL record, eight pixels at a time."""
@@ -123,6 +148,8 @@ def _small(job, record, place, first_row, last_row, scratch):
     left = max(box_x, 0)
     right = min(box_x + (size & 0xFFFF), job[J_WIDTH])
     stride = job[J_STRIDE]
+    if _hidden(f32_at(job[J_FAR]), stride, left, right, top, bottom, fraction[R_HIGH]):
+        return
     samples = i32_at(job[J_SAMPLES])
     identity, taker = vec.i32(whole[R_ID]), vec.i32(place)
     low, high = vec.f32(fraction[R_LOW]), vec.f32(fraction[R_HIGH])
@@ -388,7 +415,7 @@ def _draw(job, lens, record, place, first_row, last_row, scratch):
 
 @inner
 def raster_samples(job, lens, first_row, last_row):
-    """Empty the rows, all of one band, and draw all that touches them, in the order of record numbers.
+    """Empty the rows, all of one band, and draw all that touches them.
 
     Then J_IDS has the number of each pixel's record, -1 where it sees none, and J_OWNERS the record's place among all,
     -1 or MIXED where the samples have records of their own, the numbers of which J_SAMPLE_IDS has from eight times
@@ -410,18 +437,13 @@ def raster_samples(job, lens, first_row, last_row):
     own_scratch = np.empty(SCRATCH_VALUES, np.int32)
     scratch = i32_at(np.int64(own_scratch.ctypes.data))
     scratch[TAKEN] = 0
-    lists = job[J_BANDS]
-    ranges = i32_at(job[J_RANGES])
-    for chunk in range(job[J_CHUNKS]):
-        if band < ranges[4 * chunk] or band > ranges[4 * chunk + 1]:
-            continue
-        offsets = i32_at(job[J_OFFSETS] + 4 * chunk * (2 * lists + 4))
-        k, end = np.int64(offsets[band]), np.int64(offsets[band + 1])
-        t, talls = np.int64(0), np.int64(offsets[2 * lists + 2])
-        small = u16_at(job[J_SMALL] + 2 * chunk * CHUNK * SMALL_BANDS)
-        tall = u16_at(job[J_TALL] + 2 * chunk * CHUNK)
-        while k < end or t < talls:
-            index, k, t = next_record(small, k, end, tall, t, talls)
-            place = chunk * CHUNK + index
-            _draw(job, lens, job[J_RECORDS] + place * RECORD_BYTES, place, first_row, last_row, scratch)
-    own_scratch[0] = 0  # the pointer above does not keep the array alive
+    count = count_records(job, band)
+    own_places = np.empty(3 * count + BUCKETS, np.int32)
+    places = np.int64(own_places.ctypes.data)
+    ordered, starts = i32_at(places), i32_at(places + 4 * 3 * count)
+    front_to_back(job, band, i32_at(places + 4 * count), i32_at(places + 8 * count), starts, ordered)
+    for k in range(count):
+        place = np.int64(ordered[k])
+        _draw(job, lens, job[J_RECORDS] + place * RECORD_BYTES, place, first_row, last_row, scratch)
+    own_places[0] = 0  # the pointers do not keep the arrays alive
+    own_scratch[0] = 0

@@ -91,7 +91,7 @@ def cover(ids, owners, far, near, at, w, lowest, highest, low, high, full, touch
     vec.store(near, at, vec.select(whole, nearer, old_near))
     vec.store(ids, at, vec.select(whole, identity, vec.load_again(ids, at)))
     vec.store(owners, at, vec.select(whole, place, vec.load_again(owners, at)))
-    return vec.bits(touched & (nearer > old_far) & ~whole)
+    return vec.bits(touched & (nearer >= old_far) & ~whole)  # at the same 1/z numbers decide
 
 
 @inner
@@ -154,6 +154,13 @@ def _slot_of(job, owners, slots, taken, at):
 
 
 @inlined
+def _wins(w, old, identity, seen):
+    """m8: where a record is seen before another one; before nothing, which has the number -1, only where it is nearer
+    than the far plane."""
+    return (w > old) | ((w == old) & (identity < seen))
+
+
+@inlined
 def put_two(job, owners, slots, far, near, ids, depths, taken, a, b, w, covered, identity):
     """``put`` for two pixels ``a`` and ``b`` of four samples: the first four lanes are those of ``a``."""
     first_a, owner_a, taken = _slot_of(job, owners, slots, taken, a)
@@ -162,9 +169,10 @@ def put_two(job, owners, slots, far, near, ids, depths, taken, a, b, w, covered,
     behind = vec.halves(vec.f32(as_f32(far)[a]), vec.f32(as_f32(far)[b]))
     old = vec.select(empty, behind, vec.halves(vec.load_again(depths, first_a), vec.load_again(depths, first_b)))
     seen = vec.halves(vec.load_again(ids, first_a), vec.load_again(ids, first_b))
-    covered = covered & (w > old)
+    seen = vec.select(empty, vec.i32(-1), seen)
+    covered = covered & _wins(w, old, identity, seen)
     w = vec.select(covered, w, old)
-    seen = vec.select(covered, identity, vec.select(empty, vec.i32(-1), seen))
+    seen = vec.select(covered, identity, seen)
     vec.store(depths, first_a, vec.low_twice(w))
     vec.store(depths, first_b, vec.high_twice(w))
     vec.store(ids, first_a, vec.low_twice(seen))
@@ -194,7 +202,7 @@ def put(job, owners, slots, far, near, ids, depths, taken, at, w, covered, ident
     empty = vec.i32(owner) == vec.i32(-1)
     old = vec.select(empty, vec.f32(as_f32(far)[at]), vec.load_again(depths, first))
     seen = vec.select(empty, vec.i32(-1), vec.load_again(ids, first))
-    covered = covered & (w > old)
+    covered = covered & _wins(w, old, identity, seen)
     w = vec.select(covered, w, old)
     vec.store(depths, first, w)
     vec.store(ids, first, vec.select(covered, identity, seen))

@@ -122,6 +122,24 @@ def test_threads_and_repetition_change_nothing() -> None:
     assert all(np.array_equal(pictures[0], other) for other in pictures)
 
 
+@pytest.mark.parametrize("samples", [4, 8])
+def test_of_two_at_the_same_depth_the_first_is_seen(renderer: CpuRenderer, samples: int) -> None:
+    """Whichever is drawn first: large triangles are listed apart from small ones, and behind them."""
+    wall = grid(1, 1, [(-3, -3, 2.0), (3, -3, 2.0), (3, 3, 2.0), (-3, 3, 2.0)])
+    rng = np.random.default_rng(3)
+    points = rng.uniform(-1, 1, (200, 1, 3)) + rng.normal(scale=0.05, size=(200, 3, 3))
+    points[:, :, 2] = 2.0
+    small = mesh(points.reshape(-1, 3), np.arange(600).reshape(-1, 3))
+    view = camera(333, 217)
+    only_wall = color(renderer, unlit(wall, double_sided=True), view, "phong", samples)
+    assert np.array_equal(color(renderer, unlit(wall, small, double_sided=True), view, "phong", samples), only_wall)
+    # In the colour of the first mesh: wherever small triangles cover all samples.
+    covered = (color(renderer, unlit(small, double_sided=True), view, "phong", samples) == only_wall[108, 160]).all(-1)
+    assert 1000 < covered.sum() < covered.size / 2
+    both = color(renderer, unlit(small, wall, double_sided=True), view, "phong", samples)
+    assert (both[covered] == only_wall[108, 160]).all()
+
+
 def test_offsets() -> None:
     view = camera()
     for samples in (4, 8):
