@@ -11,16 +11,10 @@ from typing import Final
 import numpy as np
 
 from renderers import simd as vec
+from renderers.cpu.joined import apart, joined, pairs_of
 from renderers.cpu.layout import (
-    A_COLUMNS,
-    A_ELEMENTS,
-    A_NORMALS,
-    A_TOPOLOGY,
-    J_ALL_INSTANCES,
-    J_ALL_MESHES,
     J_COLUMNS,
     J_FAR,
-    J_FIRST_RECORD,
     J_IDS,
     J_LANES,
     J_NEAR,
@@ -36,8 +30,7 @@ from renderers.cpu.pixelsamples import MIXED
 from renderers.jit import kernel
 from renderers.linked import inlined, inner
 from renderers.native import call_kernel
-from renderers.pointers import f64_at, i32_at, i64_at, u8_at, u32_at
-from renderers.records import instance_of
+from renderers.pointers import as_f32, f64_at, i32_at, i64_at, u8_at
 from renderers.samples import (
     E_COLORS,
     E_COUNTS,
@@ -69,41 +62,6 @@ _REACH: Final = 32
 """Places that an entry moves to lie beside those of its own instance: rows are nearly sorted, and never take long."""
 _LAST: Final = 2**31 - 1
 """More than any record."""
-
-
-@inner
-def _ask_for(job, record, known):
-    """Fill ``known`` with what ``_joined`` needs of the instance of a record."""
-    first = i64_at(job[J_FIRST_RECORD])
-    instance = instance_of(first, job[J_ALL_INSTANCES], record, 0)
-    mesh = i64_at(job[J_ALL_MESHES] + 8 * A_COLUMNS * instance)
-    known[0], known[1] = first[instance], first[instance + 1]
-    known[2] = mesh[A_ELEMENTS] if mesh[A_TOPOLOGY] == 3 and mesh[A_NORMALS] != 0 else 0
-
-
-@inlined
-def _joined(job, a, b, known):
-    """Whether two records are triangles with normals of one instance that share an edge.
-
-    Args:
-        known: pointer to 3 int64 about the instance asked for last: its first record, the one after its last, and the
-            address of its elements (0: they are no triangles with normals).
-    """
-    if a < known[0] or a >= known[1]:
-        _ask_for(job, a, known)
-    if b < known[0] or b >= known[1] or known[2] == 0:
-        return False
-    # Triangles that are drawn have three corners: which of two is asked about the other's does not matter.
-    low, high = min(a, b) - known[0], max(a, b) - known[0]
-    p, q = u32_at(known[2] + 12 * low), u32_at(known[2] + 12 * high)
-    if high < 2:
-        shared = 0
-        for i in range(3):
-            shared += (p[i] == q[0]) | (p[i] == q[1]) | (p[i] == q[2])
-        return shared >= 2
-    corners = vec.load(q, -5)  # and the five before them
-    met = (corners == vec.i32(p[0])) | (corners == vec.i32(p[1])) | (corners == vec.i32(p[2]))
-    return vec.count_bits(vec.bits(met) >> 5) >= 2
 
 
 @inlined
@@ -151,11 +109,11 @@ def _three(job, x, a, n, b, m, c, o, records, marks, count, known):
         else:
             nothing = o
         shown, own, other, rest = _two(a, n, b, m)
-        if _joined(job, a, b, known):
+        if joined(job, a, b, known):
             return shown, own + rest, nothing, count
         return shown, own, nothing, _add(records, marks, count, other, x, rest)
-    with_b, with_c = _joined(job, a, b, known), _joined(job, a, c, known)
-    b_with_c = _joined(job, b, c, known)
+    with_b, with_c = joined(job, a, b, known), joined(job, a, c, known)
+    b_with_c = joined(job, b, c, known)
     if with_b and (with_c or b_with_c):
         shown, own, _, _ = _two(a, n, b, m)
         shown, own, _, _ = _two(shown, own, c, o)
@@ -184,7 +142,7 @@ def _several(job, seen, x, records, marks, count, scratch, known):
     """A pixel whose samples see any number of records.
 
     Args:
-        seen: i32x8. records, marks, count: see ``_add``. scratch: pointer to 40 int32. known: see ``_joined``.
+        seen: i32x8. records, marks, count: see ``_add``. scratch: pointer to 40 int32. known: see ``joined``.
 
     Returns:
         The record that is shaded for the pixel, the samples it has, those that see nothing, and the new ``count``.
@@ -202,7 +160,7 @@ def _several(job, seen, x, records, marks, count, scratch, known):
             continue
         group = np.int64(found)
         for k in range(found):
-            if _joined(job, np.int64(scratch[k]), record, known):
+            if joined(job, np.int64(scratch[k]), record, known):
                 group = np.int64(scratch[16 + k])
                 break
         scratch[found], scratch[8 + found], scratch[16 + found] = record, number, group
@@ -228,34 +186,6 @@ def _several(job, seen, x, records, marks, count, scratch, known):
     return shown, np.int64(scratch[24 + best]), nothing, count
 
 
-@inlined
-def _apart(job, shown, others, begin, count, known):
-    """Which of up to eight pairs of records, ``count`` from ``begin`` on, are not of ``_joined``; a mask."""
-    a, b = vec.load(shown, begin), vec.load(others, begin)
-    zero, one, two, three = vec.i32(0), vec.i32(1), vec.i32(2), vec.i32(3)
-    apart = (np.int64(1) << min(count, vec.LANES)) - 1
-    pending = apart
-    while pending != 0:  # once, where all are of one instance
-        record = np.int64(shown[begin + vec.lowest_bit(pending)])
-        if record < known[0] or record >= known[1]:
-            _ask_for(job, record, known)
-        first, end = vec.i32(known[0]), vec.i32(known[1])
-        own = (a >= first) & (a < end)
-        both = own & (b >= first) & (b < end)
-        pending &= ~vec.bits(own)
-        if known[2] == 0 or vec.bits(both) == 0:
-            continue
-        elements = i32_at(known[2])
-        p, q = vec.select(both, a - first, zero) * three, vec.select(both, b - first, zero) * three
-        q0, q1, q2 = vec.gather(elements, q), vec.gather(elements, q + one), vec.gather(elements, q + two)
-        p0, p1, p2 = vec.gather(elements, p), vec.gather(elements, p + one), vec.gather(elements, p + two)
-        met0 = (p0 == q0) | (p0 == q1) | (p0 == q2)
-        met1 = (p1 == q0) | (p1 == q1) | (p1 == q2)
-        met2 = (p2 == q0) | (p2 == q1) | (p2 == q2)
-        apart &= ~vec.bits(both & ((met0 & met1) | (met0 & met2) | (met1 & met2)))
-    return apart
-
-
 @inner
 def _sort_out(job, edges, rows, columns, pairs, found, marks, scratch, known):
     """Fill E_IDS and the lists of the band's rows.
@@ -263,7 +193,7 @@ def _sort_out(job, edges, rows, columns, pairs, found, marks, scratch, known):
     Args:
         rows: how many. columns: pointer to room for J_STRIDE + 8 int32. pairs: to as much, three times.
         found, marks: ``_add``'s, with room for E_ROOM entries.
-        scratch: pointer to 40 int32. known: see ``_joined``.
+        scratch: pointer to 40 int32. known: see ``joined``.
     """
     stride, width, room = job[J_STRIDE], job[J_WIDTH], edges[E_ROOM]
     lanes, samples = i32_at(job[J_LANES]), i32_at(edges[E_SAMPLE_IDS])
@@ -279,36 +209,33 @@ def _sort_out(job, edges, rows, columns, pairs, found, marks, scratch, known):
         mixes = i32_at(edges[E_MIXES] + 4 * row * stride)
         count, mixed, several = np.int64(0), np.int64(0), np.int64(0)
         for column in range(0, width, vec.LANES):
-            pending = vec.bits(vec.load(owners, column) == vec.i32(MIXED))
+            owner = vec.load(owners, column)
+            pending = vec.bits(owner == vec.i32(MIXED))
+            vec.store(ids, column, vec.select(owner < vec.i32(0), vec.i32(-1), vec.load(ids, column)))
             vec.store(columns, several, vec.load(lanes, vec.LANES * pending) + vec.i32(column))
             several += vec.count_bits(pending)
         while several > 0 and columns[several - 1] >= width:
             several -= 1
-        # Most often, a pixel sees two records: these are told apart eight at a time. What a pixel is cannot be
-        # predicted and is no branch: all go to both lists, and stay in one.
+        # Most often, a pixel sees two records. What a pixel is cannot be predicted and is no branch.
         twos, more = np.int64(0), np.int64(0)
-        for k in range(several):
-            x = np.int64(columns[k])
-            at = vec.LANES * np.int64(slots[x])
-            seen = vec.load(samples, at)
-            same = vec.bits(seen == vec.spread0(seen))
-            one = np.int64(samples[at])
-            other = np.int64(samples[at + vec.lowest_bit(~same)])  # of the next pixel, where all are the same
-            others = vec.bits(seen == vec.i32(other))
-            own, rest = vec.count_bits(same), vec.count_bits(others)
-            plain = ((same | others) == 255) & (same != 255) & ((one | other) >= 0)
-            first = own >= rest
-            ids[x] = shown_at[twos] = one if first else other
-            others_at[twos] = other if first else one
-            about[twos] = (x << 8) | (rest if first else own)
-            columns[more] = x
-            twos += plain
-            more += not plain
+        for begin in range(0, several, vec.LANES):
+            given = vec.iota() < vec.i32(several - begin)
+            xs = vec.select(given, vec.load(columns, begin), vec.i32(columns[begin]))
+            two, shown, hidden, less = pairs_of(vec.load_octets(as_f32(samples), vec.gather(slots, xs) << vec.i32(3)))
+            vec.scatter(ids, xs, shown)
+            pairs_at = vec.load(lanes, vec.LANES * vec.bits(given & two))
+            vec.store(shown_at, twos, vec.permute(shown, pairs_at))
+            vec.store(others_at, twos, vec.permute(hidden, pairs_at))
+            vec.store(about, twos, vec.permute((xs << vec.i32(8)) | less, pairs_at))
+            twos += vec.count_bits(vec.bits(given & two))
+            others = vec.bits(given & ~two)
+            vec.store(columns, more, vec.permute(xs, vec.load(lanes, vec.LANES * others)))
+            more += vec.count_bits(others)
         for begin in range(0, twos, vec.LANES):
-            apart = _apart(job, shown_at, others_at, begin, twos - begin, known)
-            while apart != 0:
-                k = begin + vec.lowest_bit(apart)
-                apart &= apart - 1
+            different = apart(job, shown_at, others_at, begin, twos - begin, known)
+            while different != 0:
+                k = begin + vec.lowest_bit(different)
+                different &= different - 1
                 mark = np.int64(about[k])
                 count = _add(found, marks, count, others_at[k], mark >> 8, mark & 255)
                 mixes[mixed] = (mark >> 8 << 8) | ((vec.LANES - (mark & 255)) << 4)

@@ -10,6 +10,7 @@ import numpy as np
 from renderers import simd as vec
 from renderers.cpu.elements import first_centre
 from renderers.cpu.layout import (
+    J_MARGIN,
     J_RECORDS,
     J_SAMPLE_IDS,
     J_SAMPLE_INV_Z,
@@ -50,28 +51,19 @@ def rising_at(samples, dx, dy):
 
 
 @inlined
-def bounds_of(rising, scratch):
-    """The least and the greatest of ``rising``, float32; without bound where one is not finite.
-
-    Args:
-        scratch: pointer to SCRATCH_VALUES int32.
-    """
-    magnitude = vec.i32(0x7FFFFFFF)
-    whole = vec.bits_of(rising)
-    order = whole ^ ((whole >> vec.i32(31)) & magnitude)  # ordered as the values are
-    scratch[0], scratch[1] = vec.least_of(order), vec.most_of(order)
-    values = as_f32(scratch)
-    for k in range(2):
-        scratch[k] ^= (scratch[k] >> 31) & 0x7FFFFFFF
-    least, most = values[0], values[1]
-    if not (least > -np.inf and most < np.inf):
-        least, most = np.float32(-np.inf), np.float32(np.inf)
-    return least, most
+def reach_of(job, dx, dy):
+    """f32x8: what ``rising_at`` is at least and at most, in all lanes; without bound where it is not finite."""
+    margin = np.float32(job[J_MARGIN]) * np.float32(1.0 / SUBPIXEL)
+    # Rounded as the sums at the samples are, none of which is farther out.
+    reach = abs(np.float32(dx)) * margin + abs(np.float32(dy)) * margin
+    if not reach < np.inf:
+        reach = np.float32(np.inf)
+    return vec.f32(-reach), vec.f32(reach)
 
 
 @inlined
 def cover(ids, owners, far, near, at, w, lowest, highest, low, high, full, touched, identity, place):
-    """Give the pixels that a record takes wholly to it, eight from ``at`` on.
+    """Give the pixels that a record takes wholly to it, eight from ``at`` on, and widen the bounds of others.
 
     Args:
         ids, owners, far, near: pointers to J_IDS, J_OWNERS, J_FAR and J_NEAR.
@@ -87,11 +79,12 @@ def cover(ids, owners, far, near, at, w, lowest, highest, low, high, full, touch
     farther, nearer = vec.least(high, w + lowest), vec.most(w + highest, low)
     old_far, old_near = vec.load_again(far, at), vec.load_again(near, at)
     whole = full & (farther > old_near)
+    left_open = touched & (nearer >= old_far) & ~whole  # at the same 1/z numbers decide
     vec.store(far, at, vec.select(whole, farther, old_far))
-    vec.store(near, at, vec.select(whole, nearer, old_near))
+    vec.store(near, at, vec.select(whole | left_open, vec.most(nearer, old_near), old_near))
     vec.store(ids, at, vec.select(whole, identity, vec.load_again(ids, at)))
     vec.store(owners, at, vec.select(whole, place, vec.load_again(owners, at)))
-    return vec.bits(touched & (nearer >= old_far) & ~whole)  # at the same 1/z numbers decide
+    return vec.bits(left_open)
 
 
 @inner
@@ -161,7 +154,7 @@ def _wins(w, old, identity, seen):
 
 
 @inlined
-def put_two(job, owners, slots, far, near, ids, depths, taken, a, b, w, covered, identity):
+def put_two(job, owners, slots, far, ids, depths, taken, a, b, w, covered, identity):
     """``put`` for two pixels ``a`` and ``b`` of four samples: the first four lanes are those of ``a``."""
     first_a, owner_a, taken = _slot_of(job, owners, slots, taken, a)
     first_b, owner_b, taken = _slot_of(job, owners, slots, taken, b)
@@ -178,21 +171,20 @@ def put_two(job, owners, slots, far, near, ids, depths, taken, a, b, w, covered,
     vec.store(ids, first_a, vec.low_twice(seen))
     vec.store(ids, first_b, vec.high_twice(seen))
     whole = vec.bits_of(w)
-    least, most = vec.least(whole, vec.swapped_pairs(whole)), vec.most(whole, vec.swapped_pairs(whole))
-    least, most = vec.least(least, vec.swapped(least)), vec.most(most, vec.swapped(most))
+    least = vec.least(whole, vec.swapped_pairs(whole))
+    least = vec.least(least, vec.swapped(least))
     far[a], far[b] = vec.lane0(least), vec.lane4(least)
-    near[a], near[b] = vec.lane0(most), vec.lane4(most)
     return taken
 
 
 @inlined
-def put(job, owners, slots, far, near, ids, depths, taken, at, w, covered, identity):
+def put(job, owners, slots, far, ids, depths, taken, at, w, covered, identity):
     """Write the covered samples of a pixel that are nearer than what is there; which of them are, and whether it was
     empty, cannot be predicted and is no branch.
 
     Args:
-        owners, slots, far, near: pointers to J_OWNERS, J_SLOTS, and J_FAR and J_NEAR as int32. ids, depths: to
-            J_SAMPLE_IDS and J_SAMPLE_INV_Z. taken: how many slots are. at: the pixel's number.
+        owners, slots, far: pointers to J_OWNERS, J_SLOTS, and J_FAR as int32. ids, depths: to J_SAMPLE_IDS and
+            J_SAMPLE_INV_Z. taken: how many slots are. at: the pixel's number.
 
     Returns:
         The new ``taken``.
@@ -207,7 +199,5 @@ def put(job, owners, slots, far, near, ids, depths, taken, at, w, covered, ident
     vec.store(depths, first, w)
     vec.store(ids, first, vec.select(covered, identity, seen))
     # Bits are ordered as the values are: but for the one that stands for nothing, none is negative.
-    whole = vec.bits_of(w)
-    far[at] = vec.least_of(whole)
-    near[at] = vec.most_of(whole)
+    far[at] = vec.least_of(vec.bits_of(w))
     return taken
