@@ -162,12 +162,13 @@ def sources_digest() -> str:
     return digest.hexdigest()[:16]
 
 
-@cache
 def _cpu_digest() -> str:
     """Numba keys its entries by these, so a cache filled on another kind of CPU is cold here."""
     from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
 
-    key = (get_host_cpu_name(), get_host_cpu_features().flatten(), version("numba"), version("llvmlite"), sys.version)
+    asked = (os.environ.get("NUMBA_CPU_NAME", ""), os.environ.get("NUMBA_CPU_FEATURES", ""))  # for another CPU
+    here = (get_host_cpu_name(), get_host_cpu_features().flatten())
+    key = (*asked, *here, version("numba"), version("llvmlite"), sys.version)
     return hashlib.sha256("\0".join(key).encode()).hexdigest()[:16]
 
 

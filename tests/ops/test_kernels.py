@@ -46,6 +46,19 @@ def test_warm_once_marked(cache: Path) -> None:
     assert kernels.are_cached()
 
 
+def test_warm_for_one_kind_of_cpu(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A home directory may be of several machines, and Numba can be asked to compile for another one."""
+    kernels.mark_cached()
+    monkeypatch.setenv("NUMBA_CPU_NAME", "nehalem")
+    assert not kernels.are_cached()
+    kernels.mark_cached()
+    assert kernels.are_cached()
+    monkeypatch.delenv("NUMBA_CPU_NAME")
+    assert kernels.are_cached()
+    monkeypatch.setattr("llvmlite.binding.get_host_cpu_name", lambda: "haswell")
+    assert not kernels.are_cached()
+
+
 def test_the_oldest_folders_go(cache: Path) -> None:
     kernels.configure()
     for age in range(7):
