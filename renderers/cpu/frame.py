@@ -28,14 +28,19 @@ from renderers.pointers import address_of
 from renderers.port import Frame
 from renderers.samples import E_COLUMNS, lanes_of_masks, sample_offsets
 from renderers.shading.kernels import shade_rows
+from renderers.shading.scene import map_instances
 from renderers.simd import LANES
 
-_ASKED: Final = Struct(f"{at_begin.A_LENS}q{at.L_COLUMNS}d")
-_PLACED: Final = Struct("2q16d")
-"""A_POSED, A_TASK, A_POSE."""
+_ASKED: Final = Struct(f"{at_begin.A_LENS}q{at.L_COLUMNS}dq")
+"""All to A_PAINTER."""
+_PLACED: Final = Struct("7q16d")
+"""A_POSED, A_TASK, A_PICTURES, A_POSE."""
+_AGAIN: Final = Struct(f"{2 + at_begin.DRAWN}q")
+"""A_PAINTER, A_MAP, A_DRAWN."""
 _OUTPUTS: Final = Struct("4q")
+_NO_PICTURES: Final = (0, 0, 0, 0, 0)
 _Words: Final = c_int64 * at_work.W_COLUMNS
-_DRAWN: Final = Struct(f"{at_work.W_GEOMETRY + 1 - at_work.W_DRAW}q")
+_DRAWN: Final = Struct(f"{at_begin.DRAWN}q")
 
 
 class FrameJob:
@@ -76,7 +81,7 @@ class FrameJob:
         """Values of a row of the layer."""
         self._threads, self._scratch, self._wanted = threads, scratch, False
         self._keep: list[object] = [prepared]
-        transforming, setting_up, _, _ = kernel_addresses()
+        transforming, setting_up, *_ = kernel_addresses()
         _ASKED.pack_into(
             memory,
             8 * at_begin.ASKED,
@@ -99,8 +104,9 @@ class FrameJob:
             camera.cy,
             camera.near,
             camera.far,
+            0,
         )
-        useful = _begin(memory, address, self._words, camera)
+        useful = _begin(memory, address, self._words, _NO_PICTURES, camera)
         if useful == 0:
             with np.errstate(all="ignore"):  # poses that are not finite draw nothing
                 self.X_camera_mesh[:] = np.matmul(camera.X_camera_world, prepared.X_world_mesh)
@@ -170,7 +176,7 @@ class FrameJob:
         if self._memory[at.J_IDS] == 0:
             values = 2 * BAND_ROWS * self.stride + 2 * LAYER_GAP
             layers = self._scratch.take("layers", self._threads * values, np.int32)[1]
-        _, _, drawing, shading = kernel_addresses()
+        _, _, drawing, shading, _ = kernel_addresses()
         return self._drawn(drawing, shading if shade_job else 0, shade_job, layers, 4 * values, 0)
 
     def sampled_task(self, draw: int, find: int, memory: int, shader: SampledShader) -> Task:
@@ -188,40 +194,38 @@ class FrameJob:
         _DRAWN.pack_into(self._words, 8 * at_work.W_DRAW, *how, self._wanted)
         return Task(self._words, self._useful)
 
-    def again(self) -> Again:
-        """After ``task``: what another frame has in common with it."""
+    def again(self, shade_job: int) -> Again:
+        """After ``task``, with the same painter's job: what other frames have in common with it."""
         drawn = _DRAWN.unpack_from(self._words, 8 * at_work.W_DRAW)
-        return Again(self._memory, self._address, drawn)
+        place = 8 * (at_begin.ASKED + at_begin.A_PAINTER)
+        _AGAIN.pack_into(self._memory, place, shade_job, kernel_addresses()[4], *drawn)
+        return Again(self._memory, self._address)
 
 
 class Again:
-    """A frame that is like the scratch's last one, but for where the camera is and which pictures it fills: most of
-    what a ``FrameJob`` does is done. It keeps nothing alive but the scratch's memory."""
+    """A frame that is like the scratch's last one, but for where the camera is and which pictures it fills: what a
+    ``FrameJob`` and a painter do is done. It keeps nothing alive but the scratch's memory."""
 
-    __slots__ = "_address", "_drawn", "_memory"
+    __slots__ = "_address", "_memory"
 
-    def __init__(self, memory: memoryview, address: int, drawn: tuple[int, ...]) -> None:
-        self._memory, self._address, self._drawn = memory, address, drawn
+    def __init__(self, memory: memoryview, address: int) -> None:
+        self._memory, self._address = memory, address
 
     def task(self, camera: Camera, places: Sequence[int]) -> Task | None:
         """As ``FrameJob.task``; None: it takes a ``FrameJob``.
 
         Args:
-            places: as for ``FrameJob.outputs``.
+            places: addresses of colour, depth, label, instance and normal; 0: not wanted, which it must be as before.
         """
         words = _Words()
-        useful = _begin(self._memory, self._address, words, camera)
-        if useful == 0:
-            return None
-        _OUTPUTS.pack_into(self._memory, 8 * at.J_DEPTH, *places)
-        _DRAWN.pack_into(words, 8 * at_work.W_DRAW, *self._drawn)
-        return Task(words, useful)
+        useful = _begin(self._memory, self._address, words, places, camera)
+        return Task(words, useful) if useful else None
 
 
-def _begin(memory: memoryview, address: int, words: Array[c_int64], camera: Camera) -> int:
-    """``begin`` with the camera's pose."""
+def _begin(memory: memoryview, address: int, words: Array[c_int64], places: Sequence[int], camera: Camera) -> int:
+    """``begin`` with what is different in every frame."""
     pose = camera.X_world_camera.ravel().tolist()
-    _PLACED.pack_into(memory, 8 * (at_begin.ASKED + at_begin.A_POSED), 0, addressof(words), *pose)
+    _PLACED.pack_into(memory, 8 * (at_begin.ASKED + at_begin.A_POSED), 0, addressof(words), *places, *pose)
     useful: int = begin(address)
     return useful
 
@@ -257,9 +261,10 @@ def _sample_tables(samples: int) -> tuple[int, int, int, object]:
 
 
 @cache
-def kernel_addresses() -> tuple[int, int, int, int]:
-    """Of transform, setup, draw_band and shade_rows."""
-    return kernel_address(transform), kernel_address(setup), kernel_address(draw_band), kernel_address(shade_rows)
+def kernel_addresses() -> tuple[int, int, int, int, int]:
+    """Of transform, setup, draw_band, shade_rows and map_instances."""
+    transforming, setting_up, drawing = kernel_address(transform), kernel_address(setup), kernel_address(draw_band)
+    return transforming, setting_up, drawing, kernel_address(shade_rows), kernel_address(map_instances)
 
 
 def _room(scratch: Scratch, vertices: int, chunks: int, bands: int) -> tuple[int, ...]:

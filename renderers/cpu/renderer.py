@@ -253,10 +253,8 @@ class CpuRenderer:
         # All that the scratch's tables were filled with but for the poses and the pictures: addresses among it.
         same = prepared.asked, prepared.counts, shading.job, culled, with_geometry, _intrinsics(camera), look
         if scratch.again[0] == same:
-            again, repainter = scratch.again[1]
-            repeated: Task | None = again.task(camera, places[1:])
+            repeated: Task | None = scratch.again[1].task(camera, places)
             if repeated is not None:
-                repainter.paint(places[0])
                 return repeated
         if look.samples == 1:
             job = FrameJob(prepared, camera, scratch, threads, cull_back=culled, keep_backs=with_geometry, opaque=True)
@@ -275,7 +273,7 @@ class CpuRenderer:
             memory = edge_memory(scratch, threads, camera, look.samples, job.stride)
             return job.sampled_task(*edge_kernels(), memory, mixed_bands(painter))
         task = job.task(painter.job)
-        scratch.again = same, (job.again(), painter.again)
+        scratch.again = same, job.again(painter.job)
         return task
 
     def _visibility(

@@ -23,6 +23,9 @@ PART: Final = 128
 """Pixels that are sampled at a time."""
 LARGE: Final = 1 << 17
 """Texels of images that are fetched: half a megabyte, which is not in the nearer caches anyhow."""
+WIDE: Final = 1024
+"""Values of a row from which on the next row's texels are fetched instead: a row then takes longer than fetching, and
+what is fetched stays near until it is wanted."""
 WHOLE: Final = 32767.0
 """What stands for 1 where eight channels are mixed in 16 bits."""
 
@@ -44,7 +47,10 @@ def _locate(integers, whole, stride, begin, end, far):
             index, apart = _moved(integers, whole, at + x, below + x, end - x)
             whole[far + count] = x
             count += np.int64(apart)
-        if fetched:
+        if fetched and stride >= WIDE:  # as far from here as this is from what the row above has left
+            ahead = index + (index - vec.load(whole, to + x))
+            vec.prefetch_more_rows(i32_at(integers[TI_ADDRESS]), ahead, integers[TI_STRIDE])
+        elif fetched:
             vec.prefetch_rows(i32_at(integers[TI_ADDRESS]), index, integers[TI_STRIDE])
         vec.store(whole, to + x, index)
     return count

@@ -75,24 +75,6 @@ def paint(
         _shade(rasterizer, shading, behind, camera, look, UNDER if any_layer else DIRECT, gathered, color)
 
 
-class Repainter:
-    """What is left to do of a painter's job, in its memory, where all but the poses and the picture are the same."""
-
-    __slots__ = "_arguments", "_memory"
-
-    def __init__(self, memory: memoryview, meshes: int, maps: int, count: int) -> None:
-        """
-        Args:
-            memory: the job's. meshes, maps, count: see ``map_instances``.
-        """
-        self._memory, self._arguments = memory, (meshes, maps, count)
-
-    def paint(self, color: int) -> None:
-        """The job is another picture's from now on, at that address."""
-        self._memory[at.S_COLOR] = color
-        map_instances(*self._arguments)
-
-
 class Painter:
     """Shades bands of one view; immutable, used from any thread."""
 
@@ -148,10 +130,9 @@ class Painter:
             camera.cx,
             camera.cy,
         )
+        map_instances(meshes, address + 8 * _MAPS, count)
         self.job = address
         """Address of S_COLUMNS int64; valid while this object is alive."""
-        self.again = Repainter(memory, meshes, address + 8 * _MAPS, count)
-        self.again.paint(color)
         self._keep = (shading, own, keep)
 
     @classmethod

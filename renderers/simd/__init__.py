@@ -38,7 +38,14 @@ from renderers.simd.moves import (
     store_vertices,
     store_where,
 )
-from renderers.simd.squares import SQUARE_VALUES, copy_squares, load_lines, mix_squares, prefetch_rows
+from renderers.simd.squares import (
+    SQUARE_VALUES,
+    copy_squares,
+    load_lines,
+    mix_squares,
+    prefetch_more_rows,
+    prefetch_rows,
+)
 from renderers.simd.vectors import (
     LANES,
     Vector,
@@ -133,6 +140,7 @@ __all__ = [
     "most_of",
     "permute",
     "prefetch",
+    "prefetch_more_rows",
     "prefetch_rows",
     "rint",
     "scatter",

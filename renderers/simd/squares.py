@@ -161,22 +161,28 @@ def load_lines(typing_context: Any, planes: Any, values: Any, at: Any, right: An
     return out(planes, values, types.int64, types.int64, types.int64), generate
 
 
-@intrinsic
-def prefetch_rows(typing_context: Any, values: Any, indices: Any, stride: Any) -> Any:
-    """Fetch the cache lines of the int32 at the first and the last of eight indices (i32x8) behind a pointer and
-    ``stride`` (an int64) further on. Indices may be anything. The result means nothing."""
+def _prefetching(lanes: tuple[int, ...]) -> Any:
+    def prefetch(typing_context: Any, values: Any, indices: Any, stride: Any) -> Any:
+        def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+            rows = args[0], builder.gep(args[0], [args[2]])
+            byte = I8.as_pointer()
+            kind = ir.FunctionType(ir.VoidType(), [byte, I32, I32, I32])
+            declare: Any = cgutils.get_or_insert_function
+            function = declare(builder.module, kind, "llvm.prefetch.p0")
+            read, soon, data = ir.Constant(I32, 0), ir.Constant(I32, 3), ir.Constant(I32, 1)
+            for lane in lanes:
+                offset = builder.sext(builder.extract_element(args[1], ir.Constant(I32, lane)), I64)
+                for row in rows:
+                    builder.call(function, [builder.bitcast(builder.gep(row, [offset]), byte), read, soon, data])
+            return ir.Constant(I32, 0)
 
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        rows = args[0], builder.gep(args[0], [args[2]])
-        byte = I8.as_pointer()
-        kind = ir.FunctionType(ir.VoidType(), [byte, I32, I32, I32])
-        declare: Any = cgutils.get_or_insert_function
-        function = declare(builder.module, kind, "llvm.prefetch.p0")
-        read, soon, data = ir.Constant(I32, 0), ir.Constant(I32, 3), ir.Constant(I32, 1)
-        for lane in (0, LANES - 1):  # every lane's takes as long as what it saves
-            offset = builder.sext(builder.extract_element(args[1], ir.Constant(I32, lane)), I64)
-            for row in rows:
-                builder.call(function, [builder.bitcast(builder.gep(row, [offset]), byte), read, soon, data])
-        return ir.Constant(I32, 0)
+        return types.int32(values, indices, types.int64), generate
 
-    return types.int32(values, indices, types.int64), generate
+    return intrinsic(prefetch)
+
+
+prefetch_rows = _prefetching((0, LANES - 1))
+"""``prefetch_rows(pointer, i32x8, stride)``: fetch the cache lines of the int32 at the first and the last of eight
+indices behind a pointer and ``stride`` (an int64) further on. Indices may be anything. The result means nothing."""
+prefetch_more_rows = _prefetching((0, 3, 5, LANES - 1))
+"""The same of four of the indices."""

@@ -264,6 +264,7 @@ def _lookups(values, whole, offsets, lanes, out, number):
     at, lane = vec.load(i32_at(offsets), 0), vec.load(i32_at(lanes), 0)
     floats, integers = vec.load(f32_at(values), 0), vec.load(i32_at(whole), 0)
     vec.prefetch_rows(i32_at(whole), at, 5)
+    vec.prefetch_more_rows(i32_at(whole), at, 5)
     for k, part in enumerate(vec.gather_squares(i32_at(whole), at, 5)):
         vec.store(n, 8 * k, part)
     vec.store(n, 32, vec.permute(integers, lane))
