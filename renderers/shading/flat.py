@@ -34,11 +34,11 @@ def changes_slowly(mf, lens):
 
 
 @inner
-def show_flat(job, mf, lens, y, planes, rows, stride, begin, end, line, steep):
+def show_flat(job, mf, lens, y, normal, rows, stride, begin, end, line, steep):
     """Pixels of one run of at least SHORTEST.
 
     Args:
-        planes: see ``planes.planes_of``, of a triangle with the same normal at all corners.
+        normal: three float32, of any length, on the side that is seen, with minus its z.
         mf: the material's values. lens: pointer to fx, fy, cx, cy.
         rows: rows of ``stride`` values, of which those from A_COLOR to A_BASE + 2 are used.
         line: pointer to the row's packed pixels; up to seven behind the run are overwritten.
@@ -50,7 +50,7 @@ def show_flat(job, mf, lens, y, planes, rows, stride, begin, end, line, steep):
     left, across = vec.f32(0.5 - lens[2]), vec.f32(1.0 / lens[0])
     dy = vec.f32((y + 0.5 - lens[3]) / lens[1])
     high = dy * dy + vec.f32(1.0)
-    nx, ny, towards = vec.f32(planes[0]), vec.f32(planes[1]), vec.f32(planes[2])
+    nx, ny, towards = vec.f32(normal[0]), vec.f32(normal[1]), vec.f32(normal[2])
     a2 = alpha_of(vec.f32(mf[MF_ROUGHNESS]))
     red, green, blue = vec.f32(mf[MF_BASE]), vec.f32(mf[MF_BASE + 1]), vec.f32(mf[MF_BASE + 2])
     diffuse, f0, grazing = coat(red, green, blue, vec.f32(mf[MF_METALLIC]))

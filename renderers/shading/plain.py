@@ -1,4 +1,4 @@
-"""Segments of one colour under the head light, resolved and shaded in one go: nothing is stored between.
+"""Segments of one colour under the head light, from the planes of their triangles to pixels in one go.
 
 What most of a picture is: walls whose normals are the same at all three corners, whose runs are copies of one pixel;
 and triangles of some pixels a row, whose normals are linear along a run and are shaded eight pixels at a time.
@@ -9,22 +9,19 @@ from __future__ import annotations
 import numpy as np
 
 from renderers import simd as vec
-from renderers.linked import inner
-from renderers.pointers import i32_at
-from renderers.shading.head import colors_of, shine
-from renderers.shading.planes import (
-    AHEAD,
-    PL_FACING,
-    along,
+from renderers.linked import inlined, inner
+from renderers.pointers import f32_at, i32_at
+from renderers.shading.beside import (
+    B_FLAT,
+    B_PIXEL,
+    B_STRAYS,
     bounded_normals,
-    corners_of,
-    look_up,
-    pixel_of,
-    planes_of,
-    set_up,
-    stand_in,
-    strays,
+    changes_after,
+    lanes_of,
+    normals_beside,
+    passed,
 )
+from renderers.shading.head import colors_of, shine
 
 
 @inner
@@ -34,53 +31,73 @@ def fill(line, begin, end, pixels):
         vec.store(line, x, pixels)
 
 
-@inner
-def _bounded(columns, maps, element, facing, start, slope, begin, end, colors, line):
-    """A run that ``strays``."""
-    a, b, c = corners_of(columns, element)
-    lane, seen = vec.to_f32(vec.iota()), vec.f32(-facing)
+@inlined
+def _shine(beside, room, masks, smooth, uniform, run, begin, end, colors, line):
+    values, whole = f32_at(beside), i32_at(beside)
     for x in range(begin, end, vec.LANES):
-        nx, ny, nz = bounded_normals(maps, a, b, c, start, slope, lane + vec.f32(x - begin))
-        vec.store(line, x, shine(nz * seen, nx * nx + ny * ny + nz * nz, colors))
+        changed = changes_after(masks, x)
+        lanes = lanes_of(changed)
+        if smooth:
+            nx, ny, nz = normals_beside(values, room, run, lanes, x)
+            pixels = shine(nz, nx * nx + ny * ny + nz * nz, colors)
+            if uniform:
+                own = vec.permute(vec.load(whole, B_PIXEL * room + run), lanes)
+                pixels = vec.select(own >= vec.i32(0), own, pixels)
+        else:
+            pixels = vec.permute(vec.load(whole, B_PIXEL * room + run), lanes)
+        vec.store(line, x, pixels)
+        run += vec.count_bits(changed)
 
 
 @inner
-def show_plain(columns, m, maps, lens, y, places, first, many, smooth, mf, ids, starts, run, last_run, line, memory):
+def _show(beside, room, masks, smooth, uniform, run, begin, end, colors, line):
+    """The pixels ``begin .. end``; ``run``: of the first."""
+    if not smooth:
+        _shine(beside, room, masks, False, False, run, begin, end, colors, line)
+    elif uniform:
+        _shine(beside, room, masks, True, True, run, begin, end, colors, line)
+    else:
+        _shine(beside, room, masks, True, False, run, begin, end, colors, line)
+
+
+@inner
+def show_plain(
+    columns, maps, first, smooth, mf, records, starts, run, last_run, masks, beside, room, uniform, flat, stray, line
+):  # fmt: skip
     """Pixels of the runs ``run .. last_run`` of one instance's triangles, whose colour is the material's factor.
 
     Args:
-        columns .. last_run: as for ``resolve.resolve_triangles``; maps, mf: the instance's and the material's rows of
-            values; smooth: whether the mesh has normals.
+        columns, first: as for ``resolve.resolve_triangles``; maps, mf: the instance's and the material's values.
+        smooth: whether the mesh has normals.
+        records, starts: pointers to int32, the record and the first pixel of each run of the row, and what is behind
+            the last. masks: see ``runs.find_runs``.
+        beside, room: see ``beside.put_beside``. uniform: whether any run of the row is flat.
+        flat, stray: how many at least of each kind lie before ``run``.
         line: pointer to the row's packed pixels; up to seven behind the last run are overwritten.
-        memory: see ``planes.forget``.
+
+    Returns:
+        ``flat`` and ``stray`` of the next segment.
     """
-    colors = colors_of(mf)
-    lane, eight = vec.to_f32(vec.iota()), vec.f32(8.0)
-    for batch in range(run, last_run, AHEAD):
-        stop = min(batch + AHEAD, last_run)
-        missing = look_up(ids, starts, places, batch, stop, memory)
-        for k in range(0, missing, vec.LANES):
-            set_up(columns, m, maps, lens, y, first, many, smooth, colors, memory, k, missing)
-        for r in range(batch, stop):
-            begin, end = np.int64(starts[r]), np.int64(starts[r + 1])
-            record = np.int64(ids[begin])
-            column = begin if places == 0 else np.int64(i32_at(places)[begin])
-            stand_in(columns, m, maps, lens, y, first, smooth, colors, memory, record, column)
-            pixel = np.int64(pixel_of(memory, record))
-            if pixel >= 0:
-                fill(line, begin, end, vec.i32(pixel))
-                continue
-            planes = planes_of(memory, record)
-            start, slope = along(planes, y, column)
-            if strays(start, slope, end - begin):
-                facing = np.float32(planes[PL_FACING])
-                _bounded(columns, maps, record - first, facing, start, slope, begin, end, colors, line)
-                continue
-            nx = vec.spread0(start) + vec.spread0(slope) * lane
-            ny = vec.spread1(start) + vec.spread1(slope) * lane
-            nz = vec.spread2(start) + vec.spread2(slope) * lane
-            further = slope * eight
-            dx, dy, dz = vec.spread0(further), vec.spread1(further), vec.spread2(further)
-            for x in range(begin, end, vec.LANES):
-                vec.store(line, x, shine(nz, nx * nx + ny * ny + nz * nz, colors))
-                nx, ny, nz = nx + dx, ny + dy, nz + dz
+    colors, whole, values = colors_of(mf), i32_at(beside), f32_at(beside)
+    flat, stray = passed(whole, B_FLAT * room, flat, run), passed(whole, B_STRAYS * room, stray, run)
+    while whole[B_FLAT * room + flat] < last_run:
+        r = np.int64(whole[B_FLAT * room + flat])
+        flat += 1
+        begin, end = np.int64(starts[r]), np.int64(starts[r + 1])
+        if run < r:
+            _show(beside, room, masks, smooth, uniform, run, np.int64(starts[run]), begin, colors, line)
+        fill(line, begin, end, vec.i32(np.int64(whole[B_PIXEL * room + r])))
+        run = r + 1
+    if run < last_run:
+        begin, end = np.int64(starts[run]), np.int64(starts[last_run])
+        _show(beside, room, masks, smooth, uniform, run, begin, end, colors, line)
+    while whole[B_STRAYS * room + stray] < last_run:
+        r = np.int64(whole[B_STRAYS * room + stray])
+        stray += 1
+        begin, end = np.int64(starts[r]), np.int64(starts[r + 1])
+        for x in range(begin, end, vec.LANES):
+            offset = vec.to_f32(vec.i32(x - begin) + vec.iota())
+            nx, ny, nz = bounded_normals(columns, maps, values, room, r, np.int64(records[r]) - first, offset)
+            inside = vec.iota() < vec.i32(end - x)
+            vec.store_where(line, x, inside, shine(nz, nx * nx + ny * ny + nz * nz, colors))
+    return flat, stray

@@ -1,6 +1,5 @@
 """Segments under the look ``pbr`` whose materials are nothing but factors. Normals are linear along a run, as in
-``plain``, but side by side in rows: light takes so long there that every lane must belong to a pixel. Long runs of flat
-surfaces need neither.
+``plain``; long runs of flat surfaces need neither them nor light of their own.
 """
 
 from __future__ import annotations
@@ -10,102 +9,120 @@ from typing import Final
 import numpy as np
 
 from renderers import simd as vec
-from renderers.linked import inlined, inner
-from renderers.shading.flat import SHORTEST, changes_slowly, show_flat
-from renderers.shading.head import colors_of
-from renderers.shading.layout import A_NORMAL, HAS_NORMALS
-from renderers.shading.planes import (
-    AHEAD,
-    PL_FACING,
-    along,
+from renderers.linked import inner
+from renderers.pointers import f32_at, i32_at
+from renderers.shading.beside import (
+    B_FLAT,
+    B_NORMAL,
+    B_STRAYS,
     bounded_normals,
-    corners_of,
-    look_up,
-    pixel_of,
-    planes_of,
-    set_up,
-    stand_in,
-    strays,
+    changes_after,
+    lanes_of,
+    normals_beside,
+    passed,
 )
-from renderers.shading.surface import UNIFORM, light_pbr
+from renderers.shading.flat import changes_slowly, show_flat
+from renderers.shading.layout import A_NORMAL
+from renderers.shading.lights import cosines
+from renderers.shading.surface import finish_uniform, put_cosines
 
 PART: Final = 256
 """Pixels shaded at a time: their rows of attributes stay in the first-level cache."""
 
 
 @inner
-def light_up(job, has, mi, mf, maps, y, places, rows, stride, begin, end, line, steep):
-    """Shade the pixels ``begin .. end`` from the normals in the rows, as ``show_plain_pbr`` has them."""
+def light_up(job, mf, lens, y, places, rows, stride, begin, end, line, steep):
+    """Shade the pixels ``begin .. end`` from their normals in the rows, on the side that is seen, with minus their
+    z."""
     for part in range(begin, end, PART):
         stop = min(part + PART, end)
-        light_pbr(job, has, mi, mf, maps, y, places, UNIFORM, True, rows, stride, part, stop, line, steep)
-
-
-@inlined
-def _put(rows, stride, x, nx, ny, towards):
-    at = A_NORMAL * stride + x
-    vec.store(rows, at, nx)
-    vec.store(rows, at + stride, ny)
-    vec.store(rows, at + 2 * stride, towards)
+        put_cosines(lens, y, places, rows, stride, part, stop)
+        finish_uniform(job, mf, y, places, rows, stride, part, stop, line, steep)
 
 
 @inner
-def _bounded(columns, maps, element, facing, start, slope, begin, end, rows, stride):
-    """A run that ``strays``."""
-    a, b, c = corners_of(columns, element)
-    lane, seen = vec.to_f32(vec.iota()), vec.f32(facing)
+def _put_cosines(lens, y, starts, run, stop, masks, beside, room, rows, stride):
+    """What light depends on in the runs ``run .. stop``, of whatever instances, into the rows."""
+    values = f32_at(beside)
+    lane = vec.to_f32(vec.iota())
+    left, across = vec.f32(0.5 - lens[2]), vec.f32(1.0 / lens[0])
+    dy = vec.f32((y + 0.5 - lens[3]) / lens[1])
+    high = dy * dy + vec.f32(1.0)
+    for x in range(np.int64(starts[run]), np.int64(starts[stop]), vec.LANES):
+        changed = changes_after(masks, x)
+        nx, ny, towards = normals_beside(values, room, run, lanes_of(changed), x)
+        n_l, n_v, v_l = cosines(nx, ny, towards, (vec.f32(x) + lane + left) * across, dy, high)
+        at = A_NORMAL * stride + x
+        vec.store(rows, at, n_l)
+        vec.store(rows, at + stride, n_v)
+        vec.store(rows, at + 2 * stride, v_l)
+        run += vec.count_bits(changed)
+
+
+@inner
+def _put_stray(columns, maps, lens, y, element, begin, end, beside, room, run, rows, stride):
+    """As ``_put_cosines`` for a run that strays, and nothing behind it."""
+    lane = vec.to_f32(vec.iota())
+    left, across = vec.f32(0.5 - lens[2]), vec.f32(1.0 / lens[0])
+    dy = vec.f32((y + 0.5 - lens[3]) / lens[1])
     for x in range(begin, end, vec.LANES):
-        nx, ny, nz = bounded_normals(maps, a, b, c, start, slope, lane + vec.f32(x - begin))
-        _put(rows, stride, x, nx * seen, ny * seen, -(nz * seen))
+        offset = vec.f32(x - begin) + lane
+        nx, ny, towards = bounded_normals(columns, maps, f32_at(beside), room, run, element, offset)
+        dx = (vec.f32(x) + lane + left) * across
+        n_l, n_v, v_l = cosines(nx, ny, towards, dx, dy, dy * dy + vec.f32(1.0))
+        at, inside = A_NORMAL * stride + x, vec.iota() < vec.i32(end - x)
+        vec.store_where(rows, at, inside, n_l)
+        vec.store_where(rows, at + stride, inside, n_v)
+        vec.store_where(rows, at + 2 * stride, inside, v_l)
 
 
 @inner
 def show_plain_pbr(
-    job, columns, m, maps, lens, y, first, many, mi, mf, ids, starts, runs, rows, stride, line, memory, steep
+    job, columns, maps, lens, y, first, mf, records, starts, run, last_run, reach, masks, beside, room, flat, stray,
+    known, rows, stride, line, steep,
 ):  # fmt: skip
-    """Pixels of ``runs`` runs of one instance's triangles, whose mesh has normals.
+    """Pixels of the runs ``run .. last_run`` of one instance's triangles, whose mesh has normals.
 
     Args:
-        columns, m, lens, y, first, many, ids, starts: as for ``resolve.resolve_triangles``; rows: its rows of
-            ``stride`` values, 16 more than the row has pixels: what is written behind a run is overwritten later.
-        maps, mi, mf: the instance's and the material's rows of values. memory: see ``planes.forget``.
+        columns .. stray: as for ``plain.show_plain``; reach: the end of the runs that are shaded so, of whatever
+            instances.
+        known: up to which run the rows hold what light depends on.
+        rows: rows of ``stride`` values, 16 more than the row has pixels: what is written behind a run is overwritten
+            later.
         line: pointer to the row's packed pixels; up to seven behind the last run are overwritten.
         steep: see ``surface.row_schlick``.
+
+    Returns:
+        ``flat``, ``stray`` and ``known`` of the next segment.
     """
-    colors, none = colors_of(mf), np.int64(0)
-    lane, eight = vec.to_f32(vec.iota()), vec.f32(8.0)
-    shown = np.int64(starts[0])
-    for batch in range(0, runs, AHEAD):
-        stop = min(batch + AHEAD, runs)
-        missing = look_up(ids, starts, none, batch, stop, memory)
-        for k in range(0, missing, vec.LANES):
-            set_up(columns, m, maps, lens, y, first, many, True, colors, memory, k, missing)
-        for r in range(batch, stop):
+    whole, values = i32_at(beside), f32_at(beside)
+    slowly = changes_slowly(mf, lens)
+    flat, stray = passed(whole, B_FLAT * room, flat, run), passed(whole, B_STRAYS * room, stray, run)
+    while run < last_run:
+        r = np.int64(whole[B_FLAT * room + flat])
+        if r == run and slowly:
+            flat += 1
+            at = B_NORMAL * room + r
+            normal = values[at], values[at + room], values[at + 2 * room]
             begin, end = np.int64(starts[r]), np.int64(starts[r + 1])
-            record = np.int64(ids[begin])
-            stand_in(columns, m, maps, lens, y, first, True, colors, memory, record, begin)
-            planes = planes_of(memory, record)
-            if end - begin >= SHORTEST and pixel_of(memory, record) >= 0 and changes_slowly(mf, lens):
-                light_up(job, HAS_NORMALS, mi, mf, maps, y, none, rows, stride, shown, begin, line, steep)
-                shown = begin
-                if show_flat(job, mf, lens, y, planes, rows, stride, begin, end, line, steep):
-                    shown = end
-                    continue
-            start, slope = along(planes, y, begin)
-            if strays(start, slope, end - begin):
-                facing = np.float32(planes[PL_FACING])
-                _bounded(columns, maps, record - first, facing, start, slope, begin, end, rows, stride)
+            if show_flat(job, mf, lens, y, normal, rows, stride, begin, end, line, steep):
+                run += 1
                 continue
-            nx = vec.spread0(start) + vec.spread0(slope) * lane
-            ny = vec.spread1(start) + vec.spread1(slope) * lane
-            nz = vec.spread2(start) + vec.spread2(slope) * lane
-            further = slope * eight
-            dx, dy, dz = vec.spread0(further), vec.spread1(further), vec.spread2(further)
-            _put(rows, stride, begin, nx, ny, nz)
-            nx, ny, nz = nx + dx, ny + dy, nz + dz
-            # Whether a run has more than eight pixels cannot be predicted.
-            _put(rows, stride, begin + vec.LANES, nx, ny, nz)
-            for x in range(begin + 2 * vec.LANES, end, vec.LANES):
-                nx, ny, nz = nx + dx, ny + dy, nz + dz
-                _put(rows, stride, x, nx, ny, nz)
-    light_up(job, HAS_NORMALS, mi, mf, maps, y, none, rows, stride, shown, np.int64(starts[runs]), line, steep)
+            r = np.int64(whole[B_FLAT * room + flat])
+        elif r == run:
+            flat += 1
+            continue
+        if known <= run:
+            known = min(reach, r)
+            _put_cosines(lens, y, starts, run, known, masks, beside, room, rows, stride)
+        stop = min(last_run, known)
+        while whole[B_STRAYS * room + stray] < stop:
+            number = np.int64(whole[B_STRAYS * room + stray])
+            stray += 1
+            begin, end, element = np.int64(starts[number]), np.int64(starts[number + 1]), records[number] - first
+            _put_stray(columns, maps, lens, y, element, begin, end, beside, room, number, rows, stride)
+        begin, end = np.int64(starts[run]), np.int64(starts[stop])
+        for part in range(begin, end, PART):
+            finish_uniform(job, mf, y, np.int64(0), rows, stride, part, min(part + PART, end), line, steep)
+        run = stop
+    return flat, stray, known

@@ -15,9 +15,8 @@ import numpy as np
 from renderers import simd as vec
 from renderers.linked import inlined, inner
 from renderers.pointers import f32_at, i32_at, u32_at
-from renderers.shading.ahead import look_ahead
 from renderers.shading.head import shine
-from renderers.shading.layout import II_ELEMENTS, II_VERTICES, P_MIRROR, P_NORMAL, V_COLUMNS
+from renderers.shading.layout import II_ELEMENTS, II_VERTICES, P_MIRROR, P_NORMAL
 from renderers.shading.surface import turned
 from renderers.shading.triples import cross, dot, minus, optical
 
@@ -26,9 +25,9 @@ SLOTS: Final = 4096
 AHEAD: Final = 128
 """Runs that are looked up at a time: few enough that they seldom put each other out of their places."""
 
-# The memory, values of 4 bytes.
+# The memory of triangles with a picture on them, values of 4 bytes.
 M_RECORDS: Final = 0  # SLOTS: whose triangle's; -1: nobody's
-M_PIXELS: Final = SLOTS  # SLOTS: see ``pixel_of``
+M_PIXELS: Final = SLOTS  # SLOTS: see ``texel_planes``
 M_MISSING: Final = 2 * SLOTS  # AHEAD and a vector more: records that are to be set up
 M_COLUMNS: Final = M_MISSING + AHEAD + vec.LANES  # as many: the columns that they are needed at
 M_PLANES: Final = M_COLUMNS + AHEAD + vec.LANES  # float32 from here on: PLANE_VALUES for every place
@@ -40,13 +39,22 @@ MEMORY_VALUES: Final = M_PLANES + SLOTS * PLANE_VALUES
 # A row: the normal, turned to the side that is seen, with minus its z, which is what the head light sees of it ...
 PL_NORMAL: Final = 0  # 3 values
 PL_WEIGHTS: Final = 3  # 3 values: barycentric coordinates over depth
-OUTSIDE: Final = 7 << PL_WEIGHTS
-"""The lanes of the coordinates."""
 # ... and in the first row only:
 PL_FACING: Final = 6  # -1 where a back face is seen
+PL_PIXEL: Final = 7  # int32: the packed pixel of a triangle that has the same colour everywhere, else -1
 # in the second and third:
 PL_COLUMN: Final = ROW_VALUES + 6  # the pixel that the first row belongs to
 PL_LINE: Final = 2 * ROW_VALUES + 6
+
+# Up to eight triangles of one instance that wait for their set-up, int32: their records, the pixels that see them
+# first, and their places.
+E_RECORDS: Final = 0
+E_LEFT: Final = vec.LANES
+E_TOP: Final = 2 * vec.LANES
+E_PLACES: Final = 3 * vec.LANES
+E_INSTANCE: Final = 4 * vec.LANES
+E_COUNT: Final = E_INSTANCE + 1
+E_COLUMNS: Final = 5 * vec.LANES
 
 
 @inner
@@ -55,11 +63,6 @@ def forget(memory):
     records = i32_at(memory)
     for slot in range(0, SLOTS, vec.LANES):
         vec.store(records, M_RECORDS + slot, vec.i32(-1))
-
-
-@inlined
-def slot_of(record):
-    return record & (SLOTS - 1)
 
 
 @inner
@@ -86,31 +89,6 @@ def look_up(ids, starts, places, run, last_run, memory):
         vec.store(whole, M_MISSING + count, vec.i32(np.int64(whole[M_MISSING + count - 1])))
         vec.store(whole, M_COLUMNS + count, vec.i32(np.int64(whole[M_COLUMNS + count - 1])))
     return count
-
-
-@inner
-def miss(memory, record, column):
-    """Make a record the only missing one."""
-    vec.store(i32_at(memory), M_MISSING, vec.i32(record))
-    vec.store(i32_at(memory), M_COLUMNS, vec.i32(column))
-
-
-@inlined
-def knows(memory, record):
-    """Whether the record's triangle is at its place."""
-    return i32_at(memory)[M_RECORDS + slot_of(record)] == record
-
-
-@inlined
-def planes_of(memory, record):
-    """Pointer to a triangle's PLANE_VALUES float32."""
-    return f32_at(memory + 4 * (M_PLANES + PLANE_VALUES * slot_of(record)))
-
-
-@inlined
-def pixel_of(memory, record):
-    """The packed pixel of a triangle that has the same colour everywhere, else -1."""
-    return i32_at(memory)[M_PIXELS + slot_of(record)]
 
 
 @inlined
@@ -154,43 +132,38 @@ def _same(a, b):
 
 
 @inlined
-def _keep(planes, places, a, b, c, w, more):
-    """Store a row of eight triangles: the corners' normals with their weights, these, and one value more."""
+def _keep(planes, places, a, b, c, w, more, last):
+    """Store a row of eight triangles: the corners' normals with their weights, these, and two values more."""
     x, y, z = (
         w[0] * a[0] + w[1] * b[0] + w[2] * c[0],
         w[0] * a[1] + w[1] * b[1] + w[2] * c[1],
         w[0] * a[2] + w[1] * b[2] + w[2] * c[2],
     )
     x, y, z = vec.to_f32(x), vec.to_f32(y), vec.to_f32(z)
-    row = x, y, z, vec.to_f32(w[0]), vec.to_f32(w[1]), vec.to_f32(w[2]), more, more
+    row = x, y, z, vec.to_f32(w[0]), vec.to_f32(w[1]), vec.to_f32(w[2]), more, last
     vec.store_rows(planes, places, row)
 
 
 @inner
-def set_up(columns, m, maps, lens, y, first, many, smooth, colors, memory, at, count):
-    """Put the triangles of eight of ``count`` missing records, from number ``at`` on, to their places.
+def set_up(columns, m, maps, lens, first, smooth, colors, eight, planes):
+    """Put eight triangles of an instance, not all of which need differ, to their places.
 
     Args:
-        columns, m, lens, y, first, many: as for ``resolve.resolve_triangles``.
+        columns, m, lens, first: as for ``resolve.resolve_triangles``.
         maps: pointer to the instance's P_COLUMNS values.
-        smooth: whether the mesh has normals. colors: see ``head.shine``.
+        smooth: whether the mesh has normals; if not, PL_PIXEL is all that is known. colors: see ``head.shine``.
+        eight: pointer to E_COLUMNS int32. planes: pointer to float32, PLANE_VALUES for every place.
     """
-    whole = i32_at(memory)
     vertices, elements = f32_at(columns[II_VERTICES]), u32_at(columns[II_ELEMENTS])
-    column, row = vec.to_f64(vec.load(whole, M_COLUMNS + at)), vec.f64(y)
-    at += M_MISSING
-    if many:
-        look_ahead(whole, at, M_MISSING + count, first, elements, vertices)
-    records = vec.load(whole, at)
-    v0 = vec.load_vertices(whole, at, first, elements, vertices, 0)
-    v1 = vec.load_vertices(whole, at, first, elements, vertices, 1)
-    v2 = vec.load_vertices(whole, at, first, elements, vertices, 2)
+    column, row = vec.to_f64(vec.load(eight, E_LEFT)), vec.to_f64(vec.load(eight, E_TOP))
+    v0 = vec.load_vertices(eight, E_RECORDS, first, elements, vertices, 0)
+    v1 = vec.load_vertices(eight, E_RECORDS, first, elements, vertices, 1)
+    v2 = vec.load_vertices(eight, E_RECORDS, first, elements, vertices, 2)
     p0, p1, p2 = optical(m, v0), optical(m, v1), optical(m, v2)
     rows, determinant = inverse(p0, p1, p2)
     none, one = vec.f64(0.0), vec.f64(1.0)
     mirror = np.float64(maps[P_MIRROR])
-    slots = records & vec.i32(SLOTS - 1)
-    vec.scatter(whole, slots + vec.i32(M_RECORDS), records)
+    places = vec.load(eight, E_PLACES) * vec.i32(PLANE_VALUES)
     if not smooth:
         n = cross(minus(p1, p0), minus(p2, p0))
         # Against the sign of the determinant: towards the camera.
@@ -198,72 +171,22 @@ def set_up(columns, m, maps, lens, y, first, many, smooth, colors, memory, at, c
         length = vec.sqrt(dot(n, n))
         usable = (length > none) & (length < vec.f64(math.inf))
         nz = vec.select(usable, nz / vec.select(usable, length, one), none)
-        vec.scatter(whole, slots + vec.i32(M_PIXELS), shine(vec.to_f32(nz), vec.f32(1.0), colors))
+        pixels = shine(vec.to_f32(nz), vec.f32(1.0), colors) & vec.i32(0xFFFFFF)
+        vec.scatter(planes, places + vec.i32(PL_PIXEL), vec.float_of(pixels))
         return
     facing = vec.select(determinant > none, vec.f64(-mirror), vec.f64(mirror))
     side = vec.to_f32(facing)
     n0, n1, n2 = seen_normals(maps, v0, side), seen_normals(maps, v1, side), seen_normals(maps, v2, side)
     z, square = vec.to_f32(n0[2]), vec.to_f32(dot(n0, n0))
     uniform = _same(v0, v1) & _same(v0, v2)
-    pixels = vec.select(uniform, shine(z, square, colors), vec.i32(-1))
-    vec.scatter(whole, slots + vec.i32(M_PIXELS), pixels)
+    pixels = vec.select(uniform, shine(z, square, colors) & vec.i32(0xFFFFFF), vec.i32(-1))
     # Of triangles that are seen edge-on, any positive factor will do.
     size = vec.absolute(determinant)
     usable = (size > none) & (size < vec.f64(math.inf))
     scale = one / vec.select(usable, size, one)
     scale = vec.select(determinant < none, -scale, scale)
     here, right, down = spread_out(rows, scale, lens, column, row)
-    planes = f32_at(memory + 4 * M_PLANES)
-    slots = slots * vec.i32(PLANE_VALUES)
-    _keep(planes, slots, n0, n1, n2, here, side)
-    _keep(planes, slots + vec.i32(ROW_VALUES), n0, n1, n2, down, vec.to_f32(column))
-    _keep(planes, slots + vec.i32(2 * ROW_VALUES), n0, n1, n2, right, vec.to_f32(row))
-
-
-@inlined
-def stand_in(columns, m, maps, lens, y, first, smooth, colors, memory, record, column):
-    """Make sure that a record is known that was looked up: another of its row may have taken its place since."""
-    if not knows(memory, record):
-        miss(memory, record, column)
-        set_up(columns, m, maps, lens, y, first, False, smooth, colors, memory, 0, 1)
-
-
-@inlined
-def along(planes, y, column):
-    """The row's values of a known record at a column of the picture, and what each column adds: f32x8 both."""
-    right, down = np.float32(column) - planes[PL_COLUMN], np.float32(y) - planes[PL_LINE]
-    slope = vec.load(planes, 2 * ROW_VALUES)
-    start = vec.load(planes, 0) + (vec.f32(down) * vec.load(planes, ROW_VALUES) + vec.f32(right) * slope)
-    return start, slope
-
-
-@inlined
-def strays(start, slope, pixels):
-    """Whether a pixel of a run lies beside its triangle: as coverage is exact in 1/256 pixel, some do by a little."""
-    last = start + slope * vec.f32(pixels - 1)
-    return vec.bits(vec.least(start, last) < vec.f32(0.0)) & OUTSIDE != 0
-
-
-@inlined
-def corners_of(columns, element):
-    """The vertices of a triangle, f32x8 each."""
-    elements, vertices = u32_at(columns[II_ELEMENTS]), f32_at(columns[II_VERTICES])
-    return (
-        vec.load(vertices, np.int64(elements[3 * element]) * V_COLUMNS),
-        vec.load(vertices, np.int64(elements[3 * element + 1]) * V_COLUMNS),
-        vec.load(vertices, np.int64(elements[3 * element + 2]) * V_COLUMNS),
-    )
-
-
-@inlined
-def bounded_normals(maps, a, b, c, start, slope, offset):
-    """Normals of eight pixels ``offset`` behind a run's first, in the optical frame: negative coordinates become 0, so
-    that nothing is extrapolated."""
-    zero = vec.f32(0.0)
-    w0 = vec.most(vec.spread3(start) + vec.spread3(slope) * offset, zero)
-    w1 = vec.most(vec.spread4(start) + vec.spread4(slope) * offset, zero)
-    w2 = vec.most(vec.spread5(start) + vec.spread5(slope) * offset, zero)
-    nx = w0 * vec.spread3(a) + w1 * vec.spread3(b) + w2 * vec.spread3(c)
-    ny = w0 * vec.spread4(a) + w1 * vec.spread4(b) + w2 * vec.spread4(c)
-    nz = w0 * vec.spread5(a) + w1 * vec.spread5(b) + w2 * vec.spread5(c)
-    return turned(maps, P_NORMAL, nx, ny, nz)
+    _keep(planes, places, n0, n1, n2, here, side, vec.float_of(pixels))
+    column, row = vec.to_f32(column), vec.to_f32(row)
+    _keep(planes, places + vec.i32(ROW_VALUES), n0, n1, n2, down, column, column)
+    _keep(planes, places + vec.i32(2 * ROW_VALUES), n0, n1, n2, right, row, row)

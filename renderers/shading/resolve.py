@@ -52,22 +52,6 @@ _LAST: Final = -(2**63)
 """The highest of 64 bits."""
 
 
-@inner
-def changes(ids, width, masks):
-    """Find out which pixels of a row see another record than their left neighbours.
-
-    Args:
-        ids: pointer to the row's int32, readable from -1 to width + 63; what lies outside is the same everywhere, and
-            nowhere within.
-        masks: pointer to one int64 for every 64 pixels, and one more: a bit for each, the lowest first.
-    """
-    for x in range(0, width, 64):
-        mask = np.int64(0)
-        for k in range(0, 64, vec.LANES):  # one mask of 64 bits: its end is mispredicted once, not eight times
-            mask |= vec.bits(vec.load(ids, x + k) != vec.load(ids, x + k - 1)) << k
-        masks[x >> 6] = mask
-
-
 @inlined
 def _between(masks, word, begin, end):
     """A mask's bits for the pixels ``begin .. end``."""
@@ -80,21 +64,12 @@ def _between(masks, word, begin, end):
 
 
 @inner
-def count_runs(masks, begin, end):
-    """Runs of equal records among the pixels ``begin .. end``, which are not none, of a row."""
-    count = 1
-    for word in range((begin + 1) >> 6, (end >> 6) + 1):
-        count += vec.count_bits(_between(masks, word, begin + 1, end))
-    return count
-
-
-@inner
 def run_starts(masks, begin, end, starts):
     """Write the columns at which runs of equal records begin among the pixels ``begin .. end``, which are not none, and
     ``end`` eight times behind them.
 
     Args:
-        masks: see ``changes``. starts: pointer to end - begin + 8 int32.
+        masks: see ``runs.find_runs``. starts: pointer to end - begin + 8 int32.
 
     Returns:
         The number of runs.

@@ -167,18 +167,18 @@ def _color(job, varying, mf, rows, stride, x):
 
 
 @inlined
-def _towards(ready, maps, smooth, rows, stride, x):
-    """Normal of eight pixels, of any length, on the side that is seen, with minus its z; ``ready``: that is what the
-    rows hold."""
+def _turn(maps, smooth, rows, stride, x):
+    """Turn the normals of eight pixels, of any length, into the optical frame and to the side that is seen; with minus
+    their z."""
     at = A_NORMAL * stride + x
     nx, ny, nz = vec.load(rows, at), vec.load(rows, at + stride), vec.load(rows, at + 2 * stride)
-    if ready:
-        return nx, ny, nz
     if smooth:
         nx, ny, nz = turned(maps, P_NORMAL, nx, ny, nz)
         facing = vec.load(rows, A_FACING * stride + x)
         nx, ny, nz = nx * facing, ny * facing, nz * facing
-    return nx, ny, -nz
+    vec.store(rows, at, nx)
+    vec.store(rows, at + stride, ny)
+    vec.store(rows, at + 2 * stride, -nz)
 
 
 @inlined
@@ -237,7 +237,7 @@ def light_pbr(job, has, mi, mf, maps, y, places, varying, ready, rows, stride, b
     """Reflection, occlusion and emission, linear. The normals in the rows are replaced by what comes of them.
 
     Args:
-        ready: see ``_towards``. steep: see ``row_schlick``.
+        ready: whether the normals are on the side that is seen already, with minus their z. steep: see ``row_schlick``.
     """
     lens = f64_at(job[S_LENS])
     rough, occluded, emitting = mi[MI_METALLIC_ROUGHNESS] >= 0, mi[MI_OCCLUSION] >= 0, mi[MI_EMISSIVE] >= 0
@@ -247,19 +247,67 @@ def light_pbr(job, has, mi, mf, maps, y, places, varying, ready, rows, stride, b
         sample(job, mi[MI_OCCLUSION], AS_STORED, rows, stride, begin, end, A_OCCLUSION)
     if emitting:
         sample(job, mi[MI_EMISSIVE], SRGB, rows, stride, begin, end, A_EMISSIVE)
-    smooth = (has & HAS_NORMALS) != 0
+    if not ready:
+        smooth = (has & HAS_NORMALS) != 0
+        for x in range(begin, end, vec.LANES):
+            _turn(maps, smooth, rows, stride, x)
+    put_cosines(lens, y, places, rows, stride, begin, end)
+    if rough or varying != UNIFORM or occluded or emitting or job[S_MODE] != DIRECT:
+        if steep < np.float32(0.0):
+            steep = _schlick_at(job, y, places, (begin + end) // 2)
+        _finish_varied(job, mi, mf, steep, varying, rows, stride, begin, end, line)
+    else:
+        finish_uniform(job, mf, y, places, rows, stride, begin, end, line, steep)
+
+
+@inner
+def put_cosines(lens, y, places, rows, stride, begin, end):
+    """Replace the normals in the rows, on the side that is seen and with minus their z, by ``lights.cosines``."""
     lane = vec.to_f32(vec.iota())
     left, across = vec.f32(0.5 - lens[2]), vec.f32(1.0 / lens[0])
     dy = vec.f32((y + 0.5 - lens[3]) / lens[1])
     high = dy * dy + vec.f32(1.0)
     for x in range(begin, end, vec.LANES):
-        nx, ny, towards = _towards(ready, maps, smooth, rows, stride, x)
+        at = A_NORMAL * stride + x
+        nx, ny, towards = vec.load(rows, at), vec.load(rows, at + stride), vec.load(rows, at + 2 * stride)
         column = vec.f32(x) + lane if places == 0 else vec.to_f32(vec.load(i32_at(places), x))
         n_l, n_v, v_l = cosines(nx, ny, towards, (column + left) * across, dy, high)
-        at = A_NORMAL * stride + x
         vec.store(rows, at, n_l)
         vec.store(rows, at + stride, n_v)
         vec.store(rows, at + 2 * stride, v_l)
+
+
+@inner
+def finish_uniform(job, mf, y, places, rows, stride, begin, end, line, steep):
+    """From ``lights.cosines`` in the rows to the picture, of a material whose factors are all there is to it."""
+    if steep < np.float32(0.0):
+        steep = _schlick_at(job, y, places, (begin + end) // 2)
+    a2 = alpha_of(vec.f32(mf[MF_ROUGHNESS]))
+    red, green, blue = vec.f32(mf[MF_BASE]), vec.f32(mf[MF_BASE + 1]), vec.f32(mf[MF_BASE + 2])
+    diffuse, f0, grazing = coat(red, green, blue, vec.f32(mf[MF_METALLIC]))
+    er, eg, eb = vec.f32(mf[MF_EMISSIVE]), vec.f32(mf[MF_EMISSIVE + 1]), vec.f32(mf[MF_EMISSIVE + 2])
+    grazed = vec.f32(steep)
+    # Eight pixels are glossed while the eight before them are finished: neither waits for the other.
+    n_l, specular = _glossed(rows, stride, begin, a2)
+    for x in range(begin, end, vec.LANES):
+        next_n_l, next_specular = _glossed(rows, stride, x + vec.LANES, a2)
+        r = reflected(n_l, specular, grazed, diffuse[0], f0[0], grazing[0]) + er
+        g = reflected(n_l, specular, grazed, diffuse[1], f0[1], grazing[1]) + eg
+        b = reflected(n_l, specular, grazed, diffuse[2], f0[2], grazing[2]) + eb
+        write(job, True, line, x, r, g, b)
+        n_l, specular = next_n_l, next_specular
+
+
+@inlined
+def _glossed(rows, stride, x, a2):
+    at = A_NORMAL * stride + x
+    return gloss(vec.load(rows, at), vec.load(rows, at + stride), vec.load(rows, at + 2 * stride), a2)
+
+
+@inner
+def _finish_varied(job, mi, mf, steep, varying, rows, stride, begin, end, line):
+    """As ``finish_uniform`` with whatever textures there are, or for the layers."""
+    rough, occluded, emitting = mi[MI_METALLIC_ROUGHNESS] >= 0, mi[MI_OCCLUSION] >= 0, mi[MI_EMISSIVE] >= 0
     roughness = vec.f32(mf[MF_ROUGHNESS])
     for x in range(begin, end, vec.LANES):
         at = A_NORMAL * stride + x
@@ -268,34 +316,6 @@ def light_pbr(job, has, mi, mf, maps, y, places, varying, ready, rows, stride, b
         n_l, specular = gloss(n_l, n_v, v_l, a2)
         vec.store(rows, at, n_l)
         vec.store(rows, at + stride, specular)
-    if steep < np.float32(0.0):
-        steep = _schlick_at(job, y, places, (begin + end) // 2)
-    if rough or varying != UNIFORM or occluded or emitting or job[S_MODE] != DIRECT:
-        _finish_varied(job, mi, mf, steep, varying, rows, stride, begin, end, line)
-    else:
-        _finish_uniform(job, mf, steep, rows, stride, begin, end, line)
-
-
-@inner
-def _finish_uniform(job, mf, steep, rows, stride, begin, end, line):
-    """From ``gloss`` in the rows to the picture, of a material whose factors are all there is to it."""
-    red, green, blue = vec.f32(mf[MF_BASE]), vec.f32(mf[MF_BASE + 1]), vec.f32(mf[MF_BASE + 2])
-    diffuse, f0, grazing = coat(red, green, blue, vec.f32(mf[MF_METALLIC]))
-    er, eg, eb = vec.f32(mf[MF_EMISSIVE]), vec.f32(mf[MF_EMISSIVE + 1]), vec.f32(mf[MF_EMISSIVE + 2])
-    grazed = vec.f32(steep)
-    for x in range(begin, end, vec.LANES):
-        at = A_NORMAL * stride + x
-        n_l, specular = vec.load(rows, at), vec.load(rows, at + stride)
-        r = reflected(n_l, specular, grazed, diffuse[0], f0[0], grazing[0]) + er
-        g = reflected(n_l, specular, grazed, diffuse[1], f0[1], grazing[1]) + eg
-        b = reflected(n_l, specular, grazed, diffuse[2], f0[2], grazing[2]) + eb
-        write(job, True, line, x, r, g, b)
-
-
-@inner
-def _finish_varied(job, mi, mf, steep, varying, rows, stride, begin, end, line):
-    """As ``_finish_uniform`` with whatever textures there are, or for the layers."""
-    rough, occluded, emitting = mi[MI_METALLIC_ROUGHNESS] >= 0, mi[MI_OCCLUSION] >= 0, mi[MI_EMISSIVE] >= 0
     direct, one, grazed = job[S_MODE] == DIRECT, vec.f32(1.0), vec.f32(steep)
     for x in range(begin, end, vec.LANES):
         r, g, b = _color(job, varying, mf, rows, stride, x)

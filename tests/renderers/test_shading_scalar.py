@@ -13,6 +13,7 @@ from renderers.drawlist import DrawList, Instance, Material, Mesh, Sampler, Text
 from renderers.port import Look, Output
 from renderers.shading import paint, prepare
 from renderers.shading.planes import SLOTS
+from renderers.shading.runs import MOST
 from renderers.shading.vertices import records_of
 from tests.renderers.scalar_shading import shaded
 from tests.renderers.shading_reference import ball, picture, placed, quad
@@ -253,6 +254,32 @@ def test_triangles_that_are_remembered_at_the_same_place(textured: bool) -> None
         assert ours.any()
         assert differences.max() <= 1
         assert (differences != 0).mean() < 0.02
+
+
+def test_bands_of_more_triangles_than_are_set_up_at_a_time() -> None:
+    """Quads six pixels wide and three high, none of them flat or like the others, in rows of many instances."""
+    width, height = 2100, 32
+    across, down = width // 6, -(-height // 3)
+    assert 2 * across * down > MOST
+    rng = np.random.default_rng(8)
+    y, x = np.mgrid[0 : down + 1, 0 : across + 1]
+    positions = np.stack((6.0 * x + 0.3, 3.0 * y + 0.2, 1000.0 + rng.uniform(-1.0, 1.0, x.shape)), axis=-1)
+    normals = rng.uniform((-1.0, -1.0, -2.0), (1.0, 1.0, -0.5), (*x.shape, 3))
+    a = (np.arange(down)[:, None] * (across + 1) + np.arange(across)).ravel()
+    b = a + across + 1
+    elements = np.concatenate((np.stack((a, b, a + 1), 1), np.stack((a + 1, b, b + 1), 1))).astype(np.uint32)
+    whole = Mesh(positions.reshape(-1, 3).astype(np.float32), elements, normals.reshape(-1, 3).astype(np.float32))
+    parts = [replace(whole, elements=np.ascontiguousarray(elements[k::300])) for k in range(300)]
+    camera = Camera(width, height, 1000.0, 1000.0, 0.0, 0.0, 0.05, 5000.0, np.eye(4))
+    for meshes in ([whole], parts):
+        looks = [Material((0.9, 0.3, 0.1 + 0.8 * k / len(meshes), 1.0), double_sided=True) for k in range(len(meshes))]
+        drawn = DrawList(tuple(Instance(mesh, look, np.eye(4)) for mesh, look in zip(meshes, looks, strict=True)))
+        for name in ("phong", "pbr"):
+            ours, scalar = both(drawn, camera, Look(name))
+            differences = np.abs(ours - scalar)
+            assert ours.any()
+            assert differences.max() <= 1
+            assert (differences != 0).mean() < 0.02
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.6, -1.1, 1.45])
