@@ -271,7 +271,9 @@ class CpuRenderer:
         )
         if look.samples != 1:
             memory = edge_memory(scratch, threads, camera, look.samples, job.stride)
-            return job.sampled_task(*edge_kernels(), memory, mixed_bands(painter))
+            # The scratch outlives the task, the job does not.
+            shader = mixed_bands(painter, lambda values: scratch.table("mixed", values))
+            return job.sampled_task(*edge_kernels(), memory, shader)
         task = job.task(painter.job)
         scratch.again = same, job.again(painter.job)
         return task

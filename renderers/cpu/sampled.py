@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 from typing import Final
 
@@ -15,7 +16,7 @@ from renderers.cpu.pools import Scratch
 from renderers.cpu.visibility import BAND_ROWS, Rasterizer, SampledShader
 from renderers.drawlist import DrawList
 from renderers.native import kernel_address
-from renderers.pointers import address_of, table
+from renderers.pointers import Table, address_of, table
 from renderers.port import Look
 from renderers.samples import sample_cameras
 from renderers.shading import Painter, ShadingScene, paint
@@ -81,11 +82,11 @@ def _shading_kernels() -> tuple[int, int]:
     return kernel_address(shade_mixed), kernel_address(shade_rows)
 
 
-def mixed_bands(painter: Painter) -> SampledShader:
+def mixed_bands(painter: Painter, table: Callable[[int], Table] = table) -> SampledShader:
     """For ``Rasterizer.sampled``: shades and mixes bands of an opaque scene as they are shown, as VTK mixes them.
 
     Args:
-        painter: of the whole picture.
+        painter: of the whole picture. table: gives working memory, which nobody else uses while this is.
     """
     mixing, shading = _shading_kernels()
     own, memory, address = table(2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Iterator
 from typing import Any
 
@@ -11,6 +12,10 @@ from numpy.typing import NDArray
 
 from renderers.camera import Camera
 from renderers.cpu import CpuRenderer
+from renderers.cpu import frame as cpu_frame
+from renderers.cpu import renderer as cpu_renderer
+from renderers.cpu.sampled import mixed_bands
+from renderers.cpu.work import work
 from renderers.drawlist import DrawList, Instance, Material, Mesh
 from renderers.port import Look, Output
 from renderers.samples import sample_cameras, sample_offsets
@@ -138,6 +143,29 @@ def test_of_two_at_the_same_depth_the_first_is_seen(renderer: CpuRenderer, sampl
     assert 1000 < covered.sum() < covered.size / 2
     both = color(renderer, unlit(small, wall, double_sided=True), view, "phong", samples)
     assert (both[covered] == only_wall[108, 160]).all()
+
+
+def test_what_kernels_read_lives_as_long_as_they_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The task has addresses only."""
+    made: list[weakref.ref[NDArray[np.int64]]] = []
+    alive: list[bool] = []
+
+    def remember(*arguments: Any) -> Any:
+        shader: Any = mixed_bands(*arguments)
+        made.append(weakref.ref(shader.keep[0]))
+        return shader
+
+    def look_and_work(address: int, stay: bool) -> None:
+        alive.append(made[-1]() is not None)
+        if alive[-1]:
+            work(address, stay)
+
+    monkeypatch.setattr(cpu_renderer, "mixed_bands", remember)
+    monkeypatch.setattr(cpu_frame, "work", look_and_work)
+    renderer = CpuRenderer(1)
+    color(renderer, _scenes()["surfaces"], camera(), "phong", 8)
+    renderer.close()
+    assert alive == [True]
 
 
 def test_offsets() -> None:
