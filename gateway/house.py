@@ -58,6 +58,8 @@ class House:
     """Pictures of the stereo sensor for people, if there is one."""
     on_render: Callable[[RenderRecord], None] = lambda record: None
     """Told about every answered request of the render endpoint."""
+    coming: Callable[[], int] = lambda: 0
+    """Calls that will want a thread before a frame is drawn; any thread asks."""
     state: State | None = None
     """What survives the process, if anything does."""
     _renderer: Renderer | None = None
@@ -77,7 +79,7 @@ class House:
 
             threads = self.settings.frame_threads or self.workers.threads
             beside = max(0, threads - self.workers.threads)
-            self._renderer = CpuRenderer(threads, lambda: beside + self.workers.spare)
+            self._renderer = CpuRenderer(threads, lambda: beside + max(0, self.workers.spare - self.coming()))
         return self._renderer
 
     def serve(

@@ -59,6 +59,7 @@ def join_render(house: House) -> None:
         house.on_render(record)
 
     service = RenderService(house.renderer, house.workers, config, backdrop=_backdrop(house), on_done=done)
+    house.coming = service.soon
     figures.watch_render(house.metrics, service)
     house.app.include_router(router(service))
     house.app.state.door = _door(house, service)

@@ -15,6 +15,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from queue import SimpleQueue
 from typing import Any, Final, ParamSpec, TypeVar
 
 from gateway.turns import step_back
@@ -107,7 +108,8 @@ class Workers:
         self._name = name
         self._niceness = niceness
         self._lock = threading.Lock()
-        self._work = threading.Condition(self._lock)
+        self._idle: list[SimpleQueue[None]] = []
+        """Of each thread that waits, what wakes it up."""
         self._queue: deque[_Job] = deque()
         self._queue_bytes = 0
         self._running = 0
@@ -148,10 +150,11 @@ class Workers:
                 self._check_bounds(weight)
             self._queue.append(job)
             self._queue_bytes += weight
-            if self._alive < self.threads and self._alive < self._running + len(self._queue):
+            if self._idle:
+                self._idle.pop().put(None)  # the one that has waited least
+            elif self._alive < self.threads and self._alive < self._running + len(self._queue):
                 self._alive += 1
                 threading.Thread(target=self._serve, name=f"{self._name}-{self._alive}", daemon=True).start()
-            self._work.notify()
         try:
             return await future
         finally:
@@ -203,7 +206,8 @@ class Workers:
         ended: asyncio.Future[None] = loop.create_future()
         with self._lock:
             self._closing = True
-            self._work.notify_all()
+            while self._idle:
+                self._idle.pop().put(None)
             if self._alive == 0:
                 return True
             self._ended.append((loop, ended))
@@ -248,15 +252,21 @@ class Workers:
 
     def _serve(self) -> None:
         step_back(self._niceness)
+        calls: SimpleQueue[None] = SimpleQueue()  # waits without the interpreter, which a condition needs to go on
         while True:
             with self._lock:
-                while not self._queue and not self._closing:
-                    self._work.wait()
-                if not self._queue:
+                if self._queue:
+                    job = self._queue.popleft()
+                    self._queue_bytes -= job.weight
+                    self._running += 1
+                elif self._closing:
                     break
-                job = self._queue.popleft()
-                self._queue_bytes -= job.weight
-                self._running += 1
+                else:
+                    job = None
+                    self._idle.append(calls)
+            if job is None:
+                calls.get()
+                continue
             started = time.monotonic()
             result, error = None, None
             try:

@@ -48,17 +48,18 @@ def fxaa(color: NDArray[np.uint8]) -> None:
         if pixels <= _KEPT_PIXELS:
             _scratch.arrays = kept
     source = kept[0][: 3 * pixels].reshape(height, width, 3)
-    np.copyto(source, color)
     luma = kept[1][:pixels].reshape(height, width)
     _smooth(source, luma, address_of(source, np.uint8), address_of(luma, np.float32), address_of(color, np.uint8))
 
 
 @kernel("void(uint8[:,:,::1], float32[:,::1], int64, int64, int64)")
 def _smooth(source, luma, source_at, luma_at, out_at):
-    """``out`` holds a copy of ``source``; ``luma`` is scratch; the addresses are those of the arrays and of ``out``."""
+    """``out`` is the picture, the arrays are scratch; the addresses are theirs and that of ``out``."""
     height, width = luma.shape
     values, lumas = source.reshape(height * width * 3), luma.reshape(height * width)
     pixels, levels, out = u8_at(source_at), f32_at(luma_at), u8_at(out_at)
+    for i in range(3 * height * width):
+        values[i] = out[i]
     for i in range(height * width):
         lumas[i] = (
             np.float32(0.299) * values[3 * i]

@@ -21,16 +21,18 @@ KERNELS: Final[list[Any]] = []
 """Every entry point made so far, for ``compile_all``."""
 
 
-def kernel(signature: str) -> Callable[[Callable[..., Any]], Any]:
+def kernel(signature: str, *, brief: bool = False) -> Callable[[Callable[..., Any]], Any]:
     """Decorator for entry points that Python calls; what they call among themselves is of ``renderers.linked``.
 
     Args:
         signature: the one specialisation, as Numba writes it. It is compiled (or loaded from the cache) at the first
             call or by ``compile_all``, never at import.
+        brief: keeps the GIL. For those that take microseconds: who lets go of it waits until another thread, which may
+            have waited for it, does the same.
     """
 
     def decorate(function: Callable[..., Any]) -> Any:
-        dispatcher: Any = njit(nogil=True, cache=True, fastmath=False, error_model="numpy")(function)
+        dispatcher: Any = njit(nogil=not brief, cache=True, fastmath=False, error_model="numpy")(function)
         implementation = dispatcher._cache._impl
         file: Any = caching.IndexDataCacheFile
         dispatcher._cache._cache_file = file(

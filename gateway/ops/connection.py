@@ -12,6 +12,7 @@ import httptools
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
 
 from gateway.ops.access import CORS_EXPOSED
+from gateway.ops.alarms import Alarm, alarms_of
 from gateway.ops.direct import EXTENSION, Direct
 from gateway.ops.joined import Joined
 from gateway.ops.paced import LARGEST_PIECE, Paced
@@ -71,8 +72,8 @@ class BoundedHttp(HttpToolsProtocol):
     _in_head = True
     _encoding = b""
     """Transfer-Encoding of the request that arrives."""
-    _head_timer: asyncio.TimerHandle | None = None
-    _body_timer: asyncio.TimerHandle | None = None
+    _head_timer: Alarm | asyncio.TimerHandle | None = None
+    _body_timer: Alarm | asyncio.TimerHandle | None = None
     _received = 0
     direct: Direct | None = None
     """Of the request whose body arrives, if it says how long that is and the application is asked already ..."""
@@ -86,7 +87,7 @@ class BoundedHttp(HttpToolsProtocol):
             self._refuse(503, "Service Unavailable", f"There are {MAX_CONNECTIONS} connections already.")
             self.transport.close()
             return
-        self._head_timer = self.loop.call_later(HEAD_SECONDS, self._too_late)
+        self._head_timer = alarms_of(self.loop).later(HEAD_SECONDS, self._too_late)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Stops the clocks."""
@@ -152,7 +153,7 @@ class BoundedHttp(HttpToolsProtocol):
         self._encoding = b""
         super().on_message_begin()
         if self._head_timer is None:
-            self._head_timer = self.loop.call_later(HEAD_SECONDS, self._too_late)
+            self._head_timer = alarms_of(self.loop).later(HEAD_SECONDS, self._too_late)
 
     def on_header(self, name: bytes, value: bytes) -> None:
         """A header. One behind a chunked body is none: whoever checked the head has not seen it."""
@@ -172,6 +173,9 @@ class BoundedHttp(HttpToolsProtocol):
         if len(self.url) > MAX_TARGET_BYTES:
             self._refuse(414, "URI Too Long", f"The path with its query is longer than {MAX_TARGET_BYTES} bytes.")
             return
+        if self.parser.should_upgrade() and self._has_body():
+            self._refuse(400, "Bad Request", "A request with a body cannot ask for another protocol (Upgrade) here.")
+            return
         if len(self.pipeline) >= MAX_PIPELINED:
             self._deaf = True
             self.transport.abort()
@@ -183,11 +187,20 @@ class BoundedHttp(HttpToolsProtocol):
             if not self.pipeline and not self.parser.should_upgrade():
                 self._offer()
 
+    def _should_upgrade(self) -> bool:
+        return not self._deaf and super()._should_upgrade()
+
+    def _length(self) -> int:
+        """Of the body, as the head says it; 0 where it is in chunks."""
+        return 0 if self._encoding else int(dict(self.headers).get(b"content-length", b"0"))
+
+    def _has_body(self) -> bool:
+        return bool(self._encoding) or self._length() > 0
+
     def _offer(self) -> None:
         """Lets the application, which has not begun, have the body directly."""
-        length = b"0" if self._encoding else dict(self.headers).get(b"content-length", b"0")
-        if int(length) > 0:
-            self._present = self.direct = Direct(self.loop, int(length), partial(self._begin_body, self.cycle))
+        if (length := self._length()) > 0:
+            self._present = self.direct = Direct(self.loop, length, partial(self._begin_body, self.cycle))
             self.scope["extensions"] = {EXTENSION: self.direct}  # type: ignore[dict-item]  # it may hold anything
 
     def _begin_body(self, cycle: RequestResponseCycle) -> bytes:
@@ -211,7 +224,8 @@ class BoundedHttp(HttpToolsProtocol):
         """The next thing on this connection is a head again."""
         self._beside_body = 0
         if self._deaf:
-            self.transport.close()  # nothing is unread, so the answer arrives
+            if not self.parser.should_upgrade():  # else the parser has left the body to others
+                self.transport.close()  # nothing is unread, so the answer arrives
             return
         self._in_head = True
         self.direct = None
@@ -286,7 +300,7 @@ class BoundedHttp(HttpToolsProtocol):
 
     def _watch_body(self) -> None:
         self._stop_body_timer()
-        self._body_timer = self.loop.call_later(BODY_SECONDS, self._look_at_body, self._received)
+        self._body_timer = alarms_of(self.loop).later(BODY_SECONDS, self._look_at_body, self._received)
 
     def _look_at_body(self, received: int) -> None:
         self._body_timer = None

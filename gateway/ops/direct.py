@@ -14,6 +14,8 @@ from typing import Any, Final
 from starlette.requests import ClientDisconnect
 from starlette.types import Scope
 
+from gateway.ops.alarms import Alarm, alarms_of
+
 EXTENSION: Final = "scenegate.direct"
 
 Into = Callable[[bytes | bytearray, int], None]
@@ -44,10 +46,10 @@ class Direct:
         self.taken = False
         """Whether they are for the application, in person."""
         self._loop = loop
-        self._begin = begin
+        self._begin: Callable[[], bytes] | None = begin
         self._into: Into | None = None
         self._ended: asyncio.Future[None] | None = None
-        self._timer: asyncio.TimerHandle
+        self._timer: Alarm | asyncio.TimerHandle
         self._patience = self._last = 0.0
         self._gone: Callable[[], None] | None = None
         self._lost = False
@@ -69,15 +71,16 @@ class Direct:
             ClientDisconnect: the client has left.
             Exception: whatever ``into`` raised. In each of these cases the rest of the body is thrown away.
         """
-        if self._lost:
+        begin, self._begin = self._begin, None  # it leads back here, by the request's scope
+        if begin is None:
             raise ClientDisconnect
         self.taken = True
         self._into = into
         self._ended = ended = self._loop.create_future()
         self._patience, self._last = patience, self._loop.time()
-        self._timer = self._loop.call_later(patience, self._look)
+        self._timer = alarms_of(self._loop).later(patience, self._look)
         try:
-            if come := self._begin():
+            if come := begin():
                 into(come, len(come))
             if self.left > 0:
                 await ended
@@ -108,6 +111,7 @@ class Direct:
     def lose(self) -> None:
         """For the connection: it has ended."""
         self._lost = True
+        self._begin = None
         if self._ended is not None and not self._ended.done():
             self._ended.set_exception(ClientDisconnect())
         if self._gone is not None:
@@ -116,6 +120,6 @@ class Direct:
     def _look(self) -> None:
         remaining = self._last + self._patience - self._loop.time()
         if remaining > 0.0:
-            self._timer = self._loop.call_later(remaining, self._look)
+            self._timer = alarms_of(self._loop).later(remaining, self._look)
         elif self._ended is not None and not self._ended.done():
             self._ended.set_exception(TimeoutError())

@@ -58,7 +58,8 @@ def configure(log_format: Format = "auto", level: str = "info") -> None:
         logger = logging.getLogger(name)
         logger.handlers[:], logger.propagate = [], True
     structlog.configure(
-        processors=[*shared, structlog.stdlib.ProcessorFormatter.wrap_for_formatter],
+        # What nobody wants is not made ready first.
+        processors=[structlog.stdlib.filter_by_level, *shared, structlog.stdlib.ProcessorFormatter.wrap_for_formatter],
         logger_factory=structlog.stdlib.LoggerFactory(),
         wrapper_class=structlog.stdlib.BoundLogger,
         cache_logger_on_first_use=False,

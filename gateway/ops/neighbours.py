@@ -5,14 +5,19 @@ from __future__ import annotations
 import contextlib
 import http.client
 import json
+import socket
 import ssl
+import threading
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Final
 from urllib.parse import urlsplit
 
 SECONDS: Final = 2.0
 """A gateway that draws answers later than an idle one, and nobody waits long for a table."""
+WHOLE_SECONDS: Final = 5.0
+"""For all of an answer: the bound before is for each byte of it."""
 MOST_BYTES: Final = 1 << 20
 """Of an answer: what listens there may be anything."""
 _NOT_OURS: Final = (OSError, http.client.HTTPException, ValueError, RecursionError)
@@ -44,10 +49,29 @@ def gateway_at(host: str, port: int) -> Neighbour | None:
         with (
             contextlib.closing(connection),
             contextlib.suppress(*_NOT_OURS),
+            _cut_off(connection),
         ):
             connection.request("GET", "/healthz")
             return _read(json.loads(connection.getresponse().read(MOST_BYTES)))
     return None
+
+
+@contextmanager
+def _cut_off(connection: http.client.HTTPConnection) -> Iterator[None]:
+    """Ends the connection when the time for all of it is over."""
+
+    def end() -> None:
+        if connection.sock is not None:
+            with contextlib.suppress(OSError):
+                socket.socket.shutdown(connection.sock, socket.SHUT_RDWR)  # below TLS, which another thread may be in
+
+    timer = threading.Timer(WHOLE_SECONDS, end)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 def _read(health: Any) -> Neighbour | None:

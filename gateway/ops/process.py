@@ -19,6 +19,10 @@ every turn while one decodes or lists."""
 _FILES = 65_536
 """Descriptors: one for each HTTP, WebSocket and gRPC connection."""
 
+_RECEIVED = 4 << 20
+"""Bytes that a connection may send before anybody reads them: a scene of Drake's comes whole, in a few large pieces. By
+itself Linux begins with 64 kB and finds out, for every new connection, while client and event loop wake each other."""
+
 
 def tune() -> None:
     """Keeps freed pictures' pages, gives the event loop its turn soon and allows many connections; does what the system
@@ -64,6 +68,8 @@ def listen(host: str, port: int) -> socket.socket:
     sock = socket.socket(family, kind, protocol)
     try:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if _may_receive(family):  # else what the system finds out by itself is more
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVED)
         sock.bind(address)
         sock.listen(2048)
         sock.setblocking(False)
@@ -71,6 +77,13 @@ def listen(host: str, port: int) -> socket.socket:
         sock.close()
         raise
     return sock
+
+
+def _may_receive(family: int) -> bool:
+    """Whether a socket may be told to hold so many bytes; asking is final, and more than allowed is cut silently."""
+    with socket.socket(family) as sock:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVED)
+        return sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) >= _RECEIVED
 
 
 def why_not_listening(error: OSError, host: str, port: int) -> str:

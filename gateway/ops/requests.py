@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import random
 import re
 import time
-import uuid
 from collections.abc import Callable, Collection
 
 import structlog
+from starlette.middleware import body_limit
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -18,11 +19,18 @@ _log = structlog.get_logger("gateway.http")
 _ID = re.compile(r"[A-Za-z0-9._:/+=-]{1,128}")
 """What a client may send as X-Request-ID; anything else could forge log lines and is replaced."""
 
+_TOO_LARGE = tuple(
+    found
+    for name in ("_RequestBodyTooLarge", "_RequestBodyLimitResponseSent")
+    if (found := getattr(body_limit, name, None)) is not None
+)
+"""How the framework's bound on bodies says that it answers, or has answered; there are no public names."""
+
 
 def request_id(sent: bytes) -> str:
     """The id of a request: what its X-Request-ID says, or a new one where that is missing or unfit; ASCII."""
     text = sent.decode("latin-1")
-    return text if _ID.fullmatch(text) else uuid.uuid4().hex
+    return text if _ID.fullmatch(text) else f"{random.getrandbits(128):032x}"
 
 
 class Requests:
@@ -51,6 +59,9 @@ class Requests:
         with structlog.contextvars.bound_contextvars(request_id=identity), self._metrics.in_flight.track_inprogress():
             try:
                 await self._app(scope, receive, send_with_id)
+            except _TOO_LARGE:
+                status = 413
+                raise
             except Exception as error:  # a defect of ours; Drake prints the body, so it is one line
                 _log.exception("unhandled", path=scope["path"])
                 if status:

@@ -9,6 +9,7 @@ from typing import Any
 
 import structlog
 
+from gateway.ops.alarms import alarms_of
 from gateway.render.config import RenderConfig
 from gateway.render.failures import FailureStore
 from gateway.render.form import RenderRequest
@@ -22,22 +23,25 @@ _log = structlog.get_logger("gateway.render")
 
 _RETRY_FULL = 5
 """Seconds until memory for another upload is probably free."""
+_SOON = 0.05
+"""Seconds in which most bodies arrive; whoever takes longer keeps no frame from other processors."""
 
 
 class Place:
     """Of a request in the queue while its body arrives; given up when it is handed in, refused or too slow."""
 
-    __slots__ = ("_service", "_timer")
+    __slots__ = ("_service", "_timer", "since")
 
     def __init__(self, service: RenderService, seconds: float) -> None:
         self._service: RenderService | None = service
-        self._timer = asyncio.get_running_loop().call_later(seconds, self.leave)
+        self.since = time.monotonic()
+        self._timer = alarms_of(asyncio.get_running_loop()).later(seconds, self.leave)
 
     def leave(self) -> None:
         """Calling it again does nothing."""
         self._timer.cancel()
         if self._service is not None:
-            self._service.arriving -= 1
+            self._service.places.remove(self)
             self._service = None
 
 
@@ -67,10 +71,20 @@ class RenderService:
         self._pipeline = Pipeline(renderer, self.config, backdrop)
         self._workers = workers
         self._on_done = on_done
-        self.arriving = 0
-        """Requests that hold a place while their bodies arrive."""
+        self.places: set[Place] = set()
+        """Of requests whose bodies arrive."""
         self._inflight = 0
         self._answered: dict[int, int] = {}
+
+    @property
+    def arriving(self) -> int:
+        """Requests that hold a place while their bodies arrive."""
+        return len(self.places)
+
+    def soon(self) -> int:
+        """Of them, those that will probably want a thread before a frame is drawn. Any thread."""
+        earliest = time.monotonic() - _SOON
+        return sum([place.since > earliest for place in tuple(self.places)])  # copied at one go
 
     def refuse(self) -> Busy | None:
         """Why a request whose head has just arrived would be refused, if it would; then it is counted as answered."""
@@ -86,8 +100,9 @@ class RenderService:
         """
         if (busy := self._workers.refuse(self.arriving)) is not None:
             raise busy
-        self.arriving += 1
-        return Place(self, self.config.arrival_seconds)
+        place = Place(self, self.config.arrival_seconds)
+        self.places.add(place)
+        return place
 
     async def render(self, request: RenderRequest, place: Place) -> tuple[Picture, float]:
         """The picture, and the seconds that the request waited for a thread. ``place`` is given up for one with it.

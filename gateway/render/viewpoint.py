@@ -87,6 +87,6 @@ def rigid_pose(X: NDArray[np.float64], name: str) -> NDArray[np.float64]:
                 down /= length
                 pose = np.eye(4)
                 pose[:3, 0], pose[:3, 1], pose[:3, 2], pose[:3, 3] = np.cross(down, forward), down, forward, X[:3, 3]
-                if np.isfinite(pose).all():
+                if np.linalg.det(pose[:3, :3]) > 0.5:  # not where a length is beyond all numbers
                     return pose
     raise RequestError(400, f"scene: the transform of the camera node {name!r} is singular")

@@ -103,7 +103,7 @@ FIXED: Final = POSES + T_COLUMNS
 """Values of the array apart from PER_INSTANCE of each."""
 
 
-@kernel("int64(int64)")
+@kernel("int64(int64)", brief=True)
 def begin(address):
     """Fill a frame's tables but for what ``FrameJob.layers``, ``outputs`` and samples need, and how it is drawn; of one
     that is drawn again, all of them.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import weakref
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass, field
@@ -200,3 +201,43 @@ async def test_chunked_bodies_come_by_message_only() -> None:
         writer.write(b"POST /take HTTP/1.1\r\nhost: h\r\ntransfer-encoding: chunked\r\n\r\n3\r\nabc\r\n0\r\n\r\n")
         assert await answer(reader) == (200, b"3")
         writer.close()
+
+
+@pytest.mark.parametrize("protocol", [b"h2c", b"websocket"])
+@pytest.mark.parametrize("more", [b"content-length: 300000", b"transfer-encoding: chunked"])
+async def test_a_body_is_not_lost_to_another_protocol_in_silence(protocol: bytes, more: bytes) -> None:
+    taker = Taker()
+    head = b"POST /take HTTP/1.1\r\nhost: h\r\nconnection: Upgrade\r\nupgrade: %s\r\n%s\r\n\r\n" % (protocol, more)
+    async with serving(taker) as connect, connect() as (reader, writer):
+        writer.write(head + bytes(300_000))
+        status, text = await answer(reader)
+        assert (status, await reader.read()) == (400, b"")
+        assert b"Upgrade" in text
+    assert taker.ended == []
+
+
+async def test_another_protocol_that_is_not_spoken_is_passed_over_without_a_body() -> None:
+    taker = Taker()
+    async with serving(taker) as connect, connect() as (reader, writer):
+        writer.write(b"GET /take HTTP/1.1\r\nhost: h\r\nconnection: Upgrade\r\nupgrade: h2c\r\n\r\n")
+        status, _ = await answer(reader)
+        assert status == 405
+
+
+@pytest.mark.parametrize("how", ["taken", "lost"])
+async def test_a_request_that_has_ended_is_not_kept_by_its_connection(how: str) -> None:
+    class Begin:
+        def __call__(self) -> bytes:
+            return b"whole"
+
+    begin = Begin()
+    direct = Direct(asyncio.get_running_loop(), 0, begin)
+    kept = weakref.ref(begin)
+    del begin
+    if how == "taken":
+        await direct.pour(lambda buffer, count: None, LIMIT)
+    else:
+        direct.lose()
+        with pytest.raises(ClientDisconnect):
+            await direct.pour(lambda buffer, count: None, LIMIT)
+    assert kept() is None

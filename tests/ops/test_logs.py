@@ -33,6 +33,24 @@ def test_json_lines_carry_level_logger_and_context(capsys: pytest.CaptureFixture
     assert first["timestamp"].endswith("Z")
 
 
+def test_what_is_not_logged_is_not_made_ready(capsys: pytest.CaptureFixture[str]) -> None:
+    class Asked:
+        def __repr__(self) -> str:
+            raise AssertionError
+
+    seen: list[object] = []
+    logs.configure("json", "info")
+    processors = structlog.get_config()["processors"]
+    structlog.configure(processors=[processors[0], lambda logger, name, event: seen.append(event) or event])
+    structlog.get_logger("gateway.x").debug("not shown", value=Asked())
+    assert seen == []
+    logging.getLogger("gateway.x").setLevel("DEBUG")
+    try:
+        assert processors[0](logging.getLogger("gateway.x"), "debug", {}) == {}
+    finally:
+        logging.getLogger("gateway.x").setLevel("NOTSET")
+
+
 def test_auto_is_json_where_there_is_no_terminal(capsys: pytest.CaptureFixture[str]) -> None:
     logs.configure("auto", "info")
     structlog.get_logger().info("hello")

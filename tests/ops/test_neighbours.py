@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import socket
+import threading
 
 import pytest
 
@@ -35,6 +37,38 @@ def test_a_gateway_says_which_ports_are_its_own() -> None:
 def test_other_programs_are_none(body: bytes) -> None:
     with answering(lambda _: (200, body)) as port:
         assert gateway_at("127.0.0.1", port) is None
+
+
+@pytest.mark.parametrize("head", [b"", b"HTTP/1.1 200 OK\r\ncontent-length: 1000000\r\n\r\n"])
+def test_who_answers_without_end_is_not_waited_for(head: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gateway.ops.neighbours.WHOLE_SECONDS", 0.1)
+    ended: list[bool] = []
+
+    def drip(listener: socket.socket) -> None:
+        while True:
+            try:
+                connection, _ = listener.accept()
+            except OSError:
+                return
+            with connection, contextlib.suppress(OSError):
+                connection.settimeout(0.01)
+                connection.sendall(head)
+                while True:
+                    connection.sendall(b"x")
+                    with contextlib.suppress(TimeoutError):
+                        if not connection.recv(1 << 16):
+                            break
+            ended.append(True)
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        server = threading.Thread(target=drip, args=(listener,))
+        server.start()
+        try:
+            assert gateway_at("127.0.0.1", listener.getsockname()[1]) is None
+        finally:
+            listener.shutdown(socket.SHUT_RDWR)
+            server.join()
+    assert ended == [True, True]  # in plain words, and by TLS
 
 
 def test_the_table_names_the_gateway_at_all_of_its_ports() -> None:

@@ -17,6 +17,29 @@ def test_listening_on_a_free_port() -> None:
         pass
 
 
+def received(sock: socket.socket) -> int:
+    return sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "::1"])
+def test_connections_take_a_body_whole_where_the_system_allows_it(host: str) -> None:
+    try:
+        listener = process.listen(host, 0)
+    except OSError:
+        pytest.skip(f"{host} is no address of this machine")
+    with listener, socket.socket(listener.family) as other:
+        by_itself = received(other)
+        other.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4 << 20)
+        allowed = received(other)
+        assert received(listener) == (allowed if allowed >= 4 << 20 else by_itself)
+
+
+def test_less_than_wanted_is_left_to_the_system(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(process, "_RECEIVED", 1 << 30)  # more than any system allows, and fits a C integer
+    with process.listen("127.0.0.1", 0) as listener, socket.socket() as other:
+        assert received(listener) == received(other)
+
+
 def test_a_taken_port_is_said_so() -> None:
     with process.listen("127.0.0.1", 0) as sock:
         port = sock.getsockname()[1]

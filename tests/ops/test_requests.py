@@ -7,10 +7,11 @@ import re
 
 import httpx2
 import pytest
-from fastapi import FastAPI
+from fastapi import FastAPI, Request
 from fastapi.responses import PlainTextResponse
 from structlog.testing import capture_logs
 
+from gateway.ops.access import TrustedHosts
 from gateway.ops.metrics import Metrics
 from gateway.ops.requests import Gate, Requests
 
@@ -98,3 +99,22 @@ async def test_a_failed_start_is_503_with_the_reason() -> None:
     async with client(gate) as http:
         answer = await http.get("/things/a")
     assert (answer.status_code, answer.text) == (503, "The gateway did not start: no kernels\n")
+
+
+@pytest.mark.parametrize("host", ["localhost", "rebound.example"])
+async def test_bodies_beyond_the_bound_are_no_defect_whoever_answers(host: str) -> None:
+    app = FastAPI(max_body_size=10)
+
+    @app.post("/things")
+    async def things(http: Request) -> PlainTextResponse:
+        return PlainTextResponse(str(len(await http.body())))
+
+    metrics = Metrics()
+    app.add_middleware(TrustedHosts, names=("localhost",))
+    app.add_middleware(Requests, metrics=metrics)
+    async with client(app) as http:
+        with capture_logs() as lines:
+            answer = await http.post("/things", content=b"x" * 100, headers={"Host": host})
+    assert answer.status_code == 413
+    assert [(line["event"], line["status"]) for line in lines] == [("request", 413)]
+    assert 'status="413"} 1.0' in metrics.exposition().decode()

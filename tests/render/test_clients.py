@@ -174,6 +174,11 @@ async def test_scaled_and_mirrored_camera_nodes_keep_position_and_direction(serv
     response = await answer(server, flat)
     assert response.status_code == 400
     assert "camera node 'flat' is singular" in response.text
+    # Longer than numbers go.
+    scaled = {"camera": 0, "name": "flat", "scale": [1, 1, 1e300]}
+    response = await answer(server, gltf(nodes=[{"children": [1, 2]}, {"mesh": 0}, scaled]))
+    assert response.status_code == 400
+    assert "camera node 'flat' is singular" in response.text
     away = gltf(nodes=[{"children": [1, 2]}, {"mesh": 0}, {"camera": 0, "name": "away", "translation": [1e30, 0, 0]}])
     response = await answer(server, away)
     assert response.status_code == 400

@@ -246,7 +246,7 @@ def read_meshes(rows: int, count: int) -> None:
         row[9] = np.int64(sound)
 
 
-@numba.njit(nogil=True, cache=True, fastmath=False, error_model="numpy")
+@numba.njit(cache=True, fastmath=False, error_model="numpy")  # brief: with the GIL
 def arrange(count: int, from_numbers: int, to_matrices: int, to_moves: int) -> bool:
     """Column-major matrices of nodes as row-major ones, their last rows exact.
 
