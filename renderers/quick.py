@@ -12,6 +12,10 @@ T = TypeVar("T")
 _SET_CLASS: Final[Any] = object.__dict__["__class__"].__set__
 
 
+def _refuse(cls: type) -> None:
+    raise TypeError(f"{cls.__name__} cannot have {cls.__bases__[0].__name__} as a base: it is made with other slots")
+
+
 def quick(cls: type[T]) -> type[T]:
     """A frozen slotted dataclass as a class without slots of its own on one with these slots that is not frozen: values
     are of that one while their fields are set.
@@ -20,7 +24,7 @@ def quick(cls: type[T]) -> type[T]:
     times as long; readers make thousands of meshes and materials.
 
     Raises:
-        TypeError: it is none, or has fields that need more than being set.
+        TypeError: it is none, or has fields that need more than being set. Also where it is made the base of another.
     """
     if "__slots__" not in cls.__dict__ or hasattr(cls, "__post_init__"):
         raise TypeError(f"{cls.__name__} has no slots, or a __post_init__")
@@ -48,6 +52,6 @@ def quick(cls: type[T]) -> type[T]:
     exec(head + "".join(statements) + "    self.__class__ = _made\n", names)  # noqa: S102 - names of fields
     init = names["__init__"]
     init.__annotations__, init.__qualname__, init.__module__ = given.__annotations__, given.__qualname__, cls.__module__
-    made.__init__ = init
+    made.__init__, made.__init_subclass__ = init, classmethod(_refuse)
     kind: type[T] = made
     return kind

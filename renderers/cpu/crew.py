@@ -116,13 +116,15 @@ class Crew:
         helpers = min(self.threads - max(1, self._callers), threads - 1)
         if helpers > 0 and self._spare is not None:
             helpers = min(helpers, self._spare())  # sharing costs more than it gains where all have work of their own
-        if helpers > 0 and not self._closed:
-            if len(self._helpers) < self.threads - 1:
-                self._start()
-            self._part()
-            for _ in range(helpers):
-                self._jobs.put(help_it)
-        work()
+        try:
+            if helpers > 0 and not self._closed:
+                if len(self._helpers) < self.threads - 1:
+                    self._start()
+                self._part()
+                for _ in range(helpers):
+                    self._jobs.put(help_it)
+        finally:  # whatever interrupts this: what a helper works on must live until it is done
+            work()
 
     def _start(self) -> None:
         with self._lock:

@@ -79,6 +79,24 @@ def test_an_error_reaches_the_caller_and_stops_later_phases(threads: int) -> Non
     crew.close()
 
 
+def test_the_caller_stays_with_helpers_when_it_is_interrupted(monkeypatch: pytest.MonkeyPatch) -> None:
+    crew = Crew(3)
+    jobs, done = crew._jobs, list[int]()
+    crew.run([Phase(3, lambda _: None)])  # starts the helpers
+
+    class Interrupted:
+        def put(self, work: object) -> None:
+            jobs.put(work)  # type: ignore[arg-type]
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(crew, "_jobs", Interrupted())
+        with pytest.raises(KeyboardInterrupt):
+            crew.run([Phase(50, done.append)])
+    assert sorted(done) == [*range(50)]
+    crew.close()
+
+
 def test_no_threads_is_refused() -> None:
     with pytest.raises(ValueError, match="threads must be at least 1, got 0"):
         CpuRenderer(threads=0)

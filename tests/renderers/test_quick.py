@@ -69,7 +69,11 @@ def test_only_what_is_only_set_can_be_quick() -> None:
         more: dataclasses.InitVar[int] = 0
 
     @dataclass(frozen=True, slots=True)
-    class More(Value):
+    class Base:
+        first: int
+
+    @dataclass(frozen=True, slots=True)
+    class More(Base):
         third: float = 3.0
 
     for kind in (Made, Open, Checked, Given, More):
@@ -103,3 +107,10 @@ def test_a_class_without_fields() -> None:
 
     assert Empty() == Empty()
     assert typing.get_type_hints(Mesh.__init__)["positions"]
+
+
+def test_what_is_made_is_no_base() -> None:
+    with pytest.raises(TypeError, match="Wider cannot have Value as a base: it is made with other slots"):
+
+        class Wider(Value):
+            pass
