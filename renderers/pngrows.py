@@ -15,6 +15,8 @@ _HEADER_END: Final = 29
 """Of IHDR's values, which follow the signature (sections 5.2 and 11.2.1)."""
 _STEP: Final = 1 << 18
 """Bytes that are inflated at a time: they are counted, not kept."""
+_MAX_CHUNKS: Final = 1 << 18
+"""That are looked at: a file may have millions of empty ones. Encoders write some kilobytes into each."""
 
 
 def rows_are_missing(data: memoryview) -> bool:
@@ -50,7 +52,9 @@ def _inflated(data: memoryview) -> Iterator[int]:
     inflater = zlib.decompressobj()
     at = 8
     try:
-        while at + 8 <= len(data) and not inflater.eof:
+        for _ in range(_MAX_CHUNKS):
+            if at + 8 > len(data) or inflater.eof:
+                break
             length, kind = struct.unpack_from(">I4s", data, at)
             if kind == b"IDAT":
                 rest: bytes | memoryview = data[at + 8 : at + 8 + length]

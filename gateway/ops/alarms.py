@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from typing import Any, Final
-from weakref import WeakKeyDictionary
 
 _STEP: Final = 0.25
 """Seconds; an alarm may be so much late."""
@@ -24,17 +23,19 @@ class Alarm:
 
     def __init__(self, others: dict[Alarm, None], call: Callable[..., object], args: tuple[Any, ...]) -> None:
         self._others = others
-        self._call = call
+        self._call: Callable[..., object] | None = call
         self._args = args
         others[self] = None
 
     def cancel(self) -> None:
         """Calling it again, or after the call, does nothing."""
         self._others.pop(self, None)
+        self._call = None
 
-    def ring(self, loop: asyncio.AbstractEventLoop) -> None:
+    def ring(self) -> None:
         """For ``Alarms``: the time has come."""
-        loop.call_soon(self._call, *self._args)
+        if self._call is not None:
+            self._call(*self._args)
 
 
 class Alarms:
@@ -67,18 +68,21 @@ class Alarms:
         now = self._loop.time()
         for step in sorted(step for step in self._steps if step * _STEP <= now):
             for alarm in self._steps.pop(step):
-                alarm.ring(self._loop)
+                self._loop.call_soon(alarm.ring)  # one that is called off meanwhile stays silent
         self._next = self._timer = None
         if self._steps:
             self._wait_for(min(self._steps))
 
 
-_of_loops: WeakKeyDictionary[asyncio.AbstractEventLoop, Alarms] = WeakKeyDictionary()
+_of_loops: Final[dict[asyncio.AbstractEventLoop, Alarms]] = {}
 
 
 def alarms_of(loop: asyncio.AbstractEventLoop) -> Alarms:
     """The one of an event loop."""
     found = _of_loops.get(loop)
     if found is None:
+        for other in [*_of_loops]:  # alarms hold their loop: those of closed ones go when there is another
+            if other.is_closed():
+                _of_loops.pop(other, None)
         found = _of_loops[loop] = Alarms(loop)
     return found

@@ -173,7 +173,8 @@ class BoundedHttp(HttpToolsProtocol):
         if len(self.url) > MAX_TARGET_BYTES:
             self._refuse(414, "URI Too Long", f"The path with its query is longer than {MAX_TARGET_BYTES} bytes.")
             return
-        if self.parser.should_upgrade() and self._has_body():
+        before = self.cycle is not None and not self.cycle.response_complete  # an answer that comes first
+        if self.parser.should_upgrade() and self._has_body() and not before:
             self._refuse(400, "Bad Request", "A request with a body cannot ask for another protocol (Upgrade) here.")
             return
         if len(self.pipeline) >= MAX_PIPELINED:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import gc
+import weakref
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import pytest
@@ -118,3 +121,25 @@ def test_a_loop_has_one() -> None:
         return found
 
     assert asyncio.run(mine()) is not asyncio.run(mine())
+
+
+def test_closed_loops_are_not_kept_once_there_is_another() -> None:
+    async def mine() -> weakref.ref[asyncio.AbstractEventLoop]:
+        alarms_of(asyncio.get_running_loop()).later(30.0, pytest.fail)
+        return weakref.ref(asyncio.get_running_loop())
+
+    loops = [asyncio.run(mine()) for _ in range(3)]
+    gc.collect()
+    assert [loop() is None for loop in loops[:2]] == [True, True]
+
+
+def test_one_that_is_called_off_in_the_step_that_rings_it_is_silent(loop: Loop, alarms: Alarms) -> None:
+    soon: list[Callable[[], object]] = []
+    loop.call_soon = lambda call, *args: soon.append(partial(call, *args))  # type: ignore[method-assign]
+    rung: list[int] = []
+    handles = [alarms.later(5.0, rung.append, number) for number in range(2)]
+    loop.until(200.0)
+    handles[0].cancel()
+    for call in soon:
+        call()
+    assert rung == [1]

@@ -216,6 +216,23 @@ async def test_a_body_is_not_lost_to_another_protocol_in_silence(protocol: bytes
     assert taker.ended == []
 
 
+async def test_an_answer_that_is_due_comes_before_one_about_another_protocol() -> None:
+    app = FastAPI()
+
+    @app.post("/take")
+    async def take() -> Response:
+        await asyncio.sleep(0.2)
+        return Response(b"taken")
+
+    first = b"POST /take HTTP/1.1\r\nhost: h\r\ncontent-length: 1\r\n\r\nx"
+    other = b"POST /take HTTP/1.1\r\nhost: h\r\nconnection: Upgrade\r\nupgrade: h2c\r\ncontent-length: 1\r\n\r\nx"
+    async with listening(app) as port, asyncio.timeout(LIMIT):
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(first + other)
+        assert await answer(reader) == (200, b"taken")
+        writer.close()
+
+
 async def test_another_protocol_that_is_not_spoken_is_passed_over_without_a_body() -> None:
     taker = Taker()
     async with serving(taker) as connect, connect() as (reader, writer):
