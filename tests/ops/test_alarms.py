@@ -133,9 +133,11 @@ def test_closed_loops_are_not_kept_once_there_is_another() -> None:
     assert [loop() is None for loop in loops[:2]] == [True, True]
 
 
-def test_one_that_is_called_off_in_the_step_that_rings_it_is_silent(loop: Loop, alarms: Alarms) -> None:
+def test_one_that_is_called_off_in_the_step_that_rings_it_is_silent(
+    loop: Loop, alarms: Alarms, monkeypatch: pytest.MonkeyPatch
+) -> None:
     soon: list[Callable[[], object]] = []
-    loop.call_soon = lambda call, *args: soon.append(partial(call, *args))  # type: ignore[method-assign]
+    monkeypatch.setattr(loop, "call_soon", lambda call, *args: soon.append(partial(call, *args)))
     rung: list[int] = []
     handles = [alarms.later(5.0, rung.append, number) for number in range(2)]
     loop.until(200.0)

@@ -6,6 +6,7 @@ import gc
 import os
 import threading
 import weakref
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -85,8 +86,8 @@ def test_the_caller_stays_with_helpers_when_it_is_interrupted(monkeypatch: pytes
     crew.run([Phase(3, lambda _: None)])  # starts the helpers
 
     class Interrupted:
-        def put(self, work: object) -> None:
-            jobs.put(work)  # type: ignore[arg-type]
+        def put(self, work: Callable[[], object]) -> None:
+            jobs.put(work)
             raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
