@@ -173,8 +173,7 @@ class BoundedHttp(HttpToolsProtocol):
         if len(self.url) > MAX_TARGET_BYTES:
             self._refuse(414, "URI Too Long", f"The path with its query is longer than {MAX_TARGET_BYTES} bytes.")
             return
-        before = self.cycle is not None and not self.cycle.response_complete  # an answer that comes first
-        if self.parser.should_upgrade() and self._has_body() and not before:
+        if self.parser.should_upgrade() and self._has_body() and not self._owes:
             self._refuse(400, "Bad Request", "A request with a body cannot ask for another protocol (Upgrade) here.")
             return
         if len(self.pipeline) >= MAX_PIPELINED:
@@ -187,6 +186,11 @@ class BoundedHttp(HttpToolsProtocol):
             self.cycle.transport = cast("asyncio.Transport", Joined(self.transport, self.loop))
             if not self.pipeline and not self.parser.should_upgrade():
                 self._offer()
+
+    @property
+    def _owes(self) -> bool:
+        """Whether the answer to an earlier request comes first."""
+        return self.cycle is not None and not self.cycle.response_complete
 
     def _should_upgrade(self) -> bool:
         return not self._deaf and super()._should_upgrade()
@@ -235,8 +239,8 @@ class BoundedHttp(HttpToolsProtocol):
 
     def _turn_away(self) -> bool:
         """Whether the door is shut for the request whose head has arrived; then it has been told so."""
-        if self.cycle is not None and not self.cycle.response_complete:
-            return False  # the answer to the one before comes first; the application refuses this one in its turn
+        if self._owes:
+            return False  # the application refuses this one in its turn
         door: Door | None = getattr(self.config.app.state, "door", None)  # type: ignore[union-attr]  # a FastAPI
         if door is None or (turned_away := door(self.parser.get_method(), self.url)) is None:
             return False
