@@ -85,7 +85,9 @@ def _glb_chunks(view: memoryview) -> tuple[memoryview, memoryview | None]:
             text = view[begin:offset]
         elif kind == _BIN_CHUNK and binary is None:
             binary = view[begin:offset]
-        offset += -offset % 4 if size % 4 else 0
+        # Chunks should be padded to four bytes. Some writers pad them without counting it, others do not pad at all.
+        if size % 4 and view[offset + 4 : offset + 8] != _BIN_CHUNK.to_bytes(4, "little"):
+            offset += -offset % 4
     if text is None:
         raise GltfError("GLB: there is no JSON chunk")
     return text, binary

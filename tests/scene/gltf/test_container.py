@@ -201,6 +201,17 @@ def test_glb_may_have_trailing_bytes_unknown_chunks_and_zero_padding() -> None:
     assert positions(data) == TRIANGLE.tobytes()
 
 
+@pytest.mark.parametrize("padding", [0, 1, 2, 3])
+@pytest.mark.parametrize("padded", [False, True])
+def test_glb_may_have_chunks_whose_length_is_no_multiple_of_four(padding: int, padded: bool) -> None:
+    text = json.dumps(document(None)).encode()
+    text += b" " * (-len(text) % 4 + padding)
+    gap = bytes(-len(text) % 4) if padded else b""
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text + gap
+    chunks += struct.pack("<I4s", TRIANGLE.nbytes, b"BIN\0") + TRIANGLE.tobytes()
+    assert positions(struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks) == TRIANGLE.tobytes()
+
+
 @pytest.mark.parametrize("kind", [bytes, memoryview])
 def test_a_million_beginnings_of_uris_stay_in_the_json(kind: Any) -> None:
     text = b'{"x":[' + b'"data:",' * 1_000_000 + b"0]}"
