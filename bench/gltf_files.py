@@ -10,6 +10,7 @@ from __future__ import annotations
 import base64
 import json
 import struct
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Final
@@ -36,7 +37,7 @@ class Model:
     textured: bool = True
     """Texture coordinates, and pictures."""
     pictures: tuple[int, ...] = ()
-    """Bytes of each; only their headers mean something."""
+    """Bytes of each; what they show is noise."""
 
 
 MODELS: Final = (
@@ -51,9 +52,15 @@ MODELS: Final = (
 
 
 def _picture(count: int) -> bytes:
-    """A PNG of 256 by 256 pixels, as far as its header goes."""
-    head = b"\x89PNG\r\n\x1a\n" + struct.pack(">I4sIIBBBBB", 13, b"IHDR", 256, 256, 8, 2, 0, 0, 0)
-    return head + np.random.default_rng(count).bytes(count - len(head))
+    """A PNG of 256 by 256 pixels, as far as its chunks go: what Pillow does not take for a picture would cost trimesh a
+    try of every format there is. What is in it is noise."""
+
+    def chunk(kind: bytes, content: bytes) -> bytes:
+        return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+
+    head = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", 256, 256, 8, 2, 0, 0, 0))
+    end = chunk(b"IEND", b"")
+    return head + chunk(b"IDAT", np.random.default_rng(count).bytes(count - len(head) - len(end) - 12)) + end
 
 
 def _parts(model: Model) -> tuple[dict[str, Any], bytes]:
