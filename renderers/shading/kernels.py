@@ -10,7 +10,7 @@ from renderers import simd as vec
 from renderers.jit import kernel
 from renderers.linked import inlined, inner
 from renderers.pointers import f32_at, f64_at, i32_at, i64_at
-from renderers.shading.beside import B_ROWS, put_beside
+from renderers.shading.beside import B_ROWS, put_beside, put_levels
 from renderers.shading.compose import DIRECT, GATHER, gather, packed, put_line, write_background, write_under
 from renderers.shading.head import fits
 from renderers.shading.layout import (
@@ -46,7 +46,7 @@ from renderers.shading.materials import (
     MI_UV,
 )
 from renderers.shading.plain import fill, show_plain
-from renderers.shading.plain_pbr import PART, light_up, show_plain_pbr
+from renderers.shading.plain_pbr import PART, light_up, show_levels, show_others
 from renderers.shading.planes import MEMORY_VALUES, forget
 from renderers.shading.resolve import SCRATCH_VALUES, resolve_strokes, resolve_triangles, run_starts, single_runs
 from renderers.shading.runs import (
@@ -205,7 +205,7 @@ def _row(
     width, places = _width(job, y)
     lens = f64_at(job[S_LENS])
     taken, prepared, uniform = False, False, False
-    flat, stray, known, reach = np.int64(0), np.int64(0), np.int64(0), np.int64(0)
+    other, flat, stray, reach = np.int64(0), np.int64(0), np.int64(0), np.int64(0)
     for number in range(begin, end):
         segment = number * G_COLUMNS
         instance = np.int64(segments[segment + G_INSTANCE])
@@ -216,7 +216,10 @@ def _row(
         elif segments[segment + G_PLANES] != 0:
             if not prepared:
                 runs = np.int64(segments[(end - 1) * G_COLUMNS + G_LAST_RUN])
-                uniform = put_beside(y, spots, planes, whole_starts, runs, beside, stride)
+                if job[S_PBR] != 0:
+                    put_levels(y, spots, planes, whole_starts, runs, beside, stride)
+                else:
+                    uniform = put_beside(y, spots, planes, whole_starts, runs, beside, stride)
                 prepared = True
             columns, _, mf = instance_at(job, instance)
             maps, first = f32_at(job[S_MAPS] + 4 * P_COLUMNS * instance), i64_at(job[S_FIRST])[instance]
@@ -226,9 +229,10 @@ def _row(
                     while following < end and segments[following * G_COLUMNS + G_PLANES] != 0:
                         following += 1
                     reach = np.int64(segments[(following - 1) * G_COLUMNS + G_LAST_RUN])
-                flat, stray, known = show_plain_pbr(
-                    job, columns, maps, lens, y, first, mf, records, whole_starts, run, last_run, reach, masks, beside,
-                    stride, flat, stray, known, rows, stride, line, steep,
+                    show_levels(whole_starts, run, reach, masks, beside, stride, line)
+                other, flat, stray = show_others(
+                    job, columns, maps, lens, y, first, mf, records, whole_starts, run, last_run, masks, beside, stride,
+                    other, flat, stray, rows, stride, line, steep,
                 )  # fmt: skip
             else:
                 smooth = columns[II_HAS] & HAS_NORMALS != 0

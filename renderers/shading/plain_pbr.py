@@ -1,5 +1,6 @@
-"""Segments under the look ``pbr`` whose materials are nothing but factors. Normals are linear along a run, as in
-``plain``; long runs of flat surfaces need neither them nor light of their own.
+"""Segments under the look ``pbr`` whose materials are nothing but factors. What most of a picture is: smooth triangles,
+whose levels are parabolas along a run. Elsewhere normals are linear along a run, as in ``plain``; long runs of flat
+surfaces need neither them nor light of their own.
 """
 
 from __future__ import annotations
@@ -9,11 +10,16 @@ from typing import Final
 import numpy as np
 
 from renderers import simd as vec
-from renderers.linked import inner
+from renderers.linked import inlined, inner
 from renderers.pointers import f32_at, i32_at
 from renderers.shading.beside import (
+    B_BEGIN,
     B_FLAT,
+    B_LEVEL,
+    B_LEVEL_BEND,
+    B_LEVEL_STEP,
     B_NORMAL,
+    B_OTHER,
     B_STRAYS,
     bounded_normals,
     changes_after,
@@ -22,6 +28,7 @@ from renderers.shading.beside import (
     passed,
 )
 from renderers.shading.flat import changes_slowly, show_flat
+from renderers.shading.head import WHOLE
 from renderers.shading.layout import A_NORMAL
 from renderers.shading.lights import cosines
 from renderers.shading.surface import finish_uniform, put_cosines
@@ -76,53 +83,83 @@ def _put_stray(columns, maps, lens, y, element, begin, end, beside, room, run, r
         vec.store_where(rows, at + 2 * stride, inside, v_l)
 
 
+@inlined
+def _level(values, room, k, run, lanes, t):
+    """A channel of eight pixels, from the runs' parabolas: as ``head.shine`` has it, in the lowest bits."""
+    level = vec.permute(vec.load(values, (B_LEVEL + k) * room + run), lanes)
+    step = vec.permute(vec.load(values, (B_LEVEL_STEP + k) * room + run), lanes)
+    bend = vec.permute(vec.load(values, (B_LEVEL_BEND + k) * room + run), lanes)
+    return vec.bits_of(level + t * (step + t * bend) + vec.f32(WHOLE))
+
+
 @inner
-def show_plain_pbr(
-    job, columns, maps, lens, y, first, mf, records, starts, run, last_run, reach, masks, beside, room, flat, stray,
-    known, rows, stride, line, steep,
+def show_levels(starts, run, stop, masks, beside, room, line):
+    """Pixels of the runs ``run .. stop``, of whatever instances, that are smooth; the others are anything. Up to seven
+    behind the last are overwritten."""
+    values = f32_at(beside)
+    lane = vec.to_f32(vec.iota())
+    for x in range(np.int64(starts[run]), np.int64(starts[stop]), vec.LANES):
+        changed = changes_after(masks, x)
+        lanes = lanes_of(changed)
+        t = vec.f32(x) + lane - vec.permute(vec.load(values, B_BEGIN * room + run), lanes)
+        red, green = _level(values, room, 0, run, lanes, t), _level(values, room, 1, run, lanes, t)
+        blue = _level(values, room, 2, run, lanes, t)
+        vec.store(line, x, red | (green << vec.i32(8)) | (blue << vec.i32(16)))
+        run += vec.count_bits(changed)
+
+
+@inner
+def show_others(
+    job, columns, maps, lens, y, first, mf, records, starts, run, last_run, masks, beside, room, other, flat, stray,
+    rows, stride, line, steep,
 ):  # fmt: skip
-    """Pixels of the runs ``run .. last_run`` of one instance's triangles, whose mesh has normals.
+    """Pixels of those of the runs ``run .. last_run`` of one instance's triangles that are not smooth. The mesh has
+    normals.
 
     Args:
-        columns .. stray: as for ``plain.show_plain``; reach: the end of the runs that are shaded so, of whatever
-            instances.
-        known: up to which run the rows hold what light depends on.
-        rows: rows of ``stride`` values, 16 more than the row has pixels: what is written behind a run is overwritten
-            later.
-        line: pointer to the row's packed pixels; up to seven behind the last run are overwritten.
+        columns .. room: as for ``plain.show_plain``.
+        other, flat, stray: how many at least of each kind lie before ``run``.
+        rows: rows of ``stride`` values, 16 more than the row has pixels.
+        line: pointer to the row's packed pixels; what lies behind a run stays as it was.
         steep: see ``surface.row_schlick``.
 
     Returns:
-        ``flat``, ``stray`` and ``known`` of the next segment.
+        ``other``, ``flat`` and ``stray`` of the next segment.
     """
     whole, values = i32_at(beside), f32_at(beside)
+    other = passed(whole, B_OTHER * room, other, run)
+    if whole[B_OTHER * room + other] >= last_run:
+        return other, flat, stray
     slowly = changes_slowly(mf, lens)
-    flat, stray = passed(whole, B_FLAT * room, flat, run), passed(whole, B_STRAYS * room, stray, run)
-    while run < last_run:
-        r = np.int64(whole[B_FLAT * room + flat])
-        if r == run and slowly:
+    while whole[B_OTHER * room + other] < last_run:
+        run = np.int64(whole[B_OTHER * room + other])
+        other += 1
+        flat, stray = passed(whole, B_FLAT * room, flat, run), passed(whole, B_STRAYS * room, stray, run)
+        begin = np.int64(starts[run])
+        if slowly and whole[B_FLAT * room + flat] == run:
             flat += 1
-            at = B_NORMAL * room + r
+            at = B_NORMAL * room + run
             normal = values[at], values[at + room], values[at + 2 * room]
-            begin, end = np.int64(starts[r]), np.int64(starts[r + 1])
-            if show_flat(job, mf, lens, y, normal, rows, stride, begin, end, line, steep):
-                run += 1
+            end = np.int64(starts[run + 1])
+            behind = vec.load(line, end)
+            done = show_flat(job, mf, lens, y, normal, rows, stride, begin, end, line, steep)
+            vec.store(line, end, behind)
+            if done:
                 continue
-            r = np.int64(whole[B_FLAT * room + flat])
-        elif r == run:
-            flat += 1
-            continue
-        if known <= run:
-            known = min(reach, r)
-            _put_cosines(lens, y, starts, run, known, masks, beside, room, rows, stride)
-        stop = min(last_run, known)
+        stop = run + 1
+        limit = min(last_run, np.int64(whole[B_FLAT * room + flat])) if slowly else last_run
+        while stop < limit and whole[B_OTHER * room + other] == stop:
+            other += 1
+            stop += 1
+        _put_cosines(lens, y, starts, run, stop, masks, beside, room, rows, stride)
         while whole[B_STRAYS * room + stray] < stop:
             number = np.int64(whole[B_STRAYS * room + stray])
             stray += 1
-            begin, end, element = np.int64(starts[number]), np.int64(starts[number + 1]), records[number] - first
-            _put_stray(columns, maps, lens, y, element, begin, end, beside, room, number, rows, stride)
-        begin, end = np.int64(starts[run]), np.int64(starts[stop])
+            left, right, element = np.int64(starts[number]), np.int64(starts[number + 1]), records[number] - first
+            _put_stray(columns, maps, lens, y, element, left, right, beside, room, number, rows, stride)
+        end = np.int64(starts[stop])
+        behind = vec.load(line, end)
         for part in range(begin, end, PART):
             finish_uniform(job, mf, y, np.int64(0), rows, stride, part, min(part + PART, end), line, steep)
-        run = stop
-    return flat, stray, known
+        vec.store(line, end, behind)
+    return other, flat, stray

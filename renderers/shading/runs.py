@@ -13,6 +13,7 @@ from renderers.linked import inlined, inner
 from renderers.pointers import f32_at, f64_at, i32_at, i64_at, u32_at
 from renderers.records import instance_of
 from renderers.shading.compose import DIRECT
+from renderers.shading.fits import FIT_VALUES
 from renderers.shading.head import colors_of, fits
 from renderers.shading.layout import (
     HAS_COLORS,
@@ -24,6 +25,7 @@ from renderers.shading.layout import (
     II_TOPOLOGY,
     P_COLUMNS,
     S_COUNT,
+    S_ENCODED,
     S_FIRST,
     S_INSTANCES,
     S_LENS,
@@ -43,7 +45,9 @@ from renderers.shading.planes import (
     E_PLACES,
     E_RECORDS,
     E_TOP,
+    PL_PIXEL,
     PLANE_VALUES,
+    SMOOTH,
     set_up,
 )
 
@@ -58,7 +62,8 @@ K_RECORDS: Final = 0  # SLOTS: whose triangle's; -1: nobody's
 K_PLACES: Final = SLOTS  # SLOTS: where its planes lie
 K_EIGHTS: Final = 2 * SLOTS  # EIGHTS of E_COLUMNS: what waits to be set up
 K_TAKEN: Final = K_EIGHTS + EIGHTS * E_COLUMNS  # places
-K_PLANES: Final = K_TAKEN + vec.LANES  # float32: PLANE_VALUES for each of MOST places and one for every pixel of a row
+K_FIT: Final = K_TAKEN + vec.LANES  # float32: see ``fits``
+K_PLANES: Final = K_FIT + FIT_VALUES  # float32: PLANE_VALUES for each of MOST places and one for every pixel of a row
 
 _LAST: Final = -(2**63)
 """The highest of 64 bits."""
@@ -83,13 +88,14 @@ def forget_places(memory):
     for k in range(EIGHTS):
         whole[K_EIGHTS + k * E_COLUMNS + E_INSTANCE] = -1
         whole[K_EIGHTS + k * E_COLUMNS + E_COUNT] = 0
-    whole[K_TAKEN] = 0
+    # The first place is nobody's, and as if smooth: runs that need no planes do not ask for more.
+    whole[K_TAKEN], whole[K_PLANES + PL_PIXEL] = 1, SMOOTH
 
 
 @inlined
 def memory_values(width):
     """Size of the memory for rows of so many pixels."""
-    return K_PLANES + PLANE_VALUES * (MOST + width)
+    return K_PLANES + PLANE_VALUES * (MOST + 1 + width)
 
 
 @inner
@@ -269,8 +275,11 @@ def _set_up_eight(job, memory, eight):
     points, maps = f64_at(job[S_POINTS] + 8 * 16 * instance), f32_at(job[S_MAPS] + 4 * P_COLUMNS * instance)
     smooth = columns[II_HAS] & HAS_NORMALS != 0
     first = i64_at(job[S_FIRST])[instance]
-    planes = f32_at(memory + 4 * K_PLANES)
-    set_up(columns, points, maps, f64_at(job[S_LENS]), first, smooth, colors_of(mf), eight, planes)
+    planes, fit = f32_at(memory + 4 * K_PLANES), f32_at(memory + 4 * K_FIT)
+    encoded = job[S_ENCODED] if job[S_PBR] != 0 else np.int64(0)
+    set_up(
+        columns, points, maps, f64_at(job[S_LENS]), first, smooth, colors_of(mf), mf, encoded, eight, planes, fit
+    )  # fmt: skip
 
 
 @inner
