@@ -80,7 +80,8 @@ def test_slivers() -> None:
         along, across = np.array((np.cos(turn), np.sin(turn), 0.0)), np.array((-np.sin(turn), np.cos(turn), 0.0))
         for height in (0.5, 1.6, 4.0):
             thin = across * height * 2.5 / 220.0
-            corners = np.array((-along, along * 0.9 + thin * 0.1, along + thin, -along + thin)) + (0, 0, 2.5)
+            around = np.array((-along, along * 0.9 + thin * 0.1, along + thin, -along + thin))
+            corners = around + np.array((0, 0, 2.5))
             normals = np.array((0, 0, -1)) + 0.3 * np.array((along, across, -along, -across))
             mesh = replace(quad(), positions=corners.astype(np.float32), normals=normals.astype(np.float32))
             assert off(mesh, Material((0.5, 0.8, 0.7, 1.0), metallic=0.0, roughness=0.8))[0] <= 1
