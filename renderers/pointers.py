@@ -86,5 +86,7 @@ as_f32 = _same_place_as(types.float32)
 """``as_f32(pointer)``: the same place as float32 values."""
 as_i32 = _same_place_as(types.int32)
 """The same place as int32 values."""
+as_i64 = _same_place_as(types.int64)
+"""The same place as int64 values."""
 as_u32 = _same_place_as(types.uint32)
 """The same place as uint32 values."""

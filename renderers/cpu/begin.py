@@ -48,7 +48,6 @@ from renderers.jit import kernel
 from renderers.native import call_kernel
 from renderers.pointers import i64_at
 from renderers.shading.layout import S_COLOR, S_MAPS
-from renderers.simd import LANES
 
 MIN_VERTICES: Final = 4096
 """Fewest vertices of a unit of work: about 10 us, a few times what handing out a unit costs."""
@@ -85,11 +84,12 @@ A_ROOM: Final = 17  # addresses of J_VERTEX, J_RECORDS, J_SMALL, J_TALL, J_MICRO
 A_TRANSFORM: Final = 24  # addresses of kernels
 A_SETUP: Final = 25
 A_YIELD: Final = 26
-A_LENS: Final = 27  # (L_COLUMNS,) float64
+A_STRIDE: Final = 27  # J_STRIDE
+A_LENS: Final = 28  # (L_COLUMNS,) float64
 # Of a frame that is drawn again, see ``FrameJob.again``; else 0:
-A_PAINTER: Final = 33  # address of the painter's job, and of the kernel that maps instances for it
-A_MAP: Final = 34
-A_DRAWN: Final = 35  # W_DRAW .. W_GEOMETRY of the task
+A_PAINTER: Final = 34  # address of the painter's job, and of the kernel that maps instances for it
+A_MAP: Final = 35
+A_DRAWN: Final = 36  # W_DRAW .. W_GEOMETRY of the task
 # What no two frames have in common:
 A_POSED: Final = A_DRAWN + DRAWN  # whether the poses are filled already
 A_TASK: Final = A_POSED + 1  # address of W_COLUMNS int64, all 0: the frame's task
@@ -137,7 +137,7 @@ def begin(address):
     split = ask[A_BACKS] != 0 and apart > 0
     bands = (height + BAND_ROWS - 1) // BAND_ROWS
     chunks = (job[J_ELEMENTS] + CHUNK - 1) // CHUNK
-    job[J_WIDTH], job[J_HEIGHT], job[J_STRIDE] = width, height, (width + LANES - 1) // LANES * LANES
+    job[J_WIDTH], job[J_HEIGHT], job[J_STRIDE] = width, height, ask[A_STRIDE]
     job[J_BANDS], job[J_LISTS], job[J_CHUNKS] = bands, 2 * bands if split else bands, chunks
     job[J_VERTEX], job[J_RECORDS], job[J_SMALL] = ask[A_ROOM], ask[A_ROOM + 1], ask[A_ROOM + 2]
     job[J_TALL], job[J_MICRO], job[J_RANGES] = ask[A_ROOM + 3], ask[A_ROOM + 4], ask[A_ROOM + 5]

@@ -17,7 +17,7 @@ from renderers.cpu import layout as at
 from renderers.cpu import work as at_work
 from renderers.cpu.begin import begin
 from renderers.cpu.pools import Scratch
-from renderers.cpu.resolve import LAYER_GAP, draw_band
+from renderers.cpu.resolve import LAYER_GAP, draw_band, row_stride
 from renderers.cpu.scene import PreparedScene
 from renderers.cpu.setup import setup
 from renderers.cpu.transform import transform
@@ -58,6 +58,7 @@ class FrameJob:
         keep_backs: bool = False,
         opaque: bool = False,
         samples: int = 1,
+        kept: bool = False,
     ) -> None:
         """
         Args:
@@ -67,6 +68,7 @@ class FrameJob:
             opaque: only the nearest surface of every pixel is wanted, whatever it is, so that the backs of solid meshes
                 need not be drawn.
             samples: 1, 4 or 8 a pixel; when there are several, they are for ``sampled_task``.
+            kept: ``layers`` will say where the layer goes.
         """
         width, height = camera.width, camera.height
         count, vertices, elements = prepared.counts
@@ -77,7 +79,7 @@ class FrameJob:
         self._words = _Words()
         self.poses_address = address + 8 * at_begin.POSES
         """Of ``X_camera_mesh``."""
-        self.stride = -(-width // LANES) * LANES
+        self.stride = row_stride(width) if samples == 1 and not kept else -(-width // LANES) * LANES
         """Values of a row of the layer."""
         self._threads, self._scratch, self._wanted = threads, scratch, False
         self._keep: list[object] = [prepared]
@@ -98,6 +100,7 @@ class FrameJob:
             transforming,
             setting_up,
             YIELD_ADDRESS,
+            self.stride,
             camera.fx,
             camera.fy,
             camera.cx,

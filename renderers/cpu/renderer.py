@@ -295,7 +295,7 @@ class CpuRenderer:
         scratch = self._scratch.take()
         try:
             selected, culled = address_of(select, np.bool_), address_of(cull_back, np.bool_)
-            job = FrameJob(prepared, camera, scratch, self._crew.threads, select=selected, cull_back=culled)
+            job = FrameJob(prepared, camera, scratch, self._crew.threads, select=selected, cull_back=culled, kept=True)
             job.layers(ids, inv_z, beyond, before)
             self._crew.share(job.task())
             poses = job.X_camera_mesh.copy()

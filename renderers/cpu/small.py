@@ -1,4 +1,4 @@
-"""Small triangles to pixels: the span of every row, then strips of eight columns over the rows where they are covered.
+"""Small triangles to pixels: the span of every row, then blocks of eight columns and four rows where any is covered.
 
 A pixel is covered where all edge functions are at least 0; they are linear, so that an edge bounds a row's columns by a
 quotient. Divided by 256 and rounded down, which keeps their sign, the functions are integers below 2^23 and their
@@ -6,8 +6,8 @@ steps integers of at most 2^15: exact in float32, with a half added to the funct
 quotient is nearer to a column than half of 2^-15, and none within SMALL_WIDTH, product of a value and a reciprocal, is
 further from its float32 than 72 x 2^-23, which is less: a column is on the same side of both.
 
-How often a loop turns cannot be predicted where triangles are small, so that there is one for the strips and one for
-the rows of a strip, by four. About half of a box is never looked at.
+How often a loop turns cannot be predicted where triangles are small, so that there is one for all blocks, which are
+the bits of a number. About half of a box is never looked at.
 """
 
 from __future__ import annotations
@@ -40,30 +40,31 @@ from renderers.cpu.layout import (
 )
 from renderers.cpu.visibility import BAND_ROWS
 from renderers.linked import inlined
-from renderers.pointers import as_f32, f32_at, i32_at
+from renderers.pointers import as_f32, as_i64, f32_at, i32_at
 
-UNROLLED: Final = 4
-"""Rows that are drawn without asking whether there are more; those in which nothing is covered do no harm."""
+_ROWS_OF_BLOCK: Final = 4
 
 assert (S_EDGES, S_RIGHT, S_DOWN, R_ID, S_DOWN_SECOND) == (0, 3, 5, 6, 8)
 assert (S_BASE, S_DX, S_DY, R_LOW, R_HIGH) == (11, 12, 13, 14, 15)
-# What ``prepare`` leaves, 4-byte values. float32 for each row: 1/z at the box's first column, first and last column ...
+# What ``prepare`` leaves, 4-byte values. float32 for each row: 1/z at the box's first column ...
 _START: Final = 0
+# ... int32: for each row its first column in the box and how many there are, so that one comparison of unsigned
+# numbers tells whether a column is among them; two int64 whose bits are blocks where a column is: of each four rows the
+# first eight strips, and the ninth; how many of the rows lie in the band, and how many are prepared; the first strip's
+# column, that in the box, the first of the rows; the record's number and its last eight values.
 _LOWER: Final = _START + BAND_ROWS + vec.LANES
-_UPPER: Final = _LOWER + BAND_ROWS + vec.LANES
-# ... int32: for each strip the first row that is drawn, and how many times UNROLLED; how many strips, the first one's
-# column, that in the box, the first of the rows above, the record's last eight values and its number.
-_AT: Final = _UPPER + BAND_ROWS + vec.LANES
-_COUNT: Final = _AT + 16
-_STRIPS: Final = _COUNT + 16
-_BEGIN: Final = _STRIPS + 1
-_ACROSS: Final = _STRIPS + 2
-_ORIGIN: Final = _STRIPS + 3
-_ROOM: Final = _STRIPS + 4
-_ID: Final = _STRIPS + 5
-_PLANE: Final = _STRIPS + 8
+_WIDE: Final = _LOWER + BAND_ROWS + vec.LANES
+_MASKS: Final = _WIDE + BAND_ROWS + vec.LANES
+_ROOM: Final = _MASKS + 4
+_PREPARED: Final = _ROOM + 1
+_BEGIN: Final = _ROOM + 2
+_ACROSS: Final = _ROOM + 3
+_ORIGIN: Final = _ROOM + 4
+_ID: Final = _ROOM + 5
+_PLANE: Final = _ROOM + 8
 SMALL_SCRATCH: Final = _PLANE + vec.LANES
 assert SMALL_WIDTH // vec.LANES < 16
+assert _MASKS % 2 == 0
 
 
 @inlined
@@ -80,15 +81,20 @@ def _bound(lower, upper, edge, down, row, begins, ends):
 
 
 @inlined
-def _rows_of(spans, groups, left):
-    """int64: the bits of the rows whose span reaches into the eight columns from ``left`` on."""
-    rows = np.int64(0)
-    begin, end = vec.f32(left), vec.f32(left + np.float32(vec.LANES - 1))
-    for group in range(groups):
-        k = vec.LANES * group
-        met = (vec.load(spans, _LOWER + k) <= end) & (vec.load(spans, _UPPER + k) >= begin)
-        rows |= vec.bits(met) << k
-    return rows
+def _strips(first, wide):
+    """int64 twice: the blocks of eight rows in which any column is covered, eight bits for each four rows; the same of
+    the ninth strip.
+
+    Args:
+        first, wide: i32x8, the rows' first columns, counted from the first strip's, and how many there are.
+    """
+    one = vec.i32(1)
+    strips = (one << ((first + wide + vec.i32(vec.LANES - 1)) >> vec.i32(3))) - (one << (first >> vec.i32(3)))
+    strips = vec.select(wide > vec.i32(0), strips, vec.i32(0))
+    strips = strips | vec.swapped(strips)
+    strips = strips | vec.swapped_pairs(strips)
+    upper, lower = np.int64(vec.lane0(strips)), np.int64(vec.lane4(strips))
+    return (upper & 255) | ((lower & 255) << 8), (upper >> 8) | ((lower >> 8) << 8)
 
 
 @inlined
@@ -129,41 +135,44 @@ def prepare(job, record, first_row, last_row, scratch):
     plane = vec.load(fraction, vec.LANES)
     base, rise = vec.spread3(plane), vec.spread5(plane)
     row = vec.to_f32(vec.i32(origin - box_y) + vec.iota())
-    across = np.float32(begin - box_x)
+    across = begin - box_x
+    one, most_left, most_right = vec.f32(1.0), vec.f32(left - box_x) - half, vec.f32(right - box_x) - half
+    strips, ninth = np.int64(0), np.int64(0)
     for group in range(groups):
-        lower, upper = vec.f32(np.float32(left - box_x)), vec.f32(np.float32(right - box_x - 1))
+        lower, upper = most_left, most_right
         lower, upper = _bound(lower, upper, e0, d0, row, vec.spread0(begins), vec.spread0(ends))
         lower, upper = _bound(lower, upper, e1, d1, row, vec.spread1(begins), vec.spread1(ends))
         lower, upper = _bound(lower, upper, e2, d2, row, vec.spread2(begins), vec.spread2(ends))
-        vec.store(spans, _LOWER + vec.LANES * group, lower)
-        vec.store(spans, _UPPER + vec.LANES * group, upper)
+        # An edge that is level, or nearly, bounds a row anywhere. No bound is a whole number, nor (see above) nearer to
+        # one than 6e-6 where it counts: a sum below 128 is at most 4e-6 off.
+        first = vec.to_i32(vec.least(lower, most_right) + one)
+        wide = vec.most(vec.to_i32(vec.most(upper + one, none)) - first, vec.i32(0))
+        vec.store(scratch, _LOWER + vec.LANES * group, first)
+        vec.store(scratch, _WIDE + vec.LANES * group, wide)
+        eight, last = _strips(first - vec.i32(across), wide)
+        strips |= eight << (16 * group)
+        ninth |= last << (16 * group)
         vec.store(spans, _START + vec.LANES * group, base + rise * row)
         row = row + vec.f32(float(vec.LANES))
 
-    inside = ((np.int64(1) << rows) - 1) << (top - origin)
-    room = min(last_row - origin, vec.LANES * groups)
-    strips = (right - begin + vec.LANES - 1) >> 3
-    # All rows, where there is little to leave out.
-    count = (rows + UNROLLED - 1) >> 2
-    scratch[_AT] = scratch[_AT + 1] = min(top - origin, room - UNROLLED * count)
-    scratch[_COUNT] = scratch[_COUNT + 1] = count
-    if strips > 2:
-        for strip in range(strips):
-            covered = _rows_of(spans, groups, across) & inside
-            first = vec.lowest_bit(covered | (np.int64(1) << 32))
-            last = vec.highest_bit(covered | 1)
-            count = (last - first + UNROLLED) >> 2 if covered != 0 else 0
-            # Rows above the triangle will do as well as rows below it.
-            scratch[_AT + strip] = min(first, room - UNROLLED * count)
-            scratch[_COUNT + strip] = count
-            across += np.float32(vec.LANES)
-    scratch[_STRIPS] = strips
+    masks = as_i64(scratch)
+    masks[_MASKS // 2] = strips
+    masks[_MASKS // 2 + 1] = ninth
+    scratch[_ROOM] = min(last_row - origin, vec.LANES * groups)
+    scratch[_PREPARED] = vec.LANES * groups
     scratch[_BEGIN] = begin
-    scratch[_ACROSS] = begin - box_x
+    scratch[_ACROSS] = across
     scratch[_ORIGIN] = origin
-    scratch[_ROOM] = room
     scratch[_ID] = whole[R_ID]
     vec.store(spans, _PLANE, plane)
+
+
+@inlined
+def _row(job, rule, scratch, row, pixel, columns, rising, low, high, identity):
+    """Draw eight columns of a row."""
+    w = vec.least(vec.most(vec.f32(as_f32(scratch)[_START + row]) + rising, low), high)
+    met = vec.below(columns - vec.i32(scratch[_LOWER + row]), vec.i32(scratch[_WIDE + row]))
+    blend(job, rule, f32_at(job[J_INV_Z]), i32_at(job[J_IDS]), pixel, w, met, identity)
 
 
 @inlined
@@ -175,31 +184,30 @@ def draw_prepared(job, rule, scratch):
     """
     spans = as_f32(scratch)
     stride = job[J_STRIDE]
-    ids, depths = i32_at(job[J_IDS]), f32_at(job[J_INV_Z])
     identity = vec.i32(scratch[_ID])
     slope = vec.f32(spans[_PLANE + S_DX - vec.LANES])
     low, high = vec.f32(spans[_PLANE + R_LOW - vec.LANES]), vec.f32(spans[_PLANE + R_HIGH - vec.LANES])
-    across = vec.to_f32(vec.i32(scratch[_ACROSS]) + vec.iota())
-    origin = np.int64(scratch[_ORIGIN])
-    begin = origin * stride + np.int64(scratch[_BEGIN])
-    for strip in range(scratch[_STRIPS]):
-        rising = slope * across
-        at = np.int64(scratch[_AT + strip])
-        pixel = begin + at * stride
-        if at >= 0:
-            for _ in range(scratch[_COUNT + strip]):
-                for k in range(UNROLLED):
-                    w = vec.least(vec.most(vec.f32(spans[_START + at + k]) + rising, low), high)
-                    met = (across >= vec.f32(spans[_LOWER + at + k])) & (across <= vec.f32(spans[_UPPER + at + k]))
-                    blend(job, rule, depths, ids, pixel, w, met, identity)
-                    pixel += stride
-                at += UNROLLED
-        else:  # in a band of few rows
-            pixel = begin
-            for row in range(scratch[_ROOM]):
-                w = vec.least(vec.most(vec.f32(spans[_START + row]) + rising, low), high)
-                met = (across >= vec.f32(spans[_LOWER + row])) & (across <= vec.f32(spans[_UPPER + row]))
-                blend(job, rule, depths, ids, pixel, w, met, identity)
-                pixel += stride
-        across = across + vec.f32(float(vec.LANES))
-        begin += vec.LANES
+    begin = np.int64(scratch[_ORIGIN]) * stride + np.int64(scratch[_BEGIN])
+    across = vec.i32(scratch[_ACROSS]) + vec.iota()
+    masks = as_i64(scratch)
+    mask, ninth = masks[_MASKS // 2], masks[_MASKS // 2 + 1]
+    room = np.int64(scratch[_ROOM])
+    enough = room == scratch[_PREPARED]
+    for _ in range(1 if ninth == 0 else 2):
+        while mask != 0:
+            bit = vec.lowest_bit(mask)
+            mask &= mask - 1
+            row = (bit >> 3) * _ROWS_OF_BLOCK
+            right = (bit & 7) * vec.LANES
+            pixel = begin + row * stride + right
+            columns = across + vec.i32(right)
+            rising = slope * vec.to_f32(columns)
+            if enough:
+                for k in range(_ROWS_OF_BLOCK):
+                    _row(job, rule, scratch, row + k, pixel + k * stride, columns, rising, low, high, identity)
+            else:  # in a band of few rows
+                for k in range(min(room - row, _ROWS_OF_BLOCK)):
+                    _row(job, rule, scratch, row + k, pixel + k * stride, columns, rising, low, high, identity)
+        mask = ninth
+        begin += vec.LANES * vec.LANES
+        across = across + vec.i32(vec.LANES * vec.LANES)

@@ -241,6 +241,13 @@ most = make(lambda a, b: a if isinstance(a, Vector) and a is b else None, _emit_
 """The larger of two, lane by lane; the second where one is not a number."""
 
 
+below = make(
+    lambda a, b: m8 if a is i32x8 and b is i32x8 else None,
+    lambda builder, sig, a, b: builder.icmp_unsigned("<", a, b),
+)
+"""m8: whether the first of two is smaller, both taken as unsigned numbers."""
+
+
 def _emit_bits(builder: Any, sig: Any, mask: Any) -> Any:
     return builder.zext(builder.bitcast(mask, I8), I64)
 

@@ -87,16 +87,18 @@ def _integers(a, b, out):
     vec.store(o, 88, vec.gather(p, vec.iota() ^ vec.i32(3)))
     vec.store(o, 96, vec.load_third(p, 0, 2))
     vec.store(o, 104, vec.to_i32(vec.to_f32(x)))
+    vec.store(o, 112, vec.select(vec.below(x, y), x, y))
 
 
 def test_integers_lane_by_lane() -> None:
     x = np.array((5, -7, 100, -100, 0, 1, 65535, -65536, *range(20, 36)), np.int32)
     y = np.array((3, 3, -3, 12, 9, -1, 2, 5), np.int32)
-    out = np.zeros(112, np.int32)
+    out = np.zeros(120, np.int32)
     _integers(x.ctypes.data, y.ctypes.data, out.ctypes.data)
     a = x[:8]
     expected = (a + y, a - y, a * y, a & y, a | y, a ^ y, a >> 2, a << 2, ~a, -a, np.minimum(a, y), a[np.arange(8) ^ 3])
-    for k, values in enumerate((*expected, x[2::3], a)):
+    unsigned = np.minimum(a.view(np.uint32), y.view(np.uint32)).view(np.int32)
+    for k, values in enumerate((*expected, x[2::3], a, unsigned)):
         np.testing.assert_array_equal(out[8 * k : 8 * k + 8], values, err_msg=str(k))
 
 
