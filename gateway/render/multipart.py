@@ -1,7 +1,8 @@
 """multipart/form-data (RFC 7578), parsed while its bytes arrive; no I/O.
 
 The scene is hashed on the way and written once, into the buffer that the glTF reader will read; where it is what came
-before, it is compared instead (``gateway.scene.gltf.arrivals``).
+before, it is compared instead (``gateway.scene.gltf.arrivals``). A boundary begins with a carriage return: what of the
+scene is far from any is data, and not searched for boundaries.
 """
 
 from __future__ import annotations
@@ -21,8 +22,18 @@ SCENE = "scene"
 """Name of the part with the glTF file."""
 _PLAIN_ENCODINGS = frozenset((b"", b"7bit", b"8bit", b"binary"))
 """Content-Transfer-Encodings that leave the bytes alone; RFC 7578 (4.7) deprecates the others."""
-_options = lru_cache(maxsize=64)(parse_options_header)
-"""Of a Content-Disposition: a client sends the same twenty with every request."""
+_BOUNDARY_ENDS = 8
+"""Bytes that may stand beside a boundary and belong to it: ``\\r\\n--`` before, ``--\\r\\n`` behind."""
+_STEP = 4096
+"""Bytes given to the parser at a time before the scene: so much of it is searched with what is before it."""
+
+
+@lru_cache(maxsize=64)  # a client sends the same twenty with every request
+def _described(disposition: bytes) -> tuple[bytes, str, str]:
+    """Kind, name and file name that a Content-Disposition says."""
+    kind, options = parse_options_header(disposition)
+    name, filename = (options.get(key, b"").decode("utf-8", "replace") for key in (b"name", b"filename"))
+    return kind, name, filename
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,11 +98,13 @@ class FormReader:
         self._scene: Arrival | None = None
         self._scene_filename = ""
         self._name = ""
-        self._header_name = bytearray()
-        self._header_value = bytearray()
-        self._disposition = b""
-        self._encoding = b""
-        self._text = bytearray()
+        self._header_name = self._header_value = b""
+        self._disposition = self._encoding = b""
+        self._text = b""
+        self._in_scene = False
+        self._far = len(boundary) + _BOUNDARY_ENDS
+        self._since_return = 0
+        """Bytes fed since the last carriage return, or more than ``_far``: no boundary has begun then."""
 
     @property
     def received(self) -> int:
@@ -100,15 +113,39 @@ class FormReader:
 
     def feed(self, chunk: bytes | bytearray, count: int | None = None) -> None:
         """The next bytes of the body: the first ``count`` of ``chunk``, or all. They are not kept."""
-        if not isinstance(chunk, bytes) or (count is not None and count < len(chunk)):
-            chunk = bytes(memoryview(chunk)[:count])
-        self._received += len(chunk)
+        end = len(chunk) if count is None else count
+        self._received += end
         if self._received > self._config.max_body_bytes:
             raise too_large(self._received, self._config)
+        begin = 0
+        while begin < end:
+            if self._in_scene:
+                if self._since_return >= self._far:
+                    begin = self._take_data(chunk, begin, end)
+                step = end
+            else:
+                step = min(end, begin + _STEP)
+            if begin < step:
+                self._parse(bytes(memoryview(chunk)[begin:step]))
+            begin = step
+
+    def _take_data(self, chunk: bytes | bytearray, begin: int, end: int) -> int:
+        """Feeds the scene with what is before the next carriage return; gives where that is."""
+        assert self._scene is not None
+        found = chunk.find(b"\r", begin, end)
+        until = found if found >= 0 else end
+        if begin < until:
+            with memoryview(chunk) as whole, whole[begin:until] as piece:
+                self._scene.feed(piece)
+        return until
+
+    def _parse(self, piece: bytes) -> None:
         try:
-            self._parser.write(chunk)
+            self._parser.write(piece)
         except FormParserError as error:
             raise RequestError(400, f"the multipart body is malformed: {error}") from None
+        last = piece.rfind(b"\r", max(0, len(piece) - self._far))
+        self._since_return = self._since_return + len(piece) if last < 0 else len(piece) - 1 - last
 
     def close(self) -> None:
         """Lets go of what has come, but for what ``form`` has given. The parser's callbacks are methods of this reader:
@@ -134,10 +171,7 @@ class FormReader:
         if self._parts > self._config.max_parts:
             raise RequestError(400, f"the form has more than {self._config.max_parts} parts")
         self._name = ""
-        self._disposition = self._encoding = b""
-        self._header_name.clear()
-        self._header_value.clear()
-        self._text.clear()
+        self._disposition = self._encoding = self._header_name = self._header_value = self._text = b""
 
     def _header_name_piece(self, data: bytes, start: int, end: int) -> None:
         self._header_name += data[start:end]
@@ -146,22 +180,21 @@ class FormReader:
         self._header_value += data[start:end]
 
     def _header_end(self) -> None:
-        name = bytes(self._header_name).lower()
+        name = self._header_name.lower()
         if name == b"content-disposition":
-            self._disposition = bytes(self._header_value)
+            self._disposition = self._header_value
         elif name == b"content-transfer-encoding":
-            self._encoding = bytes(self._header_value).strip().lower()
-        self._header_name.clear()
-        self._header_value.clear()
+            self._encoding = self._header_value.strip().lower()
+        self._header_name = self._header_value = b""
 
     def _headers_finished(self) -> None:
-        kind, options = _options(self._disposition)
-        if kind != b"form-data" or not options.get(b"name"):
+        kind, name, filename = _described(self._disposition)
+        if kind != b"form-data" or not name:
             got = quoted(self._disposition) if self._disposition else "none"
             raise RequestError(
                 400, f'part {self._parts} of the form needs Content-Disposition: form-data; name="…", got {got}'
             )
-        self._name = name = options[b"name"].decode("utf-8", "replace")
+        self._name = name
         if name in self._names:
             raise RequestError(400, f"the field {quoted(name)} was sent twice")
         if self._encoding not in _PLAIN_ENCODINGS:
@@ -172,27 +205,30 @@ class FormReader:
         self._names.add(name)
         if name == SCENE:
             self._scene = self._arrive()
-            self._scene_filename = options.get(b"filename", b"").decode("utf-8", "replace")
+            self._scene_filename = filename
+            self._in_scene = True
 
     def _part_data(self, data: bytes, start: int, end: int) -> None:
-        with memoryview(data) as whole, whole[start:end] as piece:
-            if self._name == SCENE:
-                assert self._scene is not None
+        if self._in_scene:
+            assert self._scene is not None
+            with memoryview(data) as whole, whole[start:end] as piece:
                 self._scene.feed(piece)
-                return
-            if len(self._text) + len(piece) > self._config.max_field_bytes:
-                raise RequestError(
-                    400, f"the field {quoted(self._name)} is longer than {self._config.max_field_bytes} bytes"
-                )
-            self._text += piece
+            return
+        if len(self._text) + end - start > self._config.max_field_bytes:
+            raise RequestError(
+                400, f"the field {quoted(self._name)} is longer than {self._config.max_field_bytes} bytes"
+            )
+        self._text += data[start:end]
 
     def _part_end(self) -> None:
-        if self._name != SCENE:
+        if self._in_scene:
+            self._in_scene = False
+        else:
             try:
                 self._fields[self._name] = self._text.decode().strip()
             except UnicodeDecodeError:
                 raise RequestError(
-                    400, f"the field {quoted(self._name)} is not UTF-8 text: {quoted(bytes(self._text))}"
+                    400, f"the field {quoted(self._name)} is not UTF-8 text: {quoted(self._text)}"
                 ) from None
         self._name = ""
 
