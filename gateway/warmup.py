@@ -19,6 +19,7 @@ def _kernels_of(*modules: str, but: tuple[str, ...] = ()) -> Callable[[], None]:
 
     def compile_them() -> None:
         import renderers.cpu
+        import renderers.depthlimits
         import renderers.encode
         import renderers.fxaa  # noqa: F401 - they register their kernels
         from renderers.jit import KERNELS, compile_kernel
@@ -62,6 +63,10 @@ PARTS: Final[Mapping[str, Callable[[], None]]] = {
 def run() -> None:
     """Blocks until the kernels are loaded. In a serving process: only when they are cached."""
     kernels.configure()
+    import cv2
+
+    # Its pictures are small, calls come from many threads at once, and those of its own wait in loops.
+    cv2.setNumThreads(1)
     for load in PARTS.values():
         load()
     from renderers.cpu import warmup as first_pictures

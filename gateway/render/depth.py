@@ -1,8 +1,7 @@
-"""Depth as Drake's clients read it: 0 is too close, infinite (16 bit: 65535) too far."""
+"""Depth as Drake's clients read it in 16 bits: 0 is too close, 65535 too far."""
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
 import numpy as np
@@ -10,18 +9,6 @@ from numpy.typing import NDArray
 
 TOO_FAR_16: Final = 65535
 """InvalidDepth::kTooFar of ImageDepth16U, millimetres."""
-
-
-def limit_depth(depth: NDArray[np.float32], min_depth: float, max_depth: float) -> None:
-    """Marks, in place, what the sensor cannot measure.
-
-    Args:
-        depth: (H, W) float32, metres along the optical axis, inf where nothing is.
-        min_depth: metres; at it and nearer becomes 0.
-        max_depth: metres; at it and farther becomes inf (both as in RenderEngineVtk's depth shader).
-    """
-    np.copyto(depth, np.float32(math.inf), where=depth >= max_depth)
-    np.copyto(depth, np.float32(0.0), where=depth <= min_depth)
 
 
 def millimetres(depth: NDArray[np.float32]) -> NDArray[np.uint16]:

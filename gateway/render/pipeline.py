@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from gateway.render.config import RenderConfig
-from gateway.render.depth import limit_depth, millimetres
+from gateway.render.depth import millimetres
 from gateway.render.errors import RequestError
 from gateway.render.form import RenderRequest
 from gateway.render.labels import unlabelled
@@ -17,6 +17,7 @@ from gateway.render.viewpoint import camera_of
 from gateway.scene.flatten import flatten
 from gateway.scene.gltf import GltfError
 from gateway.scene.tree import Node
+from renderers.depthlimits import limit_depth
 from renderers.drawlist import DrawList, ImageError
 from renderers.encode import png_gray16, png_label, png_rgb, tiff_float32
 from renderers.fxaa import fxaa

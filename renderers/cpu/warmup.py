@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-import renderers.fxaa  # noqa: F401 - its kernel is one of all
+import renderers.depthlimits
+import renderers.fxaa  # noqa: F401 - their kernels are some of all
 from renderers.camera import Camera
 from renderers.cpu.renderer import CpuRenderer
 from renderers.drawlist import DrawList, Instance, Material, Mesh

@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.render.config import RenderConfig
-from gateway.render.depth import limit_depth, millimetres
+from gateway.render.depth import millimetres
 from gateway.render.form import read_form
 from gateway.render.multipart import FormReader
 from gateway.render.pipeline import Pipeline
@@ -52,12 +52,6 @@ def test_scenes_that_cannot_be_read_are_not_kept() -> None:
         with pytest.raises(GltfError):
             store.get("0" * 64, memoryview(b"{"))
     assert (store.hits, store.misses) == (0, 0)
-
-
-def test_depth_limits_include_their_ends() -> None:
-    depth = np.array([[0.05, 0.1, 0.2, 4.9, 5.0, 9.0, math.inf]], np.float32)
-    limit_depth(depth, float(np.float32(0.1)), 5.0)
-    np.testing.assert_array_equal(depth, np.array([[0, 0, 0.2, 4.9, math.inf, math.inf, math.inf]], np.float32))
 
 
 def test_millimetres_round_and_saturate() -> None:
