@@ -27,6 +27,7 @@ from gateway.ops.board import Board, State
 from gateway.ops.landing import landing_page
 from gateway.ops.metrics import Metrics
 from gateway.ops.requests import Gate, Requests
+from gateway.ops.straight import Straight
 from gateway.scene.live import LiveTree
 from gateway.settings import MIB, Settings
 from gateway.state.errors import StateError
@@ -113,6 +114,8 @@ def create_app(settings: Settings, state: Kept | None = None) -> FastAPI:
     app.add_exception_handler(404, methods.not_found)
     app.add_exception_handler(405, methods.not_allowed)
     app.include_router(health.router(board, metrics, __version__, full))
+    app.state.straight = {}
+    app.add_middleware(Straight, routes=app.state.straight)
     app.add_middleware(
         Gate, started=started, problem=lambda: board.entries[KERNELS].problem, open_paths=health.PATHS | {"/"}
     )

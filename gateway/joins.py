@@ -35,7 +35,7 @@ Join = Callable[[House], None]
 def join_render(house: House) -> None:
     """``POST /render``."""
     from gateway.render.config import RenderConfig
-    from gateway.render.routes import router
+    from gateway.render.routes import router, straight
     from gateway.render.service import RenderService
 
     settings = house.settings
@@ -62,6 +62,7 @@ def join_render(house: House) -> None:
     house.coming = service.soon
     figures.watch_render(house.metrics, service)
     house.app.include_router(router(service))
+    house.app.state.straight["POST", settings.render_path] = straight(service)
     house.app.state.door = _door(house, service)
     house.board.ready("render", where=settings.render_path, figures=service.status)
 

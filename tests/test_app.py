@@ -15,7 +15,7 @@ import pytest
 import gateway.app
 from gateway import warmup
 from gateway.house import House
-from gateway.joins import join_stereo
+from gateway.joins import join_render, join_stereo
 from gateway.ops import kernels
 from gateway.settings import Settings
 from tests.support.waiting import until
@@ -106,6 +106,27 @@ async def test_a_service_that_fails_leaves_the_others_and_all_end_with_the_lifes
         assert states["treeviewer"] == {"state": "ready", "where": "udpm://"}
         assert not good.ended.is_set()
     assert good.ended.is_set()
+
+
+@pytest.mark.parametrize("straight", [True, False])
+async def test_renders_past_the_router_are_answered_as_by_it(monkeypatch: pytest.MonkeyPatch, straight: bool) -> None:
+    def join(house: House) -> None:
+        join_render(house)
+        assert [*house.app.state.straight] == [("POST", "/render")]
+        if not straight:
+            house.app.state.straight.clear()
+
+    rooms(monkeypatch, render=join)
+    async with running(only=("render",), max_body_mb=1) as client:
+        answer = await client.post("/render", content=b"x", headers={"Content-Type": "text/plain"})
+        assert (answer.status_code, "multipart/form-data" in answer.text) == (400, True)
+        answer = await client.post("/render", content=bytes(2 << 20))
+        assert (answer.status_code, "max_body_bytes" in answer.text) == (413, True)  # not the framework's own sentence
+        assert (await client.get("/render")).status_code == 405
+        metrics = (await client.get("/metrics")).text
+        assert 'scenegate_http_requests_total{method="POST",route="/render",status="400"} 1.0' in metrics
+        described = (await client.get("/openapi.json")).json()["paths"]["/render"]
+        assert list(described) == ["post"]
 
 
 async def test_only_starts_what_was_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import sys
-from typing import Literal
+from typing import Any, Literal
 
 import structlog
 from structlog.typing import Processor
@@ -19,6 +20,53 @@ _QUIET = {
     "trimesh": logging.ERROR,
 }
 """Libraries that tell more than anybody wants at debug level."""
+
+
+class _Lines:
+    """What structlog hands finished lines to, in place of a logger of the standard library, whose name and level count:
+    they go where its handler writes. By a record each, which is made, filtered and formatted once more, a line takes
+    twice as long, and each request has one."""
+
+    __slots__ = ("_handler", "_logger", "getEffectiveLevel", "name")
+
+    def __init__(self, handler: logging.StreamHandler[Any], logger: logging.Logger) -> None:
+        self._handler = handler
+        self._logger = logger
+        self.getEffectiveLevel = logger.getEffectiveLevel
+        self.name = logger.name
+
+    @property
+    def disabled(self) -> bool:
+        """As of loggers."""
+        return self._logger.disabled
+
+    def info(self, line: str) -> None:
+        """Writes it. Nobody may be there to read."""
+        with contextlib.suppress(OSError, ValueError):
+            self._handler.acquire()
+            try:
+                self._handler.stream.write(line + "\n")
+                self._handler.flush()
+            finally:
+                self._handler.release()
+
+    debug = warning = warn = error = critical = fatal = exception = info
+
+
+class _Factory:
+    """Makes them, one for each name."""
+
+    def __init__(self, handler: logging.StreamHandler[Any]) -> None:
+        self._handler = handler
+        self._loggers = structlog.stdlib.LoggerFactory(ignore_frame_names=[__name__])
+        self._named: dict[str, _Lines] = {}
+
+    def __call__(self, *args: str) -> _Lines:
+        found = self._named.get(args[0]) if args else None
+        if found is None:
+            found = _Lines(self._handler, self._loggers(*args))
+            self._named[found.name] = found
+        return found
 
 
 def configure(log_format: Format = "auto", level: str = "info") -> None:
@@ -59,8 +107,8 @@ def configure(log_format: Format = "auto", level: str = "info") -> None:
         logger.handlers[:], logger.propagate = [], True
     structlog.configure(
         # What nobody wants is not made ready first.
-        processors=[structlog.stdlib.filter_by_level, *shared, structlog.stdlib.ProcessorFormatter.wrap_for_formatter],
-        logger_factory=structlog.stdlib.LoggerFactory(),
+        processors=[structlog.stdlib.filter_by_level, *shared, *last],
+        logger_factory=_Factory(handler),
         wrapper_class=structlog.stdlib.BoundLogger,
         cache_logger_on_first_use=False,
     )

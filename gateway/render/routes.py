@@ -5,6 +5,9 @@ from __future__ import annotations
 from typing import Any, Final
 
 from fastapi import APIRouter, Request, Response
+from starlette.middleware.body_limit import RequestBodyLimitMiddleware
+from starlette.routing import Route
+from starlette.types import ASGIApp, Receive, Scope, Send
 
 from gateway.render.exchange import Exchange
 from gateway.render.service import RenderService
@@ -108,3 +111,15 @@ def router(service: RenderService) -> APIRouter:
         include_in_schema=False,
     )
     return routes
+
+
+def straight(service: RenderService) -> ASGIApp:
+    """``POST`` of ``router``, for whoever has found out method and path."""
+
+    async def render(scope: Scope, receive: Receive, send: Send) -> None:
+        scope["route"] = route
+        answer = await Exchange(service, Request(scope, receive, send)).answer()
+        await answer(scope, receive, send)
+
+    route = Route(service.config.path, render, methods=["POST"])
+    return RequestBodyLimitMiddleware(render, _NO_FRAMEWORK_LIMIT)

@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import random
+import socket
 from typing import cast
+
+import pytest
 
 from gateway.ops.joined import Joined
 
@@ -66,3 +71,42 @@ async def test_nothing_is_written_to_a_connection_that_has_ended() -> None:
     answer.write(b"body")
     answer.flush()
     assert kept.written == []
+
+
+@pytest.mark.parametrize("earlier", [b"", b"earlier " * 1_000_000])
+@pytest.mark.parametrize("size", [300_000, 20_000_000])
+async def test_a_large_body_arrives_whole_and_behind_what_came_before(earlier: bytes, size: int) -> None:
+    """More than the system takes at once; nobody reads before all is written."""
+    loop = asyncio.get_running_loop()
+    ours, theirs = socket.socketpair()
+    transport, _ = await loop.create_connection(asyncio.Protocol, sock=ours)
+    theirs.setblocking(False)
+    body = random.Random(size).randbytes(size)
+    with contextlib.closing(transport), theirs:
+        if earlier:
+            transport.write(earlier)
+        answer = Joined(transport, loop)
+        answer.write(b"head ")
+        answer.write(body)
+        answer.close()
+        got = bytearray()
+        while piece := await loop.sock_recv(theirs, 1 << 20):
+            got += piece
+    assert got == earlier + b"head " + body
+
+
+async def test_the_transport_deals_with_a_client_that_has_left() -> None:
+    loop = asyncio.get_running_loop()
+    ours, theirs = socket.socketpair()
+    lost: asyncio.Future[Exception | None] = loop.create_future()
+
+    class Told(asyncio.Protocol):
+        def connection_lost(self, exc: Exception | None) -> None:
+            lost.set_result(exc)
+
+    transport, _ = await loop.create_connection(Told, sock=ours)
+    theirs.close()
+    answer = Joined(transport, loop)
+    answer.write(b"head ")
+    answer.write(bytes(1 << 20))
+    assert isinstance(await asyncio.wait_for(lost, 30.0), OSError | None)

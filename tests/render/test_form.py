@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from itertools import pairwise
 
 import pytest
 from hypothesis import given, settings
@@ -68,6 +69,34 @@ def test_the_scene_arrives_byte_for_byte_however_the_body_is_cut(scene: bytes, s
     request = read(body(scene), step=step)
     assert bytes(request.scene) == scene
     assert request.scene_sha256 == hashlib.sha256(scene).hexdigest()
+
+
+_LURES = [b"\r", b"\n", b"\r\n", b"\r\n--", b"\r\n--" + BOUNDARY[:-1].encode(), b"--" + BOUNDARY.encode()]
+
+
+@settings(deadline=None, max_examples=80)
+@given(
+    st.lists(st.one_of(st.integers(1, 9000), st.sampled_from(_LURES)), min_size=1, max_size=8),
+    st.lists(st.integers(0, 30_000), max_size=12),
+    st.booleans(),
+)
+def test_boundaries_are_found_behind_long_stretches_without_any(
+    parts: list[int | bytes], cuts: list[int], first: bool
+) -> None:
+    """Stretches far from a carriage return go past the parser; whatever is cut where, nothing else does."""
+    scene = b"".join(bytes(each % 12 + 40 for each in range(p)) if isinstance(p, int) else p for p in parts)
+    fields = [part(name, value.encode()) for name, value in drake_fields().items()]
+    own = part("scene", scene, filename="s.gltf")
+    data = closed(own, *fields) if first else closed(*fields, own)
+    reader = FormReader(CONTENT_TYPE, CONFIG)
+    ends = sorted({min(cut, len(data)) for cut in cuts} | {len(data)})
+    for begin, end in pairwise([0, *ends]):
+        piece = bytearray(data[begin:end] + b"\r\n--")  # a buffer that is longer
+        reader.feed(piece, end - begin)
+    form = reader.form()
+    assert form.scene is not None
+    assert bytes(form.scene) == scene
+    assert form.fields == drake_fields()
 
 
 def test_fields_in_any_order_and_a_preamble_and_an_epilogue_are_fine() -> None:
