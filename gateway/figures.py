@@ -72,10 +72,8 @@ def watch_render(metrics: Metrics, service: RenderService) -> None:
 def count_render(metrics: Metrics, record: RenderRecord) -> None:
     """One answered request of the render endpoint."""
     kind = record.request.image_type if record.request is not None else "unknown"
-    metrics.renders.labels(kind, _OUTCOMES.get(record.status, "rejected")).inc()
-    if record.picture is not None:
-        for stage, seconds in (("queue", record.queued), *record.picture.stages):
-            metrics.stage_seconds.labels(stage).observe(seconds)
+    stages = (("queue", record.queued), *record.picture.stages) if record.picture is not None else ()
+    metrics.rendered(kind, _OUTCOMES.get(record.status, "rejected"), stages)
 
 
 def watch_stereo(metrics: Metrics, *services: StereoService) -> None:

@@ -27,7 +27,7 @@ MAX_PIPELINED: Final = 64
 """Requests of a connection that wait for the one before; with more the connection ends."""
 PIECE_BYTES: Final = 16 << 10
 """Read at a time of heads and chunked bodies: they can hold a request in 20 bytes and a chunk in 6, and each takes the
-event loop microseconds. Plain bodies come in pieces of 256 kB."""
+event loop microseconds. Plain bodies come in pieces of a megabyte."""
 HEAD_SECONDS: Final = 30.0
 """Time for them to arrive whole; a connection that sends nothing after connecting ends as well."""
 BODY_SECONDS: Final = 90.0

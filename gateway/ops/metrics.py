@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final
 
 from prometheus_client import (
@@ -25,6 +26,9 @@ CONTENT_TYPE: Final = CONTENT_TYPE_LATEST
 _SECONDS = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0)
 """A cached render takes about a millisecond, a queue of large scenes a minute."""
 
+
+_LABELLED = 512
+"""Labels' figures that are found at once."""
 
 Reading = float | Mapping[str, float]
 """One figure, or one for each value of a label."""
@@ -98,8 +102,24 @@ class Metrics:
             buckets=_SECONDS,
             registry=self.registry,
         )
+        # Looking up a label's figure takes longer than to count. Labels are few: routes, not paths.
+        self._requests, self._seconds, self._renders, self._stage_seconds = (
+            lru_cache(_LABELLED)(family.labels)
+            for family in (self.requests, self.seconds, self.renders, self.stage_seconds)
+        )
         self._reader = _Reader()
         self.registry.register(self._reader)
+
+    def answered(self, route: str, method: str, status: int | str, seconds: float) -> None:
+        """Counts an HTTP request."""
+        self._requests(route, method, status).inc()
+        self._seconds(route).observe(seconds)
+
+    def rendered(self, kind: str, outcome: str, stages: Iterable[tuple[str, float]]) -> None:
+        """Counts a request of the render endpoint; ``stages`` and their seconds, of one that was drawn."""
+        self._renders(kind, outcome).inc()
+        for stage, seconds in stages:
+            self._stage_seconds(stage).observe(seconds)
 
     def watch(self, name: str, text: str, read: Callable[[], Reading], *, label: str = "") -> None:
         """A gauge that is read, in the event loop, when Prometheus asks.

@@ -72,8 +72,7 @@ class Requests:
                 seconds = time.perf_counter() - start
                 # The route's template, never the path as sent: a scanner must not fill the registry with labels.
                 route = getattr(scope.get("route"), "path", "(none)")
-                self._metrics.requests.labels(route, scope["method"], status or "aborted").inc()
-                self._metrics.seconds.labels(route).observe(seconds)
+                self._metrics.answered(route, scope["method"], status or "aborted", seconds)
                 note = _log.debug if scope["path"] in self._quiet else _log.info
                 note("request", method=scope["method"], path=scope["path"], status=status, ms=round(seconds * 1e3, 1))
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import ctypes
 import struct
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,4 +57,25 @@ def _tiff(image: NDArray[np.generic], dtype: str, bits: int, sample_format: int)
     head = struct.pack("<2sHIH", b"II", 42, 8, _TAGS)
     # A SHORT is left-justified in the 4-byte value field, which little endian makes the same as a LONG.
     directory = b"".join(struct.pack("<HHII", tag, kind, 1, value) for tag, kind, value in entries)
-    return b"".join((head, directory, b"\0\0\0\0\0\0", samples.data))
+    return _with_samples(b"".join((head, directory, b"\0\0\0\0\0\0")), samples)
+
+
+def _with_samples(head: bytes, samples: NDArray[np.generic]) -> bytes:
+    """A file of what comes before the samples, and these; joining them would hold the GIL all the while."""
+    length = len(head) + samples.nbytes
+    if length < _RELEASE_FROM:
+        return b"".join((head, samples.data))
+    file: bytes = _new_bytes(None, length)
+    begin = id(file) + _CONTENTS
+    ctypes.memmove(begin, head, len(head))
+    ctypes.memmove(begin + len(head), samples.__array_interface__["data"][0], samples.nbytes)
+    return file
+
+
+_RELEASE_FROM: Final = 256 << 10
+"""Bytes. Fewer are copied sooner than another thread has taken the GIL and given it back."""
+_CONTENTS: Final = bytes.__basicsize__ - 1
+"""Where the contents of a ``bytes`` object begin; the size counts the zero that ends them."""
+_new_bytes: Final[Any] = ctypes.pythonapi.PyBytes_FromStringAndSize
+"""Of no contents yet: whoever makes them fills them before anybody sees them, as the C API has it."""
+_new_bytes.restype, _new_bytes.argtypes = ctypes.py_object, (ctypes.c_char_p, ctypes.c_ssize_t)
