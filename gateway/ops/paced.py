@@ -6,7 +6,7 @@ import asyncio
 from typing import Final, Generic, Protocol, TypeVar
 
 LARGEST_PIECE: Final = 1 << 20
-"""Bytes. Each piece takes the interpreter twice more; comparing so much, or hashing it, takes less than a millisecond."""
+"""Bytes. Each piece takes the interpreter twice more; to compare or to hash so much takes less than a millisecond."""
 
 
 class Inner(Protocol):
