@@ -23,7 +23,7 @@ IDENTITY: Final[Matrix] = _identity()
 """(4, 4) float64, read-only; compare by ``is`` to skip work."""
 
 
-_SQUARE_SAFE: Final = (1e-200, 1e200)
+SQUARE_SAFE: Final = (1e-200, 1e200)
 """Squared quaternion norms outside this range are close to underflow or overflow: scale first."""
 
 
@@ -42,7 +42,7 @@ def pose_rows(translation: Sequence[float], quaternion: Sequence[float]) -> tupl
     """The four rows of ``from_pose``, without an array."""
     w, x, y, z = quaternion
     norm2 = w * w + x * x + y * y + z * z
-    if not _SQUARE_SAFE[0] < norm2 < _SQUARE_SAFE[1] and all(map(math.isfinite, quaternion)):
+    if not SQUARE_SAFE[0] < norm2 < SQUARE_SAFE[1] and all(map(math.isfinite, quaternion)):
         scale = max(abs(w), abs(x), abs(y), abs(z))
         if scale > 0.0:
             w, x, y, z = w / scale, x / scale, y / scale, z / scale
@@ -71,7 +71,7 @@ def from_poses(poses: Matrix) -> Matrix:
     q = poses[:, 3:]
     with np.errstate(all="ignore"):
         norm2 = np.einsum("ni,ni->n", q, q)
-        odd = ~((norm2 > _SQUARE_SAFE[0]) & (norm2 < _SQUARE_SAFE[1]))
+        odd = ~((norm2 > SQUARE_SAFE[0]) & (norm2 < SQUARE_SAFE[1]))
         if odd.any():
             return np.array([from_pose(pose[:3], pose[3:]) for pose in poses.tolist()]).reshape(-1, 4, 4)
         products = q[:, :, None] * (q * (2.0 / norm2)[:, None])[:, None, :]

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import struct
+from collections.abc import Iterable
+from itertools import product
 from typing import Any, Final, TypeAlias
 
 import msgspec
@@ -31,6 +34,9 @@ _MAX_STRIDE: Final = 252
 """Bytes, by the specification; zero would make a huge array of few bytes."""
 
 
+_pack_key: Final = struct.Struct("=5q").pack
+"""Buffer (0: none), offset, stride, count, kind. Bytes remember their hash, tuples do not."""
+KEY: Final = 40
 ZEROS: Final = Buffer(b"", 0)
 """Of accessors without a buffer view."""
 
@@ -43,20 +49,19 @@ class Kind(msgspec.Struct, frozen=True, gc=False, eq=False):
     normalized: bool
     nbytes: int
     """Of all components together."""
+    code: int
+    """From 1 on; in keys."""
 
 
-_KINDS: Final[dict[tuple[int | None, str | None, bool], Kind]] = {
-    (code, shape, normalized): Kind(dtype, components, normalized, dtype.itemsize * components)
-    for code, dtype in COMPONENT_TYPES.items()
-    for shape, components in COMPONENTS.items()
-    for normalized in (False, True)
+_KINDS: Final[dict[tuple[int | None, str | None, bool | None], Kind]] = {
+    (code, shape, normalized): Kind(dtype, components, normalized, dtype.itemsize * components, number)
+    for number, (code, shape, normalized) in enumerate(product(COMPONENT_TYPES, COMPONENTS, (False, True)), 1)
+    for dtype, components in ((COMPONENT_TYPES[code], COMPONENTS[shape]),)
 }
 KINDS: Final = frozenset(_KINDS.values())
-_BY_TYPE: Final[dict[str | None, dict[int | None, Kind]]] = {
-    shape: {code: _KINDS[code, shape, False] for code in COMPONENT_TYPES} for shape in COMPONENTS
-}
-_BY_TYPE_NORMALIZED: Final[dict[str | None, dict[int | None, Kind]]] = {
-    shape: {code: _KINDS[code, shape, True] for code in COMPONENT_TYPES} for shape in COMPONENTS
+_BY_SAID: Final[dict[tuple[int | None, str | None, bool | None], Kind]] = {
+    **_KINDS,
+    **{(code, shape, None): kind for (code, shape, normalized), kind in _KINDS.items() if not normalized},
 }
 POINTS: Final = _KINDS[5126, "VEC3", False]
 TEXTURE_COORDINATES: Final = _KINDS[5126, "VEC2", False]
@@ -75,8 +80,8 @@ class Accessor(msgspec.Struct, frozen=True, gc=False, eq=False):
     offset: int
     """Bytes from the start of the buffer."""
     stride: int
-    key: tuple[object, ...]
-    """Equal keys are equal contents."""
+    key: bytes
+    """Equal keys are equal contents; of ``KEY`` bytes, longer with a sparse part."""
     sparse: SparsePart | None = None
     part: str = ""
     """``.sparse.indices`` of the accessor, for messages."""
@@ -178,7 +183,7 @@ class Accessors:
         self._loaded = buffers.loaded
         self._limit = max(limits.max_vertices, limits.max_elements) * 3
         self.known: dict[int, Accessor] = {} if known is None else known.known.copy()
-        """What ``plain`` found."""
+        """What ``prepare`` found."""
         self._others: dict[int, Accessor] = {} if known is None else known._others.copy()
         self.warned = False
         """Whether there was a fault that those who know these accessors would not hear of."""
@@ -189,10 +194,10 @@ class Accessors:
         Raises:
             GltfError: out of range, of an unknown type, or beyond its buffer view.
         """
-        if type(index) is int and (plain := self.plain(index)) is not None:
-            return plain
-        if type(index) is int and (known := self._others.get(index)) is not None:
-            return known
+        if type(index) is int:
+            self.prepare((index,))
+            if (known := self.known.get(index) or self._others.get(index)) is not None:
+                return known
         source = element(self._document.accessors, index, "accessors", where)
         assert isinstance(index, int)
         name = f"accessors[{index}]"
@@ -213,43 +218,49 @@ class Accessors:
         self._others[index] = accessor
         return accessor
 
-    def plain(self, index: int) -> Accessor | None:
-        """The accessor if it is as nearly all are: tight, not sparse, without a fault. Documents have thousands, and
-        most of the other way's time goes into messages. None: ``get`` finds out what it is."""
-        known = self.known.get(index)
-        if known is not None:
-            return known
-        sources, views = self._sources, self._views
-        source = sources[index] if 0 <= index < len(sources) else None
-        if source is None or source.sparse is not None:
-            return None
-        kinds = _BY_TYPE.get(source.type) if not source.normalized else _BY_TYPE_NORMALIZED.get(source.type)
-        kind = None if kinds is None else kinds.get(source.component_type)
-        count, at = source.count, source.buffer_view
-        if kind is None or count is None or at is None or not 0 <= count <= self._limit or not 0 <= at < len(views):
-            return None
-        view = views[at]
-        stride = kind.nbytes
-        if view is None or view.extensions or view.buffer is None or (view.byte_stride or stride) != stride:
-            return None
-        buffer = self._loaded.get(view.buffer)
-        if buffer is None:
-            buffer = self._buffers.load(view.buffer, at)
-        start, length, offset = view.byte_offset or 0, view.byte_length, source.byte_offset or 0
-        if length is None or start < 0 or length < 0 or offset < 0 or start + length > len(buffer.data):
-            return None
-        if offset + count * stride > length:
-            return None
-        start += offset
-        key = (buffer.uid, start, stride, count, kind)
-        accessor = self.known[index] = Accessor(index, kind, count, buffer, start, stride, key)
-        return accessor
+    def prepare(self, indices: Iterable[int]) -> None:
+        """Finds those that are as nearly all are: tight, not sparse, without a fault. They are ``known`` then; ``get``
+        finds out what the others are. Documents have thousands, and most of its time goes into messages."""
+        sources, views, limit, loaded, known = self._sources, self._views, self._limit, self._loaded, self.known
+        last, last_view = len(sources) - 1, len(views) - 1
+        found: list[tuple[int, Kind, int, int, int, int, int]] = []
+        missing: dict[int, None] = {}
+        for index in indices:
+            source = sources[index] if 0 <= index <= last else None
+            if source is None or source.sparse is not None or index in known:
+                continue
+            kind = _BY_SAID.get((source.component_type, source.type, source.normalized))
+            count, at = source.count, source.buffer_view
+            if kind is None or count is None or at is None or not 0 <= count <= limit or not 0 <= at <= last_view:
+                continue
+            view, stride = views[at], kind.nbytes
+            if view is None or view.buffer is None or view.extensions or (view.byte_stride or stride) != stride:
+                continue
+            start, length, offset = view.byte_offset or 0, view.byte_length, source.byte_offset or 0
+            if length is None or start < 0 or offset < 0 or offset + count * stride > length:
+                continue
+            found.append((index, kind, count, view.buffer, at, start + offset, start + length))
+            if view.buffer not in loaded:
+                missing[view.buffer] = None
+        if missing:
+            self._buffers.load_together(missing)
+        for index, kind, count, of, at, start, end in found:
+            buffer = loaded.get(of)
+            if buffer is None:
+                try:
+                    buffer = self._buffers.load(of, at)
+                except GltfError:
+                    continue  # who asks for it is told
+            if end <= len(buffer.data):
+                stride = kind.nbytes
+                key = _pack_key(buffer.uid, start, stride, count, kind.code)
+                known[index] = Accessor(index, kind, count, buffer, start, stride, key)
 
     def _accessor(
         self, index: int, view: int | None, byte_offset: int | None, kind: Kind, count: int, part: str = ""
     ) -> Accessor:
         if view is None:
-            return Accessor(index, kind, count, ZEROS, 0, 0, (0, 0, 0, count, kind), None, part)
+            return Accessor(index, kind, count, ZEROS, 0, 0, _pack_key(0, 0, 0, count, kind.code), None, part)
         name = f"accessors[{index}]{part}"
         buffer, start, length, view_stride = self._buffers.view(view, f"{name}.bufferView")
         size = kind.nbytes
@@ -260,7 +271,7 @@ class Accessors:
         needed = offset + (count - 1) * stride + size if count else 0
         if offset < 0 or needed > length:
             raise GltfError(f"{name}: needs {needed} bytes of bufferViews[{view}], which has {length}")
-        key = (buffer.uid, start + offset, stride, count, kind)
+        key = _pack_key(buffer.uid, start + offset, stride, count, kind.code)
         return Accessor(index, kind, count, buffer, start + offset, stride, key, None, part)
 
     def _with_sparse(self, base: Accessor, sparse: Sparse) -> Accessor:
@@ -284,7 +295,7 @@ class Accessors:
         )
         if (largest := int(indices.raw().max())) >= base.count:
             raise GltfError(f"{name}.indices: {largest} is out of range ({base.count} elements)")
-        key = (*base.key, *indices.key, *values.key)
+        key = base.key + indices.key + values.key
         return msgspec.structs.replace(base, sparse=SparsePart(indices, values), key=key)
 
 

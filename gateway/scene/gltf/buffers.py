@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Final
 from urllib.parse import unquote, unquote_to_bytes
 
@@ -20,9 +20,10 @@ Resolver = Callable[[str], bytes]
 """Gives the bytes of a relative URI, percent-decoded. It must not leave the folder of the document."""
 
 _SCHEME: Final = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
-_USUAL_HEAD: Final = b"data:application/octet-stream;base64,"
-_USUAL_TEXT: Final = _USUAL_HEAD.decode()
-_USUAL_LENGTH: Final = len(_USUAL_HEAD)
+_USUAL: Final = "data:application/octet-stream;base64,"
+_USUAL_LENGTH: Final = len(_USUAL)
+_HEAD: Final = 64
+"""Bytes among which the comma of a data URI is found at once."""
 _BASE64_NOISE: Final = re.compile(rb"[\s=]+")
 _URL_ALPHABET: Final = bytes.maketrans(b"-_", b"+/")
 
@@ -40,7 +41,8 @@ class Buffers:
         known: Buffers | None = None,
     ) -> None:
         """``known``: of a document that has the same buffers, and began with the same text."""
-        self._document = document
+        self._sources = document.buffers or []
+        self._views = document.buffer_views
         self._container = container
         self._cache = cache
         self._limits = limits
@@ -70,8 +72,8 @@ class Buffers:
         known = self.loaded.get(index)
         if known is not None:
             return known
-        sources = self._document.buffers
-        buffer = sources[index] if sources is not None and 0 <= index < len(sources) else None
+        sources = self._sources
+        buffer = sources[index] if 0 <= index < len(sources) else None
         if buffer is None:
             buffer = element(sources, index, "buffers", f"bufferViews[{view}].buffer")
         if buffer.uri is not None:
@@ -88,9 +90,55 @@ class Buffers:
         self.loaded[index] = loaded
         return loaded
 
+    def load_together(self, indices: Iterable[int]) -> None:
+        """Loads those that are as nearly all are, data URIs of base64 without a fault. ``load`` finds out what the
+        others are.
+
+        Args:
+            indices: none of them is loaded.
+        """
+        sources, texts, limit = self._sources, self._texts, self._limits.max_buffer_bytes
+        count, nbytes = len(sources), self.nbytes
+        found: list[tuple[int, int | None, int]] = []
+        new: list[bytes] = []
+        places: dict[str, int] = {}
+        content: str | memoryview
+        for index in indices:
+            source = sources[index] if 0 <= index < count else None
+            text = None if source is None else source.uri
+            if source is None or text is None:
+                continue
+            place = places.get(text)
+            if place is not None:
+                charged = len(new[place])
+            elif text.startswith(_USUAL):
+                content, charged = text[_USUAL_LENGTH:], len(text) * 3 // 4
+            elif text in texts or (encoded := self._encoded(text)) is None:
+                continue
+            else:
+                content, charged = encoded
+            if nbytes + charged > limit:
+                break
+            if place is None:
+                try:
+                    data = pybase64.b64decode(content, None, True)  # names take as long as decoding
+                except ValueError:
+                    continue
+                place = places[text] = len(new)
+                new.append(data)
+            nbytes += charged
+            found.append((index, source.byte_length, place))
+        self.nbytes = nbytes
+        buffers = self._cache.buffers(new, self._held)
+        texts.update(zip(places, buffers, strict=True))
+        for index, length, place in found:
+            buffer = buffers[place]
+            if length is None or length <= len(buffer.data):
+                self.loaded[index] = buffer
+
     def view(self, index: int, where: str) -> tuple[Buffer, int, int, int | None]:
         """Buffer, offset, length and stride of ``bufferViews[index]``, within the buffer."""
-        view = element(self._document.buffer_views, index, "bufferViews", where)
+        view = element(self._views, index, "bufferViews", where)
         name = f"bufferViews[{index}]"
         compressed = [e for e in view.extensions or () if e.endswith("_meshopt_compression")]
         if compressed and view.buffer is None:
@@ -114,17 +162,32 @@ class Buffers:
         if buffer is not None:
             self.charge(len(buffer.data), kind, index)
             return buffer
-        if text.startswith(_USUAL_TEXT):
-            self.charge(len(text) * 3 // 4, kind, index)
+        encoded = self._encoded(text)
+        if encoded is not None:
+            content, nbytes = encoded
+            self.charge(nbytes, kind, index)
             try:
-                data = pybase64.b64decode(text[_USUAL_LENGTH:], None, True)  # names take as long as decoding
+                data = pybase64.b64decode(content, None, True)  # names take as long as decoding
             except ValueError:
-                self.nbytes -= len(text) * 3 // 4
+                self.nbytes -= nbytes
             else:
                 buffer = self._texts[text] = self._cache.buffer(data, self._held)
                 return buffer
         buffer = self._texts[text] = self._of_other(text, f"{kind}[{index}].uri")
         return buffer
+
+    def _encoded(self, text: str) -> tuple[str | memoryview, int] | None:
+        """What stands behind the head of a data URI of base64, and what it is charged; None: it is another one."""
+        if text.startswith("data:"):
+            comma = text.find(",", 0, _HEAD)
+            if comma > 0 and text.endswith(";base64", 0, comma):
+                return text[comma + 1 :], len(text) * 3 // 4
+        elif (raw := self._container.uris.get(text)) is not None:
+            head = bytes(raw[:_HEAD])
+            comma = head.find(b",")
+            if comma > 0 and head.endswith(b";base64", 0, comma):
+                return raw[comma + 1 :], len(raw) * 3 // 4
+        return None
 
     def _of_other(self, text: str, where: str) -> Buffer:
         uri = self._container.uri(text)
@@ -172,11 +235,6 @@ def decode_data_uri(uri: memoryview) -> bytes:
     Raises:
         ValueError: no comma, or no base64.
     """
-    if bytes(uri[: len(_USUAL_HEAD)]) == _USUAL_HEAD:
-        try:
-            return pybase64.b64decode(uri[len(_USUAL_HEAD) :], validate=True)
-        except ValueError:
-            pass
     head, comma, _ = bytes(uri[:1024]).partition(b",")
     if not comma:
         raise ValueError("there is no comma within its first 1024 bytes")

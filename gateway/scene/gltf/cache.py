@@ -18,7 +18,7 @@ from gateway.scene.gltf.prefixes import Prefixes
 from gateway.scene.gltf.stems import Stems
 from renderers.drawlist import Image, Mesh
 
-MeshKey: TypeAlias = tuple[object, ...]
+MeshKey: TypeAlias = bytes | tuple[object, ...]
 """What a mesh is made of: ``Buffer.uid`` and the layout of every accessor."""
 
 _uids = count(1)
@@ -104,14 +104,33 @@ class MeshCache:
             held[key] = buffer
         return buffer
 
+    def buffers(self, contents: Sequence[bytes], held: dict[tuple[int, int], Buffer]) -> list[Buffer]:
+        """``buffer`` of each."""
+        entries, made_of = self._entries, self._made_of
+        found: list[Buffer | None] = []
+        keys = [(len(data), isal_zlib.crc32(data)) for data in contents]
+        with self._lock:
+            for data, key in zip(contents, keys, strict=True):
+                if key in held or key in entries:
+                    found.append(None)
+                    continue
+                held[key] = entries[key] = buffer = Buffer(data, address_of_bytes(data))
+                made_of[buffer.uid] = {}
+                self._nbytes += key[0]
+                self._buffer_misses += 1
+                found.append(buffer)
+            if self._nbytes > self.max_bytes:
+                self._shrink()
+        return [
+            self.buffer(data, held) if buffer is None else buffer for data, buffer in zip(contents, found, strict=True)
+        ]
+
     def _kept_or_new(self, key: tuple[int, int], data: bytes | memoryview) -> Buffer:
         buffer: Buffer | None = None
         while True:
             with self._lock:
                 entry = self._entries.get(key)
-                if entry is None and (buffer is not None or isinstance(data, bytes)):
-                    if buffer is None:
-                        buffer = Buffer(data, address_of_bytes(data))  # type: ignore[arg-type]  # bytes, as asked
+                if entry is None and buffer is not None:
                     self._entries[key] = buffer
                     self._made_of[buffer.uid] = {}
                     self._buffer_misses += 1
@@ -130,16 +149,13 @@ class MeshCache:
                             self._drop(key)
                 if same:
                     return entry
-            if buffer is None and not isinstance(data, bytes):
+            if buffer is None:
                 buffer = _buffer_of(data)  # not while others wait
 
     def meshes(self, keys: Iterable[MeshKey]) -> dict[MeshKey, Mesh]:
         """Those meshes of ``keys`` that were kept."""
         found: dict[MeshKey, Mesh] = {}
         with self._lock:
-            if not self._meshes:
-                self._mesh_misses += len([*keys])
-                return found
             for key in keys:
                 kept = self._meshes.get(key)
                 if kept is None:
@@ -156,18 +172,20 @@ class MeshCache:
             made: key, mesh, the buffers, and the bytes of its arrays that are not views of these.
         """
         result: list[Mesh] = []
+        meshes, made_of = self._meshes, self._made_of
         with self._lock:
             for key, mesh, buffers, own in made:
-                known = self._meshes.get(key)
+                known = meshes.get(key)
                 if known is not None:
                     result.append(known.mesh)
                     continue
                 result.append(mesh)
-                kept_of = [kept for buffer in buffers if (kept := self._made_of.get(buffer.uid)) is not None]
+                kept_of = [made_of[buffer.uid] for buffer in buffers if buffer.uid in made_of]
                 if kept_of and len(kept_of) == len(buffers):
-                    self._meshes[key] = new = _Kept(key, mesh, own, buffers)
+                    meshes[key] = new = _Kept(key, mesh, own, buffers)
+                    identity = id(new)
                     for kept in kept_of:
-                        kept[id(new)] = new
+                        kept[identity] = new
                     self._nbytes += own
                     if self._nbytes > self.max_bytes:
                         self._shrink()
@@ -213,9 +231,11 @@ class MeshCache:
                     others.pop(identity, None)
 
 
-def _buffer_of(view: memoryview) -> Buffer:
+def _buffer_of(view: bytes | memoryview) -> Buffer:
     """The bytes of a file are kept themselves, if nine tenths of them are meant, since only these are counted, and
     numbers lie in them as machines want it; others are copied."""
+    if isinstance(view, bytes):
+        return Buffer(view, address_of_bytes(view))
     owner = view.obj
     if isinstance(owner, bytes) and view.contiguous and 10 * view.nbytes >= 9 * len(owner):
         address: int = np.frombuffer(view, np.uint8).__array_interface__["data"][0]

@@ -103,9 +103,9 @@ def _take_data_uris(view: memoryview) -> tuple[bytes, dict[str, memoryview], int
     count = len(view)
     if count < 2 * _STRETCH:
         return bytes(view), {}, 0
-    owner = view.obj
-    if isinstance(owner, bytes) and len(owner) == count:
-        address = address_of_bytes(owner)
+    whole = view.obj if isinstance(view.obj, bytes) and len(view.obj) == count else None
+    if whole is not None:
+        address = address_of_bytes(whole)
     else:
         address = np.frombuffer(view, np.uint8).__array_interface__["data"][0]
     to_places = array("q", bytes(16 * (count // _STRETCH)))
@@ -117,8 +117,10 @@ def _take_data_uris(view: memoryview) -> tuple[bytes, dict[str, memoryview], int
     done = 0
     places = iter(to_places[: 2 * found])
     for at, end in zip(places, places, strict=True):
-        before = bytes(view[max(0, at - 65) : at + 5])
-        usual = before.endswith(_USUAL_KEY) or (before.endswith(b'"data:') and _URI_KEY.search(before[:-6]))
+        usual: object = at >= 7 and whole is not None and whole.startswith(_USUAL_KEY, at - 7)
+        if not usual:
+            before = bytes(view[max(0, at - 65) : at + 5])
+            usual = before.endswith(_USUAL_KEY) or (before.endswith(b'"data:') and _URI_KEY.search(before[:-6]))
         if usual and view[end - 1] != 0x5C and view[at - 2] != 0x5C:
             pieces += (view[done:at], b"\\u0000data %d" % len(uris))
             uris[f"{_TOKEN}{len(uris)}"] = view[at:end]

@@ -10,6 +10,7 @@ from llvmlite import ir
 from numba import extending, types
 from numpy.typing import NDArray
 
+from gateway.scene.transforms import SQUARE_SAFE
 from renderers.pointers import f32_at, f64_at, i64_at, u8_at, u16_at, u32_at
 
 intrinsic: Any = extending.intrinsic
@@ -31,8 +32,7 @@ ROW: Final = 10
 6. address of (n, 3) float32 normals that it comes with
 7. address of uint32 to write the indices to; 0: they are aligned uint32, and read where they are
 8. address of (n, 3) float32 to write normals to, where it comes without
-9. a limit that all indices must be below; negative: it is known that all is sound. Written: 1, or 0 where something is
-   not finite, out of range, of another length than 1, or less than half of the vertices are in use: no normals then.
+9. a limit that all indices must be below; negative: it is known that all is sound
 """
 AFFINE_TOLERANCE: Final = 1e-6
 """How far the last row of a node's matrix may be from (0, 0, 0, 1)."""
@@ -207,7 +207,7 @@ def _widen(source: Any, count: int, target: Any) -> None:
 
 
 @numba.njit(nogil=True, cache=True, fastmath=False, error_model="numpy")
-def read_meshes(rows: int, count: int) -> None:
+def read_meshes(rows: int, count: int, to_sound: int) -> None:
     """Triangles of many meshes: looks whether they are sound, widens their indices, makes normals.
 
     Normals are the cross products of the triangles, summed at each of their vertices in float64, one triangle after the
@@ -216,6 +216,8 @@ def read_meshes(rows: int, count: int) -> None:
     Args:
         rows: address of (count, ``ROW``) int64, one for each mesh, contents as ``ROW`` tells. Whoever fills them keeps
             the arrays alive.
+        to_sound: address of (count,) bytes, written: 1, or 0 where something is not finite, out of range, of another
+            length than 1, or less than half of the vertices are in use: no normals then.
     """
     most = np.int64(0)
     for number in range(count):
@@ -243,26 +245,50 @@ def read_meshes(rows: int, count: int) -> None:
         )
         if sound and row[6] == 0:
             _sum_normals(points, n, elements, indices // 3, sums, f32_at(row[8]))
-        row[9] = np.int64(sound)
+        u8_at(to_sound)[number] = np.uint8(sound)
+
+
+@numba.njit(inline="never", error_model="numpy")
+def _compose(n: Any) -> bool:
+    """``transforms.trs_numbers`` in place, of translation, rotation and scale; False: the quaternion is an odd one."""
+    x, y, z, w = n[3], n[4], n[5], n[6]
+    norm2 = w * w + x * x + y * y + z * z
+    s = 2.0 / norm2
+    wx, wy, wz = s * w * x, s * w * y, s * w * z
+    xx, xy, xz = s * x * x, s * x * y, s * x * z
+    yy, yz, zz = s * y * y, s * y * z, s * z * z
+    n[12], n[13], n[14], n[15] = n[0], n[1], n[2], 1.0
+    p, q, r = n[7], n[8], n[9]
+    n[0], n[1], n[2], n[3] = (1.0 - (yy + zz)) * p, (xy + wz) * p, (xz - wy) * p, 0.0
+    n[4], n[5], n[6], n[7] = (xy - wz) * q, (1.0 - (xx + zz)) * q, (yz + wx) * q, 0.0
+    n[8], n[9], n[10], n[11] = (xz + wy) * r, (yz - wx) * r, (1.0 - (xx + yy)) * r, 0.0
+    return bool(SQUARE_SAFE[0] < norm2 < SQUARE_SAFE[1])
 
 
 @numba.njit(cache=True, fastmath=False, error_model="numpy")  # brief: with the GIL
-def arrange(count: int, from_numbers: int, to_matrices: int, to_moves: int) -> bool:
-    """Column-major matrices of nodes as row-major ones, their last rows exact.
+def arrange(count: int, from_numbers: int, from_parents: int, to_matrices: int, to_worlds: int, to_moves: int) -> bool:
+    """Matrices of nodes, row-major, their last rows exact, and their products from the roots down.
 
     Args:
-        count: of matrices.
-        from_numbers: address of (16 count,) float64.
-        to_matrices: address of (count, 4, 4) float64, written.
-        to_moves: address of (count,) bytes, written: 1 where a matrix differs from the identity, else 0.
+        count: of nodes, parents first.
+        from_numbers: address of (count, 16) float64, changed: a column-major matrix; where ``to_moves`` is 1, a
+            translation, a rotation [x, y, z, w] and a scale. 0: the matrices are there.
+        from_parents: address of (count,) int64: each node's parent, -1: none.
+        to_matrices: address of (count, 4, 4) float64, written: X_parent_node.
+        to_worlds: address of (count, 4, 4) float64, written: X_world_node. 0: nobody asks.
+        to_moves: address of (count,) bytes, written: 1 where a matrix differs from the identity, and 2 more where one
+            of its parents' does.
 
     Returns:
-        False: a number is not finite, or a matrix not affine.
+        False: a number is not finite, a matrix not affine, or the square of a quaternion's length near no float64.
     """
     numbers, matrices, moves = f64_at(from_numbers), f64_at(to_matrices), u8_at(to_moves)
+    parents = i64_at(from_parents)
     sound = True
-    for node in range(count):
+    for node in range(count if from_numbers != 0 else 0):
         moved = False
+        if moves[node] != 0:
+            sound &= _compose(f64_at(from_numbers + 128 * node))
         for row in range(4):
             for column in range(4):
                 value, unit = numbers[16 * node + 4 * column + row], np.float64(row == column)
@@ -273,6 +299,19 @@ def arrange(count: int, from_numbers: int, to_matrices: int, to_moves: int) -> b
                 moved |= value != unit
                 matrices[16 * node + 4 * row + column] = value
         moves[node] = np.uint8(moved)
+    for node in range(count if to_worlds != 0 else 0):
+        parent = parents[node]
+        carried = parent >= 0 and moves[parent] != 0
+        own, X, Y = f64_at(to_matrices + 128 * node), f64_at(to_worlds + 128 * parent), f64_at(to_worlds + 128 * node)
+        for at in range(16):
+            Y[at] = X[at] if carried and moves[node] == 0 else own[at]
+        if carried and moves[node] != 0:
+            for at in range(12):
+                row, column = at & 12, at & 3
+                value = X[row] * own[column] + X[row + 1] * own[column + 4] + X[row + 2] * own[column + 8]
+                Y[at] = value + X[row + 3] if column == 3 else value
+        if carried:
+            moves[node] |= np.uint8(2)
     return sound
 
 
@@ -280,5 +319,5 @@ def warm_up() -> None:
     """Compiles the kernels, or loads them from Numba's cache. Takes a few seconds of one core when that is empty."""
     equal_arrays.compile((_BYTES, _BYTES))
     long_strings.compile((types.int64, types.int64, types.int64))
-    read_meshes.compile((types.int64, types.int64))
-    arrange.compile((types.int64, types.int64, types.int64, types.int64))
+    read_meshes.compile((types.int64, types.int64, types.int64))
+    arrange.compile((types.int64,) * 6)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import lru_cache
-from typing import Final, TypeVar
+from typing import Any, Final, TypeVar
 
 import msgspec
 
@@ -27,7 +27,8 @@ _NEAREST: Final = 9728
 _MIN_NEAREST: Final = frozenset({9728, 9984, 9986})
 _MIN_MIPMAPS: Final = frozenset({9984, 9985, 9986, 9987})
 _MIP_NEAREST: Final = frozenset({9984, 9985})
-_NO_TEXTURES: Final = (None, None, None, None)
+_PBR: Final = gltf.MetallicRoughness()
+_WHITE: Final = (1.0, 1.0, 1.0, 1.0)
 _SAMPLER: Final = Sampler()
 _WRAPS: Final[dict[int | None, Wrap]] = {None: Wrap.REPEAT} | {wrap.value: wrap for wrap in Wrap}
 _ALPHA_MODES: Final[dict[str | None, AlphaMode]] = {None: AlphaMode.OPAQUE} | {mode.value: mode for mode in AlphaMode}
@@ -71,8 +72,11 @@ class Materials:
         self._with_textures = textures
         generator = document.asset.generator if document.asset is not None else None
         self._from_drake = generator in DRAKE_GENERATORS
-        self._materials: dict[tuple[int, bool], Material] = {}
-        self._textures: dict[int, tuple[Image, Sampler] | None] = {}
+        self._materials: dict[int, Material] = {}
+        self._vtk_materials: dict[int, Material] = {}
+        """Of primitives that VTK's exporter may have written."""
+        self._textures: dict[int, Texture | None] = {}
+        """With the first texture coordinates, as they are."""
         self._images: dict[int, Image] = {}
         self._counted: set[int] = set()
         """Identities of images, which are held."""
@@ -90,16 +94,20 @@ class Materials:
         if at is None:
             return DEFAULT_MATERIAL
         vtk = self._from_drake and (primitive.attributes is None or _NOT_FROM_VTK.isdisjoint(primitive.attributes))
-        known = self._materials.get((at, vtk))
+        materials = self._vtk_materials if vtk else self._materials
+        known = materials.get(at)
         if known is None:
-            where = f"meshes[{index}].primitives[{number}].material"
-            known = self._make(element(self._document.materials, at, "materials", where), f"materials[{at}]", vtk)
-            self._materials[at, vtk] = known
+            sources = self._document.materials or ()
+            source = sources[at] if 0 <= at < len(sources) else None
+            if source is None:
+                where = f"meshes[{index}].primitives[{number}].material"
+                source = element(self._document.materials, at, "materials", where)
+            known = materials[at] = self._make(source, f"materials[{at}]", vtk)
         return known
 
     def _make(self, source: gltf.Material, name: str, vtk: bool) -> Material:
-        pbr = source.pbr_metallic_roughness or gltf.MetallicRoughness()
-        base_color = vector(pbr.base_color_factor, (1.0, 1.0, 1.0, 1.0), f"{name}.pbrMetallicRoughness.baseColorFactor")
+        pbr = source.pbr_metallic_roughness or _PBR
+        base_color = _vector(pbr.base_color_factor, _WHITE, name, "pbrMetallicRoughness.baseColorFactor")
         normal, occlusion = source.normal_texture, source.occlusion_texture
         vtk = vtk and _is_vtk(source)
         if vtk and pbr.base_color_texture is None:
@@ -109,18 +117,32 @@ class Materials:
             alpha_mode = AlphaMode.BLEND
         metallic = _unit(pbr.metallic_factor, name, "metallicFactor")
         roughness = _unit(pbr.roughness_factor, name, "roughnessFactor")
-        emissive = vector(source.emissive_factor, (0.0, 0.0, 0.0), f"{name}.emissiveFactor")
+        emissive = _vector(source.emissive_factor, (0.0, 0.0, 0.0), name, "emissiveFactor")
         cutoff = _number(source.alpha_cutoff, 0.5, name, "alphaCutoff")
         double_sided = bool(source.double_sided) or vtk
-        surface = (pbr.base_color_texture, pbr.metallic_roughness_texture, normal, occlusion)
-        if surface == _NO_TEXTURES and source.emissive_texture is None and not source.extensions:
+        color, rough = pbr.base_color_texture, pbr.metallic_roughness_texture
+        bare = normal is None and occlusion is None and source.emissive_texture is None and rough is None
+        if bare and color is None and not source.extensions:
             return _untextured(base_color, metallic, roughness, emissive, alpha_mode, cutoff, double_sided)
+        of_color = None if color is None else self._texture(color, name, "baseColorTexture")
+        if bare and not source.extensions:
+            return Material(
+                base_color,
+                of_color,
+                metallic,
+                roughness,
+                emissive=emissive,
+                alpha_mode=alpha_mode,
+                alpha_cutoff=cutoff,
+                double_sided=double_sided,
+                vtk_export=vtk,
+            )
         made = Material(
             base_color=base_color,
-            base_color_texture=self._texture(pbr.base_color_texture, name, "baseColorTexture"),
+            base_color_texture=of_color,
             metallic=metallic,
             roughness=roughness,
-            metallic_roughness_texture=self._texture(pbr.metallic_roughness_texture, name, "metallicRoughnessTexture"),
+            metallic_roughness_texture=self._texture(rough, name, "metallicRoughnessTexture"),
             normal_texture=self._texture(normal, name, "normalTexture"),
             normal_scale=_number(normal.scale if normal else None, 1.0, name, "normalTexture.scale"),
             occlusion_texture=self._texture(occlusion, name, "occlusionTexture"),
@@ -181,74 +203,85 @@ class Materials:
     def _texture(self, info: gltf.TextureInfo | None, name: str, member: str) -> Texture | None:
         if info is None or not self._with_textures:
             return None
-        where = f"{name}.{member}"
-        if info.index is None:
-            raise GltfError(f"{where}.index: missing")
-        if info.index not in self._textures:
-            self._textures[info.index] = self._load(info.index, where)
-        loaded = self._textures[info.index]
-        if loaded is None:
-            return None
+        index = info.index
+        if index is None:
+            raise GltfError(f"{name}.{member}.index: missing")
+        textures = self._textures
+        loaded = textures[index] if index in textures else self._load(index, name, member)
+        if loaded is None or (not info.tex_coord and not info.extensions):
+            return loaded
         uv_set, uv_transform = info.tex_coord or 0, None
         raw = extension(info.extensions, "KHR_texture_transform")
         if raw is not None:
+            where = f"{name}.{member}.extensions.KHR_texture_transform"
             try:
                 transform = msgspec.json.decode(raw, type=gltf.TextureTransform)
             except msgspec.MsgspecError as error:
-                raise GltfError(f"{where}.extensions.KHR_texture_transform: {error}") from error
-            uv_transform = _uv_transform(transform, f"{where}.extensions.KHR_texture_transform")
+                raise GltfError(f"{where}: {error}") from error
+            uv_transform = _uv_transform(transform, where)
             uv_set = uv_set if transform.tex_coord is None else transform.tex_coord
         if uv_set not in (0, 1):
-            self._warnings.append(f"{where}: TEXCOORD_{uv_set} is not read, TEXCOORD_0 is used")
+            self._warnings.append(f"{name}.{member}: TEXCOORD_{uv_set} is not read, TEXCOORD_0 is used")
             uv_set = 0
-        return Texture(*loaded, uv_set, uv_transform)
+        return Texture(loaded.image, loaded.sampler, uv_set, uv_transform)
 
-    def _load(self, index: int, where: str) -> tuple[Image, Sampler] | None:
-        texture = element(self._document.textures, index, "textures", f"{where}.index")
+    def _load(self, index: int, name: str, member: str) -> Texture | None:
+        sources = self._document.textures or ()
+        texture = sources[index] if 0 <= index < len(sources) else None
+        if texture is None:
+            texture = element(self._document.textures, index, "textures", f"{name}.{member}.index")
+        image = texture.source
+        if image is not None:
+            made: Texture | None = Texture(self._image(image, index), self._sampler(texture.sampler, index))
+        else:
+            made = self._webp(texture, index)
+        self._textures[index] = made
+        return made
+
+    def _webp(self, texture: gltf.Texture, index: int) -> Texture | None:
+        """Of a texture without a source."""
         name = f"textures[{index}]"
-        if texture.source is None:
-            raw = extension(texture.extensions, "EXT_texture_webp")
-            # Drake's merge leaves the indices in extensions as they were in the single files.
-            if raw is not None and not self._from_drake:
-                try:
-                    webp = msgspec.json.decode(raw, type=gltf.ImageSource)
-                except msgspec.MsgspecError as error:
-                    raise GltfError(f"{name}.extensions.EXT_texture_webp: {error}") from error
-                if webp.source is not None:
-                    where = f"{name}.extensions.EXT_texture_webp.source"
-                    return self._image(webp.source, where), self._sampler(texture.sampler, f"{name}.sampler")
-            offered = ", ".join(texture.extensions or ()) or "no extension"
-            self._warnings.append(f"{name}: no source ({offered}), so there is no texture")
-            return None
-        return self._image(texture.source, f"{name}.source"), self._sampler(texture.sampler, f"{name}.sampler")
+        raw = extension(texture.extensions, "EXT_texture_webp")
+        # Drake's merge leaves the indices in extensions as they were in the single files.
+        if raw is not None and not self._from_drake:
+            try:
+                webp = msgspec.json.decode(raw, type=gltf.ImageSource)
+            except msgspec.MsgspecError as error:
+                raise GltfError(f"{name}.extensions.EXT_texture_webp: {error}") from error
+            if webp.source is not None:
+                image = self._image(webp.source, index, ".extensions.EXT_texture_webp")
+                return Texture(image, self._sampler(texture.sampler, index))
+        offered = ", ".join(texture.extensions or ()) or "no extension"
+        self._warnings.append(f"{name}: no source ({offered}), so there is no texture")
+        return None
 
-    def _sampler(self, index: int | None, where: str) -> Sampler:
+    def _sampler(self, index: int | None, texture: int) -> Sampler:
         if index is None:
             return _SAMPLER
-        source = element(self._document.samplers, index, "samplers", where)
-        smallest = source.min_filter
-        return Sampler(
-            wrap_s=self._wrap(source.wrap_s, f"samplers[{index}].wrapS"),
-            wrap_t=self._wrap(source.wrap_t, f"samplers[{index}].wrapT"),
-            mag_linear=source.mag_filter != _NEAREST,
-            min_linear=smallest not in _MIN_NEAREST,
-            mipmaps=smallest is None or smallest in _MIN_MIPMAPS,
-            mip_linear=smallest not in _MIP_NEAREST,
-        )
+        sources = self._document.samplers or ()
+        source = sources[index] if 0 <= index < len(sources) else None
+        if source is None:
+            source = element(self._document.samplers, index, "samplers", f"textures[{texture}].sampler")
+        s, t = _WRAPS.get(source.wrap_s), _WRAPS.get(source.wrap_t)
+        if s is None:
+            s = self._repeating(source.wrap_s, f"samplers[{index}].wrapS")
+        if t is None:
+            t = self._repeating(source.wrap_t, f"samplers[{index}].wrapT")
+        return _sampler_of(s, t, source.mag_filter, source.min_filter)
 
-    def _wrap(self, value: int | None, where: str) -> Wrap:
-        wrap = _WRAPS.get(value)
-        if wrap is None:
-            self._warnings.append(f"{where}: {value} is not a wrap mode, REPEAT is used")
-            return Wrap.REPEAT
-        return wrap
+    def _repeating(self, value: int | None, where: str) -> Wrap:
+        self._warnings.append(f"{where}: {value} is not a wrap mode, REPEAT is used")
+        return Wrap.REPEAT
 
-    def _image(self, index: int, where: str) -> Image:
+    def _image(self, index: int, texture: int, part: str = "") -> Image:
         known = self._images.get(index)
         if known is not None:
             return known
-        source = element(self._document.images, index, "images", where)
-        name = f"images[{index}]" + (f" ({source.name[:60]})" if source.name else "")
+        sources = self._document.images or ()
+        source = sources[index] if 0 <= index < len(sources) else None
+        if source is None:
+            source = element(self._document.images, index, "images", f"textures[{texture}]{part}.source")
+        name = f"images[{index}] ({source.name[:60]})" if source.name else f"images[{index}]"
         if source.buffer_view is not None:
             buffer, offset, length, _ = self._buffers.view(source.buffer_view, f"images[{index}].bufferView")
         elif source.uri is not None:
@@ -317,6 +350,19 @@ def _untextured(
     )
 
 
+@lru_cache(maxsize=256)
+def _sampler_of(wrap_s: Wrap, wrap_t: Wrap, largest: int | None, smallest: int | None) -> Sampler:
+    """``largest`` and ``smallest``: glTF's magFilter and minFilter."""
+    return Sampler(
+        wrap_s=wrap_s,
+        wrap_t=wrap_t,
+        mag_linear=largest != _NEAREST,
+        min_linear=smallest not in _MIN_NEAREST,
+        mipmaps=smallest is None or smallest in _MIN_MIPMAPS,
+        mip_linear=smallest not in _MIP_NEAREST,
+    )
+
+
 def _is_vtk(source: gltf.Material) -> bool:
     """Whether it has exactly the shape that VTK's exporter writes.
 
@@ -346,6 +392,10 @@ def _alpha_mode(value: str | None, name: str) -> AlphaMode:
     if mode is None:
         raise GltfError(f"{name}.alphaMode: {value!r:.30} is not OPAQUE, MASK or BLEND")
     return mode
+
+
+def _vector(values: list[float] | None, default: tuple[float, ...], name: str, member: str) -> tuple[Any, ...]:
+    return default if values is None else vector(values, default, f"{name}.{member}")
 
 
 def _number(value: float | None, default: float, name: str, member: str) -> float:

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.scene.gltf.accessors import INDICES, KINDS, POINTS, TEXTURE_COORDINATES, ZEROS, Accessor, Accessors
+from gateway.scene.gltf.accessors import INDICES, KEY, KINDS, POINTS, TEXTURE_COORDINATES, ZEROS, Accessor, Accessors
 from gateway.scene.gltf.attributes import Floats, finite, frozen, rgba, tangents, without_bad_vertices
 from gateway.scene.gltf.batch import OTHERS, Layout, read_together
 from gateway.scene.gltf.cache import Buffer, MeshCache, MeshKey, mesh_bytes
@@ -23,8 +23,12 @@ from renderers.drawlist import Mesh
 
 _OPTIONAL: Final = {"NORMAL": (3,), "TANGENT": (4,), "TEXCOORD_0": (2,), "TEXCOORD_1": (2,), "COLOR_0": (3, 4)}
 """Attributes in use besides POSITION, with their numbers of components."""
-_USUAL: Final = {"POSITION": POINTS, "NORMAL": POINTS, "TEXCOORD_0": TEXTURE_COORDINATES}
-_OTHER_KINDS: Final = {name: {kind for kind in KINDS if kind.components in _OPTIONAL[name]} for name in OTHERS}
+_KINDS_OF: Final = {
+    "POSITION": {POINTS},
+    "NORMAL": {POINTS},
+    "TEXCOORD_0": {TEXTURE_COORDINATES},
+    **{name: {kind for kind in KINDS if kind.components in _OPTIONAL[name]} for name in OTHERS},
+}
 """Attributes of plain meshes, and what their values are."""
 _COMPRESSION: Final = "KHR_draco_mesh_compression"
 _VERTEX_BYTES: Final = 4 * (3 + 3 + 4 + 2 + 2 + 4)
@@ -58,42 +62,31 @@ def _words(primitive: Primitive) -> _Words:
     return (primitive.mode, primitive.indices, *attributes, *attributes.values())
 
 
-def _total(waiting: Iterable[_Waiting]) -> tuple[int, int]:
-    """Vertices and triangles."""
-    vertices = triangles = 0
-    for asked in waiting:
-        vertices += asked.layout[1].count
-        triangles += asked.layout[0].count // 3
-    return vertices, triangles
+_NO_KEY: Final = bytes(KEY)
 
 
 def _plain_key(layout: Layout) -> MeshKey:
     """What ``_key`` gives."""
     indices, position, normal, uv, others = layout
-    usual = (
-        4,
+    usual = b"%b%b%b%b\4" % (
         indices.key,
         position.key,
-        normal.key if normal is not None else None,
-        uv.key if uv is not None else None,
+        _NO_KEY if normal is None else normal.key,
+        _NO_KEY if uv is None else uv.key,
     )
-    return usual if others is None else (*usual, *[(name, others[name].key) for name in OTHERS if name in others])
+    return usual if others is None else (usual, *[(name, others[name].key) for name in OTHERS if name in others])
 
 
 def _key(mode: int, indices: Accessor | None, attributes: dict[str, Accessor]) -> MeshKey:
     """Equal keys are equal meshes."""
     of = attributes.get
-    position, normal, uv = of("POSITION"), of("NORMAL"), of("TEXCOORD_0")
-    usual = (
-        mode,
-        indices.key if indices is not None else None,
-        position.key if position is not None else None,
-        normal.key if normal is not None else None,
-        uv.key if uv is not None else None,
-    )
-    if len(attributes) == 1 + (normal is not None) + (uv is not None):
-        return usual
-    return (*usual, *[(name, attributes[name].key) for name in OTHERS if name in attributes])
+    usual = [indices, of("POSITION"), of("NORMAL"), of("TEXCOORD_0")]
+    keys = [_NO_KEY if accessor is None else accessor.key for accessor in usual]
+    others = [(name, attributes[name].key) for name in OTHERS if name in attributes]
+    if any(len(key) != KEY for key in keys):
+        return (mode, *keys, *others)  # with sparse parts, it could be taken apart in several ways
+    joined = b"".join((*keys, bytes((mode,))))
+    return (joined, *others) if others else joined
 
 
 class Meshes:
@@ -150,28 +143,41 @@ class Meshes:
         Args:
             primitives: of the document, which holds them; in order.
         """
-        before, prepared = self._described_before, self.prepared
+        before, prepared, accessors = self._described_before, self.prepared, self._accessors
+        new: list[Primitive] = []
+        wanted: dict[int, None] = {}
+        for primitive in primitives:
+            if primitive is None or primitive.attributes is None:
+                continue
+            if before and (mesh := before.get(_words(primitive))) is not None:
+                if not self._takes(mesh):
+                    break
+                prepared[id(primitive)] = mesh
+                self._described.append((primitive, mesh))
+            elif primitive.indices is not None and (primitive.mode is None or primitive.mode == 4):
+                new.append(primitive)
+                for name, at in primitive.attributes.items():
+                    if at is not None and name in _KINDS_OF and at not in accessors.known:
+                        wanted[at] = None
+                if primitive.indices not in accessors.known:
+                    wanted[primitive.indices] = None
+        if wanted:
+            accessors.prepare(wanted)
         waiting: dict[MeshKey, _Waiting] = {}
-        try:
-            for primitive in primitives:
-                if primitive is None or primitive.attributes is None:
-                    continue
-                if before and (mesh := before.get(_words(primitive))) is not None:
-                    if not self._takes(mesh):
-                        break
-                    prepared[id(primitive)] = mesh
-                    self._described.append((primitive, mesh))
-                elif (layout := self._layout(primitive)) is not None:
-                    key = _plain_key(layout)
-                    known = waiting.get(key)
-                    if known is None:
-                        waiting[key] = _Waiting(layout, [primitive])
-                    else:
-                        known.primitives.append(primitive)
-        except GltfError:
-            pass  # a buffer that cannot be read: who asks for the mesh is told
+        vertices = triangles = 0
+        for primitive in new:
+            layout = self._layout(primitive)
+            if layout is not None:
+                key = _plain_key(layout)
+                known = waiting.get(key)
+                if known is None:
+                    waiting[key] = _Waiting(layout, [primitive])
+                    vertices += layout[1].count
+                    triangles += layout[0].count // 3
+                else:
+                    known.primitives.append(primitive)
         if waiting:
-            self._together(waiting)
+            self._together(waiting, vertices, triangles)
         self.with_positions |= bool(prepared)
 
     def described(self) -> dict[_Words, Mesh]:
@@ -181,49 +187,45 @@ class Meshes:
         return found
 
     def _layout(self, primitive: Primitive) -> Layout | None:
-        """None: it is none of those that are read together."""
-        attributes, known, get = primitive.attributes, self._accessors.known, self._accessors.plain
-        if attributes is None or primitive.indices is None or (primitive.mode is not None and primitive.mode != 4):
+        """Of indexed triangles whose accessors were prepared; None: it is none of those that are read together."""
+        known = self._accessors.known.get
+        indices = known(primitive.indices)  # type: ignore[arg-type]  # there is none for None
+        if indices is None or indices.kind not in INDICES or primitive.attributes is None:
             return None
         position = normal = uv = others = None
         fewest = 1 << 62
-        for name, at in attributes.items():
-            if at is None:
+        for name, at in primitive.attributes.items():
+            kinds = _KINDS_OF.get(name)
+            if kinds is None or at is None:
                 continue
-            kind = _USUAL.get(name)
-            if kind is None and name not in _OTHER_KINDS:
-                continue
-            accessor = known.get(at) or get(at)
-            if accessor is None or accessor.offset & 3:
+            accessor = known(at)
+            if accessor is None or accessor.offset & 3 or accessor.kind not in kinds:
                 return None
             if accessor.count < fewest:
                 fewest = accessor.count
-            if accessor.kind is kind:
-                if name == "POSITION":
-                    position = accessor
-                elif name == "NORMAL":
-                    normal = accessor
-                else:
-                    uv = accessor
-            elif kind is None and accessor.kind in _OTHER_KINDS[name]:
+            if name == "POSITION":
+                position = accessor
+            elif name == "NORMAL":
+                normal = accessor
+            elif name == "TEXCOORD_0":
+                uv = accessor
+            else:
                 others = {} if others is None else others
                 others[name] = accessor
-            else:
-                return None
-        indices = known.get(primitive.indices) or get(primitive.indices)
-        if position is None or indices is None or indices.kind not in INDICES:
+        if position is None:
             return None
         n, m = position.count, indices.count
         if n == 0 or m == 0 or m % 3 or fewest < n or indices.offset % indices.kind.nbytes:
             return None
         return indices, position, normal, uv, others
 
-    def _together(self, waiting: dict[MeshKey, _Waiting]) -> None:
-        """Makes these meshes, but for those that have a fault or are beyond the limits."""
+    def _together(self, waiting: dict[MeshKey, _Waiting], vertices: int, triangles: int) -> None:
+        """Makes these meshes, of so many vertices and triangles, but for those that have a fault or are beyond the
+        limits."""
         new: list[tuple[MeshKey, _Waiting]] = []
         known = self._cache.meshes(waiting)
-        vertices = triangles = 0
-        if known or self._made or self._before or not self._fits(*_total(waiting.values())):
+        if known or self._made or self._before or not self._fits(vertices, triangles):
+            vertices = triangles = 0
             for key, asked in waiting.items():
                 mesh = self._made.get(key) or self._before.get(key) or known.get(key)
                 if mesh is not None:
@@ -236,7 +238,7 @@ class Meshes:
                     break
                 new.append((key, asked))
         else:
-            new += waiting.items()
+            new = [*waiting.items()]
         if not new:
             return
         sound: list[tuple[MeshKey, Mesh, list[Buffer], int]] = []
@@ -245,12 +247,11 @@ class Meshes:
             if read is not None:
                 mesh, own = read
                 indices, position, normal, uv, others = asked.layout
-                buffers = [indices.buffer]
-                if position.buffer is not indices.buffer:
-                    buffers.append(position.buffer)
-                if normal is not None and normal.buffer is not position.buffer:
+                of_positions = position.buffer
+                buffers = [of_positions] if indices.buffer is of_positions else [indices.buffer, of_positions]
+                if normal is not None and normal.buffer is not of_positions:
                     buffers.append(normal.buffer)
-                if uv is not None and uv.buffer is not position.buffer:
+                if uv is not None and uv.buffer is not of_positions:
                     buffers.append(uv.buffer)
                 if others is not None:
                     buffers += [accessor.buffer for accessor in others.values()]
@@ -258,8 +259,7 @@ class Meshes:
                 sound.append((key, mesh, buffers, own))
                 of_sound.append(asked)
         for (key, *_), asked, mesh in zip(sound, of_sound, self._cache.add_meshes(sound), strict=True):
-            indices, position, *_ = asked.layout
-            self._count(mesh, position.count, indices.count // 3)
+            self._count(mesh, asked.layout[1].count, asked.layout[0].count // 3)
             self._prepare(key, asked, mesh)
 
     def _prepare(self, key: MeshKey, asked: _Waiting, mesh: Mesh) -> None:
@@ -287,8 +287,9 @@ class Meshes:
         return True
 
     def _count(self, mesh: Mesh, vertices: int, elements: int) -> None:
-        if id(mesh) not in self._counted:
-            self._counted.add(id(mesh))
+        identity = id(mesh)
+        if identity not in self._counted:
+            self._counted.add(identity)
             self._vertices += vertices
             self._elements += elements
             self.nbytes += _VERTEX_BYTES * vertices + 12 * elements

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from array import array
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
+from struct import pack
 from typing import Final, Protocol, TypeAlias
 
 import numpy as np
@@ -14,31 +14,33 @@ from numpy.typing import NDArray
 from gateway.scene import tree
 from gateway.scene.geometry import Part
 from gateway.scene.gltf import document as gltf
-from gateway.scene.gltf.bytewise import address_of_new
+from gateway.scene.gltf.bytewise import address_of_bytes, address_of_new
 from gateway.scene.gltf.document import Document, vector
 from gateway.scene.gltf.errors import GltfError, element
 from gateway.scene.gltf.kernels import AFFINE_TOLERANCE, arrange
 from gateway.scene.gltf.lights import place_lights
 from gateway.scene.gltf.limits import GltfLimits
 from gateway.scene.gltf.scene import GltfCamera
-from gateway.scene.transforms import IDENTITY, Matrix, from_column_major, from_trs, trs_numbers
+from gateway.scene.transforms import IDENTITY, Matrix, from_column_major, from_trs
 from renderers.drawlist import Light
+from renderers.quick import quick
 
 _IDENTITY_NUMBERS: Final = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 _NOT_TURNED: Final = _IDENTITY_NUMBERS[:12]
+_NOT_MOVED: Final = [0.0, 0.0, 0.0]
+_UPRIGHT: Final = [0.0, 0.0, 0.0, 1.0]
+_NOT_SCALED: Final = [1.0, 1.0, 1.0]
+_FILL: Final = (0.0,) * 6
 _OPTICAL: Final = np.array((1.0, -1.0, -1.0, 1.0))
 """The columns of the optical frame in glTF's camera frame, which looks along -Z with +Y up."""
 _ZEROS: Final = np.zeros(4)
-_FEW: Final = 64
-"""Nodes below which working on all of a level together does not pay."""
 
 Matrices: TypeAlias = NDArray[np.float64]
 """(N, 4, 4)."""
-Flags: TypeAlias = NDArray[np.bool_]
-"""(N,)."""
 
 
-@dataclass(slots=True, eq=False)
+@quick
+@dataclass(frozen=True, slots=True, eq=False)
 class _Visits:
     """The nodes of the scene in the order parents first, each below all that lie before it among its siblings."""
 
@@ -47,10 +49,9 @@ class _Visits:
     sources: list[gltf.Node]
     parents: list[int]
     """Positions among the visits; -1: a root."""
-    depths: list[int]
-    """1: a root."""
 
 
+@quick
 @dataclass(frozen=True, slots=True, eq=False)
 class PlacedParts:
     """What one node draws."""
@@ -65,9 +66,14 @@ class NodeTree:
     """What the nodes of a scene become: parts with their places, at once; a tree, when it is asked for."""
 
     def __init__(
-        self, visits: _Visits, parts: list[tuple[Part, ...] | None], locals_: Matrices, moves: Flags, worlds: Matrices
+        self,
+        visits: _Visits,
+        parts: list[tuple[Part, ...] | None],
+        locals_: Matrices,
+        moves: bytearray,
+        worlds: Matrices,
     ) -> None:
-        """``moves``: which of the matrices differ from the identity."""
+        """``moves``: which of the matrices differ from the identity, an odd number."""
         self._visits = visits
         self._parts = parts
         self._locals = locals_
@@ -105,9 +111,18 @@ class NodeTree:
             _unique(name, taken.setdefault(parent, set())) for name, parent in zip(names, visits.parents, strict=True)
         ]
 
+    def path(self, position: int) -> tree.Path:
+        """Of a visit, from the root on."""
+        names, parents = self.names(), self._visits.parents
+        path: list[tree.PathElement] = []
+        while position >= 0:
+            path.append(names[position])
+            position = parents[position]
+        return tuple(reversed(path))
+
     def _tree(self) -> tree.Node:
         names, parents = self.names(), self._visits.parents
-        locals_ = [X if moves else IDENTITY for X, moves in zip(self._locals, self._moves.tolist(), strict=True)]
+        locals_ = [X if moves & 1 else IDENTITY for X, moves in zip(self._locals, self._moves, strict=True)]
         children: list[dict[tree.PathElement, tree.Node]] = [{} for _ in range(len(parents) + 1)]  # the last: roots
         for position in range(len(parents) - 1, -1, -1):
             # Children were added last first.
@@ -119,11 +134,12 @@ class NodeTree:
 class PartsOf(Protocol):
     """What the nodes' meshes draw."""
 
-    def prepare(self, indices: Iterable[int]) -> None:
-        """``indices``: of the meshes that will be asked for, in order."""
+    def __call__(self, nodes: list[int], sources: list[gltf.Node]) -> list[tuple[Part, ...] | None]:
+        """Of each node; None: it has no mesh.
 
-    def __call__(self, index: int, node: int) -> tuple[Part, ...]:
-        """The parts of ``meshes[index]``, which ``nodes[node]`` asks for."""
+        Args:
+            nodes: their indices in the document.
+        """
 
 
 def build_tree(
@@ -143,21 +159,17 @@ def build_tree(
         GltfError: cycles, several parents, references out of range, matrices that are not affine, limits.
     """
     visits = _visits(document, limits)
-    locals_, moves = _matrices(visits)
-    worlds = _worlds(visits, locals_, moves)
+    locals_, moves, worlds = _places(visits)
     seeing = [position for position, source in enumerate(visits.sources) if source.camera is not None]
-    for position in seeing:
-        where = f"nodes[{visits.indices[position]}].camera"
-        element(document.cameras, visits.sources[position].camera, "cameras", where)
-    parts_of.prepare(source.mesh for source in visits.sources if source.mesh is not None)
-    parts = [
-        parts_of(source.mesh, index) if source.mesh is not None else None
-        for index, source in zip(visits.indices, visits.sources, strict=True)
-    ]
-    nodes = NodeTree(visits, parts, locals_, moves, worlds)
+    lenses = [_lens(document, visits, position) for position in seeing]
+    nodes = NodeTree(visits, parts_of(visits.indices, visits.sources), locals_, moves, worlds)
     if seeing:
-        names = nodes.names()
-        nodes.cameras = tuple(_camera(document, visits, names, worlds, position) for position in seeing)
+        nodes.cameras = tuple(
+            [
+                _camera(source, nodes, position, visits.sources[position], worlds[position])
+                for source, position in zip(lenses, seeing, strict=True)
+            ]
+        )
     if lights:
         shining = (
             (f"nodes[{visits.indices[position]}]", source.extensions, worlds[position])
@@ -186,37 +198,37 @@ def _roots(document: Document) -> tuple[list[int | None], str]:
 def _visits(document: Document, limits: GltfLimits) -> _Visits:
     nodes = document.nodes
     roots, where = _roots(document)
-    visits = _Visits([], [], [], [])
-    indices, sources, parents, depths = visits.indices, visits.sources, visits.parents, visits.depths
+    indices: list[int] = []
+    sources: list[gltf.Node] = []
+    parents: list[int] = []
     count = len(nodes) if nodes is not None else 0
     seen: set[int] = set()
-    # Who is being looked at: children not seen yet, position, depth of the children, and who refers to them.
-    open_: list[tuple[Iterator[int | None], int, int, str]] = [(iter(roots), -1, 1, where)]
+    # Who is being looked at: children not seen yet, position, and who refers to them.
+    open_: list[tuple[Iterator[int | None], int, str]] = [(iter(roots), -1, where)]
     while open_:
-        children, parent, depth, where = open_[-1]
+        children, parent, where = open_[-1]
         for index in children:
             if index is None:
                 continue
-            source = nodes[index] if nodes is not None and type(index) is int and 0 <= index < count else None
+            source = nodes[index] if nodes is not None and 0 <= index < count else None
             if source is None:
                 source = element(nodes, index, "nodes", where)
             if index in seen:
                 raise GltfError(f"{where}: nodes[{index}] has several parents or is part of a cycle")
             seen.add(index)
-            if len(seen) > limits.max_nodes:
-                raise GltfError(f"the scene has more nodes than max_nodes = {limits.max_nodes}")
-            if depth > limits.max_node_depth:
-                raise GltfError(f"nodes[{index}] lies deeper than max_node_depth = {limits.max_node_depth}")
             indices.append(index)
+            if len(indices) > limits.max_nodes:
+                raise GltfError(f"the scene has more nodes than max_nodes = {limits.max_nodes}")
+            if len(open_) > limits.max_node_depth:
+                raise GltfError(f"nodes[{index}] lies deeper than max_node_depth = {limits.max_node_depth}")
             sources.append(source)
             parents.append(parent)
-            depths.append(depth)
             if source.children:
-                open_.append((iter(source.children), len(depths) - 1, depth + 1, f"nodes[{index}].children"))
+                open_.append((iter(source.children), len(parents) - 1, f"nodes[{index}].children"))
                 break
         else:
             open_.pop()
-    return visits
+    return _Visits(indices, sources, parents)
 
 
 def _unique(name: str, taken: set[str]) -> str:
@@ -252,79 +264,87 @@ def _trs(node: gltf.Node, name: str) -> tuple[tuple[float, ...], tuple[float, ..
     )
 
 
-def _matrices(visits: _Visits) -> tuple[Matrices, Flags]:
-    """X_parent_node of every visit, and whether it differs from the identity. All at once: a call of numpy for every
-    node would cost ten times as much."""
-    count = len(visits.sources)
-    matrices, moves = np.empty((count, 4, 4)), np.zeros(count, np.bool_)
+def _places(visits: _Visits) -> tuple[Matrices, bytearray, Matrices]:
+    """X_parent_node of every visit, whether it differs from the identity, and X_world_node (the first itself where all
+    nodes are roots). All at once: a call of numpy for every node would cost ten times as much."""
+    sources, parents = visits.sources, visits.parents
+    count = len(sources)
+    matrices, moves = np.empty((count, 4, 4)), bytearray(count)
     if count == 0:
-        return matrices, moves
-    numbers: list[float] = []
-    usual = True
-    for index, source in zip(visits.indices, visits.sources, strict=True):
-        if source.matrix is not None:
-            numbers += source.matrix
-            usual &= len(source.matrix) == 16
-        elif source.rotation is not None or source.scale is not None:
-            numbers += trs_numbers(*_trs(source, f"nodes[{index}]"))
-        elif source.translation is None:
-            numbers += _IDENTITY_NUMBERS
-        else:
-            numbers += _NOT_TURNED
-            numbers += source.translation
-            numbers.append(1.0)
-            usual &= len(source.translation) == 3
-    given = array("d", numbers)
-    places = (given.buffer_info()[0], address_of_new(matrices), address_of_new(moves))
-    if not usual or not arrange(count, *places):
-        for position, (index, source) in enumerate(zip(visits.indices, visits.sources, strict=True)):
+        return matrices, moves, matrices
+    given = _numbers(sources, moves)
+    numbers = None if given is None else pack(f"{len(given)}d", *given)  # nobody else has them: the kernel may write
+    above = pack(f"{count}q", *parents)
+    worlds = np.empty((count, 4, 4)) if max(parents) >= 0 else matrices
+    to_worlds = 0 if worlds is matrices else address_of_new(worlds)
+    places = (address_of_bytes(above), address_of_new(matrices), to_worlds, address_of_new(moves))
+    if numbers is None or not arrange(count, address_of_bytes(numbers), *places):
+        for position, (index, source) in enumerate(zip(visits.indices, sources, strict=True)):
             matrix = _matrix(source, f"nodes[{index}]")
             matrices[position], moves[position] = matrix, matrix is not IDENTITY
-    return matrices, moves
+        arrange(count, 0, *places)
+    return matrices, moves, worlds
 
 
-def _worlds(visits: _Visits, locals_: Matrices, moves: Flags) -> Matrices:
-    """(N, 4, 4) X_world_node; ``locals_`` itself where all nodes are roots."""
-    turned = {*visits.parents}
-    turned.discard(-1)
-    if not turned or not any(map(moves.item, turned)):
-        return locals_
-    worlds = locals_.copy()
-    with np.errstate(all="ignore"):
-        if len(worlds) < _FEW:
-            moved = moves.tolist()  # by any of its parents, or itself
-            for position, parent in enumerate(visits.parents):
-                if parent >= 0 and moved[parent]:
-                    worlds[position] = worlds[parent] @ worlds[position] if moved[position] else worlds[parent]
-                    moved[position] = True
-        else:
-            depths, parents = np.array(visits.depths), np.array(visits.parents)
-            levels = np.split(np.argsort(depths, kind="stable"), np.cumsum(np.bincount(depths))[:-1])
-            for level in levels[2:]:
-                worlds[level] = np.matmul(worlds[parents[level]], worlds[level])
-    return worlds
+def _numbers(sources: list[gltf.Node], composed: bytearray) -> list[float] | None:
+    """What ``arrange`` takes; None: a node has too few numbers, or too many.
+
+    Args:
+        composed: of each node, written: 1 where they are a translation, a rotation and a scale.
+    """
+    numbers: list[float] = []
+    for position, source in enumerate(sources):
+        matrix, move = source.matrix, source.translation
+        if matrix is not None:
+            if len(matrix) != 16:
+                return None
+            numbers += matrix
+            continue
+        turn, scale = source.rotation, source.scale
+        if move is None:
+            if turn is None and scale is None:
+                numbers += _IDENTITY_NUMBERS
+                continue
+            move = _NOT_MOVED
+        elif len(move) != 3:
+            return None
+        if turn is None and scale is None:
+            numbers += _NOT_TURNED
+            numbers += move
+            numbers.append(1.0)
+            continue
+        turn, scale = _UPRIGHT if turn is None else turn, _NOT_SCALED if scale is None else scale
+        if len(turn) != 4 or len(scale) != 3:
+            return None
+        numbers += move
+        numbers += turn
+        numbers += scale
+        numbers += _FILL
+        composed[position] = 1
+    return numbers
 
 
-def _camera(document: Document, visits: _Visits, names: list[str], worlds: Matrices, position: int) -> GltfCamera:
-    node = visits.sources[position]
-    index = node.camera
-    source = element(document.cameras, index, "cameras", f"nodes[{visits.indices[position]}].camera")
+def _lens(document: Document, visits: _Visits, position: int) -> gltf.Camera:
+    """The camera of a node."""
+    index, cameras = visits.sources[position].camera, document.cameras
+    source = cameras[index] if cameras is not None and index is not None and 0 <= index < len(cameras) else None
+    return source or element(cameras, index, "cameras", f"nodes[{visits.indices[position]}].camera")
+
+
+def _camera(source: gltf.Camera, nodes: NodeTree, position: int, node: gltf.Node, X_world_node: Matrix) -> GltfCamera:
+    index, perspective = node.camera, source.perspective
     assert index is not None
-    path: list[tree.PathElement] = [names[position]]
-    parent = visits.parents[position]
-    while parent >= 0:
-        path.append(names[parent])
-        parent = visits.parents[parent]
-    lens = source.perspective or source.orthographic
+    lens = perspective or source.orthographic
     return GltfCamera(
-        index=index,
-        name=source.name or node.name or "",
-        X_world_camera=_without_scale(worlds[position]) * _OPTICAL + _ZEROS,  # none is negative
-        yfov=source.perspective.yfov if source.perspective is not None else None,
-        znear=(lens.znear if lens is not None else None) or 0.0,
-        zfar=lens.zfar if lens is not None else None,
-        aspect=source.perspective.aspect_ratio if source.perspective is not None else None,
-        path=tuple(reversed(path)),
+        index,
+        source.name or node.name or "",
+        _without_scale(X_world_node) * _OPTICAL + _ZEROS,  # none is negative
+        None if perspective is None else perspective.yfov,
+        0.0 if lens is None or lens.znear is None else lens.znear,
+        None if lens is None else lens.zfar,
+        None if perspective is None else perspective.aspect_ratio,
+        nodes,
+        position,
     )
 
 

@@ -7,6 +7,7 @@ from array import array
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.scene.gltf.bytewise import address_of_new
 from gateway.scene.gltf.kernels import read_meshes
 from renderers.pointers import address_of
 
@@ -27,7 +28,8 @@ def vertex_normals(positions: NDArray[np.float32], triangles: NDArray[np.uint32]
     places, corners = address_of(positions, np.float32), address_of(triangles, np.uint32)
     target = address_of(normals, np.float32)
     row = array("q", (places, len(positions), corners, triangles.size, 4, 0, 0, 0, target, -1))
-    read_meshes(row.buffer_info()[0], 1)
+    sound = bytearray(1)
+    read_meshes(row.buffer_info()[0], 1, address_of_new(sound))
     return normals
 
 

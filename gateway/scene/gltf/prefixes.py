@@ -209,6 +209,8 @@ class Prefixes:
             found = self._with(text.known, bytes(text.rest), limits, textures)
             if found is not None:
                 return found
+        if not self._entries:
+            return None
         view = memoryview(text.whole())
         for entry in self.beginning_with(bytes(view[:HEAD])):
             kept, length = entry.text, len(entry.text)

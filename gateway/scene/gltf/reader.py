@@ -12,7 +12,7 @@ from gateway.scene.gltf.arrivals import Text
 from gateway.scene.gltf.buffers import Buffers, Resolver
 from gateway.scene.gltf.cache import MeshCache
 from gateway.scene.gltf.container import open_container
-from gateway.scene.gltf.document import Document, Primitive, parse
+from gateway.scene.gltf.document import Document, Node, Primitive, parse
 from gateway.scene.gltf.errors import GltfError, element
 from gateway.scene.gltf.lights import lights_of
 from gateway.scene.gltf.limits import GltfLimits
@@ -86,7 +86,7 @@ def read_gltf(
             parts, warned = _Parts(limits, dict(known.parts), None, known.elements), known.warned
             of_nodes: list[str] = []
             nodes = build_tree(rest, parts, limits, known.lights, of_nodes)
-            if not warned.meshes or (*parts.order,) == warned.order:
+            if not warned.meshes or parts.order == warned.order:
                 deformed = _deformations(rest, warned.morphed)
                 of_all = (*warned.extensions, *deformed, *warned.lights, *warned.meshes, *of_nodes)
                 return _scene(rest, parts, known, nodes, _shortened(of_all))
@@ -117,18 +117,17 @@ def read_gltf(
     parts = _Parts(limits, {}, _Maker(document, meshes, materials, limits), elements)
     of_lights: list[str] = []
     of_nodes = []
-    counts, lights = _counts(document), lights_of(document, of_lights)
-    known = Known(parts.known, generator, document.cameras or [], Warned(), counts, lights, elements)
-    nodes = build_tree(document, parts, limits, known.lights, of_nodes)
+    lights = lights_of(document, of_lights)
+    nodes = build_tree(document, parts, limits, lights, of_nodes)
     if meshes.without_positions and not meshes.with_positions:
         raise GltfError(f"{meshes.without_positions}: no POSITION, and no other primitive has one")
+    warned = Warned(of_extensions, (*of_lights,), (*warnings,), parts.order, morphed)
+    known = Known(parts.known, generator, document.cameras or [], warned, _counts(document), lights, elements)
     if shared and resolve is None:
         stable = stable_part(container, len(whole))
         repeated = stable is not None and cache.prefixes.is_repeated(stable, buffers.uids)
         where = split(container, len(whole)) if repeated else None
         if where is not None and len(warnings) + len(of_lights) <= _MAX_WARNINGS:
-            warned = Warned(of_extensions, (*of_lights,), (*warnings,), (*parts.order,), morphed)
-            known = replace(known, parts=dict(parts.known), warned=warned)
             cache.prefixes.add(memoryview(whole), where, limits, textures, known)
         if stem is None and text.is_lasting:
             buffers.finish()
@@ -179,39 +178,43 @@ class _Parts:
         self._make = make
         self._elements = elements
         self.instances = self.drawn = 0
-        self.order: dict[int, None] = {}
+        self.order: tuple[int, ...] = ()
         """The meshes in the order of their first use."""
 
-    def prepare(self, indices: Iterable[int]) -> None:
-        """Meshes that will be asked for, in this order. Whatever is wrong with them is told then."""
-        if self._make is not None:
-            self._make.prepare(index for index in dict.fromkeys(indices) if index not in self.known)
-
-    def __call__(self, index: int, node: int) -> tuple[Part, ...]:
-        parts = self.known.get(index)
-        if parts is None:
-            if self._make is None:
-                raise _UnknownMeshError
-            parts = self.known[index] = self._make(index, node)
-            self._elements[index] = self._make.elements
-        self.order[index] = None
-        elements = self._elements[index]
-        self.instances += len(parts)
-        self.drawn += elements
-        if self.instances > self._limits.max_instances:
-            limit = self._limits.max_instances
-            raise GltfError(f"nodes[{node}].mesh: the scene has more instances than max_instances = {limit}")
-        if self.drawn > self._limits.max_drawn_elements:
-            limit = self._limits.max_drawn_elements
-            raise GltfError(f"nodes[{node}].mesh: the scene draws more elements than max_drawn_elements = {limit}")
-        return parts
+    def __call__(self, nodes: list[int], sources: list[Node]) -> list[tuple[Part, ...] | None]:
+        known, make, elements, limits = self.known, self._make, self._elements, self._limits
+        self.order = (*dict.fromkeys([source.mesh for source in sources if source.mesh is not None]),)
+        if make is not None:
+            make.prepare([index for index in self.order if index not in known])
+        result: list[tuple[Part, ...] | None] = []
+        for node, source in zip(nodes, sources, strict=True):
+            index = source.mesh
+            if index is None:
+                result.append(None)
+                continue
+            parts = known.get(index)
+            if parts is None:
+                if make is None:
+                    raise _UnknownMeshError
+                parts = known[index] = make(index, node)
+                elements[index] = make.elements
+            result.append(parts)
+            self.instances += len(parts)
+            self.drawn += elements[index]
+            if self.instances > limits.max_instances:
+                what, limit = "has more instances than max_instances", limits.max_instances
+                raise GltfError(f"nodes[{node}].mesh: the scene {what} = {limit}")
+            if self.drawn > limits.max_drawn_elements:
+                what, limit = "draws more elements than max_drawn_elements", limits.max_drawn_elements
+                raise GltfError(f"nodes[{node}].mesh: the scene {what} = {limit}")
+        return result
 
 
 class _Maker:
     """Makes the parts of a mesh."""
 
     def __init__(self, document: Document, meshes: Meshes, materials: Materials, limits: GltfLimits) -> None:
-        self._document = document
+        self._sources = document.meshes or []
         self._meshes = meshes
         self._prepared = meshes.prepared
         self._materials = materials
@@ -221,33 +224,36 @@ class _Maker:
         """Triangles, lines and points of the mesh that was made last."""
 
     def prepare(self, indices: Iterable[int]) -> None:
-        meshes = self._document.meshes or ()
+        """Meshes that will be asked for, in this order. Whatever is wrong with them is told then."""
+        sources = self._sources
         primitives: list[Primitive | None] = []
         for index in indices:
-            source = meshes[index] if 0 <= index < len(meshes) else None
-            primitives += (source.primitives if source is not None else None) or ()
-            if len(primitives) > self._limits.max_primitives:
-                break
+            source = sources[index] if 0 <= index < len(sources) else None
+            if source is not None and source.primitives:
+                primitives += source.primitives
+                if len(primitives) > self._limits.max_primitives:
+                    break
         self._meshes.prepare(primitives[: self._limits.max_primitives])
 
     def __call__(self, index: int, node: int) -> tuple[Part, ...]:
-        meshes = self._document.meshes
-        source = meshes[index] if meshes is not None and 0 <= index < len(meshes) else None
+        sources = self._sources
+        source = sources[index] if 0 <= index < len(sources) else None
         if source is None:
-            source = element(meshes, index, "meshes", f"nodes[{node}].mesh")
-        self.elements = 0
+            source = element(sources, index, "meshes", f"nodes[{node}].mesh")
         primitives = source.primitives or ()
         self._primitives += len(primitives)
         if self._primitives > self._limits.max_primitives:
             raise GltfError(f"meshes[{index}]: more primitives than max_primitives = {self._limits.max_primitives}")
         parts: list[Part] = []
+        elements = 0
         for number, primitive in enumerate(primitives):
             if primitive is None:
                 continue
             mesh = self._prepared.get(id(primitive)) or self._meshes.mesh(primitive, index, number)
             if mesh is not None:
-                self.elements += len(mesh.elements)
+                elements += len(mesh.elements)
                 parts.append(Part(Surface(mesh), self._materials.of(primitive, index, number)))
+        self.elements = elements
         return tuple(parts)
 
 

@@ -37,8 +37,15 @@ class GltfCamera:
     """None: an infinite projection."""
     aspect: float | None
     """Width / height; None: the viewport's."""
-    path: Path
-    """Of its node in ``GltfScene.root``."""
+    nodes: NodeTree | None = None
+    """That it is one of."""
+    position: int = -1
+    """Among these."""
+
+    @property
+    def path(self) -> Path:
+        """Of its node in ``GltfScene.root``."""
+        return () if self.nodes is None else self.nodes.path(self.position)
 
 
 @quick
@@ -102,4 +109,4 @@ class GltfScene:
                 return camera
         if self.camera_count == 0:
             return None
-        return GltfCamera(0, "", np.diag((1.0, -1.0, -1.0, 1.0)), None, 0.0, None, None, ())
+        return GltfCamera(0, "", np.diag((1.0, -1.0, -1.0, 1.0)), None, 0.0, None, None)

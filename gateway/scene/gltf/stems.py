@@ -113,6 +113,8 @@ class Stems:
 
     def find(self, text: bytes | memoryview, limits: GltfLimits) -> Grown | None:
         """The document of ``text``, if it begins with a stem; its members from the materials on are read."""
+        if not self._entries:
+            return None
         view = memoryview(text)
         head = bytes(view[:HEAD])
         with self._lock:

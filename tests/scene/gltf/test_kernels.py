@@ -13,7 +13,7 @@ from gateway.scene.gltf import kernels, warm_up
 from gateway.scene.gltf.bytewise import equal_bytes
 from gateway.scene.gltf.kernels import STRETCH, arrange, equal_arrays, long_strings, read_meshes
 from gateway.scene.gltf.normals import vertex_normals
-from gateway.scene.transforms import IDENTITY
+from gateway.scene.transforms import IDENTITY, from_trs
 from renderers.pointers import address_of
 
 Floats = NDArray[np.float32]
@@ -72,10 +72,10 @@ def read(
         address_of(normals, np.float32),
         limit,
     )
-    rows = np.array([row, row], np.int64)
-    read_meshes(rows.__array_interface__["data"][0], 2)
-    assert rows[0, 9] == rows[1, 9]
-    return bool(rows[0, 9]), normals if given is None else given, indices if as_they_are else widened
+    rows, good = np.array([row, row], np.int64), np.full(2, 7, np.uint8)
+    read_meshes(rows.ctypes.data, 2, good.ctypes.data)
+    assert good[0] == good[1]
+    return bool(good[0]), normals if given is None else given, indices if as_they_are else widened
 
 
 def test_nothing_is_compiled_after_the_warm_up() -> None:
@@ -162,19 +162,59 @@ def test_long_strings_are_all_found(lengths: list[int], closed: bool) -> None:
     assert found == [[begin, end] for begin, end in expected if end - begin >= 2 * int(STRETCH)]
 
 
+def placed(
+    numbers: NDArray[np.float64], parents: list[int], composed: bytes = b""
+) -> tuple[bool, NDArray[np.float64], NDArray[np.float64], list[int]]:
+    """What ``arrange`` says and writes."""
+    count, given = len(parents), numbers.copy()
+    matrices, worlds = np.empty((count, 4, 4)), np.empty((count, 4, 4))
+    moves = np.frombuffer(bytearray(composed or bytes(count)), np.uint8)
+    above = np.array(parents, np.int64)
+    places = (a.ctypes.data for a in (given, above, matrices, worlds, moves))
+    return arrange(count, *places), matrices, worlds, moves.tolist()
+
+
 def test_matrices_of_nodes() -> None:
     numbers = np.random.default_rng(0).normal(size=(3, 16))
     numbers[:, [3, 7, 11]], numbers[:, 15] = 1e-7, 1.0
     numbers[1] = IDENTITY.T.ravel()
-    matrices, moves = np.empty((3, 4, 4)), np.empty(3, np.bool_)
-    assert arrange(3, numbers.ctypes.data, matrices.ctypes.data, moves.ctypes.data)
-    assert moves.tolist() == [True, False, True]
+    sound, matrices, worlds, moves = placed(numbers, [-1, -1, -1])
+    assert sound
+    assert moves == [1, 0, 1]
     np.testing.assert_array_equal(matrices[:, :3], numbers.reshape(3, 4, 4).transpose(0, 2, 1)[:, :3])
     assert (matrices[:, 3] == (0, 0, 0, 1)).all()
+    np.testing.assert_array_equal(worlds, matrices)
     for at, value in ((0, np.nan), (20, np.inf), (35, 1e-5), (47, 2.0), (12, -np.inf)):
         odd = numbers.ravel().copy()
         odd[at] = value
-        assert not arrange(3, odd.ctypes.data, matrices.ctypes.data, moves.ctypes.data)
+        assert not placed(odd, [-1, -1, -1])[0]
+
+
+def test_matrices_of_nodes_are_multiplied_from_the_roots_down() -> None:
+    numbers = np.random.default_rng(1).normal(size=(6, 16))
+    numbers[:, [3, 7, 11]], numbers[:, 15] = 0.0, 1.0
+    numbers[0] = numbers[3] = IDENTITY.T.ravel()
+    parents = [-1, 0, 1, 2, 3, -1]
+    sound, matrices, worlds, moves = placed(numbers, parents)
+    assert sound
+    assert moves == [0, 1, 3, 2, 3, 1]
+    for node, parent in enumerate(parents):
+        expected = matrices[node] if parent < 0 else worlds[parent] @ matrices[node]
+        np.testing.assert_allclose(worlds[node], expected, rtol=1e-12, atol=1e-14)
+    for same, as_that in ((0, 0), (1, 1), (5, 5)):
+        np.testing.assert_array_equal(worlds[same], matrices[as_that])
+    np.testing.assert_array_equal(worlds[3], worlds[2])
+
+
+def test_translations_rotations_and_scales_of_nodes() -> None:
+    numbers = np.random.default_rng(2).normal(size=(4, 16))
+    numbers[3, 3:7] = (0.0, 1e-160, 0.0, 0.0)
+    sound, matrices, _, moves = placed(numbers[:3], [-1, -1, -1], b"\1" * 3)
+    assert sound
+    assert moves == [1, 1, 1]
+    for given_, matrix in zip(numbers, matrices, strict=False):
+        np.testing.assert_array_equal(matrix, from_trs(given_[:3], given_[3:7], given_[7:10]))
+    assert not placed(numbers, [-1] * 4, b"\1" * 4)[0]  # left to who can tell
 
 
 def test_all_kernels_are_warmed_up() -> None:
