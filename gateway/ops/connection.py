@@ -75,6 +75,10 @@ class BoundedHttp(HttpToolsProtocol):
     _head_timer: Alarm | asyncio.TimerHandle | None = None
     _body_timer: Alarm | asyncio.TimerHandle | None = None
     _received = 0
+    _last_word: Callable[[], None] | None = None
+    """What is said when the answers that are due have been given."""
+    _heard_out = False
+    """Whether the request that this is about has arrived whole."""
     direct: Direct | None = None
     """Of the request whose body arrives, if it says how long that is and the application is asked already ..."""
     _present: Direct | None = None
@@ -229,7 +233,9 @@ class BoundedHttp(HttpToolsProtocol):
         """The next thing on this connection is a head again."""
         self._beside_body = 0
         if self._deaf:
-            if not self.parser.should_upgrade():  # else the parser has left the body to others
+            if self._last_word is not None:
+                self._heard_out = True
+            elif not self.parser.should_upgrade():  # else the parser has left the body to others
                 self.transport.close()  # nothing is unread, so the answer arrives
             return
         self._in_head = True
@@ -263,14 +269,46 @@ class BoundedHttp(HttpToolsProtocol):
         return lines if origin == "*" else lines + b"vary: Origin\r\n"
 
     def send_400_response(self, msg: str) -> None:
-        """What the answer before has to say comes first."""
+        """What the answers before have to say comes first."""
+        if self._deaf:
+            return  # one word was the last already
+        if self._comes_later(partial(self.send_400_response, msg)):
+            return
         self._flush()
         super().send_400_response(msg)
+
+    def on_response_complete(self) -> None:
+        """Whose turn was waited for may be refused now."""
+        super().on_response_complete()
+        if self._last_word is not None and not self.pipeline and not self._owes:
+            word, self._last_word = self._last_word, None
+            self._deaf = False
+            if not self.transport.is_closing():
+                word()
+                if self._heard_out:
+                    self.transport.close()
+
+    def _comes_later(self, word: Callable[[], None]) -> bool:
+        """Whether answers to earlier requests are due; then ``word`` is said behind them."""
+        if not self._in_head and self.cycle is not None and self.cycle.scope is self.scope:
+            if not self.pipeline or self.pipeline[0][0] is not self.cycle:
+                return False  # the application answers the very request that this is about
+            self.pipeline.popleft()  # the application is not asked at all
+            self.cycle = self.pipeline[0][0] if self.pipeline else None  # type: ignore[assignment]  # as in the beginning
+        elif not self._owes:
+            return False
+        self._deaf = True
+        self._last_word = word
+        self._stop_timer()
+        self._stop_body_timer()
+        self.flow.pause_reading()
+        return True
 
     def shutdown(self) -> None:
         """The same for an answer without a body."""
         self._flush()
-        super().shutdown()
+        if self._last_word is None:  # else it ends anyway, when that is said
+            super().shutdown()
 
     def _flush(self) -> None:
         answers: object = None if self.cycle is None else self.cycle.transport
@@ -325,7 +363,9 @@ class BoundedHttp(HttpToolsProtocol):
             self.transport.close()
 
     def _refuse(self, status: int, phrase: str, sentence: str, headers: bytes = b"") -> None:
-        """Answers, throws away what still comes for a while, and ends the connection."""
+        """Answers, throws away what still comes for a while, and ends the connection; behind answers that are due."""
+        if self._comes_later(partial(self._refuse, status, phrase, sentence, headers)):
+            return
         self._deaf = True
         self._unset_keepalive_if_required()
         if self.transport.is_closing():
@@ -333,8 +373,8 @@ class BoundedHttp(HttpToolsProtocol):
         if self.cycle is not None and not self.cycle.response_complete:
             self.cycle.disconnected = True
             self.cycle.message_event.set()
-            if self.cycle.response_started or self.cycle.scope is not self.scope:
-                self.transport.abort()  # it would stand in another answer, or before it
+            if self.cycle.response_started:
+                self.transport.abort()  # it would stand in the answer
                 return
         self._flush()
         body = (sentence + "\n").encode()

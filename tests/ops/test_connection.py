@@ -18,8 +18,12 @@ def shut(method: bytes, target: bytes) -> connection.TurnedAway | None:
 
 
 @asynccontextmanager
-async def serving(door: connection.Door | None = None, origins: tuple[str, ...] = ()) -> AsyncIterator[int]:
+async def serving(
+    door: connection.Door | None = None, origins: tuple[str, ...] = (), held: asyncio.Event | None = None
+) -> AsyncIterator[int]:
+    """``held``: what ``/wait`` waits for."""
     app = FastAPI()
+    held = held if held is not None else asyncio.Event()
 
     @app.get("/hello")
     async def hello() -> str:
@@ -29,6 +33,11 @@ async def serving(door: connection.Door | None = None, origins: tuple[str, ...] 
     async def take(request: Request) -> int:
         assert "authorization" not in request.headers
         return len(await request.body())
+
+    @app.get("/wait")
+    async def wait() -> str:
+        await held.wait()
+        return "waited"
 
     app.state.door = door
     app.state.cors_origins = frozenset(origins)
@@ -326,4 +335,46 @@ async def test_a_long_target_is_refused() -> None:
         answer = await reader.read()
         assert answer.startswith(b"HTTP/1.1 414 URI Too Long")
         assert b"longer than 8192 bytes" in answer
+        writer.close()
+
+
+_WAIT = b"GET /wait HTTP/1.1\r\nhost: here\r\n\r\n"
+_HELLO = b"GET /hello HTTP/1.1\r\nhost: here\r\n\r\n"
+_JUNK = b"POST /take HTTP/1.1\r\nhost: here\r\ntransfer-encoding: chunked\r\n\r\n1\r\nx\r\n0\r\n"
+
+
+@pytest.mark.parametrize("between", [b"", _HELLO])
+@pytest.mark.parametrize(
+    ("refused", "status"),
+    [
+        (b"GET /hello?" + b"x" * connection.MAX_TARGET_BYTES + b" HTTP/1.1\r\nhost: here\r\n\r\n", b"414"),
+        (b"POST /" + b"x" * connection.MAX_TARGET_BYTES + b" HTTP/1.1\r\ncontent-length: 9\r\n\r\n", b"414"),
+        (b"GET /hello HTTP/1.1\r\nx-long: " + b"p" * (2 * connection.MAX_HEAD_BYTES), b"431"),
+        (_JUNK + b"x-trailer: 1\r\n" * 20_000, b"431"),
+        (b"\r\n" * (2 * connection.MAX_HEAD_BYTES), b"431"),
+        (b"GET /hello no such version\r\n\r\n", b"400"),
+    ],
+    ids=["target", "target-with-body", "head", "trailers", "nothing", "malformed"],
+)
+async def test_a_refusal_comes_behind_the_answers_that_are_due(
+    refused: bytes, status: bytes, between: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(connection, "LINGER_SECONDS", 0.05)
+    held = asyncio.Event()
+    async with serving(held=held) as port:
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(_WAIT + between)
+        await writer.drain()
+        writer.write(refused)
+        await asyncio.sleep(0.1)  # a refusal that comes at once is there then
+        held.set()
+        answers = []
+        for _ in range(2 if between else 1):
+            head = await reader.readuntil(b"\r\n\r\n")
+            assert head.startswith(b"HTTP/1.1 200 ")
+            answers.append(await reader.readexactly(7 if answers else 8))
+        assert answers == [b'"waited"', b'"there"'][: len(answers)]
+        last = await asyncio.wait_for(reader.read(), 30.0)
+        assert last.startswith(b"HTTP/1.1 " + status + b" ")
+        assert last.count(b"HTTP/1.1 ") == 1
         writer.close()
