@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ipaddress
 from collections.abc import Collection
+from functools import lru_cache
 from typing import Final
 from urllib.parse import parse_qsl, quote, urlencode
 
@@ -96,10 +97,10 @@ class TrustedHosts:
             await PlainTextResponse(text, 421)(scope, receive, send)
 
     def _trusts(self, scope: Scope) -> bool:
-        hosts = Headers(scope=scope).getlist("host")
+        hosts = [value for name, value in scope["headers"] if name == b"host"]
         if len(hosts) > 1:  # whoever reads the other one believes something else
             return False
-        host = hosts[0] if hosts else ""
+        host = hosts[0].decode("latin-1") if hosts else ""
         name = host_name(host)
         if not host or "*" in self._names or name == "localhost" or name.endswith(".localhost") or _is_number(name):
             return True
@@ -125,6 +126,7 @@ def is_loopback(host: str) -> bool:
         return host == "localhost"
 
 
+@lru_cache(64)
 def _is_number(name: str) -> bool:
     try:
         ipaddress.ip_address(name)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import time
 import uuid
 from collections.abc import Callable, Iterator
@@ -133,14 +134,15 @@ class Exchange:
         for warning in (*request.warnings, *picture.warnings):
             _log.warning("render request is odd", warning=warning)
         stages = (("queue", self._queued), *picture.stages)
-        _log.debug(
-            "rendered",
-            image_type=request.image_type,
-            size=f"{request.width}x{request.height}",
-            elements=picture.elements,
-            generator=picture.generator,
-            **{f"{name}_ms": round(seconds * 1e3, 2) for name, seconds in stages},
-        )
+        if logging.getLogger("gateway.render").isEnabledFor(logging.DEBUG):  # else all this would be made for nothing
+            _log.debug(
+                "rendered",
+                image_type=request.image_type,
+                size=f"{request.width}x{request.height}",
+                elements=picture.elements,
+                generator=picture.generator,
+                **{f"{name}_ms": round(seconds * 1e3, 2) for name, seconds in stages},
+            )
         self._headers["Server-Timing"] = ", ".join(f"{name};dur={seconds * 1e3:.2f}" for name, seconds in stages)
         return Response(picture.body, headers=self._headers, media_type=picture.media_type)
 

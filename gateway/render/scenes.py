@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from gateway.render.config import RenderConfig
 from gateway.render.drawn import drawn
 from gateway.scene.gltf import Arrival, CacheStats, GltfScene, MeshCache, Text, read_gltf
-from renderers.drawlist import DrawList
+from renderers.drawlist import DrawList, Mesh
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -18,6 +18,10 @@ class PreparedScene:
 
     gltf: GltfScene
     drawn: DrawList
+    meshes: tuple[Mesh, ...]
+    """Of each instance."""
+    mesh_bytes: int
+    """Of these meshes."""
     nbytes: int
     """What keeping it costs, about."""
 
@@ -34,6 +38,8 @@ class SceneStore:
         self._meshes = MeshCache(config.mesh_cache_bytes)
         self._lock = threading.Lock()
         self._kept: OrderedDict[str, PreparedScene] = OrderedDict()
+        self._last: PreparedScene | None = None
+        """The one that was kept last, while it is."""
         self._nbytes = 0
         self.hits = 0
         """Scenes that were found."""
@@ -68,9 +74,13 @@ class SceneStore:
                 return found
         gltf = read_gltf(data, limits=self._config.gltf, cache=self._meshes)
         listed = drawn(gltf)
-        meshes = {id(instance.mesh): instance.mesh for instance in listed.instances}
-        nbytes = len(data) + sum(mesh.nbytes for mesh in meshes.values())
-        scene = PreparedScene(gltf, listed, nbytes)
+        meshes = tuple([instance.mesh for instance in listed.instances])
+        last = self._last
+        if last is not None and last.meshes == meshes:  # by identity: nearly always, while a robot moves
+            mesh_bytes = last.mesh_bytes
+        else:
+            mesh_bytes = sum(mesh.nbytes for mesh in {id(mesh): mesh for mesh in meshes}.values())
+        scene = PreparedScene(gltf, listed, meshes, mesh_bytes, len(data) + mesh_bytes)
         with self._lock:
             self.misses += 1
             self._keep(sha256, scene)
@@ -80,8 +90,10 @@ class SceneStore:
         config = self._config
         if scene.nbytes > config.scene_cache_bytes or sha256 in self._kept:
             return
-        self._kept[sha256] = scene
+        self._kept[sha256] = self._last = scene
         self._nbytes += scene.nbytes
         while self._nbytes > config.scene_cache_bytes or len(self._kept) > config.scene_cache_count:
             _, oldest = self._kept.popitem(last=False)
             self._nbytes -= oldest.nbytes
+            if oldest is self._last:
+                self._last = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 import numpy as np
@@ -72,13 +73,20 @@ def rigid_pose(X: NDArray[np.float64], name: str) -> NDArray[np.float64]:
     Raises:
         RequestError: the transform is singular, or too far out.
     """
-    rotation = X[:3, :3]
-    with np.errstate(all="ignore"):
-        if not np.abs(X[:3, 3]).max() <= _MAX_DISTANCE:
-            raise RequestError(400, f"scene: the camera node {name!r} is farther than {_MAX_DISTANCE:g} m away")
-        if np.isfinite(X).all():
-            if np.abs(rotation.T @ rotation - np.eye(3)).max() < _RIGID and np.linalg.det(rotation) > 0.0:
-                return X
+    # In plain numbers: nine of them take numpy three times as long.
+    (a, b, c, x), (d, e, f, y), (g, h, i, z), last = X.tolist()
+    if not all(abs(value) <= _MAX_DISTANCE for value in (x, y, z)):
+        raise RequestError(400, f"scene: the camera node {name!r} is farther than {_MAX_DISTANCE:g} m away")
+    if all(map(math.isfinite, (a, b, c, d, e, f, g, h, i, *last))):
+        off = (
+            *(a * a + d * d + g * g - 1.0, b * b + e * e + h * h - 1.0, c * c + f * f + i * i - 1.0),
+            *(a * b + d * e + g * h, a * c + d * f + g * i, b * c + e * f + h * i),
+        )
+        determinant = a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g)
+        if determinant > 0.0 and all(abs(value) < _RIGID for value in off):
+            return X
+        rotation = X[:3, :3]
+        with np.errstate(all="ignore"):
             forward = rotation[:, 2] / np.linalg.norm(rotation[:, 2])
             down = rotation[:, 1] / np.linalg.norm(rotation[:, 1])
             down -= forward * (forward @ down)
