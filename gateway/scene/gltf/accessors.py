@@ -51,10 +51,18 @@ class Kind(msgspec.Struct, frozen=True, gc=False, eq=False):
     """Of all components together."""
     code: int
     """From 1 on; in keys."""
+    scale: float
+    """Of integers that are normalized: float32, what their largest value is multiplied by to become 1; else 1."""
+
+
+def _scale(dtype: np.dtype[Any]) -> float:
+    return 1.0 if dtype.kind == "f" else float(np.float32(1.0 / np.iinfo(dtype).max))
 
 
 _KINDS: Final[dict[tuple[int | None, str | None, bool | None], Kind]] = {
-    (code, shape, normalized): Kind(dtype, components, normalized, dtype.itemsize * components, number)
+    (code, shape, normalized): Kind(
+        dtype, components, normalized, dtype.itemsize * components, number, _scale(dtype) if normalized else 1.0
+    )
     for number, (code, shape, normalized) in enumerate(product(COMPONENT_TYPES, COMPONENTS, (False, True)), 1)
     for dtype, components in ((COMPONENT_TYPES[code], COMPONENTS[shape]),)
 }
@@ -137,7 +145,7 @@ class Accessor(msgspec.Struct, frozen=True, gc=False, eq=False):
                 return own(array, np.float32)
         result = array.astype(np.float32, order="C")
         if self.kind.normalized:
-            result *= np.float32(1.0 / np.iinfo(self.dtype).max)
+            result *= np.float32(self.kind.scale)
             if kind == "i":
                 np.maximum(result, np.float32(-1.0), out=result)
         return result
@@ -219,11 +227,11 @@ class Accessors:
         return accessor
 
     def prepare(self, indices: Iterable[int]) -> None:
-        """Finds those that are as nearly all are: tight, not sparse, without a fault. They are ``known`` then; ``get``
-        finds out what the others are. Documents have thousands, and most of its time goes into messages."""
+        """Finds those that are as nearly all are: not sparse, without a fault. They are ``known`` then; ``get`` finds
+        out what the others are. Documents have thousands, and most of its time goes into messages."""
         sources, views, limit, loaded, known = self._sources, self._views, self._limit, self._loaded, self.known
         last, last_view = len(sources) - 1, len(views) - 1
-        found: list[tuple[int, Kind, int, int, int, int, int]] = []
+        found: list[tuple[int, Kind, int, int, int, int, int, int]] = []
         missing: dict[int, None] = {}
         for index in indices:
             source = sources[index] if 0 <= index <= last else None
@@ -233,18 +241,23 @@ class Accessors:
             count, at = source.count, source.buffer_view
             if kind is None or count is None or at is None or not 0 <= count <= limit or not 0 <= at <= last_view:
                 continue
-            view, stride = views[at], kind.nbytes
-            if view is None or view.buffer is None or view.extensions or (view.byte_stride or stride) != stride:
+            view, size = views[at], kind.nbytes
+            if view is None or view.buffer is None or view.extensions:
                 continue
+            stride = view.byte_stride or size
             start, length, offset = view.byte_offset or 0, view.byte_length, source.byte_offset or 0
-            if length is None or start < 0 or offset < 0 or offset + count * stride > length:
+            if length is None or length < 0 or start < 0 or offset < 0:
                 continue
-            found.append((index, kind, count, view.buffer, at, start + offset, start + length))
+            if stride != size and not size <= stride <= _MAX_STRIDE:
+                continue
+            if offset + (count - 1) * stride + size > length and (count or offset > length):
+                continue
+            found.append((index, kind, count, view.buffer, at, start + offset, start + length, stride))
             if view.buffer not in loaded:
                 missing[view.buffer] = None
         if missing:
             self._buffers.load_together(missing)
-        for index, kind, count, of, at, start, end in found:
+        for index, kind, count, of, at, start, end, stride in found:
             buffer = loaded.get(of)
             if buffer is None:
                 try:
@@ -252,7 +265,6 @@ class Accessors:
                 except GltfError:
                     continue  # who asks for it is told
             if end <= len(buffer.data):
-                stride = kind.nbytes
                 key = _pack_key(buffer.uid, start, stride, count, kind.code)
                 known[index] = Accessor(index, kind, count, buffer, start, stride, key)
 

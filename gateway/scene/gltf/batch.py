@@ -9,20 +9,22 @@ from collections.abc import Sequence
 from struct import pack
 from typing import Any, Final, TypeAlias
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.scene.gltf.accessors import Accessor
-from gateway.scene.gltf.attributes import Floats, finite, frozen, rgba, tangents, with_alpha
+from gateway.scene.gltf.accessors import COMPONENT_TYPES, POINTS, TEXTURE_COORDINATES, Accessor, Kind
+from gateway.scene.gltf.attributes import Floats, frozen, tangents
 from gateway.scene.gltf.bytewise import address_of_bytes, address_of_new
-from gateway.scene.gltf.kernels import read_meshes
+from gateway.scene.gltf.cache import Buffer
+from gateway.scene.gltf.kernels import CLIPPED, FINITE, SIGNED, TANGENT, gather, read_meshes
 from renderers.drawlist import Mesh
 
-Layout: TypeAlias = tuple[Accessor, Accessor, Accessor | None, Accessor | None, dict[str, Accessor] | None]
-"""The plain accessors of indexed triangles, whose numbers fit: indices, positions, normals, texture coordinates, and
-those of ``OTHERS`` by name."""
-OTHERS: Final = {"TEXCOORD_1": finite, "COLOR_0": rgba, "TANGENT": tangents}
-"""Attributes that are put right one by one."""
+Layout: TypeAlias = tuple[Accessor, Accessor, Accessor | None, Accessor | None, dict[str, Accessor] | None, bool]
+"""The accessors of indexed triangles, whose numbers fit: indices, positions, normals, texture coordinates, and those of
+``OTHERS`` by name; and whether there are none of the latter and all are float32 as meshes want them."""
+OTHERS: Final = {"TEXCOORD_1": (2, FINITE), "COLOR_0": (4, FINITE | CLIPPED), "TANGENT": (4, TANGENT)}
+"""Attributes that are copied, their components, and what is put right."""
 
 _F32: Final = np.dtype("<f4")
 _U32: Final = np.dtype("<u4")
@@ -30,30 +32,27 @@ _SMALL: Final = 256
 """Vertices or triangles up to which a mesh's new arrays are views of ``bytes``."""
 _LARGEST: Final = {1: 0xFF, 2: 0xFFFF, 4: 0xFFFFFFFF}
 """By the bytes of an index: the largest one, which is forbidden."""
+_CODES: Final = {dtype: code for code, dtype in COMPONENT_TYPES.items()}
 _array: Final[Any] = np.ndarray
-
-
-def _repaired(name: str, accessor: Accessor, n: int) -> Floats:
-    values = accessor.floats(0, n)
-    if name == "COLOR_0" and accessor.kind.normalized and accessor.kind.dtype.kind == "u":
-        return with_alpha(values)  # they are in 0 .. 1
-    return OTHERS[name](values)
 
 
 def read_together(layouts: Sequence[Layout]) -> list[tuple[Mesh, int] | None]:
     """The meshes, views of their buffers where that is possible, and the bytes of what had to be made, -1 where it has
     to be looked for. None: there is a fault in it."""
+    copied: dict[int, list[Floats | None]] = {}
+    if any(not layout[5] for layout in layouts):
+        layouts, copied = _gathered(layouts)
     numbers: list[int] = []
     places: list[tuple[bytes | NDArray[Any] | None, bytes | NDArray[Any] | None]] = []
-    for indices, position, normal, uv, _ in layouts:
+    for indices, position, normal, uv, *_ in layouts:
         n, m, width = position.count, indices.count, indices.kind.nbytes
         to_normals = to_elements = 0
         normals: bytes | NDArray[Any] | None = None
         elements: bytes | NDArray[Any] | None = None
         if normal is None:
-            normals, to_normals = _room(n)
+            normals, to_normals = _room(3 * n)
         if width != 4:
-            elements, to_elements = _room(m // 3)
+            elements, to_elements = _room(m)
         places.append((normals, elements))
         largest = _LARGEST[width]
         numbers += (
@@ -71,7 +70,7 @@ def read_together(layouts: Sequence[Layout]) -> list[tuple[Mesh, int] | None]:
     rows, sound = pack(f"{len(numbers)}q", *numbers), bytearray(len(layouts))
     read_meshes(address_of_bytes(rows), len(layouts), address_of_new(sound))
     made: list[tuple[Mesh, int] | None] = []
-    for (indices, position, normal, uv, others), place, good in zip(layouts, places, sound, strict=True):
+    for (indices, position, normal, uv, _, as_it_lies), place, good in zip(layouts, places, sound, strict=True):
         if not good:
             made.append(None)
             continue
@@ -92,21 +91,61 @@ def read_together(layouts: Sequence[Layout]) -> list[tuple[Mesh, int] | None]:
                 of_elements.setflags(write=False)
         positions: Floats = _array((n, 3), _F32, position.buffer.data, position.offset)
         uvs = None if uv is None else _array((n, 2), _F32, uv.buffer.data, uv.offset)
-        if others is None:
+        if as_it_lies:
             made.append((Mesh(positions, of_elements, of_normals, uvs), nbytes))
-            continue
-        repaired = [
-            None if (accessor := others.get(name)) is None else frozen(_repaired(name, accessor, n)) for name in OTHERS
-        ]
-        made.append((Mesh(positions, of_elements, of_normals, uvs, *repaired), -1))
+        else:
+            made.append((Mesh(positions, of_elements, of_normals, uvs, *copied[len(made)]), -1))
     return made
 
 
+def _gathered(layouts: Sequence[Layout]) -> tuple[list[Layout], dict[int, list[Floats | None]]]:
+    """The layouts with copies of what does not lie as meshes want it, and the arrays of ``OTHERS`` by place."""
+    result = [*layouts]
+    numbers: list[int | float] = []
+    arrays: list[Floats] = []
+
+    def copy(accessor: Accessor, n: int, components: int, purpose: int) -> int:
+        kind, (room, address) = accessor.kind, _room(components * n)
+        if kind.normalized and kind.dtype.kind == "i":
+            purpose |= SIGNED
+        numbers.extend((accessor.buffer.address + accessor.offset, n, accessor.stride, _CODES[kind.dtype]))
+        numbers.extend((kind.components, components, purpose, address, kind.scale))
+        values: Floats = _array((n, components), _F32, room)
+        values.setflags(write=False)
+        arrays.append(values)
+        return address
+
+    def tight(accessor: Accessor | None, n: int, kind: Kind) -> Accessor | None:
+        if accessor is None or (accessor.kind is kind and accessor.stride == kind.nbytes):
+            return accessor
+        address = copy(accessor, n, kind.components, 0)
+        buffer = Buffer(arrays[-1].data, address)
+        return msgspec.structs.replace(accessor, kind=kind, buffer=buffer, offset=0, stride=kind.nbytes)
+
+    others: list[tuple[int, str, Accessor, int]] = []
+    for at, (indices, position, normal, uv, of_others, as_it_lies) in enumerate(layouts):
+        if not as_it_lies:
+            n = position.count
+            points = tight(position, n, POINTS) or position
+            normals, uvs = tight(normal, n, POINTS), tight(uv, n, TEXTURE_COORDINATES)
+            result[at] = (indices, points, normals, uvs, of_others, False)
+            for name, accessor in (of_others or {}).items():
+                others.append((at, name, accessor, len(arrays)))
+                copy(accessor, n, *OTHERS[name])
+    rows, sound = pack("8qd" * len(arrays), *numbers), bytearray(len(arrays))
+    if arrays:
+        gather(address_of_bytes(rows), len(arrays), address_of_new(sound))
+    copied: dict[int, dict[str, Floats]] = {at: {} for at, layout in enumerate(layouts) if not layout[5]}
+    for at, name, accessor, number in others:
+        copied[at][name] = arrays[number] if sound[number] else tangents(accessor.floats(0, layouts[at][1].count))
+    return result, {at: [frozen(named.get(name)) for name in OTHERS] for at, named in copied.items()}
+
+
 def _room(count: int) -> tuple[bytes | NDArray[Any], int]:
-    """Place for ``count`` times three values of 4 bytes, and its address. Nobody else has it yet: a kernel writes even
-    to ``bytes``, which are made in a third of an array's time."""
-    if count > _SMALL:
-        array: NDArray[Any] = np.empty(3 * count, _U32)
+    """Place for so many values of 4 bytes, and its address. Nobody else has it yet: a kernel writes even to ``bytes``,
+    which are made in a third of an array's time."""
+    if count > 3 * _SMALL:
+        array: NDArray[Any] = np.empty(count, _U32)
         return array, address_of_new(array)
-    room = bytes(12 * count)
+    room = bytes(4 * count)
     return room, address_of_bytes(room)

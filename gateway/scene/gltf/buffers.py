@@ -10,7 +10,7 @@ from urllib.parse import unquote, unquote_to_bytes
 import msgspec
 import pybase64
 
-from gateway.scene.gltf.cache import Buffer, MeshCache
+from gateway.scene.gltf.cache import Buffer, ContentKey, MeshCache, content_key
 from gateway.scene.gltf.container import Container
 from gateway.scene.gltf.document import Document
 from gateway.scene.gltf.errors import GltfError, element
@@ -51,7 +51,7 @@ class Buffers:
         """By index."""
         self._texts: dict[str, Buffer] = {} if known is None else known._texts.copy()
         """By what stands in the JSON."""
-        self._held: dict[tuple[int, int], Buffer] = {} if known is None else known._held.copy()
+        self._held: dict[ContentKey, Buffer] = {} if known is None else known._held.copy()
         self.nbytes: int = 0 if known is None else known.nbytes
 
     def finish(self) -> None:
@@ -100,7 +100,7 @@ class Buffers:
         sources, texts, limit = self._sources, self._texts, self._limits.max_buffer_bytes
         count, nbytes = len(sources), self.nbytes
         found: list[tuple[int, int | None, int]] = []
-        new: list[bytes] = []
+        new: list[tuple[bytes, ContentKey]] = []
         places: dict[str, int] = {}
         content: str | memoryview
         for index in indices:
@@ -110,7 +110,7 @@ class Buffers:
                 continue
             place = places.get(text)
             if place is not None:
-                charged = len(new[place])
+                charged = len(new[place][0])
             elif text.startswith(_USUAL):
                 content, charged = text[_USUAL_LENGTH:], len(text) * 3 // 4
             elif text in texts or (encoded := self._encoded(text)) is None:
@@ -125,7 +125,7 @@ class Buffers:
                 except ValueError:
                     continue
                 place = places[text] = len(new)
-                new.append(data)
+                new.append((data, content_key(data)))  # while it is in the processor's cache
             nbytes += charged
             found.append((index, source.byte_length, place))
         self.nbytes = nbytes

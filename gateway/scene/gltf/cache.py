@@ -21,7 +21,15 @@ from renderers.drawlist import Image, Mesh
 MeshKey: TypeAlias = bytes | tuple[object, ...]
 """What a mesh is made of: ``Buffer.uid`` and the layout of every accessor."""
 
+ContentKey: TypeAlias = tuple[int, int]
+"""Length and checksum."""
+
 _uids = count(1)
+
+
+def content_key(data: bytes | memoryview) -> ContentKey:
+    """What buffers are looked up by."""
+    return len(data), isal_zlib.crc32(data)
 
 
 class Buffer(msgspec.Struct, frozen=True, gc=False, eq=False):
@@ -87,14 +95,14 @@ class MeshCache:
         self._nbytes = 0
         self._buffer_hits = self._buffer_misses = self._mesh_hits = self._mesh_misses = 0
 
-    def buffer(self, data: bytes | memoryview, held: dict[tuple[int, int], Buffer] | None = None) -> Buffer:
+    def buffer(self, data: bytes | memoryview, held: dict[ContentKey, Buffer] | None = None) -> Buffer:
         """The buffer with these bytes; a memoryview is copied when they are new, but for most of a ``bytes`` object.
 
         Args:
             held: buffers that the caller keeps anyway, found first and added to: equal bytes of one document are one
                 buffer even when the cache is too small for them.
         """
-        key = (len(data), isal_zlib.crc32(data))
+        key = content_key(data)
         if held is not None:
             known = held.get(key)
             if known is not None and equal_bytes(known.data, data):
@@ -104,13 +112,12 @@ class MeshCache:
             held[key] = buffer
         return buffer
 
-    def buffers(self, contents: Sequence[bytes], held: dict[tuple[int, int], Buffer]) -> list[Buffer]:
-        """``buffer`` of each."""
+    def buffers(self, contents: Sequence[tuple[bytes, ContentKey]], held: dict[ContentKey, Buffer]) -> list[Buffer]:
+        """``buffer`` of each, whose ``content_key`` is given."""
         entries, made_of = self._entries, self._made_of
         found: list[Buffer | None] = []
-        keys = [(len(data), isal_zlib.crc32(data)) for data in contents]
         with self._lock:
-            for data, key in zip(contents, keys, strict=True):
+            for data, key in contents:
                 if key in held or key in entries:
                     found.append(None)
                     continue
@@ -121,11 +128,14 @@ class MeshCache:
                 found.append(buffer)
             if self._nbytes > self.max_bytes:
                 self._shrink()
-        return [
-            self.buffer(data, held) if buffer is None else buffer for data, buffer in zip(contents, found, strict=True)
-        ]
+        if None in found:
+            found = [
+                self.buffer(data, held) if buffer is None else buffer
+                for (data, _), buffer in zip(contents, found, strict=True)
+            ]
+        return found  # type: ignore[return-value]  # none is None
 
-    def _kept_or_new(self, key: tuple[int, int], data: bytes | memoryview) -> Buffer:
+    def _kept_or_new(self, key: ContentKey, data: bytes | memoryview) -> Buffer:
         buffer: Buffer | None = None
         while True:
             with self._lock:
@@ -220,7 +230,7 @@ class MeshCache:
         while self._nbytes > self.max_bytes and self._entries:
             self._drop(next(iter(self._entries)))
 
-    def _drop(self, key: tuple[int, int]) -> None:
+    def _drop(self, key: ContentKey) -> None:
         dropped = self._entries.pop(key)
         self._nbytes -= len(dropped.data)
         for identity, kept in self._made_of.pop(dropped.uid).items():

@@ -34,6 +34,27 @@ ROW: Final = 10
 8. address of (n, 3) float32 to write normals to, where it comes without
 9. a limit that all indices must be below; negative: it is known that all is sound
 """
+GATHER: Final = 9
+"""What ``gather`` is told of an attribute.
+
+0. address of its first value
+1. elements
+2. bytes from one to the next
+3. glTF's component type but float64
+4. components
+5. components that are written; those that there are not are 1
+6. ``SIGNED`` ... ``TANGENT``
+7. address of (elements, components) float32, written
+8. float64: a factor for all values
+"""
+SIGNED: Final = 1
+"""Values are -1 at least."""
+FINITE: Final = 2
+"""What is not finite becomes 0."""
+CLIPPED: Final = 4
+"""Values become 0 .. 1."""
+TANGENT: Final = 8
+"""The first three of four components are looked at, whether they are of unit length; the last becomes 1 or -1."""
 AFFINE_TOLERANCE: Final = 1e-6
 """How far the last row of a node's matrix may be from (0, 0, 0, 1)."""
 
@@ -248,6 +269,57 @@ def read_meshes(rows: int, count: int, to_sound: int) -> None:
         u8_at(to_sound)[number] = np.uint8(sound)
 
 
+@numba.njit(error_model="numpy")
+def _number(address: int, code: int) -> Any:
+    """A component of glTF's type ``code`` as float32."""
+    if code == 5126:
+        return f32_at(address)[0]
+    if code == 5121:
+        return np.float32(u8_at(address)[0])
+    if code == 5123:
+        return np.float32(u16_at(address)[0])
+    if code == 5120:
+        return np.float32(np.int8(u8_at(address)[0]))
+    if code == 5122:
+        return np.float32(np.int16(u16_at(address)[0]))
+    if code == 5124:
+        return np.float32(np.int32(u32_at(address)[0]))
+    return np.float32(u32_at(address)[0])
+
+
+@numba.njit(nogil=True, cache=True, fastmath=False, error_model="numpy")
+def gather(rows: int, count: int, to_sound: int) -> None:
+    """Attributes that do not lie as meshes want them, as tight float32.
+
+    Args:
+        rows: address of (count, ``GATHER``) numbers, one row for each attribute, contents as ``GATHER`` tells.
+        to_sound: address of (count,) bytes, written: 0 where a tangent has another length than 1, else 1.
+    """
+    for number in range(count):
+        row = i64_at(rows + 8 * GATHER * number)
+        first, n, stride, code, given, wanted, purpose = row[0], row[1], row[2], row[3], row[4], row[5], row[6]
+        target, scale = f32_at(row[7]), np.float32(f64_at(rows + 8 * GATHER * number)[8])
+        size = 1 if code <= 5121 else (2 if code <= 5123 else 4)
+        sound = True
+        for i in range(n):
+            for c in range(wanted):
+                value = np.float32(1.0)
+                if c < given:
+                    value = _number(first + stride * i + size * c, code) * scale
+                    if purpose & SIGNED and value < np.float32(-1.0):
+                        value = np.float32(-1.0)
+                    if purpose & FINITE and not abs(value) < np.float32(np.inf):
+                        value = np.float32(0.0)
+                    if purpose & CLIPPED:
+                        value = np.float32(0.0) if value < np.float32(0.0) else min(value, np.float32(1.0))
+                target[wanted * i + c] = value
+            if purpose & TANGENT:
+                x, y, z = target[4 * i], target[4 * i + 1], target[4 * i + 2]
+                sound &= abs(x * x + y * y + z * z - np.float32(1.0)) <= _UNIT
+                target[4 * i + 3] = np.float32(-1.0) if target[4 * i + 3] < np.float32(0.0) else np.float32(1.0)
+        u8_at(to_sound)[number] = np.uint8(sound)
+
+
 @numba.njit(inline="never", error_model="numpy")
 def _compose(n: Any) -> bool:
     """``transforms.trs_numbers`` in place, of translation, rotation and scale; False: the quaternion is an odd one."""
@@ -320,4 +392,5 @@ def warm_up() -> None:
     equal_arrays.compile((_BYTES, _BYTES))
     long_strings.compile((types.int64, types.int64, types.int64))
     read_meshes.compile((types.int64, types.int64, types.int64))
+    gather.compile((types.int64, types.int64, types.int64))
     arrange.compile((types.int64,) * 6)

@@ -23,13 +23,14 @@ from renderers.drawlist import Mesh
 
 _OPTIONAL: Final = {"NORMAL": (3,), "TANGENT": (4,), "TEXCOORD_0": (2,), "TEXCOORD_1": (2,), "COLOR_0": (3, 4)}
 """Attributes in use besides POSITION, with their numbers of components."""
+_NUMBERS: Final = {kind for kind in KINDS if kind.dtype.itemsize <= 4}
 _KINDS_OF: Final = {
-    "POSITION": {POINTS},
-    "NORMAL": {POINTS},
-    "TEXCOORD_0": {TEXTURE_COORDINATES},
-    **{name: {kind for kind in KINDS if kind.components in _OPTIONAL[name]} for name in OTHERS},
+    "POSITION": {kind for kind in _NUMBERS if kind.components == 3},
+    **{name: {kind for kind in _NUMBERS if kind.components in count} for name, count in _OPTIONAL.items()},
 }
-"""Attributes of plain meshes, and what their values are."""
+"""Attributes of meshes that are read together, and what their values are."""
+_USUAL: Final = {"POSITION": POINTS, "NORMAL": POINTS, "TEXCOORD_0": TEXTURE_COORDINATES}
+"""What needs no copy, if it is tight."""
 _COMPRESSION: Final = "KHR_draco_mesh_compression"
 _VERTEX_BYTES: Final = 4 * (3 + 3 + 4 + 2 + 2 + 4)
 
@@ -67,7 +68,7 @@ _NO_KEY: Final = bytes(KEY)
 
 def _plain_key(layout: Layout) -> MeshKey:
     """What ``_key`` gives."""
-    indices, position, normal, uv, others = layout
+    indices, position, normal, uv, others, _ = layout
     usual = b"%b%b%b%b\4" % (
         indices.key,
         position.key,
@@ -193,16 +194,21 @@ class Meshes:
         if indices is None or indices.kind not in INDICES or primitive.attributes is None:
             return None
         position = normal = uv = others = None
+        as_it_lies = True
         fewest = 1 << 62
         for name, at in primitive.attributes.items():
             kinds = _KINDS_OF.get(name)
             if kinds is None or at is None:
                 continue
             accessor = known(at)
-            if accessor is None or accessor.offset & 3 or accessor.kind not in kinds:
+            if accessor is None or accessor.kind not in kinds:
                 return None
             if accessor.count < fewest:
                 fewest = accessor.count
+            if accessor.kind is not _USUAL.get(name) or accessor.stride != accessor.kind.nbytes or accessor.offset & 3:
+                as_it_lies, size = False, accessor.kind.dtype.itemsize
+                if accessor.offset % size or accessor.stride % size:
+                    return None
             if name == "POSITION":
                 position = accessor
             elif name == "NORMAL":
@@ -214,10 +220,10 @@ class Meshes:
                 others[name] = accessor
         if position is None:
             return None
-        n, m = position.count, indices.count
-        if n == 0 or m == 0 or m % 3 or fewest < n or indices.offset % indices.kind.nbytes:
+        n, m, size = position.count, indices.count, indices.kind.nbytes
+        if n == 0 or m == 0 or m % 3 or fewest < n or indices.offset % size or indices.stride != size:
             return None
-        return indices, position, normal, uv, others
+        return indices, position, normal, uv, others, as_it_lies
 
     def _together(self, waiting: dict[MeshKey, _Waiting], vertices: int, triangles: int) -> None:
         """Makes these meshes, of so many vertices and triangles, but for those that have a fault or are beyond the
@@ -246,7 +252,7 @@ class Meshes:
         for (key, asked), read in zip(new, read_together([asked.layout for _, asked in new]), strict=True):
             if read is not None:
                 mesh, own = read
-                indices, position, normal, uv, others = asked.layout
+                indices, position, normal, uv, others, as_it_lies = asked.layout
                 of_positions = position.buffer
                 buffers = [of_positions] if indices.buffer is of_positions else [indices.buffer, of_positions]
                 if normal is not None and normal.buffer is not of_positions:
@@ -255,6 +261,7 @@ class Meshes:
                     buffers.append(uv.buffer)
                 if others is not None:
                     buffers += [accessor.buffer for accessor in others.values()]
+                if not as_it_lies:
                     own = mesh_bytes(mesh, buffers)
                 sound.append((key, mesh, buffers, own))
                 of_sound.append(asked)

@@ -53,14 +53,17 @@ def accessors(draw: st.DrawFn) -> tuple[dict[str, Any], dict[str, Any]]:
             draw(st.sampled_from((6, 9, 6, 9, 6, 9, 12, 7, 60))),
         )
     else:
-        component, start = 5126, 4 * draw(st.sampled_from((0, 3, 90, 93)))
-        count, size = draw(st.sampled_from((VERTICES, VERTICES, 9, 40))), 4 * int(shape[3])
+        component, size = draw(
+            st.sampled_from((*[(5126, 4)] * 7, (5120, 1), (5121, 1), (5122, 2), (5123, 2), (5125, 4)))
+        )
+        start = 4 * draw(st.sampled_from((0, 3, 90, 93)))
+        count, size = draw(st.sampled_from((VERTICES, VERTICES, 9, 40))), size * int(shape[3])
     accessor = {
         "bufferView": 0,
         "byteOffset": draw(usually(0, st.one_of(ODD, st.sampled_from((4, 2))))),
         "componentType": draw(usually(component, st.sampled_from((5120, 5124, 5130, 5126, None, 1)))),
         "count": draw(usually(count, ODD)),
-        "normalized": draw(usually(False, st.sampled_from((None, True)))),
+        "normalized": draw(usually(component in (5120, 5121, 5122, 5123), st.sampled_from((None, False, True)))),
         "type": draw(usually(shape, st.sampled_from(("MAT2", None, "VEC4")))),
     }
     if draw(usually(False, st.just(True))):
@@ -73,8 +76,11 @@ def accessors(draw: st.DrawFn) -> tuple[dict[str, Any], dict[str, Any]]:
         "buffer": draw(usually(draw(st.sampled_from((0, 1, 2))), st.sampled_from((3, 9, None)))),
         "byteOffset": draw(usually(start, ODD)),
         "byteLength": draw(usually(count * size, st.one_of(ODD, st.just(1500)))),
-        "byteStride": draw(usually(None, st.one_of(st.sampled_from((size, 24, 4, 0)), ODD))),
+        "byteStride": None,
     }
+    if shape != "SCALAR" and draw(st.integers(0, 3)) == 0:
+        view["byteStride"] = draw(st.one_of(st.sampled_from((size, 20, 24, 18, 4, 0)), ODD))
+        view["byteLength"] = 1500 - start
     return accessor, view
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gateway.scene.gltf import kernels, warm_up
 from gateway.scene.gltf.bytewise import equal_bytes
-from gateway.scene.gltf.kernels import STRETCH, arrange, equal_arrays, long_strings, read_meshes
+from gateway.scene.gltf.kernels import STRETCH, arrange, equal_arrays, gather, long_strings, read_meshes
 from gateway.scene.gltf.normals import vertex_normals
 from gateway.scene.transforms import IDENTITY, from_trs
 from renderers.pointers import address_of
@@ -90,7 +90,7 @@ def test_nothing_is_compiled_after_the_warm_up() -> None:
         positions.flags.writeable = triangles.flags.writeable = writeable
         vertex_normals(positions, triangles)
         assert positions.flags.writeable == writeable
-    for kernel in (equal_arrays, read_meshes, arrange, long_strings):
+    for kernel in (equal_arrays, read_meshes, gather, arrange, long_strings):
         assert len(kernel.signatures) == 1
 
 
@@ -221,5 +221,5 @@ def test_all_kernels_are_warmed_up() -> None:
     warm_up()
     compiled = [value for value in vars(kernels).values() if hasattr(value, "signatures")]
     entries = [kernel for kernel in compiled if not kernel.py_func.__name__.startswith("_")]
-    assert len(entries) == 4
+    assert len(entries) == 5
     assert all(kernel.signatures for kernel in entries)
