@@ -41,7 +41,7 @@ Matrices: TypeAlias = NDArray[np.float64]
 
 @quick
 @dataclass(frozen=True, slots=True, eq=False)
-class _Visits:
+class Visits:
     """The nodes of the scene in the order parents first, each below all that lie before it among its siblings."""
 
     indices: list[int]
@@ -49,6 +49,25 @@ class _Visits:
     sources: list[gltf.Node]
     parents: list[int]
     """Positions among the visits; -1: a root."""
+
+    def names(self) -> list[str]:
+        """Of each visit, unique among its siblings."""
+        names = [source.name or f"node{index}" for index, source in zip(self.indices, self.sources, strict=True)]
+        if len(set(zip(self.parents, names, strict=True))) == len(names):
+            return names
+        taken: dict[int, set[str]] = {}
+        return [
+            _unique(name, taken.setdefault(parent, set())) for name, parent in zip(names, self.parents, strict=True)
+        ]
+
+    def path(self, position: int) -> tree.Path:
+        """Of a visit, from the root on."""
+        names, parents = self.names(), self.parents
+        path: list[tree.PathElement] = []
+        while position >= 0:
+            path.append(names[position])
+            position = parents[position]
+        return tuple(reversed(path))
 
 
 @quick
@@ -67,7 +86,7 @@ class NodeTree:
 
     def __init__(
         self,
-        visits: _Visits,
+        visits: Visits,
         parts: list[tuple[Part, ...] | None],
         locals_: Matrices,
         moves: bytearray,
@@ -100,28 +119,8 @@ class NodeTree:
                 result.append(PlacedParts(parts, self._worlds[position], branches[position]))
         return result
 
-    def names(self) -> list[str]:
-        """Of each visit, unique among its siblings."""
-        visits = self._visits
-        names = [source.name or f"node{index}" for index, source in zip(visits.indices, visits.sources, strict=True)]
-        if len(set(zip(visits.parents, names, strict=True))) == len(names):
-            return names
-        taken: dict[int, set[str]] = {}
-        return [
-            _unique(name, taken.setdefault(parent, set())) for name, parent in zip(names, visits.parents, strict=True)
-        ]
-
-    def path(self, position: int) -> tree.Path:
-        """Of a visit, from the root on."""
-        names, parents = self.names(), self._visits.parents
-        path: list[tree.PathElement] = []
-        while position >= 0:
-            path.append(names[position])
-            position = parents[position]
-        return tuple(reversed(path))
-
     def _tree(self) -> tree.Node:
-        names, parents = self.names(), self._visits.parents
+        names, parents = self._visits.names(), self._visits.parents
         locals_ = [X if moves & 1 else IDENTITY for X, moves in zip(self._locals, self._moves, strict=True)]
         children: list[dict[tree.PathElement, tree.Node]] = [{} for _ in range(len(parents) + 1)]  # the last: roots
         for position in range(len(parents) - 1, -1, -1):
@@ -166,7 +165,7 @@ def build_tree(
     if seeing:
         nodes.cameras = tuple(
             [
-                _camera(source, nodes, position, visits.sources[position], worlds[position])
+                _camera(source, visits, position, worlds[position])
                 for source, position in zip(lenses, seeing, strict=True)
             ]
         )
@@ -195,7 +194,7 @@ def _roots(document: Document) -> tuple[list[int | None], str]:
     return roots, "nodes"
 
 
-def _visits(document: Document, limits: GltfLimits) -> _Visits:
+def _visits(document: Document, limits: GltfLimits) -> Visits:
     nodes = document.nodes
     roots, where = _roots(document)
     indices: list[int] = []
@@ -228,7 +227,7 @@ def _visits(document: Document, limits: GltfLimits) -> _Visits:
                 break
         else:
             open_.pop()
-    return _Visits(indices, sources, parents)
+    return Visits(indices, sources, parents)
 
 
 def _unique(name: str, taken: set[str]) -> str:
@@ -264,7 +263,7 @@ def _trs(node: gltf.Node, name: str) -> tuple[tuple[float, ...], tuple[float, ..
     )
 
 
-def _places(visits: _Visits) -> tuple[Matrices, bytearray, Matrices]:
+def _places(visits: Visits) -> tuple[Matrices, bytearray, Matrices]:
     """X_parent_node of every visit, whether it differs from the identity, and X_world_node (the first itself where all
     nodes are roots). All at once: a call of numpy for every node would cost ten times as much."""
     sources, parents = visits.sources, visits.parents
@@ -324,14 +323,15 @@ def _numbers(sources: list[gltf.Node], composed: bytearray) -> list[float] | Non
     return numbers
 
 
-def _lens(document: Document, visits: _Visits, position: int) -> gltf.Camera:
+def _lens(document: Document, visits: Visits, position: int) -> gltf.Camera:
     """The camera of a node."""
     index, cameras = visits.sources[position].camera, document.cameras
     source = cameras[index] if cameras is not None and index is not None and 0 <= index < len(cameras) else None
     return source or element(cameras, index, "cameras", f"nodes[{visits.indices[position]}].camera")
 
 
-def _camera(source: gltf.Camera, nodes: NodeTree, position: int, node: gltf.Node, X_world_node: Matrix) -> GltfCamera:
+def _camera(source: gltf.Camera, visits: Visits, position: int, X_world_node: Matrix) -> GltfCamera:
+    node = visits.sources[position]
     index, perspective = node.camera, source.perspective
     assert index is not None
     lens = perspective or source.orthographic
@@ -343,7 +343,7 @@ def _camera(source: gltf.Camera, nodes: NodeTree, position: int, node: gltf.Node
         0.0 if lens is None or lens.znear is None else lens.znear,
         None if lens is None else lens.zfar,
         None if perspective is None else perspective.aspect_ratio,
-        nodes,
+        visits,
         position,
     )
 

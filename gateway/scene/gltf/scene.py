@@ -13,7 +13,7 @@ from renderers.drawlist import Light
 from renderers.quick import quick
 
 if TYPE_CHECKING:
-    from gateway.scene.gltf.nodes import NodeTree
+    from gateway.scene.gltf.nodes import NodeTree, Visits
 
 DRAKE_GENERATORS = frozenset({"VTK", "Drake glTF merger"})
 """``asset.generator`` of what Drake's render client sends: primitives and OBJ only, or with glTF meshes."""
@@ -37,15 +37,15 @@ class GltfCamera:
     """None: an infinite projection."""
     aspect: float | None
     """Width / height; None: the viewport's."""
-    nodes: NodeTree | None = None
-    """That it is one of."""
+    visits: Visits | None = None
+    """The nodes of the scene; not the tree, which holds the camera: what refers to itself is freed late."""
     position: int = -1
     """Among these."""
 
     @property
     def path(self) -> Path:
         """Of its node in ``GltfScene.root``."""
-        return () if self.nodes is None else self.nodes.path(self.position)
+        return () if self.visits is None else self.visits.path(self.position)
 
 
 @quick

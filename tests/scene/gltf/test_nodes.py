@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import gc
 import json
+import weakref
 from typing import Any
 
 import numpy as np
@@ -257,3 +259,20 @@ def test_skins_and_morph_targets_are_ignored_with_a_warning() -> None:
     assert b.read().warnings == ("nodes: skins are ignored, 1 meshes are drawn as they are stored",)
     b.json["nodes"][0]["weights"] = [0.0, 0.5]
     assert b.read().warnings[1:] == ("weights: morph targets are ignored, 1 meshes are drawn as they are stored",)
+
+
+def test_a_scene_is_freed_without_the_garbage_collector() -> None:
+    """What refers to itself would keep its megabytes until that comes by."""
+    b = camera_scene()
+    b.node(mesh=b.triangle())
+    scene = b.read()
+    assert scene.camera is not None
+    assert scene.camera.path == ("Renderer Node", "Camera Node")
+    (shape,) = {part.shape for _, part in parts(scene)}
+    mesh = weakref.ref(shape.mesh)  # type: ignore[union-attr]  # a surface
+    gc.disable()
+    try:
+        del scene, shape
+        assert mesh() is None
+    finally:
+        gc.enable()
