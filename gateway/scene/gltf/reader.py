@@ -89,7 +89,8 @@ def read_gltf(
             if not warned.meshes or parts.order == warned.order:
                 deformed = _deformations(rest, warned.morphed)
                 of_all = (*warned.extensions, *deformed, *warned.lights, *warned.meshes, *of_nodes)
-                return _scene(rest, parts, known, nodes, _shortened(of_all))
+                count, counts = len(known.cameras), known.counts
+                return _scene(rest, parts, known.generator, count, counts, nodes, _shortened(of_all))
         except _UnknownMeshError:
             pass  # a mesh that no node used before
     whole = text.whole()
@@ -121,20 +122,21 @@ def read_gltf(
     nodes = build_tree(document, parts, limits, lights, of_nodes)
     if meshes.without_positions and not meshes.with_positions:
         raise GltfError(f"{meshes.without_positions}: no POSITION, and no other primitive has one")
-    warned = Warned(of_extensions, (*of_lights,), (*warnings,), parts.order, morphed)
-    known = Known(parts.known, generator, document.cameras or [], warned, _counts(document), lights, elements)
+    counts, cameras = _counts(document), document.cameras or []
     if shared and resolve is None:
         stable = stable_part(container, len(whole))
         repeated = stable is not None and cache.prefixes.is_repeated(stable, buffers.uids)
         where = split(container, len(whole)) if repeated else None
         if where is not None and len(warnings) + len(of_lights) <= _MAX_WARNINGS:
+            warned = Warned(of_extensions, (*of_lights,), (*warnings,), parts.order, morphed)
+            known = Known(parts.known, generator, cameras, warned, counts, lights, elements)
             cache.prefixes.add(memoryview(whole), where, limits, textures, known)
         if stem is None and text.is_lasting:
             buffers.finish()
             meshes.finish()
             cache.stems.add(whole, container, document, (buffers, accessors, meshes), limits)
     of_all = (*of_extensions, *_deformations(document, morphed), *of_lights, *warnings, *of_nodes)
-    return _scene(document, parts, known, nodes, _shortened(of_all))
+    return _scene(document, parts, generator, len(cameras), counts, nodes, _shortened(of_all))
 
 
 def _shortened(warnings: tuple[str, ...]) -> tuple[str, ...]:
@@ -142,19 +144,28 @@ def _shortened(warnings: tuple[str, ...]) -> tuple[str, ...]:
     return warnings if rest <= 0 else (*warnings[:_MAX_WARNINGS], f"{rest} more")
 
 
-def _scene(document: Document, parts: _Parts, known: Known, nodes: NodeTree, warnings: tuple[str, ...]) -> GltfScene:
-    counts, node_count = known.counts, len(document.nodes or ())
+def _scene(
+    document: Document,
+    parts: _Parts,
+    generator: str,
+    cameras: int,
+    counts: GltfCounts,
+    nodes: NodeTree,
+    warnings: tuple[str, ...],
+) -> GltfScene:
+    """``cameras``: of the document."""
+    node_count = len(document.nodes or ())
     return GltfScene(
-        nodes=nodes,
-        generator=known.generator,
-        cameras=nodes.cameras,
-        camera_count=len(known.cameras),
-        camera_node_missing=bool(known.cameras) and all(camera.index != 0 for camera in nodes.cameras),
-        instance_count=parts.instances,
-        element_count=parts.drawn,
-        warnings=warnings,
-        counts=counts if counts.nodes == node_count else replace(counts, nodes=node_count),
-        lights=nodes.lights,
+        nodes,
+        generator,
+        nodes.cameras,
+        cameras,
+        cameras > 0 and all(camera.index != 0 for camera in nodes.cameras),
+        parts.instances,
+        parts.drawn,
+        warnings,
+        counts if counts.nodes == node_count else replace(counts, nodes=node_count),
+        nodes.lights,
     )
 
 
