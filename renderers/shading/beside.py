@@ -10,7 +10,7 @@ import numpy as np
 
 from renderers import simd as vec
 from renderers.linked import inlined, inner
-from renderers.pointers import f32_at, i32_at, u32_at
+from renderers.pointers import f32_at, i32_at, i64_at, u8_at, u32_at
 from renderers.shading.flat import SHORTEST
 from renderers.shading.layout import II_ELEMENTS, II_VERTICES, P_NORMAL, V_COLUMNS
 from renderers.shading.planes import PL_PIXEL, PLANE_VALUES, ROW_VALUES, SMOOTH
@@ -28,11 +28,11 @@ B_BEGIN: Final = 13  # the column where it begins
 B_PIXEL: Final = 14  # PL_PIXEL
 B_STRAYS: Final = 15  # numbers of those that stray, and behind them of none
 B_FLAT: Final = 16  # numbers of long ones that have the same normal everywhere, and behind them of none
-B_OTHER: Final = 17  # numbers of those that are not smooth, and behind them of none
-# and float32 of those that are: the levels of red, green and blue at the first pixel,
-B_LEVEL: Final = 18  # 3 rows
-B_LEVEL_STEP: Final = 21  # 3 rows: what they change by there
-B_LEVEL_BEND: Final = 24  # 3 rows: what they change by with the square of the distance
+# and float32 of smooth ones: the levels of red, green and blue at the first pixel,
+B_LEVEL: Final = 17  # 3 rows
+B_LEVEL_STEP: Final = 20  # 3 rows: what they change by there
+B_LEVEL_BEND: Final = 23  # 3 rows: what they change by with the square of the distance
+B_OTHER: Final = 26  # int64: a bit for each run, the lowest first, that is set for those that are not smooth
 B_ROWS: Final = 27
 NONE: Final = 2**31 - 1
 
@@ -69,7 +69,11 @@ def _put_normals(line, column, pixels, here, down, right, values, room, run):
 
 @inlined
 def _listed(whole, at, run, found):
-    """Write the numbers of the runs whose bits are set, counted from ``run``, from ``at`` on; where the next goes."""
+    """Write the numbers of the runs whose bits are set, counted from ``run``, from ``at`` on; where the next goes. Up
+    to seven values behind are overwritten."""
+    if vec.compresses():
+        vec.store(whole, at, vec.compressed(vec.lanes_in(found), vec.i32(run) + vec.iota()))
+        return at + vec.count_bits(found)
     while found != 0:
         whole[at] = run + vec.lowest_bit(found)
         at += 1
@@ -85,8 +89,8 @@ def put_beside(y, places, planes, starts, runs, beside, room):
 
     Args:
         y: of the picture.
-        places: pointer to int32, the place of each run's triangle among the ``planes``, a pointer to float32; anything
-            within these for runs that are not shaded so.
+        places: pointer to int32, the place of each run's triangle among the ``planes``, which lie at that address;
+            anything within these for runs that are not shaded so.
         starts: pointer to int32, the first pixel of each run, and what is behind the last. Both readable a vector
             further.
         beside: address of B_ROWS rows of ``room`` values; room: two vectors more than runs, at least.
@@ -96,14 +100,14 @@ def put_beside(y, places, planes, starts, runs, beside, room):
     """
     values, whole = f32_at(beside), i32_at(beside)
     strays, flat, uniform = B_STRAYS * room, B_FLAT * room, np.int64(0)
+    first, second, third = f32_at(planes), f32_at(planes + 4 * ROW_VALUES), f32_at(planes + 8 * ROW_VALUES)
     line = vec.f32(np.float32(y))
     for run in range(0, runs, vec.LANES):
         at = vec.load(places, run) * vec.i32(PLANE_VALUES)
         begins = vec.load(starts, run)
         pixels = vec.load(starts, run + 1) - begins
-        here = vec.load_octets(planes, at)
-        down = vec.load_octets(planes, at + vec.i32(ROW_VALUES))
-        right = vec.load_octets(planes, at + vec.i32(2 * ROW_VALUES))
+        here, down = vec.load_octets(first, at), vec.load_octets(second, at)
+        right = vec.load_octets(third, at)
         beyond = _put_normals(line, vec.to_f32(begins), pixels, here, down, right, values, room, run)
         own = vec.bits_of(here[PL_PIXEL])
         vec.store(whole, B_PIXEL * room + run, own)
@@ -129,30 +133,45 @@ def put_levels(y, places, planes, starts, runs, beside, room):
     """As ``put_beside`` for the look ``pbr``, where most triangles are smooth. What ``put_beside`` fills is filled for
     those that are not."""
     values, whole = f32_at(beside), i32_at(beside)
-    strays, flat, other = B_STRAYS * room, B_FLAT * room, B_OTHER * room
+    strays, flat, others = B_STRAYS * room, B_FLAT * room, u8_at(beside + 4 * B_OTHER * room)
+    first, second, third = f32_at(planes), f32_at(planes + 4 * ROW_VALUES), f32_at(planes + 8 * ROW_VALUES)
     line = vec.f32(np.float32(y))
     for run in range(0, runs, vec.LANES):
         at = vec.load(places, run) * vec.i32(PLANE_VALUES)
         begins = vec.load(starts, run)
-        here = vec.load_octets(planes, at)
-        down = vec.load_octets(planes, at + vec.i32(ROW_VALUES))
-        right = vec.load_octets(planes, at + vec.i32(2 * ROW_VALUES))
+        here, down = vec.load_octets(first, at), vec.load_octets(second, at)
+        right = vec.load_octets(third, at)
         column = vec.to_f32(begins)
         aside, below = column - down[6], line - right[6]
-        _put_channel(here, aside, below, values, room, run, 0)
-        _put_channel(down, aside, below, values, room, run, 1)
-        _put_channel(right, aside, below, values, room, run, 2)
-        vec.store(values, B_BEGIN * room + run, column)
-        own = vec.bits_of(here[PL_PIXEL])
-        found = vec.bits(own != vec.i32(SMOOTH)) & ((1 << min(runs - run, vec.LANES)) - 1)
+        own, mask = vec.bits_of(here[PL_PIXEL]), (1 << min(runs - run, vec.LANES)) - 1
+        found = vec.bits(own != vec.i32(SMOOTH)) & mask
+        others[run >> 3] = found
+        if found != mask:
+            _put_channel(here, aside, below, values, room, run, 0)
+            _put_channel(down, aside, below, values, room, run, 1)
+            _put_channel(right, aside, below, values, room, run, 2)
+            vec.store(values, B_BEGIN * room + run, column)
         if found != 0:
             pixels = vec.load(starts, run + 1) - begins
             beyond = _put_normals(line, column, pixels, here, down, right, values, room, run)
             even = vec.bits(own >= vec.i32(0))
             strays = _listed(whole, strays, run, beyond & found & ~even)
             flat = _listed(whole, flat, run, even & found & vec.bits(pixels >= vec.i32(SHORTEST)))
-            other = _listed(whole, other, run, found)
-    whole[strays], whole[flat], whole[other] = NONE, NONE, NONE
+    whole[strays], whole[flat] = NONE, NONE
+
+
+@inlined
+def alike(beside, room, run, other, stop):
+    """The end of those runs behind ``run``, itself included, of which B_OTHER says that they are, or are not; at most
+    ``stop``."""
+    words = i64_at(beside + 4 * B_OTHER * room)
+    turned = np.int64(-1) if other else np.int64(0)
+    word = run >> 6
+    different = (words[word] ^ turned) & (np.int64(-1) << (run & 63))
+    while different == 0 and (word + 1) << 6 < stop:
+        word += 1
+        different = words[word] ^ turned
+    return stop if different == 0 else min((word << 6) + vec.lowest_bit(different), stop)
 
 
 @inlined

@@ -37,25 +37,29 @@ _STEEP: Final = np.float32(0.62)
 
 # Of eight triangles, rows of eight float32 for each of three channels:
 _NODES: Final = 0  # 3 corners, 3 middles of the edges behind them, 3 places nearer to them than to the others
-F_LEVELS: Final = 27  # 3 times 6 rows, see ``keep_fits``
+F_LEVELS: Final = 27  # 3 times 6 rows, see ``planes.SMOOTH``
 F_PLACE: Final = 45  # 2 rows: the pixel that they belong to
 FIT_VALUES: Final = 47 * vec.LANES
 
 
 @inlined
-def _mixed(a, b, c, wa, wb, wc):
+def _mixed(a, b, c, w):
     return (
-        a[0] * wa + b[0] * wb + c[0] * wc,
-        a[1] * wa + b[1] * wb + c[1] * wc,
-        a[2] * wa + b[2] * wb + c[2] * wc,
-        a[3] * wa + b[3] * wb + c[3] * wc,
-        a[4] * wa + b[4] * wb + c[4] * wc,
+        a[0] * w[0] + b[0] * w[1] + c[0] * w[2],
+        a[1] * w[0] + b[1] * w[1] + c[1] * w[2],
+        a[2] * w[0] + b[2] * w[1] + c[2] * w[2],
+        a[3] * w[0] + b[3] * w[1] + c[3] * w[2],
+        a[4] * w[0] + b[4] * w[1] + c[4] * w[2],
     )
 
 
-@inner
-def _ask(n, mf, encoded, fit, at):
+@inlined
+def _ask(n, a2, scattered, mirrored, emitted, alone, encoded, fit, at):
     """Put what is shown at eight places, 0 .. 1, into the rows ``at .. at + 2``: of a normal and a ray.
+
+    Args:
+        scattered, mirrored, emitted: of each channel, what ``lights.gloss``' first and second are multiplied by, and
+            what is added. alone: whether the first channel is all that is wanted, and nothing but mirrored.
 
     Returns:
         Where nothing sharp is near.
@@ -64,20 +68,23 @@ def _ask(n, mf, encoded, fit, at):
     n_l, n_v, v_l = cosines(n[0], n[1], n[2], n[3], n[4], n[4] * n[4] + one)
     least = vec.f32(_LEAST_COSINE)
     calm = (n_l > least) & (n_v > least) & (v_l > vec.f32(_STEEP))
-    n_l, specular = gloss(n_l, n_v, v_l, alpha_of(vec.f32(mf[MF_ROUGHNESS])))
-    red, green, blue = vec.f32(mf[MF_BASE]), vec.f32(mf[MF_BASE + 1]), vec.f32(mf[MF_BASE + 2])
-    diffuse, f0, _ = coat(red, green, blue, vec.f32(mf[MF_METALLIC]))
-    for k in range(3):
-        scattered, mirrored = (diffuse[0], f0[0]) if k == 0 else (diffuse[1], f0[1]) if k == 1 else (diffuse[2], f0[2])
-        light = n_l * (scattered * (one - mirrored)) + specular * mirrored + vec.f32(mf[MF_EMISSIVE + k])
-        vec.store(fit, (at + k) * vec.LANES, encode_gamma(light, encoded))
+    n_l, specular = gloss(n_l, n_v, v_l, a2)
+    if alone:
+        vec.store(fit, at * vec.LANES, encode_gamma(specular * mirrored[0], encoded))
+    else:
+        red = n_l * scattered[0] + specular * mirrored[0] + emitted[0]
+        green = n_l * scattered[1] + specular * mirrored[1] + emitted[1]
+        blue = n_l * scattered[2] + specular * mirrored[2] + emitted[2]
+        vec.store(fit, at * vec.LANES, encode_gamma(red, encoded))
+        vec.store(fit, (at + 1) * vec.LANES, encode_gamma(green, encoded))
+        vec.store(fit, (at + 2) * vec.LANES, encode_gamma(blue, encoded))
     return calm
 
 
 @inlined
 def _corner(p, n):
-    """Of a corner in the optical frame and its normal as seen (f64x8): the normal over depth, the ray, whether the
-    camera looks towards it, and half vector and normal of unit length."""
+    """Of a corner in the optical frame and its normal as seen (f64x8): the normal over depth, and where the ray meets
+    the plane z = 1."""
     depth = vec.to_f32(p[2])
     near = vec.f32(1.0) / depth
     dx, dy = vec.to_f32(p[0]) * near, vec.to_f32(p[1]) * near
@@ -92,6 +99,14 @@ def _turned(a, b):
     along = (a[0] * b[0] + a[1] * b[1] + a[2] * b[2]) / vec.sqrt(square_a * square_b)
     dx, dy = a[3] - b[3], a[4] - b[4]
     return vec.f32(2.0) - vec.f32(2.0) * along + (dx * dx + dy * dy) * vec.f32(0.25)
+
+
+@inlined
+def _bare(mf):
+    """Whether a material is metal and does not shine by itself."""
+    none = np.float32(0.0)
+    dark = mf[MF_EMISSIVE] == none and mf[MF_EMISSIVE + 1] == none and mf[MF_EMISSIVE + 2] == none
+    return dark and mf[MF_METALLIC] == np.float32(1.0)
 
 
 @inlined
@@ -124,22 +139,41 @@ def fit_levels(p0, p1, p2, n0, n1, n2, lens, mf, encoded, fit):
     good = front & (size > vec.f32(_AREA)) & (size * size > long * vec.f32(_HEIGHT * _HEIGHT))
     good = good & (size * vec.f32(_ASPECT) > long)
     turned = vec.most(vec.most(_turned(a, b), _turned(b, c)), _turned(c, a))
-    good = good & (turned < alpha_of(vec.f32(mf[MF_ROUGHNESS])) * vec.f32(_SHARP))
+    a2 = alpha_of(vec.f32(mf[MF_ROUGHNESS]))
+    good = good & (turned < a2 * vec.f32(_SHARP))
     if vec.bits(good) == 0:
         return np.int64(0)
     vec.store(fit, F_PLACE * vec.LANES, a[3] * fx + vec.f32(lens[2] - 0.5))
     vec.store(fit, (F_PLACE + 1) * vec.LANES, a[4] * fy + vec.f32(lens[3] - 0.5))
-    sixth = vec.f32(1.0 / 6.0)
-    for k in range(3):
-        good = good & _ask(a, mf, encoded, fit, _NODES + 3 * k)
-        good = good & _ask(_mixed(a, b, c, half, half, none), mf, encoded, fit, _NODES + 9 + 3 * k)
-        good = good & _ask(_mixed(a, b, c, vec.f32(4.0 / 6.0), sixth, sixth), mf, encoded, fit, _NODES + 18 + 3 * k)
+    red, green, blue = vec.f32(mf[MF_BASE]), vec.f32(mf[MF_BASE + 1]), vec.f32(mf[MF_BASE + 2])
+    diffuse, f0, _ = coat(red, green, blue, vec.f32(mf[MF_METALLIC]))
+    scattered = diffuse[0] * (one - f0[0]), diffuse[1] * (one - f0[1]), diffuse[2] * (one - f0[2])
+    emitted = vec.f32(mf[MF_EMISSIVE]), vec.f32(mf[MF_EMISSIVE + 1]), vec.f32(mf[MF_EMISSIVE + 2])
+    # What a metal shows in its channels is in proportion: the brightest one's parabola is theirs.
+    brightest = max(mf[MF_BASE], mf[MF_BASE + 1], mf[MF_BASE + 2])
+    alone = brightest > np.float32(0.0) and _bare(mf)
+    shares = f0
+    if alone:
+        whole = vec.f32(brightest)
+        shares = (
+            encode_gamma(f0[0] / whole, encoded),
+            encode_gamma(f0[1] / whole, encoded),
+            encode_gamma(f0[2] / whole, encoded),
+        )
+        f0 = whole, f0[1], f0[2]
+    places = (half, half, none), (vec.f32(4.0 / 6.0), vec.f32(1.0 / 6.0), vec.f32(1.0 / 6.0))
+    node = np.int64(_NODES)
+    for _ in range(3):
+        good = good & _ask(a, a2, scattered, f0, emitted, alone, encoded, fit, node)
+        good = good & _ask(_mixed(a, b, c, places[0]), a2, scattered, f0, emitted, alone, encoded, fit, node + 9)
+        good = good & _ask(_mixed(a, b, c, places[1]), a2, scattered, f0, emitted, alone, encoded, fit, node + 18)
+        node += 3
         a, b, c = b, c, a
     scale = one / area
     # Barycentric coordinates of the second and the third corner: what a step to the right and one down add.
     bx, by, cx, cy = y2 * scale, -(x2 * scale), -(y1 * scale), x1 * scale
     three, four, nine, top = vec.f32(3.0), vec.f32(4.0), vec.f32(9.0), vec.f32(255.0)
-    for k in range(3):
+    for k in range(1 if alone else 3):
         v0, v1, v2 = _row(fit, k), _row(fit, 3 + k), _row(fit, 6 + k)
         e0, e1, e2 = _row(fit, 9 + k), _row(fit, 12 + k), _row(fit, 15 + k)
         d0 = two * v0 - (v1 + v2) + four * (e0 + e2) + e1 - nine * _row(fit, 18 + k)
@@ -165,4 +199,10 @@ def fit_levels(p0, p1, p2, n0, n1, n2, lens, mf, encoded, fit):
         crossed = two * (bent * bx * by + curled * cx * cy) + both * (bx * cy + by * cx)
         vec.store(fit, at + 4 * vec.LANES, crossed)
         vec.store(fit, at + 5 * vec.LANES, bent * by * by + curled * cy * cy + both * by * cy)
+    if alone:
+        for k in range(F_LEVELS, F_LEVELS + 6):
+            brightest_row = _row(fit, k)
+            vec.store(fit, k * vec.LANES, brightest_row * shares[0])
+            vec.store(fit, (k + 6) * vec.LANES, brightest_row * shares[1])
+            vec.store(fit, (k + 12) * vec.LANES, brightest_row * shares[2])
     return vec.bits(good)

@@ -19,8 +19,8 @@ from renderers.shading.beside import (
     B_LEVEL_BEND,
     B_LEVEL_STEP,
     B_NORMAL,
-    B_OTHER,
     B_STRAYS,
+    alike,
     bounded_normals,
     changes_after,
     lanes_of,
@@ -31,7 +31,7 @@ from renderers.shading.flat import changes_slowly, show_flat
 from renderers.shading.head import WHOLE
 from renderers.shading.layout import A_NORMAL
 from renderers.shading.lights import cosines
-from renderers.shading.surface import finish_uniform, put_cosines
+from renderers.shading.surface import coating_of, finish_coated, finish_uniform, put_cosines
 
 PART: Final = 256
 """Pixels shaded at a time: their rows of attributes stay in the first-level cache."""
@@ -47,14 +47,19 @@ def light_up(job, mf, lens, y, places, rows, stride, begin, end, line, steep):
         finish_uniform(job, mf, y, places, rows, stride, part, stop, line, steep)
 
 
-@inner
-def _put_cosines(lens, y, starts, run, stop, masks, beside, room, rows, stride):
-    """What light depends on in the runs ``run .. stop``, of whatever instances, into the rows."""
+@inlined
+def _rays_of(lens, y):
+    """Of a row's rays: what is added to a column, what that is multiplied by, dy, and dy^2 + 1; f32x8 each."""
+    dy = vec.f32((y + 0.5 - lens[3]) / lens[1])
+    return vec.f32(0.5 - lens[2]), vec.f32(1.0 / lens[0]), dy, dy * dy + vec.f32(1.0)
+
+
+@inlined
+def _put_cosines(rays, starts, run, stop, masks, beside, room, rows, stride):
+    """What light depends on in the runs ``run .. stop`` into the rows."""
     values = f32_at(beside)
     lane = vec.to_f32(vec.iota())
-    left, across = vec.f32(0.5 - lens[2]), vec.f32(1.0 / lens[0])
-    dy = vec.f32((y + 0.5 - lens[3]) / lens[1])
-    high = dy * dy + vec.f32(1.0)
+    left, across, dy, high = rays
     for x in range(np.int64(starts[run]), np.int64(starts[stop]), vec.LANES):
         changed = changes_after(masks, x)
         nx, ny, towards = normals_beside(values, room, run, lanes_of(changed), x)
@@ -70,13 +75,12 @@ def _put_cosines(lens, y, starts, run, stop, masks, beside, room, rows, stride):
 def _put_stray(columns, maps, lens, y, element, begin, end, beside, room, run, rows, stride):
     """As ``_put_cosines`` for a run that strays, and nothing behind it."""
     lane = vec.to_f32(vec.iota())
-    left, across = vec.f32(0.5 - lens[2]), vec.f32(1.0 / lens[0])
-    dy = vec.f32((y + 0.5 - lens[3]) / lens[1])
+    left, across, dy, high = _rays_of(lens, y)
     for x in range(begin, end, vec.LANES):
         offset = vec.f32(x - begin) + lane
         nx, ny, towards = bounded_normals(columns, maps, f32_at(beside), room, run, element, offset)
         dx = (vec.f32(x) + lane + left) * across
-        n_l, n_v, v_l = cosines(nx, ny, towards, dx, dy, dy * dy + vec.f32(1.0))
+        n_l, n_v, v_l = cosines(nx, ny, towards, dx, dy, high)
         at, inside = A_NORMAL * stride + x, vec.iota() < vec.i32(end - x)
         vec.store_where(rows, at, inside, n_l)
         vec.store_where(rows, at + stride, inside, n_v)
@@ -109,57 +113,56 @@ def show_levels(starts, run, stop, masks, beside, room, line):
 
 
 @inner
-def show_others(
-    job, columns, maps, lens, y, first, mf, records, starts, run, last_run, masks, beside, room, other, flat, stray,
-    rows, stride, line, steep,
+def show_segment(
+    job, columns, maps, lens, y, first, mf, records, starts, run, last_run, reach, masks, beside, room, flat, stray,
+    shown, rows, stride, line, steep,
 ):  # fmt: skip
-    """Pixels of those of the runs ``run .. last_run`` of one instance's triangles that are not smooth. The mesh has
-    normals.
+    """Pixels of the runs ``run .. last_run`` of one instance's triangles, whose mesh has normals.
 
     Args:
-        columns .. room: as for ``plain.show_plain``.
-        other, flat, stray: how many at least of each kind lie before ``run``.
+        columns .. room: as for ``plain.show_plain``; reach: the end of the runs that are shaded so, of whatever
+            instances.
+        flat, stray: how many at least of each kind lie before ``run``. shown: the first run that is not shown
+            yet; smooth ones wait for what follows.
         rows: rows of ``stride`` values, 16 more than the row has pixels.
-        line: pointer to the row's packed pixels; what lies behind a run stays as it was.
+        line: pointer to the row's packed pixels; up to seven behind the last run are overwritten.
         steep: see ``surface.row_schlick``.
 
     Returns:
-        ``other``, ``flat`` and ``stray`` of the next segment.
+        ``flat``, ``stray`` and ``shown`` of the next segment.
     """
     whole, values = i32_at(beside), f32_at(beside)
-    other = passed(whole, B_OTHER * room, other, run)
-    if whole[B_OTHER * room + other] >= last_run:
-        return other, flat, stray
-    slowly = changes_slowly(mf, lens)
-    while whole[B_OTHER * room + other] < last_run:
-        run = np.int64(whole[B_OTHER * room + other])
-        other += 1
-        flat, stray = passed(whole, B_FLAT * room, flat, run), passed(whole, B_STRAYS * room, stray, run)
-        begin = np.int64(starts[run])
-        if slowly and whole[B_FLAT * room + flat] == run:
-            flat += 1
-            at = B_NORMAL * room + run
-            normal = values[at], values[at + room], values[at + 2 * room]
-            end = np.int64(starts[run + 1])
-            behind = vec.load(line, end)
-            done = show_flat(job, mf, lens, y, normal, rows, stride, begin, end, line, steep)
-            vec.store(line, end, behind)
-            if done:
-                continue
-        stop = run + 1
-        limit = min(last_run, np.int64(whole[B_FLAT * room + flat])) if slowly else last_run
-        while stop < limit and whole[B_OTHER * room + other] == stop:
-            other += 1
-            stop += 1
-        _put_cosines(lens, y, starts, run, stop, masks, beside, room, rows, stride)
-        while whole[B_STRAYS * room + stray] < stop:
-            number = np.int64(whole[B_STRAYS * room + stray])
-            stray += 1
-            left, right, element = np.int64(starts[number]), np.int64(starts[number + 1]), records[number] - first
-            _put_stray(columns, maps, lens, y, element, left, right, beside, room, number, rows, stride)
-        end = np.int64(starts[stop])
-        behind = vec.load(line, end)
-        for part in range(begin, end, PART):
-            finish_uniform(job, mf, y, np.int64(0), rows, stride, part, min(part + PART, end), line, steep)
-        vec.store(line, end, behind)
-    return other, flat, stray
+    run = alike(beside, room, run, False, last_run)
+    if run < last_run:
+        slowly, rays, coating = changes_slowly(mf, lens), _rays_of(lens, y), coating_of(mf)
+        while run < last_run:
+            flat, stray = passed(whole, B_FLAT * room, flat, run), passed(whole, B_STRAYS * room, stray, run)
+            if shown < run:
+                show_levels(starts, shown, run, masks, beside, room, line)
+            begin = np.int64(starts[run])
+            if slowly and whole[B_FLAT * room + flat] == run:
+                flat += 1
+                at = B_NORMAL * room + run
+                normal = values[at], values[at + room], values[at + 2 * room]
+                shown = run + 1
+                if show_flat(job, mf, lens, y, normal, rows, stride, begin, np.int64(starts[shown]), line, steep):
+                    run = alike(beside, room, shown, False, last_run) if shown < last_run else shown
+                    continue
+            limit = min(last_run, np.int64(whole[B_FLAT * room + flat])) if slowly else last_run
+            shown = alike(beside, room, run, True, limit)
+            _put_cosines(rays, starts, run, shown, masks, beside, room, rows, stride)
+            while whole[B_STRAYS * room + stray] < shown:
+                number = np.int64(whole[B_STRAYS * room + stray])
+                stray += 1
+                left, right, element = np.int64(starts[number]), np.int64(starts[number + 1]), records[number] - first
+                _put_stray(columns, maps, lens, y, element, left, right, beside, room, number, rows, stride)
+            end = np.int64(starts[shown])
+            for part in range(begin, end, PART):
+                finish_coated(
+                    job, coating, y, np.int64(0), rows, stride, part, min(part + PART, end), line, steep
+                )  # fmt: skip
+            run = alike(beside, room, shown, False, last_run) if shown < last_run else shown
+    if last_run == reach and shown < reach:
+        show_levels(starts, shown, reach, masks, beside, room, line)
+        shown = reach
+    return flat, stray, shown
