@@ -10,10 +10,10 @@ import numpy as np
 
 from renderers import simd as vec
 from renderers.linked import inlined, inner
-from renderers.pointers import f32_at, i32_at, i64_at, u8_at, u32_at
+from renderers.pointers import f32_at, i32_at, u32_at
 from renderers.shading.flat import SHORTEST
 from renderers.shading.layout import II_ELEMENTS, II_VERTICES, P_NORMAL, V_COLUMNS
-from renderers.shading.planes import PL_PIXEL, PLANE_VALUES, ROW_VALUES, SMOOTH
+from renderers.shading.planes import PL_PIXEL, PLANE_VALUES, ROW_VALUES
 from renderers.shading.surface import turned
 
 # Rows of values of 4 bytes, one for each run of a row of the picture: float32 of its first pixel, see ``planes``, and
@@ -28,57 +28,8 @@ B_BEGIN: Final = 13  # the column where it begins
 B_PIXEL: Final = 14  # PL_PIXEL
 B_STRAYS: Final = 15  # numbers of those that stray, and behind them of none
 B_FLAT: Final = 16  # numbers of long ones that have the same normal everywhere, and behind them of none
-# and float32 of smooth ones: the levels of red, green and blue at the first pixel,
-B_LEVEL: Final = 17  # 3 rows
-B_LEVEL_STEP: Final = 20  # 3 rows: what they change by there
-B_LEVEL_BEND: Final = 23  # 3 rows: what they change by with the square of the distance
-B_OTHER: Final = 26  # int64: a bit for each run, the lowest first, that is set for those that are not smooth
-B_ROWS: Final = 27
+B_ROWS: Final = 17
 NONE: Final = 2**31 - 1
-
-
-@inlined
-def _put_normals(line, column, pixels, here, down, right, values, room, run):
-    """Eight runs' normals and coordinates at their first pixels, and what each pixel adds.
-
-    Returns:
-        Which of them have a pixel beside their triangles: their bits.
-    """
-    aside, below = column - down[6], line - right[6]
-    b0, b1 = here[0] + (below * down[0] + aside * right[0]), here[1] + (below * down[1] + aside * right[1])
-    b2, b3 = here[2] + (below * down[2] + aside * right[2]), here[3] + (below * down[3] + aside * right[3])
-    b4, b5 = here[4] + (below * down[4] + aside * right[4]), here[5] + (below * down[5] + aside * right[5])
-    vec.store(values, B_NORMAL * room + run, b0)
-    vec.store(values, (B_NORMAL + 1) * room + run, b1)
-    vec.store(values, (B_NORMAL + 2) * room + run, b2)
-    vec.store(values, B_WEIGHTS * room + run, b3)
-    vec.store(values, (B_WEIGHTS + 1) * room + run, b4)
-    vec.store(values, (B_WEIGHTS + 2) * room + run, b5)
-    vec.store(values, B_NORMAL_STEP * room + run, right[0])
-    vec.store(values, (B_NORMAL_STEP + 1) * room + run, right[1])
-    vec.store(values, (B_NORMAL_STEP + 2) * room + run, right[2])
-    vec.store(values, B_WEIGHTS_STEP * room + run, right[3])
-    vec.store(values, (B_WEIGHTS_STEP + 1) * room + run, right[4])
-    vec.store(values, (B_WEIGHTS_STEP + 2) * room + run, right[5])
-    vec.store(values, B_FACING * room + run, here[6])
-    vec.store(values, B_BEGIN * room + run, column)
-    steps, none = vec.to_f32(pixels - vec.i32(1)), vec.f32(0.0)
-    beyond = (vec.least(b3, b3 + right[3] * steps) < none) | (vec.least(b4, b4 + right[4] * steps) < none)
-    return vec.bits(beyond | (vec.least(b5, b5 + right[5] * steps) < none))
-
-
-@inlined
-def _listed(whole, at, run, found):
-    """Write the numbers of the runs whose bits are set, counted from ``run``, from ``at`` on; where the next goes. Up
-    to seven values behind are overwritten."""
-    if vec.compresses():
-        vec.store(whole, at, vec.compressed(vec.lanes_in(found), vec.i32(run) + vec.iota()))
-        return at + vec.count_bits(found)
-    while found != 0:
-        whole[at] = run + vec.lowest_bit(found)
-        at += 1
-        found &= found - 1
-    return at
 
 
 @inner
@@ -89,8 +40,8 @@ def put_beside(y, places, planes, starts, runs, beside, room):
 
     Args:
         y: of the picture.
-        places: pointer to int32, the place of each run's triangle among the ``planes``, which lie at that address;
-            anything within these for runs that are not shaded so.
+        places: pointer to int32, the place of each run's triangle among the ``planes``, a pointer to float32; anything
+            within these for runs that are not shaded so.
         starts: pointer to int32, the first pixel of each run, and what is behind the last. Both readable a vector
             further.
         beside: address of B_ROWS rows of ``room`` values; room: two vectors more than runs, at least.
@@ -100,78 +51,52 @@ def put_beside(y, places, planes, starts, runs, beside, room):
     """
     values, whole = f32_at(beside), i32_at(beside)
     strays, flat, uniform = B_STRAYS * room, B_FLAT * room, np.int64(0)
-    first, second, third = f32_at(planes), f32_at(planes + 4 * ROW_VALUES), f32_at(planes + 8 * ROW_VALUES)
     line = vec.f32(np.float32(y))
     for run in range(0, runs, vec.LANES):
         at = vec.load(places, run) * vec.i32(PLANE_VALUES)
         begins = vec.load(starts, run)
         pixels = vec.load(starts, run + 1) - begins
-        here, down = vec.load_octets(first, at), vec.load_octets(second, at)
-        right = vec.load_octets(third, at)
-        beyond = _put_normals(line, vec.to_f32(begins), pixels, here, down, right, values, room, run)
-        own = vec.bits_of(here[PL_PIXEL])
-        vec.store(whole, B_PIXEL * room + run, own)
-        even, mask = vec.bits(own >= vec.i32(0)), (1 << min(runs - run, vec.LANES)) - 1
-        uniform |= even & mask
-        strays = _listed(whole, strays, run, beyond & mask & ~even)
-        flat = _listed(whole, flat, run, even & mask & vec.bits(pixels >= vec.i32(SHORTEST)))
-    whole[strays], whole[flat] = NONE, NONE
-    return uniform != 0
-
-
-@inlined
-def _put_channel(c, aside, below, values, room, run, k):
-    """A channel of eight runs: see ``planes.SMOOTH``."""
-    level = c[0] + below * (c[2] + below * c[5]) + aside * (c[1] + below * c[4] + aside * c[3])
-    vec.store(values, (B_LEVEL + k) * room + run, level)
-    vec.store(values, (B_LEVEL_STEP + k) * room + run, c[1] + below * c[4] + (aside + aside) * c[3])
-    vec.store(values, (B_LEVEL_BEND + k) * room + run, c[3])
-
-
-@inner
-def put_levels(y, places, planes, starts, runs, beside, room):
-    """As ``put_beside`` for the look ``pbr``, where most triangles are smooth. What ``put_beside`` fills is filled for
-    those that are not."""
-    values, whole = f32_at(beside), i32_at(beside)
-    strays, flat, others = B_STRAYS * room, B_FLAT * room, u8_at(beside + 4 * B_OTHER * room)
-    first, second, third = f32_at(planes), f32_at(planes + 4 * ROW_VALUES), f32_at(planes + 8 * ROW_VALUES)
-    line = vec.f32(np.float32(y))
-    for run in range(0, runs, vec.LANES):
-        at = vec.load(places, run) * vec.i32(PLANE_VALUES)
-        begins = vec.load(starts, run)
-        here, down = vec.load_octets(first, at), vec.load_octets(second, at)
-        right = vec.load_octets(third, at)
+        here = vec.load_octets(planes, at)
+        down = vec.load_octets(planes, at + vec.i32(ROW_VALUES))
+        right = vec.load_octets(planes, at + vec.i32(2 * ROW_VALUES))
         column = vec.to_f32(begins)
         aside, below = column - down[6], line - right[6]
-        own, mask = vec.bits_of(here[PL_PIXEL]), (1 << min(runs - run, vec.LANES)) - 1
-        found = vec.bits(own != vec.i32(SMOOTH)) & mask
-        others[run >> 3] = found
-        if found != mask:
-            _put_channel(here, aside, below, values, room, run, 0)
-            _put_channel(down, aside, below, values, room, run, 1)
-            _put_channel(right, aside, below, values, room, run, 2)
-            vec.store(values, B_BEGIN * room + run, column)
-        if found != 0:
-            pixels = vec.load(starts, run + 1) - begins
-            beyond = _put_normals(line, column, pixels, here, down, right, values, room, run)
-            even = vec.bits(own >= vec.i32(0))
-            strays = _listed(whole, strays, run, beyond & found & ~even)
-            flat = _listed(whole, flat, run, even & found & vec.bits(pixels >= vec.i32(SHORTEST)))
+        b0, b1 = here[0] + (below * down[0] + aside * right[0]), here[1] + (below * down[1] + aside * right[1])
+        b2, b3 = here[2] + (below * down[2] + aside * right[2]), here[3] + (below * down[3] + aside * right[3])
+        b4, b5 = here[4] + (below * down[4] + aside * right[4]), here[5] + (below * down[5] + aside * right[5])
+        vec.store(values, B_NORMAL * room + run, b0)
+        vec.store(values, (B_NORMAL + 1) * room + run, b1)
+        vec.store(values, (B_NORMAL + 2) * room + run, b2)
+        vec.store(values, B_WEIGHTS * room + run, b3)
+        vec.store(values, (B_WEIGHTS + 1) * room + run, b4)
+        vec.store(values, (B_WEIGHTS + 2) * room + run, b5)
+        vec.store(values, B_NORMAL_STEP * room + run, right[0])
+        vec.store(values, (B_NORMAL_STEP + 1) * room + run, right[1])
+        vec.store(values, (B_NORMAL_STEP + 2) * room + run, right[2])
+        vec.store(values, B_WEIGHTS_STEP * room + run, right[3])
+        vec.store(values, (B_WEIGHTS_STEP + 1) * room + run, right[4])
+        vec.store(values, (B_WEIGHTS_STEP + 2) * room + run, right[5])
+        vec.store(values, B_FACING * room + run, here[6])
+        vec.store(values, B_BEGIN * room + run, column)
+        own = vec.bits_of(here[PL_PIXEL])
+        vec.store(whole, B_PIXEL * room + run, own)
+        steps, none = vec.to_f32(pixels - vec.i32(1)), vec.f32(0.0)
+        beyond = (vec.least(b3, b3 + right[3] * steps) < none) | (vec.least(b4, b4 + right[4] * steps) < none)
+        beyond = beyond | (vec.least(b5, b5 + right[5] * steps) < none)
+        even, mask = vec.bits(own >= vec.i32(0)), (1 << min(runs - run, vec.LANES)) - 1
+        uniform |= even & mask
+        found = vec.bits(beyond) & mask & ~even
+        while found != 0:
+            whole[strays] = run + vec.lowest_bit(found)
+            strays += 1
+            found &= found - 1
+        found = even & mask & vec.bits(pixels >= vec.i32(SHORTEST))
+        while found != 0:
+            whole[flat] = run + vec.lowest_bit(found)
+            flat += 1
+            found &= found - 1
     whole[strays], whole[flat] = NONE, NONE
-
-
-@inlined
-def alike(beside, room, run, other, stop):
-    """The end of those runs behind ``run``, itself included, of which B_OTHER says that they are, or are not; at most
-    ``stop``."""
-    words = i64_at(beside + 4 * B_OTHER * room)
-    turned = np.int64(-1) if other else np.int64(0)
-    word = run >> 6
-    different = (words[word] ^ turned) & (np.int64(-1) << (run & 63))
-    while different == 0 and (word + 1) << 6 < stop:
-        word += 1
-        different = words[word] ^ turned
-    return stop if different == 0 else min((word << 6) + vec.lowest_bit(different), stop)
+    return uniform != 0
 
 
 @inlined

@@ -10,7 +10,7 @@ from renderers import simd as vec
 from renderers.jit import kernel
 from renderers.linked import inlined, inner
 from renderers.pointers import f32_at, f64_at, i32_at, i64_at
-from renderers.shading.beside import B_ROWS, put_beside, put_levels
+from renderers.shading.beside import B_ROWS, put_beside
 from renderers.shading.compose import DIRECT, GATHER, gather, packed, put_line, write_background, write_under
 from renderers.shading.head import fits
 from renderers.shading.layout import (
@@ -46,7 +46,7 @@ from renderers.shading.materials import (
     MI_UV,
 )
 from renderers.shading.plain import fill, show_plain
-from renderers.shading.plain_pbr import PART, light_up, show_segment
+from renderers.shading.plain_pbr import PART, light_up, show_plain_pbr
 from renderers.shading.planes import MEMORY_VALUES, forget
 from renderers.shading.resolve import SCRATCH_VALUES, resolve_strokes, resolve_triangles, run_starts, single_runs
 from renderers.shading.runs import (
@@ -205,7 +205,7 @@ def _row(
     width, places = _width(job, y)
     lens = f64_at(job[S_LENS])
     taken, prepared, uniform = False, False, False
-    flat, stray, shown, reach = np.int64(0), np.int64(0), np.int64(0), np.int64(0)
+    flat, stray, known, reach = np.int64(0), np.int64(0), np.int64(0), np.int64(0)
     for number in range(begin, end):
         segment = number * G_COLUMNS
         instance = np.int64(segments[segment + G_INSTANCE])
@@ -216,10 +216,7 @@ def _row(
         elif segments[segment + G_PLANES] != 0:
             if not prepared:
                 runs = np.int64(segments[(end - 1) * G_COLUMNS + G_LAST_RUN])
-                if job[S_PBR] != 0:
-                    put_levels(y, spots, planes, whole_starts, runs, beside, stride)
-                else:
-                    uniform = put_beside(y, spots, planes, whole_starts, runs, beside, stride)
+                uniform = put_beside(y, spots, planes, whole_starts, runs, beside, stride)
                 prepared = True
             columns, _, mf = instance_at(job, instance)
             maps, first = f32_at(job[S_MAPS] + 4 * P_COLUMNS * instance), i64_at(job[S_FIRST])[instance]
@@ -229,10 +226,9 @@ def _row(
                     while following < end and segments[following * G_COLUMNS + G_PLANES] != 0:
                         following += 1
                     reach = np.int64(segments[(following - 1) * G_COLUMNS + G_LAST_RUN])
-                    shown = run
-                flat, stray, shown = show_segment(
+                flat, stray, known = show_plain_pbr(
                     job, columns, maps, lens, y, first, mf, records, whole_starts, run, last_run, reach, masks, beside,
-                    stride, flat, stray, shown, rows, stride, line, steep,
+                    stride, flat, stray, known, rows, stride, line, steep,
                 )  # fmt: skip
             else:
                 smooth = columns[II_HAS] & HAS_NORMALS != 0
@@ -290,7 +286,7 @@ def shade_rows(job_at, ids_at, row_begin, row_end):
     scratch = np.int64(own_scratch.ctypes.data)
     memory = np.int64(own_memory.ctypes.data)
     places_at = np.int64(own_places.ctypes.data)
-    planes = places_at + 4 * K_PLANES
+    planes = f32_at(places_at + 4 * K_PLANES)
     forget(memory)
     hint, top = np.int64(0), row_begin
     while top < row_end:
@@ -310,11 +306,11 @@ def shade_rows(job_at, ids_at, row_begin, row_end):
                 job, apart != 0, row_starts, row_records, count, segments, segment, hint
             )  # fmt: skip
             if with_planes:
-                find_places(job, y, width, row_starts, row_records, spots, count, segments, first, places_at)
+                find_places(job, y, row_starts, row_records, spots, count, segments, first, places_at)
             run += count + pad
             y += 1
         of_rows[2 * (y - row_begin) + 1] = segment
-        set_up_waiting(job, width, places_at)
+        set_up_waiting(job, places_at)
         while top < y:
             at = top - row_begin
             row_width, apart = _width(job, top)

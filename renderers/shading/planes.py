@@ -3,8 +3,6 @@
 With the vertices in the optical frame as the columns of P, the barycentric coordinates of a pixel's ray d, divided by
 its depth, are ``P^-1 d``: linear over the picture, and so is what they weigh as long as only its direction counts: the
 normal. They are float32, from a pixel on that sees the triangle: within a band, rounding has little to add up.
-
-Under the look ``pbr`` smooth triangles have the levels that they show there instead, see ``fits``.
 """
 
 from __future__ import annotations
@@ -17,7 +15,6 @@ import numpy as np
 from renderers import simd as vec
 from renderers.linked import inlined, inner
 from renderers.pointers import f32_at, i32_at, u32_at
-from renderers.shading.fits import F_LEVELS, F_PLACE, fit_levels
 from renderers.shading.head import shine
 from renderers.shading.layout import II_ELEMENTS, II_VERTICES, P_MIRROR, P_NORMAL
 from renderers.shading.surface import turned
@@ -44,13 +41,10 @@ PL_NORMAL: Final = 0  # 3 values
 PL_WEIGHTS: Final = 3  # 3 values: barycentric coordinates over depth
 # ... and in the first row only:
 PL_FACING: Final = 6  # -1 where a back face is seen
-PL_PIXEL: Final = 7  # int32: the packed pixel of a triangle that has the same colour everywhere, else -1 or SMOOTH
+PL_PIXEL: Final = 7  # int32: the packed pixel of a triangle that has the same colour everywhere, else -1
 # in the second and third:
 PL_COLUMN: Final = ROW_VALUES + 6  # the pixel that the first row belongs to
 PL_LINE: Final = 2 * ROW_VALUES + 6
-SMOOTH: Final = -2
-"""Of triangles whose rows are channels instead: red, green and blue, each with the level at the pixel that they belong
-to, what a step to the right and one down add, and the terms of second degree: x^2, x y, y^2."""
 
 # Up to eight triangles of one instance that wait for their set-up, int32: their records, the pixels that see them
 # first, and their places.
@@ -150,39 +144,15 @@ def _keep(planes, places, a, b, c, w, more, last):
     vec.store_rows(planes, places, row)
 
 
-@inlined
-def _keep_levels(planes, places, fit, channel, more):
-    """Store a channel of eight smooth triangles, and a value more."""
-    at = (F_LEVELS + 6 * channel) * vec.LANES
-    flag = vec.float_of(vec.i32(SMOOTH))
-    terms = vec.load(fit, at), vec.load(fit, at + vec.LANES), vec.load(fit, at + 2 * vec.LANES)
-    at += 3 * vec.LANES
-    bent = vec.load(fit, at), vec.load(fit, at + vec.LANES), vec.load(fit, at + 2 * vec.LANES)
-    vec.store_rows(planes, places, (terms[0], terms[1], terms[2], bent[0], bent[1], bent[2], more, flag))
-
-
 @inner
-def _put_fits(planes, places, fit, which):
-    """Put those of eight triangles to their places that are smooth: their bits. The others go to place 0."""
-    lanes = (vec.i32(which) >> vec.iota()) & vec.i32(1)
-    places = places * lanes
-    _keep_levels(planes, places, fit, 0, vec.f32(0.0))
-    column, row = vec.load(fit, F_PLACE * vec.LANES), vec.load(fit, (F_PLACE + 1) * vec.LANES)
-    _keep_levels(planes, places + vec.i32(ROW_VALUES), fit, 1, column)
-    _keep_levels(planes, places + vec.i32(2 * ROW_VALUES), fit, 2, row)
-
-
-@inner
-def set_up(columns, m, maps, lens, first, smooth, colors, mf, encoded, eight, planes, fit):
+def set_up(columns, m, maps, lens, first, smooth, colors, eight, planes):
     """Put eight triangles of an instance, not all of which need differ, to their places.
 
     Args:
         columns, m, lens, first: as for ``resolve.resolve_triangles``.
         maps: pointer to the instance's P_COLUMNS values.
         smooth: whether the mesh has normals; if not, PL_PIXEL is all that is known. colors: see ``head.shine``.
-        mf: the material's values. encoded: address of ``ENCODED`` under the look ``pbr``, else 0.
-        eight: pointer to E_COLUMNS int32. planes: pointer to float32, PLANE_VALUES for every place, of which the first
-            is nobody's. fit: pointer to FIT_VALUES float32.
+        eight: pointer to E_COLUMNS int32. planes: pointer to float32, PLANE_VALUES for every place.
     """
     vertices, elements = f32_at(columns[II_VERTICES]), u32_at(columns[II_ELEMENTS])
     column, row = vec.to_f64(vec.load(eight, E_LEFT)), vec.to_f64(vec.load(eight, E_TOP))
@@ -207,12 +177,6 @@ def set_up(columns, m, maps, lens, first, smooth, colors, mf, encoded, eight, pl
     facing = vec.select(determinant > none, vec.f64(-mirror), vec.f64(mirror))
     side = vec.to_f32(facing)
     n0, n1, n2 = seen_normals(maps, v0, side), seen_normals(maps, v1, side), seen_normals(maps, v2, side)
-    fitted = np.int64(0)
-    if encoded != 0:
-        fitted = fit_levels(p0, p1, p2, n0, n1, n2, lens, mf, encoded, fit)
-        if fitted == 255:
-            _put_fits(planes, places, fit, fitted)
-            return
     z, square = vec.to_f32(n0[2]), vec.to_f32(dot(n0, n0))
     uniform = _same(v0, v1) & _same(v0, v2)
     pixels = vec.select(uniform, shine(z, square, colors) & vec.i32(0xFFFFFF), vec.i32(-1))
@@ -226,5 +190,3 @@ def set_up(columns, m, maps, lens, first, smooth, colors, mf, encoded, eight, pl
     column, row = vec.to_f32(column), vec.to_f32(row)
     _keep(planes, places + vec.i32(ROW_VALUES), n0, n1, n2, down, column, column)
     _keep(planes, places + vec.i32(2 * ROW_VALUES), n0, n1, n2, right, row, row)
-    if fitted != 0:
-        _put_fits(planes, places, fit, fitted)

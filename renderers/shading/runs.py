@@ -13,7 +13,6 @@ from renderers.linked import inlined, inner
 from renderers.pointers import f32_at, f64_at, i32_at, i64_at, u32_at
 from renderers.records import instance_of
 from renderers.shading.compose import DIRECT
-from renderers.shading.fits import FIT_VALUES
 from renderers.shading.head import colors_of, fits
 from renderers.shading.layout import (
     HAS_COLORS,
@@ -25,7 +24,6 @@ from renderers.shading.layout import (
     II_TOPOLOGY,
     P_COLUMNS,
     S_COUNT,
-    S_ENCODED,
     S_FIRST,
     S_INSTANCES,
     S_LENS,
@@ -45,9 +43,7 @@ from renderers.shading.planes import (
     E_PLACES,
     E_RECORDS,
     E_TOP,
-    PL_PIXEL,
     PLANE_VALUES,
-    SMOOTH,
     set_up,
 )
 
@@ -62,9 +58,7 @@ K_RECORDS: Final = 0  # SLOTS: whose triangle's; -1: nobody's
 K_PLACES: Final = SLOTS  # SLOTS: where its planes lie
 K_EIGHTS: Final = 2 * SLOTS  # EIGHTS of E_COLUMNS: what waits to be set up
 K_TAKEN: Final = K_EIGHTS + EIGHTS * E_COLUMNS  # places
-K_READY: Final = K_TAKEN + 1  # eights that are set up next; they lie behind the planes
-K_FIT: Final = K_TAKEN + vec.LANES  # float32: see ``fits``
-K_PLANES: Final = K_FIT + FIT_VALUES  # float32: PLANE_VALUES for each of MOST places and one for every pixel of a row
+K_PLANES: Final = K_TAKEN + vec.LANES  # float32: PLANE_VALUES for each of MOST places and one for every pixel of a row
 
 _LAST: Final = -(2**63)
 """The highest of 64 bits."""
@@ -89,15 +83,13 @@ def forget_places(memory):
     for k in range(EIGHTS):
         whole[K_EIGHTS + k * E_COLUMNS + E_INSTANCE] = -1
         whole[K_EIGHTS + k * E_COLUMNS + E_COUNT] = 0
-    # The first place is nobody's, and as if smooth: runs that need no planes do not ask for more.
-    whole[K_TAKEN], whole[K_PLANES + PL_PIXEL] = 1, SMOOTH
-    whole[K_READY] = 0
+    whole[K_TAKEN] = 0
 
 
 @inlined
 def memory_values(width):
     """Size of the memory for rows of so many pixels."""
-    return K_PLANES + (PLANE_VALUES + E_COLUMNS) * (MOST + 1 + width)
+    return K_PLANES + PLANE_VALUES * (MOST + width)
 
 
 @inner
@@ -131,14 +123,6 @@ def find_runs(seen, ids, width, apart, masks, starts, records):
         masks[x >> 6] = mask
         if width - x < 64:
             mask &= (np.int64(1) << (width - x)) - 1
-        if vec.compresses() and not apart:
-            of = ids if x == 0 or x + 64 > width else seen
-            for k in range(0, 64, vec.LANES):
-                begins = vec.lanes_in(mask >> k)
-                vec.store(starts, run, vec.compressed(begins, vec.i32(x + k) + vec.iota()))
-                vec.store(records, run, vec.compressed(begins, vec.load(of, x + k)))
-                run += vec.count_bits((mask >> k) & 255)
-            continue
         bits = vec.count_bits(mask)
         # Eight at a time, some in vain: how many there are cannot be predicted.
         for group in range(run, run + bits, vec.LANES):
@@ -217,11 +201,11 @@ def find_segments(job, apart, starts, records, runs, segments, at, hint):
 
 
 @inner
-def find_places(job, y, width, starts, records, places, runs, segments, at, memory):
+def find_places(job, y, starts, records, places, runs, segments, at, memory):
     """Find the places of the triangles of a row's runs; those that nobody has seen wait for their set-up.
 
     Args:
-        y: of the picture. width: of the rows that ``memory`` is for.
+        y: of the picture.
         places: pointer to int32, filled for all runs, and a vector more: where the planes of their triangles will be;
             anything within the memory for those that need none.
         segments, at: as for ``find_segments``, which has been called.
@@ -244,20 +228,21 @@ def find_places(job, y, width, starts, records, places, runs, segments, at, memo
             missing &= missing - 1
             slot = np.int64(records[k]) & (SLOTS - 1)
             if whole[K_RECORDS + slot] != records[k]:  # else it is another run of one of the eight
-                instance = np.int64(segments[segment + G_INSTANCE])
-                _wait(job, instance, np.int64(records[k]), np.int64(starts[k]), y, width, memory)
+                _wait(
+                    job, np.int64(segments[segment + G_INSTANCE]), np.int64(records[k]), np.int64(starts[k]), y, memory
+                )
             places[k] = whole[K_PLACES + slot]
 
 
 @inlined
-def _wait(job, instance, record, x, y, width, memory):
+def _wait(job, instance, record, x, y, memory):
     """Give a triangle a place, and let it wait for its set-up."""
     whole = i32_at(memory)
     eight = i32_at(memory + 4 * (K_EIGHTS + (instance & (EIGHTS - 1)) * E_COLUMNS))
     elements = u32_at(i64_at(job[S_INSTANCES] + 8 * II_COLUMNS * instance)[II_ELEMENTS])
     vec.prefetch(elements, 3 * (record - i64_at(job[S_FIRST])[instance]))
-    if eight[E_INSTANCE] != instance or eight[E_COUNT] == vec.LANES:
-        _make_ready(eight, width, memory)
+    if eight[E_INSTANCE] != instance:
+        _set_up_eight(job, memory, eight)
         eight[E_INSTANCE] = instance
     place, count, slot = np.int64(whole[K_TAKEN]), np.int64(eight[E_COUNT]), record & (SLOTS - 1)
     whole[K_TAKEN] = place + 1
@@ -265,50 +250,31 @@ def _wait(job, instance, record, x, y, width, memory):
     eight[E_RECORDS + count], eight[E_PLACES + count] = record, place
     eight[E_LEFT + count], eight[E_TOP + count] = x, y
     eight[E_COUNT] = count + 1
-
-
-@inlined
-def _ready(width):
-    """Where the first of those that are ready lies."""
-    return K_PLANES + PLANE_VALUES * (MOST + 1 + width)
-
-
-@inlined
-def _make_ready(eight, width, memory):
-    """Move what waits, if anything does, to those that are ready."""
-    count = np.int64(eight[E_COUNT])
-    if count == 0:
-        return
-    eight[E_COUNT] = 0
-    whole = i32_at(memory)
-    at = _ready(width) + E_COLUMNS * np.int64(whole[K_READY])
-    whole[K_READY] += 1
-    last = vec.least(vec.iota(), vec.i32(count - 1))  # the last one is repeated
-    for row in range(E_RECORDS, E_INSTANCE, vec.LANES):
-        vec.store(whole, at + row, vec.permute(vec.load(eight, row), last))
-    whole[at + E_INSTANCE] = eight[E_INSTANCE]
+    if count + 1 == vec.LANES:
+        _set_up_eight(job, memory, eight)
 
 
 @inner
 def _set_up_eight(job, memory, eight):
+    """Set up what waits, if anything does."""
+    count = np.int64(eight[E_COUNT])
+    if count == 0:
+        return
+    eight[E_COUNT] = 0
+    for k in range(count, vec.LANES):
+        for row in range(E_RECORDS, E_INSTANCE, vec.LANES):
+            eight[row + k] = eight[row + count - 1]
     instance = np.int64(eight[E_INSTANCE])
     columns, _, mf = instance_at(job, instance)
     points, maps = f64_at(job[S_POINTS] + 8 * 16 * instance), f32_at(job[S_MAPS] + 4 * P_COLUMNS * instance)
     smooth = columns[II_HAS] & HAS_NORMALS != 0
     first = i64_at(job[S_FIRST])[instance]
-    planes, fit = f32_at(memory + 4 * K_PLANES), f32_at(memory + 4 * K_FIT)
-    encoded = job[S_ENCODED] if job[S_PBR] != 0 else np.int64(0)
-    set_up(
-        columns, points, maps, f64_at(job[S_LENS]), first, smooth, colors_of(mf), mf, encoded, eight, planes, fit
-    )  # fmt: skip
+    planes = f32_at(memory + 4 * K_PLANES)
+    set_up(columns, points, maps, f64_at(job[S_LENS]), first, smooth, colors_of(mf), eight, planes)
 
 
 @inner
-def set_up_waiting(job, width, memory):
-    """Set up all that waits; ``width`` as for ``find_places``."""
+def set_up_waiting(job, memory):
+    """Set up all that waits."""
     for k in range(EIGHTS):
-        _make_ready(i32_at(memory + 4 * (K_EIGHTS + k * E_COLUMNS)), width, memory)
-    whole = i32_at(memory)
-    for k in range(whole[K_READY]):
-        _set_up_eight(job, memory, i32_at(memory + 4 * (_ready(width) + E_COLUMNS * k)))
-    whole[K_READY] = 0
+        _set_up_eight(job, memory, i32_at(memory + 4 * (K_EIGHTS + k * E_COLUMNS)))

@@ -277,33 +277,25 @@ def put_cosines(lens, y, places, rows, stride, begin, end):
         vec.store(rows, at + 2 * stride, v_l)
 
 
-@inlined
-def coating_of(mf):
-    """Of a material whose factors are all there is to it: alpha squared, ``lights.coat``, emission; f32x8 each."""
-    red, green, blue = vec.f32(mf[MF_BASE]), vec.f32(mf[MF_BASE + 1]), vec.f32(mf[MF_BASE + 2])
-    emissive = vec.f32(mf[MF_EMISSIVE]), vec.f32(mf[MF_EMISSIVE + 1]), vec.f32(mf[MF_EMISSIVE + 2])
-    return alpha_of(vec.f32(mf[MF_ROUGHNESS])), coat(red, green, blue, vec.f32(mf[MF_METALLIC])), emissive
-
-
 @inner
 def finish_uniform(job, mf, y, places, rows, stride, begin, end, line, steep):
     """From ``lights.cosines`` in the rows to the picture, of a material whose factors are all there is to it."""
-    finish_coated(job, coating_of(mf), y, places, rows, stride, begin, end, line, steep)
-
-
-@inlined
-def finish_coated(job, coating, y, places, rows, stride, begin, end, line, steep):
-    """As ``finish_uniform``, from ``coating_of``."""
     if steep < np.float32(0.0):
         steep = _schlick_at(job, y, places, (begin + end) // 2)
-    a2, (diffuse, f0, grazing), (er, eg, eb) = coating
+    a2 = alpha_of(vec.f32(mf[MF_ROUGHNESS]))
+    red, green, blue = vec.f32(mf[MF_BASE]), vec.f32(mf[MF_BASE + 1]), vec.f32(mf[MF_BASE + 2])
+    diffuse, f0, grazing = coat(red, green, blue, vec.f32(mf[MF_METALLIC]))
+    er, eg, eb = vec.f32(mf[MF_EMISSIVE]), vec.f32(mf[MF_EMISSIVE + 1]), vec.f32(mf[MF_EMISSIVE + 2])
     grazed = vec.f32(steep)
+    # Eight pixels are glossed while the eight before them are finished: neither waits for the other.
+    n_l, specular = _glossed(rows, stride, begin, a2)
     for x in range(begin, end, vec.LANES):
-        n_l, specular = _glossed(rows, stride, x, a2)
+        next_n_l, next_specular = _glossed(rows, stride, x + vec.LANES, a2)
         r = reflected(n_l, specular, grazed, diffuse[0], f0[0], grazing[0]) + er
         g = reflected(n_l, specular, grazed, diffuse[1], f0[1], grazing[1]) + eg
         b = reflected(n_l, specular, grazed, diffuse[2], f0[2], grazing[2]) + eb
         write(job, True, line, x, r, g, b)
+        n_l, specular = next_n_l, next_specular
 
 
 @inlined
