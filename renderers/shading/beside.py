@@ -32,6 +32,20 @@ B_ROWS: Final = 17
 NONE: Final = 2**31 - 1
 
 
+@inlined
+def _listed(whole, at, run, found):
+    """Write the numbers of the runs whose bits are set, counted from ``run``, from ``at`` on; where the next goes. Up
+    to eight values from there on are overwritten."""
+    if vec.compresses():
+        vec.store(whole, at, vec.compressed(vec.lanes_in(found), vec.i32(run) + vec.iota()))
+        return at + vec.count_bits(found)
+    while found != 0:
+        whole[at] = run + vec.lowest_bit(found)
+        at += 1
+        found &= found - 1
+    return at
+
+
 @inner
 def put_beside(y, places, planes, starts, runs, beside, room):
     """Fill the rows for the runs of a row of the picture.
@@ -85,16 +99,8 @@ def put_beside(y, places, planes, starts, runs, beside, room):
         beyond = beyond | (vec.least(b5, b5 + right[5] * steps) < none)
         even, mask = vec.bits(own >= vec.i32(0)), (1 << min(runs - run, vec.LANES)) - 1
         uniform |= even & mask
-        found = vec.bits(beyond) & mask & ~even
-        while found != 0:
-            whole[strays] = run + vec.lowest_bit(found)
-            strays += 1
-            found &= found - 1
-        found = even & mask & vec.bits(pixels >= vec.i32(SHORTEST))
-        while found != 0:
-            whole[flat] = run + vec.lowest_bit(found)
-            flat += 1
-            found &= found - 1
+        strays = _listed(whole, strays, run, vec.bits(beyond) & mask & ~even)
+        flat = _listed(whole, flat, run, even & mask & vec.bits(pixels >= vec.i32(SHORTEST)))
     whole[strays], whole[flat] = NONE, NONE
     return uniform != 0
 

@@ -10,7 +10,7 @@ from renderers import simd as vec
 from renderers.linked import inlined, inner
 from renderers.shading.materials import MF_BASE
 
-_WHOLE: Final = 2.0**23
+WHOLE: Final = 2.0**23
 """Added to a float32 of 0 to 255, it leaves the nearest integer in the lowest bits, without a conversion."""
 _UPWARDS: Final = 1.0 + 2.0**-22
 """Makes the nearest integer of what lies halfway the upper one."""
@@ -45,7 +45,7 @@ def shine(towards, square, colors):
         colors: see ``colors_of``.
     """
     light = vec.least(vec.most(towards / vec.sqrt(square), vec.f32(0.0)), vec.f32(1.0))
-    whole = vec.f32(_WHOLE)
+    whole = vec.f32(WHOLE)
     red = vec.bits_of(colors[0] * light + whole)
     green = vec.bits_of(colors[1] * light + whole)
     blue = vec.bits_of(colors[2] * light + whole)

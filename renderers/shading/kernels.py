@@ -50,6 +50,7 @@ from renderers.shading.plain_pbr import PART, light_up, show_plain_pbr
 from renderers.shading.planes import MEMORY_VALUES, forget
 from renderers.shading.resolve import SCRATCH_VALUES, resolve_strokes, resolve_triangles, run_starts, single_runs
 from renderers.shading.runs import (
+    BY_RATIO,
     G_COLUMNS,
     G_INSTANCE,
     G_LAST_RUN,
@@ -211,9 +212,10 @@ def _row(
         instance = np.int64(segments[segment + G_INSTANCE])
         run, last_run = np.int64(segments[segment + G_RUN]), np.int64(segments[segment + G_LAST_RUN])
         x, last_x = np.int64(whole_starts[run]), np.int64(whole_starts[last_run])
+        kind = segments[segment + G_PLANES]
         if instance < 0:
             write_background(job, y, x, last_x, line)
-        elif segments[segment + G_PLANES] != 0:
+        elif kind != 0:
             if not prepared:
                 runs = np.int64(segments[(end - 1) * G_COLUMNS + G_LAST_RUN])
                 uniform = put_beside(y, spots, planes, whole_starts, runs, beside, stride)
@@ -223,12 +225,12 @@ def _row(
             if job[S_PBR] != 0:
                 if reach <= run:
                     following = number + 1
-                    while following < end and segments[following * G_COLUMNS + G_PLANES] != 0:
+                    while following < end and segments[following * G_COLUMNS + G_PLANES] == kind:
                         following += 1
                     reach = np.int64(segments[(following - 1) * G_COLUMNS + G_LAST_RUN])
                 flat, stray, known = show_plain_pbr(
-                    job, columns, maps, lens, y, first, mf, records, whole_starts, run, last_run, reach, masks, beside,
-                    stride, flat, stray, known, rows, stride, line, steep,
+                    job, columns, maps, lens, y, first, mf, records, whole_starts, run, last_run, reach,
+                    kind == BY_RATIO, masks, beside, stride, flat, stray, known, rows, stride, line, steep,
                 )  # fmt: skip
             else:
                 smooth = columns[II_HAS] & HAS_NORMALS != 0

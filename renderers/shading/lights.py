@@ -68,6 +68,28 @@ def gloss(n_l, n_v, v_l, a2):
 
 
 @inlined
+def gloss_of_rough(n_l, n_v):
+    """``gloss`` where alpha is 1, as of glTF's default roughness: D is 1 / pi everywhere, and V as good as
+    1 / (2 (n . l + n . v))."""
+    zero, least = vec.f32(0.0), vec.f32(_SMALLEST_COSINE)
+    lit = n_l > zero
+    n_l, n_v = vec.most(n_l, least), vec.most(n_v, least)
+    specular = vec.f32(_HALF_PI_INVERSE) * n_l / (n_l + n_v)
+    return vec.select(lit, n_l, zero), vec.select(lit, specular, zero)
+
+
+@inlined
+def gloss_by_ratio(nx, ny, towards, dx, dy, high):
+    """The second of ``gloss_of_rough`` from what ``cosines`` is given: of the cosines only the ratio counts, for which
+    the normal need not be of unit length."""
+    ray = dx * dx + high
+    least = vec.f32(_SMALLEST_COSINE) * vec.sqrt(ray * (nx * nx + ny * ny + towards * towards))
+    along, seen = towards * vec.sqrt(ray), towards - (nx * dx + ny * dy)
+    along, seen = vec.most(along, least), vec.most(seen, least)
+    return vec.select(towards > vec.f32(0.0), vec.f32(_HALF_PI_INVERSE) * along / (along + seen), vec.f32(0.0))
+
+
+@inlined
 def schlick(dx, dy):
     """Schlick's (1 - h . l)^5 of the pixel whose ray meets the plane z = 1 at (dx, dy), float32.
 
@@ -76,6 +98,12 @@ def schlick(dx, dy):
     """
     u = 1.0 - np.sqrt(0.5 + 0.5 / np.sqrt(dx * dx + dy * dy + 1.0))
     return np.float32((u * u) * (u * u) * u)
+
+
+@inlined
+def schlick_at(lens, y, x):
+    """``schlick`` of pixel (x, y)."""
+    return schlick((x + 0.5 - lens[2]) / lens[0], (y + 0.5 - lens[3]) / lens[1])
 
 
 @inlined

@@ -35,6 +35,7 @@ from renderers.shading.layout import (
     S_POINTS,
 )
 from renderers.shading.materials import MF_COLUMNS, MI_BASE, MI_COLUMNS, MI_NORMAL, MI_UNLIT, MI_UV
+from renderers.shading.metal import needs_ratio
 from renderers.shading.planes import (
     E_COLUMNS,
     E_COUNT,
@@ -69,8 +70,11 @@ TINY_RUNS: Final = 2
 G_INSTANCE: Final = 0  # -1: nothing is seen
 G_RUN: Final = 1  # its runs
 G_LAST_RUN: Final = 2
-G_PLANES: Final = 3  # whether it is shaded from the planes of its triangles
+G_PLANES: Final = 3  # whether it is shaded from the planes of its triangles: 0, or one of these
 G_COLUMNS: Final = 4
+BY_PLANES: Final = 1
+BY_RATIO: Final = 2
+"""Under the look ``pbr``: see ``metal.needs_ratio``."""
 
 
 @inner
@@ -123,6 +127,14 @@ def find_runs(seen, ids, width, apart, masks, starts, records):
         masks[x >> 6] = mask
         if width - x < 64:
             mask &= (np.int64(1) << (width - x)) - 1
+        if vec.compresses() and not apart:
+            of = ids if x == 0 or x + 64 > width else seen
+            for k in range(0, 64, vec.LANES):
+                begins = vec.lanes_in(mask >> k)
+                vec.store(starts, run, vec.compressed(begins, vec.i32(x + k) + vec.iota()))
+                vec.store(records, run, vec.compressed(begins, vec.load(of, x + k)))
+                run += vec.count_bits((mask >> k) & 255)
+            continue
         bits = vec.count_bits(mask)
         # Eight at a time, some in vain: how many there are cannot be predicted.
         for group in range(run, run + bits, vec.LANES):
@@ -159,13 +171,16 @@ def instance_at(job, instance):
 
 @inner
 def _by_planes(job, instance):
-    """Whether an instance's segments are shaded by ``plain`` or ``plain_pbr`` where its triangles are not tiny."""
+    """G_PLANES of an instance's segments where its triangles are not tiny: whether ``plain`` or ``plain_pbr`` shades
+    them."""
     columns, mi, mf = instance_at(job, instance)
     if columns[II_TOPOLOGY] != 3 or job[S_MODE] != DIRECT or mi[MI_UNLIT] != 0 or columns[II_HAS] & HAS_COLORS:
-        return False
-    if job[S_PBR] != 0:
-        return mi[MI_NORMAL] < 0 and mi[MI_UV] & 3 == 0 and columns[II_HAS] & HAS_NORMALS != 0
-    return mi[MI_BASE] < 0 and fits(mf)
+        return 0
+    if job[S_PBR] == 0:
+        return BY_PLANES if mi[MI_BASE] < 0 and fits(mf) else 0
+    if mi[MI_NORMAL] >= 0 or mi[MI_UV] & 3 != 0 or columns[II_HAS] & HAS_NORMALS == 0:
+        return 0
+    return BY_RATIO if needs_ratio(mf) else BY_PLANES
 
 
 @inner
@@ -192,8 +207,9 @@ def find_segments(job, apart, starts, records, runs, segments, at, hint):
             hint = instance_of(first_record, job[S_COUNT], record, hint)
             stop = extent(records, run, runs, first_record[hint], first_record[hint + 1])
             segments[segment + G_INSTANCE] = hint
-            if not apart and starts[stop] - starts[run] > TINY_RUNS * (stop - run) and _by_planes(job, hint):
-                segments[segment + G_PLANES], planes = 1, True
+            if not apart and starts[stop] - starts[run] > TINY_RUNS * (stop - run):
+                segments[segment + G_PLANES] = kind = _by_planes(job, hint)
+                planes |= kind != 0
             run = stop
         segments[segment + G_LAST_RUN] = run
         at += 1
@@ -261,9 +277,9 @@ def _set_up_eight(job, memory, eight):
     if count == 0:
         return
     eight[E_COUNT] = 0
-    for k in range(count, vec.LANES):
-        for row in range(E_RECORDS, E_INSTANCE, vec.LANES):
-            eight[row + k] = eight[row + count - 1]
+    last = vec.least(vec.iota(), vec.i32(count - 1))  # the last one is repeated
+    for row in range(E_RECORDS, E_INSTANCE, vec.LANES):
+        vec.store(eight, row, vec.permute(vec.load(eight, row), last))
     instance = np.int64(eight[E_INSTANCE])
     columns, _, mf = instance_at(job, instance)
     points, maps = f64_at(job[S_POINTS] + 8 * 16 * instance), f32_at(job[S_MAPS] + 4 * P_COLUMNS * instance)

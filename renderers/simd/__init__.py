@@ -15,7 +15,7 @@ Traps, all measured on Zen 3 with LLVM 22:
 
 from __future__ import annotations
 
-from renderers.simd.lookups import float_of, gather_squares, permute
+from renderers.simd.lookups import compresses, float_of, gather_squares, lanes_in, permute
 from renderers.simd.moves import (
     compressed,
     gather,
@@ -103,6 +103,7 @@ __all__ = [
     "bits_of",
     "ceil",
     "compressed",
+    "compresses",
     "copy_squares",
     "count_bits",
     "f32",
@@ -122,6 +123,7 @@ __all__ = [
     "iota",
     "lane0",
     "lane4",
+    "lanes_in",
     "least",
     "least_of",
     "load",

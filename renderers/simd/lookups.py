@@ -8,7 +8,7 @@ from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 
-from renderers.simd.vectors import I32, I64, LANES, Vector, f32x8, i32x8, intrinsic, make, shuffle
+from renderers.simd.vectors import I1, I8, I32, I64, LANES, Vector, f32x8, i32x8, intrinsic, m8, make, shuffle
 
 
 @intrinsic
@@ -66,3 +66,21 @@ def gather_squares(typing_context: Any, values: Any, indices: Any, stride: Any) 
         return context.make_tuple(builder, out, _squares(builder, args[0], offsets, args[2]))
 
     return out(values, indices, stride), generate
+
+
+@intrinsic
+def compresses(typing_context: Any) -> Any:
+    """Whether ``compressed`` is one instruction: known when a kernel is compiled."""
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return ir.Constant(I1, int("+avx512vl" in context.codegen().magic_tuple()[2]))
+
+    return types.boolean(), generate
+
+
+def _emit_lanes(builder: Any, sig: Any, value: Any) -> Any:
+    return builder.bitcast(builder.trunc(value, I8), ir.VectorType(I1, LANES))
+
+
+lanes_in = make(lambda value: m8 if value is types.int64 else None, _emit_lanes)
+"""The mask whose lane k is set where bit k of an int64 is."""
