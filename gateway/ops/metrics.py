@@ -103,10 +103,10 @@ class Metrics:
             registry=self.registry,
         )
         # Looking up a label's figure takes longer than to count. Labels are few: routes, not paths.
-        self._requests, self._seconds, self._renders, self._stage_seconds = (
-            lru_cache(_LABELLED)(family.labels)
-            for family in (self.requests, self.seconds, self.renders, self.stage_seconds)
-        )
+        self._requests: Callable[..., Counter] = lru_cache(_LABELLED)(self.requests.labels)
+        self._seconds: Callable[..., Histogram] = lru_cache(_LABELLED)(self.seconds.labels)
+        self._renders: Callable[..., Counter] = lru_cache(_LABELLED)(self.renders.labels)
+        self._stage_seconds: Callable[..., Histogram] = lru_cache(_LABELLED)(self.stage_seconds.labels)
         self._reader = _Reader()
         self.registry.register(self._reader)
 
