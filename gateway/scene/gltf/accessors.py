@@ -250,7 +250,7 @@ class Accessors:
                 continue
             if stride != size and not size <= stride <= _MAX_STRIDE:
                 continue
-            if offset + (count - 1) * stride + size > length and (count or offset > length):
+            if offset > length or (count and offset + (count - 1) * stride + size > length):
                 continue
             found.append((index, kind, count, view.buffer, at, start + offset, start + length, stride))
             if view.buffer not in loaded:
@@ -280,7 +280,7 @@ class Accessors:
         offset = byte_offset or 0
         if not size <= stride <= max(_MAX_STRIDE, size):
             raise GltfError(f"bufferViews[{view}].byteStride: {stride} is not between {size} and {_MAX_STRIDE}")
-        needed = offset + (count - 1) * stride + size if count else 0
+        needed = offset + (count - 1) * stride + size if count else offset
         if offset < 0 or needed > length:
             raise GltfError(f"{name}: needs {needed} bytes of bufferViews[{view}], which has {length}")
         key = _pack_key(buffer.uid, start + offset, stride, count, kind.code)

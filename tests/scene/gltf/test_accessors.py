@@ -165,6 +165,7 @@ def broken(change: Any) -> Builder:
             r"accessors\[0\]\.bufferView: 9 is out of range \(2 bufferViews\)",
         ),
         (lambda d: d["accessors"][0].update(count=4), r"accessors\[0\]: needs 48 bytes of bufferViews\[0\], .* has 36"),
+        (lambda d: d["accessors"][0].update(count=0, byteOffset=2**70), rf"accessors\[0\]: needs {2**70} bytes of"),
         (lambda d: d["accessors"][0].update(count=10**15), r"accessors\[0\]\.count: 1000000000000000 is not between"),
         (lambda d: d["accessors"][0].update(count=-1), r"accessors\[0\]\.count: -1 is not"),
         (lambda d: d["accessors"][0].pop("count"), r"accessors\[0\]\.count: missing"),
