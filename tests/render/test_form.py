@@ -7,7 +7,7 @@ import math
 from itertools import pairwise
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from gateway.render.config import RenderConfig
@@ -85,6 +85,7 @@ def test_boundaries_are_found_behind_long_stretches_without_any(
 ) -> None:
     """Stretches far from a carriage return go past the parser; whatever is cut where, nothing else does."""
     scene = b"".join(bytes(each % 12 + 40 for each in range(p)) if isinstance(p, int) else p for p in parts)
+    assume(b"\r\n--" + BOUNDARY.encode() not in scene)  # two lures can be a boundary together
     fields = [part(name, value.encode()) for name, value in drake_fields().items()]
     own = part("scene", scene, filename="s.gltf")
     data = closed(own, *fields) if first else closed(*fields, own)
