@@ -2,6 +2,8 @@
 
     python -m bench.concurrency
 
+What two threads reach that share nothing, each with a hash of its own, is the most that the machine gives.
+
 The loop's stall is how much later than asked a ticker of 1 ms wakes up while frames of a million triangles are drawn in
 the gateway's worker threads. Overload: 96 clients at once against a gateway that lets 16 requests wait.
 """
@@ -9,6 +11,7 @@ the gateway's worker threads. Overload: 96 clients at once against a gateway tha
 from __future__ import annotations
 
 import asyncio
+import hashlib
 import statistics
 import threading
 import time
@@ -33,6 +36,7 @@ SIZE = (640, 480)
 FRAMES = 96
 """Of one run: of fewer, the last one of each thread and the threads' start are a percent of what is measured."""
 TICK = 0.001
+BLOCK = bytes(1 << 20)
 
 
 def elements(scene: DrawList) -> int:
@@ -42,6 +46,11 @@ def elements(scene: DrawList) -> int:
 
 def draw(renderer: CpuRenderer, scene: DrawList, frame: int) -> None:
     renderer.render(scene, view(*SIZE, frame), ALL, Look()).close()
+
+
+def hash_alone(_: int) -> None:
+    """Nothing but one processor: it reads what is in its cache and lets go of the interpreter."""
+    hashlib.sha256(BLOCK).digest()
 
 
 def seconds_for(threads: int, work: Callable[[int], None]) -> float:
@@ -72,6 +81,7 @@ def scaling() -> list[Row]:
     alone, pair = CpuRenderer(1), CpuRenderer(2)
     callers: dict[str, float] = {}
     within: dict[str, float] = {}
+    hashes: list[float] = []
     for name, scene in scenes().items():
         for renderer in (alone, pair):
             draw(renderer, scene, 0)
@@ -81,13 +91,21 @@ def scaling() -> list[Row]:
             two = seconds_for(2, partial(draw, alone, scene))
             split = seconds_for(1, partial(draw, pair, scene))
             runs.append((one / two, one / split, one / FRAMES))
+            hashes.append(seconds_for(1, hash_alone) / seconds_for(2, hash_alone))
         callers[name], within[name], took = (statistics.median(column) for column in zip(*runs, strict=True))
         print(f"| {name} ({1e3 * took:.1f} ms alone) | {callers[name]:.2f}× | {within[name]:.2f}× |", flush=True)
+    most = statistics.median(hashes)
+    print(f"| two hashes, in turns with these | {most:.2f}× (quartiles {at(hashes, 0.25)} - {at(hashes, 0.75)}) | |")
     slowest = max(within, key=lambda name: elements(scenes()[name]))
     return [
         at_least("two renders at once against one after the other (least)", "", "one", min(callers.values()), 1.8),
+        Row("… the most that the machine gives two threads: a hash each", "", "one", f"{most:.2f}×"),
         at_least(f"one frame on two threads, {slowest}", "", "one thread", within[slowest], 1.7),
     ]
+
+
+def at(values: list[float], part: float) -> str:
+    return f"{percentile(values, part):.2f}"
 
 
 def percentile(values: list[float], part: float) -> float:
