@@ -29,6 +29,7 @@ MAX_PIXELS: Final = 64 << 20
 """Default bound of one image: 8192 x 8192, 256 MB as RGBA. A header of a few bytes can announce any size."""
 
 _KEY: Final = struct.Struct("<QQI")
+_PNG_SIZE: Final = struct.Struct(">II")
 _MAX_SEGMENTS: Final = 1024
 """Segments or chunks before the pixels that are walked over; real files have tens."""
 _MARKER: Final = re.compile(rb"(?:[^\xff]|\xff+\0)*\xff+[^\xff\0]", re.DOTALL)
@@ -68,13 +69,14 @@ def image_header(data: bytes | memoryview, name: str = "image") -> ImageHeader:
     Raises:
         ImageError: no format that can be decoded, or a header that is cut off; the message names image and magic.
     """
-    view = memoryview(data).cast("B")
+    view = data if isinstance(data, bytes) else memoryview(data).cast("B")
     start = bytes(view[:32])
     try:
         if start.startswith(b"\x89PNG\r\n\x1a\n"):
             if start[12:16] != b"IHDR":
                 raise ImageError(f"{name}: PNG without IHDR")
-            return ImageHeader("PNG", *struct.unpack_from(">II", start, 16))
+            width, height = _PNG_SIZE.unpack_from(start, 16)
+            return ImageHeader("PNG", width, height)
         if start.startswith(b"\xff\xd8\xff"):
             return ImageHeader("JPEG", *_jpeg_size(view))
         if start.startswith(b"RIFF") and start[8:12] == b"WEBP":
@@ -86,7 +88,7 @@ def image_header(data: bytes | memoryview, name: str = "image") -> ImageHeader:
     raise ImageError(f"{name}: {what} not supported, only PNG, JPEG and WebP" if start else f"{name}: it is empty")
 
 
-def _jpeg_size(view: memoryview) -> tuple[int, int]:
+def _jpeg_size(view: bytes | memoryview) -> tuple[int, int]:
     """By ITU T.81 B.2.2: the frame header SOFn, found by walking over the segments before it."""
     at = 2
     for _ in range(_MAX_SEGMENTS):
@@ -142,7 +144,8 @@ def image_from_bytes(data: bytes | memoryview, *, name: str = "", max_pixels: in
     """
     # A comparison costs a twentieth of a hash that nobody can make collide.
     key = _KEY.pack(len(data), max_pixels, isal_zlib.crc32(data))
-    known = _found(key)
+    before = _images.get(key)
+    known = None if before is None else before()
     if known is not None and _is_of(known, data):
         return known
     made = Image(key, _Decoder(data, name or "image", max_pixels), name)
@@ -153,16 +156,13 @@ def image_from_bytes(data: bytes | memoryview, *, name: str = "", max_pixels: in
             dead = _dead.popleft()
             if _images.get(dead.key) is dead:
                 del _images[dead.key]
-        found = _found(key)
-        if found is not None and found is not known and _is_of(found, data):
-            return found
+        now = _images.get(key)
+        if now is not None and now is not before:  # another thread made one
+            found = now()
+            if found is not None and _is_of(found, data):
+                return found
         _images[key] = entry
     return made
-
-
-def _found(key: bytes) -> Image | None:
-    entry = _images.get(key)
-    return None if entry is None else entry()
 
 
 def _is_of(image: Image, data: bytes | memoryview) -> bool:

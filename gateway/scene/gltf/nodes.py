@@ -31,9 +31,6 @@ _NOT_MOVED: Final = [0.0, 0.0, 0.0]
 _UPRIGHT: Final = [0.0, 0.0, 0.0, 1.0]
 _NOT_SCALED: Final = [1.0, 1.0, 1.0]
 _FILL: Final = (0.0,) * 6
-_OPTICAL: Final = np.array((1.0, -1.0, -1.0, 1.0))
-"""The columns of the optical frame in glTF's camera frame, which looks along -Z with +Y up."""
-_ZEROS: Final = np.zeros(4)
 
 Matrices: TypeAlias = NDArray[np.float64]
 """(N, 4, 4)."""
@@ -49,6 +46,9 @@ class Visits:
     sources: list[gltf.Node]
     parents: list[int]
     """Positions among the visits; -1: a root."""
+    meshes: list[int | None]
+    seeing: list[int]
+    """Positions of nodes with a camera."""
 
     def names(self) -> list[str]:
         """Of each visit, unique among its siblings."""
@@ -133,11 +133,12 @@ class NodeTree:
 class PartsOf(Protocol):
     """What the nodes' meshes draw."""
 
-    def __call__(self, nodes: list[int], sources: list[gltf.Node]) -> list[tuple[Part, ...] | None]:
+    def __call__(self, nodes: list[int], meshes: list[int | None]) -> list[tuple[Part, ...] | None]:
         """Of each node; None: it has no mesh.
 
         Args:
             nodes: their indices in the document.
+            meshes: theirs.
         """
 
 
@@ -159,14 +160,13 @@ def build_tree(
     """
     visits = _visits(document, limits)
     locals_, moves, worlds = _places(visits)
-    seeing = [position for position, source in enumerate(visits.sources) if source.camera is not None]
-    lenses = [_lens(document, visits, position) for position in seeing]
-    nodes = NodeTree(visits, parts_of(visits.indices, visits.sources), locals_, moves, worlds)
-    if seeing:
+    lenses = [_lens(document, visits, position) for position in visits.seeing]
+    nodes = NodeTree(visits, parts_of(visits.indices, visits.meshes), locals_, moves, worlds)
+    if lenses:
         nodes.cameras = tuple(
             [
                 _camera(source, visits, position, worlds[position])
-                for source, position in zip(lenses, seeing, strict=True)
+                for source, position in zip(lenses, visits.seeing, strict=True)
             ]
         )
     if lights:
@@ -195,39 +195,41 @@ def _roots(document: Document) -> tuple[list[int | None], str]:
 
 
 def _visits(document: Document, limits: GltfLimits) -> Visits:
-    nodes = document.nodes
-    roots, where = _roots(document)
-    indices: list[int] = []
-    sources: list[gltf.Node] = []
-    parents: list[int] = []
-    count = len(nodes) if nodes is not None else 0
+    nodes = document.nodes or []
+    roots, of_roots = _roots(document)
+    visits = Visits([], [], [], [], [])
+    indices, sources, parents, meshes = visits.indices, visits.sources, visits.parents, visits.meshes
+    count, most = len(nodes), limits.max_nodes
     seen: set[int] = set()
-    # Who is being looked at: children not seen yet, position, and who refers to them.
-    open_: list[tuple[Iterator[int | None], int, str]] = [(iter(roots), -1, where)]
+    open_: list[tuple[Iterator[int | None], int]] = [(iter(roots), -1)]  # children not seen yet, and whose
     while open_:
-        children, parent, where = open_[-1]
+        children, parent = open_[-1]
+        deep = len(open_) > limits.max_node_depth
         for index in children:
             if index is None:
                 continue
-            source = nodes[index] if nodes is not None and 0 <= index < count else None
-            if source is None:
-                source = element(nodes, index, "nodes", where)
-            if index in seen:
+            source = nodes[index] if 0 <= index < count else None
+            if source is None or index in seen:
+                where = of_roots if parent < 0 else f"nodes[{indices[parent]}].children"
+                element(document.nodes, index, "nodes", where)
                 raise GltfError(f"{where}: nodes[{index}] has several parents or is part of a cycle")
             seen.add(index)
             indices.append(index)
-            if len(indices) > limits.max_nodes:
-                raise GltfError(f"the scene has more nodes than max_nodes = {limits.max_nodes}")
-            if len(open_) > limits.max_node_depth:
+            if len(indices) > most:
+                raise GltfError(f"the scene has more nodes than max_nodes = {most}")
+            if deep:
                 raise GltfError(f"nodes[{index}] lies deeper than max_node_depth = {limits.max_node_depth}")
             sources.append(source)
             parents.append(parent)
+            meshes.append(source.mesh)
+            if source.camera is not None:
+                visits.seeing.append(len(parents) - 1)
             if source.children:
-                open_.append((iter(source.children), len(parents) - 1, f"nodes[{index}].children"))
+                open_.append((iter(source.children), len(parents) - 1))
                 break
         else:
             open_.pop()
-    return Visits(indices, sources, parents)
+    return visits
 
 
 def _unique(name: str, taken: set[str]) -> str:
@@ -338,7 +340,7 @@ def _camera(source: gltf.Camera, visits: Visits, position: int, X_world_node: Ma
     return GltfCamera(
         index,
         source.name or node.name or "",
-        _without_scale(X_world_node) * _OPTICAL + _ZEROS,  # none is negative
+        _optical(X_world_node),
         None if perspective is None else perspective.yfov,
         0.0 if lens is None or lens.znear is None else lens.znear,
         None if lens is None else lens.zfar,
@@ -348,15 +350,19 @@ def _camera(source: gltf.Camera, visits: Visits, position: int, X_world_node: Ma
     )
 
 
-def _without_scale(X: Matrix) -> Matrix:
-    """The pose without the scales of the node and its parents, which cameras ignore (glTF 2.0, 3.10.2)."""
-    (a, b, c, _), (d, e, f, _), (g, h, i, _), _ = X.tolist()
-    x, y, z = math.sqrt(a * a + d * d + g * g), math.sqrt(b * b + e * e + h * h), math.sqrt(c * c + f * f + i * i)
-    if abs(x - 1.0) <= 1e-12 and abs(y - 1.0) <= 1e-12 and abs(z - 1.0) <= 1e-12:
-        return X
-    lengths = (x, y, z)
-    if not all(0.0 < length < math.inf for length in lengths):
-        return X
-    result = X.copy()
-    result[:3, :3] /= lengths
-    return result
+def _optical(X: Matrix) -> Matrix:
+    """The pose of the optical frame in glTF's camera frame, which looks along -Z with +Y up; without the scales of the
+    node and its parents, which cameras ignore (glTF 2.0, 3.10.2). In plain numbers: numpy takes twice as long."""
+    (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = X.tolist()
+    p, q, r = math.sqrt(a * a + d * d + g * g), math.sqrt(b * b + e * e + h * h), math.sqrt(c * c + f * f + i * i)
+    scaled = abs(p - 1.0) > 1e-12 or abs(q - 1.0) > 1e-12 or abs(r - 1.0) > 1e-12
+    if scaled and 0.0 < p < math.inf and 0.0 < q < math.inf and 0.0 < r < math.inf:
+        a, b, c, d, e, f, g, h, i = a / p, b / q, c / r, d / p, e / q, f / r, g / p, h / q, i / r
+    # Zeros are added, so that none is negative.
+    numbers = (
+        *(a + 0.0, 0.0 - b, 0.0 - c, x + 0.0),
+        *(d + 0.0, 0.0 - e, 0.0 - f, y + 0.0),
+        *(g + 0.0, 0.0 - h, 0.0 - i, z + 0.0),
+        *(0.0, 0.0, 0.0, 1.0),
+    )
+    return np.ndarray((4, 4), np.float64, bytearray(pack("16d", *numbers)))

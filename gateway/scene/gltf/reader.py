@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import replace
 from typing import Final
 
@@ -12,7 +11,7 @@ from gateway.scene.gltf.arrivals import Text
 from gateway.scene.gltf.buffers import Buffers, Resolver
 from gateway.scene.gltf.cache import MeshCache
 from gateway.scene.gltf.container import open_container
-from gateway.scene.gltf.document import Document, Node, Primitive, parse
+from gateway.scene.gltf.document import Document, Primitive, parse
 from gateway.scene.gltf.errors import GltfError, element
 from gateway.scene.gltf.lights import lights_of
 from gateway.scene.gltf.limits import GltfLimits
@@ -160,7 +159,6 @@ def _scene(
         generator,
         nodes.cameras,
         cameras,
-        cameras > 0 and all(camera.index != 0 for camera in nodes.cameras),
         parts.instances,
         parts.drawn,
         warnings,
@@ -192,80 +190,83 @@ class _Parts:
         self.order: tuple[int, ...] = ()
         """The meshes in the order of their first use."""
 
-    def __call__(self, nodes: list[int], sources: list[Node]) -> list[tuple[Part, ...] | None]:
-        known, make, elements, limits = self.known, self._make, self._elements, self._limits
-        self.order = (*dict.fromkeys([source.mesh for source in sources if source.mesh is not None]),)
-        if make is not None:
-            make.prepare([index for index in self.order if index not in known])
+    def __call__(self, nodes: list[int], meshes: list[int | None]) -> list[tuple[Part, ...] | None]:
+        known, elements, limits = self.known, self._elements, self._limits
+        self.order = (*[index for index in dict.fromkeys(meshes) if index is not None],)
+        new = [index for index in self.order if index not in known]
+        if new:
+            if self._make is None:
+                raise _UnknownMeshError
+            self._make(new, nodes, meshes, known, elements)
         result: list[tuple[Part, ...] | None] = []
-        for node, source in zip(nodes, sources, strict=True):
-            index = source.mesh
+        instances = drawn = 0
+        for node, index in zip(nodes, meshes, strict=True):
             if index is None:
                 result.append(None)
                 continue
-            parts = known.get(index)
-            if parts is None:
-                if make is None:
-                    raise _UnknownMeshError
-                parts = known[index] = make(index, node)
-                elements[index] = make.elements
+            parts = known[index]
             result.append(parts)
-            self.instances += len(parts)
-            self.drawn += elements[index]
-            if self.instances > limits.max_instances:
+            instances += len(parts)
+            drawn += elements[index]
+            if instances > limits.max_instances:
                 what, limit = "has more instances than max_instances", limits.max_instances
                 raise GltfError(f"nodes[{node}].mesh: the scene {what} = {limit}")
-            if self.drawn > limits.max_drawn_elements:
+            if drawn > limits.max_drawn_elements:
                 what, limit = "draws more elements than max_drawn_elements", limits.max_drawn_elements
                 raise GltfError(f"nodes[{node}].mesh: the scene {what} = {limit}")
+        self.instances, self.drawn = instances, drawn
         return result
 
 
 class _Maker:
-    """Makes the parts of a mesh."""
+    """Makes the parts of meshes."""
 
     def __init__(self, document: Document, meshes: Meshes, materials: Materials, limits: GltfLimits) -> None:
         self._sources = document.meshes or []
         self._meshes = meshes
-        self._prepared = meshes.prepared
         self._materials = materials
         self._limits = limits
-        self._primitives = 0
-        self.elements = 0
-        """Triangles, lines and points of the mesh that was made last."""
 
-    def prepare(self, indices: Iterable[int]) -> None:
-        """Meshes that will be asked for, in this order. Whatever is wrong with them is told then."""
-        sources = self._sources
-        primitives: list[Primitive | None] = []
+    def __call__(
+        self,
+        indices: list[int],
+        nodes: list[int],
+        meshes_of_nodes: list[int | None],
+        to_parts: dict[int, tuple[Part, ...]],
+        to_elements: dict[int, int],
+    ) -> None:
+        """Adds the parts of these meshes, and their triangles, lines and points.
+
+        Args:
+            nodes: their indices in the document; for messages, as are their meshes.
+        """
+        sources, most = self._sources, self._limits.max_primitives
+        count = len(sources)
+        wanted: list[list[Primitive | None]] = []
+        total = 0
         for index in indices:
-            source = sources[index] if 0 <= index < len(sources) else None
-            if source is not None and source.primitives:
-                primitives += source.primitives
-                if len(primitives) > self._limits.max_primitives:
-                    break
-        self._meshes.prepare(primitives[: self._limits.max_primitives])
-
-    def __call__(self, index: int, node: int) -> tuple[Part, ...]:
-        sources = self._sources
-        source = sources[index] if 0 <= index < len(sources) else None
-        if source is None:
-            source = element(sources, index, "meshes", f"nodes[{node}].mesh")
-        primitives = source.primitives or ()
-        self._primitives += len(primitives)
-        if self._primitives > self._limits.max_primitives:
-            raise GltfError(f"meshes[{index}]: more primitives than max_primitives = {self._limits.max_primitives}")
-        parts: list[Part] = []
-        elements = 0
-        for number, primitive in enumerate(primitives):
-            if primitive is None:
-                continue
-            mesh = self._prepared.get(id(primitive)) or self._meshes.mesh(primitive, index, number)
-            if mesh is not None:
-                elements += len(mesh.elements)
-                parts.append(Part(Surface(mesh), self._materials.of(primitive, index, number)))
-        self.elements = elements
-        return tuple(parts)
+            source = sources[index] if 0 <= index < count else None
+            if source is None:
+                node = nodes[meshes_of_nodes.index(index)]
+                source = element(sources, index, "meshes", f"nodes[{node}].mesh")
+            primitives = source.primitives or []
+            wanted.append(primitives)
+            total += len(primitives)
+            if total > most:
+                raise GltfError(f"meshes[{index}]: more primitives than max_primitives = {most}")
+        self._meshes.prepare([primitive for primitives in wanted for primitive in primitives])
+        prepared, mesh_of, material_of = self._meshes.prepared, self._meshes.mesh, self._materials.of
+        for index, primitives in zip(indices, wanted, strict=True):
+            parts: list[Part] = []
+            elements = 0
+            for number, primitive in enumerate(primitives):
+                if primitive is None:
+                    continue
+                mesh = prepared.get(id(primitive)) or mesh_of(primitive, index, number)
+                if mesh is not None:
+                    elements += len(mesh.elements)
+                    parts.append(Part(Surface(mesh), material_of(primitive, index, number)))
+            to_parts[index], to_elements[index] = tuple(parts), elements
 
 
 def _check_extensions(document: Document) -> tuple[str, ...]:
@@ -287,12 +288,14 @@ def _deformations(document: Document, morphed: int) -> list[str]:
     Args:
         morphed: meshes with weights of their own.
     """
-    said: list[str] = []
     nodes = [
         node
         for node in document.nodes or ()
         if node is not None and (node.skin is not None or node.weights) and node.mesh is not None
     ]
+    said: list[str] = []
+    if not nodes and not morphed:
+        return said
     if skinned := sum([node.skin is not None for node in nodes]):
         said.append(f"nodes: skins are ignored, {skinned} meshes are drawn as they are stored")
     if morphed := morphed + sum([any(node.weights) for node in nodes if node.weights]):

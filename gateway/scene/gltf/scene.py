@@ -74,8 +74,6 @@ class GltfScene:
     """One for every node with a camera, in scene order (parents first)."""
     camera_count: int
     """Entries of the document's ``cameras``, in use or not."""
-    camera_node_missing: bool
-    """The document has cameras, but no node of the scene carries the first one."""
     instance_count: int
     """Parts of all nodes together; 0: there is nothing to draw."""
     element_count: int
@@ -96,6 +94,11 @@ class GltfScene:
     def from_drake(self) -> bool:
         """Whether Drake's render client made the document."""
         return self.generator in DRAKE_GENERATORS
+
+    @property
+    def camera_node_missing(self) -> bool:
+        """The document has cameras, but no node of the scene carries the first one."""
+        return self.camera_count > 0 and all(camera.index != 0 for camera in self.cameras)
 
     @property
     def camera(self) -> GltfCamera | None:
