@@ -53,7 +53,7 @@ def pictures() -> Iterator[tuple[str, posted.Array, posted.Array]]:
             form.feed(scene.moved(width, height))
             request = read_form(form.form(), config)
             prepared = store.get(request.scene_sha256, request.scene)
-            camera = camera_of(request, prepared.gltf)
+            camera = camera_of(request, prepared)
             with renderer.render(prepared.drawn, camera, Output.COLOR | Output.DEPTH, Look("phong")) as frame:
                 assert frame.color is not None
                 assert frame.depth is not None

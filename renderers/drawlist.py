@@ -8,10 +8,10 @@ it prepared when the object is gone.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import Enum, IntEnum
-from typing import Final
+from typing import Final, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -185,6 +185,57 @@ class Instance:
     """What the instance output shows for it; -1 is the background's value."""
 
 
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
+class Cast:
+    """Who is drawn, wherever that is: one object for all draw lists of things that move, so that what is made of it
+    alone is made once."""
+
+    meshes: tuple[Mesh, ...]
+    materials: tuple[Material, ...]
+    labels: tuple[int, ...]
+    """As of ``Instance``; its ``instance_id`` is the place in the list."""
+
+
+class Placed(Sequence[Instance]):
+    """A cast's instances at places of their own. They are objects only for whoever asks for them: poses are new in
+    every frame, and hundreds of objects more than drawing takes."""
+
+    __slots__ = ("X_world_mesh", "cast")
+
+    def __init__(self, cast: Cast, X_world_mesh: NDArray[np.float64]) -> None:
+        """
+        Args:
+            X_world_mesh: (I, 4, 4) float64, C-contiguous; nobody changes it any more.
+
+        Raises:
+            ValueError: other shapes, or not as many as the cast is.
+        """
+        if X_world_mesh.shape != (len(cast.meshes), 4, 4):
+            raise ValueError(f"{len(cast.meshes)} instances cannot have poses of shape {X_world_mesh.shape}")
+        self.cast: Final = cast
+        self.X_world_mesh: Final = X_world_mesh
+
+    def __len__(self) -> int:
+        return len(self.cast.meshes)
+
+    @overload
+    def __getitem__(self, index: int) -> Instance: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Instance, ...]: ...
+    def __getitem__(self, index: int | slice) -> Instance | tuple[Instance, ...]:
+        numbers = range(len(self))[index]
+        return self._instance(numbers) if isinstance(numbers, int) else tuple([self._instance(n) for n in numbers])
+
+    def __iter__(self) -> Iterator[Instance]:
+        return map(self._instance, range(len(self)))
+
+    def _instance(self, number: int) -> Instance:
+        cast = self.cast
+        return Instance(
+            cast.meshes[number], cast.materials[number], self.X_world_mesh[number], cast.labels[number], number
+        )
+
+
 class LightKind(Enum):
     DIRECTIONAL = "directional"
     POINT = "point"
@@ -217,8 +268,15 @@ class Light:
 class DrawList:
     """Everything that one picture is made of."""
 
-    instances: tuple[Instance, ...] = ()
+    instances: Sequence[Instance] = ()
+    """Never changed; ``Placed`` where only the poses are others than before."""
     images: tuple[Image, ...] = field(default=())
     """The images that the materials use, each once, so that a renderer can decode them in parallel beforehand."""
     lights: tuple[Light, ...] = ()
     """What the scene itself brings; looks that have lights of their own do without."""
+
+    @property
+    def who(self) -> DrawList | Cast:
+        """What stays the same object while things move, if whoever made this list knows: a key for what does not depend
+        on poses."""
+        return self.instances.cast if isinstance(self.instances, Placed) else self

@@ -141,5 +141,5 @@ class RequestDrawer:
             RequestError: the scene or its camera cannot be used.
         """
         picture = self._pipeline.picture(request)
-        camera = camera_of(request, self._pipeline.scenes.get(request.scene_sha256, request.scene).gltf)
+        camera = camera_of(request, self._pipeline.scenes.get(request.scene_sha256, request.scene))
         return camera, request.image_type, picture.body

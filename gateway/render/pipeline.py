@@ -67,10 +67,10 @@ class Pipeline:
         begin = time.perf_counter()
         try:
             scene = self.scenes.get(request.scene_sha256, request.scene)
-            camera = camera_of(request, scene.gltf)
+            camera = camera_of(request, scene)
             drawn = self._with_backdrop(scene.drawn)
             parsed = time.perf_counter()
-            look = Look(self._look(scene.gltf.generator), self._config.background, self._config.samples)
+            look = Look(self._look(scene.generator), self._config.background, self._config.samples)
             with self._renderer.render(drawn, camera, _OUTPUTS[request.image_type], look) as frame:
                 rendered = time.perf_counter()
                 body, media_type = self._encoded(frame, request)
@@ -81,9 +81,9 @@ class Pipeline:
             body=body,
             media_type=media_type,
             stages=(("parse", parsed - begin), ("render", rendered - parsed), ("encode", encoded - rendered)),
-            generator=scene.gltf.generator,
-            elements=scene.gltf.element_count,
-            warnings=scene.gltf.warnings,
+            generator=scene.generator,
+            elements=scene.element_count,
+            warnings=scene.warnings,
         )
 
     def _look(self, generator: str) -> LookName:
@@ -101,7 +101,7 @@ class Pipeline:
             self._backdrop_seen = seen
         backdrop = seen[1]
         images = tuple(dict.fromkeys((*drawn.images, *backdrop.images)))
-        return DrawList(drawn.instances + backdrop.instances, images)
+        return DrawList((*drawn.instances, *backdrop.instances), images)
 
     def _encoded(self, frame: Frame, request: RenderRequest) -> tuple[bytes, str]:
         if request.image_type == "color":

@@ -4,24 +4,28 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gateway.render.config import RenderConfig
-from gateway.render.drawn import drawn
-from gateway.scene.gltf import Arrival, CacheStats, GltfScene, MeshCache, Text, read_gltf
-from renderers.drawlist import DrawList, Mesh
+from gateway.render.drawn import Companies, Company
+from gateway.scene.gltf import Arrival, CacheStats, GltfCamera, MeshCache, Text, read_gltf
+from renderers.drawlist import DrawList
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreparedScene:
-    """A scene, read and flattened; shared by all pictures of it."""
+    """A scene, read and flattened; shared by all pictures of it. Not its nodes, which are thousands of objects."""
 
-    gltf: GltfScene
+    camera: GltfCamera | None
+    """As of ``GltfScene``."""
+    has_geometry: bool
+    """Whether there is anything to draw, however far away."""
+    generator: str
+    element_count: int
+    warnings: tuple[str, ...]
     drawn: DrawList
-    meshes: tuple[Mesh, ...]
-    """Of each instance."""
-    mesh_bytes: int
-    """Of these meshes."""
+    company: Company
+    """By which the next scene is known, if only things have moved in it."""
     nbytes: int
     """What keeping it costs, about."""
 
@@ -38,8 +42,7 @@ class SceneStore:
         self._meshes = MeshCache(config.mesh_cache_bytes)
         self._lock = threading.Lock()
         self._kept: OrderedDict[str, PreparedScene] = OrderedDict()
-        self._last: PreparedScene | None = None
-        """The one that was kept last, while it is."""
+        self._companies = Companies()
         self._nbytes = 0
         self.hits = 0
         """Scenes that were found."""
@@ -73,14 +76,18 @@ class SceneStore:
                 self.hits += 1
                 return found
         gltf = read_gltf(data, limits=self._config.gltf, cache=self._meshes)
-        listed = drawn(gltf)
-        meshes = tuple([instance.mesh for instance in listed.instances])
-        last = self._last
-        if last is not None and last.meshes == meshes:  # by identity: nearly always, while a robot moves
-            mesh_bytes = last.mesh_bytes
-        else:
-            mesh_bytes = sum(mesh.nbytes for mesh in {id(mesh): mesh for mesh in meshes}.values())
-        scene = PreparedScene(gltf, listed, meshes, mesh_bytes, len(data) + mesh_bytes)
+        listed, company = self._companies.drawn(gltf)
+        camera = gltf.camera
+        scene = PreparedScene(
+            replace(camera, visits=None) if camera is not None else None,
+            gltf.instance_count > 0,
+            gltf.generator,
+            gltf.element_count,
+            gltf.warnings,
+            listed,
+            company,
+            len(data) + company.mesh_bytes,
+        )
         with self._lock:
             self.misses += 1
             self._keep(sha256, scene)
@@ -90,10 +97,8 @@ class SceneStore:
         config = self._config
         if scene.nbytes > config.scene_cache_bytes or sha256 in self._kept:
             return
-        self._kept[sha256] = self._last = scene
+        self._kept[sha256] = scene
         self._nbytes += scene.nbytes
         while self._nbytes > config.scene_cache_bytes or len(self._kept) > config.scene_cache_count:
             _, oldest = self._kept.popitem(last=False)
             self._nbytes -= oldest.nbytes
-            if oldest is self._last:
-                self._last = None

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gateway.render.errors import RequestError
 from gateway.render.form import RenderRequest
-from gateway.scene.gltf import GltfScene
+from gateway.render.scenes import PreparedScene
 from renderers.camera import OPENGL_FROM_OPTICAL, Camera
 
 _NEAR_FRACTION: Final = 1e-6
@@ -31,7 +31,7 @@ _NO_CAMERA: Final = (
 )
 
 
-def camera_of(request: RenderRequest, scene: GltfScene) -> Camera:
+def camera_of(request: RenderRequest, scene: PreparedScene) -> Camera:
     """The camera that sees what the client asked for.
 
     A document with cameras but without a node for the first one is seen from the origin along -Z, glTF's identity, and
@@ -41,7 +41,7 @@ def camera_of(request: RenderRequest, scene: GltfScene) -> Camera:
         RequestError: there is geometry but no camera, or the node's transform is no pose.
     """
     camera = scene.camera
-    if camera is None and scene.instance_count:
+    if camera is None and scene.has_geometry:
         raise RequestError(400, _NO_CAMERA)
     near = request.near
     if near == 0.0:  # std::to_string cut it off; the scene's camera still has all its digits

@@ -8,7 +8,7 @@ in one numpy call, since a call per node would cost more than all the arithmetic
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Final
 
 import numpy as np
@@ -119,7 +119,7 @@ class _Flat:
             # Half-updated entries would be taken for finished ones by the next call.
             self._root = _Entry(())
             raise
-        images = images_of(instances) if self._remeshed else self._drawn.images
+        images = images_of(i.material for i in instances) if self._remeshed else self._drawn.images
         self._drawn = DrawList(tuple(instances), images)
         self._tree = root
         return self._drawn
@@ -258,12 +258,11 @@ def _local_matrices(nodes: list[Node]) -> NDArray[np.float64]:
     return both
 
 
-def images_of(instances: list[Instance]) -> tuple[Image, ...]:
+def images_of(materials: Iterable[Material]) -> tuple[Image, ...]:
     """The images of all materials, each once, in order of first use."""
     images: dict[Image, None] = {}
     seen: set[int] = set()
-    for instance in instances:
-        material = instance.material
+    for material in materials:
         if id(material) in seen:
             continue
         seen.add(id(material))

@@ -33,8 +33,8 @@ from renderers.simd import LANES
 
 _ASKED: Final = Struct(f"{at_begin.A_LENS}q{at.L_COLUMNS}dq")
 """All to A_PAINTER."""
-_PLACED: Final = Struct("7q16d")
-"""A_POSED, A_TASK, A_PICTURES, A_POSE."""
+_PLACED: Final = Struct("8q16d")
+"""A_POSED, A_TASK, A_PICTURES, A_POINTS, A_POSE."""
 _AGAIN: Final = Struct(f"{2 + at_begin.DRAWN}q")
 """A_PAINTER, A_MAP, A_DRAWN."""
 _OUTPUTS: Final = Struct("4q")
@@ -71,7 +71,7 @@ class FrameJob:
             kept: ``layers`` will say where the layer goes.
         """
         width, height = camera.width, camera.height
-        count, vertices, elements = prepared.counts
+        count, vertices, elements = prepared.cast.counts
         scratch.again = None, None  # what it knows is written over
         own, memory, address = scratch.table("frame", at_begin.FIXED + at_begin.PER_INSTANCE * count)
         self._own, self._memory, self._address, self._count = own, memory, address, count
@@ -95,7 +95,7 @@ class FrameJob:
             cull_back,
             opaque,
             keep_backs,
-            *prepared.asked,
+            *prepared.cast.asked,
             *_room(scratch, vertices, -(-elements // at.CHUNK), band_count(height)),
             transforming,
             setting_up,
@@ -109,7 +109,7 @@ class FrameJob:
             camera.far,
             0,
         )
-        useful = _begin(memory, address, self._words, _NO_PICTURES, camera)
+        useful = _begin(memory, address, self._words, _NO_PICTURES, prepared, camera)
         if useful == 0:
             with np.errstate(all="ignore"):  # poses that are not finite draw nothing
                 self.X_camera_mesh[:] = np.matmul(camera.X_camera_world, prepared.X_world_mesh)
@@ -206,29 +206,37 @@ class FrameJob:
 
 
 class Again:
-    """A frame that is like the scratch's last one, but for where the camera is and which pictures it fills: what a
-    ``FrameJob`` and a painter do is done. It keeps nothing alive but the scratch's memory."""
+    """A frame that is like the scratch's last one, but for where the camera and the instances are and which pictures it
+    fills: what a ``FrameJob`` and a painter do is done. It keeps nothing alive but the scratch's memory."""
 
     __slots__ = "_address", "_memory"
 
     def __init__(self, memory: memoryview, address: int) -> None:
         self._memory, self._address = memory, address
 
-    def task(self, camera: Camera, places: Sequence[int]) -> Task | None:
+    def task(self, prepared: PreparedScene, camera: Camera, places: Sequence[int]) -> Task | None:
         """As ``FrameJob.task``; None: it takes a ``FrameJob``.
 
         Args:
+            prepared: of a cast with the same ``asked`` as before.
             places: addresses of colour, depth, label, instance and normal; 0: not wanted, which it must be as before.
         """
         words = _Words()
-        useful = _begin(self._memory, self._address, words, places, camera)
+        useful = _begin(self._memory, self._address, words, places, prepared, camera)
         return Task(words, useful) if useful else None
 
 
-def _begin(memory: memoryview, address: int, words: Array[c_int64], places: Sequence[int], camera: Camera) -> int:
+def _begin(
+    memory: memoryview,
+    address: int,
+    words: Array[c_int64],
+    places: Sequence[int],
+    prepared: PreparedScene,
+    camera: Camera,
+) -> int:
     """``begin`` with what is different in every frame."""
-    pose = camera.X_world_camera.ravel().tolist()
-    _PLACED.pack_into(memory, 8 * (at_begin.ASKED + at_begin.A_POSED), 0, addressof(words), *places, *pose)
+    place, pose = 8 * (at_begin.ASKED + at_begin.A_POSED), camera.X_world_camera.ravel().tolist()
+    _PLACED.pack_into(memory, place, 0, addressof(words), *places, prepared.points, *pose)
     useful: int = begin(address)
     return useful
 

@@ -20,7 +20,7 @@ from renderers.cpu.pools import ArrayPool, Kinds, Pooled, Scratch, ScratchPool
 from renderers.cpu.sampled import edge_kernels, edge_memory, mixed_bands, paint_each_sample
 from renderers.cpu.scene import PreparedScene, prepare
 from renderers.cpu.visibility import SampledShader, SampledView, Visibility
-from renderers.drawlist import DrawList
+from renderers.drawlist import Cast, DrawList
 from renderers.pointers import address_of
 from renderers.port import Frame, Look, LookName, Output
 from renderers.shading import Painter, Parallel, ShadingScene, paint
@@ -59,13 +59,14 @@ MAX_SHADING_BYTES: Final = 1 << 30
 
 _intrinsics: Final = attrgetter("width", "height", "fx", "fy", "cx", "cy", "near", "far")
 _alike: dict[LookName, Alike[ShadingScene]] = {name: Alike(MAX_SHADING_BYTES // 2) for name in get_args(LookName)}
-_shadings: WeakLru[DrawList, dict[LookName, ShadingScene]] = WeakLru(MAX_SHADING_BYTES)
-_studios: WeakLru[DrawList, StudioScene] = WeakLru(MAX_SHADING_BYTES)
+_shadings: WeakLru[DrawList | Cast, dict[LookName, ShadingScene]] = WeakLru(MAX_SHADING_BYTES)
+_studios: WeakLru[DrawList | Cast, StudioScene] = WeakLru(MAX_SHADING_BYTES)
 
 
 def _shading(scene: DrawList, look: LookName, parallel: Parallel) -> ShadingScene:
     """The draw list's tables for shading, made once while it is alive and drawn."""
-    looks = _shadings.get(scene) or {}
+    who = scene.who
+    looks = _shadings.get(who) or {}
     known = looks.get(look)
     if known is None:
         known = _alike[look].get(scene.instances)
@@ -73,16 +74,17 @@ def _shading(scene: DrawList, look: LookName, parallel: Parallel) -> ShadingScen
             known = prepare_shading(scene.instances, look, parallel)
             _alike[look].put(scene.instances, known, known.nbytes)
         looks = {**looks, look: known}
-        _shadings.put(scene, looks, sum(tables.nbytes for tables in looks.values()))
+        _shadings.put(who, looks, sum(tables.nbytes for tables in looks.values()))
     return known
 
 
 def _studio(scene: DrawList) -> StudioScene:
     """The draw list's tables for the ``studio`` look, made once while it is alive and drawn."""
-    known = _studios.get(scene)
+    who = scene.who
+    known = _studios.get(who)
     if known is None:
         known = prepare_studio(scene.instances)
-        _studios.put(scene, known, known.nbytes)
+        _studios.put(who, known, known.nbytes)
     return known
 
 
@@ -171,7 +173,7 @@ class CpuRenderer:
             threads = self._crew.threads
             job = FrameJob(prepared, camera, scratch, threads, cull_back=culled, samples=samples)
             memory = edge_memory(scratch, threads, camera, samples, job.stride)
-            shader = begin(SampledView(prepared.first_record, job.X_camera_mesh, job.stride))
+            shader = begin(SampledView(prepared.cast.structure.first_record, job.X_camera_mesh, job.stride))
             self._crew.share(job.sampled_task(*edge_kernels(), memory, shader))
         finally:
             self._scratch.give(scratch)
@@ -251,9 +253,9 @@ class CpuRenderer:
         """What draws an opaque frame in one pass; ``prepared``, ``shading`` and the frame's arrays must outlive it."""
         culled, threads = shading.cull_at if shading.culls else 0, self._crew.threads
         # All that the scratch's tables were filled with but for the poses and the pictures: addresses among it.
-        same = prepared.asked, prepared.counts, shading.job, culled, with_geometry, _intrinsics(camera), look
+        same = prepared.cast.asked, prepared.cast.counts, shading.job, culled, with_geometry, _intrinsics(camera), look
         if scratch.again[0] == same:
-            repeated: Task | None = scratch.again[1].task(camera, places)
+            repeated: Task | None = scratch.again[1].task(prepared, camera, places)
             if repeated is not None:
                 return repeated
         if look.samples == 1:
@@ -263,7 +265,7 @@ class CpuRenderer:
             job = FrameJob(prepared, camera, scratch, threads, cull_back=culled, samples=look.samples)
         painter = Painter(
             shading,
-            (prepared.first_record_at, job.poses_address, places[0], job.stride),
+            (prepared.cast.first_record_at, job.poses_address, places[0], job.stride),
             camera,
             look,
             table=lambda values: scratch.table("painter", values),
@@ -304,7 +306,7 @@ class CpuRenderer:
         return Visibility(
             ids=ids,
             inv_z=inv_z,
-            first_record=prepared.first_record,
+            first_record=prepared.cast.structure.first_record,
             X_camera_mesh=poses,
             _release=self._releaser(taken),
         )

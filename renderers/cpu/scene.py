@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 from weakref import WeakKeyDictionary
@@ -27,7 +28,7 @@ from renderers.cpu.layout import (
     T_VERTEX,
 )
 from renderers.cpu.solid import solid
-from renderers.drawlist import DrawList, Instance, Mesh, Topology
+from renderers.drawlist import Cast, DrawList, Instance, Mesh, Placed, Topology
 from renderers.pointers import address_of
 
 MAX_RECORDS: Final = 2**31 - 1
@@ -70,38 +71,39 @@ class Structure:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PreparedScene:
-    """I instances."""
+class PreparedCast:
+    """I instances, wherever they are. It keeps no mesh."""
 
-    table: NDArray[np.int64]
-    """(I + 1, T_COLUMNS) int64: the table of a frame in which all instances are drawn from both sides."""
-    attributes: NDArray[np.int64]
-    """(I, A_COLUMNS) int64."""
-    first_record: NDArray[np.int64]
-    """(I + 1,) int64."""
+    structure: Structure
     labels: NDArray[np.uint32]
     """(I,) uint32."""
     instance_ids: NDArray[np.int32]
     """(I,) int32."""
-    sizes: NDArray[np.float64]
-    """(I,) float64: point size or line width, pixels."""
-    bounds: NDArray[np.float64]
-    """(I, B_COLUMNS) float64."""
-    X_world_mesh: NDArray[np.float64]
-    """(I, 4, 4) float64."""
     first_record_at: int
-    """Address of ``first_record``."""
+    """Address of ``Structure.first_record``."""
     counts: tuple[int, int, int]
     """Instances, vertices, elements."""
     asked: tuple[int, ...]
-    """A_COUNT to A_MESHES, see ``begin``: the number of instances; addresses of ``table``, ``X_world_mesh``, ``sizes``,
-    ``bounds``, ``first_record``, ``labels``, ``instance_ids`` and ``attributes``."""
-    keep: tuple[Any, ...]
-    """What the addresses in the tables point into."""
+    """A_COUNT to A_MESHES, see ``begin``: the number of instances; addresses of ``Structure``'s ``table``, ``sizes``,
+    ``bounds`` and ``first_record``, of ``labels`` and ``instance_ids``, and of ``Structure.attributes``."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PreparedScene:
+    """I instances at their places."""
+
+    cast: PreparedCast
+    X_world_mesh: NDArray[np.float64]
+    """(I, 4, 4) float64."""
+    points: int
+    """Its address."""
+    keep: Sequence[Instance]
+    """What the addresses in the tables point into: the meshes."""
 
 
 _meshes: WeakKeyDictionary[Mesh, PreparedMesh] = WeakKeyDictionary()
 _structures: Alike[Structure] = Alike(MAX_STRUCTURE_BYTES)
+_casts: WeakKeyDictionary[Cast, PreparedCast] = WeakKeyDictionary()
 _scenes: WeakKeyDictionary[DrawList, PreparedScene] = WeakKeyDictionary()
 _lock = threading.Lock()
 
@@ -171,43 +173,56 @@ def prepare(scene: DrawList) -> PreparedScene:
     if known is not None:
         return known
     instances = scene.instances
-    count = len(instances)
+    if isinstance(instances, Placed):
+        cast, X_world_mesh = _known_cast(instances), instances.X_world_mesh
+    else:
+        cast = _prepared_cast(instances)
+        X_world_mesh = np.array([i.X_world_mesh for i in instances], dtype=np.float64).reshape(len(instances), 4, 4)
+    prepared = PreparedScene(cast, X_world_mesh, address_of(X_world_mesh, np.float64), instances)
+    with _lock:
+        return _scenes.setdefault(scene, prepared)
+
+
+def _known_cast(instances: Placed) -> PreparedCast:
+    """Made once while the cast is alive."""
+    with _lock:
+        known = _casts.get(instances.cast)
+    if known is None:
+        fresh = _prepared_cast(instances)
+        with _lock:
+            known = _casts.setdefault(instances.cast, fresh)
+    return known
+
+
+def _prepared_cast(instances: Sequence[Instance]) -> PreparedCast:
+    """Raises as ``prepare`` does."""
     structure = _structures.get(instances)
     if structure is None:
         structure = _structure(instances)
         _structures.put(instances, structure, structure.table.nbytes + structure.attributes.nbytes)
     labels = np.array([instance.label for instance in instances], dtype=np.uint32)
     instance_ids = np.array([instance.instance_id for instance in instances], dtype=np.int32)
-    X_world_mesh = np.array([i.X_world_mesh for i in instances], dtype=np.float64).reshape(count, 4, 4)
-    prepared = PreparedScene(
-        table=structure.table,
-        attributes=structure.attributes,
-        first_record=structure.first_record,
-        labels=labels,
-        instance_ids=instance_ids,
-        first_record_at=address_of(structure.first_record, np.int64),
-        counts=(count, *structure.table[-1, [T_VERTEX, T_ELEMENT]].tolist()),
+    first_record_at = address_of(structure.first_record, np.int64)
+    return PreparedCast(
+        structure,
+        labels,
+        instance_ids,
+        first_record_at,
+        counts=(len(instances), *structure.table[-1, [T_VERTEX, T_ELEMENT]].tolist()),
         asked=(
-            count,
+            len(instances),
             address_of(structure.table, np.int64),
-            address_of(X_world_mesh, np.float64),
             address_of(structure.sizes, np.float64),
             address_of(structure.bounds, np.float64),
-            address_of(structure.first_record, np.int64),
+            first_record_at,
             address_of(labels, np.uint32),
             address_of(instance_ids, np.int32),
             address_of(structure.attributes, np.int64),
         ),
-        sizes=structure.sizes,
-        bounds=structure.bounds,
-        X_world_mesh=X_world_mesh,
-        keep=(instances, structure),
     )
-    with _lock:
-        return _scenes.setdefault(scene, prepared)
 
 
-def _structure(instances: tuple[Instance, ...]) -> Structure:
+def _structure(instances: Sequence[Instance]) -> Structure:
     """Raises as ``prepare`` does."""
     count = len(instances)
     by_mesh: dict[int, PreparedMesh] = {}

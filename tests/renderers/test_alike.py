@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import gc
 import weakref
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from renderers.alike import KEPT_PER_MESH, Alike
 from renderers.camera import Camera
 from renderers.cpu import CpuRenderer
 from renderers.cpu.scene import prepare
-from renderers.drawlist import DrawList, Instance, Material
+from renderers.drawlist import Cast, DrawList, Instance, Material, Placed
 from renderers.port import Look, Output
 from tests.renderers.shading_reference import ball, quad
 
@@ -67,7 +69,7 @@ def test_a_moved_scene_shares_its_tables_and_is_drawn_where_it_is() -> None:
     camera = Camera(64, 48, 50.0, 50.0, 32.0, 24.0, 0.1, 10.0, np.eye(4))
     pictures = []
     scenes = [DrawList(moved(given, x)) for x in (-0.5, 0.5)]
-    assert prepare(scenes[0]).table is prepare(scenes[1]).table
+    assert prepare(scenes[0]).cast.structure is prepare(scenes[1]).cast.structure
     assert prepare(scenes[0]).X_world_mesh[0, 0, 3] == -0.5
     for scene in scenes:
         with renderer.render(scene, camera, Output.COLOR | Output.LABEL, Look()) as frame:
@@ -84,3 +86,54 @@ def test_a_moved_scene_shares_its_tables_and_is_drawn_where_it_is() -> None:
     del given, scenes, scene
     gc.collect()
     assert gone() is None
+
+
+def as_placed(given: Sequence[Instance]) -> Placed:
+    cast = Cast(tuple(i.mesh for i in given), tuple(i.material for i in given), tuple(i.label for i in given))
+    return Placed(cast, np.array([i.X_world_mesh for i in given]).reshape(-1, 4, 4))
+
+
+def test_a_cast_at_places_is_a_sequence_of_instances() -> None:
+    given = moved(instances(Material(), Material(metallic=0.5)), 0.25)
+    placed = as_placed(given)
+    assert len(placed) == 2
+    for a, b in zip(placed, given, strict=True):
+        assert (a.mesh, a.material, a.label) == (b.mesh, b.material, b.label)
+        assert (a.X_world_mesh == b.X_world_mesh).all()
+    assert [i.instance_id for i in placed] == [0, 1]
+    assert placed[-1].instance_id == 1
+    assert [i.instance_id for i in placed[1:]] == [1]
+    with pytest.raises(IndexError):
+        placed[2]
+    with pytest.raises(ValueError, match="2 instances"):
+        Placed(placed.cast, np.zeros((3, 4, 4)))
+    assert DrawList(given).who is not DrawList(given).who
+    assert DrawList(placed).who is placed.cast
+
+
+def test_a_cast_that_moves_is_prepared_once_and_looks_like_any_other_list() -> None:
+    given = instances(Material((1.0, 0.5, 0.2, 1.0)), Material((0.1, 0.5, 0.2, 1.0)))
+    placed = as_placed(given)
+    renderer, other = CpuRenderer(1), CpuRenderer(1)
+    camera = Camera(64, 48, 50.0, 50.0, 32.0, 24.0, 0.1, 10.0, np.eye(4))
+    outputs = Output.COLOR | Output.DEPTH | Output.LABEL | Output.INSTANCE
+    prepared = []
+    for number in range(6):
+        where = np.tile(np.eye(4), (2, 1, 1))
+        where[:, :3, 3] = (0.1 * number - 0.3, 0.0, 3.0), (0.0, 0.2 * number - 0.5, 2.5)
+        scene = DrawList(Placed(placed.cast, where))
+        plain = DrawList(tuple(scene.instances))
+        prepared.append(prepare(scene).cast)
+        for wanted in (Output.COLOR, outputs, Output.DEPTH):
+            with renderer.render(scene, camera, wanted) as a, other.render(plain, camera, wanted) as b:
+                for picture in ("color", "depth", "label", "instance"):
+                    np.testing.assert_array_equal(getattr(a, picture), getattr(b, picture))
+    assert all(each is prepared[0] for each in prepared)
+    # What is kept of a cast does not keep it, nor its meshes.
+    gone = weakref.ref(given[0].mesh)
+    del given, placed, scene, plain
+    gc.collect()
+    assert gone() is None
+    with renderer.render(DrawList(Placed(Cast((), (), ()), np.zeros((0, 4, 4)))), camera, Output.DEPTH) as frame:
+        assert frame.depth is not None
+        assert np.isinf(frame.depth).all()

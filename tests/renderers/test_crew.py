@@ -244,7 +244,7 @@ def test_primitives_that_share_a_long_vertex_array_transform_only_their_own() ->
     points = np.random.default_rng(0).uniform((-1, -1, 2), (1, 1, 4), size=(5000, 3)).astype(np.float32)
     elements = np.array(((4000, 10, 20), (30, 4000, 4999)), dtype=np.uint32)
     shared = draw_list(mesh(points, elements))
-    assert prepare(shared).table[1, T_VERTEX] == 5
+    assert prepare(shared).cast.structure.table[1, T_VERTEX] == 5
     own = draw_list(mesh(points[elements.ravel()], np.arange(6).reshape(2, 3)))
     renderer = CpuRenderer(1)
     outputs = Output.DEPTH | Output.NORMAL

@@ -147,7 +147,7 @@ def test_nobody_can_tell(seed: int, count: int) -> None:
     """Silhouettes apart: there the front is seen, which lies behind the edge of the back that snapping let through."""
     rng = np.random.default_rng(seed)
     scene = some_solids(rng, count, 1.0)
-    assert (prepare(scene).bounds[:, 3] >= 0.0).all()
+    assert (prepare(scene).cast.structure.bounds[:, 3] >= 0.0).all()
     X = np.eye(4)
     X[:3, 3] = (*rng.uniform(-0.2, 0.2, 2), -3.0)
     view = Camera(157, 120, 140.0, 150.0, 78.0, 60.0, 0.05, 50.0, X)
