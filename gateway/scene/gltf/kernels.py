@@ -8,6 +8,7 @@ import numba
 import numpy as np
 from llvmlite import ir
 from numba import extending, types
+from numba.core import cgutils
 from numpy.typing import NDArray
 
 from gateway.scene.transforms import SQUARE_SAFE
@@ -64,6 +65,9 @@ _INFINITE: Final = np.uint32(0x7F800000)
 """Bits of an infinite float32; those of NaN, without the sign, are larger."""
 _UNIT: Final = np.float32(1.999e-3)
 """How far a squared length may be from 1; a little less than what ``normals.unit_rows`` allows, which decides then."""
+
+_SPARE: Final = 4 * 3 + 6
+"""float64 beyond the last sum: of three more, and twelve float32."""
 
 
 @numba.njit(nogil=True, cache=True, fastmath=False)
@@ -172,6 +176,52 @@ def _add_normal(typing_context: Any, points: Any, sums: Any, a: Any, b: Any, c: 
     return types.int32(points, sums, types.uint64, types.uint64, types.uint64), generate
 
 
+@intrinsic
+def _unit_rows(typing_context: Any, sums: Any, first: Any, normals: Any) -> Any:
+    """``_unit_rows(sums, first, normals)``: four sums from the ``first`` on, at unit length as twelve float32;
+    (0, 0, 1) where that cannot be.
+
+    Four roots and four divisions at once: what the compiler makes of rows takes more than twice as long.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        four, floats = ir.VectorType(ir.DoubleType(), 4), ir.VectorType(ir.FloatType(), 4)
+
+        def mixed(a: Any, b: Any, *lanes: int) -> Any:
+            return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(ir.IntType(32), len(lanes)), lanes))
+
+        def all_of(value: float) -> Any:
+            return ir.Constant(four, [value] * 4)
+
+        def row(number: int) -> Any:
+            place = builder.gep(args[0], [builder.mul(args[1], ir.Constant(ir.IntType(64), 4))])
+            place = builder.gep(place, [ir.Constant(ir.IntType(64), 4 * number)])
+            return builder.load(builder.bitcast(place, four.as_pointer()), align=8)
+
+        a, b, c, d = (row(number) for number in range(4))
+        ab, cd = (mixed(*pair, 0, 4, 2, 6) for pair in ((a, b), (c, d)))
+        x, z = mixed(ab, cd, 0, 1, 4, 5), mixed(ab, cd, 2, 3, 6, 7)
+        y = mixed(*(mixed(*pair, 1, 5, 3, 7) for pair in ((a, b), (c, d))), 0, 1, 4, 5)
+        xx, yy, zz = (builder.fmul(value, value) for value in (x, y, z))
+        root = cgutils.get_or_insert_function(builder.module, ir.FunctionType(four, [four]), "llvm.sqrt.v4f64")
+        length = builder.call(root, [builder.fadd(builder.fadd(xx, yy), zz)])
+        scale = builder.fdiv(all_of(1.0), length)  # divisions of all three would take half of the time
+        longer, finite = (
+            builder.fcmp_ordered(*asked) for asked in ((">", length, all_of(0.0)), ("<", length, all_of(np.inf)))
+        )
+        usable = builder.and_(longer, finite)
+        u, v, w = (
+            builder.fptrunc(builder.select(usable, builder.fmul(value, scale), all_of(other)), floats)
+            for value, other in ((x, 0.0), (y, 0.0), (z, 1.0))
+        )
+        uv, ww = mixed(u, v, *range(8)), mixed(w, w, *range(8))
+        rows = mixed(uv, ww, 0, 4, 8, 1, 5, 9, 2, 6, 10, 3, 7, 11)
+        builder.store(rows, builder.bitcast(args[2], rows.type.as_pointer()), align=4)
+        return ir.Constant(ir.IntType(32), 0)
+
+    return types.int32(sums, types.int64, normals), generate
+
+
 @numba.njit(inline="never", error_model="numpy")
 def _in_range(elements: Any, count: int, vertices: int, limit: int) -> bool:
     """Whether all indices are below ``limit`` and more than half of the vertices lie between the first and the last."""
@@ -199,7 +249,9 @@ def _units(vectors: Any, count: int) -> bool:
 
 
 @numba.njit(inline="never", error_model="numpy")
-def _sum_normals(points: Any, n: int, elements: Any, count: int, sums: Any, normals: Any) -> None:
+def _sum_normals(points: Any, n: int, elements: Any, count: int, to_sums: int, to_normals: int) -> None:
+    """``to_sums``: room for ``4 * n + _SPARE`` float64."""
+    sums = f64_at(to_sums)
     for i in range(np.uint64(4 * n)):
         sums[i] = 0.0
     for t in range(np.uint64(count)):
@@ -211,14 +263,14 @@ def _sum_normals(points: Any, n: int, elements: Any, count: int, sums: Any, norm
             np.uint64(elements[first + np.uint64(1)]),
             np.uint64(elements[first + np.uint64(2)]),
         )
-    for i in range(np.uint64(n)):
-        x, y, z = sums[4 * i], sums[4 * i + 1], sums[4 * i + 2]
-        length = np.sqrt(x * x + y * y + z * z)
-        scale = 1.0 / length  # divisions would take half of the time
-        usable = (length > 0.0) & (length < np.inf)
-        normals[3 * i] = np.float32(x * scale) if usable else np.float32(0.0)
-        normals[3 * i + 1] = np.float32(y * scale) if usable else np.float32(0.0)
-        normals[3 * i + 2] = np.float32(z * scale) if usable else np.float32(1.0)
+    whole = n & ~3
+    for i in range(0, whole, 4):
+        _unit_rows(sums, i, f32_at(to_normals + 12 * i))
+    if whole < n:  # what is beyond the last sum may be anything
+        normals, last = f32_at(to_normals + 12 * whole), f32_at(to_sums + 32 * (whole + 4))
+        _unit_rows(sums, whole, last)
+        for i in range(3 * (n - whole)):
+            normals[i] = last[i]
 
 
 @numba.njit(inline="never", error_model="numpy")
@@ -245,8 +297,7 @@ def read_meshes(rows: int, count: int, to_sound: int) -> None:
         row = i64_at(rows + 8 * ROW * number)
         if row[6] == 0:
             most = max(most, row[1])
-    room = np.empty(4 * most, np.float64)
-    sums = f64_at(room.ctypes.data)
+    room = np.empty(4 * most + _SPARE, np.float64)
     for number in range(count):
         row = i64_at(rows + 8 * ROW * number)
         n, indices, size, limit = row[1], row[3], row[4], row[9]
@@ -265,7 +316,7 @@ def read_meshes(rows: int, count: int, to_sound: int) -> None:
             and (row[6] == 0 or _units(f32_at(row[6]), n))
         )
         if sound and row[6] == 0:
-            _sum_normals(points, n, elements, indices // 3, sums, f32_at(row[8]))
+            _sum_normals(points, n, elements, indices // 3, room.ctypes.data, row[8])
         u8_at(to_sound)[number] = np.uint8(sound)
 
 

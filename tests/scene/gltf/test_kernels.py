@@ -94,7 +94,9 @@ def test_nothing_is_compiled_after_the_warm_up() -> None:
         assert len(kernel.signatures) == 1
 
 
-@pytest.mark.parametrize(("vertices", "triangles"), [(3, 1), (4, 9), (50, 100), (500, 300)])
+@pytest.mark.parametrize(
+    ("vertices", "triangles"), [(1, 1), (2, 3), (3, 1), (4, 9), (5, 9), (50, 100), (500, 300), (503, 900)]
+)
 @pytest.mark.parametrize("scale", [1.0, 1e-30, 1e30])
 def test_normals_are_those_of_one_triangle_after_the_other(vertices: int, triangles: int, scale: float) -> None:
     positions, indices = mesh(vertices, vertices, triangles, scale)
