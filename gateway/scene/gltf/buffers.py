@@ -97,23 +97,23 @@ class Buffers:
         Args:
             indices: none of them is loaded.
         """
-        sources, texts, limit = self._sources, self._texts, self._limits.max_buffer_bytes
+        sources, limit = self._sources, self._limits.max_buffer_bytes
         count, nbytes = len(sources), self.nbytes
         found: list[tuple[int, int | None, int]] = []
         new: list[tuple[bytes, ContentKey]] = []
         places: dict[str, int] = {}
         content: str | memoryview
+        decode, key_of = pybase64.b64decode, content_key
         for index in indices:
             source = sources[index] if 0 <= index < count else None
-            text = None if source is None else source.uri
-            if source is None or text is None:
+            if source is None or (text := source.uri) is None:
                 continue
             place = places.get(text)
             if place is not None:
                 charged = len(new[place][0])
             elif text.startswith(_USUAL):
                 content, charged = text[_USUAL_LENGTH:], len(text) * 3 // 4
-            elif text in texts or (encoded := self._encoded(text)) is None:
+            elif text in self._texts or (encoded := self._encoded(text)) is None:
                 continue
             else:
                 content, charged = encoded
@@ -121,20 +121,19 @@ class Buffers:
                 break
             if place is None:
                 try:
-                    data = pybase64.b64decode(content, None, True)  # names take as long as decoding
+                    data = decode(content, None, True)  # names take as long as decoding
                 except ValueError:
                     continue
                 place = places[text] = len(new)
-                new.append((data, content_key(data)))  # while it is in the processor's cache
+                new.append((data, key_of(data)))  # while it is in the processor's cache
             nbytes += charged
             found.append((index, source.byte_length, place))
         self.nbytes = nbytes
-        buffers = self._cache.buffers(new, self._held)
-        texts.update(zip(places, buffers, strict=True))
+        buffers, loaded = self._cache.buffers(new, self._held), self.loaded
         for index, length, place in found:
             buffer = buffers[place]
             if length is None or length <= len(buffer.data):
-                self.loaded[index] = buffer
+                loaded[index] = buffer
 
     def view(self, index: int, where: str) -> tuple[Buffer, int, int, int | None]:
         """Buffer, offset, length and stride of ``bufferViews[index]``, within the buffer."""

@@ -21,15 +21,17 @@ from renderers.drawlist import Image, Mesh
 MeshKey: TypeAlias = bytes | tuple[object, ...]
 """What a mesh is made of: ``Buffer.uid`` and the layout of every accessor."""
 
-ContentKey: TypeAlias = tuple[int, int]
-"""Length and checksum."""
+ContentKey: TypeAlias = int
+"""Checksum and, above its 32 bits, length."""
 
 _uids = count(1)
+_SMALL: Final = 1 << 10
+"""Bytes up to which contents are compared while others wait for the lock: letting them have it takes longer."""
 
 
 def content_key(data: bytes | memoryview) -> ContentKey:
     """What buffers are looked up by."""
-    return len(data), isal_zlib.crc32(data)
+    return len(data) << 32 | isal_zlib.crc32(data)
 
 
 class Buffer(msgspec.Struct, frozen=True, gc=False, eq=False):
@@ -88,9 +90,10 @@ class MeshCache:
         self.stems: Final = Stems(text_bytes // 4)
         self.prefixes: Final = Prefixes(text_bytes - self.stems.max_bytes)
         self._lock = threading.Lock()
-        self._entries: OrderedDict[tuple[int, int], Buffer] = OrderedDict()
-        self._made_of: dict[int, dict[int, _Kept]] = {}
-        """By ``Buffer.uid`` of all that are kept; their meshes by identity."""
+        self._entries: OrderedDict[ContentKey, Buffer] = OrderedDict()
+        self._made_of: dict[int, dict[int, _Kept]] | None = None
+        """By ``Buffer.uid`` of all that are kept; their meshes by identity. None: none had to go yet, so that nobody
+        has one that is not kept, and whose meshes go with it has not been of interest."""
         self._meshes: dict[MeshKey, _Kept] = {}
         self._nbytes = 0
         self._buffer_hits = self._buffer_misses = self._mesh_hits = self._mesh_misses = 0
@@ -102,38 +105,50 @@ class MeshCache:
             held: buffers that the caller keeps anyway, found first and added to: equal bytes of one document are one
                 buffer even when the cache is too small for them.
         """
-        key = content_key(data)
-        if held is not None:
-            known = held.get(key)
-            if known is not None and equal_bytes(known.data, data):
-                return known
-        buffer = self._kept_or_new(key, data)
-        if held is not None:
-            held[key] = buffer
+        return self._buffer(content_key(data), data, {} if held is None else held)
+
+    def _buffer(self, key: ContentKey, data: bytes | memoryview, held: dict[ContentKey, Buffer]) -> Buffer:
+        known = held.get(key)
+        if known is not None and equal_bytes(known.data, data):
+            return known
+        held[key] = buffer = self._kept_or_new(key, data)
         return buffer
 
     def buffers(self, contents: Sequence[tuple[bytes, ContentKey]], held: dict[ContentKey, Buffer]) -> list[Buffer]:
         """``buffer`` of each, whose ``content_key`` is given."""
-        entries, made_of = self._entries, self._made_of
+        entries = self._entries
         found: list[Buffer | None] = []
+        new: list[Buffer] = []
+        nbytes, others = 0, False
         with self._lock:
             for data, key in contents:
-                if key in held or key in entries:
+                known = held.get(key)
+                if known is not None and len(data) <= _SMALL and known.data == data:
+                    found.append(known)
+                elif known is not None or key in entries:
                     found.append(None)
-                    continue
-                held[key] = entries[key] = buffer = Buffer(data, address_of_bytes(data))
-                made_of[buffer.uid] = {}
-                self._nbytes += key[0]
-                self._buffer_misses += 1
-                found.append(buffer)
-            if self._nbytes > self.max_bytes:
-                self._shrink()
-        if None in found:
+                    others = True
+                else:
+                    held[key] = entries[key] = buffer = Buffer(data, address_of_bytes(data))
+                    nbytes += len(data)
+                    new.append(buffer)
+                    found.append(buffer)
+            self._added(new, nbytes)
+        if others:
             found = [
-                self.buffer(data, held) if buffer is None else buffer
-                for (data, _), buffer in zip(contents, found, strict=True)
+                self._buffer(key, data, held) if buffer is None else buffer
+                for (data, key), buffer in zip(contents, found, strict=True)
             ]
         return found  # type: ignore[return-value]  # none is None
+
+    def _added(self, buffers: Sequence[Buffer], nbytes: int) -> None:
+        """These are entries now."""
+        self._buffer_misses += len(buffers)
+        self._nbytes += nbytes
+        if self._made_of is not None:
+            self._made_of.update((buffer.uid, {}) for buffer in buffers)
+        if self._nbytes > self.max_bytes:
+            self._shrink()
 
     def _kept_or_new(self, key: ContentKey, data: bytes | memoryview) -> Buffer:
         buffer: Buffer | None = None
@@ -142,11 +157,7 @@ class MeshCache:
                 entry = self._entries.get(key)
                 if entry is None and buffer is not None:
                     self._entries[key] = buffer
-                    self._made_of[buffer.uid] = {}
-                    self._buffer_misses += 1
-                    self._nbytes += key[0]
-                    if self._nbytes > self.max_bytes:
-                        self._shrink()
+                    self._added((buffer,), len(buffer.data))
                     return buffer
             if entry is not None:
                 same = equal_bytes(entry.data, data)
@@ -182,7 +193,7 @@ class MeshCache:
             made: key, mesh, the buffers, and the bytes of its arrays that are not views of these.
         """
         result: list[Mesh] = []
-        meshes, made_of = self._meshes, self._made_of
+        meshes = self._meshes
         with self._lock:
             for key, mesh, buffers, own in made:
                 known = meshes.get(key)
@@ -190,12 +201,11 @@ class MeshCache:
                     result.append(known.mesh)
                     continue
                 result.append(mesh)
-                kept_of = [made_of[buffer.uid] for buffer in buffers if buffer.uid in made_of]
-                if kept_of and len(kept_of) == len(buffers):
+                made_of = self._made_of
+                if buffers and (made_of is None or all(buffer.uid in made_of for buffer in buffers)):
                     meshes[key] = new = _Kept(key, mesh, own, buffers)
-                    identity = id(new)
-                    for kept in kept_of:
-                        kept[identity] = new
+                    if made_of is not None:
+                        _note(made_of, new)
                     self._nbytes += own
                     if self._nbytes > self.max_bytes:
                         self._shrink()
@@ -205,7 +215,7 @@ class MeshCache:
         """Forgets everything."""
         with self._lock:
             self._entries.clear()
-            self._made_of.clear()
+            self._made_of = {}
             self._meshes.clear()
             self._nbytes = 0
         self.prefixes.clear()
@@ -231,14 +241,26 @@ class MeshCache:
             self._drop(next(iter(self._entries)))
 
     def _drop(self, key: ContentKey) -> None:
+        if self._made_of is None:
+            self._made_of = {buffer.uid: {} for buffer in self._entries.values()}
+            for kept in self._meshes.values():
+                _note(self._made_of, kept)
+        made_of = self._made_of
         dropped = self._entries.pop(key)
         self._nbytes -= len(dropped.data)
-        for identity, kept in self._made_of.pop(dropped.uid).items():
+        for identity, kept in made_of.pop(dropped.uid).items():
             del self._meshes[kept.key]
             self._nbytes -= kept.nbytes
             for buffer in kept.buffers:
-                if (others := self._made_of.get(buffer.uid)) is not None:
+                if (others := made_of.get(buffer.uid)) is not None:
                     others.pop(identity, None)
+
+
+def _note(made_of: dict[int, dict[int, _Kept]], kept: _Kept) -> None:
+    """That a mesh goes with its buffers."""
+    identity = id(kept)
+    for buffer in kept.buffers:
+        made_of[buffer.uid][identity] = kept
 
 
 def _buffer_of(view: bytes | memoryview) -> Buffer:

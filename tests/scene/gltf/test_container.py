@@ -115,6 +115,19 @@ def test_long_data_uris_are_taken_out_of_the_json() -> None:
     assert bytes(next(iter(container.uris.values()))).decode() == data_uri(LONG)
 
 
+def test_equal_data_uris_are_taken_out_once() -> None:
+    changed = LONG[:-1] + b"x"
+    contents = (LONG, changed, LONG, LONG[4:], LONG)
+    source = document(data_uri(LONG), len(LONG))
+    source["buffers"] = [{"byteLength": len(content), "uri": data_uri(content)} for content in contents]
+    text = json.dumps(source).encode()
+    for data in (text, memoryview(text)):
+        container = open_container(data)
+        tokens = [buffer["uri"] for buffer in json.loads(container.json)["buffers"]]
+        assert [bytes(container.uri(token)).decode() for token in tokens] == [data_uri(each) for each in contents]
+        assert len(set(tokens)) == len(container.uris) == 3
+
+
 def test_what_only_looks_like_a_uri_stays() -> None:
     long = "A" * 999
     values = {
