@@ -35,8 +35,8 @@ _MAX_STRIDE: Final = 252
 
 
 _pack_key: Final = struct.Struct("=5q").pack
-"""Buffer (0: none), offset, stride, count, kind. Bytes remember their hash, tuples do not."""
 KEY: Final = 40
+"""Bytes of a key: buffer, offset, stride, count, kind. Bytes remember their hash, tuples do not."""
 ZEROS: Final = Buffer(b"", 0)
 """Of accessors without a buffer view."""
 
@@ -88,8 +88,6 @@ class Accessor(msgspec.Struct, frozen=True, gc=False, eq=False):
     offset: int
     """Bytes from the start of the buffer."""
     stride: int
-    key: bytes
-    """Equal keys are equal contents; of ``KEY`` bytes, longer with a sparse part."""
     sparse: SparsePart | None = None
     part: str = ""
     """``.sparse.indices`` of the accessor, for messages."""
@@ -98,6 +96,12 @@ class Accessor(msgspec.Struct, frozen=True, gc=False, eq=False):
     def name(self) -> str:
         """``accessors[3]``, for messages."""
         return f"accessors[{self.index}]{self.part}"
+
+    @property
+    def key(self) -> bytes:
+        """Equal keys are equal contents; of ``KEY`` bytes, longer with a sparse part."""
+        own = _pack_key(self.buffer.uid, self.offset, self.stride, self.count, self.kind.code)
+        return own if self.sparse is None else own + self.sparse.indices.key + self.sparse.values.key
 
     @property
     def dtype(self) -> np.dtype[Any]:
@@ -156,6 +160,10 @@ class SparsePart(msgspec.Struct, frozen=True, gc=False, eq=False):
 
     indices: Accessor
     values: Accessor
+
+
+NOTHING: Final = Accessor(-1, POINTS, 0, ZEROS, 0, 0)
+"""Stands in keys for one that there is not."""
 
 
 def own(array: Array, dtype: type[np.generic]) -> Array:
@@ -230,14 +238,14 @@ class Accessors:
         """Finds those that are as nearly all are: not sparse, without a fault. They are ``known`` then; ``get`` finds
         out what the others are. Documents have thousands, and most of its time goes into messages."""
         sources, views, limit, loaded, known = self._sources, self._views, self._limit, self._loaded, self.known
-        last, last_view = len(sources) - 1, len(views) - 1
+        last, last_view, said = len(sources) - 1, len(views) - 1, _BY_SAID.get
         found: list[tuple[int, Kind, int, int, int, int, int, int]] = []
         missing: dict[int, None] = {}
         for index in indices:
             source = sources[index] if 0 <= index <= last else None
             if source is None or source.sparse is not None or index in known:
                 continue
-            kind = _BY_SAID.get((source.component_type, source.type, source.normalized))
+            kind = said((source.component_type, source.type, source.normalized))
             count, at = source.count, source.buffer_view
             if kind is None or count is None or at is None or not 0 <= count <= limit or not 0 <= at <= last_view:
                 continue
@@ -265,14 +273,13 @@ class Accessors:
                 except GltfError:
                     continue  # who asks for it is told
             if end <= len(buffer.data):
-                key = _pack_key(buffer.uid, start, stride, count, kind.code)
-                known[index] = Accessor(index, kind, count, buffer, start, stride, key)
+                known[index] = Accessor(index, kind, count, buffer, start, stride)
 
     def _accessor(
         self, index: int, view: int | None, byte_offset: int | None, kind: Kind, count: int, part: str = ""
     ) -> Accessor:
         if view is None:
-            return Accessor(index, kind, count, ZEROS, 0, 0, _pack_key(0, 0, 0, count, kind.code), None, part)
+            return Accessor(index, kind, count, ZEROS, 0, 0, None, part)
         name = f"accessors[{index}]{part}"
         buffer, start, length, view_stride = self._buffers.view(view, f"{name}.bufferView")
         size = kind.nbytes
@@ -283,8 +290,7 @@ class Accessors:
         needed = offset + (count - 1) * stride + size if count else offset
         if offset < 0 or needed > length:
             raise GltfError(f"{name}: needs {needed} bytes of bufferViews[{view}], which has {length}")
-        key = _pack_key(buffer.uid, start + offset, stride, count, kind.code)
-        return Accessor(index, kind, count, buffer, start + offset, stride, key, None, part)
+        return Accessor(index, kind, count, buffer, start + offset, stride, None, part)
 
     def _with_sparse(self, base: Accessor, sparse: Sparse) -> Accessor:
         name = f"{base.name}.sparse"
@@ -307,8 +313,7 @@ class Accessors:
         )
         if (largest := int(indices.raw().max())) >= base.count:
             raise GltfError(f"{name}.indices: {largest} is out of range ({base.count} elements)")
-        key = base.key + indices.key + values.key
-        return msgspec.structs.replace(base, sparse=SparsePart(indices, values), key=key)
+        return msgspec.structs.replace(base, sparse=SparsePart(indices, values))
 
 
 def _dtype(component_type: int | None, where: str) -> np.dtype[Any]:

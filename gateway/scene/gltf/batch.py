@@ -5,7 +5,7 @@ Drake's scenes have hundreds of meshes of a few triangles, of which each would c
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from struct import pack
 from typing import Any, Final, TypeAlias
 
@@ -13,10 +13,10 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.scene.gltf.accessors import COMPONENT_TYPES, POINTS, TEXTURE_COORDINATES, Accessor, Kind
+from gateway.scene.gltf.accessors import COMPONENT_TYPES, POINTS, TEXTURE_COORDINATES, ZEROS, Accessor, Kind
 from gateway.scene.gltf.attributes import Floats, frozen, tangents
 from gateway.scene.gltf.bytewise import address_of_bytes, address_of_new
-from gateway.scene.gltf.cache import Buffer
+from gateway.scene.gltf.cache import Buffer, MeshKey, mesh_bytes
 from gateway.scene.gltf.kernels import CLIPPED, FINITE, SIGNED, TANGENT, gather, read_meshes
 from renderers.drawlist import Mesh
 
@@ -36,24 +36,23 @@ _CODES: Final = {dtype: code for code, dtype in COMPONENT_TYPES.items()}
 _array: Final[Any] = np.ndarray
 
 
-def read_together(layouts: Sequence[Layout]) -> list[tuple[Mesh, int] | None]:
-    """The meshes, views of their buffers where that is possible, and the bytes of what had to be made, -1 where it has
-    to be looked for. None: there is a fault in it."""
-    copied: dict[int, list[Floats | None]] = {}
-    if any(not layout[5] for layout in layouts):
-        layouts, copied = _gathered(layouts)
+def read_together(asked: Mapping[MeshKey, Layout]) -> list[tuple[MeshKey, Mesh, Sequence[Buffer], int]]:
+    """The meshes without a fault, views of their buffers where that is possible: their keys, themselves, these buffers,
+    and the bytes of what had to be made."""
+    given = [*asked.values()]
+    layouts, copied = (given, {}) if all(layout[5] for layout in given) else _gathered(given)
     numbers: list[int] = []
-    places: list[tuple[bytes | NDArray[Any] | None, bytes | NDArray[Any] | None]] = []
+    rooms: list[tuple[bytes | NDArray[Any] | None, bytes | NDArray[Any] | None]] = []
     for indices, position, normal, uv, *_ in layouts:
         n, m, width = position.count, indices.count, indices.kind.nbytes
         to_normals = to_elements = 0
-        normals: bytes | NDArray[Any] | None = None
-        elements: bytes | NDArray[Any] | None = None
+        for_normals: bytes | NDArray[Any] | None = None
+        for_elements: bytes | NDArray[Any] | None = None
         if normal is None:
-            normals, to_normals = _room(3 * n)
+            for_normals, to_normals = _room(3 * n)
         if width != 4:
-            elements, to_elements = _room(m)
-        places.append((normals, elements))
+            for_elements, to_elements = _room(m)
+        rooms.append((for_normals, for_elements))
         largest = _LARGEST[width]
         numbers += (
             position.buffer.address + position.offset,
@@ -69,33 +68,58 @@ def read_together(layouts: Sequence[Layout]) -> list[tuple[Mesh, int] | None]:
         )
     rows, sound = pack(f"{len(numbers)}q", *numbers), bytearray(len(layouts))
     read_meshes(address_of_bytes(rows), len(layouts), address_of_new(sound))
-    made: list[tuple[Mesh, int] | None] = []
-    for (indices, position, normal, uv, _, as_it_lies), place, good in zip(layouts, places, sound, strict=True):
+    made: list[tuple[MeshKey, Mesh, Sequence[Buffer], int]] = []
+    elements: NDArray[np.uint32] | None = None
+    uvs: Floats | None = None
+    of_elements, of_uvs = (ZEROS, 0, 0), (ZEROS, 0, 0)
+    at = -1
+    for key, layout, room, good in zip(asked, layouts, rooms, sound, strict=True):
+        at += 1
         if not good:
-            made.append(None)
             continue
+        indices, position, normal, uv, _, as_it_lies = layout
+        for_normals, for_elements = room
         n, m, nbytes = position.count, indices.count, 0
-        if normal is not None:
-            of_normals: Floats = _array((n, 3), _F32, normal.buffer.data, normal.offset)
-        else:
-            nbytes += 12 * n
-            of_normals = _array((n, 3), _F32, place[0])
-            if n > _SMALL:
-                of_normals.setflags(write=False)
-        if place[1] is None:
-            of_elements: NDArray[np.uint32] = _array((m // 3, 3), _U32, indices.buffer.data, indices.offset)
-        else:
+        buffer = position.buffer
+        buffers: tuple[Buffer, ...] = (buffer, indices.buffer)
+        positions: Floats = _array((n, 3), _F32, buffer.data, position.offset)
+        if for_elements is not None:
             nbytes += 4 * m
-            of_elements = _array((m // 3, 3), _U32, place[1])
+            elements, of_elements = _array((m // 3, 3), _U32, for_elements), (ZEROS, 0, 0)
             if m > 3 * _SMALL:
-                of_elements.setflags(write=False)
-        positions: Floats = _array((n, 3), _F32, position.buffer.data, position.offset)
-        uvs = None if uv is None else _array((n, 2), _F32, uv.buffer.data, uv.offset)
-        if as_it_lies:
-            made.append((Mesh(positions, of_elements, of_normals, uvs), nbytes))
+                elements.setflags(write=False)
+        elif elements is None or of_elements[0] is not buffers[1] or of_elements[1:] != (indices.offset, m):
+            of_elements = buffers[1], indices.offset, m  # boxes and spheres have the same ones
+            elements = _array((m // 3, 3), _U32, buffers[1].data, indices.offset)
+        if normal is None:
+            nbytes += 12 * n
+            normals: Floats = _array((n, 3), _F32, for_normals)
+            if n > _SMALL:
+                normals.setflags(write=False)
         else:
-            made.append((Mesh(positions, of_elements, of_normals, uvs, *copied[len(made)]), -1))
+            buffer = normal.buffer
+            buffers += (buffer,)
+            normals = _array((n, 3), _F32, buffer.data, normal.offset)
+        if uv is None:
+            uvs, of_uvs = None, (ZEROS, 0, 0)
+        else:
+            buffer = uv.buffer
+            buffers += (buffer,)
+            if uvs is None or of_uvs[0] is not buffer or of_uvs[1:] != (uv.offset, n):
+                of_uvs = buffer, uv.offset, n
+                uvs = _array((n, 2), _F32, buffer.data, uv.offset)
+        if as_it_lies:
+            made.append((key, Mesh(positions, elements, normals, uvs), buffers, nbytes))
+        else:
+            mesh = Mesh(positions, elements, normals, uvs, *copied[at])
+            made.append((key, mesh, (own := _buffers(given[at])), mesh_bytes(mesh, own)))
     return made
+
+
+def _buffers(layout: Layout) -> list[Buffer]:
+    """What a mesh is made of."""
+    *accessors, others, _ = layout
+    return [accessor.buffer for accessor in (*accessors, *(others or {}).values()) if accessor is not None]
 
 
 def _gathered(layouts: Sequence[Layout]) -> tuple[list[Layout], dict[int, list[Floats | None]]]:

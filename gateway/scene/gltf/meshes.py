@@ -4,16 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from struct import Struct
 from typing import Final, TypeAlias
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.scene.gltf.accessors import INDICES, KEY, KINDS, POINTS, TEXTURE_COORDINATES, ZEROS, Accessor, Accessors
+from gateway.scene.gltf.accessors import (
+    INDICES,
+    KEY,
+    KINDS,
+    NOTHING,
+    POINTS,
+    TEXTURE_COORDINATES,
+    ZEROS,
+    Accessor,
+    Accessors,
+)
 from gateway.scene.gltf.attributes import Floats, finite, frozen, rgba, tangents, without_bad_vertices
 from gateway.scene.gltf.batch import OTHERS, Layout, read_together
-from gateway.scene.gltf.cache import Buffer, MeshCache, MeshKey, mesh_bytes
+from gateway.scene.gltf.cache import MeshCache, MeshKey, mesh_bytes
 from gateway.scene.gltf.document import Primitive
 from gateway.scene.gltf.elements import MODES, element_count, elements_of
 from gateway.scene.gltf.errors import GltfError
@@ -46,14 +56,6 @@ class _Source:
     indices: Accessor | None
 
 
-class _Waiting(msgspec.Struct, gc=False, eq=False):
-    """A mesh that is to be made."""
-
-    layout: Layout
-    primitives: list[Primitive]
-    """Those that ask for it."""
-
-
 _Words: TypeAlias = tuple[object, ...]
 
 
@@ -63,26 +65,28 @@ def _words(primitive: Primitive) -> _Words:
     return (primitive.mode, primitive.indices, *attributes, *attributes.values())
 
 
-_NO_KEY: Final = bytes(KEY)
+_pack_keys: Final = Struct("=20qB").pack
 
 
 def _plain_key(layout: Layout) -> MeshKey:
     """What ``_key`` gives."""
-    indices, position, normal, uv, others, _ = layout
-    usual = b"%b%b%b%b\4" % (
-        indices.key,
-        position.key,
-        _NO_KEY if normal is None else normal.key,
-        _NO_KEY if uv is None else uv.key,
-    )
+    i, p, normal, uv, others, _ = layout
+    n, t = NOTHING if normal is None else normal, NOTHING if uv is None else uv
+    usual = _pack_keys(
+        i.buffer.uid, i.offset, i.stride, i.count, i.kind.code,
+        p.buffer.uid, p.offset, p.stride, p.count, p.kind.code,
+        n.buffer.uid, n.offset, n.stride, n.count, n.kind.code,
+        t.buffer.uid, t.offset, t.stride, t.count, t.kind.code,
+        4,
+    )  # fmt: skip
     return usual if others is None else (usual, *[(name, others[name].key) for name in OTHERS if name in others])
 
 
 def _key(mode: int, indices: Accessor | None, attributes: dict[str, Accessor]) -> MeshKey:
     """Equal keys are equal meshes."""
     of = attributes.get
-    usual = [indices, of("POSITION"), of("NORMAL"), of("TEXCOORD_0")]
-    keys = [_NO_KEY if accessor is None else accessor.key for accessor in usual]
+    usual = [indices or NOTHING, *[of(name, NOTHING) for name in ("POSITION", "NORMAL", "TEXCOORD_0")]]
+    keys = [accessor.key for accessor in usual]
     others = [(name, attributes[name].key) for name in OTHERS if name in attributes]
     if any(len(key) != KEY for key in keys):
         return (mode, *keys, *others)  # with sparse parts, it could be taken apart in several ways
@@ -112,8 +116,8 @@ class Meshes:
         self._before: dict[MeshKey, Mesh | None] = {} if known is None else known._made
         self.prepared: dict[int, Mesh] = {}
         """By identity of the primitive, for as long as the document is read."""
-        self._described: list[tuple[Primitive, Mesh]] = []
-        """All that were prepared."""
+        self._asked: list[tuple[Primitive, MeshKey]] = []
+        """All that were prepared, or have a fault, but for those described before."""
         self._described_before: dict[_Words, Mesh] = {} if known is None else known.described()
         self._counted: set[int] = set()
         """Identities of meshes that were counted against the limits; they are held by the tables above."""
@@ -146,7 +150,7 @@ class Meshes:
         """
         before, prepared, accessors = self._described_before, self.prepared, self._accessors
         new: list[Primitive] = []
-        wanted: dict[int, None] = {}
+        wanted: dict[int | None, None] = {}
         for primitive in primitives:
             if primitive is None or primitive.attributes is None:
                 continue
@@ -154,37 +158,40 @@ class Meshes:
                 if not self._takes(mesh):
                     break
                 prepared[id(primitive)] = mesh
-                self._described.append((primitive, mesh))
             elif primitive.indices is not None and (primitive.mode is None or primitive.mode == 4):
                 new.append(primitive)
                 for name, at in primitive.attributes.items():
-                    if at is not None and name in _KINDS_OF and at not in accessors.known:
+                    if name in _KINDS_OF:
                         wanted[at] = None
-                if primitive.indices not in accessors.known:
-                    wanted[primitive.indices] = None
+                wanted[primitive.indices] = None
+        wanted.pop(None, None)
         if wanted:
-            accessors.prepare(wanted)
-        waiting: dict[MeshKey, _Waiting] = {}
+            accessors.prepare(wanted)  # type: ignore[arg-type]  # without None
+        waiting: dict[MeshKey, Layout] = {}
+        asked = self._asked
+        first = len(asked)
         vertices = triangles = 0
         for primitive in new:
             layout = self._layout(primitive)
             if layout is not None:
                 key = _plain_key(layout)
-                known = waiting.get(key)
-                if known is None:
-                    waiting[key] = _Waiting(layout, [primitive])
+                asked.append((primitive, key))
+                if key not in waiting:
+                    waiting[key] = layout
                     vertices += layout[1].count
                     triangles += layout[0].count // 3
-                else:
-                    known.primitives.append(primitive)
         if waiting:
             self._together(waiting, vertices, triangles)
+            made = self._made.get
+            for primitive, key in asked[first:]:
+                if (mesh := made(key)) is not None:
+                    prepared[id(primitive)] = mesh
         self.with_positions |= bool(prepared)
 
     def described(self) -> dict[_Words, Mesh]:
         """Meshes by what primitives said, for a document with the same accessors."""
-        found = self._described_before.copy()
-        found.update((_words(primitive), mesh) for primitive, mesh in self._described)
+        found, made = self._described_before.copy(), self._made
+        found.update((_words(primitive), mesh) for primitive, key in self._asked if (mesh := made.get(key)) is not None)
         return found
 
     def _layout(self, primitive: Primitive) -> Layout | None:
@@ -197,18 +204,21 @@ class Meshes:
         as_it_lies = True
         fewest = 1 << 62
         for name, at in primitive.attributes.items():
-            kinds = _KINDS_OF.get(name)
-            if kinds is None or at is None:
-                continue
-            accessor = known(at)
-            if accessor is None or accessor.kind not in kinds:
+            accessor = known(at)  # type: ignore[arg-type]
+            if accessor is None:
+                if at is None or name not in _KINDS_OF:
+                    continue
                 return None
+            kind = accessor.kind
+            if kind is not _USUAL.get(name) or accessor.stride != kind.nbytes or accessor.offset & 3:
+                kinds, size = _KINDS_OF.get(name), kind.dtype.itemsize
+                if kinds is None:
+                    continue
+                if kind not in kinds or accessor.offset % size or accessor.stride % size:
+                    return None
+                as_it_lies = False
             if accessor.count < fewest:
                 fewest = accessor.count
-            if accessor.kind is not _USUAL.get(name) or accessor.stride != accessor.kind.nbytes or accessor.offset & 3:
-                as_it_lies, size = False, accessor.kind.dtype.itemsize
-                if accessor.offset % size or accessor.stride % size:
-                    return None
             if name == "POSITION":
                 position = accessor
             elif name == "NORMAL":
@@ -225,55 +235,35 @@ class Meshes:
             return None
         return indices, position, normal, uv, others, as_it_lies
 
-    def _together(self, waiting: dict[MeshKey, _Waiting], vertices: int, triangles: int) -> None:
+    def _together(self, waiting: dict[MeshKey, Layout], vertices: int, triangles: int) -> None:
         """Makes these meshes, of so many vertices and triangles, but for those that have a fault or are beyond the
         limits."""
-        new: list[tuple[MeshKey, _Waiting]] = []
+        new, made = waiting, self._made
         known = self._cache.meshes(waiting)
-        if known or self._made or self._before or not self._fits(vertices, triangles):
+        if known or made or self._before or not self._fits(vertices, triangles):
             vertices = triangles = 0
-            for key, asked in waiting.items():
-                mesh = self._made.get(key) or self._before.get(key) or known.get(key)
+            new = {}
+            for key, layout in waiting.items():
+                mesh = made.get(key) or self._before.get(key) or known.get(key)
                 if mesh is not None:
                     if self._takes(mesh):
-                        self._prepare(key, asked, mesh)
+                        made[key] = mesh
                     continue
-                indices, position, *_ = asked.layout
-                vertices, triangles = vertices + position.count, triangles + indices.count // 3
+                vertices, triangles = vertices + layout[1].count, triangles + layout[0].count // 3
                 if not self._fits(vertices, triangles):
                     break
-                new.append((key, asked))
+                new[key] = layout
+            if not new:
+                return
+        read = read_together(new)
+        meshes = self._cache.add_meshes(read)
+        if len(read) == len(waiting):
+            self._counted.update(map(id, meshes))
+            self._add(vertices, triangles)
         else:
-            new = [*waiting.items()]
-        if not new:
-            return
-        sound: list[tuple[MeshKey, Mesh, list[Buffer], int]] = []
-        of_sound: list[_Waiting] = []
-        for (key, asked), read in zip(new, read_together([asked.layout for _, asked in new]), strict=True):
-            if read is not None:
-                mesh, own = read
-                indices, position, normal, uv, others, as_it_lies = asked.layout
-                of_positions = position.buffer
-                buffers = [of_positions] if indices.buffer is of_positions else [indices.buffer, of_positions]
-                if normal is not None and normal.buffer is not of_positions:
-                    buffers.append(normal.buffer)
-                if uv is not None and uv.buffer is not of_positions:
-                    buffers.append(uv.buffer)
-                if others is not None:
-                    buffers += [accessor.buffer for accessor in others.values()]
-                if not as_it_lies:
-                    own = mesh_bytes(mesh, buffers)
-                sound.append((key, mesh, buffers, own))
-                of_sound.append(asked)
-        for (key, *_), asked, mesh in zip(sound, of_sound, self._cache.add_meshes(sound), strict=True):
-            self._count(mesh, asked.layout[1].count, asked.layout[0].count // 3)
-            self._prepare(key, asked, mesh)
-
-    def _prepare(self, key: MeshKey, asked: _Waiting, mesh: Mesh) -> None:
-        self._made[key] = mesh
-        for primitive in asked.primitives:
-            self.prepared[id(primitive)] = mesh
-            self._described.append((primitive, mesh))
+            for mesh in meshes:
+                self._count(mesh, len(mesh.positions), len(mesh.elements))
+        made.update(zip([of[0] for of in read], meshes, strict=True))
 
     def _fits(self, vertices: int, elements: int) -> bool:
         limits, nbytes = self._limits, _VERTEX_BYTES * vertices + 12 * elements
@@ -297,9 +287,12 @@ class Meshes:
         identity = id(mesh)
         if identity not in self._counted:
             self._counted.add(identity)
-            self._vertices += vertices
-            self._elements += elements
-            self.nbytes += _VERTEX_BYTES * vertices + 12 * elements
+            self._add(vertices, elements)
+
+    def _add(self, vertices: int, elements: int) -> None:
+        self._vertices += vertices
+        self._elements += elements
+        self.nbytes += _VERTEX_BYTES * vertices + 12 * elements
 
     def _any(self, primitive: Primitive, name: str) -> Mesh | None:
         source = self._check(primitive, name)
@@ -362,9 +355,7 @@ class Meshes:
         return _Source(name, mode, attributes, indices)
 
     def _charge(self, vertices: int, elements: int, name: str) -> None:
-        self._vertices += vertices
-        self._elements += elements
-        self.nbytes += _VERTEX_BYTES * vertices + 12 * elements
+        self._add(vertices, elements)
         limits = self._limits
         if self._vertices > limits.max_vertices:
             raise GltfError(f"{name}: the meshes have more vertices than max_vertices = {limits.max_vertices}")
