@@ -166,6 +166,11 @@ NOTHING: Final = Accessor(-1, POINTS, 0, ZEROS, 0, 0)
 """Stands in keys for one that there is not."""
 
 
+def one_after_the_other(count: int) -> Accessor:
+    """Stands for the indices of a primitive that has none."""
+    return Accessor(-1, ALIGNED_INDICES, count, ZEROS, 0, ALIGNED_INDICES.nbytes)
+
+
 def own(array: Array, dtype: type[np.generic]) -> Array:
     """``array`` in native order, C-contiguous and aligned; itself if it is so already."""
     result = np.ascontiguousarray(array, dtype=np.dtype(dtype))

@@ -21,8 +21,9 @@ from gateway.scene.gltf.kernels import CLIPPED, FINITE, SIGNED, TANGENT, gather,
 from renderers.drawlist import Mesh
 
 Layout: TypeAlias = tuple[Accessor, Accessor, Accessor | None, Accessor | None, dict[str, Accessor] | None, bool]
-"""The accessors of indexed triangles, whose numbers fit: indices, positions, normals, texture coordinates, and those of
-``OTHERS`` by name; and whether there are none of the latter and all are float32 as meshes want them."""
+"""The accessors of triangles, whose numbers fit: indices (in ``ZEROS``: there are none), positions, normals, texture
+coordinates, and those of ``OTHERS`` by name; and whether there are none of the latter and all are float32 as meshes
+want them."""
 OTHERS: Final = {"TEXCOORD_1": (2, FINITE), "COLOR_0": (4, FINITE | CLIPPED), "TANGENT": (4, TANGENT)}
 """Attributes that are copied, their components, and what is put right."""
 
@@ -50,7 +51,7 @@ def read_together(asked: Mapping[MeshKey, Layout]) -> list[tuple[MeshKey, Mesh, 
         for_elements: bytes | NDArray[Any] | None = None
         if normal is None:
             for_normals, to_normals = _room(3 * n)
-        if width != 4:
+        if width != 4 or indices.buffer is ZEROS:
             for_elements, to_elements = _room(m)
         rooms.append((for_normals, for_elements))
         largest = _LARGEST[width]
@@ -81,16 +82,17 @@ def read_together(asked: Mapping[MeshKey, Layout]) -> list[tuple[MeshKey, Mesh, 
         for_normals, for_elements = room
         n, m, nbytes = position.count, indices.count, 0
         buffer = position.buffer
-        buffers: tuple[Buffer, ...] = (buffer, indices.buffer)
+        of_indices = indices.buffer
+        buffers: tuple[Buffer, ...] = (buffer,) if of_indices is ZEROS else (buffer, of_indices)
         positions: Floats = _array((n, 3), _F32, buffer.data, position.offset)
         if for_elements is not None:
             nbytes += 4 * m
             elements, of_elements = _array((m // 3, 3), _U32, for_elements), (ZEROS, 0, 0)
             if m > 3 * _SMALL:
                 elements.setflags(write=False)
-        elif elements is None or of_elements[0] is not buffers[1] or of_elements[1:] != (indices.offset, m):
-            of_elements = buffers[1], indices.offset, m  # boxes and spheres have the same ones
-            elements = _array((m // 3, 3), _U32, buffers[1].data, indices.offset)
+        elif elements is None or of_elements[0] is not of_indices or of_elements[1:] != (indices.offset, m):
+            of_elements = of_indices, indices.offset, m  # boxes and spheres have the same ones
+            elements = _array((m // 3, 3), _U32, of_indices.data, indices.offset)
         if normal is None:
             nbytes += 12 * n
             normals: Floats = _array((n, 3), _F32, for_normals)
@@ -119,7 +121,11 @@ def read_together(asked: Mapping[MeshKey, Layout]) -> list[tuple[MeshKey, Mesh, 
 def _buffers(layout: Layout) -> list[Buffer]:
     """What a mesh is made of."""
     *accessors, others, _ = layout
-    return [accessor.buffer for accessor in (*accessors, *(others or {}).values()) if accessor is not None]
+    return [
+        accessor.buffer
+        for accessor in (*accessors, *(others or {}).values())
+        if accessor is not None and accessor.buffer is not ZEROS
+    ]
 
 
 def _gathered(layouts: Sequence[Layout]) -> tuple[list[Layout], dict[int, list[Floats | None]]]:

@@ -177,15 +177,18 @@ class Buffers:
 
     def _encoded(self, text: str) -> tuple[str | memoryview, int] | None:
         """What stands behind the head of a data URI of base64, and what it is charged; None: it is another one."""
-        if text.startswith("data:"):
+        place = self._container.uris.get(text)
+        if place is not None:
+            begin, end = place
+            data = self._container.data
+            head = bytes(data[begin : begin + _HEAD])
+            comma = head.find(b",")
+            if comma > 0 and head.endswith(b";base64", 0, comma):
+                return data[begin + comma + 1 : end], (end - begin) * 3 // 4
+        elif text.startswith("data:"):
             comma = text.find(",", 0, _HEAD)
             if comma > 0 and text.endswith(";base64", 0, comma):
                 return text[comma + 1 :], len(text) * 3 // 4
-        elif (raw := self._container.uris.get(text)) is not None:
-            head = bytes(raw[:_HEAD])
-            comma = head.find(b",")
-            if comma > 0 and head.endswith(b";base64", 0, comma):
-                return raw[comma + 1 :], len(raw) * 3 // 4
         return None
 
     def _of_other(self, text: str, where: str) -> Buffer:

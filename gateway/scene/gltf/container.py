@@ -33,9 +33,11 @@ class Container:
 
     json: bytes
     """The JSON text, its long data URIs replaced by tokens."""
-    uris: dict[str, memoryview]
-    """The data URIs that were taken out, without quotes, as they stand in the JSON text (escapes included), by what
-    stands in their place."""
+    data: memoryview
+    """Where these are."""
+    uris: dict[str, tuple[int, int]]
+    """Their beginnings and ends, without quotes, as they stand in the JSON text (escapes included), by what stands in
+    their place."""
     tail: int | None
     """Offset in the data where the text after the last URI that was taken out begins; None: a ``.glb``."""
     bin: memoryview | None
@@ -43,7 +45,8 @@ class Container:
 
     def uri(self, text: str) -> str | memoryview:
         """The URI that ``text`` of the parsed JSON stands for: itself, or one that was taken out."""
-        return self.uris.get(text, text)
+        place = self.uris.get(text)
+        return text if place is None else self.data[place[0] : place[1]]
 
 
 def open_container(data: bytes | memoryview) -> Container:
@@ -57,11 +60,11 @@ def open_container(data: bytes | memoryview) -> Container:
     if start == _MAGIC:
         text, binary = _glb_chunks(view)
         json, uris, _ = _take_data_uris(text)
-        return Container(json.rstrip(b"\0"), uris, None, binary)  # some writers pad the chunk with zeros
+        return Container(json.rstrip(b"\0"), text, uris, None, binary)  # some writers pad the chunk with zeros
     if not bytes(view[:64]).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{"):
         raise GltfError(f"neither glTF JSON nor GLB: it starts with {start!r}" if start else "the document is empty")
     json, uris, tail = _take_data_uris(view)
-    return Container(json, uris, tail, None)
+    return Container(json, view, uris, tail, None)
 
 
 def _glb_chunks(view: memoryview) -> tuple[memoryview, memoryview | None]:
@@ -94,8 +97,8 @@ def _glb_chunks(view: memoryview) -> tuple[memoryview, memoryview | None]:
     return text, binary
 
 
-def _take_data_uris(view: memoryview) -> tuple[bytes, dict[str, memoryview], int]:
-    """The JSON text without its long data URIs, these, and where the text after the last one begins.
+def _take_data_uris(view: memoryview) -> tuple[bytes, dict[str, tuple[int, int]], int]:
+    """The JSON text without its long data URIs, where these are, and where the text after the last one begins.
 
     Parsing megabytes of base64 as JSON strings costs more than decoding them; shorter ones than ``long_strings`` finds
     stay in the JSON, where they cost less. A quote that no backslash precedes begins or ends a string, so a URI is what
@@ -104,9 +107,9 @@ def _take_data_uris(view: memoryview) -> tuple[bytes, dict[str, memoryview], int
     Equal URIs are one: comparing them takes a fifth of the time of decoding, and Drake's scenes have many.
     """
     count = len(view)
-    if count < 2 * _STRETCH:
-        return bytes(view), {}, 0
     whole = view.obj if isinstance(view.obj, bytes) and len(view.obj) == count else None
+    if count < 2 * _STRETCH:
+        return whole or bytes(view), {}, 0
     if whole is not None:
         address = address_of_bytes(whole)
     else:
@@ -114,9 +117,9 @@ def _take_data_uris(view: memoryview) -> tuple[bytes, dict[str, memoryview], int
     to_places = bytearray(16 * (count // _STRETCH))
     found = long_strings(address, count, address_of_new(to_places))
     if found == 0:
-        return bytes(view), {}, 0
+        return whole or bytes(view), {}, 0
     pieces: list[bytes | memoryview] = []
-    uris: dict[str, memoryview] = {}
+    uris: dict[str, tuple[int, int]] = {}
     known: dict[bytes, tuple[int, int, bytes]] = {}
     done = 0
     places = iter(memoryview(to_places)[: 16 * found].cast("q"))
@@ -126,20 +129,19 @@ def _take_data_uris(view: memoryview) -> tuple[bytes, dict[str, memoryview], int
             before = bytes(view[max(0, at - 65) : at + 5])
             usual = before.endswith(_USUAL_KEY) or (before.endswith(b'"data:') and _URI_KEY.search(before[:-6]))
         if usual and view[end - 1] != 0x5C and view[at - 2] != 0x5C:
-            uri = view[at:end]
             last = b"" if whole is None else whole[end - _LAST : end]
             same = known.get(last)
             if (
                 same is not None
                 and whole is not None
                 and same[1] - same[0] == end - at
-                and whole.startswith(uri, same[0])
+                and whole.startswith(view[at:end], same[0])
             ):
                 token = same[2]
             else:
                 token = b"\\u0000data %d" % len(uris)
                 known[last] = at, end, token
-                uris[f"{_TOKEN}{len(uris)}"] = uri
+                uris[f"{_TOKEN}{len(uris)}"] = at, end
             pieces += (view[done:at], token)
             done = end
     pieces.append(view[done:])

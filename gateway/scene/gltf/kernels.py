@@ -26,7 +26,7 @@ ROW: Final = 10
 
 0. address of its positions, (n, 3) float32
 1. n
-2. address of its indices
+2. address of its indices; 0: they are 0, 1, 2 ...
 3. how many, a multiple of 3
 4. bytes of an index: 1, 2 or 4
 5. address of (n, 2) float32 texture coordinates
@@ -279,6 +279,12 @@ def _widen(source: Any, count: int, target: Any) -> None:
         target[i] = np.uint32(source[i])
 
 
+@numba.njit(inline="never", error_model="numpy")
+def _count_up(count: int, target: Any) -> None:
+    for i in range(np.uint64(count)):
+        target[i] = np.uint32(i)
+
+
 @numba.njit(nogil=True, cache=True, fastmath=False, error_model="numpy")
 def read_meshes(rows: int, count: int, to_sound: int) -> None:
     """Triangles of many meshes: looks whether they are sound, widens their indices, makes normals.
@@ -305,8 +311,10 @@ def read_meshes(rows: int, count: int, to_sound: int) -> None:
             _widen(u8_at(row[2]), indices, u32_at(row[7]))
         elif size == 2:
             _widen(u16_at(row[2]), indices, u32_at(row[7]))
-        elif row[7] != 0:
+        elif row[7] != 0 and row[2] != 0:
             _widen(u32_at(row[2]), indices, u32_at(row[7]))
+        elif row[7] != 0:
+            _count_up(indices, u32_at(row[7]))
         elements = u32_at(row[2] if row[7] == 0 else row[7])
         points = f32_at(row[0])
         sound = limit < 0 or (

@@ -20,6 +20,7 @@ from gateway.scene.gltf.accessors import (
     ZEROS,
     Accessor,
     Accessors,
+    one_after_the_other,
 )
 from gateway.scene.gltf.attributes import Floats, finite, frozen, rgba, tangents, without_bad_vertices
 from gateway.scene.gltf.batch import OTHERS, Layout, read_together
@@ -85,7 +86,8 @@ def _plain_key(layout: Layout) -> MeshKey:
 def _key(mode: int, indices: Accessor | None, attributes: dict[str, Accessor]) -> MeshKey:
     """Equal keys are equal meshes."""
     of = attributes.get
-    usual = [indices or NOTHING, *[of(name, NOTHING) for name in ("POSITION", "NORMAL", "TEXCOORD_0")]]
+    position = attributes["POSITION"]
+    usual = [indices or one_after_the_other(position.count), position, of("NORMAL", NOTHING), of("TEXCOORD_0", NOTHING)]
     keys = [accessor.key for accessor in usual]
     others = [(name, attributes[name].key) for name in OTHERS if name in attributes]
     if any(len(key) != KEY for key in keys):
@@ -142,8 +144,8 @@ class Meshes:
         del self._cache
 
     def prepare(self, primitives: Iterable[Primitive | None]) -> None:
-        """Makes the meshes of those that are as nearly all are, together: indexed triangles as they lie in the buffers,
-        without a fault and within the limits. They are ``prepared`` then; ``mesh`` finds out what the others are.
+        """Makes the meshes of those that are as nearly all are, together: triangles as they lie in the buffers, without
+        a fault and within the limits. They are ``prepared`` then; ``mesh`` finds out what the others are.
 
         Args:
             primitives: of the document, which holds them; in order.
@@ -158,7 +160,7 @@ class Meshes:
                 if not self._takes(mesh):
                     break
                 prepared[id(primitive)] = mesh
-            elif primitive.indices is not None and (primitive.mode is None or primitive.mode == 4):
+            elif primitive.mode is None or primitive.mode == 4:
                 new.append(primitive)
                 for name, at in primitive.attributes.items():
                     if name in _KINDS_OF:
@@ -195,11 +197,15 @@ class Meshes:
         return found
 
     def _layout(self, primitive: Primitive) -> Layout | None:
-        """Of indexed triangles whose accessors were prepared; None: it is none of those that are read together."""
+        """Of triangles whose accessors were prepared; None: it is none of those that are read together."""
         known = self._accessors.known.get
         indices = known(primitive.indices)  # type: ignore[arg-type]  # there is none for None
-        if indices is None or indices.kind not in INDICES or primitive.attributes is None:
+        if indices is None:
+            if primitive.indices is not None:
+                return None
+        elif indices.kind not in INDICES:
             return None
+        assert primitive.attributes is not None
         position = normal = uv = others = None
         as_it_lies = True
         fewest = 1 << 62
@@ -230,6 +236,8 @@ class Meshes:
                 others[name] = accessor
         if position is None:
             return None
+        if indices is None:
+            indices = one_after_the_other(position.count)
         n, m, size = position.count, indices.count, indices.kind.nbytes
         if n == 0 or m == 0 or m % 3 or fewest < n or indices.offset % size or indices.stride != size:
             return None

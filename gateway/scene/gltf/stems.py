@@ -186,7 +186,9 @@ def _grown(stem: Stem, rest: bytes, limits: GltfLimits) -> Grown | None:
             setattr(document, field, getattr(stem.document, field))
         elif absent:
             setattr(document, field, None)
-    return Grown(stem, Container(stem.json + rest, stem.container.uris, stem.length, None), document)
+    return Grown(
+        stem, Container(stem.json + rest, stem.container.data, stem.container.uris, stem.length, None), document
+    )
 
 
 _FIELDS: Final = {field.encode_name: field.name for field in msgspec.structs.fields(gltf.Document)}

@@ -107,7 +107,7 @@ def documents(draw: st.DrawFn) -> dict[str, Any]:
         primitives.append(
             {
                 "attributes": attributes | draw(usually({}, st.sampled_from(({"JOINTS_0": 0}, {"_OWN": None})))),
-                "indices": one(indices) if indices else None,
+                "indices": one(indices) if indices and draw(st.integers(0, 4)) else None,
                 "mode": draw(usually(4, st.sampled_from((None, 0, 1, 5, 9)))),
             }
         )

@@ -112,7 +112,7 @@ def test_long_data_uris_are_taken_out_of_the_json() -> None:
     container = open_container(text)
     assert len(container.json) < 600
     assert len(container.uris) == 1
-    assert bytes(next(iter(container.uris.values()))).decode() == data_uri(LONG)
+    assert bytes(container.uri(next(iter(container.uris)))).decode() == data_uri(LONG)
 
 
 def test_equal_data_uris_are_taken_out_once() -> None:
