@@ -279,51 +279,6 @@ def test_mutated_forms_give_a_request_or_a_sentence(data: st.DataObject) -> None
         assert 0 < request.width * request.height <= CONFIG.max_pixels
 
 
-class _ByTheParserAlone(FormReader):
-    def _take_fields(self, piece: bytes) -> int:
-        return 0
-
-
-_LINES = (
-    'Content-Disposition: form-data; name="near"',
-    'content-disposition: form-data; name="near"',
-    'Content-Disposition: form-data; name="scene"',
-    'Content-Disposition: form-data; name="a b"',
-    'Content-Disposition: form-data; name=""',
-    'Content-Disposition: attachment; name="near"',
-    'Content-Disposition: form-data; name="near"\r\nContent-Transfer-Encoding: base64',
-    f'Content-Disposition: form-data; name="{"n" * 65}"',
-    "X: y",
-    "",
-)
-_VALUES = ("", "1", " 1 ", "\r", "\n", "a\r\nb", "\r\n--", f"--{BOUNDARY}", f"\r\n--{BOUNDARY}", "\udcff", "x" * 2000)
-
-
-@given(
-    st.lists(st.tuples(st.sampled_from(_LINES), st.sampled_from(_VALUES)), max_size=6),
-    st.sampled_from(("", "--", "\r\n", "\n", "x")),
-    st.sampled_from((f"--{BOUNDARY}\r\n", f"\r\n--{BOUNDARY}\r\n", "preamble", "")),
-    st.integers(2, 5000),
-)
-def test_fields_at_the_beginning_are_what_the_parser_finds(
-    parts: list[tuple[str, str]], end: str, begin: str, step: int
-) -> None:
-    text = begin + f"\r\n--{BOUNDARY}\r\n".join(f"{line}\r\n\r\n{value}" for line, value in parts)
-    data = (text + f"\r\n--{BOUNDARY}{end}").encode("utf-8", "surrogateescape")
-    told: list[object] = []
-    for kind in (FormReader, _ByTheParserAlone):
-        reader = kind(CONTENT_TYPE, RenderConfig(max_parts=4))
-        try:
-            for start in range(0, len(data), step):
-                reader.feed(data[start : start + step])
-            form = reader.form()
-            told.append((form.fields, bytes(form.scene or b""), form.scene_sha256, form.scene_filename))
-        except RequestError as error:
-            # The parser counts from where it begins.
-            told.append("malformed" if "malformed" in error.sentence else error.sentence)
-    assert told[0] == told[1]
-
-
 @given(st.text(max_size=300))
 def test_messages_are_plain_utf8_text_below_drakes_limit(text: str) -> None:
     for sentence in (text, text * 100, quoted(text), quoted(text.encode("utf-8", "surrogatepass"))):
