@@ -9,14 +9,13 @@ from collections.abc import Mapping, Sequence
 from struct import pack
 from typing import Any, Final, TypeAlias
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from gateway.scene.gltf.accessors import COMPONENT_TYPES, POINTS, TEXTURE_COORDINATES, ZEROS, Accessor, Kind
 from gateway.scene.gltf.attributes import Floats, frozen, tangents
 from gateway.scene.gltf.bytewise import address_of_bytes, address_of_new
-from gateway.scene.gltf.cache import Buffer, MeshKey, mesh_bytes
+from gateway.scene.gltf.cache import Buffer, MeshKey
 from gateway.scene.gltf.kernels import CLIPPED, FINITE, SIGNED, TANGENT, gather, read_meshes
 from renderers.drawlist import Mesh
 
@@ -24,6 +23,7 @@ Layout: TypeAlias = tuple[Accessor, Accessor, Accessor | None, Accessor | None, 
 """The accessors of triangles, whose numbers fit: indices (in ``ZEROS``: there are none), positions, normals, texture
 coordinates, and those of ``OTHERS`` by name; and whether there are none of the latter and all are float32 as meshes
 want them."""
+_Copied: TypeAlias = tuple[list[Floats | None], int]
 OTHERS: Final = {"TEXCOORD_1": (2, FINITE), "COLOR_0": (4, FINITE | CLIPPED), "TANGENT": (4, TANGENT)}
 """Attributes that are copied, their components, and what is put right."""
 
@@ -113,8 +113,9 @@ def read_together(asked: Mapping[MeshKey, Layout]) -> list[tuple[MeshKey, Mesh, 
         if as_it_lies:
             made.append((key, Mesh(positions, elements, normals, uvs), buffers, nbytes))
         else:
-            mesh = Mesh(positions, elements, normals, uvs, *copied[at])
-            made.append((key, mesh, (own := _buffers(given[at])), mesh_bytes(mesh, own)))
+            others, of_copies = copied[at]
+            mesh = Mesh(positions, elements, normals, uvs, *others)
+            made.append((key, mesh, _buffers(given[at]), nbytes + of_copies))
     return made
 
 
@@ -128,47 +129,60 @@ def _buffers(layout: Layout) -> list[Buffer]:
     ]
 
 
-def _gathered(layouts: Sequence[Layout]) -> tuple[list[Layout], dict[int, list[Floats | None]]]:
-    """The layouts with copies of what does not lie as meshes want it, and the arrays of ``OTHERS`` by place."""
+def _gathered(layouts: Sequence[Layout]) -> tuple[list[Layout], dict[int, _Copied]]:
+    """The layouts with copies of what does not lie as meshes want it; by place, the arrays of ``OTHERS`` and the bytes
+    that were copied."""
     result = [*layouts]
+    copied: dict[int, _Copied] = {}
     numbers: list[int | float] = []
     arrays: list[Floats] = []
-
-    def copy(accessor: Accessor, n: int, components: int, purpose: int) -> int:
-        kind, (room, address) = accessor.kind, _room(components * n)
-        if kind.normalized and kind.dtype.kind == "i":
-            purpose |= SIGNED
-        numbers.extend((accessor.buffer.address + accessor.offset, n, accessor.stride, _CODES[kind.dtype]))
-        numbers.extend((kind.components, components, purpose, address, kind.scale))
-        values: Floats = _array((n, components), _F32, room)
-        values.setflags(write=False)
-        arrays.append(values)
-        return address
-
-    def tight(accessor: Accessor | None, n: int, kind: Kind) -> Accessor | None:
-        if accessor is None or (accessor.kind is kind and accessor.stride == kind.nbytes):
-            return accessor
-        address = copy(accessor, n, kind.components, 0)
-        buffer = Buffer(arrays[-1].data, address)
-        return msgspec.structs.replace(accessor, kind=kind, buffer=buffer, offset=0, stride=kind.nbytes)
-
-    others: list[tuple[int, str, Accessor, int]] = []
+    others: list[tuple[int, int, Accessor, int]] = []
     for at, (indices, position, normal, uv, of_others, as_it_lies) in enumerate(layouts):
-        if not as_it_lies:
-            n = position.count
-            points = tight(position, n, POINTS) or position
-            normals, uvs = tight(normal, n, POINTS), tight(uv, n, TEXTURE_COORDINATES)
-            result[at] = (indices, points, normals, uvs, of_others, False)
-            for name, accessor in (of_others or {}).items():
-                others.append((at, name, accessor, len(arrays)))
-                copy(accessor, n, *OTHERS[name])
+        if as_it_lies:
+            continue
+        n, first = position.count, len(arrays)
+        points = _tight(position, n, POINTS, numbers, arrays) or position
+        normals, uvs = _tight(normal, n, POINTS, numbers, arrays), _tight(uv, n, TEXTURE_COORDINATES, numbers, arrays)
+        if of_others is not None:
+            for place, (name, (components, purpose)) in enumerate(OTHERS.items()):
+                accessor = of_others.get(name)
+                if accessor is not None:
+                    others.append((at, place, accessor, len(arrays)))
+                    _copy(accessor, n, components, purpose, numbers, arrays)
+        result[at] = (indices, points, normals, uvs, of_others, False)
+        copied[at] = [None] * len(OTHERS), sum([array.nbytes for array in arrays[first:]])
     rows, sound = pack("8qd" * len(arrays), *numbers), bytearray(len(arrays))
     if arrays:
         gather(address_of_bytes(rows), len(arrays), address_of_new(sound))
-    copied: dict[int, dict[str, Floats]] = {at: {} for at, layout in enumerate(layouts) if not layout[5]}
-    for at, name, accessor, number in others:
-        copied[at][name] = arrays[number] if sound[number] else tangents(accessor.floats(0, layouts[at][1].count))
-    return result, {at: [frozen(named.get(name)) for name in OTHERS] for at, named in copied.items()}
+    for at, place, accessor, number in others:
+        good = bool(sound[number])
+        copied[at][0][place] = arrays[number] if good else frozen(tangents(accessor.floats(0, layouts[at][1].count)))
+    return result, copied
+
+
+def _copy(
+    accessor: Accessor, n: int, components: int, purpose: int, numbers: list[int | float], arrays: list[Floats]
+) -> int:
+    """Adds an array and what ``gather`` has to know to fill it; its address."""
+    kind, (room, address) = accessor.kind, _room(components * n)
+    if kind.normalized and kind.dtype.kind == "i":
+        purpose |= SIGNED
+    numbers += (accessor.buffer.address + accessor.offset, n, accessor.stride, _CODES[kind.dtype])
+    numbers += (kind.components, components, purpose, address, kind.scale)
+    values: Floats = _array((n, components), _F32, room)
+    values.setflags(write=False)
+    arrays.append(values)
+    return address
+
+
+def _tight(
+    accessor: Accessor | None, n: int, kind: Kind, numbers: list[int | float], arrays: list[Floats]
+) -> Accessor | None:
+    """An accessor, or the one of a copy that lies as ``kind`` says."""
+    if accessor is None or (accessor.kind is kind and accessor.stride == kind.nbytes):
+        return accessor
+    address = _copy(accessor, n, kind.components, 0, numbers, arrays)
+    return Accessor(accessor.index, kind, accessor.count, Buffer(arrays[-1].data, address), 0, kind.nbytes)
 
 
 def _room(count: int) -> tuple[bytes | NDArray[Any], int]:
