@@ -54,10 +54,10 @@ class Companies:
         parts, branches = [place.parts for place in placed], [place.branch for place in placed]
         worlds = np.array([place.X_world_node for place in placed]).reshape(-1, 4, 4)
         away = _EVERYBODY
-        with np.errstate(all="ignore"):
-            drawable = np.abs(worlds) < DRAWABLE
-        if not drawable.all():
-            away = frozenset(np.flatnonzero(~drawable.all(axis=(1, 2))).tolist())
+        if not -DRAWABLE < worlds.min(initial=0.0) <= worlds.max(initial=0.0) < DRAWABLE:  # nor where it is no number
+            with np.errstate(all="ignore"):
+                drawable = (np.abs(worlds) < DRAWABLE).all(axis=(1, 2))
+            away = frozenset(np.flatnonzero(~drawable).tolist())
         company = self._find(parts, branches, away)
         if company is None:
             company = _company(parts, branches, away)

@@ -4,19 +4,36 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
 
 from gateway.render.config import RenderConfig
 from gateway.render.drawn import Companies, Company
-from gateway.scene.gltf import Arrival, CacheStats, GltfCamera, MeshCache, Text, read_gltf
+from gateway.scene.gltf import Arrival, CacheStats, MeshCache, Text, read_gltf
 from renderers.drawlist import DrawList
+from renderers.quick import quick
 
 
+@quick
+@dataclass(frozen=True, slots=True, eq=False)
+class Eye:
+    """What matters of a scene's camera: pictures are asked for with lenses of their own."""
+
+    name: str
+    X_world_camera: NDArray[np.float64]
+    """As of ``GltfCamera``."""
+    znear: float
+    """As of ``GltfCamera``."""
+
+
+@quick
 @dataclass(frozen=True, slots=True, eq=False)
 class PreparedScene:
     """A scene, read and flattened; shared by all pictures of it. Not its nodes, which are thousands of objects."""
 
-    camera: GltfCamera | None
+    camera: Eye | None
     """As of ``GltfScene``."""
     has_geometry: bool
     """Whether there is anything to draw, however far away."""
@@ -77,9 +94,9 @@ class SceneStore:
                 return found
         gltf = read_gltf(data, limits=self._config.gltf, cache=self._meshes)
         listed, company = self._companies.drawn(gltf)
-        camera = gltf.camera
+        eye = gltf.camera
         scene = PreparedScene(
-            replace(camera, visits=None) if camera is not None else None,
+            None if eye is None else Eye(eye.name, eye.X_world_camera, eye.znear),
             gltf.instance_count > 0,
             gltf.generator,
             gltf.element_count,
