@@ -16,13 +16,17 @@ Extensions: TypeAlias = dict[str, msgspec.Raw] | None
 
 
 class _Object(msgspec.Struct, rename="camel", gc=False):
-    """Every field may be absent or null: Drake's client writes ``"nodes": null`` for empty arrays."""
+    """Every field may be absent or null: Drake's client writes ``"nodes": null`` for empty arrays.
+
+    Fields are in the order of their names, as Drake's client and most exporters write them: msgspec looks for each from
+    the last one on.
+    """
 
 
 class Asset(_Object):
     generator: str | None = None
-    version: str | None = None
     min_version: str | None = None
+    version: str | None = None
 
 
 class Scene(_Object):
@@ -30,29 +34,28 @@ class Scene(_Object):
 
 
 class Node(_Object):
-    name: str | None = None
-    children: list[int | None] | None = None
-    mesh: int | None = None
-    skin: int | None = None
-    weights: list[float] | None = None
     camera: int | None = None
+    children: list[int | None] | None = None
+    extensions: Extensions = None
     matrix: list[float] | None = None
-    translation: list[float] | None = None
+    mesh: int | None = None
+    name: str | None = None
     rotation: list[float] | None = None
     scale: list[float] | None = None
-    extensions: Extensions = None
+    skin: int | None = None
+    translation: list[float] | None = None
+    weights: list[float] | None = None
 
 
 class Primitive(_Object):
     attributes: dict[str, int | None] | None = None
+    extensions: Extensions = None
     indices: int | None = None
     material: int | None = None
     mode: int | None = None
-    extensions: Extensions = None
 
 
 class Mesh(_Object):
-    name: str | None = None
     primitives: list[Primitive | None] | None = None
     weights: list[float] | None = None
 
@@ -79,29 +82,28 @@ class Accessor(_Object):
     byte_offset: int | None = None
     component_type: int | None = None
     count: int | None = None
-    type: str | None = None
     normalized: bool | None = None
     sparse: Sparse | None = None
+    type: str | None = None
 
 
 class BufferView(_Object):
     buffer: int | None = None
-    byte_offset: int | None = None
     byte_length: int | None = None
+    byte_offset: int | None = None
     byte_stride: int | None = None
     extensions: Extensions = None
 
 
 class Buffer(_Object):
-    uri: str | None = None
     byte_length: int | None = None
+    uri: str | None = None
 
 
 class Image(_Object):
+    buffer_view: int | None = None
     name: str | None = None
     uri: str | None = None
-    mime_type: str | None = None
-    buffer_view: int | None = None
 
 
 class Sampler(_Object):
@@ -112,80 +114,77 @@ class Sampler(_Object):
 
 
 class Texture(_Object):
+    extensions: Extensions = None
     sampler: int | None = None
     source: int | None = None
-    extensions: Extensions = None
 
 
 class TextureInfo(_Object):
+    extensions: Extensions = None
     index: int | None = None
-    tex_coord: int | None = None
     scale: float | None = None
     """Of normal maps."""
     strength: float | None = None
     """Of occlusion maps."""
-    extensions: Extensions = None
+    tex_coord: int | None = None
 
 
 class MetallicRoughness(_Object):
     base_color_factor: list[float] | None = None
     base_color_texture: TextureInfo | None = None
     metallic_factor: float | None = None
-    roughness_factor: float | None = None
     metallic_roughness_texture: TextureInfo | None = None
+    roughness_factor: float | None = None
 
 
 class Material(_Object):
+    alpha_cutoff: float | None = None
+    alpha_mode: str | None = None
+    double_sided: bool | None = None
+    emissive_factor: list[float] | None = None
+    emissive_texture: TextureInfo | None = None
+    extensions: Extensions = None
     name: str | None = None
-    pbr_metallic_roughness: MetallicRoughness | None = None
     normal_texture: TextureInfo | None = None
     occlusion_texture: TextureInfo | None = None
-    emissive_texture: TextureInfo | None = None
-    emissive_factor: list[float] | None = None
-    alpha_mode: str | None = None
-    alpha_cutoff: float | None = None
-    double_sided: bool | None = None
-    extensions: Extensions = None
+    pbr_metallic_roughness: MetallicRoughness | None = None
 
 
 class Perspective(_Object):
-    yfov: float | None = None
-    znear: float | None = None
-    zfar: float | None = None
     aspect_ratio: float | None = None
+    yfov: float | None = None
+    zfar: float | None = None
+    znear: float | None = None
 
 
 class Orthographic(_Object):
-    xmag: float | None = None
-    ymag: float | None = None
-    znear: float | None = None
     zfar: float | None = None
+    znear: float | None = None
 
 
 class Camera(_Object):
     name: str | None = None
-    type: str | None = None
-    perspective: Perspective | None = None
     orthographic: Orthographic | None = None
+    perspective: Perspective | None = None
 
 
 class Document(_Object):
-    asset: Asset | None = None
-    scene: int | None = None
-    scenes: list[Scene | None] | None = None
-    nodes: list[Node | None] | None = None
-    meshes: list[Mesh | None] | None = None
     accessors: list[Accessor | None] | None = None
+    asset: Asset | None = None
     buffer_views: list[BufferView | None] | None = None
     buffers: list[Buffer | None] | None = None
-    images: list[Image | None] | None = None
-    samplers: list[Sampler | None] | None = None
-    textures: list[Texture | None] | None = None
-    materials: list[Material | None] | None = None
     cameras: list[Camera | None] | None = None
-    extensions_used: list[str | None] | None = None
-    extensions_required: list[str | None] | None = None
     extensions: Extensions = None
+    extensions_required: list[str | None] | None = None
+    extensions_used: list[str | None] | None = None
+    images: list[Image | None] | None = None
+    materials: list[Material | None] | None = None
+    meshes: list[Mesh | None] | None = None
+    nodes: list[Node | None] | None = None
+    samplers: list[Sampler | None] | None = None
+    scene: int | None = None
+    scenes: list[Scene | None] | None = None
+    textures: list[Texture | None] | None = None
 
 
 class TextureTransform(_Object):
@@ -218,10 +217,10 @@ class Ior(_Object):
 class Specular(_Object):
     """KHR_materials_specular."""
 
-    specular_factor: float | None = None
-    specular_texture: TextureInfo | None = None
     specular_color_factor: list[float] | None = None
     specular_color_texture: TextureInfo | None = None
+    specular_factor: float | None = None
+    specular_texture: TextureInfo | None = None
 
 
 class SpecularGlossiness(_Object):
@@ -229,8 +228,8 @@ class SpecularGlossiness(_Object):
 
     diffuse_factor: list[float] | None = None
     diffuse_texture: TextureInfo | None = None
-    specular_factor: list[float] | None = None
     glossiness_factor: float | None = None
+    specular_factor: list[float] | None = None
     specular_glossiness_texture: TextureInfo | None = None
 
 
@@ -242,12 +241,12 @@ class Spot(_Object):
 class Light(_Object):
     """An entry of KHR_lights_punctual."""
 
-    name: str | None = None
-    type: str | None = None
     color: list[float] | None = None
     intensity: float | None = None
+    name: str | None = None
     range: float | None = None
     spot: Spot | None = None
+    type: str | None = None
 
 
 class Lights(_Object):

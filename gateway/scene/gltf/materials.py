@@ -211,7 +211,8 @@ def _is_vtk(source: gltf.Material) -> bool:
     pbr = source.pbr_metallic_roughness
     if pbr is None or pbr.base_color_factor is None or source != gltf.Material(pbr_metallic_roughness=pbr):
         return False
-    return pbr == gltf.MetallicRoughness(pbr.base_color_factor, pbr.base_color_texture, 0.0, 1.0)
+    color, texture = pbr.base_color_factor, pbr.base_color_texture
+    return pbr == gltf.MetallicRoughness(color, texture, metallic_factor=0.0, roughness_factor=1.0)
 
 
 def _extension(source: gltf.Material, extension_name: str, kind: type[_E], at: int) -> _E:

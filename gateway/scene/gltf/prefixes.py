@@ -41,6 +41,7 @@ _SAME_HEAD: Final = 8
 """Texts with the same beginning that are kept: each one that does not match may cost a comparison."""
 _CANDIDATES: Final = 256
 """Texts seen once that are remembered (by a hash): a text is worth keeping when it comes again."""
+_NODES_AS_USUAL: Final = b'"nodes":[{'
 _OBJECTS: Final = re.compile(rb"\s*:\s*\[\s*(\{|null)")
 _TRIES: Final = 64
 """Places of ``"nodes"`` that are tried; scenes and names can contain it, too."""
@@ -139,6 +140,9 @@ def stable_part(container: Container, total: int) -> bytes | None:
         return None
     slim = container.json
     begin = len(slim) - (total - container.tail)
+    at = slim.rfind(_NODES_AS_USUAL, begin)
+    if at >= 0:
+        return slim[:at]
     at = len(slim)
     for _ in range(_TRIES):
         at = slim.rfind(b'"nodes"', begin, at)
