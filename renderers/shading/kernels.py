@@ -46,10 +46,12 @@ from renderers.shading.materials import (
     MI_UV,
 )
 from renderers.shading.plain import fill, show_plain
+from renderers.shading.plain_metal import show_metals
 from renderers.shading.plain_pbr import PART, light_up, show_plain_pbr
 from renderers.shading.planes import MEMORY_VALUES, forget
 from renderers.shading.resolve import SCRATCH_VALUES, resolve_strokes, resolve_triangles, run_starts, single_runs
 from renderers.shading.runs import (
+    BY_PLANES,
     BY_RATIO,
     G_COLUMNS,
     G_INSTANCE,
@@ -218,7 +220,10 @@ def _row(
         elif kind != 0:
             if not prepared:
                 runs = np.int64(segments[(end - 1) * G_COLUMNS + G_LAST_RUN])
-                uniform = put_beside(y, spots, planes, whole_starts, runs, beside, stride)
+                metals = False
+                for following in range(number, end):
+                    metals |= segments[following * G_COLUMNS + G_PLANES] == BY_RATIO
+                uniform = put_beside(y, lens, metals, spots, planes, whole_starts, runs, beside, stride)
                 prepared = True
             columns, _, mf = instance_at(job, instance)
             maps, first = f32_at(job[S_MAPS] + 4 * P_COLUMNS * instance), i64_at(job[S_FIRST])[instance]
@@ -228,10 +233,16 @@ def _row(
                     while following < end and segments[following * G_COLUMNS + G_PLANES] == kind:
                         following += 1
                     reach = np.int64(segments[(following - 1) * G_COLUMNS + G_LAST_RUN])
-                flat, stray, known = show_plain_pbr(
-                    job, columns, maps, lens, y, first, mf, records, whole_starts, run, last_run, reach,
-                    kind == BY_RATIO, masks, beside, stride, flat, stray, known, rows, stride, line, steep,
-                )  # fmt: skip
+                    if kind == BY_RATIO:
+                        stray = show_metals(
+                            job, lens, y, records, whole_starts, segments, number, following, masks, beside, stride,
+                            stray, line,
+                        )  # fmt: skip
+                if kind == BY_PLANES:
+                    flat, stray, known = show_plain_pbr(
+                        job, columns, maps, lens, y, first, mf, records, whole_starts, run, last_run, reach,
+                        masks, beside, stride, flat, stray, known, rows, stride, line, steep,
+                    )  # fmt: skip
             else:
                 smooth = columns[II_HAS] & HAS_NORMALS != 0
                 flat, stray = show_plain(
@@ -267,7 +278,7 @@ def shade_rows(job_at, ids_at, row_begin, row_end):
     own_ids = np.empty(width + 2 * pad + 64, np.int32)
     own_masks = np.empty(words * height, np.int64)
     own_runs = np.empty((3 + G_COLUMNS) * stride * height, np.int32)
-    own_segments = np.empty(2 * height + 2, np.int64)
+    own_segments = np.empty(3 * height + 2, np.int64)
     own_beside = np.empty(B_ROWS * stride, np.float32)
     own_starts = np.empty(width + 2 * pad, np.int32)
     own_rows = np.empty(A_ROWS * stride, np.float32)
@@ -281,6 +292,7 @@ def shade_rows(job_at, ids_at, row_begin, row_end):
     runs_at, room = np.int64(own_runs.ctypes.data), 4 * stride * height
     segments = i32_at(runs_at + 3 * room)
     of_rows = i64_at(np.int64(own_segments.ctypes.data))
+    steeps = f32_at(np.int64(own_segments.ctypes.data) + 8 * (2 * height + 2))
     beside = np.int64(own_beside.ctypes.data)
     starts = i32_at(np.int64(own_starts.ctypes.data))
     rows = f32_at(np.int64(own_rows.ctypes.data))
@@ -303,9 +315,10 @@ def shade_rows(job_at, ids_at, row_begin, row_end):
             row = i32_at(ids_at + 4 * y * job[S_STRIDE])
             count = find_runs(row, ids, row_width, apart != 0, i64_at(masks + 8 * words * at), row_starts, row_records)
             of_rows[2 * at], of_rows[2 * at + 1] = run, segment
+            steeps[at] = row_schlick(job, y, apart, row_width) if job[S_PBR] != 0 and row_width > 0 else 0.0
             first = segment
             segment, with_planes, hint = find_segments(
-                job, apart != 0, row_starts, row_records, count, segments, segment, hint
+                job, apart != 0, steeps[at], row_starts, row_records, count, segments, segment, hint
             )  # fmt: skip
             if with_planes:
                 find_places(job, y, row_starts, row_records, spots, count, segments, first, places_at)
@@ -318,13 +331,10 @@ def shade_rows(job_at, ids_at, row_begin, row_end):
             row_width, apart = _width(job, top)
             seen = i32_at(ids_at + 4 * top * job[S_STRIDE])
             run = runs_at + 4 * of_rows[2 * at]
-            steep = np.float32(0.0)
-            if job[S_PBR] != 0 and row_width > 0:
-                steep = row_schlick(job, top, apart, row_width)
             _row(
                 job, top, seen, ids, i64_at(masks + 8 * words * at), i32_at(run), i32_at(run + room),
                 i32_at(run + 2 * room), segments, of_rows[2 * at + 1], of_rows[2 * at + 3], beside, starts, rows,
-                stride, line, scratch, memory, planes, steep,
+                stride, line, scratch, memory, planes, steeps[at],
             )  # fmt: skip
             top += 1
     # The pointers above do not keep the arrays alive.

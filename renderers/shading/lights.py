@@ -10,7 +10,7 @@ import numpy as np
 from renderers import simd as vec
 from renderers.linked import inlined
 
-_SMALLEST_COSINE: Final = np.float32(1e-5)
+SMALLEST_COSINE: Final = np.float32(1e-5)
 """VTK's lower bound of the cosines in its shader; keeps the visibility term finite."""
 _SMALLEST_ROUGHNESS: Final = np.float32(0.05)
 """RenderEngineVtk shades a material of roughness r as the formulae do with 0.05 + 0.95 r: measured on flat metal of
@@ -59,7 +59,7 @@ def gloss(n_l, n_v, v_l, a2):
     zero, one, two = vec.f32(0.0), vec.f32(1.0), vec.f32(2.0)
     lit = n_l > zero
     half = vec.most(n_v + n_l, zero)
-    n_l, n_v = vec.most(n_l, vec.f32(_SMALLEST_COSINE)), vec.most(n_v, vec.f32(_SMALLEST_COSINE))
+    n_l, n_v = vec.most(n_l, vec.f32(SMALLEST_COSINE)), vec.most(n_v, vec.f32(SMALLEST_COSINE))
     wide, rest = two + two * v_l, one - a2
     d = wide - rest * (half * half)
     smith = n_l * vec.sqrt(a2 + rest * (n_v * n_v)) + n_v * vec.sqrt(a2 + rest * (n_l * n_l))
@@ -71,22 +71,11 @@ def gloss(n_l, n_v, v_l, a2):
 def gloss_of_rough(n_l, n_v):
     """``gloss`` where alpha is 1, as of glTF's default roughness: D is 1 / pi everywhere, and V as good as
     1 / (2 (n . l + n . v))."""
-    zero, least = vec.f32(0.0), vec.f32(_SMALLEST_COSINE)
+    zero, least = vec.f32(0.0), vec.f32(SMALLEST_COSINE)
     lit = n_l > zero
     n_l, n_v = vec.most(n_l, least), vec.most(n_v, least)
     specular = vec.f32(_HALF_PI_INVERSE) * n_l / (n_l + n_v)
     return vec.select(lit, n_l, zero), vec.select(lit, specular, zero)
-
-
-@inlined
-def gloss_by_ratio(nx, ny, towards, dx, dy, high):
-    """The second of ``gloss_of_rough`` from what ``cosines`` is given: of the cosines only the ratio counts, for which
-    the normal need not be of unit length."""
-    ray = dx * dx + high
-    least = vec.f32(_SMALLEST_COSINE) * vec.sqrt(ray * (nx * nx + ny * ny + towards * towards))
-    along, seen = towards * vec.sqrt(ray), towards - (nx * dx + ny * dy)
-    along, seen = vec.most(along, least), vec.most(seen, least)
-    return vec.select(towards > vec.f32(0.0), vec.f32(_HALF_PI_INVERSE) * along / (along + seen), vec.f32(0.0))
 
 
 @inlined

@@ -15,7 +15,7 @@ from renderers.pointers import f32_at
 from renderers.shading.head import WHOLE
 from renderers.shading.layout import S_ENCODED
 from renderers.shading.lights import coat
-from renderers.shading.materials import MF_BASE, MF_EMISSIVE, MF_METALLIC, MF_ROUGHNESS
+from renderers.shading.materials import MF_BASE, MF_EMISSIVE, MF_METALLIC
 from renderers.shading.transfer import GAMMA, ROOTS, root
 
 _HIGHEST: Final = 2.0**16
@@ -31,12 +31,6 @@ def is_bare(mf):
     none = np.float32(0.0)
     dark = mf[MF_EMISSIVE] == none and mf[MF_EMISSIVE + 1] == none and mf[MF_EMISSIVE + 2] == none
     return dark and mf[MF_METALLIC] == np.float32(1.0)
-
-
-@inlined
-def needs_ratio(mf):
-    """Whether ``lights.gloss_by_ratio`` tells all that a material shows."""
-    return mf[MF_ROUGHNESS] == np.float32(1.0) and is_bare(mf)
 
 
 @inner

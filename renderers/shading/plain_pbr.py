@@ -23,8 +23,7 @@ from renderers.shading.beside import (
 )
 from renderers.shading.flat import changes_slowly, show_flat
 from renderers.shading.layout import A_NORMAL
-from renderers.shading.lights import cosines, gloss_by_ratio, schlick_at
-from renderers.shading.metal import shares_of, show_metal
+from renderers.shading.lights import cosines
 from renderers.shading.surface import finish_uniform, put_cosines
 
 PART: Final = 256
@@ -42,9 +41,8 @@ def light_up(job, mf, lens, y, places, rows, stride, begin, end, line, steep):
 
 
 @inner
-def _put_cosines(lens, y, starts, run, stop, by_ratio, masks, beside, room, rows, stride):
-    """What light depends on in the runs ``run .. stop``, of whatever instances, into the rows; ``by_ratio``: into the
-    first one the reflection itself, see ``lights.gloss_by_ratio``."""
+def _put_cosines(lens, y, starts, run, stop, masks, beside, room, rows, stride):
+    """What light depends on in the runs ``run .. stop``, of whatever instances, into the rows."""
     values = f32_at(beside)
     lane = vec.to_f32(vec.iota())
     left, across = vec.f32(0.5 - lens[2]), vec.f32(1.0 / lens[0])
@@ -54,18 +52,15 @@ def _put_cosines(lens, y, starts, run, stop, by_ratio, masks, beside, room, rows
         changed = changes_after(masks, x)
         nx, ny, towards = normals_beside(values, room, run, lanes_of(changed), x)
         at, dx = A_NORMAL * stride + x, (vec.f32(x) + lane + left) * across
-        if by_ratio:
-            vec.store(rows, at, gloss_by_ratio(nx, ny, towards, dx, dy, high))
-        else:
-            n_l, n_v, v_l = cosines(nx, ny, towards, dx, dy, high)
-            vec.store(rows, at, n_l)
-            vec.store(rows, at + stride, n_v)
-            vec.store(rows, at + 2 * stride, v_l)
+        n_l, n_v, v_l = cosines(nx, ny, towards, dx, dy, high)
+        vec.store(rows, at, n_l)
+        vec.store(rows, at + stride, n_v)
+        vec.store(rows, at + 2 * stride, v_l)
         run += vec.count_bits(changed)
 
 
 @inner
-def _put_stray(columns, maps, lens, y, element, begin, end, by_ratio, beside, room, run, rows, stride):
+def _put_stray(columns, maps, lens, y, element, begin, end, beside, room, run, rows, stride):
     """As ``_put_cosines`` for a run that strays, and nothing behind it."""
     lane = vec.to_f32(vec.iota())
     left, across = vec.f32(0.5 - lens[2]), vec.f32(1.0 / lens[0])
@@ -75,9 +70,6 @@ def _put_stray(columns, maps, lens, y, element, begin, end, by_ratio, beside, ro
         nx, ny, towards = bounded_normals(columns, maps, f32_at(beside), room, run, element, offset)
         dx = (vec.f32(x) + lane + left) * across
         at, inside = A_NORMAL * stride + x, vec.iota() < vec.i32(end - x)
-        if by_ratio:
-            vec.store_where(rows, at, inside, gloss_by_ratio(nx, ny, towards, dx, dy, dy * dy + vec.f32(1.0)))
-            continue
         n_l, n_v, v_l = cosines(nx, ny, towards, dx, dy, dy * dy + vec.f32(1.0))
         vec.store_where(rows, at, inside, n_l)
         vec.store_where(rows, at + stride, inside, n_v)
@@ -86,14 +78,14 @@ def _put_stray(columns, maps, lens, y, element, begin, end, by_ratio, beside, ro
 
 @inner
 def show_plain_pbr(
-    job, columns, maps, lens, y, first, mf, records, starts, run, last_run, reach, by_ratio, masks, beside, room,
+    job, columns, maps, lens, y, first, mf, records, starts, run, last_run, reach, masks, beside, room,
     flat, stray, known, rows, stride, line, steep,
 ):  # fmt: skip
     """Pixels of the runs ``run .. last_run`` of one instance's triangles, whose mesh has normals.
 
     Args:
         columns .. stray: as for ``plain.show_plain``; reach: the end of the runs that are shaded so, of whatever
-            instances. by_ratio: whether ``metal.needs_ratio`` of the materials of all of them.
+            instances.
         known: up to which run the rows hold what light depends on.
         rows: rows of ``stride`` values, 16 more than the row has pixels: what is written behind a run is overwritten
             later.
@@ -104,11 +96,10 @@ def show_plain_pbr(
         ``flat``, ``stray`` and ``known`` of the next segment.
     """
     whole, values = i32_at(beside), f32_at(beside)
-    slowly = changes_slowly(mf, lens)
     flat, stray = passed(whole, B_FLAT * room, flat, run), passed(whole, B_STRAYS * room, stray, run)
     while run < last_run:
         r = np.int64(whole[B_FLAT * room + flat])
-        if r == run and slowly:
+        if r == run and changes_slowly(mf, lens):
             flat += 1
             at = B_NORMAL * room + r
             normal = values[at], values[at + room], values[at + 2 * room]
@@ -122,20 +113,14 @@ def show_plain_pbr(
             continue
         if known <= run:
             known = min(reach, r)
-            _put_cosines(lens, y, starts, run, known, by_ratio, masks, beside, room, rows, stride)
+            _put_cosines(lens, y, starts, run, known, masks, beside, room, rows, stride)
         stop = min(last_run, known)
         while whole[B_STRAYS * room + stray] < stop:
             number = np.int64(whole[B_STRAYS * room + stray])
             stray += 1
             begin, end, element = np.int64(starts[number]), np.int64(starts[number + 1]), records[number] - first
-            _put_stray(columns, maps, lens, y, element, begin, end, by_ratio, beside, room, number, rows, stride)
+            _put_stray(columns, maps, lens, y, element, begin, end, beside, room, number, rows, stride)
         begin, end = np.int64(starts[run]), np.int64(starts[stop])
-        if by_ratio:
-            shares = shares_of(job, mf, steep if steep >= np.float32(0.0) else schlick_at(lens, y, (begin + end) // 2))
-            for x in range(begin, end, vec.LANES):
-                show_metal(shares, vec.load(rows, A_NORMAL * stride + x), line, x)
-            run = stop
-            continue
         for part in range(begin, end, PART):
             finish_uniform(job, mf, y, np.int64(0), rows, stride, part, min(part + PART, end), line, steep)
         run = stop

@@ -34,8 +34,7 @@ from renderers.shading.layout import (
     S_PBR,
     S_POINTS,
 )
-from renderers.shading.materials import MF_COLUMNS, MI_BASE, MI_COLUMNS, MI_NORMAL, MI_UNLIT, MI_UV
-from renderers.shading.metal import needs_ratio
+from renderers.shading.materials import MF_COLUMNS, MF_SHOWN, MI_BASE, MI_COLUMNS, MI_NORMAL, MI_UNLIT, MI_UV
 from renderers.shading.planes import (
     E_COLUMNS,
     E_COUNT,
@@ -74,7 +73,7 @@ G_PLANES: Final = 3  # whether it is shaded from the planes of its triangles: 0,
 G_COLUMNS: Final = 4
 BY_PLANES: Final = 1
 BY_RATIO: Final = 2
-"""Under the look ``pbr``: see ``metal.needs_ratio``."""
+"""Under the look ``pbr``: see ``plain_metal``."""
 
 
 @inner
@@ -170,9 +169,9 @@ def instance_at(job, instance):
 
 
 @inner
-def _by_planes(job, instance):
-    """G_PLANES of an instance's segments where its triangles are not tiny: whether ``plain`` or ``plain_pbr`` shades
-    them."""
+def _by_planes(job, instance, steep):
+    """G_PLANES of an instance's segments where its triangles are not tiny: whether ``plain``, ``plain_pbr`` or
+    ``plain_metal`` shades them."""
     columns, mi, mf = instance_at(job, instance)
     if columns[II_TOPOLOGY] != 3 or job[S_MODE] != DIRECT or mi[MI_UNLIT] != 0 or columns[II_HAS] & HAS_COLORS:
         return 0
@@ -180,15 +179,15 @@ def _by_planes(job, instance):
         return BY_PLANES if mi[MI_BASE] < 0 and fits(mf) else 0
     if mi[MI_NORMAL] >= 0 or mi[MI_UV] & 3 != 0 or columns[II_HAS] & HAS_NORMALS == 0:
         return 0
-    return BY_RATIO if needs_ratio(mf) else BY_PLANES
+    return BY_RATIO if mf[MF_SHOWN] >= np.float32(0.0) and steep == np.float32(0.0) else BY_PLANES
 
 
 @inner
-def find_segments(job, apart, starts, records, runs, segments, at, hint):
+def find_segments(job, apart, steep, starts, records, runs, segments, at, hint):
     """Find the segments of a row's runs.
 
     Args:
-        apart: as for ``find_runs``; such rows need no planes.
+        apart: as for ``find_runs``; such rows need no planes. steep: see ``surface.row_schlick``.
         segments: pointer to int32, G_COLUMNS for each; at: the number of the first.
 
     Returns:
@@ -208,7 +207,7 @@ def find_segments(job, apart, starts, records, runs, segments, at, hint):
             stop = extent(records, run, runs, first_record[hint], first_record[hint + 1])
             segments[segment + G_INSTANCE] = hint
             if not apart and starts[stop] - starts[run] > TINY_RUNS * (stop - run):
-                segments[segment + G_PLANES] = kind = _by_planes(job, hint)
+                segments[segment + G_PLANES] = kind = _by_planes(job, hint, steep)
                 planes |= kind != 0
             run = stop
         segments[segment + G_LAST_RUN] = run

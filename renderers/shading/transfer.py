@@ -46,28 +46,28 @@ def _gamma_cells() -> NDArray[np.int32]:
     return cells
 
 
-_FAINT: Final = np.float32(2.0**-40)
+DARK: Final = np.float32(2.0**-40)
 """Below this a linear value is shown as 0: a thousandth of a level."""
-_FAINT_BITS: Final = int(_FAINT.view(np.int32))
+_DARK_BITS: Final = int(DARK.view(np.int32))
 
 
 def _encoded() -> NDArray[np.float32]:
-    """(5122,) float32: ``c^(1/2.2)`` of every 2^16th float32 from _FAINT to 1, and one beyond for interpolation at 1; 0
+    """(5122,) float32: ``c^(1/2.2)`` of every 2^16th float32 from DARK to 1, and one beyond for interpolation at 1; 0
     for the first."""
-    bits = np.arange(_FAINT_BITS, int(np.float32(1.0).view(np.int32)) + 2 * (1 << _CELL), 1 << _CELL, dtype=np.int32)
+    bits = np.arange(_DARK_BITS, int(np.float32(1.0).view(np.int32)) + 2 * (1 << _CELL), 1 << _CELL, dtype=np.int32)
     result: NDArray[np.float32] = (bits.view(np.float32).astype(np.float64) ** (1.0 / GAMMA)).astype(np.float32)
     result[0] = 0.0
     return result
 
 
 _OCTAVES: Final = 40
-"""Of ``root``: from _FAINT to 1."""
+"""Of ``root``: from DARK to 1."""
 _BELOW_ONE: Final = np.float32(1.0 - 2.0**-24)
 
 
 def _roots() -> NDArray[np.float32]:
     """(16,) float32: ``c^(1/2.2)`` of 2^-7 .. 2^0, and of 2^-33, 2^-25 .. 2^23: the product of a value of each row is
-    that of a power of two, from _FAINT on."""
+    that of a power of two, from DARK on."""
     powers = np.concatenate((np.arange(-7.0, 1.0), 8.0 * np.arange(8.0) + 7.0 - _OCTAVES))
     roots: NDArray[np.float32] = (2.0 ** (powers / GAMMA)).astype(np.float32)
     return roots
@@ -131,8 +131,8 @@ def decode_gamma(c, decoded):
 def encode_gamma(c, encoded):
     """``c^(1/2.2)`` of an f32x8 in 0..1 (clamped; NaN is 0), interpolated in ``ENCODED`` (its address): within 2e-6 of
     it."""
-    c = vec.least(vec.most(c, vec.f32(_FAINT)), vec.f32(1.0))
-    bits = vec.bits_of(c) - vec.i32(_FAINT_BITS)
+    c = vec.least(vec.most(c, vec.f32(DARK)), vec.f32(1.0))
+    bits = vec.bits_of(c) - vec.i32(_DARK_BITS)
     cell = bits >> vec.i32(_CELL)
     table = f32_at(encoded)
     low = vec.gather(table, cell)
@@ -148,8 +148,14 @@ def root(c, low, high):
     Args:
         low, high: vectors ROOTS and the next of ``ENCODED``.
     """
-    bits = vec.bits_of(vec.least(vec.most(c, vec.f32(_FAINT)), vec.f32(_BELOW_ONE)))
-    octave = (bits >> vec.i32(23)) - vec.i32(_FAINT_BITS >> 23)
+    return root_within(vec.least(vec.most(c, vec.f32(DARK)), vec.f32(_BELOW_ONE)), low, high)
+
+
+@inlined
+def root_within(c, low, high):
+    """``root`` of what is from DARK to 1."""
+    bits = vec.bits_of(c)
+    octave = (bits >> vec.i32(23)) - vec.i32(_DARK_BITS >> 23)
     m = vec.float_of((bits & vec.i32(0x7FFFFF)) | vec.i32(0x3F800000))
     a, b, square = vec.f32(_POWERS[0]) + vec.f32(_POWERS[1]) * m, vec.f32(_POWERS[2]) + vec.f32(_POWERS[3]) * m, m * m
     whole = vec.permute(low, octave & vec.i32(7)) * vec.permute(high, octave >> vec.i32(3))

@@ -11,7 +11,7 @@ from numba import njit
 
 from renderers import simd as vec
 from renderers.camera import Camera
-from renderers.drawlist import DrawList, Material, Mesh
+from renderers.drawlist import DrawList, Instance, Material, Mesh
 from renderers.pointers import address_of, f32_at
 from renderers.port import Look, Output
 from renderers.shading.transfer import ENCODED, ROOTS, root
@@ -83,3 +83,26 @@ def test_as_the_general_way(roughness: float, focal: float) -> None:
         assert differences.max() <= 1
         assert (differences != 0).mean() < 0.02
         assert ours.max() > 0
+
+
+@pytest.mark.parametrize("focal", [300.0, 80.0])
+def test_neighbours(focal: float) -> None:
+    """Rows see many metals, one after the other, and other materials and narrow ones between them."""
+    rng = np.random.default_rng(3)
+    camera = Camera(161, 120, focal, focal, 80.0, 60.0, 0.05, 50.0, np.eye(4))
+    instances = []
+    for _ in range(40):
+        kind = Material((*rng.uniform(0.0, 1.0, 3), 1.0), metallic=float(rng.choice((1.0, 1.0, 1.0, 0.3))))
+        X = np.eye(4)
+        X[:3, 3] = rng.uniform((-1.5, -1.0, 3.0), (1.5, 1.0, 5.0))
+        instances.append(Instance(ball(int(rng.choice((4, 9, 40))), float(rng.choice((0.02, 0.3, 0.6)))), kind, X))
+    instances.append(placed(quad(9.0, 9.0), Material((1.0, 0.0, 0.5, 1.0), double_sided=True), z=5.5))
+    generally = [replace(each, material=replace(each.material, roughness=NEARLY)) for each in instances]
+    found = []
+    for drawn in (DrawList(tuple(instances)), DrawList(tuple(generally))):
+        with RENDERER.render(drawn, camera, Output.COLOR, Look("pbr")) as frame:
+            assert frame.color is not None
+            found.append(frame.color.astype(np.int64))
+    differences = np.abs(found[0] - found[1])
+    assert differences.max() <= 1
+    assert (differences != 0).mean() < 0.02
