@@ -6,6 +6,7 @@ Drake's scenes have hundreds of meshes of a few triangles, of which each would c
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from operator import itemgetter
 from struct import pack
 from typing import Any, Final, TypeAlias
 
@@ -27,6 +28,7 @@ _Copied: TypeAlias = tuple[list[Floats | None], int]
 OTHERS: Final = {"TEXCOORD_1": (2, FINITE), "COLOR_0": (4, FINITE | CLIPPED), "TANGENT": (4, TANGENT)}
 """Attributes that are copied, their components, and what is put right."""
 
+_AS_IT_LIES: Final = itemgetter(5)
 _F32: Final = np.dtype("<f4")
 _U32: Final = np.dtype("<u4")
 _SMALL: Final = 256
@@ -41,7 +43,7 @@ def read_together(asked: Mapping[MeshKey, Layout]) -> list[tuple[MeshKey, Mesh, 
     """The meshes without a fault, views of their buffers where that is possible: their keys, themselves, these buffers,
     and the bytes of what had to be made."""
     given = [*asked.values()]
-    layouts, copied = (given, {}) if all(layout[5] for layout in given) else _gathered(given)
+    layouts, copied = (given, {}) if all(map(_AS_IT_LIES, given)) else _gathered(given)
     numbers: list[int] = []
     rooms: list[tuple[bytes | NDArray[Any] | None, bytes | NDArray[Any] | None]] = []
     for indices, position, normal, uv, *_ in layouts:

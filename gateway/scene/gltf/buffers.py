@@ -21,6 +21,7 @@ Resolver = Callable[[str], bytes]
 
 _SCHEME: Final = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
 _USUAL: Final = "data:application/octet-stream;base64,"
+_USUAL_BYTES: Final = _USUAL.encode()
 _USUAL_LENGTH: Final = len(_USUAL)
 _HEAD: Final = 64
 """Bytes among which the comma of a data URI is found at once."""
@@ -113,7 +114,7 @@ class Buffers:
                 charged = len(new[place][0])
             elif text.startswith(_USUAL):
                 content, charged = text[_USUAL_LENGTH:], len(text) * 3 // 4
-            elif text in self._texts or (encoded := self._encoded(text)) is None:
+            elif (encoded := self._encoded(text)) is None:
                 continue
             else:
                 content, charged = encoded
@@ -181,6 +182,8 @@ class Buffers:
         if place is not None:
             begin, end = place
             data = self._container.data
+            if bytes(data[begin : begin + _USUAL_LENGTH]) == _USUAL_BYTES:
+                return data[begin + _USUAL_LENGTH : end], (end - begin) * 3 // 4
             head = bytes(data[begin : begin + _HEAD])
             comma = head.find(b",")
             if comma > 0 and head.endswith(b";base64", 0, comma):

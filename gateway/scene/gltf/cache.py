@@ -186,21 +186,21 @@ class MeshCache:
                     found[key] = kept.mesh
         return found
 
-    def add_meshes(self, made: Iterable[tuple[MeshKey, Mesh, Sequence[Buffer], int]]) -> list[Mesh]:
-        """Keeps meshes as long as all buffers they were made of are kept; returns what is kept for their keys.
+    def add_meshes(self, made: Iterable[tuple[MeshKey, Mesh, Sequence[Buffer], int]]) -> dict[MeshKey, Mesh]:
+        """Keeps meshes as long as all buffers they were made of are kept; returns what is kept for their keys, or they.
 
         Args:
             made: key, mesh, the buffers, and the bytes of its arrays that are not views of these.
         """
-        result: list[Mesh] = []
+        result: dict[MeshKey, Mesh] = {}
         meshes = self._meshes
         with self._lock:
             for key, mesh, buffers, own in made:
                 known = meshes.get(key)
                 if known is not None:
-                    result.append(known.mesh)
+                    result[key] = known.mesh
                     continue
-                result.append(mesh)
+                result[key] = mesh
                 made_of = self._made_of
                 if buffers and (made_of is None or all(buffer.uid in made_of for buffer in buffers)):
                     meshes[key] = new = _Kept(key, mesh, own, buffers)

@@ -266,12 +266,12 @@ class Meshes:
         read = read_together(new)
         meshes = self._cache.add_meshes(read)
         if len(read) == len(waiting):
-            self._counted.update(map(id, meshes))
+            self._counted.update(map(id, meshes.values()))
             self._add(vertices, triangles)
         else:
-            for mesh in meshes:
+            for mesh in meshes.values():
                 self._count(mesh, len(mesh.positions), len(mesh.elements))
-        made.update(zip([of[0] for of in read], meshes, strict=True))
+        made.update(meshes)
 
     def _fits(self, vertices: int, elements: int) -> bool:
         limits, nbytes = self._limits, _VERTEX_BYTES * vertices + 12 * elements
@@ -324,7 +324,7 @@ class Meshes:
             if mesh is not None:
                 accessors = [*source.attributes.values(), *([source.indices] if source.indices is not None else [])]
                 buffers = (*{buffer for accessor in accessors for buffer in accessor.buffers},)
-                (mesh,) = self._cache.add_meshes([(key, mesh, buffers, mesh_bytes(mesh, buffers))])
+                mesh = self._cache.add_meshes([(key, mesh, buffers, mesh_bytes(mesh, buffers))])[key]
         self._made[key] = mesh
         return mesh
 
