@@ -29,9 +29,7 @@ _encode = msgspec.json.Encoder(enc_hook=repr).encode
 
 def _as_json(event: dict[str, Any], **given: Any) -> str:
     """As ``json.dumps``, which takes three times as long, but without spaces; what is not a number is ``null``."""
-    with contextlib.suppress(
-        TypeError, ValueError, OverflowError, RecursionError
-    ):  # surrogates, long numbers
+    with contextlib.suppress(TypeError, ValueError, OverflowError, RecursionError):  # surrogates, long numbers
         text = _encode(event).decode()
         if text.isascii():  # whatever stderr writes, a reader finds the same characters
             return text

@@ -31,8 +31,9 @@ OTHERS: Final = {"TEXCOORD_1": (2, FINITE), "COLOR_0": (4, FINITE | CLIPPED), "T
 _AS_IT_LIES: Final = itemgetter(5)
 _F32: Final = np.dtype("<f4")
 _U32: Final = np.dtype("<u4")
-_SMALL: Final = 256
-"""Vertices or triangles up to which a mesh's new arrays are views of ``bytes``."""
+_SMALL: Final = 4096
+"""Vertices or triangles up to which a mesh's new arrays are views of ``bytes``, which are made in half of an array's
+time; larger ones take longer to be filled with zeros."""
 _LARGEST: Final = {1: 0xFF, 2: 0xFFFF, 4: 0xFFFFFFFF}
 """By the bytes of an index: the largest one, which is forbidden."""
 _CODES: Final = {dtype: code for code, dtype in COMPONENT_TYPES.items()}
@@ -188,8 +189,7 @@ def _tight(
 
 
 def _room(count: int) -> tuple[bytes | NDArray[Any], int]:
-    """Place for so many values of 4 bytes, and its address. Nobody else has it yet: a kernel writes even to ``bytes``,
-    which are made in a third of an array's time."""
+    """Place for so many values of 4 bytes, and its address. Nobody else has it yet: a kernel may write to ``bytes``."""
     if count > 3 * _SMALL:
         array: NDArray[Any] = np.empty(count, _U32)
         return array, address_of_new(array)
