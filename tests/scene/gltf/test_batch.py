@@ -293,3 +293,29 @@ def test_faults_are_told_as_if_there_was_one_mesh(alone: Any, change: dict[str, 
     told(faulty({}), cache)
     for _ in range(2):
         assert told(source, cache) == expected
+
+
+def test_boxes_share_the_arrays_of_what_they_have_in_common() -> None:
+    (data, points, indices), other = (
+        grid(5, kind=5125, dtype=np.uint32, z=0.0),
+        grid(5, kind=5125, dtype=np.uint32, z=1.0),
+    )
+    length = 12 * points["count"]
+    contents = (data[:length], other[0][:length], data[length:], bytes(8 * points["count"]))
+    uris = ["data:application/octet-stream;base64," + base64.b64encode(content).decode() for content in contents]
+    source: dict[str, Any] = {
+        "buffers": [{"byteLength": len(c), "uri": uri} for c, uri in zip(contents, uris, strict=True)],
+        "bufferViews": [{"buffer": at, "byteLength": len(content)} for at, content in enumerate(contents)],
+        "accessors": [points | {"bufferView": at} for at in (0, 1)]
+        + [indices | {"bufferView": 2}, points | {"bufferView": 3, "type": "VEC2"}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": at, "TEXCOORD_0": 3}, "indices": 2}]} for at in (0, 1)],
+        "nodes": [{"mesh": 0}, {"mesh": 1}],
+    }
+    cache = MeshCache()
+    one, two = (mesh_of(part) for _, part in parts(read_gltf(json.dumps(source).encode(), cache=cache)))
+    assert one.positions.tobytes() == contents[0]
+    assert two.positions.tobytes() == contents[1]
+    assert one.elements is two.elements
+    assert one.uv0 is two.uv0
+    assert one.normals is not two.normals
+    assert cache.stats.nbytes == sum(map(len, contents)) + 2 * length  # with the normals of each
