@@ -10,11 +10,12 @@ from urllib.parse import unquote, unquote_to_bytes
 import msgspec
 import pybase64
 
-from gateway.scene.gltf.cache import Buffer, ContentKey, MeshCache, content_key
+from gateway.scene.gltf.cache import Buffer, ContentKey, MeshCache
 from gateway.scene.gltf.container import Container
 from gateway.scene.gltf.document import Document
 from gateway.scene.gltf.errors import GltfError, element
 from gateway.scene.gltf.limits import GltfLimits
+from renderers.contents import quick_key
 
 Resolver = Callable[[str], bytes]
 """Gives the bytes of a relative URI, percent-decoded. It must not leave the folder of the document."""
@@ -104,7 +105,7 @@ class Buffers:
         new: list[tuple[bytes, ContentKey]] = []
         places: dict[str, int] = {}
         content: str | memoryview
-        decode, key_of = pybase64.b64decode, content_key
+        decode, key_of = pybase64.b64decode, quick_key
         for index in indices:
             source = sources[index] if 0 <= index < count else None
             if source is None or (text := source.uri) is None:

@@ -11,27 +11,22 @@ from typing import Final, TypeAlias
 
 import msgspec
 import numpy as np
-from isal import isal_zlib
 
 from gateway.scene.gltf.bytewise import address_of_bytes, equal_bytes
 from gateway.scene.gltf.prefixes import Prefixes
 from gateway.scene.gltf.stems import Stems
+from renderers.contents import quick_key, whole_key
 from renderers.drawlist import Image, Mesh
 
 MeshKey: TypeAlias = bytes | tuple[object, ...]
 """What a mesh is made of: ``Buffer.uid`` and the layout of every accessor."""
 
 ContentKey: TypeAlias = int
-"""Checksum and, above its 32 bits, length."""
+"""``quick_key`` or, of contents that are different and have the same one, ``whole_key``."""
 
 _uids = count(1)
 _SMALL: Final = 1 << 10
 """Bytes up to which contents are compared while others wait for the lock: letting them have it takes longer."""
-
-
-def content_key(data: bytes | memoryview) -> ContentKey:
-    """What buffers are looked up by."""
-    return len(data) << 32 | isal_zlib.crc32(data)
 
 
 class Buffer(msgspec.Struct, frozen=True, gc=False, eq=False):
@@ -72,8 +67,8 @@ class _Kept(msgspec.Struct, frozen=True, gc=False, eq=False):
 class MeshCache:
     """Buffers of the last documents, and the meshes made of them; least recently used goes first. Thread-safe.
 
-    A buffer is found by a checksum and then *compared*, so that no collision, made or accidental, can exchange
-    contents. The checksum and the comparison together cost a quarter of a cryptographic hash.
+    A buffer is found by a checksum of some of its bytes and then *compared*, so that no collision, made or accidental,
+    can exchange contents.
     """
 
     def __init__(self, max_bytes: int = 512 << 20, max_text_bytes: int | None = None) -> None:
@@ -105,17 +100,21 @@ class MeshCache:
             held: buffers that the caller keeps anyway, found first and added to: equal bytes of one document are one
                 buffer even when the cache is too small for them.
         """
-        return self._buffer(content_key(data), data, {} if held is None else held)
+        return self._buffer(quick_key(data), data, {} if held is None else held)
 
     def _buffer(self, key: ContentKey, data: bytes | memoryview, held: dict[ContentKey, Buffer]) -> Buffer:
-        known = held.get(key)
-        if known is not None and equal_bytes(known.data, data):
-            return known
-        held[key] = buffer = self._kept_or_new(key, data)
-        return buffer
+        at, known = key, held.get(key)
+        if known is not None and not equal_bytes(known.data, data):
+            at = whole_key(data)
+            known = held.get(at)
+            if known is not None and not equal_bytes(known.data, data):
+                known = None
+        if known is None:
+            known = held[at] = self._kept_or_new(key, data)
+        return known
 
     def buffers(self, contents: Sequence[tuple[bytes, ContentKey]], held: dict[ContentKey, Buffer]) -> list[Buffer]:
-        """``buffer`` of each, whose ``content_key`` is given."""
+        """``buffer`` of each, whose ``quick_key`` is given."""
         entries = self._entries
         found: list[Buffer | None] = []
         new: list[Buffer] = []
@@ -161,6 +160,9 @@ class MeshCache:
                     return buffer
             if entry is not None:
                 same = equal_bytes(entry.data, data)
+                if not same and key >= 0:
+                    key = whole_key(data)
+                    continue
                 with self._lock:
                     self._buffer_hits += same
                     if self._entries.get(key) is entry:

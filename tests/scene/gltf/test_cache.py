@@ -7,7 +7,8 @@ import pytest
 
 from gateway.scene.gltf import MeshCache, read_gltf
 from gateway.scene.gltf.bytewise import equal_bytes
-from gateway.scene.gltf.cache import mesh_bytes
+from gateway.scene.gltf.cache import Buffer, mesh_bytes
+from renderers.contents import quick_key
 from tests.scene.gltf.builder import Builder, meshes
 
 
@@ -57,13 +58,26 @@ def test_clear() -> None:
 
 
 def test_equal_checksums_do_not_exchange_contents(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("gateway.scene.gltf.cache.isal_zlib.crc32", lambda data: 7)
+    monkeypatch.setattr("renderers.contents.isal_zlib.crc32", lambda data, checksum=0: 7)
     cache = MeshCache()
-    for seed in (0, 1, 0, 1):
+    for seed in (0, 1, 2, 0, 1, 2):
         (mesh,) = meshes(read_gltf(scene(seed), cache=cache))
         expected = np.random.default_rng(seed).random((300, 3)).astype(np.float32)
         assert (mesh.positions == expected).all()
         assert mesh.elements.ravel().tolist() == list(range(300))
+
+
+def test_buffers_that_differ_where_nobody_looks_first_are_both_kept() -> None:
+    one = np.random.default_rng(0).bytes(100_000)
+    other = one[:5000] + bytes((one[5000] ^ 1,)) + one[5001:]
+    assert quick_key(one) == quick_key(other)
+    cache = MeshCache()
+    first, second = cache.buffer(one), cache.buffer(other)
+    assert (first.data, second.data) == (one, other)
+    held: dict[int, Buffer] = {}
+    assert [cache.buffer(data, held) for data in (other, one, other, one)] == [second, first, second, first]
+    assert cache.stats.buffers == 2
+    assert [cache.buffer(data) for data in (one, other)] == [first, second]
 
 
 @pytest.mark.parametrize("size", [0, 1, 1000, 8191, 8192, 8193, 3 * 4096, (1 << 21) + 5])
