@@ -70,17 +70,6 @@ class Visits:
         return tuple(reversed(path))
 
 
-@quick
-@dataclass(frozen=True, slots=True, eq=False)
-class PlacedParts:
-    """What one node draws."""
-
-    parts: tuple[Part, ...]
-    X_world_node: Matrix
-    branch: int
-    """Equal for nodes below the same root of the scene."""
-
-
 class NodeTree:
     """What the nodes of a scene become: parts with their places, at once; a tree, when it is asked for."""
 
@@ -94,10 +83,13 @@ class NodeTree:
     ) -> None:
         """``moves``: which of the matrices differ from the identity, an odd number."""
         self._visits = visits
-        self._parts = parts
         self._locals = locals_
         self._moves = moves
-        self._worlds = worlds
+        self.parts = parts
+        """What each node draws, parents first; None: it has no mesh."""
+        self.parents = visits.parents
+        """Of each node, its parent's place in these lists; -1: a root of the scene."""
+        self.X_world_node = worlds
         self._root: tree.Node | None = None
         self.cameras: tuple[GltfCamera, ...] = ()
         self.lights: tuple[Light, ...] = ()
@@ -109,16 +101,6 @@ class NodeTree:
             self._root = self._tree()
         return self._root
 
-    def placed(self) -> list[PlacedParts]:
-        """Every node with parts, parents first."""
-        branches: list[int] = []
-        result: list[PlacedParts] = []
-        for position, (parent, parts) in enumerate(zip(self._visits.parents, self._parts, strict=True)):
-            branches.append(position if parent < 0 else branches[parent])
-            if parts:
-                result.append(PlacedParts(parts, self._worlds[position], branches[position]))
-        return result
-
     def _tree(self) -> tree.Node:
         names, parents = self._visits.names(), self._visits.parents
         locals_ = [X if moves & 1 else IDENTITY for X, moves in zip(self._locals, self._moves, strict=True)]
@@ -126,7 +108,7 @@ class NodeTree:
         for position in range(len(parents) - 1, -1, -1):
             # Children were added last first.
             own = dict(reversed(children[position].items()))
-            children[parents[position]][names[position]] = tree.Node(self._parts[position], locals_[position], own)
+            children[parents[position]][names[position]] = tree.Node(self.parts[position], locals_[position], own)
         return tree.Node(None, IDENTITY, dict(reversed(children[-1].items())))
 
 
