@@ -8,9 +8,10 @@ kernel.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Final
 
-from numba import njit
+from numba import njit, types
 from numba.core import compiler, compiler_machinery, typed_passes, untyped_passes
 from numba.core.codegen import JITCodeLibrary
 
@@ -91,7 +92,30 @@ _OPTIONS: Final[dict[str, Any]] = {
     "no_cfunc_wrapper": True,
     "pipeline_class": _Compiler,
 }
-inner: Final[Any] = _jit(**_OPTIONS)
+
+
+def _linked(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """A decorator as ``njit``; what it decorates is compiled once for all integers and truth values, constants or not.
+
+    Numba would compile it anew for every constant that it is called with, and for the first value of every variable
+    that begins as one. Where a constant matters, LLVM knows it as well, once the function is inlined.
+    """
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        dispatcher = _jit(**options)(function)
+        fold = dispatcher._compiler.fold_argument_types
+
+        def without_constants(args: Any, kws: Any) -> Any:
+            plain: Any = types.unliteral
+            return fold(tuple(map(plain, args)), {name: plain(value) for name, value in dict(kws).items()})
+
+        dispatcher._compiler.fold_argument_types = without_constants
+        return dispatcher
+
+    return decorate
+
+
+inner: Final[Any] = _linked(**_OPTIONS)
 """Decorator for a function that kernels call. Python cannot call it: that ends the process."""
-inlined: Final[Any] = _jit(forceinline=True, **_OPTIONS)
+inlined: Final[Any] = _linked(forceinline=True, **_OPTIONS)
 """``inner`` for what shall have no call of its own."""
