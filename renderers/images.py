@@ -136,7 +136,8 @@ _lock: Final = threading.Lock()
 
 
 def image_from_bytes(data: bytes | memoryview, *, name: str = "", max_pixels: int = MAX_PIXELS) -> Image:
-    """An image of an encoded file; equal bytes give the same object as long as somebody holds it.
+    """An image of an encoded file; equal bytes give the same object as long as somebody holds it and, where others with
+    the same ``quick_key`` were there first, these.
 
     Args:
         data: PNG, JPEG or WebP. Not looked at before ``decode``; a memoryview must not change.

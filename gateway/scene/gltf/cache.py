@@ -37,8 +37,8 @@ class Buffer(msgspec.Struct, frozen=True, gc=False, eq=False):
     address: int
     """Where they begin; for the buffer's lifetime."""
     uid: int = msgspec.field(default_factory=_uids.__next__)
-    images: dict[tuple[int, int], Image] = msgspec.field(default_factory=dict)
-    """Images that were made of (offset, length) of it."""
+    images: dict[tuple[int, int, int], Image] = msgspec.field(default_factory=dict)
+    """Images that were made of (offset, length) of it, with their bound of pixels behind these."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from gateway.scene.gltf.bytewise import address_of_bytes, address_of_new
+from gateway.scene.gltf.bytewise import address_of_bytes, address_of_new, equal_bytes
 from gateway.scene.gltf.errors import GltfError
 from gateway.scene.gltf.kernels import STRETCH, long_strings
 from renderers.quick import quick
@@ -129,14 +129,9 @@ def _take_data_uris(view: memoryview) -> tuple[bytes, dict[str, tuple[int, int]]
             before = bytes(view[max(0, at - 65) : at + 5])
             usual = before.endswith(_USUAL_KEY) or (before.endswith(b'"data:') and _URI_KEY.search(before[:-6]))
         if usual and view[end - 1] != 0x5C and view[at - 2] != 0x5C:
-            last = b"" if whole is None else whole[end - _LAST : end]
+            last = bytes(view[end - _LAST : end]) if whole is None else whole[end - _LAST : end]
             same = known.get(last)
-            if (
-                same is not None
-                and whole is not None
-                and same[1] - same[0] == end - at
-                and whole.startswith(view[at:end], same[0])
-            ):
+            if same is not None and equal_bytes(view[same[0] : same[1]], view[at:end]):
                 token = same[2]
             else:
                 token = b"\\u0000data %d" % len(uris)

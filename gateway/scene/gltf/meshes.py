@@ -254,7 +254,7 @@ class Meshes:
             for key, layout in waiting.items():
                 mesh = made.get(key) or self._before.get(key) or known.get(key)
                 if mesh is not None:
-                    if self._takes(mesh):
+                    if self._takes(mesh, vertices, triangles):
                         made[key] = mesh
                     continue
                 vertices, triangles = vertices + layout[1].count, triangles + layout[0].count // 3
@@ -281,12 +281,13 @@ class Meshes:
             and self.nbytes + nbytes <= limits.max_mesh_bytes
         )
 
-    def _takes(self, mesh: Mesh) -> bool:
-        """Counts a mesh once against the limits; False, and nothing done: it would be beyond."""
+    def _takes(self, mesh: Mesh, others_vertices: int = 0, others_elements: int = 0) -> bool:
+        """Counts a mesh once against the limits; False, and nothing done: it would be beyond, with others that are to
+        be counted yet."""
         if id(mesh) in self._counted:
             return True
         vertices, elements = len(mesh.positions), len(mesh.elements)
-        if not self._fits(vertices, elements):
+        if not self._fits(others_vertices + vertices, others_elements + elements):
             return False
         self._count(mesh, vertices, elements)
         return True

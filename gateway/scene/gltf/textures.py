@@ -149,13 +149,14 @@ class Textures:
         else:
             raise GltfError(f"images[{index}]: there is neither a uri nor a bufferView")
         name = f"images[{index}] ({source.name[:60]})" if source.name else f"images[{index}]"
-        image = buffer.images.get((offset, length))
+        place = offset, length, self._limits.max_image_pixels
+        image = buffer.images.get(place)
         if image is None:
             self._buffers.charge(length, f"images[{index}]")  # it is hashed: many views can name the same bytes
             image = image_from_bytes(data, name=name, max_pixels=self._limits.max_image_pixels)
             if len(buffer.images) >= _IMAGES_OF_BUFFER:
                 buffer.images.clear()
-            buffer.images[offset, length] = image
+            buffer.images[place] = image
         self._images[index] = image
         if id(image) not in self._counted:
             self._counted.add(id(image))

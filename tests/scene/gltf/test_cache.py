@@ -5,7 +5,7 @@ import threading
 import numpy as np
 import pytest
 
-from gateway.scene.gltf import MeshCache, read_gltf
+from gateway.scene.gltf import GltfError, GltfLimits, MeshCache, read_gltf
 from gateway.scene.gltf.bytewise import equal_bytes
 from gateway.scene.gltf.cache import Buffer, mesh_bytes
 from renderers.contents import quick_key
@@ -47,6 +47,32 @@ def test_what_is_kept_is_counted_and_bounded_and_the_oldest_goes_first() -> None
     assert again is not mesh
     read_gltf(scene(0), cache=cache)
     assert cache.stats.mesh_hits == 1
+
+
+@pytest.mark.parametrize("indexed", [True, False])
+def test_limits_count_known_meshes_and_new_ones_together(indexed: bool) -> None:
+    def document(*seeds: int) -> bytes:
+        b = Builder()
+        for seed in seeds:
+            primitive: dict[str, object] = {
+                "attributes": {"POSITION": b.accessor(np.random.default_rng(seed).random((300, 3)))}
+            }
+            if indexed:
+                primitive["indices"] = b.accessor(np.arange(300), "I")
+            b.node(mesh=b.mesh(primitive))
+        return b.text()
+
+    for limits in (GltfLimits(max_vertices=599), GltfLimits(max_elements=199), GltfLimits(max_mesh_bytes=22_800)):
+        for seen in ((), (1,), (2,)):
+            cache = MeshCache()
+            for seed in seen:
+                read_gltf(document(seed), cache=cache)
+            with pytest.raises(GltfError, match=r"meshes\[.\]\.primitives\[0\]: .* max_"):
+                read_gltf(document(1, 2), cache=cache, limits=limits)
+    enough = GltfLimits(max_vertices=600, max_elements=200)
+    cache = MeshCache()
+    read_gltf(document(2), cache=cache)
+    assert len(meshes(read_gltf(document(1, 2), cache=cache, limits=enough))) == 2
 
 
 def test_clear() -> None:
