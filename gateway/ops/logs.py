@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import logging
 import sys
 from typing import Any, Literal
 
-import msgspec
 import structlog
 from structlog.typing import Processor
 
@@ -22,18 +20,6 @@ _QUIET = {
     "trimesh": logging.ERROR,
 }
 """Libraries that tell more than anybody wants at debug level."""
-
-
-_encode = msgspec.json.Encoder(enc_hook=repr).encode
-
-
-def _as_json(event: dict[str, Any], **given: Any) -> str:
-    """As ``json.dumps``, which takes three times as long, but without spaces; what is not a number is ``null``."""
-    with contextlib.suppress(TypeError, ValueError, OverflowError, RecursionError):  # surrogates, long numbers
-        text = _encode(event).decode()
-        if text.isascii():  # whatever stderr writes, a reader finds the same characters
-            return text
-    return json.dumps(event, **given)
 
 
 class _Lines:
@@ -103,7 +89,7 @@ def configure(log_format: Format = "auto", level: str = "info") -> None:
     if human:
         last = [structlog.dev.ConsoleRenderer(colors=sys.stderr.isatty(), pad_event_to=0)]
     else:
-        last = [structlog.processors.format_exc_info, structlog.processors.JSONRenderer(_as_json)]
+        last = [structlog.processors.format_exc_info, structlog.processors.JSONRenderer()]
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(
         structlog.stdlib.ProcessorFormatter(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import logging
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 import structlog
@@ -32,26 +31,6 @@ def test_json_lines_carry_level_logger_and_context(capsys: pytest.CaptureFixture
     assert (first["event"], first["ms"], first["logger"], first["request_id"]) == ("drawn", 3, "gateway.x", "r1")
     assert (second["event"], second["level"], second["request_id"]) == ("2 left", "warning", "r1")
     assert first["timestamp"].endswith("Z")
-
-
-@pytest.mark.parametrize(
-    ("value", "read"),
-    [
-        ("Grüße", "Grüße"),
-        ("half a pair: \udcff", "half a pair: \udcff"),
-        (1 << 80, 1 << 80),
-        (float("nan"), None),
-        ((1, "two", {"three": 3.5}), [1, "two", {"three": 3.5}]),
-        (Path("a"), repr(Path("a"))),
-    ],
-)
-def test_any_value_is_one_line_of_ascii(capsys: pytest.CaptureFixture[str], value: object, read: object) -> None:
-    logs.configure("json", "info")
-    structlog.get_logger("gateway.x").info("said", value=value)
-    text = capsys.readouterr().err
-    assert text.isascii()
-    assert text.count("\n") == 1
-    assert json.loads(text)["value"] == read
 
 
 def test_what_is_not_logged_is_not_made_ready(capsys: pytest.CaptureFixture[str]) -> None:
