@@ -4,7 +4,6 @@ all the rest is what it was."""
 from __future__ import annotations
 
 import threading
-from collections import deque
 from dataclasses import dataclass
 from operator import is_
 from typing import Final
@@ -46,8 +45,8 @@ class Companies:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._known: deque[ref[Company]] = deque(maxlen=_REMEMBERED)
-        """The newest first."""
+        self._known: list[ref[Company]] = []
+        """The last one used first."""
 
     def drawn(self, scene: GltfScene) -> tuple[DrawList, Company]:
         """What ``flatten(scene.root, label_of=labels_of(scene.root))`` gives, in a fraction of the time, and what is to
@@ -58,11 +57,11 @@ class Companies:
             with np.errstate(all="ignore"):
                 drawable = (np.abs(worlds) < DRAWABLE).all(axis=(1, 2))
             away = frozenset(np.flatnonzero(~drawable).tolist())
-        company = self._find(parts, parents, away)
-        if company is None:
-            company = _company(parts, parents, away)
-            with self._lock:
-                self._known.appendleft(ref(company))
+        company = self._find(parts, parents, away) or _company(parts, parents, away)
+        with self._lock:
+            if not self._known or self._known[0]() is not company:
+                others = [each for each in self._known if each() is not None and each() is not company]
+                self._known = [ref(company), *others[: _REMEMBERED - 1]]
         return DrawList(Placed(company.cast, worlds[company.nodes]), company.images, scene.lights), company
 
     def _find(self, parts: list[tuple[Part, ...] | None], parents: list[int], away: frozenset[int]) -> Company | None:

@@ -83,6 +83,12 @@ def test_a_company_is_known_again_wherever_it_stands_and_while_it_is_kept() -> N
     lists, kept = zip(*[companies.drawn(scene) for scene in scenes], strict=True)
     assert [listed.instances[1].X_world_mesh[0, 3] for listed in lists] == [0.0, 0.0, 1.0, 2.0]
     assert kept[2] is kept[3]
+    for scene, listed in zip(scenes, lists, strict=True):
+        fresh = Companies().drawn(scene)[0]
+        assert listed.images == fresh.images
+        for a, b in zip(listed.instances, fresh.instances, strict=True):
+            assert (a.mesh, a.material, a.label, a.instance_id) == (b.mesh, b.material, b.label, b.instance_id)
+            assert (a.X_world_mesh == b.X_world_mesh).all()
     far, smaller = companies.drawn(read_gltf(shifted(data, 1e30), cache=cache))
     assert len(far.instances) == 0
     assert smaller not in kept
@@ -92,3 +98,13 @@ def test_a_company_is_known_again_wherever_it_stands_and_while_it_is_kept() -> N
     assert gone() is None
     other = companies.drawn(read_gltf(two_triangles(0.5), cache=cache))[0]
     assert other.instances[0].material.base_color[0] == 0.5
+
+
+def test_what_moves_all_the_time_is_known_however_many_others_come() -> None:
+    cache, companies = MeshCache(1 << 20), Companies()
+    robot = [read_gltf(shifted(two_triangles(), x), cache=cache) for x in (0.0, 0.0, 1.0)][-1]
+    kept = [companies.drawn(robot)[1]]
+    for number in range(20):
+        kept.append(companies.drawn(read_gltf(two_triangles(number / 20), cache=cache))[1])
+        assert companies.drawn(robot)[1] is kept[0]
+    assert len({id(company) for company in kept}) == len(kept)

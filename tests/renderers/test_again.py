@@ -1,4 +1,5 @@
-"""Frames that are like the one before, but for the camera's place; and pictures of any height."""
+"""Frames that are like the one before, but for the places of the camera and of what it sees; and pictures of any
+height."""
 
 from __future__ import annotations
 

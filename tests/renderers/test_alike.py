@@ -111,10 +111,12 @@ def test_a_cast_at_places_is_a_sequence_of_instances() -> None:
     assert DrawList(placed).who is placed.cast
 
 
-def test_a_cast_that_moves_is_prepared_once_and_looks_like_any_other_list() -> None:
+@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("look", [Look(), Look("pbr"), Look("pbr", samples=4)])
+def test_a_cast_that_moves_is_prepared_once_and_looks_like_any_other_list(look: Look, threads: int) -> None:
     given = instances(Material((1.0, 0.5, 0.2, 1.0)), Material((0.1, 0.5, 0.2, 1.0)))
     placed = as_placed(given)
-    renderer, other = CpuRenderer(1), CpuRenderer(1)
+    renderer, other = CpuRenderer(threads), CpuRenderer(1)
     camera = Camera(64, 48, 50.0, 50.0, 32.0, 24.0, 0.1, 10.0, np.eye(4))
     outputs = Output.COLOR | Output.DEPTH | Output.LABEL | Output.INSTANCE
     prepared = []
@@ -125,7 +127,7 @@ def test_a_cast_that_moves_is_prepared_once_and_looks_like_any_other_list() -> N
         plain = DrawList(tuple(scene.instances))
         prepared.append(prepare(scene).cast)
         for wanted in (Output.COLOR, outputs, Output.DEPTH):
-            with renderer.render(scene, camera, wanted) as a, other.render(plain, camera, wanted) as b:
+            with renderer.render(scene, camera, wanted, look) as a, other.render(plain, camera, wanted, look) as b:
                 for picture in ("color", "depth", "label", "instance"):
                     np.testing.assert_array_equal(getattr(a, picture), getattr(b, picture))
     assert all(each is prepared[0] for each in prepared)
