@@ -210,7 +210,7 @@ class Meshes:
         as_it_lies = True
         fewest = 1 << 62
         for name, at in primitive.attributes.items():
-            accessor = known(at)  # type: ignore[arg-type]
+            accessor = known(at)  # type: ignore[arg-type]  # there is none for None
             if accessor is None:
                 if at is None or name not in _KINDS_OF:
                     continue
