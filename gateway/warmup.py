@@ -20,7 +20,6 @@ def _kernels_of(*modules: str, but: tuple[str, ...] = ()) -> Callable[[], None]:
     def compile_them() -> None:
         import renderers.cpu
         import renderers.depthlimits
-        import renderers.encode
         import renderers.fxaa  # noqa: F401 - they register their kernels
         from renderers.jit import KERNELS, compile_kernel
 
