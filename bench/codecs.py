@@ -28,6 +28,7 @@ from gateway.render.config import RenderConfig
 from gateway.render.depth import millimetres
 from gateway.render.form import read_form
 from gateway.render.multipart import FormReader
+from gateway.render.pipeline import posted_document
 from gateway.render.scenes import SceneStore
 from gateway.render.viewpoint import camera_of
 from renderers.cpu import CpuRenderer
@@ -52,7 +53,7 @@ def pictures() -> Iterator[tuple[str, posted.Array, posted.Array]]:
             form = FormReader(posted.CONTENT_TYPE, config)
             form.feed(scene.moved(width, height))
             request = read_form(form.form(), config)
-            prepared = store.get(request.scene_sha256, request.scene)
+            prepared = store.get(posted_document(request))
             camera = camera_of(request, prepared)
             with renderer.render(prepared.drawn, camera, Output.COLOR | Output.DEPTH, Look("phong")) as frame:
                 assert frame.color is not None

@@ -61,7 +61,7 @@ def watch_render(metrics: Metrics, service: RenderService) -> None:
 
     def nbytes() -> dict[str, float]:
         stats = service.scenes.geometry
-        return {"scenes": service.scenes.nbytes, "geometry": stats.nbytes, "documents": stats.text_bytes}
+        return {"scenes": service.scenes.nbytes, "geometry": stats.nbytes, "documents": stats.document_bytes}
 
     metrics.watch_total("scenegate_cache_hits_total", "What was found in a cache", hits, label="cache")
     metrics.watch_total("scenegate_cache_misses_total", "What had to be made", misses, label="cache")

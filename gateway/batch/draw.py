@@ -13,7 +13,7 @@ from gateway.client.manifest import ImageType, Settings
 from gateway.render.config import RenderConfig
 from gateway.render.depth import millimetres
 from gateway.render.form import RenderRequest
-from gateway.render.pipeline import Pipeline
+from gateway.render.pipeline import Pipeline, posted_document
 from gateway.render.viewpoint import camera_of
 from gateway.rigfile import read_rig
 from renderers.camera import Camera
@@ -141,5 +141,5 @@ class RequestDrawer:
             RequestError: the scene or its camera cannot be used.
         """
         picture = self._pipeline.picture(request)
-        camera = camera_of(request, self._pipeline.scenes.get(request.scene_sha256, request.scene))
+        camera = camera_of(request, self._pipeline.scenes.get(posted_document(request)))
         return camera, request.image_type, picture.body

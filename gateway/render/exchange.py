@@ -87,7 +87,7 @@ class Exchange:
         announced = self._http.headers.get("content-length", "")
         if announced.isdecimal() and len(announced) < 20 and int(announced) > config.max_body_bytes:
             raise too_large(int(announced), config)
-        reader = FormReader(self._http.headers.get("content-type", ""), config, self._service.scenes.arrival)
+        reader = FormReader(self._http.headers.get("content-type", ""), config)
 
         def take(buffer: bytes | bytearray, count: int) -> None:
             self._service.take(count)

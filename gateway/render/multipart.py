@@ -1,13 +1,11 @@
 """multipart/form-data (RFC 7578), parsed while its bytes arrive; no I/O.
 
-The scene is hashed on the way and written once, into the buffer that the glTF reader will read; where it is what came
-before, it is compared instead (``gateway.scene.gltf.arrivals``). A boundary begins with a carriage return: what of the
-scene is far from any is data, and not searched for boundaries.
+The scene is written once, into the buffer that the glTF reader reads. A boundary begins with a carriage return: bytes
+of the scene far from any carriage return are data, and are not searched for boundaries.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -16,7 +14,6 @@ from python_multipart.multipart import MultipartParser, parse_options_header
 
 from gateway.render.config import RenderConfig
 from gateway.render.errors import RequestError, quoted
-from gateway.scene.gltf import Arrival, Text
 
 SCENE = "scene"
 """Name of the part with the glTF file."""
@@ -42,10 +39,8 @@ class Form:
 
     fields: dict[str, str]
     """The text parts by name, white space at the ends removed."""
-    scene: Text | None
-    """The file; None: there was no such part."""
-    scene_sha256: str
-    """64 hexadecimal digits, of the bytes received."""
+    scene: bytearray | None
+    """The glTF file; None: there is no such part. Must not be changed."""
     scene_filename: str
     """As the client calls it; for people only."""
 
@@ -53,11 +48,10 @@ class Form:
 class FormReader:
     """Feed it the body, chunk by chunk, then take the form. Every method raises ``RequestError``."""
 
-    def __init__(self, content_type: str, config: RenderConfig, arrive: Callable[[], Arrival] = Arrival) -> None:
+    def __init__(self, content_type: str, config: RenderConfig) -> None:
         """
         Args:
             content_type: the request's header, with the boundary.
-            arrive: what the scene is fed to.
         """
         if len(content_type) > config.max_header_bytes:
             raise RequestError(
@@ -94,8 +88,7 @@ class FormReader:
         self._complete = False
         self._names: set[str] = set()
         self._fields: dict[str, str] = {}
-        self._arrive = arrive
-        self._scene: Arrival | None = None
+        self._scene: bytearray | None = None
         self._scene_filename = ""
         self._name = ""
         self._header_name = self._header_value = b""
@@ -136,7 +129,7 @@ class FormReader:
         until = found if found >= 0 else end
         if begin < until:
             with memoryview(chunk) as whole, whole[begin:until] as piece:
-                self._scene.feed(piece)
+                self._scene += piece
         return until
 
     def _parse(self, piece: bytes) -> None:
@@ -161,10 +154,7 @@ class FormReader:
                 f"the multipart body ends{inside} after {self._received} bytes, before the closing boundary: "
                 "the upload was cut short",
             )
-        scene = self._scene
-        if scene is None:
-            return Form(self._fields, None, "", "")
-        return Form(self._fields, scene.text(), scene.sha256(), self._scene_filename)
+        return Form(self._fields, self._scene, self._scene_filename)
 
     def _part_begin(self) -> None:
         self._parts += 1
@@ -204,7 +194,7 @@ class FormReader:
             )
         self._names.add(name)
         if name == SCENE:
-            self._scene = self._arrive()
+            self._scene = bytearray()
             self._scene_filename = filename
             self._in_scene = True
 
@@ -212,7 +202,7 @@ class FormReader:
         if self._in_scene:
             assert self._scene is not None
             with memoryview(data) as whole, whole[start:end] as piece:
-                self._scene.feed(piece)
+                self._scene += piece
             return
         if len(self._text) + end - start > self._config.max_field_bytes:
             raise RequestError(

@@ -15,7 +15,7 @@ from gateway.render.labels import unlabelled
 from gateway.render.scenes import SceneStore
 from gateway.render.viewpoint import camera_of
 from gateway.scene.flatten import flatten
-from gateway.scene.gltf import GltfError
+from gateway.scene.gltf import GltfError, HashedDocument
 from gateway.scene.tree import Node
 from renderers.depthlimits import limit_depth
 from renderers.drawlist import DrawList, ImageError
@@ -66,7 +66,7 @@ class Pipeline:
         """
         begin = time.perf_counter()
         try:
-            scene = self.scenes.get(request.scene_sha256, request.scene)
+            scene = self.scenes.get(posted_document(request))
             camera = camera_of(request, scene)
             drawn = self._with_backdrop(scene.drawn)
             parsed = time.perf_counter()
@@ -117,3 +117,19 @@ class Pipeline:
         if self._config.depth_format == "png16":
             return png_gray16(millimetres(frame.depth)), "image/png"
         return tiff_float32(frame.depth), "image/tiff"
+
+
+def posted_document(request: RenderRequest) -> HashedDocument:
+    """Hash the posted scene.
+
+    Raises:
+        RequestError: the hash is not the one that the form claims: the upload went wrong.
+    """
+    document = HashedDocument.of(request.scene)
+    if request.claimed_sha256 not in (None, document.digest):
+        raise RequestError(
+            400,
+            f"scene_sha256 does not match: the form says {request.claimed_sha256}, but the {len(request.scene)} bytes "
+            f"of the scene that arrived have {document.digest}",
+        )
+    return document

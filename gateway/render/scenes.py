@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import threading
-from collections import OrderedDict
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +9,8 @@ from numpy.typing import NDArray
 
 from gateway.render.config import RenderConfig
 from gateway.render.drawn import Companies, Company
-from gateway.scene.gltf import Arrival, CacheStats, MeshCache, Text, read_gltf
+from gateway.scene.gltf import CacheStats, HashedDocument, MeshCache, read_gltf
+from renderers.cache import Cache
 from renderers.drawlist import DrawList
 from renderers.quick import quick
 
@@ -57,42 +56,39 @@ class SceneStore:
     def __init__(self, config: RenderConfig) -> None:
         self._config = config
         self._meshes = MeshCache(config.mesh_cache_bytes)
-        self._lock = threading.Lock()
-        self._kept: OrderedDict[str, PreparedScene] = OrderedDict()
+        self._scenes: Cache[str, PreparedScene] = Cache(config.scene_cache_bytes, config.scene_cache_count)
         self._companies = Companies()
-        self._nbytes = 0
-        self.hits = 0
-        """Scenes that were found."""
-        self.misses = 0
-        """Scenes that were read."""
+
+    @property
+    def hits(self) -> int:
+        """Number of scenes found in the cache."""
+        return self._scenes.hits
+
+    @property
+    def misses(self) -> int:
+        """Number of scenes read."""
+        return self._scenes.misses
 
     @property
     def nbytes(self) -> int:
-        """Of the scenes that are kept, about."""
-        return self._nbytes
+        """Bytes of the scenes kept, about."""
+        return self._scenes.nbytes
 
     @property
     def geometry(self) -> CacheStats:
-        """Of the geometry by the content of its buffers."""
+        """Figures of the cache of buffers and meshes."""
         return self._meshes.stats
 
-    def arrival(self) -> Arrival:
-        """What the next scene is fed to while it arrives."""
-        return Arrival(self._meshes.prefixes)
-
-    def get(self, sha256: str, data: Text) -> PreparedScene:
-        """The scene with these bytes.
+    def get(self, document: HashedDocument) -> PreparedScene:
+        """Return the scene of a document, read if it is not known.
 
         Raises:
             GltfError: it cannot be read; nothing is kept then.
         """
-        with self._lock:
-            found = self._kept.get(sha256)
-            if found is not None:
-                self._kept.move_to_end(sha256)
-                self.hits += 1
-                return found
-        gltf = read_gltf(data, limits=self._config.gltf, cache=self._meshes)
+        found = self._scenes.get(document.digest)
+        if found is not None:
+            return found
+        gltf = read_gltf(document, limits=self._config.gltf, cache=self._meshes)
         listed, company = self._companies.drawn(gltf)
         eye = gltf.camera
         scene = PreparedScene(
@@ -103,19 +99,7 @@ class SceneStore:
             gltf.warnings,
             listed,
             company,
-            len(data) + company.mesh_bytes,
+            len(document.data) + company.mesh_bytes,
         )
-        with self._lock:
-            self.misses += 1
-            self._keep(sha256, scene)
+        self._scenes.put(document.digest, scene, scene.nbytes)
         return scene
-
-    def _keep(self, sha256: str, scene: PreparedScene) -> None:
-        config = self._config
-        if scene.nbytes > config.scene_cache_bytes or sha256 in self._kept:
-            return
-        self._kept[sha256] = scene
-        self._nbytes += scene.nbytes
-        while self._nbytes > config.scene_cache_bytes or len(self._kept) > config.scene_cache_count:
-            _, oldest = self._kept.popitem(last=False)
-            self._nbytes -= oldest.nbytes

@@ -13,36 +13,36 @@ from numpy.typing import NDArray
 
 from gateway.render.config import RenderConfig
 from gateway.render.depth import millimetres
+from gateway.render.errors import RequestError
 from gateway.render.form import read_form
 from gateway.render.multipart import FormReader
 from gateway.render.pipeline import Pipeline
 from gateway.render.scenes import SceneStore
-from gateway.scene.gltf import GltfError
+from gateway.scene.gltf import GltfError, HashedDocument
 from renderers.cpu import CpuRenderer
 from tests.support.forms import CONTENT_TYPE, body, drake_fields, gltf
 
 
-def scene(**changes: object) -> tuple[str, memoryview]:
-    data = json.dumps(gltf(**changes)).encode()
-    return hashlib.sha256(data).hexdigest(), memoryview(data)
+def scene(**changes: object) -> HashedDocument:
+    return HashedDocument.of(json.dumps(gltf(**changes)).encode())
 
 
 def test_scenes_are_kept_by_content_the_least_recently_used_going_first() -> None:
     store = SceneStore(RenderConfig(scene_cache_count=2))
     scenes = [scene(color=(shade, 0.0, 0.0, 1.0)) for shade in (0.1, 0.2, 0.3)]
-    first, second = store.get(*scenes[0]), store.get(*scenes[1])
-    assert store.get(*scenes[0]) is first
-    store.get(*scenes[2])  # the second goes
-    assert store.get(*scenes[0]) is first
-    assert store.get(*scenes[1]) is not second
+    first, second = store.get(scenes[0]), store.get(scenes[1])
+    assert store.get(scenes[0]) is first
+    store.get(scenes[2])  # the second goes
+    assert store.get(scenes[0]) is first
+    assert store.get(scenes[1]) is not second
     assert (store.hits, store.misses) == (2, 4)
     assert first.drawn.instances[0].mesh is second.drawn.instances[0].mesh  # geometry is shared, whatever the colours
 
 
 def test_scenes_beyond_the_bytes_are_not_kept() -> None:
     one = scene()
-    store = SceneStore(RenderConfig(scene_cache_bytes=len(one[1])))  # its geometry comes on top
-    assert store.get(*one) is not store.get(*one)
+    store = SceneStore(RenderConfig(scene_cache_bytes=len(one.data)))  # its geometry comes on top
+    assert store.get(one) is not store.get(one)
     assert (store.hits, store.misses) == (0, 2)
 
 
@@ -50,8 +50,21 @@ def test_scenes_that_cannot_be_read_are_not_kept() -> None:
     store = SceneStore(RenderConfig())
     for _ in range(2):
         with pytest.raises(GltfError):
-            store.get("0" * 64, memoryview(b"{"))
-    assert (store.hits, store.misses) == (0, 0)
+            store.get(HashedDocument.of(b"{"))
+    assert (store.hits, store.misses) == (0, 2)
+
+
+def test_a_scene_with_another_hash_than_claimed_is_refused() -> None:
+    """The upload went wrong; the sentence names both hashes."""
+    renderer, wrong = CpuRenderer(1), hashlib.sha256(b"other").hexdigest()
+    data = json.dumps(gltf()).encode()
+    reader = FormReader(CONTENT_TYPE, RenderConfig())
+    reader.feed(body(data, drake_fields(scene_sha256=wrong)))
+    with pytest.raises(RequestError, match="scene_sha256 does not match") as caught:
+        Pipeline(renderer, RenderConfig()).picture(read_form(reader.form(), RenderConfig()))
+    renderer.close()
+    assert wrong in str(caught.value)
+    assert hashlib.sha256(data).hexdigest() in str(caught.value)
 
 
 def test_millimetres_round_and_saturate() -> None:

@@ -4,9 +4,9 @@
 ``GltfLimits`` does not allow; equal contents become equal objects, across documents by a shared ``MeshCache``.
 """
 
-from gateway.scene.gltf.arrivals import Arrival, Text
 from gateway.scene.gltf.buffers import Resolver
 from gateway.scene.gltf.cache import CacheStats, MeshCache
+from gateway.scene.gltf.document_cache import HashedDocument
 from gateway.scene.gltf.errors import GltfError
 from gateway.scene.gltf.kernels import warm_up
 from gateway.scene.gltf.limits import GltfLimits
@@ -17,16 +17,15 @@ from gateway.scene.gltf.scene import DRAKE_GENERATORS, GltfCamera, GltfCounts, G
 __all__ = [
     "DEFAULT_MATERIAL",
     "DRAKE_GENERATORS",
-    "Arrival",
     "CacheStats",
     "GltfCamera",
     "GltfCounts",
     "GltfError",
     "GltfLimits",
     "GltfScene",
+    "HashedDocument",
     "MeshCache",
     "Resolver",
-    "Text",
     "label_from_material",
     "read_gltf",
     "warm_up",

@@ -188,12 +188,10 @@ class Accessors:
         warnings: list[str],
         *,
         merged: bool = False,
-        known: Accessors | None = None,
     ) -> None:
         """
         Args:
             merged: by Drake's client, which leaves the indices of sparse parts as they were in the single files.
-            known: of a document that has the same ones, and began with the same text.
         """
         self._document = document
         self._sources = document.accessors or []
@@ -203,11 +201,9 @@ class Accessors:
         self._buffers = buffers
         self._loaded = buffers.loaded
         self._limit = max(limits.max_vertices, limits.max_elements) * 3
-        self.known: dict[int, Accessor] = {} if known is None else known.known.copy()
+        self.known: dict[int, Accessor] = {}
         """What ``prepare`` found."""
-        self._others: dict[int, Accessor] = {} if known is None else known._others.copy()
-        self.warned = False
-        """Whether there was a fault that those who know these accessors would not hear of."""
+        self._others: dict[int, Accessor] = {}
 
     def get(self, index: object, where: str) -> Accessor:
         """``accessors[index]``, its bytes checked against the buffer.
@@ -234,7 +230,6 @@ class Accessors:
             except GltfError as error:
                 if not self._merged:
                     raise
-                self.warned = True
                 self._warnings.append(f"{error} (Drake's merge does not adapt sparse accessors: ignored)")
         self._others[index] = accessor
         return accessor

@@ -40,30 +40,19 @@ class Buffers:
         cache: MeshCache,
         limits: GltfLimits,
         resolve: Resolver | None,
-        known: Buffers | None = None,
     ) -> None:
-        """``known``: of a document that has the same buffers, and began with the same text."""
         self._sources = document.buffers or []
         self._views = document.buffer_views
         self._container = container
         self._cache = cache
         self._limits = limits
         self._resolve = resolve
-        self.loaded: Final[dict[int, Buffer]] = {} if known is None else known.loaded.copy()
+        self.loaded: Final[dict[int, Buffer]] = {}
         """By index."""
-        self._texts: dict[str, Buffer] = {} if known is None else known._texts.copy()
+        self._texts: dict[str, Buffer] = {}
         """By what stands in the JSON."""
-        self._held: dict[ContentKey, Buffer] = {} if known is None else known._held.copy()
-        self.nbytes: int = 0 if known is None else known.nbytes
-
-    def finish(self) -> None:
-        """Nothing is loaded any more: lets go of the cache, which may keep this."""
-        del self._cache
-
-    @property
-    def uids(self) -> tuple[int, ...]:
-        """What was loaded so far, in order."""
-        return tuple([buffer.uid for buffer in self._held.values()])
+        self._held: dict[ContentKey, Buffer] = {}
+        self.nbytes: int = 0
 
     def load(self, index: int, view: int) -> Buffer:
         """``buffers[index]``, which ``bufferViews[view]`` refers to.

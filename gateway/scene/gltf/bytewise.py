@@ -12,9 +12,6 @@ from gateway.scene.gltf.kernels import equal_arrays
 
 _KERNEL_FROM: Final = 1 << 13
 """Bytes. Below, calling the kernel costs more than ``bytes.__eq__``, which holds the GIL."""
-_RELEASE_FROM: Final = 1 << 20
-"""Bytes. Fewer, as a connection brings them, are compared sooner than another thread has taken the GIL and given it
-back."""
 
 
 def equal_bytes(a: bytes | memoryview, b: bytes | memoryview) -> bool:
@@ -26,27 +23,6 @@ def equal_bytes(a: bytes | memoryview, b: bytes | memoryview) -> bool:
     x, y = np.frombuffer(a, np.uint8), np.frombuffer(b, np.uint8)
     x.flags.writeable = y.flags.writeable = False
     return bool(equal_arrays(x, y))
-
-
-def equal_at(text: bytes, begin: int, piece: memoryview) -> bool:
-    """Whether ``piece`` stands in ``text`` at ``begin``; both end within it."""
-    count = len(piece)
-    if count < _RELEASE_FROM:
-        return text.startswith(piece, begin)
-    x, y = np.frombuffer(text, np.uint8, count, begin), np.frombuffer(piece, np.uint8)
-    y.flags.writeable = False
-    return bool(equal_arrays(x, y))
-
-
-def common_length(a: bytes, b: bytes) -> int:
-    """How many bytes ``a`` and ``b`` begin with that are the same."""
-    shorter, view = min(len(a), len(b)), memoryview(b)
-    for begin in range(0, shorter, _KERNEL_FROM):
-        end = min(begin + _KERNEL_FROM, shorter)
-        if not equal_at(a, begin, view[begin:end]):
-            x, y = np.frombuffer(a, np.uint8, end - begin, begin), np.frombuffer(b, np.uint8, end - begin, begin)
-            return begin + int(np.argmax(x != y))
-    return shorter
 
 
 _HEAD: Final = bytes.__basicsize__ - 1

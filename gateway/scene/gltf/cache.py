@@ -13,8 +13,7 @@ import msgspec
 import numpy as np
 
 from gateway.scene.gltf.bytewise import address_of_bytes, equal_bytes
-from gateway.scene.gltf.prefixes import Prefixes
-from gateway.scene.gltf.stems import Stems
+from gateway.scene.gltf.document_cache import DocumentCache
 from renderers.contents import quick_key, whole_key
 from renderers.drawlist import Image, Mesh
 
@@ -46,7 +45,7 @@ class CacheStats:
     """For metrics."""
 
     nbytes: int
-    text_bytes: int
+    document_bytes: int
     buffers: int
     meshes: int
     document_hits: int
@@ -71,19 +70,18 @@ class MeshCache:
     can exchange contents.
     """
 
-    def __init__(self, max_bytes: int = 512 << 20, max_text_bytes: int | None = None) -> None:
+    def __init__(self, max_bytes: int = 512 << 20, max_document_bytes: int | None = None) -> None:
         """The default holds some ten scenes of 25 MB each.
 
         Args:
             max_bytes: of everything that is kept.
-            max_text_bytes: the share of texts that are kept to recognise repeated documents, with the arrays that they
-                keep alive; None: half. The rest is for buffers and meshes.
+            max_document_bytes: share of the arrays that known documents keep alive; None: half. The rest is for buffers
+                and meshes.
         """
-        text_bytes = max_bytes // 2 if max_text_bytes is None else max_text_bytes
-        self.max_bytes = max_bytes - text_bytes
+        document_bytes = max_bytes // 2 if max_document_bytes is None else max_document_bytes
+        self.max_bytes = max_bytes - document_bytes
         """Of buffers and meshes."""
-        self.stems: Final = Stems(text_bytes // 4)
-        self.prefixes: Final = Prefixes(text_bytes - self.stems.max_bytes)
+        self.documents: Final = DocumentCache(document_bytes)
         self._lock = threading.Lock()
         self._entries: OrderedDict[ContentKey, Buffer] = OrderedDict()
         self._made_of: dict[int, dict[int, _Kept]] | None = None
@@ -220,18 +218,17 @@ class MeshCache:
             self._made_of = {}
             self._meshes.clear()
             self._nbytes = 0
-        self.prefixes.clear()
-        self.stems.clear()
+        self.documents.clear()
 
     @property
     def stats(self) -> CacheStats:
         with self._lock:
             return CacheStats(
                 nbytes=self._nbytes,
-                text_bytes=self.prefixes.nbytes + self.stems.nbytes,
+                document_bytes=self.documents.nbytes,
                 buffers=len(self._entries),
                 meshes=len(self._meshes),
-                document_hits=self.prefixes.hits,
+                document_hits=self.documents.hits,
                 buffer_hits=self._buffer_hits,
                 buffer_misses=self._buffer_misses,
                 mesh_hits=self._mesh_hits,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from struct import Struct
-from typing import Final, TypeAlias
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,15 +57,6 @@ class _Source:
     indices: Accessor | None
 
 
-_Words: TypeAlias = tuple[object, ...]
-
-
-def _words(primitive: Primitive) -> _Words:
-    """What a primitive says: equal words about the same accessors mean the same mesh."""
-    attributes = primitive.attributes or {}
-    return (primitive.mode, primitive.indices, *attributes, *attributes.values())
-
-
 _pack_keys: Final = Struct("=20qB").pack
 
 
@@ -105,9 +96,7 @@ class Meshes:
         cache: MeshCache,
         limits: GltfLimits,
         warnings: list[str],
-        known: Meshes | None = None,
     ) -> None:
-        """``known``: of a document that has the same accessors."""
         self._accessors = accessors
         self._cache = cache
         self._limits = limits
@@ -115,12 +104,8 @@ class Meshes:
         self._made: dict[MeshKey, Mesh | None] = {}
         self._repaired: dict[MeshKey, Mesh | None] = {}
         """Those that there was a warning about, which no other document would hear if it got the mesh."""
-        self._before: dict[MeshKey, Mesh | None] = {} if known is None else known._made
         self.prepared: dict[int, Mesh] = {}
         """By identity of the primitive, for as long as the document is read."""
-        self._asked: list[tuple[Primitive, MeshKey]] = []
-        """All that were prepared, or have a fault, but for those described before."""
-        self._described_before: dict[_Words, Mesh] = {} if known is None else known.described()
         self._counted: set[int] = set()
         """Identities of meshes that were counted against the limits; they are held by the tables above."""
         self.without_positions = ""
@@ -138,11 +123,6 @@ class Meshes:
         """
         return self._any(primitive, f"meshes[{index}].primitives[{number}]")
 
-    def finish(self) -> None:
-        """Nothing is made any more: lets go of the cache, which may keep this."""
-        self.prepared.clear()
-        del self._cache
-
     def prepare(self, primitives: Iterable[Primitive | None]) -> None:
         """Makes the meshes of those that are as nearly all are, together: triangles as they lie in the buffers, without
         a fault and within the limits. They are ``prepared`` then; ``mesh`` finds out what the others are.
@@ -150,17 +130,13 @@ class Meshes:
         Args:
             primitives: of the document, which holds them; in order.
         """
-        before, prepared, accessors = self._described_before, self.prepared, self._accessors
+        prepared, accessors = self.prepared, self._accessors
         new: list[Primitive] = []
         wanted: dict[int | None, None] = {}
         for primitive in primitives:
             if primitive is None or primitive.attributes is None:
                 continue
-            if before and (mesh := before.get(_words(primitive))) is not None:
-                if not self._takes(mesh):
-                    break
-                prepared[id(primitive)] = mesh
-            elif primitive.mode is None or primitive.mode == 4:
+            if primitive.mode is None or primitive.mode == 4:
                 new.append(primitive)
                 for name, at in primitive.attributes.items():
                     if name in _KINDS_OF:
@@ -170,8 +146,7 @@ class Meshes:
         if wanted:
             accessors.prepare(wanted)  # type: ignore[arg-type]  # without None
         waiting: dict[MeshKey, Layout] = {}
-        asked = self._asked
-        first = len(asked)
+        asked: list[tuple[Primitive, MeshKey]] = []
         vertices = triangles = 0
         for primitive in new:
             layout = self._layout(primitive)
@@ -185,16 +160,10 @@ class Meshes:
         if waiting:
             self._together(waiting, vertices, triangles)
             made = self._made.get
-            for primitive, key in asked[first:]:
+            for primitive, key in asked:
                 if (mesh := made(key)) is not None:
                     prepared[id(primitive)] = mesh
         self.with_positions |= bool(prepared)
-
-    def described(self) -> dict[_Words, Mesh]:
-        """Meshes by what primitives said, for a document with the same accessors."""
-        found, made = self._described_before.copy(), self._made
-        found.update((_words(primitive), mesh) for primitive, key in self._asked if (mesh := made.get(key)) is not None)
-        return found
 
     def _layout(self, primitive: Primitive) -> Layout | None:
         """Of triangles whose accessors were prepared; None: it is none of those that are read together."""
@@ -248,11 +217,11 @@ class Meshes:
         limits."""
         new, made = waiting, self._made
         known = self._cache.meshes(waiting)
-        if known or made or self._before or not self._fits(vertices, triangles):
+        if known or made or not self._fits(vertices, triangles):
             vertices = triangles = 0
             new = {}
             for key, layout in waiting.items():
-                mesh = made.get(key) or self._before.get(key) or known.get(key)
+                mesh = made.get(key) or known.get(key)
                 if mesh is not None:
                     if self._takes(mesh, vertices, triangles):
                         made[key] = mesh
@@ -312,7 +281,7 @@ class Meshes:
             return self._made[key]
         if key in self._repaired:
             return self._repaired[key]
-        mesh = self._before.get(key) or self._cache.meshes((key,)).get(key)
+        mesh = self._cache.meshes((key,)).get(key)
         if mesh is not None:
             if not self._takes(mesh):
                 self._charge(len(mesh.positions), len(mesh.elements), name)

@@ -7,18 +7,17 @@ from typing import Final
 
 from gateway.scene.geometry import Part, Surface
 from gateway.scene.gltf.accessors import Accessors
-from gateway.scene.gltf.arrivals import Text
 from gateway.scene.gltf.buffers import Buffers, Resolver
 from gateway.scene.gltf.cache import MeshCache
 from gateway.scene.gltf.container import open_container
 from gateway.scene.gltf.document import Document, Primitive, parse
+from gateway.scene.gltf.document_cache import HashedDocument, KnownDocument, Warned
 from gateway.scene.gltf.errors import GltfError, element
 from gateway.scene.gltf.lights import lights_of
 from gateway.scene.gltf.limits import GltfLimits
 from gateway.scene.gltf.materials import Materials
 from gateway.scene.gltf.meshes import Meshes
 from gateway.scene.gltf.nodes import NodeTree, build_tree
-from gateway.scene.gltf.prefixes import Known, Warned, split, stable_part
 from gateway.scene.gltf.scene import GltfCounts, GltfScene
 
 READ: Final = frozenset(
@@ -56,7 +55,7 @@ _MAX_WARNINGS: Final = 100
 
 
 def read_gltf(
-    data: bytes | memoryview | Text,
+    data: bytes | memoryview | HashedDocument,
     *,
     resolve: Resolver | None = None,
     limits: GltfLimits | None = None,
@@ -78,8 +77,12 @@ def read_gltf(
     limits = _LIMITS if limits is None else limits
     shared = cache is not None
     cache = MeshCache(limits.max_buffer_bytes + limits.max_mesh_bytes, 0) if cache is None else cache
-    text = data if isinstance(data, Text) else Text(data)
-    if shared and (found := cache.prefixes.find(text, limits, textures)) is not None:
+    hashed: HashedDocument | None = None
+    if isinstance(data, HashedDocument):
+        hashed, data = data, memoryview(data.data)
+    elif shared and resolve is None:
+        hashed = HashedDocument.of(bytes(data))
+    if hashed is not None and (found := cache.documents.find(hashed, limits, textures)) is not None:
         known, rest = found
         try:
             parts, warned = _Parts(limits, dict(known.parts), None, known.elements), known.warned
@@ -92,26 +95,15 @@ def read_gltf(
                 return _scene(rest, parts, known.generator, count, counts, nodes, _shortened(of_all))
         except _UnknownMeshError:
             pass  # a mesh that no node used before
-    whole = text.whole()
-    grown = cache.stems.find(whole, limits) if shared and resolve is None else None
-    if grown is not None:
-        stem, container, document = grown.stem, grown.container, grown.document
-    else:
-        stem, container = None, open_container(whole)
-        document = parse(container.json, limits)
+    container = open_container(data)
+    document = parse(container.json, limits)
     of_extensions = _check_extensions(document)
     morphed = sum([1 for mesh in document.meshes or () if mesh is not None and mesh.weights and any(mesh.weights)])
     warnings: list[str] = []
     generator = (document.asset.generator if document.asset is not None else None) or ""
-    merged = generator == "Drake glTF merger"
-    if stem is None:
-        buffers = Buffers(document, container, cache, limits, resolve)
-        accessors = Accessors(document, buffers, limits, warnings, merged=merged)
-        meshes = Meshes(accessors, cache, limits, warnings)
-    else:
-        buffers = Buffers(document, container, cache, limits, resolve, stem.buffers)
-        accessors = Accessors(document, buffers, limits, warnings, merged=merged, known=stem.accessors)
-        meshes = Meshes(accessors, cache, limits, warnings, stem.meshes)
+    buffers = Buffers(document, container, cache, limits, resolve)
+    accessors = Accessors(document, buffers, limits, warnings, merged=generator == "Drake glTF merger")
+    meshes = Meshes(accessors, cache, limits, warnings)
     materials = Materials(document, buffers, limits, warnings, textures=textures)
     elements: dict[int, int] = {}
     parts = _Parts(limits, {}, _Maker(document, meshes, materials, limits), elements)
@@ -122,18 +114,10 @@ def read_gltf(
     if meshes.without_positions and not meshes.with_positions:
         raise GltfError(f"{meshes.without_positions}: no POSITION, and no other primitive has one")
     counts, cameras = _counts(document), document.cameras or []
-    if shared and resolve is None:
-        stable = stable_part(container, len(whole))
-        repeated = stable is not None and cache.prefixes.is_repeated(stable, buffers.uids)
-        where = split(container, len(whole)) if repeated else None
-        if where is not None and len(warnings) + len(of_lights) <= _MAX_WARNINGS:
-            warned = Warned(of_extensions, (*of_lights,), (*warnings,), parts.order, morphed)
-            known = Known(parts.known, generator, cameras, warned, counts, lights, elements)
-            cache.prefixes.add(memoryview(whole), where, limits, textures, known)
-        if stem is None and text.is_lasting:
-            buffers.finish()
-            meshes.finish()
-            cache.stems.add(whole, container, document, (buffers, accessors, meshes), limits)
+    if hashed is not None and len(warnings) + len(of_lights) <= _MAX_WARNINGS:
+        warned = Warned(of_extensions, (*of_lights,), (*warnings,), parts.order, morphed)
+        known = KnownDocument(parts.known, generator, cameras, warned, counts, lights, elements)
+        cache.documents.add(hashed, container, limits, textures, known)
     of_all = (*of_extensions, *_deformations(document, morphed), *of_lights, *warnings, *of_nodes)
     return _scene(document, parts, generator, len(cameras), counts, nodes, _shortened(of_all))
 

@@ -15,7 +15,7 @@ from gateway.scene.gltf import GltfError, GltfLimits, MeshCache, read_gltf
 from gateway.scene.gltf.batch import _SMALL
 from gateway.scene.gltf.meshes import Meshes
 from tests.scene.gltf.builder import mesh_of, parts
-from tests.scene.gltf.test_prefixes import outcome
+from tests.scene.gltf.test_document_cache import outcome
 
 FLOATS, VERTICES = 300, 6
 """In each buffer, of floats and then of indices; and the vertices that indices may name."""

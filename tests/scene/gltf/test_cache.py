@@ -21,7 +21,7 @@ def scene(seed: int = 0, vertices: int = 300) -> bytes:
 
 
 def test_the_same_mesh_across_documents() -> None:
-    cache = MeshCache()
+    cache = MeshCache(max_document_bytes=0)
     (first,), (second,) = meshes(read_gltf(scene(), cache=cache)), meshes(read_gltf(scene(), cache=cache))
     (other,) = meshes(read_gltf(scene(1), cache=cache))
     assert first is second
@@ -33,7 +33,7 @@ def test_the_same_mesh_across_documents() -> None:
 
 
 def test_what_is_kept_is_counted_and_bounded_and_the_oldest_goes_first() -> None:
-    cache = MeshCache(max_bytes=40_000, max_text_bytes=0)
+    cache = MeshCache(max_bytes=40_000, max_document_bytes=0)
     one = 300 * (12 + 4)  # positions and indices, which are not copied ...
     normals = 300 * 12  # ... and what was made of them
     (mesh,) = meshes(read_gltf(scene(), cache=cache))

@@ -13,7 +13,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from gateway.scene.gltf import GltfScene, MeshCache, label_from_material, read_gltf
-from gateway.scene.gltf.prefixes import MIN_LENGTH
+from gateway.scene.gltf.document_cache import MIN_BYTES
 from gateway.scene.tree import Node
 from renderers.drawlist import Texture
 from tests.scene.gltf.builder import mesh_of, parts
@@ -177,4 +177,4 @@ def test_of_a_request_with_other_poses_only_the_nodes_are_read(scene: DrakeScene
         moved = data[:begin] + data[begin:].replace(b'"Camera Node"', b'"Camera %d"' % x)
         glTF = read_gltf(moved, cache=cache)
         assert glTF.cameras[0].path == ("Renderer Node", f"Camera {x}")
-    assert cache.stats.document_hits == (2 if begin >= MIN_LENGTH else 0)
+    assert cache.stats.document_hits == (3 if begin >= MIN_BYTES else 0)

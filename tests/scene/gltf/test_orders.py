@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from gateway.scene.gltf import GltfError, MeshCache, read_gltf
 from tests.scene.gltf.builder import mesh_of, parts
-from tests.scene.gltf.test_prefixes import outcome
+from tests.scene.gltf.test_document_cache import outcome
 
 NAMES = ("buffers", "bufferViews", "accessors", "materials", "meshes", "nodes", "scenes", "scene")
 

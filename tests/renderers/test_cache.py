@@ -1,0 +1,68 @@
+"""The cache: what it keeps, what it drops, and what it counts."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from renderers.cache import Cache
+
+
+def test_the_least_recently_used_is_dropped_first() -> None:
+    cache: Cache[str, int] = Cache(max_bytes=30)
+    for number, name in enumerate("abc"):
+        cache.put(name, number, 10)
+    assert cache.get("a") == 0
+    cache.put("d", 3, 10)
+    assert [cache.get(name) for name in "abcd"] == [0, None, 2, 3]
+    assert (cache.hits, cache.misses, cache.nbytes, len(cache)) == (4, 1, 30, 3)
+
+
+def test_values_exactly_at_the_bound_are_kept_and_larger_ones_are_not() -> None:
+    cache: Cache[str, int] = Cache(max_bytes=30)
+    cache.put("a", 1, 30)
+    assert cache.get("a") == 1
+    cache.put("b", 2, 31)
+    assert (cache.get("b"), cache.get("a")) == (None, 1)
+
+
+def test_a_larger_value_in_place_of_one_leaves_neither() -> None:
+    cache: Cache[str, int] = Cache(max_bytes=30)
+    cache.put("a", 1, 30)
+    cache.put("a", 2, 31)
+    assert (cache.get("a"), cache.nbytes) == (None, 0)
+
+
+def test_the_count_is_bounded_too() -> None:
+    cache: Cache[int, int] = Cache(max_bytes=100, max_count=2)
+    for number in range(3):
+        cache.put(number, number, 1)
+    assert [cache.get(number) for number in range(3)] == [None, 1, 2]
+
+
+@given(st.lists(st.tuples(st.integers(0, 5), st.integers(0, 40)), max_size=40))
+def test_bytes_are_the_sum_of_what_is_kept(puts: list[tuple[int, int]]) -> None:
+    cache: Cache[int, int] = Cache(max_bytes=60)
+    for key, nbytes in puts:
+        cache.put(key, nbytes, nbytes)
+        kept = [value for key in range(6) if (value := cache.get(key)) is not None]
+        assert cache.nbytes == sum(kept) <= 60
+        assert len(cache) == len(kept)
+    cache.clear()
+    assert (cache.nbytes, len(cache)) == (0, 0)
+
+
+def test_threads_may_share_it() -> None:
+    cache: Cache[int, int] = Cache(max_bytes=50)
+
+    def work(seed: int) -> None:
+        for i in range(500):
+            cache.put((seed + i) % 17, i, i % 9)
+            cache.get(i % 17)
+
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(work, range(8)))
+    assert 0 <= cache.nbytes <= 50
+    assert cache.hits + cache.misses == 8 * 500
