@@ -16,8 +16,6 @@ from typing import Final, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.quick import quick
-
 LABEL_NONE: Final = 0xFFFFFF
 """Label of the background and of everything that carries no label: white in a label picture."""
 
@@ -30,7 +28,6 @@ class Topology(IntEnum):
     TRIANGLES = 3
 
 
-@quick
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class Mesh:
     """Vertices and the elements (triangles, lines or points) over them, in the mesh's own frame."""
@@ -61,7 +58,6 @@ class Mesh:
         return self.positions.nbytes + self.elements.nbytes + sum(a.nbytes for a in optional if a is not None)
 
 
-@quick
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class Image:
     """A picture used by textures, decoded only when a renderer asks for its pixels."""
@@ -87,7 +83,6 @@ class Wrap(Enum):
     MIRRORED_REPEAT = 33648
 
 
-@quick
 @dataclass(frozen=True, slots=True)
 class Sampler:
     """How a texture is read (glTF sampler)."""
@@ -104,7 +99,6 @@ class Sampler:
     """False: the nearest mip level only."""
 
 
-@quick
 @dataclass(frozen=True, slots=True)
 class Texture:
     """An image with the way to read it."""
@@ -123,7 +117,6 @@ class AlphaMode(Enum):
     BLEND = "BLEND"
 
 
-@quick
 @dataclass(frozen=True, slots=True)
 class Material:
     """Metallic-roughness material as in glTF 2.0 (section 3.9). Factors are linear."""
@@ -170,7 +163,6 @@ class Material:
     looks put back what was lost (see ``renderers.shading.materials.look_material``)."""
 
 
-@quick
 @dataclass(frozen=True, slots=True, eq=False)
 class Instance:
     """One drawing of a mesh."""

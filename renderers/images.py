@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 from renderers.contents import quick_key, whole_key
 from renderers.drawlist import Image, ImageError
 from renderers.pngrows import rows_are_missing
-from renderers.quick import quick
 
 MAX_PIXELS: Final = 64 << 20
 """Default bound of one image: 8192 x 8192, 256 MB as RGBA. A header of a few bytes can announce any size."""
@@ -49,7 +48,6 @@ _NAMES: Final = {
 """Formats that are recognised to say so."""
 
 
-@quick
 @dataclass(frozen=True, slots=True)
 class ImageHeader:
     """What an encoded image says about itself."""
@@ -182,7 +180,6 @@ def _is_of(image: Image, data: bytes | memoryview) -> bool:
     return (own if isinstance(own, bytes) else bytes(own)).startswith(data)
 
 
-@quick
 @dataclass(frozen=True, slots=True, eq=False)
 class _Decoder:
     data: bytes | memoryview

@@ -12,10 +12,8 @@ from gateway.render.drawn import Companies, Company
 from gateway.scene.gltf import CacheStats, HashedDocument, MeshCache, read_gltf
 from renderers.cache import Cache
 from renderers.drawlist import DrawList
-from renderers.quick import quick
 
 
-@quick
 @dataclass(frozen=True, slots=True, eq=False)
 class Eye:
     """What matters of a scene's camera: pictures are asked for with lenses of their own."""
@@ -27,7 +25,6 @@ class Eye:
     """As of ``GltfCamera``."""
 
 
-@quick
 @dataclass(frozen=True, slots=True, eq=False)
 class PreparedScene:
     """A scene, read and flattened; shared by all pictures of it. Not its nodes, which are thousands of objects."""

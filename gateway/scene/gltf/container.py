@@ -12,7 +12,6 @@ import numpy as np
 from gateway.scene.gltf.bytewise import address_of_bytes, address_of_new, equal_bytes
 from gateway.scene.gltf.errors import GltfError
 from gateway.scene.gltf.kernels import STRETCH, long_strings
-from renderers.quick import quick
 
 _STRETCH: Final = int(STRETCH)
 _MAGIC: Final = b"glTF"
@@ -26,7 +25,6 @@ _TOKEN: Final = "\0data "  # noqa: S105 - no secret
 """What a URI that was taken out leaves behind, before its number."""
 
 
-@quick
 @dataclass(frozen=True, slots=True, eq=False)
 class Container:
     """A document before its JSON is parsed."""

@@ -23,7 +23,6 @@ from gateway.scene.gltf.limits import GltfLimits
 from gateway.scene.gltf.scene import GltfCamera
 from gateway.scene.transforms import IDENTITY, Matrix, from_column_major, from_trs
 from renderers.drawlist import Light
-from renderers.quick import quick
 
 _IDENTITY_NUMBERS: Final = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 _NOT_TURNED: Final = _IDENTITY_NUMBERS[:12]
@@ -36,7 +35,6 @@ Matrices: TypeAlias = NDArray[np.float64]
 """(N, 4, 4)."""
 
 
-@quick
 @dataclass(frozen=True, slots=True, eq=False)
 class Visits:
     """The nodes of the scene in the order parents first, each below all that lie before it among its siblings."""

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from gateway.scene.tree import Node, Path
 from renderers.drawlist import Light
-from renderers.quick import quick
 
 if TYPE_CHECKING:
     from gateway.scene.gltf.nodes import NodeTree, Visits
@@ -19,7 +18,6 @@ DRAKE_GENERATORS = frozenset({"VTK", "Drake glTF merger"})
 """``asset.generator`` of what Drake's render client sends: primitives and OBJ only, or with glTF meshes."""
 
 
-@quick
 @dataclass(frozen=True, slots=True, eq=False)
 class GltfCamera:
     """A camera as a node of the scene carries it."""
@@ -48,7 +46,6 @@ class GltfCamera:
         return () if self.visits is None else self.visits.path(self.position)
 
 
-@quick
 @dataclass(frozen=True, slots=True)
 class GltfCounts:
     """Lengths of the document's arrays, for logs and metrics."""
@@ -61,7 +58,6 @@ class GltfCounts:
     cameras: int = 0
 
 
-@quick
 @dataclass(frozen=True, slots=True, eq=False)
 class GltfScene:
     """A document, read."""
