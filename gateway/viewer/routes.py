@@ -48,7 +48,7 @@ def router(hub: ViewHub) -> APIRouter:
         try:
             data = await asyncio.to_thread(_encode, found)
         except ImageError as error:
-            return PlainTextResponse(str(error), 415)
+            return PlainTextResponse(f"image {number}: {error}", 415)
         return Response(data, media_type="image/png", headers=ASK_AGAIN)
 
     @routes.get("/view/channel/{mesh}", include_in_schema=False)
