@@ -136,8 +136,8 @@ async def test_405_names_every_method_of_the_path() -> None:
     app.add_exception_handler(405, not_allowed)
     async with httpx2.AsyncClient(transport=httpx2.ASGITransport(app=app), base_url="http://here") as http:
         answer = await http.delete("/thing/it")
-        assert (answer.status_code, answer.headers["allow"]) == (405, "GET, PUT")
-        assert answer.text == "DELETE is not possible here; GET, PUT is.\n"
+        assert (answer.status_code, answer.headers["allow"]) == (405, "GET, HEAD, PUT")
+        assert answer.text == "DELETE is not possible here; GET, HEAD, PUT is.\n"
         assert (await http.delete("/nothing")).status_code == 404
 
 

@@ -128,6 +128,21 @@ def test_a_page_of_another_site_may_not_read_answers(gateway_url: str) -> None:
     assert not [name for name in answer.headers if name.startswith("access-control")]
 
 
+def test_every_route_with_get_answers_head(gateway_url: str) -> None:
+    with httpx2.Client(base_url=gateway_url, timeout=120.0) as http:
+        described = http.get("/openapi.json").json()["paths"]
+        paths = [path for path, methods in described.items() if "get" in methods and "{" not in path]
+        for path in (*paths, "/", "/view", "/docs", "/openapi.json", "/view/sensor", "/view/renders", "/render"):
+            head = http.head(path)
+            assert head.content == b"", path
+            if path == "/view/stream.mjpg":  # GET would not end
+                assert head.status_code == 200
+                continue
+            get = http.get(path)
+            assert head.status_code == get.status_code, path
+            assert head.headers["content-type"] == get.headers["content-type"], path
+
+
 @pytest.mark.parametrize("message", ["x" * 1000, "x" * 1_000_000, b"\0" * 100])
 def test_long_messages_end_their_own_websocket_only(gateway_url: str, message: str | bytes) -> None:
     with connect(_websocket(gateway_url), max_size=None) as socket:
