@@ -52,7 +52,7 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     ("Bodies", "gateway.ops.paced", ("LARGEST_PIECE",)),
     ("HTTP servers", "gateway.ops.http", ("KEEP_ALIVE_SECONDS", "MAX_WEBSOCKET_BYTES")),
     ("WebSocket connections", "gateway.ops.websocket", ("MAX_FRAGMENTS", "PIECE_BYTES")),
-    ("Tokens", "gateway.ops.tokens", ("LEAST_CHARS", "MOST_CHARS")),
+    ("Tokens", "gateway.ops.tokens", ("LEAST_CHARS", "MOST_CHARS", "COOKIE_SECONDS")),
     ("Turning away", "gateway.workers", ("MAX_RETRY_AFTER",)),
     ("gRPC", "gateway.stereo.server", ("MAX_CALLS",)),
     ("The device's REST interface", "gateway.stereo.rest", ("MAX_BODY",)),

@@ -1,9 +1,10 @@
-"""Who may come in over HTTP: the token, and the Host header against DNS rebinding."""
+"""Access over HTTP: the token, and the Host header against DNS rebinding."""
 
 from __future__ import annotations
 
 import ipaddress
-from collections.abc import Collection
+import time
+from collections.abc import Callable, Collection
 from functools import lru_cache
 from typing import Final
 from urllib.parse import parse_qsl, quote, urlencode
@@ -12,13 +13,15 @@ from starlette.datastructures import Headers
 from starlette.responses import PlainTextResponse, Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from gateway.ops.tokens import Tokens
+from gateway.ops.tokens import COOKIE_SECONDS, Tokens
 
 COOKIE: Final = "scenegate"
 QUERY: Final = "token"
 """``/view?token=…`` gives a browser the cookie and goes on without the token in the address."""
 CORS_EXPOSED: Final = ("X-Request-ID", "X-Scene-Revision", "X-Frame", "Retry-After", "ETag")
 """Headers of answers that pages of the allowed origins may read."""
+ADMITTED: Final = "scenegate.admitted"
+"""Key of the scope on open paths: whether the client has shown a token. Missing where none is asked for."""
 _REFUSED: Final = 1008
 """WebSocket close code; before the connection is accepted the client sees 403."""
 
@@ -26,18 +29,36 @@ _REFUSED: Final = 1008
 class Access:
     """ASGI middleware: 401 without the token, before anything of the body is read."""
 
-    def __init__(self, app: ASGIApp, *, tokens: Tokens, open_paths: Collection[str] = ()) -> None:
-        """``open_paths``: answered without a token (health, for whoever watches over the process)."""
+    def __init__(
+        self,
+        app: ASGIApp,
+        *,
+        tokens: Tokens,
+        open_paths: Collection[str] = (),
+        clock: Callable[[], float] = time.time,
+    ) -> None:
+        """
+        Args:
+            open_paths: answered without a token (health, for monitoring); ``ADMITTED`` tells them whether there is one.
+            clock: seconds since 1970, for the age of cookies.
+        """
         self._app = app
         self._tokens = tokens
         self._open = open_paths
+        self._clock = clock
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] == "lifespan" or scope["path"] in self._open:
+        if scope["type"] == "lifespan":
             await self._app(scope, receive, send)
             return
         headers = Headers(scope=scope)
-        if self._tokens.accept_header(headers.get("authorization", "")) or self._tokens.accept_cookie(_cookie(headers)):
+        admitted = self._tokens.accept_header(headers.get("authorization", "")) or self._tokens.accept_cookie(
+            _cookie(headers), self._clock()
+        )
+        if scope["path"] in self._open:
+            scope[ADMITTED] = admitted
+            await self._app(scope, receive, send)
+        elif admitted:
             await self._app(scope, receive, send)
         elif scope["type"] == "websocket":
             await send({"type": "websocket.close", "code": _REFUSED, "reason": "a token is needed"})
@@ -53,7 +74,8 @@ class Access:
             path = "/" + quote(scope["path"].lstrip("/"))
             answer = Response(status_code=303, headers={"Location": f"{path}?{rest}" if rest else path})
             secure = scope.get("scheme") == "https"
-            answer.set_cookie(COOKIE, self._tokens.cookie, httponly=True, samesite="lax", secure=secure)
+            cookie = self._tokens.cookie(sent[0], self._clock())
+            answer.set_cookie(COOKIE, cookie, COOKIE_SECONDS, httponly=True, samesite="lax", secure=secure)
             answer.headers["Cache-Control"] = "no-store"
             answer.headers["Referrer-Policy"] = "no-referrer"
             return answer

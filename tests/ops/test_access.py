@@ -14,10 +14,11 @@ from starlette.routing import Route
 
 from gateway.ops.access import COOKIE, Access, TrustedHosts, host_name
 from gateway.ops.methods import not_allowed, not_found
-from gateway.ops.tokens import Tokens
+from gateway.ops.tokens import COOKIE_SECONDS, Tokens
 
-TOKEN = "0123456789abcdef"
-TOKENS = Tokens(TOKEN)
+TOKEN, OTHER = "0123456789abcdef", "fedcba9876543210"
+TOKENS = Tokens(OTHER, TOKEN)
+NOW = 1.7e9
 
 
 async def hello(request: Request) -> PlainTextResponse:
@@ -53,11 +54,31 @@ async def test_a_browser_gets_a_cookie_that_scripts_cannot_read() -> None:
         assert "httponly" in cookie
         assert "samesite=lax" in cookie
         assert TOKEN not in cookie
+        assert f"max-age={COOKIE_SECONDS}" in cookie
         assert answer.headers["cache-control"] == "no-store"
         assert (await http.get("/view")).status_code == 200
         http.cookies.clear()
         assert (await http.get("/view", headers={"Cookie": f"{COOKIE}={TOKEN}"})).status_code == 401
         assert (await http.get("/view?token=wrong")).status_code == 401
+
+
+async def test_the_cookie_goes_with_the_token_that_was_shown_and_with_time() -> None:
+    now = NOW
+
+    def gateway(*tokens: str) -> httpx2.AsyncClient:
+        app = Access(Starlette(routes=[Route("/view", hello)]), tokens=Tokens(*tokens), clock=lambda: now)
+        return httpx2.AsyncClient(transport=httpx2.ASGITransport(app=app), base_url="http://here")
+
+    async with gateway(OTHER, TOKEN) as http:
+        cookie = (await http.get(f"/view?token={TOKEN}")).headers["set-cookie"].partition(";")[0]
+    asked = {"Cookie": cookie}
+    async with gateway(TOKEN) as http:  # its own token is the first one now
+        assert (await http.get("/view", headers=asked)).status_code == 200
+    async with gateway(OTHER) as http:
+        assert (await http.get("/view", headers=asked)).status_code == 401
+    now += COOKIE_SECONDS
+    async with gateway(OTHER, TOKEN) as http:
+        assert (await http.get("/view", headers=asked)).status_code == 401
 
 
 @pytest.mark.parametrize("path", ["//evil.example", "///evil.example/x", "/%2f/evil.example", "/\\evil.example"])
@@ -78,10 +99,10 @@ async def test_a_websocket_needs_the_token_too() -> None:
     async def inner(scope: Any, receive: Any, send: Any) -> None:
         await send({"type": "websocket.accept"})
 
-    access = Access(inner, tokens=TOKENS)
+    access = Access(inner, tokens=TOKENS, clock=lambda: NOW)
     scope = {"type": "websocket", "path": "/view/ws", "headers": [], "query_string": f"token={TOKEN}".encode()}
     await access(scope, None, send)
-    cookie = [(b"cookie", f"other=1; {COOKIE}={TOKENS.cookie}".encode())]
+    cookie = [(b"cookie", f"other=1; {COOKIE}={TOKENS.cookie(TOKEN, NOW)}".encode())]
     await access({**scope, "headers": cookie}, None, send)
     assert [message["type"] for message in sent] == ["websocket.close", "websocket.accept"]
 
