@@ -1,4 +1,4 @@
-"""Access over HTTP: the token, and the Host header against DNS rebinding."""
+"""Access over HTTP: the token, the Host header against DNS rebinding, pages of other sites (CSRF)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Collection
 from functools import lru_cache
 from typing import Final
-from urllib.parse import parse_qsl, quote, urlencode
+from urllib.parse import parse_qsl, quote, urlencode, urlsplit
 
 from starlette.datastructures import Headers
 from starlette.responses import PlainTextResponse, Response
@@ -22,6 +22,12 @@ CORS_EXPOSED: Final = ("X-Request-ID", "X-Scene-Revision", "X-Frame", "Retry-Aft
 """Headers of answers that pages of the allowed origins may read."""
 ADMITTED: Final = "scenegate.admitted"
 """Key of the scope on open paths: whether the client has shown a token. Missing where none is asked for."""
+_SAFE: Final = frozenset({"GET", "HEAD", "OPTIONS"})
+"""Methods that change nothing."""
+_PORTS: Final = {"http": 80, "https": 443}
+"""Ports that browsers leave out of Origin and Host."""
+_SHOWN: Final = 100
+"""Characters of a header that an answer repeats."""
 _REFUSED: Final = 1008
 """WebSocket close code; before the connection is accepted the client sees 403."""
 
@@ -94,6 +100,42 @@ def _cookie(headers: Headers) -> str:
     return ""
 
 
+class CsrfProtection:
+    """ASGI middleware: refuse requests that change something and come from a page of another site with 403.
+
+    Browsers let any page send a POST to any host, this machine's services among them. They say where it comes from: by
+    ``Sec-Fetch-Site`` to hosts that they reach by HTTPS or as localhost, by ``Origin`` to all. Programs send neither.
+    """
+
+    def __init__(self, app: ASGIApp, *, origins: Collection[str] = ()) -> None:
+        """``origins``: pages that may send such requests, as ``https://example.org``; ``*`` for any."""
+        self._app = app
+        self._origins = frozenset(origins)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "http" and scope["method"] not in _SAFE and (page := self._foreign_page(scope)):
+            asked = f"may not send {scope['method']} here"
+            text = f"A page of another site ({page}) {asked}; --cors-origins names the origins that may.\n"
+            await PlainTextResponse(text, 403)(scope, receive, send)
+        else:
+            await self._app(scope, receive, send)
+
+    def _foreign_page(self, scope: Scope) -> str:
+        """The header that tells a page of another site, for messages; empty: it is not one."""
+        headers = Headers(scope=scope)
+        origin, site = headers.get("origin"), headers.get("sec-fetch-site")
+        if "*" in self._origins or origin in self._origins:
+            return ""
+        if site is not None:
+            own = site in ("same-origin", "none")
+        else:
+            own = origin is None or same_origin(origin, headers.get("host", ""), scope.get("scheme", "http"))
+        if own:
+            return ""
+        shown = f"Origin: {origin}" if origin is not None else f"Sec-Fetch-Site: {site}"
+        return ascii(shown[:_SHOWN])[1:-1]
+
+
 class TrustedHosts:
     """ASGI middleware: a page of another site that has its name point to 127.0.0.1 (DNS rebinding) gets 421.
 
@@ -130,6 +172,27 @@ class TrustedHosts:
             here = (scope.get("server") or ("", None))[0]
             return not is_loopback(str(here))
         return name in self._names or any(f"*.{tail}" in self._names for tail in _tails(name))
+
+
+def same_origin(origin: str, host: str, scheme: str) -> bool:
+    """Whether a page of ``origin`` was loaded from the server that requests call ``host``.
+
+    An origin without TLS is foreign to a server with TLS. A server without TLS may stand behind a proxy that has it.
+
+    Args:
+        origin: the header, as ``https://example.org:8443``.
+        host: the header, as ``example.org:8443``.
+        scheme: of the request: http, https, ws or wss.
+    """
+    try:
+        page, server = urlsplit(origin), urlsplit(f"//{host}")
+        usual = _PORTS.get(page.scheme)
+        ports = [usual if part.port is None else part.port for part in (page, server)]
+    except ValueError:  # no port, or brackets that are no address
+        return False
+    if usual is None or page.hostname is None or (page.scheme == "http" and scheme in ("https", "wss")):
+        return False
+    return page.hostname == server.hostname and ports[0] == ports[1]
 
 
 def host_name(host: str) -> str:

@@ -128,6 +128,28 @@ def test_a_page_of_another_site_may_not_read_answers(gateway_url: str) -> None:
     assert not [name for name in answer.headers if name.startswith("access-control")]
 
 
+@pytest.mark.parametrize("headers", [{"Origin": "http://evil.example"}, {"Sec-Fetch-Site": "cross-site"}])
+def test_a_page_of_another_site_may_not_change_anything(gateway_url: str, headers: dict[str, str]) -> None:
+    """CSRF: a form or a simple request that any page may send; without these headers it is a program's."""
+    with httpx2.Client(base_url=gateway_url, timeout=SECONDS) as http:
+        camera = "/api/v2/pipelines/0/nodes/rc_stereocamera/parameters"
+        for method, path in (
+            ("POST", "/api/v2/pipelines/0/test/set"),
+            ("DELETE", "/api/v2/pipelines/0/test/set"),
+            ("POST", "/stereo/faults/disconnect"),
+            ("PUT", "/stereo/faults"),
+            ("PUT", camera),
+            ("POST", "/render"),
+            ("POST", "/nothing"),
+        ):
+            refused = http.request(method, path, content=b"{}", headers=headers)
+            assert refused.status_code == 403, path
+            assert "--cors-origins" in refused.text, path  # and not that faults are off
+            assert "--cors-origins" not in http.request(method, path, content=b"{}").text, path
+        own = {"Origin": gateway_url, "Sec-Fetch-Site": "same-origin"}
+        assert http.delete("/api/v2/pipelines/0/test/set", headers=own).status_code == 200
+
+
 def test_every_route_with_get_answers_head(gateway_url: str) -> None:
     with httpx2.Client(base_url=gateway_url, timeout=120.0) as http:
         described = http.get("/openapi.json").json()["paths"]
