@@ -19,6 +19,7 @@ from gateway.ops.access import (
     CORS_EXPOSED,
     Access,
     CsrfProtection,
+    SecurityHeaders,
     TrustedHosts,
     is_loopback,
 )
@@ -58,7 +59,7 @@ class Guard:
         return self.settings.http_certificate, self.settings.http_key
 
     def protect(self, app: FastAPI) -> None:
-        """Puts token, CSRF protection, CORS and trusted hosts around ``app`` so far."""
+        """Puts token, CSRF protection, CORS, trusted hosts and headers for browsers around ``app`` so far."""
         if self.http is not None:
             app.add_middleware(Access, tokens=self.http, open_paths=health.OPEN_PATHS)
         app.add_middleware(CsrfProtection, origins=self.settings.cors_origins)
@@ -73,6 +74,7 @@ class Guard:
             )
         app.state.cors_origins = frozenset(self.settings.cors_origins)  # for answers made without the application
         app.add_middleware(TrustedHosts, names=self.settings.trusted_hosts)
+        app.add_middleware(SecurityHeaders, origins=self.settings.cors_origins)
 
     def tell(self) -> None:
         """Logs which interfaces other machines reach, and warns about those that let anybody in."""

@@ -11,7 +11,7 @@ from urllib.parse import parse_qsl, quote, urlencode, urlsplit
 
 from starlette.datastructures import Headers
 from starlette.responses import PlainTextResponse, Response
-from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from gateway.ops.tokens import COOKIE_SECONDS, Tokens
 
@@ -134,6 +134,28 @@ class CsrfProtection:
             return ""
         shown = f"Origin: {origin}" if origin is not None else f"Sec-Fetch-Site: {site}"
         return ascii(shown[:_SHOWN])[1:-1]
+
+
+class SecurityHeaders:
+    """ASGI middleware: tell browsers not to guess content types, nor to show answers in frames of other sites."""
+
+    def __init__(self, app: ASGIApp, *, origins: Collection[str] = ()) -> None:
+        """``origins``: pages that may show ours in a frame, as ``https://example.org``; ``*`` for any."""
+        self._app = app
+        named = sorted(origin for origin in origins if origin != "null")
+        ancestors = "*" if "*" in origins else " ".join(["'self'", *named])
+        self._headers: Final = (
+            (b"content-security-policy", f"frame-ancestors {ancestors}".encode()),
+            (b"x-content-type-options", b"nosniff"),
+        )
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        async def send_with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] = [*message.get("headers", ()), *self._headers]
+            await send(message)
+
+        await self._app(scope, receive, send_with_headers if scope["type"] == "http" else send)
 
 
 class TrustedHosts:

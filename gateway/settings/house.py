@@ -42,7 +42,7 @@ class HouseSettings(BaseSettings):
         (),
         "Access",
         "Origins whose pages may use HTTP (https://example.org), separated by commas; '*' for any. Pages of others may "
-        "neither read answers nor change anything.",
+        "neither read answers nor change anything, nor show /view in a frame.",
     )
 
     # --- State

@@ -12,7 +12,7 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse
 from starlette.routing import Route
 
-from gateway.ops.access import COOKIE, Access, CsrfProtection, TrustedHosts, host_name, same_origin
+from gateway.ops.access import COOKIE, Access, CsrfProtection, SecurityHeaders, TrustedHosts, host_name, same_origin
 from gateway.ops.methods import not_allowed, not_found
 from gateway.ops.tokens import COOKIE_SECONDS, Tokens
 
@@ -159,6 +159,23 @@ async def test_a_refusal_repeats_an_origin_shortened_and_without_odd_characters(
 )
 def test_origins_of_this_host(origin: str, host: str, scheme: str, same: bool) -> None:
     assert same_origin(origin, host, scheme) is same
+
+
+@pytest.mark.parametrize(
+    ("origins", "ancestors"),
+    [
+        ((), "'self'"),
+        (("https://b.example", "https://a.example", "null"), "'self' https://a.example https://b.example"),
+        (("*",), "*"),
+    ],
+)
+async def test_answers_are_for_frames_of_own_pages_and_their_types_are_not_guessed(
+    origins: tuple[str, ...], ancestors: str
+) -> None:
+    async with behind(SecurityHeaders, origins=origins) as http:
+        headers = (await http.get("/")).headers
+    assert headers["content-security-policy"] == f"frame-ancestors {ancestors}"
+    assert headers["x-content-type-options"] == "nosniff"
 
 
 @pytest.mark.parametrize("path", ["//evil.example", "///evil.example/x", "/%2f/evil.example", "/\\evil.example"])

@@ -150,6 +150,13 @@ def test_a_page_of_another_site_may_not_change_anything(gateway_url: str, header
         assert http.delete("/api/v2/pipelines/0/test/set", headers=own).status_code == 200
 
 
+def test_the_view_is_not_shown_in_frames_of_other_sites(gateway_url: str) -> None:
+    for path in ("/view", "/", "/docs", "/nothing"):
+        headers = httpx2.get(gateway_url + path).headers
+        assert headers["content-security-policy"] == "frame-ancestors 'self'", path
+        assert headers["x-content-type-options"] == "nosniff", path
+
+
 def test_every_route_with_get_answers_head(gateway_url: str) -> None:
     with httpx2.Client(base_url=gateway_url, timeout=120.0) as http:
         described = http.get("/openapi.json").json()["paths"]
