@@ -54,7 +54,7 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     ("WebSocket connections", "gateway.ops.websocket", ("MAX_FRAGMENTS", "PIECE_BYTES")),
     ("Tokens", "gateway.ops.tokens", ("LEAST_CHARS", "MOST_CHARS", "COOKIE_SECONDS")),
     ("Turning away", "gateway.workers", ("MAX_RETRY_AFTER",)),
-    ("gRPC", "gateway.stereo.server", ("MAX_CALLS",)),
+    ("gRPC", "gateway.stereo.server", ("MAX_CALLS", "RETURN_BYTES")),
     ("The device's REST interface", "gateway.stereo.rest", ("MAX_BODY",)),
     ("Uploaded stereo pairs", "gateway.stereo.upload", ("MAX_CONTENT_TYPE",)),
     ("Faults for test rigs", "gateway.stereo.faultroutes", ("MAX_BODY",)),
