@@ -120,6 +120,7 @@ def create_app(settings: Settings, state: Kept | None = None) -> FastAPI:
         Gate, started=started, problem=lambda: board.entries[KERNELS].problem, open_paths=health.PATHS | {"/"}
     )
     guard.protect(app)
+    app.add_middleware(methods.HeadAsGet)
     app.add_middleware(Requests, metrics=metrics, quiet=health.PATHS | POLLED)
 
     @app.get("/", include_in_schema=False)

@@ -15,7 +15,14 @@ from fastapi import FastAPI
 from starlette.middleware.cors import CORSMiddleware
 
 from gateway.ops import health
-from gateway.ops.access import CORS_EXPOSED, Access, TrustedHosts, is_loopback
+from gateway.ops.access import (
+    CORS_EXPOSED,
+    Access,
+    CsrfProtection,
+    SecurityHeaders,
+    TrustedHosts,
+    is_loopback,
+)
 from gateway.ops.tokens import TokenError, Tokens, read_tokens
 from gateway.settings import Settings, SettingsError
 
@@ -52,9 +59,10 @@ class Guard:
         return self.settings.http_certificate, self.settings.http_key
 
     def protect(self, app: FastAPI) -> None:
-        """Puts token, CORS and trusted hosts around what was added to ``app`` so far."""
+        """Puts token, CSRF protection, CORS, trusted hosts and headers for browsers around ``app`` so far."""
         if self.http is not None:
             app.add_middleware(Access, tokens=self.http, open_paths=health.OPEN_PATHS)
+        app.add_middleware(CsrfProtection, origins=self.settings.cors_origins)
         if self.settings.cors_origins:
             # Outside of the token: a browser asks for permission without it.
             app.add_middleware(
@@ -66,6 +74,7 @@ class Guard:
             )
         app.state.cors_origins = frozenset(self.settings.cors_origins)  # for answers made without the application
         app.add_middleware(TrustedHosts, names=self.settings.trusted_hosts)
+        app.add_middleware(SecurityHeaders, origins=self.settings.cors_origins)
 
     def tell(self) -> None:
         """Logs which interfaces other machines reach, and warns about those that let anybody in."""

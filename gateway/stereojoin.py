@@ -12,6 +12,7 @@ from fastapi import FastAPI
 from gateway.figures import watch_stereo
 from gateway.house import NO_TELEMETRY, House
 from gateway.ops.http import PortService
+from gateway.ops.methods import HeadAsGet
 from gateway.scene.mount import Mount, parse_mount_path, parse_mount_pose
 from gateway.settings import Settings
 from gateway.stereo.clock import SimulatedClock
@@ -39,6 +40,7 @@ def join_stereo(house: House) -> None:
     if settings.rest_port is not None:
         apps.append(FastAPI(openapi_url=None, telemetry=NO_TELEMETRY))
         house.guard.protect(apps[1])
+        apps[1].add_middleware(HeadAsGet)
         house.serve("rest", PortService(apps[1], settings.host, settings.rest_port, house.guard.tls), where="/api")
     for app in apps:
         app.include_router(router(*services))

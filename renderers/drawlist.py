@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from enum import Enum, IntEnum
 from typing import Final, overload
@@ -60,19 +61,29 @@ class Mesh:
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class Image:
-    """A picture used by textures, decoded only when a renderer asks for its pixels."""
+    """A picture used by textures, decoded only when a renderer asks for its pixels.
+
+    It has no name: documents that hold the same bytes share it, and each has a name of its own (``Texture.name``).
+    """
 
     key: bytes
     """A checksum of the encoded (or raw) content, for messages: images are told apart by identity."""
     decode: Callable[[], NDArray[np.uint8]]
     """Returns (H, W, 4) uint8 RGBA, straight alpha, top row first. May be called from any thread and more than once;
-    raises ``ImageError`` with a sentence that names the image and the reason."""
-    name: str = ""
-    """For messages."""
+    raises ``ImageError`` with the reason alone, which holds for everybody with these bytes."""
 
 
 class ImageError(ValueError):
-    """An image could not be decoded; the message says which and why."""
+    """An image could not be decoded; the message says why and, where a texture uses it, which one."""
+
+
+@contextmanager
+def image_named(name: str) -> Iterator[None]:
+    """Put ``name`` before the message of an ``ImageError`` from within the block."""
+    try:
+        yield
+    except ImageError as error:
+        raise ImageError(f"{name or 'image'}: {error}") from error
 
 
 class Wrap(Enum):
@@ -109,6 +120,8 @@ class Texture:
     """0 or 1: which texture coordinates of the mesh."""
     uv_transform: tuple[float, float, float, float, float, float] | None = None
     """(a, b, c, d, e, f): u' = a u + b v + c, v' = d u + e v + f; None is the identity."""
+    name: str = ""
+    """Name of the image in its document, for messages."""
 
 
 class AlphaMode(Enum):

@@ -21,7 +21,7 @@ import PIL.Image
 from numpy.typing import NDArray
 
 from renderers.contents import quick_key, whole_key
-from renderers.drawlist import Image, ImageError
+from renderers.drawlist import Image, ImageError, image_named
 from renderers.pngrows import rows_are_missing
 
 MAX_PIXELS: Final = 64 << 20
@@ -68,12 +68,17 @@ def image_header(data: bytes | memoryview, name: str = "image") -> ImageHeader:
     Raises:
         ImageError: no format that can be decoded, or a header that is cut off; the message names image and magic.
     """
+    with image_named(name):
+        return _header(data)
+
+
+def _header(data: bytes | memoryview) -> ImageHeader:
     view = data if isinstance(data, bytes) else memoryview(data).cast("B")
     start = bytes(view[:32])
     try:
         if start.startswith(b"\x89PNG\r\n\x1a\n"):
             if start[12:16] != b"IHDR":
-                raise ImageError(f"{name}: PNG without IHDR")
+                raise ImageError("PNG without IHDR")
             width, height = _PNG_SIZE.unpack_from(start, 16)
             return ImageHeader("PNG", width, height)
         if start.startswith(b"\xff\xd8\xff"):
@@ -81,10 +86,10 @@ def image_header(data: bytes | memoryview, name: str = "image") -> ImageHeader:
         if start.startswith(b"RIFF") and start[8:12] == b"WEBP":
             return ImageHeader("WebP", *_webp_size(start))
     except (struct.error, IndexError) as error:
-        raise ImageError(f"{name}: its header is cut off ({len(view)} bytes)") from error
+        raise ImageError(f"its header is cut off ({len(view)} bytes)") from error
     known = next((kind for magic, kind in _NAMES.items() if start.startswith(magic)), None)
     what = f"{known} images are" if known else f"an image that starts with {start[:12]!r} is"
-    raise ImageError(f"{name}: {what} not supported, only PNG, JPEG and WebP" if start else f"{name}: it is empty")
+    raise ImageError(f"{what} not supported, only PNG, JPEG and WebP" if start else "it is empty")
 
 
 def _jpeg_size(view: bytes | memoryview) -> tuple[int, int]:
@@ -133,13 +138,12 @@ _dead: deque[_Known] = deque()
 _lock: Final = threading.Lock()
 
 
-def image_from_bytes(data: bytes | memoryview, *, name: str = "", max_pixels: int = MAX_PIXELS) -> Image:
+def image_from_bytes(data: bytes | memoryview, *, max_pixels: int = MAX_PIXELS) -> Image:
     """An image of an encoded file; equal bytes give the same object as long as somebody holds it and, where others with
     the same ``quick_key`` were there first, these.
 
     Args:
         data: PNG, JPEG or WebP. Not looked at before ``decode``; a memoryview must not change.
-        name: for messages.
         max_pixels: ``decode`` refuses images whose header announces more.
     """
     # A comparison costs a twentieth of a hash that nobody can make collide.
@@ -152,7 +156,7 @@ def image_from_bytes(data: bytes | memoryview, *, name: str = "", max_pixels: in
         known = None if before is None else before()
     if known is not None and _is_of(known, data):
         return known
-    made = Image(key, _Decoder(data, name or "image", max_pixels), name)
+    made = Image(key, _Decoder(data, max_pixels))
     entry = _Known(made, _dead.append)
     entry.key = key
     with _lock:
@@ -183,11 +187,10 @@ def _is_of(image: Image, data: bytes | memoryview) -> bool:
 @dataclass(frozen=True, slots=True, eq=False)
 class _Decoder:
     data: bytes | memoryview
-    name: str
     max_pixels: int
 
     def __call__(self) -> NDArray[np.uint8]:
-        return decode_image(self.data, name=self.name, max_pixels=self.max_pixels)
+        return _decode(self.data, self.max_pixels)
 
 
 def decode_image(data: bytes | memoryview, *, name: str = "image", max_pixels: int = MAX_PIXELS) -> NDArray[np.uint8]:
@@ -197,18 +200,23 @@ def decode_image(data: bytes | memoryview, *, name: str = "image", max_pixels: i
     profiles and EXIF orientation are ignored, as glTF 2.0 section 3.8.3 asks.
 
     Raises:
-        ImageError: unknown format, too many pixels, or broken data.
+        ImageError: unknown format, too many pixels, or broken data; the message names the image.
     """
-    header = image_header(data, name)
+    with image_named(name):
+        return _decode(data, max_pixels)
+
+
+def _decode(data: bytes | memoryview, max_pixels: int) -> NDArray[np.uint8]:
+    header = _header(data)
     if header.width <= 0 or header.height <= 0:
-        raise ImageError(f"{name}: {header.width}x{header.height} pixels")
+        raise ImageError(f"{header.width}x{header.height} pixels")
     if header.pixels > max_pixels:
-        raise ImageError(f"{name}: {header.width}x{header.height} pixels are more than the limit of {max_pixels}")
+        raise ImageError(f"{header.width}x{header.height} pixels are more than the limit of {max_pixels}")
     if header.format == "PNG" and _png_needs_pillow(memoryview(data).cast("B")):
-        return _by_pillow(data, name, header)
+        return _by_pillow(data, header)
     decoded = _by_opencv(data)
     if decoded is None or decoded.shape[:2] != (header.height, header.width):
-        return _by_pillow(data, name, header)
+        return _by_pillow(data, header)
     return decoded
 
 
@@ -249,15 +257,15 @@ def _by_opencv(data: bytes | memoryview) -> NDArray[np.uint8] | None:
     return result
 
 
-def _by_pillow(data: bytes | memoryview, name: str, header: ImageHeader) -> NDArray[np.uint8]:
+def _by_pillow(data: bytes | memoryview, header: ImageHeader) -> NDArray[np.uint8]:
     if header.format == "PNG" and rows_are_missing(memoryview(data).cast("B")):
-        raise ImageError(f"{name}: broken PNG data: there are fewer rows than its header says")
+        raise ImageError("broken PNG data: there are fewer rows than its header says")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             with PIL.Image.open(io.BytesIO(data), formats=(header.format,)) as image:
                 if image.size != (header.width, header.height):
-                    raise ImageError(f"{name}: the header and the data differ in size")
+                    raise ImageError("the header and the data differ in size")
                 mode = image.mode
                 if mode in ("I;16", "I;16B", "I"):
                     grey = np.asarray(image).astype(np.uint32) >> 8
@@ -266,9 +274,9 @@ def _by_pillow(data: bytes | memoryview, name: str, header: ImageHeader) -> NDAr
     except ImageError:
         raise
     except PIL.UnidentifiedImageError as error:  # whose message names an object of ours
-        raise ImageError(f"{name}: broken {header.format} data") from error
+        raise ImageError(f"broken {header.format} data") from error
     except Exception as error:  # Pillow's plugins raise almost anything for broken data
-        raise ImageError(f"{name}: broken {header.format} data: {error}") from error
+        raise ImageError(f"broken {header.format} data: {error}") from error
 
 
 def _grey16(grey: NDArray[np.uint8], samples: NDArray[Any], transparent: object) -> NDArray[np.uint8]:

@@ -13,7 +13,7 @@ def _image(name: str, rgb: NDArray[np.floating]) -> Image:
     pixels = np.full((*rgb.shape[:2], 4), 255, np.uint8)
     pixels[:, :, :3] = np.clip(rgb * 255.0 + 0.5, 0.0, 255.0).astype(np.uint8)
     pixels.flags.writeable = False
-    return Image(f"scenegate demo {name}".encode(), lambda: pixels, name)
+    return Image(f"scenegate demo {name}".encode(), lambda: pixels)
 
 
 def checker() -> Image:

@@ -48,9 +48,16 @@ class Entry:
             return State.STARTING
         return self.state
 
-    def describe(self) -> dict[str, Any]:
-        """Plain JSON values."""
+    def describe(self, *, details: bool = True) -> dict[str, Any]:
+        """Plain JSON values.
+
+        Args:
+            details: False: state and port alone. Problems, places and figures can have paths and clients' data in them.
+        """
         described: dict[str, Any] = {"state": self.current().value}
+        if not details:
+            port = self.figures().get("port") if self.figures is not None and self.state is State.READY else None
+            return described if port is None else {**described, "port": port}
         if self.where:
             described["where"] = self.where
         if self.problem:
@@ -107,9 +114,9 @@ class Board:
                 return verdict
         return "ready"
 
-    def describe(self) -> dict[str, Any]:
-        """Plain JSON values: the verdict and every entry."""
+    def describe(self, *, details: bool = True) -> dict[str, Any]:
+        """Plain JSON values: the verdict and every entry, see ``Entry.describe``."""
         return {
             "status": self.verdict(),
-            "interfaces": {name: entry.describe() for name, entry in self.entries.items()},
+            "interfaces": {name: entry.describe(details=details) for name, entry in self.entries.items()},
         }

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any, Final
 
-from fastapi import APIRouter, Response
+from fastapi import APIRouter, Request, Response
 from fastapi.responses import JSONResponse
 
+from gateway.ops.access import ADMITTED
 from gateway.ops.board import Board
 from gateway.ops.metrics import CONTENT_TYPE, Metrics
 
@@ -14,6 +16,7 @@ OPEN_PATHS = frozenset({"/healthz", "/readyz"})
 """Answered without a token: those who watch over processes have none."""
 PATHS = frozenset({"/healthz", "/readyz", "/metrics"})
 """Answered from the first moment on, never logged above debug level."""
+_DETAILS: Final = "Problems and figures of the interfaces are shown with 'Authorization: Bearer TOKEN'."
 
 
 def router(board: Board, metrics: Metrics, version: str, full: Callable[[], bool] = lambda: False) -> APIRouter:
@@ -25,15 +28,16 @@ def router(board: Board, metrics: Metrics, version: str, full: Callable[[], bool
     routes = APIRouter(tags=["operations"])
 
     @routes.get("/healthz", summary="The process lives")
-    async def healthz() -> JSONResponse:
-        """200 as long as the event loop turns; the body tells the state of each interface."""
-        return JSONResponse({"version": version, **board.describe()})
+    async def healthz(request: Request) -> JSONResponse:
+        """200 as long as the event loop turns; the body tells the state of each interface and, with a token where one
+        is asked for, its figures and problems."""
+        return JSONResponse({"version": version, **_described(board, request)})
 
     @routes.get("/readyz", summary="Whether to send work", responses={503: {"description": "Not now; the body tells"}})
-    async def readyz() -> JSONResponse:
+    async def readyz(request: Request) -> JSONResponse:
         """200 when the kernels are warm and every interface has started or failed; 503 before, while stopping and, of a
         process that does nothing but render, while its queue is full."""
-        described = board.describe()
+        described = _described(board, request)
         if described["status"] == "ready" and full():
             described["status"] = "busy"
         return JSONResponse(described, status_code=200 if described["status"] in ("ready", "degraded") else 503)
@@ -44,3 +48,9 @@ def router(board: Board, metrics: Metrics, version: str, full: Callable[[], bool
         return Response(metrics.exposition(), media_type=CONTENT_TYPE)
 
     return routes
+
+
+def _described(board: Board, request: Request) -> dict[str, Any]:
+    if request.scope.get(ADMITTED, True):
+        return board.describe()
+    return {**board.describe(details=False), "details": _DETAILS}

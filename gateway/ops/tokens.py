@@ -11,6 +11,8 @@ LEAST_CHARS: Final = 16
 """Shorter ones can be guessed; ``openssl rand -hex 32`` makes one of 64."""
 MOST_CHARS: Final = 1024
 """Of what a client sends; longer ones are wrong without a look."""
+COOKIE_SECONDS: Final = 7 * 24 * 3600
+"""Age at which a browser's cookie is refused, and the token is asked for again: a week."""
 _FILE_BYTES: Final = 64 << 10
 
 
@@ -21,12 +23,10 @@ class TokenError(ValueError):
 class Tokens:
     """Those that are accepted; several, so that they can be changed without a gap."""
 
-    __slots__ = ("_tokens", "cookie")
+    __slots__ = ("_tokens",)
 
     def __init__(self, *tokens: str) -> None:
         self._tokens = tuple(token.encode() for token in tokens)
-        self.cookie = hmac.digest(self._tokens[0], b"scenegate cookie", hashlib.sha256).hex()
-        """What a browser is given instead of the token: made from it, good for this gateway alone."""
 
     def __repr__(self) -> str:
         return f"<{len(self._tokens)} tokens>"
@@ -43,9 +43,29 @@ class Tokens:
         scheme, _, token = value.partition(" ")
         return scheme.lower() == "bearer" and self.accept(token.strip())
 
-    def accept_cookie(self, value: str) -> bool:
-        """The value of the cookie."""
-        return len(value) <= MOST_CHARS and hmac.compare_digest(self.cookie.encode(), value.encode("utf-8", "replace"))
+    @staticmethod
+    def cookie(token: str, now: float) -> str:
+        """The cookie that a browser is given instead of ``token``: the time at which it ends, signed with the token.
+
+        It ends with its token, when that is taken out of the file, or after ``COOKIE_SECONDS``.
+
+        Args:
+            now: seconds since 1970.
+        """
+        end = str(int(now) + COOKIE_SECONDS)
+        return f"{end}.{_signature(token.encode(), end)}"
+
+    def accept_cookie(self, value: str, now: float) -> bool:
+        """Whether a cookie was made from one of the tokens, and ``now`` (seconds since 1970) is before its end."""
+        end, _, signature = value.partition(".")
+        if len(value) > MOST_CHARS or not (end.isascii() and end.isdecimal()) or int(end) <= now:
+            return False
+        sent = signature.encode("utf-8", "replace")
+        return sum([hmac.compare_digest(_signature(token, end).encode(), sent) for token in self._tokens]) > 0
+
+
+def _signature(token: bytes, end: str) -> str:
+    return hmac.digest(token, f"scenegate cookie until {end}".encode(), hashlib.sha256).hex()
 
 
 def read_tokens(path: Path) -> Tokens:

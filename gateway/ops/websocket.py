@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, Final
 
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
-from websockets.frames import Frame
+from websockets.frames import CloseCode, Frame
 
 from gateway.ops.paced import Paced
 
@@ -24,10 +24,28 @@ class BoundedWebSocket(WebSocketsSansIOProtocol):
     def handle_cont(self, event: Frame) -> None:
         """A further fragment."""
         if len(self.frames) >= MAX_FRAGMENTS:
-            self.conn.fail(1009, f"a message of more than {MAX_FRAGMENTS} fragments")
-            self.handle_parser_exception()
+            self._fail(CloseCode.MESSAGE_TOO_BIG, f"a message of more than {MAX_FRAGMENTS} fragments")
             return
         super().handle_cont(event)
+
+    def send_receive_event_to_app(self) -> None:
+        """A message is complete. Text that is not UTF-8 ends the connection (RFC 6455, 8.1); the log has no line."""
+        if self.curr_msg_data_type == "text" and not self.close_sent:
+            try:
+                b"".join(self.frames).decode()
+            except UnicodeDecodeError as error:
+                self._fail(CloseCode.INVALID_DATA, f"a text message that is not UTF-8 at byte {error.start}")
+                return
+        super().send_receive_event_to_app()
+
+    def _fail(self, code: CloseCode, reason: str) -> None:
+        self.frames = []
+        self.conn.fail(code, reason)
+        if self.conn.close_sent is None:  # it did not wait for our answer to the handshake (RFC 6455, 4.1)
+            self.close_sent = True
+            self.transport.abort()
+        else:
+            self.handle_parser_exception()
 
     def handle_ping(self) -> None:
         """RFC 6455, 5.5.3: only the newest of several pings has to be answered."""

@@ -234,7 +234,7 @@ def _colored(color: NDArray[np.float64], image: Image | None) -> Material:
     base = (1.0, 1.0, 1.0) if image is not None else (linear_from_srgb(r), linear_from_srgb(g), linear_from_srgb(b))
     return Material(
         base_color=(*base, alpha),
-        base_color_texture=None if image is None else Texture(image),
+        base_color_texture=None if image is None else Texture(image, name="texture"),
         metallic=0.0,
         roughness=1.0,
         alpha_mode=AlphaMode.BLEND if alpha < 1.0 else AlphaMode.OPAQUE,
@@ -247,4 +247,4 @@ def _image_of(picture: Any, limits: GltfLimits) -> Image | None:
     stream = getattr(picture, "fp", None)
     if not isinstance(stream, io.BytesIO):
         return None
-    return image_from_bytes(stream.getvalue(), name="texture", max_pixels=limits.max_image_pixels)
+    return image_from_bytes(stream.getvalue(), max_pixels=limits.max_image_pixels)

@@ -39,7 +39,10 @@ class HouseSettings(BaseSettings):
         "any, '*.example.org' for those below. Without it other names are refused on connections from this machine.",
     )
     cors_origins: Names = option(
-        (), "Access", "Origins whose pages may use HTTP (https://example.org), separated by commas; '*' for any."
+        (),
+        "Access",
+        "Origins whose pages may use HTTP (https://example.org), separated by commas; '*' for any. Pages of others may "
+        "neither read answers nor change anything, nor show /view in a frame.",
     )
 
     # --- State

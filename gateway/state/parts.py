@@ -169,7 +169,7 @@ class PartsWriter:
             data, most = png_rgba(pixels), max(1, pixels.shape[0] * pixels.shape[1])
         digest = hashlib.sha256(data).digest()
         blobs[digest] = data
-        return ["picture", self._value(image.name, blobs), most, digest]
+        return ["picture", None, most, digest]  # names belong to textures; files of before have one here
 
 
 class PartsReader:
@@ -239,8 +239,8 @@ class PartsReader:
             known = self._arrays[key] = self._inline(dtype, shape, self._checked(digest))
         return known
 
-    def _picture(self, name: Any, most: int, digest: bytes) -> Image:
-        return image_from_bytes(self._checked(digest), name=self._value(name), max_pixels=most)
+    def _picture(self, _: Any, most: int, digest: bytes) -> Image:
+        return image_from_bytes(self._checked(digest), max_pixels=most)
 
     def _checked(self, digest: bytes) -> bytes:
         data = self._blob(digest)

@@ -13,6 +13,7 @@ from grpc_health.v1 import health, health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection
 
 from gateway.generated import image_interface_pb2 as pb
+from gateway.ops import process
 from gateway.ops.grpc_tokens import TokenCheck
 from gateway.stereo.config import StereoConfig, Tls
 from gateway.stereo.events import EventHub
@@ -31,6 +32,10 @@ DEFAULT_LIMIT = 4 << 20
 """Bytes that a gRPC client accepts unless it was told otherwise."""
 STOP_SECONDS = 1.0
 """Time for the ends of the streams to be told; only a client that does not read needs it."""
+RETURN_BYTES = 64 << 20
+"""Bytes of unsent messages after which freed memory is returned to the system."""
+RETURN_SECONDS = 2.0
+"""Time for grpc to free the messages of streams that have ended, before their memory is returned."""
 _OPTIONS: list[tuple[str, int]] = [
     ("grpc.max_send_message_length", -1),
     ("grpc.max_receive_message_length", 64 << 10),  # requests are a few bytes
@@ -47,6 +52,30 @@ _log = structlog.get_logger("stereo")
 Context: TypeAlias = "grpc.aio.ServicerContext[Any, Any]"
 
 
+class UnsentMessages:
+    """Returns the memory of messages that clients have left unsent.
+
+    grpc copies a message for every client. The copies of clients that do not read are all there at the same time, and
+    when they are freed the allocator would keep their memory: no other work needs so much (see ``process.tune``).
+    """
+
+    def __init__(self, return_memory: Callable[[], object] = process.return_memory) -> None:
+        """``return_memory``: called in a thread."""
+        self._return_memory = return_memory
+        self._nbytes = 0
+        self._timer: asyncio.TimerHandle | None = None
+
+    def add(self, nbytes: int) -> None:
+        """A stream has ended while a message of so many bytes was being written."""
+        self._nbytes += nbytes
+        if self._nbytes >= RETURN_BYTES and self._timer is None:
+            self._timer = asyncio.get_running_loop().call_later(RETURN_SECONDS, self._return)
+
+    def _return(self) -> None:
+        self._timer, self._nbytes = None, 0
+        asyncio.get_running_loop().run_in_executor(None, self._return_memory)
+
+
 class StreamServicer:
     """Answers ``StreamImageSets`` and ``StreamImageEvents``."""
 
@@ -55,6 +84,7 @@ class StreamServicer:
         self._events = events
         self._injector = injector
         self._config = config
+        self._unsent = UnsentMessages()
 
     async def stream(self, request: pb.ImageSetRequest, context: Context) -> None:
         """Sends sets until the client leaves or its deadline ends."""
@@ -70,7 +100,11 @@ class StreamServicer:
                     if first:
                         _announce(context.peer(), str(kind), len(data))
                         first = False
-                    await context.write(data)
+                    try:
+                        await context.write(data)
+                    except BaseException:
+                        self._unsent.add(len(data))
+                        raise
                     del data  # while waiting for the next one
                     if 0 < self._injector.faults.disconnect_after <= subscription.sent:
                         raise StreamError(CUT)

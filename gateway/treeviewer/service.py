@@ -79,6 +79,7 @@ class TreeViewerService:
         if self._remote is not None:
             described["lcm"] = self._remote.status()
         if self._hub is not None:
+            described["port"] = self._hub.port
             described["tcpq"] = self._hub.status()
         for transport, problem in self._problems.items():
             described[transport] = {"problem": problem}

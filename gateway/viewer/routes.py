@@ -8,11 +8,11 @@ import mimetypes
 from functools import cache
 from importlib.resources import files
 from typing import Final
-from urllib.parse import urlsplit
 
 from fastapi import APIRouter, Request, Response, WebSocket, WebSocketDisconnect
 from fastapi.responses import PlainTextResponse
 
+from gateway.ops.access import same_origin
 from gateway.viewer.hub import Browser, ViewHub
 from renderers.drawlist import Image, ImageError
 from renderers.encode import png_rgba
@@ -48,7 +48,7 @@ def router(hub: ViewHub) -> APIRouter:
         try:
             data = await asyncio.to_thread(_encode, found)
         except ImageError as error:
-            return PlainTextResponse(str(error), 415)
+            return PlainTextResponse(f"image {number}: {error}", 415)
         return Response(data, media_type="image/png", headers=ASK_AGAIN)
 
     @routes.get("/view/channel/{mesh}", include_in_schema=False)
@@ -62,7 +62,8 @@ def router(hub: ViewHub) -> APIRouter:
 
     @routes.websocket("/view/ws")
     async def connection(socket: WebSocket) -> None:
-        if not same_origin(socket.headers.get("origin"), socket.headers.get("host", "")):
+        origin = socket.headers.get("origin")
+        if origin is not None and not same_origin(origin, socket.headers.get("host", ""), socket.url.scheme):
             # Browsers let any page open a WebSocket to any host, this one included.
             await socket.close(1008, "the page comes from another host")
             return
@@ -81,14 +82,6 @@ def router(hub: ViewHub) -> APIRouter:
             await asyncio.gather(sending, return_exceptions=True)
 
     return routes
-
-
-def same_origin(origin: str | None, host: str) -> bool:
-    """Whether a page may connect: one of this host, or no page at all (programs send no origin)."""
-    try:
-        return origin is None or urlsplit(origin).netloc.lower() == host.lower()
-    except ValueError:  # brackets that are no address
-        return False
 
 
 async def _send(socket: WebSocket, browser: Browser) -> None:

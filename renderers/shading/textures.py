@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.drawlist import Image, ImageError, Texture, Wrap
+from renderers.drawlist import Image, ImageError, Texture, Wrap, image_named
 from renderers.pointers import address_of
 from renderers.weaklru import WeakLru
 
@@ -62,15 +62,14 @@ def texels_of(image: Image) -> Texels:
     Two threads that ask for a new image at once may both decode it; the later result is kept.
 
     Raises:
-        ImageError: it cannot be decoded, or what came out is no (H, W, 4) uint8 picture.
+        ImageError: it cannot be decoded, or what came out is no (H, W, 4) uint8 picture; without the image's name.
     """
     known = _decoded.get(image)
     if known is not None:
         return known
     pixels = image.decode()
     if pixels.ndim != 3 or pixels.shape[2] != 4 or pixels.dtype != np.uint8 or 0 in pixels.shape:
-        name = image.name or image.key.hex()[:12]
-        raise ImageError(f"image {name!r} decoded to {pixels.shape} {pixels.dtype}, expected (H, W, 4) uint8")
+        raise ImageError(f"decoded to {pixels.shape} {pixels.dtype}, expected (H, W, 4) uint8")
     fresh = Texels(_spread(pixels), pixels.shape[1], bool((pixels[..., 3] == 255).all()))
     _decoded.put(image, fresh, fresh.rows.nbytes)
     return fresh
@@ -123,11 +122,11 @@ class TextureTable:
             parallel: decodes images that were not used lately at the same time; None: one after the other.
 
         Raises:
-            ImageError: see ``texels_of``.
+            ImageError: see ``texels_of``; the message names the image.
         """
         if not self._rows:
             return np.zeros((1, TI_COLUMNS), np.int64), np.zeros((1, TF_COLUMNS), np.float32)
-        found = _decode({id(texture.image): texture.image for texture in self._rows}, parallel)
+        found = _decode({id(texture.image): texture for texture in self._rows}, parallel)
         integers: list[tuple[int, ...]] = []
         for texture in self._rows:
             texels = found[id(texture.image)]
@@ -154,13 +153,15 @@ class TextureTable:
         return np.array(integers, dtype=np.int64), floats
 
 
-def _decode(images: dict[int, Image], parallel: Parallel | None) -> dict[int, Texels]:
-    """The texels of images, by the same keys."""
-    found = {key: texels for key, image in images.items() if (texels := _decoded.get(image)) is not None}
-    missing = [key for key in images if key not in found]
+def _decode(textures: dict[int, Texture], parallel: Parallel | None) -> dict[int, Texels]:
+    """The texels of the textures' images, by the same keys."""
+    found = {key: texels for key, texture in textures.items() if (texels := _decoded.get(texture.image)) is not None}
+    missing = [key for key in textures if key not in found]
 
     def decode(number: int) -> None:
-        found[missing[number]] = texels_of(images[missing[number]])
+        texture = textures[missing[number]]
+        with image_named(texture.name):
+            found[missing[number]] = texels_of(texture.image)
 
     if parallel is not None and len(missing) > 1:
         parallel(len(missing), decode)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.color import linear_values_from_srgb, srgb_values_from_linear
-from renderers.drawlist import Image, Texture, Wrap
+from renderers.drawlist import Image, Texture, Wrap, image_named
 from renderers.jit import kernel
 from renderers.linked import inner
 from renderers.pointers import address_of
@@ -74,7 +74,7 @@ def mip_chain(image: Image, srgb: bool) -> MipChain:
         srgb: average in linear light; alpha is always averaged as it is.
 
     Raises:
-        ImageError: it cannot be decoded.
+        ImageError: it cannot be decoded; without the image's name.
     """
     chains = _chains.get(image) or {}
     known = chains.get(srgb)
@@ -162,12 +162,13 @@ class MipTable:
         """The row of a texture, decoding its image at the first time.
 
         Raises:
-            ImageError: see ``mip_chain``.
+            ImageError: see ``mip_chain``; the message names the image.
         """
         known = self._rows.get((texture, srgb))
         if known is not None:
             return known
-        chain = mip_chain(texture.image, srgb)
+        with image_named(texture.name):
+            chain = mip_chain(texture.image, srgb)
         self.keep.append(chain)
         sampler = texture.sampler
         row = [

@@ -12,12 +12,13 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse
 from starlette.routing import Route
 
-from gateway.ops.access import COOKIE, Access, TrustedHosts, host_name
+from gateway.ops.access import COOKIE, Access, CsrfProtection, SecurityHeaders, TrustedHosts, host_name, same_origin
 from gateway.ops.methods import not_allowed, not_found
-from gateway.ops.tokens import Tokens
+from gateway.ops.tokens import COOKIE_SECONDS, Tokens
 
-TOKEN = "0123456789abcdef"
-TOKENS = Tokens(TOKEN)
+TOKEN, OTHER = "0123456789abcdef", "fedcba9876543210"
+TOKENS = Tokens(OTHER, TOKEN)
+NOW = 1.7e9
 
 
 async def hello(request: Request) -> PlainTextResponse:
@@ -53,11 +54,128 @@ async def test_a_browser_gets_a_cookie_that_scripts_cannot_read() -> None:
         assert "httponly" in cookie
         assert "samesite=lax" in cookie
         assert TOKEN not in cookie
+        assert f"max-age={COOKIE_SECONDS}" in cookie
         assert answer.headers["cache-control"] == "no-store"
         assert (await http.get("/view")).status_code == 200
         http.cookies.clear()
         assert (await http.get("/view", headers={"Cookie": f"{COOKIE}={TOKEN}"})).status_code == 401
         assert (await http.get("/view?token=wrong")).status_code == 401
+
+
+async def test_the_cookie_goes_with_the_token_that_was_shown_and_with_time() -> None:
+    now = NOW
+
+    def gateway(*tokens: str) -> httpx2.AsyncClient:
+        app = Access(Starlette(routes=[Route("/view", hello)]), tokens=Tokens(*tokens), clock=lambda: now)
+        return httpx2.AsyncClient(transport=httpx2.ASGITransport(app=app), base_url="http://here")
+
+    async with gateway(OTHER, TOKEN) as http:
+        cookie = (await http.get(f"/view?token={TOKEN}")).headers["set-cookie"].partition(";")[0]
+    asked = {"Cookie": cookie}
+    async with gateway(TOKEN) as http:  # its own token is the first one now
+        assert (await http.get("/view", headers=asked)).status_code == 200
+    async with gateway(OTHER) as http:
+        assert (await http.get("/view", headers=asked)).status_code == 401
+    now += COOKIE_SECONDS
+    async with gateway(OTHER, TOKEN) as http:
+        assert (await http.get("/view", headers=asked)).status_code == 401
+
+
+def behind(middleware: Any, scheme: str = "http", **options: Any) -> httpx2.AsyncClient:
+    routes = [Route("/{path:path}", hello, methods=["GET", "POST", "PUT", "DELETE"])]
+    app = middleware(Starlette(routes=routes), **options)
+    return httpx2.AsyncClient(transport=httpx2.ASGITransport(app=app), base_url=f"{scheme}://here:8000")
+
+
+@pytest.mark.parametrize(
+    ("headers", "allowed"),
+    [
+        ({}, True),
+        ({"Origin": "http://here:8000"}, True),
+        ({"Origin": "https://here:8000"}, True),  # a proxy has the certificate
+        ({"Origin": "http://evil.example"}, False),
+        ({"Origin": "http://here:3000"}, False),
+        ({"Origin": "http://here"}, False),
+        ({"Origin": "null"}, False),
+        ({"Origin": "http://["}, False),
+        ({"Origin": "https://dashboard.example"}, True),
+        ({"Origin": "https://dashboard.example", "Sec-Fetch-Site": "cross-site"}, True),
+        ({"Origin": "http://evil.example", "Sec-Fetch-Site": "cross-site"}, False),
+        ({"Origin": "http://sub.here:8000", "Sec-Fetch-Site": "same-site"}, False),
+        ({"Sec-Fetch-Site": "cross-site"}, False),
+        ({"Sec-Fetch-Site": "same-origin"}, True),
+        ({"Origin": "https://here", "Sec-Fetch-Site": "same-origin"}, True),  # a proxy has changed Host
+        ({"Sec-Fetch-Site": "none"}, True),
+        ({"Sec-Fetch-Site": "of tomorrow"}, False),
+    ],
+)
+async def test_pages_of_other_sites_may_change_nothing(headers: dict[str, str], allowed: bool) -> None:
+    async with behind(CsrfProtection, origins=("https://dashboard.example",)) as http:
+        for method in ("POST", "PUT", "DELETE", "PATCH"):
+            answer = await http.request(method, "/", headers=headers)
+            assert (answer.status_code != 403) is allowed, method
+            assert allowed or "--cors-origins" in answer.text
+        for method in ("GET", "HEAD", "OPTIONS"):
+            assert (await http.request(method, "/", headers=headers)).status_code != 403
+
+
+async def test_any_page_may_change_things_where_the_settings_say_so() -> None:
+    async with behind(CsrfProtection, origins=("*",)) as http:
+        for headers in ({"Origin": "null"}, {"Sec-Fetch-Site": "cross-site"}):
+            assert (await http.post("/", headers=headers)).status_code == 200
+
+
+async def test_a_refusal_repeats_an_origin_shortened_and_without_odd_characters() -> None:
+    async with behind(CsrfProtection) as http:
+        answer = await http.post("/", headers={b"Origin": b"http://\xff\x1b[31m" + b"x" * 5000})
+    assert len(answer.content) < 300
+    assert answer.content.isascii()
+    assert b"\x1b" not in answer.content
+
+
+@pytest.mark.parametrize(
+    ("origin", "host", "scheme", "same"),
+    [
+        ("http://127.0.0.1:8000", "127.0.0.1:8000", "http", True),
+        ("http://127.0.0.1:8000", "127.0.0.1:8000", "ws", True),
+        ("https://Robot.example", "robot.example", "http", True),
+        ("https://robot.example", "robot.example:443", "https", True),
+        ("http://robot.example", "robot.example:80", "http", True),
+        ("http://[::1]:8000", "[::1]:8000", "http", True),
+        ("http://robot.example:8000", "robot.example:8000", "https", False),
+        ("http://robot.example:8000", "robot.example:8000", "wss", False),
+        ("https://robot.example", "robot.example:80", "http", False),
+        ("http://evil.example", "127.0.0.1:8000", "http", False),
+        ("http://127.0.0.1:9000", "127.0.0.1:8000", "http", False),
+        ("file://", "127.0.0.1:8000", "http", False),
+        ("chrome-extension://127.0.0.1:8000", "127.0.0.1:8000", "http", False),
+        ("null", "127.0.0.1:8000", "http", False),
+        ("", "127.0.0.1:8000", "http", False),
+        ("null", "", "http", False),
+        ("http://", "", "http", False),
+        ("http://[", "127.0.0.1:8000", "http", False),
+        ("http://a:99999", "a:99999", "http", False),
+    ],
+)
+def test_origins_of_this_host(origin: str, host: str, scheme: str, same: bool) -> None:
+    assert same_origin(origin, host, scheme) is same
+
+
+@pytest.mark.parametrize(
+    ("origins", "ancestors"),
+    [
+        ((), "'self'"),
+        (("https://b.example", "https://a.example", "null"), "'self' https://a.example https://b.example"),
+        (("*",), "*"),
+    ],
+)
+async def test_answers_are_for_frames_of_own_pages_and_their_types_are_not_guessed(
+    origins: tuple[str, ...], ancestors: str
+) -> None:
+    async with behind(SecurityHeaders, origins=origins) as http:
+        headers = (await http.get("/")).headers
+    assert headers["content-security-policy"] == f"frame-ancestors {ancestors}"
+    assert headers["x-content-type-options"] == "nosniff"
 
 
 @pytest.mark.parametrize("path", ["//evil.example", "///evil.example/x", "/%2f/evil.example", "/\\evil.example"])
@@ -78,10 +196,10 @@ async def test_a_websocket_needs_the_token_too() -> None:
     async def inner(scope: Any, receive: Any, send: Any) -> None:
         await send({"type": "websocket.accept"})
 
-    access = Access(inner, tokens=TOKENS)
+    access = Access(inner, tokens=TOKENS, clock=lambda: NOW)
     scope = {"type": "websocket", "path": "/view/ws", "headers": [], "query_string": f"token={TOKEN}".encode()}
     await access(scope, None, send)
-    cookie = [(b"cookie", f"other=1; {COOKIE}={TOKENS.cookie}".encode())]
+    cookie = [(b"cookie", f"other=1; {COOKIE}={TOKENS.cookie(TOKEN, NOW)}".encode())]
     await access({**scope, "headers": cookie}, None, send)
     assert [message["type"] for message in sent] == ["websocket.close", "websocket.accept"]
 
@@ -136,8 +254,8 @@ async def test_405_names_every_method_of_the_path() -> None:
     app.add_exception_handler(405, not_allowed)
     async with httpx2.AsyncClient(transport=httpx2.ASGITransport(app=app), base_url="http://here") as http:
         answer = await http.delete("/thing/it")
-        assert (answer.status_code, answer.headers["allow"]) == (405, "GET, PUT")
-        assert answer.text == "DELETE is not possible here; GET, PUT is.\n"
+        assert (answer.status_code, answer.headers["allow"]) == (405, "GET, HEAD, PUT")
+        assert answer.text == "DELETE is not possible here; GET, HEAD, PUT is.\n"
         assert (await http.delete("/nothing")).status_code == 404
 
 

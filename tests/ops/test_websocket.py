@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import struct
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 
 import pytest
 from fastapi import FastAPI, WebSocket, WebSocketDisconnect
@@ -60,6 +61,53 @@ async def test_a_message_of_fragments_without_end_ends_the_connection(payload: b
         writer.write(fragments + frame(CONTINUATION, payload, last=False) * 2)
         assert struct.unpack(">H", (await reader.read())[2:4]) == (1009,)
     assert got == [expected, "1009"]
+
+
+@pytest.mark.parametrize("fragments", [1, 2])
+async def test_text_that_is_not_utf_8_ends_the_connection(fragments: int, caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level(logging.DEBUG):
+        async with connected() as (reader, writer, got):
+            writer.write(frame(TEXT, "é".encode()[:1] + b"x") if fragments == 1 else b"")
+            writer.write(b"" if fragments == 1 else frame(TEXT, b"\xff", last=False) + frame(CONTINUATION, b"x"))
+            writer.write(frame(TEXT, b"\xff") + frame(TEXT, b"late"))
+            head = await reader.readexactly(4)
+            assert (head[0], struct.unpack(">H", head[2:])) == (0x88, (1007,))
+            await reader.read()
+        assert got == ["1007"]
+    assert not [record for record in caplog.records if record.levelno > logging.INFO or record.exc_info]
+
+
+async def test_letters_that_fragments_cut_apart_are_whole_again() -> None:
+    async with connected() as (reader, writer, got):
+        data = "é".encode()
+        writer.write(frame(TEXT, data[:1], last=False) + frame(CONTINUATION, data[1:]))
+        assert (await reader.readexactly(4))[2:] == data
+    assert got[0] == "é"
+
+
+async def test_who_does_not_wait_for_the_handshake_is_cut_off_in_silence(caplog: pytest.LogCaptureFixture) -> None:
+    answering, answered = asyncio.Event(), asyncio.Event()
+    app = FastAPI()
+
+    @app.websocket("/ws")
+    async def ws(socket: WebSocket) -> None:
+        answering.set()
+        await answered.wait()
+        await socket.accept()
+        with suppress(WebSocketDisconnect):
+            await socket.receive_text()
+
+    with caplog.at_level(logging.DEBUG):
+        async with listening(app) as port, asyncio.timeout(60):
+            reader, writer = await asyncio.open_connection("127.0.0.1", port)
+            writer.write(UPGRADE)
+            await answering.wait()
+            writer.write(frame(TEXT, b"\xff"))
+            with suppress(ConnectionError):
+                assert await reader.read() == b""
+            answered.set()
+            writer.close()
+    assert not [record for record in caplog.records if record.levelno > logging.INFO or record.exc_info]
 
 
 async def test_what_comes_is_read_in_pieces_that_leave_others_their_turn(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -222,6 +222,30 @@ async def test_labels_ignore_light_alpha_textures_vertex_colours_and_emission(se
     assert "image" in response.text
 
 
+PNG_HEAD = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + bytes((0, 0, 0, 8, 0, 0, 0, 8, 8, 6, 0, 0, 0))
+
+
+@pytest.mark.parametrize("generator", ["VTK", "Drake glTF merger"])
+@pytest.mark.parametrize("head", [b"not an image at all", PNG_HEAD], ids=["unknown", "broken PNG"])
+async def test_errors_about_an_image_name_it_as_the_document_does(server: Running, generator: str, head: bytes) -> None:
+    """Two clients may send the same bytes: neither reads what the other calls them."""
+    data = head + bytes(200) + generator.encode()
+    for place, name in ((0, "mine"), (1, "yours"), (0, None), (0, "mine")):
+        spare = {"uri": uri(b"nobody uses it")}
+        scene = gltf(
+            generator=generator,
+            images=[*[spare] * place, {"uri": uri(data), **({"name": name} if name else {})}],
+            textures=[{"source": place}],
+            materials=[{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}],
+        )
+        scene["accessors"].append({"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC2"})
+        scene["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = 1
+        response = await answer(server, scene)
+        assert response.status_code == 400
+        called = f"images[{place}] ({name})" if name else f"images[{place}]"
+        assert response.text.startswith(f"scene: {called}: "), response.text
+
+
 async def test_a_primitive_without_material_has_the_label_of_its_file_or_none(server: Running) -> None:
     """Drake's client writes labels into materials; its own node of each glTF file says what belongs together."""
     red, bare = gltf()["meshes"][0], {"primitives": [{"attributes": {"POSITION": 0}}]}

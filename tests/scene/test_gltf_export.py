@@ -117,7 +117,7 @@ def test_nodes_are_named_as_in_the_tree_and_hang_as_in_the_tree():
 
 
 def test_equal_meshes_materials_and_images_are_written_once():
-    image = image_from_bytes(png_rgba(np.full((2, 2, 4), 9, np.uint8)), name="nine")
+    image = image_from_bytes(png_rgba(np.full((2, 2, 4), 9, np.uint8)))
     first = Material(base_color_texture=Texture(image))
     second = Material(base_color_texture=Texture(image, Sampler(wrap_s=Wrap.MIRRORED_REPEAT)), metallic=0.0)
     edit = TreeEdit(Node())
@@ -133,7 +133,7 @@ def test_equal_meshes_materials_and_images_are_written_once():
 def test_materials_survive():
     uv = np.array([(0, 0), (1, 0), (0, 1)], np.float32)
     mesh = Mesh(np.eye(3, dtype=np.float32), np.array([(0, 1, 2)], np.uint32), uv0=uv, uv1=uv)
-    image = image_from_bytes(png_rgba(np.full((2, 3, 4), 77, np.uint8)), name="a")
+    image = image_from_bytes(png_rgba(np.full((2, 3, 4), 77, np.uint8)))
     angle = 0.3
     transform = (2 * math.cos(angle), 3 * math.sin(angle), 0.1, -2 * math.sin(angle), 3 * math.cos(angle), 0.2)
     sampler = Sampler(Wrap.CLAMP_TO_EDGE, Wrap.MIRRORED_REPEAT, mag_linear=False, min_linear=False, mipmaps=False)
@@ -197,7 +197,7 @@ def test_colors_of_clouds_are_written_linear_and_those_of_meshes_as_they_are():
 
 def test_pixels_without_a_file_become_a_png():
     pixels = np.arange(24, dtype=np.uint8).reshape(2, 3, 4)
-    (instance,) = reread(textured(Image(b"raw", lambda: pixels, "raw"))).instances
+    (instance,) = reread(textured(Image(b"raw", lambda: pixels))).instances
     assert instance.material.base_color_texture is not None
     np.testing.assert_array_equal(instance.material.base_color_texture.image.decode(), pixels)
 

@@ -50,7 +50,7 @@ def secured(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Secured]:
     flags += ("--cors-origins", "https://page.example", "--log-level", "debug")
     with gateway_process(*flags) as (process, url):
         context = ssl.create_default_context(cafile=str(pem))
-        health = httpx2.get(f"{url}/healthz", verify=context).json()["interfaces"]
+        health = httpx2.get(f"{url}/healthz", verify=context, headers=BEARER).json()["interfaces"]
         yield Secured(process, url, context, pem.read_bytes(), int(health["stereo"]["port"]))
         assert process.stop() == 0
         log = process.rest_of_log()

@@ -128,6 +128,50 @@ def test_a_page_of_another_site_may_not_read_answers(gateway_url: str) -> None:
     assert not [name for name in answer.headers if name.startswith("access-control")]
 
 
+@pytest.mark.parametrize("headers", [{"Origin": "http://evil.example"}, {"Sec-Fetch-Site": "cross-site"}])
+def test_a_page_of_another_site_may_not_change_anything(gateway_url: str, headers: dict[str, str]) -> None:
+    """CSRF: a form or a simple request that any page may send; without these headers it is a program's."""
+    with httpx2.Client(base_url=gateway_url, timeout=SECONDS) as http:
+        camera = "/api/v2/pipelines/0/nodes/rc_stereocamera/parameters"
+        for method, path in (
+            ("POST", "/api/v2/pipelines/0/test/set"),
+            ("DELETE", "/api/v2/pipelines/0/test/set"),
+            ("POST", "/stereo/faults/disconnect"),
+            ("PUT", "/stereo/faults"),
+            ("PUT", camera),
+            ("POST", "/render"),
+            ("POST", "/nothing"),
+        ):
+            refused = http.request(method, path, content=b"{}", headers=headers)
+            assert refused.status_code == 403, path
+            assert "--cors-origins" in refused.text, path  # and not that faults are off
+            assert "--cors-origins" not in http.request(method, path, content=b"{}").text, path
+        own = {"Origin": gateway_url, "Sec-Fetch-Site": "same-origin"}
+        assert http.delete("/api/v2/pipelines/0/test/set", headers=own).status_code == 200
+
+
+def test_the_view_is_not_shown_in_frames_of_other_sites(gateway_url: str) -> None:
+    for path in ("/view", "/", "/docs", "/nothing"):
+        headers = httpx2.get(gateway_url + path).headers
+        assert headers["content-security-policy"] == "frame-ancestors 'self'", path
+        assert headers["x-content-type-options"] == "nosniff", path
+
+
+def test_every_route_with_get_answers_head(gateway_url: str) -> None:
+    with httpx2.Client(base_url=gateway_url, timeout=120.0) as http:
+        described = http.get("/openapi.json").json()["paths"]
+        paths = [path for path, methods in described.items() if "get" in methods and "{" not in path]
+        for path in (*paths, "/", "/view", "/docs", "/openapi.json", "/view/sensor", "/view/renders", "/render"):
+            head = http.head(path)
+            assert head.content == b"", path
+            if path == "/view/stream.mjpg":  # GET would not end
+                assert head.status_code == 200
+                continue
+            get = http.get(path)
+            assert head.status_code == get.status_code, path
+            assert head.headers["content-type"] == get.headers["content-type"], path
+
+
 @pytest.mark.parametrize("message", ["x" * 1000, "x" * 1_000_000, b"\0" * 100])
 def test_long_messages_end_their_own_websocket_only(gateway_url: str, message: str | bytes) -> None:
     with connect(_websocket(gateway_url), max_size=None) as socket:

@@ -28,11 +28,11 @@ def test_geometry_comes_back_exactly(parts: tuple[Part, ...]) -> None:
 
 def test_names_of_pictures_come_back() -> None:
     pixels = np.arange(4 * 7 * 5, dtype=np.uint8).reshape(7, 5, 4)
-    material = Material(base_color_texture=Texture(Image(b"key", lambda: pixels, "wood \ud800")))
+    material = Material(base_color_texture=Texture(Image(b"key", lambda: pixels), name="wood \ud800"))
     (part,) = again((Part(Box((1.0, 2.0, 3.0)), material),))
     texture = part.material.base_color_texture
     assert texture is not None
-    assert texture.image.name == "wood \ud800"
+    assert texture.name == "wood \ud800"
     np.testing.assert_array_equal(texture.image.decode(), pixels)
 
 

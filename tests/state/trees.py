@@ -66,8 +66,8 @@ def meshes(draw: st.DrawFn) -> Mesh:
 def pictures(draw: st.DrawFn) -> Image:
     pixels = draw(hnp.arrays(np.uint8, (draw(st.integers(1, 9)), draw(st.integers(1, 9)), 4)))
     if draw(st.booleans()):
-        return Image(b"pixels", lambda: pixels, draw(names))
-    return image_from_bytes(png_rgba(pixels), name=draw(st.text(max_size=5)))
+        return Image(b"pixels", lambda: pixels)
+    return image_from_bytes(png_rgba(pixels))
 
 
 textures = st.builds(
@@ -76,6 +76,7 @@ textures = st.builds(
     st.builds(Sampler, st.sampled_from(Wrap), st.sampled_from(Wrap), st.booleans()),
     st.sampled_from([0, 1]),
     st.none() | st.tuples(*[sizes] * 6),
+    names,
 )
 materials = st.builds(
     Material,
@@ -116,7 +117,7 @@ def described(value: Any) -> Any:
     if isinstance(value, float):
         return np.float64(value).tobytes()
     if isinstance(value, Image):
-        return ("picture", described(value.decode()))  # those of equal bytes are one, with the name of the first
+        return ("picture", described(value.decode()))
     if isinstance(value, Enum):
         return value
     if dataclasses.is_dataclass(value) and not isinstance(value, type):

@@ -159,14 +159,13 @@ async def test_depth_on_demand(start: Start) -> None:
 
 async def test_a_picture_that_cannot_be_made_ends_the_stream_with_the_reason(start: Start) -> None:
     def decode() -> Any:
-        raise ImageError("image 'wall.png' is broken")
+        raise ImageError("it is broken")
 
-    image = Image(b"x", decode, "wall.png")
+    image = Image(b"x", decode)
     positions = np.array([(-9, -9, 2), (9, -9, 2), (0, 9, 2)], np.float32)
     mesh = Mesh(positions, np.array([[0, 1, 2]], np.uint32), uv0=np.zeros((3, 2), np.float32))
-    scene = DrawList(
-        (Instance(mesh, Material(base_color_texture=Texture(image), double_sided=True), np.eye(4)),), (image,)
-    )
+    material = Material(base_color_texture=Texture(image, name="wall.png"), double_sided=True)
+    scene = DrawList((Instance(mesh, material, np.eye(4)),), (image,))
     camera = await start(scene=lambda: (scene, 1))
     with pytest.raises(grpc.aio.AioRpcError) as failure:
         await camera.stream(left_enabled=True).read()

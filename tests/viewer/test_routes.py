@@ -24,7 +24,7 @@ from gateway.viewer.hub import ViewHub
 from gateway.viewer.pictureroutes import picture_router
 from gateway.viewer.pictures import Pictures
 from gateway.viewer.ports import RenderNote, SensorPictures
-from gateway.viewer.routes import router, same_origin
+from gateway.viewer.routes import router
 from gateway.viewer.sensor import SensorView
 from gateway.workers import Workers
 from renderers.camera import Camera
@@ -223,22 +223,6 @@ async def test_channels_of_clouds_are_served_for_the_points_that_are_drawn(world
     assert np.frombuffer(answer.content, "<f4").tolist() == [1.0, 3.0]
     assert (await world.http.get(f"/view/channel/{numbers[0]}?name=none")).status_code == 404
     assert (await world.http.get("/view/image/12345")).status_code == 404
-
-
-@pytest.mark.parametrize(
-    ("origin", "host", "allowed"),
-    [
-        (None, "127.0.0.1:8000", True),
-        ("http://127.0.0.1:8000", "127.0.0.1:8000", True),
-        ("https://Robot.example", "robot.example", True),
-        ("http://evil.example", "127.0.0.1:8000", False),
-        ("http://127.0.0.1:9000", "127.0.0.1:8000", False),
-        ("null", "127.0.0.1:8000", False),
-        ("http://[", "127.0.0.1:8000", False),
-    ],
-)
-def test_pages_of_other_hosts_may_not_connect(origin: str | None, host: str, allowed: bool) -> None:
-    assert same_origin(origin, host) is allowed
 
 
 def test_pictures_that_cannot_be_read_are_refused() -> None:

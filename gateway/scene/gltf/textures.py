@@ -41,7 +41,8 @@ class Textures:
         self._wanted = wanted
         self._textures: dict[int, Texture | None] = {}
         """With the first texture coordinates, as they are."""
-        self._images: dict[int, Image] = {}
+        self._images: dict[int, tuple[Image, str]] = {}
+        """With their names."""
         self._counted: set[int] = set()
         """Identities of images, which are held."""
         self._pixels = 0
@@ -78,7 +79,7 @@ class Textures:
         if uv_set not in (0, 1):
             self._warnings.append(f"{name}: TEXCOORD_{uv_set} is not read, TEXCOORD_0 is used")
             uv_set = 0
-        return Texture(loaded.image, loaded.sampler, uv_set, uv_transform)
+        return Texture(loaded.image, loaded.sampler, uv_set, uv_transform, loaded.name)
 
     def _load(self, index: int, material: int, member: str) -> Texture | None:
         sources = self._document.textures or ()
@@ -88,7 +89,7 @@ class Textures:
             texture = element(self._document.textures, index, "textures", where)
         image = texture.source
         if image is not None:
-            made: Texture | None = Texture(self._image(image, index), self._sampler(texture.sampler, index))
+            made: Texture | None = self._texture(image, texture, index)
         else:
             made = self._webp(texture, index)
         self._textures[index] = made
@@ -106,11 +107,15 @@ class Textures:
             except msgspec.MsgspecError as error:
                 raise GltfError(f"{name}.extensions.EXT_texture_webp: {error}") from error
             if webp.source is not None:
-                image = self._image(webp.source, index, ".extensions.EXT_texture_webp")
-                return Texture(image, self._sampler(texture.sampler, index))
+                return self._texture(webp.source, texture, index, ".extensions.EXT_texture_webp")
         offered = ", ".join(texture.extensions or ()) or "no extension"
         self._warnings.append(f"{name}: no source ({offered}), so there is no texture")
         return None
+
+    def _texture(self, image: int, texture: gltf.Texture, index: int, part: str = "") -> Texture:
+        """Of ``images[image]``, which ``part`` of ``textures[index]`` refers to."""
+        found, name = self._image(image, index, part)
+        return Texture(found, self._sampler(texture.sampler, index), name=name)
 
     def _sampler(self, index: int | None, texture: int) -> Sampler:
         if index is None:
@@ -130,7 +135,8 @@ class Textures:
         self._warnings.append(f"{where}: {value} is not a wrap mode, REPEAT is used")
         return Wrap.REPEAT
 
-    def _image(self, index: int, texture: int, part: str = "") -> Image:
+    def _image(self, index: int, texture: int, part: str) -> tuple[Image, str]:
+        """The image, which other documents may share, and its name in this one."""
         known = self._images.get(index)
         if known is not None:
             return known
@@ -150,18 +156,20 @@ class Textures:
             raise GltfError(f"images[{index}]: there is neither a uri nor a bufferView")
         name = f"images[{index}] ({source.name[:60]})" if source.name else f"images[{index}]"
         place = offset, length, self._limits.max_image_pixels
+        # A new one is hashed, and many views can name the same bytes. Known ones count as well: whether a document is
+        # within the limits must not depend on those before it.
+        self._buffers.charge(length, f"images[{index}]")
         image = buffer.images.get(place)
         if image is None:
-            self._buffers.charge(length, f"images[{index}]")  # it is hashed: many views can name the same bytes
-            image = image_from_bytes(data, name=name, max_pixels=self._limits.max_image_pixels)
+            image = image_from_bytes(data, max_pixels=self._limits.max_image_pixels)
             if len(buffer.images) >= _IMAGES_OF_BUFFER:
                 buffer.images.clear()
             buffer.images[place] = image
-        self._images[index] = image
+        self._images[index] = image, name
         if id(image) not in self._counted:
             self._counted.add(id(image))
             self._count_pixels(data, name)
-        return image
+        return image, name
 
     def _count_pixels(self, data: bytes | memoryview, name: str) -> None:
         try:

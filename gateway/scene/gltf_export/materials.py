@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from typing import Any, Final
 
 from gateway.scene.gltf_export.document import GltfDocument
-from renderers.drawlist import AlphaMode, Image, ImageError, Material, Sampler, Texture
+from renderers.drawlist import AlphaMode, ImageError, Material, Sampler, Texture
 from renderers.encode import png_rgba
 
 _MIN_FILTERS: Final = {(True, True): 9987, (True, False): 9729, (False, True): 9984, (False, False): 9728}
@@ -59,7 +59,7 @@ class MaterialWriter:
         """A texture whose image cannot be decoded is left out."""
         if texture is None:
             return
-        image = self._document.once("image", texture.image, lambda: self._image(texture.image))
+        image = self._document.once("image", texture.image, lambda: self._image(texture))
         if image is None:
             return
         index = self._document.once_equal(
@@ -76,8 +76,9 @@ class MaterialWriter:
             info["extensions"] = {_TRANSFORM: _uv_transform(texture.uv_transform)}
         entry[name] = info
 
-    def _image(self, image: Image) -> int | None:
+    def _image(self, texture: Texture) -> int | None:
         """The image's own file where it has one that glTF allows, else a PNG of its pixels."""
+        image = texture.image
         data = getattr(image.decode, "data", None)
         kind = _media_type(bytes(data[:12])) if isinstance(data, bytes | memoryview) else None
         if kind is None:
@@ -87,8 +88,8 @@ class MaterialWriter:
                 return None
         assert data is not None
         entry: dict[str, Any] = {"bufferView": self._document.view(bytes(data)), "mimeType": kind}
-        if image.name:
-            entry["name"] = image.name
+        if texture.name:
+            entry["name"] = texture.name
         return self._document.add("images", entry)
 
     def _sampler(self, sampler: Sampler) -> int:

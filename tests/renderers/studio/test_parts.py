@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from renderers.camera import Camera
+from renderers.drawlist import Image, ImageError, Texture
 from renderers.pointers import address_of
 from renderers.samples import sample_cameras
 from renderers.studio.finish import finish_rows
 from renderers.studio.layout import F_BEHIND, F_CELLS, F_COLOR, F_COLUMNS, line_of
-from renderers.studio.mips import _halve, make_chain
+from renderers.studio.mips import MipTable, _halve, make_chain
 from renderers.studio.rig import Rig
 from renderers.studio.tangents import corner_tangents
 from renderers.studio.tonemap import SRGB_CELLS
@@ -30,6 +31,16 @@ def test_levels_are_means(srgb: bool) -> None:
             (ref.srgb(expected[..., :3]) if srgb else 255 * expected[..., :3], 255 * expected[..., 3:]), -1
         )
         assert np.abs(level - shown).max() <= 1.1  # half a level of rounding, again at every level
+
+
+def test_an_image_that_cannot_be_decoded_is_named_by_its_texture() -> None:
+    def broken() -> np.ndarray:
+        raise ImageError("torn")
+
+    image, table = Image(b"torn", broken), MipTable()
+    for name in ("first", "second"):
+        with pytest.raises(ImageError, match=f"^{name}: torn$"):
+            table.row(Texture(image, name=name), True)
 
 
 @pytest.mark.parametrize("shape", [(5, 7), (1, 9), (12, 1), (3, 2), (2, 2)])

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Any
 
@@ -7,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from gateway.scene.gltf import DEFAULT_MATERIAL, GltfError, GltfLimits, GltfScene, label_from_material
+from gateway.scene.gltf import DEFAULT_MATERIAL, GltfError, GltfLimits, GltfScene, MeshCache, label_from_material
 from renderers.drawlist import LABEL_NONE, AlphaMode, ImageError, Material, Sampler, Texture, Wrap
 from tests.scene.gltf.builder import Builder, data_uri, parts
 
@@ -76,13 +77,13 @@ def test_everything_is_read() -> None:
     sampler = Sampler(Wrap.CLAMP_TO_EDGE, Wrap.MIRRORED_REPEAT, mag_linear=False, mip_linear=False)
     assert material.base_color_texture is not None
     image = material.base_color_texture.image
-    texture = Texture(image, sampler)
+    texture = Texture(image, sampler, name="images[0]")
     assert material == Material(
         base_color=(0.1, 0.2, 0.3, 0.4),
         base_color_texture=texture,
         metallic=0.5,
         roughness=0.25,
-        metallic_roughness_texture=Texture(image, sampler, uv_set=1),
+        metallic_roughness_texture=Texture(image, sampler, uv_set=1, name="images[0]"),
         normal_texture=texture,
         normal_scale=2,
         occlusion_texture=texture,
@@ -240,11 +241,58 @@ def test_unknown_formats_fail_only_when_they_are_decoded() -> None:
     b.add("images", {"uri": data_uri(b"\xabKTX 20\xbb\r\n\x1a\n" + bytes(99)), "name": "bottle"})
     b.add("textures", {"source": 0})
     material, scene = read_material({"emissiveTexture": {"index": 0}}, b)
-    message = r"images\[0\] \(bottle\): KTX2 images are not supported, only PNG, JPEG and WebP"
-    assert scene.warnings == (message.replace("\\", ""),)
+    reason = "KTX2 images are not supported, only PNG, JPEG and WebP"
+    assert scene.warnings == (f"images[0] (bottle): {reason}",)
     assert material.emissive_texture is not None
-    with pytest.raises(ImageError, match=message):
+    assert material.emissive_texture.name == "images[0] (bottle)"
+    with pytest.raises(ImageError, match=f"^{reason}$"):
         material.emissive_texture.image.decode()
+
+
+def test_documents_with_the_same_image_name_it_as_they_do() -> None:
+    cache = MeshCache()
+    found = []
+    for place, name in enumerate(("first", "second")):
+        b = Builder()
+        for _ in range(place):
+            b.add("images", {"uri": data_uri(png((1, 2, 3)))})
+        b.add("images", {"uri": data_uri(png()), "name": name})
+        b.add("textures", {"source": place})
+        transform = {"KHR_texture_transform": {"offset": [0.5, 0]}}
+        b.node(mesh=b.triangle(material=b.add("materials", {"emissiveTexture": {"index": 0, "extensions": transform}})))
+        found.append(parts(b.read(cache=cache))[0][1].material.emissive_texture)
+    one, two = found
+    assert one is not None
+    assert two is not None
+    assert one.image is two.image
+    assert (one.name, two.name) == ("images[0] (first)", "images[1] (second)")
+
+
+def test_limits_do_not_depend_on_earlier_documents() -> None:
+    """An image that is known already counts as much as a new one."""
+    data = png()
+    b = Builder()
+    view = b.add("bufferViews", {"buffer": b.buffer(data), "byteOffset": 0, "byteLength": len(data)})
+    b.add("images", {"bufferView": view})
+    b.add("images", {"bufferView": view})
+    material = {"normalTexture": {"index": 0}, "emissiveTexture": {"index": 1}}
+    b.add("textures", {"source": 0})
+    b.add("textures", {"source": 1})
+    b.node(mesh=b.triangle(material=b.add("materials", material)))
+    enough = next(n for n in itertools.count(1) if _fits(b, n))
+    cache = MeshCache()
+    b.read(limits=GltfLimits(max_buffer_bytes=enough), cache=cache)
+    for _ in range(3):
+        with pytest.raises(GltfError, match="max_buffer_bytes"):
+            b.read(limits=GltfLimits(max_buffer_bytes=enough - 1), cache=cache)
+
+
+def _fits(b: Builder, max_buffer_bytes: int) -> bool:
+    try:
+        b.read(limits=GltfLimits(max_buffer_bytes=max_buffer_bytes))
+    except GltfError:
+        return False
+    return True
 
 
 def test_images_of_buffer_views_and_uris_are_one_by_content() -> None:
