@@ -44,7 +44,7 @@ class Frame:
         """
         Args:
             camera: the instant of left and right.
-            depth: the instant of the depth images: the same one except in alternate exposure.
+            depth: the instant of the depth images; 40 ms later when they are exposed with other outputs.
             kinds: wanted now; images are rendered once for those in grey and those in colour.
             epoch: of the hub when the frame was taken.
         """
