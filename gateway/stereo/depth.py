@@ -93,7 +93,7 @@ def _combine(first: Measured, second: Measured, filters: Filters, ft: float, div
         (first.disparity, second.disparity), (first.error, second.error), (first.confidence, second.confidence)
     ):  # fmt: skip
         mine[holes] = theirs[holes]
-    if filters.fill > 0:
+    if filters.fills:
         fill_holes(first, filters.fill)
     return first
 

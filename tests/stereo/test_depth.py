@@ -166,6 +166,16 @@ def test_holes_are_filled_up_to_the_step_on_their_border() -> None:
             assert (m.confidence[10:13, 28:32] == 128).all()
 
 
+@pytest.mark.parametrize(("minconf", "filled"), [(0.5, True), (128 / 255, True), (0.51, False), (1.0, False)])
+def test_filled_pixels_are_subject_to_the_least_confidence(minconf: float, filled: bool) -> None:
+    d = np.full((60, 60), 800, np.uint16)
+    d[30:33, 10:13] = 0
+    m = block(d, confidence=255)
+    apply_filters(m, Filters(minconf=minconf, seg=0), 88.0, 2)
+    assert m.disparity[30:33, 10:13].all() == filled
+    assert m.confidence[m.disparity > 0].min() >= minconf * 255
+
+
 def test_at_most_five_percent_are_filled_smallest_first() -> None:
     d = np.full((100, 100), 800, np.uint16)
     d[10:40, 10:40] = 0  # 9 %
