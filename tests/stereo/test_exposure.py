@@ -17,6 +17,7 @@ from renderers.stereo.exposure import AutoExposure, Exposure, auto_exposure, bri
 from renderers.stereo.noise import Stream, frame_key
 from renderers.stereo.sensor import take
 from tests.stereo.conftest import Camera, Start, pixels
+from tests.stereo.scenes import dotted_wall
 
 KEY = frame_key(1, 1, Stream.LEFT)
 
@@ -138,6 +139,27 @@ async def test_modes_in_the_stream(start: Start) -> None:
     hdr = await new(camera, left_enabled=True)
     assert hdr.left.out1_reduction == 0
     assert camera.service.settings.camera_rate == pytest.approx(25 / 3)
+
+
+async def test_brightness_of_depth_images_is_that_of_their_left_image(start: Start) -> None:
+    camera = await start(scene=lambda: (dotted_wall(), 1), rate="max")
+    set_ = camera.service.set_parameters
+    for color in (False, True):
+        one = await new(camera, left_enabled=True, disparity_enabled=True, confidence_enabled=True, color=color)
+        seen = {one.left.brightness, one.disparity.image.brightness, one.confidence.brightness}
+        assert len(seen) == 1
+        assert one.left.brightness == pytest.approx(pixels(one.left).mean() / 255, abs=0.006)
+    # Without a camera image of the same exposure it is one at the depth images' resolution; here that is the same.
+    set_("rc_stereomatching", [("quality", "Full")])
+    set_("rc_camera", [("exp_control", "Manual")])
+    alone = await new(camera, disparity_enabled=True)
+    assert alone.disparity.image.brightness == pytest.approx((await new(camera, left_enabled=True)).left.brightness)
+    set_("rc_iocontrol", [("out1_mode", "ExposureAlternateActive")])
+    apart = await new(camera, left_enabled=True, disparity_enabled=True)
+    set_("rc_iocontrol", [("out1_mode", "High")])
+    lit = await new(camera, left_enabled=True)
+    assert apart.disparity.image.brightness == pytest.approx(lit.left.brightness, abs=0.01)
+    assert apart.left.brightness < apart.disparity.image.brightness
 
 
 async def test_switching_an_automatic_off_keeps_what_it_found(start: Start) -> None:
