@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gateway.stereo.config import StereoConfig
 from gateway.stereo.metering import span
 from gateway.stereo.settings import StreamSettings
-from renderers.stereo.errors import ErrorModel, Measured, measure
+from renderers.stereo.errors import ErrorModel, Measured, error_scale, measure
 from renderers.stereo.exposure import Exposure
 from renderers.stereo.filters import Filters, apply_filters, fill_holes
 from renderers.stereo.matching import match
@@ -40,7 +40,8 @@ def measure_depth(
     true = true_disparity(left, right, ft, limits)
     _cut(true, settings)
     sigma = config.d_eps / divisor / settings.averaged**0.5 if config.noise else 0.0
-    measured = measure(true, ErrorModel(sigma), frame_key(config.seed, number, Stream.DISPARITY))
+    scale = error_scale(sigma, config.model.disparity_range(divisor, filters.mindepth))
+    measured = measure(true, ErrorModel(sigma, scale), frame_key(config.seed, number, Stream.DISPARITY))
     if not config.noise:
         # Nothing to repair: every hole is one that the geometry makes.
         filters = Filters(0.0, 0, 0, filters.maxdeptherr, filters.mindepth, filters.maxdepth)

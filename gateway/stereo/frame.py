@@ -22,6 +22,7 @@ from renderers.port import Output
 from renderers.stereo.errors import Measured
 from renderers.stereo.exposure import Exposure
 from renderers.stereo.mesh import MeshOptions
+from renderers.stereo.model import DISPARITY_SCALE
 from renderers.stereo.noise import Stream
 from renderers.stereo.sensor import Taken
 
@@ -114,13 +115,17 @@ class Frame:
 
     async def _disparity_message(self, kind: Kind) -> list[Chunk]:
         picture = await self._depth_message("disparity", kind)
-        return messages.disparity(picture, self.depth.timestamp, self._studio.config.model.baseline)
+        scale, baseline = (await self.measured()).error_scale, self._studio.config.model.baseline
+        return messages.disparity(picture, self.depth.timestamp, baseline, scale)
 
     async def _depth_message(self, name: str, kind: Kind) -> list[Chunk]:
         measured, metered, brightness = await asyncio.gather(
             self.measured(), self.metered(self.depth), self._depth_brightness(kind)
         )
         pixels: NDArray[np.uint8] | NDArray[np.uint16] = getattr(measured, name)
+        if name == "disparity" and measured.error_scale < DISPARITY_SCALE:
+            # The message has one scale for disparity and error.
+            pixels = pixels * np.uint16(DISPARITY_SCALE / measured.error_scale)
         k = self._studio.config.model.intrinsics(self.settings.quality.divisor)
         return messages.image(pixels, k, self._taking(self.depth, metered), brightness)
 

@@ -62,7 +62,9 @@ def apply_filters(measured: Measured, filters: Filters, focal_times_baseline: fl
     lowest = max(int(np.ceil(ft / filters.maxdepth / unit - 1e-9)), 1)
     highest = min(int(np.floor(ft / filters.mindepth / unit + 1e-9)), _LARGEST)
     d, e, c = measured.disparity, measured.error, measured.confidence
-    _remove(d, e, c, filters.least_confidence, lowest, highest, ft / unit, filters.maxdeptherr)
+    _remove(
+        d, e, c, filters.least_confidence, lowest, highest, ft * measured.error_scale / unit**2, filters.maxdeptherr
+    )
     smallest = round(filters.seg * 4 / divisor**2)
     if smallest > 1:
         _remove_segments(measured, smallest)
@@ -71,17 +73,17 @@ def apply_filters(measured: Measured, filters: Filters, focal_times_baseline: fl
 
 
 @njit(nogil=True, cache=True)
-def _remove(disparity, error, confidence, minconf, lowest, highest, ft_units, maxdeptherr):
+def _remove(disparity, error, confidence, minconf, lowest, highest, z_eps_factor, maxdeptherr):
     height, width = disparity.shape
     for k in range(height):
         for i in range(width):
             d = float(disparity[k, i])
-            # z_eps = d_eps f t / d^2 with both in units: e (f t / unit) / d^2
+            # z_eps = d_eps f t / d^2, with both in units
             if (
                 confidence[k, i] < minconf
                 or d < lowest
                 or d > highest
-                or float(error[k, i]) * ft_units > maxdeptherr * d * d
+                or float(error[k, i]) * z_eps_factor > maxdeptherr * d * d
             ):
                 disparity[k, i] = 0
                 error[k, i] = 0

@@ -224,9 +224,9 @@ async def test_static_scenes_are_averaged(start: Start) -> None:
     errors = []
     for on in (False, True):
         camera.service.set_parameters("rc_stereomatching", [("quality", "Full"), ("static_scene", on)])
-        one = await new(camera, disparity_error_enabled=True)
-        errors.append(int(pixels(one.disparity_error).max()))
-    assert errors == [8, 3]
+        one = await new(camera, disparity_enabled=True, disparity_error_enabled=True)
+        errors.append(float(pixels(one.disparity_error).max()) * one.disparity.scale)
+    assert errors == pytest.approx([0.5, 0.5 / 8**0.5], rel=0.05)
 
 
 async def test_static_scenes_are_matched_in_images_with_less_noise(start: Start) -> None:

@@ -95,6 +95,24 @@ async def test_quality_decides_size_and_intrinsics(
     assert image.principal_point_v == pytest.approx(120 / divisor)
 
 
+async def test_depth_error_at_every_quality(start: Start) -> None:
+    model = MODELS["rc_visard 160-4"]
+    camera = await start(model=model, rate="max")
+    for quality in ("Low", "Medium", "High", "Full"):
+        camera.service.parameters.set("rc_stereomatching", [("quality", quality), ("fill", 0)])
+        (one,) = await camera.take(disparity_enabled=True, disparity_error_enabled=True)
+        image = one.disparity.image
+        valid = pixels(image) > 0
+        d, e = (pixels(i)[valid].astype(float) * one.disparity.scale for i in (image, one.disparity_error))
+        ft = image.focal_length * one.disparity.baseline
+        k = model.intrinsics()
+        wanted = 0.25 * (ft / d) ** 2 / (k.focal_length * model.baseline)
+        assert np.abs(e * ft / d**2 / wanted - 1).max() < 0.05
+        # Disparities are multiples of 1/16 pixel at every scale.
+        assert one.disparity.delta_d == 1 / 16
+        assert not (d * 16 % 1).any()
+
+
 @pytest.mark.parametrize("points", [1, 999])
 async def test_too_few_mesh_points_are_refused_with_a_sentence(start: Start, points: int) -> None:
     camera = await start()
