@@ -36,11 +36,11 @@ def measure_depth(
     """
     divisor, filters = settings.quality.divisor, settings.filters
     ft = _focal_times_baseline(config, divisor)
-    limits = DepthRange(config.model.nearest_depth(filters.mindepth), filters.maxdepth)
+    limits = DepthRange(config.model.nearest_depth(filters.mindepth, filters.maxdepth, divisor), filters.maxdepth)
     true = true_disparity(left, right, ft, limits)
     _cut(true, settings)
     sigma = config.d_eps / divisor / settings.averaged**0.5 if config.noise else 0.0
-    scale = error_scale(sigma, config.model.disparity_range(divisor, filters.mindepth))
+    scale = error_scale(sigma, config.model.disparity_range(divisor, filters.mindepth, filters.maxdepth))
     measured = measure(true, ErrorModel(sigma, scale), frame_key(config.seed, number, Stream.DISPARITY))
     if not config.noise:
         # Nothing to repair: every hole is one that the geometry makes.
@@ -66,7 +66,9 @@ def match_depth(
     """
     divisor, filters = settings.quality.divisor, settings.filters
     ft = _focal_times_baseline(config, divisor)
-    searched = config.model.disparity_range(divisor, filters.mindepth)
+    nearest = config.model.nearest_depth(filters.mindepth, filters.maxdepth, divisor)
+    filters = replace(filters, mindepth=nearest)
+    searched = config.model.disparity_range(divisor, filters.mindepth, filters.maxdepth)
     sigma = exposure.sigma(128.0) * config.noise_factor / settings.averaged**0.5
     first = _match_within(left.image, right.image, searched, sigma, settings)
     if not settings.double_shot:

@@ -136,7 +136,8 @@ def truth_of(studio: Studio, record: Record) -> bytes:
         assert left.depth is not None
         assert left.label is not None
         assert right.depth is not None
-        limits = DepthRange(model.nearest_depth(settings.filters.mindepth), settings.filters.maxdepth)
+        filters = settings.filters
+        limits = DepthRange(model.nearest_depth(filters.mindepth, filters.maxdepth, divisor), filters.maxdepth)
         arrays["disparity"] = true_disparity(left.depth, right.depth, k.focal_length * model.baseline, limits)
         arrays["depth"], arrays["label"] = left.depth.copy(), left.label.copy()
     shift = np.eye(4)

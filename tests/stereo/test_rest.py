@@ -14,10 +14,12 @@ from fastapi import FastAPI
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gateway.stereo.device import status
 from gateway.stereo.parameter_specs import NODES, Spec
 from gateway.stereo.parameters import ParameterError, Parameters, check
 from gateway.stereo.rest import router
 from gateway.stereo.truth import parse, show, truth_router
+from renderers.stereo.model import MODELS, StereoModel
 from tests.stereo.conftest import Camera, Start, pixels
 
 V2 = "/api/v2/pipelines/0/nodes"
@@ -210,6 +212,44 @@ async def test_parameters_act_on_the_stream(rest: httpx.AsyncClient, camera: Cam
     d, e = pixels(near.disparity.image).astype(float), pixels(near.disparity_error).astype(float)
     ft = near.disparity.image.focal_length * near.disparity.baseline
     assert (e[d > 0] / 16 * ft / (d[d > 0] / 16) ** 2).max() <= 0.01 + 1e-9
+
+
+async def test_the_depth_range_at_full_quality_is_limited_by_memory(start: Start) -> None:
+    camera = await start(model=MODELS["rc_visard 160-4"], rate="max", noise=False)
+    app = FastAPI()
+    app.include_router(router(camera.service))
+    transport = httpx.ASGITransport(app=app)
+    async with httpx.AsyncClient(transport=transport, base_url="http://device") as rest:
+
+        async def range_at(**parameters: object) -> tuple[float, str]:
+            body = [{"name": name, "value": value} for name, value in parameters.items()]
+            assert (await rest.put(f"{V2}/rc_stereomatching/parameters", json=body)).status_code == 200
+            values = (await rest.get(f"{V2}/rc_stereomatching/status")).json()["values"]
+            return float(values["mindepth"]), values["reduced_depth_range"]
+
+        assert await range_at(quality="High") == (0.4, "0")
+        nearest, reduced = await range_at(quality="Full")
+        # 256 disparities from that of maxdepth on; f t = 1081.472 * 0.16.
+        assert (nearest, reduced) == (pytest.approx(173.0355 / (173.0355 / 100 + 256), rel=1e-5), "1")
+        # A smaller maxdepth brings mindepth nearer.
+        assert await range_at(maxdepth=0.9) == (0.4, "0")
+        nearest, reduced = await range_at(maxdepth=2.0)
+        assert 0.4 < nearest < 0.6
+        assert reduced == "1"
+        assert await range_at(mindepth=0.7) == (0.7, "0")
+
+
+@pytest.mark.parametrize("mode", ["ground_truth", "matched"])
+async def test_nothing_is_measured_nearer_than_the_status_says(start: Start, mode: str) -> None:
+    model = StereoModel("small", 320, 240, 0.8449, 0.160, full_disparities=30)
+    camera = await start(model=model, rate="max", depth_mode=mode, noise=False)
+    camera.service.parameters.set("rc_iocontrol", [("out1_mode", "High")])
+    camera.service.parameters.set("rc_stereomatching", [("quality", "Full")])
+    (one,) = await camera.take(disparity_enabled=True)
+    d = pixels(one.disparity.image)
+    assert (d > 0).mean() > 0.1
+    z = one.disparity.image.focal_length * one.disparity.baseline / (d[d > 0] * one.disparity.scale)
+    assert z.min() >= 0.999 * float(status(camera.service, "rc_stereomatching")["values"]["mindepth"]) > 1.3
 
 
 async def test_truth_of_a_set(rest: httpx.AsyncClient, camera: Camera) -> None:
