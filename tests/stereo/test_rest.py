@@ -3,27 +3,42 @@
 from __future__ import annotations
 
 import io
+import logging
 import math
-from collections.abc import AsyncIterator
+import time
+from collections.abc import AsyncIterator, Iterator
+from datetime import UTC, datetime
 from typing import Any
 
 import httpx2 as httpx
 import numpy as np
 import pytest
+import structlog
 from fastapi import FastAPI
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gateway.ops import logs
 from gateway.stereo.device import status
 from gateway.stereo.parameter_specs import NODES, Spec
 from gateway.stereo.parameters import ParameterError, Parameters, check
 from gateway.stereo.rest import router
+from gateway.stereo.system_routes import system_router
 from gateway.stereo.truth import parse, show, truth_router
 from renderers.stereo.model import MODELS, StereoModel
 from tests.stereo.conftest import Camera, Start, pixels
 
 V2 = "/api/v2/pipelines/0/nodes"
 SPECS = [(node, spec) for node, specs in NODES.items() for spec in specs.values()]
+
+
+@pytest.fixture(autouse=True)
+def _restore_logs() -> Iterator[None]:
+    root = logging.getLogger()
+    handlers, level = root.handlers[:], root.level
+    yield
+    root.handlers[:], root.level = handlers, level
+    structlog.reset_defaults()
 
 
 @pytest.fixture
@@ -35,6 +50,7 @@ async def camera(start: Start) -> Camera:
 async def rest(camera: Camera) -> AsyncIterator[httpx.AsyncClient]:
     app = FastAPI()
     app.include_router(router(camera.service))
+    app.include_router(system_router(camera.service))
     app.include_router(truth_router(camera.service))
     transport = httpx.ASGITransport(app=app)
     async with httpx.AsyncClient(transport=transport, base_url="http://device") as client:
@@ -167,6 +183,48 @@ async def test_system(rest: httpx.AsyncClient) -> None:
         assert system["ready"] is True
         assert len(system["firmware"]["active_image"]["image_version"].split(".")) == 3
     assert list((await rest.get("/api/v2/pipelines")).json()) == ["0"]
+
+
+async def test_log_of_the_camera(rest: httpx.AsyncClient, camera: Camera) -> None:
+    logs.configure("json", "info")
+    before = (await rest.get("/api/v2/logs")).json()
+    assert [file["name"] for file in before] == ["stereo.log"]
+    await camera.take(left_enabled=True)
+    structlog.get_logger("stereo").warning("the scene could not be read", frame=3)
+    (after,) = (await rest.get("/api/v2/logs")).json()
+    assert after["size"] > before[0]["size"]
+    assert after["date"] > before[0]["date"]
+    log = (await rest.get("/api/v2/logs/stereo.log", params={"limit": 1})).json()
+    assert (log["name"], log["size"], log["date"]) == ("stereo.log", after["size"], after["date"])
+    (entry,) = log["log"]
+    assert entry == {
+        "component": "stereo",
+        "level": "WARN",
+        "message": "the scene could not be read frame=3",
+        "timestamp": after["date"],
+    }
+    full = (await rest.get("/api/v1/logs/stereo.log")).json()["log"]
+    assert any("streaming left to" in entry["message"] for entry in full)
+    raw = await rest.get("/api/v2/logs/stereo.log", params={"format": "raw"})
+    assert raw.headers["content-type"].startswith("text/plain")
+    assert len(raw.content) == after["size"]
+    assert raw.text.splitlines()[-1].endswith("WARN stereo: the scene could not be read frame=3")
+    missing = await rest.get("/api/v2/logs/gev.log")
+    assert missing.status_code == 404
+    assert "stereo.log" in missing.json()["message"]
+
+
+async def test_global_nodes_pipelines_and_time(rest: httpx.AsyncClient) -> None:
+    assert (await rest.get("/api/v2/nodes")).json() == []
+    for path in ("/api/v2/nodes/rc_roi_db", "/api/v2/pipelines/1", "/api/v2/pipelines/x"):
+        answer = await rest.get(path)
+        assert answer.status_code == 404
+        assert answer.json()["return_code"]["value"] == -1
+    pipelines = (await rest.get("/api/v2/pipelines")).json()
+    assert (await rest.get("/api/v2/pipelines/0")).json() == pipelines["0"]
+    now = (await rest.get("/api/v2/system/time")).json()["utc"]
+    shown = datetime.strptime(now, "%Y-%m-%d %H:%M:%S").replace(tzinfo=UTC)
+    assert abs(shown.timestamp() - time.time()) < 60
 
 
 async def test_both_spellings_of_alternate_exposure(rest: httpx.AsyncClient) -> None:
