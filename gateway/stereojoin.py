@@ -22,6 +22,7 @@ from gateway.stereo.pairs import PairStudio, geometry_in, pair_studio, pairs_in
 from gateway.stereo.parameter_specs import NODES
 from gateway.stereo.rest import router
 from gateway.stereo.service import StereoService
+from gateway.stereo.system_routes import system_router
 from gateway.stereo.truth import truth_router
 from gateway.stereo.upload import upload_router
 from gateway.stereoeyes import StereoEyes
@@ -44,6 +45,7 @@ def join_stereo(house: House) -> None:
         house.serve("rest", PortService(apps[1], settings.host, settings.rest_port, house.guard.tls), where="/api")
     for app in apps:
         app.include_router(router(*services))
+        app.include_router(system_router(*services))
         app.include_router(upload_router(*services))
     house.app.include_router(truth_router(*services))
     house.app.include_router(fault_router(*services))

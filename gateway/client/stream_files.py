@@ -90,8 +90,8 @@ def preview(image_set: pb.ImageSet) -> NDArray[np.uint8]:
         array = pixels(image)
         if name == "disparity":
             array = in_color(array)
-        elif name == "error":
-            array = np.minimum(array.astype(np.uint16) * 32, 255).astype(np.uint8)
+        elif name == "error":  # white from half a pixel on
+            array = np.minimum(array * (512.0 * (image_set.disparity.scale or 1 / 16)), 255).astype(np.uint8)
         if array.ndim == 2:
             array = np.repeat(array[:, :, None], 3, axis=2)
         shrink = min(_CELL[0] / array.shape[1], _CELL[1] / array.shape[0], 1.0)

@@ -10,6 +10,8 @@ from typing import Any, Literal
 import structlog
 from structlog.typing import Processor
 
+from gateway.ops.recent_logs import recent_logs
+
 Format = Literal["auto", "human", "json"]
 
 _QUIET = {
@@ -107,7 +109,7 @@ def configure(log_format: Format = "auto", level: str = "info") -> None:
         logger.handlers[:], logger.propagate = [], True
     structlog.configure(
         # What nobody wants is not made ready first.
-        processors=[structlog.stdlib.filter_by_level, *shared, *last],
+        processors=[structlog.stdlib.filter_by_level, *shared, recent_logs, *last],
         logger_factory=_Factory(handler),
         wrapper_class=structlog.stdlib.BoundLogger,
         cache_logger_on_first_use=False,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gateway.stereo.config import StereoConfig
 from gateway.stereo.metering import span
 from gateway.stereo.settings import StreamSettings
-from renderers.stereo.errors import ErrorModel, Measured, measure
+from renderers.stereo.errors import ErrorModel, Measured, error_scale, measure
 from renderers.stereo.exposure import Exposure
 from renderers.stereo.filters import Filters, apply_filters, fill_holes
 from renderers.stereo.matching import match
@@ -36,11 +36,12 @@ def measure_depth(
     """
     divisor, filters = settings.quality.divisor, settings.filters
     ft = _focal_times_baseline(config, divisor)
-    limits = DepthRange(config.model.nearest_depth(filters.mindepth), filters.maxdepth)
+    limits = DepthRange(config.model.nearest_depth(filters.mindepth, filters.maxdepth, divisor), filters.maxdepth)
     true = true_disparity(left, right, ft, limits)
     _cut(true, settings)
     sigma = config.d_eps / divisor / settings.averaged**0.5 if config.noise else 0.0
-    measured = measure(true, ErrorModel(sigma), frame_key(config.seed, number, Stream.DISPARITY))
+    scale = error_scale(sigma, config.model.disparity_range(divisor, filters.mindepth, filters.maxdepth))
+    measured = measure(true, ErrorModel(sigma, scale), frame_key(config.seed, number, Stream.DISPARITY))
     if not config.noise:
         # Nothing to repair: every hole is one that the geometry makes.
         filters = Filters(0.0, 0, 0, filters.maxdeptherr, filters.mindepth, filters.maxdepth)
@@ -65,7 +66,9 @@ def match_depth(
     """
     divisor, filters = settings.quality.divisor, settings.filters
     ft = _focal_times_baseline(config, divisor)
-    searched = config.model.disparity_range(divisor, filters.mindepth)
+    nearest = config.model.nearest_depth(filters.mindepth, filters.maxdepth, divisor)
+    filters = replace(filters, mindepth=nearest)
+    searched = config.model.disparity_range(divisor, filters.mindepth, filters.maxdepth)
     sigma = exposure.sigma(128.0) * config.noise_factor / settings.averaged**0.5
     first = _match_within(left.image, right.image, searched, sigma, settings)
     if not settings.double_shot:
@@ -93,7 +96,7 @@ def _combine(first: Measured, second: Measured, filters: Filters, ft: float, div
         (first.disparity, second.disparity), (first.error, second.error), (first.confidence, second.confidence)
     ):  # fmt: skip
         mine[holes] = theirs[holes]
-    if filters.fill > 0:
+    if filters.fills:
         fill_holes(first, filters.fill)
     return first
 

@@ -144,7 +144,8 @@ def _camera(service: StereoService) -> dict[str, object]:
 
 def _matching(service: StereoService) -> dict[str, object]:
     settings, model, counts = service.settings, service.config.model, service.counts
-    k = model.intrinsics(settings.quality.divisor)
+    divisor, filters = settings.quality.divisor, settings.filters
+    k = model.intrinsics(divisor)
     wanted = any(kind.depth for kind in service.hub.kinds())
     return {
         "fps": settings.depth_rate if wanted and not settings.single else 0.0,
@@ -153,9 +154,9 @@ def _matching(service: StereoService) -> dict[str, object]:
         "time_postprocessing": 0.0,
         "width": k.width,
         "height": k.height,
-        "mindepth": model.nearest_depth(settings.filters.mindepth),
-        "maxdepth": settings.filters.maxdepth,
-        "reduced_depth_range": 0,
+        "mindepth": model.nearest_depth(filters.mindepth, filters.maxdepth, divisor),
+        "maxdepth": filters.maxdepth,
+        "reduced_depth_range": int(model.reduced_range(filters.mindepth, filters.maxdepth, divisor)),
     }
 
 

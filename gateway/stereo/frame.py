@@ -17,10 +17,12 @@ from gateway.stereo.request import Kind
 from gateway.stereo.settings import StreamSettings
 from gateway.stereo.wire import Chunk
 from gateway.workers import Workers
+from renderers.drawlist import ImageError
 from renderers.port import Output
 from renderers.stereo.errors import Measured
 from renderers.stereo.exposure import Exposure
 from renderers.stereo.mesh import MeshOptions
+from renderers.stereo.model import DISPARITY_SCALE
 from renderers.stereo.noise import Stream
 from renderers.stereo.sensor import Taken
 
@@ -44,7 +46,7 @@ class Frame:
         """
         Args:
             camera: the instant of left and right.
-            depth: the instant of the depth images: the same one except in alternate exposure.
+            depth: the instant of the depth images; 40 ms later when they are exposed with other outputs.
             kinds: wanted now; images are rendered once for those in grey and those in colour.
             epoch: of the hub when the frame was taken.
         """
@@ -89,11 +91,11 @@ class Frame:
         if kind.right:
             names.append((3, self._image_message(Stream.RIGHT, kind.color)))
         if kind.disparity:
-            names.append((4, self._disparity_message()))
+            names.append((4, self._disparity_message(kind)))
         if kind.error:
-            names.append((5, self._depth_message("error")))
+            names.append((5, self._depth_message("error", kind)))
         if kind.confidence:
-            names.append((6, self._depth_message("confidence")))
+            names.append((6, self._depth_message("confidence", kind)))
         if kind.mesh is not None:
             names.append((7, self._mesh_message(kind.mesh, kind.color)))
         parts = await _all([part for _, part in names])
@@ -111,15 +113,31 @@ class Frame:
             self.taken = replace(metered, brightness=taken.brightness)
         return messages.image(taken.image, self._studio.config.model.intrinsics(), taking, taken.brightness)
 
-    async def _disparity_message(self) -> list[Chunk]:
-        picture = await self._depth_message("disparity")
-        return messages.disparity(picture, self.depth.timestamp, self._studio.config.model.baseline)
+    async def _disparity_message(self, kind: Kind) -> list[Chunk]:
+        picture = await self._depth_message("disparity", kind)
+        scale, baseline = (await self.measured()).error_scale, self._studio.config.model.baseline
+        return messages.disparity(picture, self.depth.timestamp, baseline, scale)
 
-    async def _depth_message(self, name: str) -> list[Chunk]:
-        measured, metered = await self.measured(), await self.metered(self.depth)
+    async def _depth_message(self, name: str, kind: Kind) -> list[Chunk]:
+        measured, metered, brightness = await asyncio.gather(
+            self.measured(), self.metered(self.depth), self._depth_brightness(kind)
+        )
         pixels: NDArray[np.uint8] | NDArray[np.uint16] = getattr(measured, name)
+        if name == "disparity" and measured.error_scale < DISPARITY_SCALE:
+            # The message has one scale for disparity and error.
+            pixels = pixels * np.uint16(DISPARITY_SCALE / measured.error_scale)
         k = self._studio.config.model.intrinsics(self.settings.quality.divisor)
-        return messages.image(pixels, k, self._taking(self.depth, metered), metered.brightness)
+        return messages.image(pixels, k, self._taking(self.depth, metered), brightness)
+
+    async def _depth_brightness(self, kind: Kind) -> float:
+        """Brightness of the left image of the depth exposure: the one sent, else one at the depth resolution."""
+        colors = self._colors[Stream.LEFT]
+        try:
+            if colors and self.depth.timestamp == self.camera.timestamp:
+                return (await self.image(Stream.LEFT, kind.color if kind.left else min(colors))).brightness
+            return (await self._depth_image(self.depth, Stream.LEFT_DEPTH)).brightness
+        except ImageError:  # a broken texture has no depth: clients of left are told, those of depth get it
+            return 0.0
 
     async def _mesh_message(self, options: MeshOptions, color: bool) -> list[Chunk]:
         return await self._once(("mesh", options, color and options.textured), lambda: self._mesh(options, color))
@@ -168,11 +186,16 @@ class Frame:
         return await self._run(self._studio.match, left, right, exposure, settings, second)
 
     async def _pair(self, shot: Shot, *streams: Stream) -> tuple[Taken, Taken, Exposure]:
-        """What is matched: grey images at the depth images' resolution."""
-        divisor, grey, averaged = self.settings.quality.divisor, frozenset((False,)), self.settings.averaged
+        """What is matched, and its exposure."""
         exposure = (await self.metered(shot)).exposure
-        left, right = await _all([self._take(shot, stream, divisor, grey, averaged) for stream in streams])
-        return left[False], right[False], exposure
+        left, right = await _all([self._depth_image(shot, stream) for stream in streams])
+        return left, right, exposure
+
+    async def _depth_image(self, shot: Shot, stream: Stream) -> Taken:
+        """A grey image at the depth images' resolution."""
+        divisor, grey, averaged = self.settings.quality.divisor, frozenset((False,)), self.settings.averaged
+        taken = await self._once(stream, lambda: self._take(shot, stream, divisor, grey, averaged))
+        return taken[False]
 
     async def _run(self, function: Callable[..., T], *args: Any) -> T:
         return await self._workers.run(function, *args)

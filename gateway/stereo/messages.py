@@ -85,11 +85,16 @@ def image(
     return [header.SerializeToString(), *wire.field(10, [data])]
 
 
-def disparity(picture: list[Chunk], timestamp: int, baseline: float) -> list[Chunk]:
-    """A ``DisparityImage`` around its image."""
+def disparity(picture: list[Chunk], timestamp: int, baseline: float, scale: float = DISPARITY_SCALE) -> list[Chunk]:
+    """A ``DisparityImage`` around its image.
+
+    Args:
+        baseline: metres.
+        scale: pixels per unit of the disparity image and of the error image.
+    """
     header = pb.DisparityImage(
         timestamp=time_of(timestamp),
-        scale=DISPARITY_SCALE,
+        scale=scale,
         offset=0.0,
         invalid_data_value=0.0,
         baseline=baseline,

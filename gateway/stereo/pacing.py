@@ -6,7 +6,7 @@ import asyncio
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -192,27 +192,31 @@ class Metronome:
             return
         self._number += 1
         self._stamp = stamp
-        one_shot = settings.lines(depth=False) == settings.lines(depth=True)
         frame = None
         if plain:
-            self._last = frame = self._frame(settings, camera, camera, plain | (depth if one_shot else set()), epoch)
+            kinds = plain if settings.separate_depth else plain | depth
+            self._last = frame = self._frame(settings, camera, camera, kinds, epoch)
             self._spawn(self._tasks, self._make(frame, plain))
         if not depth:
             return
         due, every = self._depth_next, 1e9 / settings.depth_rate
         self._depth_next = stamp + every if due is None or stamp - due > every else due + every
         self._trigger.taken()
-        if settings.alternate:
+        if settings.separate_depth:
+            # Exposures alternate every 40 ms: the next camera images come after the depth exposure, never with it.
+            pause = max(2 * ALTERNATE_GAP - period, 0)
+            self._next += pause / 1e9
+            if self._clock.simulated:
+                self._stamp += pause
             self._spawn(self._depth_tasks, self._expose_again(settings, camera, depth, epoch))
             return
-        if frame is None or not one_shot:
-            shot = camera if one_shot else replace(camera, lines=settings.lines(depth=True))
-            frame = self._frame(settings, camera, shot, depth, epoch)
+        if frame is None:
+            frame = self._frame(settings, camera, camera, depth, epoch)
         self._last_depth = frame
         self._spawn(self._depth_tasks, self._acquire(frame, depth))
 
     async def _expose_again(self, settings: StreamSettings, camera: Shot, kinds: set[Kind], epoch: int) -> None:
-        """Alternate exposure: the depth image follows after 40 ms, with Out1 high."""
+        """Takes the depth images 40 ms after the camera images, with the outputs that depth wants."""
         if self.studio.config.rate == "device":
             await asyncio.sleep(ALTERNATE_GAP / 1e9)
         shot = await self._shot(camera.index, camera.timestamp + ALTERNATE_GAP, settings.lines(depth=True), kinds)
@@ -222,8 +226,8 @@ class Metronome:
         await self._acquire(self._last_depth, kinds)
 
     def _frame(self, settings: StreamSettings, camera: Shot, depth: Shot, kinds: set[Kind], epoch: int) -> Frame:
-        frame = Frame(self.studio, self._workers, self._number, settings, camera, depth, kinds, epoch)
-        self.history.append(Record(self._number, settings, camera, depth, self.studio))
+        frame = Frame(self.studio, self._workers, camera.index, settings, camera, depth, kinds, epoch)
+        self.history.append(Record(camera.index, settings, camera, depth, self.studio))
         return frame
 
     async def _shot(self, index: int, stamp: int, lines: int, kinds: set[Kind]) -> Shot | None:

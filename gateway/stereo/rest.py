@@ -92,7 +92,6 @@ def router(*services: StereoService) -> APIRouter:
 
     for version in ("v1", "v2"):
         api.add_api_route(f"/api/{version}/system", system, methods=["GET"], summary="System")
-        api.add_api_route(f"/api/{version}/logs", nothing, methods=["GET"], summary="Log files: none")
         api.add_api_route(f"/api/{version}/datastreams", nothing, methods=["GET"], summary="Data streams: none")
     api.add_api_route("/api/v2/pipelines", pipelines, methods=["GET"], summary="Pipelines: one per camera")
     for number, service in enumerate(services):

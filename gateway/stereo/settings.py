@@ -13,7 +13,7 @@ from renderers.stereo.filters import Filters
 from renderers.stereo.model import Quality
 
 ALTERNATE_GAP = 40_000_000
-"""Nanoseconds between the image with Out1 low and the one with Out1 high in alternate exposure."""
+"""Nanoseconds between two exposures with different outputs (manual: Out1 low and high are always 40 ms apart)."""
 STATIC_IMAGES: Final = 8
 """How many images ``static_scene`` averages (manual)."""
 HDR_IMAGES: Final = 3
@@ -61,6 +61,11 @@ class StreamSettings:
         return self.out1 == "ExposureAlternateActive"
 
     @property
+    def separate_depth(self) -> bool:
+        """Whether depth needs an exposure of its own, because an output is not the same as for the camera images."""
+        return self.lines(depth=False) != self.lines(depth=True)
+
+    @property
     def camera_rate(self) -> float:
         """Camera image sets per second: in alternate exposure every second exposure is a depth image's."""
         fps = self.fps / HDR_IMAGES if self.manual.hdr else self.fps
@@ -77,10 +82,13 @@ class StreamSettings:
         return min(self.camera_rate / self.averaged, self.quality.depth_rate)
 
     def lines(self, *, depth: bool) -> int:
-        """GPIO values during the exposure: Out1 is bit 0, Out2 bit 1."""
+        """GPIO values during the exposure: Out1 is bit 0, Out2 bit 1.
+
+        In SingleFrameOut1 the acquisition controls Out1: high for the depth exposure, else low.
+        """
         high = [_is_high(mode, depth=depth) for mode in (self.out1, self.out2)]
-        if depth and self.single_out1:
-            high[0] = True
+        if self.single_out1:
+            high[0] = depth
         return high[0] | high[1] << 1
 
 

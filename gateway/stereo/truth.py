@@ -116,7 +116,7 @@ def truth_of(studio: Studio, record: Record) -> bytes:
     * ``left_depth``, ``left_label``, ``right_depth``, ``right_label``: the same for the camera images.
     * ``K``, ``K_left`` (3, 3) float64: intrinsics of depth and camera images; ``baseline`` metres.
     * ``X_world_left``, ``X_world_right``, ``X_world_depth`` (4, 4) float64: optical frames; depth's differs from
-      left's only in alternate exposure while the camera moves.
+      left's only when depth is exposed 40 ms later and the camera moves.
     * ``frame``, ``revision``, ``timestamp`` (nanoseconds), ``camera_timestamp``.
     """
     model, settings = studio.config.model, record.settings
@@ -136,7 +136,8 @@ def truth_of(studio: Studio, record: Record) -> bytes:
         assert left.depth is not None
         assert left.label is not None
         assert right.depth is not None
-        limits = DepthRange(model.nearest_depth(settings.filters.mindepth), settings.filters.maxdepth)
+        filters = settings.filters
+        limits = DepthRange(model.nearest_depth(filters.mindepth, filters.maxdepth, divisor), filters.maxdepth)
         arrays["disparity"] = true_disparity(left.depth, right.depth, k.focal_length * model.baseline, limits)
         arrays["depth"], arrays["label"] = left.depth.copy(), left.label.copy()
     shift = np.eye(4)

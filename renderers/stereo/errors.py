@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from statistics import NormalDist
+from typing import Final
 
 import numpy as np
 from numba import njit
@@ -24,6 +25,8 @@ from renderers.stereo.model import DISPARITY_SCALE
 from renderers.stereo.noise import KERNELS_VERSION, NORMAL_TABLE, random64
 
 _VERSION = KERNELS_VERSION
+ERROR_TOLERANCE: Final = 0.05
+"""Largest relative difference between a pixel's error and what the error image says."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +34,10 @@ class ErrorModel:
     """Parameters of the injected errors, in pixels of the image they are applied to."""
 
     sigma: float
-    """Standard deviation of the disparity, pixels; 0: no noise, no outliers, confidence 1."""
+    """Standard deviation of the measured disparity, pixels, its rounding included; 0: no noise, no outliers, confidence
+    1."""
+    error_scale: float = DISPARITY_SCALE
+    """Pixels per unit of the error image; see ``error_scale``."""
     slope_half: float = 0.5
     """Disparity change from pixel to pixel at which half of the measurements fail."""
     slope_free: float = 0.08
@@ -45,9 +51,28 @@ class Measured:
     disparity: NDArray[np.uint16]
     """(H, W) uint16, 1/16 pixel, 0: invalid."""
     error: NDArray[np.uint8]
-    """(H, W) uint8, 1/16 pixel, 0 where invalid."""
+    """(H, W) uint8, units of ``error_scale`` pixels, 0 where invalid."""
     confidence: NDArray[np.uint8]
     """(H, W) uint8, 1/255, 0 where invalid."""
+    error_scale: float = DISPARITY_SCALE
+    """Pixels per unit of ``error``: 1/16 divided by a power of two."""
+
+
+def error_scale(sigma: float, disparities: int) -> float:
+    """Return the pixels per unit of an error image: the device's 1/16 where it says ``sigma`` to ``ERROR_TOLERANCE``,
+    else the first half, quarter, … that does.
+
+    Disparities are sent in the same unit, so that it cannot be finer than their range in 16 bits allows.
+
+    Args:
+        sigma: standard deviation of the disparity, pixels; 0: no noise.
+        disparities: range of the disparities, pixels.
+    """
+    scale = DISPARITY_SCALE
+    largest = disparities + 4.0 * sigma + 1.0  # noise and outliers included
+    while abs(round(sigma / scale) * scale - sigma) > ERROR_TOLERANCE * sigma and largest / scale * 2 <= 65535:
+        scale /= 2
+    return scale
 
 
 def measure(true: NDArray[np.float32], model: ErrorModel, key: np.uint64) -> Measured:
@@ -61,14 +86,17 @@ def measure(true: NDArray[np.float32], model: ErrorModel, key: np.uint64) -> Mea
     disparity = np.empty(true.shape, np.uint16)
     confidence = np.empty(true.shape, np.uint8)
     # The error image cannot say less than one unit; rounding to 1/16 pixel alone is an error of that order.
-    unit = min(max(round(model.sigma / DISPARITY_SCALE), 1), 255)
-    inside = _within_three(model.sigma, unit * DISPARITY_SCALE)
+    unit = min(max(round(model.sigma / model.error_scale), 1), 255)
+    d_eps = unit * model.error_scale
+    # Rounding adds a variance of its own (uniform over 1/16 pixel): together they are sigma.
+    noise = max(model.sigma**2 - DISPARITY_SCALE**2 / 12.0, 1e-12) ** 0.5 if model.sigma > 0.0 else 0.0
+    inside = _within_three(noise, d_eps)
     _measure(
-        true, np.uint64(key), model.sigma, unit * DISPARITY_SCALE, inside, model.slope_free, model.slope_half,
+        true, np.uint64(key), noise, d_eps, inside, model.slope_free, model.slope_half,
         NORMAL_TABLE, disparity, confidence,
     )  # fmt: skip
     error = np.where(disparity != 0, np.uint8(unit), np.uint8(0))
-    return Measured(disparity, error, confidence)
+    return Measured(disparity, error, confidence, model.error_scale)
 
 
 def _within_three(sigma: float, d_eps: float) -> float:

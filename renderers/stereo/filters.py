@@ -38,6 +38,16 @@ class Filters:
     maxdepth: float = 100.0
     """Metres."""
 
+    @property
+    def fills(self) -> bool:
+        """Whether holes are filled: ``minconf`` also holds for filled pixels."""
+        return self.fill > 0 and self.least_confidence <= FILL_CONFIDENCE
+
+    @property
+    def least_confidence(self) -> int:
+        """``minconf`` in units of a confidence image, 1/255."""
+        return int(np.ceil(self.minconf * 255.0 - 1e-9))
+
 
 def apply_filters(measured: Measured, filters: Filters, focal_times_baseline: float, divisor: int) -> None:
     """Removes and fills pixels in place, in the device's order: confidence and range, segments, holes.
@@ -51,28 +61,29 @@ def apply_filters(measured: Measured, filters: Filters, focal_times_baseline: fl
     unit, ft = DISPARITY_SCALE, focal_times_baseline
     lowest = max(int(np.ceil(ft / filters.maxdepth / unit - 1e-9)), 1)
     highest = min(int(np.floor(ft / filters.mindepth / unit + 1e-9)), _LARGEST)
-    minconf = int(np.ceil(filters.minconf * 255.0 - 1e-9))
     d, e, c = measured.disparity, measured.error, measured.confidence
-    _remove(d, e, c, minconf, lowest, highest, ft / unit, filters.maxdeptherr)
+    _remove(
+        d, e, c, filters.least_confidence, lowest, highest, ft * measured.error_scale / unit**2, filters.maxdeptherr
+    )
     smallest = round(filters.seg * 4 / divisor**2)
     if smallest > 1:
         _remove_segments(measured, smallest)
-    if filters.fill > 0:
+    if filters.fills:
         fill_holes(measured, filters.fill)
 
 
 @njit(nogil=True, cache=True)
-def _remove(disparity, error, confidence, minconf, lowest, highest, ft_units, maxdeptherr):
+def _remove(disparity, error, confidence, minconf, lowest, highest, z_eps_factor, maxdeptherr):
     height, width = disparity.shape
     for k in range(height):
         for i in range(width):
             d = float(disparity[k, i])
-            # z_eps = d_eps f t / d^2 with both in units: e (f t / unit) / d^2
+            # z_eps = d_eps f t / d^2, with both in units
             if (
                 confidence[k, i] < minconf
                 or d < lowest
                 or d > highest
-                or float(error[k, i]) * ft_units > maxdeptherr * d * d
+                or float(error[k, i]) * z_eps_factor > maxdeptherr * d * d
             ):
                 disparity[k, i] = 0
                 error[k, i] = 0

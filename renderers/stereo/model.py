@@ -19,6 +19,11 @@ MOST_DISPARITIES: Final = 2032
 """Pixels; what OpenCV's matcher can say with signed 16 bits, in its steps of 16. The device's models need 445."""
 
 
+FULL_DISPARITIES: Final = 256
+"""Pixels at full resolution: 128 of a High image, to which the device's memory limits Full (manual 20.04; later ones
+have the limit without its figure)."""
+
+
 class Quality(Enum):
     """Resolution of the depth images; the value is the device's parameter value."""
 
@@ -65,6 +70,8 @@ class StereoModel:
     """Focal length divided by the image width."""
     baseline: float
     """Metres; the right camera sits at +x of the left one."""
+    full_disparities: int = MOST_DISPARITIES
+    """Pixels: range of disparities that the device's memory allows at full resolution."""
 
     def __post_init__(self) -> None:
         if not (16 <= self.width <= 8192 and 16 <= self.height <= 8192):
@@ -89,14 +96,25 @@ class StereoModel:
             cy=self.height / 2 / divisor,
         )
 
-    def nearest_depth(self, mindepth: float) -> float:
-        """The nearest depth that the disparity range covers, metres (the vendor's driver: ``max(mindepth, 2.5 t)``)."""
-        return max(mindepth, 2.5 * self.baseline)
+    def nearest_depth(self, mindepth: float, maxdepth: float, divisor: int) -> float:
+        """The nearest depth that the disparity range covers, metres (the vendor's driver: ``max(mindepth, 2.5 t)``).
 
-    def disparity_range(self, divisor: int, mindepth: float) -> int:
+        Memory can make it farther at full resolution; a smaller ``maxdepth``, where the range begins, brings it nearer.
+        """
+        return max(mindepth, 2.5 * self.baseline, self._memory_limit(maxdepth, divisor))
+
+    def reduced_range(self, mindepth: float, maxdepth: float, divisor: int) -> bool:
+        """Whether memory makes the nearest depth farther."""
+        return self._memory_limit(maxdepth, divisor) > max(mindepth, 2.5 * self.baseline)
+
+    def _memory_limit(self, maxdepth: float, divisor: int) -> float:
+        ft = self.intrinsics().focal_length * self.baseline
+        return ft / (ft / maxdepth + self.full_disparities) if divisor == 1 else 0.0
+
+    def disparity_range(self, divisor: int, mindepth: float, maxdepth: float = math.inf) -> int:
         """Number of disparities searched, pixels of the image at ``divisor``: ``ceil(f t / nearest depth)``."""
-        nearest = self.intrinsics(divisor).focal_length * self.baseline / self.nearest_depth(mindepth)
-        return min(math.ceil(nearest), MOST_DISPARITIES)
+        ft = self.intrinsics(divisor).focal_length * self.baseline
+        return min(math.ceil(ft / self.nearest_depth(mindepth, maxdepth, divisor)), MOST_DISPARITIES)
 
     def camera(
         self, X_world_left: NDArray[np.float64], *, offset: float, divisor: int, near: float, far: float
@@ -113,9 +131,9 @@ MODELS: Final[dict[str, StereoModel]] = {
     for m in (
         # 0.8449: sample in the manual, 4 mm lens. 1.255: 6 mm lens, from the published accuracy table (0.25 px at 3 m
         # are 8.8 mm) and the 43 x 33 degrees of its field of view.
-        StereoModel("rc_visard 65-4", 1280, 960, 0.8449, 0.065),
-        StereoModel("rc_visard 160-4", 1280, 960, 0.8449, 0.160),
-        StereoModel("rc_visard 160-6", 1280, 960, 1.255, 0.160),
+        StereoModel("rc_visard 65-4", 1280, 960, 0.8449, 0.065, FULL_DISPARITIES),
+        StereoModel("rc_visard 160-4", 1280, 960, 0.8449, 0.160, FULL_DISPARITIES),
+        StereoModel("rc_visard 160-6", 1280, 960, 1.255, 0.160, FULL_DISPARITIES),
     )
 }
 """The vendor's models."""

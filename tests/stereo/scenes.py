@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.scene.flatten import flatten
-from gateway.scene.geometry import Box, Cylinder, Part, Shape, Sphere
+from gateway.scene.geometry import Box, Cylinder, Part, PointCloud, Shape, Sphere
 from gateway.scene.transforms import look_at, translation
 from gateway.scene.tree import Node, TreeEdit
 from renderers.drawlist import DrawList, Material
@@ -30,6 +30,17 @@ def table() -> DrawList:
     for index, one in enumerate(parts):
         edit.set_parts(("table", index), (one,))
     return flatten(edit.commit(), label_of=lambda path, _: int(path[-1]))
+
+
+def dotted_wall() -> DrawList:
+    """A dark wall with white points, which have a pixel each at any resolution."""
+    y, z = np.meshgrid(np.linspace(-2.0, 2.0, 60), np.linspace(-1.0, 2.0, 60))
+    points = np.stack((np.ones(y.size), y.reshape(-1), z.reshape(-1)), axis=1).astype(np.float32)
+    cloud = PointCloud(points, {"rgb": np.ones((len(points), 3), np.float32)})
+    edit = TreeEdit(Node())
+    parts = (part(Box((0.1, 20.0, 20.0)), (0.2, 0.2, 0.2), 1.5, 0, 0), part(cloud, (1.0, 1.0, 1.0), 0, 0, 0))
+    edit.set_parts(("wall",), parts)
+    return flatten(edit.commit())
 
 
 def pose() -> NDArray[np.float64]:

@@ -45,7 +45,7 @@ def test_matching_the_demo_scene_with_the_projector(renderer: CpuRenderer, secon
     ):
         assert seen.depth is not None
         assert other.depth is not None
-        true = true_disparity(seen.depth, other.depth, ft, DepthRange(model.nearest_depth(0.1), 100.0))
+        true = true_disparity(seen.depth, other.depth, ft, DepthRange(model.nearest_depth(0.1, 100.0, divisor), 100.0))
     visible = true > 0
     assert visible.mean() > 0.6
     valid = visible & (measured.disparity > 0)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from renderers.stereo.errors import ErrorModel, Measured, measure
+from renderers.stereo.errors import ErrorModel, Measured, error_scale, measure
 from renderers.stereo.filters import Filters, apply_filters
 from renderers.stereo.model import MODELS, Quality, StereoModel
 from renderers.stereo.noise import Stream, frame_key
@@ -89,10 +89,37 @@ def test_depth_error_is_the_device_s_accuracy_table(model: StereoModel) -> None:
         assert millimetres == pytest.approx(published, abs=0.1)
 
 
-def test_error_image_is_the_standard_deviation_in_sixteenths() -> None:
+def test_error_image_is_in_sixteenths_where_that_is_fine_enough() -> None:
     true = np.full((100, 100), 50.0, np.float32)
-    for sigma, unit in ((0.25, 4), (0.125, 2), (0.0625, 1), (0.25 / 6, 1)):
+    for sigma, unit in ((0.25, 4), (0.125, 2), (0.0625, 1), (0.26, 4)):
+        assert error_scale(sigma, 100) == 1 / 16
         assert set(np.unique(measure(true, ErrorModel(sigma), np.uint64(9)).error)) == {unit}
+
+
+@pytest.mark.parametrize("d_eps", [0.25, 0.7])
+@pytest.mark.parametrize(("quality", "averaged"), [*((q, 1) for q in Quality), (Quality.FULL, 8), (Quality.HIGH, 8)])
+def test_error_image_is_the_standard_deviation_within_five_percent(
+    quality: Quality, averaged: int, d_eps: float
+) -> None:
+    # Not a multiple of 1/16 anywhere: disparities on a slope too small for outliers.
+    true = np.linspace(40.0, 41.0, 200_000, dtype=np.float32).reshape(400, 500)
+    sigma = d_eps / quality.divisor / averaged**0.5
+    scale = error_scale(sigma, MODEL.disparity_range(quality.divisor, 0.1))
+    measured = measure(true, ErrorModel(sigma, scale), np.uint64(9))
+    (unit,) = np.unique(measured.error)
+    assert unit * scale == pytest.approx(sigma, rel=0.05)
+    if sigma > 1 / 32:  # below, rounding to 1/16 pixel is most of the error
+        assert np.std(measured.disparity / 16 - true) == pytest.approx(sigma, rel=0.05)
+
+
+@pytest.mark.parametrize("disparities", [1, 72, 433, 2032])
+@pytest.mark.parametrize("sigma", [0.0, 1e-9, 1e-4, 0.02, 0.3, 20.0])
+def test_disparities_fit_their_sixteen_bits_at_every_scale(sigma: float, disparities: int) -> None:
+    scale = error_scale(sigma, disparities)
+    assert (disparities + 4 * sigma) / scale < 65536
+    factor = 1 / 16 / scale
+    assert factor >= 1
+    assert factor.is_integer()
 
 
 def test_confidence_is_the_probability_that_the_manual_states() -> None:
@@ -164,6 +191,16 @@ def test_holes_are_filled_up_to_the_step_on_their_border() -> None:
         if first:
             assert ((m.disparity[10:13, 28:32] > 800) & (m.disparity[10:13, 28:32] < 832)).all()
             assert (m.confidence[10:13, 28:32] == 128).all()
+
+
+@pytest.mark.parametrize(("minconf", "filled"), [(0.5, True), (128 / 255, True), (0.51, False), (1.0, False)])
+def test_filled_pixels_are_subject_to_the_least_confidence(minconf: float, filled: bool) -> None:
+    d = np.full((60, 60), 800, np.uint16)
+    d[30:33, 10:13] = 0
+    m = block(d, confidence=255)
+    apply_filters(m, Filters(minconf=minconf, seg=0), 88.0, 2)
+    assert m.disparity[30:33, 10:13].all() == filled
+    assert m.confidence[m.disparity > 0].min() >= minconf * 255
 
 
 def test_at_most_five_percent_are_filled_smallest_first() -> None:

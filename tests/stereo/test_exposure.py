@@ -17,6 +17,7 @@ from renderers.stereo.exposure import AutoExposure, Exposure, auto_exposure, bri
 from renderers.stereo.noise import Stream, frame_key
 from renderers.stereo.sensor import take
 from tests.stereo.conftest import Camera, Start, pixels
+from tests.stereo.scenes import dotted_wall
 
 KEY = frame_key(1, 1, Stream.LEFT)
 
@@ -140,6 +141,27 @@ async def test_modes_in_the_stream(start: Start) -> None:
     assert camera.service.settings.camera_rate == pytest.approx(25 / 3)
 
 
+async def test_brightness_of_depth_images_is_that_of_their_left_image(start: Start) -> None:
+    camera = await start(scene=lambda: (dotted_wall(), 1), rate="max")
+    set_ = camera.service.set_parameters
+    for color in (False, True):
+        one = await new(camera, left_enabled=True, disparity_enabled=True, confidence_enabled=True, color=color)
+        seen = {one.left.brightness, one.disparity.image.brightness, one.confidence.brightness}
+        assert len(seen) == 1
+        assert one.left.brightness == pytest.approx(pixels(one.left).mean() / 255, abs=0.006)
+    # Without a camera image of the same exposure it is one at the depth images' resolution; here that is the same.
+    set_("rc_stereomatching", [("quality", "Full")])
+    set_("rc_camera", [("exp_control", "Manual")])
+    alone = await new(camera, disparity_enabled=True)
+    assert alone.disparity.image.brightness == pytest.approx((await new(camera, left_enabled=True)).left.brightness)
+    set_("rc_iocontrol", [("out1_mode", "ExposureAlternateActive")])
+    apart = await new(camera, left_enabled=True, disparity_enabled=True)
+    set_("rc_iocontrol", [("out1_mode", "High")])
+    lit = await new(camera, left_enabled=True)
+    assert apart.disparity.image.brightness == pytest.approx(lit.left.brightness, abs=0.01)
+    assert apart.left.brightness < apart.disparity.image.brightness
+
+
 async def test_switching_an_automatic_off_keeps_what_it_found(start: Start) -> None:
     camera = await start(rate="max")
     set_, values = camera.service.set_parameters, camera.service.parameters.values("rc_camera")
@@ -202,9 +224,9 @@ async def test_static_scenes_are_averaged(start: Start) -> None:
     errors = []
     for on in (False, True):
         camera.service.set_parameters("rc_stereomatching", [("quality", "Full"), ("static_scene", on)])
-        one = await new(camera, disparity_error_enabled=True)
-        errors.append(int(pixels(one.disparity_error).max()))
-    assert errors == [8, 3]
+        one = await new(camera, disparity_enabled=True, disparity_error_enabled=True)
+        errors.append(float(pixels(one.disparity_error).max()) * one.disparity.scale)
+    assert errors == pytest.approx([0.5, 0.5 / 8**0.5], rel=0.05)
 
 
 async def test_static_scenes_are_matched_in_images_with_less_noise(start: Start) -> None:

@@ -3,25 +3,42 @@
 from __future__ import annotations
 
 import io
+import logging
 import math
-from collections.abc import AsyncIterator
+import time
+from collections.abc import AsyncIterator, Iterator
+from datetime import UTC, datetime
 from typing import Any
 
 import httpx2 as httpx
 import numpy as np
 import pytest
+import structlog
 from fastapi import FastAPI
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gateway.ops import logs
+from gateway.stereo.device import status
 from gateway.stereo.parameter_specs import NODES, Spec
 from gateway.stereo.parameters import ParameterError, Parameters, check
 from gateway.stereo.rest import router
+from gateway.stereo.system_routes import system_router
 from gateway.stereo.truth import parse, show, truth_router
+from renderers.stereo.model import MODELS, StereoModel
 from tests.stereo.conftest import Camera, Start, pixels
 
 V2 = "/api/v2/pipelines/0/nodes"
 SPECS = [(node, spec) for node, specs in NODES.items() for spec in specs.values()]
+
+
+@pytest.fixture(autouse=True)
+def _restore_logs() -> Iterator[None]:
+    root = logging.getLogger()
+    handlers, level = root.handlers[:], root.level
+    yield
+    root.handlers[:], root.level = handlers, level
+    structlog.reset_defaults()
 
 
 @pytest.fixture
@@ -33,6 +50,7 @@ async def camera(start: Start) -> Camera:
 async def rest(camera: Camera) -> AsyncIterator[httpx.AsyncClient]:
     app = FastAPI()
     app.include_router(router(camera.service))
+    app.include_router(system_router(camera.service))
     app.include_router(truth_router(camera.service))
     transport = httpx.ASGITransport(app=app)
     async with httpx.AsyncClient(transport=transport, base_url="http://device") as client:
@@ -167,6 +185,48 @@ async def test_system(rest: httpx.AsyncClient) -> None:
     assert list((await rest.get("/api/v2/pipelines")).json()) == ["0"]
 
 
+async def test_log_of_the_camera(rest: httpx.AsyncClient, camera: Camera) -> None:
+    logs.configure("json", "info")
+    before = (await rest.get("/api/v2/logs")).json()
+    assert [file["name"] for file in before] == ["stereo.log"]
+    await camera.take(left_enabled=True)
+    structlog.get_logger("stereo").warning("the scene could not be read", frame=3)
+    (after,) = (await rest.get("/api/v2/logs")).json()
+    assert after["size"] > before[0]["size"]
+    assert after["date"] > before[0]["date"]
+    log = (await rest.get("/api/v2/logs/stereo.log", params={"limit": 1})).json()
+    assert (log["name"], log["size"], log["date"]) == ("stereo.log", after["size"], after["date"])
+    (entry,) = log["log"]
+    assert entry == {
+        "component": "stereo",
+        "level": "WARN",
+        "message": "the scene could not be read frame=3",
+        "timestamp": after["date"],
+    }
+    full = (await rest.get("/api/v1/logs/stereo.log")).json()["log"]
+    assert any("streaming left to" in entry["message"] for entry in full)
+    raw = await rest.get("/api/v2/logs/stereo.log", params={"format": "raw"})
+    assert raw.headers["content-type"].startswith("text/plain")
+    assert len(raw.content) == after["size"]
+    assert raw.text.splitlines()[-1].endswith("WARN stereo: the scene could not be read frame=3")
+    missing = await rest.get("/api/v2/logs/gev.log")
+    assert missing.status_code == 404
+    assert "stereo.log" in missing.json()["message"]
+
+
+async def test_global_nodes_pipelines_and_time(rest: httpx.AsyncClient) -> None:
+    assert (await rest.get("/api/v2/nodes")).json() == []
+    for path in ("/api/v2/nodes/rc_roi_db", "/api/v2/pipelines/1", "/api/v2/pipelines/x"):
+        answer = await rest.get(path)
+        assert answer.status_code == 404
+        assert answer.json()["return_code"]["value"] == -1
+    pipelines = (await rest.get("/api/v2/pipelines")).json()
+    assert (await rest.get("/api/v2/pipelines/0")).json() == pipelines["0"]
+    now = (await rest.get("/api/v2/system/time")).json()["utc"]
+    shown = datetime.strptime(now, "%Y-%m-%d %H:%M:%S").replace(tzinfo=UTC)
+    assert abs(shown.timestamp() - time.time()) < 60
+
+
 async def test_both_spellings_of_alternate_exposure(rest: httpx.AsyncClient) -> None:
     for name in ("AlternateExposureActive", "ExposureAlternateActive"):
         answer = await rest.put(f"{V2}/rc_iocontrol/parameters/out1_mode", json={"value": name})
@@ -210,6 +270,44 @@ async def test_parameters_act_on_the_stream(rest: httpx.AsyncClient, camera: Cam
     d, e = pixels(near.disparity.image).astype(float), pixels(near.disparity_error).astype(float)
     ft = near.disparity.image.focal_length * near.disparity.baseline
     assert (e[d > 0] / 16 * ft / (d[d > 0] / 16) ** 2).max() <= 0.01 + 1e-9
+
+
+async def test_the_depth_range_at_full_quality_is_limited_by_memory(start: Start) -> None:
+    camera = await start(model=MODELS["rc_visard 160-4"], rate="max", noise=False)
+    app = FastAPI()
+    app.include_router(router(camera.service))
+    transport = httpx.ASGITransport(app=app)
+    async with httpx.AsyncClient(transport=transport, base_url="http://device") as rest:
+
+        async def range_at(**parameters: object) -> tuple[float, str]:
+            body = [{"name": name, "value": value} for name, value in parameters.items()]
+            assert (await rest.put(f"{V2}/rc_stereomatching/parameters", json=body)).status_code == 200
+            values = (await rest.get(f"{V2}/rc_stereomatching/status")).json()["values"]
+            return float(values["mindepth"]), values["reduced_depth_range"]
+
+        assert await range_at(quality="High") == (0.4, "0")
+        nearest, reduced = await range_at(quality="Full")
+        # 256 disparities from that of maxdepth on; f t = 1081.472 * 0.16.
+        assert (nearest, reduced) == (pytest.approx(173.0355 / (173.0355 / 100 + 256), rel=1e-5), "1")
+        # A smaller maxdepth brings mindepth nearer.
+        assert await range_at(maxdepth=0.9) == (0.4, "0")
+        nearest, reduced = await range_at(maxdepth=2.0)
+        assert 0.4 < nearest < 0.6
+        assert reduced == "1"
+        assert await range_at(mindepth=0.7) == (0.7, "0")
+
+
+@pytest.mark.parametrize("mode", ["ground_truth", "matched"])
+async def test_nothing_is_measured_nearer_than_the_status_says(start: Start, mode: str) -> None:
+    model = StereoModel("small", 320, 240, 0.8449, 0.160, full_disparities=30)
+    camera = await start(model=model, rate="max", depth_mode=mode, noise=False)
+    camera.service.parameters.set("rc_iocontrol", [("out1_mode", "High")])
+    camera.service.parameters.set("rc_stereomatching", [("quality", "Full")])
+    (one,) = await camera.take(disparity_enabled=True)
+    d = pixels(one.disparity.image)
+    assert (d > 0).mean() > 0.1
+    z = one.disparity.image.focal_length * one.disparity.baseline / (d[d > 0] * one.disparity.scale)
+    assert z.min() >= 0.999 * float(status(camera.service, "rc_stereomatching")["values"]["mindepth"]) > 1.3
 
 
 async def test_truth_of_a_set(rest: httpx.AsyncClient, camera: Camera) -> None:

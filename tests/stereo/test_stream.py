@@ -18,6 +18,7 @@ from renderers.drawlist import DrawList, Image, ImageError, Instance, Material, 
 from renderers.stereo.model import MODELS
 from tests.stereo.conftest import EVERYTHING, Camera, Start, pixels
 from tests.stereo.scenes import table
+from tests.support.waiting import until
 
 
 async def test_everything_that_is_asked_for_comes_with_one_timestamp(start: Start) -> None:
@@ -94,6 +95,24 @@ async def test_quality_decides_size_and_intrinsics(
     assert image.principal_point_v == pytest.approx(120 / divisor)
 
 
+async def test_depth_error_at_every_quality(start: Start) -> None:
+    model = MODELS["rc_visard 160-4"]
+    camera = await start(model=model, rate="max")
+    for quality in ("Low", "Medium", "High", "Full"):
+        camera.service.parameters.set("rc_stereomatching", [("quality", quality), ("fill", 0)])
+        (one,) = await camera.take(disparity_enabled=True, disparity_error_enabled=True)
+        image = one.disparity.image
+        valid = pixels(image) > 0
+        d, e = (pixels(i)[valid].astype(float) * one.disparity.scale for i in (image, one.disparity_error))
+        ft = image.focal_length * one.disparity.baseline
+        k = model.intrinsics()
+        wanted = 0.25 * (ft / d) ** 2 / (k.focal_length * model.baseline)
+        assert np.abs(e * ft / d**2 / wanted - 1).max() < 0.05
+        # Disparities are multiples of 1/16 pixel at every scale.
+        assert one.disparity.delta_d == 1 / 16
+        assert not (d * 16 % 1).any()
+
+
 @pytest.mark.parametrize("points", [1, 999])
 async def test_too_few_mesh_points_are_refused_with_a_sentence(start: Start, points: int) -> None:
     camera = await start()
@@ -117,14 +136,14 @@ async def test_same_seed_scene_and_frame_give_the_same_bytes(start: Start) -> No
     assert not set(first) & set(other)
 
 
+def at(time: pb.Time) -> int:
+    return time.sec * 10**9 + time.nsec
+
+
 async def test_alternate_exposure(start: Start) -> None:
     camera = await start()
     camera.service.parameters.set("rc_iocontrol", [("out1_mode", "AlternateExposureActive")])
     (one,) = await camera.take(**EVERYTHING)
-
-    def at(t: pb.Time) -> int:
-        return t.sec * 10**9 + t.nsec
-
     assert at(one.timestamp) == at(one.disparity.timestamp) == at(one.mesh.timestamp)
     assert at(one.timestamp) - at(one.left.timestamp) == 40_000_000
     assert at(one.left.timestamp) == at(one.right.timestamp)
@@ -151,10 +170,39 @@ async def test_depth_on_demand(start: Start) -> None:
     assert camera.service.fire_trigger()[0] == 0
     assert camera.service.fire_trigger()[0] == 101
     assert (await pending).HasField("disparity")
+
+
+@pytest.mark.parametrize("out1", ["Low", "High", "ExposureAlternateActive"])
+async def test_depth_on_demand_with_out1_has_an_exposure_of_its_own(start: Start, out1: str) -> None:
+    camera = await start(clock=SimulatedClock())
+    parameters = camera.service.parameters
+    parameters.set("rc_iocontrol", [("out1_mode", out1)])
     parameters.set("rc_stereomatching", [("acquisition_mode", "SingleFrameOut1")])
+    depth, left = camera.stream(left_enabled=True, disparity_enabled=True), camera.stream(left_enabled=True)
     pending = asyncio.ensure_future(depth.read())
+    await left.read()
+    await until(lambda: len(camera.service.hub) == 2)
     assert camera.service.fire_trigger()[0] == 0
-    assert (await pending).disparity.image.gpios.values == 1
+    one = await pending
+    taken, exposed = at(one.left.timestamp), at(one.disparity.timestamp)
+    assert (one.left.gpios.values, one.disparity.image.gpios.values) == (0, 1)
+    assert exposed - taken == 40_000_000
+    assert at(one.timestamp) == exposed
+    # Camera images go on, but none is exposed until the depth exposure is over.
+    stamps = [at((await left.read()).left.timestamp)]
+    while stamps[-1] < exposed + 200_000_000:
+        image = (await left.read()).left
+        assert image.gpios.values == 0
+        stamps.append(at(image.timestamp))
+    assert not [stamp for stamp in stamps if taken < stamp < exposed + 40_000_000]
+
+
+async def test_outputs_of_camera_and_depth_images_differ_only_between_exposures(start: Start) -> None:
+    camera = await start()
+    camera.service.parameters.set("rc_iocontrol", [("out2_mode", "ExposureAlternateActive")])
+    (one,) = await camera.take(left_enabled=True, disparity_enabled=True)
+    assert (one.left.gpios.values, one.disparity.image.gpios.values) == (0, 2)
+    assert at(one.disparity.timestamp) - at(one.left.timestamp) == 40_000_000
 
 
 async def test_a_picture_that_cannot_be_made_ends_the_stream_with_the_reason(start: Start) -> None:

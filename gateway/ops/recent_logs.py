@@ -1,0 +1,57 @@
+"""The newest log entries of some loggers, in memory, for interfaces that show them."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from dataclasses import dataclass
+from typing import Final
+
+from structlog.typing import EventDict, WrappedLogger
+
+MAX_ENTRIES: Final = 1000
+"""Per logger; older ones are dropped."""
+MAX_MESSAGE: Final = 1000
+"""Characters; longer messages are cut. With ``MAX_ENTRIES`` 1 MB per logger."""
+_NOT_SHOWN: Final = frozenset(("event", "level", "logger", "timestamp", "exc_info", "exception", "stack", "request_id"))
+
+
+@dataclass(frozen=True, slots=True)
+class LogEntry:
+    """One line of a log."""
+
+    timestamp: float
+    """Unix time, seconds."""
+    level: str
+    """As structlog names it: debug, info, warning, error, critical."""
+    logger: str
+    message: str
+    """The event and its values."""
+
+
+class RecentLogs:
+    """A structlog processor that keeps entries and passes them on. Safe in any thread."""
+
+    def __init__(self, *loggers: str) -> None:
+        """
+        Args:
+            loggers: names of the loggers whose entries are kept.
+        """
+        self._entries: dict[str, deque[LogEntry]] = {name: deque(maxlen=MAX_ENTRIES) for name in loggers}
+
+    def __call__(self, logger: WrappedLogger, method: str, event: EventDict) -> EventDict:
+        """Keeps the entry; its level and logger must have been added."""
+        entries = self._entries.get(event.get("logger", ""))
+        if entries is not None:
+            values = [f" {key}={value}" for key, value in event.items() if key not in _NOT_SHOWN]
+            message = f"{event.get('event')}{''.join(values)}"[:MAX_MESSAGE]
+            entries.append(LogEntry(time.time(), event.get("level", method), event["logger"], message))
+        return event
+
+    def of(self, logger: str) -> list[LogEntry]:
+        """The entries of a logger, oldest first."""
+        return list(self._entries[logger])
+
+
+recent_logs: Final = RecentLogs("stereo")
+"""What ``logs.configure`` fills: the stereo camera's device has its log files in its REST interface."""

@@ -1,0 +1,116 @@
+"""The device's REST interface beside the nodes of a camera: logs, global nodes, pipelines, time."""
+
+from __future__ import annotations
+
+import time
+from typing import Annotated, Any, Final, Literal
+
+from fastapi import APIRouter, Query
+from fastapi.responses import JSONResponse, PlainTextResponse, Response
+
+from gateway.ops.recent_logs import MAX_ENTRIES, LogEntry, recent_logs
+from gateway.stereo import device
+from gateway.stereo.service import StereoService
+
+LOG_FILE: Final = "stereo.log"
+"""The one log there is: that of the stereo camera."""
+_LEVELS: Final = {"debug": "DEBUG", "info": "INFO", "warning": "WARN", "error": "ERROR", "critical": "FATAL"}
+"""The device's names of levels."""
+_MISSING: Final[dict[int | str, dict[str, Any]]] = {
+    404: {
+        "description": "There is nothing of that name.",
+        "content": {
+            "application/json": {
+                "schema": {
+                    "type": "object",
+                    "required": ["message"],
+                    "properties": {"message": {"type": "string"}},
+                },
+                "example": {"message": "there is no log 'gev.log'; there is stereo.log"},
+            }
+        },
+    }
+}
+
+
+def system_router(*services: StereoService) -> APIRouter:
+    """Routes below ``/api``; version 1 has logs and time alone.
+
+    Args:
+        services: pipeline 0, 1, …; at least one.
+    """
+    api = APIRouter(tags=["Stereo camera"])
+
+    async def logs() -> Any:
+        return [_log_info(_entries(), services[0].started)]
+
+    async def log(
+        log: str,
+        format: Annotated[Literal["json", "raw"], Query(description="JSON or plain text")] = "json",  # noqa: A002 - the device's name
+        limit: Annotated[int, Query(ge=1, le=MAX_ENTRIES, description="Newest entries, in JSON")] = 100,
+    ) -> Response:
+        if log != LOG_FILE:
+            return _missing(f"there is no log {log[:80]!r}; there is {LOG_FILE}")
+        entries = _entries()
+        if format == "raw":
+            return PlainTextResponse(_raw(entries))
+        shown = [_log_entry(entry) for entry in entries[-limit:]]
+        return JSONResponse({**_log_info(entries, services[0].started), "log": shown})
+
+    async def system_time() -> Any:
+        return {"utc": time.strftime("%Y-%m-%d %H:%M:%S", time.gmtime())}
+
+    for version in ("v1", "v2"):
+        api.add_api_route(f"/api/{version}/logs", logs, methods=["GET"], summary="Log files")
+        api.add_api_route(
+            f"/api/{version}/logs/{{log}}",
+            log,
+            methods=["GET"],
+            summary="A log file",
+            responses={**_MISSING, 200: {"description": "Log, or its text.", "content": {"text/plain": {}}}},
+        )
+        api.add_api_route(f"/api/{version}/system/time", system_time, methods=["GET"], summary="System time in UTC")
+
+    @api.get("/api/v2/nodes", summary="Global nodes: none, since there are no database modules")
+    async def nodes() -> list[Any]:
+        return []
+
+    @api.get("/api/v2/nodes/{node}", summary="A global node", responses=_MISSING)
+    async def node(node: str) -> Response:
+        return _missing(f"there is no global node {node[:80]!r}; cameras' nodes are at /api/v2/pipelines/0/nodes")
+
+    @api.get("/api/v2/pipelines/{number}", summary="A pipeline", responses=_MISSING)
+    async def pipeline(number: str) -> Any:
+        found = device.pipelines(services).get(number)
+        return found or _missing(f"there is no pipeline {number[:80]!r}; there are {len(services)}, from 0 on")
+
+    return api
+
+
+def _missing(message: str) -> JSONResponse:
+    return JSONResponse({"message": message, "return_code": {"value": -1, "message": message}}, 404)
+
+
+def _entries() -> list[LogEntry]:
+    return recent_logs.of("stereo")
+
+
+def _log_info(entries: list[LogEntry], started: float) -> dict[str, Any]:
+    """The device's LogInfo."""
+    date = entries[-1].timestamp if entries else started
+    return {"date": date, "name": LOG_FILE, "size": len(_raw(entries).encode())}
+
+
+def _log_entry(entry: LogEntry) -> dict[str, Any]:
+    """The device's LogEntry."""
+    level = _LEVELS.get(entry.level, "INFO")
+    return {"component": entry.logger, "level": level, "message": entry.message, "timestamp": entry.timestamp}
+
+
+def _raw(entries: list[LogEntry]) -> str:
+    lines = (
+        f"{time.strftime('%Y-%m-%dT%H:%M:%SZ', time.gmtime(entry.timestamp))} {_LEVELS.get(entry.level, 'INFO')} "
+        f"{entry.logger}: {entry.message}\n"
+        for entry in entries
+    )
+    return "".join(lines)
