@@ -25,26 +25,56 @@ _OUTCOMES: Final[Mapping[int, str]] = {200: "ok", 499: "gone", 500: "failed", 50
 
 
 def watch_process(metrics: Metrics, board: Board, workers: Workers) -> None:
-    """What every gateway has: its version, its interfaces and the threads that render."""
-    metrics.watch("scenegate_build_info", "Always 1", lambda: {__version__: 1.0}, label="version")
-    metrics.watch("scenegate_interface_ready", "1: it can be used", lambda: _ready(board), label="interface")
-    metrics.watch("scenegate_render_threads", "Worker threads", lambda: workers.threads)
-    metrics.watch("scenegate_render_running", "Calls that worker threads run", lambda: workers.stats.running)
-    metrics.watch("scenegate_render_waiting", "Calls that wait for a worker thread", lambda: workers.stats.waiting)
-    metrics.watch("scenegate_render_waiting_limit", "Calls that may wait (--queue)", lambda: workers.max_waiting)
-    metrics.watch("scenegate_render_waiting_bytes", "Their request bodies", lambda: workers.stats.waiting_bytes)
-    metrics.watch_total("scenegate_calls_total", "Calls of worker threads by end", lambda: _calls(workers), label="end")
+    """Metrics of every gateway: its version, its interfaces and the worker threads."""
+    metrics.watch(
+        "scenegate_build_info",
+        "Always 1; the label version is the version of this gateway.",
+        lambda: {__version__: 1.0},
+        label="version",
+    )
+    metrics.watch(
+        "scenegate_interface_ready",
+        "1 while an interface can be used, else 0, by interface.",
+        lambda: _ready(board),
+        label="interface",
+    )
+    metrics.watch("scenegate_render_threads", "Worker threads that render and decode.", lambda: workers.threads)
+    metrics.watch("scenegate_render_running", "Calls that worker threads execute now.", lambda: workers.stats.running)
+    metrics.watch(
+        "scenegate_render_waiting", "Calls that wait for a free worker thread.", lambda: workers.stats.waiting
+    )
+    metrics.watch(
+        "scenegate_render_waiting_limit",
+        "Maximum number of calls that may wait for a worker thread (--queue).",
+        lambda: workers.max_waiting,
+    )
+    metrics.watch(
+        "scenegate_render_waiting_bytes",
+        "Bytes of the request bodies of all calls that wait for a worker thread.",
+        lambda: workers.stats.waiting_bytes,
+    )
+    metrics.watch_total(
+        "scenegate_calls_total",
+        "Calls given to the worker threads, by end: done (returned or failed), rejected (the queue was full) or "
+        "abandoned (the caller left before the result).",
+        lambda: _calls(workers),
+        label="end",
+    )
 
 
 def watch_tree(metrics: Metrics, tree: LiveTree) -> None:
-    """The live scene."""
-    metrics.watch("scenegate_tree_revision", "Edits since start", lambda: tree.snapshot.revision)
-    metrics.watch("scenegate_tree_nodes", "Nodes of the live scene", lambda: tree.snapshot.root.node_count)
-    metrics.watch("scenegate_tree_geometry_nodes", "Those with geometry", lambda: tree.snapshot.root.geometry_count)
+    """Metrics of the live scene."""
+    metrics.watch("scenegate_tree_revision", "Edits of the live scene since start.", lambda: tree.snapshot.revision)
+    metrics.watch("scenegate_tree_nodes", "Nodes of the live scene.", lambda: tree.snapshot.root.node_count)
+    metrics.watch(
+        "scenegate_tree_geometry_nodes",
+        "Nodes of the live scene that have geometry.",
+        lambda: tree.snapshot.root.geometry_count,
+    )
 
 
 def watch_render(metrics: Metrics, service: RenderService) -> None:
-    """The render endpoint's caches; its requests come by ``count_render``."""
+    """Metrics of the render endpoint's caches; ``count_render`` counts its requests."""
 
     def hits() -> dict[str, float]:
         stats = service.scenes.geometry
@@ -63,10 +93,29 @@ def watch_render(metrics: Metrics, service: RenderService) -> None:
         stats = service.scenes.geometry
         return {"scenes": service.scenes.nbytes, "geometry": stats.nbytes, "documents": stats.document_bytes}
 
-    metrics.watch_total("scenegate_cache_hits_total", "What was found in a cache", hits, label="cache")
-    metrics.watch_total("scenegate_cache_misses_total", "What had to be made", misses, label="cache")
-    metrics.watch("scenegate_cache_bytes", "What the caches hold, about", nbytes, label="cache")
-    metrics.watch("scenegate_render_body_bytes", "Bodies being received or rendered", lambda: service.inflight_bytes)
+    metrics.watch_total(
+        "scenegate_cache_hits_total",
+        "Look-ups of the render endpoint that a cache answered, by cache.",
+        hits,
+        label="cache",
+    )
+    metrics.watch_total(
+        "scenegate_cache_misses_total",
+        "Look-ups of the render endpoint that a cache did not answer, by cache.",
+        misses,
+        label="cache",
+    )
+    metrics.watch(
+        "scenegate_cache_bytes",
+        "Bytes that the caches of the render endpoint hold, approximately, by cache.",
+        nbytes,
+        label="cache",
+    )
+    metrics.watch(
+        "scenegate_render_body_bytes",
+        "Bytes of render request bodies that are being received, wait or are rendered.",
+        lambda: service.inflight_bytes,
+    )
 
 
 def count_render(metrics: Metrics, record: RenderRecord) -> None:
@@ -77,59 +126,87 @@ def count_render(metrics: Metrics, record: RenderRecord) -> None:
 
 
 def watch_stereo(metrics: Metrics, *services: StereoService) -> None:
-    """The streams of all stereo cameras."""
+    """Metrics of all stereo cameras together."""
     hubs, counts = [s.hub for s in services], [s.counts for s in services]
-    metrics.watch("scenegate_stereo_streams", "Open streams", lambda: sum(map(len, hubs)))
+    metrics.watch(
+        "scenegate_stereo_streams", "Open gRPC image streams of the stereo cameras.", lambda: sum(map(len, hubs))
+    )
     metrics.watch_total(
-        "scenegate_stereo_sets_sent_total", "Image sets sent to all clients", lambda: sum(h.sent for h in hubs)
+        "scenegate_stereo_sets_sent_total",
+        "Stereo image sets sent, summed over all clients.",
+        lambda: sum(h.sent for h in hubs),
     )
     metrics.watch_total(
         "scenegate_stereo_sets_skipped_total",
-        "Image sets that slow clients did not take",
+        "Stereo image sets that a newer one replaced because a client read too slowly, summed over all clients.",
         lambda: sum(h.skipped for h in hubs),
     )
     metrics.watch_total(
         "scenegate_stereo_frames_total",
-        "Frames taken by kind",
+        "Frames that the stereo cameras took, by kind: camera (left and right) or depth.",
         lambda: {"camera": sum(c.frames for c in counts), "depth": sum(c.depth_frames for c in counts)},
         label="kind",
     )
     metrics.watch_total(
         "scenegate_stereo_frames_missed_total",
-        "Frames that were due, but too many were in work, or the threads had too much to do",
+        "Stereo frames that were due and not taken, by reason: in_work (too many frames unfinished) or busy (no free "
+        "worker thread).",
         lambda: {"in_work": sum(c.skipped for c in counts), "busy": sum(c.busy for c in counts)},
         label="reason",
     )
     metrics.watch(
-        "scenegate_stereo_depth_seconds", "From taking to publishing", lambda: max(c.depth_seconds for c in counts)
+        "scenegate_stereo_depth_duration_seconds",
+        "Seconds from exposure to publication of the last stereo depth frame; of several cameras the longest.",
+        lambda: max(c.depth_seconds for c in counts),
     )
 
 
 def watch_treeviewer(metrics: Metrics, service: TreeViewerService) -> None:
-    """The tree viewer's messages, and those that were lost."""
+    """Metrics of the tree viewer: its messages, and those that were lost."""
     answers = ("received", "answered", "missing", "failed", "unanswerable", "internal_errors")
     metrics.watch_total(
         "scenegate_lcm_messages_total",
-        "Requests received; answered, of them with missing paths or failed; answers that could not be sent",
+        "Tree viewer messages, by what: requests received, answers sent (answered), those of them that report missing "
+        "paths (missing) or an error (failed), answers that could not be sent (unanswerable), and internal_errors.",
         lambda: _some(service.status(), answers),
         label="what",
     )
-    metrics.watch_total("scenegate_lcm_bytes_total", "Received", lambda: float(service.status()["received_bytes"]))
-    metrics.watch_total("scenegate_lcm_lost_total", "Lost, by reason", lambda: _lost(service.status()), label="reason")
-    metrics.watch("scenegate_lcm_waiting_bytes", "Not handled yet", lambda: float(service.status()["waiting_bytes"]))
+    metrics.watch_total(
+        "scenegate_lcm_bytes_total",
+        "Bytes of tree viewer requests received over LCM and TCPQ.",
+        lambda: float(service.status()["received_bytes"]),
+    )
+    metrics.watch_total(
+        "scenegate_lcm_lost_total",
+        "Tree viewer messages or datagrams lost, by reason: datagrams (dropped by the operating system), incomplete (a "
+        "fragment is missing), refused (larger than the limit), waiting (too many unhandled) or undecodable.",
+        lambda: _lost(service.status()),
+        label="reason",
+    )
+    metrics.watch(
+        "scenegate_lcm_waiting_bytes",
+        "Bytes of tree viewer requests received and not yet handled.",
+        lambda: float(service.status()["waiting_bytes"]),
+    )
     metrics.watch(
         "scenegate_tree_geometry_bytes",
-        "Arrays of published geometry in use",
+        "Bytes of the geometry arrays that tree viewer clients have published and the live scene holds.",
         lambda: float(service.status()["geometry_bytes"]),
     )
     metrics.watch(
-        "scenegate_tcpq_clients", "Connections to the hub", lambda: float(_part(service.status(), "tcpq", "clients"))
+        "scenegate_tcpq_clients",
+        "Clients connected to the TCPQ hub.",
+        lambda: float(_part(service.status(), "tcpq", "clients")),
     )
 
 
 def watch_view(metrics: Metrics, hub: ViewHub) -> None:
-    """The browser view."""
-    metrics.watch("scenegate_view_browsers", "Browsers connected", lambda: float(hub.status()["browsers"]))
+    """Metrics of the browser view."""
+    metrics.watch(
+        "scenegate_view_browsers",
+        "Browser pages connected to the view's WebSocket.",
+        lambda: float(hub.status()["browsers"]),
+    )
 
 
 def _ready(board: Board) -> dict[str, float]:

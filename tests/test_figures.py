@@ -20,7 +20,13 @@ ALERTS = Path(__file__).parents[1] / "deploy" / "prometheus"
 
 
 @pytest.fixture(scope="module")
-def figures() -> Iterator[dict[str, float]]:
+def helps() -> dict[str, str]:
+    """HELP texts of /metrics by name; ``figures`` fills it."""
+    return {}
+
+
+@pytest.fixture(scope="module")
+def figures(helps: dict[str, str]) -> Iterator[dict[str, float]]:
     """Every sample of /metrics, its labels as they are written, after a few requests of each kind."""
     flags = ("--demo", "--grpc-port", "0", "--tcpq-port", "0", "--lcm-url", "off")
     with gateway_process(*flags) as (_, url), httpx2.Client(base_url=url) as http:
@@ -41,6 +47,7 @@ def figures() -> Iterator[dict[str, float]]:
             next(stream)
             text = http.get("/metrics").text
             stream.cancel()
+        helps.update(re.findall(r"^# HELP (scenegate_\w+) (.*)$", text, re.MULTILINE))
         samples = [line.rpartition(" ") for line in text.splitlines() if not line.startswith("#")]
         yield {name: float(value) for name, _, value in samples}
 
@@ -50,7 +57,7 @@ def test_renders_by_type_and_outcome(figures: dict[str, float]) -> None:
     assert figures['scenegate_renders_total{outcome="ok",type="label"}'] == 1
     assert figures['scenegate_renders_total{outcome="rejected",type="unknown"}'] == 1
     for stage in ("queue", "parse", "render", "encode"):
-        assert figures[f'scenegate_render_stage_seconds_count{{stage="{stage}"}}'] == 4
+        assert figures[f'scenegate_render_stage_duration_seconds_count{{stage="{stage}"}}'] == 4
     assert figures["scenegate_render_waiting_limit"] == 256
 
 
@@ -71,6 +78,25 @@ def test_streams_tree_and_messages(figures: dict[str, float]) -> None:
     assert figures['scenegate_interface_ready{interface="stereo"}'] == 1
 
 
+def test_every_help_text_can_be_read_alone(figures: dict[str, float], helps: dict[str, str]) -> None:
+    assert len(helps) > 30
+    assert len(set(helps.values())) == len(helps)
+    for name, text in helps.items():
+        assert len(text.split()) >= 4, (name, text)
+        assert text.endswith("."), (name, text)
+        assert not re.match(r"(Those|Their|They|It|What|Which|Of|From|As) ", text), (name, text)
+        for unit in ("seconds", "bytes"):
+            assert not re.search(rf"_{unit}(_total)?$", name) or text.startswith(unit.capitalize()), (name, text)
+
+
+def test_durations_are_named_as_such_and_nothing_has_a_time_of_creation(figures: dict[str, float]) -> None:
+    names = {re.split(r"[ {]", name)[0] for name in figures if name.startswith("scenegate_")}
+    assert not [name for name in figures if "_created" in name]
+    seconds = [re.sub(r"_(bucket|sum|count)$", "", name) for name in names if "_seconds" in name]
+    assert seconds
+    assert [name for name in seconds if not name.endswith("_duration_seconds")] == []
+
+
 def test_alerts_ask_for_figures_that_exist(figures: dict[str, float]) -> None:
     there = {re.split(r"[ {]", name)[0] for name in figures}
     asked = set(re.findall(r"\bscenegate_\w+", (ALERTS / "alerts.yml").read_text()))
@@ -82,7 +108,7 @@ def test_the_page_has_every_figure_with_its_labels(figures: dict[str, float]) ->
     there: dict[str, set[str]] = {}
     for sample in figures:
         name, _, labels = sample.partition("{")
-        if name.startswith("scenegate_") and not name.endswith(("_created", "_sum", "_count")):
+        if name.startswith("scenegate_") and not name.endswith(("_sum", "_count")):
             there.setdefault(name.removesuffix("_bucket"), set()).update(re.findall(r'(\w+)="', labels))
     page = (ALERTS.parents[1] / "docs" / "deployment.md").read_text("utf-8")
     told: dict[str, set[str]] = {}

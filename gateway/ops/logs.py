@@ -16,7 +16,6 @@ Format = Literal["auto", "human", "json"]
 
 _QUIET = {
     "asyncio": logging.WARNING,
-    "uvicorn.error": logging.WARNING,
     "numba": logging.WARNING,
     "PIL": logging.WARNING,
     "trimesh": logging.ERROR,
@@ -71,12 +70,14 @@ class _Factory:
         return found
 
 
-def configure(log_format: Format = "auto", level: str = "info") -> None:
+def configure(log_format: Format = "auto", level: str = "info", *, uvicorn_starts: bool = False) -> None:
     """Sends what structlog and the standard library log to stderr in one format.
 
     Args:
         log_format: ``auto`` is ``human`` where stderr is a terminal, else ``json``.
         level: the least that is logged: debug, info, warning, error.
+        uvicorn_starts: the process is ``uvicorn gateway.app:app``, and uvicorn may log address, start and end as its
+            --log-level says; else it logs warnings only.
     """
     human = log_format == "human" or (log_format == "auto" and sys.stderr.isatty())
     shared: list[Processor] = [
@@ -104,9 +105,13 @@ def configure(log_format: Format = "auto", level: str = "info") -> None:
     root.setLevel(level.upper())
     for name, least in _QUIET.items():
         logging.getLogger(name).setLevel(least)
-    for name in ("uvicorn", "uvicorn.error"):  # uvicorn's own handlers would print a second time
+    uvicorn = logging.getLogger("uvicorn.error")
+    uvicorn.setLevel(max(uvicorn.level, root.level) if uvicorn_starts else logging.WARNING)
+    # The command uvicorn gives its loggers handlers; their lines go to the root's handler instead. Its access
+    # log is switched off as --no-access-log does: gateway.ops.requests writes a line with the request's id.
+    for name, propagate in (("uvicorn", True), ("uvicorn.error", True), ("uvicorn.access", False)):
         logger = logging.getLogger(name)
-        logger.handlers[:], logger.propagate = [], True
+        logger.handlers[:], logger.propagate = [], propagate
     structlog.configure(
         # What nobody wants is not made ready first.
         processors=[structlog.stdlib.filter_by_level, *shared, recent_logs, *last],

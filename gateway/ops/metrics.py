@@ -15,6 +15,7 @@ from prometheus_client import (
     Histogram,
     PlatformCollector,
     ProcessCollector,
+    disable_created_metrics,
     generate_latest,
 )
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
@@ -69,35 +70,41 @@ class Metrics:
     """What is counted, by name."""
 
     def __init__(self) -> None:
+        # A second time series for each counter and histogram, which no alert or graph reads.
+        disable_created_metrics()  # type: ignore[no-untyped-call]
         self.registry = CollectorRegistry()
         ProcessCollector(registry=self.registry)
         PlatformCollector(registry=self.registry)
         self.requests = Counter(
             "scenegate_http_requests_total",
-            "HTTP requests by route, method and status",
+            "HTTP requests answered, by route, method and status code.",
             ("route", "method", "status"),
             registry=self.registry,
         )
         self.seconds = Histogram(
-            "scenegate_http_request_seconds",
-            "Time from the first byte of a request to the last of its answer",
+            "scenegate_http_request_duration_seconds",
+            "Seconds from receiving the head of an HTTP request to sending the end of its response, by route.",
             ("route",),
             buckets=_SECONDS,
             registry=self.registry,
         )
         self.in_flight = Gauge(
-            "scenegate_http_requests_in_flight", "HTTP requests being answered", registry=self.registry
+            "scenegate_http_requests_in_flight",
+            "HTTP requests received and not yet fully answered.",
+            registry=self.registry,
         )
 
         self.renders = Counter(
             "scenegate_renders_total",
-            "Requests of the render endpoint by type of image and outcome (ok, rejected, busy, gone, failed)",
+            "Requests of the render endpoint, by type of image and by outcome: ok, rejected (a bad request), "
+            "busy (503), gone (the client disconnected) or failed (an internal error).",
             ("type", "outcome"),
             registry=self.registry,
         )
         self.stage_seconds = Histogram(
-            "scenegate_render_stage_seconds",
-            "Time that a render spent waiting for a thread (queue), reading the scene (parse), drawing and encoding",
+            "scenegate_render_stage_duration_seconds",
+            "Seconds that a render request spent in a stage: queue (waiting for a worker thread), parse (reading the "
+            "scene), render (drawing) or encode (compressing the image).",
             ("stage",),
             buckets=_SECONDS,
             registry=self.registry,

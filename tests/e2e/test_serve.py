@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import signal
@@ -15,7 +16,7 @@ import httpx2
 import pytest
 
 from tests.support import forms
-from tests.support.gateway_process import GatewayProcess, gateway_process, refused
+from tests.support.gateway_process import STOP_SECONDS, GatewayProcess, gateway_process, refused
 
 
 @pytest.fixture(scope="module")
@@ -102,19 +103,30 @@ def test_a_setting_that_cannot_be_used_is_exit_code_2() -> None:
     assert line["event"].startswith("scenegate: SCENEGATE_HTTP_PORT: input should be a valid integer")
 
 
-def test_uvicorn_serves_the_same_application(tmp_path: Path) -> None:
+def test_uvicorn_serves_the_same_application_and_logs_json(tmp_path: Path) -> None:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    command = [sys.executable, "-m", "uvicorn", "gateway.app:app", "--port", str(port), "--log-level", "warning"]
+    command = [sys.executable, "-m", "uvicorn", "gateway.app:app", "--port", str(port)]
     environment = {**os.environ, "SCENEGATE_ONLY": "render", "SCENEGATE_LOG_FORMAT": "json"}
-    process = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, bufsize=1
+    )
+    lines: list[str] = []
     try:
-        assert process.stderr is not None
-        assert any("Scenegate has started" in line for line in process.stderr)
+        assert process.stdout is not None
+        for line in process.stdout:
+            lines.append(line)
+            if "Scenegate has started" in line:
+                break
         transport = httpx2.HTTPTransport(retries=20)
-        with httpx2.Client(transport=transport) as client:
-            assert client.get(f"http://127.0.0.1:{port}/readyz").json()["status"] == "ready"
+        with httpx2.Client(transport=transport, base_url=f"http://127.0.0.1:{port}") as client:
+            assert client.get("/readyz").json()["status"] == "ready"
+            assert client.get("/nothing", headers={"X-Request-ID": "r1"}).status_code == 404
     finally:
         process.terminate()
-        process.communicate(timeout=60)
+        lines += process.communicate(timeout=STOP_SECONDS)[0].splitlines()
+    log = [json.loads(line) for line in lines]
+    assert [entry["request_id"] for entry in log if entry.get("path") == "/nothing"] == ["r1"]
+    assert any(f"http://127.0.0.1:{port}" in entry["event"] for entry in log)
+    assert any(entry["event"].startswith("Finished server process") for entry in log)

@@ -8,16 +8,19 @@ from collections.abc import Iterator
 
 import pytest
 import structlog
+import uvicorn
 
 from gateway.ops import logs
 
 
 @pytest.fixture(autouse=True)
 def _restore() -> Iterator[None]:
-    root = logging.getLogger()
-    handlers, level = root.handlers[:], root.level
+    loggers = [logging.getLogger(name) for name in (None, "uvicorn", "uvicorn.error", "uvicorn.access")]
+    before = [(logger.handlers[:], logger.level, logger.propagate) for logger in loggers]
     yield
-    root.handlers[:], root.level = handlers, level
+    for logger, (handlers, level, propagate) in zip(loggers, before, strict=True):
+        logger.handlers[:], logger.propagate = handlers, propagate
+        logger.setLevel(level)
     structlog.reset_defaults()
 
 
@@ -55,6 +58,31 @@ def test_auto_is_json_where_there_is_no_terminal(capsys: pytest.CaptureFixture[s
     logs.configure("auto", "info")
     structlog.get_logger().info("hello")
     assert json.loads(capsys.readouterr().err)["event"] == "hello"
+
+
+@pytest.mark.parametrize(
+    ("level", "uvicorn_level", "shown"), [("info", "info", 2), ("warning", "info", 1), ("info", "error", 0)]
+)
+def test_lines_of_uvicorns_command_are_json(
+    capfd: pytest.CaptureFixture[str], level: str, uvicorn_level: str, shown: int
+) -> None:
+    uvicorn.Config("gateway.app:app", log_level=uvicorn_level)  # gives its loggers handlers, as its command does
+    logs.configure("json", level, uvicorn_starts=True)
+    logging.getLogger("uvicorn.error").info("Started server process [%d]", 7, extra={"color_message": "coloured"})
+    logging.getLogger("uvicorn.error").warning("Invalid HTTP request received.")
+    assert not logging.getLogger("uvicorn.access").hasHandlers()  # what uvicorn asks before it logs a request
+    out, err = capfd.readouterr()
+    assert out == ""
+    events = [json.loads(line)["event"] for line in err.splitlines()]
+    assert events == ["Started server process [7]", "Invalid HTTP request received."][2 - shown :]
+
+
+def test_scenegate_serve_hides_uvicorns_start_and_end(capfd: pytest.CaptureFixture[str]) -> None:
+    logs.configure("json", "info")
+    logging.getLogger("uvicorn.error").info("Started server process")
+    logging.getLogger("uvicorn.error").warning("Invalid HTTP request received.")
+    (line,) = capfd.readouterr().err.splitlines()
+    assert json.loads(line)["logger"] == "uvicorn.error"
 
 
 def test_human_lines_start_with_the_time(capsys: pytest.CaptureFixture[str]) -> None:

@@ -66,7 +66,7 @@ async def test_requests_are_counted_by_route_not_by_path() -> None:
     assert 'scenegate_http_requests_total{method="GET",route="/things/{name}",status="200"} 2.0' in text
     assert 'scenegate_http_requests_total{method="GET",route="(none)",status="404"} 2.0' in text
     assert 'route="/broken",status="500"} 1.0' in text
-    assert 'scenegate_http_request_seconds_count{route="/things/{name}"} 2.0' in text
+    assert 'scenegate_http_request_duration_seconds_count{route="/things/{name}"} 2.0' in text
     assert "scenegate_http_requests_in_flight 0.0" in text
 
 
