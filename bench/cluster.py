@@ -27,6 +27,7 @@ import numpy as np
 from bench.gateways import TIMEOUT
 from bench.posted import sphere
 from bench.ray_nodes import ENVIRONMENT, order
+from bench.running import end
 from bench.table import Row, at_least, show, skipped
 
 ROOT = Path(__file__).parents[1]
@@ -85,7 +86,7 @@ def cluster(python: str, scenes: Path, out: Path, orbit: int) -> Iterator[dict[s
         yield json.loads(line)
         process.communicate("", timeout=TIMEOUT)
     finally:
-        process.kill()
+        end(process)
         process.communicate()
 
 

@@ -14,7 +14,8 @@ from multiprocessing.synchronize import Barrier
 from pathlib import Path
 
 from bench.posted import CONTENT_TYPE
-from bench.viewer import cpu_of, tree_of
+from bench.running import tree_of
+from bench.viewer import cpu_of
 
 TIMEOUT = 600.0
 _FORK = multiprocessing.get_context("fork")  # the requests are there already

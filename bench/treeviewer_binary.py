@@ -24,6 +24,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from bench.running import tree_of
 from bench.table import Row, at_least, at_most, show, skipped
 from bench.treeviewer_clients import Figures, process, started
 from bench.treeviewer_peers import MILLION, cloud_arrays, mesh_arrays
@@ -48,15 +49,6 @@ class Contestant:
     ask: Ask
     processes: Callable[[], list[int]]
     """Numbers of all processes that work for it."""
-
-
-def family(process_id: int) -> list[int]:
-    """The process and all that it has started."""
-    found = [process_id]
-    for task in Path(f"/proc/{process_id}/task").glob("*/children"):
-        for child in task.read_text().split():
-            found += family(int(child))
-    return found
 
 
 def computed(process_ids: list[int]) -> float:
@@ -103,7 +95,7 @@ def peer(python: str) -> Iterator[Contestant]:
             child.stdin.flush()
             return float(child.stdout.readline())
 
-        yield Contestant(ask, lambda: family(child.pid))
+        yield Contestant(ask, lambda: tree_of(child.pid))
 
 
 def measure(contestants: dict[str, Contestant], seconds: float) -> dict[str, Figures]:

@@ -23,6 +23,7 @@ from pathlib import Path
 
 import lcm
 
+from bench.running import end
 from bench.treeviewer_requests import cloud, mesh, transforms
 from bench.treeviewer_servers import with_large_buffer
 from gateway.treeviewer.protocol import REQUEST, RESPONSE
@@ -105,7 +106,7 @@ def measure(contestants: dict[str, str], messages: dict[str, bytes], seconds: fl
 
 @contextlib.contextmanager
 def process(*arguments: str, python: str = sys.executable, stdin: int | None = None) -> Iterator[subprocess.Popen[str]]:
-    """A part of this benchmark in a process of its own, ended with the block."""
+    """A part of this benchmark in a process of its own; it ends with the block, and so does what it has started."""
     root = Path(__file__).parents[1]
     environment = {**os.environ, "PYTHONPATH": str(root)}
     with subprocess.Popen(
@@ -120,7 +121,7 @@ def process(*arguments: str, python: str = sys.executable, stdin: int | None = N
         try:
             yield child
         finally:
-            child.kill()
+            end(child)
 
 
 def started(child: subprocess.Popen[str]) -> None:

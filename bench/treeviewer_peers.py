@@ -18,6 +18,7 @@ import json
 import math
 import os
 import random
+import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -68,13 +69,18 @@ def meshcat_jobs() -> Iterator[Jobs]:
             pose[0, 3] = random.random()
             viewer["swarm"][f"obj{i}"].set_transform(pose)
 
-    yield {
-        "create 1000 boxes": create,
-        **moves(move),
-        "mesh 100k": lambda: viewer["mesh"].set_object(g.TriangularMeshGeometry(vertices, faces)),
-        "cloud 100k": lambda: viewer["cloud"].set_object(g.PointCloud(points.T, rgb.T)),
-        "cloud 1M": lambda: viewer["cloud"].set_object(g.PointCloud(many.T, colors.T)),
-    }
+    try:
+        yield {
+            "create 1000 boxes": create,
+            **moves(move),
+            "mesh 100k": lambda: viewer["mesh"].set_object(g.TriangularMeshGeometry(vertices, faces)),
+            "cloud 100k": lambda: viewer["cloud"].set_object(g.PointCloud(points.T, rgb.T)),
+            "cloud 1M": lambda: viewer["cloud"].set_object(g.PointCloud(many.T, colors.T)),
+        }
+    finally:
+        # meshcat itself ends its server only when the interpreter exits, which os._exit skips.
+        viewer.window.server_proc.kill()
+        viewer.window.server_proc.wait()
 
 
 @contextlib.contextmanager
@@ -183,6 +189,8 @@ def measure(jobs: Jobs, seconds: float) -> dict[str, list[float]]:
 
 
 def main() -> None:
+    # SIGTERM, too, has to end the servers that viewers start.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
     viewers = {"meshcat": meshcat_jobs, "viser": viser_jobs, "meldis": meldis_jobs}
     if sys.argv[1] == "ask":
         with viewers[sys.argv[2]]() as made:

@@ -21,6 +21,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from bench.running import end, tree_of
+
 HERE = Path(__file__).parent
 
 
@@ -70,21 +72,7 @@ class Helper:
         return self.read()
 
     def close(self) -> None:
-        for pid in reversed(tree_of(self.process.pid)):
-            try:
-                os.kill(pid, 15)
-            except ProcessLookupError:
-                pass
-        self.process.wait()
-
-
-def tree_of(pid: int) -> list[int]:
-    """A process and all below it."""
-    found = [pid]
-    for parent in found:
-        for task in Path(f"/proc/{parent}/task").glob("*/children"):
-            found += [int(child) for child in task.read_text().split()]
-    return found
+        end(self.process)
 
 
 def cpu_of(pid: int) -> float:

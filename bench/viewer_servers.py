@@ -1,13 +1,15 @@
 """One moving scene in one viewer: ``viewer_servers.py ours|viser|meshcat``, a process that ``viewer.py`` starts.
 
 Prints where it listens as a line of JSON, moves 1000 nodes at 60 Hz, and for every line on its input prints how often
-it has moved them so far. Needs nothing of the repository for the peers, so that it runs in their own environment.
+it has moved them so far. It ends when its input does, as it does when ``viewer.py`` has ended. Needs nothing of the
+repository for the peers, so that it runs in their own environment.
 """
 
 from __future__ import annotations
 
 import asyncio
 import json
+import signal
 import sys
 import threading
 import time
@@ -38,17 +40,20 @@ class Counter:
 
     def __init__(self) -> None:
         self.ticks = 0
+        self.wanted = True
+        """Whether the parent still is there."""
 
     def answer(self) -> None:
         """Until the parent closes the pipe."""
         for _ in sys.stdin:
             print(self.ticks, flush=True)
+        self.wanted = False
 
 
 def pace(counter: Counter, move: Callable[[int], None]) -> None:
-    """Calls ``move(tick)`` 60 times a second, or as often as it can."""
+    """Calls ``move(tick)`` 60 times a second, or as often as it can, while the parent is there."""
     begin = time.perf_counter()
-    while True:
+    while counter.wanted:
         move(counter.ticks)
         counter.ticks += 1
         due = begin + counter.ticks / RATE
@@ -84,7 +89,7 @@ def ours(counter: Counter) -> None:
     async def publish() -> None:
         loop = asyncio.get_running_loop()
         begin = loop.time()
-        while True:
+        while counter.wanted:
             with tree.edit() as edit:
                 for path, pose in zip(paths, poses(counter.ticks).tolist(), strict=True):
                     edit.set_pose(path, tuple(pose))
@@ -100,6 +105,7 @@ def ours(counter: Counter) -> None:
         print(json.dumps({"url": f"ws://127.0.0.1:{listener.getsockname()[1]}/view/ws"}), flush=True)
         server = http.MainServer(http.config(app, 1.0, lifespan=False))
         tasks = [asyncio.create_task(work) for work in (hub.run(), publish())]
+        tasks[1].add_done_callback(lambda _: setattr(server, "should_exit", True))
         await server.serve(sockets=[listener])
         for task in tasks:
             task.cancel()
@@ -131,6 +137,7 @@ def viser(counter: Counter) -> None:
                 handle.wxyz = row[3:]
 
     pace(counter, move)
+    server.stop()
 
 
 def meshcat(counter: Counter) -> None:
@@ -162,6 +169,8 @@ def meshcat(counter: Counter) -> None:
 
 
 if __name__ == "__main__":
+    # An exit by SIGTERM runs atexit, where meshcat ends its server.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
     count = Counter()
     threading.Thread(target=count.answer, daemon=True).start()
     {"ours": ours, "viser": viser, "meshcat": meshcat}[sys.argv[1]](count)

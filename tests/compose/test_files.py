@@ -7,6 +7,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from ruamel.yaml import YAML
 
 ROOT = Path(__file__).parents[2]
 PROFILES = ("demo", "test", "scale", "observe")
@@ -26,6 +27,19 @@ def test_compose_reads_every_profile(compose: str) -> None:
     read = run(*command, *profiles, "config", "--services")
     assert read.returncode == 0, read.stderr
     assert {line.strip() for line in read.stdout.splitlines()} >= SERVICES
+
+
+def test_only_services_that_serve_have_the_image_s_health_check() -> None:
+    services = YAML(typ="safe").load(ROOT / "docker-compose.yml")["services"]
+    assert set(services) == SERVICES
+    assert "HEALTHCHECK" in (ROOT / "Dockerfile").read_text()
+    for name, service in services.items():
+        serves = "entrypoint" not in service and service.get("command", ["serve"])[0] == "serve"
+        check = service.get("healthcheck", {})
+        if service.get("image") == "scenegate" and not serves:
+            assert check.get("disable") is True or "test" in check, f"{name} has no gateway to be asked for its health"
+        else:
+            assert not check.get("disable"), name
 
 
 def test_haproxy_reads_its_configuration() -> None:

@@ -12,8 +12,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from gateway.testing.running import clean_environment
-
 START_SECONDS = 900.0
 """Compiling all kernels on a slow, busy machine; only a hang takes longer."""
 STOP_SECONDS = 60.0
@@ -23,6 +21,9 @@ class GatewayProcess:
     """A running process and what it logs."""
 
     def __init__(self, *flags: str, env: dict[str, str] | None = None) -> None:
+        # Here, since tests/compose/Dockerfile has this module without the package.
+        from gateway.testing.running import clean_environment
+
         self.process = subprocess.Popen(
             [sys.executable, "-m", "gateway.cli", "serve", *flags],
             env={**clean_environment(), "SCENEGATE_LOG_FORMAT": "json", **(env or {})},
