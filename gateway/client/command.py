@@ -27,8 +27,23 @@ def stream(
     watertight: Annotated[bool, typer.Option("--watertight", help="Mesh without holes.")] = False,
     textured: Annotated[bool, typer.Option("--textured", help="Mesh with colours.")] = False,
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", metavar="FOLDER", help="Keep PNG, PLY and npz files there.")
+        Path | None,
+        typer.Option("-o", "--out", metavar="FOLDER", help="Keep PNG, PLY, npz and parameter files for cvkit there."),
     ] = None,
+    exposure: Annotated[
+        bool, typer.Option("--exposure", help="With -o: keep exposure time, gain, noise and brightness of each image.")
+    ] = False,
+    gpio: Annotated[
+        bool, typer.Option("--gpio", help="With -o: keep the GPIOs of each image, their bits in the file names, too.")
+    ] = False,
+    truth: Annotated[
+        str | None,
+        typer.Option(
+            metavar="URL",
+            help="With -o: keep exact depth and labels of each set from this gateway's HTTP port, http://HOST:PORT.",
+        ),
+    ] = None,
+    pipeline: Annotated[int, typer.Option(min=0, help="Camera of --truth, where there are several.")] = 0,
     preview: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Picture of the newest set, all images side by side, disparity in colour."),
@@ -52,12 +67,14 @@ def stream(
     from gateway.client.channel import Credentials, read_token
     from gateway.client.stream import Progress, StreamOptions, receive_all
 
+    if out is None and (exposure or gpio or truth is not None):
+        raise typer.BadParameter("--exposure, --gpio and --truth say what to keep; they need a folder, -o FOLDER")
     if token_file is not None:
         token = read_token(token_file)
     credentials = Credentials(token, tls, ca, certificate, key)
     options = StreamOptions(
         target, left, right, disparity, error, confidence, mesh, color, max_points, min_depth, watertight, textured,
-        count, out, preview, credentials, timeout or None,
+        count, out, preview, credentials, timeout or None, exposure, gpio, truth, pipeline,
     )  # fmt: skip
     on_screen = sys.stderr.isatty()
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from gateway.client import stream_files
 from gateway.client.channel import Credentials
+from gateway.client.truth import fetch_truth
 from gateway.generated import image_interface_pb2 as pb
 
 METHOD = "/ImageInterface/StreamImageSets"
@@ -50,13 +51,21 @@ class StreamOptions:
     count: int = 0
     """End after this many sets; 0: go on until interrupted."""
     output: Path | None = None
-    """Folder for PNG, PLY and npz files, made if need be; None: nothing is kept."""
+    """Folder for PNG, PLY, npz and parameter files, made if need be; None: nothing is kept."""
     preview: Path | None = None
     """Picture file that shows the images of the newest set side by side."""
     credentials: Credentials = field(default_factory=Credentials)
     """TLS and token, where the camera wants them."""
     timeout: float | None = None
     """Seconds after which the stream ends with a failure; None: never."""
+    exposure: bool = False
+    """Keep how each image was exposed; see ``stream_files.save``."""
+    gpio: bool = False
+    """Keep the GPIOs of each image."""
+    truth: str | None = None
+    """Address of the gateway's HTTP port, ``http://HOST:PORT``: keep the ground truth of each set from there."""
+    pipeline: int = 0
+    """Number of the camera for ``truth``, where there are several."""
 
     def request(self) -> pb.ImageSetRequest:
         """The message; left and disparity when nothing was chosen."""
@@ -164,6 +173,7 @@ def receive_all(options: StreamOptions, report: Callable[[Progress], None] = lam
 
     Raises:
         StreamFailure, OSError: see ``receive``; or a file cannot be written.
+        TruthFailure: there is no ground truth of a set.
     """
     progress = Progress()
     begin = time.monotonic()
@@ -178,7 +188,10 @@ def receive_all(options: StreamOptions, report: Callable[[Progress], None] = lam
         progress.seconds = now - begin
         progress.stamp = stream_files.stamp(image_set.timestamp)
         if options.output is not None:
-            stream_files.save(image_set, options.output)
+            stream_files.save(image_set, options.output, exposure=options.exposure, gpio=options.gpio)
+            if options.truth is not None:
+                data = fetch_truth(options.truth, progress.stamp, options.credentials, options.pipeline)
+                (options.output / f"image_{progress.stamp}_truth.npz").write_bytes(data)
         if options.preview is not None:
             stream_files.write_picture(options.preview, stream_files.preview(image_set))
         report(progress)

@@ -53,11 +53,23 @@ def depth(disparity: pb.DisparityImage) -> NDArray[np.float32]:
     return np.asarray(z, np.float32)
 
 
-def save(image_set: pb.ImageSet, folder: Path) -> None:
+def save(image_set: pb.ImageSet, folder: Path, *, exposure: bool = False, gpio: bool = False) -> None:
     """Writes every image as PNG, the mesh as PLY, and all arrays with their parameters as one npz.
 
     Names are those of the vendor's client: ``image_<sec>.<nsec>_left.png``. Disparity PNGs have 16 bits, in units of
-    ``scale`` pixels.
+    ``scale`` pixels, and a parameter file beside them (``parameter_text``).
+
+    Args:
+        image_set: as received.
+        folder: must exist.
+        exposure: whether the npz also says how each image was exposed (``<name>_exposure_time`` in seconds, ``_gain``
+            in dB, ``_gamma``, ``_noise``, ``_out1_reduction``, ``_brightness``).
+        gpio: whether it has the GPIOs of each image, too (``<name>_gpio_values``, ``_gpio_outputs``, ``_gpio_inputs``),
+            and file names end with their bits as those of the vendor's client do.
+
+    Raises:
+        BadImageError: see ``pixels``.
+        OSError: a file cannot be written.
     """
     base = f"image_{stamp(image_set.timestamp)}"
     arrays: dict[str, Any] = {}
@@ -66,15 +78,64 @@ def save(image_set: pb.ImageSet, folder: Path) -> None:
         arrays[name] = array
         arrays[f"{name}_K"] = intrinsics(image)
         arrays[f"{name}_timestamp"] = np.int64(image.timestamp.sec * 10**9 + image.timestamp.nsec)
-        write_picture(folder / f"{base}_{name}.png", array)
+        if exposure:
+            for field in ("exposure_time", "gain", "gamma", "noise", "out1_reduction", "brightness"):
+                arrays[f"{name}_{field}"] = np.float64(getattr(image, field))
+        if gpio:
+            for field in ("values", "outputs", "inputs"):
+                arrays[f"{name}_gpio_{field}"] = np.uint32(getattr(image.gpios, field))
+        write_picture(folder / f"{base}_{name}{_gpio_suffix(image) if gpio else ''}.png", array)
     if image_set.HasField("disparity"):
         d = image_set.disparity
+        suffix = _gpio_suffix(d.image) if gpio else ""
+        (folder / f"{base}_disparity{suffix}_param.txt").write_text(parameter_text(d), "ascii")
         arrays["depth"] = depth(d)
         arrays["baseline"], arrays["scale"] = np.float64(d.baseline), np.float64(d.scale)
     if arrays:
         np.savez(folder / f"{base}.npz", allow_pickle=False, **arrays)
     if image_set.HasField("mesh"):
         (folder / f"{base}_mesh.{image_set.mesh.format}").write_bytes(image_set.mesh.data)
+
+
+def parameter_text(disparity: pb.DisparityImage) -> str:
+    """Return the parameter file of a disparity image, from which cvkit's tools make a model.
+
+    Keys and order are those of the vendor's client. Numbers have all their digits: five decimals would round a scale
+    of 1/256.
+    """
+    image = disparity.image
+    f, u, v = (_number(value) for value in (image.focal_length, image.principal_point_u, image.principal_point_v))
+    values = {
+        "camera.A": f"[{f} 0 {u}; 0 {f} {v}; 0 0 1]",
+        "camera.height": image.height,
+        "camera.width": image.width,
+        "rho": f"{image.focal_length * disparity.baseline:.9g}",
+        "t": _number(disparity.baseline),
+        "camera.exposure_time": _number(image.exposure_time),
+        "camera.gain": _number(image.gain),
+        "camera.noise": _number(image.noise),
+        "camera.out1_reduction": _number(image.out1_reduction),
+        "camera.brightness": _number(image.brightness),
+        "disp.scale": _number(disparity.scale),
+        "disp.offset": _number(disparity.offset),
+        "disp.inv": _number(disparity.invalid_data_value),
+    }
+    lines = (f"{key}={value}\n" for key, value in values.items())
+    return f"# Created by scenegate stream\n{''.join(lines)}"
+
+
+def _number(value: float) -> str:
+    """Shortest decimal text of a float32, without an exponent."""
+    return np.format_float_positional(np.float32(value), trim="-")
+
+
+def _gpio_suffix(image: pb.Image) -> str:
+    """``_<outputs>_<inputs>`` as in the vendor's file names: a bit for each line that there is, the highest first."""
+
+    def bits(mask: int) -> str:
+        return "".join(str(image.gpios.values >> line & 1) for line in reversed(range(32)) if mask >> line & 1)
+
+    return f"_{bits(image.gpios.outputs)}_{bits(image.gpios.inputs)}"
 
 
 def intrinsics(image: pb.Image) -> NDArray[np.float64]:

@@ -196,11 +196,19 @@ def _right_of(name: str) -> str:
 def geometry_in(folder: Path) -> tuple[float, float] | None:
     """Focal length divided by image width, and baseline, from what clients write beside the images; None: nothing.
 
-    ``*param.txt`` of the vendor's tools (``camera.A``, ``camera.width``, ``t``), or ``*.npz`` of ``scenegate stream``.
+    ``*.npz`` of ``scenegate stream``, or ``*param.txt`` of the vendor's tools (``camera.A``, ``camera.width``, ``t``);
+    the latter is of the disparity image, whose width at Low is rounded.
 
     Raises:
         ValueError: such a file cannot be read; one sentence.
     """
+    for path in sorted(folder.rglob("*.npz")):
+        try:
+            with np.load(path, allow_pickle=False) as arrays:
+                if {"left", "left_K", "baseline"} <= set(arrays.files):
+                    return float(arrays["left_K"][0, 0]) / arrays["left"].shape[1], float(arrays["baseline"])
+        except (OSError, ValueError, IndexError) as error:
+            raise ValueError(f"{path} cannot be read: {error}") from None
     for path in sorted(folder.rglob("*param.txt")):
         text = path.read_text("utf-8", errors="replace")[:10_000]
         focal, width, baseline = (
@@ -212,11 +220,4 @@ def geometry_in(folder: Path) -> tuple[float, float] | None:
                 return float(focal[1]) / int(width[1]), float(baseline[1])
             except (ValueError, ZeroDivisionError):
                 raise ValueError(f"{path}: camera.A, camera.width or t is not a number") from None
-    for path in sorted(folder.rglob("*.npz")):
-        try:
-            with np.load(path, allow_pickle=False) as arrays:
-                if {"left", "left_K", "baseline"} <= set(arrays.files):
-                    return float(arrays["left_K"][0, 0]) / arrays["left"].shape[1], float(arrays["baseline"])
-        except (OSError, ValueError, IndexError) as error:
-            raise ValueError(f"{path} cannot be read: {error}") from None
     return None

@@ -4,19 +4,27 @@ from __future__ import annotations
 
 import asyncio
 import socket
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 import typer
+from fastapi import FastAPI
 from typer.testing import CliRunner
 
 from gateway.client.command import stream
 from gateway.client.stream import Progress, StreamFailure, StreamOptions, receive_all
 from gateway.client.stream_files import BadImageError, depth, pixels, preview
+from gateway.client.truth import TruthFailure
 from gateway.generated import image_interface_pb2 as pb
+from gateway.ops.http import PortService
+from gateway.stereo.pairs import geometry_in
+from gateway.stereo.truth import truth_router
+from renderers.stereo.model import MODELS
 from tests.stereo.conftest import Start, renderer, start
+from tests.support.waiting import until
 
 __all__ = ["renderer", "start"]
 
@@ -33,9 +41,10 @@ async def test_sets_become_files(start: Start, tmp_path: Path) -> None:
     assert progress.sets == len(seen) == 2
     assert "2 sets" in seen[-1]
     files = sorted(p.name for p in (tmp_path / "sets").iterdir())
-    assert len(files) == 14
+    assert len(files) == 16
     base = f"image_{progress.stamp}"
-    assert {f"{base}_{n}" for n in ("left.png", "disparity.png", "mesh.ply")} | {f"{base}.npz"} <= set(files)
+    names = ("left.png", "disparity.png", "disparity_param.txt", "mesh.ply")
+    assert {f"{base}_{n}" for n in names} | {f"{base}.npz"} <= set(files)
     data = np.load(tmp_path / "sets" / f"{base}.npz")
     stored = cv2.imread(str(tmp_path / "sets" / f"{base}_disparity.png"), cv2.IMREAD_UNCHANGED)
     assert stored.dtype == np.uint16
@@ -45,6 +54,57 @@ async def test_sets_become_files(start: Start, tmp_path: Path) -> None:
     assert np.allclose(data["depth"][valid], expected)
     assert np.isinf(data["depth"][~valid]).all()
     assert cv2.imread(str(tmp_path / "preview.png")).shape == (240, 2 * 320 + 3 * 160 + 4 * 4, 3)
+
+
+@pytest.mark.parametrize("quality", ["Low", "High"])
+async def test_cvkit_s_tools_find_depth_in_the_files(start: Start, tmp_path: Path, quality: str) -> None:
+    """By the rules of cvkit's USAGE.md: names, keys, and the formula for a perspective disparity image."""
+    camera = await start(rate="max", model=MODELS["rc_visard 160-4"])
+    camera.service.parameters.set("rc_stereomatching", [("quality", quality)])
+    options = StreamOptions(f"127.0.0.1:{camera.service.port}", disparity=True, count=1, output=tmp_path)
+    progress = await asyncio.to_thread(receive_all, options)
+    base = f"{tmp_path}/image_{progress.stamp}"
+    # <prefix>_param.txt, where the prefix is the part of the image's name up to the last dot.
+    text = Path(f"{base}_disparity_param.txt").read_text("ascii")  # noqa: ASYNC240 - nothing else runs
+    lines = [line for line in text.splitlines() if not line.startswith("#")]
+    values = dict(line.split("=", 1) for line in lines)
+    assert list(values) == [
+        "camera.A", "camera.height", "camera.width", "rho", "t", "camera.exposure_time", "camera.gain", "camera.noise",
+        "camera.out1_reduction", "camera.brightness", "disp.scale", "disp.offset", "disp.inv",
+    ]  # fmt: skip
+    a = np.array([row.split() for row in values["camera.A"].strip("[]").split(";")], float)
+    stored = cv2.imread(f"{base}_disparity.png", cv2.IMREAD_UNCHANGED)
+    assert stored.shape == (int(values["camera.height"]), int(values["camera.width"]))
+    valid = stored != float(values["disp.inv"])
+    z = float(values["rho"]) / (stored[valid] * float(values["disp.scale"]) + float(values["disp.offset"]))
+    data = np.load(f"{base}.npz")
+    assert valid.mean() > 0.5
+    assert np.allclose(z, data["depth"][valid], rtol=1e-6)
+    assert np.allclose(a, data["disparity_K"], rtol=1e-7)
+    assert float(values["rho"]) == pytest.approx(a[0, 0] * float(values["t"]), rel=1e-6)
+
+
+async def test_exposure_and_outputs_are_kept_if_wanted(start: Start, tmp_path: Path) -> None:
+    camera = await start(rate="max")
+    camera.service.parameters.set("rc_iocontrol", [("out1_mode", "ExposureAlternateActive")])
+    camera.service.parameters.set("rc_camera", [("exp_control", "Manual"), ("exp_value", 0.004), ("gain_value", 3)])
+    port = camera.service.port
+    options = StreamOptions(
+        f"127.0.0.1:{port}", left=True, disparity=True, count=1, output=tmp_path, exposure=True, gpio=True
+    )
+    progress = await asyncio.to_thread(receive_all, options)
+    base = f"image_{progress.stamp}"
+    files = {p.name for p in tmp_path.iterdir()}  # noqa: ASYNC240 - nothing else runs
+    # The vendor's client: outputs, then inputs, the highest line first.
+    bits = {"left_00_00.png", "disparity_01_00.png", "disparity_01_00_param.txt"}
+    assert files == {f"{base}.npz"} | {f"{base}_{name}" for name in bits}
+    data = np.load(tmp_path / f"{base}.npz")
+    assert data["left_exposure_time"] == pytest.approx(0.004)
+    assert data["disparity_gain"] == pytest.approx(3)
+    assert 0 < data["left_brightness"] < data["disparity_brightness"]
+    assert (data["left_gpio_values"], data["disparity_gpio_values"]) == (0, 1)
+    assert (data["left_gpio_outputs"], data["left_gpio_inputs"]) == (3, 12)
+    assert geometry_in(tmp_path) == (pytest.approx(0.8449), pytest.approx(0.160))
 
 
 def test_who_listens_without_answering_is_told_from_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -78,6 +138,44 @@ async def test_the_command(start: Start, tmp_path: Path) -> None:
     assert result.exit_code == 0, result.output
     assert "1 sets" in result.output
     assert [p.suffix for p in tmp_path.iterdir()] == [".ply"]  # noqa: ASYNC240 - nothing else runs
+
+
+async def test_truth_is_kept_beside_each_set(start: Start, tmp_path: Path) -> None:
+    camera = await start(rate="max")
+    app = FastAPI()
+    app.include_router(truth_router(camera.service))
+    http = PortService(app, "127.0.0.1", 0)
+    serving = asyncio.create_task(http.run())
+    await until(lambda: http.ready)
+    options = StreamOptions(
+        f"127.0.0.1:{camera.service.port}", disparity=True, count=2, output=tmp_path,
+        truth=f"http://127.0.0.1:{http.status()['port']}",
+    )  # fmt: skip
+    progress = await asyncio.to_thread(receive_all, options)
+    data = np.load(tmp_path / f"image_{progress.stamp}.npz")
+    truth = np.load(tmp_path / f"image_{progress.stamp}_truth.npz")
+    assert truth["timestamp"] == data["disparity_timestamp"]
+    both = np.isfinite(data["depth"]) & np.isfinite(truth["depth"])
+    assert np.median(np.abs(data["depth"][both] / truth["depth"][both] - 1)) < 0.02
+    assert len([p for p in tmp_path.iterdir() if p.name.endswith("_truth.npz")]) == 2  # noqa: ASYNC240 - nothing else runs
+    with pytest.raises(TruthFailure, match="404: there is no pipeline 3"):
+        await asyncio.to_thread(receive_all, replace(options, pipeline=3))
+    serving.cancel()
+    await asyncio.gather(serving, return_exceptions=True)
+    with pytest.raises(TruthFailure, match="gives no ground truth"):
+        await asyncio.to_thread(receive_all, options)
+    with pytest.raises(TruthFailure, match="does not speak HTTP"):
+        await asyncio.to_thread(receive_all, replace(options, truth=f"http://{options.target}"))
+    with pytest.raises(TruthFailure, match="must begin with http"):
+        await asyncio.to_thread(receive_all, replace(options, truth="camera:8000"))
+
+
+def test_what_to_keep_needs_a_folder() -> None:
+    app = typer.Typer()
+    app.command()(stream)
+    result = CliRunner().invoke(app, ["127.0.0.1:1", "--gpio"])
+    assert result.exit_code == 2
+    assert "-o FOLDER" in result.output
 
 
 def test_left_and_disparity_when_nothing_is_chosen() -> None:

@@ -1,0 +1,61 @@
+"""Ground truth of the sets of a gateway's camera, from its HTTP port."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import ssl
+import urllib.error
+import urllib.request
+from typing import Any, Final
+from urllib.parse import urlencode
+
+from gateway.client.channel import Credentials
+
+_SECONDS: Final = 60.0
+"""Longest wait for an answer: the frame is rendered again, after others that wait."""
+
+
+class TruthFailure(RuntimeError):  # noqa: N818 - it says what failed
+    """There is no ground truth of a set; one sentence."""
+
+
+def fetch_truth(address: str, stamp: str, credentials: Credentials, pipeline: int = 0) -> bytes:
+    """Return the npz file of ``GET /stereo/truth.npz`` for a set.
+
+    Args:
+        address: of the gateway's HTTP port, ``http://HOST:PORT``.
+        stamp: timestamp of the set, ``sec.nsec``.
+        credentials: token, authorities and certificate, as for the stream.
+        pipeline: number of the camera, where there are several.
+
+    Raises:
+        TruthFailure: nobody answers, or the frame is not known there (any more).
+        OSError: a certificate cannot be read.
+    """
+    query = urlencode({"timestamp": stamp, "pipeline": pipeline})
+    url = f"{address.rstrip('/')}/stereo/truth.npz?{query}"
+    if not url.startswith(("http://", "https://")):
+        raise TruthFailure(f"the address for ground truth is {address!r}; it must begin with http:// or https://")
+    context = ssl.create_default_context(cafile=credentials.ca) if url.startswith("https:") else None
+    if context is not None and credentials.certificate is not None:
+        context.load_cert_chain(credentials.certificate, credentials.key)
+    request = urllib.request.Request(url, headers=dict(credentials.metadata))  # noqa: S310 - http or https, see above
+    try:
+        with urllib.request.urlopen(request, timeout=_SECONDS, context=context) as answer:  # noqa: S310
+            data: bytes = answer.read()
+            return data
+    except urllib.error.HTTPError as error:
+        raise TruthFailure(f"{address} has no ground truth of {stamp}: {error.code}: {_message(error)}") from None
+    except http.client.HTTPException:
+        raise TruthFailure(f"{address} gives no ground truth: it does not speak HTTP") from None
+    except (OSError, ValueError) as error:
+        raise TruthFailure(f"{address} gives no ground truth: {error}") from None
+
+
+def _message(error: urllib.error.HTTPError) -> str:
+    try:
+        body: Any = json.loads(error.read(10_000))
+        return str(body["message"])
+    except (ValueError, KeyError, TypeError, OSError):
+        return str(error.reason)
