@@ -11,7 +11,6 @@ import numpy as np
 from renderers import simd as vec
 from renderers.linked import inlined, inner
 from renderers.pointers import f32_at, i32_at, u32_at
-from renderers.shading.flat import SHORTEST
 from renderers.shading.layout import II_ELEMENTS, II_VERTICES, P_NORMAL, V_COLUMNS
 from renderers.shading.planes import PL_PIXEL, PLANE_VALUES, ROW_VALUES
 from renderers.shading.surface import turned
@@ -28,13 +27,10 @@ B_BEGIN: Final = 13  # the column where it begins
 B_PIXEL: Final = 14  # PL_PIXEL
 B_STRAYS: Final = 15  # numbers of those that stray, and behind them of none
 B_FLAT: Final = 16  # numbers of long ones that have the same normal everywhere, and behind them of none
-# and float32 of metals, see ``plain_metal``:
-B_SEEN: Final = 17  # 3 rows: n . v at the first pixel, and what one more and its square add
-B_SHOWN: Final = 20  # 3 rows: MF_SHOWN
-B_ROWS: Final = 23
+B_ROWS: Final = 17
 NONE: Final = 2**31 - 1
-_EDGE: Final = 0.02
-"""Cosine of surfaces seen edge-on; VTK's lower bound of cosines counts far below."""
+SHORTEST: Final = 16
+"""Minimum length, in pixels, of the runs in B_FLAT."""
 
 
 @inlined
@@ -51,24 +47,14 @@ def _listed(whole, at, run, found):
     return at
 
 
-@inlined
-def rays_of(lens, y):
-    """Where the rays of a row's pixels meet the plane z = 1: what to add to a column and then to multiply with for dx;
-    dy; and dy^2 + 1."""
-    dy = vec.f32((y + 0.5 - lens[3]) / lens[1])
-    return vec.f32(0.5 - lens[2]), vec.f32(1.0 / lens[0]), dy, dy * dy + vec.f32(1.0)
-
-
 @inner
-def put_beside(y, lens, metals, places, planes, starts, runs, beside, room):
+def put_beside(y, places, planes, starts, runs, beside, room):
     """Fill the rows for the runs of a row of the picture.
 
-    A run strays that has a pixel beside its triangle: as coverage is exact in 1/256 pixel, some do by a little. Among
-    metals a run also does of which neither eye nor light may see more than the edge.
+    A run strays that has a pixel beside its triangle: as coverage is exact in 1/256 pixel, some do by a little.
 
     Args:
-        y: of the picture. lens: pointer to fx, fy, cx, cy.
-        metals: whether any run is shaded by ``plain_metal``.
+        y: of the picture.
         places: pointer to int32, the place of each run's triangle among the ``planes``, a pointer to float32; anything
             within these for runs that are not shaded so.
         starts: pointer to int32, the first pixel of each run, and what is behind the last. Both readable a vector
@@ -81,7 +67,6 @@ def put_beside(y, lens, metals, places, planes, starts, runs, beside, room):
     values, whole = f32_at(beside), i32_at(beside)
     strays, flat, uniform = B_STRAYS * room, B_FLAT * room, np.int64(0)
     line = vec.f32(np.float32(y))
-    left, across, dy, _ = rays_of(lens, y)
     for run in range(0, runs, vec.LANES):
         at = vec.load(places, run) * vec.i32(PLANE_VALUES)
         begins = vec.load(starts, run)
@@ -113,17 +98,6 @@ def put_beside(y, lens, metals, places, planes, starts, runs, beside, room):
         steps, none = vec.to_f32(pixels - vec.i32(1)), vec.f32(0.0)
         beyond = (vec.least(b3, b3 + right[3] * steps) < none) | (vec.least(b4, b4 + right[4] * steps) < none)
         beyond = beyond | (vec.least(b5, b5 + right[5] * steps) < none)
-        if metals:
-            dx = (column + left) * across
-            seen, rise = b2 - (b0 * dx + b1 * dy), right[2] - (right[0] * dx + right[1] * dy + b0 * across)
-            bend = none - right[0] * across
-            vec.store(values, B_SEEN * room + run, seen)
-            vec.store(values, (B_SEEN + 1) * room + run, rise)
-            vec.store(values, (B_SEEN + 2) * room + run, bend)
-            last, last_seen = b2 + right[2] * steps, seen + (rise + bend * steps) * steps
-            small = vec.f32(_EDGE) * (vec.absolute(b0) + vec.absolute(b1) + vec.absolute(b2))
-            edge_on = (vec.least(b2, last) < small) & (vec.least(seen, last_seen) < small)
-            beyond = beyond | (edge_on & (vec.most(b2, last) > none))
         even, mask = vec.bits(own >= vec.i32(0)), (1 << min(runs - run, vec.LANES)) - 1
         uniform |= even & mask
         strays = _listed(whole, strays, run, vec.bits(beyond) & mask & ~even)

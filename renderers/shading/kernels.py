@@ -46,13 +46,10 @@ from renderers.shading.materials import (
     MI_UV,
 )
 from renderers.shading.plain import fill, show_plain
-from renderers.shading.plain_metal import show_metals
-from renderers.shading.plain_pbr import PART, light_up, show_plain_pbr
+from renderers.shading.plain_pbr import PART, light_up, put_cosines_of_runs, show_plain_pbr
 from renderers.shading.planes import MEMORY_VALUES, forget
 from renderers.shading.resolve import SCRATCH_VALUES, resolve_strokes, resolve_triangles, run_starts, single_runs
 from renderers.shading.runs import (
-    BY_PLANES,
-    BY_RATIO,
     G_COLUMNS,
     G_INSTANCE,
     G_LAST_RUN,
@@ -208,41 +205,32 @@ def _row(
     width, places = _width(job, y)
     lens = f64_at(job[S_LENS])
     taken, prepared, uniform = False, False, False
-    flat, stray, known, reach = np.int64(0), np.int64(0), np.int64(0), np.int64(0)
+    flat, stray, known = np.int64(0), np.int64(0), np.int64(0)
     for number in range(begin, end):
         segment = number * G_COLUMNS
         instance = np.int64(segments[segment + G_INSTANCE])
         run, last_run = np.int64(segments[segment + G_RUN]), np.int64(segments[segment + G_LAST_RUN])
         x, last_x = np.int64(whole_starts[run]), np.int64(whole_starts[last_run])
-        kind = segments[segment + G_PLANES]
         if instance < 0:
             write_background(job, y, x, last_x, line)
-        elif kind != 0:
+        elif segments[segment + G_PLANES] != 0:
             if not prepared:
                 runs = np.int64(segments[(end - 1) * G_COLUMNS + G_LAST_RUN])
-                metals = False
-                for following in range(number, end):
-                    metals |= segments[following * G_COLUMNS + G_PLANES] == BY_RATIO
-                uniform = put_beside(y, lens, metals, spots, planes, whole_starts, runs, beside, stride)
+                uniform = put_beside(y, spots, planes, whole_starts, runs, beside, stride)
                 prepared = True
             columns, _, mf = instance_at(job, instance)
             maps, first = f32_at(job[S_MAPS] + 4 * P_COLUMNS * instance), i64_at(job[S_FIRST])[instance]
             if job[S_PBR] != 0:
-                if reach <= run:
+                if known <= run:
                     following = number + 1
-                    while following < end and segments[following * G_COLUMNS + G_PLANES] == kind:
+                    while following < end and segments[following * G_COLUMNS + G_PLANES] != 0:
                         following += 1
-                    reach = np.int64(segments[(following - 1) * G_COLUMNS + G_LAST_RUN])
-                    if kind == BY_RATIO:
-                        stray = show_metals(
-                            job, lens, y, records, whole_starts, segments, number, following, masks, beside, stride,
-                            stray, line,
-                        )  # fmt: skip
-                if kind == BY_PLANES:
-                    flat, stray, known = show_plain_pbr(
-                        job, columns, maps, lens, y, first, mf, records, whole_starts, run, last_run, reach,
-                        masks, beside, stride, flat, stray, known, rows, stride, line, steep,
-                    )  # fmt: skip
+                    known = np.int64(segments[(following - 1) * G_COLUMNS + G_LAST_RUN])
+                    put_cosines_of_runs(lens, y, whole_starts, run, known, masks, beside, stride, rows, stride)
+                stray = show_plain_pbr(
+                    job, columns, maps, lens, y, first, mf, records, whole_starts, run, last_run, beside, stride,
+                    stray, rows, stride, line, steep,
+                )  # fmt: skip
             else:
                 smooth = columns[II_HAS] & HAS_NORMALS != 0
                 flat, stray = show_plain(
@@ -318,7 +306,7 @@ def shade_rows(job_at, ids_at, row_begin, row_end):
             steeps[at] = row_schlick(job, y, apart, row_width) if job[S_PBR] != 0 and row_width > 0 else 0.0
             first = segment
             segment, with_planes, hint = find_segments(
-                job, apart != 0, steeps[at], row_starts, row_records, count, segments, segment, hint
+                job, apart != 0, row_starts, row_records, count, segments, segment, hint
             )  # fmt: skip
             if with_planes:
                 find_places(job, y, row_starts, row_records, spots, count, segments, first, places_at)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -12,7 +11,6 @@ from renderers.color import srgb_from_linear
 from renderers.drawlist import AlphaMode, Material, Texture
 from renderers.port import LookName
 from renderers.shading.textures import TextureTable
-from renderers.shading.transfer import GAMMA
 
 VTK_PBR_ROUGHNESS: Final = 0.5
 """VTK's own primitives under its physically based shading have vtkProperty's default roughness, whatever the
@@ -81,8 +79,7 @@ MF_NORMAL_SCALE: Final = 6
 MF_OCCLUSION: Final = 7
 MF_EMISSIVE: Final = 8  # 3 values
 MF_CUTOFF: Final = 11
-MF_SHOWN: Final = 12  # 3 values: see ``shown_metal``
-MF_COLUMNS: Final = 15
+MF_COLUMNS: Final = 12
 
 ALPHA_OPAQUE: Final = 0
 ALPHA_MASK: Final = 1
@@ -100,19 +97,6 @@ def vertex_color_rule(material: Material, look: LookName) -> int:
     if look != "pbr":
         return COLORS_MULTIPLY
     return COLORS_DECODE if material.unlit else COLORS_REPLACE
-
-
-def shown_metal(material: Material) -> tuple[float, float, float]:
-    """What a bare metal of glTF's default roughness shows under the look ``pbr``, but for Schlick's term, of light that
-    comes back as it went: levels of red, green and blue, which the other cosines lessen alike. -1 of other materials.
-
-    Textures do not count here.
-    """
-    base = material.base_color[:3]
-    if material.roughness != 1.0 or material.metallic != 1.0 or any(material.emissive) or max(base) > 1.0:
-        return -1.0, -1.0, -1.0
-    r, g, b = (255.0 * (max(factor, 0.0) * 0.5 / math.pi) ** (1.0 / GAMMA) for factor in base)
-    return r, g, b
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,7 +147,6 @@ def material_rows(material: Material, look: LookName, lit: bool, textures: Textu
             seen.occlusion_strength,
             *((0.0, 0.0, 0.0) if seen.unlit else seen.emissive),
             seen.alpha_cutoff,
-            *shown_metal(seen),
         ),
     )
 

@@ -1,5 +1,5 @@
 """Segments under the look ``pbr`` whose materials are nothing but factors. Normals are linear along a run, as in
-``plain``; long runs of flat surfaces need neither them nor light of their own.
+``plain``.
 """
 
 from __future__ import annotations
@@ -12,8 +12,6 @@ from renderers import simd as vec
 from renderers.linked import inner
 from renderers.pointers import f32_at, i32_at
 from renderers.shading.beside import (
-    B_FLAT,
-    B_NORMAL,
     B_STRAYS,
     bounded_normals,
     changes_after,
@@ -21,7 +19,6 @@ from renderers.shading.beside import (
     normals_beside,
     passed,
 )
-from renderers.shading.flat import changes_slowly, show_flat
 from renderers.shading.layout import A_NORMAL
 from renderers.shading.lights import cosines
 from renderers.shading.surface import finish_uniform, put_cosines
@@ -41,8 +38,8 @@ def light_up(job, mf, lens, y, places, rows, stride, begin, end, line, steep):
 
 
 @inner
-def _put_cosines(lens, y, starts, run, stop, masks, beside, room, rows, stride):
-    """What light depends on in the runs ``run .. stop``, of whatever instances, into the rows."""
+def put_cosines_of_runs(lens, y, starts, run, stop, masks, beside, room, rows, stride):
+    """Write ``lights.cosines`` of the runs ``run .. stop``, of any number of instances, to the rows."""
     values = f32_at(beside)
     lane = vec.to_f32(vec.iota())
     left, across = vec.f32(0.5 - lens[2]), vec.f32(1.0 / lens[0])
@@ -61,7 +58,7 @@ def _put_cosines(lens, y, starts, run, stop, masks, beside, room, rows, stride):
 
 @inner
 def _put_stray(columns, maps, lens, y, element, begin, end, beside, room, run, rows, stride):
-    """As ``_put_cosines`` for a run that strays, and nothing behind it."""
+    """As ``put_cosines_of_runs`` for a run that strays, and nothing behind it."""
     lane = vec.to_f32(vec.iota())
     left, across = vec.f32(0.5 - lens[2]), vec.f32(1.0 / lens[0])
     dy = vec.f32((y + 0.5 - lens[3]) / lens[1])
@@ -78,50 +75,28 @@ def _put_stray(columns, maps, lens, y, element, begin, end, beside, room, run, r
 
 @inner
 def show_plain_pbr(
-    job, columns, maps, lens, y, first, mf, records, starts, run, last_run, reach, masks, beside, room,
-    flat, stray, known, rows, stride, line, steep,
+    job, columns, maps, lens, y, first, mf, records, starts, run, last_run, beside, room, stray, rows, stride, line,
+    steep,
 ):  # fmt: skip
     """Pixels of the runs ``run .. last_run`` of one instance's triangles, whose mesh has normals.
 
     Args:
-        columns .. stray: as for ``plain.show_plain``; reach: the end of the runs that are shaded so, of whatever
-            instances.
-        known: up to which run the rows hold what light depends on.
-        rows: rows of ``stride`` values, 16 more than the row has pixels: what is written behind a run is overwritten
-            later.
+        columns .. stray: as for ``plain.show_plain``.
+        rows: rows of ``stride`` values, 16 more than the row has pixels, filled by ``put_cosines_of_runs``.
         line: pointer to the row's packed pixels; up to seven behind the last run are overwritten.
         steep: see ``surface.row_schlick``.
 
     Returns:
-        ``flat``, ``stray`` and ``known`` of the next segment.
+        ``stray`` of the next segment.
     """
-    whole, values = i32_at(beside), f32_at(beside)
-    flat, stray = passed(whole, B_FLAT * room, flat, run), passed(whole, B_STRAYS * room, stray, run)
-    while run < last_run:
-        r = np.int64(whole[B_FLAT * room + flat])
-        if r == run and changes_slowly(mf, lens):
-            flat += 1
-            at = B_NORMAL * room + r
-            normal = values[at], values[at + room], values[at + 2 * room]
-            begin, end = np.int64(starts[r]), np.int64(starts[r + 1])
-            if show_flat(job, mf, lens, y, normal, rows, stride, begin, end, line, steep):
-                run += 1
-                continue
-            r = np.int64(whole[B_FLAT * room + flat])
-        elif r == run:
-            flat += 1
-            continue
-        if known <= run:
-            known = min(reach, r)
-            _put_cosines(lens, y, starts, run, known, masks, beside, room, rows, stride)
-        stop = min(last_run, known)
-        while whole[B_STRAYS * room + stray] < stop:
-            number = np.int64(whole[B_STRAYS * room + stray])
-            stray += 1
-            begin, end, element = np.int64(starts[number]), np.int64(starts[number + 1]), records[number] - first
-            _put_stray(columns, maps, lens, y, element, begin, end, beside, room, number, rows, stride)
-        begin, end = np.int64(starts[run]), np.int64(starts[stop])
-        for part in range(begin, end, PART):
-            finish_uniform(job, mf, y, np.int64(0), rows, stride, part, min(part + PART, end), line, steep)
-        run = stop
-    return flat, stray, known
+    whole = i32_at(beside)
+    stray = passed(whole, B_STRAYS * room, stray, run)
+    while whole[B_STRAYS * room + stray] < last_run:
+        number = np.int64(whole[B_STRAYS * room + stray])
+        stray += 1
+        begin, end, element = np.int64(starts[number]), np.int64(starts[number + 1]), records[number] - first
+        _put_stray(columns, maps, lens, y, element, begin, end, beside, room, number, rows, stride)
+    begin, end = np.int64(starts[run]), np.int64(starts[last_run])
+    for part in range(begin, end, PART):
+        finish_uniform(job, mf, y, np.int64(0), rows, stride, part, min(part + PART, end), line, steep)
+    return stray

@@ -34,7 +34,7 @@ from renderers.shading.layout import (
     S_PBR,
     S_POINTS,
 )
-from renderers.shading.materials import MF_COLUMNS, MF_SHOWN, MI_BASE, MI_COLUMNS, MI_NORMAL, MI_UNLIT, MI_UV
+from renderers.shading.materials import MF_COLUMNS, MI_BASE, MI_COLUMNS, MI_NORMAL, MI_UNLIT, MI_UV
 from renderers.shading.planes import (
     E_COLUMNS,
     E_COUNT,
@@ -69,11 +69,8 @@ TINY_RUNS: Final = 2
 G_INSTANCE: Final = 0  # -1: nothing is seen
 G_RUN: Final = 1  # its runs
 G_LAST_RUN: Final = 2
-G_PLANES: Final = 3  # whether it is shaded from the planes of its triangles: 0, or one of these
+G_PLANES: Final = 3  # 1 where it is shaded from the planes of its triangles, else 0
 G_COLUMNS: Final = 4
-BY_PLANES: Final = 1
-BY_RATIO: Final = 2
-"""Under the look ``pbr``: see ``plain_metal``."""
 
 
 @inner
@@ -169,25 +166,22 @@ def instance_at(job, instance):
 
 
 @inner
-def _by_planes(job, instance, steep):
-    """G_PLANES of an instance's segments where its triangles are not tiny: whether ``plain``, ``plain_pbr`` or
-    ``plain_metal`` shades them."""
+def _by_planes(job, instance):
+    """Return whether ``plain`` or ``plain_pbr`` shades an instance's segments where its triangles are not tiny."""
     columns, mi, mf = instance_at(job, instance)
     if columns[II_TOPOLOGY] != 3 or job[S_MODE] != DIRECT or mi[MI_UNLIT] != 0 or columns[II_HAS] & HAS_COLORS:
-        return 0
+        return False
     if job[S_PBR] == 0:
-        return BY_PLANES if mi[MI_BASE] < 0 and fits(mf) else 0
-    if mi[MI_NORMAL] >= 0 or mi[MI_UV] & 3 != 0 or columns[II_HAS] & HAS_NORMALS == 0:
-        return 0
-    return BY_RATIO if mf[MF_SHOWN] >= np.float32(0.0) and steep == np.float32(0.0) else BY_PLANES
+        return mi[MI_BASE] < 0 and fits(mf)
+    return mi[MI_NORMAL] < 0 and mi[MI_UV] & 3 == 0 and columns[II_HAS] & HAS_NORMALS != 0
 
 
 @inner
-def find_segments(job, apart, steep, starts, records, runs, segments, at, hint):
+def find_segments(job, apart, starts, records, runs, segments, at, hint):
     """Find the segments of a row's runs.
 
     Args:
-        apart: as for ``find_runs``; such rows need no planes. steep: see ``surface.row_schlick``.
+        apart: as for ``find_runs``; such rows need no planes.
         segments: pointer to int32, G_COLUMNS for each; at: the number of the first.
 
     Returns:
@@ -206,9 +200,9 @@ def find_segments(job, apart, steep, starts, records, runs, segments, at, hint):
             hint = instance_of(first_record, job[S_COUNT], record, hint)
             stop = extent(records, run, runs, first_record[hint], first_record[hint + 1])
             segments[segment + G_INSTANCE] = hint
-            if not apart and starts[stop] - starts[run] > TINY_RUNS * (stop - run):
-                segments[segment + G_PLANES] = kind = _by_planes(job, hint, steep)
-                planes |= kind != 0
+            tiny = apart or starts[stop] - starts[run] <= TINY_RUNS * (stop - run)
+            if not tiny and _by_planes(job, hint):
+                segments[segment + G_PLANES], planes = 1, True
             run = stop
         segments[segment + G_LAST_RUN] = run
         at += 1

@@ -48,7 +48,6 @@ from renderers.shading.materials import (
     MI_OCCLUSION,
     MI_UNLIT,
 )
-from renderers.shading.metal import is_bare, shares_of, show_metal
 from renderers.shading.sampling import AS_STORED, SRGB, sample
 from renderers.shading.transfer import decode_gamma
 
@@ -285,13 +284,6 @@ def finish_uniform(job, mf, y, places, rows, stride, begin, end, line, steep):
     a2, rough = alpha_of(vec.f32(mf[MF_ROUGHNESS])), mf[MF_ROUGHNESS] == np.float32(1.0)
     # Eight pixels are glossed while the eight before them are finished: neither waits for the other.
     n_l, specular = _glossed(rows, stride, begin, a2, rough)
-    if is_bare(mf):
-        shares = shares_of(job, mf, steep)
-        for x in range(begin, end, vec.LANES):
-            _, following = _glossed(rows, stride, x + vec.LANES, a2, rough)
-            show_metal(shares, specular, line, x)
-            specular = following
-        return
     red, green, blue = vec.f32(mf[MF_BASE]), vec.f32(mf[MF_BASE + 1]), vec.f32(mf[MF_BASE + 2])
     diffuse, f0, grazing = coat(red, green, blue, vec.f32(mf[MF_METALLIC]))
     er, eg, eb = vec.f32(mf[MF_EMISSIVE]), vec.f32(mf[MF_EMISSIVE + 1]), vec.f32(mf[MF_EMISSIVE + 2])

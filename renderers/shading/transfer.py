@@ -60,32 +60,13 @@ def _encoded() -> NDArray[np.float32]:
     return result
 
 
-_OCTAVES: Final = 40
-"""Of ``root``: from DARK to 1."""
-_BELOW_ONE: Final = np.float32(1.0 - 2.0**-24)
-
-
-def _roots() -> NDArray[np.float32]:
-    """(16,) float32: ``c^(1/2.2)`` of 2^-7 .. 2^0, and of 2^-33, 2^-25 .. 2^23: the product of a value of each row is
-    that of a power of two, from DARK on."""
-    powers = np.concatenate((np.arange(-7.0, 1.0), 8.0 * np.arange(8.0) + 7.0 - _OCTAVES))
-    roots: NDArray[np.float32] = (2.0 ** (powers / GAMMA)).astype(np.float32)
-    return roots
-
-
-_POWERS: Final = (0.3715349, 0.86969473, -0.31848191, 0.08785954, -0.01059569)
-"""Of a polynomial that is ``m^(1/2.2)`` for m in 1..2, within 1.2e-5 of it: interpolated at Chebyshev's places."""
-
-
 def _decoded() -> NDArray[np.float32]:
     """(_STEPS + 2,) float32: ``(i / _STEPS)^2.2``; the last entry is for interpolation at 1."""
     return (np.minimum(np.arange(_STEPS + 2) / _STEPS, 1.0) ** GAMMA).astype(np.float32)
 
 
 DECODED: Final = _decoded()
-ROOTS: Final = len(_encoded())
-"""Where ``root``'s two vectors lie in ENCODED."""
-ENCODED: Final = np.concatenate((_encoded(), _roots()))
+ENCODED: Final = _encoded()
 THRESHOLDS: Final = _thresholds()
 GAMMA_CELLS: Final = _gamma_cells()
 
@@ -138,25 +119,3 @@ def encode_gamma(c, encoded):
     low = vec.gather(table, cell)
     share = vec.to_f32(bits & vec.i32((1 << _CELL) - 1)) * vec.f32(1.0 / (1 << _CELL))
     return low + share * (vec.gather(table, cell + vec.i32(1)) - low)
-
-
-@inlined
-def root(c, low, high):
-    """``c^(1/2.2)`` of an f32x8 from 2^-40 to 1 (clamped; NaN is 2^-40), within 1.3e-5 of it: a third of
-    ``encode_gamma``'s time, without a table in memory.
-
-    Args:
-        low, high: vectors ROOTS and the next of ``ENCODED``.
-    """
-    return root_within(vec.least(vec.most(c, vec.f32(DARK)), vec.f32(_BELOW_ONE)), low, high)
-
-
-@inlined
-def root_within(c, low, high):
-    """``root`` of what is from DARK to 1."""
-    bits = vec.bits_of(c)
-    octave = (bits >> vec.i32(23)) - vec.i32(_DARK_BITS >> 23)
-    m = vec.float_of((bits & vec.i32(0x7FFFFF)) | vec.i32(0x3F800000))
-    a, b, square = vec.f32(_POWERS[0]) + vec.f32(_POWERS[1]) * m, vec.f32(_POWERS[2]) + vec.f32(_POWERS[3]) * m, m * m
-    whole = vec.permute(low, octave & vec.i32(7)) * vec.permute(high, octave >> vec.i32(3))
-    return (a + square * (b + vec.f32(_POWERS[4]) * square)) * whole

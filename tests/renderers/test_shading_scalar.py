@@ -302,6 +302,38 @@ def test_walls_to_a_level(tilt: float, metallic: float) -> None:
                 assert (differences != 0).mean() < 0.02
 
 
+@pytest.mark.parametrize("roughness", [1.0, 0.97, 0.5, 0.1, 0.0])
+@pytest.mark.parametrize("cells", [4, 30, 90])
+def test_metal_balls_to_a_level(roughness: float, cells: int) -> None:
+    """Few large triangles, whose normals turn much, and many; factors within and outside 0 .. 1."""
+    for color in ((0.9, 0.3, 0.0, 1.0), (1.0, 1.0, 1.0, 1.0), (1.7, -0.2, 1e-5, 1.0)):
+        gold = Material(color, metallic=1.0, roughness=roughness, double_sided=True)
+        drawn = DrawList((placed(ball(cells, 0.9), gold, z=3.0),))
+        ours, scalar = both(drawn, view(83, 61), Look("pbr"))
+        differences = np.abs(ours - scalar)
+        assert differences.max() <= 1
+        assert (differences != 0).mean() < 0.02
+
+
+@pytest.mark.parametrize("focal", [300.0, 80.0])
+def test_neighbouring_instances_to_a_level(focal: float) -> None:
+    """Rows across many instances: metals and dielectrics, wide and narrow ones, next to each other."""
+    rng = np.random.default_rng(3)
+    camera = Camera(161, 120, focal, focal, 80.0, 60.0, 0.05, 50.0, np.eye(4))
+    instances = []
+    for _ in range(40):
+        material = Material((*rng.uniform(0.0, 1.0, 3), 1.0), metallic=float(rng.choice((1.0, 1.0, 1.0, 0.3))))
+        X = np.eye(4)
+        X[:3, 3] = rng.uniform((-1.5, -1.0, 3.0), (1.5, 1.0, 5.0))
+        instances.append(Instance(ball(int(rng.choice((4, 9, 40))), float(rng.choice((0.02, 0.3, 0.6)))), material, X))
+    instances.append(placed(quad(9.0, 9.0), Material((1.0, 0.0, 0.5, 1.0)), z=5.5))
+    ours, scalar = both(both_sided(DrawList(tuple(instances))), camera, Look("pbr"))
+    differences = np.abs(ours - scalar)
+    assert ours.any()
+    assert differences.max() <= 1
+    assert (differences != 0).mean() < 0.02
+
+
 @pytest.mark.parametrize("size", [(83, 61), (64, 40), (9, 70)])
 def test_threads_do_not_matter(size: tuple[int, int]) -> None:
     drawn = scene(np.random.default_rng(7))
