@@ -11,7 +11,7 @@ from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, field
 from functools import partial
-from typing import Final, Protocol
+from typing import Final, NamedTuple, Protocol
 
 import structlog
 
@@ -29,6 +29,9 @@ OVERHEAD_BYTES: Final = 256
 """Of one waiting message besides its bytes."""
 PATH_BYTES: Final = 100
 """Of one path in an answer that waits."""
+RESEND_DELAY_SECONDS: Final = 0.01
+"""Delay of answers with status 1. Director's Python client empties its queue of commands right after ``publish()``.
+This erases what an earlier answer has put there. On a busy machine the client takes up to 8 ms, seldom more."""
 LOUD: Final = 10
 """So many undecodable messages are logged one by one, then only every thousandth: a flood must not fill the disk."""
 
@@ -80,6 +83,15 @@ class _Lane:
     on_drained: Callable[[], None] | None = None
 
 
+class _Unsent(NamedTuple):
+    """An answer and where it goes."""
+
+    channel: str
+    answer: Answer | FormatAnswer
+    reply: Reply
+    binary: bool
+
+
 class Dispatcher:
     """Takes requests from transports. All methods belong to the event loop's thread."""
 
@@ -104,6 +116,8 @@ class Dispatcher:
         self._for_others = for_others
         self._lanes: dict[object, _Lane] = {}
         self._tasks: set[asyncio.Task[None]] = set()
+        self._delayed: dict[str, deque[_Unsent]] = {}
+        """By request channel: an answer with status 1 whose delay has begun, and all answers behind it."""
         self.counters = Counters()
         self.waiting_bytes = 0
         """Of all lanes."""
@@ -118,7 +132,7 @@ class Dispatcher:
         reply: Reply,
         on_drained: Callable[[], None] | None = None,
     ) -> int:
-        """A request arrived. Small ones are answered before this returns.
+        """A request arrived. Small ones are answered before this returns, unless paths are missing.
 
         Args:
             source: identifies the transport or connection; with the channel it is the client.
@@ -159,6 +173,13 @@ class Dispatcher:
             "waiting_bytes": self.waiting_bytes,
             **({"last_undecodable": self._last_undecodable} if self._last_undecodable else {}),
         }
+
+    def flush(self) -> None:
+        """Sends the answers that are delayed, before their transports close."""
+        delayed, self._delayed = self._delayed, {}
+        for waiting in delayed.values():
+            for unsent in waiting:
+                self._publish(*unsent)
 
     async def close(self) -> None:
         """Ends the work on waiting messages."""
@@ -223,7 +244,7 @@ class Dispatcher:
 
     def _send(self, channel: str, answer: Answer | FormatAnswer, reply: Reply, binary: bool) -> None:
         if self._durable is None:
-            self._publish(channel, answer, reply, binary)
+            self._delay(_Unsent(channel, answer, reply, binary))
             return
         paths = 0
         if isinstance(answer, Answer):
@@ -235,7 +256,29 @@ class Dispatcher:
             reason = f"the tree has been changed, but the change could not be stored: {problem}"
             answer.error = f"{answer.error}; {reason}" if answer.error else reason
             answer.status = answers.ERROR_HANDLING_REQUEST
-        self._publish(channel, answer, reply, binary)
+        self._delay(_Unsent(channel, answer, reply, binary))
+
+    def _delay(self, unsent: _Unsent) -> None:
+        """Publishes at once, or after ``RESEND_DELAY_SECONDS`` where paths are missing; a channel's order stays."""
+        waiting = self._delayed.get(unsent.channel)
+        missing = unsent.answer.status == answers.MISSING_PATHS
+        if waiting is None and not missing:
+            self._publish(*unsent)
+            return
+        self._delayed.setdefault(unsent.channel, deque()).append(unsent)
+        if missing:
+            asyncio.get_running_loop().call_later(RESEND_DELAY_SECONDS, self._delay_ended, unsent.channel)
+
+    def _delay_ended(self, channel: str) -> None:
+        """Publishes the oldest answer that is delayed, and those behind it up to the next with status 1."""
+        waiting = self._delayed.get(channel)
+        if not waiting:  # flushed
+            return
+        self._publish(*waiting.popleft())
+        while waiting and waiting[0].answer.status != answers.MISSING_PATHS:
+            self._publish(*waiting.popleft())
+        if not waiting:
+            del self._delayed[channel]
 
     def _publish(self, channel: str, answer: Answer | FormatAnswer, reply: Reply, binary: bool) -> None:
         message = answers.encode(answer, binary=binary)

@@ -139,6 +139,7 @@ class TreeViewerService:
             self._bus = bus
 
     async def _stop(self) -> None:
+        self._dispatcher.flush()
         if self._bus is not None:
             self._bus.close()
             self._bus = None
