@@ -71,7 +71,7 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     ("Tree viewer: extents", "gateway.scene.meshing", ("LARGEST",)),
     ("Tree viewer: number arrays in JSON", "gateway.treeviewer.extract", ("MOST_ARRAYS",)),
     ("Tree viewer: formats", "gateway.treeviewer.wire", ("_MAX_FORMAT_BYTES",)),
-    ("TCPQ: frames", "gateway.treeviewer.tcpq", ("MOST_AT_ONCE", "LONGEST_CHANNEL", "LONGEST_PATTERN")),
+    ("TCPQ: frames", "gateway.treeviewer.tcpq", ("MOST_AT_ONCE", "LONGEST_CHANNEL", "LONGEST_PATTERN", "LONGEST_NAME")),
     ("TCPQ: answers", "gateway.treeviewer.tcpq_bus", ("MOST_UNSENT_BYTES",)),
     ("TCPQ: patterns", "gateway.treeviewer.patterns", ("MOST_STEPS",)),
     ("UDP multicast", "gateway.treeviewer.udpm", ("MOST_UNFINISHED",)),

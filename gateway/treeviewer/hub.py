@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import os
-import re
 import socket
 from collections.abc import Callable
 from typing import Any, Final, cast
@@ -17,15 +16,26 @@ import structlog
 
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.errors import TreeViewerUnavailable
-from gateway.treeviewer.patterns import MOST_STEPS, PatternError, compile_pattern, steps_of
-from gateway.treeviewer.tcpq import HUB_HELLO, MAGIC_CLIENT, Frame, FrameError, FrameReader, publish_head
+from gateway.treeviewer.patterns import CHARACTERS, MOST_STEPS, Pattern, PatternError, compile_pattern
+from gateway.treeviewer.tcpq import (
+    HUB_HELLO,
+    LONGEST_CHANNEL,
+    LONGEST_PATTERN,
+    MAGIC_CLIENT,
+    Frame,
+    FrameError,
+    FrameReader,
+    publish_head,
+)
 
 _log = structlog.get_logger("gateway.treeviewer")
 
 REMEMBERED_CHANNELS: Final = 1024
 """Channels whose receivers are known without matching patterns again."""
 CLIENT_STEPS: Final = 2 * MOST_STEPS
-"""Of all patterns of one client together: a channel that was not seen before is matched with every pattern."""
+"""Of all patterns of one client together: a channel that was not seen before is matched with every pattern.
+
+For a channel of more than 63 characters a repetition costs more; patterns that go beyond this number are not tried."""
 JOINED_BYTES: Final = 16 * 1024
 """Smaller messages are copied behind their head, so that they go out in one packet."""
 
@@ -52,6 +62,8 @@ class Hub:
         self.relayed = 0
         self.refused = 0
         """Connections ended because they were too many, did not speak TCPQ, or read too slowly."""
+        self.dropped = 0
+        """Messages not relayed because their channel's name is longer than ``LONGEST_CHANNEL``."""
 
     async def start(self) -> None:
         """Listens. Raises TreeViewerUnavailable when the port cannot be had."""
@@ -79,7 +91,13 @@ class Hub:
             self._server = None
 
     def publish(self, channel: str, message: bytes) -> None:
-        """Sends to every client that has subscribed to it."""
+        """Sends to every client that has subscribed to it.
+
+        Raises:
+            ValueError: the channel's name is too long.
+        """
+        if _too_long(channel):
+            raise ValueError(f"the hub relays channel names of at most {LONGEST_CHANNEL} bytes")
         self._relay(channel, message)
 
     def status(self) -> dict[str, object]:
@@ -89,6 +107,7 @@ class Hub:
             "clients": len(self.connections),
             "relayed": self.relayed,
             "refused": self.refused,
+            "dropped": self.dropped,
             "arriving_bytes": self._arriving,
             "unsent_bytes": sum(connection.unsent_bytes for connection in self.connections),
         }
@@ -104,15 +123,22 @@ class Hub:
         """Subscriptions are not what they were."""
         self._receivers.clear()
 
-    def greet(self, connection: HubConnection, pattern: re.Pattern[str]) -> None:
+    def greet(self, connection: HubConnection, pattern: Pattern) -> None:
         """Tells a new subscriber that the viewer is there, as a viewer that has just started would."""
         channel, message = self._greeting
-        if pattern.fullmatch(channel):
+        if pattern.matches(channel):
             connection.send(channel, message)
 
     def published(self, sender: HubConnection, channel: str, data: bytes | memoryview) -> None:
         """A client published: the gateway's own ears first, then the other clients'."""
-        if self._wanted.fullmatch(channel):
+        if _too_long(channel):
+            if not self.dropped:
+                _log.warning(
+                    "A channel name is too long; its messages are dropped", client=sender.name, channel=channel[:100]
+                )
+            self.dropped += 1
+            return
+        if self._wanted.matches(channel):
             self._receive(sender, channel, data)
         self._relay(channel, data)
 
@@ -128,6 +154,10 @@ class Hub:
         self.relayed += len(receivers)
 
 
+def _too_long(channel: str) -> bool:
+    return len(channel.encode()) > LONGEST_CHANNEL
+
+
 class HubConnection(asyncio.BufferedProtocol):
     """One client of the hub."""
 
@@ -135,13 +165,14 @@ class HubConnection(asyncio.BufferedProtocol):
         self._hub = hub
         limit = hub.config.limits.message_bytes + 1024
         self._reader = FrameReader(MAGIC_CLIENT, limit, self._framed, hub.reserve)
-        self._patterns: dict[str, tuple[re.Pattern[str], int]] = {}
+        self._patterns: dict[str, tuple[Pattern, int]] = {}
+        """By text: the pattern, and how many times it was subscribed to."""
         self._transport: asyncio.Transport | None = None
         self._options: socket.socket | None = None
         self.name = "?"
         self._held = False
         self._steps = 0
-        """Of all patterns together."""
+        """Of all patterns together, for a channel of 63 characters."""
 
     @property
     def unsent_bytes(self) -> int:
@@ -186,7 +217,14 @@ class HubConnection(asyncio.BufferedProtocol):
 
     def wants(self, channel: str) -> bool:
         """Whether one of the client's subscriptions matches."""
-        return any(pattern.fullmatch(channel) for pattern, _ in self._patterns.values())
+        left = CLIENT_STEPS
+        for pattern, _ in self._patterns.values():
+            steps = pattern.steps(len(channel))
+            if steps <= left:
+                left -= steps
+                if pattern.matches(channel):
+                    return True
+        return False
 
     def send(self, channel: str, data: bytes | memoryview) -> None:
         """Queues a message for the client; one that does not read loses its connection when too much is queued."""
@@ -239,10 +277,13 @@ class HubConnection(asyncio.BufferedProtocol):
             _log.warning("A hub client has too many subscriptions", client=self.name, pattern=text)
             return
         try:
-            pattern, steps = compile_pattern(text), steps_of(text)
+            if len(text.encode()) > LONGEST_PATTERN:
+                raise PatternError(f"it has {len(text.encode())} bytes, {LONGEST_PATTERN} are possible")
+            pattern = compile_pattern(text)
         except PatternError as error:
             _log.warning("A hub client's subscription was ignored", client=self.name, reason=str(error))
             return
+        steps = pattern.steps(CHARACTERS)
         if self._steps + steps > CLIENT_STEPS:
             _log.warning("A hub client's subscriptions take too long to match", client=self.name, pattern=text)
             return
@@ -257,7 +298,7 @@ class HubConnection(asyncio.BufferedProtocol):
             if times > 1:
                 self._patterns[text] = (pattern, times - 1)
             else:
-                self._steps -= steps_of(text)
+                self._steps -= pattern.steps(CHARACTERS)
         self._hub.changed()
 
     def _end(self, reason: str) -> None:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import re
 import warnings
+from dataclasses import dataclass
 from typing import Final
 
 CHARACTERS: Final = 63
-"""Of a channel's name at most, so of what a repetition can take."""
+"""Length of LCM's longest usual channel name (LCM_MAX_CHANNEL_NAME_LENGTH); only TCPQ carries longer ones."""
 MOST_STEPS: Final = CHARACTERS**3
 """Ways in which one pattern may be tried against a channel, about: three repetitions; half a millisecond."""
 
@@ -16,29 +17,50 @@ class PatternError(ValueError):
     """A pattern that cannot be used; the message says why."""
 
 
-def compile_pattern(pattern: str) -> re.Pattern[str]:
-    """The pattern, to be used with ``fullmatch`` (LCM anchors it on both sides).
+@dataclass(frozen=True, slots=True)
+class Pattern:
+    """A subscription's regular expression and an upper bound of what a match costs."""
+
+    regex: re.Pattern[str]
+    choices: int
+    """Product of all alternatives and optional parts."""
+    repetitions: int
+
+    def steps(self, length: int) -> int:
+        """In how many ways a match with a channel of ``length`` characters may be tried before it fails."""
+        return self.choices * int(length**self.repetitions)
+
+    def matches(self, channel: str) -> bool:
+        """Whether the whole channel name matches (LCM anchors patterns on both sides)."""
+        return self.regex.fullmatch(channel) is not None
+
+
+def compile_pattern(pattern: str) -> Pattern:
+    """A subscription's pattern.
 
     Raises:
         PatternError: not a regular expression, or one that could take too long.
     """
-    steps_of(pattern)
+    choices, repetitions = _branches(pattern)
+    steps = choices * int(CHARACTERS**repetitions)
+    if steps > MOST_STEPS:
+        raise PatternError(f"{pattern!r} can be tried in {steps} ways, {MOST_STEPS} are possible")
     try:
         with warnings.catch_warnings():
             # what Python may once take for a nested set is an ordinary character to LCM
             warnings.simplefilter("ignore", FutureWarning)
-            return re.compile(pattern)
+            return Pattern(re.compile(pattern), choices, repetitions)
     except (re.error, OverflowError, RecursionError) as error:
         raise PatternError(f"{pattern!r} is not a regular expression: {error}") from None
 
 
-def steps_of(pattern: str) -> int:
-    """In how many ways a match of ``pattern`` may be tried before it fails, as an upper bound.
+def _branches(pattern: str) -> tuple[int, int]:
+    """The product of all alternatives and optional parts of ``pattern``, and the number of its repetitions.
 
     Raises:
-        PatternError: in too many, or something in it makes them hard to count.
+        PatternError: something in it makes them hard to count.
     """
-    steps = 1
+    choices, repetitions = 1, 0
     at = 0
     previous = ""
     alternatives = [1]
@@ -64,15 +86,12 @@ def steps_of(pattern: str) -> int:
         elif c == "|":
             alternatives[-1] += 1
         elif c == ")" and len(alternatives) > 1:
-            steps *= alternatives.pop()
+            choices *= alternatives.pop()
         elif c in "*+{":
             if previous == ")":
                 raise PatternError(f"{pattern!r} repeats a group, which is not supported")
-            steps *= CHARACTERS
+            repetitions += 1
         elif c == "?" and previous not in ("*", "+", "}"):  # behind those it means few rather than many
-            steps *= 2
+            choices *= 2
         previous, at = c, at + 1
-    steps *= alternatives[0]
-    if steps > MOST_STEPS:
-        raise PatternError(f"{pattern!r} can be tried in {steps} ways, {MOST_STEPS} are possible")
-    return steps
+    return choices * alternatives[0], repetitions

@@ -170,7 +170,7 @@ class TreeViewerService:
         hub = self._hub
         if hub is None:
             return
-        waiting = self._dispatcher.receive(sender, channel, data, partial(_publish, hub), sender.release)
+        waiting = self._dispatcher.receive(sender, channel, data, hub.publish, sender.release)
         if waiting > self._config.client_waiting_bytes:
             sender.hold()
 
@@ -184,9 +184,3 @@ def _announce(bus: LcmBus | UdpmBus | TcpqBus, ready: bytes) -> None:
         bus.publish(RESPONSE, ready)
     except OSError as error:
         _log.warning("The ready message could not be sent", reason=str(error))
-
-
-def _publish(hub: Hub, channel: str, message: bytes) -> None:
-    if len(channel) > 63:
-        raise ValueError(f"LCM's channel names have at most 63 characters, {channel!r} has {len(channel)}")
-    hub.publish(channel, message)

@@ -18,10 +18,12 @@ MAGIC_CLIENT: Final = 0x287617FB
 VERSION: Final = 0x0100
 HUB_HELLO: Final = struct.pack(">II", MAGIC_HUB, VERSION)
 CLIENT_HELLO: Final = struct.pack(">II", MAGIC_CLIENT, VERSION)
-LONGEST_CHANNEL: Final = 63
-"""Bytes; LCM's own limit (LCM_MAX_CHANNEL_NAME_LENGTH)."""
-LONGEST_PATTERN: Final = 256
-"""Bytes of a subscription; four channels' worth."""
+LONGEST_CHANNEL: Final = 999
+"""Bytes of a relayed message's channel name. TCPQ has no limit, but LCM's programs cannot read a log of longer ones."""
+LONGEST_PATTERN: Final = 2 * LONGEST_CHANNEL
+"""Bytes of a subscription: enough for a channel of which every character is escaped."""
+LONGEST_NAME: Final = 64 * 1024
+"""Bytes of a channel name or subscription that a peer may send at all; more than that is not TCPQ but garbage."""
 MOST_AT_ONCE: Final = 512 * 1024
 """Bytes read at a time into a big message: copying them takes 0.2 ms, then other connections have their turn."""
 SCRATCH_BYTES: Final = 256 * 1024
@@ -134,9 +136,8 @@ class FrameReader:
             return True
         if not Frame.PUBLISH <= kind <= Frame.UNSUBSCRIBE:
             raise FrameError(f"frame type {kind} does not exist")
-        longest = LONGEST_CHANNEL if kind == Frame.PUBLISH else LONGEST_PATTERN
-        if length > longest:
-            raise FrameError(f"a channel of {length} bytes, {longest} are possible")
+        if length > LONGEST_NAME:
+            raise FrameError(f"a channel of {length} bytes, {LONGEST_NAME} are possible")
         at += _WORDS.size
         if ready < _WORDS.size + length:
             return False

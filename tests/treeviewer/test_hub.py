@@ -12,10 +12,11 @@ from gateway.scene.live import LiveTree
 from gateway.treeviewer import wire
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.protocol import REQUEST, RESPONSE, TreeViewerProtocol
-from gateway.treeviewer.tcpq import Frame
+from gateway.treeviewer.tcpq import LONGEST_CHANNEL, Frame
+from tests.support.liblcm import liblcm
 from tests.support.waiting import until
 from tests.treeviewer.conversation import ONE_BOX, decoded, message
-from tests.treeviewer.transports import HubClient, serving
+from tests.treeviewer.transports import HubClient, in_thread, serving
 
 
 async def test_a_client_is_answered_and_the_tree_has_its_geometry() -> None:
@@ -111,10 +112,11 @@ async def test_an_id_too_long_for_the_answers_channel_is_counted() -> None:
         client = await HubClient.connect(service.tcpq_port)
         await client.subscribe(f"{RESPONSE}.*")
         await client.next()  # ready
-        await client.publish(f"{REQUEST}_<{'i' * 32}>", ONE_BOX)
-        await client.publish(f"{REQUEST}_<{'i' * 31}>", ONE_BOX)
-        channel, _ = await client.next()
-        assert len(channel) == 63
+        longest = LONGEST_CHANNEL - len(f"{RESPONSE}_<>")
+        await client.publish(f"{REQUEST}_<{'i' * (longest + 1)}>", ONE_BOX)
+        for size in (31, 32, 100, longest):
+            await client.publish(f"{REQUEST}_<{'i' * size}>", ONE_BOX)
+            assert (await client.next())[0] == f"{RESPONSE}_<{'i' * size}>"
         assert service.status()["unanswerable"] == 1
         await client.close()
 
@@ -182,3 +184,31 @@ async def test_the_own_hub_is_not_joined(monkeypatch: pytest.MonkeyPatch) -> Non
     async with serving(TreeViewerConfig(lcm_url=None, tcpq_port=port)) as service:
         assert "lcm" not in service.status()
         assert service.status()["tcpq"]["clients"] == 0
+
+
+@pytest.mark.lcm
+@pytest.mark.parametrize("size", [63, 64, 100, 300, 999])
+@pytest.mark.parametrize("pattern", ["", ".*x"], ids=["its name", "a pattern"])
+async def test_lcms_own_clients_use_channels_of_any_length(size: int, pattern: str) -> None:
+    channel = "x" * size
+
+    def talk(url: str) -> tuple[str, bytes]:
+        lcm = liblcm()
+        sender, reader = lcm.LCM(url), lcm.LCM(url)
+        heard: list[tuple[str, bytes]] = []
+        for client in (sender, reader):
+            client.subscribe("SYNC", lambda *_: None)
+        reader.subscribe(pattern or channel, lambda *message: heard.append(message))
+        reader.publish("SYNC", b"")  # it comes back when the hub has taken the subscription
+        assert reader.handle_timeout(30_000)
+        sender.publish(channel, b"first")
+        assert reader.handle_timeout(30_000)
+        sender.publish(channel, b"second")  # the connection is still there
+        assert reader.handle_timeout(30_000)
+        assert [data for _, data in heard] == [b"first", b"second"]
+        return heard[0]
+
+    async with serving() as service:
+        assert await in_thread(talk, f"tcpq://127.0.0.1:{service.tcpq_port}") == (channel, b"first")
+        assert service.status()["tcpq"]["clients"] == 2
+        assert service.status()["tcpq"]["dropped"] == 0

@@ -10,7 +10,7 @@ import pytest
 from gateway.treeviewer import wire
 from gateway.treeviewer.protocol import REQUEST, RESPONSE
 from gateway.treeviewer.tcpq import CLIENT_HELLO, Frame, publish_head
-from tests.support.waiting import until
+from tests.support.waiting import SECONDS, until
 from tests.treeviewer.conversation import ONE_BOX, decoded, message
 from tests.treeviewer.transports import HubClient, serving
 
@@ -64,7 +64,7 @@ async def test_a_reader_that_does_not_read_is_disconnected_and_others_go_on() ->
         b"GET / HTTP/1.1\r\nHost: x\r\n\r\n",
         CLIENT_HELLO + struct.pack(">II", 9, 0),
         CLIENT_HELLO + struct.pack(">II", 0, 0),
-        CLIENT_HELLO + struct.pack(">II", Frame.PUBLISH, 64) + b"c" * 64,
+        CLIENT_HELLO + struct.pack(">II", Frame.PUBLISH, 65_537) + b"c" * 64,
         CLIENT_HELLO + struct.pack(">II", Frame.SUBSCRIBE, 2**31),
         CLIENT_HELLO + struct.pack(">II", Frame.PUBLISH, 1) + b"\xff",
         CLIENT_HELLO + struct.pack(">II", Frame.PUBLISH, 1) + b"c" + struct.pack(">I", 2**32 - 1),
@@ -136,3 +136,38 @@ async def test_a_clients_patterns_together_are_bounded_in_what_they_cost() -> No
             await client.publish(f"C{i}", b"")
         assert [(await client.next())[0] for _ in range(2)] == ["C1", "C3"]
         await client.close()
+
+
+async def test_names_that_are_too_long_are_dropped_and_the_connection_stays() -> None:
+    async with serving() as service:
+        client = await HubClient.connect(service.tcpq_port)
+        await client.subscribe("x" * 1999)  # ignored
+        await client.subscribe(".*")
+        await client.next()  # ready
+        for size in (1000, 1999, 65_536, 999):
+            await client.publish("x" * size, b"y")
+        assert await client.next() == ("x" * 999, b"y")
+        assert service.status()["tcpq"]["dropped"] == 3
+        assert service.status()["tcpq"]["clients"] == 1
+        await client.close()
+
+
+async def test_patterns_that_would_take_too_long_for_a_long_channel_are_not_tried() -> None:
+    async with serving() as service:
+        client, other = await HubClient.connect(service.tcpq_port), await HubClient.connect(service.tcpq_port)
+        await client.subscribe("a.*a.*a.*b")  # three repetitions
+        await client.subscribe("a.*b")
+        await other.subscribe("a.*a.*a.*b")
+        await other.subscribe("END")
+        for reader in (client, other):  # what was sent before this has been handled
+            await reader.subscribe(f"{RESPONSE}_<{id(reader)}>")
+            await reader.publish(f"{REQUEST}_<{id(reader)}>", wire.encode(b"{}"))
+            await reader.next()
+        async with asyncio.timeout(SECONDS):
+            await client.publish("a" * 998 + "b", b"")
+            await client.publish("a" * 998 + "c", b"")
+            await client.publish("END", b"")
+            assert (await client.next())[0] == "a" * 998 + "b"
+            assert (await other.next())[0] == "END"
+        await client.close()
+        await other.close()

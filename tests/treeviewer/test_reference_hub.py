@@ -61,6 +61,14 @@ async def conversation(port: int) -> list[tuple[str, int]]:
     await sender.publish("POSE", b"333")
     await sender.publish("END", b"ends")
     heard.append(await twice.next())
+    for size in (63, 64, 100, 300, 999):
+        await other.subscribe("y" * size)
+    await other.subscribe("z+")
+    await settled(other, 5)
+    for size in (63, 64, 100, 300, 999):
+        for letter in "yz":
+            await sender.publish(letter * size, b"")
+            heard.append(await other.next())
     for client in clients:
         await client.close()
     return [(channel, len(data)) for channel, data in heard]
@@ -82,4 +90,5 @@ async def test_our_hub_relays_like_the_reference() -> None:
         await process.communicate()
     async with serving() as service:
         ours = await conversation(service.tcpq_port)
-    assert ours == theirs == [("POSE", 100_000), ("POSE", 100_000), ("END", 1), ("POSE", 2), ("END", 4)]
+    long = [(letter * size, 0) for size in (63, 64, 100, 300, 999) for letter in "yz"]
+    assert ours == theirs == [("POSE", 100_000), ("POSE", 100_000), ("END", 1), ("POSE", 2), ("END", 4), *long]

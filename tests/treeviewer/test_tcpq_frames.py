@@ -19,7 +19,9 @@ from gateway.treeviewer.tcpq import (
 
 FRAMES = st.lists(
     st.tuples(
-        st.sampled_from(list(Frame)), st.text(st.characters(codec="ascii"), max_size=60), st.integers(0, 400_000)
+        st.sampled_from(list(Frame)),
+        st.text(st.characters(codec="ascii"), max_size=60).map(lambda name: name * 20),
+        st.integers(0, 400_000),
     ),
     max_size=6,
 )
@@ -76,7 +78,7 @@ def test_any_bytes_are_frames_or_an_error(data: bytes) -> None:
     ],
 )
 def test_patterns_are_anchored_regular_expressions(pattern: str, channel: str, matches: bool) -> None:
-    assert bool(compile_pattern(pattern).fullmatch(channel)) is matches
+    assert compile_pattern(pattern).matches(channel) is matches
 
 
 @pytest.mark.parametrize(
@@ -98,4 +100,4 @@ def test_any_pattern_is_compiled_or_refused_and_never_slow(pattern: str) -> None
         compiled = compile_pattern(pattern)
     except PatternError:
         return
-    compiled.fullmatch("a" * 62 + "!")
+    compiled.matches("a" * 62 + "!")
