@@ -69,16 +69,14 @@ def numbers(value: Any, name: str, count: int) -> tuple[float, ...]:
     return tuple(number(v, name) for v in value)
 
 
-def size(params: Mapping[str, Any], name: str, default: float | None = None) -> float:
-    """A length in metres, at least 0; without a default the field is required.
+def size(params: Mapping[str, Any], name: str, default: float) -> float:
+    """An optional length in metres, at least 0.
 
     Raises:
         NothingToDraw: NaN, infinite or farther than pictures reach.
     """
     value = params.get(name)
     if value is None:
-        if default is None:
-            raise CommandError(f"{name} is missing")
         return default
     return max(drawable(number(value, name), name), 0.0)
 
@@ -90,27 +88,61 @@ def drawable(value: float, name: str) -> float:
     return value
 
 
-def triple(params: Mapping[str, Any], name: str) -> tuple[float, float, float]:
-    """Three lengths of at least 0 m; a single number counts for all three."""
+def radius(params: Mapping[str, Any], warnings: list[str]) -> float:
+    """A required radius in metres; a negative one counts as 0, as in VTK's sources, with a warning."""
+    given = required(params, "radius")
+    if given < 0.0:
+        warnings.append(f"radius is {given:g}, it counts as 0")
+    return max(given, 0.0)
+
+
+def length(params: Mapping[str, Any], warnings: list[str]) -> float:
+    """A required length in metres; of a negative one the absolute value counts, as in Director, with a warning."""
+    given = required(params, "length")
+    if given < 0.0:
+        warnings.append(f"length is {given:g}, its absolute value is drawn")
+    return abs(given)
+
+
+def required(params: Mapping[str, Any], name: str) -> float:
+    """A number that must be there.
+
+    Raises:
+        NothingToDraw: NaN, infinite or farther than pictures reach.
+    """
+    value = params.get(name)
+    if value is None:
+        raise CommandError(f"{name} is missing")
+    return drawable(number(value, name), name)
+
+
+def triple(params: Mapping[str, Any], name: str, warnings: list[str]) -> tuple[float, float, float]:
+    """Three lengths in metres; a single number counts for all three. Negative ones as in ``length``."""
     value = params.get(name)
     if value is None:
         raise CommandError(f"{name} is missing")
     if isinstance(value, list) and len(value) != 1:
-        x, y, z = numbers(value, name, 3)
-        if 0.0 <= x <= FARTHEST and 0.0 <= y <= FARTHEST and 0.0 <= z <= FARTHEST:
-            return x, y, z
-        return max(drawable(x, name), 0.0), max(drawable(y, name), 0.0), max(drawable(z, name), 0.0)
-    edge = max(drawable(number(value[0] if isinstance(value, list) else value, name), name), 0.0)
-    return edge, edge, edge
+        x, y, z = (drawable(edge, name) for edge in numbers(value, name, 3))
+    else:
+        x = y = z = drawable(number(value[0] if isinstance(value, list) else value, name), name)
+    if min(x, y, z) < 0.0:
+        warnings.append(f"{name} has a negative number, its absolute value is drawn")
+    return abs(x), abs(y), abs(z)
 
 
-def color(params: Mapping[str, Any]) -> tuple[float, float, float, float]:
-    """RGBA in 0..1 as displays show it; three numbers are opaque. Values outside are clamped, NaN counts as 0."""
+def color(params: Mapping[str, Any], warnings: list[str]) -> tuple[float, float, float, float]:
+    """RGBA in 0..1 as displays show it; three numbers are opaque, a fifth is ignored with a warning, as in Director.
+
+    Values outside are clamped, NaN counts as 0.
+    """
     value = params.get("color")
     if value is None:
         return 1.0, 1.0, 1.0, 1.0
-    if not isinstance(value, list) or len(value) not in (3, 4):
+    if not isinstance(value, list) or len(value) < 3:
         raise CommandError(f"color must be a list of 4 numbers, not {show(value)}")
+    if len(value) > 4:
+        warnings.append(f"color has {len(value)} numbers, the first 4 are used")
+        value = value[:4]
     r, g, b, *rest = numbers(value, "color", len(value))
     return _unit(r), _unit(g), _unit(b), _unit(rest[0]) if rest else 1.0
 

@@ -94,7 +94,7 @@ def part_of(params: Any, context: Context, name: str = "geometry") -> tuple[Part
     if not isinstance(kind, str) or (kind not in _MAKERS and kind != "mesh_file"):
         raise CommandError(f"{name}.type is missing" if kind is None else f"{name}.type {show(kind)} is not supported")
     try:
-        rgba = fields.color(params)
+        rgba = fields.color(params, context.warnings)
         X = fields.placement(params)
         if kind == "mesh_file":
             return _mesh_file(params, rgba, X, context)
@@ -126,23 +126,23 @@ def material(rgba: Color) -> Material:
 
 
 def _box(params: Mapping[str, Any], context: Context) -> Shape:
-    return Box(fields.triple(params, "lengths"))
+    return Box(fields.triple(params, "lengths", context.warnings))
 
 
 def _sphere(params: Mapping[str, Any], context: Context) -> Shape:
-    return Sphere(fields.size(params, "radius"))
+    return Sphere(fields.radius(params, context.warnings))
 
 
 def _ellipsoid(params: Mapping[str, Any], context: Context) -> Shape:
-    return Ellipsoid(fields.triple(params, "radii"))
+    return Ellipsoid(fields.triple(params, "radii", context.warnings))
 
 
 def _cylinder(params: Mapping[str, Any], context: Context) -> Shape:
-    return Cylinder(fields.size(params, "radius"), fields.size(params, "length"))
+    return Cylinder(fields.radius(params, context.warnings), fields.length(params, context.warnings))
 
 
 def _capsule(params: Mapping[str, Any], context: Context) -> Shape:
-    return Capsule(fields.size(params, "radius"), fields.size(params, "length"))
+    return Capsule(fields.radius(params, context.warnings), fields.length(params, context.warnings))
 
 
 def _triad(params: Mapping[str, Any], context: Context) -> Shape:

@@ -13,6 +13,7 @@ from gateway.treeviewer.config import Limits
 from gateway.treeviewer.geometry import material
 from renderers.drawlist import AlphaMode
 from tests.treeviewer.conversation import BOX, CLOUD, TRIANGLE, Viewer
+from tests.treeviewer.differences import UNRECORDED, Difference
 
 NAN, INF = float("nan"), float("inf")
 
@@ -31,9 +32,7 @@ NAN, INF = float("nan"), float("inf")
         ({"type": "triad", "scale": None, "tube": None}, Triad(1.0, False)),
         ({"type": "box", "lengths": 2}, Box((2, 2, 2))),
         ({"type": "box", "lengths": [2]}, Box((2, 2, 2))),
-        ({"type": "box", "lengths": [-1, 2, 3]}, Box((0, 2, 3))),
         ({"type": "sphere", "radius": True}, Sphere(1)),
-        ({"type": "sphere", "radius": -1}, Sphere(0)),
     ],
 )
 def test_solids(viewer: Viewer, geometry: dict[str, Any], shape: Any, color: Any) -> None:
@@ -45,6 +44,40 @@ def test_solids(viewer: Viewer, geometry: dict[str, Any], shape: Any, color: Any
     assert part.kind == geometry["type"]
     assert part.X_node_part is IDENTITY
     assert part.material is material((1.0, 0.0, 0.0, 0.5) if color == [2, 0, 0, 0.5] else (1.0, 1.0, 1.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("geometry", "shape", "warning"),
+    [
+        ({"type": "box", "lengths": [-1, 2, 3]}, Box((1, 2, 3)), "lengths has a negative number, its absolute value"),
+        ({"type": "box", "lengths": -2}, Box((2, 2, 2)), "lengths has a negative number, its absolute value is drawn"),
+        ({"type": "ellipsoid", "radii": [1, 2, -3]}, Ellipsoid((1, 2, 3)), "radii has a negative number"),
+        ({"type": "cylinder", "radius": 1, "length": -2}, Cylinder(1, 2), "length is -2, its absolute value is drawn"),
+        ({"type": "capsule", "radius": 1, "length": -2}, Capsule(1, 2), "length is -2, its absolute value is drawn"),
+        ({"type": "sphere", "radius": -1}, Sphere(0), "radius is -1, it counts as 0"),
+        ({"type": "cylinder", "radius": -1, "length": 2}, Cylinder(0, 2), "radius is -1, it counts as 0"),
+        ({**BOX, "color": [1, 0, 0, 0.5, 9]}, Box((1, 2, 3)), "color has 5 numbers, the first 4 are used"),
+    ],
+)
+def test_odd_numbers_are_tolerated_with_a_warning(
+    viewer: Viewer, geometry: dict[str, Any], shape: Any, warning: str
+) -> None:
+    answer = viewer.set(geometry)
+    assert (answer["status"], answer["added_geometries"]) == (0, [["it"]])
+    assert answer["warnings"][0].startswith(f'setgeometry[0] ["it"]: {warning}')
+    (part,) = viewer.parts()
+    assert part.shape == shape
+    assert part.material is material((1.0, 0.0, 0.0, 0.5) if "color" in geometry else (1.0, 1.0, 1.0, 1.0))
+
+
+@pytest.mark.parametrize(("geometry", "expected"), UNRECORDED)
+def test_declared_differences_from_director_that_no_recording_has(
+    viewer: Viewer, geometry: dict[str, Any], expected: Difference
+) -> None:
+    answer = viewer.set(geometry)
+    assert answer["status"] == expected.status
+    assert expected.says in answer.get("error", "") + " ".join(answer.get("warnings", []))
+    assert answer["added_geometries"] == (expected.paths or [])
 
 
 @pytest.mark.parametrize(
@@ -80,6 +113,7 @@ def test_what_cannot_be_drawn_is_present_and_warned_about(viewer: Viewer, geomet
         ({"type": "cylinder", "radius": 1}, "geometry.length is missing"),
         ({"type": "ellipsoid", "radii": [1, 2, "3"]}, 'geometry.radii must be a number, not "3"'),
         ({**BOX, "color": [1, 1]}, "geometry.color must be a list of 4 numbers, not [1, 1]"),
+        ({**BOX, "color": [1, 1, 1, "0", 1]}, 'geometry.color must be a number, not "0"'),
         ({**BOX, "color": [1, 1, None]}, "geometry.color must be a number, not null"),
         ({**BOX, "transform": [1]}, "geometry.transform must be an object with translation and quaternion, not [1]"),
         ({**BOX, "transform": {"quaternion": [1]}}, "geometry.transform.quaternion has 1 numbers, not 4"),
