@@ -3,7 +3,7 @@
     python examples/publish_tree.py [tcpq://127.0.0.1:7700] [http://127.0.0.1:8000] [PICTURE.png]
 
 ``udpm://239.255.76.67:7667?ttl=0`` (LCM's default network) works as well as TCPQ. The client speaks the protocol of
-Director's remote tree viewer; it needs lcm, numpy and msgspec, and nothing of the server.
+Director's remote tree viewer; it needs lcm, numpy, msgspec and Pillow, and nothing of the server.
 """
 
 import math
@@ -23,8 +23,8 @@ picture = sys.argv[3] if len(sys.argv) > 3 else "robot.png"
 with TreeViewer(network) as viewer:
     robot = viewer["robot"]
     robot.delete()
-    robot["base"].set(Cylinder(radius=0.3, length=0.2, color=(0.2, 0.3, 0.4)))
-    robot["shoulder/arm"].set(Box((0.1, 0.1, 0.8), color=(1, 0.6, 0.1)), transform=(0, 0, 0.5))
+    robot["base"].set(Cylinder(radius=0.3, length=0.2, color="#334d66"))
+    robot["shoulder/arm"].set(Box((0.1, 0.1, 0.8), color="orange"), transform=(0, 0, 0.5))
 
     points = np.random.default_rng(1).normal(scale=0.2, size=(20_000, 3)).astype(np.float32)
     rgb = np.clip(128 + 300 * points, 0, 255).astype(np.uint8)

@@ -101,7 +101,8 @@ def _geometries(part: Part) -> Iterator[Geometry]:
 
     X = part.X_node_part
     red, green, blue, alpha = part.material.base_color
-    color = (srgb_from_linear(red), srgb_from_linear(green), srgb_from_linear(blue), alpha)
+    # files may have factors above 1
+    color = np.clip((srgb_from_linear(red), srgb_from_linear(green), srgb_from_linear(blue), alpha), 0.0, 1.0)
     if isinstance(part.shape, Points):
         points = part.shape.points @ X[:3, :3].T + X[:3, 3]
         yield PointCloud(points, rgb=part.shape.channels.get("rgb"), color=color)

@@ -28,6 +28,7 @@ from gateway.client.tree import wire
 from gateway.scene.transforms import from_pose
 from gateway.treeviewer import wire as server_wire
 from gateway.treeviewer.arrays import unpack
+from gateway.treeviewer.geometry import material
 from tests.treeviewer.conversation import Viewer
 
 POINTS = np.arange(12, dtype=np.float64).reshape(4, 3)
@@ -71,6 +72,38 @@ def test_colours_of_bytes_arrive_as_0_to_1(name: str) -> None:
     np.testing.assert_array_equal(shape.points, POINTS)
 
 
+@pytest.mark.parametrize(
+    ("color", "expected"),
+    [
+        ((1, 0.5, 0), [1, 0.5, 0]),
+        ([0, 1, 0.25, 0.5], [0, 1, 0.25, 0.5]),
+        (np.array([0.1, 0.2, 0.3]), [0.1, 0.2, 0.3]),
+        (np.array([255, 51, 0], np.uint8), [1, 0.2, 0]),
+        (np.array([0, 1, 1, 51], np.uint8), [0, 1 / 255, 1 / 255, 0.2]),
+        (tuple(np.array([255, 51, 0], np.uint8)), [1, 0.2, 0]),
+        (np.nextafter(np.float32([1, 1, 0]), np.float32(2)), [1, 1, 0]),
+        ("red", [1, 0, 0]),
+        ("RebeccaPurple", [0.4, 0.2, 0.6]),
+        ("#f30", [1, 0.2, 0]),
+        ("#f303", [1, 0.2, 0, 0.2]),
+        ("#ff3300", [1, 0.2, 0]),
+        ("#FF330033", [1, 0.2, 0, 0.2]),
+    ],
+)
+def test_colours_as_users_write_them(color: Any, expected: list[float]) -> None:
+    assert Sphere(1, color=color).body()["color"] == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", [wire.JSON, wire.BINARY])
+@pytest.mark.parametrize("color", ["#336699", np.array([51, 102, 153], np.uint8)], ids=["hex", "bytes"])
+def test_the_viewer_gets_colours_from_0_to_1(name: str, color: Any) -> None:
+    viewer = Viewer()
+    body = {"setgeometry": [{"path": ["a"], "geometries": [Sphere(1, color=color).body()]}]}
+    answer: Any = viewer.protocol.handle(encoded(body, 5, name))
+    assert (answer.status, answer.warnings) == (0, [])
+    assert viewer.parts("a")[0].material is material((0.2, 0.4, 0.6, 1.0))
+
+
 def test_mesh_files_are_scaled_by_one_or_three() -> None:
     assert MeshFile("a.obj", 2).body()["scale"] == [2, 2, 2]
     assert MeshFile("a.obj", (1, 2, 3)).body()["scale"] == [1, 2, 3]
@@ -81,6 +114,20 @@ def test_mesh_files_are_scaled_by_one_or_three() -> None:
     [
         (Box((1, 2)), r"lengths must have 3 numbers, not shape \(2,\)"),
         (Box((1, 2, 3), color=(1, 1)), "color must have 3 or 4 numbers"),
+        (Sphere(1, color=(255, 0, 0)), "color must be from 0 to 1, or a uint8 array from 0 to 255, not 255"),
+        (Sphere(1, color=(1.5, 0, 0)), "color must be from 0 to 1, .* not 1.5"),
+        (Sphere(1, color=(0.5, -0.5, 0)), "color must be from 0 to 1, .* not -0.5"),
+        (Sphere(1, color=(0.5, float("nan"), 0)), "color must have numbers, not nan"),
+        (Sphere(1, color="grau"), "color 'grau' is neither a CSS name nor #rgb, #rgba, #rrggbb or #rrggbbaa"),
+        (Sphere(1, color="#12"), "color '#12' is neither"),
+        (Sphere(1, color="rgb(300, 0, 0)"), "is neither a CSS name nor"),
+        (
+            PointCloud(POINTS, rgb=np.full((4, 3), 255)),
+            "rgb must be from 0 to 1, or a uint8 array from 0 to 255, not 255",
+        ),
+        (PointCloud(POINTS, rgb=np.full((4, 3), 1.01)), "rgb must be from 0 to 1, .* not 1.01"),
+        (PointCloud(POINTS, rgb=[[float("nan"), -1, 0]] * 4), "rgb must be from 0 to 1, .* not -1"),
+        (PointCloud(POINTS, intensity=[0, 1, 2, 40]), "intensity must be from 0 to 1, .* not 40"),
         (PointCloud(POINTS.T), r"points must have rows of 3, not shape \(3, 4\)"),
         (PointCloud(POINTS, rgb=POINTS[:2]), "rgb has 2 values for 4 points"),
         (PointCloud(POINTS, rgb=POINTS[:, :2]), "rgb must have rows of 3 or 4"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import socket
 import subprocess
 import sys
@@ -242,9 +243,36 @@ def test_names_of_the_package() -> None:
         _ = package.Nothing
 
 
-def test_liblcm_does_not_tell_every_try_to_reach_a_hub_that_is_not_there(capfd: pytest.CaptureFixture[str]) -> None:
+async def test_liblcm_writes_nothing_to_stderr_when_all_is_well(capfd: pytest.CaptureFixture[str]) -> None:
+    async with serving() as service:
+
+        def talk() -> None:
+            with TreeViewer(hub_of(service)) as it:
+                it["a"].set(Sphere(1))
+
+        await in_thread(talk)
+    assert capfd.readouterr().err == ""
+
+
+def test_liblcm_writes_nothing_to_stderr_where_nobody_listens(capfd: pytest.CaptureFixture[str]) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         url = f"tcpq://127.0.0.1:{taken.getsockname()[1]}"
     with pytest.raises(ConnectionError, match="nobody listens there"):
-        TreeViewer(url, timeout=1.0)
-    assert capfd.readouterr().err.count("Unable to connect") == 1
+        TreeViewer(url, timeout=0.5)
+    assert capfd.readouterr().err == ""
+
+
+def test_a_server_that_does_not_greet_is_no_hub(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(link, "GREETING_SECONDS", 0.01)
+    with socket.create_server(("127.0.0.1", 0)) as mute:
+        url = f"tcpq://127.0.0.1:{mute.getsockname()[1]}"
+        with pytest.raises(ConnectionError, match="nobody listens there"):
+            TreeViewer(url, timeout=0.0)
+
+
+def test_other_lines_on_stderr_are_kept(capfd: pytest.CaptureFixture[str]) -> None:
+    with link._without_chatter():
+        os.write(2, b"LCM tcpq: connecting...\nLCM tcpq: Invalid response from server\n")
+        subprocess.run([sys.executable, "-c", "import sys; print('of a child', file=sys.stderr)"], check=True)
+    os.write(2, b"later\n")
+    assert capfd.readouterr().err == "LCM tcpq: Invalid response from server\nof a child\nlater\n"

@@ -1,4 +1,4 @@
-"""What can be published: metres, radians, colours as displays show them (0 to 1, RGB or RGBA). Arrays are numpy's."""
+"""What can be published: metres, radians, colours as displays show them. Arrays are numpy's."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gateway.client.tree.colors import check_range, rgba
 from gateway.client.tree.wire import with_room
 
 _STRAIGHT: Final = 1e-4
@@ -102,7 +103,8 @@ class Geometry:
 
     kind: ClassVar[str]
     """The protocol's name of the type."""
-    color: Sequence[float] = (1.0, 1.0, 1.0, 1.0)
+    color: ArrayLike = (1.0, 1.0, 1.0, 1.0)
+    """RGB or RGBA from 0 to 1, a uint8 array (0 to 255), a CSS name (``"orange"``), or ``"#ff8000"``."""
     transform: Transform | ArrayLike | None = None
     """In the path's frame; None: none."""
 
@@ -112,7 +114,7 @@ class Geometry:
         Raises:
             ValueError: a field does not fit; the message says which.
         """
-        body: dict[str, Any] = {"type": self.kind, "color": _numbers("color", self.color, 3, 4)}
+        body: dict[str, Any] = {"type": self.kind, "color": rgba(self.color)}
         if self.transform is not None:
             body["transform"] = Transform.of(self.transform).body()
         return body | self._fields()
@@ -240,7 +242,7 @@ class MeshFile(Geometry):
 
 @dataclass(frozen=True, slots=True)
 class PointCloud(Geometry):
-    """Points (N, 3); ``rgb`` (N, 3 or 4), floating point 0 to 1 or uint8 0 to 255, beats ``intensity`` (N)."""
+    """Points (N, 3); ``rgb`` (N, 3 or 4) beats ``intensity`` (N). Both are floating point 0 to 1 or uint8 0 to 255."""
 
     kind = "pointcloud"
     points: ArrayLike
@@ -290,4 +292,6 @@ def _channels(
     for name, array in channels.items():
         if len(array) != count:
             raise ValueError(f"{name} has {len(array)} values for {count} points")
+        if name in ("rgb", "intensity"):
+            check_range(name, array)
     return {"channels": channels} if channels else {}

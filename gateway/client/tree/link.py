@@ -5,9 +5,10 @@ from __future__ import annotations
 import contextlib
 import os
 import socket
+import tempfile
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from typing import Any, Final
 from urllib.parse import urlsplit
@@ -20,8 +21,15 @@ DEFAULT_URL: Final = "udpm://239.255.76.67:7667?ttl=0"
 WAIT_MS: Final = 100
 """Between looks whether the link was closed; messages wake the thread at once."""
 RETRY_SECONDS: Final = 0.2
+GREETING_SECONDS: Final = 1.0
+"""For a hub's greeting. liblcm waits for it without end, and where it does, stderr is held back."""
 _HINTS: Final = {"tcpq": "nobody listens there", "udpm": "is there a route for multicast?"}
 """Why a network of that scheme cannot be joined; liblcm tells its reasons on stderr only."""
+_CHATTER: Final = frozenset((b"LCM tcpq: connecting...",))
+"""What liblcm writes to stderr although all is well."""
+_STDERR: Final = 2
+
+_stderr_lock: Final = threading.Lock()
 
 _kept: Final[list[Any]] = []
 """LCM objects of links that were lost: liblcm may crash when one is ended while another thread has it."""
@@ -51,14 +59,9 @@ class Link:
             try:
                 self._lcm = self._join()
             except ConnectionError:
-                if not self.url.startswith("tcpq"):
+                if not self.url.startswith("tcpq") or time.monotonic() > end:
                     raise
-                while True:  # liblcm tells every try in three lines on stderr, so it tries when somebody is there
-                    if time.monotonic() > end:
-                        raise
-                    time.sleep(RETRY_SECONDS)
-                    if _listens(self.url):
-                        break
+                time.sleep(RETRY_SECONDS)
         self._thread = threading.Thread(target=self._receive, name="treeviewer-link", daemon=True)
         self._thread.start()
 
@@ -90,10 +93,15 @@ class Link:
             raise ImportError(
                 f"LCM cannot be loaded ({error}): pip install lcm, and apt install libglib2.0-0"
             ) from None
+        scheme = self.url.partition("://")[0]
+        hint = _HINTS.get(scheme, "udpm:// and tcpq:// are what viewers speak")
+        url = _numeric(self.url)
+        if scheme == "tcpq" and not _listens(url):  # liblcm would write three lines to stderr
+            raise ConnectionError(f"LCM cannot join {self.url}: {hint}")
         try:
-            network = lcm.LCM(_numeric(self.url))
+            with _without_chatter() if scheme == "tcpq" else contextlib.nullcontext():
+                network = lcm.LCM(url)
         except RuntimeError:
-            hint = _HINTS.get(self.url.partition("://")[0], "udpm:// and tcpq:// are what viewers speak")
             raise ConnectionError(f"LCM cannot join {self.url}: {hint}") from None
         for channel, handler in self._handlers.items():
             subscription = network.subscribe(_literal(channel), partial(_hand_on, handler))
@@ -112,8 +120,6 @@ class Link:
 
     def _rejoin(self) -> None:
         with contextlib.suppress(ConnectionError):
-            if self.url.startswith("tcpq") and not _listens(self.url):
-                raise ConnectionError
             network = self._join()
             with self._joined:
                 _kept.append(self._lcm)
@@ -121,6 +127,30 @@ class Link:
                 self._joined.notify_all()
             return
         self._closed.wait(RETRY_SECONDS)
+
+
+@contextlib.contextmanager
+def _without_chatter() -> Iterator[None]:
+    """Holds back what is written to stderr, by anybody, and writes it there afterwards, without ``_CHATTER``.
+
+    liblcm's C code writes to file 2 and cannot be told not to. Connecting to a hub that listens takes milliseconds.
+    """
+    with _stderr_lock, tempfile.TemporaryFile() as held:
+        try:
+            stderr = os.dup(_STDERR)
+        except OSError:  # it is closed
+            yield
+            return
+        os.dup2(held.fileno(), _STDERR)
+        try:
+            yield
+        finally:
+            os.dup2(stderr, _STDERR)
+            os.close(stderr)
+            held.seek(0)
+            kept = b"".join(line for line in held if line.rstrip() not in _CHATTER)
+            with contextlib.suppress(OSError):  # nobody reads it
+                os.write(_STDERR, kept)
 
 
 def _hand_on(handler: Callable[[bytes], None], channel: str, data: bytes) -> None:
@@ -139,13 +169,13 @@ def _numeric(url: str) -> str:
 
 
 def _listens(url: str) -> bool:
-    """Whether anybody takes connections where a TCPQ URL points to."""
+    """Whether a hub takes connections where a TCPQ URL points to, and greets."""
     try:
-        parts = urlsplit(_numeric(url))
-        socket.create_connection((parts.hostname, parts.port or 7700), RETRY_SECONDS).close()
+        parts = urlsplit(url)
+        with socket.create_connection((parts.hostname, parts.port or 7700), GREETING_SECONDS) as probe:
+            return bool(probe.recv(8))
     except (OSError, ValueError):
         return False
-    return True
 
 
 def _literal(channel: str) -> str:
