@@ -22,7 +22,7 @@ from gateway import settings as options
 from gateway.guard import Guard
 from gateway.house import NO_TELEMETRY, House
 from gateway.joins import JOINS, Join, join_demo
-from gateway.ops import health, kernels, logs, methods, process
+from gateway.ops import health, kernels, logs, methods, openapi, process
 from gateway.ops.board import Board, State
 from gateway.ops.landing import landing_page
 from gateway.ops.metrics import Metrics
@@ -113,6 +113,7 @@ def create_app(settings: Settings, state: Kept | None = None) -> FastAPI:
     )
     app.add_exception_handler(404, methods.not_found)
     app.add_exception_handler(405, methods.not_allowed)
+    openapi.describe(app, token=guard.http is not None, open_paths=health.OPEN_PATHS)
     app.include_router(health.router(board, metrics, __version__, full))
     app.state.straight = {}
     app.add_middleware(Straight, routes=app.state.straight)

@@ -220,7 +220,7 @@ async def test_who_only_renders_is_not_ready_while_its_queue_is_full(
 
 
 def test_the_module_level_app_is_made_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(gateway.app.logs, "configure", lambda *_: None)
+    monkeypatch.setattr(gateway.app.logs, "configure", lambda *_, **__: None)
     assert gateway.app.app.title == "Scenegate"
     with pytest.raises(AttributeError):
         _ = gateway.app.nothing

@@ -11,12 +11,27 @@ from fastapi.responses import JSONResponse
 from gateway.ops.access import ADMITTED
 from gateway.ops.board import Board
 from gateway.ops.metrics import CONTENT_TYPE, Metrics
+from gateway.ops.openapi import Responses, json_example
 
 OPEN_PATHS = frozenset({"/healthz", "/readyz"})
 """Answered without a token: those who watch over processes have none."""
 PATHS = frozenset({"/healthz", "/readyz", "/metrics"})
 """Answered from the first moment on, never logged above debug level."""
 _DETAILS: Final = "Problems and figures of the interfaces are shown with 'Authorization: Bearer TOKEN'."
+
+_DESCRIBED = {"status": "ready", "interfaces": {"render": {"state": "ready", "where": "/render"}}}
+_NOT_READY: Responses = {
+    503: {
+        "description": "Not now; the body tells why.",
+        "content": {"application/json": {"example": {**_DESCRIBED, "status": "starting"}}},
+    }
+}
+_METRICS: Responses = {
+    200: {
+        "description": "Prometheus' text format.",
+        "content": {"text/plain": {"schema": {"type": "string"}, "example": "scenegate_http_requests_in_flight 1.0\n"}},
+    }
+}
 
 
 def router(board: Board, metrics: Metrics, version: str, full: Callable[[], bool] = lambda: False) -> APIRouter:
@@ -27,13 +42,13 @@ def router(board: Board, metrics: Metrics, version: str, full: Callable[[], bool
     """
     routes = APIRouter(tags=["operations"])
 
-    @routes.get("/healthz", summary="The process lives")
+    @routes.get("/healthz", summary="The process lives", responses=json_example({"version": version, **_DESCRIBED}))
     async def healthz(request: Request) -> JSONResponse:
         """200 as long as the event loop turns; the body tells the state of each interface and, with a token where one
         is asked for, its figures and problems."""
         return JSONResponse({"version": version, **_described(board, request)})
 
-    @routes.get("/readyz", summary="Whether to send work", responses={503: {"description": "Not now; the body tells"}})
+    @routes.get("/readyz", summary="Whether to send work", responses=json_example(_DESCRIBED) | _NOT_READY)
     async def readyz(request: Request) -> JSONResponse:
         """200 when the kernels are warm and every interface has started or failed; 503 before, while stopping and, of a
         process that does nothing but render, while its queue is full."""
@@ -42,7 +57,7 @@ def router(board: Board, metrics: Metrics, version: str, full: Callable[[], bool
             described["status"] = "busy"
         return JSONResponse(described, status_code=200 if described["status"] in ("ready", "degraded") else 503)
 
-    @routes.get("/metrics", summary="Prometheus metrics", response_class=Response)
+    @routes.get("/metrics", summary="Prometheus metrics", response_class=Response, responses=_METRICS)
     async def prometheus() -> Response:
         """Requests by path and outcome, durations, the queue, the process."""
         return Response(metrics.exposition(), media_type=CONTENT_TYPE)

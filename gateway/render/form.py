@@ -42,9 +42,15 @@ _NUMBER: Final = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII
 """What a decimal field may look like; float() alone would take "1_000", "nan" and Arabic digits."""
 _INTEGER: Final = re.compile(r"\+?(\d{1,9})(\.0*)?", re.ASCII)
 _SHA256: Final = re.compile(r"[0-9a-fA-F]{64}")
-_MAX_FOCAL: Final = 1e9
+MAX_FOCAL: Final = 1e9
 """Pixels: a field of view of a hundred-thousandth of a radian at the largest picture."""
-_MAX_FAR: Final = 1e12
+MIN_FOV: Final = 2e-5
+"""Radians. At the largest picture a narrower field of view has a focal length above ``MAX_FOCAL``."""
+MAX_FOV: Final = 3.1415926
+"""Radians. At the smallest picture a wider field of view has a focal length below ``1 / MAX_FOCAL``."""
+MIN_FAR: Final = 1e-8
+"""Metres; nearer, no float is left between the planes."""
+MAX_FAR: Final = 1e12
 """Metres; farther, a float32 depth has no digits for a scene."""
 
 
@@ -100,7 +106,9 @@ def read_form(form: Form, config: RenderConfig) -> RenderRequest:
             400, f"width * height = {width * height} pixels, the limit is {config.max_pixels} (max_pixels)"
         )
     near = _number(fields, "near", minimum=0.0)
-    far = _number(fields, "far", maximum=_MAX_FAR)
+    far = _number(fields, "far", maximum=MAX_FAR)
+    if far < MIN_FAR:
+        raise RequestError(400, f"far must be at least {MIN_FAR:g}, got {quoted(fields['far'])}")
     if not near < far:
         raise RequestError(400, f"near must be less than far, got near={near:g} and far={far:g}")
     min_depth, max_depth = 0.0, math.inf
@@ -108,6 +116,9 @@ def read_form(form: Form, config: RenderConfig) -> RenderRequest:
         min_depth, max_depth = _number(fields, "min_depth", minimum=0.0), _number(fields, "max_depth")
         if not min_depth < max_depth:
             raise RequestError(400, f"min_depth must be less than max_depth, got {min_depth:g} and {max_depth:g}")
+    else:  # not used, but checked: a client that sends nonsense wants to know
+        _optional(fields, "min_depth", minimum=0.0)
+        _optional(fields, "max_depth")
     claimed = fields.get("scene_sha256", "")
     claims_hash = _SHA256.fullmatch(claimed) is not None
     if not claims_hash:  # drake-blender's tests send NOT_USED_IN_THE_TEST
@@ -164,18 +175,23 @@ def _number(fields: dict[str, str], name: str, *, minimum: float | None = None, 
     return value
 
 
+def _optional(fields: dict[str, str], name: str, *, minimum: float | None = None) -> float | None:
+    """As ``_number``; None: the field is missing or empty."""
+    return _number(fields, name, minimum=minimum) if fields.get(name) else None
+
+
 def _focal(fields: dict[str, str], axis: str, size: int) -> float:
     """The focal length; the field of view says the same again and is used only when the focal length is missing."""
     focal, fov = f"focal_{axis}", f"fov_{axis}"
-    angle = _number(fields, fov) if fields.get(fov) else None
-    if fields.get(focal) or angle is None:
-        value = _number(fields, focal, maximum=_MAX_FOCAL)
-    elif angle < math.pi:
-        value = size / (2.0 * math.tan(angle / 2.0))
-    else:
+    angle = _optional(fields, fov)
+    if angle is not None and not angle < math.pi:
         raise RequestError(400, f"{fov} must be less than pi (radians), got {quoted(fields[fov])}")
-    if not 1.0 / _MAX_FOCAL <= value <= _MAX_FOCAL:
-        raise RequestError(400, f"{focal} = {value:g} pixels is not from {1.0 / _MAX_FOCAL:g} to {_MAX_FOCAL:g}")
+    if fields.get(focal) or angle is None:
+        value = _number(fields, focal, maximum=MAX_FOCAL)
+    else:
+        value = size / (2.0 * math.tan(angle / 2.0))
+    if not 1.0 / MAX_FOCAL <= value <= MAX_FOCAL:
+        raise RequestError(400, f"{focal} = {value:g} pixels is not from {1.0 / MAX_FOCAL:g} to {MAX_FOCAL:g}")
     return value
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import math
 from typing import Any, Final
 
 from fastapi import APIRouter, Request, Response
@@ -9,7 +11,10 @@ from starlette.middleware.body_limit import RequestBodyLimitMiddleware
 from starlette.routing import Route
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from gateway.ops.openapi import example
+from gateway.render.config import RenderConfig
 from gateway.render.exchange import Exchange
+from gateway.render.form import IMAGE_TYPES, MAX_FAR, MAX_FOCAL, MAX_FOV, MIN_FAR, MIN_FOV
 from gateway.render.service import RenderService
 
 _NO_FRAMEWORK_LIMIT: Final = 1 << 62
@@ -25,36 +30,96 @@ or give Drake's MakeRenderEngineGltfClient this server's address.
 """
 
 
-def _field(kind: str, default: object, text: str, **more: object) -> dict[str, Any]:
-    return {"type": kind, "default": default, "description": text, **more}
-
-
-_FORM: Final[dict[str, Any]] = {
-    "type": "object",
-    "required": ["scene", "image_type", "width", "height", "near", "far", "focal_x", "focal_y", "center_x", "center_y"],
-    "properties": {
-        "scene": {
-            "type": "string",
-            "format": "binary",
-            "description": "glTF 2.0 (.gltf or .glb), everything embedded. Used as it is: Drake's world is Z-up.",
-        },
-        "image_type": _field("string", "color", "Which picture.", enum=["color", "depth", "label"]),
-        "width": _field("integer", 640, "Pixels."),
-        "height": _field("integer", 480, "Pixels."),
-        "near": _field("number", 0.01, "Near clipping plane, metres; 0: the scene's camera's."),
-        "far": _field("number", 10.0, "Far clipping plane, metres."),
-        "focal_x": _field("number", 579.411, "Focal length, pixels."),
-        "focal_y": _field("number", 579.411, "Focal length, pixels."),
-        "center_x": _field("number", 319.5, "Principal point, pixels from the left edge."),
-        "center_y": _field("number", 239.5, "Principal point, pixels from the top edge."),
-        "min_depth": _field("number", 0.1, "Metres; nearer is 0. Needed for depth."),
-        "max_depth": _field("number", 5.0, "Metres; farther is infinite. Needed for depth."),
-        "fov_x": {"type": "number", "description": "Radians; used only where focal_x is missing."},
-        "fov_y": {"type": "number", "description": "Radians; used only where focal_y is missing."},
-        "scene_sha256": {"type": "string", "description": "64 hexadecimal digits; checked when it looks like a hash."},
-        "submit": {"type": "string", "description": "Ignored; Drake's client sends Render."},
-    },
+_SCENE: Final = {
+    "asset": {"version": "2.0"},
+    "scene": 0,
+    "scenes": [{"nodes": [0]}],
+    "nodes": [{"camera": 0}],
+    "cameras": [{"type": "perspective", "perspective": {"yfov": 0.8, "znear": 0.01, "zfar": 10.0}}],
 }
+"""Smallest scene that can be rendered: a camera and nothing else."""
+_EXAMPLE: Final = {
+    "scene": json.dumps(_SCENE),
+    "image_type": "color",
+    "width": 640,
+    "height": 480,
+    "near": 0.01,
+    "far": 10.0,
+    "focal_x": 579.411,
+    "focal_y": 579.411,
+    "center_x": 319.5,
+    "center_y": 239.5,
+}
+
+
+def _field(kind: str, text: str, **more: object) -> dict[str, Any]:
+    return {"type": kind, "description": text, **more}
+
+
+def _body(config: RenderConfig) -> dict[str, Any]:
+    """Description of the form, which ``FormReader`` and ``read_form`` read."""
+    positive: dict[str, Any] = {"exclusiveMinimum": 0}
+    size: dict[str, Any] = {"minimum": 1, "maximum": config.max_side}
+    focal: dict[str, Any] = {"minimum": 1.0 / MAX_FOCAL, "maximum": MAX_FOCAL}
+    angle: dict[str, Any] = {**positive, "exclusiveMaximum": math.pi}
+    text: dict[str, Any] = {"maxLength": config.max_field_bytes}
+    form: dict[str, Any] = {
+        "type": "object",
+        "description": "Unknown fields are ignored, with a warning in the server's log.",
+        "maxProperties": config.max_parts,
+        "propertyNames": {"minLength": 1},
+        "required": ["scene", "image_type", "width", "height", "near", "far", "center_x", "center_y"],
+        "properties": {
+            "scene": _field(
+                "string",
+                "glTF 2.0 (.gltf or .glb), everything embedded. Used as it is: Drake's world is Z-up.",
+                format="binary",
+            ),
+            "image_type": _field("string", "Which picture.", enum=list(IMAGE_TYPES)),
+            "width": _field("integer", f"Pixels; width x height is at most {config.max_pixels}.", **size),
+            "height": _field("integer", "Pixels.", **size),
+            "near": _field("number", "Near clipping plane, metres; 0: that of the scene's camera.", minimum=0),
+            "far": _field("number", "Far clipping plane, metres; more than near.", minimum=MIN_FAR, maximum=MAX_FAR),
+            "focal_x": _field("number", "Focal length, pixels. May be left out where fov_x is given.", **focal),
+            "focal_y": _field("number", "Focal length, pixels. May be left out where fov_y is given.", **focal),
+            "center_x": _field("number", "Principal point, pixels from the left edge; less than width.", **positive),
+            "center_y": _field("number", "Principal point, pixels from the top edge; less than height.", **positive),
+            "min_depth": _field("number", "Metres; nearer is 0. Needed for depth.", minimum=0),
+            "max_depth": _field(
+                "number", "Metres, more than min_depth; farther is infinite. Needed for depth.", **positive
+            ),
+            "fov_x": _field("number", "Radians; used only where focal_x is missing.", **angle),
+            "fov_y": _field("number", "Radians; used only where focal_y is missing.", **angle),
+            "scene_sha256": _field("string", "64 hexadecimal digits; checked when it looks like a hash.", **text),
+            "submit": _field("string", "Ignored; Drake's client sends Render.", **text),
+        },
+        "allOf": [
+            {"anyOf": [{"required": ["focal_x"]}, {"required": ["fov_x"], **_angle_alone("fov_x")}]},
+            {"anyOf": [{"required": ["focal_y"]}, {"required": ["fov_y"], **_angle_alone("fov_y")}]},
+            {
+                "anyOf": [
+                    {"properties": {"image_type": {"enum": ["color", "label"]}}},
+                    {"required": ["min_depth", "max_depth"]},
+                ]
+            },
+        ],
+    }
+    for name, value in {**_EXAMPLE, "min_depth": 0.1, "max_depth": 5.0}.items():
+        if name != "scene":
+            form["properties"][name]["default"] = value  # Swagger UI fills the form with it
+    content = {
+        "schema": form,
+        "examples": example(_EXAMPLE),
+        "encoding": {"scene": {"contentType": "model/gltf-binary, model/gltf+json"}},
+    }
+    return {"requestBody": {"required": True, "content": {"multipart/form-data": content}}}
+
+
+def _angle_alone(name: str) -> dict[str, Any]:
+    """Limits of a field of view without a focal length: beyond, that would be too long or too short."""
+    return {"properties": {name: {"minimum": MIN_FOV, "maximum": MAX_FOV}}}
+
+
 _RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
     200: {
         "description": "The picture: colour and label as PNG (RGB, 8 bit), depth as TIFF (32-bit float, metres) or, as "
@@ -100,7 +165,7 @@ def router(service: RenderService) -> APIRouter:
         summary="Render a glTF scene",
         response_class=Response,
         responses=_RESPONSES,
-        openapi_extra={"requestBody": {"required": True, "content": {"multipart/form-data": {"schema": _FORM}}}},
+        openapi_extra=_body(service.config),
         max_body_size=_NO_FRAMEWORK_LIMIT,
     )
     routes.add_api_route(

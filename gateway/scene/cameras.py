@@ -24,6 +24,10 @@ from gateway.scene.tree import Path
 
 DEFAULT_FOVY: Final = 45.0
 """Degrees, vertical; Drake's default for its cameras."""
+MIN_FOVY: Final = 0.001
+"""Degrees; at the largest picture a focal length of 1e9 pixels, the render endpoint's limit."""
+NEAREST: Final = 1e-9
+"""Metres of a clipping plane; nearer ones have no use, and their inverse would overflow later."""
 MAX_TEXT: Final = 4096
 """Characters of a camera's text; the longest sensible one is a path of some dozen names."""
 LIMIT: Final = 1e12
@@ -32,8 +36,23 @@ LIMIT: Final = 1e12
 Vector = tuple[float, float, float]
 
 
+_NUMBER: Final = r"[+-]?[0-9]{1,9}(\.[0-9]{0,9})?([eE][+-]?[0-2])?"
+_VECTOR: Final = f"{_NUMBER},{_NUMBER},{_NUMBER}"
+_NAME: Final = r'("[^"\\\x00-\x1f]*"|0|-?[1-9][0-9]{0,8})'
+_FOVY: Final = r"(0?\.0{0,2}[1-9][0-9]{0,6}|([1-9]|[1-9][0-9]|1[0-7][0-9])(\.[0-9]{0,9})?)"
+PATTERN: Final = (
+    rf"^(stereo|fit|path:\[({_NAME}(, ?{_NAME})*)?\]|eye={_VECTOR};target={_VECTOR}(;up={_VECTOR})?(;fovy={_FOVY})?)$"
+)
+"""Regular expression of the grammar, for descriptions. ``parse_camera`` also takes other orders and spaces, and refuses
+an ``eye`` that is its ``target`` and an ``up`` of zeros."""
+
+
 class CameraError(ValueError):
     """A camera's text cannot be understood or resolved; the message names the part of the text and the reason."""
+
+
+class NoSuchCameraError(CameraError):
+    """A camera's text is right, but names what the scene or the gateway does not have."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,8 +169,9 @@ def _look_at(text: str) -> LookAtCamera:
     fovy = None
     if "fovy" in values:
         fovy = _number("fovy", values["fovy"])
-        if not 0.0 < fovy < 180.0:
-            raise CameraError(f"camera part {quoted('fovy=' + values['fovy'])} must lie between 0 and 180 degrees")
+        if not MIN_FOVY <= fovy < 180.0:
+            part = quoted("fovy=" + values["fovy"])
+            raise CameraError(f"camera part {part} must be at least {MIN_FOVY:g} and less than 180 degrees")
     return LookAtCamera(eye, target, up, fovy)
 
 

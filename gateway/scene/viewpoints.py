@@ -14,10 +14,12 @@ from gateway.scene.bounds import Bounds, corners_of, focus_bounds, loose_bounds,
 from gateway.scene.cameras import (
     DEFAULT_FOVY,
     LIMIT,
+    MIN_FOVY,
     CameraError,
     CameraSpec,
     FitCamera,
     NodeCamera,
+    NoSuchCameraError,
     OrbitCamera,
     PoseCamera,
     StereoCamera,
@@ -60,13 +62,14 @@ def resolve_camera(
         drawn: the tree's draw list when the caller has it already.
 
     Raises:
-        CameraError: no such node, no stereo camera, a node's frame is not invertible, bad size or planes.
+        NoSuchCameraError: no such node, or no stereo camera.
+        CameraError: a node's frame is not invertible, bad size or planes.
     """
-    if not 0.0 < fovy < 180.0:
-        raise CameraError(f"fovy {fovy:g} must lie between 0 and 180 degrees")
+    if not MIN_FOVY <= fovy < 180.0:
+        raise CameraError(f"fovy {fovy:g} must be at least {MIN_FOVY:g} and less than 180 degrees")
     if isinstance(spec, StereoCamera):
         if stereo is None:
-            raise CameraError("camera 'stereo': this gateway runs no stereo camera")
+            raise NoSuchCameraError("camera 'stereo': this gateway runs no stereo camera")
         return _resized(stereo, width, height, near, far)
     scene = flatten(root) if drawn is None else drawn
     if isinstance(spec, FitCamera):
@@ -78,11 +81,22 @@ def resolve_camera(
     elif isinstance(spec, NodeCamera):
         pose = _node_pose(root, spec.path)
     else:
-        pose = look_at(spec.eye, spec.target, spec.up)
+        try:
+            pose = look_at(spec.eye, spec.target, spec.up)
+        except ValueError as error:  # points so close that their distance rounds to 0
+            raise CameraError(str(error)) from None
         fovy = fovy if spec.fovy is None else spec.fovy
     lens = 0.5 * height / math.tan(math.radians(0.5 * fovy))
-    chosen_near, chosen_far = _planes(loose_bounds(scene), pose)
-    return _camera(width, height, lens, lens, width / 2, height / 2, near or chosen_near, far or chosen_far, pose)
+    near, far = _clipped(near, far, _planes(loose_bounds(scene), pose))
+    return _camera(width, height, lens, lens, width / 2, height / 2, near, far, pose)
+
+
+def _clipped(near: float | None, far: float | None, chosen: tuple[float, float]) -> tuple[float, float]:
+    """Clipping planes as given, else as chosen; a given one beyond the chosen other moves that one."""
+    chosen_near, chosen_far = chosen
+    if near is None:
+        return (chosen_near if far is None else min(chosen_near, 0.5 * far)), far or chosen_far
+    return near, (far or max(chosen_far, 2.0 * near))
 
 
 def _camera(
@@ -105,6 +119,7 @@ def _camera(
 def _resized(stereo: Camera, width: int, height: int, near: float | None, far: float | None) -> Camera:
     """The sensor's camera at another size: the same horizontal field of view, square pixels stay square."""
     scale = width / stereo.width
+    near, far = _clipped(near, far, (stereo.near, stereo.far))
     return _camera(
         width,
         height,
@@ -112,8 +127,8 @@ def _resized(stereo: Camera, width: int, height: int, near: float | None, far: f
         stereo.fy * scale,
         stereo.cx * scale,
         0.5 * height + (stereo.cy - 0.5 * stereo.height) * scale,
-        near or stereo.near,
-        far or stereo.far,
+        near,
+        far,
         stereo.X_world_camera,
     )
 
@@ -123,7 +138,7 @@ def _node_pose(root: Node, path: Path) -> NDArray[np.float64]:
     text = json.dumps(list(path))
     world = world_matrix(root, path)
     if world is None:
-        raise CameraError(f"camera path {quoted(text)}: there is no such node")
+        raise NoSuchCameraError(f"camera path {quoted(text)}: there is no such node")
     z, x = world[:3, 2], world[:3, 0]
     with np.errstate(all="ignore"):
         z = z / np.linalg.norm(z)

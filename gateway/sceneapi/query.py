@@ -7,7 +7,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final, Literal, cast, get_args
 
-from gateway.scene.cameras import DEFAULT_FOVY, CameraError, CameraSpec, parse_camera
+from gateway.ops.openapi import example
+from gateway.scene.cameras import (
+    DEFAULT_FOVY,
+    LIMIT,
+    MIN_FOVY,
+    NEAREST,
+    PATTERN,
+    CameraError,
+    CameraSpec,
+    parse_camera,
+)
 from gateway.sceneapi.config import SceneApiConfig
 from renderers.port import LookName, SampleCount
 
@@ -18,10 +28,15 @@ TYPES: Final = ("color", "depth", "label")
 LOOKS: Final = get_args(LookName)
 FORMATS: Final = ("tiff", "png")
 SAMPLES: Final = ("1", "4", "8")
+_CAMERA_EXAMPLE: Final = "eye=2,-2,1.5;target=0,0,0.5"
 
 
 class QueryError(ValueError):
     """A parameter cannot be used; the message names it, its value and the reason."""
+
+
+class NoSuchCameraQueryError(QueryError):
+    """The camera names what the scene or the gateway does not have."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,8 +65,6 @@ def parse_file_query(query: Mapping[str, str], config: SceneApiConfig) -> Pictur
         QueryError: naming the parameter.
     """
     _known(query, FILE_PARAMETERS)
-    if query and "camera" not in query:
-        raise QueryError(f"{next(iter(query))!r} is of a camera, and the query has no 'camera'")
     return parse_query(query, config) if query else None
 
 
@@ -71,12 +84,12 @@ def parse_query(query: Mapping[str, str], config: SceneApiConfig) -> PictureQuer
     if width * height > config.max_pixels:
         raise QueryError(f"width x height = {width}x{height} has more than {config.max_pixels} pixels")
     fovy = _number(query, "fovy")
-    if fovy is not None and not 0.0 < fovy < 180.0:
-        raise QueryError(f"fovy={_quoted(query['fovy'])} must lie between 0 and 180 degrees")
+    if fovy is not None and not MIN_FOVY <= fovy < 180.0:
+        raise QueryError(f"fovy={_quoted(query['fovy'])} must be at least {MIN_FOVY:g} and less than 180 degrees")
     near, far = _number(query, "near"), _number(query, "far")
     for name, value in (("near", near), ("far", far)):
-        if value is not None and value <= 0.0:
-            raise QueryError(f"{name}={_quoted(query[name])} must be positive, in metres")
+        if value is not None and not NEAREST <= value <= LIMIT:
+            raise QueryError(f"{name}={_quoted(query[name])} must be from {NEAREST:g} to {LIMIT:g} metres")
     if near is not None and far is not None and near >= far:
         raise QueryError(f"near={_quoted(query['near'])} must be less than far={_quoted(query['far'])}")
     look = cast("LookName", _choice(query, "look", LOOKS, config.look))
@@ -138,9 +151,16 @@ def _number(query: Mapping[str, str], name: str) -> float | None:
     return value
 
 
-def _parameter(name: str, kind: str, default: object, text: str, **more: object) -> dict[str, Any]:
+def _parameter(name: str, kind: str, default: object, shown: object, text: str, **more: object) -> dict[str, Any]:
     schema = {"type": kind, **({} if default is None else {"default": default}), **more}
-    return {"name": name, "in": "query", "required": False, "description": text, "schema": schema}
+    return {
+        "name": name,
+        "in": "query",
+        "required": False,
+        "description": text,
+        "schema": schema,
+        "examples": example(shown),
+    }
 
 
 def openapi_file_parameters(config: SceneApiConfig) -> list[dict[str, Any]]:
@@ -148,37 +168,58 @@ def openapi_file_parameters(config: SceneApiConfig) -> list[dict[str, Any]]:
     known = {entry["name"]: entry for entry in openapi_parameters(config)}
     camera = known["camera"]
     text = (
-        f"Written into the file, as clients of /render need one; without it the file has none. {camera['description']}"
+        "Written into the file, as clients of /render need one; a request without any parameter gets a file without a "
+        f"camera. {camera['description']}"
     )
-    plain = {key: value for key, value in camera["schema"].items() if key != "default"}
-    return [{**camera, "description": text, "schema": plain}, *(known[name] for name in FILE_PARAMETERS[1:])]
+    return [{**camera, "description": text}, *(known[name] for name in FILE_PARAMETERS[1:])]
 
 
 def openapi_parameters(config: SceneApiConfig) -> list[dict[str, Any]]:
     """The parameters for the OpenAPI document."""
+    size: dict[str, Any] = {"minimum": 1, "maximum": config.max_side}
+    plane: dict[str, Any] = {"minimum": NEAREST, "maximum": LIMIT}
+    pixels = f"Pixels; width x height is at most {config.max_pixels}."
     return [
         _parameter(
             "camera",
             "string",
             "fit",
+            _CAMERA_EXAMPLE,
             'stereo, fit, path:["robot","head"] (a node\'s frame, optical: +Z forward, +Y down), or '
             "eye=x,y,z;target=x,y,z;up=x,y,z;fovy=degrees.",
+            pattern=PATTERN,
         ),
-        _parameter("type", "string", "color", "Which picture.", enum=list(TYPES)),
-        _parameter("width", "integer", config.width, "Pixels.", minimum=1, maximum=config.max_side),
-        _parameter("height", "integer", config.height, "Pixels.", minimum=1, maximum=config.max_side),
-        _parameter("look", "string", config.look, "How colour is made.", enum=list(LOOKS)),
+        _parameter("type", "string", "color", "color", "Which picture.", enum=list(TYPES)),
+        _parameter("width", "integer", config.width, 640, pixels, **size),
+        _parameter("height", "integer", config.height, 480, pixels, **size),
+        _parameter("look", "string", config.look, config.look, "How colour is made.", enum=list(LOOKS)),
         _parameter(
             "samples",
             "integer",
             None,
+            4,
             f"Samples a pixel of colour; else {config.samples} of the studio look, and one and FXAA of the others.",
             enum=[int(samples) for samples in SAMPLES],
         ),
-        _parameter("fovy", "number", DEFAULT_FOVY, "Vertical field of view in degrees, where the camera names none."),
-        _parameter("near", "number", None, "Near clipping plane, metres; else chosen by the scene."),
-        _parameter("far", "number", None, "Far clipping plane, metres; else chosen by the scene."),
-        _parameter("format", "string", "tiff", "Of depth: float metres, or PNG in mm.", enum=list(FORMATS)),
+        _parameter(
+            "fovy",
+            "number",
+            DEFAULT_FOVY,
+            DEFAULT_FOVY,
+            "Vertical field of view in degrees, where the camera names none.",
+            minimum=MIN_FOVY,
+            exclusiveMaximum=180,
+        ),
+        _parameter(
+            "near",
+            "number",
+            None,
+            0.1,
+            "Near clipping plane, metres, less than far; else chosen by the scene.",
+            **plane,
+        ),
+        _parameter("far", "number", None, 100.0, "Far clipping plane, metres; else chosen by the scene.", **plane),
+        _parameter("format", "string", "tiff", "tiff", "Of depth: float metres, or PNG in mm.", enum=list(FORMATS)),
     ]
 
 

@@ -9,6 +9,7 @@ from fastapi import APIRouter, Request, Response
 
 from gateway.scene.gltf_export import ExportError
 from gateway.sceneapi.query import (
+    NoSuchCameraQueryError,
     QueryError,
     openapi_file_parameters,
     openapi_parameters,
@@ -21,6 +22,26 @@ from renderers.drawlist import ImageError
 
 _TEXT: Final = {"text/plain": {"schema": {"type": "string"}}}
 _UNUSABLE: Final = {"description": "A parameter cannot be used; the text names it and why.", "content": _TEXT}
+_NO_CAMERA: Final = {
+    "description": "The camera's node is not in the scene, or there is no stereo camera.",
+    "content": _TEXT,
+}
+_LISTING: Final = {
+    "revision": 7,
+    "nodes": [
+        {
+            "path": ["robot", "head"],
+            "kinds": ["box"],
+            "has_geometry": True,
+            "visible": True,
+            "label": 1,
+            "bounds": [[-0.1, -0.1, 0.9], [0.1, 0.1, 1.1]],
+            "transform": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 1], [0, 0, 0, 1]],
+        }
+    ],
+    "node_count": 1,
+    "bounds": [[-0.1, -0.1, 0.9], [0.1, 0.1, 1.1]],
+}
 _BINARY: Final = {"schema": {"type": "string", "format": "binary"}}
 
 
@@ -56,7 +77,7 @@ def router(service: SceneApi) -> APIRouter:
         methods=["GET"],
         summary="List the scene",
         response_class=Response,
-        responses=_responses({"application/json": {}}, cached=True),
+        responses=_responses({"application/json": {"example": _LISTING}}, cached=True),
     )
     routes.add_api_route(
         "/scene.glb",
@@ -64,7 +85,7 @@ def router(service: SceneApi) -> APIRouter:
         methods=["GET"],
         summary="Download the scene",
         response_class=Response,
-        responses={**_responses({"model/gltf-binary": _BINARY}, cached=True), 400: _UNUSABLE},
+        responses={**_responses({"model/gltf-binary": _BINARY}, cached=True), 400: _UNUSABLE, 404: _NO_CAMERA},
         openapi_extra={"parameters": openapi_file_parameters(service.config)},
     )
     routes.add_api_route(
@@ -89,7 +110,7 @@ def _responses(content: dict[str, Any], *, cached: bool) -> dict[int | str, dict
         answers[413] = {"description": "The file would be larger than the limit.", "content": _TEXT}
         answers[304] = {"description": "The scene is still that of If-None-Match."}
     else:
-        answers[400] = _UNUSABLE
+        answers[400], answers[404] = _UNUSABLE, _NO_CAMERA
     return answers
 
 
@@ -117,6 +138,8 @@ async def _made(service: SceneApi, make: Callable[[], Answer]) -> Answer | Respo
     """The answer, made in a worker thread; or the refusal."""
     try:
         return await service.workers.run(make)
+    except NoSuchCameraQueryError as error:
+        return _plain(404, str(error))
     except QueryError as error:
         return _plain(400, str(error))
     except ExportError as error:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.scene.bounds import BoundsMemory
-from gateway.scene.cameras import CameraError
+from gateway.scene.cameras import CameraError, NoSuchCameraError
 from gateway.scene.flatten import Flattener
 from gateway.scene.gltf_export import export_glb
 from gateway.scene.labels import LabelTable
@@ -20,7 +20,7 @@ from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.viewpoints import resolve_camera
 from gateway.sceneapi.config import SceneApiConfig
 from gateway.sceneapi.listing import list_scene
-from gateway.sceneapi.query import PictureQuery, QueryError
+from gateway.sceneapi.query import NoSuchCameraQueryError, PictureQuery, QueryError
 from gateway.workers import Workers
 from renderers.camera import Camera
 from renderers.drawlist import DrawList, Topology
@@ -152,6 +152,8 @@ class SceneApi:
                 stereo=self._stereo_camera() if self._stereo_camera is not None else None,
                 drawn=drawn,
             )
+        except NoSuchCameraError as error:
+            raise NoSuchCameraQueryError(str(error)) from error
         except CameraError as error:
             raise QueryError(str(error)) from error
 

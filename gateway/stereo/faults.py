@@ -16,16 +16,21 @@ CUT: Final = "the stream was cut by fault injection"
 class Faults(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What goes wrong; the defaults are that nothing does."""
 
-    drop: Annotated[float, msgspec.Meta(ge=0, le=1)] = 0.0
-    """Share of the frames that nobody gets; which ones follows from seed and frame number."""
-    delay: Annotated[float, msgspec.Meta(ge=0, le=10)] = 0.0
-    """Seconds that every set is late. Sets keep their rate and order."""
-    disconnect_after: Annotated[int, msgspec.Meta(ge=0, le=1_000_000)] = 0
-    """Sets after which a stream is cut; 0: never."""
-    clock_frozen: bool = False
-    """Timestamps stay what they were."""
-    clock_offset: Annotated[float, msgspec.Meta(ge=-1e6, le=1e6)] = 0.0
-    """Seconds by which timestamps are wrong."""
+    drop: Annotated[float, msgspec.Meta(ge=0, le=1, description="Share of the frames that no client gets.")] = 0.0
+    """Which frames these are follows from seed and frame number."""
+    delay: Annotated[float, msgspec.Meta(ge=0, le=10, description="Seconds by which every image set is late.")] = 0.0
+    """Image sets keep their rate and order."""
+    disconnect_after: Annotated[
+        float,
+        msgspec.Meta(
+            ge=0, le=1_000_000, multiple_of=1, description="Number of image sets after which a stream is cut; 0: never."
+        ),
+    ] = 0
+    """A whole number; as JSON has one kind of numbers, 5.0 is one."""
+    clock_frozen: Annotated[bool, msgspec.Meta(description="Timestamps do not advance.")] = False
+    clock_offset: Annotated[
+        float, msgspec.Meta(ge=-1e6, le=1e6, description="Seconds by which timestamps are wrong.")
+    ] = 0.0
 
 
 _NONE: Final = Faults()

@@ -112,7 +112,7 @@ def check(spec: Spec, value: object) -> Value:
 
     Args:
         spec: of the parameter.
-        value: as JSON or a query gives it; text is converted, as the device does for queries.
+        value: as decoded from JSON.
 
     Raises:
         ParameterError: wrong type, not one of the choices, or out of range.
@@ -125,12 +125,7 @@ def check(spec: Spec, value: object) -> Value:
             raise ParameterError(f"{spec.name}: {_shown(value)} is none of {', '.join(spec.choices)}")
         return value
     if spec.type == "bool":
-        known = {"true": True, "false": False, "1": True, "0": False}
-        if isinstance(value, str) and value.lower() in known:
-            return known[value.lower()]
-        if isinstance(value, bool):
-            return value
-        if isinstance(value, int) and value in (0, 1):
+        if isinstance(value, (bool, int, float)) and value in (0, 1):
             return bool(value)
         raise ParameterError(f"{spec.name}: {_shown(value)} is not true or false")
     number = _number(spec, value)
@@ -142,11 +137,6 @@ def check(spec: Spec, value: object) -> Value:
 
 
 def _number(spec: Spec, value: object) -> int | float:
-    if isinstance(value, str) and len(value) < 64:
-        try:
-            value = float(value)
-        except ValueError:
-            raise ParameterError(f"{spec.name}: {value!r} is not a number") from None
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise ParameterError(f"{spec.name}: {_shown(value)} is not a number")
     try:

@@ -9,6 +9,7 @@ import numpy as np
 from fastapi import APIRouter, Query
 from fastapi.responses import JSONResponse, Response
 
+from gateway.ops.openapi import example
 from gateway.stereo.messages import NANOSECONDS
 from gateway.stereo.pacing import Record
 from gateway.stereo.pictures import Studio
@@ -17,11 +18,15 @@ from gateway.workers import Busy
 from renderers.port import Output
 from renderers.stereo.truth import DepthRange, true_disparity
 
+_TIMESTAMP = r"^([0-9]{1,12}(\.[0-9]{0,9})?)?$"
 _MESSAGE: dict[str, Any] = {
     "application/json": {"schema": {"type": "object", "properties": {"message": {"type": "string"}}}}
 }
 _ANSWERS: dict[int | str, dict[str, Any]] = {
-    200: {"description": "NumPy's npz.", "content": {"application/zip": {}}},
+    200: {
+        "description": "NumPy's npz.",
+        "content": {"application/zip": {"schema": {"type": "string", "format": "binary"}}},
+    },
     400: {"description": "Not a timestamp.", "content": _MESSAGE},
     404: {"description": "No such frame is remembered.", "content": _MESSAGE},
     503: {"description": "Too many requests wait already; see Retry-After.", "content": _MESSAGE},
@@ -40,9 +45,16 @@ def truth_router(*services: StereoService) -> APIRouter:
     )
     async def truth(
         timestamp: Annotated[
-            str, Query(description="Of any image of the set, as seconds.nanoseconds; none: the newest frame")
+            str,
+            Query(
+                description="Of any image of the set, as seconds.nanoseconds; none: the newest frame",
+                json_schema_extra={"pattern": _TIMESTAMP},
+                openapi_examples=example("", "newest frame") | example("1700000000.040000000", "frame of a timestamp"),
+            ),
         ] = "",
-        pipeline: Annotated[int, Query(ge=0, description="Which camera, where there are several")] = 0,
+        pipeline: Annotated[
+            int, Query(ge=0, description="Number of the camera, where there are several", openapi_examples=example(0))
+        ] = 0,
     ) -> Response:
         if pipeline >= len(services):
             return JSONResponse({"message": f"there is no pipeline {pipeline}"}, 404)

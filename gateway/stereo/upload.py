@@ -11,7 +11,8 @@ from python_multipart.multipart import parse_options_header
 from starlette.datastructures import FormData, Headers, UploadFile
 from starlette.formparsers import MultiPartException, MultiPartParser
 
-from gateway.stereo.pairs import Pair, Pairs, PairStudio, pair_studio
+from gateway.ops.openapi import json_example
+from gateway.stereo.pairs import FACTOR_LIMIT, Pair, Pairs, PairStudio, pair_studio
 from gateway.stereo.service import StereoService
 from gateway.workers import Busy
 from renderers.drawlist import ImageError
@@ -20,10 +21,53 @@ MAX_CONTENT_TYPE: Final = 1024
 """Characters of the header; a boundary has 70 at most (RFC 2046, 5.1.1)."""
 _LOW = ("left_out1_low", "right_out1_low")
 _HIGH = ("left_out1_high", "right_out1_high")
+_DONE: Final = {"return_code": {"value": 0, "message": ""}}
+_MESSAGE: Final = {"application/json": {"schema": {"type": "object", "properties": {"message": {"type": "string"}}}}}
 _REFUSALS: Final[dict[int | str, dict[str, Any]]] = {
-    400: {"description": "The form does not hold a stereo pair; a sentence tells why"},
-    413: {"description": "The form is too large"},
-    503: {"description": "Too much waits; Retry-After tells when to come again"},
+    400: {"description": "The form does not hold a stereo pair; the message tells why.", "content": _MESSAGE},
+    413: {"description": "The form is too large.", "content": _MESSAGE},
+    503: {"description": "Too many requests wait already; see Retry-After.", "content": dict(_MESSAGE)},
+}
+_IMAGE: Final = {"type": "string", "format": "binary"}
+_FORM: Final = {
+    "type": "object",
+    "required": list(_LOW),
+    "additionalProperties": False,
+    "properties": {
+        "left_out1_low": {
+            **_IMAGE,
+            "description": "Left image with Out1 low: PNG, JPEG or WebP, rectified, 16 to 8192 pixels a side.",
+        },
+        "right_out1_low": {**_IMAGE, "description": "Right image with Out1 low, of the same size."},
+        "left_out1_high": {**_IMAGE, "description": "Left image with Out1 high; else the one with Out1 low."},
+        "right_out1_high": {**_IMAGE, "description": "Right image with Out1 high."},
+        "f": {
+            "type": "number",
+            "minimum": 0.05,
+            "maximum": FACTOR_LIMIT * 8192,
+            "description": f"Focal length in pixels, or divided by the image's width when below {FACTOR_LIMIT:g}; else "
+            "the camera's.",
+        },
+        "t": {
+            "type": "number",
+            "minimum": 1e-4,
+            "maximum": 100,
+            "description": "Baseline in metres; else the camera's.",
+        },
+    },
+    "dependentRequired": {_HIGH[0]: [_HIGH[1]], _HIGH[1]: [_HIGH[0]]},
+}
+_BODY: Final = {
+    "requestBody": {
+        "required": True,
+        "description": "curl -F left_out1_low=@left.png -F right_out1_low=@right.png -F f=0.8449 -F t=0.16 URL",
+        "content": {
+            "multipart/form-data": {
+                "schema": _FORM,
+                "encoding": {name: {"contentType": "image/png, image/jpeg, image/webp"} for name in (*_LOW, *_HIGH)},
+            }
+        },
+    }
 }
 
 
@@ -33,7 +77,7 @@ class _TooLargeError(Exception):
 
 def upload_router(*services: StereoService) -> APIRouter:
     """``/api/v2/pipelines/0/test/set``, 1, …: ``POST`` shows a pair, ``DELETE`` the scene again."""
-    api = APIRouter(tags=["Stereo camera"], responses=_REFUSALS)
+    api = APIRouter(tags=["Stereo camera"])
     for number, service in enumerate(services):
         _add(api, f"/api/v2/pipelines/{number}/test/set", service)
     return api
@@ -41,7 +85,7 @@ def upload_router(*services: StereoService) -> APIRouter:
 
 def _add(api: APIRouter, path: str, service: StereoService) -> None:
 
-    @api.post(path, summary="Show a stereo pair: left_out1_low, right_out1_low (…_high), f, t")
+    @api.post(path, summary="Show a stereo pair", responses=json_example(_DONE) | _REFUSALS, openapi_extra=_BODY)
     async def post(request: Request) -> Any:
         try:
             form = await _form(request, service.config.max_upload)
@@ -55,12 +99,12 @@ def _add(api: APIRouter, path: str, service: StereoService) -> None:
             return JSONResponse({"message": str(error)}, 503, {"Retry-After": str(error.retry_after)})
         except (ValueError, ImageError, MultiPartException) as error:
             return _refused(400, str(error))
-        return {"return_code": {"value": 0, "message": ""}}
+        return _DONE
 
-    @api.delete(path, summary="Show the scene again")
+    @api.delete(path, summary="Show the scene again", responses=json_example(_DONE))
     async def delete() -> Any:
         service.show_pairs(None)
-        return {"return_code": {"value": 0, "message": ""}}
+        return _DONE
 
 
 def _refused(status: int, message: str) -> JSONResponse:

@@ -6,10 +6,12 @@ import asyncio
 from collections.abc import Callable
 from typing import Annotated, Any, Final
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import APIRouter, Path, Query, Request, Response
 from fastapi.responses import JSONResponse, PlainTextResponse, StreamingResponse
 
-from gateway.scene.cameras import CameraError, parse_camera
+from gateway.ops.openapi import example
+from gateway.scene.cameras import PATTERN, CameraError, NoSuchCameraError, parse_camera
+from gateway.viewer.config import ViewerConfig
 from gateway.viewer.pictures import BOUNDARY, Pictures, StreamsFull, View
 from gateway.viewer.ports import PICTURE_NAMES
 from gateway.viewer.renders import RecentRenders, shown
@@ -23,15 +25,41 @@ _CAMERA: Final = (
     'stereo, fit, path:["robot","head"] (a node\'s frame, optical: +Z forward), or '
     "eye=x,y,z;target=x,y,z;up=x,y,z;fovy=degrees"
 )
-Size = Annotated[int | None, Query(ge=1, description="Pixels")]
-CameraText = Annotated[str, Query(description=_CAMERA)]
-Quality = Annotated[int, Query(ge=1, le=100, description="Of the JPEG")]
-LookChoice = Annotated[LookName | None, Query(description="How colour is made")]
+_LIMITS: Final = ViewerConfig()
+Size = Annotated[
+    int | None,
+    Query(
+        ge=1,
+        description=f"Pixels; width x height is at most {_LIMITS.max_pixels}",
+        json_schema_extra={"maximum": _LIMITS.max_side},  # the handler refuses more, with a sentence
+        openapi_examples=example(640),
+    ),
+]
+Width = Annotated[int | None, Query(ge=1, description="Pixels at most", openapi_examples=example(320))]
+CameraText = Annotated[
+    str,
+    Query(
+        description=_CAMERA,
+        json_schema_extra={"pattern": PATTERN},
+        openapi_examples=example("eye=2,-2,1.5;target=0,0,0.5"),
+    ),
+]
+Quality = Annotated[int, Query(ge=1, le=100, description="Of the JPEG", openapi_examples=example(85))]
+LookChoice = Annotated[LookName | None, Query(description="How colour is made", openapi_examples=example("plain"))]
+PictureText = Annotated[
+    str,
+    Path(
+        description="Which picture",
+        json_schema_extra={"enum": list(PICTURE_NAMES)},
+        openapi_examples=example("disparity"),
+    ),
+]
 
 
 _TEXT: Final = {"text/plain": {"schema": {"type": "string"}}}
 _REFUSALS: Final[dict[int | str, dict[str, Any]]] = {
     400: {"description": "The camera or the size cannot be used; the text says why.", "content": _TEXT},
+    404: {"description": "The camera's node is not in the scene, or there is no stereo camera.", "content": _TEXT},
     422: {
         "description": "A parameter is out of its range, or the scene has a texture that cannot be read.",
         "content": {**_TEXT, "application/json": {"schema": {"type": "object"}}},
@@ -47,7 +75,10 @@ _SENSOR: Final[dict[int | str, dict[str, Any]]] = {
     404: {"description": "There is no such picture, or no stereo camera.", "content": _TEXT},
 }
 _STREAM: Final[dict[int | str, dict[str, Any]]] = {
-    200: {"description": "Pictures without an end.", "content": {"multipart/x-mixed-replace": {}}},
+    200: {
+        "description": "Pictures without an end.",
+        "content": {"multipart/x-mixed-replace": {"schema": {"type": "string", "format": "binary"}}},
+    },
     **_REFUSALS,
 }
 
@@ -67,7 +98,7 @@ def picture_router(pictures: Pictures, sensor: SensorView | None, renders: Recen
         return JSONResponse(renders.listing(), headers=NO_STORE)
 
     @routes.get("/view/renders/{number}.png", include_in_schema=False)
-    async def render(number: int, width: Size = None) -> Response:
+    async def render(number: int, width: Width = None) -> Response:
         found = renders.find(number)
         if found is None:
             return PlainTextResponse(f"the picture of render {number} is not kept any more", 404)
@@ -119,7 +150,9 @@ def _add_views(routes: APIRouter, pictures: Pictures) -> None:
         height: Size = None,
         quality: Quality = 80,
         look: LookChoice = None,
-        rate: Annotated[float, Query(gt=0, description="Pictures per second at most")] = 15.0,
+        rate: Annotated[
+            float, Query(gt=0, description="Pictures per second at most", openapi_examples=example(15.0))
+        ] = 15.0,
     ) -> Response:
         """A new picture whenever the scene has changed, for anything that shows MJPEG."""
         try:
@@ -141,6 +174,8 @@ def _add_views(routes: APIRouter, pictures: Pictures) -> None:
 async def _answered(pictures: Pictures, view: View) -> Response:
     try:
         data, revision = await pictures.jpeg(view)
+    except NoSuchCameraError as error:
+        return PlainTextResponse(str(error), 404)
     except CameraError as error:
         return PlainTextResponse(str(error), 400)
     except ImageError as error:
@@ -165,7 +200,7 @@ def _add_sensor(routes: APIRouter, sensor: SensorView | None) -> None:
     @routes.get(
         "/view/sensor/{name}.jpg", summary="What the stereo camera sees", response_class=Response, responses=_SENSOR
     )
-    async def picture(name: str, width: Size = None) -> Response:
+    async def picture(name: PictureText, width: Width = None) -> Response:
         """``left``, ``right``, ``disparity`` (coloured) or ``confidence``, as JPEG."""
         if sensor is None:
             return PlainTextResponse("No stereo camera runs in this gateway.", 404)

@@ -151,6 +151,7 @@ def test_a_missing_focal_length_comes_from_the_field_of_view() -> None:
     assert request.focal_y == pytest.approx(57.941125, rel=1e-6)
     assert read(body(SCENE, drake_fields(fov_x=None, fov_y=None))).focal_x == 57.941125
     assert "fov_x must be less than pi" in refused_fields(focal_x=None, fov_x="3.2")
+    assert "fov_x must be less than pi" in refused_fields(fov_x="3.2")
     assert "fov_y must be positive" in refused_fields(fov_y="0")
 
 
@@ -164,7 +165,8 @@ def test_missing_and_empty_fields_are_named(name: str) -> None:
 def test_depth_needs_its_range() -> None:
     assert refused_fields("depth", max_depth=None) == "the field 'max_depth' is missing; depth pictures need it"
     assert "min_depth must be less than max_depth, got 5 and 5" in refused_fields("depth", min_depth="5")
-    assert read(body(SCENE, drake_fields(min_depth="nonsense"))).max_depth == math.inf  # not looked at for colour
+    assert read(body(SCENE, drake_fields(min_depth="5", max_depth=""))).max_depth == math.inf  # not used for colour
+    assert "min_depth must be a finite decimal number" in refused_fields("color", min_depth="nonsense")
 
 
 @pytest.mark.parametrize(
@@ -180,6 +182,7 @@ def test_depth_needs_its_range() -> None:
         ({"near": "-0.1"}, "near must be at least 0, got '-0.1'"),
         ({"near": "nan"}, "near must be a finite decimal number, got 'nan'"),
         ({"near": "10"}, "near must be less than far, got near=10 and far=10"),
+        ({"near": "0", "far": "5e-324"}, "far must be at least 1e-08, got '5e-324'"),
         ({"far": "inf"}, "far must be a finite decimal number, got 'inf'"),
         ({"far": "1e999"}, "far must be a finite decimal number"),
         ({"far": "1e13"}, "far must be at most 1e+12"),

@@ -107,14 +107,15 @@ async def test_the_file_has_the_camera_that_was_asked_for(world: World):
     camera = read_gltf(response.content).camera
     assert camera is not None
     np.testing.assert_allclose(camera.X_world_camera[:3, 3], (3, 0, 0), atol=1e-12)
-    for query, words in (
-        ("camera=stereo", "no stereo camera"),
-        ("camera=path:[1]", "no such node"),
-        ("width=64", "the query has no 'camera'"),
-        ("camera=fit&type=depth", "'type' is no parameter; known are camera, width"),
+    fitted = read_gltf((await world.client.get("/scene.glb?width=64")).content).camera
+    assert fitted is not None
+    for query, status, words in (
+        ("camera=stereo", 404, "no stereo camera"),
+        ("camera=path:[1]", 404, "no such node"),
+        ("camera=fit&type=depth", 400, "'type' is no parameter; known are camera, width"),
     ):
         refusal = await world.client.get(f"/scene.glb?{query}")
-        assert (refusal.status_code, words in refusal.text) == (400, True), refusal.text
+        assert (refusal.status_code, words in refusal.text) == (status, True), refusal.text
 
 
 async def test_a_file_beyond_the_limit_is_a_sentence(world: World):
@@ -197,7 +198,7 @@ async def test_the_camera_is_that_of_the_query(world: World):
 
 async def test_the_stereo_camera_where_there_is_one(world: World):
     response = await world.client.get("/scene/render?camera=stereo")
-    assert (response.status_code, response.text) == (400, "camera 'stereo': this gateway runs no stereo camera")
+    assert (response.status_code, response.text) == (404, "camera 'stereo': this gateway runs no stereo camera")
     sensor = Camera(1280, 960, 1000, 1000, 640, 480, 0.1, 10, np.eye(4))
     service = SceneApi(world.tree, world.renderer, world.workers, stereo_camera=lambda: sensor)
     world.service._stereo_camera = service._stereo_camera
@@ -217,17 +218,17 @@ async def test_the_stereo_camera_where_there_is_one(world: World):
         (f"{SMALL}&look=cartoon", "look='cartoon' is none of phong, pbr, plain, studio"),
         (f"{SMALL}&samples=2", "samples='2' is none of 1, 4, 8"),
         (f"{SMALL}&format=bmp", "format='bmp' is none of tiff, png"),
-        (f"{SMALL}&fovy=200", "fovy='200' must lie between 0 and 180"),
+        (f"{SMALL}&fovy=200", "fovy='200' must be at least 0.001 and less than 180 degrees"),
+        (f"{SMALL}&fovy=5e-324", "fovy='5e-324' must be at least 0.001"),
         (f"{SMALL}&fovy=wide", "fovy='wide' is not a number"),
         (f"{SMALL}&near=nan", "near='nan' is not a number"),
-        (f"{SMALL}&near=-1", "near='-1' must be positive"),
+        (f"{SMALL}&near=-1", "near='-1' must be from 1e-09 to 1e+12 metres"),
+        (f"{SMALL}&far=1e13", "far='1e13' must be from 1e-09 to 1e+12 metres"),
+        (f"{SMALL}&camera=eye%3D1e-200,0,0;target%3D0,0,0", "eye and target coincide"),
         (f"{SMALL}&near=2&far=1", "near='2' must be less than far='1'"),
         (f"{SMALL}&camera=left", "camera 'left' is none of"),
         (f"{SMALL}&camera=eye%3D1,2;target%3D0,0,0", "'eye=1,2' needs three numbers"),
-        (f'{SMALL}&camera=path:["nobody"]', "there is no such node"),
-        (f"{SMALL}&camera=path:[%22%ED%A0%80%22]", "there is no such node"),
         (f"{SMALL}&zoom=2", "'zoom' is no parameter; known are camera, type, width"),
-        (f"{SMALL}&near=5000", "clipping planes"),
     ],
 )
 async def test_a_bad_parameter_is_named_in_a_sentence(world: World, query: str, sentence: str):
@@ -236,6 +237,20 @@ async def test_a_bad_parameter_is_named_in_a_sentence(world: World, query: str, 
     assert response.headers["content-type"].startswith("text/plain")
     assert sentence in response.text
     assert world.renderer.calls == []
+
+
+@pytest.mark.parametrize("path", ['["nobody"]', "[%22%ED%A0%80%22]"])
+async def test_a_camera_at_a_node_that_is_not_there_is_404(world: World, path: str):
+    response = await world.client.get(f"/scene/render?{SMALL}&camera=path:{path}")
+    assert (response.status_code, "there is no such node" in response.text) == (404, True), response.text
+    assert world.renderer.calls == []
+
+
+@pytest.mark.parametrize(("query", "near", "far"), [("near=5000", 5000, 10_000), ("far=1e-6", 5e-7, 1e-6)])
+async def test_one_clipping_plane_moves_the_other_out_of_its_way(world: World, query: str, near: float, far: float):
+    assert (await world.client.get(f"/scene/render?{SMALL}&{query}")).status_code == 200
+    camera = world.renderer.calls[-1][1]
+    assert (camera.near, camera.far) == pytest.approx((near, far))
 
 
 async def test_a_texture_that_cannot_be_drawn_is_a_sentence(world: World):

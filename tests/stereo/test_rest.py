@@ -86,6 +86,23 @@ async def test_ways_to_set_a_parameter_by_query(rest: httpx.AsyncClient, camera:
     assert camera.service.settings.quality.value == "Low"
 
 
+async def test_query_and_body_may_both_be_missing_or_both_be_there(rest: httpx.AsyncClient) -> None:
+    path = f"{V2}/rc_camera/parameters"
+    nothing = await rest.put(path)
+    assert nothing.status_code == 200
+    assert nothing.json() == (await rest.get(path)).json()
+    both = await rest.put(f"{path}?fps=5&wb_auto=false", json=[{"name": "gain_value", "value": 3}])
+    assert [(p["name"], p["value"]) for p in both.json()] == [("fps", 5.0), ("wb_auto", False), ("gain_value", 3.0)]
+    assert (await rest.put(f"{path}?fps=6", content=b"x")).status_code == 400
+    assert (await rest.get(f"{path}/fps")).json()["value"] == 5.0
+
+
+@pytest.mark.parametrize(("body", "status"), [("", 200), ('{"args": null}', 200), ("[]", 400), ('{"args": 1}', 400)])
+async def test_a_call_has_an_object_or_nothing_as_its_body(rest: httpx.AsyncClient, body: str, status: int) -> None:
+    answer = await rest.put(f"{V2}/rc_iocontrol/services/get_io_values", content=body)
+    assert answer.status_code == status, answer.text
+
+
 async def test_setting_by_body(rest: httpx.AsyncClient, camera: Camera) -> None:
     answer = await rest.put(f"{V2}/rc_camera/parameters", json=[{"name": "fps", "value": 5}])
     assert answer.json()[0]["value"] == 5.0
@@ -108,7 +125,8 @@ async def test_setting_by_body(rest: httpx.AsyncClient, camera: Camera) -> None:
         ('[{"name": "fps", "value": 1e400}]', 400, "Number out of range"),
         ('[{"name": "fps", "value": NaN}]', 400, "the body is not like"),
         ('{"fps": 5}', 400, "the body is not like"),
-        ("", 400, "the body is not like"),
+        ('[{"name": "fps", "value": "5"}]', 400, "fps: '5' is not a number"),
+        ('[{"name": "exp_auto", "value": "true"}]', 400, "exp_auto: 'true' is not true or false"),
         ("[" * 100_000, 413, "larger than"),
     ],
 )
