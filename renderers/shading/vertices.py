@@ -26,7 +26,7 @@ from renderers.shading.layout import (
     V_POSITION,
     V_UV0,
 )
-from renderers.shading.tangents import vertex_tangents
+from renderers.shading.mikktspace import with_tangents
 from renderers.weaklru import WeakLru
 
 MAX_VERTEX_BYTES: Final = 512 << 20
@@ -38,7 +38,7 @@ class VertexRecords:
     """What shading reads of a mesh."""
 
     elements: NDArray[np.uint32]
-    """(M, 1 | 2 | 3), into the records."""
+    """(M, 1 | 2 | 3), into the records, whose order need not be that of the mesh's vertices."""
     vertices: NDArray[np.float32]
     """(N, V_COLUMNS): position, normal and first texture coordinates, 0 where the mesh has none."""
     extras: NDArray[np.float32] | None
@@ -99,7 +99,10 @@ def _make(mesh: Mesh, tangent_set: int) -> VertexRecords:
         if array is not None and array.shape != (count, width):
             raise ValueError(f"mesh with {count} vertices: {name} has shape {array.shape}, not {(count, width)}")
         address_of(array, np.float32)
-    tangents = _tangents(mesh, tangent_set) if tangent_set >= 0 else None
+    if tangent_set >= 0:
+        mesh = with_tangents(mesh, tangent_set)
+        count = len(mesh.positions)
+    tangents = mesh.tangents if tangent_set >= 0 else None
     elements = mesh.elements
     used: slice | NDArray[np.intp] = slice(None)
     if count > max(64, elements.size):
@@ -123,13 +126,3 @@ def _make(mesh: Mesh, tangent_set: int) -> VertexRecords:
                 has |= bit
                 extras[:, column : column + array.shape[1]] = array[used]
     return VertexRecords(elements, vertices, extras, has)
-
-
-def _tangents(mesh: Mesh, uv_set: int) -> NDArray[np.float32] | None:
-    """The mesh's own tangents, else computed ones, else None: the mesh has no coordinates."""
-    if mesh.tangents is not None:
-        return mesh.tangents
-    uv = mesh.uv1 if uv_set == 1 else mesh.uv0
-    if uv is None or mesh.elements.shape[1] != 3:
-        return None
-    return vertex_tangents(mesh.positions, uv, mesh.elements)

@@ -62,7 +62,6 @@ from renderers.studio.resolve import (
 )
 from renderers.studio.sampling import sample
 from renderers.studio.tables import (
-    II_CORNER_TANGENTS,
     II_ELEMENTS,
     II_EXTRAS,
     II_HAS,
@@ -260,23 +259,14 @@ def look_at(job, columns, instance, wanted, elements, places, slot, y, rows):
         n = turned(f64_at(job[J_N] + 8 * 9 * instance), 3, n)
         scale = reach(n, one)
         n = n[0] * scale, n[1] * scale, n[2] * scale
-        if mi[MI_NORMAL] >= 0 and (columns[II_CORNER_TANGENTS] != 0 or (has & HAS_TANGENTS) != 0):
-            if columns[II_CORNER_TANGENTS] != 0:
-                tangents, at = f32_at(columns[II_CORNER_TANGENTS]), element * vec.i32(12)
-                t0, t1, t2 = (
-                    vec.load_triples(tangents, at),
-                    vec.load_triples(tangents, at + vec.i32(4)),
-                    vec.load_triples(tangents, at + eight),
-                )
-                hand = vec.gather(tangents, at + vec.i32(3))
-            else:
-                at = vec.i32(E_TANGENT)
-                t0, t1, t2 = (
-                    vec.load_triples(extras, i0 * wide + at),
-                    vec.load_triples(extras, i1 * wide + at),
-                    vec.load_triples(extras, i2 * wide + at),
-                )
-                hand = vec.gather(extras, i0 * wide + vec.i32(E_TANGENT + 3))
+        if mi[MI_NORMAL] >= 0 and (has & HAS_TANGENTS) != 0:
+            at = vec.i32(E_TANGENT)
+            t0, t1, t2 = (
+                vec.load_triples(extras, i0 * wide + at),
+                vec.load_triples(extras, i1 * wide + at),
+                vec.load_triples(extras, i2 * wide + at),
+            )
+            hand = vec.gather(extras, i0 * wide + vec.i32(E_TANGENT + 3))
             t = mixed(w, t0[0], t1[0], t2[0]), mixed(w, t0[1], t1[1], t2[1]), mixed(w, t0[2], t1[2], t2[2])
             hand = vec.select(hand >= zero, mirror, -mirror)
             n = _bent(n, turned(X, 4, t), hand, _texture(job, mi[MI_NORMAL], uv), vec.f32(mf[MF_NORMAL_SCALE]))

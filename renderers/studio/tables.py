@@ -2,34 +2,27 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.drawlist import AlphaMode, Image, Instance, Material, Mesh, Texture, Topology
-from renderers.pointers import address_of
+from renderers.drawlist import AlphaMode, Image, Instance, Material, Texture, Topology
 from renderers.shading.materials import look_material
 from renderers.shading.vertices import records_of
 from renderers.studio.mips import MipTable, mip_chain
-from renderers.studio.tangents import corner_tangents
 from renderers.tables import SceneTables, lets_through
 
 # Columns of the instance table.
 II_TOPOLOGY: Final = 0
 II_MATERIAL: Final = 1
-II_CORNER_TANGENTS: Final = (
-    2  # address of tangents by corner of a triangle; 0: the vertices have them, or none is wanted
-)
-II_ELEMENTS: Final = 3  # and the next three: ``VertexRecords.columns``
-II_VERTICES: Final = 4
-II_EXTRAS: Final = 5
-II_HAS: Final = 6
-II_COLUMNS: Final = 7
+II_ELEMENTS: Final = 2  # and the next three: ``VertexRecords.columns``
+II_VERTICES: Final = 3
+II_EXTRAS: Final = 4
+II_HAS: Final = 5
+II_COLUMNS: Final = 6
 
 # Columns of the materials' integer table: rows of the texture table or -1.
 MI_ALPHA: Final = 0  # 0 opaque, 1 mask, 2 blend
@@ -68,25 +61,6 @@ class StudioScene(SceneTables):
     def nbytes(self) -> int:
         """Bytes of what was made for this look."""
         return sum(each.nbytes for each in self.keep if each is not None and not isinstance(each, Material))
-
-
-_tangents: WeakKeyDictionary[Mesh, dict[int, NDArray[np.float32]]] = WeakKeyDictionary()
-"""By mesh, then by the set of coordinates they follow."""
-_lock = threading.Lock()
-
-
-def _tangents_of(mesh: Mesh, uv_set: int) -> NDArray[np.float32] | None:
-    """By corner, made once while the mesh lives; None: it has no coordinates or is no surface."""
-    uv = mesh.uv1 if uv_set == 1 else mesh.uv0
-    if uv is None or mesh.normals is None or mesh.topology is not Topology.TRIANGLES:
-        return None
-    with _lock:
-        known = _tangents.get(mesh, {}).get(uv_set)
-    if known is None:
-        fresh = corner_tangents(mesh.positions, mesh.normals, uv, mesh.elements)
-        with _lock:
-            known = _tangents.setdefault(mesh, {}).setdefault(uv_set, fresh)
-    return known
 
 
 def reflectance(ior: float) -> float:
@@ -162,19 +136,14 @@ def prepare(instances: Sequence[Instance]) -> StudioScene:
             keep.append(material)
             for rows_of, made in zip((integers, floats), _material_rows(material, lit, textures), strict=True):
                 rows_of.append(made)  # type: ignore[attr-defined]  # integers and floats, each in its list
-        mapped = integers[row][MI_NORMAL] >= 0
-        tangent_set = 0 if mapped and mesh.tangents is not None else -1
+        mapped = material.normal_texture if integers[row][MI_NORMAL] >= 0 else None
+        tangent_set = -1 if mapped is None else mapped.uv_set
         columns = geometry.get((id(mesh), tangent_set))
         if columns is None:
             records = records_of(mesh, tangent_set)
             keep.append(records)
             columns = geometry[id(mesh), tangent_set] = records.columns
-        tangents = None
-        if mapped and mesh.tangents is None:
-            assert material.normal_texture is not None
-            tangents = _tangents_of(mesh, material.normal_texture.uv_set)
-            keep.append(tangents)
-        table[i] = (mesh.elements.shape[1], row, address_of(tangents, np.float32), *columns)
+        table[i] = (mesh.elements.shape[1], row, *columns)
     texture_integers, texture_floats = textures.as_tables()
     with np.errstate(over="ignore"):  # a posted factor beyond float32 is infinite
         float_table = np.array(floats or [[0.0] * MF_COLUMNS], np.float32)

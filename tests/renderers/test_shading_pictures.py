@@ -16,7 +16,7 @@ from renderers.camera import Camera
 from renderers.cpu import CpuRenderer
 from renderers.drawlist import AlphaMode, DrawList, Instance, Material, Mesh, Sampler, Texture, Wrap
 from renderers.port import Look, Output
-from renderers.shading.tangents import vertex_tangents
+from renderers.shading.mikktspace import with_tangents
 from tests.renderers.pictures import FOLDER, wanted_anew
 from tests.renderers.shading_reference import Array, BruteForce, ball, camera, painted, picture, placed, quad
 
@@ -182,16 +182,19 @@ def test_tangents_point_along_u_and_the_bitangent_up_the_picture(mirror: bool) -
     mesh = quad()
     assert mesh.uv0 is not None
     uv = mesh.uv0 * (-1, 1) if mirror else mesh.uv0
-    tangents = vertex_tangents(mesh.positions, uv.astype(np.float32), mesh.elements)
-    assert mesh.normals is not None
+    made = with_tangents(replace(mesh, uv0=uv.astype(np.float32), tangents=None), 0)
+    tangents = made.tangents
+    assert tangents is not None
+    assert made.normals is not None
     # In ``quad`` u grows along +X and v along +Y of the optical frame, so up the picture is -Y.
     np.testing.assert_allclose(tangents[:, :3], np.tile((-1.0 if mirror else 1.0, 0, 0), (4, 1)), atol=1e-6)
-    bitangents = np.cross(mesh.normals, tangents[:, :3]) * tangents[:, 3:]
+    bitangents = np.cross(made.normals, tangents[:, :3]) * tangents[:, 3:]
     np.testing.assert_allclose(bitangents, np.tile((0, -1.0, 0), (4, 1)), atol=1e-6)
 
 
 def test_tangents_of_unusable_coordinates_are_zero() -> None:
     mesh = quad()
-    tangents = vertex_tangents(mesh.positions, np.zeros((4, 2), np.float32), mesh.elements)
+    tangents = with_tangents(replace(mesh, uv0=np.zeros((4, 2), np.float32), tangents=None), 0).tangents
+    assert tangents is not None
     assert (tangents[:, :3] == 0).all()
     assert np.isfinite(tangents).all()

@@ -7,8 +7,8 @@ import numpy as np
 from renderers.drawlist import Instance
 from renderers.pointers import address_of
 from renderers.shading.materials import MI_NORMAL
+from renderers.shading.mikktspace import with_tangents
 from renderers.shading.scene import ShadingScene
-from renderers.shading.tangents import vertex_tangents
 
 # Columns of the instance table.
 II_TOPOLOGY = 0
@@ -32,10 +32,8 @@ def instance_table(instances: tuple[Instance, ...], shading: ShadingScene) -> tu
         material = int(shading.instances[i, 1])
         tangents = None
         if texture is not None and shading.material_integers[material, MI_NORMAL] >= 0:
+            mesh = with_tangents(mesh, texture.uv_set)
             tangents = mesh.tangents
-            uv = mesh.uv1 if texture.uv_set == 1 else mesh.uv0
-            if tangents is None and uv is not None and mesh.elements.shape[1] == 3:
-                tangents = vertex_tangents(mesh.positions, uv, mesh.elements)
         arrays = (mesh.positions, mesh.normals, mesh.uv0, mesh.uv1, mesh.colors, tangents)
         keep += (mesh, tangents)
         addresses = (address_of(mesh.elements, np.uint32), *(address_of(a, np.float32) for a in arrays))

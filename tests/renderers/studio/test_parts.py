@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from renderers.camera import Camera
+from renderers.drawlist import Mesh
 from renderers.pointers import address_of
 from renderers.samples import sample_cameras
+from renderers.shading.mikktspace import corner_tangents, with_tangents
 from renderers.studio.finish import finish_rows
 from renderers.studio.layout import F_BEHIND, F_CELLS, F_COLOR, F_COLUMNS, line_of
 from renderers.studio.mips import _halve, make_chain
 from renderers.studio.rig import Rig
-from renderers.studio.tangents import corner_tangents
 from renderers.studio.tonemap import SRGB_CELLS
 from tests.renderers.shading_reference import ball
 from tests.renderers.studio import reference as ref
@@ -111,6 +114,34 @@ def test_vertices_on_a_mirror_line_have_both_hands() -> None:
     made = corner_tangents(p, normals, uv, triangles).reshape(-1, 3, 4)
     np.testing.assert_allclose(made[:2], np.broadcast_to((-1, 0, 0, -1), (2, 3, 4)), atol=1e-6)
     np.testing.assert_allclose(made[2:], np.broadcast_to((1, 0, 0, 1), (2, 3, 4)), atol=1e-6)
+
+
+def test_vertices_are_split_where_tangents_differ() -> None:
+    """Two squares with mirrored coordinates share the vertices 2 and 5; no triangle uses the vertices 0 and 7."""
+    x = np.array((9, -1, 0, 1, -1, 0, 1, 9), np.float32)
+    y = np.array((9, 0, 0, 0, 1, 1, 1, 9), np.float32)
+    mesh = Mesh(
+        np.stack((x, y, np.zeros(8, np.float32)), -1),
+        np.array(((1, 2, 5), (1, 5, 4), (2, 3, 6), (2, 6, 5)), np.uint32),
+        np.tile(np.array((0, 0, 1), np.float32), (8, 1)),
+        np.stack((y, x), -1),
+        np.stack((np.abs(x), 1 - y), -1),
+        np.random.default_rng(0).random((8, 4)).astype(np.float32),
+    )
+    made = with_tangents(mesh, 1)
+    assert made.tangents is not None
+    assert len(made.positions) == 6 + 2 + 1  # vertex 2 has two corners in the right square, vertex 5 has one
+    wanted = corner_tangents(mesh.positions, mesh.normals, mesh.uv1, mesh.elements)  # type: ignore[arg-type]
+    np.testing.assert_array_equal(made.tangents[made.elements].reshape(-1, 4), wanted)
+    for name in ("positions", "normals", "uv0", "uv1", "colors"):
+        np.testing.assert_array_equal(getattr(made, name)[made.elements], getattr(mesh, name)[mesh.elements])
+
+
+@pytest.mark.parametrize("without", ["normals", "uv0"])
+def test_meshes_without_normals_or_coordinates_get_no_tangents(without: str) -> None:
+    mesh = replace(ball(4), tangents=None, **{without: None})
+    assert with_tangents(mesh, 0) is mesh
+    assert with_tangents(ball(4), 0).tangents is not None
 
 
 def test_vertices_are_welded_and_weighted_by_angle() -> None:

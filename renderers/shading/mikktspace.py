@@ -4,7 +4,7 @@ Written from M. Mikkelsen, "Simulation of Wrinkled Surfaces Revisited" (2008), c
 reference: corners with the same position, normal and coordinates are one vertex; the triangles around a vertex
 that hang together by edges and have the same handedness form a group; each corner's tangent is the mean of its
 group's, projected into the plane of the normal and weighted by the angle at the corner. A vertex on a border of
-handedness so has two tangents: they are kept by corner, no vertex is split.
+handedness so has two tangents and is split.
 """
 
 from __future__ import annotations
@@ -14,8 +14,39 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from renderers.drawlist import Mesh, Topology
 from renderers.jit import kernel
 from renderers.linked import inner
+
+
+def with_tangents(mesh: Mesh, uv_set: int) -> Mesh:
+    """Add tangents that follow a set of texture coordinates (0 or 1), and drop vertices that no triangle uses.
+    A mesh with tangents, or without normals, coordinates or triangles, is returned unchanged.
+    """
+    uv = mesh.uv1 if uv_set == 1 else mesh.uv0
+    if mesh.tangents is not None or uv is None or mesh.normals is None or mesh.topology is not Topology.TRIANGLES:
+        return mesh
+    tangents = corner_tangents(mesh.positions, mesh.normals, uv, mesh.elements)
+    corner = mesh.elements.reshape(-1).astype(np.intp)
+    # Each vertex keeps the tangent of its first corner (of repeated indices, the last assignment counts).
+    first = np.full(len(mesh.positions), -1, np.intp)
+    first[corner[::-1]] = np.arange(len(corner) - 1, -1, -1)
+    used = first >= 0
+    # Corners with another tangent get vertices of their own.
+    apart = np.flatnonzero((tangents != tangents[first[corner]]).any(axis=1))
+    elements = (np.cumsum(used) - 1)[corner]
+    elements[apart] = np.count_nonzero(used) + np.arange(len(apart))
+    kept = np.concatenate((first[used], apart))
+    vertex = corner[kept]
+    return Mesh(
+        mesh.positions[vertex],
+        elements.reshape(-1, 3).astype(np.uint32),
+        mesh.normals[vertex],
+        None if mesh.uv0 is None else mesh.uv0[vertex],
+        None if mesh.uv1 is None else mesh.uv1[vertex],
+        None if mesh.colors is None else mesh.colors[vertex],
+        tangents[kept],
+    )
 
 
 def corner_tangents(
