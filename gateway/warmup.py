@@ -32,9 +32,9 @@ def _kernels_of(*modules: str, but: tuple[str, ...] = ()) -> Callable[[], None]:
 
 
 def _treeviewer() -> None:
+    import gateway.scene.creases
     import gateway.treeviewer.binary_kernels
-    import gateway.treeviewer.kernels
-    import gateway.treeviewer.normals  # noqa: F401 - they are compiled, or loaded, when imported
+    import gateway.treeviewer.kernels  # noqa: F401 - they are compiled, or loaded, when imported
 
 
 def _stereo() -> None:

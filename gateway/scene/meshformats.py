@@ -10,7 +10,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.scene.creases import with_creases
 from gateway.scene.geometry import Part, PointCloud, Shape, Surface
 from gateway.scene.gltf import GltfLimits, read_gltf
 from gateway.scene.transforms import IDENTITY, Y_UP_TO_Z_UP, Matrix, scaling
@@ -170,6 +169,8 @@ def _shape_of(geometry: Any, limits: GltfLimits) -> tuple[Shape, Material] | Non
     uv, material = _look_of(geometry, len(positions), limits)
     given = geometry._cache.cache.get("vertex_normals")
     if given is None or len(given) != len(positions):
+        from gateway.scene.creases import with_creases  # its kernels are compiled or loaded when it is imported
+
         return Surface(with_creases(positions, triangles, uv=uv, colors=colors)), material
     with np.errstate(all="ignore"):
         normals = given / np.linalg.norm(given, axis=1, keepdims=True)

@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.scene.creases import smooth_mesh
 from gateway.scene.geometry import (
     Box,
     Capsule,
@@ -31,7 +32,6 @@ from gateway.treeviewer.arrays import ArrayError, PackedArray
 from gateway.treeviewer.config import Limits
 from gateway.treeviewer.extract import Numbers
 from gateway.treeviewer.fields import CommandError, NothingToDraw, show
-from gateway.treeviewer.normals import smooth_mesh
 from renderers.color import linear_from_srgb
 from renderers.drawlist import AlphaMode, Material, Mesh
 

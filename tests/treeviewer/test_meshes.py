@@ -10,7 +10,6 @@ import pytest
 
 from gateway.scene.geometry import Part, Sphere, Surface
 from gateway.scene.transforms import from_pose, scaling
-from gateway.treeviewer.normals import CREASE_COSINE, smooth_mesh, smoothed
 from renderers.drawlist import AlphaMode, Material, Mesh
 from tests.treeviewer.conversation import TRIANGLE, Viewer
 
@@ -44,53 +43,6 @@ def test_faces_with_vertices_that_are_nowhere_are_left_out(viewer: Viewer) -> No
     assert "1 vertices are not finite" in answer["warnings"][0]
     assert len(mesh_of(viewer).elements) == 1
     assert np.isfinite(mesh_of(viewer).positions).all()
-
-
-def test_normals_are_smooth_up_to_creases_of_45_degrees() -> None:
-    def roof(angle: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        c, s = np.cos(angle), np.sin(angle)
-        positions = np.array([[0, 0, 0], [0, 1, 0], [-1, 0, 0], [c, 0, -s], [9, 9, 9]], np.float32)
-        return smooth_mesh(positions, np.array([[0, 1, 2], [0, 3, 1]], np.uint32))
-
-    gentle, elements, normals = roof(np.radians(44))
-    assert len(gentle) == 4, "the vertices of the ridge are shared, the unused one is left out"
-    ridge = normals[elements[0, 0]]
-    np.testing.assert_allclose(ridge, (np.sin(np.radians(22)), 0, np.cos(np.radians(22))), atol=1e-6)
-    sharp, elements, normals = roof(np.radians(46))
-    assert len(sharp) == 6
-    np.testing.assert_allclose(normals[elements[0]], np.tile((0, 0, 1), (3, 1)), atol=1e-6)
-
-
-def test_normals_of_many_and_of_flat_faces_are_unit_vectors() -> None:
-    count = 600
-    angle = np.linspace(0, 2 * np.pi, count, endpoint=False)
-    rim = np.stack((np.cos(angle), np.sin(angle), 0.01 * np.cos(9 * angle)), axis=1)
-    positions = np.concatenate((np.zeros((1, 3)), rim, np.zeros((1, 3)))).astype(np.float32)
-    index = np.arange(count, dtype=np.uint32)
-    fan = np.stack((np.zeros_like(index), index + 1, (index + 1) % count + 1), axis=1).astype(np.uint32)
-    faces = np.concatenate((fan, np.array([[0, 0, 0], [0, count + 1, 1]], np.uint32)))
-    placed, elements, normals = smooth_mesh(positions, faces)
-    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-6)
-    np.testing.assert_array_equal(placed[elements], positions[faces])
-
-
-@pytest.mark.parametrize("height", [0.02, 1.0], ids=["gentle", "steep"])
-def test_the_short_way_to_normals_gives_the_very_same(height: float) -> None:
-    """Hills without creases take it, hills with creases do not; with vertices that no face uses neither."""
-    side = 40
-    y, x = np.mgrid[0:side, 0:side].astype(np.float32) / side
-    z = height * np.random.default_rng(3).random((side, side), np.float32) / (1.0 if height > 0.5 else side)
-    positions = np.stack((x, y, z), axis=-1).reshape(-1, 3)
-    a = (np.arange(side - 1)[:, None] * side + np.arange(side - 1)).ravel()
-    faces = np.concatenate((np.stack((a, a + 1, a + side), 1), np.stack((a + 1, a + side + 1, a + side), 1)))
-    faces = faces.astype(np.uint32)
-    placed, normals, elements = smoothed(positions, faces, CREASE_COSINE)
-    assert (len(placed) == len(positions)) is (height < 0.5)
-    for found, wanted in zip(smooth_mesh(positions, faces), (placed, elements, normals), strict=True):
-        np.testing.assert_array_equal(found, wanted)
-    more = np.concatenate((positions, np.ones((3, 3), np.float32)))
-    for found, wanted in zip(smooth_mesh(more, faces), (placed, elements, normals), strict=True):
-        np.testing.assert_array_equal(found, wanted)
 
 
 class Files:
