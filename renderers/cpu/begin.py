@@ -19,7 +19,6 @@ from renderers.cpu.layout import (
     J_BANDS,
     J_CHUNKS,
     J_COLUMNS,
-    J_DEPTH,
     J_ELEMENTS,
     J_FIRST_RECORD,
     J_HEIGHT,
@@ -45,9 +44,7 @@ from renderers.cpu.layout import (
 from renderers.cpu.poses import look_from, place
 from renderers.cpu.visibility import BAND_ROWS
 from renderers.jit import kernel
-from renderers.native import call_kernel
 from renderers.pointers import i64_at
-from renderers.shading.layout import S_COLOR, S_MAPS
 
 MIN_VERTICES: Final = 4096
 """Fewest vertices of a unit of work: about 10 us, a few times what handing out a unit costs."""
@@ -61,7 +58,6 @@ SMALL_WORK: Final = 60_000
 # Places and sizes in values of 8 bytes.
 ASKED: Final = J_COLUMNS
 
-DRAWN: Final = task_at.W_GEOMETRY + 1 - task_at.W_DRAW
 # What is asked for, int64 but for lens and pose.
 A_WIDTH: Final = 0
 A_HEIGHT: Final = 1
@@ -85,15 +81,9 @@ A_SETUP: Final = 24
 A_YIELD: Final = 25
 A_STRIDE: Final = 26  # J_STRIDE
 A_LENS: Final = 27  # (L_COLUMNS,) float64
-# Of a frame that is drawn again, see ``FrameJob.again``; else 0:
-A_PAINTER: Final = 33  # address of the painter's job, and of the kernel that maps instances for it
-A_MAP: Final = 34
-A_DRAWN: Final = 35  # W_DRAW .. W_GEOMETRY of the task
-# What no two frames have in common:
-A_POSED: Final = A_DRAWN + DRAWN  # whether the poses are filled already
-A_TASK: Final = A_POSED + 1  # address of W_COLUMNS int64, all 0: the frame's task
-A_PICTURES: Final = A_TASK + 1  # with A_PAINTER: addresses of colour, depth, label, instance and normal; 0: not wanted
-A_POINTS: Final = A_PICTURES + 5  # address of (A_COUNT, 4, 4) float64, world from mesh
+A_POSED: Final = 33  # whether the poses are filled already
+A_TASK: Final = 34  # address of W_COLUMNS int64, all 0: the frame's task
+A_POINTS: Final = 35  # address of (A_COUNT, 4, 4) float64, world from mesh
 A_POSE: Final = A_POINTS + 1  # (4, 4) float64, world from camera
 A_COLUMNS: Final = A_POSE + 16
 
@@ -105,8 +95,7 @@ FIXED: Final = POSES + T_COLUMNS
 
 @kernel("int64(int64)", brief=True)
 def begin(address):
-    """Fill a frame's tables but for what ``FrameJob.layers``, ``outputs`` and samples need, and how it is drawn; of one
-    that is drawn again, all of them.
+    """Fill a frame's tables but for what ``FrameJob.layers``, ``outputs`` and samples need, and how it is drawn.
 
     Args:
         address: of the array, of which what is asked for is filled.
@@ -162,14 +151,6 @@ def begin(address):
     task[task_at.W_HEIGHT], task[task_at.W_STRIDE], task[task_at.W_SPLIT] = height, job[J_STRIDE], split
     transforms, setups = (job[J_VERTICES] + vertices - 1) // vertices, (chunks + per_unit - 1) // per_unit
     task[task_at.W_UNITS], task[task_at.W_UNITS + 1], task[task_at.W_UNITS + 2] = transforms, setups, bands
-    if ask[A_PAINTER] != 0:
-        painter = i64_at(ask[A_PAINTER])
-        painter[S_COLOR] = ask[A_PICTURES]
-        call_kernel(ask[A_MAP], (poses, painter[S_MAPS], count))
-        for k in range(4):
-            job[J_DEPTH + k] = ask[A_PICTURES + 1 + k]
-        for k in range(DRAWN):
-            task[task_at.W_DRAW + k] = ask[A_DRAWN + k]
     if ask[A_SAMPLES] * width * height + 4 * job[J_ELEMENTS] < SMALL_WORK:
         return 1
     return min(threads, max(transforms, setups, bands))

@@ -28,19 +28,15 @@ from renderers.pointers import address_of
 from renderers.port import Frame
 from renderers.samples import E_COLUMNS, lanes_of_masks, sample_offsets
 from renderers.shading.kernels import shade_rows
-from renderers.shading.scene import map_instances
 from renderers.simd import LANES
 
 _ASKED: Final = Struct(f"{at_begin.A_LENS}q{at.L_COLUMNS}dq")
-"""All to A_PAINTER."""
-_PLACED: Final = Struct("8q16d")
-"""A_POSED, A_TASK, A_PICTURES, A_POINTS, A_POSE."""
-_AGAIN: Final = Struct(f"{2 + at_begin.DRAWN}q")
-"""A_PAINTER, A_MAP, A_DRAWN."""
+"""All to A_POSED."""
+_PLACED: Final = Struct("3q16d")
+"""A_POSED, A_TASK, A_POINTS, A_POSE."""
 _OUTPUTS: Final = Struct("4q")
-_NO_PICTURES: Final = (0, 0, 0, 0, 0)
 _Words: Final = c_int64 * at_work.W_COLUMNS
-_DRAWN: Final = Struct(f"{at_begin.DRAWN}q")
+_DRAWN: Final = Struct(f"{at_work.W_GEOMETRY + 1 - at_work.W_DRAW}q")
 
 
 class FrameJob:
@@ -72,7 +68,6 @@ class FrameJob:
         """
         width, height = camera.width, camera.height
         count, vertices, elements = prepared.cast.counts
-        scratch.again = None, None  # what it knows is written over
         own, memory, address = scratch.table("frame", at_begin.FIXED + at_begin.PER_INSTANCE * count)
         self._own, self._memory, self._address, self._count = own, memory, address, count
         # Fresh memory: helpers that are late look at it when others already use the scratch.
@@ -83,7 +78,7 @@ class FrameJob:
         """Values of a row of the layer."""
         self._threads, self._scratch, self._wanted = threads, scratch, False
         self._keep: list[object] = [prepared]
-        transforming, setting_up, *_ = kernel_addresses()
+        transforming, setting_up, _, _ = kernel_addresses()
         _ASKED.pack_into(
             memory,
             8 * at_begin.ASKED,
@@ -109,7 +104,7 @@ class FrameJob:
             camera.far,
             0,
         )
-        useful = _begin(memory, address, self._words, _NO_PICTURES, prepared, camera)
+        useful = _begin(memory, address, self._words, prepared, camera)
         if useful == 0:
             with np.errstate(all="ignore"):  # poses that are not finite draw nothing
                 self.X_camera_mesh[:] = np.matmul(camera.X_camera_world, prepared.X_world_mesh)
@@ -179,7 +174,7 @@ class FrameJob:
         if self._memory[at.J_IDS] == 0:
             values = 2 * BAND_ROWS * self.stride + 2 * LAYER_GAP
             layers = self._scratch.take("layers", self._threads * values, np.int32)[1]
-        _, _, drawing, shading, _ = kernel_addresses()
+        _, _, drawing, shading = kernel_addresses()
         return self._drawn(drawing, shading if shade_job else 0, shade_job, layers, 4 * values, 0)
 
     def sampled_task(self, draw: int, find: int, memory: int, shader: SampledShader) -> Task:
@@ -197,46 +192,17 @@ class FrameJob:
         _DRAWN.pack_into(self._words, 8 * at_work.W_DRAW, *how, self._wanted)
         return Task(self._words, self._useful)
 
-    def again(self, shade_job: int) -> Again:
-        """After ``task``, with the same painter's job: what other frames have in common with it."""
-        drawn = _DRAWN.unpack_from(self._words, 8 * at_work.W_DRAW)
-        place = 8 * (at_begin.ASKED + at_begin.A_PAINTER)
-        _AGAIN.pack_into(self._memory, place, shade_job, kernel_addresses()[4], *drawn)
-        return Again(self._memory, self._address)
-
-
-class Again:
-    """A frame that is like the scratch's last one, but for where the camera and the instances are and which pictures it
-    fills: what a ``FrameJob`` and a painter do is done. It keeps nothing alive but the scratch's memory."""
-
-    __slots__ = "_address", "_memory"
-
-    def __init__(self, memory: memoryview, address: int) -> None:
-        self._memory, self._address = memory, address
-
-    def task(self, prepared: PreparedScene, camera: Camera, places: Sequence[int]) -> Task | None:
-        """As ``FrameJob.task``; None: it takes a ``FrameJob``.
-
-        Args:
-            prepared: of a cast with the same ``asked`` as before.
-            places: addresses of colour, depth, label, instance and normal; 0: not wanted, which it must be as before.
-        """
-        words = _Words()
-        useful = _begin(self._memory, self._address, words, places, prepared, camera)
-        return Task(words, useful) if useful else None
-
 
 def _begin(
     memory: memoryview,
     address: int,
     words: Array[c_int64],
-    places: Sequence[int],
     prepared: PreparedScene,
     camera: Camera,
 ) -> int:
     """``begin`` with what is different in every frame."""
     place, pose = 8 * (at_begin.ASKED + at_begin.A_POSED), camera.X_world_camera.ravel().tolist()
-    _PLACED.pack_into(memory, place, 0, addressof(words), *places, prepared.points, *pose)
+    _PLACED.pack_into(memory, place, 0, addressof(words), prepared.points, *pose)
     useful: int = begin(address)
     return useful
 
@@ -272,10 +238,9 @@ def _sample_tables(samples: int) -> tuple[int, int, int, object]:
 
 
 @cache
-def kernel_addresses() -> tuple[int, int, int, int, int]:
-    """Of transform, setup, draw_band, shade_rows and map_instances."""
-    transforming, setting_up, drawing = kernel_address(transform), kernel_address(setup), kernel_address(draw_band)
-    return transforming, setting_up, drawing, kernel_address(shade_rows), kernel_address(map_instances)
+def kernel_addresses() -> tuple[int, int, int, int]:
+    """Addresses of transform, setup, draw_band and shade_rows."""
+    return kernel_address(transform), kernel_address(setup), kernel_address(draw_band), kernel_address(shade_rows)
 
 
 def _room(scratch: Scratch, vertices: int, chunks: int, bands: int) -> tuple[int, ...]:

@@ -91,9 +91,6 @@ class Scratch:
         self._sizes: object = None
         self._places: tuple[int, ...] = ()
         self._made: tuple[object, Any] = None, None
-        self.again: tuple[object, Any] = None, None
-        """What the last frame was drawn with and what the next may use of it, if it is drawn with the same; ``None``
-        from the moment on at which the tables are written over."""
         self.nbytes = 0
 
     def take(self, name: str, count: int, dtype: type[np.generic]) -> tuple[NDArray[Any], int]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from functools import lru_cache
-from operator import attrgetter
 from typing import Final, get_args
 
 import numpy as np
@@ -57,7 +56,6 @@ def _pictures(wanted: int, height: int, width: int) -> tuple[Kinds, tuple[int, .
 MAX_SHADING_BYTES: Final = 1 << 30
 """Textures and attributes that prepared scenes keep alive; many scenes share them, so that this is an upper bound."""
 
-_intrinsics: Final = attrgetter("width", "height", "fx", "fy", "cx", "cy", "near", "far")
 _alike: dict[LookName, Alike[ShadingScene]] = {name: Alike(MAX_SHADING_BYTES // 2) for name in get_args(LookName)}
 _shadings: WeakLru[DrawList | Cast, dict[LookName, ShadingScene]] = WeakLru(MAX_SHADING_BYTES)
 _studios: WeakLru[DrawList | Cast, StudioScene] = WeakLru(MAX_SHADING_BYTES)
@@ -252,12 +250,6 @@ class CpuRenderer:
     ) -> Task:
         """What draws an opaque frame in one pass; ``prepared``, ``shading`` and the frame's arrays must outlive it."""
         culled, threads = shading.cull_at if shading.culls else 0, self._crew.threads
-        # All that the scratch's tables were filled with but for the poses and the pictures: addresses among it.
-        same = prepared.cast.asked, prepared.cast.counts, shading.job, culled, with_geometry, _intrinsics(camera), look
-        if scratch.again[0] == same:
-            repeated: Task | None = scratch.again[1].task(prepared, camera, places)
-            if repeated is not None:
-                return repeated
         if look.samples == 1:
             job = FrameJob(prepared, camera, scratch, threads, cull_back=culled, keep_backs=with_geometry, opaque=True)
             job.outputs(frame, places[1:])
@@ -276,9 +268,7 @@ class CpuRenderer:
             # The scratch outlives the task, the job does not.
             shader = mixed_bands(painter, lambda values: scratch.table("mixed", values))
             return job.sampled_task(*edge_kernels(), memory, shader)
-        task = job.task(painter.job)
-        scratch.again = same, job.again(painter.job)
-        return task
+        return job.task(painter.job)
 
     def _visibility(
         self,

@@ -104,7 +104,7 @@ class Painter:
         self.height = camera.height
         count = len(shading.cull_back)
         red, green, blue = look.background
-        # The job, the lens and the maps in one array: see ``renderers.cpu.begin``.
+        # The job, the lens and the maps in one array.
         own, memory, address = table(_MAPS + (count * at.P_COLUMNS + 1) // 2)
         _JOB.pack_into(
             memory,

@@ -26,7 +26,7 @@ from renderers.shading.layout import (
     V_POSITION,
     V_UV0,
 )
-from renderers.shading.tangents import with_tangents
+from renderers.shading.mikktspace import with_tangents
 from renderers.weaklru import WeakLru
 
 MAX_VERTEX_BYTES: Final = 512 << 20

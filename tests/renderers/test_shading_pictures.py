@@ -16,7 +16,7 @@ from renderers.camera import Camera
 from renderers.cpu import CpuRenderer
 from renderers.drawlist import AlphaMode, DrawList, Instance, Material, Mesh, Sampler, Texture, Wrap
 from renderers.port import Look, Output
-from renderers.shading.tangents import with_tangents
+from renderers.shading.mikktspace import with_tangents
 from tests.renderers.pictures import FOLDER, wanted_anew
 from tests.renderers.shading_reference import Array, BruteForce, ball, camera, painted, picture, placed, quad
 

@@ -7,8 +7,8 @@ import numpy as np
 from renderers.drawlist import Instance
 from renderers.pointers import address_of
 from renderers.shading.materials import MI_NORMAL
+from renderers.shading.mikktspace import with_tangents
 from renderers.shading.scene import ShadingScene
-from renderers.shading.tangents import with_tangents
 
 # Columns of the instance table.
 II_TOPOLOGY = 0

@@ -11,7 +11,7 @@ from renderers.camera import Camera
 from renderers.drawlist import Image, ImageError, Mesh, Texture
 from renderers.pointers import address_of
 from renderers.samples import sample_cameras
-from renderers.shading.tangents import corner_tangents, with_tangents
+from renderers.shading.mikktspace import corner_tangents, with_tangents
 from renderers.studio.finish import finish_rows
 from renderers.studio.layout import F_BEHIND, F_CELLS, F_COLOR, F_COLUMNS, line_of
 from renderers.studio.mips import MipTable, _halve, make_chain

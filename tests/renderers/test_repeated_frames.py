@@ -1,5 +1,4 @@
-"""Frames that are like the one before, but for the places of the camera and of what it sees; and pictures of any
-height."""
+"""Frames that follow each other on one renderer, of the same scene or of others; and pictures of any height."""
 
 from __future__ import annotations
 
@@ -51,7 +50,7 @@ def _at(z: float) -> Camera:
     return replace(CAMERA, X_world_camera=X)
 
 
-def test_what_is_drawn_again_is_as_if_it_were_new(renderer: CpuRenderer) -> None:
+def test_frames_do_not_depend_on_those_before(renderer: CpuRenderer) -> None:
     drawn, other = scene(np.random.default_rng(7)), scene(np.random.default_rng(8))
     looks = Look("phong"), Look("pbr"), Look("phong", background=(1, 2, 3)), Look("phong", samples=4)
     wide = replace(CAMERA, width=203, cx=100.0)
@@ -65,7 +64,7 @@ def test_what_is_drawn_again_is_as_if_it_were_new(renderer: CpuRenderer) -> None
                     np.testing.assert_array_equal(got, wanted)
 
 
-def test_a_camera_without_a_place_of_its_own_comes_between(renderer: CpuRenderer) -> None:
+def test_cameras_whose_pose_is_not_affine_between_others(renderer: CpuRenderer) -> None:
     drawn = scene(np.random.default_rng(7))
     flat = np.diag((1.0, 1.0, 1.0, 2.0))  # not affine: poses are found in another way
     for X in (np.eye(4), flat, np.eye(4), flat):
