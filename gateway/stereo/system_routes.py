@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 from typing import Annotated, Any, Final, Literal
 
-from fastapi import APIRouter, Query
+from fastapi import APIRouter, Path, Query
 from fastapi.responses import JSONResponse, PlainTextResponse, Response
 
+from gateway.ops.openapi import example, json_example
 from gateway.ops.recent_logs import MAX_ENTRIES, LogEntry, recent_logs
 from gateway.stereo import device
 from gateway.stereo.service import StereoService
@@ -16,6 +18,14 @@ LOG_FILE: Final = "stereo.log"
 """The one log there is: that of the stereo camera."""
 _LEVELS: Final = {"debug": "DEBUG", "info": "INFO", "warning": "WARN", "error": "ERROR", "critical": "FATAL"}
 """The device's names of levels."""
+_LOG_INFO: Final = {"date": 1700000000.04, "name": LOG_FILE, "size": 4711}
+_LOG_LINE: Final = {
+    "component": "gateway.stereo",
+    "level": "INFO",
+    "message": "client connected",
+    "timestamp": 1700000000.04,
+}
+_PIPELINE: Final = {"type": "rc_visard", "model_name": "rc_visard 160-4", "ready": True}
 _MISSING: Final[dict[int | str, dict[str, Any]]] = {
     404: {
         "description": "There is nothing of that name.",
@@ -45,9 +55,20 @@ def system_router(*services: StereoService) -> APIRouter:
         return [_log_info(_entries(), services[0].started)]
 
     async def log(
-        log: str,
-        format: Annotated[Literal["json", "raw"], Query(description="JSON or plain text")] = "json",  # noqa: A002 - the device's name
-        limit: Annotated[int, Query(ge=1, le=MAX_ENTRIES, description="Newest entries, in JSON")] = 100,
+        log: Annotated[
+            str,
+            Path(
+                description="Name of the log",
+                json_schema_extra={"enum": [LOG_FILE]},
+                openapi_examples=example(LOG_FILE),
+            ),
+        ],
+        format: Annotated[  # noqa: A002 - the device's name
+            Literal["json", "raw"], Query(description="JSON or plain text", openapi_examples=example("raw"))
+        ] = "json",
+        limit: Annotated[
+            int, Query(ge=1, le=MAX_ENTRIES, description="Newest entries, in JSON", openapi_examples=example(10))
+        ] = 100,
     ) -> Response:
         if log != LOG_FILE:
             return _missing(f"there is no log {log[:80]!r}; there is {LOG_FILE}")
@@ -61,28 +82,57 @@ def system_router(*services: StereoService) -> APIRouter:
         return {"utc": time.strftime("%Y-%m-%d %H:%M:%S", time.gmtime())}
 
     for version in ("v1", "v2"):
-        api.add_api_route(f"/api/{version}/logs", logs, methods=["GET"], summary="Log files")
+        api.add_api_route(
+            f"/api/{version}/logs", logs, methods=["GET"], summary="Log files", responses=json_example([_LOG_INFO])
+        )
         api.add_api_route(
             f"/api/{version}/logs/{{log}}",
             log,
             methods=["GET"],
             summary="A log file",
-            responses={**_MISSING, 200: {"description": "Log, or its text.", "content": {"text/plain": {}}}},
+            responses={
+                **_MISSING,
+                200: {
+                    "description": "Log, or its text.",
+                    "content": {"application/json": {"example": {**_LOG_INFO, "log": [_LOG_LINE]}}, "text/plain": {}},
+                },
+            },
         )
-        api.add_api_route(f"/api/{version}/system/time", system_time, methods=["GET"], summary="System time in UTC")
+        api.add_api_route(
+            f"/api/{version}/system/time",
+            system_time,
+            methods=["GET"],
+            summary="System time in UTC",
+            responses=json_example({"utc": "2026-01-31 12:00:00"}),
+        )
 
-    @api.get("/api/v2/nodes", summary="Global nodes: none, since there are no database modules")
+    @api.get(
+        "/api/v2/nodes",
+        summary="Global nodes: none, since there are no database modules",
+        responses=json_example([]),
+    )
     async def nodes() -> list[Any]:
         return []
 
-    @api.get("/api/v2/nodes/{node}", summary="A global node", responses=_MISSING)
+    @api.get("/api/v2/nodes/{node}", include_in_schema=False)  # nothing but the device's 404
     async def node(node: str) -> Response:
         return _missing(f"there is no global node {node[:80]!r}; cameras' nodes are at /api/v2/pipelines/0/nodes")
 
-    @api.get("/api/v2/pipelines/{number}", summary="A pipeline", responses=_MISSING)
     async def pipeline(number: str) -> Any:
-        found = device.pipelines(services).get(number)
-        return found or _missing(f"there is no pipeline {number[:80]!r}; there are {len(services)}, from 0 on")
+        return device.pipelines(services)[number]
+
+    for number in device.pipelines(services):
+        api.add_api_route(
+            f"/api/v2/pipelines/{number}",
+            partial(pipeline, number),
+            methods=["GET"],
+            summary="A pipeline",
+            responses=json_example(_PIPELINE),
+        )
+
+    @api.get("/api/v2/pipelines/{number}", include_in_schema=False)
+    async def no_pipeline(number: str) -> Response:
+        return _missing(f"there is no pipeline {number[:80]!r}; there are {len(services)}, from 0 on")
 
     return api
 
