@@ -68,17 +68,6 @@ def gloss(n_l, n_v, v_l, a2):
 
 
 @inlined
-def gloss_of_rough(n_l, n_v):
-    """``gloss`` where alpha is 1, as of glTF's default roughness: D is 1 / pi everywhere, and V as good as
-    1 / (2 (n . l + n . v))."""
-    zero, least = vec.f32(0.0), vec.f32(SMALLEST_COSINE)
-    lit = n_l > zero
-    n_l, n_v = vec.most(n_l, least), vec.most(n_v, least)
-    specular = vec.f32(_HALF_PI_INVERSE) * n_l / (n_l + n_v)
-    return vec.select(lit, n_l, zero), vec.select(lit, specular, zero)
-
-
-@inlined
 def schlick(dx, dy):
     """Schlick's (1 - h . l)^5 of the pixel whose ray meets the plane z = 1 at (dx, dy), float32.
 

@@ -30,7 +30,7 @@ from renderers.shading.layout import (
     S_MODE,
     S_PBR,
 )
-from renderers.shading.lights import FAINT, alpha_of, coat, cosines, gloss, gloss_of_rough, reflected, schlick_at
+from renderers.shading.lights import FAINT, alpha_of, coat, cosines, gloss, reflected, schlick_at
 from renderers.shading.materials import (
     COLORS_MULTIPLY,
     COLORS_REPLACE,
@@ -281,15 +281,15 @@ def finish_uniform(job, mf, y, places, rows, stride, begin, end, line, steep):
     """From ``lights.cosines`` in the rows to the picture, of a material whose factors are all there is to it."""
     if steep < np.float32(0.0):
         steep = _schlick_at(job, y, places, (begin + end) // 2)
-    a2, rough = alpha_of(vec.f32(mf[MF_ROUGHNESS])), mf[MF_ROUGHNESS] == np.float32(1.0)
+    a2 = alpha_of(vec.f32(mf[MF_ROUGHNESS]))
     # Eight pixels are glossed while the eight before them are finished: neither waits for the other.
-    n_l, specular = _glossed(rows, stride, begin, a2, rough)
+    n_l, specular = _glossed(rows, stride, begin, a2)
     red, green, blue = vec.f32(mf[MF_BASE]), vec.f32(mf[MF_BASE + 1]), vec.f32(mf[MF_BASE + 2])
     diffuse, f0, grazing = coat(red, green, blue, vec.f32(mf[MF_METALLIC]))
     er, eg, eb = vec.f32(mf[MF_EMISSIVE]), vec.f32(mf[MF_EMISSIVE + 1]), vec.f32(mf[MF_EMISSIVE + 2])
     grazed = vec.f32(steep)
     for x in range(begin, end, vec.LANES):
-        next_n_l, next_specular = _glossed(rows, stride, x + vec.LANES, a2, rough)
+        next_n_l, next_specular = _glossed(rows, stride, x + vec.LANES, a2)
         r = reflected(n_l, specular, grazed, diffuse[0], f0[0], grazing[0]) + er
         g = reflected(n_l, specular, grazed, diffuse[1], f0[1], grazing[1]) + eg
         b = reflected(n_l, specular, grazed, diffuse[2], f0[2], grazing[2]) + eb
@@ -298,10 +298,9 @@ def finish_uniform(job, mf, y, places, rows, stride, begin, end, line, steep):
 
 
 @inlined
-def _glossed(rows, stride, x, a2, rough):
+def _glossed(rows, stride, x, a2):
     at = A_NORMAL * stride + x
-    n_l, n_v = vec.load(rows, at), vec.load(rows, at + stride)
-    return gloss_of_rough(n_l, n_v) if rough else gloss(n_l, n_v, vec.load(rows, at + 2 * stride), a2)
+    return gloss(vec.load(rows, at), vec.load(rows, at + stride), vec.load(rows, at + 2 * stride), a2)
 
 
 @inner
