@@ -33,6 +33,7 @@ from renderers.cpu.layout import (
     J_SELF,
     J_SETUP,
     J_SMALL,
+    J_STOP,
     J_STRIDE,
     J_TABLE,
     J_TALL,
@@ -93,7 +94,8 @@ A_DRAWN: Final = 35  # W_DRAW .. W_GEOMETRY of the task
 A_POSED: Final = A_DRAWN + DRAWN  # whether the poses are filled already
 A_TASK: Final = A_POSED + 1  # address of W_COLUMNS int64, all 0: the frame's task
 A_PICTURES: Final = A_TASK + 1  # with A_PAINTER: addresses of colour, depth, label, instance and normal; 0: not wanted
-A_POINTS: Final = A_PICTURES + 5  # address of (A_COUNT, 4, 4) float64, world from mesh
+A_STOP: Final = A_PICTURES + 5  # J_STOP
+A_POINTS: Final = A_STOP + 1  # address of (A_COUNT, 4, 4) float64, world from mesh
 A_POSE: Final = A_POINTS + 1  # (4, 4) float64, world from camera
 A_COLUMNS: Final = A_POSE + 16
 
@@ -146,6 +148,7 @@ def begin(address):
     job[J_ALL_INSTANCES], job[J_ALL_X] = count, poses
     job[J_FIRST_RECORD], job[J_ALL_LABELS] = ask[A_FIRST_RECORD], ask[A_LABELS]
     job[J_ALL_IDS], job[J_ALL_MESHES] = ask[A_IDS], ask[A_MESHES]
+    job[J_STOP] = task[task_at.W_STOP] = ask[A_STOP]
 
     threads = ask[A_THREADS]
     units = UNITS_PER_THREAD * threads if threads > 1 else 1

@@ -30,11 +30,12 @@ from renderers.samples import E_COLUMNS, lanes_of_masks, sample_offsets
 from renderers.shading.kernels import shade_rows
 from renderers.shading.scene import map_instances
 from renderers.simd import LANES
+from renderers.stop import current_stop
 
 _ASKED: Final = Struct(f"{at_begin.A_LENS}q{at.L_COLUMNS}dq")
 """All to A_PAINTER."""
-_PLACED: Final = Struct("8q16d")
-"""A_POSED, A_TASK, A_PICTURES, A_POINTS, A_POSE."""
+_PLACED: Final = Struct("9q16d")
+"""A_POSED, A_TASK, A_PICTURES, A_STOP, A_POINTS, A_POSE."""
 _AGAIN: Final = Struct(f"{2 + at_begin.DRAWN}q")
 """A_PAINTER, A_MAP, A_DRAWN."""
 _OUTPUTS: Final = Struct("4q")
@@ -236,7 +237,8 @@ def _begin(
 ) -> int:
     """``begin`` with what is different in every frame."""
     place, pose = 8 * (at_begin.ASKED + at_begin.A_POSED), camera.X_world_camera.ravel().tolist()
-    _PLACED.pack_into(memory, place, 0, addressof(words), *places, prepared.points, *pose)
+    stop = current_stop().address  # alive as long as the caller, who waits for the frame
+    _PLACED.pack_into(memory, place, 0, addressof(words), *places, stop, prepared.points, *pose)
     useful: int = begin(address)
     return useful
 

@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
+
+from renderers.stop import check_stop
+
+_BLOCK: Final = 1 << 16
+"""Triangles or vertices worked on at a time, between two looks at the ``StopFlag``."""
 
 
 def _finite(values: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -26,10 +33,39 @@ def vertex_tangents(
         positions: (N, 3) float32.
         uv: (N, 2) float32, v downwards as in glTF.
         triangles: (M, 3) uint32.
+
+    Raises:
+        Exception: the current ``StopFlag`` was set.
     """
-    # What is not a number, or beyond float32's use, makes its triangles unusable, not their neighbours.
-    corner = _finite(positions)[triangles]
-    at = _finite(uv)[triangles]
+    count = len(positions)
+    sums = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 3))
+    for first in range(0, len(triangles), _BLOCK):
+        check_stop()
+        some = triangles[first : first + _BLOCK]
+        # What is not a number, or beyond float32's use, makes its triangles unusable, not their neighbours.
+        for values, total in zip(_weighted(_finite(positions[some]), _finite(uv[some])), sums, strict=True):
+            for axis in range(3):
+                np.add.at(total[:, axis], some.reshape(-1), np.repeat(values[:, axis], 3))  # in a fixed order
+    result = np.zeros((count, 4), dtype=np.float32)
+    for first in range(0, count, _BLOCK):
+        check_stop()
+        u, v, n = (total[first : first + _BLOCK] for total in sums)
+        out = result[first : first + _BLOCK]
+        length = np.linalg.norm(u, axis=1, keepdims=True)
+        out[:, :3] = np.where(length > 0.0, u / np.where(length > 0.0, length, 1.0), 0.0)
+        # glTF 3.7.2.1: bitangent = cross(normal, tangent) * w. With v downwards in the picture and upwards in tangent
+        # space (glTF 3.9.3: +Y is up), the bitangent points against the direction of growing v.
+        facing = np.einsum("ij,ij->i", np.cross(n, u), v)
+        out[:, 3] = np.where(facing > 0.0, -1.0, 1.0)
+    return result
+
+
+def _weighted(corner: NDArray[np.float64], at: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+    """Directions of growing u and v and the normals of triangles, (M, 3) each, all as long as the area is large.
+
+    Args:
+        corner: (M, 3, 3), positions. at: (M, 3, 2), texture coordinates.
+    """
     e1, e2 = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
     d1, d2 = at[:, 1] - at[:, 0], at[:, 2] - at[:, 0]
     determinant = d1[:, 0] * d2[:, 1] - d2[:, 0] * d1[:, 1]
@@ -42,19 +78,4 @@ def vertex_tangents(
         length = np.linalg.norm(v, axis=1, keepdims=True)
         return np.where(length > 0.0, v / np.where(length > 0.0, length, 1.0) * area, 0.0)
 
-    normal = np.cross(e1, e2)
-    count = len(positions)
-    u_sum, v_sum, n_sum = (np.zeros((count, 3)) for _ in range(3))
-    for values, total in ((weighted(along_u), u_sum), (weighted(along_v), v_sum), (normal, n_sum)):
-        for axis in range(3):
-            # bincount adds in a fixed order, unlike a threaded sum.
-            each = np.repeat(values[:, axis], 3)
-            total[:, axis] = np.bincount(triangles.reshape(-1), weights=each, minlength=count)
-    length = np.linalg.norm(u_sum, axis=1, keepdims=True)
-    result = np.zeros((count, 4), dtype=np.float32)
-    result[:, :3] = np.where(length > 0.0, u_sum / np.where(length > 0.0, length, 1.0), 0.0)
-    # glTF 3.7.2.1: bitangent = cross(normal, tangent) * w. With v downwards in the picture and upwards in tangent
-    # space (glTF 3.9.3: +Y is up), the bitangent points against the direction of growing v.
-    facing = np.einsum("ij,ij->i", np.cross(n_sum, u_sum), v_sum)
-    result[:, 3] = np.where(facing > 0.0, -1.0, 1.0)
-    return result
+    return weighted(along_u), weighted(along_v), np.cross(e1, e2)
