@@ -26,6 +26,7 @@ from gateway.scene.gltf.container import Container
 from gateway.scene.gltf.limits import GltfLimits
 from gateway.scene.gltf.scene import GltfCounts
 from renderers.quick import quick
+from renderers.stop import check_stop
 
 if TYPE_CHECKING:
     from gateway.scene.gltf.arrivals import Text
@@ -167,6 +168,7 @@ def split(container: Container, total: int) -> Split | None:
         at = slim.rfind(b'"nodes"', begin, at)
         if at < 0:
             return None
+        check_stop()
         before = slim[:at].rstrip()
         if not before.endswith(b","):
             continue

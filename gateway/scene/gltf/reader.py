@@ -20,6 +20,7 @@ from gateway.scene.gltf.meshes import Meshes
 from gateway.scene.gltf.nodes import NodeTree, build_tree
 from gateway.scene.gltf.prefixes import Known, Warned, split, stable_part
 from gateway.scene.gltf.scene import GltfCounts, GltfScene
+from renderers.stop import check_stop
 
 READ: Final = frozenset(
     {
@@ -74,6 +75,7 @@ def read_gltf(
 
     Raises:
         GltfError: with a sentence that names the element, its value and the reason.
+        Exception: the current ``renderers.stop.StopFlag`` was set; nothing half read is kept.
     """
     limits = _LIMITS if limits is None else limits
     shared = cache is not None
@@ -92,6 +94,7 @@ def read_gltf(
                 return _scene(rest, parts, known.generator, count, counts, nodes, _shortened(of_all))
         except _UnknownMeshError:
             pass  # a mesh that no node used before
+    check_stop()
     whole = text.whole()
     grown = cache.stems.find(whole, limits) if shared and resolve is None else None
     if grown is not None:
@@ -99,6 +102,7 @@ def read_gltf(
     else:
         stem, container = None, open_container(whole)
         document = parse(container.json, limits)
+    check_stop()
     of_extensions = _check_extensions(document)
     morphed = sum([1 for mesh in document.meshes or () if mesh is not None and mesh.weights and any(mesh.weights)])
     warnings: list[str] = []
@@ -122,6 +126,7 @@ def read_gltf(
     if meshes.without_positions and not meshes.with_positions:
         raise GltfError(f"{meshes.without_positions}: no POSITION, and no other primitive has one")
     counts, cameras = _counts(document), document.cameras or []
+    check_stop()
     if shared and resolve is None:
         stable = stable_part(container, len(whole))
         repeated = stable is not None and cache.prefixes.is_repeated(stable, buffers.uids)
@@ -259,6 +264,7 @@ class _Maker:
         for index, primitives in zip(indices, wanted, strict=True):
             parts: list[Part] = []
             elements = 0
+            check_stop()
             for number, primitive in enumerate(primitives):
                 if primitive is None:
                     continue

@@ -22,6 +22,7 @@ from gateway.scene.gltf.bytewise import equal_bytes
 from gateway.scene.gltf.container import Container
 from gateway.scene.gltf.limits import GltfLimits
 from gateway.scene.gltf.prefixes import HEAD, MIN_LENGTH
+from renderers.stop import check_stop
 
 if TYPE_CHECKING:
     from gateway.scene.gltf.accessors import Accessors
@@ -73,6 +74,7 @@ class Stem:
             at = slim.find(_FIRST, at)
             if at < 0:
                 break
+            check_stop()
             before = slim[:at].rstrip()
             if before.endswith(b","):
                 try:
