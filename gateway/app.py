@@ -66,12 +66,19 @@ def create_app(settings: Settings, state: Kept | None = None) -> FastAPI:
         wanted["demo"] = join_demo
 
     threads = settings.threads or usable_cpus()
-    workers = Workers(threads, settings.queue, settings.queue_mb * MIB, niceness=settings.niceness)
+    workers = Workers(
+        threads,
+        settings.queue,
+        settings.queue_mb * MIB,
+        niceness=settings.niceness,
+        seconds=settings.render_seconds,
+        limit_name="--render-seconds",
+    )
     stateless = settings.only == ("render",)
 
-    def full() -> bool:
+    def busy() -> bool:
         # Only where nothing but renders would miss it: a balancer must not take streams away for a full queue.
-        return stateless and workers.full
+        return stateless and (workers.full or workers.stuck)
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
@@ -113,7 +120,7 @@ def create_app(settings: Settings, state: Kept | None = None) -> FastAPI:
     )
     app.add_exception_handler(404, methods.not_found)
     app.add_exception_handler(405, methods.not_allowed)
-    app.include_router(health.router(board, metrics, __version__, full))
+    app.include_router(health.router(board, metrics, __version__, started.is_set, busy))
     app.state.straight = {}
     app.add_middleware(Straight, routes=app.state.straight)
     app.add_middleware(

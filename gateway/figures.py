@@ -30,6 +30,11 @@ def watch_process(metrics: Metrics, board: Board, workers: Workers) -> None:
     metrics.watch("scenegate_interface_ready", "1: it can be used", lambda: _ready(board), label="interface")
     metrics.watch("scenegate_render_threads", "Worker threads", lambda: workers.threads)
     metrics.watch("scenegate_render_running", "Calls that worker threads run", lambda: workers.stats.running)
+    metrics.watch(
+        "scenegate_render_slow",
+        "Calls that have run in worker threads for more than half of --render-seconds",
+        lambda: workers.stats.slow,
+    )
     metrics.watch("scenegate_render_waiting", "Calls that wait for a worker thread", lambda: workers.stats.waiting)
     metrics.watch("scenegate_render_waiting_limit", "Calls that may wait (--queue)", lambda: workers.max_waiting)
     metrics.watch("scenegate_render_waiting_bytes", "Their request bodies", lambda: workers.stats.waiting_bytes)
@@ -73,7 +78,7 @@ def count_render(metrics: Metrics, record: RenderRecord) -> None:
     """One answered request of the render endpoint."""
     kind = record.request.image_type if record.request is not None else "unknown"
     stages = (("queue", record.queued), *record.picture.stages) if record.picture is not None else ()
-    metrics.rendered(kind, _OUTCOMES.get(record.status, "rejected"), stages)
+    metrics.rendered(kind, record.outcome or _OUTCOMES.get(record.status, "rejected"), stages)
 
 
 def watch_stereo(metrics: Metrics, *services: StereoService) -> None:
@@ -138,7 +143,12 @@ def _ready(board: Board) -> dict[str, float]:
 
 def _calls(workers: Workers) -> dict[str, float]:
     stats = workers.stats
-    return {"done": stats.done, "rejected": stats.rejected, "abandoned": stats.abandoned}
+    return {
+        "done": stats.done,
+        "rejected": stats.rejected,
+        "abandoned": stats.abandoned,
+        "timed_out": stats.timed_out,
+    }
 
 
 def _some(status: Mapping[str, Any], names: tuple[str, ...]) -> dict[str, float]:

@@ -16,11 +16,18 @@ PATHS = frozenset({"/healthz", "/readyz", "/metrics"})
 """Answered from the first moment on, never logged above debug level."""
 
 
-def router(board: Board, metrics: Metrics, version: str, full: Callable[[], bool] = lambda: False) -> APIRouter:
+def router(
+    board: Board,
+    metrics: Metrics,
+    version: str,
+    started: Callable[[], bool] = lambda: True,
+    busy: Callable[[], bool] = lambda: False,
+) -> APIRouter:
     """The routes of operations.
 
     Args:
-        full: whether another request would be refused, for balancers that ask before they send.
+        started: whether requests are let in.
+        busy: whether another request would be refused or wait long, for balancers that ask before they send.
     """
     routes = APIRouter(tags=["operations"])
 
@@ -32,9 +39,12 @@ def router(board: Board, metrics: Metrics, version: str, full: Callable[[], bool
     @routes.get("/readyz", summary="Whether to send work", responses={503: {"description": "Not now; the body tells"}})
     async def readyz() -> JSONResponse:
         """200 when the kernels are warm and every interface has started or failed; 503 before, while stopping and, of a
-        process that does nothing but render, while its queue is full."""
+        process that does nothing but render, while its queue is full or every thread has worked at one picture for more
+        than half of its time limit."""
         described = board.describe()
-        if described["status"] == "ready" and full():
+        if described["status"] in ("ready", "degraded") and not started():
+            described["status"] = "starting"
+        if described["status"] == "ready" and busy():
             described["status"] = "busy"
         return JSONResponse(described, status_code=200 if described["status"] in ("ready", "degraded") else 503)
 

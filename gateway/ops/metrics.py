@@ -91,7 +91,7 @@ class Metrics:
 
         self.renders = Counter(
             "scenegate_renders_total",
-            "Requests of the render endpoint by type of image and outcome (ok, rejected, busy, gone, failed)",
+            "Requests of the render endpoint by type of image and outcome (ok, rejected, busy, slow, gone, failed)",
             ("type", "outcome"),
             registry=self.registry,
         )
