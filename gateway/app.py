@@ -155,6 +155,7 @@ async def _start(house: House, wanted: dict[str, Join], started: asyncio.Event) 
                     house.board.ready(name)
             except Exception as error:  # noqa: BLE001 - a room that cannot be joined must not end the others
                 house.fail(name, error)
+        started.set()
         house.app.openapi_schema = None  # of before the rooms were joined, if somebody has asked
         await asyncio.to_thread(house.app.openapi)  # kept; describing all routes takes tens of milliseconds
     except Exception as error:  # noqa: BLE001 - nothing renders without kernels, but health tells why

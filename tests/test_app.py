@@ -263,6 +263,28 @@ async def test_a_service_that_starts_after_the_end_began_ends_too(monkeypatch: p
     assert service.ended.is_set()
 
 
+async def test_requests_are_let_in_as_soon_as_the_rooms_are_joined(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever saw a ready process and posted then was told at SIGTERM that it did not start: the gate was still shut,
+    for as long as it took to describe the interface."""
+    describing, go_on = threading.Event(), threading.Event()
+
+    def openapi(_: FastAPI) -> dict[str, Any]:
+        describing.set()
+        assert go_on.wait(30.0)
+        return {}
+
+    monkeypatch.setattr(FastAPI, "openapi", openapi)
+    rooms(monkeypatch, render=add_route)
+    try:
+        async with running() as client:
+            assert await asyncio.to_thread(describing.wait, 30.0)
+            assert (await client.get("/readyz")).status_code == 200
+            assert (await client.get("/room")).json() == "here"
+            go_on.set()
+    finally:
+        go_on.set()
+
+
 async def test_nothing_is_ready_before_requests_are_let_in(monkeypatch: pytest.MonkeyPatch) -> None:
     joining, go_on = asyncio.Event(), asyncio.Event()
 
