@@ -29,7 +29,7 @@ class StopFlag:
     @property
     def is_set(self) -> bool:
         """Whether the work should end."""
-        return self._word.value != 0
+        return self._error is not None
 
     def set(self, error: Exception) -> None:
         """Ends the work; the first error given counts.
@@ -39,11 +39,11 @@ class StopFlag:
         """
         if self._error is None:
             self._error = error
-        self._word.value = 1
+        self._word.value = 1  # after the error: who sees this looks for it
 
     def check(self) -> None:
         """Raises the error that the flag was set with, if it was set."""
-        if self._word.value != 0 and self._error is not None:
+        if self._error is not None:
             # Not the same object: its traceback would keep the frames of the work alive as long as the flag.
             raise type(self._error)(*self._error.args)
 
