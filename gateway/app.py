@@ -66,12 +66,19 @@ def create_app(settings: Settings, state: Kept | None = None) -> FastAPI:
         wanted["demo"] = join_demo
 
     threads = settings.threads or usable_cpus()
-    workers = Workers(threads, settings.queue, settings.queue_mb * MIB, niceness=settings.niceness)
+    workers = Workers(
+        threads,
+        settings.queue,
+        settings.queue_mb * MIB,
+        niceness=settings.niceness,
+        seconds=settings.render_seconds,
+        limit_name="--render-seconds",
+    )
     stateless = settings.only == ("render",)
 
-    def full() -> bool:
+    def busy() -> bool:
         # Only where nothing but renders would miss it: a balancer must not take streams away for a full queue.
-        return stateless and workers.full
+        return stateless and (workers.full or workers.stuck)
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
@@ -114,7 +121,7 @@ def create_app(settings: Settings, state: Kept | None = None) -> FastAPI:
     app.add_exception_handler(404, methods.not_found)
     app.add_exception_handler(405, methods.not_allowed)
     openapi.describe(app, token=guard.http is not None, open_paths=health.OPEN_PATHS)
-    app.include_router(health.router(board, metrics, __version__, full))
+    app.include_router(health.router(board, metrics, __version__, started.is_set, busy))
     app.state.straight = {}
     app.add_middleware(Straight, routes=app.state.straight)
     app.add_middleware(
@@ -150,6 +157,7 @@ async def _start(house: House, wanted: dict[str, Join], started: asyncio.Event) 
                     house.board.ready(name)
             except Exception as error:  # noqa: BLE001 - a room that cannot be joined must not end the others
                 house.fail(name, error)
+        started.set()
         house.app.openapi_schema = None  # of before the rooms were joined, if somebody has asked
         await asyncio.to_thread(house.app.openapi)  # kept; describing all routes takes tens of milliseconds
     except Exception as error:  # noqa: BLE001 - nothing renders without kernels, but health tells why

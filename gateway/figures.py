@@ -41,6 +41,11 @@ def watch_process(metrics: Metrics, board: Board, workers: Workers) -> None:
     metrics.watch("scenegate_render_threads", "Worker threads that render and decode.", lambda: workers.threads)
     metrics.watch("scenegate_render_running", "Calls that worker threads execute now.", lambda: workers.stats.running)
     metrics.watch(
+        "scenegate_render_slow",
+        "Calls that have run in worker threads for more than half of --render-seconds.",
+        lambda: workers.stats.slow,
+    )
+    metrics.watch(
         "scenegate_render_waiting", "Calls that wait for a free worker thread.", lambda: workers.stats.waiting
     )
     metrics.watch(
@@ -55,8 +60,8 @@ def watch_process(metrics: Metrics, board: Board, workers: Workers) -> None:
     )
     metrics.watch_total(
         "scenegate_calls_total",
-        "Calls given to the worker threads, by end: done (returned or failed), rejected (the queue was full) or "
-        "abandoned (the caller left before the result).",
+        "Calls given to the worker threads, by end: done (returned or failed), rejected (the queue was full), "
+        "abandoned (the caller disconnected before the result) or timed_out (ended at --render-seconds).",
         lambda: _calls(workers),
         label="end",
     )
@@ -122,7 +127,7 @@ def count_render(metrics: Metrics, record: RenderRecord) -> None:
     """One answered request of the render endpoint."""
     kind = record.request.image_type if record.request is not None else "unknown"
     stages = (("queue", record.queued), *record.picture.stages) if record.picture is not None else ()
-    metrics.rendered(kind, _OUTCOMES.get(record.status, "rejected"), stages)
+    metrics.rendered(kind, record.outcome or _OUTCOMES.get(record.status, "rejected"), stages)
 
 
 def watch_stereo(metrics: Metrics, *services: StereoService) -> None:
@@ -215,7 +220,12 @@ def _ready(board: Board) -> dict[str, float]:
 
 def _calls(workers: Workers) -> dict[str, float]:
     stats = workers.stats
-    return {"done": stats.done, "rejected": stats.rejected, "abandoned": stats.abandoned}
+    return {
+        "done": stats.done,
+        "rejected": stats.rejected,
+        "abandoned": stats.abandoned,
+        "timed_out": stats.timed_out,
+    }
 
 
 def _some(status: Mapping[str, Any], names: tuple[str, ...]) -> dict[str, float]:

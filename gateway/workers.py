@@ -1,7 +1,8 @@
 """A bounded pool of threads behind a bounded, first-come queue: how work leaves the event loop.
 
 Waiting is the normal case (Drake's client never retries), so the queue is deep; only beyond its bounds a caller is
-turned away. A caller that leaves frees its place.
+turned away. A caller that is cancelled frees its place, or ends its call: every call runs under a ``StopFlag`` of its
+own, which also ends it at its deadline and at shutdown.
 """
 
 from __future__ import annotations
@@ -19,12 +20,15 @@ from queue import SimpleQueue
 from typing import Any, Final, ParamSpec, TypeVar
 
 from gateway.turns import step_back
+from renderers.stop import StopFlag
 
 P = ParamSpec("P")
 T = TypeVar("T")
 
 MAX_RETRY_AFTER: Final = 60
 """Seconds; an estimate beyond a minute is a guess about other people's requests."""
+STOPPING_SECONDS: Final = 0.5
+"""Time in which a call ends whose flag was set."""
 _SMOOTHING: Final = 0.1
 """Weight of the newest duration in the running mean that ``Retry-After`` is estimated from."""
 
@@ -44,7 +48,15 @@ class Busy(Exception):  # noqa: N818 - it is an answer, not a fault
 
 
 class Closed(Exception):  # noqa: N818 - as above
-    """The pool is shutting down and takes no work."""
+    """The pool is shutting down: it takes no work, or the call was ended."""
+
+
+class TooSlow(Exception):  # noqa: N818 - as above
+    """The call was ended at its deadline."""
+
+
+class Abandoned(Exception):  # noqa: N818 - as above
+    """The call was ended because its caller was cancelled."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,10 +73,14 @@ class WorkersStats:
     """Calls answered with ``Busy``."""
     abandoned: int
     """Calls whose caller left before the result was there."""
+    slow: int
+    """Running calls that have used more than half of the time that they may take."""
+    timed_out: int
+    """Calls that were ended at their deadline."""
 
 
 class _Job:
-    __slots__ = ("call", "context", "future", "loop", "weight")
+    __slots__ = ("call", "context", "future", "loop", "started", "stop", "weight")
 
     def __init__(
         self, call: Callable[[], Any], weight: int, loop: asyncio.AbstractEventLoop, future: asyncio.Future[Any]
@@ -74,6 +90,9 @@ class _Job:
         self.loop = loop
         self.future = future
         self.context = contextvars.copy_context()
+        self.stop = StopFlag()
+        self.started = 0.0
+        """Of the monotonic clock, when it begins to run."""
 
 
 class Workers:
@@ -90,6 +109,8 @@ class Workers:
         *,
         name: str = "worker",
         niceness: int = 0,
+        seconds: float | None = None,
+        limit_name: str = "seconds",
     ) -> None:
         """
         Args:
@@ -99,24 +120,32 @@ class Workers:
                 nobody else does, so that no single request is impossible.
             name: of the threads, for debuggers.
             niceness: of the threads, beyond the process's own.
+            seconds: time that a call may run, not counted while it waits; None: any.
+            limit_name: of ``seconds``, for messages.
         """
         self.threads = threads if threads is not None else usable_cpus()
-        if self.threads < 1 or max_waiting < 0 or max_waiting_bytes < 0:
-            raise ValueError("workers need at least one thread and bounds that are not negative")
+        if self.threads < 1 or max_waiting < 0 or max_waiting_bytes < 0 or (seconds is not None and seconds <= 0):
+            raise ValueError("workers need at least one thread, bounds that are not negative, and some time")
         self.max_waiting = max_waiting
         self.max_waiting_bytes = max_waiting_bytes
         self._name = name
         self._niceness = niceness
+        self.seconds = seconds
+        self._limit_name = limit_name
         self._lock = threading.Lock()
         self._idle: list[SimpleQueue[None]] = []
         """Of each thread that waits, what wakes it up."""
         self._queue: deque[_Job] = deque()
         self._queue_bytes = 0
-        self._running = 0
+        self._jobs: set[_Job] = set()
+        """Those that run."""
         self._alive = 0
         self._done = 0
         self._rejected = 0
         self._abandoned = 0
+        self._timed_out = 0
+        self._watching = False
+        self._all_ended = threading.Event()
         self._mean_seconds = 0.0
         self._closing = False
         self._ended: list[tuple[asyncio.AbstractEventLoop, asyncio.Future[None]]] = []
@@ -136,8 +165,9 @@ class Workers:
         Raises:
             Busy: too much is waiting already.
             Closed: ``close`` was called.
-            Exception: whatever ``fn`` raised. When the caller is cancelled, a waiting call is forgotten at once and
-                the result of a running one is dropped.
+            TooSlow: ``fn`` has looked at its flag (``renderers.stop``) after its time was over.
+            Exception: whatever ``fn`` raised. When the caller is cancelled, a waiting call is forgotten at once, and
+                the flag of a running one is set.
         """
         loop = asyncio.get_running_loop()
         future: asyncio.Future[T] = loop.create_future()
@@ -146,15 +176,18 @@ class Workers:
             if self._closing:
                 raise Closed("the server is shutting down")
             # A free thread is one that no queued job has a claim on.
-            if self._running + len(self._queue) >= self.threads:
+            if len(self._jobs) + len(self._queue) >= self.threads:
                 self._check_bounds(weight)
             self._queue.append(job)
             self._queue_bytes += weight
             if self._idle:
                 self._idle.pop().put(None)  # the one that has waited least
-            elif self._alive < self.threads and self._alive < self._running + len(self._queue):
+            elif self._alive < self.threads and self._alive < len(self._jobs) + len(self._queue):
                 self._alive += 1
                 threading.Thread(target=self._serve, name=f"{self._name}-{self._alive}", daemon=True).start()
+                if self.seconds is not None and not self._watching:
+                    self._watching = True
+                    threading.Thread(target=self._watch, name=f"{self._name}-deadlines", daemon=True).start()
         try:
             return await future
         finally:
@@ -165,42 +198,55 @@ class Workers:
     @property
     def spare(self) -> int:
         """Threads that no call runs in or waits for: processors that those that run may use besides. Any thread."""
-        return max(0, self.threads - self._running - len(self._queue))
+        return max(0, self.threads - len(self._jobs) - len(self._queue))
+
+    @property
+    def stuck(self) -> bool:
+        """Whether every thread runs a call that has used more than half of its time."""
+        return self.stats.slow >= self.threads
 
     @property
     def full(self) -> bool:
         """Whether a call of any size would be refused now: as many wait as may."""
-        return self.stats.waiting >= self.max_waiting and self._running >= self.threads
+        return self.stats.waiting >= self.max_waiting and len(self._jobs) >= self.threads
 
     def refuse(self, coming: int) -> Busy | None:
         """Why a call would be refused if ``coming`` others were handed in before it; counted when it is. Any thread."""
         with self._lock:
-            ahead = self._running + len(self._queue) + coming
+            ahead = len(self._jobs) + len(self._queue) + coming
             return self._busy(ahead - self.threads, coming) if ahead >= self.threads + self.max_waiting else None
 
     @property
     def stats(self) -> WorkersStats:
         with self._lock:
-            spare = max(0, self.threads - self._running)
+            spare = max(0, self.threads - len(self._jobs))
             return WorkersStats(
                 threads=self.threads,
-                running=self._running,
+                running=len(self._jobs),
                 waiting=max(0, len(self._queue) - spare),
                 waiting_bytes=self._queue_bytes,
                 done=self._done,
                 rejected=self._rejected,
                 abandoned=self._abandoned,
+                slow=self._slow(),
+                timed_out=self._timed_out,
             )
+
+    def _slow(self) -> int:
+        if self.seconds is None:
+            return 0
+        begun = time.monotonic() - self.seconds / 2
+        return sum([job.started < begun for job in self._jobs])
 
     async def close(self, limit: float = 10.0) -> bool:
         """Takes no new work, lets what was accepted finish, and ends the threads.
 
         Args:
-            limit: seconds after which waiting calls fail with ``Closed`` and running ones are left behind (a thread
-                cannot be stopped; being daemons, they do not keep the process alive).
+            limit: seconds after which waiting calls fail with ``Closed``, and running ones are ended with it. Those
+                that do not look at their flags are left behind (being daemons, they do not keep the process alive).
 
         Returns:
-            Whether every thread ended in time.
+            Whether every thread ended within ``STOPPING_SECONDS`` after that.
         """
         loop = asyncio.get_running_loop()
         ended: asyncio.Future[None] = loop.create_future()
@@ -218,12 +264,16 @@ class Workers:
             leftovers = tuple(self._queue)
             self._queue.clear()
             self._queue_bytes = 0
+            running = tuple(self._jobs)
         for job in leftovers:
             _tell(job, None, Closed("the server shut down before the request's turn came"))
-        return False
+        for job in running:
+            job.stop.set(Closed("the server shut down before the result was ready"))
+        done, _ = await asyncio.wait((ended,), timeout=STOPPING_SECONDS)
+        return bool(done)
 
     def _check_bounds(self, weight: int) -> None:
-        waiting = max(0, len(self._queue) - (self.threads - self._running))
+        waiting = max(0, len(self._queue) - (self.threads - len(self._jobs)))
         if waiting >= self.max_waiting:
             raise self._busy(waiting)
         if self._queue and self._queue_bytes + weight > self.max_waiting_bytes:
@@ -246,9 +296,27 @@ class Workers:
             self._abandoned += 1
             try:
                 self._queue.remove(job)
-            except ValueError:
-                return  # it runs, or ran, already
+            except ValueError:  # it runs, or ran, already
+                job.stop.set(Abandoned("the caller does not wait any more"))
+                return
             self._queue_bytes -= job.weight
+
+    def _watch(self) -> None:
+        """Ends calls at their deadlines. A call that begins while this waits has a later one: nothing needs to wake
+        it."""
+        assert self.seconds is not None
+        pause = self.seconds
+        while not self._all_ended.wait(pause):
+            now = time.monotonic()
+            pause = self.seconds
+            with self._lock:
+                for job in self._jobs:
+                    left = job.started + self.seconds - now
+                    if left > 0.0:
+                        pause = min(pause, left)
+                    elif not job.stop.is_set:
+                        self._timed_out += 1
+                        job.stop.set(TooSlow(f"it took longer than {self._limit_name} = {self.seconds:g} s"))
 
     def _serve(self) -> None:
         step_back(self._niceness)
@@ -258,7 +326,8 @@ class Workers:
                 if self._queue:
                     job = self._queue.popleft()
                     self._queue_bytes -= job.weight
-                    self._running += 1
+                    job.started = time.monotonic()
+                    self._jobs.add(job)
                 elif self._closing:
                     break
                 else:
@@ -267,15 +336,14 @@ class Workers:
             if job is None:
                 calls.get()
                 continue
-            started = time.monotonic()
             result, error = None, None
             try:
-                result = job.context.run(job.call)
+                result = job.context.run(job.stop.run, job.call)
             except BaseException as raised:  # noqa: BLE001 - the caller gets it, whatever it is
                 error = raised
-            seconds = time.monotonic() - started
+            seconds = time.monotonic() - job.started
             with self._lock:
-                self._running -= 1
+                self._jobs.remove(job)
                 self._done += 1
                 self._mean_seconds += (seconds - self._mean_seconds) * (_SMOOTHING if self._mean_seconds else 1.0)
             _tell(job, result, error)
@@ -283,6 +351,8 @@ class Workers:
         with self._lock:
             self._alive -= 1
             waiters = self._ended if self._alive == 0 else []
+            if self._alive == 0:
+                self._all_ended.set()
         for loop, ended in waiters:
             _call_soon(loop, lambda ended=ended: None if ended.done() else ended.set_result(None))  # type: ignore[misc]  # no type for a default
 

@@ -59,6 +59,27 @@ class Mesh:
         return self.positions.nbytes + self.elements.nbytes + sum(a.nbytes for a in optional if a is not None)
 
 
+def used_vertices(elements: NDArray[np.uint32], count: int) -> tuple[NDArray[np.intp], NDArray[np.uint32]]:
+    """Find the vertices that elements use, and the same elements over these alone.
+
+    Args:
+        elements: (M, 1 | 2 | 3) uint32, every value < ``count``.
+
+    Returns:
+        (U,) indices in ascending order, and uint32 of the shape of ``elements``, C-contiguous.
+    """
+    if 8 * elements.size < count:
+        used, compact = np.unique(elements, return_inverse=True)
+        return used.astype(np.intp), np.ascontiguousarray(compact.reshape(elements.shape), dtype=np.uint32)
+    # Sorting 18 million indices takes three seconds in which nothing looks at a ``StopFlag``; this a tenth.
+    marked = np.zeros(count, np.bool_)
+    marked[elements] = True
+    places = np.flatnonzero(marked)
+    numbers = np.empty(count, np.uint32)
+    numbers[places] = np.arange(len(places), dtype=np.uint32)
+    return places, numbers[elements]
+
+
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class Image:
     """A picture used by textures, decoded only when a renderer asks for its pixels.

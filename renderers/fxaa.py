@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 
 from renderers.jit import kernel
 from renderers.linked import inner
+from renderers.native import is_set
 from renderers.pointers import address_of, f32_at, u8_at
+from renderers.stop import current_stop
 
 HARD_CONTRAST: Final = np.float32(255.0 / 16.0)
 """Luma range (of 255) of a pixel and its four neighbours below which nothing is done ..."""
@@ -39,6 +41,9 @@ def fxaa(color: NDArray[np.uint8]) -> None:
 
     Args:
         color: (H, W, 3) uint8, C-contiguous, as it is shown (gamma-encoded).
+
+    Raises:
+        Exception: the current ``StopFlag`` was set; the picture is half smoothed.
     """
     height, width = color.shape[:2]
     pixels = height * width
@@ -49,12 +54,16 @@ def fxaa(color: NDArray[np.uint8]) -> None:
             _scratch.arrays = kept
     source = kept[0][: 3 * pixels].reshape(height, width, 3)
     luma = kept[1][:pixels].reshape(height, width)
-    _smooth(source, luma, address_of(source, np.uint8), address_of(luma, np.float32), address_of(color, np.uint8))
+    places = address_of(source, np.uint8), address_of(luma, np.float32), address_of(color, np.uint8)
+    stop = current_stop()
+    _smooth(source, luma, *places, stop.address)
+    stop.check()
 
 
-@kernel("void(uint8[:,:,::1], float32[:,::1], int64, int64, int64)")
-def _smooth(source, luma, source_at, luma_at, out_at):
-    """``out`` is the picture, the arrays are scratch; the addresses are theirs and that of ``out``."""
+@kernel("void(uint8[:,:,::1], float32[:,::1], int64, int64, int64, int64)")
+def _smooth(source, luma, source_at, luma_at, out_at, stop_at):
+    """``out`` is the picture, the arrays are scratch; the addresses are theirs, that of ``out`` and of a ``StopFlag``,
+    which is looked at once a row: where every pixel is an edge, 16 million take more than a second."""
     height, width = luma.shape
     values, lumas = source.reshape(height * width * 3), luma.reshape(height * width)
     pixels, levels, out = u8_at(source_at), f32_at(luma_at), u8_at(out_at)
@@ -68,6 +77,8 @@ def _smooth(source, luma, source_at, luma_at, out_at):
         )
     hot = np.ones(width, np.uint8)  # the first and the last column are always looked at closely
     for y in range(height):
+        if is_set(stop_at):
+            break
         north, south = min(y + 1, height - 1), max(y - 1, 0)
         _find_edges(luma[y], luma[north], luma[south], hot)
         for x in range(width):

@@ -23,9 +23,18 @@ from numpy.typing import NDArray
 from renderers.contents import quick_key, whole_key
 from renderers.drawlist import Image, ImageError, image_named
 from renderers.pngrows import rows_are_missing
+from renderers.stop import check_stop
 
 MAX_PIXELS: Final = 64 << 20
 """Default bound of one image: 8192 x 8192, 256 MB as RGBA. A header of a few bytes can announce any size."""
+
+_LARGE_PIXELS: Final = 1 << 24
+"""Larger images are decoded by Pillow, which reads them piece by piece, so that a ``StopFlag`` ends it: OpenCV takes a
+second or more for 8192 x 8192 pixels, Pillow as long."""
+_PILLOW_PIXELS: Final = 1 << 27
+"""Pillow refuses images that are about a third larger, whatever our own limit."""
+_STRIP: Final = 256
+"""Rows that are copied between two looks at the ``StopFlag``."""
 
 _KEY: Final = struct.Struct("<IqQ")
 """Checksum, length (negative: of a ``whole_key``), ``max_pixels``."""
@@ -201,6 +210,7 @@ def decode_image(data: bytes | memoryview, *, name: str = "image", max_pixels: i
 
     Raises:
         ImageError: unknown format, too many pixels, or broken data; the message names the image.
+        Exception: the current ``StopFlag`` was set.
     """
     with image_named(name):
         return _decode(data, max_pixels)
@@ -212,6 +222,8 @@ def _decode(data: bytes | memoryview, max_pixels: int) -> NDArray[np.uint8]:
         raise ImageError(f"{header.width}x{header.height} pixels")
     if header.pixels > max_pixels:
         raise ImageError(f"{header.width}x{header.height} pixels are more than the limit of {max_pixels}")
+    if _LARGE_PIXELS < header.pixels <= _PILLOW_PIXELS:
+        return _by_pillow(data, header)
     if header.format == "PNG" and _png_needs_pillow(memoryview(data).cast("B")):
         return _by_pillow(data, header)
     decoded = _by_opencv(data)
@@ -263,20 +275,41 @@ def _by_pillow(data: bytes | memoryview, header: ImageHeader) -> NDArray[np.uint
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            with PIL.Image.open(io.BytesIO(data), formats=(header.format,)) as image:
+            with PIL.Image.open(_WatchedBytes(data), formats=(header.format,)) as image:
                 if image.size != (header.width, header.height):
                     raise ImageError("the header and the data differ in size")
                 mode = image.mode
                 if mode in ("I;16", "I;16B", "I"):
                     grey = np.asarray(image).astype(np.uint32) >> 8
                     return _grey16(grey.astype(np.uint8), np.asarray(image), image.info.get("transparency"))
-                return np.array(image.convert("RGBA"), np.uint8)
+                return _rgba(image)
     except ImageError:
         raise
     except PIL.UnidentifiedImageError as error:  # whose message names an object of ours
         raise ImageError(f"broken {header.format} data") from error
     except Exception as error:  # Pillow's plugins raise almost anything for broken data
+        check_stop()
         raise ImageError(f"broken {header.format} data: {error}") from error
+
+
+class _WatchedBytes(io.BytesIO):
+    """Bytes whose reading ends when the current ``StopFlag`` is set."""
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        check_stop()
+        return super().read(size)
+
+
+def _rgba(image: PIL.Image.Image) -> NDArray[np.uint8]:
+    """The pixels of an image, strip by strip."""
+    image.load()
+    width, height = image.size
+    pixels = np.empty((height, width, 4), np.uint8)
+    for top in range(0, height, _STRIP):
+        check_stop()
+        strip = image.crop((0, top, width, min(top + _STRIP, height)))
+        pixels[top : top + _STRIP] = np.asarray(strip.convert("RGBA"))
+    return pixels
 
 
 def _grey16(grey: NDArray[np.uint8], samples: NDArray[Any], transparent: object) -> NDArray[np.uint8]:

@@ -70,6 +70,17 @@ def shared_number(typing_context: Any, pointer: Any, index: Any) -> Any:
     return types.int64(pointer, types.int64), generate
 
 
+@intrinsic
+def is_set(typing_context: Any, address: Any) -> Any:
+    """``is_set(address)``: whether the int64 there, which another thread may write, is not 0; see ``stop.StopFlag``."""
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        word = builder.load_atomic(builder.inttoptr(args[0], _I64.as_pointer()), "monotonic", align=8)
+        return builder.icmp_signed("!=", word, ir.Constant(_I64, 0))
+
+    return types.boolean(types.int64), generate
+
+
 def _yield_address() -> int:
     try:
         return ctypes.cast(ctypes.CDLL(None).sched_yield, ctypes.c_void_p).value or 0

@@ -80,5 +80,10 @@ class Renderer(Protocol):
     """Draws a draw list as a camera sees it. Thread-safe; releases the GIL while it works."""
 
     def render(self, scene: DrawList, camera: Camera, outputs: Output, look: Look = ...) -> Frame:
-        """Raises ``ImageError`` when a texture that colour needs cannot be decoded."""
+        """Draw under the current ``stop.StopFlag``.
+
+        Raises:
+            ImageError: a texture that colour needs cannot be decoded.
+            Exception: the flag was set; the error that it was set with, within about 0.1 s.
+        """
         ...

@@ -11,6 +11,7 @@ from typing import Any
 
 import httpx2
 import pytest
+from fastapi import FastAPI
 
 import gateway.app
 from gateway import warmup
@@ -260,3 +261,62 @@ async def test_a_service_that_starts_after_the_end_began_ends_too(monkeypatch: p
     async with asyncio.timeout(20), running() as client:
         await client.get("/room")  # waits until the rooms are joined
     assert service.ended.is_set()
+
+
+async def test_requests_are_let_in_as_soon_as_the_rooms_are_joined(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever saw a ready process and posted then was told at SIGTERM that it did not start: the gate was still shut,
+    for as long as it took to describe the interface."""
+    describing, go_on = threading.Event(), threading.Event()
+
+    def openapi(_: FastAPI) -> dict[str, Any]:
+        describing.set()
+        assert go_on.wait(30.0)
+        return {}
+
+    monkeypatch.setattr(FastAPI, "openapi", openapi)
+    rooms(monkeypatch, render=add_route)
+    try:
+        async with running() as client:
+            assert await asyncio.to_thread(describing.wait, 30.0)
+            assert (await client.get("/readyz")).status_code == 200
+            assert (await client.get("/room")).json() == "here"
+            go_on.set()
+    finally:
+        go_on.set()
+
+
+async def test_nothing_is_ready_before_requests_are_let_in(monkeypatch: pytest.MonkeyPatch) -> None:
+    joining, go_on = asyncio.Event(), asyncio.Event()
+
+    async def restored(_: House) -> bool:
+        joining.set()
+        await go_on.wait()
+        return True
+
+    monkeypatch.setattr(gateway.app, "_restored", restored)
+    rooms(monkeypatch)  # none, so that the board waits for the kernels only, which are there
+    async with running() as client:
+        await joining.wait()
+        assert (await client.get("/readyz")).json()["status"] == "starting"
+        go_on.set()
+        async with asyncio.timeout(30.0):
+            while (await client.get("/readyz")).status_code != 200:
+                pass
+
+
+@pytest.mark.parametrize(("only", "expected"), [(("render",), 503), (("render", "scene"), 200)])
+async def test_who_only_renders_is_not_ready_while_every_thread_is_past_half_of_its_time(
+    monkeypatch: pytest.MonkeyPatch, only: tuple[str, ...], expected: int
+) -> None:
+    houses: list[House] = []
+    rooms(monkeypatch, render=houses.append)
+    async with running(only=only, threads=1, render_seconds=0.02) as client:
+        await until(lambda: houses)
+        release = threading.Event()
+        call = asyncio.create_task(houses[0].workers.run(release.wait))
+        await until(lambda: houses[0].workers.stuck)
+        assert (await client.get("/readyz")).status_code == expected
+        assert "scenegate_render_slow 1.0" in (await client.get("/metrics")).text
+        release.set()
+        await call
+        assert (await client.get("/readyz")).status_code == 200

@@ -12,8 +12,9 @@ import weakref
 
 import pytest
 
-from gateway.workers import Busy, Closed, Workers
+from gateway.workers import Busy, Closed, TooSlow, Workers
 from renderers.cpu.crew import Crew, Phase
+from renderers.stop import check_stop
 from tests.support.waiting import until
 
 LONG = 30.0
@@ -190,6 +191,80 @@ async def test_close_gives_up_at_its_limit() -> None:
     await running
 
 
+class Endless:
+    """A call that does nothing but look at its flag, until that is set."""
+
+    def __init__(self) -> None:
+        self.started = threading.Event()
+        self.ended = threading.Event()
+
+    def __call__(self) -> None:
+        self.started.set()
+        try:
+            while True:
+                check_stop()
+        finally:
+            self.ended.set()
+
+
+async def test_a_call_ends_at_its_deadline_which_does_not_count_while_it_waits() -> None:
+    workers = Workers(1, seconds=0.2, limit_name="--render-seconds")
+    calls = [asyncio.create_task(workers.run(Endless())) for _ in range(3)]
+    last = asyncio.create_task(workers.run(lambda: "drawn"))  # it has waited for three deadlines
+    for call in calls:
+        with pytest.raises(TooSlow, match=r"--render-seconds = 0\.2 s"):
+            await call
+    assert await last == "drawn"
+    assert (workers.stats.timed_out, workers.stats.done) == (3, 4)
+    assert await workers.close()
+
+
+async def test_a_call_ends_when_its_caller_is_cancelled() -> None:
+    workers, call = Workers(1), Endless()
+    leaver = asyncio.create_task(workers.run(call))
+    assert await asyncio.to_thread(call.started.wait, LONG)
+    leaver.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await leaver
+    assert await asyncio.to_thread(call.ended.wait, LONG)
+    assert await workers.run(lambda: "next") == "next"
+    assert await workers.close()
+
+
+async def test_close_ends_calls_that_would_not_finish() -> None:
+    workers, call = Workers(1, seconds=1000.0), Endless()
+    running, waiting = (asyncio.create_task(workers.run(call)) for _ in range(2))
+    assert await asyncio.to_thread(call.started.wait, LONG)
+    assert await workers.close(0.1)
+    for task in (running, waiting):
+        with pytest.raises(Closed, match="shut down"):
+            await task
+
+
+async def test_threads_past_half_of_the_deadline_are_counted() -> None:
+    workers, gate = Workers(2, seconds=0.02), Gate()  # which does not look at its flag
+    calls = [asyncio.create_task(workers.run(gate, 1))]
+    await until(lambda: workers.stats.slow == 1)
+    assert not workers.stuck
+    calls.append(asyncio.create_task(workers.run(gate, 2)))
+    await until(lambda: workers.stuck)
+    gate.open.set()
+    assert await asyncio.gather(*calls) == [1, 2]
+    assert workers.stats.slow == 0
+    assert not workers.stuck
+    assert await workers.close()
+
+
+async def test_without_a_deadline_no_thread_is_slow() -> None:
+    workers, gate = Workers(1), Gate()
+    call = asyncio.create_task(workers.run(gate))
+    await started(gate)
+    assert (workers.stats.slow, workers.stuck) == (0, False)
+    gate.open.set()
+    await call
+    assert await workers.close()
+
+
 async def test_nothing_keeps_a_finished_request_alive() -> None:
     class Body:
         pass
@@ -230,8 +305,9 @@ def test_loops_come_and_go() -> None:
 
 
 def test_bounds_are_checked() -> None:
-    with pytest.raises(ValueError, match="at least one thread"):
-        Workers(0)
+    for arguments in ({"threads": 0}, {"max_waiting": -1}, {"seconds": 0.0}):
+        with pytest.raises(ValueError, match="at least one thread"):
+            Workers(**arguments)  # type: ignore[arg-type]  # by name
     assert Workers().threads >= 1
 
 

@@ -47,6 +47,8 @@ class Task:
     """Digest of the rasterizer; a worker with another one refuses."""
     threads: int = 1
     """Of the worker, inside one picture."""
+    timeout: float = 0.0
+    """Seconds that reading the scene may take, and each of its views; 0: any time."""
 
 
 @dataclass(slots=True)
@@ -69,6 +71,8 @@ class Order:
     own_views: Mapping[str, tuple[View, ...]]
     settings: Settings
     out: Path
+    timeout: float = 0.0
+    """As in ``Task``."""
 
     def views_of(self, source: Source) -> tuple[View, ...]:
         """The views of a scene."""
@@ -83,7 +87,12 @@ class Order:
 
 
 def make_order(
-    sources: tuple[Source, ...], views: tuple[View, ...], cameras: CameraFile, settings: Settings, out: Path
+    sources: tuple[Source, ...],
+    views: tuple[View, ...],
+    cameras: CameraFile,
+    settings: Settings,
+    out: Path,
+    timeout: float = 0.0,
 ) -> Order:
     """
     Args:
@@ -101,7 +110,7 @@ def make_order(
     strangers = cameras.scenes.keys() - {source.name for source in sources}
     if strangers:
         raise PlanError(f"the camera file names scenes that are not there: {', '.join(sorted(strangers)[:5])}")
-    return Order(sources, common, cameras.scenes, settings, out)
+    return Order(sources, common, cameras.scenes, settings, out, timeout)
 
 
 def description(settings: Settings, renderer: str) -> manifest.Dataset:
@@ -148,7 +157,8 @@ def tasks_of(order: Order, is_done: Callable[[int], bool], renderer: str) -> lis
             continue
         for start in range(0, len(views), VIEWS_PER_TASK):
             part = tuple(views[start : start + VIEWS_PER_TASK])
-            tasks.append(Task(len(tasks), source, part, str(order.out), order.settings, renderer))
+            task = Task(len(tasks), source, part, str(order.out), order.settings, renderer, timeout=order.timeout)
+            tasks.append(task)
     return tasks
 
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 import hashlib
 import os
 from collections import OrderedDict
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
 from gateway.batch.draw import FORMATS, RequestDrawer, draw, style_of, unlit_by_rig
 from gateway.batch.files import write_whole
@@ -23,6 +25,9 @@ from gateway.scene.cameras import CameraError
 from renderers.camera import Camera
 from renderers.cpu import CpuRenderer
 from renderers.drawlist import ImageError
+from renderers.stop import run_within
+
+T = TypeVar("T")
 
 KEPT_SCENES: Final = 2
 """Per worker: the views of a scene come in a few tasks, mostly one after the other."""
@@ -57,7 +62,7 @@ class Worker:
             result.failures.append(Failure(task.source.name, None, reason))
             return result
         try:
-            scene = self._scene(task)
+            scene = _within(task, lambda: self._scene(task))
             unlit = unlit_by_rig(scene, task.settings)
             folder = out / manifest.SCENES / task.source.name
             write_whole(folder / manifest.SCENE, manifest.encode_for_people(scene.record))
@@ -67,7 +72,7 @@ class Worker:
         result.warnings = scene.record.warnings if unlit is None else (*scene.record.warnings, unlit)
         for view in task.views:
             try:
-                result.samples.append(self._sample(task, scene, view, out))
+                result.samples.append(_within(task, partial(self._sample, task, scene, view, out)))
             except Exception as error:  # noqa: BLE001 - nor one bad view
                 result.failures.append(Failure(task.source.name, view.name, _reason(error)))
         return result
@@ -117,6 +122,11 @@ class Worker:
         style = style_of(settings)
         formats = {image_type: _format(image_type, settings) for image_type in settings.types}
         return camera, draw(self._renderer, scene, camera, formats, style)
+
+
+def _within(task: Task, call: Callable[[], T]) -> T:
+    """Raises ``TimeoutError`` where it takes longer than the task allows."""
+    return run_within(task.timeout, call, TimeoutError(f"it took longer than --timeout = {task.timeout:g} s"))
 
 
 def _reason(error: Exception) -> str:

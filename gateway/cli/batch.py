@@ -24,6 +24,7 @@ from gateway.batch.views import View, camera_of
 from gateway.client import manifest
 from gateway.client.manifest import IMAGE_TYPES, ImageType, Settings
 from renderers.cpu import CpuRenderer
+from renderers.stop import run_within
 
 LINE_SECONDS: Final = 10.0
 """Between two lines of progress in a log."""
@@ -67,14 +68,31 @@ def color_of(text: str) -> tuple[int, int, int]:
 
 
 def one_picture(
-    scenes: list[Path], out: Path, settings: Settings, views: list[View], cameras: Path | None, threads: int
+    scenes: list[Path],
+    out: Path,
+    settings: Settings,
+    views: list[View],
+    cameras: Path | None,
+    threads: int,
+    timeout: float,
 ) -> None:
     """One scene into one file; a label picture gets a ``.labels.json`` beside it.
 
+    Args:
+        timeout: seconds for all of it; 0: any time.
+
     Raises:
         ValueError: more than one picture is meant, or it cannot be drawn.
-        OSError: it cannot be written.
+        OSError: it cannot be written, or took too long.
     """
+    error = TimeoutError(f"{out}: it took longer than --timeout = {timeout:g} s")
+    run_within(timeout, lambda: _one_picture(scenes, out, settings, views, cameras, threads), error)
+
+
+def _one_picture(
+    scenes: list[Path], out: Path, settings: Settings, views: list[View], cameras: Path | None, threads: int
+) -> None:
+    """As ``one_picture``."""
     if len(scenes) != 1 or scenes[0].is_dir() or len(settings.types) != 1 or len(views) > 1 or cameras is not None:
         raise ValueError(f"{out} is one picture: for more scenes, types or cameras name a folder with -o")
     (image_type,) = settings.types
@@ -110,14 +128,18 @@ def dataset(
     cameras: Path | None,
     cores: int,
     ray: str | None,
+    timeout: float,
 ) -> bool:
     """Makes or completes a dataset; whether anything failed.
+
+    Args:
+        timeout: seconds for reading each scene, and for each of its views; 0: any time.
 
     Raises:
         ValueError, OSError, RuntimeError: it could not be started, with a sentence.
     """
     file = CameraFile() if cameras is None else read_camera_file(cameras)
-    order = make_order(find_sources(scenes), views, file, settings, out.absolute())
+    order = make_order(find_sources(scenes), views, file, settings, out.absolute(), timeout)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # stops as Ctrl+C does
     execute = partial(run_local, workers=cores) if ray is None else partial(run_ray, address=ray)
     console = Console(stderr=True)

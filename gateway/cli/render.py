@@ -108,6 +108,14 @@ def render(
         UpChoice, typer.Option(help="The files' up axis; auto: y, but z for files that Drake wrote.")
     ] = UpChoice.auto,
     threads: Annotated[int, typer.Option(min=0, help="Cores that draw; 0: all of this machine.")] = 0,
+    timeout: Annotated[
+        float,
+        typer.Option(
+            min=0.0,
+            metavar="SECONDS",
+            help="Time for one picture; in a dataset, for reading a scene and for each view. 0: any.",
+        ),
+    ] = 0.0,
     ray: Annotated[
         str | None,
         typer.Option(metavar="ADDRESS", help="Draw on a Ray cluster (HOST:6379, ray://HOST:10001, auto, local)."),
@@ -151,6 +159,6 @@ def render(
     if out.suffix.lower() in FOREIGN and not out.is_dir():
         raise ValueError(f"{out}: pictures are written as {', '.join(PICTURES)}; or name a folder with -o")
     if out.suffix.lower() in PICTURES and not out.is_dir():
-        batch.one_picture(scenes, out, settings, [*named, *around], cameras, cores)
-    elif batch.dataset(scenes, out, settings, (*named, *around), cameras, cores, ray):
+        batch.one_picture(scenes, out, settings, [*named, *around], cameras, cores, timeout)
+    elif batch.dataset(scenes, out, settings, (*named, *around), cameras, cores, ray, timeout):
         raise typer.Exit(1)

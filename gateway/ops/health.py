@@ -34,11 +34,18 @@ _METRICS: Responses = {
 }
 
 
-def router(board: Board, metrics: Metrics, version: str, full: Callable[[], bool] = lambda: False) -> APIRouter:
+def router(
+    board: Board,
+    metrics: Metrics,
+    version: str,
+    started: Callable[[], bool] = lambda: True,
+    busy: Callable[[], bool] = lambda: False,
+) -> APIRouter:
     """The routes of operations.
 
     Args:
-        full: whether another request would be refused, for balancers that ask before they send.
+        started: whether requests are let in.
+        busy: whether another request would be refused or wait long, for balancers that ask before they send.
     """
     routes = APIRouter(tags=["operations"])
 
@@ -51,9 +58,12 @@ def router(board: Board, metrics: Metrics, version: str, full: Callable[[], bool
     @routes.get("/readyz", summary="Whether to send work", responses=json_example(_DESCRIBED) | _NOT_READY)
     async def readyz(request: Request) -> JSONResponse:
         """200 when the kernels are warm and every interface has started or failed; 503 before, while stopping and, of a
-        process that does nothing but render, while its queue is full."""
+        process that does nothing but render, while its queue is full or every thread has worked at one picture for more
+        than half of its time limit."""
         described = _described(board, request)
-        if described["status"] == "ready" and full():
+        if described["status"] in ("ready", "degraded") and not started():
+            described["status"] = "starting"
+        if described["status"] == "ready" and busy():
             described["status"] = "busy"
         return JSONResponse(described, status_code=200 if described["status"] in ("ready", "degraded") else 503)
 

@@ -97,7 +97,7 @@ class Metrics:
         self.renders = Counter(
             "scenegate_renders_total",
             "Requests of the render endpoint, by type of image and by outcome: ok, rejected (a bad request), "
-            "busy (503), gone (the client disconnected) or failed (an internal error).",
+            "busy (503), slow (503 at --render-seconds), gone (the client disconnected) or failed (an internal error).",
             ("type", "outcome"),
             registry=self.registry,
         )

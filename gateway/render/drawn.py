@@ -16,6 +16,7 @@ from gateway.scene.flatten import DRAWABLE, images_of
 from gateway.scene.geometry import Part, Surface
 from gateway.scene.gltf import DEFAULT_MATERIAL, GltfScene, label_from_material
 from renderers.drawlist import LABEL_NONE, Cast, DrawList, Image, Placed
+from renderers.stop import check_stop
 
 _REMEMBERED: Final = 8
 """Scenes whose things may stand elsewhere now: the colour, depth and label pictures of two or three."""
@@ -87,6 +88,7 @@ def _company(parts: list[tuple[Part, ...] | None], parents: list[int], away: fro
         branches.append(node if parent < 0 else branches[parent])
     bare = _labels_of_branches(parts, branches)
     for node, of_node in enumerate(parts):
+        check_stop()
         for part in () if of_node is None or node in away else of_node:
             assert isinstance(part.shape, Surface)  # and without a transform of its own: glTF knows nothing else
             material = part.material

@@ -14,18 +14,17 @@ from fastapi import Request, Response
 from starlette.requests import ClientDisconnect
 
 from gateway.ops.direct import Direct
+from gateway.ops.disconnect import CLIENT_GONE
 from gateway.render.errors import RequestError, message_bytes
 from gateway.render.form import RenderRequest, read_form
 from gateway.render.multipart import Form, FormReader, too_large
 from gateway.render.pipeline import Picture
 from gateway.render.records import RenderRecord
 from gateway.render.service import Place, RenderService
-from gateway.workers import Busy, Closed
+from gateway.workers import Busy, Closed, TooSlow
 
 _log = structlog.get_logger("gateway.render")
 
-CLIENT_GONE = 499
-"""What proxies log for a client that left; nobody receives it."""
 _NOT_THE_REQUESTS_FAULT = frozenset((CLIENT_GONE, 503))
 """Statuses of requests that would be answered another time; not kept for replay."""
 
@@ -64,6 +63,10 @@ class Exchange:
         except Closed as error:
             self._headers["Retry-After"] = "1"
             return await self._refusal(503, str(error), request)
+        except TooSlow as error:
+            sentence = f"the picture was given up: {error}"
+            _log.warning("render request given up", reason=sentence, request_id=self._request_id)
+            return await self._refusal(503, sentence, request, outcome="slow")
         except asyncio.CancelledError:  # the time for shutting down is over; the client should hear it, not a 500
             self._headers["Retry-After"] = "1"
             return await self._refusal(503, "the server shut down before the picture was ready", request)
@@ -146,10 +149,14 @@ class Exchange:
         self._headers["Server-Timing"] = ", ".join(f"{name};dur={seconds * 1e3:.2f}" for name, seconds in stages)
         return Response(picture.body, headers=self._headers, media_type=picture.media_type)
 
-    async def _refusal(self, status: int, sentence: str, request: RenderRequest | None) -> Response:
-        self._done(status, request, None, sentence)
+    async def _refusal(
+        self, status: int, sentence: str, request: RenderRequest | None, *, outcome: str = ""
+    ) -> Response:
+        """``outcome``: for metrics, where the status does not tell it."""
+        self._done(status, request, None, sentence, outcome)
         failures = self._service.failures
-        if failures is not None and self._kept is not None and status not in _NOT_THE_REQUESTS_FAULT:
+        fault = status not in _NOT_THE_REQUESTS_FAULT or outcome == "slow"
+        if failures is not None and self._kept is not None and fault:
             content_type = self._http.headers.get("content-type", "")
             try:
                 path = await asyncio.to_thread(
@@ -160,9 +167,12 @@ class Exchange:
                 _log.warning("rejected render request could not be kept", reason=str(error))
         return Response(message_bytes(sentence), status, headers=self._headers, media_type="text/plain; charset=utf-8")
 
-    def _done(self, status: int, request: RenderRequest | None, picture: Picture | None, error: str) -> None:
+    def _done(
+        self, status: int, request: RenderRequest | None, picture: Picture | None, error: str, outcome: str = ""
+    ) -> None:
         seconds = time.perf_counter() - self._begin
-        self._service.done(RenderRecord(self._request_id, status, seconds, self._queued, request, picture, error))
+        record = RenderRecord(self._request_id, status, seconds, self._queued, request, picture, error, outcome)
+        self._service.done(record)
 
 
 async def _read(http: Request, take: Callable[[bytes, int], None], patience: float) -> None:

@@ -25,3 +25,5 @@ class RenderRecord:
     """None: there is an error."""
     error: str
     """The sentence that the client got; empty: none."""
+    outcome: str = ""
+    """For metrics: ``slow`` where it was ended at its deadline; empty: the status tells it."""

@@ -136,7 +136,7 @@ _RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
             408: "The upload stalled.",
             413: "The body is too large.",
             500: "A defect of the server; the text names the request's id.",
-            503: "Too many requests wait already; see Retry-After.",
+            503: "Too many requests wait already, see Retry-After; or, without it, the picture took too long.",
         }.items()
     },
 }

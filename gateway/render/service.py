@@ -111,6 +111,7 @@ class RenderService:
             RequestError: it cannot be drawn.
             Busy: too many wait already.
             Closed: the server is shutting down.
+            TooSlow: reading and drawing took too long.
         """
         submitted = time.perf_counter()
 

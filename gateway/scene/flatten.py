@@ -21,6 +21,7 @@ from gateway.scene.meshing import meshes_of
 from gateway.scene.transforms import IDENTITY, Matrix, from_poses
 from gateway.scene.tree import Node, Path, PathElement
 from renderers.drawlist import LABEL_NONE, DrawList, Image, Instance, Material, Mesh
+from renderers.stop import check_stop
 
 DRAWABLE: Final = 1e15
 """Metres. An instance with a larger (or non-finite) number in its world matrix is left out: float32 vertices would
@@ -166,6 +167,7 @@ class _Flat:
         entry.meshes = []
         locals_: list[Matrix] = []
         for part in parts:
+            check_stop()
             label = self._label_of(entry.path, part)
             for mesh, material, X_part_mesh in meshes_of(part.shape, part.material):
                 entry.meshes.append((mesh, material, label))

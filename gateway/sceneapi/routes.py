@@ -6,7 +6,9 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from fastapi import APIRouter, Request, Response
+from starlette.requests import ClientDisconnect
 
+from gateway.ops.disconnect import CLIENT_GONE, while_connected
 from gateway.scene.gltf_export import ExportError
 from gateway.sceneapi.query import (
     NoSuchCameraQueryError,
@@ -17,7 +19,7 @@ from gateway.sceneapi.query import (
     parse_query,
 )
 from gateway.sceneapi.service import Answer, SceneApi
-from gateway.workers import Busy, Closed
+from gateway.workers import Busy, Closed, TooSlow
 from renderers.drawlist import ImageError
 
 _TEXT: Final = {"text/plain": {"schema": {"type": "string"}}}
@@ -61,7 +63,7 @@ def router(service: SceneApi) -> APIRouter:
             return _plain(400, str(error))
         if query is None:
             return await _state(service, http, service.file)
-        return await _now(service, lambda: service.file(query))
+        return await _now(service, http, lambda: service.file(query))
 
     async def picture(http: Request) -> Response:
         """A picture of the scene as it is now."""
@@ -69,7 +71,7 @@ def router(service: SceneApi) -> APIRouter:
             query = parse_query(dict(http.query_params), service.config)
         except QueryError as error:
             return _plain(400, str(error))
-        return await _now(service, lambda: service.picture(query))
+        return await _now(service, http, lambda: service.picture(query))
 
     routes.add_api_route(
         "/scene",
@@ -103,7 +105,10 @@ def router(service: SceneApi) -> APIRouter:
 def _responses(content: dict[str, Any], *, cached: bool) -> dict[int | str, dict[str, Any]]:
     answers: dict[int | str, dict[str, Any]] = {
         200: {"description": "The header X-Scene-Revision tells which state of the scene it is.", "content": content},
-        503: {"description": "Too many requests wait already; see Retry-After.", "content": _TEXT},
+        503: {
+            "description": "Too many requests wait already, see Retry-After; or, without it, the answer took too long.",
+            "content": _TEXT,
+        },
     }
     answers[500] = {"description": "The scene holds a texture that cannot be drawn.", "content": _TEXT}
     if cached:
@@ -122,22 +127,24 @@ async def _state(service: SceneApi, http: Request, make: Callable[[], Answer]) -
     known = [tag.strip().removeprefix("W/") for tag in http.headers.get("if-none-match", "").split(",")]
     if etag in known or "*" in known:
         return Response(status_code=304, headers={**headers, "ETag": etag, "X-Scene-Revision": str(revision)})
-    answer = await _made(service, make)
+    answer = await _made(service, http, make)
     if not isinstance(answer, Answer):
         return answer
     return _response(answer, {**headers, "ETag": service.etag(answer.revision)})
 
 
-async def _now(service: SceneApi, make: Callable[[], Answer]) -> Response:
+async def _now(service: SceneApi, http: Request, make: Callable[[], Answer]) -> Response:
     """An answer that depends on more than the scene."""
-    answer = await _made(service, make)
+    answer = await _made(service, http, make)
     return _response(answer, {"Cache-Control": "no-store"}) if isinstance(answer, Answer) else answer
 
 
-async def _made(service: SceneApi, make: Callable[[], Answer]) -> Answer | Response:
+async def _made(service: SceneApi, http: Request, make: Callable[[], Answer]) -> Answer | Response:
     """The answer, made in a worker thread; or the refusal."""
     try:
-        return await service.workers.run(make)
+        return await while_connected(http, service.workers.run(make))
+    except ClientDisconnect:
+        return Response(status_code=CLIENT_GONE)
     except NoSuchCameraQueryError as error:
         return _plain(404, str(error))
     except QueryError as error:
@@ -150,6 +157,8 @@ async def _made(service: SceneApi, make: Callable[[], Answer]) -> Answer | Respo
         return _plain(503, str(busy), {"Retry-After": str(busy.retry_after)})
     except Closed as closed:
         return _plain(503, str(closed), {"Retry-After": "1"})
+    except TooSlow as error:
+        return _plain(503, f"the answer was given up: {error}")
 
 
 def _response(answer: Answer, headers: dict[str, str]) -> Response:

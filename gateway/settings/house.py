@@ -63,6 +63,14 @@ class HouseSettings(BaseSettings):
         ge=0,
         le=1024,
     )
+    render_seconds: float = option(
+        30.0,
+        "Speed and limits",
+        "Time that reading a scene and drawing one picture of it may take, not counted while the request waits; beyond "
+        "it 503, without Retry-After.",
+        gt=0,
+        le=86_400,
+    )
     queue: int = option(
         256,
         "Speed and limits",

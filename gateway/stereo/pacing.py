@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import structlog
@@ -25,7 +25,7 @@ from gateway.stereo.pictures import Metered, Shot, Studio
 from gateway.stereo.request import Kind
 from gateway.stereo.settings import ALTERNATE_GAP, StreamSettings
 from gateway.stereo.trigger import Trigger
-from gateway.workers import Busy, Workers
+from gateway.workers import Busy, Closed, TooSlow, Workers
 from renderers.drawlist import DrawList
 
 SceneSource = Callable[[], tuple[DrawList, int]]
@@ -34,6 +34,8 @@ PoseSource = Callable[[], NDArray[np.float64]]
 """(4, 4) float64 X_world_left in the optical frame, as it is now. Called right after the scene, in the same thread."""
 
 _log = structlog.get_logger("stereo")
+_FORESEEN: Final = (ValueError, OSError, TooSlow, Closed)
+"""Errors that need no traceback in the log."""
 
 
 @dataclass(slots=True)
@@ -132,6 +134,7 @@ class Metronome:
         hub, fast = self._hub, self.studio.config.rate == "max"
         hub.changed.clear()
         if len(hub) == 0:
+            self._end_frames()
             self._last = self._last_depth = self._depth_next = None
         self._serve_newcomers()
         # A second frame beside one in work helps only those who have nothing left to send.
@@ -178,8 +181,19 @@ class Metronome:
             if config.rate == "device" and not self._clock.simulated:
                 self.counts.skipped += 1
                 return set()
-            await asyncio.wait(group, return_when=asyncio.FIRST_COMPLETED)
+            self._hub.changed.clear()
+            changed = asyncio.ensure_future(self._hub.changed.wait())
+            await asyncio.wait((*group, changed), return_when=asyncio.FIRST_COMPLETED)
+            changed.cancel()
+            if len(self._hub) == 0:
+                self._end_frames()
+                return set()
         return kinds
+
+    def _end_frames(self) -> None:
+        """End the frames in work, which no client waits for any more."""
+        for task in self._tasks | self._depth_tasks:
+            task.cancel()
 
     async def _take(self, settings: StreamSettings, plain: set[Kind], depth: set[Kind], period: int) -> None:
         """Notes the scene as it is now and lets the sets be made."""
@@ -287,7 +301,7 @@ class Metronome:
     def _fail(self, kind: Kind, what: str, error: Exception) -> None:
         """Ends the streams of a kind with the reason; a defect of ours gets a traceback in the log."""
         message = f"{what}: {error}"
-        _log.warning(message, exc_info=None if isinstance(error, (ValueError, OSError)) else error)
+        _log.warning(message, exc_info=None if isinstance(error, _FORESEEN) else error)
         self.counts.problem = message
         self._hub.fail(kind, message)
 

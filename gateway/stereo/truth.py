@@ -14,7 +14,7 @@ from gateway.stereo.messages import NANOSECONDS
 from gateway.stereo.pacing import Record
 from gateway.stereo.pictures import Studio
 from gateway.stereo.service import StereoService
-from gateway.workers import Busy
+from gateway.workers import Busy, TooSlow
 from renderers.port import Output
 from renderers.stereo.truth import DepthRange, true_disparity
 
@@ -71,6 +71,8 @@ def truth_router(*services: StereoService) -> APIRouter:
             return JSONResponse({"message": str(error)}, 404)
         except Busy as error:
             return JSONResponse({"message": str(error)}, 503, {"Retry-After": str(error.retry_after)})
+        except TooSlow as error:
+            return JSONResponse({"message": f"the truth was given up: {error}"}, 503)
         return Response(data, media_type="application/zip", headers={"Cache-Control": "no-store"})
 
     return api

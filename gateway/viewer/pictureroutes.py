@@ -8,7 +8,9 @@ from typing import Annotated, Any, Final
 
 from fastapi import APIRouter, Path, Query, Request, Response
 from fastapi.responses import JSONResponse, PlainTextResponse, StreamingResponse
+from starlette.requests import ClientDisconnect
 
+from gateway.ops.disconnect import CLIENT_GONE, while_connected
 from gateway.ops.openapi import example
 from gateway.scene.cameras import PATTERN, CameraError, NoSuchCameraError, parse_camera
 from gateway.viewer.config import ViewerConfig
@@ -16,7 +18,7 @@ from gateway.viewer.pictures import BOUNDARY, Pictures, StreamsFull, View
 from gateway.viewer.ports import PICTURE_NAMES
 from gateway.viewer.renders import RecentRenders, shown
 from gateway.viewer.sensor import SensorView
-from gateway.workers import Busy, Closed
+from gateway.workers import Busy, Closed, TooSlow
 from renderers.drawlist import ImageError
 from renderers.port import LookName
 
@@ -64,7 +66,10 @@ _REFUSALS: Final[dict[int | str, dict[str, Any]]] = {
         "description": "A parameter is out of its range, or the scene has a texture that cannot be read.",
         "content": {**_TEXT, "application/json": {"schema": {"type": "object"}}},
     },
-    503: {"description": "Too many requests wait already; see Retry-After.", "content": _TEXT},
+    503: {
+        "description": "Too many requests wait already, see Retry-After; or, without it, the picture took too long.",
+        "content": _TEXT,
+    },
 }
 _JPEG: Final[dict[int | str, dict[str, Any]]] = {
     200: {"description": "The picture.", "content": {"image/jpeg": {"schema": {"type": "string", "format": "binary"}}}},
@@ -127,6 +132,7 @@ def _add_views(routes: APIRouter, pictures: Pictures) -> None:
 
     @routes.get("/view/frame.jpg", summary="The live scene as JPEG", response_class=Response, responses=_JPEG)
     async def frame(
+        request: Request,
         camera: CameraText = "fit",
         width: Size = None,
         height: Size = None,
@@ -138,7 +144,7 @@ def _add_views(routes: APIRouter, pictures: Pictures) -> None:
             view = view_of(camera, width, height, quality, look or config.look)
         except _ViewError as error:
             return PlainTextResponse(str(error), 400)
-        return await _answered(pictures, view)
+        return await _answered(request, pictures, view)
 
     @routes.get(
         "/view/stream.mjpg", summary="The live scene as MJPEG", response_class=StreamingResponse, responses=_STREAM
@@ -159,7 +165,7 @@ def _add_views(routes: APIRouter, pictures: Pictures) -> None:
             view = view_of(camera, width, height, quality, look or config.stream_look)
         except _ViewError as error:
             return PlainTextResponse(str(error), 400)
-        first = await _answered(pictures, view)
+        first = await _answered(request, pictures, view)
         if first.status_code != 200:
             return first
         closing: Callable[[], bool] = getattr(request.app.state, "closing", lambda: False)
@@ -171,9 +177,11 @@ def _add_views(routes: APIRouter, pictures: Pictures) -> None:
         return StreamingResponse(parts, media_type=kind, headers=NO_STORE)
 
 
-async def _answered(pictures: Pictures, view: View) -> Response:
+async def _answered(request: Request, pictures: Pictures, view: View) -> Response:
     try:
-        data, revision = await pictures.jpeg(view)
+        data, revision = await while_connected(request, pictures.jpeg(view))
+    except ClientDisconnect:
+        return Response(status_code=CLIENT_GONE)
     except NoSuchCameraError as error:
         return PlainTextResponse(str(error), 404)
     except CameraError as error:
@@ -182,35 +190,46 @@ async def _answered(pictures: Pictures, view: View) -> Response:
         return PlainTextResponse(str(error), 422)
     except (Busy, Closed) as error:
         return PlainTextResponse(str(error), 503, {"Retry-After": str(getattr(error, "retry_after", 1))})
+    except TooSlow as error:
+        return PlainTextResponse(f"the picture was given up: {error}", 503)
     return Response(data, media_type="image/jpeg", headers={**NO_STORE, "X-Scene-Revision": str(revision)})
 
 
 def _add_sensor(routes: APIRouter, sensor: SensorView | None) -> None:
     @routes.get("/view/sensor", include_in_schema=False)
-    async def state() -> Response:
+    async def state(request: Request) -> Response:
         if sensor is None:
             return Response(status_code=204)  # not an error: browsers would fill their console with those
         try:
-            return JSONResponse((await sensor.newest()).describe(), headers=NO_STORE)
+            taken = await while_connected(request, sensor.newest())
+            return JSONResponse(taken.describe(), headers=NO_STORE)
+        except ClientDisconnect:
+            return Response(status_code=CLIENT_GONE)
         except (Busy, Closed) as error:
             return PlainTextResponse(str(error), 503, {"Retry-After": "1"})
+        except TooSlow as error:
+            return PlainTextResponse(f"the pictures were given up: {error}", 503)
         except ImageError as error:
             return PlainTextResponse(str(error), 422)
 
     @routes.get(
         "/view/sensor/{name}.jpg", summary="What the stereo camera sees", response_class=Response, responses=_SENSOR
     )
-    async def picture(name: PictureText, width: Width = None) -> Response:
+    async def picture(request: Request, name: PictureText, width: Width = None) -> Response:
         """``left``, ``right``, ``disparity`` (coloured) or ``confidence``, as JPEG."""
         if sensor is None:
             return PlainTextResponse("No stereo camera runs in this gateway.", 404)
         if name not in PICTURE_NAMES:
             return PlainTextResponse(f"there is no picture {name[:40]!r}; there are {', '.join(PICTURE_NAMES)}", 404)
         try:
-            taken = await sensor.last()
+            taken = await while_connected(request, sensor.last())
             data = await taken.jpeg(name, width)
+        except ClientDisconnect:
+            return Response(status_code=CLIENT_GONE)
         except (Busy, Closed) as error:
             return PlainTextResponse(str(error), 503, {"Retry-After": "1"})
+        except TooSlow as error:
+            return PlainTextResponse(f"the pictures were given up: {error}", 503)
         except ImageError as error:
             return PlainTextResponse(str(error), 422)
         return Response(data, media_type="image/jpeg", headers={**NO_STORE, "X-Frame": str(taken.number)})

@@ -8,15 +8,20 @@ from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
 from typing import Final
 
+import structlog
+
 from gateway.scene.cameras import CameraSpec
 from gateway.scene.flatten import Flattener
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.viewpoints import resolve_camera
 from gateway.viewer.config import ViewerConfig
-from gateway.workers import Busy, Workers
+from gateway.viewer.shared_task import SharedTask
+from gateway.workers import Busy, Closed, TooSlow, Workers
 from renderers.camera import Camera
 from renderers.encode import jpeg_rgb
 from renderers.port import Look, LookName, Output, Renderer
+
+_log = structlog.get_logger("view")
 
 KEPT: Final = 8
 """Newest pictures kept: clients of the same camera share one."""
@@ -58,7 +63,7 @@ class Pictures:
         self._renderer = renderer
         self._workers = workers
         self._stereo_camera = stereo_camera
-        self._made: OrderedDict[tuple[View, int], asyncio.Task[bytes]] = OrderedDict()
+        self._made: OrderedDict[tuple[View, int], SharedTask[bytes]] = OrderedDict()
         self.streams = 0
         """Open MJPEG streams."""
 
@@ -69,16 +74,16 @@ class Pictures:
             CameraError: the camera cannot be resolved in the scene as it is.
             ImageError: a texture cannot be decoded.
             Busy: too many requests wait already.
+            TooSlow: it took too long.
         """
         snapshot = self._tree.snapshot
         key = (view, snapshot.revision)
-        task = self._made.get(key)
-        if task is None or (task.done() and (task.cancelled() or task.exception() is not None)):
-            task = self._made[key] = asyncio.create_task(self._workers.run(self._draw, view, snapshot))
-            task.add_done_callback(_seen)
+        made = self._made.get(key)
+        if made is None or not made.usable:
+            made = self._made[key] = SharedTask(self._workers.run(self._draw, view, snapshot))
             while len(self._made) > KEPT:
                 self._made.popitem(last=False)
-        return await asyncio.shield(task), snapshot.revision
+        return await made.result(), snapshot.revision
 
     def _draw(self, view: View, snapshot: Snapshot) -> bytes:
         drawn = self._flattener.flatten(snapshot)
@@ -119,6 +124,9 @@ class Pictures:
                 except Busy as error:
                     await asyncio.sleep(error.retry_after)
                     continue
+                except (TooSlow, Closed) as error:  # the response has begun: it can only end
+                    _log.warning("a stream of pictures has ended", reason=str(error))
+                    return
                 head = f"Content-Type: image/jpeg\r\nContent-Length: {len(data)}\r\n\r\n".encode()
                 yield b"--" + BOUNDARY + b"\r\n" + head + data + b"\r\n"
                 await asyncio.sleep(max(0.0, begin + 1.0 / rate - loop.time()))
@@ -137,9 +145,3 @@ async def _wait(event: asyncio.Event, until: float, closing: Callable[[], bool])
                 await event.wait()
         except TimeoutError:
             pass
-
-
-def _seen(task: asyncio.Task[bytes]) -> None:
-    """Marks a failure as seen: whoever waited got it."""
-    if not task.cancelled():
-        task.exception()

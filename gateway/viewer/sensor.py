@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.viewer.ports import PICTURE_NAMES, PictureName, SensorPictures
+from gateway.viewer.shared_task import SharedTask
 from renderers.encode import jpeg_rgb
 
 MAX_WIDTHS: Final = 4
@@ -53,7 +54,7 @@ class SensorView:
         self._number = 0
         self._newest: Take | None = None
         self._next = 0.0
-        self._running: asyncio.Task[Take] | None = None
+        self._running: SharedTask[Take] | None = None
 
     async def newest(self) -> Take:
         """A set that is not older than the configured time; whoever asks meanwhile gets the same.
@@ -63,10 +64,9 @@ class SensorView:
         loop = asyncio.get_running_loop()
         if self._newest is not None and loop.time() < self._next:
             return self._newest
-        if self._running is None:
-            self._running = loop.create_task(self._taken(), name="view sensor")
-            self._running.add_done_callback(self._ended)
-        return await asyncio.shield(self._running)
+        if self._running is None or self._running.task.done() or not self._running.usable:
+            self._running = SharedTask(self._taken())
+        return await self._running.result()
 
     async def last(self) -> Take:
         """The newest set that there is, however old; taken when there is none."""
@@ -78,11 +78,6 @@ class SensorView:
         self._newest = Take(self._number, pictures)
         self._next = asyncio.get_running_loop().time() + self._seconds
         return self._newest
-
-    def _ended(self, task: asyncio.Task[Take]) -> None:
-        self._running = None
-        if not task.cancelled():
-            task.exception()  # seen: whoever waited got it
 
 
 def encode(name: PictureName, pixels: NDArray[Any], width: int) -> bytes:

@@ -32,6 +32,7 @@ from renderers.cpu.layout import (
     J_SELF,
     J_SETUP,
     J_SMALL,
+    J_STOP,
     J_STRIDE,
     J_TABLE,
     J_TALL,
@@ -83,7 +84,8 @@ A_STRIDE: Final = 26  # J_STRIDE
 A_LENS: Final = 27  # (L_COLUMNS,) float64
 A_POSED: Final = 33  # whether the poses are filled already
 A_TASK: Final = 34  # address of W_COLUMNS int64, all 0: the frame's task
-A_POINTS: Final = 35  # address of (A_COUNT, 4, 4) float64, world from mesh
+A_STOP: Final = 35  # J_STOP
+A_POINTS: Final = 36  # address of (A_COUNT, 4, 4) float64, world from mesh
 A_POSE: Final = A_POINTS + 1  # (4, 4) float64, world from camera
 A_COLUMNS: Final = A_POSE + 16
 
@@ -135,6 +137,7 @@ def begin(address):
     job[J_ALL_INSTANCES], job[J_ALL_X] = count, poses
     job[J_FIRST_RECORD], job[J_ALL_LABELS] = ask[A_FIRST_RECORD], ask[A_LABELS]
     job[J_ALL_IDS], job[J_ALL_MESHES] = ask[A_IDS], ask[A_MESHES]
+    job[J_STOP] = task[task_at.W_STOP] = ask[A_STOP]
 
     threads = ask[A_THREADS]
     units = UNITS_PER_THREAD * threads if threads > 1 else 1

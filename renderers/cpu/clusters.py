@@ -45,6 +45,7 @@ from renderers.cpu.layout import (
 )
 from renderers.jit import kernel
 from renderers.linked import inner
+from renderers.native import is_set
 from renderers.pointers import f32_at, f64_at, i64_at, u32_at
 
 SHIFT: Final = 4
@@ -92,17 +93,20 @@ def cluster_values(triangles: int) -> int:
     return -(-triangles // (8 * CLUSTER)) * 8 * C_COLUMNS
 
 
-@kernel("void(int64, int64, int64, int64)")
-def bound_clusters(positions_at, elements_at, triangles, out_at):
+@kernel("void(int64, int64, int64, int64, int64)")
+def bound_clusters(positions_at, elements_at, triangles, out_at, stop_at):
     """Spheres and cones of a mesh's clusters.
 
     Args:
         positions_at, elements_at, triangles: the mesh, float32 and uint32.
         out_at: address of ``cluster_values(triangles)`` float32, all 0.
+        stop_at: address of a ``StopFlag``; what is filled is of no use once it is set.
     """
     positions, indices, out = f32_at(positions_at), u32_at(elements_at), f32_at(out_at)
     own = np.empty((CLUSTER, 4), np.float64)
     for cluster in range((triangles + CLUSTER - 1) // CLUSTER):
+        if is_set(stop_at):
+            break
         at = (cluster >> 3) * 8 * C_COLUMNS + (cluster & 7)
         begin, end = 3 * CLUSTER * cluster, 3 * min(CLUSTER * (cluster + 1), triangles)
         first = 3 * np.int64(indices[begin])

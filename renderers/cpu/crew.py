@@ -12,8 +12,11 @@ import weakref
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from queue import SimpleQueue
 from typing import Protocol
+
+from renderers.stop import current_stop
 
 Work = Callable[[int], object]
 
@@ -54,6 +57,7 @@ class _Job:
         self._ended = [itertools.count(1) for _ in phases]
         self._finished = [phase.units == 0 for phase in phases]
         self.error: BaseException | None = None
+        self._stop = current_stop()
 
     def run(self) -> None:
         for index, phase in enumerate(self._phases):
@@ -62,7 +66,8 @@ class _Job:
                     break
                 try:
                     if self.error is None:
-                        phase.work(unit)
+                        self._stop.check()
+                        self._stop.run(partial(phase.work, unit))
                 except BaseException as error:  # noqa: BLE001  raised again in the caller's thread
                     self.error = error
                 finally:
@@ -101,15 +106,21 @@ class Crew:
             self._callers -= 1
 
     def run(self, phases: Sequence[Phase]) -> None:
-        """Do the phases one after the other, each in parallel; raises the first error of a unit."""
+        """Do the phases one after the other, each in parallel, under the caller's ``StopFlag``; raises the first error
+        of a unit."""
         job = _Job(phases)
         self._share(job.run, job.run, max((p.units for p in phases), default=0))
         if job.error is not None:
             raise job.error
 
     def share(self, task: Task) -> None:
-        """Have a task done, by the caller and whoever else is free."""
+        """Have a task done, by the caller and whoever else is free.
+
+        Raises:
+            Exception: the current ``StopFlag`` was set; what the task should have filled is half done.
+        """
         self._share(task, task.help, task.threads)
+        current_stop().check()
 
     def _share(self, work: Callable[[], object], help_it: Callable[[], object], threads: int) -> None:
         """Call ``work`` here and ``help_it`` in up to ``threads - 1`` helpers, in which it must not raise."""

@@ -29,11 +29,12 @@ from renderers.port import Frame
 from renderers.samples import E_COLUMNS, lanes_of_masks, sample_offsets
 from renderers.shading.kernels import shade_rows
 from renderers.simd import LANES
+from renderers.stop import current_stop
 
 _ASKED: Final = Struct(f"{at_begin.A_LENS}q{at.L_COLUMNS}dq")
 """All to A_POSED."""
-_PLACED: Final = Struct("3q16d")
-"""A_POSED, A_TASK, A_POINTS, A_POSE."""
+_PLACED: Final = Struct("4q16d")
+"""A_POSED, A_TASK, A_STOP, A_POINTS, A_POSE."""
 _OUTPUTS: Final = Struct("4q")
 _Words: Final = c_int64 * at_work.W_COLUMNS
 _DRAWN: Final = Struct(f"{at_work.W_GEOMETRY + 1 - at_work.W_DRAW}q")
@@ -202,7 +203,8 @@ def _begin(
 ) -> int:
     """``begin`` with what is different in every frame."""
     place, pose = 8 * (at_begin.ASKED + at_begin.A_POSED), camera.X_world_camera.ravel().tolist()
-    _PLACED.pack_into(memory, place, 0, addressof(words), prepared.points, *pose)
+    stop = current_stop().address  # alive as long as the caller, who waits for the frame
+    _PLACED.pack_into(memory, place, 0, addressof(words), stop, prepared.points, *pose)
     useful: int = begin(address)
     return useful
 

@@ -72,7 +72,8 @@ J_NEAR: Final = 44
 J_LANES: Final = 45  # (256, 8) int32: the lanes of each mask, the lowest first
 J_SLOTS: Final = 46  # (height, stride) int32: which slot of the samples a pixel has, -1: none
 J_OWNERS: Final = 47  # (height, stride) int32: the place of a pixel's record among all, see ``multisample``
-J_COLUMNS: Final = 48
+J_STOP: Final = 48  # address of an int64: not 0 when the frame is not wanted any more, see ``stop.StopFlag``
+J_COLUMNS: Final = 49
 
 # The lens: float64 values.
 L_FX: Final = 0

@@ -33,6 +33,7 @@ from renderers.cpu.layout import (
     J_SAMPLE_INV_Z,
     J_SAMPLES,
     J_SLOTS,
+    J_STOP,
     J_STRIDE,
     J_TABLE,
     J_WIDTH,
@@ -59,6 +60,7 @@ from renderers.cpu.pixelsamples import box_of, cover, put, reach_of, rising_at
 from renderers.cpu.smallsamples import SCRATCH_VALUES, TAKEN, small_samples
 from renderers.cpu.visibility import BAND_ROWS
 from renderers.linked import inlined, inner
+from renderers.native import is_set
 from renderers.pointers import as_i32, f32_at, f64_at, i32_at, i64_at
 
 _FAR_AWAY: Final = 1 << 30
@@ -246,8 +248,10 @@ def raster_samples(job, lens, first_row, last_row):
     own_places = np.empty(3 * count + BUCKETS, np.int32)
     places = np.int64(own_places.ctypes.data)
     ordered, starts = i32_at(places), i32_at(places + 4 * 3 * count)
-    front_to_back(job, band, i32_at(places + 4 * count), i32_at(places + 8 * count), starts, ordered)
-    for k in range(count):
+    found, keys = i32_at(places + 4 * count), i32_at(places + 8 * count)
+    for k in range(front_to_back(job, band, found, keys, starts, ordered)):
+        if is_set(job[J_STOP]):
+            break
         place = np.int64(ordered[k])
         _draw(job, lens, job[J_RECORDS] + place * RECORD_BYTES, place, first_row, last_row, scratch)
     own_places[0] = 0  # the pointers do not keep the arrays alive

@@ -19,12 +19,14 @@ from renderers.cpu.layout import (
     J_RANGES,
     J_RECORDS,
     J_SMALL,
+    J_STOP,
     J_TALL,
     R_HIGH,
     RECORD_BYTES,
     SMALL_BANDS,
 )
 from renderers.linked import inlined, inner
+from renderers.native import is_set
 from renderers.pointers import i32_at, u16_at
 
 _BITS: Final = 9
@@ -61,7 +63,8 @@ def _note(records, place, found, keys, count):
 
 @inner
 def front_to_back(job, band, found, keys, starts, sorted_places):
-    """Write the places among all of the records that may touch a band, the nearest first.
+    """Write the places among all of the records that may touch a band, the nearest first; return how many there are, 0
+    when the frame is not wanted any more.
 
     Args:
         found, keys, sorted_places: pointers to room for ``count_records`` int32. starts: to BUCKETS int32.
@@ -71,6 +74,8 @@ def front_to_back(job, band, found, keys, starts, sorted_places):
     for chunk in range(job[J_CHUNKS]):
         if not _met(job, band, chunk):
             continue
+        if is_set(job[J_STOP]):
+            return np.int64(0)
         offsets = i32_at(job[J_OFFSETS] + 4 * chunk * (2 * lists + 4))
         small = u16_at(job[J_SMALL] + 2 * chunk * CHUNK * SMALL_BANDS)
         for k in range(offsets[band], offsets[band + 1]):
@@ -99,3 +104,4 @@ def front_to_back(job, band, found, keys, starts, sorted_places):
         to = np.int64(starts[bucket])
         starts[bucket] = to + 1
         sorted_places[to] = found[k]
+    return count

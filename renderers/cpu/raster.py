@@ -36,6 +36,7 @@ from renderers.cpu.layout import (
     J_SELF,
     J_SETUP,
     J_SMALL,
+    J_STOP,
     J_STRIDE,
     J_TABLE,
     J_TALL,
@@ -77,7 +78,7 @@ from renderers.cpu.layout import (
 from renderers.cpu.small import SMALL_SCRATCH, draw_prepared, prepare
 from renderers.cpu.visibility import BAND_ROWS
 from renderers.linked import inlined, inner
-from renderers.native import call_kernel
+from renderers.native import call_kernel, is_set
 from renderers.pointers import as_f32, as_i32, f32_at, f64_at, i32_at, i64_at, u16_at
 
 ROOM_OF_ROWS: Final = 16
@@ -209,6 +210,8 @@ def _draw(job, lens, rule, record, first_row, last_row, scratch):
     kind = whole[R_KIND]
     if kind == KIND_SMALL:
         _small(job, rule, record, first_row, last_row, scratch)
+        return
+    if is_set(job[J_STOP]):  # a large one may take longer than hundreds of small ones
         return
     a, b = np.int64(whole[R_XY]), np.int64(whole[R_XY + 1])
     c, d = np.int64(whole[R_XY + 2]), np.int64(whole[R_XY + 3])
@@ -419,6 +422,8 @@ def raster_band(job, lens, first_row, last_row, back):
     for chunk in range(job[J_CHUNKS]):
         if band < ranges[4 * chunk] or band > ranges[4 * chunk + 1]:
             continue
+        if is_set(job[J_STOP]):
+            break
         for step in range(3):
             _look_ahead(job, chunk + 3 - step, which, step)
         offsets = i32_at(job[J_OFFSETS] + 4 * chunk * (2 * lists + 4))

@@ -24,6 +24,7 @@ from renderers.pointers import address_of
 from renderers.port import Frame, Look, LookName, Output
 from renderers.shading import Painter, Parallel, ShadingScene, paint
 from renderers.shading import prepare as prepare_shading
+from renderers.stop import check_stop
 from renderers.studio.paint import paint as paint_studio
 from renderers.studio.tables import StudioScene
 from renderers.studio.tables import prepare as prepare_studio
@@ -70,6 +71,7 @@ def _shading(scene: DrawList, look: LookName, parallel: Parallel) -> ShadingScen
         known = _alike[look].get(scene.instances)
         if known is None:  # else: the same meshes and materials, in other places
             known = prepare_shading(scene.instances, look, parallel)
+            check_stop()
             _alike[look].put(scene.instances, known, known.nbytes)
         looks = {**looks, look: known}
         _shadings.put(who, looks, sum(tables.nbytes for tables in looks.values()))
@@ -291,6 +293,9 @@ class CpuRenderer:
             job.layers(ids, inv_z, beyond, before)
             self._crew.share(job.task())
             poses = job.X_camera_mesh.copy()
+        except BaseException:
+            self._pool.give(taken)
+            raise
         finally:
             self._scratch.give(scratch)
         return Visibility(

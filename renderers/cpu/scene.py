@@ -28,8 +28,9 @@ from renderers.cpu.layout import (
     T_VERTEX,
 )
 from renderers.cpu.solid import solid
-from renderers.drawlist import Cast, DrawList, Instance, Mesh, Placed, Topology
+from renderers.drawlist import Cast, DrawList, Instance, Mesh, Placed, Topology, used_vertices
 from renderers.pointers import address_of
+from renderers.stop import check_stop, current_stop
 
 MAX_RECORDS: Final = 2**31 - 1
 """Records are numbered in int32."""
@@ -113,7 +114,9 @@ def _prepare_mesh(mesh: Mesh) -> PreparedMesh:
 
     Raises:
         ValueError, TypeError: shapes, dtypes or indices break the promises of ``Mesh``.
+        Exception: the current ``StopFlag`` was set.
     """
+    check_stop()
     positions, elements, normals = mesh.positions, mesh.elements, mesh.normals
     if positions.ndim != 2 or positions.shape[1] != 3:
         raise ValueError(f"mesh positions must be (N, 3), got {positions.shape}")
@@ -134,9 +137,8 @@ def _prepare_mesh(mesh: Mesh) -> PreparedMesh:
     own_positions, own_elements = positions, elements
     if count > max(64, elements.size):
         # Many glTF primitives share one long vertex array: transform only what this one uses.
-        used, compact = np.unique(elements, return_inverse=True)
+        used, own_elements = used_vertices(elements, count)
         own_positions = np.ascontiguousarray(positions[used])
-        own_elements = np.ascontiguousarray(compact.reshape(elements.shape), dtype=np.uint32)
     bounds = NOT_SOLID
     if topology == Topology.TRIANGLES:
         known = solid(own_positions, own_elements)
@@ -146,7 +148,9 @@ def _prepare_mesh(mesh: Mesh) -> PreparedMesh:
     clusters = None
     if topology == Topology.TRIANGLES and len(elements) >= WORTH:
         clusters = np.zeros(cluster_values(len(elements)), np.float32)
-        bound_clusters(*places, len(elements), address_of(clusters, np.float32))
+        stop = current_stop()
+        bound_clusters(*places, len(elements), address_of(clusters, np.float32), stop.address)
+        stop.check()
     row = len(own_positions), len(elements), int(topology), *places, address_of(clusters, np.float32)
     keep = tuple(each for each in (own_positions, own_elements, clusters) if each is not None)
     return PreparedMesh(row, attributes, bounds, keep)
@@ -200,7 +204,9 @@ def _prepared_cast(instances: Sequence[Instance]) -> PreparedCast:
     if structure is None:
         structure = _structure(instances)
         _structures.put(instances, structure, structure.table.nbytes + structure.attributes.nbytes)
+    check_stop()
     labels = np.array([instance.label for instance in instances], dtype=np.uint32)
+    check_stop()
     instance_ids = np.array([instance.instance_id for instance in instances], dtype=np.int32)
     first_record_at = address_of(structure.first_record, np.int64)
     return PreparedCast(
@@ -228,6 +234,7 @@ def _structure(instances: Sequence[Instance]) -> Structure:
     by_mesh: dict[int, PreparedMesh] = {}
     meshes: list[PreparedMesh] = []
     for instance in instances:
+        check_stop()
         mesh = by_mesh.get(id(instance.mesh))
         if mesh is None:
             mesh = by_mesh[id(instance.mesh)] = _prepared_mesh(instance.mesh)
@@ -241,6 +248,7 @@ def _structure(instances: Sequence[Instance]) -> Structure:
     table[:-1, T_ELEMENTS] = rows[:, 4]
     table[:-1, T_CLUSTERS] = rows[:, 5]
     first_record = np.ascontiguousarray(table[:, T_ELEMENT])
+    check_stop()
     if first_record[-1] > MAX_RECORDS:
         raise ValueError(f"the scene has {first_record[-1]} elements, more than {MAX_RECORDS} can be drawn")
     table[:, T_RECORD] = first_record

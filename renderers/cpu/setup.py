@@ -21,6 +21,7 @@ from renderers.cpu.layout import (
     J_RANGES,
     J_RECORDS,
     J_SMALL,
+    J_STOP,
     J_STRIDE,
     J_TABLE,
     J_TALL,
@@ -49,6 +50,7 @@ from renderers.cpu.transform import drawn_at
 from renderers.cpu.triangles import BAND_SHIFT, triangles
 from renderers.jit import kernel
 from renderers.linked import inlined, inner
+from renderers.native import is_set
 from renderers.pointers import as_f32, f32_at, f64_at, i32_at, i64_at, u16_at
 
 
@@ -238,6 +240,8 @@ def setup(job_at, lens_at, begin_chunk, end_chunk):
     view = f32_at(np.int64(own_view.ctypes.data))
     viewed, clusters = -1, np.int64(0)
     for chunk in range(begin_chunk, end_chunk):
+        if is_set(job[J_STOP]):
+            break
         work = chunk * CHUNK
         end = min(work + CHUNK, job[J_ELEMENTS])
         record = job[J_RECORDS] + chunk * CHUNK * RECORD_BYTES

@@ -20,11 +20,16 @@ from numpy.typing import NDArray
 
 from renderers.jit import kernel
 from renderers.linked import inlined
+from renderers.native import is_set
 from renderers.pointers import address_of, f32_at, f64_at, i64_at, u32_at
+from renderers.stop import current_stop
 
 NEAR_ZERO: Final = 2.0**-40
 """Of the mesh's extent: coordinates below it count as 0. Generators leave cos and sin of whole turns where seams meet,
 2e-16 apart; 1e-12 of the extent is far below what float32 tells on any screen."""
+
+_BLOCK: Final = 1 << 16
+"""Vertices or triangles between two looks at the ``StopFlag``: a mesh of millions takes a second."""
 
 Bounds = tuple[float, float, float, float, float, float]
 
@@ -37,8 +42,8 @@ def _mixed(value):
     return value ^ (value >> np.uint64(31))
 
 
-@kernel("void(int64, int64, int64, int64, int64, int64, int64)")
-def enclose(positions_at, count, elements_at, triangles, own_at, keys_at, out_at):
+@kernel("void(int64, int64, int64, int64, int64, int64, int64, int64)")
+def enclose(positions_at, count, elements_at, triangles, own_at, keys_at, out_at, stop_at):
     """Find out whether a mesh is closed and faces away from the middle of its box everywhere.
 
     An edge from a to b is counted as A(a) B(b) - A(b) B(a), modulo 2^64, with two random numbers A and B of each place
@@ -51,6 +56,7 @@ def enclose(positions_at, count, elements_at, triangles, own_at, keys_at, out_at
         keys_at: address of (count, 2) uint64 of scratch.
         out_at: address of 8 float64: 1 where it is so, else 0; 1 where own differs from the positions; then the box's
             middle and half its sides.
+        stop_at: address of a ``StopFlag``; nothing is said of the mesh once it is set.
     """
     positions, own, out = f32_at(positions_at), f32_at(own_at), f64_at(out_at)
     indices, keys, bits = u32_at(elements_at), i64_at(keys_at), u32_at(own_at)
@@ -71,6 +77,8 @@ def enclose(positions_at, count, elements_at, triangles, own_at, keys_at, out_at
     cx, cy, cz = out[2], out[3], out[4]
     # Most meshes that are not such fail here, at one of their first triangles.
     for t in range(triangles):
+        if t % _BLOCK == 0 and is_set(stop_at):
+            return
         a, b, c = 3 * np.int64(indices[3 * t]), 3 * np.int64(indices[3 * t + 1]), 3 * np.int64(indices[3 * t + 2])
         ax, ay, az = positions[a] - cx, positions[a + 1] - cy, positions[a + 2] - cz
         bx, by, bz = positions[b] - cx, positions[b + 1] - cy, positions[b + 2] - cz
@@ -87,6 +95,8 @@ def enclose(positions_at, count, elements_at, triangles, own_at, keys_at, out_at
     tiny32 = np.float32(NEAR_ZERO * extent)
     changed = False
     for k in range(count):
+        if k % _BLOCK == 0 and is_set(stop_at):
+            return
         for axis in range(3):
             value = positions[3 * k + axis]
             near = abs(value) <= tiny32
@@ -98,6 +108,8 @@ def enclose(positions_at, count, elements_at, triangles, own_at, keys_at, out_at
         keys[2 * k + 1] = np.int64(_mixed(mixed + np.uint64(0x9E3779B97F4A7C15)))
     total = np.int64(0)
     for t in range(triangles):
+        if t % _BLOCK == 0 and is_set(stop_at):
+            return
         a, b, c = 2 * np.int64(indices[3 * t]), 2 * np.int64(indices[3 * t + 1]), 2 * np.int64(indices[3 * t + 2])
         # Its three edges' counts together.
         total += (keys[b] - keys[a]) * (keys[c + 1] - keys[a + 1]) - (keys[c] - keys[a]) * (keys[b + 1] - keys[a + 1])
@@ -111,7 +123,11 @@ def solid(positions: NDArray[np.float32], elements: NDArray[np.uint32]) -> tuple
 
     Args:
         positions: (N, 3) float32, C-contiguous. elements: (M, 3) uint32, C-contiguous, below N.
+
+    Raises:
+        Exception: the current ``StopFlag`` was set.
     """
+    stop = current_stop()
     own, keys, out = np.empty_like(positions), np.empty((len(positions), 2), np.int64), np.empty(8)
     enclose(
         address_of(positions, np.float32),
@@ -121,7 +137,9 @@ def solid(positions: NDArray[np.float32], elements: NDArray[np.uint32]) -> tuple
         address_of(own, np.float32),
         address_of(keys, np.int64),
         address_of(out, np.float64),
+        stop.address,
     )
+    stop.check()
     if out[0] == 0.0:
         return None
     x, y, z, w, h, d = out[2:].tolist()

@@ -11,6 +11,7 @@ from renderers.cpu.layout import (
     GUARD,
     J_INSTANCES,
     J_LENGTHS,
+    J_STOP,
     J_TABLE,
     J_VERTEX,
     L_CX,
@@ -25,8 +26,11 @@ from renderers.cpu.layout import (
 )
 from renderers.jit import kernel
 from renderers.linked import inner
+from renderers.native import is_set
 from renderers.pointers import f32_at, f64_at, i64_at
 
+PIECE: Final = 1 << 18
+"""Vertices between two looks at J_STOP: about a millisecond."""
 BEHIND: Final = -2.0
 """In place of 1/z: the vertex is nearer than the near plane (or not a number)."""
 OUTSIDE: Final = -1.0
@@ -95,9 +99,10 @@ def transform(job_at, lens_at, begin, end):
     lens = f64_at(lens_at)
     table = i64_at(job[J_TABLE])
     drawn = drawn_at(table, job[J_INSTANCES], T_VERTEX, begin)
-    while begin < end:
+    while begin < end and not is_set(job[J_STOP]):
         row = drawn * T_COLUMNS
-        stop = min(end, table[row + T_COLUMNS + T_VERTEX])
+        last = table[row + T_COLUMNS + T_VERTEX]
+        stop = min(end, last, begin + PIECE)
         offset = begin - table[row + T_VERTEX]
         _transform(
             f64_at(job[J_LENGTHS] + 8 * M_COLUMNS * drawn),
@@ -107,4 +112,4 @@ def transform(job_at, lens_at, begin, end):
             f32_at(job[J_VERTEX] + 16 * begin),
         )
         begin = max(begin, stop)
-        drawn += 1
+        drawn += begin >= last

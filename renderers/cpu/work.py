@@ -8,7 +8,7 @@ from renderers.cpu.resolve import BACKS, EVERYTHING, FRONTS
 from renderers.cpu.visibility import BAND_ROWS
 from renderers.jit import kernel
 from renderers.linked import inlined, inner
-from renderers.native import call_kernel, shared_number, take_number, yield_at
+from renderers.native import call_kernel, is_set, shared_number, take_number, yield_at
 from renderers.pointers import i64_at
 
 PHASES: Final = 3
@@ -35,10 +35,11 @@ W_LAYER_BYTES: Final = 16  # several samples of each thread's ``samples.E_COLUMN
 W_FIND: Final = 17  # address of ``edges.find_edges``; 0: one sample
 W_GEOMETRY: Final = 18  # whether other pictures than colour are wanted
 W_UNITS: Final = 19  # PHASES values
-W_THREADS: Final = 22  # how many have begun; from here on written while threads work
-W_TAKEN: Final = 23  # PHASES values: units taken
-W_ENDED: Final = 26  # PHASES values: units done
-W_COLUMNS: Final = 29
+W_STOP: Final = 22  # J_STOP of the job
+W_THREADS: Final = 23  # how many have begun; from here on written while threads work
+W_TAKEN: Final = 24  # PHASES values: units taken
+W_ENDED: Final = 27  # PHASES values: units done
+W_COLUMNS: Final = 30
 
 HALVED: Final = 2
 """Bands at the end of a picture that are two units of work each, with one sample a pixel."""
@@ -104,7 +105,9 @@ def work(task_at, stay):
             units += min(units, halved)
         unit = take_number(task, W_TAKEN + phase)
         while unit < units:
-            if phase == 0:
+            if is_set(task[W_STOP]):
+                pass  # units that are left are counted, so that no thread waits for them, but not done
+            elif phase == 0:
                 begin = unit * task[W_VERTICES_PER_UNIT]
                 end = min(begin + task[W_VERTICES_PER_UNIT], task[W_VERTICES])
                 call_kernel(task[W_TRANSFORM], (task[W_JOB], task[W_LENS], begin, end))

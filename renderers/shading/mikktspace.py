@@ -10,13 +10,19 @@ handedness so has two tangents and is split.
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from renderers.drawlist import Mesh, Topology
 from renderers.jit import kernel
-from renderers.linked import inner
+from renderers.linked import inlined, inner
+from renderers.native import is_set
+from renderers.stop import check_stop, current_stop
+
+_BLOCK: Final = 1 << 14
+"""Corners, triangles or vertices between two looks at the ``StopFlag``."""
 
 
 def with_tangents(mesh: Mesh, uv_set: int) -> Mesh:
@@ -27,6 +33,7 @@ def with_tangents(mesh: Mesh, uv_set: int) -> Mesh:
     if mesh.tangents is not None or uv is None or mesh.normals is None or mesh.topology is not Topology.TRIANGLES:
         return mesh
     tangents = corner_tangents(mesh.positions, mesh.normals, uv, mesh.elements)
+    check_stop()
     corner = mesh.elements.reshape(-1).astype(np.intp)
     # Each vertex keeps the tangent of its first corner (of repeated indices, the last assignment counts).
     first = np.full(len(mesh.positions), -1, np.intp)
@@ -38,6 +45,7 @@ def with_tangents(mesh: Mesh, uv_set: int) -> Mesh:
     elements[apart] = np.count_nonzero(used) + np.arange(len(apart))
     kept = np.concatenate((first[used], apart))
     vertex = corner[kept]
+    check_stop()
     return Mesh(
         mesh.positions[vertex],
         elements.reshape(-1, 3).astype(np.uint32),
@@ -60,27 +68,68 @@ def corner_tangents(
     Args:
         positions, normals: (N, 3) float32. uv: (N, 2) float32, v downwards as in glTF.
         triangles: (M, 3) uint32.
+
+    Raises:
+        Exception: the current ``StopFlag`` was set.
     """
+    stop = current_stop()
     flat = triangles.reshape(-1).astype(np.int64)
     every = np.concatenate((positions, normals, uv), axis=1)
+    stop.check()
     every = np.where(np.abs(every) < 1e18, every, np.float32(0.0)) + np.float32(0.0)  # no -0, nothing not finite
-    rows = np.ascontiguousarray(every).view(np.dtype((np.void, every.shape[1] * 4)))[:, 0]
-    _, vertex = np.unique(rows, return_inverse=True)
-    welded = vertex.reshape(-1)[flat].astype(np.int64)
-    a, b = welded.reshape(-1, 3), np.roll(welded.reshape(-1, 3), -1, axis=1)
-    low, high = np.minimum(a, b).reshape(-1), np.maximum(a, b).reshape(-1)
-    order = np.lexsort((np.arange(len(low)), high, low))
+    stop.check()
+    p, n, t = (np.ascontiguousarray(part, np.float64) for part in (every[:, :3], every[:, 3:6], every[:, 6:]))
+    stop.check()
+    first = np.empty(len(every), np.int64)
+    _weld(np.ascontiguousarray(every).view(np.int64), first, _table(len(every)), stop.address)
+    stop.check()
     out = np.zeros((len(flat), 4), np.float32)
-    _tangents(
-        np.ascontiguousarray(every[:, :3], np.float64),
-        np.ascontiguousarray(every[:, 3:6], np.float64),
-        np.ascontiguousarray(every[:, 6:], np.float64),
-        flat,
-        welded,
-        order.astype(np.int64),
-        out,
-    )
+    _tangents(p, n, t, flat, first[flat], _table(len(flat)), out, stop.address)
+    stop.check()
     return out
+
+
+def _table(count: int) -> NDArray[np.int64]:
+    """An empty hash table for ``count`` entries: a power of two of -1, half of it or more free."""
+    return np.full(1 << max(2 * count - 1, 1).bit_length(), -1, np.int64)
+
+
+@inlined
+def _mixed(value):
+    """splitmix64's finalizer."""
+    value = (value ^ (value >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    value = (value ^ (value >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return value ^ (value >> np.uint64(31))
+
+
+@kernel("void(int64[:,::1], int64[::1], int64[::1], int64)")
+def _weld(rows, first, table, stop_at):
+    """Find for every row the first one that is equal.
+
+    Args:
+        first: (rows,) written. table: see ``_table``.
+        stop_at: address of a ``StopFlag``; nothing is of use once it is set.
+    """
+    mask = np.uint64(table.shape[0] - 1)
+    for k in range(rows.shape[0]):
+        if k % _BLOCK == 0 and is_set(stop_at):
+            return
+        value = np.uint64(0)
+        for c in range(rows.shape[1]):
+            value = _mixed(value + np.uint64(rows[k, c]) + np.uint64(0x9E3779B97F4A7C15))
+        slot = value & mask
+        found = table[slot]
+        while found >= 0:
+            same = True
+            for c in range(rows.shape[1]):
+                same &= rows[found, c] == rows[k, c]
+            if same:
+                break
+            slot = (slot + np.uint64(1)) & mask
+            found = table[slot]
+        if found < 0:
+            found = table[slot] = k
+        first[k] = found
 
 
 @inner
@@ -100,17 +149,22 @@ def _join(parent, j, k):
         parent[j] = k
 
 
-@kernel("void(float64[:,::1], float64[:,::1], float64[:,::1], int64[::1], int64[::1], int64[::1], float32[:,::1])")
-def _tangents(p, n, uv, corner, welded, edges, out):
+@kernel(
+    "void(float64[:,::1], float64[:,::1], float64[:,::1], int64[::1], int64[::1], int64[::1], float32[:,::1], int64)"
+)
+def _tangents(p, n, uv, corner, welded, table, out, stop_at):
     """
     Args:
         p, n, uv: of the vertices. corner: (3 M,) vertex of each corner; welded: the same, equal vertices being one.
-        edges: (3 M,) edges (by the corner they begin at), those between the same two vertices next to each other.
+        table: see ``_table``.
+        stop_at: address of a ``StopFlag``; ``out`` is of no use once it is set.
     """
     count = corner.shape[0] // 3
     along = np.zeros((count, 3))
     turn = np.zeros(count, np.int8)  # handedness: 1, -1, 0 where the coordinates have no area
     for f in range(count):
+        if f % _BLOCK == 0 and is_set(stop_at):
+            return
         i, j, k = corner[3 * f], corner[3 * f + 1], corner[3 * f + 2]
         u1, v1 = uv[j, 0] - uv[i, 0], uv[i, 1] - uv[j, 1]  # v upwards
         u2, v2 = uv[k, 0] - uv[i, 0], uv[i, 1] - uv[k, 1]
@@ -120,23 +174,42 @@ def _tangents(p, n, uv, corner, welded, edges, out):
             for c in range(3):
                 along[f, c] = turn[f] * (v2 * (p[j, c] - p[i, c]) - v1 * (p[k, c] - p[i, c]))
     parent = np.arange(3 * count)
-    begin = 0
-    while begin < edges.shape[0]:
+    # An edge is called by the corner that it begins at. Of those between the same two vertices, the last one that has
+    # no neighbour yet waits in ``waiting``, at the place of their first in the table.
+    mask = np.uint64(table.shape[0] - 1)
+    waiting = np.full(table.shape[0], -1)
+    for o in range(3 * count):
+        if o % _BLOCK == 0 and is_set(stop_at):
+            return
+        o2 = o - o % 3 + (o + 1) % 3
+        low, high = min(welded[o], welded[o2]), max(welded[o], welded[o2])
+        slot = _mixed(_mixed(np.uint64(low) + np.uint64(0x9E3779B97F4A7C15)) + np.uint64(high)) & mask
+        known = table[slot]
+        while known >= 0:
+            a, b = welded[known], welded[known - known % 3 + (known + 1) % 3]
+            if min(a, b) == low and max(a, b) == high:
+                break
+            slot = (slot + np.uint64(1)) & mask
+            known = table[slot]
+        if known < 0:
+            table[slot] = waiting[slot] = o
+            continue
+        e = waiting[slot]
+        waiting[slot] = o
+        if e < 0:
+            continue
         # Two triangles are neighbours over an edge that they run through in opposite directions.
-        e = edges[begin]
-        end = begin + 1
-        if end < edges.shape[0]:
-            o = edges[end]
-            e2, o2 = e - e % 3 + (e + 1) % 3, o - o % 3 + (o + 1) % 3
-            if welded[e] == welded[o2] and welded[e2] == welded[o] and welded[e] != welded[e2]:
-                end += 1
-                if turn[e // 3] == turn[o // 3] or turn[e // 3] == 0 or turn[o // 3] == 0:
-                    _join(parent, e, o2)
-                    _join(parent, e2, o)
-        begin = end
+        e2 = e - e % 3 + (e + 1) % 3
+        if welded[e] == welded[o2] and welded[e2] == welded[o] and welded[e] != welded[e2]:
+            waiting[slot] = -1
+            if turn[e // 3] == turn[o // 3] or turn[e // 3] == 0 or turn[o // 3] == 0:
+                _join(parent, e, o2)
+                _join(parent, e2, o)
     total = np.zeros((3 * count, 3))
     hand = np.zeros(3 * count, np.int8)
     for c in range(3 * count):
+        if c % _BLOCK == 0 and is_set(stop_at):
+            return
         f = c // 3
         if turn[f] == 0:
             continue

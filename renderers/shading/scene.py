@@ -19,6 +19,7 @@ from renderers.shading.materials import MaterialRows, as_tables, material_rows
 from renderers.shading.textures import Parallel, Texels, TextureTable, texels_of
 from renderers.shading.transfer import DECODED, ENCODED, GAMMA_CELLS
 from renderers.shading.vertices import VertexRecords, records_of
+from renderers.stop import check_stop
 from renderers.tables import SceneTables, lets_through
 
 
@@ -69,6 +70,7 @@ def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | 
     keep: list[Any] = []
     table = np.zeros((max(len(instances), 1), II_COLUMNS), dtype=np.int64)
     for i, instance in enumerate(instances):
+        check_stop()
         mesh, material = instance.mesh, instance.material
         topology = mesh.elements.shape[1]
         lit = topology == Topology.TRIANGLES
@@ -86,9 +88,12 @@ def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | 
             keep.append(records)
             columns = geometry[id(mesh), tangent_set] = records.columns
         table[i] = (topology, material_row, *columns)
+    check_stop()
     integers, floats = as_tables(rows)
+    check_stop()
     texture_integers, texture_floats = textures.as_tables(parallel)
     cull_back = np.array([not instance.material.double_sided for instance in instances], dtype=np.bool_)
+    check_stop()
     layered = np.array([lets_through(instance, _opaque) for instance in instances], dtype=np.bool_)
     return ShadingScene(
         look=look,

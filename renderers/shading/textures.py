@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from renderers.drawlist import Image, ImageError, Texture, Wrap, image_named
 from renderers.pointers import address_of
+from renderers.stop import check_stop
 from renderers.weaklru import WeakLru
 
 WRAP_REPEAT: Final = 0
@@ -67,10 +68,14 @@ def texels_of(image: Image) -> Texels:
     known = _decoded.get(image)
     if known is not None:
         return known
+    check_stop()
     pixels = image.decode()
+    check_stop()
     if pixels.ndim != 3 or pixels.shape[2] != 4 or pixels.dtype != np.uint8 or 0 in pixels.shape:
         raise ImageError(f"decoded to {pixels.shape} {pixels.dtype}, expected (H, W, 4) uint8")
-    fresh = Texels(_spread(pixels), pixels.shape[1], bool((pixels[..., 3] == 255).all()))
+    opaque = bool((pixels[..., 3] == 255).all())
+    check_stop()
+    fresh = Texels(_spread(pixels), pixels.shape[1], opaque)
     _decoded.put(image, fresh, fresh.rows.nbytes)
     return fresh
 

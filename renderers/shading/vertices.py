@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.drawlist import Mesh
+from renderers.drawlist import Mesh, used_vertices
 from renderers.pointers import address_of
 from renderers.shading.layout import (
     E_COLOR,
@@ -27,6 +27,7 @@ from renderers.shading.layout import (
     V_UV0,
 )
 from renderers.shading.mikktspace import with_tangents
+from renderers.stop import check_stop
 from renderers.weaklru import WeakLru
 
 MAX_VERTEX_BYTES: Final = 512 << 20
@@ -87,6 +88,7 @@ def records_of(mesh: Mesh, tangent_set: int) -> VertexRecords:
 
 
 def _make(mesh: Mesh, tangent_set: int) -> VertexRecords:
+    check_stop()
     count = len(mesh.positions)
     for name, array, width in (
         ("positions", mesh.positions, 3),
@@ -107,14 +109,14 @@ def _make(mesh: Mesh, tangent_set: int) -> VertexRecords:
     used: slice | NDArray[np.intp] = slice(None)
     if count > max(64, elements.size):
         # Many glTF primitives share one long vertex array: keep only what this one uses.
-        used, compact = np.unique(elements, return_inverse=True)
-        elements = np.ascontiguousarray(compact.reshape(elements.shape), dtype=np.uint32)
+        used, elements = used_vertices(elements, count)
         count = len(used)
     has = 0
     vertices = np.zeros((count, V_COLUMNS), np.float32)
     vertices[:, V_POSITION : V_POSITION + 3] = mesh.positions[used]
     for array, column, bit in ((mesh.normals, V_NORMAL, HAS_NORMALS), (mesh.uv0, V_UV0, HAS_UV0)):
         if array is not None:
+            check_stop()
             has |= bit
             vertices[:, column : column + array.shape[1]] = array[used]
     extras = None
@@ -123,6 +125,7 @@ def _make(mesh: Mesh, tangent_set: int) -> VertexRecords:
         extras = np.zeros((count, E_COLUMNS), np.float32)
         for array, column, bit in more:
             if array is not None:
+                check_stop()
                 has |= bit
                 extras[:, column : column + array.shape[1]] = array[used]
     return VertexRecords(elements, vertices, extras, has)

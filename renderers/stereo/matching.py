@@ -10,6 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from renderers.stereo.errors import Measured
+from renderers.stop import check_stop
 
 BLOCK: Final = 5
 """Side of the matching window, pixels."""
@@ -30,6 +31,7 @@ def match(left: NDArray[np.uint8], right: NDArray[np.uint8], disparities: int, s
     Returns:
         Disparity where a match was found that is consistent from left to right and from right to left.
     """
+    check_stop()
     height, width = left.shape
     searched = -(-disparities // 16) * 16
     # OpenCV gives nothing for the first `searched` columns; with a border that large only what lies outside is lost.
@@ -48,6 +50,7 @@ def match(left: NDArray[np.uint8], right: NDArray[np.uint8], disparities: int, s
         mode=cv2.StereoSGBM_MODE_SGBM,
     )
     raw = np.asarray(matcher.compute(padded[0], padded[1]), np.int16)[:, searched:]
+    check_stop()  # OpenCV itself cannot be stopped: half a second for 1280 x 960 pixels
     disparity = np.zeros((height, width), np.uint16)
     error = np.zeros((height, width), np.uint8)
     confidence = np.zeros((height, width), np.uint8)

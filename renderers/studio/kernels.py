@@ -9,7 +9,7 @@ import numpy as np
 from renderers import simd as vec
 from renderers.jit import kernel
 from renderers.linked import inlined, inner
-from renderers.native import call_kernel
+from renderers.native import call_kernel, is_set
 from renderers.pointers import f32_at, i32_at, i64_at, u8_at
 from renderers.records import instance_of
 from renderers.samples import E_COUNTS, E_IDS, E_MIXED, E_MIXES, E_PLACES, E_RECORDS, E_ROOM, E_WEIGHTS
@@ -25,6 +25,7 @@ from renderers.studio.layout import (
     J_COUNT,
     J_FIRST,
     J_INSTANCES,
+    J_STOP,
     PART,
     STRIDE,
     line_in_kernel,
@@ -192,6 +193,8 @@ def shade_rows(mode, job_at, ids_at, edges_at, stride, width, row_begin, row_end
     spare = u8_at(np.int64(own_bytes.ctypes.data))
     hint = np.int64(0)
     for y in range(row_begin, row_end):
+        if is_set(job[J_STOP]):
+            break
         row = y - row_begin
         if out_at != 0:
             out = f32_at(out_at + (4 if mode == CUT else 16) * y * line)

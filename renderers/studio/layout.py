@@ -29,7 +29,8 @@ J_LENS: Final = 17  # fx, fy, cx, cy, exposure, R_world_camera by rows, 1 / fx, 
 J_TONE: Final = 18  # number of the tone curve, of ``tonemap.TONES``
 J_FIRST: Final = 19  # (J_COUNT + 1,) int64: the first record of every instance
 J_COUNT: Final = 20
-J_COLUMNS: Final = 21
+J_STOP: Final = 21  # address of an int64, not 0 when the picture is not wanted any more, see ``stop.StopFlag``
+J_COLUMNS: Final = 22
 
 # What finishes a picture: addresses.
 F_BEHIND: Final = 0  # (3,) float32, the linear background

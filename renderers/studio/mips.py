@@ -12,8 +12,10 @@ from renderers.color import linear_values_from_srgb, srgb_values_from_linear
 from renderers.drawlist import Image, Texture, Wrap, image_named
 from renderers.jit import kernel
 from renderers.linked import inner
+from renderers.native import is_set
 from renderers.pointers import address_of
 from renderers.shading.textures import texels_of
+from renderers.stop import current_stop
 from renderers.weaklru import WeakLru
 
 MAX_LEVELS: Final = 15
@@ -86,13 +88,18 @@ def mip_chain(image: Image, srgb: bool) -> MipChain:
 
 
 def make_chain(rgba: NDArray[np.uint8], srgb: bool) -> MipChain:
-    """Levels of (H, W, 4) uint8: each texel is the mean of what it covers of the level before; sizes round down."""
-    levels = [rgba]
+    """Levels of (H, W, 4) uint8: each texel is the mean of what it covers of the level before; sizes round down.
+
+    Raises:
+        Exception: the current ``StopFlag`` was set.
+    """
+    levels, stop = [rgba], current_stop()
     there, back = (_TO_LINEAR, _FROM_LINEAR) if srgb else (_SAME, _BACK)
     while len(levels) < MAX_LEVELS and max(levels[-1].shape[:2]) > 1:
         height, width = (max(side // 2, 1) for side in levels[-1].shape[:2])
         smaller = np.empty((height, width, 4), np.uint8)
-        _halve(_read_only(levels[-1]), smaller, there, back)
+        _halve(_read_only(levels[-1]), smaller, there, back, stop.address)
+        stop.check()
         levels.append(smaller)
     return MipChain(tuple(levels))
 
@@ -117,12 +124,15 @@ def _covered(index, size, smaller):
     return first, w0, w1, w2
 
 
-@kernel("void(Array(uint8, 3, 'C', readonly=True), uint8[:,:,::1], uint16[::1], uint8[::1])")
-def _halve(source, out, there, back):
-    """A level from the one before; ``there`` and ``back`` convert colours to where means are taken and back."""
+@kernel("void(Array(uint8, 3, 'C', readonly=True), uint8[:,:,::1], uint16[::1], uint8[::1], int64)")
+def _halve(source, out, there, back, stop_at):
+    """A level from the one before; ``there`` and ``back`` convert colours to where means are taken and back. The
+    ``StopFlag`` at ``stop_at`` is looked at once a row: the first level of 8192 x 8192 texels takes a second."""
     height, width = source.shape[0], source.shape[1]
     rows, columns = out.shape[0], out.shape[1]
     for y in range(rows):
+        if is_set(stop_at):
+            break
         j, v0, v1, v2 = _covered(y, height, rows)
         for x in range(columns):
             i, h0, h1, h2 = _covered(x, width, columns)

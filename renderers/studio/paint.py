@@ -16,6 +16,7 @@ from renderers.layers import peeled
 from renderers.native import kernel_address
 from renderers.pointers import address_of
 from renderers.samples import sample_cameras
+from renderers.stop import current_stop
 from renderers.studio import kernels as k
 from renderers.studio import layout as at
 from renderers.studio.finish import finish_rows
@@ -208,4 +209,6 @@ def _job(
     job[at.J_TONE] = TONES.index(light.rig.tone)
     job[at.J_FIRST] = address_of(first_record, np.int64)
     job[at.J_COUNT] = len(first_record) - 1
-    return job, (X, N, lens, light, first_record)
+    stop = current_stop()
+    job[at.J_STOP] = stop.address
+    return job, (X, N, lens, light, first_record, stop)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from renderers.drawlist import AlphaMode, Image, Instance, Material, Texture, Topology
 from renderers.shading.materials import look_material
 from renderers.shading.vertices import records_of
+from renderers.stop import check_stop
 from renderers.studio.mips import MipTable, mip_chain
 from renderers.tables import SceneTables, lets_through
 
@@ -128,6 +129,7 @@ def prepare(instances: Sequence[Instance]) -> StudioScene:
     geometry: dict[tuple[int, int], tuple[int, ...]] = {}
     table = np.zeros((max(len(instances), 1), II_COLUMNS), np.int64)
     for i, instance in enumerate(instances):
+        check_stop()
         mesh, material = instance.mesh, instance.material
         lit = mesh.topology is Topology.TRIANGLES
         row = rows.get((id(material), lit))

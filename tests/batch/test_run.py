@@ -30,6 +30,7 @@ from gateway.client.dataset import NO_LABEL, Dataset
 from tests.batch.conftest import SETTINGS, Draw, contents, order_of
 from tests.support import forms
 from tests.support.gateway_process import START_SECONDS
+from tests.support.slow import slow_gltf
 
 LIGHTS = "KHR_lights_punctual"
 
@@ -358,3 +359,41 @@ def test_lights_of_a_rig_that_light_nothing_are_a_warning(scenes: Path, tmp_path
     assert warned("exposure = 2.0\n", look="studio") == {"depth.multipart": request}
     assert warned(light, ("depth",)) == {}
     assert warned(light, look="pbr") == {}
+
+
+def test_what_takes_too_long_fails_and_the_rest_is_drawn(scenes: Path, tmp_path: Path, draw: Draw) -> None:
+    (scenes / "slow.gltf").write_bytes(slow_gltf())
+    settings = replace_settings(width=1024, height=1024)
+    order = replace(order_of(scenes, tmp_path / "out", orbit=1, settings=settings), timeout=2.0)
+    progress = draw(order)
+    assert {failure.scene: failure.reason for failure in progress.failures} == {
+        "slow.gltf": "it took longer than --timeout = 2 s"
+    }
+    assert progress.finished >= 3
+
+
+def replace_settings(**changes: object) -> manifest.Settings:
+    return msgspec.structs.replace(SETTINGS, **changes)
+
+
+def test_one_picture_that_takes_too_long_is_a_sentence(tmp_path: Path) -> None:
+    (tmp_path / "slow.gltf").write_bytes(slow_gltf())
+    command = [
+        sys.executable,
+        "-m",
+        "gateway.cli",
+        "render",
+        str(tmp_path / "slow.gltf"),
+        "-o",
+        str(tmp_path / "a.png"),
+    ]
+    ended = subprocess.run(
+        [*command, "--width", "1024", "--height", "1024", "--timeout", "1"],
+        capture_output=True,
+        text=True,
+        timeout=START_SECONDS,
+        check=False,
+    )
+    assert ended.returncode == 1
+    assert ended.stderr.splitlines()[-1].endswith("a.png: it took longer than --timeout = 1 s")
+    assert not (tmp_path / "a.png").exists()

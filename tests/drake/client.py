@@ -2,6 +2,7 @@
 
     python client.py BASE_URL            compares all views
     python client.py BASE_URL CAMERA     renders one camera again and again
+    python client.py BASE_URL slow       renders 50,000 triangles that each fill the picture; prints the exception
 
 Prints one JSON document. Needs nothing of this project, so that it is Drake's client alone that speaks to the gateway.
 """
@@ -140,6 +141,39 @@ def build(shapes: list, base_url: str) -> SceneGraph:
     return scene_graph
 
 
+def slow_gltf() -> str:
+    """A glTF file of 50,000 triangles, each larger than what the camera "above" sees, each in front of the last."""
+    count = 50_000
+    corners = np.array([[-8, -8, 0], [24, -8, 0], [-8, 24, 0]], np.float32)
+    positions = np.repeat(corners[None], count, axis=0)
+    positions[:, :, 2] = np.linspace(0.0, 0.5, count)[:, None]
+    document = json.loads(triangle_gltf())
+    uri = "data:application/octet-stream;base64," + base64.b64encode(positions.tobytes()).decode()
+    document["buffers"] = [{"byteLength": positions.nbytes, "uri": uri}]
+    document["bufferViews"] = [{"buffer": 0, "byteLength": positions.nbytes}]
+    accessor = {"bufferView": 0, "componentType": 5126, "count": 3 * count, "type": "VEC3"}
+    document["accessors"] = [{**accessor, "min": [-8, -8, 0], "max": [24, 24, 0.5]}]
+    document["meshes"] = [{"primitives": [{"attributes": {"POSITION": 0}, "material": 0}]}]
+    return json.dumps(document)
+
+
+def refusal(folder: Path, base_url: str) -> str:
+    """What Drake raises for a picture that takes too long; empty: it was drawn."""
+    (folder / "slow.gltf").write_text(slow_gltf())
+    upright = RigidTransform(RollPitchYaw(-np.pi / 2, 0, 0), [0, 0, 0])  # Drake turns glTF's Y to its own Z
+    shapes = [
+        (Mesh(str(folder / "slow.gltf"), 1.0), upright, properties(9, None)),
+        (Box(0.2, 0.15, 0.1), RigidTransform([0, 0, -1]), properties(1, [1, 0.2, 0.2, 1])),
+    ]
+    scene_graph = build(shapes, base_url)
+    query = scene_graph.get_query_output_port().Eval(scene_graph.CreateDefaultContext())
+    try:
+        render(query, "gateway", "above")
+    except RuntimeError as error:
+        return str(error)
+    return ""
+
+
 def looking_at(eye: list[float], target: list[float]) -> RigidTransform:
     forward = np.array(target, float) - eye
     forward /= np.linalg.norm(forward)
@@ -150,6 +184,7 @@ def looking_at(eye: list[float], target: list[float]) -> RigidTransform:
 
 CAMERAS = {
     "front": (CameraInfo(640, 480, np.pi / 4), looking_at([0.9, -0.9, 0.6], [0, 0, 0])),
+    "above": (CameraInfo(1024, 1024, np.pi / 4), RigidTransform(RollPitchYaw(np.pi, 0, 0), [0, 0, 3])),
     "offcentre": (CameraInfo(320, 200, 260.0, 240.0, 150.5, 110.0), looking_at([-0.7, 0.5, 0.5], [0, 0, 0])),
 }
 
@@ -192,6 +227,9 @@ def main() -> None:
     results: dict[str, object] = {"comparisons": {}}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
+        if sys.argv[2:] == ["slow"]:
+            print(json.dumps(refusal(folder, base_url)))
+            return
         if len(sys.argv) > 2:
             print(json.dumps(digests(primitives(folder), base_url, sys.argv[2])))
             return
@@ -203,7 +241,7 @@ def main() -> None:
                 shapes.append((Mesh(str(folder / "triangle.gltf"), 1.0), pose, properties(9, None)))
             scene_graph = build(shapes, base_url)
             query = scene_graph.get_query_output_port().Eval(scene_graph.CreateDefaultContext())
-            for camera in CAMERAS:
+            for camera in ("front", "offcentre"):
                 ours, vtk = (render(query, engine, camera) for engine in ("gateway", "vtk"))
                 results["comparisons"][f"{look}/{camera}"] = compare(ours, vtk)
         only = [(Mesh(str(folder / "triangle.gltf"), 1.0), RigidTransform(), properties(9, None))]

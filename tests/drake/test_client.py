@@ -75,3 +75,10 @@ def test_a_bad_request_is_explained_in_drakes_exception(results: dict[str, Any])
     assert "HTTP Code:       400" in results["error"]
     assert "no camera" in results["error"]
     assert "perception role" in results["error"]
+
+
+def test_a_picture_that_takes_too_long_is_explained_in_drakes_exception(python: str) -> None:
+    with gateway_process("--only", "render", "--render-seconds", "0.5") as (_, url):
+        error = printed(start(python, url, "slow"))
+    assert "HTTP Code:       503" in error
+    assert "the picture was given up: it took longer than --render-seconds = 0.5 s" in error

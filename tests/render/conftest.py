@@ -110,8 +110,9 @@ async def running(
     max_waiting: int = 16,
     max_waiting_bytes: int = 1 << 30,
     backdrop: Backdrop | None = None,
+    seconds: float | None = None,
 ) -> AsyncIterator[Running]:
-    workers = Workers(threads, max_waiting, max_waiting_bytes)
+    workers = Workers(threads, max_waiting, max_waiting_bytes, seconds=seconds, limit_name="--render-seconds")
     records: list[RenderRecord] = []
     service = RenderService(renderer, workers, config, backdrop=backdrop, on_done=records.append)
     app = FastAPI()

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+from pathlib import Path
 
 import httpx2
 import pytest
 
 from gateway.render.config import RenderConfig
 from tests.render.conftest import LONG, SCENE, Start, WatchedRenderer, assert_refused
+from tests.support.endless import EndlessRenderer
 from tests.support.forms import CONTENT_TYPE, body, part
 from tests.support.waiting import until
 
@@ -188,3 +190,25 @@ async def test_a_client_that_leaves_frees_its_place(start: Start, watched: Watch
         watched.go_on.set()
         assert (await held).status_code == 200
         assert len(watched.calls) == 1
+
+
+async def test_a_picture_that_takes_too_long_is_given_up_with_a_sentence_and_kept(start: Start, tmp_path: Path) -> None:
+    renderer = EndlessRenderer()
+    async with start(renderer, RenderConfig(keep_failures=tmp_path), threads=1, seconds=0.05) as server:
+        for _ in range(2):
+            response = await server.post(body(SCENE), CONTENT_TYPE)
+            assert_refused(response, 503, "--render-seconds = 0.05 s")
+            assert "retry-after" not in response.headers  # the same request would take as long
+        assert renderer.begun == renderer.ended == 2
+        assert [record.outcome for record in server.records] == ["slow", "slow"]
+    assert len(await asyncio.to_thread(lambda: [*tmp_path.iterdir()])) == 4  # the bodies, and what is said of each
+
+
+async def test_the_picture_of_a_client_that_left_is_given_up(start: Start) -> None:
+    renderer = EndlessRenderer()
+    async with start(renderer, threads=1) as server:
+        leaver = asyncio.create_task(server.post(body(SCENE), CONTENT_TYPE))
+        await until(lambda: renderer.begun == 1)
+        leaver.cancel()
+        await asyncio.gather(leaver, return_exceptions=True)
+        await until(lambda: renderer.ended == 1)

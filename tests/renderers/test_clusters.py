@@ -28,6 +28,7 @@ from renderers.cpu.layout import (
 from renderers.drawlist import DrawList, Instance, Material, Mesh
 from renderers.pointers import address_of, f32_at, f64_at, i64_at
 from renderers.port import Look, Output
+from renderers.stop import current_stop
 from tests.renderers.test_solid import bumpy, changed
 
 ALL = Output.COLOR | Output.DEPTH | Output.LABEL | Output.INSTANCE
@@ -52,7 +53,7 @@ def seen(
     count = -(-len(mesh.elements) // CLUSTER)
     values = np.zeros(cluster_values(len(mesh.elements)), np.float32)
     places = address_of(mesh.positions, np.float32), address_of(mesh.elements, np.uint32)
-    bound_clusters(*places, len(mesh.elements), address_of(values, np.float32))
+    bound_clusters(*places, len(mesh.elements), address_of(values, np.float32), current_stop().address)
     table, lengths, job = np.zeros(2 * T_COLUMNS, np.int64), np.zeros(M_COLUMNS), np.zeros(J_COLUMNS, np.int64)
     table[[T_CULL, T_HIDDEN]] = cull, hidden
     lengths[:12] = X_camera_mesh[:3].ravel()

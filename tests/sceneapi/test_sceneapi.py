@@ -6,19 +6,26 @@ import math
 import threading
 
 import cv2
+import httpx2
 import numpy as np
 import pytest
 import tifffile
+from fastapi import FastAPI
 
 from gateway.scene.geometry import Box, Part, PointCloud
 from gateway.scene.gltf import read_gltf
+from gateway.scene.live import LiveTree
 from gateway.scene.transforms import look_at
 from gateway.sceneapi.config import SceneApiConfig
+from gateway.sceneapi.routes import router
 from gateway.sceneapi.service import SceneApi
+from gateway.workers import Workers
 from renderers.camera import Camera
 from renderers.drawlist import ImageError, Material
 from renderers.port import Output
 from tests.sceneapi.conftest import SPOT, World
+from tests.support.endless import EndlessRenderer
+from tests.support.waiting import until
 
 SMALL = "width=64&height=48"
 
@@ -283,3 +290,43 @@ async def test_every_parameter_is_documented(world: World):
 async def test_the_status_counts(world: World):
     await world.client.get(f"/scene/render?{SMALL}")
     assert world.service.status() == {"revision": 1, "geometries": 2, "pictures": 1}
+
+
+async def endless(seconds: float | None) -> tuple[EndlessRenderer, FastAPI, Workers]:
+    renderer, workers = EndlessRenderer(), Workers(1, seconds=seconds, limit_name="--render-seconds")
+    app = FastAPI()
+    app.include_router(router(SceneApi(LiveTree(), renderer, workers)))
+    return renderer, app, workers
+
+
+async def test_a_picture_that_takes_too_long_is_given_up():
+    renderer, app, workers = await endless(0.05)
+    async with httpx2.AsyncClient(transport=httpx2.ASGITransport(app), base_url="http://test") as client:
+        response = await client.get(f"/scene/render?{SMALL}")
+    assert response.status_code == 503
+    assert response.text == "the answer was given up: it took longer than --render-seconds = 0.05 s"
+    assert "retry-after" not in response.headers
+    assert renderer.ended == 1
+    assert await workers.close()
+
+
+async def test_the_picture_of_a_client_that_left_is_given_up():
+    renderer, app, workers = await endless(None)
+    async with asyncio.TaskGroup() as group:
+        left, sent = asyncio.Event(), []
+
+        async def receive() -> dict[str, object]:
+            await left.wait()
+            return {"type": "http.disconnect"}
+
+        async def send(message: dict[str, object]) -> None:
+            sent.append(message)
+
+        query = SMALL.encode()
+        scope = {"type": "http", "method": "GET", "path": "/scene/render", "query_string": query, "headers": []}
+        group.create_task(app(scope, receive, send))
+        await until(lambda: renderer.begun == 1)
+        left.set()
+    assert sent[0]["status"] == 499
+    await until(lambda: renderer.ended == 1)
+    assert await workers.close()

@@ -20,6 +20,7 @@ from gateway.workers import Workers
 from renderers.cpu import CpuRenderer
 from renderers.cpu.warmup import warmup
 from renderers.drawlist import DrawList
+from renderers.port import Renderer
 from renderers.stereo.model import StereoModel
 from renderers.stereo.warm import warm_up
 from tests.stereo.scenes import pose, table
@@ -76,9 +77,13 @@ def renderer() -> CpuRenderer:
 
 @asynccontextmanager
 async def running(
-    renderer: CpuRenderer, config: StereoConfig, scene: Callable[[], tuple[DrawList, int]], clock: Clock | None
+    renderer: Renderer,
+    config: StereoConfig,
+    scene: Callable[[], tuple[DrawList, int]],
+    clock: Clock | None,
+    seconds: float | None = None,
 ) -> AsyncIterator[Camera]:
-    workers = Workers(2)
+    workers = Workers(2, seconds=seconds, limit_name="--render-seconds")
     service = StereoService(config, scene, pose, renderer, workers, clock)
     task = asyncio.create_task(service.run())
     await until(lambda: service.ready or task.done())

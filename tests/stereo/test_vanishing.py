@@ -9,7 +9,12 @@ import grpc
 import pytest
 
 from gateway.generated import image_interface_pb2 as pb
+from gateway.stereo.config import StereoConfig
 from gateway.stereo.server import _decoded
+from tests.stereo.conftest import SMALL, running
+from tests.stereo.scenes import table
+from tests.support.endless import EndlessRenderer
+from tests.support.waiting import until
 
 
 async def test_a_connection_that_breaks_while_writing_ends_the_call_like_a_cancellation() -> None:
@@ -19,3 +24,25 @@ async def test_a_connection_that_breaks_while_writing_ends_the_call_like_a_cance
 
     with pytest.raises(asyncio.CancelledError):
         await _decoded(pb.ImageSetRequest, answer)(b"\x08\x01", None)
+
+
+async def test_frames_end_when_nobody_waits_for_them_any_more() -> None:
+    renderer, drawn = EndlessRenderer(), table()
+    config = StereoConfig(port=0, model=SMALL, look="phong")
+    async with running(renderer, config, lambda: (drawn, 1), None) as camera:  # type: ignore[arg-type]  # any renderer does
+        call = camera.stream(left_enabled=True, disparity_enabled=True)
+        reading = asyncio.create_task(call.read())
+        await until(lambda: renderer.begun > renderer.ended)
+        call.cancel()
+        await asyncio.gather(reading, return_exceptions=True)
+        await until(lambda: renderer.begun == renderer.ended and camera.service.workers.stats.running == 0)
+
+
+@pytest.mark.parametrize("rate", ["max", "device"])
+async def test_a_frame_that_takes_too_long_ends_its_streams_with_the_limit(rate: Any) -> None:
+    drawn = table()
+    config = StereoConfig(port=0, model=SMALL, look="phong", rate=rate)
+    async with running(EndlessRenderer(), config, lambda: (drawn, 1), None, seconds=0.1) as camera:  # type: ignore[arg-type]  # any renderer does
+        with pytest.raises(grpc.aio.AioRpcError) as caught:
+            await camera.stream(left_enabled=True).read()
+    assert "--render-seconds = 0.1 s" in str(caught.value.details())

@@ -14,6 +14,7 @@ import pytest
 from fastapi import FastAPI
 from PIL import Image as Pillow
 
+from gateway.scene.cameras import parse_camera
 from gateway.scene.flatten import Flattener
 from gateway.scene.geometry import Box, Part, PointCloud
 from gateway.scene.labels import LabelTable
@@ -22,7 +23,7 @@ from gateway.viewer.config import ViewerConfig
 from gateway.viewer.frames import parse
 from gateway.viewer.hub import ViewHub
 from gateway.viewer.pictureroutes import picture_router
-from gateway.viewer.pictures import Pictures
+from gateway.viewer.pictures import Pictures, View
 from gateway.viewer.ports import RenderNote, SensorPictures
 from gateway.viewer.routes import router
 from gateway.viewer.sensor import SensorView
@@ -32,6 +33,8 @@ from renderers.drawlist import DrawList, Material
 from renderers.encode import png_gray16, png_rgb, tiff_float32
 from renderers.port import Frame, Look, Output
 from renderers.studio.rig import Rig
+from tests.support.endless import EndlessRenderer
+from tests.support.waiting import until
 
 
 @dataclass
@@ -230,3 +233,47 @@ def test_pictures_that_cannot_be_read_are_refused() -> None:
 
     with pytest.raises(ValueError, match="image/tiff"):
         shown(RenderNote(200, 0, 0, "", "", "depth", b"", "image/tiff", ""), b"no picture", None)
+
+
+class EndlessWorld(World):
+    """Nothing that it draws is ever finished."""
+
+    def __init__(self, seconds: float | None) -> None:
+        super().__init__()
+        self.endless = EndlessRenderer()
+        self.workers = Workers(1, seconds=seconds, limit_name="--render-seconds")
+        flattener = Flattener(LabelTable())
+        self.pictures = Pictures(self.config, self.tree, flattener, self.endless, self.workers)
+
+
+async def test_a_picture_that_takes_too_long_is_given_up_and_drawn_anew_for_the_next() -> None:
+    world = EndlessWorld(0.05)
+    app = FastAPI()
+    app.include_router(picture_router(world.pictures, None, world.hub.renders))
+    async with httpx2.AsyncClient(transport=httpx2.ASGITransport(app), base_url="http://view") as http:
+        for path in ("frame.jpg", "frame.jpg", "stream.mjpg"):
+            answer = await http.get(f"/view/{path}?width=64&height=48")
+            assert (answer.status_code, answer.text) == (
+                503,
+                "the picture was given up: it took longer than --render-seconds = 0.05 s",
+            )
+            assert "retry-after" not in answer.headers
+    assert world.endless.ended == 3
+    assert await world.workers.close()
+
+
+async def test_a_picture_is_given_up_when_the_last_of_those_who_wait_for_it_has_left() -> None:
+    world = EndlessWorld(None)
+    view = View(parse_camera("fit"), 64, 48, 80, "plain")
+    waiting = [asyncio.create_task(world.pictures.jpeg(view)) for _ in range(3)]
+    await until(lambda: world.endless.begun == 1)
+    for number, one in enumerate(waiting):
+        assert world.endless.ended == 0, number
+        one.cancel()
+        await asyncio.gather(one, return_exceptions=True)
+    await until(lambda: world.endless.ended == 1)
+    again = asyncio.create_task(world.pictures.jpeg(view))  # the old one is not waited for
+    await until(lambda: world.endless.begun == 2)
+    again.cancel()
+    await until(lambda: world.endless.ended == 2)
+    assert await world.workers.close()

@@ -16,6 +16,7 @@ from gateway.scene.gltf.cache import Buffer
 from gateway.scene.gltf.document import Document, Sparse
 from gateway.scene.gltf.errors import GltfError, element
 from gateway.scene.gltf.limits import GltfLimits
+from renderers.stop import check_stop
 
 Array: TypeAlias = NDArray[Any]
 
@@ -215,6 +216,7 @@ class Accessors:
             self.prepare((index,))
             if (known := self.known.get(index) or self._others.get(index)) is not None:
                 return known
+        check_stop()
         source = element(self._document.accessors, index, "accessors", where)
         assert isinstance(index, int)
         name = f"accessors[{index}]"

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.scene.gltf.normals import unit_rows
+from renderers.stop import check_stop
 
 Floats = NDArray[np.float32]
 T = TypeVar("T", bound=np.generic)
@@ -42,6 +43,7 @@ def with_alpha(values: Floats) -> Floats:
 def tangents(values: Floats) -> Floats:
     """Unit xyz; (1, 0, 0) where there is no direction; w is 1 or -1."""
     xyz, bad = unit_rows(np.ascontiguousarray(values[:, :3]))
+    check_stop()
     result = np.empty(values.shape, np.float32)
     result[:, :3] = xyz
     result[bad, :3] = (1.0, 0.0, 0.0)

@@ -19,6 +19,7 @@ from gateway.scene.gltf.bytewise import address_of_bytes, address_of_new
 from gateway.scene.gltf.cache import Buffer, MeshKey
 from gateway.scene.gltf.kernels import CLIPPED, FINITE, SIGNED, TANGENT, gather, read_meshes
 from renderers.drawlist import Mesh
+from renderers.stop import current_stop
 
 Layout: TypeAlias = tuple[Accessor, Accessor, Accessor | None, Accessor | None, dict[str, Accessor] | None, bool]
 """The accessors of triangles, whose numbers fit: indices (in ``ZEROS``: there are none), positions, normals, texture
@@ -71,7 +72,9 @@ def read_together(asked: Mapping[MeshKey, Layout]) -> list[tuple[MeshKey, Mesh, 
             min(largest, n),
         )
     rows, sound = pack(f"{len(numbers)}q", *numbers), bytearray(len(layouts))
-    read_meshes(address_of_bytes(rows), len(layouts), address_of_new(sound))
+    stop = current_stop()
+    read_meshes(address_of_bytes(rows), len(layouts), address_of_new(sound), stop.address)
+    stop.check()
     made: list[tuple[MeshKey, Mesh, Sequence[Buffer], int]] = []
     elements: NDArray[np.uint32] | None = None
     uvs: Floats | None = None
@@ -156,7 +159,9 @@ def _gathered(layouts: Sequence[Layout]) -> tuple[list[Layout], dict[int, _Copie
         copied[at] = [None] * len(OTHERS), sum([array.nbytes for array in arrays[first:]])
     rows, sound = pack("8qd" * len(arrays), *numbers), bytearray(len(arrays))
     if arrays:
-        gather(address_of_bytes(rows), len(arrays), address_of_new(sound))
+        stop = current_stop()
+        gather(address_of_bytes(rows), len(arrays), address_of_new(sound), stop.address)
+        stop.check()
     for at, place, accessor, number in others:
         good = bool(sound[number])
         copied[at][0][place] = arrays[number] if good else frozen(tangents(accessor.floats(0, layouts[at][1].count)))

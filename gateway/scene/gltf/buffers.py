@@ -16,6 +16,7 @@ from gateway.scene.gltf.document import Document
 from gateway.scene.gltf.errors import GltfError, element
 from gateway.scene.gltf.limits import GltfLimits
 from renderers.contents import quick_key
+from renderers.stop import check_stop
 
 Resolver = Callable[[str], bytes]
 """Gives the bytes of a relative URI, percent-decoded. It must not leave the folder of the document."""
@@ -96,6 +97,7 @@ class Buffers:
         content: str | memoryview
         decode, key_of = pybase64.b64decode, quick_key
         for index in indices:
+            check_stop()
             source = sources[index] if 0 <= index < count else None
             if source is None or (text := source.uri) is None:
                 continue
@@ -148,6 +150,7 @@ class Buffers:
 
     def of_uri(self, text: str, kind: str, index: int) -> Buffer:
         """The bytes of a data URI or, by the resolver, of a file; ``kind[index]`` has it."""
+        check_stop()
         buffer = self._texts.get(text)
         if buffer is not None:
             self.charge(len(buffer.data), kind, index)

@@ -10,6 +10,7 @@ import msgspec
 
 from gateway.scene.gltf.errors import GltfError
 from gateway.scene.gltf.limits import GltfLimits
+from renderers.stop import check_stop
 
 Extensions: TypeAlias = dict[str, msgspec.Raw] | None
 """By name, not parsed."""
@@ -310,6 +311,7 @@ def _parse_leniently(text: bytes) -> Document:
 
 
 def _number(text: str) -> float | int | None:
+    check_stop()
     value = float(text)
     if not math.isfinite(value):
         return None

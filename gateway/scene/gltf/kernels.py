@@ -12,6 +12,7 @@ from numba.core import cgutils
 from numpy.typing import NDArray
 
 from gateway.scene.transforms import SQUARE_SAFE
+from renderers.native import is_set
 from renderers.pointers import f32_at, f64_at, i64_at, u8_at, u16_at, u32_at
 
 intrinsic: Any = extending.intrinsic
@@ -21,6 +22,8 @@ _BLOCK: Final = np.uint64(4096)
 STRETCH: Final = np.uint64(512)
 """Bytes; half of what makes a string a long one."""
 _QUOTE: Final = np.uint8(0x22)
+_LOOK: Final = 1 << 16
+"""Vertices or triangles between two looks at the ``StopFlag``: a mesh of millions takes a second."""
 ROW: Final = 10
 """What ``read_meshes`` is told of a mesh. Addresses are 0 where there is nothing.
 
@@ -249,12 +252,14 @@ def _units(vectors: Any, count: int) -> bool:
 
 
 @numba.njit(inline="never", error_model="numpy")
-def _sum_normals(points: Any, n: int, elements: Any, count: int, to_sums: int, to_normals: int) -> None:
-    """``to_sums``: room for ``4 * n + _SPARE`` float64."""
+def _sum_normals(points: Any, n: int, elements: Any, count: int, to_sums: int, to_normals: int, stop: int) -> None:
+    """``to_sums``: room for ``4 * n + _SPARE`` float64. ``stop``: as in ``read_meshes``."""
     sums = f64_at(to_sums)
     for i in range(np.uint64(4 * n)):
         sums[i] = 0.0
     for t in range(np.uint64(count)):
+        if t % _LOOK == 0 and is_set(stop):
+            return
         first = np.uint64(3) * t
         _add_normal(
             points,
@@ -265,6 +270,8 @@ def _sum_normals(points: Any, n: int, elements: Any, count: int, to_sums: int, t
         )
     whole = n & ~3
     for i in range(0, whole, 4):
+        if i % _LOOK == 0 and is_set(stop):
+            return
         _unit_rows(sums, i, f32_at(to_normals + 12 * i))
     if whole < n:  # what is beyond the last sum may be anything
         normals, last = f32_at(to_normals + 12 * whole), f32_at(to_sums + 32 * (whole + 4))
@@ -286,7 +293,7 @@ def _count_up(count: int, target: Any) -> None:
 
 
 @numba.njit(nogil=True, cache=True, fastmath=False, error_model="numpy")
-def read_meshes(rows: int, count: int, to_sound: int) -> None:
+def read_meshes(rows: int, count: int, to_sound: int, stop: int) -> None:
     """Triangles of many meshes: looks whether they are sound, widens their indices, makes normals.
 
     Normals are the cross products of the triangles, summed at each of their vertices in float64, one triangle after the
@@ -297,6 +304,7 @@ def read_meshes(rows: int, count: int, to_sound: int) -> None:
             the arrays alive.
         to_sound: address of (count,) bytes, written: 1, or 0 where something is not finite, out of range, of another
             length than 1, or less than half of the vertices are in use: no normals then.
+        stop: address of a ``StopFlag``; what is written is of no use once it is set.
     """
     most = np.int64(0)
     for number in range(count):
@@ -305,6 +313,8 @@ def read_meshes(rows: int, count: int, to_sound: int) -> None:
             most = max(most, row[1])
     room = np.empty(4 * most + _SPARE, np.float64)
     for number in range(count):
+        if is_set(stop):
+            break
         row = i64_at(rows + 8 * ROW * number)
         n, indices, size, limit = row[1], row[3], row[4], row[9]
         if size == 1:
@@ -324,7 +334,7 @@ def read_meshes(rows: int, count: int, to_sound: int) -> None:
             and (row[6] == 0 or _units(f32_at(row[6]), n))
         )
         if sound and row[6] == 0:
-            _sum_normals(points, n, elements, indices // 3, room.ctypes.data, row[8])
+            _sum_normals(points, n, elements, indices // 3, room.ctypes.data, row[8], stop)
         u8_at(to_sound)[number] = np.uint8(sound)
 
 
@@ -347,12 +357,13 @@ def _number(address: int, code: int) -> Any:
 
 
 @numba.njit(nogil=True, cache=True, fastmath=False, error_model="numpy")
-def gather(rows: int, count: int, to_sound: int) -> None:
+def gather(rows: int, count: int, to_sound: int, stop: int) -> None:
     """Attributes that do not lie as meshes want them, as tight float32.
 
     Args:
         rows: address of (count, ``GATHER``) numbers, one row for each attribute, contents as ``GATHER`` tells.
         to_sound: address of (count,) bytes, written: 0 where a tangent has another length than 1, else 1.
+        stop: address of a ``StopFlag``; what is written is of no use once it is set.
     """
     for number in range(count):
         row = i64_at(rows + 8 * GATHER * number)
@@ -361,6 +372,8 @@ def gather(rows: int, count: int, to_sound: int) -> None:
         size = 1 if code <= 5121 else (2 if code <= 5123 else 4)
         sound = True
         for i in range(n):
+            if i % _LOOK == 0 and is_set(stop):
+                break
             for c in range(wanted):
                 value = np.float32(1.0)
                 if c < given:
@@ -450,6 +463,6 @@ def warm_up() -> None:
     """Compiles the kernels, or loads them from Numba's cache. Takes a few seconds of one core when that is empty."""
     equal_arrays.compile((_BYTES, _BYTES))
     long_strings.compile((types.int64, types.int64, types.int64))
-    read_meshes.compile((types.int64, types.int64, types.int64))
-    gather.compile((types.int64, types.int64, types.int64))
+    read_meshes.compile((types.int64,) * 4)
+    gather.compile((types.int64,) * 4)
     arrange.compile((types.int64,) * 6)

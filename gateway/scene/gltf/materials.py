@@ -17,6 +17,7 @@ from gateway.scene.gltf.limits import GltfLimits
 from gateway.scene.gltf.scene import DRAKE_GENERATORS
 from gateway.scene.gltf.textures import Textures
 from renderers.drawlist import LABEL_NONE, AlphaMode, Material
+from renderers.stop import check_stop
 
 DEFAULT_MATERIAL: Final = Material(metallic=0.0)
 """Of primitives without one: white and, as RenderEngineVtk shows it, no metal. Compare by ``is``."""
@@ -80,6 +81,7 @@ class Materials:
         materials = self._vtk_materials if vtk else self._materials
         known = materials.get(at)
         if known is None:
+            check_stop()
             sources = self._sources
             source = sources[at] if 0 <= at < len(sources) else None
             if source is None:

@@ -31,6 +31,7 @@ from gateway.scene.gltf.errors import GltfError
 from gateway.scene.gltf.limits import GltfLimits
 from gateway.scene.gltf.normals import unit_rows, vertex_normals
 from renderers.drawlist import Mesh
+from renderers.stop import check_stop
 
 _OPTIONAL: Final = {"NORMAL": (3,), "TANGENT": (4,), "TEXCOORD_0": (2,), "TEXCOORD_1": (2,), "COLOR_0": (3, 4)}
 """Attributes in use besides POSITION, with their numbers of components."""
@@ -121,6 +122,7 @@ class Meshes:
         Raises:
             GltfError: a reference or an index is out of range, or a limit is exceeded.
         """
+        check_stop()
         return self._any(primitive, f"meshes[{index}].primitives[{number}]")
 
     def prepare(self, primitives: Iterable[Primitive | None]) -> None:
@@ -356,7 +358,9 @@ class Meshes:
             # Before the indices are looked at: a client can name the same ones many times.
             self._charge(0, count, source.name)
             indices = source.indices.raw()[:, 0]
+            check_stop()
             low, high = int(indices.min()), int(indices.max())
+            check_stop()
             if high == np.iinfo(indices.dtype).max:
                 raise GltfError(
                     f"{source.name}.indices: {source.indices.name} has the index {high}, the largest of its component "
@@ -378,9 +382,11 @@ class Meshes:
 
     def _assemble(self, source: _Source, elements: NDArray[np.uint32], first: int, stop: int) -> Mesh | None:
         def read(name: str, repair: Callable[[Floats], Floats] = finite) -> Floats | None:
+            check_stop()
             accessor = source.attributes.get(name)
             return None if accessor is None else repair(accessor.floats(first, stop))
 
+        check_stop()
         positions = source.attributes["POSITION"].floats(first, stop)
         if not np.isfinite(positions).all():
             positions, elements, dropped = without_bad_vertices(positions, elements)

@@ -23,6 +23,7 @@ from gateway.scene.gltf.limits import GltfLimits
 from gateway.scene.gltf.scene import GltfCamera
 from gateway.scene.transforms import IDENTITY, Matrix, from_column_major, from_trs
 from renderers.drawlist import Light
+from renderers.stop import check_stop
 
 _IDENTITY_NUMBERS: Final = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 _NOT_TURNED: Final = _IDENTITY_NUMBERS[:12]
@@ -53,10 +54,8 @@ class Visits:
         names = [source.name or f"node{index}" for index, source in zip(self.indices, self.sources, strict=True)]
         if len(set(zip(self.parents, names, strict=True))) == len(names):
             return names
-        taken: dict[int, set[str]] = {}
-        return [
-            _unique(name, taken.setdefault(parent, set())) for name, parent in zip(names, self.parents, strict=True)
-        ]
+        taken: dict[int, dict[str, int]] = {}
+        return [_unique(name, taken.setdefault(parent, {})) for name, parent in zip(names, self.parents, strict=True)]
 
     def path(self, position: int) -> tree.Path:
         """Of a visit, from the root on."""
@@ -183,6 +182,7 @@ def _visits(document: Document, limits: GltfLimits) -> Visits:
     seen: set[int] = set()
     open_: list[tuple[Iterator[int | None], int]] = [(iter(roots), -1)]  # children not seen yet, and whose
     while open_:
+        check_stop()
         children, parent = open_[-1]
         deep = len(open_) > limits.max_node_depth
         for index in children:
@@ -212,13 +212,19 @@ def _visits(document: Document, limits: GltfLimits) -> Visits:
     return visits
 
 
-def _unique(name: str, taken: set[str]) -> str:
-    """``name``, else ``name#2``, ``name#3`` ..., whichever is free among its siblings."""
-    candidate, number = name, 1
+def _unique(name: str, taken: dict[str, int]) -> str:
+    """``name``, else ``name#2``, ``name#3`` ..., whichever is free among its siblings.
+
+    Args:
+        taken: the siblings' names, and the last number that was tried for each: of 100,000 equal ones, each would try
+            all numbers before its own.
+    """
+    candidate, number = name, taken.get(name, 1)
     while candidate in taken:
         number += 1
         candidate = f"{name}#{number}"
-    taken.add(candidate)
+    taken[name] = number
+    taken.setdefault(candidate, 1)
     return candidate
 
 

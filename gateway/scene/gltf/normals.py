@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from array import array
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,10 @@ from numpy.typing import NDArray
 from gateway.scene.gltf.bytewise import address_of_new
 from gateway.scene.gltf.kernels import read_meshes
 from renderers.pointers import address_of
+from renderers.stop import check_stop, current_stop
+
+_BLOCK: Final = 1 << 18
+"""Rows between two looks at the ``StopFlag``."""
 
 
 def vertex_normals(positions: NDArray[np.float32], triangles: NDArray[np.uint32]) -> NDArray[np.float32]:
@@ -28,8 +33,9 @@ def vertex_normals(positions: NDArray[np.float32], triangles: NDArray[np.uint32]
     places, corners = address_of(positions, np.float32), address_of(triangles, np.uint32)
     target = address_of(normals, np.float32)
     row = array("q", (places, len(positions), corners, triangles.size, 4, 0, 0, 0, target, -1))
-    sound = bytearray(1)
-    read_meshes(row.buffer_info()[0], 1, address_of_new(sound))
+    sound, stop = bytearray(1), current_stop()
+    read_meshes(row.buffer_info()[0], 1, address_of_new(sound), stop.address)
+    stop.check()
     return normals
 
 
@@ -42,12 +48,22 @@ def unit_rows(vectors: NDArray[np.float32], tolerance: float = 1e-3) -> tuple[ND
     Returns:
         (N, 3) float32 and (N,) bool: True where the row is zero or not finite; such rows are as they were.
     """
+    bad = np.zeros(len(vectors), np.bool_)
+    blocks = [slice(first, first + _BLOCK) for first in range(0, len(vectors), _BLOCK)]
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        squares = np.einsum("ij,ij->i", vectors, vectors)
-        if bool((np.abs(squares - 1.0) <= 2.0 * tolerance).all()):
-            return vectors, np.zeros(len(vectors), np.bool_)
-        wide = vectors.astype(np.float64)
-        lengths = np.sqrt(np.einsum("ij,ij->i", wide, wide))
-        bad = ~(np.isfinite(lengths) & (lengths > 0.0))
-        lengths[bad] = 1.0
-        return (wide / lengths[:, None]).astype(np.float32), bad
+        for block in blocks:
+            check_stop()
+            squares = np.einsum("ij,ij->i", vectors[block], vectors[block])
+            if not bool((np.abs(squares - 1.0) <= 2.0 * tolerance).all()):
+                break
+        else:
+            return vectors, bad
+        units = np.empty(vectors.shape, np.float32)
+        for block in blocks:
+            check_stop()
+            wide = vectors[block].astype(np.float64)
+            lengths = np.sqrt(np.einsum("ij,ij->i", wide, wide))
+            bad[block] = ~(np.isfinite(lengths) & (lengths > 0.0))
+            lengths[bad[block]] = 1.0
+            units[block] = wide / lengths[:, None]
+        return units, bad

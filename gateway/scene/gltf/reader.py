@@ -19,6 +19,7 @@ from gateway.scene.gltf.materials import Materials
 from gateway.scene.gltf.meshes import Meshes
 from gateway.scene.gltf.nodes import NodeTree, build_tree
 from gateway.scene.gltf.scene import GltfCounts, GltfScene
+from renderers.stop import check_stop
 
 READ: Final = frozenset(
     {
@@ -73,6 +74,7 @@ def read_gltf(
 
     Raises:
         GltfError: with a sentence that names the element, its value and the reason.
+        Exception: the current ``renderers.stop.StopFlag`` was set; nothing half read is kept.
     """
     limits = _LIMITS if limits is None else limits
     shared = cache is not None
@@ -95,8 +97,10 @@ def read_gltf(
                 return _scene(rest, parts, known.generator, count, counts, nodes, _shortened(of_all))
         except _UnknownMeshError:
             pass  # a mesh that no node used before
+    check_stop()
     container = open_container(data)
     document = parse(container.json, limits)
+    check_stop()
     of_extensions = _check_extensions(document)
     morphed = sum([1 for mesh in document.meshes or () if mesh is not None and mesh.weights and any(mesh.weights)])
     warnings: list[str] = []
@@ -114,6 +118,7 @@ def read_gltf(
     if meshes.without_positions and not meshes.with_positions:
         raise GltfError(f"{meshes.without_positions}: no POSITION, and no other primitive has one")
     counts, cameras = _counts(document), document.cameras or []
+    check_stop()
     if hashed is not None and len(warnings) + len(of_lights) <= _MAX_WARNINGS:
         warned = Warned(of_extensions, (*of_lights,), (*warnings,), parts.order, morphed)
         known = KnownDocument(parts.known, generator, cameras, warned, counts, lights, elements)
@@ -243,6 +248,7 @@ class _Maker:
         for index, primitives in zip(indices, wanted, strict=True):
             parts: list[Part] = []
             elements = 0
+            check_stop()
             for number, primitive in enumerate(primitives):
                 if primitive is None:
                     continue

@@ -16,6 +16,7 @@ from gateway.scene.gltf.limits import GltfLimits
 from gateway.scene.gltf.scene import DRAKE_GENERATORS
 from renderers.drawlist import Image, ImageError, Sampler, Texture, Wrap
 from renderers.images import image_from_bytes, image_header
+from renderers.stop import check_stop
 
 _NEAREST: Final = 9728
 _MIN_NEAREST: Final = frozenset({9728, 9984, 9986})
@@ -82,6 +83,7 @@ class Textures:
         return Texture(loaded.image, loaded.sampler, uv_set, uv_transform, loaded.name)
 
     def _load(self, index: int, material: int, member: str) -> Texture | None:
+        check_stop()
         sources = self._document.textures or ()
         texture = sources[index] if 0 <= index < len(sources) else None
         if texture is None:

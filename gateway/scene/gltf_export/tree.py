@@ -23,6 +23,7 @@ from gateway.scene.tree import Node
 from renderers.camera import OPENGL_FROM_OPTICAL, Camera
 from renderers.color import linear_colors_from_srgb
 from renderers.drawlist import Material, Mesh, Topology
+from renderers.stop import check_stop
 
 GENERATOR: Final = "Scenegate"
 """Not one of Drake's, so that our own reader takes the file as Y-up."""
@@ -61,6 +62,7 @@ class _Writer:
     def _nodes(self, root: Node, top: dict[str, Any]) -> None:
         stack: list[tuple[str, Node, dict[str, Any]]] = [("", root, top)]
         while stack:
+            check_stop()
             name, node, parent = stack.pop()
             if not node.visible or not _writable(node.matrix):
                 continue

@@ -15,6 +15,7 @@ from gateway.scene.gltf.kernels import STRETCH, arrange, equal_arrays, gather, l
 from gateway.scene.gltf.normals import vertex_normals
 from gateway.scene.transforms import IDENTITY, from_trs
 from renderers.pointers import address_of
+from renderers.stop import current_stop
 
 Floats = NDArray[np.float32]
 Triangles = NDArray[np.uint32]
@@ -73,7 +74,7 @@ def read(
         limit,
     )
     rows, good = np.array([row, row], np.int64), np.full(2, 7, np.uint8)
-    read_meshes(rows.ctypes.data, 2, good.ctypes.data)
+    read_meshes(rows.ctypes.data, 2, good.ctypes.data, current_stop().address)
     assert good[0] == good[1]
     return bool(good[0]), normals if given is None else given, indices if as_they_are else widened
 

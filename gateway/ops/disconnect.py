@@ -1,0 +1,40 @@
+"""Ending work for a client that disconnects before its response."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Coroutine
+from typing import Any, Final, TypeVar
+
+from starlette.requests import ClientDisconnect, Request
+
+T = TypeVar("T")
+
+CLIENT_GONE: Final = 499
+"""Status that proxies log for a client that disconnected; nobody receives it."""
+
+
+async def while_connected(http: Request, work: Coroutine[Any, Any, T]) -> T:
+    """Return the result of ``work``, which is cancelled when the client disconnects.
+
+    Args:
+        http: of which the body was read, or has none.
+
+    Raises:
+        ClientDisconnect: the client disconnected first.
+        Exception: whatever ``work`` raised.
+    """
+
+    async def disconnected() -> None:
+        while (await http.receive())["type"] != "http.disconnect":
+            pass
+
+    working, waiting = asyncio.ensure_future(work), asyncio.create_task(disconnected())
+    try:
+        await asyncio.wait((working, waiting), return_when=asyncio.FIRST_COMPLETED)
+        if not working.done():
+            raise ClientDisconnect
+        return working.result()
+    finally:
+        working.cancel()  # does nothing where it is done
+        waiting.cancel()

@@ -1,0 +1,231 @@
+"""A frame that is not wanted any more ends soon, is never returned, and leaves nothing behind that others would see."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from renderers.studio.tangents import corner_tangents
+
+from renderers.cpu import CpuRenderer
+from renderers.cpu.crew import Crew, Phase
+from renderers.drawlist import AlphaMode, DrawList, Image, Instance, Material, Mesh, Texture, used_vertices
+from renderers.fxaa import fxaa
+from renderers.images import decode_image
+from renderers.port import Look, LookName, Output
+from renderers.stop import StopFlag, check_stop, current_stop, run_within
+from renderers.studio.mips import make_chain
+from tests.renderers import scenes
+from tests.support.slow import covering
+
+
+class Enough(Exception):
+    pass
+
+
+@contextmanager
+def soon(seconds: float = 0.3) -> Iterator[StopFlag]:
+    """A flag that is set while what it is for is under way."""
+    flag = StopFlag()
+    timer = threading.Timer(seconds, flag.set, (Enough("enough"),))
+    timer.start()
+    yield flag
+    timer.cancel()
+
+
+def endless(triangles: int = 10_000, instances: int = 200, **material: object) -> DrawList:
+    """Minutes of work at 1024 x 1024."""
+    positions = covering(triangles)[:, [0, 1, 2]] * np.array([1, -1, -1], np.float32)
+    mesh = Mesh(np.ascontiguousarray(positions), np.arange(3 * triangles, dtype=np.uint32).reshape(-1, 3))
+    shown = Material(double_sided=True, **material)  # type: ignore[arg-type]  # by name
+    return DrawList(tuple(Instance(mesh, shown, np.eye(4)) for _ in range(instances)))
+
+
+def test_the_first_error_counts_and_is_raised_anew_each_time() -> None:
+    flag = StopFlag()
+    flag.check()
+    flag.set(Enough("one"))
+    flag.set(ValueError("two"))
+    found = []
+    for _ in range(2):
+        with pytest.raises(Enough, match="one") as caught:
+            flag.run(check_stop)
+        found.append(caught.value)
+    assert found[0] is not found[1]
+    check_stop()  # that of this test is another one
+
+
+def test_flags_nest_and_do_not_leak() -> None:
+    outer, inner = StopFlag(), StopFlag()
+    before = current_stop()
+    assert outer.run(lambda: (current_stop(), inner.run(current_stop), current_stop())) == (outer, inner, outer)
+    with pytest.raises(ZeroDivisionError):
+        outer.run(lambda: 1 // 0)
+    assert current_stop() is before
+
+
+def test_a_limit_in_seconds_ends_what_looks_at_its_flag() -> None:
+    def work() -> None:
+        while True:
+            check_stop()
+
+    with pytest.raises(Enough, match="too slow"):
+        run_within(0.05, work, Enough("too slow"))
+    assert run_within(60.0, lambda: 5, Enough()) == 5
+    assert run_within(0.0, lambda: 6, Enough()) == 6
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+@pytest.mark.parametrize(
+    "outputs", [Output.DEPTH | Output.LABEL | Output.NORMAL, Output.COLOR, Output.COLOR | Output.DEPTH]
+)
+@pytest.mark.parametrize(("name", "samples"), [("phong", 1), ("pbr", 8), ("studio", 1), ("studio", 4)])
+def test_a_frame_ends(threads: int, outputs: Output, name: LookName, samples: int) -> None:
+    renderer = CpuRenderer(threads)
+    look = Look(name, samples=samples)  # type: ignore[arg-type]  # 1, 4 or 8
+    with soon() as flag, pytest.raises(Enough):
+        flag.run(lambda: renderer.render(endless(), scenes.camera(1024, 1024), outputs, look))
+    scene, camera = DrawList(endless(50, 1).instances), scenes.camera(97, 71)
+    with (
+        renderer.render(scene, camera, outputs, look) as drawn,
+        CpuRenderer(1).render(scene, camera, outputs, look) as other,
+    ):
+        for array, expected in ((drawn.color, other.color), (drawn.depth, other.depth), (drawn.label, other.label)):
+            assert array is None if expected is None else np.array_equal(array, expected)  # type: ignore[arg-type]  # both
+    renderer.close()
+
+
+@pytest.mark.parametrize(("name", "samples"), [("phong", 1), ("pbr", 4), ("studio", 1)])
+def test_translucent_layers_end(name: LookName, samples: int) -> None:
+    renderer, look = CpuRenderer(2), Look(name, samples=samples)  # type: ignore[arg-type]  # 1, 4 or 8
+    scene = endless(alpha_mode=AlphaMode.BLEND, base_color=(1.0, 0.0, 0.0, 0.1))
+    with soon() as flag, pytest.raises(Enough):
+        flag.run(lambda: renderer.render(scene, scenes.camera(1024, 1024), Output.COLOR, look))
+    renderer.close()
+
+
+def test_a_frame_that_repeats_another_one_has_a_flag_of_its_own() -> None:
+    """Tables of a frame are used again for the next: with the flag of the last one it would never end, or at once."""
+    renderer, scene, look = CpuRenderer(1), endless(50, 3), Look("phong")
+    camera = scenes.camera(97, 71)
+    with renderer.render(scene, camera, Output.COLOR, look) as frame:
+        assert frame.color is not None
+        expected = frame.color.copy()
+    flag = StopFlag()
+    flag.set(Enough())
+    with pytest.raises(Enough):
+        flag.run(lambda: renderer.render(scene, camera, Output.COLOR, look))
+    with renderer.render(scene, camera, Output.COLOR, look) as frame:
+        assert frame.color is not None
+        assert np.array_equal(frame.color, expected)
+
+
+@pytest.mark.parametrize("name", ["phong", "pbr", "studio"])
+def test_what_was_prepared_halfway_is_prepared_again(name: LookName) -> None:
+    """The flag is set while the second of three textures is decoded: tables must not be kept without the others."""
+    flag = StopFlag()
+    number = 0
+
+    def image(value: int) -> Image:
+        def decode() -> NDArray[np.uint8]:
+            nonlocal number
+            number += 1
+            if number == 2:
+                flag.set(Enough())
+            return np.full((4, 4, 4), (value, 0, 0, 255), np.uint8)
+
+        return Image(bytes([value]), decode)
+
+    def scene(images: list[Image]) -> DrawList:
+        mesh = replace(scenes.grid(2, 2, [(-1, -1, 2), (1, -1, 2), (1, 1, 2), (-1, 1, 2)]))
+        mesh = replace(
+            mesh, uv0=np.zeros((len(mesh.positions), 2), np.float32), normals=np.zeros_like(mesh.positions) - 1
+        )
+        return DrawList(
+            tuple(
+                Instance(mesh, Material(base_color_texture=Texture(each), double_sided=True), np.eye(4))
+                for each in images
+            ),
+            tuple(images),
+        )
+
+    images = [image(value) for value in (50, 100, 150)]
+    drawn, camera, renderer = scene(images), scenes.camera(32, 32), CpuRenderer(1)
+    with pytest.raises(Enough):
+        flag.run(lambda: renderer.render(drawn, camera, Output.COLOR, Look(name)))
+    with renderer.render(drawn, camera, Output.COLOR, Look(name)) as frame:
+        assert frame.color is not None
+        with CpuRenderer(1).render(
+            scene([image(v) for v in (50, 100, 150)]), camera, Output.COLOR, Look(name)
+        ) as other:
+            assert np.array_equal(frame.color, other.color)  # type: ignore[arg-type]  # it is there
+
+
+def test_units_of_work_run_under_the_callers_flag_in_every_thread() -> None:
+    crew, flag, seen = Crew(3), StopFlag(), set[StopFlag]()
+    meeting = threading.Barrier(3)
+
+    def work(_: int) -> None:
+        seen.add(current_stop())
+        meeting.wait(30.0)
+
+    flag.run(lambda: crew.run((Phase(3, work),)))
+    assert seen == {flag}
+    flag.set(Enough())
+    with pytest.raises(Enough):
+        flag.run(lambda: crew.run((Phase(3, work),)))
+    crew.close()
+
+
+def _png() -> bytes:
+    from renderers.encode import png_rgb
+
+    return png_rgb(np.zeros((4200, 4200, 3), np.uint8))
+
+
+_MESH = scenes.sphere(20, 20)
+_UV = np.zeros((len(_MESH.positions), 2), np.float32)
+STEPS: dict[str, Callable[[], object]] = {
+    "fxaa": lambda: fxaa(np.zeros((8, 8, 3), np.uint8)),
+    "mip levels": lambda: make_chain(np.zeros((8, 8, 4), np.uint8), True),
+    "tangents": lambda: corner_tangents(_MESH.positions, _MESH.positions, _UV, _MESH.elements),
+    "a large image": lambda: decode_image(_png()),
+    "preparing a mesh": lambda: CpuRenderer(1).render(
+        scenes.draw_list(scenes.sphere(20, 20)), scenes.camera(), Output.DEPTH
+    ),
+}
+
+
+@pytest.mark.parametrize("step", STEPS)
+def test_each_step_that_may_be_long_looks_at_the_flag(step: str) -> None:
+    STEPS[step]()
+    flag = StopFlag()
+    flag.set(Enough())
+    with pytest.raises(Enough):
+        flag.run(STEPS[step])
+
+
+def test_large_images_are_decoded_as_small_ones() -> None:
+    """They are decoded by another library, whose reading can be ended."""
+    import cv2
+
+    rng = np.random.default_rng(5)
+    pixels = cv2.resize(rng.integers(0, 255, (60, 60, 4), np.uint8), (4200, 4200))
+    data = cv2.imencode(".png", pixels, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1].tobytes()
+    assert np.array_equal(decode_image(data), cv2.cvtColor(pixels, cv2.COLOR_BGRA2RGBA))
+
+
+@pytest.mark.parametrize("count", [10, 1000, 100_000])
+def test_used_vertices_are_those_of_a_sort(count: int) -> None:
+    elements = np.random.default_rng(count).integers(0, count, (500, 3), np.uint32)
+    used, compact = used_vertices(elements, count)
+    expected, places = np.unique(elements, return_inverse=True)
+    assert np.array_equal(used, expected)
+    assert np.array_equal(compact, places.reshape(elements.shape))
+    assert compact.dtype == np.uint32
+    assert compact.flags.c_contiguous

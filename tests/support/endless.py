@@ -1,0 +1,27 @@
+"""A renderer that never finishes by itself."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+from renderers.port import Frame
+from renderers.stop import check_stop
+
+
+class EndlessRenderer:
+    """Does nothing but look at its flag; counts the calls that run and those that have ended."""
+
+    def __init__(self) -> None:
+        self.begun = self.ended = 0
+        self._lock = threading.Lock()
+
+    def render(self, *_: Any, **__: Any) -> Frame:
+        with self._lock:
+            self.begun += 1
+        try:
+            while True:
+                check_stop()
+        finally:
+            with self._lock:
+                self.ended += 1
