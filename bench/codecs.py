@@ -23,6 +23,7 @@ from PIL import Image
 from bench import gltf, posted
 from bench.table import Row, at_least, geometric_mean, show
 from gateway import warmup
+from gateway.ops import kernels
 from gateway.ops.process import settle, tune
 from gateway.render.config import RenderConfig
 from gateway.render.depth import millimetres
@@ -120,6 +121,7 @@ def writers() -> list[Row]:
 
 def main() -> None:
     tune()  # as the server does
+    kernels.ensure_cached(warmup.PARTS)
     warmup.run()
     settle()
     cv2.setNumThreads(1)

@@ -25,6 +25,7 @@ from bench.gateways import Answer, gateway, post
 from bench.raster import scenes, view
 from bench.table import Row, at_least, at_most, show
 from gateway import warmup
+from gateway.ops import kernels
 from gateway.ops.process import settle, tune
 from gateway.workers import Workers
 from renderers.cpu import CpuRenderer
@@ -180,6 +181,7 @@ def overload() -> list[Row]:
 
 def main() -> None:
     tune()
+    kernels.ensure_cached(warmup.PARTS)
     warmup.run()
     show([*scaling(), *event_loop(), *overload()])
 

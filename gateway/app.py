@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import ExitStack, asynccontextmanager
 from typing import TYPE_CHECKING, Any
 
 import structlog
@@ -24,6 +24,7 @@ from gateway.house import NO_TELEMETRY, House
 from gateway.joins import JOINS, Join, join_demo
 from gateway.ops import health, kernels, logs, methods, openapi, process
 from gateway.ops.board import Board, State
+from gateway.ops.kernel_progress import Progress, shown
 from gateway.ops.landing import landing_page
 from gateway.ops.metrics import Metrics
 from gateway.ops.requests import Gate, Requests
@@ -89,7 +90,8 @@ def create_app(settings: Settings, state: Kept | None = None) -> FastAPI:
         figures.watch_tree(metrics, house.tree)
         guard.tell()
         house.state = state or await asyncio.to_thread(open_state, settings)
-        start = asyncio.create_task(_start(house, wanted, started), name="start")
+        watch = ExitStack()
+        start = asyncio.create_task(_start(house, wanted, started, watch), name="start")
 
         def leave() -> None:
             house.leave()
@@ -105,6 +107,7 @@ def create_app(settings: Settings, state: Kept | None = None) -> FastAPI:
             start.cancel()
             await asyncio.gather(start, return_exceptions=True)
             await house.close()
+            watch.close()
 
     app: FastAPI = FastAPIOffline(
         redoc_url=None,
@@ -139,14 +142,18 @@ def create_app(settings: Settings, state: Kept | None = None) -> FastAPI:
     return app
 
 
-async def _start(house: House, wanted: dict[str, Join], started: asyncio.Event) -> None:
-    """Makes sure of the kernels, then joins the rooms; requests wait until this is done."""
+async def _start(house: House, wanted: dict[str, Join], started: asyncio.Event, watch: ExitStack) -> None:
+    """Makes sure of the kernels, then joins the rooms; requests wait until this is done.
+
+    Args:
+        watch: gets what reports compiling from then on.
+    """
     begin = time.perf_counter()
     try:
         if not await asyncio.to_thread(kernels.are_cached):
-            _log.info("Compiling the rendering kernels into the cache, once ...", folder=str(kernels.configure()))
-            await kernels.compile_in_children(warmup.PARTS)
+            await _compile(house)
         await asyncio.to_thread(warmup.run)
+        watch.enter_context(kernels.compiling_reported(_compiled_while_serving))
         house.board.ready(KERNELS)
         if not await _restored(house):
             return
@@ -171,6 +178,23 @@ async def _start(house: House, wanted: dict[str, Join], started: asyncio.Event) 
         on_started()
     seconds = round(time.perf_counter() - begin, 2)
     _log.info("Scenegate has started", status=house.board.verdict(), version=__version__, seconds=seconds)
+
+
+async def _compile(house: House) -> None:
+    """Compiles the kernels in child processes; log, ``/readyz`` and a terminal show how far it has got."""
+    progress = Progress(len(warmup.PARTS))
+    entry = house.board.entries[KERNELS]
+    entry.progress = progress.describe
+    folder = str(kernels.configure())
+    _log.info("Compiling the rendering kernels into the cache, once ...", folder=folder, parts=progress.parts)
+    with shown(progress, _log.info):
+        await kernels.compile_missing(warmup.PARTS, progress)
+    entry.progress = None  # from here on the kernels are loaded
+    _log.info("The rendering kernels are compiled", seconds=progress.seconds)
+
+
+def _compiled_while_serving(kernel: str) -> None:
+    _log.error("A kernel is compiled in the serving process, which every interface waits for", kernel=kernel)
 
 
 async def _restored(house: House) -> bool:

@@ -6,10 +6,11 @@ processors; they take the parts one after the other.
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 from collections.abc import Callable, Mapping
-from typing import Final
+from typing import Any, Final
 
 from gateway.ops import kernels, process
 
@@ -60,34 +61,66 @@ PARTS: Final[Mapping[str, Callable[[], None]]] = {
 
 
 def run() -> None:
-    """Blocks until the kernels are loaded. In a serving process: only when they are cached."""
+    """Load all kernels from the cache; blocks. For serving processes: nothing is compiled.
+
+    Raises:
+        KernelError: a kernel is not in the cache.
+    """
     kernels.configure()
     import cv2
 
     # Its pictures are small, calls come from many threads at once, and those of its own wait in loops.
     cv2.setNumThreads(1)
-    for load in PARTS.values():
-        load()
-    from renderers.cpu import warmup as first_pictures
+    with kernels.compiling_refused():
+        for load in PARTS.values():
+            load()
+        from renderers.cpu import warmup as first_pictures
 
-    first_pictures()
+        first_pictures()
 
 
 def compile_parts(numbers: int) -> None:
-    """Compiles parts until none is left.
+    """Compile parts until none is left; tell on stdout which one begins, and which kernels one had when it ends.
 
     Args:
         numbers: a descriptor that a byte is read from for each part, its place in ``PARTS``; other processes read from
             it, too.
+
+    Raises:
+        KernelError: Numba did not keep a kernel in the cache.
     """
     kernels.configure()
     process.hurry()  # compiling makes millions of objects, none of which is garbage before all is done
     from renderers.remembered import remember
 
     remember()
-    parts = tuple(PARTS.values())
+    parts = tuple(PARTS)
+    known: set[int] = set()
     while number := os.read(numbers, 1):
-        parts[number[0]]()
+        part = parts[number[0]]
+        _tell(part=part)
+        PARTS[part]()
+        _tell(part=part, kernels=_compiled_since(known))
+
+
+def _tell(**report: Any) -> None:
+    sys.stdout.write(json.dumps(report) + "\n")
+    sys.stdout.flush()
+
+
+def _compiled_since(known: set[int]) -> list[str]:
+    """Names of the cache folders of kernels that are not in ``known`` yet, which is updated."""
+    from renderers.cache_locator import CACHED, cache_folder
+
+    folders: list[str] = []
+    for dispatcher in CACHED:
+        if dispatcher.signatures and id(dispatcher) not in known:
+            known.add(id(dispatcher))
+            path = cache_folder(dispatcher)
+            if not any(path.glob("*.nbi")):
+                raise kernels.KernelError(f"Numba has not kept {path.name} in the cache")
+            folders.append(path.name)
+    return folders
 
 
 if __name__ == "__main__":

@@ -5,12 +5,13 @@ from __future__ import annotations
 import asyncio
 import re
 import threading
-from collections.abc import AsyncIterator, Callable, Iterable, Mapping
+from collections.abc import AsyncIterator, Callable, Collection, Mapping
 from contextlib import asynccontextmanager
 from typing import Any
 
 import httpx2
 import pytest
+import structlog
 from fastapi import FastAPI
 
 import gateway.app
@@ -18,6 +19,7 @@ from gateway import warmup
 from gateway.house import House
 from gateway.joins import join_render, join_stereo
 from gateway.ops import kernels
+from gateway.ops.kernel_progress import Progress
 from gateway.settings import Settings
 from tests.support.waiting import until
 
@@ -171,16 +173,69 @@ async def test_without_kernels_nothing_is_drawn_and_everybody_is_told(monkeypatc
 async def test_cold_kernels_are_compiled_by_a_child_before_they_are_loaded(monkeypatch: pytest.MonkeyPatch) -> None:
     order: list[str] = []
 
-    async def compile_in_children(parts: Iterable[str]) -> None:
+    async def compile_missing(parts: Collection[str], progress: Progress) -> None:
         order.append("compiled")
 
     monkeypatch.setattr(kernels, "are_cached", lambda: False)
-    monkeypatch.setattr(kernels, "compile_in_children", compile_in_children)
+    monkeypatch.setattr(kernels, "compile_missing", compile_missing)
     monkeypatch.setattr(warmup, "run", lambda: order.append("loaded"))
     rooms(monkeypatch, render=add_route)
     async with running() as client:
         await client.get("/room")
     assert order == ["compiled", "loaded"]
+
+
+async def test_while_it_compiles_log_and_health_say_which_part(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun, go_on = asyncio.Event(), asyncio.Event()
+
+    async def compile_missing(parts: Collection[str], progress: Progress) -> None:
+        assert progress.parts == len(parts) == len(warmup.PARTS)
+        progress.begin("shading")
+        progress.begin("setup")
+        progress.end("shading")
+        begun.set()
+        await go_on.wait()
+
+    monkeypatch.setattr(kernels, "are_cached", lambda: False)
+    monkeypatch.setattr(kernels, "compile_missing", compile_missing)
+    rooms(monkeypatch, render=add_route)
+    with structlog.testing.capture_logs() as lines:
+        async with running() as client:
+            await begun.wait()
+            for path in ("/readyz", "/healthz"):
+                answer = await client.get(path)
+                described = answer.json()["interfaces"]["kernels"]
+                assert answer.status_code == (503 if path == "/readyz" else 200)
+                assert described["state"] == "starting"
+                compiling = described["compiling"]
+                assert compiling.pop("seconds") >= 0.0
+                assert compiling == {"part": 2, "of": len(warmup.PARTS), "done": 1, "now": ["setup"]}
+            go_on.set()
+            await client.get("/room")
+            assert (await client.get("/readyz")).json()["interfaces"]["kernels"] == {"state": "ready"}
+    said = [line for line in lines if "ompil" in line["event"]]
+    assert [line["event"] for line in said] == [
+        "Compiling the rendering kernels into the cache, once ...",
+        "Compiling the rendering kernels",
+        "Compiling the rendering kernels",
+        "The rendering kernels are compiled",
+    ]
+    assert (said[2]["part"], said[2]["of"], said[2]["name"]) == (2, len(warmup.PARTS), "setup")
+    assert all(line["seconds"] >= 0.0 for line in said[1:])
+
+
+async def test_a_kernel_compiled_while_serving_is_an_error_in_the_log(monkeypatch: pytest.MonkeyPatch) -> None:
+    from numba import njit
+
+    rooms(monkeypatch, render=add_route)
+    with structlog.testing.capture_logs() as lines:
+        async with running() as client:
+            await client.get("/room")
+            njit(lambda x: x + 1)(1)
+        njit(lambda x: x + 2)(1)  # nobody serves any more
+    (line,) = [line for line in lines if "compiled in the serving process" in line["event"]]
+    assert line["log_level"] == "error"
+    assert line["kernel"].startswith("tests.test_app.")
 
 
 async def test_docs_and_landing_page_need_no_other_host(monkeypatch: pytest.MonkeyPatch) -> None:

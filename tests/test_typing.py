@@ -12,6 +12,7 @@ COMPILED = {
     "inner",
     "inlined",
     "njit",
+    "cached_njit",
     "intrinsic",
     "overload",
     "overload_method",

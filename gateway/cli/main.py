@@ -43,10 +43,12 @@ def warmup() -> None:
     """Compile the rendering kernels into the cache, so that the next start is quick."""
     from gateway import warmup as all_kernels
     from gateway.ops import kernels
+    from gateway.ops.kernel_progress import on_stderr
+    from renderers import kernel_cache
 
     folder = kernels.configure()
-    kernels.ensure_cached(all_kernels.PARTS, lambda: typer.echo(f"Compiling the rendering kernels into {folder} ..."))
-    typer.echo(f"The rendering kernels are in {folder}.")
+    kernels.ensure_cached(all_kernels.PARTS, on_stderr)
+    typer.echo(f"The {kernel_cache.count()} rendering kernels are in {folder}.")
 
 
 def check() -> None:

@@ -24,7 +24,7 @@ demo = true
 
 A value that cannot be used ends the start with exit code 2 and one sentence that names the value and where it came
 from. Two more variables are read: `SCENEGATE_CACHE_DIR`, the folder of the compiled kernels (default
-`~/.cache/scenegate`), and `SCENEGATE_CONFIG`.
+`~/.cache/scenegate`; Numba's `NUMBA_CACHE_DIR` wins), and `SCENEGATE_CONFIG`.
 """
 
 

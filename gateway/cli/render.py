@@ -127,8 +127,9 @@ def render(
     """
     from gateway import warmup
     from gateway.ops import kernels
+    from gateway.ops.kernel_progress import on_stderr
 
-    kernels.ensure_cached(warmup.PARTS, lambda: typer.echo("Compiling the rendering kernels, once ...", err=True))
+    kernels.ensure_cached(warmup.PARTS, on_stderr)
     # All below imports compiled kernels.
     from gateway.batch.views import View
     from gateway.cli import batch

@@ -41,6 +41,8 @@ class Entry:
     """Plain JSON values for ``/healthz``."""
     where: str = ""
     """How clients reach it, for people."""
+    progress: Callable[[], Mapping[str, Any]] | None = None
+    """Plain JSON values for ``/healthz`` while it starts."""
 
     def current(self) -> State:
         """The state, a running service's own word included."""
@@ -62,6 +64,8 @@ class Entry:
             described["where"] = self.where
         if self.problem:
             described["problem"] = self.problem
+        if self.progress is not None and self.state is State.STARTING:
+            described.update(self.progress())
         if self.figures is not None and self.state is State.READY:
             described.update(self.figures())
         return described

@@ -17,6 +17,7 @@ from pathlib import Path
 from gateway import __version__
 from gateway.ops import kernels, process
 from gateway.ops.neighbours import Neighbour, gateway_at
+from renderers import kernel_cache
 
 LIBRARIES = ("numpy", "numba", "opencv-python-headless", "fastapi", "uvicorn", "grpcio", "protobuf", "lcm")
 _LCM_ADDRESS = ("239.255.76.67", 7667)
@@ -88,9 +89,9 @@ def _open_files() -> Finding:
 
 def _kernels() -> Finding:
     folder = kernels.configure()
-    if kernels.are_cached():
-        return Finding("kernels", Verdict.OK, f"compiled, in {folder}")
-    return Finding("kernels", Verdict.NOTE, f"not compiled yet, the first start does it: scenegate warmup ({folder})")
+    if not (reason := kernel_cache.missing()):
+        return Finding("kernels", Verdict.OK, f"{kernel_cache.count()} compiled, in {folder}")
+    return Finding("kernels", Verdict.NOTE, f"{reason}; the next start compiles them: scenegate warmup ({folder})")
 
 
 def _port(name: str, host: str, port: int, neighbours: list[Neighbour]) -> Finding:

@@ -1,127 +1,148 @@
-"""The compiled kernels: where they are kept, whether they are there, and compiling them in a child process.
+"""The compiled kernels of a process: making sure that they are in the cache, and that none is compiled while serving.
 
-Compiling holds the interpreter's lock for many seconds, so the serving process never does it: children fill the cache,
-the server loads it. Numba cannot see that a function in another file changed, so the folder is keyed by the content of
-the sources.
+Compiling holds the GIL for many seconds, so the serving process never does it: child processes fill the cache, the
+server loads it. ``renderers.kernel_cache`` says where the cache is and whether it is complete.
 """
 
 from __future__ import annotations
 
 import asyncio
-import atexit
+import contextlib
 import fcntl
-import hashlib
+import json
 import os
-import shutil
 import sys
-import tempfile
-from collections.abc import Callable, Iterable
-from functools import cache
-from importlib.metadata import version
+import threading
+from collections.abc import AsyncIterator, Callable, Collection, Iterator
+from contextlib import AbstractContextManager, asynccontextmanager, contextmanager
 from pathlib import Path
+from typing import Any
 
-import gateway
-import renderers
+from gateway.ops.kernel_progress import Progress
+from renderers import kernel_cache
+from renderers.kernel_cache import sources_digest
 
-CACHE_ENV = "SCENEGATE_CACHE_DIR"
-_KEPT = 4
-"""Folders of other versions that stay; each holds a few MB."""
-
+__all__ = [
+    "KernelError",
+    "are_cached",
+    "compile_in_children",
+    "compile_missing",
+    "compiling_refused",
+    "compiling_reported",
+    "configure",
+    "ensure_cached",
+    "sources_digest",
+]
 
 _MOST_CHILDREN = 3
 """More would not be ready sooner: the largest part takes a third of the time. Each holds up to 0.6 GB."""
+_LOCK_SECONDS = 0.1
+"""Time between two looks whether another process has ended compiling."""
 
 
 class KernelError(RuntimeError):
-    """The kernels could not be compiled; the message is one sentence."""
-
-
-@cache
-def folder() -> Path:
-    """The folder of this version's kernels, made if need be; a private temporary one where none can be written."""
-    caches = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # noqa: PTH111 - or as it is: no home
-    base = os.environ.get(CACHE_ENV) or Path(caches, "scenegate")
-    path = Path(base) / "kernels" / sources_digest()
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-        if os.access(path, os.W_OK | os.X_OK):
-            return path
-    except OSError:
-        pass
-    # Numba insists on writing. Never a guessable name in a shared folder: it runs what it finds there.
-    private = Path(tempfile.mkdtemp(prefix="scenegate-kernels-"))
-    atexit.register(shutil.rmtree, private, ignore_errors=True)
-    if path.is_dir():
-        shutil.copytree(path, private, dirs_exist_ok=True)
-    return private
+    """The kernels could not be compiled or loaded; the message is one sentence."""
 
 
 def configure() -> Path:
-    """Points Numba at the folder; call before anything imports Numba. NUMBA_CACHE_DIR set by the user wins."""
-    path = Path(os.environ.setdefault("NUMBA_CACHE_DIR", str(folder())))
-    loaded = sys.modules.get("numba.core.config")
-    if loaded is not None:
-        loaded.CACHE_DIR = str(path)  # type: ignore[attr-defined]  # any module, for all that is known
-    return path
+    """Choose the cache folder for this process and its children; return that of this version's kernels.
+
+    NUMBA_CACHE_DIR set by the user wins. Call this before any kernel is imported.
+    """
+    os.environ["NUMBA_CACHE_DIR"] = str(kernel_cache.root())
+    return kernel_cache.folder()
 
 
 def are_cached() -> bool:
-    """Whether a warm-up for this machine's CPU has ended well before."""
-    return _marker(configure()).exists()
+    """Return whether every kernel is in the cache, compiled for this machine's CPU from these sources."""
+    configure()
+    return not kernel_cache.missing()
 
 
-def ensure_cached(parts: Iterable[str], say: Callable[[], object] = lambda: None) -> None:
-    """Compiles all kernels unless they are cached; of several processes of a machine only one does it.
+def ensure_cached(
+    parts: Collection[str],
+    show: Callable[[Progress], AbstractContextManager[None]] = lambda progress: contextlib.nullcontext(),
+) -> None:
+    """Compile all kernels unless they are cached; of several processes of a machine only one does it.
 
-    Call it before anything imports Numba, and not where an event loop runs.
+    Call it before any kernel is imported, and not where an event loop runs.
 
     Args:
         parts: as ``compile_in_children``.
-        say: called before compiling.
+        show: shows the progress while its context lasts.
 
     Raises:
         KernelError: they could not be compiled.
     """
     if are_cached():
         return
-    with (configure() / "compiling").open("wb") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        if not are_cached():
-            say()
-            asyncio.run(compile_in_children(parts))
+    progress = Progress(len(parts))
+    with show(progress):
+        asyncio.run(compile_missing(parts, progress))
 
 
-def mark_cached() -> None:
-    """Notes that the warm-up ended well, and removes the oldest folders of other versions."""
-    path = configure()
-    _marker(path).touch()
-    if path == folder():
-        others = sorted((p for p in path.parent.iterdir() if p != path), key=lambda p: p.stat().st_mtime)
-        for other in others[:-_KEPT]:
-            shutil.rmtree(other, ignore_errors=True)
+async def compile_missing(parts: Collection[str], progress: Progress) -> None:
+    """``compile_in_children``, unless another process of this machine does it: then wait for its end.
+
+    Raises:
+        KernelError: the kernels could not be compiled, or the cache cannot be written.
+    """
+    async with _exclusive(progress):
+        if not await asyncio.to_thread(are_cached):
+            await compile_in_children(parts, progress)
 
 
-async def compile_in_children(parts: Iterable[str]) -> None:
-    """Compiles all parts in as many children as there are processors, and notes that it is done.
+@asynccontextmanager
+async def _exclusive(progress: Progress) -> AsyncIterator[None]:
+    """Hold the lock of the cache folder."""
+    folder = configure()
+    if not kernel_cache.is_writable(folder):
+        raise KernelError(
+            f"the rendering kernels in {folder} are not complete ({kernel_cache.missing()}), and the folder cannot be "
+            "written: NUMBA_CACHE_DIR or SCENEGATE_CACHE_DIR chooses another one"
+        )
+    with (folder / "lock").open("wb") as lock:
+        while True:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError:
+                progress.wait(True)
+                await asyncio.sleep(_LOCK_SECONDS)
+        progress.wait(False)
+        yield
+
+
+async def compile_in_children(parts: Collection[str], progress: Progress) -> None:
+    """Compile all parts in as many child processes as there are processors, and note in the cache that it is complete.
 
     The children, ``python -m gateway.warmup N``, read from a pipe which part is the next.
 
     Args:
         parts: ``warmup.PARTS``; at most 255.
+        progress: told about every part.
 
     Raises:
         KernelError: a child failed; with its last line.
     """
-    count = len(tuple(parts))
+    compiled: dict[str, list[str]] = {}
     numbers, told = os.pipe()
     try:
-        os.write(told, bytes(range(count)))
+        os.write(told, bytes(range(len(parts))))
         os.close(told)  # who reads finds the end when all parts are taken
-        children = min(_processors(), count, _MOST_CHILDREN)
-        await asyncio.gather(*(_compile_in_child(numbers) for _ in range(children)))
+        children = min(_processors(), len(parts), _MOST_CHILDREN)
+        tasks = [asyncio.create_task(_compile_in_child(numbers, compiled, progress)) for _ in range(children)]
+        try:
+            await asyncio.gather(*tasks)
+        finally:
+            for task in tasks:  # one has failed, or this process ends
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
     finally:
         os.close(numbers)
-    mark_cached()
+    if unfinished := set(parts) - set(compiled):
+        raise KernelError(f"the rendering kernels could not be compiled: {sorted(unfinished)} did not end")
+    await asyncio.to_thread(kernel_cache.write_manifest, compiled)
 
 
 def _processors() -> int:
@@ -129,48 +150,86 @@ def _processors() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-async def _compile_in_child(numbers: int) -> None:
+async def _compile_in_child(numbers: int, compiled: dict[str, list[str]], progress: Progress) -> None:
+    """Run one child to its end; ``compiled`` gets the cache folders of each part's kernels."""
     child = await asyncio.create_subprocess_exec(
         *(sys.executable, "-m", "gateway.warmup", str(numbers)),
-        env={**os.environ, "NUMBA_CACHE_DIR": str(configure())},
+        env={**os.environ, "NUMBA_CACHE_DIR": str(kernel_cache.root())},
         pass_fds=(numbers,),
         stdin=asyncio.subprocess.DEVNULL,
-        stdout=asyncio.subprocess.DEVNULL,
+        stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.PIPE,
     )
+    assert child.stdout is not None
+    assert child.stderr is not None
+    errors = asyncio.create_task(child.stderr.read())
     try:
-        _, errors = await child.communicate()
-    except asyncio.CancelledError:
-        child.terminate()
+        async for line in child.stdout:
+            report = json.loads(line)
+            if "kernels" in report:
+                compiled[report["part"]] = report["kernels"]
+                progress.end(report["part"])
+            else:
+                progress.begin(report["part"])
         await child.wait()
+    except BaseException:
+        if child.returncode is None:
+            child.terminate()
+            await child.wait()
         raise
+    finally:
+        said = await errors
     if child.returncode:
-        lines = errors.decode(errors="replace").strip().splitlines() or [f"exit code {child.returncode}"]
+        lines = said.decode(errors="replace").strip().splitlines() or [f"exit code {child.returncode}"]
         raise KernelError(f"the rendering kernels could not be compiled: {lines[-1]}")
 
 
-@cache
-def sources_digest() -> str:
-    """Of everything that kernels are made of: all of ``renderers``, and what names Numba in ``gateway``."""
-    digest = hashlib.sha256()
-    for package in (renderers, gateway):
-        root = Path(package.__path__[0])
-        for path in sorted(root.rglob("*.py")):
-            source = path.read_bytes()
-            if package is renderers or b"numba" in source:
-                digest.update(f"{path.relative_to(root)}\0".encode() + source)
-    return digest.hexdigest()[:16]
+@contextmanager
+def compiling_refused() -> Iterator[None]:
+    """Raise KernelError where this process would compile a kernel, so that it only loads them from the cache.
+
+    The cache is not complete then, whatever its manifest says: the manifest goes, and the next start compiles.
+    """
+
+    def refuse(kernel: str) -> None:
+        with contextlib.suppress(OSError):
+            kernel_cache.remove_manifest()
+        raise KernelError(
+            f"the kernel {kernel} could not be loaded from {kernel_cache.folder()}, and the server compiles none: "
+            "`scenegate warmup`, or another start, compiles all of them"
+        )
+
+    with _watched(refuse):
+        yield
 
 
-def _cpu_digest() -> str:
-    """Numba keys its entries by these, so a cache filled on another kind of CPU is cold here."""
-    from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
-
-    asked = (os.environ.get("NUMBA_CPU_NAME", ""), os.environ.get("NUMBA_CPU_FEATURES", ""))  # for another CPU
-    here = (get_host_cpu_name(), get_host_cpu_features().flatten())
-    key = (*asked, *here, version("numba"), version("llvmlite"), sys.version)
-    return hashlib.sha256("\0".join(key).encode()).hexdigest()[:16]
+@contextmanager
+def compiling_reported(say: Callable[[str], object]) -> Iterator[None]:
+    """Call ``say`` with the name of every kernel that this process compiles, before it is compiled."""
+    with _watched(say):
+        yield
 
 
-def _marker(path: Path) -> Path:
-    return path / f"warm-{sources_digest()}-{_cpu_digest()}"
+@contextmanager
+def _watched(compiles: Callable[[str], object]) -> Iterator[None]:
+    """Call ``compiles`` at the beginning of each compilation that is not a part of another one."""
+    from numba.core import event
+
+    depth = threading.local()
+
+    class Watch(event.Listener):
+        def on_start(self, event: Any) -> None:
+            depth.value = getattr(depth, "value", 0) + 1
+            if depth.value == 1:
+                function = event.data["dispatcher"].py_func
+                compiles(f"{function.__module__}.{function.__qualname__}")
+
+        def on_end(self, event: Any) -> None:
+            depth.value = getattr(depth, "value", 1) - 1
+
+    watch = Watch()
+    event.register("numba:compile", watch)
+    try:
+        yield
+    finally:
+        event.unregister("numba:compile", watch)

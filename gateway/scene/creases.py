@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit, types
 from numpy.typing import NDArray
 
+from renderers.cache_locator import cached_njit
 from renderers.drawlist import Mesh
 
 CREASE_COSINE: Final = math.cos(math.radians(45.0))
@@ -40,7 +41,7 @@ def _face(positions, a, b, c, unit):
     return x, y, z
 
 
-@njit(_RESULT(_FLOATS, _FACES, types.float64), nogil=True, cache=True)
+@cached_njit(_RESULT(_FLOATS, _FACES, types.float64), nogil=True)
 def smoothed(positions, faces, cosine):
     """Positions, unit normals and faces of the same surface with vertices doubled where it has creases.
 
@@ -141,7 +142,7 @@ def smoothed(positions, faces, cosine):
     return out_positions, normals[:used].copy(), out_faces
 
 
-@njit(_NORMALS(_FLOATS, _FACES, types.float64), nogil=True, cache=True)
+@cached_njit(_NORMALS(_FLOATS, _FACES, types.float64), nogil=True)
 def smooth_everywhere(positions, faces, cosine):
     """What ``smoothed`` gives for a surface without creases, in a third of the time: no vertex is doubled there.
 

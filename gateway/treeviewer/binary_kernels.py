@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Final
 
-from numba import njit, types
+from numba import types
+
+from renderers.cache_locator import cached_njit
 
 _BYTES = types.Array(types.uint8, 1, "C", readonly=True)
 
@@ -13,7 +15,7 @@ MALFORMED: Final = -2
 LONGER: Final = -3
 
 
-@njit(types.int64(_BYTES, types.int64, types.int64), nogil=True, cache=True)
+@cached_njit(types.int64(_BYTES, types.int64, types.int64), nogil=True)
 def _word(data, at, size):
     """A big-endian number of ``size`` bytes."""
     value = 0
@@ -22,7 +24,7 @@ def _word(data, at, size):
     return value
 
 
-@njit(types.int64(_BYTES, types.int64), nogil=True, cache=True)
+@cached_njit(types.int64(_BYTES, types.int64), nogil=True)
 def objects(data, most):
     """How many values one MessagePack value consists of; more than ``most``: there are more than that many.
 

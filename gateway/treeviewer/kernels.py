@@ -9,8 +9,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numba import njit, types
+from numba import types
 from numpy.typing import NDArray
+
+from renderers.cache_locator import cached_njit
 
 _BYTES = types.Array(types.uint8, 1, "C", readonly=True)
 _POWERS = types.Array(types.float64, 1, "C", readonly=True)
@@ -54,7 +56,7 @@ _KIND: Final = _kinds()
 numbers', those that only true, false, null and strings have do not."""
 
 
-@njit(_SPAN(_BYTES, types.int64), nogil=True, cache=True)
+@cached_njit(_SPAN(_BYTES, types.int64), nogil=True)
 def _span(data, begin):
     """The array that opens at ``begin``: (end, numbers, rows, columns, depth); end is -1 if it has more than numbers.
 
@@ -103,7 +105,7 @@ def _span(data, begin):
     return -1, 0, 0, 0, 0
 
 
-@njit(types.int64(_BYTES, _TABLE, types.int64), nogil=True, cache=True)
+@cached_njit(types.int64(_BYTES, _TABLE, types.int64), nogil=True)
 def find_arrays(data, table, least):
     """Fills ``table`` (rows: begin, end, numbers, rows, columns, depth) with the arrays of at least ``least`` numbers.
 
@@ -135,13 +137,12 @@ def find_arrays(data, table, least):
     return found
 
 
-@njit(
+@cached_njit(
     [
         types.int64(_BYTES, types.int64, types.int64, _POWERS, types.float32[::1]),
         types.int64(_BYTES, types.int64, types.int64, _POWERS, types.float64[::1]),
     ],
     nogil=True,
-    cache=True,
 )
 def read_numbers(data, begin, end, powers, out):
     """Reads the array [begin, end) of ``data``, flattened, into ``out``, which has room for exactly its numbers.
@@ -262,7 +263,7 @@ def read_numbers(data, begin, end, powers, out):
     return -1 if k == out.shape[0] else end
 
 
-@njit(types.int64(types.float64[::1], types.uint32[::1], types.float64), nogil=True, cache=True)
+@cached_njit(types.int64(types.float64[::1], types.uint32[::1], types.float64), nogil=True)
 def to_indices(values, out, bound):
     """Whole numbers in [0, bound) into ``out``. Returns -1, or which number is not one."""
     for k in range(values.shape[0]):
@@ -273,7 +274,7 @@ def to_indices(values, out, bound):
     return -1
 
 
-@njit(types.boolean(_SINGLES, types.float32), nogil=True, cache=True)
+@cached_njit(types.boolean(_SINGLES, types.float32), nogil=True)
 def all_within(values, farthest):
     """Whether no value is NaN or farther from 0 than ``farthest``."""
     for begin in range(0, values.shape[0], 1024):
@@ -285,7 +286,7 @@ def all_within(values, farthest):
     return True
 
 
-@njit(types.void(types.float32[::1]), nogil=True, cache=True)
+@cached_njit(types.void(types.float32[::1]), nogil=True)
 def to_unit_interval(values):
     """Numbers below 0 become 0, above 1 become 1, NaN becomes 0; in place."""
     for k in range(values.shape[0]):
@@ -294,7 +295,7 @@ def to_unit_interval(values):
         values[k] = value if value < 1.0 else np.float32(1.0)
 
 
-@njit(_FOUND(_BYTES, _TABLE, types.int64[::1]), nogil=True, cache=True)
+@cached_njit(_FOUND(_BYTES, _TABLE, types.int64[::1]), nogil=True)
 def outline(data, members, commas):
     """Where the members of the JSON object ``data`` are, and the commas between the elements of those that are lists.
 

@@ -21,6 +21,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from renderers.cache_locator import cached_njit
 from renderers.stereo.model import DISPARITY_SCALE
 from renderers.stereo.noise import KERNELS_VERSION, NORMAL_TABLE, random64
 
@@ -109,7 +110,7 @@ def _within_three(sigma: float, d_eps: float) -> float:
     return float(np.mean([normal.cdf(3 * d_eps + o) - normal.cdf(-3 * d_eps + o) for o in offsets]))
 
 
-@njit(nogil=True, cache=True)
+@cached_njit(nogil=True)
 def _measure(true, key, sigma, d_eps, inside, slope_free, slope_half, normal, disparity, confidence):
     height, width = true.shape
     if not sigma > 0.0:
@@ -161,7 +162,7 @@ def _units(d):
     return np.int32(min(max(d * np.float32(16.0), np.float32(1.0)), np.float32(65535.0)) + np.float32(0.5))
 
 
-@njit(nogil=True, cache=True)
+@cached_njit(nogil=True)
 def _round(row, values, beliefs):
     for i in range(len(row)):
         valid = row[i] > np.float32(0.0)
@@ -169,7 +170,7 @@ def _round(row, values, beliefs):
         beliefs[i] = np.uint8(255) if valid else np.uint8(0)
 
 
-@njit(nogil=True, cache=True)
+@cached_njit(nogil=True)
 def _steepest(row, above, below, slope):
     """(W,) float32: largest step to a valid neighbour above, below, left and right."""
     zero = np.float32(0.0)

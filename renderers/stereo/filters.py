@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numba import njit
 
+from renderers.cache_locator import cached_njit
 from renderers.stereo.errors import Measured
 from renderers.stereo.model import DISPARITY_SCALE
 
@@ -72,7 +72,7 @@ def apply_filters(measured: Measured, filters: Filters, focal_times_baseline: fl
         fill_holes(measured, filters.fill)
 
 
-@njit(nogil=True, cache=True)
+@cached_njit(nogil=True)
 def _remove(disparity, error, confidence, minconf, lowest, highest, z_eps_factor, maxdeptherr):
     height, width = disparity.shape
     for k in range(height):
@@ -96,7 +96,7 @@ def _remove_segments(measured: Measured, smallest: int) -> None:
     _forget(measured.disparity.reshape(-1), measured.error.reshape(-1), measured.confidence.reshape(-1))
 
 
-@njit(nogil=True, cache=True)
+@cached_njit(nogil=True)
 def _forget(disparity, error, confidence):
     """No disparity: no error, no confidence."""
     for i in range(len(disparity)):
@@ -123,7 +123,7 @@ def fill_holes(measured: Measured, fill: int) -> None:
     _interpolate(disparity, measured.error, measured.confidence, labels, chosen, FILL_CONFIDENCE)
 
 
-@njit(nogil=True, cache=True)
+@cached_njit(nogil=True)
 def _measure_holes(disparity, labels, size, low, high):
     """Size and border of every hole. A hole at the edge of the image has no border there: low is set below all."""
     height, width = disparity.shape
@@ -142,7 +142,7 @@ def _measure_holes(disparity, labels, size, low, high):
                     high[hole] = max(high[hole], d)
 
 
-@njit(nogil=True, cache=True)
+@cached_njit(nogil=True)
 def _interpolate(disparity, error, confidence, labels, chosen, filled):
     """Along each row, linearly between the two ends of the hole."""
     height, width = disparity.shape

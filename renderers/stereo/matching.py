@@ -6,9 +6,9 @@ from typing import Final
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from renderers.cache_locator import cached_njit
 from renderers.stereo.errors import Measured
 from renderers.stop import check_stop
 
@@ -59,7 +59,7 @@ def match(left: NDArray[np.uint8], right: NDArray[np.uint8], disparities: int, s
     return Measured(disparity, error, confidence)
 
 
-@njit(nogil=True, cache=True)
+@cached_njit(nogil=True)
 def _judge(raw, left, right, disparities, sigma, base, weight, disparity, error, confidence):
     """Error from texture and noise, confidence from how well the two windows agree, both over 5 x 5 pixels.
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from renderers.cache_locator import cached_njit
 
-@njit(nogil=True, cache=True)
+
+@cached_njit(nogil=True)
 def bin_points(disparity, n, nearest, d, u, v):
     """Means over a plane's pixels lie on the plane: disparity is affine in the pixel's position there."""
     height, width = disparity.shape
@@ -37,7 +39,7 @@ def bin_points(disparity, n, nearest, d, u, v):
                 v[r, c] = y / count + 0.5
 
 
-@njit(nogil=True, cache=True)
+@cached_njit(nogil=True)
 def fill_all(d, u, v):
     """Gives every empty bin the farther of its neighbours in the row, rows without any that of the nearest row above or
     below: behind an edge lies the background, as in stereo post-processing."""
@@ -76,7 +78,7 @@ def _copy_row(d, source, row):
         d[row, c] = d[source, c]
 
 
-@njit(nogil=True, cache=True)
+@cached_njit(nogil=True)
 def number_points(d, index):
     count = 0
     for r in range(d.shape[0]):
@@ -87,7 +89,7 @@ def number_points(d, index):
     return count
 
 
-@njit(nogil=True, cache=True)
+@cached_njit(nogil=True)
 def place_points(d, u, v, f, cx, cy, t, footprint, out):
     """The manual's formula: P = ((u - cx) t / d, (v - cy) t / d, f t / d), with t in metres per unit of d."""
     n = 0
@@ -114,7 +116,7 @@ def _cell_valid(d, r, c, step):
     return valid if valid >= 3 and high - low <= step else 0
 
 
-@njit(nogil=True, cache=True)
+@cached_njit(nogil=True)
 def count_faces(d, index, step):
     count = 0
     for r in range(d.shape[0] - 1):
@@ -123,7 +125,7 @@ def count_faces(d, index, step):
     return count
 
 
-@njit(nogil=True, cache=True)
+@cached_njit(nogil=True)
 def make_faces(d, index, step, out):
     """Corners in the vendor's order (i-1,k-1), (i-1,k), (i,k), (i,k-1): counter-clockwise seen from the camera."""
     n = 0

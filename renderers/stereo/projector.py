@@ -11,8 +11,9 @@ from functools import cache
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from renderers.cache_locator import cached_njit
 
 CELL: Final = 1.5 / 552.0
 """Width of a dot, in units of the focal length: 2 pixels of a 640 pixel wide image of the 4 mm lens."""
@@ -73,7 +74,7 @@ def dots_on(
     return out
 
 
-@njit(nogil=True, cache=True)
+@cached_njit(nogil=True)
 def _dots_on(depth, pattern, cells_per_pixel, cx, cy, offset_f, out):
     height, width = depth.shape
     mask = pattern.shape[0] - 1
@@ -99,7 +100,7 @@ def _dots_on(depth, pattern, cells_per_pixel, cx, cy, offset_f, out):
             out[k, i] = int(light + np.float32(0.5))
 
 
-@njit(nogil=True, cache=True)
+@cached_njit(nogil=True)
 def _cast_shadows(depth, seen, offset_f, nearer, light):
     """No light where the projector sees something nearer in all three pixels around the point."""
     height, width = depth.shape

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numba import njit
 
+from renderers.cache_locator import cached_njit
 from renderers.stereo.noise import KERNELS_VERSION, random64
 
 _VERSION = KERNELS_VERSION
@@ -14,7 +14,7 @@ STEPS: Final = 4096
 """Of the display-encoded value in the response curve."""
 
 
-@njit(nogil=True, cache=True)
+@cached_njit(nogil=True)
 def grey_by_table(picture, table, weights, key, out):
     """One table look-up a pixel: weights of red, green and blue in 1/256, luma in 1024 steps."""
     height, width = out.shape
@@ -34,7 +34,7 @@ def grey_by_table(picture, table, weights, key, out):
     return total
 
 
-@njit(nogil=True, cache=True)
+@cached_njit(nogil=True)
 def color_by_table(picture, table, key, out):
     height, width = out.shape[:2]
     total = 0
@@ -49,7 +49,7 @@ def color_by_table(picture, table, key, out):
     return total
 
 
-@njit(nogil=True, cache=True)
+@cached_njit(nogil=True)
 def grey_with_dots(picture, dots, light, weights, response, sigma, normal, key, out):
     height, width = out.shape
     top = np.float32(STEPS - 1)
@@ -70,7 +70,7 @@ def grey_with_dots(picture, dots, light, weights, response, sigma, normal, key, 
     return total
 
 
-@njit(nogil=True, cache=True)
+@cached_njit(nogil=True)
 def color_with_dots(picture, dots, light, weights, response, sigma, normal, key, out):
     height, width = out.shape[:2]
     top = np.float32(STEPS - 1)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from renderers.cache_locator import cached_njit
 
 OCCLUSION_STEP = 1.0
 """Pixels. A point counts as hidden from the right camera when what that camera sees there is nearer by more than this
@@ -45,7 +46,7 @@ def true_disparity(
     return out
 
 
-@njit(nogil=True, cache=True)
+@cached_njit(nogil=True)
 def _true_disparity(left, right, ft, z_min, z_max, step, out):
     height, width = left.shape
     ft32 = np.float32(ft)

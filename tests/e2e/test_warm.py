@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 
+from gateway import warmup
+
+ROOT = Path(__file__).parents[2]
 PROGRAM = """
-import asyncio, json, sys
+import json, sys
 from gateway import warmup
 from gateway.ops import kernels
 
-if not kernels.are_cached():
-    asyncio.run(kernels.compile_in_children(warmup.PARTS))
-kernels.configure()
+kernels.ensure_cached(warmup.PARTS)
 from numba.core import event
 
 compiled = []
@@ -54,3 +57,94 @@ def test_serving_compiles_nothing() -> None:
     said = json.loads(result.stdout.splitlines()[-1])
     assert said["answers"] == [200] * 12
     assert said["compiled"] == []
+
+
+ELSEWHERE = """
+import json
+import gateway
+from gateway import warmup
+from gateway.ops import kernels
+
+cached = kernels.are_cached()
+warmup.run()
+from renderers import kernel_cache
+from renderers.cache_locator import CACHED, cache_folder
+from renderers.jit import KERNELS
+
+manifest = json.loads((kernel_cache.folder() / "complete.json").read_bytes())
+listed = [name.split("/")[0] for part in manifest.values() for name in part if name.endswith(".nbi")]
+
+total = lambda name: sum(sum(getattr(kernel.stats, name).values()) for kernel in CACHED)
+print(json.dumps({
+    "where": gateway.__file__,
+    "cached": cached,
+    "hits": total("cache_hits"),
+    "misses": total("cache_misses"),
+    "parts": list(manifest),
+    "listed": sorted(listed),
+    "defined": sorted(cache_folder(kernel).name for kernel in CACHED),
+    "loaded": [len(kernel.stats.cache_hits) for kernel in KERNELS],
+}))
+"""
+
+
+def test_a_copy_of_the_sources_at_another_place_loads_the_same_kernels(tmp_path: Path) -> None:
+    """A second clone, wheel or container layer: other paths, other times, the same contents."""
+    filled = subprocess.run(
+        [sys.executable, "-m", "gateway.cli", "warmup"], capture_output=True, text=True, check=False
+    )
+    assert filled.returncode == 0, filled.stderr
+    for package in ("gateway", "renderers"):
+        ignored = shutil.ignore_patterns("__pycache__", "node_modules")
+        shutil.copytree(ROOT / package, tmp_path / package, ignore=ignored, copy_function=shutil.copyfile)
+    result = subprocess.run(
+        [sys.executable, "-c", ELSEWHERE], cwd=tmp_path, capture_output=True, text=True, timeout=600, check=False
+    )
+    assert result.returncode == 0, result.stderr
+    said = json.loads(result.stdout.splitlines()[-1])
+    assert said["where"] == str(tmp_path / "gateway" / "__init__.py")
+    assert said["cached"]
+    assert said["misses"] == 0
+    assert said["hits"] > 50
+    assert set(said["loaded"]) == {1}
+    assert sorted(said["parts"]) == sorted(warmup.PARTS)
+    assert said["listed"] == said["defined"]  # every kernel, each by one part
+
+
+def test_a_cache_that_lost_a_kernel_is_not_complete_and_the_server_does_not_compile_it(tmp_path: Path) -> None:
+    """The manifest is left in place, as by a copy that failed: only loading shows that the index has other entries."""
+    program = """
+import json, shutil, sys
+from pathlib import Path
+from gateway import warmup
+from gateway.ops import kernels
+from renderers import kernel_cache
+
+kernels.ensure_cached(warmup.PARTS)
+here = kernel_cache.folder()
+copy = Path(sys.argv[1])
+shutil.copytree(here, copy / here.name)
+kernel_cache.root.cache_clear()
+import os
+os.environ["NUMBA_CACHE_DIR"] = str(copy)
+lost = next((copy / here.name).glob("renderers.cpu.*"))
+for file in lost.iterdir():
+    file.unlink()
+before = kernel_cache.missing()
+kernel_cache.missing = lambda path=None: ""  # as if nobody had looked
+try:
+    warmup.run()
+    error = ""
+except kernels.KernelError as failure:
+    error = str(failure)
+manifest = (copy / here.name / "complete.json").exists()
+print(json.dumps({"before": before, "error": error, "lost": lost.name, "manifest": manifest}))
+"""
+    result = subprocess.run(
+        [sys.executable, "-c", program, str(tmp_path)], capture_output=True, text=True, timeout=600, check=False
+    )
+    assert result.returncode == 0, result.stderr
+    said = json.loads(result.stdout.splitlines()[-1])
+    assert "files are missing or changed" in said["before"]
+    assert f"the kernel {said['lost']} could not be loaded from" in said["error"]
+    assert not said["manifest"]

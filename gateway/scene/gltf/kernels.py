@@ -12,6 +12,7 @@ from numba.core import cgutils
 from numpy.typing import NDArray
 
 from gateway.scene.transforms import SQUARE_SAFE
+from renderers.cache_locator import cached_njit
 from renderers.native import is_set
 from renderers.pointers import f32_at, f64_at, i64_at, u8_at, u16_at, u32_at
 
@@ -73,7 +74,7 @@ _SPARE: Final = 4 * 3 + 6
 """float64 beyond the last sum: of three more, and twelve float32."""
 
 
-@numba.njit(nogil=True, cache=True, fastmath=False)
+@cached_njit(nogil=True, fastmath=False)
 def equal_arrays(x: NDArray[np.uint8], y: NDArray[np.uint8]) -> bool:
     """Whether two arrays of one length agree.
 
@@ -96,7 +97,7 @@ def equal_arrays(x: NDArray[np.uint8], y: NDArray[np.uint8]) -> bool:
     return True
 
 
-@numba.njit(nogil=True, cache=True, fastmath=False, error_model="numpy")
+@cached_njit(nogil=True, fastmath=False, error_model="numpy")
 def long_strings(address: int, count: int, to_places: int) -> int:
     """Finds what lies between two quotes that are ``2 * STRETCH`` bytes apart or more.
 
@@ -292,7 +293,7 @@ def _count_up(count: int, target: Any) -> None:
         target[i] = np.uint32(i)
 
 
-@numba.njit(nogil=True, cache=True, fastmath=False, error_model="numpy")
+@cached_njit(nogil=True, fastmath=False, error_model="numpy")
 def read_meshes(rows: int, count: int, to_sound: int, stop: int) -> None:
     """Triangles of many meshes: looks whether they are sound, widens their indices, makes normals.
 
@@ -356,7 +357,7 @@ def _number(address: int, code: int) -> Any:
     return np.float32(u32_at(address)[0])
 
 
-@numba.njit(nogil=True, cache=True, fastmath=False, error_model="numpy")
+@cached_njit(nogil=True, fastmath=False, error_model="numpy")
 def gather(rows: int, count: int, to_sound: int, stop: int) -> None:
     """Attributes that do not lie as meshes want them, as tight float32.
 
@@ -409,7 +410,7 @@ def _compose(n: Any) -> bool:
     return bool(SQUARE_SAFE[0] < norm2 < SQUARE_SAFE[1])
 
 
-@numba.njit(cache=True, fastmath=False, error_model="numpy")  # brief: with the GIL
+@cached_njit(fastmath=False, error_model="numpy")  # brief: with the GIL
 def arrange(count: int, from_numbers: int, from_parents: int, to_matrices: int, to_worlds: int, to_moves: int) -> bool:
     """Matrices of nodes, row-major, their last rows exact, and their products from the roots down.
 
