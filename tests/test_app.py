@@ -18,7 +18,7 @@ from gateway.house import House
 from gateway.joins import join_render, join_stereo
 from gateway.ops import kernels
 from gateway.settings import Settings
-from tests.support.waiting import until
+from tests.support.waiting import SECONDS, until
 
 
 class FakeService:
@@ -257,6 +257,6 @@ async def test_a_service_that_starts_after_the_end_began_ends_too(monkeypatch: p
         house.serve("render", service)
 
     rooms(monkeypatch, render=late)
-    async with asyncio.timeout(20), running() as client:
+    async with asyncio.timeout(SECONDS), running() as client:
         await client.get("/room")  # waits until the rooms are joined
     assert service.ended.is_set()

@@ -14,10 +14,7 @@ import pytest
 
 from gateway.workers import Busy, Closed, Workers
 from renderers.cpu.crew import Crew, Phase
-from tests.support.waiting import until
-
-LONG = 30.0
-"""Seconds; a bound on waiting for events so that a bug fails a test instead of hanging it."""
+from tests.support.waiting import SECONDS, until
 
 
 class Gate:
@@ -29,12 +26,12 @@ class Gate:
 
     def __call__(self, value: object = None) -> object:
         self.started.set()
-        assert self.open.wait(LONG)
+        assert self.open.wait(SECONDS)
         return value
 
 
 async def started(gate: Gate) -> None:
-    assert await asyncio.to_thread(gate.started.wait, LONG)
+    assert await asyncio.to_thread(gate.started.wait, SECONDS)
 
 
 async def test_results_errors_keywords_and_context_cross_the_threads() -> None:
@@ -165,7 +162,7 @@ async def test_close_lets_accepted_work_finish_and_ends_the_threads() -> None:
     workers, gate = Workers(2, name="ending"), Gate()
     tasks = [asyncio.create_task(workers.run(gate, number)) for number in range(5)]
     await started(gate)
-    closing = asyncio.create_task(workers.close(LONG))
+    closing = asyncio.create_task(workers.close(SECONDS))
     await asyncio.sleep(0)
     with pytest.raises(Closed):
         await workers.run(gate)
@@ -174,7 +171,7 @@ async def test_close_lets_accepted_work_finish_and_ends_the_threads() -> None:
     assert await asyncio.gather(*tasks) == list(range(5))
     for thread in set(threading.enumerate()) - before:
         if thread.name.startswith("ending"):
-            thread.join(LONG)
+            thread.join(SECONDS)
             assert not thread.is_alive()
     assert await workers.close()
 
@@ -245,7 +242,7 @@ async def test_threads_that_draw_and_their_helpers_stand_behind_the_event_loop()
 
         def work(_: int) -> None:
             seen.add(niceness())
-            meeting.wait(LONG)
+            meeting.wait(SECONDS)
 
         crew.run((Phase(2, work),))
         crew.close()

@@ -7,7 +7,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -29,7 +28,7 @@ from gateway.client import manifest
 from gateway.client.dataset import NO_LABEL, Dataset
 from tests.batch.conftest import SETTINGS, Draw, contents, order_of
 from tests.support import forms
-from tests.support.gateway_process import START_SECONDS
+from tests.support.waiting import SECONDS, wait_until
 
 LIGHTS = "KHR_lights_punctual"
 
@@ -315,11 +314,11 @@ def test_a_command_that_is_told_to_stop_leaves_no_process_and_goes_on_later(scen
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     try:
         journal = out / manifest.JOURNAL
-        while not (journal.exists() and journal.stat().st_size):
-            assert process.poll() is None
-            time.sleep(0.02)  # nothing tells when the first line is there
+        # Nothing tells when the first line is there.
+        wait_until(lambda: process.poll() is not None or (journal.exists() and journal.stat().st_size))
+        assert process.poll() is None
         process.terminate()
-        _, said = process.communicate(timeout=START_SECONDS)
+        _, said = process.communicate(timeout=SECONDS)
     finally:
         process.kill()
         process.communicate()

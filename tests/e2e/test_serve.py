@@ -14,8 +14,9 @@ from pathlib import Path
 import httpx2
 import pytest
 
-from tests.support import forms
+from tests.support import clients, forms
 from tests.support.gateway_process import GatewayProcess, gateway_process, refused
+from tests.support.waiting import SECONDS
 
 
 @pytest.fixture(scope="module")
@@ -25,23 +26,23 @@ def gateway() -> Iterator[tuple[GatewayProcess, str]]:
 
 
 def test_everything_is_ready(gateway: tuple[GatewayProcess, str]) -> None:
-    ready = httpx2.get(f"{gateway[1]}/readyz")
+    ready = clients.get(f"{gateway[1]}/readyz")
     assert ready.status_code == 200
     assert ready.json()["status"] == "ready"
 
 
 def test_docs_list_the_interface_and_load_nothing_from_elsewhere(gateway: tuple[GatewayProcess, str]) -> None:
     _, url = gateway
-    docs = httpx2.get(f"{url}/docs")
+    docs = clients.get(f"{url}/docs")
     assert docs.status_code == 200
     assert not re.search(r"""(?:src|href)=["'](?:https?:)?//""", docs.text)
     for link in re.findall(r"""(?:src|href)=["'](/[^"']+)""", docs.text):
-        assert httpx2.get(url + link).status_code == 200
-    assert {"/render", "/healthz"} <= httpx2.get(f"{url}/openapi.json").json()["paths"].keys()
+        assert clients.get(url + link).status_code == 200
+    assert {"/render", "/healthz"} <= clients.get(f"{url}/openapi.json").json()["paths"].keys()
 
 
 def test_a_scene_is_drawn(gateway: tuple[GatewayProcess, str]) -> None:
-    answer = httpx2.post(
+    answer = clients.post(
         f"{gateway[1]}/render",
         content=forms.body(forms.gltf(), forms.drake_fields("label")),
         headers={"Content-Type": forms.CONTENT_TYPE},
@@ -52,16 +53,16 @@ def test_a_scene_is_drawn(gateway: tuple[GatewayProcess, str]) -> None:
 
 def test_a_body_beyond_the_limit_is_413() -> None:
     with gateway_process("--only", "render", "--max-body-mb", "1") as (_, url):
-        answer = httpx2.post(f"{url}/render", content=b"x" * (2 << 20), headers={"Content-Type": forms.CONTENT_TYPE})
+        answer = clients.post(f"{url}/render", content=b"x" * (2 << 20), headers={"Content-Type": forms.CONTENT_TYPE})
         assert answer.status_code == 413
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_ends_it_with_exit_code_0(number: signal.Signals) -> None:
     with gateway_process("--only", "render") as (process, url):
-        assert httpx2.get(f"{url}/readyz").status_code == 200
+        assert clients.get(f"{url}/readyz").status_code == 200
         process.process.send_signal(number)
-        assert process.process.wait(30) == 0
+        assert process.process.wait(SECONDS) == 0
         log = process.rest_of_log()
         assert not [entry for entry in log if entry["level"] in ("error", "critical", "raw")]
         assert [entry["event"] for entry in log][-2:] == [
@@ -73,9 +74,9 @@ def test_a_signal_ends_it_with_exit_code_0(number: signal.Signals) -> None:
 def test_a_render_only_gateway_points_to_no_page_that_it_lacks() -> None:
     with gateway_process("--only", "render") as (process, url):
         assert "/view" not in process.log[0]["event"]
-        links = re.findall(r'<a href="([^"]+)"', httpx2.get(url).text)
+        links = re.findall(r'<a href="([^"]+)"', clients.get(url).text)
         assert links
-        assert all(httpx2.get(f"{url}/{link}").status_code == 200 for link in links)
+        assert all(clients.get(f"{url}/{link}").status_code == 200 for link in links)
 
 
 def test_a_signal_during_the_start_ends_it_too() -> None:
@@ -113,8 +114,8 @@ def test_uvicorn_serves_the_same_application(tmp_path: Path) -> None:
         assert process.stderr is not None
         assert any("Scenegate has started" in line for line in process.stderr)
         transport = httpx2.HTTPTransport(retries=20)
-        with httpx2.Client(transport=transport) as client:
+        with clients.Client(transport=transport) as client:
             assert client.get(f"http://127.0.0.1:{port}/readyz").json()["status"] == "ready"
     finally:
         process.terminate()
-        process.communicate(timeout=60)
+        process.communicate(timeout=SECONDS)

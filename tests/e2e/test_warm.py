@@ -7,6 +7,8 @@ import os
 import subprocess
 import sys
 
+from tests.support.waiting import SECONDS
+
 PROGRAM = """
 import asyncio, json, sys
 from gateway import warmup
@@ -48,7 +50,7 @@ print(json.dumps({"compiled": compiled, "answers": [answer.status_code for answe
 def test_serving_compiles_nothing() -> None:
     environment = {name: value for name, value in os.environ.items() if name != "PYTEST_CURRENT_TEST"}
     result = subprocess.run(
-        [sys.executable, "-c", PROGRAM], env=environment, capture_output=True, text=True, timeout=600, check=False
+        [sys.executable, "-c", PROGRAM], env=environment, capture_output=True, text=True, timeout=SECONDS, check=False
     )
     assert result.returncode == 0, result.stderr
     said = json.loads(result.stdout.splitlines()[-1])

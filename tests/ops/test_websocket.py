@@ -12,6 +12,7 @@ from fastapi import FastAPI, WebSocket, WebSocketDisconnect
 
 from gateway.ops.websocket import MAX_FRAGMENTS, PIECE_BYTES, BoundedWebSocket
 from tests.ops.listening import listening
+from tests.support.waiting import SECONDS
 
 UPGRADE = (
     b"GET /ws HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
@@ -42,7 +43,7 @@ async def connected() -> AsyncIterator[tuple[asyncio.StreamReader, asyncio.Strea
         except WebSocketDisconnect as end:
             got.append(str(end.code))
 
-    async with listening(app) as port, asyncio.timeout(60):
+    async with listening(app) as port, asyncio.timeout(SECONDS):
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
         writer.write(UPGRADE)
         assert b" 101 " in await reader.readuntil(b"\r\n\r\n")

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.waiting import SECONDS
+
 STARTER = os.environ.get("SCENEGATE_SCHEMATHESIS", "")
 CONFIG = Path(__file__).with_name("schemathesis.toml")
 
@@ -17,7 +19,7 @@ CONFIG = Path(__file__).with_name("schemathesis.toml")
 def test_every_answer_is_as_described(gateway_url: str, tmp_path: Path) -> None:
     command = [STARTER, "--config-file", str(CONFIG), "run", f"{gateway_url}/openapi.json", "--no-color"]
     command += ["--phases", "examples,coverage,fuzzing", "--max-examples", "10", "--warnings", "off"]
-    command += ["--request-timeout", "120"]  # a busy machine renders slowly
-    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=600, check=False)
+    command += ["--request-timeout", str(int(SECONDS))]
+    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=SECONDS, check=False)
     assert result.returncode == 0, result.stdout[-6000:] + result.stderr[-2000:]
     assert "No issues found" in result.stdout or "passed" in result.stdout

@@ -23,7 +23,7 @@ from renderers.drawlist import DrawList
 from renderers.stereo.model import StereoModel
 from renderers.stereo.warm import warm_up
 from tests.stereo.scenes import pose, table
-from tests.support.waiting import until
+from tests.support.waiting import SECONDS, until
 
 SMALL = StereoModel("small", 320, 240, 0.8449, 0.160)
 """The device's geometry at a quarter of its resolution: quick to render."""
@@ -50,7 +50,7 @@ class Camera:
     task: asyncio.Task[None]
 
     def stream(
-        self, timeout: float = 30.0, **request: object
+        self, timeout: float = SECONDS, **request: object
     ) -> grpc.aio.UnaryStreamCall[pb.ImageSetRequest, pb.ImageSet]:
         call = self.channel.unary_stream(
             "/ImageInterface/StreamImageSets",

@@ -13,7 +13,7 @@ from gateway.treeviewer import wire
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.protocol import REQUEST, RESPONSE, TreeViewerProtocol
 from gateway.treeviewer.tcpq import Frame
-from tests.support.waiting import until
+from tests.support.waiting import SECONDS, until
 from tests.treeviewer.conversation import ONE_BOX, decoded, message
 from tests.treeviewer.transports import HubClient, serving
 
@@ -77,7 +77,7 @@ async def test_order_holds_for_a_client_and_others_do_not_wait(monkeypatch: pyte
 
     def read_late(self: TreeViewerProtocol, comms: wire.Comms) -> Any:
         if threading.current_thread() is not threading.main_thread():
-            assert quick_was_answered.wait(60), "the big request holds up the others"
+            assert quick_was_answered.wait(SECONDS), "the big request holds up the others"
         return read(self, comms)
 
     monkeypatch.setattr(TreeViewerProtocol, "open", read_late)
