@@ -21,7 +21,7 @@ from gateway.joins import join_render, join_stereo
 from gateway.ops import kernels
 from gateway.ops.kernel_progress import Progress
 from gateway.settings import Settings
-from tests.support.waiting import until
+from tests.support.waiting import SECONDS, until
 
 
 class FakeService:
@@ -313,7 +313,7 @@ async def test_a_service_that_starts_after_the_end_began_ends_too(monkeypatch: p
         house.serve("render", service)
 
     rooms(monkeypatch, render=late)
-    async with asyncio.timeout(20), running() as client:
+    async with asyncio.timeout(SECONDS), running() as client:
         await client.get("/room")  # waits until the rooms are joined
     assert service.ended.is_set()
 
@@ -325,14 +325,14 @@ async def test_requests_are_let_in_as_soon_as_the_rooms_are_joined(monkeypatch: 
 
     def openapi(_: FastAPI) -> dict[str, Any]:
         describing.set()
-        assert go_on.wait(30.0)
+        assert go_on.wait(SECONDS)
         return {}
 
     monkeypatch.setattr(FastAPI, "openapi", openapi)
     rooms(monkeypatch, render=add_route)
     try:
         async with running() as client:
-            assert await asyncio.to_thread(describing.wait, 30.0)
+            assert await asyncio.to_thread(describing.wait, SECONDS)
             assert (await client.get("/readyz")).status_code == 200
             assert (await client.get("/room")).json() == "here"
             go_on.set()
@@ -354,7 +354,7 @@ async def test_nothing_is_ready_before_requests_are_let_in(monkeypatch: pytest.M
         await joining.wait()
         assert (await client.get("/readyz")).json()["status"] == "starting"
         go_on.set()
-        async with asyncio.timeout(30.0):
+        async with asyncio.timeout(SECONDS):
             while (await client.get("/readyz")).status_code != 200:
                 pass
 

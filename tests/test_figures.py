@@ -9,12 +9,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import grpc
-import httpx2
 import pytest
 
 from gateway.generated import image_interface_pb2 as pb
-from tests.support import forms
+from tests.support import clients, forms
 from tests.support.gateway_process import gateway_process
+from tests.support.waiting import SECONDS
 
 ALERTS = Path(__file__).parents[1] / "deploy" / "prometheus"
 
@@ -29,7 +29,7 @@ def helps() -> dict[str, str]:
 def figures(helps: dict[str, str]) -> Iterator[dict[str, float]]:
     """Every sample of /metrics, its labels as they are written, after a few requests of each kind."""
     flags = ("--demo", "--grpc-port", "0", "--tcpq-port", "0", "--lcm-url", "off")
-    with gateway_process(*flags) as (_, url), httpx2.Client(base_url=url) as http:
+    with gateway_process(*flags) as (_, url), clients.Client(base_url=url) as http:
         headers = {"Content-Type": forms.CONTENT_TYPE}
         for image_type in ("color", "depth", "label", "color"):
             body = forms.body(forms.gltf(), forms.drake_fields(image_type))
@@ -43,7 +43,7 @@ def figures(helps: dict[str, str]) -> Iterator[dict[str, float]]:
         with grpc.insecure_channel(f"127.0.0.1:{port}") as channel:
             stream = channel.unary_stream(
                 "/ImageInterface/StreamImageSets", pb.ImageSetRequest.SerializeToString, pb.ImageSet.FromString
-            )(pb.ImageSetRequest(left_enabled=True), timeout=120)
+            )(pb.ImageSetRequest(left_enabled=True), timeout=SECONDS)
             next(stream)
             text = http.get("/metrics").text
             stream.cancel()

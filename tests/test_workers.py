@@ -15,10 +15,7 @@ import pytest
 from gateway.workers import Busy, Closed, TooSlow, Workers
 from renderers.cpu.crew import Crew, Phase
 from renderers.stop import check_stop
-from tests.support.waiting import until
-
-LONG = 30.0
-"""Seconds; a bound on waiting for events so that a bug fails a test instead of hanging it."""
+from tests.support.waiting import SECONDS, until
 
 
 class Gate:
@@ -30,12 +27,12 @@ class Gate:
 
     def __call__(self, value: object = None) -> object:
         self.started.set()
-        assert self.open.wait(LONG)
+        assert self.open.wait(SECONDS)
         return value
 
 
 async def started(gate: Gate) -> None:
-    assert await asyncio.to_thread(gate.started.wait, LONG)
+    assert await asyncio.to_thread(gate.started.wait, SECONDS)
 
 
 async def test_results_errors_keywords_and_context_cross_the_threads() -> None:
@@ -166,7 +163,7 @@ async def test_close_lets_accepted_work_finish_and_ends_the_threads() -> None:
     workers, gate = Workers(2, name="ending"), Gate()
     tasks = [asyncio.create_task(workers.run(gate, number)) for number in range(5)]
     await started(gate)
-    closing = asyncio.create_task(workers.close(LONG))
+    closing = asyncio.create_task(workers.close(SECONDS))
     await asyncio.sleep(0)
     with pytest.raises(Closed):
         await workers.run(gate)
@@ -175,7 +172,7 @@ async def test_close_lets_accepted_work_finish_and_ends_the_threads() -> None:
     assert await asyncio.gather(*tasks) == list(range(5))
     for thread in set(threading.enumerate()) - before:
         if thread.name.startswith("ending"):
-            thread.join(LONG)
+            thread.join(SECONDS)
             assert not thread.is_alive()
     assert await workers.close()
 
@@ -222,11 +219,11 @@ async def test_a_call_ends_at_its_deadline_which_does_not_count_while_it_waits()
 async def test_a_call_ends_when_its_caller_is_cancelled() -> None:
     workers, call = Workers(1), Endless()
     leaver = asyncio.create_task(workers.run(call))
-    assert await asyncio.to_thread(call.started.wait, LONG)
+    assert await asyncio.to_thread(call.started.wait, SECONDS)
     leaver.cancel()
     with pytest.raises(asyncio.CancelledError):
         await leaver
-    assert await asyncio.to_thread(call.ended.wait, LONG)
+    assert await asyncio.to_thread(call.ended.wait, SECONDS)
     assert await workers.run(lambda: "next") == "next"
     assert await workers.close()
 
@@ -234,7 +231,7 @@ async def test_a_call_ends_when_its_caller_is_cancelled() -> None:
 async def test_close_ends_calls_that_would_not_finish() -> None:
     workers, call = Workers(1, seconds=1000.0), Endless()
     running, waiting = (asyncio.create_task(workers.run(call)) for _ in range(2))
-    assert await asyncio.to_thread(call.started.wait, LONG)
+    assert await asyncio.to_thread(call.started.wait, SECONDS)
     assert await workers.close(0.1)
     for task in (running, waiting):
         with pytest.raises(Closed, match="shut down"):
@@ -321,7 +318,7 @@ async def test_threads_that_draw_and_their_helpers_stand_behind_the_event_loop()
 
         def work(_: int) -> None:
             seen.add(niceness())
-            meeting.wait(LONG)
+            meeting.wait(SECONDS)
 
         crew.run((Phase(2, work),))
         crew.close()

@@ -17,8 +17,8 @@ import pytest
 
 from bench.ray_nodes import ENVIRONMENT as RAY_ENVIRONMENT
 from tests.batch.conftest import FACET, SETTINGS, TREE, Draw, contents, order_of
-from tests.support.gateway_process import START_SECONDS
 from tests.support.ports import free_ports
+from tests.support.waiting import SECONDS
 
 ENVIRONMENT = "SCENEGATE_RAY_PYTHON"
 ROOT = Path(__file__).parents[2]
@@ -74,7 +74,7 @@ def cluster(python: str, folders: tuple[Path, Path]) -> Iterator[dict[str, Any]]
         )
     try:
         yield json.loads(speaks(process, "{", errors))
-        process.communicate("", timeout=START_SECONDS)
+        process.communicate("", timeout=SECONDS)
     finally:
         process.kill()
         process.communicate()
@@ -101,7 +101,7 @@ def test_the_command_goes_on_on_a_cluster(
 
     def drawn() -> str:
         done = subprocess.run(
-            command, cwd=ROOT, env=environment(), capture_output=True, text=True, timeout=START_SECONDS, check=False
+            command, cwd=ROOT, env=environment(), capture_output=True, text=True, timeout=SECONDS, check=False
         )
         assert done.returncode == 0, done.stderr
         return done.stderr
@@ -123,13 +123,13 @@ def test_the_example_serves_on_a_cluster(python: str, cluster: dict[str, Any], t
     try:
         url = speaks(server, "http://", errors)
         client = [sys.executable, str(ROOT / "examples" / "render_http.py"), url.removesuffix("/render"), str(tmp_path)]
-        asked = subprocess.run(client, capture_output=True, text=True, timeout=START_SECONDS, check=False)
+        asked = subprocess.run(client, capture_output=True, text=True, timeout=SECONDS, check=False)
         assert asked.returncode == 0, asked.stderr
         depth = cv2.imread(str(tmp_path / "depth.tiff"), cv2.IMREAD_UNCHANGED)
         assert depth is not None
         assert depth[120, 160] == pytest.approx(3.0, abs=1e-6)
         server.terminate()
-        assert server.wait(START_SECONDS) == 0
+        assert server.wait(SECONDS) == 0
     finally:
         server.kill()
         server.communicate()

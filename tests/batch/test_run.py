@@ -7,7 +7,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -29,8 +28,8 @@ from gateway.client import manifest
 from gateway.client.dataset import NO_LABEL, Dataset
 from tests.batch.conftest import SETTINGS, Draw, contents, order_of
 from tests.support import forms
-from tests.support.gateway_process import START_SECONDS
 from tests.support.slow import slow_gltf
+from tests.support.waiting import SECONDS, wait_until
 
 LIGHTS = "KHR_lights_punctual"
 
@@ -316,11 +315,11 @@ def test_a_command_that_is_told_to_stop_leaves_no_process_and_goes_on_later(scen
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     try:
         journal = out / manifest.JOURNAL
-        while not (journal.exists() and journal.stat().st_size):
-            assert process.poll() is None
-            time.sleep(0.02)  # nothing tells when the first line is there
+        # Nothing tells when the first line is there.
+        wait_until(lambda: process.poll() is not None or (journal.exists() and journal.stat().st_size))
+        assert process.poll() is None
         process.terminate()
-        _, said = process.communicate(timeout=START_SECONDS)
+        _, said = process.communicate(timeout=SECONDS)
     finally:
         process.kill()
         process.communicate()
@@ -364,7 +363,8 @@ def test_lights_of_a_rig_that_light_nothing_are_a_warning(scenes: Path, tmp_path
 def test_what_takes_too_long_fails_and_the_rest_is_drawn(scenes: Path, tmp_path: Path, draw: Draw) -> None:
     (scenes / "slow.gltf").write_bytes(slow_gltf())
     settings = replace_settings(width=1024, height=1024)
-    order = replace(order_of(scenes, tmp_path / "out", orbit=1, settings=settings), timeout=2.0)
+    order = order_of(scenes, tmp_path / "out", orbit=1, settings=settings)
+    order = replace(order, timeout=10.0)  # short: the slow one takes hours
     progress = draw(order)
     assert {failure.scene: failure.reason for failure in progress.failures} == {
         "slow.gltf": "it took longer than --timeout = 2 s"
@@ -391,7 +391,7 @@ def test_one_picture_that_takes_too_long_is_a_sentence(tmp_path: Path) -> None:
         [*command, "--width", "1024", "--height", "1024", "--timeout", "1"],
         capture_output=True,
         text=True,
-        timeout=START_SECONDS,
+        timeout=SECONDS,
         check=False,
     )
     assert ended.returncode == 1

@@ -10,6 +10,7 @@ import pytest
 
 from gateway.client.channel import Credentials, read_token
 from tests.support.certificates import certificate
+from tests.support.waiting import SECONDS
 
 
 def test_without_anything_nothing_is_sent() -> None:
@@ -52,7 +53,7 @@ async def test_a_server_that_wants_a_certificate_gets_it(tmp_path: Path) -> None
             with credentials.channel(f"127.0.0.1:{port}") as channel:
                 call = channel.unary_unary("/Nobody/Nothing")
                 with pytest.raises(grpc.RpcError) as caught:
-                    await asyncio.to_thread(call, b"", timeout=30, metadata=credentials.metadata)
+                    await asyncio.to_thread(call, b"", timeout=SECONDS, metadata=credentials.metadata)
                 is_there = caught.value.code() is grpc.StatusCode.UNIMPLEMENTED
                 assert is_there is comes_in, caught.value
     finally:

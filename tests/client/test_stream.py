@@ -24,9 +24,15 @@ from gateway.stereo.pairs import geometry_in
 from gateway.stereo.truth import truth_router
 from renderers.stereo.model import MODELS
 from tests.stereo.conftest import Start, renderer, start
-from tests.support.waiting import until
+from tests.support.waiting import SECONDS, until
 
 __all__ = ["renderer", "start"]
+
+
+@pytest.fixture(autouse=True)
+def patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Waits for connections as long as every test does."""
+    monkeypatch.setattr("gateway.client.stream._CONNECT_SECONDS", SECONDS)
 
 
 async def test_sets_become_files(start: Start, tmp_path: Path) -> None:
@@ -117,7 +123,8 @@ def test_who_listens_without_answering_is_told_from_nobody(monkeypatch: pytest.M
         receive_all(StreamOptions(target, count=1))
 
 
-def test_a_target_without_a_port_number_is_a_sentence() -> None:
+def test_a_target_without_a_port_number_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gateway.client.stream._CONNECT_SECONDS", 0.2)
     with pytest.raises(StreamFailure, match="'camera' is no port"):
         receive_all(StreamOptions("localhost:camera", count=1))
 

@@ -22,7 +22,7 @@ from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.service import TreeViewerService
 from tests.support.liblcm import liblcm
 from tests.support.ports import free_ports
-from tests.support.waiting import until
+from tests.support.waiting import SECONDS, until
 from tests.treeviewer.transports import free_url, join, serving
 
 pytestmark = pytest.mark.lcm
@@ -47,7 +47,7 @@ def hub_of(service: TreeViewerService) -> str:
 
 
 def tour(url: str, binary: bool | None) -> None:
-    with TreeViewer(url, binary=binary) as it:
+    with TreeViewer(url, timeout=SECONDS, binary=binary) as it:
         answer = it["robot"]["base"].set(Box((1, 2, 3)), Sphere(1), transform=(0, 0, 1))
         assert (answer.status, answer.added, answer.transformed) == (0, (("robot", "base"),), (("robot", "base"),))
         assert it["robot/arm"][0].set(PointCloud(np.zeros((5, 3)))).added == (("robot", "arm", 0),)
@@ -96,7 +96,7 @@ async def test_a_million_points_over_tcpq() -> None:
     async with serving(live=live) as service:
 
         def publish() -> None:
-            with TreeViewer(hub_of(service), timeout=30.0) as it:
+            with TreeViewer(hub_of(service), timeout=SECONDS) as it:
                 points = np.zeros((1_000_000, 3), np.float32)
                 assert it["cloud"].set(PointCloud(points, rgb=points.astype(np.uint8))).status == 0
 
@@ -112,8 +112,8 @@ async def test_the_asynchronous_one_does_the_same() -> None:
     live = LiveTree()
     async with serving(live=live) as service:
         with pytest.raises(RuntimeError, match="enter the viewer first"):
-            AsyncTreeViewer()["a"]
-        async with AsyncTreeViewer(hub_of(service)) as it:
+            AsyncTreeViewer(timeout=SECONDS)["a"]
+        async with AsyncTreeViewer(hub_of(service), timeout=SECONDS) as it:
             answers = await asyncio.gather(*(it["swarm"][i].set(Sphere(1)) for i in range(20)))
             assert {answer.status for answer in answers} == {0}
             await it["swarm"][0].transform((1, 2, 3))
@@ -133,7 +133,7 @@ async def test_what_a_viewer_forgot_is_sent_again() -> None:
                 edit.delete(())
 
         def talk() -> None:
-            with TreeViewer(hub_of(service)) as it:
+            with TreeViewer(hub_of(service), timeout=SECONDS) as it:
                 it["robot"].transform((5, 0, 0))
                 it["robot"]["base"].set(Box((1, 1, 1)))
                 it["other"].set(Box((1, 1, 1)))
@@ -170,10 +170,13 @@ async def test_json_is_spoken_with_viewers_that_know_no_other(monkeypatch: pytes
         monkeypatch.delitem(readers, wire.BINARY)
 
         def talk() -> None:
-            with TreeViewer(hub_of(service)) as it:
+            with TreeViewer(hub_of(service), timeout=SECONDS) as it:
                 assert it["a"].set(Sphere(1)).status == 0
                 assert it._format == wire.JSON
-            with TreeViewer(hub_of(service), binary=True) as it, pytest.raises(TreeViewerError) as caught:
+            with (
+                TreeViewer(hub_of(service), timeout=SECONDS, binary=True) as it,
+                pytest.raises(TreeViewerError) as caught,
+            ):
                 it["b"].set(Sphere(1))
             assert caught.value.answer.status == UNKNOWN_FORMAT
 
@@ -185,7 +188,7 @@ def test_silence_is_told() -> None:
     url = free_url()
     join(url)
     with (
-        TreeViewer(url, timeout=0.05) as it,
+        TreeViewer(url, timeout=0.05) as it,  # short: nobody answers
         pytest.raises(TimeoutError, match=r"no viewer answered within 0\.05 s on udpm:.* big messages can get lost"),
     ):
         it["a"].set(Sphere(1))
@@ -197,14 +200,14 @@ def test_silence_is_told() -> None:
 def test_nobody_there_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     (port,) = free_ports(1)
     with pytest.raises(ConnectionError, match="nobody listens there"):
-        TreeViewer(f"tcpq://127.0.0.1:{port}", timeout=0.05)
+        TreeViewer(f"tcpq://127.0.0.1:{port}", timeout=0.05)  # short: nobody is there
     with pytest.raises(ConnectionError, match=r"udpm:// and tcpq:// are what viewers speak"):
-        TreeViewer("bogus://here")
+        TreeViewer("bogus://here", timeout=SECONDS)
     with pytest.raises(ConnectionError, match=r"the host 'no-such-host\.invalid' is unknown"):
         TreeViewer("tcpq://no-such-host.invalid", timeout=0.0)
     monkeypatch.setitem(sys.modules, "lcm", None)
     with pytest.raises(ImportError, match=r"pip install lcm, and apt install libglib2\.0-0"):
-        TreeViewer("udpm://")
+        TreeViewer("udpm://", timeout=SECONDS)
 
 
 def test_channels_are_taken_literally() -> None:
@@ -214,7 +217,7 @@ def test_channels_are_taken_literally() -> None:
 def test_other_peoples_messages_do_no_harm() -> None:
     url = free_url()
     other = join(url)
-    with TreeViewer(url, timeout=0.05) as it:
+    with TreeViewer(url, timeout=0.05) as it:  # short: nobody answers
         threads = threading.active_count()
         for message in (b"", b"junk", wire.encode({"timestamp": 0, "status": 0, "ready": True}, 0, wire.JSON)):
             other.publish(wire.RESPONSE, message)
@@ -247,7 +250,7 @@ async def test_liblcm_writes_nothing_to_stderr_when_all_is_well(capfd: pytest.Ca
     async with serving() as service:
 
         def talk() -> None:
-            with TreeViewer(hub_of(service)) as it:
+            with TreeViewer(hub_of(service), timeout=SECONDS) as it:
                 it["a"].set(Sphere(1))
 
         await in_thread(talk)
@@ -258,7 +261,7 @@ def test_liblcm_writes_nothing_to_stderr_where_nobody_listens(capfd: pytest.Capt
     with socket.create_server(("127.0.0.1", 0)) as taken:
         url = f"tcpq://127.0.0.1:{taken.getsockname()[1]}"
     with pytest.raises(ConnectionError, match="nobody listens there"):
-        TreeViewer(url, timeout=0.5)
+        TreeViewer(url, timeout=0.5)  # short: nobody is there
     assert capfd.readouterr().err == ""
 
 
@@ -267,7 +270,7 @@ def test_a_server_that_does_not_greet_is_no_hub(monkeypatch: pytest.MonkeyPatch)
     with socket.create_server(("127.0.0.1", 0)) as mute:
         url = f"tcpq://127.0.0.1:{mute.getsockname()[1]}"
         with pytest.raises(ConnectionError, match="nobody listens there"):
-            TreeViewer(url, timeout=0.0)
+            TreeViewer(url, timeout=0.0)  # short: nobody answers
 
 
 def test_other_lines_on_stderr_are_kept(capfd: pytest.CaptureFixture[str]) -> None:

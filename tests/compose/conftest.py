@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import random
-import time
 from collections.abc import Iterator
 from typing import Any
 
 import httpx2
 import pytest
 
-from tests.support.gateway_process import START_SECONDS, gateway_process
+from tests.support import clients
+from tests.support.gateway_process import gateway_process
+from tests.support.waiting import wait_until
 
 
 @pytest.fixture(scope="package")
@@ -30,28 +32,25 @@ def url() -> Iterator[str]:
 
 def _ready(url: str) -> str:
     """The URL, as soon as the gateway behind it says that it is ready."""
-    limit = time.monotonic() + START_SECONDS
-    while True:
-        try:
-            answer = httpx2.get(f"{url}/readyz")
-            if answer.status_code == 200:
-                return url
-            state = answer.text
-        except httpx2.TransportError as error:
-            state = str(error)
-        assert time.monotonic() < limit, f"{url} did not become ready: {state}"
-        time.sleep(0.2)
+
+    def ready() -> bool:
+        with contextlib.suppress(httpx2.TransportError):
+            return bool(clients.get(f"{url}/readyz").status_code == 200)
+        return False
+
+    wait_until(ready)
+    return url
 
 
 @pytest.fixture
 def http(url: str) -> Iterator[httpx2.Client]:
     """A client of that gateway."""
-    with httpx2.Client(base_url=url, timeout=60.0) as client:
+    with clients.Client(base_url=url) as client:
         yield client
 
 
 @pytest.fixture(scope="package")
 def interfaces(url: str) -> dict[str, Any]:
     """What the gateway says of each interface."""
-    described: dict[str, Any] = httpx2.get(f"{url}/healthz").json()["interfaces"]
+    described: dict[str, Any] = clients.get(f"{url}/healthz").json()["interfaces"]
     return described

@@ -13,13 +13,14 @@ from typing import TypeVar
 import httpx2
 import pytest
 
+from tests.support import clients
 from tests.support.engines import BASE, Engine, Project, engines
 from tests.support.forms import CONTENT_TYPE, body
+from tests.support.waiting import SECONDS
 
 pytestmark = [pytest.mark.compose, pytest.mark.slow]
 
 IMAGES = {"scenegate": "Dockerfile", "scenegate-test": "tests/compose/Dockerfile"}
-START_SECONDS = 180.0
 RECORDED = 250
 """Image sets of docker-compose.yml's recorder."""
 RENDERS = 120
@@ -58,7 +59,7 @@ def tell(capsys: pytest.CaptureFixture[str]) -> Callable[[str], None]:
 
 def wait_for(what: str, ask: Callable[[], Value | None]) -> Value:
     """The first answer that is not None and not empty."""
-    limit = time.monotonic() + START_SECONDS
+    limit = time.monotonic() + SECONDS
     said: object = None
     while time.monotonic() < limit:
         try:
@@ -67,11 +68,11 @@ def wait_for(what: str, ask: Callable[[], Value | None]) -> Value:
         except httpx2.TransportError as error:
             said = error
         time.sleep(0.1)
-    raise AssertionError(f"{what} did not come in {START_SECONDS:.0f} s; {said or ''}")
+    raise AssertionError(f"{what} did not come in {SECONDS:.0f} s; {said or ''}")
 
 
 def ready(project: Project) -> bool | None:
-    return httpx2.get(f"{project.url('HTTP_PORT')}/readyz").status_code == 200 or None
+    return clients.get(f"{project.url('HTTP_PORT')}/readyz").status_code == 200 or None
 
 
 @contextmanager
@@ -115,7 +116,7 @@ def test_demo_publishes_and_records(engine: Engine, tell: Callable[[str], None])
     with engine.project() as project:
         project.up("demo")
         (recorder,) = wait_for("the recorder", lambda: project.containers("recorder"))
-        wait_for("the rover", lambda: "rover" in httpx2.get(f"{project.url('HTTP_PORT')}/scene").text or None)
+        wait_for("the rover", lambda: "rover" in clients.get(f"{project.url('HTTP_PORT')}/scene").text or None)
         ended = engine.run("wait", recorder).strip()
         assert ended == "0", engine.run("logs", recorder)[-4000:]
         listed = f"{project.name}_recorded:/recorded"
@@ -131,7 +132,7 @@ def test_haproxy_spreads_renders(engine: Engine, tell: Callable[[str], None]) ->
         replicas = project.containers("render")
         assert len(replicas) == 3
         request = body(SCENE)
-        with httpx2.Client(base_url=project.url("SCALE_PORT"), timeout=60.0) as client:
+        with clients.Client(base_url=project.url("SCALE_PORT")) as client:
 
             def render() -> int:
                 answer = client.post("/render", content=request, headers={"content-type": CONTENT_TYPE})
@@ -172,12 +173,12 @@ def test_prometheus_scrapes_every_target(engine: Engine, tell: Callable[[str], N
         api = f"{project.url('PROMETHEUS_PORT')}/api/v1"
 
         def up() -> bool | None:
-            active = httpx2.get(f"{api}/targets").json()["data"]["activeTargets"]
+            active = clients.get(f"{api}/targets").json()["data"]["activeTargets"]
             return Counter(each["labels"]["job"] for each in active if each["health"] == "up") == expected or None
 
         wait_for(f"Prometheus with the targets {expected}", up)
-        answer = httpx2.get(f"{api}/query", params={"query": "sum(scenegate_interface_ready)"}).json()
-        groups = httpx2.get(f"{api}/rules").json()["data"]["groups"]
+        answer = clients.get(f"{api}/query", params={"query": "sum(scenegate_interface_ready)"}).json()
+        groups = clients.get(f"{api}/rules").json()["data"]["groups"]
     alerts = [rule["name"] for group in groups for rule in group["rules"]]
     value = float(answer["data"]["result"][0]["value"][1])
     tell(f"observe: targets up {expected}, {value:.0f} interfaces ready, {len(alerts)} alerts loaded")

@@ -9,13 +9,15 @@ from pathlib import Path
 import pytest
 from ruamel.yaml import YAML
 
+from tests.support.waiting import SECONDS
+
 ROOT = Path(__file__).parents[2]
 PROFILES = ("demo", "test", "scale", "observe")
 SERVICES = {"gateway", "publisher", "recorder", "test", "render", "haproxy", "prometheus"}
 
 
 def run(*command: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, check=False)
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=SECONDS, check=False)
 
 
 @pytest.mark.parametrize("compose", ["docker compose", "docker-compose", "podman-compose"])

@@ -13,14 +13,15 @@ from urllib.parse import urlsplit
 
 import cv2
 import grpc
-import httpx2
 import numpy as np
 import pytest
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
 from grpc_reflection.v1alpha.proto_reflection_descriptor_database import ProtoReflectionDescriptorDatabase
 
+from tests.support import clients
 from tests.support.gateway_process import gateway_process
+from tests.support.waiting import SECONDS
 
 pytestmark = pytest.mark.compose
 
@@ -60,7 +61,7 @@ def take(channel: grpc.Channel, **enabled: Any) -> Any:
     method = service.methods_by_name["StreamImageSets"]
     request, answer = GetMessageClass(method.input_type), GetMessageClass(method.output_type)
     stream = channel.unary_stream("/ImageInterface/StreamImageSets", request.SerializeToString, answer.FromString)
-    call = stream(request(**enabled), timeout=60)
+    call = stream(request(**enabled), timeout=SECONDS)
     one = next(call)
     call.cancel()
     return one
@@ -79,7 +80,7 @@ def test_image_sets_of_the_demo_scene(url: str, channel: grpc.Channel) -> None:
     assert one.mesh.data.startswith(b"ply\n")
 
     stamp = f"{one.timestamp.sec}.{one.timestamp.nsec:09d}"
-    truth = np.load(io.BytesIO(httpx2.get(f"{url}/stereo/truth.npz", params={"timestamp": stamp}).content))
+    truth = np.load(io.BytesIO(clients.get(f"{url}/stereo/truth.npz", params={"timestamp": stamp}).content))
     both = (disparity > 0) & (truth["disparity"] > 0)
     # The device's error model: a quarter of a pixel at full resolution.
     error = disparity[both] / 16 - truth["disparity"][both]
@@ -91,14 +92,14 @@ def test_image_sets_of_the_demo_scene(url: str, channel: grpc.Channel) -> None:
 def test_parameters_change_the_stream(url: str, channel: grpc.Channel) -> None:
     quality = f"{url}{API}/rc_stereomatching/parameters/quality"
     try:
-        assert httpx2.put(quality, json={"value": "Low"}).status_code == 200
+        assert clients.put(quality, json={"value": "Low"}).status_code == 200
         assert take(channel, disparity_enabled=True).disparity.image.width == 214
-        refused = httpx2.put(quality, json={"value": "Best"})
+        refused = clients.put(quality, json={"value": "Best"})
         assert refused.status_code == 400
         assert "Best" in refused.json()["message"]
-        assert httpx2.get(quality).json()["value"] == "Low"
+        assert clients.get(quality).json()["value"] == "Low"
     finally:
-        httpx2.put(quality, json={"value": "High"})
+        clients.put(quality, json={"value": "High"})
     assert take(channel, disparity_enabled=True).disparity.image.width == 640
 
 
@@ -111,7 +112,7 @@ def test_a_simulated_clock_gives_the_same_bytes_in_every_run(tmp_path: Path) -> 
     runs = []
     for _ in range(2):
         with gateway_process(*flags) as (_, started):
-            port = httpx2.get(f"{started}/healthz").json()["interfaces"]["stereo"]["port"]
+            port = clients.get(f"{started}/healthz").json()["interfaces"]["stereo"]["port"]
             with grpc.insecure_channel(f"127.0.0.1:{port}") as channel:
                 one = take(channel, left_enabled=True, right_enabled=True, disparity_enabled=True, mesh_enabled=True)
                 assert any(one.disparity.image.data)
@@ -126,7 +127,7 @@ def test_several_cameras_recorded_pairs_and_faults(tmp_path: Path) -> None:
         cv2.imwrite(str(tmp_path / f"1_{side}.png"), np.roll(ramp, -shift, axis=1))
     flags = ("--only", "stereo", "--grpc-port", "0", "--stereo-images", str(tmp_path), "--stereo-faults")
     flags += ("--stereo-cameras", 'eye=1,1,1;target=0,0,0|["robot", "hand"]')
-    with gateway_process(*flags) as (_, base), httpx2.Client(base_url=base) as http:
+    with gateway_process(*flags) as (_, base), clients.Client(base_url=base) as http:
         assert list(http.get("/api/v2/pipelines").json()) == ["0", "1", "2"]
         interfaces = http.get("/healthz").json()["interfaces"]
         ports = [interfaces[name]["port"] for name in ("stereo", "stereo 1", "stereo 2")]

@@ -10,11 +10,12 @@ from typing import Any
 from urllib.parse import urlsplit
 
 import cv2
-import httpx2
 import numpy as np
 import pytest
 
+from tests.support import clients
 from tests.support.liblcm import liblcm
+from tests.support.waiting import SECONDS
 
 pytestmark = [pytest.mark.compose, pytest.mark.lcm]
 
@@ -24,7 +25,7 @@ PUBLISHER = Path(__file__).parent / "publisher.py"
 def publish(network: str, url: str, picture: Path) -> np.ndarray:
     """Runs the publisher as a process of its own; the picture that it took in the end, (H, W, 3) RGB."""
     command = [sys.executable, str(PUBLISHER), network, url, str(picture)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS, check=False)
     assert done.returncode == 0, done.stderr
     bgr = cv2.imread(str(picture))
     assert bgr is not None
@@ -39,7 +40,7 @@ def check(url: str, picture: np.ndarray) -> None:
     assert arm.sum() > 500
     assert foot.sum() > 500
     assert np.nonzero(arm)[0].mean() < np.nonzero(foot)[0].mean(), "the arm stands on the base"
-    nodes = {tuple(node["path"]): node for node in httpx2.get(f"{url}/scene").json()["nodes"]}
+    nodes = {tuple(node["path"]): node for node in clients.get(f"{url}/scene").json()["nodes"]}
     assert ("robot", "base") in nodes
     assert ("robot", "shoulder", "arm") in nodes
 

@@ -18,7 +18,7 @@ pytestmark = [pytest.mark.compose, pytest.mark.browser]
 def test_the_page_shows_the_demo_scene(url: str) -> None:
     with chromium() as browser:
         shown = Watched(browser, url)
-        shown.page.wait_for_function("scenegate.model.find(['demo', 'robot'])?.parts != null", timeout=120_000)
+        shown.page.wait_for_function("scenegate.model.find(['demo', 'robot'])?.parts != null")
         before = where(shown)
         shown.page.wait_for_function(
             "before => JSON.stringify(scenegate.model.find(['demo', 'drone']).local.elements) != before", arg=before

@@ -20,8 +20,8 @@ from tests.docs.pages import PAGES, Block, blocks, commands
 from tests.support.gateway_process import gateway_process
 from tests.support.liblcm import liblcm
 from tests.support.ports import free_ports
+from tests.support.waiting import SECONDS
 
-SECONDS = 300
 PYTHON = [block for page in PAGES for block in blocks(page) if block.language == "python"]
 CURL = {
     block: [line for line in commands(block) if line.startswith("curl ")]

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from tests.support.gateway_process import gateway_process
+from tests.support.waiting import SECONDS
 
 ENVIRONMENT = "SCENEGATE_DRAKE_PYTHON"
 ALLOWED = 0.02
@@ -41,7 +42,7 @@ def start(python: str, *arguments: str) -> subprocess.Popen[str]:
 
 
 def printed(client: subprocess.Popen[str]) -> Any:
-    out, err = client.communicate(timeout=300)
+    out, err = client.communicate(timeout=SECONDS)
     assert client.returncode == 0, err
     return json.loads(out.splitlines()[-1])
 

@@ -19,6 +19,7 @@ from gateway.cli.main import app
 from gateway.options import flag_of
 from gateway.settings import Settings
 from tests.support import forms
+from tests.support.waiting import SECONDS
 
 
 def scenegate(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -27,7 +28,7 @@ def scenegate(*arguments: str, **environment: str) -> subprocess.CompletedProces
         env={**os.environ, "COLUMNS": "200", **environment},
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=SECONDS,
         check=False,
     )
 

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import cv2
-import httpx2
 import numpy as np
 import pytest
 
+from tests.support import clients
 from tests.support.gateway_process import gateway_process
 from tests.support.liblcm import liblcm
 from tests.support.ports import free_ports
+from tests.support.waiting import SECONDS, wait_until
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 MAX_LINES = 80
@@ -32,7 +32,7 @@ def gateway() -> Iterator[dict[str, str]]:
 
 def run(name: str, *arguments: str | Path) -> str:
     command = [sys.executable, str(EXAMPLES / name), *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS, check=False)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -89,14 +89,15 @@ def test_animate_robot(gateway: dict[str, str]) -> None:
 
 def rover(url: str, wanted: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
     """The rover's head in the listing of the live scene, as soon as it is as wanted."""
-    limit = time.monotonic() + 60.0
-    while time.monotonic() < limit:
-        nodes = {tuple(node["path"]): node for node in httpx2.get(f"{url}/scene").json()["nodes"]}
+
+    def found() -> dict[str, Any] | None:
+        nodes = {tuple(node["path"]): node for node in clients.get(f"{url}/scene").json()["nodes"]}
         head = nodes.get(("rover", "head"))
-        if head is not None and wanted(head):
-            return head
-        time.sleep(0.05)
-    raise AssertionError("the rover does not move")
+        return head if head is not None and wanted(head) else None
+
+    head = wait_until(found)
+    assert head is not None
+    return head
 
 
 def test_stream_stereo(gateway: dict[str, str], tmp_path: Path) -> None:

@@ -9,13 +9,14 @@ from typing import Any
 
 import cv2
 import grpc
-import httpx2
 import numpy as np
 import pytest
 
 from gateway.generated import image_interface_pb2 as pb
+from tests.support import clients
 from tests.support.gateway_process import GatewayProcess, gateway_process
 from tests.support.liblcm import liblcm
+from tests.support.waiting import MILLISECONDS, SECONDS
 
 FINGERPRINT = 0xD368E03F33C568BE
 """robotlocomotion.viewer2_comms_t, as lcm-gen computes it."""
@@ -26,7 +27,7 @@ class Running:
 
     def __init__(self, process: GatewayProcess, url: str) -> None:
         self.process = process
-        self.http = httpx2.Client(base_url=url, timeout=60.0)
+        self.http = clients.Client(base_url=url)
 
     def interface(self, name: str) -> dict[str, Any]:
         described: dict[str, Any] = self.http.get("/healthz").json()["interfaces"][name]
@@ -77,7 +78,7 @@ def publish_box(running: Running) -> dict[str, Any]:
     }
     bus.publish("DIRECTOR_TREE_VIEWER_REQUEST_<e2e>", viewer2_comms(request))
     while not answers:
-        assert bus.handle_timeout(30_000), "no answer"
+        assert bus.handle_timeout(MILLISECONDS), "no answer"
     return answers[0]
 
 
@@ -116,7 +117,7 @@ def test_the_stereo_camera_sees_it(running: Running) -> None:
             response_deserializer=pb.ImageSet.FromString,
         )
         request = pb.ImageSetRequest(left_enabled=True, disparity_enabled=True, color=True)
-        sets = stream(request, timeout=60)
+        sets = stream(request, timeout=SECONDS)
         images = next(sets)
         sets.cancel()
     assert (images.left.width, images.left.height) == (1280, 960)
@@ -125,7 +126,7 @@ def test_the_stereo_camera_sees_it(running: Running) -> None:
     assert red.sum() > 1000
     parameters = running.http.get("/api/v2/pipelines/0/nodes/rc_camera/parameters")
     assert parameters.status_code == 200
-    further = httpx2.get(f"http://127.0.0.1:{running.interface('rest')['port']}/api/v2/system")
+    further = clients.get(f"http://127.0.0.1:{running.interface('rest')['port']}/api/v2/system")
     assert further.status_code == 200
 
 
@@ -136,7 +137,7 @@ def test_a_taken_port_of_one_interface_leaves_the_others() -> None:
         port = taken.getsockname()[1]
         flags = ("--only", "render,stereo,treeviewer", "--lcm-url", "off", "--tcpq-port", "off")
         with gateway_process(*flags, "--grpc-port", str(port)) as (process, url):
-            ready = httpx2.get(f"{url}/readyz")
+            ready = clients.get(f"{url}/readyz")
             assert ready.status_code == 200
             described = ready.json()
             assert described["status"] == "degraded"

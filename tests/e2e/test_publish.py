@@ -15,7 +15,7 @@ from gateway.cli.main import app
 from gateway.scene.geometry import PointCloud, Surface
 from gateway.scene.live import LiveTree
 from tests.support.liblcm import liblcm
-from tests.support.waiting import until
+from tests.support.waiting import SECONDS, until
 from tests.treeviewer.transports import serving
 
 REQUEST = {
@@ -37,6 +37,7 @@ property uchar green
 property uchar blue
 """
 ROWS = "0 0 0 255 0 0\n1 0 0 0 255 0\n0 1 0 0 0 255\n"
+PATIENT = ("--timeout", str(SECONDS))
 FACES = "element face 1\nproperty list uchar int vertex_indices\n"
 
 pytestmark = pytest.mark.lcm
@@ -56,7 +57,7 @@ async def test_requests_are_published_below_a_path(tmp_path: Path) -> None:
     (tmp_path / "scene.json").write_text(json.dumps(REQUEST))
     async with serving(live=live) as service:
         url = f"tcpq://127.0.0.1:{service.tcpq_port}"
-        done = await scenegate("publish", tmp_path / "scene.json", "--path", "robot/base", "--lcm-url", url)
+        done = await scenegate("publish", tmp_path / "scene.json", "--path", "robot/base", "--lcm-url", url, *PATIENT)
     assert done.exit_code == 0, done.output
     assert "deleted: robot/base/gone\nset: robot/base/a, robot/base/b/c\nmoved: robot/base/a\n" in done.output
     base = live.snapshot.root.find(("robot", "base"))
@@ -72,7 +73,7 @@ async def test_mesh_files_are_published(faces: bool, tmp_path: Path) -> None:
     (tmp_path / "thing.ply").write_text(text)
     async with serving(live=live) as service:
         url = f"tcpq://127.0.0.1:{service.tcpq_port}"
-        done = await scenegate("publish", tmp_path / "thing.ply", "--lcm-url", url)
+        done = await scenegate("publish", tmp_path / "thing.ply", "--lcm-url", url, *PATIENT)
     assert done.exit_code == 0, done.output
     assert ("vertex colours are not published" in done.output) == faces
     (part,) = live.snapshot.root.children["thing"].parts or ()
@@ -112,9 +113,9 @@ async def test_what_was_recorded_can_be_played(tmp_path: Path) -> None:
             sys.executable, "-m", "gateway.cli", "record", str(log), "--lcm-url", url, stderr=asyncio.subprocess.PIPE
         )
         assert recorder.stderr is not None
-        async with asyncio.timeout(60):
+        async with asyncio.timeout(SECONDS):
             assert await recorder.stderr.readline() == b"Recording ...\n"
-            assert (await scenegate("publish", tmp_path / "scene.json", "--lcm-url", url)).exit_code == 0
+            assert (await scenegate("publish", tmp_path / "scene.json", "--lcm-url", url, *PATIENT)).exit_code == 0
             recorder.terminate()
             assert b"messages" in await recorder.stderr.read()
             assert await recorder.wait() == 0

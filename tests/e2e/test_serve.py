@@ -15,8 +15,9 @@ from pathlib import Path
 import httpx2
 import pytest
 
-from tests.support import forms
-from tests.support.gateway_process import STOP_SECONDS, GatewayProcess, gateway_process, refused
+from tests.support import clients, forms
+from tests.support.gateway_process import GatewayProcess, gateway_process, refused
+from tests.support.waiting import SECONDS
 
 
 @pytest.fixture(scope="module")
@@ -26,23 +27,23 @@ def gateway() -> Iterator[tuple[GatewayProcess, str]]:
 
 
 def test_everything_is_ready(gateway: tuple[GatewayProcess, str]) -> None:
-    ready = httpx2.get(f"{gateway[1]}/readyz")
+    ready = clients.get(f"{gateway[1]}/readyz")
     assert ready.status_code == 200
     assert ready.json()["status"] == "ready"
 
 
 def test_docs_list_the_interface_and_load_nothing_from_elsewhere(gateway: tuple[GatewayProcess, str]) -> None:
     _, url = gateway
-    docs = httpx2.get(f"{url}/docs")
+    docs = clients.get(f"{url}/docs")
     assert docs.status_code == 200
     assert not re.search(r"""(?:src|href)=["'](?:https?:)?//""", docs.text)
     for link in re.findall(r"""(?:src|href)=["'](/[^"']+)""", docs.text):
-        assert httpx2.get(url + link).status_code == 200
-    assert {"/render", "/healthz"} <= httpx2.get(f"{url}/openapi.json").json()["paths"].keys()
+        assert clients.get(url + link).status_code == 200
+    assert {"/render", "/healthz"} <= clients.get(f"{url}/openapi.json").json()["paths"].keys()
 
 
 def test_a_scene_is_drawn(gateway: tuple[GatewayProcess, str]) -> None:
-    answer = httpx2.post(
+    answer = clients.post(
         f"{gateway[1]}/render",
         content=forms.body(forms.gltf(), forms.drake_fields("label")),
         headers={"Content-Type": forms.CONTENT_TYPE},
@@ -53,16 +54,16 @@ def test_a_scene_is_drawn(gateway: tuple[GatewayProcess, str]) -> None:
 
 def test_a_body_beyond_the_limit_is_413() -> None:
     with gateway_process("--only", "render", "--max-body-mb", "1") as (_, url):
-        answer = httpx2.post(f"{url}/render", content=b"x" * (2 << 20), headers={"Content-Type": forms.CONTENT_TYPE})
+        answer = clients.post(f"{url}/render", content=b"x" * (2 << 20), headers={"Content-Type": forms.CONTENT_TYPE})
         assert answer.status_code == 413
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_ends_it_with_exit_code_0(number: signal.Signals) -> None:
     with gateway_process("--only", "render") as (process, url):
-        assert httpx2.get(f"{url}/readyz").status_code == 200
+        assert clients.get(f"{url}/readyz").status_code == 200
         process.process.send_signal(number)
-        assert process.process.wait(30) == 0
+        assert process.process.wait(SECONDS) == 0
         log = process.rest_of_log()
         assert not [entry for entry in log if entry["level"] in ("error", "critical", "raw")]
         assert [entry["event"] for entry in log][-2:] == [
@@ -74,9 +75,9 @@ def test_a_signal_ends_it_with_exit_code_0(number: signal.Signals) -> None:
 def test_a_render_only_gateway_points_to_no_page_that_it_lacks() -> None:
     with gateway_process("--only", "render") as (process, url):
         assert "/view" not in process.log[0]["event"]
-        links = re.findall(r'<a href="([^"]+)"', httpx2.get(url).text)
+        links = re.findall(r'<a href="([^"]+)"', clients.get(url).text)
         assert links
-        assert all(httpx2.get(f"{url}/{link}").status_code == 200 for link in links)
+        assert all(clients.get(f"{url}/{link}").status_code == 200 for link in links)
 
 
 def test_a_signal_during_the_start_ends_it_too() -> None:
@@ -120,12 +121,12 @@ def test_uvicorn_serves_the_same_application_and_logs_json(tmp_path: Path) -> No
             if "Scenegate has started" in line:
                 break
         transport = httpx2.HTTPTransport(retries=20)
-        with httpx2.Client(transport=transport, base_url=f"http://127.0.0.1:{port}") as client:
+        with clients.Client(transport=transport, base_url=f"http://127.0.0.1:{port}") as client:
             assert client.get("/readyz").json()["status"] == "ready"
             assert client.get("/nothing", headers={"X-Request-ID": "r1"}).status_code == 404
     finally:
         process.terminate()
-        lines += process.communicate(timeout=STOP_SECONDS)[0].splitlines()
+        lines += process.communicate(timeout=SECONDS)[0].splitlines()
     log = [json.loads(line) for line in lines]
     assert [entry["request_id"] for entry in log if entry.get("path") == "/nothing"] == ["r1"]
     assert any(f"http://127.0.0.1:{port}" in entry["event"] for entry in log)

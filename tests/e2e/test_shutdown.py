@@ -11,8 +11,9 @@ import httpx2
 import pytest
 
 from gateway.generated import image_interface_pb2 as pb
-from tests.support import forms
+from tests.support import clients, forms
 from tests.support.gateway_process import GatewayProcess, gateway_process
+from tests.support.waiting import SECONDS
 
 RENDERS = 12
 TOO_MANY = 48
@@ -22,12 +23,12 @@ TOO_MANY = 48
 def post(url: str, size: int) -> httpx2.Response:
     fields = {**forms.drake_fields("color"), "width": str(size), "height": str(size)}
     content = forms.body(forms.gltf(), fields)
-    with httpx2.Client(timeout=120.0) as http:
+    with clients.Client() as http:
         return http.post(f"{url}/render", content=content, headers={"Content-Type": forms.CONTENT_TYPE})
 
 
 def figure(url: str, name: str) -> float:
-    lines = httpx2.get(f"{url}/metrics").text.splitlines()
+    lines = clients.get(f"{url}/metrics").text.splitlines()
     return next(float(line.rpartition(" ")[2]) for line in lines if line.startswith(f"{name} "))
 
 
@@ -45,7 +46,8 @@ def ends_well(process: GatewayProcess) -> None:
 
 
 def test_accepted_renders_are_answered_and_nothing_new_is_taken() -> None:
-    with ThreadPoolExecutor(RENDERS) as pool, gateway_process("--only", "render", "--threads", "1") as (process, url):
+    flags = ("--only", "render", "--threads", "1", "--shutdown-seconds", str(SECONDS))
+    with ThreadPoolExecutor(RENDERS) as pool, gateway_process(*flags) as (process, url):
         sent = waiting(pool, url, 2048, RENDERS)
         ends_well(process)
         answers = [one.result() for one in sent if one.exception() is None]
@@ -54,7 +56,7 @@ def test_accepted_renders_are_answered_and_nothing_new_is_taken() -> None:
         # Those that had not connected by then may have been refused, but none was cut off.
         assert all(isinstance(one.exception(), httpx2.ConnectError) for one in sent if one.exception() is not None)
         with pytest.raises(httpx2.ConnectError):
-            httpx2.get(f"{url}/healthz")
+            clients.get(f"{url}/healthz")
 
 
 def test_renders_that_cannot_finish_in_time_are_told() -> None:
@@ -71,11 +73,11 @@ def test_renders_that_cannot_finish_in_time_are_told() -> None:
 
 def test_streams_end_with_a_status_that_says_why() -> None:
     with gateway_process("--only", "stereo", "--grpc-port", "0") as (process, url):
-        port = httpx2.get(f"{url}/healthz").json()["interfaces"]["stereo"]["port"]
+        port = clients.get(f"{url}/healthz").json()["interfaces"]["stereo"]["port"]
         with grpc.insecure_channel(f"127.0.0.1:{port}", [("grpc.max_receive_message_length", -1)]) as channel:
             stream: Any = channel.unary_stream(
                 "/ImageInterface/StreamImageSets", pb.ImageSetRequest.SerializeToString, pb.ImageSet.FromString
-            )(pb.ImageSetRequest(left_enabled=True), timeout=120)
+            )(pb.ImageSetRequest(left_enabled=True), timeout=SECONDS)
             next(stream)
             assert figure(url, "scenegate_stereo_streams") == 1.0
             with ThreadPoolExecutor(1) as pool:

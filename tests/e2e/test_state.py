@@ -8,9 +8,9 @@ import sqlite3
 from pathlib import Path
 from typing import Any
 
-import httpx2
 import pytest
 
+from tests.support import clients
 from tests.support.gateway_process import gateway_process, refused
 from tests.treeviewer.conversation import BOX, decoded, message
 from tests.treeviewer.transports import HubClient
@@ -21,7 +21,7 @@ CLOUD = {"type": "pointcloud", "points": [[0.1 * i, 0, 0] for i in range(500)], 
 
 def tell(url: str, request: Any) -> dict[str, Any]:
     """The answer of the tree viewer over TCPQ."""
-    hub = httpx2.get(f"{url}/healthz").json()["interfaces"]["treeviewer"]["tcpq"]["url"]
+    hub = clients.get(f"{url}/healthz").json()["interfaces"]["treeviewer"]["tcpq"]["url"]
 
     async def ask() -> dict[str, Any]:
         client = await HubClient.connect(int(hub.rpartition(":")[2]))
@@ -36,10 +36,10 @@ def tell(url: str, request: Any) -> dict[str, Any]:
 
 def seen(url: str) -> tuple[Any, bytes, Any]:
     """What people see of the tree and the camera."""
-    scene = httpx2.get(f"{url}/scene").json()
-    picture = httpx2.get(f"{url}/scene/render", params={"width": 64, "height": 48, "camera": "fit"})
+    scene = clients.get(f"{url}/scene").json()
+    picture = clients.get(f"{url}/scene/render", params={"width": 64, "height": 48, "camera": "fit"})
     assert picture.status_code == 200, picture.text
-    parameters = httpx2.get(f"{url}/api/v2/pipelines/0/nodes/rc_camera/parameters").json()
+    parameters = clients.get(f"{url}/api/v2/pipelines/0/nodes/rc_camera/parameters").json()
     return {key: value for key, value in scene.items() if key != "revision"}, picture.content, parameters
 
 
@@ -58,7 +58,7 @@ def test_tree_and_parameters_survive_kill_9_and_a_restart(tmp_path: Path) -> Non
         )
         assert answer["status"] == 1, answer
         assert answer["missing_paths"] == [["nothing yet"]]
-        put = httpx2.put(f"{url}/api/v2/pipelines/0/nodes/rc_camera/parameters/fps", json={"value": 7.5})
+        put = clients.put(f"{url}/api/v2/pipelines/0/nodes/rc_camera/parameters/fps", json={"value": 7.5})
         assert put.status_code == 200
         before = seen(url)
         process.process.send_signal(signal.SIGKILL)
@@ -66,7 +66,7 @@ def test_tree_and_parameters_survive_kill_9_and_a_restart(tmp_path: Path) -> Non
     with gateway_process(*FLAGS, "--state", str(state)) as (process, url):
         assert seen(url) == before
         assert {p["name"]: p["value"] for p in before[2]}["fps"] == 7.5
-        assert httpx2.get(f"{url}/healthz").json()["interfaces"]["state"]["restored_nodes"] == 4
+        assert clients.get(f"{url}/healthz").json()["interfaces"]["state"]["restored_nodes"] == 4
         assert process.stop() == 0
     assert [entry.name for entry in tmp_path.iterdir()] == ["gateway.state"], "a clean end leaves one file"
 

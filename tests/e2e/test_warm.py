@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 from gateway import warmup
+from tests.support.waiting import SECONDS
 
 ROOT = Path(__file__).parents[2]
 PROGRAM = """
@@ -51,7 +52,7 @@ print(json.dumps({"compiled": compiled, "answers": [answer.status_code for answe
 def test_serving_compiles_nothing() -> None:
     environment = {name: value for name, value in os.environ.items() if name != "PYTEST_CURRENT_TEST"}
     result = subprocess.run(
-        [sys.executable, "-c", PROGRAM], env=environment, capture_output=True, text=True, timeout=600, check=False
+        [sys.executable, "-c", PROGRAM], env=environment, capture_output=True, text=True, timeout=SECONDS, check=False
     )
     assert result.returncode == 0, result.stderr
     said = json.loads(result.stdout.splitlines()[-1])
@@ -98,7 +99,7 @@ def test_a_copy_of_the_sources_at_another_place_loads_the_same_kernels(tmp_path:
         ignored = shutil.ignore_patterns("__pycache__", "node_modules")
         shutil.copytree(ROOT / package, tmp_path / package, ignore=ignored, copy_function=shutil.copyfile)
     result = subprocess.run(
-        [sys.executable, "-c", ELSEWHERE], cwd=tmp_path, capture_output=True, text=True, timeout=600, check=False
+        [sys.executable, "-c", ELSEWHERE], cwd=tmp_path, capture_output=True, text=True, timeout=SECONDS, check=False
     )
     assert result.returncode == 0, result.stderr
     said = json.loads(result.stdout.splitlines()[-1])
@@ -141,7 +142,7 @@ manifest = (copy / here.name / "complete.json").exists()
 print(json.dumps({"before": before, "error": error, "lost": lost.name, "manifest": manifest}))
 """
     result = subprocess.run(
-        [sys.executable, "-c", program, str(tmp_path)], capture_output=True, text=True, timeout=600, check=False
+        [sys.executable, "-c", program, str(tmp_path)], capture_output=True, text=True, timeout=SECONDS, check=False
     )
     assert result.returncode == 0, result.stderr
     said = json.loads(result.stdout.splitlines()[-1])

@@ -14,10 +14,8 @@ from starlette.requests import ClientDisconnect
 
 from gateway.ops.direct import Direct
 from tests.ops.listening import listening
-from tests.support.waiting import until
+from tests.support.waiting import SECONDS, until
 
-LIMIT = 30.0
-"""Seconds; a bound on waiting for events."""
 Address = tuple[asyncio.StreamReader, asyncio.StreamWriter]
 
 
@@ -29,7 +27,7 @@ class Taker:
     directly: int = 0
     ended: list[str] = field(default_factory=list)
     refuse_at: int | None = None
-    patience: float = LIMIT
+    patience: float = SECONDS
     hold: asyncio.Event | None = None
 
     async def __call__(self, http: Request) -> Response:
@@ -67,7 +65,7 @@ async def serving(taker: Taker) -> AsyncIterator[Callable[[], AbstractAsyncConte
     async def take(request: Request) -> Response:
         return await taker(request)
 
-    async with listening(app) as port, asyncio.timeout(LIMIT):
+    async with listening(app) as port, asyncio.timeout(SECONDS):
 
         @asynccontextmanager
         async def connect() -> AsyncIterator[Address]:
@@ -196,7 +194,7 @@ async def test_chunked_bodies_come_by_message_only() -> None:
         assert Direct.of(request.scope) is None
         return Response(b"%d" % len(await request.body()))
 
-    async with listening(app) as port, asyncio.timeout(LIMIT):
+    async with listening(app) as port, asyncio.timeout(SECONDS):
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
         writer.write(b"POST /take HTTP/1.1\r\nhost: h\r\ntransfer-encoding: chunked\r\n\r\n3\r\nabc\r\n0\r\n\r\n")
         assert await answer(reader) == (200, b"3")
@@ -216,17 +214,17 @@ async def test_a_body_is_not_lost_to_another_protocol_in_silence(protocol: bytes
     assert taker.ended == []
 
 
-async def test_an_answer_that_is_due_comes_before_one_about_another_protocol() -> None:
+async def test_an_answer_that_is_due_comes_before_one_about_another_protocol(received: list[int]) -> None:
     app = FastAPI()
 
     @app.post("/take")
     async def take() -> Response:
-        await asyncio.sleep(0.2)
+        await until(lambda: sum(received) >= len(first))
         return Response(b"taken")
 
     first = b"POST /take HTTP/1.1\r\nhost: h\r\ncontent-length: 1\r\n\r\nx"
     other = b"POST /take HTTP/1.1\r\nhost: h\r\nconnection: Upgrade\r\nupgrade: h2c\r\ncontent-length: 1\r\n\r\nx"
-    async with listening(app) as port, asyncio.timeout(LIMIT):
+    async with listening(app) as port, asyncio.timeout(SECONDS):
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
         writer.write(first + other)
         assert await answer(reader) == (200, b"taken")
@@ -252,9 +250,9 @@ async def test_a_request_that_has_ended_is_not_kept_by_its_connection(how: str) 
     kept = weakref.ref(begin)
     del begin
     if how == "taken":
-        await direct.pour(lambda buffer, count: None, LIMIT)
+        await direct.pour(lambda buffer, count: None, SECONDS)
     else:
         direct.lose()
         with pytest.raises(ClientDisconnect):
-            await direct.pour(lambda buffer, count: None, LIMIT)
+            await direct.pour(lambda buffer, count: None, SECONDS)
     assert kept() is None

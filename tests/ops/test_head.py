@@ -15,6 +15,7 @@ from gateway.ops.methods import HeadAsGet, not_allowed
 from gateway.ops.metrics import Metrics
 from gateway.ops.requests import Requests
 from tests.ops.listening import listening
+from tests.support.waiting import SECONDS
 
 
 class World:
@@ -70,8 +71,8 @@ async def test_a_stream_without_end_ends_at_its_headers() -> None:
     world = World()
     async with (
         listening(world.app) as port,
-        httpx2.AsyncClient(base_url=f"http://127.0.0.1:{port}", timeout=60.0) as http,
-        asyncio.timeout(60),
+        httpx2.AsyncClient(base_url=f"http://127.0.0.1:{port}", timeout=SECONDS) as http,
+        asyncio.timeout(SECONDS),
     ):
         head = await http.head("/stream")
         assert (head.status_code, head.content) == (200, b"")

@@ -11,6 +11,7 @@ from typing import cast
 import pytest
 
 from gateway.ops.joined import Joined
+from tests.support.waiting import SECONDS
 
 
 class Kept:
@@ -109,4 +110,4 @@ async def test_the_transport_deals_with_a_client_that_has_left() -> None:
     answer = Joined(transport, loop)
     answer.write(b"head ")
     answer.write(bytes(1 << 20))
-    assert isinstance(await asyncio.wait_for(lost, 30.0), OSError | None)
+    assert isinstance(await asyncio.wait_for(lost, SECONDS), OSError | None)

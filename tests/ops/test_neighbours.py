@@ -12,6 +12,7 @@ import pytest
 from gateway.ops.checks import Verdict, findings
 from gateway.ops.neighbours import gateway_at
 from tests.ops.answering import answering
+from tests.support.waiting import wait_until
 
 HEALTH = {
     "version": "1.2.3",
@@ -65,10 +66,11 @@ def test_who_answers_without_end_is_not_waited_for(head: bytes, monkeypatch: pyt
         server.start()
         try:
             assert gateway_at("127.0.0.1", listener.getsockname()[1]) is None
+            wait_until(lambda: len(ended) == 2)  # in plain words, and by TLS
         finally:
             listener.shutdown(socket.SHUT_RDWR)
             server.join()
-    assert ended == [True, True]  # in plain words, and by TLS
+    assert ended == [True, True]
 
 
 def test_the_table_names_the_gateway_at_all_of_its_ports() -> None:

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import httpx2
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -17,13 +16,14 @@ from gateway.ops.openapi import SECURITY_SCHEMES
 from gateway.scene.cameras import PATTERN, CameraError, parse_camera
 from gateway.settings import Settings
 from gateway.stereo.parameter_specs import NODE_ALIASES, NODES
+from tests.support import clients
 from tests.support.gateway_process import gateway_process
 
 
 @pytest.fixture(scope="module")
 def schema() -> Iterator[dict[str, Any]]:
     with gateway_process("--lcm-url", "off", "--tcpq-port", "0", "--grpc-port", "0") as (_, url):
-        yield httpx2.get(f"{url}/openapi.json").json()
+        yield clients.get(f"{url}/openapi.json").json()
 
 
 def operations(schema: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:

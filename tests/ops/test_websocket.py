@@ -13,6 +13,7 @@ from fastapi import FastAPI, WebSocket, WebSocketDisconnect
 
 from gateway.ops.websocket import MAX_FRAGMENTS, PIECE_BYTES, BoundedWebSocket
 from tests.ops.listening import listening
+from tests.support.waiting import SECONDS
 
 UPGRADE = (
     b"GET /ws HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
@@ -43,7 +44,7 @@ async def connected() -> AsyncIterator[tuple[asyncio.StreamReader, asyncio.Strea
         except WebSocketDisconnect as end:
             got.append(str(end.code))
 
-    async with listening(app) as port, asyncio.timeout(60):
+    async with listening(app) as port, asyncio.timeout(SECONDS):
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
         writer.write(UPGRADE)
         assert b" 101 " in await reader.readuntil(b"\r\n\r\n")
@@ -98,7 +99,7 @@ async def test_who_does_not_wait_for_the_handshake_is_cut_off_in_silence(caplog:
             await socket.receive_text()
 
     with caplog.at_level(logging.DEBUG):
-        async with listening(app) as port, asyncio.timeout(60):
+        async with listening(app) as port, asyncio.timeout(SECONDS):
             reader, writer = await asyncio.open_connection("127.0.0.1", port)
             writer.write(UPGRADE)
             await answering.wait()

@@ -26,9 +26,7 @@ from renderers.drawlist import LABEL_NONE, DrawList
 from renderers.port import Frame, Look, Output, Renderer
 from tests.support.corpus import TABLE
 from tests.support.forms import gltf
-
-LONG = 30.0
-"""Seconds; a bound on waiting for events so that a bug fails a test instead of hanging it."""
+from tests.support.waiting import SECONDS
 
 
 @dataclass
@@ -47,7 +45,7 @@ class WatchedRenderer:
     def render(self, scene: DrawList, camera: Camera, outputs: Output, look: Look = Look()) -> Frame:
         self.calls.append((scene, camera, outputs, look))
         self.started.set()
-        assert self.go_on.wait(LONG)
+        assert self.go_on.wait(SECONDS)
         if self.error is not None:
             raise self.error
         size = (camera.height, camera.width)
@@ -122,7 +120,7 @@ async def running(
         try:
             yield Running(client, service, workers, records, app)
         finally:
-            assert await workers.close(LONG)
+            assert await workers.close(SECONDS)
 
 
 @pytest.fixture

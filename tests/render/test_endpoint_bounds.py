@@ -9,10 +9,10 @@ import httpx2
 import pytest
 
 from gateway.render.config import RenderConfig
-from tests.render.conftest import LONG, SCENE, Start, WatchedRenderer, assert_refused
+from tests.render.conftest import SCENE, Start, WatchedRenderer, assert_refused
 from tests.support.endless import EndlessRenderer
 from tests.support.forms import CONTENT_TYPE, body, part
-from tests.support.waiting import until
+from tests.support.waiting import SECONDS, until
 
 
 async def test_too_large_is_refused_early_or_on_the_way(start: Start, watched: WatchedRenderer) -> None:
@@ -58,7 +58,7 @@ async def test_waiting_is_normal_and_beyond_the_bound_comes_retry_after(start: S
     watched.go_on.clear()
     async with start(watched, threads=1, max_waiting=3) as server:
         posts = [asyncio.create_task(server.post(body(SCENE), CONTENT_TYPE)) for _ in range(4)]
-        assert await asyncio.to_thread(watched.started.wait, LONG)
+        assert await asyncio.to_thread(watched.started.wait, SECONDS)
         await until(lambda: server.workers.stats.waiting == 3)
         refused = await server.post(body(SCENE), CONTENT_TYPE)
         assert_refused(refused, 503, "busy", "3 requests are waiting")
@@ -98,7 +98,7 @@ async def test_who_arrives_has_work_for_a_processor_soon(
     start: Start, watched: WatchedRenderer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     come = asyncio.Event()
-    monkeypatch.setattr("gateway.render.service._SOON", LONG)
+    monkeypatch.setattr("gateway.render.service._SOON", SECONDS)
 
     async def late() -> object:
         await come.wait()
@@ -112,7 +112,7 @@ async def test_who_arrives_has_work_for_a_processor_soon(
         assert server.service.soon() == 2
         monkeypatch.setattr("gateway.render.service._SOON", 0.0)
         assert (server.service.soon(), server.service.arriving) == (0, 2)  # nobody knows when they will have come
-        monkeypatch.setattr("gateway.render.service._SOON", LONG)
+        monkeypatch.setattr("gateway.render.service._SOON", SECONDS)
         come.set()
         assert [response.status_code for response in await asyncio.gather(*posts)] == [200] * 2
         assert server.service.soon() == 0
@@ -141,7 +141,7 @@ async def test_bodies_in_flight_are_bounded(start: Start, watched: WatchedRender
     size = len(body(SCENE))
     async with start(watched, RenderConfig(max_inflight_bytes=size + 10), threads=2) as server:
         first = asyncio.create_task(server.post(body(SCENE), CONTENT_TYPE))
-        assert await asyncio.to_thread(watched.started.wait, LONG)
+        assert await asyncio.to_thread(watched.started.wait, SECONDS)
         assert server.service.status()["inflight_bytes"] == size
         refused = await server.post(body(SCENE), CONTENT_TYPE)
         assert_refused(refused, 503, "max_inflight_bytes")
@@ -155,7 +155,7 @@ async def test_a_client_that_leaves_frees_its_place(start: Start, watched: Watch
     watched.go_on.clear()
     async with start(watched, threads=1) as server:
         held = asyncio.create_task(server.post(body(SCENE), CONTENT_TYPE))
-        assert await asyncio.to_thread(watched.started.wait, LONG)
+        assert await asyncio.to_thread(watched.started.wait, SECONDS)
         leave, sent = asyncio.Event(), []
         whole = [{"type": "http.request", "body": body(SCENE), "more_body": False}]
 
@@ -181,7 +181,7 @@ async def test_a_client_that_leaves_frees_its_place(start: Start, watched: Watch
             "headers": [(b"content-type", CONTENT_TYPE.encode())],
         }
         leaver = asyncio.create_task(server.app(scope, receive, send))
-        async with asyncio.timeout(LONG):
+        async with asyncio.timeout(SECONDS):
             await until(lambda: server.workers.stats.waiting == 1)
             leave.set()
             await leaver

@@ -16,9 +16,10 @@ from hypothesis import strategies as st
 from gateway.render.config import RenderConfig
 from gateway.scene.gltf import GltfLimits
 from renderers.cpu import CpuRenderer
-from tests.render.conftest import LONG, Running, running
+from tests.render.conftest import Running, running
 from tests.support.corpus import drake_scene
 from tests.support.forms import CONTENT_TYPE, body, drake_fields, gltf
+from tests.support.waiting import SECONDS
 
 CONFIG = RenderConfig(
     max_body_bytes=4 << 20,
@@ -102,7 +103,7 @@ def server(loop: asyncio.AbstractEventLoop, renderer: CpuRenderer) -> Iterator[R
 
 def assert_answered(loop: asyncio.AbstractEventLoop, server: Running, data: bytes, content_type: str) -> int:
     async def post() -> int:
-        async with asyncio.timeout(LONG):
+        async with asyncio.timeout(SECONDS):
             response = await server.post(data, content_type)
         assert response.status_code in (200, 400, 413), (response.status_code, response.text)
         if response.status_code == 200:

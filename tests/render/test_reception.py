@@ -6,6 +6,7 @@ import asyncio
 import gc
 import json
 import random
+import re
 import weakref
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,9 +17,9 @@ from gateway.render import exchange
 from gateway.render.config import RenderConfig
 from gateway.render.multipart import FormReader
 from tests.ops.listening import listening
-from tests.render.conftest import LONG, Start, WatchedRenderer
+from tests.render.conftest import Start, WatchedRenderer
 from tests.support.forms import CONTENT_TYPE, body, drake_fields, gltf
-from tests.support.waiting import until
+from tests.support.waiting import SECONDS, until
 
 LARGE = json.dumps(gltf(extras=[n * n for n in range(60_000)])).encode()
 """400 kB: more than a connection is read at a time."""
@@ -47,7 +48,7 @@ async def answer(reader: asyncio.StreamReader) -> tuple[int, bytes]:
 
 @pytest.mark.parametrize("seed", range(4))
 async def test_the_same_picture_however_the_body_is_cut(start: Start, watched: WatchedRenderer, seed: int) -> None:
-    async with start(watched) as server, listening(server.app) as port, asyncio.timeout(LONG):
+    async with start(watched) as server, listening(server.app) as port, asyncio.timeout(SECONDS):
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
         for kind in ("color", "depth", "label"):
             form = body(LARGE, drake_fields(kind))
@@ -64,7 +65,7 @@ async def test_the_same_picture_however_the_body_is_cut(start: Start, watched: W
 
 async def test_a_client_that_leaves_while_it_waits_frees_its_place(start: Start, watched: WatchedRenderer) -> None:
     watched.go_on.clear()
-    async with start(watched, threads=1) as server, listening(server.app) as port, asyncio.timeout(LONG):
+    async with start(watched, threads=1) as server, listening(server.app) as port, asyncio.timeout(SECONDS):
         writers = []
         for waiting in range(2):
             _, writer = await asyncio.open_connection("127.0.0.1", port)
@@ -85,16 +86,19 @@ async def test_a_client_that_leaves_while_it_waits_frees_its_place(start: Start,
 async def test_uploads_that_stall_are_given_up_and_kept(start: Start, watched: WatchedRenderer, tmp_path: Path) -> None:
     config = RenderConfig(receive_timeout=0.05, keep_failures=tmp_path)
     form = body(LARGE)
-    async with start(watched, config) as server, listening(server.app) as port, asyncio.timeout(LONG):
+    async with start(watched, config) as server, listening(server.app) as port, asyncio.timeout(SECONDS):
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
         writer.write(request(form)[:-10])
         status, sentence = await answer(reader)
         writer.close()
         assert status == 408
-        assert sentence.startswith(b"no data for 0.05 s after %d bytes" % (len(form) - 10))
+        told = re.match(rb"no data for 0\.05 s after (\d+) bytes", sentence)
+        assert told is not None
+        count = int(told[1])  # on a slow machine nothing may have come for so long before the end of what was sent
+        assert 0 < count <= len(form) - 10
         assert server.service.inflight_bytes == 0
         kept = [path.read_bytes() for path in tmp_path.glob("*.multipart")]  # noqa: ASYNC240 - nothing else runs
-        assert any(form[:-10] in data for data in kept)
+        assert any(form[:count] in data for data in kept)
 
 
 @pytest.mark.parametrize("scene", [LARGE, b"y" * 400_000])
@@ -110,7 +114,7 @@ async def test_nothing_of_a_body_waits_for_the_garbage_collector(
             readers.append(weakref.ref(self))
 
     monkeypatch.setattr(exchange, "FormReader", Watched)
-    async with start(watched) as server, listening(server.app) as port, asyncio.timeout(LONG):
+    async with start(watched) as server, listening(server.app) as port, asyncio.timeout(SECONDS):
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
         gc.disable()
         try:

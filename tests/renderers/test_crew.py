@@ -20,6 +20,7 @@ from renderers.cpu.scene import prepare
 from renderers.drawlist import DrawList
 from renderers.port import Output
 from tests.renderers.scenes import camera, draw_list, mesh, sphere
+from tests.support.waiting import SECONDS
 
 
 @pytest.mark.parametrize("threads", [1, 2, 4])
@@ -37,7 +38,7 @@ def test_every_unit_is_done_once_and_phases_do_not_mix(threads: int) -> None:
 def test_helpers_work_at_the_same_time() -> None:
     crew = Crew(3)
     meeting = threading.Barrier(3)
-    crew.run([Phase(3, lambda _: meeting.wait(timeout=30))])
+    crew.run([Phase(3, lambda _: meeting.wait(timeout=SECONDS))])
     crew.close()
 
 
@@ -59,7 +60,7 @@ def test_helpers_come_only_where_a_processor_is_spare() -> None:
     assert seen == {threading.get_ident()}
     spare = 1
     meeting = threading.Barrier(2)
-    crew.run([Phase(2, lambda _: meeting.wait(timeout=30))])
+    crew.run([Phase(2, lambda _: meeting.wait(timeout=SECONDS))])
     crew.close()
 
 

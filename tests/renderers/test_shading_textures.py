@@ -37,6 +37,7 @@ from renderers.shading.transfer import (
     plain_byte,
 )
 from tests.renderers.shading_reference import lookup, picture
+from tests.support.waiting import SECONDS
 
 CELLS = address_of(GAMMA_CELLS, np.int32)
 DECODED_AT = address_of(DECODED, np.float32)
@@ -267,7 +268,7 @@ def test_encoding_a_value_to_be_shown() -> None:
 
 
 def test_images_that_are_not_known_are_decoded_at_the_same_time() -> None:
-    together = threading.Barrier(2, timeout=60.0)
+    together = threading.Barrier(2, timeout=SECONDS)
 
     def decode() -> np.ndarray:
         together.wait()  # breaks unless two threads are here

@@ -10,7 +10,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from renderers.studio.tangents import corner_tangents
 
 from renderers.cpu import CpuRenderer
 from renderers.cpu.crew import Crew, Phase
@@ -18,10 +17,12 @@ from renderers.drawlist import AlphaMode, DrawList, Image, Instance, Material, M
 from renderers.fxaa import fxaa
 from renderers.images import decode_image
 from renderers.port import Look, LookName, Output
+from renderers.shading.mikktspace import corner_tangents
 from renderers.stop import StopFlag, check_stop, current_stop, run_within
 from renderers.studio.mips import make_chain
 from tests.renderers import scenes
 from tests.support.slow import covering
+from tests.support.waiting import SECONDS
 
 
 class Enough(Exception):
@@ -172,7 +173,7 @@ def test_units_of_work_run_under_the_callers_flag_in_every_thread() -> None:
 
     def work(_: int) -> None:
         seen.add(current_stop())
-        meeting.wait(30.0)
+        meeting.wait(SECONDS)
 
     flag.run(lambda: crew.run((Phase(3, work),)))
     assert seen == {flag}

@@ -5,6 +5,8 @@ from __future__ import annotations
 import subprocess
 import sys
 
+from tests.support.waiting import SECONDS
+
 PROGRAM = """
 from renderers.cpu import warmup
 warmup()
@@ -49,7 +51,7 @@ print(sum(sum(k.stats.cache_misses.values()) for k in KERNELS), "misses")
 
 
 def _run(program: str = PROGRAM) -> list[str]:
-    done = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True, timeout=300)
+    done = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True, timeout=SECONDS)
     return done.stdout.splitlines()
 
 

@@ -14,13 +14,14 @@ import pytest
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 from typer.testing import CliRunner, Result
 from websockets.exceptions import InvalidStatus
-from websockets.sync.client import connect
 
 from gateway.cli.main import app
 from gateway.client.stream import StreamFailure
 from gateway.generated import image_interface_pb2 as pb
+from tests.support import clients
 from tests.support.certificates import certificate
 from tests.support.gateway_process import GatewayProcess, gateway_process
+from tests.support.waiting import SECONDS
 
 TOKEN, CAMERA = "http-token-0123456789", "grpc-token-0123456789"
 BEARER = {"Authorization": f"Bearer {TOKEN}"}
@@ -35,7 +36,7 @@ class Secured:
     grpc_port: int
 
     def http(self) -> httpx2.Client:
-        return httpx2.Client(base_url=self.url, verify=self.context, timeout=60.0)
+        return clients.Client(base_url=self.url, verify=self.context)
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +51,7 @@ def secured(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Secured]:
     flags += ("--cors-origins", "https://page.example", "--log-level", "debug")
     with gateway_process(*flags) as (process, url):
         context = ssl.create_default_context(cafile=str(pem))
-        health = httpx2.get(f"{url}/healthz", verify=context, headers=BEARER).json()["interfaces"]
+        health = clients.get(f"{url}/healthz", verify=context, headers=BEARER).json()["interfaces"]
         yield Secured(process, url, context, pem.read_bytes(), int(health["stereo"]["port"]))
         assert process.stop() == 0
         log = process.rest_of_log()
@@ -83,16 +84,16 @@ def test_the_page_of_the_browser_view_works_with_a_token(secured: Secured) -> No
         assert http.get("/view").status_code == 200
         cookie = f"scenegate={http.cookies['scenegate']}"
     url = secured.url.replace("https", "wss") + "/view/ws"
-    with connect(url, ssl=secured.context, additional_headers={"Cookie": cookie}) as socket:
-        assert isinstance(socket.recv(30), bytes)
+    with clients.websocket(url, ssl=secured.context, additional_headers={"Cookie": cookie}) as socket:
+        assert isinstance(socket.recv(SECONDS), bytes)
     with pytest.raises(InvalidStatus):
-        connect(url, ssl=secured.context)
+        clients.websocket(url, ssl=secured.context)
 
 
 def test_a_page_of_another_site_cannot_open_the_websocket(secured: Secured) -> None:
     url = secured.url.replace("https", "wss") + "/view/ws"
     with pytest.raises(InvalidStatus):
-        connect(url, ssl=secured.context, additional_headers=BEARER, origin="https://evil.example")
+        clients.websocket(url, ssl=secured.context, additional_headers=BEARER, origin="https://evil.example")
 
 
 def test_other_sites_may_ask_only_where_the_settings_say_so(secured: Secured) -> None:
@@ -115,7 +116,7 @@ def test_another_name_in_the_host_header_is_refused(secured: Secured) -> None:
 
 def test_plain_http_gets_nothing(secured: Secured) -> None:
     with pytest.raises(httpx2.HTTPError):
-        httpx2.get(secured.url.replace("https", "http") + "/healthz")
+        clients.get(secured.url.replace("https", "http") + "/healthz")
 
 
 def stream(secured: Secured, metadata: Any) -> Any:
@@ -127,7 +128,7 @@ def stream(secured: Secured, metadata: Any) -> Any:
             request_serializer=pb.ImageSetRequest.SerializeToString,
             response_deserializer=pb.ImageSet.FromString,
         )
-        return next(call(pb.ImageSetRequest(left_enabled=True), metadata=metadata, timeout=60))
+        return next(call(pb.ImageSetRequest(left_enabled=True), metadata=metadata, timeout=SECONDS))
 
 
 def test_the_image_stream_wants_its_own_token(secured: Secured) -> None:
@@ -141,13 +142,13 @@ def test_the_image_stream_wants_its_own_token(secured: Secured) -> None:
 def test_health_checks_over_grpc_need_none(secured: Secured) -> None:
     credentials = grpc.ssl_channel_credentials(secured.pem)
     with grpc.secure_channel(f"127.0.0.1:{secured.grpc_port}", credentials) as channel:
-        answer = health_pb2_grpc.HealthStub(channel).Check(health_pb2.HealthCheckRequest(), timeout=30)
+        answer = health_pb2_grpc.HealthStub(channel).Check(health_pb2.HealthCheckRequest(), timeout=SECONDS)
     assert answer.status == health_pb2.HealthCheckResponse.SERVING
 
 
 def streamed(secured: Secured, folder: Path, *arguments: str, **environment: str) -> Result:
     (folder / "ca.pem").write_bytes(secured.pem)
-    command = ["stream", f"127.0.0.1:{secured.grpc_port}", "--left", "--count", "1", "--timeout", "60"]
+    command = ["stream", f"127.0.0.1:{secured.grpc_port}", "--left", "--count", "1", "--timeout", str(SECONDS)]
     return CliRunner().invoke(app, [*command, *arguments], env=environment)
 
 
@@ -177,7 +178,7 @@ def test_an_unusable_token_file_ends_the_start_with_one_sentence(tmp_path: Path)
     process = GatewayProcess("--http-port", "0", "--http-token-file", str(tmp_path / "token"))
     try:
         (line,) = process.rest_of_log()
-        assert process.process.wait(60) == 1
+        assert process.process.wait(SECONDS) == 1
     finally:
         process.kill()
     assert line["event"].startswith("Token 1 of the token file")

@@ -7,14 +7,11 @@ import socket
 from contextlib import suppress
 from urllib.parse import urlsplit
 
-import httpx2
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
-from websockets.sync.client import connect
 
-from tests.support import forms
-
-SECONDS = 30.0
+from tests.support import clients, forms
+from tests.support.waiting import SECONDS
 
 
 def raw(url: str, data: bytes, *, finish: bool = True) -> bytes:
@@ -92,7 +89,7 @@ def test_requests_of_two_meanings_get_no_second_answer(gateway_url: str, head: b
 def test_other_protocols_are_refused(gateway_url: str, start: bytes) -> None:
     answer = raw(gateway_url, start + b"\r\n" + HOST + b"\r\n")
     assert 200 not in statuses(answer)
-    assert httpx2.get(f"{gateway_url}/healthz").status_code == 200
+    assert clients.get(f"{gateway_url}/healthz").status_code == 200
 
 
 def test_line_breaks_in_an_id_do_not_reach_log_or_answer(gateway_url: str) -> None:
@@ -103,7 +100,7 @@ def test_line_breaks_in_an_id_do_not_reach_log_or_answer(gateway_url: str) -> No
 def test_a_name_that_was_made_to_point_here_is_refused(gateway_url: str) -> None:
     """DNS rebinding: the browser believes to talk to the attacker's host."""
     for path in ("/scene", "/view", "/healthz", "/api/v2/system"):
-        answer = httpx2.get(gateway_url + path, headers={"Host": "rebound.example:8000"})
+        answer = clients.get(gateway_url + path, headers={"Host": "rebound.example:8000"})
         assert answer.status_code == 421, path
     asked = b"Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
     asked += b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nOrigin: http://rebound.example\r\n\r\n"
@@ -118,20 +115,20 @@ def test_two_hosts_are_none(gateway_url: str) -> None:
 
 def test_a_page_of_another_site_may_not_open_the_websocket(gateway_url: str) -> None:
     with pytest.raises(InvalidStatus):
-        connect(_websocket(gateway_url), origin="https://evil.example")
-    with connect(_websocket(gateway_url), max_size=None) as socket:
+        clients.websocket(_websocket(gateway_url), origin="https://evil.example")
+    with clients.websocket(_websocket(gateway_url), max_size=None) as socket:
         assert isinstance(socket.recv(SECONDS), bytes)
 
 
 def test_a_page_of_another_site_may_not_read_answers(gateway_url: str) -> None:
-    answer = httpx2.get(f"{gateway_url}/scene", headers={"Origin": "https://evil.example"})
+    answer = clients.get(f"{gateway_url}/scene", headers={"Origin": "https://evil.example"})
     assert not [name for name in answer.headers if name.startswith("access-control")]
 
 
 @pytest.mark.parametrize("headers", [{"Origin": "http://evil.example"}, {"Sec-Fetch-Site": "cross-site"}])
 def test_a_page_of_another_site_may_not_change_anything(gateway_url: str, headers: dict[str, str]) -> None:
     """CSRF: a form or a simple request that any page may send; without these headers it is a program's."""
-    with httpx2.Client(base_url=gateway_url, timeout=SECONDS) as http:
+    with clients.Client(base_url=gateway_url, timeout=SECONDS) as http:
         camera = "/api/v2/pipelines/0/nodes/rc_stereocamera/parameters"
         for method, path in (
             ("POST", "/api/v2/pipelines/0/test/set"),
@@ -152,13 +149,13 @@ def test_a_page_of_another_site_may_not_change_anything(gateway_url: str, header
 
 def test_the_view_is_not_shown_in_frames_of_other_sites(gateway_url: str) -> None:
     for path in ("/view", "/", "/docs", "/nothing"):
-        headers = httpx2.get(gateway_url + path).headers
+        headers = clients.get(gateway_url + path).headers
         assert headers["content-security-policy"] == "frame-ancestors 'self'", path
         assert headers["x-content-type-options"] == "nosniff", path
 
 
 def test_every_route_with_get_answers_head(gateway_url: str) -> None:
-    with httpx2.Client(base_url=gateway_url, timeout=120.0) as http:
+    with clients.Client(base_url=gateway_url) as http:
         described = http.get("/openapi.json").json()["paths"]
         paths = [path for path, methods in described.items() if "get" in methods and "{" not in path]
         for path in (*paths, "/", "/view", "/docs", "/openapi.json", "/view/sensor", "/view/renders", "/render"):
@@ -174,26 +171,26 @@ def test_every_route_with_get_answers_head(gateway_url: str) -> None:
 
 @pytest.mark.parametrize("message", ["x" * 1000, "x" * 1_000_000, b"\0" * 100])
 def test_long_messages_end_their_own_websocket_only(gateway_url: str, message: str | bytes) -> None:
-    with connect(_websocket(gateway_url), max_size=None) as socket:
+    with clients.websocket(_websocket(gateway_url), max_size=None) as socket:
         socket.send(message)
         with suppress(ConnectionClosed):
             while True:
                 socket.recv(SECONDS)
-    assert httpx2.get(f"{gateway_url}/healthz").status_code == 200
+    assert clients.get(f"{gateway_url}/healthz").status_code == 200
 
 
 def test_compressed_bodies_are_not_unpacked(gateway_url: str) -> None:
     body = gzip.compress(bytes(64 << 20))
     headers = {"Content-Type": forms.CONTENT_TYPE, "Content-Encoding": "gzip"}
-    answer = httpx2.post(f"{gateway_url}/render", content=body, headers=headers, timeout=SECONDS)
+    answer = clients.post(f"{gateway_url}/render", content=body, headers=headers, timeout=SECONDS)
     assert answer.status_code == 400
 
 
 @pytest.mark.parametrize("value", ["1e9", "-1", "99999999999999999999", "nan", "1" * 5000])
 def test_huge_dimensions_are_refused_before_anything_is_allocated(gateway_url: str, value: str) -> None:
     for query in ({"width": value}, {"height": value}):
-        assert httpx2.get(f"{gateway_url}/scene/render", params=query).status_code in (400, 422)
-        assert httpx2.get(f"{gateway_url}/view/frame.jpg", params=query).status_code in (400, 422)
+        assert clients.get(f"{gateway_url}/scene/render", params=query).status_code in (400, 422)
+        assert clients.get(f"{gateway_url}/view/frame.jpg", params=query).status_code in (400, 422)
 
 
 def _websocket(url: str) -> str:

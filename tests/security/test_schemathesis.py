@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.waiting import SECONDS
+
 STARTER = os.environ.get("SCENEGATE_SCHEMATHESIS", "")
 FOLDER = Path(__file__).parent
 
@@ -21,7 +23,8 @@ def test_every_answer_is_as_described(gateway_url: str, tmp_path: Path) -> None:
         shutil.copy(FOLDER / name, tmp_path)
     command = [STARTER, "--config-file", "schemathesis.toml", "run", f"{gateway_url}/openapi.json", "--no-color"]
     command += ["--checks", "all", "--phases", "examples,coverage,fuzzing", "--max-examples", "10"]
-    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=900, check=False)
+    command += ["--request-timeout", str(int(SECONDS))]
+    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=SECONDS, check=False)
     assert result.returncode == 0, result.stdout[-6000:] + result.stderr[-2000:]
     assert re.search(r"(\d+) generated, \1 passed", result.stdout), result.stdout[-2000:]
     untried = result.stdout.partition(" WARNINGS ")[2].partition(" SUMMARY ")[0]

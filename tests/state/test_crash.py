@@ -20,6 +20,7 @@ from gateway.state.config import StateConfig
 from gateway.state.service import State
 from gateway.treeviewer.protocol import REQUEST, RESPONSE, TreeViewerProtocol
 from tests.state import trees
+from tests.support.waiting import SECONDS
 from tests.treeviewer.conversation import decoded, message
 from tests.treeviewer.transports import HubClient
 
@@ -27,8 +28,6 @@ ROUNDS = 20
 CLIENTS = 3
 IN_FLIGHT = 16
 """Requests that a client sends ahead of their answers."""
-SECONDS = 300.0
-"""Of all; a tenth is usual."""
 ROOT = Path(__file__).parents[2]
 
 
@@ -144,7 +143,7 @@ async def crash(nursery: Nursery, chance: random.Random, at: list[int]) -> list[
     ]
     try:
         await heard.wait()
-        await asyncio.sleep(0.02 * chance.random())  # at any moment of what the server does
+        await asyncio.sleep(0.02 * chance.random())  # short: at any moment of what the server does
     finally:
         os.kill(process, signal.SIGKILL)
     sent = await asyncio.gather(*clients)

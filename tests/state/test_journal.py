@@ -18,10 +18,9 @@ from gateway.state.config import StateConfig
 from gateway.state.service import State
 from renderers.drawlist import Material
 from tests.state import trees
-from tests.support.waiting import until
+from tests.support.waiting import SECONDS, until
 
 BOX = (Part(Box((1.0, 2.0, 3.0)), Material()),)
-SECONDS = 30.0
 
 
 class Kept:

@@ -24,7 +24,7 @@ from renderers.port import Renderer
 from renderers.stereo.model import StereoModel
 from renderers.stereo.warm import warm_up
 from tests.stereo.scenes import pose, table
-from tests.support.waiting import until
+from tests.support.waiting import SECONDS, until
 
 SMALL = StereoModel("small", 320, 240, 0.8449, 0.160)
 """The device's geometry at a quarter of its resolution: quick to render."""
@@ -51,7 +51,7 @@ class Camera:
     task: asyncio.Task[None]
 
     def stream(
-        self, timeout: float = 30.0, **request: object
+        self, timeout: float = SECONDS, **request: object
     ) -> grpc.aio.UnaryStreamCall[pb.ImageSetRequest, pb.ImageSet]:
         call = self.channel.unary_stream(
             "/ImageInterface/StreamImageSets",

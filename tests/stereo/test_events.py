@@ -12,7 +12,7 @@ from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.clock import SimulatedClock
 from gateway.stereo.events import EventHub
 from tests.stereo.conftest import Camera, Start
-from tests.support.waiting import until
+from tests.support.waiting import SECONDS, until
 
 Call = grpc.aio.UnaryStreamCall[pb.ImageEventsRequest, pb.ImageEvents]
 
@@ -22,7 +22,7 @@ async def listen(camera: Camera, *, enabled: bool = True) -> Call:
         "/ImageEventsInterface/StreamImageEvents",
         request_serializer=pb.ImageEventsRequest.SerializeToString,
         response_deserializer=pb.ImageEvents.FromString,
-    )(pb.ImageEventsRequest(depth_acquisition_done_enabled=enabled), timeout=30.0)
+    )(pb.ImageEventsRequest(depth_acquisition_done_enabled=enabled), timeout=SECONDS)
     await call.initial_metadata()
     return call
 

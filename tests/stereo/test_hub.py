@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from gateway.stereo.hub import FullError, Hub, StreamError, Subscription
 from gateway.stereo.request import Kind
+from tests.support.waiting import SECONDS
 
 LEFT = Kind(left=True)
 DEPTH = Kind(disparity=True)
@@ -40,7 +41,7 @@ async def test_a_leaving_client_wakes_the_producer() -> None:
         assert not leaves.hungry
         assert not producer.done()
         other.close()
-        async with asyncio.timeout(5):
+        async with asyncio.timeout(SECONDS):
             await producer
             assert await next_set == b"next"
 

@@ -12,7 +12,7 @@ import pytest
 
 from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.server import METHOD, RETURN_BYTES, SERVICE, UnsentMessages
-from tests.support.waiting import until
+from tests.support.waiting import SECONDS, until
 
 SET_MB = 16
 CLIENTS = 16
@@ -72,7 +72,7 @@ async def test_the_memory_of_messages_that_nobody_read_is_returned() -> None:
             await asyncio.sleep(0.05)
 
     try:
-        async with asyncio.timeout(300):
+        async with asyncio.timeout(SECONDS):
             port = int(await reads.readline())
             options = [("grpc.max_receive_message_length", -1), ("grpc.use_local_subchannel_pool", 1)]
             channels = [grpc.aio.insecure_channel(f"127.0.0.1:{port}", options) for _ in range(CLIENTS)]

@@ -12,7 +12,7 @@ import pytest
 from renderers.drawlist import DrawList
 from tests.stereo.conftest import EVERYTHING, SMALL, Start
 from tests.stereo.scenes import table
-from tests.support.waiting import until
+from tests.support.waiting import SECONDS, until
 
 
 async def test_clients_coming_and_leaving_leave_nothing_behind(start: Start) -> None:
@@ -23,7 +23,7 @@ async def test_clients_coming_and_leaving_leave_nothing_behind(start: Start) -> 
 
     async def visit() -> None:
         request = {name: order.random() < 0.4 for name in EVERYTHING}
-        call = camera.stream(**request, timeout=order.choice((0.05, 30.0)))
+        call = camera.stream(**request, timeout=order.choice((0.05, SECONDS)))
         try:
             for _ in range(order.randrange(4)):
                 await call.read()
@@ -79,13 +79,13 @@ async def test_who_opens_a_stream_after_setting_a_parameter_gets_no_older_set(st
 
     def scene() -> tuple[DrawList, int]:
         taking.set()
-        go.wait(10)
+        go.wait(SECONDS)
         return drawn, 1
 
     camera = await start(scene=scene)
     first = camera.stream(disparity_enabled=True)
     pending = asyncio.ensure_future(first.read())
-    assert await asyncio.to_thread(taking.wait, 10)
+    assert await asyncio.to_thread(taking.wait, SECONDS)
     # A frame is in work with the quality of before, for the same request.
     camera.service.parameters.set("rc_stereomatching", [("quality", "Low")])
     second = camera.stream(disparity_enabled=True)

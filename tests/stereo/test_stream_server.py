@@ -15,13 +15,14 @@ from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.config import Tls
 from tests.stereo.conftest import Camera, Start
 from tests.support.certificates import certificate
+from tests.support.waiting import SECONDS
 
 
 @pytest.mark.parametrize("method", ["/ImageInterface/StreamImageSets", "/ImageEventsInterface/StreamImageEvents"])
 async def test_bytes_that_are_no_request_are_the_clients_fault(start: Start, method: str) -> None:
     camera = await start()
     with pytest.raises(grpc.aio.AioRpcError) as refusal:
-        async for _ in camera.channel.unary_stream(method)(b"\xff\xff\xff", timeout=30.0):
+        async for _ in camera.channel.unary_stream(method)(b"\xff\xff\xff", timeout=SECONDS):
             pass
     assert refusal.value.code() == grpc.StatusCode.INVALID_ARGUMENT
     assert "the 3 bytes of the request are not a message Image" in refusal.value.details()
@@ -81,14 +82,14 @@ async def test_tls_with_client_certificates(start: Start, tmp_path: Path) -> Non
 
     async def first(credentials: grpc.ChannelCredentials) -> pb.ImageSet:
         async with grpc.aio.secure_channel(target, credentials) as channel:
-            return await Camera(camera.service, channel, camera.task).stream(timeout=5, left_enabled=True).read()
+            return await Camera(camera.service, channel, camera.task).stream(left_enabled=True).read()
 
     trusted = grpc.ssl_channel_credentials(pem.read_bytes(), client_key.read_bytes(), client_pem.read_bytes())
     assert (await first(trusted)).HasField("left")
     with pytest.raises(grpc.aio.AioRpcError):
         await first(grpc.ssl_channel_credentials(pem.read_bytes()))
     with pytest.raises(grpc.aio.AioRpcError):
-        await camera.stream(timeout=2, left_enabled=True).read()
+        await camera.stream(left_enabled=True).read()
 
 
 async def test_a_certificate_that_cannot_be_read_is_one_sentence(start: Start, tmp_path: Path) -> None:

@@ -9,6 +9,8 @@ from typing import Any
 
 import pytest
 
+from tests.support.waiting import MILLISECONDS
+
 ARGUMENTS = (
     "--headless",
     "--no-sandbox",
@@ -29,18 +31,25 @@ def chromium() -> Iterator[Any]:
     if path is None:
         pytest.skip("no chromium on this machine (on Debian: apt install chromium)")
     with api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=path, args=list(ARGUMENTS))
+        browser = playwright.chromium.launch(executable_path=path, args=list(ARGUMENTS), timeout=MILLISECONDS)
         try:
             yield browser
         finally:
             browser.close()
 
 
+def new_page(browser: Any, **options: Any) -> Any:
+    """A page whose waits have the time limit of all; Playwright's own is 30 s."""
+    page = browser.new_page(**options)
+    page.set_default_timeout(MILLISECONDS)
+    return page
+
+
 class Watched:
     """A page, with everything that it should not have done."""
 
     def __init__(self, browser: Any, url: str, *, width: int = 1280, height: int = 800) -> None:
-        self.page = browser.new_page(viewport={"width": width, "height": height})
+        self.page = new_page(browser, viewport={"width": width, "height": height})
         self.faults: list[str] = []
         self.page.on("pageerror", lambda error: self.faults.append(f"exception: {error}"))
         self.page.on("console", self._console)

@@ -12,9 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-START_SECONDS = 900.0
-"""Compiling all kernels on a slow, busy machine; only a hang takes longer."""
-STOP_SECONDS = 60.0
+from tests.support.waiting import SECONDS
 
 
 class GatewayProcess:
@@ -43,7 +41,7 @@ class GatewayProcess:
                 self._lines.put(line)
         self._lines.put(None)
 
-    def wait_for(self, event: str, seconds: float = START_SECONDS) -> dict[str, Any]:
+    def wait_for(self, event: str, seconds: float = SECONDS) -> dict[str, Any]:
         """The next log event that starts so; fails when the process ends before."""
         while (line := self._line(event, seconds)) is not None:
             try:
@@ -74,14 +72,14 @@ class GatewayProcess:
         """SIGTERM; the exit code."""
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGTERM)
-        return self.process.wait(STOP_SECONDS)
+        return self.process.wait(SECONDS)
 
     def kill(self) -> None:
         """Ends what is left after a failed test."""
         if self.process.poll() is None:
             self.process.kill()
         self.process.wait()
-        self._reader.join(STOP_SECONDS)
+        self._reader.join(SECONDS)
 
 
 def refused(*flags: str, env: dict[str, str] | None = None) -> tuple[int, list[dict[str, Any]]]:
@@ -89,7 +87,7 @@ def refused(*flags: str, env: dict[str, str] | None = None) -> tuple[int, list[d
     gateway = GatewayProcess(*flags, env=env)
     try:
         log = gateway.rest_of_log()
-        return gateway.process.wait(STOP_SECONDS), log
+        return gateway.process.wait(SECONDS), log
     finally:
         gateway.kill()
 

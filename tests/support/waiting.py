@@ -14,6 +14,8 @@ SECONDS: Final = 900.0
 
 Only a hang takes longer. The longest wait that succeeds compiles all kernels on a busy machine: minutes.
 """
+MILLISECONDS: Final = int(1000 * SECONDS)
+"""The same for liblcm and Playwright."""
 PAUSE: Final = 0.02
 """Seconds between two looks at a condition in another process or thread."""
 

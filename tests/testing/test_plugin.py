@@ -10,13 +10,16 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.waiting import SECONDS
+
 pytest_plugins = ["pytester"]
 
 PAGE = Path(__file__).parents[2] / "docs" / "testing.md"
 INSTALLED = any(entry.name == "scenegate" for entry in importlib.metadata.entry_points(group="pytest11"))
 PLUGIN = () if INSTALLED else ("-p", "gateway.testing.plugin")
 """An installation that is older than the plugin does not know it yet."""
-ARGUMENTS = ("-W", "error", "-p", "no:cacheprovider", "-p", "no:asyncio", *PLUGIN)
+PATIENT = ("-o", f"scenegate_seconds={SECONDS:g}")
+ARGUMENTS = ("-W", "error", "-p", "no:cacheprovider", "-p", "no:asyncio", *PATIENT, *PLUGIN)
 
 
 def example() -> str:
@@ -27,7 +30,7 @@ def example() -> str:
 
 def test_the_example_of_the_page_runs(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(test_cell=example())
-    pytester.runpytest_subprocess(*ARGUMENTS, timeout=300).assert_outcomes(passed=3)
+    pytester.runpytest_subprocess(*ARGUMENTS, timeout=SECONDS).assert_outcomes(passed=3)
 
 
 def test_scenes_and_flags_and_what_a_failure_shows(pytester: pytest.Pytester) -> None:
@@ -85,7 +88,7 @@ def test_scenes_and_flags_and_what_a_failure_shows(pytester: pytest.Pytester) ->
             pass
         """
     )
-    result = pytester.runpytest_subprocess(*ARGUMENTS, timeout=300)
+    result = pytester.runpytest_subprocess(*ARGUMENTS, timeout=SECONDS)
     result.assert_outcomes(passed=5, failed=1, errors=3)
     result.stdout.fnmatch_lines(["*scenegate log*", '*"path": "/scene"*'])
     result.stdout.fnmatch_lines(["*the scene *nowhere.json is not there*"])

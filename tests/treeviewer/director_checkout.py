@@ -24,11 +24,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from tests.support.waiting import SECONDS
+
 REPOSITORY = Path(__file__).parents[2]
 TESTS = ("testTreeViewerClient.py", "testTreeViewerInterface.py", "testTreeViewerPolyLine.py")
 ANSWERS_OF_INTERFACE_TEST = 2000
 
-ANSWER_SECONDS = 60.0
 _SHIM = """
 import builtins, collections, collections.abc, runpy, sys, time
 import lcm
@@ -50,12 +51,12 @@ while len(heard) < {answers} and time.monotonic() < end:
     time.sleep(0.01)
 """
 _VISUALIZER = """#!{python}
-import os, time
+import os, signal
 import lcm
 from gateway.treeviewer import answers
 if {announce}:
     lcm.LCM().publish("DIRECTOR_TREE_VIEWER_RESPONSE", answers.encode(answers.ReadyAnswer()))
-time.sleep(600)
+signal.pause()
 """
 
 
@@ -84,15 +85,13 @@ def prepared(checkout: Path, script: Path, url: str, *, announce: bool) -> Itera
         visualizer.write_text(_VISUALIZER.format(python=sys.executable, announce=announce))
         visualizer.chmod(0o755)
         answers = ANSWERS_OF_INTERFACE_TEST + (not announce) if "Interface" in script.name else 0
-        shim = _SHIM.format(
-            executable=str(folder / "python"), test=str(script), answers=answers, seconds=ANSWER_SECONDS
-        )
+        shim = _SHIM.format(executable=str(folder / "python"), test=str(script), answers=answers, seconds=SECONDS)
         path = os.pathsep.join(map(str, (folder, checkout / "src" / "python", REPOSITORY)))
         environment = {**os.environ, "PYTHONPATH": path, "LCM_DEFAULT_URL": url, "PYTHONUNBUFFERED": "1"}
         yield [sys.executable, "-c", shim], environment
 
 
-def run(checkout: Path, script: Path, url: str, *, announce: bool, seconds: float = 300.0) -> Outcome:
+def run(checkout: Path, script: Path, url: str, *, announce: bool) -> Outcome:
     """Runs one script."""
     with prepared(checkout, script, url, announce=announce) as (command, environment):
         done = subprocess.run(
@@ -101,7 +100,7 @@ def run(checkout: Path, script: Path, url: str, *, announce: bool, seconds: floa
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
-            timeout=seconds,
+            timeout=2 * SECONDS,
             check=False,
         )
     return Outcome(script.name, done.returncode, done.stdout)

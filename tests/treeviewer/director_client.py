@@ -54,7 +54,7 @@ class DirectorClient:
         request = {"utime": 0, "delete": [], "setgeometry": [], "settransform": [{"path": [path], "transform": {}}]}
         self.lcm.publish(f"DIRECTOR_TREE_VIEWER_REQUEST_{CLIENT}", wire.encode(json.dumps(request).encode()))
         if self.pause:
-            time.sleep(self.pause)
+            time.sleep(self.pause)  # short: the race that is tested
         self.queue = set()
 
 

@@ -25,7 +25,7 @@ viewer["link"].setgeometry(Box([1, 2, 3]))
 print("shown", flush=True)
 sys.stdin.readline()  # the viewer has been restarted
 import numpy as np
-for _ in range(200):  # the client sends its scene again with the first publish after it was told that paths are missing
+while True:  # the client sends its scene again with the first publish after it was told that paths are missing
     viewer["link"].settransform(np.eye(4))
     time.sleep(0.02)
 """
@@ -82,6 +82,8 @@ async def test_directors_client_sends_its_scene_again_after_a_restart(checkout: 
                 node = second.snapshot.root.find(path)
                 return node is not None and bool(node.parts)
 
-            await until(shown)
-            client.kill()
-            await client.wait()
+            try:
+                await until(shown)
+            finally:
+                client.kill()
+                await client.wait()

@@ -14,7 +14,7 @@ from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.protocol import REQUEST, RESPONSE, TreeViewerProtocol
 from gateway.treeviewer.tcpq import LONGEST_CHANNEL, Frame
 from tests.support.liblcm import liblcm
-from tests.support.waiting import until
+from tests.support.waiting import MILLISECONDS, SECONDS, until
 from tests.treeviewer.conversation import ONE_BOX, decoded, message
 from tests.treeviewer.transports import HubClient, in_thread, serving
 
@@ -78,7 +78,7 @@ async def test_order_holds_for_a_client_and_others_do_not_wait(monkeypatch: pyte
 
     def read_late(self: TreeViewerProtocol, comms: wire.Comms) -> Any:
         if threading.current_thread() is not threading.main_thread():
-            assert quick_was_answered.wait(60), "the big request holds up the others"
+            assert quick_was_answered.wait(SECONDS), "the big request holds up the others"
         return read(self, comms)
 
     monkeypatch.setattr(TreeViewerProtocol, "open", read_late)
@@ -200,11 +200,11 @@ async def test_lcms_own_clients_use_channels_of_any_length(size: int, pattern: s
             client.subscribe("SYNC", lambda *_: None)
         reader.subscribe(pattern or channel, lambda *message: heard.append(message))
         reader.publish("SYNC", b"")  # it comes back when the hub has taken the subscription
-        assert reader.handle_timeout(30_000)
+        assert reader.handle_timeout(MILLISECONDS)
         sender.publish(channel, b"first")
-        assert reader.handle_timeout(30_000)
+        assert reader.handle_timeout(MILLISECONDS)
         sender.publish(channel, b"second")  # the connection is still there
-        assert reader.handle_timeout(30_000)
+        assert reader.handle_timeout(MILLISECONDS)
         assert [data for _, data in heard] == [b"first", b"second"]
         return heard[0]
 

@@ -126,7 +126,7 @@ async def test_clients_and_subscriptions_are_bounded() -> None:
 
 
 async def test_a_clients_patterns_together_are_bounded_in_what_they_cost() -> None:
-    async with serving() as service, asyncio.timeout(30):
+    async with serving() as service, asyncio.timeout(SECONDS):
         client = await HubClient.connect(service.tcpq_port)
         for i in range(3):  # two of them are as much as one client may have matched
             await client.subscribe(f".*.*.*{i}")

@@ -8,7 +8,6 @@ import os
 import random
 import socket
 import struct
-import time
 from collections.abc import AsyncIterator, Callable
 from dataclasses import replace
 from pathlib import Path
@@ -22,7 +21,7 @@ from gateway.treeviewer.geometry import MeshLoader
 from gateway.treeviewer.service import TreeViewerService
 from gateway.treeviewer.tcpq import CLIENT_HELLO, HUB_HELLO, Frame, publish_head, subscription
 from tests.support.liblcm import liblcm
-from tests.support.waiting import SECONDS
+from tests.support.waiting import MILLISECONDS, SECONDS
 
 
 def free_url() -> str:
@@ -135,10 +134,10 @@ def answer_over(client: Any, received: list[tuple[str, bytes]], channel: str, da
     """Publishes a request and waits for the next message; None: nothing came."""
     received.clear()
     client.publish(channel, data)
-    end = time.monotonic() + SECONDS
-    while not received and time.monotonic() < end:
-        client.handle_timeout(500)
-    return received[0] if received else None
+    while not received:
+        if not client.handle_timeout(MILLISECONDS):
+            return None
+    return received[0]
 
 
 def lossless(client: Any, pattern: str, callback: Callable[[str, bytes], None]) -> None:

@@ -8,13 +8,14 @@ import struct
 import time
 from typing import Any
 
-import httpx2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from tests.support import clients
 from tests.support.browser import Watched
 from tests.support.liblcm import liblcm
+from tests.support.waiting import SECONDS
 
 FINGERPRINT = 0xD368E03F33C568BE
 """robotlocomotion.viewer2_comms_t, as lcm-gen computes it."""
@@ -25,7 +26,7 @@ class Publisher:
 
     def __init__(self, url: str) -> None:
         lcm = liblcm()
-        with httpx2.Client(base_url=url) as http:
+        with clients.Client(base_url=url) as http:
             interfaces = http.get("/healthz").json()["interfaces"]
         self.bus = lcm.LCM(interfaces["treeviewer"]["tcpq"]["url"])
         self.sent = 0
@@ -94,9 +95,9 @@ class View(Watched):
 
     def until(self, condition: Any, what: str) -> None:
         """Waits for pixels; SwiftShader draws a few frames a second."""
-        limit = time.monotonic() + 60.0
+        limit = time.monotonic() + SECONDS
         while not condition():
-            assert time.monotonic() < limit, f"{what}: still not so after a minute; faults: {self.faults}"
+            assert time.monotonic() < limit, f"{what}: still not so after {SECONDS:.0f} s; faults: {self.faults}"
             self.page.wait_for_timeout(100)
 
 

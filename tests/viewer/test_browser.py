@@ -8,14 +8,14 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
-import httpx2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
 from gateway.scene.gltf import read_gltf
-from tests.support.browser import chromium
+from tests.support import clients
+from tests.support.browser import chromium, new_page
 from tests.support.forms import CONTENT_TYPE, body, drake_fields, gltf
 from tests.support.gateway_process import GatewayProcess, gateway_process
 from tests.viewer.page import Publisher, View, row
@@ -23,6 +23,13 @@ from tests.viewer.page import Publisher, View, row
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 
+STILL = """async () => {
+  const where = () => [...scenegate.stage.camera.position.toArray(), ...scenegate.stage.controls.target.toArray()];
+  const before = where();
+  for (let frame = 0; frame < 3; frame += 1) await new Promise(requestAnimationFrame);
+  return where().every((value, i) => Math.abs(value - before[i]) < 1e-6);
+}"""
+"""Whether the camera is where it was three frames ago."""
 FLAGS = ("--lcm-url", "off", "--grpc-port", "0")
 RED, GREEN = [1, 0, 0, 1], [0, 1, 0, 1]
 
@@ -105,7 +112,7 @@ def test_disparity_thumbnail_changes(view: tuple[View, Publisher]) -> None:
     shown.until(lambda: thumb.evaluate(reading) != "", "a thumbnail")
 
     def picture() -> bytes:
-        with httpx2.Client() as http:
+        with clients.Client() as http:
             answer = http.get(thumb.evaluate("image => image.src"))
         assert answer.status_code == 200
         return answer.content
@@ -123,7 +130,7 @@ def test_parameters_are_the_devices(view: tuple[View, Publisher], gateway: tuple
     shown, _ = view
     shown.page.get_by_text("Stereo matching", exact=True).click()
     shown.page.get_by_label("quality", exact=True).select_option("Low")
-    with httpx2.Client(base_url=gateway[1]) as http:
+    with clients.Client(base_url=gateway[1]) as http:
         path = "/api/v2/pipelines/0/nodes/rc_stereomatching/parameters/quality"
         shown.until(lambda: http.get(path).json()["value"] == "Low", "the parameter is set")
         assert http.put(path, json={"value": "High"}).status_code == 200
@@ -133,7 +140,7 @@ def test_render_requests_are_listed(view: tuple[View, Publisher], gateway: tuple
     shown, _ = view
     shown.page.get_by_role("tab", name="Renders").click()
     assert shown.page.locator(".renders li").count() == 0
-    with httpx2.Client(base_url=gateway[1], timeout=60.0, headers={"content-type": CONTENT_TYPE}) as http:
+    with clients.Client(base_url=gateway[1], headers={"content-type": CONTENT_TYPE}) as http:
         assert http.post("/render", content=body(gltf())).status_code == 200
         assert http.post("/render", content=body(gltf(), drake_fields("depth"))).status_code == 200
         assert http.post("/render", content=body(gltf(), drake_fields(width="none"))).status_code == 400
@@ -306,6 +313,7 @@ def test_a_gateway_without_a_stereo_camera_is_no_fault(browser: Any) -> None:
         view.page.get_by_text("No stereo camera runs in this gateway.").wait_for()
         view.page.get_by_role("tab", name="Renders").click()
         view.page.get_by_text("No render endpoint runs in this gateway.").wait_for()
+
         where = "[...scenegate.stage.camera.position.toArray(), ...scenegate.stage.controls.target.toArray()]"
 
         def moves(what: str) -> None:
@@ -316,7 +324,7 @@ def test_a_gateway_without_a_stereo_camera_is_no_fault(browser: Any) -> None:
         view.page.mouse.wheel(0, -400)
         moves("wheel")
         for button in ("left", "right"):
-            view.page.wait_for_timeout(300)
+            view.until(lambda: view.page.evaluate(STILL), "the camera stands still")
             before = view.page.evaluate(where)
             view.page.mouse.down(button=button)
             view.page.mouse.move(700, 450, steps=4)
@@ -331,7 +339,7 @@ def test_what_has_not_come_yet_is_waited_for(browser: Any, gateway: tuple[Gatewa
     """Nothing is said of the gateway before it has said so itself; and a gateway that is away is no empty one."""
     _, url = gateway
     Publisher(url).send(delete=[{"path": []}])
-    page = browser.new_page()
+    page = new_page(browser)
     held: list[Any] = []
     answer: list[Callable[[Any], None]] = [lambda route: held.append(route)]
     page.route("**/view/sensor", lambda route: answer[0](route))
@@ -358,7 +366,7 @@ def test_what_has_not_come_yet_is_waited_for(browser: Any, gateway: tuple[Gatewa
 
 def test_a_texture_that_fails_is_asked_for_again(browser: Any) -> None:
     with gateway_process("--only", "view", "--demo") as (_, url):
-        page = browser.new_page()
+        page = new_page(browser)
         asked: list[str] = []
 
         def refuse_once(route: Any) -> None:

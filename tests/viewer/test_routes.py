@@ -34,7 +34,7 @@ from renderers.encode import png_gray16, png_rgb, tiff_float32
 from renderers.port import Frame, Look, Output
 from renderers.studio.rig import Rig
 from tests.support.endless import EndlessRenderer
-from tests.support.waiting import until
+from tests.support.waiting import SECONDS, until
 
 
 @dataclass
@@ -147,7 +147,7 @@ async def test_stream_sends_a_picture_per_change_and_ends(world: World) -> None:
     parts = world.pictures.stream(view, 1000.0, lambda: closing)
     with pytest.raises(StreamsFull, match="max_streams"):
         world.pictures.stream(view, 1.0, lambda: False)
-    async with asyncio.timeout(20):
+    async with asyncio.timeout(SECONDS):
         first = await anext(parts)
         with world.tree.edit() as edit:
             edit.set_pose(("box",), (2, 0, 0, 1, 0, 0, 0))

@@ -1,0 +1,92 @@
+"""Small requests that would take minutes: how long others wait for them.
+
+    python -m bench.deadline [--seconds 3] [--instances 10 100 1000]
+
+10,000 triangles that each fill the picture (0.5 MB), 1024 x 1024 pixels, some instances of them, to a gateway of two
+threads. First four such requests, all at once, and behind them one of four pixels, which has its turn after two
+deadlines; then two whose clients leave after a second, and the four pixels again. Times from the deadline, or from
+when the clients have left, to their answer.
+"""
+
+from __future__ import annotations
+
+import argparse
+import socket
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+from bench.gateways import Answer, Gateway, gateway, post
+from bench.posted import CONTENT_TYPE, body, fields_for
+from bench.table import Row, at_most, show
+from tests.support.slow import slow_gltf
+
+GOAL = 1.0
+"""Seconds."""
+_THREADS = 2
+_ALONE = 1.0
+"""Seconds that clients wait before they leave."""
+
+
+def request(side: int, instances: int) -> bytes:
+    """A form for a picture of ``side`` x ``side`` pixels."""
+    return body(slow_gltf(10_000 if side > 2 else 1, instances), fields_for("color"), side, side)
+
+
+def pixel(running: Gateway) -> None:
+    """A picture of two by two pixels, which takes a millisecond."""
+    answer = post(running.port, request(2, 1))
+    if answer.status != 200:
+        raise SystemExit(f"{answer.status}: {answer.body.decode()}")
+
+
+def held(running: Gateway, slow: bytes, seconds: float) -> tuple[float, list[Answer]]:
+    """Seconds that four pixels wait beyond the deadlines of those before them, and their answers."""
+    with ThreadPoolExecutor(2 * _THREADS) as pool:
+        sent = [pool.submit(post, running.port, slow) for _ in range(2 * _THREADS)]
+        begin = time.perf_counter()
+        time.sleep(0.5)
+        pixel(running)
+        waited = time.perf_counter() - begin
+        return waited - 2 * seconds, [one.result() for one in sent]
+
+
+def left(running: Gateway, slow: bytes) -> float:
+    """Seconds that four pixels take when those before them have left."""
+    head = (
+        f"POST /render HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: {CONTENT_TYPE}\r\nContent-Length: {len(slow)}\r\n"
+    )
+    clients = [socket.create_connection(("127.0.0.1", running.port)) for _ in range(_THREADS)]
+    for client in clients:
+        client.sendall(f"{head}\r\n".encode() + slow)
+    time.sleep(_ALONE)
+    for client in clients:
+        client.close()
+    begin = time.perf_counter()
+    pixel(running)
+    return time.perf_counter() - begin
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seconds", type=float, default=3.0, help="--render-seconds")
+    parser.add_argument("--instances", type=int, nargs="+", default=[10, 100, 1000])
+    given = parser.parse_args()
+    rows: list[Row] = []
+    flags = ("--only", "render", "--threads", str(_THREADS), "--render-seconds", str(given.seconds))
+    for instances in given.instances:
+        slow = request(1024, instances)
+        with gateway(*flags) as running:
+            beyond, answers = held(running, slow, given.seconds)
+            print(f"{instances} instances, {len(slow)} bytes:")
+            for answer in answers:
+                print(
+                    f"  {answer.status} after {answer.total / 1e3:.2f} s: {answer.body.decode('utf-8', 'replace')[:80]}"
+                )
+            what = f"{instances} instances of 10,000 triangles of 1024² pixels"
+            rows.append(at_most(f"{what}: four pixels after the deadline of those before", beyond, GOAL, "s"))
+            rows.append(at_most(f"{what}: four pixels after their clients left", left(running, slow), GOAL, "s"))
+    show(rows)
+
+
+if __name__ == "__main__":
+    main()

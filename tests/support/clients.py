@@ -1,0 +1,18 @@
+"""Clients for tests, with the time limit of all waits: httpx2 alone gives up after 5 s, websockets after 10."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import httpx2
+from websockets.sync.client import connect
+
+from tests.support.waiting import SECONDS
+
+Client = partial(httpx2.Client, timeout=SECONDS)
+get = partial(httpx2.get, timeout=SECONDS)
+post = partial(httpx2.post, timeout=SECONDS)
+put = partial(httpx2.put, timeout=SECONDS)
+# Without pings: a server that cannot answer them within 20 s is slow, not gone. Closing has its own 10 s, at whose end
+# nothing fails.
+websocket = partial(connect, open_timeout=SECONDS, ping_interval=None)
