@@ -51,12 +51,12 @@ while len(heard) < {answers} and time.monotonic() < end:
     time.sleep(0.01)
 """
 _VISUALIZER = """#!{python}
-import os, signal
+import os, time
 import lcm
 from gateway.treeviewer import answers
 if {announce}:
     lcm.LCM().publish("DIRECTOR_TREE_VIEWER_RESPONSE", answers.encode(answers.ReadyAnswer()))
-signal.pause()
+time.sleep({seconds})  # until the tests end it
 """
 
 
@@ -82,7 +82,7 @@ def prepared(checkout: Path, script: Path, url: str, *, announce: bool) -> Itera
         types = REPOSITORY / "lcmtypes" / "viewer2_comms_t.lcm"
         subprocess.run([generator, "-p", "--ppath", folder, types], check=True, capture_output=True)
         visualizer = folder / "drake-visualizer"
-        visualizer.write_text(_VISUALIZER.format(python=sys.executable, announce=announce))
+        visualizer.write_text(_VISUALIZER.format(python=sys.executable, announce=announce, seconds=2 * SECONDS))
         visualizer.chmod(0o755)
         answers = ANSWERS_OF_INTERFACE_TEST + (not announce) if "Interface" in script.name else 0
         shim = _SHIM.format(executable=str(folder / "python"), test=str(script), answers=answers, seconds=SECONDS)
