@@ -22,7 +22,9 @@ ROOT = Path(__file__).parents[2]
 
 
 def test_every_kernel_has_a_folder_of_its_own_in_the_cache() -> None:
-    folders = [cache_folder(kernel) for kernel in CACHED]
+    # Other tests' modules may have kernels of their own, which Numba's own locators take.
+    ours = [kernel for kernel in CACHED if not kernel.py_func.__module__.startswith("tests.")]
+    folders = [cache_folder(kernel) for kernel in ours]
     assert {folder.parent for folder in folders} == {kernel_cache.folder()}
     assert len(set(folders)) == len(folders)
 
