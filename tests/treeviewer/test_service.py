@@ -51,7 +51,13 @@ async def test_recorded_requests_over_real_lcm_are_answered_like_in_process(
         def converse() -> None:
             for exchange in recordings.exchanges(name):
                 expected = differences.get(exchange.number)
+                # Over UDP the response's channel would be too long for LCM; our hub relays it.
                 id_too_long = len(exchange.channel) == 63
+                if id_too_long and transport == "tcpq":
+                    answer = answer_over(client, heard, exchange.channel, exchange.data)
+                    assert answer is not None
+                    assert answer[0] == exchange.channel.replace("REQUEST", "RESPONSE")
+                    continue
                 silent = id_too_long or (expected is not None and expected.status is None)
                 if silent:
                     client.publish(exchange.channel, exchange.data)
