@@ -28,6 +28,11 @@ from renderers.stop import check_stop
 MAX_PIXELS: Final = 64 << 20
 """Default bound of one image: 8192 x 8192, 256 MB as RGBA. A header of a few bytes can announce any size."""
 
+MAX_SCANNED_PIXELS: Final = 1 << 30
+"""Scans of a JPEG times its pixels. Decoders go over the whole image for each scan, some 50 ms at 8192 x 8192, and look
+at no ``StopFlag`` meanwhile, but a scan may be a hundred bytes long. Progressive files have about ten."""
+_LEAST_SCANNED: Final = 1 << 12
+"""Pixels that a scan counts as at least."""
 _LARGE_PIXELS: Final = 1 << 24
 """Larger images are decoded by Pillow, which reads them piece by piece, so that a ``StopFlag`` ends it: OpenCV takes a
 second or more for 8192 x 8192 pixels, Pillow as long."""
@@ -91,7 +96,7 @@ def _header(data: bytes | memoryview) -> ImageHeader:
             width, height = _PNG_SIZE.unpack_from(start, 16)
             return ImageHeader("PNG", width, height)
         if start.startswith(b"\xff\xd8\xff"):
-            return ImageHeader("JPEG", *_jpeg_size(view))
+            return ImageHeader("JPEG", *_jpeg_frame(view)[:2])
         if start.startswith(b"RIFF") and start[8:12] == b"WEBP":
             return ImageHeader("WebP", *_webp_size(start))
     except (struct.error, IndexError) as error:
@@ -101,8 +106,9 @@ def _header(data: bytes | memoryview) -> ImageHeader:
     raise ImageError(f"{what} not supported, only PNG, JPEG and WebP" if start else "it is empty")
 
 
-def _jpeg_size(view: bytes | memoryview) -> tuple[int, int]:
-    """By ITU T.81 B.2.2: the frame header SOFn, found by walking over the segments before it."""
+def _jpeg_frame(view: bytes | memoryview) -> tuple[int, int, int]:
+    """Return width, height and the offset of the frame header SOFn (ITU T.81 B.2.2), found by walking over the segments
+    before it."""
     at = 2
     for _ in range(_MAX_SEGMENTS):
         # As libjpeg looks for markers, so that both find the same frame header: noise (here: little), then fill bytes.
@@ -114,7 +120,7 @@ def _jpeg_size(view: bytes | memoryview) -> tuple[int, int]:
         at = marker_at + 1
         if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
             height, width = struct.unpack_from(">HH", view, at + 3)
-            return width, height
+            return width, height, at
         if marker == 0x01 or 0xD0 <= marker <= 0xD8:
             continue
         at += max(2, struct.unpack_from(">H", view, at)[0])
@@ -222,6 +228,8 @@ def _decode(data: bytes | memoryview, max_pixels: int) -> NDArray[np.uint8]:
         raise ImageError(f"{header.width}x{header.height} pixels")
     if header.pixels > max_pixels:
         raise ImageError(f"{header.width}x{header.height} pixels are more than the limit of {max_pixels}")
+    if header.format == "JPEG":
+        _check_scans(data)
     if _LARGE_PIXELS < header.pixels <= _PILLOW_PIXELS:
         return _by_pillow(data, header)
     if header.format == "PNG" and _png_needs_pillow(memoryview(data).cast("B")):
@@ -230,6 +238,22 @@ def _decode(data: bytes | memoryview, max_pixels: int) -> NDArray[np.uint8]:
     if decoded is None or decoded.shape[:2] != (header.height, header.width):
         return _by_pillow(data, header)
     return decoded
+
+
+def _check_scans(data: bytes | memoryview) -> None:
+    """Refuse a JPEG whose scans would take seconds to decode.
+
+    Within a scan's data the marker SOS cannot occur: there every 0xFF is followed by a zero or a restart marker.
+
+    Raises:
+        ImageError: with the number of scans, and how many are read at this size.
+    """
+    view = memoryview(data).cast("B")
+    width, height, frame_at = _jpeg_frame(view)
+    scans = bytes(view[frame_at:]).count(b"\xff\xda")
+    most = MAX_SCANNED_PIXELS // max(width * height, _LEAST_SCANNED)
+    if scans > most:
+        raise ImageError(f"a JPEG of {scans} scans, at {width}x{height} pixels at most {most} are read")
 
 
 def _png_needs_pillow(view: memoryview) -> bool:

@@ -81,7 +81,7 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     ("Errors of the render endpoint", "gateway.render.errors", ("MAX_MESSAGE_BYTES", "_MAX_ECHO")),
     ("Browser view: messages", "gateway.viewer.routes", ("_MAX_MESSAGE",)),
     ("Browser view: pictures of the sensor", "gateway.viewer.sensor", ("MAX_WIDTHS",)),
-    ("Pictures", "renderers.images", ("MAX_PIXELS", "_MAX_SEGMENTS")),
+    ("Pictures", "renderers.images", ("MAX_PIXELS", "MAX_SCANNED_PIXELS", "_MAX_SEGMENTS")),
     ("Datasets: descriptions", "gateway.client.manifest", ("MAX_LINE", "MAX_DESCRIPTION")),
     ("Datasets: files of cameras", "gateway.batch.camerafile", ("MAX_BYTES",)),
     ("Datasets: names of scenes", "gateway.batch.sources", ("MAX_NAME",)),

@@ -14,7 +14,7 @@ from starlette.formparsers import MultiPartException, MultiPartParser
 from gateway.ops.openapi import json_example
 from gateway.stereo.pairs import FACTOR_LIMIT, Pair, Pairs, PairStudio, pair_studio
 from gateway.stereo.service import StereoService
-from gateway.workers import Busy, TooSlow
+from gateway.workers import Busy, Closed, TooSlow
 from renderers.drawlist import ImageError
 
 MAX_CONTENT_TYPE: Final = 1024
@@ -97,6 +97,8 @@ def _add(api: APIRouter, path: str, service: StereoService) -> None:
             return _refused(413, f"the form is larger than {service.config.max_upload} bytes")
         except Busy as error:
             return JSONResponse({"message": str(error)}, 503, {"Retry-After": str(error.retry_after)})
+        except Closed as error:
+            return JSONResponse({"message": str(error)}, 503, {"Retry-After": "1"})
         except TooSlow as error:
             return JSONResponse({"message": f"the pair was given up: {error}"}, 503)
         except (ValueError, ImageError, MultiPartException) as error:

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from renderers.drawlist import ImageError
-from renderers.images import decode_image, image_from_bytes, image_header
+from renderers.images import MAX_PIXELS, MAX_SCANNED_PIXELS, decode_image, image_from_bytes, image_header
 
 RGBA = np.random.default_rng(0).integers(0, 256, (5, 7, 4), np.uint8)
 
@@ -270,3 +270,28 @@ def test_damaged_images_decode_or_raise_image_error(
         assert pixels.dtype == np.uint8
         assert pixels.ndim == 3
         assert pixels.shape[2] == 4
+
+
+def jpeg_of_scans(side: int, scans: int) -> bytes:
+    """Make a grey progressive JPEG whose last scan is repeated until there are so many."""
+    grey = np.full((side, side), 128, np.uint8)
+    data = encoded(grey, "JPEG", progressive=True)
+    last, before = data[data.rindex(b"\xff\xda") : -2], data.count(b"\xff\xda")
+    return data[:-2] + last * (scans - before) + data[-2:]
+
+
+def test_a_jpeg_of_too_many_scans_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Decoders go over the whole image for each; half a megabyte of them held a thread for minutes."""
+    monkeypatch.setattr("renderers.images.MAX_SCANNED_PIXELS", 20 * 256**2)
+    np.testing.assert_array_equal(decode_image(jpeg_of_scans(256, 20))[..., 0], 128)
+    with pytest.raises(ImageError, match="a JPEG of 21 scans, at 256x256 pixels at most 20 are read"):
+        decode_image(jpeg_of_scans(256, 21))
+
+
+def test_progressive_jpegs_of_the_largest_size_may_have_their_usual_scans() -> None:
+    assert MAX_SCANNED_PIXELS // MAX_PIXELS >= 14
+
+
+def test_many_scans_of_few_pixels_are_bounded_too() -> None:
+    with pytest.raises(ImageError, match="scans, at 8x8 pixels at most 262144 are read"):
+        decode_image(jpeg_of_scans(8, 262145))
