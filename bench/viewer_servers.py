@@ -41,7 +41,7 @@ class Counter:
     def __init__(self) -> None:
         self.ticks = 0
         self.wanted = True
-        """Whether the parent still is there."""
+        """Return whether the parent process is alive."""
 
     def answer(self) -> None:
         """Until the parent closes the pipe."""

@@ -92,7 +92,7 @@ class _Job:
         self.context = contextvars.copy_context()
         self.stop = StopFlag()
         self.started = 0.0
-        """Of the monotonic clock, when it begins to run."""
+        """Monotonic time at which the call began to run, seconds."""
 
 
 class Workers:
@@ -138,7 +138,7 @@ class Workers:
         self._queue: deque[_Job] = deque()
         self._queue_bytes = 0
         self._jobs: set[_Job] = set()
-        """Those that run."""
+        """Running calls."""
         self._alive = 0
         self._done = 0
         self._rejected = 0
@@ -202,7 +202,7 @@ class Workers:
 
     @property
     def stuck(self) -> bool:
-        """Whether every thread runs a call that has used more than half of its time."""
+        """True while every thread runs a call that has used more than half of its time."""
         return self.stats.slow >= self.threads
 
     @property

@@ -24,11 +24,11 @@ class StopFlag:
         self._word = c_int64(0)
         self._error: Exception | None = None
         self.address: Final = addressof(self._word)
-        """Of an int64 that is not 0 once the flag is set; valid while this object is alive."""
+        """Address of an int64 that is not 0 once the flag is set; valid while this object is alive."""
 
     @property
     def is_set(self) -> bool:
-        """Whether the work should end."""
+        """True once the flag is set: the work should end."""
         return self._error is not None
 
     def set(self, error: Exception) -> None:

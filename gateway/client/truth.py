@@ -30,7 +30,7 @@ def fetch_truth(address: str, stamp: str, credentials: Credentials, pipeline: in
         pipeline: number of the camera, where there are several.
 
     Raises:
-        TruthFailure: nobody answers, or the frame is not known there (any more).
+        TruthFailure: there is no response, or the frame is not kept (any more).
         OSError: a certificate cannot be read.
     """
     query = urlencode({"timestamp": stamp, "pipeline": pipeline})

@@ -114,8 +114,8 @@ class CsrfProtection:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "http" and scope["method"] not in _SAFE and (page := self._foreign_page(scope)):
-            asked = f"may not send {scope['method']} here"
-            text = f"A page of another site ({page}) {asked}; --cors-origins names the origins that may.\n"
+            text = f"{scope['method']} refused: it was sent by a page of another site ({page}).\n"
+            text += "To allow that site, add its origin to --cors-origins.\n"
             await PlainTextResponse(text, 403)(scope, receive, send)
         else:
             await self._app(scope, receive, send)
@@ -197,7 +197,7 @@ class TrustedHosts:
 
 
 def same_origin(origin: str, host: str, scheme: str) -> bool:
-    """Whether a page of ``origin`` was loaded from the server that requests call ``host``.
+    """Return whether a page of ``origin`` was loaded from the server that requests name ``host``.
 
     An origin without TLS is foreign to a server with TLS. A server without TLS may stand behind a proxy that has it.
 

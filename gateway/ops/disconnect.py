@@ -11,7 +11,7 @@ from starlette.requests import ClientDisconnect, Request
 T = TypeVar("T")
 
 CLIENT_GONE: Final = 499
-"""Status that proxies log for a client that disconnected; nobody receives it."""
+"""Status that proxies log for a client that disconnected; it is never sent."""
 
 
 async def while_connected(http: Request, work: Coroutine[Any, Any, T]) -> T:

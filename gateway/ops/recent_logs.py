@@ -23,7 +23,7 @@ class LogEntry:
     timestamp: float
     """Unix time, seconds."""
     level: str
-    """As structlog names it: debug, info, warning, error, critical."""
+    """Level by structlog's name: debug, info, warning, error, critical."""
     logger: str
     message: str
     """The event and its values."""
@@ -54,4 +54,4 @@ class RecentLogs:
 
 
 recent_logs: Final = RecentLogs("stereo")
-"""What ``logs.configure`` fills: the stereo camera's device has its log files in its REST interface."""
+"""Newest log entries, filled by ``logs.configure``; shown as the camera's log file over REST."""

@@ -56,7 +56,7 @@ class Tokens:
         return f"{end}.{_signature(token.encode(), end)}"
 
     def accept_cookie(self, value: str, now: float) -> bool:
-        """Whether a cookie was made from one of the tokens, and ``now`` (seconds since 1970) is before its end."""
+        """Return whether a cookie belongs to one of the tokens and has not expired at ``now`` (Unix time, seconds)."""
         end, _, signature = value.partition(".")
         if len(value) > MOST_CHARS or not (end.isascii() and end.isdecimal()) or int(end) <= now:
             return False

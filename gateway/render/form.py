@@ -176,7 +176,7 @@ def _number(fields: dict[str, str], name: str, *, minimum: float | None = None, 
 
 
 def _optional(fields: dict[str, str], name: str, *, minimum: float | None = None) -> float | None:
-    """As ``_number``; None: the field is missing or empty."""
+    """Return ``_number`` of a field; None where it is missing or empty."""
     return _number(fields, name, minimum=minimum) if fields.get(name) else None
 
 

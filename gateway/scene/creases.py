@@ -144,7 +144,7 @@ def smoothed(positions, faces, cosine):
 
 @cached_njit(_NORMALS(_FLOATS, _FACES, types.float64), nogil=True)
 def smooth_everywhere(positions, faces, cosine):
-    """What ``smoothed`` gives for a surface without creases, in a third of the time: no vertex is doubled there.
+    """Result of ``smoothed`` for a surface without creases, in a third of the time: no vertex is doubled.
 
     Args:
         positions, faces, cosine: as of ``smoothed``.

@@ -186,7 +186,7 @@ class Frame:
         return await self._run(self._studio.match, left, right, exposure, settings, second)
 
     async def _pair(self, shot: Shot, *streams: Stream) -> tuple[Taken, Taken, Exposure]:
-        """What is matched, and its exposure."""
+        """Image pair for the matcher, and its exposure."""
         exposure = (await self.metered(shot)).exposure
         left, right = await _all([self._depth_image(shot, stream) for stream in streams])
         return left, right, exposure

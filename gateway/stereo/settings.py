@@ -62,7 +62,7 @@ class StreamSettings:
 
     @property
     def separate_depth(self) -> bool:
-        """Whether depth needs an exposure of its own, because an output is not the same as for the camera images."""
+        """Return whether depth needs its own exposure: an output differs from that of the camera images."""
         return self.lines(depth=False) != self.lines(depth=True)
 
     @property

@@ -117,7 +117,7 @@ class Dispatcher:
         self._lanes: dict[object, _Lane] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self._delayed: dict[str, deque[_Unsent]] = {}
-        """By request channel: an answer with status 1 whose delay has begun, and all answers behind it."""
+        """Delayed responses by request channel: the one with status 1, and all behind it."""
         self.counters = Counters()
         self.waiting_bytes = 0
         """Of all lanes."""

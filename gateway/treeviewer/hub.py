@@ -33,7 +33,7 @@ _log = structlog.get_logger("gateway.treeviewer")
 REMEMBERED_CHANNELS: Final = 1024
 """Channels whose receivers are known without matching patterns again."""
 CLIENT_STEPS: Final = 2 * MOST_STEPS
-"""Of all patterns of one client together: a channel that was not seen before is matched with every pattern.
+"""Limit for all patterns of one client together: a new channel is matched with every pattern.
 
 For a channel of more than 63 characters a repetition costs more; patterns that go beyond this number are not tried."""
 JOINED_BYTES: Final = 16 * 1024
@@ -166,13 +166,13 @@ class HubConnection(asyncio.BufferedProtocol):
         limit = hub.config.limits.message_bytes + 1024
         self._reader = FrameReader(MAGIC_CLIENT, limit, self._framed, hub.reserve)
         self._patterns: dict[str, tuple[Pattern, int]] = {}
-        """By text: the pattern, and how many times it was subscribed to."""
+        """Pattern and number of subscriptions by its text."""
         self._transport: asyncio.Transport | None = None
         self._options: socket.socket | None = None
         self.name = "?"
         self._held = False
         self._steps = 0
-        """Of all patterns together, for a channel of 63 characters."""
+        """Steps of all patterns together for a channel of 63 characters."""
 
     @property
     def unsent_bytes(self) -> int:

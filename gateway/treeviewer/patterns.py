@@ -31,7 +31,7 @@ class Pattern:
         return self.choices * int(length**self.repetitions)
 
     def matches(self, channel: str) -> bool:
-        """Whether the whole channel name matches (LCM anchors patterns on both sides)."""
+        """Return whether the whole channel name matches (LCM anchors patterns on both sides)."""
         return self.regex.fullmatch(channel) is not None
 
 

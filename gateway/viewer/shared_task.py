@@ -19,7 +19,7 @@ class SharedTask(Generic[T]):
 
     @property
     def usable(self) -> bool:
-        """Whether it has a result, or may come to one."""
+        """True while the task has a result or can still produce one."""
         if not self.task.done():
             return not self.task.cancelling()
         return not self.task.cancelled() and self.task.exception() is None

@@ -40,7 +40,7 @@ class Filters:
 
     @property
     def fills(self) -> bool:
-        """Whether holes are filled: ``minconf`` also holds for filled pixels."""
+        """True if holes are filled; ``minconf`` holds for filled pixels as well."""
         return self.fill > 0 and self.least_confidence <= FILL_CONFIDENCE
 
     @property

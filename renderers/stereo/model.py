@@ -104,7 +104,7 @@ class StereoModel:
         return max(mindepth, 2.5 * self.baseline, self._memory_limit(maxdepth, divisor))
 
     def reduced_range(self, mindepth: float, maxdepth: float, divisor: int) -> bool:
-        """Whether memory makes the nearest depth farther."""
+        """True if the device's memory limits the nearest depth."""
         return self._memory_limit(maxdepth, divisor) > max(mindepth, 2.5 * self.baseline)
 
     def _memory_limit(self, maxdepth: float, divisor: int) -> float:

@@ -1,4 +1,4 @@
-"""What can be published: metres, radians, colours as displays show them. Arrays are numpy's."""
+"""Geometry that clients publish: metres, radians, sRGB colours; NumPy arrays."""
 
 from __future__ import annotations
 

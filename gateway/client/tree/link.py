@@ -26,7 +26,7 @@ GREETING_SECONDS: Final = 1.0
 _HINTS: Final = {"tcpq": "nobody listens there", "udpm": "is there a route for multicast?"}
 """Why a network of that scheme cannot be joined; liblcm tells its reasons on stderr only."""
 _CHATTER: Final = frozenset((b"LCM tcpq: connecting...",))
-"""What liblcm writes to stderr although all is well."""
+"""Lines that liblcm writes to stderr on success."""
 _STDERR: Final = 2
 
 _stderr_lock: Final = threading.Lock()
@@ -149,7 +149,7 @@ def _without_chatter() -> Iterator[None]:
             os.close(stderr)
             held.seek(0)
             kept = b"".join(line for line in held if line.rstrip() not in _CHATTER)
-            with contextlib.suppress(OSError):  # nobody reads it
+            with contextlib.suppress(OSError):  # the reader is gone
                 os.write(_STDERR, kept)
 
 
@@ -169,7 +169,7 @@ def _numeric(url: str) -> str:
 
 
 def _listens(url: str) -> bool:
-    """Whether a hub takes connections where a TCPQ URL points to, and greets."""
+    """Return whether a hub accepts connections at a TCPQ URL and sends its greeting."""
     try:
         parts = urlsplit(url)
         with socket.create_connection((parts.hostname, parts.port or 7700), GREETING_SECONDS) as probe:

@@ -115,7 +115,7 @@ class Textures:
         return None
 
     def _texture(self, image: int, texture: gltf.Texture, index: int, part: str = "") -> Texture:
-        """Of ``images[image]``, which ``part`` of ``textures[index]`` refers to."""
+        """Image of ``images[image]``, which ``part`` of ``textures[index]`` refers to."""
         found, name = self._image(image, index, part)
         return Texture(found, self._sampler(texture.sampler, index), name=name)
 
