@@ -72,7 +72,7 @@ class Order:
     settings: Settings
     out: Path
     timeout: float = 0.0
-    """As in ``Task``."""
+    """Seconds for reading a scene and for drawing each view; 0: no limit."""
 
     def views_of(self, source: Source) -> tuple[View, ...]:
         """The views of a scene."""

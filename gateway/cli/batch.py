@@ -92,7 +92,7 @@ def one_picture(
 def _one_picture(
     scenes: list[Path], out: Path, settings: Settings, views: list[View], cameras: Path | None, threads: int
 ) -> None:
-    """As ``one_picture``."""
+    """Draw one image of one scene, without a time limit."""
     if len(scenes) != 1 or scenes[0].is_dir() or len(settings.types) != 1 or len(views) > 1 or cameras is not None:
         raise ValueError(f"{out} is one picture: for more scenes, types or cameras name a folder with -o")
     (image_type,) = settings.types

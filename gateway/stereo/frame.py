@@ -136,7 +136,7 @@ class Frame:
             if colors and self.depth.timestamp == self.camera.timestamp:
                 return (await self.image(Stream.LEFT, kind.color if kind.left else min(colors))).brightness
             return (await self._depth_image(self.depth, Stream.LEFT_DEPTH)).brightness
-        except ImageError:  # a broken texture has no depth: clients of left are told, those of depth get it
+        except ImageError:  # a broken texture has no depth: clients of left get the error, those of depth the image
             return 0.0
 
     async def _mesh_message(self, options: MeshOptions, color: bool) -> list[Chunk]:

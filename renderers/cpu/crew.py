@@ -114,7 +114,7 @@ class Crew:
             raise job.error
 
     def share(self, task: Task) -> None:
-        """Have a task done, by the caller and whoever else is free.
+        """Run a task in the caller's thread and in idle helper threads.
 
         Raises:
             Exception: the current ``StopFlag`` was set; what the task should have filled is half done.

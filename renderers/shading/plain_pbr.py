@@ -58,7 +58,7 @@ def put_cosines_of_runs(lens, y, starts, run, stop, masks, beside, room, rows, s
 
 @inner
 def _put_stray(columns, maps, lens, y, element, begin, end, beside, room, run, rows, stride):
-    """As ``put_cosines_of_runs`` for a run that strays, and nothing behind it."""
+    """Write ``lights.cosines`` of a single run to the rows, and nothing behind its end."""
     lane = vec.to_f32(vec.iota())
     left, across = vec.f32(0.5 - lens[2]), vec.f32(1.0 / lens[0])
     dy = vec.f32((y + 0.5 - lens[3]) / lens[1])
