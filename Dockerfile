@@ -46,6 +46,6 @@ RUN scenegate warmup
 EXPOSE 8000 7700 50051
 STOPSIGNAL SIGTERM
 HEALTHCHECK --interval=10s --timeout=3s --start-period=120s --retries=3 \
-    CMD ["python", "-m", "gateway.ops.probe"]
+    CMD ["python", "-m", "gateway.server.healthcheck"]
 ENTRYPOINT ["scenegate"]
 CMD ["serve"]

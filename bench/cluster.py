@@ -58,12 +58,12 @@ def write_scenes(folder: Path) -> None:
 
 def alone(scenes: Path, out: Path, orbit: int) -> float:
     """The same dataset by one process; seconds."""
-    from gateway import warmup
-    from gateway.ops import kernels
+    from gateway.runtime import kernel_cache
+    from gateway.wiring import warmup
 
-    kernels.ensure_cached(warmup.PARTS)
-    from gateway.batch.local import run_local
-    from gateway.batch.run import run
+    kernel_cache.ensure_cached(warmup.PARTS)
+    from gateway.datasets.local_tasks import run_local
+    from gateway.datasets.run import run
 
     begin = time.monotonic()
     progress = run(order(scenes, out, orbit, settings()), lambda tasks: run_local(tasks, 1), lambda _: None)

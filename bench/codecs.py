@@ -22,19 +22,19 @@ from PIL import Image
 
 from bench import gltf, posted
 from bench.table import Row, at_least, geometric_mean, show
-from gateway import warmup
-from gateway.ops import kernels
-from gateway.ops.process import settle, tune
+from gateway.render.camera import camera_of
 from gateway.render.config import RenderConfig
 from gateway.render.depth import millimetres
 from gateway.render.form import read_form
 from gateway.render.multipart import FormReader
 from gateway.render.pipeline import posted_document
 from gateway.render.scenes import SceneStore
-from gateway.render.viewpoint import camera_of
-from renderers.cpu import CpuRenderer
+from gateway.runtime import kernel_cache
+from gateway.runtime.process_tuning import settle, tune
+from gateway.wiring import warmup
 from renderers.encode import png_gray16, png_rgb, tiff_float32
-from renderers.port import Look, Output
+from renderers.interface import Look, Output
+from renderers.raster import CpuRenderer
 
 RUNS = 21
 SIZES = ((640, 480), (1920, 1080))
@@ -121,7 +121,7 @@ def writers() -> list[Row]:
 
 def main() -> None:
     tune()  # as the server does
-    kernels.ensure_cached(warmup.PARTS)
+    kernel_cache.ensure_cached(warmup.PARTS)
     warmup.run()
     settle()
     cv2.setNumThreads(1)

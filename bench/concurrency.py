@@ -24,13 +24,13 @@ from bench import posted
 from bench.gateways import Answer, gateway, post
 from bench.raster import scenes, view
 from bench.table import Row, at_least, at_most, show
-from gateway import warmup
-from gateway.ops import kernels
-from gateway.ops.process import settle, tune
-from gateway.workers import Workers
-from renderers.cpu import CpuRenderer
+from gateway.runtime import kernel_cache
+from gateway.runtime.process_tuning import settle, tune
+from gateway.runtime.worker_pool import Workers
+from gateway.wiring import warmup
 from renderers.drawlist import DrawList
-from renderers.port import Look, Output
+from renderers.interface import Look, Output
+from renderers.raster import CpuRenderer
 
 ALL = Output.COLOR | Output.DEPTH | Output.LABEL
 SIZE = (640, 480)
@@ -181,7 +181,7 @@ def overload() -> list[Row]:
 
 def main() -> None:
     tune()
-    kernels.ensure_cached(warmup.PARTS)
+    kernel_cache.ensure_cached(warmup.PARTS)
     warmup.run()
     show([*scaling(), *event_loop(), *overload()])
 

@@ -24,8 +24,8 @@ import llvmlite.binding as llvm
 
 from bench.raster import EVERYTHING, SIZES, Process, in_turns, scenes, timed, view
 from bench.table import geometric_mean
-from renderers.cpu import CpuRenderer, warmup
-from renderers.port import Look
+from renderers.interface import Look
+from renderers.raster import CpuRenderer, warmup
 
 _SSE: Final = frozenset(
     (

@@ -32,15 +32,15 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from gateway.assets.scene_file import SceneFileError, read_scene_file
 from gateway.scene.flatten import flatten
-from gateway.scene.scenefile import SceneFileError, read_scene_file
 from gateway.scene.transforms import Y_UP_TO_Z_UP
 from renderers.camera import OPENGL_FROM_OPTICAL, Camera
 from renderers.color import linear_from_srgb
-from renderers.cpu import CpuRenderer
 from renderers.drawlist import LABEL_NONE, AlphaMode
-from renderers.port import Look, Output
-from renderers.studio.rig import Rig, Surroundings
+from renderers.interface import Look, Output
+from renderers.raster import CpuRenderer
+from renderers.shading.studio.rig import Rig, Surroundings
 
 ENVIRONMENT: Final = "SCENEGATE_FIDELITY"
 GENERATOR: Final = "glTF-Render-Fidelity-Generator"

@@ -27,7 +27,6 @@ from gateway.scene.live import LiveTree
 from gateway.scene.tree import Node
 from gateway.scene.viewpoints import resolve_camera
 from renderers.camera import Camera
-from renderers.cpu import CpuRenderer, warmup
 from renderers.drawlist import (
     AlphaMode,
     DrawList,
@@ -42,7 +41,9 @@ from renderers.drawlist import (
 )
 from renderers.encode import jpeg_rgb
 from renderers.fxaa import fxaa
-from renderers.port import Look, Output, SampleCount
+from renderers.interface import Look, Output, SampleCount
+from renderers.raster import CpuRenderer, warmup
+from renderers.shading.studio.rig import STUDIO, Hemisphere, Rig, Surroundings
 from renderers.stereo.exposure import Exposure
 from renderers.stereo.matching import match
 from renderers.stereo.model import DISPARITY_SCALE, MODELS
@@ -50,7 +51,6 @@ from renderers.stereo.noise import Stream, frame_key
 from renderers.stereo.projector import dots_on
 from renderers.stereo.sensor import take
 from renderers.stereo.truth import DepthRange, true_disparity
-from renderers.studio.rig import STUDIO, Hemisphere, Rig, Surroundings
 
 Picture = NDArray[np.uint8]
 PAPER: Final = (236, 239, 243)

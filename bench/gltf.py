@@ -45,8 +45,8 @@ import trimesh.exchange.gltf
 from bench import gltf_files
 from bench.posted import scene_of
 from bench.table import Row, at_least, geometric_mean, show
-from gateway.ops.process import settle, tune
-from gateway.scene.gltf import MeshCache, read_gltf, warm_up
+from gateway.gltf import MeshCache, read_gltf, warm_up
+from gateway.runtime.process_tuning import settle, tune
 
 ROUNDS, TIMES = 4, 10
 RUNS = ROUNDS * TIMES

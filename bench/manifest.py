@@ -18,16 +18,16 @@ from collections.abc import Callable
 from pathlib import Path
 
 from bench.table import Row, show
-from gateway.batch.camerafile import CameraFile
-from gateway.batch.files import write_whole
-from gateway.batch.known import check_samples
-from gateway.batch.ledger import Ledger, Plan
-from gateway.batch.plan import Order, make_order
-from gateway.batch.sources import Kind, Source
-from gateway.batch.views import View
 from gateway.client import manifest
 from gateway.client.dataset import Dataset
 from gateway.client.manifest import CameraRecord, ImageFile, Sample, Settings
+from gateway.datasets.camera_file import CameraFile
+from gateway.datasets.files import write_whole
+from gateway.datasets.plan import Order, make_order
+from gateway.datasets.progress import Ledger, Plan
+from gateway.datasets.resume import check_samples
+from gateway.datasets.sources import Kind, Source
+from gateway.datasets.views import View
 
 VIEWS = 100
 """Of each scene."""

@@ -29,9 +29,9 @@ import numpy as np
 
 from bench.table import Row, at_least, at_most, geometric_mean, show, skipped
 from renderers.camera import Camera
-from renderers.cpu import CpuRenderer, warmup
 from renderers.drawlist import DrawList, Image, Instance, Material, Mesh, Texture
-from renderers.port import Look, Output
+from renderers.interface import Look, Output
+from renderers.raster import CpuRenderer, warmup
 
 WARM = 3
 TURN = 10

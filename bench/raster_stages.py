@@ -16,15 +16,15 @@ from collections.abc import Callable
 from unittest.mock import patch
 
 from bench.raster import EVERYTHING, SIZES, scenes, view
-from renderers.cpu import CpuRenderer, frame, warmup
-from renderers.cpu import work as at
-from renderers.cpu.resolve import BACKS, FRONTS, draw_band
-from renderers.cpu.resolve import EVERYTHING as ALL_FACES
-from renderers.cpu.setup import setup
-from renderers.cpu.transform import transform
-from renderers.cpu.visibility import BAND_ROWS
-from renderers.port import Look
-from renderers.shading.kernels import shade_rows
+from renderers.interface import Look
+from renderers.raster import CpuRenderer, frame, warmup
+from renderers.raster import frame_phases as at
+from renderers.raster.resolve import BACKS, FRONTS, draw_band
+from renderers.raster.resolve import EVERYTHING as ALL_FACES
+from renderers.raster.setup import setup
+from renderers.raster.transform import transform
+from renderers.raster.visibility_buffer import BAND_ROWS
+from renderers.shading.shade_rows import shade_rows
 
 PHASES = ("transform", "setup", "draw", "shade", "back faces", "whole")
 

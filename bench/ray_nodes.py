@@ -23,8 +23,8 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 if TYPE_CHECKING:
-    from gateway.batch.plan import Order
     from gateway.client.manifest import Settings
+    from gateway.datasets.plan import Order
 
 KILL_AFTER = 0.5
 """Part of the tasks that must be done before a worker is killed."""
@@ -42,10 +42,10 @@ STORE_BYTES = 100 << 20
 
 def order(scenes: Path, out: Path, orbit: int, settings: Settings) -> Order:
     """Every scene of a folder from so many cameras around it."""
-    from gateway.batch.camerafile import CameraFile
-    from gateway.batch.plan import make_order
-    from gateway.batch.sources import find_sources
-    from gateway.batch.views import View
+    from gateway.datasets.camera_file import CameraFile
+    from gateway.datasets.plan import make_order
+    from gateway.datasets.sources import find_sources
+    from gateway.datasets.views import View
     from gateway.scene.cameras import OrbitCamera
 
     views = tuple(View(f"orbit-{index}", OrbitCamera(index, orbit, 30.0)) for index in range(orbit))
@@ -105,16 +105,16 @@ def two_nodes(make: Callable[[], Any]) -> Any:
 
 
 def main(scenes: Path, out: Path, orbit: int, settings: bytes) -> None:
-    from gateway import warmup
-    from gateway.ops import kernels
+    from gateway.runtime import kernel_cache
+    from gateway.wiring import warmup
 
-    kernels.ensure_cached(warmup.PARTS)
+    kernel_cache.ensure_cached(warmup.PARTS)
     from ray.cluster_utils import Cluster
 
-    from gateway.batch.plan import Result, Task
-    from gateway.batch.raytasks import run_ray
-    from gateway.batch.run import run
     from gateway.client.manifest import Settings
+    from gateway.datasets.plan import Result, Task
+    from gateway.datasets.ray_tasks import run_ray
+    from gateway.datasets.run import run
 
     cluster = two_nodes(Cluster)
     killed: list[int] = []

@@ -37,15 +37,15 @@ from bench.raster import SIZES, WARM, Process, in_turns, scenes, view, write
 from bench.raster_stages import laps
 from bench.table import Row, at_least, show, skipped
 from renderers.camera import Camera
-from renderers.cpu import CpuRenderer, frame, warmup
-from renderers.cpu import work as at
-from renderers.cpu.edges import draw_samples, find_edges, shade_mixed
-from renderers.cpu.setup import setup
-from renderers.cpu.transform import transform
-from renderers.cpu.visibility import BAND_ROWS
 from renderers.drawlist import AlphaMode, DrawList, Instance, Light, LightKind, Material, Sampler, Texture
-from renderers.port import Look, Output
-from renderers.studio.rig import STUDIO, Rig
+from renderers.interface import Look, Output
+from renderers.raster import CpuRenderer, frame, warmup
+from renderers.raster import frame_phases as at
+from renderers.raster.msaa.edges import draw_samples, find_edges, shade_mixed
+from renderers.raster.setup import setup
+from renderers.raster.transform import transform
+from renderers.raster.visibility_buffer import BAND_ROWS
+from renderers.shading.studio.rig import STUDIO, Rig
 
 FRAMES = 11
 DARK = Rig(surroundings=None, shadow_size=0)

@@ -15,8 +15,8 @@ from typing import Any, Final
 import grpc
 
 from gateway.generated import image_interface_pb2 as pb
+from gateway.lcm.tcpq import CLIENT_HELLO, HUB_HELLO, Frame, publish_head, subscription
 from gateway.treeviewer import wire
-from gateway.treeviewer.tcpq import CLIENT_HELLO, HUB_HELLO, Frame, publish_head, subscription
 
 HELD_SECONDS: Final = 2.0
 """How long a client that does nothing stays."""

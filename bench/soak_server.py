@@ -20,7 +20,8 @@ import uvloop
 
 from gateway import settings as options
 from gateway.app import create_app
-from gateway.ops import http, logs, process
+from gateway.runtime import logs, process_tuning
+from gateway.server import http_server
 
 TICK = 0.001
 """Seconds between two looks of the ticker whose delays are the loop's stalls."""
@@ -68,10 +69,10 @@ async def serve(flags: dict[str, Any]) -> None:
     settings = options.load(flags)
     logs.configure("json", "error")
     app = create_app(settings)
-    listener = process.listen(settings.host, settings.http_port)
-    server = http.MainServer(http.config(app, settings.shutdown_seconds, lifespan=True))
+    listener = process_tuning.listen(settings.host, settings.http_port)
+    server = http_server.MainServer(http_server.config(app, settings.shutdown_seconds, lifespan=True))
     app.state.closing = lambda: server.should_exit
-    app.state.on_started = process.settle
+    app.state.on_started = process_tuning.settle
     ticker = asyncio.create_task(tell())
     await server.serve(sockets=[listener])
     ticker.cancel()

@@ -13,7 +13,7 @@ from collections.abc import Callable, Coroutine
 from typing import Any
 
 from bench.soak_clients import BOUNDARY, Ports, http_request, pose, render_body, tree_request
-from gateway.treeviewer.tcpq import CLIENT_HELLO, HUB_HELLO, Frame, subscription
+from gateway.lcm.tcpq import CLIENT_HELLO, HUB_HELLO, Frame, subscription
 
 SECONDS = 6.0
 NODES = 50_000

@@ -24,12 +24,12 @@ import uvloop
 
 from bench.treeviewer_clients import Client, Figures, measure, process, started
 from bench.treeviewer_requests import boxes, cloud, transforms
-from gateway.ops.process import tune
+from gateway.runtime.process_tuning import tune
 from gateway.scene.live import LiveTree
 from gateway.state.config import StateConfig
 from gateway.state.database import Database
 from gateway.state.service import State
-from gateway.state.treestore import TreeStore
+from gateway.state.tree_store import TreeStore
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.protocol import TreeViewerProtocol
 from gateway.treeviewer.service import TreeViewerService

@@ -1,9 +1,9 @@
 """The innermost store of the rasterizer: ``python -m bench.stores``.
 
 LLVM may turn "store the new value where the mask is set, else the old one" into masked stores, which are microcoded on
-Zen 1 to 3: 0.95 to 1.0 ns a pixel instead of 0.15 to 0.2 (``renderers.simd``). The kernels read the old value by
-``load_again`` to prevent that. Printed are both ways, so that the trap shows where it is, and a goal that is missed
-should it ever come back.
+Zen 1 to 3: 0.95 to 1.0 ns a pixel instead of 0.15 to 0.2 (``renderers.compiler.simd``). The kernels read the old
+value by ``load_again`` to prevent that. Printed are both ways, so that the trap shows where it is, and a goal that is
+missed should it ever come back.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ import numpy as np
 from numba import njit
 
 from bench.table import at_most, show
-from renderers import simd as vec
-from renderers.pointers import f32_at, i32_at
+from renderers.compiler import simd as vec
+from renderers.compiler.pointers import f32_at, i32_at
 
 PIXELS = 32 * 1280
 TIMES = 200

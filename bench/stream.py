@@ -35,7 +35,7 @@ from typing import Any
 import numpy as np
 
 from bench.stream_servers import payload
-from gateway.ops.process import tune
+from gateway.runtime.process_tuning import tune
 from gateway.stereo import wire
 
 ROW = "{:<30}{:>8}{:>9}{:>8}{:>9}{:>9}{:>9}{:>11}{:>11}{:>8}{:>8}"

@@ -20,18 +20,18 @@ import numpy as np
 import uvloop
 
 from gateway.generated import image_interface_pb2 as pb
-from gateway.ops.process import tune
+from gateway.runtime.process_tuning import tune
+from gateway.runtime.worker_pool import Workers
 from gateway.stereo import messages, server, wire
 from gateway.stereo.config import Rate, StereoConfig
 from gateway.stereo.events import EventHub
 from gateway.stereo.faults import FaultInjector
+from gateway.stereo.frame_clock import PoseSource, SceneSource
 from gateway.stereo.hub import Hub
 from gateway.stereo.messages import Taking
-from gateway.stereo.pacing import PoseSource, SceneSource
 from gateway.stereo.service import StereoService
-from gateway.workers import Workers
 from renderers.drawlist import DrawList
-from renderers.port import LookName
+from renderers.interface import LookName
 from renderers.stereo.model import MODELS
 
 PAYLOADS = {
@@ -139,9 +139,9 @@ async def tcp(name: str) -> tuple[int, Any]:
 
 async def live(rate: Rate, look: LookName, quality: str, scene: str) -> tuple[int, Any]:
     """The whole camera: rendered, with noise, at the device's rate or as fast as it goes."""
-    from renderers.cpu import CpuRenderer
-    from renderers.cpu.warmup import warmup
-    from renderers.stereo.warm import warm_up
+    from renderers.raster import CpuRenderer
+    from renderers.raster.warmup import warmup
+    from renderers.stereo.warmup import warm_up
 
     warmup()
     warm_up()
@@ -165,12 +165,12 @@ def _table() -> tuple[SceneSource, PoseSource, None]:
 
 def _demo() -> tuple[SceneSource, PoseSource, Any]:
     """What ``serve --demo`` shows, in motion, from where its camera is."""
-    from gateway.demorun import DemoRun
     from gateway.scene.flatten import Flattener
     from gateway.scene.labels import LabelTable
     from gateway.scene.live import LiveTree
     from gateway.scene.mount import parse_mount_pose
     from gateway.settings import Settings
+    from gateway.wiring.demo import DemoRun
 
     tree, flattener = LiveTree(), Flattener(LabelTable())
     pose = parse_mount_pose(Settings.model_fields["stereo_pose"].default)

@@ -22,12 +22,12 @@ import lcm
 import msgspec
 import uvloop
 
-from gateway.ops.process import tune
+from gateway.lcm.receive_buffer import ReceiveBuffer
+from gateway.runtime.process_tuning import tune
 from gateway.scene.live import LiveTree
 from gateway.treeviewer import answers, wire
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.protocol import REQUEST, response_channel
-from gateway.treeviewer.receive_buffer import ReceiveBuffer
 from gateway.treeviewer.service import TreeViewerService
 
 

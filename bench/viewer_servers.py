@@ -68,13 +68,14 @@ def ours(counter: Counter) -> None:
     import uvloop
     from fastapi import FastAPI
 
-    from gateway.house import NO_TELEMETRY
-    from gateway.ops import http, process
+    from gateway.runtime import process_tuning
     from gateway.scene.geometry import Box, Part, PointCloud
     from gateway.scene.live import LiveTree
+    from gateway.server import http_server
     from gateway.viewer.config import ViewerConfig
     from gateway.viewer.hub import ViewHub
     from gateway.viewer.routes import router
+    from gateway.wiring.context import NO_TELEMETRY
     from renderers.drawlist import Material
 
     tree = LiveTree()
@@ -97,13 +98,13 @@ def ours(counter: Counter) -> None:
             await asyncio.sleep(max(0.0, begin + counter.ticks / RATE - loop.time()))
 
     async def serve() -> None:
-        process.tune()
+        process_tuning.tune()
         hub = ViewHub(ViewerConfig(max_browsers=1000), tree)
         app = FastAPI(telemetry=NO_TELEMETRY)
         app.include_router(router(hub))
-        listener = process.listen("127.0.0.1", 0)
+        listener = process_tuning.listen("127.0.0.1", 0)
         print(json.dumps({"url": f"ws://127.0.0.1:{listener.getsockname()[1]}/view/ws"}), flush=True)
-        server = http.MainServer(http.config(app, 1.0, lifespan=False))
+        server = http_server.MainServer(http_server.config(app, 1.0, lifespan=False))
         tasks = [asyncio.create_task(work) for work in (hub.run(), publish())]
         tasks[1].add_done_callback(lambda _: setattr(server, "should_exit", True))
         await server.serve(sockets=[listener])

@@ -25,9 +25,9 @@ arguments = parser.parse_args()
 
 def gateway():
     """The application; called in every replica."""
-    from gateway.ops import kernels
+    from gateway.runtime import kernel_cache
 
-    kernels.configure()  # before anything is imported that is compiled
+    kernel_cache.configure()  # before anything is imported that is compiled
     from gateway.app import create_app
     from gateway.settings import Settings
 

@@ -17,24 +17,27 @@ from fastapi import FastAPI
 from fastapi.responses import HTMLResponse
 from fastapi_offline import FastAPIOffline
 
-from gateway import __version__, figures, warmup
+from gateway import __version__
 from gateway import settings as options
-from gateway.guard import Guard
-from gateway.house import NO_TELEMETRY, House
-from gateway.joins import JOINS, Join, join_demo
-from gateway.ops import health, kernels, logs, methods, openapi, process
-from gateway.ops.board import Board, State
-from gateway.ops.kernel_progress import Progress, shown
-from gateway.ops.landing import landing_page
-from gateway.ops.metrics import Metrics
-from gateway.ops.requests import Gate, Requests
-from gateway.ops.straight import Straight
+from gateway.runtime import kernel_cache, logs, process_tuning
+from gateway.runtime.kernel_progress import Progress, shown
+from gateway.runtime.metrics_registry import Metrics
+from gateway.runtime.service_registry import Board, State
+from gateway.runtime.worker_pool import Workers, usable_cpus
 from gateway.scene.live import LiveTree
+from gateway.server import error_handlers, health, openapi
+from gateway.server.index_page import landing_page
+from gateway.server.middleware import Gate, Requests
+from gateway.server.security import Guard
+from gateway.server.straight import Straight
 from gateway.settings import MIB, Settings
 from gateway.state.errors import StateError
-from gateway.statejoin import STATE, open_state, restore_state
-from gateway.viewer.ports import PICTURE_NAMES
-from gateway.workers import Workers, usable_cpus
+from gateway.viewer.sources import PICTURE_NAMES
+from gateway.wiring import metrics as figures
+from gateway.wiring import warmup
+from gateway.wiring.context import NO_TELEMETRY, House
+from gateway.wiring.interfaces import JOINS, Join, join_demo
+from gateway.wiring.state import STATE, open_state, restore_state
 
 if TYPE_CHECKING:
     from gateway.state.service import State as Kept
@@ -83,7 +86,7 @@ def create_app(settings: Settings, state: Kept | None = None) -> FastAPI:
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        process.tune()
+        process_tuning.tune()
         board.expect(KERNELS, *wanted)
         house = House(settings, app, board, metrics, LiveTree(), workers, guard)
         figures.watch_process(metrics, board, workers)
@@ -121,8 +124,8 @@ def create_app(settings: Settings, state: Kept | None = None) -> FastAPI:
         swagger_ui_parameters={"validatorUrl": None},
         telemetry=NO_TELEMETRY,
     )
-    app.add_exception_handler(404, methods.not_found)
-    app.add_exception_handler(405, methods.not_allowed)
+    app.add_exception_handler(404, error_handlers.not_found)
+    app.add_exception_handler(405, error_handlers.not_allowed)
     openapi.describe(app, token=guard.http is not None, open_paths=health.OPEN_PATHS)
     app.include_router(health.router(board, metrics, __version__, started.is_set, busy))
     app.state.straight = {}
@@ -131,7 +134,7 @@ def create_app(settings: Settings, state: Kept | None = None) -> FastAPI:
         Gate, started=started, problem=lambda: board.entries[KERNELS].problem, open_paths=health.PATHS | {"/"}
     )
     guard.protect(app)
-    app.add_middleware(methods.HeadAsGet)
+    app.add_middleware(error_handlers.HeadAsGet)
     app.add_middleware(Requests, metrics=metrics, quiet=health.PATHS | POLLED)
 
     @app.get("/", include_in_schema=False)
@@ -150,10 +153,10 @@ async def _start(house: House, wanted: dict[str, Join], started: asyncio.Event, 
     """
     begin = time.perf_counter()
     try:
-        if not await asyncio.to_thread(kernels.are_cached):
+        if not await asyncio.to_thread(kernel_cache.are_cached):
             await _compile(house)
         await asyncio.to_thread(warmup.run)
-        watch.enter_context(kernels.compiling_reported(_compiled_while_serving))
+        watch.enter_context(kernel_cache.compiling_reported(_compiled_while_serving))
         house.board.ready(KERNELS)
         if not await _restored(house):
             return
@@ -185,10 +188,10 @@ async def _compile(house: House) -> None:
     progress = Progress(len(warmup.PARTS))
     entry = house.board.entries[KERNELS]
     entry.progress = progress.describe
-    folder = str(kernels.configure())
+    folder = str(kernel_cache.configure())
     _log.info("Compiling the rendering kernels into the cache, once ...", folder=folder, parts=progress.parts)
     with shown(progress, _log.info):
-        await kernels.compile_missing(warmup.PARTS, progress)
+        await kernel_cache.compile_missing(warmup.PARTS, progress)
     entry.progress = None  # from here on the kernels are loaded
     _log.info("The rendering kernels are compiled", seconds=progress.seconds)
 

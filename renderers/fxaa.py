@@ -12,10 +12,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.jit import kernel
-from renderers.linked import inner
-from renderers.native import is_set
-from renderers.pointers import address_of, f32_at, u8_at
+from renderers.compiler.device_function import inner
+from renderers.compiler.jit import kernel
+from renderers.compiler.kernel_calls import is_set
+from renderers.compiler.pointers import address_of, f32_at, u8_at
 from renderers.stop import current_stop
 
 HARD_CONTRAST: Final = np.float32(255.0 / 16.0)

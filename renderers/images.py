@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from renderers.contents import quick_key, whole_key
 from renderers.drawlist import Image, ImageError, image_named
-from renderers.pngrows import rows_are_missing
+from renderers.png_truncation import rows_are_missing
 from renderers.stop import check_stop
 
 MAX_PIXELS: Final = 64 << 20

@@ -15,12 +15,12 @@ import structlog
 from fastapi import FastAPI
 
 import gateway.app
-from gateway import warmup
-from gateway.house import House
-from gateway.joins import join_render, join_stereo
-from gateway.ops import kernels
-from gateway.ops.kernel_progress import Progress
+from gateway.runtime import kernel_cache
+from gateway.runtime.kernel_progress import Progress
 from gateway.settings import Settings
+from gateway.wiring import warmup
+from gateway.wiring.context import House
+from gateway.wiring.interfaces import join_render, join_stereo
 from tests.support.waiting import SECONDS, until
 
 
@@ -46,7 +46,7 @@ class FakeService:
 
 @pytest.fixture(autouse=True)
 def _warm(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(kernels, "are_cached", lambda: True)
+    monkeypatch.setattr(kernel_cache, "are_cached", lambda: True)
     monkeypatch.setattr(warmup, "run", lambda: None)
 
 
@@ -176,8 +176,8 @@ async def test_cold_kernels_are_compiled_by_a_child_before_they_are_loaded(monke
     async def compile_missing(parts: Collection[str], progress: Progress) -> None:
         order.append("compiled")
 
-    monkeypatch.setattr(kernels, "are_cached", lambda: False)
-    monkeypatch.setattr(kernels, "compile_missing", compile_missing)
+    monkeypatch.setattr(kernel_cache, "are_cached", lambda: False)
+    monkeypatch.setattr(kernel_cache, "compile_missing", compile_missing)
     monkeypatch.setattr(warmup, "run", lambda: order.append("loaded"))
     rooms(monkeypatch, render=add_route)
     async with running() as client:
@@ -196,8 +196,8 @@ async def test_while_it_compiles_log_and_health_say_which_part(monkeypatch: pyte
         begun.set()
         await go_on.wait()
 
-    monkeypatch.setattr(kernels, "are_cached", lambda: False)
-    monkeypatch.setattr(kernels, "compile_missing", compile_missing)
+    monkeypatch.setattr(kernel_cache, "are_cached", lambda: False)
+    monkeypatch.setattr(kernel_cache, "compile_missing", compile_missing)
     rooms(monkeypatch, render=add_route)
     with structlog.testing.capture_logs() as lines:
         async with running() as client:

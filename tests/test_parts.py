@@ -6,15 +6,15 @@ import os
 
 import pytest
 
-from gateway import warmup
-from renderers.jit import KERNELS
+from gateway.wiring import warmup
+from renderers.compiler.jit import KERNELS
 
 
 def test_parts_are_taken_until_none_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
     done: list[str] = []
     monkeypatch.setattr(warmup, "PARTS", {name: lambda name=name: done.append(name) for name in "abc"})
     monkeypatch.setattr(warmup.process, "hurry", lambda: None)  # it stops the garbage collector
-    monkeypatch.setattr("renderers.remembered.remember", lambda: None)  # it is for processes that end
+    monkeypatch.setattr("renderers.compiler.remembered.remember", lambda: None)  # it is for processes that end
     numbers, told = os.pipe()
     os.write(told, bytes((2, 0)))
     os.close(told)
@@ -25,7 +25,7 @@ def test_parts_are_taken_until_none_is_left(monkeypatch: pytest.MonkeyPatch) -> 
 
 def test_every_kernel_is_in_one_part(monkeypatch: pytest.MonkeyPatch) -> None:
     taken: list[object] = []
-    monkeypatch.setattr("renderers.jit.compile_kernel", taken.append)
+    monkeypatch.setattr("renderers.compiler.jit.compile_kernel", taken.append)
     for name, compile_part in warmup.PARTS.items():
         if name not in ("stereo", "treeviewer"):
             compile_part()

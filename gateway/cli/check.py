@@ -6,8 +6,8 @@ from rich.console import Console
 from rich.table import Table
 
 from gateway import settings as options
-from gateway.ops.checks import Verdict, findings
-from gateway.workers import usable_cpus
+from gateway.runtime.diagnostics import Verdict, findings
+from gateway.runtime.worker_pool import usable_cpus
 
 _STYLE = {Verdict.OK: "green", Verdict.NOTE: "yellow", Verdict.BAD: "red"}
 PORTS = {"http_port": "HTTP", "grpc_port": "gRPC", "tcpq_port": "TCPQ hub", "rest_port": "device REST"}

@@ -23,11 +23,11 @@ def check(
     threads: Annotated[int, typer.Option(min=0, help="Threads that read and hash; 0: one per core.")] = 0,
 ) -> None:
     """Verify a dataset: manifest, hashes, sizes and types of the pictures, cameras, labels."""
-    from gateway.batch.check import check_dataset
-    from gateway.ops import kernels
-    from gateway.workers import usable_cpus
+    from gateway.datasets.check import check_dataset
+    from gateway.runtime import kernel_cache
+    from gateway.runtime.worker_pool import usable_cpus
 
-    kernels.configure()
+    kernel_cache.configure()
     report = check_dataset(folder, threads or usable_cpus())
     for note in report.notes[:MAX_SHOWN]:
         typer.echo(f"note: {note}", err=True)

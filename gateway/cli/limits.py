@@ -15,8 +15,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
-from gateway.options import default_of, flag_of, group_of
 from gateway.settings import Settings
+from gateway.settings.types import default_of, flag_of, group_of
 
 _HEAD: Final = """# Limits
 
@@ -30,10 +30,10 @@ bound the answer is one sentence that names it, as early as it can be known; wha
 
 CLASSES: Final[tuple[tuple[str, str, str], ...]] = (
     ("Render endpoint", "gateway.render.config", "RenderConfig"),
-    ("Scenes in glTF", "gateway.scene.gltf.limits", "GltfLimits"),
-    ("Mesh files", "gateway.scene.meshfiles", "MeshFileLimits"),
+    ("Scenes in glTF", "gateway.gltf.limits", "GltfLimits"),
+    ("Mesh files", "gateway.assets.mesh_files", "MeshFileLimits"),
     ("Tree viewer: one message, and the tree", "gateway.treeviewer.config", "Limits"),
-    ("Tree viewer: transports", "gateway.treeviewer.config", "TreeViewerConfig"),
+    ("Tree viewer: transports and scheduling", "gateway.treeviewer.config", "TreeViewerConfig"),
     ("Stereo camera", "gateway.stereo.config", "StereoConfig"),
     ("Scene over HTTP", "gateway.sceneapi.config", "SceneApiConfig"),
     ("Browser view", "gateway.viewer.config", "ViewerConfig"),
@@ -43,50 +43,50 @@ CLASSES: Final[tuple[tuple[str, str, str], ...]] = (
 CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     (
         "HTTP connections",
-        "gateway.ops.connection",
+        "gateway.server.http_protocol",
         (
             *("MAX_CONNECTIONS", "MAX_HEAD_BYTES", "MAX_TARGET_BYTES", "MAX_PIPELINED", "PIECE_BYTES"),
             *("HEAD_SECONDS", "BODY_SECONDS", "LINGER_SECONDS", "LINGER_PAUSE", "LINGER_BYTES"),
         ),
     ),
-    ("Bodies", "gateway.ops.paced", ("LARGEST_PIECE",)),
-    ("HTTP servers", "gateway.ops.http", ("KEEP_ALIVE_SECONDS", "MAX_WEBSOCKET_BYTES")),
-    ("WebSocket connections", "gateway.ops.websocket", ("MAX_FRAGMENTS", "PIECE_BYTES")),
-    ("Tokens", "gateway.ops.tokens", ("LEAST_CHARS", "MOST_CHARS", "COOKIE_SECONDS")),
-    ("Turning away", "gateway.workers", ("MAX_RETRY_AFTER",)),
+    ("Bodies", "gateway.server.paced", ("LARGEST_PIECE",)),
+    ("HTTP servers", "gateway.server.http_server", ("KEEP_ALIVE_SECONDS", "MAX_WEBSOCKET_BYTES")),
+    ("WebSocket connections", "gateway.server.websocket_protocol", ("MAX_FRAGMENTS", "PIECE_BYTES")),
+    ("Tokens", "gateway.server.tokens", ("LEAST_CHARS", "MOST_CHARS", "COOKIE_SECONDS")),
+    ("Turning away", "gateway.runtime.worker_pool", ("MAX_RETRY_AFTER",)),
     ("gRPC", "gateway.stereo.server", ("MAX_CALLS", "RETURN_BYTES")),
     ("The device's REST interface", "gateway.stereo.rest", ("MAX_BODY", "MAX_NUMBER")),
     ("Uploaded stereo pairs", "gateway.stereo.upload", ("MAX_CONTENT_TYPE",)),
-    ("Faults for test rigs", "gateway.stereo.faultroutes", ("MAX_BODY",)),
-    ("Packages of meshes", "gateway.scene.packages", ("MAX_FOLDERS", "MAX_DEPTH")),
+    ("Faults for test rigs", "gateway.stereo.fault_routes", ("MAX_BODY",)),
+    ("Packages of meshes", "gateway.assets.ros_packages", ("MAX_FOLDERS", "MAX_DEPTH")),
     ("Labels", "gateway.scene.labels", ("MAX_LABELS",)),
     ("Cameras in words", "gateway.scene.cameras", ("MAX_TEXT", "MIN_FOVY", "NEAREST", "LIMIT")),
-    ("glTF: strides", "gateway.scene.gltf.accessors", ("_MAX_STRIDE",)),
-    ("glTF: warnings", "gateway.scene.gltf.reader", ("_MAX_WARNINGS",)),
-    ("glTF: documents that differ in their nodes", "gateway.scene.gltf.document_cache", ("MIN_BYTES", "_TRIES")),
-    ("glTF that is written", "gateway.scene.gltf_export.document", ("MAX_BYTES",)),
-    ("Faces at a vertex: meshes without normals", "gateway.scene.creases", ("MOST_FACES",)),
+    ("glTF: strides", "gateway.gltf.accessors", ("_MAX_STRIDE",)),
+    ("glTF: warnings", "gateway.gltf.reader", ("_MAX_WARNINGS",)),
+    ("glTF: documents that differ in their nodes", "gateway.gltf.document_cache", ("MIN_BYTES", "_TRIES")),
+    ("glTF that is written", "gateway.gltf.export.document", ("MAX_BYTES",)),
+    ("Faces at a vertex: meshes without normals", "gateway.scene.crease_normals", ("MOST_FACES",)),
     ("Tree viewer: extents", "gateway.scene.meshing", ("LARGEST",)),
-    ("Tree viewer: number arrays in JSON", "gateway.treeviewer.extract", ("MOST_ARRAYS",)),
+    ("Tree viewer: number arrays in JSON", "gateway.treeviewer.number_arrays", ("MOST_ARRAYS",)),
     ("Tree viewer: formats", "gateway.treeviewer.wire", ("_MAX_FORMAT_BYTES",)),
-    ("TCPQ: frames", "gateway.treeviewer.tcpq", ("MOST_AT_ONCE", "LONGEST_CHANNEL", "LONGEST_PATTERN", "LONGEST_NAME")),
-    ("TCPQ: answers", "gateway.treeviewer.tcpq_bus", ("MOST_UNSENT_BYTES",)),
-    ("TCPQ: patterns", "gateway.treeviewer.patterns", ("MOST_STEPS",)),
-    ("UDP multicast", "gateway.treeviewer.udpm", ("MOST_UNFINISHED",)),
-    ("LCM's library", "gateway.treeviewer.lcm_bus", ("MOST_FILES",)),
-    ("LCM logs", "gateway.treeviewer.eventlog", ("MOST_BYTES",)),
-    ("LCM logs that are played", "gateway.treeviewer.replay", ("MOST_UNSENT_BYTES",)),
+    ("TCPQ: frames", "gateway.lcm.tcpq", ("MOST_AT_ONCE", "LONGEST_CHANNEL", "LONGEST_PATTERN", "LONGEST_NAME")),
+    ("TCPQ: answers", "gateway.lcm.tcpq_transport", ("MOST_UNSENT_BYTES",)),
+    ("TCPQ: patterns", "gateway.lcm.safe_regex", ("MOST_STEPS",)),
+    ("UDP multicast", "gateway.lcm.udpm", ("MOST_UNFINISHED",)),
+    ("LCM's library", "gateway.lcm.liblcm_transport", ("MOST_FILES",)),
+    ("LCM logs", "gateway.lcm.event_log", ("MOST_BYTES",)),
+    ("LCM logs that are played", "gateway.lcm.replay", ("MOST_UNSENT_BYTES",)),
     ("Fields of the render endpoint", "gateway.render.form", ("MAX_FOCAL", "MIN_FOV", "MAX_FOV", "MIN_FAR", "MAX_FAR")),
-    ("Cameras of the render endpoint", "gateway.render.viewpoint", ("_MAX_DISTANCE",)),
+    ("Cameras of the render endpoint", "gateway.render.camera", ("_MAX_DISTANCE",)),
     ("Errors of the render endpoint", "gateway.render.errors", ("MAX_MESSAGE_BYTES", "_MAX_ECHO")),
     ("Browser view: messages", "gateway.viewer.routes", ("_MAX_MESSAGE",)),
     ("Browser view: pictures of the sensor", "gateway.viewer.sensor", ("MAX_WIDTHS",)),
     ("Pictures", "renderers.images", ("MAX_PIXELS", "MAX_SCANNED_PIXELS", "_MAX_SEGMENTS")),
     ("Datasets: descriptions", "gateway.client.manifest", ("MAX_LINE", "MAX_DESCRIPTION")),
-    ("Datasets: files of cameras", "gateway.batch.camerafile", ("MAX_BYTES",)),
-    ("Datasets: names of scenes", "gateway.batch.sources", ("MAX_NAME",)),
-    ("Datasets: tasks", "gateway.batch.plan", ("VIEWS_PER_TASK",)),
-    ("Datasets: tries on Ray", "gateway.batch.raytasks", ("RETRIES",)),
+    ("Datasets: files of cameras", "gateway.datasets.camera_file", ("MAX_BYTES",)),
+    ("Datasets: names of scenes", "gateway.datasets.sources", ("MAX_NAME",)),
+    ("Datasets: tasks", "gateway.datasets.plan", ("VIEWS_PER_TASK",)),
+    ("Datasets: tries on Ray", "gateway.datasets.ray_tasks", ("RETRIES",)),
 )
 _NO_BOUNDS: Final = frozenset(
     {"tcpq_port", "port", "rate", "seed", "d_eps", "near", "far", "dot_light", "image_noise", "width", "height"}

@@ -9,7 +9,7 @@ import typer
 
 from gateway import __version__
 from gateway.cli import dataset
-from gateway.cli.lcmlog import play, record
+from gateway.cli.lcm_log import play, record
 from gateway.cli.publish import publish
 from gateway.cli.render import render
 from gateway.cli.serve import add_serve
@@ -41,14 +41,14 @@ def _common(
 
 def warmup() -> None:
     """Compile the rendering kernels into the cache, so that the next start is quick."""
-    from gateway import warmup as all_kernels
-    from gateway.ops import kernels
-    from gateway.ops.kernel_progress import on_stderr
-    from renderers import kernel_cache
+    from gateway.runtime import kernel_cache as kernels
+    from gateway.runtime.kernel_progress import on_stderr
+    from gateway.wiring import warmup as all_kernels
+    from renderers.compiler import cache_folder
 
     folder = kernels.configure()
     kernels.ensure_cached(all_kernels.PARTS, on_stderr)
-    typer.echo(f"The {kernel_cache.count()} rendering kernels are in {folder}.")
+    typer.echo(f"The {cache_folder.count()} rendering kernels are in {folder}.")
 
 
 def check() -> None:

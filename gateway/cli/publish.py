@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gateway.cli.lcmlog import LcmUrl
+from gateway.cli.lcm_log import LcmUrl
 
 if TYPE_CHECKING:
     from gateway.client.tree.geometry import Geometry
@@ -79,8 +79,8 @@ def _pairs(request: dict[str, Any], name: str, source: Path) -> Iterator[tuple[N
 
 def _meshes(source: Path) -> Iterator[Geometry]:
     """A mesh file's triangles and points, in the colours of their materials; the protocol has no textures."""
+    from gateway.assets.mesh_files import MeshFiles
     from gateway.scene.geometry import Surface
-    from gateway.scene.meshfiles import MeshFiles
 
     plain = True
     for part in MeshFiles([source.parent]).load(str(source.resolve())):

@@ -6,8 +6,8 @@ import sys
 from itertools import groupby
 from pathlib import Path
 
-from gateway.options import default_of, env_of, flag_of, group_of, kind_of
 from gateway.settings import Settings
+from gateway.settings.types import default_of, env_of, flag_of, group_of, kind_of
 
 _HEAD = """# Configuration
 

@@ -125,21 +125,21 @@ def render(
 
     Run the same command again to go on where it was stopped: what is done is not done again.
     """
-    from gateway import warmup
-    from gateway.ops import kernels
-    from gateway.ops.kernel_progress import on_stderr
+    from gateway.runtime import kernel_cache
+    from gateway.runtime.kernel_progress import on_stderr
+    from gateway.wiring import warmup
 
-    kernels.ensure_cached(warmup.PARTS, on_stderr)
+    kernel_cache.ensure_cached(warmup.PARTS, on_stderr)
     # All below imports compiled kernels.
-    from gateway.batch.views import View
-    from gateway.cli import batch
+    from gateway.assets.light_rig_file import rig_digest
+    from gateway.cli import render_job
     from gateway.client.manifest import Settings
-    from gateway.rigfile import rig_digest
+    from gateway.datasets.views import View
+    from gateway.runtime.worker_pool import usable_cpus
     from gateway.scene.cameras import OrbitCamera
-    from gateway.workers import usable_cpus
 
     settings = Settings(
-        types=batch.types_of(types),
+        types=render_job.types_of(types),
         width=width,
         height=height,
         fovy=fovy,
@@ -147,8 +147,8 @@ def render(
         up=up.value,
         antialias=antialias.value,
         depth_format=depth_format.value,
-        background=batch.color_of(background),
-        samples=batch.samples_of(samples),
+        background=render_job.color_of(background),
+        samples=render_job.samples_of(samples),
         rig=None if rig is None else str(rig.absolute()),
         rig_sha256=None if rig is None else rig_digest(rig),
     )
@@ -160,6 +160,6 @@ def render(
     if out.suffix.lower() in FOREIGN and not out.is_dir():
         raise ValueError(f"{out}: pictures are written as {', '.join(PICTURES)}; or name a folder with -o")
     if out.suffix.lower() in PICTURES and not out.is_dir():
-        batch.one_picture(scenes, out, settings, [*named, *around], cameras, cores, timeout)
-    elif batch.dataset(scenes, out, settings, (*named, *around), cameras, cores, ray, timeout):
+        render_job.one_picture(scenes, out, settings, [*named, *around], cameras, cores, timeout)
+    elif render_job.dataset(scenes, out, settings, (*named, *around), cameras, cores, ray, timeout):
         raise typer.Exit(1)

@@ -12,8 +12,7 @@ import typer
 from pydantic.fields import FieldInfo
 from rich.markup import escape
 
-from gateway import options
-from gateway.settings import Settings, SettingsError, load, unknown_environment
+from gateway.settings import Settings, SettingsError, load, types, unknown_environment
 
 if TYPE_CHECKING:
     from gateway.state.service import State
@@ -54,16 +53,16 @@ def _config_parameter() -> inspect.Parameter:
 
 def _parameter(name: str, field: FieldInfo) -> inspect.Parameter:
     """A flag. Everything but switches is handed over as text: the settings are what judges it."""
-    flag = options.flag_of(name)
+    flag = types.flag_of(name)
     second = field.json_schema_extra.get("flag") if isinstance(field.json_schema_extra, dict) else None
     switch = field.annotation is bool
-    default = options.default_of(field.default)
+    default = types.default_of(field.default)
     names = [f"{flag}/--no-{flag[2:]}"] if switch else [flag, *([str(second)] if second else [])]
     info = typer.Option(
         *names,
         help=escape(f"{field.description}{f' [default: {default}]' if default else ''}"),
-        rich_help_panel=options.group_of(field),
-        metavar=None if switch else options.kind_of(field),
+        rich_help_panel=types.group_of(field),
+        metavar=None if switch else types.kind_of(field),
         show_default=False,
     )
     kind = bool | None if switch else str | None
@@ -72,18 +71,18 @@ def _parameter(name: str, field: FieldInfo) -> inspect.Parameter:
 
 def run(settings: Settings) -> int:
     """Serves until a signal; the exit code."""
-    from gateway.ops import logs, process
+    from gateway.runtime import logs, process_tuning
 
-    process.hurry()
+    process_tuning.hurry()
     logs.configure(settings.log_format, settings.log_level)
     import structlog
 
     log = structlog.get_logger("gateway")
     for warning in unknown_environment():
         log.warning(warning)
-    from gateway.guard import Guard
+    from gateway.server.security import Guard
     from gateway.state.errors import StateError
-    from gateway.statejoin import open_state
+    from gateway.wiring.state import open_state
 
     try:
         guard = Guard.of(settings)
@@ -96,9 +95,9 @@ def run(settings: Settings) -> int:
         log.error(str(error))
         return 1
     try:
-        listener = process.listen(settings.host, settings.http_port)
+        listener = process_tuning.listen(settings.host, settings.http_port)
     except OSError as error:
-        reason = process.why_not_listening(error, settings.host, settings.http_port)
+        reason = process_tuning.why_not_listening(error, settings.host, settings.http_port)
         log.error(f"HTTP cannot listen: {reason}; choose another with --http-port or --host.")
         return 1
     port = listener.getsockname()[1]
@@ -114,20 +113,21 @@ def _serve(settings: Settings, listener: socket.socket, state: State | None, tls
     import uvloop
 
     from gateway.app import create_app
-    from gateway.ops import http, process
+    from gateway.runtime import process_tuning
+    from gateway.server import http_server
 
     log = structlog.get_logger("gateway")
     app = create_app(settings, state)
-    config = http.config(app, settings.shutdown_seconds, lifespan=True, tls=tls)
+    config = http_server.config(app, settings.shutdown_seconds, lifespan=True, tls=tls)
 
     def leave() -> None:
         log.info("Scenegate stops; requests that it has accepted may finish", seconds=settings.shutdown_seconds)
         app.state.leave()
 
-    server = http.MainServer(config, leave)
+    server = http_server.MainServer(config, leave)
     # Answers without an end (MJPEG) look at it; nobody else would tell them before their connections are cut.
     app.state.closing = lambda: server.should_exit
-    app.state.on_started = process.settle
+    app.state.on_started = process_tuning.settle
     gave_up = False
 
     def give_up() -> None:

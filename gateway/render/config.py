@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from gateway.scene.gltf.limits import GltfLimits
-from renderers.port import LookName, SampleCount
+from gateway.gltf.limits import GltfLimits
+from renderers.interface import LookName, SampleCount
 
 
 @dataclass(frozen=True, slots=True)

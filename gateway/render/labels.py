@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from gateway.gltf import DEFAULT_MATERIAL, label_from_material
 from gateway.scene.geometry import Part
-from gateway.scene.gltf import DEFAULT_MATERIAL, label_from_material
 from gateway.scene.tree import Node, Path
 from renderers.drawlist import LABEL_NONE, DrawList, Instance
 

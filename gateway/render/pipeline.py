@@ -7,21 +7,21 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
+from gateway.gltf import GltfError, HashedDocument
+from gateway.render.camera import camera_of
 from gateway.render.config import RenderConfig
 from gateway.render.depth import millimetres
 from gateway.render.errors import RequestError
 from gateway.render.form import RenderRequest
 from gateway.render.labels import unlabelled
 from gateway.render.scenes import SceneStore
-from gateway.render.viewpoint import camera_of
 from gateway.scene.flatten import flatten
-from gateway.scene.gltf import GltfError, HashedDocument
 from gateway.scene.tree import Node
-from renderers.depthlimits import limit_depth
+from renderers.depth_range import limit_depth
 from renderers.drawlist import DrawList, ImageError
 from renderers.encode import png_gray16, png_label, png_rgb, tiff_float32
 from renderers.fxaa import fxaa
-from renderers.port import Frame, Look, LookName, Output, Renderer
+from renderers.interface import Frame, Look, LookName, Output, Renderer
 
 Backdrop = Callable[[], DrawList | Node | None]
 """What to draw besides the request's scene, now. The same object as before is taken as unchanged."""

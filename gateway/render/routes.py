@@ -11,11 +11,11 @@ from starlette.middleware.body_limit import RequestBodyLimitMiddleware
 from starlette.routing import Route
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from gateway.ops.openapi import example
 from gateway.render.config import RenderConfig
-from gateway.render.exchange import Exchange
 from gateway.render.form import IMAGE_TYPES, MAX_FAR, MAX_FOCAL, MAX_FOV, MIN_FAR, MIN_FOV
+from gateway.render.handler import Exchange
 from gateway.render.service import RenderService
+from gateway.server.openapi import example
 
 _NO_FRAMEWORK_LIMIT: Final = 1 << 62
 """The body is bounded here, with a sentence that says by what; the framework's own 413 would say less."""

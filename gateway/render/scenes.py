@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.gltf import CacheStats, HashedDocument, MeshCache, read_gltf
 from gateway.render.config import RenderConfig
-from gateway.render.drawn import Companies, Company
-from gateway.scene.gltf import CacheStats, HashedDocument, MeshCache, read_gltf
+from gateway.render.draw_list import Companies, Company
 from renderers.cache import Cache
 from renderers.drawlist import DrawList
 

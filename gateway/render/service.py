@@ -9,15 +9,15 @@ from typing import Any
 
 import structlog
 
-from gateway.ops.alarms import alarms_of
 from gateway.render.config import RenderConfig
+from gateway.render.events import RenderRecord
 from gateway.render.failures import FailureStore
 from gateway.render.form import RenderRequest
 from gateway.render.pipeline import Backdrop, Picture, Pipeline
-from gateway.render.records import RenderRecord
 from gateway.render.scenes import SceneStore
-from gateway.workers import Busy, Workers
-from renderers.port import Renderer
+from gateway.runtime.worker_pool import Busy, Workers
+from gateway.server.alarms import alarms_of
+from renderers.interface import Renderer
 
 _log = structlog.get_logger("gateway.render")
 

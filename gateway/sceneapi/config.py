@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from renderers.port import LookName, SampleCount
-from renderers.studio.rig import STUDIO, Rig
+from renderers.interface import LookName, SampleCount
+from renderers.shading.studio.rig import STUDIO, Rig
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final, Literal, cast, get_args
 
-from gateway.ops.openapi import example
 from gateway.scene.cameras import (
     DEFAULT_FOVY,
     LIMIT,
@@ -19,7 +18,8 @@ from gateway.scene.cameras import (
     parse_camera,
 )
 from gateway.sceneapi.config import SceneApiConfig
-from renderers.port import LookName, SampleCount
+from gateway.server.openapi import example
+from renderers.interface import LookName, SampleCount
 
 PictureType = Literal["color", "depth", "label"]
 DepthFormat = Literal["tiff", "png"]

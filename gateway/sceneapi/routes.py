@@ -8,8 +8,8 @@ from typing import Any, Final
 from fastapi import APIRouter, Request, Response
 from starlette.requests import ClientDisconnect
 
-from gateway.ops.disconnect import CLIENT_GONE, while_connected
-from gateway.scene.gltf_export import ExportError
+from gateway.gltf.export import ExportError
+from gateway.runtime.worker_pool import Busy, Closed, TooSlow
 from gateway.sceneapi.query import (
     NoSuchCameraQueryError,
     QueryError,
@@ -19,7 +19,7 @@ from gateway.sceneapi.query import (
     parse_query,
 )
 from gateway.sceneapi.service import Answer, SceneApi
-from gateway.workers import Busy, Closed, TooSlow
+from gateway.server.disconnect import CLIENT_GONE, while_connected
 from renderers.drawlist import ImageError
 
 _TEXT: Final = {"text/plain": {"schema": {"type": "string"}}}

@@ -11,22 +11,22 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.gltf.export import export_glb
+from gateway.runtime.worker_pool import Workers
 from gateway.scene.bounds import BoundsMemory
 from gateway.scene.cameras import CameraError, NoSuchCameraError
 from gateway.scene.flatten import Flattener
-from gateway.scene.gltf_export import export_glb
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.viewpoints import resolve_camera
 from gateway.sceneapi.config import SceneApiConfig
 from gateway.sceneapi.listing import list_scene
 from gateway.sceneapi.query import NoSuchCameraQueryError, PictureQuery, QueryError
-from gateway.workers import Workers
 from renderers.camera import Camera
 from renderers.drawlist import DrawList, Topology
 from renderers.encode import png_gray16, png_label, png_rgb, tiff_float32
 from renderers.fxaa import fxaa
-from renderers.port import Frame, Look, Output, Renderer
+from renderers.interface import Frame, Look, Output, Renderer
 
 _OUTPUTS: Final = {"color": Output.COLOR, "depth": Output.DEPTH, "label": Output.LABEL}
 _FARTHEST_MM: Final = 65535.0

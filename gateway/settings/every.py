@@ -7,10 +7,10 @@ from typing import Self
 from pydantic import model_validator
 from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, SettingsConfigDict
 
-from gateway.options import ENV_PREFIX
 from gateway.settings.house import HouseSettings
 from gateway.settings.interfaces import InterfaceSettings
 from gateway.settings.stereo import StereoSettings
+from gateway.settings.types import ENV_PREFIX
 
 
 class Settings(HouseSettings, StereoSettings, InterfaceSettings):  # pydantic lists the last one's options first

@@ -7,7 +7,7 @@ from typing import Literal
 
 from pydantic_settings import BaseSettings
 
-from gateway.options import Names, option
+from gateway.settings.types import Names, option
 
 
 class HouseSettings(BaseSettings):

@@ -8,7 +8,7 @@ from typing import Literal
 
 from pydantic_settings import BaseSettings
 
-from gateway.options import Color, Interfaces, Paths, Port, PortOrOff, Samples, option
+from gateway.settings.types import Color, Interfaces, Paths, Port, PortOrOff, Samples, option
 
 
 class InterfaceSettings(BaseSettings):

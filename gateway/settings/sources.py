@@ -11,8 +11,8 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from gateway.options import CONFIG_ENV, ENV_PREFIX, OTHER_ENV, env_of, flag_of
 from gateway.settings.every import Settings
+from gateway.settings.types import CONFIG_ENV, ENV_PREFIX, OTHER_ENV, env_of, flag_of
 
 
 class SettingsError(ValueError):

@@ -8,7 +8,7 @@ from typing import Literal, Self
 from pydantic import model_validator
 from pydantic_settings import BaseSettings
 
-from gateway.options import MountPath, MountPose, Mounts, Port, PortOrOff, option
+from gateway.settings.types import MountPath, MountPose, Mounts, Port, PortOrOff, option
 
 
 class StereoSettings(BaseSettings):

@@ -12,8 +12,8 @@ from gateway.scene.live import LiveTree, Snapshot
 from gateway.state.config import StateConfig
 from gateway.state.database import Database
 from gateway.state.errors import StateError
-from gateway.state.journal import Journal
-from gateway.state.parameterstore import ParameterStore, Settable
+from gateway.state.group_commit import Journal
+from gateway.state.parameter_store import ParameterStore, Settable
 
 _log = structlog.get_logger("gateway.state")
 
@@ -49,7 +49,7 @@ class State:
         """
         # Imported here: it loads what needs the kernels.
         from gateway.state.parts import DamagedError
-        from gateway.state.treestore import TreeStore
+        from gateway.state.tree_store import TreeStore
 
         store = TreeStore(live, without)
         try:

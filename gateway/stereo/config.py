@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from gateway.ops.tokens import Tokens
-from renderers.port import LookName
+from gateway.server.tokens import Tokens
+from renderers.interface import LookName
 from renderers.stereo.model import MODELS, StereoModel
 
 DepthMode = Literal["ground_truth", "matched"]

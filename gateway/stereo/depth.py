@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.stereo.auto_exposure import span
 from gateway.stereo.config import StereoConfig
-from gateway.stereo.metering import span
 from gateway.stereo.settings import StreamSettings
 from renderers.stereo.errors import ErrorModel, Measured, error_scale, measure
 from renderers.stereo.exposure import Exposure

@@ -10,15 +10,15 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.runtime.worker_pool import Workers
 from gateway.stereo import messages, wire
+from gateway.stereo.images import Metered, Shot, Studio, Wanted
 from gateway.stereo.messages import Taking
-from gateway.stereo.pictures import Metered, Shot, Studio, Wanted
 from gateway.stereo.request import Kind
 from gateway.stereo.settings import StreamSettings
 from gateway.stereo.wire import Chunk
-from gateway.workers import Workers
 from renderers.drawlist import ImageError
-from renderers.port import Output
+from renderers.interface import Output
 from renderers.stereo.errors import Measured
 from renderers.stereo.exposure import Exposure
 from renderers.stereo.mesh import MeshOptions

@@ -13,11 +13,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.stereo.pictures import Metered, Shot, Studio, Wanted
+from gateway.stereo.images import Metered, Shot, Studio, Wanted
 from gateway.stereo.settings import StreamSettings
 from renderers.drawlist import ImageError
 from renderers.images import decode_image
-from renderers.port import Frame, Output
+from renderers.interface import Frame, Output
 from renderers.stereo.model import StereoModel
 from renderers.stereo.sensor import Taken
 

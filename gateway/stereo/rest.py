@@ -9,7 +9,7 @@ from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import JSONResponse
 from pydantic import Field
 
-from gateway.ops.openapi import Responses, example, json_example
+from gateway.server.openapi import Responses, example, json_example
 from gateway.stereo import device
 from gateway.stereo.parameter_specs import NODE_ALIASES, NODES, Spec
 from gateway.stereo.parameters import ParameterError, Parameters, UnknownParameterError

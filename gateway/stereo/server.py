@@ -13,13 +13,13 @@ from grpc_health.v1 import health, health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection
 
 from gateway.generated import image_interface_pb2 as pb
-from gateway.ops import process
-from gateway.ops.grpc_tokens import TokenCheck
+from gateway.runtime import process_tuning
+from gateway.server.grpc_tokens import TokenCheck
 from gateway.stereo.config import StereoConfig, Tls
 from gateway.stereo.events import EventHub
 from gateway.stereo.faults import CUT, FaultInjector
 from gateway.stereo.hub import FullError, Hub, StreamError
-from gateway.stereo.reflected import MethodPool
+from gateway.stereo.reflection import MethodPool
 from gateway.stereo.request import RequestError, kind_of
 
 SERVICE = pb.DESCRIPTOR.services_by_name["ImageInterface"].full_name
@@ -59,7 +59,7 @@ class UnsentMessages:
     when they are freed the allocator would keep their memory: no other work needs so much (see ``process.tune``).
     """
 
-    def __init__(self, return_memory: Callable[[], object] = process.return_memory) -> None:
+    def __init__(self, return_memory: Callable[[], object] = process_tuning.return_memory) -> None:
         """``return_memory``: called in a thread."""
         self._return_memory = return_memory
         self._nbytes = 0

@@ -8,20 +8,20 @@ from typing import Any
 
 import structlog
 
+from gateway.runtime.worker_pool import Workers
 from gateway.stereo import server
 from gateway.stereo.clock import Clock, SystemClock
 from gateway.stereo.config import StereoConfig
 from gateway.stereo.events import EventHub
 from gateway.stereo.faults import FaultInjector
+from gateway.stereo.frame_clock import Counts, Metronome, PoseSource, Record, SceneSource
 from gateway.stereo.hub import Hub
-from gateway.stereo.pacing import Counts, Metronome, PoseSource, Record, SceneSource
+from gateway.stereo.images import Metered, Studio
 from gateway.stereo.pairs import PairStudio
 from gateway.stereo.parameters import Parameters
-from gateway.stereo.pictures import Metered, Studio
 from gateway.stereo.settings import NEUTRAL_BLUE, NEUTRAL_RED, StreamSettings
 from gateway.stereo.trigger import Trigger
-from gateway.workers import Workers
-from renderers.port import Renderer
+from renderers.interface import Renderer
 
 _log = structlog.get_logger("stereo")
 

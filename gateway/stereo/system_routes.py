@@ -9,8 +9,8 @@ from typing import Annotated, Any, Final, Literal
 from fastapi import APIRouter, Path, Query
 from fastapi.responses import JSONResponse, PlainTextResponse, Response
 
-from gateway.ops.openapi import example, json_example
-from gateway.ops.recent_logs import MAX_ENTRIES, LogEntry, recent_logs
+from gateway.runtime.recent_logs import MAX_ENTRIES, LogEntry, recent_logs
+from gateway.server.openapi import example, json_example
 from gateway.stereo import device
 from gateway.stereo.service import StereoService
 

@@ -9,13 +9,13 @@ import numpy as np
 from fastapi import APIRouter, Query
 from fastapi.responses import JSONResponse, Response
 
-from gateway.ops.openapi import example
+from gateway.runtime.worker_pool import Busy, TooSlow
+from gateway.server.openapi import example
+from gateway.stereo.frame_clock import Record
+from gateway.stereo.images import Studio
 from gateway.stereo.messages import NANOSECONDS
-from gateway.stereo.pacing import Record
-from gateway.stereo.pictures import Studio
 from gateway.stereo.service import StereoService
-from gateway.workers import Busy, TooSlow
-from renderers.port import Output
+from renderers.interface import Output
 from renderers.stereo.truth import DepthRange, true_disparity
 
 _TIMESTAMP = r"^([0-9]{1,12}(\.[0-9]{0,9})?)?$"

@@ -11,10 +11,10 @@ from python_multipart.multipart import parse_options_header
 from starlette.datastructures import FormData, Headers, UploadFile
 from starlette.formparsers import MultiPartException, MultiPartParser
 
-from gateway.ops.openapi import json_example
+from gateway.runtime.worker_pool import Busy, Closed, TooSlow
+from gateway.server.openapi import json_example
 from gateway.stereo.pairs import FACTOR_LIMIT, Pair, Pairs, PairStudio, pair_studio
 from gateway.stereo.service import StereoService
-from gateway.workers import Busy, Closed, TooSlow
 from renderers.drawlist import ImageError
 
 MAX_CONTENT_TYPE: Final = 1024

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from gateway.scene.live import LiveTree
 from gateway.scene.tree import Path, TreeEdit
 from gateway.treeviewer.answers import ERROR_HANDLING_REQUEST, MISSING_PATHS, OK, Answer, Problem
-from gateway.treeviewer.census import Census
 from gateway.treeviewer.config import Limits
+from gateway.treeviewer.quota import Census
 from gateway.treeviewer.requests import Failure, Request
 
 

@@ -13,7 +13,7 @@ from typing import Any, Final
 import msgspec
 import numpy as np
 
-from gateway.treeviewer import binary_kernels, typed
+from gateway.treeviewer import fast_schema, msgpack_kernels
 from gateway.treeviewer.arrays import EXTENSION, unpack
 from gateway.treeviewer.config import Limits
 from gateway.treeviewer.geometry import Context, MeshLoader
@@ -24,9 +24,9 @@ LEAST_CUT: Final = 64 * 1024
 READ_AT_ONCE: Final = 256
 """Commands read before the interpreter is free for a moment: 0.3 ms."""
 FAULTS: Final = {
-    binary_kernels.TRUNCATED: "it ends too early",
-    binary_kernels.MALFORMED: "byte c1 is never used",
-    binary_kernels.LONGER: "bytes follow its end",
+    msgpack_kernels.TRUNCATED: "it ends too early",
+    msgpack_kernels.MALFORMED: "byte c1 is never used",
+    msgpack_kernels.LONGER: "bytes follow its end",
 }
 
 
@@ -50,7 +50,7 @@ class BinaryReader(RequestReader):
 
     def __init__(self, limits: Limits | None = None, meshes: MeshLoader | None = None) -> None:
         super().__init__(limits, meshes)
-        message, geometry, transform = typed.message_types(self._limits)
+        message, geometry, transform = fast_schema.message_types(self._limits)
         self._message: msgspec.msgpack.Decoder[Any] = msgspec.msgpack.Decoder(message)
         self._geometry: msgspec.msgpack.Decoder[Any] = msgspec.msgpack.Decoder(geometry)
         self._transform: msgspec.msgpack.Decoder[Any] = msgspec.msgpack.Decoder(transform)
@@ -78,7 +78,7 @@ class BinaryReader(RequestReader):
     def _bound(self, data: memoryview) -> None:
         """Refuses what would become too many objects, before any is made."""
         most = self._limits.binary_objects
-        found = binary_kernels.objects(np.frombuffer(data, np.uint8), most)
+        found = msgpack_kernels.objects(np.frombuffer(data, np.uint8), most)
         if found in FAULTS:
             raise RequestError(f"the request is not valid MessagePack ({FAULTS[found]})")
         if found > most:
@@ -125,11 +125,11 @@ class BinaryReader(RequestReader):
 
     def _geometry_at(self, raw: msgspec.Raw, index: int, request: Request) -> None:
         command = self._geometry.decode(raw)
-        parts = typed.parts_of(command)
+        parts = fast_schema.parts_of(command)
         if parts is None:
             request.fail(Failure("setgeometry", index, command.path, "geometries is missing"), self._limits)
         else:
             request.geometries.append((command.path, parts))
 
     def _transform_at(self, raw: msgspec.Raw, index: int, request: Request) -> None:
-        request.transforms += typed.transforms_of([self._transform.decode(raw)])
+        request.transforms += fast_schema.transforms_of([self._transform.decode(raw)])

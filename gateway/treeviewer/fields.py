@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gateway.scene.transforms import IDENTITY, from_pose
 from gateway.scene.tree import Path, PathElement, Pose
 from gateway.treeviewer.config import Limits
-from gateway.treeviewer.extract import Numbers
+from gateway.treeviewer.number_arrays import Numbers
 
 ZERO_TRANSLATION: Final = (0.0, 0.0, 0.0)
 IDENTITY_QUATERNION: Final = (1.0, 0.0, 0.0, 0.0)

@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.scene.creases import smooth_mesh
+from gateway.scene.crease_normals import smooth_mesh
 from gateway.scene.geometry import (
     Box,
     Capsule,
@@ -27,11 +27,11 @@ from gateway.scene.geometry import (
     Triad,
 )
 from gateway.scene.transforms import IDENTITY
-from gateway.treeviewer import fields, kernels
+from gateway.treeviewer import fields, json_kernels
 from gateway.treeviewer.arrays import ArrayError, PackedArray
 from gateway.treeviewer.config import Limits
-from gateway.treeviewer.extract import Numbers
 from gateway.treeviewer.fields import CommandError, NothingToDraw, show
+from gateway.treeviewer.number_arrays import Numbers
 from renderers.color import linear_from_srgb
 from renderers.drawlist import AlphaMode, Material, Mesh
 
@@ -42,7 +42,7 @@ LEAST_TRIAD_SCALE: Final = 1e-6
 
 
 class MeshLoader(Protocol):
-    """Opens what ``mesh_file`` names (``gateway.scene.meshfiles.MeshFiles``)."""
+    """Opens what ``mesh_file`` names (``gateway.assets.mesh_files.MeshFiles``)."""
 
     def load(self, filename: str, scale: tuple[float, float, float]) -> tuple[Part, ...]:
         """The file's parts. Raises ValueError with a sentence; its ``missing`` is true when there is no such file."""
@@ -248,7 +248,7 @@ def _channels(value: Any, count: int, context: Context) -> dict[str, NDArray[np.
         if name in ("rgb", "intensity"):
             if isinstance(values, PackedArray) and values.of_bytes:
                 array /= np.float32(255.0)
-            kernels.to_unit_interval(array.reshape(-1))
+            json_kernels.to_unit_interval(array.reshape(-1))
         channels[name] = array
     return channels
 
@@ -325,7 +325,7 @@ def _finite(points: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[n
 
 def _drawable_rows(points: NDArray[np.float32]) -> NDArray[np.bool_] | None:
     """(N,) which points can be drawn; None: all of them, which is quick to see."""
-    if kernels.all_within(points.reshape(-1), FARTHEST_F32):
+    if json_kernels.all_within(points.reshape(-1), FARTHEST_F32):
         return None
     return np.asarray((np.abs(points) <= FARTHEST_F32).all(axis=1))
 

@@ -12,9 +12,9 @@ from gateway.treeviewer import answers, wire
 from gateway.treeviewer.answers import Answer, FormatAnswer
 from gateway.treeviewer.apply import Application
 from gateway.treeviewer.binary import BinaryReader
-from gateway.treeviewer.census import Census
 from gateway.treeviewer.config import Limits
 from gateway.treeviewer.geometry import MeshLoader
+from gateway.treeviewer.quota import Census
 from gateway.treeviewer.requests import RequestError, RequestReader
 
 REQUEST: Final = "DIRECTOR_TREE_VIEWER_REQUEST"

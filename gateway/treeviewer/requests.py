@@ -17,11 +17,11 @@ import msgspec
 
 from gateway.scene.geometry import Part
 from gateway.scene.tree import Path, Pose
-from gateway.treeviewer import fields, typed
+from gateway.treeviewer import fast_schema, fields
 from gateway.treeviewer.config import Limits
-from gateway.treeviewer.extract import WORTH_SCANNING, JsonError, Numbers
 from gateway.treeviewer.fields import CommandError, show
 from gateway.treeviewer.geometry import Context, MeshLoader, parts_of
+from gateway.treeviewer.number_arrays import WORTH_SCANNING, JsonError, Numbers
 from gateway.treeviewer.slices import pieces
 
 TypedDecoder = msgspec.json.Decoder[Any] | msgspec.msgpack.Decoder[Any]
@@ -98,7 +98,7 @@ class RequestReader:
     def __init__(self, limits: Limits | None = None, meshes: MeshLoader | None = None) -> None:
         self._limits = limits or Limits()
         self._meshes = meshes
-        self._typed: msgspec.json.Decoder[Any] = msgspec.json.Decoder(typed.message_types(self._limits)[0])
+        self._typed: msgspec.json.Decoder[Any] = msgspec.json.Decoder(fast_schema.message_types(self._limits)[0])
         self._untyped = msgspec.json.Decoder()
 
     def read(self, data: memoryview, *, extract: bool | None = None) -> Request:
@@ -148,12 +148,12 @@ class RequestReader:
         request = Request()
         if geometries:
             for command in geometries:
-                parts = typed.parts_of(command)
+                parts = fast_schema.parts_of(command)
                 if parts is None:
                     return None
                 request.geometries.append((command.path, parts))
         if transforms:
-            request.transforms = typed.transforms_of(transforms)
+            request.transforms = fast_schema.transforms_of(transforms)
         return request
 
     def _read_text(self, body: bytes, context: Context) -> Request:
@@ -174,7 +174,7 @@ class RequestReader:
             self._geometries(geometries, request, context)
         elif geometries:
             for index, command in enumerate(geometries, context.first):
-                parts = typed.parts_of(command)
+                parts = fast_schema.parts_of(command)
                 if parts is None:
                     failure = Failure("setgeometry", index, command.path, "geometries is missing")
                     request.fail(failure, context.limits)
@@ -184,7 +184,7 @@ class RequestReader:
         if isinstance(transforms, dict):
             self._transforms(transforms, request, context)
         elif transforms:
-            request.transforms = typed.transforms_of(transforms)
+            request.transforms = fast_schema.transforms_of(transforms)
         return request
 
     def _lenient(self, message: Any, context: Context) -> Request:

@@ -11,19 +11,19 @@ from typing import Any, Final
 
 import structlog
 
+from gateway.lcm.errors import LcmUnavailable
+from gateway.lcm.liblcm_transport import LcmBus
+from gateway.lcm.network import join, url_of
+from gateway.lcm.tcpq_hub import Hub, HubConnection
+from gateway.lcm.tcpq_transport import TcpqBus
+from gateway.lcm.udpm_transport import UdpmBus
+from gateway.runtime.scheduling import step_back
 from gateway.scene.live import LiveTree
 from gateway.treeviewer import answers
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.dispatch import Dispatcher, Durable
-from gateway.treeviewer.errors import TreeViewerUnavailable
 from gateway.treeviewer.geometry import MeshLoader
-from gateway.treeviewer.hub import Hub, HubConnection
-from gateway.treeviewer.lcm_bus import LcmBus
-from gateway.treeviewer.network import join, url_of
 from gateway.treeviewer.protocol import REQUEST, RESPONSE, TreeViewerProtocol
-from gateway.treeviewer.tcpq_bus import TcpqBus
-from gateway.treeviewer.udpm_bus import UdpmBus
-from gateway.turns import step_back
 
 _log = structlog.get_logger("gateway.treeviewer")
 
@@ -90,7 +90,7 @@ class TreeViewerService:
         """Serves until cancelled.
 
         Raises:
-            TreeViewerUnavailable: no transport works.
+            LcmUnavailable: no transport works.
         """
         try:
             await self._start()
@@ -108,19 +108,19 @@ class TreeViewerService:
             wanted += 1
             try:
                 self._join(url)
-            except TreeViewerUnavailable as error:
+            except LcmUnavailable as error:
                 self._problem("lcm", error)
         if self._config.tcpq_port is not None:
             wanted += 1
             hub = Hub(self._config, self._from_hub, PATTERN, (RESPONSE, ready))
             try:
                 await hub.start()
-            except TreeViewerUnavailable as error:
+            except LcmUnavailable as error:
                 self._problem("tcpq", error)
             else:
                 self._hub = hub
         if self._problems and len(self._problems) == wanted:
-            raise TreeViewerUnavailable("; ".join(self._problems.values()))
+            raise LcmUnavailable("; ".join(self._problems.values()))
         if self._remote is not None and self._is_own_hub(self._remote):
             # everything in one environment: LCM_DEFAULT_URL names our own hub, which is served without a connection
             self._remote = None
@@ -154,7 +154,7 @@ class TreeViewerService:
         for executor in self._executors:
             executor.shutdown(wait=False, cancel_futures=True)
 
-    def _problem(self, transport: str, error: TreeViewerUnavailable) -> None:
+    def _problem(self, transport: str, error: LcmUnavailable) -> None:
         self._problems[transport] = str(error)
         _log.warning(str(error), transport=transport)
 

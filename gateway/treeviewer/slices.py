@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from gateway.treeviewer import kernels
+from gateway.treeviewer import json_kernels
 
 LEAST_CUT: Final = 256 * 1024
 """Bytes; smaller requests are read in one go within a millisecond."""
@@ -26,7 +26,7 @@ def pieces(body: bytes) -> Iterator[tuple[bytes, int]] | None:
         return None
     members = np.empty((MOST_MEMBERS, 5), np.int64)
     commas = np.empty(len(body) // 8 + 16, np.int64)
-    found, good = kernels.outline(np.frombuffer(body, np.uint8), members, commas)
+    found, good = json_kernels.outline(np.frombuffer(body, np.uint8), members, commas)
     if not good:
         return None
     rows = members[:found].tolist()

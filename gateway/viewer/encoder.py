@@ -23,9 +23,9 @@ from gateway.scene.live import Snapshot
 from gateway.scene.meshing import MeshPart, meshes_of
 from gateway.scene.tree import Change, Node, Path, changes
 from gateway.viewer.frames import FrameBuilder, fragment
-from gateway.viewer.mirror import Mirror, Step
 from gateway.viewer.payloads import Payloads
-from gateway.viewer.ports import Rig
+from gateway.viewer.sources import Rig
+from gateway.viewer.tree_diff import Mirror, Step
 from renderers.color import srgb_from_linear
 from renderers.drawlist import AlphaMode, Material
 

@@ -9,10 +9,10 @@ from typing import Any, Final
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.viewer.config import ViewerConfig
 from gateway.viewer.encoder import Encoder, encode_rig, encode_status
+from gateway.viewer.flow_control import Session
 from gateway.viewer.payloads import Payloads
-from gateway.viewer.ports import ViewPorts
 from gateway.viewer.renders import RecentRenders
-from gateway.viewer.session import Session
+from gateway.viewer.sources import ViewPorts
 
 LARGE_MESH: Final = 1 << 20
 """Meshes of more bytes are encoded in a thread, so that the event loop is not held for milliseconds."""

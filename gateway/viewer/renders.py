@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.viewer.ports import RenderNote
+from gateway.viewer.sources import RenderNote
 from renderers.encode import png_rgb
 
 _FARTHEST: Final = 95.0

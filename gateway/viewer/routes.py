@@ -12,7 +12,7 @@ from typing import Final
 from fastapi import APIRouter, Request, Response, WebSocket, WebSocketDisconnect
 from fastapi.responses import PlainTextResponse
 
-from gateway.ops.access import same_origin
+from gateway.server.access import same_origin
 from gateway.viewer.hub import Browser, ViewHub
 from renderers.drawlist import Image, ImageError
 from renderers.encode import png_rgba

@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.viewer.ports import PICTURE_NAMES, PictureName, SensorPictures
 from gateway.viewer.shared_task import SharedTask
+from gateway.viewer.sources import PICTURE_NAMES, PictureName, SensorPictures
 from renderers.encode import jpeg_rgb
 
 MAX_WIDTHS: Final = 4

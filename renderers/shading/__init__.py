@@ -33,10 +33,10 @@ calls, no arrays below the entry points: ``simd`` and ``pointers`` have what is 
 from __future__ import annotations
 
 from renderers.shading.materials import look_material
-from renderers.shading.paint import Painter, paint
+from renderers.shading.passes import Painter, paint
 from renderers.shading.scene import ShadingScene, prepare
 from renderers.shading.textures import Parallel, texels_of
-from renderers.shading.warm import warmup
+from renderers.shading.warmup import warmup
 
 __all__ = [
     "Painter",

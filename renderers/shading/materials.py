@@ -9,7 +9,7 @@ import numpy as np
 
 from renderers.color import srgb_from_linear
 from renderers.drawlist import AlphaMode, Material, Texture
-from renderers.port import LookName
+from renderers.interface import LookName
 from renderers.shading.textures import TextureTable
 
 VTK_PBR_ROUGHNESS: Final = 0.5

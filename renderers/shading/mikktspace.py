@@ -15,10 +15,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from renderers.compiler.device_function import inlined, inner
+from renderers.compiler.jit import kernel
+from renderers.compiler.kernel_calls import is_set
 from renderers.drawlist import Mesh, Topology
-from renderers.jit import kernel
-from renderers.linked import inlined, inner
-from renderers.native import is_set
 from renderers.stop import check_stop, current_stop
 
 _BLOCK: Final = 1 << 14

@@ -15,10 +15,9 @@ from typing import Final
 
 import numpy as np
 
-from renderers import simd as vec
-from renderers.linked import inlined, inner
-from renderers.pointers import f32_at, f64_at, i32_at, u32_at
-from renderers.shading.ahead import look_ahead_of_runs
+from renderers.compiler import simd as vec
+from renderers.compiler.device_function import inlined, inner
+from renderers.compiler.pointers import f32_at, f64_at, i32_at, u32_at
 from renderers.shading.layout import (
     A_COLOR,
     A_FACING,
@@ -37,7 +36,8 @@ from renderers.shading.layout import (
     II_VERTICES,
     V_COLUMNS,
 )
-from renderers.shading.triples import cross, dot, minus, optical
+from renderers.shading.prefetch import look_ahead_of_runs
+from renderers.shading.vec3 import cross, dot, minus, optical
 
 # Scratch of eight runs, in rows of eight values of 8 bytes.
 R_BASE: Final = 0  # 3 rows float64: coordinates at the run's first pixel

@@ -6,9 +6,9 @@ from typing import Final
 
 import numpy as np
 
-from renderers import simd as vec
-from renderers.linked import inlined, inner
-from renderers.pointers import f32_at, i32_at, i64_at
+from renderers.compiler import simd as vec
+from renderers.compiler.device_function import inlined, inner
+from renderers.compiler.pointers import f32_at, i32_at, i64_at
 from renderers.shading.layout import A_UV0, S_BYTE_VALUES, S_TEXTURE_FLOATS, S_TEXTURES
 from renderers.shading.textures import (
     TF_COLUMNS,

@@ -10,17 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.color import BYTE_VALUES
+from renderers.compiler.jit import kernel
+from renderers.compiler.pointers import address_of, f32_at, f64_at
 from renderers.drawlist import Image, Instance, Material, Topology
-from renderers.jit import kernel
-from renderers.pointers import address_of, f32_at, f64_at
-from renderers.port import LookName
+from renderers.interface import LookName
+from renderers.scene_tables import SceneTables, lets_through
+from renderers.shading.gamma import DECODED, ENCODED, GAMMA_CELLS
 from renderers.shading.layout import II_COLUMNS, P_COLUMNS, P_MIRROR, P_NORMAL, P_TANGENT
 from renderers.shading.materials import MaterialRows, as_tables, material_rows
 from renderers.shading.textures import Parallel, Texels, TextureTable, texels_of
-from renderers.shading.transfer import DECODED, ENCODED, GAMMA_CELLS
 from renderers.shading.vertices import VertexRecords, records_of
 from renderers.stop import check_stop
-from renderers.tables import SceneTables, lets_through
 
 
 @dataclass(frozen=True, slots=True, eq=False)

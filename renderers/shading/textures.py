@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from renderers.compiler.pointers import address_of
 from renderers.drawlist import Image, ImageError, Texture, Wrap, image_named
-from renderers.pointers import address_of
 from renderers.stop import check_stop
 from renderers.weaklru import WeakLru
 

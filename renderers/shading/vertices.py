@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from renderers.compiler.pointers import address_of
 from renderers.drawlist import Mesh, used_vertices
-from renderers.pointers import address_of
 from renderers.shading.layout import (
     E_COLOR,
     E_COLUMNS,

@@ -21,7 +21,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from renderers.cache_locator import cached_njit
+from renderers.compiler.cache_locator import cached_njit
 from renderers.stereo.model import DISPARITY_SCALE
 from renderers.stereo.noise import KERNELS_VERSION, NORMAL_TABLE, random64
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from renderers.cache_locator import cached_njit
+from renderers.compiler.cache_locator import cached_njit
 from renderers.stereo.errors import Measured
 from renderers.stereo.model import DISPARITY_SCALE
 

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.cache_locator import cached_njit
+from renderers.compiler.cache_locator import cached_njit
 from renderers.stereo.errors import Measured
 from renderers.stop import check_stop
 

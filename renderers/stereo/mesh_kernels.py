@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from renderers.cache_locator import cached_njit
+from renderers.compiler.cache_locator import cached_njit
 
 
 @cached_njit(nogil=True)

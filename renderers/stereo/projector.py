@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.cache_locator import cached_njit
+from renderers.compiler.cache_locator import cached_njit
 
 CELL: Final = 1.5 / 552.0
 """Width of a dot, in units of the focal length: 2 pixels of a 640 pixel wide image of the 4 mm lens."""

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from renderers.cache_locator import cached_njit
+from renderers.compiler.cache_locator import cached_njit
 from renderers.stereo.noise import KERNELS_VERSION, random64
 
 _VERSION = KERNELS_VERSION

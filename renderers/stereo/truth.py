@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.cache_locator import cached_njit
+from renderers.compiler.cache_locator import cached_njit
 
 OCCLUSION_STEP = 1.0
 """Pixels. A point counts as hidden from the right camera when what that camera sees there is nearer by more than this

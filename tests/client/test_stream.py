@@ -19,7 +19,7 @@ from gateway.client.stream import Progress, StreamFailure, StreamOptions, receiv
 from gateway.client.stream_files import BadImageError, depth, pixels, preview
 from gateway.client.truth import TruthFailure
 from gateway.generated import image_interface_pb2 as pb
-from gateway.ops.http import PortService
+from gateway.server.http_server import PortService
 from gateway.stereo.pairs import geometry_in
 from gateway.stereo.truth import truth_router
 from renderers.stereo.model import MODELS

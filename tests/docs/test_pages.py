@@ -12,8 +12,8 @@ import pytest
 import typer.main
 
 from gateway.cli.main import app
-from gateway.options import OTHER_ENV, env_of
 from gateway.settings import Settings
+from gateway.settings.types import OTHER_ENV, env_of
 from tests.docs.pages import PAGES, ROOT, anchors, blocks, commands, links, prose, spans
 
 FOREIGN = {

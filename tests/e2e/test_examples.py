@@ -47,7 +47,7 @@ def test_examples_are_short_and_all_here() -> None:
         "render_http.py",
         "stream_stereo.py",
     ]
-    assert found == expected  # tests/batch has those of datasets and Ray
+    assert found == expected  # tests/datasets has those of datasets and Ray
     assert all(len((EXAMPLES / name).read_text().splitlines()) <= MAX_LINES for name in found)
 
 

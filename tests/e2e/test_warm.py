@@ -9,7 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from gateway import warmup
+from gateway.wiring import warmup
 from tests.support.waiting import SECONDS
 
 ROOT = Path(__file__).parents[2]
@@ -69,8 +69,8 @@ from gateway.ops import kernels
 cached = kernels.are_cached()
 warmup.run()
 from renderers import kernel_cache
-from renderers.cache_locator import CACHED, cache_folder
-from renderers.jit import KERNELS
+from renderers.compiler.cache_locator import CACHED, folder_of
+from renderers.compiler.jit import KERNELS
 
 manifest = json.loads((kernel_cache.folder() / "complete.json").read_bytes())
 listed = [name.split("/")[0] for part in manifest.values() for name in part if name.endswith(".nbi")]
@@ -83,7 +83,7 @@ print(json.dumps({
     "misses": total("cache_misses"),
     "parts": list(manifest),
     "listed": sorted(listed),
-    "defined": sorted(cache_folder(kernel).name for kernel in CACHED),
+    "defined": sorted(folder_of(kernel).name for kernel in CACHED),
     "loaded": [len(kernel.stats.cache_hits) for kernel in KERNELS],
 }))
 """
@@ -128,7 +128,7 @@ shutil.copytree(here, copy / here.name)
 kernel_cache.root.cache_clear()
 import os
 os.environ["NUMBA_CACHE_DIR"] = str(copy)
-lost = next((copy / here.name).glob("renderers.cpu.*"))
+lost = next((copy / here.name).glob("renderers.raster.*"))
 for file in lost.iterdir():
     file.unlink()
 before = kernel_cache.missing()

@@ -16,14 +16,14 @@ from fastapi import FastAPI
 from numpy.typing import NDArray
 
 from gateway.render.config import RenderConfig
+from gateway.render.events import RenderRecord
 from gateway.render.pipeline import Backdrop
-from gateway.render.records import RenderRecord
 from gateway.render.routes import router
 from gateway.render.service import RenderService
-from gateway.workers import Workers
+from gateway.runtime.worker_pool import Workers
 from renderers.camera import Camera
 from renderers.drawlist import LABEL_NONE, DrawList
-from renderers.port import Frame, Look, Output, Renderer
+from renderers.interface import Frame, Look, Output, Renderer
 from tests.support.corpus import TABLE
 from tests.support.forms import gltf
 from tests.support.waiting import SECONDS

@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from renderers.cpu import CpuRenderer
+from renderers.raster import CpuRenderer
 from tests.render.conftest import Running, Start
 from tests.support.corpus import DONT_CARE_LABEL, decode_label
 from tests.support.forms import CONTENT_TYPE, body, drake_fields, gltf

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from renderers.cpu import CpuRenderer
+from renderers.raster import CpuRenderer
 from tests.render.conftest import Start
 from tests.support.corpus import TABLE, DrakeScene, Row, decode_label, drake_scene, drake_scenes
 

@@ -14,7 +14,7 @@ from gateway.render.config import RenderConfig
 from gateway.scene.geometry import Box, Part
 from gateway.scene.tree import Node, TreeEdit
 from renderers.drawlist import ImageError, Instance, Material
-from renderers.port import Output
+from renderers.interface import Output
 from tests.render.conftest import SCENE, Start, WatchedRenderer, assert_refused, decoded
 from tests.support.forms import CONTENT_TYPE, body, drake_fields, gltf
 

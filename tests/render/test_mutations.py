@@ -13,9 +13,9 @@ import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
+from gateway.gltf import GltfLimits
 from gateway.render.config import RenderConfig
-from gateway.scene.gltf import GltfLimits
-from renderers.cpu import CpuRenderer
+from renderers.raster import CpuRenderer
 from tests.render.conftest import Running, running
 from tests.support.corpus import drake_scene
 from tests.support.forms import CONTENT_TYPE, body, drake_fields, gltf

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from gateway.gltf import GltfError, HashedDocument
 from gateway.render.config import RenderConfig
 from gateway.render.depth import millimetres
 from gateway.render.errors import RequestError
@@ -18,8 +19,7 @@ from gateway.render.form import read_form
 from gateway.render.multipart import FormReader
 from gateway.render.pipeline import Pipeline
 from gateway.render.scenes import SceneStore
-from gateway.scene.gltf import GltfError, HashedDocument
-from renderers.cpu import CpuRenderer
+from renderers.raster import CpuRenderer
 from tests.support.forms import CONTENT_TYPE, body, drake_fields, gltf
 
 

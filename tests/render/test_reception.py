@@ -13,11 +13,11 @@ from pathlib import Path
 
 import pytest
 
-from gateway.render import exchange
+from gateway.render import handler
 from gateway.render.config import RenderConfig
 from gateway.render.multipart import FormReader
-from tests.ops.listening import listening
 from tests.render.conftest import Start, WatchedRenderer
+from tests.server.listening import listening
 from tests.support.forms import CONTENT_TYPE, body, drake_fields, gltf
 from tests.support.waiting import SECONDS, until
 
@@ -113,7 +113,7 @@ async def test_nothing_of_a_body_waits_for_the_garbage_collector(
             super().__init__(*given)  # type: ignore[arg-type]  # whatever the endpoint gives
             readers.append(weakref.ref(self))
 
-    monkeypatch.setattr(exchange, "FormReader", Watched)
+    monkeypatch.setattr(handler, "FormReader", Watched)
     async with start(watched) as server, listening(server.app) as port, asyncio.timeout(SECONDS):
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
         gc.disable()

@@ -12,11 +12,11 @@ import pytest
 
 from renderers.alike import KEPT_PER_MESH, Alike
 from renderers.camera import Camera
-from renderers.cpu import CpuRenderer
-from renderers.cpu.scene import prepare
 from renderers.drawlist import Cast, DrawList, Instance, Material, Placed
-from renderers.port import Look, Output
-from tests.renderers.shading_reference import ball, quad
+from renderers.interface import Look, Output
+from renderers.raster import CpuRenderer
+from renderers.raster.scene import prepare
+from tests.renderers.shading.reference import ball, quad
 
 
 def instances(*materials: Material) -> tuple[Instance, ...]:

@@ -9,11 +9,11 @@ import pytest
 from numpy.typing import NDArray
 
 from renderers.camera import Camera
-from renderers.cpu import CpuRenderer
 from renderers.drawlist import AlphaMode, DrawList, Image, Instance, Material, Mesh, Texture
-from renderers.port import Look, LookName, Output
+from renderers.interface import Look, LookName, Output
+from renderers.raster import CpuRenderer
 from tests.renderers.scenes import pose, sphere
-from tests.renderers.test_shading_scalar import scene
+from tests.renderers.shading.test_scalar import scene
 
 SIZES = ((203, 151), (97, 71), (320, 40))
 

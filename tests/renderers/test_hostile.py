@@ -7,9 +7,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from renderers.camera import Camera
-from renderers.cpu import CpuRenderer
 from renderers.drawlist import DrawList, Instance, Material, Mesh
-from renderers.port import Output
+from renderers.interface import Output
+from renderers.raster import CpuRenderer
 from tests.renderers.scenes import pose, soup
 
 RENDERER = CpuRenderer(threads=1)

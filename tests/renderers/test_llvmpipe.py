@@ -10,9 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 from renderers.camera import Camera
-from renderers.cpu import CpuRenderer
 from renderers.drawlist import DrawList, Instance, Material
-from renderers.port import Output
+from renderers.interface import Output
+from renderers.raster import CpuRenderer
 from tests.renderers.scenes import camera, draw_list, grid, mesh, pose, soup, sphere
 
 moderngl = pytest.importorskip("moderngl", reason="moderngl is not installed")

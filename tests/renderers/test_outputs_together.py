@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from renderers.camera import Camera
-from renderers.cpu import CpuRenderer
 from renderers.drawlist import DrawList, Instance, Material, Mesh
-from renderers.port import Look, Output
-from tests.renderers.shading_reference import ball, placed, quad
+from renderers.interface import Look, Output
+from renderers.raster import CpuRenderer
+from tests.renderers.shading.reference import ball, placed, quad
 
 GEOMETRY = Output.DEPTH | Output.LABEL | Output.INSTANCE | Output.NORMAL
 

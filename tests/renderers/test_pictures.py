@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from renderers.cpu import CpuRenderer
 from renderers.drawlist import DrawList, Instance, Material
-from renderers.port import Output
+from renderers.interface import Output
+from renderers.raster import CpuRenderer
 from tests.renderers.pictures import same_as_golden
 from tests.renderers.scenes import camera, grid, mesh, sphere
 

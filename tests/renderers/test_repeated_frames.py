@@ -12,11 +12,11 @@ import pytest
 from numpy.typing import NDArray
 
 from renderers.camera import Camera
-from renderers.cpu import CpuRenderer
 from renderers.drawlist import DrawList, Instance, Material
-from renderers.port import Frame, Look, Output
+from renderers.interface import Frame, Look, Output
+from renderers.raster import CpuRenderer
 from tests.renderers.scenes import pose, sphere
-from tests.renderers.test_shading_scalar import scene
+from tests.renderers.shading.test_scalar import scene
 
 ALL = Output.COLOR | Output.DEPTH | Output.LABEL
 CAMERA = Camera(160, 100, 140.0, 140.0, 80.3, 50.0, 0.05, 50.0, np.eye(4))

@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from renderers.cpu import CpuRenderer
-from renderers.cpu.crew import Crew, Phase
 from renderers.drawlist import AlphaMode, DrawList, Image, Instance, Material, Mesh, Texture, used_vertices
 from renderers.fxaa import fxaa
 from renderers.images import decode_image
-from renderers.port import Look, LookName, Output
+from renderers.interface import Look, LookName, Output
+from renderers.raster import CpuRenderer
+from renderers.raster.frame_threads import Crew, Phase
 from renderers.shading.mikktspace import corner_tangents
+from renderers.shading.studio.mipmaps import make_chain
 from renderers.stop import StopFlag, check_stop, current_stop, run_within
-from renderers.studio.mips import make_chain
 from tests.renderers import scenes
 from tests.support.slow import covering
 from tests.support.waiting import SECONDS

@@ -8,14 +8,14 @@ import sys
 from tests.support.waiting import SECONDS
 
 PROGRAM = """
-from renderers.cpu import warmup
+from renderers.raster import warmup
 warmup()
 from numba.core.event import install_recorder
 import numpy as np
 from renderers.camera import Camera
-from renderers.cpu import CpuRenderer
+from renderers.raster import CpuRenderer
 from renderers.drawlist import AlphaMode, DrawList, Instance, Material, Mesh
-from renderers.port import Look, Output
+from renderers.interface import Look, Output
 
 corners = np.array(((-1, -1, 2), (1, -1, 2), (1, 1, 2), (-1, 1, 1)), dtype=np.float32)
 instances = tuple(
@@ -42,7 +42,7 @@ with install_recorder("numba:compile") as recorder:
         renderer.close()
 print(len(recorder.buffer), "compilations")
 
-from renderers.jit import KERNELS
+from renderers.compiler.jit import KERNELS
 assert KERNELS
 for kernel in KERNELS:
     assert len(kernel.signatures) == 1, (kernel, kernel.signatures)

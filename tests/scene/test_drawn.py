@@ -12,9 +12,9 @@ from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Line, Part
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree
 from gateway.scene.viewpoints import resolve_camera
-from renderers.cpu import CpuRenderer
 from renderers.drawlist import LABEL_NONE, Material
-from renderers.port import Look, Output
+from renderers.interface import Look, Output
+from renderers.raster import CpuRenderer
 
 ONE_SIDED = Material(base_color=(1, 1, 1, 1), metallic=0.0, roughness=1.0)
 ARROW = Line(np.array([(0, 0, -1), (0, 0, 1)], np.float32), 0.2, end_head=True, head_radius=0.5)

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 from fastapi import FastAPI
 
+from gateway.runtime.worker_pool import Workers
 from gateway.scene import transforms as tf
 from gateway.scene.geometry import Box, Part, Sphere
 from gateway.scene.live import LiveTree
 from gateway.sceneapi.config import SceneApiConfig
 from gateway.sceneapi.routes import router
 from gateway.sceneapi.service import SceneApi
-from gateway.workers import Workers
 from renderers.camera import Camera
 from renderers.drawlist import LABEL_NONE, DrawList, Material
-from renderers.port import Frame, Look, Output
+from renderers.interface import Frame, Look, Output
 
 SPOT = (20, 30)
 """Row and column."""

@@ -12,17 +12,17 @@ import pytest
 import tifffile
 from fastapi import FastAPI
 
+from gateway.gltf import read_gltf
+from gateway.runtime.worker_pool import Workers
 from gateway.scene.geometry import Box, Part, PointCloud
-from gateway.scene.gltf import read_gltf
 from gateway.scene.live import LiveTree
 from gateway.scene.transforms import look_at
 from gateway.sceneapi.config import SceneApiConfig
 from gateway.sceneapi.routes import router
 from gateway.sceneapi.service import SceneApi
-from gateway.workers import Workers
 from renderers.camera import Camera
 from renderers.drawlist import ImageError, Material
-from renderers.port import Output
+from renderers.interface import Output
 from tests.sceneapi.conftest import SPOT, World
 from tests.support.endless import EndlessRenderer
 from tests.support.waiting import until

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from gateway.guard import Guard
+from gateway.server.security import Guard
 from gateway.settings import Settings, SettingsError
 from tests.support.certificates import certificate
 

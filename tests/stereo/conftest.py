@@ -13,16 +13,16 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.generated import image_interface_pb2 as pb
+from gateway.runtime.worker_pool import Workers
 from gateway.stereo.clock import Clock
 from gateway.stereo.config import StereoConfig
 from gateway.stereo.service import StereoService
-from gateway.workers import Workers
-from renderers.cpu import CpuRenderer
-from renderers.cpu.warmup import warmup
 from renderers.drawlist import DrawList
-from renderers.port import Renderer
+from renderers.interface import Renderer
+from renderers.raster import CpuRenderer
+from renderers.raster.warmup import warmup
 from renderers.stereo.model import StereoModel
-from renderers.stereo.warm import warm_up
+from renderers.stereo.warmup import warm_up
 from tests.stereo.scenes import pose, table
 from tests.support.waiting import SECONDS, until
 

@@ -11,11 +11,11 @@ from gateway.scene.live import LiveTree
 from gateway.scene.mount import parse_mount_pose
 from gateway.settings import Settings
 from gateway.stereo.config import StereoConfig
+from gateway.stereo.images import Shot, Studio, Wanted
 from gateway.stereo.parameters import Parameters
-from gateway.stereo.pictures import Shot, Studio, Wanted
 from gateway.stereo.settings import read
-from renderers.cpu import CpuRenderer
-from renderers.port import Output
+from renderers.interface import Output
+from renderers.raster import CpuRenderer
 from renderers.stereo.noise import Stream
 from renderers.stereo.truth import DepthRange, true_disparity
 

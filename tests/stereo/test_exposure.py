@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.generated import image_interface_pb2 as pb
-from gateway.stereo.metering import Memory, expose
+from gateway.stereo.auto_exposure import Memory, expose
 from gateway.stereo.parameters import Parameters
 from gateway.stereo.settings import StreamSettings, read
 from renderers.stereo.exposure import AutoExposure, Exposure, auto_exposure, brightness_of

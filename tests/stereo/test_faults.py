@@ -12,7 +12,7 @@ import pytest
 from fastapi import FastAPI
 
 from gateway.stereo.clock import SimulatedClock
-from gateway.stereo.faultroutes import fault_router
+from gateway.stereo.fault_routes import fault_router
 from gateway.stereo.faults import FaultInjector, Faults
 from tests.stereo.conftest import Camera, Start
 

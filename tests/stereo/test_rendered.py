@@ -9,19 +9,19 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.demo import Demo
+from gateway.gltf import read_gltf
 from gateway.scene.flatten import flatten
 from gateway.scene.geometry import Box, Sphere
-from gateway.scene.gltf import read_gltf
 from gateway.scene.live import LiveTree
 from gateway.scene.transforms import look_at
 from gateway.scene.tree import Node, TreeEdit
 from gateway.stereo.config import StereoConfig
+from gateway.stereo.images import Shot, Studio
 from gateway.stereo.parameters import Parameters
-from gateway.stereo.pictures import Shot, Studio
 from gateway.stereo.settings import StreamSettings, read
-from renderers.cpu import CpuRenderer
 from renderers.drawlist import DrawList
-from renderers.port import LookName, Output
+from renderers.interface import LookName, Output
+from renderers.raster import CpuRenderer
 from renderers.stereo.model import MODELS, Quality, StereoModel
 from tests.stereo.scenes import part
 from tests.stereo.test_depth import ACCURACY_MM

@@ -8,7 +8,7 @@ import numpy as np
 
 from gateway.settings import Settings, load
 from gateway.stereo.config import StereoConfig
-from gateway.stereojoin import config_of, model_of
+from gateway.wiring.stereo import config_of, model_of
 from renderers.stereo.exposure import Exposure
 from renderers.stereo.model import MODELS, Quality
 from renderers.stereo.noise import Stream, frame_key

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from typing import Any
 
-from renderers.port import Frame
+from renderers.interface import Frame
 from renderers.stop import check_stop
 
 

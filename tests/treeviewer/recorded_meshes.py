@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from gateway.assets.mesh_files import MeshFiles
 from gateway.scene.geometry import Part
-from gateway.scene.meshfiles import MeshFiles
 
 RECORDED_ROOT = "/srv/scenegate/mesh/"
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from gateway.scene.geometry import Line, Part, PointCloud, Surface
-from gateway.treeviewer import answers, binary_kernels, wire
+from gateway.treeviewer import answers, msgpack_kernels, wire
 from gateway.treeviewer.arrays import EXTENSION, TYPES, pack, unpack
 from gateway.treeviewer.binary import LEAST_CUT
 from gateway.treeviewer.config import Limits
@@ -286,9 +286,9 @@ def test_the_walk_counts_what_there_is(value: Any) -> None:
         return 1 + (len(it.encode()) // 64 if isinstance(it, str) else 0)
 
     data = np.frombuffer(msgspec.msgpack.encode(value), np.uint8)
-    assert binary_kernels.objects(data, 1 << 40) == count(value)
+    assert msgpack_kernels.objects(data, 1 << 40) == count(value)
     if len(data) > 1:
-        assert binary_kernels.objects(data[:-1], 1 << 40) == binary_kernels.TRUNCATED
+        assert msgpack_kernels.objects(data[:-1], 1 << 40) == msgpack_kernels.TRUNCATED
 
 
 def test_mutated_messages_are_survived() -> None:

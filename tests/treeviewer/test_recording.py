@@ -12,12 +12,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gateway.lcm import replay
+from gateway.lcm.event_log import Event, EventLogError, pack_event, read_events
+from gateway.lcm.tcpq import HUB_HELLO, publish_head
 from gateway.scene.live import LiveTree
-from gateway.treeviewer import replay
 from gateway.treeviewer.config import TreeViewerConfig
-from gateway.treeviewer.eventlog import Event, EventLogError, pack_event, read_events
 from gateway.treeviewer.protocol import REQUEST
-from gateway.treeviewer.tcpq import HUB_HELLO, publish_head
 from tests.support.liblcm import liblcm
 from tests.support.waiting import until
 from tests.treeviewer.conversation import BOX, message

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import pytest
 
-from gateway.treeviewer import receive_buffer, udpm_bus
+from gateway.lcm import receive_buffer, udpm_transport
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.protocol import REQUEST, RESPONSE
+from tests.lcm.test_replay import unordered
 from tests.support.waiting import MILLISECONDS
 from tests.treeviewer import recordings
 from tests.treeviewer.conversation import ONE_BOX, decoded
 from tests.treeviewer.differences import DIFFERENCES
 from tests.treeviewer.recorded_meshes import RecordedMeshes
-from tests.treeviewer.test_replay import unordered
 from tests.treeviewer.transports import answer_over, config_of, in_thread, join, lossless, serving
 
 
@@ -124,7 +124,7 @@ async def test_the_receive_buffer_is_raised_or_the_sysctl_is_named(url: str) -> 
 @pytest.mark.lcm
 async def test_a_small_receive_buffer_is_warned_about(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(receive_buffer.ReceiveBuffer, "raise_to", lambda self, size: 212_992)
-    monkeypatch.setattr(udpm_bus, "system_limit", lambda: 212_992)
+    monkeypatch.setattr(udpm_transport, "system_limit", lambda: 212_992)
     async with serving(config_of(url)) as service:
         assert service.status()["lcm"]["warning"] == (
             "LCM's receive buffer has 212992 bytes instead of 67108864: larger messages and bursts can get lost; "

@@ -15,11 +15,11 @@ from typing import Any
 
 import pytest
 
+from gateway.lcm.tcpq import CLIENT_HELLO, HUB_HELLO, Frame, publish_head, subscription
 from gateway.scene.live import LiveTree
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.geometry import MeshLoader
 from gateway.treeviewer.service import TreeViewerService
-from gateway.treeviewer.tcpq import CLIENT_HELLO, HUB_HELLO, Frame, publish_head, subscription
 from tests.support.liblcm import liblcm
 from tests.support.waiting import MILLISECONDS, SECONDS
 

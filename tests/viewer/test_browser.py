@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from gateway.scene.gltf import read_gltf
+from gateway.gltf import read_gltf
 from tests.support import clients
 from tests.support.browser import chromium, new_page
 from tests.support.forms import CONTENT_TYPE, body, drake_fields, gltf

@@ -15,10 +15,10 @@ from gateway.scene.geometry import Box, Part, PointCloud, Sphere, Surface
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.tree import Node, TreeEdit
 from gateway.viewer.encoder import EMPTY, TURN_CHANGES, Encoder, encode_rig
+from gateway.viewer.flow_control import Session
 from gateway.viewer.frames import parse
 from gateway.viewer.payloads import Payloads
-from gateway.viewer.ports import Rig
-from gateway.viewer.session import Session
+from gateway.viewer.sources import Rig
 from renderers.drawlist import AlphaMode, Image, Material, Mesh, Texture
 from tests.viewer.model import Model, tree_of
 

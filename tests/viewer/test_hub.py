@@ -16,7 +16,7 @@ from gateway.scene.live import LiveTree, Snapshot
 from gateway.viewer.config import ViewerConfig
 from gateway.viewer.frames import parse
 from gateway.viewer.hub import Browser, ViewHub
-from gateway.viewer.ports import RenderNote, Rig, ViewPorts
+from gateway.viewer.sources import RenderNote, Rig, ViewPorts
 from renderers.drawlist import Material
 from tests.support.waiting import SECONDS, until
 from tests.viewer.model import Model, tree_of

@@ -14,6 +14,7 @@ import pytest
 from fastapi import FastAPI
 from PIL import Image as Pillow
 
+from gateway.runtime.worker_pool import Workers
 from gateway.scene.cameras import parse_camera
 from gateway.scene.flatten import Flattener
 from gateway.scene.geometry import Box, Part, PointCloud
@@ -22,17 +23,16 @@ from gateway.scene.live import LiveTree
 from gateway.viewer.config import ViewerConfig
 from gateway.viewer.frames import parse
 from gateway.viewer.hub import ViewHub
-from gateway.viewer.pictureroutes import picture_router
-from gateway.viewer.pictures import Pictures, View
-from gateway.viewer.ports import RenderNote, SensorPictures
+from gateway.viewer.image_routes import picture_router
 from gateway.viewer.routes import router
+from gateway.viewer.scene_images import Pictures, View
 from gateway.viewer.sensor import SensorView
-from gateway.workers import Workers
+from gateway.viewer.sources import RenderNote, SensorPictures
 from renderers.camera import Camera
 from renderers.drawlist import DrawList, Material
 from renderers.encode import png_gray16, png_rgb, tiff_float32
-from renderers.port import Frame, Look, Output
-from renderers.studio.rig import Rig
+from renderers.interface import Frame, Look, Output
+from renderers.shading.studio.rig import Rig
 from tests.support.endless import EndlessRenderer
 from tests.support.waiting import SECONDS, until
 
@@ -140,7 +140,7 @@ async def test_bad_views_get_a_sentence(world: World, query: str, status: int, w
 
 async def test_stream_sends_a_picture_per_change_and_ends(world: World) -> None:
     from gateway.scene.cameras import parse_camera
-    from gateway.viewer.pictures import StreamsFull, View
+    from gateway.viewer.scene_images import StreamsFull, View
 
     view = View(parse_camera("fit"), 32, 24, 80, "plain")
     closing = False

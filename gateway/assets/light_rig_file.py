@@ -1,0 +1,196 @@
+"""Rigs of the ``studio`` look from TOML files.
+
+A rig replaces the built-in one; what a table leaves out has the value of ``renderers.shading.studio.rig``. World frame,
+metres, Z up, angles in degrees::
+
+    exposure = 1.0
+    tone = "neutral"            # aces, none
+    shadow_size = 2048          # 0: no shadows
+
+    [surroundings]
+    image = "studio.hdr"        # beside this file; or sky and ground colours and softboxes
+    intensity = 0.8
+    turn = 90
+
+    [[surroundings.softboxes]]
+    direction = [-1, -1, 1]
+    radiance = [2, 2, 2]
+    width = 30
+    height = 20
+
+    [[lights]]
+    kind = "directional"        # point, spot
+    direction = [0.3, 0.5, -1]
+    color = [1, 0.95, 0.9]
+    intensity = 2.3
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import reprlib
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from renderers.drawlist import Light, LightKind
+from renderers.shading.studio.rig import MAX_LIGHTS, STUDIO, Hemisphere, Rig, Softbox, Surroundings, ToneName
+
+Light_ = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Color = tuple[Light_, Light_, Light_]
+Vector = tuple[Number, Number, Number]
+
+
+class RigFileError(ValueError):
+    """A rig file cannot be used; the message names the file, the value and why."""
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class _Softbox(_Table):
+    direction: Vector
+    radiance: Color
+    width: float = Field(gt=0, lt=89)
+    height: float = Field(gt=0, lt=89)
+    softness: float = Field(0.3, gt=0, le=2)
+
+
+class _Surroundings(_Table):
+    sky: Color = Hemisphere().sky
+    ground: Color = Hemisphere().ground
+    softboxes: tuple[_Softbox, ...] = Field((), max_length=MAX_LIGHTS)
+    image: Path | None = None
+    intensity: Light_ = 1.0
+    turn: Number = 0.0
+
+
+class _Light(_Table):
+    kind: Literal["directional", "point", "spot"]
+    color: Color = (1.0, 1.0, 1.0)
+    intensity: Light_ = 1.0
+    position: Vector = (0.0, 0.0, 0.0)
+    direction: Vector = (0.0, 0.0, -1.0)
+    range: float | None = Field(None, gt=0, allow_inf_nan=False)
+    inner_cone: float = Field(0.0, ge=0, lt=90)
+    outer_cone: float = Field(45.0, gt=0, le=90)
+    casts_shadow: bool = True
+
+
+class _Rig(_Table):
+    exposure: Light_ = 1.0
+    tone: ToneName = Rig().tone
+    shadow_size: int = Rig().shadow_size
+    shadow_radius: int = Rig().shadow_radius
+    scene_lights: bool = True
+    surroundings: _Surroundings | None = None
+    lights: tuple[_Light, ...] = ()
+
+
+def rig_of(path: Path | None) -> Rig:
+    """The rig of a file, or the built-in one.
+
+    Raises:
+        RigFileError: see ``read_rig``.
+    """
+    return STUDIO if path is None else read_rig(path)
+
+
+def rig_digest(path: Path) -> str:
+    """SHA-256 of a rig's file and of the picture of its surroundings, in hexadecimal.
+
+    Raises:
+        RigFileError: see ``read_rig``.
+    """
+    rig = read_rig(path)
+    image = rig.surroundings.image if rig.surroundings is not None else None
+    return hashlib.sha256(path.read_bytes() + (image or b"")).hexdigest()
+
+
+def read_rig(path: Path) -> Rig:
+    """The rig of a TOML file; a picture of the surroundings lies beside it.
+
+    Raises:
+        RigFileError: a file cannot be read, or a value cannot be used.
+    """
+    try:
+        values: dict[str, Any] = tomllib.loads(path.read_text("utf-8"))
+        read = _Rig.model_validate(values)
+        return Rig(
+            lights=tuple(_light(table, f"lights.{n}") for n, table in enumerate(read.lights)),
+            surroundings=_surroundings(read.surroundings, path.parent) if read.surroundings is not None else None,
+            scene_lights=read.scene_lights,
+            exposure=read.exposure,
+            tone=read.tone,
+            shadow_size=read.shadow_size,
+            shadow_radius=read.shadow_radius,
+        )
+    except OSError as error:
+        of = f" (the surroundings of {path})" if error.filename not in (None, str(path)) else ""
+        raise RigFileError(f"{error.filename or path} cannot be read: {error.strerror}{of}") from None
+    except ValidationError as error:
+        raise RigFileError(f"{path}: {_fault(error)}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, ValueError) as error:
+        raise RigFileError(f"{path}: {error}") from None
+
+
+def _surroundings(table: _Surroundings, folder: Path) -> Surroundings:
+    from renderers.shading.studio.environment_map import read_hdr
+
+    image = (folder / table.image).read_bytes() if table.image is not None else None
+    if image is not None:
+        read_hdr(image)  # now, not with the first picture
+    return Surroundings(
+        hemisphere=Hemisphere(table.sky, table.ground),
+        softboxes=tuple(
+            Softbox(
+                _direction(box.direction, f"surroundings.softboxes.{n}"),
+                box.radiance,
+                math.radians(box.width),
+                math.radians(box.height),
+                box.softness,
+            )
+            for n, box in enumerate(table.softboxes)
+        ),
+        image=image,
+        intensity=table.intensity,
+        turn=math.radians(table.turn),
+    )
+
+
+def _light(table: _Light, where: str) -> Light:
+    if table.kind == "spot" and table.inner_cone >= table.outer_cone:
+        raise ValueError(
+            f"{where}: inner_cone = {table.inner_cone:g} must be less than outer_cone = {table.outer_cone:g}"
+        )
+    return Light(
+        LightKind(table.kind),
+        table.color,
+        table.intensity,
+        table.position,
+        _direction(table.direction, where),
+        table.range,
+        math.radians(table.inner_cone),
+        math.radians(table.outer_cone),
+        table.casts_shadow,
+    )
+
+
+def _direction(v: Vector, where: str) -> Vector:
+    length = math.hypot(*v)
+    if not 1e-9 < length < 1e9:
+        raise ValueError(f"{where}: direction = {list(v)} has no direction")
+    return v[0] / length, v[1] / length, v[2] / length
+
+
+def _fault(error: ValidationError) -> str:
+    """The first fault as a sentence: where it is, why, and the value, where one was given."""
+    fault = error.errors(include_url=False)[0]
+    where = ".".join(map(str, fault["loc"]))
+    text = f"{where}: {fault['msg'][:1].lower()}{fault['msg'][1:]}"
+    return text if fault["type"] == "missing" else f"{text}, not {reprlib.repr(fault['input'])}"

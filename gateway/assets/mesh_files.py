@@ -1,0 +1,253 @@
+"""Mesh files that clients name: found below the folders that the operator opened, loaded once, kept while unchanged.
+
+Nothing outside of those folders is read, whatever a client writes: names are resolved with all symbolic links before
+they are compared with the roots, also those of materials and textures inside the files. Nothing is ever fetched.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+import threading
+from collections import OrderedDict
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from urllib.parse import unquote
+
+import msgspec
+
+from gateway.assets.mesh_formats import FORMATS, MeshFormatError, parse_mesh
+from gateway.assets.ros_packages import Packages
+from gateway.gltf import GltfError, GltfLimits
+from gateway.scene.geometry import Part, PointCloud, Surface
+from gateway.scene.transforms import scaling
+
+SIBLINGS = ("obj", "gltf", "glb", "stl", "ply", "dae")
+"""When the named file is missing or of an unknown format (``.vtp``, ``.sdf`` …), the first of these that lies beside it
+with the same stem is taken instead. Director prefers such siblings even to an existing file; we do not."""
+
+
+class MeshFileError(ValueError):
+    """A mesh file was refused, is missing or cannot be read; the message says which and why."""
+
+    def __init__(self, message: str, *, missing: bool = False) -> None:
+        super().__init__(message)
+        self.missing = missing
+        """There is no such file, as opposed to one that cannot be used."""
+
+
+@dataclass(frozen=True, slots=True)
+class MeshFileLimits:
+    """Bounds of what is read."""
+
+    max_bytes: int = 256 << 20
+    """Of one file; a scan of ten million triangles in binary STL has 500 MB, one that a viewer wants has 10."""
+    max_total_bytes: int = 512 << 20
+    """Of a mesh file with all that it names."""
+    cache_bytes: int = 1 << 30
+    """Of all arrays kept for the next time; the least recently used are forgotten first."""
+    gltf: GltfLimits = field(default_factory=lambda: GltfLimits(max_vertices=10_000_000, max_elements=10_000_000))
+    """Of the content, in all formats."""
+
+
+_Stamp = tuple[str, int, int]
+"""(real path, mtime in ns, size)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Loaded:
+    parts: tuple[Part, ...]
+    stamps: tuple[_Stamp, ...]
+    """Of the file and of all files that it named and that could be read."""
+    nbytes: int
+
+
+class MeshFiles:
+    """Loads mesh files by the names that clients send. Thread-safe; loads in the caller's thread."""
+
+    def __init__(self, roots: Iterable[str | Path], limits: MeshFileLimits | None = None) -> None:
+        """``roots``: the folders that may be read; without any, every name is refused."""
+        self._roots = tuple(Path(os.path.realpath(root)) for root in roots)
+        self._limits = MeshFileLimits() if limits is None else limits
+        self._packages = Packages(self._roots)
+        self._lock = threading.Lock()
+        self._loading: dict[str, threading.Lock] = {}
+        self._kept: OrderedDict[str, _Loaded] = OrderedDict()
+        self._nbytes = 0
+
+    def load(self, filename: str, scale: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> tuple[Part, ...]:
+        """The parts of a mesh file, Z up and in metres, scaled along its axes.
+
+        Args:
+            filename: ``package://name/path``, ``file:///path``, an absolute path, or one relative to a root.
+            scale: factors along x, y, z.
+
+        Raises:
+            MeshFileError: with the reason; ``missing`` tells whether there is no such file.
+        """
+        path = self._find(filename)
+        key = str(path)
+        with self._lock:
+            lock = self._loading.setdefault(key, threading.Lock())
+        try:
+            with lock:
+                loaded = self._fresh(key) or self._load(path, filename)
+        finally:
+            with self._lock:
+                self._loading.pop(key, None)
+        if scale == (1.0, 1.0, 1.0):
+            return loaded.parts
+        X = scaling(*scale)
+        return tuple(msgspec.structs.replace(part, X_node_part=X @ part.X_node_part) for part in loaded.parts)
+
+    def _find(self, filename: str) -> Path:
+        """The real path of an existing, allowed file of a known format."""
+        if not self._roots:
+            raise MeshFileError(f"{_shown(filename)}: no folder is open to clients (--mesh-root)")
+        candidates = self._candidates(filename)
+        allowed = [path for path in candidates if self._allowed(path)]
+        if not allowed:
+            raise MeshFileError(f"{_shown(filename)} lies outside of the folders that are open to clients")
+        for path in allowed:
+            if path.suffix[1:].lower() in FORMATS and _is_file(path):
+                return path
+        for path in allowed:
+            for extension in SIBLINGS:
+                sibling = Path(os.path.realpath(path.with_suffix("." + extension))) if path.name else path
+                if self._allowed(sibling) and _is_file(sibling):
+                    return sibling
+        for path in allowed:
+            if _stamp(str(path)) is not None:
+                known = ", ".join(sorted(FORMATS))
+                raise MeshFileError(f"{_shown(filename)} is not a file of a known format ({known})")
+        raise MeshFileError(f"{_shown(filename)}: there is no such file", missing=True)
+
+    def _candidates(self, filename: str) -> list[Path]:
+        """Real paths (without any link) that a name may mean."""
+        if "\0" in filename or not filename or len(filename) > 4096:
+            raise MeshFileError(f"{_shown(filename)} is not a file name")
+        scheme, separator, rest = filename.partition("://")
+        if separator and scheme == "package":
+            name, _, below = rest.partition("/")
+            folder = self._packages.folder(name)
+            if folder is None:
+                raise MeshFileError(f"{_shown(filename)}: there is no package {_shown(name)}", missing=True)
+            named = [folder / below]
+        elif separator and scheme == "file":
+            named = [Path("/" + unquote(rest).lstrip("/"))]
+        elif separator:
+            raise MeshFileError(f"{_shown(filename)}: only package:// and file:// can be read, nothing is fetched")
+        elif filename.startswith("/"):
+            named = [Path(filename)]
+        else:
+            named = [root / filename for root in self._roots]
+        try:
+            return [Path(os.path.realpath(path)) for path in named]
+        except (OSError, ValueError):
+            raise MeshFileError(f"{_shown(filename)} is not a file name") from None
+
+    def _allowed(self, real: Path) -> bool:
+        return any(real.is_relative_to(root) for root in self._roots)
+
+    def _fresh(self, key: str) -> _Loaded | None:
+        """What is kept of a file, unless it or a file that it names has changed."""
+        with self._lock:
+            loaded = self._kept.get(key)
+            if loaded is not None:
+                self._kept.move_to_end(key)
+        if loaded is None or not all(_stamp(stamp[0]) == stamp for stamp in loaded.stamps):
+            return None
+        return loaded
+
+    def _load(self, path: Path, filename: str) -> _Loaded:
+        source = _Source(path, self._roots, self._limits)
+        try:
+            data = source.read(path)
+            parts = parse_mesh(data, path.suffix[1:].lower(), source.resolve, self._limits.gltf)
+        except (MeshFormatError, GltfError, _RefusedError) as error:
+            raise MeshFileError(f"{_shown(filename)}: {error}") from error
+        except OSError as error:
+            raise MeshFileError(f"{_shown(filename)} cannot be read: {error.strerror}") from error
+        parts = tuple(msgspec.structs.replace(part, kind="mesh_file", source=filename) for part in parts)
+        loaded = _Loaded(parts, tuple(source.stamps), _nbytes(parts))
+        with self._lock:
+            old = self._kept.pop(str(path), None)
+            self._nbytes -= old.nbytes if old is not None else 0
+            if loaded.nbytes <= self._limits.cache_bytes:
+                self._kept[str(path)] = loaded
+                self._nbytes += loaded.nbytes
+            while self._nbytes > self._limits.cache_bytes:
+                _, forgotten = self._kept.popitem(last=False)
+                self._nbytes -= forgotten.nbytes
+        return loaded
+
+
+class _RefusedError(ValueError):
+    """A file that may not be read."""
+
+
+class _Source:
+    """Reads one mesh file and what it names, within the roots and the limits, and notes what it read."""
+
+    def __init__(self, path: Path, roots: tuple[Path, ...], limits: MeshFileLimits) -> None:
+        self._folder = path.parent
+        self._roots = roots
+        self._limits = limits
+        self._left = limits.max_total_bytes
+        self.stamps: list[_Stamp] = []
+
+    def resolve(self, name: str) -> bytes:
+        """The bytes of a file named in the mesh file, relative to it."""
+        if "\0" in name or "://" in name:
+            raise _RefusedError(f"{_shown(name)} is not a file beside it")
+        real = Path(os.path.realpath(self._folder / unquote(name).replace("\\", "/")))
+        if not any(real.is_relative_to(root) for root in self._roots):
+            raise _RefusedError(f"{_shown(name)} lies outside of the folders that are open to clients")
+        return self.read(real)
+
+    def read(self, real: Path) -> bytes:
+        """The bytes of a regular file."""
+        stamp = _stamp(str(real))
+        # Without O_NONBLOCK a pipe in the folder would hold the thread for ever.
+        descriptor = os.open(real, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOFOLLOW", 0))
+        with os.fdopen(descriptor, "rb") as file:
+            if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+                raise _RefusedError(f"{_shown(real.name)} is not a regular file")
+            most = min(self._limits.max_bytes, self._left)
+            data = file.read(most + 1)
+        if len(data) > most:
+            raise _RefusedError(f"{_shown(real.name)} is larger than the {most} bytes that are left to it")
+        self._left -= len(data)
+        if stamp is not None:
+            self.stamps.append(stamp)
+        return data
+
+
+def _is_file(path: Path) -> bool:
+    """Unlike ``Path.is_file``, also False for names that the system refuses to look at."""
+    return os.path.isfile(path)  # noqa: PTH113 - as the docstring says
+
+
+def _stamp(real: str) -> _Stamp | None:
+    try:
+        status = os.stat(real)  # noqa: PTH116 - a string is what is kept
+    except (OSError, ValueError):
+        return None
+    return real, status.st_mtime_ns, status.st_size
+
+
+def _nbytes(parts: tuple[Part, ...]) -> int:
+    """Bytes of the arrays of all parts, shared ones once."""
+    shapes = {id(part.shape): part.shape for part in parts}
+    total = 1024 * len(parts)
+    for shape in shapes.values():
+        if isinstance(shape, Surface):
+            total += shape.mesh.nbytes
+        elif isinstance(shape, PointCloud):
+            total += shape.points.nbytes + sum(channel.nbytes for channel in shape.channels.values())
+    return total
+
+
+def _shown(name: str) -> str:
+    return repr(name if len(name) <= 120 else name[:117] + "...")

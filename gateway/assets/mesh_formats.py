@@ -1,0 +1,251 @@
+"""Mesh files of all formats as parts of the scene: OBJ, STL, PLY and COLLADA by trimesh, glTF by our own reader."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Callable
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.gltf import GltfLimits, read_gltf
+from gateway.scene.broken_textures import without_broken_textures
+from gateway.scene.geometry import Part, PointCloud, Shape, Surface
+from gateway.scene.transforms import IDENTITY, Y_UP_TO_Z_UP, Matrix, scaling
+from gateway.scene.tree import Node
+from renderers.color import linear_colors_from_srgb, linear_from_srgb
+from renderers.drawlist import AlphaMode, Image, Material, Mesh, Texture
+from renderers.images import image_from_bytes
+
+BY_TRIMESH: Final = frozenset({"obj", "stl", "ply", "dae"})
+BY_US: Final = frozenset({"gltf", "glb"})
+FORMATS: Final = BY_TRIMESH | BY_US
+
+Resolve = Callable[[str], bytes]
+"""Gives the bytes of a file named beside the mesh file; raises OSError or ValueError."""
+
+
+class MeshFormatError(ValueError):
+    """The content cannot be understood; a sentence without the file's name."""
+
+
+def parse_mesh(data: bytes, extension: str, resolve: Resolve, limits: GltfLimits) -> tuple[Part, ...]:
+    """The parts of a mesh file in our axes: metres, and Z up where the format says what is up.
+
+    glTF is Y-up by its specification unless Drake wrote it, COLLADA states its unit and its axis; both are honoured.
+    The others say neither and are taken as they are. A file without materials is white, so that a colour can be laid
+    over it. Textures that cannot be decoded are left out.
+
+    Args:
+        data: the file.
+        extension: in lower case without a dot, one of ``FORMATS``.
+        resolve: for materials and textures; what it refuses is left out.
+        limits: bounds of glTF; of vertices, elements and pixels in all formats.
+
+    Raises:
+        MeshFormatError: not of that format, empty of geometry, or beyond a limit.
+    """
+    if extension in BY_US:
+        return without_broken_textures(_parts_of_gltf(data, resolve, limits), limits.max_total_image_pixels)
+    base = _collada_axes(data) if extension == "dae" else IDENTITY
+    parts = _parts_of_scene(_trimesh_scene(data, extension, resolve), base, limits)
+    if not parts:
+        raise MeshFormatError("the file holds no triangles or points")
+    return without_broken_textures(tuple(parts), limits.max_total_image_pixels)
+
+
+def _parts_of_gltf(data: bytes, resolve: Resolve, limits: GltfLimits) -> tuple[Part, ...]:
+    scene = read_gltf(data, resolve=resolve, limits=limits)
+    parts: list[Part] = []
+    stack: list[tuple[Node, Matrix]] = [(scene.root, IDENTITY if scene.from_drake else Y_UP_TO_Z_UP)]
+    while stack:
+        node, parent = stack.pop()
+        X = parent @ node.matrix
+        parts.extend(Part(part.shape, part.material, X @ part.X_node_part) for part in node.parts or ())
+        stack.extend((child, X) for child in reversed(node.children.values()))
+    return tuple(parts)
+
+
+def _trimesh_scene(data: bytes, extension: str, resolve: Resolve) -> Any:
+    # Imported on first use: it takes 0.3 s, and many gateways never open a mesh file.
+    import trimesh
+
+    class Beside(trimesh.resolvers.Resolver):
+        """Gives trimesh the files that we allow, and nothing by any other way."""
+
+        def __init__(self) -> None:
+            """Nothing to remember."""
+
+        def get(self, name: str) -> bytes:
+            return resolve(str(name))
+
+        def write(self, name: str, data: object) -> None:
+            raise PermissionError(name)
+
+        def keys(self) -> list[str]:
+            return []
+
+        def namespaced(self, namespace: str) -> Beside:
+            return self
+
+    try:
+        return trimesh.load_scene(
+            io.BytesIO(data), file_type=extension, resolver=Beside(), process=False, allow_remote=False
+        )
+    except Exception as error:
+        reason = " ".join(str(error).split())[:200]
+        raise MeshFormatError(f"it cannot be read as {extension.upper()}: {reason or type(error).__name__}") from error
+
+
+def _collada_axes(data: bytes) -> Matrix:
+    """(4, 4): from the document's unit and up axis to metres and Z up (COLLADA 1.4, 5-19; Y up without a statement)."""
+    if b"<!DOCTYPE" in data or b"<!ENTITY" in data or data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        raise MeshFormatError("COLLADA documents with a DOCTYPE, or not in UTF-8, are refused")
+    head = data[: 1 << 16].decode("utf-8", "replace")
+    unit = re.search(r"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']+)[\"']", head)
+    axis = re.search(r"<up_axis>\s*([XYZ])_UP\s*</up_axis>", head)
+    try:
+        metres = float(unit[1]) if unit else 1.0
+    except ValueError:
+        metres = 1.0
+    if not 1e-9 < metres < 1e9:
+        raise MeshFormatError(f"its unit of {metres:g} m is out of range")
+    turn = {"Z": IDENTITY, "Y": Y_UP_TO_Z_UP, "X": _X_UP_TO_Z_UP}[axis[1] if axis else "Y"]
+    return turn @ scaling(metres, metres, metres)
+
+
+_X_UP_TO_Z_UP: Final[Matrix] = np.array(
+    ((0.0, -1.0, 0.0, 0.0), (0.0, 0.0, -1.0, 0.0), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+)
+"""COLLADA's X_UP: right is -Y, up is +X, in is +Z; into our right +X, in +Y."""
+
+
+def _parts_of_scene(scene: Any, base: Matrix, limits: GltfLimits) -> list[Part]:
+    parts: list[Part] = []
+    shapes: dict[str, tuple[Shape, Material] | None] = {}
+    vertices = elements = 0
+    for frame in scene.graph.nodes_geometry:
+        X, name = scene.graph[frame]
+        if name not in shapes:
+            geometry = scene.geometry[name]
+            vertices += len(getattr(geometry, "vertices", ()))
+            elements += len(getattr(geometry, "faces", ()))
+            if vertices > limits.max_vertices or elements > limits.max_elements:
+                raise MeshFormatError(
+                    f"it has more than {limits.max_vertices} vertices or {limits.max_elements} triangles"
+                )
+            shapes[name] = _shape_of(geometry, limits)
+        made = shapes[name]
+        if made is None:
+            continue
+        if len(parts) >= limits.max_instances:
+            raise MeshFormatError(f"it has more than {limits.max_instances} parts")
+        parts.append(Part(made[0], made[1], base @ np.asarray(X, dtype=np.float64)))
+    return parts
+
+
+def _shape_of(geometry: Any, limits: GltfLimits) -> tuple[Shape, Material] | None:
+    """A trimesh geometry as a shape; None when it draws nothing."""
+    positions = np.ascontiguousarray(getattr(geometry, "vertices", np.zeros((0, 3))), dtype=np.float32)
+    if positions.ndim != 2 or positions.shape[1] != 3 or not len(positions):
+        return None
+    colors = _vertex_colors(geometry, len(positions))
+    faces = np.asarray(getattr(geometry, "faces", np.zeros((0, 3))))
+    if not len(faces):
+        if hasattr(geometry, "faces"):
+            return None
+        return PointCloud(positions, {} if colors is None else {"rgb": colors}), PLAIN
+    if colors is not None:
+        colors = linear_colors_from_srgb(colors)  # these files have them as displays show them; meshes have light
+    if faces.min() < 0 or faces.max() >= len(positions):
+        raise MeshFormatError(f"a face refers to vertex {int(faces.max())} of {len(positions)}")
+    triangles = np.ascontiguousarray(faces, dtype=np.uint32)
+    finite = np.asarray(np.isfinite(positions).all(axis=1))
+    if not finite.all():
+        triangles = np.ascontiguousarray(triangles[finite[triangles].all(axis=1)])
+        positions[~finite] = 0.0
+    uv, material = _look_of(geometry, len(positions), limits)
+    given = geometry._cache.cache.get("vertex_normals")
+    if given is None or len(given) != len(positions):
+        from gateway.scene.crease_normals import with_creases  # its kernels are compiled or loaded when it is imported
+
+        return Surface(with_creases(positions, triangles, uv=uv, colors=colors)), material
+    with np.errstate(all="ignore"):
+        normals = given / np.linalg.norm(given, axis=1, keepdims=True)
+    normals = np.ascontiguousarray(np.nan_to_num(normals, posinf=0.0, neginf=0.0), dtype=np.float32)
+    return Surface(Mesh(positions, triangles, normals=normals, uv0=uv, colors=colors)), material
+
+
+PLAIN: Final = Material(metallic=0.0, roughness=1.0, double_sided=True)
+"""What has no material: white, diffuse, seen from both sides as Director draws it."""
+
+
+def _vertex_colors(geometry: Any, count: int) -> NDArray[np.float32] | None:
+    """(N, 4) float32 in 0..1 as displays show them, or None."""
+    visual = getattr(geometry, "visual", None)
+    if visual is None or getattr(visual, "kind", None) != "vertex":
+        colors = getattr(geometry, "colors", None)
+    else:
+        colors = visual.vertex_colors
+    if colors is None or np.shape(colors) != (count, 4):
+        return None
+    return np.ascontiguousarray(np.asarray(colors, dtype=np.float32) / 255.0)
+
+
+def _look_of(geometry: Any, count: int, limits: GltfLimits) -> tuple[NDArray[np.float32] | None, Material]:
+    """Texture coordinates (origin at the top left, unlike in these files) and the material."""
+    visual = geometry.visual
+    if getattr(visual, "kind", None) == "face":
+        return None, _colored(np.asarray(visual.main_color, dtype=np.float64) / 255.0, None)
+    source = getattr(visual, "material", None)
+    if source is None:
+        return None, PLAIN
+    coordinates = getattr(visual, "uv", None)
+    uv = None
+    if coordinates is not None and np.shape(coordinates) == (count, 2) and np.isfinite(coordinates).all():
+        uv = np.array(coordinates, dtype=np.float32)
+        uv[:, 1] = 1.0 - uv[:, 1]
+    picture = getattr(source, "baseColorTexture", None) or getattr(source, "image", None)
+    image = _image_of(picture, limits) if uv is not None and picture is not None else None
+    diffuse = getattr(source, "baseColorFactor", None)
+    diffuse = getattr(source, "diffuse", None) if diffuse is None else diffuse
+    color = np.ones(4) if diffuse is None else np.asarray(diffuse, dtype=np.float64)[:4] / 255.0
+    color = np.append(color, 1.0)[:4]
+    color[3] *= _mtl_opacity(getattr(source, "kwargs", None) or {})
+    return uv if image is not None else None, _colored(color, image)
+
+
+def _mtl_opacity(statements: dict[str, Any]) -> float:
+    """Opacity from an MTL's ``d`` or, the other way round, ``Tr``."""
+    for key in ("d", "tr"):
+        try:
+            value = float(statements[key][-1])
+        except (KeyError, IndexError, TypeError, ValueError):
+            continue
+        return value if key == "d" else 1.0 - value
+    return 1.0
+
+
+def _colored(color: NDArray[np.float64], image: Image | None) -> Material:
+    """A diffuse material. File colours are meant as displays show them. A texture replaces the colour but for its
+    opacity, as VTK and Drake draw it: files often pair textures with a grey or black Kd."""
+    r, g, b, alpha = np.clip(np.nan_to_num(color), 0.0, 1.0).tolist()
+    base = (1.0, 1.0, 1.0) if image is not None else (linear_from_srgb(r), linear_from_srgb(g), linear_from_srgb(b))
+    return Material(
+        base_color=(*base, alpha),
+        base_color_texture=None if image is None else Texture(image, name="texture"),
+        metallic=0.0,
+        roughness=1.0,
+        alpha_mode=AlphaMode.BLEND if alpha < 1.0 else AlphaMode.OPAQUE,
+        double_sided=True,
+    )
+
+
+def _image_of(picture: Any, limits: GltfLimits) -> Image | None:
+    """trimesh's lazily opened Pillow image as ours, from the very bytes that our resolver gave it."""
+    stream = getattr(picture, "fp", None)
+    if not isinstance(stream, io.BytesIO):
+        return None
+    return image_from_bytes(stream.getvalue(), max_pixels=limits.max_image_pixels)

@@ -1,0 +1,105 @@
+"""A JSON file of cameras: for all scenes, or for each its own. ``docs/datasets.md`` has examples."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Final, Literal
+
+import msgspec
+import numpy as np
+
+from gateway.datasets.views import Lens, Matrix, View
+from gateway.scene.cameras import CameraError
+from renderers.camera import OPENGL_FROM_OPTICAL
+
+MAX_BYTES: Final = 256 << 20
+"""A camera takes about 400 bytes: more than half a million of them."""
+
+_Side = Annotated[int, msgspec.Meta(ge=1, le=16384)]
+_Positive = Annotated[float, msgspec.Meta(gt=0)]
+_Row = tuple[float, float, float, float]
+
+
+class _Entry(msgspec.Struct, forbid_unknown_fields=True):
+    name: str | None = None
+    camera: str | None = None
+    X_world_camera: tuple[_Row, _Row, _Row, _Row] | None = None
+    convention: Literal["optical", "opengl"] = "optical"
+    width: _Side | None = None
+    height: _Side | None = None
+    fovy: Annotated[float, msgspec.Meta(gt=0, lt=180)] | None = None
+    fx: _Positive | None = None
+    fy: _Positive | None = None
+    cx: float | None = None
+    cy: float | None = None
+    near: _Positive | None = None
+    far: _Positive | None = None
+
+
+class _File(msgspec.Struct, forbid_unknown_fields=True):
+    cameras: list[_Entry] = []
+    scenes: dict[str, list[_Entry]] = {}
+
+
+@dataclass(frozen=True, slots=True)
+class CameraFile:
+    """What such a file says."""
+
+    cameras: tuple[View, ...] = ()
+    """Of all scenes that have none of their own."""
+    scenes: Mapping[str, tuple[View, ...]] = field(default_factory=dict)
+    """By the scene's name in the dataset."""
+
+
+def read_camera_file(path: Path) -> CameraFile:
+    """
+    Raises:
+        CameraError: not readable, or an entry is no camera; names the entry.
+    """
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise CameraError(f"{path}: {error.strerror or error}") from None
+    if len(data) > MAX_BYTES:
+        raise CameraError(f"{path}: more than {MAX_BYTES} bytes")
+    try:
+        found = msgspec.json.decode(data, type=_File)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise CameraError(f"{path}: {error}") from None
+    if not found.cameras and not found.scenes:
+        raise CameraError(f"{path} names no camera: neither 'cameras' nor 'scenes' has an entry")
+    own = {name: _views(entries, f"{path}: scenes[{name!r}]") for name, entries in found.scenes.items()}
+    return CameraFile(_views(found.cameras, f"{path}: cameras"), own)
+
+
+def _views(entries: list[_Entry], where: str) -> tuple[View, ...]:
+    digits = max(3, len(str(len(entries) - 1)))
+    views: dict[str, View] = {}
+    for index, entry in enumerate(entries):
+        try:
+            view = View(entry.name or f"camera-{index:0{digits}d}", _pose(entry), _lens(entry))
+        except CameraError as error:
+            raise CameraError(f"{where}[{index}]: {error}") from None
+        if view.name in views:
+            raise CameraError(f"{where}[{index}]: the name {view.name!r} is taken")
+        views[view.name] = view
+    return tuple(views.values())
+
+
+def _pose(entry: _Entry) -> str | Matrix:
+    if (entry.camera is None) == (entry.X_world_camera is None):
+        raise CameraError("needs either 'camera' (a text such as fit) or 'X_world_camera' (4 x 4)")
+    if entry.X_world_camera is None:
+        assert entry.camera is not None
+        return entry.camera
+    if entry.convention == "optical":
+        return entry.X_world_camera
+    rows = np.array(entry.X_world_camera) @ OPENGL_FROM_OPTICAL
+    return tuple((a, b, c, d) for a, b, c, d in rows.tolist())
+
+
+def _lens(entry: _Entry) -> Lens:
+    return Lens(*(entry.width, entry.height, entry.fovy, entry.fx, entry.fy, entry.cx, entry.cy, entry.near, entry.far))

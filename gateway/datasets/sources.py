@@ -1,0 +1,111 @@
+"""Which scenes a command means: files, and what is found below folders."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Final
+
+from gateway.assets.mesh_formats import FORMATS
+
+
+class Kind(Enum):
+    GLTF = "glTF"
+    MESH = "mesh file"
+    TREE = "request of a tree viewer client"
+    REQUEST = "recorded render request"
+
+
+_MESHES: Final = FORMATS - {"gltf", "glb"}
+TREE_SUFFIX: Final = ".tree.json"
+"""In folders; a file that is named may end with any .json."""
+REQUEST_SUFFIX: Final = ".multipart"
+"""What ``--keep-failures`` writes: the body of a POST as it came."""
+MAX_NAME: Final = 200
+"""Characters of a scene's name: it becomes a path below the dataset, and systems have limits."""
+
+
+class SourceError(ValueError):
+    """The command's scenes cannot be used; a sentence."""
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """A scene that is still a file."""
+
+    name: str
+    """Unique in the dataset: the path below the folder that was named, or the file's name."""
+    path: str
+    """Absolute."""
+    kind: Kind
+    problem: str = ""
+    """Why there can be no pictures under this name; empty: there can."""
+
+    @property
+    def shown(self) -> str:
+        """The name in one line, whatever it is made of."""
+        return self.name if self.name.isprintable() else repr(self.name)[1:-1]
+
+
+def find_sources(inputs: Iterable[Path]) -> tuple[Source, ...]:
+    """The scenes of the inputs, ordered by name; those whose name cannot be used say so.
+
+    Raises:
+        SourceError: an input holds no scene, or two scenes would have the same name.
+    """
+    found: dict[str, Source] = {}
+    for given in inputs:
+        sources = list(_below(given)) if given.is_dir() else [_named(given)]
+        if not sources:
+            raise SourceError(f"{given} holds no scene: no .gltf, .glb, {', '.join(_suffixes())}")
+        for source in sources:
+            known = found.setdefault(source.name, source)
+            if known.path != source.path:
+                raise SourceError(
+                    f"{known.path} and {source.path} would both be called {source.name}; name the folder above both"
+                )
+    return tuple(found[name] for name in sorted(found))
+
+
+def _suffixes() -> list[str]:
+    return [*sorted(f".{name}" for name in _MESHES), TREE_SUFFIX, REQUEST_SUFFIX]
+
+
+def _below(folder: Path) -> Iterable[Source]:
+    for path in sorted(folder.rglob("*")):
+        kind = kind_of(path)
+        if kind is None or not path.is_file():
+            continue
+        if any(part.startswith(".") for part in path.relative_to(folder).parts):
+            continue
+        yield _source(path.relative_to(folder).as_posix(), path, kind)
+
+
+def _named(path: Path) -> Source:
+    kind = kind_of(path) or (Kind.TREE if path.suffix.lower() == ".json" else None)
+    if kind is None:
+        raise SourceError(f"{path} is no scene: not .gltf, .glb, .json, {', '.join(_suffixes())}")
+    return _source(path.name, path, kind)
+
+
+def _source(name: str, path: Path, kind: Kind) -> Source:
+    problem = ""
+    if len(name) > MAX_NAME:
+        problem = f"a name of {len(name)} characters; {MAX_NAME} are the most: rename the file"
+    elif odd := next((character for character in name if character == "\\" or not character.isprintable()), None):
+        problem = f"a name with the character {odd!r}, which not every system can write: rename the file"
+    return Source(name, str(path.resolve()), kind, problem)
+
+
+def kind_of(path: Path) -> Kind | None:
+    """By the file's name, as far as it tells."""
+    name = path.name.lower()
+    if name.endswith((".gltf", ".glb")):
+        return Kind.GLTF
+    if name.endswith(TREE_SUFFIX):
+        return Kind.TREE
+    if name.endswith(REQUEST_SUFFIX):
+        return Kind.REQUEST
+    return Kind.MESH if name.rpartition(".")[2] in _MESHES and "." in name else None

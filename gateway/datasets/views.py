@@ -1,0 +1,175 @@
+"""From where a scene is drawn: a name, a pose in words or numbers, and a lens."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import re
+from dataclasses import astuple, dataclass, field
+from typing import Final
+
+import numpy as np
+
+from gateway.client.manifest import CameraRecord
+from gateway.gltf import GltfCamera
+from gateway.render.camera import rigid_pose
+from gateway.render.errors import RequestError
+from gateway.scene.cameras import (
+    CameraError,
+    CameraSpec,
+    OrbitCamera,
+    PoseCamera,
+    StereoCamera,
+    parse_camera,
+)
+from gateway.scene.tree import Node
+from gateway.scene.viewpoints import resolve_camera
+from renderers.camera import Camera
+from renderers.drawlist import DrawList
+
+NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
+"""A view's name is part of file names."""
+REQUEST: Final = "request"
+"""Name of the one view of a recorded request."""
+RIGID: Final = 1e-4
+"""How far from orthonormal a rotation may be: numbers written with five digits."""
+
+Matrix = tuple[tuple[float, float, float, float], ...]
+"""4 x 4, row-major."""
+
+
+@dataclass(frozen=True, slots=True)
+class Lens:
+    """What is not stated follows from the rest: square pixels, the principal point in the middle, all of the scene
+    between the planes."""
+
+    width: int | None = None
+    height: int | None = None
+    """Pixels; None: those of the dataset."""
+    fovy: float | None = None
+    """Degrees, vertical; not together with ``fy``."""
+    fx: float | None = None
+    fy: float | None = None
+    cx: float | None = None
+    cy: float | None = None
+    """Pixels."""
+    near: float | None = None
+    far: float | None = None
+    """Metres."""
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """Checked when made: raises CameraError."""
+
+    name: str
+    pose: str | Matrix | OrbitCamera | None
+    """The camera grammar, X_world_camera of the optical frame, one of an orbit, or None: the file's own first camera,
+    or ``fit`` where it has none."""
+    lens: Lens = field(default=Lens())
+
+    def __post_init__(self) -> None:
+        if NAME.fullmatch(self.name) is None:
+            raise CameraError(f"the view's name {self.name[:80]!r} is not made of letters, digits, '_', '.' and '-'")
+        if isinstance(self.pose, str) and isinstance(parse_camera(self.pose), StereoCamera):
+            raise CameraError("camera 'stereo': there is no stereo camera without a gateway")
+        if isinstance(self.pose, tuple):
+            _check_pose(self.pose)
+        if self.lens.fovy is not None and self.lens.fy is not None:
+            raise CameraError(f"view {self.name}: fovy and fy say the same thing; give one of them")
+
+    @property
+    def asked(self) -> str:
+        """Different for views that differ, for the manifest."""
+        if isinstance(self.pose, OrbitCamera):
+            text = f"orbit {self.pose.index}/{self.pose.count} at {self.pose.elevation:g} degrees"
+        elif isinstance(self.pose, tuple):
+            text = "pose " + hashlib.sha256(repr(self.pose).encode()).hexdigest()[:16]
+        else:
+            text = self.pose or "the file's own, or fit"
+        if self.lens != Lens():
+            text += "; lens " + hashlib.sha256(repr(astuple(self.lens)).encode()).hexdigest()[:16]
+        return text
+
+
+def camera_of(
+    view: View, root: Node, drawn: DrawList, own: GltfCamera | None, width: int, height: int, fovy: float
+) -> Camera:
+    """The view's camera in a scene.
+
+    Args:
+        own: the file's first camera.
+        width, height, fovy: pixels and degrees where the view states none.
+
+    Raises:
+        CameraError: the pose cannot be found in the scene, or the numbers are no camera.
+    """
+    lens = view.lens
+    width, height = lens.width or width, lens.height or height
+    if view.pose is None and own is not None:
+        camera = _own_camera(own, width, height)
+    else:
+        spec: CameraSpec | OrbitCamera | PoseCamera
+        if isinstance(view.pose, OrbitCamera):
+            spec = view.pose
+        elif isinstance(view.pose, tuple):
+            spec = PoseCamera(np.array(view.pose))
+        else:
+            spec = parse_camera(view.pose or "fit")
+        degrees = lens.fovy or fovy
+        if lens.fy is not None:
+            degrees = math.degrees(2.0 * math.atan(0.5 * height / lens.fy))
+        camera = resolve_camera(spec, root, width, height, fovy=degrees, near=lens.near, far=lens.far, drawn=drawn)
+    focal = lens.fy or camera.fy
+    try:
+        return Camera(
+            width,
+            height,
+            lens.fx or focal,
+            focal,
+            camera.cx if lens.cx is None else lens.cx,
+            camera.cy if lens.cy is None else lens.cy,
+            lens.near or camera.near,
+            lens.far or camera.far,
+            camera.X_world_camera,
+        )
+    except ValueError as error:
+        raise CameraError(f"view {view.name}: {error}") from None
+
+
+def _own_camera(own: GltfCamera, width: int, height: int) -> Camera:
+    if own.yfov is None:
+        raise CameraError(f"the file's camera {own.name!r} is orthographic; name another with --camera")
+    focal = 0.5 * height / math.tan(0.5 * own.yfov)
+    far = own.zfar if own.zfar is not None else math.inf
+    try:
+        pose = rigid_pose(own.X_world_camera, own.name)
+        return Camera(width, height, focal, focal, 0.5 * width, 0.5 * height, own.znear, far, pose)
+    except (RequestError, ValueError) as error:
+        raise CameraError(f"the file's camera {own.name!r}: {error}") from None
+
+
+def _check_pose(rows: Matrix) -> None:
+    pose = np.array(rows)
+    if pose.shape != (4, 4) or not np.isfinite(pose).all() or not (pose[3] == (0.0, 0.0, 0.0, 1.0)).all():
+        raise CameraError("X_world_camera must be four rows of four finite numbers, the last of them 0, 0, 0, 1")
+    rotation = pose[:3, :3]
+    if not (np.abs(rotation.T @ rotation - np.eye(3)) < RIGID).all() or np.linalg.det(rotation) < 0.0:
+        raise CameraError("X_world_camera must be a rotation and a translation: it is scaled, sheared or mirrored")
+
+
+def record_of(camera: Camera) -> CameraRecord:
+    """For the manifest."""
+    rows = tuple(tuple(float(value) for value in row) for row in camera.X_world_camera)
+    far = None if math.isinf(camera.far) else float(camera.far)
+    return CameraRecord(
+        width=camera.width,
+        height=camera.height,
+        fx=float(camera.fx),
+        fy=float(camera.fy),
+        cx=float(camera.cx),
+        cy=float(camera.cy),
+        near=float(camera.near),
+        far=far,
+        X_world_camera=rows,  # type: ignore[arg-type]  # four rows of four
+    )

@@ -1,0 +1,235 @@
+"""The compiled kernels of a process: making sure that they are in the cache, and that none is compiled while serving.
+
+Compiling holds the GIL for many seconds, so the serving process never does it: child processes fill the cache, the
+server loads it. ``renderers.compiler.cache_folder`` says where the cache is and whether it is complete.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import fcntl
+import json
+import os
+import sys
+import threading
+from collections.abc import AsyncIterator, Callable, Collection, Iterator
+from contextlib import AbstractContextManager, asynccontextmanager, contextmanager
+from pathlib import Path
+from typing import Any
+
+from gateway.runtime.kernel_progress import Progress
+from renderers.compiler import cache_folder
+from renderers.compiler.cache_folder import sources_digest
+
+__all__ = [
+    "KernelError",
+    "are_cached",
+    "compile_in_children",
+    "compile_missing",
+    "compiling_refused",
+    "compiling_reported",
+    "configure",
+    "ensure_cached",
+    "sources_digest",
+]
+
+_MOST_CHILDREN = 3
+"""More would not be ready sooner: the largest part takes a third of the time. Each holds up to 0.6 GB."""
+_LOCK_SECONDS = 0.1
+"""Time between two looks whether another process has ended compiling."""
+
+
+class KernelError(RuntimeError):
+    """The kernels could not be compiled or loaded; the message is one sentence."""
+
+
+def configure() -> Path:
+    """Choose the cache folder for this process and its children; return that of this version's kernels.
+
+    NUMBA_CACHE_DIR set by the user wins. Call this before any kernel is imported.
+    """
+    os.environ["NUMBA_CACHE_DIR"] = str(cache_folder.root())
+    return cache_folder.folder()
+
+
+def are_cached() -> bool:
+    """Return whether every kernel is in the cache, compiled for this machine's CPU from these sources."""
+    configure()
+    return not cache_folder.missing()
+
+
+def ensure_cached(
+    parts: Collection[str],
+    show: Callable[[Progress], AbstractContextManager[None]] = lambda progress: contextlib.nullcontext(),
+) -> None:
+    """Compile all kernels unless they are cached; of several processes of a machine only one does it.
+
+    Call it before any kernel is imported, and not where an event loop runs.
+
+    Args:
+        parts: as ``compile_in_children``.
+        show: shows the progress while its context lasts.
+
+    Raises:
+        KernelError: they could not be compiled.
+    """
+    if are_cached():
+        return
+    progress = Progress(len(parts))
+    with show(progress):
+        asyncio.run(compile_missing(parts, progress))
+
+
+async def compile_missing(parts: Collection[str], progress: Progress) -> None:
+    """``compile_in_children``, unless another process of this machine does it: then wait for its end.
+
+    Raises:
+        KernelError: the kernels could not be compiled, or the cache cannot be written.
+    """
+    async with _exclusive(progress):
+        if not await asyncio.to_thread(are_cached):
+            await compile_in_children(parts, progress)
+
+
+@asynccontextmanager
+async def _exclusive(progress: Progress) -> AsyncIterator[None]:
+    """Hold the lock of the cache folder."""
+    folder = configure()
+    if not cache_folder.is_writable(folder):
+        raise KernelError(
+            f"the rendering kernels in {folder} are not complete ({cache_folder.missing()}), and the folder cannot be "
+            "written: NUMBA_CACHE_DIR or SCENEGATE_CACHE_DIR chooses another one"
+        )
+    with (folder / "lock").open("wb") as lock:
+        while True:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError:
+                progress.wait(True)
+                await asyncio.sleep(_LOCK_SECONDS)
+        progress.wait(False)
+        yield
+
+
+async def compile_in_children(parts: Collection[str], progress: Progress) -> None:
+    """Compile all parts in as many child processes as there are processors, and note in the cache that it is complete.
+
+    The children, ``python -m gateway.wiring.warmup N``, read from a pipe which part is the next.
+
+    Args:
+        parts: ``warmup.PARTS``; at most 255.
+        progress: told about every part.
+
+    Raises:
+        KernelError: a child failed; with its last line.
+    """
+    compiled: dict[str, list[str]] = {}
+    numbers, told = os.pipe()
+    try:
+        os.write(told, bytes(range(len(parts))))
+        os.close(told)  # who reads finds the end when all parts are taken
+        children = min(_processors(), len(parts), _MOST_CHILDREN)
+        tasks = [asyncio.create_task(_compile_in_child(numbers, compiled, progress)) for _ in range(children)]
+        try:
+            await asyncio.gather(*tasks)
+        finally:
+            for task in tasks:  # one has failed, or this process ends
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+    finally:
+        os.close(numbers)
+    if unfinished := set(parts) - set(compiled):
+        raise KernelError(f"the rendering kernels could not be compiled: {sorted(unfinished)} did not end")
+    await asyncio.to_thread(cache_folder.write_manifest, compiled)
+
+
+def _processors() -> int:
+    """That this process may run on."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+async def _compile_in_child(numbers: int, compiled: dict[str, list[str]], progress: Progress) -> None:
+    """Run one child to its end; ``compiled`` gets the cache folders of each part's kernels."""
+    child = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "gateway.wiring.warmup", str(numbers)),
+        env={**os.environ, "NUMBA_CACHE_DIR": str(cache_folder.root())},
+        pass_fds=(numbers,),
+        stdin=asyncio.subprocess.DEVNULL,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+    )
+    assert child.stdout is not None
+    assert child.stderr is not None
+    errors = asyncio.create_task(child.stderr.read())
+    try:
+        async for line in child.stdout:
+            report = json.loads(line)
+            if "kernels" in report:
+                compiled[report["part"]] = report["kernels"]
+                progress.end(report["part"])
+            else:
+                progress.begin(report["part"])
+        await child.wait()
+    except BaseException:
+        if child.returncode is None:
+            child.terminate()
+            await child.wait()
+        raise
+    finally:
+        said = await errors
+    if child.returncode:
+        lines = said.decode(errors="replace").strip().splitlines() or [f"exit code {child.returncode}"]
+        raise KernelError(f"the rendering kernels could not be compiled: {lines[-1]}")
+
+
+@contextmanager
+def compiling_refused() -> Iterator[None]:
+    """Raise KernelError where this process would compile a kernel, so that it only loads them from the cache.
+
+    The cache is not complete then, whatever its manifest says: the manifest goes, and the next start compiles.
+    """
+
+    def refuse(kernel: str) -> None:
+        with contextlib.suppress(OSError):
+            cache_folder.remove_manifest()
+        raise KernelError(
+            f"the kernel {kernel} could not be loaded from {cache_folder.folder()}, and the server compiles none: "
+            "`scenegate warmup`, or another start, compiles all of them"
+        )
+
+    with _watched(refuse):
+        yield
+
+
+@contextmanager
+def compiling_reported(say: Callable[[str], object]) -> Iterator[None]:
+    """Call ``say`` with the name of every kernel that this process compiles, before it is compiled."""
+    with _watched(say):
+        yield
+
+
+@contextmanager
+def _watched(compiles: Callable[[str], object]) -> Iterator[None]:
+    """Call ``compiles`` at the beginning of each compilation that is not a part of another one."""
+    from numba.core import event
+
+    depth = threading.local()
+
+    class Watch(event.Listener):
+        def on_start(self, event: Any) -> None:
+            depth.value = getattr(depth, "value", 0) + 1
+            if depth.value == 1:
+                function = event.data["dispatcher"].py_func
+                compiles(f"{function.__module__}.{function.__qualname__}")
+
+        def on_end(self, event: Any) -> None:
+            depth.value = getattr(depth, "value", 1) - 1
+
+    watch = Watch()
+    event.register("numba:compile", watch)
+    try:
+        yield
+    finally:
+        event.unregister("numba:compile", watch)

@@ -1,0 +1,144 @@
+"""What the settings say of access, put in front of each interface; and what is told about it at the start."""
+
+from __future__ import annotations
+
+import os
+import socket
+import ssl
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import parse_qs, urlsplit
+
+import structlog
+from fastapi import FastAPI
+from starlette.middleware.cors import CORSMiddleware
+
+from gateway.server import health
+from gateway.server.access import (
+    CORS_EXPOSED,
+    Access,
+    CsrfProtection,
+    SecurityHeaders,
+    TrustedHosts,
+    is_loopback,
+)
+from gateway.server.tokens import TokenError, Tokens, read_tokens
+from gateway.settings import Settings, SettingsError
+
+_log = structlog.get_logger("gateway")
+
+
+@dataclass(frozen=True, slots=True)
+class Guard:
+    """Read once, before anything listens."""
+
+    settings: Settings
+    http: Tokens | None
+    grpc: Tokens | None
+
+    @classmethod
+    def of(cls, settings: Settings) -> Guard:
+        """Raises SettingsError: a token or a certificate cannot be used."""
+        try:
+            http, grpc = (
+                read_tokens(path) if path is not None else None
+                for path in (settings.http_token_file, settings.grpc_token_file)
+            )
+        except TokenError as error:
+            raise SettingsError(str(error)) from None
+        if settings.http_certificate is not None and settings.http_key is not None:
+            _try_certificate(settings.http_certificate, settings.http_key)
+        return cls(settings, http, grpc)
+
+    @property
+    def tls(self) -> tuple[Path, Path] | None:
+        """Certificate and key of HTTP."""
+        if self.settings.http_certificate is None or self.settings.http_key is None:
+            return None
+        return self.settings.http_certificate, self.settings.http_key
+
+    def protect(self, app: FastAPI) -> None:
+        """Puts token, CSRF protection, CORS, trusted hosts and headers for browsers around ``app`` so far."""
+        if self.http is not None:
+            app.add_middleware(Access, tokens=self.http, open_paths=health.OPEN_PATHS)
+        app.add_middleware(CsrfProtection, origins=self.settings.cors_origins)
+        if self.settings.cors_origins:
+            # Outside of the token: a browser asks for permission without it.
+            app.add_middleware(
+                CORSMiddleware,
+                allow_origins=list(self.settings.cors_origins),
+                allow_methods=["GET", "HEAD", "POST", "PUT", "DELETE"],
+                allow_headers=["*"],
+                expose_headers=list(CORS_EXPOSED),
+            )
+        app.state.cors_origins = frozenset(self.settings.cors_origins)  # for answers made without the application
+        app.add_middleware(TrustedHosts, names=self.settings.trusted_hosts)
+        app.add_middleware(SecurityHeaders, origins=self.settings.cors_origins)
+
+    def tell(self) -> None:
+        """Logs which interfaces other machines reach, and warns about those that let anybody in."""
+        for name, where, lacks in self.exposed():
+            if lacks:
+                _log.warning(f"{name} is open to other machines ({where}) without {lacks}; see docs/security.md")
+            else:
+                _log.info(f"{name} is open to other machines ({where}), with TLS and a token")
+
+    def exposed(self) -> Iterator[tuple[str, str, str]]:
+        """Interfaces that listen beyond this machine: name, where, and what they lack, for people."""
+        s = self.settings
+        if _is_beyond(s.host):
+            yield "HTTP", f"{s.host} port {s.http_port}", _lacks(self.tls is not None, self.http is not None)
+            if not s.only or "stereo" in s.only:
+                if s.rest_port is not None:
+                    lacks = _lacks(self.tls is not None, self.http is not None)
+                    yield "The device's REST interface", f"{s.host} port {s.rest_port}", lacks
+                lacks = _lacks(s.grpc_certificate is not None, self.grpc is not None or s.grpc_client_ca is not None)
+                # Its library listens on both families when told any address of one.
+                grpc_host = "0.0.0.0 and ::" if s.host in ("0.0.0.0", "::") else s.host  # noqa: S104 - only said
+                yield "The stereo camera's gRPC", f"{grpc_host} port {s.grpc_port}", lacks
+        if s.only and "treeviewer" not in s.only:
+            return
+        if s.tcpq_port is not None and _is_beyond(self.tcpq_host):
+            yield "TCPQ", f"{self.tcpq_host} port {s.tcpq_port}", "TLS or a token, which its protocol does not have"
+        url = s.lcm_url or os.environ.get("LCM_DEFAULT_URL") or ""
+        if _ttl(url) > 0:
+            yield "LCM", url, "TLS or a token, which its protocol does not have"
+
+    @property
+    def tcpq_host(self) -> str:
+        """Where the hub listens: with the others, unless those ask for a token, which the hub cannot."""
+        if self.settings.tcpq_host is not None:
+            return self.settings.tcpq_host
+        return self.settings.host if self.http is None and self.grpc is None else "127.0.0.1"
+
+
+def _lacks(tls: bool, token: bool) -> str:
+    return " and ".join([*([] if tls else ["TLS"]), *([] if token else ["a token"])])
+
+
+def _is_beyond(host: str) -> bool:
+    if is_loopback(host):
+        return False
+    try:
+        found = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
+    except OSError:
+        return True
+    return not all(is_loopback(str(address[0])) for *_, address in found)
+
+
+def _ttl(url: str) -> int:
+    parts = urlsplit(url)
+    try:
+        return int(parse_qs(parts.query).get("ttl", ["0"])[0]) if parts.scheme == "udpm" else 0
+    except ValueError:
+        return 0
+
+
+def _try_certificate(certificate: Path, key: Path) -> None:
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    try:
+        context.load_cert_chain(certificate, key, password=lambda: "")
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise SettingsError(f"TLS of HTTP cannot use {certificate} with {key}: {reason}.") from None

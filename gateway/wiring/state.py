@@ -1,0 +1,47 @@
+"""The join of the state with the live tree; rooms with something of their own to keep do that in their joins."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING, Final
+
+from gateway.settings import Settings
+from gateway.wiring.context import House
+
+if TYPE_CHECKING:
+    from gateway.state.service import State
+
+STATE: Final = "state"
+
+
+def open_state(settings: Settings) -> State | None:
+    """The state, if there is one; raises StateError."""
+    if settings.state is None:
+        return None
+    from gateway.state.config import StateConfig
+    from gateway.state.service import State
+
+    return State(StateConfig(settings.state))
+
+
+async def restore_state(house: House) -> None:
+    """Puts what was stored into the house, before the rooms are joined; raises StateError."""
+    state = house.state
+    if state is None:
+        return
+    from gateway.demo import ROOT as DEMO_ROOT
+
+    # The demo is made anew at every start; what clients put beside it is theirs.
+    without = DEMO_ROOT if house.settings.demo else ()
+    await asyncio.to_thread(state.restore_tree, house.tree, without)
+    state.start()
+    state.keep_tree(house.tree)
+
+    def told(problem: str) -> None:
+        if problem:
+            house.board.fail(STATE, f"{house.settings.state} cannot be written: {problem}")
+        else:
+            house.board.ready(STATE, where=str(house.settings.state), figures=state.status)
+
+    state.journal.on_problem = told
+    told("")

@@ -1,0 +1,202 @@
+"""Where compiled kernels are kept on disk, and whether all of them are there.
+
+A folder is named by everything that the machine code depends on: the contents of the sources, the CPU, and the versions
+of Python, Numba, llvmlite and NumPy. It does not depend on where the package is installed or on the files' times, so
+every clone, virtual environment and container layer of one version shares its kernels:
+
+    <root>/scenegate-<sources>-<platform>/complete.json
+    <root>/scenegate-<sources>-<platform>/renderers.fxaa.smooth_rows/fxaa.smooth_rows-110.py311.nbi, .1.nbc
+
+This module does not import Numba; ``renderers.compiler.cache_locator`` tells Numba about the folders.
+"""
+
+from __future__ import annotations
+
+import atexit
+import hashlib
+import json
+import os
+import re
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterable, Mapping
+from functools import cache
+from importlib.metadata import version
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Final
+
+CACHE_ENV: Final = "SCENEGATE_CACHE_DIR"
+PACKAGES: Final = ("renderers", "gateway")
+"""The packages that have kernels."""
+_MANIFEST: Final = "complete.json"
+_PREFIX: Final = "scenegate-"
+_KEPT: Final = 4
+"""Folders of other versions that stay; each holds about 8 MB."""
+_IMPORT: Final = re.compile(rb"^from (gateway[\w.]*) import ", re.MULTILINE)
+
+
+@cache
+def root() -> Path:
+    """The folder above those of all versions: NUMBA_CACHE_DIR, or else the user's cache folder.
+
+    A folder that cannot be written serves if its kernels are complete. If they are not, a private temporary folder
+    stands in for the user's cache folder, but not for NUMBA_CACHE_DIR.
+    """
+    if given := os.environ.get("NUMBA_CACHE_DIR"):
+        return Path(given)
+    caches = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # noqa: PTH111 - or as it is: no home
+    path = Path(os.environ.get(CACHE_ENV) or Path(caches, "scenegate")) / "kernels"
+    if is_writable(path) or not missing(path / folder_name()):
+        return path
+    # Never a guessable name in a shared folder: Numba runs what it finds there.
+    private = Path(tempfile.mkdtemp(prefix="scenegate-kernels-"))
+    atexit.register(shutil.rmtree, private, ignore_errors=True)
+    return private
+
+
+def is_writable(path: Path) -> bool:
+    """Make the folder if need be; return whether files can be made in it."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return False
+    return os.access(path, os.W_OK | os.X_OK)
+
+
+def folder() -> Path:
+    """The folder of this version's kernels for this machine's CPU; it may not exist yet."""
+    return root() / folder_name()
+
+
+def folder_name() -> str:
+    """Name of the folder: digests of the sources and of the platform."""
+    return f"{_PREFIX}{sources_digest()}-{platform_digest()}"
+
+
+@cache
+def sources_digest() -> str:
+    """Digest of the sources that kernels are made of, by contents and relative path.
+
+    These are all of ``renderers``, the modules of ``gateway`` that define kernels, and the modules of ``gateway`` that
+    those import constants from.
+    """
+    digest = hashlib.sha256()
+    for package in PACKAGES:
+        spec = find_spec(package)
+        if spec is None or not spec.submodule_search_locations:
+            continue
+        top = Path(spec.submodule_search_locations[0])
+        sources = {path.relative_to(top).as_posix(): path.read_bytes() for path in sorted(top.rglob("*.py"))}
+        for name in sources if package == "renderers" else _with_kernels(sources):
+            digest.update(f"{package}/{name}\0{len(sources[name])}\0".encode() + sources[name])
+    return digest.hexdigest()[:16]
+
+
+def _with_kernels(sources: Mapping[str, bytes]) -> list[str]:
+    """Names of the modules of ``gateway`` that define kernels, and of those that they import, in order."""
+    found: set[str] = set()
+    waiting = [name for name, source in sources.items() if b"cached_njit" in source]
+    while waiting:
+        name = waiting.pop()
+        if name in found:
+            continue
+        found.add(name)
+        for module in _IMPORT.findall(sources[name]):
+            imported = module.decode().partition(".")[2].replace(".", "/")
+            waiting += [each for each in (f"{imported}.py", f"{imported}/__init__.py") if each in sources]
+    return sorted(found)
+
+
+def platform_digest() -> str:
+    """Digest of the CPU that kernels are compiled for and of the versions of what compiles them."""
+    # Numba compiles for another CPU than this machine's where these say so.
+    return _platform_digest(
+        *(os.environ.get(f"NUMBA_{name}", "") for name in ("CPU_NAME", "CPU_FEATURES", "ENABLE_AVX"))
+    )
+
+
+@cache  # every kernel asks, and versions are read from files
+def _platform_digest(*asked: str) -> str:
+    from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
+
+    here = (get_host_cpu_name(), get_host_cpu_features().flatten())
+    key = (*asked, *here, *(version(name) for name in ("numba", "llvmlite", "numpy")), sys.version)
+    return hashlib.sha256("\0".join(key).encode()).hexdigest()[:16]
+
+
+def missing(path: Path | None = None) -> str:
+    """Compare a version's folder with its manifest.
+
+    Args:
+        path: the folder; ``folder()`` by default.
+
+    Returns:
+        "" when every file of every kernel is there as it was written (an index may list more since), else why not, as
+        the rest of a sentence.
+    """
+    path = folder() if path is None else path
+    try:
+        parts: dict[str, dict[str, str]] = json.loads((path / _MANIFEST).read_bytes())
+        files = {name: digest for part in parts.values() for name, digest in part.items()}
+    except OSError:
+        return "not compiled yet"
+    except (ValueError, AttributeError):
+        return f"{_MANIFEST} cannot be read"
+    wrong = sorted(name for name in files if not _is_intact(path, name, files))
+    return f"{len(wrong)} of {len(files)} files are missing or changed, the first is {wrong[0]}" if wrong else ""
+
+
+def _is_intact(path: Path, name: str, files: Mapping[str, str]) -> bool:
+    """Return whether a file of the manifest is there with the same contents.
+
+    Another program may have added a specialisation to an index since: then it must still be whole, of these sources,
+    and list the same files of machine code. Numba pickles names and stamp as they are; a pickle ends with a full stop.
+    """
+    try:
+        data = (path / name).read_bytes()
+    except OSError:
+        return False
+    if hashlib.sha256(data).hexdigest() == files[name]:
+        return True
+    folder, _, file = name.rpartition("/")
+    siblings = [each.rpartition("/") for each in files]
+    listed = [sibling for place, _, sibling in siblings if place == folder and sibling != file]
+    expected = [sources_digest(), *listed]
+    return file.endswith(".nbi") and data.endswith(b".") and all(each.encode() in data for each in expected)
+
+
+def count() -> int:
+    """Number of kernels that the manifest lists."""
+    parts = json.loads((folder() / _MANIFEST).read_bytes())
+    return sum(name.endswith(".nbi") for part in parts.values() for name in part)
+
+
+def write_manifest(parts: Mapping[str, Iterable[str]]) -> None:
+    """Note that all kernels are compiled, and remove the oldest folders of other versions.
+
+    Args:
+        parts: part -> folders of its kernels, relative to ``folder()``.
+    """
+    here = folder()
+    listed = {
+        part: {
+            file.relative_to(here).as_posix(): hashlib.sha256(file.read_bytes()).hexdigest()
+            for kernel in sorted(kernels)
+            for file in sorted((here / kernel).glob("*.nb[ic]"))
+        }
+        for part, kernels in parts.items()
+    }
+    with tempfile.NamedTemporaryFile("w", dir=here, prefix=_MANIFEST, delete=False) as file:
+        json.dump(listed, file, indent=1)
+    Path(file.name).chmod(0o644)
+    Path(file.name).replace(here / _MANIFEST)
+    others = [p for p in here.parent.glob(f"{_PREFIX}*") if p != here and p.is_dir()]
+    for other in sorted(others, key=lambda p: p.stat().st_mtime)[:-_KEPT]:
+        shutil.rmtree(other, ignore_errors=True)
+
+
+def remove_manifest() -> None:
+    """Note that the kernels are not complete, whatever the manifest says."""
+    (folder() / _MANIFEST).unlink(missing_ok=True)

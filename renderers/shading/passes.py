@@ -1,0 +1,212 @@
+"""The colour picture of a view: which layers are needed, and shading them band by band."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from struct import Struct
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from renderers.camera import Camera
+from renderers.compiler.pointers import Table, address_of, table
+from renderers.compiler.simd import LANES
+from renderers.depth_peeling import MAX_LAYERS, peeled
+from renderers.drawlist import DrawList
+from renderers.interface import Look
+from renderers.shading import layout as at
+from renderers.shading.output_merge import DIRECT, GATHER, UNDER
+from renderers.shading.scene import ShadingScene, map_instances
+from renderers.shading.shade_rows import shade_rows
+
+if TYPE_CHECKING:  # the rasterizer calls this module
+    from renderers.raster.visibility_buffer import Rasterizer, Visibility
+
+_NOTHING: Final = np.zeros((4, 0, LANES), dtype=np.float32)
+_NO_COLOR: Final = np.zeros((0, 0, 3), dtype=np.uint8)
+_MAPS: Final = at.S_COLUMNS + 4
+"""Where the maps begin, in values of 8 bytes: behind the job and the lens."""
+_JOB: Final = Struct(f"{at.S_COLUMNS}q4d")
+
+
+def paint(
+    rasterizer: Rasterizer,
+    scene: DrawList,
+    shading: ShadingScene,
+    camera: Camera,
+    look: Look,
+    color: NDArray[np.uint8],
+    *,
+    first: Visibility | None = None,
+    max_layers: int = MAX_LAYERS,
+) -> None:
+    """Draws the colour picture.
+
+    Opaque instances are seen through one visibility buffer. Translucent and cut-out ones are peeled in front of it,
+    nearest first, each pixel's layers composited front to back as bytes would be shown (RenderEngineVtk blends what it
+    shows, not linear light); the opaque picture and the background come beneath, and are rounded once.
+
+    Args:
+        rasterizer: gives visibility and runs bands.
+        scene: what is drawn; ``shading`` must be prepared from its instances with ``look.name``.
+        color: (H, W, 3) uint8, C-contiguous; every pixel is written.
+        first: visibility of the whole scene with both faces of everything, if there is one anyway (for depth or
+            label); used where it is just what colour needs, never changed or closed here.
+        max_layers: as for ``peeled``.
+    """
+    cull = shading.cull_back if shading.culls else None
+    if not shading.translucent:
+        if first is not None and cull is None:
+            _shade(rasterizer, shading, first, camera, look, DIRECT, _NOTHING, color)
+            return
+        with rasterizer.visibility(scene, camera, cull_back=cull) as seen:
+            _shade(rasterizer, shading, seen, camera, look, DIRECT, _NOTHING, color)
+        return
+    with rasterizer.visibility(scene, camera, select=~shading.layered, cull_back=cull) as behind:
+        gathered = np.zeros((4, camera.height, camera.width + LANES), dtype=np.float32)
+        gathered[3] = 1.0
+        any_layer = False
+        for layer in peeled(rasterizer, scene, shading, camera, cull, behind, max_layers):
+            any_layer = True
+            _shade(rasterizer, shading, layer, camera, look, GATHER, gathered, _NO_COLOR)
+            # Nothing can be seen behind an opaque texel: no more layers there.
+            layer.ids[gathered[3, :, : camera.width] <= 0.0] = -1
+        _shade(rasterizer, shading, behind, camera, look, UNDER if any_layer else DIRECT, gathered, color)
+
+
+class Painter:
+    """Shades bands of one view; immutable, used from any thread."""
+
+    def __init__(
+        self,
+        shading: ShadingScene,
+        places: tuple[int, int, int, int],
+        camera: Camera,
+        look: Look,
+        *,
+        mode: int = DIRECT,
+        gathered: int = 0,
+        table: Callable[[int], Table] = table,
+        keep: object = None,
+    ) -> None:
+        """
+        Args:
+            places: addresses of ``first_record`` and ``X_camera_mesh`` as in ``Visibility``, and of (H, W, 3) uint8,
+                the picture; values from one row of records to the next.
+            mode, gathered: see ``compose``; the address of its array.
+            table: gives working memory, which nobody else uses while this is.
+            keep: what the addresses point into.
+        """
+        if shading.look != look.name:
+            raise ValueError(f"the scene was prepared for the look {shading.look!r}, not {look.name!r}")
+        first_record, meshes, color, stride = places
+        self.height = camera.height
+        count = len(shading.cull_back)
+        red, green, blue = look.background
+        # The job, the lens and the maps in one array.
+        own, memory, address = table(_MAPS + (count * at.P_COLUMNS + 1) // 2)
+        _JOB.pack_into(
+            memory,
+            0,
+            look.name == "pbr",
+            mode,
+            camera.width,
+            camera.height,
+            stride,
+            first_record,
+            count,
+            meshes,
+            address + 8 * _MAPS,
+            address + 8 * at.S_COLUMNS,
+            *shading.job,
+            red | green << 8 | blue << 16,
+            gathered,
+            color,
+            0,
+            0,
+            camera.fx,
+            camera.fy,
+            camera.cx,
+            camera.cy,
+        )
+        map_instances(meshes, address + 8 * _MAPS, count)
+        self.job = address
+        """Address of S_COLUMNS int64; valid while this object is alive."""
+        self._keep = (shading, own, keep)
+
+    @classmethod
+    def of(
+        cls,
+        shading: ShadingScene,
+        X_camera_mesh: NDArray[np.float64],
+        first_record: NDArray[np.int64],
+        camera: Camera,
+        look: Look,
+        color: NDArray[np.uint8],
+        *,
+        stride: int,
+        mode: int = DIRECT,
+        gathered: NDArray[np.float32] = _NOTHING,
+    ) -> Painter:
+        """From arrays.
+
+        Args:
+            X_camera_mesh, first_record: as in ``Visibility``.
+            color: (H, W, 3) uint8, C-contiguous.
+            stride: values from one row of records to the next.
+            mode, gathered: see ``compose``.
+        """
+        return cls(
+            shading,
+            (
+                address_of(first_record, np.int64),
+                address_of(X_camera_mesh, np.float64),
+                address_of(color, np.uint8),
+                stride,
+            ),
+            camera,
+            look,
+            mode=mode,
+            gathered=address_of(gathered, np.float32),
+            keep=(X_camera_mesh, first_record, color, gathered),
+        )
+
+    def band(self, band: int, ids: int) -> None:
+        """Shade one band.
+
+        Args:
+            ids: address of the record of the picture's first pixel, or where it would be: only the band's are read.
+        """
+        from renderers.raster.visibility_buffer import BAND_ROWS
+
+        begin = band * BAND_ROWS
+        shade_rows(self.job, ids, begin, min(begin + BAND_ROWS, self.height))
+
+
+def _shade(
+    rasterizer: Rasterizer,
+    shading: ShadingScene,
+    seen: Visibility,
+    camera: Camera,
+    look: Look,
+    mode: int,
+    gathered: NDArray[np.float32],
+    color: NDArray[np.uint8],
+) -> None:
+    """Runs a painter over all bands."""
+    from renderers.raster.visibility_buffer import band_count
+
+    painter = Painter.of(
+        shading,
+        seen.X_camera_mesh,
+        seen.first_record,
+        camera,
+        look,
+        color,
+        stride=camera.width,
+        mode=mode,
+        gathered=gathered,
+    )
+    ids = address_of(seen.ids, np.int32)
+    rasterizer.parallel(band_count(camera.height), lambda unit: painter.band(unit, ids))

@@ -1,0 +1,275 @@
+"""Light on a part of a row, eight pixels at a time: lamps with their shadows, the surroundings, the tone curve."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from renderers.compiler import simd as vec
+from renderers.compiler.device_function import inlined, inner
+from renderers.compiler.pointers import f32_at, f64_at, i32_at, i64_at
+from renderers.shading.studio.brdf import ambient_channel, reflected
+from renderers.shading.studio.environment_map import LEVELS
+from renderers.shading.studio.layout import (
+    G_BASE,
+    G_EMITTED,
+    G_F0,
+    G_F90,
+    G_FLAT,
+    G_KEPT,
+    G_LIGHT,
+    G_METALLIC,
+    G_NORMAL,
+    G_POINT,
+    G_ROUGHNESS,
+    G_VIEW,
+    J_LENS,
+    J_LEVELS,
+    J_LIGHT_COUNT,
+    J_LIGHTS,
+    J_RADIANCE,
+    J_SHADOW_FLOATS,
+    J_SHADOW_INTEGERS,
+    J_SHADOW_RADIUS,
+    J_SPLIT,
+    J_SPLIT_SIDE,
+    J_TONE,
+    STRIDE,
+)
+from renderers.shading.studio.lights import (
+    L_COLOR,
+    L_COLUMNS,
+    L_DIRECTION,
+    L_KIND,
+    L_POSITION,
+    L_RANGE,
+    L_SHADOW,
+    L_SPOT_OFFSET,
+    L_SPOT_SCALE,
+)
+from renderers.shading.studio.shadow_sampling import lit_parts
+from renderers.shading.studio.shadows import S_COLUMNS, SI_COLUMNS
+from renderers.shading.studio.tonemap import shown
+
+
+@inlined
+def _three(rows, row, x):
+    at = row * STRIDE + x
+    return vec.load(rows, at), vec.load(rows, at + STRIDE), vec.load(rows, at + 2 * STRIDE)
+
+
+@inlined
+def _put(rows, row, x, r, g, b):
+    at = row * STRIDE + x
+    vec.store(rows, at, r)
+    vec.store(rows, at + STRIDE, g)
+    vec.store(rows, at + 2 * STRIDE, b)
+
+
+@inlined
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@inlined
+def _arriving(light, p):
+    """Unit vectors from points to a light (a pointer to its row) and the share of its colour that arrives."""
+    zero, one = vec.f32(0.0), vec.f32(1.0)
+    shining = vec.f32(light[L_DIRECTION]), vec.f32(light[L_DIRECTION + 1]), vec.f32(light[L_DIRECTION + 2])
+    if light[L_KIND] == 0.0:
+        return -shining[0], -shining[1], -shining[2], one
+    x = vec.f32(light[L_POSITION]) - p[0]
+    y = vec.f32(light[L_POSITION + 1]) - p[1]
+    z = vec.f32(light[L_POSITION + 2]) - p[2]
+    d2 = vec.most(x * x + y * y + z * z, vec.f32(1e-12))
+    scale = one / vec.sqrt(d2)
+    x, y, z = x * scale, y * scale, z * scale
+    part = one / d2
+    if light[L_RANGE] > 0.0:
+        reach = d2 * vec.f32(light[L_RANGE])
+        part = part * vec.most(vec.least(one - reach * reach, one), zero)
+    if light[L_KIND] == 2.0:
+        cosine = -(x * shining[0] + y * shining[1] + z * shining[2])
+        cone = cosine * vec.f32(light[L_SPOT_SCALE]) + vec.f32(light[L_SPOT_OFFSET])
+        cone = vec.least(vec.most(cone, zero), one)
+        part = part * cone * cone
+    return x, y, z, part
+
+
+@inner
+def _add_lamp(job, light, rows, count):
+    """Add what ``count`` pixels reflect of one light to the rows G_LIGHT."""
+    zero = vec.f32(0.0)
+    shadow = np.int64(light[L_SHADOW])
+    color = vec.f32(light[L_COLOR]), vec.f32(light[L_COLOR + 1]), vec.f32(light[L_COLOR + 2])
+    for x in range(0, count, vec.LANES):
+        n, p = _three(rows, G_NORMAL, x), _three(rows, G_POINT, x)
+        lx, ly, lz, part = _arriving(light, p)
+        l = (lx, ly, lz)
+        n_l = _dot(n, l)
+        part = vec.select(n_l > zero, part, zero)
+        if shadow >= 0:
+            flat = _three(rows, G_FLAT, x)
+            # Else the triangle itself is in the way.
+            part = vec.select(_dot(flat, l) > zero, part, zero)
+            if vec.bits(part > zero) != 0:
+                part = part * lit_parts(
+                    f64_at(job[J_SHADOW_FLOATS] + 8 * S_COLUMNS * shadow),
+                    i64_at(job[J_SHADOW_INTEGERS] + 8 * SI_COLUMNS * shadow),
+                    job[J_SHADOW_RADIUS],
+                    p[0],
+                    p[1],
+                    p[2],
+                    flat[0],
+                    flat[1],
+                    flat[2],
+                )
+        lit = part > zero
+        if vec.bits(lit) == 0:
+            continue
+        r, g, b = reflected(
+            n,
+            _three(rows, G_VIEW, x),
+            l,
+            n_l,
+            _three(rows, G_BASE, x),
+            vec.load(rows, G_METALLIC * STRIDE + x),
+            vec.load(rows, G_ROUGHNESS * STRIDE + x),
+            _three(rows, G_F0, x),
+            vec.load(rows, G_F90 * STRIDE + x),
+        )
+        red, green, blue = _three(rows, G_LIGHT, x)
+        _put(
+            rows,
+            G_LIGHT,
+            x,
+            red + vec.select(lit, part * color[0] * r, zero),
+            green + vec.select(lit, part * color[1] * g, zero),
+            blue + vec.select(lit, part * color[2] * b, zero),
+        )
+
+
+@inlined
+def _octahedral(d):
+    """Where directions (any length) lie in an octahedral table, 0 .. 1 each way; the middle for 0."""
+    zero, half = vec.f32(0.0), vec.f32(0.5)
+    total = vec.absolute(d[0]) + vec.absolute(d[1]) + vec.absolute(d[2])
+    scale = vec.select(total > zero, vec.f32(1.0) / total, zero)
+    u, v = d[0] * scale, d[1] * scale
+    fold = vec.most(zero - d[2] * scale, zero)
+    u = vec.select(u >= zero, u + fold, u - fold)
+    v = vec.select(v >= zero, v + fold, v - fold)
+    return half * u + half, half * v + half
+
+
+@inner
+def _read(texels, places, level, u, v):
+    """Bilinear in octahedral tables with a border of one texel, RGB; ``level``: i32x8, which table."""
+    two, four = vec.i32(2), vec.i32(4)
+    offset, side = vec.gather(places, level * two), vec.gather(places, level * two + vec.i32(1))
+    most = vec.to_f32(side)
+    half = vec.f32(0.5)
+    x = vec.least(vec.most(u * most + half, vec.f32(0.0)), most + half)
+    y = vec.least(vec.most(v * most + half, vec.f32(0.0)), most + half)
+    i, j = vec.to_i32(x), vec.to_i32(y)
+    fx, fy = x - vec.to_f32(i), y - vec.to_f32(j)
+    gx, gy = vec.f32(1.0) - fx, vec.f32(1.0) - fy
+    line = (side + two) * four
+    at = offset + j * line + i * four
+    # Of two neighbours, four values each.
+    a, c = vec.load_octets(texels, at), vec.load_octets(texels, at + line)
+    wa, wb, wc, wd = gx * gy, fx * gy, gx * fy, fx * fy
+    return (
+        a[0] * wa + a[4] * wb + c[0] * wc + c[4] * wd,
+        a[1] * wa + a[5] * wb + c[1] * wc + c[5] * wd,
+        a[2] * wa + a[6] * wb + c[2] * wc + c[6] * wd,
+    )
+
+
+@inner
+def _split(table, side, n_v, roughness):
+    """Scale and bias of ``split_sum``, bilinear; both coordinates 0 .. 1."""
+    one, two, last = vec.f32(1.0), vec.i32(2), vec.i32(side - 2)
+    x, y = n_v * vec.f32(side - 1), roughness * vec.f32(side - 1)
+    i, j = vec.least(vec.to_i32(x), last), vec.least(vec.to_i32(y), last)
+    fx, fy = x - vec.to_f32(i), y - vec.to_f32(j)
+    place = (i * vec.i32(side) + j) * two
+    wa, wb, wc, wd = (one - fx) * (one - fy), fx * (one - fy), (one - fx) * fy, fx * fy
+    # Scale and bias at a roughness and at the next.
+    a, c = vec.load_quads(table, place), vec.load_quads(table, place + vec.i32(2 * side))
+    return (
+        a[0] * wa + c[0] * wb + a[2] * wc + c[2] * wd,
+        a[1] * wa + c[1] * wb + a[3] * wc + c[3] * wd,
+    )
+
+
+@inlined
+def _turned(m, d):
+    """Directions by a (3, 3) float64 matrix (a pointer)."""
+    return (
+        vec.f32(m[0]) * d[0] + vec.f32(m[1]) * d[1] + vec.f32(m[2]) * d[2],
+        vec.f32(m[3]) * d[0] + vec.f32(m[4]) * d[1] + vec.f32(m[5]) * d[2],
+        vec.f32(m[6]) * d[0] + vec.f32(m[7]) * d[1] + vec.f32(m[8]) * d[2],
+    )
+
+
+@inner
+def _add_surroundings(job, rows, count):
+    """Add what ``count`` pixels reflect of the surroundings, which are in the world's frame, to the rows G_LIGHT."""
+    turn = f64_at(job[J_LENS] + 8 * 5)
+    texels, places = f32_at(job[J_RADIANCE]), i32_at(job[J_LEVELS])
+    zero, one, two = vec.f32(0.0), vec.f32(1.0), vec.f32(2.0)
+    for x in range(0, count, vec.LANES):
+        n, v = _three(rows, G_NORMAL, x), _three(rows, G_VIEW, x)
+        roughness = vec.least(vec.most(vec.load(rows, G_ROUGHNESS * STRIDE + x), zero), one)
+        n_v = _dot(n, v)
+        # What a rough surface reflects comes from between the mirrored direction and the normal (Lagarde and de
+        # Rousiers, "Moving Frostbite to PBR", 2014, 4.9.3).
+        alpha = roughness * roughness
+        mirror = (one - alpha) * (vec.sqrt(one - alpha) + alpha)
+        up = one - mirror + mirror * two * n_v
+        m = up * n[0] - mirror * v[0], up * n[1] - mirror * v[1], up * n[2] - mirror * v[2]
+        n_v = vec.least(vec.most(n_v, zero), one)
+        scale, bias = _split(f32_at(job[J_SPLIT]), job[J_SPLIT_SIDE], n_v, roughness)
+        u, w = _octahedral(_turned(turn, n))
+        d0, d1, d2 = _read(texels, places, vec.i32(LEVELS), u, w)
+        at = roughness * vec.f32(float(LEVELS - 1))
+        low = vec.least(vec.to_i32(at), vec.i32(LEVELS - 2))
+        part = at - vec.to_f32(low)
+        u, w = _octahedral(_turned(turn, m))
+        r0, g0, b0 = _read(texels, places, low, u, w)
+        r1, g1, b1 = _read(texels, places, low + vec.i32(1), u, w)
+        base, f0 = _three(rows, G_BASE, x), _three(rows, G_F0, x)
+        f90 = vec.load(rows, G_F90 * STRIDE + x)
+        metallic, kept = vec.load(rows, G_METALLIC * STRIDE + x), vec.load(rows, G_KEPT * STRIDE + x)
+        r = ambient_channel(base[0], metallic, f0[0], f90, scale, bias, d0, r0 + part * (r1 - r0))
+        g = ambient_channel(base[1], metallic, f0[1], f90, scale, bias, d1, g0 + part * (g1 - g0))
+        b = ambient_channel(base[2], metallic, f0[2], f90, scale, bias, d2, b0 + part * (b1 - b0))
+        red, green, blue = _three(rows, G_LIGHT, x)
+        _put(rows, G_LIGHT, x, red + kept * r, green + kept * g, blue + kept * b)
+
+
+@inner
+def light_up(job, rows, count):
+    """Fill the rows G_VIEW and G_LIGHT of ``count`` pixels, the latter with tone-mapped linear RGB.
+
+    Args:
+        job: pointer to the J_COLUMNS int64. rows: pointer to G_ROWS rows of STRIDE float32.
+    """
+    zero = vec.f32(0.0)
+    for x in range(0, count, vec.LANES):
+        _put(rows, G_LIGHT, x, zero, zero, zero)
+        px, py, pz = _three(rows, G_POINT, x)
+        length = vec.sqrt(px * px + py * py + pz * pz)
+        scale = vec.select(length > zero, vec.f32(-1.0) / length, zero)
+        _put(rows, G_VIEW, x, px * scale, py * scale, pz * scale)
+    for k in range(job[J_LIGHT_COUNT]):
+        _add_lamp(job, f64_at(job[J_LIGHTS] + 8 * L_COLUMNS * k), rows, count)
+    if job[J_RADIANCE] != 0:
+        _add_surroundings(job, rows, count)
+    exposure = vec.f32(f64_at(job[J_LENS])[4])
+    tone = job[J_TONE]
+    for x in range(0, count, vec.LANES):
+        r, g, b = _three(rows, G_LIGHT, x)
+        er, eg, eb = _three(rows, G_EMITTED, x)
+        r, g, b = shown(tone, (r + er) * exposure, (g + eg) * exposure, (b + eb) * exposure)
+        _put(rows, G_LIGHT, x, r, g, b)

@@ -1,0 +1,214 @@
+"""A picture of the ``studio`` look."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from renderers.camera import Camera
+from renderers.color import BYTE_VALUES, linear_from_srgb
+from renderers.compiler.kernel_calls import kernel_address
+from renderers.compiler.pointers import address_of
+from renderers.depth_peeling import peeled
+from renderers.drawlist import DrawList
+from renderers.msaa import sample_cameras
+from renderers.shading.studio import layout as at
+from renderers.shading.studio import shade_rows as k
+from renderers.shading.studio.environment_map import Ambient, ambient_of, split_sum
+from renderers.shading.studio.lights import light_table
+from renderers.shading.studio.rig import MAX_LIGHTS, MAX_SHADOWS, Rig
+from renderers.shading.studio.shadows import ShadowMap, draw_maps, pixel_size, shadow_tables, visible_points
+from renderers.shading.studio.tables import StudioScene, normal_matrices
+from renderers.shading.studio.tone_mapping import finish_rows
+from renderers.shading.studio.tonemap import SRGB_CELLS, TONES
+from renderers.stop import current_stop
+
+if TYPE_CHECKING:  # the rasterizer calls this module
+    from renderers.raster.visibility_buffer import Rasterizer, SampledShader, SampledView, Visibility
+
+
+def paint(
+    rasterizer: Rasterizer,
+    scene: DrawList,
+    studio: StudioScene,
+    camera: Camera,
+    rig: Rig,
+    samples: int,
+    background: tuple[int, int, int],
+    color: NDArray[np.uint8],
+) -> None:
+    """Draws the colour picture.
+
+    Opaque surfaces are rasterized with all samples at once and shaded once per pixel and surface. A scene with
+    translucent or cut-out surfaces is peeled and shaded at each sample position: their edges are in their textures.
+    Every fragment is tone-mapped, then fragments are mixed in the linear light of the display.
+
+    Args:
+        rasterizer: gives visibility and runs bands.
+        studio: prepared from the scene's instances.
+        samples: 1, 4 or 8 a pixel.
+        background: RGB as stored in the picture.
+        color: (H, W, 3) uint8, C-contiguous; every pixel is written.
+
+    Raises:
+        SurroundingsError: the rig's picture of the surroundings cannot be used.
+        ValueError: ``samples``.
+    """
+    from renderers.raster.visibility_buffer import BAND_ROWS, SampledShader, band_count
+
+    cull = studio.cull_back if studio.cull_back.any() else None
+    opaque = ~studio.layered if studio.layered.any() else None
+    cameras = sample_cameras(camera, samples)
+    height, width = camera.height, camera.width
+    bands = band_count(height)
+    behind = np.array([linear_from_srgb(value / 255.0) for value in background], np.float32)
+    finish = np.zeros(at.F_COLUMNS, np.int64)
+    finish[at.F_BEHIND] = address_of(behind, np.float32)
+    finish[at.F_CELLS] = address_of(SRGB_CELLS, np.int32)
+    finish[at.F_COLOR] = address_of(color, np.uint8)
+    finishing = address_of(finish, np.int64)
+
+    def rows(unit: int) -> tuple[int, int]:
+        return unit * BAND_ROWS, min((unit + 1) * BAND_ROWS, height)
+
+    def cut(view: Visibility, lens: Camera) -> NDArray[np.bool_]:
+        """Where a layer is not cut out."""
+        nothing = _Light(rig, light_table((), (), lens), 0, *shadow_tables((), lens), [], None)
+        job, keep = _job(studio, view.X_camera_mesh, view.first_record, lens, nothing)
+        alpha = np.zeros((lens.height, at.line_of(lens.width)), np.float32)
+        table, to, ids = address_of(job, np.int64), address_of(alpha, np.float32), address_of(view.ids, np.int32)
+
+        def band(unit: int) -> None:
+            begin, end = unit * BAND_ROWS, min((unit + 1) * BAND_ROWS, lens.height)
+            where = ids + 4 * begin * lens.width, 0, lens.width
+            k.shade_rows(k.CUT, table, *where, lens.width, begin, end, to, 0)
+
+        rasterizer.parallel(band_count(lens.height), band)
+        del keep
+        there: NDArray[np.bool_] = alpha[:, : lens.width] > 0.0
+        return there
+
+    with ExitStack() as stack:
+        lights = (scene.lights if scene.lights and rig.scene_lights else rig.lights)[:MAX_LIGHTS]
+        shadowed = rig.shadow_size != 0 and any(light.casts_shadow for light in lights)
+        seen: Visibility | None = None
+        maps: list[ShadowMap] = []
+        map_of = [-1] * len(lights)
+        if shadowed or opaque is not None or samples == 1:
+            seen = stack.enter_context(rasterizer.visibility(scene, cameras[0], select=opaque, cull_back=cull))
+        if shadowed and seen is not None:
+            points = visible_points(seen, cameras[0])
+            pixel = pixel_size(points, camera)
+            maps, map_of = draw_maps(
+                rasterizer, scene, lights, points, rig.shadow_size, pixel, MAX_SHADOWS, studio.layered, cut
+            )
+        ambient = ambient_of(rig.surroundings) if rig.surroundings is not None else None
+        light = _Light(
+            rig, light_table(lights, map_of, camera), len(lights), *shadow_tables(maps, camera), maps, ambient
+        )
+
+        def shade(view: Visibility, lens: Camera, mode: int, target: NDArray[np.float32] | None) -> None:
+            """Shade a layer; None: at once into the picture."""
+            job, keep = _job(studio, view.X_camera_mesh, view.first_record, lens, light)
+            table, to = address_of(job, np.int64), address_of(target, np.float32)
+            ids = address_of(view.ids, np.int32)
+
+            def band(unit: int) -> None:
+                begin, end = rows(unit)
+                k.shade_rows(mode, table, ids + 4 * begin * width, 0, width, width, begin, end, to, finishing)
+
+            rasterizer.parallel(bands, band)
+            del keep
+
+        def begin_edges(view: SampledView) -> SampledShader:
+            """Shade what samples see."""
+            job, keep = _job(studio, view.X_camera_mesh, view.first_record, camera, light)
+            own = np.zeros(k.B_COLUMNS, np.int64)
+            own[k.B_SHADE] = kernel_address(k.shade_rows)
+            own[k.B_JOB] = address_of(job, np.int64)
+            own[k.B_WIDTH] = width
+            own[k.B_FINISH] = finishing
+            return SampledShader(kernel_address(k.shade_edges), address_of(own, np.int64), (own, job, keep))
+
+        if opaque is None:
+            if samples == 1 and seen is not None:
+                shade(seen, camera, k.ADD, None)
+            else:
+                rasterizer.sampled(scene, camera, samples, begin_edges, cull_back=cull)
+            return
+        shape = height, 4, at.line_of(width)
+        out = np.zeros(shape, np.float32)
+        for each_camera in cameras:
+            own = out if samples == 1 else np.zeros(shape, np.float32)
+            view = seen
+            if view is None or each_camera is not cameras[0]:
+                view = stack.enter_context(rasterizer.visibility(scene, each_camera, select=opaque, cull_back=cull))
+            for layer in peeled(rasterizer, scene, studio, each_camera, cull, view):
+                shade(layer, each_camera, k.BENEATH, own)
+                layer.ids[own[:, 3, :width] >= 1.0] = -1  # nothing can be seen behind
+            shade(view, each_camera, k.BENEATH, own)
+            if samples > 1:
+                out += own * np.float32(1.0 / samples)
+        layers = address_of(out, np.float32)
+        rasterizer.parallel(bands, lambda unit: finish_rows(layers, finishing, width, *rows(unit)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Light:
+    """What lights a picture, in its camera's frame."""
+
+    rig: Rig
+    lamps: NDArray[np.float64]
+    count: int
+    floats: NDArray[np.float64]
+    """Of the shadow maps, as ``integers``."""
+    integers: NDArray[np.int64]
+    maps: list[ShadowMap]
+    """What the addresses among these point into."""
+    ambient: Ambient | None
+
+
+def _job(
+    studio: StudioScene,
+    X_camera_mesh: NDArray[np.float64],
+    first_record: NDArray[np.int64],
+    camera: Camera,
+    light: _Light,
+) -> tuple[NDArray[np.int64], tuple[object, ...]]:
+    """The kernel's table, and what its addresses point into."""
+    X = X_camera_mesh if len(X_camera_mesh) else np.eye(4)[None]
+    N = normal_matrices(X)
+    turn = camera.X_world_camera[:3, :3]
+    lens = np.array(
+        (camera.fx, camera.fy, camera.cx, camera.cy, light.rig.exposure, *turn.flat, 1.0 / camera.fx, 1.0 / camera.fy)
+    )
+    job = np.zeros(at.J_COLUMNS, np.int64)
+    job[at.J_INSTANCES] = address_of(studio.instances, np.int64)
+    job[at.J_MATERIAL_INTEGERS] = address_of(studio.material_integers, np.int64)
+    job[at.J_MATERIAL_FLOATS] = address_of(studio.material_floats, np.float32)
+    job[at.J_TEXTURE_INTEGERS] = address_of(studio.texture_integers, np.int64)
+    job[at.J_TEXTURE_FLOATS] = address_of(studio.texture_floats, np.float32)
+    job[at.J_VALUES] = address_of(BYTE_VALUES, np.float32)
+    job[at.J_X] = address_of(X, np.float64)
+    job[at.J_N] = address_of(N, np.float64)
+    job[at.J_LIGHTS] = address_of(light.lamps, np.float64)
+    job[at.J_LIGHT_COUNT] = light.count
+    job[at.J_SHADOW_FLOATS] = address_of(light.floats, np.float64)
+    job[at.J_SHADOW_INTEGERS] = address_of(light.integers, np.int64)
+    job[at.J_SHADOW_RADIUS] = light.rig.shadow_radius
+    if light.ambient is not None:
+        job[at.J_RADIANCE] = address_of(light.ambient.texels, np.float32)
+        job[at.J_LEVELS] = address_of(light.ambient.places, np.int32)
+        job[at.J_SPLIT] = address_of(split_sum(), np.float32)
+        job[at.J_SPLIT_SIDE] = split_sum().shape[0]
+    job[at.J_LENS] = address_of(lens, np.float64)
+    job[at.J_TONE] = TONES.index(light.rig.tone)
+    job[at.J_FIRST] = address_of(first_record, np.int64)
+    job[at.J_COUNT] = len(first_record) - 1
+    stop = current_stop()
+    job[at.J_STOP] = stop.address
+    return job, (X, N, lens, light, first_record, stop)

@@ -1,0 +1,138 @@
+"""What comes out of the formats: shapes, materials, textures, units, axes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gateway.assets.mesh_files import MeshFileLimits, MeshFiles
+from gateway.gltf import GltfLimits
+from gateway.scene.bounds import scene_bounds
+from gateway.scene.flatten import flatten
+from gateway.scene.geometry import Part, PointCloud, Surface
+from gateway.scene.tree import Node
+from renderers import primitives
+from renderers.drawlist import AlphaMode, Mesh
+from tests.assets.mesh_files.files import CUBE, CUBE_MTL, DAE, TRIANGLE, gltf, png, stl, write
+
+
+def bounds(parts: tuple[Part, ...]) -> np.ndarray:
+    found = scene_bounds(flatten(Node(parts)))
+    assert found is not None
+    return found
+
+
+def mesh_of(part: Part) -> Mesh:
+    assert isinstance(part.shape, Surface)
+    return part.shape.mesh
+
+
+def test_obj_with_materials_and_texture(root: Path, files: MeshFiles):
+    write(root / "cube.obj", CUBE)
+    write(root / "cube.mtl", CUBE_MTL)
+    write(root / "textures" / "paint.png", png((255, 0, 0), (0, 0, 255)))
+    parts = files.load("cube.obj")
+    np.testing.assert_array_equal(bounds(parts), [(-1, -1, -1), (1, 1, 1)])
+    by_alpha = {part.material.alpha_mode: part for part in parts}
+    painted, glass = by_alpha[AlphaMode.OPAQUE], by_alpha[AlphaMode.BLEND]
+    assert painted.material.base_color == (1, 1, 1, 1)
+    assert painted.material.base_color_texture is not None
+    pixels = painted.material.base_color_texture.image.decode()
+    np.testing.assert_array_equal(pixels, [[(255, 0, 0, 255), (0, 0, 255, 255)]])
+    assert glass.material.base_color == pytest.approx((1, 0, 0.2159, 0.25), abs=2e-3)
+    assert glass.material.double_sided
+    assert {part.kind for part in parts} == {"mesh_file"}
+    assert {part.source for part in parts} == {"cube.obj"}
+    mesh = mesh_of(painted)
+    assert mesh.uv0 is not None
+    corner = np.flatnonzero((mesh.positions == (-1, -1, 1)).all(axis=1))
+    np.testing.assert_array_equal(mesh.uv0[corner[0]], (0, 1))
+
+
+def test_meshes_without_normals_are_smooth_but_not_across_creases(root: Path, files: MeshFiles):
+    write(root / "ball.stl", stl(primitives.sphere()))
+    ball = mesh_of(files.load("ball.stl")[0])
+    assert ball.normals is not None
+    assert len(ball.positions) == len(primitives.sphere().positions)
+    assert np.einsum("ni,ni->n", ball.normals, ball.positions).min() > 0.99
+    write(root / "box.stl", stl(primitives.box()))
+    box = mesh_of(files.load("box.stl")[0])
+    assert box.normals is not None
+    assert len(box.positions) == 24
+    np.testing.assert_allclose(np.sort(np.abs(box.normals), axis=1), np.tile((0, 0, 1), (24, 1)), atol=1e-6)
+
+
+@pytest.mark.parametrize("content", [b"no picture", png((1, 2, 3))[:33], b""])
+def test_textures_that_cannot_be_decoded_are_left_out(root: Path, files: MeshFiles, content: bytes):
+    write(root / "cube.obj", CUBE)
+    write(root / "cube.mtl", CUBE_MTL)
+    write(root / "textures" / "paint.png", content)
+    parts = files.load("cube.obj")
+    assert len(parts) == 2
+    assert [part.material.base_color_texture for part in parts] == [None, None]
+
+
+def test_textures_beyond_the_total_of_pixels_are_left_out(root: Path):
+    head, _ = CUBE.split("usemtl glass")
+    write(root / "two.obj", head + "usemtl second\nf 1/1 2/2 6/3 5/4\n")
+    write(root / "cube.mtl", CUBE_MTL.replace("glass", "second") + "map_Kd second.png\n")
+    write(root / "textures" / "paint.png", png((1, 2, 3), (4, 5, 6)))
+    write(root / "second.png", png((7, 8, 9), (4, 5, 6)))
+    for most, textured in ((4, 2), (3, 1), (1, 0)):
+        files = MeshFiles([root], MeshFileLimits(gltf=GltfLimits(max_total_image_pixels=most)))
+        assert sum(part.material.base_color_texture is not None for part in files.load("two.obj")) == textured
+
+
+def test_normals_of_the_file_are_kept(root: Path, files: MeshFiles):
+    write(root / "n.obj", "v 0 0 0\nv 1 0 0\nv 0 2 0\nvn 0 0.6 0.8\nf 1//1 2//1 3//1\n")
+    mesh = mesh_of(files.load("n.obj")[0])
+    np.testing.assert_allclose(mesh.normals, np.tile((0, 0.6, 0.8), (3, 1)), atol=1e-6)
+
+
+def test_ply_with_vertex_colours_and_ply_of_points(root: Path, files: MeshFiles):
+    head = "ply\nformat ascii 1.0\nelement vertex 3\n" + "".join(f"property float {c}\n" for c in "xyz")
+    colors = "".join(f"property uchar {c}\n" for c in ("red", "green", "blue"))
+    rows = "0 0 0 255 0 0\n1 0 0 0 255 0\n0 1 0 0 0 188\n"
+    write(
+        root / "c.ply",
+        f"{head}{colors}element face 1\nproperty list uchar int vertex_indices\nend_header\n{rows}3 0 1 2\n",
+    )
+    mesh = mesh_of(files.load("c.ply")[0])
+    assert mesh.colors is not None
+    # the file has colours as displays show them, a mesh has linear light, which 188 is half of
+    light = [(1, 0, 0, 1), (0, 1, 0, 1), (0, 0, 0.5029, 1)]
+    np.testing.assert_allclose(mesh.colors[np.argsort(mesh.positions @ (1, 2, 0))], light, atol=1e-4)
+    write(root / "p.ply", f"{head}{colors}end_header\n{rows}")
+    (part,) = files.load("p.ply")
+    assert isinstance(part.shape, PointCloud)
+    np.testing.assert_array_equal(part.shape.points, [(0, 0, 0), (1, 0, 0), (0, 1, 0)])
+    np.testing.assert_array_equal(part.shape.channels["rgb"][:, :3], np.diag(np.float32([1, 1, 188 / 255])))
+
+
+@pytest.mark.parametrize(
+    ("asset", "expected"),
+    [
+        ('<unit name="cm" meter="0.01"/><up_axis>Z_UP</up_axis>', [(0, 0, 0.05), (0.01, 0.02, 0.05)]),
+        ("<up_axis>Y_UP</up_axis>", [(0, -5, 0), (1, -5, 2)]),
+        ("", [(0, -5, 0), (1, -5, 2)]),
+        ("<up_axis>X_UP</up_axis>", [(-2, -5, 0), (0, -5, 1)]),
+    ],
+)
+def test_collada_states_its_unit_and_what_is_up(root: Path, files: MeshFiles, asset: str, expected):
+    write(root / "part.dae", DAE.format(asset=asset))
+    np.testing.assert_allclose(bounds(files.load("part.dae")), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize(("generator", "expected"), [("", [(0, 0, 0), (1, 0, 2)]), ("VTK", [(0, 0, 0), (1, 2, 0)])])
+def test_gltf_is_y_up_unless_drake_wrote_it(root: Path, files: MeshFiles, generator: str, expected):
+    write(root / "t.gltf", gltf(generator))
+    write(root / "data.bin", np.array([(0, 0, 0), (1, 0, 0), (0, 2, 0)], np.float32).tobytes())
+    np.testing.assert_allclose(bounds(files.load("t.gltf")), expected, atol=1e-6)
+
+
+def test_scale_is_applied_along_the_files_axes(root: Path, files: MeshFiles):
+    write(root / "t.obj", TRIANGLE)
+    np.testing.assert_array_equal(bounds(files.load("t.obj", (2, -3, 4))), [(0, -6, 0), (2, 0, 0)])
+    np.testing.assert_array_equal(bounds(files.load("t.obj")), [(0, 0, 0), (1, 2, 0)])

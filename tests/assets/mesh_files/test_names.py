@@ -1,0 +1,108 @@
+"""How files are named and found, and how long they are remembered."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gateway.assets.mesh_files import MeshFileError, MeshFileLimits, MeshFiles
+from gateway.assets.ros_packages import Packages
+from gateway.scene import transforms as tf
+from tests.assets.mesh_files.files import CUBE, CUBE_MTL, TRIANGLE, write
+
+
+def test_absolute_relative_and_file_names(root: Path, files: MeshFiles):
+    write(root / "sub dir" / "t.obj", TRIANGLE)
+    for name in (
+        "sub dir/t.obj",
+        str(root / "sub dir/t.obj"),
+        f"file://{root}/sub%20dir/t.obj",
+        "./sub dir/../sub dir/t.obj",
+    ):
+        assert files.load(name)
+
+
+def test_packages_are_found_by_the_name_in_their_manifest(root: Path, files: MeshFiles):
+    write(root / "ws" / "src" / "arm" / "package.xml", "<package format='2'>\n <name> my_arm </name></package>")
+    write(root / "ws" / "src" / "arm" / "meshes" / "link.obj", TRIANGLE)
+    assert files.load("package://my_arm/meshes/link.obj")
+    with pytest.raises(MeshFileError, match="no package 'arm'") as caught:
+        files.load("package://arm/meshes/link.obj")
+    assert caught.value.missing
+    with pytest.raises(MeshFileError, match="outside"):
+        files.load("package://my_arm/../../../../secret.obj")
+
+
+def test_unknown_packages_do_not_cause_a_search_each(root: Path, monkeypatch):
+    now = [0.0]
+    packages = Packages((root,), clock=lambda: now[0])
+    scans = []
+    real = Packages._scan
+    monkeypatch.setattr(Packages, "_scan", lambda self: scans.append(1) or real(self))
+    for _ in range(50):
+        assert packages.folder("nobody") is None
+    assert len(scans) == 1
+    write(root / "late" / "package.xml", "<name>late</name>")
+    now[0] = 60.0
+    assert packages.folder("late") == root / "late"
+
+
+def test_a_sibling_of_a_known_format_stands_in(root: Path, files: MeshFiles):
+    write(root / "link.obj", TRIANGLE)
+    write(root / "other.vtm", "<VTKFile/>")
+    assert files.load("link.vtp")
+    with pytest.raises(MeshFileError, match="not a file of a known format") as caught:
+        files.load("other.vtm")
+    assert not caught.value.missing
+
+
+def test_missing_files_say_so(files: MeshFiles):
+    with pytest.raises(MeshFileError, match=r"'nothing\.obj': there is no such file") as caught:
+        files.load("nothing.obj")
+    assert caught.value.missing
+
+
+def test_a_link_within_the_roots_is_followed(root: Path, files: MeshFiles):
+    write(root / "real" / "t.obj", TRIANGLE)
+    (root / "alias.obj").symlink_to(root / "real" / "t.obj")
+    assert files.load("alias.obj")
+
+
+@pytest.mark.parametrize("name", ["", "a\0b.obj", "x" * 5000 + ".obj"])
+def test_what_is_no_file_name(files: MeshFiles, name: str):
+    with pytest.raises(MeshFileError, match="is not a file name"):
+        files.load(name)
+
+
+def test_names_that_the_system_refuses(files: MeshFiles):
+    with pytest.raises(MeshFileError):
+        files.load("x" * 300 + ".obj")
+    with pytest.raises(MeshFileError):
+        files.load("\ud800.obj")
+
+
+def test_a_file_is_loaded_once_until_it_or_its_material_changes(root: Path, files: MeshFiles):
+    write(root / "cube.obj", CUBE)
+    material = write(root / "cube.mtl", CUBE_MTL)
+    first = files.load("cube.obj")
+    assert files.load(str(root / "cube.obj"))[0].shape is first[0].shape
+    scaled = files.load("cube.obj", (2, 2, 2))
+    assert scaled[0].shape is first[0].shape
+    np.testing.assert_array_equal(scaled[0].X_node_part, tf.scaling(2, 2, 2))
+    write(material, CUBE_MTL.replace("d 0.25", "d 0.75"))
+    again = files.load("cube.obj")
+    assert sorted(part.material.base_color[3] for part in again) == [0.75, 1.0]
+
+
+def test_the_cache_is_bounded_in_bytes(root: Path):
+    for index in range(4):
+        write(root / f"{index}.obj", TRIANGLE)
+    size = MeshFiles([root])
+    size.load("0.obj")
+    files = MeshFiles([root], MeshFileLimits(cache_bytes=2 * size._nbytes))
+    kept = [files.load(f"{index}.obj")[0].shape for index in range(4)]
+    assert files._nbytes <= 2 * size._nbytes
+    assert files.load("3.obj")[0].shape is kept[3]
+    assert files.load("0.obj")[0].shape is not kept[0]

@@ -1,0 +1,80 @@
+"""Scene files that the operator names: up axis, files beside them, what is refused."""
+
+from __future__ import annotations
+
+import base64
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gateway.assets.scene_file import SceneFile, SceneFileError, Up, read_scene_file
+from gateway.scene.bounds import scene_bounds
+from gateway.scene.flatten import flatten
+from tests.support import forms
+
+
+def written(folder: Path, **changes: Any) -> Path:
+    path = folder / "scene.gltf"
+    path.write_text(json.dumps(forms.gltf(**changes)))
+    return path
+
+
+def bounds(scene: SceneFile) -> np.ndarray:
+    box = scene_bounds(flatten(scene.root))
+    assert box is not None
+    return box
+
+
+LYING = ((-0.5, 1.0, -0.5), (0.5, 1.0, 0.5))
+"""The triangle of ``forms.gltf``, x and y from -0.5 to 0.5 at z = -1, turned by +90 degrees about x."""
+AS_IT_IS = ((-0.5, -0.5, -1.0), (0.5, 0.5, -1.0))
+
+
+@pytest.mark.parametrize(
+    ("generator", "up", "expected"),
+    [
+        ("somebody", "auto", LYING),
+        ("somebody", "z", AS_IT_IS),
+        ("VTK", "auto", AS_IT_IS),
+        ("Drake glTF merger", "auto", AS_IT_IS),
+        ("VTK", "y", LYING),
+    ],
+)
+def test_scenes_are_turned_to_z_up(tmp_path: Path, generator: str, up: Up, expected: tuple[Any, Any]) -> None:
+    scene = read_scene_file(written(tmp_path, generator=generator), up=up)
+    assert np.allclose(bounds(scene), expected, atol=1e-6)
+    (camera,) = scene.cameras
+    forward = camera.X_world_camera[:3, 2]
+    assert np.allclose(forward, (0, 1, 0) if expected is LYING else (0, 0, -1), atol=1e-12)
+
+
+def test_buffers_may_lie_beside_the_scene(tmp_path: Path) -> None:
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / "a b.bin").write_bytes(base64.b64decode(forms.TRIANGLE_URI.split(",")[1]))
+    path = written(tmp_path, buffers=[{"byteLength": 36, "uri": "data/a%20b.bin"}])
+    assert np.allclose(bounds(read_scene_file(path)), AS_IT_IS, atol=1e-6)
+
+
+@pytest.mark.parametrize("uri", ["../secret.bin", "link.bin", "data/../../secret.bin"])
+def test_nothing_outside_of_its_folder_is_read(tmp_path: Path, uri: str) -> None:
+    (tmp_path / "secret.bin").write_bytes(bytes(36))
+    folder = tmp_path / "scenes"
+    folder.mkdir()
+    (folder / "link.bin").symlink_to(tmp_path / "secret.bin")
+    with pytest.raises(SceneFileError, match="outside"):
+        read_scene_file(written(folder, buffers=[{"byteLength": 36, "uri": uri}]))
+
+
+def test_errors_name_the_file(tmp_path: Path) -> None:
+    with pytest.raises(SceneFileError, match=r"none\.glb: No such file or directory"):
+        read_scene_file(tmp_path / "none.glb")
+    broken = tmp_path / "broken.gltf"
+    broken.write_text("{")
+    with pytest.raises(SceneFileError, match=r"broken\.gltf: "):
+        read_scene_file(broken)
+    missing = written(tmp_path, buffers=[{"byteLength": 36, "uri": "gone.bin"}])
+    with pytest.raises(SceneFileError, match=r"gone\.bin cannot be read: No such file or directory"):
+        read_scene_file(missing)

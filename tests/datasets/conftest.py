@@ -1,0 +1,88 @@
+"""Scenes of every kind, small, and runs in this process."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from gateway.client.manifest import Settings
+from gateway.datasets.camera_file import CameraFile
+from gateway.datasets.plan import Order, Result, Task, make_order
+from gateway.datasets.run import Progress, run
+from gateway.datasets.sources import find_sources
+from gateway.datasets.tasks import Worker
+from gateway.datasets.views import View
+from gateway.scene.cameras import OrbitCamera
+from tests.support import forms
+
+SETTINGS = Settings(
+    types=("color", "depth", "label"),
+    width=32,
+    height=24,
+    fovy=45.0,
+    look="auto",
+    up="auto",
+    antialias="fxaa",
+    depth_format="tiff",
+    background=(204, 229, 255),
+)
+TREE = {
+    "setgeometry": [
+        {"path": ["robot", "base"], "geometry": {"type": "cylinder", "radius": 0.3, "length": 0.2}},
+        {"path": ["robot", "arm"], "geometry": {"type": "box", "lengths": [0.1, 0.1, 0.8], "color": [1, 0.6, 0.1, 1]}},
+    ],
+    "settransform": [{"path": ["robot", "arm"], "transform": {"translation": [0, 0, 0.5]}}],
+}
+FACET = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
+
+
+@pytest.fixture
+def scenes(tmp_path: Path) -> Path:
+    """A folder with one scene of each kind."""
+    folder = tmp_path / "scenes"
+    (folder / "deep").mkdir(parents=True)
+    (folder / "a.gltf").write_text(json.dumps(forms.gltf(generator="somebody")))
+    (folder / "deep" / "mesh.stl").write_text(f"solid t\n{FACET}endsolid t\n")
+    (folder / "robot.tree.json").write_text(json.dumps(TREE))
+    (folder / "depth.multipart").write_bytes(forms.body(forms.gltf(), forms.drake_fields("depth")))
+    (folder / "notes.txt").write_text("no scene")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def worker() -> Worker:
+    return Worker()
+
+
+Draw = Callable[..., Progress]
+
+
+@pytest.fixture
+def draw(worker: Worker) -> Draw:
+    """Runs an order in this process; ``most`` ends it as a kill would after so many tasks."""
+
+    def execute(order: Order, most: int | None = None) -> Progress:
+        def tasks(all_of: list[Task]) -> Iterator[Result]:
+            for number, task in enumerate(all_of):
+                if number == most:
+                    raise KeyboardInterrupt
+                yield worker.work(task)
+
+        return run(order, tasks, lambda _: None)
+
+    return execute
+
+
+def order_of(
+    scenes: Path, out: Path, *, orbit: int = 2, settings: Settings = SETTINGS, cameras: CameraFile | None = None
+) -> Order:
+    views = tuple(View(f"orbit-{i}", OrbitCamera(i, orbit, 30.0)) for i in range(orbit))
+    return make_order(find_sources([scenes]), views, cameras or CameraFile(), settings, out)
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Every file of a folder."""
+    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}

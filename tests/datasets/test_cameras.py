@@ -1,0 +1,136 @@
+"""Where scenes are seen from: the camera file, orbits, lenses."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gateway.datasets.camera_file import CameraFile, read_camera_file
+from gateway.datasets.plan import PlanError, make_order
+from gateway.datasets.scenes import load_scene
+from gateway.datasets.sources import SourceError, find_sources
+from gateway.datasets.views import Lens, View, camera_of
+from gateway.scene.cameras import CameraError, OrbitCamera
+from tests.datasets.conftest import SETTINGS, order_of
+
+POSE = [[1, 0, 0, 0], [0, 0, 1, -3], [0, -1, 0, 1], [0, 0, 0, 1]]
+"""3 m before the origin on -y, 1 m high, looking along +y."""
+
+
+def written(folder: Path, content: Any) -> Path:
+    path = folder / "cameras.json"
+    path.write_text(json.dumps(content))
+    return path
+
+
+def test_camera_file(scenes: Path, tmp_path: Path) -> None:
+    opengl = (np.array(POSE) @ np.diag((1, -1, -1, 1))).tolist()
+    file = read_camera_file(
+        written(
+            tmp_path,
+            {
+                "cameras": [
+                    {"camera": "fit", "width": 40},
+                    {"name": "top", "X_world_camera": POSE, "fx": 50, "fy": 60},
+                ],
+                "scenes": {"a.gltf": [{"X_world_camera": opengl, "convention": "opengl", "fovy": 60}]},
+            },
+        )
+    )
+    order = order_of(scenes, tmp_path / "out", orbit=0, cameras=file)
+    views = {source.name: order.views_of(source) for source in order.sources}
+    assert [view.name for view in views["robot.tree.json"]] == ["camera-000", "top"]
+    (own,) = views["a.gltf"]
+    assert own.pose == tuple(map(tuple, np.array(POSE, float).tolist()))
+    robot = load_scene(next(source for source in order.sources if source.name == "robot.tree.json"))
+    first, top = (camera_of(view, robot.root, robot.drawn, None, 32, 24, 45.0) for view in views["robot.tree.json"])
+    assert (first.width, first.height) == (40, 24)
+    assert (top.fx, top.fy, top.cx, top.cy) == (50, 60, 16, 12)
+    assert np.array_equal(top.X_world_camera, POSE)
+    assert top.near < 2.7 < 3.3 < top.far
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        ({}, "names no camera"),
+        ({"camera": []}, "unknown field `camera`"),
+        ({"cameras": [{}]}, "cameras[0]: needs either 'camera'"),
+        ({"cameras": [{"camera": "fit", "X_world_camera": POSE}]}, "cameras[0]: needs either"),
+        ({"cameras": [{"camera": "fitt"}]}, "cameras[0]: camera 'fitt' is none of"),
+        ({"cameras": [{"camera": "stereo"}]}, "there is no stereo camera"),
+        ({"cameras": [{"camera": "fit", "name": "../x"}]}, "the view's name '../x'"),
+        (
+            {"cameras": [{"camera": "fit", "name": "x"}, {"camera": "fit", "name": "x"}]},
+            "cameras[1]: the name 'x' is taken",
+        ),
+        ({"cameras": [{"camera": "fit", "width": 0}]}, "Expected `int` >= 1"),
+        ({"cameras": [{"camera": "fit", "fovy": 30, "fy": 100}]}, "fovy and fy say the same"),
+        ({"cameras": [{"X_world_camera": [[2, 0, 0, 0], *POSE[1:]]}]}, "scaled, sheared or mirrored"),
+        ({"cameras": [{"X_world_camera": [[0, 0, 0, 0]] * 4}]}, "last of them 0, 0, 0, 1"),
+        ({"scenes": {"b": [{"camera": "eye=1"}]}}, "scenes['b'][0]: "),
+    ],
+)
+def test_bad_camera_files_are_explained(tmp_path: Path, content: Any, sentence: str) -> None:
+    with pytest.raises(CameraError) as raised:
+        read_camera_file(written(tmp_path, content))
+    assert sentence in str(raised.value)
+
+
+def test_views_and_scenes_that_cannot_be_meant(scenes: Path, tmp_path: Path) -> None:
+    sources = find_sources([scenes])
+    file = read_camera_file(written(tmp_path, {"scenes": {"z.gltf": [{"camera": "fit"}]}}))
+    with pytest.raises(PlanError, match=r"scenes that are not there: z.gltf"):
+        make_order(sources, (), file, SETTINGS, tmp_path / "out")
+    with pytest.raises(PlanError, match="two views are called 'x'"):
+        make_order(sources, (View("x", "fit"), View("x", "fit")), CameraFile(), SETTINGS, tmp_path)
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "a.gltf").write_text("{}")
+    with pytest.raises(SourceError, match=r"would both be called a.gltf"):
+        find_sources([scenes, tmp_path / "other"])
+    (tmp_path / "none").mkdir()
+    with pytest.raises(SourceError, match="holds no scene"):
+        find_sources([tmp_path / "none"])
+    with pytest.raises(SourceError, match="is no scene"):
+        find_sources([scenes / "notes.txt"])
+
+
+def test_every_camera_of_an_orbit_sees_everything_from_the_same_distance(scenes: Path) -> None:
+    source = next(source for source in find_sources([scenes]) if source.name == "robot.tree.json")
+    scene = load_scene(source)
+    centre = np.array((0.0, 0.0, 0.4))  # of a cylinder from -0.1 to 0.1 and a box up to 0.9
+    distances: list[float] = []
+    azimuths: list[float] = []
+    for index in range(6):
+        camera = camera_of(View("v", OrbitCamera(index, 6, 20.0)), scene.root, scene.drawn, None, 64, 48, 45.0)
+        corners = np.array([(x, y, z, 1) for x in (-0.3, 0.3) for y in (-0.3, 0.3) for z in (-0.1, 0.9)])
+        x, y, z, _ = camera.X_camera_world @ corners.T
+        assert (z > camera.near).all()
+        assert (np.abs(camera.fx * x / z) <= 32).all()
+        assert (np.abs(camera.fy * y / z) <= 24).all()
+        offset = camera.X_world_camera[:3, 3] - centre
+        distances.append(float(np.linalg.norm(offset)))
+        azimuths.append(float(np.degrees(np.arctan2(offset[1], offset[0])) % 360.0))
+        assert offset[2] / distances[-1] == pytest.approx(np.sin(np.radians(20.0)))
+    assert distances == pytest.approx([distances[0]] * 6)
+    assert azimuths == pytest.approx([0, 60, 120, 180, 240, 300])
+
+
+def test_views_that_differ_are_told_apart() -> None:
+    rows = tuple(tuple(float(value) for value in row) for row in POSE)
+    moved = (rows[0], rows[1], (*rows[2][:3], 2.0), rows[3])
+    views = [
+        View("v", None),
+        View("v", "fit"),
+        View("v", "fit", Lens(width=3)),
+        View("v", "fit", Lens(height=3)),
+        View("v", OrbitCamera(0, 2, 30.0)),
+        View("v", OrbitCamera(0, 2, 31.0)),
+        View("v", rows),
+        View("v", moved),
+    ]
+    assert len({view.asked for view in views}) == len(views)

@@ -1,0 +1,335 @@
+from __future__ import annotations
+
+import base64
+import json
+import struct
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote_from_bytes
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from gateway.gltf import GltfError, GltfLimits, read_gltf
+from gateway.gltf.buffers import decode_data_uri
+from gateway.gltf.container import open_container
+from gateway.gltf.content_cache import Buffer, mesh_bytes
+from renderers.drawlist import Mesh
+from tests.gltf.builder import TRIANGLE, Builder, data_uri, glb, meshes
+
+LONG = np.arange(900, dtype=np.float32).tobytes()
+
+
+def document(uri: str | None, length: int = 36) -> dict[str, Any]:
+    b = Builder()
+    b.add("buffers", {"byteLength": length, **({} if uri is None else {"uri": uri})})
+    b.add("bufferViews", {"buffer": 0, "byteLength": length})
+    b.add("accessors", {"bufferView": 0, "componentType": 5126, "count": length // 12, "type": "VEC3"})
+    b.node(mesh=b.mesh({"attributes": {"POSITION": 0}}))
+    return b.json
+
+
+def positions(data: bytes | memoryview, **options: Any) -> bytes:
+    (mesh,) = meshes(read_gltf(data, **options))
+    return mesh.positions.tobytes()
+
+
+@pytest.mark.parametrize("data", [TRIANGLE.tobytes(), LONG])
+@pytest.mark.parametrize("kind", ["bytes", "memoryview", "part of a bytearray"])
+@pytest.mark.parametrize("form", ["compact", "pretty", "glb"])
+def test_every_form(data: bytes, kind: str, form: str) -> None:
+    if form == "glb":
+        text = glb(document(None, len(data)), data)
+    else:
+        text = json.dumps(document(data_uri(data), len(data)), indent=2 if form == "pretty" else None).encode()
+    source: bytes | memoryview = text
+    if kind == "memoryview":
+        source = memoryview(text)
+    elif kind != "bytes":
+        source = memoryview(bytearray(b"xxx" + text + b"yyy"))[3:-3]
+    assert positions(source) == data
+
+
+@pytest.mark.parametrize("form", ["uri", "glb"])
+def test_a_buffer_holds_as_many_bytes_as_it_says(form: str) -> None:
+    """More may be there (the chunk of a binary file ends at a multiple of four), fewer may not, whatever is used."""
+
+    def said(length: int) -> bytes:
+        source = document(data_uri(LONG) if form == "uri" else None, len(LONG))
+        source["buffers"][0]["byteLength"] = length
+        return json.dumps(source).encode() if form == "uri" else glb(source, LONG)
+
+    assert positions(said(len(LONG))) == positions(said(len(LONG) - 3)) == LONG
+    with pytest.raises(GltfError, match=r"buffers\[0\]\.byteLength: 3601 is more than the 3600 bytes there"):
+        read_gltf(said(len(LONG) + 1))
+
+
+def test_nothing_refers_to_a_buffer_that_the_caller_may_reuse() -> None:
+    body = bytearray(glb(document(None, len(LONG)), LONG))
+    (mesh,) = meshes(read_gltf(memoryview(body)))
+    body[:] = bytes(len(body))
+    assert mesh.positions.tobytes() == LONG
+
+
+def base_of(array: NDArray[Any]) -> object:
+    base: object = array
+    while isinstance(base, np.ndarray):
+        base = base.base
+    return base.obj if isinstance(base, memoryview) else base
+
+
+def test_the_chunk_of_a_file_is_read_where_it_lies_if_it_is_nearly_all_and_aligned() -> None:
+    points = np.random.default_rng(0).random((5000, 3)).astype("<f4")
+
+    def file(padding: int) -> tuple[bytes, NDArray[np.float32]]:
+        text = json.dumps(document(None, points.nbytes)).encode()
+        data = glb(text + b" " * (-len(text) % 4 + padding), points.tobytes())
+        (mesh,) = meshes(read_gltf(data))
+        np.testing.assert_array_equal(mesh.positions, points[: len(mesh.positions)])
+        assert not mesh.positions.flags.writeable
+        assert mesh.positions.flags.aligned
+        return data, mesh.positions
+
+    data, positions = file(0)
+    assert base_of(positions) is data
+    assert mesh_bytes(Mesh(positions, np.zeros((0, 3), np.uint32)), [Buffer(memoryview(data), 0)]) == 0
+    data, positions = file(points.nbytes // 5 // 4 * 4)  # else a part would keep all of it, which nobody counts
+    assert base_of(positions) is not data
+    data, _ = file(0)
+    for begin in range(4):
+        part = memoryview(b"x" * begin + data)[begin:]
+        (mesh,) = meshes(read_gltf(part))
+        np.testing.assert_array_equal(mesh.positions, points[: len(mesh.positions)])
+        assert mesh.positions.flags.aligned
+        assert (base_of(mesh.positions) is part.obj) == (begin == 0)
+
+
+def test_long_data_uris_are_taken_out_of_the_json() -> None:
+    text = json.dumps(document(data_uri(LONG), len(LONG))).encode()
+    container = open_container(text)
+    assert len(container.json) < 600
+    assert len(container.uris) == 1
+    assert bytes(container.uri(next(iter(container.uris)))).decode() == data_uri(LONG)
+
+
+def test_equal_data_uris_are_taken_out_once() -> None:
+    changed = LONG[:-1] + b"x"
+    contents = (LONG, changed, LONG, LONG[4:], LONG)
+    source = document(data_uri(LONG), len(LONG))
+    source["buffers"] = [{"byteLength": len(content), "uri": data_uri(content)} for content in contents]
+    text = json.dumps(source).encode()
+    for data in (text, memoryview(text), memoryview(bytearray(text))):  # the last: as a request's arrives
+        container = open_container(data)
+        tokens = [buffer["uri"] for buffer in json.loads(container.json)["buffers"]]
+        assert [bytes(container.uri(token)).decode() for token in tokens] == [data_uri(each) for each in contents]
+        assert len(set(tokens)) == len(container.uris) == 3
+
+
+def test_what_only_looks_like_a_uri_stays() -> None:
+    long = "A" * 999
+    values = {
+        "name": "data:" + long,
+        "extras": {'"uri":"data:': long, "x": '"uri": "data:' + long, "y": '\\"uri":"data:' + long},
+        "nodes": [{"name": "data:" + long}],
+    }
+    text = json.dumps(values).encode()
+    container = open_container(text)
+    assert container.json == text
+    assert [path for path, _ in read_gltf(text).root.walk()][1:] == [("data:" + long,)]
+
+
+@given(
+    st.recursive(
+        st.one_of(st.text('\\":{}uridata ', max_size=20), st.just("data:" + "AAAA" * 70), st.integers()),
+        lambda inner: (
+            st.lists(inner, max_size=4)
+            | st.dictionaries(st.sampled_from(["uri", "x", '"uri":', "\\"]), inner, max_size=4)
+        ),
+        max_leaves=12,
+    ),
+    st.sampled_from([None, 1]),
+)
+@settings(deadline=None, max_examples=200)
+def test_taking_out_is_reversible(value: Any, indent: int | None) -> None:
+    """Whatever the JSON text, putting the data URIs back gives the value again."""
+    text = json.dumps({"v": value}, indent=indent, ensure_ascii=False).encode()
+    for data in (text, memoryview(text)):
+        container = open_container(data)
+
+        def restore(v: Any, container: Any = container) -> Any:
+            if isinstance(v, str):
+                uri = container.uri(v)
+                return uri if isinstance(uri, str) else bytes(uri).decode()
+            if isinstance(v, list):
+                return [restore(item) for item in v]
+            return {key: restore(item) for key, item in v.items()} if isinstance(v, dict) else v
+
+        assert restore(json.loads(container.json)) == {"v": value}
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (b"", "the document is empty"),
+        (b"PK\x03\x04", r"neither glTF JSON nor GLB: it starts with b'PK"),
+        (b"[]", "neither glTF JSON nor GLB"),
+        (b"{", "not JSON: "),
+        (b'{"nodes":[}', "not JSON: "),
+        (b'{"nodes":{}}', r"nodes: expected `array \| null`, got `object`"),
+        (b'{"nodes":[{"mesh":true}]}', r"nodes\[0\]\.mesh: expected `int \| null`, got `bool`"),
+        (b'{"asset":{"generator":"\xff\xfe"}}', "not JSON: "),
+        (b'{"asset":{"version":"1.0"}}', r"asset\.version: glTF 1\.0 is not supported, only 2\.x"),
+        (
+            b'{"asset":{"version":"2.1","minVersion":"2.1"}}',
+            r"asset\.minVersion: the file asks for glTF 2\.1, but only 2\.0 is read",
+        ),
+        (b'{"nodes":' + b"[" * 100_000, "nested too deeply"),
+        (b'{"x":' + b'{"x":' * 100_000, "nested too deeply"),
+        (b'{"x":NaN,"nodes":' + b"[" * 100_000 + b"]" * 100_000 + b"}", "nested too deeply"),
+        (b"glTF", "GLB: 4 bytes are too few"),
+        (struct.pack("<4sIIII", b"glTF", 1, 20, 0, 0), "GLB: version 1 is not supported"),
+        (struct.pack("<4sIIII", b"glTF", 2, 99, 0, 0), "GLB: the header announces 99 bytes, but there are 20"),
+        (
+            struct.pack("<4sIIII", b"glTF", 2, 20, 4, 0x4E4F534A),
+            "the chunk at byte 12 has 4 bytes, but only 0 are left",
+        ),
+        (struct.pack("<4sIIII", b"glTF", 2, 20, 0, 0x004E4942), r"the first chunk is of type 0x004e4942, not JSON"),
+        (struct.pack("<4sIIII", b"glTF", 2, 12, 0, 0), "there is no JSON chunk"),
+    ],
+)
+def test_what_is_no_document(data: bytes, message: str) -> None:
+    with pytest.raises(GltfError, match=message):
+        read_gltf(data)
+
+
+def test_glb_may_have_trailing_bytes_unknown_chunks_and_zero_padding() -> None:
+    text = json.dumps(document(None)).encode()
+    text += b"\0" * (4 - len(text) % 4)
+    data = glb(text, TRIANGLE.tobytes())
+    extra = struct.pack("<I4s", 4, b"ACME") + b"abcd"
+    data = struct.pack("<4sII", b"glTF", 2, len(data) + len(extra)) + data[12:] + extra + b"trailing"
+    assert positions(data) == TRIANGLE.tobytes()
+
+
+@pytest.mark.parametrize("padding", [0, 1, 2, 3])
+@pytest.mark.parametrize("padded", [False, True])
+def test_glb_may_have_chunks_whose_length_is_no_multiple_of_four(padding: int, padded: bool) -> None:
+    text = json.dumps(document(None)).encode()
+    text += b" " * (-len(text) % 4 + padding)
+    gap = bytes(-len(text) % 4) if padded else b""
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text + gap
+    chunks += struct.pack("<I4s", TRIANGLE.nbytes, b"BIN\0") + TRIANGLE.tobytes()
+    assert positions(struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks) == TRIANGLE.tobytes()
+
+
+@pytest.mark.parametrize("kind", [bytes, memoryview])
+def test_a_million_beginnings_of_uris_stay_in_the_json(kind: Any) -> None:
+    text = b'{"x":[' + b'"data:",' * 1_000_000 + b"0]}"
+    assert open_container(kind(text)).json == text
+    with pytest.raises(GltfError, match="max_json_values"):
+        read_gltf(kind(text), limits=GltfLimits(max_json_values=100_000))
+
+
+def test_json_is_bounded() -> None:
+    text = json.dumps({"nodes": [{}] * 1000, "extras": "x" * 5000}).encode()
+    read_gltf(text)
+    with pytest.raises(GltfError, match=f"the JSON text has {len(text)} bytes, more than max_json_bytes = 5000"):
+        read_gltf(text, limits=GltfLimits(max_json_bytes=5000))
+    with pytest.raises(GltfError, match="max_json_values = 1000"):
+        read_gltf(text, limits=GltfLimits(max_json_values=1000))
+
+
+@pytest.mark.parametrize(
+    "uri",
+    [
+        "data:application/octet-stream;base64,{b}",
+        "data:image/png;charset=utf-8;base64,{b}",
+        "DATA:;BASE64,{b}",
+        "data:;base64,{lines}",
+        "data:;base64,{bare}",
+        "data:;base64,{url}",
+        "data:;base64,{percent}",
+        "data:application/octet-stream,{raw}",
+    ],
+)
+@pytest.mark.parametrize("size", [36, 3600])
+def test_data_uris(uri: str, size: int) -> None:
+    data = np.random.default_rng(size).random(size // 4, np.float32).tobytes()
+    b = base64.b64encode(data).decode()
+    text = uri.format(
+        b=b,
+        lines="\r\n".join(b[i : i + 76] for i in range(0, len(b), 76)),
+        bare=b.rstrip("="),
+        url=base64.urlsafe_b64encode(data).decode(),
+        percent=b.replace("+", "%2B").replace("/", "%2F").replace("=", "%3D"),
+        raw=quote_from_bytes(data),
+    )
+    assert positions(json.dumps(document(text, size)).encode()) == data
+
+
+def test_json_escapes_within_a_data_uri() -> None:
+    data = bytes([255]) * 3600
+    text = json.dumps(document(data_uri(data), 3600)).encode().replace(b"/", b"\\/")
+    assert b"\\/" in text
+    scene = read_gltf(text)
+    assert scene.warnings[0].endswith("are left out")  # 0xFFFFFFFF is NaN: the bytes arrived
+
+
+@given(st.binary(max_size=200))
+def test_data_uri_round_trip(data: bytes) -> None:
+    for uri in (data_uri(data), "data:," + quote_from_bytes(data)):
+        assert decode_data_uri(memoryview(uri.encode())) == data
+
+
+@given(st.binary(max_size=100))
+def test_any_text_is_bytes_or_a_value_error(text: bytes) -> None:
+    for head in (b"", b"data:,", b"data:;base64,"):
+        try:
+            assert isinstance(decode_data_uri(memoryview(head + text)), bytes)
+        except ValueError:
+            pass
+
+
+def test_relative_uris_need_a_resolver() -> None:
+    asked = []
+
+    def resolve(uri: str) -> bytes:
+        asked.append(uri)
+        return TRIANGLE.tobytes()
+
+    text = json.dumps(document("my%20mesh.bin")).encode()
+    assert positions(text, resolve=resolve) == TRIANGLE.tobytes()
+    assert asked == ["my mesh.bin"]
+    with pytest.raises(
+        GltfError, match=r"buffers\[0\]\.uri: 'my%20mesh.bin' is a file, but only data URIs are allowed"
+    ):
+        read_gltf(text)
+
+
+@pytest.mark.parametrize("uri", ["file:///etc/passwd", "http://example.org/a.bin", "/etc/passwd", "C:\\a", "\\\\h\\a"])
+def test_other_uris_never_reach_the_resolver(uri: str) -> None:
+    def resolve(uri: str) -> bytes:
+        raise AssertionError(uri)
+
+    with pytest.raises(GltfError, match=r"buffers\[0\]\.uri: only data URIs and relative URIs are read"):
+        read_gltf(json.dumps(document(uri)).encode(), resolve=resolve)
+
+
+def test_failures_of_the_resolver_name_the_file(tmp_path: Path) -> None:
+    def resolve(uri: str) -> bytes:
+        return (tmp_path / uri).read_bytes()
+
+    with pytest.raises(GltfError, match=r"buffers\[0\]\.uri: cannot read 'gone\.bin': .*No such file"):
+        read_gltf(json.dumps(document("gone.bin")).encode(), resolve=resolve)
+
+
+def test_buffers_are_bounded_before_they_are_decoded() -> None:
+    text = json.dumps(document(data_uri(LONG), len(LONG))).encode()
+    assert positions(text, limits=GltfLimits(max_buffer_bytes=4000)) == LONG
+    with pytest.raises(GltfError, match=r"buffers\[0\]\.uri: the buffers exceed max_buffer_bytes = 3000"):
+        read_gltf(text, limits=GltfLimits(max_buffer_bytes=3000))
+    with pytest.raises(GltfError, match="the binary chunk: the buffers exceed"):
+        read_gltf(glb(document(None, len(LONG)), LONG), limits=GltfLimits(max_buffer_bytes=3000))

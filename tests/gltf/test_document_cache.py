@@ -1,0 +1,230 @@
+from __future__ import annotations
+
+import hashlib
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gateway.gltf import GltfError, GltfLimits, GltfScene, MeshCache, read_gltf
+from gateway.gltf.document_cache import MIN_BYTES, HashedDocument
+from tests.gltf.builder import Builder, glb, mesh_of, parts
+
+
+def document(*, seed: int = 0, vertices: int = 600) -> dict[str, Any]:
+    """Members sorted by name, as Drake's client writes them."""
+    b = Builder("VTK")
+    for i in range(3):
+        p = b.accessor(np.random.default_rng(seed + i).random((vertices, 3)))
+        b.node(name=f"g{i}", mesh=b.mesh({"attributes": {"POSITION": p}}), matrix=np.eye(4).ravel().tolist())
+    b.add("cameras", {"perspective": {"yfov": 1, "znear": 0.1}})
+    b.node(name="Camera Node", camera=0)
+    b.node(name="Renderer Node", children=[0, 1, 3])
+    b.json.update(scene=0, scenes=[{"nodes": [4]}], samplers=[{}], textures=[])
+    return dict(sorted(b.json.items()))
+
+
+def moved(source: dict[str, Any], x: float) -> dict[str, Any]:
+    """The same with other poses."""
+    copy: dict[str, Any] = json.loads(json.dumps(source))
+    copy["nodes"][0]["matrix"][12] = x
+    copy["nodes"][3]["translation"] = [x, 0, 1]
+    return copy
+
+
+def dump(source: dict[str, Any]) -> bytes:
+    return json.dumps(source).encode()
+
+
+def outcome(scene: GltfScene) -> list[Any]:
+    nodes = [(path, node.matrix.tolist(), node.parts is None) for path, node in scene.root.walk()]
+    arrays = [(path, mesh_of(p).positions.tobytes(), mesh_of(p).elements.tobytes()) for path, p in parts(scene)]
+    cameras = [(c.index, c.path, c.X_world_camera.tolist(), c.yfov) for c in scene.cameras]
+    counted = (scene.instance_count, scene.element_count, scene.camera_count, scene.camera_node_missing, scene.counts)
+    return [nodes, arrays, cameras, counted, scene.warnings, scene.generator]
+
+
+def warm(cache: MeshCache, source: dict[str, Any]) -> None:
+    read_gltf(dump(moved(source, 1)), cache=cache)
+    assert cache.stats.document_hits == 0
+
+
+def test_only_the_nodes_are_read_from_the_second_time_on() -> None:
+    cache = MeshCache()
+    warm(cache, document())
+    for x in (3.0, 4.0):
+        data = dump(moved(document(), x))
+        assert outcome(read_gltf(memoryview(data), cache=cache)) == outcome(read_gltf(data))
+    assert cache.stats.document_hits == 2
+    assert cache.stats.document_bytes > len(dump(document()))
+    cache.clear()
+    assert cache.stats.document_bytes == 0
+
+
+def test_parts_are_the_same_objects() -> None:
+    cache = MeshCache()
+    warm(cache, document())
+    first, second = (parts(read_gltf(dump(moved(document(), x)), cache=cache)) for x in (3, 4))
+    assert all(a[1] is b[1] for a, b in zip(first, second, strict=True))
+
+
+def test_a_mesh_that_no_node_used_before_is_read() -> None:
+    cache = MeshCache()
+    warm(cache, document())
+    other = moved(document(), 3)
+    other["nodes"][4]["children"] = [2, 3]
+    scene = read_gltf(dump(other), cache=cache)
+    assert outcome(scene) == outcome(read_gltf(dump(other)))
+    assert scene.instance_count == 1
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda d: d["meshes"][0]["primitives"][0].update(mode=0),
+        lambda d: d["samplers"].append({"magFilter": 9728}),
+        lambda d: d["asset"].update(generator="other"),
+        lambda d: d.update(textures=[{"source": None}]),
+        lambda d: d.update(zzz=[1]),
+        lambda d: d.update(scenes=[{"nodes": [4]}, {"nodes": [2]}], scene=1),
+        lambda d: d["nodes"].append({"mesh": 2}),
+        lambda d: d["nodes"][0].update(matrix=[1.0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]),
+    ],
+)
+def test_any_other_difference_is_seen(change: Any) -> None:
+    cache = MeshCache()
+    warm(cache, document())
+    other = moved(document(), 3)
+    change(other)
+    assert outcome(read_gltf(dump(other), cache=cache)) == outcome(read_gltf(dump(other)))
+
+
+@pytest.mark.parametrize("node", [{"mesh": 7}, {"children": [0]}, {"matrix": [1]}, {"mesh": "x"}])
+def test_errors_in_the_nodes_are_the_same(node: dict[str, Any]) -> None:
+    cache = MeshCache()
+    warm(cache, document())
+    other = moved(document(), 3)
+    other["nodes"][0].update(node)
+    messages = []
+    for options in ({}, {"cache": cache}):
+        with pytest.raises(GltfError) as caught:
+            read_gltf(dump(other), **options)
+        messages.append(str(caught.value))
+    assert messages[0] == messages[1]
+
+
+def test_a_single_different_bit_of_a_buffer_is_seen() -> None:
+    cache = MeshCache()
+    warm(cache, document())
+    data = bytearray(dump(moved(document(), 3)))
+    at = data.rindex(b"base64,", 0, data.index(b'"nodes"')) + 4000
+    data[at] = ord("B") if data[at] != ord("B") else ord("C")
+    assert outcome(read_gltf(bytes(data), cache=cache)) == outcome(read_gltf(bytes(data)))
+    assert cache.stats.document_hits == 0
+
+
+def test_limits_and_textures_are_part_of_what_is_known() -> None:
+    cache = MeshCache()
+    warm(cache, document())
+    with pytest.raises(GltfError, match="max_vertices = 10"):
+        read_gltf(dump(moved(document(), 3)), cache=cache, limits=GltfLimits(max_vertices=10))
+    read_gltf(dump(moved(document(), 3)), cache=cache, textures=False)
+    assert cache.stats.document_hits == 0
+    read_gltf(dump(moved(document(), 3)), cache=cache)
+    assert cache.stats.document_hits == 1
+
+
+def test_texts_that_differ_only_before_the_nodes_are_kept_side_by_side() -> None:
+    """Colour, depth and label requests of one scene: equal buffers, other materials."""
+    cache = MeshCache()
+
+    def kind(roughness: float) -> dict[str, Any]:
+        source = document()
+        source["materials"] = [{"pbrMetallicRoughness": {"roughnessFactor": roughness}}]
+        source["meshes"][0]["primitives"][0]["material"] = 0
+        return dict(sorted(source.items()))
+
+    for x in range(6):
+        for roughness in (0.25, 0.5, 0.75):
+            scene = read_gltf(dump(moved(kind(roughness), x)), cache=cache)
+            assert parts(scene)[0][1].material.roughness == roughness
+    assert cache.stats.document_hits == 5 * 3
+
+
+def test_instances_are_counted_again() -> None:
+    cache = MeshCache()
+    limits = GltfLimits(max_instances=10)
+    for x in (1, 2):
+        read_gltf(dump(moved(document(), x)), cache=cache, limits=limits)
+    assert cache.stats.document_hits == 1
+    crowd = moved(document(), 4)
+    crowd["nodes"] += [{"mesh": 0} for _ in range(20)]
+    crowd["nodes"][4]["children"] += list(range(5, 25))
+    with pytest.raises(GltfError, match="max_instances = 10"):
+        read_gltf(dump(crowd), cache=cache, limits=limits)
+
+
+def test_documents_are_bounded_and_the_oldest_goes_first() -> None:
+    size = len(dump(document()))
+    cache = MeshCache(max_document_bytes=12 * size)
+    for seed in range(0, 300, 10):
+        read_gltf(dump(moved(document(seed=seed), 1)), cache=cache)
+        assert cache.stats.document_bytes <= 12 * size
+    read_gltf(dump(moved(document(seed=290), 3)), cache=cache)
+    assert cache.stats.document_hits == 1
+    read_gltf(dump(moved(document(seed=0), 3)), cache=cache)
+    assert cache.stats.document_hits == 1
+
+
+def test_small_and_binary_documents_are_not_kept() -> None:
+    cache = MeshCache()
+    small = dump(document(vertices=3))
+    assert len(small) < MIN_BYTES
+    for data in (small, glb(dump(document()))):
+        for _ in range(4):
+            read_gltf(data, cache=cache)
+    assert cache.stats.document_bytes == 0
+
+
+def test_nodes_are_found_behind_whatever_looks_like_them() -> None:
+    source = document()
+    source["meshes"][0]["name"] = '"nodes":[{}],"x"'
+    source["scenes"] = [{"nodes": [4], "name": '"nodes"'}, {"nodes": []}]
+    data = dump(source)
+    hashed = HashedDocument.of(data)
+    assert data[hashed.nodes_at :].startswith(b'"nodes": [{"name": "g0"')
+    assert hashed.digest == hashlib.sha256(data).hexdigest()
+    assert hashed.prefix_digest == hashlib.sha256(data[: hashed.nodes_at]).digest()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda d: d["scenes"][0].update(extras={"nodes": [{}]}),
+        lambda d: d.update(zzz={"nodes": [{"mesh": 0}]}),
+        lambda d: d["textures"].append({"name": '"nodes":[{"mesh":0}'}),
+    ],
+)
+def test_other_lists_of_that_name_behind_the_nodes_change_nothing(change: Any) -> None:
+    cache, source = MeshCache(), document()
+    change(source)
+    for x in range(3):
+        data = dump(moved(source, x))
+        assert outcome(read_gltf(data, cache=cache)) == outcome(read_gltf(data))
+
+
+@given(st.data())
+@settings(deadline=None, max_examples=60)
+def test_the_outcome_never_depends_on_what_is_known(data: st.DataObject) -> None:
+    """Members in any order, other poses each time."""
+    source = document()
+    names = data.draw(st.permutations(list(source)))
+    cache = MeshCache()
+    for x in range(4):
+        text = json.dumps(
+            moved({name: source[name] for name in names}, x), indent=data.draw(st.sampled_from([None, 1]))
+        )
+        assert outcome(read_gltf(text.encode(), cache=cache)) == outcome(read_gltf(text.encode()))

@@ -1,0 +1,411 @@
+from __future__ import annotations
+
+import itertools
+import math
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from gateway.gltf import DEFAULT_MATERIAL, GltfError, GltfLimits, GltfScene, MeshCache, label_from_material
+from renderers.drawlist import LABEL_NONE, AlphaMode, ImageError, Material, Sampler, Texture, Wrap
+from tests.gltf.builder import Builder, data_uri, parts
+
+
+def png(color: tuple[int, int, int] = (10, 20, 30), size: tuple[int, int] = (2, 3)) -> bytes:
+    """BGR ``color``, (height, width)."""
+    ok, data = cv2.imencode(".png", np.full((*size, 3), color, np.uint8))
+    assert ok
+    return bytes(data.tobytes())
+
+
+def read_material(material: dict[str, Any] | None, b: Builder | None = None) -> tuple[Material, GltfScene]:
+    b = b or Builder()
+    primitive = {} if material is None else {"material": b.add("materials", material)}
+    b.node(mesh=b.triangle(**primitive))
+    scene = b.read()
+    ((_, part),) = parts(scene)
+    return part.material, scene
+
+
+def with_texture(**texture: Any) -> Builder:
+    b = Builder()
+    b.add("images", {"uri": data_uri(png(), "image/png")})
+    b.add("textures", {"source": 0, **texture})
+    return b
+
+
+def test_defaults_of_the_specification() -> None:
+    material, scene = read_material({})
+    assert material == Material()
+    assert material is not DEFAULT_MATERIAL
+    assert scene.warnings == ()
+    assert read_material({"pbrMetallicRoughness": None, "alphaMode": None, "normalTexture": None})[0] == Material()
+
+
+def test_absent_material_is_recognisable_white_and_not_metallic() -> None:
+    material, _ = read_material(None)
+    assert material is DEFAULT_MATERIAL
+    assert (material.base_color, material.metallic) == ((1, 1, 1, 1), 0)
+    assert label_from_material(material) == LABEL_NONE
+
+
+def test_everything_is_read() -> None:
+    b = with_texture(sampler=0)
+    b.add("samplers", {"magFilter": 9728, "minFilter": 9985, "wrapS": 33071, "wrapT": 33648})
+    material, _ = read_material(
+        {
+            "pbrMetallicRoughness": {
+                "baseColorFactor": [0.1, 0.2, 0.3, 0.4],
+                "baseColorTexture": {"index": 0},
+                "metallicFactor": 0.5,
+                "roughnessFactor": 0.25,
+                "metallicRoughnessTexture": {"index": 0, "texCoord": 1},
+            },
+            "normalTexture": {"index": 0, "scale": 2},
+            "occlusionTexture": {"index": 0, "strength": 0.75},
+            "emissiveTexture": {"index": 0},
+            "emissiveFactor": [1, 0.5, 0],
+            "alphaMode": "MASK",
+            "alphaCutoff": 0.3,
+            "doubleSided": True,
+            "extensions": {"KHR_materials_unlit": {}},
+        },
+        b,
+    )
+    sampler = Sampler(Wrap.CLAMP_TO_EDGE, Wrap.MIRRORED_REPEAT, mag_linear=False, mip_linear=False)
+    assert material.base_color_texture is not None
+    image = material.base_color_texture.image
+    texture = Texture(image, sampler, name="images[0]")
+    assert material == Material(
+        base_color=(0.1, 0.2, 0.3, 0.4),
+        base_color_texture=texture,
+        metallic=0.5,
+        roughness=0.25,
+        metallic_roughness_texture=Texture(image, sampler, uv_set=1, name="images[0]"),
+        normal_texture=texture,
+        normal_scale=2,
+        occlusion_texture=texture,
+        occlusion_strength=0.75,
+        emissive=(1, 0.5, 0),
+        emissive_texture=texture,
+        alpha_mode=AlphaMode.MASK,
+        alpha_cutoff=0.3,
+        double_sided=True,
+        unlit=True,
+    )
+    assert image.decode().tolist() == np.full((2, 3, 4), (30, 20, 10, 255)).tolist()
+
+
+@pytest.mark.parametrize(
+    ("min_filter", "linear", "mipmaps"),
+    [
+        (None, True, True),
+        (9728, False, False),
+        (9729, True, False),
+        (9984, False, True),
+        (9985, True, True),
+        (9986, False, True),
+        (9987, True, True),
+    ],
+)
+def test_min_filters(min_filter: int | None, linear: bool, mipmaps: bool) -> None:
+    b = with_texture(sampler=0)
+    b.add("samplers", {"minFilter": min_filter})
+    material, _ = read_material({"emissiveTexture": {"index": 0}}, b)
+    assert material.emissive_texture is not None
+    assert material.emissive_texture.sampler == Sampler(
+        min_linear=linear, mipmaps=mipmaps, mip_linear=min_filter not in (9984, 9985)
+    )
+
+
+VTK = {"pbrMetallicRoughness": {"baseColorFactor": [1, 0.5, 0, 1], "metallicFactor": 0, "roughnessFactor": 1}}
+
+
+@pytest.mark.parametrize("generator", ["VTK", "Drake glTF merger"])
+@pytest.mark.parametrize("alpha", [1.0, 0.5])
+def test_vtks_materials_are_double_sided_and_blend_by_alpha(generator: str, alpha: float) -> None:
+    pbr = {**VTK["pbrMetallicRoughness"], "baseColorFactor": [1, 0.5, 0, alpha]}
+    material, _ = read_material({"pbrMetallicRoughness": pbr}, Builder(generator))
+    assert material.vtk_export
+    assert material.double_sided
+    assert material.alpha_mode is (AlphaMode.BLEND if alpha < 1 else AlphaMode.OPAQUE)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"name": "x"},
+        {"doubleSided": False},
+        {"alphaMode": "OPAQUE"},
+        {"emissiveFactor": [0, 0, 0]},
+        {"pbrMetallicRoughness": {"baseColorFactor": [1, 0.5, 0, 0.5], "metallicFactor": 0}},
+        {"pbrMetallicRoughness": {**VTK["pbrMetallicRoughness"], "roughnessFactor": 0.5}},
+        {"pbrMetallicRoughness": {"metallicFactor": 0, "roughnessFactor": 1}},
+    ],
+)
+def test_other_shapes_are_not_vtks(change: dict[str, Any]) -> None:
+    material, _ = read_material({**VTK, **change}, Builder("Drake glTF merger"))
+    assert not material.vtk_export
+    assert not material.double_sided
+    assert material.alpha_mode is AlphaMode.OPAQUE
+
+
+@pytest.mark.parametrize("attribute", ["NORMAL", "COLOR_0"])
+def test_primitives_with_normals_or_colors_are_not_vtks_though_their_material_looks_so(attribute: str) -> None:
+    b = Builder("Drake glTF merger")
+    material, accessor = b.add("materials", VTK), b.accessor(np.ones((3, 3), np.float32))
+    theirs = {
+        "POSITION": b.accessor(np.eye(3, dtype=np.float32)),
+        "TEXCOORD_0": b.accessor(np.zeros((3, 2), np.float32)),
+    }
+    b.node(mesh=b.mesh({"attributes": {**theirs, attribute: accessor}, "material": material}))
+    b.node(mesh=b.mesh({"attributes": theirs, "material": material}))
+    assert [part.material.vtk_export for _, part in parts(b.read())] == [False, True]
+
+
+def test_other_generators_write_no_vtk_materials() -> None:
+    assert not read_material(VTK, Builder("Blender"))[0].vtk_export
+
+
+@pytest.mark.parametrize("label", [0, 1, 255, 256, 4095, 32763, 32764, 0x123456])
+def test_labels(label: int) -> None:
+    color = [(label >> shift & 255) / 255 for shift in (0, 8, 16)]
+    assert label_from_material(read_material({"pbrMetallicRoughness": {"baseColorFactor": [*color, 1]}})[0]) == label
+
+
+def test_fallback_source_is_used_and_extensions_sources_never() -> None:
+    """Drake's merge does not re-base the index in the extension."""
+    b = with_texture(extensions={"KHR_texture_basisu": {"source": 77}, "EXT_texture_webp": {"source": 78}})
+    b.json["extensionsUsed"] = ["KHR_texture_basisu", "EXT_texture_webp"]
+    material, scene = read_material({"emissiveTexture": {"index": 0}}, b)
+    assert material.emissive_texture is not None
+    assert scene.warnings == ()
+
+
+def test_webp_is_used_where_there_is_no_fallback() -> None:
+    b = with_texture(source=None, extensions={"EXT_texture_webp": {"source": 0}})
+    b.json["extensionsRequired"] = ["EXT_texture_webp"]
+    material, scene = read_material({"emissiveTexture": {"index": 0}}, b)
+    assert material.emissive_texture is not None
+    assert scene.warnings == ()
+
+
+def test_extensions_of_dielectrics() -> None:
+    b = with_texture()
+    material, scene = read_material(
+        {
+            "emissiveFactor": [1, 0.5, 0],
+            "extensions": {
+                "KHR_materials_emissive_strength": {"emissiveStrength": 5},
+                "KHR_materials_ior": {"ior": 1.33},
+                "KHR_materials_specular": {
+                    "specularFactor": 0.5,
+                    "specularTexture": {"index": 0},
+                    "specularColorFactor": [2, 1, 0],
+                    "specularColorTexture": {"index": 0},
+                },
+            },
+        },
+        b,
+    )
+    assert (material.emissive, material.emissive_strength) == ((1.0, 0.5, 0.0), 5.0)
+    assert (material.ior, material.specular, material.specular_color) == (1.33, 0.5, (2.0, 1.0, 0.0))
+    assert material.specular_texture is not None
+    assert material.specular_color_texture is not None
+    assert scene.warnings == ()
+    assert read_material({"extensions": {"KHR_materials_ior": {"ior": 0}}})[0].ior == 0.0
+    with pytest.raises(GltfError, match=r"materials\[0\]\.extensions\.KHR_materials_ior"):
+        read_material({"extensions": {"KHR_materials_ior": {"ior": "high"}}})
+
+
+def test_specular_glossiness_becomes_a_dielectric_of_the_same_reflectance() -> None:
+    glossy = {"diffuseFactor": [0.5, 0.25, 0, 0.5], "specularFactor": [0.04, 0.08, 1], "glossinessFactor": 0.75}
+    material, scene = read_material({"extensions": {"KHR_materials_pbrSpecularGlossiness": glossy}})
+    assert (material.base_color, material.metallic, material.roughness) == ((0.5, 0.25, 0.0, 0.5), 0.0, 0.25)
+    assert material.specular_color == pytest.approx((1, 2, 25))
+    assert scene.warnings == ()
+
+
+def test_texture_without_usable_source_is_left_out_with_a_warning() -> None:
+    b = with_texture(source=None, extensions={"KHR_texture_basisu": {"source": 0}})
+    b.json["extensionsRequired"] = ["KHR_texture_basisu"]
+    material, scene = read_material({"emissiveTexture": {"index": 0}}, b)
+    assert material.emissive_texture is None
+    assert scene.warnings == ("textures[0]: no source (KHR_texture_basisu), so there is no texture",)
+
+
+def test_unknown_formats_fail_only_when_they_are_decoded() -> None:
+    b = Builder()
+    b.add("images", {"uri": data_uri(b"\xabKTX 20\xbb\r\n\x1a\n" + bytes(99)), "name": "bottle"})
+    b.add("textures", {"source": 0})
+    material, scene = read_material({"emissiveTexture": {"index": 0}}, b)
+    reason = "KTX2 images are not supported, only PNG, JPEG and WebP"
+    assert scene.warnings == (f"images[0] (bottle): {reason}",)
+    assert material.emissive_texture is not None
+    assert material.emissive_texture.name == "images[0] (bottle)"
+    with pytest.raises(ImageError, match=f"^{reason}$"):
+        material.emissive_texture.image.decode()
+
+
+def test_documents_with_the_same_image_name_it_as_they_do() -> None:
+    cache = MeshCache()
+    found = []
+    for place, name in enumerate(("first", "second")):
+        b = Builder()
+        for _ in range(place):
+            b.add("images", {"uri": data_uri(png((1, 2, 3)))})
+        b.add("images", {"uri": data_uri(png()), "name": name})
+        b.add("textures", {"source": place})
+        transform = {"KHR_texture_transform": {"offset": [0.5, 0]}}
+        b.node(mesh=b.triangle(material=b.add("materials", {"emissiveTexture": {"index": 0, "extensions": transform}})))
+        found.append(parts(b.read(cache=cache))[0][1].material.emissive_texture)
+    one, two = found
+    assert one is not None
+    assert two is not None
+    assert one.image is two.image
+    assert (one.name, two.name) == ("images[0] (first)", "images[1] (second)")
+
+
+def test_limits_do_not_depend_on_earlier_documents() -> None:
+    """An image that is known already counts as much as a new one."""
+    data = png()
+    b = Builder()
+    view = b.add("bufferViews", {"buffer": b.buffer(data), "byteOffset": 0, "byteLength": len(data)})
+    b.add("images", {"bufferView": view})
+    b.add("images", {"bufferView": view})
+    material = {"normalTexture": {"index": 0}, "emissiveTexture": {"index": 1}}
+    b.add("textures", {"source": 0})
+    b.add("textures", {"source": 1})
+    b.node(mesh=b.triangle(material=b.add("materials", material)))
+    enough = next(n for n in itertools.count(1) if _fits(b, n))
+    cache = MeshCache()
+    b.read(limits=GltfLimits(max_buffer_bytes=enough), cache=cache)
+    for _ in range(3):
+        with pytest.raises(GltfError, match="max_buffer_bytes"):
+            b.read(limits=GltfLimits(max_buffer_bytes=enough - 1), cache=cache)
+
+
+def _fits(b: Builder, max_buffer_bytes: int) -> bool:
+    try:
+        b.read(limits=GltfLimits(max_buffer_bytes=max_buffer_bytes))
+    except GltfError:
+        return False
+    return True
+
+
+def test_images_of_buffer_views_and_uris_are_one_by_content() -> None:
+    b = Builder()
+    data = png()
+    padded = b"1234567" + data + b"8"
+    view = b.add("bufferViews", {"buffer": b.buffer(padded), "byteOffset": 7, "byteLength": len(data)})
+    b.add("images", {"bufferView": view, "mimeType": "image/jpeg"})
+    b.add("images", {"uri": data_uri(data, "application/octet-stream")})
+    b.add("textures", {"source": 0})
+    b.add("textures", {"source": 1})
+    material, _ = read_material({"emissiveTexture": {"index": 0}, "normalTexture": {"index": 1}}, b)
+    assert material.emissive_texture is not None
+    assert material.normal_texture is not None
+    assert material.emissive_texture.image is material.normal_texture.image
+
+
+def test_without_textures_images_are_not_even_looked_at() -> None:
+    b = Builder()
+    b.add("images", {"uri": "data:image/png;base64,!!!"})
+    b.add("textures", {"source": 0})
+    b.node(mesh=b.triangle(material=b.add("materials", {"emissiveTexture": {"index": 0}})))
+    assert parts(b.read(textures=False))[0][1].material == Material()
+    with pytest.raises(GltfError, match=r"images\[0\]\.uri: not a valid data URI"):
+        b.read()
+
+
+def test_pixels_are_bounded_by_the_headers() -> None:
+    b = Builder()
+    for i in range(3):
+        b.add("images", {"uri": data_uri(png((i, i, i), (10, 10)))})
+        b.add("textures", {"source": i})
+    material = {"normalTexture": {"index": 0}, "occlusionTexture": {"index": 1}, "emissiveTexture": {"index": 2}}
+    b.node(mesh=b.triangle(material=b.add("materials", material)))
+    b.read(limits=GltfLimits(max_image_pixels=100, max_total_image_pixels=300))
+    with pytest.raises(GltfError, match=r"images\[0\]: 100 pixels are more than max_image_pixels = 99"):
+        b.read(limits=GltfLimits(max_image_pixels=99))
+    with pytest.raises(GltfError, match=r"images\[2\]: .* max_total_image_pixels = 299"):
+        b.read(limits=GltfLimits(max_total_image_pixels=299))
+
+
+@pytest.mark.parametrize(
+    ("transform", "uv", "expected"),
+    [
+        ({"offset": [0.5, 0.25]}, (0, 0), (0.5, 0.25)),
+        ({"scale": [2, 3]}, (0.5, 0.5), (1, 1.5)),
+        ({"rotation": math.pi / 2}, (1, 0), (0, -1)),  # counter-clockwise where v points down
+        ({"rotation": math.pi / 2, "scale": [2, 3], "offset": [1, 1]}, (0, 1), (4, 1)),  # scaled first
+        ({}, (0.3, 0.7), (0.3, 0.7)),
+    ],
+)
+def test_texture_transform(transform: dict[str, Any], uv: tuple[float, float], expected: tuple[float, float]) -> None:
+    info = {"index": 0, "texCoord": 0, "extensions": {"KHR_texture_transform": {**transform, "texCoord": 1}}}
+    material, _ = read_material({"emissiveTexture": info}, with_texture())
+    assert material.emissive_texture is not None
+    assert material.emissive_texture.uv_set == 1
+    assert material.emissive_texture.uv_transform is not None
+    a, b, c, d, e, f = material.emissive_texture.uv_transform
+    u, v = uv
+    np.testing.assert_allclose((a * u + b * v + c, d * u + e * v + f), expected, atol=1e-12)
+
+
+def test_sloppy_values_are_repaired_with_a_warning() -> None:
+    b = with_texture(sampler=0)
+    b.add("samplers", {"wrapS": 1})
+    material, scene = read_material({"emissiveTexture": {"index": 0, "texCoord": 5}}, b)
+    assert material.emissive_texture is not None
+    assert material.emissive_texture.uv_set == 0
+    assert material.emissive_texture.sampler == Sampler()
+    assert scene.warnings == (
+        "samplers[0].wrapS: 1 is not a wrap mode, REPEAT is used",
+        "materials[0].emissiveTexture: TEXCOORD_5 is not read, TEXCOORD_0 is used",
+    )
+    assert read_material({"pbrMetallicRoughness": {"metallicFactor": 3, "roughnessFactor": -1}})[0].metallic == 1
+
+
+@pytest.mark.parametrize(
+    ("material", "message"),
+    [
+        ({"emissiveFactor": [1, 2]}, r"materials\[0\]\.emissiveFactor: 2 numbers instead of 3"),
+        ({"alphaMode": "GLASS"}, r"materials\[0\]\.alphaMode: 'GLASS' is not OPAQUE, MASK or BLEND"),
+        ({"normalTexture": {"index": 3}}, r"materials\[0\]\.normalTexture\.index: 3 is out of range \(1 textures\)"),
+        ({"normalTexture": {}}, r"materials\[0\]\.normalTexture\.index: missing"),
+        ({"normalTexture": {"index": 0, "extensions": {"KHR_texture_transform": {"scale": 2}}}}, "transform"),
+    ],
+)
+def test_errors_name_the_material(material: dict[str, Any], message: str) -> None:
+    with pytest.raises(GltfError, match=message):
+        read_material(material, with_texture())
+
+
+@pytest.mark.parametrize(
+    ("texture", "image", "message"),
+    [
+        ({"source": 4}, {}, r"textures\[0\]\.source: 4 is out of range \(1 images\)"),
+        ({"sampler": 4}, {}, r"textures\[0\]\.sampler: 4 is out of range \(0 samplers\)"),
+        ({}, {"uri": None}, r"images\[0\]: there is neither a uri nor a bufferView"),
+        ({}, {"bufferView": 4}, r"images\[0\]\.bufferView: 4 is out of range \(1 bufferViews\)"),
+        ({}, {"uri": "data:image/png;base64"}, r"images\[0\]\.uri: not a valid data URI: there is no comma"),
+    ],
+)
+def test_errors_name_texture_and_image(texture: dict[str, Any], image: dict[str, Any], message: str) -> None:
+    b = with_texture(**texture)
+    b.json["images"][0].update(image)
+    with pytest.raises(GltfError, match=message):
+        read_material({"normalTexture": {"index": 0}}, b)
+
+
+def test_extensions() -> None:
+    b = Builder()
+    b.json["extensionsUsed"] = ["KHR_lights_punctual", "KHR_materials_unlit", None, "ACME_x", "KHR_materials_sheen"]
+    b.json["extensionsRequired"] = ["KHR_lights_punctual", "KHR_mesh_quantization"]
+    assert b.read().warnings == ("extensionsUsed: ACME_x, KHR_materials_sheen ignored",)
+    b.json["extensionsRequired"] += ["EXT_meshopt_compression", "ACME_x"]
+    with pytest.raises(GltfError, match="extensionsRequired: ACME_x, EXT_meshopt_compression cannot be read"):
+        b.read()

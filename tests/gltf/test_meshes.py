@@ -1,0 +1,261 @@
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gateway.gltf import GltfLimits, MeshCache
+from gateway.gltf.errors import GltfError
+from gateway.gltf.normals import vertex_normals
+from gateway.gltf.topology import element_count, elements_of
+from renderers.drawlist import Topology
+from tests.gltf.builder import TRIANGLE, Builder, corners, meshes, only_mesh
+
+SQUARE = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0)], np.float32)
+
+
+@pytest.mark.parametrize(
+    ("mode", "expected"),
+    [
+        (0, [[4], [3], [2], [1], [0]]),
+        (1, [[4, 3], [2, 1]]),
+        (2, [[4, 3], [3, 2], [2, 1], [1, 0], [0, 4]]),
+        (3, [[4, 3], [3, 2], [2, 1], [1, 0]]),
+        (4, [[4, 3, 2]]),
+        (5, [[4, 3, 2], [3, 1, 2], [2, 1, 0]]),
+        (6, [[3, 2, 4], [2, 1, 4], [1, 0, 4]]),
+    ],
+)
+def test_modes(mode: int, expected: list[list[int]]) -> None:
+    elements = elements_of(mode, np.array([4, 3, 2, 1, 0], np.uint16))
+    assert elements.tolist() == expected
+    assert elements.dtype == np.uint32
+    assert elements.flags.c_contiguous
+
+
+@pytest.mark.parametrize("mode", range(7))
+@pytest.mark.parametrize("length", range(9))
+def test_element_count_agrees_with_the_elements(mode: int, length: int) -> None:
+    assert len(elements_of(mode, np.arange(length, dtype=np.uint32))) == element_count(mode, length)
+
+
+@pytest.mark.parametrize("indexed", [False, True])
+def test_strips_and_fans_cover_the_square_with_one_winding(indexed: bool) -> None:
+    for mode, order in ((4, (0, 1, 2, 2, 1, 3)), (5, (0, 1, 2, 3)), (6, (0, 1, 3, 2))):
+        b = Builder()
+        if indexed:
+            primitive = {"attributes": {"POSITION": b.accessor(SQUARE)}, "indices": b.accessor(order, "B")}
+        else:
+            primitive = {"attributes": {"POSITION": b.accessor(SQUARE[list(order)])}}
+        mesh = only_mesh({**primitive, "mode": mode}, b)
+        c = corners(mesh)
+        areas = np.cross(c[:, 1] - c[:, 0], c[:, 2] - c[:, 0])[:, 2] / 2
+        assert areas.tolist() == [0.5, 0.5]
+        assert mesh.normals is not None
+        assert (mesh.normals == (0, 0, 1)).all()
+
+
+def test_lines_and_points_have_no_normals_of_their_own() -> None:
+    for mode, topology in ((0, Topology.POINTS), (1, Topology.LINES), (2, Topology.LINES), (3, Topology.LINES)):
+        b = Builder()
+        mesh = only_mesh({"attributes": {"POSITION": b.accessor(SQUARE)}, "mode": mode}, b)
+        assert mesh.topology == topology
+        assert mesh.normals is None
+
+
+def test_missing_normals_are_summed_by_area_per_vertex_index() -> None:
+    """A floor and a wall thrice as large share an edge; a vertex at the same place but of its own stays flat."""
+    positions = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 3), (0, 0, 0)], np.float32)
+    triangles = np.array([(0, 1, 2), (0, 3, 1), (4, 1, 2)], np.uint32)
+    normals = vertex_normals(positions, triangles)
+    shared = np.array((0, 3, 1)) / np.sqrt(10)  # 1 * (0, 0, 1) + 3 * (0, 1, 0), as cross products
+    np.testing.assert_allclose(normals[0], shared, atol=1e-6)
+    np.testing.assert_allclose(normals[4], (0, 0, 1), atol=1e-6)
+    np.testing.assert_allclose(normals[2], (0, 0, 1), atol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-6)
+
+
+def test_normals_of_nothing_point_up() -> None:
+    positions = np.array([(0, 0, 0), (1, 0, 0), (2, 0, 0), (5, 5, 5)], np.float32)
+    assert vertex_normals(positions, np.array([(0, 1, 2)], np.uint32)).tolist() == [[0, 0, 1]] * 4
+
+
+def test_given_normals_get_unit_length_and_bad_ones_are_computed() -> None:
+    b = Builder()
+    normals = b.accessor([(0, 0, 5), (0, 0, 0), (np.nan, 0, 0)])
+    mesh = only_mesh({"attributes": {"POSITION": b.accessor(TRIANGLE[[0, 2, 1]]), "NORMAL": normals}}, b)
+    assert mesh.normals is not None
+    assert mesh.normals.tolist() == [[0, 0, 1], [0, 0, -1], [0, 0, -1]]
+
+
+def test_quantised_normals_get_unit_length() -> None:
+    b = Builder()
+    normals = b.accessor([(64, 64, 0)] * 3, "b", normalized=True)
+    mesh = only_mesh({"attributes": {"POSITION": b.accessor(TRIANGLE), "NORMAL": normals}}, b)
+    np.testing.assert_allclose(mesh.normals, np.full((3, 3), (0.5**0.5, 0.5**0.5, 0)), atol=1e-6)
+
+
+def test_vertices_that_are_not_finite_take_their_elements_with_them() -> None:
+    b = Builder()
+    positions = np.vstack([SQUARE, (np.nan, 0, 0), (0, np.inf, 0)])
+    primitive = {
+        "attributes": {"POSITION": b.accessor(positions)},
+        "indices": b.accessor([0, 1, 2, 0, 1, 4, 5, 1, 2, 2, 1, 3], "B"),
+    }
+    b.node(mesh=b.mesh(primitive))
+    scene = b.read()
+    (mesh,) = meshes(scene)
+    assert mesh.elements.tolist() == [[0, 1, 2], [2, 1, 3]]
+    assert np.isfinite(mesh.positions).all()
+    assert scene.warnings == ("meshes[0].primitives[0]: 2 elements with vertices that are not finite are left out",)
+
+
+@pytest.mark.parametrize(
+    ("dtype", "values", "expected"),
+    [
+        ("f", [(1, 0.5, 0)] * 3, (1, 0.5, 0, 1)),
+        ("B", [(255, 51, 0)] * 3, (1, 0.2, 0, 1)),
+        ("H", [(65535, 13107, 0, 13107)] * 3, (1, 0.2, 0, 0.2)),
+        ("f", [(7, -1, np.nan, 0.25)] * 3, (1, 0, 0, 0.25)),
+    ],
+)
+def test_vertex_colours_become_rgba(dtype: str, values: Any, expected: tuple[float, ...]) -> None:
+    b = Builder()
+    colours = b.accessor(values, dtype, normalized=dtype != "f")
+    mesh = only_mesh({"attributes": {"POSITION": b.accessor(TRIANGLE), "COLOR_0": colours}}, b)
+    np.testing.assert_allclose(mesh.colors, np.full((3, 4), expected), atol=1e-6)
+
+
+def test_second_texture_coordinates_and_tangents() -> None:
+    b = Builder()
+    attributes = {
+        "POSITION": b.accessor(TRIANGLE),
+        "TEXCOORD_0": b.accessor(TRIANGLE[:, :2]),
+        "TEXCOORD_1": b.accessor(2 * TRIANGLE[:, :2]),
+        "TANGENT": b.accessor([(3, 0, 0, -1), (0, 0, 0, 1), (0, 1, 0, 0.9)]),
+    }
+    mesh = only_mesh({"attributes": attributes}, b)
+    assert mesh.uv1 is not None
+    assert (mesh.uv1 == 2 * TRIANGLE[:, :2]).all()
+    assert mesh.tangents is not None
+    assert mesh.tangents.tolist() == [[1, 0, 0, -1], [1, 0, 0, 1], [0, 1, 0, 1]]
+
+
+def test_unusable_attributes_are_left_out_with_a_warning() -> None:
+    b = Builder()
+    attributes = {
+        "POSITION": b.accessor(TRIANGLE),
+        "TEXCOORD_0": b.accessor(TRIANGLE),
+        "COLOR_0": b.accessor([(1, 1, 1)]),
+        "NORMAL": None,
+        "_CUSTOM": 99,
+    }
+    b.node(mesh=b.mesh({"attributes": attributes}))
+    scene = b.read()
+    (mesh,) = meshes(scene)
+    assert mesh.uv0 is None
+    assert mesh.colors is None
+    assert [w.split(":")[0].rpartition(".")[2] for w in scene.warnings] == ["TEXCOORD_0", "COLOR_0"]
+
+
+def test_nothing_to_draw_is_no_part() -> None:
+    b = Builder()
+    primitives = (
+        {},
+        {"attributes": None},
+        {"attributes": {"NORMAL": b.accessor(TRIANGLE)}},
+        {"attributes": {"POSITION": b.accessor(TRIANGLE[:2])}},
+        {"attributes": {"POSITION": b.accessor(TRIANGLE[:0])}},
+    )
+    b.node(mesh=b.mesh(*primitives))
+    scene = b.read()
+    assert scene.instance_count == 0
+    assert scene.root.children["node0"].parts == ()
+
+
+def test_primitives_that_share_one_vertex_buffer_keep_their_range() -> None:
+    b = Builder()
+    p = b.accessor(np.arange(300, dtype=np.float32).reshape(100, 3) ** 1.5)
+    b.node(
+        mesh=b.mesh(
+            {"attributes": {"POSITION": p}, "indices": b.accessor([10, 12, 11], "B")},
+            {"attributes": {"POSITION": p}, "indices": b.accessor([0, 99, 50], "B")},
+        )
+    )
+    narrow, wide = meshes(b.read())
+    assert len(narrow.positions) == 3
+    assert len(wide.positions) == 100
+    assert (corners(narrow)[0] == wide.positions[[10, 12, 11]]).all()
+
+
+def test_draco_is_refused() -> None:
+    b = Builder()
+    p = b.add("accessors", {"componentType": 5126, "count": 3, "type": "VEC3"})
+    primitive = {"attributes": {"POSITION": p}, "extensions": {"KHR_draco_mesh_compression": {"bufferView": 0}}}
+    b.node(mesh=b.mesh(primitive))
+    with pytest.raises(GltfError, match=r"meshes\[0\]\.primitives\[0\]: KHR_draco_mesh_compression is not supported"):
+        b.read()
+
+
+def chairs(count: int) -> Builder:
+    """As Drake sends N instances: N full copies."""
+    b = Builder()
+    rng = np.random.default_rng(1)
+    positions = rng.random((30, 3)).astype(np.float32)
+    for _ in range(count):
+        primitive = {"attributes": {"POSITION": b.accessor(positions)}, "indices": b.accessor(np.arange(30), "H")}
+        b.node(mesh=b.mesh(primitive))
+    return b
+
+
+def test_copies_are_one_mesh() -> None:
+    scene = chairs(5).read()
+    assert len(meshes(scene)) == 5
+    assert len({id(mesh) for mesh in meshes(scene)}) == 1
+
+
+def test_copies_are_one_mesh_even_when_nothing_is_kept() -> None:
+    cache = MeshCache(max_bytes=100)
+    assert len({id(mesh) for mesh in meshes(chairs(5).read(cache=cache))}) == 1
+    assert cache.stats.nbytes <= 100
+
+
+def test_the_same_bytes_read_otherwise_are_another_mesh() -> None:
+    b = Builder()
+    view = b.view(np.arange(12, dtype=np.float32).tobytes())
+    accessor = {"bufferView": view, "componentType": 5126, "count": 3, "type": "VEC3"}
+    first, second = b.add("accessors", accessor), b.add("accessors", {**accessor, "byteOffset": 12})
+    third = b.add("accessors", dict(accessor))
+    for p in (first, second, third):
+        b.node(mesh=b.mesh({"attributes": {"POSITION": p}}))
+    x, y, z = meshes(b.read())
+    assert x is z
+    assert x is not y
+
+
+def test_instances_and_what_they_draw_are_bounded() -> None:
+    b = Builder()
+    mesh = b.triangle()
+    for _ in range(10):
+        b.node(mesh=mesh)
+    scene = b.read()
+    assert (scene.instance_count, scene.element_count) == (10, 10)
+    with pytest.raises(GltfError, match="max_instances = 9"):
+        b.read(limits=GltfLimits(max_instances=9))
+    with pytest.raises(GltfError, match="max_drawn_elements = 9"):
+        b.read(limits=GltfLimits(max_drawn_elements=9))
+    with pytest.raises(GltfError, match="max_nodes = 9"):
+        b.read(limits=GltfLimits(max_nodes=9))
+
+
+def test_a_small_file_with_many_instances_is_refused_by_default() -> None:
+    """90 million triangles of 5 MB took 20 GB of memory to draw."""
+    b = Builder()
+    corners = b.accessor(np.zeros((3, 3), np.float32))
+    indices = b.accessor(np.zeros(3 * 10_000, np.uint32), "I")
+    mesh = b.mesh({"attributes": {"POSITION": corners}, "indices": indices})
+    for _ in range(1_001):
+        b.node(mesh=mesh)
+    with pytest.raises(GltfError, match="max_drawn_elements = 10000000"):
+        b.read()

@@ -1,0 +1,278 @@
+from __future__ import annotations
+
+import gc
+import json
+import weakref
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gateway.gltf import GltfError, GltfLimits, read_gltf
+from gateway.scene.transforms import IDENTITY, from_trs, look_at
+from tests.gltf.builder import Builder, parts
+
+SHIFT = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 1, 2, 3, 1]
+
+
+def paths(scene: Any) -> list[tuple[str | int, ...]]:
+    return [path for path, _ in scene.root.walk() if path]
+
+
+def test_matrix_is_column_major_and_identity_is_shared() -> None:
+    b = Builder()
+    b.node(name="a", matrix=SHIFT, children=[1, 2])
+    b.node(name="b", matrix=np.eye(4).ravel().tolist())
+    b.node(name="c")
+    root = b.read().root
+    a = root.children["a"]
+    assert a.matrix[:3, 3].tolist() == [1, 2, 3]
+    assert a.children["b"].matrix is IDENTITY
+    assert a.children["c"].matrix is IDENTITY
+    assert root.matrix is IDENTITY
+
+
+def test_translation_rotation_scale() -> None:
+    b = Builder()
+    half = np.sqrt(0.5)
+    b.node(name="a", translation=[1, 2, 3], rotation=[0, 0, half, half], scale=[2, -3, 4])
+    X = b.read().root.children["a"].matrix
+    np.testing.assert_allclose(X @ (1, 0, 0, 1), (1, 4, 3, 1), atol=1e-12)  # 2 x turned onto y
+    np.testing.assert_allclose(X @ (0, 1, 0, 1), (4, 2, 3, 1), atol=1e-12)  # -3 y turned onto 3 x
+    assert np.linalg.det(X[:3, :3]) < 0
+
+
+def test_names_become_unique_path_elements() -> None:
+    b = Builder()
+    for name in ("arm", "arm", "arm#2", "arm", None, "", "a/b"):
+        b.node(**({} if name is None else {"name": name}))
+    assert paths(b.read()) == [(n,) for n in ("arm", "arm#2", "arm#2#2", "arm#3", "node4", "node5", "a/b")]
+
+
+def test_the_order_of_the_document_is_kept() -> None:
+    b = Builder()
+    b.node(name="r", children=[3, 1])
+    b.node(name="x", children=[2])
+    b.node(name="y")
+    b.node(name="z")
+    b.node(name="s")
+    assert paths(b.read()) == [("r",), ("r", "z"), ("r", "x"), ("r", "x", "y"), ("s",)]
+
+
+def test_which_scene() -> None:
+    b = Builder()
+    for name in "abc":
+        b.node(name=name)
+    b.json["nodes"][0]["children"] = [1]
+    assert paths(b.read()) == [("a",), ("a", "b"), ("c",)]
+    b.json["scenes"] = [{"nodes": [2]}, {"nodes": [0]}]
+    assert paths(b.read()) == [("c",)]
+    b.json["scene"] = 1
+    assert paths(b.read()) == [("a",), ("a", "b")]
+    b.json["scene"] = 2
+    with pytest.raises(GltfError, match=r"scene: 2 is out of range \(2 scenes\)"):
+        b.read()
+
+
+EMPTY = ("accessors", "bufferViews", "buffers", "cameras", "images", "materials", "meshes", "nodes")
+
+
+@pytest.mark.parametrize(
+    ("document", "cameras"),
+    [
+        (b"{}", 0),
+        (b'{"asset":{"version":"2.0"},"scene":0}', 0),
+        (b'{"scene":0,"cameras":[{"type":"perspective","perspective":{"yfov":0.8,"znear":0.1}}]}', 1),
+        (
+            json.dumps(dict.fromkeys(EMPTY) | {"scene": 0, "scenes": [{"name": "Layer 0", "nodes": None}]}).encode(),
+            0,
+        ),
+        (b'{"asset":null,"scenes":null,"nodes":[null,{"children":null,"mesh":null,"camera":null,"name":null}]}', 0),
+        (b'\xef\xbb\xbf \n{"nodes":[]}', 0),
+        (b'{"nodes":[{"extras":{"x":NaN,"y":-Infinity}}]}', 0),
+    ],
+)
+def test_almost_empty_documents(document: bytes, cameras: int) -> None:
+    """Drake writes null for every empty array, and its acceptance test sends a camera and nothing else."""
+    scene = read_gltf(document)
+    assert scene.instance_count == 0
+    assert scene.camera_count == cameras
+    assert scene.camera_node_missing == bool(cameras)
+
+
+@pytest.mark.parametrize(
+    ("nodes", "message"),
+    [
+        ([{"children": [0]}], "every node is another one's child, so they form a cycle"),
+        ([{"children": [1]}, {"children": [2]}, {"children": [1]}], r"nodes\[2\]\.children: nodes\[1\] has several"),
+        ([{"children": [2]}, {"children": [2]}, {}], r"nodes\[1\]\.children: nodes\[2\] has several parents"),
+        ([{"children": [1]}], r"nodes\[0\]\.children: 1 is out of range \(1 nodes\)"),
+        ([{"children": [-1]}], r"nodes\[0\]\.children: -1 is out of range"),
+        ([{"mesh": 0}], r"nodes\[0\]\.mesh: 0 is out of range \(0 meshes\)"),
+        ([{"camera": 0}], r"nodes\[0\]\.camera: 0 is out of range \(0 cameras\)"),
+        ([{"matrix": [1, 2, 3]}], r"nodes\[0\]\.matrix: 3 numbers instead of 16"),
+        ([{"matrix": [1] * 16}], r"nodes\[0\]\.matrix: not affine, its last row is \[1.0, 1.0, 1.0, 1.0\]"),
+        ([{"matrix": [None] * 16}], r"nodes\[0\]\.matrix\[0\]: expected `float`, got `null`"),
+        ([{"translation": [1e308 * 10, 0, 0]}], r"nodes\[0\]\.translation\[0\]: expected `float`, got `null`"),
+        ([{"rotation": [0, 0, 1]}], r"nodes\[0\]\.rotation: 3 numbers instead of 4"),
+    ],
+)
+def test_errors_name_the_node(nodes: list[Any], message: str) -> None:
+    b = Builder()
+    b.json["nodes"] = nodes
+    with pytest.raises(GltfError, match=message):
+        b.read()
+
+
+def test_depth_is_bounded_and_long_chains_do_not_recurse() -> None:
+    b = Builder()
+    b.json["nodes"] = [{"children": [i + 1]} for i in range(3000)] + [{}]
+    with pytest.raises(GltfError, match=r"nodes\[256\] lies deeper than max_node_depth = 256"):
+        b.read()
+    scene = b.read(limits=GltfLimits(max_node_depth=3001))
+    assert sum(1 for _ in scene.root.walk()) == 3002
+
+
+def test_instances_share_mesh_and_parts() -> None:
+    b = Builder()
+    mesh = b.triangle()
+    b.node(name="a", mesh=mesh)
+    b.node(name="b", mesh=mesh, matrix=SHIFT)
+    (first, second) = parts(b.read())
+    assert first[0] == ("a",)
+    assert first[1] is second[1]
+
+
+CAMERA = {"type": "perspective", "perspective": {"yfov": 0.8, "znear": 0.01, "zfar": 10, "aspectRatio": 1.5}}
+
+
+def camera_scene(**node: Any) -> Builder:
+    b = Builder("VTK")
+    b.add("cameras", CAMERA)
+    b.node(name="Renderer Node", children=[1], translation=[0, 0, 1])
+    b.node(name="Camera Node", camera=0, **node)
+    return b
+
+
+def test_camera_pose_is_optical() -> None:
+    """A glTF camera looks along -Z with +Y up: from above, onto the origin, its optical frame is look_at's."""
+    scene = camera_scene(translation=[0, 0, 4]).read()
+    camera = scene.camera
+    assert camera is not None
+    np.testing.assert_allclose(camera.X_world_camera, look_at((0, 0, 5), (0, 0, 0), (0, 1, 0)), atol=1e-12)
+    assert (camera.yfov, camera.znear, camera.zfar, camera.aspect) == (0.8, 0.01, 10, 1.5)
+    assert camera.path == ("Renderer Node", "Camera Node")
+    assert camera.name == "Camera Node"
+    assert not scene.camera_node_missing
+    assert scene.from_drake
+
+
+def test_scales_do_not_reach_the_camera() -> None:
+    b = camera_scene(scale=[2, 3, 4], rotation=[0.5, 0.5, 0.5, 0.5])
+    camera = b.read().camera
+    assert camera is not None
+    R = camera.X_world_camera[:3, :3]
+    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
+
+
+def test_a_camera_may_have_a_scale_beyond_measure() -> None:
+    """As an axis of 1e300: its square overflows, and the pose is left as it is."""
+    b = camera_scene(matrix=[1e300, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1])
+    camera = b.read().camera
+    assert camera is not None
+    assert camera.X_world_camera[0, 0] == 1e300
+
+
+def test_the_first_node_with_camera_0_counts() -> None:
+    b = Builder()
+    b.add("cameras", CAMERA)
+    b.add("cameras", {"type": "orthographic", "orthographic": {"xmag": 1, "ymag": 1, "znear": 0.1, "zfar": 9}})
+    b.node(name="user", camera=1)
+    b.node(name="first", camera=0)
+    b.node(name="second", camera=0)
+    scene = b.read()
+    assert [c.name for c in scene.cameras] == ["user", "first", "second"]
+    assert scene.camera is scene.cameras[1]
+    assert scene.cameras[0].yfov is None
+    assert scene.cameras[0].zfar == 9
+
+
+def test_camera_without_a_node_has_the_identity_pose() -> None:
+    scene = read_gltf(b'{"cameras":[{}],"nodes":[{}]}')
+    assert scene.camera_node_missing
+    assert scene.camera is not None
+    assert scene.camera.X_world_camera.tolist() == np.diag((1, -1, -1, 1)).tolist()
+
+
+def test_meshes_without_any_camera() -> None:
+    """Drake's client sends this for scenes of glTF meshes only."""
+    b = Builder("Drake glTF merger")
+    b.node(mesh=b.triangle())
+    b.json["cameras"] = None
+    scene = b.read()
+    assert scene.camera is None
+    assert scene.camera_count == 0
+    assert not scene.camera_node_missing
+    assert scene.instance_count == 1
+
+
+@pytest.mark.parametrize("count", [3, 40])
+def test_many_nodes_are_placed_as_few_are(count: int) -> None:
+    """Matrices and translations are made for all nodes at once, where there are several of them."""
+    rng = np.random.default_rng(count)
+    b = Builder()
+    expected: list[Any] = []
+    for number in range(count):
+        x, y, z = rng.normal(size=3).tolist()
+        kind = number % 4
+        if kind == 0:
+            b.node(translation=[x, y, z])
+            expected.append(from_trs((x, y, z), (0, 0, 0, 1), (1, 1, 1)))
+        elif kind == 1:
+            matrix = from_trs((x, y, z), (0.5, 0.5, -0.5, 0.5), (1, 2, 3))
+            b.node(matrix=matrix.T.ravel().tolist())
+            expected.append(matrix)
+        elif kind == 2:
+            b.node(translation=[x, y, z], scale=[x, y, z])
+            expected.append(from_trs((x, y, z), (0, 0, 0, 1), (x, y, z)))
+        else:
+            b.node(name="still")
+            expected.append(np.eye(4))
+    found = [node.matrix for node in b.read().root.children.values()]
+    for matrix, wanted in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(matrix, wanted)
+
+
+def test_many_translations_are_checked() -> None:
+    b = Builder()
+    for number in range(20):
+        b.node(translation=[0, 0] if number == 11 else [0, 0, 1])
+    with pytest.raises(GltfError, match=r"nodes\[11\]\.translation: 2 numbers instead of 3"):
+        b.read()
+
+
+def test_skins_and_morph_targets_are_ignored_with_a_warning() -> None:
+    b = Builder()
+    mesh = b.triangle()
+    b.json["meshes"][mesh]["weights"] = [0.0, 0.0]
+    b.json["scenes"] = [{"nodes": [b.node(mesh=mesh), b.node(mesh=mesh, skin=0), b.node(skin=0, weights=[1.0])]}]
+    assert b.read().warnings == ("nodes: skins are ignored, 1 meshes are drawn as they are stored",)
+    b.json["nodes"][0]["weights"] = [0.0, 0.5]
+    assert b.read().warnings[1:] == ("weights: morph targets are ignored, 1 meshes are drawn as they are stored",)
+
+
+def test_a_scene_is_freed_without_the_garbage_collector() -> None:
+    """What refers to itself would keep its megabytes until that comes by."""
+    b = camera_scene()
+    b.node(mesh=b.triangle())
+    scene = b.read()
+    assert scene.camera is not None
+    assert scene.camera.path == ("Renderer Node", "Camera Node")
+    (shape,) = {part.shape for _, part in parts(scene)}
+    mesh = weakref.ref(shape.mesh)  # type: ignore[union-attr]  # a surface
+    gc.disable()
+    try:
+        del scene, shape
+        assert mesh() is None
+    finally:
+        gc.enable()

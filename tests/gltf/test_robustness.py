@@ -1,0 +1,188 @@
+"""Random damage to documents: the reader answers with a scene or a ``GltfError``, within bounds."""
+
+from __future__ import annotations
+
+import copy
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gateway.gltf import GltfError, GltfLimits, MeshCache, read_gltf
+from gateway.scene.geometry import Surface
+from tests.gltf.builder import TRIANGLE, Builder, data_uri, glb, parts
+from tests.gltf.test_materials import png
+from tests.support.corpus import corpus_dir, drake_scene
+
+LIMITS = GltfLimits(
+    max_vertices=10_000,
+    max_elements=10_000,
+    max_drawn_elements=100_000,
+    max_buffer_bytes=1 << 20,
+    max_mesh_bytes=1 << 20,
+    max_nodes=1000,
+)
+
+
+def everything() -> dict[str, Any]:
+    """A small document that uses all that the reader knows."""
+    b = Builder("Drake glTF merger")
+    b.json.update(scene=0, extensionsUsed=["KHR_texture_basisu"], extensionsRequired=[])
+    positions = b.accessor(np.vstack([TRIANGLE, (1, 1, 0)]))
+    sparse = b.accessor(np.zeros((4, 3)))
+    b.json["accessors"][sparse]["sparse"] = {
+        "count": 2,
+        "indices": {"bufferView": b.view(b"\0\3"), "componentType": 5121},
+        "values": {"bufferView": b.view(np.ones(6, np.float32).tobytes()), "byteOffset": 0},
+    }
+    attributes = {
+        "POSITION": positions,
+        "NORMAL": b.accessor([(0, 0, 127)] * 4, "b", normalized=True),
+        "TEXCOORD_0": b.accessor(np.zeros((4, 2)), "H", normalized=True),
+        "COLOR_0": b.accessor(np.ones((4, 3))),
+        "TANGENT": b.accessor([(1, 0, 0, 1)] * 4),
+    }
+    b.add("images", {"uri": data_uri(png()), "mimeType": "image/png", "name": "i"})
+    b.add("images", {"bufferView": b.view(png((1, 2, 3)))})
+    b.add("samplers", {"magFilter": 9729, "minFilter": 9987, "wrapS": 33071})
+    b.add("textures", {"source": 0, "sampler": 0, "extensions": {"KHR_texture_basisu": {"source": 1}}})
+    b.add("textures", {"source": 1})
+    texture = {"index": 0, "texCoord": 0, "extensions": {"KHR_texture_transform": {"offset": [0, 1], "rotation": 1}}}
+    pbr = {"baseColorFactor": [1, 1, 1, 0.5], "metallicFactor": 0, "roughnessFactor": 1, "baseColorTexture": texture}
+    b.add("materials", {"pbrMetallicRoughness": pbr})
+    b.add("materials", {"normalTexture": {"index": 1, "scale": 2}, "alphaMode": "MASK", "extensions": {}})
+    for mode in range(7):
+        indices = b.accessor([0, 1, 2, 3], "BHI"[mode % 3])
+        b.mesh({"attributes": attributes, "indices": indices, "material": mode % 2, "mode": mode})
+        b.node(mesh=mode, name="n", translation=[1, 2, 3], rotation=[0, 0, 0, 1], scale=[1, 1, -1])
+    b.node(mesh=b.mesh({"attributes": {"POSITION": sparse}}), children=[0, 1], matrix=np.eye(4).ravel().tolist())
+    b.add("cameras", {"perspective": {"yfov": 1, "znear": 0.1}})
+    b.node(camera=0, children=[2, 3, 4, 5, 6, 7])
+    b.add("scenes", {"nodes": [8]})
+    return b.json
+
+
+DOCUMENT = everything()
+
+
+def places(value: Any, path: tuple[str | int, ...] = ()) -> list[tuple[str | int, ...]]:
+    items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    found = [path] if path else []
+    for key, item in items:
+        found += places(item, (*path, key))
+    return found
+
+
+PLACES = places(DOCUMENT)
+VALUES = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(-3, 20),
+    st.sampled_from([2**31 - 1, 2**31, 2**32, 2**53, 2**63, 2**64, 10**30, -(2**63), 5120, 5126, 28, 252]),
+    st.floats(),
+    st.sampled_from(["", "data:,", "x", "VEC3", "VEC4", "SCALAR", "MASK", "data:;base64,AAAA", "../a", "\0data 0"]),
+    st.lists(st.integers(-1, 5), max_size=4),
+    st.lists(st.floats(), min_size=3, max_size=4),
+    st.dictionaries(st.sampled_from(["index", "a"]), st.integers(-1, 3), max_size=2),
+    st.just("delete"),
+)
+
+
+def change(document: Any, place: tuple[str | int, ...], value: Any) -> None:
+    parent = document
+    for key in place[:-1]:
+        try:
+            parent = parent[key]
+        except (KeyError, IndexError, TypeError):
+            return
+    try:
+        if value == "delete":
+            del parent[place[-1]]
+        else:
+            parent[place[-1]] = value
+    except (KeyError, IndexError, TypeError):
+        return
+
+
+def check(data: bytes, cache: MeshCache | None = None) -> bool:
+    """Whether it was read; what was read is sound."""
+    try:
+        scene = read_gltf(data, limits=LIMITS, cache=cache)
+    except GltfError as error:
+        assert 0 < len(str(error)) < 1000
+        return False
+    for _, part in parts(scene):
+        assert isinstance(part.shape, Surface)
+        mesh = part.shape.mesh
+        assert mesh.elements.size
+        assert mesh.elements.max() < len(mesh.positions)
+        for array in (mesh.positions, mesh.normals, mesh.uv0, mesh.uv1, mesh.colors, mesh.tangents):
+            assert array is None or (len(array) == len(mesh.positions) and np.isfinite(array).all())
+    for _, node in scene.root.walk():
+        assert np.isfinite(node.matrix).all()
+    return True
+
+
+def test_the_document_is_sound() -> None:
+    assert check(json.dumps(DOCUMENT).encode())
+
+
+@given(st.lists(st.tuples(st.sampled_from(PLACES), VALUES), min_size=1, max_size=3))
+@settings(deadline=None, max_examples=300)
+def test_damaged_values(changes: list[tuple[tuple[str | int, ...], Any]]) -> None:
+    document = copy.deepcopy(DOCUMENT)
+    for place, value in changes:
+        change(document, place, value)
+    check(json.dumps(document).encode())
+
+
+CACHE = MeshCache(2 << 20)
+
+
+@given(st.lists(st.tuples(st.sampled_from(PLACES), VALUES), min_size=1, max_size=2))
+@settings(deadline=None, max_examples=100)
+def test_a_shared_cache_does_not_change_the_outcome(changes: list[tuple[tuple[str | int, ...], Any]]) -> None:
+    document = copy.deepcopy(DOCUMENT)
+    for place, value in changes:
+        change(document, place, value)
+    data = json.dumps(document).encode()
+    outcome = check(data)
+    assert check(data, CACHE) == outcome
+    assert check(data, CACHE) == outcome
+
+
+TEXT = json.dumps(DOCUMENT).encode()
+GLB = glb(DOCUMENT, bytes(16))
+
+
+@given(st.sampled_from([TEXT, GLB]), st.data())
+@settings(deadline=None, max_examples=150)
+def test_damaged_bytes(source: bytes, data: st.DataObject) -> None:
+    damaged = bytearray(source)
+    for _ in range(data.draw(st.integers(1, 4))):
+        at = data.draw(st.integers(0, len(damaged) - 1))
+        damaged[at : at + data.draw(st.integers(0, 3))] = data.draw(st.binary(max_size=3))
+    check(bytes(damaged))
+
+
+@pytest.mark.corpus
+@given(st.data())
+@settings(deadline=None, max_examples=100)
+def test_damaged_requests_of_drake(data: st.DataObject) -> None:
+    corpus_dir()
+    name, image_type = data.draw(st.sampled_from(["018_accessors", "019_hierarchy", "020_transparent"])), "label"
+    document = json.loads(drake_scene(name).request(image_type).scene)
+    found = places(document)
+    for _ in range(data.draw(st.integers(1, 2))):
+        change(document, data.draw(st.sampled_from(found)), data.draw(VALUES))
+    check(json.dumps(document).encode())
+
+
+@given(st.binary(max_size=200))
+@settings(deadline=None, max_examples=100)
+def test_anything(data: bytes) -> None:
+    for start in (b"", b"{", b"glTF\2\0\0\0"):
+        assert check(start + data) in (True, False)

@@ -1,0 +1,176 @@
+"""Reading ends when it is not wanted any more, wherever its time goes, and what it has kept by then is whole."""
+
+from __future__ import annotations
+
+import base64
+import json
+import threading
+from collections import deque
+from collections.abc import Callable
+from functools import partial
+from itertools import repeat
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gateway.gltf import GltfLimits, MeshCache, read_gltf
+from renderers.stop import StopFlag, current_stop
+
+Document = dict[str, Any]
+POINTS = np.random.default_rng(0).random((100_000, 3), np.float32)
+
+
+class Enough(Exception):
+    pass
+
+
+def accessor(view: int | None, shape: str, count: int, component: int = 5126, **more: Any) -> Document:
+    place = {} if view is None else {"bufferView": view}
+    return {**place, "componentType": component, "count": count, "type": shape, **more}
+
+
+def document(primitives: list[Document], accessors: list[Document], *parts: bytes, **more: Any) -> bytes:
+    raw = b"".join(parts)
+    views, begin = [], 0
+    for part in parts:
+        views.append({"buffer": 0, "byteOffset": begin, "byteLength": len(part)})
+        begin += len(part)
+    uri = f"data:application/octet-stream;base64,{base64.b64encode(raw).decode()}"
+    made = {
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": primitives}],
+        "accessors": accessors,
+        **({"bufferViews": views, "buffers": [{"byteLength": len(raw), "uri": uri}]} if raw else {}),
+    }
+    return json.dumps({**made, **more}).encode()
+
+
+def sparse_accessors(count: int = 1000, values: int = 300_000) -> bytes:
+    """Accessors that each replace all of their values by the same ones: the file is as small as one of them."""
+    part = {"indices": {"bufferView": 0, "componentType": 5125}, "values": {"bufferView": 1}, "count": values}
+    accessors = [accessor(None, "VEC3", values, sparse=part) for _ in range(count)]
+    accessors.append(accessor(None, "SCALAR", 3, 5125))
+    primitives = [{"attributes": {"POSITION": number}, "indices": count} for number in range(count)]
+    return document(primitives, accessors, np.arange(values, dtype=np.uint32).tobytes(), bytes(12 * values))
+
+
+def primitives_one_by_one(count: int = 20_000) -> bytes:
+    """Lines, each with an accessor of its own on one buffer."""
+    accessors = [accessor(0, "VEC3", 4, byteOffset=12 * number) for number in range(count)]
+    return document([{"attributes": {"POSITION": k}, "mode": 1} for k in range(count)], accessors, POINTS.tobytes())
+
+
+def materials_one_by_one(count: int = 20_000) -> bytes:
+    primitives = [{"attributes": {"POSITION": 0}, "material": number} for number in range(count)]
+    materials = [{"emissiveFactor": [0, 0, number / count]} for number in range(count)]
+    return document(primitives, [accessor(0, "VEC3", 3)], POINTS.tobytes(), materials=materials)
+
+
+def vertices_of_nothing() -> bytes:
+    """Zeros, without a buffer: a few hundred bytes, hundreds of megabytes of arrays, whose tangents have no length."""
+    shapes = {"POSITION": "VEC3", "NORMAL": "VEC3", "TEXCOORD_0": "VEC2", "COLOR_0": "VEC4", "TANGENT": "VEC4"}
+    accessors = [accessor(None, shape, 3_000_000) for shape in shapes.values()]
+    return document([{"attributes": dict(zip(shapes, range(len(shapes)), strict=True))}], accessors)
+
+
+def numbers_that_are_no_json() -> bytes:
+    """NaN: read by a slower parser, that is asked about every number."""
+    text = document([{"attributes": {"POSITION": 0}}], [accessor(0, "VEC3", 3)], POINTS.tobytes())
+    return text[:-1] + b', "extras": [NaN' + b",1.5" * 1_000_000 + b"]}"
+
+
+def deep_nodes(chains: int = 400, depth: int = 240) -> bytes:
+    nodes: list[Document] = []
+    for chain in range(chains):
+        nodes += [{"children": [chain * depth + k + 1], "rotation": [0, 0, 0.1, 0.99]} for k in range(depth - 1)]
+        nodes.append({"mesh": 0})
+    roots = [{"nodes": [chain * depth for chain in range(chains)]}]
+    return document(
+        [{"attributes": {"POSITION": 0}}], [accessor(0, "VEC3", 3)], POINTS.tobytes(), nodes=nodes, scenes=roots
+    )
+
+
+DOCUMENTS: tuple[Callable[[], bytes], ...] = (
+    sparse_accessors,
+    primitives_one_by_one,
+    materials_one_by_one,
+    vertices_of_nothing,
+    numbers_that_are_no_json,
+    deep_nodes,
+)
+
+
+class CountingFlag(StopFlag):
+    """Is set when it has been looked at so often from Python."""
+
+    __slots__ = ("left",)
+
+    def __init__(self, left: int) -> None:
+        super().__init__()
+        self.left = left
+
+    def check(self) -> None:
+        self.left -= 1
+        if self.left <= 0:
+            self.set(Enough())
+        super().check()
+
+
+@pytest.mark.parametrize("make", DOCUMENTS)
+def test_a_slow_document_is_left_wherever_the_reader_is(make: Callable[[], bytes]) -> None:
+    """At the first look, in the middle and at the last one; then it is read as if nothing had been."""
+    data = make()
+    counting = CountingFlag(1 << 62)
+    whole = counting.run(lambda: read_gltf(data, cache=MeshCache()))
+    looks = (1 << 62) - counting.left
+    assert looks > 4
+    for last in (1, looks // 2, looks):
+        flag, cache = CountingFlag(last), MeshCache()
+        with pytest.raises(Enough):
+            flag.run(partial(read_gltf, data, cache=cache))
+    again = read_gltf(data, cache=cache)
+    assert (again.element_count, again.warnings) == (whole.element_count, whole.warnings)
+    for parts, others in zip(again.nodes.parts, whole.nodes.parts, strict=True):
+        for part, other in zip(parts or (), others or (), strict=True):
+            for name in ("positions", "elements", "normals", "tangents"):
+                mine, theirs = getattr(part.shape.mesh, name), getattr(other.shape.mesh, name)
+                assert mine is theirs is None or np.array_equal(mine, theirs)
+
+
+@pytest.mark.parametrize("make", [sparse_accessors, primitives_one_by_one, vertices_of_nothing])
+def test_the_kernels_look_at_it_too(make: Callable[[], bytes]) -> None:
+    """Set by another thread, in the middle."""
+    data, flag = make(), StopFlag()
+    timer = threading.Timer(0.1, flag.set, (Enough(),))
+    timer.start()
+    read = partial(flag.run, partial(read_gltf, data, limits=GltfLimits()))
+    with pytest.raises(Enough):
+        deque((read() for _ in repeat(None)), 0)  # until it meets one that is set
+    timer.join()
+
+
+def test_siblings_of_one_name_are_told_apart_in_no_time() -> None:
+    """Each looked for its own number from the first on: 99,000 of them took five thousand million steps."""
+    count = 99_000
+    nodes = [{"mesh": 0, "name": "x"} for _ in range(count - 2)] + [{"name": "x#3"}, {"name": "x"}]
+    scene = read_gltf(
+        document(
+            [{"attributes": {"POSITION": 0}}],
+            [accessor(0, "VEC3", 3)],
+            POINTS.tobytes(),
+            nodes=nodes,
+            scenes=[{"nodes": list(range(count))}],
+        )
+    )
+    names = list(scene.root.children)
+    assert len(names) == len(set(names)) == count
+    assert names[:4] == ["x", "x#2", "x#3", "x#4"]
+    assert names[-2:] == ["x#3#2", f"x#{count - 1}"]
+
+
+def test_nothing_is_set_where_nobody_has_set_it() -> None:
+    assert not current_stop().is_set

@@ -1,0 +1,100 @@
+"""What a document is warned of is its own, however much of it is known."""
+
+from __future__ import annotations
+
+import base64
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gateway.gltf import GltfError, MeshCache, read_gltf
+from tests.gltf.builder import parts
+
+
+def document() -> dict[str, Any]:
+    """Three meshes: a triangle; one of which a vertex is not finite; one without positions."""
+    good = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], np.float32)
+    bad = good.copy()
+    bad[3] = np.inf
+    indices = np.array((0, 1, 2, 1, 2, 3), np.uint32)
+    data = good.tobytes() + bad.tobytes() + indices.tobytes()
+    uri = "data:application/octet-stream;base64," + base64.b64encode(data).decode()
+    points = {"componentType": 5126, "count": 4, "type": "VEC3"}
+    return {
+        "accessors": [
+            {**points, "bufferView": 0},
+            {**points, "bufferView": 1},
+            {"bufferView": 2, "componentType": 5125, "count": 6, "type": "SCALAR"},
+        ],
+        "asset": {"version": "2.0", "extras": "long enough to be kept " * 300},
+        "bufferViews": [
+            {"buffer": 0, "byteLength": 48},
+            {"buffer": 0, "byteOffset": 48, "byteLength": 48},
+            {"buffer": 0, "byteOffset": 96, "byteLength": 24},
+        ],
+        "buffers": [{"byteLength": len(data), "uri": uri}],
+        "extensions": {"KHR_lights_punctual": {"lights": [{"type": "point"}]}},
+        "extensionsUsed": ["EXT_unheard_of"],
+        "materials": [{}],
+        "meshes": [
+            {"primitives": [{"attributes": {"POSITION": 0}, "indices": 2}]},
+            {"primitives": [{"attributes": {"POSITION": 1}, "indices": 2}], "weights": [0.5]},
+            {"primitives": [{"attributes": {"NORMAL": 0}, "indices": 2}]},
+        ],
+        "nodes": [{"mesh": 0}, {"mesh": 1}, {"mesh": 2}],
+        "scenes": [{"nodes": [0, 1, 2]}],
+    }
+
+
+CHANGES: list[dict[str, Any]] = [
+    {"nodes": [{"mesh": 0}, {"mesh": 1}, {"mesh": 2, "translation": [1, 0, 0]}]},
+    {"nodes": [{"mesh": 2}, {"mesh": 0}, {"mesh": 1}]},
+    {"nodes": [{"mesh": 0}, {}, {"mesh": 2}]},
+    {"nodes": [{"mesh": 0}, {}, {}]},
+    {"nodes": [{"mesh": 2}, {}, {}]},
+    {"nodes": [{"mesh": 0, "skin": 0}, {"mesh": 1, "skin": 0}, {"mesh": 2}]},
+    {"nodes": [{"mesh": 0, "weights": [1.0]}, {"mesh": 1}, {"mesh": 2}]},
+    {"nodes": [{"mesh": 0, "extensions": {"KHR_lights_punctual": {"light": 7}}}, {"mesh": 1}, {"mesh": 2}]},
+    {"scenes": [{"nodes": [1]}]},
+]
+
+
+def told(source: dict[str, Any], cache: MeshCache | None = None) -> Any:
+    try:
+        scene = read_gltf(json.dumps(source).encode(), cache=cache)
+    except GltfError as error:
+        return str(error)
+    return scene.warnings, [path for path, _ in parts(scene)], scene.instance_count
+
+
+@pytest.mark.parametrize("first", CHANGES)
+def test_warnings_are_those_of_the_document_itself(first: dict[str, Any]) -> None:
+    cache = MeshCache()
+    for change in (first, first, first, *CHANGES, first, *CHANGES):
+        source = document() | change
+        assert told(source, cache) == told(source)
+
+
+def test_all_warnings_of_the_document_are_there() -> None:
+    warnings, _, _ = told(document() | CHANGES[7])
+    for piece in ("EXT_unheard_of", "morph targets", "not finite", "no POSITION", "lights"):
+        assert sum(piece in warning for warning in warnings) == 1
+
+
+def test_hits_are_hits_where_there_is_nothing_to_warn_of() -> None:
+    cache = MeshCache()
+    for z in range(5):
+        told(document() | {"nodes": [{"mesh": 0, "translation": [0, 0, z]}, {}, {}]}, cache)
+    told(document() | {"nodes": [{"mesh": 0, "skin": 1}, {}, {}]}, cache)
+    assert cache.stats.document_hits == 5
+
+
+def test_a_repaired_mesh_is_told_of_in_every_document_that_has_it() -> None:
+    cache = MeshCache()
+    for name in ("a", "b", "c"):
+        source = document() | {"materials": [{"name": name}]}
+        assert told(source, cache) == told(source)
+        other = {"asset": {"version": "2.0", "extras": name * 8000}, **document()}
+        assert told(other, cache) == told(other)

@@ -1,0 +1,103 @@
+"""TCPQ's frames, however the stream is cut, and the patterns of subscriptions."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gateway.lcm.safe_regex import PatternError, compile_pattern
+from gateway.lcm.tcpq import (
+    CLIENT_HELLO,
+    MAGIC_CLIENT,
+    Frame,
+    FrameError,
+    FrameReader,
+    publish_head,
+    subscription,
+)
+
+FRAMES = st.lists(
+    st.tuples(
+        st.sampled_from(list(Frame)),
+        st.text(st.characters(codec="ascii"), max_size=60).map(lambda name: name * 20),
+        st.integers(0, 400_000),
+    ),
+    max_size=6,
+)
+
+
+@settings(deadline=None, max_examples=60)
+@given(FRAMES, st.lists(st.integers(1, 300_000), min_size=1, max_size=20))
+def test_frames_are_the_same_however_the_stream_is_cut(frames: list[tuple[Frame, str, int]], cuts: list[int]) -> None:
+    got: list[tuple[Frame, str, bytes]] = []
+    reader = FrameReader(MAGIC_CLIENT, 1_000_000, lambda k, c, d: got.append((k, c, bytes(d))), lambda _: True)
+    stream = CLIENT_HELLO
+    expected = []
+    for index, (kind, name, size) in enumerate(frames):
+        data = bytes([index]) * size if kind is Frame.PUBLISH else b""
+        stream += publish_head(name, size) + data if kind is Frame.PUBLISH else subscription(kind, name)
+        expected.append((kind, name, data))
+    at, turn = 0, 0
+    while at < len(stream):
+        room = reader.buffer()
+        assert len(room) > 0
+        piece = stream[at : at + min(len(room), cuts[turn % len(cuts)])]
+        room[: len(piece)] = piece
+        reader.received(len(piece))
+        at, turn = at + len(piece), turn + 1
+    assert got == expected
+
+
+@settings(deadline=None, max_examples=100)
+@given(st.binary(max_size=400))
+def test_any_bytes_are_frames_or_an_error(data: bytes) -> None:
+    reader = FrameReader(MAGIC_CLIENT, 1000, lambda *_: None, lambda _: True)
+    for chunk in (CLIENT_HELLO, data):
+        room = reader.buffer()
+        room[: len(chunk)] = chunk
+        try:
+            reader.received(len(chunk))
+        except FrameError:
+            return
+
+
+@pytest.mark.parametrize(
+    ("pattern", "channel", "matches"),
+    [
+        ("POSE", "POSE", True),
+        ("POSE", "POSE2", False),
+        (".*", "anything", True),
+        (r"DIRECTOR_TREE_VIEWER_RESPONSE_\<x\>", "DIRECTOR_TREE_VIEWER_RESPONSE_<x>", True),
+        ("DIRECTOR_TREE_VIEWER_RESPONSE_<x>", "DIRECTOR_TREE_VIEWER_RESPONSE_<x>", True),
+        ("A|B", "B", True),
+        ("(?:A|B)[0-9]+", "B12", True),
+        (r"a\*b", "a*b", True),
+        ("[]*]x", "*x", True),
+        ("(A|B|C)_.*_(LEFT|RIGHT).*?x?", "B_1_LEFT", True),
+    ],
+)
+def test_patterns_are_anchored_regular_expressions(pattern: str, channel: str, matches: bool) -> None:
+    assert compile_pattern(pattern).matches(channel) is matches
+
+
+@pytest.mark.parametrize(
+    "pattern",
+    [
+        *("(a+)+", "(a|a)*", "a*a*a*a*", "(?=a)", r"(a)\1", "(", "[", "*", "a{1,99999999999}", "(?P<n>a)", "(.*){9}"),
+        *("a?" * 30 + "a" * 30, "(a|aa)" * 30 + "b", "((a|aa)?)" * 20, "(?:a|aa)" * 10 + ".*.*b"),
+    ],
+)
+def test_patterns_that_could_take_forever_are_refused(pattern: str) -> None:
+    with pytest.raises(PatternError):
+        compile_pattern(pattern)
+
+
+@settings(deadline=None, max_examples=300)
+@given(st.text(alphabet="ab.*+?{}()[]|\\1,^$<", max_size=20))
+def test_any_pattern_is_compiled_or_refused_and_never_slow(pattern: str) -> None:
+    try:
+        compiled = compile_pattern(pattern)
+    except PatternError:
+        return
+    compiled.matches("a" * 62 + "!")

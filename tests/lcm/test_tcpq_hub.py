@@ -1,0 +1,214 @@
+"""The TCPQ hub, by clients written from the wire; and ours as a client of another hub."""
+
+from __future__ import annotations
+
+import socket
+import threading
+from typing import Any
+
+import pytest
+
+from gateway.lcm.tcpq import LONGEST_CHANNEL, Frame
+from gateway.scene.live import LiveTree
+from gateway.treeviewer import wire
+from gateway.treeviewer.config import TreeViewerConfig
+from gateway.treeviewer.protocol import REQUEST, RESPONSE, TreeViewerProtocol
+from tests.support.liblcm import liblcm
+from tests.support.waiting import MILLISECONDS, SECONDS, until
+from tests.treeviewer.conversation import ONE_BOX, decoded, message
+from tests.treeviewer.transports import HubClient, in_thread, serving
+
+
+async def test_a_client_is_answered_and_the_tree_has_its_geometry() -> None:
+    live = LiveTree()
+    async with serving(live=live) as service:
+        client = await HubClient.connect(service.tcpq_port)
+        await client.subscribe(f"{RESPONSE}_<me>")
+        await client.publish(f"{REQUEST}_<me>", ONE_BOX)
+        channel, answer = await client.next()
+        assert channel == f"{RESPONSE}_<me>"
+        assert decoded(answer)["added_geometries"] == [["a"]]
+        assert live.snapshot.root.find(("a",)) is not None
+        await client.close()
+
+
+async def test_subscribers_of_the_bare_channel_hear_that_the_viewer_is_ready() -> None:
+    async with serving() as service:
+        client = await HubClient.connect(service.tcpq_port)
+        await client.subscribe("OTHER")
+        await client.subscribe(RESPONSE)
+        channel, answer = await client.next()
+        assert (channel, decoded(answer)) == (RESPONSE, {"timestamp": 0, "status": 0, "ready": True})
+        await client.close()
+
+
+async def test_the_hub_relays_to_every_subscriber_once_also_to_the_sender() -> None:
+    async with serving() as service:
+        clients = [await HubClient.connect(service.tcpq_port) for _ in range(3)]
+        sender, twice, other = clients
+        for pattern in ("POSE", "P.*"):
+            await twice.subscribe(pattern)
+        await sender.subscribe("POSE")
+        await other.subscribe("POS")  # anchored on both sides
+        await other.subscribe("END")
+        for client in clients:  # what was sent before this has been handled
+            await client.subscribe(f"{RESPONSE}_<{id(client)}>")
+            await client.publish(f"{REQUEST}_<{id(client)}>", wire.encode(b"{}"))
+            await client.next()
+        await sender.publish("POSE", b"x" * 100_000)
+        await sender.publish("END", b"e")
+        assert await sender.next() == ("POSE", b"x" * 100_000)
+        assert await twice.next() == ("POSE", b"x" * 100_000)
+        assert await other.next() == ("END", b"e")
+        await twice.subscribe("P.*", Frame.UNSUBSCRIBE)
+        await twice.subscribe("POSE", Frame.UNSUBSCRIBE)
+        await twice.publish(f"{REQUEST}_<{id(twice)}>", wire.encode(b"{}", 5))
+        await twice.next()
+        await sender.publish("POSE", b"y")
+        await sender.next()
+        await twice.publish(f"{REQUEST}_<{id(twice)}>", wire.encode(b"{}", 6))
+        assert decoded((await twice.next())[1])["timestamp"] == 6, "nothing of POSE in between"
+        for client in clients:
+            await client.close()
+
+
+async def test_order_holds_for_a_client_and_others_do_not_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+    quick_was_answered = threading.Event()
+    read = TreeViewerProtocol.open
+
+    def read_late(self: TreeViewerProtocol, comms: wire.Comms) -> Any:
+        if threading.current_thread() is not threading.main_thread():
+            assert quick_was_answered.wait(SECONDS), "the big request holds up the others"
+        return read(self, comms)
+
+    monkeypatch.setattr(TreeViewerProtocol, "open", read_late)
+    rows = ", ".join(["[0.123456, 1.5, 2.25]"] * 200_000)
+    big = message(
+        f'{{"setgeometry": [{{"path": ["cloud"], "geometry": {{"type": "pointcloud", "points": [{rows}]}}}}]}}', 1
+    )
+    after = message({"settransform": [{"path": ["cloud"], "transform": {}}]}, 2)
+    async with serving() as service:
+        slow, quick = await HubClient.connect(service.tcpq_port), await HubClient.connect(service.tcpq_port)
+        await slow.subscribe(f"{RESPONSE}_<slow>")
+        await quick.subscribe(f"{RESPONSE}_<.*>")
+        await slow.publish(f"{REQUEST}_<slow>", big)
+        for _ in range(3):
+            await slow.publish(f"{REQUEST}_<slow>", after)
+        await until(lambda: service.status()["received"] >= 4)
+        await quick.publish(f"{REQUEST}_<quick>", ONE_BOX)
+        assert (await quick.next())[0] == f"{RESPONSE}_<quick>"
+        quick_was_answered.set()
+        assert [(await quick.next())[0] for _ in range(4)] == [f"{RESPONSE}_<slow>"] * 4
+        answers = [decoded((await slow.next())[1]) for _ in range(4)]
+        assert [answer["timestamp"] for answer in answers] == [1, 2, 2, 2]
+        assert [answer["status"] for answer in answers] == [0, 0, 0, 0], "the transforms found the cloud"
+        assert service.status()["waiting_bytes"] == 0
+        await slow.close()
+        await quick.close()
+
+
+async def test_an_id_too_long_for_the_answers_channel_is_counted() -> None:
+    async with serving() as service:
+        client = await HubClient.connect(service.tcpq_port)
+        await client.subscribe(f"{RESPONSE}.*")
+        await client.next()  # ready
+        longest = LONGEST_CHANNEL - len(f"{RESPONSE}_<>")
+        await client.publish(f"{REQUEST}_<{'i' * (longest + 1)}>", ONE_BOX)
+        for size in (31, 32, 100, longest):
+            await client.publish(f"{REQUEST}_<{'i' * size}>", ONE_BOX)
+            assert (await client.next())[0] == f"{RESPONSE}_<{'i' * size}>"
+        assert service.status()["unanswerable"] == 1
+        await client.close()
+
+
+async def test_undecodable_messages_are_counted_and_described() -> None:
+    async with serving() as service:
+        client = await HubClient.connect(service.tcpq_port)
+        await client.subscribe(f"{RESPONSE}_<me>")
+        await client.publish(f"{REQUEST}_<me>", b"junk")
+        await client.publish(f"{REQUEST}_<me>", ONE_BOX)
+        await client.next()
+        status = service.status()
+        assert (status["undecodable"], status["received"], status["answered"]) == (1, 2, 1)
+        assert "4 bytes" in status["last_undecodable"]
+        await client.close()
+
+
+async def test_a_taken_port_is_one_sentence() -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        config = TreeViewerConfig(lcm_url="off", tcpq_port=port)
+        with pytest.raises(
+            RuntimeError, match=f"^the TCPQ hub cannot listen on 127.0.0.1:{port}: Address already in use$"
+        ):
+            async with serving(config):
+                pass
+
+
+async def test_a_viewer_joins_another_hub_and_joins_it_again() -> None:
+    async with serving() as other:
+        port = other.tcpq_port
+        url = f"tcpq://127.0.0.1:{port}"
+        live = LiveTree()
+        async with serving(TreeViewerConfig(lcm_url=url, tcpq_port=None), live=live) as service:
+            await until(lambda: bool(service.status()["lcm"]["connected"]))
+            client = await HubClient.connect(port)
+            await client.subscribe(f"{RESPONSE}_<me>")
+            while live.snapshot.root.find(("a",)) is None:  # until the hub knows of the viewer's subscription
+                await client.publish(f"{REQUEST}_<me>", ONE_BOX)
+                await client.next()
+            await client.close()
+            assert service.status()["answered"] >= 1
+            for connection in tuple(other._hub.connections):
+                connection.abort()
+            await until(lambda: not service.status()["lcm"]["connected"])
+            assert "the hub has gone" in service.status()["lcm"]["warning"]
+            await until(lambda: bool(service.status()["lcm"]["connected"]))
+
+
+async def test_a_hub_that_does_not_exist_yet_is_waited_for() -> None:
+    with socket.socket() as unused:
+        unused.bind(("127.0.0.1", 0))
+        port = unused.getsockname()[1]
+        async with serving(TreeViewerConfig(lcm_url=f"tcpq://127.0.0.1:{port}", tcpq_port=None)) as service:
+            await until(lambda: "Connection refused" in service.status()["lcm"]["warning"])
+
+
+async def test_the_own_hub_is_not_joined(monkeypatch: pytest.MonkeyPatch) -> None:
+    with socket.socket() as unused:
+        unused.bind(("127.0.0.1", 0))
+        port = unused.getsockname()[1]
+    monkeypatch.setenv("LCM_DEFAULT_URL", f"tcpq://127.0.0.1:{port}")
+    async with serving(TreeViewerConfig(lcm_url=None, tcpq_port=port)) as service:
+        assert "lcm" not in service.status()
+        assert service.status()["tcpq"]["clients"] == 0
+
+
+@pytest.mark.lcm
+@pytest.mark.parametrize("size", [63, 64, 100, 300, 999])
+@pytest.mark.parametrize("pattern", ["", ".*x"], ids=["its name", "a pattern"])
+async def test_lcms_own_clients_use_channels_of_any_length(size: int, pattern: str) -> None:
+    channel = "x" * size
+
+    def talk(url: str) -> tuple[str, bytes]:
+        lcm = liblcm()
+        sender, reader = lcm.LCM(url), lcm.LCM(url)
+        heard: list[tuple[str, bytes]] = []
+        for client in (sender, reader):
+            client.subscribe("SYNC", lambda *_: None)
+        reader.subscribe(pattern or channel, lambda *message: heard.append(message))
+        reader.publish("SYNC", b"")  # it comes back when the hub has taken the subscription
+        assert reader.handle_timeout(MILLISECONDS)
+        sender.publish(channel, b"first")
+        assert reader.handle_timeout(MILLISECONDS)
+        sender.publish(channel, b"second")  # the connection is still there
+        assert reader.handle_timeout(MILLISECONDS)
+        assert [data for _, data in heard] == [b"first", b"second"]
+        return heard[0]
+
+    async with serving() as service:
+        assert await in_thread(talk, f"tcpq://127.0.0.1:{service.tcpq_port}") == (channel, b"first")
+        assert service.status()["tcpq"]["clients"] == 2
+        assert service.status()["tcpq"]["dropped"] == 0

@@ -1,0 +1,99 @@
+"""What is missing, or cannot be joined, is told in one sentence; what does not need it works."""
+
+from __future__ import annotations
+
+import builtins
+import sys
+from typing import Any
+
+import pytest
+
+from gateway.lcm import liblcm_transport
+from gateway.lcm.errors import LcmUnavailable
+from gateway.scene.live import LiveTree
+from gateway.treeviewer.config import TreeViewerConfig
+from gateway.treeviewer.protocol import REQUEST
+from tests.support.liblcm import liblcm
+from tests.support.waiting import until
+from tests.treeviewer.transports import config_of, serving
+
+
+@pytest.fixture
+def without_lcm(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on a machine without libglib, where liblcm's extension cannot be loaded."""
+    monkeypatch.delitem(sys.modules, "lcm", raising=False)
+    real = builtins.__import__
+
+    def fail(name: str, *args: Any, **kwargs: Any) -> Any:
+        if name == "lcm":
+            raise ImportError("No module named 'lcm.Release'")
+        return real(name, *args, **kwargs)
+
+    monkeypatch.setattr(builtins, "__import__", fail)
+
+
+@pytest.mark.usefixtures("without_lcm")
+async def test_without_libglib_the_hub_works_and_the_reason_is_told() -> None:
+    live = LiveTree()
+    async with serving(TreeViewerConfig(lcm_url="memq://", tcpq_port=0), live=live) as service:
+        assert service.tcpq_port
+        assert "libglib-2.0.so.0: apt install libglib2.0-0" in service.status()["lcm"]["problem"]
+
+
+@pytest.mark.usefixtures("without_lcm")
+async def test_without_any_transport_the_service_says_why_it_ends() -> None:
+    with pytest.raises(LcmUnavailable, match="libglib"):
+        async with serving(TreeViewerConfig(lcm_url="memq://", tcpq_port=None)):
+            pass
+
+
+@pytest.mark.lcm
+async def test_udp_multicast_works_without_libglib(url: str, without_lcm: None) -> None:
+    async with serving(config_of(url)) as service:
+        assert service.status()["lcm"]["lost_datagrams"] == 0
+
+
+async def test_networks_that_only_liblcm_knows_work() -> None:
+    liblcm()
+    bus = liblcm_transport.LcmBus("memq://", f"{REQUEST}.*", waiting_bytes=3000)
+    try:
+        for _ in range(20):
+            bus._arrived("c", b"x" * 744)
+        assert (bus.waiting_bytes, bus.dropped, bus.dropped_bytes) == (3000, 17, 17 * 744)
+        got: list[str] = []
+        bus.start(lambda channel, data: got.append(channel))
+        bus.publish(REQUEST, b"y")
+        await until(lambda: len(got) >= 3)
+        assert bus.waiting_bytes <= 1000
+    finally:
+        bus.close()
+
+
+@pytest.mark.lcm
+@pytest.mark.parametrize(
+    ("bad", "reason"),
+    [
+        (
+            "bogus://x",
+            "LCM cannot join bogus://x: it knows udpm://, tcpq://, mpudpm://, memq://, file:// and 'off', nothing else",
+        ),
+        ("bogus", "LCM cannot join bogus: it knows udpm://"),
+        ("udpm://10.1.2.3:7667", "LCM cannot join udpm://10.1.2.3:7667: 10.1.2.3 is no multicast address (224.0.0.0"),
+        ("udpm://robot:7667", "LCM cannot join udpm://robot:7667: robot is no multicast address"),
+        ("udpm://239.255.76.67:99999", "LCM cannot join udpm://239.255.76.67:99999: its port is not a number"),
+        ("udpm://?ttl=far", "LCM cannot join udpm://?ttl=far: ttl must be a number of 0 to 255, not 'far'"),
+        ("tcpq://host:port", "LCM cannot join tcpq://host:port: its port is not a number"),
+    ],
+)
+async def test_a_network_that_cannot_be_joined_is_one_sentence(url: str, bad: str, reason: str) -> None:
+    with pytest.raises(LcmUnavailable) as caught:
+        async with serving(TreeViewerConfig(lcm_url=bad, tcpq_port=None)):
+            pass
+    assert str(caught.value).startswith(reason)
+
+
+async def test_liblcm_is_not_started_where_it_would_crash(monkeypatch: pytest.MonkeyPatch) -> None:
+    liblcm()
+    monkeypatch.setattr(liblcm_transport, "MOST_FILES", 3)
+    with pytest.raises(LcmUnavailable, match="open files"):
+        liblcm_transport.LcmBus("memq://", "x", 1)

@@ -1,0 +1,127 @@
+"""Numba keeps our kernels where ``renderers.compiler.cache_folder`` says, and other libraries' functions as before.
+
+Fails when Numba changes what ``renderers.compiler.cache_locator`` uses of it.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from numba.core import caching, config
+
+import renderers.raster
+import renderers.stereo.warmup  # noqa: F401 - they define kernels
+from renderers.compiler import cache_folder as kernel_cache
+from renderers.compiler.cache_locator import CACHED, KernelCacheLocator, cached_njit, folder_of
+
+ROOT = Path(__file__).parents[3]
+
+
+def test_every_kernel_has_a_folder_of_its_own_in_the_cache() -> None:
+    # Other tests' modules may have kernels of their own, which Numba's own locators take.
+    ours = [kernel for kernel in CACHED if not kernel.py_func.__module__.startswith("tests.")]
+    folders = [folder_of(kernel) for kernel in ours]
+    assert {folder.parent for folder in folders} == {kernel_cache.folder()}
+    assert len(set(folders)) == len(folders)
+
+
+def test_no_kernel_is_cached_by_path() -> None:
+    """``njit(cache=True)`` names its folder by the source's path."""
+    by_path = [
+        path.relative_to(ROOT).as_posix()
+        for package in kernel_cache.PACKAGES
+        for path in (ROOT / package).rglob("*.py")
+        if "cache=True" in path.read_text() and path.name != "cache_locator.py"
+    ]
+    assert by_path == []
+
+
+def test_functions_of_others_are_kept_where_numba_keeps_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path))
+    before = config.CACHE_LOCATOR_CLASSES
+    other: Any = cached_njit()(_other)
+    assert folder_of(other).parent == tmp_path
+    assert before == config.CACHE_LOCATOR_CLASSES == ""
+    CACHED.remove(other)
+
+
+def _other(x: int) -> int:
+    return x + 1
+
+
+def test_what_is_used_of_numba() -> None:
+    """The setting, the base class with the constructor and the methods that are overridden, the default list."""
+    assert isinstance(config.CACHE_LOCATOR_CLASSES, str)
+    base: Any = caching.UserProvidedCacheLocator
+    assert issubclass(KernelCacheLocator, base)
+    for name in ("from_function", "get_cache_path", "get_source_stamp", "get_disambiguator", "ensure_cache_path"):
+        assert callable(getattr(base, name))
+    names = [each.__name__ for each in caching.CacheImpl._locator_classes]
+    assert "UserProvidedCacheLocator" in names
+    assert all(hasattr(caching, name) for name in names)
+
+
+PROGRAM = """
+import sys
+sys.path.insert(0, {tree!r})
+import renderers.twice
+from renderers import kernel_cache
+from renderers.twice import twice
+assert renderers.twice.__file__.startswith({tree!r}), renderers.twice.__file__
+assert twice(2) == 4
+{note}
+print(sum(twice.stats.cache_hits.values()), sum(twice.stats.cache_misses.values()))
+"""
+TWICE = """
+from numba import njit
+from renderers.compiler.cache_locator import cached_njit
+from renderers.constants import TWO
+
+@cached_njit(nogil=True)
+def twice(x):
+    return x * TWO
+"""
+
+
+def tree(folder: Path, constant: str = "2") -> Path:
+    """A copy of what the cache consists of, and a kernel with a constant of another file."""
+    package = folder / "renderers"
+    package.mkdir(parents=True)
+    for name in ("__init__.py", "kernel_cache.py", "cache_locator.py"):
+        (package / name).write_bytes((ROOT / "renderers" / name).read_bytes())
+    (package / "twice.py").write_text(TWICE)
+    (package / "constants.py").write_text(f"TWO = {constant}\n")
+    return folder
+
+
+def run(folder: Path, cache: Path, note: str = "") -> str:
+    """Hits and misses of Numba's cache in a process that calls the kernel of a tree once, and then runs ``note``."""
+    environment = {"NUMBA_CACHE_DIR": str(cache), "PYTHONDONTWRITEBYTECODE": "1"}
+    program = PROGRAM.format(tree=str(folder), note=note)
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=environment, cwd=folder, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+def test_a_kernel_is_found_from_another_place_and_compiled_again_for_other_sources(tmp_path: Path) -> None:
+    cache = tmp_path / "cache"
+    first, second = tree(tmp_path / "first"), tree(tmp_path / "some" / "where" / "else")
+    assert run(first, cache) == "0 1"
+    assert run(first, cache) == "1 0"
+    assert run(second, cache) == "1 0"
+    # The file of the kernel is the same, the one of the constant is not.
+    assert run(tree(tmp_path / "third", constant="1 + 1"), cache) == "0 1"
+
+
+def test_another_specialisation_leaves_the_cache_complete(tmp_path: Path) -> None:
+    """Numba adds it to the same index."""
+    cache = tmp_path / "cache"
+    place = tree(tmp_path / "first")
+    assert run(place, cache, note='kernel_cache.write_manifest({"all": ["renderers.twice.twice"]})') == "0 1"
+    assert run(place, cache, note="twice(2.5); assert kernel_cache.missing() == '', kernel_cache.missing()") == "1 1"

@@ -1,0 +1,42 @@
+"""What kernels call: right when linked into them, and never made machine code by itself."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from renderers.compiler.device_function import inlined, inner
+
+
+@inlined
+def square(x):  # type: ignore[no-untyped-def]  # Numba finds the types
+    return x * x
+
+
+@inner
+def sum_of_squares(values, count):  # type: ignore[no-untyped-def]  # Numba finds the types
+    total = 0.0
+    for k in range(count):
+        total += square(values[k])
+    return total
+
+
+@njit
+def length(values):  # type: ignore[no-untyped-def]  # Numba finds the types
+    copy = np.empty(len(values), np.float64)
+    for k in range(len(values)):
+        copy[k] = values[k]
+    return np.sqrt(sum_of_squares(copy, len(copy))), square(2), square(np.float32(3.0))
+
+
+def test_functions_are_linked_into_what_calls_them() -> None:
+    assert length(np.array([3.0, 4.0])) == (5.0, 4, 9.0)
+    for function, versions in ((square, 3), (sum_of_squares, 1)):
+        assert len(function.overloads) == versions
+        for result in function.overloads.values():
+            library, name = result.library, result.fndesc.llvm_func_name
+            assert name in {f.name for f in library.get_defined_functions()}
+            assert library.get_pointer_to_function(name) == 0
+            assert not library.codegen._engine.is_symbol_defined(name)
+    (whole,) = length.overloads.values()
+    assert whole.library.get_pointer_to_function(whole.fndesc.llvm_func_name) != 0

@@ -1,0 +1,407 @@
+"""Vectors: every operation lane by lane, the store that must not become a masked one, and equality with scalars."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numba import njit
+
+from renderers.compiler import simd as vec
+from renderers.compiler.pointers import f32_at, f64_at, i32_at, i64_at, u8_at, u32_at
+from renderers.drawlist import DrawList, Instance, Material
+from renderers.raster import CpuRenderer
+from tests.renderers import scalar
+from tests.renderers.scenes import camera, draw_list, grid, pose, soup, sphere
+
+A = np.array((0.0, -1.5, 2.5, 3.5, -0.5, 1e6, 7.25, -8.0))
+B = np.array((1.0, -1.5, 0.5, -2.0, 4.0, 3.0, 7.5, 2.0))
+
+
+@njit
+def _floats(a, b, out, number):
+    p, q, o, n = f64_at(a), f64_at(b), f64_at(out), i32_at(number)
+    x, y = vec.load(p, 0), vec.load(q, 0)
+    vec.store(o, 0, x + y)
+    vec.store(o, 8, x - y)
+    vec.store(o, 16, x * y)
+    vec.store(o, 24, x / y)
+    vec.store(o, 32, vec.least(x, y))
+    vec.store(o, 40, vec.most(x, y))
+    vec.store(o, 48, vec.select((x < y) & ~(x == y), x, -y))
+    vec.store(o, 56, vec.rint(x))
+    vec.store(o, 64, vec.ceil(x))
+    vec.store(o, 72, vec.floor(x))
+    vec.store(o, 80, vec.absolute(x))
+    vec.store(o, 88, vec.to_f64(vec.to_f32(x)))
+    vec.store(o, 96, vec.to_f64(vec.to_i32(x)))
+    n[0] = vec.bits(x < y)
+    n[1] = vec.bits(x <= y)
+    n[2] = vec.bits(x > y)
+    n[3] = vec.bits(x >= y)
+    n[4] = vec.bits(x == y)
+    n[5] = vec.bits((x != y) | (x == y))
+
+
+def test_floats_lane_by_lane() -> None:
+    out, number = np.zeros(104), np.zeros(6, np.int32)
+    _floats(A.ctypes.data, B.ctypes.data, out.ctypes.data, number.ctypes.data)
+    expected = (
+        A + B,
+        A - B,
+        A * B,
+        A / B,
+        np.minimum(A, B),
+        np.maximum(A, B),
+        np.where(A < B, A, -B),
+        np.rint(A),
+        np.ceil(A),
+        np.floor(A),
+        np.abs(A),
+        A.astype(np.float32),
+        np.trunc(A),
+    )
+    for k, values in enumerate(expected):
+        np.testing.assert_array_equal(out[8 * k : 8 * k + 8], values, err_msg=str(k))
+    masks = (A < B, A <= B, A > B, A >= B, A == B, np.full(8, True))
+    assert number.tolist() == [int((1 << np.arange(8))[mask].sum()) for mask in masks]
+
+
+@njit
+def _integers(a, b, out):
+    p, q, o = i32_at(a), i32_at(b), i32_at(out)
+    x, y = vec.load(p, 0), vec.load(q, 0)
+    vec.store(o, 0, x + y)
+    vec.store(o, 8, x - y)
+    vec.store(o, 16, x * y)
+    vec.store(o, 24, x & y)
+    vec.store(o, 32, x | y)
+    vec.store(o, 40, x ^ y)
+    vec.store(o, 48, x >> vec.i32(2))
+    vec.store(o, 56, x << vec.i32(2))
+    vec.store(o, 64, ~x)
+    vec.store(o, 72, -x)
+    vec.store(o, 80, vec.least(x, y))
+    vec.store(o, 88, vec.gather(p, vec.iota() ^ vec.i32(3)))
+    vec.store(o, 96, vec.load_third(p, 0, 2))
+    vec.store(o, 104, vec.to_i32(vec.to_f32(x)))
+    vec.store(o, 112, vec.select(vec.below(x, y), x, y))
+
+
+def test_integers_lane_by_lane() -> None:
+    x = np.array((5, -7, 100, -100, 0, 1, 65535, -65536, *range(20, 36)), np.int32)
+    y = np.array((3, 3, -3, 12, 9, -1, 2, 5), np.int32)
+    out = np.zeros(120, np.int32)
+    _integers(x.ctypes.data, y.ctypes.data, out.ctypes.data)
+    a = x[:8]
+    expected = (a + y, a - y, a * y, a & y, a | y, a ^ y, a >> 2, a << 2, ~a, -a, np.minimum(a, y), a[np.arange(8) ^ 3])
+    unsigned = np.minimum(a.view(np.uint32), y.view(np.uint32)).view(np.int32)
+    for k, values in enumerate((*expected, x[2::3], a, unsigned)):
+        np.testing.assert_array_equal(out[8 * k : 8 * k + 8], values, err_msg=str(k))
+
+
+@njit
+def _corners(vertices, indices, out):
+    o = f32_at(out)
+    for corner in range(3):
+        x, y, w = vec.load_corners(f32_at(vertices), u32_at(indices), corner)
+        vec.store(o, 24 * corner, x)
+        vec.store(o, 24 * corner + 8, y)
+        vec.store(o, 24 * corner + 16, w)
+    x, y, w = vec.load_corners(f32_at(vertices), u32_at(indices), 1)
+    vec.store_vertices(o, 72, x, y, w)
+
+
+def test_corners_of_eight_triangles() -> None:
+    rng = np.random.default_rng(0)
+    vertices = rng.normal(size=(30, 4)).astype(np.float32)
+    indices = rng.integers(0, 30, size=(8, 3)).astype(np.uint32)
+    out = np.zeros(72 + 32, np.float32)
+    _corners(vertices.ctypes.data, indices.ctypes.data, out.ctypes.data)
+    np.testing.assert_array_equal(out[:72].reshape(3, 3, 8), vertices[indices, :3].transpose(1, 2, 0))
+    np.testing.assert_array_equal(out[72:].reshape(8, 4)[:, :3], vertices[indices[:, 1], :3])
+
+
+@njit
+def _blend_again(a, b, c):
+    p, q = f32_at(a), f32_at(b)
+    for k in range(0, c, 8):
+        new, old = vec.load(q, k), vec.load_again(p, k)
+        vec.store(p, k, vec.select(new > old, new, old))
+
+
+def test_blends_are_not_masked_stores() -> None:
+    """Masked stores are microcoded on Zen 1 to 3, 5 to 15 times slower: see the module's notes."""
+    a, b = A.astype(np.float32), B.astype(np.float32)
+    _blend_again(a.ctypes.data, b.ctypes.data, 8)
+    np.testing.assert_array_equal(a, np.maximum(A, B).astype(np.float32))
+    assembly = "".join(_blend_again.inspect_asm().values())
+    assert "maskmov" not in assembly
+    assert "volatile" in "".join(_blend_again.inspect_llvm().values())
+
+
+@njit
+def _store_where(out, values, number):
+    o, v, n = f32_at(out), f32_at(values), i64_at(number)
+    vec.store_where(o, 3, vec.load(v, 0) > vec.f32(0.0), vec.load(v, 0))
+    n[0] = vec.highest_bit(n[0])
+
+
+@pytest.mark.parametrize("number", [1, 2, 3, 1 << 31, (1 << 40) - 1, -1])
+def test_stores_of_some_lanes_and_highest_bits(number: int) -> None:
+    out, values, found = np.full(16, 9.0, np.float32), A.astype(np.float32), np.array((number,), np.int64)
+    _store_where(out.ctypes.data, values.ctypes.data, found.ctypes.data)
+    expected = np.full(16, 9.0, np.float32)
+    expected[3:11] = np.where(A > 0.0, A, 9.0)
+    np.testing.assert_array_equal(out, expected)
+    assert found[0] == (number & (1 << 64) - 1).bit_length() - 1
+    assert "maskmov" not in "".join(_store_where.inspect_asm().values())  # see above
+
+
+@njit
+def _lists(values, offsets, out, number):
+    a, o, n = i32_at(values), i32_at(out), i64_at(number)
+    x, y = vec.load(a, 0), vec.load(a, 8)
+    vec.prefetch(a, 1 << 40)  # may lie anywhere
+    n[0], n[1] = vec.least_of(x), vec.most_of(x)
+    n[2] = vec.count_bits(vec.bits(x > y))
+    taken, kept = x > y, vec.compressed(x > y, vec.to_f32(vec.iota()))
+    vec.store_quads(o, 4, vec.compressed(taken, x), vec.compressed(taken, y), vec.to_i32(kept), vec.iota())
+    vec.scatter(i32_at(out), vec.load(i32_at(offsets), 0), y)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_lists_and_extremes(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    values = rng.integers(-(1 << 31), 1 << 31, 16).astype(np.int32)
+    offsets = 50 + rng.permutation(30)[:8].astype(np.int32)
+    out, number = np.full(80, 3, np.int32), np.zeros(3, np.int64)
+    _lists(values.ctypes.data, offsets.ctypes.data, out.ctypes.data, number.ctypes.data)
+    x, y = values[:8], values[8:]
+    taken = x > y
+    assert number.tolist() == [x.min(), x.max(), taken.sum()]
+    quads = np.stack((x, y, np.arange(8)), axis=1)[taken]
+    written = out[4:36].reshape(8, 4)
+    np.testing.assert_array_equal(written[: number[2], :3], quads)
+    np.testing.assert_array_equal(written[:, 3], np.arange(8))
+    assert (out[:4] == 3).all()
+    np.testing.assert_array_equal(out[offsets], y)
+
+
+SCENES: dict[str, tuple[Callable[[np.random.Generator], DrawList], dict[str, Any]]] = {
+    "tiny": (lambda r: draw_list(soup(r, 4000, size=0.01, low=(-1, -1, 1), high=(1, 1, 4))), {}),
+    "small": (lambda r: draw_list(soup(r, 1500, size=0.05, low=(-1, -1, 1), high=(1, 1, 4))), {}),
+    "large": (lambda r: draw_list(soup(r, 60, size=0.4, low=(-1, -1, 2), high=(1, 1, 4))), {"near": 0.01}),
+    "spheres": (
+        lambda r: DrawList(tuple(Instance(sphere(24, 12, 0.8), Material(), pose(r, z=2.0 + k)) for k in range(3))),
+        {"width": 333, "height": 217},
+    ),
+    "fine sphere": (lambda r: draw_list(Instance(sphere(300, 150), Material(), pose(r, z=2.5))), {"width": 320}),
+    "shared edges": (lambda _: draw_list(grid(90, 70, ((-1, -1, 2), (1.1, -1, 3), (1, 1, 3), (-1, 0.9, 2.5)))), {}),
+    "grazing": (lambda _: draw_list(grid(9, 40, ((-2, 0.4, 0.3), (2, 0.4, 0.3), (2, 0.5, 8), (-2, 0.5, 8)))), {}),
+}
+
+
+@pytest.mark.parametrize("width", [0, 8, 97])
+@pytest.mark.parametrize("name", SCENES)
+def test_vectors_give_the_bits_of_scalars(name: str, width: int) -> None:
+    make, changes = SCENES[name]
+    scene, view = make(np.random.default_rng(11)), camera(**{**changes, **({"width": width} if width else {})})
+    ids, inverse = scalar.draw(scene, view)
+    with CpuRenderer(1).visibility(scene, view) as seen:
+        assert (seen.ids >= 0).any()
+        np.testing.assert_array_equal(seen.ids, ids)
+        covered = ids >= 0
+        assert seen.inv_z[covered].tobytes() == inverse[covered].tobytes()
+
+
+@njit
+def _moves(values, whole, offsets, out, number, picture):
+    o, n = f32_at(out), i32_at(number)
+    at = vec.load(i32_at(offsets), 0)
+    for k, part in enumerate(vec.load_triples(f32_at(values), at)):
+        vec.store(o, 8 * k, part)
+    vec.store(o, 24, vec.spread3(vec.load(f32_at(values), 0)))
+    vec.store(o, 32, vec.sqrt(vec.absolute(vec.load(f32_at(values), 0))))
+    for k, part in enumerate(vec.load_elements(i32_at(whole), at)):
+        vec.store(n, 8 * k, part)
+    for k, part in enumerate(vec.gather_pairs(i32_at(whole), at)):
+        vec.store(n, 24 + 8 * k, part)
+    vec.store(n, 40, vec.bits_of(vec.load(f32_at(values), 0)))
+    vec.store_rgb(u8_at(picture), 1, vec.load(i32_at(whole), 0))
+    for k, part in enumerate(vec.load_quads(f32_at(values), at)):
+        vec.store(o, 40 + 8 * k, part)
+    for k, part in enumerate(vec.load_octets(f32_at(values), at)):
+        vec.store(o, 72 + 8 * k, part)
+
+
+def test_moves() -> None:
+    rng = np.random.default_rng(1)
+    values = rng.normal(size=40).astype(np.float32)
+    whole = rng.integers(0, 1 << 31, 40).astype(np.int32)
+    offsets = rng.permutation(30)[:8].astype(np.int32)
+    out, number, picture = np.zeros(136, np.float32), np.zeros(48, np.int32), np.full(72, 7, np.uint8)
+    _moves(*(a.ctypes.data for a in (values, whole, offsets, out, number, picture)))
+    each = offsets[None] + np.arange(3)[:, None]
+    np.testing.assert_array_equal(out[:24].reshape(3, 8), values[each])
+    assert (out[24:32] == values[3]).all()
+    np.testing.assert_array_equal(out[32:40], np.sqrt(np.abs(values[:8])))
+    eight = offsets[None] + np.arange(8)[:, None]
+    np.testing.assert_array_equal(out[40:72].reshape(4, 8), values[eight[:4]])
+    np.testing.assert_array_equal(out[72:].reshape(8, 8), values[eight])
+    np.testing.assert_array_equal(number[:24].reshape(3, 8), whole[each])
+    np.testing.assert_array_equal(number[24:40].reshape(2, 8), whole[each[:2]])
+    np.testing.assert_array_equal(number[40:], values[:8].view(np.int32))
+    np.testing.assert_array_equal(picture[1:25], whole[:8].view(np.uint8).reshape(8, 4)[:, :3].ravel())
+    assert picture[0] == 7
+    assert (picture[29:32] == 7).all()  # four more bytes may be anything
+    assert (picture[32:] == 7).all()
+
+
+@njit
+def _lookups(values, whole, offsets, lanes, out, number):
+    o, n = f32_at(out), i32_at(number)
+    at, lane = vec.load(i32_at(offsets), 0), vec.load(i32_at(lanes), 0)
+    floats, integers = vec.load(f32_at(values), 0), vec.load(i32_at(whole), 0)
+    vec.prefetch_rows(i32_at(whole), at, 5)
+    vec.prefetch_more_rows(i32_at(whole), at, 5)
+    for k, part in enumerate(vec.gather_squares(i32_at(whole), at, 5)):
+        vec.store(n, 8 * k, part)
+    vec.store(n, 32, vec.permute(integers, lane))
+    vec.store(o, 0, vec.permute(floats, lane))
+    vec.store(o, 8, vec.float_of(integers))
+
+
+def test_lookups() -> None:
+    rng = np.random.default_rng(2)
+    values = rng.normal(size=40).astype(np.float32)
+    whole = rng.integers(0, 1 << 30, 40).astype(np.int32)
+    offsets, lanes = rng.permutation(30)[:8].astype(np.int32), rng.integers(0, 8, 8).astype(np.int32)
+    out, number = np.zeros(16, np.float32), np.zeros(40, np.int32)
+    _lookups(*(a.ctypes.data for a in (values, whole, offsets, lanes, out, number)))
+    np.testing.assert_array_equal(number[:32].reshape(4, 8), whole[offsets + np.array((0, 1, 5, 6))[:, None]])
+    np.testing.assert_array_equal(number[32:40], whole[lanes])
+    np.testing.assert_array_equal(out[:8], values[lanes])
+    np.testing.assert_array_equal(out[8:], whole[:8].view(np.float32))
+
+
+@njit
+def _squares(texels, found, shares, out):
+    f = f32_at(found)
+    n = i32_at(shares)
+    vec.copy_squares(i32_at(texels), 16, f, vec.SQUARE_VALUES, 0)
+    fx, fy, light, color = vec.load(n, 0), vec.load(n, 8), vec.load(n, 16), vec.load(n, 24)
+    vec.store(i32_at(out), 0, vec.mix_squares(f, 0, fx, fy, light, color))
+
+
+def test_squares_of_texels_are_mixed_to_half_a_level() -> None:
+    rng = np.random.default_rng(3)
+    texels = rng.integers(0, 256, (16, 16, 4)).astype(np.uint8)
+    texels[:3] = 255
+    for _ in range(50):
+        i, j = rng.integers(0, 15, (2, 8))
+        shares = rng.choice(np.array((0, 1, 9000, 16384, 32766, 32767)), (3, 8))
+        color = rng.choice(np.array((0, 20000, 32767)), 4)
+        found, out = np.zeros(40, np.float32), np.zeros((8, 4), np.uint8)
+        found[32:] = (16 * j + i).astype(np.int32).view(np.float32)
+        words = np.concatenate((np.repeat(shares, 2).reshape(3, 16), np.tile(color, 4)[None])).astype(np.int16)
+        _squares(texels.ctypes.data, found.ctypes.data, words.ctypes.data, out.ctypes.data)
+        fx, fy, light = (share[:, None] / 32768 for share in shares)
+        upper = texels[j, i] * (1 - fx) + texels[j, i + 1] * fx
+        lower = texels[j + 1, i] * (1 - fx) + texels[j + 1, i + 1] * fx
+        expected = (upper * (1 - fy) + lower * fy) * light * (color / 32768)
+        assert np.abs(out - expected).max() < 0.55
+    shares = np.full((4, 16), 32767, np.int16)
+    shares[:2] = rng.integers(0, 32768, 32).reshape(2, 16)
+    found[32:] = np.arange(8, dtype=np.int32).view(np.float32)
+    _squares(texels.ctypes.data, found.ctypes.data, shares.ctypes.data, out.ctypes.data)
+    assert (out == 255).all()  # white stays white
+
+
+@njit
+def _along(planes, found, out):
+    for k, part in enumerate(vec.load_lines(f32_at(planes), f32_at(found), 0, 8, 16)):
+        vec.store(f32_at(out), 8 * k, part)
+
+
+def test_planes_along_lines() -> None:
+    rng = np.random.default_rng(4)
+    planes = rng.normal(size=(10, 3, 8)).astype(np.float32)
+    which = rng.permutation(10)[:8].astype(np.int32)
+    right, down = rng.integers(-50, 50, (2, 8)).astype(np.float32)
+    found, out = np.concatenate(((24 * which).view(np.float32), right, down)), np.zeros((2, 8, 8), np.float32)
+    _along(planes.ctypes.data, found.ctypes.data, out.ctypes.data)
+    here, below, beside = planes[which].transpose(1, 2, 0)
+    np.testing.assert_array_equal(out[0], here + (down * below + right * beside))
+    np.testing.assert_array_equal(out[1], beside)
+
+
+@njit
+def _records(records, elements, vertices, out, places, rows, mask):
+    corner = vec.load_vertices(i32_at(records), 2, 100, u32_at(elements), f32_at(vertices), 1)
+    for k, part in enumerate(corner):
+        vec.store(f32_at(out), 8 * k, part)
+    x, y = corner[0], corner[1]
+    values = x, y, corner[2], corner[3], corner[4], corner[5], x + y, x - y
+    vec.store_rows(f32_at(rows), vec.load(i32_at(places), 0), values)
+    return vec.count_bits(mask)
+
+
+def test_vertices_of_eight_records_and_back_to_rows() -> None:
+    rng = np.random.default_rng(2)
+    vertices = rng.normal(size=(20, 8)).astype(np.float32)
+    elements = rng.integers(0, 20, (30, 3)).astype(np.uint32)
+    records = 100 + rng.integers(0, 30, 10).astype(np.int32)
+    places = 8 * rng.permutation(12)[:8].astype(np.int32) + 3
+    places[5] = places[2]  # the last one counts
+    out, rows = np.zeros((6, 8), np.float32), np.full(104, 9.0, np.float32)
+    tables = (records, elements, vertices, out, places, rows)
+    assert _records(*(a.ctypes.data for a in tables), -3) == 63
+    expected = vertices[elements[records[2:] - 100, 1]]
+    np.testing.assert_array_equal(out, expected[:, :6].T)
+    x, y = expected[:, 0], expected[:, 1]
+    written = np.column_stack((expected[:, :6], x + y, x - y))
+    wanted = np.full(104, 9.0, np.float32)
+    for place, row in zip(places, written, strict=True):
+        wanted[place : place + 8] = row
+    np.testing.assert_array_equal(rows, wanted)
+
+
+@njit
+def _fours(a, b, out):
+    p, q, o = i32_at(a), i32_at(b), i32_at(out)
+    x, y = vec.load(p, 0), vec.load(q, 0)
+    vec.store(o, 0, vec.low_twice(x))
+    vec.store(o, 8, vec.high_twice(x))
+    vec.store(o, 16, vec.halves(x, y))
+    vec.store(o, 24, vec.swapped(x))
+    vec.store(o, 32, vec.swapped_pairs(x))
+    o[40], o[41] = vec.lane0(x), vec.lane4(x)
+
+
+def test_vectors_of_two_fours() -> None:
+    a, b, out = np.arange(8, dtype=np.int32), np.arange(10, 18, dtype=np.int32), np.zeros(42, np.int32)
+    _fours(a.ctypes.data, b.ctypes.data, out.ctypes.data)
+    assert out.tolist() == [
+        *(0, 1, 2, 3, 0, 1, 2, 3),
+        *(4, 5, 6, 7, 4, 5, 6, 7),
+        *(0, 1, 2, 3, 14, 15, 16, 17),
+        *(1, 0, 3, 2, 5, 4, 7, 6),
+        *(2, 3, 0, 1, 6, 7, 4, 5),
+        *(0, 4),
+    ]
+
+
+@njit
+def _counts(values):
+    p = i32_at(values)
+    vec.store(p, 0, vec.count_bits(vec.load(p, 0)))
+
+
+def test_bits_are_counted_lane_by_lane() -> None:
+    values = np.array((0, 1, -1, 255, 1 << 31, 0x0F0F0F0F, 6, 0x7FFFFFFF), np.int64)
+    lanes = values.astype(np.uint64).astype(np.uint32).view(np.int32)
+    _counts(lanes.ctypes.data)
+    assert lanes.tolist() == [(int(value) & 0xFFFFFFFF).bit_count() for value in values]

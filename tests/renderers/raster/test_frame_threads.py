@@ -1,0 +1,284 @@
+"""Threads that help, arrays that are used again, tables that live as long as their scene."""
+
+from __future__ import annotations
+
+import gc
+import os
+import threading
+import weakref
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from renderers.drawlist import DrawList
+from renderers.interface import Output
+from renderers.raster import CpuRenderer, buffer_pool
+from renderers.raster import scene as prepared_scenes
+from renderers.raster.buffer_pool import ArrayPool, Kinds, Scratch, ScratchPool
+from renderers.raster.frame_threads import Crew, Phase
+from renderers.raster.layout import T_VERTEX
+from renderers.raster.scene import prepare
+from tests.renderers.scenes import camera, draw_list, mesh, sphere
+from tests.support.waiting import SECONDS
+
+
+@pytest.mark.parametrize("threads", [1, 2, 4])
+def test_every_unit_is_done_once_and_phases_do_not_mix(threads: int) -> None:
+    crew = Crew(threads)
+    done: list[tuple[int, int]] = []
+    for _ in range(20):
+        done.clear()
+        crew.run([Phase(units, lambda u, p=p: done.append((p, u))) for p, units in enumerate((7, 0, 13, 1))])
+        assert [p for p, _ in done] == sorted(p for p, _ in done)
+        assert sorted(done) == [(0, u) for u in range(7)] + [(2, u) for u in range(13)] + [(3, 0)]
+    crew.close()
+
+
+def test_helpers_work_at_the_same_time() -> None:
+    crew = Crew(3)
+    meeting = threading.Barrier(3)
+    crew.run([Phase(3, lambda _: meeting.wait(timeout=SECONDS))])
+    crew.close()
+
+
+def test_the_callers_share_the_threads() -> None:
+    """With as many callers as threads nobody wakes a helper: each does its own work."""
+    crew = Crew(2)
+    with crew, crew:
+        seen: set[int] = set()
+        crew.run([Phase(50, lambda _: seen.add(threading.get_ident()))])
+        assert seen == {threading.get_ident()}
+    crew.close()
+
+
+def test_helpers_come_only_where_a_processor_is_spare() -> None:
+    spare = 0
+    crew = Crew(3, lambda: spare)
+    seen: set[int] = set()
+    crew.run([Phase(50, lambda _: seen.add(threading.get_ident()))])
+    assert seen == {threading.get_ident()}
+    spare = 1
+    meeting = threading.Barrier(2)
+    crew.run([Phase(2, lambda _: meeting.wait(timeout=SECONDS))])
+    crew.close()
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_an_error_reaches_the_caller_and_stops_later_phases(threads: int) -> None:
+    crew = Crew(threads)
+    later: list[int] = []
+
+    def fail(unit: int) -> None:
+        if unit == 2:
+            raise ArithmeticError("unit 2")
+
+    with pytest.raises(ArithmeticError, match="unit 2"):
+        crew.run([Phase(5, fail), Phase(5, later.append)])
+    assert later == []
+    crew.run([Phase(2, later.append)])
+    assert sorted(later) == [0, 1]
+    crew.close()
+
+
+def test_the_caller_stays_with_helpers_when_it_is_interrupted(monkeypatch: pytest.MonkeyPatch) -> None:
+    crew = Crew(3)
+    jobs, done = crew._jobs, list[int]()
+    crew.run([Phase(3, lambda _: None)])  # starts the helpers
+
+    class Interrupted:
+        def put(self, work: Callable[[], object]) -> None:
+            jobs.put(work)
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(crew, "_jobs", Interrupted())
+        with pytest.raises(KeyboardInterrupt):
+            crew.run([Phase(50, done.append)])
+    assert sorted(done) == [*range(50)]
+    crew.close()
+
+
+def test_no_threads_is_refused() -> None:
+    with pytest.raises(ValueError, match="threads must be at least 1, got 0"):
+        CpuRenderer(threads=0)
+
+
+def test_closed_frames_give_their_arrays_to_the_next() -> None:
+    renderer = CpuRenderer(1)
+    scene = draw_list(sphere(8, 4))
+    first = renderer.render(scene, camera(), Output.DEPTH)
+    array = first.depth
+    second = renderer.render(scene, camera(), Output.DEPTH)
+    assert second.depth is not array
+    first.close()
+    first.close()
+    assert first.depth is None
+    third = renderer.render(scene, camera(), Output.DEPTH)
+    fourth = renderer.render(scene, camera(), Output.DEPTH)
+    assert third.depth is array
+    assert fourth.depth is not array
+    for frame in (second, third, fourth):
+        frame.close()
+
+
+def test_reused_arrays_hold_nothing_of_the_frame_before() -> None:
+    renderer = CpuRenderer(1)
+    full = draw_list(mesh(((-9, -9, 2), (9, -9, 2), (0, 9, 2)), ((0, 1, 2),)))
+    with renderer.render(full, camera(), Output.DEPTH | Output.LABEL | Output.INSTANCE | Output.NORMAL) as frame:
+        assert frame.depth is not None
+    with renderer.render(DrawList(), camera(), Output.DEPTH | Output.LABEL | Output.INSTANCE | Output.NORMAL) as frame:
+        assert np.isinf(frame.depth).all()
+        assert (frame.label == 0xFFFFFF).all()
+        assert (frame.instance == -1).all()
+        assert (frame.normal == 0).all()
+
+
+def test_the_pool_keeps_no_more_than_its_bound() -> None:
+    pool = ArrayPool(max_bytes=1000)
+    few, more, many = ((((count,), np.float32),) for count in (100, 200, 500))
+    first, second = pool.take(few), pool.take(more)
+    pool.give(first)
+    pool.give(second)
+    assert pool.take(few) is not first
+    assert pool.take(more) is second
+    huge = pool.take(many)
+    pool.give(huge)
+    assert pool.take(many) is not huge
+
+
+def test_the_pool_remembers_no_shapes_that_it_has_none_of() -> None:
+    """Clients choose sizes."""
+    pool = ArrayPool()
+    for width in range(1, 50):
+        kinds: Kinds = (((width,), np.float32), ((width, 3), np.uint8))
+        pool.give(pool.take(kinds))
+        pool.take(kinds)
+    assert not pool._free
+
+
+def test_scratch_grows_and_large_scratch_is_dropped() -> None:
+    pool = ScratchPool(max_bytes=1000)
+    scratch = pool.take()
+    small, address = scratch.take("x", 10, np.float32)
+    assert address == small.ctypes.data
+    assert scratch.take("x", 5, np.float32)[0] is small
+    assert scratch.take("x", 100, np.float32)[0].size >= 100
+    assert scratch.nbytes == scratch.take("x", 100, np.float32)[0].nbytes
+    pool.give(scratch)
+    assert pool.take() is scratch
+    scratch.take("x", 10_000, np.float32)
+    pool.give(scratch)
+    assert pool.take() is not scratch
+
+
+def test_scratch_forgets_places_of_arrays_that_had_to_go(monkeypatch: pytest.MonkeyPatch) -> None:
+    """There may be no memory for their successors; the old ones are gone then."""
+    scratch = Scratch()
+    before = scratch.room("few", lambda: [("x", 100, np.float32)])
+    made = scratch.made("few", object)
+
+    def none(*_: object) -> None:
+        raise MemoryError
+
+    with monkeypatch.context() as patched:
+        patched.setattr(buffer_pool, "aligned", none)
+        with pytest.raises(MemoryError):
+            scratch.room("many", lambda: [("x", 10_000, np.float32)])
+    after = scratch.room("few", lambda: [("x", 100, np.float32)])
+    assert after == (scratch.take("x", 100, np.float32)[1],)
+    assert len(before) == 1
+    assert scratch.made("few", object) is not made
+
+
+def test_tables_count_as_scratch() -> None:
+    scratch = Scratch()
+    scratch.table("x", 1000)
+    assert scratch.nbytes == 8000
+    scratch.table("x", 10)
+    assert scratch.nbytes == 8000
+    scratch.table("x", 3000)
+    assert scratch.nbytes == 24_000
+
+
+def test_frames_at_the_same_time() -> None:
+    """Several callers, several views, one renderer: as if each were alone."""
+    renderer = CpuRenderer(2)
+    scene = draw_list(sphere(60, 30, 2.5), mesh(((-1, -1, 2), (1, -1, 2), (0, 1, 2)), ((0, 1, 2),)))
+    views = [camera(200 + 10 * k, 150) for k in range(4)]
+    expected = []
+    for view in views:
+        with renderer.render(scene, view, Output.DEPTH) as frame:
+            assert frame.depth is not None
+            expected.append(frame.depth.copy())
+    wrong: list[int] = []
+
+    def work(k: int) -> None:
+        for _ in range(20):
+            with renderer.render(scene, views[k], Output.DEPTH) as frame:
+                if not np.array_equal(frame.depth, expected[k]):
+                    wrong.append(k)
+
+    threads = [threading.Thread(target=work, args=(k,)) for k in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert wrong == []
+    renderer.close()
+
+
+def test_tables_are_made_once_and_go_with_their_scene() -> None:
+    scene = draw_list(sphere(8, 4), sphere(6, 4))
+    table = prepare(scene)
+    assert prepare(scene) is table
+    meshes = [weakref.ref(i.mesh) for i in scene.instances]
+    gc.collect()
+    known = len(prepared_scenes._scenes)
+    del scene, table
+    gc.collect()
+    assert len(prepared_scenes._scenes) == known - 1
+    assert [m() for m in meshes] == [None, None]
+
+
+def test_primitives_that_share_a_long_vertex_array_transform_only_their_own() -> None:
+    points = np.random.default_rng(0).uniform((-1, -1, 2), (1, 1, 4), size=(5000, 3)).astype(np.float32)
+    elements = np.array(((4000, 10, 20), (30, 4000, 4999)), dtype=np.uint32)
+    shared = draw_list(mesh(points, elements))
+    assert prepare(shared).cast.structure.table[1, T_VERTEX] == 5
+    own = draw_list(mesh(points[elements.ravel()], np.arange(6).reshape(2, 3)))
+    renderer = CpuRenderer(1)
+    outputs = Output.DEPTH | Output.NORMAL
+    with renderer.render(shared, camera(), outputs) as a, renderer.render(own, camera(), outputs) as b:
+        assert np.array_equal(a.depth, b.depth)
+        assert np.array_equal(a.normal, b.normal)
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="threads cannot be placed here")
+def test_helpers_run_on_another_processor_than_the_caller() -> None:
+    allowed = os.sched_getaffinity(0)
+    if len(allowed) < 2:
+        pytest.skip("there is one processor")
+    here = min(allowed)
+    crew, taken = Crew(2), threading.Barrier(2)
+    places: dict[int, set[int]] = {}
+
+    def note(_: int) -> None:
+        places[threading.get_ident()] = os.sched_getaffinity(0)
+        taken.wait()
+
+    try:
+        os.sched_setaffinity(0, {here})
+        with crew:
+            crew.run([Phase(2, note)])
+        assert places.pop(threading.get_ident()) == {here}
+        os.sched_setaffinity(0, allowed)
+        places.clear()
+        with crew:
+            crew.run([Phase(2, note)])
+        assert places.pop(threading.get_ident()) == allowed
+        (helper,) = places.values()
+        assert len(helper) == len(allowed) - 1
+    finally:
+        os.sched_setaffinity(0, allowed)
+        crew.close()

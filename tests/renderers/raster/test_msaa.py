@@ -1,0 +1,179 @@
+"""Several samples a pixel: exactly what as many pictures with moved principal points see."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from renderers.camera import Camera
+from renderers.drawlist import DrawList, Instance, Material, Mesh
+from renderers.interface import Look, Output
+from renderers.msaa import sample_cameras, sample_offsets
+from renderers.raster import CpuRenderer
+from renderers.raster import frame as cpu_frame
+from renderers.raster import renderer as cpu_renderer
+from renderers.raster.frame_phases import work
+from renderers.raster.msaa.resolve import mixed_bands
+from tests.renderers.scenes import camera, grid, mesh, pose, soup, sphere
+
+BACKGROUND = (10, 200, 90)
+
+
+@pytest.fixture(scope="module", params=[1, 3], ids=["1 thread", "3 threads"])
+def renderer(request: pytest.FixtureRequest) -> Iterator[CpuRenderer]:
+    renderer = CpuRenderer(request.param)
+    yield renderer
+    renderer.close()
+
+
+def color(renderer: CpuRenderer, scene: DrawList, view: Camera, name: Any, samples: Any = 1) -> NDArray[np.float64]:
+    with renderer.render(scene, view, Output.COLOR, Look(name, BACKGROUND, samples)) as frame:
+        assert frame.color is not None
+        return frame.color.astype(np.float64)
+
+
+def unlit(*meshes: Mesh, **material: Any) -> DrawList:
+    """Each in a colour of its own, wherever it is seen."""
+    rng = np.random.default_rng(5)
+    return DrawList(
+        tuple(Instance(m, Material((*rng.uniform(0, 1, 3), 1.0), unlit=True, **material), np.eye(4)) for m in meshes)
+    )
+
+
+def _scenes() -> dict[str, DrawList]:
+    rng = np.random.default_rng(7)
+    low, high = (-1.5, -1.2, 1.0), (1.5, 1.2, 4.0)
+    points = rng.uniform(low, high, (40, 3))
+    strokes = [mesh(points, np.arange(40).reshape(-1, 2)), mesh(points + 0.1, np.arange(40).reshape(-1, 1))]
+    return {
+        "tiny triangles": unlit(*(soup(rng, 300, size=0.01, low=low, high=high) for _ in range(3))),
+        "small triangles": unlit(*(soup(rng, 60, size=0.1, low=low, high=high) for _ in range(5)), double_sided=True),
+        "large triangles": unlit(*(soup(rng, 4, size=1.0, low=low, high=high) for _ in range(5)), double_sided=True),
+        "through the near plane": unlit(
+            *(soup(rng, 4, size=2.0, low=(-1, -1, -1), high=(1, 1, 1)) for _ in range(4)), double_sided=True
+        ),
+        "lines and points": DrawList(
+            tuple(
+                Instance(m, Material((*rng.uniform(0, 1, 3), 1.0), point_size=size, line_width=size), np.eye(4))
+                for size, m in zip((1.0, 5.0, 2.5, 8.0), (*strokes, *strokes[::-1]), strict=True)
+            )
+        ),
+        "surfaces": DrawList(
+            (
+                Instance(sphere(24, 12), Material((0.9, 0.1, 0.3, 1.0), unlit=True), pose(rng, z=3.0)),
+                Instance(
+                    grid(5, 4, [(-3, -3, 3.2), (3, -3, 2.6), (3, 3, 2.4), (-1, 3, 3.1)]),
+                    Material((0.2, 0.9, 0.7, 1.0), unlit=True, double_sided=True),
+                    np.eye(4),
+                ),
+            )
+        ),
+    }
+
+
+@pytest.mark.parametrize("samples", [4, 8])
+@pytest.mark.parametrize("name", list(_scenes()))
+def test_as_many_pictures(renderer: CpuRenderer, name: str, samples: int) -> None:
+    """Vertices are rounded to 1/256 pixel before the samples' offsets are added, not after it: to another place for
+    one in some hundreds, and a sample must lie within that 1/256 pixel to see it."""
+    scene, view = _scenes()[name], camera()
+    each = [color(renderer, scene, c, "phong") for c in sample_cameras(view, samples)]
+    got = color(renderer, scene, view, "phong", samples)
+    assert np.abs(each[0] - each[1]).max() > 20
+    wrong = np.abs(got - np.mean(each, axis=0)).max(axis=-1) > 0.501
+    assert wrong.mean() < 2e-3
+
+
+@pytest.mark.parametrize("look", ["phong", "pbr"])
+def test_smooth_surfaces_are_shaded_once(renderer: CpuRenderer, look: str) -> None:
+    """Pixels in which triangles of a smooth mesh meet look like those beside them; creases and outlines are mixed."""
+    view = camera(160, 120)
+    X = np.eye(4)
+    X[2, 3] = 3.0
+    for smooth in (True, False):
+        ball = DrawList((Instance(sphere(40, 20, smooth=smooth), Material((0.8, 0.6, 0.9, 1.0)), X),))
+        mean = np.mean([color(renderer, ball, c, look) for c in sample_cameras(view, 8)], axis=0)
+        wrong = np.abs(color(renderer, ball, view, look, 8) - mean).max(axis=-1)
+        assert wrong.mean() < 0.5
+        assert (wrong > 6).mean() < 0.004
+
+
+def test_mirrored_and_crowded(renderer: CpuRenderer) -> None:
+    """Pixels that see many triangles, in poses that mirror; odd widths."""
+    rng = np.random.default_rng(11)
+    scene = DrawList(
+        tuple(
+            Instance(soup(rng, 2000, size=0.02, low=(-1, -1, -1), high=(1, 1, 1)), Material((*c, 1.0), unlit=True), X)
+            for c, X in ((rng.uniform(0, 1, 3), pose(rng, z=2.5)) for _ in range(3))
+        )
+    )
+    view = camera(43, 35)
+    mean = np.mean([color(renderer, scene, c, "phong") for c in sample_cameras(view, 8)], axis=0)
+    assert (np.abs(color(renderer, scene, view, "phong", 8) - mean).max(axis=-1) > 0.501).mean() < 0.02
+
+
+def test_threads_and_repetition_change_nothing() -> None:
+    scene, view = _scenes()["surfaces"], camera(400, 301)
+    pictures = []
+    for threads in (1, 3):
+        renderer = CpuRenderer(threads)
+        pictures += [color(renderer, scene, view, "pbr", 8) for _ in range(3)]
+        renderer.close()
+    assert all(np.array_equal(pictures[0], other) for other in pictures)
+
+
+@pytest.mark.parametrize("samples", [4, 8])
+def test_of_two_at_the_same_depth_the_first_is_seen(renderer: CpuRenderer, samples: int) -> None:
+    """Whichever is drawn first: large triangles are listed apart from small ones, and behind them."""
+    wall = grid(1, 1, [(-3, -3, 2.0), (3, -3, 2.0), (3, 3, 2.0), (-3, 3, 2.0)])
+    rng = np.random.default_rng(3)
+    points = rng.uniform(-1, 1, (200, 1, 3)) + rng.normal(scale=0.05, size=(200, 3, 3))
+    points[:, :, 2] = 2.0
+    small = mesh(points.reshape(-1, 3), np.arange(600).reshape(-1, 3))
+    view = camera(333, 217)
+    only_wall = color(renderer, unlit(wall, double_sided=True), view, "phong", samples)
+    assert np.array_equal(color(renderer, unlit(wall, small, double_sided=True), view, "phong", samples), only_wall)
+    # In the colour of the first mesh: wherever small triangles cover all samples.
+    covered = (color(renderer, unlit(small, double_sided=True), view, "phong", samples) == only_wall[108, 160]).all(-1)
+    assert 1000 < covered.sum() < covered.size / 2
+    both = color(renderer, unlit(small, wall, double_sided=True), view, "phong", samples)
+    assert (both[covered] == only_wall[108, 160]).all()
+
+
+def test_what_kernels_read_lives_as_long_as_they_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The task has addresses only."""
+    made: list[weakref.ref[NDArray[np.int64]]] = []
+    alive: list[bool] = []
+
+    def remember(*arguments: Any) -> Any:
+        shader: Any = mixed_bands(*arguments)
+        made.append(weakref.ref(shader.keep[0]))
+        return shader
+
+    def look_and_work(address: int, stay: bool) -> None:
+        alive.append(made[-1]() is not None)
+        if alive[-1]:
+            work(address, stay)
+
+    monkeypatch.setattr(cpu_renderer, "mixed_bands", remember)
+    monkeypatch.setattr(cpu_frame, "work", look_and_work)
+    renderer = CpuRenderer(1)
+    color(renderer, _scenes()["surfaces"], camera(), "phong", 8)
+    renderer.close()
+    assert alive == [True]
+
+
+def test_offsets() -> None:
+    view = camera()
+    for samples in (4, 8):
+        cameras = sample_cameras(view, samples)
+        for k, (x, y) in enumerate(sample_offsets(samples).T):
+            one = cameras[k % samples]
+            assert (view.cx - one.cx, view.cy - one.cy) == pytest.approx((x / 256, y / 256))
+    with pytest.raises(ValueError, match="samples must be 4 or 8, not 1"):
+        sample_offsets(1)

@@ -1,0 +1,355 @@
+"""The rasterizer against the slow oracle, and against what must hold whatever the scene."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from renderers.camera import Camera
+from renderers.drawlist import LABEL_NONE, DrawList, Instance, Material
+from renderers.interface import Output
+from renderers.raster import CpuRenderer
+from tests.renderers import oracle
+from tests.renderers.scenes import camera, draw_list, grid, mesh, pose, soup, sphere
+
+GEOMETRY = Output.DEPTH | Output.LABEL | Output.INSTANCE | Output.NORMAL
+
+
+@pytest.fixture(scope="module")
+def renderer() -> CpuRenderer:
+    return CpuRenderer(threads=1)
+
+
+def agree(renderer: CpuRenderer, scene: DrawList, view: Camera, *, pixels: int = 1) -> oracle.Picture:
+    """Compare with the oracle: coverage, depth, and records where depths are not too near to tell."""
+    expected = oracle.draw(scene, view)
+    with renderer.visibility(scene, view) as seen, renderer.render(scene, view, Output.DEPTH) as frame:
+        assert frame.depth is not None
+        ids, depth = seen.ids.astype(np.int64), frame.depth.astype(np.float64)
+    assert np.array_equal(ids >= 0, np.isfinite(depth))
+    assert np.count_nonzero((ids >= 0) != (expected.ids >= 0)) <= pixels
+    same = (ids == expected.ids) & (ids >= 0)
+    error = np.abs(depth[same] / expected.depth[same] - 1.0)
+    if error.size:
+        assert np.quantile(error, 0.99) < 1e-6, np.quantile(error, (0.5, 0.99, 1.0))
+    other = (ids != expected.ids) & (ids >= 0) & (expected.ids >= 0)
+    # Intersecting surfaces: another record only where both are at the same depth, but for the edge pixel allowed.
+    apart = np.abs(depth[other] / expected.depth[other] - 1.0) > 2e-6
+    assert np.count_nonzero(apart) <= pixels
+    return expected
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_random_triangles(renderer: CpuRenderer, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    size = (1.0, 0.3, 0.05, 0.02, 2.0, 0.005)[seed]
+    scene = draw_list(
+        soup(rng, 60, size=size, low=(-2, -2, 1), high=(2, 2, 5)),
+        Instance(soup(rng, 40, size=size, low=(-1, -1, -1), high=(1, 1, 1)), Material(), pose(rng, z=3.0), 5, 6),
+    )
+    picture = agree(renderer, scene, camera())
+    assert (picture.ids >= 0).any()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_triangles_through_the_near_plane(renderer: CpuRenderer, seed: int) -> None:
+    rng = np.random.default_rng(100 + seed)
+    scene = draw_list(soup(rng, 30, size=2.0, low=(-1, -1, -1), high=(1, 1, 3)))
+    agree(renderer, scene, camera(near=0.05))
+
+
+@pytest.mark.parametrize("height", [0.02, 0.5, 3.0])
+def test_large_ground_under_the_camera(renderer: CpuRenderer, height: float) -> None:
+    """100 m quads reach far behind the near plane and far out of the guard band."""
+    ground = mesh(((-50, height, -50), (50, height, -50), (50, height, 50), (-50, height, 50)), ((0, 1, 2), (0, 2, 3)))
+    view = camera(near=0.01, far=1000.0)
+    expected = agree(renderer, draw_list(ground), view)
+    rows = np.nonzero((expected.ids >= 0).all(axis=1))[0]
+    assert rows.size > 10
+    # And against the formula: z = height / ray.
+    with renderer.render(draw_list(ground), view, Output.DEPTH) as frame:
+        assert frame.depth is not None
+        z = height / ((rows + 0.5 - view.cy) / view.fy)
+        np.testing.assert_allclose(frame.depth[rows], np.broadcast_to(z[:, None], (rows.size, view.width)), rtol=3e-7)
+
+
+def test_camera_inside_a_sphere(renderer: CpuRenderer) -> None:
+    scene = draw_list(Instance(sphere(24, 12, 0.3), Material(), np.eye(4), 3, 4))
+    expected = agree(renderer, scene, camera(near=0.05))
+    assert (expected.ids >= 0).all()
+
+
+def test_far_plane_shows_what_is_behind_nothing(renderer: CpuRenderer) -> None:
+    slope = mesh(((-9, 2, 1), (9, 2, 1), (9, -6, 9), (-9, -6, 9)), ((0, 1, 2), (0, 2, 3)))
+    for far in (2.5, 3.5, 4.5):
+        expected = agree(renderer, draw_list(slope), camera(far=far))
+        assert np.isfinite(expected.depth).any()
+        assert np.isinf(expected.depth).any()
+        with renderer.render(draw_list(slope), camera(far=far), GEOMETRY) as frame:
+            assert frame.depth is not None
+            assert frame.label is not None
+            gone = np.isinf(frame.depth)
+            assert (frame.label[gone] == LABEL_NONE).all()
+            assert frame.depth[~gone].max() <= far
+
+
+def test_near_plane_shows_what_is_behind(renderer: CpuRenderer) -> None:
+    plate = ((-1, -1, 0.5), (1, -1, 0.5), (1, 1, 0.5), (-1, 1, 0.5))
+    scene = draw_list(mesh(plate, ((0, 1, 2), (0, 2, 3))), mesh(np.array(plate) * 4, ((0, 1, 2), (0, 2, 3))))
+    with renderer.render(scene, camera(near=0.6), GEOMETRY) as frame:
+        assert frame.label is not None
+        assert (frame.label == 2).all()
+    with renderer.render(scene, camera(near=0.5), GEOMETRY) as frame:
+        assert frame.label is not None
+        assert frame.label[35, 48] == 1
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_slivers_and_tiny_triangles(renderer: CpuRenderer, seed: int) -> None:
+    rng = np.random.default_rng(200 + seed)
+    ends = rng.uniform((-2, -2, 1), (2, 2, 5), size=(50, 2, 3))
+    third = ends.mean(axis=1) + rng.normal(scale=10.0 ** rng.uniform(-7, -2, size=(50, 1)), size=(50, 3))
+    corners = np.concatenate((ends, third[:, None]), axis=1).reshape(-1, 3)
+    agree(renderer, draw_list(mesh(corners, np.arange(150).reshape(-1, 3))), camera())
+
+
+@pytest.mark.parametrize(("columns", "rows", "seed"), [(1, 1, 0), (7, 5, 1), (40, 30, 2), (150, 90, 3)])
+def test_shared_edges_neither_leak_nor_overlap(renderer: CpuRenderer, columns: int, rows: int, seed: int) -> None:
+    """Peeling a subdivided quad that fills the picture: the first layer is everywhere, the second nowhere."""
+    rng = np.random.default_rng(seed)
+    corners = np.array(((-3, -3, 2), (3, -3, 2), (3, 3, 2), (-3, 3, 2))) + rng.normal(scale=0.1, size=(4, 3))
+    scene = draw_list(grid(columns, rows, corners))
+    with renderer.visibility(scene, camera()) as first:
+        assert (first.ids >= 0).all()
+        with renderer.visibility(scene, camera(), beyond=first) as second:
+            assert (second.ids < 0).all()
+
+
+def test_shared_edges_across_near_plane_and_guard_band(renderer: CpuRenderer) -> None:
+    ground = grid(13, 11, ((-60, 0.3, -60), (60, 0.3, -60), (60, 0.3, 60), (-60, 0.3, 60)))
+    view = camera(near=0.01, far=1000.0)
+    below = np.arange(view.height) > view.cy + 2
+    with renderer.visibility(draw_list(ground), view) as first:
+        assert (first.ids[below] >= 0).all()
+        with renderer.visibility(draw_list(ground), view, beyond=first) as second:
+            assert (second.ids < 0).all()
+
+
+@pytest.mark.parametrize("threads", [2, 4])
+@pytest.mark.parametrize(("width", "height"), [(1, 1), (33, 65), (320, 240)])
+def test_any_number_of_threads_gives_the_same_bytes(
+    renderer: CpuRenderer, threads: int, width: int, height: int
+) -> None:
+    rng = np.random.default_rng(9)
+    scene = draw_list(
+        soup(rng, 3000, size=0.2, low=(-2, -2, 0), high=(2, 2, 5)),
+        sphere(200, 100),
+        Instance(sphere(60, 30, 2.0), Material(), pose(rng, z=4.0), 8, 9),
+        mesh(rng.uniform((-2, -2, 0), (2, 2, 5), size=(900, 3)), np.arange(900).reshape(-1, 2)),
+        mesh(rng.uniform((-2, -2, 0), (2, 2, 5), size=(900, 3)), np.arange(900).reshape(-1, 1)),
+        line_width=2.0,
+        point_size=3.0,
+    )
+    view = camera(width, height, near=0.05)
+    several = CpuRenderer(threads)
+    for _ in range(3):
+        with (
+            renderer.render(scene, view, GEOMETRY) as one,
+            several.render(scene, view, GEOMETRY) as other,
+            renderer.visibility(scene, view) as a,
+            several.visibility(scene, view) as b,
+        ):
+            assert np.array_equal(a.ids, b.ids)
+            for name in ("depth", "label", "instance", "normal"):
+                assert getattr(one, name).tobytes() == getattr(other, name).tobytes(), name
+    several.close()
+
+
+def test_equal_depth_goes_to_the_lower_record(renderer: CpuRenderer) -> None:
+    plate = mesh(((-9, -9, 3), (9, -9, 3), (9, 9, 3), (-9, 9, 3)), ((0, 1, 2), (0, 2, 3), (0, 1, 2), (0, 2, 3)))
+    for scene in (draw_list(plate), draw_list(plate, plate, plate)):
+        with renderer.visibility(scene, camera(200, 150)) as seen:
+            assert set(np.unique(seen.ids)) == {0, 1}
+
+
+def test_outputs_belong_to_the_visible_instance(renderer: CpuRenderer) -> None:
+    near = mesh(((-1, -1, 2), (0, -1, 2), (0, 1, 2), (-1, 1, 2)), ((0, 1, 2), (0, 2, 3)))
+    far = mesh(((-2, -2, 5), (2, -2, 5), (2, 2, 5), (-2, 2, 5)), ((0, 1, 2), (0, 2, 3)))
+    with renderer.render(draw_list(near, far), camera(), GEOMETRY) as frame:
+        assert frame.color is None
+        assert frame.depth is not None
+        assert frame.label is not None
+        assert frame.instance is not None
+        front = frame.depth == 2.0
+        assert front.any()
+        assert (frame.label[front] == 1).all()
+        assert (frame.instance[front] == 100).all()
+        back = frame.depth == 5.0
+        assert (frame.label[back] == 2).all()
+        assert (frame.instance[back] == 101).all()
+        empty = ~(front | back)
+        assert empty.any()
+        assert (frame.label[empty] == LABEL_NONE).all()
+        assert (frame.instance[empty] == -1).all()
+
+
+def test_backs_are_culled_only_when_asked_and_mirrors_keep_their_fronts(renderer: CpuRenderer) -> None:
+    ball = sphere(24, 12)
+    X = np.eye(4)
+    X[2, 3] = 3.0
+    mirrored = X @ np.diag((-1.0, 1.0, 1.0, 1.0))
+    for pose_of in (X, mirrored):
+        scene = DrawList((Instance(ball, Material(), pose_of, 1, 1),))
+        with (
+            renderer.visibility(scene, camera()) as both,
+            renderer.visibility(scene, camera(), cull_back=np.array((True,))) as fronts,
+            renderer.visibility(scene, camera(), cull_back=np.array((False,))) as kept,
+        ):
+            assert np.array_equal(both.ids, fronts.ids)
+            assert np.array_equal(both.ids, kept.ids)
+            assert (both.ids >= 0).any()
+        inside = camera(X_world_camera=X, near=0.01)
+        with (
+            renderer.visibility(scene, inside) as both,
+            renderer.visibility(scene, inside, cull_back=np.array((True,))) as fronts,
+        ):
+            assert (both.ids >= 0).all()
+            assert (fronts.ids < 0).all()
+
+
+def test_culling_agrees_on_the_clipped_path(renderer: CpuRenderer) -> None:
+    """A floor seen from above is a front, seen from below a back, also where the near plane cuts it."""
+    up = mesh(((-50, 1, -50), (-50, 1, 50), (50, 1, 50), (50, 1, -50)), ((0, 1, 2), (0, 2, 3)))
+    down = mesh(up.positions, up.elements[:, ::-1])
+    for floor in (up, down):
+        small = mesh(floor.positions * np.float32(0.02) + np.array((0, 1, 3), np.float32), floor.elements)
+        with (
+            renderer.visibility(draw_list(floor), camera(), cull_back=np.array((True,))) as large,
+            renderer.visibility(draw_list(small), camera(), cull_back=np.array((True,))) as little,
+        ):
+            assert (large.ids >= 0).any() == (little.ids >= 0).any()
+
+
+def test_layers_come_in_order(renderer: CpuRenderer) -> None:
+    rng = np.random.default_rng(5)
+    scene = draw_list(soup(rng, 40, size=1.0, low=(-1, -1, 1), high=(1, 1, 4)), sphere(16, 8, 2.5))
+    view = camera(near=0.05)
+    hits = oracle.draw(scene, view).hits
+    count = np.zeros((view.height, view.width), dtype=int)
+    layer = renderer.visibility(scene, view)
+    while (layer.ids >= 0).any():
+        count += layer.ids >= 0
+        following = renderer.visibility(scene, view, beyond=layer)
+        both = following.ids >= 0
+        assert (layer.ids[both] >= 0).all()
+        assert (following.inv_z[both] <= layer.inv_z[both]).all()
+        tied = both & (following.inv_z == layer.inv_z)
+        assert (following.ids[tied] > layer.ids[tied]).all()
+        layer.close()
+        layer = following
+    layer.close()
+    assert np.count_nonzero(count != hits) <= 3
+
+
+def test_before_is_the_opposite_of_beyond(renderer: CpuRenderer) -> None:
+    rng = np.random.default_rng(6)
+    scene = draw_list(soup(rng, 40, size=1.0, low=(-1, -1, 1), high=(1, 1, 4)), sphere(16, 8, 2.5))
+    view = camera(near=0.05)
+    ball = np.array((False, True))
+    with (
+        renderer.visibility(scene, view, select=ball) as shell,
+        renderer.visibility(scene, view, select=~ball, before=shell) as inside,
+        renderer.visibility(scene, view) as everything,
+    ):
+        merged = np.where(inside.ids >= 0, inside.ids, shell.ids)
+        assert np.array_equal(merged, everything.ids)
+        assert (inside.ids >= 0).any()
+        assert (merged == shell.ids).any()
+
+
+def test_normals_face_the_camera_and_follow_the_mesh(renderer: CpuRenderer) -> None:
+    X = np.diag((1.0, 0.5, 1.5, 1.0))
+    X[:3, 3] = 0.1, 0.2, 3.0
+    view = camera()
+    i, j = np.meshgrid(np.arange(view.width), np.arange(view.height))
+    rays = np.stack(((i + 0.5 - view.cx) / view.fx, (j + 0.5 - view.cy) / view.fy, np.ones(i.shape)), axis=-1)
+    for mirror in (1.0, -1.0):
+        scene = DrawList((Instance(sphere(400, 200), Material(), X @ np.diag((mirror, 1.0, 1.0, 1.0)), 1, 1),))
+        with renderer.render(scene, view, GEOMETRY) as frame:
+            assert frame.depth is not None
+            assert frame.normal is not None
+            seen = np.isfinite(frame.depth)
+            points = rays[seen] * frame.depth[seen][:, None]
+            exact = (points - X[:3, 3]) / np.diag(X)[:3] ** 2
+            exact /= np.linalg.norm(exact, axis=1, keepdims=True)
+            inner = -np.einsum("ij,ij->i", exact, rays[seen]) > 0.1
+            assert np.einsum("ij,ij->i", exact, frame.normal[seen])[inner].min() > 0.9995
+            assert (frame.normal[~seen] == 0).all()
+            np.testing.assert_allclose(np.linalg.norm(frame.normal[seen], axis=1), 1.0, atol=1e-6)
+
+
+def test_flat_normals_without_mesh_normals(renderer: CpuRenderer) -> None:
+    plate = mesh(((-9, -9, 3), (9, -9, 3), (9, 9, 6), (-9, 9, 6)), ((0, 1, 2), (0, 3, 2)))
+    with renderer.render(draw_list(plate), camera(), Output.NORMAL) as frame:
+        assert frame.normal is not None
+        n = np.cross((1, 0, 0), (0, 18, 3)).astype(float)
+        n /= np.linalg.norm(n) * (1 if n[2] < 0 else -1)
+        np.testing.assert_allclose(frame.normal[40, 40], n, atol=1e-6)
+
+
+def test_poses_and_points_that_are_not_numbers_draw_nothing(renderer: CpuRenderer) -> None:
+    good = mesh(((-1, -1, 3), (1, -1, 3), (0, 1, 3)), ((0, 1, 2),))
+    bad = mesh(
+        ((np.nan, -1, 3), (1, np.inf, 3), (0, 1, np.nan), (1, 1, 3), (2, 2, -3)), ((0, 1, 2), (0, 3, 4), (1, 3, 4))
+    )
+    broken = np.eye(4)
+    broken[0, 0] = np.nan
+    infinite = np.eye(4)
+    infinite[2, 3] = np.inf
+    huge = np.diag((1e300, 1e300, 1.0, 1.0))
+    scene = DrawList(
+        (
+            Instance(bad, Material(), np.eye(4), 1, 1),
+            Instance(good, Material(), broken, 2, 2),
+            Instance(good, Material(), infinite, 3, 3),
+            Instance(good, Material(), huge, 4, 4),
+            Instance(good, Material(), np.eye(4), 5, 5),
+        )
+    )
+    with renderer.render(scene, camera(), Output.LABEL) as frame:
+        assert frame.label is not None
+        assert {5, LABEL_NONE} <= set(np.unique(frame.label)) <= {4, 5, LABEL_NONE}
+
+
+def test_empty_scenes_and_meshes(renderer: CpuRenderer) -> None:
+    nothing = mesh(np.zeros((0, 3)), np.zeros((0, 3)))
+    for scene in (
+        DrawList(),
+        draw_list(nothing),
+        draw_list(nothing, mesh(np.zeros((1, 3)), np.zeros((0, 1))), nothing),
+    ):
+        with renderer.render(scene, camera(), GEOMETRY) as frame:
+            assert frame.depth is not None
+            assert np.isinf(frame.depth).all()
+
+
+@pytest.mark.parametrize(
+    ("positions", "elements", "message"),
+    [
+        (((0, 0, 1),) * 3, ((0, 1, 3),), r"index 3 is out of range \(3 vertices\)"),
+        (((0, 0),) * 3, ((0, 1, 2),), r"positions must be \(N, 3\)"),
+        (((0, 0, 1),) * 3, ((0, 1, 2, 2),), r"elements must be \(M, 1 \| 2 \| 3\)"),
+    ],
+)
+def test_meshes_that_would_crash_a_kernel_are_refused(
+    renderer: CpuRenderer, positions: Any, elements: Any, message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        renderer.render(draw_list(mesh(positions, elements)), camera(), Output.DEPTH)
+
+
+def test_too_large_pictures_are_refused(renderer: CpuRenderer) -> None:
+    with pytest.raises(ValueError, match="camera size 20000x1 is larger than 16384x16384"):
+        renderer.render(DrawList(), camera(20000, 1), Output.DEPTH)

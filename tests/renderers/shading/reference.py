@@ -1,0 +1,317 @@
+"""What shading should give, slowly: numpy in float64, written from the specifications and not from the kernels.
+
+``BruteForce`` answers for visibility by intersecting every ray with every element; ``reference_color`` shades what it
+finds pixel by pixel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from renderers.camera import Camera
+from renderers.drawlist import AlphaMode, DrawList, Image, Instance, Material, Mesh, Texture, Wrap
+from renderers.interface import Look
+from renderers.raster.visibility_buffer import Visibility
+from renderers.shading import paint, prepare
+
+Array = NDArray[np.float64]
+
+
+def camera(width: int = 48, height: int = 36, *, focal: float = 40.0) -> Camera:
+    """At the origin, looking along +Z, off-centre, fx != fy."""
+    return Camera(width, height, focal, focal * 1.1, width / 2 - 0.5, height / 2 + 0.75, 0.05, 100.0, np.eye(4))
+
+
+def rays(view: Camera) -> Array:
+    """(H * W, 3): direction of every pixel's ray, z = 1."""
+    x, y = np.meshgrid(np.arange(view.width) + 0.5, np.arange(view.height) + 0.5)
+    return np.stack(((x - view.cx) / view.fx, (y - view.cy) / view.fy, np.ones_like(x)), axis=-1).reshape(-1, 3)
+
+
+def hits(direction: Array, corners: Array) -> tuple[Array, Array]:
+    """Moeller and Trumbore's intersection of all rays with one triangle: z (nan where missed) and (n, 3) weights."""
+    e1, e2 = corners[1] - corners[0], corners[2] - corners[0]
+    h = np.cross(direction, e2)
+    a = h @ e1
+    with np.errstate(divide="ignore", invalid="ignore"):
+        f = 1.0 / a
+        s = -corners[0]
+        u = f * (h @ s)
+        q = np.cross(s, e1)
+        v = f * (direction @ q)
+        z = f * (e2 @ q)
+        inside = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (z > 0.0)
+        weights = np.stack((1.0 - u - v, u, v), axis=-1)
+    return np.where(inside, z, np.nan), weights
+
+
+class BruteForce:
+    """Visibility of triangles, and of lines and points as one-pixel strokes, by trying everything."""
+
+    def __init__(self, order: Callable[[int], list[int]] = lambda units: list(range(units))) -> None:
+        self.order = order
+
+    def visibility(
+        self,
+        scene: DrawList,
+        camera: Camera,
+        *,
+        select: NDArray[np.bool_] | None = None,
+        cull_back: NDArray[np.bool_] | None = None,
+        beyond: Visibility | None = None,
+        before: Visibility | None = None,
+    ) -> Visibility:
+        direction = rays(camera)
+        count = len(direction)
+        best = np.zeros(count, np.float32)
+        ids = np.full(count, -1, np.int32)
+        first = np.cumsum([0] + [len(i.mesh.elements) for i in scene.instances]).astype(np.int64)
+        X = np.array([camera.X_camera_world @ i.X_world_mesh for i in scene.instances]).reshape(-1, 4, 4)
+        for i, instance in enumerate(scene.instances):
+            if select is not None and not select[i]:
+                continue
+            points = instance.mesh.positions.astype(np.float64) @ X[i, :3, :3].T + X[i, :3, 3]
+            mirrored = np.linalg.det(X[i, :3, :3]) < 0
+            for e, element in enumerate(instance.mesh.elements):
+                record = first[i] + e
+                corners = points[element]
+                if len(element) == 3:
+                    if cull_back is not None and cull_back[i] and (np.linalg.det(corners) > 0) != mirrored:
+                        continue
+                    z, _ = hits(direction, corners)
+                else:
+                    z = strokes(direction, corners, camera)
+                inv = np.nan_to_num(1.0 / z, nan=0.0).astype(np.float32)
+                seen = (inv > 1 / camera.far) & (inv < 1 / camera.near)
+                if beyond is not None:
+                    b, at = beyond.ids.reshape(-1), beyond.inv_z.reshape(-1)
+                    seen &= (b >= 0) & ((inv < at) | ((inv == at) & (record > b)))
+                if before is not None:
+                    b, at = before.ids.reshape(-1), before.inv_z.reshape(-1)
+                    seen &= (b < 0) | (inv > at) | ((inv == at) & (record < b))
+                nearer = seen & ((ids < 0) | (inv > best))
+                best[nearer], ids[nearer] = inv[nearer], record
+        shape = (camera.height, camera.width)
+        return Visibility(ids.reshape(shape), best.reshape(shape), first, X)
+
+    def parallel(self, units: int, work: Callable[[int], object]) -> None:
+        for unit in self.order(units):
+            work(unit)
+
+
+def strokes(direction: Array, ends: Array, view: Camera) -> Array:
+    """z of a point or segment where it passes within 0.6 pixels of the ray, else nan; closest approach by sampling."""
+    t = np.linspace(0.0, 1.0, 513)[:, None]
+    along = ends[0] + t * (ends[-1] - ends[0])
+    projected = along[:, :2] / along[:, 2:]
+    away = (direction[:, None, :2] - projected[None]) * (view.fx, view.fy)
+    distance = np.hypot(away[..., 0], away[..., 1])
+    nearest = distance.argmin(axis=1)
+    return np.where(distance.min(axis=1) < 0.6, along[nearest, 2], np.nan)
+
+
+def painted(scene: DrawList, view: Camera, look: Look, rasterizer: BruteForce | None = None, **options: int) -> Array:
+    """(H, W, 3) int64: what ``renderers.shading`` paints."""
+    color = np.full((view.height, view.width, 3), 77, np.uint8)
+    paint(rasterizer or BruteForce(), scene, prepare(scene.instances, look.name), view, look, color, **options)
+    return color.astype(np.int64)
+
+
+def picture(pixels: NDArray[np.uint8]) -> Image:
+    """An image of these (H, W, 4) texels."""
+    return Image(pixels.tobytes(), lambda: pixels)
+
+
+def srgb_to_linear(c: Array) -> Array:
+    return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
+
+
+def lookup(texture: Texture, u: float, v: float, srgb: bool) -> Array:
+    """(4,): one texture read, texel by texel."""
+    texels = texture.image.decode().astype(np.float64) / 255.0
+    if srgb:
+        texels[..., :3] = srgb_to_linear(texels[..., :3])
+    height, width = texels.shape[:2]
+    if texture.uv_transform is not None:
+        a, b, c, d, e, f = texture.uv_transform
+        u, v = a * u + b * v + c, d * u + e * v + f
+
+    def wrapped(i: int, size: int, wrap: Wrap) -> int:
+        if wrap is Wrap.CLAMP_TO_EDGE:
+            return min(max(i, 0), size - 1)
+        if wrap is Wrap.MIRRORED_REPEAT and (i // size) % 2:
+            return size - 1 - i % size
+        return i % size
+
+    def texel(i: int, j: int) -> Array:
+        row: Array = texels[wrapped(j, height, texture.sampler.wrap_t), wrapped(i, width, texture.sampler.wrap_s)]
+        return row
+
+    x, y = u * width, v * height
+    if not texture.sampler.mag_linear:
+        return texel(int(np.floor(x)), int(np.floor(y)))
+    x, y = x - 0.5, y - 0.5
+    i, j = int(np.floor(x)), int(np.floor(y))
+    s, t = x - i, y - j
+    above = texel(i, j) * (1 - s) + texel(i + 1, j) * s
+    below = texel(i, j + 1) * (1 - s) + texel(i + 1, j + 1) * s
+    return above * (1 - t) + below * t
+
+
+def unit(v: Array) -> Array:
+    length = np.linalg.norm(v)
+    return v / length if length > 0 else v
+
+
+def metallic_roughness(n: Array, v: Array, base: Array, metallic: float, roughness: float) -> Array:
+    """glTF 2.0, appendix B, with Drake's head light: l = (0, 0, -1), radiance 1; F90 and the map of
+    roughness are VTK's."""
+    l = np.array((0.0, 0.0, -1.0))
+    if n @ l <= 0:
+        return np.zeros(3)
+    h = unit(l + v)
+    nl, nv, nh, vh = (float(np.clip(c, 1e-5, 1.0)) for c in (n @ l, n @ v, n @ h, v @ h))
+    alpha2 = (0.05 + 0.95 * roughness) ** 4
+    D = alpha2 / (np.pi * (nh**2 * (alpha2 - 1) + 1) ** 2)
+    V = 0.5 / (nl * np.sqrt(nv**2 * (1 - alpha2) + alpha2) + nv * np.sqrt(nl**2 * (1 - alpha2) + alpha2))
+    f0 = 0.04 * (1 - metallic) + base * metallic
+    f90 = np.clip(16.5 * f0.sum(), 0, 1)
+    F = f0 + (f90 - f0) * (1 - vh) ** 5
+    radiance: Array = ((1 - F) * (1 - metallic) * base / np.pi + F * D * V) * nl
+    return radiance
+
+
+def surface_color(
+    instance: Instance,
+    element: NDArray[np.uint32],
+    weights: Array,
+    direction: Array,
+    points: Array,
+    X: Array,
+    look: str,
+) -> tuple[Array, float]:
+    """Colour as shown (0..1, before rounding) and alpha of one pixel of one triangle."""
+    mesh, material = instance.mesh, instance.material
+    if look == "pbr" and material.vtk_export:
+        material = replace(material, roughness=0.5, metallic=0.0)
+
+    def at(values: NDArray[np.float32]) -> Array:
+        mixed: Array = weights @ values[element].astype(np.float64)
+        return mixed
+
+    def read(texture: Texture, srgb: bool) -> Array:
+        uv = at(mesh.uv1 if texture.uv_set else mesh.uv0)
+        return lookup(texture, float(uv[0]), float(uv[1]), srgb)
+
+    pbr = look == "pbr"
+    base = np.array(material.base_color, dtype=np.float64)
+    if mesh.colors is not None:
+        color = at(mesh.colors)
+        if pbr:
+            color[:3] **= 2.2
+            base[:3] = base[:3] if material.unlit else 1.0
+        base *= color
+    if material.base_color_texture:
+        base *= read(material.base_color_texture, pbr)
+    shown = base[:3]
+    if not material.unlit:
+        R = X[:3, :3]
+        outward = np.cross(points[1] - points[0], points[2] - points[0]) * np.sign(np.linalg.det(R))
+        side = 1.0 if outward @ points[0] < 0 else -1.0
+        n = unit(np.linalg.inv(R).T @ at(mesh.normals)) if mesh.normals is not None else unit(outward)
+        if pbr and material.normal_texture and mesh.tangents is not None:
+            tangent = at(mesh.tangents)
+            t = R @ tangent[:3]
+            t = unit(t - (t @ n) * n)
+            b = np.cross(n, t) * np.sign(tangent[3]) * np.sign(np.linalg.det(R))
+            m = read(material.normal_texture, False)[:3] * 2 - 1
+            n = unit(m[0] * material.normal_scale * t + m[1] * material.normal_scale * b + m[2] * n)
+        n = n * side
+        if not pbr:
+            shown = shown * max(0.0, -n[2])
+        else:
+            rough, metal = material.roughness, material.metallic
+            if material.metallic_roughness_texture:
+                g = read(material.metallic_roughness_texture, False)
+                rough, metal = rough * g[1], metal * g[2]
+            shown = metallic_roughness(n, unit(-direction), base[:3], metal, rough)
+            if material.occlusion_texture:
+                shown = shown * (1 + material.occlusion_strength * (read(material.occlusion_texture, False)[0] - 1))
+            emitted = np.array(material.emissive)
+            if material.emissive_texture:
+                emitted = emitted * read(material.emissive_texture, True)[:3]
+            shown = shown + emitted
+    shown = np.clip(shown, 0, 1)
+    return (shown ** (1 / 2.2) if pbr else shown), float(base[3])
+
+
+def reference_color(scene: DrawList, view: Camera, look: Look) -> Array:
+    """(H, W, 3) float64, 0 .. 255, not rounded: all surfaces of every pixel, sorted and composited back to front."""
+    direction = rays(view)
+    background = np.array(look.background, dtype=np.float64) / 255.0
+    layers: list[list[tuple[float, Array, float]]] = [[] for _ in direction]
+    for instance in scene.instances:
+        X = view.X_camera_world @ instance.X_world_mesh
+        points = instance.mesh.positions.astype(np.float64) @ X[:3, :3].T + X[:3, 3]
+        mirrored = np.linalg.det(X[:3, :3]) < 0
+        for element in instance.mesh.elements:
+            corners = points[element]
+            if not instance.material.double_sided and (np.linalg.det(corners) > 0) != mirrored:
+                continue
+            z, weights = hits(direction, corners)
+            for p in np.flatnonzero((z > view.near) & (z < view.far)):
+                color, alpha = surface_color(instance, element, weights[p], direction[p], corners, X, look.name)
+                mode = instance.material.alpha_mode
+                if mode is AlphaMode.OPAQUE:
+                    alpha = 1.0
+                elif mode is AlphaMode.MASK:
+                    alpha = float(alpha >= instance.material.alpha_cutoff)
+                layers[p].append((float(z[p]), color, min(max(alpha, 0.0), 1.0)))
+    result = np.empty((len(direction), 3))
+    for p, found in enumerate(layers):
+        shown = background
+        for _, color, alpha in sorted(found, key=lambda layer: -layer[0]):
+            shown = shown * (1 - alpha) + color * alpha
+        result[p] = shown * 255.0
+    return result.reshape(view.height, view.width, 3)
+
+
+def quad(size: float = 1.0, z: float = 2.0, **arrays: NDArray[np.float32]) -> Mesh:
+    """A square in the plane z, its front (counter-clockwise) towards the camera, u to the right, v downwards."""
+    s = size
+    positions = np.array(((-s, -s, z), (-s, s, z), (s, s, z), (s, -s, z)), dtype=np.float32)
+    given: dict[str, NDArray[np.float32]] = {
+        "normals": np.tile(np.array((0, 0, -1), np.float32), (4, 1)),
+        "uv0": np.array(((0, 0), (0, 1), (1, 1), (1, 0)), dtype=np.float32),
+    }
+    return Mesh(positions, np.array(((0, 1, 2), (0, 2, 3)), dtype=np.uint32), **{**given, **arrays})
+
+
+def ball(rings: int = 8, radius: float = 1.0, **arrays: NDArray[np.float32]) -> Mesh:
+    """A sphere about the origin with normals, coordinates and tangents."""
+    polar, azimuth = np.meshgrid(np.linspace(0, np.pi, rings + 1), np.linspace(0, 2 * np.pi, 2 * rings + 1))
+    n = np.stack((np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)), -1).reshape(-1, 3)
+    uv = np.stack((azimuth / (2 * np.pi), polar / np.pi), -1).reshape(-1, 2)
+    tangent = np.stack((-np.sin(azimuth), np.cos(azimuth), 0 * azimuth, np.ones_like(azimuth)), -1).reshape(-1, 4)
+    n[np.abs(n) < 1e-12] = 0.0
+    a = (np.arange(2 * rings)[:, None] * (rings + 1) + np.arange(rings)).reshape(-1)
+    b = a + rings + 1
+    triangles = np.concatenate((np.stack((a, a + 1, b + 1), -1), np.stack((a, b + 1, b), -1)))
+    corners = n[triangles]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    triangles = triangles[area > 1e-9]  # at the poles every other one is none
+    given = {"normals": n.astype(np.float32), "uv0": uv.astype(np.float32), "tangents": tangent.astype(np.float32)}
+    return Mesh((n * radius).astype(np.float32), triangles.astype(np.uint32), **{**given, **arrays})
+
+
+def placed(mesh: Mesh, material: Material | None = None, *, z: float = 0.0, linear: Array | None = None) -> Instance:
+    """The mesh moved along z, behind a linear map."""
+    X = np.eye(4)
+    if linear is not None:
+        X[:3, :3] = linear
+    X[2, 3] = z
+    return Instance(mesh, material or Material(metallic=0.0), X)

@@ -1,0 +1,208 @@
+"""What the ``studio`` look should give, slowly: numpy in float64 over whole pictures, written from the specifications
+(glTF 2.0, its KHR extensions, OpenGL 4.6 8.14, Khronos PBR Neutral) and not from the kernels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from renderers.camera import Camera
+from renderers.drawlist import DrawList, Image, Light, LightKind, Material, Sampler, Texture, Wrap
+from tests.renderers.shading.reference import hits, rays
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What every pixel sees, all arrays over the n pixels in rows."""
+
+    instance: NDArray[np.int64]
+    """-1: nothing."""
+    element: NDArray[np.int64]
+    weights: Array
+    """(n, 3)."""
+    point: Array
+    """(n, 3), optical frame."""
+
+
+def look(scene: DrawList, view: Camera, direction: Array | None = None) -> Seen:
+    """Intersects every ray with every triangle; both sides are seen."""
+    d = rays(view) if direction is None else direction
+    best = np.full(len(d), np.inf)
+    instance, element = np.full(len(d), -1), np.zeros(len(d), np.int64)
+    weights = np.zeros((len(d), 3))
+    for k, each in enumerate(scene.instances):
+        X = view.X_camera_world @ each.X_world_mesh
+        points = each.mesh.positions @ X[:3, :3].T + X[:3, 3]
+        for e, corners in enumerate(each.mesh.elements):
+            z, w = hits(d, points[corners])
+            nearer = z < best
+            best[nearer], instance[nearer], element[nearer], weights[nearer] = z[nearer], k, e, w[nearer]
+    return Seen(instance, element, weights, d * np.where(np.isfinite(best), best, 0.0)[:, None])
+
+
+def attribute(scene: DrawList, seen: Seen, k: int, name: str) -> Array:
+    """An attribute of instance k's mesh at all pixels; of no meaning where another instance is seen."""
+    values = getattr(scene.instances[k].mesh, name).astype(np.float64)
+    corners = scene.instances[k].mesh.elements[np.where(seen.instance == k, seen.element, 0)]
+    result: Array = np.einsum("nk,nkc->nc", seen.weights, values[corners])
+    return result
+
+
+def normalized(v: Array) -> Array:
+    result: Array = v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-300)
+    return result
+
+
+def dot(a: Array, b: Array) -> Array:
+    result: Array = (a * b).sum(axis=-1, keepdims=True)
+    return result
+
+
+def brdf(n: Array, v: Array, l: Array, base: Array, material: Material, roughness: Array, metallic: Array) -> Array:
+    """Appendix B of glTF 2.0, KHR_materials_ior, KHR_materials_specular: f times n.l."""
+    h = normalized(v + l)
+    n_l, n_v, n_h, v_h = (np.clip(dot(a, b), 0.0, 1.0) for a, b in ((n, l), (n, v), (n, h), (v, h)))
+    a = roughness**2
+    D = a**2 / (np.pi * (n_h**2 * (a**2 - 1) + 1) ** 2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        V = 0.5 / (n_l * np.sqrt(n_v**2 * (1 - a**2) + a**2) + n_v * np.sqrt(n_l**2 * (1 - a**2) + a**2))
+    V = np.where(n_l > 0, V, 0.0)
+    f0 = ((material.ior - 1) / (material.ior + 1)) ** 2 if material.ior else 1.0
+    dielectric_f0 = np.minimum(f0 * np.array(material.specular_color), 1.0) * material.specular
+    F = dielectric_f0 + (material.specular - dielectric_f0) * (1 - v_h) ** 5
+    diffuse = base / np.pi
+    dielectric = diffuse * (1 - F.max(axis=-1, keepdims=True)) + D * V * F
+    metal = D * V * (base + (1 - base) * (1 - v_h) ** 5)
+    return np.where(n_l > 0, (dielectric * (1 - metallic) + metal * metallic) * n_l, 0.0)
+
+
+def arriving(light: Light, view: Camera, p: Array) -> tuple[Array, Array]:
+    """KHR_lights_punctual: directions to the light and what arrives, at points (n, 3) of the optical frame."""
+    R, t = view.X_camera_world[:3, :3], view.X_camera_world[:3, 3]
+    axis = R @ light.direction
+    color = np.array(light.color) * light.intensity
+    if light.kind is LightKind.DIRECTIONAL:
+        return np.broadcast_to(-axis, p.shape), np.broadcast_to(color, p.shape)
+    toward = R @ light.position + t - p
+    distance = np.linalg.norm(toward, axis=-1, keepdims=True)
+    l = toward / distance
+    part = 1.0 / distance**2
+    if light.range is not None:
+        part = part * np.clip(1 - (distance / light.range) ** 4, 0, 1)
+    if light.kind is LightKind.SPOT:
+        scale = 1 / max(0.001, np.cos(light.inner_cone) - np.cos(light.outer_cone))
+        part = part * np.clip(dot(-l, axis[None]) * scale - np.cos(light.outer_cone) * scale, 0, 1) ** 2
+    return l, part * color
+
+
+def neutral(color: Array) -> Array:
+    """Khronos PBR Neutral, as its specification writes it."""
+    start, desaturation = 0.8 - 0.04, 0.15
+    x = color.min(axis=-1, keepdims=True)
+    color = color - np.where(x < 0.08, x - 6.25 * x * x, 0.04)
+    peak = color.max(axis=-1, keepdims=True)
+    d = 1 - start
+    new_peak = 1 - d * d / (peak + d - start)
+    g = 1 - 1 / (desaturation * (peak - new_peak) + 1)
+    compressed = color * (new_peak / np.maximum(peak, 1e-9)) * (1 - g) + new_peak * g
+    return np.where(peak < start, color, compressed)
+
+
+def aces(color: Array) -> Array:
+    """Hill's fit with the exposure that viewers put before it; matrices as he gives them, columns of colours."""
+    into = np.array(((0.59719, 0.35458, 0.04823), (0.07600, 0.90834, 0.01566), (0.02840, 0.13383, 0.83777)))
+    out = np.array(((1.60475, -0.53108, -0.07367), (-0.10208, 1.10813, -0.00605), (-0.00327, -0.07276, 1.07602)))
+    v = (color / 0.6) @ into.T
+    return ((v * (v + 0.0245786) - 0.000090537) / (v * (0.983729 * v + 0.4329510) + 0.238081)) @ out.T
+
+
+TONES = {"neutral": neutral, "aces": aces, "none": lambda color: color}
+
+
+def srgb(linear: Array) -> Array:
+    """0 .. 1 to the levels 0 .. 255 that a display is given, not rounded."""
+    c = np.clip(linear, 0.0, 1.0)
+    return 255.0 * np.where(c <= 0.0031308, 12.92 * c, 1.055 * c ** (1 / 2.4) - 0.055)
+
+
+def linear(shown: Array) -> Array:
+    return np.where(shown <= 0.04045, shown / 12.92, ((shown + 0.055) / 1.055) ** 2.4)
+
+
+def levels(image: Image, color: bool) -> list[Array]:
+    """All levels as float64, colours linear: each texel the mean of four (sizes are powers of two here)."""
+    texels = image.decode().astype(np.float64) / 255.0
+    if color:
+        texels[..., :3] = linear(texels[..., :3])
+    result = [texels]
+    while max(result[-1].shape[:2]) > 1:
+        h, w = result[-1].shape[:2]
+        blocks = result[-1].reshape(max(h // 2, 1), min(h, 2), max(w // 2, 1), min(w, 2), 4)
+        result.append(blocks.mean(axis=(1, 3)))
+    return result
+
+
+def _wrapped(i: NDArray[np.int64], size: int, wrap: Wrap) -> NDArray[np.int64]:
+    if wrap is Wrap.CLAMP_TO_EDGE:
+        return np.clip(i, 0, size - 1)
+    if wrap is Wrap.MIRRORED_REPEAT:
+        return np.where((i // size) % 2 == 0, i % size, size - 1 - i % size)
+    return i % size
+
+
+def bilinear(texels: Array, sampler: Sampler, uv: Array, smooth: bool) -> Array:
+    """(n, 4) of one level."""
+    h, w = texels.shape[:2]
+    x, y = uv[:, 0] * w, uv[:, 1] * h
+
+    def at(i: Array, j: Array) -> Array:
+        column = _wrapped(i.astype(np.int64), w, sampler.wrap_s)
+        row = _wrapped(j.astype(np.int64), h, sampler.wrap_t)
+        result: Array = texels[row, column]
+        return result
+
+    if not smooth:
+        return at(np.floor(x), np.floor(y))
+    i, j = np.floor(x - 0.5), np.floor(y - 0.5)
+    s, t = (x - 0.5 - i)[:, None], (y - 0.5 - j)[:, None]
+    return (1 - t) * ((1 - s) * at(i, j) + s * at(i + 1, j)) + t * ((1 - s) * at(i, j + 1) + s * at(i + 1, j + 1))
+
+
+def textured(texture: Texture, uv: Array, right: Array, below: Array, color: bool) -> Array:
+    """(n, 4): a texture at coordinates (n, 2), whose values half a pixel to the right and left, below and above are
+    ``right`` and ``below`` (n, 2, 2)."""
+    s = texture.sampler
+    if texture.uv_transform is not None:
+        m = np.array(texture.uv_transform).reshape(2, 3)
+        uv, right, below = (v @ m[:, :2].T + m[:, 2] for v in (uv, right, below))
+    chain = levels(texture.image, color)
+    size = np.array(chain[0].shape[1::-1])
+    footprint = np.maximum(*(np.linalg.norm((v[:, 0] - v[:, 1]) * size, axis=-1) for v in (right, below)))
+    detail = np.log2(np.maximum(footprint, 1e-9))
+    border = 0.5 if s.mag_linear and not s.min_linear and s.mipmaps else 0.0
+    result = bilinear(chain[0], s, uv, s.mag_linear)
+    small = detail > border
+    if not s.mipmaps:
+        return np.where(small[:, None], bilinear(chain[0], s, uv, s.min_linear), result)
+    filtered = np.stack([bilinear(level, s, uv, s.min_linear) for level in chain])
+    detail = np.clip(detail, 0, len(chain) - 1)
+    every = np.arange(len(uv))
+    if s.mip_linear:
+        low = np.floor(detail).astype(np.int64)
+        part = (detail - low)[:, None]
+        mipped = filtered[low, every] * (1 - part) + filtered[np.minimum(low + 1, len(chain) - 1), every] * part
+    else:
+        mipped = filtered[np.minimum(np.ceil(detail + 0.5).astype(np.int64) - 1, len(chain) - 1), every]
+    return np.where(small[:, None], mipped, result)
+
+
+def octahedral(d: Array) -> tuple[float, float]:
+    """Where a direction lies in an octahedral table, 0 .. 1 each way."""
+    x, y, z = d / np.abs(d).sum()
+    if z < 0.0:
+        x, y = x - z * (1.0 if x >= 0.0 else -1.0), y - z * (1.0 if y >= 0.0 else -1.0)
+    return 0.5 * x + 0.5, 0.5 * y + 0.5

@@ -1,0 +1,194 @@
+"""Mip levels, tangents, samples: the parts that are checked by themselves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from renderers.camera import Camera
+from renderers.compiler.pointers import address_of
+from renderers.drawlist import Image, ImageError, Mesh, Texture
+from renderers.msaa import sample_cameras
+from renderers.shading.mikktspace import corner_tangents, with_tangents
+from renderers.shading.studio.layout import F_BEHIND, F_CELLS, F_COLOR, F_COLUMNS, line_of
+from renderers.shading.studio.mipmaps import MipTable, _halve, make_chain
+from renderers.shading.studio.rig import Rig
+from renderers.shading.studio.tone_mapping import finish_rows
+from renderers.shading.studio.tonemap import SRGB_CELLS
+from tests.renderers.shading.reference import ball
+from tests.renderers.shading.studio import reference as ref
+from tests.renderers.shading.studio.scenes import noise
+
+
+@pytest.mark.parametrize("srgb", [True, False])
+def test_levels_are_means(srgb: bool) -> None:
+    image = noise(32)
+    chain = make_chain(image.decode(), srgb)
+    exact = ref.levels(image, srgb)
+    assert [level.shape for level in chain.levels] == [level.shape for level in exact]
+    for level, expected in zip(chain.levels, exact, strict=True):
+        shown = np.concatenate(
+            (ref.srgb(expected[..., :3]) if srgb else 255 * expected[..., :3], 255 * expected[..., 3:]), -1
+        )
+        assert np.abs(level - shown).max() <= 1.1  # half a level of rounding, again at every level
+
+
+def test_an_image_that_cannot_be_decoded_is_named_by_its_texture() -> None:
+    def broken() -> np.ndarray:
+        raise ImageError("torn")
+
+    image, table = Image(b"torn", broken), MipTable()
+    for name in ("first", "second"):
+        with pytest.raises(ImageError, match=f"^{name}: torn$"):
+            table.row(Texture(image, name=name), True)
+
+
+@pytest.mark.parametrize("shape", [(5, 7), (1, 9), (12, 1), (3, 2), (2, 2)])
+def test_levels_of_odd_sizes_keep_the_mean(shape: tuple[int, int]) -> None:
+    rng = np.random.default_rng(1)
+    pixels = rng.integers(0, 256, (*shape, 4)).astype(np.uint8)
+    chain = make_chain(pixels, False)
+    for before, level in zip(chain.levels, chain.levels[1:], strict=False):
+        assert level.shape[:2] == tuple(max(side // 2, 1) for side in before.shape[:2])
+        assert np.abs(level.mean(axis=(0, 1)) - before.mean(axis=(0, 1))).max() <= 0.5
+    assert chain.levels[-1].shape[:2] == (1, 1)
+
+
+def test_images_and_levels_are_one_type_to_the_compiler() -> None:
+    pixels = noise(8).decode().copy()
+    for writable in (True, False):
+        pixels.flags.writeable = writable
+        make_chain(pixels, True)
+        assert pixels.flags.writeable is writable
+    assert len(_halve.signatures) == 1  # another one would be compiled while serving
+
+
+def test_every_level_of_srgb() -> None:
+    values = np.concatenate((np.linspace(-0.1, 1.1, 20_001), [np.nan]))
+    layers = np.ones((1, 4, line_of(len(values))), np.float32)
+    layers[0, :3, : len(values)] = values
+    behind, color = np.zeros(3, np.float32), np.zeros((1, len(values), 3), np.uint8)
+    finish = np.zeros(F_COLUMNS, np.int64)
+    finish[F_BEHIND], finish[F_CELLS] = address_of(behind, np.float32), address_of(SRGB_CELLS, np.int32)
+    finish[F_COLOR] = address_of(color, np.uint8)
+    finish_rows(address_of(layers, np.float32), address_of(finish, np.int64), len(values), 0, 1)
+    assert np.abs(color[0] - ref.srgb(np.nan_to_num(values))[:, None]).max() <= 0.501
+
+
+def tangents_of(uv: np.ndarray) -> np.ndarray:
+    mesh = ball(12)
+    assert mesh.normals is not None
+    return corner_tangents(mesh.positions, mesh.normals, uv, mesh.elements).reshape(-1, 3, 4)
+
+
+def planar() -> np.ndarray:
+    """u along x, v against z (down the picture, if z is up)."""
+    mesh = ball(12)
+    return np.stack((mesh.positions[:, 0], -mesh.positions[:, 2]), -1).astype(np.float32)
+
+
+def test_tangents_lie_in_the_plane_of_the_normal_and_follow_u() -> None:
+    mesh = ball(12)
+    assert mesh.normals is not None
+    made = tangents_of(planar())
+    n = mesh.normals[mesh.elements]
+    used = np.linalg.norm(made[..., :3], axis=-1) > 0
+    assert used.mean() > 0.95
+    np.testing.assert_allclose(np.linalg.norm(made[used][:, :3], axis=-1), 1.0, atol=1e-5)
+    assert np.abs((made[..., :3] * n).sum(-1)[used]).max() < 1e-5
+    # Where the surface faces the map, the tangent is x as the surface shows it.
+    facing = np.abs(n[..., 1]) > 0.9
+    x = ref.normalized(np.array((1.0, 0, 0)) - n * n[..., :1])
+    assert (made[..., :3] * x).sum(-1)[facing & used].min() > 0.995
+
+
+def test_handedness_turns_with_the_coordinates_and_bitangents_point_up_the_picture() -> None:
+    mesh = ball(12)
+    assert mesh.normals is not None
+    n = mesh.normals[mesh.elements]
+    for sign in (1.0, -1.0):
+        made = tangents_of(planar() * np.array((sign, 1.0), np.float32))
+        bitangent = np.cross(n, made[..., :3]) * made[..., 3:]
+        facing = np.abs(n[..., 1]) > 0.9
+        assert bitangent[facing][:, 2].min() > 0.9  # v falls with z
+
+
+def test_vertices_on_a_mirror_line_have_both_hands() -> None:
+    """Two squares whose coordinates mirror each other share two vertices: MikkTSpace gives each side its own."""
+    p = np.array(((-1, 0, 0), (0, 0, 0), (1, 0, 0), (-1, 1, 0), (0, 1, 0), (1, 1, 0)), np.float32)
+    uv = np.stack((np.abs(p[:, 0]), 1 - p[:, 1]), -1).astype(np.float32)
+    triangles = np.array(((0, 1, 4), (0, 4, 3), (1, 2, 5), (1, 5, 4)), np.uint32)
+    normals = np.tile(np.array((0, 0, 1), np.float32), (6, 1))
+    made = corner_tangents(p, normals, uv, triangles).reshape(-1, 3, 4)
+    np.testing.assert_allclose(made[:2], np.broadcast_to((-1, 0, 0, -1), (2, 3, 4)), atol=1e-6)
+    np.testing.assert_allclose(made[2:], np.broadcast_to((1, 0, 0, 1), (2, 3, 4)), atol=1e-6)
+
+
+def test_vertices_are_split_where_tangents_differ() -> None:
+    """Two squares with mirrored coordinates share the vertices 2 and 5; no triangle uses the vertices 0 and 7."""
+    x = np.array((9, -1, 0, 1, -1, 0, 1, 9), np.float32)
+    y = np.array((9, 0, 0, 0, 1, 1, 1, 9), np.float32)
+    mesh = Mesh(
+        np.stack((x, y, np.zeros(8, np.float32)), -1),
+        np.array(((1, 2, 5), (1, 5, 4), (2, 3, 6), (2, 6, 5)), np.uint32),
+        np.tile(np.array((0, 0, 1), np.float32), (8, 1)),
+        np.stack((y, x), -1),
+        np.stack((np.abs(x), 1 - y), -1),
+        np.random.default_rng(0).random((8, 4)).astype(np.float32),
+    )
+    made = with_tangents(mesh, 1)
+    assert made.tangents is not None
+    assert len(made.positions) == 6 + 2 + 1  # vertex 2 has two corners in the right square, vertex 5 has one
+    wanted = corner_tangents(mesh.positions, mesh.normals, mesh.uv1, mesh.elements)  # type: ignore[arg-type]
+    np.testing.assert_array_equal(made.tangents[made.elements].reshape(-1, 4), wanted)
+    for name in ("positions", "normals", "uv0", "uv1", "colors"):
+        np.testing.assert_array_equal(getattr(made, name)[made.elements], getattr(mesh, name)[mesh.elements])
+
+
+@pytest.mark.parametrize("without", ["normals", "uv0"])
+def test_meshes_without_normals_or_coordinates_get_no_tangents(without: str) -> None:
+    mesh = replace(ball(4), tangents=None, **{without: None})
+    assert with_tangents(mesh, 0) is mesh
+    assert with_tangents(ball(4), 0).tangents is not None
+
+
+def test_vertices_are_welded_and_weighted_by_angle() -> None:
+    """The order of vertices, and whether equal ones are shared, does not matter."""
+    mesh = ball(8)
+    assert mesh.normals is not None
+    uv = np.stack((mesh.positions[:, 0] + 0.2 * mesh.positions[:, 1], -mesh.positions[:, 2]), -1).astype(np.float32)
+    shared = corner_tangents(mesh.positions, mesh.normals, uv, mesh.elements)
+    flat = mesh.elements.reshape(-1)
+    apart = corner_tangents(
+        mesh.positions[flat], mesh.normals[flat], uv[flat], np.arange(len(flat), dtype=np.uint32).reshape(-1, 3)
+    )
+    np.testing.assert_allclose(shared, apart, atol=1e-6)
+
+
+def test_unusable_coordinates_give_no_tangent() -> None:
+    mesh = ball(4)
+    assert mesh.normals is not None
+    for uv in (np.zeros((len(mesh.positions), 2)), np.full((len(mesh.positions), 2), np.nan)):
+        made = corner_tangents(mesh.positions, mesh.normals, uv.astype(np.float32), mesh.elements)
+        assert (made[:, :3] == 0).all()
+        assert (np.abs(made[:, 3]) == 1).all()
+
+
+def test_sample_positions() -> None:
+    camera = Camera(4, 4, 2.0, 2.0, 2.0, 2.0, 0.1, 1.0, np.eye(4))
+    assert sample_cameras(camera, 1) == (camera,)
+    for samples in (4, 8):
+        offsets = np.array([(2.0 - c.cx, 2.0 - c.cy) for c in sample_cameras(camera, samples)])
+        np.testing.assert_allclose(offsets.mean(axis=0), 0.0, atol=1e-12 if samples == 4 else 0.07)
+        assert len({*offsets[:, 0]}) == len({*offsets[:, 1]}) == samples
+    with pytest.raises(ValueError, match="samples must be 1, 4 or 8, not 2"):
+        sample_cameras(camera, 2)
+
+
+def test_rigs_are_bounded() -> None:
+    with pytest.raises(ValueError, match="shadow_size"):
+        Rig(shadow_size=10)
+    with pytest.raises(ValueError, match="shadow_radius"):
+        Rig(shadow_radius=9)

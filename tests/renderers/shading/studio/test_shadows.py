@@ -1,0 +1,182 @@
+"""Shadow maps against rays towards the light."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from renderers.camera import Camera
+from renderers.drawlist import AlphaMode, DrawList, Image, Instance, LightKind, Sampler, Texture
+from renderers.raster import CpuRenderer
+from renderers.raster.visibility_buffer import Visibility
+from renderers.shading.studio.shadows import _map_of, casters, light_camera, map_side
+from tests.renderers.shading.reference import ball, hits
+from tests.renderers.shading.studio import reference as ref
+from tests.renderers.shading.studio.scenes import DARK, at, drawn, from_above, shadowed, sheet
+
+RIG = replace(DARK, shadow_size=1024)
+
+
+@pytest.fixture(scope="module")
+def renderer() -> Iterator[CpuRenderer]:
+    renderer = CpuRenderer(2)
+    yield renderer
+    renderer.close()
+
+
+def in_the_dark(scene: DrawList, seen: ref.Seen) -> np.ndarray:
+    """(H, W): whose ray to the first light meets a surface."""
+    camera = from_above()
+    points = seen.point[seen.instance >= 0]
+    l, _ = ref.arriving(scene.lights[0], camera, points)
+    hidden = np.zeros(len(points), np.bool_)
+    for instance in scene.instances:
+        X = camera.X_camera_world @ instance.X_world_mesh
+        p = instance.mesh.positions @ X[:3, :3].T + X[:3, 3]
+        for corners in instance.mesh.elements:
+            for k in range(len(points)):
+                z, _ = hits(l[k : k + 1], p[corners] - points[k])
+                reach = np.inf
+                hidden[k] |= bool(1e-4 < z[0] < reach)
+    result = np.zeros(len(seen.instance), np.bool_)
+    result[seen.instance >= 0] = hidden
+    return result.reshape(camera.height, camera.width)
+
+
+@pytest.mark.parametrize("kind", [LightKind.DIRECTIONAL, LightKind.SPOT])
+def test_shadows_lie_where_rays_meet_something(renderer: CpuRenderer, kind: LightKind) -> None:
+    scene, camera = shadowed(kind), from_above()
+    seen = ref.look(scene, camera)
+    which = seen.instance.reshape(camera.height, camera.width)
+    dark = in_the_dark(scene, seen)
+    lit = drawn(renderer, scene, camera, replace(RIG, shadow_size=0)).astype(float)
+    color = drawn(renderer, scene, camera, RIG).astype(float)
+    # Apart from borders (of shadows, three pixels wide here, and of things) all is light or dark.
+    clear = which >= 0
+    for axis in (0, 1):
+        for shift in (-2, -1, 1, 2):
+            clear &= (np.roll(dark, shift, axis) == dark) & (np.roll(which, shift, axis) == which)
+    assert (dark & clear).sum() > 150
+    assert (~dark & clear).sum() > 1000
+    assert (color[dark & clear] == 0).all()
+    # At the corners of shadows, which lie across, borders reach a little farther.
+    assert (color[~dark & clear] != lit[~dark & clear]).any(-1).sum() <= 2
+    assert (color[~dark & clear] >= 0.9 * lit[~dark & clear]).all()
+    # Borders are filtered: some are neither.
+    part = color.sum(-1) / np.maximum(lit.sum(-1), 1)
+    assert ((part > 0.1) & (part < 0.9) & (which == 0)).sum() > 20
+
+
+def test_a_curved_surface_does_not_shadow_itself(renderer: CpuRenderer) -> None:
+    """Facing the light it stays as bright as without shadows."""
+    scene = replace(shadowed(LightKind.DIRECTIONAL), instances=())
+    mesh = ball(24, 0.8)
+    instances = (Instance(mesh, shadowed(LightKind.DIRECTIONAL).instances[0].material, at(0.0, 0.3, 4.5)),)
+    scene = replace(scene, instances=instances)
+    camera = from_above()
+    lit = drawn(renderer, scene, camera, replace(RIG, shadow_size=0)).astype(float)
+    color = drawn(renderer, scene, camera, RIG).astype(float)
+    bright = lit[..., 0] > 0.5 * lit.max()
+    assert bright.sum() > 150
+    assert np.abs(color - lit)[bright].max() <= 1.0
+
+
+def test_who_casts() -> None:
+    scene = shadowed(LightKind.SPOT)
+    glass = replace(scene.instances[0], material=replace(scene.instances[0].material, alpha_mode=AlphaMode.BLEND))
+    dots = replace(scene.instances[0], mesh=replace(scene.instances[0].mesh, elements=np.zeros((1, 1), np.uint32)))
+    assert casters((*scene.instances, glass, dots)).tolist() == [True, True, False, False]
+
+
+def test_no_map() -> None:
+    point = replace(shadowed(LightKind.SPOT).lights[0], kind=LightKind.POINT)
+    assert light_camera(point, np.ones((3, 3)), 64, 0.0) is None
+    assert light_camera(shadowed(LightKind.SPOT).lights[0], np.zeros((0, 3)), 64, 0.0) is None
+
+
+@pytest.mark.parametrize("kind", [LightKind.DIRECTIONAL, LightKind.SPOT])
+def test_the_map_holds_what_is_seen(kind: LightKind) -> None:
+    rng = np.random.default_rng(0)
+    light = shadowed(kind).lights[0]
+    points = rng.uniform((-1, 0, 3), (1, 1, 5), (500, 3))
+    camera = light_camera(light, points, 512, 0.0)
+    assert camera is not None
+    p = points @ camera.X_camera_world[:3, :3].T + camera.X_camera_world[:3, 3]
+    pixels = p[:, :2] / p[:, 2:] * camera.fx + camera.cx
+    assert (p[:, 2] > camera.near).all()
+    if kind is LightKind.DIRECTIONAL:
+        assert pixels.min() >= 0
+        assert pixels.max() <= 512
+        assert np.ptp(pixels, axis=0).max() > 0.7 * 512  # sizes and places go in steps
+
+
+def test_a_map_is_drawn_once_for_a_camera_that_moves_a_little(renderer: CpuRenderer) -> None:
+    """And is the same whichever camera came first."""
+    scene = shadowed(LightKind.DIRECTIONAL)
+    whole = np.zeros(len(scene.instances), np.bool_)
+
+    def never(view: Visibility, camera: Camera) -> np.ndarray[Any, Any]:
+        raise AssertionError
+
+    rng = np.random.default_rng(0)
+    points = rng.uniform((-1, 0, 3), (1, 1, 5), (500, 3))
+    cameras = [light_camera(scene.lights[0], points + shift, 256, 0.0) for shift in (0.0, 1e-3, 4.0)]
+    assert all(camera is not None for camera in cameras)
+    here, near, far = (_map_of(renderer, scene, camera, whole, never) for camera in cameras if camera is not None)
+    assert here is near
+    assert far is not here
+    again = replace(scene)  # as new
+    assert np.array_equal(_map_of(renderer, again, here.camera, whole, never).inv_z, here.inv_z)
+
+
+@pytest.mark.parametrize("kind", [LightKind.DIRECTIONAL, LightKind.SPOT])
+def test_pictures_do_not_know_what_was_drawn_before(renderer: CpuRenderer, kind: LightKind) -> None:
+    camera = from_above()
+    other = replace(camera, X_world_camera=camera.X_world_camera @ at(0.3, 0.1, -0.5))
+    scene = shadowed(kind)
+    drawn(renderer, scene, other, RIG)
+    assert np.array_equal(drawn(renderer, scene, camera, RIG), drawn(renderer, replace(scene), camera, RIG))
+
+
+def test_maps_are_as_fine_as_the_picture() -> None:
+    assert map_side(2048, 2.0, 0.0) == 2048
+    assert map_side(2048, 2.0, 0.001) == 2048
+    assert map_side(2048, 2.0, 0.002) == 1024
+    assert map_side(2048, 2.0, 1.0) == 512
+    assert map_side(64, 2.0, 1.0) == 64
+    assert map_side(3000, 2.0, 0.002) == 1500
+
+
+@pytest.mark.parametrize("kind", [LightKind.DIRECTIONAL, LightKind.SPOT])
+@pytest.mark.parametrize("above", [False, True])
+def test_light_falls_through_what_is_cut_out(renderer: CpuRenderer, kind: LightKind, above: bool) -> None:
+    """A slab of which one half is cut out casts the shadow of a slab that is only the other half; a second one right
+    above it, whose other half is cut out, too."""
+    scene, camera = shadowed(kind), from_above()
+    floor, slab = scene.instances
+
+    def half(first: bool, y: float) -> Instance:
+        pixels = np.zeros((2, 2, 4), np.uint8)
+        pixels[:, 0 if first else 1] = 255
+        sampler = Sampler(mag_linear=False, min_linear=False, mipmaps=False)
+        texture = Texture(Image(bytes((first, 9)), lambda: pixels), sampler)
+        material = replace(slab.material, base_color_texture=texture, alpha_mode=AlphaMode.MASK)
+        return replace(slab, material=material, X_world_mesh=at(0.0, y, 0.0))
+
+    corners = [(-0.7, 0.2, 4.0), (0.0, 0.2, 4.0), (0.0, 0.2, 5.4), (-0.7, 0.2, 5.4)]
+    left = replace(slab, mesh=sheet(corners))
+    right = replace(slab, mesh=sheet([(x + 0.7, y - 0.01, z) for x, y, z in corners]))
+    cut_out = (half(True, 0.0), half(False, -0.01)) if above else (half(True, 0.0),)
+    whole = (left, right) if above else (left,)
+    pictures = [
+        drawn(renderer, replace(scene, instances=(floor, *parts)), camera, RIG).astype(float)
+        for parts in (cut_out, whole, (slab,))
+    ]
+    # Apart from borders: what is cut out has no part in where maps lie.
+    assert (np.abs(pictures[0] - pictures[1]).max(axis=-1) > 100).sum() <= 8
+    if not above:
+        assert (np.abs(pictures[0] - pictures[2]).max(axis=-1) > 100).sum() > 80

@@ -1,0 +1,143 @@
+"""Surfaces behind one another: blending, cut-outs, and what is seen through them."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from renderers.drawlist import AlphaMode, DrawList, Instance, Material, Mesh, Texture
+from renderers.interface import Look
+from renderers.shading import passes, prepare
+from tests.renderers.shading.reference import BruteForce, ball, camera, painted, picture, placed, quad, reference_color
+
+BLEND, MASK = AlphaMode.BLEND, AlphaMode.MASK
+GLASS = Material(base_color=(0.2, 0.9, 0.3, 0.3), metallic=0.0, alpha_mode=BLEND, double_sided=True)
+BLUE = Material(base_color=(0.2, 0.4, 1.0, 0.4), metallic=0.0, alpha_mode=BLEND, double_sided=True)
+WALL = Material(base_color=(0.9, 0.2, 0.2, 1.0), metallic=0.0, double_sided=True)
+VIEW = camera(32, 24, focal=28.0)
+
+
+def crossing() -> tuple[Instance, ...]:
+    """Two glass balls that pierce each other and a glass pane, before a wall that fills half of the picture."""
+    tilt = np.array(((0.8, 0.0, -0.6), (0.0, 1.0, 0.0), (0.6, 0.0, 0.8)))
+    wall = replace(quad(2.0, 6.0), positions=quad(2.0, 6.0).positions + np.array((2.1, 0, 0), np.float32))
+    return (
+        placed(ball(5), GLASS, z=3.0, linear=tilt),
+        placed(ball(4), BLUE, z=3.6, linear=tilt.T),
+        placed(quad(1.2, 0.0), replace(GLASS, base_color=(0.9, 0.9, 0.1, 0.5)), z=3.0, linear=tilt),
+        placed(wall, WALL),
+    )
+
+
+def stars(shape: tuple[int, int] = (6, 7)) -> Texture:
+    pixels = np.random.default_rng(5).integers(0, 256, (*shape, 4)).astype(np.uint8)
+    return Texture(picture(pixels))
+
+
+@pytest.mark.parametrize("look", ["phong", "pbr"])
+def test_translucent_surfaces_are_sorted_per_pixel(look: str) -> None:
+    scene = DrawList(crossing())
+    ours = painted(scene, VIEW, Look(look))
+    expected = reference_color(scene, VIEW, Look(look))
+    assert np.abs(ours - expected).max() <= 1.0
+
+
+def test_the_order_of_the_draw_list_does_not_matter() -> None:
+    pictures = [painted(DrawList(order), VIEW, Look()) for order in itertools.permutations(crossing())]
+    assert all((p == pictures[0]).all() for p in pictures)
+
+
+@pytest.mark.parametrize("look", ["phong", "pbr"])
+@pytest.mark.parametrize("mode", [BLEND, MASK, AlphaMode.OPAQUE])
+def test_alpha_of_a_texture(look: str, mode: AlphaMode) -> None:
+    tilt = np.array(((0.8, 0.0, -0.6), (0.0, 1.0, 0.0), (0.6, 0.0, 0.8)))
+    material = Material(
+        base_color=(1.0, 0.8, 0.6, 0.9),
+        base_color_texture=stars(),
+        metallic=0.0,
+        alpha_mode=mode,
+        alpha_cutoff=0.4,
+        double_sided=True,
+    )
+    scene = DrawList((placed(ball(6), material, z=3.0, linear=tilt), placed(quad(2.0, 6.0), WALL)))
+    ours = painted(scene, VIEW, Look(look)).astype(np.float64)
+    expected = reference_color(scene, VIEW, Look(look))
+    wrong = (np.abs(ours - expected) > 1.0).any(axis=-1)
+    assert wrong.mean() <= (0.003 if mode is MASK else 0.0)  # an alpha within float32 of the cutoff may go either way
+
+
+def test_alpha_of_vertices() -> None:
+    colors = np.array(((1, 0, 0, 0.1), (0, 1, 0, 0.9), (0, 0, 1, 0.5), (1, 1, 1, 0.0)), np.float32)
+    scene = DrawList(
+        (placed(quad(colors=colors), replace(GLASS, base_color=(1, 1, 1, 1))), placed(quad(2.0, 6.0), WALL))
+    )
+    assert np.abs(painted(scene, VIEW, Look()) - reference_color(scene, VIEW, Look())).max() <= 1.0
+
+
+def test_coplanar_translucent_surfaces_are_each_drawn_once() -> None:
+    twice = DrawList((placed(quad(), GLASS), placed(quad(), BLUE)))
+    shown = painted(twice, VIEW, Look())[12, 16] / 255.0
+    under = np.array((204, 229, 255)) / 255 * 0.6 + np.array(BLUE.base_color[:3]) * 0.4
+    np.testing.assert_allclose(shown, under * 0.7 + np.array(GLASS.base_color[:3]) * 0.3, atol=0.6 / 255)
+
+
+def test_layers_are_bounded() -> None:
+    panes = tuple(placed(quad(z=2.0 + 0.1 * i), replace(GLASS, base_color=(1.0, 0, 0, 0.2))) for i in range(6))
+    scene = DrawList((*panes, placed(quad(9.0, 9.0), replace(WALL, base_color=(0, 0, 1, 1)))))
+    for bound in (1, 3, 6, 32):
+        shown = painted(scene, VIEW, Look(), max_layers=bound)[12, 16]
+        left = 0.8 ** min(bound, 6)
+        assert np.abs(shown - 255 * np.array((1 - left, 0, left))).max() <= 0.51
+
+
+class Counting(BruteForce):
+    def __init__(self) -> None:
+        super().__init__()
+        self.calls = 0
+
+    def visibility(self, *args: object, **options: object) -> object:
+        self.calls += 1
+        return super().visibility(*args, **options)
+
+
+def test_layers_end_where_nothing_shows_through() -> None:
+    """A thousand cut-outs without holes, one behind the other, cost no thousand passes."""
+    solid = np.full((2, 2, 4), 255, np.uint8)
+    solid[0, 0, 3] = 0  # so that it counts as a cut-out, though this texel is not in the picture
+    scrap = Texture(picture(solid), uv_transform=(0.0, 0.0, 0.75, 0.0, 0.0, 0.75))
+    material = Material(base_color_texture=scrap, alpha_mode=MASK, metallic=0.0)
+    rasterizer = Counting()
+    stack = tuple(placed(quad(2.0, 2.0 + 0.1 * i), material) for i in range(8))
+    painted(DrawList(stack), VIEW, Look(), rasterizer)
+    assert rasterizer.calls == 3  # behind the stack, its first layer, nothing more
+
+
+@pytest.mark.parametrize(
+    ("material", "mesh", "layered"),
+    [
+        (GLASS, quad(), True),
+        (replace(GLASS, base_color=(1, 1, 1, 1)), quad(), False),
+        (replace(GLASS, base_color=(1, 1, 1, 1), base_color_texture=stars()), quad(), True),
+        (replace(GLASS, base_color=(1, 1, 1, 1)), quad(colors=np.ones((4, 4), np.float32)), True),
+        (replace(GLASS, alpha_mode=MASK, alpha_cutoff=0.2), quad(), False),
+        (replace(GLASS, alpha_mode=MASK, alpha_cutoff=0.5), quad(), True),
+        (replace(GLASS, alpha_mode=AlphaMode.OPAQUE), quad(), False),
+    ],
+)
+def test_only_what_can_let_light_through_costs_layers(material: Material, mesh: Mesh, layered: bool) -> None:
+    assert prepare((placed(mesh, material),), "phong").translucent is layered
+
+
+def test_the_visibility_at_hand_is_used_and_left_alone() -> None:
+    scene = DrawList((placed(quad(), WALL),))
+    rasterizer = Counting()
+    first = rasterizer.visibility(scene, VIEW)
+    before = first.ids.copy()
+    color = np.zeros((VIEW.height, VIEW.width, 3), np.uint8)
+    passes(rasterizer, scene, prepare(scene.instances, "phong"), VIEW, Look(), color, first=first)
+    assert rasterizer.calls == 1
+    assert (first.ids == before).all()
+    assert (color == painted(scene, VIEW, Look())).all()

@@ -1,0 +1,362 @@
+"""Shading in vectors against the same without: random scenes, odd sizes, every edge of a row."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from renderers.camera import Camera
+from renderers.drawlist import DrawList, Instance, Material, Mesh, Sampler, Texture, Wrap
+from renderers.interface import Look, Output
+from renderers.raster import CpuRenderer
+from renderers.shading import paint, prepare
+from renderers.shading.attribute_planes import SLOTS
+from renderers.shading.spans import MOST
+from renderers.shading.vertices import records_of
+from tests.renderers.shading.reference import ball, picture, placed, quad
+from tests.renderers.shading.scalar import shaded
+
+RENDERER = CpuRenderer(threads=1)
+
+
+def material(rng: np.random.Generator) -> Material:
+    """Any factors; every texture in half of the cases."""
+
+    def texture() -> Texture | None:
+        if rng.random() < 0.5:
+            return None
+        pixels = rng.integers(0, 256, (*rng.integers(1, 20, 2), 4)).astype(np.uint8)
+        wraps = rng.choice(np.array(Wrap), 2)
+        turn = (1.0, 0.3, 0.1, -0.2, 1.1, 0.4) if rng.random() < 0.5 else None
+        # Neighbouring texels differ without bound and a place between them is decided by the last bit: filter always.
+        return Texture(picture(pixels), Sampler(wraps[0], wraps[1]), int(rng.integers(0, 2)), turn)
+
+    return Material(
+        base_color=(*rng.random(3), 1.0),
+        base_color_texture=texture(),
+        metallic=float(rng.random()),
+        roughness=float(rng.random()),
+        metallic_roughness_texture=texture(),
+        normal_texture=texture(),
+        normal_scale=float(rng.random()),
+        occlusion_texture=texture(),
+        occlusion_strength=float(rng.random()),
+        emissive=(0.1, 0.0, 0.2) if rng.random() < 0.5 else (0.0, 0.0, 0.0),
+        emissive_texture=texture(),
+        double_sided=bool(rng.random() < 0.7),
+        unlit=bool(rng.random() < 0.2),
+        line_width=3.0,
+        point_size=5.0,
+    )
+
+
+def mesh(rng: np.random.Generator) -> Mesh:
+    """Small triangles, large ones, lines or points, with or without each attribute."""
+    count = int(rng.integers(4, 60))
+    size = float(rng.choice((0.05, 0.5, 3.0)))
+    positions = rng.uniform(-1.5, 1.5, (count, 1, 3)) + rng.normal(scale=size, size=(count, 3, 3))
+    positions = positions.reshape(-1, 3).astype(np.float32)
+    n = len(positions)
+    corners = int(rng.choice((3, 3, 3, 2, 1)))
+
+    def maybe(values: np.ndarray) -> np.ndarray | None:
+        return values.astype(np.float32) if rng.random() < 0.6 else None
+
+    return Mesh(
+        positions,
+        rng.integers(0, n, (count, corners)).astype(np.uint32),
+        maybe(rng.normal(size=(n, 3))),
+        maybe(rng.uniform(-2, 2, (n, 2))),
+        maybe(rng.uniform(-2, 2, (n, 2))),
+        maybe(rng.random((n, 4))),
+        maybe(np.concatenate((rng.normal(size=(n, 3)), rng.choice((-1.0, 1.0), (n, 1))), axis=1)),
+    )
+
+
+def scene(rng: np.random.Generator) -> DrawList:
+    def pose() -> np.ndarray:
+        X = np.eye(4)
+        X[:3, :3] = np.linalg.qr(rng.normal(size=(3, 3)))[0] * rng.uniform(0.3, 2.0, 3)
+        X[:3, 3] = rng.uniform((-1, -1, 2), (1, 1, 6))
+        return X
+
+    return DrawList(tuple(Instance(mesh(rng), material(rng), pose()) for _ in range(6)))
+
+
+def view(width: int, height: int) -> Camera:
+    return Camera(width, height, 60.0, 65.0, width / 2 + 0.3, height / 2 - 0.2, 0.05, 50.0, np.eye(4))
+
+
+def both(drawn: DrawList, camera: Camera, look: Look) -> tuple[np.ndarray, np.ndarray]:
+    """What the kernels paint of the nearest surfaces, and what the scalar ones do."""
+    color = np.full((camera.height, camera.width, 3), 99, np.uint8)
+    with RENDERER.visibility(drawn, camera) as seen:
+        paint(RENDERER, drawn, prepare(drawn.instances, look.name), camera, look, color, first=seen)
+        return color.astype(np.int64), shaded(drawn, seen, camera, look).astype(np.int64)
+
+
+def both_sided(drawn: DrawList) -> DrawList:
+    """So that ``paint`` uses the given visibility."""
+    return DrawList(tuple(replace(i, material=replace(i.material, double_sided=True)) for i in drawn.instances))
+
+
+@pytest.mark.parametrize("name", ["phong", "plain", "pbr"])
+@pytest.mark.parametrize("seed", range(6))
+def test_random_scenes_to_a_level(name: str, seed: int) -> None:
+    drawn = both_sided(scene(np.random.default_rng(seed)))
+    ours, scalar = both(drawn, view(83, 61), Look(name))
+    differences = np.abs(ours - scalar)
+    assert differences.max() <= 1
+    assert (differences != 0).mean() < 0.02
+
+
+@pytest.mark.parametrize("width", range(1, 18))
+def test_narrow_pictures(width: int) -> None:
+    drawn = both_sided(scene(np.random.default_rng(3)))
+    for name in ("phong", "pbr"):
+        ours, scalar = both(drawn, view(width, 33), Look(name))
+        assert np.abs(ours - scalar).max() <= 1
+
+
+def test_nothing_beyond_the_picture_is_written() -> None:
+    """The rows of a picture that is a part of a larger array are followed by what must stay."""
+    drawn = both_sided(scene(np.random.default_rng(4)))
+    for width, height in ((1, 1), (7, 5), (13, 33), (64, 3)):
+        camera = view(width, height)
+        whole = np.full(3 * width * height + 64, 77, np.uint8)
+        color = whole[: 3 * width * height].reshape(height, width, 3)
+        for name in ("phong", "pbr"):
+            with RENDERER.visibility(drawn, camera) as seen:
+                paint(RENDERER, drawn, prepare(drawn.instances, name), camera, Look(name), color, first=seen)
+            assert (whole[3 * width * height :] == 77).all()
+
+
+def test_far_and_huge_triangles_to_a_level() -> None:
+    """A floor to the horizon, a wall a million times as wide as the picture, a tiny far ball."""
+    uv = np.array(((0, 0), (0, 3000), (3000, 3000), (3000, 0)), np.float32)
+    floor = np.array(((-900, 1, 0.1), (-900, 1, 2000), (900, 1, 2000), (900, 1, 0.1)), np.float32)
+    checks = np.kron(np.eye(2), np.ones((8, 8)))[..., None] * (200, 100, 50, 255) + (20, 30, 40, 0)
+    tiled = Material(base_color_texture=Texture(picture(checks.astype(np.uint8))), double_sided=True)
+    camera = Camera(97, 71, 60.0, 60.0, 48.0, 35.0, 0.01, 1e7, np.eye(4))
+    scenes = (
+        DrawList((placed(replace(quad(), positions=floor, uv0=uv, normals=None), tiled),)),
+        DrawList((placed(quad(1e6, 3.0, uv0=uv), tiled),)),
+        DrawList((placed(ball(10, 1e4), tiled, z=1e5),)),
+        DrawList((placed(ball(10, 1e-3), replace(tiled, base_color_texture=None), z=0.02),)),
+    )
+    for drawn in scenes:
+        for name in ("phong", "pbr"):
+            ours, scalar = both(drawn, camera, Look(name))
+            differences = np.abs(ours - scalar)
+            assert differences.max() <= 1, (differences > 1).sum()
+
+
+@pytest.mark.parametrize("cells", [4, 30, 230])
+def test_plain_surfaces_to_a_level(cells: int) -> None:
+    """One colour without texture: large triangles, small ones, and so many that they are fetched ahead; with normals
+    that are the same at all corners, that differ, and none; with a mirror image, and colours that are cut off."""
+    round_one = ball(cells, 0.9)
+    flat = replace(round_one, positions=round_one.positions[round_one.elements].reshape(-1, 3), uv0=None, tangents=None)
+    flat = replace(
+        flat,
+        elements=np.arange(len(flat.positions), dtype=np.uint32).reshape(-1, 3),
+        normals=np.repeat(flat.positions[::3], 3, axis=0),
+    )
+    for mesh in (round_one, flat, replace(flat, normals=None)):
+        for color in ((0.9, 0.3, 1.0, 1.0), (1.7, -0.2, 0.5, 1.0)):
+            for unlit in (False, True):
+                material = Material(color, double_sided=True, unlit=unlit)
+                X = np.diag((1.0, -1.0, 1.0, 1.0))
+                X[2, 3] = 4.0
+                drawn = DrawList((placed(mesh, material, z=3.0), Instance(mesh, material, X)))
+                for name in ("phong", "plain", "pbr"):
+                    ours, scalar = both(drawn, view(83, 61), Look(name))
+                    differences = np.abs(ours - scalar)
+                    assert differences.max() <= 1
+                    assert (differences != 0).mean() < 0.02
+
+
+@pytest.mark.parametrize("side", [16, 512])
+@pytest.mark.parametrize("cells", [4, 30, 230])
+def test_textured_surfaces_to_a_level(cells: int, side: int) -> None:
+    """A picture without other attributes: large triangles, small ones, and so many that they are fetched ahead; images
+    that are fetched ahead; with and without normals, unlit, seen from behind; filtered or not, across every border."""
+    y, x = np.mgrid[0:side, 0:side] / side * 2.0 * np.pi
+    waves = np.stack((np.sin(x), np.cos(y), np.sin(2.0 * x + y), np.ones_like(x)), axis=-1)
+    image = picture((127.5 + 127.5 * waves).astype(np.uint8))
+    flat = picture(np.full((side, side, 4), (250, 120, 30, 255), np.uint8))  # any of its texels is the right one
+    round_one = replace(ball(cells, 0.9), tangents=None)
+    for mesh in (round_one, replace(round_one, normals=None)):
+        for unlit in (False, True):
+            for wrap in Wrap:
+                for shown, linear in ((image, True), (flat, False)):
+                    turn = (2.0, 0.5, -0.25, -0.5, 1.5, 0.125)
+                    texture = Texture(shown, Sampler(wrap, wrap, mag_linear=linear), 0, turn if unlit else None)
+                    for green in (0.3, 1.3):
+                        material = Material((0.9, green, 1.0, 1.0), texture, double_sided=True, unlit=unlit)
+                        X = np.diag((1.0, -1.0, 1.0, 1.0))
+                        X[2, 3] = 4.0
+                        drawn = DrawList((placed(mesh, material, z=3.0), Instance(mesh, material, X)))
+                        ours, scalar = both(drawn, view(83, 61), Look("phong"))
+                        differences = np.abs(ours - scalar)
+                        assert differences.max() <= 1
+                        assert (differences != 0).mean() < 0.02
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize("thickness", [1.0, 0.2, 1e-3, 0.0])
+@pytest.mark.parametrize("smooth", [True, False])
+def test_triangles_as_large_as_pixels_to_a_level(unit: float, thickness: float, smooth: bool) -> None:
+    """In meshes of any unit, far from their own origin, upright and squashed, which float32 bears only so far."""
+    rng = np.random.default_rng(5)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    round_one = ball(120, 0.9)
+    offset = (3.0, -40.0, 7.0)
+    positions = ((round_one.positions + np.array(offset, np.float32)) * unit).astype(np.float32)
+    mesh = replace(round_one, positions=positions, uv0=None, tangents=None)
+    if not smooth:
+        mesh = replace(mesh, normals=None)
+    X = np.eye(4)
+    X[:3, :3] = turn @ np.diag((1.0, 1.0, thickness)) / unit  # no thickness: a column of zeros, which mirrors nothing
+    X[:3, 3] = (0.0, 0.0, 4.0) - X[:3, :3] @ (np.array(offset) * unit)
+    drawn = DrawList((Instance(mesh, Material((0.9, 0.3, 1.0, 1.0), double_sided=True), X),))
+    for name in ("phong", "pbr"):
+        ours, scalar = both(drawn, view(83, 61), Look(name))
+        differences = np.abs(ours - scalar)
+        assert (differences > 1).sum() <= 8  # grains of a surface seen edge-on, where the seen side is rounding's
+        assert (differences != 0).mean() < 0.02
+
+
+@pytest.mark.parametrize("textured", [False, True])
+def test_triangles_that_are_remembered_at_the_same_place(textured: bool) -> None:
+    """Of every SLOTS elements one is seen, the others have no area."""
+    rng = np.random.default_rng(6)
+    count = 60
+    left = np.linspace(-3.0, 2.8, count)
+    positions = np.zeros((count, 3, 3), np.float32)
+    positions[..., 0] = left[:, None] + rng.uniform(0.0, 0.4, (count, 3))
+    positions[..., 1] = (-1.5, 1.5, 0.0)
+    positions[..., 2] = rng.uniform(2.0, 3.0, (count, 3))
+    elements = np.zeros((SLOTS * count, 3), np.uint32)
+    elements[::SLOTS] = np.arange(3 * count).reshape(-1, 3)
+    mesh = Mesh(positions.reshape(-1, 3), elements, rng.normal(size=(3 * count, 3)).astype(np.float32))
+    material = Material((0.9, 0.3, 1.0, 1.0), double_sided=True)
+    if textured:
+        mesh = replace(mesh, uv0=rng.uniform(-2, 2, (3 * count, 2)).astype(np.float32))
+        pixels = rng.integers(0, 256, (9, 13, 4)).astype(np.uint8)
+        material = replace(material, base_color_texture=Texture(picture(pixels)))
+    drawn = DrawList((Instance(mesh, material, np.eye(4)),))
+    for name in ("phong", "pbr"):
+        ours, scalar = both(drawn, view(163, 61), Look(name))
+        differences = np.abs(ours - scalar)
+        assert ours.any()
+        assert differences.max() <= 1
+        assert (differences != 0).mean() < 0.02
+
+
+def test_bands_of_more_triangles_than_are_set_up_at_a_time() -> None:
+    """Quads six pixels wide and three high, none of them flat or like the others, in rows of many instances."""
+    width, height = 2100, 32
+    across, down = width // 6, -(-height // 3)
+    assert 2 * across * down > MOST
+    rng = np.random.default_rng(8)
+    y, x = np.mgrid[0 : down + 1, 0 : across + 1]
+    positions = np.stack((6.0 * x + 0.3, 3.0 * y + 0.2, 1000.0 + rng.uniform(-1.0, 1.0, x.shape)), axis=-1)
+    normals = rng.uniform((-1.0, -1.0, -2.0), (1.0, 1.0, -0.5), (*x.shape, 3))
+    a = (np.arange(down)[:, None] * (across + 1) + np.arange(across)).ravel()
+    b = a + across + 1
+    elements = np.concatenate((np.stack((a, b, a + 1), 1), np.stack((a + 1, b, b + 1), 1))).astype(np.uint32)
+    whole = Mesh(positions.reshape(-1, 3).astype(np.float32), elements, normals.reshape(-1, 3).astype(np.float32))
+    parts = [replace(whole, elements=np.ascontiguousarray(elements[k::300])) for k in range(300)]
+    camera = Camera(width, height, 1000.0, 1000.0, 0.0, 0.0, 0.05, 5000.0, np.eye(4))
+    for meshes in ([whole], parts):
+        looks = [Material((0.9, 0.3, 0.1 + 0.8 * k / len(meshes), 1.0), double_sided=True) for k in range(len(meshes))]
+        drawn = DrawList(tuple(Instance(mesh, look, np.eye(4)) for mesh, look in zip(meshes, looks, strict=True)))
+        for name in ("phong", "pbr"):
+            ours, scalar = both(drawn, camera, Look(name))
+            differences = np.abs(ours - scalar)
+            assert ours.any()
+            assert differences.max() <= 1
+            assert (differences != 0).mean() < 0.02
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.6, -1.1, 1.45])
+@pytest.mark.parametrize("metallic", [0.0, 0.7, 1.0])
+def test_walls_to_a_level(tilt: float, metallic: float) -> None:
+    """Long runs of one normal, dull and glossy, ahead and at a grazing angle, through long lenses and short ones."""
+    turn = np.array(((np.cos(tilt), 0, np.sin(tilt)), (0, 1, 0), (-np.sin(tilt), 0, np.cos(tilt))))
+    for roughness in (0.0, 0.3, 0.5, 1.0):
+        for emissive in ((0.0, 0.0, 0.0), (0.05, 0.0, 0.9)):
+            material = Material(
+                (0.9, 0.3, 0.02, 1.0), metallic=metallic, roughness=roughness, emissive=emissive, double_sided=True
+            )
+            ahead = placed(quad(0.3, 0.0), replace(material, base_color=(0.2, 0.9, 0.6, 1.0)), z=1.0)
+            drawn = DrawList((placed(quad(2.0, 0.0), material, z=2.0, linear=turn), ahead))
+            for focal in (60.0, 131.0, 300.0, 900.0):
+                camera = Camera(203, 41, focal, focal + 5.0, 100.3, 20.2, 0.05, 50.0, np.eye(4))
+                ours, scalar = both(drawn, camera, Look("pbr"))
+                differences = np.abs(ours - scalar)
+                assert differences.max() <= 1
+                assert (differences != 0).mean() < 0.02
+
+
+@pytest.mark.parametrize("roughness", [1.0, 0.97, 0.5, 0.1, 0.0])
+@pytest.mark.parametrize("cells", [4, 30, 90])
+def test_metal_balls_to_a_level(roughness: float, cells: int) -> None:
+    """Few large triangles, whose normals turn much, and many; factors within and outside 0 .. 1."""
+    for color in ((0.9, 0.3, 0.0, 1.0), (1.0, 1.0, 1.0, 1.0), (1.7, -0.2, 1e-5, 1.0)):
+        gold = Material(color, metallic=1.0, roughness=roughness, double_sided=True)
+        drawn = DrawList((placed(ball(cells, 0.9), gold, z=3.0),))
+        ours, scalar = both(drawn, view(83, 61), Look("pbr"))
+        differences = np.abs(ours - scalar)
+        assert differences.max() <= 1
+        assert (differences != 0).mean() < 0.02
+
+
+@pytest.mark.parametrize("focal", [300.0, 80.0])
+def test_neighbouring_instances_to_a_level(focal: float) -> None:
+    """Rows across many instances: metals and dielectrics, wide and narrow ones, next to each other."""
+    rng = np.random.default_rng(3)
+    camera = Camera(161, 120, focal, focal, 80.0, 60.0, 0.05, 50.0, np.eye(4))
+    instances = []
+    for _ in range(40):
+        material = Material((*rng.uniform(0.0, 1.0, 3), 1.0), metallic=float(rng.choice((1.0, 1.0, 1.0, 0.3))))
+        X = np.eye(4)
+        X[:3, 3] = rng.uniform((-1.5, -1.0, 3.0), (1.5, 1.0, 5.0))
+        instances.append(Instance(ball(int(rng.choice((4, 9, 40))), float(rng.choice((0.02, 0.3, 0.6)))), material, X))
+    instances.append(placed(quad(9.0, 9.0), Material((1.0, 0.0, 0.5, 1.0)), z=5.5))
+    ours, scalar = both(both_sided(DrawList(tuple(instances))), camera, Look("pbr"))
+    differences = np.abs(ours - scalar)
+    assert ours.any()
+    assert differences.max() <= 1
+    assert (differences != 0).mean() < 0.02
+
+
+@pytest.mark.parametrize("size", [(83, 61), (64, 40), (9, 70)])
+def test_threads_do_not_matter(size: tuple[int, int]) -> None:
+    drawn = scene(np.random.default_rng(7))
+    for name in ("phong", "pbr"):
+        pictures = []
+        for threads in (1, 2, 4):
+            renderer = CpuRenderer(threads)
+            with renderer.render(drawn, view(*size), Output.COLOR | Output.DEPTH, Look(name)) as frame:
+                assert frame.color is not None
+                pictures.append(frame.color.copy())
+            renderer.close()
+        assert all((p == pictures[0]).all() for p in pictures)
+
+
+def test_records_keep_only_the_vertices_in_use() -> None:
+    whole = ball(24)
+    few = replace(whole, elements=whole.elements[40:43])
+    records = records_of(few, -1)
+    assert len(records.vertices) == len(np.unique(few.elements))
+    np.testing.assert_array_equal(records.vertices[records.elements, :3], whole.positions[few.elements])
+    assert records_of(few, -1) is records
+    material = Material(double_sided=True)
+    X = np.eye(4)
+    X[2, 3] = 3.0
+    ours, scalar = both(DrawList((Instance(few, material, X),)), view(40, 30), Look("phong"))
+    assert np.abs(ours - scalar).max() <= 1

@@ -1,0 +1,85 @@
+"""``scenegate check`` tells a gateway of ours from other programs."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import socket
+import threading
+
+import pytest
+
+from gateway.runtime.diagnostics import Verdict, findings
+from gateway.runtime.instance_probe import gateway_at
+from tests.server.answering import answering
+from tests.support.waiting import wait_until
+
+HEALTH = {
+    "version": "1.2.3",
+    "status": "degraded",
+    "interfaces": {
+        "render": {"state": "ready"},
+        "stereo": {"state": "ready", "port": 4001},
+        "treeviewer": {"tcpq": {"url": "tcpq://127.0.0.1:4002"}},
+        "rest": {"port": 4003},
+    },
+}
+
+
+def test_a_gateway_says_which_ports_are_its_own() -> None:
+    with answering(lambda _: (200, json.dumps(HEALTH).encode())) as port:
+        for host in ("127.0.0.1", "localhost", "0.0.0.0"):
+            found = gateway_at(host, port)
+            assert found is not None
+            assert (found.version, found.status, found.ports) == ("1.2.3", "degraded", {4001, 4002, 4003})
+
+
+@pytest.mark.parametrize("body", [b"", b"hello", b"[]", b'{"status": "ok"}', b'{"version": 1}', b"[" * 100_000])
+def test_other_programs_are_none(body: bytes) -> None:
+    with answering(lambda _: (200, body)) as port:
+        assert gateway_at("127.0.0.1", port) is None
+
+
+@pytest.mark.parametrize("head", [b"", b"HTTP/1.1 200 OK\r\ncontent-length: 1000000\r\n\r\n"])
+def test_who_answers_without_end_is_not_waited_for(head: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gateway.runtime.instance_probe.WHOLE_SECONDS", 0.1)
+    ended: list[bool] = []
+
+    def drip(listener: socket.socket) -> None:
+        while True:
+            try:
+                connection, _ = listener.accept()
+            except OSError:
+                return
+            with connection, contextlib.suppress(OSError):
+                connection.settimeout(0.01)
+                connection.sendall(head)
+                while True:
+                    connection.sendall(b"x")
+                    with contextlib.suppress(TimeoutError):
+                        if not connection.recv(1 << 16):
+                            break
+            ended.append(True)
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        server = threading.Thread(target=drip, args=(listener,))
+        server.start()
+        try:
+            assert gateway_at("127.0.0.1", listener.getsockname()[1]) is None
+            wait_until(lambda: len(ended) == 2)  # in plain words, and by TLS
+        finally:
+            listener.shutdown(socket.SHUT_RDWR)
+            server.join()
+    assert ended == [True, True]
+
+
+def test_the_table_names_the_gateway_at_all_of_its_ports() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as grpc:
+        health = {**HEALTH, "interfaces": {"stereo": {"port": grpc.getsockname()[1]}}}
+        with answering(lambda _: (200, json.dumps(health).encode())) as port:
+            ports = {"HTTP": port, "gRPC": grpc.getsockname()[1]}
+            found = {finding.what: finding for finding in findings("127.0.0.1", ports, 1)}
+    for name, number in ports.items():
+        finding = found[f"port {number}"]
+        assert finding.verdict is Verdict.NOTE
+        assert finding.detail == f"{name}: taken by a running gateway, Scenegate 1.2.3, degraded"

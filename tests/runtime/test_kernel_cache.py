@@ -1,0 +1,262 @@
+"""The kernel cache: where it is, when it counts as complete, what becomes of old ones."""
+
+from __future__ import annotations
+
+import asyncio
+import fcntl
+import os
+import pickle
+import stat
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gateway.runtime import kernel_cache as kernels
+from gateway.runtime.kernel_progress import Progress
+from renderers.compiler import cache_folder
+from tests.support.waiting import until
+
+KERNEL = "renderers.fxaa.smooth_rows"
+
+
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    monkeypatch.setenv("SCENEGATE_CACHE_DIR", str(tmp_path))
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "")  # configure() writes it; monkeypatch takes it back
+    forget()
+    yield tmp_path
+    forget()
+
+
+def forget() -> None:
+    """Let the next look at the cache be as in a new process."""
+    cache_folder.root.cache_clear()
+    cache_folder._platform_digest.cache_clear()
+
+
+def fill() -> Path:
+    """Write the files of a part with one kernel and the manifest of them; return the kernel's folder."""
+    folder = kernels.configure() / KERNEL
+    folder.mkdir(parents=True)
+    (folder / "fxaa.smooth_rows-1.py311.nbi").write_bytes(b"index")
+    (folder / "fxaa.smooth_rows-1.py311.1.nbc").write_bytes(b"machine code")
+    cache_folder.write_manifest({"rest": [KERNEL]})
+    return folder
+
+
+def test_the_folder_is_below_the_cache_and_given_to_numba(cache: Path) -> None:
+    folder = kernels.configure()
+    assert folder.parent == cache / "kernels"
+    assert os.environ["NUMBA_CACHE_DIR"] == str(folder.parent)
+    assert cache_folder.sources_digest() in folder.name
+
+
+def test_a_folder_that_the_user_named_is_used(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache / "mine"))
+    assert kernels.configure().parent == cache / "mine"
+
+
+def test_complete_when_every_file_is_as_it_was_written(cache: Path) -> None:
+    assert not kernels.are_cached()
+    folder = fill()
+    assert kernels.are_cached()
+    assert cache_folder.count() == 1
+    os.utime(folder / "fxaa.smooth_rows-1.py311.nbi", (0, 0))  # times do not matter
+    assert kernels.are_cached()
+
+
+@pytest.mark.parametrize("suffix", ["nbi", "1.nbc"])
+@pytest.mark.parametrize("change", ["remove", "truncate"])
+def test_not_complete_when_a_file_is_missing_or_changed(cache: Path, suffix: str, change: str) -> None:
+    file = fill() / f"fxaa.smooth_rows-1.py311.{suffix}"
+    file.unlink() if change == "remove" else file.write_bytes(file.read_bytes()[:-1])
+    assert not kernels.are_cached()
+    expected = f"1 of 2 files are missing or changed, the first is {KERNEL}/{file.name}"
+    assert cache_folder.missing() == expected
+
+
+def test_complete_when_an_index_lists_more(cache: Path) -> None:
+    """Another program has compiled a further specialisation of the same kernel."""
+    index = fill() / "fxaa.smooth_rows-1.py311.nbi"
+    stamp = cache_folder.sources_digest()
+    pickled = pickle.dumps((stamp, {"first": "fxaa.smooth_rows-1.py311.1.nbc", "second": "another.2.nbc"}))
+    index.write_bytes(pickled)
+    assert kernels.are_cached()
+    for wrong in (pickled[:-1], pickled.replace(b".1.nbc", b".3.nbc"), pickled.replace(stamp.encode(), b"0" * 16)):
+        index.write_bytes(wrong)
+        assert not kernels.are_cached()
+
+
+def test_a_touched_file_is_not_enough(cache: Path) -> None:
+    folder = kernels.configure()
+    folder.mkdir(parents=True)
+    (folder / "complete.json").touch()
+    assert cache_folder.missing() == "complete.json cannot be read"
+
+
+def test_complete_for_one_kind_of_cpu(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A home directory may be of several machines, and Numba can be asked to compile for another one."""
+    fill()
+    monkeypatch.setenv("NUMBA_CPU_NAME", "nehalem")
+    assert not kernels.are_cached()
+    fill()
+    assert kernels.are_cached()
+    monkeypatch.delenv("NUMBA_CPU_NAME")
+    assert kernels.are_cached()
+    monkeypatch.setattr("llvmlite.binding.get_host_cpu_name", lambda: "haswell")
+    forget()
+    assert not kernels.are_cached()
+
+
+@pytest.mark.parametrize("package", ["numba", "llvmlite", "numpy"])
+def test_complete_for_one_version_of_the_compiler(cache: Path, monkeypatch: pytest.MonkeyPatch, package: str) -> None:
+    fill()
+    monkeypatch.setattr(cache_folder, "version", lambda name: "0.0" if name == package else "1.0")
+    forget()
+    assert not kernels.are_cached()
+
+
+def test_the_digest_is_of_contents_and_not_of_places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def digest(tree: Path) -> str:
+        class Spec:
+            def __init__(self, package: str) -> None:
+                self.submodule_search_locations = [str(tree / package)]
+
+        monkeypatch.setattr(cache_folder, "find_spec", Spec)
+        return cache_folder.sources_digest.__wrapped__()
+
+    def write(tree: Path, name: str, text: str) -> None:
+        (tree / name).parent.mkdir(parents=True, exist_ok=True)
+        (tree / name).write_text(text)
+
+    trees = [tmp_path / "one", tmp_path / "two"]
+    for tree in trees:
+        write(tree, "renderers/a.py", "1")
+        write(tree, "gateway/scene/kernels.py", "from gateway.scene.numbers import N\n@cached_njit()\n")
+        write(tree, "gateway/scene/numbers.py", "N = 1")
+        write(tree, "gateway/other.py", "")
+    first, second = trees
+    same = digest(first)
+    os.utime(second / "renderers/a.py", (0, 0))
+    write(second, "gateway/other.py", "no kernel sees it")
+    assert digest(second) == same
+    for name in ("renderers/a.py", "renderers/b.py", "gateway/scene/kernels.py", "gateway/scene/numbers.py"):
+        before = digest(second)
+        write(second, name, "# changed\nfrom gateway.scene.numbers import N\n@cached_njit()\n")
+        assert digest(second) != before
+
+
+def test_the_oldest_folders_go(cache: Path) -> None:
+    for age in range(7):
+        old = cache / "kernels" / f"scenegate-old{age}"
+        old.mkdir(parents=True)
+        os.utime(old, (1e9 - age, 1e9 - age))
+    (cache / "kernels" / "of_another_program").mkdir()
+    fill()
+    left = sorted(path.name for path in (cache / "kernels").glob("*old*"))
+    assert left == [f"scenegate-old{age}" for age in range(4)]
+    assert (cache / "kernels" / "of_another_program").is_dir()
+    assert kernels.are_cached()
+
+
+def test_where_nothing_can_be_written_a_private_folder_serves(cache: Path) -> None:
+    blocked = cache / "kernels"
+    blocked.write_text("a file where a folder should be")
+    folder = kernels.configure()
+    assert folder.parent.is_dir()
+    assert stat.S_IMODE(folder.parent.stat().st_mode) == 0o700
+
+
+def test_a_complete_folder_that_cannot_be_written_serves(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = fill().parent
+    monkeypatch.setattr(cache_folder, "is_writable", lambda path: False)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "")
+    forget()
+    assert kernels.configure() == folder
+    assert kernels.are_cached()
+
+
+async def test_a_folder_of_the_user_that_cannot_be_written_is_a_sentence(
+    cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "/proc/kernels")
+    with pytest.raises(kernels.KernelError, match=r"^the rendering kernels in /proc/kernels/.* cannot be written: "):
+        await kernels.compile_missing(["shading"], Progress(1))
+
+
+async def test_a_child_that_fails_is_a_sentence(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PYTHONHOME", str(cache))  # no interpreter starts with that
+    with pytest.raises(kernels.KernelError, match=r"^the rendering kernels could not be compiled: "):
+        await kernels.compile_in_children(["shading"], Progress(1))
+    assert not kernels.are_cached()
+
+
+async def test_of_two_processes_one_compiles(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    compiled = 0
+
+    async def compile_in_children(parts: Collection[str], progress: Progress) -> None:
+        nonlocal compiled
+        compiled += 1
+        await until(lambda: second.waiting)
+        fill()
+
+    monkeypatch.setattr(kernels, "compile_in_children", compile_in_children)
+    first, second = Progress(1), Progress(1)
+    task = asyncio.create_task(kernels.compile_missing(["rest"], first))
+    await until(lambda: compiled)
+    await asyncio.gather(task, kernels.compile_missing(["rest"], second))
+    assert compiled == 1
+    assert not second.waiting
+
+
+async def test_an_end_while_it_waits_for_another_process(cache: Path) -> None:
+    folder = kernels.configure()
+    folder.mkdir(parents=True)
+    progress = Progress(1)
+    with (folder / "lock").open("wb") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        task = asyncio.create_task(kernels.compile_missing(["rest"], progress))
+        await until(lambda: progress.waiting)
+        described = progress.describe()
+        assert described["waiting"] == "another process compiles the kernels"
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+
+
+def _fresh() -> Any:
+    from numba import njit
+
+    @njit
+    def called(x: int) -> int:
+        return x + 1
+
+    @njit
+    def fresh(x: int) -> int:
+        return called(x)  # type: ignore[no-any-return]
+
+    return fresh
+
+
+def test_compiling_is_refused_while_kernels_are_loaded(cache: Path) -> None:
+    fill()
+    fresh = _fresh()
+    with kernels.compiling_refused():
+        with pytest.raises(
+            kernels.KernelError, match=r"^the kernel tests.runtime.test_kernel_cache._fresh.*fresh could not be"
+        ):
+            fresh(1)
+        with pytest.raises(kernels.KernelError):
+            fresh(1)
+    assert not kernels.are_cached()  # the manifest was wrong
+    assert fresh(1) == 2
+
+
+def test_compiling_is_reported_once_by_the_name_of_what_was_called(cache: Path) -> None:
+    compiled: list[str] = []
+    with kernels.compiling_reported(compiled.append):
+        assert _fresh()(1) == 2
+    assert _fresh()(1) == 2
+    assert [name.rsplit(".", 1)[1] for name in compiled] == ["fresh"]

@@ -1,0 +1,104 @@
+"""Logs: one format for structlog and the standard library."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Iterator
+
+import pytest
+import structlog
+import uvicorn
+
+from gateway.runtime import logs
+
+
+@pytest.fixture(autouse=True)
+def _restore() -> Iterator[None]:
+    loggers = [logging.getLogger(name) for name in (None, "uvicorn", "uvicorn.error", "uvicorn.access")]
+    before = [(logger.handlers[:], logger.level, logger.propagate) for logger in loggers]
+    yield
+    for logger, (handlers, level, propagate) in zip(loggers, before, strict=True):
+        logger.handlers[:], logger.propagate = handlers, propagate
+        logger.setLevel(level)
+    structlog.reset_defaults()
+
+
+def test_json_lines_carry_level_logger_and_context(capsys: pytest.CaptureFixture[str]) -> None:
+    logs.configure("json", "info")
+    with structlog.contextvars.bound_contextvars(request_id="r1"):
+        structlog.get_logger("gateway.x").info("drawn", ms=3)
+        logging.getLogger("some.library").warning("%d left", 2)
+    structlog.get_logger("gateway.x").debug("not shown")
+    first, second = (json.loads(line) for line in capsys.readouterr().err.splitlines())
+    assert (first["event"], first["ms"], first["logger"], first["request_id"]) == ("drawn", 3, "gateway.x", "r1")
+    assert (second["event"], second["level"], second["request_id"]) == ("2 left", "warning", "r1")
+    assert first["timestamp"].endswith("Z")
+
+
+def test_what_is_not_logged_is_not_made_ready(capsys: pytest.CaptureFixture[str]) -> None:
+    class Asked:
+        def __repr__(self) -> str:
+            raise AssertionError
+
+    seen: list[object] = []
+    logs.configure("json", "info")
+    processors = structlog.get_config()["processors"]
+    structlog.configure(processors=[processors[0], lambda logger, name, event: seen.append(event) or event])
+    structlog.get_logger("gateway.x").debug("not shown", value=Asked())
+    assert seen == []
+    logging.getLogger("gateway.x").setLevel("DEBUG")
+    try:
+        assert processors[0](logging.getLogger("gateway.x"), "debug", {}) == {}
+    finally:
+        logging.getLogger("gateway.x").setLevel("NOTSET")
+
+
+def test_auto_is_json_where_there_is_no_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    logs.configure("auto", "info")
+    structlog.get_logger().info("hello")
+    assert json.loads(capsys.readouterr().err)["event"] == "hello"
+
+
+@pytest.mark.parametrize(
+    ("level", "uvicorn_level", "shown"), [("info", "info", 2), ("warning", "info", 1), ("info", "error", 0)]
+)
+def test_lines_of_uvicorns_command_are_json(
+    capfd: pytest.CaptureFixture[str], level: str, uvicorn_level: str, shown: int
+) -> None:
+    uvicorn.Config("gateway.app:app", log_level=uvicorn_level)  # gives its loggers handlers, as its command does
+    logs.configure("json", level, uvicorn_starts=True)
+    logging.getLogger("uvicorn.error").info("Started server process [%d]", 7, extra={"color_message": "coloured"})
+    logging.getLogger("uvicorn.error").warning("Invalid HTTP request received.")
+    assert not logging.getLogger("uvicorn.access").hasHandlers()  # what uvicorn asks before it logs a request
+    out, err = capfd.readouterr()
+    assert out == ""
+    events = [json.loads(line)["event"] for line in err.splitlines()]
+    assert events == ["Started server process [7]", "Invalid HTTP request received."][2 - shown :]
+
+
+def test_scenegate_serve_hides_uvicorns_start_and_end(capfd: pytest.CaptureFixture[str]) -> None:
+    logs.configure("json", "info")
+    logging.getLogger("uvicorn.error").info("Started server process")
+    logging.getLogger("uvicorn.error").warning("Invalid HTTP request received.")
+    (line,) = capfd.readouterr().err.splitlines()
+    assert json.loads(line)["logger"] == "uvicorn.error"
+
+
+def test_human_lines_start_with_the_time(capsys: pytest.CaptureFixture[str]) -> None:
+    logs.configure("human", "info")
+    structlog.get_logger("gateway").error("broken", why="x")
+    line = capsys.readouterr().err
+    assert "broken" in line
+    assert "why=x" in line
+    assert not line.startswith("{")
+
+
+def test_an_exception_stays_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    logs.configure("json", "info")
+    try:
+        raise KeyError("gone")
+    except KeyError:
+        structlog.get_logger().exception("failed")
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "KeyError: 'gone'" in json.loads(line)["exception"]

@@ -1,0 +1,93 @@
+"""Listening, and what is said when it does not work."""
+
+from __future__ import annotations
+
+import gc
+import resource
+import socket
+import sys
+
+import pytest
+
+from gateway.runtime import process_tuning
+
+
+def test_listening_on_a_free_port() -> None:
+    with process_tuning.listen("127.0.0.1", 0) as sock, socket.create_connection(sock.getsockname()[:2]):
+        pass
+
+
+def received(sock: socket.socket) -> int:
+    return sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "::1"])
+def test_connections_take_a_body_whole_where_the_system_allows_it(host: str) -> None:
+    try:
+        listener = process_tuning.listen(host, 0)
+    except OSError:
+        pytest.skip(f"{host} is no address of this machine")
+    with listener, socket.socket(listener.family) as other:
+        by_itself = received(other)
+        other.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4 << 20)
+        allowed = received(other)
+        assert received(listener) == (allowed if allowed >= 4 << 20 else by_itself)
+
+
+def test_less_than_wanted_is_left_to_the_system(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(process_tuning, "_RECEIVED", 1 << 30)  # more than any system allows, and fits a C integer
+    with process_tuning.listen("127.0.0.1", 0) as listener, socket.socket() as other:
+        assert received(listener) == received(other)
+
+
+def test_a_taken_port_is_said_so() -> None:
+    with process_tuning.listen("127.0.0.1", 0) as sock:
+        port = sock.getsockname()[1]
+        with pytest.raises(OSError, match="in use") as raised:
+            process_tuning.listen("127.0.0.1", port)
+    reason = process_tuning.why_not_listening(raised.value, "127.0.0.1", port)
+    assert reason == f"another program listens there (127.0.0.1 port {port})"
+
+
+def test_an_address_of_another_machine_is_said_so() -> None:
+    with pytest.raises(OSError, match="assign") as raised:
+        process_tuning.listen("203.0.113.1", 0)
+    assert "203.0.113.1 is no address of this machine" in process_tuning.why_not_listening(
+        raised.value, "203.0.113.1", 0
+    )
+
+
+def test_an_unknown_host_is_said_so() -> None:
+    with pytest.raises(socket.gaierror) as raised:
+        process_tuning.listen("no such host", 0)
+    assert process_tuning.why_not_listening(raised.value, "no such host", 0) == "the host 'no such host' is unknown"
+
+
+def test_tuning_never_lowers_the_number_of_files() -> None:
+    before, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    process_tuning.tune()
+    after, same = resource.getrlimit(resource.RLIMIT_NOFILE)
+    assert same == hard
+    assert after >= before or before == resource.RLIM_INFINITY
+
+
+def test_threads_let_the_event_loop_have_its_turn_within_a_millisecond() -> None:
+    before = sys.getswitchinterval()
+    try:
+        process_tuning.tune()
+        assert sys.getswitchinterval() <= 0.0011
+    finally:
+        sys.setswitchinterval(before)
+
+
+def test_the_garbage_collector_works_again_after_the_start() -> None:
+    frozen = gc.get_freeze_count()
+    try:
+        process_tuning.hurry()
+        assert not gc.isenabled()
+        process_tuning.settle()
+        assert gc.isenabled()
+        assert gc.get_freeze_count() > frozen
+    finally:
+        gc.unfreeze()
+        gc.enable()

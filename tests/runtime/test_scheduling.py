@@ -1,0 +1,50 @@
+"""Turns on a processor: the event loop's are short and soon."""
+
+from __future__ import annotations
+
+import ctypes
+import platform
+import sys
+import threading
+
+import pytest
+
+from gateway.runtime.scheduling import _ATTR, _SCHED_SETATTR, step_back, step_forward
+
+
+def turn() -> int:
+    """Nanoseconds that the calling thread has asked for."""
+    buffer = ctypes.create_string_buffer(_ATTR.size)
+    number = _SCHED_SETATTR[platform.machine()] + 1  # sched_getattr follows in every table
+    long = ctypes.c_long
+    assert ctypes.CDLL(None).syscall(long(number), long(0), buffer, long(_ATTR.size), long(0)) == 0
+    return int(_ATTR.unpack(buffer.raw)[5])
+
+
+def known() -> bool:
+    if sys.platform != "linux" or platform.machine() not in _SCHED_SETATTR:
+        return False
+    return tuple(int(part) for part in platform.release().split("-")[0].split(".")[:2]) >= (6, 12)
+
+
+@pytest.mark.skipif(not known(), reason="threads can ask for turns on Linux 6.12 and later")
+def test_those_who_wait_have_shorter_turns_than_those_who_compute() -> None:
+    seen: list[int] = []
+
+    def compute() -> None:
+        seen.append(turn())
+        step_back(0)
+        seen.append(turn())
+
+    def wait() -> None:
+        step_forward()
+        seen.append(turn())
+        worker = threading.Thread(target=compute)
+        worker.start()
+        worker.join()
+
+    loop = threading.Thread(target=wait)
+    loop.start()
+    loop.join()
+    mine, inherited, computing = seen
+    assert mine == inherited < computing

@@ -1,0 +1,331 @@
+"""The queue in front of the threads: its order, its bounds, and what happens to callers that leave."""
+
+from __future__ import annotations
+
+import asyncio
+import contextvars
+import gc
+import os
+import sys
+import threading
+import weakref
+
+import pytest
+
+from gateway.runtime.worker_pool import Busy, Closed, TooSlow, Workers
+from renderers.raster.frame_threads import Crew, Phase
+from renderers.stop import check_stop
+from tests.support.waiting import SECONDS, until
+
+
+class Gate:
+    """A call that says when it runs and waits until it may end."""
+
+    def __init__(self) -> None:
+        self.started = threading.Event()
+        self.open = threading.Event()
+
+    def __call__(self, value: object = None) -> object:
+        self.started.set()
+        assert self.open.wait(SECONDS)
+        return value
+
+
+async def started(gate: Gate) -> None:
+    assert await asyncio.to_thread(gate.started.wait, SECONDS)
+
+
+async def test_results_errors_keywords_and_context_cross_the_threads() -> None:
+    variable = contextvars.ContextVar("variable", default="outside")
+    workers = Workers(2)
+    variable.set("inside")
+
+    def call(a: int, *, b: int) -> tuple[int, str, bool]:
+        return a + b, variable.get(), threading.current_thread() is threading.main_thread()
+
+    assert await workers.run(call, 1, b=2) == (3, "inside", False)
+    with pytest.raises(ZeroDivisionError):
+        await workers.run(lambda: 1 // 0)
+    with pytest.raises(RuntimeError, match="StopIteration"):
+        await workers.run(lambda: next(iter(())))
+    assert await workers.close()
+    assert workers.stats.done == 3
+
+
+async def test_first_come_first_served_and_never_more_than_the_threads() -> None:
+    workers, order, lock, running, most = Workers(2), [], threading.Lock(), 0, 0
+    gates = Gate(), Gate()
+    held = [asyncio.create_task(workers.run(gate)) for gate in gates]
+    for gate in gates:
+        await started(gate)
+
+    def call(number: int) -> None:
+        nonlocal running, most
+        with lock:
+            running += 1
+            most = max(most, running)
+            order.append(number)
+        with lock:
+            running -= 1
+
+    waiting = [asyncio.create_task(workers.run(call, number)) for number in range(20)]
+    await until(lambda: workers.stats.waiting == 20)
+    assert workers.spare == 0
+    gates[0].open.set()  # one thread works through the queue, in order, while the other is held
+    await asyncio.gather(*waiting)
+    assert order == list(range(20))
+    assert most == 1
+    gates[1].open.set()
+    await asyncio.gather(*held)
+    assert workers.spare == 2
+    assert await workers.close()
+
+
+async def test_beyond_the_count_callers_are_turned_away() -> None:
+    workers, gate = Workers(1, max_waiting=2), Gate()
+    tasks = [asyncio.create_task(workers.run(gate)) for _ in range(3)]
+    await started(gate)
+    await until(lambda: workers.stats.waiting == 2)
+    with pytest.raises(Busy, match="2 requests are waiting already, the limit is 2") as busy:
+        await workers.run(gate)
+    assert busy.value.retry_after >= 1
+    assert workers.stats.rejected == 1
+    gate.open.set()
+    await asyncio.gather(*tasks)
+    await workers.run(gate)
+    assert await workers.close()
+
+
+async def test_no_waiting_allowed_still_means_that_free_threads_work() -> None:
+    workers, gate = Workers(2, max_waiting=0), Gate()
+    tasks = [asyncio.create_task(workers.run(gate)) for _ in range(2)]
+    await started(gate)
+    with pytest.raises(Busy):
+        await workers.run(gate)
+    gate.open.set()
+    await asyncio.gather(*tasks)
+    assert await workers.close()
+
+
+async def test_beyond_the_bytes_callers_are_turned_away_but_one_alone_may_wait() -> None:
+    workers, gate = Workers(1, max_waiting_bytes=100), Gate()
+    tasks = [asyncio.create_task(workers.run(gate))]
+    await started(gate)
+    tasks.append(asyncio.create_task(workers.run(gate, weight=1000)))
+    await until(lambda: workers.stats.waiting == 1)
+    with pytest.raises(Busy, match="hold 1000 bytes; with 1 more they would exceed the limit of 100"):
+        await workers.run(gate, weight=1)
+    tasks[1].cancel()
+    await until(lambda: workers.stats.waiting_bytes == 0)
+    tasks.append(asyncio.create_task(workers.run(gate, weight=60)))
+    tasks.append(asyncio.create_task(workers.run(gate, weight=40)))
+    await until(lambda: workers.stats.waiting_bytes == 100)
+    gate.open.set()
+    await asyncio.gather(*tasks, return_exceptions=True)
+    assert workers.stats.waiting_bytes == 0
+    assert await workers.close()
+
+
+async def test_a_waiting_caller_that_leaves_is_never_run_and_frees_its_place() -> None:
+    workers, gate, calls = Workers(1, max_waiting=1), Gate(), []
+    held = asyncio.create_task(workers.run(gate))
+    await started(gate)
+    leaver = asyncio.create_task(workers.run(calls.append, "left", weight=7))
+    await until(lambda: workers.stats.waiting == 1)
+    leaver.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await leaver
+    assert workers.stats.waiting == 0
+    assert workers.stats.abandoned == 1
+    stayer = asyncio.create_task(workers.run(calls.append, "stayed"))
+    gate.open.set()
+    await asyncio.gather(held, stayer)
+    assert calls == ["stayed"]
+    assert await workers.close()
+
+
+async def test_a_running_caller_that_leaves_loses_the_result_not_the_thread() -> None:
+    workers, gate = Workers(1), Gate()
+    leaver = asyncio.create_task(workers.run(gate))
+    await started(gate)
+    leaver.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await leaver
+    assert workers.stats.running == 1
+    gate.open.set()
+    assert await workers.run(lambda: "next") == "next"
+    assert workers.stats.done == 2
+    assert await workers.close()
+
+
+async def test_close_lets_accepted_work_finish_and_ends_the_threads() -> None:
+    before = set(threading.enumerate())
+    workers, gate = Workers(2, name="ending"), Gate()
+    tasks = [asyncio.create_task(workers.run(gate, number)) for number in range(5)]
+    await started(gate)
+    closing = asyncio.create_task(workers.close(SECONDS))
+    await asyncio.sleep(0)
+    with pytest.raises(Closed):
+        await workers.run(gate)
+    gate.open.set()
+    assert await closing
+    assert await asyncio.gather(*tasks) == list(range(5))
+    for thread in set(threading.enumerate()) - before:
+        if thread.name.startswith("ending"):
+            thread.join(SECONDS)
+            assert not thread.is_alive()
+    assert await workers.close()
+
+
+async def test_close_gives_up_at_its_limit() -> None:
+    workers, gate = Workers(1), Gate()
+    running, waiting = (asyncio.create_task(workers.run(gate)) for _ in range(2))
+    await started(gate)
+    assert not await workers.close(0.0)
+    with pytest.raises(Closed, match="before the request's turn came"):
+        await waiting
+    gate.open.set()
+    await running
+
+
+class Endless:
+    """A call that does nothing but look at its flag, until that is set."""
+
+    def __init__(self) -> None:
+        self.started = threading.Event()
+        self.ended = threading.Event()
+
+    def __call__(self) -> None:
+        self.started.set()
+        try:
+            while True:
+                check_stop()
+        finally:
+            self.ended.set()
+
+
+async def test_a_call_ends_at_its_deadline_which_does_not_count_while_it_waits() -> None:
+    workers = Workers(1, seconds=0.2, limit_name="--render-seconds")
+    calls = [asyncio.create_task(workers.run(Endless())) for _ in range(3)]
+    last = asyncio.create_task(workers.run(lambda: "drawn"))  # it has waited for three deadlines
+    for call in calls:
+        with pytest.raises(TooSlow, match=r"--render-seconds = 0\.2 s"):
+            await call
+    assert await last == "drawn"
+    assert (workers.stats.timed_out, workers.stats.done) == (3, 4)
+    assert await workers.close()
+
+
+async def test_a_call_ends_when_its_caller_is_cancelled() -> None:
+    workers, call = Workers(1), Endless()
+    leaver = asyncio.create_task(workers.run(call))
+    assert await asyncio.to_thread(call.started.wait, SECONDS)
+    leaver.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await leaver
+    assert await asyncio.to_thread(call.ended.wait, SECONDS)
+    assert await workers.run(lambda: "next") == "next"
+    assert await workers.close()
+
+
+async def test_close_ends_calls_that_would_not_finish() -> None:
+    workers, call = Workers(1, seconds=1000.0), Endless()
+    running, waiting = (asyncio.create_task(workers.run(call)) for _ in range(2))
+    assert await asyncio.to_thread(call.started.wait, SECONDS)
+    assert await workers.close(0.1)
+    for task in (running, waiting):
+        with pytest.raises(Closed, match="shut down"):
+            await task
+
+
+async def test_threads_past_half_of_the_deadline_are_counted() -> None:
+    workers, gate = Workers(2, seconds=0.02), Gate()  # which does not look at its flag
+    calls = [asyncio.create_task(workers.run(gate, 1))]
+    await until(lambda: workers.stats.slow == 1)
+    assert not workers.stuck
+    calls.append(asyncio.create_task(workers.run(gate, 2)))
+    await until(lambda: workers.stuck)
+    gate.open.set()
+    assert await asyncio.gather(*calls) == [1, 2]
+    assert workers.stats.slow == 0
+    assert not workers.stuck
+    assert await workers.close()
+
+
+async def test_without_a_deadline_no_thread_is_slow() -> None:
+    workers, gate = Workers(1), Gate()
+    call = asyncio.create_task(workers.run(gate))
+    await started(gate)
+    assert (workers.stats.slow, workers.stuck) == (0, False)
+    gate.open.set()
+    await call
+    assert await workers.close()
+
+
+async def test_nothing_keeps_a_finished_request_alive() -> None:
+    class Body:
+        pass
+
+    def fail(body: object) -> None:
+        raise ValueError("no")
+
+    workers = Workers(1)
+    body = Body()
+    watched = weakref.ref(body)
+    await workers.run(lambda _: None, body)
+    try:
+        await workers.run(fail, body)
+    except ValueError:
+        pass
+    del body
+    gc.collect()
+    await workers.run(lambda: None)  # the thread has let go of the job before when it takes the next
+    assert watched() is None
+    assert await workers.close()
+
+
+def test_loops_come_and_go() -> None:
+    workers = Workers(1)
+    for _ in range(2):
+        assert asyncio.run(workers.run(lambda: 5)) == 5
+    gate = Gate()
+
+    async def leave() -> None:
+        task = asyncio.create_task(workers.run(gate))
+        await started(gate)
+        task.cancel()
+
+    asyncio.run(leave())
+    gate.open.set()  # the result has no loop to go to any more
+    assert asyncio.run(workers.run(lambda: 6)) == 6
+    assert asyncio.run(workers.close())
+
+
+def test_bounds_are_checked() -> None:
+    for arguments in ({"threads": 0}, {"max_waiting": -1}, {"seconds": 0.0}):
+        with pytest.raises(ValueError, match="at least one thread"):
+            Workers(**arguments)  # type: ignore[arg-type]  # by name
+    assert Workers().threads >= 1
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux gives every thread a priority")
+async def test_threads_that_draw_and_their_helpers_stand_behind_the_event_loop() -> None:
+    def niceness(_: int = 0) -> int:
+        return os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
+
+    def draw() -> set[int]:
+        crew, seen, meeting = Crew(2), set[int](), threading.Barrier(2)
+
+        def work(_: int) -> None:
+            seen.add(niceness())
+            meeting.wait(SECONDS)
+
+        crew.run((Phase(2, work),))
+        crew.close()
+        return seen
+
+    own = niceness()
+    workers = Workers(1, niceness=3)
+    assert await workers.run(draw) == {min(19, own + 3)}
+    assert niceness() == own
+    assert await workers.close()

@@ -1,0 +1,122 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from gateway.scene.crease_normals import CREASE_COSINE, MOST_FACES, smooth_mesh, smoothed, with_creases
+from renderers import primitives
+from renderers.drawlist import Mesh
+
+
+def torn(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
+    """The same surface with three vertices of its own for every triangle, as STL stores it."""
+    positions = np.ascontiguousarray(mesh.positions[mesh.elements].reshape(-1, 3))
+    return positions, np.arange(len(positions), dtype=np.uint32).reshape(-1, 3)
+
+
+def test_a_sphere_is_smooth_again():
+    mesh = with_creases(*torn(primitives.sphere()))
+    assert mesh.normals is not None
+    assert len(mesh.positions) == len(primitives.sphere().positions)
+    assert np.einsum("ni,ni->n", mesh.normals, mesh.positions).min() > 0.999
+
+
+def test_a_cylinder_keeps_its_edges():
+    source = primitives.cylinder()
+    mesh = with_creases(*torn(source))
+    assert mesh.normals is not None
+    flat = np.abs(mesh.normals[:, 2]) > 0.999
+    round_ = np.abs(mesh.normals[:, 2]) < 0.001
+    assert (flat | round_).all()
+    # Two triangles of one facet and one of the next lie around a vertex: a sixth of its angle aside.
+    facet = 2 * math.pi / (np.count_nonzero(round_) / 2)
+    np.testing.assert_allclose(mesh.normals[round_][:, :2], mesh.positions[round_][:, :2], atol=facet / 5)
+
+
+@pytest.mark.parametrize(("bend", "vertices"), [(30.0, 4), (60.0, 6)])
+def test_the_angle_decides(bend: float, vertices: int):
+    a = math.radians(bend)
+    points = np.array([(0, 0, 0), (0, 1, 0), (1, 0, 0), (-math.cos(a), 0, math.sin(a))], np.float32)
+    mesh = with_creases(points, np.array([(0, 2, 1), (0, 1, 3)], np.uint32))
+    assert len(mesh.positions) == vertices
+
+
+def test_texture_coordinates_and_colours_stay_with_their_corners():
+    positions, triangles = torn(primitives.box())
+    uv = np.random.default_rng(3).random((len(positions), 2), np.float32)
+    colors = np.random.default_rng(4).random((len(positions), 4), np.float32)
+    mesh = with_creases(positions, triangles, uv=uv, colors=colors)
+    assert mesh.uv0 is not None
+    assert mesh.colors is not None
+    np.testing.assert_array_equal(mesh.positions[mesh.elements], positions[triangles])
+    np.testing.assert_array_equal(mesh.uv0[mesh.elements], uv[triangles])
+    np.testing.assert_array_equal(mesh.colors[mesh.elements], colors[triangles])
+
+
+def test_a_fan_of_too_many_faces_is_flat_at_its_tip_and_does_not_take_memory():
+    count = MOST_FACES * 4
+    angle = np.linspace(0, 2 * math.pi, count, endpoint=False)
+    rim = np.stack((np.cos(angle), np.sin(angle), np.zeros(count)), axis=1)
+    points = np.concatenate((rim, [(0, 0, 1)])).astype(np.float32)
+    ring = np.arange(count)
+    triangles = np.stack((ring, np.roll(ring, -1), np.full(count, count)), axis=1).astype(np.uint32)
+    mesh = with_creases(points, triangles)
+    assert mesh.normals is not None
+    np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-5)
+
+
+def test_degenerate_triangles_and_none_at_all():
+    points = np.array([(0, 0, 0), (1, 0, 0), (2, 0, 0)], np.float32)
+    mesh = with_creases(points, np.array([(0, 1, 2), (0, 0, 0)], np.uint32))
+    assert mesh.normals is not None
+    assert np.isfinite(mesh.normals).all()
+    assert len(with_creases(points, np.zeros((0, 3), np.uint32)).elements) == 0
+
+
+def test_normals_are_smooth_up_to_creases_of_45_degrees() -> None:
+    def roof(angle: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        c, s = np.cos(angle), np.sin(angle)
+        positions = np.array([[0, 0, 0], [0, 1, 0], [-1, 0, 0], [c, 0, -s], [9, 9, 9]], np.float32)
+        return smooth_mesh(positions, np.array([[0, 1, 2], [0, 3, 1]], np.uint32))
+
+    gentle, elements, normals = roof(np.radians(44))
+    assert len(gentle) == 4, "the vertices of the ridge are shared, the unused one is left out"
+    ridge = normals[elements[0, 0]]
+    np.testing.assert_allclose(ridge, (np.sin(np.radians(22)), 0, np.cos(np.radians(22))), atol=1e-6)
+    sharp, elements, normals = roof(np.radians(46))
+    assert len(sharp) == 6
+    np.testing.assert_allclose(normals[elements[0]], np.tile((0, 0, 1), (3, 1)), atol=1e-6)
+
+
+def test_normals_of_many_and_of_flat_faces_are_unit_vectors() -> None:
+    count = 600
+    angle = np.linspace(0, 2 * np.pi, count, endpoint=False)
+    rim = np.stack((np.cos(angle), np.sin(angle), 0.01 * np.cos(9 * angle)), axis=1)
+    positions = np.concatenate((np.zeros((1, 3)), rim, np.zeros((1, 3)))).astype(np.float32)
+    index = np.arange(count, dtype=np.uint32)
+    fan = np.stack((np.zeros_like(index), index + 1, (index + 1) % count + 1), axis=1).astype(np.uint32)
+    faces = np.concatenate((fan, np.array([[0, 0, 0], [0, count + 1, 1]], np.uint32)))
+    placed, elements, normals = smooth_mesh(positions, faces)
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-6)
+    np.testing.assert_array_equal(placed[elements], positions[faces])
+
+
+@pytest.mark.parametrize("height", [0.02, 1.0], ids=["gentle", "steep"])
+def test_the_short_way_to_normals_gives_the_very_same(height: float) -> None:
+    """Hills without creases take it, hills with creases do not; with vertices that no face uses neither."""
+    side = 40
+    y, x = np.mgrid[0:side, 0:side].astype(np.float32) / side
+    z = height * np.random.default_rng(3).random((side, side), np.float32) / (1.0 if height > 0.5 else side)
+    positions = np.stack((x, y, z), axis=-1).reshape(-1, 3)
+    a = (np.arange(side - 1)[:, None] * side + np.arange(side - 1)).ravel()
+    faces = np.concatenate((np.stack((a, a + 1, a + side), 1), np.stack((a + 1, a + side + 1, a + side), 1)))
+    faces = faces.astype(np.uint32)
+    placed, normals, elements = smoothed(positions, faces, CREASE_COSINE)
+    assert (len(placed) == len(positions)) is (height < 0.5)
+    for found, wanted in zip(smooth_mesh(positions, faces), (placed, elements, normals), strict=True):
+        np.testing.assert_array_equal(found, wanted)
+    more = np.concatenate((positions, np.ones((3, 3), np.float32)))
+    for found, wanted in zip(smooth_mesh(more, faces), (placed, elements, normals), strict=True):
+        np.testing.assert_array_equal(found, wanted)

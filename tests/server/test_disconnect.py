@@ -1,0 +1,76 @@
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+from starlette.requests import ClientDisconnect, Request
+from starlette.types import Message
+
+from gateway.server.disconnect import while_connected
+
+
+class Client:
+    """A GET request's connection, which ``leave`` ends."""
+
+    def __init__(self) -> None:
+        self._left = asyncio.Event()
+        self._begun = False
+
+    def leave(self) -> None:
+        self._left.set()
+
+    async def receive(self) -> Message:
+        if not self._begun:
+            self._begun = True
+            return {"type": "http.request", "body": b"", "more_body": False}
+        await self._left.wait()
+        return {"type": "http.disconnect"}
+
+    @property
+    def request(self) -> Request:
+        return Request({"type": "http", "method": "GET", "headers": []}, self.receive)
+
+
+async def test_results_and_errors_are_those_of_the_work() -> None:
+    async def fail() -> None:
+        raise ZeroDivisionError
+
+    assert await while_connected(Client().request, asyncio.sleep(0, "done")) == "done"
+    with pytest.raises(ZeroDivisionError):
+        await while_connected(Client().request, fail())
+
+
+async def test_the_work_is_cancelled_when_the_client_leaves() -> None:
+    client, begun, cancelled = Client(), asyncio.Event(), asyncio.Event()
+
+    async def work() -> None:
+        begun.set()
+        try:
+            await asyncio.Event().wait()
+        finally:
+            cancelled.set()
+
+    waiting = asyncio.create_task(while_connected(client.request, work()))
+    await begun.wait()
+    client.leave()
+    with pytest.raises(ClientDisconnect):
+        await waiting
+    await cancelled.wait()
+
+
+async def test_the_work_is_cancelled_with_the_caller() -> None:
+    begun, cancelled = asyncio.Event(), asyncio.Event()
+
+    async def work() -> None:
+        begun.set()
+        try:
+            await asyncio.Event().wait()
+        finally:
+            cancelled.set()
+
+    waiting = asyncio.create_task(while_connected(Client().request, work()))
+    await begun.wait()
+    waiting.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await waiting
+    await cancelled.wait()

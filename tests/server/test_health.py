@@ -1,0 +1,64 @@
+"""Health with and without a token, where one is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import httpx2
+import pytest
+from fastapi import FastAPI
+
+from gateway.runtime.metrics_registry import Metrics
+from gateway.runtime.service_registry import Board
+from gateway.server import health
+from gateway.server.access import Access
+from gateway.server.tokens import Tokens
+
+TOKEN = "0123456789abcdef"
+BEARER = {"Authorization": f"Bearer {TOKEN}"}
+SECRETS = ("/srv/secret", "10.1.2.3", "of a client")
+
+
+def client(*, token: bool) -> httpx2.AsyncClient:
+    def figures() -> Mapping[str, Any]:
+        return {"port": 4001, "last_problem": "a message of a client", "nested": {"file": "/srv/secret.db"}}
+
+    board = Board()
+    board.ready("state", where="/srv/secret.db", figures=figures)
+    board.ready("view", where="10.1.2.3")
+    board.fail("stereo", "cannot read /srv/secret.pem")
+    app = FastAPI()
+    app.include_router(health.router(board, Metrics(), "1.2.3"))
+    if token:
+        app.add_middleware(Access, tokens=Tokens(TOKEN), open_paths=health.OPEN_PATHS)
+    return httpx2.AsyncClient(transport=httpx2.ASGITransport(app=app), base_url="http://here")
+
+
+@pytest.mark.parametrize("path", ["/healthz", "/readyz"])
+async def test_without_the_token_health_is_states_alone(path: str) -> None:
+    async with client(token=True) as http:
+        answer = await http.get(path)
+    assert answer.status_code == 200
+    described = answer.json()
+    assert described["status"] == "degraded"
+    assert described["interfaces"] == {
+        "state": {"state": "ready", "port": 4001},
+        "view": {"state": "ready"},
+        "stereo": {"state": "failed"},
+    }
+    assert not [secret for secret in SECRETS if secret in answer.text]
+    assert "Bearer TOKEN" in described["details"]
+
+
+@pytest.mark.parametrize("path", ["/healthz", "/readyz"])
+@pytest.mark.parametrize("token", [True, False], ids=["token shown", "no token wanted"])
+async def test_otherwise_it_tells_everything(path: str, token: bool) -> None:
+    async with client(token=token) as http:
+        answer = await http.get(path, headers=BEARER if token else {})
+        assert all(secret in answer.text for secret in SECRETS)
+        assert answer.json()["interfaces"]["stereo"]["problem"] == "cannot read /srv/secret.pem"
+        if token:
+            wrong = await http.get(path, headers={"Authorization": "Bearer wrong"})
+            assert wrong.status_code == 200
+            assert "/srv" not in wrong.text

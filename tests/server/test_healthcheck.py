@@ -1,0 +1,21 @@
+"""The image's health check: its exit code is what /readyz says."""
+
+from __future__ import annotations
+
+import pytest
+
+from gateway.server import healthcheck
+from tests.server.answering import answering
+
+
+@pytest.mark.parametrize(("status", "code"), [(200, 0), (503, 1)])
+def test_the_exit_code_is_what_readyz_says(status: int, code: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    with answering(lambda path: (status if path == "/readyz" else 404, b"")) as port:
+        monkeypatch.setenv("SCENEGATE_HTTP_PORT", str(port))
+        assert healthcheck.main() == code
+
+
+def test_nobody_is_not_ready_and_tls_is_spoken_where_a_certificate_is_set(monkeypatch: pytest.MonkeyPatch) -> None:
+    with answering(lambda path: (200 if path == "/readyz" else 404, b"")) as port:
+        assert not healthcheck.ready(port, tls=True), "it does not speak TLS"
+    assert not healthcheck.ready(port, tls=False), "nobody listens there any more"

@@ -1,0 +1,121 @@
+"""What every HTTP request gets: id, log line, figures; and the gate before the start."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+
+import httpx2
+import pytest
+from fastapi import FastAPI, Request
+from fastapi.responses import PlainTextResponse
+from structlog.testing import capture_logs
+
+from gateway.runtime.metrics_registry import Metrics
+from gateway.server.access import TrustedHosts
+from gateway.server.middleware import Gate, Requests
+
+
+def make(metrics: Metrics) -> FastAPI:
+    app = FastAPI()
+    app.add_middleware(Requests, metrics=metrics, quiet={"/quiet"})
+
+    @app.get("/things/{name}")
+    async def thing(name: str) -> PlainTextResponse:
+        return PlainTextResponse(name)
+
+    @app.get("/broken")
+    async def broken() -> None:
+        raise KeyError("x")
+
+    return app
+
+
+def client(app: object) -> httpx2.AsyncClient:
+    transport = httpx2.ASGITransport(app=app, raise_app_exceptions=False)
+    return httpx2.AsyncClient(transport=transport, base_url="http://test")
+
+
+async def test_an_id_comes_back_and_is_made_when_missing_or_unfit() -> None:
+    async with client(make(Metrics())) as http:
+        given = await http.get("/things/a", headers={"X-Request-ID": "drake-7"})
+        assert given.headers["x-request-id"] == "drake-7"
+        made = await http.get("/things/a")
+        assert re.fullmatch("[0-9a-f]{32}", made.headers["x-request-id"])
+        unfit = await http.get("/things/a", headers={"X-Request-ID": "a b{}"})
+        assert re.fullmatch("[0-9a-f]{32}", unfit.headers["x-request-id"])
+
+
+async def test_one_line_a_request() -> None:
+    async with client(make(Metrics())) as http:
+        with capture_logs() as lines:
+            await http.get("/things/a")
+            await http.get("/quiet")
+    assert [(line["log_level"], line["path"], line["status"]) for line in lines] == [
+        ("info", "/things/a", 200),
+        ("debug", "/quiet", 404),
+    ]
+
+
+async def test_requests_are_counted_by_route_not_by_path() -> None:
+    metrics = Metrics()
+    async with client(make(metrics)) as http:
+        for path in ("/things/a", "/things/b", "/nothing/1", "/nothing/2", "/broken"):
+            await http.get(path)
+    text = metrics.exposition().decode()
+    assert 'scenegate_http_requests_total{method="GET",route="/things/{name}",status="200"} 2.0' in text
+    assert 'scenegate_http_requests_total{method="GET",route="(none)",status="404"} 2.0' in text
+    assert 'route="/broken",status="500"} 1.0' in text
+    assert 'scenegate_http_request_duration_seconds_count{route="/things/{name}"} 2.0' in text
+    assert "scenegate_http_requests_in_flight 0.0" in text
+
+
+async def test_a_defect_is_500_with_the_id_and_a_traceback_in_the_log() -> None:
+    async with client(make(Metrics())) as http:
+        with capture_logs() as lines:
+            answer = await http.get("/broken", headers={"X-Request-ID": "r1"})
+    assert (answer.status_code, answer.text) == (500, "Internal error: KeyError: 'x' (request r1)\n")
+    assert answer.headers["x-request-id"] == "r1"
+    assert [line["event"] for line in lines] == ["unhandled", "request"]
+    assert lines[0]["exc_info"]
+
+
+async def test_requests_wait_until_the_start_but_not_the_open_ones() -> None:
+    started = asyncio.Event()
+    gate = Gate(make(Metrics()), started=started, problem=lambda: "", open_paths={"/things/open"})
+    async with client(gate) as http:
+        assert (await http.get("/things/open")).text == "open"
+        waiting = asyncio.create_task(http.get("/things/a"))
+        for _ in range(10):
+            await http.get("/things/open")
+        assert not waiting.done()
+        started.set()
+        assert (await waiting).text == "a"
+
+
+async def test_a_failed_start_is_503_with_the_reason() -> None:
+    started = asyncio.Event()
+    started.set()
+    gate = Gate(make(Metrics()), started=started, problem=lambda: "no kernels", open_paths=set())
+    async with client(gate) as http:
+        answer = await http.get("/things/a")
+    assert (answer.status_code, answer.text) == (503, "The gateway did not start: no kernels\n")
+
+
+@pytest.mark.parametrize("host", ["localhost", "rebound.example"])
+async def test_bodies_beyond_the_bound_are_no_defect_whoever_answers(host: str) -> None:
+    app = FastAPI(max_body_size=10)
+
+    @app.post("/things")
+    async def things(http: Request) -> PlainTextResponse:
+        return PlainTextResponse(str(len(await http.body())))
+
+    metrics = Metrics()
+    app.add_middleware(TrustedHosts, names=("localhost",))
+    app.add_middleware(Requests, metrics=metrics)
+    async with client(app) as http:
+        with capture_logs() as lines:
+            answer = await http.post("/things", content=b"x" * 100, headers={"Host": host})
+    assert answer.status_code == 413
+    assert [(line["event"], line["status"]) for line in lines] == [("request", 413)]
+    assert 'status="413"} 1.0' in metrics.exposition().decode()

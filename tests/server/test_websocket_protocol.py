@@ -1,0 +1,159 @@
+"""WebSocket connections whose clients send what no page sends."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import struct
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+
+import pytest
+from fastapi import FastAPI, WebSocket, WebSocketDisconnect
+
+from gateway.server.websocket_protocol import MAX_FRAGMENTS, PIECE_BYTES, BoundedWebSocket
+from tests.server.listening import listening
+from tests.support.waiting import SECONDS
+
+UPGRADE = (
+    b"GET /ws HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+    b"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
+)
+TEXT, CONTINUATION, PING, PONG = 1, 0, 9, 10
+
+
+def frame(opcode: int, payload: bytes = b"", *, last: bool = True) -> bytes:
+    """Masked with zeros."""
+    size = bytes([0x80 | len(payload)]) if len(payload) < 126 else b"\xfe" + struct.pack(">H", len(payload))
+    return bytes([0x80 * last | opcode]) + size + bytes(4) + payload
+
+
+@asynccontextmanager
+async def connected() -> AsyncIterator[tuple[asyncio.StreamReader, asyncio.StreamWriter, list[str]]]:
+    """An upgraded connection to an application that takes messages and sends them back."""
+    app = FastAPI()
+    got: list[str] = []
+
+    @app.websocket("/ws")
+    async def ws(socket: WebSocket) -> None:
+        await socket.accept()
+        try:
+            while True:
+                got.append(await socket.receive_text())
+                await socket.send_text(got[-1])
+        except WebSocketDisconnect as end:
+            got.append(str(end.code))
+
+    async with listening(app) as port, asyncio.timeout(SECONDS):
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(UPGRADE)
+        assert b" 101 " in await reader.readuntil(b"\r\n\r\n")
+        yield reader, writer, got
+        writer.close()
+
+
+@pytest.mark.parametrize("payload", [b"", b"x"], ids=["empty", "of a byte"])
+async def test_a_message_of_fragments_without_end_ends_the_connection(payload: bytes) -> None:
+    async with connected() as (reader, writer, got):
+        fragments = frame(TEXT, last=False) + frame(CONTINUATION, payload, last=False) * (MAX_FRAGMENTS - 2)
+        writer.write(fragments + frame(CONTINUATION, b"!"))
+        expected = payload.decode() * (MAX_FRAGMENTS - 2) + "!"
+        assert (await reader.readexactly(2 + len(expected)))[2:].decode() == expected
+        writer.write(fragments + frame(CONTINUATION, payload, last=False) * 2)
+        assert struct.unpack(">H", (await reader.read())[2:4]) == (1009,)
+    assert got == [expected, "1009"]
+
+
+@pytest.mark.parametrize("fragments", [1, 2])
+async def test_text_that_is_not_utf_8_ends_the_connection(fragments: int, caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level(logging.DEBUG):
+        async with connected() as (reader, writer, got):
+            writer.write(frame(TEXT, "é".encode()[:1] + b"x") if fragments == 1 else b"")
+            writer.write(b"" if fragments == 1 else frame(TEXT, b"\xff", last=False) + frame(CONTINUATION, b"x"))
+            writer.write(frame(TEXT, b"\xff") + frame(TEXT, b"late"))
+            head = await reader.readexactly(4)
+            assert (head[0], struct.unpack(">H", head[2:])) == (0x88, (1007,))
+            await reader.read()
+        assert got == ["1007"]
+    assert not [record for record in caplog.records if record.levelno > logging.INFO or record.exc_info]
+
+
+async def test_letters_that_fragments_cut_apart_are_whole_again() -> None:
+    async with connected() as (reader, writer, got):
+        data = "é".encode()
+        writer.write(frame(TEXT, data[:1], last=False) + frame(CONTINUATION, data[1:]))
+        assert (await reader.readexactly(4))[2:] == data
+    assert got[0] == "é"
+
+
+async def test_who_does_not_wait_for_the_handshake_is_cut_off_in_silence(caplog: pytest.LogCaptureFixture) -> None:
+    answering, answered = asyncio.Event(), asyncio.Event()
+    app = FastAPI()
+
+    @app.websocket("/ws")
+    async def ws(socket: WebSocket) -> None:
+        answering.set()
+        await answered.wait()
+        await socket.accept()
+        with suppress(WebSocketDisconnect):
+            await socket.receive_text()
+
+    with caplog.at_level(logging.DEBUG):
+        async with listening(app) as port, asyncio.timeout(SECONDS):
+            reader, writer = await asyncio.open_connection("127.0.0.1", port)
+            writer.write(UPGRADE)
+            await answering.wait()
+            writer.write(frame(TEXT, b"\xff"))
+            with suppress(ConnectionError):
+                assert await reader.read() == b""
+            answered.set()
+            writer.close()
+    assert not [record for record in caplog.records if record.levelno > logging.INFO or record.exc_info]
+
+
+async def test_what_comes_is_read_in_pieces_that_leave_others_their_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+    sizes: list[int] = []
+    plain = BoundedWebSocket.data_received
+
+    def data_received(self: BoundedWebSocket, data: bytes) -> None:
+        sizes.append(len(data))
+        plain(self, data)
+
+    monkeypatch.setattr(BoundedWebSocket, "data_received", data_received)
+    async with connected() as (reader, writer, got):
+        writer.write(frame(PONG, b"p" * 100) * 1000 + frame(TEXT, b"end"))
+        assert await reader.readexactly(5) == b"\x81\x03end"
+    assert len(sizes) > 50
+    assert max(sizes) <= PIECE_BYTES
+    assert got[0] == "end"
+
+
+async def test_pings_of_who_does_not_read_are_not_hoarded() -> None:
+    written: list[bytes] = []
+
+    class Transport:
+        def write(self, data: bytes) -> None:
+            written.append(data)
+
+        def is_closing(self) -> bool:
+            return False
+
+    class Connection:
+        answer = b""
+
+        def data_to_send(self) -> list[bytes]:
+            return [self.answer]
+
+    socket = BoundedWebSocket.__new__(BoundedWebSocket)
+    socket.writable = asyncio.Event()
+    socket.transport = Transport()
+    socket.conn = Connection()
+    for number in range(1000):
+        Connection.answer = b"pong %d" % number
+        socket.handle_ping()
+    assert written == []
+    socket.resume_writing()
+    socket.resume_writing()
+    assert written == [b"pong 999"]
+    socket.handle_ping()
+    assert written == [b"pong 999"] * 2

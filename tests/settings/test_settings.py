@@ -1,0 +1,135 @@
+"""Settings: precedence, sentences for what cannot be used, the generated reference."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from gateway import settings
+from gateway.cli import limits
+from gateway.cli.reference import reference
+from gateway.settings import Settings, SettingsError, load, types
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(autouse=True)
+def _clean(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in list(os.environ):
+        if name.startswith("SCENEGATE_"):
+            monkeypatch.delenv(name)
+
+
+def test_the_page_of_limits_is_what_the_classes_say() -> None:
+    assert (ROOT / "docs" / "limits.md").read_text("utf-8") == limits.reference(), "make docs writes it anew"
+
+
+def toml(folder: Path, text: str) -> Path:
+    path = folder / "scenegate.toml"
+    path.write_text(text)
+    return path
+
+
+def test_a_flag_wins_over_environment_over_file_over_default(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = toml(tmp_path, "http_port = 1\nqueue = 2\nthreads = 3\n")
+    assert load().http_port == 8000
+    assert load(config=file).http_port == 1
+    monkeypatch.setenv("SCENEGATE_HTTP_PORT", "11")
+    monkeypatch.setenv("SCENEGATE_QUEUE", "12")
+    chosen = load({"http_port": "21"}, file)
+    assert (chosen.http_port, chosen.queue, chosen.threads) == (21, 12, 3)
+
+
+def test_the_file_may_be_named_by_the_environment_and_use_hyphens(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SCENEGATE_CONFIG", str(toml(tmp_path, 'http-port = 7\nonly = ["render"]\n')))
+    assert load().http_port == 7
+    assert load().only == ("render",)
+
+
+def test_an_empty_variable_is_not_given(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SCENEGATE_HTTP_PORT", "")
+    assert load().http_port == 8000
+
+
+def test_lists_are_separated_as_people_write_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SCENEGATE_MESH_ROOT", os.pathsep.join(("/a", "/b c")))
+    monkeypatch.setenv("SCENEGATE_ONLY", "render,scene")
+    assert load().mesh_root == (Path("/a"), Path("/b c"))
+    assert load().only == ("render", "scene")
+
+
+@pytest.mark.parametrize(
+    ("flags", "env", "file", "message"),
+    [
+        ({"http_port": "x"}, {}, "", "--http-port: input should be a valid integer"),
+        ({}, {"SCENEGATE_HTTP_PORT": "70000"}, "", "SCENEGATE_HTTP_PORT: input should be less than or equal to 65535"),
+        ({}, {}, "queue = -1", "queue in {file}: input should be greater than or equal to 0, got -1."),
+        ({"look": "vtk"}, {}, "", "--look: input should be 'auto', 'phong' or 'pbr', got 'vtk'."),
+        ({"only": "render,foo"}, {}, "", "--only: input should be 'render'"),
+        ({"render_path": "render"}, {}, "", "--render-path: "),
+        ({"stereo_size": "640x480"}, {}, "", "--stereo-size, --stereo-focal-factor and --stereo-baseline need "),
+        ({"stereo_model": "custom", "stereo_size": "640"}, {}, "", "'640' is not a size like 1280x960."),
+        ({"stereo_model": "custom"}, {}, "stereo_baseline = -0.1", "stereo baseline -0.1 m must be within "),
+        ({"background": "red"}, {}, "", "--background: must be R,G,B: three whole numbers of 0 to 255, got 'red'."),
+        ({"background": "1,2,256"}, {}, "", "--background: must be R,G,B"),
+        ({"clock": "sundial"}, {}, "", "--clock: input should be 'real' or 'simulated', got 'sundial'."),
+        ({}, {}, "htpp_port = 1", "htpp_port in {file} is no setting; did you mean http_port?"),
+        ({}, {}, "http_port = ", "The configuration file {file} is not TOML"),
+    ],
+)
+def test_what_cannot_be_used_is_a_sentence(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    flags: dict[str, str],
+    env: dict[str, str],
+    file: str,
+    message: str,
+) -> None:
+    for name, value in env.items():
+        monkeypatch.setenv(name, value)
+    path = toml(tmp_path, file)
+    with pytest.raises(SettingsError) as raised:
+        load(flags, path)
+    assert str(raised.value).startswith(message.format(file=path))
+    assert "\n" not in str(raised.value)
+
+
+def test_a_missing_file_is_a_sentence(tmp_path: Path) -> None:
+    with pytest.raises(SettingsError, match=r"none\.toml cannot be read: No such file or directory\."):
+        load(config=tmp_path / "none.toml")
+
+
+def test_two_faults_are_two_sentences() -> None:
+    with pytest.raises(SettingsError) as raised:
+        load({"http_port": "x", "queue": "y"})
+    assert len(str(raised.value).splitlines()) == 2
+
+
+def test_variables_of_ours_that_are_no_settings_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SCENEGATE_HTPP_PORT", "1")
+    monkeypatch.setenv("SCENEGATE_CORPUS", "/somewhere")
+    assert settings.unknown_environment() == ["SCENEGATE_HTPP_PORT is no setting; did you mean SCENEGATE_HTTP_PORT?"]
+
+
+def test_every_setting_has_a_group_a_description_and_a_default_that_is_valid() -> None:
+    for name, field in Settings.model_fields.items():
+        assert field.description, name
+        assert field.description.endswith("."), name
+        assert types.group_of(field), name
+    defaults = {name: field.default for name, field in Settings.model_fields.items()}
+    assert Settings.model_validate(defaults) == load()
+
+
+def test_the_reference_is_up_to_date() -> None:
+    written = (ROOT / "docs" / "configuration.md").read_text("utf-8")
+    assert written == reference(), "run `make docs`"
+
+
+def test_pairs_and_a_scene_file_exclude_each_other(tmp_path: Path) -> None:
+    with pytest.raises(SettingsError, match="--stereo-images and --stereo-scene exclude each other"):
+        load({"stereo_images": tmp_path, "stereo_scene": "scene.glb"})
+    assert load({"stereo_images": tmp_path}).stereo_scene == "live"

@@ -1,0 +1,88 @@
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import structlog.testing
+
+from gateway.state.database import Database
+from gateway.state.parameter_store import ParameterStore
+from gateway.stereo.parameter_specs import NODES
+from gateway.stereo.parameters import Parameters
+
+
+@pytest.fixture
+def database(tmp_path: Path) -> Any:
+    database = Database(tmp_path / "state")
+    yield database
+    database.close()
+
+
+def kept(database: Database, camera: str = "0") -> tuple[Parameters, ParameterStore]:
+    parameters = Parameters()
+    store = ParameterStore(camera, lambda: list(NODES), parameters)
+    store.restore(database.writer)
+    return parameters, store
+
+
+def commit(database: Database, store: ParameterStore) -> bool:
+    captured = store.capture()
+    wrote = store.write(database.writer, captured)
+    store.committed(captured)
+    return wrote
+
+
+def test_every_parameter_comes_back(database: Database) -> None:
+    parameters, store = kept(database)
+    for node, specs in NODES.items():
+        for spec in specs.values():
+            other = (
+                spec.choices[-1] if spec.type == "string" else not spec.default if spec.type == "bool" else spec.high
+            )
+            parameters.set(node, [(spec.name, other)])
+    assert commit(database, store)
+    assert not commit(database, store)
+    again, _ = kept(database)
+    assert {node: again.values(node) for node in NODES} == {node: parameters.values(node) for node in NODES}
+
+
+@pytest.mark.parametrize("control", ["Auto", "Manual", "HDR"])
+def test_two_names_of_one_thing_agree_afterwards(database: Database, control: str) -> None:
+    parameters, store = kept(database)
+    parameters.set("rc_camera", [("exp_control", "Manual")])
+    commit(database, store)
+    parameters.set("rc_camera", [("exp_control", control)])
+    commit(database, store)
+    again, _ = kept(database)
+    assert again.get("rc_camera", "exp_control") == control
+    assert again.get("rc_camera", "exp_auto") == (control != "Manual")
+
+
+def test_defaults_are_not_stored_but_a_way_back_to_them_is(database: Database) -> None:
+    parameters, store = kept(database)
+    assert not commit(database, store)
+    parameters.set("rc_camera", [("fps", 5)])
+    commit(database, store)
+    parameters.reset("rc_camera")
+    assert commit(database, store)
+    assert kept(database)[0].get("rc_camera", "fps") == 25
+
+
+def test_what_this_version_does_not_know_is_told_and_left_out(database: Database) -> None:
+    database.writer.executemany(
+        "INSERT INTO stereo_parameter VALUES ('0', ?, ?, ?)",
+        [("rc_camera", "fps", "9"), ("rc_camera", "magic", "1"), ("rc_camera", "gamma", "1e9"), ("nobody", "x", "1")],
+    )
+    with structlog.testing.capture_logs() as logs:
+        parameters, _ = kept(database)
+    assert parameters.get("rc_camera", "fps") == 9
+    assert len(logs) == 3
+
+
+def test_cameras_are_told_apart(database: Database) -> None:
+    parameters, store = kept(database, "1")
+    parameters.set("rc_camera", [("fps", 5)])
+    commit(database, store)
+    assert kept(database, "0")[0].get("rc_camera", "fps") == 25
+    assert kept(database, "1")[0].get("rc_camera", "fps") == 5

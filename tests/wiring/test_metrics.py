@@ -1,0 +1,133 @@
+"""What Prometheus sees of a gateway that has worked: every figure is there and counts."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import grpc
+import pytest
+
+from gateway.generated import image_interface_pb2 as pb
+from tests.support import clients, forms
+from tests.support.gateway_process import gateway_process
+from tests.support.waiting import SECONDS
+
+ALERTS = Path(__file__).parents[2] / "deploy" / "prometheus"
+
+
+@pytest.fixture(scope="module")
+def helps() -> dict[str, str]:
+    """HELP texts of /metrics by name; ``figures`` fills it."""
+    return {}
+
+
+@pytest.fixture(scope="module")
+def figures(helps: dict[str, str]) -> Iterator[dict[str, float]]:
+    """Every sample of /metrics, its labels as they are written, after a few requests of each kind."""
+    flags = ("--demo", "--grpc-port", "0", "--tcpq-port", "0", "--lcm-url", "off")
+    with gateway_process(*flags) as (_, url), clients.Client(base_url=url) as http:
+        headers = {"Content-Type": forms.CONTENT_TYPE}
+        for image_type in ("color", "depth", "label", "color"):
+            body = forms.body(forms.gltf(), forms.drake_fields(image_type))
+            assert http.post("/render", content=body, headers=headers).status_code == 200
+        bad = forms.body(forms.gltf(), forms.drake_fields("color", width="-1"))
+        assert http.post("/render", content=bad, headers=headers).status_code == 400
+        interfaces = http.get("/healthz").json()["interfaces"]
+        port = interfaces["stereo"]["port"]
+        assert interfaces["stereo"]["where"] == f"gRPC on port {port}"
+        assert interfaces["treeviewer"]["where"] == "TCPQ"
+        with grpc.insecure_channel(f"127.0.0.1:{port}") as channel:
+            stream = channel.unary_stream(
+                "/ImageInterface/StreamImageSets", pb.ImageSetRequest.SerializeToString, pb.ImageSet.FromString
+            )(pb.ImageSetRequest(left_enabled=True), timeout=SECONDS)
+            next(stream)
+            text = http.get("/metrics").text
+            stream.cancel()
+        helps.update(re.findall(r"^# HELP (scenegate_\w+) (.*)$", text, re.MULTILINE))
+        samples = [line.rpartition(" ") for line in text.splitlines() if not line.startswith("#")]
+        yield {name: float(value) for name, _, value in samples}
+
+
+def test_renders_by_type_and_outcome(figures: dict[str, float]) -> None:
+    assert figures['scenegate_renders_total{outcome="ok",type="color"}'] == 2
+    assert figures['scenegate_renders_total{outcome="ok",type="label"}'] == 1
+    assert figures['scenegate_renders_total{outcome="rejected",type="unknown"}'] == 1
+    for stage in ("queue", "parse", "render", "encode"):
+        assert figures[f'scenegate_render_stage_duration_seconds_count{{stage="{stage}"}}'] == 4
+    assert figures["scenegate_render_waiting_limit"] == 256
+
+
+def test_caches(figures: dict[str, float]) -> None:
+    assert figures['scenegate_cache_hits_total{cache="scenes"}'] == 3
+    assert figures['scenegate_cache_misses_total{cache="scenes"}'] == 1
+    assert figures['scenegate_cache_bytes{cache="scenes"}'] > 0
+
+
+def test_streams_tree_and_messages(figures: dict[str, float]) -> None:
+    assert figures["scenegate_stereo_streams"] == 1
+    assert figures["scenegate_stereo_sets_sent_total"] >= 1
+    assert figures["scenegate_stereo_sets_skipped_total"] >= 0
+    assert figures["scenegate_tree_nodes"] > figures["scenegate_tree_geometry_nodes"] > 10
+    assert figures["scenegate_tree_revision"] >= 1
+    assert figures['scenegate_lcm_messages_total{what="received"}'] == 0
+    assert figures['scenegate_lcm_lost_total{reason="datagrams"}'] == 0
+    assert figures['scenegate_interface_ready{interface="stereo"}'] == 1
+
+
+def test_every_help_text_can_be_read_alone(figures: dict[str, float], helps: dict[str, str]) -> None:
+    assert len(helps) > 30
+    assert len(set(helps.values())) == len(helps)
+    for name, text in helps.items():
+        assert len(text.split()) >= 4, (name, text)
+        assert text.endswith("."), (name, text)
+        assert not re.match(r"(Those|Their|They|It|What|Which|Of|From|As) ", text), (name, text)
+        for unit in ("seconds", "bytes"):
+            assert not re.search(rf"_{unit}(_total)?$", name) or text.startswith(unit.capitalize()), (name, text)
+
+
+def test_durations_are_named_as_such_and_nothing_has_a_time_of_creation(figures: dict[str, float]) -> None:
+    names = {re.split(r"[ {]", name)[0] for name in figures if name.startswith("scenegate_")}
+    assert not [name for name in figures if "_created" in name]
+    seconds = [re.sub(r"_(bucket|sum|count)$", "", name) for name in names if "_seconds" in name]
+    assert seconds
+    assert [name for name in seconds if not name.endswith("_duration_seconds")] == []
+
+
+def test_alerts_ask_for_figures_that_exist(figures: dict[str, float]) -> None:
+    there = {re.split(r"[ {]", name)[0] for name in figures}
+    asked = set(re.findall(r"\bscenegate_\w+", (ALERTS / "alerts.yml").read_text()))
+    assert asked
+    assert asked <= there
+
+
+def test_the_page_has_every_figure_with_its_labels(figures: dict[str, float]) -> None:
+    there: dict[str, set[str]] = {}
+    for sample in figures:
+        name, _, labels = sample.partition("{")
+        if name.startswith("scenegate_") and not name.endswith(("_sum", "_count")):
+            there.setdefault(name.removesuffix("_bucket"), set()).update(re.findall(r'(\w+)="', labels))
+    page = (ALERTS.parents[1] / "docs" / "deployment.md").read_text("utf-8")
+    told: dict[str, set[str]] = {}
+    for names, labels in re.findall(r"^\| (`scenegate_[^|]*)\|([^|]*)\|", page, re.MULTILINE):
+        told |= {name: set(re.findall(r"\w+", labels)) for name in re.findall(r"\w+", names)}
+    assert told == {name: labels - {"le"} for name, labels in there.items()}
+
+
+def test_each_alert_has_a_test() -> None:
+    alerts = re.findall(r"alert: (\w+)", (ALERTS / "alerts.yml").read_text())
+    tested = re.findall(r'alertname="(\w+)"', (ALERTS / "alerts_test.yml").read_text())
+    assert alerts
+    assert sorted(tested) == sorted(alerts)
+
+
+def test_each_alert_fires_when_it_should() -> None:
+    promtool = shutil.which("promtool")
+    if promtool is None:
+        pytest.skip("promtool is not installed (on Debian: apt install prometheus)")
+    for command in (("check", "config", "prometheus.yml"), ("test", "rules", "alerts_test.yml")):
+        done = subprocess.run([promtool, *command], cwd=ALERTS, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
