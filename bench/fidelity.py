@@ -39,8 +39,8 @@ from renderers.camera import OPENGL_FROM_OPTICAL, Camera
 from renderers.color import linear_from_srgb
 from renderers.drawlist import LABEL_NONE, AlphaMode
 from renderers.interface import Look, Output
+from renderers.light_rig import Rig, Surroundings
 from renderers.raster import CpuRenderer
-from renderers.shading.studio.rig import Rig, Surroundings
 
 ENVIRONMENT: Final = "SCENEGATE_FIDELITY"
 GENERATOR: Final = "glTF-Render-Fidelity-Generator"

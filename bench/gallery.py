@@ -42,8 +42,8 @@ from renderers.drawlist import (
 from renderers.encode import jpeg_rgb
 from renderers.fxaa import fxaa
 from renderers.interface import Look, Output, SampleCount
+from renderers.light_rig import STUDIO, Hemisphere, Rig, Surroundings
 from renderers.raster import CpuRenderer, warmup
-from renderers.shading.studio.rig import STUDIO, Hemisphere, Rig, Surroundings
 from renderers.stereo.exposure import Exposure
 from renderers.stereo.matching import match
 from renderers.stereo.model import DISPARITY_SCALE, MODELS

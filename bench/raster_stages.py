@@ -23,8 +23,8 @@ from renderers.raster.resolve import BACKS, FRONTS, draw_band
 from renderers.raster.resolve import EVERYTHING as ALL_FACES
 from renderers.raster.setup import setup
 from renderers.raster.transform import transform
-from renderers.raster.visibility_buffer import BAND_ROWS
 from renderers.shading.shade_rows import shade_rows
+from renderers.visibility_buffer import BAND_ROWS
 
 PHASES = ("transform", "setup", "draw", "shade", "back faces", "whole")
 

@@ -39,13 +39,13 @@ from bench.table import Row, at_least, show, skipped
 from renderers.camera import Camera
 from renderers.drawlist import AlphaMode, DrawList, Instance, Light, LightKind, Material, Sampler, Texture
 from renderers.interface import Look, Output
+from renderers.light_rig import STUDIO, Rig
 from renderers.raster import CpuRenderer, frame, warmup
 from renderers.raster import frame_phases as at
 from renderers.raster.msaa.edges import draw_samples, find_edges, shade_mixed
 from renderers.raster.setup import setup
 from renderers.raster.transform import transform
-from renderers.raster.visibility_buffer import BAND_ROWS
-from renderers.shading.studio.rig import STUDIO, Rig
+from renderers.visibility_buffer import BAND_ROWS
 
 FRAMES = 11
 DARK = Rig(surroundings=None, shadow_size=0)

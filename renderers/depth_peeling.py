@@ -13,7 +13,7 @@ from renderers.drawlist import DrawList
 from renderers.scene_tables import SceneTables
 
 if TYPE_CHECKING:  # the rasterizer calls those who call this
-    from renderers.raster.visibility_buffer import Rasterizer, Visibility
+    from renderers.visibility_buffer import Rasterizer, Visibility
 
 MAX_LAYERS: Final = 32
 """Default bound of translucent and cut-out surfaces drawn behind one another in a pixel, nearest first: each costs one

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from renderers.camera import Camera
 from renderers.drawlist import DrawList
-from renderers.shading.studio.rig import STUDIO, Rig
+from renderers.light_rig import STUDIO, Rig
 
 LookName = Literal["phong", "pbr", "plain", "studio"]
 SampleCount = Literal[1, 4, 8]

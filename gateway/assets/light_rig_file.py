@@ -1,6 +1,6 @@
 """Rigs of the ``studio`` look from TOML files.
 
-A rig replaces the built-in one; what a table leaves out has the value of ``renderers.shading.studio.rig``. World frame,
+A rig replaces the built-in one; what a table leaves out has the value of ``renderers.light_rig``. World frame,
 metres, Z up, angles in degrees::
 
     exposure = 1.0
@@ -37,7 +37,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from renderers.drawlist import Light, LightKind
-from renderers.shading.studio.rig import MAX_LIGHTS, STUDIO, Hemisphere, Rig, Softbox, Surroundings, ToneName
+from renderers.light_rig import MAX_LIGHTS, STUDIO, Hemisphere, Rig, Softbox, Surroundings, ToneName
 
 Light_ = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Number = Annotated[float, Field(allow_inf_nan=False)]

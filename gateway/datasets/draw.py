@@ -21,7 +21,7 @@ from renderers.drawlist import Topology
 from renderers.encode import jpeg_rgb, png_gray16, png_label, png_rgb, tiff_float32
 from renderers.fxaa import fxaa
 from renderers.interface import Frame, Look, LookName, Output, Renderer, SampleCount
-from renderers.shading.studio.rig import STUDIO, Rig
+from renderers.light_rig import STUDIO, Rig
 
 OUTPUTS: Final[dict[ImageType, Output]] = {"color": Output.COLOR, "depth": Output.DEPTH, "label": Output.LABEL}
 FORMATS: Final[dict[ImageType, tuple[str, ...]]] = {

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from renderers.interface import LookName, SampleCount
-from renderers.shading.studio.rig import STUDIO, Rig
+from renderers.light_rig import STUDIO, Rig
 
 
 @dataclass(frozen=True, slots=True)

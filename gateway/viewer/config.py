@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from renderers.interface import LookName, SampleCount
-from renderers.shading.studio.rig import STUDIO, Rig
+from renderers.light_rig import STUDIO, Rig
 
 
 @dataclass(frozen=True, slots=True)

@@ -79,7 +79,7 @@ from renderers.raster.layout import (
 )
 from renderers.raster.primitive_setup import first_centre
 from renderers.raster.small_triangles import SMALL_SCRATCH, draw_prepared, prepare
-from renderers.raster.visibility_buffer import BAND_ROWS
+from renderers.visibility_buffer import BAND_ROWS
 
 ROOM_OF_ROWS: Final = 16
 """Values of the scratch before those that hold 1/z of each row, or of every eight pixels of a row."""

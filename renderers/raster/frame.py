@@ -27,9 +27,9 @@ from renderers.raster.resolve import LAYER_GAP, draw_band, row_stride
 from renderers.raster.scene import PreparedScene
 from renderers.raster.setup import setup
 from renderers.raster.transform import transform
-from renderers.raster.visibility_buffer import BAND_ROWS, SampledShader, Visibility, band_count
 from renderers.shading.shade_rows import shade_rows
 from renderers.stop import current_stop
+from renderers.visibility_buffer import BAND_ROWS, SampledShader, Visibility, band_count
 
 _ASKED: Final = Struct(f"{at_begin.A_LENS}q{at.L_COLUMNS}dq")
 """All to A_POSED."""

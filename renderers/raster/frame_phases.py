@@ -9,7 +9,7 @@ from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import call_kernel, is_set, shared_number, take_number, yield_at
 from renderers.compiler.pointers import i64_at
 from renderers.raster.resolve import BACKS, EVERYTHING, FRONTS
-from renderers.raster.visibility_buffer import BAND_ROWS
+from renderers.visibility_buffer import BAND_ROWS
 
 PHASES: Final = 3
 """Transform, setup, bands."""

@@ -45,7 +45,7 @@ from renderers.raster.layout import (
     M_COLUMNS,
     T_COLUMNS,
 )
-from renderers.raster.visibility_buffer import BAND_ROWS
+from renderers.visibility_buffer import BAND_ROWS
 
 MIN_VERTICES: Final = 4096
 """Fewest vertices of a unit of work: about 10 us, a few times what handing out a unit costs."""

@@ -45,7 +45,7 @@ from renderers.raster.layout import (
     T_VERTEX,
 )
 from renderers.raster.transform import BEHIND
-from renderers.raster.visibility_buffer import BAND_ROWS
+from renderers.visibility_buffer import BAND_ROWS
 
 
 @inner

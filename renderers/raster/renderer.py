@@ -21,13 +21,13 @@ from renderers.raster.frame_threads import Crew, Phase
 from renderers.raster.layout import MAX_SIDE
 from renderers.raster.msaa.resolve import edge_kernels, edge_memory, mixed_bands, paint_each_sample
 from renderers.raster.scene import PreparedScene, prepare
-from renderers.raster.visibility_buffer import SampledShader, SampledView, Visibility
 from renderers.shading import Painter, Parallel, ShadingScene, paint
 from renderers.shading import prepare as prepare_shading
 from renderers.shading.studio.passes import paint as paint_studio
 from renderers.shading.studio.tables import StudioScene
 from renderers.shading.studio.tables import prepare as prepare_studio
 from renderers.stop import check_stop
+from renderers.visibility_buffer import SampledShader, SampledView, Visibility
 from renderers.weaklru import WeakLru
 
 _PICTURES: Final = (

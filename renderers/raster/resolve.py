@@ -41,7 +41,7 @@ from renderers.raster.layout import (
     L_FX,
     L_FY,
 )
-from renderers.raster.visibility_buffer import BAND_ROWS
+from renderers.visibility_buffer import BAND_ROWS
 
 
 @inner

@@ -40,7 +40,7 @@ from renderers.raster.layout import (
     S_SIZE,
     SMALL_WIDTH,
 )
-from renderers.raster.visibility_buffer import BAND_ROWS
+from renderers.visibility_buffer import BAND_ROWS
 
 _ROWS_OF_BLOCK: Final = 4
 

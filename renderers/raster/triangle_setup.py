@@ -54,7 +54,7 @@ from renderers.raster.layout import (
 )
 from renderers.raster.primitive_setup import large_triangle
 from renderers.raster.transform import BEHIND
-from renderers.raster.visibility_buffer import BAND_ROWS
+from renderers.visibility_buffer import BAND_ROWS
 
 RECORD_VALUES = RECORD_BYTES // 4
 BAND_SHIFT = BAND_ROWS.bit_length() - 1

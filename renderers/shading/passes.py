@@ -21,7 +21,7 @@ from renderers.shading.scene import ShadingScene, map_instances
 from renderers.shading.shade_rows import shade_rows
 
 if TYPE_CHECKING:  # the rasterizer calls this module
-    from renderers.raster.visibility_buffer import Rasterizer, Visibility
+    from renderers.visibility_buffer import Rasterizer, Visibility
 
 _NOTHING: Final = np.zeros((4, 0, LANES), dtype=np.float32)
 _NO_COLOR: Final = np.zeros((0, 0, 3), dtype=np.uint8)
@@ -178,7 +178,7 @@ class Painter:
         Args:
             ids: address of the record of the picture's first pixel, or where it would be: only the band's are read.
         """
-        from renderers.raster.visibility_buffer import BAND_ROWS
+        from renderers.visibility_buffer import BAND_ROWS
 
         begin = band * BAND_ROWS
         shade_rows(self.job, ids, begin, min(begin + BAND_ROWS, self.height))
@@ -195,7 +195,7 @@ def _shade(
     color: NDArray[np.uint8],
 ) -> None:
     """Runs a painter over all bands."""
-    from renderers.raster.visibility_buffer import band_count
+    from renderers.visibility_buffer import band_count
 
     painter = Painter.of(
         shading,

@@ -11,7 +11,7 @@ import pytest
 
 from gateway.assets.light_rig_file import RigFileError, read_rig, rig_digest
 from renderers.drawlist import Light, LightKind
-from renderers.shading.studio.rig import Hemisphere, Rig, Softbox
+from renderers.light_rig import Hemisphere, Rig, Softbox
 
 EVERYTHING = """
 exposure = 1.5

@@ -32,7 +32,7 @@ from renderers.camera import Camera
 from renderers.drawlist import DrawList, Material
 from renderers.encode import png_gray16, png_rgb, tiff_float32
 from renderers.interface import Frame, Look, Output
-from renderers.shading.studio.rig import Rig
+from renderers.light_rig import Rig
 from tests.support.endless import EndlessRenderer
 from tests.support.waiting import SECONDS, until
 

@@ -61,7 +61,7 @@ from renderers.raster.layout import (
 from renderers.raster.msaa.small_triangles import SCRATCH_VALUES, TAKEN, small_samples
 from renderers.raster.msaa.storage import box_of, cover, put, reach_of, rising_at
 from renderers.raster.primitive_setup import first_centre
-from renderers.raster.visibility_buffer import BAND_ROWS
+from renderers.visibility_buffer import BAND_ROWS
 
 _FAR_AWAY: Final = 1 << 30
 

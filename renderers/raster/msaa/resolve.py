@@ -19,9 +19,9 @@ from renderers.interface import Look
 from renderers.msaa import sample_cameras
 from renderers.raster.buffer_pool import Scratch
 from renderers.raster.msaa.edges import draw_samples, find_edges, shade_mixed
-from renderers.raster.visibility_buffer import BAND_ROWS, Rasterizer, SampledShader
 from renderers.shading import Painter, ShadingScene, paint
 from renderers.shading.shade_rows import shade_rows
+from renderers.visibility_buffer import BAND_ROWS, Rasterizer, SampledShader
 
 _GAP: Final = 1040
 """Values between arrays of a band, for the sake of ``resolve.LAYER_GAP``; also what is read behind them."""

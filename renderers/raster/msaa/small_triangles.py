@@ -36,7 +36,7 @@ from renderers.raster.layout import (
     SMALL_WIDTH,
 )
 from renderers.raster.msaa.storage import cover, put, put_two, reach_of, rising_at
-from renderers.raster.visibility_buffer import BAND_ROWS
+from renderers.visibility_buffer import BAND_ROWS
 
 BATCH: Final = (SMALL_WIDTH + 3 * vec.LANES) * BAND_ROWS
 """Scratch begins with room for a band's pixels of a small triangle; here is what is known of eight of them ..."""

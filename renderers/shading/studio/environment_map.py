@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from renderers.compiler.device_function import inner
 from renderers.compiler.jit import kernel
+from renderers.light_rig import Surroundings
 from renderers.shading.studio.octahedral import equirect_directions, octahedral_directions, with_border
-from renderers.shading.studio.rig import Surroundings
 
 LEVEL_SIZES: Final = (256, 128, 64, 64, 32, 32)
 """Sides of the tables from roughness 0 to 1, texels, in equal steps of roughness."""

@@ -15,12 +15,12 @@ from renderers.compiler.kernel_calls import kernel_address
 from renderers.compiler.pointers import address_of
 from renderers.depth_peeling import peeled
 from renderers.drawlist import DrawList
+from renderers.light_rig import MAX_LIGHTS, MAX_SHADOWS, Rig
 from renderers.msaa import sample_cameras
 from renderers.shading.studio import layout as at
 from renderers.shading.studio import shade_rows as k
 from renderers.shading.studio.environment_map import Ambient, ambient_of, split_sum
 from renderers.shading.studio.lights import light_table
-from renderers.shading.studio.rig import MAX_LIGHTS, MAX_SHADOWS, Rig
 from renderers.shading.studio.shadows import ShadowMap, draw_maps, pixel_size, shadow_tables, visible_points
 from renderers.shading.studio.tables import StudioScene, normal_matrices
 from renderers.shading.studio.tone_mapping import finish_rows
@@ -28,7 +28,7 @@ from renderers.shading.studio.tonemap import SRGB_CELLS, TONES
 from renderers.stop import current_stop
 
 if TYPE_CHECKING:  # the rasterizer calls this module
-    from renderers.raster.visibility_buffer import Rasterizer, SampledShader, SampledView, Visibility
+    from renderers.visibility_buffer import Rasterizer, SampledShader, SampledView, Visibility
 
 
 def paint(
@@ -58,7 +58,7 @@ def paint(
         SurroundingsError: the rig's picture of the surroundings cannot be used.
         ValueError: ``samples``.
     """
-    from renderers.raster.visibility_buffer import BAND_ROWS, SampledShader, band_count
+    from renderers.visibility_buffer import BAND_ROWS, SampledShader, band_count
 
     cull = studio.cull_back if studio.cull_back.any() else None
     opaque = ~studio.layered if studio.layered.any() else None

@@ -24,7 +24,7 @@ from renderers.drawlist import AlphaMode, DrawList, Instance, Light, LightKind, 
 from renderers.weaklru import WeakLru
 
 if TYPE_CHECKING:  # the rasterizer calls this room
-    from renderers.raster.visibility_buffer import Rasterizer, Visibility
+    from renderers.visibility_buffer import Rasterizer, Visibility
 
 S_MAP: Final = 0  # 12: rows of the camera's optical frame to the light's
 S_FOCAL: Final = 12

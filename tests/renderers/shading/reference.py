@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from renderers.camera import Camera
 from renderers.drawlist import AlphaMode, DrawList, Image, Instance, Material, Mesh, Texture, Wrap
 from renderers.interface import Look
-from renderers.raster.visibility_buffer import Visibility
 from renderers.shading import paint, prepare
+from renderers.visibility_buffer import Visibility
 
 Array = NDArray[np.float64]
 

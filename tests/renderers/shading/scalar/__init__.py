@@ -11,9 +11,9 @@ import numpy as np
 from renderers.camera import Camera
 from renderers.drawlist import DrawList
 from renderers.interface import Look
-from renderers.raster.visibility_buffer import Visibility
 from renderers.shading import prepare
 from renderers.shading.gamma import DECODED, THRESHOLDS
+from renderers.visibility_buffer import Visibility
 from tests.renderers.shading.scalar.kernels import shade_rows
 from tests.renderers.shading.scalar.sampling import BYTE_VALUES
 from tests.renderers.shading.scalar.tables import instance_table, normal_matrices

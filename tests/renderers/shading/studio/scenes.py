@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from renderers.camera import Camera
 from renderers.drawlist import DrawList, Image, Instance, Light, LightKind, Material, Mesh
 from renderers.interface import Look, Output
+from renderers.light_rig import Rig
 from renderers.raster import CpuRenderer
-from renderers.shading.studio.rig import Rig
 from tests.renderers.shading.reference import ball
 
 DARK = Rig(surroundings=None, shadow_size=0)

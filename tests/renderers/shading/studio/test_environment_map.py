@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from renderers.drawlist import DrawList, Instance, Material
+from renderers.light_rig import STUDIO, Hemisphere, Softbox, Surroundings
 from renderers.raster import CpuRenderer
 from renderers.shading.studio.environment_map import (
     LEVEL_SIZES,
@@ -22,7 +23,6 @@ from renderers.shading.studio.environment_map import (
     split_sum,
 )
 from renderers.shading.studio.octahedral import equirect_directions, octahedral_directions
-from renderers.shading.studio.rig import STUDIO, Hemisphere, Softbox, Surroundings
 from tests.renderers.shading.studio import reference as ref
 from tests.renderers.shading.studio.scenes import DARK, drawn, sheet, two_balls, view
 

@@ -18,8 +18,8 @@ import pytest
 
 from gateway.scene.flatten import flatten
 from renderers.camera import OPENGL_FROM_OPTICAL, Camera
+from renderers.light_rig import Hemisphere, Rig, Surroundings
 from renderers.raster import CpuRenderer
-from renderers.shading.studio.rig import Hemisphere, Rig, Surroundings
 from tests.gltf.builder import Builder, data_uri
 from tests.renderers.pictures import same_as_golden
 from tests.renderers.shading.reference import rays

@@ -10,11 +10,11 @@ import pytest
 from renderers.camera import Camera
 from renderers.compiler.pointers import address_of
 from renderers.drawlist import Image, ImageError, Mesh, Texture
+from renderers.light_rig import Rig
 from renderers.msaa import sample_cameras
 from renderers.shading.mikktspace import corner_tangents, with_tangents
 from renderers.shading.studio.layout import F_BEHIND, F_CELLS, F_COLOR, F_COLUMNS, line_of
 from renderers.shading.studio.mipmaps import MipTable, _halve, make_chain
-from renderers.shading.studio.rig import Rig
 from renderers.shading.studio.tone_mapping import finish_rows
 from renderers.shading.studio.tonemap import SRGB_CELLS
 from tests.renderers.shading.reference import ball

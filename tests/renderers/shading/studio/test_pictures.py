@@ -14,8 +14,8 @@ import pytest
 
 from renderers.drawlist import AlphaMode, DrawList, Instance, LightKind, Material, Texture
 from renderers.interface import Look, Output
+from renderers.light_rig import STUDIO, Rig
 from renderers.raster import CpuRenderer
-from renderers.shading.studio.rig import STUDIO, Rig
 from tests.renderers.pictures import same_as_golden
 from tests.renderers.shading.studio.scenes import (
     DARK,

@@ -12,9 +12,9 @@ import pytest
 from renderers.camera import Camera
 from renderers.drawlist import AlphaMode, DrawList, Image, Instance, Material, Sampler, Texture, Wrap
 from renderers.interface import Look, Output
+from renderers.light_rig import Rig
 from renderers.msaa import sample_cameras
 from renderers.raster import CpuRenderer
-from renderers.shading.studio.rig import Rig
 from tests.renderers.shading.reference import ball, rays
 from tests.renderers.shading.studio import reference as ref
 from tests.renderers.shading.studio.scenes import DARK, KINDS, at, drawn, noise, sheet, two_balls, view

@@ -12,8 +12,8 @@ import pytest
 from renderers.camera import Camera
 from renderers.drawlist import AlphaMode, DrawList, Image, Instance, LightKind, Sampler, Texture
 from renderers.raster import CpuRenderer
-from renderers.raster.visibility_buffer import Visibility
 from renderers.shading.studio.shadows import _map_of, casters, light_camera, map_side
+from renderers.visibility_buffer import Visibility
 from tests.renderers.shading.reference import ball, hits
 from tests.renderers.shading.studio import reference as ref
 from tests.renderers.shading.studio.scenes import DARK, at, drawn, from_above, shadowed, sheet
