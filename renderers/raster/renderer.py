@@ -24,8 +24,6 @@ from renderers.raster.scene import PreparedScene, prepare
 from renderers.shading import Painter, Parallel, ShadingScene, paint
 from renderers.shading import prepare as prepare_shading
 from renderers.shading.studio.passes import paint as paint_studio
-from renderers.shading.studio.tables import StudioScene
-from renderers.shading.studio.tables import prepare as prepare_studio
 from renderers.stop import check_stop
 from renderers.visibility_buffer import SampledShader, SampledView, Visibility
 from renderers.weaklru import WeakLru
@@ -59,7 +57,6 @@ MAX_SHADING_BYTES: Final = 1 << 30
 
 _alike: dict[LookName, Alike[ShadingScene]] = {name: Alike(MAX_SHADING_BYTES // 2) for name in get_args(LookName)}
 _shadings: WeakLru[DrawList | Cast, dict[LookName, ShadingScene]] = WeakLru(MAX_SHADING_BYTES)
-_studios: WeakLru[DrawList | Cast, StudioScene] = WeakLru(MAX_SHADING_BYTES)
 
 
 def _shading(scene: DrawList, look: LookName, parallel: Parallel) -> ShadingScene:
@@ -75,16 +72,6 @@ def _shading(scene: DrawList, look: LookName, parallel: Parallel) -> ShadingScen
             _alike[look].put(scene.instances, known, known.nbytes)
         looks = {**looks, look: known}
         _shadings.put(who, looks, sum(tables.nbytes for tables in looks.values()))
-    return known
-
-
-def _studio(scene: DrawList) -> StudioScene:
-    """The draw list's tables for the ``studio`` look, made once while it is alive and drawn."""
-    who = scene.who
-    known = _studios.get(who)
-    if known is None:
-        known = prepare_studio(scene.instances)
-        _studios.put(who, known, known.nbytes)
     return known
 
 
@@ -221,10 +208,11 @@ class CpuRenderer:
         if with_geometry and (look.name == "studio" or look.samples != 1):
             self._geometry(prepared, camera, frame, places)
         if look.name == "studio":
-            paint_studio(self, scene, _studio(scene), camera, look.rig, look.samples, look.background, color)
+            shading = _shading(scene, look.name, self.parallel)
+            paint_studio(self, scene, shading, camera, look.rig, look.samples, look.background, color)
             return
         shading = _shading(scene, look.name, self.parallel)
-        if shading.translucent:
+        if shading.has_transparency:
             if look.samples != 1:
                 paint_each_sample(self, scene, shading, camera, look, color)
                 return

@@ -48,7 +48,7 @@ from renderers.raster.layout import (
 from renderers.raster.msaa.coverage import raster_samples
 from renderers.raster.msaa.edge_merge import apart, joined, pairs_of
 from renderers.raster.msaa.storage import MIXED
-from renderers.shading.layout import (
+from renderers.shading.headlight.layout import (
     S_BACKGROUND,
     S_COLOR,
     S_COLUMNS,
