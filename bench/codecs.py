@@ -30,7 +30,7 @@ from gateway.render.multipart import FormReader
 from gateway.render.pipeline import posted_document
 from gateway.render.scenes import SceneStore
 from gateway.runtime import kernel_cache
-from gateway.runtime.process_tuning import settle, tune
+from gateway.runtime.process_tuning import freeze_gc, tune
 from gateway.wiring import warmup
 from renderers.encode import png_gray16, png_rgb, tiff_float32
 from renderers.interface import Look, Output
@@ -123,7 +123,7 @@ def main() -> None:
     tune()  # as the server does
     kernel_cache.ensure_cached(warmup.PARTS)
     warmup.run()
-    settle()
+    freeze_gc()
     cv2.setNumThreads(1)
     rows = writers()
     show([*rows, *gltf.rows()])

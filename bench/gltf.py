@@ -46,7 +46,7 @@ from bench import gltf_files
 from bench.posted import scene_of
 from bench.table import Row, at_least, geometric_mean, show
 from gateway.gltf import MeshCache, read_gltf, warm_up
-from gateway.runtime.process_tuning import settle, tune
+from gateway.runtime.process_tuning import freeze_gc, tune
 
 ROUNDS, TIMES = 4, 10
 RUNS = ROUNDS * TIMES
@@ -276,7 +276,7 @@ def rows() -> list[Row]:
 def main() -> None:
     tune()  # as the server does
     warm_up()
-    settle()
+    freeze_gc()
     show(rows())
 
 

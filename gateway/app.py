@@ -16,20 +16,20 @@ import structlog
 from fastapi import FastAPI
 from fastapi.responses import HTMLResponse
 from fastapi_offline import FastAPIOffline
+from starlette.middleware.body_limit import RequestBodyLimitMiddleware
 
 from gateway import __version__
 from gateway import settings as options
 from gateway.runtime import kernel_cache, logs, process_tuning
 from gateway.runtime.kernel_progress import Progress, shown
 from gateway.runtime.metrics_registry import Metrics
-from gateway.runtime.service_registry import Board, State
-from gateway.runtime.worker_pool import Workers, usable_cpus
+from gateway.runtime.service_registry import ServiceRegistry, State
+from gateway.runtime.worker_pool import WorkerPool, usable_cpus
 from gateway.scene.live import LiveTree
 from gateway.server import error_handlers, health, openapi
-from gateway.server.index_page import landing_page
-from gateway.server.middleware import Gate, Requests
+from gateway.server.index_page import index_page
+from gateway.server.middleware import RequestContext, StartGate
 from gateway.server.security import Guard
-from gateway.server.straight import Straight
 from gateway.settings import MIB, Settings
 from gateway.state.errors import StateError
 from gateway.viewer.sources import PICTURE_NAMES
@@ -62,7 +62,7 @@ def create_app(settings: Settings, state: Kept | None = None) -> FastAPI:
         SettingsError: a token or a certificate that they name cannot be used.
     """
     guard = Guard.of(settings)
-    board = Board(essential=frozenset({KERNELS, "render"}))
+    board = ServiceRegistry(essential=frozenset({KERNELS, "render"}))
     metrics = Metrics()
     started = asyncio.Event()
     wanted: dict[str, Join] = {n: join for n, join in JOINS.items() if not settings.only or n in settings.only}
@@ -70,7 +70,7 @@ def create_app(settings: Settings, state: Kept | None = None) -> FastAPI:
         wanted["demo"] = join_demo
 
     threads = settings.threads or usable_cpus()
-    workers = Workers(
+    workers = WorkerPool(
         threads,
         settings.queue,
         settings.queue_mb * MIB,
@@ -119,7 +119,6 @@ def create_app(settings: Settings, state: Kept | None = None) -> FastAPI:
         description=DESCRIPTION,
         license_info={"name": "Apache 2.0", "identifier": "Apache-2.0"},
         lifespan=lifespan,
-        max_body_size=settings.max_body_mb * MIB,
         # Swagger UI would ask a validator in the internet for a badge.
         swagger_ui_parameters={"validatorUrl": None},
         telemetry=NO_TELEMETRY,
@@ -128,19 +127,18 @@ def create_app(settings: Settings, state: Kept | None = None) -> FastAPI:
     app.add_exception_handler(405, error_handlers.not_allowed)
     openapi.describe(app, token=guard.http is not None, open_paths=health.OPEN_PATHS)
     app.include_router(health.router(board, metrics, __version__, started.is_set, busy))
-    app.state.straight = {}
-    app.add_middleware(Straight, routes=app.state.straight)
+    app.add_middleware(RequestBodyLimitMiddleware, max_body_size=settings.max_body_mb * MIB)
     app.add_middleware(
-        Gate, started=started, problem=lambda: board.entries[KERNELS].problem, open_paths=health.PATHS | {"/"}
+        StartGate, started=started, problem=lambda: board.entries[KERNELS].problem, open_paths=health.PATHS | {"/"}
     )
     guard.protect(app)
     app.add_middleware(error_handlers.HeadAsGet)
-    app.add_middleware(Requests, metrics=metrics, quiet=health.PATHS | POLLED)
+    app.add_middleware(RequestContext, metrics=metrics, quiet_paths=health.PATHS | POLLED)
 
     @app.get("/", include_in_schema=False)
-    async def landing() -> HTMLResponse:
+    async def index() -> HTMLResponse:
         view = {"view": "See the scene"} if "view" in wanted else {}
-        return HTMLResponse(landing_page(__version__, {**view, "docs": "HTTP interface", "metrics": "metrics"}))
+        return HTMLResponse(index_page(__version__, {**view, "docs": "HTTP interface", "metrics": "metrics"}))
 
     return app
 

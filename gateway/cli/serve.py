@@ -73,7 +73,7 @@ def run(settings: Settings) -> int:
     """Serves until a signal; the exit code."""
     from gateway.runtime import logs, process_tuning
 
-    process_tuning.hurry()
+    process_tuning.pause_gc()
     logs.configure(settings.log_format, settings.log_level)
     import structlog
 
@@ -97,7 +97,7 @@ def run(settings: Settings) -> int:
     try:
         listener = process_tuning.listen(settings.host, settings.http_port)
     except OSError as error:
-        reason = process_tuning.why_not_listening(error, settings.host, settings.http_port)
+        reason = process_tuning.listen_error(error, settings.host, settings.http_port)
         log.error(f"HTTP cannot listen: {reason}; choose another with --http-port or --host.")
         return 1
     port = listener.getsockname()[1]
@@ -127,7 +127,7 @@ def _serve(settings: Settings, listener: socket.socket, state: State | None, tls
     server = http_server.MainServer(config, leave)
     # Answers without an end (MJPEG) look at it; nobody else would tell them before their connections are cut.
     app.state.closing = lambda: server.should_exit
-    app.state.on_started = process_tuning.settle
+    app.state.on_started = process_tuning.freeze_gc
     gave_up = False
 
     def give_up() -> None:

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Request, Response
 from starlette.requests import ClientDisconnect
 
 from gateway.gltf.export import ExportError
-from gateway.runtime.worker_pool import Busy, Closed, TooSlow
+from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull
 from gateway.sceneapi.query import (
     NoSuchCameraQueryError,
     QueryError,
@@ -153,11 +153,11 @@ async def _made(service: SceneApi, http: Request, make: Callable[[], Answer]) ->
         return _plain(413, str(error))
     except ImageError as error:
         return _plain(500, f"the scene holds a texture that cannot be drawn: {error}")
-    except Busy as busy:
+    except QueueFull as busy:
         return _plain(503, str(busy), {"Retry-After": str(busy.retry_after)})
-    except Closed as closed:
+    except PoolClosed as closed:
         return _plain(503, str(closed), {"Retry-After": "1"})
-    except TooSlow as error:
+    except DeadlineExceeded as error:
         return _plain(503, f"the answer was given up: {error}")
 
 

@@ -13,8 +13,8 @@ import uvicorn
 from fastapi import FastAPI
 
 from gateway.runtime import process_tuning
-from gateway.server.http_protocol import PacedHttp
-from gateway.server.websocket_protocol import PacedWebSocket
+from gateway.server.http_protocol import BoundedHttpProtocol
+from gateway.server.websocket_protocol import BoundedWebSocketProtocol
 
 MAX_WEBSOCKET_BYTES: Final = 64 << 10
 """Of a message from a client; the browser view has nothing longer than 16 characters to say."""
@@ -26,8 +26,8 @@ def config(app: Any, grace_seconds: float, *, lifespan: bool, tls: tuple[Path, P
     """How all our servers are run. ``tls``: certificate and key, PEM."""
     return uvicorn.Config(
         app,
-        http=PacedHttp,  # type: ignore[arg-type]  # made as one and used as a protocol, which is all it takes
-        ws=PacedWebSocket,  # type: ignore[arg-type]  # likewise
+        http=BoundedHttpProtocol,
+        ws=BoundedWebSocketProtocol,
         ws_max_size=MAX_WEBSOCKET_BYTES,
         ssl_certfile=tls[0] if tls is not None else None,
         ssl_keyfile=tls[1] if tls is not None else None,
@@ -105,7 +105,7 @@ class PortService:
         try:
             listener = process_tuning.listen(self._host, self._port)
         except OSError as error:
-            raise OSError(f"cannot listen: {process_tuning.why_not_listening(error, self._host, self._port)}") from None
+            raise OSError(f"cannot listen: {process_tuning.listen_error(error, self._host, self._port)}") from None
         self._bound = _port_of(listener)
         self._server = server = _GuestServer(config(self._app, 1.0, lifespan=False, tls=self._tls))
         try:

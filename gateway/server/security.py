@@ -23,6 +23,7 @@ from gateway.server.access import (
     TrustedHosts,
     is_loopback,
 )
+from gateway.server.middleware import TargetLimit
 from gateway.server.tokens import TokenError, Tokens, read_tokens
 from gateway.settings import Settings, SettingsError
 
@@ -72,8 +73,8 @@ class Guard:
                 allow_headers=["*"],
                 expose_headers=list(CORS_EXPOSED),
             )
-        app.state.cors_origins = frozenset(self.settings.cors_origins)  # for answers made without the application
         app.add_middleware(TrustedHosts, names=self.settings.trusted_hosts)
+        app.add_middleware(TargetLimit)
         app.add_middleware(SecurityHeaders, origins=self.settings.cors_origins)
 
     def tell(self) -> None:

@@ -17,7 +17,7 @@ from gateway.lcm.network import join, url_of
 from gateway.lcm.tcpq_hub import Hub, HubConnection
 from gateway.lcm.tcpq_transport import TcpqBus
 from gateway.lcm.udpm_transport import UdpmBus
-from gateway.runtime.scheduling import step_back
+from gateway.runtime.scheduling import yield_to_event_loop
 from gateway.scene.live import LiveTree
 from gateway.treeviewer import answers
 from gateway.treeviewer.config import TreeViewerConfig
@@ -47,7 +47,7 @@ class TreeViewerService:
         self._config = config
         self._protocol = TreeViewerProtocol(live, config.limits, meshfiles, clock)
         self._executors = (
-            ThreadPoolExecutor(config.threads, "treeviewer-json", step_back),
+            ThreadPoolExecutor(config.threads, "treeviewer-json", yield_to_event_loop),
             ThreadPoolExecutor(config.threads, "treeviewer"),
         )
         self._dispatcher = Dispatcher(self._protocol, config, *self._executors, durable)

@@ -10,7 +10,7 @@ from fastapi import APIRouter, Path, Query, Request, Response
 from fastapi.responses import JSONResponse, PlainTextResponse, StreamingResponse
 from starlette.requests import ClientDisconnect
 
-from gateway.runtime.worker_pool import Busy, Closed, TooSlow
+from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull
 from gateway.scene.cameras import PATTERN, CameraError, NoSuchCameraError, parse_camera
 from gateway.server.disconnect import CLIENT_GONE, while_connected
 from gateway.server.openapi import example
@@ -188,9 +188,9 @@ async def _answered(request: Request, pictures: Pictures, view: View) -> Respons
         return PlainTextResponse(str(error), 400)
     except ImageError as error:
         return PlainTextResponse(str(error), 422)
-    except (Busy, Closed) as error:
+    except (QueueFull, PoolClosed) as error:
         return PlainTextResponse(str(error), 503, {"Retry-After": str(getattr(error, "retry_after", 1))})
-    except TooSlow as error:
+    except DeadlineExceeded as error:
         return PlainTextResponse(f"the picture was given up: {error}", 503)
     return Response(data, media_type="image/jpeg", headers={**NO_STORE, "X-Scene-Revision": str(revision)})
 
@@ -205,9 +205,9 @@ def _add_sensor(routes: APIRouter, sensor: SensorView | None) -> None:
             return JSONResponse(taken.describe(), headers=NO_STORE)
         except ClientDisconnect:
             return Response(status_code=CLIENT_GONE)
-        except (Busy, Closed) as error:
+        except (QueueFull, PoolClosed) as error:
             return PlainTextResponse(str(error), 503, {"Retry-After": "1"})
-        except TooSlow as error:
+        except DeadlineExceeded as error:
             return PlainTextResponse(f"the pictures were given up: {error}", 503)
         except ImageError as error:
             return PlainTextResponse(str(error), 422)
@@ -226,9 +226,9 @@ def _add_sensor(routes: APIRouter, sensor: SensorView | None) -> None:
             data = await taken.jpeg(name, width)
         except ClientDisconnect:
             return Response(status_code=CLIENT_GONE)
-        except (Busy, Closed) as error:
+        except (QueueFull, PoolClosed) as error:
             return PlainTextResponse(str(error), 503, {"Retry-After": "1"})
-        except TooSlow as error:
+        except DeadlineExceeded as error:
             return PlainTextResponse(f"the pictures were given up: {error}", 503)
         except ImageError as error:
             return PlainTextResponse(str(error), 422)

@@ -10,7 +10,7 @@ from typing import Final
 
 import structlog
 
-from gateway.runtime.worker_pool import Busy, Closed, TooSlow, Workers
+from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull, WorkerPool
 from gateway.scene.cameras import CameraSpec
 from gateway.scene.flatten import Flattener
 from gateway.scene.live import LiveTree, Snapshot
@@ -54,7 +54,7 @@ class Pictures:
         tree: LiveTree,
         flattener: Flattener,
         renderer: Renderer,
-        workers: Workers,
+        workers: WorkerPool,
         stereo_camera: Callable[[], Camera | None] = lambda: None,
     ) -> None:
         self.config = config
@@ -73,8 +73,8 @@ class Pictures:
         Raises:
             CameraError: the camera cannot be resolved in the scene as it is.
             ImageError: a texture cannot be decoded.
-            Busy: too many requests wait already.
-            TooSlow: it took too long.
+            QueueFull: too many requests wait already.
+            DeadlineExceeded: it took too long.
         """
         snapshot = self._tree.snapshot
         key = (view, snapshot.revision)
@@ -121,10 +121,10 @@ class Pictures:
                 changed.clear()
                 try:
                     data, _ = await self.jpeg(view)
-                except Busy as error:
+                except QueueFull as error:
                     await asyncio.sleep(error.retry_after)
                     continue
-                except (TooSlow, Closed) as error:  # the response has begun: it can only end
+                except (DeadlineExceeded, PoolClosed) as error:  # the response has begun: it can only end
                     _log.warning("a stream of pictures has ended", reason=str(error))
                     return
                 head = f"Content-Type: image/jpeg\r\nContent-Length: {len(data)}\r\n\r\n".encode()

@@ -12,8 +12,8 @@ from fastapi import FastAPI
 from fastapi.telemetry import TelemetryConfig
 
 from gateway.runtime.metrics_registry import Metrics
-from gateway.runtime.service_registry import Board, Service
-from gateway.runtime.worker_pool import Workers
+from gateway.runtime.service_registry import Service, ServiceRegistry
+from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.flatten import Flattener
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree
@@ -41,10 +41,10 @@ class House:
 
     settings: Settings
     app: FastAPI
-    board: Board
+    board: ServiceRegistry
     metrics: Metrics
     tree: LiveTree
-    workers: Workers
+    workers: WorkerPool
     """Threads for work that must not hold the event loop."""
     guard: Guard
     """Tokens, TLS and hosts of every interface."""
@@ -58,8 +58,6 @@ class House:
     """Pictures of the stereo sensor for people, if there is one."""
     on_render: Callable[[RenderRecord], None] = lambda record: None
     """Told about every answered request of the render endpoint."""
-    coming: Callable[[], int] = lambda: 0
-    """Calls that will want a thread before a frame is drawn; any thread asks."""
     state: State | None = None
     """What survives the process, if anything does."""
     _renderer: Renderer | None = None
@@ -79,7 +77,7 @@ class House:
 
             threads = self.settings.frame_threads or self.workers.threads
             beside = max(0, threads - self.workers.threads)
-            self._renderer = CpuRenderer(threads, lambda: beside + max(0, self.workers.spare - self.coming()))
+            self._renderer = CpuRenderer(threads, lambda: beside + self.workers.spare)
         return self._renderer
 
     def serve(

@@ -68,7 +68,7 @@ def lost_messages(treeviewer: dict[str, Any]) -> int | None:
 
 def note_of(record: RenderRecord) -> RenderNote:
     """A render request for the list of the view; the scene itself is let go."""
-    request, picture = record.request, record.picture
+    request, picture = record.request, record.image
     what, scene = "not understood", ""
     if request is not None:
         what = f"{request.image_type}, {request.width} × {request.height}"
@@ -80,7 +80,7 @@ def note_of(record: RenderRecord) -> RenderNote:
     return RenderNote(
         status=record.status,
         seconds=record.seconds,
-        queued=record.queued,
+        queued=record.queue_seconds,
         what=what,
         scene=scene,
         kind=request.image_type if request is not None else "",

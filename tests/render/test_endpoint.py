@@ -41,7 +41,7 @@ async def test_three_pictures(start: Start, watched: WatchedRenderer) -> None:
     assert [call[2] for call in watched.calls] == [Output.COLOR, Output.DEPTH, Output.LABEL]
     assert watched.closed == 3
     assert [(record.status, record.error) for record in server.records] == [(200, "")] * 3
-    assert server.records[0].picture is not None
+    assert server.records[0].image is not None
     assert server.service.status()["answers"] == {"200": 3}
     assert server.service.status()["inflight_bytes"] == 0
     assert server.service.status()["scene_cache"] == {"hits": 2, "misses": 1}
@@ -155,7 +155,7 @@ async def test_what_is_ignored_is_a_logged_warning(start: Start, watched: Watche
 
 async def test_a_failing_observer_changes_nothing(start: Start, watched: WatchedRenderer) -> None:
     async with start(watched) as server:
-        server.service._on_done = lambda record: 1 // 0
+        server.service._on_finished = lambda record: 1 // 0
         assert (await server.post(body(SCENE), CONTENT_TYPE)).status_code == 200
 
 

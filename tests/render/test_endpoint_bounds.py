@@ -6,7 +6,6 @@ import asyncio
 from pathlib import Path
 
 import httpx2
-import pytest
 
 from gateway.render.config import RenderConfig
 from tests.render.conftest import SCENE, Start, WatchedRenderer, assert_refused
@@ -92,30 +91,6 @@ async def test_arriving_bodies_have_places_and_a_full_queue_refuses_before_the_b
         watched.go_on.set()
         assert [response.status_code for response in await asyncio.gather(*posts)] == [200] * 3
         assert server.service.arriving == 0
-
-
-async def test_who_arrives_has_work_for_a_processor_soon(
-    start: Start, watched: WatchedRenderer, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    come = asyncio.Event()
-    monkeypatch.setattr("gateway.render.service._SOON", SECONDS)
-
-    async def late() -> object:
-        await come.wait()
-        yield body(SCENE)
-
-    async with start(watched) as server:
-        assert server.service.soon() == 0
-        headers = {"Content-Type": CONTENT_TYPE}
-        posts = [asyncio.create_task(server.client.post("/render", content=late(), headers=headers)) for _ in range(2)]
-        await until(lambda: server.service.arriving == 2)
-        assert server.service.soon() == 2
-        monkeypatch.setattr("gateway.render.service._SOON", 0.0)
-        assert (server.service.soon(), server.service.arriving) == (0, 2)  # nobody knows when they will have come
-        monkeypatch.setattr("gateway.render.service._SOON", SECONDS)
-        come.set()
-        assert [response.status_code for response in await asyncio.gather(*posts)] == [200] * 2
-        assert server.service.soon() == 0
 
 
 async def test_who_arrives_too_slowly_does_not_keep_others_out(start: Start, watched: WatchedRenderer) -> None:

@@ -10,7 +10,7 @@ import threading
 import pytest
 
 from gateway.runtime.diagnostics import Verdict, findings
-from gateway.runtime.instance_probe import gateway_at
+from gateway.runtime.instance_probe import probe_instance
 from tests.server.answering import answering
 from tests.support.waiting import wait_until
 
@@ -29,7 +29,7 @@ HEALTH = {
 def test_a_gateway_says_which_ports_are_its_own() -> None:
     with answering(lambda _: (200, json.dumps(HEALTH).encode())) as port:
         for host in ("127.0.0.1", "localhost", "0.0.0.0"):
-            found = gateway_at(host, port)
+            found = probe_instance(host, port)
             assert found is not None
             assert (found.version, found.status, found.ports) == ("1.2.3", "degraded", {4001, 4002, 4003})
 
@@ -37,7 +37,7 @@ def test_a_gateway_says_which_ports_are_its_own() -> None:
 @pytest.mark.parametrize("body", [b"", b"hello", b"[]", b'{"status": "ok"}', b'{"version": 1}', b"[" * 100_000])
 def test_other_programs_are_none(body: bytes) -> None:
     with answering(lambda _: (200, body)) as port:
-        assert gateway_at("127.0.0.1", port) is None
+        assert probe_instance("127.0.0.1", port) is None
 
 
 @pytest.mark.parametrize("head", [b"", b"HTTP/1.1 200 OK\r\ncontent-length: 1000000\r\n\r\n"])
@@ -65,7 +65,7 @@ def test_who_answers_without_end_is_not_waited_for(head: bytes, monkeypatch: pyt
         server = threading.Thread(target=drip, args=(listener,))
         server.start()
         try:
-            assert gateway_at("127.0.0.1", listener.getsockname()[1]) is None
+            assert probe_instance("127.0.0.1", listener.getsockname()[1]) is None
             wait_until(lambda: len(ended) == 2)  # in plain words, and by TLS
         finally:
             listener.shutdown(socket.SHUT_RDWR)

@@ -35,7 +35,7 @@ def test_connections_take_a_body_whole_where_the_system_allows_it(host: str) -> 
 
 
 def test_less_than_wanted_is_left_to_the_system(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(process_tuning, "_RECEIVED", 1 << 30)  # more than any system allows, and fits a C integer
+    monkeypatch.setattr(process_tuning, "_RECEIVE_BUFFER", 1 << 30)  # more than any system allows, and fits a C integer
     with process_tuning.listen("127.0.0.1", 0) as listener, socket.socket() as other:
         assert received(listener) == received(other)
 
@@ -45,22 +45,20 @@ def test_a_taken_port_is_said_so() -> None:
         port = sock.getsockname()[1]
         with pytest.raises(OSError, match="in use") as raised:
             process_tuning.listen("127.0.0.1", port)
-    reason = process_tuning.why_not_listening(raised.value, "127.0.0.1", port)
+    reason = process_tuning.listen_error(raised.value, "127.0.0.1", port)
     assert reason == f"another program listens there (127.0.0.1 port {port})"
 
 
 def test_an_address_of_another_machine_is_said_so() -> None:
     with pytest.raises(OSError, match="assign") as raised:
         process_tuning.listen("203.0.113.1", 0)
-    assert "203.0.113.1 is no address of this machine" in process_tuning.why_not_listening(
-        raised.value, "203.0.113.1", 0
-    )
+    assert "203.0.113.1 is no address of this machine" in process_tuning.listen_error(raised.value, "203.0.113.1", 0)
 
 
 def test_an_unknown_host_is_said_so() -> None:
     with pytest.raises(socket.gaierror) as raised:
         process_tuning.listen("no such host", 0)
-    assert process_tuning.why_not_listening(raised.value, "no such host", 0) == "the host 'no such host' is unknown"
+    assert process_tuning.listen_error(raised.value, "no such host", 0) == "the host 'no such host' is unknown"
 
 
 def test_tuning_never_lowers_the_number_of_files() -> None:
@@ -83,9 +81,9 @@ def test_threads_let_the_event_loop_have_its_turn_within_a_millisecond() -> None
 def test_the_garbage_collector_works_again_after_the_start() -> None:
     frozen = gc.get_freeze_count()
     try:
-        process_tuning.hurry()
+        process_tuning.pause_gc()
         assert not gc.isenabled()
-        process_tuning.settle()
+        process_tuning.freeze_gc()
         assert gc.isenabled()
         assert gc.get_freeze_count() > frozen
     finally:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from gateway.runtime.service_registry import Board, State
+from gateway.runtime.service_registry import ServiceRegistry, State
 
 
 class FakeService:
@@ -20,7 +20,7 @@ class FakeService:
 
 
 def test_ready_only_when_everything_has_started() -> None:
-    board = Board()
+    board = ServiceRegistry()
     board.expect("kernels", "render")
     assert board.verdict() == "starting"
     board.ready("kernels")
@@ -30,7 +30,7 @@ def test_ready_only_when_everything_has_started() -> None:
 
 
 def test_a_failure_degrades_but_an_essential_one_fails() -> None:
-    board = Board(essential=frozenset({"kernels"}))
+    board = ServiceRegistry(essential=frozenset({"kernels"}))
     board.ready("kernels")
     board.fail("treeviewer", "no multicast route")
     assert board.verdict() == "degraded"
@@ -40,7 +40,7 @@ def test_a_failure_degrades_but_an_essential_one_fails() -> None:
 
 
 def test_a_service_has_a_word_in_its_state() -> None:
-    board = Board()
+    board = ServiceRegistry()
     service = FakeService()
     board.ready("stereo", service=service, where="grpc://127.0.0.1:50051")
     assert board.verdict() == "starting"
@@ -54,7 +54,7 @@ def test_a_service_has_a_word_in_its_state() -> None:
 
 
 def test_stopping_keeps_failures_visible() -> None:
-    board = Board()
+    board = ServiceRegistry()
     board.ready("render")
     board.fail("stereo", "port taken")
     board.stop()

@@ -12,7 +12,7 @@ import weakref
 
 import pytest
 
-from gateway.runtime.worker_pool import Busy, Closed, TooSlow, Workers
+from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull, WorkerPool
 from renderers.raster.frame_threads import Crew, Phase
 from renderers.stop import check_stop
 from tests.support.waiting import SECONDS, until
@@ -37,7 +37,7 @@ async def started(gate: Gate) -> None:
 
 async def test_results_errors_keywords_and_context_cross_the_threads() -> None:
     variable = contextvars.ContextVar("variable", default="outside")
-    workers = Workers(2)
+    workers = WorkerPool(2)
     variable.set("inside")
 
     def call(a: int, *, b: int) -> tuple[int, str, bool]:
@@ -53,7 +53,7 @@ async def test_results_errors_keywords_and_context_cross_the_threads() -> None:
 
 
 async def test_first_come_first_served_and_never_more_than_the_threads() -> None:
-    workers, order, lock, running, most = Workers(2), [], threading.Lock(), 0, 0
+    workers, order, lock, running, most = WorkerPool(2), [], threading.Lock(), 0, 0
     gates = Gate(), Gate()
     held = [asyncio.create_task(workers.run(gate)) for gate in gates]
     for gate in gates:
@@ -82,11 +82,11 @@ async def test_first_come_first_served_and_never_more_than_the_threads() -> None
 
 
 async def test_beyond_the_count_callers_are_turned_away() -> None:
-    workers, gate = Workers(1, max_waiting=2), Gate()
+    workers, gate = WorkerPool(1, max_waiting=2), Gate()
     tasks = [asyncio.create_task(workers.run(gate)) for _ in range(3)]
     await started(gate)
     await until(lambda: workers.stats.waiting == 2)
-    with pytest.raises(Busy, match="2 requests are waiting already, the limit is 2") as busy:
+    with pytest.raises(QueueFull, match="2 requests are waiting already, the limit is 2") as busy:
         await workers.run(gate)
     assert busy.value.retry_after >= 1
     assert workers.stats.rejected == 1
@@ -97,10 +97,10 @@ async def test_beyond_the_count_callers_are_turned_away() -> None:
 
 
 async def test_no_waiting_allowed_still_means_that_free_threads_work() -> None:
-    workers, gate = Workers(2, max_waiting=0), Gate()
+    workers, gate = WorkerPool(2, max_waiting=0), Gate()
     tasks = [asyncio.create_task(workers.run(gate)) for _ in range(2)]
     await started(gate)
-    with pytest.raises(Busy):
+    with pytest.raises(QueueFull):
         await workers.run(gate)
     gate.open.set()
     await asyncio.gather(*tasks)
@@ -108,17 +108,17 @@ async def test_no_waiting_allowed_still_means_that_free_threads_work() -> None:
 
 
 async def test_beyond_the_bytes_callers_are_turned_away_but_one_alone_may_wait() -> None:
-    workers, gate = Workers(1, max_waiting_bytes=100), Gate()
+    workers, gate = WorkerPool(1, max_waiting_bytes=100), Gate()
     tasks = [asyncio.create_task(workers.run(gate))]
     await started(gate)
-    tasks.append(asyncio.create_task(workers.run(gate, weight=1000)))
+    tasks.append(asyncio.create_task(workers.run(gate, nbytes=1000)))
     await until(lambda: workers.stats.waiting == 1)
-    with pytest.raises(Busy, match="hold 1000 bytes; with 1 more they would exceed the limit of 100"):
-        await workers.run(gate, weight=1)
+    with pytest.raises(QueueFull, match="hold 1000 bytes; with 1 more they would exceed the limit of 100"):
+        await workers.run(gate, nbytes=1)
     tasks[1].cancel()
     await until(lambda: workers.stats.waiting_bytes == 0)
-    tasks.append(asyncio.create_task(workers.run(gate, weight=60)))
-    tasks.append(asyncio.create_task(workers.run(gate, weight=40)))
+    tasks.append(asyncio.create_task(workers.run(gate, nbytes=60)))
+    tasks.append(asyncio.create_task(workers.run(gate, nbytes=40)))
     await until(lambda: workers.stats.waiting_bytes == 100)
     gate.open.set()
     await asyncio.gather(*tasks, return_exceptions=True)
@@ -127,10 +127,10 @@ async def test_beyond_the_bytes_callers_are_turned_away_but_one_alone_may_wait()
 
 
 async def test_a_waiting_caller_that_leaves_is_never_run_and_frees_its_place() -> None:
-    workers, gate, calls = Workers(1, max_waiting=1), Gate(), []
+    workers, gate, calls = WorkerPool(1, max_waiting=1), Gate(), []
     held = asyncio.create_task(workers.run(gate))
     await started(gate)
-    leaver = asyncio.create_task(workers.run(calls.append, "left", weight=7))
+    leaver = asyncio.create_task(workers.run(calls.append, "left", nbytes=7))
     await until(lambda: workers.stats.waiting == 1)
     leaver.cancel()
     with pytest.raises(asyncio.CancelledError):
@@ -145,7 +145,7 @@ async def test_a_waiting_caller_that_leaves_is_never_run_and_frees_its_place() -
 
 
 async def test_a_running_caller_that_leaves_loses_the_result_not_the_thread() -> None:
-    workers, gate = Workers(1), Gate()
+    workers, gate = WorkerPool(1), Gate()
     leaver = asyncio.create_task(workers.run(gate))
     await started(gate)
     leaver.cancel()
@@ -160,12 +160,12 @@ async def test_a_running_caller_that_leaves_loses_the_result_not_the_thread() ->
 
 async def test_close_lets_accepted_work_finish_and_ends_the_threads() -> None:
     before = set(threading.enumerate())
-    workers, gate = Workers(2, name="ending"), Gate()
+    workers, gate = WorkerPool(2, name="ending"), Gate()
     tasks = [asyncio.create_task(workers.run(gate, number)) for number in range(5)]
     await started(gate)
     closing = asyncio.create_task(workers.close(SECONDS))
     await asyncio.sleep(0)
-    with pytest.raises(Closed):
+    with pytest.raises(PoolClosed):
         await workers.run(gate)
     gate.open.set()
     assert await closing
@@ -178,11 +178,11 @@ async def test_close_lets_accepted_work_finish_and_ends_the_threads() -> None:
 
 
 async def test_close_gives_up_at_its_limit() -> None:
-    workers, gate = Workers(1), Gate()
+    workers, gate = WorkerPool(1), Gate()
     running, waiting = (asyncio.create_task(workers.run(gate)) for _ in range(2))
     await started(gate)
     assert not await workers.close(0.0)
-    with pytest.raises(Closed, match="before the request's turn came"):
+    with pytest.raises(PoolClosed, match="before the request's turn came"):
         await waiting
     gate.open.set()
     await running
@@ -205,11 +205,11 @@ class Endless:
 
 
 async def test_a_call_ends_at_its_deadline_which_does_not_count_while_it_waits() -> None:
-    workers = Workers(1, seconds=0.2, limit_name="--render-seconds")
+    workers = WorkerPool(1, seconds=0.2, limit_name="--render-seconds")
     calls = [asyncio.create_task(workers.run(Endless())) for _ in range(3)]
     last = asyncio.create_task(workers.run(lambda: "drawn"))  # it has waited for three deadlines
     for call in calls:
-        with pytest.raises(TooSlow, match=r"--render-seconds = 0\.2 s"):
+        with pytest.raises(DeadlineExceeded, match=r"--render-seconds = 0\.2 s"):
             await call
     assert await last == "drawn"
     assert (workers.stats.timed_out, workers.stats.done) == (3, 4)
@@ -217,7 +217,7 @@ async def test_a_call_ends_at_its_deadline_which_does_not_count_while_it_waits()
 
 
 async def test_a_call_ends_when_its_caller_is_cancelled() -> None:
-    workers, call = Workers(1), Endless()
+    workers, call = WorkerPool(1), Endless()
     leaver = asyncio.create_task(workers.run(call))
     assert await asyncio.to_thread(call.started.wait, SECONDS)
     leaver.cancel()
@@ -229,17 +229,17 @@ async def test_a_call_ends_when_its_caller_is_cancelled() -> None:
 
 
 async def test_close_ends_calls_that_would_not_finish() -> None:
-    workers, call = Workers(1, seconds=1000.0), Endless()
+    workers, call = WorkerPool(1, seconds=1000.0), Endless()
     running, waiting = (asyncio.create_task(workers.run(call)) for _ in range(2))
     assert await asyncio.to_thread(call.started.wait, SECONDS)
     assert await workers.close(0.1)
     for task in (running, waiting):
-        with pytest.raises(Closed, match="shut down"):
+        with pytest.raises(PoolClosed, match="shut down"):
             await task
 
 
 async def test_threads_past_half_of_the_deadline_are_counted() -> None:
-    workers, gate = Workers(2, seconds=0.02), Gate()  # which does not look at its flag
+    workers, gate = WorkerPool(2, seconds=0.02), Gate()  # which does not look at its flag
     calls = [asyncio.create_task(workers.run(gate, 1))]
     await until(lambda: workers.stats.slow == 1)
     assert not workers.stuck
@@ -253,7 +253,7 @@ async def test_threads_past_half_of_the_deadline_are_counted() -> None:
 
 
 async def test_without_a_deadline_no_thread_is_slow() -> None:
-    workers, gate = Workers(1), Gate()
+    workers, gate = WorkerPool(1), Gate()
     call = asyncio.create_task(workers.run(gate))
     await started(gate)
     assert (workers.stats.slow, workers.stuck) == (0, False)
@@ -269,7 +269,7 @@ async def test_nothing_keeps_a_finished_request_alive() -> None:
     def fail(body: object) -> None:
         raise ValueError("no")
 
-    workers = Workers(1)
+    workers = WorkerPool(1)
     body = Body()
     watched = weakref.ref(body)
     await workers.run(lambda _: None, body)
@@ -285,7 +285,7 @@ async def test_nothing_keeps_a_finished_request_alive() -> None:
 
 
 def test_loops_come_and_go() -> None:
-    workers = Workers(1)
+    workers = WorkerPool(1)
     for _ in range(2):
         assert asyncio.run(workers.run(lambda: 5)) == 5
     gate = Gate()
@@ -304,8 +304,8 @@ def test_loops_come_and_go() -> None:
 def test_bounds_are_checked() -> None:
     for arguments in ({"threads": 0}, {"max_waiting": -1}, {"seconds": 0.0}):
         with pytest.raises(ValueError, match="at least one thread"):
-            Workers(**arguments)  # type: ignore[arg-type]  # by name
-    assert Workers().threads >= 1
+            WorkerPool(**arguments)  # type: ignore[arg-type]  # by name
+    assert WorkerPool().threads >= 1
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux gives every thread a priority")
@@ -325,7 +325,7 @@ async def test_threads_that_draw_and_their_helpers_stand_behind_the_event_loop()
         return seen
 
     own = niceness()
-    workers = Workers(1, niceness=3)
+    workers = WorkerPool(1, niceness=3)
     assert await workers.run(draw) == {min(19, own + 3)}
     assert niceness() == own
     assert await workers.close()

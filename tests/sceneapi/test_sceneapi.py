@@ -13,7 +13,7 @@ import tifffile
 from fastapi import FastAPI
 
 from gateway.gltf import read_gltf
-from gateway.runtime.worker_pool import Workers
+from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.geometry import Box, Part, PointCloud
 from gateway.scene.live import LiveTree
 from gateway.scene.transforms import look_at
@@ -292,8 +292,8 @@ async def test_the_status_counts(world: World):
     assert world.service.status() == {"revision": 1, "geometries": 2, "pictures": 1}
 
 
-async def endless(seconds: float | None) -> tuple[EndlessRenderer, FastAPI, Workers]:
-    renderer, workers = EndlessRenderer(), Workers(1, seconds=seconds, limit_name="--render-seconds")
+async def endless(seconds: float | None) -> tuple[EndlessRenderer, FastAPI, WorkerPool]:
+    renderer, workers = EndlessRenderer(), WorkerPool(1, seconds=seconds, limit_name="--render-seconds")
     app = FastAPI()
     app.include_router(router(SceneApi(LiveTree(), renderer, workers)))
     return renderer, app, workers

@@ -13,7 +13,7 @@ from starlette.responses import JSONResponse, PlainTextResponse, StreamingRespon
 
 from gateway.runtime.metrics_registry import Metrics
 from gateway.server.error_handlers import HeadAsGet, not_allowed
-from gateway.server.middleware import Requests
+from gateway.server.middleware import RequestContext
 from tests.server.listening import listening
 from tests.support.waiting import SECONDS
 
@@ -26,7 +26,7 @@ class World:
         self.app = FastAPI()
         self.app.add_exception_handler(405, not_allowed)
         self.app.add_middleware(HeadAsGet)
-        self.app.add_middleware(Requests, metrics=self.metrics)
+        self.app.add_middleware(RequestContext, metrics=self.metrics)
 
         @self.app.get("/thing/{name}")
         async def thing(name: str, request: Request) -> JSONResponse:

@@ -10,7 +10,7 @@ import pytest
 from fastapi import FastAPI
 
 from gateway.runtime.metrics_registry import Metrics
-from gateway.runtime.service_registry import Board
+from gateway.runtime.service_registry import ServiceRegistry
 from gateway.server import health
 from gateway.server.access import Access
 from gateway.server.tokens import Tokens
@@ -24,7 +24,7 @@ def client(*, token: bool) -> httpx2.AsyncClient:
     def figures() -> Mapping[str, Any]:
         return {"port": 4001, "last_problem": "a message of a client", "nested": {"file": "/srv/secret.db"}}
 
-    board = Board()
+    board = ServiceRegistry()
     board.ready("state", where="/srv/secret.db", figures=figures)
     board.ready("view", where="10.1.2.3")
     board.fail("stereo", "cannot read /srv/secret.pem")

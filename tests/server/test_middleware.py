@@ -9,16 +9,17 @@ import httpx2
 import pytest
 from fastapi import FastAPI, Request
 from fastapi.responses import PlainTextResponse
+from starlette.middleware.body_limit import RequestBodyLimitMiddleware
 from structlog.testing import capture_logs
 
 from gateway.runtime.metrics_registry import Metrics
 from gateway.server.access import TrustedHosts
-from gateway.server.middleware import Gate, Requests
+from gateway.server.middleware import MAX_TARGET_BYTES, RequestContext, StartGate, TargetLimit
 
 
 def make(metrics: Metrics) -> FastAPI:
     app = FastAPI()
-    app.add_middleware(Requests, metrics=metrics, quiet={"/quiet"})
+    app.add_middleware(RequestContext, metrics=metrics, quiet_paths={"/quiet"})
 
     @app.get("/things/{name}")
     async def thing(name: str) -> PlainTextResponse:
@@ -82,7 +83,7 @@ async def test_a_defect_is_500_with_the_id_and_a_traceback_in_the_log() -> None:
 
 async def test_requests_wait_until_the_start_but_not_the_open_ones() -> None:
     started = asyncio.Event()
-    gate = Gate(make(Metrics()), started=started, problem=lambda: "", open_paths={"/things/open"})
+    gate = StartGate(make(Metrics()), started=started, problem=lambda: "", open_paths={"/things/open"})
     async with client(gate) as http:
         assert (await http.get("/things/open")).text == "open"
         waiting = asyncio.create_task(http.get("/things/a"))
@@ -96,26 +97,38 @@ async def test_requests_wait_until_the_start_but_not_the_open_ones() -> None:
 async def test_a_failed_start_is_503_with_the_reason() -> None:
     started = asyncio.Event()
     started.set()
-    gate = Gate(make(Metrics()), started=started, problem=lambda: "no kernels", open_paths=set())
+    gate = StartGate(make(Metrics()), started=started, problem=lambda: "no kernels", open_paths=set())
     async with client(gate) as http:
         answer = await http.get("/things/a")
     assert (answer.status_code, answer.text) == (503, "The gateway did not start: no kernels\n")
 
 
-@pytest.mark.parametrize("host", ["localhost", "rebound.example"])
-async def test_bodies_beyond_the_bound_are_no_defect_whoever_answers(host: str) -> None:
-    app = FastAPI(max_body_size=10)
+@pytest.mark.parametrize(("host", "status"), [("localhost", 413), ("rebound.example", 421)])
+async def test_too_large_body_is_not_logged_as_an_error(host: str, status: int) -> None:
+    app = FastAPI()
 
     @app.post("/things")
     async def things(http: Request) -> PlainTextResponse:
         return PlainTextResponse(str(len(await http.body())))
 
     metrics = Metrics()
+    app.add_middleware(RequestBodyLimitMiddleware, max_body_size=10)
     app.add_middleware(TrustedHosts, names=("localhost",))
-    app.add_middleware(Requests, metrics=metrics)
+    app.add_middleware(RequestContext, metrics=metrics)
     async with client(app) as http:
         with capture_logs() as lines:
             answer = await http.post("/things", content=b"x" * 100, headers={"Host": host})
-    assert answer.status_code == 413
-    assert [(line["event"], line["status"]) for line in lines] == [("request", 413)]
-    assert 'status="413"} 1.0' in metrics.exposition().decode()
+    assert answer.status_code == status
+    assert [(line["event"], line["status"]) for line in lines] == [("request", status)]
+    assert f'status="{status}"}} 1.0' in metrics.exposition().decode()
+
+
+async def test_long_target_is_refused() -> None:
+    app = make(Metrics())
+    app.add_middleware(TargetLimit)
+    path = "/things/a?q="
+    room = MAX_TARGET_BYTES - len(path) + len("?")
+    async with client(app) as http:
+        assert (await http.get(path + "x" * room)).status_code == 200
+        answer = await http.get(path + "x" * (room + 1))
+    assert (answer.status_code, answer.text) == (414, "The path with its query is longer than 8192 bytes.\n")

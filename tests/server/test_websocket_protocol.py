@@ -11,7 +11,7 @@ from contextlib import asynccontextmanager, suppress
 import pytest
 from fastapi import FastAPI, WebSocket, WebSocketDisconnect
 
-from gateway.server.websocket_protocol import MAX_FRAGMENTS, PIECE_BYTES, BoundedWebSocket
+from gateway.server.websocket_protocol import MAX_FRAGMENTS, SLICE_BYTES, BoundedWebSocketProtocol
 from tests.server.listening import listening
 from tests.support.waiting import SECONDS
 
@@ -113,18 +113,18 @@ async def test_who_does_not_wait_for_the_handshake_is_cut_off_in_silence(caplog:
 
 async def test_what_comes_is_read_in_pieces_that_leave_others_their_turn(monkeypatch: pytest.MonkeyPatch) -> None:
     sizes: list[int] = []
-    plain = BoundedWebSocket.data_received
+    original = BoundedWebSocketProtocol.slice_received
 
-    def data_received(self: BoundedWebSocket, data: bytes) -> None:
+    def slice_received(self: BoundedWebSocketProtocol, data: bytes) -> None:
         sizes.append(len(data))
-        plain(self, data)
+        original(self, data)
 
-    monkeypatch.setattr(BoundedWebSocket, "data_received", data_received)
+    monkeypatch.setattr(BoundedWebSocketProtocol, "slice_received", slice_received)
     async with connected() as (reader, writer, got):
         writer.write(frame(PONG, b"p" * 100) * 1000 + frame(TEXT, b"end"))
         assert await reader.readexactly(5) == b"\x81\x03end"
     assert len(sizes) > 50
-    assert max(sizes) <= PIECE_BYTES
+    assert max(sizes) <= SLICE_BYTES
     assert got[0] == "end"
 
 
@@ -144,7 +144,7 @@ async def test_pings_of_who_does_not_read_are_not_hoarded() -> None:
         def data_to_send(self) -> list[bytes]:
             return [self.answer]
 
-    socket = BoundedWebSocket.__new__(BoundedWebSocket)
+    socket = BoundedWebSocketProtocol.__new__(BoundedWebSocketProtocol)
     socket.writable = asyncio.Event()
     socket.transport = Transport()
     socket.conn = Connection()
