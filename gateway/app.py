@@ -29,7 +29,7 @@ from gateway.scene.live import LiveTree
 from gateway.server import error_handlers, health, openapi
 from gateway.server.index_page import index_page
 from gateway.server.middleware import RequestContext, StartGate
-from gateway.server.security import Guard
+from gateway.server.security import Security
 from gateway.settings import MIB, Settings
 from gateway.state.errors import StateError
 from gateway.viewer.sources import PICTURE_NAMES
@@ -61,8 +61,8 @@ def create_app(settings: Settings, state: Kept | None = None) -> FastAPI:
     Raises:
         SettingsError: a token or a certificate that they name cannot be used.
     """
-    guard = Guard.of(settings)
-    board = ServiceRegistry(essential=frozenset({KERNELS, "render"}))
+    security = Security.of(settings)
+    registry = ServiceRegistry(essential=frozenset({KERNELS, "render"}))
     metrics = Metrics()
     started = asyncio.Event()
     wanted: dict[str, Join] = {n: join for n, join in JOINS.items() if not settings.only or n in settings.only}
@@ -87,11 +87,11 @@ def create_app(settings: Settings, state: Kept | None = None) -> FastAPI:
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         process_tuning.tune()
-        board.expect(KERNELS, *wanted)
-        house = House(settings, app, board, metrics, LiveTree(), workers, guard)
-        figures.watch_process(metrics, board, workers)
+        registry.expect(KERNELS, *wanted)
+        house = House(settings, app, registry, metrics, LiveTree(), workers, security)
+        figures.watch_process(metrics, registry, workers)
         figures.watch_tree(metrics, house.tree)
-        guard.tell()
+        security.log_exposure()
         house.state = state or await asyncio.to_thread(open_state, settings)
         watch = ExitStack()
         start = asyncio.create_task(_start(house, wanted, started, watch), name="start")
@@ -100,7 +100,7 @@ def create_app(settings: Settings, state: Kept | None = None) -> FastAPI:
             house.leave()
             if not started.is_set():  # no room is joined any more; who waits for the start is told so
                 start.cancel()
-                board.fail(KERNELS, "it was told to stop")
+                registry.fail(KERNELS, "it was told to stop")
                 started.set()
 
         app.state.leave = leave
@@ -125,13 +125,13 @@ def create_app(settings: Settings, state: Kept | None = None) -> FastAPI:
     )
     app.add_exception_handler(404, error_handlers.not_found)
     app.add_exception_handler(405, error_handlers.not_allowed)
-    openapi.describe(app, token=guard.http is not None, open_paths=health.OPEN_PATHS)
-    app.include_router(health.router(board, metrics, __version__, started.is_set, busy))
+    openapi.describe(app, token=security.http is not None, open_paths=health.OPEN_PATHS)
+    app.include_router(health.router(registry, metrics, __version__, started.is_set, busy))
     app.add_middleware(RequestBodyLimitMiddleware, max_body_size=settings.max_body_mb * MIB)
     app.add_middleware(
-        StartGate, started=started, problem=lambda: board.entries[KERNELS].problem, open_paths=health.PATHS | {"/"}
+        StartGate, started=started, problem=lambda: registry.entries[KERNELS].problem, open_paths=health.PATHS | {"/"}
     )
-    guard.protect(app)
+    security.protect(app)
     app.add_middleware(error_handlers.HeadAsGet)
     app.add_middleware(RequestContext, metrics=metrics, quiet_paths=health.PATHS | POLLED)
 
@@ -155,14 +155,14 @@ async def _start(house: House, wanted: dict[str, Join], started: asyncio.Event, 
             await _compile(house)
         await asyncio.to_thread(warmup.run)
         watch.enter_context(kernel_cache.compiling_reported(_compiled_while_serving))
-        house.board.ready(KERNELS)
+        house.registry.ready(KERNELS)
         if not await _restored(house):
             return
         for name, join in wanted.items():
             try:
                 join(house)
-                if house.board.entries[name].state is State.STARTING:
-                    house.board.ready(name)
+                if house.registry.entries[name].state is State.STARTING:
+                    house.registry.ready(name)
             except Exception as error:  # noqa: BLE001 - a room that cannot be joined must not end the others
                 house.fail(name, error)
         started.set()
@@ -173,18 +173,18 @@ async def _start(house: House, wanted: dict[str, Join], started: asyncio.Event, 
     started.set()
     settled = time.perf_counter() + _SETTLE_SECONDS
     # Rooms say themselves whether they are ready.
-    while house.board.verdict() == "starting" and time.perf_counter() < settled:  # noqa: ASYNC110 - nobody tells when
+    while house.registry.verdict() == "starting" and time.perf_counter() < settled:  # noqa: ASYNC110 - nobody tells when
         await asyncio.sleep(0.02)
     if (on_started := getattr(house.app.state, "on_started", None)) is not None:
         on_started()
     seconds = round(time.perf_counter() - begin, 2)
-    _log.info("Scenegate has started", status=house.board.verdict(), version=__version__, seconds=seconds)
+    _log.info("Scenegate has started", status=house.registry.verdict(), version=__version__, seconds=seconds)
 
 
 async def _compile(house: House) -> None:
     """Compiles the kernels in child processes; log, ``/readyz`` and a terminal show how far it has got."""
     progress = Progress(len(warmup.PARTS))
-    entry = house.board.entries[KERNELS]
+    entry = house.registry.entries[KERNELS]
     entry.progress = progress.describe
     folder = str(kernel_cache.configure())
     _log.info("Compiling the rendering kernels into the cache, once ...", folder=folder, parts=progress.parts)

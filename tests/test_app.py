@@ -342,7 +342,7 @@ async def test_nothing_is_ready_before_requests_are_let_in(monkeypatch: pytest.M
         return True
 
     monkeypatch.setattr(gateway.app, "_restored", restored)
-    rooms(monkeypatch)  # none, so that the board waits for the kernels only, which are there
+    rooms(monkeypatch)  # none, so that the registry waits for the kernels only, which are there
     async with running() as client:
         await joining.wait()
         assert (await client.get("/readyz")).json()["status"] == "starting"

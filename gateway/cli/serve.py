@@ -80,12 +80,12 @@ def run(settings: Settings) -> int:
     log = structlog.get_logger("gateway")
     for warning in unknown_environment():
         log.warning(warning)
-    from gateway.server.security import Guard
+    from gateway.server.security import Security
     from gateway.state.errors import StateError
     from gateway.wiring.state import open_state
 
     try:
-        guard = Guard.of(settings)
+        security = Security.of(settings)
     except SettingsError as error:
         log.error(str(error))
         return 1
@@ -102,10 +102,10 @@ def run(settings: Settings) -> int:
         return 1
     port = listener.getsockname()[1]
     host = f"[{settings.host}]" if ":" in settings.host else settings.host
-    scheme = "http" if guard.tls is None else "https"
+    scheme = "http" if security.tls is None else "https"
     pages = "/view, / and /docs" if not settings.only or "view" in settings.only else "/ and /docs"
     log.info(f"Scenegate listens; look at {pages}", url=f"{scheme}://{host}:{port}")
-    return _serve(settings, listener, state, guard.tls)
+    return _serve(settings, listener, state, security.tls)
 
 
 def _serve(settings: Settings, listener: socket.socket, state: State | None, tls: tuple[Path, Path] | None) -> int:
@@ -118,7 +118,7 @@ def _serve(settings: Settings, listener: socket.socket, state: State | None, tls
 
     log = structlog.get_logger("gateway")
     app = create_app(settings, state)
-    config = http_server.config(app, settings.shutdown_seconds, lifespan=True, tls=tls)
+    config = http_server.server_config(app, settings.shutdown_seconds, lifespan=True, tls=tls)
 
     def leave() -> None:
         log.info("Scenegate stops; requests that it has accepted may finish", seconds=settings.shutdown_seconds)

@@ -53,7 +53,7 @@ class RenderService:
         config: RenderConfig | None = None,
         *,
         backdrop: Backdrop | None = None,
-        on_finished: Callable[[RenderRecord], None] | None = None,
+        on_finished: Callable[[RenderRecord], object] | None = None,
     ) -> None:
         """
         Args:

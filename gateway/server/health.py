@@ -10,7 +10,7 @@ from fastapi.responses import JSONResponse
 
 from gateway.runtime.metrics_registry import CONTENT_TYPE, Metrics
 from gateway.runtime.service_registry import ServiceRegistry
-from gateway.server.access import ADMITTED
+from gateway.server.access import AUTHORIZED
 from gateway.server.openapi import Responses, json_example
 
 OPEN_PATHS = frozenset({"/healthz", "/readyz"})
@@ -76,6 +76,6 @@ def router(
 
 
 def _described(registry: ServiceRegistry, request: Request) -> dict[str, Any]:
-    if request.scope.get(ADMITTED, True):
+    if request.scope.get(AUTHORIZED, True):
         return registry.describe()
     return {**registry.describe(details=False), "details": _DETAILS}

@@ -1,7 +1,7 @@
 """One small function a room: settings to its configuration, its routes or its service to the house.
 
 Each imports its room itself: that loads compiled kernels, which must be cached before, and a room that cannot be
-imported (a system library is missing) is a sentence on the board instead of the end of the process.
+imported (a system library is missing) is a sentence on the registry instead of the end of the process.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def join_render(house: House) -> None:
     service = RenderService(house.renderer, house.workers, config, backdrop=_backdrop(house), on_finished=done)
     metrics.watch_render(house.metrics, service)
     house.app.include_router(router(service))
-    house.board.ready("render", where=settings.render_path, figures=service.status)
+    house.registry.ready("render", where=settings.render_path, figures=service.status)
 
 
 def _backdrop(house: House) -> Callable[[], Node] | None:
@@ -100,7 +100,7 @@ def join_scene(house: House) -> None:
         stereo_camera=lambda: house.stereo_camera(),
     )
     house.app.include_router(router(service))
-    house.board.ready("scene", where="/scene", figures=service.status)
+    house.registry.ready("scene", where="/scene", figures=service.status)
 
 
 def join_treeviewer(house: House) -> None:
@@ -110,7 +110,9 @@ def join_treeviewer(house: House) -> None:
     from gateway.treeviewer.service import TreeViewerService
 
     settings = house.settings
-    config = TreeViewerConfig(lcm_url=settings.lcm_url, tcpq_host=house.guard.tcpq_host, tcpq_port=settings.tcpq_port)
+    config = TreeViewerConfig(
+        lcm_url=settings.lcm_url, tcpq_host=house.security.tcpq_host, tcpq_port=settings.tcpq_port
+    )
     durable = house.state.journal if house.state is not None else None
     service = TreeViewerService(config, house.tree, MeshFiles(settings.mesh_root), durable=durable)
     metrics.watch_treeviewer(house.metrics, service)

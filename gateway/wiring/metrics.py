@@ -24,7 +24,7 @@ _OUTCOMES: Final[Mapping[int, str]] = {200: "ok", 499: "gone", 500: "failed", 50
 """By status; every other one is a rejected request."""
 
 
-def watch_process(metrics: Metrics, board: ServiceRegistry, workers: WorkerPool) -> None:
+def watch_process(metrics: Metrics, registry: ServiceRegistry, workers: WorkerPool) -> None:
     """Metrics of every gateway: its version, its interfaces and the worker threads."""
     metrics.gauge(
         "scenegate_build_info",
@@ -35,7 +35,7 @@ def watch_process(metrics: Metrics, board: ServiceRegistry, workers: WorkerPool)
     metrics.gauge(
         "scenegate_interface_ready",
         "1 while an interface can be used, else 0, by interface.",
-        lambda: _ready(board),
+        lambda: _ready(registry),
         label="interface",
     )
     metrics.gauge("scenegate_render_threads", "Worker threads that render and decode.", lambda: workers.threads)
@@ -214,8 +214,8 @@ def watch_view(metrics: Metrics, hub: ViewHub) -> None:
     )
 
 
-def _ready(board: ServiceRegistry) -> dict[str, float]:
-    return {name: float(entry.current() is State.READY) for name, entry in board.entries.items()}
+def _ready(registry: ServiceRegistry) -> dict[str, float]:
+    return {name: float(entry.current() is State.READY) for name, entry in registry.entries.items()}
 
 
 def _calls(workers: WorkerPool) -> dict[str, float]:

@@ -42,7 +42,7 @@ def status_of(house: House) -> dict[str, Any]:
     """For the status bar: which interfaces are up, and what users of them should know."""
     interfaces: dict[str, dict[str, str]] = {}
     figures: dict[str, dict[str, Any]] = {}
-    for name, entry in house.board.entries.items():
+    for name, entry in house.registry.entries.items():
         described = entry.describe()
         problem = described.get("problem") or described.get("warning")
         interfaces[name] = {"state": described["state"], **({"problem": str(problem)} if problem else {})}

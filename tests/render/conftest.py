@@ -109,10 +109,11 @@ async def running(
     max_waiting_bytes: int = 1 << 30,
     backdrop: Backdrop | None = None,
     seconds: float | None = None,
+    on_finished: Callable[[RenderRecord], object] | None = None,
 ) -> AsyncIterator[Running]:
     workers = WorkerPool(threads, max_waiting, max_waiting_bytes, seconds=seconds, limit_name="--render-seconds")
     records: list[RenderRecord] = []
-    service = RenderService(renderer, workers, config, backdrop=backdrop, on_finished=records.append)
+    service = RenderService(renderer, workers, config, backdrop=backdrop, on_finished=on_finished or records.append)
     app = FastAPI()
     app.include_router(router(service))
     transport = httpx2.ASGITransport(app=app)

@@ -107,7 +107,8 @@ async def test_pictures_are_files_that_drakes_client_can_read(server: Running) -
 async def test_a_scene_of_gltf_meshes_only_has_no_camera(server: Running) -> None:
     """VTK's exporter writes the camera only when it has something else to write."""
     nodes = [{"mesh": 0}]
-    for cameras in (None, []):
+    no_cameras: tuple[list[Any] | None, ...] = (None, [])
+    for cameras in no_cameras:
         scene = gltf(generator="Drake glTF merger", cameras=cameras, nodes=nodes)
         for kind in TYPES:
             response = await answer(server, scene, kind)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import AsyncIterator, MutableMapping
 from pathlib import Path
+from typing import Any
 
 import httpx2
 
@@ -18,7 +20,7 @@ async def test_too_large_is_refused_early_or_on_the_way(start: Start, watched: W
     async with start(watched, RenderConfig(max_body_bytes=10_000)) as server:
         sent = 0
 
-        async def chunks() -> object:
+        async def chunks() -> AsyncIterator[bytes]:
             nonlocal sent
             for _ in range(1000):
                 sent += 1000
@@ -43,7 +45,7 @@ async def test_a_limit_of_the_framework_does_not_hide_the_reason(start: Start, w
 
 
 async def test_a_stalled_upload_is_given_up(start: Start, watched: WatchedRenderer) -> None:
-    async def stalled() -> object:
+    async def stalled() -> AsyncIterator[bytes]:
         yield body(SCENE)[:200]
         await asyncio.Event().wait()
 
@@ -73,7 +75,7 @@ async def test_arriving_bodies_have_places_and_a_full_queue_refuses_before_the_b
     watched.go_on.clear()
     read, come = 0, asyncio.Event()
 
-    async def late() -> object:
+    async def late() -> AsyncIterator[bytes]:
         nonlocal read
         read += 1
         await come.wait()
@@ -96,7 +98,7 @@ async def test_arriving_bodies_have_places_and_a_full_queue_refuses_before_the_b
 async def test_who_arrives_too_slowly_does_not_keep_others_out(start: Start, watched: WatchedRenderer) -> None:
     come = asyncio.Event()
 
-    async def trickling() -> object:
+    async def trickling() -> AsyncIterator[bytes]:
         yield body(SCENE)[:100]
         await come.wait()
         yield body(SCENE)[100:]
@@ -140,7 +142,7 @@ async def test_a_client_that_leaves_frees_its_place(start: Start, watched: Watch
             await leave.wait()
             return {"type": "http.disconnect"}
 
-        async def send(message: dict[str, object]) -> None:
+        async def send(message: MutableMapping[str, Any]) -> None:
             sent.append(message)
 
         scope = {

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from itertools import pairwise
+from typing import Any
 
 import pytest
 from hypothesis import assume, given, settings
@@ -153,7 +154,7 @@ def test_a_missing_focal_length_comes_from_the_field_of_view() -> None:
 
 @pytest.mark.parametrize("name", ["width", "height", "near", "far", "focal_x", "center_x", "center_y", "image_type"])
 def test_missing_and_empty_fields_are_named(name: str) -> None:
-    without_fov = {"fov_x": None, "fov_y": None}
+    without_fov: dict[str, Any] = {"fov_x": None, "fov_y": None}
     assert refused_fields(**{**without_fov, name: None}) == f"the field '{name}' is missing"
     assert refused_fields(**{**without_fov, name: ""}) == f"the field '{name}' is empty"
 

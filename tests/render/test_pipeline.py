@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from typing import Any
 
 import cv2
 import numpy as np
@@ -23,7 +24,7 @@ from renderers.raster import CpuRenderer
 from tests.support.forms import CONTENT_TYPE, body, drake_fields, gltf
 
 
-def scene(**changes: object) -> HashedDocument:
+def scene(**changes: Any) -> HashedDocument:
     return HashedDocument.of(json.dumps(gltf(**changes)).encode())
 
 

@@ -31,7 +31,8 @@ def test_a_gateway_says_which_ports_are_its_own() -> None:
         for host in ("127.0.0.1", "localhost", "0.0.0.0"):
             found = probe_instance(host, port)
             assert found is not None
-            assert (found.version, found.status, found.ports) == ("1.2.3", "degraded", {4001, 4002, 4003})
+            assert (found.version, found.status) == ("1.2.3", "degraded")
+            assert found.ports == frozenset({4001, 4002, 4003})
 
 
 @pytest.mark.parametrize("body", [b"", b"hello", b"[]", b'{"status": "ok"}', b'{"version": 1}', b"[" * 100_000])

@@ -127,7 +127,7 @@ async def test_beyond_the_bytes_callers_are_turned_away_but_one_alone_may_wait()
 
 
 async def test_a_waiting_caller_that_leaves_is_never_run_and_frees_its_place() -> None:
-    workers, gate, calls = WorkerPool(1, max_waiting=1), Gate(), []
+    workers, gate, calls = WorkerPool(1, max_waiting=1), Gate(), list[str]()
     held = asyncio.create_task(workers.run(gate))
     await started(gate)
     leaver = asyncio.create_task(workers.run(calls.append, "left", nbytes=7))
@@ -304,7 +304,7 @@ def test_loops_come_and_go() -> None:
 def test_bounds_are_checked() -> None:
     for arguments in ({"threads": 0}, {"max_waiting": -1}, {"seconds": 0.0}):
         with pytest.raises(ValueError, match="at least one thread"):
-            WorkerPool(**arguments)  # type: ignore[arg-type]  # by name
+            WorkerPool(**arguments)
     assert WorkerPool().threads >= 1
 
 

@@ -45,7 +45,7 @@ def secured(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Secured]:
     pem, key = certificate(folder)
     (folder / "http").write_text(TOKEN)
     (folder / "grpc").write_text(CAMERA)
-    flags = ("--lcm-url", "off", "--tcpq-port", "0", "--grpc-port", "0", "--rest-port", "0", "--demo")
+    flags: tuple[str, ...] = ("--lcm-url", "off", "--tcpq-port", "0", "--grpc-port", "0", "--rest-port", "0", "--demo")
     flags += ("--http-certificate", str(pem), "--http-key", str(key), "--http-token-file", str(folder / "http"))
     flags += ("--grpc-certificate", str(pem), "--grpc-key", str(key), "--grpc-token-file", str(folder / "grpc"))
     flags += ("--cors-origins", "https://page.example", "--log-level", "debug")

@@ -104,8 +104,8 @@ def test_a_name_that_was_made_to_point_here_is_refused(gateway_url: str) -> None
         assert answer.status_code == 421, path
     asked = b"Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
     asked += b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nOrigin: http://rebound.example\r\n\r\n"
-    answer = raw(gateway_url, b"GET /view/ws HTTP/1.1\r\nHost: rebound.example\r\n" + asked, finish=False)
-    assert statuses(answer) == [403]
+    refused = raw(gateway_url, b"GET /view/ws HTTP/1.1\r\nHost: rebound.example\r\n" + asked, finish=False)
+    assert statuses(refused) == [403]
 
 
 def test_two_hosts_are_none(gateway_url: str) -> None:

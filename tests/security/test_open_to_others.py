@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from gateway.server.security import Guard
+from gateway.server.security import Security
 from gateway.settings import Settings, SettingsError
 from tests.support.certificates import certificate
 
@@ -18,7 +18,7 @@ def _own_lcm(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def exposed(**settings: Any) -> dict[str, str]:
-    return {name: lacks for name, _, lacks in Guard.of(Settings(**settings)).exposed()}
+    return {name: lacks for name, _, lacks in Security.of(Settings(**settings)).exposed()}
 
 
 @pytest.fixture
@@ -72,10 +72,10 @@ def test_what_cannot_be_used_is_told_before_anything_listens(tmp_path: Path) -> 
     pem, _ = certificate(tmp_path, "one")
     _, key = certificate(tmp_path, "two")
     with pytest.raises(SettingsError, match="TLS of HTTP cannot use"):
-        Guard.of(Settings(http_certificate=pem, http_key=key))
+        Security.of(Settings(http_certificate=pem, http_key=key))
     with pytest.raises(SettingsError, match="No such file"):
-        Guard.of(Settings(http_certificate=pem, http_key=tmp_path / "nowhere"))
+        Security.of(Settings(http_certificate=pem, http_key=tmp_path / "nowhere"))
     with pytest.raises(SettingsError, match="cannot be read"):
-        Guard.of(Settings(grpc_token_file=tmp_path / "nowhere"))
+        Security.of(Settings(grpc_token_file=tmp_path / "nowhere"))
     with pytest.raises(ValueError, match="need each other"):
         Settings(http_certificate=pem)

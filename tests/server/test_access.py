@@ -196,11 +196,14 @@ async def test_a_websocket_needs_the_token_too() -> None:
     async def inner(scope: Any, receive: Any, send: Any) -> None:
         await send({"type": "websocket.accept"})
 
+    async def receive() -> Any:
+        raise AssertionError
+
     access = Access(inner, tokens=TOKENS, clock=lambda: NOW)
     scope = {"type": "websocket", "path": "/view/ws", "headers": [], "query_string": f"token={TOKEN}".encode()}
-    await access(scope, None, send)
+    await access(scope, receive, send)
     cookie = [(b"cookie", f"other=1; {COOKIE}={TOKENS.cookie(TOKEN, NOW)}".encode())]
-    await access({**scope, "headers": cookie}, None, send)
+    await access({**scope, "headers": cookie}, receive, send)
     assert [message["type"] for message in sent] == ["websocket.close", "websocket.accept"]
 
 

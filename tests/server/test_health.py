@@ -24,12 +24,12 @@ def client(*, token: bool) -> httpx2.AsyncClient:
     def figures() -> Mapping[str, Any]:
         return {"port": 4001, "last_problem": "a message of a client", "nested": {"file": "/srv/secret.db"}}
 
-    board = ServiceRegistry()
-    board.ready("state", where="/srv/secret.db", figures=figures)
-    board.ready("view", where="10.1.2.3")
-    board.fail("stereo", "cannot read /srv/secret.pem")
+    registry = ServiceRegistry()
+    registry.ready("state", where="/srv/secret.db", figures=figures)
+    registry.ready("view", where="10.1.2.3")
+    registry.fail("stereo", "cannot read /srv/secret.pem")
     app = FastAPI()
-    app.include_router(health.router(board, Metrics(), "1.2.3"))
+    app.include_router(health.router(registry, Metrics(), "1.2.3"))
     if token:
         app.add_middleware(Access, tokens=Tokens(TOKEN), open_paths=health.OPEN_PATHS)
     return httpx2.AsyncClient(transport=httpx2.ASGITransport(app=app), base_url="http://here")

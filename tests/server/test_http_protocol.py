@@ -299,7 +299,7 @@ async def test_a_refusal_comes_behind_the_answers_that_are_due(
             await other[0].readuntil(b'"there"')
         other[1].close()
         held.set()
-        answers = []
+        answers: list[bytes] = []
         for _ in range(2 if between else 1):
             head = await reader.readuntil(b"\r\n\r\n")
             assert head.startswith(b"HTTP/1.1 200 ")

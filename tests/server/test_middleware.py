@@ -10,6 +10,7 @@ import pytest
 from fastapi import FastAPI, Request
 from fastapi.responses import PlainTextResponse
 from starlette.middleware.body_limit import RequestBodyLimitMiddleware
+from starlette.types import ASGIApp
 from structlog.testing import capture_logs
 
 from gateway.runtime.metrics_registry import Metrics
@@ -32,7 +33,7 @@ def make(metrics: Metrics) -> FastAPI:
     return app
 
 
-def client(app: object) -> httpx2.AsyncClient:
+def client(app: ASGIApp) -> httpx2.AsyncClient:
     transport = httpx2.ASGITransport(app=app, raise_app_exceptions=False)
     return httpx2.AsyncClient(transport=transport, base_url="http://test")
 
