@@ -37,7 +37,7 @@ def test_json_lines_carry_level_logger_and_context(capsys: pytest.CaptureFixture
     assert first["timestamp"].endswith("Z")
 
 
-def test_what_is_not_logged_is_not_made_ready(capsys: pytest.CaptureFixture[str]) -> None:
+def test_entries_below_the_level_are_not_formatted(capsys: pytest.CaptureFixture[str]) -> None:
     class Asked:
         def __repr__(self) -> str:
             raise AssertionError

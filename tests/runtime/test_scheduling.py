@@ -1,4 +1,4 @@
-"""Turns on a processor: the event loop's are short and soon."""
+"""Time slices of the event loop's thread and of workers."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def known() -> bool:
 
 
 @pytest.mark.skipif(not known(), reason="threads can ask for turns on Linux 6.12 and later")
-def test_those_who_wait_have_shorter_turns_than_those_who_compute() -> None:
+def test_event_loop_has_shorter_slices_than_workers() -> None:
     seen: list[int] = []
 
     def compute() -> None:

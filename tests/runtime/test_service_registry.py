@@ -1,4 +1,4 @@
-"""The registry: what /readyz says follows from the states of the entries."""
+"""States of interfaces, and the status of /readyz that follows."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_a_failure_degrades_but_an_essential_one_fails() -> None:
     assert registry.verdict() == "failed"
 
 
-def test_a_service_has_a_word_in_its_state() -> None:
+def test_entry_is_starting_until_its_service_is_ready() -> None:
     registry = ServiceRegistry()
     service = FakeService()
     registry.ready("stereo", service=service, where="grpc://127.0.0.1:50051")

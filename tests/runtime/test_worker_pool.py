@@ -1,4 +1,4 @@
-"""The queue in front of the threads: its order, its bounds, and what happens to callers that leave."""
+"""The worker pool: order, limits, deadlines, cancelled callers and shutdown."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ async def started(gate: Gate) -> None:
     assert await asyncio.to_thread(gate.started.wait, SECONDS)
 
 
-async def test_results_errors_keywords_and_context_cross_the_threads() -> None:
+async def test_results_errors_keywords_and_context() -> None:
     variable = contextvars.ContextVar("variable", default="outside")
     workers = WorkerPool(2)
     variable.set("inside")
@@ -52,7 +52,7 @@ async def test_results_errors_keywords_and_context_cross_the_threads() -> None:
     assert workers.stats.done == 3
 
 
-async def test_first_come_first_served_and_never_more_than_the_threads() -> None:
+async def test_first_come_first_served_with_limited_threads() -> None:
     workers, order, lock, running, most = WorkerPool(2), [], threading.Lock(), 0, 0
     gates = Gate(), Gate()
     held = [asyncio.create_task(workers.run(gate)) for gate in gates]
@@ -81,7 +81,7 @@ async def test_first_come_first_served_and_never_more_than_the_threads() -> None
     assert await workers.close()
 
 
-async def test_beyond_the_count_callers_are_turned_away() -> None:
+async def test_rejects_beyond_the_number_of_waiting_calls() -> None:
     workers, gate = WorkerPool(1, max_waiting=2), Gate()
     tasks = [asyncio.create_task(workers.run(gate)) for _ in range(3)]
     await started(gate)
@@ -96,7 +96,7 @@ async def test_beyond_the_count_callers_are_turned_away() -> None:
     assert await workers.close()
 
 
-async def test_no_waiting_allowed_still_means_that_free_threads_work() -> None:
+async def test_idle_threads_work_without_a_queue() -> None:
     workers, gate = WorkerPool(2, max_waiting=0), Gate()
     tasks = [asyncio.create_task(workers.run(gate)) for _ in range(2)]
     await started(gate)
@@ -107,7 +107,7 @@ async def test_no_waiting_allowed_still_means_that_free_threads_work() -> None:
     assert await workers.close()
 
 
-async def test_beyond_the_bytes_callers_are_turned_away_but_one_alone_may_wait() -> None:
+async def test_rejects_beyond_the_bytes_except_for_a_single_call() -> None:
     workers, gate = WorkerPool(1, max_waiting_bytes=100), Gate()
     tasks = [asyncio.create_task(workers.run(gate))]
     await started(gate)
@@ -126,7 +126,7 @@ async def test_beyond_the_bytes_callers_are_turned_away_but_one_alone_may_wait()
     assert await workers.close()
 
 
-async def test_a_waiting_caller_that_leaves_is_never_run_and_frees_its_place() -> None:
+async def test_cancelled_waiting_call_never_runs() -> None:
     workers, gate, calls = WorkerPool(1, max_waiting=1), Gate(), list[str]()
     held = asyncio.create_task(workers.run(gate))
     await started(gate)
@@ -144,7 +144,7 @@ async def test_a_waiting_caller_that_leaves_is_never_run_and_frees_its_place() -
     assert await workers.close()
 
 
-async def test_a_running_caller_that_leaves_loses_the_result_not_the_thread() -> None:
+async def test_thread_continues_after_a_cancelled_call() -> None:
     workers, gate = WorkerPool(1), Gate()
     leaver = asyncio.create_task(workers.run(gate))
     await started(gate)
@@ -158,7 +158,7 @@ async def test_a_running_caller_that_leaves_loses_the_result_not_the_thread() ->
     assert await workers.close()
 
 
-async def test_close_lets_accepted_work_finish_and_ends_the_threads() -> None:
+async def test_close_finishes_accepted_calls_and_ends_the_threads() -> None:
     before = set(threading.enumerate())
     workers, gate = WorkerPool(2, name="ending"), Gate()
     tasks = [asyncio.create_task(workers.run(gate, number)) for number in range(5)]
@@ -177,7 +177,7 @@ async def test_close_lets_accepted_work_finish_and_ends_the_threads() -> None:
     assert await workers.close()
 
 
-async def test_close_gives_up_at_its_limit() -> None:
+async def test_close_returns_false_at_its_limit() -> None:
     workers, gate = WorkerPool(1), Gate()
     running, waiting = (asyncio.create_task(workers.run(gate)) for _ in range(2))
     await started(gate)
@@ -204,7 +204,7 @@ class Endless:
             self.ended.set()
 
 
-async def test_a_call_ends_at_its_deadline_which_does_not_count_while_it_waits() -> None:
+async def test_deadline_excludes_waiting_time() -> None:
     workers = WorkerPool(1, seconds=0.2, limit_name="--render-seconds")
     calls = [asyncio.create_task(workers.run(Endless())) for _ in range(3)]
     last = asyncio.create_task(workers.run(lambda: "drawn"))  # it has waited for three deadlines
@@ -216,7 +216,7 @@ async def test_a_call_ends_at_its_deadline_which_does_not_count_while_it_waits()
     assert await workers.close()
 
 
-async def test_a_call_ends_when_its_caller_is_cancelled() -> None:
+async def test_running_call_stops_when_its_caller_is_cancelled() -> None:
     workers, call = WorkerPool(1), Endless()
     leaver = asyncio.create_task(workers.run(call))
     assert await asyncio.to_thread(call.started.wait, SECONDS)
@@ -228,7 +228,7 @@ async def test_a_call_ends_when_its_caller_is_cancelled() -> None:
     assert await workers.close()
 
 
-async def test_close_ends_calls_that_would_not_finish() -> None:
+async def test_close_stops_running_calls_at_its_limit() -> None:
     workers, call = WorkerPool(1, seconds=1000.0), Endless()
     running, waiting = (asyncio.create_task(workers.run(call)) for _ in range(2))
     assert await asyncio.to_thread(call.started.wait, SECONDS)
@@ -238,7 +238,7 @@ async def test_close_ends_calls_that_would_not_finish() -> None:
             await task
 
 
-async def test_threads_past_half_of_the_deadline_are_counted() -> None:
+async def test_slow_calls_are_counted() -> None:
     workers, gate = WorkerPool(2, seconds=0.02), Gate()  # which does not look at its flag
     calls = [asyncio.create_task(workers.run(gate, 1))]
     await until(lambda: workers.stats.slow == 1)
@@ -252,7 +252,7 @@ async def test_threads_past_half_of_the_deadline_are_counted() -> None:
     assert await workers.close()
 
 
-async def test_without_a_deadline_no_thread_is_slow() -> None:
+async def test_no_call_is_slow_without_a_deadline() -> None:
     workers, gate = WorkerPool(1), Gate()
     call = asyncio.create_task(workers.run(gate))
     await started(gate)
@@ -262,7 +262,7 @@ async def test_without_a_deadline_no_thread_is_slow() -> None:
     assert await workers.close()
 
 
-async def test_nothing_keeps_a_finished_request_alive() -> None:
+async def test_finished_calls_are_released() -> None:
     class Body:
         pass
 
@@ -284,7 +284,7 @@ async def test_nothing_keeps_a_finished_request_alive() -> None:
     assert await workers.close()
 
 
-def test_loops_come_and_go() -> None:
+def test_pool_outlives_event_loops() -> None:
     workers = WorkerPool(1)
     for _ in range(2):
         assert asyncio.run(workers.run(lambda: 5)) == 5
@@ -301,7 +301,7 @@ def test_loops_come_and_go() -> None:
     assert asyncio.run(workers.close())
 
 
-def test_bounds_are_checked() -> None:
+def test_arguments_are_validated() -> None:
     for arguments in ({"threads": 0}, {"max_waiting": -1}, {"seconds": 0.0}):
         with pytest.raises(ValueError, match="at least one thread"):
             WorkerPool(**arguments)
@@ -309,7 +309,7 @@ def test_bounds_are_checked() -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux gives every thread a priority")
-async def test_threads_that_draw_and_their_helpers_stand_behind_the_event_loop() -> None:
+async def test_niceness_of_workers_and_frame_threads() -> None:
     def niceness(_: int = 0) -> int:
         return os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
 

@@ -1,4 +1,4 @@
-"""Health with and without a token, where one is asked for."""
+"""Health with and without a token."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def client(*, token: bool) -> httpx2.AsyncClient:
 
 
 @pytest.mark.parametrize("path", ["/healthz", "/readyz"])
-async def test_without_the_token_health_is_states_alone(path: str) -> None:
+async def test_health_without_the_token_has_states_only(path: str) -> None:
     async with client(token=True) as http:
         answer = await http.get(path)
     assert answer.status_code == 200
@@ -53,7 +53,7 @@ async def test_without_the_token_health_is_states_alone(path: str) -> None:
 
 @pytest.mark.parametrize("path", ["/healthz", "/readyz"])
 @pytest.mark.parametrize("token", [True, False], ids=["token shown", "no token wanted"])
-async def test_otherwise_it_tells_everything(path: str, token: bool) -> None:
+async def test_health_with_the_token_has_all_details(path: str, token: bool) -> None:
     async with client(token=token) as http:
         answer = await http.get(path, headers=BEARER if token else {})
         assert all(secret in answer.text for secret in SECRETS)

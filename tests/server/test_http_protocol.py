@@ -47,7 +47,7 @@ async def serving(held: asyncio.Event | None = None) -> AsyncIterator[int]:
         yield port
 
 
-async def test_requests_on_one_connection_each_have_a_whole_allowance() -> None:
+async def test_head_limit_is_per_request() -> None:
     padding = b"".join(b"x-padding-%d: %s\r\n" % (i, b"p" * 4000) for i in range(12))
     async with serving() as port:
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
@@ -86,7 +86,7 @@ async def test_refusal_names_the_limit() -> None:
 
 
 @pytest.mark.parametrize("start", [b"", b"GET /hello HT"], ids=["nothing", "a piece"])
-async def test_headers_that_never_end_end_the_connection(monkeypatch: pytest.MonkeyPatch, start: bytes) -> None:
+async def test_incomplete_head_closes_the_connection(monkeypatch: pytest.MonkeyPatch, start: bytes) -> None:
     monkeypatch.setattr(http_protocol, "HEAD_SECONDS", 0.05)
     async with serving() as port:
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
@@ -97,7 +97,7 @@ async def test_headers_that_never_end_end_the_connection(monkeypatch: pytest.Mon
             writer.close()
 
 
-async def test_a_body_that_stops_ends_the_connection(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_stalled_body_closes_the_connection(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(http_protocol, "BODY_SECONDS", 0.05)
     async with serving() as port:
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
@@ -115,7 +115,7 @@ async def test_a_body_that_stops_ends_the_connection(monkeypatch: pytest.MonkeyP
         (b"POST /hello HTTP/1.1\r\nhost: here\r\ncontent-length: 9\r\n\r\nnot", b" taken"),
     ],
 )
-async def test_a_kept_connection_ends_when_nothing_follows_but_what_asks_for_nothing(
+async def test_idle_connection_closes_after_stray_bytes(
     monkeypatch: pytest.MonkeyPatch, first: bytes, rest: bytes
 ) -> None:
     made = http_protocol.BoundedHttpProtocol.connection_made
@@ -135,7 +135,7 @@ async def test_a_kept_connection_ends_when_nothing_follows_but_what_asks_for_not
         writer.close()
 
 
-async def test_a_head_that_waits_comes_before_what_the_connection_itself_says() -> None:
+async def test_malformed_request_is_refused_after_the_previous_response() -> None:
     """An answer without a body, and something that is no request right behind."""
     async with serving() as port, asyncio.timeout(SECONDS):
         for _ in range(20):
@@ -147,7 +147,7 @@ async def test_a_head_that_waits_comes_before_what_the_connection_itself_says() 
             writer.close()
 
 
-async def test_connections_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_number_of_connections_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(http_protocol, "MAX_CONNECTIONS", 2)
     async with serving() as port:
         held = [await asyncio.open_connection("127.0.0.1", port) for _ in range(2)]
@@ -213,7 +213,7 @@ async def test_endless_body_after_an_early_response_closes_the_connection(
 CHUNKED = b"POST /take HTTP/1.1\r\nhost: here\r\ntransfer-encoding: chunked\r\n\r\n"
 
 
-async def test_headers_behind_the_body_are_none() -> None:
+async def test_trailers_are_ignored() -> None:
     async with serving() as port, asyncio.timeout(SECONDS):
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
         writer.write(CHUNKED + b"5\r\nhello\r\n0\r\nauthorization: Bearer stolen\r\n\r\n")
@@ -226,7 +226,7 @@ async def test_headers_behind_the_body_are_none() -> None:
     [(b"5\r\nhello\r\n0\r\n", b"a: b\r\n" * 1000), (b"0\r\na: ", b"b" * 10_000), (b"5;", b"b" * 10_000)],
     ids=["trailers", "a trailer", "an extension"],
 )
-async def test_what_stands_beside_a_chunked_body_has_an_end(start: bytes, more: bytes) -> None:
+async def test_chunk_extensions_and_trailers_are_limited(start: bytes, more: bytes) -> None:
     async with serving() as port, asyncio.timeout(SECONDS):
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
         writer.write(CHUNKED + start)
@@ -238,7 +238,7 @@ async def test_what_stands_beside_a_chunked_body_has_an_end(start: bytes, more: 
         writer.close()
 
 
-async def test_chunks_of_a_byte_come_in_pieces_that_leave_others_their_turn(received: list[int]) -> None:
+async def test_tiny_chunks_are_parsed_in_slices(received: list[int]) -> None:
     async with serving() as port, asyncio.timeout(SECONDS):
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
         writer.write(CHUNKED + b"1\r\nx\r\n" * 50_000 + b"0\r\n\r\n")
@@ -251,7 +251,7 @@ async def test_chunks_of_a_byte_come_in_pieces_that_leave_others_their_turn(rece
         writer.close()
 
 
-async def test_requests_that_wait_for_the_one_before_are_bounded() -> None:
+async def test_pipelined_requests_are_limited() -> None:
     get = b"GET /hello HTTP/1.1\r\nhost: here\r\n\r\n"
     async with serving() as port, asyncio.timeout(SECONDS):
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
@@ -283,7 +283,7 @@ _JUNK = b"POST /take HTTP/1.1\r\nhost: here\r\ntransfer-encoding: chunked\r\n\r\
     ],
     ids=["head", "trailers", "nothing", "malformed"],
 )
-async def test_a_refusal_comes_behind_the_answers_that_are_due(
+async def test_refusal_follows_the_responses_to_earlier_requests(
     refused: bytes, status: bytes, between: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(http_protocol, "DISCARD_SECONDS", 0.05)

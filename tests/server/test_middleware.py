@@ -1,4 +1,4 @@
-"""What every HTTP request gets: id, log line, figures; and the gate before the start."""
+"""Middleware of every HTTP request: ids, log lines, metrics, the URL limit, and waiting for the start."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def client(app: ASGIApp) -> httpx2.AsyncClient:
     return httpx2.AsyncClient(transport=transport, base_url="http://test")
 
 
-async def test_an_id_comes_back_and_is_made_when_missing_or_unfit() -> None:
+async def test_request_id_is_returned_or_replaced() -> None:
     async with client(make(Metrics())) as http:
         given = await http.get("/things/a", headers={"X-Request-ID": "drake-7"})
         assert given.headers["x-request-id"] == "drake-7"
@@ -48,7 +48,7 @@ async def test_an_id_comes_back_and_is_made_when_missing_or_unfit() -> None:
         assert re.fullmatch("[0-9a-f]{32}", unfit.headers["x-request-id"])
 
 
-async def test_one_line_a_request() -> None:
+async def test_one_log_line_per_request() -> None:
     async with client(make(Metrics())) as http:
         with capture_logs() as lines:
             await http.get("/things/a")
@@ -59,7 +59,7 @@ async def test_one_line_a_request() -> None:
     ]
 
 
-async def test_requests_are_counted_by_route_not_by_path() -> None:
+async def test_requests_are_counted_by_route() -> None:
     metrics = Metrics()
     async with client(make(metrics)) as http:
         for path in ("/things/a", "/things/b", "/nothing/1", "/nothing/2", "/broken"):
@@ -72,7 +72,7 @@ async def test_requests_are_counted_by_route_not_by_path() -> None:
     assert "scenegate_http_requests_in_flight 0.0" in text
 
 
-async def test_a_defect_is_500_with_the_id_and_a_traceback_in_the_log() -> None:
+async def test_unhandled_error_is_500_with_the_id_and_a_logged_traceback() -> None:
     async with client(make(Metrics())) as http:
         with capture_logs() as lines:
             answer = await http.get("/broken", headers={"X-Request-ID": "r1"})
@@ -82,7 +82,7 @@ async def test_a_defect_is_500_with_the_id_and_a_traceback_in_the_log() -> None:
     assert lines[0]["exc_info"]
 
 
-async def test_requests_wait_until_the_start_but_not_the_open_ones() -> None:
+async def test_requests_wait_for_the_start_except_open_paths() -> None:
     started = asyncio.Event()
     gate = StartGate(make(Metrics()), started=started, problem=lambda: "", open_paths={"/things/open"})
     async with client(gate) as http:
@@ -95,7 +95,7 @@ async def test_requests_wait_until_the_start_but_not_the_open_ones() -> None:
         assert (await waiting).text == "a"
 
 
-async def test_a_failed_start_is_503_with_the_reason() -> None:
+async def test_failed_start_is_503_with_the_reason() -> None:
     started = asyncio.Event()
     started.set()
     gate = StartGate(make(Metrics()), started=started, problem=lambda: "no kernels", open_paths=set())
