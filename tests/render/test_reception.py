@@ -47,9 +47,7 @@ async def answer(reader: asyncio.StreamReader) -> tuple[int, bytes]:
 
 
 @pytest.mark.parametrize("seed", range(4))
-async def test_image_does_not_depend_on_the_pieces_of_the_body(
-    start: Start, watched: WatchedRenderer, seed: int
-) -> None:
+async def test_image_does_not_depend_on_body_pieces(start: Start, watched: WatchedRenderer, seed: int) -> None:
     async with start(watched) as server, listening(server.app) as port, asyncio.timeout(SECONDS):
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
         for kind in ("color", "depth", "label"):

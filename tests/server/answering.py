@@ -10,7 +10,7 @@ from http.server import BaseHTTPRequestHandler, HTTPServer
 
 @contextmanager
 def answering(answer: Callable[[str], tuple[int, bytes]]) -> Iterator[int]:
-    """Yield the port of a server that responds to each GET with the status and body that ``answer`` returns for its path."""
+    """Yield the port of a server whose responses are the status and body that ``answer`` returns for a path."""
 
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:

@@ -86,7 +86,7 @@ async def test_characters_may_be_split_between_fragments() -> None:
     assert got[0] == "é"
 
 
-async def test_frames_before_the_handshake_close_the_connection_without_a_log_line(
+async def test_frames_before_the_handshake_close_the_connection(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     answering, answered = asyncio.Event(), asyncio.Event()
