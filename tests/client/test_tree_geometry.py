@@ -27,8 +27,8 @@ from gateway.client import (
 from gateway.client.tree import wire
 from gateway.scene.transforms import from_pose
 from gateway.treeviewer import wire as server_wire
-from gateway.treeviewer.arrays import unpack
-from gateway.treeviewer.geometry import material
+from gateway.treeviewer.materials import material
+from gateway.treeviewer.packed_arrays import unpack
 from tests.treeviewer.conversation import Viewer
 
 POINTS = np.arange(12, dtype=np.float64).reshape(4, 3)
@@ -81,7 +81,7 @@ def test_colours_of_bytes_arrive_as_0_to_1(name: str) -> None:
         (np.array([255, 51, 0], np.uint8), [1, 0.2, 0]),
         (np.array([0, 1, 1, 51], np.uint8), [0, 1 / 255, 1 / 255, 0.2]),
         (tuple(np.array([255, 51, 0], np.uint8)), [1, 0.2, 0]),
-        (np.nextafter(np.float32([1, 1, 0]), np.float32(2)), [1, 1, 0]),
+        (np.nextafter(np.array([1, 1, 0], np.float32), np.float32(2)), [1, 1, 0]),
         ("red", [1, 0, 0]),
         ("RebeccaPurple", [0.4, 0.2, 0.6]),
         ("#f30", [1, 0.2, 0]),
@@ -169,7 +169,7 @@ def test_both_wires_are_the_same() -> None:
 
 def test_what_json_makes_of_colours_leaves_them_as_they_were_for_the_next_time() -> None:
     rgb = np.array([[255, 0, 51]], np.uint8)
-    body = {"setgeometry": [{"path": ["a"], "geometries": [PointCloud([[0, 0, 0]], rgb=rgb).body()]}]}
+    body: dict[str, Any] = {"setgeometry": [{"path": ["a"], "geometries": [PointCloud([[0, 0, 0]], rgb=rgb).body()]}]}
     assert b"0.2" in encoded(body, 1, wire.JSON)
     assert body["setgeometry"][0]["geometries"][0]["channels"]["rgb"].dtype == np.uint8
 
@@ -180,16 +180,15 @@ def test_what_json_makes_of_colours_leaves_them_as_they_were_for_the_next_time()
     st.sampled_from(["<f4", ">f4", "<f8", "u1", "<i8"]),
     st.booleans(),
 )
-def test_arrays_are_packed_alike_whether_there_is_room_before_them_or_not(
-    shape: list[int], kind: str, room: bool
-) -> None:
+def test_packs_arrays_with_and_without_reserved_header_alike(shape: list[int], kind: str, reserved: bool) -> None:
     values = np.arange(np.prod(shape), dtype=kind).reshape(shape)
     array: Any = values
-    if room:
-        array = wire.with_room(tuple(shape), kind)
+    if reserved:
+        array = wire.empty_with_header(tuple(shape), kind)
         array[...] = values
-    strange = array[::-1]  # not as it lies in the memory
+    strange = array[::-1]  # not contiguous
     for given_, wanted in ((array, values), (strange, values[::-1])):
-        packed = wire._packed(given_)
-        assert unpack(memoryview(packed.data)).values.tolist() == wanted.tolist()
+        values_found = unpack(memoryview(wire.pack(given_).data)).values
+        assert values_found is not None
+        assert values_found.tolist() == wanted.tolist()
     assert array.tolist() == values.tolist()

@@ -15,10 +15,11 @@ import numpy as np
 import pytest
 
 from gateway.client import AsyncTreeViewer, Box, MeshFile, PointCloud, Sphere, TreeViewer, TreeViewerError
-from gateway.client.tree import link, viewer, wire
+from gateway.client.tree import connection, viewer, wire
+from gateway.lcm.config import LcmConfig
 from gateway.scene.live import LiveTree
-from gateway.treeviewer.answers import UNKNOWN_FORMAT
 from gateway.treeviewer.config import TreeViewerConfig
+from gateway.treeviewer.responses import UNKNOWN_FORMAT
 from gateway.treeviewer.service import TreeViewerService
 from tests.support.liblcm import liblcm
 from tests.support.ports import free_ports
@@ -64,7 +65,7 @@ def tour(url: str, binary: bool | None) -> None:
             it["mesh"].set(MeshFile("/etc/passwd"))
         assert caught.value.answer.status == -3
         with pytest.raises(TypeError, match=r"set takes geometries such as Box\(\(1, 1, 1\)\), not 'box'"):
-            it["robot"].set("box")
+            it["robot"].set("box")  # type: ignore[arg-type]  # that is what is tested
         assert it["robot"]["base"].delete().deleted == (("robot", "base"),)
 
 
@@ -86,7 +87,7 @@ async def test_over_tcpq(binary: bool | None) -> None:
 async def test_over_udp() -> None:
     url, live = free_url(), LiveTree()
     join(url)
-    async with serving(TreeViewerConfig(lcm_url=url, tcpq_port=None), live=live):
+    async with serving(TreeViewerConfig(lcm=LcmConfig(url=url, tcpq_port=None)), live=live):
         await in_thread(tour, url, None)
         assert paths(live) == {("robot", "arm", 0), ("y",)}
 
@@ -150,7 +151,7 @@ async def test_what_a_viewer_forgot_is_sent_again() -> None:
 
 async def test_a_viewer_that_starts_again_gets_everything() -> None:
     (port,) = free_ports(1)
-    config = TreeViewerConfig(lcm_url="off", tcpq_port=port)
+    config = TreeViewerConfig(lcm=LcmConfig(url="off", tcpq_port=port))
     async with serving(config):
         it = await in_thread(TreeViewer, f"tcpq://127.0.0.1:{port}", 20.0)
         await in_thread(it["robot"].set, Box((1, 1, 1)))
@@ -166,13 +167,13 @@ async def test_a_viewer_that_starts_again_gets_everything() -> None:
 async def test_json_is_spoken_with_viewers_that_know_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
     live = LiveTree()
     async with serving(live=live) as service:
-        readers = service._protocol._readers
+        readers = service.protocol.readers
         monkeypatch.delitem(readers, wire.BINARY)
 
         def talk() -> None:
             with TreeViewer(hub_of(service), timeout=SECONDS) as it:
                 assert it["a"].set(Sphere(1)).status == 0
-                assert it._format == wire.JSON
+                assert it.message_format == wire.JSON
             with (
                 TreeViewer(hub_of(service), timeout=SECONDS, binary=True) as it,
                 pytest.raises(TreeViewerError) as caught,
@@ -192,7 +193,7 @@ def test_silence_is_told() -> None:
         pytest.raises(TimeoutError, match=r"no viewer answered within 0\.05 s on udpm:.* big messages can get lost"),
     ):
         it["a"].set(Sphere(1))
-    assert not it._waiting
+    assert not it.pending
     with pytest.raises(ConnectionError, match="closed"):
         it["a"].delete()
 
@@ -211,7 +212,7 @@ def test_nobody_there_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_channels_are_taken_literally() -> None:
-    assert link._literal("A_<x.y>") == r"A_<x\.y>"
+    assert connection.escape_channel("A_<x.y>") == r"A_<x\.y>"
 
 
 def test_other_peoples_messages_do_no_harm() -> None:
@@ -266,7 +267,7 @@ def test_liblcm_writes_nothing_to_stderr_where_nobody_listens(capfd: pytest.Capt
 
 
 def test_a_server_that_does_not_greet_is_no_hub(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(link, "GREETING_SECONDS", 0.01)
+    monkeypatch.setattr(connection, "HELLO_SECONDS", 0.01)
     with socket.create_server(("127.0.0.1", 0)) as mute:
         url = f"tcpq://127.0.0.1:{mute.getsockname()[1]}"
         with pytest.raises(ConnectionError, match="nobody listens there"):
@@ -274,7 +275,7 @@ def test_a_server_that_does_not_greet_is_no_hub(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_other_lines_on_stderr_are_kept(capfd: pytest.CaptureFixture[str]) -> None:
-    with link._without_chatter():
+    with connection.filtered_stderr():
         os.write(2, b"LCM tcpq: connecting...\nLCM tcpq: Invalid response from server\n")
         subprocess.run([sys.executable, "-c", "import sys; print('of a child', file=sys.stderr)"], check=True)
     os.write(2, b"later\n")

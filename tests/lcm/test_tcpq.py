@@ -6,20 +6,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway.lcm.safe_regex import PatternError, compile_pattern
+from gateway.lcm.patterns import PatternError, compile_pattern
 from gateway.lcm.tcpq import (
     CLIENT_HELLO,
     MAGIC_CLIENT,
-    Frame,
     FrameError,
-    FrameReader,
-    publish_head,
+    FrameParser,
+    FrameType,
+    publish_header,
     subscription,
 )
 
 FRAMES = st.lists(
     st.tuples(
-        st.sampled_from(list(Frame)),
+        st.sampled_from(list(FrameType)),
         st.text(st.characters(codec="ascii"), max_size=60).map(lambda name: name * 20),
         st.integers(0, 400_000),
     ),
@@ -29,14 +29,16 @@ FRAMES = st.lists(
 
 @settings(deadline=None, max_examples=60)
 @given(FRAMES, st.lists(st.integers(1, 300_000), min_size=1, max_size=20))
-def test_frames_are_the_same_however_the_stream_is_cut(frames: list[tuple[Frame, str, int]], cuts: list[int]) -> None:
-    got: list[tuple[Frame, str, bytes]] = []
-    reader = FrameReader(MAGIC_CLIENT, 1_000_000, lambda k, c, d: got.append((k, c, bytes(d))), lambda _: True)
+def test_frames_are_the_same_however_the_stream_is_cut(
+    frames: list[tuple[FrameType, str, int]], cuts: list[int]
+) -> None:
+    got: list[tuple[FrameType, str, bytes]] = []
+    reader = FrameParser(MAGIC_CLIENT, 1_000_000, lambda k, c, d: got.append((k, c, bytes(d))), lambda _: True)
     stream = CLIENT_HELLO
     expected = []
     for index, (kind, name, size) in enumerate(frames):
-        data = bytes([index]) * size if kind is Frame.PUBLISH else b""
-        stream += publish_head(name, size) + data if kind is Frame.PUBLISH else subscription(kind, name)
+        data = bytes([index]) * size if kind is FrameType.PUBLISH else b""
+        stream += publish_header(name, size) + data if kind is FrameType.PUBLISH else subscription(kind, name)
         expected.append((kind, name, data))
     at, turn = 0, 0
     while at < len(stream):
@@ -52,7 +54,7 @@ def test_frames_are_the_same_however_the_stream_is_cut(frames: list[tuple[Frame,
 @settings(deadline=None, max_examples=100)
 @given(st.binary(max_size=400))
 def test_any_bytes_are_frames_or_an_error(data: bytes) -> None:
-    reader = FrameReader(MAGIC_CLIENT, 1000, lambda *_: None, lambda _: True)
+    reader = FrameParser(MAGIC_CLIENT, 1000, lambda *_: None, lambda _: True)
     for chunk in (CLIENT_HELLO, data):
         room = reader.buffer()
         room[: len(chunk)] = chunk

@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from gateway.lcm.tcpq import LONGEST_CHANNEL, Frame
+from gateway.lcm.config import LcmConfig
+from gateway.lcm.tcpq import MAX_CHANNEL_BYTES, FrameType
 from gateway.scene.live import LiveTree
 from gateway.treeviewer import wire
 from gateway.treeviewer.config import TreeViewerConfig
@@ -60,8 +61,8 @@ async def test_the_hub_relays_to_every_subscriber_once_also_to_the_sender() -> N
         assert await sender.next() == ("POSE", b"x" * 100_000)
         assert await twice.next() == ("POSE", b"x" * 100_000)
         assert await other.next() == ("END", b"e")
-        await twice.subscribe("P.*", Frame.UNSUBSCRIBE)
-        await twice.subscribe("POSE", Frame.UNSUBSCRIBE)
+        await twice.subscribe("P.*", FrameType.UNSUBSCRIBE)
+        await twice.subscribe("POSE", FrameType.UNSUBSCRIBE)
         await twice.publish(f"{REQUEST}_<{id(twice)}>", wire.encode(b"{}", 5))
         await twice.next()
         await sender.publish("POSE", b"y")
@@ -112,7 +113,7 @@ async def test_an_id_too_long_for_the_answers_channel_is_counted() -> None:
         client = await HubClient.connect(service.tcpq_port)
         await client.subscribe(f"{RESPONSE}.*")
         await client.next()  # ready
-        longest = LONGEST_CHANNEL - len(f"{RESPONSE}_<>")
+        longest = MAX_CHANNEL_BYTES - len(f"{RESPONSE}_<>")
         await client.publish(f"{REQUEST}_<{'i' * (longest + 1)}>", ONE_BOX)
         for size in (31, 32, 100, longest):
             await client.publish(f"{REQUEST}_<{'i' * size}>", ONE_BOX)
@@ -139,7 +140,7 @@ async def test_a_taken_port_is_one_sentence() -> None:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        config = TreeViewerConfig(lcm_url="off", tcpq_port=port)
+        config = TreeViewerConfig(lcm=LcmConfig(url="off", tcpq_port=port))
         with pytest.raises(
             RuntimeError, match=f"^the TCPQ hub cannot listen on 127.0.0.1:{port}: Address already in use$"
         ):
@@ -152,7 +153,7 @@ async def test_a_viewer_joins_another_hub_and_joins_it_again() -> None:
         port = other.tcpq_port
         url = f"tcpq://127.0.0.1:{port}"
         live = LiveTree()
-        async with serving(TreeViewerConfig(lcm_url=url, tcpq_port=None), live=live) as service:
+        async with serving(TreeViewerConfig(lcm=LcmConfig(url=url, tcpq_port=None)), live=live) as service:
             await until(lambda: bool(service.status()["lcm"]["connected"]))
             client = await HubClient.connect(port)
             await client.subscribe(f"{RESPONSE}_<me>")
@@ -161,7 +162,8 @@ async def test_a_viewer_joins_another_hub_and_joins_it_again() -> None:
                 await client.next()
             await client.close()
             assert service.status()["answered"] >= 1
-            for connection in tuple(other._hub.connections):
+            assert other.hub is not None
+            for connection in tuple(other.hub.connections):
                 connection.abort()
             await until(lambda: not service.status()["lcm"]["connected"])
             assert "the hub has gone" in service.status()["lcm"]["warning"]
@@ -172,7 +174,7 @@ async def test_a_hub_that_does_not_exist_yet_is_waited_for() -> None:
     with socket.socket() as unused:
         unused.bind(("127.0.0.1", 0))
         port = unused.getsockname()[1]
-        async with serving(TreeViewerConfig(lcm_url=f"tcpq://127.0.0.1:{port}", tcpq_port=None)) as service:
+        async with serving(TreeViewerConfig(lcm=LcmConfig(url=f"tcpq://127.0.0.1:{port}", tcpq_port=None))) as service:
             await until(lambda: "Connection refused" in service.status()["lcm"]["warning"])
 
 
@@ -181,7 +183,7 @@ async def test_the_own_hub_is_not_joined(monkeypatch: pytest.MonkeyPatch) -> Non
         unused.bind(("127.0.0.1", 0))
         port = unused.getsockname()[1]
     monkeypatch.setenv("LCM_DEFAULT_URL", f"tcpq://127.0.0.1:{port}")
-    async with serving(TreeViewerConfig(lcm_url=None, tcpq_port=port)) as service:
+    async with serving(TreeViewerConfig(lcm=LcmConfig(url=None, tcpq_port=port))) as service:
         assert "lcm" not in service.status()
         assert service.status()["tcpq"]["clients"] == 0
 

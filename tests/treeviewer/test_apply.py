@@ -42,10 +42,10 @@ def test_one_message_is_one_revision(viewer: Viewer) -> None:
 
 
 def test_geometry_replaces_geometry_and_keeps_transform_and_children(viewer: Viewer) -> None:
-    viewer.set(BOX)
-    viewer.set(BOX, path=["it", "child"])
+    viewer.publish(BOX)
+    viewer.publish(BOX, path=["it", "child"])
     viewer.tell({"settransform": [{"path": ["it"], "transform": POSE}]})
-    viewer.set({"type": "sphere", "radius": 1})
+    viewer.publish({"type": "sphere", "radius": 1})
     assert [part.shape for part in viewer.parts()] == [Sphere(1)]
     assert viewer.node("it").pose is not None
     assert viewer.paths() == {("it",), ("it", "child")}
@@ -54,14 +54,14 @@ def test_geometry_replaces_geometry_and_keeps_transform_and_children(viewer: Vie
 def test_a_transform_replaces_and_waits_for_geometry(viewer: Viewer) -> None:
     command = {"path": ["a", "b"], "transform": POSE}
     assert viewer.tell({"settransform": [command]})["missing_paths"] == [["a", "b"]]
-    assert viewer.set(BOX, path=["a", "b"])["status"] == 0
+    assert viewer.publish(BOX, path=["a", "b"])["status"] == 0
     assert viewer.tell({"settransform": [command, command]})["set_transforms"] == [["a", "b"]]
     assert viewer.node("a", "b").pose == (1, 2, 3, 1, 0, 0, 0)
 
 
 def test_missing_means_no_geometry_here_or_below(viewer: Viewer) -> None:
-    viewer.set(path=["empty"])
-    viewer.set(BOX, path=["a", "b", "c"])
+    viewer.publish(path=["empty"])
+    viewer.publish(BOX, path=["a", "b", "c"])
     paths: list[Any] = [["empty"], ["a"], ["a", "b", "c"], ["a", "x"], ["z"], []]
     answer = viewer.tell({"settransform": [{"path": path, "transform": {}} for path in paths]})
     assert (answer["status"], answer["missing_paths"]) == (1, [["a", "x"], ["z"]])
@@ -71,8 +71,8 @@ def test_missing_means_no_geometry_here_or_below(viewer: Viewer) -> None:
 
 
 def test_deleting_the_root_clears_everything_and_a_missing_path_is_no_error(viewer: Viewer) -> None:
-    viewer.set(BOX, path=[])
-    viewer.set(BOX)
+    viewer.publish(BOX, path=[])
+    viewer.publish(BOX)
     assert viewer.tell({"delete": [{"path": ["never"]}, {"path": ["never"]}]})["deleted_paths"] == [["never"]]
     assert viewer.tell({"delete": [{"path": []}]})["deleted_paths"] == [[]]
     assert viewer.paths() == set()
@@ -88,14 +88,14 @@ def test_a_request_in_many_steps_does_the_same() -> None:
     for most in (1, 2, 5, 8, 1000):
         viewer = Viewer()
         for i in range(3):
-            viewer.set(BOX, path=["it", i])
-        application = viewer.protocol.open(viewer.protocol.header(message(request)))
+            viewer.publish(BOX, path=["it", i])
+        applier = viewer.protocol.open(viewer.protocol.header(message(request)))
         steps = 1
-        while application.step(most):
+        while applier.step(most):
             steps += 1
         assert steps == -(-19 // most)
         assert viewer.live.snapshot.revision == 3 + steps
-        answers.append(application.answer(7))
+        answers.append(applier.response(7))
         assert {path for path, node in viewer.live.snapshot.root.walk() if node.pose} == {("it", i) for i in range(9)}
     assert all(answer == answers[0] for answer in answers)
 
@@ -168,26 +168,26 @@ def test_the_number_of_geometries_is_bounded_and_replacing_does_not_use_it_up() 
     viewer, clock = bounded(Limits(parts=10))
     for _ in range(20):
         clock.now += 2
-        assert viewer.set(*[BOX] * 5)["status"] == 0
+        assert viewer.publish(*[BOX] * 5)["status"] == 0
     clock.now += 2
-    assert "the tree has 5 geometries, the limit is 10" in viewer.set(*[BOX] * 6, path=["other"])["error"]
+    assert "the tree has 5 geometries, the limit is 10" in viewer.publish(*[BOX] * 6, path=["other"])["error"]
 
 
 def test_the_bytes_of_arrays_are_bounded_until_they_are_freed() -> None:
     cloud = {"type": "pointcloud", "points": [[0, 0, 0]] * 1000}
     viewer, _ = bounded(Limits(geometry_bytes=30_000))
     for name in "ab":
-        assert viewer.set(cloud, path=[name])["status"] == 0
-    assert viewer.protocol.census.array_bytes == 24_000
-    answer = viewer.set(cloud, path=["c"])
+        assert viewer.publish(cloud, path=[name])["status"] == 0
+    assert viewer.protocol.quota.array_bytes == 24_000
+    answer = viewer.publish(cloud, path=["c"])
     assert "holds 24000 bytes and 12000 more are wanted, the limit is 30000" in answer["error"]
     kept = viewer.live.snapshot
     viewer.tell({"delete": [{"path": ["a"]}]})
-    assert viewer.set(cloud, path=["c"])["status"] == -3, "somebody may still be drawing it"
+    assert viewer.publish(cloud, path=["c"])["status"] == -3, "somebody may still be drawing it"
     del kept
     gc.collect()
-    assert viewer.set(cloud, path=["c"])["status"] == 0
-    assert viewer.protocol.census.array_bytes == 24_000
+    assert viewer.publish(cloud, path=["c"])["status"] == 0
+    assert viewer.protocol.quota.array_bytes == 24_000
 
 
 def test_others_edits_are_counted_when_it_matters() -> None:

@@ -36,9 +36,8 @@ class Talk:
     def __init__(self) -> None:
         self.live = LiveTree()
         self.held = Held()
-        threads = ThreadPoolExecutor(1)
         self.dispatcher = Dispatcher(
-            TreeViewerProtocol(self.live), TreeViewerConfig(), threads, threads, durable=self.held
+            TreeViewerProtocol(self.live), TreeViewerConfig(), ThreadPoolExecutor(1), durable=self.held
         )
         self.answers: list[dict[str, object]] = []
 

@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 
 from gateway.scene.geometry import Box
-from gateway.treeviewer import slices
 from gateway.treeviewer.config import Limits
 from tests.treeviewer.conversation import BOX, Viewer
 
@@ -260,10 +259,3 @@ def test_too_many_wrong_commands_end_the_request(command: str) -> None:
     answer = viewer.tell({"setgeometry": [good], "delete": [5.5] * 10, command: [{"path": 5.5}] * 21})
     assert answer["status"] == -3
     assert answer["error"].startswith("more than 20 commands cannot be carried out, so nothing is done; ")
-
-
-def test_too_many_wrong_commands_end_a_request_read_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(slices, "LEAST_CUT", 10)
-    monkeypatch.setattr(slices, "SLICE_BYTES", 100)
-    viewer = Viewer(Limits(failed_commands=20))
-    assert "more than 20 commands" in viewer.tell({"delete": [5.5] * 300})["error"]

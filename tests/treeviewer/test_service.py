@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import pytest
 
-from gateway.lcm import receive_buffer, udpm_transport
+from gateway.lcm import udpm_transport
+from gateway.lcm.config import LcmConfig
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.protocol import REQUEST, RESPONSE
-from tests.lcm.test_replay import unordered
 from tests.support.waiting import MILLISECONDS
 from tests.treeviewer import recordings
 from tests.treeviewer.conversation import ONE_BOX, decoded
 from tests.treeviewer.differences import DIFFERENCES
 from tests.treeviewer.recorded_meshes import RecordedMeshes
+from tests.treeviewer.test_recorded_requests import unordered
 from tests.treeviewer.transports import answer_over, config_of, in_thread, join, lossless, serving
 
 
@@ -123,7 +124,7 @@ async def test_the_receive_buffer_is_raised_or_the_sysctl_is_named(url: str) -> 
 
 @pytest.mark.lcm
 async def test_a_small_receive_buffer_is_warned_about(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(receive_buffer.ReceiveBuffer, "raise_to", lambda self, size: 212_992)
+    monkeypatch.setattr(udpm_transport, "raise_receive_buffer", lambda sock, size: 212_992)
     monkeypatch.setattr(udpm_transport, "system_limit", lambda: 212_992)
     async with serving(config_of(url)) as service:
         assert service.status()["lcm"]["warning"] == (
@@ -135,5 +136,5 @@ async def test_a_small_receive_buffer_is_warned_about(url: str, monkeypatch: pyt
 @pytest.mark.lcm
 async def test_lcms_default_url_is_honoured(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("LCM_DEFAULT_URL", url)
-    async with serving(TreeViewerConfig(lcm_url=None, tcpq_port=None)) as service:
+    async with serving(TreeViewerConfig(lcm=LcmConfig(url=None, tcpq_port=None))) as service:
         assert service.status()["lcm"]["url"] == url

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import struct
+from functools import partial
 
 import pytest
 
-from gateway.lcm.tcpq import CLIENT_HELLO, Frame, publish_head
+from gateway.lcm.tcpq import CLIENT_HELLO, FrameType, publish_header
 from gateway.treeviewer import wire
 from gateway.treeviewer.protocol import REQUEST, RESPONSE
+from gateway.treeviewer.service import TreeViewerService
 from tests.support.waiting import SECONDS, until
 from tests.treeviewer.conversation import ONE_BOX, decoded, message
 from tests.treeviewer.transports import HubClient, serving
@@ -64,10 +66,10 @@ async def test_a_reader_that_does_not_read_is_disconnected_and_others_go_on() ->
         b"GET / HTTP/1.1\r\nHost: x\r\n\r\n",
         CLIENT_HELLO + struct.pack(">II", 9, 0),
         CLIENT_HELLO + struct.pack(">II", 0, 0),
-        CLIENT_HELLO + struct.pack(">II", Frame.PUBLISH, 65_537) + b"c" * 64,
-        CLIENT_HELLO + struct.pack(">II", Frame.SUBSCRIBE, 2**31),
-        CLIENT_HELLO + struct.pack(">II", Frame.PUBLISH, 1) + b"\xff",
-        CLIENT_HELLO + struct.pack(">II", Frame.PUBLISH, 1) + b"c" + struct.pack(">I", 2**32 - 1),
+        CLIENT_HELLO + struct.pack(">II", FrameType.PUBLISH, 65_537) + b"c" * 64,
+        CLIENT_HELLO + struct.pack(">II", FrameType.SUBSCRIBE, 2**31),
+        CLIENT_HELLO + struct.pack(">II", FrameType.PUBLISH, 1) + b"\xff",
+        CLIENT_HELLO + struct.pack(">II", FrameType.PUBLISH, 1) + b"c" + struct.pack(">I", 2**32 - 1),
     ],
 )
 async def test_garbage_ends_its_own_connection_only(garbage: bytes) -> None:
@@ -85,13 +87,17 @@ async def test_garbage_ends_its_own_connection_only(garbage: bytes) -> None:
         await good.close()
 
 
+def arriving(service: TreeViewerService, size: int) -> bool:
+    return bool(service.status()["tcpq"]["arriving_bytes"] == size)
+
+
 async def test_announced_memory_is_bounded_over_all_clients() -> None:
-    head = publish_head("C", 40_000_000)
-    async with serving(waiting_bytes=100_000_000) as service:
+    head = publish_header("C", 40_000_000)
+    async with serving(queued_bytes=100_000_000) as service:
         clients = [await HubClient.connect(service.tcpq_port) for _ in range(4)]
         for client, announced in zip(clients, (40_000_000, 80_000_000), strict=False):
             client.writer.write(head + b"x" * 1000)
-            await until(lambda announced=announced: service.status()["tcpq"]["arriving_bytes"] == announced)
+            await until(partial(arriving, service, announced))
         clients[2].writer.write(head + b"x")
         assert await clients[2].ended()
         await clients[0].close()
@@ -130,7 +136,7 @@ async def test_a_clients_patterns_together_are_bounded_in_what_they_cost() -> No
         client = await HubClient.connect(service.tcpq_port)
         for i in range(3):  # two of them are as much as one client may have matched
             await client.subscribe(f".*.*.*{i}")
-        await client.subscribe(".*.*.*0", Frame.UNSUBSCRIBE)
+        await client.subscribe(".*.*.*0", FrameType.UNSUBSCRIBE)
         await client.subscribe(".*.*.*3")
         for i in (2, 0, 1, 3):
             await client.publish(f"C{i}", b"")

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway.lcm import udpm
+from gateway.lcm import udpm, udpm_assembler
+from gateway.lcm.udpm_assembler import Address, Assembler
 
 PREFIX = b"WANTED"
 A, B = ("10.0.0.1", 1000), ("10.0.0.2", 2000)
@@ -22,17 +23,8 @@ class Clock:
         return self.now
 
 
-def read(assembler: udpm.Assembler, datagram: bytes, sender: udpm.Address = A) -> tuple[str, bytes] | None:
-    """As the kernel and the bus do it: the datagram goes where the assembler wants it."""
-    place = assembler.place
-    if place is None:
-        assembler.scratch[: len(datagram)] = datagram
-    else:
-        head, rest = place
-        size = min(len(head), len(datagram))
-        head[:size] = datagram[:size]
-        rest[: len(datagram) - size] = datagram[size:]
-    message = assembler.received(len(datagram), sender)
+def read(assembler: Assembler, datagram: bytes, sender: Address = A) -> tuple[str, bytes] | None:
+    message = assembler.receive(datagram, sender)
     return None if message is None else (message.channel, bytes(message.data))
 
 
@@ -40,8 +32,8 @@ def cut(channel: str, data: bytes, sequence: int = 7) -> list[bytes]:
     return [b"".join(pieces) for pieces in udpm.datagrams(channel, data, sequence)]
 
 
-def assembler(most: int = 1 << 28, waiting: int = 1 << 28, clock: Clock | None = None) -> udpm.Assembler:
-    return udpm.Assembler(PREFIX, most, waiting, clock or Clock())
+def assembler(most: int = 1 << 28, waiting: int = 1 << 28, clock: Clock | None = None) -> Assembler:
+    return Assembler(PREFIX, most, waiting, clock or Clock())
 
 
 def fragment(sequence: int, size: int, offset: int, number: int, fragments: int, data: bytes) -> bytes:
@@ -58,8 +50,8 @@ def test_a_long_message_is_cut_where_lcm_cuts_it() -> None:
     pieces = cut("WANTED", data, 1)
     assert [len(piece) for piece in pieces] == [65_507, 65_507, 65_507, 20 + 200_000 + 7 - 3 * 65_487]
     assert pieces[1][:20] == b"LC03" + struct.pack(">IIIHH", 1, 200_000, 65_480, 1, 4)
-    assert len(cut("WANTED", bytes(udpm.MOST_SHORT - 7))) == 1
-    assert len(cut("WANTED", bytes(udpm.MOST_SHORT - 6))) == 2
+    assert len(cut("WANTED", bytes(udpm.MAX_SHORT_BYTES - 7))) == 1
+    assert len(cut("WANTED", bytes(udpm.MAX_SHORT_BYTES - 6))) == 2
 
 
 def test_what_lcm_cannot_send_is_refused_with_the_reason() -> None:
@@ -108,17 +100,6 @@ def test_messages_of_many_senders_survive_any_order(
     assert it.waiting_bytes == it.incomplete == 0
 
 
-def test_fragments_in_order_are_read_in_place() -> None:
-    it = assembler()
-    pieces = cut("WANTED", random.Random(1).randbytes(400_000))
-    in_place = 0
-    for piece in pieces[:-1]:
-        in_place += it.place is not None
-        assert read(it, piece) is None
-    assert in_place == len(pieces) - 2  # not the first, whose place is not known, and not the last, which is shorter
-    assert read(it, pieces[-1]) is not None
-
-
 def test_strangers_between_fragments_do_no_harm() -> None:
     it = assembler()
     data = random.Random(2).randbytes(500_000)
@@ -150,7 +131,7 @@ def test_lost_fragments_are_noticed_when_the_next_message_comes_later() -> None:
     lost, whole = cut("WANTED", bytes(300_000), 1), cut("WANTED", bytes(200_000), 2)
     for piece in lost[:-1]:
         read(it, piece)
-    clock.now += udpm.STALE_SECONDS
+    clock.now += udpm_assembler.STALE_SECONDS
     assert [read(it, piece) for piece in whole][-1] == ("WANTED", bytes(200_000))
     assert (it.incomplete, it.waiting_bytes) == (1, 0)
 
@@ -161,10 +142,10 @@ def test_lost_fragments_are_noticed_without_a_next_message() -> None:
     lost = cut("WANTED", bytes(300_000))
     for piece in lost[:-1]:
         read(it, piece)
-    it.give_up_stale()
+    it.discard_stale()
     assert (it.incomplete, it.waiting_bytes) == (0, 300_000)
-    clock.now += udpm.STALE_SECONDS
-    it.give_up_stale()
+    clock.now += udpm_assembler.STALE_SECONDS
+    it.discard_stale()
     assert (it.incomplete, it.waiting_bytes) == (1, 0)
     assert read(it, lost[-1]) is None
 
@@ -185,9 +166,9 @@ def test_the_oldest_is_given_up_when_too_much_is_on_its_way() -> None:
     read(it, cut("WANTED", bytes(300_000))[0], ("10.0.0.3", 1))
     assert (it.incomplete, it.waiting_bytes) == (1, 700_000)
     assert [read(it, piece, B) for piece in first[B][1:]][-1] is not None
-    for number in range(udpm.MOST_UNFINISHED + 5):
+    for number in range(udpm_assembler.MAX_PARTIAL + 5):
         read(it, fragment(number, 10, 0, 1, 2, b"x"), ("10.0.0.4", 1))
-    assert it.waiting_bytes <= 10 * udpm.MOST_UNFINISHED
+    assert it.waiting_bytes <= 10 * udpm_assembler.MAX_PARTIAL
 
 
 @pytest.mark.parametrize(
@@ -242,16 +223,16 @@ def test_what_comes_twice_counts_once() -> None:
     assert read(it, pieces[-1]) is not None
     assert read(it, other[-1]) is None
     assert [read(it, piece) for piece in pieces + other] == [None] * (len(pieces) + len(other))
-    clock.now = udpm.STALE_SECONDS + 1.0
-    it.give_up_stale()
+    clock.now = udpm_assembler.STALE_SECONDS + 1.0
+    it.discard_stale()
     assert (it.incomplete, it.waiting_bytes) == (0, 0)
     # later the same numbers mean another message, at once if it looks different
     assert [read(it, piece) for piece in pieces][-1] is not None
     assert [read(it, piece) for piece in cut("WANTED", bytes(200_000))][-1] is not None
-    for number in range(udpm.FINISHED_REMEMBERED + 10):
+    for number in range(udpm_assembler.MAX_COMPLETED + 10):
         for piece in cut("WANTED", bytes(70_000), 100 + number):
             read(it, piece)
-    assert len(it._finished) == udpm.FINISHED_REMEMBERED
+    assert len(it.completed) == udpm_assembler.MAX_COMPLETED
 
 
 def test_a_message_with_gaps_never_shows_what_the_memory_held() -> None:

@@ -1,4 +1,4 @@
-"""One place on an LCM network: a thread receives, any thread publishes; joined again when a TCPQ hub has gone."""
+"""Connection to an LCM network by liblcm: a thread receives, any thread publishes."""
 
 from __future__ import annotations
 
@@ -17,58 +17,64 @@ import numpy as np
 from numpy.typing import NDArray
 
 DEFAULT_URL: Final = "udpm://239.255.76.67:7667?ttl=0"
-"""liblcm's own."""
-WAIT_MS: Final = 100
-"""Between looks whether the link was closed; messages wake the thread at once."""
+"""liblcm's default."""
+TCPQ_PORT: Final = 7700
+POLL_MS: Final = 100
+"""Interval at which the thread checks whether the connection was closed; messages wake it at once."""
 RETRY_SECONDS: Final = 0.2
-GREETING_SECONDS: Final = 1.0
-"""For a hub's greeting. liblcm waits for it without end, and where it does, stderr is held back."""
+HELLO_SECONDS: Final = 1.0
+"""Timeout for a hub's hello. liblcm has none."""
 _HINTS: Final = {"tcpq": "nobody listens there", "udpm": "is there a route for multicast?"}
-"""Why a network of that scheme cannot be joined; liblcm tells its reasons on stderr only."""
-_CHATTER: Final = frozenset((b"LCM tcpq: connecting...",))
+"""Probable reason of a failure, by scheme; liblcm prints reasons to stderr only."""
+_INFO_LINES: Final = frozenset((b"LCM tcpq: connecting...",))
 """Lines that liblcm writes to stderr on success."""
 _STDERR: Final = 2
 
 _stderr_lock: Final = threading.Lock()
 
-_kept: Final[list[Any]] = []
-"""LCM objects of links that were lost: liblcm may crash when one is ended while another thread has it."""
+_lost: Final[list[Any]] = []
+"""LCM objects of lost connections. They are kept alive: liblcm may crash when an object is freed that another thread
+uses."""
 
 
-class Link:
-    """Publishes and receives until closed."""
+class LcmConnection:
+    """Publishes and receives until closed, and connects again when a TCPQ hub is gone."""
 
     def __init__(self, url: str | None, handlers: Mapping[str, Callable[[bytes], None]], timeout: float) -> None:
         """
         Args:
-            url: None: LCM_DEFAULT_URL, or liblcm's default.
-            handlers: by channel; called in the link's thread.
-            timeout: seconds to wait for a hub that is not there (yet).
+            url: LCM URL; None: LCM_DEFAULT_URL, or liblcm's default.
+            handlers: callback for each channel, called in the receiving thread.
+            timeout: seconds to wait for a hub.
         Raises:
-            ConnectionError: nobody is there, or there is no route.
+            ConnectionError: no hub listens, or there is no route.
             ImportError: LCM's library cannot be loaded.
         """
         self.url = url or os.environ.get("LCM_DEFAULT_URL") or DEFAULT_URL
         self._handlers = handlers
         self._timeout = timeout
         self._closed = threading.Event()
-        self._joined = threading.Condition()
+        self._connected = threading.Condition()
         self._lcm: Any = None
-        end = time.monotonic() + timeout
+        deadline = time.monotonic() + timeout
         while self._lcm is None:
             try:
-                self._lcm = self._join()
+                self._lcm = self._connect()
             except ConnectionError:
-                if not self.url.startswith("tcpq") or time.monotonic() > end:
+                if not self.url.startswith("tcpq") or time.monotonic() > deadline:
                     raise
                 time.sleep(RETRY_SECONDS)
-        self._thread = threading.Thread(target=self._receive, name="treeviewer-link", daemon=True)
+        self._thread = threading.Thread(target=self._receive, name="treeviewer-receive", daemon=True)
         self._thread.start()
 
     def publish(self, channel: str, message: bytes | NDArray[np.uint8]) -> None:
-        """Raises ConnectionError when there is no network within the timeout, or the message cannot be sent."""
-        with self._joined:
-            if not self._joined.wait_for(lambda: self._alive() or self._closed.is_set(), self._timeout):
+        """Send a message.
+
+        Raises:
+            ConnectionError: not connected within the timeout, or the message cannot be sent.
+        """
+        with self._connected:
+            if not self._connected.wait_for(lambda: self._is_alive() or self._closed.is_set(), self._timeout):
                 raise ConnectionError(f"the LCM hub {self.url} has gone")
             if self._closed.is_set():
                 raise ConnectionError("this viewer was closed")
@@ -78,15 +84,15 @@ class Link:
                 raise ConnectionError(f"LCM could not send {len(message)} bytes to {self.url}") from None
 
     def close(self) -> None:
-        """Ends the thread; does nothing the second time."""
+        """Stop the thread. May be called again."""
         self._closed.set()
         if threading.current_thread() is not self._thread:
             self._thread.join()
 
-    def _alive(self) -> bool:
+    def _is_alive(self) -> bool:
         return self._lcm is not None and self._lcm.fileno() >= 0
 
-    def _join(self) -> Any:
+    def _connect(self) -> Any:
         try:
             import lcm
         except ImportError as error:
@@ -95,45 +101,46 @@ class Link:
             ) from None
         scheme = self.url.partition("://")[0]
         hint = _HINTS.get(scheme, "udpm:// and tcpq:// are what viewers speak")
-        url = _numeric(self.url)
+        url = _with_host_address(self.url)
         if scheme == "tcpq" and not _listens(url):  # liblcm would write three lines to stderr
             raise ConnectionError(f"LCM cannot join {self.url}: {hint}")
         try:
-            with _without_chatter() if scheme == "tcpq" else contextlib.nullcontext():
+            with filtered_stderr() if scheme == "tcpq" else contextlib.nullcontext():
                 network = lcm.LCM(url)
         except RuntimeError:
             raise ConnectionError(f"LCM cannot join {self.url}: {hint}") from None
         for channel, handler in self._handlers.items():
-            subscription = network.subscribe(_literal(channel), partial(_hand_on, handler))
+            subscription = network.subscribe(escape_channel(channel), partial(_call, handler))
             subscription.set_queue_capacity(0)
         return network
 
     def _receive(self) -> None:
         while not self._closed.is_set():
-            if not self._alive():
-                self._rejoin()
+            if not self._is_alive():
+                self._reconnect()
                 continue
             try:
-                self._lcm.handle_timeout(WAIT_MS)
-            except OSError:
-                time.sleep(0.01)  # a signal came, or the hub has gone: the file number tells
+                self._lcm.handle_timeout(POLL_MS)
+            except OSError:  # a signal, or the hub is gone, which the file number shows
+                time.sleep(0.01)
 
-    def _rejoin(self) -> None:
+    def _reconnect(self) -> None:
         with contextlib.suppress(ConnectionError):
-            network = self._join()
-            with self._joined:
-                _kept.append(self._lcm)
+            network = self._connect()
+            with self._connected:
+                _lost.append(self._lcm)
                 self._lcm = network
-                self._joined.notify_all()
+                self._connected.notify_all()
             return
         self._closed.wait(RETRY_SECONDS)
 
 
 @contextlib.contextmanager
-def _without_chatter() -> Iterator[None]:
-    """Holds back what is written to stderr, by anybody, and writes it there afterwards, without ``_CHATTER``.
+def filtered_stderr() -> Iterator[None]:
+    """Hold back what any thread writes to stderr, and write it afterwards without ``_INFO_LINES``.
 
-    liblcm's C code writes to file 2 and cannot be told not to. Connecting to a hub that listens takes milliseconds.
+    liblcm's C code writes to file descriptor 2 and has no option for it. Connecting to a listening hub takes
+    milliseconds.
     """
     with _stderr_lock, tempfile.TemporaryFile() as held:
         try:
@@ -148,36 +155,36 @@ def _without_chatter() -> Iterator[None]:
             os.dup2(stderr, _STDERR)
             os.close(stderr)
             held.seek(0)
-            kept = b"".join(line for line in held if line.rstrip() not in _CHATTER)
-            with contextlib.suppress(OSError):  # the reader is gone
+            kept = b"".join(line for line in held if line.rstrip() not in _INFO_LINES)
+            with contextlib.suppress(OSError):  # its reader is gone
                 os.write(_STDERR, kept)
 
 
-def _hand_on(handler: Callable[[bytes], None], channel: str, data: bytes) -> None:
+def escape_channel(channel: str) -> str:
+    """Return the pattern that matches exactly this channel."""
+    return "".join(c if c.isalnum() or c in "_<>" else f"\\{c}" for c in channel)
+
+
+def _call(handler: Callable[[bytes], None], channel: str, data: bytes) -> None:
     handler(data)
 
 
-def _numeric(url: str) -> str:
-    """The URL with a TCPQ host's address in place of its name, which liblcm does not look up."""
+def _with_host_address(url: str) -> str:
+    """Return a TCPQ URL with the host's address in place of its name, which liblcm does not resolve."""
     parts = urlsplit(url)
     if parts.scheme != "tcpq" or not parts.hostname:
         return url
     try:
-        return f"tcpq://{socket.gethostbyname(parts.hostname)}:{parts.port or 7700}"
+        return f"tcpq://{socket.gethostbyname(parts.hostname)}:{parts.port or TCPQ_PORT}"
     except OSError:
         raise ConnectionError(f"LCM cannot join {url}: the host {parts.hostname!r} is unknown") from None
 
 
 def _listens(url: str) -> bool:
-    """Return whether a hub accepts connections at a TCPQ URL and sends its greeting."""
+    """Return whether a hub accepts connections at a TCPQ URL and sends its hello."""
     try:
         parts = urlsplit(url)
-        with socket.create_connection((parts.hostname, parts.port or 7700), GREETING_SECONDS) as probe:
+        with socket.create_connection((parts.hostname, parts.port or TCPQ_PORT), HELLO_SECONDS) as probe:
             return bool(probe.recv(8))
     except (OSError, ValueError):
         return False
-
-
-def _literal(channel: str) -> str:
-    """A subscription to exactly this channel; liblcm takes patterns."""
-    return "".join(c if c.isalnum() or c in "_<>" else f"\\{c}" for c in channel)
