@@ -89,7 +89,7 @@ def _connect(url: str) -> Any:
     scheme = url.partition("://")[0]
     if scheme not in SCHEMES:
         known = ", ".join(f"{name}://" for name in SCHEMES)
-        raise LcmUnavailableError(f"LCM cannot join {url}: it knows {known} and 'off', nothing else")
+        raise LcmUnavailableError(f"LCM cannot join {url}: the URL must begin with {known}, or be 'off'")
     try:
         import lcm
     except ImportError as error:

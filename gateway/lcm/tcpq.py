@@ -1,6 +1,6 @@
 """LCM's TCPQ on the wire: frames ``type, length, channel [, length, data]`` in both directions, integers big endian.
 
-The client sends its magic number and version first, the hub answers with its own. Then the client subscribes with
+The client sends its magic number and version first, the hub replies with its own. Then the client subscribes with
 patterns and publishes, and the hub sends messages that match. Source: lcm/lcm_tcpq.c and TCPProvider.java of LCM 1.5.
 """
 

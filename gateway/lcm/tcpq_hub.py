@@ -225,7 +225,7 @@ class HubConnection(asyncio.BufferedProtocol):
             transport.write(header)
             transport.write(data)
         if transport.get_write_buffer_size() > self._hub.config.hub_client_send_bytes:
-            self._refuse(f"it does not read: {transport.get_write_buffer_size()} bytes wait for it")
+            self._refuse(f"it reads too slowly: {transport.get_write_buffer_size()} bytes are queued")
 
     def pause_reading(self) -> None:
         """Stop reading, so that TCP's flow control blocks the client's sends."""
@@ -245,7 +245,7 @@ class HubConnection(asyncio.BufferedProtocol):
             self._transport.abort()
 
     def _acknowledge(self) -> None:
-        """Acknowledge received bytes at once, for which Linux must be told on every read.
+        """Acknowledge received bytes at once, an option that Linux resets, so it is set on every read.
 
         liblcm sends each integer of a frame by itself, and Nagle's algorithm delays it until the one before is
         acknowledged: 44 ms a round trip instead of 0.3 ms.

@@ -1,6 +1,6 @@
 """Client of another TCPQ hub (``--lcm-url tcpq://host:port``), without liblcm.
 
-liblcm's client blocks until a whole message has arrived, and until the hub answers its hello: it would block the event
+liblcm's client blocks until a whole message has arrived, and until the hub replies to its hello: it would block the event
 loop.
 """
 
@@ -104,7 +104,7 @@ class TcpqTransport:
                         lambda: _Connection(self._pattern, self._max_message, on_message), self.host, self.port
                     )
             except (OSError, TimeoutError) as error:
-                reason = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else "no answer"
+                reason = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else "timeout"
                 self._set_problem(f"the hub cannot be reached: {reason}")
             else:
                 self._connection = connection
@@ -164,7 +164,7 @@ class _Connection(asyncio.BufferedProtocol):
         if transport is None or transport.is_closing():
             raise OSError("the hub has gone")
         if transport.get_write_buffer_size() + len(message) > MAX_UNSENT_BYTES:
-            raise OSError("the hub does not read")
+            raise OSError("the hub reads too slowly")
         transport.write(publish_header(channel, len(message)) + message)
 
     def write_eof(self) -> None:

@@ -45,7 +45,7 @@ class UdpmSender:
             ValueError: the channel name or the message is too long.
         """
         if self._queue and self.unsent_bytes + len(message) > self._max_unsent:
-            raise OSError(f"the network {self._url} takes nothing: {self.unsent_bytes} bytes wait for it")
+            raise OSError(f"the network {self._url} accepts nothing: {self.unsent_bytes} bytes are queued")
         datagrams = udpm.datagrams(channel, message, self._sequence)
         self._sequence = (self._sequence + 1) & 0xFFFFFFFF
         for datagram in datagrams:
@@ -76,7 +76,7 @@ class UdpmSender:
 
     def _enqueue(self, datagram: list[bytes | memoryview]) -> None:
         if self._loop is None:
-            raise OSError(f"the network {self._url} takes nothing now")
+            raise OSError(f"the network {self._url} accepts nothing now")
         if not self._queue:
             self._loop.add_writer(self._socket.fileno(), self._writable)
         self._queue.append(datagram)

@@ -63,7 +63,7 @@ def test_the_viewer_understands_every_geometry(geometry: Geometry, name: str) ->
 
 
 @pytest.mark.parametrize("name", [wire.JSON, wire.BINARY])
-def test_colours_of_bytes_arrive_as_0_to_1(name: str) -> None:
+def test_sends_uint8_colours_as_0_to_1(name: str) -> None:
     viewer = Viewer()
     cloud = PointCloud(POINTS, rgb=np.array([[0, 51, 255]] * 4, np.uint8))
     viewer.protocol.handle(encoded({"setgeometry": [{"path": ["a"], "geometries": [cloud.body()]}]}, 5, name))
@@ -139,35 +139,35 @@ def test_mesh_files_are_scaled_by_one_or_three() -> None:
         (Sphere(1, transform=np.diag((-1.0, 1, 1, 1))), "without scale, shear or mirroring"),
     ],
 )
-def test_what_does_not_fit_is_refused_before_it_is_sent(geometry: Geometry, reason: str) -> None:
+def test_rejects_invalid_fields_before_sending(geometry: Geometry, reason: str) -> None:
     with pytest.raises(ValueError, match=reason):
         geometry.body()
 
 
 @settings(deadline=None, max_examples=200)
 @given(st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(lambda q: np.linalg.norm(q) > 0.01))
-def test_matrices_and_quaternions_are_the_same_rotation(q: list[float]) -> None:
+def test_matrix_to_quaternion(q: list[float]) -> None:
     X = from_pose((1.0, -2.0, 3.0), (q[0], q[1], q[2], q[3]))
     made = Transform.of(X).body()
     t, r = made["translation"], made["quaternion"]
     np.testing.assert_allclose(from_pose((t[0], t[1], t[2]), (r[0], r[1], r[2], r[3])), X, atol=1e-9)
 
 
-def test_arrays_are_remembered_as_they_were() -> None:
+def test_copies_arrays() -> None:
     points = POINTS.copy()
     body = PointCloud(points).body()
     points[:] = 7
     np.testing.assert_array_equal(body["points"], POINTS)
 
 
-def test_both_wires_are_the_same() -> None:
+def test_client_and_server_encode_alike() -> None:
     assert encoded({}, 9, wire.JSON) == server_wire.encode(b"{}", 9)
     assert wire.decode(b"") is None
     assert wire.decode(encoded({"timestamp": "x", "status": 0}, 1, wire.JSON)) is None
     assert wire.decode(b"x" * 60) is None
 
 
-def test_what_json_makes_of_colours_leaves_them_as_they_were_for_the_next_time() -> None:
+def test_json_encoding_does_not_change_colours() -> None:
     rgb = np.array([[255, 0, 51]], np.uint8)
     body: dict[str, Any] = {"setgeometry": [{"path": ["a"], "geometries": [PointCloud([[0, 0, 0]], rgb=rgb).body()]}]}
     assert b"0.2" in encoded(body, 1, wire.JSON)

@@ -109,7 +109,7 @@ async def test_a_million_points_over_tcpq() -> None:
         assert shape.points.shape == shape.channels["rgb"].shape == (1_000_000, 3)
 
 
-async def test_the_asynchronous_one_does_the_same() -> None:
+async def test_async_client() -> None:
     live = LiveTree()
     async with serving(live=live) as service:
         with pytest.raises(RuntimeError, match="enter the viewer first"):
@@ -125,7 +125,7 @@ async def test_the_asynchronous_one_does_the_same() -> None:
         assert paths(live) == set()
 
 
-async def test_what_a_viewer_forgot_is_sent_again() -> None:
+async def test_sends_missing_geometry_again() -> None:
     live = LiveTree()
     async with serving(live=live) as service:
 
@@ -149,7 +149,7 @@ async def test_what_a_viewer_forgot_is_sent_again() -> None:
         assert robot.matrix[0, 3] == 5.0
 
 
-async def test_a_viewer_that_starts_again_gets_everything() -> None:
+async def test_sends_everything_to_a_restarted_viewer() -> None:
     (port,) = free_ports(1)
     config = TreeViewerConfig(lcm=LcmConfig(url="off", tcpq_port=port))
     async with serving(config):
@@ -164,7 +164,7 @@ async def test_a_viewer_that_starts_again_gets_everything() -> None:
         await in_thread(it.close)
 
 
-async def test_json_is_spoken_with_viewers_that_know_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_falls_back_to_json(monkeypatch: pytest.MonkeyPatch) -> None:
     live = LiveTree()
     async with serving(live=live) as service:
         readers = service.protocol.readers
@@ -185,7 +185,7 @@ async def test_json_is_spoken_with_viewers_that_know_no_other(monkeypatch: pytes
         assert paths(live) == {("a",)}
 
 
-def test_silence_is_told() -> None:
+def test_reports_timeout() -> None:
     url = free_url()
     join(url)
     with (
@@ -198,11 +198,11 @@ def test_silence_is_told() -> None:
         it["a"].delete()
 
 
-def test_nobody_there_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_reports_missing_network(monkeypatch: pytest.MonkeyPatch) -> None:
     (port,) = free_ports(1)
-    with pytest.raises(ConnectionError, match="nobody listens there"):
+    with pytest.raises(ConnectionError, match="no hub listens there"):
         TreeViewer(f"tcpq://127.0.0.1:{port}", timeout=0.05)  # short: nobody is there
-    with pytest.raises(ConnectionError, match=r"udpm:// and tcpq:// are what viewers speak"):
+    with pytest.raises(ConnectionError, match=r"use udpm:// or tcpq://"):
         TreeViewer("bogus://here", timeout=SECONDS)
     with pytest.raises(ConnectionError, match=r"the host 'no-such-host\.invalid' is unknown"):
         TreeViewer("tcpq://no-such-host.invalid", timeout=0.0)
@@ -211,11 +211,11 @@ def test_nobody_there_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
         TreeViewer("udpm://", timeout=SECONDS)
 
 
-def test_channels_are_taken_literally() -> None:
+def test_escapes_channels() -> None:
     assert connection.escape_channel("A_<x.y>") == r"A_<x\.y>"
 
 
-def test_other_peoples_messages_do_no_harm() -> None:
+def test_ignores_foreign_messages() -> None:
     url = free_url()
     other = join(url)
     with TreeViewer(url, timeout=0.05) as it:  # short: nobody answers
@@ -228,7 +228,7 @@ def test_other_peoples_messages_do_no_harm() -> None:
         assert threading.active_count() == threads
 
 
-def test_the_client_imports_nothing_of_the_server() -> None:
+def test_imports_nothing_of_the_server() -> None:
     code = (
         "import sys; from gateway.client import TreeViewer, AsyncTreeViewer, Box; "
         "print([m for m in sys.modules if m.startswith('gateway.') and not m.startswith('gateway.client')], "
@@ -247,7 +247,7 @@ def test_names_of_the_package() -> None:
         _ = package.Nothing
 
 
-async def test_liblcm_writes_nothing_to_stderr_when_all_is_well(capfd: pytest.CaptureFixture[str]) -> None:
+async def test_no_stderr_output_on_success(capfd: pytest.CaptureFixture[str]) -> None:
     async with serving() as service:
 
         def talk() -> None:
@@ -258,23 +258,23 @@ async def test_liblcm_writes_nothing_to_stderr_when_all_is_well(capfd: pytest.Ca
     assert capfd.readouterr().err == ""
 
 
-def test_liblcm_writes_nothing_to_stderr_where_nobody_listens(capfd: pytest.CaptureFixture[str]) -> None:
+def test_no_stderr_output_without_a_hub(capfd: pytest.CaptureFixture[str]) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         url = f"tcpq://127.0.0.1:{taken.getsockname()[1]}"
-    with pytest.raises(ConnectionError, match="nobody listens there"):
+    with pytest.raises(ConnectionError, match="no hub listens there"):
         TreeViewer(url, timeout=0.5)  # short: nobody is there
     assert capfd.readouterr().err == ""
 
 
-def test_a_server_that_does_not_greet_is_no_hub(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rejects_a_server_without_hello(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(connection, "HELLO_SECONDS", 0.01)
     with socket.create_server(("127.0.0.1", 0)) as mute:
         url = f"tcpq://127.0.0.1:{mute.getsockname()[1]}"
-        with pytest.raises(ConnectionError, match="nobody listens there"):
+        with pytest.raises(ConnectionError, match="no hub listens there"):
             TreeViewer(url, timeout=0.0)  # short: nobody answers
 
 
-def test_other_lines_on_stderr_are_kept(capfd: pytest.CaptureFixture[str]) -> None:
+def test_keeps_other_lines_on_stderr(capfd: pytest.CaptureFixture[str]) -> None:
     with connection.filtered_stderr():
         os.write(2, b"LCM tcpq: connecting...\nLCM tcpq: Invalid response from server\n")
         subprocess.run([sys.executable, "-c", "import sys; print('of a child', file=sys.stderr)"], check=True)

@@ -74,7 +74,7 @@ async def conversation(port: int) -> list[tuple[str, int]]:
     return [(channel, len(data)) for channel, data in heard]
 
 
-async def test_our_hub_relays_like_the_reference() -> None:
+async def test_relays_like_lcms_own_hub() -> None:
     with socket.socket() as unused:
         unused.bind(("127.0.0.1", 0))
         port = unused.getsockname()[1]

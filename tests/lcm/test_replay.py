@@ -41,27 +41,27 @@ def written(events: list[Event]) -> bytes:
         st.builds(Event, st.integers(0, 2**63 - 1), st.integers(-(2**63), 2**63 - 1), st.text(max_size=20), st.binary())
     )
 )
-def test_events_survive(events: list[Event]) -> None:
+def test_round_trip(events: list[Event]) -> None:
     assert list(read_events(io.BytesIO(written(events)))) == events
 
 
 @settings(deadline=None, max_examples=100)
 @given(st.binary(max_size=60), st.integers(0, 200), st.binary(max_size=100_000))
-def test_damage_costs_only_what_is_damaged(junk: bytes, cut: int, more: bytes) -> None:
+def test_skips_damaged_events(junk: bytes, cut: int, more: bytes) -> None:
     whole = written(EVENTS)
     data = junk + whole + more + whole[: len(whole) - cut]
     found = list(read_events(io.BytesIO(data)))
     assert [event for event in found if event in EVENTS][:2] == EVENTS[:2]
 
 
-def test_what_is_no_log_is_told() -> None:
+def test_rejects_files_without_events() -> None:
     assert list(read_events(io.BytesIO(b""))) == []
     for data in (b"x", b"junk" * 100_000):
         with pytest.raises(EventLogError, match="not an LCM log"):
             list(read_events(io.BytesIO(data)))
 
 
-def test_lcms_own_tools_read_and_write_the_same(tmp_path: Path) -> None:
+def test_matches_lcms_own_event_log(tmp_path: Path) -> None:
     lcm = liblcm()
     (tmp_path / "ours").write_bytes(written(EVENTS))
     theirs = lcm.EventLog(str(tmp_path / "ours"), "r")
@@ -84,7 +84,7 @@ async def recording(out: Path, url: str, channels: str = ".*") -> AsyncIterator[
     await task
 
 
-async def test_a_conversation_over_tcpq_is_recorded_and_played(tmp_path: Path) -> None:
+async def test_records_and_plays_over_tcpq(tmp_path: Path) -> None:
     out = tmp_path / "out.lcmlog"
     async with serving() as service:
         url = f"tcpq://127.0.0.1:{service.tcpq_port}"
@@ -107,7 +107,7 @@ async def test_a_conversation_over_tcpq_is_recorded_and_played(tmp_path: Path) -
 
 
 @pytest.mark.lcm
-async def test_udp_is_recorded_and_played(tmp_path: Path) -> None:
+async def test_records_and_plays_over_udp(tmp_path: Path) -> None:
     url = free_url()
     client = join(url)
     heard: list[str] = []
@@ -129,7 +129,7 @@ async def test_udp_is_recorded_and_played(tmp_path: Path) -> None:
     )
 
 
-async def test_a_log_is_played_again_and_again(tmp_path: Path) -> None:
+async def test_loops_until_cancelled(tmp_path: Path) -> None:
     log = tmp_path / "in.lcmlog"
     log.write_bytes(written(EVENTS))
     async with serving() as service:
@@ -143,7 +143,7 @@ async def test_a_log_is_played_again_and_again(tmp_path: Path) -> None:
         await replay.play(log, url, 0.0, True, "nothing", progress)
 
 
-async def test_what_was_played_arrives_although_the_hub_says_things_meanwhile(tmp_path: Path) -> None:
+async def test_finish_loses_nothing_when_the_hub_sends(tmp_path: Path) -> None:
     """Closing a connection with unread bytes resets it, and the hub loses what it has not read."""
     log = tmp_path / "in.lcmlog"
     log.write_bytes(written(EVENTS) * 500)
@@ -170,7 +170,7 @@ async def test_what_was_played_arrives_although_the_hub_says_things_meanwhile(tm
     await server.wait_closed()
 
 
-async def test_time_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_keeps_recorded_times(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     log = tmp_path / "in.lcmlog"
     log.write_bytes(written(EVENTS))
     slept: list[float] = []
@@ -189,13 +189,13 @@ async def test_time_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     assert waits == [pytest.approx(0.5, abs=0.4), pytest.approx(20.0, abs=0.5)]
 
 
-@pytest.mark.parametrize(("url", "reason"), [("tcpq://127.0.0.1:1", "LCM cannot join tcpq"), ("bogus://", "it knows")])
-async def test_nobody_there_is_told(url: str, reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("url", "reason"), [("tcpq://127.0.0.1:1", "LCM cannot join tcpq"), ("bogus://", "the URL must begin with")])
+async def test_reports_missing_network(url: str, reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(replay, "CONNECT_SECONDS", 0.05)
     with pytest.raises((OSError, RuntimeError), match=reason):
         await replay.record(tmp_path / "x", url, ".*", replay.Progress(), asyncio.Event())
 
 
-async def test_a_bad_pattern_is_told(tmp_path: Path) -> None:
+async def test_rejects_invalid_pattern(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="is not a pattern"):
         await replay.record(tmp_path / "x", "memq://", "(", replay.Progress(), asyncio.Event())

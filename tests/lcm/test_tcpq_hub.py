@@ -20,7 +20,7 @@ from tests.treeviewer.conversation import ONE_BOX, decoded, message
 from tests.treeviewer.transports import HubClient, in_thread, serving
 
 
-async def test_a_client_is_answered_and_the_tree_has_its_geometry() -> None:
+async def test_responds_to_a_hub_client() -> None:
     live = LiveTree()
     async with serving(live=live) as service:
         client = await HubClient.connect(service.tcpq_port)
@@ -33,7 +33,7 @@ async def test_a_client_is_answered_and_the_tree_has_its_geometry() -> None:
         await client.close()
 
 
-async def test_subscribers_of_the_bare_channel_hear_that_the_viewer_is_ready() -> None:
+async def test_greets_new_subscribers() -> None:
     async with serving() as service:
         client = await HubClient.connect(service.tcpq_port)
         await client.subscribe("OTHER")
@@ -43,7 +43,7 @@ async def test_subscribers_of_the_bare_channel_hear_that_the_viewer_is_ready() -
         await client.close()
 
 
-async def test_the_hub_relays_to_every_subscriber_once_also_to_the_sender() -> None:
+async def test_relays_once_to_every_subscriber() -> None:
     async with serving() as service:
         clients = [await HubClient.connect(service.tcpq_port) for _ in range(3)]
         sender, twice, other = clients
@@ -73,7 +73,7 @@ async def test_the_hub_relays_to_every_subscriber_once_also_to_the_sender() -> N
             await client.close()
 
 
-async def test_order_holds_for_a_client_and_others_do_not_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_keeps_order_per_client_without_blocking_others(monkeypatch: pytest.MonkeyPatch) -> None:
     quick_was_answered = threading.Event()
     read = TreeViewerProtocol.open
 
@@ -108,7 +108,7 @@ async def test_order_holds_for_a_client_and_others_do_not_wait(monkeypatch: pyte
         await quick.close()
 
 
-async def test_an_id_too_long_for_the_answers_channel_is_counted() -> None:
+async def test_counts_responses_to_too_long_client_ids() -> None:
     async with serving() as service:
         client = await HubClient.connect(service.tcpq_port)
         await client.subscribe(f"{RESPONSE}.*")
@@ -122,7 +122,7 @@ async def test_an_id_too_long_for_the_answers_channel_is_counted() -> None:
         await client.close()
 
 
-async def test_undecodable_messages_are_counted_and_described() -> None:
+async def test_counts_undecodable_messages() -> None:
     async with serving() as service:
         client = await HubClient.connect(service.tcpq_port)
         await client.subscribe(f"{RESPONSE}_<me>")
@@ -135,7 +135,7 @@ async def test_undecodable_messages_are_counted_and_described() -> None:
         await client.close()
 
 
-async def test_a_taken_port_is_one_sentence() -> None:
+async def test_reports_taken_port() -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
@@ -148,7 +148,7 @@ async def test_a_taken_port_is_one_sentence() -> None:
                 pass
 
 
-async def test_a_viewer_joins_another_hub_and_joins_it_again() -> None:
+async def test_reconnects_to_another_hub() -> None:
     async with serving() as other:
         port = other.tcpq_port
         url = f"tcpq://127.0.0.1:{port}"
@@ -170,7 +170,7 @@ async def test_a_viewer_joins_another_hub_and_joins_it_again() -> None:
             await until(lambda: bool(service.status()["lcm"]["connected"]))
 
 
-async def test_a_hub_that_does_not_exist_yet_is_waited_for() -> None:
+async def test_waits_for_a_hub() -> None:
     with socket.socket() as unused:
         unused.bind(("127.0.0.1", 0))
         port = unused.getsockname()[1]
@@ -178,7 +178,7 @@ async def test_a_hub_that_does_not_exist_yet_is_waited_for() -> None:
             await until(lambda: "Connection refused" in service.status()["lcm"]["warning"])
 
 
-async def test_the_own_hub_is_not_joined(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_does_not_connect_to_its_own_hub(monkeypatch: pytest.MonkeyPatch) -> None:
     with socket.socket() as unused:
         unused.bind(("127.0.0.1", 0))
         port = unused.getsockname()[1]
@@ -191,7 +191,7 @@ async def test_the_own_hub_is_not_joined(monkeypatch: pytest.MonkeyPatch) -> Non
 @pytest.mark.lcm
 @pytest.mark.parametrize("size", [63, 64, 100, 300, 999])
 @pytest.mark.parametrize("pattern", ["", ".*x"], ids=["its name", "a pattern"])
-async def test_lcms_own_clients_use_channels_of_any_length(size: int, pattern: str) -> None:
+async def test_liblcm_clients_use_long_channel_names(size: int, pattern: str) -> None:
     channel = "x" * size
 
     def talk(url: str) -> tuple[str, bytes]:

@@ -17,7 +17,7 @@ from tests.treeviewer.conversation import ONE_BOX, decoded, message
 from tests.treeviewer.transports import HubClient, serving
 
 
-async def test_a_client_whose_messages_wait_too_much_is_held_back_and_loses_nothing() -> None:
+async def test_pauses_a_client_with_too_many_waiting_bytes() -> None:
     rows = ", ".join(["[0.5, 1.5, 2.25]"] * 40_000)
     big = message(
         f'{{"setgeometry": [{{"path": ["cloud"], "geometry": {{"type": "pointcloud", "points": [{rows}]}}}}]}}'
@@ -41,7 +41,7 @@ async def test_a_client_whose_messages_wait_too_much_is_held_back_and_loses_noth
         await client.close()
 
 
-async def test_a_reader_that_does_not_read_is_disconnected_and_others_go_on() -> None:
+async def test_disconnects_slow_readers() -> None:
     async with serving(hub_client_send_bytes=1_000_000) as service:
         lazy = await HubClient.connect(service.tcpq_port, receive_buffer=4096)
         reader, sender = await HubClient.connect(service.tcpq_port), await HubClient.connect(service.tcpq_port)
@@ -72,7 +72,7 @@ async def test_a_reader_that_does_not_read_is_disconnected_and_others_go_on() ->
         CLIENT_HELLO + struct.pack(">II", FrameType.PUBLISH, 1) + b"c" + struct.pack(">I", 2**32 - 1),
     ],
 )
-async def test_garbage_ends_its_own_connection_only(garbage: bytes) -> None:
+async def test_invalid_frames_close_only_their_connection(garbage: bytes) -> None:
     async with serving() as service:
         good = await HubClient.connect(service.tcpq_port)
         reader, writer = await asyncio.open_connection("127.0.0.1", service.tcpq_port)
@@ -91,7 +91,7 @@ def arriving(service: TreeViewerService, size: int) -> bool:
     return bool(service.status()["tcpq"]["arriving_bytes"] == size)
 
 
-async def test_announced_memory_is_bounded_over_all_clients() -> None:
+async def test_limits_announced_bytes_of_all_clients() -> None:
     head = publish_header("C", 40_000_000)
     async with serving(queued_bytes=100_000_000) as service:
         clients = [await HubClient.connect(service.tcpq_port) for _ in range(4)]
@@ -111,7 +111,7 @@ async def test_announced_memory_is_bounded_over_all_clients() -> None:
             await client.close()
 
 
-async def test_clients_and_subscriptions_are_bounded() -> None:
+async def test_limits_clients_and_subscriptions() -> None:
     async with serving(hub_clients=2, hub_subscriptions=3) as service:
         first, second = await HubClient.connect(service.tcpq_port), await HubClient.connect(service.tcpq_port)
         reader, writer = await asyncio.open_connection("127.0.0.1", service.tcpq_port)
@@ -131,7 +131,7 @@ async def test_clients_and_subscriptions_are_bounded() -> None:
         await second.close()
 
 
-async def test_a_clients_patterns_together_are_bounded_in_what_they_cost() -> None:
+async def test_limits_pattern_cost_per_client() -> None:
     async with serving() as service, asyncio.timeout(SECONDS):
         client = await HubClient.connect(service.tcpq_port)
         for i in range(3):  # two of them are as much as one client may have matched
@@ -144,7 +144,7 @@ async def test_a_clients_patterns_together_are_bounded_in_what_they_cost() -> No
         await client.close()
 
 
-async def test_names_that_are_too_long_are_dropped_and_the_connection_stays() -> None:
+async def test_drops_messages_with_too_long_channels() -> None:
     async with serving() as service:
         client = await HubClient.connect(service.tcpq_port)
         await client.subscribe("x" * 1999)  # ignored
@@ -158,7 +158,7 @@ async def test_names_that_are_too_long_are_dropped_and_the_connection_stays() ->
         await client.close()
 
 
-async def test_patterns_that_would_take_too_long_for_a_long_channel_are_not_tried() -> None:
+async def test_skips_expensive_patterns_on_long_channels() -> None:
     async with serving() as service:
         client, other = await HubClient.connect(service.tcpq_port), await HubClient.connect(service.tcpq_port)
         await client.subscribe("a.*a.*a.*b")  # three repetitions

@@ -40,12 +40,12 @@ def fragment(sequence: int, size: int, offset: int, number: int, fragments: int,
     return b"LC03" + struct.pack(">IIIHH", sequence, size, offset, number, fragments) + data
 
 
-def test_a_short_message_is_one_datagram_as_lcm_writes_it() -> None:
+def test_short_message_is_one_datagram() -> None:
     assert cut("WANTED_x", b"data", 258) == [b"LC02\0\0\1\2WANTED_x\0data"]
     assert read(assembler(), b"LC02\0\0\1\2WANTED_x\0data") == ("WANTED_x", b"data")
 
 
-def test_a_long_message_is_cut_where_lcm_cuts_it() -> None:
+def test_fragments_are_those_of_liblcm() -> None:
     data = bytes(200_000)
     pieces = cut("WANTED", data, 1)
     assert [len(piece) for piece in pieces] == [65_507, 65_507, 65_507, 20 + 200_000 + 7 - 3 * 65_487]
@@ -54,7 +54,7 @@ def test_a_long_message_is_cut_where_lcm_cuts_it() -> None:
     assert len(cut("WANTED", bytes(udpm.MAX_SHORT_BYTES - 6))) == 2
 
 
-def test_what_lcm_cannot_send_is_refused_with_the_reason() -> None:
+def test_rejects_messages_that_lcm_cannot_carry() -> None:
     with pytest.raises(ValueError, match=r"at most 63 characters, 'x{64}' has 64"):
         cut("x" * 64, b"")
 
@@ -73,7 +73,7 @@ def test_what_lcm_cannot_send_is_refused_with_the_reason() -> None:
     shuffled=st.booleans(),
     repeated=st.booleans(),
 )
-def test_messages_of_many_senders_survive_any_order(
+def test_reassembles_in_any_order(
     sizes: list[int], seed: int, shuffled: bool, repeated: bool
 ) -> None:
     chance = random.Random(seed)
@@ -100,7 +100,7 @@ def test_messages_of_many_senders_survive_any_order(
     assert it.waiting_bytes == it.incomplete == 0
 
 
-def test_strangers_between_fragments_do_no_harm() -> None:
+def test_ignores_other_datagrams_between_fragments() -> None:
     it = assembler()
     data = random.Random(2).randbytes(500_000)
     other = random.Random(3).randbytes(300_000)
@@ -115,7 +115,7 @@ def test_strangers_between_fragments_do_no_harm() -> None:
     assert messages[-1] == ("WANTED", data)
 
 
-def test_a_message_that_nobody_wants_takes_no_memory() -> None:
+def test_unwanted_messages_take_no_memory() -> None:
     it = assembler()
     pieces = cut("OTHER", bytes(500_000))
     for piece in pieces[:-1]:
@@ -125,7 +125,7 @@ def test_a_message_that_nobody_wants_takes_no_memory() -> None:
     assert it.incomplete == 0
 
 
-def test_lost_fragments_are_noticed_when_the_next_message_comes_later() -> None:
+def test_counts_incomplete_messages_at_the_next_message() -> None:
     clock = Clock()
     it = assembler(clock=clock)
     lost, whole = cut("WANTED", bytes(300_000), 1), cut("WANTED", bytes(200_000), 2)
@@ -136,7 +136,7 @@ def test_lost_fragments_are_noticed_when_the_next_message_comes_later() -> None:
     assert (it.incomplete, it.waiting_bytes) == (1, 0)
 
 
-def test_lost_fragments_are_noticed_without_a_next_message() -> None:
+def test_counts_incomplete_messages_when_stale() -> None:
     clock = Clock()
     it = assembler(clock=clock)
     lost = cut("WANTED", bytes(300_000))
@@ -150,7 +150,7 @@ def test_lost_fragments_are_noticed_without_a_next_message() -> None:
     assert read(it, lost[-1]) is None
 
 
-def test_a_sender_that_starts_again_with_the_same_numbers_is_a_new_message() -> None:
+def test_restarted_sender_reuses_sequence_numbers() -> None:
     it = assembler()
     read(it, cut("WANTED", bytes(300_000), 0)[0])
     data = b"y" * 200_000
@@ -158,7 +158,7 @@ def test_a_sender_that_starts_again_with_the_same_numbers_is_a_new_message() -> 
     assert it.incomplete == 1
 
 
-def test_the_oldest_is_given_up_when_too_much_is_on_its_way() -> None:
+def test_discards_the_oldest_beyond_the_limits() -> None:
     it = assembler(waiting=1_000_000)
     first = {sender: cut("WANTED", bytes(400_000)) for sender in (A, B)}
     for sender in (A, B):
@@ -183,13 +183,13 @@ def test_the_oldest_is_given_up_when_too_much_is_on_its_way() -> None:
     ],
     ids=["beyond the end", "number beyond the count", "too big", "endless channel", "no fragments", "far offset"],
 )
-def test_lies_in_a_fragment_are_ignored(datagram: bytes) -> None:
+def test_ignores_invalid_fragments(datagram: bytes) -> None:
     it = assembler()
     assert read(it, datagram) is None
     assert it.waiting_bytes == 0
 
 
-def test_a_message_may_not_have_more_fragments_than_any_program_makes() -> None:
+def test_refuses_tiny_fragments() -> None:
     it = assembler()
     for number in range(2000):
         read(it, fragment(1, 65_535, number, number, 65_535, b"x"))
@@ -201,7 +201,7 @@ def test_a_message_may_not_have_more_fragments_than_any_program_makes() -> None:
     assert [read(it, piece) for piece in pieces][-1] == ("WANTED", data)
 
 
-def test_what_claims_too_much_is_counted_once_a_message() -> None:
+def test_counts_refused_messages_once() -> None:
     it = assembler(most=1_000_000)
     for sequence, name in ((1, "WANTED"), (2, "WANTED"), (3, "OTHER")):
         for piece in cut(name, bytes(1_000_001), sequence):
@@ -213,7 +213,7 @@ def test_what_claims_too_much_is_counted_once_a_message() -> None:
     assert it.refused == 3
 
 
-def test_what_comes_twice_counts_once() -> None:
+def test_ignores_repeated_datagrams() -> None:
     clock = Clock()
     it = assembler(clock=clock)
     pieces = cut("WANTED", random.Random(1).randbytes(300_000))
@@ -235,7 +235,7 @@ def test_what_comes_twice_counts_once() -> None:
     assert len(it.completed) == udpm_assembler.MAX_COMPLETED
 
 
-def test_a_message_with_gaps_never_shows_what_the_memory_held() -> None:
+def test_gaps_never_expose_uninitialised_memory() -> None:
     it = assembler()
     assert read(it, fragment(1, 100, 0, 0, 2, b"WANTED\0" + bytes(50))) is None
     assert read(it, fragment(1, 100, 10, 1, 2, bytes(50))) is None
@@ -244,7 +244,7 @@ def test_a_message_with_gaps_never_shows_what_the_memory_held() -> None:
 
 @settings(deadline=None, max_examples=200)
 @given(st.lists(st.tuples(st.integers(0, 3), st.binary(max_size=64), st.booleans()), max_size=30))
-def test_any_datagrams_are_survived(datagrams: list[tuple[int, bytes, bool]]) -> None:
+def test_survives_any_datagrams(datagrams: list[tuple[int, bytes, bool]]) -> None:
     it = assembler(most=1000, waiting=5000)
     for sender, rest, long in datagrams:
         read(it, (b"LC03" if long else b"LC02") + rest, ("x", sender))

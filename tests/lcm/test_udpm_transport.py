@@ -75,13 +75,13 @@ async def test_queues_what_the_network_does_not_accept_yet() -> None:
     network = Narrow()
     sender = UdpmSender(cast("socket.socket", network), ("x", 1), "udpm://", 1 << 20)
     try:
-        with pytest.raises(OSError, match="takes nothing now"):  # there is no loop yet that could send the rest
+        with pytest.raises(OSError, match="accepts nothing now"):  # there is no loop yet that could send the rest
             sender.send("early", bytes(8 << 20))
         network.read()
         sender.start()
         big = os.urandom(4 << 20)
         sender.send("big", big)  # a single message may exceed the limit
-        with pytest.raises(OSError, match=r"takes nothing: \d+ bytes wait"):
+        with pytest.raises(OSError, match=r"accepts nothing: \d+ bytes are queued"):
             sender.send("small", b"x")
         assert sender.unsent_bytes > 1 << 20
         assembler = Assembler(b"", 1 << 30, 1 << 30)
@@ -103,14 +103,14 @@ async def test_queues_what_the_network_does_not_accept_yet() -> None:
         network.close()
 
 
-async def test_queue_limit_counts_the_message_that_reaches_it_exactly() -> None:
+async def test_accepts_a_message_that_fills_the_queue_exactly() -> None:
     network = Narrow()
     sender = UdpmSender(cast("socket.socket", network), ("x", 1), "udpm://", 8 << 20)
     try:
         sender.start()
         sender.send("big", bytes(4 << 20))
         room = (8 << 20) - sender.unsent_bytes
-        with pytest.raises(OSError, match="takes nothing"):
+        with pytest.raises(OSError, match="accepts nothing"):
             sender.send("c", bytes(room + 1))
         sender.send("c", bytes(room))
     finally:
@@ -119,7 +119,7 @@ async def test_queue_limit_counts_the_message_that_reaches_it_exactly() -> None:
 
 
 @pytest.mark.lcm
-async def test_a_port_that_another_program_keeps_is_one_sentence(url: str) -> None:
+async def test_reports_a_taken_udp_port(url: str) -> None:
     network = udpm_socket.parse_url(url)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taker:
         taker.bind(("", network.port))
@@ -128,7 +128,7 @@ async def test_a_port_that_another_program_keeps_is_one_sentence(url: str) -> No
 
 
 @pytest.mark.parametrize(("number", "reason"), [(errno.ENODEV, "ip route add 224"), (errno.EPERM, "not permitted")])
-def test_a_machine_without_multicast_is_one_sentence(number: int, reason: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_reports_missing_multicast(number: int, reason: str, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*args: Any) -> None:
         raise OSError(number, os.strerror(number))
 
@@ -148,14 +148,14 @@ class DeafSocket(socket.socket):
 
 
 @pytest.mark.lcm
-def test_a_firewall_that_swallows_everything_is_one_sentence(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_reports_a_failed_self_test(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(udpm_socket, "SELF_TEST_SECONDS", 0.01)
     monkeypatch.setattr(udpm_socket, "send_socket", lambda network: DeafSocket(socket.AF_INET, socket.SOCK_DGRAM))
     with pytest.raises(LcmUnavailableError, match="what is sent there does not come back"):
         open_udpm(url)
 
 
-def test_what_udpm_urls_say() -> None:
+def test_parses_udpm_urls() -> None:
     parse = udpm_socket.parse_url
     assert parse("udpm://239.255.1.2:7668?ttl=1&recv_buf_size=4096") == udpm_socket.UdpmUrl(
         "239.255.1.2", 7668, 1, 4096
@@ -169,7 +169,7 @@ AGAIN_MS = 1000
 
 
 @pytest.mark.lcm
-async def test_big_messages_pass_in_both_directions_between_liblcm_and_ours(url: str) -> None:
+async def test_exchanges_big_messages_with_liblcm(url: str) -> None:
     """Fragments of both, of sizes around their borders, with small messages of another sender in between."""
     ours = open_udpm(url, 1 << 28, receive_buffer_bytes=8 << 20)
     theirs, other = join(url), join(url)

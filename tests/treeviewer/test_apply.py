@@ -18,7 +18,7 @@ POSE = {"translation": [1, 2, 3], "quaternion": [1, 0, 0, 0]}
 LINE = {"type": "line", "points": [[0, 0, 0], [1, 1, 1]]}
 
 
-def test_deletes_come_first_then_geometries_then_transforms(viewer: Viewer) -> None:
+def test_order_of_execution(viewer: Viewer) -> None:
     viewer.tell({"setgeometry": [{"path": ["a"], "geometry": LINE}, {"path": ["a", "b"], "geometry": LINE}]})
     answer = viewer.tell(
         {
@@ -41,7 +41,7 @@ def test_one_message_is_one_revision(viewer: Viewer) -> None:
     assert seen == [1, 2]
 
 
-def test_geometry_replaces_geometry_and_keeps_transform_and_children(viewer: Viewer) -> None:
+def test_geometry_keeps_transform_and_children(viewer: Viewer) -> None:
     viewer.publish(BOX)
     viewer.publish(BOX, path=["it", "child"])
     viewer.tell({"settransform": [{"path": ["it"], "transform": POSE}]})
@@ -51,7 +51,7 @@ def test_geometry_replaces_geometry_and_keeps_transform_and_children(viewer: Vie
     assert viewer.paths() == {("it",), ("it", "child")}
 
 
-def test_a_transform_replaces_and_waits_for_geometry(viewer: Viewer) -> None:
+def test_transform_before_geometry(viewer: Viewer) -> None:
     command = {"path": ["a", "b"], "transform": POSE}
     assert viewer.tell({"settransform": [command]})["missing_paths"] == [["a", "b"]]
     assert viewer.publish(BOX, path=["a", "b"])["status"] == 0
@@ -59,7 +59,7 @@ def test_a_transform_replaces_and_waits_for_geometry(viewer: Viewer) -> None:
     assert viewer.node("a", "b").pose == (1, 2, 3, 1, 0, 0, 0)
 
 
-def test_missing_means_no_geometry_here_or_below(viewer: Viewer) -> None:
+def test_missing_paths_have_no_geometry_at_or_below(viewer: Viewer) -> None:
     viewer.publish(path=["empty"])
     viewer.publish(BOX, path=["a", "b", "c"])
     paths: list[Any] = [["empty"], ["a"], ["a", "b", "c"], ["a", "x"], ["z"], []]
@@ -70,7 +70,7 @@ def test_missing_means_no_geometry_here_or_below(viewer: Viewer) -> None:
     assert answer["missing_paths"] == [["a"], ["a", "b", "c"], ["a", "x"], ["z"]]
 
 
-def test_deleting_the_root_clears_everything_and_a_missing_path_is_no_error(viewer: Viewer) -> None:
+def test_deletes_the_root_and_missing_paths(viewer: Viewer) -> None:
     viewer.publish(BOX, path=[])
     viewer.publish(BOX)
     assert viewer.tell({"delete": [{"path": ["never"]}, {"path": ["never"]}]})["deleted_paths"] == [["never"]]
@@ -78,7 +78,7 @@ def test_deleting_the_root_clears_everything_and_a_missing_path_is_no_error(view
     assert viewer.paths() == set()
 
 
-def test_a_request_in_many_steps_does_the_same() -> None:
+def test_many_steps_give_the_same_result() -> None:
     request = {
         "delete": [{"path": ["it", i]} for i in range(3)],
         "setgeometry": [{"path": ["it", i], "geometry": BOX} for i in range(7)],
@@ -111,7 +111,7 @@ def test_a_request_in_many_steps_does_the_same() -> None:
         ("DIRECTOR_TREE_VIEWER_REQUEST_>x<", "", "DIRECTOR_TREE_VIEWER_RESPONSE"),
     ],
 )
-def test_the_answer_goes_to_the_client_of_the_request(channel: str, client: str, answer: str) -> None:
+def test_response_channel(channel: str, client: str, answer: str) -> None:
     assert client_of(channel) == client
     assert response_channel(channel) == answer
 
@@ -147,7 +147,7 @@ def bounded(limits: Limits) -> tuple[Viewer, Clock]:
 
 
 @pytest.mark.parametrize("kind", ["setgeometry", "settransform"])
-def test_the_number_of_nodes_is_bounded(kind: str) -> None:
+def test_limits_nodes(kind: str) -> None:
     viewer, clock = bounded(Limits(nodes=10))
 
     def fill(*names: str) -> dict[str, Any]:
@@ -164,7 +164,7 @@ def test_the_number_of_nodes_is_bounded(kind: str) -> None:
     assert fill("x", "y", "z")["status"] in (0, 1), "what was deleted makes room"
 
 
-def test_the_number_of_geometries_is_bounded_and_replacing_does_not_use_it_up() -> None:
+def test_limits_geometries() -> None:
     viewer, clock = bounded(Limits(parts=10))
     for _ in range(20):
         clock.now += 2
@@ -173,7 +173,7 @@ def test_the_number_of_geometries_is_bounded_and_replacing_does_not_use_it_up() 
     assert "the tree has 5 geometries, the limit is 10" in viewer.publish(*[BOX] * 6, path=["other"])["error"]
 
 
-def test_the_bytes_of_arrays_are_bounded_until_they_are_freed() -> None:
+def test_limits_array_bytes_until_freed() -> None:
     cloud = {"type": "pointcloud", "points": [[0, 0, 0]] * 1000}
     viewer, _ = bounded(Limits(geometry_bytes=30_000))
     for name in "ab":
@@ -190,7 +190,7 @@ def test_the_bytes_of_arrays_are_bounded_until_they_are_freed() -> None:
     assert viewer.protocol.quota.array_bytes == 24_000
 
 
-def test_others_edits_are_counted_when_it_matters() -> None:
+def test_counts_edits_of_other_interfaces() -> None:
     viewer, clock = bounded(Limits(nodes=10))
     with viewer.live.edit() as edit:
         for i in range(9):

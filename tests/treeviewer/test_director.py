@@ -58,7 +58,7 @@ async def test_directors_tests_pass(checkout: Path, transport: str) -> None:
         assert service.status()["failed"] == service.status()["undecodable"] == 0
 
 
-async def test_directors_client_sends_its_scene_again_after_a_restart(checkout: Path, tmp_path: Path) -> None:
+async def test_directors_client_recovers_from_a_restart(checkout: Path, tmp_path: Path) -> None:
     network = free_url()
     join(network)
     config = TreeViewerConfig(lcm=LcmConfig(url=network, tcpq_port=None))

@@ -93,7 +93,7 @@ def test_declared_differences_from_director_that_no_recording_has(
         {**BOX, "transform": {"translation": [NAN, 0, 0]}},
     ],
 )
-def test_what_cannot_be_drawn_is_present_and_warned_about(viewer: Viewer, geometry: dict[str, Any]) -> None:
+def test_warns_about_undrawable_geometry(viewer: Viewer, geometry: dict[str, Any]) -> None:
     answer = viewer.publish(geometry, BOX)
     assert (answer["status"], answer["added_geometries"]) == (0, [["it"]])
     assert "nothing is drawn" in answer["warnings"][0]
@@ -164,7 +164,7 @@ def test_what_cannot_be_drawn_is_present_and_warned_about(viewer: Viewer, geomet
         ({"type": "mesh_file", "filename": "a.obj"}, "geometry.filename: no folder of mesh files is open to clients"),
     ],
 )
-def test_bad_geometry_fails_alone_and_with_a_reason(viewer: Viewer, geometry: dict[str, Any], reason: str) -> None:
+def test_rejects_invalid_geometry(viewer: Viewer, geometry: dict[str, Any], reason: str) -> None:
     viewer.publish({"type": "sphere", "radius": 9}, path=["bad"])
     answer = viewer.tell(
         {
@@ -182,7 +182,7 @@ def test_bad_geometry_fails_alone_and_with_a_reason(viewer: Viewer, geometry: di
     assert [part.shape for part in viewer.parts("bad")] == [Sphere(9)], "what was there stays"
 
 
-def test_one_bad_geometry_of_several_refuses_the_command_and_says_which(viewer: Viewer) -> None:
+def test_one_invalid_geometry_fails_the_command(viewer: Viewer) -> None:
     answer = viewer.publish(BOX, {"type": "cone"})
     assert answer["errors"][0]["reason"] == 'geometries[1].type "cone" is not supported'
     assert not viewer.paths()
@@ -196,7 +196,7 @@ def test_one_bad_geometry_of_several_refuses_the_command_and_says_which(viewer: 
         ([5, -1, NAN, 2], (1, 0, 0, 1)),
     ],
 )
-def test_colours_are_clamped_and_meant_as_displays_show_them(
+def test_clamps_srgb_colours(
     viewer: Viewer, color: list[float], expected: tuple[float, float, float, float]
 ) -> None:
     viewer.publish({**BOX, "color": color})
@@ -210,7 +210,7 @@ def test_colours_are_clamped_and_meant_as_displays_show_them(
     assert (part.material.metallic, part.material.roughness, part.material.point_size) == (0, 1, 2)
 
 
-def test_each_geometry_keeps_its_own_colour_alpha_and_place(viewer: Viewer) -> None:
+def test_geometries_keep_their_own_colour_and_transform(viewer: Viewer) -> None:
     viewer.publish(
         {**BOX, "color": [1, 0, 0, 0.5]},
         {"type": "sphere", "radius": 1, "transform": {"translation": [1, 2, 3], "quaternion": [0, 2, 0, 0]}},
@@ -261,7 +261,7 @@ def test_a_line_without_a_segment_draws_nothing(viewer: Viewer, points: list[Any
         (Limits(faces=2), {"type": "mesh_data", **TRIANGLE, "faces": [[0, 1, 2]]}, "faces has {n} rows"),
     ],
 )
-def test_sizes_are_bounded(limits: Limits, geometry: dict[str, Any], reason: str, count: int) -> None:
+def test_limits_array_sizes(limits: Limits, geometry: dict[str, Any], reason: str, count: int) -> None:
     grown = {
         k: v * count if isinstance(v, list) and k in ("points", "ranges", "faces") else v for k, v in geometry.items()
     }
@@ -275,7 +275,7 @@ def test_sizes_are_bounded(limits: Limits, geometry: dict[str, Any], reason: str
     assert reason.format(n=count) in answer["error"]
 
 
-def test_the_number_of_channels_and_geometries_is_bounded() -> None:
+def test_limits_channels_and_geometries() -> None:
     viewer = Viewer(Limits(channels=2, parts_per_path=2))
     assert (
         "channels has 3 entries, the limit is 2"

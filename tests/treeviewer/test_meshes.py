@@ -37,7 +37,7 @@ def test_a_mesh_without_faces_draws_nothing(viewer: Viewer, mesh: dict[str, Any]
     assert viewer.parts() == ()
 
 
-def test_faces_with_vertices_that_are_nowhere_are_left_out(viewer: Viewer) -> None:
+def test_drops_faces_with_undrawable_vertices(viewer: Viewer) -> None:
     vertices = [*TRIANGLE["vertices"], [NAN, 0, 0]]
     answer = viewer.publish({"type": "mesh_data", "vertices": vertices, "faces": [[0, 1, 2], [0, 1, 3]]})
     assert "1 vertices are not finite" in answer["warnings"][0]

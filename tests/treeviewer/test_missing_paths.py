@@ -40,7 +40,7 @@ class Client:
         self.answered.append((channel[-2:-1], decoded(data)["timestamp"]))
 
 
-async def test_an_answer_with_missing_paths_comes_later_and_others_at_once() -> None:
+async def test_delays_only_responses_with_missing_paths() -> None:
     client = Client()
     client.send(MISSING)
     client.send(FOUND, "b")
@@ -51,7 +51,7 @@ async def test_an_answer_with_missing_paths_comes_later_and_others_at_once() -> 
     assert client.answered[2] == ("a", 1), "the delay is over"
 
 
-async def test_a_clients_answers_keep_their_order() -> None:
+async def test_delayed_responses_keep_their_order() -> None:
     client = Client()
     for data in (FOUND, MISSING, FOUND, MISSING, MISSING, FOUND):
         client.send(data)
@@ -61,7 +61,7 @@ async def test_a_clients_answers_keep_their_order() -> None:
     assert client.dispatcher.counters.missing == 3
 
 
-async def test_delayed_answers_are_sent_before_the_transports_close() -> None:
+async def test_flush_sends_delayed_responses() -> None:
     client = Client()
     client.send(MISSING)
     client.send(FOUND)
@@ -75,7 +75,7 @@ async def test_delayed_answers_are_sent_before_the_transports_close() -> None:
 
 @pytest.mark.lcm
 @pytest.mark.parametrize("transport", ["udp", "tcpq"])
-async def test_directors_client_loses_no_resend(url: str, transport: str) -> None:
+async def test_directors_client_loses_no_commands(url: str, transport: str) -> None:
     async with serving(TreeViewerConfig(lcm=LcmConfig(url=url, tcpq_port=0))) as service:
         network = url if transport == "udp" else f"tcpq://127.0.0.1:{service.tcpq_port}"
         command = [sys.executable, "-m", "tests.treeviewer.director_client", network, str(ROUNDS), str(PAUSE)]

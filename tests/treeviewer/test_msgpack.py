@@ -111,7 +111,7 @@ def test_arrays_come_as_bytes(padding: int) -> None:
         ({"type": "mesh_data", "vertices": np.zeros((3, 3)), "faces": np.zeros((1, 3))}, "faces has floating-point"),
     ],
 )
-def test_bad_arrays_are_refused_with_the_reason(geometry: dict[str, Any], reason: str) -> None:
+def test_rejects_invalid_arrays(geometry: dict[str, Any], reason: str) -> None:
     made = {
         name: msgspec.msgpack.Ext(EXTENSION, value if isinstance(value, bytes) else pack(value))
         if not isinstance(value, str)
@@ -123,7 +123,7 @@ def test_bad_arrays_are_refused_with_the_reason(geometry: dict[str, Any], reason
     assert reason in answer["error"]
 
 
-def test_bad_channels_are_left_out_and_told() -> None:
+def test_ignores_invalid_channels_with_a_warning() -> None:
     viewer = Viewer()
     channels = {"rgb": packed(np.zeros((4, 3))), 7: packed(np.zeros(3)), "x": packed(np.zeros((3, 20))), "y": b"bin"}
     answer = tell(viewer, set_one({"type": "pointcloud", "points": packed(np.zeros((3, 3))), "channels": channels}))
@@ -137,7 +137,7 @@ def test_bad_channels_are_left_out_and_told() -> None:
     ]
 
 
-def test_the_version_must_be_ours_and_the_formats_are_told() -> None:
+def test_rejects_other_versions() -> None:
     answer = tell(Viewer(), {}, version=(2, 0))
     assert answer == {
         "timestamp": 7,
@@ -156,7 +156,7 @@ def test_the_version_must_be_ours_and_the_formats_are_told() -> None:
         (b"", "is not valid MessagePack"),
     ],
 )
-def test_what_cannot_be_read_is_refused(data: bytes, reason: str) -> None:
+def test_rejects_invalid_messagepack(data: bytes, reason: str) -> None:
     answer = tell(Viewer(), data)
     assert answer["status"] == -3
     assert reason in answer["error"]
@@ -180,7 +180,7 @@ def big(body: bytes) -> bytes:
         (b"\xc6" + struct.pack(">I", PADDING) + bytes(PADDING), "must be a MessagePack map, not <bytes>"),
     ],
 )
-def test_big_ones_are_looked_at_before_objects_are_made(data: bytes, reason: str) -> None:
+def test_counts_values_of_big_requests_first(data: bytes, reason: str) -> None:
     answer = tell(Viewer(Limits(binary_objects=1000)), data)
     assert answer["status"] == -3
     assert reason in answer["error"]
@@ -251,7 +251,7 @@ def parted(part: Part) -> Any:
 
 @settings(deadline=None, max_examples=300)
 @given(st.lists(requests, max_size=3), st.booleans())
-def test_requests_mean_the_same_as_in_json(several: list[dict[str, Any]], padded: bool) -> None:
+def test_same_result_as_json(several: list[dict[str, Any]], padded: bool) -> None:
     in_json, in_binary = Viewer(), Viewer()
     for request in several:
         padding = {"padding": bytes(PADDING)} if padded else {}
@@ -265,7 +265,7 @@ def test_requests_mean_the_same_as_in_json(several: list[dict[str, Any]], padded
     st.tuples(st.integers(0, 5)) | st.tuples(st.integers(0, 5), st.integers(1, 4)),
     st.integers(0, 7),
 )
-def test_arrays_survive_packing(name: str, size: tuple[int, ...], offset: int) -> None:
+def test_packed_arrays_round_trip(name: str, size: tuple[int, ...], offset: int) -> None:
     values: NDArray[Any] = (np.arange(np.prod(size)) % 100).reshape(size).astype(DTYPES[name])
     payload = memoryview(bytes(offset) + pack(values))[offset:]
     found = unpack(payload)
@@ -280,7 +280,7 @@ scalars = st.none() | st.integers(-(2**63), 2**64 - 1) | st.floats() | st.text()
 
 @settings(deadline=None, max_examples=200)
 @given(st.recursive(scalars, lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner)))
-def test_the_walk_counts_what_there_is(value: Any) -> None:
+def test_counts_values(value: Any) -> None:
     def count(it: Any) -> int:
         if isinstance(it, list):
             return 1 + sum(map(count, it))
@@ -294,7 +294,7 @@ def test_the_walk_counts_what_there_is(value: Any) -> None:
         assert msgpack_kernels.count_values(data[:-1], 1 << 40) == msgpack_kernels.TRUNCATED
 
 
-def test_mutated_messages_are_survived() -> None:
+def test_survives_mutated_messages() -> None:
     chance = random.Random(4)
     viewer = Viewer(Limits(binary_objects=100_000))
     arrays = {"points": packed(np.zeros((9, 3), np.float32)), "channels": {"rgb": packed(np.zeros((9, 3), np.uint8))}}

@@ -31,7 +31,7 @@ NUMBERS = st.floats(width=64, allow_nan=True, allow_infinity=True) | st.integers
 
 @settings(deadline=None, max_examples=100)
 @given(st.lists(st.tuples(NUMBERS, NUMBERS, NUMBERS), min_size=90, max_size=200), st.sampled_from([None, 1, "\t"]))
-def test_taken_out_arrays_are_what_pythons_json_reads(rows: list[tuple[float, float, float]], indent: Any) -> None:
+def test_extracted_arrays_equal_pythons_json(rows: list[tuple[float, float, float]], indent: Any) -> None:
     data = {"setgeometry": [{"path": ["p"], "geometry": {"type": "line", "points": rows}}]}
     shape = read(json.dumps(data, indent=indent)).geometries[0][1]
     expected = np.array([[float(v) for v in row] for row in rows])
@@ -74,7 +74,7 @@ def test_taken_out_arrays_are_what_pythons_json_reads(rows: list[tuple[float, fl
         ),
     ],
 )
-def test_the_grammar_of_numbers_in_taken_out_arrays(number: str, good: bool) -> None:
+def test_number_grammar_of_extracted_arrays(number: str, good: bool) -> None:
     text = (
         '{"setgeometry": [{"path": ["p"], "geometry": {"type": "line", "points": ['
         + "[1, 2, 3], " * 100
@@ -98,7 +98,7 @@ def test_the_grammar_of_numbers_in_taken_out_arrays(number: str, good: bool) -> 
         assert len(line.points) == 100
 
 
-def test_no_client_can_write_the_name_of_a_taken_out_array() -> None:
+def test_clients_cannot_forge_references() -> None:
     rows = [[0.0, 1.0, 2.0]] * 100
     for name in ("\x00:0", "\x00" + "0" * 24 + ":0"):
         data = {
@@ -113,6 +113,6 @@ def test_no_client_can_write_the_name_of_a_taken_out_array() -> None:
 
 
 @pytest.mark.parametrize(("count", "taken_out"), [(MIN_NUMBERS - 1, False), (MIN_NUMBERS, True)])
-def test_arrays_are_taken_out_from_the_minimum_on(count: int, taken_out: bool) -> None:
+def test_extracts_arrays_from_the_minimum_on(count: int, taken_out: bool) -> None:
     text = json.dumps({"ranges": [1.5] * count}).encode()
     assert (NumberArrays().extract(memoryview(text)) != text) is taken_out

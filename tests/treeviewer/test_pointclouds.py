@@ -55,14 +55,14 @@ def test_empty_channels_are_none(viewer: Viewer, channels: Any) -> None:
         ("red", 'channels is not an object but "red"; it is ignored'),
     ],
 )
-def test_channels_that_do_not_fit_are_warned_about(viewer: Viewer, channels: Any, warning: str) -> None:
+def test_warns_about_channels_that_do_not_fit(viewer: Viewer, channels: Any, warning: str) -> None:
     answer = viewer.publish({**CLOUD, "channels": channels})
     assert answer["status"] == 0
     assert warning in answer["warnings"][0]
     assert dict(cloud_of(viewer).channels) == {}
 
 
-def test_points_that_are_nowhere_are_left_out_with_their_channels(viewer: Viewer) -> None:
+def test_drops_undrawable_points_with_their_channels(viewer: Viewer) -> None:
     viewer.publish(
         {
             "type": "pointcloud",

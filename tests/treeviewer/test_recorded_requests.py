@@ -58,7 +58,7 @@ def check_difference(answer: dict[str, Any], expected: Difference) -> None:
 
 
 @pytest.mark.parametrize("name", [n for n in recordings.names() if n != "fuzz"] or [pytest.param("", id="no corpus")])
-def test_answers_are_directors_except_for_the_listed_differences(name: str) -> None:
+def test_responses_equal_directors(name: str) -> None:
     viewer, _ = protocol()
     differences = dict(DIFFERENCES.get(name, {}))
     for exchange in recordings.exchanges(name or "deep"):
@@ -73,7 +73,7 @@ def test_answers_are_directors_except_for_the_listed_differences(name: str) -> N
     assert not differences, "listed, but not in the recording"
 
 
-def test_missing_paths_follow_the_document_where_empty_folders_mislead_director() -> None:
+def test_missing_paths_follow_the_document() -> None:
     viewer, _ = protocol()
     model = DirectorModel()
     differ = 0
@@ -92,7 +92,7 @@ def test_missing_paths_follow_the_document_where_empty_folders_mislead_director(
 
 
 @pytest.mark.parametrize("name", recordings.names() or [pytest.param("", id="no corpus")])
-def test_final_scenes_have_directors_structure_transforms_and_bounds(name: str) -> None:
+def test_final_scenes_equal_directors(name: str) -> None:
     viewer, live = protocol()
     name = name or "deep"
     for exchange in recordings.exchanges(name):

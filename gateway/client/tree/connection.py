@@ -24,7 +24,7 @@ POLL_MS: Final = 100
 RETRY_SECONDS: Final = 0.2
 HELLO_SECONDS: Final = 1.0
 """Timeout for a hub's hello. liblcm has none."""
-_HINTS: Final = {"tcpq": "nobody listens there", "udpm": "is there a route for multicast?"}
+_HINTS: Final = {"tcpq": "no hub listens there", "udpm": "is there a route for multicast?"}
 """Probable reason of a failure, by scheme; liblcm prints reasons to stderr only."""
 _INFO_LINES: Final = frozenset((b"LCM tcpq: connecting...",))
 """Lines that liblcm writes to stderr on success."""
@@ -100,7 +100,7 @@ class LcmConnection:
                 f"LCM cannot be loaded ({error}): pip install lcm, and apt install libglib2.0-0"
             ) from None
         scheme = self.url.partition("://")[0]
-        hint = _HINTS.get(scheme, "udpm:// and tcpq:// are what viewers speak")
+        hint = _HINTS.get(scheme, "use udpm:// or tcpq://")
         url = _with_host_address(self.url)
         if scheme == "tcpq" and not _listens(url):  # liblcm would write three lines to stderr
             raise ConnectionError(f"LCM cannot join {self.url}: {hint}")
