@@ -1,7 +1,6 @@
 """Client of another TCPQ hub (``--lcm-url tcpq://host:port``), without liblcm.
 
-liblcm's client blocks until a whole message has arrived, and until the hub replies to its hello: it would block the event
-loop.
+liblcm's client would block the event loop until a whole message has arrived, and until the hub replies to its hello.
 """
 
 from __future__ import annotations

@@ -189,7 +189,9 @@ async def test_keeps_recorded_times(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert waits == [pytest.approx(0.5, abs=0.4), pytest.approx(20.0, abs=0.5)]
 
 
-@pytest.mark.parametrize(("url", "reason"), [("tcpq://127.0.0.1:1", "LCM cannot join tcpq"), ("bogus://", "the URL must begin with")])
+@pytest.mark.parametrize(
+    ("url", "reason"), [("tcpq://127.0.0.1:1", "LCM cannot join tcpq"), ("bogus://", "the URL must begin with")]
+)
 async def test_reports_missing_network(url: str, reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(replay, "CONNECT_SECONDS", 0.05)
     with pytest.raises((OSError, RuntimeError), match=reason):

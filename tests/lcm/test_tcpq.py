@@ -29,9 +29,7 @@ FRAMES = st.lists(
 
 @settings(deadline=None, max_examples=60)
 @given(FRAMES, st.lists(st.integers(1, 300_000), min_size=1, max_size=20))
-def test_parses_frames_from_any_chunks(
-    frames: list[tuple[FrameType, str, int]], cuts: list[int]
-) -> None:
+def test_parses_frames_from_any_chunks(frames: list[tuple[FrameType, str, int]], cuts: list[int]) -> None:
     got: list[tuple[FrameType, str, bytes]] = []
     reader = FrameParser(MAGIC_CLIENT, 1_000_000, lambda k, c, d: got.append((k, c, bytes(d))), lambda _: True)
     stream = CLIENT_HELLO

@@ -73,9 +73,7 @@ def test_rejects_messages_that_lcm_cannot_carry() -> None:
     shuffled=st.booleans(),
     repeated=st.booleans(),
 )
-def test_reassembles_in_any_order(
-    sizes: list[int], seed: int, shuffled: bool, repeated: bool
-) -> None:
+def test_reassembles_in_any_order(sizes: list[int], seed: int, shuffled: bool, repeated: bool) -> None:
     chance = random.Random(seed)
     messages = {(f"10.0.0.{i}", 5): (f"WANTED_{i}", chance.randbytes(size)) for i, size in enumerate(sizes)}
     queues = {sender: cut(*message, sequence=3) for sender, message in messages.items()}

@@ -196,9 +196,7 @@ def test_one_invalid_geometry_fails_the_command(viewer: Viewer) -> None:
         ([5, -1, NAN, 2], (1, 0, 0, 1)),
     ],
 )
-def test_clamps_srgb_colours(
-    viewer: Viewer, color: list[float], expected: tuple[float, float, float, float]
-) -> None:
+def test_clamps_srgb_colours(viewer: Viewer, color: list[float], expected: tuple[float, float, float, float]) -> None:
     viewer.publish({**BOX, "color": color})
     (part,) = viewer.parts()
     assert part.material is material(expected)

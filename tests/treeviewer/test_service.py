@@ -34,9 +34,7 @@ async def test_announces_its_start(url: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("transport", ["udp", "tcpq"])
 @pytest.mark.parametrize("name", recordings.names() or [pytest.param("", id="no corpus")])
-async def test_recorded_requests_over_real_lcm(
-    name: str, transport: str, url: str
-) -> None:
+async def test_recorded_requests_over_real_lcm(name: str, transport: str, url: str) -> None:
     name = name or "deep"
     meshes = RecordedMeshes(recordings.folder() / "assets")
     differences = DIFFERENCES.get(name, {})
