@@ -12,6 +12,7 @@ import signal
 import sys
 from pathlib import Path
 
+from gateway.lcm.config import LcmConfig
 from gateway.scene.live import LiveTree
 from gateway.state.config import StateConfig
 from gateway.state.service import State
@@ -27,7 +28,7 @@ async def serve(path: Path) -> None:
     state = State(StateConfig(path, checkpoint_bytes=1 << 18, most_log_bytes=1 << 20))
     state.restore_tree(live)
     state.start()
-    service = TreeViewerService(TreeViewerConfig(lcm_url="off", tcpq_port=0), live, durable=state.journal)
+    service = TreeViewerService(TreeViewerConfig(lcm=LcmConfig(url="off", tcpq_port=0)), live, durable=state.journal)
     running = asyncio.create_task(service.run())
     await service.wait_ready()
     print("life", os.getpid(), service.tcpq_port, flush=True)
