@@ -112,7 +112,7 @@ def join_treeviewer(house: House) -> None:
 
     settings = house.settings
     lcm = LcmConfig(url=settings.lcm_url, tcpq_host=house.security.tcpq_host, tcpq_port=settings.tcpq_port)
-    durable = house.state.journal if house.state is not None else None
+    durable = house.state.commits if house.state is not None else None
     service = TreeViewerService(TreeViewerConfig(lcm=lcm), house.tree, MeshFiles(settings.mesh_root), durable=durable)
     metrics.watch_treeviewer(house.metrics, service)
     where = settings.lcm_url or "LCM"

@@ -77,8 +77,8 @@ def _join_camera(house: House, number: int, mount: Mount) -> StereoService:
         return {**described, **where, **({"warning": warning} if warning else {})}
 
     if house.state is not None:
-        house.state.keep_parameters(str(number), lambda: list(NODES), service.parameters)
-        service.stored = house.state.journal.stored
+        house.state.restore_parameters(str(number), lambda: list(NODES), service.parameters)
+        service.stored = house.state.commits.stored
     if number == 0:
         house.stereo_camera = view.camera
         house.eyes = StereoEyes(service, view, live=settings.stereo_scene == "live")
