@@ -24,6 +24,7 @@ import uvloop
 
 from bench.treeviewer_clients import Client, Figures, measure, process, started
 from bench.treeviewer_requests import boxes, cloud, transforms
+from gateway.lcm.config import LcmConfig
 from gateway.runtime.process_tuning import tune
 from gateway.scene.live import LiveTree
 from gateway.state.config import StateConfig
@@ -55,7 +56,9 @@ async def serve(port: int, path: Path | None) -> None:
         state.start()
         state.store_idle_edits(live)
     service = TreeViewerService(
-        TreeViewerConfig(lcm_url="off", tcpq_port=port), live, durable=state.commits if state is not None else None
+        TreeViewerConfig(lcm=LcmConfig(url="off", tcpq_port=port)),
+        live,
+        durable=state.commits if state is not None else None,
     )
     running = asyncio.create_task(service.run())
     await service.wait_ready()

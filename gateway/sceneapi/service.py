@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.gltf.export import export_glb
-from gateway.runtime.worker_pool import Workers
+from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.bounds import BoundsMemory
 from gateway.scene.cameras import CameraError, NoSuchCameraError
 from gateway.scene.flatten import Flattener
@@ -49,7 +49,7 @@ class SceneApi:
         self,
         tree: LiveTree,
         renderer: Renderer,
-        workers: Workers,
+        workers: WorkerPool,
         config: SceneApiConfig | None = None,
         *,
         labels: LabelTable | None = None,

@@ -9,7 +9,7 @@ from typing import Final
 
 import structlog
 
-from gateway.runtime.worker_pool import Busy, Closed, TooSlow, Workers
+from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull, WorkerPool
 from gateway.scene.cameras import CameraSpec
 from gateway.scene.flatten import Flattener
 from gateway.scene.live import LiveTree, Snapshot
@@ -57,7 +57,7 @@ class SceneImages:
         tree: LiveTree,
         flattener: Flattener,
         renderer: Renderer,
-        workers: Workers,
+        workers: WorkerPool,
         stereo_camera: Callable[[], Camera | None] = lambda: None,
     ) -> None:
         """
@@ -80,8 +80,8 @@ class SceneImages:
         Raises:
             CameraError: The camera cannot be resolved in the scene.
             ImageError: A texture cannot be decoded.
-            Busy: The queue for worker threads is full.
-            TooSlow: Rendering took too long.
+            QueueFull: The queue for worker threads is full.
+            DeadlineExceeded: Rendering took too long.
         """
         snapshot = self._tree.snapshot
         key = (request, snapshot.revision)
@@ -128,10 +128,10 @@ class SceneImages:
                 changed.clear()
                 try:
                     data, _ = await self.jpeg(request)
-                except Busy as error:
+                except QueueFull as error:
                     await asyncio.sleep(error.retry_after)
                     continue
-                except (TooSlow, Closed) as error:  # too late for an error response
+                except (DeadlineExceeded, PoolClosed) as error:  # too late for an error response
                     _log.warning("image stream ended", reason=str(error))
                     return
                 head = f"Content-Type: image/jpeg\r\nContent-Length: {len(data)}\r\n\r\n".encode()

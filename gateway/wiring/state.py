@@ -46,9 +46,9 @@ async def restore_state(house: House) -> None:
 
     def on_problem(problem: str) -> None:
         if problem:
-            house.board.fail(STATE, f"{house.settings.state} cannot be written: {problem}")
+            house.registry.fail(STATE, f"{house.settings.state} cannot be written: {problem}")
         else:
-            house.board.ready(STATE, where=str(house.settings.state), figures=state.status)
+            house.registry.ready(STATE, where=str(house.settings.state), figures=state.status)
 
     state.commits.on_problem = on_problem
     on_problem("")

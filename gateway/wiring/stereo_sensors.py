@@ -53,7 +53,7 @@ class StereoEyes:
         """Takes a set now, with the parameters as they are.
 
         Raises:
-            Busy: the worker threads have too much to do.
+            QueueFull: the worker threads have too much to do.
             ImageError: a texture of the scene cannot be decoded.
         """
         service, settings = self._service, self._service.settings

@@ -38,7 +38,7 @@ def gateway_status(house: House) -> dict[str, Any]:
     """Return what the page's status bar shows: the interfaces' states, the queue, lost messages and streams."""
     interfaces: dict[str, dict[str, str]] = {}
     details: dict[str, dict[str, Any]] = {}
-    for name, entry in house.board.entries.items():
+    for name, entry in house.registry.entries.items():
         described = entry.describe()
         problem = described.get("problem") or described.get("warning")
         interfaces[name] = {"state": described["state"], **({"problem": str(problem)} if problem else {})}
@@ -64,7 +64,7 @@ def lost_lcm_messages(treeviewer: Mapping[str, Any]) -> int | None:
 
 def render_summary(record: RenderRecord) -> RenderSummary:
     """Return what the page lists of a render request, without its scene."""
-    request, image = record.request, record.picture
+    request, image = record.request, record.image
     what, scene = "not understood", ""
     if request is not None:
         what = f"{request.image_type}, {request.width} × {request.height}"
@@ -76,7 +76,7 @@ def render_summary(record: RenderRecord) -> RenderSummary:
     return RenderSummary(
         status=record.status,
         seconds=record.seconds,
-        queued=record.queued,
+        queued=record.queue_seconds,
         what=what,
         scene=scene,
         kind=request.image_type if request is not None else "",

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from fastapi import FastAPI
 
-from gateway.runtime.worker_pool import Workers
+from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene import transforms as tf
 from gateway.scene.geometry import Box, Part, Sphere
 from gateway.scene.live import LiveTree
@@ -64,7 +64,7 @@ class RecordingRenderer:
 class World:
     tree: LiveTree
     renderer: RecordingRenderer
-    workers: Workers
+    workers: WorkerPool
     service: SceneApi
     client: httpx2.AsyncClient
 
@@ -77,7 +77,7 @@ async def world() -> AsyncIterator[World]:
         edit.set_parts(("robot", "head"), (Part(Sphere(0.5), Material()),))
         edit.set_matrix(("robot", "head"), tf.translation(0, 0, 2))
         edit.set_pose(("frame",), (1, 2, 3, 1, 0, 0, 0))
-    renderer, workers = RecordingRenderer(), Workers(2, max_waiting=1)
+    renderer, workers = RecordingRenderer(), WorkerPool(2, max_waiting=1)
     config = SceneApiConfig(width=320, height=240, max_pixels=100_000, max_side=1000)
     service = SceneApi(tree, renderer, workers, config)
     app = FastAPI()

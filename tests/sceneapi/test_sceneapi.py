@@ -16,7 +16,7 @@ from fastapi import FastAPI
 from numpy.typing import NDArray
 
 from gateway.gltf import read_gltf
-from gateway.runtime.worker_pool import Workers
+from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.geometry import Box, Part, PointCloud
 from gateway.scene.live import LiveTree
 from gateway.scene.transforms import look_at
@@ -336,8 +336,8 @@ async def test_status_counts_images(world: World) -> None:
     assert world.service.status() == {"revision": 1, "geometries": 2, "pictures": 1}
 
 
-async def endless(seconds: float | None) -> tuple[EndlessRenderer, FastAPI, Workers]:
-    renderer, workers = EndlessRenderer(), Workers(1, seconds=seconds, limit_name="--render-seconds")
+async def endless(seconds: float | None) -> tuple[EndlessRenderer, FastAPI, WorkerPool]:
+    renderer, workers = EndlessRenderer(), WorkerPool(1, seconds=seconds, limit_name="--render-seconds")
     app = FastAPI()
     app.include_router(router(SceneApi(LiveTree(), renderer, workers)))
     return renderer, app, workers

@@ -11,6 +11,7 @@ import signal
 import sys
 from pathlib import Path
 
+from gateway.lcm.config import LcmConfig
 from gateway.scene.live import LiveTree
 from gateway.state.config import StateConfig
 from gateway.state.service import PersistentState
@@ -26,7 +27,7 @@ async def serve(path: Path) -> None:
     state = PersistentState(StateConfig(path, checkpoint_bytes=1 << 18))
     state.restore_tree(live)
     state.start()
-    service = TreeViewerService(TreeViewerConfig(lcm_url="off", tcpq_port=0), live, durable=state.commits)
+    service = TreeViewerService(TreeViewerConfig(lcm=LcmConfig(url="off", tcpq_port=0)), live, durable=state.commits)
     running = asyncio.create_task(service.run())
     await service.wait_ready()
     print("server", os.getpid(), service.tcpq_port, flush=True)

@@ -14,7 +14,7 @@ import pytest
 from fastapi import FastAPI
 from PIL import Image as Pillow
 
-from gateway.runtime.worker_pool import Workers
+from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.cameras import parse_camera
 from gateway.scene.flatten import Flattener
 from gateway.scene.geometry import Box, Part, PointCloud
@@ -67,7 +67,7 @@ class World:
         self.hub = ViewHub(self.config, self.tree)
         self.renderer = CountingRenderer()
         flattener = Flattener(LabelTable())
-        self.images = SceneImages(self.config, self.tree, flattener, self.renderer, Workers(1))
+        self.images = SceneImages(self.config, self.tree, flattener, self.renderer, WorkerPool(1))
         self.captures = 0
         self.app = FastAPI()
         self.app.include_router(router(self.hub))
@@ -259,7 +259,7 @@ class EndlessWorld(World):
     def __init__(self, seconds: float | None) -> None:
         super().__init__()
         self.endless = EndlessRenderer()
-        self.workers = Workers(1, seconds=seconds, limit_name="--render-seconds")
+        self.workers = WorkerPool(1, seconds=seconds, limit_name="--render-seconds")
         flattener = Flattener(LabelTable())
         self.images = SceneImages(self.config, self.tree, flattener, self.endless, self.workers)
 

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import asyncio
 import struct
+from functools import partial
 
 import pytest
 
-from gateway.lcm.tcpq import CLIENT_HELLO, Frame, publish_head
+from gateway.lcm.tcpq import CLIENT_HELLO, FrameType, publish_header
 from gateway.treeviewer import wire
 from gateway.treeviewer.protocol import REQUEST, RESPONSE
+from gateway.treeviewer.service import TreeViewerService
 from tests.support.waiting import SECONDS, until
 from tests.treeviewer.conversation import ONE_BOX, decoded, message
 from tests.treeviewer.transports import HubClient, serving
 
 
-async def test_a_client_whose_messages_wait_too_much_is_held_back_and_loses_nothing() -> None:
+async def test_pauses_a_client_with_too_many_waiting_bytes() -> None:
     rows = ", ".join(["[0.5, 1.5, 2.25]"] * 40_000)
     big = message(
         f'{{"setgeometry": [{{"path": ["cloud"], "geometry": {{"type": "pointcloud", "points": [{rows}]}}}}]}}'
@@ -39,7 +41,7 @@ async def test_a_client_whose_messages_wait_too_much_is_held_back_and_loses_noth
         await client.close()
 
 
-async def test_a_reader_that_does_not_read_is_disconnected_and_others_go_on() -> None:
+async def test_disconnects_slow_readers() -> None:
     async with serving(hub_client_send_bytes=1_000_000) as service:
         lazy = await HubClient.connect(service.tcpq_port, receive_buffer=4096)
         reader, sender = await HubClient.connect(service.tcpq_port), await HubClient.connect(service.tcpq_port)
@@ -64,13 +66,13 @@ async def test_a_reader_that_does_not_read_is_disconnected_and_others_go_on() ->
         b"GET / HTTP/1.1\r\nHost: x\r\n\r\n",
         CLIENT_HELLO + struct.pack(">II", 9, 0),
         CLIENT_HELLO + struct.pack(">II", 0, 0),
-        CLIENT_HELLO + struct.pack(">II", Frame.PUBLISH, 65_537) + b"c" * 64,
-        CLIENT_HELLO + struct.pack(">II", Frame.SUBSCRIBE, 2**31),
-        CLIENT_HELLO + struct.pack(">II", Frame.PUBLISH, 1) + b"\xff",
-        CLIENT_HELLO + struct.pack(">II", Frame.PUBLISH, 1) + b"c" + struct.pack(">I", 2**32 - 1),
+        CLIENT_HELLO + struct.pack(">II", FrameType.PUBLISH, 65_537) + b"c" * 64,
+        CLIENT_HELLO + struct.pack(">II", FrameType.SUBSCRIBE, 2**31),
+        CLIENT_HELLO + struct.pack(">II", FrameType.PUBLISH, 1) + b"\xff",
+        CLIENT_HELLO + struct.pack(">II", FrameType.PUBLISH, 1) + b"c" + struct.pack(">I", 2**32 - 1),
     ],
 )
-async def test_garbage_ends_its_own_connection_only(garbage: bytes) -> None:
+async def test_invalid_frames_close_only_their_connection(garbage: bytes) -> None:
     async with serving() as service:
         good = await HubClient.connect(service.tcpq_port)
         reader, writer = await asyncio.open_connection("127.0.0.1", service.tcpq_port)
@@ -85,13 +87,17 @@ async def test_garbage_ends_its_own_connection_only(garbage: bytes) -> None:
         await good.close()
 
 
-async def test_announced_memory_is_bounded_over_all_clients() -> None:
-    head = publish_head("C", 40_000_000)
-    async with serving(waiting_bytes=100_000_000) as service:
+def arriving(service: TreeViewerService, size: int) -> bool:
+    return bool(service.status()["tcpq"]["arriving_bytes"] == size)
+
+
+async def test_limits_announced_bytes_of_all_clients() -> None:
+    head = publish_header("C", 40_000_000)
+    async with serving(queued_bytes=100_000_000) as service:
         clients = [await HubClient.connect(service.tcpq_port) for _ in range(4)]
         for client, announced in zip(clients, (40_000_000, 80_000_000), strict=False):
             client.writer.write(head + b"x" * 1000)
-            await until(lambda announced=announced: service.status()["tcpq"]["arriving_bytes"] == announced)
+            await until(partial(arriving, service, announced))
         clients[2].writer.write(head + b"x")
         assert await clients[2].ended()
         await clients[0].close()
@@ -105,7 +111,7 @@ async def test_announced_memory_is_bounded_over_all_clients() -> None:
             await client.close()
 
 
-async def test_clients_and_subscriptions_are_bounded() -> None:
+async def test_limits_clients_and_subscriptions() -> None:
     async with serving(hub_clients=2, hub_subscriptions=3) as service:
         first, second = await HubClient.connect(service.tcpq_port), await HubClient.connect(service.tcpq_port)
         reader, writer = await asyncio.open_connection("127.0.0.1", service.tcpq_port)
@@ -125,12 +131,12 @@ async def test_clients_and_subscriptions_are_bounded() -> None:
         await second.close()
 
 
-async def test_a_clients_patterns_together_are_bounded_in_what_they_cost() -> None:
+async def test_limits_pattern_cost_per_client() -> None:
     async with serving() as service, asyncio.timeout(SECONDS):
         client = await HubClient.connect(service.tcpq_port)
         for i in range(3):  # two of them are as much as one client may have matched
             await client.subscribe(f".*.*.*{i}")
-        await client.subscribe(".*.*.*0", Frame.UNSUBSCRIBE)
+        await client.subscribe(".*.*.*0", FrameType.UNSUBSCRIBE)
         await client.subscribe(".*.*.*3")
         for i in (2, 0, 1, 3):
             await client.publish(f"C{i}", b"")
@@ -138,7 +144,7 @@ async def test_a_clients_patterns_together_are_bounded_in_what_they_cost() -> No
         await client.close()
 
 
-async def test_names_that_are_too_long_are_dropped_and_the_connection_stays() -> None:
+async def test_drops_messages_with_too_long_channels() -> None:
     async with serving() as service:
         client = await HubClient.connect(service.tcpq_port)
         await client.subscribe("x" * 1999)  # ignored
@@ -152,7 +158,7 @@ async def test_names_that_are_too_long_are_dropped_and_the_connection_stays() ->
         await client.close()
 
 
-async def test_patterns_that_would_take_too_long_for_a_long_channel_are_not_tried() -> None:
+async def test_skips_expensive_patterns_on_long_channels() -> None:
     async with serving() as service:
         client, other = await HubClient.connect(service.tcpq_port), await HubClient.connect(service.tcpq_port)
         await client.subscribe("a.*a.*a.*b")  # three repetitions

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway.lcm import udpm
+from gateway.lcm import udpm, udpm_assembler
+from gateway.lcm.udpm_assembler import Address, Assembler
 
 PREFIX = b"WANTED"
 A, B = ("10.0.0.1", 1000), ("10.0.0.2", 2000)
@@ -22,17 +23,8 @@ class Clock:
         return self.now
 
 
-def read(assembler: udpm.Assembler, datagram: bytes, sender: udpm.Address = A) -> tuple[str, bytes] | None:
-    """As the kernel and the bus do it: the datagram goes where the assembler wants it."""
-    place = assembler.place
-    if place is None:
-        assembler.scratch[: len(datagram)] = datagram
-    else:
-        head, rest = place
-        size = min(len(head), len(datagram))
-        head[:size] = datagram[:size]
-        rest[: len(datagram) - size] = datagram[size:]
-    message = assembler.received(len(datagram), sender)
+def read(assembler: Assembler, datagram: bytes, sender: Address = A) -> tuple[str, bytes] | None:
+    message = assembler.receive(datagram, sender)
     return None if message is None else (message.channel, bytes(message.data))
 
 
@@ -40,29 +32,29 @@ def cut(channel: str, data: bytes, sequence: int = 7) -> list[bytes]:
     return [b"".join(pieces) for pieces in udpm.datagrams(channel, data, sequence)]
 
 
-def assembler(most: int = 1 << 28, waiting: int = 1 << 28, clock: Clock | None = None) -> udpm.Assembler:
-    return udpm.Assembler(PREFIX, most, waiting, clock or Clock())
+def assembler(most: int = 1 << 28, waiting: int = 1 << 28, clock: Clock | None = None) -> Assembler:
+    return Assembler(PREFIX, most, waiting, clock or Clock())
 
 
 def fragment(sequence: int, size: int, offset: int, number: int, fragments: int, data: bytes) -> bytes:
     return b"LC03" + struct.pack(">IIIHH", sequence, size, offset, number, fragments) + data
 
 
-def test_a_short_message_is_one_datagram_as_lcm_writes_it() -> None:
+def test_short_message_is_one_datagram() -> None:
     assert cut("WANTED_x", b"data", 258) == [b"LC02\0\0\1\2WANTED_x\0data"]
     assert read(assembler(), b"LC02\0\0\1\2WANTED_x\0data") == ("WANTED_x", b"data")
 
 
-def test_a_long_message_is_cut_where_lcm_cuts_it() -> None:
+def test_fragments_are_those_of_liblcm() -> None:
     data = bytes(200_000)
     pieces = cut("WANTED", data, 1)
     assert [len(piece) for piece in pieces] == [65_507, 65_507, 65_507, 20 + 200_000 + 7 - 3 * 65_487]
     assert pieces[1][:20] == b"LC03" + struct.pack(">IIIHH", 1, 200_000, 65_480, 1, 4)
-    assert len(cut("WANTED", bytes(udpm.MOST_SHORT - 7))) == 1
-    assert len(cut("WANTED", bytes(udpm.MOST_SHORT - 6))) == 2
+    assert len(cut("WANTED", bytes(udpm.MAX_SHORT_BYTES - 7))) == 1
+    assert len(cut("WANTED", bytes(udpm.MAX_SHORT_BYTES - 6))) == 2
 
 
-def test_what_lcm_cannot_send_is_refused_with_the_reason() -> None:
+def test_rejects_messages_that_lcm_cannot_carry() -> None:
     with pytest.raises(ValueError, match=r"at most 63 characters, 'x{64}' has 64"):
         cut("x" * 64, b"")
 
@@ -81,9 +73,7 @@ def test_what_lcm_cannot_send_is_refused_with_the_reason() -> None:
     shuffled=st.booleans(),
     repeated=st.booleans(),
 )
-def test_messages_of_many_senders_survive_any_order(
-    sizes: list[int], seed: int, shuffled: bool, repeated: bool
-) -> None:
+def test_reassembles_in_any_order(sizes: list[int], seed: int, shuffled: bool, repeated: bool) -> None:
     chance = random.Random(seed)
     messages = {(f"10.0.0.{i}", 5): (f"WANTED_{i}", chance.randbytes(size)) for i, size in enumerate(sizes)}
     queues = {sender: cut(*message, sequence=3) for sender, message in messages.items()}
@@ -108,18 +98,7 @@ def test_messages_of_many_senders_survive_any_order(
     assert it.waiting_bytes == it.incomplete == 0
 
 
-def test_fragments_in_order_are_read_in_place() -> None:
-    it = assembler()
-    pieces = cut("WANTED", random.Random(1).randbytes(400_000))
-    in_place = 0
-    for piece in pieces[:-1]:
-        in_place += it.place is not None
-        assert read(it, piece) is None
-    assert in_place == len(pieces) - 2  # not the first, whose place is not known, and not the last, which is shorter
-    assert read(it, pieces[-1]) is not None
-
-
-def test_strangers_between_fragments_do_no_harm() -> None:
+def test_ignores_other_datagrams_between_fragments() -> None:
     it = assembler()
     data = random.Random(2).randbytes(500_000)
     other = random.Random(3).randbytes(300_000)
@@ -134,7 +113,7 @@ def test_strangers_between_fragments_do_no_harm() -> None:
     assert messages[-1] == ("WANTED", data)
 
 
-def test_a_message_that_nobody_wants_takes_no_memory() -> None:
+def test_unwanted_messages_take_no_memory() -> None:
     it = assembler()
     pieces = cut("OTHER", bytes(500_000))
     for piece in pieces[:-1]:
@@ -144,32 +123,32 @@ def test_a_message_that_nobody_wants_takes_no_memory() -> None:
     assert it.incomplete == 0
 
 
-def test_lost_fragments_are_noticed_when_the_next_message_comes_later() -> None:
+def test_counts_incomplete_messages_at_the_next_message() -> None:
     clock = Clock()
     it = assembler(clock=clock)
     lost, whole = cut("WANTED", bytes(300_000), 1), cut("WANTED", bytes(200_000), 2)
     for piece in lost[:-1]:
         read(it, piece)
-    clock.now += udpm.STALE_SECONDS
+    clock.now += udpm_assembler.STALE_SECONDS
     assert [read(it, piece) for piece in whole][-1] == ("WANTED", bytes(200_000))
     assert (it.incomplete, it.waiting_bytes) == (1, 0)
 
 
-def test_lost_fragments_are_noticed_without_a_next_message() -> None:
+def test_counts_incomplete_messages_when_stale() -> None:
     clock = Clock()
     it = assembler(clock=clock)
     lost = cut("WANTED", bytes(300_000))
     for piece in lost[:-1]:
         read(it, piece)
-    it.give_up_stale()
+    it.discard_stale()
     assert (it.incomplete, it.waiting_bytes) == (0, 300_000)
-    clock.now += udpm.STALE_SECONDS
-    it.give_up_stale()
+    clock.now += udpm_assembler.STALE_SECONDS
+    it.discard_stale()
     assert (it.incomplete, it.waiting_bytes) == (1, 0)
     assert read(it, lost[-1]) is None
 
 
-def test_a_sender_that_starts_again_with_the_same_numbers_is_a_new_message() -> None:
+def test_restarted_sender_reuses_sequence_numbers() -> None:
     it = assembler()
     read(it, cut("WANTED", bytes(300_000), 0)[0])
     data = b"y" * 200_000
@@ -177,7 +156,7 @@ def test_a_sender_that_starts_again_with_the_same_numbers_is_a_new_message() -> 
     assert it.incomplete == 1
 
 
-def test_the_oldest_is_given_up_when_too_much_is_on_its_way() -> None:
+def test_discards_the_oldest_beyond_the_limits() -> None:
     it = assembler(waiting=1_000_000)
     first = {sender: cut("WANTED", bytes(400_000)) for sender in (A, B)}
     for sender in (A, B):
@@ -185,9 +164,9 @@ def test_the_oldest_is_given_up_when_too_much_is_on_its_way() -> None:
     read(it, cut("WANTED", bytes(300_000))[0], ("10.0.0.3", 1))
     assert (it.incomplete, it.waiting_bytes) == (1, 700_000)
     assert [read(it, piece, B) for piece in first[B][1:]][-1] is not None
-    for number in range(udpm.MOST_UNFINISHED + 5):
+    for number in range(udpm_assembler.MAX_PARTIAL + 5):
         read(it, fragment(number, 10, 0, 1, 2, b"x"), ("10.0.0.4", 1))
-    assert it.waiting_bytes <= 10 * udpm.MOST_UNFINISHED
+    assert it.waiting_bytes <= 10 * udpm_assembler.MAX_PARTIAL
 
 
 @pytest.mark.parametrize(
@@ -202,13 +181,13 @@ def test_the_oldest_is_given_up_when_too_much_is_on_its_way() -> None:
     ],
     ids=["beyond the end", "number beyond the count", "too big", "endless channel", "no fragments", "far offset"],
 )
-def test_lies_in_a_fragment_are_ignored(datagram: bytes) -> None:
+def test_ignores_invalid_fragments(datagram: bytes) -> None:
     it = assembler()
     assert read(it, datagram) is None
     assert it.waiting_bytes == 0
 
 
-def test_a_message_may_not_have_more_fragments_than_any_program_makes() -> None:
+def test_refuses_tiny_fragments() -> None:
     it = assembler()
     for number in range(2000):
         read(it, fragment(1, 65_535, number, number, 65_535, b"x"))
@@ -220,7 +199,7 @@ def test_a_message_may_not_have_more_fragments_than_any_program_makes() -> None:
     assert [read(it, piece) for piece in pieces][-1] == ("WANTED", data)
 
 
-def test_what_claims_too_much_is_counted_once_a_message() -> None:
+def test_counts_refused_messages_once() -> None:
     it = assembler(most=1_000_000)
     for sequence, name in ((1, "WANTED"), (2, "WANTED"), (3, "OTHER")):
         for piece in cut(name, bytes(1_000_001), sequence):
@@ -232,7 +211,7 @@ def test_what_claims_too_much_is_counted_once_a_message() -> None:
     assert it.refused == 3
 
 
-def test_what_comes_twice_counts_once() -> None:
+def test_ignores_repeated_datagrams() -> None:
     clock = Clock()
     it = assembler(clock=clock)
     pieces = cut("WANTED", random.Random(1).randbytes(300_000))
@@ -242,19 +221,19 @@ def test_what_comes_twice_counts_once() -> None:
     assert read(it, pieces[-1]) is not None
     assert read(it, other[-1]) is None
     assert [read(it, piece) for piece in pieces + other] == [None] * (len(pieces) + len(other))
-    clock.now = udpm.STALE_SECONDS + 1.0
-    it.give_up_stale()
+    clock.now = udpm_assembler.STALE_SECONDS + 1.0
+    it.discard_stale()
     assert (it.incomplete, it.waiting_bytes) == (0, 0)
     # later the same numbers mean another message, at once if it looks different
     assert [read(it, piece) for piece in pieces][-1] is not None
     assert [read(it, piece) for piece in cut("WANTED", bytes(200_000))][-1] is not None
-    for number in range(udpm.FINISHED_REMEMBERED + 10):
+    for number in range(udpm_assembler.MAX_COMPLETED + 10):
         for piece in cut("WANTED", bytes(70_000), 100 + number):
             read(it, piece)
-    assert len(it._finished) == udpm.FINISHED_REMEMBERED
+    assert len(it.completed) == udpm_assembler.MAX_COMPLETED
 
 
-def test_a_message_with_gaps_never_shows_what_the_memory_held() -> None:
+def test_gaps_never_expose_uninitialised_memory() -> None:
     it = assembler()
     assert read(it, fragment(1, 100, 0, 0, 2, b"WANTED\0" + bytes(50))) is None
     assert read(it, fragment(1, 100, 10, 1, 2, bytes(50))) is None
@@ -263,7 +242,7 @@ def test_a_message_with_gaps_never_shows_what_the_memory_held() -> None:
 
 @settings(deadline=None, max_examples=200)
 @given(st.lists(st.tuples(st.integers(0, 3), st.binary(max_size=64), st.booleans()), max_size=30))
-def test_any_datagrams_are_survived(datagrams: list[tuple[int, bytes, bool]]) -> None:
+def test_survives_any_datagrams(datagrams: list[tuple[int, bytes, bool]]) -> None:
     it = assembler(most=1000, waiting=5000)
     for sender, rest, long in datagrams:
         read(it, (b"LC03" if long else b"LC02") + rest, ("x", sender))

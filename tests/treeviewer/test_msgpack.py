@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from gateway.scene.geometry import Line, Part, PointCloud, Surface
-from gateway.treeviewer import answers, msgpack_kernels, wire
-from gateway.treeviewer.arrays import EXTENSION, TYPES, pack, unpack
-from gateway.treeviewer.binary import LEAST_CUT
+from gateway.treeviewer import msgpack_kernels, responses, wire
 from gateway.treeviewer.config import Limits
+from gateway.treeviewer.packed_arrays import DTYPES, EXTENSION, pack, unpack
 from tests.treeviewer.conversation import BOX, Viewer
 
+PADDING = 64 * 1024
 VERTICES = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.5]]
 
 
@@ -37,7 +37,7 @@ def tell(viewer: Viewer, request: Any, **options: Any) -> dict[str, Any]:
     """The answer, through MessagePack as a client gets it."""
     data = message(request, **options)
     assert wire.is_binary(data)
-    reply = wire.decode(answers.encode(viewer.protocol.handle(data), binary=True))
+    reply = wire.decode(responses.encode(viewer.protocol.handle(data), binary=True))
     assert (reply.format, reply.major, reply.minor, reply.fault) == ("treeviewer_msgpack", 1, 0, "")
     answer: dict[str, Any] = msgspec.msgpack.decode(reply.data)
     return answer
@@ -52,7 +52,7 @@ def set_one(geometry: dict[str, Any], padding: int = 0) -> dict[str, Any]:
     return {"setgeometry": [{"path": ["a"], "geometry": geometry}], "padding": bytes(padding)}
 
 
-@pytest.mark.parametrize("padding", [0, LEAST_CUT], ids=["small", "big"])
+@pytest.mark.parametrize("padding", [0, PADDING], ids=["small", "big"])
 def test_arrays_come_as_bytes(padding: int) -> None:
     viewer = Viewer()
     chance = np.random.default_rng(1)
@@ -72,12 +72,15 @@ def test_arrays_come_as_bytes(padding: int) -> None:
     assert found.points.flags.aligned
 
     faces = np.array([[0, 1, 2]], np.uint16)
-    mesh = {"type": "mesh_data", "vertices": packed(np.float64(VERTICES)), "faces": packed(faces)}
+    mesh = {"type": "mesh_data", "vertices": packed(np.array(VERTICES)), "faces": packed(faces)}
     assert tell(viewer, set_one(mesh, padding))["status"] == 0
     assert isinstance(shape(viewer), Surface)
     assert shape(viewer).mesh.elements.shape == (1, 3)
 
-    assert tell(viewer, set_one({"type": "line", "points": packed(np.float32(VERTICES))}, padding))["status"] == 0
+    assert (
+        tell(viewer, set_one({"type": "line", "points": packed(np.array(VERTICES, np.float32))}, padding))["status"]
+        == 0
+    )
     assert isinstance(shape(viewer), Line)
 
     lidar = {"type": "planar_lidar", "ranges": packed(np.ones(4)), "angle_start": 0, "angle_step": 1}
@@ -108,7 +111,7 @@ def test_arrays_come_as_bytes(padding: int) -> None:
         ({"type": "mesh_data", "vertices": np.zeros((3, 3)), "faces": np.zeros((1, 3))}, "faces has floating-point"),
     ],
 )
-def test_bad_arrays_are_refused_with_the_reason(geometry: dict[str, Any], reason: str) -> None:
+def test_rejects_invalid_arrays(geometry: dict[str, Any], reason: str) -> None:
     made = {
         name: msgspec.msgpack.Ext(EXTENSION, value if isinstance(value, bytes) else pack(value))
         if not isinstance(value, str)
@@ -120,7 +123,7 @@ def test_bad_arrays_are_refused_with_the_reason(geometry: dict[str, Any], reason
     assert reason in answer["error"]
 
 
-def test_bad_channels_are_left_out_and_told() -> None:
+def test_ignores_invalid_channels_with_a_warning() -> None:
     viewer = Viewer()
     channels = {"rgb": packed(np.zeros((4, 3))), 7: packed(np.zeros(3)), "x": packed(np.zeros((3, 20))), "y": b"bin"}
     answer = tell(viewer, set_one({"type": "pointcloud", "points": packed(np.zeros((3, 3))), "channels": channels}))
@@ -134,7 +137,7 @@ def test_bad_channels_are_left_out_and_told() -> None:
     ]
 
 
-def test_the_version_must_be_ours_and_the_formats_are_told() -> None:
+def test_rejects_other_versions() -> None:
     answer = tell(Viewer(), {}, version=(2, 0))
     assert answer == {
         "timestamp": 7,
@@ -153,15 +156,15 @@ def test_the_version_must_be_ours_and_the_formats_are_told() -> None:
         (b"", "is not valid MessagePack"),
     ],
 )
-def test_what_cannot_be_read_is_refused(data: bytes, reason: str) -> None:
+def test_rejects_invalid_messagepack(data: bytes, reason: str) -> None:
     answer = tell(Viewer(), data)
     assert answer["status"] == -3
     assert reason in answer["error"]
 
 
 def big(body: bytes) -> bytes:
-    """A map with ``body`` under x, of more than ``LEAST_CUT`` bytes."""
-    filler = bytes([0xC6]) + struct.pack(">I", LEAST_CUT) + bytes(LEAST_CUT)
+    """A map with ``body`` under x, of more than ``PADDING`` bytes."""
+    filler = bytes([0xC6]) + struct.pack(">I", PADDING) + bytes(PADDING)
     return b"\x82\xa1x" + body + b"\xa1y" + filler
 
 
@@ -173,11 +176,11 @@ def big(body: bytes) -> bytes:
         (big(b"\x01") + b"\x01", "bytes follow its end"),
         (big(b"\xdd\xff\xff\xff\xff"), "it ends too early"),
         (big(b"\xdc\x03\xe9" + bytes(1001)), "more than 1000 objects besides its arrays"),
-        (b"\xdd" + struct.pack(">I", 100) + bytes(100) + bytes(LEAST_CUT), "bytes follow"),
-        (b"\xc6" + struct.pack(">I", LEAST_CUT) + bytes(LEAST_CUT), "must be a MessagePack map, its first byte is c6"),
+        (b"\xdd" + struct.pack(">I", 100) + bytes(100) + bytes(PADDING), "bytes follow"),
+        (b"\xc6" + struct.pack(">I", PADDING) + bytes(PADDING), "must be a MessagePack map, not <bytes>"),
     ],
 )
-def test_big_ones_are_looked_at_before_objects_are_made(data: bytes, reason: str) -> None:
+def test_counts_values_of_big_requests_first(data: bytes, reason: str) -> None:
     answer = tell(Viewer(Limits(binary_objects=1000)), data)
     assert answer["status"] == -3
     assert reason in answer["error"]
@@ -188,7 +191,7 @@ def test_big_ones_are_looked_at_before_objects_are_made(data: bytes, reason: str
 numbers = st.floats(-1e6, 1e6) | st.integers(-100, 100)
 names = st.sampled_from(["a", "b", "ü", 1, 2**60])
 paths = st.lists(names, max_size=3)
-solids = st.sampled_from(
+solids: st.SearchStrategy[Any] = st.sampled_from(
     [
         BOX,
         {"type": "box", "lengths": 2},
@@ -236,7 +239,7 @@ def described(viewer: Viewer) -> list[Any]:
 
 
 def parted(part: Part) -> Any:
-    it = part.shape
+    it: Any = part.shape
     if isinstance(it, PointCloud):
         it = (it.points.tobytes(), {name: values.tobytes() for name, values in it.channels.items()})
     elif isinstance(it, Surface):
@@ -248,22 +251,22 @@ def parted(part: Part) -> Any:
 
 @settings(deadline=None, max_examples=300)
 @given(st.lists(requests, max_size=3), st.booleans())
-def test_requests_mean_the_same_as_in_json(several: list[dict[str, Any]], padded: bool) -> None:
+def test_same_result_as_json(several: list[dict[str, Any]], padded: bool) -> None:
     in_json, in_binary = Viewer(), Viewer()
     for request in several:
-        padding = {"padding": bytes(LEAST_CUT)} if padded else {}
+        padding = {"padding": bytes(PADDING)} if padded else {}
         assert tell(in_binary, request | padding) == in_json.tell(request)
     assert described(in_binary) == described(in_json)
 
 
 @settings(deadline=None, max_examples=100)
 @given(
-    st.sampled_from(sorted(TYPES)),
+    st.sampled_from(sorted(DTYPES)),
     st.tuples(st.integers(0, 5)) | st.tuples(st.integers(0, 5), st.integers(1, 4)),
     st.integers(0, 7),
 )
-def test_arrays_survive_packing(name: str, size: tuple[int, ...], offset: int) -> None:
-    values: NDArray[Any] = (np.arange(np.prod(size)) % 100).reshape(size).astype(TYPES[name])
+def test_packed_arrays_round_trip(name: str, size: tuple[int, ...], offset: int) -> None:
+    values: NDArray[Any] = (np.arange(np.prod(size)) % 100).reshape(size).astype(DTYPES[name])
     payload = memoryview(bytes(offset) + pack(values))[offset:]
     found = unpack(payload)
     assert found.fault == ""
@@ -277,7 +280,7 @@ scalars = st.none() | st.integers(-(2**63), 2**64 - 1) | st.floats() | st.text()
 
 @settings(deadline=None, max_examples=200)
 @given(st.recursive(scalars, lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner)))
-def test_the_walk_counts_what_there_is(value: Any) -> None:
+def test_counts_values(value: Any) -> None:
     def count(it: Any) -> int:
         if isinstance(it, list):
             return 1 + sum(map(count, it))
@@ -286,16 +289,20 @@ def test_the_walk_counts_what_there_is(value: Any) -> None:
         return 1 + (len(it.encode()) // 64 if isinstance(it, str) else 0)
 
     data = np.frombuffer(msgspec.msgpack.encode(value), np.uint8)
-    assert msgpack_kernels.objects(data, 1 << 40) == count(value)
+    assert msgpack_kernels.count_values(data, 1 << 40) == count(value)
     if len(data) > 1:
-        assert msgpack_kernels.objects(data[:-1], 1 << 40) == msgpack_kernels.TRUNCATED
+        assert msgpack_kernels.count_values(data[:-1], 1 << 40) == msgpack_kernels.TRUNCATED
 
 
-def test_mutated_messages_are_survived() -> None:
+def test_survives_mutated_messages() -> None:
     chance = random.Random(4)
     viewer = Viewer(Limits(binary_objects=100_000))
     arrays = {"points": packed(np.zeros((9, 3), np.float32)), "channels": {"rgb": packed(np.zeros((9, 3), np.uint8))}}
-    mesh = {"type": "mesh_data", "vertices": packed(np.float32(VERTICES)), "faces": packed(np.uint32([[0, 1, 2]]))}
+    mesh = {
+        "type": "mesh_data",
+        "vertices": packed(np.array(VERTICES, np.float32)),
+        "faces": packed(np.array([[0, 1, 2]], np.uint32)),
+    }
     good = {
         "delete": [{"path": ["b"]}],
         "setgeometry": [
@@ -304,7 +311,7 @@ def test_mutated_messages_are_survived() -> None:
         ],
         "settransform": [{"path": ["a"], "transform": {"translation": [1, 2, 3]}}],
     }
-    for padding in (0, LEAST_CUT):
+    for padding in (0, PADDING):
         whole = msgspec.msgpack.encode(good | {"padding": bytes(padding)})
         useful = len(whole) - padding
         for _ in range(3000 if not padding else 500):
