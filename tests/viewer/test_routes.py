@@ -226,6 +226,10 @@ def test_recent_renders_drop_the_oldest_images_beyond_the_byte_limit() -> None:
     recent = RecentRenders(max_count=3, max_bytes=10)
     for _ in range(5):
         recent.add(RenderSummary(200, 0.0, 0.0, "", "", "color", b"123456", "image/png", ""))
+    at_limit = RecentRenders(max_count=3, max_bytes=12)
+    for _ in range(3):
+        at_limit.add(RenderSummary(200, 0.0, 0.0, "", "", "color", b"123456", "image/png", ""))
+    assert [entry["image"] for entry in at_limit.listing()] == [True, True, False]
     listing = recent.listing()
     assert [entry["id"] for entry in listing] == [5, 4, 3]
     assert [entry["image"] for entry in listing] == [True, False, False]
