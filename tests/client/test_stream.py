@@ -1,4 +1,4 @@
-"""``scenegate stream`` against our own camera."""
+"""``scenegate stream`` with our own camera."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ import asyncio
 import socket
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 import typer
 from fastapi import FastAPI
+from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from gateway.client.command import stream
@@ -20,7 +22,7 @@ from gateway.client.stream_files import BadImageError, depth, pixels, preview
 from gateway.client.truth import TruthFailure
 from gateway.generated import image_interface_pb2 as pb
 from gateway.server.http_server import PortService
-from gateway.stereo.pairs import geometry_in
+from gateway.stereo.pair_files import geometry_in
 from gateway.stereo.truth import truth_router
 from renderers.stereo.model import MODELS
 from tests.stereo.conftest import Start, renderer, start
@@ -31,8 +33,14 @@ __all__ = ["renderer", "start"]
 
 @pytest.fixture(autouse=True)
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Waits for connections as long as every test does."""
-    monkeypatch.setattr("gateway.client.stream._CONNECT_SECONDS", SECONDS)
+    """Wait for connections as long as every test does."""
+    monkeypatch.setattr("gateway.client.stream.CONNECT_SECONDS", SECONDS)
+
+
+def read_image(*args: Any) -> NDArray[Any]:
+    image: NDArray[Any] | None = cv2.imread(*args)
+    assert image is not None
+    return image
 
 
 async def test_sets_become_files(start: Start, tmp_path: Path) -> None:
@@ -52,14 +60,14 @@ async def test_sets_become_files(start: Start, tmp_path: Path) -> None:
     names = ("left.png", "disparity.png", "disparity_param.txt", "mesh.ply")
     assert {f"{base}_{n}" for n in names} | {f"{base}.npz"} <= set(files)
     data = np.load(tmp_path / "sets" / f"{base}.npz")
-    stored = cv2.imread(str(tmp_path / "sets" / f"{base}_disparity.png"), cv2.IMREAD_UNCHANGED)
+    stored = read_image(str(tmp_path / "sets" / f"{base}_disparity.png"), cv2.IMREAD_UNCHANGED)
     assert stored.dtype == np.uint16
     assert (stored == data["disparity"]).all()
     valid = data["disparity"] > 0
     expected = data["disparity_K"][0, 0] * data["baseline"] / (data["disparity"][valid] / 16)
     assert np.allclose(data["depth"][valid], expected)
     assert np.isinf(data["depth"][~valid]).all()
-    assert cv2.imread(str(tmp_path / "preview.png")).shape == (240, 2 * 320 + 3 * 160 + 4 * 4, 3)
+    assert read_image(str(tmp_path / "preview.png")).shape == (240, 2 * 320 + 3 * 160 + 4 * 4, 3)
 
 
 @pytest.mark.parametrize("quality", ["Low", "High"])
@@ -79,7 +87,7 @@ async def test_cvkit_s_tools_find_depth_in_the_files(start: Start, tmp_path: Pat
         "camera.out1_reduction", "camera.brightness", "disp.scale", "disp.offset", "disp.inv",
     ]  # fmt: skip
     a = np.array([row.split() for row in values["camera.A"].strip("[]").split(";")], float)
-    stored = cv2.imread(f"{base}_disparity.png", cv2.IMREAD_UNCHANGED)
+    stored = read_image(f"{base}_disparity.png", cv2.IMREAD_UNCHANGED)
     assert stored.shape == (int(values["camera.height"]), int(values["camera.width"]))
     valid = stored != float(values["disp.inv"])
     z = float(values["rho"]) / (stored[valid] * float(values["disp.scale"]) + float(values["disp.offset"]))
@@ -110,11 +118,11 @@ async def test_exposure_and_outputs_are_kept_if_wanted(start: Start, tmp_path: P
     assert 0 < data["left_brightness"] < data["disparity_brightness"]
     assert (data["left_gpio_values"], data["disparity_gpio_values"]) == (0, 1)
     assert (data["left_gpio_outputs"], data["left_gpio_inputs"]) == (3, 12)
-    assert geometry_in(tmp_path) == (pytest.approx(0.8449), pytest.approx(0.160))
+    assert list(geometry_in(tmp_path) or ()) == [pytest.approx(0.8449), pytest.approx(0.160)]
 
 
 def test_who_listens_without_answering_is_told_from_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("gateway.client.stream._CONNECT_SECONDS", 0.2)
+    monkeypatch.setattr("gateway.client.stream.CONNECT_SECONDS", 0.2)
     with socket.create_server(("127.0.0.1", 0)) as silent:
         target = f"127.0.0.1:{silent.getsockname()[1]}"
         with pytest.raises(StreamFailure, match="takes connections, but does not answer: only one side uses TLS"):
@@ -124,7 +132,7 @@ def test_who_listens_without_answering_is_told_from_nobody(monkeypatch: pytest.M
 
 
 def test_a_target_without_a_port_number_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("gateway.client.stream._CONNECT_SECONDS", 0.2)
+    monkeypatch.setattr("gateway.client.stream.CONNECT_SECONDS", 0.2)
     with pytest.raises(StreamFailure, match="'camera' is no port"):
         receive_all(StreamOptions("localhost:camera", count=1))
 

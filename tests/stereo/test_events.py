@@ -1,8 +1,9 @@
-"""Image events: told when the images of a depth frame are taken."""
+"""Image events: sent when the images of a depth frame are captured."""
 
 from __future__ import annotations
 
 import asyncio
+from typing import TypeAlias
 
 import grpc
 import pytest
@@ -14,7 +15,7 @@ from gateway.stereo.events import EventHub
 from tests.stereo.conftest import Camera, Start
 from tests.support.waiting import SECONDS, until
 
-Call = grpc.aio.UnaryStreamCall[pb.ImageEventsRequest, pb.ImageEvents]
+Call: TypeAlias = "grpc.aio.UnaryStreamCall[pb.ImageEventsRequest, pb.ImageEvents]"
 
 
 async def listen(camera: Camera, *, enabled: bool = True) -> Call:

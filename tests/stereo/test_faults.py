@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator
+from functools import partial
 from typing import Any
 
 import grpc
@@ -53,10 +54,10 @@ async def test_dropped_frames_are_those_that_the_seed_says(camera: Camera, rest:
     assert answer.json()["drop"] == 0.5
     sets = await camera.take(12, left_enabled=True)
     frames = [(stamp(one) - 1_000_000_000) // 40_000_000 + 1 for one in sets]
-    twin, kept = FaultInjector(0, 0), []
+    twin, kept = FaultInjector(0, 0), list[int]()
     twin.set(Faults(drop=0.5))
     for number in range(1, frames[-1] + 1):
-        twin.deliver(number, b"", lambda number=number: kept.append(number))
+        twin.deliver(number, b"", partial(kept.append, number))
     assert frames == kept
     assert frames[-1] > 12
     assert (await rest.get("/stereo/faults")).json()["dropped"] >= frames[-1] - 12
@@ -64,17 +65,22 @@ async def test_dropped_frames_are_those_that_the_seed_says(camera: Camera, rest:
 
 
 async def test_delayed_sets_come_later_in_order_and_within_bounds() -> None:
-    injector, came, loop = FaultInjector(0, 100), [], asyncio.get_running_loop()
+    injector, came, loop = FaultInjector(0, 100), list[int](), asyncio.get_running_loop()
     injector.set(Faults(delay=0.05))
     begin = loop.time()
-    done = loop.create_future()
+    done = asyncio.Event()
+
+    def last() -> None:
+        came.append(7)
+        done.set()
+
     for number in range(3):
-        injector.deliver(number, bytes(40), lambda number=number: came.append(number))
+        injector.deliver(number, bytes(40), partial(came.append, number))
     assert (came, injector.dropped) == ([], 1)
     injector.set(Faults())
     # Later sets do not overtake those that are late.
-    injector.deliver(7, bytes(10), lambda: (came.append(7), done.set_result(None)))
-    await done
+    injector.deliver(7, bytes(10), last)
+    await done.wait()
     assert came == [0, 1, 7]
     assert loop.time() - begin >= 0.05
     injector.deliver(8, bytes(1000), lambda: came.append(8))

@@ -11,7 +11,7 @@ import grpc
 import pytest
 
 from gateway.generated import image_interface_pb2 as pb
-from gateway.stereo.server import METHOD, RETURN_BYTES, SERVICE, UnsentMessages
+from gateway.stereo.server import RETURN_BYTES, SERVICE, UnsentMessages
 from tests.support.waiting import SECONDS, until
 
 SET_MB = 16
@@ -19,18 +19,18 @@ CLIENTS = 16
 SERVER = f"""
 import asyncio, os, sys
 from gateway.generated import image_interface_pb2 as pb
-from gateway.ops import logs, process
+from gateway.runtime import logs, process_tuning
 from gateway.stereo import server
 from gateway.stereo.config import StereoConfig
 from gateway.stereo.events import EventHub
 from gateway.stereo.faults import FaultInjector
-from gateway.stereo.hub import Hub
+from gateway.stereo.hub import Hub, Mailbox
 
 async def publish(hub):
     number = 0
     while True:
         await asyncio.sleep(0.05)
-        if any(subscription.hungry for subscription in hub):
+        if hub.kinds_in(Mailbox.EMPTY, Mailbox.WAITING):
             number += 1
             data = pb.ImageSet(left=pb.Image(data=bytes({SET_MB} << 20))).SerializeToString()
             for kind in hub.kinds():
@@ -38,7 +38,7 @@ async def publish(hub):
 
 async def main():
     logs.configure("json", "error")
-    process.tune()
+    process_tuning.tune()
     hub = Hub(64, 16)
     running, port, _ = await server.start(hub, EventHub(64, 64), FaultInjector(0, 1 << 20), StereoConfig(port=0))
     publishing = asyncio.create_task(publish(hub))
@@ -78,7 +78,7 @@ async def test_the_memory_of_messages_that_nobody_read_is_returned() -> None:
             channels = [grpc.aio.insecure_channel(f"127.0.0.1:{port}", options) for _ in range(CLIENTS)]
             calls = [
                 channel.unary_stream(
-                    f"/{SERVICE}/{METHOD}",
+                    f"/{SERVICE}/StreamImageSets",
                     request_serializer=pb.ImageSetRequest.SerializeToString,
                     response_deserializer=pb.ImageSet.FromString,
                 )

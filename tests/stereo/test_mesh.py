@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from typing import Any
 
 import numpy as np
 import pytest
@@ -130,7 +131,7 @@ def test_colours_are_the_left_image_over_each_pixel() -> None:
         assert abs(int(pixel[name]) - value) <= 1
         assert pixel[f"diffuse_{name}"] == pixel[name]
     parts = disparity_mesh(d, K, MODEL.baseline, MeshOptions(textured=True, rgb=True), left)
-    loaded = trimesh.load(io.BytesIO(b"".join(parts)), file_type="ply", process=False)
+    loaded: Any = trimesh.load(io.BytesIO(b"".join(parts)), file_type="ply", process=False)
     assert np.asarray(loaded.visual.vertex_colors)[7 * K.width + 11, :3].tolist() == [
         pixel["red"], pixel["green"], pixel["blue"],
     ]  # fmt: skip

@@ -11,8 +11,8 @@ from gateway.stereo.config import StereoConfig
 from gateway.wiring.stereo import config_of, model_of
 from renderers.stereo.exposure import Exposure
 from renderers.stereo.model import MODELS, Quality
-from renderers.stereo.noise import Stream, frame_key
-from renderers.stereo.sensor import take
+from renderers.stereo.noise import NoiseStream, frame_key
+from renderers.stereo.sensor import sensor_image
 from tests.stereo.conftest import SMALL, Start, pixels
 
 
@@ -43,8 +43,10 @@ def test_disparities_that_a_matcher_cannot_say_are_not_searched() -> None:
 
 def test_image_noise_is_a_factor() -> None:
     grey = np.full((200, 200, 3), 120, np.uint8)
-    key = frame_key(1, 1, Stream.LEFT)
-    deviation = [float(take(grey, Exposure(gain=18.0), key, color=False, noise=n).image.std()) for n in (0.0, 1.0, 3.0)]
+    key = frame_key(1, 1, NoiseStream.LEFT)
+    deviation = [
+        float(sensor_image(grey, Exposure(gain=18.0), key, color=False, noise=n).image.std()) for n in (0.0, 1.0, 3.0)
+    ]
     assert deviation[0] == 0.0
     assert 2.8 < deviation[2] / deviation[1] < 3.2
 

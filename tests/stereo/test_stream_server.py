@@ -82,7 +82,8 @@ async def test_tls_with_client_certificates(start: Start, tmp_path: Path) -> Non
 
     async def first(credentials: grpc.ChannelCredentials) -> pb.ImageSet:
         async with grpc.aio.secure_channel(target, credentials) as channel:
-            return await Camera(camera.service, channel, camera.task).stream(left_enabled=True).read()
+            (one,) = await Camera(camera.service, channel, camera.task).take(left_enabled=True)
+            return one
 
     trusted = grpc.ssl_channel_credentials(pem.read_bytes(), client_key.read_bytes(), client_pem.read_bytes())
     assert (await first(trusted)).HasField("left")

@@ -10,7 +10,7 @@ import pytest
 
 from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.config import StereoConfig
-from gateway.stereo.server import _decoded
+from gateway.stereo.server import _decoding
 from tests.stereo.conftest import SMALL, running
 from tests.stereo.scenes import table
 from tests.support.endless import EndlessRenderer
@@ -23,13 +23,13 @@ async def test_a_connection_that_breaks_while_writing_ends_the_call_like_a_cance
         raise grpc.aio.InternalError('Failed "execute_batch"')
 
     with pytest.raises(asyncio.CancelledError):
-        await _decoded(pb.ImageSetRequest, answer)(b"\x08\x01", None)
+        await _decoding(pb.ImageSetRequest, answer)(b"\x08\x01", None)
 
 
 async def test_frames_end_when_nobody_waits_for_them_any_more() -> None:
     renderer, drawn = EndlessRenderer(), table()
     config = StereoConfig(port=0, model=SMALL, look="phong")
-    async with running(renderer, config, lambda: (drawn, 1), None) as camera:  # type: ignore[arg-type]  # any renderer does
+    async with running(renderer, config, lambda: (drawn, 1), None) as camera:
         call = camera.stream(left_enabled=True, disparity_enabled=True)
         reading = asyncio.create_task(call.read())
         await until(lambda: renderer.begun > renderer.ended)
@@ -42,7 +42,7 @@ async def test_frames_end_when_nobody_waits_for_them_any_more() -> None:
 async def test_a_frame_that_takes_too_long_ends_its_streams_with_the_limit(rate: Any) -> None:
     drawn = table()
     config = StereoConfig(port=0, model=SMALL, look="phong", rate=rate)
-    async with running(EndlessRenderer(), config, lambda: (drawn, 1), None, seconds=0.1) as camera:  # type: ignore[arg-type]  # any renderer does
+    async with running(EndlessRenderer(), config, lambda: (drawn, 1), None, seconds=0.1) as camera:
         with pytest.raises(grpc.aio.AioRpcError) as caught:
             await camera.stream(left_enabled=True).read()
     assert "--render-seconds = 0.1 s" in str(caught.value.details())

@@ -9,18 +9,19 @@ from hypothesis import strategies as st
 
 from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo import messages, wire
-from gateway.stereo.messages import Taking
-from gateway.stereo.request import Kind, RequestError, kind_of
+from gateway.stereo.messages import ImageMetadata
+from gateway.stereo.request import RequestError, SetKind, kind_of
+from renderers.stereo.exposure import Exposure
 from renderers.stereo.model import Intrinsics
 
-TAKING = Taking(1_700_000_000_040_000_001, 0.01, 3.0, 1.5, 0.4, 1)
+METADATA = ImageMetadata(1_700_000_000_040_000_001, Exposure(0.01, 3.0, 1.5), noise=0.4, brightness=0.456, lines=1)
 
 
 @pytest.mark.parametrize("shape", [(2, 3), (2, 3, 3), (2400, 2000)])
 def test_images_parse_to_what_was_put_in(shape: tuple[int, ...]) -> None:
     pixels = np.random.default_rng(0).integers(0, 255, shape, np.uint8)
     k = Intrinsics(shape[1], shape[0], 100.5, 1.5, 1.0)
-    chunks = [messages.timestamp_field(TAKING.timestamp), *wire.field(2, messages.image(pixels, k, TAKING, 0.456))]
+    chunks = [messages.timestamp_field(METADATA.timestamp), *wire.field(2, messages.image(pixels, k, METADATA))]
     data = wire.join(chunks)
     assert len(data) == wire.size(chunks)
     time = pb.Time(sec=1_700_000_000, nsec=40_000_001)
@@ -49,12 +50,12 @@ def test_images_parse_to_what_was_put_in(shape: tuple[int, ...]) -> None:
 
 def test_disparity_is_little_endian_whatever_the_array() -> None:
     values = np.array([[1, 256]], ">u2").astype(np.uint16)
-    image = pb.Image.FromString(wire.join(messages.image(values, Intrinsics(2, 1, 1, 1, 0.5), TAKING, 0)))
+    image = pb.Image.FromString(wire.join(messages.image(values, Intrinsics(2, 1, 1, 1, 0.5), METADATA)))
     assert (image.encoding, image.step, image.data) == ("mono16", 4, b"\x01\x00\x00\x01")
 
 
 def test_meshes_and_disparities_are_wrapped() -> None:
-    inner = messages.image(np.zeros((1, 1), np.uint16), Intrinsics(1, 1, 1, 0.5, 0.5), TAKING, 0)
+    inner = messages.image(np.zeros((1, 1), np.uint16), Intrinsics(1, 1, 1, 0.5, 0.5), METADATA)
     chunks = [
         *wire.field(4, messages.disparity(inner, 5, 0.16)),
         *wire.field(7, messages.mesh((b"ab", memoryview(b"cd")), 6)),
@@ -121,6 +122,8 @@ def test_any_request_is_a_kind_or_a_sentence(request: pb.ImageSetRequest) -> Non
 
 
 def test_requests_that_mean_the_same_are_one_kind() -> None:
-    # Options of a mesh, and colour of images, that nobody asked for.
-    assert kind_of(pb.ImageSetRequest(disparity_enabled=True, color=True)) == Kind(disparity=True)
-    assert kind_of(pb.ImageSetRequest(left_enabled=True, mesh_options=pb.MeshOptions(max_points=1))) == Kind(left=True)
+    # Mesh options without a mesh, and colour without images, are ignored.
+    assert kind_of(pb.ImageSetRequest(disparity_enabled=True, color=True)) == SetKind(disparity=True)
+    assert kind_of(pb.ImageSetRequest(left_enabled=True, mesh_options=pb.MeshOptions(max_points=1))) == SetKind(
+        left=True
+    )
