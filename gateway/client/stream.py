@@ -164,9 +164,9 @@ def _connection_problem(target: str) -> str:
     except (ValueError, OverflowError):
         return f"{target} is no HOST:PORT: {port!r} is no port"
     except OSError:
-        return f"nobody answers at {target}"
+        return f"no answer from {target}"
     return (
-        f"{target} takes connections, but does not answer: only one side uses TLS, its certificate is not made for "
+        f"{target} accepts connections, but does not answer: only one side uses TLS, its certificate is not made for "
         "this name or not trusted, it wants one to be shown, or it is no gRPC server"
     )
 

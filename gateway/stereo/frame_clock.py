@@ -1,4 +1,4 @@
-"""Due times and timestamps of camera and depth frames. Knows neither tasks nor clients."""
+"""Due times and timestamps of camera and depth frames. Pure computation, without tasks and clients."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from gateway.stereo.settings import ALTERNATE_GAP, StreamSettings
 
 
 class FrameClock:
-    """When the next frame is due, with which timestamp, and with or without depth."""
+    """Schedule of the next frame: its due time, its timestamp, and depth."""
 
     def __init__(self, clock: Clock, rate: Rate) -> None:
         """

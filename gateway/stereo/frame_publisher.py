@@ -113,9 +113,9 @@ class FramePublisher:
         self._events.depth_acquisition_done(timestamp, timestamp + duration if self._simulated else time.time_ns())
         await self.make(frame, kinds)
 
-    def fail(self, kind: SetKind, what: str, error: Exception) -> None:
+    def fail(self, kind: SetKind, problem: str, error: Exception) -> None:
         """End the streams of a kind and log the reason, with a traceback for unexpected errors."""
-        message = f"{what}: {error}"
+        message = f"{problem}: {error}"
         _log.warning(message, exc_info=None if isinstance(error, _EXPECTED_ERRORS) else error)
         self.counts.problem = message
         self._hub.end_streams(kind, message)

@@ -1,4 +1,4 @@
-"""Subscriptions of streaming clients: a mailbox each for the newest image set, so that a slow client delays nobody."""
+"""Subscriptions of streaming clients: a mailbox each for the newest image set, so that slow clients delay no others."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class Subscription:
         self._ready.set()
 
     async def get(self) -> bytes:
-        """Return the newest set that was not taken yet.
+        """Return the newest set that was not taken yet. Cancelling is safe: no set is lost.
 
         Raises:
             StreamError: the stream has ended.
@@ -99,7 +99,7 @@ class Hub:
         Args:
             max_clients: maximum number of subscriptions.
             max_kinds: maximum number of different kinds of set.
-            generation: number that grows with every change of what sets contain.
+            generation: returns a number that grows with every change of parameters, faults or image source.
         """
         self.generation = generation
         self.changed = asyncio.Event()

@@ -76,7 +76,7 @@ class StereoService:
         self._port: int | None = None
 
     def _generation(self) -> int:
-        """Return a number that grows with every change of what sets contain."""
+        """Return a number that grows with every change of parameters, faults or image source."""
         return self.parameters.version + self.injector.changes + self._image_changes
 
     @property

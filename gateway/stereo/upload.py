@@ -124,7 +124,7 @@ async def _form(request: Request, limit: int) -> FormData:
     boundary = options[b"boundary"].replace(b"\\", b"\\\\").replace(b'"', b'\\"')
     headers = Headers(raw=[(b"content-type", b'multipart/form-data; boundary="' + boundary + b'"')])
 
-    async def bounded() -> AsyncIterator[bytes]:
+    async def limited() -> AsyncIterator[bytes]:
         size = 0
         async for chunk in request.stream():
             size += len(chunk)
@@ -132,7 +132,7 @@ async def _form(request: Request, limit: int) -> FormData:
                 raise _TooLargeError
             yield chunk
 
-    return await MultiPartParser(headers, bounded(), max_files=4, max_fields=8).parse()  # type: ignore[arg-type]  # an async generator is wanted
+    return await MultiPartParser(headers, limited(), max_files=4, max_fields=8).parse()  # type: ignore[arg-type]  # an async generator is wanted
 
 
 async def _pair(service: StereoService, form: FormData) -> PairImaging:

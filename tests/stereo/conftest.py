@@ -45,7 +45,7 @@ Start = Callable[..., Awaitable["Camera"]]
 
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """A running service with a channel to it."""
+    """A running service and a gRPC channel to it."""
 
     service: StereoService
     channel: grpc.aio.Channel

@@ -1,4 +1,4 @@
-"""Matched depth of the demo scene, images against what is really there."""
+"""Matched depth of the demo scene against ground truth."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from renderers.stereo.truth import DepthRange, true_disparity
 
 
 @pytest.mark.parametrize("seconds", [1.3, 4.0, 0.625 * PERIOD])
-def test_matching_the_demo_scene_with_the_projector(renderer: CpuRenderer, seconds: float) -> None:
-    """Over every pixel that both cameras see; the pose and all parameters are the defaults."""
+def test_matched_depth_of_the_demo_scene(renderer: CpuRenderer, seconds: float) -> None:
+    """Covers every pixel that both cameras see, with the default pose and parameters."""
     tree = LiveTree()
     demo = Demo(tree)
     demo.populate()

@@ -1,4 +1,4 @@
-"""Ground-truth depth on scenes that are formulae: geometry, holes, error model, confidence."""
+"""Ground-truth depth of analytic scenes: geometry, holes, error model, confidence."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ ACCURACY_MM = {
 
 
 def scene(model: StereoModel, quality: Quality) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-    """A sphere before a slanted plane: depth from the left, from the right, exact disparity."""
+    """Return depth from left, depth from right, and exact disparity of a sphere before a slanted plane."""
     k = model.intrinsics(quality.divisor)
     left, right = (
         np.minimum(plane(k, x, 2.0, 0.3, 0.1), sphere(k, x, (0.1, 0.1, 1.2), 0.25)) for x in (0.0, model.baseline)
@@ -35,7 +35,7 @@ def scene(model: StereoModel, quality: Quality) -> tuple[NDArray[np.float32], ND
 
 
 @pytest.mark.parametrize("quality", list(Quality))
-def test_depth_by_the_published_formula_is_the_rendered_depth(quality: Quality) -> None:
+def test_depth_by_the_manuals_formula_equals_rendered_depth(quality: Quality) -> None:
     k = MODEL.intrinsics(quality.divisor)
     left, _, true = scene(MODEL, quality)
     images = add_errors(true, QUIET, frame_key(0, 0, NoiseStream.DISPARITY))
@@ -47,7 +47,7 @@ def test_depth_by_the_published_formula_is_the_rendered_depth(quality: Quality) 
 
 
 @pytest.mark.parametrize("quality", [Quality.HIGH, Quality.LOW])
-def test_only_what_both_cameras_see_is_measured(quality: Quality) -> None:
+def test_measures_only_points_seen_by_both_cameras(quality: Quality) -> None:
     k = MODEL.intrinsics(quality.divisor)
     left, _, true = scene(MODEL, quality)
     ft = k.focal_length * MODEL.baseline
@@ -78,7 +78,7 @@ def test_depth_range_cuts_both_ends() -> None:
 
 
 @pytest.mark.parametrize("model", list(MODELS.values()), ids=lambda m: m.name)
-def test_depth_error_is_the_device_s_accuracy_table(model: StereoModel) -> None:
+def test_depth_error_matches_the_accuracy_table(model: StereoModel) -> None:
     k = model.intrinsics(1)
     ft = k.focal_length * model.baseline
     for depth, published in zip((0.5, 1.0, 2.0, 3.0), ACCURACY_MM[model.name], strict=True):
@@ -89,7 +89,7 @@ def test_depth_error_is_the_device_s_accuracy_table(model: StereoModel) -> None:
         assert millimetres == pytest.approx(published, abs=0.1)
 
 
-def test_error_image_is_in_sixteenths_where_that_is_fine_enough() -> None:
+def test_error_unit_is_a_sixteenth_where_sufficient() -> None:
     true = np.full((100, 100), 50.0, np.float32)
     for sigma, unit in ((0.25, 4), (0.125, 2), (0.0625, 1), (0.26, 4)):
         assert error_scale(sigma, 100) == 1 / 16
@@ -114,7 +114,7 @@ def test_error_image_is_the_standard_deviation_within_five_percent(
 
 @pytest.mark.parametrize("disparities", [1, 72, 433, 2032])
 @pytest.mark.parametrize("sigma", [0.0, 1e-9, 1e-4, 0.02, 0.3, 20.0])
-def test_disparities_fit_their_sixteen_bits_at_every_scale(sigma: float, disparities: int) -> None:
+def test_disparities_fit_into_16_bits_at_every_scale(sigma: float, disparities: int) -> None:
     scale = error_scale(sigma, disparities)
     assert (disparities + 4 * sigma) / scale < 65536
     factor = 1 / 16 / scale
@@ -122,7 +122,7 @@ def test_disparities_fit_their_sixteen_bits_at_every_scale(sigma: float, dispari
     assert factor.is_integer()
 
 
-def test_confidence_is_the_probability_that_the_manual_states() -> None:
+def test_confidence_is_the_probability_defined_by_the_manual() -> None:
     k = MODEL.intrinsics(1)
     ft = k.focal_length * MODEL.baseline
     # Planes from frontal to steep make all confidences appear.
@@ -144,7 +144,7 @@ def test_confidence_is_the_probability_that_the_manual_states() -> None:
         assert seen == pytest.approx(claimed, abs=4 * np.sqrt(claimed * (1 - claimed) / n) + 1 / 255)
 
 
-def test_same_seed_and_frame_give_the_same_bytes_and_others_do_not() -> None:
+def test_noise_is_determined_by_seed_and_frame() -> None:
     true = scene(MODEL, Quality.LOW)[2]
 
     def make(seed: int, frame: int) -> bytes:
@@ -162,7 +162,7 @@ def block(disparity: NDArray[np.uint16], error: int = 2, confidence: int = 254) 
     )
 
 
-def test_small_segments_go_and_large_ones_stay() -> None:
+def test_removes_small_segments() -> None:
     d = np.zeros((60, 60), np.uint16)
     d[2:6, 2:6] = 800  # 16 pixels
     d[20:50, 20:50] = 800
@@ -194,7 +194,7 @@ def test_holes_are_filled_up_to_the_step_on_their_border() -> None:
 
 
 @pytest.mark.parametrize(("minconf", "filled"), [(0.5, True), (128 / 255, True), (0.51, False), (1.0, False)])
-def test_filled_pixels_are_subject_to_the_least_confidence(minconf: float, filled: bool) -> None:
+def test_minimum_confidence_applies_to_filled_pixels(minconf: float, filled: bool) -> None:
     d = np.full((60, 60), 800, np.uint16)
     d[30:33, 10:13] = 0
     m = block(d, confidence=255)

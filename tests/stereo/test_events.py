@@ -43,7 +43,7 @@ async def test_an_event_for_every_depth_set_and_before_it(start: Start) -> None:
         assert (done.sec, done.nsec) >= (taken.sec, taken.nsec)
 
 
-async def test_camera_images_alone_are_no_depth_acquisition(start: Start) -> None:
+async def test_no_event_for_camera_images(start: Start) -> None:
     camera = await start(clock=SimulatedClock(), rate="max")
     events, silent = await listen(camera), await listen(camera, enabled=False)
     pending = asyncio.ensure_future(events.read())
@@ -79,7 +79,7 @@ async def test_static_scenes_are_done_after_the_last_of_eight_images(start: Star
     assert (done.sec - taken.sec) * 10**9 + done.nsec - taken.nsec == 7 * 40_000_000
 
 
-async def test_who_does_not_read_gets_the_newest_events_and_listeners_are_bounded(start: Start) -> None:
+async def test_slow_clients_get_the_newest_events_and_clients_are_limited(start: Start) -> None:
     hub = EventHub(1, 3)
     with hub.subscribe(depth_acquisition_done=True) as queue:
         for number in range(10):
@@ -95,7 +95,7 @@ async def test_who_does_not_read_gets_the_newest_events_and_listeners_are_bounde
     assert refusal.value.code() == grpc.StatusCode.RESOURCE_EXHAUSTED
 
 
-async def test_listeners_that_leave_leave_nothing_behind(start: Start) -> None:
+async def test_disconnected_clients_are_removed(start: Start) -> None:
     camera = await start(rate="max")
     await camera.take(disparity_enabled=True)
     calls = [await listen(camera) for _ in range(20)]

@@ -1,4 +1,4 @@
-"""How images are exposed: regions, the projector's modes, high dynamic range, white balance."""
+"""Exposure: regions, modes with the projector, high dynamic range, white balance."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def scene(level: float = 0.2) -> NDArray[np.float32]:
     return values
 
 
-def test_the_exposure_region_is_what_counts() -> None:
+def test_only_the_exposure_region_is_metered() -> None:
     whole, _ = choose_exposure(scene(), scene(), out1=False, settings=settings(), memory=ExposureMemory())
     region = settings(exp_offset_x=640, exp_width=600, exp_height=900)
     right, _ = choose_exposure(scene(), scene(), out1=False, settings=region, memory=ExposureMemory())
@@ -46,7 +46,7 @@ def test_the_exposure_region_is_what_counts() -> None:
     assert choose_exposure(scene(), scene(), out1=False, settings=beside, memory=ExposureMemory())[0] == whole
 
 
-def test_normal_mode_exposes_every_image_for_itself_but_not_in_alternate_exposure() -> None:
+def test_normal_mode_meters_every_image_except_in_alternate_exposure() -> None:
     dark, bright = scene(0.1), scene(0.25)
     low, reduction = choose_exposure(dark, bright, out1=False, settings=settings(), memory=ExposureMemory())
     high, _ = choose_exposure(dark, bright, out1=True, settings=settings(), memory=ExposureMemory())
@@ -64,7 +64,7 @@ def test_out1_high_mode_keeps_the_exposure_while_out1_is_low() -> None:
     assert choose_exposure(scene(0.2), scene(0.3), out1=True, settings=mode, memory=memory)[0] != high
 
 
-def test_adaptive_mode_reduces_images_with_out1_low_and_says_by_how_much() -> None:
+def test_adaptive_mode_reduces_images_with_out1_low() -> None:
     mode = settings(exp_auto_mode="AdaptiveOut1")
     low, reduction = choose_exposure(scene(0.1), scene(0.25), out1=False, settings=mode, memory=ExposureMemory())
     alone = auto_exposure(scene(0.1), AutoExposure())
@@ -164,7 +164,7 @@ async def test_brightness_of_depth_images_is_that_of_their_left_image(start: Sta
     assert apart.left.brightness < apart.disparity.image.brightness
 
 
-async def test_switching_an_automatic_off_keeps_what_it_found(start: Start) -> None:
+async def test_switching_auto_exposure_off_keeps_its_result(start: Start) -> None:
     camera = await start(rate="max")
     set_, values = camera.service.set_parameters, camera.service.parameters.values("rc_camera")
     one = await new(camera, left_enabled=True)
@@ -199,7 +199,7 @@ async def test_depth_only_within_its_region(start: Start, mode: str) -> None:
 
 @pytest.mark.parametrize(("out1", "gain"), [("High", 0.2), ("ExposureAlternateActive", 0.001)])
 async def test_double_shot_fills_holes(start: Start, out1: str, gain: float) -> None:
-    """From half the resolution; in alternate exposure from images without dots, which see little on blank walls."""
+    """At half the resolution; in alternate exposure from images without dots, which have no texture on blank walls."""
     camera = await start(rate="max", depth_mode="matched", image_noise=15.0)
     set_ = camera.service.set_parameters
     set_("rc_stereomatching", [("fill", 0), ("seg", 0), ("quality", "Full")])

@@ -1,4 +1,4 @@
-"""Faults for test rigs: by REST, and only where the operator has allowed them."""
+"""Fault injection over REST, if the operator permits it."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def stamp(one: Any) -> int:
     return int(one.timestamp.sec * 10**9 + one.timestamp.nsec)
 
 
-async def test_off_unless_allowed(start: Start) -> None:
+async def test_disabled_by_default(start: Start) -> None:
     camera = await start()
     async with client_of(camera) as rest:
         for method, path in (("GET", ""), ("PUT", ""), ("DELETE", ""), ("POST", "/disconnect")):
@@ -49,7 +49,7 @@ async def test_off_unless_allowed(start: Start) -> None:
     assert camera.service.injector.faults == Faults()
 
 
-async def test_dropped_frames_are_those_that_the_seed_says(camera: Camera, rest: httpx.AsyncClient) -> None:
+async def test_the_seed_determines_dropped_frames(camera: Camera, rest: httpx.AsyncClient) -> None:
     answer = await rest.put("/stereo/faults", json={"drop": 0.5})
     assert answer.json()["drop"] == 0.5
     sets = await camera.take(12, left_enabled=True)
@@ -64,7 +64,7 @@ async def test_dropped_frames_are_those_that_the_seed_says(camera: Camera, rest:
     assert (await rest.delete("/stereo/faults")).json()["drop"] == 0
 
 
-async def test_delayed_sets_come_later_in_order_and_within_bounds() -> None:
+async def test_delayed_sets_keep_their_order_within_the_limit() -> None:
     injector, came, loop = FaultInjector(0, 100), list[int](), asyncio.get_running_loop()
     injector.set(Faults(delay=0.05))
     begin = loop.time()
@@ -95,7 +95,7 @@ async def test_a_delay_in_the_stream(camera: Camera, rest: httpx.AsyncClient) ->
 
 
 async def read_all(camera: Camera, begun: asyncio.Event) -> int:
-    """Sets until the stream is cut."""
+    """Return the sets until the stream is cut."""
     count = 0
     try:
         async for _ in camera.stream(left_enabled=True):
@@ -119,7 +119,7 @@ async def test_streams_are_cut(camera: Camera, rest: httpx.AsyncClient) -> None:
     await camera.take(1, left_enabled=True)
 
 
-async def test_clocks_that_stand_still_or_are_wrong(camera: Camera, rest: httpx.AsyncClient) -> None:
+async def test_frozen_and_wrong_clocks(camera: Camera, rest: httpx.AsyncClient) -> None:
     await rest.put("/stereo/faults", json={"clock_frozen": True})
     call = camera.stream(disparity_enabled=True, left_enabled=True)
     sets = [await call.read() for _ in range(3)]
@@ -143,7 +143,7 @@ async def test_clocks_that_stand_still_or_are_wrong(camera: Camera, rest: httpx.
         ("[", "the body is not like"),
     ],
 )
-async def test_what_is_wrong_is_said_and_changes_nothing(rest: httpx.AsyncClient, body: str, sentence: str) -> None:
+async def test_invalid_requests_are_rejected_without_effect(rest: httpx.AsyncClient, body: str, sentence: str) -> None:
     answer = await rest.put("/stereo/faults", content=body)
     assert answer.status_code == 400
     assert sentence in answer.json()["message"]

@@ -1,4 +1,4 @@
-"""Mailboxes: who comes, takes and leaves, without a server around them."""
+"""Mailboxes of subscriptions, without a server."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LEFT = SetKind(left=True)
 DEPTH = SetKind(disparity=True)
 
 
-async def test_a_leaving_client_wakes_the_producer() -> None:
+async def test_unsubscribing_wakes_the_producer() -> None:
     hub = Hub(4, 4)
     with hub.subscribe(LEFT) as stays, ExitStack() as other:
         leaves = other.enter_context(hub.subscribe(LEFT))
@@ -26,7 +26,7 @@ async def test_a_leaving_client_wakes_the_producer() -> None:
         await stays.get()
 
         async def produce() -> None:
-            """As a camera does that waits for the slowest: a set when all have the last."""
+            """Publish a set when no mailbox is full."""
             while True:
                 hub.changed.clear()
                 if len(hub) and not hub.kinds_in(Mailbox.FULL):
@@ -46,7 +46,7 @@ async def test_a_leaving_client_wakes_the_producer() -> None:
             assert await next_set == b"next"
 
 
-async def test_a_mailbox_holds_the_newest_set_and_counts_what_it_replaced() -> None:
+async def test_mailbox_holds_the_newest_set_and_counts_replaced_ones() -> None:
     hub = Hub(4, 4)
     with hub.subscribe(LEFT) as one:
         for number in (1, 3, 2, 3):
@@ -57,7 +57,7 @@ async def test_a_mailbox_holds_the_newest_set_and_counts_what_it_replaced() -> N
     assert (hub.sent, hub.skipped) == (1, 1)
 
 
-async def test_a_cancelled_wait_is_no_hunger() -> None:
+async def test_a_cancelled_get_ends_the_waiting_state() -> None:
     hub = Hub(4, 4)
     with hub.subscribe(LEFT) as one:
         waiting = asyncio.create_task(one.get())
@@ -79,7 +79,7 @@ STEPS = st.lists(
 
 @settings(deadline=None, max_examples=100)
 @given(STEPS)
-def test_clients_that_come_and_leave_at_random_leave_nothing(steps: list[tuple[str, int, SetKind]]) -> None:
+def test_random_subscriptions_leave_no_state(steps: list[tuple[str, int, SetKind]]) -> None:
     asyncio.run(_churn(steps))
 
 
@@ -138,7 +138,7 @@ async def _churn(steps: list[tuple[str, int, SetKind]]) -> None:
     assert [trace for trace in traces if trace() is not None] == []
 
 
-async def test_an_outdated_set_goes_to_those_only_who_were_there_before() -> None:
+async def test_later_subscriptions_do_not_get_outdated_sets() -> None:
     generation = 1
     hub = Hub(4, 4, lambda: generation)
     with hub.subscribe(LEFT) as early:
@@ -150,7 +150,7 @@ async def test_an_outdated_set_goes_to_those_only_who_were_there_before() -> Non
             assert await late.get() == await early.get() == b"new"
 
 
-async def test_a_closed_hub_takes_nobody() -> None:
+async def test_a_closed_hub_rejects_subscriptions() -> None:
     hub = Hub(1, 1)
     with hub.subscribe(LEFT) as one:
         hub.close("shutting down")

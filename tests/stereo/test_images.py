@@ -23,7 +23,7 @@ def grey(level: int, shape: tuple[int, int] = (240, 320)) -> NDArray[np.uint8]:
     return np.full((*shape, 3), level, np.uint8)
 
 
-def test_reference_exposure_is_the_picture_as_rendered() -> None:
+def test_reference_exposure_keeps_the_rendered_image() -> None:
     picture = np.random.default_rng(0).integers(0, 256, (60, 80, 3), np.uint8)
     color = sensor_image(picture, Exposure(), KEY, color=True, noise=0.0).image
     assert np.abs(color.astype(int) - picture).max() <= 1
@@ -31,7 +31,7 @@ def test_reference_exposure_is_the_picture_as_rendered() -> None:
     assert np.abs(sensor_image(picture, Exposure(), KEY, color=False, noise=0.0).image - luma).max() <= 1
 
 
-def test_exposure_and_gain_are_light() -> None:
+def test_exposure_and_gain_multiply_light() -> None:
     twice = sensor_image(grey(100), Exposure(0.010), KEY, color=False, noise=0.0).image.mean()
     assert twice == pytest.approx(100 * 2 ** (1 / 2.2), abs=1)
     six = sensor_image(grey(100), Exposure(0.005, 6.0206), KEY, color=False, noise=0.0).image.mean()
@@ -42,7 +42,7 @@ def test_exposure_and_gain_are_light() -> None:
 
 
 @pytest.mark.parametrize("gain", [9.0, 12.0, 18.0])
-def test_noise_is_what_the_message_says(gain: float) -> None:
+def test_noise_matches_the_message(gain: float) -> None:
     exposure = Exposure(0.005 / 10 ** (gain / 20), gain)  # the same brightness
     image = sensor_image(grey(128, (960, 1280)), exposure, KEY, color=False).image.astype(float)
     # Rounding to whole levels adds 1/12.
@@ -50,7 +50,7 @@ def test_noise_is_what_the_message_says(gain: float) -> None:
     assert image.mean() == pytest.approx(128, abs=0.6)
 
 
-def test_left_and_right_have_noise_of_their_own() -> None:
+def test_left_and_right_noise_is_independent() -> None:
     a, b = (
         sensor_image(grey(128), Exposure(0.0006, 18.0), frame_key(0, 0, s), color=False).image.astype(float).ravel()
         for s in (NoiseStream.LEFT, NoiseStream.RIGHT)
@@ -74,7 +74,7 @@ def test_automatic_exposure_meets_its_target() -> None:
     assert auto_exposure(brightness_of(grey(20)), AutoExposure(0.001)).time == 0.001
 
 
-def test_dots_stay_on_the_surface() -> None:
+def test_dots_are_fixed_to_the_surface() -> None:
     k = MODEL.intrinsics(2)
     t = MODEL.baseline
     views = [plane(k, x, 1.5) for x in (0.0, t)]
@@ -93,7 +93,7 @@ def test_dots_stay_on_the_surface() -> None:
     assert not projected_dots(background, 100.0, 4.0, 4.0, 0.0, background).any()
 
 
-def test_what_the_projector_does_not_see_is_dark() -> None:
+def test_objects_cast_shadows_in_the_projectors_light() -> None:
     k, t = MODEL.intrinsics(2), MODEL.baseline
     center, radius = (0.0, 0.0, 1.0), 0.2
 
@@ -142,7 +142,7 @@ def test_matching_with_the_projector(quality: Quality) -> None:
             assert within[chosen].mean() > measured.confidence[chosen].mean() / 255 - 0.03
 
 
-def test_matching_finds_nothing_on_a_blank_wall() -> None:
+def test_matching_a_blank_wall_is_invalid() -> None:
     image = sensor_image(grey(120), Exposure(), KEY, color=False).image
     other = sensor_image(grey(120), Exposure(), frame_key(0, 0, NoiseStream.RIGHT), color=False).image
     measured = match_pair(image, other, 64, 0.3)

@@ -1,4 +1,4 @@
-"""What clients that do not read leave behind: a server of its own process, whose sets are made of nothing."""
+"""Memory of clients that do not read, in a server process that sends zeros."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ asyncio.run(main())
 
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="another allocator, which is not told to keep memory")
-async def test_the_memory_of_messages_that_nobody_read_is_returned() -> None:
+async def test_memory_of_unsent_messages_is_returned() -> None:
     child = await asyncio.create_subprocess_exec(
         sys.executable, "-c", SERVER, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE
     )
@@ -63,7 +63,7 @@ async def test_the_memory_of_messages_that_nobody_read_is_returned() -> None:
     reads, writes = child.stdout, child.stdin
 
     async def when(condition: Callable[[int, int, int], bool]) -> int:
-        """MB of memory when this holds of streams that were sent something, all streams, and MB."""
+        """Wait for a condition of (streams that got a set, streams, MB of memory) and return the MB."""
         while True:
             writes.write(b"\n")
             served, streams, megabytes = map(int, (await reads.readline()).split())
@@ -102,7 +102,7 @@ async def test_the_memory_of_messages_that_nobody_read_is_returned() -> None:
         await child.wait()
 
 
-async def test_memory_is_returned_once_for_many_streams_that_end_together(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_memory_is_returned_once_for_simultaneous_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("gateway.stereo.server.RETURN_SECONDS", 0.0)
     returned: list[int] = []
     unsent = UnsentMessages(lambda: returned.append(1))

@@ -1,4 +1,4 @@
-"""Stereo pairs that are given to the camera: by a folder, or uploaded as to the device's test mode."""
+"""Recorded stereo pairs, from a folder or uploaded."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def png(array: np.ndarray) -> bytes:
 
 @pytest.fixture
 async def recorded(start: Start) -> pb.ImageSet:
-    """A set with projector, as a client has stored it."""
+    """Return a set with the projector on."""
     camera = await start(rate="max", depth_mode="matched")
     camera.service.parameters.set("rc_iocontrol", [("out1_mode", "High")])
     return await new(camera, left_enabled=True, right_enabled=True, disparity_enabled=True)
@@ -56,9 +56,7 @@ async def rest(camera: Camera) -> AsyncIterator[httpx.AsyncClient]:
         yield client
 
 
-async def test_a_folder_of_our_own_client_s_sets_is_shown_again(
-    recorded: pb.ImageSet, camera: Camera, tmp_path: Path
-) -> None:
+async def test_shows_a_folder_written_by_our_client(recorded: pb.ImageSet, camera: Camera, tmp_path: Path) -> None:
     save(recorded, tmp_path)
     geometry = geometry_in(tmp_path)
     assert geometry is not None
@@ -82,7 +80,7 @@ async def test_a_folder_of_our_own_client_s_sets_is_shown_again(
     assert (pixels(back.left) != pixels(recorded.left)).any()
 
 
-async def test_an_uploaded_pair_is_shown_and_the_camera_says_so(
+async def test_shows_an_uploaded_pair_in_test_mode(
     recorded: pb.ImageSet, camera: Camera, rest: httpx.AsyncClient
 ) -> None:
     left, right = pixels(recorded.left), pixels(recorded.right)
@@ -125,7 +123,7 @@ async def test_an_uploaded_pair_is_shown_and_the_camera_says_so(
         ("tiny", {}, "size 8x8 must be within"),
     ],
 )
-async def test_what_cannot_be_shown_is_said_and_changes_nothing(
+async def test_invalid_uploads_are_rejected_without_effect(
     rest: httpx.AsyncClient, camera: Camera, files: dict[str, bytes] | str, data: dict[str, str], sentence: str
 ) -> None:
     side = 8 if files == "tiny" else 64
@@ -140,7 +138,7 @@ async def test_what_cannot_be_shown_is_said_and_changes_nothing(
     assert camera.service.config.model is SMALL
 
 
-async def test_uploads_are_bounded(start: Start) -> None:
+async def test_uploads_are_limited(start: Start) -> None:
     camera = await start(max_upload=10_000)
     app = FastAPI()
     app.include_router(upload_router(camera.service))
@@ -172,7 +170,7 @@ async def test_the_content_type_of_a_form(rest: httpx.AsyncClient, kind: str, se
     assert sentence in answer.json()["message"]
 
 
-async def test_the_charset_of_a_form_is_not_the_client_s_choice(rest: httpx.AsyncClient) -> None:
+async def test_the_charset_of_a_form_is_ignored(rest: httpx.AsyncClient) -> None:
     body = b'--x\r\nContent-Disposition: form-data; name="f"\r\n\r\nMQ==\r\n--x--\r\n'
     for charset in ("idna", "undefined", "utf-16"):  # the first takes a minute for a megabyte, the second any name
         answer = await rest.post(
@@ -181,7 +179,7 @@ async def test_the_charset_of_a_form_is_not_the_client_s_choice(rest: httpx.Asyn
         assert "the form needs the files" in answer.json()["message"]
 
 
-async def test_a_picture_that_breaks_later_ends_the_stream_with_the_reason(camera: Camera, tmp_path: Path) -> None:
+async def test_a_broken_later_image_ends_the_stream_with_the_reason(camera: Camera, tmp_path: Path) -> None:
     good = png(np.zeros((64, 64), np.uint8))
     for number, right in enumerate((good, b"\x89PNG\r\n\x1a\n broken")):
         (tmp_path / f"{number}_left.png").write_bytes(good)
@@ -213,7 +211,7 @@ def test_pairs_are_found_by_name(tmp_path: Path) -> None:
         pairs_in(tmp_path / "right", 1, LIMIT)
 
 
-def test_the_vendor_s_parameter_file_tells_the_geometry(tmp_path: Path) -> None:
+def test_geometry_from_the_vendors_parameter_file(tmp_path: Path) -> None:
     text = "# Created by grpc_image_client\ncamera.A=[552.18500 0 320.00000; 0 552.18500 240.00000; 0 0 1]\n"
     text += "camera.height=480\ncamera.width=640\nrho=88.37721\nt=0.16005\n"
     (tmp_path / "image_1.000000002_00_00_param.txt").write_text(text)

@@ -39,7 +39,7 @@ def demo() -> Capture:
 
 
 def recorded() -> Capture:
-    """A robot arm as Drake posted it, from a metre and a half."""
+    """Return a robot arm posted by Drake, from 1.5 m."""
     scene = drake_scene("010_iiwa_wsg")
     root = read_gltf(scene.request("depth").scene).root
     return Capture(0, flatten(root), 1, look_at((1.5, 0.9, 1.0), (0.0, 0.0, 0.5), UP), 0)
@@ -59,7 +59,7 @@ def measure(imaging: Imaging, capture: Capture, quality: Quality, maxdepth: floa
 
 @pytest.mark.parametrize("model", list(MODELS.values()), ids=lambda m: m.name)
 @pytest.mark.parametrize("scene", [demo, pytest.param(recorded, marks=pytest.mark.corpus)])
-def test_depth_from_disparity_is_the_rasterizer_s(renderer: CpuRenderer, scene: object, model: StereoModel) -> None:
+def test_depth_from_disparity_equals_rendered_depth(renderer: CpuRenderer, scene: object, model: StereoModel) -> None:
     assert callable(scene)
     capture = scene()
     imaging = Imaging(StereoConfig(model=model, noise=False), renderer)
@@ -91,15 +91,15 @@ def test_depth_error_of_a_rendered_wall(renderer: CpuRenderer, model: StereoMode
 
 
 def wall() -> DrawList:
-    """Its front is the plane x = 0."""
+    """Return a wall whose front is the plane x = 0."""
     edit = TreeEdit(Node())
     edit.set_parts(("wall",), (part(Box((0.2, 20.0, 20.0)), (0.7, 0.7, 0.7), 0.1, 0.0, 0.0),))
     return flatten(edit.commit())
 
 
 @pytest.mark.parametrize("look", ["phong", "pbr"])
-def test_both_eyes_have_the_same_light(renderer: CpuRenderer, look: LookName) -> None:
-    """The head light has one direction for both: a matte surface has the same grey in both images."""
+def test_both_cameras_have_the_same_light(renderer: CpuRenderer, look: LookName) -> None:
+    """The headlight has one direction for both: a matte surface has the same grey in both images."""
     edit = TreeEdit(Node())
     edit.set_parts(("ball",), (part(Sphere(0.3), (0.7, 0.6, 0.5), 0.0, 0.0, 0.0),))
     config = StereoConfig(look=look, noise=False)

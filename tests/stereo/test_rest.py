@@ -86,7 +86,7 @@ async def test_ways_to_set_a_parameter_by_query(rest: httpx.AsyncClient, camera:
     assert camera.service.settings.quality.value == "Low"
 
 
-async def test_query_and_body_may_both_be_missing_or_both_be_there(rest: httpx.AsyncClient) -> None:
+async def test_query_and_body_are_both_optional(rest: httpx.AsyncClient) -> None:
     path = f"{V2}/rc_camera/parameters"
     nothing = await rest.put(path)
     assert nothing.status_code == 200
@@ -130,7 +130,7 @@ async def test_setting_by_body(rest: httpx.AsyncClient, camera: Camera) -> None:
         ("[" * 100_000, 413, "larger than"),
     ],
 )
-async def test_what_is_wrong_is_said_and_changes_nothing(
+async def test_invalid_requests_are_rejected_without_effect(
     rest: httpx.AsyncClient, camera: Camera, body: str, status: int, sentence: str
 ) -> None:
     before = dict(camera.service.parameters.values("rc_camera"))
@@ -142,7 +142,7 @@ async def test_what_is_wrong_is_said_and_changes_nothing(
 
 
 @pytest.mark.parametrize("name", ["fps", "exp_auto", "exp_control"])
-async def test_what_is_sent_for_one_parameter_may_be_anything(rest: httpx.AsyncClient, name: str) -> None:
+async def test_rejects_arbitrary_bodies_for_one_parameter(rest: httpx.AsyncClient, name: str) -> None:
     path = f"{V2}/rc_camera/parameters/{name}"
     for depth in (*range(850, 1000, 3), 5000, 30_000):  # about the depth at which the interpreter gives up, and beyond
         nested = await rest.put(path, content='{"value": %s}' % ("[" * depth + "]" * depth))
@@ -251,7 +251,7 @@ async def test_both_spellings_of_alternate_exposure(rest: httpx.AsyncClient) -> 
         assert answer.json()["value"] == "ExposureAlternateActive"
 
 
-async def test_parameters_without_effect_say_so_and_only_they(rest: httpx.AsyncClient) -> None:
+async def test_only_parameters_without_effect_are_described_so(rest: httpx.AsyncClient) -> None:
     silent = set()
     for node in NODES:
         for parameter in (await rest.get(f"{V2}/{node}/parameters")).json():
@@ -317,7 +317,7 @@ async def test_the_depth_range_at_full_quality_is_limited_by_memory(start: Start
 
 
 @pytest.mark.parametrize("mode", ["ground_truth", "matched"])
-async def test_nothing_is_measured_nearer_than_the_status_says(start: Start, mode: str) -> None:
+async def test_status_has_the_nearest_measured_depth(start: Start, mode: str) -> None:
     model = StereoModel("small", 320, 240, 0.8449, 0.160, full_max_disparities=30)
     camera = await start(model=model, rate="max", depth_mode=mode, noise=False)
     camera.service.parameters.set("rc_iocontrol", [("out1_mode", "High")])
@@ -354,7 +354,7 @@ async def test_truth_of_a_set(rest: httpx.AsyncClient, camera: Camera) -> None:
 
 
 @given(st.integers(0, 10**20))
-def test_timestamps_read_as_they_are_shown(nanoseconds: int) -> None:
+def test_timestamp_text_round_trips(nanoseconds: int) -> None:
     assert parse_timestamp(timestamp_text(nanoseconds)) == nanoseconds
 
 
@@ -366,7 +366,7 @@ json_values = st.recursive(
 
 
 @given(st.sampled_from(SPECS), json_values)
-def test_any_value_is_stored_in_range_or_refused(named: tuple[str, Spec], value: object) -> None:
+def test_any_value_is_stored_in_range_or_rejected(named: tuple[str, Spec], value: object) -> None:
     node, spec = named
     parameters = Parameters()
     before = parameters.get(node, spec.name)

@@ -1,4 +1,4 @@
-"""What the settings make of the camera."""
+"""Settings of the stereo camera."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def test_the_defaults_are_the_device_s() -> None:
     assert config == StereoConfig(background=config.background)
 
 
-def test_a_camera_of_one_s_own_from_a_file(tmp_path: Path) -> None:
+def test_custom_camera_from_a_file(tmp_path: Path) -> None:
     path = tmp_path / "camera.toml"
     path.write_text(
         'stereo_model = "custom"\nstereo_size = "640x400"\nstereo_focal_factor = 1.1\nstereo_baseline = 0.05\n'
@@ -35,7 +35,7 @@ def test_a_camera_of_one_s_own_from_a_file(tmp_path: Path) -> None:
     assert model_of(load({"stereo_model": "65-4"})) is MODELS["rc_visard 65-4"]
 
 
-def test_disparities_that_a_matcher_cannot_say_are_not_searched() -> None:
+def test_disparity_range_is_limited_by_the_matcher() -> None:
     huge = model_of(load({"stereo_model": "custom", "stereo_size": "8192x64", "stereo_focal_factor": "20"}))
     assert huge.disparity_range(1, 0.1) == 2032
     assert MODELS["rc_visard 160-6"].disparity_range(Quality.FULL.divisor, 0.1) < 2032

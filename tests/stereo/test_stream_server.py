@@ -1,4 +1,4 @@
-"""What the camera's port offers beside the stream, and how it is opened: health, reflection, TLS, refusals."""
+"""gRPC server: health, reflection, TLS, errors."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.support.waiting import SECONDS
 
 
 @pytest.mark.parametrize("method", ["/ImageInterface/StreamImageSets", "/ImageEventsInterface/StreamImageEvents"])
-async def test_bytes_that_are_no_request_are_the_clients_fault(start: Start, method: str) -> None:
+async def test_rejects_undecodable_requests(start: Start, method: str) -> None:
     camera = await start()
     with pytest.raises(grpc.aio.AioRpcError) as refusal:
         async for _ in camera.channel.unary_stream(method)(b"\xff\xff\xff", timeout=SECONDS):

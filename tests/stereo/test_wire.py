@@ -1,4 +1,4 @@
-"""Requests as values, and messages joined by hand: what protobuf would have made of the same fields."""
+"""Kinds of requests, and serialised messages against protobuf."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ METADATA = ImageMetadata(1_700_000_000_040_000_001, Exposure(0.01, 3.0, 1.5), no
 
 
 @pytest.mark.parametrize("shape", [(2, 3), (2, 3, 3), (2400, 2000)])
-def test_images_parse_to_what_was_put_in(shape: tuple[int, ...]) -> None:
+def test_images_parse_to_their_fields(shape: tuple[int, ...]) -> None:
     pixels = np.random.default_rng(0).integers(0, 255, shape, np.uint8)
     k = Intrinsics(shape[1], shape[0], 100.5, 1.5, 1.0)
     chunks = [messages.timestamp_field(METADATA.timestamp), *wire.field(2, messages.image(pixels, k, METADATA))]
@@ -48,7 +48,7 @@ def test_images_parse_to_what_was_put_in(shape: tuple[int, ...]) -> None:
     assert pb.ImageSet.FromString(data) == expected
 
 
-def test_disparity_is_little_endian_whatever_the_array() -> None:
+def test_disparity_is_little_endian() -> None:
     values = np.array([[1, 256]], ">u2").astype(np.uint16)
     image = pb.Image.FromString(wire.join(messages.image(values, Intrinsics(2, 1, 1, 1, 0.5), METADATA)))
     assert (image.encoding, image.step, image.data) == ("mono16", 4, b"\x01\x00\x00\x01")
@@ -68,7 +68,7 @@ def test_meshes_and_disparities_are_wrapped() -> None:
 
 
 @given(st.integers(0, 2**63))
-def test_varints_are_protobuf_s(value: int) -> None:
+def test_varints_equal_protobufs(value: int) -> None:
     # int64 would be signed; a uint64 field is not in the protocol, so the reader is this.
     read = sum((byte & 0x7F) << (7 * i) for i, byte in enumerate(wire.varint(value)))
     assert read == value
@@ -103,7 +103,7 @@ requests = st.builds(
 
 
 @given(requests)
-def test_any_request_is_a_kind_or_a_sentence(request: pb.ImageSetRequest) -> None:
+def test_any_request_is_a_kind_or_rejected(request: pb.ImageSetRequest) -> None:
     options = request.mesh_options
     wrong = request.mesh_enabled and (0 < options.max_points < 1000 or options.binning_method > 1)
     try:
@@ -121,7 +121,7 @@ def test_any_request_is_a_kind_or_a_sentence(request: pb.ImageSetRequest) -> Non
     assert str(kind)
 
 
-def test_requests_that_mean_the_same_are_one_kind() -> None:
+def test_equivalent_requests_are_one_kind() -> None:
     # Mesh options without a mesh, and colour without images, are ignored.
     assert kind_of(pb.ImageSetRequest(disparity_enabled=True, color=True)) == SetKind(disparity=True)
     assert kind_of(pb.ImageSetRequest(left_enabled=True, mesh_options=pb.MeshOptions(max_points=1))) == SetKind(
