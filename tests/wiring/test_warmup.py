@@ -13,7 +13,7 @@ from renderers.compiler.jit import KERNELS
 def test_parts_are_taken_until_none_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
     done: list[str] = []
     monkeypatch.setattr(warmup, "PARTS", {name: lambda name=name: done.append(name) for name in "abc"})
-    monkeypatch.setattr(warmup.process, "hurry", lambda: None)  # it stops the garbage collector
+    monkeypatch.setattr(warmup.process_tuning, "hurry", lambda: None)  # it stops the garbage collector
     monkeypatch.setattr("renderers.compiler.remembered.remember", lambda: None)  # it is for processes that end
     numbers, told = os.pipe()
     os.write(told, bytes((2, 0)))
