@@ -169,5 +169,5 @@ class RenderService:
             "answers": {str(status): count for status, count in sorted(self._answered.items())},
             "arriving": self.arriving,
             "inflight_bytes": self._inflight,
-            "scene_cache": {"hits": scenes.hits, "misses": scenes.misses},
+            "scene_cache": {"hits": scenes.scenes.hits, "misses": scenes.scenes.misses},
         }

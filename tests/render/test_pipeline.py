@@ -35,7 +35,7 @@ def test_scenes_are_kept_by_content_the_least_recently_used_going_first() -> Non
     store.get(scenes[2])  # the second goes
     assert store.get(scenes[0]) is first
     assert store.get(scenes[1]) is not second
-    assert (store.hits, store.misses) == (2, 4)
+    assert (store.scenes.hits, store.scenes.misses) == (2, 4)
     assert first.drawn.instances[0].mesh is second.drawn.instances[0].mesh  # geometry is shared, whatever the colours
 
 
@@ -43,7 +43,7 @@ def test_scenes_beyond_the_bytes_are_not_kept() -> None:
     one = scene()
     store = SceneStore(RenderConfig(scene_cache_bytes=len(one.data)))  # its geometry comes on top
     assert store.get(one) is not store.get(one)
-    assert (store.hits, store.misses) == (0, 2)
+    assert (store.scenes.hits, store.scenes.misses) == (0, 2)
 
 
 def test_scenes_that_cannot_be_read_are_not_kept() -> None:
@@ -51,7 +51,7 @@ def test_scenes_that_cannot_be_read_are_not_kept() -> None:
     for _ in range(2):
         with pytest.raises(GltfError):
             store.get(HashedDocument.of(b"{"))
-    assert (store.hits, store.misses) == (0, 2)
+    assert (store.scenes.hits, store.scenes.misses) == (0, 2)
 
 
 def test_a_scene_with_another_hash_than_claimed_is_refused() -> None:
