@@ -1,27 +1,25 @@
-"""glTF's JSON as values: only what the reader uses, lenient about nulls, strict about types."""
+"""The properties of a glTF document that the reader uses, as msgspec structs named as in the specification.
+
+Types are strict, but every property may be absent or null: Drake's client writes ``"nodes": null`` for empty arrays.
+"""
 
 from __future__ import annotations
 
-import json
-import math
-from typing import Any, Final, TypeAlias
+from typing import Final, TypeAlias
 
 import msgspec
 
-from gateway.gltf.errors import GltfError
-from gateway.gltf.limits import GltfLimits
-from renderers.stop import check_stop
-
 Extensions: TypeAlias = dict[str, msgspec.Raw] | None
-"""By name, not parsed."""
+"""JSON text of extensions by name, not parsed."""
+
+
+DRAKE_GENERATORS: Final = frozenset({"VTK", "Drake glTF merger"})
+"""``asset.generator`` of the documents from Drake's render client: without and with glTF meshes."""
 
 
 class _Object(msgspec.Struct, rename="camel", gc=False):
-    """Every field may be absent or null: Drake's client writes ``"nodes": null`` for empty arrays.
-
-    Fields are in the order of their names, as Drake's client and most exporters write them: msgspec looks for each from
-    the last one on.
-    """
+    """Base of all objects. Fields are sorted by name, as Drake's client and most exporters write them: msgspec searches
+    each one from the last one found."""
 
 
 class Asset(_Object):
@@ -124,9 +122,9 @@ class TextureInfo(_Object):
     extensions: Extensions = None
     index: int | None = None
     scale: float | None = None
-    """Of normal maps."""
+    """Normal textures only."""
     strength: float | None = None
-    """Of occlusion maps."""
+    """Occlusion textures only."""
     tex_coord: int | None = None
 
 
@@ -187,6 +185,16 @@ class Document(_Object):
     scenes: list[Scene | None] | None = None
     textures: list[Texture | None] | None = None
 
+    @property
+    def generator(self) -> str:
+        """``asset.generator``; empty where it is absent."""
+        return (self.asset.generator if self.asset is not None else None) or ""
+
+    @property
+    def from_drake(self) -> bool:
+        """True for documents from Drake's render client."""
+        return self.generator in DRAKE_GENERATORS
+
 
 class TextureTransform(_Object):
     """KHR_texture_transform."""
@@ -198,7 +206,7 @@ class TextureTransform(_Object):
 
 
 class ImageSource(_Object):
-    """EXT_texture_webp and its kin: another image for a texture."""
+    """EXT_texture_webp: another image for a texture."""
 
     source: int | None = None
 
@@ -240,7 +248,7 @@ class Spot(_Object):
 
 
 class Light(_Object):
-    """An entry of KHR_lights_punctual."""
+    """A light of KHR_lights_punctual."""
 
     color: list[float] | None = None
     intensity: float | None = None
@@ -251,114 +259,12 @@ class Light(_Object):
 
 
 class Lights(_Object):
-    """KHR_lights_punctual of the document."""
+    """KHR_lights_punctual in the document's extensions."""
 
     lights: list[Light | None] | None = None
 
 
 class LightReference(_Object):
-    """KHR_lights_punctual of a node."""
+    """KHR_lights_punctual in a node's extensions."""
 
     light: int | None = None
-
-
-_DECODER: Final = msgspec.json.Decoder(Document)
-
-
-def parse(text: bytes, limits: GltfLimits) -> Document:
-    """The document of JSON ``text`` (UTF-8, with or without a byte order mark).
-
-    Raises:
-        GltfError: not JSON, not a glTF document, or larger than ``limits`` allow.
-    """
-    if len(text) > limits.max_json_bytes:
-        raise GltfError(f"the JSON text has {len(text)} bytes, more than max_json_bytes = {limits.max_json_bytes}")
-    if (values := count_values(text, limits)) > limits.max_json_values:
-        raise GltfError(
-            f"the JSON text has about {values} values, more than max_json_values = {limits.max_json_values}"
-        )
-    text = text.removeprefix(b"\xef\xbb\xbf")
-    try:
-        try:
-            document = _DECODER.decode(text)
-        except (msgspec.MsgspecError, ValueError):
-            document = _parse_leniently(text)
-    except RecursionError as error:
-        raise GltfError("the JSON text is nested too deeply") from error
-    _check_version(document)
-    return document
-
-
-def count_values(text: bytes, limits: GltfLimits) -> int:
-    """About how many values JSON ``text`` has, 0 if its length alone tells that they are not too many."""
-    if len(text) <= limits.max_json_values:
-        return 0
-    return text.count(b",") + text.count(b"{") + text.count(b"[")
-
-
-def _parse_leniently(text: bytes) -> Document:
-    """Accepts what msgspec does not but some exporters write: NaN, Infinity (as null), 3.0 where an integer belongs."""
-    try:
-        value = json.loads(text, parse_constant=lambda _: None, parse_float=_number)
-    except ValueError as error:
-        raise GltfError(f"not JSON: {error}") from error
-    if not isinstance(value, dict):
-        raise GltfError(f"a glTF document is a JSON object, not {_json_type(value)}")
-    try:
-        return msgspec.json.decode(msgspec.json.encode(value), type=Document)
-    except (msgspec.MsgspecError, ValueError, OverflowError) as error:
-        raise GltfError(_sentence(str(error))) from error
-
-
-def _number(text: str) -> float | int | None:
-    check_stop()
-    value = float(text)
-    if not math.isfinite(value):
-        return None
-    return int(value) if value.is_integer() and abs(value) < 2**53 else value
-
-
-def _json_type(value: object) -> str:
-    names = {list: "an array", str: "a string", bool: "a boolean", int: "a number", float: "a number"}
-    return names.get(type(value), "null")
-
-
-def _sentence(message: str) -> str:
-    """msgspec's "Expected `int`, got `str` - at `$.nodes[3].mesh`" with the place first, as in our own messages."""
-    what, separator, place = message.partition(" - at `")
-    if not separator:
-        return message
-    return f"{place.rstrip('`').removeprefix('$').removeprefix('.') or 'the document'}: {what[:1].lower()}{what[1:]}"
-
-
-def _check_version(document: Document) -> None:
-    if document.asset is None:
-        return
-    version, least = document.asset.version, document.asset.min_version
-    # As glTF 2.0, 3.2, says: a least version counts to its minor number, of a version alone only the major one does.
-    if least is not None and least != "2.0":
-        raise GltfError(f"asset.minVersion: the file asks for glTF {least[:16]}, but only 2.0 is read")
-    if version is not None and version.split(".")[0] != "2":
-        raise GltfError(f"asset.version: glTF {version[:16]} is not supported, only 2.x")
-
-
-def vector(values: list[float] | None, default: tuple[float, ...], where: str) -> tuple[Any, ...]:
-    """``values`` as a tuple as long as ``default``, which stands for null.
-
-    Raises:
-        GltfError: another length, or a value that is not finite.
-    """
-    if values is None:
-        return default
-    if len(values) != len(default):
-        raise GltfError(f"{where}: {len(values)} numbers instead of {len(default)}")
-    # A sum is finite if all of its terms are, but for those that overflow together.
-    if not math.isfinite(sum(values)) and not all(map(math.isfinite, values)):
-        raise GltfError(f"{where}: not finite")
-    return tuple(values)
-
-
-def extension(extensions: Extensions, name: str) -> msgspec.Raw | None:
-    """The raw JSON of an extension, or None when it is absent or null."""
-    raw = extensions.get(name) if extensions else None
-    return None if raw is None or bytes(raw) == b"null" else raw
