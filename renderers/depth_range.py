@@ -29,7 +29,7 @@ def limit_depth(depth: NDArray[np.float32], min_depth: float, max_depth: float) 
     limit(address_of(depth, np.float32), depth.size, min_depth, max_depth)
 
 
-@kernel("void(int64, int64, float64, float64)", brief=True)
+@kernel("void(int64, int64, float64, float64)", releases_gil=False)
 def _limit_small(address, count, min_depth, max_depth):
     _limit(f32_at(address), count, np.float32(min_depth), np.float32(max_depth))
 

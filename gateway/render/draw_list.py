@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from gateway.gltf import DEFAULT_MATERIAL, GltfScene, label_from_material
 from gateway.scene.flatten import DRAWABLE, images_of
 from gateway.scene.geometry import Part, Surface
-from renderers.drawlist import LABEL_NONE, Cast, DrawList, Image, Placed
+from renderers.drawlist import LABEL_NONE, DrawList, Image, InstanceSet, PosedInstances
 from renderers.stop import check_stop
 
 _REMEMBERED: Final = 8
@@ -33,7 +33,7 @@ class Company:
     """As of ``NodeTree``."""
     away: frozenset[int]
     """Nodes that are too far away to be drawn."""
-    cast: Cast
+    cast: InstanceSet
     nodes: NDArray[np.intp]
     """(I,): each instance's node."""
     images: tuple[Image, ...]
@@ -63,7 +63,7 @@ class Companies:
             if not self._known or self._known[0]() is not company:
                 others = [each for each in self._known if each() is not None and each() is not company]
                 self._known = [ref(company), *others[: _REMEMBERED - 1]]
-        return DrawList(Placed(company.cast, worlds[company.nodes]), company.images, scene.lights), company
+        return DrawList(PosedInstances(company.cast, worlds[company.nodes]), company.images, scene.lights), company
 
     def _find(self, parts: list[tuple[Part, ...] | None], parents: list[int], away: frozenset[int]) -> Company | None:
         with self._lock:
@@ -97,7 +97,7 @@ def _company(parts: list[tuple[Part, ...] | None], parents: list[int], away: fro
             named = material is not DEFAULT_MATERIAL
             labels.append(label_from_material(material) if named else bare.get(branches[node], LABEL_NONE))
             nodes.append(node)
-    cast = Cast(tuple(meshes), tuple(materials), tuple(labels))
+    cast = InstanceSet(tuple(meshes), tuple(materials), tuple(labels))
     mesh_bytes = sum([mesh.nbytes for mesh in {id(mesh): mesh for mesh in meshes}.values()])
     return Company(parts, parents, away, cast, np.array(nodes, np.intp), images_of(materials), mesh_bytes)
 

@@ -95,9 +95,6 @@ def compile_parts(numbers: int) -> None:
     """
     kernel_cache.configure()
     process_tuning.hurry()  # compiling makes millions of objects, none of which is garbage before all is done
-    from renderers.compiler.remembered import remember
-
-    remember()
     parts = tuple(PARTS)
     known: set[int] = set()
     while number := os.read(numbers, 1):

@@ -9,10 +9,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from renderers.alike import KEPT_PER_MESH, Alike
+
 from renderers.camera import Camera
-from renderers.drawlist import Cast, DrawList, Instance, Material, Placed
+from renderers.drawlist import DrawList, Instance, InstanceSet, Material, PosedInstances
 from renderers.interface import Look, Output
 from renderers.raster import CpuRenderer
 from renderers.raster.scene import prepare
@@ -88,9 +88,9 @@ def test_a_moved_scene_shares_its_tables_and_is_drawn_where_it_is() -> None:
     assert gone() is None
 
 
-def as_placed(given: Sequence[Instance]) -> Placed:
-    cast = Cast(tuple(i.mesh for i in given), tuple(i.material for i in given), tuple(i.label for i in given))
-    return Placed(cast, np.array([i.X_world_mesh for i in given]).reshape(-1, 4, 4))
+def as_placed(given: Sequence[Instance]) -> PosedInstances:
+    cast = InstanceSet(tuple(i.mesh for i in given), tuple(i.material for i in given), tuple(i.label for i in given))
+    return PosedInstances(cast, np.array([i.X_world_mesh for i in given]).reshape(-1, 4, 4))
 
 
 def test_a_cast_at_places_is_a_sequence_of_instances() -> None:
@@ -106,9 +106,9 @@ def test_a_cast_at_places_is_a_sequence_of_instances() -> None:
     with pytest.raises(IndexError):
         placed[2]
     with pytest.raises(ValueError, match="2 instances"):
-        Placed(placed.cast, np.zeros((3, 4, 4)))
-    assert DrawList(given).who is not DrawList(given).who
-    assert DrawList(placed).who is placed.cast
+        PosedInstances(placed.set, np.zeros((3, 4, 4)))
+    assert DrawList(given).identity is not DrawList(given).identity
+    assert DrawList(placed).identity is placed.set
 
 
 @pytest.mark.parametrize("threads", [1, 2])
@@ -123,7 +123,7 @@ def test_a_cast_that_moves_is_prepared_once_and_looks_like_any_other_list(look: 
     for number in range(6):
         where = np.tile(np.eye(4), (2, 1, 1))
         where[:, :3, 3] = (0.1 * number - 0.3, 0.0, 3.0), (0.0, 0.2 * number - 0.5, 2.5)
-        scene = DrawList(Placed(placed.cast, where))
+        scene = DrawList(PosedInstances(placed.set, where))
         plain = DrawList(tuple(scene.instances))
         prepared.append(prepare(scene).cast)
         for wanted in (Output.COLOR, outputs, Output.DEPTH):
@@ -136,6 +136,6 @@ def test_a_cast_that_moves_is_prepared_once_and_looks_like_any_other_list(look: 
     del given, placed, scene, plain
     gc.collect()
     assert gone() is None
-    with renderer.render(DrawList(Placed(Cast((), (), ()), np.zeros((0, 4, 4)))), camera, Output.DEPTH) as frame:
+    with renderer.render(DrawList(PosedInstances(InstanceSet((), (), ()), np.zeros((0, 4, 4)))), camera, Output.DEPTH) as frame:
         assert frame.depth is not None
         assert np.isinf(frame.depth).all()
