@@ -21,7 +21,7 @@ import uvloop
 
 from gateway.generated import image_interface_pb2 as pb
 from gateway.runtime.process_tuning import tune
-from gateway.runtime.worker_pool import Workers
+from gateway.runtime.worker_pool import WorkerPool
 from gateway.stereo import messages, server, wire
 from gateway.stereo.config import Rate, StereoConfig
 from gateway.stereo.events import EventHub
@@ -147,7 +147,7 @@ async def live(rate: Rate, look: LookName, quality: str, scene: str) -> tuple[in
     warm_up()
     config = StereoConfig(port=0, rate=rate, look=look)
     source, pose, mover = {"table": _table, "demo": _demo}[scene]()
-    service = StereoService(config, source, pose, CpuRenderer(2), Workers(2))
+    service = StereoService(config, source, pose, CpuRenderer(2), WorkerPool(2))
     service.parameters.set("rc_stereomatching", [("quality", quality)])
     task = asyncio.create_task(service.run())
     while not service.ready:  # noqa: ASYNC110 - nobody tells when

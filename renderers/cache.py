@@ -31,7 +31,7 @@ class Cache(Generic[K, V]):
         self._nbytes = 0
         self._hits = 0
         self._misses = 0
-        # Objects are collected anywhere, even within a method of this class: their entries are dropped by the next call.
+        # Objects are collected anywhere, even within a method of this class that holds the lock.
         self._dead: deque[Hashable] = deque()
 
     @property
@@ -95,6 +95,11 @@ class Cache(Generic[K, V]):
 
         def mark_dead(_: ref[Any]) -> None:
             self._dead.append(own)
+            if self._lock.acquire(blocking=False):  # otherwise the next call drops the entry
+                try:
+                    self._drop_dead()
+                finally:
+                    self._lock.release()
 
         objects = {id(each): each for each in (key if isinstance(key, tuple) else (key,))}
         return tuple([ref(each, mark_dead) for each in objects.values()])

@@ -35,7 +35,7 @@ class Mesh:
     positions: NDArray[np.float32]
     """(N, 3) float32, metres, C-contiguous."""
     elements: NDArray[np.uint32]
-    """(M, 1 | 2 | 3) uint32 vertex indices of each primitive, C-contiguous, below N. Front faces are counter-clockwise."""
+    """(M, 1 | 2 | 3) uint32 vertex indices, C-contiguous, below N. Front faces are counter-clockwise."""
     normals: NDArray[np.float32] | None = None
     """(N, 3) float32, unit length; None: unlit (lines, points) or flat (triangles)."""
     uv0: NDArray[np.float32] | None = None

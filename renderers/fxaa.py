@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from renderers.compiler.device_function import inner
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set
+from renderers.compiler.pending import wait_until_compiled
 from renderers.compiler.pointers import address_of, f32_at, u8_at
 from renderers.stop import current_stop
 
@@ -45,6 +46,7 @@ def fxaa(color: NDArray[np.uint8]) -> None:
     Raises:
         Exception: the current ``StopFlag`` was set; the picture is half smoothed.
     """
+    wait_until_compiled("antialiasing")
     height, width = color.shape[:2]
     pixels = height * width
     kept: tuple[NDArray[np.uint8], NDArray[np.float32]] | None = getattr(_scratch, "arrays", None)

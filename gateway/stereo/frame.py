@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.runtime.worker_pool import Workers
+from gateway.runtime.worker_pool import WorkerPool
 from gateway.stereo import messages, wire
 from gateway.stereo.images import Metered, Shot, Studio, Wanted
 from gateway.stereo.messages import Taking
@@ -35,7 +35,7 @@ class Frame:
     def __init__(
         self,
         studio: Studio,
-        workers: Workers,
+        workers: WorkerPool,
         number: int,
         settings: StreamSettings,
         camera: Shot,

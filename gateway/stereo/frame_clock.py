@@ -14,7 +14,7 @@ import numpy as np
 import structlog
 from numpy.typing import NDArray
 
-from gateway.runtime.worker_pool import Busy, Closed, TooSlow, Workers
+from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull, WorkerPool
 from gateway.stereo import settings as stream_settings
 from gateway.stereo.clock import Clock
 from gateway.stereo.events import EventHub
@@ -34,7 +34,7 @@ PoseSource = Callable[[], NDArray[np.float64]]
 """(4, 4) float64 X_world_left in the optical frame, as it is now. Called right after the scene, in the same thread."""
 
 _log = structlog.get_logger("stereo")
-_FORESEEN: Final = (ValueError, OSError, TooSlow, Closed)
+_FORESEEN: Final = (ValueError, OSError, DeadlineExceeded, PoolClosed)
 """Errors that need no traceback in the log."""
 
 
@@ -71,7 +71,7 @@ class Metronome:
     def __init__(
         self,
         studio: Studio,
-        workers: Workers,
+        workers: WorkerPool,
         hub: Hub,
         events: EventHub,
         injector: FaultInjector,
@@ -249,7 +249,7 @@ class Metronome:
         try:
             async with self._sampling:
                 scene, revision, pose = await self._workers.run(self._sample)
-        except Busy:
+        except QueueFull:
             self.counts.busy += 1
         except Exception as error:  # noqa: BLE001 - the camera outlives a scene that cannot be had
             for kind in kinds:
@@ -289,7 +289,7 @@ class Metronome:
     async def _publish(self, frame: Frame, kind: Kind) -> None:
         try:
             data = await frame.serialised(kind)
-        except Busy:
+        except QueueFull:
             self.counts.busy += 1
         except Exception as error:  # noqa: BLE001 - told to the clients, who would wait for ever otherwise
             self._fail(kind, f"frame {frame.number} ({kind}) could not be made", error)

@@ -8,7 +8,7 @@ from typing import Any
 
 import structlog
 
-from gateway.runtime.worker_pool import Workers
+from gateway.runtime.worker_pool import WorkerPool
 from gateway.stereo import server
 from gateway.stereo.clock import Clock, SystemClock
 from gateway.stereo.config import StereoConfig
@@ -35,7 +35,7 @@ class StereoService:
         scene: SceneSource,
         pose: PoseSource,
         renderer: Renderer,
-        workers: Workers,
+        workers: WorkerPool,
         clock: Clock | None = None,
     ) -> None:
         """

@@ -9,7 +9,7 @@ import numpy as np
 from fastapi import APIRouter, Query
 from fastapi.responses import JSONResponse, Response
 
-from gateway.runtime.worker_pool import Busy, TooSlow
+from gateway.runtime.worker_pool import DeadlineExceeded, QueueFull
 from gateway.server.openapi import example
 from gateway.stereo.frame_clock import Record
 from gateway.stereo.images import Studio
@@ -69,9 +69,9 @@ def truth_router(*services: StereoService) -> APIRouter:
             data = await service.workers.run(truth_of, record.studio, record)
         except LookupError as error:
             return JSONResponse({"message": str(error)}, 404)
-        except Busy as error:
+        except QueueFull as error:
             return JSONResponse({"message": str(error)}, 503, {"Retry-After": str(error.retry_after)})
-        except TooSlow as error:
+        except DeadlineExceeded as error:
             return JSONResponse({"message": f"the truth was given up: {error}"}, 503)
         return Response(data, media_type="application/zip", headers={"Cache-Control": "no-store"})
 

@@ -11,7 +11,7 @@ from python_multipart.multipart import parse_options_header
 from starlette.datastructures import FormData, Headers, UploadFile
 from starlette.formparsers import MultiPartException, MultiPartParser
 
-from gateway.runtime.worker_pool import Busy, Closed, TooSlow
+from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull
 from gateway.server.openapi import json_example
 from gateway.stereo.pairs import FACTOR_LIMIT, Pair, Pairs, PairStudio, pair_studio
 from gateway.stereo.service import StereoService
@@ -95,11 +95,11 @@ def _add(api: APIRouter, path: str, service: StereoService) -> None:
                 await form.close()
         except _TooLargeError:
             return _refused(413, f"the form is larger than {service.config.max_upload} bytes")
-        except Busy as error:
+        except QueueFull as error:
             return JSONResponse({"message": str(error)}, 503, {"Retry-After": str(error.retry_after)})
-        except Closed as error:
+        except PoolClosed as error:
             return JSONResponse({"message": str(error)}, 503, {"Retry-After": "1"})
-        except TooSlow as error:
+        except DeadlineExceeded as error:
             return JSONResponse({"message": f"the pair was given up: {error}"}, 503)
         except (ValueError, ImageError, MultiPartException) as error:
             return _refused(400, str(error))

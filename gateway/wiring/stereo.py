@@ -40,9 +40,9 @@ def join_stereo(house: House) -> None:
     apps = [house.app]
     if settings.rest_port is not None:
         apps.append(FastAPI(openapi_url=None, telemetry=NO_TELEMETRY))
-        house.guard.protect(apps[1])
+        house.security.protect(apps[1])
         apps[1].add_middleware(HeadAsGet)
-        house.serve("rest", PortService(apps[1], settings.host, settings.rest_port, house.guard.tls), where="/api")
+        house.serve("rest", PortService(apps[1], settings.host, settings.rest_port, house.security.tls), where="/api")
     for app in apps:
         app.include_router(router(*services))
         app.include_router(system_router(*services))
@@ -61,7 +61,7 @@ def _mount(text: str) -> Mount:
 def _join_camera(house: House, number: int, mount: Mount) -> StereoService:
     """Pipeline ``number``; the first one is what the rest of the house calls the stereo camera."""
     settings = house.settings
-    config = replace(config_of(settings), tokens=house.guard.grpc)
+    config = replace(config_of(settings), tokens=house.security.grpc)
     if number > 0:
         port = settings.grpc_port + number if settings.grpc_port else 0
         config = replace(config, port=port, seed=config.seed + number)
@@ -77,8 +77,8 @@ def _join_camera(house: House, number: int, mount: Mount) -> StereoService:
         return {**described, **where, **({"warning": warning} if warning else {})}
 
     if house.state is not None:
-        house.state.keep_parameters(str(number), lambda: list(NODES), service.parameters)
-        service.stored = house.state.journal.stored
+        house.state.restore_parameters(str(number), lambda: list(NODES), service.parameters)
+        service.stored = house.state.commits.stored
     if number == 0:
         house.stereo_camera = view.camera
         house.eyes = StereoEyes(service, view, live=settings.stereo_scene == "live")

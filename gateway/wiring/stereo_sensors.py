@@ -15,7 +15,7 @@ from gateway.stereo.images import Shot
 from gateway.stereo.request import Kind
 from gateway.stereo.service import StereoService
 from gateway.stereo.settings import StreamSettings
-from gateway.viewer.sources import PictureName, Rig, SensorPictures
+from gateway.viewer.sources import ImageName, StereoImages, StereoRig
 from gateway.wiring.stereo_scene import StereoView
 from renderers.stereo.errors import Measured
 from renderers.stereo.model import DISPARITY_SCALE
@@ -40,20 +40,20 @@ class StereoEyes:
         self._live = live
         self._number = 0
 
-    def rig(self, snapshot: Snapshot) -> Rig | None:
+    def rig(self, snapshot: Snapshot) -> StereoRig | None:
         """Where the camera is in a state of the live tree."""
         if not self._live:
             return None
         model = self._service.config.model
         k = model.intrinsics()
         pose = self._view.mount.pose(snapshot.root)
-        return Rig(pose, k.width, k.height, k.focal_length, k.focal_length, k.cx, k.cy, model.baseline)
+        return StereoRig(pose, k.width, k.height, k.focal_length, k.focal_length, k.cx, k.cy, model.baseline)
 
-    async def look(self) -> SensorPictures:
+    async def capture(self) -> StereoImages:
         """Takes a set now, with the parameters as they are.
 
         Raises:
-            Busy: the worker threads have too much to do.
+            QueueFull: the worker threads have too much to do.
             ImageError: a texture of the scene cannot be decoded.
         """
         service, settings = self._service, self._service.settings
@@ -72,9 +72,9 @@ class StereoEyes:
             raise
         exposure = metered.exposure
         taken = f"{exposure.time * 1e3:.3g} ms, {exposure.gain:.3g} dB"
-        captions: dict[PictureName, str] = {"left": taken, "right": taken}
+        captions: dict[ImageName, str] = {"left": taken, "right": taken}
         captions.update(await service.workers.run(self._captions, measured, settings))
-        return SensorPictures(left.image, right.image, measured.disparity, measured.confidence, captions)
+        return StereoImages(left.image, right.image, measured.disparity, measured.confidence, captions)
 
     def _shots(self, settings: StreamSettings, index: int) -> tuple[Shot, Shot]:
         scene, revision = self._view.scene()
@@ -83,7 +83,7 @@ class StereoEyes:
         camera = Shot(now, scene, revision, pose, settings.lines(depth=False), index)
         return camera, Shot(now, scene, revision, pose, settings.lines(depth=True), index)
 
-    def _captions(self, measured: Measured, settings: StreamSettings) -> dict[PictureName, str]:
+    def _captions(self, measured: Measured, settings: StreamSettings) -> dict[ImageName, str]:
         valid = measured.disparity[measured.disparity > 0]
         if not valid.size:
             return {"disparity": "no depth", "confidence": ""}

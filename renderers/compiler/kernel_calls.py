@@ -61,7 +61,7 @@ def atomic_add_one(typing_context: Any, pointer: Any, index: Any) -> Any:
 
 @intrinsic
 def load_acquire(typing_context: Any, pointer: Any, index: Any) -> Any:
-    """``load_acquire(pointer, i)``: an int64; what other threads wrote before ``atomic_add_one`` is visible after it."""
+    """``load_acquire(pointer, i)``: an int64, with what its writer wrote before ``atomic_add_one``."""
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.load_atomic(builder.gep(args[0], [args[1]]), "acquire", align=8)
@@ -71,7 +71,7 @@ def load_acquire(typing_context: Any, pointer: Any, index: Any) -> Any:
 
 @intrinsic
 def is_set(typing_context: Any, address: Any) -> Any:
-    """``is_set(address)``: True if the int64 at an address is not 0; other threads may write it. See ``stop.StopFlag``."""
+    """``is_set(address)``: True if an int64 that other threads may write is not 0; see ``stop.StopFlag``."""
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         word = builder.load_atomic(builder.inttoptr(args[0], _I64.as_pointer()), "monotonic", align=8)

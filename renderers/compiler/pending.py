@@ -7,6 +7,8 @@ thread. In other programs nothing is ever pending: Numba compiles a kernel at it
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Final
 
 from renderers.stop import check_stop
@@ -14,6 +16,7 @@ from renderers.stop import check_stop
 _POLL_SECONDS: Final = 0.1
 """Time between two checks of the stop flag."""
 _changed: Final = threading.Condition()
+_thread: Final = threading.local()
 _pending: Final[dict[str, Exception | None]] = {}
 """Part -> None while it is compiled, or the error that ended that."""
 
@@ -39,13 +42,23 @@ def fail(error: Exception) -> None:
         _changed.notify_all()
 
 
+@contextmanager
+def loading() -> Iterator[None]:
+    """Let the calling thread use pending parts: it loads them."""
+    _thread.is_loading = True
+    try:
+        yield
+    finally:
+        _thread.is_loading = False
+
+
 def wait_until_compiled(part: str) -> None:
     """Return once a part is compiled, at once if it is not pending.
 
     Raises:
         Exception: the part could not be compiled, or the current ``StopFlag`` was set.
     """
-    if not _pending:
+    if not _pending or getattr(_thread, "is_loading", False):
         return
     with _changed:
         while part in _pending:

@@ -13,10 +13,11 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import types
+from numba import extending, types
 from numba.core import cgutils
-from numba.extending import intrinsic
 from numpy.typing import NDArray
+
+intrinsic: Any = extending.intrinsic
 
 
 def address_of(array: NDArray[Any] | None, dtype: type[np.generic]) -> int:
@@ -85,7 +86,7 @@ as_i64 = _cast_to(types.int64)
 as_u32 = _cast_to(types.uint32)
 
 
-@intrinsic
+@intrinsic  # type: ignore[untyped-decorator]  # Numba's stub is wrong
 def address(typing_context: Any, pointer: Any) -> Any:
     """Return a pointer's or struct's address as int64."""
 
@@ -118,7 +119,7 @@ def stack_array(scalar: Any, count: int) -> Any:
     return intrinsic(allocate)
 
 
-@intrinsic
+@intrinsic  # type: ignore[untyped-decorator]  # Numba's stub is wrong
 def allocate(typing_context: Any, nbytes: Any) -> Any:
     """Return the address of new uninitialised memory of ``nbytes`` (int64) bytes; ``release`` frees it."""
 
@@ -128,7 +129,7 @@ def allocate(typing_context: Any, nbytes: Any) -> Any:
     return types.int64(types.int64), generate
 
 
-@intrinsic
+@intrinsic  # type: ignore[untyped-decorator]  # Numba's stub is wrong
 def release(typing_context: Any, address: Any) -> Any:
     """Free memory from ``allocate``."""
 

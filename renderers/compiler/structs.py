@@ -84,7 +84,7 @@ class Struct:
         layout: Any = self.dtype.fields
         offsets = {field: int(layout[field][1]) for field in kinds}
         self.size: Final = self.dtype.itemsize
-        self.type: Final = _StructType(name, kinds, offsets, self.size)
+        self.type: Final[Any] = _StructType(name, kinds, offsets, self.size)
         self.at: Final = _reference(self.type)
         """``at(address)``: the struct at an address, in kernels."""
         self.local: Final = _on_stack(self.type)
@@ -129,7 +129,7 @@ def _on_stack(struct: _StructType) -> Any:
 class _Fields(AttributeTemplate):
     key = _StructType
 
-    def generic_resolve(self, struct: Any, name: str) -> Any:
+    def generic_resolve(self, struct: Any, name: str) -> Any:  # type: ignore[override]  # Numba's stubs are wrong
         return struct.fields.get(name)
 
 
@@ -139,13 +139,13 @@ def _field_address(context: Any, builder: Any, struct: Any, reference: Any, name
     return builder.bitcast(address, value if name in struct.inline else value.as_pointer())
 
 
-@_extending.lower_getattr_generic(_StructType)
+@_extending.lower_getattr_generic(_StructType)  # type: ignore[untyped-decorator]  # Numba has no stubs for it
 def _load_field(context: Any, builder: Any, struct: Any, reference: Any, name: str) -> Any:
     address = _field_address(context, builder, struct, reference, name)
     return address if name in struct.inline else builder.load(address)
 
 
-@_extending.lower_setattr_generic(_StructType)
+@_extending.lower_setattr_generic(_StructType)  # type: ignore[untyped-decorator]
 def _store_field(context: Any, builder: Any, sig: Any, args: Any, name: str) -> None:
     struct, given = sig.args
     value = context.cast(builder, args[1], given, struct.fields[name])
@@ -154,7 +154,7 @@ def _store_field(context: Any, builder: Any, sig: Any, args: Any, name: str) -> 
 
 @infer_global(operator.getitem)
 class _Element(AbstractTemplate):
-    metadata: ClassVar[dict[str, str]] = {"target": "cpu"}  # tried before Numba's own
+    metadata: ClassVar[dict[str, str]] = {"target": "cpu"}  # type: ignore[misc]  # tried before Numba's own
 
     def generic(self, args: Any, kws: Any) -> Any:
         struct, index = args
@@ -164,6 +164,6 @@ class _Element(AbstractTemplate):
         return None
 
 
-@_extending.lower_builtin(operator.getitem, _StructType, types.Integer)
+@_extending.lower_builtin(operator.getitem, _StructType, types.Integer)  # type: ignore[untyped-decorator]
 def _element(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     return builder.gep(args[0], [builder.mul(args[1], ir.Constant(_I64, sig.args[0].size))])

@@ -46,7 +46,7 @@ def camera_vertex(draw, index, out, k):
 
 @device_function
 def plane_distance(frame, plane, points, k):
-    """Return how far point ``k`` lies inside the near plane (0) or a side of the guard band (1 to 4); >= 0 is inside."""
+    """Return how far point ``k`` lies inside the near plane (0) or a side of the guard band (1 to 4)."""
     x, y, z = points[3 * k], points[3 * k + 1], points[3 * k + 2]
     if plane == 0:
         return z - frame.near

@@ -188,7 +188,7 @@ def _is_hidden(frame, place, tiles, first_row, last_row):
     left, box_top, columns, rows = box_of(primitive)
     right = min(left + columns, frame.width)
     top, bottom = max(box_top, first_row) - first_row, min(box_top + rows, last_row) - first_row
-    begin = (max(left, 0) >> 3) << 3  # type: ignore[operator]  # Numba's integers
+    begin = (max(left, 0) >> 3) << 3
     high = primitive.high
     hidden = True
     for tile in range(top // TILE_ROWS, (bottom + TILE_ROWS - 1) // TILE_ROWS):

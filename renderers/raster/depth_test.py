@@ -20,7 +20,7 @@ ANY_ORDER: Final = 2
 
 @device_function
 def _between(frame, pixel, w, ids):
-    """Return the lanes that lie strictly beyond one and before the other of the frame's layers, by depth, then by id."""
+    """Return the lanes strictly beyond one and before the other of the frame's layers, by depth, then id."""
     zero = vec.i32(0)
     accepted = zero == zero
     if frame.beyond_ids != 0:

@@ -74,7 +74,9 @@ def _polygon_of(frame, primitive, polygon):
 def filler(
     rows: int, points: Callable[..., Any], draw_span: Callable[..., Any], draw_point: Callable[..., Any]
 ) -> Callable[..., Any]:
-    """Return a device function that draws a large primitive: ``fill(frame, band, rule, primitive, first_row, last_row)``.
+    """Return a device function that draws a large primitive.
+
+    It is called as ``fill(frame, band, rule, primitive, first_row, last_row)``.
 
     Args:
         rows: number of rows whose spans are found at a time.
@@ -140,4 +142,4 @@ def filler(
                 frame, band, rule, primitive, x0, y0, x1, y1, x2, y2, first_row, last_row, box_x, box_y
             )  # fmt: skip
 
-    return fill
+    return fill  # type: ignore[no-any-return]  # device functions are untyped

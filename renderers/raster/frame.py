@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from renderers.camera import Camera
 from renderers.compiler.kernel_calls import YIELD_ADDRESS, kernel_address
+from renderers.compiler.pending import wait_until_compiled
 from renderers.compiler.pointers import address_of
 from renderers.compiler.simd import LANES
 from renderers.interface import Frame
@@ -152,6 +153,7 @@ class FrameJob:
         own = self._frame
         own["depth"], own["label"], own["instance"], own["normal"] = addresses
         if addresses[3]:
+            wait_until_compiled("normals")
             own["normals_kernel"] = _normals_address()
         self._task["has_outputs"] = any(addresses)
         self._keep += (frame.depth, frame.label, frame.instance, frame.normal)

@@ -157,8 +157,8 @@ class FrameThreads:
     def _pin_helpers(self) -> None:
         """Keep helpers off the processor that the caller runs on.
 
-        Linux wakes a thread where it ran last. On processors that share no cache, as in small virtual machines, a helper
-        that once ran on the caller's processor waits there for milliseconds while another one is idle.
+        Linux wakes a thread where it ran last. On processors that share no cache, as in small virtual machines, a
+        helper that once ran on the caller's processor waits there for milliseconds while another one is idle.
         """
         here = _processor()
         if here == self._pinned_off or here < 0:

@@ -25,7 +25,7 @@ MAX_BINS: Final = 4
 TINY: Final = 4
 """Triangles of at most TINY x TINY pixel centres are rasterized in setup, which emits their pixels."""
 TINY_PIXELS: Final = 4
-"""Room for pixels of tiny triangles, per primitive of a chunk. Without room, tiny triangles are binned as small ones."""
+"""Room for pixels of tiny triangles, per primitive of a chunk. Beyond it, they are binned as small ones."""
 SMALL_WIDTH: Final = 64
 SMALL_HEIGHT: Final = 128
 """Triangles of at most this many pixel centres across and down have edge functions that fit int32:
@@ -183,8 +183,8 @@ TASK: Final = Struct(
 the memory that frames reuse."""
 
 LAYER: Final = Struct("Layer", {"ids": pointer_to(I32), "inv_z": pointer_to(F32)})
-"""A visibility layer, both (height, stride). Where only a band of it exists, the pointers are shifted so that index 0 is
-the image's first pixel."""
+"""A visibility layer, both (height, stride). If only a band of it exists, the pointers are shifted: index 0 is the
+image's first pixel."""
 
 SETUP_MEMORY: Final = Struct(
     "SetupMemory",
@@ -198,7 +198,7 @@ SETUP_MEMORY: Final = Struct(
 """Memory that a chunk is set up in."""
 TINY_ROOM: Final = TINY_PIXELS * CHUNK + 8
 TINY_BIN: Final = 3 * TINY_ROOM
-"""Index of the bins in ``SETUP_MEMORY.tiny``. Before they are known, the highest bit of a pixel marks a kept back face."""
+"""Index of the bins in ``SETUP_MEMORY.tiny``. Before, the highest bit of a pixel marks a kept back face."""
 
 BINNED_BYTES: Final = 64
 """Size of each of the following three, which share ``id`` and ``kind``."""

@@ -230,7 +230,7 @@ class CpuRenderer:
         if look.name == "studio":
             wait_until_compiled("studio")
         if look.samples != 1:
-            wait_until_compiled("msaa")
+            wait_until_compiled("antialiasing")
         with_geometry = any(addresses[1:])
         if with_geometry and (look.name == "studio" or look.samples != 1):
             self._geometry(prepared, camera, frame, addresses)

@@ -22,6 +22,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from renderers.compiler.cache_locator import cached_njit
+from renderers.compiler.pending import wait_until_compiled
 from renderers.stereo.model import DISPARITY_SCALE
 from renderers.stereo.noise import KERNELS_VERSION, NORMAL_TABLE, random64
 
@@ -84,6 +85,7 @@ def measure(true: NDArray[np.float32], model: ErrorModel, key: np.uint64) -> Mea
         model: how large the errors are.
         key: of this frame (``noise.frame_key``).
     """
+    wait_until_compiled("stereo")
     disparity = np.empty(true.shape, np.uint16)
     confidence = np.empty(true.shape, np.uint8)
     # The error image cannot say less than one unit; rounding to 1/16 pixel alone is an error of that order.

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from renderers.compiler.cache_locator import cached_njit
+from renderers.compiler.pending import wait_until_compiled
 from renderers.stereo.errors import Measured
 from renderers.stereo.model import DISPARITY_SCALE
 
@@ -58,6 +59,7 @@ def apply_filters(measured: Measured, filters: Filters, focal_times_baseline: fl
         focal_times_baseline: f t in pixel metres of this resolution.
         divisor: of the quality, to convert ``seg``.
     """
+    wait_until_compiled("stereo")
     unit, ft = DISPARITY_SCALE, focal_times_baseline
     lowest = max(int(np.ceil(ft / filters.maxdepth / unit - 1e-9)), 1)
     highest = min(int(np.floor(ft / filters.mindepth / unit + 1e-9)), _LARGEST)
@@ -107,6 +109,7 @@ def _forget(disparity, error, confidence):
 
 def fill_holes(measured: Measured, fill: int) -> None:
     """Fills holes whose border differs by at most ``fill`` pixels, the smallest first, up to ``FILL_SHARE``."""
+    wait_until_compiled("stereo")
     step = round(fill / DISPARITY_SCALE)
     disparity = measured.disparity
     count, labels = cv2.connectedComponents((disparity == 0).view(np.uint8), connectivity=4, ltype=cv2.CV_32S)

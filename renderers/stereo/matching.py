@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.compiler.cache_locator import cached_njit
+from renderers.compiler.pending import wait_until_compiled
 from renderers.stereo.errors import Measured
 from renderers.stop import check_stop
 
@@ -31,6 +32,7 @@ def match(left: NDArray[np.uint8], right: NDArray[np.uint8], disparities: int, s
     Returns:
         Disparity where a match was found that is consistent from left to right and from right to left.
     """
+    wait_until_compiled("stereo")
     check_stop()
     height, width = left.shape
     searched = -(-disparities // 16) * 16

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.compiler.cache_locator import cached_njit
+from renderers.compiler.pending import wait_until_compiled
 
 CELL: Final = 1.5 / 552.0
 """Width of a dot, in units of the focal length: 2 pixels of a 640 pixel wide image of the 4 mm lens."""
@@ -63,6 +64,7 @@ def dots_on(
     Returns:
         (H, W) uint8, 255 is full light; 0 where nothing is.
     """
+    wait_until_compiled("stereo")
     level, cell = 0, CELL * focal_length
     patterns = _patterns()
     while cell < _MIN_CELL and level < len(patterns) - 1:

@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from renderers.compiler.pending import wait_until_compiled
 from renderers.stereo import sensor_kernels as kernels
 from renderers.stereo.exposure import BRACKETS, DISPLAY_GAMMA, LUMA, READ_NOISE, SHOT_NOISE, Exposure
 from renderers.stereo.noise import NORMAL_TABLE
@@ -60,6 +61,7 @@ def take(
         dot_light: light that a full dot adds, relative to the scene's own.
         noise: factor of its standard deviation; 0: none.
     """
+    wait_until_compiled("stereo")
     height, width = picture.shape[:2]
     image = np.empty((height, width, 3) if color else (height, width), np.uint8)
     words = np.uint64(key)

@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.generated import image_interface_pb2 as pb
-from gateway.runtime.worker_pool import Workers
+from gateway.runtime.worker_pool import WorkerPool
 from gateway.stereo.clock import Clock
 from gateway.stereo.config import StereoConfig
 from gateway.stereo.service import StereoService
@@ -83,7 +83,7 @@ async def running(
     clock: Clock | None,
     seconds: float | None = None,
 ) -> AsyncIterator[Camera]:
-    workers = Workers(2, seconds=seconds, limit_name="--render-seconds")
+    workers = WorkerPool(2, seconds=seconds, limit_name="--render-seconds")
     service = StereoService(config, scene, pose, renderer, workers, clock)
     task = asyncio.create_task(service.run())
     await until(lambda: service.ready or task.done())

@@ -19,7 +19,7 @@ CLIENTS = 16
 SERVER = f"""
 import asyncio, os, sys
 from gateway.generated import image_interface_pb2 as pb
-from gateway.ops import logs, process
+from gateway.runtime import logs, process_tuning
 from gateway.stereo import server
 from gateway.stereo.config import StereoConfig
 from gateway.stereo.events import EventHub
@@ -38,7 +38,7 @@ async def publish(hub):
 
 async def main():
     logs.configure("json", "error")
-    process.tune()
+    process_tuning.tune()
     hub = Hub(64, 16)
     running, port, _ = await server.start(hub, EventHub(64, 64), FaultInjector(0, 1 << 20), StereoConfig(port=0))
     publishing = asyncio.create_task(publish(hub))

@@ -75,7 +75,7 @@ def _operators() -> None:
 
     def register(key: Any) -> None:
         class Template(AbstractTemplate):
-            metadata: ClassVar[dict[str, str]] = {"target": "cpu"}  # tried before Numba's own
+            metadata: ClassVar[dict[str, str]] = {"target": "cpu"}  # type: ignore[misc]  # tried before Numba's own
 
             def generic(self, args: Any, kws: Any) -> Any:
                 a = args[0]

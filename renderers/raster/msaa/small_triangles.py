@@ -126,7 +126,7 @@ def draw_small_samples(frame, band, triangle, owner, first_row, last_row, scratc
     # With several columns of blocks, half of the box lies outside the triangle, and blocks begin where vectors do, so
     # that each lies in one cache line.
     wide = right - left > 2 * vec.LANES
-    begin = left - (left & (vec.LANES - 1) if wide else 0)  # type: ignore[operator]  # Numba's integers
+    begin = left - (left & (vec.LANES - 1) if wide else 0)
     f0, f1, f2 = e0 + most0 + skipped * down0, e1 + most1 + skipped * down1, e2 + most2 + skipped * down2
     for group in range(begin, right, vec.LANES * vec.LANES):
         # Rows that the triangle may reach, for each of eight columns of blocks.
