@@ -38,6 +38,7 @@ from gateway.wiring import warmup
 from gateway.wiring.context import NO_TELEMETRY, House
 from gateway.wiring.interfaces import JOINS, Join, join_demo
 from gateway.wiring.state import STATE, open_state, restore_state
+from renderers.compiler import pending
 
 if TYPE_CHECKING:
     from gateway.state.service import PersistentState
@@ -151,8 +152,9 @@ async def _start(house: House, wanted: dict[str, Join], started: asyncio.Event, 
     """
     begin = time.perf_counter()
     try:
-        if not await asyncio.to_thread(kernel_cache.are_cached):
+        if not await asyncio.to_thread(kernel_cache.are_cached, warmup.NEEDED):
             await _compile(house)
+        pending.begin(tuple(warmup.BACKGROUND))
         await asyncio.to_thread(warmup.run)
         watch.enter_context(kernel_cache.compiling_reported(_compiled_while_serving))
         house.registry.ready(KERNELS)
@@ -179,19 +181,37 @@ async def _start(house: House, wanted: dict[str, Join], started: asyncio.Event, 
         on_started()
     seconds = round(time.perf_counter() - begin, 2)
     _log.info("Scenegate has started", status=house.registry.verdict(), version=__version__, seconds=seconds)
+    if house.registry.entries[KERNELS].state is State.READY:
+        await _load_background_kernels()
 
 
 async def _compile(house: House) -> None:
     """Compiles the kernels in child processes; log, ``/readyz`` and a terminal show how far it has got."""
-    progress = Progress(len(warmup.PARTS))
+    progress = Progress(len(warmup.NEEDED))
     entry = house.registry.entries[KERNELS]
     entry.progress = progress.describe
     folder = str(kernel_cache.configure())
     _log.info("Compiling the rendering kernels into the cache, once ...", folder=folder, parts=progress.parts)
     with shown(progress, _log.info):
-        await kernel_cache.compile_missing(warmup.PARTS, progress)
+        await kernel_cache.compile_missing(warmup.NEEDED, progress)
     entry.progress = None  # from here on the kernels are loaded
     _log.info("The rendering kernels are compiled", seconds=progress.seconds)
+
+
+async def _load_background_kernels() -> None:
+    """Compile, if need be, and load the kernels that the default settings do not need at once."""
+    try:
+        if not await asyncio.to_thread(kernel_cache.are_cached, warmup.BACKGROUND):
+            progress = Progress(len(warmup.BACKGROUND))
+            _log.info("Compiling further kernels in the background; requests for them wait", parts=progress.parts)
+            await kernel_cache.compile_missing(warmup.BACKGROUND, progress)
+            _log.info("The further kernels are compiled", seconds=progress.seconds)
+        await asyncio.to_thread(warmup.run_background)
+    except Exception as error:  # noqa: BLE001 - requests for these kernels get the reason
+        pending.fail(kernel_cache.KernelError(str(error)))
+        _log.error("Further kernels cannot be used; requests for them fail", reason=str(error))
+    else:
+        pending.finish()
 
 
 def _compiled_while_serving(kernel: str) -> None:
