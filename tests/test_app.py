@@ -46,8 +46,9 @@ class FakeService:
 
 @pytest.fixture(autouse=True)
 def _warm(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(kernel_cache, "are_cached", lambda: True)
+    monkeypatch.setattr(kernel_cache, "are_cached", lambda parts: True)
     monkeypatch.setattr(warmup, "run", lambda: None)
+    monkeypatch.setattr(warmup, "run_background", lambda: None)
 
 
 def rooms(monkeypatch: pytest.MonkeyPatch, **joins: Callable[[House], None]) -> None:
@@ -111,20 +112,13 @@ async def test_a_service_that_fails_leaves_the_others_and_all_end_with_the_lifes
     assert good.ended.is_set()
 
 
-@pytest.mark.parametrize("straight", [True, False])
-async def test_renders_past_the_router_are_answered_as_by_it(monkeypatch: pytest.MonkeyPatch, straight: bool) -> None:
-    def join(house: House) -> None:
-        join_render(house)
-        assert [*house.app.state.straight] == [("POST", "/render")]
-        if not straight:
-            house.app.state.straight.clear()
-
-    rooms(monkeypatch, render=join)
+async def test_render_route_has_its_own_body_limit_and_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    rooms(monkeypatch, render=join_render)
     async with running(only=("render",), max_body_mb=1) as client:
         answer = await client.post("/render", content=b"x", headers={"Content-Type": "text/plain"})
         assert (answer.status_code, "multipart/form-data" in answer.text) == (400, True)
         answer = await client.post("/render", content=bytes(2 << 20))
-        assert (answer.status_code, "max_body_bytes" in answer.text) == (413, True)  # not the framework's own sentence
+        assert (answer.status_code, "max_body_bytes" in answer.text) == (413, True)  # not Starlette's own text
         assert (await client.get("/render")).status_code == 405
         metrics = (await client.get("/metrics")).text
         assert 'scenegate_http_requests_total{method="POST",route="/render",status="400"} 1.0' in metrics
@@ -176,7 +170,7 @@ async def test_cold_kernels_are_compiled_by_a_child_before_they_are_loaded(monke
     async def compile_missing(parts: Collection[str], progress: Progress) -> None:
         order.append("compiled")
 
-    monkeypatch.setattr(kernel_cache, "are_cached", lambda: False)
+    monkeypatch.setattr(kernel_cache, "are_cached", lambda parts: False)
     monkeypatch.setattr(kernel_cache, "compile_missing", compile_missing)
     monkeypatch.setattr(warmup, "run", lambda: order.append("loaded"))
     rooms(monkeypatch, render=add_route)
@@ -189,14 +183,14 @@ async def test_while_it_compiles_log_and_health_say_which_part(monkeypatch: pyte
     begun, go_on = asyncio.Event(), asyncio.Event()
 
     async def compile_missing(parts: Collection[str], progress: Progress) -> None:
-        assert progress.parts == len(parts) == len(warmup.PARTS)
+        assert progress.parts == len(parts) == len(warmup.NEEDED)
         progress.begin("shading")
         progress.begin("setup")
         progress.end("shading")
         begun.set()
         await go_on.wait()
 
-    monkeypatch.setattr(kernel_cache, "are_cached", lambda: False)
+    monkeypatch.setattr(kernel_cache, "are_cached", lambda parts: False)
     monkeypatch.setattr(kernel_cache, "compile_missing", compile_missing)
     rooms(monkeypatch, render=add_route)
     with structlog.testing.capture_logs() as lines:
@@ -209,7 +203,7 @@ async def test_while_it_compiles_log_and_health_say_which_part(monkeypatch: pyte
                 assert described["state"] == "starting"
                 compiling = described["compiling"]
                 assert compiling.pop("seconds") >= 0.0
-                assert compiling == {"part": 2, "of": len(warmup.PARTS), "done": 1, "now": ["setup"]}
+                assert compiling == {"part": 2, "of": len(warmup.NEEDED), "done": 1, "now": ["setup"]}
             go_on.set()
             await client.get("/room")
             assert (await client.get("/readyz")).json()["interfaces"]["kernels"] == {"state": "ready"}
@@ -220,7 +214,7 @@ async def test_while_it_compiles_log_and_health_say_which_part(monkeypatch: pyte
         "Compiling the rendering kernels",
         "The rendering kernels are compiled",
     ]
-    assert (said[2]["part"], said[2]["of"], said[2]["name"]) == (2, len(warmup.PARTS), "setup")
+    assert (said[2]["part"], said[2]["of"], said[2]["name"]) == (2, len(warmup.NEEDED), "setup")
     assert all(line["seconds"] >= 0.0 for line in said[1:])
 
 
@@ -349,7 +343,7 @@ async def test_nothing_is_ready_before_requests_are_let_in(monkeypatch: pytest.M
         return True
 
     monkeypatch.setattr(gateway.app, "_restored", restored)
-    rooms(monkeypatch)  # none, so that the board waits for the kernels only, which are there
+    rooms(monkeypatch)  # none, so that the registry waits for the kernels only, which are there
     async with running() as client:
         await joining.wait()
         assert (await client.get("/readyz")).json()["status"] == "starting"

@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from renderers.cache import Cache
 from renderers.color import linear_values_from_srgb, srgb_values_from_linear
 from renderers.compiler.device_function import inner
 from renderers.compiler.jit import kernel
@@ -14,7 +15,6 @@ from renderers.compiler.kernel_calls import is_set
 from renderers.drawlist import Image
 from renderers.shading.textures import texels_of
 from renderers.stop import current_stop
-from renderers.weaklru import WeakLru
 
 MAX_LEVELS: Final = 15
 """Maximum number of levels: those of an image of 16384 texels. Larger images end with more than one texel."""
@@ -36,7 +36,7 @@ _SAME: Final = np.round(np.arange(256) * (_LINEAR_STEPS / 255.0)).astype(np.uint
 _BACK: Final = np.round(np.arange(_LINEAR_STEPS + 1) * (255.0 / _LINEAR_STEPS)).astype(np.uint8)
 
 
-_chains: WeakLru[Image, dict[bool, tuple[NDArray[np.uint8], ...]]] = WeakLru(MAX_MIP_BYTES)
+_chains: Cache[Image, dict[bool, tuple[NDArray[np.uint8], ...]]] = Cache(MAX_MIP_BYTES, weak=True)
 
 
 def mip_chain(image: Image, srgb: bool) -> tuple[NDArray[np.uint8], ...]:

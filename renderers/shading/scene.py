@@ -141,7 +141,7 @@ def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | 
     )
 
 
-@kernel("void(int64, int64, int64)", brief=True)
+@kernel("void(int64, int64, int64)", releases_gil=False)
 def map_instances(points_at, maps_at, count):
     """Fill the instances' maps of normals and tangents, each up to a positive factor, and their handedness.
 

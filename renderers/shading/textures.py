@@ -8,9 +8,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from renderers.cache import Cache
 from renderers.drawlist import Image, ImageError
 from renderers.stop import check_stop
-from renderers.weaklru import WeakLru
 
 MAX_TEXEL_BYTES: Final = 1 << 30
 """Maximum number of bytes of decoded images that are kept: sixteen of 4096 x 4096. A small file can hold a large image,
@@ -33,7 +33,7 @@ class Texels:
         return np.ascontiguousarray(self.rows[:, : self.width])
 
 
-_decoded: WeakLru[Image, Texels] = WeakLru(MAX_TEXEL_BYTES)
+_decoded: Cache[Image, Texels] = Cache(MAX_TEXEL_BYTES, weak=True)
 
 
 def texels_of(image: Image) -> Texels:

@@ -10,8 +10,8 @@ from renderers.compiler import simd as vec
 from renderers.compiler.device_function import inlined, inner
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import call_kernel, is_set
-from renderers.compiler.pointers import f32_at, i32_at, i64_at, u8_at
-from renderers.msaa import E_COUNTS, E_IDS, E_MIXED, E_MIXES, E_PLACES, E_RECORDS, E_ROOM, E_WEIGHTS
+from renderers.compiler.pointers import address, f32_at, i32_at, i64_at, u8_at
+from renderers.msaa import sample_band_at
 from renderers.primitive_ids import instance_of
 from renderers.shading.interpolation import interpolate, set_up_spans
 from renderers.shading.layout import (
@@ -44,7 +44,7 @@ ADD: Final = 0
 BENEATH: Final = 1
 """Add the layer behind those that are there."""
 EDGES: Final = 2
-"""Add the surfaces that samples see: E_IDS, weighted in mixed pixels by its samples, and the entries by theirs."""
+"""Add the surfaces that samples see: the ids of a ``msaa.SAMPLE_BAND`` and its entries, weighted by their samples."""
 CUT: Final = 3
 """Only write alpha."""
 
@@ -176,17 +176,17 @@ def shade_rows(mode, job_at, ids_at, edges_at, stride, width, row_begin, row_end
         mode: ``ADD``, ``BENEATH``, ``EDGES`` or ``CUT``.
         job_at: address of J_COLUMNS int64.
         ids_at: address of the first of the rows: int32 record per pixel, -1 for none, rows ``stride`` values apart.
-        edges_at: for ``EDGES``, address of the band's ``msaa.E_COLUMNS`` int64.
+        edges_at: for ``EDGES``, address of the band's ``msaa.SAMPLE_BAND``.
         out_at: address of (H, 4, line_of(width)) float32, to which is added: tone-mapped linear colour times coverage,
             and coverage. For ``CUT`` of (H, line_of(width)) float32, into which alpha is written where the layer is
             seen. 0: the rows are finished at once.
         finish_at: address of F_COLUMNS int64; read only without ``out_at``.
     """
     line = line_in_kernel(width)
-    job, edges, finish = i64_at(job_at), i64_at(edges_at), i64_at(finish_at)
+    job, edges, finish = i64_at(job_at), sample_band_at(edges_at), i64_at(finish_at)
     room = width
     if mode == EDGES:
-        room = max(width, edges[E_ROOM])
+        room = max(width, edges.room)
     own_memory = np.empty(row_memory(room), np.int64)
     own_rows = np.zeros(R_VALUES, np.float32)
     own_columns = np.zeros(STRIDE, np.int32)
@@ -210,15 +210,15 @@ def shade_rows(mode, job_at, ids_at, edges_at, stride, width, row_begin, row_end
             job, segment, mode, y, seen, none, nothing, width, instance, records, out, line, columns, rows
         )  # fmt: skip
         if mode == EDGES:
-            mixes = i32_at(edges[E_MIXES] + 4 * row * stride)
-            for k in range(i32_at(edges[E_MIXED])[row]):
+            mixes = i32_at(address(edges.mixed) + 4 * row * stride)
+            for k in range(edges.mixed_counts[row]):
                 mix = np.int64(mixes[k])
                 share = np.float32((mix >> 4) & 15) * np.float32(0.125)
                 for c in range(4):
                     out[c * line + (mix >> 8)] *= share
-            skip = row * edges[E_ROOM]
-            seen, columns_at = i32_at(edges[E_RECORDS] + 4 * skip), edges[E_PLACES] + 4 * skip
-            weights, count = u8_at(edges[E_WEIGHTS] + skip), np.int64(i32_at(edges[E_COUNTS])[row])
+            skip = row * edges.room
+            seen, columns_at = i32_at(address(edges.entry_ids) + 4 * skip), address(edges.entry_columns) + 4 * skip
+            weights, count = u8_at(address(edges.entry_weights) + skip), np.int64(edges.counts[row])
             instance = _row(
                 job, segment, mode, y, seen, columns_at, weights, count, instance, records, out, line, columns, rows
             )  # fmt: skip
@@ -244,7 +244,7 @@ def shade_edges(own_at, edges_at, stride, row_begin, row_end):
     Args:
         own_at: address of B_COLUMNS int64.
     """
-    own, ids = i64_at(own_at), i64_at(edges_at)[E_IDS]
+    own, ids = i64_at(own_at), address(sample_band_at(edges_at).ids)
     call_kernel(
         own[B_SHADE],
         (EDGES, own[B_JOB], ids, edges_at, stride, own[B_WIDTH], row_begin, row_end, np.int64(0), own[B_FINISH]),
