@@ -1,4 +1,4 @@
-"""What lights a picture of the ``studio`` look: values only."""
+"""Light rigs of the look ``studio``: lights, surroundings, exposure, tone curve."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Final, Literal
 from renderers.drawlist import Light, LightKind
 
 MAX_LIGHTS: Final = 64
-"""Every pixel is lit by all of them."""
+"""Maximum number of lights of an image. Every pixel is lit by all of them."""
 MAX_SHADOWS: Final = 4
-"""Lights with a shadow map: each costs a drawing of the scene into ``shadow_size`` squared pixels."""
+"""Maximum number of lights with a shadow map. Each renders the scene into ``shadow_size`` squared texels."""
 
 Rgb = tuple[float, float, float]
 ToneName = Literal["neutral", "aces", "none"]
@@ -18,8 +18,7 @@ ToneName = Literal["neutral", "aces", "none"]
 
 @dataclass(frozen=True, slots=True)
 class Hemisphere:
-    """Light from everywhere: the radiance goes from ``ground`` at the nadir to ``sky`` at the zenith with the sine of
-    the height, linear RGB."""
+    """Radiance between ``ground`` at the nadir and ``sky`` at the zenith, by the sine of the elevation. Linear RGB."""
 
     sky: Rgb = (1.0, 1.0, 1.0)
     ground: Rgb = (0.4, 0.4, 0.4)
@@ -27,52 +26,52 @@ class Hemisphere:
 
 @dataclass(frozen=True, slots=True)
 class Softbox:
-    """A bright patch of the surroundings with soft edges, as photographers use."""
+    """Bright patch of the surroundings with soft edges."""
 
     direction: Rgb
-    """From the scene to its middle; any length."""
+    """Direction from the scene to its centre, any length."""
     radiance: Rgb
-    """Linear, added to what lies behind it."""
+    """Linear RGB, added to the surroundings behind it."""
     width: float
     """Half its angular width, radians."""
     height: float
     """Half its angular height, radians."""
     softness: float = 0.3
-    """Part of the half sizes over which it fades."""
+    """Share of the half sizes over which it fades."""
 
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """What is far away all around: reflected by metals, and light from everywhere. World frame, Z up."""
+    """Environment at infinity: reflected, and diffuse light. World frame, Z up."""
 
     hemisphere: Hemisphere = Hemisphere()
     softboxes: tuple[Softbox, ...] = ()
     image: bytes | None = None
-    """A Radiance picture (``.hdr``), equirectangular, its top is up; replaces hemisphere and softboxes."""
+    """Radiance image (``.hdr``), equirectangular, top is up. Replaces hemisphere and softboxes."""
     intensity: float = 1.0
-    """Multiplies all of it."""
+    """Factor of the radiance."""
     turn: float = 0.0
-    """Radians about the world's Z axis, counter-clockwise seen from above."""
+    """Rotation about the world's Z axis, radians, counter-clockwise seen from above."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """Everything that lights a picture."""
+    """Light rig of an image."""
 
     lights: tuple[Light, ...] = ()
-    """In the world, Z up."""
+    """World frame, Z up."""
     surroundings: Surroundings | None = field(default_factory=Surroundings)
     """None: black."""
     scene_lights: bool = True
-    """Whether lights that the scene brings replace ``lights``."""
+    """True: lights of the scene, if it has any, replace ``lights``."""
     exposure: float = 1.0
-    """Multiplies all light before tone mapping."""
+    """Factor of all light before tone mapping."""
     tone: ToneName = "neutral"
-    """The curve from light to the display: Khronos' PBR Neutral; ``aces``, what most glTF viewers show; none."""
+    """Tone curve: Khronos' PBR Neutral, ``aces`` as in most glTF viewers, or none."""
     shadow_size: int = 2048
-    """Side of a shadow map, texels; 0: no shadows."""
+    """Maximum side of a shadow map, texels; 0: no shadows."""
     shadow_radius: int = 2
-    """Texels either way over which shadow borders are filtered."""
+    """Radius of the shadow filter, texels."""
 
     def __post_init__(self) -> None:
         if len(self.lights) > MAX_LIGHTS:
@@ -83,13 +82,13 @@ class Rig:
             raise ValueError(f"shadow_radius must be 0 .. 8 texels, not {self.shadow_radius}")
 
 
-def _towards(x: float, y: float, z: float) -> Rgb:
+def _normalized(x: float, y: float, z: float) -> Rgb:
     length = (x * x + y * y + z * z) ** 0.5
     return x / length, y / length, z / length
 
 
 STUDIO: Final = Rig(
-    lights=(Light(LightKind.DIRECTIONAL, (1.0, 0.96, 0.9), 2.3, direction=_towards(0.35, 0.55, -1.0)),),
+    lights=(Light(LightKind.DIRECTIONAL, (1.0, 0.96, 0.9), 2.3, direction=_normalized(0.35, 0.55, -1.0)),),
     exposure=0.88,
     surroundings=Surroundings(
         hemisphere=Hemisphere((0.34, 0.37, 0.42), (0.16, 0.155, 0.15)),
@@ -100,4 +99,4 @@ STUDIO: Final = Rig(
         ),
     ),
 )
-"""The default: a key light from the left over the viewer's shoulder that casts shadows, soft boxes around."""
+"""Default rig: a key light with shadows from the left behind the viewer, and softboxes."""

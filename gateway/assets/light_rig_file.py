@@ -1,14 +1,13 @@
-"""Rigs of the ``studio`` look from TOML files.
+"""Light rigs of the look ``studio`` from TOML files.
 
-A rig replaces the built-in one; what a table leaves out has the value of ``renderers.light_rig``. World frame,
-metres, Z up, angles in degrees::
+Missing values have the defaults of ``renderers.light_rig``. World frame, metres, Z up, angles in degrees::
 
     exposure = 1.0
     tone = "neutral"            # aces, none
     shadow_size = 2048          # 0: no shadows
 
     [surroundings]
-    image = "studio.hdr"        # beside this file; or sky and ground colours and softboxes
+    image = "studio.hdr"        # in the folder of this file; or sky, ground and softboxes
     intensity = 0.8
     turn = 90
 
@@ -46,7 +45,7 @@ Vector = tuple[Number, Number, Number]
 
 
 class RigFileError(ValueError):
-    """A rig file cannot be used; the message names the file, the value and why."""
+    """A rig file cannot be used. The message names the file, the value and the reason."""
 
 
 class _Table(BaseModel):
@@ -93,7 +92,7 @@ class _Rig(_Table):
 
 
 def rig_of(path: Path | None) -> Rig:
-    """The rig of a file, or the built-in one.
+    """Return the rig of a file, or the default rig.
 
     Raises:
         RigFileError: see ``read_rig``.
@@ -102,7 +101,7 @@ def rig_of(path: Path | None) -> Rig:
 
 
 def rig_digest(path: Path) -> str:
-    """SHA-256 of a rig's file and of the picture of its surroundings, in hexadecimal.
+    """Return the SHA-256 of a rig's file and the image of its surroundings, in hexadecimal.
 
     Raises:
         RigFileError: see ``read_rig``.
@@ -113,7 +112,7 @@ def rig_digest(path: Path) -> str:
 
 
 def read_rig(path: Path) -> Rig:
-    """The rig of a TOML file; a picture of the surroundings lies beside it.
+    """Return the rig of a TOML file. Paths are relative to its folder.
 
     Raises:
         RigFileError: a file cannot be read, or a value cannot be used.
@@ -144,7 +143,7 @@ def _surroundings(table: _Surroundings, folder: Path) -> Surroundings:
 
     image = (folder / table.image).read_bytes() if table.image is not None else None
     if image is not None:
-        read_hdr(image)  # now, not with the first picture
+        read_hdr(image)  # fail now, not with the first image
     return Surroundings(
         hemisphere=Hemisphere(table.sky, table.ground),
         softboxes=tuple(
@@ -189,7 +188,7 @@ def _direction(v: Vector, where: str) -> Vector:
 
 
 def _fault(error: ValidationError) -> str:
-    """The first fault as a sentence: where it is, why, and the value, where one was given."""
+    """Return the first error as a sentence with field, reason and, if one was given, value."""
     fault = error.errors(include_url=False)[0]
     where = ".".join(map(str, fault["loc"]))
     text = f"{where}: {fault['msg'][:1].lower()}{fault['msg'][1:]}"

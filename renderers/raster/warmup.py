@@ -11,7 +11,6 @@ from renderers.compiler.jit import compile_all
 from renderers.drawlist import DrawList, Instance, Material, Mesh
 from renderers.interface import Look, Output
 from renderers.raster.renderer import CpuRenderer
-from renderers.shading import warmup as warm_shading
 
 
 def warmup() -> None:
@@ -20,7 +19,6 @@ def warmup() -> None:
     Takes up to a minute of one core if the cache is empty, and holds the GIL: run it in a process of its own then.
     """
     compile_all()
-    warm_shading()
     everything = Output.COLOR | Output.DEPTH | Output.LABEL | Output.INSTANCE | Output.NORMAL
     render_first_images(everything)
     # Not the studio look: filtering its environment takes half a second.

@@ -1,4 +1,4 @@
-"""From linear light to the bytes of a picture."""
+"""Gamma of the headlight looks: linear light to bytes, and back."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ GAMMA: Final = 2.2
 """VTK's physically based shader ends with ``pow(color, 1.0 / 2.2)``, not with the piecewise sRGB function."""
 
 _STEPS: Final = 4096
-"""Cells of DECODED."""
+"""Number of cells of DECODED."""
 _LEAST: Final = np.float32(2.0**-20)
-"""Below the linear value of the least level above 0, (0.5 / 255)^2.2."""
+"""Smaller than the linear value of the lowest level above 0, (0.5 / 255)^2.2."""
 _LEAST_BITS: Final = int(_LEAST.view(np.int32))
 _CELL: Final = 16
-"""Low bits of a float32 that lie within one cell of the gamma table. Cells are 2^-7 of an octave, which is narrower
-than the levels everywhere: none holds more than one threshold (checked below)."""
+"""Low bits of a float32 within one cell of the gamma table. A cell is 2^-7 of an octave, narrower than any level, so it
+holds at most one threshold (checked below)."""
 
 
 def _thresholds() -> NDArray[np.float32]:
-    """(256,) float32: from ``thresholds[k]`` on, ``round(255 c^(1/2.2))`` is at least k; the first is 0."""
+    """Return (256,) float32: the least c for which ``round(255 c^(1/2.2))`` is k; the first is 0."""
     levels = np.arange(256)
     result = (np.maximum(levels - 0.5, 0.0) / 255.0) ** GAMMA
     single: NDArray[np.float32] = result.astype(np.float32)
@@ -33,9 +33,11 @@ def _thresholds() -> NDArray[np.float32]:
 
 
 def _gamma_cells() -> NDArray[np.int32]:
-    """(2561,) int32, one for each 2^16 neighbouring float32 from _LEAST to 1: the level at the cell's first value,
-    times 2^16, plus how many values of the cell lie at or above the threshold of the next level; minus the bits of the
-    first value (all modulo 2^32): with a value's bits added, its level is in the third byte."""
+    """Return (2561,) int32, one for each cell of 2^16 neighbouring float32 from _LEAST to 1.
+
+    Adding the bits of a value gives its level in the third byte: a cell holds the level of its first value times 2^16,
+    plus the number of its values at or above the next threshold, minus the bits of its first value, modulo 2^32.
+    """
     bits = np.arange(_LEAST_BITS, int(np.float32(1.0).view(np.int32)) + 2 * (1 << _CELL), 1 << _CELL, dtype=np.int32)
     starts = bits.view(np.float32)
     levels = np.searchsorted(THRESHOLDS, starts, side="right") - 1
@@ -47,13 +49,15 @@ def _gamma_cells() -> NDArray[np.int32]:
 
 
 DARK: Final = np.float32(2.0**-40)
-"""Below this a linear value is shown as 0: a thousandth of a level."""
+"""Smaller linear values are shown as 0: a thousandth of a level."""
 _DARK_BITS: Final = int(DARK.view(np.int32))
 
 
 def _encoded() -> NDArray[np.float32]:
-    """(5122,) float32: ``c^(1/2.2)`` of every 2^16th float32 from DARK to 1, and one beyond for interpolation at 1; 0
-    for the first."""
+    """Return (5122,) float32: ``c^(1/2.2)`` of every 2^16th float32 from DARK to 1.
+
+    The first is 0. The last is for interpolation at 1.
+    """
     bits = np.arange(_DARK_BITS, int(np.float32(1.0).view(np.int32)) + 2 * (1 << _CELL), 1 << _CELL, dtype=np.int32)
     result: NDArray[np.float32] = (bits.view(np.float32).astype(np.float64) ** (1.0 / GAMMA)).astype(np.float32)
     result[0] = 0.0
@@ -61,7 +65,7 @@ def _encoded() -> NDArray[np.float32]:
 
 
 def _decoded() -> NDArray[np.float32]:
-    """(_STEPS + 2,) float32: ``(i / _STEPS)^2.2``; the last entry is for interpolation at 1."""
+    """Return (_STEPS + 2,) float32: ``(i / _STEPS)^2.2``. The last entry is for interpolation at 1."""
     return (np.minimum(np.arange(_STEPS + 2) / _STEPS, 1.0) ** GAMMA).astype(np.float32)
 
 
@@ -73,8 +77,10 @@ GAMMA_CELLS: Final = _gamma_cells()
 
 @inlined
 def _gamma_level(c, cells):
-    """``round(255 c^(1/2.2))`` of an f32x8 in the third byte of an i32x8, the lower ones are anything; by a table that
-    is exact for every float32: no ``pow``, so the same on every machine. Below 0 or NaN is 0, above 1 is 255."""
+    """Return ``round(255 c^(1/2.2))`` of an f32x8 in the third byte of an i32x8; the lower bytes are undefined.
+
+    The table is exact for every float32. ``pow`` would differ between machines. Below 0 and NaN is 0, above 1 is 255.
+    """
     c = vec.least(vec.most(c, vec.f32(_LEAST)), vec.f32(1.0))
     bits = vec.bits_of(c)
     return vec.gather(i32_at(cells - 4 * (_LEAST_BITS >> _CELL)), bits >> vec.i32(_CELL)) + bits
@@ -82,7 +88,7 @@ def _gamma_level(c, cells):
 
 @inlined
 def gamma_pixels(r, g, b, cells):
-    """Eight linear colours (f32x8 each) as they are shown, packed: red in the lowest byte, then green, blue.
+    """Return eight linear colours (f32x8 each) as packed pixels, red in the lowest byte.
 
     Args:
         cells: address of ``GAMMA_CELLS``.
@@ -93,14 +99,14 @@ def gamma_pixels(r, g, b, cells):
 
 @inlined
 def plain_byte(c):
-    """``round(255 c)`` of an f32x8 as i32x8; below 0 or NaN is 0, above 1 is 255."""
+    """Return ``round(255 c)`` of an f32x8 as i32x8. Below 0 and NaN is 0, above 1 is 255."""
     c = vec.least(vec.most(c, vec.f32(0.0)), vec.f32(1.0))
     return vec.to_i32(c * vec.f32(255.0) + vec.f32(0.5))
 
 
 @inner
 def decode_gamma(c, decoded):
-    """``c^2.2`` of an f32x8 in 0..1 (clamped; NaN is 0), interpolated in ``DECODED`` (its address): within 1e-7."""
+    """Return ``c^2.2`` of an f32x8 in 0..1 (clamped; NaN is 0), to 1e-7. ``decoded``: address of ``DECODED``."""
     at = vec.least(vec.most(c, vec.f32(0.0)), vec.f32(1.0)) * vec.f32(float(_STEPS))
     cell = vec.to_i32(at)
     table = f32_at(decoded)
@@ -110,8 +116,7 @@ def decode_gamma(c, decoded):
 
 @inlined
 def encode_gamma(c, encoded):
-    """``c^(1/2.2)`` of an f32x8 in 0..1 (clamped; NaN is 0), interpolated in ``ENCODED`` (its address): within 2e-6 of
-    it."""
+    """Return ``c^(1/2.2)`` of an f32x8 in 0..1 (clamped; NaN is 0), to 2e-6. ``encoded``: address of ``ENCODED``."""
     c = vec.least(vec.most(c, vec.f32(DARK)), vec.f32(1.0))
     bits = vec.bits_of(c) - vec.i32(_DARK_BITS)
     cell = bits >> vec.i32(_CELL)

@@ -334,10 +334,18 @@ def _line(spans, row, count, at, lanes, t):
 
 
 @inner
+def _clear(pixels, row, rows, begin, end):
+    """Fill rows with zeros."""
+    for k in range(row, row + rows):
+        for x in range(begin, end, vec.LANES):
+            vec.store(pixels, k * STRIDE + x, vec.f32(0.0))
+
+
+@inner
 def interpolate(segment, begin, end, to):
     """Fill the rows A_ from value ``to`` on with the attributes of the pixels ``begin .. end``, after ``set_up_spans``.
 
-    Up to seven further values are overwritten. Texture coordinates that the mesh lacks become 0.
+    Up to seven further values are overwritten. Texture coordinates that the mesh lacks, and their gradients, become 0.
     """
     spans, pixels = f32_at(segment[G_SPANS]), f32_at(segment[G_PIXELS])
     masks, has, columns = i64_at(segment[G_MASKS]), segment[G_HAS], segment[G_COLUMNS]
@@ -375,12 +383,11 @@ def interpolate(segment, begin, end, to):
                 for j in range(4):
                     vec.store(pixels, (A_TANGENT + j) * STRIDE + to_x, _line(spans, T_TANGENT + j, 4, at, lanes, t))
         at += vec.count_bits(starts)
-    zero = vec.f32(0.0)
     for which in range(2):
         if not has & (HAS_UV0 << which):
-            for row in range(A_UV0 + 2 * which, A_UV0 + 2 * which + 2):
-                for x in range(to, to + end - begin, vec.LANES):
-                    vec.store(pixels, row * STRIDE + x, zero)
+            _clear(pixels, A_UV0 + 2 * which, 2, to, to + end - begin)
+            if segment[G_SURFACE] != 0:
+                _clear(pixels, A_GRADIENT0 + 4 * which, 4, to, to + end - begin)
     if segment[G_SURFACE] != 0:
         _interpolate_surface(segment, begin, end, to)
 

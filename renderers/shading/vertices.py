@@ -1,4 +1,4 @@
-"""A mesh's vertices as records that kernels load with one instruction, made once per mesh."""
+"""Vertices of meshes as records that kernels load with one instruction."""
 
 from __future__ import annotations
 
@@ -31,25 +31,25 @@ from renderers.shading.mikktspace import with_tangents
 from renderers.stop import check_stop
 
 MAX_VERTEX_BYTES: Final = 512 << 20
-"""Records that are kept for meshes that are alive: sixteen million vertices without colours."""
+"""Maximum number of bytes of records that are kept: sixteen million vertices without colours."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VertexRecords:
-    """What shading reads of a mesh."""
+    """Vertex attributes of a mesh, interleaved."""
 
     elements: NDArray[np.uint32]
-    """(M, 1 | 2 | 3), into the records, whose order need not be that of the mesh's vertices."""
+    """(M, 1 | 2 | 3) indices of records. Their order may differ from that of the mesh's vertices."""
     vertices: NDArray[np.float32]
-    """(N, V_COLUMNS): position, normal and first texture coordinates, 0 where the mesh has none."""
+    """(N, V_COLUMNS) position, normal and first texture coordinates; 0 for those the mesh lacks."""
     extras: NDArray[np.float32] | None
-    """(N, E_COLUMNS): colour, second texture coordinates and tangent; None where the mesh has none of them."""
+    """(N, E_COLUMNS) colour, second texture coordinates and tangent; None if the mesh lacks all of them."""
     has: int
     """Sum of the HAS_ constants."""
 
     @property
     def columns(self) -> tuple[int, int, int, int]:
-        """As in the instance table from II_ELEMENTS on; valid while this object is alive."""
+        """Columns of the instance table from II_ELEMENTS on. Valid while this object is alive."""
         return (
             address_of(self.elements, np.uint32),
             address_of(self.vertices, np.float32),
@@ -63,28 +63,28 @@ class VertexRecords:
 
 
 _records: Cache[Mesh, dict[int, VertexRecords]] = Cache(MAX_VERTEX_BYTES, weak=True)
-"""By mesh, then by the set of coordinates that its tangents follow (-1: no tangents)."""
+"""By mesh, then by the set of texture coordinates that its tangents follow (-1: no tangents)."""
 _lock = threading.Lock()
 
 
 def records_of(mesh: Mesh, tangent_set: int) -> VertexRecords:
-    """The mesh's records, made once while it is alive and was used lately.
+    """Return the mesh's records, from the cache if possible.
 
     Args:
-        tangent_set: 0 or 1: tangents are wanted, and where the mesh has none, they follow this set of texture
-            coordinates. -1: they are not wanted.
+        tangent_set: 0 or 1: include tangents; a mesh without gets tangents that follow this set of texture coordinates.
+            -1: no tangents.
 
     Raises:
-        ValueError, TypeError: an attribute has another shape or dtype than ``Mesh`` says: kernels would read beyond it.
+        ValueError, TypeError: an attribute's shape or dtype is not what ``Mesh`` says. Kernels would read beyond it.
     """
-    known = (_records.get(mesh) or {}).get(tangent_set)
-    if known is not None:
-        return known
-    fresh = _make(mesh, tangent_set)
+    records = (_records.get(mesh) or {}).get(tangent_set)
+    if records is not None:
+        return records
+    records = _make(mesh, tangent_set)
     with _lock:
-        sets = {**(_records.get(mesh) or {}), tangent_set: fresh}
+        sets = {**(_records.get(mesh) or {}), tangent_set: records}
         _records.put(mesh, sets, sum(each.nbytes for each in sets.values()))
-    return fresh
+    return records
 
 
 def _make(mesh: Mesh, tangent_set: int) -> VertexRecords:
@@ -108,7 +108,7 @@ def _make(mesh: Mesh, tangent_set: int) -> VertexRecords:
     elements = mesh.elements
     used: slice | NDArray[np.intp] = slice(None)
     if count > max(64, elements.size):
-        # Many glTF primitives share one long vertex array: keep only what this one uses.
+        # Many glTF primitives share one long vertex array: keep only the vertices in use.
         used, elements = used_vertices(elements, count)
         count = len(used)
     has = 0

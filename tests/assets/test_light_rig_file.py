@@ -84,7 +84,7 @@ def test_an_empty_file_is_darkness(tmp_path: Path) -> None:
             "[surroundings]\nimage = 'none.hdr'",
             "none.hdr cannot be read: No such file or directory (the surroundings of ",
         ),
-        ("[surroundings]\nimage = 'rig.toml'", "no Radiance picture"),
+        ("[surroundings]\nimage = 'rig.toml'", "no Radiance image"),
         ("exposure = ", "rig.toml: Invalid value"),
     ],
 )

@@ -1,4 +1,4 @@
-"""The colour picture of a view: which layers are needed, and shading them band by band."""
+"""Colour image of the headlight looks: the layers it needs, shaded band by band."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from renderers.camera import Camera
 from renderers.compiler.pointers import Table, address_of, table
 from renderers.compiler.simd import LANES
-from renderers.depth_peeling import MAX_LAYERS, peeled
 from renderers.drawlist import DrawList
 from renderers.interface import Look
+from renderers.shading.depth_peeling import MAX_LAYERS, peeled
 from renderers.shading.gamma import ENCODED, GAMMA_CELLS
 from renderers.shading.headlight.layout import S_COLUMNS
 from renderers.shading.headlight.output_merge import DIRECT, GATHER, UNDER
@@ -22,7 +22,7 @@ from renderers.shading.headlight.shade_rows import shade_rows
 from renderers.shading.layout import P_COLUMNS
 from renderers.shading.scene import ShadingScene, map_instances
 
-if TYPE_CHECKING:  # the rasterizer calls this module
+if TYPE_CHECKING:  # the rasterizer imports this module
     from renderers.visibility_buffer import Rasterizer, Visibility
 
 _NOTHING: Final = np.zeros((4, 0, LANES), dtype=np.float32)
@@ -44,18 +44,18 @@ def paint(
     first: Visibility | None = None,
     max_layers: int = MAX_LAYERS,
 ) -> None:
-    """Draws the colour picture.
+    """Render the colour image.
 
-    Opaque instances are seen through one visibility buffer. Translucent and cut-out ones are peeled in front of it,
-    nearest first, each pixel's layers composited front to back as bytes would be shown (RenderEngineVtk blends what it
-    shows, not linear light); the opaque picture and the background come beneath, and are rounded once.
+    Opaque instances take one visibility buffer. Transparent ones are peeled in front of it, nearest first, and blended
+    front to back in the colour space of the stored image, as RenderEngineVtk does. The opaque image and the background
+    come beneath; each pixel is rounded once.
 
     Args:
-        rasterizer: gives visibility and runs bands.
-        scene: what is drawn; ``shading`` must be prepared from its instances with ``look.name``.
+        rasterizer: renders visibility and runs bands.
+        scene: the draw list that ``shading`` was prepared from, with ``look.name``.
         color: (H, W, 3) uint8, C-contiguous; every pixel is written.
-        first: visibility of the whole scene with both faces of everything, if there is one anyway (for depth or
-            label); used where it is just what colour needs, never changed or closed here.
+        first: visibility of the whole scene with both faces, if there is one already (for depth or label). It is used
+            if colour needs the same, and never changed or closed.
         max_layers: as for ``peeled``.
     """
     cull = shading.cull_back if shading.culls else None
@@ -79,7 +79,7 @@ def paint(
 
 
 class Painter:
-    """Shades bands of one view; immutable, used from any thread."""
+    """Shades bands of one view. Immutable, thread-safe."""
 
     def __init__(
         self,
@@ -95,11 +95,11 @@ class Painter:
     ) -> None:
         """
         Args:
-            places: addresses of ``first_record`` and ``X_camera_mesh`` as in ``Visibility``, and of (H, W, 3) uint8,
-                the picture; values from one row of records to the next.
-            mode, gathered: see ``compose``; the address of its array.
-            table: gives working memory, which nobody else uses while this is.
-            keep: what the addresses point into.
+            places: addresses of ``first_record`` and ``X_camera_mesh`` as in ``Visibility``, address of the image,
+                (H, W, 3) uint8, and number of values from one row of records to the next.
+            mode: of ``output_merge``. gathered: address of its layers.
+            table: allocates working memory, which must not be used otherwise while this object is alive.
+            keep: objects that the addresses point into.
         """
         if shading.look != look.name:
             raise ValueError(f"the scene was prepared for the look {shading.look!r}, not {look.name!r}")
@@ -107,7 +107,7 @@ class Painter:
         self.height = camera.height
         count = len(shading.cull_back)
         red, green, blue = look.background
-        # The job, the lens and the maps in one array.
+        # One array for the job, the lens and the maps.
         own, memory, address = table(_MAPS + (count * P_COLUMNS + 1) // 2)
         _JOB.pack_into(
             memory,
@@ -136,7 +136,7 @@ class Painter:
         )
         map_instances(meshes, address + 8 * _MAPS, count)
         self.job = address
-        """Address of S_COLUMNS int64; valid while this object is alive."""
+        """Address of S_COLUMNS int64. Valid while this object is alive."""
         self._keep = (shading, own, keep)
 
     @classmethod
@@ -153,13 +153,13 @@ class Painter:
         mode: int = DIRECT,
         gathered: NDArray[np.float32] = _NOTHING,
     ) -> Painter:
-        """From arrays.
+        """Create a painter from arrays.
 
         Args:
             X_camera_mesh, first_record: as in ``Visibility``.
             color: (H, W, 3) uint8, C-contiguous.
-            stride: values from one row of records to the next.
-            mode, gathered: see ``compose``.
+            stride: number of values from one row of records to the next.
+            mode, gathered: of ``output_merge``.
         """
         return cls(
             shading,
@@ -180,7 +180,7 @@ class Painter:
         """Shade one band.
 
         Args:
-            ids: address of the record of the picture's first pixel, or where it would be: only the band's are read.
+            ids: address of the record of the image's first pixel. Only the band's records are read.
         """
         from renderers.visibility_buffer import BAND_ROWS
 
@@ -198,7 +198,7 @@ def _shade(
     gathered: NDArray[np.float32],
     color: NDArray[np.uint8],
 ) -> None:
-    """Runs a painter over all bands."""
+    """Shade all bands."""
     from renderers.visibility_buffer import band_count
 
     painter = Painter.of(

@@ -1,5 +1,4 @@
-"""Image-based light: the surroundings as a table of irradiance for diffuse and as filtered tables for specular
-reflection.
+"""Image-based light: the surroundings as a table of irradiance and as prefiltered tables of radiance.
 
 Sources: Karis, "Real Shading in Unreal Engine 4" (2013), for the split of the specular integral into filtered radiance
 and a table of the BRDF, each filtered with the normal as the direction of view; Krivanek and Colbert, "Real-time
@@ -28,9 +27,9 @@ LEVEL_SIZES: Final = (256, 128, 64, 64, 32, 32)
 """Sides of the tables from roughness 0 to 1, texels, in equal steps of roughness."""
 LEVELS: Final = len(LEVEL_SIZES)
 MAX_HDR_PIXELS: Final = 8192 * 4096
-"""Of a Radiance picture: 400 MB as float32."""
+"""Maximum number of pixels of a Radiance image: 400 MB as float32."""
 _DRAWN: Final = (256, 512)
-"""Size of surroundings that are not a picture."""
+"""Height and width of surroundings without an image, pixels."""
 _SAMPLES: Final = 128
 IRRADIANCE_SIZE: Final = 32
 """Side of the table of irradiance, texels."""
@@ -39,52 +38,52 @@ _SPLIT: Final = 32
 
 
 class SurroundingsError(ValueError):
-    """A Radiance picture cannot be used; the message says why."""
+    """A Radiance image cannot be used. The message says why."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ambient:
-    """Surroundings ready for kernels; world frame."""
+    """Filtered surroundings, world frame."""
 
     irradiance: NDArray[np.float32]
     """Octahedral table with border, (IRRADIANCE_SIZE + 2, IRRADIANCE_SIZE + 2, 3) float32: irradiance / pi."""
     levels: tuple[NDArray[np.float32], ...]
     """Octahedral tables with border, (N + 2, N + 2, 3) float32 radiance, by growing roughness."""
     texels: NDArray[np.float32]
-    """All levels and then the irradiance behind one another, four values a texel, of which the last is not used."""
+    """All levels and then the irradiance, flat, four values per texel, of which the last is unused."""
     places: NDArray[np.int32]
-    """(LEVELS + 1, 2) int32: where in ``texels`` each begins, and its side N."""
+    """(LEVELS + 1, 2) int32: offset in ``texels`` and side N of each table."""
 
 
 def irradiance_of(radiance: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The table ``Ambient.irradiance`` of an equirectangular picture (H, W, 3)."""
-    # What is smaller than a degree or two does not matter under a cosine.
+    """Return ``Ambient.irradiance`` of an equirectangular image (H, W, 3)."""
+    # Under a cosine, details of a degree or two do not matter.
     height, width = min(radiance.shape[0], 64), min(radiance.shape[1], 128)
     small = cv2.resize(radiance, (width, height), interpolation=cv2.INTER_AREA).reshape(-1, 3)
     edges = np.cos(math.pi * np.arange(height + 1) / height)
     area = np.repeat((edges[:-1] - edges[1:]) * (2.0 / width), width)  # over pi
     ahead = equirect_directions(height, width).reshape(-1, 3).T
-    wide = small * area[:, None]  # in float64, so that the sums' order leaves the table as it is
+    wide = small * area[:, None]  # float64: the table does not depend on the order of the sums
     rows = [np.maximum(normals @ ahead, 0.0) @ wide for normals in octahedral_directions(IRRADIANCE_SIZE)]
     return with_border(np.stack(rows).astype(np.float32))
 
 
 def read_hdr(data: bytes) -> NDArray[np.float32]:
-    """(H, W, 3) float32 linear RGB of a Radiance picture.
+    """Decode a Radiance image to (H, W, 3) float32 linear RGB.
 
     Raises:
-        SurroundingsError: no such picture, too large, or not equirectangular (twice as wide as high).
+        SurroundingsError: not a Radiance image, too large, or not equirectangular (twice as wide as high).
     """
     if not data.startswith(b"#?"):
-        raise SurroundingsError("the surroundings are no Radiance picture (.hdr), which begins with '#?'")
+        raise SurroundingsError("the surroundings are no Radiance image (.hdr), which begins with '#?'")
     size = next((line.split() for line in data[:4096].split(b"\n") if line.startswith((b"-Y", b"+Y"))), [])
     try:
         height, width = int(size[1]), int(size[3])
     except (IndexError, ValueError):
-        raise SurroundingsError("the Radiance picture has no line with its size") from None
+        raise SurroundingsError("the Radiance image has no line with its size") from None
     if not 0 < height * width <= MAX_HDR_PIXELS or width != 2 * height:
         raise SurroundingsError(
-            f"the Radiance picture has {width}x{height} pixels; it must be twice as wide as high and have at most "
+            f"the Radiance image has {width}x{height} pixels; it must be twice as wide as high and have at most "
             f"{MAX_HDR_PIXELS}"
         )
     try:
@@ -92,13 +91,13 @@ def read_hdr(data: bytes) -> NDArray[np.float32]:
     except cv2.error:
         pixels = None
     if pixels is None or pixels.dtype != np.float32 or pixels.shape != (height, width, 3):
-        raise SurroundingsError("the Radiance picture is broken")
+        raise SurroundingsError("the Radiance image is broken")
     rgb = np.ascontiguousarray(pixels[..., ::-1])
     return np.clip(np.nan_to_num(rgb, nan=0.0, posinf=65504.0), 0.0, 65504.0).astype(np.float32)
 
 
 def radiance_of(surroundings: Surroundings) -> NDArray[np.float32]:
-    """(H, W, 3) float32: the surroundings as an equirectangular picture of the world, ``turn`` not applied."""
+    """Return the surroundings as an equirectangular image of the world, (H, W, 3) float32. ``turn`` is not applied."""
     if surroundings.image is not None:
         return read_hdr(surroundings.image) * np.float32(surroundings.intensity)
     d = equirect_directions(*_DRAWN)
@@ -126,12 +125,12 @@ _lock = threading.Lock()
 
 
 def ambient_of(surroundings: Surroundings) -> Ambient:
-    """The surroundings filtered; the last few are remembered.
+    """Return the filtered surroundings. The last few are kept.
 
     Raises:
         SurroundingsError: see ``read_hdr``.
     """
-    with _lock:  # two threads would both do the work
+    with _lock:  # or concurrent calls would filter twice
         return _ambient(surroundings)
 
 
@@ -182,9 +181,10 @@ def _hammersley(count: int) -> NDArray[np.float64]:
 
 @kernel("void(float32[::1], int64[::1], int64[:,::1], float64[:,::1], float64, float64[:,::1], float32[:,::1])")
 def _prefilter(texels, offsets, sizes, directions, roughness, points, out):
-    """Mean radiance around each direction, weighted as GGX of this roughness reflects it to a viewer in that very
-    direction (Karis 2013): half vectors by importance, each sample read from the level whose texels are as large as
-    what it stands for."""
+    """Fill the mean radiance around each direction, weighted by GGX for a viewer in that direction (Karis 2013).
+
+    Half vectors are sampled by importance, each from the level whose texels cover the sample's solid angle.
+    """
     a2 = roughness**4
     texel = 4.0 * math.pi / (sizes[0, 0] * sizes[0, 1])
     for k in range(directions.shape[0]):
@@ -231,7 +231,7 @@ def _prefilter(texels, offsets, sizes, directions, roughness, points, out):
 
 @inner
 def _read(texels, offsets, sizes, level, x, y, z):
-    """Bilinear in the nearest level of the pyramid of equirectangular pictures."""
+    """Sample the nearest level of the pyramid of equirectangular images, bilinear."""
     which = min(max(int(level + 0.5), 0), offsets.shape[0] - 1)
     height, width = sizes[which, 0], sizes[which, 1]
     u = (0.5 - math.atan2(y, x) / (2.0 * math.pi)) * width - 0.5
@@ -252,8 +252,10 @@ def _read(texels, offsets, sizes, level, x, y, z):
 
 @lru_cache(maxsize=1)
 def split_sum() -> NDArray[np.float32]:
-    """(_SPLIT, _SPLIT, 2) float32 by cosine of view and roughness, from 0 to 1 each: scale and bias of F0 in the
-    integral of GGX with the height-correlated Smith term over a white hemisphere (Karis 2013)."""
+    """Return scale and bias of F0, (_SPLIT, _SPLIT, 2) float32, by cosine of the view and roughness, 0 to 1 each.
+
+    They give the integral of GGX with the height-correlated Smith term over a white hemisphere (Karis 2013).
+    """
     points = _hammersley(512)
     cosines = np.linspace(0.0, 1.0, _SPLIT)[:, None, None]
     rough = np.linspace(0.0, 1.0, _SPLIT)[None, :, None]

@@ -1,4 +1,4 @@
-"""Light on a part of a row, eight pixels at a time: lamps with their shadows, the surroundings, the tone curve."""
+"""Light on gathered surfaces, eight pixels at a time: lights with shadows, the environment map, the tone curve."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ from renderers.shading.studio.lights import (
     L_SPOT_OFFSET,
     L_SPOT_SCALE,
 )
-from renderers.shading.studio.shadow_sampling import lit_parts
+from renderers.shading.studio.shadow_sampling import light_share
 from renderers.shading.studio.shadows import S_COLUMNS, SI_COLUMNS
 from renderers.shading.studio.tonemap import shown
 from renderers.shading.vec3 import dot, transform_directions
@@ -69,7 +69,7 @@ def _put(rows, row, x, r, g, b):
 
 @inlined
 def _arriving(light, p):
-    """Unit vectors from points to a light (a pointer to its row) and the share of its colour that arrives."""
+    """Return unit vectors from points to a light (a pointer to its row) and the share of its colour that arrives."""
     zero, one = vec.f32(0.0), vec.f32(1.0)
     shining = vec.f32(light[L_DIRECTION]), vec.f32(light[L_DIRECTION + 1]), vec.f32(light[L_DIRECTION + 2])
     if light[L_KIND] == 0.0:
@@ -93,8 +93,8 @@ def _arriving(light, p):
 
 
 @inner
-def _add_lamp(job, light, rows, count):
-    """Add what ``count`` pixels reflect of one light to the rows R_LIGHT."""
+def _add_light(job, light, rows, count):
+    """Add the reflection of one light at ``count`` pixels to the rows R_LIGHT."""
     zero = vec.f32(0.0)
     shadow = np.int64(light[L_SHADOW])
     color = vec.f32(light[L_COLOR]), vec.f32(light[L_COLOR + 1]), vec.f32(light[L_COLOR + 2])
@@ -109,7 +109,7 @@ def _add_lamp(job, light, rows, count):
             # Else the triangle itself is in the way.
             part = vec.select(dot(flat, l) > zero, part, zero)
             if vec.bits(part > zero) != 0:
-                part = part * lit_parts(
+                part = part * light_share(
                     f64_at(job[J_SHADOW_FLOATS] + 8 * S_COLUMNS * shadow),
                     i64_at(job[J_SHADOW_INTEGERS] + 8 * SI_COLUMNS * shadow),
                     job[J_SHADOW_RADIUS],
@@ -147,7 +147,7 @@ def _add_lamp(job, light, rows, count):
 
 @inlined
 def _octahedral(d):
-    """Where directions (any length) lie in an octahedral table, 0 .. 1 each way; the middle for 0."""
+    """Return positions of directions (any length) in an octahedral table, 0 .. 1 each way; the middle for 0."""
     zero, half = vec.f32(0.0), vec.f32(0.5)
     total = vec.absolute(d[0]) + vec.absolute(d[1]) + vec.absolute(d[2])
     scale = vec.select(total > zero, vec.f32(1.0) / total, zero)
@@ -160,7 +160,7 @@ def _octahedral(d):
 
 @inner
 def _read(texels, places, level, u, v):
-    """Bilinear in octahedral tables with a border of one texel, RGB; ``level``: i32x8, which table."""
+    """Sample octahedral tables with a border of one texel, bilinear, RGB. ``level``: i32x8, number of the table."""
     two, four = vec.i32(2), vec.i32(4)
     offset, side = vec.gather(places, level * two), vec.gather(places, level * two + vec.i32(1))
     most = vec.to_f32(side)
@@ -184,7 +184,7 @@ def _read(texels, places, level, u, v):
 
 @inner
 def _split(table, side, n_v, roughness):
-    """Scale and bias of ``split_sum``, bilinear; both coordinates 0 .. 1."""
+    """Return scale and bias of ``split_sum``, bilinear. Both coordinates are 0 .. 1."""
     one, two, last = vec.f32(1.0), vec.i32(2), vec.i32(side - 2)
     x, y = n_v * vec.f32(side - 1), roughness * vec.f32(side - 1)
     i, j = vec.least(vec.to_i32(x), last), vec.least(vec.to_i32(y), last)
@@ -200,8 +200,8 @@ def _split(table, side, n_v, roughness):
 
 
 @inner
-def _add_surroundings(job, rows, count):
-    """Add what ``count`` pixels reflect of the surroundings, which are in the world's frame, to the rows R_LIGHT."""
+def _add_environment(job, rows, count):
+    """Add the reflection of the environment map (world frame) at ``count`` pixels to the rows R_LIGHT."""
     world = f64_at(job[S_LENS] + 8 * LENS_WORLD)
     texels, places = f32_at(job[J_RADIANCE]), i32_at(job[J_LEVELS])
     zero, one, two = vec.f32(0.0), vec.f32(1.0), vec.f32(2.0)
@@ -209,8 +209,8 @@ def _add_surroundings(job, rows, count):
         n, v = _three(rows, R_NORMAL, x), _three(rows, R_VIEW, x)
         roughness = vec.least(vec.most(vec.load(rows, R_ROUGHNESS * STRIDE + x), zero), one)
         n_v = dot(n, v)
-        # What a rough surface reflects comes from between the mirrored direction and the normal (Lagarde and de
-        # Rousiers, "Moving Frostbite to PBR", 2014, 4.9.3).
+        # Rough surfaces reflect light from between the mirrored direction and the normal (Lagarde and de Rousiers,
+        # "Moving Frostbite to PBR", 2014, 4.9.3).
         alpha = roughness * roughness
         mirror = (one - alpha) * (vec.sqrt(one - alpha) + alpha)
         up = one - mirror + mirror * two * n_v
@@ -240,7 +240,8 @@ def light_up(job, rows, count):
     """Fill the rows R_VIEW and R_LIGHT of ``count`` pixels, the latter with tone-mapped linear RGB.
 
     Args:
-        job: pointer to the J_COLUMNS int64. rows: pointer to G_ROWS rows of STRIDE float32.
+        job: pointer to the J_COLUMNS int64.
+        rows: pointer to the R_VALUES float32.
     """
     zero = vec.f32(0.0)
     for x in range(0, count, vec.LANES):
@@ -250,9 +251,9 @@ def light_up(job, rows, count):
         scale = vec.select(length > zero, vec.f32(-1.0) / length, zero)
         _put(rows, R_VIEW, x, px * scale, py * scale, pz * scale)
     for k in range(job[J_LIGHT_COUNT]):
-        _add_lamp(job, f64_at(job[J_LIGHTS] + 8 * L_COLUMNS * k), rows, count)
+        _add_light(job, f64_at(job[J_LIGHTS] + 8 * L_COLUMNS * k), rows, count)
     if job[J_RADIANCE] != 0:
-        _add_surroundings(job, rows, count)
+        _add_environment(job, rows, count)
     exposure = vec.f32(f64_at(job[S_LENS])[LENS_EXPOSURE])
     tone = job[J_TONE]
     for x in range(0, count, vec.LANES):

@@ -26,7 +26,11 @@ _KINDS: Final = {LightKind.DIRECTIONAL: 0.0, LightKind.POINT: 1.0, LightKind.SPO
 
 
 def light_table(lights: Sequence[Light], shadows: Sequence[int], camera: Camera) -> NDArray[np.float64]:
-    """(n, L_COLUMNS) float64, at least one row; ``shadows``: each light's row in the table of shadows or -1."""
+    """Return (n, L_COLUMNS) float64, at least one row.
+
+    Args:
+        shadows: each light's row in the table of shadows, or -1.
+    """
     X = camera.X_camera_world
     table = np.zeros((max(len(lights), 1), L_COLUMNS))
     for row, light, shadow in zip(table, lights, shadows, strict=False):

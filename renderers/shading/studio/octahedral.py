@@ -1,7 +1,7 @@
-"""Directions and the two maps of the sphere in use: equirectangular pictures and octahedral tables.
+"""The two maps of the sphere: equirectangular images, and octahedral tables for kernels.
 
 The octahedral map (Cigolle et al., "A Survey of Efficient Representations for Independent Unit Vectors", JCGT 2014)
-needs neither angles nor poles when it is read.
+has no poles, and sampling it takes no angles.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 
 def equirect_directions(height: int, width: int) -> NDArray[np.float64]:
-    """(H, W, 3) float64: unit directions, Z up, of the pixel centres of an equirectangular picture.
+    """Return the unit directions, Z up, of the pixel centres of an equirectangular image, (H, W, 3) float64.
 
-    The top row is up. The middle column looks along +X, and columns to the right turn clockwise seen from above, so
-    that the picture is seen as from its inside.
+    The top row is up. The middle column looks along +X, and columns to the right turn clockwise seen from above: the
+    image is seen from its inside.
     """
     phi = math.pi * (1.0 - 2.0 * (np.arange(width) + 0.5) / width)
     theta = math.pi * (np.arange(height) + 0.5) / height
@@ -26,7 +26,7 @@ def equirect_directions(height: int, width: int) -> NDArray[np.float64]:
 
 
 def octahedral_directions(size: int) -> NDArray[np.float64]:
-    """(size, size, 3) float64: unit directions of the texel centres of an octahedral table."""
+    """Return the unit directions of the texel centres of an octahedral table, (size, size, 3) float64."""
     t = 2.0 * (np.arange(size) + 0.5) / size - 1.0
     x, y = np.meshgrid(t, t)
     z = 1.0 - np.abs(x) - np.abs(y)
@@ -39,8 +39,10 @@ def octahedral_directions(size: int) -> NDArray[np.float64]:
 
 
 def with_border(table: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(N + 2, N + 2, C): an octahedral table with the texels around it that bilinear reading meets: over an edge lies
-    the same edge, the other way round."""
+    """Return an octahedral table with a border for bilinear sampling, (N + 2, N + 2, C).
+
+    Beyond an edge lies the same edge, reversed.
+    """
     out: NDArray[np.float32] = np.pad(table, ((1, 1), (1, 1), (0, 0)))
     out[0, 1:-1], out[-1, 1:-1] = table[0, ::-1], table[-1, ::-1]
     out[1:-1, 0], out[1:-1, -1] = table[::-1, 0], table[::-1, -1]

@@ -1,4 +1,4 @@
-"""A picture of the ``studio`` look."""
+"""Colour image of the look ``studio``."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from renderers.camera import Camera
 from renderers.color import linear_from_srgb
 from renderers.compiler.kernel_calls import kernel_address
 from renderers.compiler.pointers import address_of
-from renderers.depth_peeling import peeled
 from renderers.drawlist import DrawList
 from renderers.light_rig import MAX_LIGHTS, MAX_SHADOWS, Rig
 from renderers.msaa import sample_cameras
 from renderers.shading import layout as common
+from renderers.shading.depth_peeling import peeled
 from renderers.shading.scene import ShadingScene, map_instances
 from renderers.shading.studio import layout as at
 from renderers.shading.studio import shade_rows as k
@@ -28,7 +28,7 @@ from renderers.shading.studio.tone_mapping import finish_rows
 from renderers.shading.studio.tonemap import SRGB_CELLS, TONES
 from renderers.stop import current_stop
 
-if TYPE_CHECKING:  # the rasterizer calls this module
+if TYPE_CHECKING:  # the rasterizer imports this module
     from renderers.visibility_buffer import Rasterizer, SampledShader, SampledView, Visibility
 
 
@@ -42,21 +42,21 @@ def paint(
     background: tuple[int, int, int],
     color: NDArray[np.uint8],
 ) -> None:
-    """Draws the colour picture.
+    """Render the colour image.
 
     Opaque surfaces are rasterized with all samples at once and shaded once per pixel and surface. A scene with
-    translucent or cut-out surfaces is peeled and shaded at each sample position: their edges are in their textures.
-    Every fragment is tone-mapped, then fragments are mixed in the linear light of the display.
+    translucent or cut-out surfaces is peeled and shaded at each sample position, as edges may be in their textures.
+    Fragments are tone-mapped and then blended in the linear light of the display.
 
     Args:
-        rasterizer: gives visibility and runs bands.
+        rasterizer: renders visibility and runs bands.
         shading: prepared from the scene's instances for the look ``studio``.
-        samples: 1, 4 or 8 a pixel.
-        background: RGB as stored in the picture.
+        samples: 1, 4 or 8 per pixel.
+        background: RGB as stored in the image.
         color: (H, W, 3) uint8, C-contiguous; every pixel is written.
 
     Raises:
-        SurroundingsError: the rig's picture of the surroundings cannot be used.
+        SurroundingsError: the rig's image of the surroundings cannot be used.
         ValueError: ``samples``.
     """
     from renderers.visibility_buffer import BAND_ROWS, SampledShader, band_count
@@ -77,9 +77,9 @@ def paint(
         return unit * BAND_ROWS, min((unit + 1) * BAND_ROWS, height)
 
     def cut(view: Visibility, lens: Camera) -> NDArray[np.bool_]:
-        """Where a layer is not cut out."""
-        nothing = _Light(rig, light_table((), (), lens), 0, *shadow_tables((), lens), [], None)
-        job, keep = _job(shading, view.X_camera_mesh, view.first_record, lens, nothing)
+        """Return where a layer is not cut out."""
+        no_light = _Light(rig, light_table((), (), lens), 0, *shadow_tables((), lens), [], None)
+        job, keep = _job(shading, view.X_camera_mesh, view.first_record, lens, no_light)
         alpha = np.zeros((lens.height, at.line_of(lens.width)), np.float32)
         table, to, ids = address_of(job, np.int64), address_of(alpha, np.float32), address_of(view.ids, np.int32)
 
@@ -113,7 +113,7 @@ def paint(
         )
 
         def shade(view: Visibility, lens: Camera, mode: int, target: NDArray[np.float32] | None) -> None:
-            """Shade a layer; None: at once into the picture."""
+            """Shade a layer into ``target``; None: into the image."""
             job, keep = _job(shading, view.X_camera_mesh, view.first_record, lens, light)
             table, to = address_of(job, np.int64), address_of(target, np.float32)
             ids = address_of(view.ids, np.int32)
@@ -126,7 +126,7 @@ def paint(
             del keep
 
         def begin_edges(view: SampledView) -> SampledShader:
-            """Shade what samples see."""
+            """Return the shader of a band's samples."""
             job, keep = _job(shading, view.X_camera_mesh, view.first_record, camera, light)
             own = np.zeros(k.B_COLUMNS, np.int64)
             own[k.B_SHADE] = kernel_address(k.shade_rows)
@@ -160,16 +160,16 @@ def paint(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Light:
-    """What lights a picture, in its camera's frame."""
+    """Light of an image, in its camera's frame."""
 
     rig: Rig
-    lamps: NDArray[np.float64]
+    lights: NDArray[np.float64]
     count: int
     floats: NDArray[np.float64]
-    """Of the shadow maps, as ``integers``."""
+    """``shadow_tables`` of the maps, as ``integers``."""
     integers: NDArray[np.int64]
     maps: list[ShadowMap]
-    """What the addresses among these point into."""
+    """Keeps the addresses in ``integers`` valid."""
     ambient: Ambient | None
 
 
@@ -180,7 +180,7 @@ def _job(
     camera: Camera,
     light: _Light,
 ) -> tuple[NDArray[np.int64], tuple[object, ...]]:
-    """The kernel's table, and what its addresses point into."""
+    """Return a job, and the objects that its addresses point into."""
     X = X_camera_mesh if len(X_camera_mesh) else np.eye(4)[None]
     maps = np.empty((len(X), common.P_COLUMNS), np.float32)
     map_instances(address_of(X, np.float64), address_of(maps, np.float32), len(X))
@@ -193,7 +193,7 @@ def _job(
     job[common.S_MAPS] = address_of(maps, np.float32)
     job[common.S_LENS] = address_of(lens, np.float64)
     job[common.S_INSTANCES : common.S_COMMON] = shading.job
-    job[at.J_LIGHTS] = address_of(light.lamps, np.float64)
+    job[at.J_LIGHTS] = address_of(light.lights, np.float64)
     job[at.J_LIGHT_COUNT] = light.count
     job[at.J_SHADOW_FLOATS] = address_of(light.floats, np.float64)
     job[at.J_SHADOW_INTEGERS] = address_of(light.integers, np.int64)

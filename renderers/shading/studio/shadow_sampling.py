@@ -1,4 +1,4 @@
-"""Reading shadow maps: how much of a light reaches eight points."""
+"""Sampling of shadow maps at eight points: percentage closer filtering with bilinear weights."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from renderers.compiler.device_function import inlined, inner
 from renderers.compiler.pointers import f32_at
 from renderers.shading.studio.shadows import S_CENTER, S_FOCAL, S_OFFSET, SI_INV_Z, SI_SIDE
 
-_PLAY: Final = np.float32(1.0 + 1e-6)
-"""Depths are float32 in the map."""
+DEPTH_BIAS: Final = np.float32(1.0 + 1e-6)
+"""Relative bias against self-shadowing, above the rounding of the map's float32 depths."""
 
 
 @inlined
@@ -22,7 +22,7 @@ def _turned(m, k, x, y, z):
 
 @inlined
 def _column(lit, texels, column, width, plane, du, fu):
-    """A row's sum with one more column: its weight where the plane of the receiver is not behind the texel."""
+    """Add a column's weight to a row's sum where the receiver's plane is not behind the texel."""
     if column >= width:
         return lit
     zero, one = vec.f32(0.0), vec.f32(1.0)
@@ -31,22 +31,22 @@ def _column(lit, texels, column, width, plane, du, fu):
         weight = one - fu
     elif column == width - 1:
         weight = fu
-    # Where nothing is, the map holds what is below 0.
+    # Empty texels hold a negative 1/z.
     clear = texels <= vec.most(plane + du * vec.f32(column), zero)
     return lit + vec.select(clear, weight, zero)
 
 
 @inner
 def _filtered(inv_z, side, radius, at, base, du, dv, fu, fv):
-    """Means of the comparisons around eight points.
+    """Return the weighted means of the depth comparisons around eight points.
 
     Args:
-        at: indices of the first texels. base, du, dv: 1/z of the receivers' planes there, and its change by column and
-            row. fu, fv: where the points lie between texels.
+        at: indices of the first texels. base, du, dv: 1/z of the receivers' planes there, and its change per column
+            and row. fu, fv: positions of the points between texels, 0 .. 1.
     """
     width = 2 * radius + 2
-    zero, one, line, play = vec.f32(0.0), vec.f32(1.0), vec.i32(side), vec.f32(_PLAY)
-    base, du, dv = base * play, du * play, dv * play
+    zero, one, line, bias = vec.f32(0.0), vec.f32(1.0), vec.i32(side), vec.f32(DEPTH_BIAS)
+    base, du, dv = base * bias, du * bias, dv * bias
     total = zero
     for row in range(width):
         plane = base + dv * vec.f32(row)
@@ -72,12 +72,12 @@ def _filtered(inv_z, side, radius, at, base, du, dv, fu, fv):
 
 
 @inner
-def lit_parts(m, integers, radius, x, y, z, nx, ny, nz):
-    """f32x8: how much of a light reaches points, 0 .. 1; 1 outside of the map.
+def light_share(m, integers, radius, x, y, z, nx, ny, nz):
+    """Return the share of a light that reaches points, f32x8, 0 .. 1; 1 outside of the map.
 
     Args:
         m, integers: pointers to the map's rows.
-        radius: texels either way over which it is filtered: ``2 radius + 1`` squared bilinear readings.
+        radius: texels of the filter either way: (2 radius + 1)^2 bilinear samples.
         x, y, z: points, nx, ny, nz: normals of their triangles (unit, towards the light), both in the camera's frame.
     """
     x, y, z = vec.to_f64(x), vec.to_f64(y), vec.to_f64(z)
@@ -93,7 +93,7 @@ def lit_parts(m, integers, radius, x, y, z, nx, ny, nz):
     focal, centre, half = vec.f64(m[S_FOCAL]), vec.f64(m[S_CENTER]), vec.f64(0.5)
     u, v = focal * px * here + centre, focal * py * here + centre
     side = integers[SI_SIDE]
-    # Eight columns are read at once: not of the last row, behind which the map ends.
+    # Eight columns are loaded at a time: not of the last row, where that would overrun the map.
     least, most = vec.f64(radius + 1.0), vec.f64(side - radius - 2.0)
     inside = ahead & (u > least) & (u < most) & (v > least) & (v < most)
     u, v = vec.select(inside, u, centre) - half, vec.select(inside, v, centre) - half

@@ -1,9 +1,9 @@
-"""Shadow maps: the scene as a light sees it, drawn by the rasterizer like any other view.
+"""Shadow maps: views of the scene from lights, rendered by the rasterizer.
 
 A directional light becomes a camera so far away that its rays differ by half a degree at most, as the sun's do. Maps
-are fitted to what the picture shows (Lauritzen, Salvi, Lefohn, "Sample Distribution Shadow Maps", 2011), not to the
-scene, which may have a floor of a hundred metres. The fit goes in steps, so that a camera that moves a little finds the
-map of the picture before; a map depends on scene, light and step alone, never on what was drawn before. Borders are
+are fitted to the visible points (Lauritzen, Salvi, Lefohn, "Sample Distribution Shadow Maps", 2011), not to the
+scene, which may have a floor of a hundred metres. The fit goes in steps, so that a camera that moves a little reuses
+the last map. A map depends on scene, light and step only, never on earlier images. Borders are
 filtered by percentage closer filtering (Reeves, Salesin, Cook 1987) with bilinear weights; the receiver's own plane
 gives its depth at every texel, so that a plane never shadows itself.
 """
@@ -23,54 +23,53 @@ from renderers.camera import Camera
 from renderers.compiler.pointers import address_of
 from renderers.drawlist import AlphaMode, DrawList, Instance, Light, LightKind, Topology
 
-if TYPE_CHECKING:  # the rasterizer calls this room
+if TYPE_CHECKING:  # the rasterizer imports the callers of this module
     from renderers.visibility_buffer import Rasterizer, Visibility
 
 S_MAP: Final = 0  # 12: rows of the camera's optical frame to the light's
 S_FOCAL: Final = 12
 S_CENTER: Final = 13
-S_OFFSET: Final = 14  # metres along the normal by which receivers are lifted, per metre from the light
+S_OFFSET: Final = 14  # metres by which receivers are offset along the normal, per metre from the light
 S_COLUMNS: Final = 15
 SI_INV_Z: Final = 0
 SI_SIDE: Final = 1
 SI_COLUMNS: Final = 2
 
 _FARNESS: Final = 100.0
-"""Distance of the camera that stands for a directional light, in radii of what it must see."""
+"""Distance of the camera of a directional light, in radii of the region that it covers."""
 _LIFT: Final = 1.5
-"""Texels by which receivers are lifted along their normal: a curved mesh is not the plane of the triangle."""
+"""Texels by which receivers are offset along their normal, as curved meshes are not the planes of their triangles."""
 _SAMPLES: Final = 4096
-"""Visible points that a map is fitted to, about."""
+"""Approximate number of visible points that a map is fitted to."""
 _SPREAD: Final = 1.5
-"""A picture's far ground is left unshadowed beyond this many times the distance within which three quarters of its
-pixels lie."""
+"""The far ground is unshadowed beyond this many times the distance within which three quarters of the pixels lie."""
 
 
 MAX_MAP_BYTES: Final = 128 << 20
-"""Maps kept for scenes that are alive: eight of 2048 x 2048 texels, a rig of four lights for two scenes."""
+"""Maximum number of bytes of maps that are kept: eight of 2048 x 2048 texels, four lights of two scenes."""
 MAPS_PER_SCENE: Final = 8
-"""Maps kept of one scene: four lights and a camera that goes to and fro over the border of a step."""
+"""Maximum number of maps kept per scene: four lights, and a camera that crosses the border of a step back and forth."""
 _COARSENESS: Final = 1.25
-"""Texels of a map are at most so many times as large as a pixel of the picture at a middling distance: the filter takes
-five of them, and finer borders are hardly seen."""
+"""Maximum size of a texel in pixels of the image at the median distance. The filter takes five texels, so that finer
+borders are hardly visible."""
 _LEAST_SIDE: Final = 512
-"""A map of that size costs a millisecond."""
+"""Minimum side of a map, texels. It takes a millisecond."""
 _STEPS: Final = (0.5946035575013605, 0.7071067811865476, 0.8408964152537145, 1.0)
 """Sizes of a map within an octave, 2^(k/4)."""
 _ROOM: Final = 16.0 / 15.0
-"""How much larger a map is than what it must hold: its middle goes in steps of an eighth of its radius."""
+"""Margin of a map, as its centre goes in steps of an eighth of its radius."""
 
 
 MAX_CUT_OUT: Final = 8
-"""Cut-out surfaces behind one another that the light is followed through: each is another drawing of them all. Where it
-passes holes in as many, it goes on."""
+"""Maximum number of cut-out surfaces behind one another that light is followed through. Each renders all of them
+again. Light that passes as many holes goes on."""
 Cut = Callable[["Visibility", Camera], NDArray[np.bool_]]
-"""Where (H, W) a layer that a camera sees is not cut out."""
+"""Function of a layer and its camera that returns where the layer is not cut out, (H, W)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShadowMap:
-    """One light's view."""
+    """Depths seen from a light."""
 
     camera: Camera
     inv_z: NDArray[np.float32]
@@ -78,14 +77,14 @@ class ShadowMap:
 
 
 _maps: Cache[DrawList, tuple[ShadowMap, ...]] = Cache(MAX_MAP_BYTES, weak=True)
-"""The newest first."""
+"""Maps of each scene, the newest first."""
 
 
 def map_side(largest: int, extent: float, pixel: float) -> int:
-    """Texels of the side of a map: ``largest``, halved as long as they stay small.
+    """Return the side of a map in texels: ``largest``, halved as long as texels stay small.
 
     Args:
-        extent: metres that it covers. pixel: metres that a pixel of the picture covers.
+        extent: metres covered by the map. pixel: metres covered by a pixel of the image.
     """
     while largest >= 2 * _LEAST_SIDE and _COARSENESS * pixel * (largest // 2) >= extent:
         largest //= 2
@@ -93,7 +92,7 @@ def map_side(largest: int, extent: float, pixel: float) -> int:
 
 
 def casters(instances: Sequence[Instance]) -> NDArray[np.bool_]:
-    """(n,): who casts shadows: surfaces that are not blended."""
+    """Return the instances that cast shadows, (n,): surfaces that are not blended."""
     return np.array(
         [i.mesh.topology is Topology.TRIANGLES and i.material.alpha_mode is not AlphaMode.BLEND for i in instances],
         np.bool_,
@@ -101,7 +100,7 @@ def casters(instances: Sequence[Instance]) -> NDArray[np.bool_]:
 
 
 def visible_points(seen: Visibility, camera: Camera) -> NDArray[np.float64]:
-    """(n, 3) float64: a grid of visible points in the world, without the far ones (``_SPREAD``)."""
+    """Return a grid of visible points in the world, (n, 3) float64, without the far ones (``_SPREAD``)."""
     height, width = seen.ids.shape
     step = max(1, round(math.sqrt(height * width / _SAMPLES)))
     rows, columns = np.mgrid[step // 2 : height : step, step // 2 : width : step]
@@ -118,7 +117,7 @@ def visible_points(seen: Visibility, camera: Camera) -> NDArray[np.float64]:
 
 
 def pixel_size(points: NDArray[np.float64], camera: Camera) -> float:
-    """Metres that a pixel of a picture covers at the median distance of points (n, 3) of the world."""
+    """Return the metres covered by a pixel at the median distance of points (n, 3) of the world."""
     if not len(points):
         return 0.0
     depth = (points - camera.X_world_camera[:3, 3]) @ camera.X_world_camera[:3, 2]
@@ -126,7 +125,7 @@ def pixel_size(points: NDArray[np.float64], camera: Camera) -> float:
 
 
 def light_camera(light: Light, points: NDArray[np.float64], largest: int, pixel: float) -> Camera | None:
-    """The camera of a light's map, fitted to points (n, 3) of the world; None: it has nothing to see or no map.
+    """Return the camera of a light's map, fitted to points (n, 3) of the world; None if it needs or has no map.
 
     Args:
         largest, pixel: as in ``map_side``.
@@ -157,7 +156,7 @@ def light_camera(light: Light, points: NDArray[np.float64], largest: int, pixel:
     middle = np.round(0.5 * (low + high)[:2] / cell) * cell
     first, last = math.floor(low[2] / radius) * radius, math.ceil(high[2] / radius) * radius
     distance = _FARNESS * max(radius, 0.5 * (last - first))
-    radius *= 1.0 + (last - first) / distance  # what is nearer to the light looks larger
+    radius *= 1.0 + (last - first) / distance  # objects nearer to the light look larger
     X[:3, 3] = X[:3, :3] @ np.array((*middle, first - distance))
     size = map_side(largest, 2.0 * radius, pixel)
     focal, centre = 0.5 * size * distance / radius, 0.5 * size
@@ -169,7 +168,7 @@ def _same(a: Camera, b: Camera) -> bool:
 
 
 def _map_of(rasterizer: Rasterizer, scene: DrawList, camera: Camera, cut_out: NDArray[np.bool_], cut: Cut) -> ShadowMap:
-    """The map that a camera sees, drawn once while the scene lives and the map was used lately."""
+    """Return the map of a camera, from the cache if possible."""
     for each in _maps.get(scene) or ():
         if _same(each.camera, camera):
             return each
@@ -194,7 +193,7 @@ def _add_cut_out(
     behind: Visibility,
     inv_z: NDArray[np.float32],
 ) -> None:
-    """Put what is nearer than ``behind`` and not cut out into a map."""
+    """Add surfaces that are nearer than ``behind`` and not cut out to a map."""
     beyond: Visibility | None = None
     try:
         for _ in range(MAX_CUT_OUT):
@@ -206,7 +205,7 @@ def _add_cut_out(
                 break
             there = cut(layer, camera)
             np.copyto(inv_z, layer.inv_z, where=there)
-            layer.ids[there] = -1  # nothing behind matters
+            layer.ids[there] = -1  # surfaces behind are hidden
     finally:
         if beyond is not None:
             beyond.close()
@@ -223,11 +222,11 @@ def draw_maps(
     cut_out: NDArray[np.bool_],
     cut: Cut,
 ) -> tuple[list[ShadowMap], list[int]]:
-    """The maps of the first ``limit`` lights that can have one, and each light's map or -1.
+    """Return the maps of the first ``limit`` lights that can have one, and each light's map or -1.
 
     Args:
         points: (n, 3), visible ones. largest, pixel: as in ``map_side``.
-        cut_out: (n,): of which instances only a part may be there, as ``cut`` says.
+        cut_out: (n,) instances that may be partly transparent, see ``cut``.
     """
     maps: list[ShadowMap] = []
     rows: list[int] = []
@@ -240,7 +239,7 @@ def draw_maps(
 
 
 def shadow_tables(maps: Sequence[ShadowMap], camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """(n, S_COLUMNS) float64 and (n, SI_COLUMNS) int64, at least one row."""
+    """Return (n, S_COLUMNS) float64 and (n, SI_COLUMNS) int64, at least one row each."""
     floats = np.zeros((max(len(maps), 1), S_COLUMNS))
     integers = np.zeros((max(len(maps), 1), SI_COLUMNS), np.int64)
     for row, columns, each in zip(floats, integers, maps, strict=False):

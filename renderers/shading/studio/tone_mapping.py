@@ -1,4 +1,4 @@
-"""From what was gathered of a picture's layers to its bytes."""
+"""Finishing rows of the look ``studio``: background and sRGB bytes."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from renderers.shading.studio.tonemap import srgb_byte
 
 @inner
 def finish_row(layers, line, behind, cells, width, spare, color_at):
-    """Puts the background behind what was gathered of a row, and encodes as sRGB.
+    """Blend a row's layers over the background and encode it as sRGB.
 
     Args:
         layers: pointer to four lines of ``line`` float32: linear colour times coverage, and coverage.
         behind: pointer to the linear background.
         cells: address of ``SRGB_CELLS``.
         spare: pointer to 3 line + 4 bytes.
-        color_at: address of the row of the picture, (width, 3) uint8.
+        color_at: address of the row of the image, (width, 3) uint8.
     """
     zero, one, least, eight = vec.f32(0.0), vec.f32(1.0), vec.f32(1e-6), vec.i32(8)
     for x in range(0, width, vec.LANES):
@@ -38,7 +38,7 @@ def finish_row(layers, line, behind, cells, width, spare, color_at):
 
 @kernel("void(int64, int64, int64, int64, int64)")
 def finish_rows(layers_at, finish_at, width, row_begin, row_end):
-    """``finish_row`` for the rows ``row_begin .. row_end - 1``.
+    """Finish the rows ``row_begin .. row_end - 1``.
 
     Args:
         layers_at: address of (H, 4, line_of(width)) float32. finish_at: address of F_COLUMNS int64.

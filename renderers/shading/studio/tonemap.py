@@ -1,9 +1,9 @@
-"""From scene light to what a display shows.
+"""Tone curves, and sRGB encoding.
 
-Tone curves: Khronos' "PBR Neutral" (specification 1.0, 2024): colours below 0.76 keep hue and saturation, what is
-brighter is compressed towards white. "ACES": Stephen Hill's fit of the Academy's reference rendering and output
+Khronos' "PBR Neutral" (specification 1.0, 2024): colours below 0.76 keep hue and saturation, brighter ones are
+compressed towards white. "ACES": Stephen Hill's fit of the Academy's reference rendering and output
 transforms (sRGB to AP1 with their saturation, one rational function, back), with the exposure of 1 / 0.6 that three.js,
-Babylon.js and the Khronos sample viewer put before it. Or none.
+Babylon.js and the Khronos sample viewer apply first. Or none.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ _ACES_EXPOSURE: Final = 1.0 / 0.6
 _START: Final = 0.8 - 0.04
 _DESATURATION: Final = 0.15
 _LEAST: Final = np.float32(2.0**-13)
-"""Below the linear value of the least level above 0, 0.5 / 255 / 12.92."""
+"""Smaller than the linear value of the lowest level above 0, 0.5 / 255 / 12.92."""
 _LEAST_BITS: Final = int(_LEAST.view(np.int32))
 _CELL: Final = 16
-"""Low bits of a float32 that lie within one cell of the table: 2^-7 of an octave, narrower than the levels."""
+"""Low bits of a float32 within one cell of the table: 2^-7 of an octave, narrower than any level."""
 
 
 @inlined
 def _neutral(r, g, b):
-    """Khronos' curve on linear colours; not a number becomes 0."""
+    """Khronos' curve on linear colours. NaN becomes 0."""
     zero, one, start = vec.f32(0.0), vec.f32(1.0), vec.f32(_START)
     r, g, b = vec.most(r, zero), vec.most(g, zero), vec.most(b, zero)
     x = vec.least(r, vec.least(g, b))
@@ -64,7 +64,7 @@ def _aces_channel(v):
 
 @inlined
 def _aces(r, g, b):
-    """Hill's fit on linear colours; not a number becomes 0."""
+    """Hill's fit on linear colours. NaN becomes 0."""
     # Beyond 1e6 the curve is white to the last digit; squares of anything larger might not be finite.
     zero, bound, exposure = vec.f32(0.0), vec.f32(1e6), vec.f32(_ACES_EXPOSURE)
     r = vec.least(vec.most(r, zero), bound) * exposure
@@ -88,7 +88,7 @@ def _none(r, g, b):
 
 @inner
 def shown(tone, r, g, b):
-    """Linear colours (f32x8 each) through the curve with a number of ``TONES``."""
+    """Apply the tone curve ``TONES[tone]`` to linear colours (f32x8 each)."""
     if tone == 0:
         return _neutral(r, g, b)
     if tone == 1:
@@ -97,15 +97,17 @@ def shown(tone, r, g, b):
 
 
 def _thresholds() -> NDArray[np.float32]:
-    """(256,) float32: from ``thresholds[k]`` on, ``round(255 srgb(c))`` is at least k; the first is 0."""
+    """Return (256,) float32: the least c for which ``round(255 srgb(c))`` is k; the first is 0."""
     shown = np.maximum(np.arange(256) - 0.5, 0.0) / 255.0
     single: NDArray[np.float32] = linear_values_from_srgb(shown).astype(np.float32)
     return single
 
 
 def _cells(thresholds: NDArray[np.float32]) -> NDArray[np.int32]:
-    """(1665,) int32, one for each 2^16 neighbouring float32 from _LEAST to 1: the level at the cell's first value,
-    times 2^16, plus how many values of the cell lie at or above the threshold of the next level."""
+    """Return (1665,) int32, one for each cell of 2^16 neighbouring float32 from _LEAST to 1.
+
+    A cell holds the level of its first value times 2^16, plus the number of its values at or above the next threshold.
+    """
     bits = np.arange(_LEAST_BITS, int(np.float32(1.0).view(np.int32)) + (1 << _CELL), 1 << _CELL, dtype=np.int32)
     levels = np.searchsorted(thresholds, bits.view(np.float32), side="right") - 1
     following = np.searchsorted(thresholds, (bits + (1 << _CELL)).view(np.float32), side="right") - 1
@@ -121,8 +123,9 @@ SRGB_CELLS: Final = _cells(_thresholds())
 
 @inlined
 def srgb_byte(c, cells):
-    """``round(255 srgb(c))`` of an f32x8 as i32x8, by a table that is exact for every float32: no ``pow``, so the same
-    on every machine. Below 0 or NaN is 0, above 1 is 255.
+    """Return ``round(255 srgb(c))`` of an f32x8 as i32x8. Below 0 and NaN is 0, above 1 is 255.
+
+    The table is exact for every float32. ``pow`` would differ between machines.
 
     Args:
         cells: address of ``SRGB_CELLS``.

@@ -1,4 +1,4 @@
-"""Translucent surfaces one behind the other."""
+"""Depth peeling: layers of transparent surfaces, nearest first."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ if TYPE_CHECKING:  # the rasterizer imports the callers of this module
     from renderers.visibility_buffer import Rasterizer, Visibility
 
 MAX_LAYERS: Final = 32
-"""Default bound of translucent and cut-out surfaces drawn behind one another in a pixel, nearest first: each costs one
-more pass over the translucent instances, and a hostile scene could stack millions. Behind 32 layers of opacity 0.2
-less than a thousandth of the light is left; what lies deeper is not drawn."""
+"""Default limit of transparent surfaces behind one another in a pixel. Deeper ones are not rendered.
+
+Each layer costs one pass over the transparent instances, and a hostile scene could stack millions. Behind 32 layers of
+opacity 0.2, less than a thousandth of the light is left."""
 
 
 def peeled(
@@ -30,13 +31,12 @@ def peeled(
     behind: Visibility,
     max_layers: int = MAX_LAYERS,
 ) -> Iterator[Visibility]:
-    """The surfaces in front of ``behind`` that may let something be seen through them, nearest first.
+    """Yield the layers of transparent surfaces in front of ``behind``, nearest first.
 
-    A pixel of a layer whose record is set to -1 before the next layer is asked for sees no further. A layer is closed
-    by whoever asks for the next one.
+    To stop peeling a pixel, set its record in a layer to -1 before taking the next one, which closes the layer.
 
     Args:
-        tables: prepared from the scene; its ``transparent`` instances are peeled.
+        tables: prepared from the scene. Its ``transparent`` instances are peeled.
         cull_back: as in ``Rasterizer.visibility``.
     """
     beyond: Visibility | None = None
