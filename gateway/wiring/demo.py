@@ -1,4 +1,4 @@
-"""Keeps the demo scene moving, as a service."""
+"""The moving demo scene in the live tree (``--demo``)."""
 
 from __future__ import annotations
 
@@ -8,22 +8,27 @@ from typing import Any
 
 from gateway.demo import RATE, Demo
 from gateway.scene.live import LiveTree
+from gateway.wiring.context import Context
 
 
-class DemoRun:
-    """Moves the scene at its rate; skips steps when the loop is late."""
+def setup(context: Context) -> None:
+    """Run the demo scene's service."""
+    context.run_service("demo", DemoService(context.tree))
+
+
+class DemoService:
+    """Moves the demo scene ``RATE`` times a second; skips steps when the event loop is late."""
 
     def __init__(self, tree: LiveTree) -> None:
         self._demo = Demo(tree)
         self.ready = False
-        """Whether the scene is there."""
 
     def status(self) -> Mapping[str, Any]:
-        """Nothing to tell."""
+        """Return no figures."""
         return {}
 
     async def run(self) -> None:
-        """Works until cancelled, and takes the scene away."""
+        """Move the scene until cancelled, then remove it from the tree."""
         loop = asyncio.get_running_loop()
         self._demo.populate()
         self.ready = True

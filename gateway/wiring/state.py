@@ -6,7 +6,7 @@ import asyncio
 from typing import TYPE_CHECKING, Final
 
 from gateway.settings import Settings
-from gateway.wiring.context import House
+from gateway.wiring.context import Context
 
 if TYPE_CHECKING:
     from gateway.state.service import State
@@ -24,24 +24,24 @@ def open_state(settings: Settings) -> State | None:
     return State(StateConfig(settings.state))
 
 
-async def restore_state(house: House) -> None:
-    """Puts what was stored into the house, before the rooms are joined; raises StateError."""
-    state = house.state
+async def restore_state(context: Context) -> None:
+    """Puts what was stored into the context, before the rooms are joined; raises StateError."""
+    state = context.state
     if state is None:
         return
     from gateway.demo import ROOT as DEMO_ROOT
 
     # The demo is made anew at every start; what clients put beside it is theirs.
-    without = DEMO_ROOT if house.settings.demo else ()
-    await asyncio.to_thread(state.restore_tree, house.tree, without)
+    without = DEMO_ROOT if context.settings.demo else ()
+    await asyncio.to_thread(state.restore_tree, context.tree, without)
     state.start()
-    state.keep_tree(house.tree)
+    state.keep_tree(context.tree)
 
     def told(problem: str) -> None:
         if problem:
-            house.board.fail(STATE, f"{house.settings.state} cannot be written: {problem}")
+            context.services.fail(STATE, f"{context.settings.state} cannot be written: {problem}")
         else:
-            house.board.ready(STATE, where=str(house.settings.state), figures=state.status)
+            context.services.ready(STATE, where=str(context.settings.state), figures=state.status)
 
     state.journal.on_problem = told
     told("")

@@ -23,32 +23,34 @@ from gateway.stereo.service import StereoService
 from gateway.stereo.system_routes import system_router
 from gateway.stereo.truth import truth_router
 from gateway.stereo.upload import upload_router
-from gateway.wiring.context import NO_TELEMETRY, House
+from gateway.wiring.context import NO_TELEMETRY, Context
 from gateway.wiring.metrics import watch_stereo
 from gateway.wiring.stereo_scene import StereoView
 from gateway.wiring.stereo_sensors import StereoEyes
 from renderers.stereo.model import MODELS, StereoModel, custom_model
 
 
-def join_stereo(house: House) -> None:
+def setup(context: Context) -> None:
     """Every camera's image stream over gRPC, the device's REST interface, the truth and the faults beside them."""
-    settings = house.settings
+    settings = context.settings
     path = parse_mount_path(settings.stereo_path) if settings.stereo_path is not None else None
     mounts = [Mount(parse_mount_pose(settings.stereo_pose), path), *map(_mount, settings.stereo_cameras)]
-    services = [_join_camera(house, number, mount) for number, mount in enumerate(mounts)]
-    watch_stereo(house.metrics, *services)
-    apps = [house.app]
+    services = [_join_camera(context, number, mount) for number, mount in enumerate(mounts)]
+    watch_stereo(context.metrics, *services)
+    apps = [context.app]
     if settings.rest_port is not None:
         apps.append(FastAPI(openapi_url=None, telemetry=NO_TELEMETRY))
-        house.guard.protect(apps[1])
+        context.security.protect(apps[1])
         apps[1].add_middleware(HeadAsGet)
-        house.serve("rest", PortService(apps[1], settings.host, settings.rest_port, house.guard.tls), where="/api")
+        context.run_service(
+            "rest", PortService(apps[1], settings.host, settings.rest_port, context.security.tls), where="/api"
+        )
     for app in apps:
         app.include_router(router(*services))
         app.include_router(system_router(*services))
         app.include_router(upload_router(*services))
-    house.app.include_router(truth_router(*services))
-    house.app.include_router(fault_router(*services))
+    context.app.include_router(truth_router(*services))
+    context.app.include_router(fault_router(*services))
 
 
 def _mount(text: str) -> Mount:
@@ -58,16 +60,16 @@ def _mount(text: str) -> Mount:
     return Mount(parse_mount_pose(text), None)
 
 
-def _join_camera(house: House, number: int, mount: Mount) -> StereoService:
-    """Pipeline ``number``; the first one is what the rest of the house calls the stereo camera."""
-    settings = house.settings
-    config = replace(config_of(settings), tokens=house.guard.grpc)
+def _join_camera(context: Context, number: int, mount: Mount) -> StereoService:
+    """Pipeline ``number``; the first one is what the rest of the context calls the stereo camera."""
+    settings = context.settings
+    config = replace(config_of(settings), tokens=context.security.grpc)
     if number > 0:
         port = settings.grpc_port + number if settings.grpc_port else 0
         config = replace(config, port=port, seed=config.seed + number)
-    view = StereoView(house, config, mount)
+    view = StereoView(context, config, mount)
     clock = SimulatedClock() if settings.clock == "simulated" else None
-    service = StereoService(config, view.scene, view.pose, house.renderer, house.workers, clock)
+    service = StereoService(config, view.scene, view.pose, context.renderer, context.workers, clock)
     if settings.stereo_images is not None:
         service.show_pairs(_pairs(settings.stereo_images, service))
 
@@ -76,14 +78,14 @@ def _join_camera(house: House, number: int, mount: Mount) -> StereoService:
         where = {"where": f"gRPC on port {described['port']}"}  # the one that was free, where 0 was asked for
         return {**described, **where, **({"warning": warning} if warning else {})}
 
-    if house.state is not None:
-        house.state.keep_parameters(str(number), lambda: list(NODES), service.parameters)
-        service.stored = house.state.journal.stored
+    if context.state is not None:
+        context.state.keep_parameters(str(number), lambda: list(NODES), service.parameters)
+        service.stored = context.state.journal.stored
     if number == 0:
-        house.stereo_camera = view.camera
-        house.eyes = StereoEyes(service, view, live=settings.stereo_scene == "live")
+        context.stereo_camera = view.camera
+        context.stereo_sensor = StereoEyes(service, view, live=settings.stereo_scene == "live")
     name = f"stereo {number}" if number else "stereo"
-    house.serve(name, service, figures=status)
+    context.run_service(name, service, figures=status)
     return service
 
 

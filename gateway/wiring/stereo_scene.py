@@ -14,7 +14,7 @@ from gateway.scene.labels import LabelTable
 from gateway.scene.live import Snapshot
 from gateway.scene.mount import Mount
 from gateway.stereo.config import StereoConfig
-from gateway.wiring.context import House
+from gateway.wiring.context import Context
 from renderers.camera import Camera
 from renderers.drawlist import DrawList
 
@@ -22,18 +22,18 @@ from renderers.drawlist import DrawList
 class StereoView:
     """The pose belongs to the snapshot whose scene was asked for last."""
 
-    def __init__(self, house: House, config: StereoConfig, mount: Mount) -> None:
+    def __init__(self, context: Context, config: StereoConfig, mount: Mount) -> None:
         """
         Args:
             mount: where the camera is.
         """
-        settings = house.settings
-        self._house = house
+        settings = context.settings
+        self._context = context
         self._config = config
         self.mount = mount
         self._live = settings.stereo_scene == "live"
-        self._flattener = house.flattener
-        self._snapshot: Callable[[], Snapshot] = lambda: house.tree.snapshot
+        self._flattener = context.flattener
+        self._snapshot: Callable[[], Snapshot] = lambda: context.tree.snapshot
         if not self._live:
             fixed = Snapshot(read_scene_file(Path(settings.stereo_scene), up=settings.up).root, 0)
             self._flattener, self._snapshot = Flattener(LabelTable()), lambda: fixed
@@ -58,6 +58,6 @@ class StereoView:
         if not self._live:
             return None
         k = self._config.model.intrinsics()
-        pose = self.mount.pose(self._house.tree.snapshot.root)
+        pose = self.mount.pose(self._context.tree.snapshot.root)
         near, far = self._config.near, self._config.far
         return Camera(k.width, k.height, k.focal_length, k.focal_length, k.cx, k.cy, near, far, pose)

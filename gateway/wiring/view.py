@@ -13,41 +13,41 @@ from gateway.viewer.routes import router
 from gateway.viewer.scene_images import Pictures
 from gateway.viewer.sensor import SensorView
 from gateway.viewer.sources import RenderNote, ViewPorts
-from gateway.wiring.context import House
+from gateway.wiring.context import Context
 from gateway.wiring.metrics import watch_view
 
 
-def join_view(house: House) -> None:
+def setup(context: Context) -> None:
     """``/view``."""
-    config = ViewerConfig(background=house.settings.background, rig=rig_of(house.settings.rig))
-    eyes = house.eyes
+    config = ViewerConfig(background=context.settings.background, rig=rig_of(context.settings.rig))
+    eyes = context.stereo_sensor
     ports = ViewPorts(
-        status=lambda: status_of(house),
+        status=lambda: status_of(context),
         rig=eyes.rig if eyes is not None else lambda snapshot: None,
         sensor=eyes.look if eyes is not None else None,
     )
-    hub = ViewHub(config, house.tree, ports)
+    hub = ViewHub(config, context.tree, ports)
     pictures = Pictures(
-        config, house.tree, house.flattener, house.renderer, house.workers, lambda: house.stereo_camera()
+        config, context.tree, context.flattener, context.renderer, context.workers, lambda: context.stereo_camera()
     )
     sensor = SensorView(ports.sensor, config.sensor_seconds) if ports.sensor is not None else None
-    house.on_render = lambda record: hub.renders.add(note_of(record))
-    watch_view(house.metrics, hub)
-    house.app.include_router(router(hub))
-    house.app.include_router(picture_router(pictures, sensor, hub.renders))
-    house.serve("view", hub, where="/view")
+    context.on_render = lambda record: hub.renders.add(note_of(record))
+    watch_view(context.metrics, hub)
+    context.app.include_router(router(hub))
+    context.app.include_router(picture_router(pictures, sensor, hub.renders))
+    context.run_service("view", hub, where="/view")
 
 
-def status_of(house: House) -> dict[str, Any]:
+def status_of(context: Context) -> dict[str, Any]:
     """For the status bar: which interfaces are up, and what users of them should know."""
     interfaces: dict[str, dict[str, str]] = {}
     figures: dict[str, dict[str, Any]] = {}
-    for name, entry in house.board.entries.items():
+    for name, entry in context.services.entries.items():
         described = entry.describe()
         problem = described.get("problem") or described.get("warning")
         interfaces[name] = {"state": described["state"], **({"problem": str(problem)} if problem else {})}
         figures[name] = described
-    stats = house.workers.stats
+    stats = context.workers.stats
     facts: list[dict[str, Any]] = [{"name": "queue", "value": stats.waiting, "warn": stats.rejected > 0}]
     lost = lost_messages(figures.get("treeviewer", {}))
     if lost is not None:

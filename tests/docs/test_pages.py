@@ -13,7 +13,8 @@ import typer.main
 
 from gateway.cli.main import app
 from gateway.settings import Settings
-from gateway.settings.types import OTHER_ENV, env_of
+from gateway.settings.option import env_of
+from gateway.settings.sources import OTHER_ENV
 from tests.docs.pages import PAGES, ROOT, anchors, blocks, commands, links, prose, spans
 
 FOREIGN = {

@@ -17,7 +17,7 @@ from typer.testing import CliRunner, Result
 from gateway import __version__
 from gateway.cli.main import app
 from gateway.settings import Settings
-from gateway.settings.types import flag_of
+from gateway.settings.option import flag_of
 from tests.support import forms
 from tests.support.waiting import SECONDS
 
