@@ -17,7 +17,7 @@ from fastapi import FastAPI
 import gateway.app
 import gateway.wiring.render
 import gateway.wiring.stereo
-from gateway.runtime import kernel_cache
+from gateway.runtime import kernel_cache, logs
 from gateway.runtime.kernel_progress import Progress
 from gateway.settings import Settings
 from gateway.wiring import interfaces, startup, warmup
@@ -270,7 +270,7 @@ async def test_a_render_only_gateway_is_not_ready_while_its_queue_is_full(
 
 
 def test_the_module_level_app_is_made_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(gateway.app.logs, "configure", lambda *_, **__: None)
+    monkeypatch.setattr(logs, "configure", lambda *_, **__: None)
     assert gateway.app.app.title == "Scenegate"
     with pytest.raises(AttributeError):
         _ = gateway.app.nothing

@@ -82,11 +82,11 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     ("Browser view: messages", "gateway.viewer.routes", ("_MAX_MESSAGE",)),
     ("Browser view: pictures of the sensor", "gateway.viewer.sensor", ("MAX_WIDTHS",)),
     ("Pictures", "renderers.images", ("MAX_PIXELS", "MAX_SCANNED_PIXELS", "_MAX_SEGMENTS")),
-    ("Datasets: descriptions", "gateway.client.manifest", ("MAX_LINE", "MAX_DESCRIPTION")),
-    ("Datasets: files of cameras", "gateway.datasets.camera_file", ("MAX_BYTES",)),
+    ("Datasets: records", "gateway.client.manifest", ("MAX_LINE", "MAX_DESCRIPTION")),
+    ("Datasets: camera files", "gateway.datasets.camera_file", ("MAX_BYTES",)),
     ("Datasets: names of scenes", "gateway.datasets.sources", ("MAX_NAME",)),
-    ("Datasets: tasks", "gateway.datasets.plan", ("VIEWS_PER_TASK",)),
-    ("Datasets: tries on Ray", "gateway.datasets.ray_tasks", ("RETRIES",)),
+    ("Datasets: tasks", "gateway.datasets.job", ("VIEWS_PER_TASK",)),
+    ("Datasets: retries on Ray", "gateway.datasets.ray_tasks", ("RETRIES",)),
 )
 _NOT_LIMITS: Final = frozenset(
     {"tcpq_port", "port", "rate", "seed", "d_eps", "near", "far", "dot_light", "image_noise", "width", "height"}

@@ -15,6 +15,8 @@ from tests.support.gateway_process import gateway_process
 from tests.support.slow import one_pixel_body, slow_body
 from tests.support.waiting import SECONDS
 
+pytestmark = pytest.mark.slow
+
 TIMEOUT = 300.0
 """Of clients: only a hang takes longer. Without an end, the renders here would."""
 

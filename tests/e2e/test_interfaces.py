@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import socket
 import struct
 from collections.abc import Iterator
 from typing import Any
@@ -95,16 +96,18 @@ def test_what_is_published_can_be_rendered(running: Running) -> None:
     assert answer["status"] == 0, answer
     listed = running.http.get("/scene").json()
     (crate,) = [node for node in listed["nodes"] if node["path"] == ["crate"]]
-    picture = running.http.get(
+    image = running.http.get(
         "/scene/render",
         params={"camera": "eye=2,0,0;target=0,0,0;fovy=30", "type": "label", "width": 64, "height": 64},
     )
-    assert picture.status_code == 200, picture.text
-    labels = cv2.imdecode(np.frombuffer(picture.content, np.uint8), cv2.IMREAD_COLOR)[:, :, ::-1].astype(int)
+    assert image.status_code == 200, image.text
+    bgr = cv2.imdecode(np.frombuffer(image.content, np.uint8), cv2.IMREAD_COLOR)
+    assert bgr is not None
+    labels = bgr[:, :, ::-1].astype(int)
     value = labels[32, 32] @ (1, 256, 65536)
     assert value == crate["label"]
     assert (labels[0, 0] == 255).all()
-    assert int(picture.headers["x-scene-revision"]) >= 1
+    assert int(image.headers["x-scene-revision"]) >= 1
 
 
 def test_the_stereo_camera_sees_it(running: Running) -> None:
@@ -130,9 +133,8 @@ def test_the_stereo_camera_sees_it(running: Running) -> None:
     assert further.status_code == 200
 
 
+@pytest.mark.slow
 def test_a_taken_port_of_one_interface_leaves_the_others() -> None:
-    import socket
-
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         flags = ("--only", "render,stereo,treeviewer", "--lcm-url", "off", "--tcpq-port", "off")

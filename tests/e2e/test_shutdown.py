@@ -15,6 +15,8 @@ from tests.support import clients, forms
 from tests.support.gateway_process import GatewayProcess, gateway_process
 from tests.support.waiting import SECONDS
 
+pytestmark = pytest.mark.slow
+
 RENDERS = 12
 TOO_MANY = 48
 """4096 x 4096 pixels each: some seconds of one thread."""

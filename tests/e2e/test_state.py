@@ -1,4 +1,4 @@
-"""``--state`` as its users have it: the whole gateway is killed and started again."""
+"""``--state``: a gateway process is killed and started again."""
 
 from __future__ import annotations
 
@@ -43,6 +43,7 @@ def seen(url: str) -> tuple[Any, bytes, Any]:
     return {key: value for key, value in scene.items() if key != "revision"}, picture.content, parameters
 
 
+@pytest.mark.slow
 def test_tree_and_parameters_survive_kill_9_and_a_restart(tmp_path: Path) -> None:
     state = tmp_path / "gateway.state"
     with gateway_process(*FLAGS, "--state", str(state)) as (process, url):
@@ -71,6 +72,7 @@ def test_tree_and_parameters_survive_kill_9_and_a_restart(tmp_path: Path) -> Non
     assert [entry.name for entry in tmp_path.iterdir()] == ["gateway.state"], "a clean end leaves one file"
 
 
+@pytest.mark.slow
 def test_the_demo_is_not_stored(tmp_path: Path) -> None:
     state = tmp_path / "gateway.state"
     with gateway_process(*FLAGS, "--demo", "--state", str(state)) as (process, url):
@@ -92,6 +94,7 @@ def test_a_file_that_is_no_state_ends_the_start_with_one_sentence(tmp_path: Path
     assert content is None or path.read_bytes() == content
 
 
+@pytest.mark.slow
 def test_a_damaged_tree_ends_the_start_and_is_left_as_it_is(tmp_path: Path) -> None:
     state = tmp_path / "gateway.state"
     with gateway_process(*FLAGS, "--state", str(state)) as (process, url):
