@@ -22,8 +22,9 @@ from typing import Any, Final
 
 import llvmlite.binding as llvm
 
-from bench.raster import EVERYTHING, SIZES, Process, in_turns, scenes, timed, view
+from bench.raster import EVERYTHING, SIZES, Process, scenes, timed, view
 from bench.table import geometric_mean
+from bench.turns import in_turns
 from renderers.interface import Look
 from renderers.raster import CpuRenderer, warmup
 

@@ -13,13 +13,11 @@ from __future__ import annotations
 
 import argparse
 import math
-import random
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -28,13 +26,12 @@ from typing import Any
 import numpy as np
 
 from bench.table import Row, at_least, at_most, geometric_mean, show, skipped
+from bench.turns import WARM, in_turns
 from renderers.camera import Camera
 from renderers.drawlist import DrawList, Image, Instance, Material, Mesh, Texture
 from renderers.interface import Look, Output
 from renderers.raster import CpuRenderer, warmup
 
-WARM = 3
-TURN = 10
 SIZES = ((640, 480), (1280, 960))
 OURS = "ours"
 GOALS = {"moderngl": (5.0, 3.5), "vtk": (10.0, 7.0), "panda3d": (2.0, 1.0)}
@@ -170,28 +167,6 @@ def timed(renderer: CpuRenderer, scene: DrawList, camera: Camera) -> tuple[float
     wall, cpu = time.perf_counter(), time.process_time()
     renderer.render(scene, camera, EVERYTHING, Look()).close()
     return 1e3 * (time.perf_counter() - wall), 1e3 * (time.process_time() - cpu)
-
-
-def in_turns(calls: Mapping[str, Callable[[int], tuple[float, float]]], frames: int) -> dict[str, tuple[float, float]]:
-    """Median wall and CPU time of each.
-
-    They take turns of ``TURN`` frames, in random order: what the others do to the caches between two turns costs the
-    first frame of a turn, not the median of warm ones.
-
-    Args:
-        calls: draw a frame of that number; wall and CPU time.
-        frames: of each, at least; WARM more are drawn before.
-    """
-    times: dict[str, list[tuple[float, float]]] = {name: [] for name in calls}
-    order = list(calls)
-    for first in range(0, frames + WARM, TURN):
-        random.shuffle(order)
-        for name in order:
-            times[name] += [calls[name](frame) for frame in range(first, first + TURN)]
-    return {
-        name: (statistics.median(t[0] for t in values[WARM:]), statistics.median(t[1] for t in values[WARM:]))
-        for name, values in times.items()
-    }
 
 
 def measured(

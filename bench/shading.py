@@ -33,9 +33,10 @@ from unittest.mock import patch
 import numpy as np
 
 from bench.gallery import checks, dents, sphere
-from bench.raster import SIZES, WARM, Process, in_turns, scenes, view, write
+from bench.raster import SIZES, Process, scenes, view, write
 from bench.raster_stages import laps
 from bench.table import Row, at_least, show, skipped
+from bench.turns import WARM, in_turns
 from renderers.camera import Camera
 from renderers.drawlist import AlphaMode, DrawList, Instance, Light, LightKind, Material, Sampler, Texture
 from renderers.interface import Look, Output

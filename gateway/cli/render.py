@@ -12,7 +12,8 @@ IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 UNSUPPORTED_SUFFIXES = (".bmp", ".exr", ".gif", ".npy", ".npz", ".webp")
 """Suffixes of OUT that are rejected: the user meant an image, and would get a folder of that name."""
 
-TYPES = ("color", "depth", "label")
+ImageType = Literal["color", "depth", "label"]
+TYPES: tuple[ImageType, ...] = ("color", "depth", "label")
 SAMPLES = (0, 1, 4, 8)
 
 
@@ -107,6 +108,16 @@ def render(
 
     If a run was stopped, the same command continues it; finished images are not rendered again.
     """
+    image_types, color = _parse_types(types), _parse_color(background)
+    if samples not in SAMPLES:
+        raise ValueError(f"--samples {samples} is none of 0, 1, 4, 8")
+    single = out.suffix.lower() in IMAGE_SUFFIXES and not out.is_dir()
+    if out.suffix.lower() in UNSUPPORTED_SUFFIXES and not out.is_dir():
+        raise ValueError(f"{out}: images are written as {', '.join(IMAGE_SUFFIXES)}; or name a folder with -o")
+    if single and (len(scenes) != 1 or scenes[0].is_dir() or len(image_types) != 1 or cameras is not None):
+        raise ValueError(f"{out} is one image: for more scenes, types or cameras name a folder with -o")
+    if rig is not None and look not in ("auto", "studio"):
+        typer.echo(f"--rig lights the studio look only: --look {look} is rendered without it", err=True)
     from gateway.runtime import kernel_cache
     from gateway.runtime.kernel_progress import on_stderr
     from gateway.wiring import warmup
@@ -125,7 +136,7 @@ def render(
     from gateway.scene.cameras import OrbitCamera
 
     settings = Settings(
-        types=_parse_types(types),  # type: ignore[arg-type]  # checked there
+        types=image_types,
         width=width,
         height=height,
         fovy=fovy,
@@ -133,43 +144,31 @@ def render(
         up=up,
         antialias=antialias,
         depth_format=depth_format,
-        background=_parse_color(background),
-        samples=_check_samples(samples),
+        background=color,
+        samples=samples,
         rig=None if rig is None else str(rig.absolute()),
         rig_sha256=None if rig is None else rig_digest(rig),
     )
-    if rig is not None and look not in ("auto", "studio"):
-        typer.echo(f"--rig lights the studio look only: --look {look} is rendered without it", err=True)
     views = (
         *(View(f"camera-{index:03d}", text) for index, text in enumerate(camera or ())),
         *(View(f"orbit-{index:03d}", OrbitCamera(index, orbit, orbit_elevation)) for index in range(orbit)),
     )
     cores = threads or usable_cpus()
-    if out.suffix.lower() in UNSUPPORTED_SUFFIXES and not out.is_dir():
-        raise ValueError(f"{out}: images are written as {', '.join(IMAGE_SUFFIXES)}; or name a folder with -o")
-    file = CameraFile() if cameras is None else read_camera_file(cameras)
-    if out.suffix.lower() in IMAGE_SUFFIXES and not out.is_dir():
-        if cameras is not None:
-            raise ValueError(f"{out} is one image: for --cameras name a folder with -o")
-        render_image(scenes, out, settings, views, cores, timeout)
+    if single:
+        render_image(scenes[0], out, settings, views, cores, timeout)
         return
+    file = CameraFile() if cameras is None else read_camera_file(cameras)
     job = make_job(find_sources(scenes), views, file, settings, out.absolute(), timeout)
     if not render_dataset(job, cores, ray):
         raise typer.Exit(1)
 
 
-def _parse_types(text: str) -> tuple[str, ...]:
+def _parse_types(text: str) -> tuple[ImageType, ...]:
     """Return the types in ``color,depth``, in the order of ``TYPES``."""
     wanted = {part.strip() for part in text.split(",") if part.strip()}
     if not wanted or not wanted <= {*TYPES}:
         raise ValueError(f"--type {text!r}: must be color, depth or label, or several of them separated by commas")
     return tuple(name for name in TYPES if name in wanted)
-
-
-def _check_samples(number: int) -> int:
-    if number not in SAMPLES:
-        raise ValueError(f"--samples {number} is none of 0, 1, 4, 8")
-    return number
 
 
 def _parse_color(text: str) -> tuple[int, int, int]:

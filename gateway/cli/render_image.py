@@ -17,7 +17,7 @@ from renderers.stop import run_within
 
 
 def render_image(
-    scenes: list[Path], out: Path, settings: Settings, views: tuple[View, ...], threads: int, timeout: float
+    path: Path, out: Path, settings: Settings, views: tuple[View, ...], threads: int, timeout: float
 ) -> None:
     """Write one image; a label image gets a ``.labels.json`` beside it.
 
@@ -25,22 +25,22 @@ def render_image(
         timeout: maximum time in seconds for all of it; 0: no limit.
 
     Raises:
-        ValueError: the arguments describe more than one image, or the scene cannot be rendered.
+        ValueError: there is more than one view, or the scene cannot be rendered.
         OSError: the image cannot be written, or took longer than the timeout.
     """
     error = TimeoutError(f"{out}: it took longer than --timeout = {timeout:g} s")
-    run_within(timeout, lambda: _render_image(scenes, out, settings, views, threads), error)
+    run_within(timeout, lambda: _render_image(path, out, settings, views, threads), error)
 
 
-def _render_image(scenes: list[Path], out: Path, settings: Settings, views: tuple[View, ...], threads: int) -> None:
-    if len(scenes) != 1 or scenes[0].is_dir() or len(settings.types) != 1 or len(views) > 1:
-        raise ValueError(f"{out} is one image: for more scenes, types or cameras name a folder with -o")
-    (path,), (image_type,) = scenes, settings.types
+def _render_image(path: Path, out: Path, settings: Settings, views: tuple[View, ...], threads: int) -> None:
+    if len(views) > 1:
+        raise ValueError(f"{out} is one image: for more cameras name a folder with -o")
+    (image_type,) = settings.types
     suffix = out.suffix[1:].lower()
     if suffix not in FORMATS[image_type]:
         allowed = " or ".join(f".{name}" for name in FORMATS[image_type])
         raise ValueError(f"{out}: a {image_type} image is written as {allowed}")
-    (source,) = find_sources(scenes)
+    (source,) = find_sources([path])
     if source.kind is Kind.REQUEST:
         raise ValueError(f"{path}: a recorded request contains its own camera and type; name a folder with -o")
     try:

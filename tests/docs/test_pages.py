@@ -58,7 +58,7 @@ def test_links_lead_somewhere(page: Path) -> None:
 def test_files_that_are_named_are_there(page: Path) -> None:
     pattern = re.compile(r"(gateway|renderers|examples|tests|docs|bench|protos|lcmtypes)/[\w./-]+")
     for span in spans(page):
-        if pattern.fullmatch(span):
+        if pattern.fullmatch(span) and "NAME" not in span:
             assert (ROOT / span).exists(), span
 
 
@@ -113,7 +113,7 @@ def test_the_tools_of_this_test_find_something() -> None:
     assert len(PAGES) > 10
     assert sum(len(links(page)) for page in PAGES) > 30
     assert ("dataset", "check") in known()
-    assert "where-things-are" in anchors(ROOT / "CONTRIBUTING.md")
+    assert "layout" in anchors(ROOT / "CONTRIBUTING.md")
     with pytest.raises(AssertionError, match="serve has no --http-prot"):
         check_command(["serve", "--http-prot", "1"], "scenegate serve --http-prot 1")
     with pytest.raises(AssertionError, match="there is no command"):
