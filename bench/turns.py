@@ -1,32 +1,50 @@
-"""Measures several programs in turns, so that all of them see the same load of the machine."""
+"""Measure contestants in turns within one run, so that a change of the machine's speed hits all of them."""
 
 from __future__ import annotations
 
 import random
 import statistics
+import time
 from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
 WARM = 3
-"""Frames before the measurement."""
+"""Calls of each contestant that are made first and not counted."""
 TURN = 10
-"""Consecutive frames of one program. What other programs leave in the CPU's caches costs the first frame of a turn,
-which hardly changes the median."""
+"""Calls of one contestant in a row: only the first of them finds the caches as another contestant left them."""
 
 
-def in_turns(calls: Mapping[str, Callable[[int], tuple[float, float]]], frames: int) -> dict[str, tuple[float, float]]:
-    """Return the median wall and CPU time of each program; turns are in random order.
+class Time(NamedTuple):
+    """Milliseconds of one call."""
+
+    wall: float
+    cpu: float
+    """CPU time of all threads of the process that did the work."""
+
+
+def timed(call: Callable[[], object]) -> Time:
+    """Call and measure in this process."""
+    wall, cpu = time.perf_counter(), time.process_time()
+    call()
+    return Time(1e3 * (time.perf_counter() - wall), 1e3 * (time.process_time() - cpu))
+
+
+def in_turns(
+    contestants: Mapping[str, Callable[[int], Time]], count: int, *, warm: int = WARM, turn: int = TURN
+) -> dict[str, list[Time]]:
+    """Call each contestant ``warm + count`` times or more, in turns of random order; return the times after ``warm``.
 
     Args:
-        calls: functions that render the frame with a number and return its wall and CPU time.
-        frames: minimum number of measured frames of each program.
+        contestants: by name; called with the number of the call, return its time (``timed``, or a peer's own figure).
     """
-    times: dict[str, list[tuple[float, float]]] = {name: [] for name in calls}
-    order = list(calls)
-    for first in range(0, frames + WARM, TURN):
-        random.shuffle(order)
-        for name in order:
-            times[name] += [calls[name](frame) for frame in range(first, first + TURN)]
-    return {
-        name: (statistics.median(t[0] for t in values[WARM:]), statistics.median(t[1] for t in values[WARM:]))
-        for name, values in times.items()
-    }
+    chance = random.Random(0)
+    times: dict[str, list[Time]] = {name: [] for name in contestants}
+    for first in range(0, warm + count, turn):
+        for name in chance.sample(list(contestants), len(contestants)):
+            times[name] += [contestants[name](number) for number in range(first, first + turn)]
+    return {name: values[warm:] for name, values in times.items()}
+
+
+def median(times: list[Time]) -> Time:
+    """Return the medians of wall and CPU time."""
+    return Time(statistics.median(each.wall for each in times), statistics.median(each.cpu for each in times))

@@ -13,19 +13,20 @@ from typing import TYPE_CHECKING, Any
 from fastapi import FastAPI
 from fastapi.responses import HTMLResponse
 from fastapi_offline import FastAPIOffline
+from starlette.middleware.body_limit import RequestBodyLimitMiddleware
 
 from gateway import __version__
 from gateway import settings as settings_module
 from gateway.runtime import logs, process_tuning
 from gateway.runtime.metrics_registry import Metrics
-from gateway.runtime.service_registry import Board
-from gateway.runtime.worker_pool import Workers, usable_cpus
+from gateway.runtime.service_registry import ServiceRegistry
+from gateway.runtime.worker_pool import WorkerPool, usable_cpus
 from gateway.server import error_handlers, health, openapi
-from gateway.server.index_page import landing_page
-from gateway.server.middleware import Gate, Requests
-from gateway.server.security import Guard
+from gateway.server.index_page import index_page
+from gateway.server.middleware import RequestContext, StartGate
+from gateway.server.security import Security
 from gateway.settings import MIB, Settings
-from gateway.viewer.sources import PICTURE_NAMES
+from gateway.viewer.sources import IMAGE_NAMES
 from gateway.wiring import metrics
 from gateway.wiring.context import KERNELS, NO_TELEMETRY, Context
 from gateway.wiring.interfaces import enabled_interfaces
@@ -33,14 +34,14 @@ from gateway.wiring.startup import start
 from gateway.wiring.state import open_state
 
 if TYPE_CHECKING:
-    from gateway.state.service import State
+    from gateway.state.service import PersistentState
 
 DESCRIPTION = "Drake's glTF render server, an rc_visard stereo camera and Director's tree viewer, on one scene."
-POLLED_PATHS = frozenset({"/view/sensor", "/view/renders", *(f"/view/sensor/{name}.jpg" for name in PICTURE_NAMES)})
+POLLED_PATHS = frozenset({"/view/sensor", "/view/renders", *(f"/view/sensor/{name}.jpg" for name in IMAGE_NAMES)})
 """Paths that the browser view requests repeatedly; logged at debug level."""
 
 
-def create_app(settings: Settings, state: State | None = None) -> FastAPI:
+def create_app(settings: Settings, state: PersistentState | None = None) -> FastAPI:
     """Create a gateway as an ASGI application. Nothing runs before its lifespan starts.
 
     Args:
@@ -56,17 +57,16 @@ def create_app(settings: Settings, state: State | None = None) -> FastAPI:
         description=DESCRIPTION,
         license_info={"name": "Apache 2.0", "identifier": "Apache-2.0"},
         lifespan=_lifespan,
-        max_body_size=settings.max_body_mb * MIB,
         swagger_ui_parameters={"validatorUrl": None},  # no request to an online validator
         telemetry=NO_TELEMETRY,
     )
     context = Context(
         settings,
         app,
-        services=Board(essential=frozenset({KERNELS, "render"})),
+        registry=ServiceRegistry(essential=frozenset({KERNELS, "render"})),
         metrics=Metrics(),
         workers=_workers(settings),
-        security=Guard.of(settings),
+        security=Security.of(settings),
         state=state,
     )
     app.state.context = context
@@ -80,10 +80,10 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     """Start the interfaces in a background task; stop them at the end."""
     context: Context = app.state.context
     process_tuning.tune()
-    context.services.expect(KERNELS, *enabled_interfaces(context.settings))
-    metrics.watch_process(context.metrics, context.services, context.workers)
+    context.registry.expect(KERNELS, *enabled_interfaces(context.settings))
+    metrics.watch_process(context.metrics, context.registry, context.workers)
     metrics.watch_tree(context.metrics, context.tree)
-    context.security.tell()
+    context.security.log_exposure()
     if context.state is None:
         context.state = await asyncio.to_thread(open_state, context.settings)
     context.startup = asyncio.create_task(start(context), name="start")
@@ -93,8 +93,8 @@ async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
         await context.close()
 
 
-def _workers(settings: Settings) -> Workers:
-    return Workers(
+def _workers(settings: Settings) -> WorkerPool:
+    return WorkerPool(
         settings.threads or usable_cpus(),
         settings.queue,
         settings.queue_mb * MIB,
@@ -114,29 +114,30 @@ def _add_routes(context: Context) -> None:
         # Only where renders are all that is served: a load balancer must not stop streams because of a full queue.
         return render_only and (workers.full or workers.stuck)
 
-    app.include_router(health.router(context.services, context.metrics, __version__, context.started.is_set, busy))
+    app.include_router(health.router(context.registry, context.metrics, __version__, context.started.is_set, busy))
 
     @app.get("/", include_in_schema=False)
     async def index() -> HTMLResponse:
         view = {"view": "See the scene"} if "view" in interfaces else {}
-        return HTMLResponse(landing_page(__version__, {**view, "docs": "HTTP interface", "metrics": "metrics"}))
+        return HTMLResponse(index_page(__version__, {**view, "docs": "HTTP interface", "metrics": "metrics"}))
 
 
 def _add_middleware(context: Context) -> None:
     """Add error responses and middleware; the last one added is the outermost."""
-    app, services = context.app, context.services
+    app, registry = context.app, context.registry
     app.add_exception_handler(404, error_handlers.not_found)
     app.add_exception_handler(405, error_handlers.not_allowed)
     openapi.describe(app, token=context.security.http is not None, open_paths=health.OPEN_PATHS)
+    app.add_middleware(RequestBodyLimitMiddleware, max_body_size=context.settings.max_body_mb * MIB)
     app.add_middleware(
-        Gate,
+        StartGate,
         started=context.started,
-        problem=lambda: services.entries[KERNELS].problem,
+        problem=lambda: registry.entries[KERNELS].problem,
         open_paths=health.PATHS | {"/"},
     )
     context.security.protect(app)
     app.add_middleware(error_handlers.HeadAsGet)
-    app.add_middleware(Requests, metrics=context.metrics, quiet=health.PATHS | POLLED_PATHS)
+    app.add_middleware(RequestContext, metrics=context.metrics, quiet_paths=health.PATHS | POLLED_PATHS)
 
 
 def __getattr__(name: str) -> Any:

@@ -112,13 +112,13 @@ async def test_a_service_that_fails_leaves_the_others_and_all_end_with_the_lifes
     assert good.ended.is_set()
 
 
-async def test_errors_of_the_render_endpoint_are_plain_text_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_render_route_has_its_own_body_limit_and_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     use_interfaces(monkeypatch, render=gateway.wiring.render.setup)
     async with running(only=("render",), max_body_mb=1) as client:
         answer = await client.post("/render", content=b"x", headers={"Content-Type": "text/plain"})
         assert (answer.status_code, "multipart/form-data" in answer.text) == (400, True)
         answer = await client.post("/render", content=bytes(2 << 20))
-        assert (answer.status_code, "max_body_bytes" in answer.text) == (413, True)  # not the framework's own sentence
+        assert (answer.status_code, "max_body_bytes" in answer.text) == (413, True)  # not Starlette's own text
         assert (await client.get("/render")).status_code == 405
         metrics = (await client.get("/metrics")).text
         assert 'scenegate_http_requests_total{method="POST",route="/render",status="400"} 1.0' in metrics

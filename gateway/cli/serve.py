@@ -16,7 +16,7 @@ from gateway.settings import Settings, SettingsError, load, unknown_environment
 from gateway.settings.option import default_of, flag_of, group_of, metavar_of, second_flag_of
 
 if TYPE_CHECKING:
-    from gateway.state.service import State
+    from gateway.state.service import PersistentState
     from gateway.wiring.context import Context
 
 HELP = """Serve every interface until SIGTERM or Ctrl+C.
@@ -71,19 +71,19 @@ def run(settings: Settings) -> int:
     """Serve until a signal; return the exit code. Imports are late, so that ``--help`` is fast."""
     from gateway.runtime import logs, process_tuning
 
-    process_tuning.hurry()
+    process_tuning.pause_gc()
     logs.configure(settings.log_format, settings.log_level)
     import structlog
 
     log = structlog.get_logger("gateway")
     for warning in unknown_environment():
         log.warning(warning)
-    from gateway.server.security import Guard
+    from gateway.server.security import Security
     from gateway.state.errors import StateError
     from gateway.wiring.state import open_state
 
     try:
-        tls = Guard.of(settings).tls
+        tls = Security.of(settings).tls
         state = open_state(settings)
     except (SettingsError, StateError) as error:
         log.error(str(error))
@@ -91,7 +91,7 @@ def run(settings: Settings) -> int:
     try:
         listener = process_tuning.listen(settings.host, settings.http_port)
     except OSError as error:
-        reason = process_tuning.why_not_listening(error, settings.host, settings.http_port)
+        reason = process_tuning.listen_error(error, settings.host, settings.http_port)
         log.error(f"HTTP cannot listen: {reason}; choose another with --http-port or --host.")
         return 1
     port = listener.getsockname()[1]
@@ -102,7 +102,9 @@ def run(settings: Settings) -> int:
     return _serve(settings, listener, state, tls)
 
 
-def _serve(settings: Settings, listener: socket.socket, state: State | None, tls: tuple[Path, Path] | None) -> int:
+def _serve(
+    settings: Settings, listener: socket.socket, state: PersistentState | None, tls: tuple[Path, Path] | None
+) -> int:
     import structlog
     import uvloop
 
@@ -118,7 +120,7 @@ def _serve(settings: Settings, listener: socket.socket, state: State | None, tls
         log.info("Scenegate stops; requests that it has accepted may finish", seconds=settings.shutdown_seconds)
         context.begin_shutdown()
 
-    config = http_server.config(app, settings.shutdown_seconds, lifespan=True, tls=tls)
+    config = http_server.server_config(app, settings.shutdown_seconds, lifespan=True, tls=tls)
     server = http_server.MainServer(config, begin_shutdown)
     fatal = False
 
@@ -127,7 +129,7 @@ def _serve(settings: Settings, listener: socket.socket, state: State | None, tls
         fatal = server.should_exit = True
 
     app.state.closing = lambda: server.should_exit  # endless responses (MJPEG) end by it
-    context.on_started = process_tuning.settle
+    context.on_started = process_tuning.freeze_gc
     context.on_fatal = stop_with_error
     with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
         runner.run(server.serve(sockets=[listener]))

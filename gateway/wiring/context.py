@@ -13,20 +13,20 @@ from fastapi import FastAPI
 from fastapi.telemetry import TelemetryConfig
 
 from gateway.runtime.metrics_registry import Metrics
-from gateway.runtime.service_registry import Board, Service
-from gateway.runtime.worker_pool import Workers
+from gateway.runtime.service_registry import Service, ServiceRegistry
+from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.flatten import Flattener
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree
-from gateway.server.security import Guard
+from gateway.server.security import Security
 from gateway.settings import Settings
 from renderers.camera import Camera
 from renderers.interface import Renderer
 
 if TYPE_CHECKING:
     from gateway.render.events import RenderRecord
-    from gateway.state.service import State
-    from gateway.viewer.sources import Eyes
+    from gateway.state.service import PersistentState
+    from gateway.viewer.sources import StereoSource
 
 _log = structlog.get_logger("gateway")
 
@@ -44,29 +44,27 @@ class Context:
 
     settings: Settings
     app: FastAPI
-    services: Board
+    registry: ServiceRegistry
     """State of every interface, for ``/healthz`` and ``/readyz``."""
     metrics: Metrics
-    workers: Workers
+    workers: WorkerPool
     """Threads for calls that would block the event loop."""
-    security: Guard
+    security: Security
     """Tokens, TLS and trusted hosts of every interface."""
     tree: LiveTree = field(default_factory=LiveTree)
     labels: LabelTable = field(default_factory=LabelTable)
     """Labels of the live tree's paths."""
     flattener: Flattener = field(init=False)
     """Draw lists of the live tree, shared so that an unchanged tree is flattened once."""
-    state: State | None = None
+    state: PersistentState | None = None
     """Storage of the live tree and of parameters (``--state``)."""
 
     stereo_camera: Callable[[], Camera | None] = lambda: None
     """Returns the left stereo camera in the live tree, if any."""
-    stereo_sensor: Eyes | None = None
+    stereo_sensor: StereoSource | None = None
     """Source of the stereo camera's images for the browser view, if any."""
     on_render: Callable[[RenderRecord], None] = lambda record: None
     """Called after each request of the render endpoint."""
-    upcoming_calls: Callable[[], int] = lambda: 0
-    """Returns the number of requests that will soon need a worker thread. Thread-safe."""
 
     started: asyncio.Event = field(default_factory=asyncio.Event)
     """Set when requests are let in, or when the start has failed."""
@@ -95,7 +93,7 @@ class Context:
 
             threads = self.settings.frame_threads or self.workers.threads
             extra = max(0, threads - self.workers.threads)
-            self._renderer = CpuRenderer(threads, lambda: extra + max(0, self.workers.spare - self.upcoming_calls()))
+            self._renderer = CpuRenderer(threads, lambda: extra + self.workers.spare)
         return self._renderer
 
     def run_service(
@@ -112,7 +110,7 @@ class Context:
             where: how clients reach it, for ``/healthz``.
             figures: returns JSON values for ``/healthz``; default ``service.status``.
         """
-        self.services.ready(name, service=service, where=where, figures=figures)
+        self.registry.ready(name, service=service, where=where, figures=figures)
         task = asyncio.get_running_loop().create_task(self._supervise(name, service), name=name)
         self._tasks.add(task)
 
@@ -122,12 +120,12 @@ class Context:
         except Exception as error:  # noqa: BLE001 - one service must not end the others
             self.fail(name, error)
         else:
-            self.services.fail(name, "it has ended by itself")
+            self.registry.fail(name, "it has ended by itself")
 
     def fail(self, name: str, error: BaseException) -> None:
         """Mark an interface as failed and log why."""
         problem = sentence(error)
-        self.services.fail(name, problem)
+        self.registry.fail(name, problem)
         expected = isinstance(error, (OSError, ImportError, ValueError, RuntimeError))
         _log.error(f"{name} does not run: {problem}", exc_info=None if expected else error)
 
@@ -139,7 +137,7 @@ class Context:
         if self._queue_closer is not None:
             return
         loop = asyncio.get_running_loop()
-        self.services.stop()
+        self.registry.stop()
         for task in self._tasks:
             task.cancel()
         self._deadline = loop.time() + self.settings.shutdown_seconds
@@ -147,7 +145,7 @@ class Context:
         if not self.started.is_set():
             if self.startup is not None:
                 self.startup.cancel()
-            self.services.fail(KERNELS, "it was told to stop")
+            self.registry.fail(KERNELS, "it was told to stop")
             self.started.set()
 
     async def _close_queue(self, seconds: float) -> None:

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 from gateway import __version__
 from gateway.runtime.metrics_registry import Metrics, Reading
-from gateway.runtime.service_registry import Board, State
-from gateway.runtime.worker_pool import Workers
+from gateway.runtime.service_registry import ServiceRegistry, State
+from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.live import LiveTree
+from renderers.cache import Cache
 
 if TYPE_CHECKING:
     from gateway.render.events import RenderRecord
@@ -31,15 +32,15 @@ _OUTCOMES: Final[Mapping[int, str]] = {200: "ok", 499: "gone", 500: "failed", 50
 
 
 def _watch(metrics: Metrics, name: str, text: str, read: Callable[[], Reading], label: str = "") -> None:
-    add = metrics.watch_total if name.endswith("_total") else metrics.watch
+    add = metrics.counter if name.endswith("_total") else metrics.gauge
     add(name, text, read, label=label)
 
 
-def watch_process(metrics: Metrics, services: Board, workers: Workers) -> None:
+def watch_process(metrics: Metrics, registry: ServiceRegistry, workers: WorkerPool) -> None:
     """Add the metrics of the process: version, state of the interfaces, worker threads."""
 
     def ready() -> dict[str, float]:
-        return {name: float(entry.current() is State.READY) for name, entry in services.entries.items()}
+        return {name: float(entry.current() is State.READY) for name, entry in registry.entries.items()}
 
     def calls() -> dict[str, float]:
         ends = ("done", "rejected", "abandoned", "timed_out")
@@ -120,40 +121,29 @@ def watch_tree(metrics: Metrics, tree: LiveTree) -> None:
 def watch_render(metrics: Metrics, service: RenderService) -> None:
     """Add the metrics of the render endpoint's caches; ``count_render`` counts its requests."""
 
-    def hits() -> dict[str, float]:
-        stats = service.scenes.geometry
-        return {
-            "scenes": service.scenes.hits,
-            "documents": stats.document_hits,
-            "buffers": stats.buffer_hits,
-            "meshes": stats.mesh_hits,
-        }
-
-    def misses() -> dict[str, float]:
-        stats = service.scenes.geometry
-        return {"scenes": service.scenes.misses, "buffers": stats.buffer_misses, "meshes": stats.mesh_misses}
-
-    def nbytes() -> dict[str, float]:
-        stats = service.scenes.geometry
-        return {"scenes": service.scenes.nbytes, "geometry": stats.nbytes, "documents": stats.document_bytes}
-
+    store = service.scenes
+    caches: dict[str, Cache[Any, Any]] = {
+        "scenes": store.scenes,
+        "documents": store.geometry.documents.cache,
+        "content": store.geometry.content,
+    }
     watch = partial(_watch, metrics)
     watch(
         "scenegate_cache_hits_total",
         "Number of cache hits of the render endpoint, by cache.",
-        hits,
+        lambda: {name: cache.hits for name, cache in caches.items()},
         label="cache",
     )
     watch(
         "scenegate_cache_misses_total",
         "Number of cache misses of the render endpoint, by cache.",
-        misses,
+        lambda: {name: cache.misses for name, cache in caches.items()},
         label="cache",
     )
     watch(
         "scenegate_cache_bytes",
         "Bytes held by the caches of the render endpoint, approximately, by cache.",
-        nbytes,
+        lambda: {name: cache.nbytes for name, cache in caches.items()},
         label="cache",
     )
     watch(
@@ -166,8 +156,8 @@ def watch_render(metrics: Metrics, service: RenderService) -> None:
 def count_render(metrics: Metrics, record: RenderRecord) -> None:
     """Count one finished request of the render endpoint."""
     kind = record.request.image_type if record.request is not None else "unknown"
-    stages = (("queue", record.queued), *record.picture.stages) if record.picture is not None else ()
-    metrics.rendered(kind, record.outcome or _OUTCOMES.get(record.status, "rejected"), stages)
+    stages = (("queue", record.queue_seconds), *record.image.stages) if record.image is not None else ()
+    metrics.count_render(kind, record.outcome or _OUTCOMES.get(record.status, "rejected"), stages)
 
 
 def watch_stereo(metrics: Metrics, *services: StereoService) -> None:

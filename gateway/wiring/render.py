@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-
-import structlog
 
 from gateway.assets.scene_file import read_scene_file
 from gateway.gltf import GltfLimits
@@ -16,15 +13,9 @@ from gateway.render.events import RenderRecord
 from gateway.render.routes import router
 from gateway.render.service import RenderService
 from gateway.scene.tree import Node
-from gateway.server.http_protocol import Door, TurnedAway
 from gateway.settings import MIB, Settings
 from gateway.wiring import metrics
 from gateway.wiring.context import Context
-
-_log = structlog.get_logger("gateway.render")
-
-_REJECTION_LOG_SECONDS = 1.0
-"""Minimum time between two log lines about rejected requests, however many there are."""
 
 
 def setup(context: Context) -> None:
@@ -39,13 +30,11 @@ def setup(context: Context) -> None:
         context.workers,
         _config(context.settings),
         backdrop=_backdrop(context),
-        on_done=count_and_report,
+        on_finished=count_and_report,
     )
-    context.upcoming_calls = service.soon
     context.app.include_router(router(service))
-    context.app.state.door = _admission(context, service)
     metrics.watch_render(context.metrics, service)
-    context.services.ready("render", where=context.settings.render_path, figures=service.status)
+    context.registry.ready("render", where=context.settings.render_path, figures=service.status)
 
 
 def _config(settings: Settings) -> RenderConfig:
@@ -81,25 +70,3 @@ def _backdrop(context: Context) -> Callable[[], Node] | None:
         return lambda: context.tree.snapshot.root
     scene = read_scene_file(Path(settings.backdrop), up=settings.up)
     return lambda: scene.root
-
-
-def _admission(context: Context, service: RenderService) -> Door:
-    """Return the admission check: None if a render request can be queued, else the 503 response."""
-    path = context.settings.render_path.encode("latin-1", "replace")
-    rejected_requests = context.metrics.requests.labels(context.settings.render_path, "POST", 503)
-    busy_renders = context.metrics.renders.labels("unknown", metrics.BUSY)
-    logged_at, count = 0.0, 0
-
-    def admit(method: bytes, target: bytes) -> TurnedAway | None:
-        nonlocal logged_at, count
-        if method != b"POST" or target.partition(b"?")[0] != path or (busy := service.refuse()) is None:
-            return None
-        rejected_requests.inc()
-        busy_renders.inc()
-        count += 1
-        if (now := time.monotonic()) - logged_at >= _REJECTION_LOG_SECONDS:
-            _log.warning("render requests rejected", count=count, reason=str(busy))
-            logged_at, count = now, 0
-        return TurnedAway(f"the server is busy: {busy}", busy.retry_after)
-
-    return admit

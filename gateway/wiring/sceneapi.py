@@ -23,4 +23,4 @@ def setup(context: Context) -> None:
         stereo_camera=lambda: context.stereo_camera(),  # set later, when the stereo camera starts
     )
     context.app.include_router(router(service))
-    context.services.ready("scene", where="/scene", figures=service.status)
+    context.registry.ready("scene", where="/scene", figures=service.status)

@@ -52,13 +52,13 @@ async def _load_kernels(context: Context) -> None:
         await _compile_kernels(context)
     await asyncio.to_thread(warmup.run)
     context.exit_stack.enter_context(kernel_cache.compiling_reported(_log_compiled_kernel))
-    context.services.ready(KERNELS)
+    context.registry.ready(KERNELS)
 
 
 async def _compile_kernels(context: Context) -> None:
     """Compile the kernels; the log, ``/readyz`` and a terminal show the progress."""
     progress = Progress(len(warmup.PARTS))
-    entry = context.services.entries[KERNELS]
+    entry = context.registry.entries[KERNELS]
     entry.progress = progress.describe
     folder = str(kernel_cache.configure())
     _log.info("Compiling the rendering kernels into the cache, once ...", folder=folder, parts=progress.parts)
@@ -80,15 +80,15 @@ def _start_interfaces(context: Context) -> None:
         except Exception as error:  # noqa: BLE001 - one interface must not stop the others
             context.fail(name, error)
         else:
-            if context.services.entries[name].state is State.STARTING:
-                context.services.ready(name)
+            if context.registry.entries[name].state is State.STARTING:
+                context.registry.ready(name)
 
 
 async def _log_started(context: Context, begin: float) -> None:
     """Wait until the services are ready, at most ``SETTLE_SECONDS``, then log one line and call ``on_started``."""
     settled = time.perf_counter() + SETTLE_SECONDS
-    while context.services.verdict() == "starting" and time.perf_counter() < settled:  # noqa: ASYNC110 - no event
+    while context.registry.verdict() == "starting" and time.perf_counter() < settled:  # noqa: ASYNC110 - no event
         await asyncio.sleep(0.02)
     context.on_started()
     seconds = round(time.perf_counter() - begin, 2)
-    _log.info("Scenegate has started", status=context.services.verdict(), version=__version__, seconds=seconds)
+    _log.info("Scenegate has started", status=context.registry.verdict(), version=__version__, seconds=seconds)

@@ -39,7 +39,7 @@ def _treeviewer() -> None:
 
 
 def _stereo() -> None:
-    from gateway.gltf.reader_kernels import warm_up as warm_reader
+    from gateway.gltf.normals import warm_up as warm_reader
     from renderers.stereo.warmup import warm_up as warm_stereo
 
     warm_reader()
@@ -94,7 +94,7 @@ def compile_parts(numbers: int) -> None:
         KernelError: Numba did not keep a kernel in the cache.
     """
     kernel_cache.configure()
-    process_tuning.hurry()  # compiling makes millions of objects, none of which is garbage before all is done
+    process_tuning.pause_gc()  # compiling makes millions of objects, none of which is garbage before all is done
     from renderers.compiler.remembered import remember
 
     remember()

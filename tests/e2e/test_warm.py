@@ -1,4 +1,4 @@
-"""No kernel is compiled in a serving process, which would block every interface for seconds."""
+"""Nothing is compiled in a serving process: that would stop every interface for seconds."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[2]
 PROGRAM = """
 import json, sys
-from gateway.runtime import kernel_cache
 from gateway.wiring import warmup
+from gateway.runtime import kernel_cache as kernels
 
-kernel_cache.ensure_cached(warmup.PARTS)
+kernels.ensure_cached(warmup.PARTS)
 from numba.core import event
 
 compiled = []
@@ -44,7 +44,7 @@ from tests.support import forms
 settings = Settings(only=("render", "scene", "treeviewer"), demo=True, lcm_url="off", tcpq_port=0, host="127.0.0.1")
 answers = []
 with TestClient(create_app(settings)) as client:
-    for generator in ("VTK", "another program"):
+    for generator in ("VTK", "somebody"):
         for image_type in ("color", "depth", "label"):
             body = forms.body(forms.gltf(generator=generator), forms.drake_fields(image_type))
             answers.append(client.post("/render", content=body, headers={"Content-Type": forms.CONTENT_TYPE}))
@@ -67,16 +67,16 @@ def test_serving_compiles_nothing() -> None:
 ELSEWHERE = """
 import json
 import gateway
-from gateway.runtime import kernel_cache
 from gateway.wiring import warmup
+from gateway.runtime import kernel_cache as kernels
 
-cached = kernel_cache.are_cached()
+cached = kernels.are_cached()
 warmup.run()
-from renderers.compiler import cache_folder
+from renderers.compiler import cache_folder as kernel_cache
 from renderers.compiler.cache_locator import CACHED, folder_of
 from renderers.compiler.jit import KERNELS
 
-manifest = json.loads((cache_folder.folder() / "complete.json").read_bytes())
+manifest = json.loads((kernel_cache.folder() / "complete.json").read_bytes())
 listed = [name.split("/")[0] for part in manifest.values() for name in part if name.endswith(".nbi")]
 
 total = lambda name: sum(sum(getattr(kernel.stats, name).values()) for kernel in CACHED)
@@ -94,7 +94,7 @@ print(json.dumps({
 
 
 def test_a_copy_of_the_sources_at_another_place_loads_the_same_kernels(tmp_path: Path) -> None:
-    """A second clone, wheel or container layer has other paths and times, but the same contents."""
+    """A second clone, wheel or container layer: other paths, other times, the same contents."""
     filled = subprocess.run(
         [sys.executable, "-m", "gateway.cli", "warmup"], capture_output=True, text=True, check=False
     )
@@ -121,26 +121,26 @@ def test_a_cache_that_lost_a_kernel_is_not_complete_and_the_server_does_not_comp
     program = """
 import json, shutil, sys
 from pathlib import Path
-from gateway.runtime import kernel_cache
 from gateway.wiring import warmup
-from renderers.compiler import cache_folder
+from gateway.runtime import kernel_cache as kernels
+from renderers.compiler import cache_folder as kernel_cache
 
-kernel_cache.ensure_cached(warmup.PARTS)
-here = cache_folder.folder()
+kernels.ensure_cached(warmup.PARTS)
+here = kernel_cache.folder()
 copy = Path(sys.argv[1])
 shutil.copytree(here, copy / here.name)
-cache_folder.root.cache_clear()
+kernel_cache.root.cache_clear()
 import os
 os.environ["NUMBA_CACHE_DIR"] = str(copy)
 lost = next((copy / here.name).glob("renderers.raster.*"))
 for file in lost.iterdir():
     file.unlink()
-before = cache_folder.missing()
-cache_folder.missing = lambda path=None: ""  # no check
+before = kernel_cache.missing()
+kernel_cache.missing = lambda path=None: ""  # as if nobody had looked
 try:
     warmup.run()
     error = ""
-except kernel_cache.KernelError as failure:
+except kernels.KernelError as failure:
     error = str(failure)
 manifest = (copy / here.name / "complete.json").exists()
 print(json.dumps({"before": before, "error": error, "lost": lost.name, "manifest": manifest}))
