@@ -121,7 +121,7 @@ class Task:
     threads: int = 1
     """Number of threads in the worker for one image."""
     timeout: float = 0.0
-    """As in ``Job``."""
+    """Maximum time for reading the scene and for rendering each view, seconds; 0: no limit."""
 
     def failed(self, reason: str) -> Result:
         """Return the result of a task of which no view could be rendered."""

@@ -1,4 +1,4 @@
-"""What a former run left in the folder of a dataset, and which of its samples are still valid."""
+"""Finds the samples of a former run and checks which of them are still valid."""
 
 from __future__ import annotations
 

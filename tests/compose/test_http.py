@@ -1,4 +1,4 @@
-"""What a user of the HTTP interface sees from outside, without any of the gateway's code."""
+"""The HTTP interface from outside, without any of the gateway's code."""
 
 from __future__ import annotations
 

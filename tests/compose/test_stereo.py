@@ -1,4 +1,4 @@
-"""What a user of the stereo camera sees from outside: messages are learnt from the server itself, by reflection."""
+"""The stereo camera from outside; message types come from the server, by gRPC reflection."""
 
 from __future__ import annotations
 

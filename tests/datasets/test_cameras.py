@@ -1,4 +1,4 @@
-"""Where scenes are seen from: the camera file, orbits, lenses."""
+"""Cameras of datasets: the camera file, orbits, intrinsics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the documentation says is there: links, files, commands and their flags."""
+"""Links, files, commands and flags in the documentation exist."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ FOREIGN = {
     "--peers", "--profile", "--rm", "--secret", "--step", "--steps", "--upgrade", "--workers", "--live", "--network",
     "--announce", "--url", "--data-binary", "--no-build-isolation", "--lcm", "--out", "--pictures",
 }  # fmt: skip
-"""Flags of other programs, and of our benches, that pages may speak of."""
+"""Flags of other programs and of our benches that pages may mention."""
 
 
 @cache
 def known() -> dict[tuple[str, ...], set[str]]:
-    """Flags by command."""
+    """Return the flags of each command."""
     found: dict[tuple[str, ...], set[str]] = {}
 
     def walk(command: Any, name: tuple[str, ...]) -> None:
@@ -78,7 +78,7 @@ def test_commands_and_flags_exist(page: Path) -> None:
 
 
 def split(text: str) -> list[str]:
-    """Words of a command; a text that is none (an odd apostrophe) has its words at spaces."""
+    """Return the words of a command; a text that is no valid shell (an odd apostrophe) is split at spaces."""
     try:
         return shlex.split(text, comments=True)
     except ValueError:
