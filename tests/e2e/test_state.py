@@ -1,4 +1,4 @@
-"""``--state``: a gateway process is killed and started again."""
+"""``--state`` as its users have it: the whole gateway is killed and started again."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def observe(url: str) -> tuple[Any, bytes, Any]:
 def test_tree_and_parameters_survive_kill_9_and_a_restart(tmp_path: Path) -> None:
     state = tmp_path / "gateway.state"
     with gateway_process(*FLAGS, "--state", str(state)) as (process, url):
-        answer = tell(
+        answer = send(
             url,
             {
                 "setgeometry": [{"path": ["box", "it"], "geometry": BOX}, {"path": ["cloud"], "geometry": CLOUD}],
@@ -73,7 +73,7 @@ def test_tree_and_parameters_survive_kill_9_and_a_restart(tmp_path: Path) -> Non
 
 
 @pytest.mark.slow
-def test_the_demo_is_not_stored(tmp_path: Path) -> None:
+def test_demo_is_not_stored(tmp_path: Path) -> None:
     state = tmp_path / "gateway.state"
     with gateway_process(*FLAGS, "--demo", "--state", str(state)) as (process, url):
         send(url, {"setgeometry": [{"path": ["box"], "geometry": BOX}]})
@@ -84,7 +84,7 @@ def test_the_demo_is_not_stored(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [b"not a database at all, but somebody's notes", None])
-def test_a_file_that_is_no_state_is_one_sentence(tmp_path: Path, content: bytes | None) -> None:
+def test_unusable_state_file_ends_the_start_with_one_sentence(tmp_path: Path, content: bytes | None) -> None:
     path = tmp_path / "notes.txt" if content else tmp_path / "missing" / "state"
     if content:
         path.write_bytes(content)
@@ -95,7 +95,7 @@ def test_a_file_that_is_no_state_is_one_sentence(tmp_path: Path, content: bytes 
 
 
 @pytest.mark.slow
-def test_a_damaged_tree_ends_the_start_and_is_not_overwritten(tmp_path: Path) -> None:
+def test_damaged_tree_ends_the_start_and_is_unchanged(tmp_path: Path) -> None:
     state = tmp_path / "gateway.state"
     with gateway_process(*FLAGS, "--state", str(state)) as (process, url):
         send(url, {"setgeometry": [{"path": ["box"], "geometry": BOX}]})
@@ -107,5 +107,5 @@ def test_a_damaged_tree_ends_the_start_and_is_not_overwritten(tmp_path: Path) ->
     before = state.read_bytes()
     code, log = refused("--http-port", "0", *FLAGS, "--state", str(state))
     assert code == 1
-    assert any("is damaged: a geometry is not what its digest says" in entry["event"] for entry in log)
+    assert any("is damaged: the data of a geometry does not match its digest" in entry["event"] for entry in log)
     assert state.read_bytes() == before
