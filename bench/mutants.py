@@ -41,7 +41,7 @@ ROOMS = {
     "settings": ("tests/settings",),
     "state": ("tests/state",),
     "stereo": ("tests/stereo",),
-    "treeviewer": ("tests/treeviewer",),
+    "treeviewer": ("tests/treeviewer", "tests/lcm"),
     "viewer": ("tests/viewer", "tests/sceneapi"),
     "wiring": ("tests/wiring", "tests/test_app.py", "tests/e2e"),
 }

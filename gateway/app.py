@@ -32,7 +32,7 @@ from gateway.server.middleware import RequestContext, StartGate
 from gateway.server.security import Security
 from gateway.settings import MIB, Settings
 from gateway.state.errors import StateError
-from gateway.viewer.sources import PICTURE_NAMES
+from gateway.viewer.sources import IMAGE_NAMES
 from gateway.wiring import metrics as figures
 from gateway.wiring import warmup
 from gateway.wiring.context import NO_TELEMETRY, House
@@ -40,19 +40,19 @@ from gateway.wiring.interfaces import JOINS, Join, join_demo
 from gateway.wiring.state import STATE, open_state, restore_state
 
 if TYPE_CHECKING:
-    from gateway.state.service import State as Kept
+    from gateway.state.service import PersistentState
 
 _log = structlog.get_logger("gateway")
 
 KERNELS = "kernels"
-POLLED = frozenset({"/view/sensor", "/view/renders", *(f"/view/sensor/{name}.jpg" for name in PICTURE_NAMES)})
+POLLED = frozenset({"/view/sensor", "/view/renders", *(f"/view/sensor/{name}.jpg" for name in IMAGE_NAMES)})
 """What the page of the browser view asks again and again while a panel is open; not logged above debug level."""
 _SETTLE_SECONDS = 5.0
 """Time after which the state is logged although a service is still starting."""
 DESCRIPTION = "Drake's glTF render server, an rc_visard stereo camera and Director's tree viewer, on one scene."
 
 
-def create_app(settings: Settings, state: Kept | None = None) -> FastAPI:
+def create_app(settings: Settings, state: PersistentState | None = None) -> FastAPI:
     """A whole gateway as an ASGI application; nothing runs before its lifespan starts.
 
     Args:

@@ -15,7 +15,7 @@ from rich.markup import escape
 from gateway.settings import Settings, SettingsError, load, types, unknown_environment
 
 if TYPE_CHECKING:
-    from gateway.state.service import State
+    from gateway.state.service import PersistentState
 
 
 def add_serve(app: typer.Typer) -> None:
@@ -108,7 +108,9 @@ def run(settings: Settings) -> int:
     return _serve(settings, listener, state, security.tls)
 
 
-def _serve(settings: Settings, listener: socket.socket, state: State | None, tls: tuple[Path, Path] | None) -> int:
+def _serve(
+    settings: Settings, listener: socket.socket, state: PersistentState | None, tls: tuple[Path, Path] | None
+) -> int:
     import structlog
     import uvloop
 

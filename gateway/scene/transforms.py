@@ -60,31 +60,45 @@ def pose_rows(translation: Sequence[float], quaternion: Sequence[float]) -> tupl
     )
 
 
-def from_poses(poses: Matrix) -> Matrix:
-    """``from_pose`` for many at once.
+def from_poses(poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return ``from_pose`` of many poses, bit for bit.
 
     Args:
         poses: (N, 7) float64: x, y, z, qw, qx, qy, qz.
+
     Returns:
         (N, 4, 4) float64.
     """
-    q = poses[:, 3:]
+    w, x, y, z = poses[:, 3:].T
     with np.errstate(all="ignore"):
-        norm2 = np.einsum("ni,ni->n", q, q)
-        odd = ~((norm2 > SQUARE_SAFE[0]) & (norm2 < SQUARE_SAFE[1]))
-        if odd.any():
+        norm2 = w * w + x * x + y * y + z * z
+        if not ((norm2 > SQUARE_SAFE[0]) & (norm2 < SQUARE_SAFE[1])).all():
             return np.array([from_pose(pose[:3], pose[3:]) for pose in poses.tolist()]).reshape(-1, 4, 4)
-        products = q[:, :, None] * (q * (2.0 / norm2)[:, None])[:, None, :]
-    wx, wy, wz = products[:, 0, 1], products[:, 0, 2], products[:, 0, 3]
-    xx, xy, xz = products[:, 1, 1], products[:, 1, 2], products[:, 1, 3]
-    yy, yz, zz = products[:, 2, 2], products[:, 2, 3], products[:, 3, 3]
+        s = 2.0 / norm2
+        sw, sx, sy, sz = s * w, s * x, s * y, s * z
     matrices = np.zeros((len(poses), 4, 4))
-    matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 0, 2] = 1.0 - (yy + zz), xy - wz, xz + wy
-    matrices[:, 1, 0], matrices[:, 1, 1], matrices[:, 1, 2] = xy + wz, 1.0 - (xx + zz), yz - wx
-    matrices[:, 2, 0], matrices[:, 2, 1], matrices[:, 2, 2] = xz - wy, yz + wx, 1.0 - (xx + yy)
+    matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 0, 2] = 1.0 - (sy * y + sz * z), sx * y - sw * z, sx * z + sw * y
+    matrices[:, 1, 0], matrices[:, 1, 1], matrices[:, 1, 2] = sx * y + sw * z, 1.0 - (sx * x + sz * z), sy * z - sw * x
+    matrices[:, 2, 0], matrices[:, 2, 1], matrices[:, 2, 2] = sx * z - sw * y, sy * z + sw * x, 1.0 - (sx * x + sy * y)
     matrices[:, :3, 3] = poses[:, :3]
     matrices[:, 3, 3] = 1.0
     return matrices
+
+
+def affine_product(X: NDArray[np.float64], Y: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return X @ Y of affine matrices, with the same bits on every CPU, unlike NumPy's matrix product.
+
+    Args:
+        X, Y: (N, 4, 4) float64.
+
+    Returns:
+        (N, 4, 4) float64.
+    """
+    product = np.empty(X.shape)
+    product[:, :3] = X[:, :3, 0:1] * Y[:, 0:1] + X[:, :3, 1:2] * Y[:, 1:2] + X[:, :3, 2:3] * Y[:, 2:3]
+    product[:, :3, 3] += X[:, :3, 3]
+    product[:, 3] = IDENTITY[3]
+    return product
 
 
 def translation(x: float, y: float, z: float) -> Matrix:

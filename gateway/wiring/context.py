@@ -24,8 +24,8 @@ from renderers.interface import Renderer
 
 if TYPE_CHECKING:
     from gateway.render.events import RenderRecord
-    from gateway.state.service import State
-    from gateway.viewer.sources import Eyes
+    from gateway.state.service import PersistentState
+    from gateway.viewer.sources import StereoSource
 
 _log = structlog.get_logger("gateway")
 
@@ -54,11 +54,11 @@ class House:
     """Of the live tree; what did not change is not made again, whoever asks."""
     stereo_camera: Callable[[], Camera | None] = lambda: None
     """The left camera of the stereo sensor as it is now, if there is one."""
-    eyes: Eyes | None = None
+    eyes: StereoSource | None = None
     """Pictures of the stereo sensor for people, if there is one."""
     on_render: Callable[[RenderRecord], None] = lambda record: None
     """Told about every answered request of the render endpoint."""
-    state: State | None = None
+    state: PersistentState | None = None
     """What survives the process, if anything does."""
     _renderer: Renderer | None = None
     _tasks: set[asyncio.Task[None]] = field(default_factory=set)

@@ -106,15 +106,14 @@ def join_scene(house: House) -> None:
 def join_treeviewer(house: House) -> None:
     """Director's tree viewer over LCM and TCPQ."""
     from gateway.assets.mesh_files import MeshFiles
+    from gateway.lcm.config import LcmConfig
     from gateway.treeviewer.config import TreeViewerConfig
     from gateway.treeviewer.service import TreeViewerService
 
     settings = house.settings
-    config = TreeViewerConfig(
-        lcm_url=settings.lcm_url, tcpq_host=house.security.tcpq_host, tcpq_port=settings.tcpq_port
-    )
-    durable = house.state.journal if house.state is not None else None
-    service = TreeViewerService(config, house.tree, MeshFiles(settings.mesh_root), durable=durable)
+    lcm = LcmConfig(url=settings.lcm_url, tcpq_host=house.security.tcpq_host, tcpq_port=settings.tcpq_port)
+    durable = house.state.commits if house.state is not None else None
+    service = TreeViewerService(TreeViewerConfig(lcm=lcm), house.tree, MeshFiles(settings.mesh_root), durable=durable)
     metrics.watch_treeviewer(house.metrics, service)
     where = settings.lcm_url or "LCM"
     house.serve("treeviewer", service, where="TCPQ" if where == "off" and settings.tcpq_port is not None else where)

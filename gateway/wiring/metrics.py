@@ -10,6 +10,7 @@ from gateway.runtime.metrics_registry import Metrics
 from gateway.runtime.service_registry import ServiceRegistry, State
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.live import LiveTree
+from renderers.cache import Cache
 
 if TYPE_CHECKING:
     from gateway.render.events import RenderRecord
@@ -80,40 +81,29 @@ def watch_tree(metrics: Metrics, tree: LiveTree) -> None:
 
 def watch_render(metrics: Metrics, service: RenderService) -> None:
     """Metrics of the render endpoint's caches; ``count_render`` counts its requests."""
-
-    def hits() -> dict[str, float]:
-        stats = service.scenes.geometry
-        return {
-            "scenes": service.scenes.hits,
-            "documents": stats.document_hits,
-            "buffers": stats.buffer_hits,
-            "meshes": stats.mesh_hits,
-        }
-
-    def misses() -> dict[str, float]:
-        stats = service.scenes.geometry
-        return {"scenes": service.scenes.misses, "buffers": stats.buffer_misses, "meshes": stats.mesh_misses}
-
-    def nbytes() -> dict[str, float]:
-        stats = service.scenes.geometry
-        return {"scenes": service.scenes.nbytes, "geometry": stats.nbytes, "documents": stats.document_bytes}
+    store = service.scenes
+    caches: dict[str, Cache[Any, Any]] = {
+        "scenes": store.scenes,
+        "documents": store.geometry.documents.cache,
+        "content": store.geometry.content,
+    }
 
     metrics.counter(
         "scenegate_cache_hits_total",
         "Look-ups of the render endpoint that a cache answered, by cache.",
-        hits,
+        lambda: {name: cache.hits for name, cache in caches.items()},
         label="cache",
     )
     metrics.counter(
         "scenegate_cache_misses_total",
         "Look-ups of the render endpoint that a cache did not answer, by cache.",
-        misses,
+        lambda: {name: cache.misses for name, cache in caches.items()},
         label="cache",
     )
     metrics.gauge(
         "scenegate_cache_bytes",
         "Bytes that the caches of the render endpoint hold, approximately, by cache.",
-        nbytes,
+        lambda: {name: cache.nbytes for name, cache in caches.items()},
         label="cache",
     )
     metrics.gauge(

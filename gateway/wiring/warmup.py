@@ -39,7 +39,7 @@ def _treeviewer() -> None:
 
 
 def _stereo() -> None:
-    from gateway.gltf.reader_kernels import warm_up as warm_reader
+    from gateway.gltf.normals import warm_up as warm_reader
     from renderers.stereo.warmup import warm_up as warm_stereo
 
     warm_reader()

@@ -71,7 +71,7 @@ def test_tree_and_parameters_survive_kill_9_and_a_restart(tmp_path: Path) -> Non
     assert [entry.name for entry in tmp_path.iterdir()] == ["gateway.state"], "a clean end leaves one file"
 
 
-def test_the_demo_is_not_stored(tmp_path: Path) -> None:
+def test_demo_is_not_stored(tmp_path: Path) -> None:
     state = tmp_path / "gateway.state"
     with gateway_process(*FLAGS, "--demo", "--state", str(state)) as (process, url):
         tell(url, {"setgeometry": [{"path": ["box"], "geometry": BOX}]})
@@ -82,7 +82,7 @@ def test_the_demo_is_not_stored(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [b"not a database at all, but somebody's notes", None])
-def test_a_file_that_is_no_state_ends_the_start_with_one_sentence(tmp_path: Path, content: bytes | None) -> None:
+def test_unusable_state_file_ends_the_start_with_one_sentence(tmp_path: Path, content: bytes | None) -> None:
     path = tmp_path / "notes.txt" if content else tmp_path / "missing" / "state"
     if content:
         path.write_bytes(content)
@@ -92,7 +92,7 @@ def test_a_file_that_is_no_state_ends_the_start_with_one_sentence(tmp_path: Path
     assert content is None or path.read_bytes() == content
 
 
-def test_a_damaged_tree_ends_the_start_and_is_left_as_it_is(tmp_path: Path) -> None:
+def test_damaged_tree_ends_the_start_and_is_unchanged(tmp_path: Path) -> None:
     state = tmp_path / "gateway.state"
     with gateway_process(*FLAGS, "--state", str(state)) as (process, url):
         tell(url, {"setgeometry": [{"path": ["box"], "geometry": BOX}]})
@@ -104,5 +104,5 @@ def test_a_damaged_tree_ends_the_start_and_is_left_as_it_is(tmp_path: Path) -> N
     before = state.read_bytes()
     code, log = refused("--http-port", "0", *FLAGS, "--state", str(state))
     assert code == 1
-    assert any("is damaged: a geometry is not what its digest says" in entry["event"] for entry in log)
+    assert any("is damaged: the data of a geometry does not match its digest" in entry["event"] for entry in log)
     assert state.read_bytes() == before

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gateway.gltf import GltfLimits, MeshCache
+from gateway.gltf import GltfCache, GltfLimits
 from gateway.gltf.errors import GltfError
 from gateway.gltf.normals import vertex_normals
 from gateway.gltf.topology import element_count, elements_of
@@ -216,9 +216,9 @@ def test_copies_are_one_mesh() -> None:
 
 
 def test_copies_are_one_mesh_even_when_nothing_is_kept() -> None:
-    cache = MeshCache(max_bytes=100)
+    cache = GltfCache(max_bytes=100)
     assert len({id(mesh) for mesh in meshes(chairs(5).read(cache=cache))}) == 1
-    assert cache.stats.nbytes <= 100
+    assert cache.content.nbytes <= 100
 
 
 def test_the_same_bytes_read_otherwise_are_another_mesh() -> None:

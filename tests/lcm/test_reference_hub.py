@@ -1,4 +1,4 @@
-"""Our hub relays as LCM's own (Java) hub does: the same conversation with both."""
+"""Our hub and LCM's own (Java) hub relay alike: the same conversation with both."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.lcm.tcpq import Frame
+from gateway.lcm.tcpq import FrameType
 from tests.support.waiting import SECONDS
 from tests.treeviewer.transports import HubClient, serving
 
@@ -19,7 +19,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.lcm]
 
 
 def reference() -> list[str]:
-    """The command that starts LCM's hub; its port follows."""
+    """Return the command that starts LCM's hub, to which its port must be added."""
     java, spec = shutil.which("java"), find_spec("lcm")
     if java is None or spec is None or spec.origin is None:
         pytest.skip("there is no Java, or no LCM")
@@ -30,7 +30,7 @@ def reference() -> list[str]:
 
 
 async def settled(client: HubClient, number: int) -> None:
-    """What the client has sent is handled: a message of its own comes back."""
+    """Wait until the hub has handled everything that the client sent."""
     await client.subscribe(f"SYNC{number}")
     await client.publish(f"SYNC{number}", b"")
     while (await client.next())[0] != f"SYNC{number}":
@@ -51,11 +51,11 @@ async def conversation(port: int) -> list[tuple[str, int]]:
     await sender.publish("POSE", b"x" * 100_000)
     await sender.publish("END", b"e")
     heard = [await client.next() for client in clients]
-    await twice.subscribe("P.*", Frame.UNSUBSCRIBE)
+    await twice.subscribe("P.*", FrameType.UNSUBSCRIBE)
     await settled(twice, 3)
     await sender.publish("POSE", b"22")
     heard.append(await twice.next())
-    await twice.subscribe("POSE", Frame.UNSUBSCRIBE)
+    await twice.subscribe("POSE", FrameType.UNSUBSCRIBE)
     await twice.subscribe("END")
     await settled(twice, 4)
     await sender.publish("POSE", b"333")
@@ -74,7 +74,7 @@ async def conversation(port: int) -> list[tuple[str, int]]:
     return [(channel, len(data)) for channel, data in heard]
 
 
-async def test_our_hub_relays_like_the_reference() -> None:
+async def test_relays_like_lcms_own_hub() -> None:
     with socket.socket() as unused:
         unused.bind(("127.0.0.1", 0))
         port = unused.getsockname()[1]
@@ -82,7 +82,7 @@ async def test_our_hub_relays_like_the_reference() -> None:
     try:
         assert process.stdout is not None
         async with asyncio.timeout(SECONDS):
-            await process.stdout.readline()  # it tells its load every second
+            await process.stdout.readline()  # it prints its load every second
         theirs = await conversation(port)
     finally:
         with contextlib.suppress(ProcessLookupError):

@@ -45,6 +45,8 @@ def replay(old: Node, new: Node) -> Model:
                 del model[path]
             continue
         assert change.node is not None
+        if change.kind == "reordered":
+            continue
         now = {"parts": change.node.parts, "pose": change.node.pose, "visible": change.node.visible}
         if change.kind == "added":
             assert change.path not in model
@@ -138,6 +140,27 @@ class TreeMachine(RuleBasedStateMachine):
 
 TreeMachine.TestCase.settings = settings(deadline=None, max_examples=60, stateful_step_count=25)
 test_the_persistent_tree_against_a_dict = TreeMachine.TestCase
+
+
+def order_after(old: Node, new: Node, path: Path = ()) -> list[str | int]:
+    """Return the children's names in the order that the changes lead to: added and reordered ones come last."""
+    node = old.find(path)
+    names = [] if node is None else list(node.children)
+    for change in changes(old, new):
+        if change.path[:-1] == path and change.path and change.kind in ("added", "removed", "reordered"):
+            names = [name for name in names if name != change.path[-1]]
+            if change.kind != "removed":
+                names.append(change.path[-1])
+    return names
+
+
+@pytest.mark.parametrize("names", ["", "abc", "cba", "bac", "axbc", "xcab", "a", "cb", "abcx", "xy"])
+def test_changes_tell_the_order_of_siblings(names: str):
+    shared = {name: Node() for name in "abc"}
+    old, new = Node(children=dict(shared)), Node(children={name: shared.get(name, Node()) for name in names})
+    assert order_after(old, new) == list(names)
+    reordered = [change.path for change in changes(old, new) if change.kind == "reordered"]
+    assert not (names in ("abc", "a", "abcx") and reordered), "nothing moved"
 
 
 def test_untouched_siblings_are_shared_between_revisions():

@@ -1,4 +1,4 @@
-"""Running the service in tests, and peers to talk to it."""
+"""Helpers that run the service and connect clients to it."""
 
 from __future__ import annotations
 
@@ -15,27 +15,28 @@ from typing import Any
 
 import pytest
 
-from gateway.lcm.tcpq import CLIENT_HELLO, HUB_HELLO, Frame, publish_head, subscription
+from gateway.lcm.config import LcmConfig
+from gateway.lcm.tcpq import CLIENT_HELLO, HUB_HELLO, FrameType, publish_header, subscription
 from gateway.scene.live import LiveTree
 from gateway.treeviewer.config import TreeViewerConfig
-from gateway.treeviewer.geometry import MeshLoader
+from gateway.treeviewer.context import MeshLoader
 from gateway.treeviewer.service import TreeViewerService
 from tests.support.liblcm import liblcm
 from tests.support.waiting import MILLISECONDS, SECONDS
 
 
 def free_url() -> str:
-    """An LCM network that nobody else uses."""
+    """Return the URL of an unused LCM network."""
     return f"udpm://239.255.76.67:{random.randrange(20000, 60000)}?ttl=0"
 
 
 def config_of(url: str) -> TreeViewerConfig:
-    """The service on an LCM network, with a hub on a free port."""
-    return TreeViewerConfig(lcm_url=url, tcpq_port=0)
+    """Return the configuration of a service on an LCM network, with a hub on a free port."""
+    return TreeViewerConfig(lcm=LcmConfig(url=url, tcpq_port=0))
 
 
 def join(url: str) -> Any:
-    """A real LCM client; skips the test where LCM does not work."""
+    """Return a liblcm client; skip the test where LCM does not work."""
     lcm = liblcm()
     try:
         return lcm.LCM(url)
@@ -50,8 +51,10 @@ async def serving(
     live: LiveTree | None = None,
     **changes: Any,
 ) -> AsyncIterator[TreeViewerService]:
-    """The service with a hub on a free port and no LCM, unless told otherwise; stopped in the end."""
-    config = replace(config or TreeViewerConfig(lcm_url="off", tcpq_port=0), **changes)
+    """Run the service, by default with a hub on a free port and no LCM. ``changes`` are fields of its configuration."""
+    config = config or TreeViewerConfig(lcm=LcmConfig(url="off", tcpq_port=0))
+    of_lcm = {name: changes.pop(name) for name in tuple(changes) if name in LcmConfig.__dataclass_fields__}
+    config = replace(config, lcm=replace(config.lcm, **of_lcm), **changes)
     service = TreeViewerService(config, live or LiveTree(), meshes)
     task = asyncio.create_task(service.run())
     ready = asyncio.create_task(service.wait_ready())
@@ -69,7 +72,7 @@ async def serving(
 
 
 class HubClient:
-    """A TCPQ client that is written from the wire, not from our reader."""
+    """A TCPQ client that does not use our parser."""
 
     def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self.reader = reader
@@ -88,12 +91,12 @@ class HubClient:
             assert await reader.readexactly(8) == HUB_HELLO
         return cls(reader, writer)
 
-    async def subscribe(self, pattern: str, kind: Frame = Frame.SUBSCRIBE) -> None:
+    async def subscribe(self, pattern: str, kind: FrameType = FrameType.SUBSCRIBE) -> None:
         self.writer.write(subscription(kind, pattern))
         await self.writer.drain()
 
     async def publish(self, channel: str, data: bytes) -> None:
-        self.writer.write(publish_head(channel, len(data)) + data)
+        self.writer.write(publish_header(channel, len(data)) + data)
         await self.writer.drain()
 
     async def next(self) -> tuple[str, bytes]:
@@ -105,7 +108,7 @@ class HubClient:
             return channel, await self.reader.readexactly(size)
 
     async def ended(self) -> bool:
-        """Whether the hub closes the connection, sooner or later."""
+        """Wait until the hub closes the connection."""
         async with asyncio.timeout(SECONDS):
             try:
                 while await self.reader.read(65536):
@@ -121,17 +124,17 @@ class HubClient:
 
 
 async def in_thread(function: Callable[..., Any], *args: Any) -> Any:
-    """What the function returns; the loop goes on meanwhile."""
+    """Call a function in a thread and return its result."""
     return await asyncio.get_running_loop().run_in_executor(None, function, *args)
 
 
 def resident_bytes() -> int:
-    """Of this process."""
+    """Return the resident memory of this process."""
     return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
 def answer_over(client: Any, received: list[tuple[str, bytes]], channel: str, data: bytes) -> tuple[str, bytes] | None:
-    """Publishes a request and waits for the next message; None: nothing came."""
+    """Publish a request and return the next message, or None after a timeout."""
     received.clear()
     client.publish(channel, data)
     while not received:
@@ -141,5 +144,5 @@ def answer_over(client: Any, received: list[tuple[str, bytes]], channel: str, da
 
 
 def lossless(client: Any, pattern: str, callback: Callable[[str, bytes], None]) -> None:
-    """Subscribes without a bound of waiting messages."""
+    """Subscribe with an unlimited queue."""
     client.subscribe(pattern, callback).set_queue_capacity(0)
