@@ -64,7 +64,7 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     ("Cameras in words", "gateway.scene.cameras", ("MAX_TEXT", "MIN_FOVY", "NEAREST", "LIMIT")),
     ("glTF: strides", "gateway.gltf.accessors", ("_MAX_STRIDE",)),
     ("glTF: warnings", "gateway.gltf.reader", ("_MAX_WARNINGS",)),
-    ("glTF: documents that differ in their nodes", "gateway.gltf.document_cache", ("MIN_BYTES", "_TRIES")),
+    ("glTF: documents that differ in their nodes", "gateway.gltf.document_cache", ("MIN_BYTES", "_MAX_CANDIDATES")),
     ("glTF that is written", "gateway.gltf.export.document", ("MAX_BYTES",)),
     ("Faces at a vertex: meshes without normals", "gateway.scene.crease_normals", ("MOST_FACES",)),
     ("Tree viewer: extents", "gateway.scene.meshing", ("LARGEST",)),
