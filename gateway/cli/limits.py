@@ -56,7 +56,7 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     ("Tokens", "gateway.server.tokens", ("MIN_CHARS", "MAX_CHARS", "COOKIE_SECONDS")),
     ("Rejected requests", "gateway.runtime.worker_pool", ("MAX_RETRY_AFTER",)),
     ("gRPC", "gateway.stereo.server", ("MAX_CALLS", "RETURN_BYTES")),
-    ("The device's REST interface", "gateway.stereo.node_routes", ("MAX_BODY", "MAX_NUMBER")),
+    ("The device's REST interface", "gateway.stereo.node_bodies", ("MAX_BODY", "MAX_NUMBER")),
     ("Uploaded stereo pairs", "gateway.stereo.upload", ("MAX_CONTENT_TYPE",)),
     ("Faults for test rigs", "gateway.stereo.fault_routes", ("MAX_BODY",)),
     ("Packages of meshes", "gateway.assets.ros_packages", ("MAX_FOLDERS", "MAX_DEPTH")),
