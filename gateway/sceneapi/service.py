@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gateway.gltf.export import export_glb
 from gateway.runtime.worker_pool import Workers
-from gateway.scene.bounds import BoundsMemory
+from gateway.scene.bounds import BoundsCache
 from gateway.scene.cameras import CameraError, NoSuchCameraError
 from gateway.scene.flatten import Flattener
 from gateway.scene.labels import LabelTable
@@ -72,7 +72,7 @@ class SceneApi:
         self._stereo_camera = stereo_camera
         self._process = uuid.uuid4().hex[:12]
         self._lock = threading.Lock()
-        self._bounds = BoundsMemory()
+        self._bounds = BoundsCache()
         self._listed: Answer | None = None
         self._counting = threading.Lock()
         self._pictures = 0
@@ -98,7 +98,7 @@ class SceneApi:
             known = self._listed
             if known is None or known.revision != snapshot.revision:
                 drawn = self._flattener.flatten(snapshot)
-                boxes = self._bounds.of(drawn)
+                boxes = self._bounds.bounds_of(drawn)
                 body = list_scene(snapshot, drawn, boxes, self._labels, self.config.max_nodes)
                 known = self._listed = Answer(body, "application/json", snapshot.revision)
             return known

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from gateway.scene.crease_normals import CREASE_COSINE, MOST_FACES, smooth_mesh, smoothed, with_creases
+from gateway.scene.crease_normals import MOST_FACES, smooth_mesh, with_creases
 from renderers import primitives
 from renderers.drawlist import Mesh
 
@@ -101,22 +101,3 @@ def test_normals_of_many_and_of_flat_faces_are_unit_vectors() -> None:
     placed, elements, normals = smooth_mesh(positions, faces)
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-6)
     np.testing.assert_array_equal(placed[elements], positions[faces])
-
-
-@pytest.mark.parametrize("height", [0.02, 1.0], ids=["gentle", "steep"])
-def test_the_short_way_to_normals_gives_the_very_same(height: float) -> None:
-    """Hills without creases take it, hills with creases do not; with vertices that no face uses neither."""
-    side = 40
-    y, x = np.mgrid[0:side, 0:side].astype(np.float32) / side
-    z = height * np.random.default_rng(3).random((side, side), np.float32) / (1.0 if height > 0.5 else side)
-    positions = np.stack((x, y, z), axis=-1).reshape(-1, 3)
-    a = (np.arange(side - 1)[:, None] * side + np.arange(side - 1)).ravel()
-    faces = np.concatenate((np.stack((a, a + 1, a + side), 1), np.stack((a + 1, a + side + 1, a + side), 1)))
-    faces = faces.astype(np.uint32)
-    placed, normals, elements = smoothed(positions, faces, CREASE_COSINE)
-    assert (len(placed) == len(positions)) is (height < 0.5)
-    for found, wanted in zip(smooth_mesh(positions, faces), (placed, elements, normals), strict=True):
-        np.testing.assert_array_equal(found, wanted)
-    more = np.concatenate((positions, np.ones((3, 3), np.float32)))
-    for found, wanted in zip(smooth_mesh(more, faces), (placed, elements, normals), strict=True):
-        np.testing.assert_array_equal(found, wanted)

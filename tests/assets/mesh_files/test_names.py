@@ -39,8 +39,8 @@ def test_unknown_packages_do_not_cause_a_search_each(root: Path, monkeypatch):
     now = [0.0]
     packages = Packages((root,), clock=lambda: now[0])
     scans = []
-    real = Packages._scan
-    monkeypatch.setattr(Packages, "_scan", lambda self: scans.append(1) or real(self))
+    real = Packages.scan
+    monkeypatch.setattr(Packages, "scan", lambda self: scans.append(1) or real(self))
     for _ in range(50):
         assert packages.folder("nobody") is None
     assert len(scans) == 1
@@ -99,10 +99,11 @@ def test_a_file_is_loaded_once_until_it_or_its_material_changes(root: Path, file
 def test_the_cache_is_bounded_in_bytes(root: Path):
     for index in range(4):
         write(root / f"{index}.obj", TRIANGLE)
-    size = MeshFiles([root])
-    size.load("0.obj")
-    files = MeshFiles([root], MeshFileLimits(cache_bytes=2 * size._nbytes))
+    one = MeshFiles([root])
+    one.load("0.obj")
+    size = one.cache.nbytes
+    files = MeshFiles([root], MeshFileLimits(cache_bytes=2 * size))
     kept = [files.load(f"{index}.obj")[0].shape for index in range(4)]
-    assert files._nbytes <= 2 * size._nbytes
+    assert files.cache.nbytes == 2 * size
     assert files.load("3.obj")[0].shape is kept[3]
     assert files.load("0.obj")[0].shape is not kept[0]
