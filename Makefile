@@ -3,10 +3,12 @@
 #   make run                      set up, serve with the demo scene
 #   make run ARGS="--port 9000"   any flag of `scenegate serve`
 #   make test ARGS="-k tiff"      any argument of pytest
+#   make test-all                 the slow tests, too
 
 VENV ?= .venv
 PYTHON ?= $(firstword $(foreach p,python3.11 python3.12 python3.13 python3,$(shell command -v $(p) 2>/dev/null)))
 ARGS ?=
+COSMIC_RAY := 8.7.0
 
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
@@ -16,26 +18,35 @@ UV := $(BIN)/uv
 install = { test -x $(UV) && $(UV) pip install --quiet --python $(BIN)/python $(1); } || $(PIP) install --quiet $(1)
 
 .DEFAULT_GOAL := help
-.PHONY: help run test check lock generate docs web bench clean
+.PHONY: help run test test-all lint check lock generate docs web bench mutants clean
 
 help: ## this list
-	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' $(firstword $(MAKEFILE_LIST)) | expand -t 16
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/make \1\t\2/p' $(firstword $(MAKEFILE_LIST)) | expand -t 16
 
 run: $(VENV)/.installed ## set up and serve on http://127.0.0.1:8000 with the demo scene
 	@exec $(BIN)/scenegate serve --demo $(ARGS)
 
-test: $(VENV)/.installed-dev ## set up and run the tests
+test: $(VENV)/.installed-dev ## set up and run the tests that take seconds, all rooms
+	$(BIN)/python -m pytest -m "not slow" $(ARGS)
+
+test-all: $(VENV)/.installed-dev ## set up and run all tests
 	$(BIN)/python -m pytest $(ARGS)
 
-check: $(VENV)/.installed-dev ## lint, format, types, import contracts, compose file
+lint: $(VENV)/.installed-dev ## lint and format only, in a second
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+
+check: lint ## lint, format, types, import contracts, compose file
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/check-jsonschema --builtin-schema vendor.compose-spec docker-compose.yml
 
 bench: $(VENV)/.installed-dev ## measure against real peers, write docs/performance.md (BENCH=stream: that one only)
 	$(BIN)/python -m $(if $(BENCH),bench.$(BENCH),bench $(if $(PEERS),--peers $(PEERS)) --write docs/performance.md) $(ARGS)
+
+mutants: $(VENV)/.installed-dev ## measure how many small faults the tests notice (ARGS="--rooms scene --sample 10")
+	SCENEGATE_PYTHON=$(abspath $(BIN))/python $(UV) run --quiet --no-project --python $(BIN)/python \
+		--with cosmic-ray==$(COSMIC_RAY) python bench/mutants.py $(ARGS)
 
 docs: $(VENV)/.installed-dev ## write docs/configuration.md and docs/limits.md from the source
 	$(BIN)/python -m gateway.cli.reference docs/configuration.md

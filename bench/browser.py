@@ -43,7 +43,7 @@ class Pictures:
     def demo(self) -> None:
         """The demo scene and what the stereo camera sees of it."""
         with gateway("--demo", *FLAGS) as running, self._page(running, "light") as page:
-            page.locator("[data-picture=disparity] img").wait_for()
+            page.locator("[data-image=disparity] img").wait_for()
             self._shoot(page, "demo")
 
     def phone(self) -> None:

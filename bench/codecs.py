@@ -10,8 +10,6 @@ default. The reader's table says what its columns are.
 from __future__ import annotations
 
 import io
-import statistics
-import time
 from collections.abc import Callable, Iterator
 from functools import partial
 
@@ -22,6 +20,7 @@ from PIL import Image
 
 from bench import gltf, posted
 from bench.table import Row, at_least, geometric_mean, show
+from bench.turns import in_turns, median, timed
 from gateway.render.camera import camera_of
 from gateway.render.config import RenderConfig
 from gateway.render.depth import millimetres
@@ -30,7 +29,7 @@ from gateway.render.multipart import FormReader
 from gateway.render.pipeline import posted_document
 from gateway.render.scenes import SceneStore
 from gateway.runtime import kernel_cache
-from gateway.runtime.process_tuning import settle, tune
+from gateway.runtime.process_tuning import freeze_gc, tune
 from gateway.wiring import warmup
 from renderers.encode import png_gray16, png_rgb, tiff_float32
 from renderers.interface import Look, Output
@@ -62,13 +61,6 @@ def pictures() -> Iterator[tuple[str, posted.Array, posted.Array]]:
                 yield f"{scene.name} {width}×{height}", frame.color.copy(), frame.depth.copy()
 
 
-def milliseconds(work: Callable[[], object]) -> float:
-    """CPU time of this thread."""
-    begin = time.thread_time()
-    work()
-    return 1e3 * (time.thread_time() - begin)
-
-
 def encoded(suffix: str, image: posted.Array) -> bytes:
     """By OpenCV with its own defaults; TIFF without compression, which is its fastest."""
     options = (cv2.IMWRITE_TIFF_COMPRESSION, 1) if suffix == ".tiff" else ()
@@ -98,8 +90,9 @@ def writers() -> list[Row]:
         }
         for kind, (image, ours, theirs) in jobs.items():
             check(kind, ours(), image)
-            times = [(milliseconds(ours), milliseconds(theirs)) for _ in range(RUNS)]
-            mine, other = (statistics.median(column) for column in zip(*times, strict=True))
+            jobs_in_turns = {"ours": lambda _, ours=ours: timed(ours), "OpenCV": lambda _, theirs=theirs: timed(theirs)}
+            times = in_turns(jobs_in_turns, RUNS, turn=1)
+            mine, other = median(times["ours"]).cpu, median(times["OpenCV"]).cpu
             size, reference = len(ours()), len(theirs())
             ratios.setdefault(kind, []).append(other / mine)
             times_of.setdefault(kind, []).append((mine, other))
@@ -123,7 +116,7 @@ def main() -> None:
     tune()  # as the server does
     kernel_cache.ensure_cached(warmup.PARTS)
     warmup.run()
-    settle()
+    freeze_gc()
     cv2.setNumThreads(1)
     rows = writers()
     show([*rows, *gltf.rows()])

@@ -25,8 +25,8 @@ from bench.gateways import Answer, gateway, post
 from bench.raster import scenes, view
 from bench.table import Row, at_least, at_most, show
 from gateway.runtime import kernel_cache
-from gateway.runtime.process_tuning import settle, tune
-from gateway.runtime.worker_pool import Workers
+from gateway.runtime.process_tuning import freeze_gc, tune
+from gateway.runtime.worker_pool import WorkerPool
 from gateway.wiring import warmup
 from renderers.drawlist import DrawList
 from renderers.interface import Look, Output
@@ -115,7 +115,7 @@ def percentile(values: list[float], part: float) -> float:
 
 async def stalls(seconds: float, renderer: CpuRenderer, scene: DrawList | None) -> list[float]:
     """How late the ticker wakes, ms."""
-    workers = Workers()
+    workers = WorkerPool()
     ended = False
 
     async def keep_drawing() -> None:
@@ -141,7 +141,7 @@ def event_loop() -> list[Row]:
     scene = max(scenes().values(), key=elements)
     draw(CpuRenderer(1), scene, 0)
     renderer = CpuRenderer()  # its helper is started by a worker, whose priority it takes over, as in the gateway
-    settle()
+    freeze_gc()
     print("\n| event loop, 1 ms ticker, ms late | p50 | p99 | max |\n|---|---|---|---|")
     worst = 0.0
     for name, drawn in (("idle", None), ("a million triangles are drawn", scene)):

@@ -22,8 +22,9 @@ from typing import Any, Final
 
 import llvmlite.binding as llvm
 
-from bench.raster import EVERYTHING, SIZES, Process, in_turns, scenes, timed, view
+from bench.raster import EVERYTHING, SIZES, Process, drawn, scenes, view
 from bench.table import geometric_mean
+from bench.turns import Time, in_turns, median
 from renderers.interface import Look
 from renderers.raster import CpuRenderer, warmup
 
@@ -62,12 +63,12 @@ def draw() -> None:
         width, height, frame = map(int, numbers)
         camera = view(width, height, frame)
         if what == "picture":
-            with renderer.render(everything[name], camera, EVERYTHING, Look()) as drawn:
-                arrays: tuple[Any, ...] = (drawn.color, drawn.depth, drawn.label)
+            with renderer.render(everything[name], camera, EVERYTHING, Look()) as picture:
+                arrays: tuple[Any, ...] = (picture.color, picture.depth, picture.label)
                 digest = hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()
             print(0, int(digest[:12], 16), flush=True)
         else:
-            print(*timed(renderer, everything[name], camera), flush=True)
+            print(*drawn(renderer, everything[name], camera), flush=True)
 
 
 def main() -> None:
@@ -83,7 +84,7 @@ def main() -> None:
     ratios: dict[str, list[float]] = {cpu: [] for cpu in CPUS}
     print(f"{'CPU ms':24}" + "".join(f"{cpu:>12}" for cpu in CPUS), flush=True)
 
-    def asked(drawer: Process, words: str, frame: int) -> tuple[float, float]:
+    def asked(drawer: Process, words: str, frame: int) -> Time:
         return drawer.ask(f"{words}\t{frame}")
 
     for name in scenes():
@@ -92,10 +93,10 @@ def main() -> None:
             pictures = {cpu: drawer.ask(f"picture\t{words}\t0")[1] for cpu, drawer in drawers.items()}
             if len(set(pictures.values())) != 1:
                 raise SystemExit(f"{name}, {width}x{height}: the pictures differ: {pictures}")
-            calls: dict[str, Callable[[int], tuple[float, float]]] = {
+            calls: dict[str, Callable[[int], Time]] = {
                 cpu: partial(asked, drawer, f"time\t{words}") for cpu, drawer in drawers.items()
             }
-            cpu_times = {cpu: times[1] for cpu, times in in_turns(calls, options.frames).items()}
+            cpu_times = {cpu: median(times).cpu for cpu, times in in_turns(calls, options.frames).items()}
             for cpu, value in cpu_times.items():
                 ratios[cpu].append(value / cpu_times["this one"])
             print(

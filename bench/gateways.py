@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bench.posted import CONTENT_TYPE
-from gateway.testing.running import clean_environment
+from gateway.testing.gateway import clean_environment
 
 TIMEOUT = 600.0
 

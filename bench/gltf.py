@@ -25,10 +25,8 @@ import base64
 import io
 import json
 import os
-import random
 import statistics
 import sys
-import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -45,11 +43,11 @@ import trimesh.exchange.gltf
 from bench import gltf_files
 from bench.posted import scene_of
 from bench.table import Row, at_least, geometric_mean, show
+from bench.turns import TURN, in_turns, timed
 from gateway.gltf import GltfCache, read_gltf, warm_up
-from gateway.runtime.process_tuning import settle, tune
+from gateway.runtime.process_tuning import freeze_gc, tune
 
-ROUNDS, TIMES = 4, 10
-RUNS = ROUNDS * TIMES
+RUNS = 4 * TURN
 
 
 def made_up(meshes: int, vertices: int) -> bytes:
@@ -141,13 +139,6 @@ def check_pictures(name: str, data: bytes, kind: str = "gltf") -> int:
     return len(opened)
 
 
-def milliseconds(work: Callable[[], object]) -> float:
-    """CPU time of this thread."""
-    begin = time.thread_time()
-    work()
-    return 1e3 * (time.thread_time() - begin)
-
-
 @dataclass(frozen=True, slots=True)
 class Times:
     """What reading a document took, in ms."""
@@ -158,13 +149,10 @@ class Times:
 
 
 def times_of(works: Sequence[Sequence[Callable[[], object]]]) -> tuple[Times, ...]:
-    """Of each, whose runs are given."""
-    times: list[list[float]] = [[] for _ in works]
-    order = random.Random(0)
-    for first in range(0, RUNS, TIMES):
-        for which in order.sample(range(len(works)), len(works)):
-            times[which] += map(milliseconds, works[which][first : first + TIMES])
-    return tuple([Times(statistics.median(of), statistics.median(of[::TIMES])) for of in times])
+    """Measure contestants, each given as one call a run, in turns of ``TURN`` runs."""
+    calls = {str(place): lambda run, work=work: timed(work[run]) for place, work in enumerate(works)}
+    cpu = [[each.cpu for each in times] for times in in_turns(calls, RUNS, warm=0).values()]
+    return tuple([Times(statistics.median(of), statistics.median(of[::TURN])) for of in cpu])
 
 
 def ratio_of_firsts(ours: Iterable[Times], theirs: Iterable[Times]) -> float:
@@ -276,7 +264,7 @@ def rows() -> list[Row]:
 def main() -> None:
     tune()  # as the server does
     warm_up()
-    settle()
+    freeze_gc()
     show(rows())
 
 

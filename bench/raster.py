@@ -13,13 +13,9 @@ from __future__ import annotations
 
 import argparse
 import math
-import random
-import statistics
 import subprocess
 import sys
 import tempfile
-import time
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -28,16 +24,15 @@ from typing import Any
 import numpy as np
 
 from bench.table import Row, at_least, at_most, geometric_mean, show, skipped
+from bench.turns import Time, in_turns, median, timed
 from renderers.camera import Camera
 from renderers.drawlist import DrawList, Image, Instance, Material, Mesh, Texture
 from renderers.interface import Look, Output
 from renderers.raster import CpuRenderer, warmup
 
-WARM = 3
-TURN = 10
 SIZES = ((640, 480), (1280, 960))
 OURS = "ours"
-GOALS = {"moderngl": (5.0, 3.5), "vtk": (10.0, 7.0), "panda3d": (2.0, 1.0)}
+GOALS = {"moderngl": (4.0, 3.0), "vtk": (10.0, 7.0), "panda3d": (2.0, 1.0)}
 """Geometric mean, and the least of any row."""
 EVERYTHING = Output.COLOR | Output.DEPTH | Output.LABEL
 
@@ -144,13 +139,12 @@ class Process:
             raise RuntimeError(f"{name} did not start")
         return process
 
-    def ask(self, command: str) -> tuple[float, float]:
-        """Wall and CPU time of a command, ms."""
+    def ask(self, command: str) -> Time:
+        """Return the time of a command as the peer says it."""
         assert self.pipe.stdin is not None
         self.pipe.stdin.write(command + "\n")
         self.pipe.stdin.flush()
-        wall, cpu = map(float, self._line().split())
-        return wall, cpu
+        return Time(*map(float, self._line().split()))
 
     def _line(self) -> str:
         assert self.pipe.stdout is not None
@@ -165,56 +159,33 @@ class Process:
         self.pipe.wait()
 
 
-def timed(renderer: CpuRenderer, scene: DrawList, camera: Camera) -> tuple[float, float]:
-    """Wall and CPU time of one of our frames, ms."""
-    wall, cpu = time.perf_counter(), time.process_time()
-    renderer.render(scene, camera, EVERYTHING, Look()).close()
-    return 1e3 * (time.perf_counter() - wall), 1e3 * (time.process_time() - cpu)
-
-
-def in_turns(calls: Mapping[str, Callable[[int], tuple[float, float]]], frames: int) -> dict[str, tuple[float, float]]:
-    """Median wall and CPU time of each.
-
-    They take turns of ``TURN`` frames, in random order: what the others do to the caches between two turns costs the
-    first frame of a turn, not the median of warm ones.
-
-    Args:
-        calls: draw a frame of that number; wall and CPU time.
-        frames: of each, at least; WARM more are drawn before.
-    """
-    times: dict[str, list[tuple[float, float]]] = {name: [] for name in calls}
-    order = list(calls)
-    for first in range(0, frames + WARM, TURN):
-        random.shuffle(order)
-        for name in order:
-            times[name] += [calls[name](frame) for frame in range(first, first + TURN)]
-    return {
-        name: (statistics.median(t[0] for t in values[WARM:]), statistics.median(t[1] for t in values[WARM:]))
-        for name, values in times.items()
-    }
+def drawn(renderer: CpuRenderer, scene: DrawList, camera: Camera) -> Time:
+    """Time of one of our frames with all outputs."""
+    return timed(lambda: renderer.render(scene, camera, EVERYTHING, Look()).close())
 
 
 def measured(
     renderer: CpuRenderer, scene: DrawList, peers: dict[str, Process], width: int, height: int, frames: int
-) -> dict[str, tuple[float, float]]:
-    """``in_turns`` of ours and the peers."""
-    calls = {OURS: lambda frame: timed(renderer, scene, view(width, height, frame))}
+) -> dict[str, Time]:
+    """Median times of ours and the peers."""
+    calls = {OURS: lambda frame: drawn(renderer, scene, view(width, height, frame))}
     for name, peer in peers.items():
         calls[name] = partial(lambda peer, frame: peer.ask(f"draw {frame}"), peer)
-    return in_turns(calls, frames)
+    return {name: median(times) for name, times in in_turns(calls, frames).items()}
 
 
 def moved(renderer: CpuRenderer, scene: DrawList, frames: int) -> float:
     """Our time for a scene whose meshes were seen and whose poses are new, over that of the unchanged one."""
     camera = view(640, 480, 0)
-    times: dict[bool, list[float]] = {False: [], True: []}
-    for frame in range(frames + WARM):
+
+    def changed(frame: int) -> Time:
         X = np.eye(4)
         X[0, 3] = 0.001 * frame
         other = DrawList(tuple(Instance(i.mesh, i.material, X @ i.X_world_mesh, i.label) for i in scene.instances))
-        for changed, drawn in ((False, scene), (True, other)):
-            times[changed].append(timed(renderer, drawn, camera)[0])
-    return statistics.median(times[True][WARM:]) / statistics.median(times[False][WARM:])
+        return drawn(renderer, other, camera)
+
+    times = in_turns({"changed": changed, "same": lambda _: drawn(renderer, scene, camera)}, frames, turn=1)
+    return median(times["changed"]).wall / median(times["same"]).wall
 
 
 def main() -> None:
@@ -243,17 +214,17 @@ def main() -> None:
             for width, height in SIZES:
                 for peer in peers.values():
                     peer.ask(f"load {path} {width} {height}")
-                median = measured(renderer, scene, peers, width, height, options.frames)
-                cells = "".join(f"{f'{wall:.2f}/{cpu:.2f}':>18}" for wall, cpu in median.values())
+                medians = measured(renderer, scene, peers, width, height, options.frames)
+                cells = "".join(f"{f'{wall:.2f}/{cpu:.2f}':>18}" for wall, cpu in medians.values())
                 print(f"{name:12} {width:4}x{height:<4}" + cells, flush=True)
                 for peer_name in peers:
-                    wall, cpu = (theirs / our for theirs, our in zip(median[peer_name], median[OURS], strict=True))
+                    wall, cpu = (theirs / our for theirs, our in zip(medians[peer_name], medians[OURS], strict=True))
                     ratios[peer_name].append(wall)
                     processor[peer_name].append(cpu)
                     what = f"frame, {name} triangles, {width}x{height}"
                     least = GOALS[peer_name][1]
-                    shown = f"{peer_name} {median[peer_name][0]:.2f} ms; by CPU time {cpu:.1f}×"
-                    rows.append(at_least(what, f"{median[OURS][0]:.2f} ms", shown, wall, least))
+                    shown = f"{peer_name} {medians[peer_name][0]:.2f} ms; by CPU time {cpu:.1f}×"
+                    rows.append(at_least(what, f"{medians[OURS][0]:.2f} ms", shown, wall, least))
     for peer_name, values in ratios.items():
         cpu, least = geometric_mean(processor[peer_name]), min(processor[peer_name])
         what = f"frames, geometric mean (least {min(values):.1f}×; by CPU time {cpu:.1f}×, least {least:.1f}×)"

@@ -18,12 +18,10 @@ from __future__ import annotations
 import argparse
 import ctypes
 import itertools
-import statistics
 import sys
 import tempfile
 import time
 from collections import defaultdict
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -33,9 +31,10 @@ from unittest.mock import patch
 import numpy as np
 
 from bench.gallery import checks, dents, sphere
-from bench.raster import SIZES, WARM, Process, in_turns, scenes, view, write
+from bench.raster import SIZES, Process, scenes, view, write
 from bench.raster_stages import laps
 from bench.table import Row, at_least, show, skipped
+from bench.turns import WARM, Time, in_turns, median, timed
 from renderers.camera import Camera
 from renderers.drawlist import AlphaMode, DrawList, Instance, Light, LightKind, Material, Sampler, Texture
 from renderers.interface import Look, Output
@@ -50,23 +49,7 @@ from renderers.visibility_buffer import BAND_ROWS
 FRAMES = 11
 DARK = Rig(surroundings=None, shadow_size=0)
 KEY = STUDIO.lights
-Times = tuple[float, float]
-"""Wall and CPU, ms."""
 POINT = (Light(LightKind.POINT, intensity=10.0, position=(-0.5, -2.0, 1.0)),)
-
-
-def median(calls: dict[str, Callable[[], object]], frames: int = FRAMES) -> dict[str, tuple[float, float]]:
-    """Wall and CPU ms of each, in turn."""
-    times: dict[str, list[tuple[float, float]]] = {name: [] for name in calls}
-    for _ in range(frames + 2):
-        for name, call in calls.items():
-            wall, cpu = time.perf_counter(), time.process_time()
-            call()
-            times[name].append((time.perf_counter() - wall, time.process_time() - cpu))
-    return {
-        name: (1e3 * statistics.median(t[0] for t in values[2:]), 1e3 * statistics.median(t[1] for t in values[2:]))
-        for name, values in times.items()
-    }
 
 
 def features() -> None:
@@ -118,7 +101,9 @@ def features() -> None:
         draw(scene, Look("studio", rig=STUDIO))
 
     calls = {name: partial(draw, *case) for name, case in cases.items()}
-    times = median({**calls, "all of the default rig, a new scene": draw_anew})
+    cases_and_calls = {**calls, "all of the default rig, a new scene": draw_anew}
+    in_order = {name: lambda _, call=call: timed(call) for name, call in cases_and_calls.items()}
+    times = {name: median(values) for name, values in in_turns(in_order, FRAMES, warm=2, turn=1).items()}
     print(f"{'one thread, 640x480':36}  {'ms':>7}  ns/visible pixel")
     for name, (_, cpu) in times.items():
         print(f"{name:36}  {cpu:7.2f}  {1e6 * cpu / pixels:7.1f}")
@@ -150,20 +135,19 @@ def frames(threads: int, python: str | None, count: int) -> list[Row]:
             for width, height in SIZES:
                 peer.ask(f"load {path} {width} {height}")
 
-                def ours(frame: int, look: Look = look, width: int = width, height: int = height) -> Times:
-                    wall, cpu = time.perf_counter(), time.process_time()
-                    renderer.render(scene, view(width, height, frame), Output.COLOR, look).close()
-                    return 1e3 * (time.perf_counter() - wall), 1e3 * (time.process_time() - cpu)
+                def ours(frame: int, look: Look = look, width: int = width, height: int = height) -> Time:
+                    camera = view(width, height, frame)
+                    return timed(lambda: renderer.render(scene, camera, Output.COLOR, look).close())
 
-                def theirs(frame: int, peer: Process = peer) -> Times:
+                def theirs(frame: int, peer: Process = peer) -> Time:
                     return peer.ask(f"draw {frame}")
 
-                median = list(in_turns({"ours": ours, "theirs": theirs}, count).values())
-                wall, cpu = (other / our for our, other in zip(*median, strict=True))
-                cells = "  ".join(f"{each[0]:8.2f}/{each[1]:9.2f}" for each in median)
+                medians = [median(times) for times in in_turns({"ours": ours, "theirs": theirs}, count).values()]
+                wall, cpu = (other / our for our, other in zip(*medians, strict=True))
+                cells = "  ".join(f"{each[0]:8.2f}/{each[1]:9.2f}" for each in medians)
                 print(f"{name + f' {width}x{height}':34}  {cells}  {wall:.1f}/{cpu:.1f}", flush=True)
                 what = f"frame, 101 objects, {width}x{height}, {look.name} x{look.samples} (by CPU time {cpu:.1f}×)"
-                rows.append(at_least(what, f"{median[0][0]:.2f} ms", f"{name} {median[1][0]:.2f} ms", wall, goal))
+                rows.append(at_least(what, f"{medians[0].wall:.2f} ms", f"{name} {medians[1].wall:.2f} ms", wall, goal))
             peer.close()
     return rows
 

@@ -70,9 +70,9 @@ async def serve(flags: dict[str, Any]) -> None:
     logs.configure("json", "error")
     app = create_app(settings)
     listener = process_tuning.listen(settings.host, settings.http_port)
-    server = http_server.MainServer(http_server.config(app, settings.shutdown_seconds, lifespan=True))
+    server = http_server.MainServer(http_server.server_config(app, settings.shutdown_seconds, lifespan=True))
     app.state.closing = lambda: server.should_exit
-    app.state.on_started = process_tuning.settle
+    app.state.on_started = process_tuning.freeze_gc
     ticker = asyncio.create_task(tell())
     await server.serve(sockets=[listener])
     ticker.cancel()

@@ -24,11 +24,12 @@ import uvloop
 
 from bench.treeviewer_clients import Client, Figures, measure, process, started
 from bench.treeviewer_requests import boxes, cloud, transforms
+from gateway.lcm.config import LcmConfig
 from gateway.runtime.process_tuning import tune
 from gateway.scene.live import LiveTree
 from gateway.state.config import StateConfig
 from gateway.state.database import Database
-from gateway.state.service import State
+from gateway.state.service import PersistentState
 from gateway.state.tree_store import TreeStore
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.protocol import TreeViewerProtocol
@@ -49,13 +50,15 @@ async def serve(port: int, path: Path | None) -> None:
     """The service, until it is killed."""
     tune()
     live = LiveTree()
-    state = State(StateConfig(path)) if path is not None else None
+    state = PersistentState(StateConfig(path)) if path is not None else None
     if state is not None:
         state.restore_tree(live)
         state.start()
-        state.keep_tree(live)
+        state.store_idle_edits(live)
     service = TreeViewerService(
-        TreeViewerConfig(lcm_url="off", tcpq_port=port), live, durable=state.journal if state is not None else None
+        TreeViewerConfig(lcm=LcmConfig(url="off", tcpq_port=port)),
+        live,
+        durable=state.commits if state is not None else None,
     )
     running = asyncio.create_task(service.run())
     await service.wait_ready()
@@ -66,10 +69,10 @@ async def serve(port: int, path: Path | None) -> None:
 
 
 def commits(folder: Path) -> None:
-    """Prints what the journal's thread computes for a commit, the same whatever else the machine does."""
+    """Print the CPU time of a commit, which other load on the machine does not change."""
     live = LiveTree()
     database, store, protocol = Database(folder / "bench.commits"), TreeStore(live), TreeViewerProtocol(live)
-    connection = database.writer
+    connection = database.connection
     print("processor's time of a commit in ms, and of the first one")
     for job, make in JOBS.items():
         message, times = make(), []

@@ -24,7 +24,7 @@ from bench.treeviewer_clients import Client, Figures, measure, percentile, proce
 from bench.treeviewer_requests import JOBS, transforms
 from bench.treeviewer_servers import json_reader
 from gateway.scene.live import LiveTree
-from gateway.treeviewer import answers
+from gateway.treeviewer import responses
 from gateway.treeviewer.protocol import TreeViewerProtocol
 
 FLOOD = 3000
@@ -59,12 +59,12 @@ def in_process(messages: dict[str, bytes], seconds: float) -> Figures:
     """Ours without a transport, for the peers that are measured in process."""
     protocol, figures = TreeViewerProtocol(LiveTree()), Figures("ours, in process")
     for job, message in messages.items():
-        answers.encode(protocol.handle(message))
+        responses.encode(protocol.handle(message))
         times: list[float] = []
         end = time.monotonic() + seconds
         while time.monotonic() < end and len(times) < 5000:
             begin = time.perf_counter()
-            answers.encode(protocol.handle(message))
+            responses.encode(protocol.handle(message))
             times.append(1000.0 * (time.perf_counter() - begin))
         figures.jobs[job] = times
     return figures

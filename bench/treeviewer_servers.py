@@ -22,10 +22,11 @@ import lcm
 import msgspec
 import uvloop
 
-from gateway.lcm.receive_buffer import ReceiveBuffer
+from gateway.lcm.config import LcmConfig
+from gateway.lcm.receive_buffer import raise_receive_buffer
 from gateway.runtime.process_tuning import tune
 from gateway.scene.live import LiveTree
-from gateway.treeviewer import answers, wire
+from gateway.treeviewer import responses, wire
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.protocol import REQUEST, response_channel
 from gateway.treeviewer.service import TreeViewerService
@@ -33,7 +34,7 @@ from gateway.treeviewer.service import TreeViewerService
 
 async def serve(url: str, port: int) -> None:
     tune()
-    service = TreeViewerService(TreeViewerConfig(lcm_url=url, tcpq_port=port), LiveTree())
+    service = TreeViewerService(TreeViewerConfig(lcm=LcmConfig(url=url, tcpq_port=port)), LiveTree())
     running = asyncio.create_task(service.run())
     await service.wait_ready()
     gc.collect()
@@ -85,7 +86,7 @@ async def floor(url: str) -> None:
 async def echo(url: str) -> None:
     """liblcm answering as soon as it has a message, whatever is in it: what UDP and the machine alone cost."""
     network = lcm.LCM(url)
-    answer = answers.encode(answers.failed(0, "echo"))
+    answer = responses.encode(responses.failed(0, "echo"))
     network.subscribe(
         f"{REQUEST}.*", lambda channel, _: network.publish(response_channel(channel), answer)
     ).set_queue_capacity(0)
@@ -103,7 +104,7 @@ def with_large_buffer(url: str) -> None:
     for name in os.listdir("/proc/self/fd"):  # noqa: PTH208 - names are all that is wanted
         with contextlib.suppress(OSError), socket.socket(fileno=os.dup(int(name))) as sock:
             if sock.type == socket.SOCK_DGRAM and sock.getsockname()[1] == port:
-                ReceiveBuffer(sock).raise_to(64 * 1024 * 1024)
+                raise_receive_buffer(sock, 64 * 1024 * 1024)
 
 
 def main() -> None:

@@ -104,7 +104,7 @@ def ours(counter: Counter) -> None:
         app.include_router(router(hub))
         listener = process_tuning.listen("127.0.0.1", 0)
         print(json.dumps({"url": f"ws://127.0.0.1:{listener.getsockname()[1]}/view/ws"}), flush=True)
-        server = http_server.MainServer(http_server.config(app, 1.0, lifespan=False))
+        server = http_server.MainServer(http_server.server_config(app, 1.0, lifespan=False))
         tasks = [asyncio.create_task(work) for work in (hub.run(), publish())]
         tasks[1].add_done_callback(lambda _: setattr(server, "should_exit", True))
         await server.serve(sockets=[listener])

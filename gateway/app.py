@@ -16,23 +16,23 @@ import structlog
 from fastapi import FastAPI
 from fastapi.responses import HTMLResponse
 from fastapi_offline import FastAPIOffline
+from starlette.middleware.body_limit import RequestBodyLimitMiddleware
 
 from gateway import __version__
 from gateway import settings as options
 from gateway.runtime import kernel_cache, logs, process_tuning
 from gateway.runtime.kernel_progress import Progress, shown
 from gateway.runtime.metrics_registry import Metrics
-from gateway.runtime.service_registry import Board, State
-from gateway.runtime.worker_pool import Workers, usable_cpus
+from gateway.runtime.service_registry import ServiceRegistry, State
+from gateway.runtime.worker_pool import WorkerPool, usable_cpus
 from gateway.scene.live import LiveTree
 from gateway.server import error_handlers, health, openapi
-from gateway.server.index_page import landing_page
-from gateway.server.middleware import Gate, Requests
-from gateway.server.security import Guard
-from gateway.server.straight import Straight
+from gateway.server.index_page import index_page
+from gateway.server.middleware import RequestContext, StartGate
+from gateway.server.security import Security
 from gateway.settings import MIB, Settings
 from gateway.state.errors import StateError
-from gateway.viewer.sources import PICTURE_NAMES
+from gateway.viewer.sources import IMAGE_NAMES
 from gateway.wiring import metrics as figures
 from gateway.wiring import warmup
 from gateway.wiring.context import NO_TELEMETRY, House
@@ -40,19 +40,19 @@ from gateway.wiring.interfaces import JOINS, Join, join_demo
 from gateway.wiring.state import STATE, open_state, restore_state
 
 if TYPE_CHECKING:
-    from gateway.state.service import State as Kept
+    from gateway.state.service import PersistentState
 
 _log = structlog.get_logger("gateway")
 
 KERNELS = "kernels"
-POLLED = frozenset({"/view/sensor", "/view/renders", *(f"/view/sensor/{name}.jpg" for name in PICTURE_NAMES)})
+POLLED = frozenset({"/view/sensor", "/view/renders", *(f"/view/sensor/{name}.jpg" for name in IMAGE_NAMES)})
 """What the page of the browser view asks again and again while a panel is open; not logged above debug level."""
 _SETTLE_SECONDS = 5.0
 """Time after which the state is logged although a service is still starting."""
 DESCRIPTION = "Drake's glTF render server, an rc_visard stereo camera and Director's tree viewer, on one scene."
 
 
-def create_app(settings: Settings, state: Kept | None = None) -> FastAPI:
+def create_app(settings: Settings, state: PersistentState | None = None) -> FastAPI:
     """A whole gateway as an ASGI application; nothing runs before its lifespan starts.
 
     Args:
@@ -61,8 +61,8 @@ def create_app(settings: Settings, state: Kept | None = None) -> FastAPI:
     Raises:
         SettingsError: a token or a certificate that they name cannot be used.
     """
-    guard = Guard.of(settings)
-    board = Board(essential=frozenset({KERNELS, "render"}))
+    security = Security.of(settings)
+    registry = ServiceRegistry(essential=frozenset({KERNELS, "render"}))
     metrics = Metrics()
     started = asyncio.Event()
     wanted: dict[str, Join] = {n: join for n, join in JOINS.items() if not settings.only or n in settings.only}
@@ -70,7 +70,7 @@ def create_app(settings: Settings, state: Kept | None = None) -> FastAPI:
         wanted["demo"] = join_demo
 
     threads = settings.threads or usable_cpus()
-    workers = Workers(
+    workers = WorkerPool(
         threads,
         settings.queue,
         settings.queue_mb * MIB,
@@ -87,11 +87,11 @@ def create_app(settings: Settings, state: Kept | None = None) -> FastAPI:
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         process_tuning.tune()
-        board.expect(KERNELS, *wanted)
-        house = House(settings, app, board, metrics, LiveTree(), workers, guard)
-        figures.watch_process(metrics, board, workers)
+        registry.expect(KERNELS, *wanted)
+        house = House(settings, app, registry, metrics, LiveTree(), workers, security)
+        figures.watch_process(metrics, registry, workers)
         figures.watch_tree(metrics, house.tree)
-        guard.tell()
+        security.log_exposure()
         house.state = state or await asyncio.to_thread(open_state, settings)
         watch = ExitStack()
         start = asyncio.create_task(_start(house, wanted, started, watch), name="start")
@@ -100,7 +100,7 @@ def create_app(settings: Settings, state: Kept | None = None) -> FastAPI:
             house.leave()
             if not started.is_set():  # no room is joined any more; who waits for the start is told so
                 start.cancel()
-                board.fail(KERNELS, "it was told to stop")
+                registry.fail(KERNELS, "it was told to stop")
                 started.set()
 
         app.state.leave = leave
@@ -119,28 +119,26 @@ def create_app(settings: Settings, state: Kept | None = None) -> FastAPI:
         description=DESCRIPTION,
         license_info={"name": "Apache 2.0", "identifier": "Apache-2.0"},
         lifespan=lifespan,
-        max_body_size=settings.max_body_mb * MIB,
         # Swagger UI would ask a validator in the internet for a badge.
         swagger_ui_parameters={"validatorUrl": None},
         telemetry=NO_TELEMETRY,
     )
     app.add_exception_handler(404, error_handlers.not_found)
     app.add_exception_handler(405, error_handlers.not_allowed)
-    openapi.describe(app, token=guard.http is not None, open_paths=health.OPEN_PATHS)
-    app.include_router(health.router(board, metrics, __version__, started.is_set, busy))
-    app.state.straight = {}
-    app.add_middleware(Straight, routes=app.state.straight)
+    openapi.describe(app, token=security.http is not None, open_paths=health.OPEN_PATHS)
+    app.include_router(health.router(registry, metrics, __version__, started.is_set, busy))
+    app.add_middleware(RequestBodyLimitMiddleware, max_body_size=settings.max_body_mb * MIB)
     app.add_middleware(
-        Gate, started=started, problem=lambda: board.entries[KERNELS].problem, open_paths=health.PATHS | {"/"}
+        StartGate, started=started, problem=lambda: registry.entries[KERNELS].problem, open_paths=health.PATHS | {"/"}
     )
-    guard.protect(app)
+    security.protect(app)
     app.add_middleware(error_handlers.HeadAsGet)
-    app.add_middleware(Requests, metrics=metrics, quiet=health.PATHS | POLLED)
+    app.add_middleware(RequestContext, metrics=metrics, quiet_paths=health.PATHS | POLLED)
 
     @app.get("/", include_in_schema=False)
-    async def landing() -> HTMLResponse:
+    async def index() -> HTMLResponse:
         view = {"view": "See the scene"} if "view" in wanted else {}
-        return HTMLResponse(landing_page(__version__, {**view, "docs": "HTTP interface", "metrics": "metrics"}))
+        return HTMLResponse(index_page(__version__, {**view, "docs": "HTTP interface", "metrics": "metrics"}))
 
     return app
 
@@ -157,14 +155,14 @@ async def _start(house: House, wanted: dict[str, Join], started: asyncio.Event, 
             await _compile(house)
         await asyncio.to_thread(warmup.run)
         watch.enter_context(kernel_cache.compiling_reported(_compiled_while_serving))
-        house.board.ready(KERNELS)
+        house.registry.ready(KERNELS)
         if not await _restored(house):
             return
         for name, join in wanted.items():
             try:
                 join(house)
-                if house.board.entries[name].state is State.STARTING:
-                    house.board.ready(name)
+                if house.registry.entries[name].state is State.STARTING:
+                    house.registry.ready(name)
             except Exception as error:  # noqa: BLE001 - a room that cannot be joined must not end the others
                 house.fail(name, error)
         started.set()
@@ -175,18 +173,18 @@ async def _start(house: House, wanted: dict[str, Join], started: asyncio.Event, 
     started.set()
     settled = time.perf_counter() + _SETTLE_SECONDS
     # Rooms say themselves whether they are ready.
-    while house.board.verdict() == "starting" and time.perf_counter() < settled:  # noqa: ASYNC110 - nobody tells when
+    while house.registry.verdict() == "starting" and time.perf_counter() < settled:  # noqa: ASYNC110 - nobody tells when
         await asyncio.sleep(0.02)
     if (on_started := getattr(house.app.state, "on_started", None)) is not None:
         on_started()
     seconds = round(time.perf_counter() - begin, 2)
-    _log.info("Scenegate has started", status=house.board.verdict(), version=__version__, seconds=seconds)
+    _log.info("Scenegate has started", status=house.registry.verdict(), version=__version__, seconds=seconds)
 
 
 async def _compile(house: House) -> None:
     """Compiles the kernels in child processes; log, ``/readyz`` and a terminal show how far it has got."""
     progress = Progress(len(warmup.PARTS))
-    entry = house.board.entries[KERNELS]
+    entry = house.registry.entries[KERNELS]
     entry.progress = progress.describe
     folder = str(kernel_cache.configure())
     _log.info("Compiling the rendering kernels into the cache, once ...", folder=folder, parts=progress.parts)

@@ -111,20 +111,13 @@ async def test_a_service_that_fails_leaves_the_others_and_all_end_with_the_lifes
     assert good.ended.is_set()
 
 
-@pytest.mark.parametrize("straight", [True, False])
-async def test_renders_past_the_router_are_answered_as_by_it(monkeypatch: pytest.MonkeyPatch, straight: bool) -> None:
-    def join(house: House) -> None:
-        join_render(house)
-        assert [*house.app.state.straight] == [("POST", "/render")]
-        if not straight:
-            house.app.state.straight.clear()
-
-    rooms(monkeypatch, render=join)
+async def test_render_route_has_its_own_body_limit_and_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    rooms(monkeypatch, render=join_render)
     async with running(only=("render",), max_body_mb=1) as client:
         answer = await client.post("/render", content=b"x", headers={"Content-Type": "text/plain"})
         assert (answer.status_code, "multipart/form-data" in answer.text) == (400, True)
         answer = await client.post("/render", content=bytes(2 << 20))
-        assert (answer.status_code, "max_body_bytes" in answer.text) == (413, True)  # not the framework's own sentence
+        assert (answer.status_code, "max_body_bytes" in answer.text) == (413, True)  # not Starlette's own text
         assert (await client.get("/render")).status_code == 405
         metrics = (await client.get("/metrics")).text
         assert 'scenegate_http_requests_total{method="POST",route="/render",status="400"} 1.0' in metrics
@@ -349,7 +342,7 @@ async def test_nothing_is_ready_before_requests_are_let_in(monkeypatch: pytest.M
         return True
 
     monkeypatch.setattr(gateway.app, "_restored", restored)
-    rooms(monkeypatch)  # none, so that the board waits for the kernels only, which are there
+    rooms(monkeypatch)  # none, so that the registry waits for the kernels only, which are there
     async with running() as client:
         await joining.wait()
         assert (await client.get("/readyz")).json()["status"] == "starting"

@@ -168,7 +168,7 @@ def _shape_of(geometry: Any, limits: GltfLimits) -> tuple[Shape, Material] | Non
         positions[~finite] = 0.0
     uv, material = _material_of(geometry, len(positions), limits)
     # trimesh computes missing normals in its property; only the cache tells if the file has any.
-    given = geometry._cache.cache.get("vertex_normals")  # noqa: SLF001 - no public way
+    given = geometry._cache.cache.get("vertex_normals")
     if given is None or len(given) != len(positions):
         from gateway.scene.crease_normals import with_creases  # the import compiles or loads kernels
 

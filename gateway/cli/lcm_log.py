@@ -1,4 +1,4 @@
-"""``scenegate record`` and ``scenegate play``: logs of an LCM network, as LCM's own tools read and write them."""
+"""``scenegate record`` and ``scenegate play``: log files of an LCM network, in the format of LCM's own tools."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ Channels = Annotated[str, typer.Option(metavar="PATTERN", help="Only channels th
 
 
 def record(
-    out: Annotated[Path, typer.Argument(metavar="OUT.lcmlog", help="The log; one that is there is replaced.")],
+    out: Annotated[Path, typer.Argument(metavar="OUT.lcmlog", help="The log; an existing file is replaced.")],
     lcm_url: LcmUrl = None,
     channels: Channels = ".*",
-    seconds: Annotated[float, typer.Option(min=0.0, help="End after so long; 0: when interrupted.")] = 0.0,
+    seconds: Annotated[float, typer.Option(min=0.0, help="Stop after this time; 0: when interrupted.")] = 0.0,
 ) -> None:
     """Record an LCM network, for lcm-logplayer, lcm-spy and `scenegate play`."""
     from gateway.lcm import replay
     from gateway.runtime import logs
 
     logs.configure("human", "warning")
-    tally = replay.Tally()
+    progress = replay.Progress()
 
     async def run() -> None:
         stop = asyncio.Event()
@@ -38,17 +38,17 @@ def record(
             loop.add_signal_handler(number, stop.set)
         if seconds:
             loop.call_later(seconds, stop.set)
-        await replay.record(out, lcm_url, channels, tally, stop, lambda: typer.echo("Recording ...", err=True))
+        await replay.record(out, lcm_url, channels, progress, stop, lambda: typer.echo("Recording ...", err=True))
 
     asyncio.run(run())
-    typer.echo(f"{out}: {tally.events} messages, {tally.data_bytes} bytes", err=True)
+    typer.echo(f"{out}: {progress.events} messages, {progress.data_bytes} bytes", err=True)
 
 
 def play(
     log: Annotated[Path, typer.Argument(metavar="IN.lcmlog", exists=True, dir_okay=False, help="The log.")],
     lcm_url: LcmUrl = None,
     speed: Annotated[float, typer.Option(min=0.0, help="2: twice as fast; 0: as fast as possible.")] = 1.0,
-    loop: Annotated[bool, typer.Option("--loop", help="Again and again, until interrupted.")] = False,
+    loop: Annotated[bool, typer.Option("--loop", help="Repeat until interrupted.")] = False,
     channels: Channels = ".*",
 ) -> None:
     """Play a log into an LCM network."""
@@ -57,11 +57,11 @@ def play(
     from gateway.runtime import logs
 
     logs.configure("human", "warning")
-    tally = replay.Tally()
+    progress = replay.Progress()
     try:
-        asyncio.run(replay.play(log, lcm_url, speed, loop, channels, tally))
+        asyncio.run(replay.play(log, lcm_url, speed, loop, channels, progress))
     except EventLogError as error:
         raise ValueError(f"{log}: {error}") from None
     except KeyboardInterrupt:
         pass
-    typer.echo(f"{log}: {tally.events} messages played, {tally.data_bytes} bytes", err=True)
+    typer.echo(f"{log}: {progress.events} messages played, {progress.data_bytes} bytes", err=True)

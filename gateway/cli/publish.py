@@ -1,4 +1,4 @@
-"""``scenegate publish``: a file into the live scene of a running viewer, ours or Director's."""
+"""``scenegate publish``: put a file into the live scene of a running viewer, Scenegate's or Director's."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from gateway.cli.lcm_log import LcmUrl
 
 if TYPE_CHECKING:
     from gateway.client.tree.geometry import Geometry
-    from gateway.client.tree.memory import Changes
-    from gateway.client.tree.memory import Path as NodePath
+    from gateway.client.tree.published import Changes
+    from gateway.client.tree.published import Path as NodePath
     from gateway.client.tree.viewer import Answer
     from gateway.scene.geometry import Part
 
@@ -29,46 +29,47 @@ def publish(
             help="A request of the protocol in JSON, or a mesh: glb, gltf, obj, stl, ply, dae.",
         ),
     ],
-    path: Annotated[str, typer.Option(help="Where in the tree: robot/base.")] = "",
+    path: Annotated[str, typer.Option(help="Path in the tree: robot/base.")] = "",
     lcm_url: LcmUrl = None,
     timeout: Annotated[float, typer.Option(min=0.1, help="Seconds to wait for the viewer.")] = 10.0,
 ) -> None:
-    """Publish a file at a path of the live scene; what was below that path is replaced."""
-    from gateway.client.tree.memory import Changes, path_of
+    """Publish a file at a path of the live scene, in place of everything at and below the path."""
+    from gateway.client.tree.published import Changes, path_of
     from gateway.client.tree.viewer import TreeViewer
 
-    at = path_of(path)
+    root = path_of(path)
     changes = Changes()
     if source.suffix.lower() == ".json":
-        _request(source, at, changes)
+        _read_request(source, root, changes)
     else:
-        at = at or (source.stem,)
-        changes.delete(at)
-        changes.set(at, [geometry.body() for geometry in _meshes(source)])
+        root = root or (source.stem,)
+        changes.delete(root)
+        changes.set(root, [geometry.body() for geometry in _read_mesh(source)])
     with TreeViewer(lcm_url, timeout=timeout) as viewer:
         answer = viewer.send(changes)
-    _tell(answer)
+    _print(answer)
 
 
-def _request(source: Path, at: NodePath, changes: Changes) -> None:
-    """The commands of a request of the protocol, below ``at``."""
+def _read_request(source: Path, root: NodePath, changes: Changes) -> None:
+    """Add the commands of a request in JSON, with ``root`` before their paths."""
     try:
         request = json.loads(source.read_text())
     except ValueError as error:
         raise ValueError(f"{source} is not JSON: {error}") from None
     if not isinstance(request, dict) or not {"delete", "setgeometry", "settransform"} & request.keys():
         raise ValueError(f"{source} is no request of the protocol: it has no delete, setgeometry or settransform")
-    for path, _ in _pairs(request, "delete", source):
-        changes.delete(at + path)
-    for path, command in _pairs(request, "setgeometry", source):
-        several = command.get("geometries")
-        changes.set(at + path, [command["geometry"]] if command.get("geometry") else several or [])
-    for path, command in _pairs(request, "settransform", source):
-        changes.transform(at + path, command.get("transform") or {})
+    for path, _ in _commands(request, "delete", source):
+        changes.delete(root + path)
+    for path, command in _commands(request, "setgeometry", source):
+        geometries = [command["geometry"]] if command.get("geometry") else command.get("geometries") or []
+        changes.set(root + path, geometries)
+    for path, command in _commands(request, "settransform", source):
+        changes.transform(root + path, command.get("transform") or {})
 
 
-def _pairs(request: dict[str, Any], name: str, source: Path) -> Iterator[tuple[NodePath, dict[str, Any]]]:
-    from gateway.client.tree.memory import path_of
+def _commands(request: dict[str, Any], name: str, source: Path) -> Iterator[tuple[NodePath, dict[str, Any]]]:
+    """Yield path and fields of each command in a list of the request."""
+    from gateway.client.tree.published import path_of
 
     for index, command in enumerate(request.get(name) or ()):
         path = command.get("path") if isinstance(command, dict) else None
@@ -77,17 +78,17 @@ def _pairs(request: dict[str, Any], name: str, source: Path) -> Iterator[tuple[N
         yield path_of(path) if isinstance(path, str) else tuple(path), command
 
 
-def _meshes(source: Path) -> Iterator[Geometry]:
-    """A mesh file's triangles and points, in the colours of their materials; the protocol has no textures."""
+def _read_mesh(source: Path) -> Iterator[Geometry]:
+    """Yield a mesh file's triangles and points in the colours of their materials; the protocol has no textures."""
     from gateway.assets.mesh_files import MeshFiles
     from gateway.scene.geometry import Surface
 
-    plain = True
+    complete = True
     for part in MeshFiles([source.parent]).load(str(source.resolve())):
         colored = isinstance(part.shape, Surface) and part.shape.mesh.colors is not None
-        plain = plain and not colored and part.material.base_color_texture is None
+        complete = complete and not colored and part.material.base_color_texture is None
         yield from _geometries(part)
-    if not plain:
+    if not complete:
         typer.echo(f"{source}: textures and vertex colours are not published; mesh_file shows them", err=True)
 
 
@@ -101,7 +102,7 @@ def _geometries(part: Part) -> Iterator[Geometry]:
 
     X = part.X_node_part
     red, green, blue, alpha = part.material.base_color
-    # files may have factors above 1
+    # colour factors of a file may exceed 1
     color = np.clip((srgb_from_linear(red), srgb_from_linear(green), srgb_from_linear(blue), alpha), 0.0, 1.0)
     if isinstance(part.shape, Points):
         points = part.shape.points @ X[:3, :3].T + X[:3, 3]
@@ -110,12 +111,13 @@ def _geometries(part: Part) -> Iterator[Geometry]:
     for mesh, _, X_part_mesh in meshes_of(part.shape, part.material):
         if mesh.elements.shape[1] != 3:
             continue
-        placed = X @ X_part_mesh
-        faces = mesh.elements if np.linalg.det(placed[:3, :3]) > 0 else mesh.elements[:, ::-1]
-        yield Mesh(mesh.positions @ placed[:3, :3].T + placed[:3, 3], faces, color=color)
+        X_path_mesh = X @ X_part_mesh
+        mirrored = np.linalg.det(X_path_mesh[:3, :3]) < 0
+        faces = mesh.elements[:, ::-1] if mirrored else mesh.elements
+        yield Mesh(mesh.positions @ X_path_mesh[:3, :3].T + X_path_mesh[:3, 3], faces, color=color)
 
 
-def _tell(answer: Answer) -> None:
+def _print(answer: Answer) -> None:
     for warning in answer.warnings:
         typer.echo(warning, err=True)
     for name, paths in (("deleted", answer.deleted), ("set", answer.added), ("moved", answer.transformed)):

@@ -15,7 +15,7 @@ from rich.markup import escape
 from gateway.settings import Settings, SettingsError, load, types, unknown_environment
 
 if TYPE_CHECKING:
-    from gateway.state.service import State
+    from gateway.state.service import PersistentState
 
 
 def add_serve(app: typer.Typer) -> None:
@@ -73,19 +73,19 @@ def run(settings: Settings) -> int:
     """Serves until a signal; the exit code."""
     from gateway.runtime import logs, process_tuning
 
-    process_tuning.hurry()
+    process_tuning.pause_gc()
     logs.configure(settings.log_format, settings.log_level)
     import structlog
 
     log = structlog.get_logger("gateway")
     for warning in unknown_environment():
         log.warning(warning)
-    from gateway.server.security import Guard
+    from gateway.server.security import Security
     from gateway.state.errors import StateError
     from gateway.wiring.state import open_state
 
     try:
-        guard = Guard.of(settings)
+        security = Security.of(settings)
     except SettingsError as error:
         log.error(str(error))
         return 1
@@ -97,18 +97,20 @@ def run(settings: Settings) -> int:
     try:
         listener = process_tuning.listen(settings.host, settings.http_port)
     except OSError as error:
-        reason = process_tuning.why_not_listening(error, settings.host, settings.http_port)
+        reason = process_tuning.listen_error(error, settings.host, settings.http_port)
         log.error(f"HTTP cannot listen: {reason}; choose another with --http-port or --host.")
         return 1
     port = listener.getsockname()[1]
     host = f"[{settings.host}]" if ":" in settings.host else settings.host
-    scheme = "http" if guard.tls is None else "https"
+    scheme = "http" if security.tls is None else "https"
     pages = "/view, / and /docs" if not settings.only or "view" in settings.only else "/ and /docs"
     log.info(f"Scenegate listens; look at {pages}", url=f"{scheme}://{host}:{port}")
-    return _serve(settings, listener, state, guard.tls)
+    return _serve(settings, listener, state, security.tls)
 
 
-def _serve(settings: Settings, listener: socket.socket, state: State | None, tls: tuple[Path, Path] | None) -> int:
+def _serve(
+    settings: Settings, listener: socket.socket, state: PersistentState | None, tls: tuple[Path, Path] | None
+) -> int:
     import structlog
     import uvloop
 
@@ -118,7 +120,7 @@ def _serve(settings: Settings, listener: socket.socket, state: State | None, tls
 
     log = structlog.get_logger("gateway")
     app = create_app(settings, state)
-    config = http_server.config(app, settings.shutdown_seconds, lifespan=True, tls=tls)
+    config = http_server.server_config(app, settings.shutdown_seconds, lifespan=True, tls=tls)
 
     def leave() -> None:
         log.info("Scenegate stops; requests that it has accepted may finish", seconds=settings.shutdown_seconds)
@@ -127,7 +129,7 @@ def _serve(settings: Settings, listener: socket.socket, state: State | None, tls
     server = http_server.MainServer(config, leave)
     # Answers without an end (MJPEG) look at it; nobody else would tell them before their connections are cut.
     app.state.closing = lambda: server.should_exit
-    app.state.on_started = process_tuning.settle
+    app.state.on_started = process_tuning.freeze_gc
     gave_up = False
 
     def give_up() -> None:

@@ -26,10 +26,11 @@ from gateway.scene.live import LiveTree
 from gateway.scene.transforms import scaling
 from gateway.scene.tree import Node
 from gateway.scene.tree import Path as TreePath
-from gateway.treeviewer.apply import Application
+from gateway.treeviewer.apply import RequestApplier
 from gateway.treeviewer.config import Limits
-from gateway.treeviewer.quota import Census
-from gateway.treeviewer.requests import RequestReader
+from gateway.treeviewer.json_reader import JsonReader
+from gateway.treeviewer.protocol import ALL_COMMANDS
+from gateway.treeviewer.quota import TreeQuota
 from renderers.drawlist import DrawList
 from renderers.interface import LookName
 
@@ -105,18 +106,17 @@ def _tree(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
     limits = Limits()
     live = LiveTree()
     data = files.read_scene()
-    request = RequestReader(limits, _MeshesBeside(files)).read(memoryview(data))
+    request = JsonReader(limits, _MeshesBeside(files)).read(memoryview(data))
     if not request.commands:
         raise SceneError("no setgeometry and no settransform command is in it")
-    application = Application(request, live, Census(limits), limits)
-    while application.step(1 << 30):
-        pass
-    answer = application.answer(0)
-    if answer.error:
-        raise SceneError(answer.error)
+    applier = RequestApplier(request, live, TreeQuota(limits), limits)
+    applier.step(ALL_COMMANDS)
+    response = applier.response(0)
+    if response.error:
+        raise SceneError(response.error)
     root = live.snapshot.root
     drawn, labels = _numbered(root)
-    record = _record(source, files, labels, warnings=tuple(answer.warnings or ()))
+    record = _record(source, files, labels, warnings=tuple(response.warnings))
     return LoadedScene(root, drawn, None, "studio", None, record)
 
 

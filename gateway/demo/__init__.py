@@ -1,49 +1,50 @@
-"""A small moving scene to look at: a workcell with a robot arm, objects on a table and a scanner.
+"""A small moving demo scene: a workcell with a robot arm, objects on a table and a scanner.
 
-Everything is a pure function of time, so that pictures of it can be made again.
+The scene is a pure function of time, so its images are reproducible.
 """
 
 from __future__ import annotations
 
 from typing import Final
 
-from gateway.demo.furniture import furniture
 from gateway.demo.motion import PERIOD, poses
+from gateway.demo.objects import scene_parts
 from gateway.scene.live import LiveTree
 from gateway.scene.tree import TreeEdit
 
-__all__ = ["PERIOD", "RATE", "ROOT", "Demo", "furniture", "poses"]
+__all__ = ["PERIOD", "RATE", "ROOT", "Demo", "poses", "scene_parts"]
 
 ROOT: Final = ("demo",)
+"""Path of the demo in the live tree."""
 RATE: Final = 30.0
-"""Edits per second that look smooth."""
+"""Edits per second."""
 
 
 class Demo:
-    """The scene in a live tree."""
+    """The demo scene in a live tree."""
 
     def __init__(self, tree: LiveTree) -> None:
         self._tree = tree
 
     def populate(self) -> None:
-        """Puts everything at its place for time 0."""
+        """Add the scene at time 0, in place of an earlier one."""
         with self._tree.edit() as edit:
             edit.delete(ROOT)
-            for path, parts in furniture().items():
+            for path, parts in scene_parts().items():
                 edit.set_parts((*ROOT, *path), parts)
-            _put(edit, 0.0)
+            _set_poses(edit, 0.0)
 
     def edit(self, t: float) -> None:
-        """Moves everything to its place at time ``t``, seconds. One revision; geometry stays the same."""
+        """Move the scene to time ``t`` in seconds, as one revision that changes transforms only."""
         with self._tree.edit() as edit:
-            _put(edit, t)
+            _set_poses(edit, t)
 
     def clear(self) -> None:
-        """Takes the scene out of the tree."""
+        """Remove the scene."""
         with self._tree.edit() as edit:
             edit.delete(ROOT)
 
 
-def _put(edit: TreeEdit, t: float) -> None:
+def _set_poses(edit: TreeEdit, t: float) -> None:
     for path, pose in poses(t).items():
         edit.set_pose((*ROOT, *path), pose)

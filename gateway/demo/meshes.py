@@ -1,4 +1,4 @@
-"""Shapes of the demo that the live scene has none for: meshes with texture coordinates, and curves."""
+"""Meshes of the demo scene: shapes with texture coordinates, and curves."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ TURN: Final = 2.0 * math.pi
 
 
 def tile(half: float, repeats: float) -> Mesh:
-    """A square at z = 0 with the texture repeated."""
+    """Return a square at z = 0 with a repeated texture."""
     corners = np.array(((-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)), np.float32)
     return Mesh(
         corners * np.float32(half),
@@ -27,14 +27,14 @@ def tile(half: float, repeats: float) -> Mesh:
 
 
 def textured_box(x: float, y: float, z: float) -> Mesh:
-    """A box with the whole texture on each face."""
+    """Return a box with the whole texture on each face."""
     unit = primitives.box()
     uv = np.tile(np.array(((0, 1), (1, 1), (1, 0), (0, 0)), np.float32), (6, 1))
     return Mesh(unit.positions * np.array((x, y, z), np.float32), unit.elements, normals=unit.normals, uv0=uv)
 
 
 def globe(radius: float = 0.05, segments: int = 32, rings: int = 16) -> Mesh:
-    """A sphere with a seam, so that a texture wraps around it."""
+    """Return a sphere whose vertices are doubled along a seam, so that a texture wraps around it."""
     azimuth = np.linspace(0.0, TURN, segments + 1)
     polar = np.linspace(0.0, math.pi, rings + 1)
     a, p = np.meshgrid(azimuth, polar)
@@ -44,14 +44,14 @@ def globe(radius: float = 0.05, segments: int = 32, rings: int = 16) -> Mesh:
     above, below = index[:-1], index[1:]
     return Mesh(
         (normals * radius).astype(np.float32),
-        _between(below, above),
+        _triangles_between(below, above),
         normals=normals.astype(np.float32),
         uv0=uv.astype(np.float32),
     )
 
 
 def knot() -> Mesh:
-    """A trefoil inside of the crystal ball."""
+    """Return a trefoil knot."""
     t = np.linspace(0.0, TURN, 120, endpoint=False)
     points = np.stack((np.sin(t) + 2 * np.sin(2 * t), np.cos(t) - 2 * np.cos(2 * t), -np.sin(3 * t)), axis=1)
     mesh = tube(points * 0.022, 0.009, closed=True)
@@ -60,13 +60,13 @@ def knot() -> Mesh:
 
 
 def relief(u: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Depth of the wall's waves, metres, across (-1 to 1) and up (0 to 1)."""
+    """Return the depth of the wall's waves in metres, for u across (-1 to 1) and v up (0 to 1)."""
     waves: NDArray[np.float64] = 0.08 * np.sin(5.0 * u) * np.cos(7.0 * v) + 0.05 * np.cos(9.0 * u + 4.0 * v)
     return waves
 
 
 def wall(columns: int = 64, rows: int = 40) -> Mesh:
-    """The scanned surface, a little behind its points."""
+    """Return the scanned surface, 8 mm behind its points."""
     u, v = np.meshgrid(np.linspace(-1.0, 1.0, columns), np.linspace(0.0, 1.0, rows))
     across = (relief(u + 1e-4, v) - relief(u - 1e-4, v)) / 2e-4
     up = (relief(u, v + 1e-4) - relief(u, v - 1e-4)) / 2.6e-4
@@ -76,19 +76,19 @@ def wall(columns: int = 64, rows: int = 40) -> Mesh:
     below, above = index[:-1], index[1:]
     return Mesh(
         positions.astype(np.float32),
-        _between(below, above),
+        _triangles_between(below, above),
         normals=(normals / np.linalg.norm(normals, axis=1, keepdims=True)).astype(np.float32),
     )
 
 
-def _between(below: NDArray[np.int64], above: NDArray[np.int64]) -> NDArray[np.uint32]:
-    """(2 R (C - 1), 3) uint32: the triangles between rows of points, each given as (R, C) numbers."""
+def _triangles_between(below: NDArray[np.int64], above: NDArray[np.int64]) -> NDArray[np.uint32]:
+    """Return the triangles between rows of vertices with (R, C) indices, (2 R (C - 1), 3) uint32."""
     quads = np.stack((below[:, :-1], below[:, 1:], above[:, 1:], below[:, :-1], above[:, 1:], above[:, :-1]), axis=2)
     return np.ascontiguousarray(quads.reshape(-1, 3), np.uint32)
 
 
 def ring(centre: tuple[float, float, float], radius: float) -> NDArray[np.float32]:
-    """(96, 3) float32: points of a horizontal circle."""
+    """Return points of a horizontal circle, (96, 3) float32."""
     angle = np.linspace(0.0, TURN, 96, endpoint=False)
     points = np.stack((np.cos(angle), np.sin(angle), np.zeros(96)), axis=1) * radius + np.array(centre)
     return np.asarray(points, np.float32)

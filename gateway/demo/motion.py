@@ -1,4 +1,4 @@
-"""Where the demo's things are at a time."""
+"""Poses of the demo scene at a time."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from typing import Final
 from gateway.scene.tree import Path, Pose
 
 PERIOD: Final = 24.0
-"""Seconds after which everything is as at the beginning, so that films of it can be looped."""
+"""Period in seconds, so that recordings can be looped."""
 BALL: Final = (0.72, -1.0, 0.62)
-"""Beside the table, below what the stereo camera sees by default: no camera can match what one looks through."""
+"""Position of the crystal ball: below the default view of the stereo camera, as stereo matching fails on transparent
+objects."""
 ORBIT: Final = 0.17
 """Radius of the ring around the ball, metres."""
 _X: Final = (1.0, 0.0, 0.0)
@@ -19,7 +20,7 @@ _Z: Final = (0.0, 0.0, 1.0)
 
 
 def poses(t: float) -> dict[Path, Pose]:
-    """Every moving frame's pose in its parent at time ``t``, seconds."""
+    """Return the pose of every moving node in its parent at time ``t`` in seconds."""
     phase = 2.0 * math.pi * (t / PERIOD)
     shoulder, elbow = 0.55 + 0.25 * math.sin(2 * phase), 1.15 + 0.35 * math.sin(2 * phase + 1.2)
     wrist = math.pi - shoulder - elbow + 0.2 * math.sin(4 * phase)

@@ -1,4 +1,4 @@
-"""Pictures on the demo's things, made of arithmetic."""
+"""Procedural textures of the demo scene."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from renderers.drawlist import Image
 
 
 def _image(name: str, rgb: NDArray[np.floating]) -> Image:
-    """An image of (H, W, 3) values in 0..1 as displays show them."""
+    """Return an image with sRGB values in 0..1, (H, W, 3)."""
     pixels = np.full((*rgb.shape[:2], 4), 255, np.uint8)
     pixels[:, :, :3] = np.clip(rgb * 255.0 + 0.5, 0.0, 255.0).astype(np.uint8)
     pixels.flags.writeable = False
@@ -17,6 +17,7 @@ def _image(name: str, rgb: NDArray[np.floating]) -> Image:
 
 
 def checker() -> Image:
+    """Return a checkerboard with dark seams."""
     y, x = np.mgrid[0:128, 0:128]
     dark = ((x // 64 + y // 64) % 2).astype(float)
     seam = np.minimum(np.minimum(x % 64, y % 64), 3) / 3.0
@@ -25,6 +26,7 @@ def checker() -> Image:
 
 
 def wood() -> Image:
+    """Return wooden planks with grain."""
     y, x = np.mgrid[0:256, 0:512] / 256.0
     rings = 18.0 * np.hypot(0.35 * (y - 0.4), 0.04 * (x + 3.0)) + 0.8 * np.sin(3.0 * x + 2.0 * np.sin(5.0 * y))
     grain = 0.5 + 0.5 * np.sin(2.0 * np.pi * rings)
@@ -35,7 +37,7 @@ def wood() -> Image:
 
 
 def target() -> Image:
-    """A calibration target: circles and a frame, so that orientation and filtering can be judged."""
+    """Return a calibration target: circles, a wedge and a frame, which show orientation and filtering."""
     y, x = np.mgrid[0:128, 0:128] / 127.0 * 2.0 - 1.0
     radius = np.hypot(x, y)
     circles = np.sin(18.0 * radius) > 0.0
@@ -47,6 +49,7 @@ def target() -> Image:
 
 
 def stripes() -> Image:
+    """Return blue and white stripes."""
     y, x = np.mgrid[0:64, 0:128] / 64.0
     band = (np.floor(x * 4.0) % 2 == 0) ^ (np.abs(y - 0.5) < 0.12)
     return _image("ball", np.where(band[:, :, None], np.array((0.95, 0.95, 0.98)), np.array((0.10, 0.45, 0.85))))

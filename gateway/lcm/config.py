@@ -1,4 +1,4 @@
-"""Limits of the LCM transports, each with its reason."""
+"""Addresses and limits of the LCM transports."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ MIB: Final = 1 << 20
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LcmConfig:
-    """Limits of the LCM transports."""
+    """Addresses and limits of the LCM transports."""
 
-    message_bytes: int = 256 * MIB
-    """Of one LCM message: liblcm itself refuses more than 2^28 bytes."""
-    lcm_url: str | None = None
-    """None: LCM_DEFAULT_URL, or liblcm's default (udpm://239.255.76.67:7667?ttl=0). ``off``: no LCM."""
+    url: str | None = None
+    """LCM URL. None: LCM_DEFAULT_URL, or liblcm's default udpm://239.255.76.67:7667?ttl=0. ``off``: no LCM."""
     tcpq_host: str = "127.0.0.1"
-    """Where the hub for LCM_DEFAULT_URL=tcpq://host:port listens."""
+    """Address on which the TCPQ hub listens."""
     tcpq_port: int | None = 7700
-    """None: no hub; 0: a free port."""
+    """Port of the TCPQ hub. None: no hub; 0: a free port."""
+    message_bytes: int = 256 * MIB
+    """Maximum size of one LCM message; liblcm itself refuses more than 2^28 bytes."""
     receive_buffer_bytes: int = 64 * MIB
-    """Of LCM's UDP socket: it decides how big a message survives (a 16 MB message wants 64 MB)."""
-    waiting_bytes: int = 1024 * MIB
-    """Of messages that wait behind big ones, all clients together; beyond it a UDP message is refused."""
+    """Receive buffer requested for the UDP socket. It limits the size of messages that arrive: 16 MB need 64 MB."""
+    queued_bytes: int = 1024 * MIB
+    """Maximum bytes of messages of one transport that are incomplete or not handled yet; further ones are dropped."""
     unsent_bytes: int = 64 * MIB
-    """Of answers that the UDP network does not take yet; beyond it answers are dropped, and counted."""
+    """Maximum bytes of messages that the UDP socket does not accept yet; further ones fail."""
     hub_clients: int = 256
-    """Connections to the hub."""
+    """Maximum number of connections to the hub."""
     hub_client_send_bytes: int = 512 * MIB
-    """Waiting for one slow reader of the hub; beyond it that reader is disconnected, as memory is finite."""
+    """Maximum bytes queued for one client of the hub; a client that reads too slowly is disconnected."""
     hub_subscriptions: int = 256
-    """Of one hub client."""
+    """Maximum number of subscriptions of one hub client."""

@@ -1,6 +1,6 @@
-"""LCM's log files, as lcm-logger writes and lcm-logplayer reads them: events one behind the other, big endian.
+"""LCM's log files, as lcm-logger writes and lcm-logplayer reads them: a sequence of events, integers big endian.
 
-Each is ``sync word, number, time in microseconds, length of the channel, length of the data`` and then both. Source:
+An event is ``sync word, number, time in microseconds, channel length, data length``, then channel and data. Source:
 lcm/eventlog.c of LCM 1.5.
 """
 
@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from typing import BinaryIO, Final
 
 SYNC: Final = 0xEDA1DA01
-LONGEST_CHANNEL: Final = 1000
-"""Bytes; what lcm/eventlog.c believes."""
-MOST_BYTES: Final = 1 << 28
-"""Of one message: LCM's own limit."""
-_HEAD: Final = struct.Struct(">IqqII")
-_LOOK_BYTES: Final = 64 * 1024
+MAX_CHANNEL_BYTES: Final = 1000
+"""Channel names of this length and more are taken for damage, as in lcm/eventlog.c."""
+MAX_DATA_BYTES: Final = 1 << 28
+"""Maximum size of one message: LCM's own limit."""
+_HEADER: Final = struct.Struct(">IqqII")
+_SEARCH_BYTES: Final = 64 * 1024
 
 
 class EventLogError(ValueError):
@@ -30,36 +30,36 @@ class Event:
 
     number: int
     time_us: int
-    """Microseconds, of the recorder's clock."""
+    """Time of reception by the recorder's clock, in microseconds."""
     channel: str
     data: bytes
 
 
 def pack_event(number: int, time_us: int, channel: str, data: bytes | memoryview) -> bytes:
-    """An event as in the file."""
+    """Return an event as it stands in the file."""
     name = channel.encode()
-    return b"".join((_HEAD.pack(SYNC, number, time_us, len(name), len(data)), name, data))
+    return b"".join((_HEADER.pack(SYNC, number, time_us, len(name), len(data)), name, data))
 
 
 def read_events(file: BinaryIO) -> Iterator[Event]:
-    """All whole events; a damaged one is skipped, as is one that a crash of the recorder cut off.
+    """Yield all complete events; skip damaged and truncated ones.
 
     Raises:
-        EventLogError: there is not a single event in the file although it is not empty.
+        EventLogError: the file is not empty and has no event.
     """
     found = skipped = False
     while True:
-        at = file.tell()
-        head = file.read(_HEAD.size)
-        if len(head) < _HEAD.size:
-            skipped = skipped or bool(head)
+        position = file.tell()
+        header = file.read(_HEADER.size)
+        if len(header) < _HEADER.size:
+            skipped = skipped or bool(header)
             break
-        sync, number, time_us, name_bytes, data_bytes = _HEAD.unpack(head)
-        good = sync == SYNC and name_bytes < LONGEST_CHANNEL and data_bytes <= MOST_BYTES
-        body = file.read(name_bytes + data_bytes) if good else b""
-        if not good or len(body) < name_bytes + data_bytes:
+        sync, number, time_us, name_bytes, data_bytes = _HEADER.unpack(header)
+        valid = sync == SYNC and name_bytes < MAX_CHANNEL_BYTES and data_bytes <= MAX_DATA_BYTES
+        body = file.read(name_bytes + data_bytes) if valid else b""
+        if not valid or len(body) < name_bytes + data_bytes:
             skipped = True
-            if not _seek_sync(file, at + 1):
+            if not _seek_sync(file, position + 1):
                 break
             continue
         found = True
@@ -68,17 +68,17 @@ def read_events(file: BinaryIO) -> Iterator[Event]:
         raise EventLogError("this is not an LCM log, it has no event")
 
 
-def _seek_sync(file: BinaryIO, begin: int) -> bool:
-    """Goes to the next sync word from ``begin`` on."""
+def _seek_sync(file: BinaryIO, position: int) -> bool:
+    """Seek to the next sync word from ``position`` on; return False if there is none."""
     word = struct.pack(">I", SYNC)
-    file.seek(begin)
-    while piece := file.read(_LOOK_BYTES):
-        place = piece.find(word)
-        if place >= 0:
-            file.seek(begin + place)
+    file.seek(position)
+    while chunk := file.read(_SEARCH_BYTES):
+        index = chunk.find(word)
+        if index >= 0:
+            file.seek(position + index)
             return True
-        if len(piece) < len(word):
+        if len(chunk) < len(word):
             return False
-        begin += len(piece) - (len(word) - 1)
-        file.seek(begin)
+        position += len(chunk) - (len(word) - 1)
+        file.seek(position)
     return False

@@ -1,148 +1,107 @@
-"""liblcm on the event loop, for the networks that only it knows (``memq://``, ``mpudpm://``, ``file://``).
+"""LCM's own library on the event loop, for the networks that only it supports (``memq://``, ``mpudpm://``, ``file://``).
 
-liblcm reads in a thread of its own and tells by a pipe that messages are there; the loop watches the pipe.
+liblcm reads in a thread of its own and signals messages through a pipe, which the event loop watches.
 """
 
 from __future__ import annotations
 
 import asyncio
 import os
-from collections import deque
 from collections.abc import Callable
 from typing import Any, Final
 
 import structlog
 
-from gateway.lcm.errors import LcmUnavailable
+from gateway.lcm.receive_queue import ReceiveQueue
+from gateway.lcm.transport import LcmUnavailableError, OnMessage
 
-_log = structlog.get_logger("gateway.treeviewer")
+_log = structlog.get_logger("gateway.lcm")
 
 SCHEMES: Final = ("udpm", "tcpq", "mpudpm", "memq", "file")
-"""What an LCM URL can begin with."""
-MOST_FILES: Final = 1000
-"""liblcm waits with select(2) when it starts, which writes over its stack at file numbers of 1024 and more."""
-HANDLED_AT_ONCE: Final = 64
-"""Messages taken from liblcm before the loop goes on: a few milliseconds at most when they are small."""
-OVERHEAD_BYTES: Final = 256
+"""Supported schemes of an LCM URL."""
+MAX_FILES: Final = 1000
+"""Maximum number of open files at start: liblcm uses select(2), which corrupts its stack from file number 1024 on."""
+MAX_READ: Final = 1024
+"""Messages taken from liblcm before the event loop continues: faster than they are handled, as liblcm's queue has no
+limit."""
 
 
-class LcmBus:
-    """Our place on an LCM network. Create it early (see ``MOST_FILES``), use it in one event loop."""
+class LiblcmTransport:
+    """``Transport`` by liblcm. Create it early (see ``MAX_FILES``)."""
 
-    def __init__(self, url: str, pattern: str, waiting_bytes: int) -> None:
-        """Joins the network.
+    def __init__(self, url: str, pattern: str, queued_bytes: int) -> None:
+        """Join the network.
 
         Args:
-            pattern: of the channels to receive.
-            waiting_bytes: of messages taken from liblcm and not handled yet; what arrives beyond it is dropped.
+            pattern: regular expression of the channels to receive.
+            queued_bytes: maximum bytes of messages not handled yet; further ones are dropped.
         Raises:
-            LcmUnavailable: with the reason in one sentence.
+            LcmUnavailableError: with the reason in one sentence.
         """
         self.url = url
-        self._most_waiting = waiting_bytes
-        self._waiting: deque[tuple[str, bytes]] = deque()
-        self.waiting_bytes = 0
-        self.dropped = 0
-        self.dropped_bytes = 0
-        self._receive: Callable[[str, bytes], None] | None = None
+        self.queue = ReceiveQueue(queued_bytes)
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._scheduled = False
-        self._lcm = _join(self.url)
-        subscription = self._lcm.subscribe(pattern, self._arrived)
+        self._lcm = _connect(url)
+        subscription = self._lcm.subscribe(pattern, self.queue.put)
         if subscription is None:
-            raise LcmUnavailable(f"LCM does not accept the pattern {pattern!r}")
-        # liblcm would drop all but 30 messages of a burst; they are moved to a queue bounded in bytes at once
-        subscription.set_queue_capacity(0)
+            raise LcmUnavailableError(f"LCM does not accept the pattern {pattern!r}")
+        subscription.set_queue_capacity(0)  # no limit; by default all but 30 messages of a burst are dropped
 
-    def start(self, receive: Callable[[str, bytes], None]) -> None:
-        """Messages go to ``receive`` from now on, in the running event loop."""
-        self._receive = receive
+    def start(self, on_message: OnMessage, on_connect: Callable[[], None]) -> None:
+        self.queue.start(on_message)
         self._loop = asyncio.get_running_loop()
         self._loop.add_reader(self._lcm.fileno(), self._readable)
+        on_connect()
 
     def publish(self, channel: str, message: bytes) -> None:
-        """Raises OSError when LCM cannot send it (a channel name of more than 63 characters, no network)."""
         try:
             self._lcm.publish(channel, message)
         except OSError as error:
             raise OSError(f"LCM cannot publish {len(message)} bytes on {channel!r}: {error}") from None
 
-    def close(self) -> None:
-        """Leaves the network."""
+    async def drain(self, max_bytes: int) -> None:
+        """Return at once: liblcm's ``publish`` blocks until the message is sent."""
+
+    async def finish(self) -> None:
+        """Return at once, as ``drain``."""
+
+    async def close(self) -> None:
         if self._loop is not None:
             self._loop.remove_reader(self._lcm.fileno())
             self._loop = None
-        self._receive = None
-        self._waiting.clear()
+        self.queue.close()
         del self._lcm
 
     def status(self) -> dict[str, object]:
-        """Plain JSON values."""
-        return {
-            "url": self.url,
-            "waiting_bytes": self.waiting_bytes,
-            "dropped": self.dropped,
-            "dropped_bytes": self.dropped_bytes,
-        }
-
-    def _arrived(self, channel: str, data: bytes) -> None:
-        size = len(data) + OVERHEAD_BYTES
-        if self.waiting_bytes + size > self._most_waiting:
-            self.dropped += 1
-            self.dropped_bytes += len(data)
-            return
-        self._waiting.append((channel, data))
-        self.waiting_bytes += size
+        return {"url": self.url, **self.queue.status()}
 
     def _readable(self) -> None:
-        """Moves what liblcm holds to our queue, and handles some of it."""
         try:
-            # liblcm's own queue has no bound, so it must not fall behind when ours is long
-            for _ in range(HANDLED_AT_ONCE * (1 + 15 * (len(self._waiting) > HANDLED_AT_ONCE))):
+            for _ in range(MAX_READ):
                 if self._lcm.handle_timeout(0) == 0:
                     break
         except OSError as error:
             _log.warning("LCM could not read a message", reason=str(error))
-        if not self._scheduled:
-            self._handle()
-
-    def _handle(self) -> None:
-        self._scheduled = False
-        for _ in range(min(HANDLED_AT_ONCE, len(self._waiting))):
-            channel, data = self._waiting.popleft()
-            self.waiting_bytes -= len(data) + OVERHEAD_BYTES
-            if self._receive is not None:
-                self._receive(channel, data)
-        if self._waiting and self._loop is not None:
-            self._scheduled = True
-            self._loop.call_soon(self._handle)
+        self.queue.handle()
 
 
-def _join(url: str) -> Any:
+def _connect(url: str) -> Any:
     scheme = url.partition("://")[0]
     if scheme not in SCHEMES:
         known = ", ".join(f"{name}://" for name in SCHEMES)
-        raise LcmUnavailable(f"LCM cannot join {url}: it knows {known} and 'off', nothing else")
+        raise LcmUnavailableError(f"LCM cannot join {url}: the URL must begin with {known}, or be 'off'")
     try:
         import lcm
     except ImportError as error:
-        raise LcmUnavailable(
+        raise LcmUnavailableError(
             f"LCM's library, which {scheme}:// needs, cannot be loaded ({error}); "
             "it needs the system library libglib-2.0.so.0: apt install libglib2.0-0"
         ) from None
-    probe = os.dup(0) if _has_file(0) else os.open(os.devnull, os.O_RDONLY)
-    os.close(probe)
-    if probe >= MOST_FILES:
-        raise LcmUnavailable(f"LCM's library cannot start with {probe} open files, it must come before them")
+    lowest_free = os.open(os.devnull, os.O_RDONLY)
+    os.close(lowest_free)
+    if lowest_free >= MAX_FILES:
+        raise LcmUnavailableError(f"LCM's library cannot start with {lowest_free} open files, it must come before them")
     try:
         return lcm.LCM(url)
     except RuntimeError:
-        raise LcmUnavailable(f"LCM cannot join {url}: its library refuses it") from None
-
-
-def _has_file(number: int) -> bool:
-    try:
-        os.fstat(number)
-    except OSError:
-        return False
-    return True
+        raise LcmUnavailableError(f"LCM cannot join {url}: its library refuses it") from None

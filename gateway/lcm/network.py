@@ -1,4 +1,4 @@
-"""Joining an LCM network by its URL."""
+"""Open the transport for an LCM URL."""
 
 from __future__ import annotations
 
@@ -6,31 +6,33 @@ import os
 from typing import Final
 
 from gateway.lcm.config import LcmConfig
-from gateway.lcm.liblcm_transport import LcmBus
-from gateway.lcm.tcpq_transport import TcpqBus
-from gateway.lcm.udpm_transport import UdpmBus
+from gateway.lcm.liblcm_transport import LiblcmTransport
+from gateway.lcm.tcpq_transport import TcpqTransport
+from gateway.lcm.transport import Transport
+from gateway.lcm.udpm_transport import UdpmTransport
 
 DEFAULT_URL: Final = "udpm://239.255.76.67:7667?ttl=0"
-"""liblcm's own."""
-Bus = LcmBus | UdpmBus | TcpqBus
+"""liblcm's default."""
+HEADER_BYTES: Final = 1024
+"""Allowance for an LCM type's header around ``LcmConfig.message_bytes`` of payload."""
 
 
-def url_of(given: str | None) -> str:
-    """The URL that is meant: what was given, LCM_DEFAULT_URL, or LCM's default."""
-    return given or os.environ.get("LCM_DEFAULT_URL") or DEFAULT_URL
+def resolve_url(url: str | None) -> str:
+    """Return ``url``, or else LCM_DEFAULT_URL, or else LCM's default."""
+    return url or os.environ.get("LCM_DEFAULT_URL") or DEFAULT_URL
 
 
-def join(url: str, prefix: str, config: LcmConfig) -> Bus:
-    """A place on the network, for channels that begin with ``prefix``.
+def open_transport(url: str, prefix: str, config: LcmConfig) -> Transport:
+    """Open the transport for channels that start with ``prefix``.
 
     Raises:
-        LcmUnavailable: with the reason in one sentence.
+        LcmUnavailableError: with the reason in one sentence.
     """
-    most = config.message_bytes + 1024
+    max_message = config.message_bytes + HEADER_BYTES
     match url.partition(":")[0]:
         case "tcpq":
-            return TcpqBus(url, f"{prefix}.*", most)
+            return TcpqTransport(url, f"{prefix}.*", max_message)
         case "udpm":
-            return UdpmBus(url, prefix, config.receive_buffer_bytes, config.waiting_bytes, most, config.unsent_bytes)
+            return UdpmTransport(url, prefix, config, max_message)
         case _:
-            return LcmBus(url, f"{prefix}.*", config.waiting_bytes)
+            return LiblcmTransport(url, f"{prefix}.*", config.queued_bytes)

@@ -1,7 +1,7 @@
-"""LCM's TCPQ on the wire: big-endian words, then frames ``type, length, channel [, length, data]`` in both directions.
+"""LCM's TCPQ on the wire: frames ``type, length, channel [, length, data]`` in both directions, integers big endian.
 
-The client speaks first (its magic and version), the hub answers with its own; then the client subscribes with patterns
-and publishes, the hub sends what matches. Sources of the numbers: lcm/lcm_tcpq.c and TCPProvider.java of LCM 1.5.
+The client sends its magic number and version first, the hub replies with its own. Then the client subscribes with
+patterns and publishes, and the hub sends messages that match. Source: lcm/lcm_tcpq.c and TCPProvider.java of LCM 1.5.
 """
 
 from __future__ import annotations
@@ -18,95 +18,98 @@ MAGIC_CLIENT: Final = 0x287617FB
 VERSION: Final = 0x0100
 HUB_HELLO: Final = struct.pack(">II", MAGIC_HUB, VERSION)
 CLIENT_HELLO: Final = struct.pack(">II", MAGIC_CLIENT, VERSION)
-LONGEST_CHANNEL: Final = 999
-"""Bytes of a relayed message's channel name. TCPQ has no limit, but LCM's programs cannot read a log of longer ones."""
-LONGEST_PATTERN: Final = 2 * LONGEST_CHANNEL
-"""Bytes of a subscription: enough for a channel of which every character is escaped."""
-LONGEST_NAME: Final = 64 * 1024
-"""Bytes of a channel name or subscription that a peer may send at all; more than that is not TCPQ but garbage."""
-MOST_AT_ONCE: Final = 512 * 1024
-"""Bytes read at a time into a big message: copying them takes 0.2 ms, then other connections have their turn."""
+MAX_CHANNEL_BYTES: Final = 999
+"""Maximum length of a relayed message's channel name. TCPQ has no limit, but LCM's log readers have."""
+MAX_PATTERN_BYTES: Final = 2 * MAX_CHANNEL_BYTES
+"""Maximum length of a subscription's pattern: a channel name with every character escaped."""
+MAX_NAME_BYTES: Final = 64 * 1024
+"""Maximum length of a channel name or pattern in a frame; a peer that sends more does not speak TCPQ."""
+MAX_READ_BYTES: Final = 512 * 1024
+"""Maximum bytes read into a big message before the event loop continues; about 0.2 ms."""
 SCRATCH_BYTES: Final = 256 * 1024
-"""What one read can bring; bigger payloads are read straight into place."""
+"""Size of the buffer for frames. Bigger messages are read directly into memory of their own."""
 
-_WORD: Final = struct.Struct(">I")
-_WORDS: Final = struct.Struct(">II")
+_UINT: Final = struct.Struct(">I")
+_TWO_UINTS: Final = struct.Struct(">II")
 
 
-class Frame(IntEnum):
+class FrameType(IntEnum):
+    """Type of a frame."""
+
     PUBLISH = 1
     SUBSCRIBE = 2
     UNSUBSCRIBE = 3
 
 
 class FrameError(ValueError):
-    """The peer does not speak TCPQ, or more than is allowed; the message says what."""
+    """The peer does not speak TCPQ, or exceeds a limit."""
 
 
-def publish_head(channel: str, size: int) -> bytes:
-    """Everything of a published message that stands before its ``size`` bytes of data."""
+def publish_header(channel: str, size: int) -> bytes:
+    """Return everything of a PUBLISH frame before its ``size`` bytes of data."""
     name = channel.encode()
-    return b"".join((_WORDS.pack(Frame.PUBLISH, len(name)), name, _WORD.pack(size)))
+    return b"".join((_TWO_UINTS.pack(FrameType.PUBLISH, len(name)), name, _UINT.pack(size)))
 
 
-def subscription(kind: Frame, pattern: str) -> bytes:
-    """A SUBSCRIBE or UNSUBSCRIBE frame."""
+def subscription(kind: FrameType, pattern: str) -> bytes:
+    """Return a SUBSCRIBE or UNSUBSCRIBE frame."""
     name = pattern.encode()
-    return _WORDS.pack(kind, len(name)) + name
+    return _TWO_UINTS.pack(kind, len(name)) + name
 
 
-class FrameReader:
-    """Cuts a byte stream into frames, without copying big payloads.
+class FrameParser:
+    """Splits a byte stream into frames without copying big messages.
 
-    Ask ``buffer`` where to put the next bytes, then tell ``received`` how many there are.
+    Read bytes into ``buffer()``, then call ``received()`` with their number.
     """
 
     def __init__(
         self,
-        hello: int,
-        most: int,
-        on_frame: Callable[[Frame, str, memoryview | bytes], None],
+        magic: int,
+        max_message: int,
+        on_frame: Callable[[FrameType, str, memoryview | bytes], None],
         reserve: Callable[[int], bool],
     ) -> None:
         """
         Args:
-            hello: the magic that the peer must begin with.
-            most: bytes of one message.
-            on_frame: kind, channel or pattern, data; big messages come as a view of memory that nobody else has.
-            reserve: asked before a big message is collected, with its size; told with minus that when it is complete.
+            magic: number that the peer must send first.
+            max_message: maximum bytes of one message.
+            on_frame: called with type, channel or pattern, and data. The memory of ``data`` belongs to the callback.
+            reserve: called with the size of a big message before its data is read, and with minus that size when it
+                is complete. Returns False to refuse it.
         """
-        self._hello = hello
-        self._most = most
+        self._magic = magic
+        self._max_message = max_message
         self._on_frame = on_frame
         self._reserve = reserve
         self.reserved = 0
-        """Bytes of the big message that is on its way."""
+        """Size of the big message being read, 0 if there is none."""
         self._scratch = bytearray(SCRATCH_BYTES)
         self._view = memoryview(self._scratch)
         self._begin = 0
         self._end = 0
-        self._greeted = False
+        self._hello_received = False
         self._channel = ""
         self._big: memoryview | None = None
         self._filled = 0
 
     def buffer(self) -> memoryview:
-        """Where the next bytes go."""
+        """Return the memory for the next bytes."""
         if self._big is not None:
-            return self._big[self._filled : self._filled + MOST_AT_ONCE]
+            return self._big[self._filled : self._filled + MAX_READ_BYTES]
         if self._begin == self._end:
             self._begin = self._end = 0
         elif self._end == SCRATCH_BYTES:
-            rest = self._end - self._begin
-            self._view[:rest] = self._view[self._begin : self._end]
-            self._begin, self._end = 0, rest
+            unread = self._end - self._begin
+            self._view[:unread] = self._view[self._begin : self._end]
+            self._begin, self._end = 0, unread
         return self._view[self._end :]
 
     def received(self, count: int) -> None:
-        """``count`` bytes are in the buffer.
+        """Parse ``count`` bytes that were written to ``buffer()``.
 
         Raises:
-            FrameError: the connection is of no use any more.
+            FrameError: the connection cannot be used any more.
         """
         if self._big is not None:
             self._filled += count
@@ -114,62 +117,64 @@ class FrameReader:
                 data, self._big, self._filled = self._big, None, 0
                 self._reserve(-self.reserved)
                 self.reserved = 0
-                self._on_frame(Frame.PUBLISH, self._channel, data)
+                self._on_frame(FrameType.PUBLISH, self._channel, data)
             return
         self._end += count
-        while self._next():
+        while self._parse_one():
             pass
 
-    def _next(self) -> bool:
-        """Takes one frame from the scratch; False: more bytes are needed."""
-        at, ready = self._begin, self._end - self._begin
-        if ready < _WORDS.size:
+    def _parse_one(self) -> bool:
+        """Parse one frame; return False if more bytes are needed."""
+        position, available = self._begin, self._end - self._begin
+        if available < _TWO_UINTS.size:
             return False
-        kind, length = _WORDS.unpack_from(self._scratch, at)
-        if not self._greeted:
-            if kind != self._hello:
+        kind, length = _TWO_UINTS.unpack_from(self._scratch, position)
+        if not self._hello_received:
+            if kind != self._magic:
                 raise FrameError(
-                    f"the peer begins with {kind:08x} instead of {self._hello:08x}: it does not speak TCPQ"
+                    f"the peer begins with {kind:08x} instead of {self._magic:08x}: it does not speak TCPQ"
                 )
-            self._greeted = True
-            self._begin += _WORDS.size
+            self._hello_received = True
+            self._begin += _TWO_UINTS.size
             return True
-        if not Frame.PUBLISH <= kind <= Frame.UNSUBSCRIBE:
+        if not FrameType.PUBLISH <= kind <= FrameType.UNSUBSCRIBE:
             raise FrameError(f"frame type {kind} does not exist")
-        if length > LONGEST_NAME:
-            raise FrameError(f"a channel of {length} bytes, {LONGEST_NAME} are possible")
-        at += _WORDS.size
-        if ready < _WORDS.size + length:
+        if length > MAX_NAME_BYTES:
+            raise FrameError(f"a channel of {length} bytes, {MAX_NAME_BYTES} are possible")
+        position += _TWO_UINTS.size
+        if available < _TWO_UINTS.size + length:
             return False
         try:
-            channel = self._scratch[at : at + length].decode()
+            channel = self._scratch[position : position + length].decode()
         except UnicodeDecodeError:
             raise FrameError("a channel that is not text") from None
-        at += length
-        if kind != Frame.PUBLISH:
-            self._begin = at
-            self._on_frame(Frame(kind), channel, b"")
+        position += length
+        if kind != FrameType.PUBLISH:
+            self._begin = position
+            self._on_frame(FrameType(kind), channel, b"")
             return True
-        if self._end - at < _WORD.size:
+        if self._end - position < _UINT.size:
             return False
-        (size,) = _WORD.unpack_from(self._scratch, at)
-        if size > self._most:
-            raise FrameError(f"a message of {size} bytes, {self._most} are allowed")
-        at += _WORD.size
-        here = self._end - at
-        if here >= size:
-            self._begin = at + size
-            self._on_frame(Frame.PUBLISH, channel, bytes(self._view[at : at + size]))
+        (size,) = _UINT.unpack_from(self._scratch, position)
+        if size > self._max_message:
+            raise FrameError(f"a message of {size} bytes, {self._max_message} are allowed")
+        position += _UINT.size
+        if self._end - position >= size:
+            self._begin = position + size
+            self._on_frame(FrameType.PUBLISH, channel, bytes(self._view[position : position + size]))
             return True
-        if at - self._begin + size <= SCRATCH_BYTES // 2:
-            return False
+        if position - self._begin + size > SCRATCH_BYTES // 2:
+            self._begin_big(channel, size, position)
+        return False
+
+    def _begin_big(self, channel: str, size: int, position: int) -> None:
+        """Read the rest of a message, whose data begins at ``position``, into memory of its own."""
         if not self._reserve(size):
             raise FrameError("too much is on its way already")
         self.reserved = size
-        # memory that is not touched costs nothing, so a lie about the size is free
+        # the kernel backs these pages only when they are written, so a false size costs nothing
         self._big = np.empty(size, np.uint8).data
-        self._big[:here] = self._view[at : self._end]
-        self._filled = here
+        self._filled = self._end - position
+        self._big[: self._filled] = self._view[position : self._end]
         self._channel = channel
         self._begin = self._end = 0
-        return False

@@ -1,7 +1,7 @@
-"""A TCPQ hub: for clients without multicast (containers, NAT), lossless at any size.
+"""A TCPQ hub for clients without multicast (containers, NAT): lossless at any size.
 
-It relays between its clients as LCM's own (Java) hub does, and serves the gateway itself without a connection. It does
-not bridge to UDP.
+It relays between its clients as LCM's own (Java) hub does, and passes messages to its owner without a connection. It
+does not bridge to UDP.
 """
 
 from __future__ import annotations
@@ -15,74 +15,77 @@ from typing import Any, Final, cast
 import structlog
 
 from gateway.lcm.config import LcmConfig
-from gateway.lcm.errors import LcmUnavailable
-from gateway.lcm.safe_regex import CHARACTERS, MOST_STEPS, Pattern, PatternError, compile_pattern
+from gateway.lcm.patterns import Pattern, PatternError, compile_pattern
+from gateway.lcm.subscriptions import Subscriptions
 from gateway.lcm.tcpq import (
     HUB_HELLO,
-    LONGEST_CHANNEL,
-    LONGEST_PATTERN,
     MAGIC_CLIENT,
-    Frame,
+    MAX_CHANNEL_BYTES,
     FrameError,
-    FrameReader,
-    publish_head,
+    FrameParser,
+    FrameType,
+    publish_header,
 )
+from gateway.lcm.transport import LcmUnavailableError
 
-_log = structlog.get_logger("gateway.treeviewer")
+_log = structlog.get_logger("gateway.lcm")
 
-REMEMBERED_CHANNELS: Final = 1024
-"""Channels whose receivers are known without matching patterns again."""
-CLIENT_STEPS: Final = 2 * MOST_STEPS
-"""Limit for all patterns of one client together: a new channel is matched with every pattern.
+MAX_CACHED_CHANNELS: Final = 1024
+"""Maximum number of channels whose subscribers are cached."""
+MAX_JOINED_BYTES: Final = 16 * 1024
+"""Messages up to this size are sent together with their header in one packet."""
 
-For a channel of more than 63 characters a repetition costs more; patterns that go beyond this number are not tried."""
-JOINED_BYTES: Final = 16 * 1024
-"""Smaller messages are copied behind their head, so that they go out in one packet."""
-
-Receive = Callable[["HubConnection", str, "bytes | memoryview"], None]
+OnClientMessage = Callable[["HubConnection", str, "bytes | memoryview"], None]
 
 
 class Hub:
-    """Connections, their subscriptions, and the relaying between them."""
+    """Listens for clients and relays their messages by subscription."""
 
-    def __init__(self, config: LcmConfig, receive: Receive, wanted: str, greeting: tuple[str, bytes]) -> None:
+    def __init__(
+        self, config: LcmConfig, on_message: OnClientMessage, pattern: str, greeting: tuple[str, bytes]
+    ) -> None:
         """
         Args:
-            receive: gets what is published on channels that match ``wanted``, a pattern.
+            on_message: called with sender, channel and data of messages whose channel matches ``pattern``.
             greeting: channel and message for every client that subscribes to that channel.
         """
         self.config = config
-        self._receive = receive
-        self._wanted = compile_pattern(wanted)
+        self._on_message = on_message
+        self._pattern = compile_pattern(pattern)
         self._greeting = greeting
         self._server: asyncio.Server | None = None
         self.connections: set[HubConnection] = set()
-        self._receivers: dict[str, list[HubConnection]] = {}
-        self._arriving = 0
+        self._subscribers: dict[str, list[HubConnection]] = {}
+        """Cache of the connections that subscribed to a channel."""
+        self._arriving_bytes = 0
         self.relayed = 0
         self.refused = 0
-        """Connections ended because they were too many, did not speak TCPQ, or read too slowly."""
+        """Connections closed because they were too many, did not speak TCPQ, or read too slowly."""
         self.dropped = 0
-        """Messages not relayed because their channel's name is longer than ``LONGEST_CHANNEL``."""
+        """Messages not relayed because their channel name is longer than ``MAX_CHANNEL_BYTES``."""
 
     async def start(self) -> None:
-        """Listens. Raises LcmUnavailable when the port cannot be had."""
+        """Listen.
+
+        Raises:
+            LcmUnavailableError: the port cannot be opened.
+        """
         host, port = self.config.tcpq_host, self.config.tcpq_port
         try:
             loop = asyncio.get_running_loop()
             self._server = await loop.create_server(lambda: HubConnection(self), host, port, backlog=256)
         except (OSError, OverflowError) as error:
             reason = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else str(error)
-            raise LcmUnavailable(f"the TCPQ hub cannot listen on {host}:{port}: {reason}") from None
+            raise LcmUnavailableError(f"the TCPQ hub cannot listen on {host}:{port}: {reason}") from None
 
     @property
     def port(self) -> int:
-        """Where it listens; 0 when it does not."""
+        """Listening port; 0 before ``start`` and after ``close``."""
         sockets = self._server.sockets if self._server is not None else ()
         return int(sockets[0].getsockname()[1]) if sockets else 0
 
     async def close(self) -> None:
-        """Ends all connections."""
+        """Close all connections and stop listening."""
         if self._server is not None:
             self._server.close()
             for connection in tuple(self.connections):
@@ -91,217 +94,186 @@ class Hub:
             self._server = None
 
     def publish(self, channel: str, message: bytes) -> None:
-        """Sends to every client that has subscribed to it.
+        """Send a message to every client that has subscribed to its channel.
 
         Raises:
-            ValueError: the channel's name is too long.
+            ValueError: the channel name is too long.
         """
-        if _too_long(channel):
-            raise ValueError(f"the hub relays channel names of at most {LONGEST_CHANNEL} bytes")
+        if _is_too_long(channel):
+            raise ValueError(f"the hub relays channel names of at most {MAX_CHANNEL_BYTES} bytes")
         self._relay(channel, message)
 
     def status(self) -> dict[str, object]:
-        """Plain JSON values."""
+        """Return the URL and counters as plain JSON values."""
         return {
             "url": f"tcpq://{self.config.tcpq_host}:{self.port}",
             "clients": len(self.connections),
             "relayed": self.relayed,
             "refused": self.refused,
             "dropped": self.dropped,
-            "arriving_bytes": self._arriving,
+            "arriving_bytes": self._arriving_bytes,
             "unsent_bytes": sum(connection.unsent_bytes for connection in self.connections),
         }
 
     def reserve(self, size: int) -> bool:
-        """Whether ``size`` more bytes may be collected; the bound is that of waiting messages."""
-        if size > 0 and self._arriving + size > self.config.waiting_bytes:
+        """Add ``size`` (negative: subtract) to the bytes of big messages being read; False: they exceed the limit."""
+        if size > 0 and self._arriving_bytes + size > self.config.queued_bytes:
             return False
-        self._arriving += size
+        self._arriving_bytes += size
         return True
 
-    def changed(self) -> None:
-        """Subscriptions are not what they were."""
-        self._receivers.clear()
+    def subscriptions_changed(self) -> None:
+        """Forget the cached subscribers."""
+        self._subscribers.clear()
 
     def greet(self, connection: HubConnection, pattern: Pattern) -> None:
-        """Tells a new subscriber that the viewer is there, as a viewer that has just started would."""
+        """Send the greeting to a client whose new subscription matches its channel."""
         channel, message = self._greeting
         if pattern.matches(channel):
             connection.send(channel, message)
 
-    def published(self, sender: HubConnection, channel: str, data: bytes | memoryview) -> None:
-        """A client published: the gateway's own ears first, then the other clients'."""
-        if _too_long(channel):
+    def received(self, sender: HubConnection, channel: str, data: bytes | memoryview) -> None:
+        """Handle a message that a client published: pass it to the owner, then to the other clients."""
+        if _is_too_long(channel):
             if not self.dropped:
                 _log.warning(
                     "A channel name is too long; its messages are dropped", client=sender.name, channel=channel[:100]
                 )
             self.dropped += 1
             return
-        if self._wanted.matches(channel):
-            self._receive(sender, channel, data)
+        if self._pattern.matches(channel):
+            self._on_message(sender, channel, data)
         self._relay(channel, data)
 
     def _relay(self, channel: str, data: bytes | memoryview) -> None:
-        receivers = self._receivers.get(channel)
-        if receivers is None:
-            if len(self._receivers) >= REMEMBERED_CHANNELS:
-                self._receivers.clear()
-            receivers = [connection for connection in self.connections if connection.wants(channel)]
-            self._receivers[channel] = receivers
-        for connection in receivers:
+        subscribers = self._subscribers.get(channel)
+        if subscribers is None:
+            if len(self._subscribers) >= MAX_CACHED_CHANNELS:
+                self._subscribers.clear()
+            subscribers = [connection for connection in self.connections if connection.subscriptions.match(channel)]
+            self._subscribers[channel] = subscribers
+        for connection in subscribers:
             connection.send(channel, data)
-        self.relayed += len(receivers)
+        self.relayed += len(subscribers)
 
 
-def _too_long(channel: str) -> bool:
-    return len(channel.encode()) > LONGEST_CHANNEL
+def _is_too_long(channel: str) -> bool:
+    return len(channel.encode()) > MAX_CHANNEL_BYTES
 
 
 class HubConnection(asyncio.BufferedProtocol):
-    """One client of the hub."""
+    """Connection to one client of the hub."""
 
     def __init__(self, hub: Hub) -> None:
         self._hub = hub
-        limit = hub.config.message_bytes + 1024
-        self._reader = FrameReader(MAGIC_CLIENT, limit, self._framed, hub.reserve)
-        self._patterns: dict[str, tuple[Pattern, int]] = {}
-        """Pattern and number of subscriptions by its text."""
+        self._parser = FrameParser(MAGIC_CLIENT, hub.config.message_bytes + 1024, self._on_frame, hub.reserve)
         self._transport: asyncio.Transport | None = None
-        self._options: socket.socket | None = None
+        self._socket: socket.socket | None = None
+        self._paused = False
+        self.subscriptions = Subscriptions(hub.config.hub_subscriptions)
         self.name = "?"
-        self._held = False
-        self._steps = 0
-        """Steps of all patterns together for a channel of 63 characters."""
 
     @property
     def unsent_bytes(self) -> int:
+        """Bytes queued for the client."""
         return self._transport.get_write_buffer_size() if self._transport is not None else 0
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self._transport = cast("asyncio.Transport", transport)
         self.name = str(transport.get_extra_info("peername"))
         if len(self._hub.connections) >= self._hub.config.hub_clients:
-            self._end(f"the hub has {self._hub.config.hub_clients} clients already")
+            self._refuse(f"the hub has {self._hub.config.hub_clients} clients already")
             return
-        # liblcm sends every word by itself and waits for nothing, so Nagle's algorithm delays each until the one
-        # before is acknowledged; Linux acknowledges at once only when asked, and forgets it soon: see _acknowledge
         sock: Any = transport.get_extra_info("socket")
-        self._options = socket.socket(fileno=os.dup(sock.fileno()))
+        self._socket = socket.socket(fileno=os.dup(sock.fileno()))
         self._acknowledge()
         self._transport.write(HUB_HELLO)
         self._hub.connections.add(self)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        if self._options is not None:
-            self._options.close()
-            self._options = None
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
         self._transport = None
-        self._hub.reserve(-self._reader.reserved)
-        self._reader.reserved = 0
+        self._hub.reserve(-self._parser.reserved)
+        self._parser.reserved = 0
         self._hub.connections.discard(self)
-        self._hub.changed()
+        self._hub.subscriptions_changed()
 
     def get_buffer(self, sizehint: int) -> memoryview:
-        return self._reader.buffer()
+        return self._parser.buffer()
 
     def buffer_updated(self, nbytes: int) -> None:
         self._acknowledge()
         try:
-            self._reader.received(nbytes)
+            self._parser.received(nbytes)
         except FrameError as error:
-            self._end(str(error))
+            self._refuse(str(error))
 
     def eof_received(self) -> bool:
         return False
 
-    def wants(self, channel: str) -> bool:
-        """Whether one of the client's subscriptions matches."""
-        left = CLIENT_STEPS
-        for pattern, _ in self._patterns.values():
-            steps = pattern.steps(len(channel))
-            if steps <= left:
-                left -= steps
-                if pattern.matches(channel):
-                    return True
-        return False
-
     def send(self, channel: str, data: bytes | memoryview) -> None:
-        """Queues a message for the client; one that does not read loses its connection when too much is queued."""
+        """Queue a message for the client; disconnect it if it reads too slowly."""
         transport = self._transport
         if transport is None or transport.is_closing():
             return
-        head = publish_head(channel, len(data))
-        if len(data) <= JOINED_BYTES:
-            transport.write(b"".join((head, data)))
+        header = publish_header(channel, len(data))
+        if len(data) <= MAX_JOINED_BYTES:
+            transport.write(b"".join((header, data)))
         else:
-            transport.write(head)
+            transport.write(header)
             transport.write(data)
         if transport.get_write_buffer_size() > self._hub.config.hub_client_send_bytes:
-            self._end(f"it does not read: {transport.get_write_buffer_size()} bytes wait for it")
+            self._refuse(f"it reads too slowly: {transport.get_write_buffer_size()} bytes are queued")
 
-    def hold(self) -> None:
-        """Stops reading from the client, which makes it wait."""
-        if not self._held and self._transport is not None and not self._transport.is_closing():
-            self._held = True
+    def pause_reading(self) -> None:
+        """Stop reading, so that TCP's flow control blocks the client's sends."""
+        if not self._paused and self._transport is not None and not self._transport.is_closing():
+            self._paused = True
             self._transport.pause_reading()
 
-    def release(self) -> None:
-        """Reads on."""
-        if self._held and self._transport is not None and not self._transport.is_closing():
-            self._held = False
+    def resume_reading(self) -> None:
+        """Continue reading."""
+        if self._paused and self._transport is not None and not self._transport.is_closing():
+            self._paused = False
             self._transport.resume_reading()
 
     def abort(self) -> None:
+        """Close the connection at once."""
         if self._transport is not None:
             self._transport.abort()
 
     def _acknowledge(self) -> None:
-        if self._options is not None:
-            self._options.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)
+        """Acknowledge received bytes at once, an option that Linux resets, so it is set on every read.
 
-    def _framed(self, kind: Frame, channel: str, data: bytes | memoryview) -> None:
-        if kind is Frame.PUBLISH:
-            self._hub.published(self, channel, data)
-        elif kind is Frame.SUBSCRIBE:
-            self._subscribe(channel)
-        else:
-            self._unsubscribe(channel)
+        liblcm sends each integer of a frame by itself, and Nagle's algorithm delays it until the one before is
+        acknowledged: 44 ms a round trip instead of 0.3 ms.
+        """
+        if self._socket is not None:
+            self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)
+
+    def _on_frame(self, kind: FrameType, channel: str, data: bytes | memoryview) -> None:
+        match kind:
+            case FrameType.PUBLISH:
+                self._hub.received(self, channel, data)
+            case FrameType.SUBSCRIBE:
+                self._subscribe(channel)
+            case FrameType.UNSUBSCRIBE:
+                self.subscriptions.remove(channel)
+                self._hub.subscriptions_changed()
 
     def _subscribe(self, text: str) -> None:
-        known = self._patterns.get(text)
-        if known is not None:
-            self._patterns[text] = (known[0], known[1] + 1)
-            return
-        if len(self._patterns) >= self._hub.config.hub_subscriptions:
-            _log.warning("A hub client has too many subscriptions", client=self.name, pattern=text)
-            return
         try:
-            if len(text.encode()) > LONGEST_PATTERN:
-                raise PatternError(f"it has {len(text.encode())} bytes, {LONGEST_PATTERN} are possible")
-            pattern = compile_pattern(text)
+            pattern = self.subscriptions.add(text)
         except PatternError as error:
             _log.warning("A hub client's subscription was ignored", client=self.name, reason=str(error))
             return
-        steps = pattern.steps(CHARACTERS)
-        if self._steps + steps > CLIENT_STEPS:
-            _log.warning("A hub client's subscriptions take too long to match", client=self.name, pattern=text)
-            return
-        self._steps += steps
-        self._patterns[text] = (pattern, 1)
-        self._hub.changed()
-        self._hub.greet(self, pattern)
-
-    def _unsubscribe(self, text: str) -> None:
-        pattern, times = self._patterns.pop(text, (None, 0))
         if pattern is not None:
-            if times > 1:
-                self._patterns[text] = (pattern, times - 1)
-            else:
-                self._steps -= pattern.steps(CHARACTERS)
-        self._hub.changed()
+            self._hub.subscriptions_changed()
+            self._hub.greet(self, pattern)
 
-    def _end(self, reason: str) -> None:
+    def _refuse(self, reason: str) -> None:
         self._hub.refused += 1
         _log.warning("A hub client was disconnected", client=self.name, reason=reason)
         self.abort()

@@ -1,7 +1,6 @@
-"""Our place at somebody else's TCPQ hub (``--lcm-url tcpq://host:port``), without liblcm.
+"""Client of another TCPQ hub (``--lcm-url tcpq://host:port``), without liblcm.
 
-liblcm's own client waits for a whole message in one call, and for the hub's greeting when it connects: on the event
-loop both would stop everybody.
+liblcm's client would block the event loop until a whole message has arrived, and until the hub replies to its hello.
 """
 
 from __future__ import annotations
@@ -15,76 +14,69 @@ from urllib.parse import urlsplit
 
 import structlog
 
-from gateway.lcm.errors import LcmUnavailable
-from gateway.lcm.tcpq import CLIENT_HELLO, MAGIC_HUB, Frame, FrameError, FrameReader, publish_head, subscription
+from gateway.lcm.tcpq import CLIENT_HELLO, MAGIC_HUB, FrameError, FrameParser, FrameType, publish_header, subscription
+from gateway.lcm.transport import LcmUnavailableError, OnMessage
 
-_log = structlog.get_logger("gateway.treeviewer")
+_log = structlog.get_logger("gateway.lcm")
 
 PORT: Final = 7700
+"""liblcm's default."""
 RETRY_SECONDS: Final = 1.0
 CONNECT_SECONDS: Final = 10.0
 DRAIN_SECONDS: Final = 0.005
+"""Interval at which ``drain`` checks the queue."""
 FINISH_SECONDS: Final = 10.0
-MOST_UNSENT_BYTES: Final = 512 * 1024 * 1024
-"""Answers waiting for the hub; beyond it they are refused."""
+"""Time that ``finish`` gives the hub to close the connection."""
+MAX_UNSENT_BYTES: Final = 512 * 1024 * 1024
+"""Maximum bytes queued for the hub; further messages are refused."""
 
-Receive = Callable[[str, "bytes | memoryview"], None]
 
+class TcpqTransport:
+    """``Transport`` by a hub: connects, subscribes, and connects again whenever the connection is lost."""
 
-class TcpqBus:
-    """Connects, subscribes, and connects again whenever the hub has gone."""
-
-    def __init__(self, url: str, pattern: str, most_bytes: int) -> None:
+    def __init__(self, url: str, pattern: str, max_message: int) -> None:
         """
         Args:
             url: tcpq://host:port; both may be left out.
-            pattern: of the channels to receive.
-            most_bytes: of one message.
+            pattern: regular expression of the channels to receive.
+            max_message: maximum bytes of one message.
         Raises:
-            LcmUnavailable: the URL has no usable port.
+            LcmUnavailableError: the URL has no valid port.
         """
         self.url = url
         parts = urlsplit(url)
         try:
             self.host, self.port = parts.hostname or "127.0.0.1", parts.port or PORT
         except ValueError:
-            raise LcmUnavailable(f"LCM cannot join {url}: its port is not a number") from None
+            raise LcmUnavailableError(f"LCM cannot join {url}: its port is not a number") from None
         self._pattern = pattern
-        self._most = most_bytes
+        self._max_message = max_message
         self._connection: _Connection | None = None
         self._task: asyncio.Task[None] | None = None
         self._problem = "not connected yet"
         self._finishing = False
 
-    def start(self, receive: Receive, connected: Callable[[], None]) -> None:
-        """Messages go to ``receive`` from now on; ``connected`` is called after every connecting."""
-        self._task = asyncio.get_running_loop().create_task(self._stay(receive, connected))
+    def start(self, on_message: OnMessage, on_connect: Callable[[], None]) -> None:
+        self._task = asyncio.get_running_loop().create_task(self._run(on_message, on_connect))
 
     def publish(self, channel: str, message: bytes) -> None:
-        """Raises OSError when there is no connection, or too much waits for it."""
-        if self._connection is None:
-            raise OSError(f"{self.url}: {self._problem}")
-        self._connection.publish(channel, message)
+        self._connected().publish(channel, message)
 
-    async def drained(self, most: int) -> None:
-        """Returns when at most ``most`` bytes wait for the hub. Raises OSError when there is no connection."""
-        while True:
-            if self._connection is None:
-                raise OSError(f"{self.url}: {self._problem}")
-            if self._connection.unsent_bytes <= most:
-                return
+    async def drain(self, max_bytes: int) -> None:
+        while self._connected().unsent_bytes > max_bytes:  # noqa: ASYNC110 - rare, and a few milliseconds long
             await asyncio.sleep(DRAIN_SECONDS)
 
     async def finish(self) -> None:
-        """Publishes nothing more; returns when the hub has taken everything and left, or does not.
+        """Send everything, close our side, and wait until the hub closes its side.
 
-        Closing alone would reset the connection where a word of the hub lies unread here, and the hub would lose what
-        it has not read.
+        Closing both sides at once would reset the connection if an unread message of the hub is left in the socket,
+        and the hub would lose what it has not read.
         """
+        await self.drain(0)
         self._finishing = True
         connection = self._connection
         if connection is not None:
-            connection.finish()
+            connection.write_eof()
             await asyncio.wait({connection.lost}, timeout=FINISH_SECONDS)
 
     async def close(self) -> None:
@@ -94,52 +86,63 @@ class TcpqBus:
                 await self._task
 
     def status(self) -> dict[str, object]:
-        """Plain JSON values."""
         connected = self._connection is not None
         return {"url": self.url, "connected": connected, **({} if connected else {"warning": self._problem})}
 
-    async def _stay(self, receive: Receive, connected: Callable[[], None]) -> None:
+    def _connected(self) -> _Connection:
+        if self._connection is None:
+            raise OSError(f"{self.url}: {self._problem}")
+        return self._connection
+
+    async def _run(self, on_message: OnMessage, on_connect: Callable[[], None]) -> None:
         loop = asyncio.get_running_loop()
         while True:
             try:
                 async with asyncio.timeout(CONNECT_SECONDS):
                     _, connection = await loop.create_connection(
-                        lambda: _Connection(self._pattern, self._most, receive), self.host, self.port
+                        lambda: _Connection(self._pattern, self._max_message, on_message), self.host, self.port
                     )
             except (OSError, TimeoutError) as error:
-                reason = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else "no answer"
-                self._note(f"the hub cannot be reached: {reason}")
+                reason = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else "timeout"
+                self._set_problem(f"the hub cannot be reached: {reason}")
             else:
                 self._connection = connection
                 _log.info("Connected to an LCM hub", url=self.url)
-                connected()
+                on_connect()
                 try:
                     reason = await connection.lost
                 finally:
                     self._connection = None
-                    connection.end("")
+                    connection.close("")
                 if self._finishing:
                     return
-                self._note(f"the hub has gone: {reason}")
+                self._set_problem(f"the hub has gone: {reason}")
             await asyncio.sleep(RETRY_SECONDS)
 
-    def _note(self, problem: str) -> None:
+    def _set_problem(self, problem: str) -> None:
         if problem != self._problem:
             _log.warning(problem, url=self.url)
         self._problem = problem
 
 
 class _Connection(asyncio.BufferedProtocol):
-    def __init__(self, pattern: str, most: int, receive: Receive) -> None:
+    """One TCP connection to the hub."""
+
+    def __init__(self, pattern: str, max_message: int, on_message: OnMessage) -> None:
         self._pattern = pattern
-        self._receive = receive
-        self._reader = FrameReader(MAGIC_HUB, most, self._framed, lambda _: True)
+        self._on_message = on_message
+        self._parser = FrameParser(MAGIC_HUB, max_message, self._on_frame, lambda _: True)
         self._transport: asyncio.Transport | None = None
         self.lost: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+        """Reason of the disconnect."""
+
+    @property
+    def unsent_bytes(self) -> int:
+        return self._transport.get_write_buffer_size() if self._transport is not None else 0
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self._transport = cast("asyncio.Transport", transport)
-        self._transport.write(CLIENT_HELLO + subscription(Frame.SUBSCRIBE, self._pattern))
+        self._transport.write(CLIENT_HELLO + subscription(FrameType.SUBSCRIBE, self._pattern))
 
     def connection_lost(self, exc: Exception | None) -> None:
         self._transport = None
@@ -147,38 +150,34 @@ class _Connection(asyncio.BufferedProtocol):
             self.lost.set_result(str(exc) if exc is not None else "it has closed the connection")
 
     def get_buffer(self, sizehint: int) -> memoryview:
-        return self._reader.buffer()
+        return self._parser.buffer()
 
     def buffer_updated(self, nbytes: int) -> None:
         try:
-            self._reader.received(nbytes)
+            self._parser.received(nbytes)
         except FrameError as error:
-            self.end(str(error))
+            self.close(str(error))
 
     def publish(self, channel: str, message: bytes) -> None:
         transport = self._transport
         if transport is None or transport.is_closing():
             raise OSError("the hub has gone")
-        if transport.get_write_buffer_size() + len(message) > MOST_UNSENT_BYTES:
-            raise OSError("the hub does not read")
-        transport.write(publish_head(channel, len(message)) + message)
+        if transport.get_write_buffer_size() + len(message) > MAX_UNSENT_BYTES:
+            raise OSError("the hub reads too slowly")
+        transport.write(publish_header(channel, len(message)) + message)
 
-    @property
-    def unsent_bytes(self) -> int:
-        return self._transport.get_write_buffer_size() if self._transport is not None else 0
-
-    def finish(self) -> None:
-        """Tells the hub that nothing more comes."""
+    def write_eof(self) -> None:
+        """Close our side of the connection."""
         if self._transport is not None and not self._transport.is_closing():
             self._transport.write_eof()
 
-    def end(self, reason: str) -> None:
-        """Closes the connection for this reason."""
+    def close(self, reason: str) -> None:
+        """Close the connection for this reason."""
         if not self.lost.done():
             self.lost.set_result(reason)
         if self._transport is not None:
             self._transport.abort()
 
-    def _framed(self, kind: Frame, channel: str, data: bytes | memoryview) -> None:
-        if kind is Frame.PUBLISH:
-            self._receive(channel, data)
+    def _on_frame(self, kind: FrameType, channel: str, data: bytes | memoryview) -> None:
+        if kind is FrameType.PUBLISH:
+            self._on_message(channel, data)

@@ -1,1 +1,1 @@
-"""Drake's glTF render endpoint: a form with a scene and a camera in, a picture out."""
+"""Drake's glTF render endpoint: a form with a scene and a camera in, an image out."""

@@ -1,4 +1,4 @@
-"""What is told to observers (the browser's panel of recent renders) about every finished request."""
+"""Record of a finished render request, for observers such as the browser view's list of recent renders."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from gateway.render.pipeline import Picture
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RenderRecord:
-    """One request, answered."""
+    """One finished request."""
 
     request_id: str
     status: int
-    """HTTP status of the answer."""
+    """HTTP status of the response."""
     seconds: float
-    """From the first byte of the body to the answer."""
-    queued: float
-    """Seconds of it spent waiting for a thread."""
+    """Time from the request's headers to the response."""
+    queue_seconds: float
+    """Part of ``seconds`` spent waiting for a worker thread."""
     request: RenderRequest | None
-    """None: the form was not understood. Holds the whole scene: do not keep it."""
-    picture: Picture | None
-    """None: there is an error."""
+    """None if the form was invalid. Holds the whole scene: do not keep a reference."""
+    image: Picture | None
+    """None if there is an error."""
     error: str
-    """The sentence that the client got; empty: none."""
+    """Error message of the response; empty on success."""
     outcome: str = ""
-    """For metrics: ``slow`` where it was ended at its deadline; empty: the status tells it."""
+    """Label for metrics where the status is ambiguous: ``slow`` if the request reached its deadline."""

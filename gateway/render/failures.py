@@ -1,6 +1,6 @@
-"""Rejected requests, kept for replay.
+"""Failed requests on disk, for replay.
 
-Each is two files: the body as it came, and a JSON file with the reason and what is needed to send it again
+Each is two files: the body as received, and a JSON file with the error and the headers needed to send it again
 (``curl --data-binary @NAME.multipart -H 'Content-Type: …' URL``).
 """
 
@@ -16,12 +16,12 @@ from typing import Final
 
 _BODY: Final = ".multipart"
 _NAME: Final = re.compile(r"\d{8}T\d{12}Z-\d{3}-[0-9a-zA-Z]{1,32}\.(multipart|json)")
-"""Files of ours; others in the folder are left alone."""
+"""Names of files that may be deleted; others in the folder are not touched."""
 _UNSAFE: Final = re.compile(r"[^0-9a-zA-Z]")
 
 
 class FailureStore:
-    """A folder of bounded size; the oldest requests go first. Thread-safe, blocking: call it in a thread."""
+    """Folder with limits on count and size; the oldest requests are deleted first. Thread-safe, blocking."""
 
     def __init__(self, folder: Path, max_count: int, max_bytes: int) -> None:
         self._folder = folder
@@ -29,14 +29,17 @@ class FailureStore:
         self._max_bytes = max_bytes
         self._lock = threading.Lock()
 
-    def keep(self, body: Sequence[bytes], content_type: str, status: int, reason: str, request_id: str) -> Path | None:
-        """Stores a request; ``body`` in pieces, as far as it arrived.
+    def store(self, body: Sequence[bytes], content_type: str, status: int, reason: str, request_id: str) -> Path | None:
+        """Store a request.
+
+        Args:
+            body: pieces of the body that were received.
 
         Returns:
-            The file with the body; None: it is larger than the whole folder may be.
+            Path of the body's file; None: the body is larger than the limit of the folder.
 
         Raises:
-            OSError: the folder cannot be written.
+            OSError: the folder is not writable.
         """
         size = sum(map(len, body))
         if size > self._max_bytes or self._max_count < 1:

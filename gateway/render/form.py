@@ -1,8 +1,8 @@
-"""The fields of a render request, checked: form in, request out; no I/O.
+"""Validation of the fields of a render request; no I/O.
 
-What Drake's demo server and drake-blender accept is accepted. Unlike the demo, unknown fields are ignored with a
-warning (a newer client that sends one more field still gets its picture, and a person's misspelt one is missing under
-its right name anyway), and a focal length that is missing is computed from the field of view.
+Everything that Drake's demo server and drake-blender accept is accepted. Unlike the demo, unknown fields are ignored
+with a warning, so that a newer client with one more field gets its image, and a missing focal length is computed from
+the field of view.
 """
 
 from __future__ import annotations
@@ -39,57 +39,57 @@ _KNOWN: Final = frozenset(
     )
 )
 _NUMBER: Final = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
-"""What a decimal field may look like; float() alone would take "1_000", "nan" and Arabic digits."""
+"""Syntax of decimal fields; float() alone would accept "1_000", "nan" and Arabic digits."""
 _INTEGER: Final = re.compile(r"\+?(\d{1,9})(\.0*)?", re.ASCII)
 _SHA256: Final = re.compile(r"[0-9a-fA-F]{64}")
 MAX_FOCAL: Final = 1e9
-"""Pixels: a field of view of a hundred-thousandth of a radian at the largest picture."""
+"""Pixels: a field of view of a hundred-thousandth of a radian in the largest image."""
 MIN_FOV: Final = 2e-5
-"""Radians. At the largest picture a narrower field of view has a focal length above ``MAX_FOCAL``."""
+"""Radians. In the largest image a narrower field of view has a focal length above ``MAX_FOCAL``."""
 MAX_FOV: Final = 3.1415926
-"""Radians. At the smallest picture a wider field of view has a focal length below ``1 / MAX_FOCAL``."""
+"""Radians. In the smallest image a wider field of view has a focal length below ``1 / MAX_FOCAL``."""
 MIN_FAR: Final = 1e-8
-"""Metres; nearer, no float is left between the planes."""
+"""Metres; no floating-point number fits between closer planes."""
 MAX_FAR: Final = 1e12
-"""Metres; farther, a float32 depth has no digits for a scene."""
+"""Metres; beyond it, float32 depths cannot resolve a scene."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RenderRequest:
-    """One picture that a client wants."""
+    """A validated request for one image."""
 
     image_type: ImageType
     width: int
     """Pixels."""
     height: int
     focal_x: float
-    """Pixels, as Drake's CameraInfo."""
+    """Pixels, as in Drake's CameraInfo."""
     focal_y: float
     center_x: float
-    """Principal point, pixels from the left edge; pixel i covers i .. i + 1."""
+    """Principal point in pixels from the left edge; pixel i covers i .. i + 1."""
     center_y: float
     near: float
-    """Metres, >= 0; the client prints six decimals, so a near plane below 0.5 micrometres arrives as 0."""
+    """Metres, >= 0. Drake prints six decimals, so a near plane below 0.5 micrometres arrives as 0."""
     far: float
     """Metres, > near."""
     min_depth: float
-    """Metres; nearer is "too close". Meaningful for depth only, else 0."""
+    """Metres; closer depths are "too close". 0 unless the image is depth."""
     max_depth: float
-    """Metres; farther is "too far". Meaningful for depth only, else inf."""
+    """Metres; larger depths are "too far". Infinite unless the image is depth."""
     scene: bytes | bytearray
     """The glTF file."""
     claimed_sha256: str | None = None
-    """The scene's SHA-256 as the client says, 64 hexadecimal digits in lower case; None: it says none."""
+    """SHA-256 of the scene as sent by the client, 64 hexadecimal digits in lower case; None: not sent."""
     scene_filename: str = ""
     warnings: tuple[str, ...] = ()
-    """What was odd but no reason to refuse."""
+    """Problems that do not prevent the image."""
 
 
 def read_form(form: Form, config: RenderConfig) -> RenderRequest:
-    """Checks every field.
+    """Validate every field.
 
     Raises:
-        RequestError: naming the field, its value and what it should be.
+        RequestError: names the field, its value and what is accepted.
     """
     if form.scene is None:
         raise RequestError(400, "the field 'scene' (the glTF file) is missing")
@@ -116,7 +116,7 @@ def read_form(form: Form, config: RenderConfig) -> RenderRequest:
         min_depth, max_depth = _number(fields, "min_depth", minimum=0.0), _number(fields, "max_depth")
         if not min_depth < max_depth:
             raise RequestError(400, f"min_depth must be less than max_depth, got {min_depth:g} and {max_depth:g}")
-    else:  # not used, but checked: a client that sends nonsense wants to know
+    else:  # unused, but invalid values are still errors
         _optional(fields, "min_depth", minimum=0.0)
         _optional(fields, "max_depth")
     claimed = fields.get("scene_sha256", "")
@@ -146,7 +146,7 @@ def _text(fields: dict[str, str], name: str) -> str:
     value = fields.get(name)
     if not value:
         problem = "is missing" if value is None else "is empty"
-        hint = "; depth pictures need it" if name in ("min_depth", "max_depth") else ""
+        hint = "; depth images need it" if name in ("min_depth", "max_depth") else ""
         raise RequestError(400, f"the field '{name}' {problem}{hint}")
     return value
 
@@ -161,7 +161,7 @@ def _integer(fields: dict[str, str], name: str, config: RenderConfig) -> int:
 
 
 def _number(fields: dict[str, str], name: str, *, minimum: float | None = None, maximum: float = math.inf) -> float:
-    """A finite number, positive or (with ``minimum``) at least that."""
+    """Return a finite number that is positive or, with ``minimum``, at least that."""
     text = _text(fields, name)
     value = float(text) if _NUMBER.fullmatch(text) else math.nan
     if not math.isfinite(value):
@@ -181,7 +181,7 @@ def _optional(fields: dict[str, str], name: str, *, minimum: float | None = None
 
 
 def _focal(fields: dict[str, str], axis: str, size: int) -> float:
-    """The focal length; the field of view says the same again and is used only when the focal length is missing."""
+    """Return the focal length in pixels, from the field of view only if the focal length itself is missing."""
     focal, fov = f"focal_{axis}", f"fov_{axis}"
     angle = _optional(fields, fov)
     if angle is not None and not angle < math.pi:
@@ -196,7 +196,7 @@ def _focal(fields: dict[str, str], axis: str, size: int) -> float:
 
 
 def _center(fields: dict[str, str], name: str, size: int, size_name: str) -> float:
-    """The principal point, inside the picture: the rule of Drake's CameraInfo."""
+    """Return a coordinate of the principal point, which must be inside the image as in Drake's CameraInfo."""
     value = _number(fields, name)
     if not value < size:
         raise RequestError(400, f"{name} must be less than the {size_name} ({size}), got {quoted(fields[name])}")

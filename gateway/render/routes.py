@@ -7,18 +7,15 @@ import math
 from typing import Any, Final
 
 from fastapi import APIRouter, Request, Response
-from starlette.middleware.body_limit import RequestBodyLimitMiddleware
-from starlette.routing import Route
-from starlette.types import ASGIApp, Receive, Scope, Send
 
 from gateway.render.config import RenderConfig
 from gateway.render.form import IMAGE_TYPES, MAX_FAR, MAX_FOCAL, MAX_FOV, MIN_FAR, MIN_FOV
-from gateway.render.handler import Exchange
+from gateway.render.handler import RenderHandler
 from gateway.render.service import RenderService
 from gateway.server.openapi import example
 
 _NO_FRAMEWORK_LIMIT: Final = 1 << 62
-"""The body is bounded here, with a sentence that says by what; the framework's own 413 would say less."""
+"""Body limit of Starlette, out of reach: the handler's own 413 names the limit and its setting."""
 
 _USAGE: Final = """\
 This is Drake's glTF render endpoint. Send a POST with multipart/form-data, for instance
@@ -37,7 +34,7 @@ _SCENE: Final = {
     "nodes": [{"camera": 0}],
     "cameras": [{"type": "perspective", "perspective": {"yfov": 0.8, "znear": 0.01, "zfar": 10.0}}],
 }
-"""Smallest scene that can be rendered: a camera and nothing else."""
+"""Smallest scene that can be rendered: only a camera."""
 _EXAMPLE: Final = {
     "scene": json.dumps(_SCENE),
     "image_type": "color",
@@ -57,7 +54,7 @@ def _field(kind: str, text: str, **more: object) -> dict[str, Any]:
 
 
 def _body(config: RenderConfig) -> dict[str, Any]:
-    """Description of the form, which ``FormReader`` and ``read_form`` read."""
+    """Return the OpenAPI description of the form that ``FormReader`` and ``read_form`` accept."""
     positive: dict[str, Any] = {"exclusiveMinimum": 0}
     size: dict[str, Any] = {"minimum": 1, "maximum": config.max_side}
     focal: dict[str, Any] = {"minimum": 1.0 / MAX_FOCAL, "maximum": MAX_FOCAL}
@@ -72,25 +69,29 @@ def _body(config: RenderConfig) -> dict[str, Any]:
         "properties": {
             "scene": _field(
                 "string",
-                "glTF 2.0 (.gltf or .glb), everything embedded. Used as it is: Drake's world is Z-up.",
+                "glTF 2.0 (.gltf or .glb) with all data embedded. Its axes are not converted: Drake's world is Z-up.",
                 format="binary",
             ),
-            "image_type": _field("string", "Which picture.", enum=list(IMAGE_TYPES)),
+            "image_type": _field("string", "Kind of image.", enum=list(IMAGE_TYPES)),
             "width": _field("integer", f"Pixels; width x height is at most {config.max_pixels}.", **size),
             "height": _field("integer", "Pixels.", **size),
-            "near": _field("number", "Near clipping plane, metres; 0: that of the scene's camera.", minimum=0),
-            "far": _field("number", "Far clipping plane, metres; more than near.", minimum=MIN_FAR, maximum=MAX_FAR),
-            "focal_x": _field("number", "Focal length, pixels. May be left out where fov_x is given.", **focal),
-            "focal_y": _field("number", "Focal length, pixels. May be left out where fov_y is given.", **focal),
+            "near": _field("number", "Near clipping plane, metres; 0 for the one of the scene's camera.", minimum=0),
+            "far": _field("number", "Far clipping plane, metres; greater than near.", minimum=MIN_FAR, maximum=MAX_FAR),
+            "focal_x": _field("number", "Focal length, pixels. Optional if fov_x is given.", **focal),
+            "focal_y": _field("number", "Focal length, pixels. Optional if fov_y is given.", **focal),
             "center_x": _field("number", "Principal point, pixels from the left edge; less than width.", **positive),
             "center_y": _field("number", "Principal point, pixels from the top edge; less than height.", **positive),
-            "min_depth": _field("number", "Metres; nearer is 0. Needed for depth.", minimum=0),
+            "min_depth": _field("number", "Metres; closer depths are 0. Required for depth.", minimum=0),
             "max_depth": _field(
-                "number", "Metres, more than min_depth; farther is infinite. Needed for depth.", **positive
+                "number", "Metres, greater than min_depth; larger depths are infinite. Required for depth.", **positive
             ),
-            "fov_x": _field("number", "Radians; used only where focal_x is missing.", **angle),
-            "fov_y": _field("number", "Radians; used only where focal_y is missing.", **angle),
-            "scene_sha256": _field("string", "64 hexadecimal digits; checked when it looks like a hash.", **text),
+            "fov_x": _field("number", "Radians; used only if focal_x is missing.", **angle),
+            "fov_y": _field("number", "Radians; used only if focal_y is missing.", **angle),
+            "scene_sha256": _field(
+                "string",
+                "SHA-256 of the scene, in hexadecimal; other text is ignored.",
+                **text,
+            ),
             "submit": _field("string", "Ignored; Drake's client sends Render.", **text),
         },
         "allOf": [
@@ -116,14 +117,14 @@ def _body(config: RenderConfig) -> dict[str, Any]:
 
 
 def _angle_alone(name: str) -> dict[str, Any]:
-    """Limits of a field of view without a focal length: beyond, that would be too long or too short."""
+    """Return the limits of a field of view without a focal length, which keep the computed focal length in range."""
     return {"properties": {name: {"minimum": MIN_FOV, "maximum": MAX_FOV}}}
 
 
 _RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
     200: {
-        "description": "The picture: colour and label as PNG (RGB, 8 bit), depth as TIFF (32-bit float, metres) or, as "
-        "the operator chooses, PNG (16 bit, millimetres).",
+        "description": "The image: colour and label as PNG (RGB, 8 bit), depth as TIFF (32-bit float, metres) or, as "
+        "configured, PNG (16 bit, millimetres).",
         "content": {
             "image/png": {"schema": {"type": "string", "format": "binary"}},
             "image/tiff": {"schema": {"type": "string", "format": "binary"}},
@@ -132,27 +133,27 @@ _RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
     **{
         status: {"description": text, "content": {"text/plain": {"schema": {"type": "string"}}}}
         for status, text in {
-            400: "The form, the scene or its camera cannot be used; the text names the field or glTF element and why.",
+            400: "The form, the scene or its camera is invalid; the text names the field or glTF element and why.",
             408: "The upload stalled.",
             413: "The body is too large.",
-            500: "A defect of the server; the text names the request's id.",
-            503: "Too many requests wait already, see Retry-After; or, without it, the picture took too long.",
+            500: "Internal error; the text has the request's id.",
+            503: "The queue is full (with Retry-After), or rendering took too long (without).",
         }.items()
     },
 }
 
 
 def router(service: RenderService) -> APIRouter:
-    """The routes of the render endpoint, at the path of the service's configuration."""
+    """Return the routes of the render endpoint, at the path of its configuration."""
     routes = APIRouter(tags=["render"])
     path = service.config.path
 
     async def render(http: Request) -> Response:
-        """Draws the posted glTF scene with the posted camera, as Drake's render engines do.
+        """Render the posted glTF scene with the posted camera, as Drake's render engines do.
 
-        The request is answered when the picture is ready; requests beyond the number of worker threads wait in line.
+        Requests beyond the number of worker threads wait in a queue.
         """
-        return await Exchange(service, http).answer()
+        return await RenderHandler(service, http).respond()
 
     async def usage(http: Request) -> Response:
         text = _USAGE.format(url=http.url.replace(query="", fragment=""))
@@ -176,15 +177,3 @@ def router(service: RenderService) -> APIRouter:
         include_in_schema=False,
     )
     return routes
-
-
-def straight(service: RenderService) -> ASGIApp:
-    """``POST`` of ``router``, for whoever has found out method and path."""
-
-    async def render(scope: Scope, receive: Receive, send: Send) -> None:
-        scope["route"] = route
-        answer = await Exchange(service, Request(scope, receive, send)).answer()
-        await answer(scope, receive, send)
-
-    route = Route(service.config.path, render, methods=["POST"])
-    return RequestBodyLimitMiddleware(render, _NO_FRAMEWORK_LIMIT)

@@ -1,11 +1,11 @@
-"""The render endpoint without HTTP: requests in, pictures out of the worker threads."""
+"""The render endpoint without HTTP: admission of requests, and rendering in worker threads."""
 
 from __future__ import annotations
 
 import asyncio
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Final
 
 import structlog
 
@@ -15,34 +15,32 @@ from gateway.render.failures import FailureStore
 from gateway.render.form import RenderRequest
 from gateway.render.pipeline import Backdrop, Picture, Pipeline
 from gateway.render.scenes import SceneStore
-from gateway.runtime.worker_pool import Busy, Workers
-from gateway.server.alarms import alarms_of
+from gateway.runtime.worker_pool import QueueFull, WorkerPool
 from renderers.interface import Renderer
 
 _log = structlog.get_logger("gateway.render")
 
-_RETRY_FULL = 5
-"""Seconds until memory for another upload is probably free."""
-_SOON = 0.05
-"""Seconds in which most bodies arrive; whoever takes longer keeps no frame from other processors."""
+_MEMORY_RETRY_AFTER: Final = 5
+"""Retry-After in seconds when there is no memory for another body."""
 
 
-class Place:
-    """Of a request in the queue while its body arrives; given up when it is handed in, refused or too slow."""
+class Admission:
+    """Reserved place in the queue for a request whose body is arriving.
 
-    __slots__ = ("_service", "_timer", "since")
+    Released when the request is submitted to the worker pool, when it fails, or after a time limit.
+    """
 
-    def __init__(self, service: RenderService, seconds: float) -> None:
-        self._service: RenderService | None = service
-        self.since = time.monotonic()
-        self._timer = alarms_of(asyncio.get_running_loop()).later(seconds, self.leave)
+    __slots__ = ("_admitted", "_timer")
 
-    def leave(self) -> None:
-        """Calling it again does nothing."""
+    def __init__(self, admitted: set[Admission], seconds: float) -> None:
+        self._admitted = admitted
+        self._timer = asyncio.get_running_loop().call_later(seconds, self.release)
+        admitted.add(self)
+
+    def release(self) -> None:
+        """Free the place; without effect when called again."""
         self._timer.cancel()
-        if self._service is not None:
-            self._service.places.remove(self)
-            self._service = None
+        self._admitted.discard(self)
 
 
 class RenderService:
@@ -51,16 +49,16 @@ class RenderService:
     def __init__(
         self,
         renderer: Renderer,
-        workers: Workers,
+        workers: WorkerPool,
         config: RenderConfig | None = None,
         *,
         backdrop: Backdrop | None = None,
-        on_done: Callable[[RenderRecord], None] | None = None,
+        on_finished: Callable[[RenderRecord], object] | None = None,
     ) -> None:
         """
         Args:
-            backdrop: what to draw besides every request's scene; called in worker threads.
-            on_done: told about every request, in the event loop; must return at once.
+            backdrop: returns what to draw in addition to each request's scene; called in worker threads.
+            on_finished: called in the event loop for each finished request; must not block.
         """
         self.config = config if config is not None else RenderConfig()
         self.failures: FailureStore | None = None
@@ -70,92 +68,78 @@ class RenderService:
             )
         self._pipeline = Pipeline(renderer, self.config, backdrop)
         self._workers = workers
-        self._on_done = on_done
-        self.places: set[Place] = set()
-        """Of requests whose bodies arrive."""
-        self._inflight = 0
-        self._answered: dict[int, int] = {}
+        self._on_finished = on_finished
+        self._admitted: set[Admission] = set()
+        self._body_bytes = 0
+        self._responses: dict[int, int] = {}
+        """Finished requests by status."""
 
     @property
     def arriving(self) -> int:
-        """Requests that hold a place while their bodies arrive."""
-        return len(self.places)
+        """Requests with a place in the queue whose bodies are arriving."""
+        return len(self._admitted)
 
-    def soon(self) -> int:
-        """Of them, those that will probably want a thread before a frame is drawn. Any thread."""
-        earliest = time.monotonic() - _SOON
-        return sum([place.since > earliest for place in tuple(self.places)])  # copied at one go
-
-    def refuse(self) -> Busy | None:
-        """Why a request whose head has just arrived would be refused, if it would; then it is counted as answered."""
-        if (busy := self._workers.refuse(self.arriving)) is not None:
-            self._count(503)
-        return busy
-
-    def admit(self) -> Place:
-        """A place for a request whose head has arrived; its body may be read.
+    def admit(self) -> Admission:
+        """Reserve a place in the queue before a request's body is read.
 
         Raises:
-            Busy: as many wait or arrive as may wait.
+            QueueFull: waiting and arriving requests together reach the limit.
         """
-        if (busy := self._workers.refuse(self.arriving)) is not None:
-            raise busy
-        place = Place(self, self.config.arrival_seconds)
-        self.places.add(place)
-        return place
+        self._workers.check_capacity(self.arriving)
+        return Admission(self._admitted, self.config.arrival_seconds)
 
-    async def render(self, request: RenderRequest, place: Place) -> tuple[Picture, float]:
-        """The picture, and the seconds that the request waited for a thread. ``place`` is given up for one with it.
+    async def render(self, request: RenderRequest, admission: Admission) -> tuple[Picture, float]:
+        """Render an image, and return it with the seconds that the request waited for a thread.
+
+        Args:
+            admission: released here.
 
         Raises:
-            RequestError: it cannot be drawn.
-            Busy: too many wait already.
-            Closed: the server is shutting down.
-            TooSlow: reading and drawing took too long.
+            RequestError: the scene cannot be rendered.
+            QueueFull: too many requests are waiting.
+            PoolClosed: the server is shutting down.
+            DeadlineExceeded: reading and rendering the scene took too long.
         """
         submitted = time.perf_counter()
 
         def work() -> tuple[Picture, float]:
-            queued = time.perf_counter() - submitted
-            return self._pipeline.picture(request), queued
+            waited = time.perf_counter() - submitted
+            return self._pipeline.picture(request), waited
 
-        place.leave()
-        return await self._workers.run(work, weight=len(request.scene))
+        admission.release()
+        return await self._workers.run(work, nbytes=len(request.scene))
 
-    def take(self, nbytes: int) -> None:
-        """Accounts for bytes of a body that arrived.
+    def reserve_bytes(self, nbytes: int) -> None:
+        """Account for received bytes of a body.
 
         Raises:
-            Busy: all bodies together are too large; the bytes are not accounted for then.
+            QueueFull: all bodies together would exceed the limit; nothing is reserved.
         """
-        if self._inflight + nbytes > self.config.max_inflight_bytes:
-            raise Busy(
-                f"the requests that are being answered hold {self._inflight} bytes, "
+        if self._body_bytes + nbytes > self.config.max_inflight_bytes:
+            raise QueueFull(
+                f"the requests in progress hold {self._body_bytes} bytes, "
                 f"the limit is {self.config.max_inflight_bytes} (max_inflight_bytes)",
-                _RETRY_FULL,
+                _MEMORY_RETRY_AFTER,
             )
-        self._inflight += nbytes
+        self._body_bytes += nbytes
 
-    def give_back(self, nbytes: int) -> None:
-        """The bytes of a body are gone."""
-        self._inflight -= nbytes
+    def release_bytes(self, nbytes: int) -> None:
+        """Undo ``reserve_bytes``."""
+        self._body_bytes -= nbytes
 
-    def done(self, record: RenderRecord) -> None:
-        """Counts a finished request and tells the observer."""
-        self._count(record.status)
-        if self._on_done is not None:
+    def finish(self, record: RenderRecord) -> None:
+        """Count a finished request and notify the observer."""
+        self._responses[record.status] = self._responses.get(record.status, 0) + 1
+        if self._on_finished is not None:
             try:
-                self._on_done(record)
-            except Exception:  # noqa: BLE001 - nobody's picture depends on who watches
+                self._on_finished(record)
+            except Exception:  # noqa: BLE001 - an image does not depend on its observers
                 _log.exception("an observer of renders failed")
-
-    def _count(self, status: int) -> None:
-        self._answered[status] = self._answered.get(status, 0) + 1
 
     @property
     def inflight_bytes(self) -> int:
-        """Of bodies that arrive, wait or are rendered."""
-        return self._inflight
+        """Bytes of bodies that are arriving, waiting or being rendered."""
+        return self._body_bytes
 
     @property
     def scenes(self) -> SceneStore:
@@ -163,11 +147,10 @@ class RenderService:
         return self._pipeline.scenes
 
     def status(self) -> dict[str, Any]:
-        """Figures for health and metrics; plain JSON values."""
-        scenes = self._pipeline.scenes
+        """Return figures for health and metrics; plain JSON values."""
         return {
-            "answers": {str(status): count for status, count in sorted(self._answered.items())},
+            "answers": {str(status): count for status, count in sorted(self._responses.items())},
             "arriving": self.arriving,
-            "inflight_bytes": self._inflight,
-            "scene_cache": {"hits": scenes.scenes.hits, "misses": scenes.scenes.misses},
+            "inflight_bytes": self._body_bytes,
+            "scene_cache": {"hits": self.scenes.scenes.hits, "misses": self.scenes.scenes.misses},
         }

@@ -1,0 +1,9 @@
+"""The process around the interfaces.
+
+- ``worker_pool``, ``scheduling``: work off the event loop.
+- ``process_tuning``: allocator, sockets, garbage collection.
+- ``kernel_cache``, ``kernel_progress``: compiled kernels.
+- ``service_registry``: states of the interfaces.
+- ``metrics_registry``, ``logs``, ``recent_logs``: what the process reports.
+- ``diagnostics``, ``instance_probe``: ``scenegate check``.
+"""

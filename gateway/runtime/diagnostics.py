@@ -1,4 +1,4 @@
-"""What is installed and what this machine allows, one finding each, for ``scenegate check``."""
+"""Checks of the installation and of this machine, for ``scenegate check``."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from pathlib import Path
 from gateway import __version__
 from gateway.runtime import kernel_cache as kernels
 from gateway.runtime import process_tuning
-from gateway.runtime.instance_probe import Neighbour, gateway_at
+from gateway.runtime.instance_probe import RunningInstance, probe_instance
 from renderers.compiler import cache_folder
 
 LIBRARIES = ("numpy", "numba", "opencv-python-headless", "fastapi", "uvicorn", "grpcio", "protobuf", "lcm")
 _LCM_ADDRESS = ("239.255.76.67", 7667)
-"""LCM's default group."""
-_ENOUGH_BUFFER = 4_000_000
-"""Bytes of receive buffer that take a message of 1 MB in one burst; Linux' default of 212 992 loses it."""
+"""LCM's default multicast group."""
+_RECEIVE_BUFFER = 4_000_000
+"""Receive buffer in bytes for bursts of 1 MB messages; with Linux' default of 212 992 they are lost."""
 
 
 class Verdict(Enum):
     OK = "ok"
     NOTE = "note"
-    """Works, but something is left out or slower; the finding says what to do."""
+    """Works with restrictions; the finding has a remedy."""
     BAD = "bad"
 
 
@@ -44,12 +44,12 @@ class Finding:
 
 
 def findings(host: str, ports: Mapping[str, int], threads: int) -> Iterator[Finding]:
-    """Looks at everything in turn.
+    """Run all checks.
 
     Args:
-        host: that the interfaces would listen on.
-        ports: interface -> TCP port that it would take; 0 is any.
-        threads: that would render.
+        host: address on which the interfaces would listen.
+        ports: TCP ports by interface; 0 is any.
+        threads: number of rendering threads.
     """
     yield Finding("scenegate", Verdict.OK, __version__)
     yield Finding("Python", Verdict.OK, f"{platform.python_version()} on {platform.platform()}")
@@ -59,9 +59,9 @@ def findings(host: str, ports: Mapping[str, int], threads: int) -> Iterator[Find
     yield Finding("threads", Verdict.OK, f"{threads} threads render")
     yield _open_files()
     yield _kernels()
-    neighbours: list[Neighbour] = []
+    instances: list[RunningInstance] = []
     for name, port in ports.items():
-        yield _port(name, host, port, neighbours)
+        yield _port(name, host, port, instances)
     yield _multicast()
     yield _receive_buffer()
 
@@ -95,18 +95,22 @@ def _kernels() -> Finding:
     return Finding("kernels", Verdict.NOTE, f"{reason}; the next start compiles them: scenegate warmup ({folder})")
 
 
-def _port(name: str, host: str, port: int, neighbours: list[Neighbour]) -> Finding:
-    """``neighbours``: the running gateways that were found so far, whose other ports are known."""
+def _port(name: str, host: str, port: int, instances: list[RunningInstance]) -> Finding:
+    """Check a port.
+
+    Args:
+        instances: running gateways found so far; extended here.
+    """
     try:
         process_tuning.listen(host, port).close()
     except OSError as error:
-        there = next((found for found in neighbours if port in found.ports), None)
-        if there is None and error.errno == errno.EADDRINUSE and (there := gateway_at(host, port)) is not None:
-            neighbours.append(there)
+        there = next((found for found in instances if port in found.ports), None)
+        if there is None and error.errno == errno.EADDRINUSE and (there := probe_instance(host, port)) is not None:
+            instances.append(there)
         if there is not None:
             detail = f"{name}: taken by a running gateway, Scenegate {there.version}, {there.status}"
             return Finding(f"port {port}", Verdict.NOTE, detail)
-        return Finding(f"port {port}", Verdict.BAD, f"{name}: {process_tuning.why_not_listening(error, host, port)}")
+        return Finding(f"port {port}", Verdict.BAD, f"{name}: {process_tuning.listen_error(error, host, port)}")
     return Finding(f"port {port}", Verdict.OK, f"{name}: free")
 
 
@@ -125,7 +129,7 @@ def _receive_buffer() -> Finding:
         limit = int(Path("/proc/sys/net/core/rmem_max").read_text())
     except (OSError, ValueError):
         return Finding("receive buffer", Verdict.NOTE, "the system's limit is not known")
-    if limit >= _ENOUGH_BUFFER:
+    if limit >= _RECEIVE_BUFFER:
         return Finding("receive buffer", Verdict.OK, f"up to {limit} bytes")
-    remedy = f"sudo sysctl -w net.core.rmem_max={_ENOUGH_BUFFER}"
+    remedy = f"sudo sysctl -w net.core.rmem_max={_RECEIVE_BUFFER}"
     return Finding("receive buffer", Verdict.NOTE, f"up to {limit} bytes, large LCM messages get lost: {remedy}")

@@ -1,4 +1,4 @@
-"""Whether what listens on a port is a gateway of ours, for ``scenegate check``."""
+"""Detection of a running gateway on a port, for ``scenegate check``."""
 
 from __future__ import annotations
 
@@ -15,55 +15,56 @@ from typing import Any, Final
 from urllib.parse import urlsplit
 
 SECONDS: Final = 2.0
-"""A gateway that draws answers later than an idle one, and nobody waits long for a table."""
+"""Time limit for connecting and for each read: a busy gateway responds later than an idle one."""
 WHOLE_SECONDS: Final = 5.0
-"""For all of an answer: the bound before is for each byte of it."""
-MOST_BYTES: Final = 1 << 20
-"""Of an answer: what listens there may be anything."""
-_NOT_OURS: Final = (OSError, http.client.HTTPException, ValueError, RecursionError)
-"""Of connecting, of what is not HTTP, of what is not JSON."""
+"""Time limit for a whole response."""
+MAX_BYTES: Final = 1 << 20
+"""Maximum size of a response: any program may listen on the port."""
+_ERRORS: Final = (OSError, http.client.HTTPException, ValueError, RecursionError)
+"""Errors of connecting and of responses that are not HTTP or not JSON."""
 _ANY: Final = {"0.0.0.0": "127.0.0.1", "::": "::1", "": "127.0.0.1"}  # noqa: S104 - a comparison
-"""Addresses that stand for all of this machine's, and one of them."""
+"""Wildcard addresses, and an address to connect to."""
 
 
 @dataclass(frozen=True, slots=True)
-class Neighbour:
+class RunningInstance:
     """A running gateway."""
 
     version: str
     status: str
-    """As ``/readyz`` says it."""
+    """Status of ``/readyz``."""
     ports: frozenset[int]
-    """Its other TCP ports: of gRPC, the TCPQ hub, the device's REST interface."""
+    """TCP ports of gRPC, the TCPQ hub and the device's REST interface."""
 
 
-def gateway_at(host: str, port: int) -> Neighbour | None:
-    """The gateway whose HTTP port this is; None: something else, or nobody, answers there."""
+def probe_instance(host: str, port: int) -> RunningInstance | None:
+    """Return the gateway whose HTTP port this is; None if another program or none responds."""
     host = _ANY.get(host, host)
-    # Only asked what it is: nothing secret is sent, and the certificate is for the name that others use.
-    context = ssl._create_unverified_context()  # noqa: S323 - as above
+    # Nothing secret is sent, and the certificate is for the name that clients use.
+    context = ssl.create_default_context()
+    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
     for connection in (
         http.client.HTTPConnection(host, port, timeout=SECONDS),
         http.client.HTTPSConnection(host, port, timeout=SECONDS, context=context),
     ):
         with (
             contextlib.closing(connection),
-            contextlib.suppress(*_NOT_OURS),
-            _cut_off(connection),
+            contextlib.suppress(*_ERRORS),
+            _time_limit(connection),
         ):
             connection.request("GET", "/healthz")
-            return _read(json.loads(connection.getresponse().read(MOST_BYTES)))
+            return _read(json.loads(connection.getresponse().read(MAX_BYTES)))
     return None
 
 
 @contextmanager
-def _cut_off(connection: http.client.HTTPConnection) -> Iterator[None]:
-    """Ends the connection when the time for all of it is over."""
+def _time_limit(connection: http.client.HTTPConnection) -> Iterator[None]:
+    """Close the connection after ``WHOLE_SECONDS``."""
 
     def end() -> None:
         if connection.sock is not None:
             with contextlib.suppress(OSError):
-                socket.socket.shutdown(connection.sock, socket.SHUT_RDWR)  # below TLS, which another thread may be in
+                socket.socket.shutdown(connection.sock, socket.SHUT_RDWR)  # below TLS, which is not thread-safe
 
     timer = threading.Timer(WHOLE_SECONDS, end)
     timer.daemon = True
@@ -74,10 +75,10 @@ def _cut_off(connection: http.client.HTTPConnection) -> Iterator[None]:
         timer.cancel()
 
 
-def _read(health: Any) -> Neighbour | None:
+def _read(health: Any) -> RunningInstance | None:
     match health:
         case {"version": str(version), "status": str(status), "interfaces": dict(interfaces)}:
-            return Neighbour(version, status, frozenset(_ports(interfaces)))
+            return RunningInstance(version, status, frozenset(_ports(interfaces)))
     return None
 
 

@@ -1,10 +1,9 @@
-"""Figures for Prometheus, in a registry of their own so that two applications in one process do not collide."""
+"""Prometheus metrics, in a registry per application so that two in one process do not collide."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Final
 
 from prometheus_client import (
@@ -25,52 +24,48 @@ from prometheus_client.registry import Collector
 CONTENT_TYPE: Final = CONTENT_TYPE_LATEST
 
 _SECONDS = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0)
-"""A cached render takes about a millisecond, a queue of large scenes a minute."""
-
-
-_LABELLED = 512
-"""Labels' figures that are found at once."""
+"""Histogram buckets: a cached render takes about a millisecond, a queue of large scenes a minute."""
 
 Reading = float | Mapping[str, float]
-"""One figure, or one for each value of a label."""
+"""A value, or one per value of a label."""
 
 
 @dataclass(frozen=True, slots=True)
-class _Watched:
-    """A figure that somebody else keeps."""
+class _Callback:
+    """A metric that is read by a function."""
 
     name: str
-    text: str
+    description: str
     read: Callable[[], Reading]
     label: str
-    total: bool
+    counter: bool
 
     def family(self) -> Metric:
-        kind = CounterMetricFamily if self.total else GaugeMetricFamily
+        kind = CounterMetricFamily if self.counter else GaugeMetricFamily
         labels = (self.label,) if self.label else ()
-        family: CounterMetricFamily | GaugeMetricFamily = kind(self.name, self.text, labels=labels)
-        found = self.read()
-        for value, figure in found.items() if isinstance(found, Mapping) else (("", found),):
-            family.add_metric((value,) if self.label else (), figure)
+        family: CounterMetricFamily | GaugeMetricFamily = kind(self.name, self.description, labels=labels)
+        reading = self.read()
+        for label_value, value in reading.items() if isinstance(reading, Mapping) else (("", reading),):
+            family.add_metric((label_value,) if self.label else (), value)
         return family
 
 
-class _Reader(Collector):
-    """Reads what is watched when Prometheus asks: keeping a second copy up to date would cost at every event."""
+class _CallbackCollector(Collector):
+    """Reads metrics when Prometheus scrapes, instead of updating copies at every event."""
 
     def __init__(self) -> None:
-        self.watched: list[_Watched] = []
+        self.callbacks: list[_Callback] = []
 
     def collect(self) -> Iterator[Metric]:
-        for each in self.watched:
-            yield each.family()
+        for callback in self.callbacks:
+            yield callback.family()
 
 
 class Metrics:
-    """What is counted, by name."""
+    """Metrics of one application."""
 
     def __init__(self) -> None:
-        # A second time series for each counter and histogram, which no alert or graph reads.
+        # Removes a second time series of each counter and histogram.
         disable_created_metrics()  # type: ignore[no-untyped-call]
         self.registry = CollectorRegistry()
         ProcessCollector(registry=self.registry)
@@ -109,37 +104,32 @@ class Metrics:
             buckets=_SECONDS,
             registry=self.registry,
         )
-        # Looking up a label's figure takes longer than to count. Labels are few: routes, not paths.
-        self._requests: Callable[..., Counter] = lru_cache(_LABELLED)(self.requests.labels)
-        self._seconds: Callable[..., Histogram] = lru_cache(_LABELLED)(self.seconds.labels)
-        self._renders: Callable[..., Counter] = lru_cache(_LABELLED)(self.renders.labels)
-        self._stage_seconds: Callable[..., Histogram] = lru_cache(_LABELLED)(self.stage_seconds.labels)
-        self._reader = _Reader()
-        self.registry.register(self._reader)
+        self._collector = _CallbackCollector()
+        self.registry.register(self._collector)
 
-    def answered(self, route: str, method: str, status: int | str, seconds: float) -> None:
-        """Counts an HTTP request."""
-        self._requests(route, method, status).inc()
-        self._seconds(route).observe(seconds)
+    def count_request(self, route: str, method: str, status: int | str, seconds: float) -> None:
+        """Count an HTTP request and its duration."""
+        self.requests.labels(route, method, status).inc()
+        self.seconds.labels(route).observe(seconds)
 
-    def rendered(self, kind: str, outcome: str, stages: Iterable[tuple[str, float]]) -> None:
-        """Counts a request of the render endpoint; ``stages`` and their seconds, of one that was drawn."""
-        self._renders(kind, outcome).inc()
+    def count_render(self, kind: str, outcome: str, stages: Iterable[tuple[str, float]]) -> None:
+        """Count a request of the render endpoint, and the seconds of its ``stages`` if it succeeded."""
+        self.renders.labels(kind, outcome).inc()
         for stage, seconds in stages:
-            self._stage_seconds(stage).observe(seconds)
+            self.stage_seconds.labels(stage).observe(seconds)
 
-    def watch(self, name: str, text: str, read: Callable[[], Reading], *, label: str = "") -> None:
-        """A gauge that is read, in the event loop, when Prometheus asks.
+    def gauge(self, name: str, description: str, read: Callable[[], Reading], *, label: str = "") -> None:
+        """Add a gauge that is read in the event loop when Prometheus scrapes.
 
         Args:
-            label: of a gauge with several figures; ``read`` gives them by its value.
+            label: label of a gauge with several values; ``read`` returns them by the label's value.
         """
-        self._reader.watched.append(_Watched(name, text, read, label, total=False))
+        self._collector.callbacks.append(_Callback(name, description, read, label, counter=False))
 
-    def watch_total(self, name: str, text: str, read: Callable[[], Reading], *, label: str = "") -> None:
-        """As ``watch``, for a counter; its name ends in ``_total``."""
-        self._reader.watched.append(_Watched(name, text, read, label, total=True))
+    def counter(self, name: str, description: str, read: Callable[[], Reading], *, label: str = "") -> None:
+        """Add a counter in the same way; its name ends in ``_total``."""
+        self._collector.callbacks.append(_Callback(name, description, read, label, counter=True))
 
     def exposition(self) -> bytes:
-        """The text format."""
+        """Return all metrics in Prometheus' text format."""
         return generate_latest(self.registry)

@@ -1,4 +1,4 @@
-"""What the operating system is asked for when a serving process starts."""
+"""Settings of a serving process: allocator, thread scheduling, garbage collection, descriptors and sockets."""
 
 from __future__ import annotations
 
@@ -9,30 +9,31 @@ import resource
 import socket
 import sys
 
-from gateway.runtime.scheduling import step_forward
+from gateway.runtime.scheduling import prefer_this_thread
 
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
 """mallopt parameters, malloc.h of glibc."""
 _SWITCH_SECONDS = 0.001
-"""For a thread that computes in Python to let the event loop have the interpreter; Python's own 5 ms would be part of
-every turn while one decodes or lists."""
+"""Time after which a thread that runs Python code releases the GIL for the event loop; the default of 5 ms would delay
+every request while another is parsed."""
 _FILES = 65_536
-"""Descriptors: one for each HTTP, WebSocket and gRPC connection."""
-
-_RECEIVED = 4 << 20
-"""Bytes that a connection may send before anybody reads them: a scene of Drake's comes whole, in a few large pieces. By
-itself Linux begins with 64 kB and finds out, for every new connection, while client and event loop wake each other."""
+"""File descriptors: one per HTTP, WebSocket and gRPC connection."""
+_RECEIVE_BUFFER = 4 << 20
+"""Receive buffer of a connection in bytes: a scene arrives in a few large reads. Linux' automatic size starts at 64 kB
+for every connection, and costs a wake-up of client and event loop for each step."""
 
 
 def tune() -> None:
-    """Keeps freed pictures' pages, gives the event loop its turn soon and allows many connections; does what the system
-    allows, silently."""
+    """Keep the memory of freed images, prefer the event loop's thread, and allow many connections.
+
+    Settings that the system does not allow are skipped.
+    """
     sys.setswitchinterval(_SWITCH_SECONDS)
-    step_forward()
+    prefer_this_thread()
     with contextlib.suppress(OSError, AttributeError):  # another libc
         libc = ctypes.CDLL(None)
-        # By default blocks of several MB are mapped anew and given back every frame: the page faults cost more than
-        # the frame. Raising either threshold alone does not help.
+        # By default blocks of several MB are mapped and unmapped for every frame, and the page faults take longer than
+        # rendering. Raising either threshold alone has no effect.
         libc.mallopt(_M_MMAP_THRESHOLD, 1 << 30)
         libc.mallopt(_M_TRIM_THRESHOLD, (1 << 31) - 1)
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
@@ -43,33 +44,36 @@ def tune() -> None:
 
 
 def return_memory() -> None:
-    """Return freed memory to the system, which ``tune`` has the allocator keep; nothing where libc is another one.
+    """Return the freed memory that the allocator keeps since ``tune`` to the system (glibc only).
 
-    Takes some 0.3 ms per MB. Meanwhile other threads may wait for memory.
+    Takes about 0.3 ms per MB, in which other threads may wait for memory.
     """
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).malloc_trim(0)
 
 
-def hurry() -> None:
-    """Stops the garbage collector until ``settle``: importing makes half a million objects, none of which is garbage,
-    and looking at them again and again takes a tenth of the start."""
+def pause_gc() -> None:
+    """Stop the garbage collector until ``freeze_gc``: imports make half a million objects and no garbage, and scanning
+    them takes a tenth of the start."""
     gc.disable()
 
 
-def settle() -> None:
-    """Takes what was made at the start out of the garbage collector's sight: its full collections would look at
-    half a million objects of imported modules and hold everything for tens of milliseconds."""
+def freeze_gc() -> None:
+    """Exclude all existing objects from garbage collection: scanning half a million objects of imported modules would
+    stop all threads for tens of milliseconds."""
     gc.collect()
     gc.freeze()
     gc.enable()
 
 
 def listen(host: str, port: int) -> socket.socket:
-    """A listening TCP socket for ``host``, which may be a name or an IPv6 address.
+    """Return a listening TCP socket.
+
+    Args:
+        host: name or address, IPv4 or IPv6.
 
     Raises:
-        OSError: the port is taken, the address is not of this machine, or the name is unknown.
+        OSError: the port is in use, the address does not belong to this machine, or the name is unknown.
     """
     family, kind, protocol, _, address = socket.getaddrinfo(
         host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
@@ -77,8 +81,8 @@ def listen(host: str, port: int) -> socket.socket:
     sock = socket.socket(family, kind, protocol)
     try:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        if _may_receive(family):  # else what the system finds out by itself is more
-            sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVED)
+        if _receive_buffer_allowed(family):  # else the automatic size is larger
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
         sock.bind(address)
         sock.listen(2048)
         sock.setblocking(False)
@@ -88,15 +92,18 @@ def listen(host: str, port: int) -> socket.socket:
     return sock
 
 
-def _may_receive(family: int) -> bool:
-    """Whether a socket may be told to hold so many bytes; asking is final, and more than allowed is cut silently."""
+def _receive_buffer_allowed(family: int) -> bool:
+    """Return whether the system allows ``_RECEIVE_BUFFER``.
+
+    It reduces larger sizes silently, and setting any size turns the automatic one off.
+    """
     with socket.socket(family) as sock:
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVED)
-        return sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) >= _RECEIVED
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
+        return sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) >= _RECEIVE_BUFFER
 
 
-def why_not_listening(error: OSError, host: str, port: int) -> str:
-    """The reason as a sentence's end."""
+def listen_error(error: OSError, host: str, port: int) -> str:
+    """Return the reason for a failure of ``listen``, without a full stop."""
     if isinstance(error, socket.gaierror):
         return f"the host {host!r} is unknown"
     reasons = {98: "another program listens there", 99: f"{host} is no address of this machine", 13: "not allowed to"}

@@ -1,4 +1,4 @@
-"""What runs and in which state: the source of ``/healthz``, ``/readyz`` and the lines at start."""
+"""States of the interfaces: the source of ``/healthz``, ``/readyz`` and the log line at start."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ class Service(Protocol):
     """A long-running interface."""
 
     async def run(self) -> None:
-        """Works until cancelled and cleans up behind itself; raises when it cannot work."""
+        """Serve until cancelled, then clean up; raise if the interface cannot work."""
 
     @property
     def ready(self) -> bool:
-        """Whether clients can use it now."""
+        """True while clients can use it."""
 
     def status(self) -> Mapping[str, Any]:
-        """Figures and warnings for ``/healthz``; plain JSON values."""
+        """Return figures and warnings for ``/healthz``; plain JSON values."""
 
 
 class State(StrEnum):
@@ -31,30 +31,30 @@ class State(StrEnum):
 
 @dataclass(slots=True)
 class Entry:
-    """One interface, or the kernels, on the board."""
+    """State of one interface, or of the kernels."""
 
     state: State = State.STARTING
     problem: str = ""
-    """One sentence, when failed."""
+    """Reason of a failure, one sentence."""
     service: Service | None = None
     figures: Callable[[], Mapping[str, Any]] | None = None
-    """Plain JSON values for ``/healthz``."""
+    """Returns plain JSON values for ``/healthz`` while ready."""
     where: str = ""
-    """How clients reach it, for people."""
+    """Address for people, such as a path or URL."""
     progress: Callable[[], Mapping[str, Any]] | None = None
-    """Plain JSON values for ``/healthz`` while it starts."""
+    """Returns plain JSON values for ``/healthz`` while starting."""
 
     def current(self) -> State:
-        """The state, a running service's own word included."""
+        """Return the state; a service that has started but is not ready counts as starting."""
         if self.state is State.READY and self.service is not None and not self.service.ready:
             return State.STARTING
         return self.state
 
     def describe(self, *, details: bool = True) -> dict[str, Any]:
-        """Plain JSON values.
+        """Return plain JSON values.
 
         Args:
-            details: False: state and port alone. Problems, places and figures can have paths and clients' data in them.
+            details: False: only state and port. Problems, addresses and figures can contain paths and clients' data.
         """
         described: dict[str, Any] = {"state": self.current().value}
         if not details:
@@ -72,15 +72,15 @@ class Entry:
 
 
 @dataclass(slots=True)
-class Board:
-    """The entries by name, in order of start."""
+class ServiceRegistry:
+    """Entries by name, in order of start."""
 
     essential: frozenset[str] = frozenset()
-    """Entries without which the process is not ready; the failure of another one only degrades it."""
+    """Entries without which the process is not ready; failures of others only degrade it."""
     entries: dict[str, Entry] = field(default_factory=dict)
 
     def expect(self, *names: str) -> None:
-        """Announces what will start, so that readiness waits for it."""
+        """Add entries that are going to start; the process is not ready before them."""
         for name in names:
             self.entries.setdefault(name, Entry())
 
@@ -92,24 +92,24 @@ class Board:
         service: Service | None = None,
         figures: Callable[[], Mapping[str, Any]] | None = None,
     ) -> None:
-        """The entry works from now on (a service: as far as it says so itself)."""
+        """Mark an entry as started; a ``service`` is ready when its own ``ready`` is true."""
         if figures is None and service is not None:
             figures = service.status
         self.entries[name] = Entry(State.READY, "", service, figures, where)
 
     def fail(self, name: str, problem: str) -> None:
-        """The entry does not work; ``problem`` is one sentence for people."""
+        """Mark an entry as failed; ``problem`` is one sentence."""
         entry = self.entries.setdefault(name, Entry())
         entry.state, entry.problem = State.FAILED, problem
 
     def stop(self) -> None:
-        """Nothing new is taken any more."""
+        """Mark all entries that have not failed as stopped."""
         for entry in self.entries.values():
             if entry.state is not State.FAILED:
                 entry.state = State.STOPPED
 
     def verdict(self) -> str:
-        """``ready``, ``degraded`` (works, but an interface failed), ``starting``, ``stopping`` or ``failed``."""
+        """Return ``ready``, ``degraded`` (an interface failed), ``starting``, ``stopping`` or ``failed``."""
         states = {name: entry.current() for name, entry in self.entries.items()}
         if any(states.get(name) is State.FAILED for name in self.essential):
             return "failed"
@@ -119,7 +119,7 @@ class Board:
         return "ready"
 
     def describe(self, *, details: bool = True) -> dict[str, Any]:
-        """Plain JSON values: the verdict and every entry, see ``Entry.describe``."""
+        """Return the verdict and all entries as plain JSON values, see ``Entry.describe``."""
         return {
             "status": self.verdict(),
             "interfaces": {name: entry.describe(details=details) for name, entry in self.entries.items()},

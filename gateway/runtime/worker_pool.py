@@ -1,8 +1,8 @@
-"""A bounded pool of threads behind a bounded, first-come queue: how work leaves the event loop.
+"""Thread pool with a bounded queue: takes work off the event loop (docs/decisions/0005-work-off-the-loop.md).
 
-Waiting is the normal case (Drake's client never retries), so the queue is deep; only beyond its bounds a caller is
-turned away. A caller that is cancelled frees its place, or ends its call: every call runs under a ``StopFlag`` of its
-own, which also ends it at its deadline and at shutdown.
+Calls run first come, first served. Waiting is normal, since Drake's client never retries, so the queue is long; beyond
+its limits a call is rejected at once. Each call has a ``StopFlag``, which is set at its deadline, when its caller is
+cancelled, and at shutdown.
 """
 
 from __future__ import annotations
@@ -15,91 +15,84 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
-from queue import SimpleQueue
+from concurrent.futures import Future
+from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Final, ParamSpec, TypeVar
 
-from gateway.runtime.scheduling import step_back
+from gateway.runtime.scheduling import yield_to_event_loop
 from renderers.stop import StopFlag
 
 P = ParamSpec("P")
 T = TypeVar("T")
 
 MAX_RETRY_AFTER: Final = 60
-"""Seconds; an estimate beyond a minute is a guess about other people's requests."""
+"""Maximum Retry-After in seconds; longer estimates are not reliable."""
 STOPPING_SECONDS: Final = 0.5
-"""Time in which a call ends whose flag was set."""
+"""Time in which a call whose stop flag was set ends."""
 _SMOOTHING: Final = 0.1
-"""Weight of the newest duration in the running mean that ``Retry-After`` is estimated from."""
+"""Weight of the newest duration in the moving average behind ``Retry-After``."""
 
 
 def usable_cpus() -> int:
-    """CPUs that this process may run on; a container's CPU set counts."""
+    """Return the number of CPUs that this process may run on, within a container's CPU set."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-class Busy(Exception):  # noqa: N818 - it is an answer, not a fault
+class QueueFull(Exception):  # noqa: N818 - an expected outcome, not a fault
     """The queue is full."""
 
     def __init__(self, reason: str, retry_after: int) -> None:
         super().__init__(f"{reason}; try again in {retry_after} s")
         self.retry_after = retry_after
-        """Seconds after which a place is probably free, >= 1."""
+        """Estimated seconds until a place is free, at least 1."""
 
 
-class Closed(Exception):  # noqa: N818 - as above
-    """The pool is shutting down: it takes no work, or the call was ended."""
+class PoolClosed(Exception):  # noqa: N818 - as above
+    """The pool is shutting down: the call was not accepted, or was ended."""
 
 
-class TooSlow(Exception):  # noqa: N818 - as above
+class DeadlineExceeded(Exception):  # noqa: N818 - as above
     """The call was ended at its deadline."""
 
 
-class Abandoned(Exception):  # noqa: N818 - as above
+class CallerCancelled(Exception):  # noqa: N818 - as above
     """The call was ended because its caller was cancelled."""
 
 
 @dataclass(frozen=True, slots=True)
-class WorkersStats:
-    """One consistent reading."""
+class PoolStats:
+    """Consistent snapshot of a pool."""
 
     threads: int
     running: int
     waiting: int
     waiting_bytes: int
     done: int
-    """Finished calls since start, failed ones included."""
+    """Calls that returned or failed since start."""
     rejected: int
-    """Calls answered with ``Busy``."""
+    """Calls rejected with ``QueueFull``."""
     abandoned: int
-    """Calls whose caller left before the result was there."""
+    """Calls whose caller was cancelled before the result."""
     slow: int
-    """Running calls that have used more than half of the time that they may take."""
+    """Running calls that have used more than half of their time."""
     timed_out: int
-    """Calls that were ended at their deadline."""
+    """Calls ended at their deadline."""
 
 
-class _Job:
-    __slots__ = ("call", "context", "future", "loop", "started", "stop", "weight")
-
-    def __init__(
-        self, call: Callable[[], Any], weight: int, loop: asyncio.AbstractEventLoop, future: asyncio.Future[Any]
-    ) -> None:
-        self.call = call
-        self.weight = weight
-        self.loop = loop
-        self.future = future
-        self.context = contextvars.copy_context()
-        self.stop = StopFlag()
-        self.started = 0.0
-        """Monotonic time at which the call began to run, seconds."""
+@dataclass(slots=True, eq=False)
+class _Call:
+    function: Callable[[], Any]
+    nbytes: int
+    future: Future[Any] = field(default_factory=Future)
+    context: contextvars.Context = field(default_factory=contextvars.copy_context)
+    stop: StopFlag = field(default_factory=StopFlag)
+    started: float = 0.0
+    """Monotonic time at which the call began to run, seconds."""
 
 
-class Workers:
-    """Runs functions in threads, in the order in which they were handed in.
-
-    The threads are daemons and start on demand. Callers may live in different event loops.
-    """
+class WorkerPool:
+    """Runs functions in daemon threads, which start on demand. Callers may live in different event loops."""
 
     def __init__(
         self,
@@ -114,91 +107,85 @@ class Workers:
     ) -> None:
         """
         Args:
-            threads: at most this many calls run at once; None: one per CPU that this process may use.
-            max_waiting: calls that may wait for a thread; each keeps a connection and its request alive.
-            max_waiting_bytes: sum of the weights of the waiting calls. One that alone is heavier may still wait when
-                nobody else does, so that no single request is impossible.
-            name: of the threads, for debuggers.
-            niceness: of the threads, beyond the process's own.
-            seconds: time that a call may run, not counted while it waits; None: any.
-            limit_name: of ``seconds``, for messages.
+            threads: maximum number of running calls; None: one per CPU that this process may use.
+            max_waiting: maximum number of calls that wait for a thread; each keeps its request in memory.
+            max_waiting_bytes: maximum of the sum of their ``nbytes``. A call with more may wait if no other does, so
+                that no request is impossible.
+            name: name of the threads, for debuggers.
+            niceness: niceness of the threads, relative to the process.
+            seconds: time limit of a running call, without its time in the queue; None: no limit.
+            limit_name: name of ``seconds`` in error messages.
         """
         self.threads = threads if threads is not None else usable_cpus()
         if self.threads < 1 or max_waiting < 0 or max_waiting_bytes < 0 or (seconds is not None and seconds <= 0):
-            raise ValueError("workers need at least one thread, bounds that are not negative, and some time")
+            raise ValueError("a worker pool needs at least one thread, no negative limits, and positive seconds")
         self.max_waiting = max_waiting
         self.max_waiting_bytes = max_waiting_bytes
+        self.seconds = seconds
         self._name = name
         self._niceness = niceness
-        self.seconds = seconds
         self._limit_name = limit_name
         self._lock = threading.Lock()
-        self._idle: list[SimpleQueue[None]] = []
-        """Of each thread that waits, what wakes it up."""
-        self._queue: deque[_Job] = deque()
-        self._queue_bytes = 0
-        self._jobs: set[_Job] = set()
-        """Running calls."""
+        self._wakeup = threading.Condition(self._lock)
+        """Notified when there is a call to run, or the pool is closing."""
+        self._waiting: deque[_Call] = deque()
+        self._waiting_bytes = 0
+        self._running: set[_Call] = set()
         self._alive = 0
+        """Threads that have not ended."""
+        self._all_ended = threading.Event()
+        self._closing = False
+        self._watching = False
         self._done = 0
         self._rejected = 0
         self._abandoned = 0
         self._timed_out = 0
-        self._watching = False
-        self._all_ended = threading.Event()
         self._mean_seconds = 0.0
-        self._closing = False
-        self._ended: list[tuple[asyncio.AbstractEventLoop, asyncio.Future[None]]] = []
 
-    async def run(  # type: ignore[valid-type]  # PEP 612 has no place for weight
+    async def run(  # type: ignore[valid-type]  # PEP 612 has no place for nbytes
         self,
         fn: Callable[P, T],
         *args: P.args,
-        weight: int = 0,
+        nbytes: int = 0,
         **kwargs: P.kwargs,
     ) -> T:
-        """Calls ``fn`` in a thread, with the caller's context variables, and returns what it returns.
+        """Call ``fn`` in a thread, with the caller's context variables, and return its result.
+
+        When the caller is cancelled, a waiting call is dropped, and a running one gets its stop flag set.
 
         Args:
-            weight: bytes that the call keeps alive while it waits.
+            nbytes: memory that the call keeps in use while it waits.
 
         Raises:
-            Busy: too much is waiting already.
-            Closed: ``close`` was called.
-            TooSlow: ``fn`` has looked at its flag (``renderers.stop``) after its time was over.
-            Exception: whatever ``fn`` raised. When the caller is cancelled, a waiting call is forgotten at once, and
-                the flag of a running one is set.
+            QueueFull: too many calls are waiting.
+            PoolClosed: ``close`` was called.
+            DeadlineExceeded: ``fn`` checked its stop flag (``renderers.stop``) after its time was over.
+            Exception: raised by ``fn``.
         """
-        loop = asyncio.get_running_loop()
-        future: asyncio.Future[T] = loop.create_future()
-        job = _Job(lambda: fn(*args, **kwargs), weight, loop, future)
+        call = _Call(partial(fn, *args, **kwargs), nbytes)
         with self._lock:
             if self._closing:
-                raise Closed("the server is shutting down")
-            # A free thread is one that no queued job has a claim on.
-            if len(self._jobs) + len(self._queue) >= self.threads:
-                self._check_bounds(weight)
-            self._queue.append(job)
-            self._queue_bytes += weight
-            if self._idle:
-                self._idle.pop().put(None)  # the one that has waited least
-            elif self._alive < self.threads and self._alive < len(self._jobs) + len(self._queue):
-                self._alive += 1
-                threading.Thread(target=self._serve, name=f"{self._name}-{self._alive}", daemon=True).start()
-                if self.seconds is not None and not self._watching:
-                    self._watching = True
-                    threading.Thread(target=self._watch, name=f"{self._name}-deadlines", daemon=True).start()
+                raise PoolClosed("the server is shutting down")
+            if len(self._running) + len(self._waiting) >= self.threads:
+                self._check_queue(nbytes)
+            self._waiting.append(call)
+            self._waiting_bytes += nbytes
+            if self._alive < min(self.threads, len(self._running) + len(self._waiting)):
+                self._start_thread()
+            self._wakeup.notify()
         try:
-            return await future
+            result: T = await asyncio.wrap_future(call.future)
+            return result
+        except asyncio.CancelledError:
+            self._abandon(call)
+            raise
         finally:
-            if not future.done() or future.cancelled():
-                self._forget(job)
-            del job, future  # the traceback of a failure must not keep the request alive in a cycle
+            del call  # a traceback must not keep the request alive in a reference cycle
 
     @property
     def spare(self) -> int:
-        """Threads that no call runs in or waits for: processors that those that run may use besides. Any thread."""
-        return max(0, self.threads - len(self._jobs) - len(self._queue))
+        """Threads without a running or waiting call."""
+        return max(0, self.threads - len(self._running) - len(self._waiting))
 
     @property
     def stuck(self) -> bool:
@@ -207,174 +194,163 @@ class Workers:
 
     @property
     def full(self) -> bool:
-        """Whether a call of any size would be refused now: as many wait as may."""
-        return self.stats.waiting >= self.max_waiting and len(self._jobs) >= self.threads
+        """True while any further call would be rejected."""
+        return self.stats.waiting >= self.max_waiting and len(self._running) >= self.threads
 
-    def refuse(self, coming: int) -> Busy | None:
-        """Why a call would be refused if ``coming`` others were handed in before it; counted when it is. Any thread."""
+    def check_capacity(self, arriving: int) -> None:
+        """Check whether a call could be queued behind ``arriving`` others that have not been submitted yet.
+
+        Raises:
+            QueueFull: it could not; counted as a rejected call.
+        """
         with self._lock:
-            ahead = len(self._jobs) + len(self._queue) + coming
-            return self._busy(ahead - self.threads, coming) if ahead >= self.threads + self.max_waiting else None
+            waiting = len(self._running) + len(self._waiting) + arriving - self.threads
+            if waiting >= self.max_waiting:
+                raise self._queue_full(waiting, arriving)
 
     @property
-    def stats(self) -> WorkersStats:
+    def stats(self) -> PoolStats:
+        """Snapshot of the counters."""
         with self._lock:
-            spare = max(0, self.threads - len(self._jobs))
-            return WorkersStats(
+            slow_since = time.monotonic() - self.seconds / 2 if self.seconds is not None else -math.inf
+            return PoolStats(
                 threads=self.threads,
-                running=len(self._jobs),
-                waiting=max(0, len(self._queue) - spare),
-                waiting_bytes=self._queue_bytes,
+                running=len(self._running),
+                waiting=self._queue_length(),
+                waiting_bytes=self._waiting_bytes,
                 done=self._done,
                 rejected=self._rejected,
                 abandoned=self._abandoned,
-                slow=self._slow(),
+                slow=sum([call.started < slow_since for call in self._running]),
                 timed_out=self._timed_out,
             )
 
-    def _slow(self) -> int:
-        if self.seconds is None:
-            return 0
-        begun = time.monotonic() - self.seconds / 2
-        return sum([job.started < begun for job in self._jobs])
-
     async def close(self, limit: float = 10.0) -> bool:
-        """Takes no new work, lets what was accepted finish, and ends the threads.
+        """Reject new calls, finish the accepted ones, and end the threads.
 
         Args:
-            limit: seconds after which waiting calls fail with ``Closed``, and running ones are ended with it. Those
-                that do not look at their flags are left behind (being daemons, they do not keep the process alive).
+            limit: seconds after which waiting calls fail with ``PoolClosed`` and running ones are stopped with it.
+                Threads whose calls do not check their stop flag are left running.
 
         Returns:
-            Whether every thread ended within ``STOPPING_SECONDS`` after that.
+            True if every thread ended within ``limit`` + ``STOPPING_SECONDS``.
         """
-        loop = asyncio.get_running_loop()
-        ended: asyncio.Future[None] = loop.create_future()
         with self._lock:
             self._closing = True
-            while self._idle:
-                self._idle.pop().put(None)
+            self._wakeup.notify_all()
             if self._alive == 0:
-                return True
-            self._ended.append((loop, ended))
-        done, _ = await asyncio.wait((ended,), timeout=limit)
-        if done:
+                self._all_ended.set()
+        if await asyncio.to_thread(self._all_ended.wait, limit):
             return True
         with self._lock:
-            leftovers = tuple(self._queue)
-            self._queue.clear()
-            self._queue_bytes = 0
-            running = tuple(self._jobs)
-        for job in leftovers:
-            _tell(job, None, Closed("the server shut down before the request's turn came"))
-        for job in running:
-            job.stop.set(Closed("the server shut down before the result was ready"))
-        done, _ = await asyncio.wait((ended,), timeout=STOPPING_SECONDS)
-        return bool(done)
+            waiting = tuple(self._waiting)
+            self._waiting.clear()
+            self._waiting_bytes = 0
+            running = tuple(self._running)
+        for call in waiting:
+            if call.future.set_running_or_notify_cancel():
+                call.future.set_exception(PoolClosed("the server shut down before the request's turn came"))
+        for call in running:
+            call.stop.set(PoolClosed("the server shut down before the result was ready"))
+        return await asyncio.to_thread(self._all_ended.wait, STOPPING_SECONDS)
 
-    def _check_bounds(self, weight: int) -> None:
-        waiting = max(0, len(self._queue) - (self.threads - len(self._jobs)))
+    def _queue_length(self) -> int:
+        """Return the number of calls that no idle thread is about to take."""
+        return max(0, len(self._waiting) - (self.threads - len(self._running)))
+
+    def _check_queue(self, nbytes: int) -> None:
+        waiting = self._queue_length()
         if waiting >= self.max_waiting:
-            raise self._busy(waiting)
-        if self._queue and self._queue_bytes + weight > self.max_waiting_bytes:
+            raise self._queue_full(waiting)
+        if self._waiting and self._waiting_bytes + nbytes > self.max_waiting_bytes:
             reason = (
-                f"the waiting requests hold {self._queue_bytes} bytes; with {weight} more "
+                f"the waiting requests hold {self._waiting_bytes} bytes; with {nbytes} more "
                 f"they would exceed the limit of {self.max_waiting_bytes}"
             )
-            raise self._busy(waiting, reason=reason)
+            raise self._queue_full(waiting, reason=reason)
 
-    def _busy(self, waiting: int, coming: int = 0, reason: str = "") -> Busy:
+    def _queue_full(self, waiting: int, arriving: int = 0, reason: str = "") -> QueueFull:
         if not reason:
-            arriving = f" ({coming} of them still arriving)" if coming else ""
-            reason = f"{waiting} requests are waiting already{arriving}, the limit is {self.max_waiting}"
+            part = f" ({arriving} of them still arriving)" if arriving else ""
+            reason = f"{waiting} requests are waiting already{part}, the limit is {self.max_waiting}"
         self._rejected += 1
         seconds = math.ceil((waiting + 1) * self._mean_seconds / self.threads)
-        return Busy(reason, min(max(1, seconds), MAX_RETRY_AFTER))
+        return QueueFull(reason, min(max(1, seconds), MAX_RETRY_AFTER))
 
-    def _forget(self, job: _Job) -> None:
+    def _abandon(self, call: _Call) -> None:
         with self._lock:
             self._abandoned += 1
-            try:
-                self._queue.remove(job)
-            except ValueError:  # it runs, or ran, already
-                job.stop.set(Abandoned("the caller does not wait any more"))
-                return
-            self._queue_bytes -= job.weight
+            if call in self._waiting:
+                self._waiting.remove(call)
+                self._waiting_bytes -= call.nbytes
+            else:
+                call.stop.set(CallerCancelled("the caller was cancelled"))
 
-    def _watch(self) -> None:
-        """Ends calls at their deadlines. A call that begins while this waits has a later one: nothing needs to wake
-        it."""
+    def _start_thread(self) -> None:
+        self._alive += 1
+        threading.Thread(target=self._work, name=f"{self._name}-{self._alive}", daemon=True).start()
+        if self.seconds is not None and not self._watching:
+            self._watching = True
+            threading.Thread(target=self._enforce_deadlines, name=f"{self._name}-deadlines", daemon=True).start()
+
+    def _work(self) -> None:
+        """Body of a worker thread."""
+        yield_to_event_loop(self._niceness)
+        while (call := self._next_call()) is not None:
+            result: Any = None
+            error: BaseException | None = None
+            try:
+                result = call.context.run(call.stop.run, call.function)
+            except StopIteration as raised:  # a future cannot carry it
+                error = RuntimeError(f"StopIteration escaped: {raised}")
+            except BaseException as raised:  # noqa: BLE001 - the caller gets it
+                error = raised
+            seconds = time.monotonic() - call.started
+            with self._lock:
+                self._running.remove(call)
+                self._done += 1
+                self._mean_seconds += (seconds - self._mean_seconds) * (_SMOOTHING if self._mean_seconds else 1.0)
+            if error is None:
+                call.future.set_result(result)
+            else:
+                call.future.set_exception(error)
+            del call, result, error
+        with self._lock:
+            self._alive -= 1
+            if self._alive == 0:
+                self._all_ended.set()
+
+    def _next_call(self) -> _Call | None:
+        """Wait for a call and mark it as running; None: the pool is closing and all calls are done."""
+        with self._wakeup:
+            while True:
+                while not self._waiting:
+                    if self._closing:
+                        return None
+                    self._wakeup.wait()
+                call = self._waiting.popleft()
+                self._waiting_bytes -= call.nbytes
+                if call.future.set_running_or_notify_cancel():
+                    call.started = time.monotonic()
+                    self._running.add(call)
+                    return call
+
+    def _enforce_deadlines(self) -> None:
+        """Body of the thread that sets the stop flags of calls whose time is over.
+
+        It sleeps until the earliest deadline. A call that starts meanwhile has a later one.
+        """
         assert self.seconds is not None
         pause = self.seconds
         while not self._all_ended.wait(pause):
             now = time.monotonic()
             pause = self.seconds
             with self._lock:
-                for job in self._jobs:
-                    left = job.started + self.seconds - now
+                for call in self._running:
+                    left = call.started + self.seconds - now
                     if left > 0.0:
                         pause = min(pause, left)
-                    elif not job.stop.is_set:
+                    elif not call.stop.is_set:
                         self._timed_out += 1
-                        job.stop.set(TooSlow(f"it took longer than {self._limit_name} = {self.seconds:g} s"))
-
-    def _serve(self) -> None:
-        step_back(self._niceness)
-        calls: SimpleQueue[None] = SimpleQueue()  # waits without the interpreter, which a condition needs to go on
-        while True:
-            with self._lock:
-                if self._queue:
-                    job = self._queue.popleft()
-                    self._queue_bytes -= job.weight
-                    job.started = time.monotonic()
-                    self._jobs.add(job)
-                elif self._closing:
-                    break
-                else:
-                    job = None
-                    self._idle.append(calls)
-            if job is None:
-                calls.get()
-                continue
-            result, error = None, None
-            try:
-                result = job.context.run(job.stop.run, job.call)
-            except BaseException as raised:  # noqa: BLE001 - the caller gets it, whatever it is
-                error = raised
-            seconds = time.monotonic() - job.started
-            with self._lock:
-                self._jobs.remove(job)
-                self._done += 1
-                self._mean_seconds += (seconds - self._mean_seconds) * (_SMOOTHING if self._mean_seconds else 1.0)
-            _tell(job, result, error)
-            del job, result, error
-        with self._lock:
-            self._alive -= 1
-            waiters = self._ended if self._alive == 0 else []
-            if self._alive == 0:
-                self._all_ended.set()
-        for loop, ended in waiters:
-            _call_soon(loop, lambda ended=ended: None if ended.done() else ended.set_result(None))  # type: ignore[misc]  # no type for a default
-
-
-def _tell(job: _Job, result: Any, error: BaseException | None) -> None:
-    """Hands the outcome to the caller's loop; nobody may be there any more."""
-    if isinstance(error, StopIteration):  # a future cannot carry it
-        error = RuntimeError(f"StopIteration escaped: {error}")
-
-    def settle() -> None:
-        if job.future.done():
-            return
-        if error is not None:
-            job.future.set_exception(error)
-        else:
-            job.future.set_result(result)
-
-    _call_soon(job.loop, settle)
-
-
-def _call_soon(loop: asyncio.AbstractEventLoop, call: Callable[[], None]) -> None:
-    try:
-        loop.call_soon_threadsafe(call)
-    except RuntimeError:  # the loop was closed
-        pass
+                        error = DeadlineExceeded(f"it took longer than {self._limit_name} = {self.seconds:g} s")
+                        call.stop.set(error)

@@ -7,8 +7,7 @@ that did not change, so the cost of comparing them (``changes``) depends on the 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -244,35 +243,58 @@ class TreeEdit:
         return nodes
 
 
-@dataclass(frozen=True, slots=True)
-class Change:
+class Change(NamedTuple):
     """One difference between two trees."""
 
-    kind: Literal["added", "removed", "geometry", "transform", "visible"]
-    """``added``: a new node, whose children follow as further changes. ``removed``: a node and all below it."""
+    kind: Literal["added", "removed", "reordered", "geometry", "transform", "visible"]
+    """``added``: the node is new; its children follow as changes of their own. ``removed``: the node and its subtree
+    are gone. ``reordered``: the node follows other siblings than before."""
     path: Path
     node: Node | None
-    """The node in the new tree; None where it was removed."""
+    """The new state of the node; None if removed."""
 
 
 def changes(old: Node, new: Node) -> Iterator[Change]:
-    """Iterate over the differences between two trees, parents first. Shared subtrees are skipped by identity."""
-    stack: list[tuple[Path, Node | None, Node]] = [((), old, new)]
+    """Yield the differences from ``old`` to ``new``: parents before children, siblings in their order.
+
+    Subtrees that both trees share are skipped, so the cost depends on the number of changes, not of nodes.
+    """
+    stack: list[tuple[Path, Node | None, Node, bool]] = [((), old, new, False)]
     while stack:
-        path, before, after = stack.pop()
-        if before is after:
-            continue
+        path, before, after, reordered = stack.pop()
         if before is None:
             yield Change("added", path, after)
-        else:
-            for name in before.children:
-                if name not in after.children:
-                    yield Change("removed", (*path, name), None)
-            if before.parts is not after.parts:
-                yield Change("geometry", path, after)
-            if not before.same_transform(after):
-                yield Change("transform", path, after)
-            if before.visible != after.visible:
-                yield Change("visible", path, after)
-        previous: Mapping[PathElement, Node] = {} if before is None else before.children
-        stack.extend(((*path, name), previous.get(name), child) for name, child in reversed(after.children.items()))
+            stack += [((*path, name), None, child, False) for name, child in reversed(after.children.items())]
+            continue
+        if reordered:
+            yield Change("reordered", path, after)
+        if before is after:
+            continue
+        if before.parts is not after.parts:
+            yield Change("geometry", path, after)
+        if not before.same_transform(after):
+            yield Change("transform", path, after)
+        if before.visible != after.visible:
+            yield Change("visible", path, after)
+        previous = before.children
+        if not previous and not after.children:
+            continue
+        for name in previous:
+            if name not in after.children:
+                yield Change("removed", (*path, name), None)
+        moved = _reordered(previous, after.children)
+        for name, child in reversed(after.children.items()):
+            earlier = previous.get(name)
+            if earlier is not child or name in moved:
+                stack.append(((*path, name), earlier, child, name in moved))
+
+
+def _reordered(before: Mapping[PathElement, Node], after: Mapping[PathElement, Node]) -> frozenset[PathElement]:
+    """Return the names in both mappings whose position after their siblings changed; new names come last as a rule."""
+    names, kept = list(after), [name for name in before if name in after]
+    if names[: len(kept)] == kept:
+        return frozenset()
+    same = 0
+    while same < len(kept) and names[same] == kept[same]:
+        same += 1
+    return frozenset(name for name in names[same:] if name in before)

@@ -1,4 +1,4 @@
-"""What an operator can set about the scene over HTTP; every bound states its reason."""
+"""Limits and defaults of the scene over HTTP."""
 
 from __future__ import annotations
 
@@ -11,26 +11,27 @@ from renderers.light_rig import STUDIO, Rig
 
 @dataclass(frozen=True, slots=True)
 class SceneApiConfig:
-    """Settings of ``/scene``, ``/scene.glb`` and ``/scene/render``."""
+    """Configuration of ``/scene``, ``/scene.glb`` and ``/scene/render``."""
 
     width: int = 1280
+    """Default width in pixels."""
     height: int = 720
-    """Pixels, where a request names none."""
+    """Default height in pixels."""
     look: LookName = "studio"
-    """Where a request names none."""
+    """Default look."""
     samples: SampleCount = 4
-    """A pixel of the studio look, where a request names none; the other looks have one, and FXAA."""
+    """Default number of samples per pixel of the studio look; the other looks have one, and FXAA."""
     rig: Rig = STUDIO
-    """What lights the studio look."""
+    """Lights of the studio look."""
     background: tuple[int, int, int] = (204, 229, 255)
-    """RGB of colour pictures where nothing is; the same as the render endpoint's."""
+    """RGB background of colour images, the same as the render endpoint's."""
     antialias: Literal["fxaa", "none"] = "fxaa"
-    """Of colour pictures with one sample a pixel in looks other than studio."""
+    """Antialiasing of colour images with one sample per pixel, except in the studio look."""
     max_pixels: int = 4096 * 4096
-    """width * height: a picture of this size takes about 200 MB while it is made."""
+    """Maximum number of pixels of an image; one of this size takes about 200 MB while it is rendered."""
     max_side: int = 16384
-    """Pixels of width or height: the rasterizer's limit."""
+    """Maximum width and height in pixels: the rasterizer's limit."""
     max_export_bytes: int = 512 << 20
-    """Of ``/scene.glb``: the file is made in memory, and browsers give up at about this size."""
+    """Maximum size of ``/scene.glb``: the file is built in memory, and browsers cannot load much larger ones."""
     max_nodes: int = 200_000
-    """Listed by ``GET /scene``; 300 bytes of JSON each. Further ones are counted, not listed."""
+    """Maximum number of nodes listed by ``GET /scene``, 300 bytes of JSON each. Further nodes are only counted."""

@@ -1,4 +1,4 @@
-"""What is in the scene, as JSON."""
+"""The JSON of ``GET /scene``."""
 
 from __future__ import annotations
 
@@ -16,45 +16,49 @@ from gateway.scene.tree import Node, Path
 from renderers.drawlist import LABEL_NONE, DrawList
 
 
-class Listed(msgspec.Struct):
-    """One node. Children follow their parents."""
+class ListedNode(msgspec.Struct):
+    """One node. Parents come before their children."""
 
     path: list[str | int]
+    """Names from the root."""
     kinds: list[str]
-    """Of the node's own parts, as their client called them."""
+    """Kinds of the node's own parts, as the client named them."""
     has_geometry: bool
-    """Whether geometry was ever set here, an empty one included."""
+    """True if geometry was ever set, even if it is empty."""
     visible: bool
-    """The node's own flag; a hidden parent hides it, too."""
+    """The node's own flag; a node is also hidden if an ancestor is."""
     label: int | None
-    """In label pictures: red + 256 green + 65536 blue. Null: the node has no geometry."""
+    """Label in label images, as red + 256 green + 65536 blue; null without geometry."""
     bounds: list[list[float]] | None
-    """Lowest and highest corner of all that is drawn here and below, metres, in the world."""
+    """World bounds of the visible subtree as minimum and maximum corner, metres; null if nothing is drawn."""
     transform: list[list[float]]
-    """4x4, row-major, from the node to the world; null for numbers that are not finite."""
+    """(4, 4), row-major, X_world_node; values that are not finite are null."""
 
 
 class Listing(msgspec.Struct):
-    """The answer of ``GET /scene``."""
+    """The response of ``GET /scene``."""
 
     revision: int
-    nodes: list[Listed]
+    """Revision of the live tree."""
+    nodes: list[ListedNode]
+    """The first nodes, up to the server's limit."""
     node_count: int
-    """Of the whole tree; ``nodes`` ends at the server's limit."""
+    """Number of nodes of the whole tree."""
     bounds: list[list[float]] | None
+    """World bounds of the whole scene."""
 
 
 def list_scene(
     snapshot: Snapshot, drawn: DrawList, boxes: list[Bounds | None], labels: LabelTable, max_nodes: int
 ) -> bytes:
-    """The JSON of a snapshot.
+    """Return the JSON of a snapshot.
 
     Args:
-        drawn: the snapshot's draw list, labelled by ``labels``.
-        boxes: of its instances, in the world.
+        drawn: The snapshot's draw list, with labels from ``labels``.
+        boxes: World bounds of its instances.
     """
-    at: dict[Path, int] = {}
-    nodes: list[Listed] = []
+    index_of: dict[Path, int] = {}
+    nodes: list[ListedNode] = []
     parents: list[int] = []
     count = 0
     stack: list[tuple[Path, Node, NDArray[np.float64], int]] = [((), snapshot.root, np.eye(4), 0)]
@@ -66,18 +70,18 @@ def list_scene(
                 stack.extend(((), child, parent, 0) for child in node.children.values())
                 continue
             world = parent @ node.matrix
-            index = at[path] = len(nodes)
-            nodes.append(_listed(path, node, world, labels))
+            index = index_of[path] = len(nodes)
+            nodes.append(_list_node(path, node, world, labels))
             parents.append(parent_index)
             stack.extend(((*path, name), child, world, index) for name, child in reversed(node.children.items()))
-    _put_bounds(nodes, parents, at, drawn, boxes, labels)
-    whole = union([box for box in boxes if box is not None])
-    return msgspec.json.encode(Listing(snapshot.revision, nodes, count, None if whole is None else whole.tolist()))
+    _set_bounds(nodes, parents, index_of, drawn, boxes, labels)
+    bounds = union([box for box in boxes if box is not None])
+    return msgspec.json.encode(Listing(snapshot.revision, nodes, count, None if bounds is None else bounds.tolist()))
 
 
-def _listed(path: Path, node: Node, world: NDArray[np.float64], labels: LabelTable) -> Listed:
+def _list_node(path: Path, node: Node, world: NDArray[np.float64], labels: LabelTable) -> ListedNode:
     label = labels.label_of(path) if node.parts else LABEL_NONE
-    return Listed(
+    return ListedNode(
         path=[json_element(element) for element in path],
         kinds=[part.kind or type(part.shape).__name__.lower() for part in node.parts or ()],
         has_geometry=node.parts is not None,
@@ -88,24 +92,24 @@ def _listed(path: Path, node: Node, world: NDArray[np.float64], labels: LabelTab
     )
 
 
-def _put_bounds(
-    nodes: list[Listed],
+def _set_bounds(
+    nodes: list[ListedNode],
     parents: list[int],
-    at: dict[Path, int],
+    index_of: dict[Path, int],
     drawn: DrawList,
     boxes: list[Bounds | None],
     labels: LabelTable,
 ) -> None:
-    """Boxes of instances to their nodes, then of nodes to their parents, from the leaves up."""
-    gathered: dict[int, list[Any]] = {}
+    """Set the bounds of all nodes from their instances and children, leaves first."""
+    boxes_of: dict[int, list[Any]] = {}
     for instance, box in zip(drawn.instances, boxes, strict=True):
         path = labels.path_of(instance.label)
-        if box is not None and path in at:
-            gathered.setdefault(at[path], []).append(box)
+        if box is not None and path in index_of:
+            boxes_of.setdefault(index_of[path], []).append(box)
     for index in range(len(nodes) - 1, -1, -1):
-        box = union(gathered.pop(index, []))
+        box = union(boxes_of.pop(index, []))
         if box is None:
             continue
         nodes[index].bounds = box.tolist()
         if index:
-            gathered.setdefault(parents[index], []).append(box)
+            boxes_of.setdefault(parents[index], []).append(box)

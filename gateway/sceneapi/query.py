@@ -1,4 +1,4 @@
-"""The parameters of a picture, from the query of its URL."""
+"""Query parameters of ``/scene/render`` and ``/scene.glb``, and their OpenAPI description."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from gateway.sceneapi.config import SceneApiConfig
 from gateway.server.openapi import example
 from renderers.interface import LookName, SampleCount
 
-PictureType = Literal["color", "depth", "label"]
+ImageType = Literal["color", "depth", "label"]
 DepthFormat = Literal["tiff", "png"]
 
 TYPES: Final = ("color", "depth", "label")
@@ -32,49 +32,52 @@ _CAMERA_EXAMPLE: Final = "eye=2,-2,1.5;target=0,0,0.5"
 
 
 class QueryError(ValueError):
-    """A parameter cannot be used; the message names it, its value and the reason."""
+    """A parameter is invalid. The message has its name, value and limits."""
 
 
-class NoSuchCameraQueryError(QueryError):
-    """The camera names what the scene or the gateway does not have."""
+class CameraNotFoundError(QueryError):
+    """The camera's node is not in the scene, or there is no stereo camera."""
 
 
 @dataclass(frozen=True, slots=True)
-class PictureQuery:
-    """``GET /scene/render``."""
+class ImageQuery:
+    """The parameters of ``GET /scene/render``."""
 
     camera: CameraSpec
-    type: PictureType
+    type: ImageType
     width: int
+    """Pixels."""
     height: int
+    """Pixels."""
     look: LookName
     samples: SampleCount
     fovy: float
-    """Degrees."""
+    """Vertical field of view in degrees, for cameras without one."""
     near: float | None
+    """Near plane in metres; None fits it to the scene."""
     far: float | None
-    """Metres; None: chosen so that the whole scene is in between."""
+    """Far plane in metres; None fits it to the scene."""
     format: DepthFormat
-    """Of depth."""
+    """File format of depth images."""
 
 
-def parse_file_query(query: Mapping[str, str], config: SceneApiConfig) -> PictureQuery | None:
-    """The camera that ``GET /scene.glb`` is to have; None: none.
+def parse_file_query(query: Mapping[str, str], config: SceneApiConfig) -> ImageQuery | None:
+    """Parse the camera of ``GET /scene.glb``; return None without any parameter.
 
     Raises:
-        QueryError: naming the parameter.
+        QueryError: A parameter is unknown or invalid.
     """
-    _known(query, FILE_PARAMETERS)
+    _check_names(query, FILE_PARAMETERS)
     return parse_query(query, config) if query else None
 
 
-def parse_query(query: Mapping[str, str], config: SceneApiConfig) -> PictureQuery:
-    """The picture that a query asks for.
+def parse_query(query: Mapping[str, str], config: SceneApiConfig) -> ImageQuery:
+    """Parse the query of ``GET /scene/render``.
 
     Raises:
-        QueryError: naming the parameter.
+        QueryError: A parameter is unknown or invalid.
     """
-    _known(query, PARAMETERS)
+    _check_names(query, PARAMETERS)
     try:
         camera = parse_camera(query.get("camera", "fit"))
     except CameraError as error:
@@ -93,9 +96,9 @@ def parse_query(query: Mapping[str, str], config: SceneApiConfig) -> PictureQuer
     if near is not None and far is not None and near >= far:
         raise QueryError(f"near={_quoted(query['near'])} must be less than far={_quoted(query['far'])}")
     look = cast("LookName", _choice(query, "look", LOOKS, config.look))
-    return PictureQuery(
+    return ImageQuery(
         camera=camera,
-        type=cast("PictureType", _choice(query, "type", TYPES, "color")),
+        type=cast("ImageType", _choice(query, "type", TYPES, "color")),
         width=width,
         height=height,
         look=look,
@@ -107,10 +110,10 @@ def parse_query(query: Mapping[str, str], config: SceneApiConfig) -> PictureQuer
     )
 
 
-def _known(query: Mapping[str, str], names: tuple[str, ...]) -> None:
+def _check_names(query: Mapping[str, str], names: tuple[str, ...]) -> None:
     unknown = [name for name in query if name not in names]
     if unknown:
-        raise QueryError(f"{_quoted(unknown[0])} is no parameter; known are {', '.join(names)}")
+        raise QueryError(f"{_quoted(unknown[0])} is not a parameter; the parameters are {', '.join(names)}")
 
 
 def _quoted(text: str) -> str:
@@ -120,7 +123,7 @@ def _quoted(text: str) -> str:
 def _choice(query: Mapping[str, str], name: str, choices: tuple[str, ...], default: str) -> str:
     value = query.get(name, default)
     if value not in choices:
-        raise QueryError(f"{name}={_quoted(value)} is none of {', '.join(choices)}")
+        raise QueryError(f"{name}={_quoted(value)} is not one of {', '.join(choices)}")
     return value
 
 
@@ -151,31 +154,32 @@ def _number(query: Mapping[str, str], name: str) -> float | None:
     return value
 
 
-def _parameter(name: str, kind: str, default: object, shown: object, text: str, **more: object) -> dict[str, Any]:
-    schema = {"type": kind, **({} if default is None else {"default": default}), **more}
+def _parameter(
+    name: str, kind: str, default: object, example_value: object, description: str, **schema: object
+) -> dict[str, Any]:
     return {
         "name": name,
         "in": "query",
         "required": False,
-        "description": text,
-        "schema": schema,
-        "examples": example(shown),
+        "description": description,
+        "schema": {"type": kind, **({} if default is None else {"default": default}), **schema},
+        "examples": example(example_value),
     }
 
 
 def openapi_file_parameters(config: SceneApiConfig) -> list[dict[str, Any]]:
-    """The parameters of ``GET /scene.glb`` for the OpenAPI document."""
+    """Return the OpenAPI description of the parameters of ``GET /scene.glb``."""
     known = {entry["name"]: entry for entry in openapi_parameters(config)}
     camera = known["camera"]
     text = (
-        "Written into the file, as clients of /render need one; a request without any parameter gets a file without a "
-        f"camera. {camera['description']}"
+        "Camera in the file, which clients of /render need; without any parameter the file has no camera. "
+        f"{camera['description']}"
     )
     return [{**camera, "description": text}, *(known[name] for name in FILE_PARAMETERS[1:])]
 
 
 def openapi_parameters(config: SceneApiConfig) -> list[dict[str, Any]]:
-    """The parameters for the OpenAPI document."""
+    """Return the OpenAPI description of the parameters of ``GET /scene/render``."""
     size: dict[str, Any] = {"minimum": 1, "maximum": config.max_side}
     plane: dict[str, Any] = {"minimum": NEAREST, "maximum": LIMIT}
     pixels = f"Pixels; width x height is at most {config.max_pixels}."
@@ -189,16 +193,16 @@ def openapi_parameters(config: SceneApiConfig) -> list[dict[str, Any]]:
             "eye=x,y,z;target=x,y,z;up=x,y,z;fovy=degrees.",
             pattern=PATTERN,
         ),
-        _parameter("type", "string", "color", "color", "Which picture.", enum=list(TYPES)),
+        _parameter("type", "string", "color", "color", "Type of the image.", enum=list(TYPES)),
         _parameter("width", "integer", config.width, 640, pixels, **size),
         _parameter("height", "integer", config.height, 480, pixels, **size),
-        _parameter("look", "string", config.look, config.look, "How colour is made.", enum=list(LOOKS)),
+        _parameter("look", "string", config.look, config.look, "Shading of colour images.", enum=list(LOOKS)),
         _parameter(
             "samples",
             "integer",
             None,
             4,
-            f"Samples a pixel of colour; else {config.samples} of the studio look, and one and FXAA of the others.",
+            f"Samples per pixel of colour images; default {config.samples} for studio, 1 and FXAA for other looks.",
             enum=[int(samples) for samples in SAMPLES],
         ),
         _parameter(
@@ -206,7 +210,7 @@ def openapi_parameters(config: SceneApiConfig) -> list[dict[str, Any]]:
             "number",
             DEFAULT_FOVY,
             DEFAULT_FOVY,
-            "Vertical field of view in degrees, where the camera names none.",
+            "Vertical field of view in degrees, for cameras without one.",
             minimum=MIN_FOVY,
             exclusiveMaximum=180,
         ),
@@ -215,11 +219,20 @@ def openapi_parameters(config: SceneApiConfig) -> list[dict[str, Any]]:
             "number",
             None,
             0.1,
-            "Near clipping plane, metres, less than far; else chosen by the scene.",
+            "Near clipping plane in metres, less than far; by default fitted to the scene.",
             **plane,
         ),
-        _parameter("far", "number", None, 100.0, "Far clipping plane, metres; else chosen by the scene.", **plane),
-        _parameter("format", "string", "tiff", "tiff", "Of depth: float metres, or PNG in mm.", enum=list(FORMATS)),
+        _parameter(
+            "far", "number", None, 100.0, "Far clipping plane in metres; by default fitted to the scene.", **plane
+        ),
+        _parameter(
+            "format",
+            "string",
+            "tiff",
+            "tiff",
+            "File format of depth images: TIFF in float32 metres, or PNG in millimetres.",
+            enum=list(FORMATS),
+        ),
     ]
 
 

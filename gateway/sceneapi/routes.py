@@ -9,21 +9,21 @@ from fastapi import APIRouter, Request, Response
 from starlette.requests import ClientDisconnect
 
 from gateway.gltf.export import ExportError
-from gateway.runtime.worker_pool import Busy, Closed, TooSlow
 from gateway.sceneapi.query import (
-    NoSuchCameraQueryError,
+    CameraNotFoundError,
     QueryError,
     openapi_file_parameters,
     openapi_parameters,
     parse_file_query,
     parse_query,
 )
-from gateway.sceneapi.service import Answer, SceneApi
+from gateway.sceneapi.service import SceneApi, SceneResponse
 from gateway.server.disconnect import CLIENT_GONE, while_connected
+from gateway.server.unavailable import PoolErrors, unavailable
 from renderers.drawlist import ImageError
 
 _TEXT: Final = {"text/plain": {"schema": {"type": "string"}}}
-_UNUSABLE: Final = {"description": "A parameter cannot be used; the text names it and why.", "content": _TEXT}
+_INVALID: Final = {"description": "A parameter is invalid; the text says why.", "content": _TEXT}
 _NO_CAMERA: Final = {
     "description": "The camera's node is not in the scene, or there is no stereo camera.",
     "content": _TEXT,
@@ -48,12 +48,12 @@ _BINARY: Final = {"schema": {"type": "string", "format": "binary"}}
 
 
 def router(service: SceneApi) -> APIRouter:
-    """The routes of the scene."""
+    """Return the routes of the scene."""
     routes = APIRouter(tags=["scene"])
 
     async def listing(http: Request) -> Response:
-        """All nodes with their kinds, world transforms, bounds and labels, parents before children."""
-        return await _state(service, http, service.listing)
+        """All nodes with kinds of geometry, world transform, bounds and label; parents before children."""
+        return await _cacheable(service, http, service.listing)
 
     async def file(http: Request) -> Response:
         """The scene as one binary glTF file: Y up, textures embedded, hidden nodes left out."""
@@ -62,16 +62,16 @@ def router(service: SceneApi) -> APIRouter:
         except QueryError as error:
             return _plain(400, str(error))
         if query is None:
-            return await _state(service, http, service.file)
-        return await _now(service, http, lambda: service.file(query))
+            return await _cacheable(service, http, service.file)
+        return await _uncacheable(service, http, lambda: service.file(query))
 
-    async def picture(http: Request) -> Response:
-        """A picture of the scene as it is now."""
+    async def image(http: Request) -> Response:
+        """An image of the newest scene."""
         try:
             query = parse_query(dict(http.query_params), service.config)
         except QueryError as error:
             return _plain(400, str(error))
-        return await _now(service, http, lambda: service.picture(query))
+        return await _uncacheable(service, http, lambda: service.image(query))
 
     routes.add_api_route(
         "/scene",
@@ -87,12 +87,12 @@ def router(service: SceneApi) -> APIRouter:
         methods=["GET"],
         summary="Download the scene",
         response_class=Response,
-        responses={**_responses({"model/gltf-binary": _BINARY}, cached=True), 400: _UNUSABLE, 404: _NO_CAMERA},
+        responses={**_responses({"model/gltf-binary": _BINARY}, cached=True), 400: _INVALID, 404: _NO_CAMERA},
         openapi_extra={"parameters": openapi_file_parameters(service.config)},
     )
     routes.add_api_route(
         "/scene/render",
-        picture,
+        image,
         methods=["GET"],
         summary="Render the scene",
         response_class=Response,
@@ -103,69 +103,65 @@ def router(service: SceneApi) -> APIRouter:
 
 
 def _responses(content: dict[str, Any], *, cached: bool) -> dict[int | str, dict[str, Any]]:
-    answers: dict[int | str, dict[str, Any]] = {
-        200: {"description": "The header X-Scene-Revision tells which state of the scene it is.", "content": content},
+    responses: dict[int | str, dict[str, Any]] = {
+        200: {"description": "The header X-Scene-Revision has the revision of the scene.", "content": content},
         503: {
-            "description": "Too many requests wait already, see Retry-After; or, without it, the answer took too long.",
+            "description": "Too many requests are waiting, see Retry-After; without Retry-After, it took too long.",
             "content": _TEXT,
         },
     }
-    answers[500] = {"description": "The scene holds a texture that cannot be drawn.", "content": _TEXT}
+    responses[500] = {"description": "A texture of the scene cannot be decoded.", "content": _TEXT}
     if cached:
-        answers[413] = {"description": "The file would be larger than the limit.", "content": _TEXT}
-        answers[304] = {"description": "The scene is still that of If-None-Match."}
+        responses[413] = {"description": "The file would be larger than the limit.", "content": _TEXT}
+        responses[304] = {"description": "The scene has not changed since If-None-Match."}
     else:
-        answers[400], answers[404] = _UNUSABLE, _NO_CAMERA
-    return answers
+        responses[400], responses[404] = _INVALID, _NO_CAMERA
+    return responses
 
 
-async def _state(service: SceneApi, http: Request, make: Callable[[], Answer]) -> Response:
-    """An answer that depends on the scene only: 304 when the client has it already."""
+async def _cacheable(service: SceneApi, http: Request, make: Callable[[], SceneResponse]) -> Response:
+    """Respond with something that depends on the scene only; 304 if the client has it."""
     headers = {"Cache-Control": "no-cache"}
     revision = service.snapshot.revision
     etag = service.etag(revision)
     known = [tag.strip().removeprefix("W/") for tag in http.headers.get("if-none-match", "").split(",")]
     if etag in known or "*" in known:
         return Response(status_code=304, headers={**headers, "ETag": etag, "X-Scene-Revision": str(revision)})
-    answer = await _made(service, http, make)
-    if not isinstance(answer, Answer):
-        return answer
-    return _response(answer, {**headers, "ETag": service.etag(answer.revision)})
+    result = await _run(service, http, make)
+    if not isinstance(result, SceneResponse):
+        return result
+    return _response(result, {**headers, "ETag": service.etag(result.revision)})
 
 
-async def _now(service: SceneApi, http: Request, make: Callable[[], Answer]) -> Response:
-    """An answer that depends on more than the scene."""
-    answer = await _made(service, http, make)
-    return _response(answer, {"Cache-Control": "no-store"}) if isinstance(answer, Answer) else answer
+async def _uncacheable(service: SceneApi, http: Request, make: Callable[[], SceneResponse]) -> Response:
+    """Respond with something that depends on more than the scene."""
+    result = await _run(service, http, make)
+    return _response(result, {"Cache-Control": "no-store"}) if isinstance(result, SceneResponse) else result
 
 
-async def _made(service: SceneApi, http: Request, make: Callable[[], Answer]) -> Answer | Response:
-    """The answer, made in a worker thread; or the refusal."""
+async def _run(service: SceneApi, http: Request, make: Callable[[], SceneResponse]) -> SceneResponse | Response:
+    """Call ``make`` in a worker thread; return its result or an error response."""
     try:
         return await while_connected(http, service.workers.run(make))
     except ClientDisconnect:
         return Response(status_code=CLIENT_GONE)
-    except NoSuchCameraQueryError as error:
+    except CameraNotFoundError as error:
         return _plain(404, str(error))
     except QueryError as error:
         return _plain(400, str(error))
     except ExportError as error:
         return _plain(413, str(error))
     except ImageError as error:
-        return _plain(500, f"the scene holds a texture that cannot be drawn: {error}")
-    except Busy as busy:
-        return _plain(503, str(busy), {"Retry-After": str(busy.retry_after)})
-    except Closed as closed:
-        return _plain(503, str(closed), {"Retry-After": "1"})
-    except TooSlow as error:
-        return _plain(503, f"the answer was given up: {error}")
+        return _plain(500, f"a texture of the scene cannot be decoded: {error}")
+    except PoolErrors as error:
+        return unavailable(error)
 
 
-def _response(answer: Answer, headers: dict[str, str]) -> Response:
-    headers["X-Scene-Revision"] = str(answer.revision)
-    return Response(answer.body, media_type=answer.media_type, headers=headers)
+def _response(result: SceneResponse, headers: dict[str, str]) -> Response:
+    headers["X-Scene-Revision"] = str(result.revision)
+    return Response(result.body, media_type=result.media_type, headers=headers)
 
 
-def _plain(status: int, sentence: str, headers: dict[str, str] | None = None) -> Response:
-    text = sentence.encode("utf-8", "backslashreplace")
-    return Response(text, status, headers=headers, media_type="text/plain; charset=utf-8")
+def _plain(status: int, message: str) -> Response:
+    body = message.encode("utf-8", "backslashreplace")
+    return Response(body, status, media_type="text/plain; charset=utf-8")

@@ -1,0 +1,12 @@
+"""The HTTP edge, shared by all interfaces.
+
+From the connection inwards:
+
+- ``http_server``: servers and ports.
+- ``http_protocol``, ``websocket_protocol``, ``sliced_reads``: limits per connection.
+- ``middleware``: request ids, log lines, metrics.
+- ``security``, with ``access``, ``tokens`` and ``grpc_tokens``: access control.
+- ``error_handlers``, ``disconnect``: responses without a route, and clients that disconnect.
+- ``health``, ``index_page``: routes. ``openapi``: the part of the description that all routes share.
+- ``healthcheck``: the container's health check, a program.
+"""

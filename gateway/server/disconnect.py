@@ -1,4 +1,4 @@
-"""Ending work for a client that disconnects before its response."""
+"""Cancelling work when the client disconnects before its response."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ async def while_connected(http: Request, work: Coroutine[Any, Any, T]) -> T:
     """Return the result of ``work``, which is cancelled when the client disconnects.
 
     Args:
-        http: of which the body was read, or has none.
+        http: a request without a body, or whose body has been read.
 
     Raises:
         ClientDisconnect: the client disconnected first.
-        Exception: whatever ``work`` raised.
+        Exception: raised by ``work``.
     """
 
     async def disconnected() -> None:
@@ -36,5 +36,5 @@ async def while_connected(http: Request, work: Coroutine[Any, Any, T]) -> T:
             raise ClientDisconnect
         return working.result()
     finally:
-        working.cancel()  # does nothing where it is done
+        working.cancel()
         waiting.cancel()

@@ -1,7 +1,4 @@
-"""Answers for requests that no route takes: no such path, no such method; HEAD for every route with GET.
-
-405 names all methods that a path has (RFC 9110, 15.5.6); frameworks tell those of the first route only.
-"""
+"""Responses to requests without a route (404, 405), and HEAD for every route with GET."""
 
 from __future__ import annotations
 
@@ -14,10 +11,9 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 
 class HeadAsGet:
-    """ASGI middleware: answer HEAD as GET, with the same headers and without the body (RFC 9110, 9.3.2).
+    """ASGI middleware: run GET for HEAD and omit the body, so that status and headers are the same (RFC 9110, 9.3.2).
 
-    The application sees a GET, and makes what it would make for one: only so are status and headers the same. To an
-    answer in pieces the client is gone when the first piece has come, so that streams without an end stop there.
+    The response is complete with the first piece of the body. A stream then sees its client disconnected and stops.
     """
 
     def __init__(self, app: ASGIApp) -> None:
@@ -41,17 +37,17 @@ class HeadAsGet:
         try:
             await self._app(get, receive, send_head)
         finally:
-            if "route" in get:  # for the metrics
+            if "route" in get:  # metrics use it
                 scope["route"] = get["route"]
 
 
 _METHODS: Final = ("DELETE", "GET", "HEAD", "OPTIONS", "PATCH", "POST", "PUT")
-_SHOWN: Final = 200
-"""Characters of a path that the answer repeats."""
+_MAX_ECHO: Final = 200
+"""Maximum number of characters of a path in a response."""
 
 
 async def not_allowed(request: Request, error: Exception) -> PlainTextResponse:
-    """The answer to a method that no route of the path has."""
+    """Return 405 with all methods of the path in Allow (RFC 9110, 15.5.6); Starlette has those of one route only."""
     allowed = [
         method
         for method in _METHODS
@@ -65,8 +61,8 @@ async def not_allowed(request: Request, error: Exception) -> PlainTextResponse:
 
 
 async def not_found(request: Request, error: Exception) -> PlainTextResponse:
-    """The answer to a path that no route has."""
-    path = request.url.path[:_SHOWN]
+    """Return 404 for a path without a route."""
+    path = request.url.path[:_MAX_ECHO]
     return PlainTextResponse(
         f"Nothing is at {path} here. /docs describes what there is; /healthz tells which interfaces run.\n", 404
     )

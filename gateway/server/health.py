@@ -9,20 +9,20 @@ from fastapi import APIRouter, Request, Response
 from fastapi.responses import JSONResponse
 
 from gateway.runtime.metrics_registry import CONTENT_TYPE, Metrics
-from gateway.runtime.service_registry import Board
-from gateway.server.access import ADMITTED
+from gateway.runtime.service_registry import ServiceRegistry
+from gateway.server.access import AUTHORIZED
 from gateway.server.openapi import Responses, json_example
 
 OPEN_PATHS = frozenset({"/healthz", "/readyz"})
-"""Answered without a token: those who watch over processes have none."""
+"""Paths that need no token, for monitoring."""
 PATHS = frozenset({"/healthz", "/readyz", "/metrics"})
-"""Answered from the first moment on, never logged above debug level."""
+"""Paths that respond during the start, and are logged at debug level only."""
 _DETAILS: Final = "Problems and figures of the interfaces are shown with 'Authorization: Bearer TOKEN'."
 
 _DESCRIBED = {"status": "ready", "interfaces": {"render": {"state": "ready", "where": "/render"}}}
 _NOT_READY: Responses = {
     503: {
-        "description": "Not now; the body tells why.",
+        "description": "Not ready; the body has the reason.",
         "content": {"application/json": {"example": {**_DESCRIBED, "status": "starting"}}},
     }
 }
@@ -35,32 +35,32 @@ _METRICS: Responses = {
 
 
 def router(
-    board: Board,
+    registry: ServiceRegistry,
     metrics: Metrics,
     version: str,
     started: Callable[[], bool] = lambda: True,
     busy: Callable[[], bool] = lambda: False,
 ) -> APIRouter:
-    """The routes of operations.
+    """Return the routes for operations.
 
     Args:
-        started: whether requests are let in.
-        busy: whether another request would be refused or wait long, for balancers that ask before they send.
+        started: returns whether requests are accepted.
+        busy: returns whether another request would be rejected or wait long, for load balancers.
     """
     routes = APIRouter(tags=["operations"])
 
-    @routes.get("/healthz", summary="The process lives", responses=json_example({"version": version, **_DESCRIBED}))
+    @routes.get("/healthz", summary="Liveness", responses=json_example({"version": version, **_DESCRIBED}))
     async def healthz(request: Request) -> JSONResponse:
-        """200 as long as the event loop turns; the body tells the state of each interface and, with a token where one
-        is asked for, its figures and problems."""
-        return JSONResponse({"version": version, **_described(board, request)})
+        """200 while the event loop runs. The body has the state of each interface and, with a token if the gateway has
+        one, its figures and problems."""
+        return JSONResponse({"version": version, **_described(registry, request)})
 
-    @routes.get("/readyz", summary="Whether to send work", responses=json_example(_DESCRIBED) | _NOT_READY)
+    @routes.get("/readyz", summary="Readiness", responses=json_example(_DESCRIBED) | _NOT_READY)
     async def readyz(request: Request) -> JSONResponse:
-        """200 when the kernels are warm and every interface has started or failed; 503 before, while stopping and, of a
-        process that does nothing but render, while its queue is full or every thread has worked at one picture for more
-        than half of its time limit."""
-        described = _described(board, request)
+        """200 when the kernels are loaded and every interface has started or failed. 503 before, and while stopping. A
+        process that only renders also responds with 503 while its queue is full, or while every worker thread has
+        used more than half of a render's time limit."""
+        described = _described(registry, request)
         if described["status"] in ("ready", "degraded") and not started():
             described["status"] = "starting"
         if described["status"] == "ready" and busy():
@@ -69,13 +69,13 @@ def router(
 
     @routes.get("/metrics", summary="Prometheus metrics", response_class=Response, responses=_METRICS)
     async def prometheus() -> Response:
-        """Requests by path and outcome, durations, the queue, the process."""
+        """Requests by route and status, durations, the queue, the process."""
         return Response(metrics.exposition(), media_type=CONTENT_TYPE)
 
     return routes
 
 
-def _described(board: Board, request: Request) -> dict[str, Any]:
-    if request.scope.get(ADMITTED, True):
-        return board.describe()
-    return {**board.describe(details=False), "details": _DETAILS}
+def _described(registry: ServiceRegistry, request: Request) -> dict[str, Any]:
+    if request.scope.get(AUTHORIZED, True):
+        return registry.describe()
+    return {**registry.describe(details=False), "details": _DETAILS}

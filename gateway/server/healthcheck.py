@@ -1,4 +1,4 @@
-"""``python -m gateway.server.healthcheck``: whether the gateway of this container is ready; the image's HEALTHCHECK."""
+"""``python -m gateway.server.healthcheck``: exit code 0 if the gateway of this container is ready (HEALTHCHECK)."""
 
 from __future__ import annotations
 
@@ -8,15 +8,16 @@ import ssl
 import sys
 
 SECONDS = 2.0
-"""An event loop that does not answer in this time is not well."""
+"""Time limit for the response."""
 
 
 def ready(port: int, *, tls: bool) -> bool:
-    """What ``/readyz`` of 127.0.0.1 says; False, too, when nobody answers."""
+    """Return whether ``/readyz`` of 127.0.0.1 responds with 200."""
     connection: http.client.HTTPConnection
     if tls:
-        # Asked over loopback, and the certificate is for the name that others use.
-        context = ssl._create_unverified_context()  # noqa: S323 - to itself; whose certificate does not matter
+        # The connection is to this container, and the certificate is for the name that clients use.
+        context = ssl.create_default_context()
+        context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
         connection = http.client.HTTPSConnection("127.0.0.1", port, timeout=SECONDS, context=context)
     else:
         connection = http.client.HTTPConnection("127.0.0.1", port, timeout=SECONDS)
@@ -30,7 +31,7 @@ def ready(port: int, *, tls: bool) -> bool:
 
 
 def main() -> int:
-    """The exit code: 0 is ready. Port and TLS are those of the environment, as in the image."""
+    """Return the exit code, 0 if ready. Port and TLS come from the environment, as for the gateway."""
     port = int(os.environ.get("SCENEGATE_HTTP_PORT") or 8000)
     return 0 if ready(port, tls=bool(os.environ.get("SCENEGATE_HTTP_CERTIFICATE"))) else 1
 

@@ -1,4 +1,4 @@
-"""HTTP servers: the gateway's own, ended by a signal, and further ports for parts of it."""
+"""HTTP servers: the main one, which stops on a signal, and further ports as services."""
 
 from __future__ import annotations
 
@@ -13,49 +13,57 @@ import uvicorn
 from fastapi import FastAPI
 
 from gateway.runtime import process_tuning
-from gateway.server.http_protocol import PacedHttp
-from gateway.server.websocket_protocol import PacedWebSocket
+from gateway.server.http_protocol import BoundedHttpProtocol
+from gateway.server.websocket_protocol import BoundedWebSocketProtocol
 
 MAX_WEBSOCKET_BYTES: Final = 64 << 10
-"""Of a message from a client; the browser view has nothing longer than 16 characters to say."""
+"""WebSocket message from a client; those of the browser view have at most 16 characters."""
 KEEP_ALIVE_SECONDS: Final = 60
-"""For the next request on a connection."""
+"""Time for the next request on a connection."""
 
 
-def config(app: Any, grace_seconds: float, *, lifespan: bool, tls: tuple[Path, Path] | None = None) -> uvicorn.Config:
-    """How all our servers are run. ``tls``: certificate and key, PEM."""
+def server_config(
+    app: Any, grace_seconds: float, *, lifespan: bool, tls: tuple[Path, Path] | None = None
+) -> uvicorn.Config:
+    """Return uvicorn's configuration for all servers of the gateway.
+
+    Args:
+        grace_seconds: time for requests to finish at shutdown.
+        lifespan: False for an application whose lifespan is managed elsewhere.
+        tls: certificate and key, PEM.
+    """
     return uvicorn.Config(
         app,
-        http=PacedHttp,  # type: ignore[arg-type]  # made as one and used as a protocol, which is all it takes
-        ws=PacedWebSocket,  # type: ignore[arg-type]  # likewise
+        http=BoundedHttpProtocol,
+        ws=BoundedWebSocketProtocol,
         ws_max_size=MAX_WEBSOCKET_BYTES,
         ssl_certfile=tls[0] if tls is not None else None,
         ssl_keyfile=tls[1] if tls is not None else None,
-        ws_per_message_deflate=False,  # floats do not compress, the CPU time is gone all the same
+        ws_per_message_deflate=False,  # arrays of floats hardly compress
         lifespan="on" if lifespan else "off",
         log_config=None,
-        access_log=False,  # gateway.server.middleware writes one with the request's id
+        access_log=False,  # gateway.server.middleware logs requests
         server_header=False,
         timeout_keep_alive=KEEP_ALIVE_SECONDS,
-        timeout_graceful_shutdown=grace_seconds,  # type: ignore[arg-type]  # a float does as well
+        timeout_graceful_shutdown=grace_seconds,  # type: ignore[arg-type]  # a float works
         backlog=2048,
     )
 
 
 class MainServer(uvicorn.Server):
-    """Ends with exit code 0 after SIGTERM or SIGINT; uvicorn would raise the signal once more."""
+    """Server that returns after SIGTERM or SIGINT; uvicorn's own raises the signal again."""
 
-    def __init__(self, config: uvicorn.Config, leave: Callable[[], None] = lambda: None) -> None:
+    def __init__(self, config: uvicorn.Config, on_shutdown: Callable[[], None] = lambda: None) -> None:
         """
         Args:
-            leave: called in the event loop when the end begins, before connections are waited for.
+            on_shutdown: called in the event loop when the shutdown begins, before connections finish.
         """
         super().__init__(config)
-        self._leave = leave
+        self._on_shutdown = on_shutdown
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Takes no new connection, lets requests finish, then ends the application."""
-        self._leave()
+        """Accept no more connections, finish requests, then end the application."""
+        self._on_shutdown()
         await super().shutdown(sockets)
 
     @contextmanager
@@ -68,8 +76,8 @@ class MainServer(uvicorn.Server):
                 signal.signal(number, handler)
 
 
-class _GuestServer(uvicorn.Server):
-    """Leaves signals to the main server."""
+class _SecondaryServer(uvicorn.Server):
+    """Server that does not handle signals."""
 
     @contextmanager
     def capture_signals(self) -> Iterator[None]:
@@ -77,7 +85,7 @@ class _GuestServer(uvicorn.Server):
 
 
 class PortService:
-    """A further port in the same event loop, as a service: it serves ``app`` until cancelled."""
+    """Service that serves an application on a port of its own, in the same event loop."""
 
     def __init__(self, app: FastAPI, host: str, port: int, tls: tuple[Path, Path] | None = None) -> None:
         self._app = app
@@ -89,25 +97,25 @@ class PortService:
 
     @property
     def ready(self) -> bool:
-        """Whether it listens."""
+        """True while the port is open."""
         return self._server is not None and self._server.started
 
     def status(self) -> Mapping[str, Any]:
-        """Plain JSON values."""
+        """Return the port; plain JSON values."""
         return {"port": self._bound}
 
     async def run(self) -> None:
-        """Serves until cancelled.
+        """Serve until cancelled.
 
         Raises:
-            OSError: the port cannot be used; one sentence.
+            OSError: the port cannot be used; the message is one sentence.
         """
         try:
             listener = process_tuning.listen(self._host, self._port)
         except OSError as error:
-            raise OSError(f"cannot listen: {process_tuning.why_not_listening(error, self._host, self._port)}") from None
+            raise OSError(f"cannot listen: {process_tuning.listen_error(error, self._host, self._port)}") from None
         self._bound = _port_of(listener)
-        self._server = server = _GuestServer(config(self._app, 1.0, lifespan=False, tls=self._tls))
+        self._server = server = _SecondaryServer(server_config(self._app, 1.0, lifespan=False, tls=self._tls))
         try:
             await server.serve(sockets=[listener])
         finally:

@@ -1,4 +1,4 @@
-"""The page at ``/``: where to look. It asks nothing of any other host."""
+"""The page at ``/``: links and the states of the interfaces, without requests to other hosts."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ _PAGE = """<!doctype html>
 """
 
 
-def landing_page(version: str, links: dict[str, str]) -> str:
-    """The page as HTML.
+def index_page(version: str, links: dict[str, str]) -> str:
+    """Return the page as HTML.
 
     Args:
-        links: path relative to the page -> what is there.
+        links: link texts by path relative to the page.
     """
-    joined = " · ".join(f'<a href="{escape(path)}">{escape(text)}</a>' for path, text in links.items())
-    return _PAGE.format(version=escape(version), links=joined)
+    link_list = " · ".join(f'<a href="{escape(path)}">{escape(text)}</a>' for path, text in links.items())
+    return _PAGE.format(version=escape(version), links=link_list)

@@ -1,4 +1,4 @@
-"""What every HTTP request gets: an id, a log line, its figures; and a place to wait until the gateway has started."""
+"""ASGI middleware for every HTTP request: ids, log lines, metrics, a limit on URLs, and waiting for the start."""
 
 from __future__ import annotations
 
@@ -7,89 +7,99 @@ import random
 import re
 import time
 from collections.abc import Callable, Collection
+from typing import Final
 
 import structlog
-from starlette.middleware import body_limit
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from gateway.runtime.metrics_registry import Metrics
 
+MAX_TARGET_BYTES: Final = 8 << 10
+"""Path and query of a URL: RFC 9110 asks for at least 8000, and parsing a query of 64 kB takes 20 ms."""
+
 _log = structlog.get_logger("gateway.http")
 _ID = re.compile(r"[A-Za-z0-9._:/+=-]{1,128}")
-"""What a client may send as X-Request-ID; anything else could forge log lines and is replaced."""
-
-_TOO_LARGE = tuple(
-    found
-    for name in ("_RequestBodyTooLarge", "_RequestBodyLimitResponseSent")
-    if (found := getattr(body_limit, name, None)) is not None
-)
-"""How the framework's bound on bodies says that it answers, or has answered; there are no public names."""
+"""Valid X-Request-ID of a client; anything else could forge log lines and is replaced."""
 
 
-def request_id(sent: bytes) -> str:
-    """The id of a request: what its X-Request-ID says, or a new one where that is missing or unfit; ASCII."""
-    text = sent.decode("latin-1")
-    return text if _ID.fullmatch(text) else f"{random.getrandbits(128):032x}"
+class RequestContext:
+    """Give each request an id (X-Request-ID) for its log lines and its response; count, time and log it."""
 
-
-class Requests:
-    """ASGI middleware: X-Request-ID in and out, bound to every log line; counts and durations; one line a request."""
-
-    def __init__(self, app: ASGIApp, *, metrics: Metrics, quiet: Collection[str] = ()) -> None:
+    def __init__(self, app: ASGIApp, *, metrics: Metrics, quiet_paths: Collection[str] = ()) -> None:
+        """``quiet_paths``: logged at debug level only."""
         self._app = app
         self._metrics = metrics
-        self._quiet = quiet
+        self._quiet_paths = quiet_paths
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        identity = request_id(dict(scope["headers"]).get(b"x-request-id", b""))
+        request_id = _request_id(dict(scope["headers"]).get(b"x-request-id", b""))
         status = 0
 
         async def send_with_id(message: Message) -> None:
             nonlocal status
             if message["type"] == "http.response.start":
                 status = message["status"]
-                message["headers"] = [*message.get("headers", ()), (b"x-request-id", identity.encode())]
+                message["headers"] = [*message.get("headers", ()), (b"x-request-id", request_id.encode())]
             await send(message)
 
         start = time.perf_counter()
-        with structlog.contextvars.bound_contextvars(request_id=identity), self._metrics.in_flight.track_inprogress():
+        with structlog.contextvars.bound_contextvars(request_id=request_id), self._metrics.in_flight.track_inprogress():
             try:
                 await self._app(scope, receive, send_with_id)
-            except _TOO_LARGE:
-                status = 413
-                raise
-            except Exception as error:  # a defect of ours; Drake prints the body, so it is one line
+            except Exception as error:
                 _log.exception("unhandled", path=scope["path"])
                 if status:
-                    raise  # the answer has begun: the connection must break, or a cut picture looks whole
-                text = f"Internal error: {type(error).__name__}: {error}"[:1000] + f" (request {identity})\n"
+                    raise  # closes the connection: a truncated body must not look complete
+                # One line, since Drake prints it.
+                text = f"Internal error: {type(error).__name__}: {error}"[:1000] + f" (request {request_id})\n"
                 await PlainTextResponse(text, status_code=500)(scope, receive, send_with_id)
             finally:
                 seconds = time.perf_counter() - start
-                # The route's template, never the path as sent: a scanner must not fill the registry with labels.
+                # The route's template, not the path: a scanner must not fill the registry with labels.
                 route = getattr(scope.get("route"), "path", "(none)")
-                self._metrics.answered(route, scope["method"], status or "aborted", seconds)
-                note = _log.debug if scope["path"] in self._quiet else _log.info
-                note("request", method=scope["method"], path=scope["path"], status=status, ms=round(seconds * 1e3, 1))
+                self._metrics.count_request(route, scope["method"], status or "aborted", seconds)
+                log = _log.debug if scope["path"] in self._quiet_paths else _log.info
+                log("request", method=scope["method"], path=scope["path"], status=status, ms=round(seconds * 1e3, 1))
 
 
-class Gate:
-    """ASGI middleware: requests that come before the interfaces have started wait for it, ``open_paths`` apart."""
+def _request_id(sent: bytes) -> str:
+    """Return a client's X-Request-ID, or a new one if it is missing or not valid."""
+    text = sent.decode("latin-1")
+    return text if _ID.fullmatch(text) else f"{random.getrandbits(128):032x}"
+
+
+class TargetLimit:
+    """Refuse requests whose path and query are longer than ``MAX_TARGET_BYTES`` with 414."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "http" and len(scope["raw_path"]) + len(scope["query_string"]) > MAX_TARGET_BYTES:
+            text = f"The path with its query is longer than {MAX_TARGET_BYTES} bytes.\n"
+            await PlainTextResponse(text, status_code=414)(scope, receive, send)
+        else:
+            await self._app(scope, receive, send)
+
+
+class StartGate:
+    """Hold requests until the interfaces have started, except for ``open_paths``; 503 if the start failed."""
 
     def __init__(
         self, app: ASGIApp, *, started: asyncio.Event, problem: Callable[[], str], open_paths: Collection[str]
     ) -> None:
+        """``problem``: returns why the gateway failed to start, or an empty string."""
         self._app = app
         self._started = started
         self._problem = problem
-        self._open = open_paths
+        self._open_paths = open_paths
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] == "lifespan" or scope["path"] in self._open:
+        if scope["type"] == "lifespan" or scope["path"] in self._open_paths:
             await self._app(scope, receive, send)
             return
         if not self._started.is_set():

@@ -1,4 +1,4 @@
-"""What the settings say of access, put in front of each interface; and what is told about it at the start."""
+"""Access settings applied to the interfaces, and log lines at start about interfaces open to other machines."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ from gateway.server.access import (
     TrustedHosts,
     is_loopback,
 )
+from gateway.server.middleware import TargetLimit
 from gateway.server.tokens import TokenError, Tokens, read_tokens
 from gateway.settings import Settings, SettingsError
 
@@ -30,16 +31,20 @@ _log = structlog.get_logger("gateway")
 
 
 @dataclass(frozen=True, slots=True)
-class Guard:
-    """Read once, before anything listens."""
+class Security:
+    """Tokens and TLS of all interfaces, read before any port is opened."""
 
     settings: Settings
     http: Tokens | None
     grpc: Tokens | None
 
     @classmethod
-    def of(cls, settings: Settings) -> Guard:
-        """Raises SettingsError: a token or a certificate cannot be used."""
+    def of(cls, settings: Settings) -> Security:
+        """Read the files that the settings name.
+
+        Raises:
+            SettingsError: a token file or certificate cannot be used.
+        """
         try:
             http, grpc = (
                 read_tokens(path) if path is not None else None
@@ -53,18 +58,18 @@ class Guard:
 
     @property
     def tls(self) -> tuple[Path, Path] | None:
-        """Certificate and key of HTTP."""
+        """Paths of HTTP's certificate and key, or None."""
         if self.settings.http_certificate is None or self.settings.http_key is None:
             return None
         return self.settings.http_certificate, self.settings.http_key
 
     def protect(self, app: FastAPI) -> None:
-        """Puts token, CSRF protection, CORS, trusted hosts and headers for browsers around ``app`` so far."""
+        """Add middleware: token, CSRF protection, CORS, trusted hosts, URL limit and headers for browsers."""
         if self.http is not None:
             app.add_middleware(Access, tokens=self.http, open_paths=health.OPEN_PATHS)
         app.add_middleware(CsrfProtection, origins=self.settings.cors_origins)
         if self.settings.cors_origins:
-            # Outside of the token: a browser asks for permission without it.
+            # Outside of the token check: browsers send preflight requests without it.
             app.add_middleware(
                 CORSMiddleware,
                 allow_origins=list(self.settings.cors_origins),
@@ -72,12 +77,12 @@ class Guard:
                 allow_headers=["*"],
                 expose_headers=list(CORS_EXPOSED),
             )
-        app.state.cors_origins = frozenset(self.settings.cors_origins)  # for answers made without the application
         app.add_middleware(TrustedHosts, names=self.settings.trusted_hosts)
+        app.add_middleware(TargetLimit)
         app.add_middleware(SecurityHeaders, origins=self.settings.cors_origins)
 
-    def tell(self) -> None:
-        """Logs which interfaces other machines reach, and warns about those that let anybody in."""
+    def log_exposure(self) -> None:
+        """Log the interfaces that other machines reach, with a warning if they lack TLS or a token."""
         for name, where, lacks in self.exposed():
             if lacks:
                 _log.warning(f"{name} is open to other machines ({where}) without {lacks}; see docs/security.md")
@@ -85,21 +90,21 @@ class Guard:
                 _log.info(f"{name} is open to other machines ({where}), with TLS and a token")
 
     def exposed(self) -> Iterator[tuple[str, str, str]]:
-        """Interfaces that listen beyond this machine: name, where, and what they lack, for people."""
+        """Yield name, address and missing protection of each interface that other machines reach."""
         s = self.settings
-        if _is_beyond(s.host):
+        if _is_reachable(s.host):
             yield "HTTP", f"{s.host} port {s.http_port}", _lacks(self.tls is not None, self.http is not None)
             if not s.only or "stereo" in s.only:
                 if s.rest_port is not None:
                     lacks = _lacks(self.tls is not None, self.http is not None)
                     yield "The device's REST interface", f"{s.host} port {s.rest_port}", lacks
                 lacks = _lacks(s.grpc_certificate is not None, self.grpc is not None or s.grpc_client_ca is not None)
-                # Its library listens on both families when told any address of one.
-                grpc_host = "0.0.0.0 and ::" if s.host in ("0.0.0.0", "::") else s.host  # noqa: S104 - only said
+                # gRPC listens on IPv4 and IPv6 for the wildcard address of either.
+                grpc_host = "0.0.0.0 and ::" if s.host in ("0.0.0.0", "::") else s.host  # noqa: S104 - a message
                 yield "The stereo camera's gRPC", f"{grpc_host} port {s.grpc_port}", lacks
         if s.only and "treeviewer" not in s.only:
             return
-        if s.tcpq_port is not None and _is_beyond(self.tcpq_host):
+        if s.tcpq_port is not None and _is_reachable(self.tcpq_host):
             yield "TCPQ", f"{self.tcpq_host} port {s.tcpq_port}", "TLS or a token, which its protocol does not have"
         url = s.lcm_url or os.environ.get("LCM_DEFAULT_URL") or ""
         if _ttl(url) > 0:
@@ -107,7 +112,7 @@ class Guard:
 
     @property
     def tcpq_host(self) -> str:
-        """Where the hub listens: with the others, unless those ask for a token, which the hub cannot."""
+        """Address of the TCPQ hub: that of the other interfaces, or loopback if they have tokens: TCPQ has none."""
         if self.settings.tcpq_host is not None:
             return self.settings.tcpq_host
         return self.settings.host if self.http is None and self.grpc is None else "127.0.0.1"
@@ -117,7 +122,7 @@ def _lacks(tls: bool, token: bool) -> str:
     return " and ".join([*([] if tls else ["TLS"]), *([] if token else ["a token"])])
 
 
-def _is_beyond(host: str) -> bool:
+def _is_reachable(host: str) -> bool:
     if is_loopback(host):
         return False
     try:

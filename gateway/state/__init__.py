@@ -1,1 +1,11 @@
-"""What survives restarts and crashes: one SQLite file with a write-ahead log, a group of tables a room."""
+"""The persistent state: the live tree and the stereo cameras' parameters in one SQLite file.
+
+``service``          opens the file, restores and stores
+``database``         the file: lock, checks, migrations
+``schema``           the tables, as migrations
+``group_commit``     one transaction for all changes since the last one, on a thread of its own
+``tree_store``       the live tree as rows
+``keys``             tree paths as database keys
+``part_codec``       geometry and materials as bytes
+``parameter_store``  the stereo cameras' parameters as rows
+"""

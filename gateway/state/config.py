@@ -1,4 +1,4 @@
-"""What an operator can set of the state, every bound with its reason."""
+"""Configuration of the persistent state."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ MIB: Final = 1 << 20
 
 @dataclass(frozen=True, slots=True)
 class StateConfig:
-    """The file and how it is written."""
+    """The state file and its limits."""
 
     path: Path
-    waiting_answer_bytes: int = 64 * MIB
-    """Of answers that wait until their requests are stored; beyond it requests are refused before they are applied."""
-    lazy_seconds: float = 1.0
-    """Edits that nobody waits for are stored this late."""
+    """The SQLite file."""
+    max_waiting_bytes: int = 64 * MIB
+    """Maximum size of responses that wait until their requests are stored. Beyond it requests are rejected before they
+    change the tree."""
+    idle_commit_seconds: float = 1.0
+    """Delay until edits are stored for which no client waits."""
     checkpoint_bytes: int = 16 * MIB
-    """Of the write-ahead log; beyond it a thread of its own moves it into the file, beside the writing."""
-    most_log_bytes: int = 256 * MIB
-    """Of the write-ahead log; a flood outruns that thread, so that from here on writing waits for the file."""
+    """Size of the write-ahead log at which a commit copies it into the database file."""

@@ -1,8 +1,8 @@
-"""The file: opened by one process at a time, told apart from others' files, brought to this version's tables.
+"""The database file: locked by one process, checked, and migrated to the current schema.
 
-Write-ahead log with ``synchronous = NORMAL``: what was committed survives the end of the process, however sudden. It is
-not forced to the disk, so that a power failure or a crash of the kernel can take the last moments with it; the file
-itself stays whole.
+It uses a write-ahead log with ``synchronous = NORMAL``. A committed transaction survives the end of the process,
+``kill -9`` included. It is not flushed to the disk at once, so a power failure or a kernel crash can lose the last
+transactions; the file stays consistent.
 """
 
 from __future__ import annotations
@@ -21,11 +21,12 @@ from gateway.state.errors import StateError
 from gateway.state.schema import APPLICATION_ID, MIGRATIONS
 
 LOCK_SECONDS: Final = 2.0
-"""For a gateway that is being killed to be gone, when whoever watches over it starts the next one at once."""
+"""Maximum time to wait for another gateway to release the file, so that a supervisor can restart a killed one at
+once."""
 _MAGIC: Final = b"SQLite format 3\0"
 _HEADER_BYTES: Final = 100
-_ID_AT: Final = 68
-"""Of the application id in the header (sqlite.org/fileformat2.html, 1.3)."""
+_APPLICATION_ID_OFFSET: Final = 68
+"""Offset of the application id in the header (sqlite.org/fileformat2.html, 1.3)."""
 _REASONS: Final = {
     "SQLITE_FULL": "the disk is full",
     "SQLITE_READONLY": "it may not be written to",
@@ -37,76 +38,74 @@ _REASONS: Final = {
 
 
 class Database:
-    """Two connections to one file: ``writer`` for the journal's thread, ``keeper`` for checkpoints beside it."""
+    """An open database file. Its connection may be used from one thread at a time."""
 
-    def __init__(self, path: Path, log_bytes: int = 16 << 20) -> None:
-        """Opens or creates the file.
+    def __init__(self, path: Path, checkpoint_bytes: int = 16 << 20) -> None:
+        """Open the file, or create it.
 
         Args:
-            log_bytes: the write-ahead log is cut to it when all of it is in the file.
+            checkpoint_bytes: Size of the write-ahead log at which a commit copies it into the database file.
 
         Raises:
-            StateError: it is somebody else's, damaged, of a newer version, in use, or cannot be written.
+            StateError: The file belongs to another program, is damaged, has a newer schema, is in use or cannot be
+                written.
         """
         self.path = path
-        self._lock = -1
         with contextlib.ExitStack() as undo:
-            self._lock = _locked(path)
+            self._lock = _lock_file(path)
             undo.callback(os.close, self._lock)
-            is_new = _recognise(path, self._lock)
-            with _sentences(path):
-                self.writer = _connect(path, log_bytes)
-                undo.callback(self.writer.close)
+            is_new = _check_header(path, self._lock)
+            with _state_errors(path):
+                self.connection = _connect(path, checkpoint_bytes)
+                undo.callback(self.connection.close)
                 if not is_new:
-                    _check(path, self.writer)
-                _migrate(path, self.writer)
-                self.keeper = _connect(path, log_bytes)
+                    _check_integrity(path, self.connection)
+                _migrate(path, self.connection)
             undo.pop_all()
 
     def close(self) -> None:
-        """Moves the log into the file, which is then all there is."""
+        """Copy the write-ahead log into the file and close it; the log is removed."""
         with contextlib.suppress(sqlite3.Error):
-            self.keeper.execute("PRAGMA wal_checkpoint(TRUNCATE)")
-        # SQLite's locks end when any descriptor of the file is closed, so ours goes last.
-        self.keeper.close()
-        self.writer.close()
+            self.connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        # Closing any descriptor of the file releases SQLite's locks, so our own comes last.
+        self.connection.close()
         os.close(self._lock)
 
     def log_bytes(self) -> int:
-        """Of the write-ahead log."""
+        """Return the size of the write-ahead log."""
         return _size(self.path.with_name(self.path.name + "-wal"))
 
     def file_bytes(self) -> int:
-        """Of the file without its log."""
+        """Return the size of the file without its log."""
         return _size(self.path)
 
 
 def reason_of(error: sqlite3.Error) -> str:
-    """Why something failed, as a sentence's end."""
+    """Return the cause of an error as the end of a sentence."""
     name = getattr(error, "sqlite_errorname", "")
-    for known, reason in _REASONS.items():
-        if name.startswith(known):
+    for prefix, reason in _REASONS.items():
+        if name.startswith(prefix):
             return reason
     return f"{error} ({name})" if name else str(error)
 
 
 @contextlib.contextmanager
-def _sentences(path: Path) -> Iterator[None]:
+def _state_errors(path: Path) -> Iterator[None]:
     try:
         yield
     except sqlite3.Error as error:
         raise StateError(f"The state file {path} cannot be used: {reason_of(error)}.") from None
 
 
-def _locked(path: Path) -> int:
-    """A descriptor of the file that no other process has locked in the same way."""
+def _lock_file(path: Path) -> int:
+    """Return a descriptor with an exclusive ``flock``, which only one gateway can hold."""
     try:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     except OSError as error:
         raise StateError(f"The state file {path} cannot be opened: {error.strerror}.") from None
     if not stat.S_ISREG(os.fstat(descriptor).st_mode):
         os.close(descriptor)
-        raise StateError(f"The state file {path} is no regular file.")
+        raise StateError(f"The state file {path} is not a regular file.")
     end = time.monotonic() + LOCK_SECONDS
     while True:
         try:
@@ -120,24 +119,26 @@ def _locked(path: Path) -> int:
         return descriptor
 
 
-def _recognise(path: Path, descriptor: int) -> bool:
-    """Whether the file is new. Looked at before SQLite, which would write its log beside a file of somebody else."""
+def _check_header(path: Path, descriptor: int) -> bool:
+    """Return True if the file is new. Runs before SQLite, which would create a log beside any file that it opens."""
     header = os.pread(descriptor, _HEADER_BYTES, 0)
     if not header:
         return True
     if not header.startswith(_MAGIC) or len(header) < _HEADER_BYTES:
-        raise StateError(f"The state file {path} is no state of Scenegate (no SQLite file); it was left as it is.")
-    if int.from_bytes(header[_ID_AT : _ID_AT + 4], "big") != APPLICATION_ID:
-        raise StateError(f"The state file {path} is a database of another program; it was left as it is.")
+        raise StateError(f"The file {path} is not a state of Scenegate (not an SQLite file); it is unchanged.")
+    application_id = header[_APPLICATION_ID_OFFSET : _APPLICATION_ID_OFFSET + 4]
+    if int.from_bytes(application_id, "big") != APPLICATION_ID:
+        raise StateError(f"The file {path} is a database of another program; it is unchanged.")
     return False
 
 
-def _connect(path: Path, log_bytes: int) -> sqlite3.Connection:
+def _connect(path: Path, checkpoint_bytes: int) -> sqlite3.Connection:
     connection = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
+    (page_bytes,) = connection.execute("PRAGMA page_size").fetchone()
     for pragma in (
         "synchronous = NORMAL",
-        "wal_autocheckpoint = 0",
-        f"journal_size_limit = {log_bytes}",  # else the log keeps the size of its largest moment
+        f"wal_autocheckpoint = {max(1, checkpoint_bytes // page_bytes)}",
+        f"journal_size_limit = {checkpoint_bytes}",  # else the log keeps its largest size
         "temp_store = MEMORY",
         "busy_timeout = 5000",
     ):
@@ -145,19 +146,19 @@ def _connect(path: Path, log_bytes: int) -> sqlite3.Connection:
     return connection
 
 
-def _check(path: Path, connection: sqlite3.Connection) -> None:
-    (found,) = connection.execute("PRAGMA quick_check(1)").fetchone()
-    if found != "ok":
-        raise StateError(f"The state file {path} is damaged ({' '.join(str(found).split())}); it was left as it is.")
+def _check_integrity(path: Path, connection: sqlite3.Connection) -> None:
+    (result,) = connection.execute("PRAGMA quick_check(1)").fetchone()
+    if result != "ok":
+        raise StateError(f"The state file {path} is damaged ({' '.join(str(result).split())}); it is unchanged.")
 
 
 def _migrate(path: Path, connection: sqlite3.Connection) -> None:
-    """Each step is one transaction with the new version in it, so that a crash leaves a whole step."""
+    """Run the missing migrations, each in one transaction with its version number."""
     (version,) = connection.execute("PRAGMA user_version").fetchone()
     if version > len(MIGRATIONS):
         raise StateError(
-            f"The state file {path} was written by a newer Scenegate (version {version} of its tables, this one knows "
-            f"{len(MIGRATIONS)}); it was left as it is."
+            f"The state file {path} was written by a newer Scenegate (schema version {version}, this one reads up to "
+            f"{len(MIGRATIONS)}); it is unchanged."
         )
     if version == 0:
         connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")

@@ -1,7 +1,7 @@
-"""Why there is no state."""
+"""The error that ends the start of a gateway with ``--state``."""
 
 from __future__ import annotations
 
 
 class StateError(RuntimeError):
-    """The file cannot be used; one sentence that names it. Nothing in it was changed."""
+    """The state file cannot be used. The message is one sentence with the file's path; the file is unchanged."""

@@ -1,53 +1,50 @@
-"""Paths as keys of the database: the key of a node begins with the keys of all above it, so that a subtree is a range.
+"""Tree paths as database keys: a node's key starts with its parent's key, so a subtree is a range of keys.
 
-An element is a tag (``i``: an integer as decimal text, ``s``: text as UTF-8), four bytes of length (big endian) and so
-many bytes. Lone surrogates, which JSON can bring into a name, keep their three bytes.
+Each path element is a tag (``i``: integer as decimal text, ``s``: text as UTF-8), its length as a big-endian uint32,
+and its bytes. Lone surrogates, which JSON allows in names, are encoded as three bytes.
 """
 
 from __future__ import annotations
 
 import struct
-from functools import lru_cache
 from typing import Final
 
 from gateway.scene.tree import Path, PathElement
 
-AFTER: Final = b"\x7f"
-"""A subtree's keys are those from the node's key to the same with this behind it: greater than both tags."""
-_HEAD: Final = struct.Struct(">cI")
+SUBTREE_END: Final = b"\x7f"
+"""Greater than both tags: a subtree has the keys from its root's key up to that key with this suffix."""
+_HEADER: Final = struct.Struct(">cI")
 
 
-@lru_cache(maxsize=65536)  # the same robots move again and again
-def element_key(element: PathElement) -> bytes:
-    """One element's part of a key."""
+def _element_key(element: PathElement) -> bytes:
     if isinstance(element, str):
         data = element.encode("utf-8", "surrogatepass")
-        return _HEAD.pack(b"s", len(data)) + data
+        return _HEADER.pack(b"s", len(data)) + data
     data = b"%d" % element
-    return _HEAD.pack(b"i", len(data)) + data
+    return _HEADER.pack(b"i", len(data)) + data
 
 
 def key_of(path: Path) -> bytes:
-    """A path's key; the root's is empty."""
-    return b"".join(map(element_key, path))
+    """Return the key of a path; the root's key is empty."""
+    return b"".join(map(_element_key, path))
 
 
 def path_of(key: bytes) -> Path:
-    """The path of a key.
+    """Return the path of a key.
 
     Raises:
-        ValueError: it is not one.
+        ValueError: ``key`` is not a valid key.
     """
     path: list[PathElement] = []
-    at = 0
-    while at < len(key):
+    offset = 0
+    while offset < len(key):
         try:
-            tag, length = _HEAD.unpack_from(key, at)
+            tag, length = _HEADER.unpack_from(key, offset)
         except struct.error:
             raise ValueError(f"the key {key[:80]!r} ends within an element") from None
-        begin, at = at + _HEAD.size, at + _HEAD.size + length
-        data = key[begin:at]
+        begin, offset = offset + _HEADER.size, offset + _HEADER.size + length
+        data = key[begin:offset]
         if len(data) != length or tag not in (b"s", b"i"):
-            raise ValueError(f"the key {key[:80]!r} has a broken element")
+            raise ValueError(f"the key {key[:80]!r} has an invalid element")
         path.append(data.decode("utf-8", "surrogatepass") if tag == b"s" else int(data))
     return tuple(path)

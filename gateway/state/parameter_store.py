@@ -1,4 +1,4 @@
-"""Parameters of a device in the database: names and values, whatever they mean."""
+"""A stereo camera's parameters in the database, as names and JSON values."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ import structlog
 _log = structlog.get_logger("gateway.state")
 
 Values = Mapping[str, Mapping[str, Any]]
-"""By node and name; plain JSON values."""
+"""Parameter values by node and name; plain JSON values."""
 
 
-class Settable(Protocol):
-    """What keeps the parameters while the process lives."""
+class Parameters(Protocol):
+    """The parameters of a running camera."""
 
     @property
     def version(self) -> int:
-        """Grows with every change."""
+        """A number that grows with every change."""
 
     def values(self, node: str) -> Mapping[str, Any]:
-        """Of one node, by name."""
+        """Return the values of a node by name."""
 
     def set(self, node: str, values: list[tuple[str, object]]) -> object:
-        """Checks and takes values. Raises LookupError or ValueError, with a sentence."""
+        """Validate and set values. Raises LookupError or ValueError."""
 
 
 class ParameterStore:
-    """The parameters of one camera: ``restore`` at start, then as ``TreeStore``."""
+    """Stores the parameters of one camera; see ``group_commit.Store``."""
 
-    def __init__(self, camera: str, nodes: Callable[[], list[str]], parameters: Settable) -> None:
+    def __init__(self, camera: str, nodes: Callable[[], list[str]], parameters: Parameters) -> None:
         self._camera = camera
         self._nodes = nodes
         self._parameters = parameters
@@ -41,14 +41,14 @@ class ParameterStore:
         self._stored: Values = {}
 
     def capture(self) -> Values:
-        """What ``write`` gets; a copy, the same while nothing changes."""
+        """Return a copy of the values; the same object while nothing changes."""
         if self._parameters.version != self._version:
             self._version = self._parameters.version
             self._captured = {node: dict(self._parameters.values(node)) for node in self._nodes()}
         return self._captured
 
     def write(self, connection: sqlite3.Connection, captured: Values) -> bool:
-        """Brings the table to ``captured`` within the caller's transaction; returns whether anything was to do."""
+        """Write the values that changed; return False if there are none."""
         if captured is self._stored:
             return False
         rows = [
@@ -61,14 +61,14 @@ class ParameterStore:
         return bool(rows)
 
     def committed(self, captured: Values) -> None:
-        """The transaction has succeeded."""
+        """Note that these values are stored."""
         self._stored = captured
 
     def restore(self, connection: sqlite3.Connection) -> int:
-        """Sets what was stored; what this version does not know or allow is told in the log and left at its default.
+        """Set the stored values; log and skip those that this version does not have or accept.
 
         Returns:
-            how many values were set.
+            The number of values that were set.
         """
         rows = connection.execute(
             "SELECT node, name, value FROM stereo_parameter WHERE camera = ? ORDER BY node, name", (self._camera,)
@@ -79,6 +79,6 @@ class ParameterStore:
                 self._parameters.set(node, [(name, msgspec.json.decode(value))])
                 count += 1
             except (LookupError, ValueError) as error:
-                _log.warning("A stored parameter was not taken", camera=self._camera, node=node, reason=str(error))
-        self._stored = self.capture()  # defaults are not written: a later version may have better ones
+                _log.warning("stored parameter ignored", camera=self._camera, node=node, reason=str(error))
+        self._stored = self.capture()  # defaults are not stored: a later version may have better ones
         return count

@@ -1,4 +1,4 @@
-"""The state of one gateway: the file, what is kept in it, and who waits for that."""
+"""The persistent state of a gateway: opens the file, restores the tree and the parameters, stores their changes."""
 
 from __future__ import annotations
 
@@ -12,98 +12,99 @@ from gateway.scene.live import LiveTree, Snapshot
 from gateway.state.config import StateConfig
 from gateway.state.database import Database
 from gateway.state.errors import StateError
-from gateway.state.group_commit import Journal
-from gateway.state.parameter_store import ParameterStore, Settable
+from gateway.state.group_commit import GroupCommit
+from gateway.state.parameter_store import Parameters, ParameterStore
 
 _log = structlog.get_logger("gateway.state")
 
 
-class State:
-    """Opened before everything else, closed after everything else."""
+class PersistentState:
+    """The open state file. It is opened before all interfaces and closed after them."""
 
     def __init__(self, config: StateConfig) -> None:
-        """Opens the file.
+        """Open the file.
 
         Raises:
-            StateError: it cannot be used; nothing in it was changed.
+            StateError: The file cannot be used; it is unchanged.
         """
         self._config = config
-        self._database = Database(config.path, config.checkpoint_bytes)
-        self.journal = Journal(self._database, config)
-        self._nodes = 0
-        self._lazy: asyncio.TimerHandle | None = None
-        self._stop: Callable[[], None] = lambda: None
+        self.database = Database(config.path, config.checkpoint_bytes)
+        self.commits = GroupCommit(self.database, config)
+        self._restored_nodes = 0
+        self._timer: asyncio.TimerHandle | None = None
+        """Set while edits wait for a commit that no client requested."""
+        self._stop_listening: Callable[[], None] = lambda: None
 
     def start(self) -> None:
-        """Writes from now on, for the running event loop."""
-        self.journal.start()
+        """Start to commit on the running event loop."""
+        self.commits.start()
 
-    def restore_tree(self, live: LiveTree, without: Iterable[str] = ()) -> None:
-        """Puts the stored tree into ``live``; may take seconds, in any thread. ``keep_tree`` comes after it.
+    def restore_tree(self, live: LiveTree, excluded: Iterable[str] = ()) -> None:
+        """Put the stored tree into ``live`` and store its changes from now on. May take seconds, in any thread.
 
         Args:
-            without: children of the root that are neither stored nor restored.
+            excluded: Children of the root that are neither stored nor restored.
 
         Raises:
-            StateError: what is stored cannot be read.
+            StateError: The stored tree cannot be read.
         """
-        # Imported here: it loads what needs the kernels.
-        from gateway.state.parts import DamagedError
+        # Imported late: these modules load compiled kernels.
+        from gateway.state.part_codec import DamagedError
         from gateway.state.tree_store import TreeStore
 
-        store = TreeStore(live, without)
+        store = TreeStore(live, excluded)
         try:
-            store.restore(self._database.writer)
+            store.restore(self.database.connection)
         except DamagedError as error:
-            raise StateError(f"The state file {self._config.path} is damaged: {error}; it was left as it is.") from None
-        self._nodes = store.restored
-        self.journal.add(store)
-        if self._nodes:
-            _log.info("The tree is as it was", nodes=self._nodes, path=str(self._config.path))
+            raise StateError(f"The state file {self._config.path} is damaged: {error}; it is unchanged.") from None
+        self._restored_nodes = store.restored_nodes
+        self.commits.add(store)
+        if self._restored_nodes:
+            _log.info("tree restored", nodes=self._restored_nodes, path=str(self._config.path))
 
-    def keep_tree(self, live: LiveTree) -> None:
-        """Stores edits that nobody waits for, too, a moment later."""
+    def store_idle_edits(self, live: LiveTree) -> None:
+        """Store edits for which no client waits as well, after ``idle_commit_seconds``."""
         loop = asyncio.get_running_loop()
-        self._stop = live.listen(lambda snapshot: self._edited(loop, snapshot))
+        self._stop_listening = live.listen(lambda snapshot: self._on_edit(loop, snapshot))
 
-    def keep_parameters(self, camera: str, nodes: Callable[[], list[str]], parameters: Settable) -> None:
-        """Sets the stored parameters, and keeps those of ``nodes`` from now on."""
+    def restore_parameters(self, camera: str, nodes: Callable[[], list[str]], parameters: Parameters) -> None:
+        """Set a camera's stored parameters, and store changes of ``nodes`` from now on."""
         store = ParameterStore(camera, nodes, parameters)
-        store.restore(self._database.keeper)
-        self.journal.add(store)
+        store.restore(self.database.connection)
+        self.commits.add(store)
 
     def status(self) -> dict[str, Any]:
-        """Plain JSON values."""
-        figures = self.journal.figures
+        """Return the figures for health and metrics, plain JSON values."""
+        stats = self.commits.stats
         return {
-            "restored_nodes": self._nodes,
-            "commits": figures.commits,
-            "failed_commits": figures.failed,
-            "last_commit_ms": round(1e3 * figures.last_commit_seconds, 3),
-            "longest_commit_ms": round(1e3 * figures.longest_commit_seconds, 3),
-            "waiting_bytes": self.journal.waiting_bytes,
-            "file_bytes": self._database.file_bytes(),
-            "log_bytes": self._database.log_bytes(),
+            "restored_nodes": self._restored_nodes,
+            "commits": stats.commits,
+            "failed_commits": stats.failed,
+            "last_commit_ms": round(1e3 * stats.last_commit_seconds, 3),
+            "longest_commit_ms": round(1e3 * stats.longest_commit_seconds, 3),
+            "waiting_bytes": self.commits.waiting_bytes,
+            "file_bytes": self.database.file_bytes(),
+            "log_bytes": self.database.log_bytes(),
         }
 
     async def close(self) -> None:
-        """Stores what is left and closes the file."""
-        self._stop()
-        if self._lazy is not None:
-            self._lazy.cancel()
-        problem = await self.journal.close()
+        """Store what is left and close the file."""
+        self._stop_listening()
+        if self._timer is not None:
+            self._timer.cancel()
+        problem = await self.commits.close()
         if problem:
-            _log.error("The last edits could not be stored", reason=problem, path=str(self._config.path))
-        await asyncio.to_thread(self._database.close)
+            _log.error("last edits could not be stored", reason=problem, path=str(self._config.path))
+        await asyncio.to_thread(self.database.close)
 
-    def _edited(self, loop: asyncio.AbstractEventLoop, _: Snapshot) -> None:
-        if self._lazy is None:  # a race costs a second timer
-            loop.call_soon_threadsafe(self._later, loop)
+    def _on_edit(self, loop: asyncio.AbstractEventLoop, _: Snapshot) -> None:
+        if self._timer is None:  # a race costs one call
+            loop.call_soon_threadsafe(self._start_timer, loop)
 
-    def _later(self, loop: asyncio.AbstractEventLoop) -> None:
-        if self._lazy is None:
-            self._lazy = loop.call_later(self._config.lazy_seconds, self._now)
+    def _start_timer(self, loop: asyncio.AbstractEventLoop) -> None:
+        if self._timer is None:
+            self._timer = loop.call_later(self._config.idle_commit_seconds, self._commit_idle_edits)
 
-    def _now(self) -> None:
-        self._lazy = None
-        self.journal.after(lambda problem: None)
+    def _commit_idle_edits(self) -> None:
+        self._timer = None
+        self.commits.after(lambda problem: None)

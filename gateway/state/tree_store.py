@@ -1,4 +1,4 @@
-"""The live tree in the database: what changed since the last time is written, by path; all of it is read at start."""
+"""The live tree in the database: each commit writes the differences to the last one; all rows are read at start."""
 
 from __future__ import annotations
 
@@ -13,53 +13,56 @@ import numpy as np
 from gateway.scene.geometry import Part
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.transforms import IDENTITY
-from gateway.scene.tree import Node, Path, TreeEdit
-from gateway.state.keys import AFTER, path_of
-from gateway.state.parts import DamagedError, PartsReader, PartsWriter
-from gateway.state.tree_diff import Difference, compare
+from gateway.scene.tree import Node, Path, TreeEdit, changes
+from gateway.state.keys import SUBTREE_END, key_of, path_of
+from gateway.state.part_codec import DamagedError, PartDecoder, PartEncoder, memo_key
 
-ROWS_AT_ONCE: Final = 500
-"""Asked for in one statement."""
+MAX_KEYS: Final = 500
+"""Maximum number of keys in one SELECT."""
 _POSE: Final = struct.Struct("<7d")
 _MATRIX_BYTES: Final = 16 * 8
 
 
 class TreeStore:
-    """One live tree: ``restore`` at start, then ``capture`` by its writers and ``write`` in the journal's thread."""
+    """Stores a live tree; see ``group_commit.Store``. ``restore`` comes first."""
 
-    def __init__(self, live: LiveTree, without: Iterable[str] = ()) -> None:
-        """``without``: children of the root that are neither stored nor restored, with all below them."""
+    def __init__(self, live: LiveTree, excluded: Iterable[str] = ()) -> None:
+        """
+        Args:
+            excluded: Children of the root that are neither stored nor restored, with their subtrees.
+        """
         self._live = live
-        self._without = frozenset(without)
+        self._excluded = frozenset(excluded)
         self._root = Node()
-        """As it is in the database."""
-        self._seq = self._next_seq = 0
-        self._parts = PartsWriter()
-        self.restored = 0
-        """Nodes read at start."""
+        """The tree in the database."""
+        self._seq = 0
+        """Highest ``seq`` in the database."""
+        self._written_seq = 0
+        """Highest ``seq`` with the current transaction."""
+        self.restored_nodes = 0
+        """Number of nodes read at start."""
 
     def capture(self) -> Snapshot:
-        """What ``write`` gets."""
+        """Return the newest snapshot."""
         return self._live.snapshot
 
     def write(self, connection: sqlite3.Connection, captured: Snapshot) -> bool:
-        """Brings the tables to ``captured`` within the caller's transaction; returns whether anything was to do."""
-        difference = compare(self._root, captured.root, self._seq, self._without)
-        self._next_seq = difference.seq
-        if difference:
-            _Rows(connection, self._parts).write(difference)
-        return bool(difference)
+        """Write the differences between the stored tree and a snapshot; return False if there are none."""
+        rows = _Rows(connection, self._seq)
+        rows.collect(self._root, captured.root, self._excluded)
+        self._written_seq = rows.seq
+        return rows.write()
 
     def committed(self, captured: Snapshot) -> None:
-        """The transaction has succeeded."""
+        """Note that this snapshot is stored."""
         self._root = captured.root
-        self._seq = self._next_seq
+        self._seq = self._written_seq
 
     def restore(self, connection: sqlite3.Connection) -> None:
-        """Puts the stored tree into the live one, which is empty, as one revision.
+        """Put the stored tree into the live tree, which is empty, as one revision.
 
         Raises:
-            DamagedError: the tables hold something else than this class writes.
+            DamagedError: The tables contain data that this class does not write.
         """
         rows = []
         for key, seq, digest, transform, visible in connection.execute(
@@ -67,90 +70,117 @@ class TreeStore:
         ):
             path = _path(key)
             self._seq = max(self._seq, seq)
-            if not path or path[0] not in self._without:
+            if not path or path[0] not in self._excluded:
                 rows.append((len(path), seq, path, digest, transform, visible))
-        rows.sort(key=lambda row: row[:2])  # parents first, siblings as they were
+        rows.sort(key=lambda row: row[:2])  # parents first, siblings in order
         if len(rows) <= 1 and rows[0][3:] == (None, None, 1):
             return
-        reader = PartsReader(lambda digest: _data(connection, "tree_blob", digest))
-        known: dict[bytes, tuple[Part, ...]] = {}
+        decoder = PartDecoder(lambda digest: _data(connection, "tree_blob", digest))
+        decoded: dict[bytes, tuple[Part, ...]] = {}
         with self._live.edit() as edit:
             for _, _, path, digest, transform, visible in rows:
-                _put(edit, path, transform, bool(visible))
+                edit.set_visible(path, bool(visible))
+                _set_transform(edit, path, transform)
                 if digest is not None:
-                    if digest not in known:
-                        known[digest] = reader.decode(_checked(connection, digest))
-                    edit.set_parts(path, known[digest])
-        self.restored = len(rows) - 1
+                    if digest not in decoded:
+                        decoded[digest] = decoder.decode(_checked_parts(connection, digest))
+                    edit.set_parts(path, decoded[digest])
+        self.restored_nodes = len(rows) - 1
         self._root = self._live.snapshot.root
 
 
 class _Rows:
-    """Writes a difference within a transaction."""
+    """Collects the rows that differ between two trees and writes them within a transaction."""
 
-    def __init__(self, connection: sqlite3.Connection, parts: PartsWriter) -> None:
+    def __init__(self, connection: sqlite3.Connection, seq: int) -> None:
+        self.seq = seq
+        """Highest ``seq`` of any node; added and reordered nodes get the following ones."""
         self._connection = connection
-        self._parts = parts
-        self._digests: dict[int, bytes] = {}
-        """By identity of the parts, which the difference keeps alive."""
-        self._alike: dict[Hashable, bytes] = {}
-        """By ``PartsWriter.alike``."""
-        self._loose: set[bytes] = set()
-        """Parts that a node has let go of."""
+        self._encoder = PartEncoder()
+        self._removed: list[bytes] = []
+        self._added: list[tuple[bytes, int, Node]] = []
+        self._reordered: list[tuple[int, bytes]] = []
+        self._geometry: list[tuple[bytes, Node]] = []
+        self._transforms: list[tuple[bytes | None, bytes]] = []
+        self._visible: list[tuple[bool, bytes]] = []
+        self._digests: dict[Hashable, bytes] = {}
+        """Digests of parts by ``memo_key``, so that equal geometry is encoded once per transaction."""
+        self._released: set[bytes] = set()
+        """Digests of parts that nodes no longer have."""
 
-    def write(self, difference: Difference) -> None:
+    def collect(self, old: Node, new: Node, excluded: frozenset[str]) -> None:
+        """Collect the differences between two trees, except below the ``excluded`` children of the root."""
+        for kind, path, node in changes(old, new):
+            if path and path[0] in excluded:
+                continue
+            key = key_of(path)
+            if node is None:
+                self._removed.append(key)
+            elif kind == "transform":
+                self._transforms.append((_transform(node), key))
+            elif kind == "geometry":
+                self._geometry.append((key, node))
+            elif kind == "added":
+                self.seq += 1
+                self._added.append((key, self.seq, node))
+            elif kind == "reordered":
+                self.seq += 1
+                self._reordered.append((self.seq, key))
+            else:
+                self._visible.append((node.visible, key))
+
+    def write(self) -> bool:
+        """Write the rows; return False if there are none."""
+        updates = (self._reordered, self._geometry, self._transforms, self._visible)
+        if not (self._removed or self._added or any(updates)):
+            return False
         run = self._connection.executemany
-        for key in difference.removed:
-            below = (key, key + AFTER)
-            self._loosen("SELECT parts FROM tree_node WHERE path >= ? AND path < ?", below)
-            self._connection.execute("DELETE FROM tree_node WHERE path >= ? AND path < ?", below)
-        for begin in range(0, len(difference.geometry), ROWS_AT_ONCE):
-            self._replace(difference.geometry[begin : begin + ROWS_AT_ONCE])
-        if difference.added:
-            run(
-                "INSERT INTO tree_node (path, seq, parts, transform, visible) VALUES (?, ?, ?, ?, ?)",
-                [(key, seq, self._stored(n.parts), _transform(n), n.visible) for key, seq, n in difference.added],
+        for key in self._removed:
+            subtree = (key, key + SUBTREE_END)
+            self._released.update(
+                digest
+                for (digest,) in self._connection.execute(
+                    "SELECT parts FROM tree_node WHERE path >= ? AND path < ? AND parts IS NOT NULL", subtree
+                )
             )
-        if difference.transforms:
-            run(
-                "UPDATE tree_node SET transform = ? WHERE path = ?",
-                [(_transform(n), key) for key, n in difference.transforms],
-            )
-        if difference.visible:
-            run("UPDATE tree_node SET visible = ? WHERE path = ?", [(n.visible, key) for key, n in difference.visible])
-        if difference.moved:
-            run("UPDATE tree_node SET seq = ? WHERE path = ?", [(seq, key) for key, seq in difference.moved])
-        for digest in self._loose:
-            self._collect(digest)
+            self._connection.execute("DELETE FROM tree_node WHERE path >= ? AND path < ?", subtree)
+        for begin in range(0, len(self._geometry), MAX_KEYS):
+            self._replace_parts(self._geometry[begin : begin + MAX_KEYS])
+        run(
+            "INSERT INTO tree_node (path, seq, parts, transform, visible) VALUES (?, ?, ?, ?, ?)",
+            [(key, seq, self._store_parts(n.parts), _transform(n), n.visible) for key, seq, n in self._added],
+        )
+        run("UPDATE tree_node SET transform = ? WHERE path = ?", self._transforms)
+        run("UPDATE tree_node SET visible = ? WHERE path = ?", self._visible)
+        run("UPDATE tree_node SET seq = ? WHERE path = ?", self._reordered)
+        for digest in self._released:
+            self._delete_unused(digest)
+        return True
 
-    def _replace(self, nodes: list[tuple[bytes, Node]]) -> None:
-        """Geometry of nodes that are stored already; what is sent again as it is costs no write."""
+    def _replace_parts(self, nodes: list[tuple[bytes, Node]]) -> None:
+        """Update the geometry of stored nodes; geometry that is sent again unchanged is not written."""
         places = ",".join("?" * len(nodes))
         before = dict(
             self._connection.execute(
-                f"SELECT path, parts FROM tree_node WHERE path IN ({places})",  # noqa: S608 - nothing but marks
+                f"SELECT path, parts FROM tree_node WHERE path IN ({places})",  # noqa: S608 - only placeholders
                 [key for key, _ in nodes],
             )
         )
-        now = [(self._stored(node.parts), key) for key, node in nodes]
+        now = [(self._store_parts(node.parts), key) for key, node in nodes]
         changed = [(digest, key) for digest, key in now if digest != before.get(key)]
-        self._loose.update(old for _, key in changed if (old := before.get(key)) is not None)
+        self._released.update(old for _, key in changed if (old := before.get(key)) is not None)
         self._connection.executemany("UPDATE tree_node SET parts = ? WHERE path = ?", changed)
 
-    def _stored(self, parts: tuple[Part, ...] | None) -> bytes | None:
+    def _store_parts(self, parts: tuple[Part, ...] | None) -> bytes | None:
+        """Write parts and their blobs, if they are not stored yet; return their digest."""
         if parts is None:
             return None
-        digest = self._digests.get(id(parts))
+        memo = memo_key(parts)
+        digest = self._digests.get(memo)
         if digest is not None:
             return digest
-        alike = self._parts.alike(parts)
-        digest = self._alike.get(alike) if alike is not None else None
-        if digest is not None:
-            return digest
-        data, blobs = self._parts.encode(parts)
-        digest = self._digests[id(parts)] = hashlib.sha256(data).digest()
-        if alike is not None:
-            self._alike[alike] = digest
+        data, blobs = self._encoder.encode(parts)
+        digest = self._digests[memo] = hashlib.sha256(data).digest()
         execute = self._connection.execute
         if execute("INSERT OR IGNORE INTO tree_parts VALUES (?, ?)", (digest, data)).rowcount:
             for name, blob in blobs.items():
@@ -159,11 +189,8 @@ class _Rows:
                 execute("INSERT INTO tree_use VALUES (?, ?)", (digest, name))
         return digest
 
-    def _loosen(self, query: str, values: tuple[bytes, ...]) -> None:
-        self._loose.update(digest for (digest,) in self._connection.execute(query, values) if digest is not None)
-
-    def _collect(self, digest: bytes) -> None:
-        """Deletes parts that no node has any more, and their blobs that no parts name any more."""
+    def _delete_unused(self, digest: bytes) -> None:
+        """Delete parts that no node has any more, and their blobs that no other parts use."""
         execute = self._connection.execute
         if not execute(
             "DELETE FROM tree_parts WHERE digest = ?"
@@ -187,9 +214,7 @@ def _transform(node: Node) -> bytes | None:
     return None if node.matrix is IDENTITY else np.ascontiguousarray(node.matrix, "<f8").tobytes()
 
 
-def _put(edit: TreeEdit, path: Path, transform: bytes | None, visible: bool) -> None:
-    """Makes the node; its parent is there already."""
-    edit.set_visible(path, visible)
+def _set_transform(edit: TreeEdit, path: Path, transform: bytes | None) -> None:
     if transform is None:
         return
     if len(transform) == _POSE.size:
@@ -208,17 +233,17 @@ def _path(key: bytes) -> Path:
 
 
 def _data(connection: sqlite3.Connection, table: str, digest: bytes) -> bytes:
-    row = connection.execute(f"SELECT data FROM {table} WHERE digest = ?", (digest,)).fetchone()  # noqa: S608 - ours
+    row = connection.execute(f"SELECT data FROM {table} WHERE digest = ?", (digest,)).fetchone()  # noqa: S608
     if row is None:
         raise KeyError(digest.hex()[:16])
     return bytes(row[0])
 
 
-def _checked(connection: sqlite3.Connection, digest: bytes) -> bytes:
+def _checked_parts(connection: sqlite3.Connection, digest: bytes) -> bytes:
     try:
         data = _data(connection, "tree_parts", digest)
     except KeyError:
         raise DamagedError(f"the geometry {digest.hex()[:16]} is missing") from None
     if hashlib.sha256(data).digest() != digest:
-        raise DamagedError("a geometry is not what its digest says")
+        raise DamagedError("the data of a geometry does not match its digest")
     return data

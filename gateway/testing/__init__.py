@@ -1,1 +1,6 @@
-"""For users' own integration tests: a pytest plugin with a gateway to talk to. See ``docs/testing.md``."""
+"""A pytest plugin with a running gateway, for users' own integration tests; see ``docs/testing.md``.
+
+``plugin``   the fixture ``scenegate``
+``gateway``  a gateway process and a pool of them
+``publish``  one request to the tree viewer, with the standard library only
+"""

@@ -1,4 +1,4 @@
-"""One request to the tree viewer over TCPQ and its answer, with the standard library alone."""
+"""Sends one request to the tree viewer over TCPQ, with the standard library only."""
 
 from __future__ import annotations
 
@@ -13,44 +13,45 @@ from urllib.parse import urlsplit
 
 from gateway.treeviewer import wire
 
-_SECONDS: Final = 60.0
-_HELLO: Final = struct.pack(">II", 0x287617FB, 0x0100)
-"""TCPQ's, of a client (lcm/lcm_tcpq.c)."""
-_CLIENT: Final = "scenegate-testing"
-_REQUEST: Final = f"DIRECTOR_TREE_VIEWER_REQUEST_<{_CLIENT}>"
-_RESPONSE: Final = f"DIRECTOR_TREE_VIEWER_RESPONSE_<{_CLIENT}>"
+_TIMEOUT: Final = 60.0
+"""Seconds without data."""
+_GREETING: Final = struct.pack(">II", 0x287617FB, 0x0100)
+"""The greeting of a TCPQ client: magic number and protocol version (lcm/lcm_tcpq.c)."""
+_CLIENT_ID: Final = "scenegate-testing"
+_REQUEST: Final = f"DIRECTOR_TREE_VIEWER_REQUEST_<{_CLIENT_ID}>"
+_RESPONSE: Final = f"DIRECTOR_TREE_VIEWER_RESPONSE_<{_CLIENT_ID}>"
 _IDENTITY: Final = {"translation": [0, 0, 0], "quaternion": [1, 0, 0, 0]}
 
 
 def publish(url: str, request: Mapping[str, Any]) -> dict[str, Any]:
-    """Sends a request and waits for the answer.
+    """Send a request and return its response.
 
     Args:
         url: ``tcpq://host:port``.
 
     Raises:
-        RuntimeError: the answer's status is negative; with its reason.
+        RuntimeError: The response has a negative status, or the gateway closed the connection.
     """
     parts = urlsplit(url)
-    with socket.create_connection((parts.hostname or "127.0.0.1", parts.port or 7700), timeout=_SECONDS) as hub:
+    with socket.create_connection((parts.hostname or "127.0.0.1", parts.port or 7700), timeout=_TIMEOUT) as hub:
         file = hub.makefile("rb")
         pattern, channel = re.escape(_RESPONSE).encode(), _REQUEST.encode()
         message = wire.encode(json.dumps({"utime": 0, **request}).encode())
-        hub.sendall(_HELLO + struct.pack(">II", 2, len(pattern)) + pattern)
+        hub.sendall(_GREETING + struct.pack(">II", 2, len(pattern)) + pattern)
         hub.sendall(struct.pack(">II", 1, len(channel)) + channel + struct.pack(">I", len(message)) + message)
-        _exactly(file, 8)
-        _, length = struct.unpack(">II", _exactly(file, 8))
-        _exactly(file, length)
-        (size,) = struct.unpack(">I", _exactly(file, 4))
-        answer: dict[str, Any] = json.loads(bytes(wire.decode(_exactly(file, size)).data))
+        _read_exactly(file, 8)
+        _, length = struct.unpack(">II", _read_exactly(file, 8))
+        _read_exactly(file, length)
+        (size,) = struct.unpack(">I", _read_exactly(file, 4))
+        response: dict[str, Any] = json.loads(bytes(wire.decode(_read_exactly(file, size)).data))
         file.close()
-    if answer["status"] < 0:
-        raise RuntimeError(f"the gateway refused a request: {answer.get('error', answer)}")
-    return answer
+    if response["status"] < 0:
+        raise RuntimeError(f"the gateway rejected a request: {response.get('error', response)}")
+    return response
 
 
 def scene_request(path: Path) -> dict[str, Any]:
-    """The request that publishes a file: its own for ``.json``, else the mesh at the path ``scene``."""
+    """Return the request that publishes a file: the content of a ``.json``, else a mesh at the path ``scene``."""
     if path.suffix == ".json":
         request: dict[str, Any] = json.loads(path.read_text("utf-8"))
         return request
@@ -61,7 +62,7 @@ def scene_request(path: Path) -> dict[str, Any]:
     }
 
 
-def _exactly(file: Any, count: int) -> bytes:
+def _read_exactly(file: Any, count: int) -> bytes:
     data = file.read(count)
     if len(data) != count:
         raise RuntimeError("the gateway closed the connection")

@@ -1,8 +1,8 @@
-"""What an operator can set of the tree viewer, every bound with its reason."""
+"""Limits of the tree viewer, each with its reason."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 from gateway.lcm.config import LcmConfig
@@ -13,52 +13,55 @@ MIB: Final = 1024 * KIB
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What one message, and what all of them together, may ask for. Beyond a bound the command fails with -3."""
+    """Limits of one request and of the tree. A command beyond a limit fails with status -3."""
 
     message_bytes: int = 256 * MIB
-    """Of one request: as many as a transport lets through."""
+    """Maximum size of a request, as that of an LCM message."""
     json_bytes: int = 32 * MIB
-    """Of one message's JSON without its long number arrays: it becomes Python objects of about 10 times its size."""
+    """Maximum size of a request's JSON without its long number arrays: its Python objects take about 10 times that."""
     binary_objects: int = 4_000_000
-    """Of one binary message besides its arrays: each becomes a Python object of up to 100 bytes."""
+    """Maximum number of values in a MessagePack request besides its arrays: each becomes an object of ≤ 100 bytes."""
     path_elements: int = 128
-    """Depth of the tree; robots stay below 50, and walking a path costs its depth."""
+    """Maximum depth of the tree: robots stay below 50."""
     element_chars: int = 4096
-    """Of one name in a path: names are kept, sent back and listed."""
+    """Maximum length of one name in a path: names are stored, listed and sent back."""
     nodes: int = 250_000
-    """Of the live tree: a node costs about 400 bytes and every picture walks all of them."""
+    """Maximum number of nodes in the live tree: each costs about 400 bytes, and every image visits all of them."""
     parts: int = 1_000_000
-    """Geometries in the live tree: each costs about 500 bytes."""
+    """Maximum number of geometries in the live tree: each costs about 500 bytes."""
     parts_per_path: int = 10_000
-    """Geometries of one setgeometry command."""
+    """Maximum number of geometries in one setgeometry command."""
     points: int = 20_000_000
-    """Of one point cloud, lidar or line: 240 MB of coordinates."""
+    """Maximum number of points in a point cloud, lidar or line: 240 MB of coordinates."""
     vertices: int = 20_000_000
-    """Of one mesh: 240 MB of coordinates."""
+    """Maximum number of vertices in a mesh: 240 MB of coordinates."""
     faces: int = 40_000_000
-    """Of one mesh: 480 MB of indices."""
+    """Maximum number of faces in a mesh: 480 MB of indices."""
     channels: int = 64
-    """Of one point cloud."""
+    """Maximum number of channels in a point cloud."""
     geometry_bytes: int = 4096 * MIB
-    """Of all arrays that this interface put into the tree and that are still in use."""
+    """Maximum size of all arrays that requests put into the tree and that are still in use."""
     problems: int = 100
-    """Reasons and warnings told in one answer; the others are counted, so that an answer stays small."""
+    """Maximum number of errors, and of warnings, listed in one response; the others are counted."""
     failed_commands: int = 10_000
-    """Of one request; beyond them nothing of it is done: millions of wrong commands fit into a few bytes each, and
-    finding the reason of each would take a thread for seconds."""
+    """Maximum number of failing commands in a request; with more, none of it is executed. Millions of wrong commands
+    fit into one message, and finding their reasons would take seconds."""
 
 
-@dataclass(frozen=True, slots=True)
-class TreeViewerConfig(LcmConfig):
-    """Limits of the tree viewer and of its transports."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TreeViewerConfig:
+    """Scheduling of requests, and the limits of the protocol and its transports."""
 
-    offload_bytes: int = 256 * KIB
-    """Messages above it are decoded in a thread that does not hold the interpreter: 256 kB of JSON take 1 ms. Binary
-    messages, which have more in them, above a quarter of it."""
-    slice_commands: int = 500
-    """Commands of a big message applied before the event loop gets its turn: 500 take about 1 ms."""
-    threads: int = 2
-    """For big JSON messages, and as many for big binary messages and mesh files."""
-    client_waiting_bytes: int = 64 * MIB
-    """Of one hub client's messages waiting here; beyond it the hub stops reading from that client; nothing is lost."""
+    lcm: LcmConfig = field(default_factory=LcmConfig)
     limits: Limits = Limits()
+    offload_bytes: int = 256 * KIB
+    """Requests larger than this are decoded in a worker thread: 256 kB of JSON take 1 ms. For MessagePack, which holds
+    more in fewer bytes, a quarter of it."""
+    slice_commands: int = 500
+    """Commands of a big request executed before the event loop continues: 500 take about 1 ms."""
+    threads: int = 2
+    """Number of worker threads for big requests and mesh files."""
+    waiting_bytes: int = 1024 * MIB
+    """Maximum size of all requests that wait for earlier ones of the same client; further ones are refused."""
+    client_waiting_bytes: int = 64 * MIB
+    """Size of the waiting requests of one hub client from which the hub stops reading from it; nothing is lost."""

@@ -1,7 +1,7 @@
-"""Compiled loops over JSON text that run without the interpreter's lock: find long number arrays, read them.
+"""Find and parse long number arrays in JSON text without the GIL.
 
-A mesh or point cloud of 100,000 vertices is 11 MB of digits. Python's JSON readers turn them into a million objects in
-0.1 to 0.5 s during which nothing else in the process runs; here they become arrays in 30 ms while others work.
+A mesh or point cloud of 100,000 vertices is 11 MB of digits. Python's JSON readers make a million objects of them in
+0.1 to 0.5 s while no other thread runs; these kernels make arrays of them in 30 to 60 ms while others run.
 """
 
 from __future__ import annotations
@@ -16,14 +16,10 @@ from renderers.compiler.cache_locator import cached_njit
 
 _BYTES = types.Array(types.uint8, 1, "C", readonly=True)
 _POWERS = types.Array(types.float64, 1, "C", readonly=True)
-_SINGLES = types.Array(types.float32, 1, "C", readonly=True)
 _TABLE = types.Array(types.int64, 2, "C")
-_SPAN = types.Tuple((types.int64,) * 5)
-
-_FOUND = types.UniTuple(types.int64, 2)
+_ARRAY_INFO = types.Tuple((types.int64,) * 5)
 
 QUOTE, BACKSLASH, OPEN, CLOSE, COMMA = ord('"'), ord("\\"), ord("["), ord("]"), ord(",")
-BRACE, END_BRACE, COLON = ord("{"), ord("}"), ord(":")
 MINUS, PLUS, DOT, ZERO, NINE = ord("-"), ord("+"), ord("."), ord("0"), ord("9")
 LOWER_E, UPPER_E, UPPER_N, UPPER_I = ord("e"), ord("E"), ord("N"), ord("I")
 SPACE, TAB, NEWLINE, RETURN = 32, 9, 10, 13
@@ -31,11 +27,11 @@ _NAN: Final = np.frombuffer(b"NaN", np.uint8)
 _INFINITY: Final = np.frombuffer(b"Infinity", np.uint8)
 
 RAGGED: Final = -1
-"""Instead of the numbers in each row: the rows differ in length."""
+"""Number of columns of an array whose rows differ in length."""
 
 
 def powers_of_ten() -> NDArray[np.float64]:
-    """10^0 .. 10^308, each rounded correctly."""
+    """Return 10^0 to 10^308, (309,) float64, each rounded correctly."""
     powers = np.array([float(f"1e{i}") for i in range(309)])
     powers.flags.writeable = False
     return powers
@@ -52,16 +48,17 @@ def _kinds() -> NDArray[np.uint8]:
 
 NUMBER, SEPARATOR, OPENS, CLOSES = 1, 2, 3, 4
 _KIND: Final = _kinds()
-"""What a character can be in an array of numbers: those of NaN and Infinity (Python's json writes them) count as
-numbers', those that only true, false, null and strings have do not."""
+"""Kind of each byte in an array of numbers; 0: it cannot be in one. The letters are those of NaN and Infinity, which
+Python's json writes."""
 
 
-@cached_njit(_SPAN(_BYTES, types.int64), nogil=True)
-def _span(data, begin):
-    """The array that opens at ``begin``: (end, numbers, rows, columns, depth); end is -1 if it has more than numbers.
+@cached_njit(_ARRAY_INFO(_BYTES, types.int64), nogil=True)
+def _scan_array(data, begin):
+    """Return (end, numbers, rows, columns, depth) of the array that opens at ``begin``.
 
-    Looks at characters only; ``read_numbers`` checks the grammar, and relies on the closing bracket that is here
-    the last byte of every span.
+    ``end`` is -1 if the array has anything else than numbers and rows of numbers. Only kinds of bytes are checked;
+    ``read_numbers`` checks the grammar. The last byte of an array is its closing bracket, so ``read_numbers`` can look
+    one byte past any number.
     """
     depth = 0
     deepest = 0
@@ -106,11 +103,11 @@ def _span(data, begin):
 
 
 @cached_njit(types.int64(_BYTES, _TABLE, types.int64), nogil=True)
-def find_arrays(data, table, least):
-    """Fills ``table`` (rows: begin, end, numbers, rows, columns, depth) with the arrays of at least ``least`` numbers.
+def find_arrays(data, table, min_numbers):
+    """Find the arrays of at least ``min_numbers`` numbers in JSON text, (N,) uint8, and return how many there are.
 
-    Returns how many; it stops looking when the table is full. Every byte is looked at most three times, as arrays of
-    arrays of arrays are not numbers.
+    ``table``, (M, 6), is filled with rows of begin, end, numbers, rows, columns, depth; the search stops when it is
+    full. Each byte is read at most three times, since an array nested deeper than rows is left at its third bracket.
     """
     found = 0
     i = 0
@@ -122,9 +119,9 @@ def find_arrays(data, table, least):
             while i < n and data[i] != QUOTE:
                 i += 2 if data[i] == BACKSLASH else 1
         elif c == OPEN:
-            end, count, rows, columns, depth = _span(data, i)
+            end, count, rows, columns, depth = _scan_array(data, i)
             if end >= 0:
-                if count >= least:
+                if count >= min_numbers:
                     table[found, 0] = i
                     table[found, 1] = end
                     table[found, 2] = count
@@ -137,19 +134,13 @@ def find_arrays(data, table, least):
     return found
 
 
-@cached_njit(
-    [
-        types.int64(_BYTES, types.int64, types.int64, _POWERS, types.float32[::1]),
-        types.int64(_BYTES, types.int64, types.int64, _POWERS, types.float64[::1]),
-    ],
-    nogil=True,
-)
+@cached_njit(types.int64(_BYTES, types.int64, types.int64, _POWERS, types.float64[::1]), nogil=True)
 def read_numbers(data, begin, end, powers, out):
-    """Reads the array [begin, end) of ``data``, flattened, into ``out``, which has room for exactly its numbers.
+    """Parse the array [begin, end) of ``data``, flattened, into ``out``, whose length is its number of numbers.
 
-    Returns -1, or the position of what JSON does not allow. Numbers are exact for up to 15 digits and small exponents,
-    otherwise off by at most a few units in the last place of float64, which is nothing in the float32 they become.
-    One loop without calls: each call would count references to the arrays, which costs more than reading a number.
+    Return -1, or the position of a byte that JSON does not allow. Numbers of up to 15 digits with small exponents are
+    exact; others are off by at most a few units in the last place of float64. It is one loop without calls, since Numba
+    counts references to the arrays at each call, which costs more than parsing a number.
     """
     after_value = False
     after_open = False
@@ -181,7 +172,7 @@ def read_numbers(data, begin, end, powers, out):
             continue
         if after_value or k >= out.shape[0]:
             return i
-        # a number: its value in three variables, mantissa * 10^exponent * sign
+        # the number is mantissa * 10^exponent * sign
         start = i
         negative = c == MINUS
         if negative:
@@ -261,125 +252,3 @@ def read_numbers(data, begin, end, powers, out):
         after_value = True
         after_open = False
     return -1 if k == out.shape[0] else end
-
-
-@cached_njit(types.int64(types.float64[::1], types.uint32[::1], types.float64), nogil=True)
-def to_indices(values, out, bound):
-    """Whole numbers in [0, bound) into ``out``. Returns -1, or which number is not one."""
-    for k in range(values.shape[0]):
-        value = values[k]
-        if not (value >= 0.0 and value < bound and value == np.floor(value)):
-            return k
-        out[k] = np.uint32(value)
-    return -1
-
-
-@cached_njit(types.boolean(_SINGLES, types.float32), nogil=True)
-def all_within(values, farthest):
-    """Whether no value is NaN or farther from 0 than ``farthest``."""
-    for begin in range(0, values.shape[0], 1024):
-        outside = 0
-        for k in range(begin, min(begin + 1024, values.shape[0])):
-            outside += not abs(values[k]) <= farthest
-        if outside:
-            return False
-    return True
-
-
-@cached_njit(types.void(types.float32[::1]), nogil=True)
-def to_unit_interval(values):
-    """Numbers below 0 become 0, above 1 become 1, NaN becomes 0; in place."""
-    for k in range(values.shape[0]):
-        value = values[k]
-        value = value if value > 0.0 else np.float32(0.0)
-        values[k] = value if value < 1.0 else np.float32(1.0)
-
-
-@cached_njit(_FOUND(_BYTES, _TABLE, types.int64[::1]), nogil=True)
-def outline(data, members, commas):
-    """Where the members of the JSON object ``data`` are, and the commas between the elements of those that are lists.
-
-    Args:
-        members: filled; (n, 5) rows: begin and end of the key with its quotes, begin and end of the value, and how many
-            of ``commas`` belong to the members up to this one.
-        commas: filled; positions.
-    Returns:
-        (members, 1), or (0, 0) when the text is not an object, has too many members, or brackets that do not match.
-        Nothing inside the values is checked.
-    """
-    i = 0
-    n = data.shape[0]
-    depth = 0
-    found = 0
-    noted = 0
-    is_list = False
-    key = False
-    in_value = False
-    begun = False
-    hanging = False
-    last = 0
-    while i < n:
-        c = data[i]
-        if c == SPACE or c == NEWLINE or c == RETURN or c == TAB:
-            i += 1
-            continue
-        if depth == 0 and (begun or c != BRACE):
-            return 0, 0
-        begun = True
-        begin = i
-        if c == QUOTE:
-            i += 1
-            while i < n and data[i] != QUOTE:
-                i += 2 if data[i] == BACKSLASH else 1
-            if i >= n:
-                return 0, 0
-            if depth == 1 and not in_value:
-                if key or found >= members.shape[0]:
-                    return 0, 0
-                key = True
-                hanging = False
-                members[found, 0] = begin
-                members[found, 1] = i + 1
-        elif c == OPEN or c == BRACE:
-            depth += 1
-            if depth == 2:
-                if not in_value:
-                    return 0, 0
-                is_list = c == OPEN
-        elif c == CLOSE or c == END_BRACE:
-            depth -= 1
-            if depth < 0:
-                return 0, 0
-            if depth == 0:
-                if in_value:
-                    members[found, 3] = last
-                    members[found, 4] = noted
-                    found += 1
-                    in_value = False
-                elif key or hanging:
-                    return 0, 0
-        elif c == COLON:
-            if depth == 1:
-                if not key or in_value:
-                    return 0, 0
-                in_value = True
-                key = False
-                is_list = False
-                members[found, 2] = i + 1
-        elif c == COMMA:
-            if depth == 1:
-                if not in_value:
-                    return 0, 0
-                members[found, 3] = last
-                members[found, 4] = noted
-                found += 1
-                in_value = False
-                hanging = True
-            elif depth == 2 and is_list:
-                if noted >= commas.shape[0]:
-                    return 0, 0
-                commas[noted] = i
-                noted += 1
-        i += 1
-        last = i
-    return (found, 1) if begun and depth == 0 and not in_value and not key else (0, 0)

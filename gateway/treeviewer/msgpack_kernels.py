@@ -1,10 +1,12 @@
-"""A compiled walk over MessagePack that runs without the interpreter's lock and makes nothing."""
+"""Count the values in a MessagePack message without the GIL and without making objects."""
 
 from __future__ import annotations
 
 from typing import Final
 
+import numpy as np
 from numba import types
+from numpy.typing import NDArray
 
 from renderers.compiler.cache_locator import cached_njit
 
@@ -12,86 +14,77 @@ _BYTES = types.Array(types.uint8, 1, "C", readonly=True)
 
 TRUNCATED: Final = -1
 MALFORMED: Final = -2
-LONGER: Final = -3
+TRAILING_BYTES: Final = -3
+NEVER_USED: Final = 0xC1
+"""The only first byte without a meaning."""
+_LENGTH_BYTES, _PAYLOAD, _COUNT, _CHILDREN, _TEXT = range(5)
+TEXT_BYTES_PER_VALUE: Final = 64
+"""A string counts as one more value for each of these bytes."""
 
 
-@cached_njit(types.int64(_BYTES, types.int64, types.int64), nogil=True)
-def _word(data, at, size):
-    """A big-endian number of ``size`` bytes."""
-    value = 0
-    for k in range(size):
-        value = (value << 8) | data[at + k]
-    return value
+def _formats() -> NDArray[np.int64]:
+    """Return the table of first bytes, from msgpack/spec.md.
+
+    Columns: bytes of the length that follows, fixed bytes of payload, length in the first byte, values per counted
+    element, 1 for a string.
+    """
+    formats = np.zeros((256, 5), np.int64)
+    formats[0x80:0x90, _COUNT] = formats[0x90:0xA0, _COUNT] = range(16)
+    formats[0xA0:0xC0, _COUNT] = range(32)
+    formats[0xC4:0xC7, _LENGTH_BYTES] = formats[0xC7:0xCA, _LENGTH_BYTES] = formats[0xD9:0xDC, _LENGTH_BYTES] = 1, 2, 4
+    formats[0xDC:0xDE, _LENGTH_BYTES] = formats[0xDE:0xE0, _LENGTH_BYTES] = 2, 4
+    formats[0xC7:0xCA, _PAYLOAD] = 1
+    formats[0xCA:0xCC, _PAYLOAD] = 4, 8
+    formats[0xCC:0xD0, _PAYLOAD] = formats[0xD0:0xD4, _PAYLOAD] = 1, 2, 4, 8
+    formats[0xD4:0xD9, _PAYLOAD] = 2, 3, 5, 9, 17
+    formats[0x90:0xA0, _CHILDREN] = formats[0xDC:0xDE, _CHILDREN] = 1
+    formats[0x80:0x90, _CHILDREN] = formats[0xDE:0xE0, _CHILDREN] = 2
+    formats[0xA0:0xC0, _TEXT] = formats[0xD9:0xDC, _TEXT] = 1
+    return formats
+
+
+_FORMATS: Final = _formats()
 
 
 @cached_njit(types.int64(_BYTES, types.int64), nogil=True)
-def objects(data, most):
-    """How many values one MessagePack value consists of; more than ``most``: there are more than that many.
+def count_values(data, limit):
+    """Return the number of values in ``data``, (N,) uint8, or a number above ``limit`` as soon as there are more.
 
-    Negative: TRUNCATED, MALFORMED or LONGER. Strings, binaries and extensions count as one, whatever their length
-    (which counts for strings once more for every 64 bytes). Source of the format: msgpack/spec.md.
+    Arrays, maps and their members count; binaries and extensions count as one value of any length. Negative:
+    TRUNCATED, MALFORMED or TRAILING_BYTES.
     """
     size = len(data)
-    at = 0
+    position = 0
     pending = 1
     found = 0
     while pending > 0:
-        if at >= size:
+        if position >= size:
             return TRUNCATED
-        kind = data[at]
-        at += 1
+        first = data[position]
+        position += 1
         pending -= 1
         found += 1
-        if found > most:
+        if found > limit:
             return found
-        head = 0  # bytes of a length
-        skipped = 0  # bytes of a value
-        per = 0  # values a counted element stands for
-        text = False
-        count = 0
-        if kind <= 0x7F or kind >= 0xE0 or kind == 0xC0 or kind == 0xC2 or kind == 0xC3:
-            continue
-        if kind <= 0x8F:
-            count, per = kind & 0x0F, 2
-        elif kind <= 0x9F:
-            count, per = kind & 0x0F, 1
-        elif kind <= 0xBF:
-            skipped, text = kind & 0x1F, True
-        elif kind == 0xC1:
+        if first == NEVER_USED:
             return MALFORMED
-        elif kind <= 0xC6:
-            head = 1 << (kind - 0xC4)
-        elif kind <= 0xC9:
-            head, skipped = 1 << (kind - 0xC7), 1
-        elif kind == 0xCA:
-            skipped = 4
-        elif kind == 0xCB:
-            skipped = 8
-        elif kind <= 0xD3:
-            skipped = 1 << ((kind - 0xCC) & 3)
-        elif kind <= 0xD8:
-            skipped = 1 + (1 << (kind - 0xD4))
-        elif kind <= 0xDB:
-            head, text = 1 << (kind - 0xD9), True
-        elif kind <= 0xDD:
-            head, per = 2 << (kind - 0xDC), 1
+        length = _FORMATS[first, _COUNT]
+        length_bytes = _FORMATS[first, _LENGTH_BYTES]
+        if position + length_bytes > size:
+            return TRUNCATED
+        for k in range(length_bytes):
+            length = (length << 8) | data[position + k]
+        position += length_bytes
+        children = _FORMATS[first, _CHILDREN]
+        if children:
+            pending += length * children
         else:
-            head, per = 2 << (kind - 0xDE), 2
-        if head:
-            if at + head > size:
+            length += _FORMATS[first, _PAYLOAD]
+            if length > size - position:
                 return TRUNCATED
-            length = _word(data, at, head)
-            at += head
-            if per:
-                count = length
-            else:
-                skipped += length
-        if skipped > size - at:
+            position += length
+            if _FORMATS[first, _TEXT]:
+                found += length // TEXT_BYTES_PER_VALUE
+        if pending > size - position:
             return TRUNCATED
-        at += skipped
-        pending += count * per
-        if text:
-            found += skipped >> 6
-        if pending > size - at:
-            return TRUNCATED
-    return found if at == size else LONGER
+    return found if position == size else TRAILING_BYTES

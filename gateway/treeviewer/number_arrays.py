@@ -1,7 +1,7 @@
-"""Takes the long number arrays out of a request's JSON, so that Python's reader sees only what remains.
+"""Take long number arrays out of a request's JSON, so that Python's reader parses only the rest.
 
-Each array is replaced by a short string that holds a secret of this message and the array's number; no client can write
-such a string. ``Numbers`` turns such strings, or plain lists, into numpy arrays.
+Each array is replaced by a short string with a random token and the array's index; no client can guess the token.
+``NumberArrays`` turns these strings, plain lists and packed arrays into NumPy arrays.
 """
 
 from __future__ import annotations
@@ -14,160 +14,149 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.treeviewer import json_kernels
-from gateway.treeviewer.arrays import ArrayError, PackedArray
+from gateway.treeviewer.packed_arrays import ArrayError, PackedArray, columns_text, shape_text
 
-LEAST_NUMBERS: Final = 256
-"""Shorter arrays stay JSON: more than a path may have elements, fewer than what takes noticeable time."""
-MOST_ARRAYS: Final = 65_536
-"""Of one message; the rest stays JSON."""
-WORTH_SCANNING: Final = (b'"points"', b'"vertices"', b'"ranges"')
-"""Keys whose values are long."""
+MIN_NUMBERS: Final = 256
+"""Shorter arrays stay in the JSON: more numbers than a path has elements, fewer than take noticeable time."""
+MAX_ARRAYS: Final = 65_536
+"""Maximum number of arrays taken out of one message; further ones stay in the JSON."""
+_POWERS_OF_TEN: Final = json_kernels.powers_of_ten()
 
 
 class JsonError(ValueError):
-    """The text is not JSON; the message says where."""
+    """The text is not JSON; the message contains the position."""
 
 
 @dataclass(frozen=True, slots=True)
-class _Array:
+class _TextArray:
+    """An array in the JSON text."""
+
     begin: int
     end: int
+    """Position in the text, in bytes."""
     count: int
     rows: int
     columns: int
-    depth: int
+    dimensions: int
 
 
-class Numbers:
-    """Number arrays of one request, from lists, from the text, or from bytes."""
+class NumberArrays:
+    """Number arrays of one request."""
 
-    __slots__ = ("_arrays", "_data", "_prefix")
+    __slots__ = ("_arrays", "_prefix", "_text")
 
     def __init__(self) -> None:
         self._prefix = ""
-        self._data: NDArray[np.uint8] | None = None
-        self._arrays: list[_Array] = []
+        self._text: NDArray[np.uint8] | None = None
+        self._arrays: list[_TextArray] = []
 
-    def take_from(self, data: memoryview) -> bytes:
-        """The JSON without its long arrays, which are kept here by their place in ``data``."""
+    def extract(self, data: memoryview) -> bytes:
+        """Return the JSON text with strings in place of its long arrays. ``data`` is kept."""
         text = np.frombuffer(data, np.uint8)
-        table = np.empty((MOST_ARRAYS if len(data) > MOST_ARRAYS else 64, 6), np.int64)
-        found = json_kernels.find_arrays(text, table, LEAST_NUMBERS)
+        table = np.empty((MAX_ARRAYS if len(data) > MAX_ARRAYS else 64, 6), np.int64)
+        found = json_kernels.find_arrays(text, table, MIN_NUMBERS)
         if not found:
             return bytes(data)
-        self._data = text
+        self._text = text
         self._prefix = f"\x00{os.urandom(12).hex()}:"
-        quoted = '"\\u0000' + self._prefix[1:]
+        escaped = '"\\u0000' + self._prefix[1:]
         pieces: list[bytes | memoryview] = []
         position = 0
         for index, row in enumerate(table[:found].tolist()):
-            array = _Array(*row)
+            array = _TextArray(*row)
             self._arrays.append(array)
             pieces.append(data[position : array.begin])
-            pieces.append(f'{quoted}{index}"'.encode())
+            pieces.append(f'{escaped}{index}"'.encode())
             position = array.end
         pieces.append(data[position:])
         return b"".join(pieces)
 
-    def holds(self, value: str) -> bool:
-        """Whether the string stands for an array that was taken out."""
+    def is_reference(self, value: str) -> bool:
+        """Return whether a string stands for an array that was taken out."""
         return bool(self._prefix) and value.startswith(self._prefix)
 
-    def floats(self, value: Any, columns: tuple[int, ...], most: int) -> NDArray[np.float32]:
-        """(N, columns) float32, or (N,) where ``columns`` is (1,). The first of ``columns`` is meant when N is 0.
+    def floats(self, value: Any, columns: tuple[int, ...], max_rows: int) -> NDArray[np.float32]:
+        """Return (N, columns) float32, or (N,) where ``columns`` is (1,). An empty list has the first of ``columns``.
 
         Raises:
-            ArrayError: wrong shape, not numbers, or more than ``most`` rows.
+            ArrayError: wrong shape, not numbers, or too many rows.
+            JsonError: the text of the array is not JSON.
         """
         if isinstance(value, PackedArray):
-            return value.floats(columns, most)
-        array = self._held(value)
-        if array is None:
-            listed = _from_list(value, columns, most)
-            with np.errstate(over="ignore"):
-                return listed.astype(np.float32)
-        width = _check(array, columns, most)
-        return self._read(array, np.empty(array.count, np.float32), width)
+            return value.floats(columns, max_rows)
+        with np.errstate(over="ignore"):
+            return self._read(value, columns, max_rows).astype(np.float32)
 
-    def indices(self, value: Any, bound: int, most: int) -> NDArray[np.uint32]:
-        """(N, 3) uint32, each less than ``bound``.
+    def indices(self, value: Any, count: int, max_rows: int) -> NDArray[np.uint32]:
+        """Return (N, 3) uint32, indices less than ``count``.
 
         Raises:
-            ArrayError: wrong shape, not such indices, or more than ``most`` rows.
+            ArrayError: wrong shape, values that are no such indices, or too many rows.
+            JsonError: the text of the array is not JSON.
         """
         if isinstance(value, PackedArray):
-            return value.indices(bound, most)
-        array = self._held(value)
-        if array is None:
-            values = _from_list(value, (3,), most)
-        else:
-            _check(array, (3,), most)
-            values = self._read(array, np.empty(array.count, np.float64), 3)
-        out = np.empty(values.shape, np.uint32)
-        wrong = json_kernels.to_indices(values.reshape(-1), out.reshape(-1), float(bound))
-        if wrong >= 0:
-            number = float(values.reshape(-1)[wrong])
-            raise ArrayError(f"has {number:.17g} in row {wrong // 3}, but there are {bound} vertices")
-        return out
+            return value.indices(count, max_rows)
+        values = self._read(value, (3,), max_rows)
+        wrong = ~((values >= 0.0) & (values < count) & (values == np.floor(values)))
+        if wrong.any():
+            row, column = divmod(int(np.argmax(wrong)), 3)
+            raise ArrayError(f"has {float(values[row, column]):.17g} in row {row}, but there are {count} vertices")
+        return values.astype(np.uint32)
 
-    def _held(self, value: Any) -> _Array | None:
-        if isinstance(value, str) and self.holds(value):
-            return self._arrays[int(value[len(self._prefix) :])]
-        return None
+    def _read(self, value: Any, columns: tuple[int, ...], max_rows: int) -> NDArray[np.float64]:
+        if isinstance(value, str) and self.is_reference(value):
+            return self._parse(self._arrays[int(value[len(self._prefix) :])], columns, max_rows)
+        return _from_list(value, columns, max_rows)
 
-    def _read(self, array: _Array, out: NDArray[Any], width: int) -> NDArray[Any]:
-        assert self._data is not None
-        wrong = json_kernels.read_numbers(self._data, array.begin, array.end, _POWERS, out)
+    def _parse(self, array: _TextArray, columns: tuple[int, ...], max_rows: int) -> NDArray[np.float64]:
+        width = _check_shape(array, columns, max_rows)
+        assert self._text is not None
+        out = np.empty(array.count, np.float64)
+        wrong = json_kernels.read_numbers(self._text, array.begin, array.end, _POWERS_OF_TEN, out)
         if wrong >= 0:
-            around = bytes(self._data[wrong : wrong + 12]).decode("ascii", "replace")
-            raise JsonError(f"at byte {wrong}: {around!r} where a number should be")
+            found = bytes(self._text[wrong : wrong + 12]).decode("ascii", "replace")
+            raise JsonError(f"at byte {wrong}: {found!r} where a number should be")
         return out if width == 1 else out.reshape(-1, width)
 
 
-_POWERS: Final = json_kernels.powers_of_ten()
-
-
-def _check(array: _Array, columns: tuple[int, ...], most: int) -> int:
-    """The number of columns, which is one of ``columns``."""
-    rows = array.rows if array.depth == 2 else array.count
-    if rows > most:
-        raise ArrayError(f"has {rows} rows, the limit is {most}")
-    width = array.columns if array.depth == 2 else 1
-    if array.depth == 2 and width == -1:
+def _check_shape(array: _TextArray, columns: tuple[int, ...], max_rows: int) -> int:
+    """Return the number of columns, which is one of ``columns``."""
+    nested = array.dimensions == 2
+    rows = array.rows if nested else array.count
+    width = array.columns if nested else 1
+    if rows > max_rows:
+        raise ArrayError(f"has {rows} rows, the limit is {max_rows}")
+    if nested and width == json_kernels.RAGGED:
         raise ArrayError("has rows of different lengths")
-    if array.depth == 2 and width == 1 and 1 in columns:
+    if nested and width == 1 and 1 in columns:
         return 1
-    if width not in columns or (array.depth == 2) != (width != 1):
-        raise ArrayError(f"has {'numbers' if array.depth == 1 else f'rows of {width}'}, not {_wanted(columns)}")
+    if width not in columns or nested != (width != 1):
+        raise ArrayError(f"has {shape_text(array.dimensions, width)}, not {columns_text(columns)}")
     return width
 
 
-def _from_list(value: Any, columns: tuple[int, ...], most: int) -> NDArray[np.float64]:
+def _from_list(value: Any, columns: tuple[int, ...], max_rows: int) -> NDArray[np.float64]:
     if not isinstance(value, list):
-        raise ArrayError(f"must be a list of {_wanted(columns)}")
-    if len(value) > most:
-        raise ArrayError(f"has {len(value)} rows, the limit is {most}")
+        raise ArrayError(f"must be a list of {columns_text(columns)}")
+    if len(value) > max_rows:
+        raise ArrayError(f"has {len(value)} rows, the limit is {max_rows}")
     if not value:
         return np.empty((0, columns[0]) if columns[0] > 1 else (0,))
     try:
         array = np.array(value)
     except ValueError:
-        raise ArrayError(_first_ragged(value, columns)) from None
+        raise ArrayError(_describe_ragged(value, columns)) from None
     if array.dtype.kind not in "iufb":
         raise ArrayError("has something that is not a number")
     if array.ndim == 2 and array.shape[1] == 1 and 1 in columns:
         array = array.reshape(-1)
     width = array.shape[1] if array.ndim == 2 else 1
     if array.ndim > 2 or width not in columns or (array.ndim == 2) != (width != 1):
-        raise ArrayError(f"has {'numbers' if array.ndim == 1 else f'rows of {width}'}, not {_wanted(columns)}")
+        raise ArrayError(f"has {shape_text(array.ndim, width)}, not {columns_text(columns)}")
     return array.astype(np.float64)
 
 
-def _wanted(columns: tuple[int, ...]) -> str:
-    return "numbers" if columns == (1,) else f"rows of {' or '.join(str(c) for c in columns)} numbers"
-
-
-def _first_ragged(value: list[Any], columns: tuple[int, ...]) -> str:
+def _describe_ragged(value: list[Any], columns: tuple[int, ...]) -> str:
     for index, row in enumerate(value):
         size = len(row) if isinstance(row, list) else 1
         if size not in columns:

@@ -1,53 +1,49 @@
-"""The protocol without any transport: the bytes of a request in, an application to the tree and an answer out."""
+"""The protocol without I/O: bytes of a request in, edits of the tree and a response out."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from functools import lru_cache
 from typing import Final
 
 from gateway.scene.live import LiveTree
-from gateway.treeviewer import answers, wire
-from gateway.treeviewer.answers import Answer, FormatAnswer
-from gateway.treeviewer.apply import Application
-from gateway.treeviewer.binary import BinaryReader
+from gateway.treeviewer import responses, wire
+from gateway.treeviewer.apply import RequestApplier
 from gateway.treeviewer.config import Limits
-from gateway.treeviewer.geometry import MeshLoader
-from gateway.treeviewer.quota import Census
-from gateway.treeviewer.requests import RequestError, RequestReader
+from gateway.treeviewer.context import MeshLoader
+from gateway.treeviewer.json_reader import JsonReader
+from gateway.treeviewer.msgpack_reader import MsgpackReader
+from gateway.treeviewer.quota import TreeQuota
+from gateway.treeviewer.requests import RequestError
+from gateway.treeviewer.responses import AnyResponse
 
 REQUEST: Final = "DIRECTOR_TREE_VIEWER_REQUEST"
 RESPONSE: Final = "DIRECTOR_TREE_VIEWER_RESPONSE"
-LEAST_EXTRACTED: Final = 256 * 1024
-"""Bytes; from here on looking for long arrays costs nothing compared with the message."""
-LONGEST_CHANNEL: Final = 63
-"""Characters (LCM); a client id of 32 fits into the request's channel but not into the answer's."""
+ALL_COMMANDS: Final = 1 << 30
 
 
 def client_of(channel: str) -> str:
-    """The client id between the first < and the last > of a request's channel; empty if there is none."""
+    """Return the client id between the first < and the last > of a request's channel, or an empty string."""
     begin, end = channel.find("<"), channel.rfind(">")
     return channel[begin + 1 : end] if 0 <= begin < end else ""
 
 
-@lru_cache(maxsize=1024)
 def response_channel(channel: str) -> str:
-    """Where the answer to a request on ``channel`` goes."""
+    """Return the channel of the response to a request on ``channel``."""
     client = client_of(channel)
     return f"{RESPONSE}_<{client}>" if client else RESPONSE
 
 
-class Refused(Exception):  # noqa: N818 - an answer, not a failure of ours
-    """The request is answered without touching the tree."""
+class RequestRefused(Exception):  # noqa: N818 - a response, not a failure of the viewer
+    """The request gets this response, and the tree is not touched."""
 
-    def __init__(self, answer: Answer | FormatAnswer) -> None:
-        super().__init__(answer)
-        self.answer = answer
+    def __init__(self, response: AnyResponse) -> None:
+        super().__init__(response)
+        self.response = response
 
 
 class TreeViewerProtocol:
-    """Reads requests and applies them. ``open`` may run in any thread, the application must stay in one."""
+    """Reads requests and applies them. ``open`` may run in any thread, the applier only in that of the tree."""
 
     def __init__(
         self,
@@ -57,59 +53,59 @@ class TreeViewerProtocol:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.limits = limits or Limits()
-        self.census = Census(self.limits, clock)
-        self.census.adopt(live.snapshot.root)
+        self.quota = TreeQuota(self.limits, clock)
+        self.quota.adopt(live.snapshot.root)
         self.reads_files = meshes is not None
-        """Whether a request may open files, which must not happen on the event loop."""
+        """True if a request may open files, which must not happen on the event loop."""
         self._live = live
-        self._readers = {
-            wire.FORMAT: RequestReader(self.limits, meshes),
-            wire.BINARY_FORMAT: BinaryReader(self.limits, meshes),
+        self.readers = {
+            wire.FORMAT: JsonReader(self.limits, meshes),
+            wire.BINARY_FORMAT: MsgpackReader(self.limits, meshes),
         }
+        """Reader of each supported format."""
 
     def header(self, message: bytes | memoryview) -> wire.Comms:
-        """The message's header, cheap; its data is not looked at.
+        """Decode and check the message's header; do not read its data.
 
         Raises:
-            wire.WireError: not a viewer2_comms_t, so there is nothing to answer.
-            Refused: an encoding that we do not speak, or lengths that are lies.
+            wire.WireError: it is not a viewer2_comms_t, so that no response is possible.
+            RequestRefused: the format is not supported, or a length is wrong.
         """
         comms = wire.decode(message)
-        if comms.format not in self._readers:
-            raise Refused(FormatAnswer(comms.utime, answers.UNKNOWN_FORMAT, answers.SUPPORTED))
+        supported = responses.SUPPORTED_FORMATS
+        if comms.format not in self.readers:
+            raise RequestRefused(responses.FormatResponse(comms.utime, responses.UNKNOWN_FORMAT, supported))
         if (comms.major, comms.minor) != wire.VERSION:
-            raise Refused(FormatAnswer(comms.utime, answers.UNKNOWN_FORMAT_VERSION, answers.SUPPORTED))
+            raise RequestRefused(responses.FormatResponse(comms.utime, responses.UNKNOWN_FORMAT_VERSION, supported))
         if comms.fault:
-            raise Refused(answers.failed(comms.utime, comms.fault))
+            raise RequestRefused(responses.failed(comms.utime, comms.fault))
         if len(comms.data) > self.limits.message_bytes:
             reason = f"the request has {len(comms.data)} bytes, the limit is {self.limits.message_bytes}"
-            raise Refused(answers.failed(comms.utime, reason))
+            raise RequestRefused(responses.failed(comms.utime, reason))
         return comms
 
-    def open(self, comms: wire.Comms) -> Application:
-        """Reads a request; the tree is not touched yet.
+    def open(self, comms: wire.Comms) -> RequestApplier:
+        """Read a request without touching the tree.
 
         Raises:
-            Refused: it cannot be read.
+            RequestRefused: it cannot be read.
         """
         try:
-            reader = self._readers[comms.format]
-            request = reader.read(comms.data, extract=True if len(comms.data) >= LEAST_EXTRACTED else None)
+            request = self.readers[comms.format].read(comms.data)
         except RequestError as error:
-            raise Refused(answers.failed(comms.utime, str(error))) from None
-        return Application(request, self._live, self.census, self.limits)
+            raise RequestRefused(responses.failed(comms.utime, str(error))) from None
+        return RequestApplier(request, self._live, self.quota, self.limits)
 
-    def handle(self, message: bytes | memoryview) -> Answer | FormatAnswer:
-        """All at once, for messages that are small.
+    def handle(self, message: bytes | memoryview) -> AnyResponse:
+        """Read and apply a request at once, and return the response.
 
         Raises:
             wire.WireError: as ``header``.
         """
         try:
             comms = self.header(message)
-            application = self.open(comms)
-        except Refused as refused:
-            return refused.answer
-        while application.step(1 << 30):
-            pass
-        return application.answer(comms.utime)
+            applier = self.open(comms)
+        except RequestRefused as refused:
+            return refused.response
+        applier.step(ALL_COMMANDS)
+        return applier.response(comms.utime)

@@ -1,4 +1,4 @@
-"""Keeps the live tree within its bounds without counting it at every message."""
+"""Limits of the live tree: its nodes, its geometries, and the bytes of its arrays."""
 
 from __future__ import annotations
 
@@ -13,88 +13,79 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.scene.geometry import Line, Part, PointCloud, Surface
-from gateway.scene.tree import Node
+from gateway.scene.tree import Node, Path
 from gateway.treeviewer.config import Limits
 
 RECOUNT_SECONDS: Final = 1.0
-"""Counting 250,000 nodes takes 0.1 s, so a full tree is counted at most this often."""
-SMALL_ARRAY: Final = 4096
-"""Bytes; smaller arrays are covered by the bound on geometries."""
+"""Minimum interval between counts of a full tree's geometries: a count of 250,000 nodes takes 0.1 s."""
+SMALL_ARRAY_BYTES: Final = 4096
+"""Arrays up to this size are covered by the limit on geometries."""
 
 
-class Census:
-    """Upper estimates of nodes and geometries, made exact when they reach the bound; and the bytes of big arrays.
-
-    Others edit the tree too: what they add is seen at the next count.
-    """
+class TreeQuota:
+    """Usage of the tree's limits. Other interfaces edit the tree, too, and are not limited."""
 
     def __init__(self, limits: Limits, clock: Callable[[], float] = time.monotonic) -> None:
         self._limits = limits
         self._clock = clock
-        self._counted = -RECOUNT_SECONDS
-        self.nodes = 1  # the root
-        self.parts = 0
+        self._last_count = -math.inf
+        self._parts = 0
+        """Upper estimate of the tree's geometries: replaced and deleted ones are subtracted by the next count."""
         self._arrays: dict[int, weakref.ref[Any]] = {}
         self._lock = threading.RLock()
         self.array_bytes = 0
-        """Of big arrays made by this interface and still in use by anyone."""
+        """Bytes of large arrays from this interface that are still in use anywhere."""
 
     def adopt(self, root: Node) -> None:
-        """Takes a tree into account that is there before the first request; nothing of it is refused."""
-        self._count(root)
+        """Count a tree that exists before the first request; nothing of it is refused."""
+        self._parts = _count_parts(root)
         for _, node in root.walk():
-            self._book([a for part in node.parts or () for a in _arrays(part) if a.nbytes > SMALL_ARRAY])
+            self._reserve(_large_arrays(node.parts or ()))
 
-    def surely_room(self, nodes: int, parts: int) -> bool:
-        """Whether so many more fit, without a closer look."""
-        return self.nodes + nodes <= self._limits.nodes and self.parts + parts <= self._limits.parts
-
-    def room(self, root: Node, nodes: int, parts: int) -> str:
-        """Whether ``nodes`` and ``parts`` more fit: empty, or the reason why not."""
-        if self.nodes + nodes > self._limits.nodes or self.parts + parts > self._limits.parts:
-            now = self._clock()
-            if now - self._counted >= RECOUNT_SECONDS:
-                self._counted = now
-                self._count(root)
-        if nodes and self.nodes + nodes > self._limits.nodes:
-            return f"the tree has {self.nodes} nodes, the limit is {self._limits.nodes}"
-        if parts and self.parts + parts > self._limits.parts:
-            return f"the tree has {self.parts} geometries, the limit is {self._limits.parts}"
+    def check(self, root: Node, path: Path, parts: int = 0) -> str:
+        """Return the reason why ``path`` cannot get ``parts`` more geometries, or an empty string."""
+        nodes, max_nodes = root.node_count, self._limits.nodes
+        if nodes + len(path) > max_nodes:
+            created = _missing_nodes(root, path)
+            if created and nodes + created > max_nodes:
+                return f"the tree has {nodes} nodes, the limit is {max_nodes}"
+        max_parts = self._limits.parts
+        if parts and self._parts + parts > max_parts:
+            self._recount(root)
+            if self._parts + parts > max_parts:
+                return f"the tree has {self._parts} geometries, the limit is {max_parts}"
         return ""
 
-    def _count(self, root: Node) -> None:
-        nodes = parts = 0
-        stack = [root]
-        while stack:
-            node = stack.pop()
-            nodes += 1
-            parts += len(node.parts or ())
-            stack.extend(node.children.values())
-        self.nodes, self.parts = nodes, parts
+    def add_parts(self, count: int) -> None:
+        """Count geometries that were added to the tree."""
+        self._parts += count
 
-    def admit(self, parts: Iterable[Part]) -> str:
-        """Takes the big arrays of ``parts`` into account until they are freed: empty, or why they do not fit."""
-        big = [part for part in parts if type(part.shape) in _WITH_ARRAYS]
-        if not big:
-            return ""
-        arrays = [array for part in big for array in _arrays(part) if array.nbytes > SMALL_ARRAY]
-        return self._book(arrays, self._limits.geometry_bytes)
+    def reserve_arrays(self, parts: Iterable[Part]) -> str:
+        """Count the large arrays of ``parts`` until they are freed; return why they do not fit, or an empty string."""
+        arrays = _large_arrays(parts)
+        return self._reserve(arrays, self._limits.geometry_bytes) if arrays else ""
 
-    def _book(self, arrays: list[NDArray[np.generic]], most: float = math.inf) -> str:
+    def _recount(self, root: Node) -> None:
+        now = self._clock()
+        if now - self._last_count >= RECOUNT_SECONDS:
+            self._last_count = now
+            self._parts = _count_parts(root)
+
+    def _reserve(self, arrays: list[NDArray[np.generic]], max_bytes: float = math.inf) -> str:
         with self._lock:
-            fresh = {id(array): array for array in arrays if id(array) not in self._arrays}
-            size = sum(array.nbytes for array in fresh.values())
-            if self.array_bytes + size > most:
+            new = {id(array): array for array in arrays if id(array) not in self._arrays}
+            size = sum(array.nbytes for array in new.values())
+            if self.array_bytes + size > max_bytes:
                 return (
                     f"the tree's geometry holds {self.array_bytes} bytes and {size} more are wanted, "
-                    f"the limit is {most}"
+                    f"the limit is {max_bytes}"
                 )
-            for key, array in fresh.items():
-                self._arrays[key] = weakref.ref(array, self._freeing(key, array.nbytes))
+            for key, array in new.items():
+                self._arrays[key] = weakref.ref(array, self._on_freed(key, array.nbytes))
             self.array_bytes += size
         return ""
 
-    def _freeing(self, key: int, size: int) -> Callable[[Any], None]:
+    def _on_freed(self, key: int, size: int) -> Callable[[Any], None]:
         def freed(_: Any) -> None:
             with self._lock:
                 del self._arrays[key]
@@ -103,15 +94,31 @@ class Census:
         return freed
 
 
-_WITH_ARRAYS: Final = frozenset((Surface, PointCloud, Line))
+def _missing_nodes(root: Node, path: Path) -> int:
+    """Return the number of nodes that must be created for ``path``."""
+    node = root
+    for depth, element in enumerate(path):
+        child = node.children.get(element)
+        if child is None:
+            return len(path) - depth
+        node = child
+    return 0
+
+
+def _count_parts(root: Node) -> int:
+    return sum(len(node.parts or ()) for _, node in root.walk())
+
+
+def _large_arrays(parts: Iterable[Part]) -> list[NDArray[np.generic]]:
+    return [array for part in parts for array in _arrays(part) if array.nbytes > SMALL_ARRAY_BYTES]
 
 
 def _arrays(part: Part) -> Iterable[NDArray[np.generic]]:
-    shape = part.shape
-    if isinstance(shape, Surface):
-        return (shape.mesh.positions, shape.mesh.elements)
-    if isinstance(shape, PointCloud):
-        return (shape.points, *shape.channels.values())
-    if isinstance(shape, Line):
-        return (shape.points,)
+    match part.shape:
+        case Surface(mesh=mesh):
+            return mesh.positions, mesh.elements
+        case PointCloud(points=points, channels=channels):
+            return points, *channels.values()
+        case Line(points=points):
+            return (points,)
     return ()

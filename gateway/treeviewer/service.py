@@ -1,4 +1,4 @@
-"""The tree viewer as a service: joins its transports with the protocol and the live tree."""
+"""The tree viewer as a service: transports, protocol and live tree together."""
 
 from __future__ import annotations
 
@@ -8,32 +8,33 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any, Final
+from urllib.parse import urlsplit
 
 import structlog
 
-from gateway.lcm.errors import LcmUnavailable
-from gateway.lcm.liblcm_transport import LcmBus
-from gateway.lcm.network import join, url_of
+from gateway.lcm import tcpq_transport
+from gateway.lcm.network import open_transport, resolve_url
 from gateway.lcm.tcpq_hub import Hub, HubConnection
-from gateway.lcm.tcpq_transport import TcpqBus
-from gateway.lcm.udpm_transport import UdpmBus
-from gateway.runtime.scheduling import step_back
+from gateway.lcm.transport import LcmUnavailableError, Transport
+from gateway.runtime.scheduling import yield_to_event_loop
 from gateway.scene.live import LiveTree
-from gateway.treeviewer import answers
+from gateway.treeviewer import responses
 from gateway.treeviewer.config import TreeViewerConfig
-from gateway.treeviewer.dispatch import Dispatcher, Durable
-from gateway.treeviewer.geometry import MeshLoader
+from gateway.treeviewer.context import MeshLoader
+from gateway.treeviewer.dispatch import Dispatcher, DurableStore
 from gateway.treeviewer.protocol import REQUEST, RESPONSE, TreeViewerProtocol
 
 _log = structlog.get_logger("gateway.treeviewer")
 
-OFF = "off"
-PATTERN = f"{REQUEST}.*"
-"""Director's own; the channel without a client id is among them."""
+OFF: Final = "off"
+"""LCM URL that disables LCM."""
+REQUEST_PATTERN: Final = f"{REQUEST}.*"
+"""Director's subscription: also the channel without a client id."""
+_LOCAL_HOSTS: Final = frozenset(("127.0.0.1", "localhost", "::1", "0.0.0.0"))  # noqa: S104 - compared only
 
 
 class TreeViewerService:
-    """Runs until cancelled. One transport that cannot start is told and does not keep the other from working."""
+    """Runs until cancelled. If one transport cannot start, the other works all the same."""
 
     def __init__(
         self,
@@ -41,56 +42,51 @@ class TreeViewerService:
         live: LiveTree,
         meshfiles: MeshLoader | None = None,
         clock: Callable[[], float] = time.monotonic,
-        durable: Durable | None = None,
+        durable: DurableStore | None = None,
     ) -> None:
-        """``durable``: where the tree is stored; answers wait for it."""
+        """``durable``: storage of the tree, for which responses wait."""
         self._config = config
-        self._protocol = TreeViewerProtocol(live, config.limits, meshfiles, clock)
-        self._executors = (
-            ThreadPoolExecutor(config.threads, "treeviewer-json", step_back),
-            ThreadPoolExecutor(config.threads, "treeviewer"),
-        )
-        self._dispatcher = Dispatcher(self._protocol, config, *self._executors, durable)
-        self._bus: LcmBus | UdpmBus | None = None
-        self._remote: TcpqBus | None = None
-        self._hub: Hub | None = None
+        self.protocol = TreeViewerProtocol(live, config.limits, meshfiles, clock)
+        self._executor = ThreadPoolExecutor(config.threads, "treeviewer", yield_to_event_loop)
+        self._dispatcher = Dispatcher(self.protocol, config, self._executor, durable)
+        self._transport: Transport | None = None
+        self.hub: Hub | None = None
         self._problems: dict[str, str] = {}
+        """Reason why a transport could not start, by its name."""
         self._started = asyncio.Event()
 
     @property
     def ready(self) -> bool:
-        """Whether clients can use it now."""
+        """True while clients can use the service."""
         return self._started.is_set()
 
     @property
     def tcpq_port(self) -> int:
-        """Where the hub listens; 0 when there is none."""
-        return self._hub.port if self._hub is not None else 0
+        """Port of the hub; 0 if there is none."""
+        return self.hub.port if self.hub is not None else 0
 
     async def wait_ready(self) -> None:
-        """Returns when clients can use it."""
+        """Wait until clients can use the service."""
         await self._started.wait()
 
     def status(self) -> dict[str, Any]:
-        """Plain JSON values: counters, and every transport with its problem if it has one."""
+        """Return counters, and the status or problem of each transport, as plain JSON values."""
         described: dict[str, Any] = self._dispatcher.status()
-        if self._bus is not None:
-            described["lcm"] = self._bus.status()
-        if self._remote is not None:
-            described["lcm"] = self._remote.status()
-        if self._hub is not None:
-            described["port"] = self._hub.port
-            described["tcpq"] = self._hub.status()
+        if self._transport is not None:
+            described["lcm"] = self._transport.status()
+        if self.hub is not None:
+            described["port"] = self.hub.port
+            described["tcpq"] = self.hub.status()
         for transport, problem in self._problems.items():
             described[transport] = {"problem": problem}
-        described["geometry_bytes"] = self._protocol.census.array_bytes
+        described["geometry_bytes"] = self.protocol.quota.array_bytes
         return described
 
     async def run(self) -> None:
-        """Serves until cancelled.
+        """Serve until cancelled.
 
         Raises:
-            LcmUnavailable: no transport works.
+            LcmUnavailableError: no transport could start.
         """
         try:
             await self._start()
@@ -101,87 +97,73 @@ class TreeViewerService:
             await self._stop()
 
     async def _start(self) -> None:
-        ready = answers.encode(answers.ReadyAnswer())
-        wanted = 0
-        url = url_of(self._config.lcm_url)
-        if url != OFF:
-            wanted += 1
-            try:
-                self._join(url)
-            except LcmUnavailable as error:
-                self._problem("lcm", error)
-        if self._config.tcpq_port is not None:
-            wanted += 1
-            hub = Hub(self._config, self._from_hub, PATTERN, (RESPONSE, ready))
-            try:
-                await hub.start()
-            except LcmUnavailable as error:
-                self._problem("tcpq", error)
-            else:
-                self._hub = hub
-        if self._problems and len(self._problems) == wanted:
-            raise LcmUnavailable("; ".join(self._problems.values()))
-        if self._remote is not None and self._is_own_hub(self._remote):
-            # everything in one environment: LCM_DEFAULT_URL names our own hub, which is served without a connection
-            self._remote = None
-        if self._remote is not None:
-            remote = self._remote
-            remote.start(partial(self._from_remote, remote), partial(_announce, remote, ready))
-        if self._bus is not None:
-            bus = self._bus
-            bus.start(lambda channel, data: self._from_lcm(bus, channel, data))
-            _announce(bus, ready)
+        ready = responses.encode(responses.ReadyMessage())
+        url = resolve_url(self._config.lcm.url)
+        if self._config.lcm.tcpq_port is not None:
+            await self._start_hub(ready)
+        if url != OFF and not self._is_own_hub(url):
+            self._open_transport(url)
+        if self._problems and self._transport is None and self.hub is None:
+            raise LcmUnavailableError("; ".join(self._problems.values()))
+        if self._transport is not None:
+            transport = self._transport
+            transport.start(partial(self._on_message, transport), partial(_announce, transport, ready))
 
-    def _join(self, url: str) -> None:
-        bus = join(url, REQUEST, self._config)
-        if isinstance(bus, TcpqBus):
-            self._remote = bus
+    async def _start_hub(self, ready: bytes) -> None:
+        hub = Hub(self._config.lcm, self._on_hub_message, REQUEST_PATTERN, (RESPONSE, ready))
+        try:
+            await hub.start()
+        except LcmUnavailableError as error:
+            self._add_problem("tcpq", error)
         else:
-            self._bus = bus
+            self.hub = hub
+
+    def _open_transport(self, url: str) -> None:
+        try:
+            self._transport = open_transport(url, REQUEST, self._config.lcm)
+        except LcmUnavailableError as error:
+            self._add_problem("lcm", error)
 
     async def _stop(self) -> None:
         self._dispatcher.flush()
-        if self._bus is not None:
-            self._bus.close()
-            self._bus = None
-        if self._remote is not None:
-            await self._remote.close()
-            self._remote = None
-        if self._hub is not None:
-            await self._hub.close()
-            self._hub = None
+        if self._transport is not None:
+            await self._transport.close()
+            self._transport = None
+        if self.hub is not None:
+            await self.hub.close()
+            self.hub = None
         await self._dispatcher.close()
-        for executor in self._executors:
-            executor.shutdown(wait=False, cancel_futures=True)
+        self._executor.shutdown(wait=False, cancel_futures=True)
 
-    def _problem(self, transport: str, error: LcmUnavailable) -> None:
+    def _add_problem(self, transport: str, error: LcmUnavailableError) -> None:
         self._problems[transport] = str(error)
         _log.warning(str(error), transport=transport)
 
-    def _from_lcm(self, bus: LcmBus | UdpmBus, channel: str, data: bytes | memoryview) -> None:
-        self._dispatcher.receive("lcm", channel, data, bus.publish)
+    def _is_own_hub(self, url: str) -> bool:
+        """Return whether LCM_DEFAULT_URL, set for all programs of a machine, names the hub of this service."""
+        parts = urlsplit(url)
+        try:
+            port = parts.port or tcpq_transport.PORT
+        except ValueError:
+            return False
+        is_local = (parts.hostname or "127.0.0.1") in _LOCAL_HOSTS
+        return self.hub is not None and parts.scheme == "tcpq" and is_local and port == self.hub.port
 
-    def _from_remote(self, remote: TcpqBus, channel: str, data: bytes | memoryview) -> None:
-        self._dispatcher.receive("remote", channel, data, remote.publish)
+    def _on_message(self, transport: Transport, channel: str, data: bytes | memoryview) -> None:
+        self._dispatcher.receive("lcm", channel, data, transport.publish)
 
-    def _is_own_hub(self, remote: TcpqBus) -> bool:
-        return self._hub is not None and remote.port == self._hub.port and remote.host in _HERE
-
-    def _from_hub(self, sender: HubConnection, channel: str, data: bytes | memoryview) -> None:
-        hub = self._hub
+    def _on_hub_message(self, sender: HubConnection, channel: str, data: bytes | memoryview) -> None:
+        hub = self.hub
         if hub is None:
             return
-        waiting = self._dispatcher.receive(sender, channel, data, hub.publish, sender.release)
+        waiting = self._dispatcher.receive(sender, channel, data, hub.publish, sender.resume_reading)
         if waiting > self._config.client_waiting_bytes:
-            sender.hold()
+            sender.pause_reading()
 
 
-_HERE: Final = frozenset(("127.0.0.1", "localhost", "::1", "0.0.0.0"))  # noqa: S104 - names that mean this machine
-
-
-def _announce(bus: LcmBus | UdpmBus | TcpqBus, ready: bytes) -> None:
-    """Director says so when it starts, and its tests wait for it."""
+def _announce(transport: Transport, ready: bytes) -> None:
+    """Publish that the viewer has started, as Director does; its tests wait for it."""
     try:
-        bus.publish(RESPONSE, ready)
+        transport.publish(RESPONSE, ready)
     except OSError as error:
         _log.warning("The ready message could not be sent", reason=str(error))

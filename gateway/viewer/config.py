@@ -1,4 +1,4 @@
-"""Bounds and pace of the browser view."""
+"""Limits and defaults of the browser view."""
 
 from __future__ import annotations
 
@@ -10,42 +10,46 @@ from renderers.light_rig import STUDIO, Rig
 
 @dataclass(frozen=True, slots=True)
 class ViewerConfig:
-    """What is fixed from start to end."""
+    """Configuration of the browser view; fixed while the gateway runs."""
 
-    rate: float = 90.0
-    """Updates per second at most. More than screens show, so that no step of a publisher at 60 Hz falls between two."""
+    max_update_rate: float = 90.0
+    """Maximum number of updates per second. Above 60 Hz, so that no step of a 60 Hz publisher is skipped."""
     max_browsers: int = 64
-    """Connections at a time; each costs a socket buffer and up to one update of memory."""
-    max_paths: int = 1_000_000
-    """Different paths that are numbered before browsers start over: about 300 bytes each."""
+    """Maximum number of connected browsers. Each takes a socket buffer and up to one update of memory."""
+    max_node_ids: int = 1_000_000
+    """Maximum number of numbered paths, about 300 bytes each. Beyond it all ids are dropped and every browser gets the
+    whole scene again."""
     status_seconds: float = 1.0
-    """Between two looks at the state of the gateway for the status bar."""
-    patience_seconds: float = 10.0
-    """For a page to take an update in. Until then the gateway keeps the scene that the page has, to send no more than
-    what changed; later it sends the structure anew, so that a page that hangs holds no geometry that was deleted."""
-    sensor_seconds: float = 0.4
-    """Between two takes of the stereo camera for all browsers together; a take renders four pictures."""
+    """Interval between updates of the status bar."""
+    ack_timeout_seconds: float = 10.0
+    """Time a page may take to process an update. Until then the gateway keeps the snapshot that the page has, so that
+    the next update holds the differences only. After it the next update is the whole scene: a page that hangs must not
+    keep deleted geometry in memory."""
+    capture_seconds: float = 0.4
+    """Minimum interval between captures of the stereo camera, shared by all browsers. A capture renders four images."""
     max_renders: int = 24
-    """Remembered render requests."""
+    """Maximum number of render requests in the list."""
     max_render_bytes: int = 64 << 20
-    """Of their pictures; beyond it the oldest lose theirs."""
+    """Maximum size of their images together. Beyond it the oldest requests lose their images."""
     background: tuple[int, int, int] = (204, 229, 255)
-    """RGB where nothing is, in pictures of our own rasterizer."""
+    """RGB background of images that the gateway renders."""
     look: LookName = "studio"
-    """Of single pictures that ask for none."""
+    """Default look of single images."""
     samples: SampleCount = 4
-    """A pixel of the studio look; the others have one."""
+    """Samples per pixel of the studio look; the other looks have one."""
     rig: Rig = STUDIO
-    """What lights the studio look."""
+    """Lights of the studio look."""
     stream_look: LookName = "plain"
-    """Of MJPEG streams that ask for none: the same colours as the page shows, and a fraction of the time."""
+    """Default look of MJPEG streams: the page's own colours, in a fraction of the time."""
     width: int = 960
-    """Pixels of a picture that asks for no size."""
+    """Default width in pixels."""
     height: int = 640
+    """Default height in pixels."""
     max_side: int = 4096
-    """Pixels; screens are no wider."""
+    """Maximum width and height in pixels; no common screen has more."""
     max_pixels: int = 4096 * 2160
+    """Maximum number of pixels of an image."""
     max_streams: int = 8
-    """MJPEG clients at a time: each different camera or size costs a rendering per frame."""
-    stream_rate: float = 30.0
-    """Frames per second of an MJPEG stream at most."""
+    """Maximum number of MJPEG clients. Each combination of camera and size costs a rendering per frame."""
+    max_stream_rate: float = 30.0
+    """Maximum frame rate of an MJPEG stream, Hz."""

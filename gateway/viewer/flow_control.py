@@ -1,47 +1,53 @@
-"""One browser's side of the conversation, without I/O: what it has, what it may be sent next.
+"""What one browser has and may be sent next; no I/O.
 
-Flow is by credit: the page says "ready" when it has taken a frame in, and only then gets the newest state, however
-many revisions lie between. A slow browser therefore skips frames, and never makes a queue.
+The page acknowledges each update after processing it, and only then gets the next one, which leads to the newest
+revision. A slow browser therefore skips revisions instead of building up a queue.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from enum import Enum, auto
 
 from gateway.scene.live import Snapshot
 from gateway.viewer.encoder import EMPTY, Encoder, Update
 from gateway.viewer.frames import FrameBuilder
-from gateway.viewer.payloads import Payloads
 
 
-class Session:
-    """Lives on the event loop."""
+class BrowserState(Enum):
+    """State of one connection."""
 
-    def __init__(self, encoder: Encoder, payloads: Payloads) -> None:
+    NEW = auto()
+    """The page has received nothing yet. It gets an update even if the scene is empty."""
+    READY = auto()
+    """The page has acknowledged its last update."""
+    BUSY = auto()
+    """The page has not acknowledged its last update, and gets no other one."""
+    CLOSED = auto()
+    """The connection is closed."""
+
+
+class FlowControl:
+    """The snapshot and the meshes that one page has. Belongs to the event loop."""
+
+    def __init__(self, encoder: Encoder) -> None:
+        self.state = BrowserState.NEW
         self._encoder = encoder
-        self._payloads = payloads
         self._have: Snapshot = EMPTY
         self._epoch = encoder.epoch
-        self._known: set[int] = set()
-        self._told = False
-        self.credit = True
-        """Whether the page is ready for another update."""
+        self._meshes: set[int] = set()
+        self._dropped: set[int] = set()
+        """Meshes that the page has and that no longer exist."""
 
     @property
-    def behind(self) -> bool:
-        """Whether there is something newer than what the page has; at first it has nothing, not even an empty scene."""
-        if not self._told or self._epoch != self._encoder.epoch:
-            return True
-        return self._have.revision != self._encoder.current.revision
-
-    def missing(self, update: Update) -> list[int]:
-        """Meshes that the page needs for an update and does not have."""
-        return sorted(update.meshes - self._known)
+    def update_due(self) -> bool:
+        """True if the page should be sent an update now."""
+        if self.state is not BrowserState.READY:
+            return self.state is BrowserState.NEW
+        return self._epoch != self._encoder.epoch or self._have.revision != self._encoder.current.revision
 
     async def next_update(self) -> Update:
-        """The update to the newest state; uses up the credit. A big one does not hold the event loop."""
-        self.credit = False
-        self._told = True
+        """Return the update to the newest snapshot; the page is busy from now on."""
+        self.state = BrowserState.BUSY
         while True:
             if self._epoch != self._encoder.epoch:
                 self._have, self._epoch = EMPTY, self._encoder.epoch
@@ -49,22 +55,31 @@ class Session:
             if self._epoch == self._encoder.epoch:
                 return update
 
-    def let_go(self) -> None:
-        """Keeps an old scene alive no longer for a page that does not take its update in: the next one starts over."""
-        if not self.credit:
+    def take_missing_meshes(self, update: Update) -> list[int]:
+        """Return the ids of an update's meshes that the page does not have; they count as sent."""
+        missing = sorted(update.meshes - self._meshes)
+        self._meshes.update(missing)
+        return missing
+
+    def acknowledge(self) -> None:
+        """Note that the page has processed its last update."""
+        if self.state is BrowserState.BUSY:
+            self.state = BrowserState.READY
+
+    def drop_snapshot(self) -> None:
+        """Release the snapshot of a page that does not acknowledge; its next update is the whole scene."""
+        if self.state is BrowserState.BUSY:
             self._have = EMPTY
 
-    def sent(self, meshes: list[int]) -> None:
-        """Notes meshes that are on their way."""
-        self._known.update(meshes)
+    def remove_meshes(self, removed: set[int]) -> None:
+        """Note that these meshes no longer exist."""
+        dropped = self._meshes & removed
+        self._meshes -= dropped
+        self._dropped |= dropped
 
-    def knows(self, mesh: int) -> bool:
-        """Whether the page was sent this mesh and not told to drop it."""
-        return mesh in self._known
-
-    def forget(self, gone: set[int]) -> Iterator[bytes]:
-        """Frames that let the page drop meshes which nothing uses any more."""
-        dropped = self._known & gone
-        if dropped:
-            self._known -= dropped
-            yield FrameBuilder().finish({"kind": "forget", "meshes": sorted(dropped)})
+    def take_forget_frame(self) -> bytes | None:
+        """Return a frame that makes the page drop the meshes that no longer exist; None if it has none of them."""
+        if not self._dropped:
+            return None
+        dropped, self._dropped = self._dropped, set()
+        return FrameBuilder().finish({"kind": "forget", "meshes": sorted(dropped)})

@@ -1,8 +1,8 @@
-"""The binary frame that carries everything to the browser; no I/O.
+"""The binary frame of the view's WebSocket: a JSON header and arrays.
 
 Little-endian: ``u32 magic "SGV1" | u32 header bytes | header: JSON in UTF-8, padded with spaces | body``. The header
-names arrays of the body as ``[offset, count]``, the offset in bytes from the start of the body, always a multiple of 8,
-so that the page can lay typed arrays over the message without copying.
+refers to an array in the body as ``[offset, count]``. The offset is in bytes from the start of the body and a multiple
+of 8, so the page can create typed arrays on the message without copying.
 """
 
 from __future__ import annotations
@@ -18,57 +18,48 @@ from numpy.typing import NDArray
 MAGIC: Final = 0x31564753
 """The bytes "SGV1"."""
 ALIGNMENT: Final = 8
+"""Arrays start at multiples of this many bytes."""
 _PREFIX: Final = struct.Struct("<II")
 _json: Final = msgspec.json.Encoder()
 
 
-def fragment(value: dict[str, Any]) -> msgspec.Raw:
-    """A part of a header, encoded before the whole."""
+def encode_fragment(value: dict[str, Any]) -> msgspec.Raw:
+    """Encode a part of a header ahead of the header itself."""
     return msgspec.Raw(_json.encode(value))
 
 
 class FrameBuilder:
-    """Collects arrays and bytes of a frame's body."""
+    """Collects the arrays of a frame's body."""
 
-    __slots__ = ("_pieces", "_size")
+    __slots__ = ("_chunks", "_size")
 
     def __init__(self) -> None:
-        self._pieces: list[bytes] = []
+        self._chunks: list[bytes] = []
         self._size = 0
 
-    def array(self, values: NDArray[Any]) -> list[int]:
-        """Adds an array; returns ``[offset, count of numbers]`` for the header."""
-        return [self._add(np.ascontiguousarray(values).tobytes()), int(values.size)]
-
-    def numbers(self, values: packed_array[Any]) -> list[int]:
-        """The same for an array of the standard library."""
-        return [self._add(values.tobytes()), len(values)]
-
-    def blob(self, data: bytes) -> list[int]:
-        """Adds bytes; returns ``[offset, length]``."""
-        return [self._add(data), len(data)]
-
-    def _add(self, data: bytes) -> int:
-        offset = self._size
+    def add_array(self, values: NDArray[Any] | packed_array[Any]) -> list[int]:
+        """Append an array to the body; return its ``[offset, count]`` for the header."""
+        data = values.tobytes()
         padding = -len(data) % ALIGNMENT
-        self._pieces.append(data)
+        self._chunks.append(data)
         if padding:
-            self._pieces.append(bytes(padding))
+            self._chunks.append(bytes(padding))
+        offset = self._size
         self._size += len(data) + padding
-        return offset
+        return [offset, int(values.size) if isinstance(values, np.ndarray) else len(values)]
 
     def finish(self, header: dict[str, Any]) -> bytes:
-        """The whole frame."""
+        """Return the complete frame."""
         text = _json.encode(header)
         text += b" " * (-(len(text) + _PREFIX.size) % ALIGNMENT)
-        return b"".join((_PREFIX.pack(MAGIC, len(text)), text, *self._pieces))
+        return b"".join((_PREFIX.pack(MAGIC, len(text)), text, *self._chunks))
 
 
-def parse(frame: bytes) -> tuple[dict[str, Any], memoryview]:
-    """Header and body of a frame, for tests and clients in Python.
+def parse_frame(frame: bytes) -> tuple[dict[str, Any], memoryview]:
+    """Split a frame into header and body, for tests and Python clients.
 
     Raises:
-        ValueError: not a frame.
+        ValueError: ``frame`` is not a valid frame.
     """
     if len(frame) < _PREFIX.size or _PREFIX.unpack_from(frame)[0] != MAGIC:
         raise ValueError("not a view frame: it does not start with SGV1")

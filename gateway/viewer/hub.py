@@ -1,34 +1,48 @@
-"""Every browser's connection to the live tree: one encoder, one clock of updates, a task per browser."""
+"""The connected browsers: one encoder and one update loop for all, one ``Browser`` for each."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Mapping
 from typing import Any, Final
 
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.viewer.config import ViewerConfig
-from gateway.viewer.encoder import Encoder, encode_rig, encode_status
-from gateway.viewer.flow_control import Session
-from gateway.viewer.payloads import Payloads
-from gateway.viewer.renders import RecentRenders
-from gateway.viewer.sources import ViewPorts
+from gateway.viewer.encoder import Encoder, encode_status, encode_stereo_rig
+from gateway.viewer.flow_control import BrowserState, FlowControl
+from gateway.viewer.recent_renders import RecentRenders
+from gateway.viewer.resources import Resources
+from gateway.viewer.sources import StereoSource
 
-LARGE_MESH: Final = 1 << 20
-"""Meshes of more bytes are encoded in a thread, so that the event loop is not held for milliseconds."""
+LARGE_MESH_BYTES: Final = 1 << 20
+"""Larger meshes are encoded in a thread, so that the event loop is not blocked for milliseconds."""
 
 
 class ViewHub:
-    """Joins browsers to the tree. Lives on one event loop; ``run`` must be running."""
+    """Sends the live tree to browsers while ``run`` runs. Belongs to one event loop."""
 
-    def __init__(self, config: ViewerConfig, tree: LiveTree, ports: ViewPorts | None = None) -> None:
+    def __init__(
+        self,
+        config: ViewerConfig,
+        tree: LiveTree,
+        *,
+        status: Callable[[], Mapping[str, Any]] = dict,
+        stereo: StereoSource | None = None,
+    ) -> None:
+        """
+        Args:
+            status: Returns ``interfaces`` (name to state and problem) and ``facts`` (name, value, warn) for the status
+                bar. Called about once a second while browsers are connected.
+            stereo: The stereo camera; None if there is none.
+        """
         self.config = config
-        self.payloads = Payloads()
+        self.resources = Resources()
         self.renders = RecentRenders(config.max_renders, config.max_render_bytes)
         self._tree = tree
-        self._ports = ports if ports is not None else ViewPorts()
-        self._rig = b""
-        self._encoder = Encoder(self.payloads, config.max_paths)
+        self._status_source = status
+        self._stereo = stereo
+        self._rig_frame = encode_stereo_rig(None)
+        self._encoder = Encoder(self.resources, config.max_node_ids)
         self._browsers: set[Browser] = set()
         self._changed = asyncio.Event()
         self._ready = False
@@ -38,21 +52,17 @@ class ViewHub:
         return self._ready
 
     def status(self) -> dict[str, Any]:
-        """For the status bar, metrics and health."""
+        """Return the figures for health and metrics."""
         return {"browsers": len(self._browsers), "revision": self._encoder.current.revision}
 
     async def run(self) -> None:
-        """Watches the tree until cancelled."""
+        """Send updates until cancelled."""
         loop = asyncio.get_running_loop()
 
-        def changed(_: Snapshot) -> None:
+        def on_change(_: Snapshot) -> None:
             loop.call_soon_threadsafe(self._changed.set)
 
-        def gone(number: int) -> None:
-            loop.call_soon_threadsafe(self._forget, number)
-
-        stop_listening = self._tree.listen(changed)
-        stop_watching = self.payloads.when_gone(gone)
+        stop_listening = self._tree.listen(on_change)
         status = loop.create_task(self._send_status(), name="view status")
         self._changed.set()
         self._ready = True
@@ -63,130 +73,131 @@ class ViewHub:
                 self._changed.clear()
                 if self._browsers:
                     self._advance()
-                    for browser in tuple(self._browsers):
-                        browser.wake.set()
-                await asyncio.sleep(max(0.0, begin + 1.0 / self.config.rate - loop.time()))
+                    self._remove_meshes()
+                    for browser in self._browsers:
+                        browser.wake()
+                await asyncio.sleep(max(0.0, begin + 1.0 / self.config.max_update_rate - loop.time()))
         finally:
             self._ready = False
             status.cancel()
             stop_listening()
-            stop_watching()
             for browser in tuple(self._browsers):
                 browser.close()
 
     def _advance(self) -> None:
-        """Takes the newest state in, and tells where the stereo camera is now."""
         snapshot = self._tree.snapshot
         self._encoder.advance(snapshot)
-        rig = encode_rig(self._ports.rig(snapshot))
-        if rig != self._rig:
-            self._rig = rig
-            for browser in tuple(self._browsers):
-                browser.note("rig", rig)
+        frame = encode_stereo_rig(self._stereo.rig(snapshot) if self._stereo is not None else None)
+        if frame != self._rig_frame:
+            self._rig_frame = frame
+            for browser in self._browsers:
+                browser.send_latest("rig", frame)
+
+    def _remove_meshes(self) -> None:
+        removed = self.resources.take_removed_meshes()
+        if removed:
+            for browser in self._browsers:
+                browser.remove_meshes(removed)
 
     async def _send_status(self) -> None:
         while True:
             if self._browsers:
-                late = asyncio.get_running_loop().time() - self.config.patience_seconds
+                overdue = asyncio.get_running_loop().time() - self.config.ack_timeout_seconds
                 frame = self._status_frame()
-                for browser in tuple(self._browsers):
-                    browser.note("status", frame)
-                    browser.let_go(late)
+                self._remove_meshes()
+                for browser in self._browsers:
+                    browser.send_latest("status", frame)
+                    browser.drop_snapshot_if_stalled(overdue)
             await asyncio.sleep(self.config.status_seconds)
 
     def _status_frame(self) -> bytes:
-        status = dict(self._ports.status())
+        status = dict(self._status_source())
         browsers = {"name": "viewers", "value": len(self._browsers)}
         return encode_status({**status, "facts": [*status.get("facts", ()), browsers], "renders": self.renders.count})
 
-    def _forget(self, number: int) -> None:
-        for browser in tuple(self._browsers):
-            browser.forget(number)
-
     def connect(self) -> Browser:
-        """A new browser.
+        """Add a browser.
 
         Raises:
-            ConnectionRefusedError: there are ``max_browsers`` already.
+            ConnectionRefusedError: There are ``max_browsers`` already.
         """
         if len(self._browsers) >= self.config.max_browsers:
             raise ConnectionRefusedError(
                 f"{len(self._browsers)} browsers are connected, which is the limit (max_browsers)"
             )
         self._advance()
-        browser = Browser(Session(self._encoder, self.payloads), self.payloads, self._browsers.discard)
-        browser.note("rig", self._rig)
-        browser.note("status", self._status_frame())
+        browser = Browser(FlowControl(self._encoder), self.resources, self._browsers.discard)
+        browser.send_latest("rig", self._rig_frame)
+        browser.send_latest("status", self._status_frame())
         self._browsers.add(browser)
         return browser
 
 
 class Browser:
-    """One connection: ``frames`` gives what to send, ``ready`` takes the page's word that it wants more."""
+    """One connection: ``frames`` yields the frames to send, ``acknowledge`` takes the page's acknowledgements."""
 
-    def __init__(self, session: Session, payloads: Payloads, left: Callable[[Browser], None]) -> None:
-        self._session = session
-        self._payloads = payloads
-        self._left = left
-        self.wake = asyncio.Event()
-        self._gone: set[int] = set()
-        self._given = 0.0
-        """When the last update was given to send, seconds of the loop's clock."""
-        self._notes: dict[str, bytes] = {}
-        self._open = True
-        self.wake.set()
+    def __init__(self, flow: FlowControl, resources: Resources, on_close: Callable[[Browser], None]) -> None:
+        self._flow = flow
+        self._resources = resources
+        self._on_close = on_close
+        self._wake = asyncio.Event()
+        self._latest: dict[str, bytes] = {}
+        self._update_time = 0.0
+        """Loop time of the last update."""
+        self.wake()
 
-    def ready(self) -> None:
-        """The page has taken the last update in."""
-        self._session.credit = True
-        self.wake.set()
+    def wake(self) -> None:
+        """Make ``frames`` look for something to send."""
+        self._wake.set()
 
-    def forget(self, mesh: int) -> None:
-        """Nothing uses the mesh any more; the page is told at the next occasion if it has it."""
-        if self._session.knows(mesh):
-            self._gone.add(mesh)
+    def acknowledge(self) -> None:
+        """Note that the page has processed the last update."""
+        self._flow.acknowledge()
+        self.wake()
 
-    def let_go(self, late: float) -> None:
-        """Lets go of what the page has if its last update was given before ``late`` and is not taken in yet."""
-        if self._given < late:
-            self._session.let_go()
+    def remove_meshes(self, removed: set[int]) -> None:
+        """Make the page drop meshes that no longer exist, where it has them."""
+        self._flow.remove_meshes(removed)
+        self.wake()
 
-    def note(self, kind: str, frame: bytes) -> None:
-        """A small frame to send at the next occasion; a newer one of its kind replaces it."""
-        self._notes[kind] = frame
-        self.wake.set()
+    def drop_snapshot_if_stalled(self, overdue: float) -> None:
+        """Release the page's snapshot if its last update was sent before ``overdue`` and is not acknowledged."""
+        if self._update_time < overdue:
+            self._flow.drop_snapshot()
+
+    def send_latest(self, kind: str, frame: bytes) -> None:
+        """Send a small frame, unless a newer one of its kind replaces it first."""
+        self._latest[kind] = frame
+        self.wake()
 
     def close(self) -> None:
-        """Ends ``frames``."""
-        self._open = False
-        self.wake.set()
-        self._left(self)
+        """End ``frames``."""
+        self._flow.state = BrowserState.CLOSED
+        self.wake()
+        self._on_close(self)
 
     async def frames(self) -> AsyncIterator[bytes]:
-        """What to send, in order, until ``close``."""
+        """Yield the frames to send until ``close``."""
         while True:
-            await self.wake.wait()
-            self.wake.clear()
-            if not self._open:
+            await self._wake.wait()
+            self._wake.clear()
+            if self._flow.state is BrowserState.CLOSED:
                 return
-            while self._notes:
-                yield self._notes.pop(next(iter(self._notes)))
-            if self._gone:
-                gone, self._gone = self._gone, set()
-                for frame in self._session.forget(gone):
-                    yield frame
-            if self._session.credit and self._session.behind:
-                update = await self._session.next_update()
-                self._given = asyncio.get_running_loop().time()
-                missing = self._session.missing(update)
-                self._session.sent(missing)
-                for number in missing:
-                    payload = await self._mesh(number)
-                    if payload is not None:
-                        yield payload
+            while self._latest:
+                yield self._latest.pop(next(iter(self._latest)))
+            forget = self._flow.take_forget_frame()
+            if forget is not None:
+                yield forget
+            if self._flow.update_due:
+                update = await self._flow.next_update()
+                self._update_time = asyncio.get_running_loop().time()
+                for mesh_id in self._flow.take_missing_meshes(update):
+                    frame = await self._mesh_frame(mesh_id)
+                    if frame is not None:
+                        yield frame
                 yield update.frame
 
-    async def _mesh(self, number: int) -> bytes | None:
-        if self._payloads.mesh_size(number) > LARGE_MESH:
-            return await asyncio.to_thread(self._payloads.mesh_frame, number)
-        return self._payloads.mesh_frame(number)
+    async def _mesh_frame(self, mesh_id: int) -> bytes | None:
+        if self._resources.bytes_to_encode(mesh_id) > LARGE_MESH_BYTES:
+            return await asyncio.to_thread(self._resources.mesh_frame, mesh_id)
+        return self._resources.mesh_frame(mesh_id)

@@ -1,4 +1,4 @@
-"""``/view``: the page, its files, the WebSocket, textures and channels of point clouds."""
+"""``/view``: the page and its files, the WebSocket, textures and channels of point clouds."""
 
 from __future__ import annotations
 
@@ -18,53 +18,53 @@ from renderers.drawlist import Image, ImageError
 from renderers.encode import png_rgba
 
 STATIC: Final = files("gateway.viewer") / "static"
-READY: Final = "k"
-"""What the page sends when it has taken an update in."""
-_MAX_MESSAGE: Final = 16
-"""Characters of a message from the page; it has nothing longer to say."""
-FOR_EVER: Final = {"Cache-Control": "public, max-age=31536000, immutable"}
-ASK_AGAIN: Final = {"Cache-Control": "no-cache"}
+ACKNOWLEDGE: Final = "k"
+"""The page's message after processing an update."""
+MAX_MESSAGE_CHARS: Final = 16
+"""Maximum length of a message from the page."""
+IMMUTABLE: Final = {"Cache-Control": "public, max-age=31536000, immutable"}
+REVALIDATE: Final = {"Cache-Control": "no-cache"}
 
 
 def router(hub: ViewHub) -> APIRouter:
-    """The routes of the browser view."""
+    """Return the routes of the page."""
     routes = APIRouter()
 
     @routes.get("/view", include_in_schema=False)
     async def page(request: Request) -> Response:
-        return _file("index.html", request, ASK_AGAIN)
+        return _file("index.html", request, REVALIDATE)
 
     @routes.get("/view/assets/{name}", include_in_schema=False)
     async def asset(name: str, request: Request) -> Response:
         if name not in _assets():
             return PlainTextResponse(f"the page has no file {name[:80]!r}", 404)
-        return _file(f"assets/{name}", request, FOR_EVER)
+        return _file(f"assets/{name}", request, IMMUTABLE)
 
     @routes.get("/view/image/{number}", include_in_schema=False)
     async def image(number: int) -> Response:
-        found = hub.payloads.image(number)
-        if found is None:
+        texture = hub.resources.image(number)
+        if texture is None:
             return PlainTextResponse(f"nothing in the scene uses image {number} any more", 404)
         try:
-            data = await asyncio.to_thread(_encode, found)
+            data = await asyncio.to_thread(_encode_png, texture)
         except ImageError as error:
             return PlainTextResponse(f"image {number}: {error}", 415)
-        return Response(data, media_type="image/png", headers=ASK_AGAIN)
+        return Response(data, media_type="image/png", headers=REVALIDATE)
 
     @routes.get("/view/channel/{mesh}", include_in_schema=False)
     async def channel(mesh: int, name: str) -> Response:
-        values = hub.payloads.channel(mesh, name)
+        values = hub.resources.channel(mesh, name)
         if values is None:
-            return PlainTextResponse(f"mesh {mesh} is no point cloud with a channel {name[:80]!r}", 404)
-        # Copied in a thread: a cloud of millions of points has tens of megabytes.
+            return PlainTextResponse(f"mesh {mesh} is not a point cloud with a channel {name[:80]!r}", 404)
+        # In a thread: millions of points are tens of megabytes.
         data = await asyncio.to_thread(values.tobytes)
-        return Response(data, media_type="application/octet-stream", headers=ASK_AGAIN)
+        return Response(data, media_type="application/octet-stream", headers=REVALIDATE)
 
     @routes.websocket("/view/ws")
     async def connection(socket: WebSocket) -> None:
         origin = socket.headers.get("origin")
         if origin is not None and not same_origin(origin, socket.headers.get("host", ""), socket.url.scheme):
-            # Browsers let any page open a WebSocket to any host, this one included.
+            # Browsers let any page open a WebSocket to any host.
             await socket.close(1008, "the page comes from another host")
             return
         await socket.accept()
@@ -88,27 +88,25 @@ async def _send(socket: WebSocket, browser: Browser) -> None:
     try:
         async for frame in browser.frames():
             await socket.send_bytes(frame)
-        await socket.close(1001, "the gateway ends")
+        await socket.close(1001, "the gateway is shutting down")
     except (WebSocketDisconnect, RuntimeError):
-        # The page is gone; ``_receive`` notices the same and ends the connection.
-        return
+        return  # _receive ends the connection
 
 
 async def _receive(socket: WebSocket, browser: Browser) -> None:
     try:
         while True:
             text = await socket.receive_text()
-            if text == READY:
-                browser.ready()
-            elif len(text) > _MAX_MESSAGE:
-                await socket.close(1009, "the page has nothing so long to say")
+            if text == ACKNOWLEDGE:
+                browser.acknowledge()
+            elif len(text) > MAX_MESSAGE_CHARS:
+                await socket.close(1009, f"messages have at most {MAX_MESSAGE_CHARS} characters")
                 return
     except (WebSocketDisconnect, KeyError):
-        # KeyError: bytes instead of text.
-        return
+        return  # KeyError: a binary message
 
 
-def _encode(image: Image) -> bytes:
+def _encode_png(image: Image) -> bytes:
     return png_rgba(image.decode())
 
 
@@ -119,14 +117,14 @@ def _assets() -> frozenset[str]:
 
 @cache
 def _read(path: str) -> tuple[bytes, str]:
-    """A file of the page and its tag; there is a handful, and they do not change."""
+    """Return a file of the page and its ETag."""
     data = STATIC.joinpath(path).read_bytes()
     return data, f'"{hashlib.sha256(data).hexdigest()[:16]}"'
 
 
 def _file(path: str, request: Request, headers: dict[str, str]) -> Response:
-    data, tag = _read(path)
-    if request.headers.get("if-none-match") == tag:
-        return Response(status_code=304, headers={**headers, "ETag": tag})
-    kind = mimetypes.guess_type(path)[0] or "application/octet-stream"
-    return Response(data, media_type=kind, headers={**headers, "ETag": tag})
+    data, etag = _read(path)
+    if request.headers.get("if-none-match") == etag:
+        return Response(status_code=304, headers={**headers, "ETag": etag})
+    media_type = mimetypes.guess_type(path)[0] or "application/octet-stream"
+    return Response(data, media_type=media_type, headers={**headers, "ETag": etag})

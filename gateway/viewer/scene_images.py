@@ -1,52 +1,55 @@
-"""The live scene drawn by our own rasterizer, for machines without WebGL: exactly what the sensors see."""
+"""The live scene as JPEG and MJPEG, rendered by the gateway's own rasterizer."""
 
 from __future__ import annotations
 
 import asyncio
-from collections import OrderedDict
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
 from typing import Final
 
 import structlog
 
-from gateway.runtime.worker_pool import Busy, Closed, TooSlow, Workers
+from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull, WorkerPool
 from gateway.scene.cameras import CameraSpec
 from gateway.scene.flatten import Flattener
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.viewpoints import resolve_camera
 from gateway.viewer.config import ViewerConfig
-from gateway.viewer.shared_task import SharedTask
+from gateway.viewer.shared_results import SharedResults
 from renderers.camera import Camera
 from renderers.encode import jpeg_rgb
 from renderers.interface import Look, LookName, Output, Renderer
 
 _log = structlog.get_logger("view")
 
-KEPT: Final = 8
-"""Newest pictures kept: clients of the same camera share one."""
+MAX_IMAGES: Final = 8
+"""Maximum number of encoded images that are kept for clients with the same camera and size."""
 BOUNDARY: Final = b"scenegate-frame"
-_IDLE_SECONDS: Final = 5.0
-"""After that a stream repeats its picture, so that a client which left is noticed and proxies keep the connection."""
+_REPEAT_SECONDS: Final = 5.0
+"""Interval at which a stream repeats its image while the scene stands still, so that a disconnected client is
+detected and proxies keep the connection open."""
+_CLOSING_POLL_SECONDS: Final = 0.5
+"""Interval at which an idle stream checks for the gateway's shutdown."""
 
 
-class StreamsFull(RuntimeError):  # noqa: N818 - it is an answer, not a fault
-    """No further stream is taken; the message names the limit."""
+class StreamsFull(RuntimeError):  # noqa: N818 - a response, not a fault
+    """There are ``max_streams`` streams already."""
 
 
 @dataclass(frozen=True, slots=True)
-class View:
-    """What is drawn how."""
+class ImageRequest:
+    """Camera, size and look of an image."""
 
     camera: CameraSpec
     width: int
     height: int
     quality: int
+    """JPEG quality, 1 to 100."""
     look: LookName
 
 
-class Pictures:
-    """Renders views of the newest scene; lives on the event loop, renders in worker threads."""
+class SceneImages:
+    """Renders the newest scene in worker threads. Belongs to the event loop."""
 
     def __init__(
         self,
@@ -54,94 +57,98 @@ class Pictures:
         tree: LiveTree,
         flattener: Flattener,
         renderer: Renderer,
-        workers: Workers,
+        workers: WorkerPool,
         stereo_camera: Callable[[], Camera | None] = lambda: None,
     ) -> None:
+        """
+        Args:
+            stereo_camera: Returns the left camera of the stereo sensor, for ``camera=stereo``.
+        """
         self.config = config
         self._tree = tree
         self._flattener = flattener
         self._renderer = renderer
         self._workers = workers
         self._stereo_camera = stereo_camera
-        self._made: OrderedDict[tuple[View, int], SharedTask[bytes]] = OrderedDict()
+        self._images: SharedResults[tuple[ImageRequest, int], bytes] = SharedResults(MAX_IMAGES)
         self.streams = 0
-        """Open MJPEG streams."""
+        """Number of open MJPEG streams."""
 
-    async def jpeg(self, view: View) -> tuple[bytes, int]:
-        """A view as JPEG, and the revision of the scene in it.
+    async def jpeg(self, request: ImageRequest) -> tuple[bytes, int]:
+        """Return the newest scene as JPEG, and its revision.
 
         Raises:
-            CameraError: the camera cannot be resolved in the scene as it is.
-            ImageError: a texture cannot be decoded.
-            Busy: too many requests wait already.
-            TooSlow: it took too long.
+            CameraError: The camera cannot be resolved in the scene.
+            ImageError: A texture cannot be decoded.
+            QueueFull: The queue for worker threads is full.
+            DeadlineExceeded: Rendering took too long.
         """
         snapshot = self._tree.snapshot
-        key = (view, snapshot.revision)
-        made = self._made.get(key)
-        if made is None or not made.usable:
-            made = self._made[key] = SharedTask(self._workers.run(self._draw, view, snapshot))
-            while len(self._made) > KEPT:
-                self._made.popitem(last=False)
-        return await made.result(), snapshot.revision
+        key = (request, snapshot.revision)
+        data = await self._images.get(key, lambda: self._workers.run(self._render, request, snapshot))
+        return data, snapshot.revision
 
-    def _draw(self, view: View, snapshot: Snapshot) -> bytes:
+    def _render(self, request: ImageRequest, snapshot: Snapshot) -> bytes:
         drawn = self._flattener.flatten(snapshot)
         camera = resolve_camera(
-            view.camera, snapshot.root, view.width, view.height, stereo=self._stereo_camera(), drawn=drawn
+            request.camera, snapshot.root, request.width, request.height, stereo=self._stereo_camera(), drawn=drawn
         )
-        samples = self.config.samples if view.look == "studio" else 1
-        look = Look(view.look, self.config.background, samples, self.config.rig)
+        samples = self.config.samples if request.look == "studio" else 1
+        look = Look(request.look, self.config.background, samples, self.config.rig)
         with self._renderer.render(drawn, camera, Output.COLOR, look) as frame:
             assert frame.color is not None
-            return jpeg_rgb(frame.color, quality=view.quality)
+            return jpeg_rgb(frame.color, quality=request.quality)
 
-    def stream(self, view: View, rate: float, closing: Callable[[], bool]) -> AsyncIterator[bytes]:
-        """Parts of a ``multipart/x-mixed-replace`` answer: a picture whenever the scene has changed.
+    def stream(self, request: ImageRequest, rate: float, closing: Callable[[], bool]) -> AsyncIterator[bytes]:
+        """Return the parts of a ``multipart/x-mixed-replace`` response: an image for every change of the scene.
+
+        Args:
+            rate: Maximum frame rate, Hz.
+            closing: Returns True when the gateway shuts down; the stream ends then.
 
         Raises:
-            StreamsFull: there are ``max_streams`` already.
+            StreamsFull: There are ``max_streams`` already.
         """
         if self.streams >= self.config.max_streams:
             raise StreamsFull(f"{self.streams} streams are open, which is the limit (max_streams)")
         self.streams += 1
-        return self._parts(view, rate, closing)
+        return self._parts(request, rate, closing)
 
-    async def _parts(self, view: View, rate: float, closing: Callable[[], bool]) -> AsyncIterator[bytes]:
+    async def _parts(self, request: ImageRequest, rate: float, closing: Callable[[], bool]) -> AsyncIterator[bytes]:
         loop = asyncio.get_running_loop()
         changed = asyncio.Event()
 
-        def notice(_: Snapshot) -> None:
+        def on_change(_: Snapshot) -> None:
             loop.call_soon_threadsafe(changed.set)
 
-        stop_listening = self._tree.listen(notice)
+        stop_listening = self._tree.listen(on_change)
         try:
             while not closing():
                 begin = loop.time()
                 changed.clear()
                 try:
-                    data, _ = await self.jpeg(view)
-                except Busy as error:
+                    data, _ = await self.jpeg(request)
+                except QueueFull as error:
                     await asyncio.sleep(error.retry_after)
                     continue
-                except (TooSlow, Closed) as error:  # the response has begun: it can only end
-                    _log.warning("a stream of pictures has ended", reason=str(error))
+                except (DeadlineExceeded, PoolClosed) as error:  # too late for an error response
+                    _log.warning("image stream ended", reason=str(error))
                     return
                 head = f"Content-Type: image/jpeg\r\nContent-Length: {len(data)}\r\n\r\n".encode()
                 yield b"--" + BOUNDARY + b"\r\n" + head + data + b"\r\n"
                 await asyncio.sleep(max(0.0, begin + 1.0 / rate - loop.time()))
-                await _wait(changed, begin + _IDLE_SECONDS, closing)
+                await _wait(changed, begin + _REPEAT_SECONDS, closing)
         finally:
             stop_listening()
             self.streams -= 1
 
 
-async def _wait(event: asyncio.Event, until: float, closing: Callable[[], bool]) -> None:
-    """Until the event, the time, or the end of the gateway, which nobody announces."""
+async def _wait(event: asyncio.Event, end: float, closing: Callable[[], bool]) -> None:
+    """Wait for the event, the loop time ``end`` or the shutdown of the gateway, which sets no event."""
     loop = asyncio.get_running_loop()
-    while not event.is_set() and not closing() and (left := until - loop.time()) > 0:
+    while not event.is_set() and not closing() and (left := end - loop.time()) > 0:
         try:
-            async with asyncio.timeout(min(left, 0.5)):
+            async with asyncio.timeout(min(left, _CLOSING_POLL_SECONDS)):
                 await event.wait()
         except TimeoutError:
             pass

@@ -1,94 +1,88 @@
-"""What the view shows of other interfaces, as values; the application wires where they come from."""
+"""Values that other interfaces provide to the browser view."""
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final, Literal, Protocol, get_args
+from typing import Final, Literal, Protocol, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gateway.scene.live import Snapshot
 
-PictureName = Literal["left", "right", "disparity", "confidence"]
-PICTURE_NAMES: Final[tuple[PictureName, ...]] = get_args(PictureName)
+ImageName = Literal["left", "right", "disparity", "confidence"]
+IMAGE_NAMES: Final[tuple[ImageName, ...]] = get_args(ImageName)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Rig:
-    """Where the stereo camera is in the live scene, and what it covers."""
+class StereoRig:
+    """Pose and intrinsics of the stereo camera in the live scene."""
 
     pose: NDArray[np.float64]
     """(4, 4) float64: X_world_left, optical frame."""
     width: int
     """Pixels."""
     height: int
-    fx: float
     """Pixels."""
+    fx: float
+    """Focal length in pixels."""
     fy: float
+    """Focal length in pixels."""
     cx: float
+    """Principal point in pixels."""
     cy: float
+    """Principal point in pixels."""
     baseline: float
-    """Metres; the right camera is that far along +X."""
+    """Metres from the left to the right camera, along +X."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SensorPictures:
-    """What the stereo camera sees at one moment."""
+class StereoImages:
+    """One set of images of the stereo camera."""
 
     left: NDArray[np.uint8]
     """(H, W) grey or (H, W, 3) RGB."""
     right: NDArray[np.uint8]
+    """(H, W) grey or (H, W, 3) RGB."""
     disparity: NDArray[np.uint16]
-    """(h, w), any unit; 0 is invalid."""
+    """(h, w) in any unit; 0 is invalid."""
     confidence: NDArray[np.uint8]
-    """(h, w), 1/255; 0 is invalid."""
-    captions: Mapping[PictureName, str] = field(default_factory=dict)
-    """A few words under a picture."""
+    """(h, w) in 1/255; 0 is invalid."""
+    captions: Mapping[ImageName, str] = field(default_factory=dict)
+    """Short texts shown below the images."""
 
 
-class Eyes(Protocol):
-    """The stereo camera, for people."""
+class StereoSource(Protocol):
+    """The stereo camera as the view uses it."""
 
-    def rig(self, snapshot: Snapshot) -> Rig | None:
-        """Where it is in a state of the live scene; None: it is not in it. Must be cheap."""
+    def rig(self, snapshot: Snapshot) -> StereoRig | None:
+        """Return the camera's place in a snapshot of the live scene; None if it sees another scene. Must be cheap:
+        called with every update."""
 
-    async def look(self) -> SensorPictures:
-        """Takes a set of pictures now."""
+    async def capture(self) -> StereoImages:
+        """Render a set of images now."""
 
 
 @dataclass(frozen=True, slots=True)
-class RenderNote:
-    """A render request that was answered."""
+class RenderSummary:
+    """A finished request of the render endpoint."""
 
     status: int
     """HTTP status."""
     seconds: float
-    """From the first byte of the request to the answer."""
+    """Time from the first byte of the request to the response."""
     queued: float
-    """Seconds of it spent waiting."""
+    """Seconds of it spent waiting for a worker thread."""
     what: str
-    """Kind and size of the picture, for people."""
+    """Type and size of the image, as text."""
     scene: str
-    """What was drawn, for people."""
+    """Size and origin of the scene, as text."""
     kind: Literal["color", "depth", "label", ""]
-    """Empty: the request was not understood."""
+    """Type of the image; empty if the request was invalid."""
     body: bytes
-    """The picture as the client got it; empty: none."""
+    """The image as it was sent; empty if there is none."""
     media_type: str
+    """Media type of ``body``."""
     error: str
-    """The sentence that the client got; empty: none."""
-
-
-@dataclass(frozen=True, slots=True)
-class ViewPorts:
-    """Everything that comes from elsewhere; the defaults are a view of the scene alone."""
-
-    status: Callable[[], Mapping[str, Any]] = dict
-    """``interfaces`` (name to state and problem) and ``facts`` (name, value, warn) for the status bar; about once a
-    second while somebody looks."""
-    rig: Callable[[Snapshot], Rig | None] = lambda snapshot: None
-    """The stereo camera in a state of the scene; None: it is not in it. Called with every update: it must be cheap."""
-    sensor: Callable[[], Awaitable[SensorPictures]] | None = None
-    """Takes a set of pictures; None: no stereo camera runs."""
+    """The error message that was sent; empty if there is none."""

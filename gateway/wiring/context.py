@@ -12,20 +12,20 @@ from fastapi import FastAPI
 from fastapi.telemetry import TelemetryConfig
 
 from gateway.runtime.metrics_registry import Metrics
-from gateway.runtime.service_registry import Board, Service
-from gateway.runtime.worker_pool import Workers
+from gateway.runtime.service_registry import Service, ServiceRegistry
+from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.flatten import Flattener
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree
-from gateway.server.security import Guard
+from gateway.server.security import Security
 from gateway.settings import Settings
 from renderers.camera import Camera
 from renderers.interface import Renderer
 
 if TYPE_CHECKING:
     from gateway.render.events import RenderRecord
-    from gateway.state.service import State
-    from gateway.viewer.sources import Eyes
+    from gateway.state.service import PersistentState
+    from gateway.viewer.sources import StereoSource
 
 _log = structlog.get_logger("gateway")
 
@@ -41,12 +41,12 @@ class House:
 
     settings: Settings
     app: FastAPI
-    board: Board
+    registry: ServiceRegistry
     metrics: Metrics
     tree: LiveTree
-    workers: Workers
+    workers: WorkerPool
     """Threads for work that must not hold the event loop."""
-    guard: Guard
+    security: Security
     """Tokens, TLS and hosts of every interface."""
     labels: LabelTable = field(default_factory=LabelTable)
     """Of the live tree: one number a path."""
@@ -54,13 +54,11 @@ class House:
     """Of the live tree; what did not change is not made again, whoever asks."""
     stereo_camera: Callable[[], Camera | None] = lambda: None
     """The left camera of the stereo sensor as it is now, if there is one."""
-    eyes: Eyes | None = None
+    eyes: StereoSource | None = None
     """Pictures of the stereo sensor for people, if there is one."""
     on_render: Callable[[RenderRecord], None] = lambda record: None
     """Told about every answered request of the render endpoint."""
-    coming: Callable[[], int] = lambda: 0
-    """Calls that will want a thread before a frame is drawn; any thread asks."""
-    state: State | None = None
+    state: PersistentState | None = None
     """What survives the process, if anything does."""
     _renderer: Renderer | None = None
     _tasks: set[asyncio.Task[None]] = field(default_factory=set)
@@ -79,7 +77,7 @@ class House:
 
             threads = self.settings.frame_threads or self.workers.threads
             beside = max(0, threads - self.workers.threads)
-            self._renderer = CpuRenderer(threads, lambda: beside + max(0, self.workers.spare - self.coming()))
+            self._renderer = CpuRenderer(threads, lambda: beside + self.workers.spare)
         return self._renderer
 
     def serve(
@@ -90,8 +88,8 @@ class House:
         where: str = "",
         figures: Callable[[], Mapping[str, Any]] | None = None,
     ) -> None:
-        """Runs a service until the end; its failure is one line in the log and on the board, the others run on."""
-        self.board.ready(name, service=service, where=where, figures=figures)
+        """Runs a service until the end; its failure is one line in the log and on the registry, the others run on."""
+        self.registry.ready(name, service=service, where=where, figures=figures)
         task = asyncio.get_running_loop().create_task(self._care(name, service), name=name)
         self._tasks.add(task)
 
@@ -101,12 +99,12 @@ class House:
         except Exception as error:  # noqa: BLE001 - whatever it is, the other interfaces do not suffer
             self.fail(name, error)
         else:
-            self.board.fail(name, "it has ended by itself")
+            self.registry.fail(name, "it has ended by itself")
 
     def fail(self, name: str, error: BaseException) -> None:
         """Notes why an interface does not work."""
         problem = sentence(error)
-        self.board.fail(name, problem)
+        self.registry.fail(name, problem)
         # Foreseen failures need no traceback; a defect of ours does.
         foreseen = isinstance(error, (OSError, ImportError, ValueError, RuntimeError))
         _log.error(f"{name} does not run: {problem}", exc_info=None if foreseen else error)
@@ -117,7 +115,7 @@ class House:
         if self._leaving is not None:
             return
         loop = asyncio.get_running_loop()
-        self.board.stop()
+        self.registry.stop()
         for task in self._tasks:
             task.cancel()
         self._deadline = loop.time() + self.settings.shutdown_seconds

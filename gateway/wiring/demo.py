@@ -1,4 +1,4 @@
-"""Keeps the demo scene moving, as a service."""
+"""Runs the demo scene as a service."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from gateway.scene.live import LiveTree
 
 
 class DemoRun:
-    """Moves the scene at its rate; skips steps when the loop is late."""
+    """Moves the demo scene at its rate; skips steps if the event loop is late."""
 
     def __init__(self, tree: LiveTree) -> None:
         self._demo = Demo(tree)
         self.ready = False
-        """Whether the scene is there."""
+        """True while the scene is in the tree."""
 
     def status(self) -> Mapping[str, Any]:
-        """Nothing to tell."""
+        """Return no figures."""
         return {}
 
     async def run(self) -> None:
-        """Works until cancelled, and takes the scene away."""
+        """Move the scene until cancelled, then remove it."""
         loop = asyncio.get_running_loop()
         self._demo.populate()
         self.ready = True

@@ -1,18 +1,15 @@
 """One small function a room: settings to its configuration, its routes or its service to the house.
 
 Each imports its room itself: that loads compiled kernels, which must be cached before, and a room that cannot be
-imported (a system library is missing) is a sentence on the board instead of the end of the process.
+imported (a system library is missing) is a sentence on the registry instead of the end of the process.
 """
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
-
-import structlog
 
 from gateway.settings import MIB, Settings
 from gateway.settings.types import InterfaceName
@@ -22,12 +19,7 @@ from gateway.wiring.context import House
 if TYPE_CHECKING:
     from gateway.gltf import GltfLimits
     from gateway.render.events import RenderRecord
-    from gateway.render.service import RenderService
     from gateway.scene.tree import Node
-    from gateway.server.http_protocol import Door
-
-
-_log = structlog.get_logger("gateway.render")
 
 Join = Callable[[House], None]
 
@@ -35,7 +27,7 @@ Join = Callable[[House], None]
 def join_render(house: House) -> None:
     """``POST /render``."""
     from gateway.render.config import RenderConfig
-    from gateway.render.routes import router, straight
+    from gateway.render.routes import router
     from gateway.render.service import RenderService
 
     settings = house.settings
@@ -58,37 +50,10 @@ def join_render(house: House) -> None:
         metrics.count_render(house.metrics, record)
         house.on_render(record)
 
-    service = RenderService(house.renderer, house.workers, config, backdrop=_backdrop(house), on_done=done)
-    house.coming = service.soon
+    service = RenderService(house.renderer, house.workers, config, backdrop=_backdrop(house), on_finished=done)
     metrics.watch_render(house.metrics, service)
     house.app.include_router(router(service))
-    house.app.state.straight["POST", settings.render_path] = straight(service)
-    house.app.state.door = _door(house, service)
-    house.board.ready("render", where=settings.render_path, figures=service.status)
-
-
-def _door(house: House, service: RenderService) -> Door:
-    """Whether there is a place for a render request, by its head; a log line a second, however many are refused."""
-    from gateway.server.http_protocol import TurnedAway
-
-    path = house.settings.render_path.encode("latin-1", "replace")
-    refused = house.metrics.requests.labels(house.settings.render_path, "POST", 503)
-    busy_renders = house.metrics.renders.labels("unknown", metrics.BUSY)
-    told, count = 0.0, 0
-
-    def door(method: bytes, target: bytes) -> TurnedAway | None:
-        nonlocal told, count
-        if method != b"POST" or target.partition(b"?")[0] != path or (busy := service.refuse()) is None:
-            return None
-        refused.inc()
-        busy_renders.inc()
-        count += 1
-        if (now := time.monotonic()) - told >= 1.0:
-            _log.warning("render requests turned away", count=count, reason=str(busy))
-            told, count = now, 0
-        return TurnedAway(f"the server is busy: {busy}", busy.retry_after)
-
-    return door
+    house.registry.ready("render", where=settings.render_path, figures=service.status)
 
 
 def _backdrop(house: House) -> Callable[[], Node] | None:
@@ -135,19 +100,20 @@ def join_scene(house: House) -> None:
         stereo_camera=lambda: house.stereo_camera(),
     )
     house.app.include_router(router(service))
-    house.board.ready("scene", where="/scene", figures=service.status)
+    house.registry.ready("scene", where="/scene", figures=service.status)
 
 
 def join_treeviewer(house: House) -> None:
     """Director's tree viewer over LCM and TCPQ."""
     from gateway.assets.mesh_files import MeshFiles
+    from gateway.lcm.config import LcmConfig
     from gateway.treeviewer.config import TreeViewerConfig
     from gateway.treeviewer.service import TreeViewerService
 
     settings = house.settings
-    config = TreeViewerConfig(lcm_url=settings.lcm_url, tcpq_host=house.guard.tcpq_host, tcpq_port=settings.tcpq_port)
-    durable = house.state.journal if house.state is not None else None
-    service = TreeViewerService(config, house.tree, MeshFiles(settings.mesh_root), durable=durable)
+    lcm = LcmConfig(url=settings.lcm_url, tcpq_host=house.security.tcpq_host, tcpq_port=settings.tcpq_port)
+    durable = house.state.commits if house.state is not None else None
+    service = TreeViewerService(TreeViewerConfig(lcm=lcm), house.tree, MeshFiles(settings.mesh_root), durable=durable)
     metrics.watch_treeviewer(house.metrics, service)
     where = settings.lcm_url or "LCM"
     house.serve("treeviewer", service, where="TCPQ" if where == "off" and settings.tcpq_port is not None else where)

@@ -1,4 +1,4 @@
-"""The join of the state with the live tree; rooms with something of their own to keep do that in their joins."""
+"""Connects the persistent state to the live tree; the stereo cameras' parameters are connected in ``wiring.stereo``."""
 
 from __future__ import annotations
 
@@ -9,39 +9,46 @@ from gateway.settings import Settings
 from gateway.wiring.context import House
 
 if TYPE_CHECKING:
-    from gateway.state.service import State
+    from gateway.state.service import PersistentState
 
 STATE: Final = "state"
 
 
-def open_state(settings: Settings) -> State | None:
-    """The state, if there is one; raises StateError."""
+def open_state(settings: Settings) -> PersistentState | None:
+    """Open the state file, if ``--state`` names one.
+
+    Raises:
+        StateError: The file cannot be used.
+    """
     if settings.state is None:
         return None
     from gateway.state.config import StateConfig
-    from gateway.state.service import State
+    from gateway.state.service import PersistentState
 
-    return State(StateConfig(settings.state))
+    return PersistentState(StateConfig(settings.state))
 
 
 async def restore_state(house: House) -> None:
-    """Puts what was stored into the house, before the rooms are joined; raises StateError."""
+    """Restore the live tree and store its changes from now on. Must run before the interfaces start.
+
+    Raises:
+        StateError: The stored tree cannot be read.
+    """
     state = house.state
     if state is None:
         return
     from gateway.demo import ROOT as DEMO_ROOT
 
-    # The demo is made anew at every start; what clients put beside it is theirs.
-    without = DEMO_ROOT if house.settings.demo else ()
-    await asyncio.to_thread(state.restore_tree, house.tree, without)
+    excluded = DEMO_ROOT if house.settings.demo else ()  # the demo is created at every start
+    await asyncio.to_thread(state.restore_tree, house.tree, excluded)
     state.start()
-    state.keep_tree(house.tree)
+    state.store_idle_edits(house.tree)
 
-    def told(problem: str) -> None:
+    def on_problem(problem: str) -> None:
         if problem:
-            house.board.fail(STATE, f"{house.settings.state} cannot be written: {problem}")
+            house.registry.fail(STATE, f"{house.settings.state} cannot be written: {problem}")
         else:
-            house.board.ready(STATE, where=str(house.settings.state), figures=state.status)
+            house.registry.ready(STATE, where=str(house.settings.state), figures=state.status)
 
-    state.journal.on_problem = told
-    told("")
+    state.commits.on_problem = on_problem
+    on_problem("")

@@ -1,90 +1,86 @@
-"""The join of the browser view with everything that it shows."""
+"""Connects the browser view to the interfaces that it shows."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from gateway.assets.light_rig_file import rig_of
 from gateway.render.events import RenderRecord
 from gateway.viewer.config import ViewerConfig
 from gateway.viewer.hub import ViewHub
-from gateway.viewer.image_routes import picture_router
+from gateway.viewer.image_routes import image_router
 from gateway.viewer.routes import router
-from gateway.viewer.scene_images import Pictures
-from gateway.viewer.sensor import SensorView
-from gateway.viewer.sources import RenderNote, ViewPorts
+from gateway.viewer.scene_images import SceneImages
+from gateway.viewer.sensor_images import SensorImages
+from gateway.viewer.sources import RenderSummary
 from gateway.wiring.context import House
 from gateway.wiring.metrics import watch_view
 
 
 def join_view(house: House) -> None:
-    """``/view``."""
+    """Add ``/view`` to the application."""
     config = ViewerConfig(background=house.settings.background, rig=rig_of(house.settings.rig))
-    eyes = house.eyes
-    ports = ViewPorts(
-        status=lambda: status_of(house),
-        rig=eyes.rig if eyes is not None else lambda snapshot: None,
-        sensor=eyes.look if eyes is not None else None,
-    )
-    hub = ViewHub(config, house.tree, ports)
-    pictures = Pictures(
+    stereo = house.eyes
+    hub = ViewHub(config, house.tree, status=lambda: gateway_status(house), stereo=stereo)
+    images = SceneImages(
         config, house.tree, house.flattener, house.renderer, house.workers, lambda: house.stereo_camera()
     )
-    sensor = SensorView(ports.sensor, config.sensor_seconds) if ports.sensor is not None else None
-    house.on_render = lambda record: hub.renders.add(note_of(record))
+    sensor = SensorImages(stereo.capture, config.capture_seconds) if stereo is not None else None
+    house.on_render = lambda record: hub.renders.add(render_summary(record))
     watch_view(house.metrics, hub)
     house.app.include_router(router(hub))
-    house.app.include_router(picture_router(pictures, sensor, hub.renders))
+    house.app.include_router(image_router(images, sensor, hub.renders))
     house.serve("view", hub, where="/view")
 
 
-def status_of(house: House) -> dict[str, Any]:
-    """For the status bar: which interfaces are up, and what users of them should know."""
+def gateway_status(house: House) -> dict[str, Any]:
+    """Return what the page's status bar shows: the interfaces' states, the queue, lost messages and streams."""
     interfaces: dict[str, dict[str, str]] = {}
-    figures: dict[str, dict[str, Any]] = {}
-    for name, entry in house.board.entries.items():
+    details: dict[str, dict[str, Any]] = {}
+    for name, entry in house.registry.entries.items():
         described = entry.describe()
         problem = described.get("problem") or described.get("warning")
         interfaces[name] = {"state": described["state"], **({"problem": str(problem)} if problem else {})}
-        figures[name] = described
+        details[name] = described
     stats = house.workers.stats
     facts: list[dict[str, Any]] = [{"name": "queue", "value": stats.waiting, "warn": stats.rejected > 0}]
-    lost = lost_messages(figures.get("treeviewer", {}))
+    lost = lost_lcm_messages(details.get("treeviewer", {}))
     if lost is not None:
         facts.append({"name": "lost LCM", "value": lost, "warn": lost > 0})
-    clients = figures.get("stereo", {}).get("clients")
+    clients = details.get("stereo", {}).get("clients")
     if clients is not None:
         facts.append({"name": "streams", "value": clients})
     return {"interfaces": interfaces, "facts": facts}
 
 
-def lost_messages(treeviewer: dict[str, Any]) -> int | None:
-    """Datagrams that the kernel dropped and messages that did not fit the waiting room; None: there is no LCM."""
+def lost_lcm_messages(treeviewer: Mapping[str, Any]) -> int | None:
+    """Return the number of datagrams dropped by the kernel and messages dropped by a full queue; None without LCM."""
     lcm = treeviewer.get("lcm")
     if not isinstance(lcm, dict) or "dropped" not in lcm:
         return None
     return int(lcm["dropped"]) + int(lcm.get("lost_datagrams", 0))
 
 
-def note_of(record: RenderRecord) -> RenderNote:
-    """A render request for the list of the view; the scene itself is let go."""
-    request, picture = record.request, record.picture
+def render_summary(record: RenderRecord) -> RenderSummary:
+    """Return what the page lists of a render request, without its scene."""
+    request, image = record.request, record.image
     what, scene = "not understood", ""
     if request is not None:
         what = f"{request.image_type}, {request.width} × {request.height}"
         size = len(request.scene)
         scene = f"scene of {size / 1e6:.1f} MB" if size >= 1e6 else f"scene of {size / 1e3:.1f} kB"
-    if picture is not None:
-        by = f" by {picture.generator}" if picture.generator else ""
-        scene = f"{scene}{by[:80]}, {picture.elements} elements"
-    return RenderNote(
+    if image is not None:
+        by = f" by {image.generator}" if image.generator else ""
+        scene = f"{scene}{by[:80]}, {image.elements} primitives"
+    return RenderSummary(
         status=record.status,
         seconds=record.seconds,
-        queued=record.queued,
+        queued=record.queue_seconds,
         what=what,
         scene=scene,
         kind=request.image_type if request is not None else "",
-        body=picture.body if picture is not None else b"",
-        media_type=picture.media_type if picture is not None else "",
+        body=image.body if image is not None else b"",
+        media_type=image.media_type if image is not None else "",
         error=record.error,
     )

@@ -94,7 +94,7 @@ def compile_parts(numbers: int) -> None:
         KernelError: Numba did not keep a kernel in the cache.
     """
     kernel_cache.configure()
-    process_tuning.hurry()  # compiling makes millions of objects, none of which is garbage before all is done
+    process_tuning.pause_gc()  # compiling makes millions of objects, none of which is garbage before all is done
     from renderers.compiler.remembered import remember
 
     remember()

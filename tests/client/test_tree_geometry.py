@@ -27,8 +27,8 @@ from gateway.client import (
 from gateway.client.tree import wire
 from gateway.scene.transforms import from_pose
 from gateway.treeviewer import wire as server_wire
-from gateway.treeviewer.arrays import unpack
-from gateway.treeviewer.geometry import material
+from gateway.treeviewer.materials import material
+from gateway.treeviewer.packed_arrays import unpack
 from tests.treeviewer.conversation import Viewer
 
 POINTS = np.arange(12, dtype=np.float64).reshape(4, 3)
@@ -63,7 +63,7 @@ def test_the_viewer_understands_every_geometry(geometry: Geometry, name: str) ->
 
 
 @pytest.mark.parametrize("name", [wire.JSON, wire.BINARY])
-def test_colours_of_bytes_arrive_as_0_to_1(name: str) -> None:
+def test_sends_uint8_colours_as_0_to_1(name: str) -> None:
     viewer = Viewer()
     cloud = PointCloud(POINTS, rgb=np.array([[0, 51, 255]] * 4, np.uint8))
     viewer.protocol.handle(encoded({"setgeometry": [{"path": ["a"], "geometries": [cloud.body()]}]}, 5, name))
@@ -81,7 +81,7 @@ def test_colours_of_bytes_arrive_as_0_to_1(name: str) -> None:
         (np.array([255, 51, 0], np.uint8), [1, 0.2, 0]),
         (np.array([0, 1, 1, 51], np.uint8), [0, 1 / 255, 1 / 255, 0.2]),
         (tuple(np.array([255, 51, 0], np.uint8)), [1, 0.2, 0]),
-        (np.nextafter(np.float32([1, 1, 0]), np.float32(2)), [1, 1, 0]),
+        (np.nextafter(np.array([1, 1, 0], np.float32), np.float32(2)), [1, 1, 0]),
         ("red", [1, 0, 0]),
         ("RebeccaPurple", [0.4, 0.2, 0.6]),
         ("#f30", [1, 0.2, 0]),
@@ -139,37 +139,37 @@ def test_mesh_files_are_scaled_by_one_or_three() -> None:
         (Sphere(1, transform=np.diag((-1.0, 1, 1, 1))), "without scale, shear or mirroring"),
     ],
 )
-def test_what_does_not_fit_is_refused_before_it_is_sent(geometry: Geometry, reason: str) -> None:
+def test_rejects_invalid_fields_before_sending(geometry: Geometry, reason: str) -> None:
     with pytest.raises(ValueError, match=reason):
         geometry.body()
 
 
 @settings(deadline=None, max_examples=200)
 @given(st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(lambda q: np.linalg.norm(q) > 0.01))
-def test_matrices_and_quaternions_are_the_same_rotation(q: list[float]) -> None:
+def test_matrix_to_quaternion(q: list[float]) -> None:
     X = from_pose((1.0, -2.0, 3.0), (q[0], q[1], q[2], q[3]))
     made = Transform.of(X).body()
     t, r = made["translation"], made["quaternion"]
     np.testing.assert_allclose(from_pose((t[0], t[1], t[2]), (r[0], r[1], r[2], r[3])), X, atol=1e-9)
 
 
-def test_arrays_are_remembered_as_they_were() -> None:
+def test_copies_arrays() -> None:
     points = POINTS.copy()
     body = PointCloud(points).body()
     points[:] = 7
     np.testing.assert_array_equal(body["points"], POINTS)
 
 
-def test_both_wires_are_the_same() -> None:
+def test_client_and_server_encode_alike() -> None:
     assert encoded({}, 9, wire.JSON) == server_wire.encode(b"{}", 9)
     assert wire.decode(b"") is None
     assert wire.decode(encoded({"timestamp": "x", "status": 0}, 1, wire.JSON)) is None
     assert wire.decode(b"x" * 60) is None
 
 
-def test_what_json_makes_of_colours_leaves_them_as_they_were_for_the_next_time() -> None:
+def test_json_encoding_does_not_change_colours() -> None:
     rgb = np.array([[255, 0, 51]], np.uint8)
-    body = {"setgeometry": [{"path": ["a"], "geometries": [PointCloud([[0, 0, 0]], rgb=rgb).body()]}]}
+    body: dict[str, Any] = {"setgeometry": [{"path": ["a"], "geometries": [PointCloud([[0, 0, 0]], rgb=rgb).body()]}]}
     assert b"0.2" in encoded(body, 1, wire.JSON)
     assert body["setgeometry"][0]["geometries"][0]["channels"]["rgb"].dtype == np.uint8
 
@@ -180,16 +180,15 @@ def test_what_json_makes_of_colours_leaves_them_as_they_were_for_the_next_time()
     st.sampled_from(["<f4", ">f4", "<f8", "u1", "<i8"]),
     st.booleans(),
 )
-def test_arrays_are_packed_alike_whether_there_is_room_before_them_or_not(
-    shape: list[int], kind: str, room: bool
-) -> None:
+def test_packs_arrays_with_and_without_reserved_header_alike(shape: list[int], kind: str, reserved: bool) -> None:
     values = np.arange(np.prod(shape), dtype=kind).reshape(shape)
     array: Any = values
-    if room:
-        array = wire.with_room(tuple(shape), kind)
+    if reserved:
+        array = wire.empty_with_header(tuple(shape), kind)
         array[...] = values
-    strange = array[::-1]  # not as it lies in the memory
+    strange = array[::-1]  # not contiguous
     for given_, wanted in ((array, values), (strange, values[::-1])):
-        packed = wire._packed(given_)
-        assert unpack(memoryview(packed.data)).values.tolist() == wanted.tolist()
+        values_found = unpack(memoryview(wire.pack(given_).data)).values
+        assert values_found is not None
+        assert values_found.tolist() == wanted.tolist()
     assert array.tolist() == values.tolist()

@@ -15,10 +15,11 @@ import numpy as np
 import pytest
 
 from gateway.client import AsyncTreeViewer, Box, MeshFile, PointCloud, Sphere, TreeViewer, TreeViewerError
-from gateway.client.tree import link, viewer, wire
+from gateway.client.tree import connection, viewer, wire
+from gateway.lcm.config import LcmConfig
 from gateway.scene.live import LiveTree
-from gateway.treeviewer.answers import UNKNOWN_FORMAT
 from gateway.treeviewer.config import TreeViewerConfig
+from gateway.treeviewer.responses import UNKNOWN_FORMAT
 from gateway.treeviewer.service import TreeViewerService
 from tests.support.liblcm import liblcm
 from tests.support.ports import free_ports
@@ -64,7 +65,7 @@ def tour(url: str, binary: bool | None) -> None:
             it["mesh"].set(MeshFile("/etc/passwd"))
         assert caught.value.answer.status == -3
         with pytest.raises(TypeError, match=r"set takes geometries such as Box\(\(1, 1, 1\)\), not 'box'"):
-            it["robot"].set("box")
+            it["robot"].set("box")  # type: ignore[arg-type]  # that is what is tested
         assert it["robot"]["base"].delete().deleted == (("robot", "base"),)
 
 
@@ -86,7 +87,7 @@ async def test_over_tcpq(binary: bool | None) -> None:
 async def test_over_udp() -> None:
     url, live = free_url(), LiveTree()
     join(url)
-    async with serving(TreeViewerConfig(lcm_url=url, tcpq_port=None), live=live):
+    async with serving(TreeViewerConfig(lcm=LcmConfig(url=url, tcpq_port=None)), live=live):
         await in_thread(tour, url, None)
         assert paths(live) == {("robot", "arm", 0), ("y",)}
 
@@ -108,7 +109,7 @@ async def test_a_million_points_over_tcpq() -> None:
         assert shape.points.shape == shape.channels["rgb"].shape == (1_000_000, 3)
 
 
-async def test_the_asynchronous_one_does_the_same() -> None:
+async def test_async_client() -> None:
     live = LiveTree()
     async with serving(live=live) as service:
         with pytest.raises(RuntimeError, match="enter the viewer first"):
@@ -124,7 +125,7 @@ async def test_the_asynchronous_one_does_the_same() -> None:
         assert paths(live) == set()
 
 
-async def test_what_a_viewer_forgot_is_sent_again() -> None:
+async def test_sends_missing_geometry_again() -> None:
     live = LiveTree()
     async with serving(live=live) as service:
 
@@ -148,9 +149,9 @@ async def test_what_a_viewer_forgot_is_sent_again() -> None:
         assert robot.matrix[0, 3] == 5.0
 
 
-async def test_a_viewer_that_starts_again_gets_everything() -> None:
+async def test_sends_everything_to_a_restarted_viewer() -> None:
     (port,) = free_ports(1)
-    config = TreeViewerConfig(lcm_url="off", tcpq_port=port)
+    config = TreeViewerConfig(lcm=LcmConfig(url="off", tcpq_port=port))
     async with serving(config):
         it = await in_thread(TreeViewer, f"tcpq://127.0.0.1:{port}", 20.0)
         await in_thread(it["robot"].set, Box((1, 1, 1)))
@@ -163,16 +164,16 @@ async def test_a_viewer_that_starts_again_gets_everything() -> None:
         await in_thread(it.close)
 
 
-async def test_json_is_spoken_with_viewers_that_know_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_falls_back_to_json(monkeypatch: pytest.MonkeyPatch) -> None:
     live = LiveTree()
     async with serving(live=live) as service:
-        readers = service._protocol._readers
+        readers = service.protocol.readers
         monkeypatch.delitem(readers, wire.BINARY)
 
         def talk() -> None:
             with TreeViewer(hub_of(service), timeout=SECONDS) as it:
                 assert it["a"].set(Sphere(1)).status == 0
-                assert it._format == wire.JSON
+                assert it.message_format == wire.JSON
             with (
                 TreeViewer(hub_of(service), timeout=SECONDS, binary=True) as it,
                 pytest.raises(TreeViewerError) as caught,
@@ -184,7 +185,7 @@ async def test_json_is_spoken_with_viewers_that_know_no_other(monkeypatch: pytes
         assert paths(live) == {("a",)}
 
 
-def test_silence_is_told() -> None:
+def test_reports_timeout() -> None:
     url = free_url()
     join(url)
     with (
@@ -192,16 +193,16 @@ def test_silence_is_told() -> None:
         pytest.raises(TimeoutError, match=r"no viewer answered within 0\.05 s on udpm:.* big messages can get lost"),
     ):
         it["a"].set(Sphere(1))
-    assert not it._waiting
+    assert not it.pending
     with pytest.raises(ConnectionError, match="closed"):
         it["a"].delete()
 
 
-def test_nobody_there_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_reports_missing_network(monkeypatch: pytest.MonkeyPatch) -> None:
     (port,) = free_ports(1)
-    with pytest.raises(ConnectionError, match="nobody listens there"):
+    with pytest.raises(ConnectionError, match="no hub listens there"):
         TreeViewer(f"tcpq://127.0.0.1:{port}", timeout=0.05)  # short: nobody is there
-    with pytest.raises(ConnectionError, match=r"udpm:// and tcpq:// are what viewers speak"):
+    with pytest.raises(ConnectionError, match=r"use udpm:// or tcpq://"):
         TreeViewer("bogus://here", timeout=SECONDS)
     with pytest.raises(ConnectionError, match=r"the host 'no-such-host\.invalid' is unknown"):
         TreeViewer("tcpq://no-such-host.invalid", timeout=0.0)
@@ -210,11 +211,11 @@ def test_nobody_there_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
         TreeViewer("udpm://", timeout=SECONDS)
 
 
-def test_channels_are_taken_literally() -> None:
-    assert link._literal("A_<x.y>") == r"A_<x\.y>"
+def test_escapes_channels() -> None:
+    assert connection.escape_channel("A_<x.y>") == r"A_<x\.y>"
 
 
-def test_other_peoples_messages_do_no_harm() -> None:
+def test_ignores_foreign_messages() -> None:
     url = free_url()
     other = join(url)
     with TreeViewer(url, timeout=0.05) as it:  # short: nobody answers
@@ -227,7 +228,7 @@ def test_other_peoples_messages_do_no_harm() -> None:
         assert threading.active_count() == threads
 
 
-def test_the_client_imports_nothing_of_the_server() -> None:
+def test_imports_nothing_of_the_server() -> None:
     code = (
         "import sys; from gateway.client import TreeViewer, AsyncTreeViewer, Box; "
         "print([m for m in sys.modules if m.startswith('gateway.') and not m.startswith('gateway.client')], "
@@ -246,7 +247,7 @@ def test_names_of_the_package() -> None:
         _ = package.Nothing
 
 
-async def test_liblcm_writes_nothing_to_stderr_when_all_is_well(capfd: pytest.CaptureFixture[str]) -> None:
+async def test_no_stderr_output_on_success(capfd: pytest.CaptureFixture[str]) -> None:
     async with serving() as service:
 
         def talk() -> None:
@@ -257,24 +258,24 @@ async def test_liblcm_writes_nothing_to_stderr_when_all_is_well(capfd: pytest.Ca
     assert capfd.readouterr().err == ""
 
 
-def test_liblcm_writes_nothing_to_stderr_where_nobody_listens(capfd: pytest.CaptureFixture[str]) -> None:
+def test_no_stderr_output_without_a_hub(capfd: pytest.CaptureFixture[str]) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         url = f"tcpq://127.0.0.1:{taken.getsockname()[1]}"
-    with pytest.raises(ConnectionError, match="nobody listens there"):
+    with pytest.raises(ConnectionError, match="no hub listens there"):
         TreeViewer(url, timeout=0.5)  # short: nobody is there
     assert capfd.readouterr().err == ""
 
 
-def test_a_server_that_does_not_greet_is_no_hub(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(link, "GREETING_SECONDS", 0.01)
+def test_rejects_a_server_without_hello(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(connection, "HELLO_SECONDS", 0.01)
     with socket.create_server(("127.0.0.1", 0)) as mute:
         url = f"tcpq://127.0.0.1:{mute.getsockname()[1]}"
-        with pytest.raises(ConnectionError, match="nobody listens there"):
+        with pytest.raises(ConnectionError, match="no hub listens there"):
             TreeViewer(url, timeout=0.0)  # short: nobody answers
 
 
-def test_other_lines_on_stderr_are_kept(capfd: pytest.CaptureFixture[str]) -> None:
-    with link._without_chatter():
+def test_keeps_other_lines_on_stderr(capfd: pytest.CaptureFixture[str]) -> None:
+    with connection.filtered_stderr():
         os.write(2, b"LCM tcpq: connecting...\nLCM tcpq: Invalid response from server\n")
         subprocess.run([sys.executable, "-c", "import sys; print('of a child', file=sys.stderr)"], check=True)
     os.write(2, b"later\n")

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from gateway import demo
 from gateway.demo import PERIOD, ROOT, Demo
@@ -22,12 +23,12 @@ def at(t: float) -> LiveTree:
     return tree
 
 
-def matrices(tree: LiveTree) -> np.ndarray:
+def matrices(tree: LiveTree) -> NDArray[np.float64]:
     return np.array([instance.X_world_mesh for instance in flatten(tree.snapshot.root).instances])
 
 
 @pytest.mark.parametrize("t", [0.0, 3.7, 1e6])
-def test_the_scene_is_a_function_of_time(t: float):
+def test_scene_is_a_function_of_time(t: float) -> None:
     other = LiveTree()
     scene = Demo(other)
     scene.populate()
@@ -36,11 +37,11 @@ def test_the_scene_is_a_function_of_time(t: float):
     np.testing.assert_array_equal(matrices(at(t)), matrices(other))
 
 
-def test_it_repeats_after_its_period():
+def test_scene_is_periodic() -> None:
     np.testing.assert_allclose(matrices(at(5.0)), matrices(at(5.0 + PERIOD)), atol=1e-9)
 
 
-def test_a_step_is_one_revision_that_only_moves_things():
+def test_edit_is_one_revision_of_transforms() -> None:
     tree = LiveTree()
     scene = Demo(tree)
     scene.populate()
@@ -52,30 +53,29 @@ def test_a_step_is_one_revision_that_only_moves_things():
     assert {change.path for change in found} == {(*ROOT, *path) for path in demo.poses(1.0)}
 
 
-def test_what_moves_and_what_is_drawn_fit_together():
-    drawn = set(demo.furniture())
+def test_all_moving_paths_have_geometry() -> None:
+    drawn = set(demo.scene_parts())
     for path in demo.poses(0.0):
         assert any(other[: len(path)] == path for other in drawn), path
 
 
-def test_everything_shows_what_the_renderers_can_do():
+def test_scene_covers_topologies_alpha_modes_and_textures() -> None:
     instances = flatten(at(0.0).snapshot.root).instances
     assert {instance.mesh.topology for instance in instances} >= {Topology.POINTS, Topology.TRIANGLES}
     assert {instance.material.alpha_mode for instance in instances} == {AlphaMode.OPAQUE, AlphaMode.BLEND}
     assert len(flatten(at(0.0).snapshot.root).images) == 4
-    assert 20 <= len(demo.furniture()) <= 40
+    assert 20 <= len(demo.scene_parts()) <= 40
 
 
 @pytest.mark.parametrize("t", np.linspace(0.0, PERIOD, 13).tolist())
-def test_nothing_leaves_the_room_or_sinks_into_the_floor(t: float):
+def test_scene_stays_within_its_bounds(t: float) -> None:
     bounds = scene_bounds(flatten(at(t).snapshot.root))
     assert bounds is not None
     assert bounds[0, 2] >= -0.02
     assert (np.abs(bounds) <= 3.001).all()
 
 
-def test_the_gripper_stays_above_the_table():
-    """The arm would look broken if it reached into the wood."""
+def test_gripper_stays_above_the_table() -> None:
     for t in np.linspace(0.0, PERIOD, 49):
         drawn = flatten(at(float(t)).snapshot.root, label_of=lambda path, _: int("wrist" in path))
         for instance in drawn.instances:
@@ -84,7 +84,7 @@ def test_the_gripper_stays_above_the_table():
                 assert points[:, 2].min() > 0.75, t
 
 
-def test_populating_again_starts_over_and_clearing_takes_everything_out():
+def test_populate_resets_and_clear_removes_the_scene() -> None:
     tree = LiveTree()
     with tree.edit() as edit:
         edit.set_parts(("mine",), ())
@@ -98,7 +98,7 @@ def test_populating_again_starts_over_and_clearing_takes_everything_out():
     assert tree.snapshot.root.find(("mine",)) is not None
 
 
-def test_it_can_be_exported_whole():
+def test_export_contains_everything() -> None:
     tree = at(2.0)
     read = read_gltf(export_glb(tree.snapshot.root))
     assert read.instance_count == len(flatten(tree.snapshot.root).instances)

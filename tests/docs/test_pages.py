@@ -112,7 +112,7 @@ def test_the_tools_of_this_test_find_something() -> None:
     assert len(PAGES) > 10
     assert sum(len(links(page)) for page in PAGES) > 30
     assert ("dataset", "check") in known()
-    assert "where-things-are" in anchors(ROOT / "CONTRIBUTING.md")
+    assert "how-to-add" in anchors(ROOT / "CONTRIBUTING.md")
     with pytest.raises(AssertionError, match="serve has no --http-prot"):
         check_command(["serve", "--http-prot", "1"], "scenegate serve --http-prot 1")
     with pytest.raises(AssertionError, match="there is no command"):

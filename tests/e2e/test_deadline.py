@@ -67,7 +67,7 @@ def test_four_requests_that_would_take_minutes_keep_nobody_out(flags: tuple[str,
     arguments = ("--only", "render", "--threads", "2", "--render-seconds", "1", *flags)
     with gateway_process(*arguments) as (process, url), posted(url, slow_body(), 4) as slow:
         assert [one.result() for one in slow] == [
-            (503, "the picture was given up: it took longer than --render-seconds = 1 s", None)
+            (503, "the image was not finished: it took longer than --render-seconds = 1 s", None)
         ] * 4
         assert post(url, one_pixel_body())[0] == 200
         text = get(url, "/metrics")[1]

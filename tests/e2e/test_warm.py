@@ -15,8 +15,8 @@ from tests.support.waiting import SECONDS
 ROOT = Path(__file__).parents[2]
 PROGRAM = """
 import json, sys
-from gateway import warmup
-from gateway.ops import kernels
+from gateway.wiring import warmup
+from gateway.runtime import kernel_cache as kernels
 
 kernels.ensure_cached(warmup.PARTS)
 from numba.core import event
@@ -63,12 +63,12 @@ def test_serving_compiles_nothing() -> None:
 ELSEWHERE = """
 import json
 import gateway
-from gateway import warmup
-from gateway.ops import kernels
+from gateway.wiring import warmup
+from gateway.runtime import kernel_cache as kernels
 
 cached = kernels.are_cached()
 warmup.run()
-from renderers import kernel_cache
+from renderers.compiler import cache_folder as kernel_cache
 from renderers.compiler.cache_locator import CACHED, folder_of
 from renderers.compiler.jit import KERNELS
 
@@ -117,9 +117,9 @@ def test_a_cache_that_lost_a_kernel_is_not_complete_and_the_server_does_not_comp
     program = """
 import json, shutil, sys
 from pathlib import Path
-from gateway import warmup
-from gateway.ops import kernels
-from renderers import kernel_cache
+from gateway.wiring import warmup
+from gateway.runtime import kernel_cache as kernels
+from renderers.compiler import cache_folder as kernel_cache
 
 kernels.ensure_cached(warmup.PARTS)
 here = kernel_cache.folder()

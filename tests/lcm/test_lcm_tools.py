@@ -20,9 +20,9 @@ import pytest
 
 from gateway.lcm.event_log import read_events
 from gateway.scene.live import LiveTree
+from tests.lcm.test_replay import EVENTS, written
 from tests.support.liblcm import liblcm
 from tests.support.waiting import SECONDS, until
-from tests.treeviewer.test_recording import EVENTS, written
 from tests.treeviewer.transports import HubClient, serving
 
 pytestmark = pytest.mark.lcm

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.lcm.tcpq import Frame
+from gateway.lcm.tcpq import FrameType
 from tests.support.waiting import SECONDS
 from tests.treeviewer.transports import HubClient, serving
 
@@ -51,11 +51,11 @@ async def conversation(port: int) -> list[tuple[str, int]]:
     await sender.publish("POSE", b"x" * 100_000)
     await sender.publish("END", b"e")
     heard = [await client.next() for client in clients]
-    await twice.subscribe("P.*", Frame.UNSUBSCRIBE)
+    await twice.subscribe("P.*", FrameType.UNSUBSCRIBE)
     await settled(twice, 3)
     await sender.publish("POSE", b"22")
     heard.append(await twice.next())
-    await twice.subscribe("POSE", Frame.UNSUBSCRIBE)
+    await twice.subscribe("POSE", FrameType.UNSUBSCRIBE)
     await twice.subscribe("END")
     await settled(twice, 4)
     await sender.publish("POSE", b"333")
@@ -74,7 +74,7 @@ async def conversation(port: int) -> list[tuple[str, int]]:
     return [(channel, len(data)) for channel, data in heard]
 
 
-async def test_our_hub_relays_like_the_reference() -> None:
+async def test_relays_like_lcms_own_hub() -> None:
     with socket.socket() as unused:
         unused.bind(("127.0.0.1", 0))
         port = unused.getsockname()[1]

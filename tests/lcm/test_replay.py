@@ -1,188 +1,203 @@
-"""Every recorded request of a real client, replayed without a transport: Director's answers and Director's scenes."""
+"""Logs of an LCM network: written, read, played; LCM's own reader and writer as the second opinion."""
 
 from __future__ import annotations
 
-import json
-from typing import Any
+import asyncio
+import io
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
 
-import msgspec
-import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from gateway.scene.geometry import Line
+from gateway.lcm import replay
+from gateway.lcm.config import LcmConfig
+from gateway.lcm.event_log import Event, EventLogError, pack_event, read_events
+from gateway.lcm.tcpq import HUB_HELLO, publish_header
 from gateway.scene.live import LiveTree
-from gateway.scene.meshing import meshes_of
-from gateway.scene.tree import Node, Path
-from gateway.treeviewer import wire
-from gateway.treeviewer.protocol import TreeViewerProtocol
-from tests.treeviewer import recordings
-from tests.treeviewer.differences import DIFFERENCES, Difference
-from tests.treeviewer.director_model import DirectorModel
-from tests.treeviewer.recorded_meshes import RecordedMeshes
+from gateway.treeviewer.config import TreeViewerConfig
+from gateway.treeviewer.protocol import REQUEST
+from tests.support.liblcm import liblcm
+from tests.support.waiting import until
+from tests.treeviewer.conversation import BOX, message
+from tests.treeviewer.transports import HubClient, free_url, join, lossless, serving
 
-pytestmark = pytest.mark.corpus
-LISTS = ("deleted_paths", "added_geometries", "set_transforms", "missing_paths")
+EVENTS = [
+    Event(0, 1_000_000, f"{REQUEST}_<a>", message({"setgeometry": [{"path": ["a"], "geometry": BOX}]})),
+    Event(1, 1_000_500, "IMU", bytes(range(256))),
+    Event(2, 1_020_000, f"{REQUEST}_<a>", message({"setgeometry": [{"path": ["b"], "geometry": BOX}]})),
+]
 
 
-def protocol() -> tuple[TreeViewerProtocol, LiveTree]:
+def written(events: list[Event]) -> bytes:
+    return b"".join(pack_event(e.number, e.time_us, e.channel, e.data) for e in events)
+
+
+@settings(deadline=None, max_examples=100)
+@given(
+    st.lists(
+        st.builds(Event, st.integers(0, 2**63 - 1), st.integers(-(2**63), 2**63 - 1), st.text(max_size=20), st.binary())
+    )
+)
+def test_round_trip(events: list[Event]) -> None:
+    assert list(read_events(io.BytesIO(written(events)))) == events
+
+
+@settings(deadline=None, max_examples=100)
+@given(st.binary(max_size=60), st.integers(0, 200), st.binary(max_size=100_000))
+def test_skips_damaged_events(junk: bytes, cut: int, more: bytes) -> None:
+    whole = written(EVENTS)
+    data = junk + whole + more + whole[: len(whole) - cut]
+    found = list(read_events(io.BytesIO(data)))
+    assert [event for event in found if event in EVENTS][:2] == EVENTS[:2]
+
+
+def test_rejects_files_without_events() -> None:
+    assert list(read_events(io.BytesIO(b""))) == []
+    for data in (b"x", b"junk" * 100_000):
+        with pytest.raises(EventLogError, match="not an LCM log"):
+            list(read_events(io.BytesIO(data)))
+
+
+def test_matches_lcms_own_event_log(tmp_path: Path) -> None:
+    lcm = liblcm()
+    (tmp_path / "ours").write_bytes(written(EVENTS))
+    theirs = lcm.EventLog(str(tmp_path / "ours"), "r")
+    assert [Event(e.eventnum, e.timestamp, e.channel, e.data) for e in theirs] == EVENTS
+    log = lcm.EventLog(str(tmp_path / "theirs"), "w", overwrite=True)
+    for event in EVENTS:
+        log.write_event(event.time_us, event.channel, event.data)
+    log.close()
+    assert (tmp_path / "theirs").read_bytes() == (tmp_path / "ours").read_bytes()
+
+
+@asynccontextmanager
+async def recording(out: Path, url: str, channels: str = ".*") -> AsyncIterator[replay.Progress]:
+    stop, ready, progress = asyncio.Event(), asyncio.Event(), replay.Progress()
+    task = asyncio.create_task(replay.record(out, url, channels, progress, stop, ready.set))
+    waiting = asyncio.create_task(ready.wait())
+    await asyncio.wait({task, waiting}, return_when=asyncio.FIRST_COMPLETED)
+    yield progress
+    stop.set()
+    await task
+
+
+async def test_records_and_plays_over_tcpq(tmp_path: Path) -> None:
+    out = tmp_path / "out.lcmlog"
+    async with serving() as service:
+        url = f"tcpq://127.0.0.1:{service.tcpq_port}"
+        async with recording(out, url, f"{REQUEST}.*") as progress:
+            client = await HubClient.connect(service.tcpq_port)
+            for event in EVENTS:
+                await client.publish(event.channel, event.data)
+            await until(lambda: progress.events == 2)
+            await client.close()
+    events = list(read_events(io.BytesIO(out.read_bytes())))
+    assert [(event.channel, event.data) for event in events] == [(e.channel, e.data) for e in (EVENTS[0], EVENTS[2])]
+    assert 0 <= events[1].time_us - events[0].time_us < 30e6
+
     live = LiveTree()
-    return TreeViewerProtocol(live, meshes=RecordedMeshes(recordings.folder() / "assets")), live
+    async with serving(live=live) as service:
+        progress = replay.Progress()
+        await replay.play(out, f"tcpq://127.0.0.1:{service.tcpq_port}", 1.0, False, ".*", progress)
+        await until(lambda: set(live.snapshot.root.children) == {"a", "b"})
+        assert (progress.events, progress.data_bytes) == (2, len(EVENTS[0].data) + len(EVENTS[2].data))
 
 
-def answer_of(viewer: TreeViewerProtocol, data: bytes) -> dict[str, Any]:
-    answer: dict[str, Any] = json.loads(msgspec.json.encode(viewer.handle(data)))
-    return answer
+@pytest.mark.lcm
+async def test_records_and_plays_over_udp(tmp_path: Path) -> None:
+    url = free_url()
+    client = join(url)
+    heard: list[str] = []
+    lossless(client, ".*", lambda channel, data: heard.append(channel))
+    log, out = tmp_path / "in.lcmlog", tmp_path / "out.lcmlog"
+    log.write_bytes(written(EVENTS))
+    live = LiveTree()
+    async with (
+        serving(TreeViewerConfig(lcm=LcmConfig(url=url, tcpq_port=None)), live=live),
+        recording(out, url, "IMU|DIR.*") as got,
+    ):
+        await replay.play(log, url, 0.0, False, ".*_<a>", replay.Progress())
+        await until(lambda: set(live.snapshot.root.children) == {"a", "b"})
+        await replay.play(log, url, 100.0, False, "IMU", replay.Progress())
+        await until(lambda: got.events == 5)  # and two answers
+    channels = [event.channel for event in read_events(io.BytesIO(out.read_bytes()))]
+    assert sorted(channels) == sorted(
+        [f"{REQUEST}_<a>"] * 2 + [f"{REQUEST.replace('REQUEST', 'RESPONSE')}_<a>"] * 2 + ["IMU"]
+    )
 
 
-def unordered(answer: dict[str, Any] | None) -> dict[str, Any]:
-    """Lists of paths in any order, each path once; without the format that we have beyond Director."""
-    assert answer is not None
-    result = dict(answer)
-    if "supported_formats" in result:
-        formats = result["supported_formats"]
-        result["supported_formats"] = {name: formats[name] for name in formats if name != wire.BINARY_FORMAT}
-    for name in LISTS:
-        if name in answer:
-            result[name] = {json.dumps(path) for path in answer[name]}
-            assert len(result[name]) == len(answer[name])
-    return result
+async def test_loops_until_cancelled(tmp_path: Path) -> None:
+    log = tmp_path / "in.lcmlog"
+    log.write_bytes(written(EVENTS))
+    async with serving() as service:
+        progress = replay.Progress()
+        url = f"tcpq://127.0.0.1:{service.tcpq_port}"
+        playing = asyncio.create_task(replay.play(log, url, 0.0, True, ".*", progress))
+        await until(lambda: service.status()["received"] >= 10)
+        playing.cancel()
+        await asyncio.gather(playing, return_exceptions=True)
+        # a loop without any event would never end
+        await replay.play(log, url, 0.0, True, "nothing", progress)
 
 
-def check_difference(answer: dict[str, Any], expected: Difference) -> None:
-    assert answer["status"] == expected.status
-    told = answer.get("error", "") + " ".join(answer.get("warnings", []))
-    assert expected.says in told
-    assert bool(told) == bool(expected.says)
-    changed = answer["added_geometries"] or answer["set_transforms"]
-    assert changed == (expected.paths or [])
+async def test_finish_loses_nothing_when_the_hub_sends(tmp_path: Path) -> None:
+    """Closing a connection with unread bytes resets it, and the hub loses what it has not read."""
+    log = tmp_path / "in.lcmlog"
+    log.write_bytes(written(EVENTS) * 500)
+    got: asyncio.Future[int] = asyncio.get_running_loop().create_future()
 
-
-@pytest.mark.parametrize("name", [n for n in recordings.names() if n != "fuzz"] or [pytest.param("", id="no corpus")])
-def test_answers_are_directors_except_for_the_listed_differences(name: str) -> None:
-    viewer, _ = protocol()
-    differences = dict(DIFFERENCES.get(name, {}))
-    for exchange in recordings.exchanges(name or "deep"):
-        expected = differences.pop(exchange.number, None)
-        if expected is None:
-            assert unordered(answer_of(viewer, exchange.data)) == unordered(exchange.response), exchange
-        elif expected.status is None:
-            with pytest.raises(wire.WireError, match=expected.says):
-                viewer.handle(exchange.data)
-        else:
-            check_difference(answer_of(viewer, exchange.data), expected)
-    assert not differences, "listed, but not in the recording"
-
-
-def test_missing_paths_follow_the_document_where_empty_folders_mislead_director() -> None:
-    viewer, _ = protocol()
-    model = DirectorModel()
-    differ = 0
-    for exchange in recordings.exchanges("fuzz"):
-        request = json.loads(wire.decode(exchange.data).data.tobytes())
-        by_director, by_document = model.apply(request)
-        ours, theirs = answer_of(viewer, exchange.data), exchange.response
-        assert theirs is not None
-        assert {tuple(path) for path in theirs["missing_paths"]} == by_director
-        assert {tuple(path) for path in ours["missing_paths"]} == by_document
-        assert ours["status"] == (1 if by_document else 0)
-        differ += by_director != by_document
-        for name in LISTS[:3]:
-            assert unordered(ours)[name] == unordered(theirs)[name]
-    assert differ, "the recording is meant to tell the rules apart"
-
-
-@pytest.mark.parametrize("name", recordings.names() or [pytest.param("", id="no corpus")])
-def test_final_scenes_have_directors_structure_transforms_and_bounds(name: str) -> None:
-    viewer, live = protocol()
-    name = name or "deep"
-    for exchange in recordings.exchanges(name):
+    async def hub(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.readexactly(8)
+        writer.write(HUB_HELLO)
+        size = 0
         try:
-            viewer.handle(exchange.data)
-        except wire.WireError:
-            continue
-    nodes = {path: (node, world) for path, node, world in worlds(live.snapshot.root)}
-    ours = {path for path, (node, _) in nodes.items() if node.parts is not None}
-    expected = recordings.scene(name)
-    changed = CHANGED_SCENES.get(name, {})
-    theirs = {path for path, value in expected.items() if value is not None}
-    assert ours ^ theirs == set(changed)
-    for path in theirs - set(changed):
-        value, (node, world) = expected[path], nodes[path]
-        assert value is not None
-        if (name, path) not in MOVED:
-            np.testing.assert_allclose(world, np.array(value["matrix"]), atol=1e-9)
-        assert bounds_agree(node, value["local_bounds"]), (path, bounds(node), value["local_bounds"])
-    for path in set(expected) - theirs - set(changed) - prefixes(changed):
-        if path not in nodes:
-            assert not any(other[: len(path)] == path for other in theirs), "only folders that hold nothing may lack"
-    assert not (set(nodes) - set(expected) - set(changed) - prefixes(changed)), "folders that Director does not have"
+            while data := await reader.read(4096):
+                size += len(data)
+                writer.write(publish_header("CHATTER", 1000) + bytes(1000))
+        except ConnectionError:
+            size = -1
+        got.set_result(size)
+        writer.close()
+
+    server = await asyncio.start_server(hub, "127.0.0.1", 0)
+    url = f"tcpq://127.0.0.1:{server.sockets[0].getsockname()[1]}"
+    await replay.play(log, url, 0.0, False, ".*", replay.Progress())
+    assert await got > sum(len(event.data) for event in EVENTS) * 500
+    server.close()
+    await server.wait_closed()
 
 
-CHANGED_SCENES: dict[str, dict[Path, str]] = {
-    "bad": {
-        ("bad", "38"): "three colour components",
-        ("bad", "39"): "colour null",
-        ("bad", "41"): "transform null",
-        ("bad", "48"): "points of two numbers are refused",
-        ("bad", "49"): "empty channel",
-        ("bad", "50"): "channel of the wrong length",
-        ("bad", "53"): "lidar that Director's rounding breaks",
-        ("bad", "54"): "angle step 0",
-        ("bad", "62"): "file outside the open folders",
-        ("bad", "64"): "scale as a number",
-        ("bad", "65"): "missing package",
-        ("p3",): "the commands after a bad one",
-        ("a", "b"): "string path",
-        ("a", "/", "b"): "string path",
-        ("a",): "path given as an object",
-    },
-    "geoms": {("all", "missing"): "file outside the open folders"},
-    "cpp_wrapper": {("cpp", "cloud_no_colour"): "empty channel"},
-    "paths": {("", ""): "Director takes a child of its parent's name for the parent's geometry"},
-}
-"""Paths whose geometry only one of the two has, because of the differences in the answers."""
+async def test_keeps_recorded_times(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    log = tmp_path / "in.lcmlog"
+    log.write_bytes(written(EVENTS))
+    slept: list[float] = []
+    sleep = asyncio.sleep
+
+    async def note(seconds: float) -> None:
+        slept.append(seconds)
+        await sleep(0)
+
+    async with serving() as service:
+        monkeypatch.setattr(asyncio, "sleep", note)
+        url = f"tcpq://127.0.0.1:{service.tcpq_port}"
+        await replay.play(log, url, 0.001, False, ".*", replay.Progress())
+        monkeypatch.undo()
+    waits = [seconds for seconds in slept if seconds > 0.1]
+    assert waits == [pytest.approx(0.5, abs=0.4), pytest.approx(20.0, abs=0.5)]
 
 
-MOVED = {("bad", ("p1",)): "its transform stands behind the bad command of the message"}
+@pytest.mark.parametrize(
+    ("url", "reason"), [("tcpq://127.0.0.1:1", "LCM cannot join tcpq"), ("bogus://", "the URL must begin with")]
+)
+async def test_reports_missing_network(url: str, reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(replay, "CONNECT_SECONDS", 0.05)
+    with pytest.raises((OSError, RuntimeError), match=reason):
+        await replay.record(tmp_path / "x", url, ".*", replay.Progress(), asyncio.Event())
 
 
-def prefixes(paths: dict[Path, str]) -> set[Path]:
-    return {path[:n] for path in paths for n in range(len(path))}
-
-
-def worlds(root: Node) -> list[tuple[Path, Node, np.ndarray]]:
-    result: list[tuple[Path, Node, np.ndarray]] = []
-    stack: list[tuple[Path, Node, np.ndarray]] = [((), root, np.eye(4))]
-    while stack:
-        path, node, parent = stack.pop()
-        world = parent @ node.matrix
-        result.append((path, node, world))
-        stack.extend(((*path, element), child, world) for element, child in node.children.items())
-    return result
-
-
-def bounds(node: Node) -> np.ndarray | None:
-    """(2, 3) metres: what is drawn, in the node's frame."""
-    points = []
-    for part in node.parts or ():
-        for mesh, _, X_part_mesh in meshes_of(part.shape, part.material):
-            X = part.X_node_part @ X_part_mesh
-            used = mesh.positions[np.unique(mesh.elements)]
-            points.append(used @ X[:3, :3].T + X[:3, 3])
-    if not points:
-        return None
-    every = np.concatenate(points)
-    return np.stack((every.min(axis=0), every.max(axis=0)))
-
-
-def bounds_agree(node: Node, expected: list[float] | None) -> bool:
-    ours = bounds(node)
-    theirs = None if expected is None else np.array(expected).reshape(3, 2).T
-    if theirs is None or not np.isfinite(theirs).all() or (theirs[0] > theirs[1]).any():
-        return theirs is not None or ours is None
-    if ours is None:
-        return False
-    # Director's round solids have half as many sides as ours, and its tubes are cut where ours are mitred
-    tubes = max((part.shape.radius for part in node.parts or () if isinstance(part.shape, Line)), default=0.0)
-    tolerance = 0.01 * (theirs[1] - theirs[0]).max() + 0.5 * max(tubes, 0.0) + 1e-6
-    return bool((np.abs(ours - theirs) <= tolerance).all())
+async def test_rejects_invalid_pattern(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="is not a pattern"):
+        await replay.record(tmp_path / "x", "memq://", "(", replay.Progress(), asyncio.Event())

@@ -6,20 +6,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway.lcm.safe_regex import PatternError, compile_pattern
+from gateway.lcm.patterns import PatternError, compile_pattern
 from gateway.lcm.tcpq import (
     CLIENT_HELLO,
     MAGIC_CLIENT,
-    Frame,
     FrameError,
-    FrameReader,
-    publish_head,
+    FrameParser,
+    FrameType,
+    publish_header,
     subscription,
 )
 
 FRAMES = st.lists(
     st.tuples(
-        st.sampled_from(list(Frame)),
+        st.sampled_from(list(FrameType)),
         st.text(st.characters(codec="ascii"), max_size=60).map(lambda name: name * 20),
         st.integers(0, 400_000),
     ),
@@ -29,14 +29,14 @@ FRAMES = st.lists(
 
 @settings(deadline=None, max_examples=60)
 @given(FRAMES, st.lists(st.integers(1, 300_000), min_size=1, max_size=20))
-def test_frames_are_the_same_however_the_stream_is_cut(frames: list[tuple[Frame, str, int]], cuts: list[int]) -> None:
-    got: list[tuple[Frame, str, bytes]] = []
-    reader = FrameReader(MAGIC_CLIENT, 1_000_000, lambda k, c, d: got.append((k, c, bytes(d))), lambda _: True)
+def test_parses_frames_from_any_chunks(frames: list[tuple[FrameType, str, int]], cuts: list[int]) -> None:
+    got: list[tuple[FrameType, str, bytes]] = []
+    reader = FrameParser(MAGIC_CLIENT, 1_000_000, lambda k, c, d: got.append((k, c, bytes(d))), lambda _: True)
     stream = CLIENT_HELLO
     expected = []
     for index, (kind, name, size) in enumerate(frames):
-        data = bytes([index]) * size if kind is Frame.PUBLISH else b""
-        stream += publish_head(name, size) + data if kind is Frame.PUBLISH else subscription(kind, name)
+        data = bytes([index]) * size if kind is FrameType.PUBLISH else b""
+        stream += publish_header(name, size) + data if kind is FrameType.PUBLISH else subscription(kind, name)
         expected.append((kind, name, data))
     at, turn = 0, 0
     while at < len(stream):
@@ -51,8 +51,8 @@ def test_frames_are_the_same_however_the_stream_is_cut(frames: list[tuple[Frame,
 
 @settings(deadline=None, max_examples=100)
 @given(st.binary(max_size=400))
-def test_any_bytes_are_frames_or_an_error(data: bytes) -> None:
-    reader = FrameReader(MAGIC_CLIENT, 1000, lambda *_: None, lambda _: True)
+def test_survives_any_bytes(data: bytes) -> None:
+    reader = FrameParser(MAGIC_CLIENT, 1000, lambda *_: None, lambda _: True)
     for chunk in (CLIENT_HELLO, data):
         room = reader.buffer()
         room[: len(chunk)] = chunk
@@ -88,14 +88,14 @@ def test_patterns_are_anchored_regular_expressions(pattern: str, channel: str, m
         *("a?" * 30 + "a" * 30, "(a|aa)" * 30 + "b", "((a|aa)?)" * 20, "(?:a|aa)" * 10 + ".*.*b"),
     ],
 )
-def test_patterns_that_could_take_forever_are_refused(pattern: str) -> None:
+def test_rejects_patterns_with_exponential_cost(pattern: str) -> None:
     with pytest.raises(PatternError):
         compile_pattern(pattern)
 
 
 @settings(deadline=None, max_examples=300)
 @given(st.text(alphabet="ab.*+?{}()[]|\\1,^$<", max_size=20))
-def test_any_pattern_is_compiled_or_refused_and_never_slow(pattern: str) -> None:
+def test_accepted_patterns_match_fast(pattern: str) -> None:
     try:
         compiled = compile_pattern(pattern)
     except PatternError:

@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from gateway.lcm.tcpq import LONGEST_CHANNEL, Frame
+from gateway.lcm.config import LcmConfig
+from gateway.lcm.tcpq import MAX_CHANNEL_BYTES, FrameType
 from gateway.scene.live import LiveTree
 from gateway.treeviewer import wire
 from gateway.treeviewer.config import TreeViewerConfig
@@ -19,7 +20,7 @@ from tests.treeviewer.conversation import ONE_BOX, decoded, message
 from tests.treeviewer.transports import HubClient, in_thread, serving
 
 
-async def test_a_client_is_answered_and_the_tree_has_its_geometry() -> None:
+async def test_responds_to_a_hub_client() -> None:
     live = LiveTree()
     async with serving(live=live) as service:
         client = await HubClient.connect(service.tcpq_port)
@@ -32,7 +33,7 @@ async def test_a_client_is_answered_and_the_tree_has_its_geometry() -> None:
         await client.close()
 
 
-async def test_subscribers_of_the_bare_channel_hear_that_the_viewer_is_ready() -> None:
+async def test_greets_new_subscribers() -> None:
     async with serving() as service:
         client = await HubClient.connect(service.tcpq_port)
         await client.subscribe("OTHER")
@@ -42,7 +43,7 @@ async def test_subscribers_of_the_bare_channel_hear_that_the_viewer_is_ready() -
         await client.close()
 
 
-async def test_the_hub_relays_to_every_subscriber_once_also_to_the_sender() -> None:
+async def test_relays_once_to_every_subscriber() -> None:
     async with serving() as service:
         clients = [await HubClient.connect(service.tcpq_port) for _ in range(3)]
         sender, twice, other = clients
@@ -60,8 +61,8 @@ async def test_the_hub_relays_to_every_subscriber_once_also_to_the_sender() -> N
         assert await sender.next() == ("POSE", b"x" * 100_000)
         assert await twice.next() == ("POSE", b"x" * 100_000)
         assert await other.next() == ("END", b"e")
-        await twice.subscribe("P.*", Frame.UNSUBSCRIBE)
-        await twice.subscribe("POSE", Frame.UNSUBSCRIBE)
+        await twice.subscribe("P.*", FrameType.UNSUBSCRIBE)
+        await twice.subscribe("POSE", FrameType.UNSUBSCRIBE)
         await twice.publish(f"{REQUEST}_<{id(twice)}>", wire.encode(b"{}", 5))
         await twice.next()
         await sender.publish("POSE", b"y")
@@ -72,7 +73,7 @@ async def test_the_hub_relays_to_every_subscriber_once_also_to_the_sender() -> N
             await client.close()
 
 
-async def test_order_holds_for_a_client_and_others_do_not_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_keeps_order_per_client_without_blocking_others(monkeypatch: pytest.MonkeyPatch) -> None:
     quick_was_answered = threading.Event()
     read = TreeViewerProtocol.open
 
@@ -107,12 +108,12 @@ async def test_order_holds_for_a_client_and_others_do_not_wait(monkeypatch: pyte
         await quick.close()
 
 
-async def test_an_id_too_long_for_the_answers_channel_is_counted() -> None:
+async def test_counts_responses_to_too_long_client_ids() -> None:
     async with serving() as service:
         client = await HubClient.connect(service.tcpq_port)
         await client.subscribe(f"{RESPONSE}.*")
         await client.next()  # ready
-        longest = LONGEST_CHANNEL - len(f"{RESPONSE}_<>")
+        longest = MAX_CHANNEL_BYTES - len(f"{RESPONSE}_<>")
         await client.publish(f"{REQUEST}_<{'i' * (longest + 1)}>", ONE_BOX)
         for size in (31, 32, 100, longest):
             await client.publish(f"{REQUEST}_<{'i' * size}>", ONE_BOX)
@@ -121,7 +122,7 @@ async def test_an_id_too_long_for_the_answers_channel_is_counted() -> None:
         await client.close()
 
 
-async def test_undecodable_messages_are_counted_and_described() -> None:
+async def test_counts_undecodable_messages() -> None:
     async with serving() as service:
         client = await HubClient.connect(service.tcpq_port)
         await client.subscribe(f"{RESPONSE}_<me>")
@@ -134,12 +135,12 @@ async def test_undecodable_messages_are_counted_and_described() -> None:
         await client.close()
 
 
-async def test_a_taken_port_is_one_sentence() -> None:
+async def test_reports_taken_port() -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        config = TreeViewerConfig(lcm_url="off", tcpq_port=port)
+        config = TreeViewerConfig(lcm=LcmConfig(url="off", tcpq_port=port))
         with pytest.raises(
             RuntimeError, match=f"^the TCPQ hub cannot listen on 127.0.0.1:{port}: Address already in use$"
         ):
@@ -147,12 +148,12 @@ async def test_a_taken_port_is_one_sentence() -> None:
                 pass
 
 
-async def test_a_viewer_joins_another_hub_and_joins_it_again() -> None:
+async def test_reconnects_to_another_hub() -> None:
     async with serving() as other:
         port = other.tcpq_port
         url = f"tcpq://127.0.0.1:{port}"
         live = LiveTree()
-        async with serving(TreeViewerConfig(lcm_url=url, tcpq_port=None), live=live) as service:
+        async with serving(TreeViewerConfig(lcm=LcmConfig(url=url, tcpq_port=None)), live=live) as service:
             await until(lambda: bool(service.status()["lcm"]["connected"]))
             client = await HubClient.connect(port)
             await client.subscribe(f"{RESPONSE}_<me>")
@@ -161,27 +162,28 @@ async def test_a_viewer_joins_another_hub_and_joins_it_again() -> None:
                 await client.next()
             await client.close()
             assert service.status()["answered"] >= 1
-            for connection in tuple(other._hub.connections):
+            assert other.hub is not None
+            for connection in tuple(other.hub.connections):
                 connection.abort()
             await until(lambda: not service.status()["lcm"]["connected"])
             assert "the hub has gone" in service.status()["lcm"]["warning"]
             await until(lambda: bool(service.status()["lcm"]["connected"]))
 
 
-async def test_a_hub_that_does_not_exist_yet_is_waited_for() -> None:
+async def test_waits_for_a_hub() -> None:
     with socket.socket() as unused:
         unused.bind(("127.0.0.1", 0))
         port = unused.getsockname()[1]
-        async with serving(TreeViewerConfig(lcm_url=f"tcpq://127.0.0.1:{port}", tcpq_port=None)) as service:
+        async with serving(TreeViewerConfig(lcm=LcmConfig(url=f"tcpq://127.0.0.1:{port}", tcpq_port=None))) as service:
             await until(lambda: "Connection refused" in service.status()["lcm"]["warning"])
 
 
-async def test_the_own_hub_is_not_joined(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_does_not_connect_to_its_own_hub(monkeypatch: pytest.MonkeyPatch) -> None:
     with socket.socket() as unused:
         unused.bind(("127.0.0.1", 0))
         port = unused.getsockname()[1]
     monkeypatch.setenv("LCM_DEFAULT_URL", f"tcpq://127.0.0.1:{port}")
-    async with serving(TreeViewerConfig(lcm_url=None, tcpq_port=port)) as service:
+    async with serving(TreeViewerConfig(lcm=LcmConfig(url=None, tcpq_port=port))) as service:
         assert "lcm" not in service.status()
         assert service.status()["tcpq"]["clients"] == 0
 
@@ -189,7 +191,7 @@ async def test_the_own_hub_is_not_joined(monkeypatch: pytest.MonkeyPatch) -> Non
 @pytest.mark.lcm
 @pytest.mark.parametrize("size", [63, 64, 100, 300, 999])
 @pytest.mark.parametrize("pattern", ["", ".*x"], ids=["its name", "a pattern"])
-async def test_lcms_own_clients_use_channels_of_any_length(size: int, pattern: str) -> None:
+async def test_liblcm_clients_use_long_channel_names(size: int, pattern: str) -> None:
     channel = "x" * size
 
     def talk(url: str) -> tuple[str, bytes]:

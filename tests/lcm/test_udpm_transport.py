@@ -8,31 +8,41 @@ import errno
 import os
 import socket
 import threading
+from dataclasses import replace
 from typing import Any, cast
 
 import pytest
 
-from gateway.lcm import udpm, udpm_transport
-from gateway.lcm.errors import LcmUnavailable
+from gateway.lcm import udpm, udpm_socket
+from gateway.lcm.config import LcmConfig
+from gateway.lcm.transport import LcmUnavailableError
+from gateway.lcm.udpm_assembler import Assembler
+from gateway.lcm.udpm_sender import UdpmSender
+from gateway.lcm.udpm_transport import UdpmTransport
 from gateway.treeviewer.protocol import REQUEST, RESPONSE
 from tests.support.waiting import SECONDS, until
 from tests.treeviewer.transports import free_url, in_thread, join, lossless
 
 
+def open_udpm(url: str, message_bytes: int = 1 << 20, **limits: Any) -> UdpmTransport:
+    return UdpmTransport(url, REQUEST, replace(LcmConfig(receive_buffer_bytes=1 << 20), **limits), message_bytes)
+
+
 @pytest.mark.lcm
-async def test_messages_beyond_the_bound_of_waiting_bytes_are_dropped_and_counted(url: str) -> None:
-    bus = udpm_transport.UdpmBus(url, REQUEST, 1 << 20, waiting_bytes=3000, message_bytes=1 << 20)
+async def test_drops_and_counts_messages_beyond_the_queue_limit(url: str) -> None:
+    transport = open_udpm(url, queued_bytes=3000)
     try:
         for _ in range(20):
-            bus._arrived(udpm.Received("c", b"x" * 744))
-        assert (bus.waiting_bytes, bus.dropped, bus.dropped_bytes) == (3000, 17, 17 * 744)
+            transport.queue.put("c", b"x" * 744)
+        status = transport.status()
+        assert (status["waiting_bytes"], status["dropped"], status["dropped_bytes"]) == (3000, 17, 17 * 744)
         got: list[str] = []
-        bus.start(lambda channel, data: got.append(channel))
+        transport.start(lambda channel, data: got.append(channel), lambda: None)
         join(url).publish(REQUEST, b"y")
         await until(lambda: len(got) >= 3)
-        assert bus.waiting_bytes <= 1000
+        assert transport.queue.waiting_bytes <= 1000
     finally:
-        bus.close()
+        await transport.close()
 
 
 class Narrow:
@@ -61,57 +71,64 @@ class Narrow:
         return found
 
 
-@pytest.mark.lcm
-async def test_a_network_that_takes_nothing_holds_nobody_up(url: str) -> None:
-    bus = udpm_transport.UdpmBus(url, REQUEST, 1 << 20, 1 << 20, 1 << 20, unsent_bytes=1 << 20)
+async def test_queues_what_the_network_does_not_accept_yet() -> None:
     network = Narrow()
-    bus._out.close()
-    bus._out = cast("socket.socket", network)
+    sender = UdpmSender(cast("socket.socket", network), ("x", 1), "udpm://", 1 << 20)
     try:
-        with pytest.raises(OSError, match="takes nothing now"):  # there is no loop yet that could send the rest
-            bus.publish("early", bytes(8 << 20))
+        with pytest.raises(OSError, match="accepts nothing now"):  # there is no loop yet that could send the rest
+            sender.send("early", bytes(8 << 20))
         network.read()
-        bus.start(lambda channel, data: None)
+        sender.start()
         big = os.urandom(4 << 20)
-        bus.publish("big", big)  # alone, so whatever its size
-        with pytest.raises(OSError, match=r"takes nothing: \d+ bytes wait"):
-            bus.publish("small", b"x")
-        assert bus.status()["unsent_bytes"] == bus.unsent_bytes > 1 << 20
-        assembler = udpm.Assembler(b"", 1 << 30, 1 << 30)
-        found = []
+        sender.send("big", big)  # a single message may exceed the limit
+        with pytest.raises(OSError, match=r"accepts nothing: \d+ bytes are queued"):
+            sender.send("small", b"x")
+        assert sender.unsent_bytes > 1 << 20
+        assembler = Assembler(b"", 1 << 30, 1 << 30)
+        found: list[udpm.Message] = []
 
-        def passed() -> list[udpm.Received]:
-            for datagram in network.read():
-                assembler.scratch[: len(datagram)] = datagram
-                place = assembler.place
-                if place is not None:
-                    place[1][: len(datagram) - len(place[0])] = datagram[len(place[0]) :]
-                if (message := assembler.received(len(datagram), ("x", 1))) is not None:
-                    found.append(message)
+        def passed() -> list[udpm.Message]:
+            messages = [assembler.receive(datagram, ("x", 1)) for datagram in network.read()]
+            found.extend(message for message in messages if message is not None)
             return found
 
         await until(lambda: bool(passed()))
-        await bus.drained(0)
-        bus.publish("small", b"x")
+        await sender.drain(0)
+        sender.send("small", b"x")
         await until(lambda: len(passed()) == 2)
         assert [(channel, bytes(data)) for channel, data in found] == [("big", big), ("small", b"x")]
-        assert bus.unsent_bytes == 0
+        assert sender.unsent_bytes == 0
     finally:
-        bus.close()
+        sender.close()
+        network.close()
+
+
+async def test_accepts_a_message_that_fills_the_queue_exactly() -> None:
+    network = Narrow()
+    sender = UdpmSender(cast("socket.socket", network), ("x", 1), "udpm://", 8 << 20)
+    try:
+        sender.start()
+        sender.send("big", bytes(4 << 20))
+        room = (8 << 20) - sender.unsent_bytes
+        with pytest.raises(OSError, match="accepts nothing"):
+            sender.send("c", bytes(room + 1))
+        sender.send("c", bytes(room))
+    finally:
+        sender.close()
         network.close()
 
 
 @pytest.mark.lcm
-async def test_a_port_that_another_program_keeps_is_one_sentence(url: str) -> None:
-    network = udpm_transport.network_of(url)
+async def test_reports_a_taken_udp_port(url: str) -> None:
+    network = udpm_socket.parse_url(url)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taker:
         taker.bind(("", network.port))
-        with pytest.raises(LcmUnavailable, match=f"another program keeps port {network.port} for itself"):
-            udpm_transport.UdpmBus(url, REQUEST, 1, 1, 1)
+        with pytest.raises(LcmUnavailableError, match=f"another program keeps port {network.port} for itself"):
+            open_udpm(url)
 
 
 @pytest.mark.parametrize(("number", "reason"), [(errno.ENODEV, "ip route add 224"), (errno.EPERM, "not permitted")])
-def test_a_machine_without_multicast_is_one_sentence(number: int, reason: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_reports_missing_multicast(number: int, reason: str, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*args: Any) -> None:
         raise OSError(number, os.strerror(number))
 
@@ -119,8 +136,8 @@ def test_a_machine_without_multicast_is_one_sentence(number: int, reason: str, m
         bind = fail
 
     monkeypatch.setattr(socket, "socket", Refusing)
-    with pytest.raises(LcmUnavailable, match=reason):
-        udpm_transport.UdpmBus(free_url(), REQUEST, 1, 1, 1)
+    with pytest.raises(LcmUnavailableError, match=reason):
+        open_udpm(free_url())
 
 
 class DeafSocket(socket.socket):
@@ -131,20 +148,20 @@ class DeafSocket(socket.socket):
 
 
 @pytest.mark.lcm
-def test_a_firewall_that_swallows_everything_is_one_sentence(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(udpm_transport, "SELF_TEST_SECONDS", 0.01)
-    monkeypatch.setattr(udpm_transport, "_sender", lambda network: DeafSocket(socket.AF_INET, socket.SOCK_DGRAM))
-    with pytest.raises(LcmUnavailable, match="what is sent there does not come back"):
-        udpm_transport.UdpmBus(url, REQUEST, 1, 1, 1)
+def test_reports_a_failed_self_test(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(udpm_socket, "SELF_TEST_SECONDS", 0.01)
+    monkeypatch.setattr(udpm_socket, "send_socket", lambda network: DeafSocket(socket.AF_INET, socket.SOCK_DGRAM))
+    with pytest.raises(LcmUnavailableError, match="what is sent there does not come back"):
+        open_udpm(url)
 
 
-def test_what_udpm_urls_say() -> None:
-    read = udpm_transport.network_of
-    assert read("udpm://239.255.1.2:7668?ttl=1&recv_buf_size=4096") == udpm_transport.Network(
+def test_parses_udpm_urls() -> None:
+    parse = udpm_socket.parse_url
+    assert parse("udpm://239.255.1.2:7668?ttl=1&recv_buf_size=4096") == udpm_socket.UdpmUrl(
         "239.255.1.2", 7668, 1, 4096
     )
-    assert read("udpm://") == udpm_transport.Network("239.255.76.67", 7667, 0, 0)
-    assert read("udpm://224.0.0.1?transmit_only=true").port == 7667
+    assert parse("udpm://") == udpm_socket.UdpmUrl("239.255.76.67", 7667, 0, 0)
+    assert parse("udpm://224.0.0.1?transmit_only=true").port == 7667
 
 
 AGAIN_MS = 1000
@@ -152,17 +169,24 @@ AGAIN_MS = 1000
 
 
 @pytest.mark.lcm
-async def test_big_messages_pass_in_both_directions_between_liblcm_and_ours(url: str) -> None:
+async def test_exchanges_big_messages_with_liblcm(url: str) -> None:
     """Fragments of both, of sizes around their borders, with small messages of another sender in between."""
-    ours = udpm_transport.UdpmBus(url, REQUEST, 8 << 20, 1 << 28, 1 << 28)
+    ours = open_udpm(url, 1 << 28, receive_buffer_bytes=8 << 20)
     theirs, other = join(url), join(url)
     there: list[bytes] = []
     lossless(theirs, RESPONSE, lambda channel, data: there.append(data))
     here: dict[str, list[bytes]] = {f"{REQUEST}_<b>": [], f"{REQUEST}_<s>": []}
-    ours.start(lambda channel, data: here[channel].append(bytes(data)))
+    ours.start(lambda channel, data: here[channel].append(bytes(data)), lambda: None)
     try:
         # more than the second last would need larger buffers than every system has
-        for size in (0, 1, udpm.MOST_SHORT, udpm.MOST_FRAGMENT, 130_001, *(() if ours.warning else (1_000_001,))):
+        for size in (
+            0,
+            1,
+            udpm.MAX_SHORT_BYTES,
+            udpm.MAX_FRAGMENT_BYTES,
+            130_001,
+            *(() if ours.warning else (1_000_001,)),
+        ):
             message = os.urandom(size)
             if size < 200_000:
                 there.clear()
@@ -183,4 +207,4 @@ async def test_big_messages_pass_in_both_directions_between_liblcm_and_ours(url:
             here[f"{REQUEST}_<s>"].clear()
         assert ours.status()["incomplete"] == ours.status()["waiting_bytes"] == 0
     finally:
-        ours.close()
+        await ours.close()

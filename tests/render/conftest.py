@@ -20,7 +20,7 @@ from gateway.render.events import RenderRecord
 from gateway.render.pipeline import Backdrop
 from gateway.render.routes import router
 from gateway.render.service import RenderService
-from gateway.runtime.worker_pool import Workers
+from gateway.runtime.worker_pool import WorkerPool
 from renderers.camera import Camera
 from renderers.drawlist import LABEL_NONE, DrawList
 from renderers.interface import Frame, Look, Output, Renderer
@@ -68,7 +68,7 @@ class Running:
 
     client: httpx2.AsyncClient
     service: RenderService
-    workers: Workers
+    workers: WorkerPool
     records: list[RenderRecord]
     app: FastAPI
 
@@ -109,10 +109,11 @@ async def running(
     max_waiting_bytes: int = 1 << 30,
     backdrop: Backdrop | None = None,
     seconds: float | None = None,
+    on_finished: Callable[[RenderRecord], object] | None = None,
 ) -> AsyncIterator[Running]:
-    workers = Workers(threads, max_waiting, max_waiting_bytes, seconds=seconds, limit_name="--render-seconds")
+    workers = WorkerPool(threads, max_waiting, max_waiting_bytes, seconds=seconds, limit_name="--render-seconds")
     records: list[RenderRecord] = []
-    service = RenderService(renderer, workers, config, backdrop=backdrop, on_done=records.append)
+    service = RenderService(renderer, workers, config, backdrop=backdrop, on_finished=on_finished or records.append)
     app = FastAPI()
     app.include_router(router(service))
     transport = httpx2.ASGITransport(app=app)

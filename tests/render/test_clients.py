@@ -72,7 +72,7 @@ async def assert_background(server: Running, scene: dict[str, Any] | bytes) -> N
             assert (image == (BACKGROUND if kind == "color" else WHITE)).all()
 
 
-async def test_the_test_scene_is_seen(server: Running) -> None:
+async def test_the_test_scene_is_visible(server: Running) -> None:
     color, depth, label = [await picture(server, gltf(), kind) for kind in TYPES]
     assert tuple(color[PIXEL]) == (255, 0, 0)
     assert tuple(color[0, 0]) == BACKGROUND
@@ -82,14 +82,14 @@ async def test_the_test_scene_is_seen(server: Running) -> None:
     assert tuple(label[0, 0]) == WHITE
 
 
-async def test_glb_files_are_taken_too(server: Running) -> None:
+async def test_glb_scenes(server: Running) -> None:
     text = json.dumps(gltf()).encode()
     text += b" " * (-len(text) % 4)
     glb = struct.pack("<4sIII4s", b"glTF", 2, 20 + len(text), len(text), b"JSON") + text
     assert tuple((await picture(server, glb))[PIXEL]) == (255, 0, 0)
 
 
-async def test_pictures_are_files_that_drakes_client_can_read(server: Running) -> None:
+async def test_images_are_readable_by_drakes_client(server: Running) -> None:
     """It sniffs the first bytes, takes 8-bit RGB for colour and label, and crashes on a truncated PNG."""
     for kind in ("color", "label"):
         data = (await answer(server, gltf(), kind)).content
@@ -107,7 +107,8 @@ async def test_pictures_are_files_that_drakes_client_can_read(server: Running) -
 async def test_a_scene_of_gltf_meshes_only_has_no_camera(server: Running) -> None:
     """VTK's exporter writes the camera only when it has something else to write."""
     nodes = [{"mesh": 0}]
-    for cameras in (None, []):
+    no_cameras: tuple[list[Any] | None, ...] = (None, [])
+    for cameras in no_cameras:
         scene = gltf(generator="Drake glTF merger", cameras=cameras, nodes=nodes)
         for kind in TYPES:
             response = await answer(server, scene, kind)
@@ -266,7 +267,7 @@ async def test_a_primitive_without_material_has_the_label_of_its_file_or_none(se
 # --- Colour
 
 
-async def test_unusable_sources_of_texture_extensions_are_not_followed(server: Running) -> None:
+async def test_unusable_sources_of_texture_extensions_are_ignored(server: Running) -> None:
     """The client's merge does not re-base ``extensions.*.source``: it may point anywhere. ``source`` is right."""
     ok, png = cv2.imencode(".png", np.full((2, 2, 3), (0, 255, 0), np.uint8))
     assert ok
@@ -282,7 +283,7 @@ async def test_unusable_sources_of_texture_extensions_are_not_followed(server: R
     assert tuple((await picture(server, scene))[PIXEL]) == (0, 255, 0)
 
 
-async def test_sparse_accessors_garbled_by_the_merge_are_no_defect_of_ours(server: Running) -> None:
+async def test_sparse_accessors_garbled_by_drakes_merger_are_400(server: Running) -> None:
     sparse = {"count": 1, "indices": {"bufferView": 7, "componentType": 5123}, "values": {"bufferView": 8}}
     scene = gltf()
     scene["accessors"][0]["sparse"] = sparse
@@ -323,7 +324,7 @@ async def test_a_near_plane_of_zero_uses_the_scenes_camera(server: Running) -> N
     assert (await picture(server, gltf(), "depth", near="0.000000"))[PIXEL] == pytest.approx(1.0, rel=1e-6)
 
 
-async def test_the_principal_point_is_used_as_it_is(server: Running) -> None:
+async def test_principal_point(server: Running) -> None:
     """Drake's default principal point is w/2 - 0.5; the picture moves with it by exactly as many pixels."""
     centred = await picture(server, gltf(), "label", center_x="30.5", center_y="20.5")
     moved = await picture(server, gltf(), "label", center_x="37.5", center_y="24.5")
@@ -333,7 +334,7 @@ async def test_the_principal_point_is_used_as_it_is(server: Running) -> None:
 # --- Repetition
 
 
-async def test_the_same_request_gives_the_same_bytes_also_when_many_ask_at_once(server: Running) -> None:
+async def test_concurrent_equal_requests_get_equal_bytes(server: Running) -> None:
     single = {kind: (await answer(server, gltf(), kind)).content for kind in TYPES}
     together = await asyncio.gather(*(answer(server, gltf(), kind) for kind in TYPES * 4))
     for kind, response in zip(TYPES * 4, together, strict=True):

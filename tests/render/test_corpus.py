@@ -99,9 +99,10 @@ async def test_labels(start: Start, renderer: CpuRenderer, scene: DrakeScene | N
 @pytest.mark.parametrize("scene", SCENES, ids=str)
 async def test_depth(start: Start, renderer: CpuRenderer, scene: DrakeScene | None) -> None:
     scene = present(scene)
-    depth, milliseconds = await ask(start, renderer, scene, "depth")
+    image, milliseconds = await ask(start, renderer, scene, "depth")
+    depth = image.astype(np.float32, copy=False)
     reference = scene.reference_depth()
-    assert depth.dtype == np.float32
+    assert image.dtype == np.float32
     assert depth.shape == reference.shape
     measured, expected = np.isfinite(depth) & (depth > 0), np.isfinite(reference) & (reference > 0)
     coverage = int(((measured != expected) | ((depth == 0) != (reference == 0))).sum())

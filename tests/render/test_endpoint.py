@@ -1,10 +1,11 @@
-"""The endpoint as HTTP clients meet it: answers, refusals, what it says of itself."""
+"""The render endpoint over HTTP: images, errors, and its description."""
 
 from __future__ import annotations
 
 import json
 import logging
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from tests.render.conftest import SCENE, Start, WatchedRenderer, assert_refused,
 from tests.support.forms import CONTENT_TYPE, body, drake_fields, gltf
 
 
-async def test_three_pictures(start: Start, watched: WatchedRenderer) -> None:
+async def test_three_image_types(start: Start, watched: WatchedRenderer) -> None:
     async with start(watched) as server:
         color, depth, label = [
             await server.post(body(SCENE, drake_fields(image_type)), CONTENT_TYPE)
@@ -41,7 +42,7 @@ async def test_three_pictures(start: Start, watched: WatchedRenderer) -> None:
     assert [call[2] for call in watched.calls] == [Output.COLOR, Output.DEPTH, Output.LABEL]
     assert watched.closed == 3
     assert [(record.status, record.error) for record in server.records] == [(200, "")] * 3
-    assert server.records[0].picture is not None
+    assert server.records[0].image is not None
     assert server.service.status()["answers"] == {"200": 3}
     assert server.service.status()["inflight_bytes"] == 0
     assert server.service.status()["scene_cache"] == {"hits": 2, "misses": 1}
@@ -72,7 +73,7 @@ async def test_the_camera_is_the_forms_and_the_nodes(start: Start, watched: Watc
     ],
 )
 async def test_the_look_follows_the_generator(
-    start: Start, watched: WatchedRenderer, generator: str, look: str, name: str
+    start: Start, watched: WatchedRenderer, generator: str, look: Literal["auto", "phong", "pbr"], name: str
 ) -> None:
     async with start(watched, RenderConfig(look=look, background=(1, 2, 3))) as server:
         response = await server.post(body(gltf(generator=generator)), CONTENT_TYPE)
@@ -85,7 +86,7 @@ async def test_depth_is_limited_and_may_be_millimetres(start: Start, watched: Wa
         near = await server.post(body(SCENE, drake_fields("depth", min_depth="2")), CONTENT_TYPE)
         far = await server.post(body(SCENE, drake_fields("depth", max_depth="2")), CONTENT_TYPE)
     assert (decoded(near) == 0.0).all()
-    assert np.isposinf(decoded(far)).all()
+    assert (decoded(far) == np.inf).all()
     async with start(watched, RenderConfig(depth_format="png16")) as server:
         for changes, value in (({}, 2000), ({"min_depth": "2"}, 0), ({"max_depth": "2"}, 65535)):
             response = await server.post(body(SCENE, drake_fields("depth", **changes)), CONTENT_TYPE)
@@ -94,7 +95,7 @@ async def test_depth_is_limited_and_may_be_millimetres(start: Start, watched: Wa
             assert (decoded(response) == value).all()
 
 
-async def test_a_backdrop_is_drawn_without_labels(start: Start, watched: WatchedRenderer) -> None:
+async def test_backdrop_has_no_labels(start: Start, watched: WatchedRenderer) -> None:
     edit = TreeEdit(Node())
     edit.set_parts(("wall",), (Part(Box((1.0, 1.0, 1.0)), Material(base_color=(0.0, 1.0, 0.0, 1.0))),))
     root = edit.commit()
@@ -112,7 +113,7 @@ async def test_a_backdrop_is_drawn_without_labels(start: Start, watched: Watched
     assert isinstance(watched.calls[2][0].instances[0], Instance)
 
 
-async def test_refusals_are_plain_text_with_a_reason(start: Start, watched: WatchedRenderer) -> None:
+async def test_errors_are_plain_text_with_a_reason(start: Start, watched: WatchedRenderer) -> None:
     async with start(watched) as server:
         assert_refused(await server.post(b"{}", "application/json"), 400, "multipart/form-data", "application/json")
         assert_refused(await server.post(body(SCENE, drake_fields(width="0")), CONTENT_TYPE), 400, "width", "'0'")
@@ -130,7 +131,7 @@ async def test_refusals_are_plain_text_with_a_reason(start: Start, watched: Watc
     assert server.records[1].error == "width must be a whole number from 1 to 16384, got '0'"
 
 
-async def test_defects_are_short_and_logged_with_an_id(
+async def test_internal_errors_are_short_and_logged_with_an_id(
     start: Start, watched: WatchedRenderer, caplog: pytest.LogCaptureFixture
 ) -> None:
     watched.error = RuntimeError("secret inner state")
@@ -143,7 +144,7 @@ async def test_defects_are_short_and_logged_with_an_id(
     assert "secret" not in response.text
 
 
-async def test_what_is_ignored_is_a_logged_warning(start: Start, watched: WatchedRenderer) -> None:
+async def test_ignored_content_is_logged_as_a_warning(start: Start, watched: WatchedRenderer) -> None:
     async with start(watched) as server:
         with capture_logs() as lines:
             odd = body(gltf(extensionsUsed=["ACME_x"]), drake_fields(zorp="1"))
@@ -153,13 +154,12 @@ async def test_what_is_ignored_is_a_logged_warning(start: Start, watched: Watche
     assert any("zorp" in text for text in told)
 
 
-async def test_a_failing_observer_changes_nothing(start: Start, watched: WatchedRenderer) -> None:
-    async with start(watched) as server:
-        server.service._on_done = lambda record: 1 // 0
+async def test_failing_observer_does_not_affect_the_response(start: Start, watched: WatchedRenderer) -> None:
+    async with start(watched, on_finished=lambda record: 1 // 0) as server:
         assert (await server.post(body(SCENE), CONTENT_TYPE)).status_code == 200
 
 
-async def test_other_methods_tell_how_to_use_it(start: Start, watched: WatchedRenderer) -> None:
+async def test_other_methods_respond_with_usage(start: Start, watched: WatchedRenderer) -> None:
     async with start(watched) as server:
         response = await server.client.get("/render")
         assert_refused(response, 405, "POST", "multipart/form-data", "curl", "http://test/render")
@@ -181,7 +181,7 @@ async def test_docs_describe_the_form(start: Start, watched: WatchedRenderer) ->
         assert (await server.post(body(SCENE, defaults), CONTENT_TYPE)).status_code == 200
 
 
-async def test_rejected_requests_are_kept_for_replay(start: Start, watched: WatchedRenderer, tmp_path: Path) -> None:
+async def test_rejected_requests_are_stored_for_replay(start: Start, watched: WatchedRenderer, tmp_path: Path) -> None:
     folder = tmp_path / "failures"
     config = RenderConfig(keep_failures=folder, keep_failures_count=2, keep_failures_bytes=100_000)
     bad = body(SCENE, drake_fields(width="0"))
@@ -213,7 +213,7 @@ async def test_rejected_requests_are_kept_for_replay(start: Start, watched: Watc
     assert [path.name for path in tmp_path.iterdir()] == ["failures"]  # noqa: ASYNC240 - nothing else runs
 
 
-async def test_a_folder_that_cannot_be_written_does_not_hide_the_reason(
+async def test_unwritable_failure_folder_does_not_hide_the_error(
     start: Start, watched: WatchedRenderer, tmp_path: Path
 ) -> None:
     blocked = tmp_path / "file"

@@ -1,12 +1,13 @@
-"""Bodies that are too large or never come, the queue and its bound, and clients that leave."""
+"""Limits of the render endpoint: bodies, queue, deadlines, disconnected clients."""
 
 from __future__ import annotations
 
 import asyncio
+from collections.abc import AsyncIterator, MutableMapping
 from pathlib import Path
+from typing import Any
 
 import httpx2
-import pytest
 
 from gateway.render.config import RenderConfig
 from tests.render.conftest import SCENE, Start, WatchedRenderer, assert_refused
@@ -15,11 +16,11 @@ from tests.support.forms import CONTENT_TYPE, body, part
 from tests.support.waiting import SECONDS, until
 
 
-async def test_too_large_is_refused_early_or_on_the_way(start: Start, watched: WatchedRenderer) -> None:
+async def test_body_limit_by_length_or_by_received_bytes(start: Start, watched: WatchedRenderer) -> None:
     async with start(watched, RenderConfig(max_body_bytes=10_000)) as server:
         sent = 0
 
-        async def chunks() -> object:
+        async def chunks() -> AsyncIterator[bytes]:
             nonlocal sent
             for _ in range(1000):
                 sent += 1000
@@ -37,14 +38,14 @@ async def test_too_large_is_refused_early_or_on_the_way(start: Start, watched: W
         assert server.service.status()["inflight_bytes"] == 0
 
 
-async def test_a_limit_of_the_framework_does_not_hide_the_reason(start: Start, watched: WatchedRenderer) -> None:
+async def test_starlettes_body_limit_does_not_apply(start: Start, watched: WatchedRenderer) -> None:
     async with start(watched, RenderConfig(max_body_bytes=1000)) as server:
         server.app.max_body_size = 1000
         assert_refused(await server.post(body(b"x" * 5000), CONTENT_TYPE), 413, "max_body_bytes")
 
 
-async def test_a_stalled_upload_is_given_up(start: Start, watched: WatchedRenderer) -> None:
-    async def stalled() -> object:
+async def test_stalled_upload_is_408(start: Start, watched: WatchedRenderer) -> None:
+    async def stalled() -> AsyncIterator[bytes]:
         yield body(SCENE)[:200]
         await asyncio.Event().wait()
 
@@ -54,7 +55,7 @@ async def test_a_stalled_upload_is_given_up(start: Start, watched: WatchedRender
         assert server.service.status()["inflight_bytes"] == 0
 
 
-async def test_waiting_is_normal_and_beyond_the_bound_comes_retry_after(start: Start, watched: WatchedRenderer) -> None:
+async def test_full_queue_is_503_with_retry_after(start: Start, watched: WatchedRenderer) -> None:
     watched.go_on.clear()
     async with start(watched, threads=1, max_waiting=3) as server:
         posts = [asyncio.create_task(server.post(body(SCENE), CONTENT_TYPE)) for _ in range(4)]
@@ -68,13 +69,13 @@ async def test_waiting_is_normal_and_beyond_the_bound_comes_retry_after(start: S
         assert server.service.status()["inflight_bytes"] == 0
 
 
-async def test_arriving_bodies_have_places_and_a_full_queue_refuses_before_the_body(
+async def test_arriving_bodies_reserve_places_and_a_full_queue_rejects_before_the_body(
     start: Start, watched: WatchedRenderer
 ) -> None:
     watched.go_on.clear()
     read, come = 0, asyncio.Event()
 
-    async def late() -> object:
+    async def late() -> AsyncIterator[bytes]:
         nonlocal read
         read += 1
         await come.wait()
@@ -94,34 +95,10 @@ async def test_arriving_bodies_have_places_and_a_full_queue_refuses_before_the_b
         assert server.service.arriving == 0
 
 
-async def test_who_arrives_has_work_for_a_processor_soon(
-    start: Start, watched: WatchedRenderer, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    come = asyncio.Event()
-    monkeypatch.setattr("gateway.render.service._SOON", SECONDS)
-
-    async def late() -> object:
-        await come.wait()
-        yield body(SCENE)
-
-    async with start(watched) as server:
-        assert server.service.soon() == 0
-        headers = {"Content-Type": CONTENT_TYPE}
-        posts = [asyncio.create_task(server.client.post("/render", content=late(), headers=headers)) for _ in range(2)]
-        await until(lambda: server.service.arriving == 2)
-        assert server.service.soon() == 2
-        monkeypatch.setattr("gateway.render.service._SOON", 0.0)
-        assert (server.service.soon(), server.service.arriving) == (0, 2)  # nobody knows when they will have come
-        monkeypatch.setattr("gateway.render.service._SOON", SECONDS)
-        come.set()
-        assert [response.status_code for response in await asyncio.gather(*posts)] == [200] * 2
-        assert server.service.soon() == 0
-
-
-async def test_who_arrives_too_slowly_does_not_keep_others_out(start: Start, watched: WatchedRenderer) -> None:
+async def test_slow_upload_loses_its_place(start: Start, watched: WatchedRenderer) -> None:
     come = asyncio.Event()
 
-    async def trickling() -> object:
+    async def trickling() -> AsyncIterator[bytes]:
         yield body(SCENE)[:100]
         await come.wait()
         yield body(SCENE)[100:]
@@ -136,7 +113,7 @@ async def test_who_arrives_too_slowly_does_not_keep_others_out(start: Start, wat
         assert (await slow).status_code == 200
 
 
-async def test_bodies_in_flight_are_bounded(start: Start, watched: WatchedRenderer) -> None:
+async def test_bytes_of_all_bodies_are_limited(start: Start, watched: WatchedRenderer) -> None:
     watched.go_on.clear()
     size = len(body(SCENE))
     async with start(watched, RenderConfig(max_inflight_bytes=size + 10), threads=2) as server:
@@ -151,7 +128,7 @@ async def test_bodies_in_flight_are_bounded(start: Start, watched: WatchedRender
         assert (await server.post(body(SCENE), CONTENT_TYPE)).status_code == 200
 
 
-async def test_a_client_that_leaves_frees_its_place(start: Start, watched: WatchedRenderer) -> None:
+async def test_disconnected_client_frees_its_place(start: Start, watched: WatchedRenderer) -> None:
     watched.go_on.clear()
     async with start(watched, threads=1) as server:
         held = asyncio.create_task(server.post(body(SCENE), CONTENT_TYPE))
@@ -165,7 +142,7 @@ async def test_a_client_that_leaves_frees_its_place(start: Start, watched: Watch
             await leave.wait()
             return {"type": "http.disconnect"}
 
-        async def send(message: dict[str, object]) -> None:
+        async def send(message: MutableMapping[str, Any]) -> None:
             sent.append(message)
 
         scope = {
@@ -192,7 +169,7 @@ async def test_a_client_that_leaves_frees_its_place(start: Start, watched: Watch
         assert len(watched.calls) == 1
 
 
-async def test_a_picture_that_takes_too_long_is_given_up_with_a_sentence_and_kept(start: Start, tmp_path: Path) -> None:
+async def test_render_deadline_is_503_and_the_request_is_stored(start: Start, tmp_path: Path) -> None:
     renderer = EndlessRenderer()
     async with start(renderer, RenderConfig(keep_failures=tmp_path), threads=1, seconds=0.05) as server:
         for _ in range(2):
@@ -204,7 +181,7 @@ async def test_a_picture_that_takes_too_long_is_given_up_with_a_sentence_and_kep
     assert len(await asyncio.to_thread(lambda: [*tmp_path.iterdir()])) == 4  # the bodies, and what is said of each
 
 
-async def test_the_picture_of_a_client_that_left_is_given_up(start: Start) -> None:
+async def test_render_stops_when_the_client_disconnects(start: Start) -> None:
     renderer = EndlessRenderer()
     async with start(renderer, threads=1) as server:
         leaver = asyncio.create_task(server.post(body(SCENE), CONTENT_TYPE))

@@ -1,10 +1,11 @@
-"""Forms: what Drake's clients send is understood, what others send is answered with a sentence."""
+"""Forms of Drake's and other clients, and errors for invalid ones."""
 
 from __future__ import annotations
 
 import hashlib
 import math
 from itertools import pairwise
+from typing import Any
 
 import pytest
 from hypothesis import assume, given, settings
@@ -43,7 +44,7 @@ def refused_fields(image_type: str = "color", **changes: str | None) -> str:
 
 @pytest.mark.corpus
 @pytest.mark.parametrize("scene", drake_scenes() or [None], ids=str)
-def test_recorded_forms_are_understood(scene: DrakeScene | None) -> None:
+def test_recorded_forms(scene: DrakeScene | None) -> None:
     if scene is None:
         pytest.skip("SCENEGATE_CORPUS does not name a folder with recorded requests")
     for image_type in ("color", "depth", "label"):
@@ -64,7 +65,7 @@ def test_recorded_forms_are_understood(scene: DrakeScene | None) -> None:
 
 @settings(deadline=None, max_examples=60)
 @given(st.binary(min_size=1, max_size=400), st.integers(1, 70))
-def test_the_scene_arrives_byte_for_byte_however_the_body_is_cut(scene: bytes, step: int) -> None:
+def test_scene_is_complete_in_pieces_of_any_size(scene: bytes, step: int) -> None:
     scene = scene.replace(b"?", b"\r\n--" + BOUNDARY[:9].encode())  # half a boundary is data
     request = read(body(scene), step=step)
     assert bytes(request.scene) == scene
@@ -79,10 +80,7 @@ _LURES = [b"\r", b"\n", b"\r\n", b"\r\n--", b"\r\n--" + BOUNDARY[:-1].encode(), 
     st.lists(st.integers(0, 30_000), max_size=12),
     st.booleans(),
 )
-def test_boundaries_are_found_behind_long_stretches_without_any(
-    parts: list[int | bytes], cuts: list[int], first: bool
-) -> None:
-    """Stretches far from a carriage return go past the parser; whatever is cut where, nothing else does."""
+def test_scene_of_any_bytes_in_pieces_of_any_size(parts: list[int | bytes], cuts: list[int], first: bool) -> None:
     scene = b"".join(bytes(each % 12 + 40 for each in range(p)) if isinstance(p, int) else p for p in parts)
     assume(b"\r\n--" + BOUNDARY.encode() not in scene)  # two lures can be a boundary together
     fields = [part(name, value.encode()) for name, value in drake_fields().items()]
@@ -91,15 +89,14 @@ def test_boundaries_are_found_behind_long_stretches_without_any(
     reader = FormReader(CONTENT_TYPE, CONFIG)
     ends = sorted({min(cut, len(data)) for cut in cuts} | {len(data)})
     for begin, end in pairwise([0, *ends]):
-        piece = bytearray(data[begin:end] + b"\r\n--")  # a buffer that is longer
-        reader.feed(piece, end - begin)
+        reader.feed(data[begin:end])
     form = reader.form()
     assert form.scene is not None
     assert bytes(form.scene) == scene
     assert form.fields == drake_fields()
 
 
-def test_fields_in_any_order_and_a_preamble_and_an_epilogue_are_fine() -> None:
+def test_fields_in_any_order_with_preamble_and_epilogue() -> None:
     parts = [part(name, value.encode()) for name, value in reversed(drake_fields().items())]
     request = read(b"\r\n" + closed(part("scene", SCENE), *parts) + b"epilogue")
     assert bytes(request.scene) == SCENE
@@ -116,7 +113,7 @@ def test_other_clients_scene_parts() -> None:
         assert bytes(read(body(SCENE, scene_headers=headers, filename=filename)).scene) == SCENE
 
 
-def test_numbers_as_people_write_them() -> None:
+def test_number_formats() -> None:
     request = read(body(SCENE, drake_fields(width="64.0", height="+48", near=" 1e-2 ", far="10", focal_x=".5e2")))
     assert (request.width, request.height, request.near, request.far, request.focal_x) == (64, 48, 0.01, 10.0, 50.0)
 
@@ -156,14 +153,14 @@ def test_a_missing_focal_length_comes_from_the_field_of_view() -> None:
 
 
 @pytest.mark.parametrize("name", ["width", "height", "near", "far", "focal_x", "center_x", "center_y", "image_type"])
-def test_missing_and_empty_fields_are_named(name: str) -> None:
-    without_fov = {"fov_x": None, "fov_y": None}
+def test_errors_name_missing_and_empty_fields(name: str) -> None:
+    without_fov: dict[str, Any] = {"fov_x": None, "fov_y": None}
     assert refused_fields(**{**without_fov, name: None}) == f"the field '{name}' is missing"
     assert refused_fields(**{**without_fov, name: ""}) == f"the field '{name}' is empty"
 
 
-def test_depth_needs_its_range() -> None:
-    assert refused_fields("depth", max_depth=None) == "the field 'max_depth' is missing; depth pictures need it"
+def test_depth_requires_its_range() -> None:
+    assert refused_fields("depth", max_depth=None) == "the field 'max_depth' is missing; depth images need it"
     assert "min_depth must be less than max_depth, got 5 and 5" in refused_fields("depth", min_depth="5")
     assert read(body(SCENE, drake_fields(min_depth="5", max_depth=""))).max_depth == math.inf  # not used for colour
     assert "min_depth must be a finite decimal number" in refused_fields("color", min_depth="nonsense")
@@ -197,22 +194,22 @@ def test_depth_needs_its_range() -> None:
         ({"width": "\x1b[31m\udcff".encode("utf-8", "replace").decode()}, r"got '\x1b[31m?'"),
     ],
 )
-def test_bad_values_are_named_with_what_they_should_be(changes: dict[str, str], words: str) -> None:
+def test_errors_name_bad_values_and_what_is_accepted(changes: dict[str, str], words: str) -> None:
     assert words in refused_fields(**changes)
 
 
-def test_the_scene_must_be_there() -> None:
+def test_scene_is_required() -> None:
     assert refused(body(None)) == "the field 'scene' (the glTF file) is missing"
     assert refused(body(b"")) == "the field 'scene' is an empty file"
 
 
-def test_twice_is_once_too_often() -> None:
+def test_repeated_fields_are_refused() -> None:
     fields = [part(name, value.encode()) for name, value in drake_fields().items()]
     assert refused(closed(*fields, part("width", b"65"), part("scene", SCENE))) == "the field 'width' was sent twice"
     assert refused(closed(*fields, part("scene", SCENE), part("scene", SCENE))) == "the field 'scene' was sent twice"
 
 
-def test_what_is_no_form() -> None:
+def test_bodies_that_are_not_forms() -> None:
     assert "got none" in refused(b"{}", "")
     assert "Content-Type must be multipart/form-data, got 'application/json'" in refused(b"{}", "application/json")
     assert "names no boundary" in refused(b"", "multipart/form-data")
@@ -225,7 +222,7 @@ def test_what_is_no_form() -> None:
     assert "inside the part 'scene'" in refused(whole[: -len(BOUNDARY) - 10])
 
 
-def test_a_long_content_type_is_not_taken_apart() -> None:
+def test_long_content_type_is_refused() -> None:
     with pytest.raises(RequestError, match="Content-Type has 60021 characters, the limit is 4096"):
         FormReader("multipart/form-data; " + "a=b;" * 15_000, RenderConfig())
 
@@ -257,7 +254,7 @@ def test_bounds() -> None:
 
 @settings(deadline=None, max_examples=300)
 @given(st.data())
-def test_mutated_forms_give_a_request_or_a_sentence(data: st.DataObject) -> None:
+def test_mutated_forms_give_a_request_or_an_error(data: st.DataObject) -> None:
     image_type = data.draw(st.sampled_from(("color", "depth", "label")))
     whole = bytearray(body(SCENE, drake_fields(image_type)))
     for _ in range(data.draw(st.integers(1, 6))):

@@ -1,4 +1,4 @@
-"""Whatever is posted, the answer is a picture or a sentence: never a 500, a hang, or memory without bound."""
+"""Mutated requests: the response is an image or an error, never a 500, a hang, or unlimited memory."""
 
 from __future__ import annotations
 

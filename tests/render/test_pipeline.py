@@ -1,10 +1,11 @@
-"""The parts between a request and its picture: scenes that are kept, depth that is limited."""
+"""The scene cache, depth conversion and antialiasing."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import math
+from typing import Any
 
 import cv2
 import numpy as np
@@ -23,11 +24,11 @@ from renderers.raster import CpuRenderer
 from tests.support.forms import CONTENT_TYPE, body, drake_fields, gltf
 
 
-def scene(**changes: object) -> HashedDocument:
+def scene(**changes: Any) -> HashedDocument:
     return HashedDocument.of(json.dumps(gltf(**changes)).encode())
 
 
-def test_scenes_are_kept_by_content_the_least_recently_used_going_first() -> None:
+def test_scene_cache_is_least_recently_used() -> None:
     store = SceneStore(RenderConfig(scene_cache_count=2))
     scenes = [scene(color=(shade, 0.0, 0.0, 1.0)) for shade in (0.1, 0.2, 0.3)]
     first, second = store.get(scenes[0]), store.get(scenes[1])
@@ -39,14 +40,14 @@ def test_scenes_are_kept_by_content_the_least_recently_used_going_first() -> Non
     assert first.drawn.instances[0].mesh is second.drawn.instances[0].mesh  # geometry is shared, whatever the colours
 
 
-def test_scenes_beyond_the_bytes_are_not_kept() -> None:
+def test_scene_cache_is_limited_in_bytes() -> None:
     one = scene()
     store = SceneStore(RenderConfig(scene_cache_bytes=len(one.data)))  # its geometry comes on top
     assert store.get(one) is not store.get(one)
     assert (store.scenes.hits, store.scenes.misses) == (0, 2)
 
 
-def test_scenes_that_cannot_be_read_are_not_kept() -> None:
+def test_unreadable_scenes_are_not_cached() -> None:
     store = SceneStore(RenderConfig())
     for _ in range(2):
         with pytest.raises(GltfError):
@@ -54,7 +55,7 @@ def test_scenes_that_cannot_be_read_are_not_kept() -> None:
     assert (store.scenes.hits, store.scenes.misses) == (0, 2)
 
 
-def test_a_scene_with_another_hash_than_claimed_is_refused() -> None:
+def test_wrong_scene_hash_is_refused() -> None:
     """The upload went wrong; the sentence names both hashes."""
     renderer, wrong = CpuRenderer(1), hashlib.sha256(b"other").hexdigest()
     data = json.dumps(gltf()).encode()
@@ -73,7 +74,7 @@ def test_millimetres_round_and_saturate() -> None:
     np.testing.assert_array_equal(millimetres(metres), expected)
 
 
-def test_colour_is_smoothed_unless_the_operator_says_no() -> None:
+def test_fxaa_can_be_turned_off() -> None:
     """Labels and depth never are: only two values, the edge as hard as the geometry."""
     renderer = CpuRenderer(1)
     shades = {}

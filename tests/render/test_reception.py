@@ -1,4 +1,4 @@
-"""The endpoint on a real port, where the body comes from the connection directly."""
+"""The render endpoint on a real port: bodies in pieces, disconnects, stalls, memory."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ async def answer(reader: asyncio.StreamReader) -> tuple[int, bytes]:
 
 
 @pytest.mark.parametrize("seed", range(4))
-async def test_the_same_picture_however_the_body_is_cut(start: Start, watched: WatchedRenderer, seed: int) -> None:
+async def test_image_does_not_depend_on_body_pieces(start: Start, watched: WatchedRenderer, seed: int) -> None:
     async with start(watched) as server, listening(server.app) as port, asyncio.timeout(SECONDS):
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
         for kind in ("color", "depth", "label"):
@@ -63,7 +63,7 @@ async def test_the_same_picture_however_the_body_is_cut(start: Start, watched: W
         assert server.service.inflight_bytes == 0
 
 
-async def test_a_client_that_leaves_while_it_waits_frees_its_place(start: Start, watched: WatchedRenderer) -> None:
+async def test_disconnected_clients_free_their_places(start: Start, watched: WatchedRenderer) -> None:
     watched.go_on.clear()
     async with start(watched, threads=1) as server, listening(server.app) as port, asyncio.timeout(SECONDS):
         writers = []
@@ -83,7 +83,7 @@ async def test_a_client_that_leaves_while_it_waits_frees_its_place(start: Start,
         assert server.service.arriving == 0
 
 
-async def test_uploads_that_stall_are_given_up_and_kept(start: Start, watched: WatchedRenderer, tmp_path: Path) -> None:
+async def test_stalled_uploads_are_408_and_stored(start: Start, watched: WatchedRenderer, tmp_path: Path) -> None:
     config = RenderConfig(receive_timeout=0.05, keep_failures=tmp_path)
     form = body(LARGE)
     async with start(watched, config) as server, listening(server.app) as port, asyncio.timeout(SECONDS):
@@ -102,7 +102,7 @@ async def test_uploads_that_stall_are_given_up_and_kept(start: Start, watched: W
 
 
 @pytest.mark.parametrize("scene", [LARGE, b"y" * 400_000])
-async def test_nothing_of_a_body_waits_for_the_garbage_collector(
+async def test_bodies_are_released_without_the_garbage_collector(
     start: Start, watched: WatchedRenderer, monkeypatch: pytest.MonkeyPatch, scene: bytes
 ) -> None:
     """A client may send hundreds of megabytes, whether they are a scene or not."""

@@ -1,4 +1,4 @@
-"""``scenegate check`` tells a gateway of ours from other programs."""
+"""``scenegate check`` distinguishes a running gateway from other programs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import threading
 import pytest
 
 from gateway.runtime.diagnostics import Verdict, findings
-from gateway.runtime.instance_probe import gateway_at
+from gateway.runtime.instance_probe import probe_instance
 from tests.server.answering import answering
 from tests.support.waiting import wait_until
 
@@ -26,22 +26,23 @@ HEALTH = {
 }
 
 
-def test_a_gateway_says_which_ports_are_its_own() -> None:
+def test_probe_returns_the_ports_of_a_gateway() -> None:
     with answering(lambda _: (200, json.dumps(HEALTH).encode())) as port:
         for host in ("127.0.0.1", "localhost", "0.0.0.0"):
-            found = gateway_at(host, port)
+            found = probe_instance(host, port)
             assert found is not None
-            assert (found.version, found.status, found.ports) == ("1.2.3", "degraded", {4001, 4002, 4003})
+            assert (found.version, found.status) == ("1.2.3", "degraded")
+            assert found.ports == frozenset({4001, 4002, 4003})
 
 
 @pytest.mark.parametrize("body", [b"", b"hello", b"[]", b'{"status": "ok"}', b'{"version": 1}', b"[" * 100_000])
-def test_other_programs_are_none(body: bytes) -> None:
+def test_probe_ignores_other_programs(body: bytes) -> None:
     with answering(lambda _: (200, body)) as port:
-        assert gateway_at("127.0.0.1", port) is None
+        assert probe_instance("127.0.0.1", port) is None
 
 
 @pytest.mark.parametrize("head", [b"", b"HTTP/1.1 200 OK\r\ncontent-length: 1000000\r\n\r\n"])
-def test_who_answers_without_end_is_not_waited_for(head: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_probe_has_a_time_limit(head: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("gateway.runtime.instance_probe.WHOLE_SECONDS", 0.1)
     ended: list[bool] = []
 
@@ -65,7 +66,7 @@ def test_who_answers_without_end_is_not_waited_for(head: bytes, monkeypatch: pyt
         server = threading.Thread(target=drip, args=(listener,))
         server.start()
         try:
-            assert gateway_at("127.0.0.1", listener.getsockname()[1]) is None
+            assert probe_instance("127.0.0.1", listener.getsockname()[1]) is None
             wait_until(lambda: len(ended) == 2)  # in plain words, and by TLS
         finally:
             listener.shutdown(socket.SHUT_RDWR)
@@ -73,7 +74,7 @@ def test_who_answers_without_end_is_not_waited_for(head: bytes, monkeypatch: pyt
     assert ended == [True, True]
 
 
-def test_the_table_names_the_gateway_at_all_of_its_ports() -> None:
+def test_check_names_the_gateway_at_all_its_ports() -> None:
     with socket.create_server(("127.0.0.1", 0)) as grpc:
         health = {**HEALTH, "interfaces": {"stereo": {"port": grpc.getsockname()[1]}}}
         with answering(lambda _: (200, json.dumps(health).encode())) as port:

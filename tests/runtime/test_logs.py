@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, MutableMapping
+from typing import Any
 
 import pytest
 import structlog
@@ -36,15 +37,20 @@ def test_json_lines_carry_level_logger_and_context(capsys: pytest.CaptureFixture
     assert first["timestamp"].endswith("Z")
 
 
-def test_what_is_not_logged_is_not_made_ready(capsys: pytest.CaptureFixture[str]) -> None:
+def test_entries_below_the_level_are_not_formatted(capsys: pytest.CaptureFixture[str]) -> None:
     class Asked:
         def __repr__(self) -> str:
             raise AssertionError
 
     seen: list[object] = []
+
+    def collect(logger: object, name: str, event: MutableMapping[str, Any]) -> MutableMapping[str, Any]:
+        seen.append(event)
+        return event
+
     logs.configure("json", "info")
     processors = structlog.get_config()["processors"]
-    structlog.configure(processors=[processors[0], lambda logger, name, event: seen.append(event) or event])
+    structlog.configure(processors=[processors[0], collect])
     structlog.get_logger("gateway.x").debug("not shown", value=Asked())
     assert seen == []
     logging.getLogger("gateway.x").setLevel("DEBUG")

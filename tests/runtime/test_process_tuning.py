@@ -1,4 +1,4 @@
-"""Listening, and what is said when it does not work."""
+"""Listening sockets and their errors, and settings of the process."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def received(sock: socket.socket) -> int:
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "::1"])
-def test_connections_take_a_body_whole_where_the_system_allows_it(host: str) -> None:
+def test_receive_buffer_is_large_if_allowed(host: str) -> None:
     try:
         listener = process_tuning.listen(host, 0)
     except OSError:
@@ -34,36 +34,34 @@ def test_connections_take_a_body_whole_where_the_system_allows_it(host: str) -> 
         assert received(listener) == (allowed if allowed >= 4 << 20 else by_itself)
 
 
-def test_less_than_wanted_is_left_to_the_system(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(process_tuning, "_RECEIVED", 1 << 30)  # more than any system allows, and fits a C integer
+def test_receive_buffer_is_automatic_if_not_allowed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(process_tuning, "_RECEIVE_BUFFER", 1 << 30)  # more than any system allows, and fits a C integer
     with process_tuning.listen("127.0.0.1", 0) as listener, socket.socket() as other:
         assert received(listener) == received(other)
 
 
-def test_a_taken_port_is_said_so() -> None:
+def test_error_for_a_port_in_use() -> None:
     with process_tuning.listen("127.0.0.1", 0) as sock:
         port = sock.getsockname()[1]
         with pytest.raises(OSError, match="in use") as raised:
             process_tuning.listen("127.0.0.1", port)
-    reason = process_tuning.why_not_listening(raised.value, "127.0.0.1", port)
+    reason = process_tuning.listen_error(raised.value, "127.0.0.1", port)
     assert reason == f"another program listens there (127.0.0.1 port {port})"
 
 
-def test_an_address_of_another_machine_is_said_so() -> None:
+def test_error_for_an_address_of_another_machine() -> None:
     with pytest.raises(OSError, match="assign") as raised:
         process_tuning.listen("203.0.113.1", 0)
-    assert "203.0.113.1 is no address of this machine" in process_tuning.why_not_listening(
-        raised.value, "203.0.113.1", 0
-    )
+    assert "203.0.113.1 is no address of this machine" in process_tuning.listen_error(raised.value, "203.0.113.1", 0)
 
 
-def test_an_unknown_host_is_said_so() -> None:
+def test_error_for_an_unknown_host() -> None:
     with pytest.raises(socket.gaierror) as raised:
         process_tuning.listen("no such host", 0)
-    assert process_tuning.why_not_listening(raised.value, "no such host", 0) == "the host 'no such host' is unknown"
+    assert process_tuning.listen_error(raised.value, "no such host", 0) == "the host 'no such host' is unknown"
 
 
-def test_tuning_never_lowers_the_number_of_files() -> None:
+def test_tuning_never_lowers_the_descriptor_limit() -> None:
     before, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     process_tuning.tune()
     after, same = resource.getrlimit(resource.RLIMIT_NOFILE)
@@ -71,7 +69,7 @@ def test_tuning_never_lowers_the_number_of_files() -> None:
     assert after >= before or before == resource.RLIM_INFINITY
 
 
-def test_threads_let_the_event_loop_have_its_turn_within_a_millisecond() -> None:
+def test_switch_interval_is_a_millisecond() -> None:
     before = sys.getswitchinterval()
     try:
         process_tuning.tune()
@@ -83,9 +81,9 @@ def test_threads_let_the_event_loop_have_its_turn_within_a_millisecond() -> None
 def test_the_garbage_collector_works_again_after_the_start() -> None:
     frozen = gc.get_freeze_count()
     try:
-        process_tuning.hurry()
+        process_tuning.pause_gc()
         assert not gc.isenabled()
-        process_tuning.settle()
+        process_tuning.freeze_gc()
         assert gc.isenabled()
         assert gc.get_freeze_count() > frozen
     finally:

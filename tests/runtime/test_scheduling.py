@@ -1,4 +1,4 @@
-"""Turns on a processor: the event loop's are short and soon."""
+"""Time slices of the event loop's thread and of workers."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ import threading
 
 import pytest
 
-from gateway.runtime.scheduling import _ATTR, _SCHED_SETATTR, step_back, step_forward
+from gateway.runtime.scheduling import _SCHED_ATTR, _SCHED_SETATTR, prefer_this_thread, yield_to_event_loop
 
 
 def turn() -> int:
     """Nanoseconds that the calling thread has asked for."""
-    buffer = ctypes.create_string_buffer(_ATTR.size)
+    buffer = ctypes.create_string_buffer(_SCHED_ATTR.size)
     number = _SCHED_SETATTR[platform.machine()] + 1  # sched_getattr follows in every table
     long = ctypes.c_long
-    assert ctypes.CDLL(None).syscall(long(number), long(0), buffer, long(_ATTR.size), long(0)) == 0
-    return int(_ATTR.unpack(buffer.raw)[5])
+    assert ctypes.CDLL(None).syscall(long(number), long(0), buffer, long(_SCHED_ATTR.size), long(0)) == 0
+    return int(_SCHED_ATTR.unpack(buffer.raw)[5])
 
 
 def known() -> bool:
@@ -28,16 +28,16 @@ def known() -> bool:
 
 
 @pytest.mark.skipif(not known(), reason="threads can ask for turns on Linux 6.12 and later")
-def test_those_who_wait_have_shorter_turns_than_those_who_compute() -> None:
+def test_event_loop_has_shorter_slices_than_workers() -> None:
     seen: list[int] = []
 
     def compute() -> None:
         seen.append(turn())
-        step_back(0)
+        yield_to_event_loop(0)
         seen.append(turn())
 
     def wait() -> None:
-        step_forward()
+        prefer_this_thread()
         seen.append(turn())
         worker = threading.Thread(target=compute)
         worker.start()

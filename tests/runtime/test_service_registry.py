@@ -1,11 +1,11 @@
-"""The board: what /readyz says follows from the states of the entries."""
+"""States of interfaces, and the status of /readyz that follows."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
-from gateway.runtime.service_registry import Board, State
+from gateway.runtime.service_registry import ServiceRegistry, State
 
 
 class FakeService:
@@ -20,33 +20,33 @@ class FakeService:
 
 
 def test_ready_only_when_everything_has_started() -> None:
-    board = Board()
-    board.expect("kernels", "render")
-    assert board.verdict() == "starting"
-    board.ready("kernels")
-    assert board.verdict() == "starting"
-    board.ready("render")
-    assert board.verdict() == "ready"
+    registry = ServiceRegistry()
+    registry.expect("kernels", "render")
+    assert registry.verdict() == "starting"
+    registry.ready("kernels")
+    assert registry.verdict() == "starting"
+    registry.ready("render")
+    assert registry.verdict() == "ready"
 
 
 def test_a_failure_degrades_but_an_essential_one_fails() -> None:
-    board = Board(essential=frozenset({"kernels"}))
-    board.ready("kernels")
-    board.fail("treeviewer", "no multicast route")
-    assert board.verdict() == "degraded"
-    assert board.describe()["interfaces"]["treeviewer"] == {"state": "failed", "problem": "no multicast route"}
-    board.fail("kernels", "broken")
-    assert board.verdict() == "failed"
+    registry = ServiceRegistry(essential=frozenset({"kernels"}))
+    registry.ready("kernels")
+    registry.fail("treeviewer", "no multicast route")
+    assert registry.verdict() == "degraded"
+    assert registry.describe()["interfaces"]["treeviewer"] == {"state": "failed", "problem": "no multicast route"}
+    registry.fail("kernels", "broken")
+    assert registry.verdict() == "failed"
 
 
-def test_a_service_has_a_word_in_its_state() -> None:
-    board = Board()
+def test_entry_is_starting_until_its_service_is_ready() -> None:
+    registry = ServiceRegistry()
     service = FakeService()
-    board.ready("stereo", service=service, where="grpc://127.0.0.1:50051")
-    assert board.verdict() == "starting"
+    registry.ready("stereo", service=service, where="grpc://127.0.0.1:50051")
+    assert registry.verdict() == "starting"
     service.ready = True
-    assert board.verdict() == "ready"
-    assert board.describe()["interfaces"]["stereo"] == {
+    assert registry.verdict() == "ready"
+    assert registry.describe()["interfaces"]["stereo"] == {
         "state": "ready",
         "where": "grpc://127.0.0.1:50051",
         "clients": 3,
@@ -54,9 +54,9 @@ def test_a_service_has_a_word_in_its_state() -> None:
 
 
 def test_stopping_keeps_failures_visible() -> None:
-    board = Board()
-    board.ready("render")
-    board.fail("stereo", "port taken")
-    board.stop()
-    assert board.verdict() == "stopping"
-    assert [entry.state for entry in board.entries.values()] == [State.STOPPED, State.FAILED]
+    registry = ServiceRegistry()
+    registry.ready("render")
+    registry.fail("stereo", "port taken")
+    registry.stop()
+    assert registry.verdict() == "stopping"
+    assert [entry.state for entry in registry.entries.values()] == [State.STOPPED, State.FAILED]

@@ -1,4 +1,4 @@
-"""The queue in front of the threads: its order, its bounds, and what happens to callers that leave."""
+"""The worker pool: order, limits, deadlines, cancelled callers and shutdown."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import weakref
 
 import pytest
 
-from gateway.runtime.worker_pool import Busy, Closed, TooSlow, Workers
+from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull, WorkerPool
 from renderers.raster.frame_threads import Crew, Phase
 from renderers.stop import check_stop
 from tests.support.waiting import SECONDS, until
@@ -35,9 +35,9 @@ async def started(gate: Gate) -> None:
     assert await asyncio.to_thread(gate.started.wait, SECONDS)
 
 
-async def test_results_errors_keywords_and_context_cross_the_threads() -> None:
+async def test_results_errors_keywords_and_context() -> None:
     variable = contextvars.ContextVar("variable", default="outside")
-    workers = Workers(2)
+    workers = WorkerPool(2)
     variable.set("inside")
 
     def call(a: int, *, b: int) -> tuple[int, str, bool]:
@@ -52,8 +52,8 @@ async def test_results_errors_keywords_and_context_cross_the_threads() -> None:
     assert workers.stats.done == 3
 
 
-async def test_first_come_first_served_and_never_more_than_the_threads() -> None:
-    workers, order, lock, running, most = Workers(2), [], threading.Lock(), 0, 0
+async def test_first_come_first_served_with_limited_threads() -> None:
+    workers, order, lock, running, most = WorkerPool(2), [], threading.Lock(), 0, 0
     gates = Gate(), Gate()
     held = [asyncio.create_task(workers.run(gate)) for gate in gates]
     for gate in gates:
@@ -81,12 +81,12 @@ async def test_first_come_first_served_and_never_more_than_the_threads() -> None
     assert await workers.close()
 
 
-async def test_beyond_the_count_callers_are_turned_away() -> None:
-    workers, gate = Workers(1, max_waiting=2), Gate()
+async def test_rejects_beyond_the_number_of_waiting_calls() -> None:
+    workers, gate = WorkerPool(1, max_waiting=2), Gate()
     tasks = [asyncio.create_task(workers.run(gate)) for _ in range(3)]
     await started(gate)
     await until(lambda: workers.stats.waiting == 2)
-    with pytest.raises(Busy, match="2 requests are waiting already, the limit is 2") as busy:
+    with pytest.raises(QueueFull, match="2 requests are waiting already, the limit is 2") as busy:
         await workers.run(gate)
     assert busy.value.retry_after >= 1
     assert workers.stats.rejected == 1
@@ -96,29 +96,29 @@ async def test_beyond_the_count_callers_are_turned_away() -> None:
     assert await workers.close()
 
 
-async def test_no_waiting_allowed_still_means_that_free_threads_work() -> None:
-    workers, gate = Workers(2, max_waiting=0), Gate()
+async def test_idle_threads_work_without_a_queue() -> None:
+    workers, gate = WorkerPool(2, max_waiting=0), Gate()
     tasks = [asyncio.create_task(workers.run(gate)) for _ in range(2)]
     await started(gate)
-    with pytest.raises(Busy):
+    with pytest.raises(QueueFull):
         await workers.run(gate)
     gate.open.set()
     await asyncio.gather(*tasks)
     assert await workers.close()
 
 
-async def test_beyond_the_bytes_callers_are_turned_away_but_one_alone_may_wait() -> None:
-    workers, gate = Workers(1, max_waiting_bytes=100), Gate()
+async def test_rejects_beyond_the_bytes_except_for_a_single_call() -> None:
+    workers, gate = WorkerPool(1, max_waiting_bytes=100), Gate()
     tasks = [asyncio.create_task(workers.run(gate))]
     await started(gate)
-    tasks.append(asyncio.create_task(workers.run(gate, weight=1000)))
+    tasks.append(asyncio.create_task(workers.run(gate, nbytes=1000)))
     await until(lambda: workers.stats.waiting == 1)
-    with pytest.raises(Busy, match="hold 1000 bytes; with 1 more they would exceed the limit of 100"):
-        await workers.run(gate, weight=1)
+    with pytest.raises(QueueFull, match="hold 1000 bytes; with 1 more they would exceed the limit of 100"):
+        await workers.run(gate, nbytes=1)
     tasks[1].cancel()
     await until(lambda: workers.stats.waiting_bytes == 0)
-    tasks.append(asyncio.create_task(workers.run(gate, weight=60)))
-    tasks.append(asyncio.create_task(workers.run(gate, weight=40)))
+    tasks.append(asyncio.create_task(workers.run(gate, nbytes=60)))
+    tasks.append(asyncio.create_task(workers.run(gate, nbytes=40)))
     await until(lambda: workers.stats.waiting_bytes == 100)
     gate.open.set()
     await asyncio.gather(*tasks, return_exceptions=True)
@@ -126,11 +126,11 @@ async def test_beyond_the_bytes_callers_are_turned_away_but_one_alone_may_wait()
     assert await workers.close()
 
 
-async def test_a_waiting_caller_that_leaves_is_never_run_and_frees_its_place() -> None:
-    workers, gate, calls = Workers(1, max_waiting=1), Gate(), []
+async def test_cancelled_waiting_call_never_runs() -> None:
+    workers, gate, calls = WorkerPool(1, max_waiting=1), Gate(), list[str]()
     held = asyncio.create_task(workers.run(gate))
     await started(gate)
-    leaver = asyncio.create_task(workers.run(calls.append, "left", weight=7))
+    leaver = asyncio.create_task(workers.run(calls.append, "left", nbytes=7))
     await until(lambda: workers.stats.waiting == 1)
     leaver.cancel()
     with pytest.raises(asyncio.CancelledError):
@@ -144,8 +144,8 @@ async def test_a_waiting_caller_that_leaves_is_never_run_and_frees_its_place() -
     assert await workers.close()
 
 
-async def test_a_running_caller_that_leaves_loses_the_result_not_the_thread() -> None:
-    workers, gate = Workers(1), Gate()
+async def test_thread_continues_after_a_cancelled_call() -> None:
+    workers, gate = WorkerPool(1), Gate()
     leaver = asyncio.create_task(workers.run(gate))
     await started(gate)
     leaver.cancel()
@@ -158,14 +158,14 @@ async def test_a_running_caller_that_leaves_loses_the_result_not_the_thread() ->
     assert await workers.close()
 
 
-async def test_close_lets_accepted_work_finish_and_ends_the_threads() -> None:
+async def test_close_finishes_accepted_calls_and_ends_the_threads() -> None:
     before = set(threading.enumerate())
-    workers, gate = Workers(2, name="ending"), Gate()
+    workers, gate = WorkerPool(2, name="ending"), Gate()
     tasks = [asyncio.create_task(workers.run(gate, number)) for number in range(5)]
     await started(gate)
     closing = asyncio.create_task(workers.close(SECONDS))
     await asyncio.sleep(0)
-    with pytest.raises(Closed):
+    with pytest.raises(PoolClosed):
         await workers.run(gate)
     gate.open.set()
     assert await closing
@@ -177,12 +177,12 @@ async def test_close_lets_accepted_work_finish_and_ends_the_threads() -> None:
     assert await workers.close()
 
 
-async def test_close_gives_up_at_its_limit() -> None:
-    workers, gate = Workers(1), Gate()
+async def test_close_returns_false_at_its_limit() -> None:
+    workers, gate = WorkerPool(1), Gate()
     running, waiting = (asyncio.create_task(workers.run(gate)) for _ in range(2))
     await started(gate)
     assert not await workers.close(0.0)
-    with pytest.raises(Closed, match="before the request's turn came"):
+    with pytest.raises(PoolClosed, match="before the request's turn came"):
         await waiting
     gate.open.set()
     await running
@@ -204,20 +204,20 @@ class Endless:
             self.ended.set()
 
 
-async def test_a_call_ends_at_its_deadline_which_does_not_count_while_it_waits() -> None:
-    workers = Workers(1, seconds=0.2, limit_name="--render-seconds")
+async def test_deadline_excludes_waiting_time() -> None:
+    workers = WorkerPool(1, seconds=0.2, limit_name="--render-seconds")
     calls = [asyncio.create_task(workers.run(Endless())) for _ in range(3)]
     last = asyncio.create_task(workers.run(lambda: "drawn"))  # it has waited for three deadlines
     for call in calls:
-        with pytest.raises(TooSlow, match=r"--render-seconds = 0\.2 s"):
+        with pytest.raises(DeadlineExceeded, match=r"--render-seconds = 0\.2 s"):
             await call
     assert await last == "drawn"
     assert (workers.stats.timed_out, workers.stats.done) == (3, 4)
     assert await workers.close()
 
 
-async def test_a_call_ends_when_its_caller_is_cancelled() -> None:
-    workers, call = Workers(1), Endless()
+async def test_running_call_stops_when_its_caller_is_cancelled() -> None:
+    workers, call = WorkerPool(1), Endless()
     leaver = asyncio.create_task(workers.run(call))
     assert await asyncio.to_thread(call.started.wait, SECONDS)
     leaver.cancel()
@@ -228,18 +228,18 @@ async def test_a_call_ends_when_its_caller_is_cancelled() -> None:
     assert await workers.close()
 
 
-async def test_close_ends_calls_that_would_not_finish() -> None:
-    workers, call = Workers(1, seconds=1000.0), Endless()
+async def test_close_stops_running_calls_at_its_limit() -> None:
+    workers, call = WorkerPool(1, seconds=1000.0), Endless()
     running, waiting = (asyncio.create_task(workers.run(call)) for _ in range(2))
     assert await asyncio.to_thread(call.started.wait, SECONDS)
     assert await workers.close(0.1)
     for task in (running, waiting):
-        with pytest.raises(Closed, match="shut down"):
+        with pytest.raises(PoolClosed, match="shut down"):
             await task
 
 
-async def test_threads_past_half_of_the_deadline_are_counted() -> None:
-    workers, gate = Workers(2, seconds=0.02), Gate()  # which does not look at its flag
+async def test_slow_calls_are_counted() -> None:
+    workers, gate = WorkerPool(2, seconds=0.02), Gate()  # which does not look at its flag
     calls = [asyncio.create_task(workers.run(gate, 1))]
     await until(lambda: workers.stats.slow == 1)
     assert not workers.stuck
@@ -252,8 +252,8 @@ async def test_threads_past_half_of_the_deadline_are_counted() -> None:
     assert await workers.close()
 
 
-async def test_without_a_deadline_no_thread_is_slow() -> None:
-    workers, gate = Workers(1), Gate()
+async def test_no_call_is_slow_without_a_deadline() -> None:
+    workers, gate = WorkerPool(1), Gate()
     call = asyncio.create_task(workers.run(gate))
     await started(gate)
     assert (workers.stats.slow, workers.stuck) == (0, False)
@@ -262,14 +262,14 @@ async def test_without_a_deadline_no_thread_is_slow() -> None:
     assert await workers.close()
 
 
-async def test_nothing_keeps_a_finished_request_alive() -> None:
+async def test_finished_calls_are_released() -> None:
     class Body:
         pass
 
     def fail(body: object) -> None:
         raise ValueError("no")
 
-    workers = Workers(1)
+    workers = WorkerPool(1)
     body = Body()
     watched = weakref.ref(body)
     await workers.run(lambda _: None, body)
@@ -284,8 +284,8 @@ async def test_nothing_keeps_a_finished_request_alive() -> None:
     assert await workers.close()
 
 
-def test_loops_come_and_go() -> None:
-    workers = Workers(1)
+def test_pool_outlives_event_loops() -> None:
+    workers = WorkerPool(1)
     for _ in range(2):
         assert asyncio.run(workers.run(lambda: 5)) == 5
     gate = Gate()
@@ -301,15 +301,15 @@ def test_loops_come_and_go() -> None:
     assert asyncio.run(workers.close())
 
 
-def test_bounds_are_checked() -> None:
+def test_arguments_are_validated() -> None:
     for arguments in ({"threads": 0}, {"max_waiting": -1}, {"seconds": 0.0}):
         with pytest.raises(ValueError, match="at least one thread"):
-            Workers(**arguments)  # type: ignore[arg-type]  # by name
-    assert Workers().threads >= 1
+            WorkerPool(**arguments)
+    assert WorkerPool().threads >= 1
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux gives every thread a priority")
-async def test_threads_that_draw_and_their_helpers_stand_behind_the_event_loop() -> None:
+async def test_niceness_of_workers_and_frame_threads() -> None:
     def niceness(_: int = 0) -> int:
         return os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
 
@@ -325,7 +325,7 @@ async def test_threads_that_draw_and_their_helpers_stand_behind_the_event_loop()
         return seen
 
     own = niceness()
-    workers = Workers(1, niceness=3)
+    workers = WorkerPool(1, niceness=3)
     assert await workers.run(draw) == {min(19, own + 3)}
     assert niceness() == own
     assert await workers.close()

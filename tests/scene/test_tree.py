@@ -45,6 +45,8 @@ def replay(old: Node, new: Node) -> Model:
                 del model[path]
             continue
         assert change.node is not None
+        if change.kind == "reordered":
+            continue
         now = {"parts": change.node.parts, "pose": change.node.pose, "visible": change.node.visible}
         if change.kind == "added":
             assert change.path not in model
@@ -140,7 +142,28 @@ TreeMachine.TestCase.settings = settings(deadline=None, max_examples=60, statefu
 test_the_persistent_tree_against_a_dict = TreeMachine.TestCase
 
 
-def test_untouched_siblings_are_shared_between_revisions():
+def order_after(old: Node, new: Node, path: Path = ()) -> list[str | int]:
+    """Return the children's names in the order that the changes lead to: added and reordered ones come last."""
+    node = old.find(path)
+    names = [] if node is None else list(node.children)
+    for change in changes(old, new):
+        if change.path[:-1] == path and change.path and change.kind in ("added", "removed", "reordered"):
+            names = [name for name in names if name != change.path[-1]]
+            if change.kind != "removed":
+                names.append(change.path[-1])
+    return names
+
+
+@pytest.mark.parametrize("names", ["", "abc", "cba", "bac", "axbc", "xcab", "a", "cb", "abcx", "xy"])
+def test_changes_tell_the_order_of_siblings(names: str) -> None:
+    shared: dict[str | int, Node] = {name: Node() for name in "abc"}
+    old, new = Node(children=dict(shared)), Node(children={name: shared.get(name, Node()) for name in names})
+    assert order_after(old, new) == list(names)
+    reordered = [change.path for change in changes(old, new) if change.kind == "reordered"]
+    assert not (names in ("abc", "a", "abcx") and reordered), "nothing moved"
+
+
+def test_untouched_siblings_are_shared_between_revisions() -> None:
     first = TreeEdit(Node())
     first.set_parts(("a", "x"), (BOX,))
     first.set_parts(("b", "y"), (BOX,))
@@ -153,7 +176,7 @@ def test_untouched_siblings_are_shared_between_revisions():
     assert [(c.kind, c.path) for c in changes(old, new)] == [("transform", ("a", "x"))]
 
 
-def test_integers_and_strings_are_different_elements_and_slashes_are_ordinary():
+def test_integers_and_strings_are_different_elements_and_slashes_are_ordinary() -> None:
     edit = TreeEdit(Node())
     edit.set_parts((1,), (BOX,))
     edit.set_parts(("1",), ())
@@ -163,7 +186,7 @@ def test_integers_and_strings_are_different_elements_and_slashes_are_ordinary():
     assert root.find(("a", "b")) is None
 
 
-def test_changes_come_parents_first_and_in_order_of_creation():
+def test_changes_come_parents_first_and_in_order_of_creation() -> None:
     edit = TreeEdit(Node())
     for path in (("b", "x"), ("a", "y"), ("b", "z")):
         edit.set_parts(path, ())
@@ -171,7 +194,7 @@ def test_changes_come_parents_first_and_in_order_of_creation():
     assert found == [("b",), ("b", "x"), ("b", "z"), ("a",), ("a", "y")]
 
 
-def test_a_replaced_node_of_the_same_name_is_reported_in_full():
+def test_a_replaced_node_of_the_same_name_is_reported_in_full() -> None:
     first = TreeEdit(Node())
     first.set_parts(("a", "child"), (BOX,))
     old = first.commit()
@@ -182,7 +205,7 @@ def test_a_replaced_node_of_the_same_name_is_reported_in_full():
     assert replay(old, new) == as_model(new)
 
 
-def test_deep_paths_do_not_recurse():
+def test_deep_paths_do_not_recurse() -> None:
     path = tuple(range(5000))
     edit = TreeEdit(Node())
     edit.set_parts(path, (BOX,))
@@ -192,7 +215,7 @@ def test_deep_paths_do_not_recurse():
     assert sum(1 for _ in changes(Node(), root)) == 5000
 
 
-def test_a_committed_edit_cannot_be_used_again():
+def test_a_committed_edit_cannot_be_used_again() -> None:
     edit = TreeEdit(Node())
     edit.set_parts(("a",), ())
     edit.commit()
@@ -206,10 +229,33 @@ def test_a_committed_edit_cannot_be_used_again():
             attempt()
 
 
-def test_a_pose_becomes_a_matrix_on_first_use_and_keeps_it():
+def test_a_pose_becomes_a_matrix_on_first_use_and_keeps_it() -> None:
     edit = TreeEdit(Node())
     edit.set_pose(("a",), (1, 2, 3, 1, 0, 0, 0))
     node = edit.commit().find(("a",))
     assert node is not None
     np.testing.assert_array_equal(node.matrix, tf.translation(1, 2, 3))
     assert node.matrix is node.matrix
+
+
+def test_deleting_the_root_removes_its_own_parts() -> None:
+    edit = TreeEdit(Node())
+    edit.set_parts((), (BOX,))
+    root = edit.commit()
+    edit = TreeEdit(root)
+    assert edit.delete(())
+    assert edit.root.parts is None
+    assert edit.root.geometry_count == 0
+    assert not edit.delete(())
+    assert root.parts == (BOX,)
+
+
+def test_deleting_the_root_removes_its_children_and_transform() -> None:
+    edit = TreeEdit(Node())
+    edit.set_pose((), (1, 2, 3, 1, 0, 0, 0))
+    edit.set_parts(("a", "b"), (BOX,))
+    edit = TreeEdit(edit.commit())
+    assert edit.delete(())
+    root = edit.commit()
+    assert (root.children, root.node_count, root.geometry_count, root.pose) == ({}, 1, 0, None)
+    np.testing.assert_array_equal(root.matrix, np.eye(4))

@@ -1,4 +1,4 @@
-"""An application with the scene's routes only, and a renderer that notes what it is asked for."""
+"""An application with the scene's routes only, and a renderer that records its calls."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from fastapi import FastAPI
 
-from gateway.runtime.worker_pool import Workers
+from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene import transforms as tf
 from gateway.scene.geometry import Box, Part, Sphere
 from gateway.scene.live import LiveTree
@@ -26,13 +26,13 @@ SPOT = (20, 30)
 
 
 @dataclass
-class NotingRenderer:
-    """Everything is the first instance, 2 m away; the top left pixel is background."""
+class RecordingRenderer:
+    """All pixels show the first instance, 2 m away, except the top left one, which is background."""
 
     calls: list[tuple[DrawList, Camera, Output, Look]] = field(default_factory=list)
     error: Exception | None = None
     spot: tuple[int, int, int] | None = None
-    """Colour of one pixel, at ``SPOT``, where the first instance is."""
+    """Colour of the pixel ``SPOT``, which shows the first instance."""
     closed: int = 0
 
     def render(self, scene: DrawList, camera: Camera, outputs: Output, look: Look = Look()) -> Frame:
@@ -63,8 +63,8 @@ class NotingRenderer:
 @dataclass
 class World:
     tree: LiveTree
-    renderer: NotingRenderer
-    workers: Workers
+    renderer: RecordingRenderer
+    workers: WorkerPool
     service: SceneApi
     client: httpx2.AsyncClient
 
@@ -77,7 +77,7 @@ async def world() -> AsyncIterator[World]:
         edit.set_parts(("robot", "head"), (Part(Sphere(0.5), Material()),))
         edit.set_matrix(("robot", "head"), tf.translation(0, 0, 2))
         edit.set_pose(("frame",), (1, 2, 3, 1, 0, 0, 0))
-    renderer, workers = NotingRenderer(), Workers(2, max_waiting=1)
+    renderer, workers = RecordingRenderer(), WorkerPool(2, max_waiting=1)
     config = SceneApiConfig(width=320, height=240, max_pixels=100_000, max_side=1000)
     service = SceneApi(tree, renderer, workers, config)
     app = FastAPI()

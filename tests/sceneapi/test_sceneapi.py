@@ -4,6 +4,8 @@ import asyncio
 import io
 import math
 import threading
+from collections.abc import MutableMapping
+from typing import Any
 
 import cv2
 import httpx2
@@ -11,13 +13,15 @@ import numpy as np
 import pytest
 import tifffile
 from fastapi import FastAPI
+from numpy.typing import NDArray
 
 from gateway.gltf import read_gltf
-from gateway.runtime.worker_pool import Workers
+from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.geometry import Box, Part, PointCloud
 from gateway.scene.live import LiveTree
 from gateway.scene.transforms import look_at
 from gateway.sceneapi.config import SceneApiConfig
+from gateway.sceneapi.query import parse_query
 from gateway.sceneapi.routes import router
 from gateway.sceneapi.service import SceneApi
 from renderers.camera import Camera
@@ -30,7 +34,13 @@ from tests.support.waiting import until
 SMALL = "width=64&height=48"
 
 
-async def test_the_listing_has_paths_kinds_bounds_labels_and_transforms(world: World):
+def decode(data: bytes, flags: int) -> NDArray[Any]:
+    pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    assert pixels is not None
+    return np.asarray(pixels)
+
+
+async def test_the_listing_has_paths_kinds_bounds_labels_and_transforms(world: World) -> None:
     response = await world.client.get("/scene")
     assert response.headers["content-type"] == "application/json"
     assert response.headers["x-scene-revision"] == "1"
@@ -53,18 +63,18 @@ async def test_the_listing_has_paths_kinds_bounds_labels_and_transforms(world: W
     assert [row[3] for row in nodes["frame",]["transform"]] == [1, 2, 3, 1]
 
 
-async def test_labels_of_the_listing_are_those_of_the_pictures(world: World):
+async def test_listing_has_the_labels_of_label_images(world: World) -> None:
     listing = (await world.client.get("/scene")).json()
     labels = {tuple(node["path"]): node["label"] for node in listing["nodes"]}
     picture = await world.client.get(f"/scene/render?type=label&{SMALL}")
     drawn = world.renderer.calls[-1][0]
     assert [instance.label for instance in drawn.instances] == [labels["robot", "base"], labels["robot", "head"]]
-    pixels = cv2.imdecode(np.frombuffer(picture.content, np.uint8), cv2.IMREAD_UNCHANGED)[:, :, ::-1].astype(int)
+    pixels = decode(picture.content, cv2.IMREAD_UNCHANGED)[:, :, ::-1].astype(int)
     assert (pixels @ (1, 256, 65536))[1, 1] == labels["robot", "base"]
     assert (pixels @ (1, 256, 65536))[0, 0] == 0xFFFFFF
 
 
-async def test_an_unchanged_scene_is_not_sent_twice(world: World):
+async def test_unchanged_scene_is_304(world: World) -> None:
     for path in ("/scene", "/scene.glb"):
         first = await world.client.get(path)
         again = await world.client.get(path, headers={"If-None-Match": f'"x", W/{first.headers["etag"]}'})
@@ -80,7 +90,7 @@ async def test_an_unchanged_scene_is_not_sent_twice(world: World):
     assert (robot["visible"], robot["bounds"], changed.json()["bounds"]) == (False, None, None)
 
 
-async def test_strange_numbers_and_names_do_not_break_the_listing(world: World):
+async def test_listing_with_non_finite_transforms_and_surrogates(world: World) -> None:
     with world.tree.edit() as edit:
         edit.set_pose(("lost",), (math.nan, math.inf, 0, 1, 0, 0, 0))
         edit.set_parts(("lost", "\ud800", 1 << 70), (Part(Box((1, 1, 1)), Material()),))
@@ -93,21 +103,23 @@ async def test_strange_numbers_and_names_do_not_break_the_listing(world: World):
     assert (await world.client.get("/scene.glb")).status_code == 200
 
 
-async def test_the_listing_ends_at_its_limit_and_says_how_much_there_is(world: World):
+async def test_listing_is_limited_and_counts_all_nodes(world: World) -> None:
+    service = SceneApi(world.tree, world.renderer, world.workers, SceneApiConfig(max_nodes=5))
+    assert service.listing().body.count(b'"path"') == 5
     service = SceneApi(world.tree, world.renderer, world.workers, SceneApiConfig(max_nodes=2))
     body = service.listing().body
     assert body.count(b'"path"') == 2
     assert b'"node_count":5' in body
 
 
-async def test_the_file_holds_the_scene(world: World):
+async def test_glb_contains_the_scene(world: World) -> None:
     response = await world.client.get("/scene.glb")
     assert response.headers["content-type"] == "model/gltf-binary"
     assert response.headers["x-scene-revision"] == "1"
     assert read_gltf(response.content).instance_count == 2
 
 
-async def test_the_file_has_the_camera_that_was_asked_for(world: World):
+async def test_glb_contains_the_requested_camera(world: World) -> None:
     assert read_gltf((await world.client.get("/scene.glb")).content).camera is None
     response = await world.client.get("/scene.glb?camera=eye=3,0,0;target=0,0,0&width=64&height=48&far=9")
     assert (response.headers["cache-control"], "etag" in response.headers) == ("no-store", False)
@@ -119,24 +131,24 @@ async def test_the_file_has_the_camera_that_was_asked_for(world: World):
     for query, status, words in (
         ("camera=stereo", 404, "no stereo camera"),
         ("camera=path:[1]", 404, "no such node"),
-        ("camera=fit&type=depth", 400, "'type' is no parameter; known are camera, width"),
+        ("camera=fit&type=depth", 400, "'type' is not a parameter; the parameters are camera, width"),
     ):
         refusal = await world.client.get(f"/scene.glb?{query}")
         assert (refusal.status_code, words in refusal.text) == (status, True), refusal.text
 
 
-async def test_a_file_beyond_the_limit_is_a_sentence(world: World):
+async def test_glb_beyond_the_size_limit_is_413(world: World) -> None:
     world.service.config = SceneApiConfig(max_export_bytes=10)
     response = await world.client.get("/scene.glb")
     assert (response.status_code, "larger than 10 bytes" in response.text) == (413, True)
 
 
-async def test_a_picture_in_colour(world: World):
+async def test_color_image(world: World) -> None:
     response = await world.client.get(f"/scene/render?{SMALL}&look=phong")
     assert response.headers["content-type"] == "image/png"
     assert response.headers["x-scene-revision"] == "1"
     assert response.headers["cache-control"] == "no-store"
-    pixels = cv2.imdecode(np.frombuffer(response.content, np.uint8), cv2.IMREAD_UNCHANGED)
+    pixels = decode(response.content, cv2.IMREAD_UNCHANGED)
     assert pixels.shape == (48, 64, 3)
     _, camera, outputs, look = world.renderer.calls[-1]
     assert (camera.width, camera.height, outputs, look.name) == (64, 48, Output.COLOR, "phong")
@@ -147,7 +159,7 @@ async def test_a_picture_in_colour(world: World):
     ("query", "look", "samples"),
     [("", "studio", 4), ("&samples=8", "studio", 8), ("&look=pbr", "pbr", 1), ("&look=plain&samples=4", "plain", 4)],
 )
-async def test_pictures_for_people_are_the_default(world: World, query: str, look: str, samples: int):
+async def test_studio_with_four_samples_is_the_default(world: World, query: str, look: str, samples: int) -> None:
     await world.client.get(f"/scene/render?{SMALL}{query}")
     asked = world.renderer.calls[-1][3]
     assert (asked.name, asked.samples) == (look, samples)
@@ -156,36 +168,38 @@ async def test_pictures_for_people_are_the_default(world: World, query: str, loo
 @pytest.mark.parametrize(
     ("shape", "look", "kept"),
     [
-        (PointCloud(np.zeros((1, 3)), {}), "plain", True),
-        (PointCloud(np.zeros((1, 3)), {}), "phong", False),
+        (PointCloud(np.zeros((1, 3), np.float32), {}), "plain", True),
+        (PointCloud(np.zeros((1, 3), np.float32), {}), "phong", False),
         (Box((1, 1, 1)), "plain", False),
     ],
     ids=["points", "points as Drake shows them", "no points"],
 )
-async def test_points_keep_the_colour_that_was_published(world: World, shape: Box | PointCloud, look: str, kept: bool):
+async def test_fxaa_leaves_points_unchanged_in_the_plain_look(
+    world: World, shape: Box | PointCloud, look: str, kept: bool
+) -> None:
     with world.tree.edit() as edit:
         edit.delete(())
         edit.set_parts(("thing",), (Part(shape, Material()),))
     world.renderer.spot = (51, 102, 153)
     response = await world.client.get(f"/scene/render?{SMALL}&look={look}")
-    pixels = cv2.imdecode(np.frombuffer(response.content, np.uint8), cv2.IMREAD_COLOR_RGB)
+    pixels = decode(response.content, cv2.IMREAD_COLOR_RGB)
     assert (tuple(pixels[SPOT]) == world.renderer.spot) is kept
     assert tuple(pixels[40, 40]) == (204, 229, 255)
     assert (Output.INSTANCE in world.renderer.calls[-1][2]) is kept
 
 
-async def test_depth_in_metres_and_in_millimetres(world: World):
+async def test_depth_image_in_metres_and_millimetres(world: World) -> None:
     response = await world.client.get(f"/scene/render?type=depth&{SMALL}")
     assert response.headers["content-type"] == "image/tiff"
     metres = tifffile.imread(io.BytesIO(response.content))
-    assert (metres.dtype, metres[0, 0], metres[5, 5]) == (np.float32, np.inf, 2.0)
+    assert (metres.dtype.name, metres[0, 0], metres[5, 5]) == ("float32", np.inf, 2.0)
     response = await world.client.get(f"/scene/render?type=depth&format=png&{SMALL}")
     assert response.headers["content-type"] == "image/png"
-    millimetres = cv2.imdecode(np.frombuffer(response.content, np.uint8), cv2.IMREAD_UNCHANGED)
-    assert (millimetres.dtype, millimetres[0, 0], millimetres[5, 5]) == (np.uint16, 65535, 2000)
+    millimetres = decode(response.content, cv2.IMREAD_UNCHANGED)
+    assert (millimetres.dtype.name, millimetres[0, 0], millimetres[5, 5]) == ("uint16", 65535, 2000)
 
 
-async def test_the_camera_is_that_of_the_query(world: World):
+async def test_camera_comes_from_the_query(world: World) -> None:
     params = {
         "camera": "eye=0,-5,1;target=0,0,1",
         "width": "40",
@@ -203,13 +217,12 @@ async def test_the_camera_is_that_of_the_query(world: World):
     np.testing.assert_allclose(world.renderer.calls[-1][1].X_world_camera[:3, 3], (1, 2, 3))
 
 
-async def test_the_stereo_camera_where_there_is_one(world: World):
+async def test_stereo_camera_if_there_is_one(world: World) -> None:
     response = await world.client.get("/scene/render?camera=stereo")
     assert (response.status_code, response.text) == (404, "camera 'stereo': this gateway runs no stereo camera")
     sensor = Camera(1280, 960, 1000, 1000, 640, 480, 0.1, 10, np.eye(4))
     service = SceneApi(world.tree, world.renderer, world.workers, stereo_camera=lambda: sensor)
-    world.service._stereo_camera = service._stereo_camera
-    assert (await world.client.get(f"/scene/render?camera=stereo&{SMALL}")).status_code == 200
+    service.image(parse_query({"camera": "stereo", "width": "64", "height": "48"}, service.config))
     assert world.renderer.calls[-1][1].fx == pytest.approx(50.0)
 
 
@@ -220,11 +233,12 @@ async def test_the_stereo_camera_where_there_is_one(world: World):
         ("width=-5", "width='-5' is not a number"),
         ("height=1e3", "height='1e3' is not a number"),
         ("height=99999999999999999999", "height='99999999999999999999' is not a number of pixels"),
-        ("width=1000&height=1000", "width x height = 1000x1000 has more than 100000 pixels"),
-        (f"{SMALL}&type=normals", "type='normals' is none of color, depth, label"),
-        (f"{SMALL}&look=cartoon", "look='cartoon' is none of phong, pbr, plain, studio"),
-        (f"{SMALL}&samples=2", "samples='2' is none of 1, 4, 8"),
-        (f"{SMALL}&format=bmp", "format='bmp' is none of tiff, png"),
+        ("width=1001&height=1", "width='1001' is not a number of pixels between 1 and 1000"),
+        ("width=1000&height=101", "width x height = 1000x101 has more than 100000 pixels"),
+        (f"{SMALL}&type=normals", "type='normals' is not one of color, depth, label"),
+        (f"{SMALL}&look=cartoon", "look='cartoon' is not one of phong, pbr, plain, studio"),
+        (f"{SMALL}&samples=2", "samples='2' is not one of 1, 4, 8"),
+        (f"{SMALL}&format=bmp", "format='bmp' is not one of tiff, png"),
         (f"{SMALL}&fovy=200", "fovy='200' must be at least 0.001 and less than 180 degrees"),
         (f"{SMALL}&fovy=5e-324", "fovy='5e-324' must be at least 0.001"),
         (f"{SMALL}&fovy=wide", "fovy='wide' is not a number"),
@@ -233,12 +247,14 @@ async def test_the_stereo_camera_where_there_is_one(world: World):
         (f"{SMALL}&far=1e13", "far='1e13' must be from 1e-09 to 1e+12 metres"),
         (f"{SMALL}&camera=eye%3D1e-200,0,0;target%3D0,0,0", "eye and target coincide"),
         (f"{SMALL}&near=2&far=1", "near='2' must be less than far='1'"),
+        (f"{SMALL}&near=2&far=2", "near='2' must be less than far='2'"),
+        (f"{SMALL}&fovy=180", "must be at least 0.001 and less than 180 degrees"),
         (f"{SMALL}&camera=left", "camera 'left' is none of"),
         (f"{SMALL}&camera=eye%3D1,2;target%3D0,0,0", "'eye=1,2' needs three numbers"),
-        (f"{SMALL}&zoom=2", "'zoom' is no parameter; known are camera, type, width"),
+        (f"{SMALL}&zoom=2", "'zoom' is not a parameter; the parameters are camera, type, width"),
     ],
 )
-async def test_a_bad_parameter_is_named_in_a_sentence(world: World, query: str, sentence: str):
+async def test_rejects_invalid_parameters(world: World, query: str, sentence: str) -> None:
     response = await world.client.get(f"/scene/render?{query}")
     assert response.status_code == 400
     assert response.headers["content-type"].startswith("text/plain")
@@ -246,28 +262,56 @@ async def test_a_bad_parameter_is_named_in_a_sentence(world: World, query: str, 
     assert world.renderer.calls == []
 
 
+@pytest.mark.parametrize(
+    "query",
+    [
+        "width=1000&height=100",
+        "width=100&height=1000",
+        "width=1&height=1",
+        f"{SMALL}&fovy=0.001",
+        f"{SMALL}&fovy=179.999",
+        f"{SMALL}&near=1e-09&far=1e+12",
+    ],
+)
+async def test_parameters_at_their_limits_are_valid(world: World, query: str) -> None:
+    response = await world.client.get("/scene/render", params=query.replace("+", "%2B"))
+    assert response.status_code == 200, response.text
+    camera = world.renderer.calls[-1][1]
+    size = dict(pair.split("=") for pair in query.split("&"))
+    assert (camera.width, camera.height) == (int(size["width"]), int(size["height"]))
+
+
+@pytest.mark.parametrize(
+    ("query", "size"), [("width=40", (40, 240)), ("height=30", (320, 30)), ("", (320, 240))], ids=["w", "h", "none"]
+)
+async def test_width_and_height_have_their_own_defaults(world: World, query: str, size: tuple[int, int]) -> None:
+    await world.client.get(f"/scene/render?{query}")
+    camera = world.renderer.calls[-1][1]
+    assert (camera.width, camera.height) == size
+
+
 @pytest.mark.parametrize("path", ['["nobody"]', "[%22%ED%A0%80%22]"])
-async def test_a_camera_at_a_node_that_is_not_there_is_404(world: World, path: str):
+async def test_camera_at_a_missing_node_is_404(world: World, path: str) -> None:
     response = await world.client.get(f"/scene/render?{SMALL}&camera=path:{path}")
     assert (response.status_code, "there is no such node" in response.text) == (404, True), response.text
     assert world.renderer.calls == []
 
 
 @pytest.mark.parametrize(("query", "near", "far"), [("near=5000", 5000, 10_000), ("far=1e-6", 5e-7, 1e-6)])
-async def test_one_clipping_plane_moves_the_other_out_of_its_way(world: World, query: str, near: float, far: float):
+async def test_single_clipping_plane_adjusts_the_other(world: World, query: str, near: float, far: float) -> None:
     assert (await world.client.get(f"/scene/render?{SMALL}&{query}")).status_code == 200
     camera = world.renderer.calls[-1][1]
     assert (camera.near, camera.far) == pytest.approx((near, far))
 
 
-async def test_a_texture_that_cannot_be_drawn_is_a_sentence(world: World):
+async def test_undecodable_texture_is_500(world: World) -> None:
     world.renderer.error = ImageError("wood.png: broken data")
     response = await world.client.get(f"/scene/render?{SMALL}")
     assert response.status_code == 500
     assert "wood.png: broken data" in response.text
 
 
-async def test_beyond_the_queue_the_answer_is_503_with_retry_after(world: World):
+async def test_full_queue_is_503_with_retry_after(world: World) -> None:
     go_on = threading.Event()
     try:
         held = [asyncio.create_task(world.workers.run(go_on.wait, 30.0)) for _ in range(3)]
@@ -281,45 +325,45 @@ async def test_beyond_the_queue_the_answer_is_503_with_retry_after(world: World)
     await asyncio.gather(*held)
 
 
-async def test_every_parameter_is_documented(world: World):
+async def test_all_parameters_are_documented(world: World) -> None:
     document = (await world.client.get("/openapi.json")).json()
     names = [p["name"] for p in document["paths"]["/scene/render"]["get"]["parameters"]]
     assert names == ["camera", "type", "width", "height", "look", "samples", "fovy", "near", "far", "format"]
 
 
-async def test_the_status_counts(world: World):
+async def test_status_counts_images(world: World) -> None:
     await world.client.get(f"/scene/render?{SMALL}")
     assert world.service.status() == {"revision": 1, "geometries": 2, "pictures": 1}
 
 
-async def endless(seconds: float | None) -> tuple[EndlessRenderer, FastAPI, Workers]:
-    renderer, workers = EndlessRenderer(), Workers(1, seconds=seconds, limit_name="--render-seconds")
+async def endless(seconds: float | None) -> tuple[EndlessRenderer, FastAPI, WorkerPool]:
+    renderer, workers = EndlessRenderer(), WorkerPool(1, seconds=seconds, limit_name="--render-seconds")
     app = FastAPI()
     app.include_router(router(SceneApi(LiveTree(), renderer, workers)))
     return renderer, app, workers
 
 
-async def test_a_picture_that_takes_too_long_is_given_up():
+async def test_slow_rendering_is_stopped() -> None:
     renderer, app, workers = await endless(0.05)
     async with httpx2.AsyncClient(transport=httpx2.ASGITransport(app), base_url="http://test") as client:
         response = await client.get(f"/scene/render?{SMALL}")
     assert response.status_code == 503
-    assert response.text == "the answer was given up: it took longer than --render-seconds = 0.05 s"
+    assert response.text == "rendering was stopped: it took longer than --render-seconds = 0.05 s"
     assert "retry-after" not in response.headers
     assert renderer.ended == 1
     assert await workers.close()
 
 
-async def test_the_picture_of_a_client_that_left_is_given_up():
+async def test_rendering_stops_when_the_client_disconnects() -> None:
     renderer, app, workers = await endless(None)
     async with asyncio.TaskGroup() as group:
         left, sent = asyncio.Event(), []
 
-        async def receive() -> dict[str, object]:
+        async def receive() -> MutableMapping[str, Any]:
             await left.wait()
             return {"type": "http.disconnect"}
 
-        async def send(message: dict[str, object]) -> None:
+        async def send(message: MutableMapping[str, Any]) -> None:
             sent.append(message)
 
         query = SMALL.encode()

@@ -12,7 +12,7 @@ import zlib
 from collections.abc import Mapping
 from typing import Any
 
-import schemathesis
+import schemathesis  # type: ignore[import-not-found]  # in the interpreter that loads this file
 from hypothesis import strategies as st
 
 SIDE = 16
@@ -38,7 +38,7 @@ SCENE = json.dumps(
 )
 
 
-@schemathesis.hook
+@schemathesis.hook  # type: ignore[untyped-decorator]  # as above
 def before_call(context: Any, case: Any, kwargs: dict[str, Any]) -> None:
     """Put a scene that can be read in the place of arbitrary bytes, and a parameter's value in that of others."""
     if not isinstance(case.body, Mapping):
@@ -61,7 +61,7 @@ def _value_of(case: Any) -> Any:
     return case.body["value"]
 
 
-@schemathesis.hook
+@schemathesis.hook  # type: ignore[untyped-decorator]  # as above
 def filter_case(context: Any, case: Any) -> bool:
     """Drop requests whose values are each as described, but contradict one another."""
     if case.meta is None or case.meta.generation.mode.is_negative:

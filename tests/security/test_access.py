@@ -1,4 +1,4 @@
-"""A gateway with TLS and tokens everywhere, as a process: who gets in, who does not, and what the log says."""
+"""A gateway process with TLS and tokens on every interface, and its log."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def secured(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Secured]:
     pem, key = certificate(folder)
     (folder / "http").write_text(TOKEN)
     (folder / "grpc").write_text(CAMERA)
-    flags = ("--lcm-url", "off", "--tcpq-port", "0", "--grpc-port", "0", "--rest-port", "0", "--demo")
+    flags: tuple[str, ...] = ("--lcm-url", "off", "--tcpq-port", "0", "--grpc-port", "0", "--rest-port", "0", "--demo")
     flags += ("--http-certificate", str(pem), "--http-key", str(key), "--http-token-file", str(folder / "http"))
     flags += ("--grpc-certificate", str(pem), "--grpc-key", str(key), "--grpc-token-file", str(folder / "grpc"))
     flags += ("--cors-origins", "https://page.example", "--log-level", "debug")
@@ -59,7 +59,7 @@ def secured(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Secured]:
         assert not [entry for entry in log if TOKEN in str(entry) or CAMERA in str(entry)], "tokens are never logged"
 
 
-def test_http_wants_the_token_over_tls(secured: Secured) -> None:
+def test_http_requires_the_token_over_tls(secured: Secured) -> None:
     assert secured.url.startswith("https://")
     with secured.http() as http:
         for path in ("/", "/view", "/scene", "/docs", "/openapi.json", "/metrics", "/api/v2/system", "/nothing"):
@@ -70,7 +70,7 @@ def test_http_wants_the_token_over_tls(secured: Secured) -> None:
             assert http.get(path, headers=BEARER).status_code == 200, path
 
 
-def test_the_further_rest_port_is_protected_alike(secured: Secured) -> None:
+def test_rest_port_requires_the_token(secured: Secured) -> None:
     with secured.http() as http:
         port = http.get("/healthz").json()["interfaces"]["rest"]["port"]
         url = f"https://127.0.0.1:{port}/api/v2/system"
@@ -78,7 +78,7 @@ def test_the_further_rest_port_is_protected_alike(secured: Secured) -> None:
         assert http.get(url, headers=BEARER).status_code == 200
 
 
-def test_the_page_of_the_browser_view_works_with_a_token(secured: Secured) -> None:
+def test_browser_view_works_with_a_token(secured: Secured) -> None:
     with secured.http() as http:
         assert http.get(f"/view?token={TOKEN}").status_code == 303
         assert http.get("/view").status_code == 200
@@ -90,13 +90,13 @@ def test_the_page_of_the_browser_view_works_with_a_token(secured: Secured) -> No
         clients.websocket(url, ssl=secured.context)
 
 
-def test_a_page_of_another_site_cannot_open_the_websocket(secured: Secured) -> None:
+def test_cross_site_websocket_is_refused(secured: Secured) -> None:
     url = secured.url.replace("https", "wss") + "/view/ws"
     with pytest.raises(InvalidStatus):
         clients.websocket(url, ssl=secured.context, additional_headers=BEARER, origin="https://evil.example")
 
 
-def test_other_sites_may_ask_only_where_the_settings_say_so(secured: Secured) -> None:
+def test_cors_allows_configured_origins_only(secured: Secured) -> None:
     with secured.http() as http:
         for origin, allowed in {"https://page.example": True, "https://evil.example": False}.items():
             asked = {"Origin": origin, "Access-Control-Request-Method": "POST"}
@@ -107,14 +107,14 @@ def test_other_sites_may_ask_only_where_the_settings_say_so(secured: Secured) ->
             assert not allowed or "X-Scene-Revision" in answer.headers["access-control-expose-headers"]
 
 
-def test_another_name_in_the_host_header_is_refused(secured: Secured) -> None:
+def test_unknown_host_header_is_refused(secured: Secured) -> None:
     with secured.http() as http:
         answer = http.get("/scene", headers={**BEARER, "Host": "rebound.example"})
         assert answer.status_code == 421
         assert "--trusted-hosts" in answer.text
 
 
-def test_plain_http_gets_nothing(secured: Secured) -> None:
+def test_plain_http_fails_on_a_tls_port(secured: Secured) -> None:
     with pytest.raises(httpx2.HTTPError):
         clients.get(secured.url.replace("https", "http") + "/healthz")
 
@@ -131,7 +131,7 @@ def stream(secured: Secured, metadata: Any) -> Any:
         return next(call(pb.ImageSetRequest(left_enabled=True), metadata=metadata, timeout=SECONDS))
 
 
-def test_the_image_stream_wants_its_own_token(secured: Secured) -> None:
+def test_image_stream_requires_its_own_token(secured: Secured) -> None:
     assert stream(secured, [("authorization", f"Bearer {CAMERA}")]).left.width > 0
     for metadata in (None, [("authorization", f"Bearer {TOKEN}")], [("authorization-bin", b"\xff")]):
         with pytest.raises(grpc.RpcError) as caught:
@@ -139,7 +139,7 @@ def test_the_image_stream_wants_its_own_token(secured: Secured) -> None:
         assert caught.value.code() is grpc.StatusCode.UNAUTHENTICATED
 
 
-def test_health_checks_over_grpc_need_none(secured: Secured) -> None:
+def test_grpc_health_checks_need_no_token(secured: Secured) -> None:
     credentials = grpc.ssl_channel_credentials(secured.pem)
     with grpc.secure_channel(f"127.0.0.1:{secured.grpc_port}", credentials) as channel:
         answer = health_pb2_grpc.HealthStub(channel).Check(health_pb2.HealthCheckRequest(), timeout=SECONDS)
@@ -152,7 +152,7 @@ def streamed(secured: Secured, folder: Path, *arguments: str, **environment: str
     return CliRunner().invoke(app, [*command, *arguments], env=environment)
 
 
-def test_the_command_gets_in_with_authority_and_token(secured: Secured, tmp_path: Path) -> None:
+def test_stream_command_with_authority_and_token(secured: Secured, tmp_path: Path) -> None:
     ca, token = tmp_path / "ca.pem", tmp_path / "token"
     token.write_text(f"# of the camera\n\n{CAMERA}\n")
     ways: list[tuple[list[str], dict[str, str]]] = [
@@ -167,13 +167,13 @@ def test_the_command_gets_in_with_authority_and_token(secured: Secured, tmp_path
 
 
 @pytest.mark.parametrize("arguments", [[], ["--token", TOKEN]], ids=["none", "another"])
-def test_the_command_without_the_right_token_says_so(secured: Secured, tmp_path: Path, arguments: list[str]) -> None:
+def test_stream_command_without_the_right_token(secured: Secured, tmp_path: Path, arguments: list[str]) -> None:
     result = streamed(secured, tmp_path, "--ca", str(tmp_path / "ca.pem"), *arguments)
     assert isinstance(result.exception, StreamFailure)
     assert "UNAUTHENTICATED: the metadata needs 'authorization: Bearer TOKEN'" in str(result.exception)
 
 
-def test_an_unusable_token_file_ends_the_start_with_one_sentence(tmp_path: Path) -> None:
+def test_unusable_token_file_ends_the_start_with_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "token").write_text("short")
     process = GatewayProcess("--http-port", "0", "--http-token-file", str(tmp_path / "token"))
     try:

@@ -1,4 +1,4 @@
-"""Small inputs that would become large: the memory of a process of its own is watched."""
+"""Small inputs that decompress or parse to large ones; a process of its own measures memory."""
 
 from __future__ import annotations
 

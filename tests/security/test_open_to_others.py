@@ -1,4 +1,4 @@
-"""What is said at the start about interfaces that other machines reach, and what the settings refuse."""
+"""Interfaces that other machines reach, and settings that are refused."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from gateway.server.security import Guard
+from gateway.server.security import Security
 from gateway.settings import Settings, SettingsError
 from tests.support.certificates import certificate
 
@@ -18,7 +18,7 @@ def _own_lcm(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def exposed(**settings: Any) -> dict[str, str]:
-    return {name: lacks for name, _, lacks in Guard.of(Settings(**settings)).exposed()}
+    return {name: lacks for name, _, lacks in Security.of(Settings(**settings)).exposed()}
 
 
 @pytest.fixture
@@ -29,22 +29,22 @@ def token(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "::1", "127.0.0.7"])
-def test_nothing_is_open_by_default(host: str) -> None:
+def test_nothing_is_reachable_by_default(host: str) -> None:
     assert exposed(host=host) == {}
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "::", "10.1.2.3"])
-def test_everything_that_is_open_is_named(host: str) -> None:
+def test_all_reachable_interfaces_are_listed(host: str) -> None:
     found = exposed(host=host, rest_port=0)
     assert list(found) == ["HTTP", "The device's REST interface", "The stereo camera's gRPC", "TCPQ"]
     assert found["HTTP"] == "TLS and a token"
 
 
-def test_only_what_runs_is_named() -> None:
+def test_only_running_interfaces_are_listed() -> None:
     assert list(exposed(host="0.0.0.0", only="render")) == ["HTTP"]
 
 
-def test_with_a_token_tcpq_stays_on_this_machine_unless_told_otherwise(token: Path) -> None:
+def test_tcpq_uses_loopback_with_a_token(token: Path) -> None:
     found = exposed(host="0.0.0.0", http_token_file=token)
     assert "TCPQ" not in found
     assert found["HTTP"] == "TLS"
@@ -53,14 +53,14 @@ def test_with_a_token_tcpq_stays_on_this_machine_unless_told_otherwise(token: Pa
     assert "TCPQ" in exposed(tcpq_host="0.0.0.0")
 
 
-def test_with_tls_and_token_nothing_lacks(token: Path, tmp_path: Path) -> None:
+def test_nothing_is_missing_with_tls_and_token(token: Path, tmp_path: Path) -> None:
     pem, key = certificate(tmp_path)
     both = {"http_certificate": pem, "http_key": key, "grpc_certificate": pem, "grpc_key": key}
     found = exposed(host="0.0.0.0", http_token_file=token, grpc_token_file=token, **both)
     assert found == {"HTTP": "", "The stereo camera's gRPC": ""}
 
 
-def test_lcm_that_leaves_the_machine_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_lcm_beyond_this_machine_is_listed(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "LCM" in exposed(lcm_url="udpm://239.255.76.67:7667?ttl=1")
     assert "LCM" not in exposed(lcm_url="udpm://239.255.76.67:7667?ttl=0")
     assert "LCM" not in exposed(lcm_url="udpm://239.255.76.67:7667?ttl=many")
@@ -68,14 +68,14 @@ def test_lcm_that_leaves_the_machine_is_named(monkeypatch: pytest.MonkeyPatch) -
     assert "LCM" in exposed()
 
 
-def test_what_cannot_be_used_is_told_before_anything_listens(tmp_path: Path) -> None:
+def test_unusable_files_are_reported_before_any_port_is_open(tmp_path: Path) -> None:
     pem, _ = certificate(tmp_path, "one")
     _, key = certificate(tmp_path, "two")
     with pytest.raises(SettingsError, match="TLS of HTTP cannot use"):
-        Guard.of(Settings(http_certificate=pem, http_key=key))
+        Security.of(Settings(http_certificate=pem, http_key=key))
     with pytest.raises(SettingsError, match="No such file"):
-        Guard.of(Settings(http_certificate=pem, http_key=tmp_path / "nowhere"))
+        Security.of(Settings(http_certificate=pem, http_key=tmp_path / "nowhere"))
     with pytest.raises(SettingsError, match="cannot be read"):
-        Guard.of(Settings(grpc_token_file=tmp_path / "nowhere"))
+        Security.of(Settings(grpc_token_file=tmp_path / "nowhere"))
     with pytest.raises(ValueError, match="need each other"):
         Settings(http_certificate=pem)

@@ -1,4 +1,4 @@
-"""The OpenAPI description against the gateway: what it promises is what is answered, errors included."""
+"""The OpenAPI description against the responses of a gateway, errors included."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FOLDER = Path(__file__).parent
 
 @pytest.mark.slow
 @pytest.mark.skipif(not STARTER, reason="SCENEGATE_SCHEMATHESIS names no Schemathesis ('st')")
-def test_every_answer_is_as_described(gateway_url: str, tmp_path: Path) -> None:
+def test_every_response_is_as_described(gateway_url: str, tmp_path: Path) -> None:
     for name in ("schemathesis.toml", "schemathesis_hooks.py"):
         shutil.copy(FOLDER / name, tmp_path)
     command = [STARTER, "--config-file", "schemathesis.toml", "run", f"{gateway_url}/openapi.json", "--no-color"]

@@ -10,7 +10,7 @@ from http.server import BaseHTTPRequestHandler, HTTPServer
 
 @contextmanager
 def answering(answer: Callable[[str], tuple[int, bytes]]) -> Iterator[int]:
-    """Port of a server that gives every GET the status and the body that ``answer`` has for its path."""
+    """Yield the port of a server whose responses are the status and body that ``answer`` returns for a path."""
 
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import pytest
 
-from gateway.server.http_protocol import BoundedHttp
+from gateway.server.http_protocol import BoundedHttpProtocol
 
 
 @pytest.fixture
 def received(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """Lengths of the pieces that HTTP connections have received, in order."""
+    """Lengths of the slices that HTTP connections have handled, in order."""
     sizes: list[int] = []
-    plain = BoundedHttp.data_received
+    original = BoundedHttpProtocol.slice_received
 
-    def data_received(self: BoundedHttp, data: bytes) -> None:
-        plain(self, data)
+    def slice_received(self: BoundedHttpProtocol, data: bytes) -> None:
+        original(self, data)
         sizes.append(len(data))
 
-    monkeypatch.setattr(BoundedHttp, "data_received", data_received)
+    monkeypatch.setattr(BoundedHttpProtocol, "slice_received", slice_received)
     return sizes

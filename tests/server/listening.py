@@ -1,4 +1,4 @@
-"""An application behind the gateway's HTTP server, on a port of its own."""
+"""An application on the gateway's HTTP server, on a port of its own."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tests.support.waiting import until
 
 @asynccontextmanager
 async def listening(app: FastAPI) -> AsyncIterator[int]:
-    """The port; stopped in the end."""
+    """Yield the port of a running server."""
     service = PortService(app, "127.0.0.1", 0)
     task = asyncio.create_task(service.run())
     try:

@@ -1,4 +1,4 @@
-"""Token, cookie and Host header, without a server."""
+"""Token, cookie, CSRF, headers and trusted hosts, without a server."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def client(server: tuple[str, int] | None = None, **hosts: Any) -> httpx2.AsyncC
     return httpx2.AsyncClient(transport=httpx2.ASGITransport(app=at), base_url="http://here")
 
 
-async def test_the_token_is_wanted_but_for_health() -> None:
+async def test_token_is_required_except_for_health() -> None:
     async with client() as http:
         assert (await http.get("/healthz")).status_code == 200
         refused = await http.get("/scene")
@@ -45,7 +45,7 @@ async def test_the_token_is_wanted_but_for_health() -> None:
         assert (await http.post(f"/scene?token={TOKEN}")).status_code == 401, "the address is for browsers only"
 
 
-async def test_a_browser_gets_a_cookie_that_scripts_cannot_read() -> None:
+async def test_token_in_the_query_sets_an_httponly_cookie() -> None:
     async with client() as http:
         answer = await http.get(f"/view?a=1&token={TOKEN}&b=2")
         assert answer.status_code == 303
@@ -62,7 +62,7 @@ async def test_a_browser_gets_a_cookie_that_scripts_cannot_read() -> None:
         assert (await http.get("/view?token=wrong")).status_code == 401
 
 
-async def test_the_cookie_goes_with_the_token_that_was_shown_and_with_time() -> None:
+async def test_cookie_ends_with_its_token_and_expires() -> None:
     now = NOW
 
     def gateway(*tokens: str) -> httpx2.AsyncClient:
@@ -109,7 +109,7 @@ def behind(middleware: Any, scheme: str = "http", **options: Any) -> httpx2.Asyn
         ({"Sec-Fetch-Site": "of tomorrow"}, False),
     ],
 )
-async def test_pages_of_other_sites_may_change_nothing(headers: dict[str, str], allowed: bool) -> None:
+async def test_cross_site_requests_with_side_effects_are_refused(headers: dict[str, str], allowed: bool) -> None:
     async with behind(CsrfProtection, origins=("https://dashboard.example",)) as http:
         for method in ("POST", "PUT", "DELETE", "PATCH"):
             answer = await http.request(method, "/", headers=headers)
@@ -119,13 +119,13 @@ async def test_pages_of_other_sites_may_change_nothing(headers: dict[str, str], 
             assert (await http.request(method, "/", headers=headers)).status_code != 403
 
 
-async def test_any_page_may_change_things_where_the_settings_say_so() -> None:
+async def test_wildcard_origin_allows_cross_site_requests() -> None:
     async with behind(CsrfProtection, origins=("*",)) as http:
         for headers in ({"Origin": "null"}, {"Sec-Fetch-Site": "cross-site"}):
             assert (await http.post("/", headers=headers)).status_code == 200
 
 
-async def test_a_refusal_repeats_an_origin_shortened_and_without_odd_characters() -> None:
+async def test_refusal_quotes_the_origin_shortened_and_escaped() -> None:
     async with behind(CsrfProtection) as http:
         answer = await http.post("/", headers={b"Origin": b"http://\xff\x1b[31m" + b"x" * 5000})
     assert len(answer.content) < 300
@@ -157,7 +157,7 @@ async def test_a_refusal_repeats_an_origin_shortened_and_without_odd_characters(
         ("http://a:99999", "a:99999", "http", False),
     ],
 )
-def test_origins_of_this_host(origin: str, host: str, scheme: str, same: bool) -> None:
+def test_same_origin(origin: str, host: str, scheme: str, same: bool) -> None:
     assert same_origin(origin, host, scheme) is same
 
 
@@ -169,9 +169,7 @@ def test_origins_of_this_host(origin: str, host: str, scheme: str, same: bool) -
         (("*",), "*"),
     ],
 )
-async def test_answers_are_for_frames_of_own_pages_and_their_types_are_not_guessed(
-    origins: tuple[str, ...], ancestors: str
-) -> None:
+async def test_headers_against_frames_and_content_sniffing(origins: tuple[str, ...], ancestors: str) -> None:
     async with behind(SecurityHeaders, origins=origins) as http:
         headers = (await http.get("/")).headers
     assert headers["content-security-policy"] == f"frame-ancestors {ancestors}"
@@ -179,7 +177,7 @@ async def test_answers_are_for_frames_of_own_pages_and_their_types_are_not_guess
 
 
 @pytest.mark.parametrize("path", ["//evil.example", "///evil.example/x", "/%2f/evil.example", "/\\evil.example"])
-async def test_the_way_on_never_leads_to_another_host(path: str) -> None:
+async def test_redirect_never_leads_to_another_host(path: str) -> None:
     async with client() as http:
         answer = await http.get(httpx2.URL(f"http://here{path}?token={TOKEN}"))
         location = answer.headers["location"]
@@ -187,7 +185,7 @@ async def test_the_way_on_never_leads_to_another_host(path: str) -> None:
         assert not location.startswith(("//", "/\\"))
 
 
-async def test_a_websocket_needs_the_token_too() -> None:
+async def test_websocket_requires_the_token() -> None:
     sent: list[Any] = []
 
     async def send(message: Any) -> None:
@@ -196,11 +194,14 @@ async def test_a_websocket_needs_the_token_too() -> None:
     async def inner(scope: Any, receive: Any, send: Any) -> None:
         await send({"type": "websocket.accept"})
 
+    async def receive() -> Any:
+        raise AssertionError
+
     access = Access(inner, tokens=TOKENS, clock=lambda: NOW)
     scope = {"type": "websocket", "path": "/view/ws", "headers": [], "query_string": f"token={TOKEN}".encode()}
-    await access(scope, None, send)
+    await access(scope, receive, send)
     cookie = [(b"cookie", f"other=1; {COOKIE}={TOKENS.cookie(TOKEN, NOW)}".encode())]
-    await access({**scope, "headers": cookie}, None, send)
+    await access({**scope, "headers": cookie}, receive, send)
     assert [message["type"] for message in sent] == ["websocket.close", "websocket.accept"]
 
 
@@ -220,12 +221,12 @@ LOOPBACK = ("127.0.0.1", 8000)
         ("127.0.0.1.evil.example", 421),
     ],
 )
-async def test_names_of_others_do_not_lead_here(host: str, status: int) -> None:
+async def test_unknown_host_names_are_refused(host: str, status: int) -> None:
     async with client(LOOPBACK) as http:
         assert (await http.get("/scene", headers={"Host": host})).status_code == status
 
 
-async def test_other_machines_may_use_any_name_unless_names_are_given() -> None:
+async def test_any_host_name_is_accepted_on_external_addresses_by_default() -> None:
     async with client(("10.0.0.5", 8000)) as http:
         assert (await http.get("/", headers={"Host": "gateway.example"})).status_code == 200
     async with client(("10.0.0.5", 8000), names=("gateway.example", "*.lab.example")) as http:
@@ -241,11 +242,11 @@ async def test_other_machines_may_use_any_name_unless_names_are_given() -> None:
         assert (await http.get("/", headers={"Host": "evil.example"})).status_code == 200
 
 
-def test_host_names() -> None:
+def test_host_name_is_parsed() -> None:
     assert [host_name(h) for h in ("A:1", "a", "[::1]:80", "::1", "[::1]")] == ["a", "a", "::1", "::1", "::1"]
 
 
-async def test_405_names_every_method_of_the_path() -> None:
+async def test_405_lists_every_method_of_the_path() -> None:
     app = FastAPI()
     routes = APIRouter()
     for method in ("GET", "PUT"):
@@ -259,7 +260,7 @@ async def test_405_names_every_method_of_the_path() -> None:
         assert (await http.delete("/nothing")).status_code == 404
 
 
-async def test_404_says_where_to_look() -> None:
+async def test_404_points_to_the_docs() -> None:
     app = FastAPI()
     app.add_exception_handler(404, not_found)
     async with httpx2.AsyncClient(transport=httpx2.ASGITransport(app=app), base_url="http://here") as http:

@@ -31,7 +31,7 @@ class Client:
         return Request({"type": "http", "method": "GET", "headers": []}, self.receive)
 
 
-async def test_results_and_errors_are_those_of_the_work() -> None:
+async def test_returns_the_result_or_raises_the_error_of_the_work() -> None:
     async def fail() -> None:
         raise ZeroDivisionError
 
@@ -40,7 +40,7 @@ async def test_results_and_errors_are_those_of_the_work() -> None:
         await while_connected(Client().request, fail())
 
 
-async def test_the_work_is_cancelled_when_the_client_leaves() -> None:
+async def test_cancels_the_work_when_the_client_disconnects() -> None:
     client, begun, cancelled = Client(), asyncio.Event(), asyncio.Event()
 
     async def work() -> None:
@@ -58,7 +58,7 @@ async def test_the_work_is_cancelled_when_the_client_leaves() -> None:
     await cancelled.wait()
 
 
-async def test_the_work_is_cancelled_with_the_caller() -> None:
+async def test_cancels_the_work_with_its_caller() -> None:
     begun, cancelled = asyncio.Event(), asyncio.Event()
 
     async def work() -> None:

@@ -13,7 +13,7 @@ from starlette.responses import JSONResponse, PlainTextResponse, StreamingRespon
 
 from gateway.runtime.metrics_registry import Metrics
 from gateway.server.error_handlers import HeadAsGet, not_allowed
-from gateway.server.middleware import Requests
+from gateway.server.middleware import RequestContext
 from tests.server.listening import listening
 from tests.support.waiting import SECONDS
 
@@ -26,7 +26,7 @@ class World:
         self.app = FastAPI()
         self.app.add_exception_handler(405, not_allowed)
         self.app.add_middleware(HeadAsGet)
-        self.app.add_middleware(Requests, metrics=self.metrics)
+        self.app.add_middleware(RequestContext, metrics=self.metrics)
 
         @self.app.get("/thing/{name}")
         async def thing(name: str, request: Request) -> JSONResponse:
@@ -67,7 +67,7 @@ async def test_head_has_the_status_and_headers_of_get_and_no_body(path: str) -> 
         assert (await http.get("/thing/2")).json() == {"name": "2"}, "the connection goes on"
 
 
-async def test_a_stream_without_end_ends_at_its_headers() -> None:
+async def test_head_of_an_endless_stream_ends() -> None:
     world = World()
     async with (
         listening(world.app) as port,
@@ -81,7 +81,7 @@ async def test_a_stream_without_end_ends_at_its_headers() -> None:
         assert (await http.get("/thing/1")).status_code == 200
 
 
-async def test_head_is_counted_as_such_at_its_route() -> None:
+async def test_head_is_counted_at_its_route() -> None:
     world = World()
     async with listening(world.app) as port, httpx2.AsyncClient(base_url=f"http://127.0.0.1:{port}") as http:
         await http.head("/thing/1")

@@ -1,4 +1,4 @@
-"""Health with and without a token, where one is asked for."""
+"""Health with and without a token."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from fastapi import FastAPI
 
 from gateway.runtime.metrics_registry import Metrics
-from gateway.runtime.service_registry import Board
+from gateway.runtime.service_registry import ServiceRegistry
 from gateway.server import health
 from gateway.server.access import Access
 from gateway.server.tokens import Tokens
@@ -24,19 +24,19 @@ def client(*, token: bool) -> httpx2.AsyncClient:
     def figures() -> Mapping[str, Any]:
         return {"port": 4001, "last_problem": "a message of a client", "nested": {"file": "/srv/secret.db"}}
 
-    board = Board()
-    board.ready("state", where="/srv/secret.db", figures=figures)
-    board.ready("view", where="10.1.2.3")
-    board.fail("stereo", "cannot read /srv/secret.pem")
+    registry = ServiceRegistry()
+    registry.ready("state", where="/srv/secret.db", figures=figures)
+    registry.ready("view", where="10.1.2.3")
+    registry.fail("stereo", "cannot read /srv/secret.pem")
     app = FastAPI()
-    app.include_router(health.router(board, Metrics(), "1.2.3"))
+    app.include_router(health.router(registry, Metrics(), "1.2.3"))
     if token:
         app.add_middleware(Access, tokens=Tokens(TOKEN), open_paths=health.OPEN_PATHS)
     return httpx2.AsyncClient(transport=httpx2.ASGITransport(app=app), base_url="http://here")
 
 
 @pytest.mark.parametrize("path", ["/healthz", "/readyz"])
-async def test_without_the_token_health_is_states_alone(path: str) -> None:
+async def test_health_without_the_token_has_states_only(path: str) -> None:
     async with client(token=True) as http:
         answer = await http.get(path)
     assert answer.status_code == 200
@@ -53,7 +53,7 @@ async def test_without_the_token_health_is_states_alone(path: str) -> None:
 
 @pytest.mark.parametrize("path", ["/healthz", "/readyz"])
 @pytest.mark.parametrize("token", [True, False], ids=["token shown", "no token wanted"])
-async def test_otherwise_it_tells_everything(path: str, token: bool) -> None:
+async def test_health_with_the_token_has_all_details(path: str, token: bool) -> None:
     async with client(token=token) as http:
         answer = await http.get(path, headers=BEARER if token else {})
         assert all(secret in answer.text for secret in SECRETS)

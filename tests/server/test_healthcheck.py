@@ -1,4 +1,4 @@
-"""The image's health check: its exit code is what /readyz says."""
+"""The container's health check: its exit code follows /readyz."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def test_the_exit_code_is_what_readyz_says(status: int, code: int, monkeypatch: 
         assert healthcheck.main() == code
 
 
-def test_nobody_is_not_ready_and_tls_is_spoken_where_a_certificate_is_set(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_closed_port_is_not_ready_and_tls_is_used_with_a_certificate(monkeypatch: pytest.MonkeyPatch) -> None:
     with answering(lambda path: (200 if path == "/readyz" else 404, b"")) as port:
         assert not healthcheck.ready(port, tls=True), "it does not speak TLS"
     assert not healthcheck.ready(port, tls=False), "nobody listens there any more"

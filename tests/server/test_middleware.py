@@ -1,4 +1,4 @@
-"""What every HTTP request gets: id, log line, figures; and the gate before the start."""
+"""Middleware of every HTTP request: ids, log lines, metrics, the URL limit, and waiting for the start."""
 
 from __future__ import annotations
 
@@ -9,16 +9,18 @@ import httpx2
 import pytest
 from fastapi import FastAPI, Request
 from fastapi.responses import PlainTextResponse
+from starlette.middleware.body_limit import RequestBodyLimitMiddleware
+from starlette.types import ASGIApp
 from structlog.testing import capture_logs
 
 from gateway.runtime.metrics_registry import Metrics
 from gateway.server.access import TrustedHosts
-from gateway.server.middleware import Gate, Requests
+from gateway.server.middleware import MAX_TARGET_BYTES, RequestContext, StartGate, TargetLimit
 
 
 def make(metrics: Metrics) -> FastAPI:
     app = FastAPI()
-    app.add_middleware(Requests, metrics=metrics, quiet={"/quiet"})
+    app.add_middleware(RequestContext, metrics=metrics, quiet_paths={"/quiet"})
 
     @app.get("/things/{name}")
     async def thing(name: str) -> PlainTextResponse:
@@ -31,12 +33,12 @@ def make(metrics: Metrics) -> FastAPI:
     return app
 
 
-def client(app: object) -> httpx2.AsyncClient:
+def client(app: ASGIApp) -> httpx2.AsyncClient:
     transport = httpx2.ASGITransport(app=app, raise_app_exceptions=False)
     return httpx2.AsyncClient(transport=transport, base_url="http://test")
 
 
-async def test_an_id_comes_back_and_is_made_when_missing_or_unfit() -> None:
+async def test_request_id_is_returned_or_replaced() -> None:
     async with client(make(Metrics())) as http:
         given = await http.get("/things/a", headers={"X-Request-ID": "drake-7"})
         assert given.headers["x-request-id"] == "drake-7"
@@ -46,7 +48,7 @@ async def test_an_id_comes_back_and_is_made_when_missing_or_unfit() -> None:
         assert re.fullmatch("[0-9a-f]{32}", unfit.headers["x-request-id"])
 
 
-async def test_one_line_a_request() -> None:
+async def test_one_log_line_per_request() -> None:
     async with client(make(Metrics())) as http:
         with capture_logs() as lines:
             await http.get("/things/a")
@@ -57,7 +59,7 @@ async def test_one_line_a_request() -> None:
     ]
 
 
-async def test_requests_are_counted_by_route_not_by_path() -> None:
+async def test_requests_are_counted_by_route() -> None:
     metrics = Metrics()
     async with client(make(metrics)) as http:
         for path in ("/things/a", "/things/b", "/nothing/1", "/nothing/2", "/broken"):
@@ -70,7 +72,7 @@ async def test_requests_are_counted_by_route_not_by_path() -> None:
     assert "scenegate_http_requests_in_flight 0.0" in text
 
 
-async def test_a_defect_is_500_with_the_id_and_a_traceback_in_the_log() -> None:
+async def test_unhandled_error_is_500_with_the_id_and_a_logged_traceback() -> None:
     async with client(make(Metrics())) as http:
         with capture_logs() as lines:
             answer = await http.get("/broken", headers={"X-Request-ID": "r1"})
@@ -80,9 +82,9 @@ async def test_a_defect_is_500_with_the_id_and_a_traceback_in_the_log() -> None:
     assert lines[0]["exc_info"]
 
 
-async def test_requests_wait_until_the_start_but_not_the_open_ones() -> None:
+async def test_requests_wait_for_the_start_except_open_paths() -> None:
     started = asyncio.Event()
-    gate = Gate(make(Metrics()), started=started, problem=lambda: "", open_paths={"/things/open"})
+    gate = StartGate(make(Metrics()), started=started, problem=lambda: "", open_paths={"/things/open"})
     async with client(gate) as http:
         assert (await http.get("/things/open")).text == "open"
         waiting = asyncio.create_task(http.get("/things/a"))
@@ -93,29 +95,41 @@ async def test_requests_wait_until_the_start_but_not_the_open_ones() -> None:
         assert (await waiting).text == "a"
 
 
-async def test_a_failed_start_is_503_with_the_reason() -> None:
+async def test_failed_start_is_503_with_the_reason() -> None:
     started = asyncio.Event()
     started.set()
-    gate = Gate(make(Metrics()), started=started, problem=lambda: "no kernels", open_paths=set())
+    gate = StartGate(make(Metrics()), started=started, problem=lambda: "no kernels", open_paths=set())
     async with client(gate) as http:
         answer = await http.get("/things/a")
     assert (answer.status_code, answer.text) == (503, "The gateway did not start: no kernels\n")
 
 
-@pytest.mark.parametrize("host", ["localhost", "rebound.example"])
-async def test_bodies_beyond_the_bound_are_no_defect_whoever_answers(host: str) -> None:
-    app = FastAPI(max_body_size=10)
+@pytest.mark.parametrize(("host", "status"), [("localhost", 413), ("rebound.example", 421)])
+async def test_too_large_body_is_not_logged_as_an_error(host: str, status: int) -> None:
+    app = FastAPI()
 
     @app.post("/things")
     async def things(http: Request) -> PlainTextResponse:
         return PlainTextResponse(str(len(await http.body())))
 
     metrics = Metrics()
+    app.add_middleware(RequestBodyLimitMiddleware, max_body_size=10)
     app.add_middleware(TrustedHosts, names=("localhost",))
-    app.add_middleware(Requests, metrics=metrics)
+    app.add_middleware(RequestContext, metrics=metrics)
     async with client(app) as http:
         with capture_logs() as lines:
             answer = await http.post("/things", content=b"x" * 100, headers={"Host": host})
-    assert answer.status_code == 413
-    assert [(line["event"], line["status"]) for line in lines] == [("request", 413)]
-    assert 'status="413"} 1.0' in metrics.exposition().decode()
+    assert answer.status_code == status
+    assert [(line["event"], line["status"]) for line in lines] == [("request", status)]
+    assert f'status="{status}"}} 1.0' in metrics.exposition().decode()
+
+
+async def test_long_target_is_refused() -> None:
+    app = make(Metrics())
+    app.add_middleware(TargetLimit)
+    path = "/things/a?q="
+    room = MAX_TARGET_BYTES - len(path) + len("?")
+    async with client(app) as http:
+        assert (await http.get(path + "x" * room)).status_code == 200
+        answer = await http.get(path + "x" * (room + 1))
+    assert (answer.status_code, answer.text) == (414, "The path with its query is longer than 8192 bytes.\n")

@@ -1,4 +1,4 @@
-"""The OpenAPI description of a whole gateway, made without starting one."""
+"""The OpenAPI description of a whole gateway, without starting one."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def test_every_body_is_described_and_names_are_enumerated(schema: dict[str, Any]
                 assert parameter["schema"]["enum"] == [*NODES, *NODE_ALIASES]
 
 
-def test_common_refusals_are_described(schema: dict[str, Any]) -> None:
+def test_common_errors_are_described(schema: dict[str, Any]) -> None:
     for name, operation in operations(schema):
         assert {"421", "500", "503"} <= operation["responses"].keys(), name
         assert name.startswith("GET ") or "text/plain" in operation["responses"]["403"]["content"], name
@@ -68,7 +68,7 @@ def test_common_refusals_are_described(schema: dict[str, Any]) -> None:
     assert "security" not in schema
 
 
-def test_a_token_is_asked_for_everywhere_but_for_health(tmp_path: Path) -> None:
+def test_token_is_described_except_for_health(tmp_path: Path) -> None:
     tokens = tmp_path / "tokens"
     tokens.write_text("0123456789abcdef\n")
     schema = create_app(Settings(http_token_file=tokens)).openapi()

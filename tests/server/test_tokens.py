@@ -9,7 +9,7 @@ from gateway.server.tokens import COOKIE_SECONDS, TokenError, Tokens, read_token
 ONE, TWO = "0123456789abcdef", "fedcba9876543210"
 
 
-def test_any_of_several_is_accepted_and_nothing_else() -> None:
+def test_accepts_each_of_several_tokens_only() -> None:
     tokens = Tokens(ONE, TWO)
     assert tokens.accept(ONE)
     assert tokens.accept_header(f"Bearer {TWO}")
@@ -21,13 +21,13 @@ def test_any_of_several_is_accepted_and_nothing_else() -> None:
     assert not tokens.accept_header(f"Basic {ONE}")
 
 
-def test_a_token_is_never_shown() -> None:
+def test_repr_hides_tokens() -> None:
     tokens = Tokens(ONE, TWO)
     assert ONE not in repr(tokens)
     assert ONE not in tokens.cookie(ONE, 0.0)
 
 
-def test_a_cookie_ends_with_its_token_and_with_its_time() -> None:
+def test_cookie_is_valid_with_its_token_until_it_expires() -> None:
     now = 1.7e9
     for token in (ONE, TWO):
         cookie = Tokens.cookie(token, now)
@@ -41,11 +41,11 @@ def test_a_cookie_ends_with_its_token_and_with_its_time() -> None:
 
 
 @pytest.mark.parametrize("wrong", ["", ONE, ".", "-1.x", "x" * 5000, "9" * 1000 + ".x", "\udcff", "²." + "0" * 64, "é"])
-def test_what_is_no_cookie_is_refused(wrong: str) -> None:
+def test_invalid_cookies_are_refused(wrong: str) -> None:
     assert not Tokens(ONE, TWO).accept_cookie(wrong, 0.0)
 
 
-def test_the_file_has_one_token_a_line(tmp_path: Path) -> None:
+def test_token_file_has_one_token_per_line(tmp_path: Path) -> None:
     path = tmp_path / "tokens"
     path.write_text(f"# the old one goes in May\n{ONE}\n\n  {TWO}  \n")
     tokens = read_tokens(path)
@@ -64,7 +64,7 @@ def test_the_file_has_one_token_a_line(tmp_path: Path) -> None:
         ("pässword-pässword".encode(), "not ASCII"),
     ],
 )
-def test_files_that_cannot_be_used_are_told_without_their_content(tmp_path: Path, content: bytes, says: str) -> None:
+def test_errors_about_token_files_do_not_quote_them(tmp_path: Path, content: bytes, says: str) -> None:
     path = tmp_path / "tokens"
     path.write_bytes(content)
     with pytest.raises(TokenError, match=says) as caught:
@@ -73,6 +73,6 @@ def test_files_that_cannot_be_used_are_told_without_their_content(tmp_path: Path
     assert "spaces in the middle" not in str(caught.value)
 
 
-def test_a_missing_file_is_told(tmp_path: Path) -> None:
+def test_missing_token_file(tmp_path: Path) -> None:
     with pytest.raises(TokenError, match="cannot be read: No such file"):
         read_tokens(tmp_path / "nowhere")

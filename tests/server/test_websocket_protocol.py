@@ -1,4 +1,4 @@
-"""WebSocket connections whose clients send what no page sends."""
+"""Limits of WebSocket connections."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from contextlib import asynccontextmanager, suppress
 import pytest
 from fastapi import FastAPI, WebSocket, WebSocketDisconnect
 
-from gateway.server.websocket_protocol import MAX_FRAGMENTS, PIECE_BYTES, BoundedWebSocket
+from gateway.server.websocket_protocol import MAX_FRAGMENTS, SLICE_BYTES, BoundedWebSocketProtocol
 from tests.server.listening import listening
 from tests.support.waiting import SECONDS
 
@@ -53,7 +53,7 @@ async def connected() -> AsyncIterator[tuple[asyncio.StreamReader, asyncio.Strea
 
 
 @pytest.mark.parametrize("payload", [b"", b"x"], ids=["empty", "of a byte"])
-async def test_a_message_of_fragments_without_end_ends_the_connection(payload: bytes) -> None:
+async def test_fragments_of_a_message_are_limited(payload: bytes) -> None:
     async with connected() as (reader, writer, got):
         fragments = frame(TEXT, last=False) + frame(CONTINUATION, payload, last=False) * (MAX_FRAGMENTS - 2)
         writer.write(fragments + frame(CONTINUATION, b"!"))
@@ -65,7 +65,7 @@ async def test_a_message_of_fragments_without_end_ends_the_connection(payload: b
 
 
 @pytest.mark.parametrize("fragments", [1, 2])
-async def test_text_that_is_not_utf_8_ends_the_connection(fragments: int, caplog: pytest.LogCaptureFixture) -> None:
+async def test_text_that_is_not_utf_8_closes_the_connection(fragments: int, caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.DEBUG):
         async with connected() as (reader, writer, got):
             writer.write(frame(TEXT, "é".encode()[:1] + b"x") if fragments == 1 else b"")
@@ -78,7 +78,7 @@ async def test_text_that_is_not_utf_8_ends_the_connection(fragments: int, caplog
     assert not [record for record in caplog.records if record.levelno > logging.INFO or record.exc_info]
 
 
-async def test_letters_that_fragments_cut_apart_are_whole_again() -> None:
+async def test_characters_may_be_split_between_fragments() -> None:
     async with connected() as (reader, writer, got):
         data = "é".encode()
         writer.write(frame(TEXT, data[:1], last=False) + frame(CONTINUATION, data[1:]))
@@ -86,7 +86,9 @@ async def test_letters_that_fragments_cut_apart_are_whole_again() -> None:
     assert got[0] == "é"
 
 
-async def test_who_does_not_wait_for_the_handshake_is_cut_off_in_silence(caplog: pytest.LogCaptureFixture) -> None:
+async def test_frames_before_the_handshake_close_the_connection(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     answering, answered = asyncio.Event(), asyncio.Event()
     app = FastAPI()
 
@@ -111,24 +113,24 @@ async def test_who_does_not_wait_for_the_handshake_is_cut_off_in_silence(caplog:
     assert not [record for record in caplog.records if record.levelno > logging.INFO or record.exc_info]
 
 
-async def test_what_comes_is_read_in_pieces_that_leave_others_their_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_frames_are_parsed_in_slices(monkeypatch: pytest.MonkeyPatch) -> None:
     sizes: list[int] = []
-    plain = BoundedWebSocket.data_received
+    original = BoundedWebSocketProtocol.slice_received
 
-    def data_received(self: BoundedWebSocket, data: bytes) -> None:
+    def slice_received(self: BoundedWebSocketProtocol, data: bytes) -> None:
         sizes.append(len(data))
-        plain(self, data)
+        original(self, data)
 
-    monkeypatch.setattr(BoundedWebSocket, "data_received", data_received)
+    monkeypatch.setattr(BoundedWebSocketProtocol, "slice_received", slice_received)
     async with connected() as (reader, writer, got):
         writer.write(frame(PONG, b"p" * 100) * 1000 + frame(TEXT, b"end"))
         assert await reader.readexactly(5) == b"\x81\x03end"
     assert len(sizes) > 50
-    assert max(sizes) <= PIECE_BYTES
+    assert max(sizes) <= SLICE_BYTES
     assert got[0] == "end"
 
 
-async def test_pings_of_who_does_not_read_are_not_hoarded() -> None:
+async def test_only_the_newest_pong_is_kept() -> None:
     written: list[bytes] = []
 
     class Transport:
@@ -144,10 +146,10 @@ async def test_pings_of_who_does_not_read_are_not_hoarded() -> None:
         def data_to_send(self) -> list[bytes]:
             return [self.answer]
 
-    socket = BoundedWebSocket.__new__(BoundedWebSocket)
+    socket = BoundedWebSocketProtocol.__new__(BoundedWebSocketProtocol)
     socket.writable = asyncio.Event()
-    socket.transport = Transport()
-    socket.conn = Connection()
+    socket.transport = Transport()  # type: ignore[assignment]  # the part that is used
+    socket.conn = Connection()  # type: ignore[assignment]  # likewise
     for number in range(1000):
         Connection.answer = b"pong %d" % number
         socket.handle_ping()

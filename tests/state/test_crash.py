@@ -1,4 +1,4 @@
-"""kill -9 during a flood, again and again: whatever was answered is there, and nothing is there by halves."""
+"""kill -9 during a flood of requests: every acknowledged request is stored, and no request in part."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ import pytest
 from gateway.scene.live import LiveTree
 from gateway.scene.tree import Node
 from gateway.state.config import StateConfig
-from gateway.state.service import State
+from gateway.state.service import PersistentState
 from gateway.treeviewer.protocol import REQUEST, RESPONSE, TreeViewerProtocol
 from tests.state import trees
 from tests.support.waiting import SECONDS
@@ -27,12 +27,12 @@ from tests.treeviewer.transports import HubClient
 ROUNDS = 20
 CLIENTS = 3
 IN_FLIGHT = 16
-"""Requests that a client sends ahead of their answers."""
+"""Number of requests that a client sends ahead of their responses."""
 ROOT = Path(__file__).parents[2]
 
 
 def request(client: int, number: int) -> bytes:
-    """The numbered request of a client: deterministic, of every kind; it leaves its number in the tree."""
+    """Return a client's request with a number, which it writes into the tree. Deterministic."""
     chance = random.Random(f"{client} {number}")
     mine = f"client {client}"
 
@@ -64,7 +64,7 @@ def request(client: int, number: int) -> bytes:
 
 
 class Model:
-    """One client's part of the tree as it is after its first requests, by the protocol itself and without any state."""
+    """One client's subtree after its first requests, computed by the protocol without a state."""
 
     def __init__(self, client: int) -> None:
         self.client = client
@@ -80,7 +80,7 @@ class Model:
 
 
 async def flood(port: int, client: int, first: int, progress: dict[int, int], heard: asyncio.Event, enough: int) -> int:
-    """Sends requests until the connection breaks; the number of the last one sent."""
+    """Send requests until the connection breaks; return the number of the last one sent."""
     connection = await HubClient.connect(port)
     await connection.subscribe(re.escape(f"{RESPONSE}_<{client}>"))
     number = first
@@ -91,7 +91,7 @@ async def flood(port: int, client: int, first: int, progress: dict[int, int], he
                 await connection.publish(f"{REQUEST}_<{client}>", request(client, number))
             _, data = await connection.next()
             answer = decoded(data)
-            assert answer["timestamp"] == progress[client] + 1, "answers come in order"
+            assert answer["timestamp"] == progress[client] + 1, "responses come in order"
             assert "stored" not in json.dumps(answer)
             progress[client] += 1
             if progress[client] >= first + enough:
@@ -102,25 +102,25 @@ async def flood(port: int, client: int, first: int, progress: dict[int, int], he
         connection.writer.close()
 
 
-class Nursery:
-    """Starts servers on one file, one life after the other."""
+class ServerFactory:
+    """Starts servers on one file, one after the other."""
 
     def __init__(self, process: asyncio.subprocess.Process) -> None:
         self._process = process
 
     @classmethod
-    async def open(cls, path: Path) -> Nursery:
+    async def open(cls, path: Path) -> ServerFactory:
         pipe = asyncio.subprocess.PIPE
         command = (sys.executable, "-m", "tests.state.crash_server", str(path))
         return cls(await asyncio.create_subprocess_exec(*command, cwd=ROOT, stdin=pipe, stdout=pipe))
 
-    async def born(self) -> tuple[int, int]:
-        """Process id and port of the next life."""
+    async def start(self) -> tuple[int, int]:
+        """Start the next server; return its process id and port."""
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._process.stdin.write(b"\n")
-        while not (line := await self._process.stdout.readline()).startswith(b"life"):
-            assert line, "the server has ended"
+        while not (line := await self._process.stdout.readline()).startswith(b"server"):
+            assert line, "the servers' parent has ended"
         _, process, port = line.split()
         return int(process), int(port)
 
@@ -129,13 +129,16 @@ class Nursery:
         await self._process.wait()
 
 
-async def crash(nursery: Nursery, chance: random.Random, at: list[int]) -> list[tuple[int, int]]:
-    """One life of the server. ``at``: the number of each client's last request in the tree.
+async def crash(servers: ServerFactory, chance: random.Random, at: list[int]) -> list[tuple[int, int]]:
+    """Start a server, flood it and kill it.
+
+    Args:
+        at: Number of each client's last request in the tree.
 
     Returns:
-        per client, the last request that was answered and the last that was sent.
+        For each client, the numbers of the last request that was acknowledged and of the last that was sent.
     """
-    process, port = await nursery.born()
+    process, port = await servers.start()
     progress, heard = dict(enumerate(at)), asyncio.Event()
     clients = [
         asyncio.create_task(flood(port, client, first, progress, heard, chance.randrange(5, 60)))
@@ -143,7 +146,7 @@ async def crash(nursery: Nursery, chance: random.Random, at: list[int]) -> list[
     ]
     try:
         await heard.wait()
-        await asyncio.sleep(0.02 * chance.random())  # short: at any moment of what the server does
+        await asyncio.sleep(0.02 * chance.random())  # short, so that every step of a commit is hit
     finally:
         os.kill(process, signal.SIGKILL)
     sent = await asyncio.gather(*clients)
@@ -151,17 +154,17 @@ async def crash(nursery: Nursery, chance: random.Random, at: list[int]) -> list[
 
 
 @pytest.mark.slow
-async def test_whatever_was_answered_survives_kill_9(tmp_path: Path) -> None:
+async def test_acknowledged_requests_survive_kill_9(tmp_path: Path) -> None:
     path = tmp_path / "state"
     chance = random.Random(7)
     models = [Model(client) for client in range(CLIENTS)]
     at = [0] * CLIENTS
-    nursery = await Nursery.open(path)
+    servers = await ServerFactory.open(path)
     async with asyncio.timeout(SECONDS):
         for _ in range(ROUNDS):
-            told = await crash(nursery, chance, at)
+            told = await crash(servers, chance, at)
             live = LiveTree()
-            state = State(StateConfig(path))
+            state = PersistentState(StateConfig(path))
             state.restore_tree(live)
             for client, (answered, sent) in enumerate(told):
                 mine = live.snapshot.root.find((f"client {client}",))
@@ -174,4 +177,4 @@ async def test_whatever_was_answered_survives_kill_9(tmp_path: Path) -> None:
                 assert expected is not None
                 assert trees.tree(mine) == trees.tree(expected)
             await state.close()
-    await nursery.close()
+    await servers.close()

@@ -1,4 +1,4 @@
-"""Whose file it is, of which version, and that nothing happens to files of others."""
+"""Locking, migrations, and files that are not ours and stay unchanged."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ def version(path: Path) -> int:
         connection.close()
 
 
-def test_a_new_file_has_this_version_and_no_log_is_left(tmp_path: Path) -> None:
+def test_new_file_has_the_current_version_and_no_log(tmp_path: Path) -> None:
     path = made(tmp_path / "state")
     assert version(path) == len(MIGRATIONS)
     assert [entry.name for entry in tmp_path.iterdir()] == ["state"]
 
 
-def test_an_empty_file_is_a_new_one(tmp_path: Path) -> None:
+def test_accepts_an_empty_file(tmp_path: Path) -> None:
     path = tmp_path / "state"
     path.touch()
     assert version(made(path)) == len(MIGRATIONS)
@@ -42,12 +42,12 @@ def test_an_empty_file_is_a_new_one(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "says"),
     [
-        (b"# a TOML file that somebody named by mistake\n", "is no state of Scenegate"),
-        (b"SQLite format 3\0", "is no state of Scenegate"),
-        (b"\0" * 4096, "is no state of Scenegate"),
+        (b"# a TOML file that somebody named by mistake\n", "is not a state of Scenegate"),
+        (b"SQLite format 3\0", "is not a state of Scenegate"),
+        (b"\0" * 4096, "is not a state of Scenegate"),
     ],
 )
-def test_a_foreign_file_is_left_as_it_is(tmp_path: Path, content: bytes, says: str) -> None:
+def test_rejects_foreign_files_unchanged(tmp_path: Path, content: bytes, says: str) -> None:
     path = tmp_path / "state"
     path.write_bytes(content)
     with pytest.raises(StateError, match=says):
@@ -56,25 +56,25 @@ def test_a_foreign_file_is_left_as_it_is(tmp_path: Path, content: bytes, says: s
     assert [entry.name for entry in tmp_path.iterdir()] == ["state"]
 
 
-def test_a_pipe_is_no_file(tmp_path: Path) -> None:
+def test_rejects_a_pipe(tmp_path: Path) -> None:
     path = tmp_path / "state"
     os.mkfifo(path)
-    with pytest.raises(StateError, match="is no regular file"):
+    with pytest.raises(StateError, match="is not a regular file"):
         Database(path)
 
 
-def test_the_database_of_another_program_is_left_as_it_is(tmp_path: Path) -> None:
+def test_rejects_databases_of_other_programs_unchanged(tmp_path: Path) -> None:
     path = tmp_path / "state"
     connection = sqlite3.connect(path)
     connection.execute("CREATE TABLE theirs (it)")
     connection.close()
     content = path.read_bytes()
-    with pytest.raises(StateError, match="a database of another program; it was left as it is"):
+    with pytest.raises(StateError, match="a database of another program; it is unchanged"):
         Database(path)
     assert path.read_bytes() == content
 
 
-def test_a_damaged_file_is_left_as_it_is(tmp_path: Path) -> None:
+def test_rejects_damaged_files_unchanged(tmp_path: Path) -> None:
     path = made(tmp_path / "state")
     content = bytearray(path.read_bytes())
     content[4096:] = b"\x5a" * (len(content) - 4096)
@@ -84,28 +84,28 @@ def test_a_damaged_file_is_left_as_it_is(tmp_path: Path) -> None:
     assert path.read_bytes() == content
 
 
-def test_a_newer_version_is_left_as_it_is(tmp_path: Path) -> None:
+def test_rejects_newer_versions_unchanged(tmp_path: Path) -> None:
     path = made(tmp_path / "state")
     connection = sqlite3.connect(path)
     connection.execute("PRAGMA user_version = 99")
     connection.close()
-    with pytest.raises(StateError, match=r"newer Scenegate \(version 99 of its tables"):
+    with pytest.raises(StateError, match=r"newer Scenegate \(schema version 99"):
         Database(path)
     assert version(path) == 99
 
 
-def test_an_older_version_goes_through_the_steps_it_lacks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_older_versions_are_migrated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = made(tmp_path / "state")
     steps = (*MIGRATIONS, ("CREATE TABLE later (it)", "INSERT INTO later VALUES (7)"))
     monkeypatch.setattr(module, "MIGRATIONS", steps)
     database = Database(path)
-    assert database.writer.execute("SELECT it FROM later").fetchall() == [(7,)]
+    assert database.connection.execute("SELECT it FROM later").fetchall() == [(7,)]
     database.close()
     assert version(path) == len(steps)
     Database(path).close()
 
 
-def test_a_step_that_fails_leaves_the_version_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failed_migration_is_rolled_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = made(tmp_path / "state")
     monkeypatch.setattr(module, "MIGRATIONS", (*MIGRATIONS, ("CREATE TABLE later (it)", "no SQL")))
     with pytest.raises(StateError, match="cannot be used: near"):
@@ -115,7 +115,7 @@ def test_a_step_that_fails_leaves_the_version_before(tmp_path: Path, monkeypatch
     Database(path).close()
 
 
-def test_one_process_at_a_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rejects_a_file_in_use(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "LOCK_SECONDS", 0.05)
     first = Database(tmp_path / "state")
     with pytest.raises(StateError, match="in use by another gateway"):
@@ -124,7 +124,7 @@ def test_one_process_at_a_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     Database(tmp_path / "state").close()
 
 
-def test_a_missing_folder_is_told(tmp_path: Path) -> None:
+def test_rejects_missing_folders_and_directories(tmp_path: Path) -> None:
     with pytest.raises(StateError, match="cannot be opened: No such file or directory"):
         Database(tmp_path / "nowhere" / "state")
     with pytest.raises(StateError, match="cannot be opened: Is a directory"):

@@ -1,4 +1,4 @@
-"""Who waits is told when it is stored, in order; what cannot be stored is told, and stored as soon as it can be."""
+"""Order of callbacks, grouping of changes, failures and recovery."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import asyncio
 import threading
 from collections.abc import AsyncIterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ import pytest
 from gateway.scene.geometry import Box, Part, PointCloud
 from gateway.scene.live import LiveTree
 from gateway.state.config import StateConfig
-from gateway.state.service import State
+from gateway.state.service import PersistentState
 from renderers.drawlist import Material
 from tests.state import trees
 from tests.support.waiting import SECONDS, until
@@ -24,11 +25,11 @@ BOX = (Part(Box((1.0, 2.0, 3.0)), Material()),)
 
 
 class Kept:
-    """A live tree with its state."""
+    """A live tree with a persistent state."""
 
     def __init__(self, config: StateConfig) -> None:
         self.live = LiveTree()
-        self.state = State(config)
+        self.state = PersistentState(config)
         self.state.restore_tree(self.live)
 
     def put(self, name: str, parts: tuple[Part, ...] = BOX) -> None:
@@ -36,7 +37,7 @@ class Kept:
             edit.set_parts((name,), parts)
 
     def sql(self, statement: str) -> Any:
-        return self.state._database.writer.execute(statement).fetchone()[0]
+        return self.state.database.connection.execute(statement).fetchone()[0]
 
 
 @pytest.fixture
@@ -54,7 +55,7 @@ async def kept(config: StateConfig) -> AsyncIterator[Kept]:
 
 
 class Slow:
-    """A store that writes when it is allowed to."""
+    """A store whose writes block until the test allows them."""
 
     def __init__(self) -> None:
         self.allowed = threading.Event()
@@ -74,78 +75,87 @@ class Slow:
         pass
 
 
-async def happened(event: threading.Event) -> None:
+async def wait_for(event: threading.Event) -> None:
     async with asyncio.timeout(SECONDS):
         assert await asyncio.to_thread(event.wait, SECONDS)
 
 
-async def test_what_was_waited_for_is_in_the_file(kept: Kept, config: StateConfig) -> None:
+async def test_awaited_changes_are_in_the_file(kept: Kept, config: StateConfig) -> None:
     for name in "abc":
         kept.put(name)
-        assert await kept.state.journal.stored() == ""
+        assert await kept.state.commits.stored() == ""
         assert kept.sql("SELECT count(*) FROM tree_node") == len(kept.live.snapshot.root.children) + 1
 
 
-async def test_a_turn_of_the_loop_is_one_transaction_and_all_are_told_in_order(kept: Kept) -> None:
-    told: list[int] = []
-    commits = kept.state.journal.figures.commits
+async def test_changes_of_one_turn_are_one_transaction(kept: Kept) -> None:
+    called: list[int] = []
+
+    def note(number: int, problem: str) -> None:
+        called.append(number)
+
+    commits = kept.state.commits.stats.commits
     for number in range(100):
         kept.put(f"node {number}")
-        kept.state.journal.after(lambda problem, number=number: told.append(number))
-    assert await kept.state.journal.stored() == ""
-    assert told == list(range(100))
-    assert kept.state.journal.figures.commits == commits + 1
+        kept.state.commits.after(partial(note, number))
+    assert await kept.state.commits.stored() == ""
+    assert called == list(range(100))
+    assert kept.state.commits.stats.commits == commits + 1
 
 
-async def test_what_comes_while_it_writes_is_the_next_transaction(kept: Kept) -> None:
+async def test_changes_during_a_commit_are_the_next_transaction(kept: Kept) -> None:
     slow = Slow()
-    kept.state.journal.add(slow)
-    told: list[str] = []
-    kept.state.journal.after(lambda problem: told.append("first"), 10)
-    await happened(slow.writing)
+    kept.state.commits.add(slow)
+    called: list[str] = []
+
+    def note(name: str, problem: str) -> None:
+        called.append(name)
+
+    kept.state.commits.after(lambda problem: called.append("first"), 10)
+    await wait_for(slow.writing)
     for number in range(5):
         kept.put(f"node {number}")
-        kept.state.journal.after(lambda problem, number=number: told.append(f"then {number}"), 10)
+        kept.state.commits.after(partial(note, f"then {number}"), 10)
         await asyncio.sleep(0)
-    assert told == []
-    assert kept.state.journal.waiting_bytes == 60
+    assert called == []
+    assert kept.state.commits.waiting_bytes == 60
     slow.allowed.set()
-    assert await kept.state.journal.stored() == ""
-    assert told == ["first", *(f"then {number}" for number in range(5))]
+    assert await kept.state.commits.stored() == ""
+    assert called == ["first", *(f"then {number}" for number in range(5))]
     assert slow.writes <= 3
-    assert kept.state.journal.waiting_bytes == 0
+    assert kept.state.commits.waiting_bytes == 0
 
 
-async def test_it_says_when_too_much_waits(config: StateConfig) -> None:
-    kept = Kept(replace(config, waiting_answer_bytes=50))
+async def test_full_above_the_limit_of_waiting_bytes(config: StateConfig) -> None:
+    kept = Kept(replace(config, max_waiting_bytes=50))
     kept.state.start()
     slow = Slow()
-    kept.state.journal.add(slow)
-    kept.state.journal.after(lambda problem: None, 51)
-    assert kept.state.journal.full
+    kept.state.commits.add(slow)
+    kept.state.commits.after(lambda problem: None, 50)
+    full = [kept.state.commits.full]
+    kept.state.commits.after(lambda problem: None, 1)
+    full.append(kept.state.commits.full)
+    assert full == [False, True], "the limit itself is allowed"
     slow.allowed.set()
-    await kept.state.journal.stored()
-    assert not kept.state.journal.full
+    await kept.state.commits.stored()
+    assert not kept.state.commits.full
     await kept.state.close()
 
 
-async def test_a_full_disk_is_told_and_nothing_is_lost_when_there_is_room_again(
-    kept: Kept, config: StateConfig
-) -> None:
+async def test_full_disk_is_reported_and_later_commits_store_everything(kept: Kept, config: StateConfig) -> None:
     problems: list[str] = []
-    kept.state.journal.on_problem = problems.append
+    kept.state.commits.on_problem = problems.append
     kept.put("before")
-    assert await kept.state.journal.stored() == ""
+    assert await kept.state.commits.stored() == ""
     pages = kept.sql("PRAGMA page_count")
     kept.sql(f"PRAGMA max_page_count = {pages + 1}")
     kept.put("cloud", (Part(PointCloud(np.ones((10_000, 3), np.float32)), Material()),))
-    assert await kept.state.journal.stored() == "the disk is full"
+    assert await kept.state.commits.stored() == "the disk is full"
     kept.put("after")
-    assert await kept.state.journal.stored() == "the disk is full"
+    assert await kept.state.commits.stored() == "the disk is full"
     assert problems == ["the disk is full"]
     assert kept.sql("SELECT count(*) FROM tree_node") == 2
     kept.sql("PRAGMA max_page_count = 1000000")
-    assert await kept.state.journal.stored() == ""
+    assert await kept.state.commits.stored() == ""
     assert problems == ["the disk is full", ""]
     before = trees.tree(kept.live.snapshot.root)
     await kept.state.close()
@@ -155,29 +165,35 @@ async def test_a_full_disk_is_told_and_nothing_is_lost_when_there_is_room_again(
     kept.state.start()
 
 
-async def test_a_defect_is_told_and_does_not_end_the_writing(kept: Kept, caplog: pytest.LogCaptureFixture) -> None:
+async def test_internal_errors_are_reported_and_later_commits_succeed(
+    kept: Kept, caplog: pytest.LogCaptureFixture
+) -> None:
     class Broken(Slow):
+        broken = True
+
         def write(self, connection: object, captured: int) -> bool:
-            raise ZeroDivisionError("of ours")
+            if self.broken:
+                raise ZeroDivisionError("of ours")
+            return False
 
     broken = Broken()
-    kept.state.journal.add(broken)
-    assert await kept.state.journal.stored() == "internal error: ZeroDivisionError: of ours"
-    kept.state.journal._stores.remove(broken)
-    assert await kept.state.journal.stored() == ""
+    kept.state.commits.add(broken)
+    assert await kept.state.commits.stored() == "internal error: ZeroDivisionError: of ours"
+    broken.broken = False
+    assert await kept.state.commits.stored() == ""
 
 
-async def test_edits_that_nobody_waits_for_are_stored_a_moment_later(config: StateConfig) -> None:
-    kept = Kept(replace(config, lazy_seconds=0.0))
+async def test_idle_edits_are_stored_after_a_delay(config: StateConfig) -> None:
+    kept = Kept(replace(config, idle_commit_seconds=0.0))
     kept.state.start()
-    kept.state.keep_tree(kept.live)
+    kept.state.store_idle_edits(kept.live)
     kept.put("quiet")
     await until(lambda: kept.state.status()["commits"])
     assert kept.sql("SELECT count(*) FROM tree_node") == 2
     await kept.state.close()
 
 
-async def test_closing_stores_what_is_left(config: StateConfig) -> None:
+async def test_close_stores_the_last_edits(config: StateConfig) -> None:
     kept = Kept(config)
     kept.state.start()
     kept.put("last")
@@ -187,13 +203,13 @@ async def test_closing_stores_what_is_left(config: StateConfig) -> None:
     await again.state.close()
 
 
-async def test_a_long_log_is_moved_into_the_file(config: StateConfig) -> None:
-    kept = Kept(replace(config, checkpoint_bytes=1 << 16, most_log_bytes=1 << 18))
+async def test_log_is_checkpointed_beyond_its_limit(config: StateConfig) -> None:
+    kept = Kept(replace(config, checkpoint_bytes=1 << 16))
     kept.state.start()
     chance = np.random.default_rng(1)
     for _ in range(20):
         kept.put("cloud", (Part(PointCloud(chance.random((10_000, 3), np.float32)), Material()),))
-        assert await kept.state.journal.stored() == ""
+        assert await kept.state.commits.stored() == ""
         assert kept.state.status()["log_bytes"] < 1 << 20
-    assert kept.state.status()["file_bytes"] < 1 << 20, "blobs that nothing names are collected"
+    assert kept.state.status()["file_bytes"] < 1 << 20, "unused blobs are deleted"
     await kept.state.close()

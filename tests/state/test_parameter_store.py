@@ -22,18 +22,18 @@ def database(tmp_path: Path) -> Any:
 def kept(database: Database, camera: str = "0") -> tuple[Parameters, ParameterStore]:
     parameters = Parameters()
     store = ParameterStore(camera, lambda: list(NODES), parameters)
-    store.restore(database.writer)
+    store.restore(database.connection)
     return parameters, store
 
 
 def commit(database: Database, store: ParameterStore) -> bool:
     captured = store.capture()
-    wrote = store.write(database.writer, captured)
+    wrote = store.write(database.connection, captured)
     store.committed(captured)
     return wrote
 
 
-def test_every_parameter_comes_back(database: Database) -> None:
+def test_all_parameters_are_restored(database: Database) -> None:
     parameters, store = kept(database)
     for node, specs in NODES.items():
         for spec in specs.values():
@@ -48,7 +48,7 @@ def test_every_parameter_comes_back(database: Database) -> None:
 
 
 @pytest.mark.parametrize("control", ["Auto", "Manual", "HDR"])
-def test_two_names_of_one_thing_agree_afterwards(database: Database, control: str) -> None:
+def test_aliased_parameters_agree_after_restore(database: Database, control: str) -> None:
     parameters, store = kept(database)
     parameters.set("rc_camera", [("exp_control", "Manual")])
     commit(database, store)
@@ -59,7 +59,7 @@ def test_two_names_of_one_thing_agree_afterwards(database: Database, control: st
     assert again.get("rc_camera", "exp_auto") == (control != "Manual")
 
 
-def test_defaults_are_not_stored_but_a_way_back_to_them_is(database: Database) -> None:
+def test_defaults_are_stored_only_after_other_values(database: Database) -> None:
     parameters, store = kept(database)
     assert not commit(database, store)
     parameters.set("rc_camera", [("fps", 5)])
@@ -69,8 +69,8 @@ def test_defaults_are_not_stored_but_a_way_back_to_them_is(database: Database) -
     assert kept(database)[0].get("rc_camera", "fps") == 25
 
 
-def test_what_this_version_does_not_know_is_told_and_left_out(database: Database) -> None:
-    database.writer.executemany(
+def test_unknown_and_invalid_parameters_are_logged_and_skipped(database: Database) -> None:
+    database.connection.executemany(
         "INSERT INTO stereo_parameter VALUES ('0', ?, ?, ?)",
         [("rc_camera", "fps", "9"), ("rc_camera", "magic", "1"), ("rc_camera", "gamma", "1e9"), ("nobody", "x", "1")],
     )
@@ -80,7 +80,7 @@ def test_what_this_version_does_not_know_is_told_and_left_out(database: Database
     assert len(logs) == 3
 
 
-def test_cameras_are_told_apart(database: Database) -> None:
+def test_cameras_have_separate_parameters(database: Database) -> None:
     parameters, store = kept(database, "1")
     parameters.set("rc_camera", [("fps", 5)])
     commit(database, store)

@@ -1,4 +1,4 @@
-"""The tree in the database against a tree in memory, edit by edit."""
+"""The tree in the database against a tree in memory."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gateway.scene.live import LiveTree
 from gateway.scene.transforms import translation
 from gateway.scene.tree import Node, Path
 from gateway.state.database import Database
-from gateway.state.parts import DamagedError
+from gateway.state.part_codec import DamagedError
 from gateway.state.tree_store import TreeStore
 from renderers.drawlist import Material
 from tests.state import trees
@@ -39,21 +39,21 @@ poses = st.tuples(*[st.floats()] * 7)
 
 def write(database: Database, store: TreeStore) -> bool:
     captured = store.capture()
-    database.writer.execute("BEGIN IMMEDIATE")
-    wrote = store.write(database.writer, captured)
-    database.writer.execute("COMMIT")
+    database.connection.execute("BEGIN IMMEDIATE")
+    wrote = store.write(database.connection, captured)
+    database.connection.execute("COMMIT")
     store.committed(captured)
     return wrote
 
 
-def restored(database: Database, without: tuple[str, ...] = ()) -> Node:
+def restored(database: Database, excluded: tuple[str, ...] = ()) -> Node:
     live = LiveTree()
-    TreeStore(live, without).restore(database.writer)
+    TreeStore(live, excluded).restore(database.connection)
     return live.snapshot.root
 
 
-def named(connection: sqlite3.Connection) -> None:
-    """Every geometry and every blob is there and is named by somebody."""
+def check_references(connection: sqlite3.Connection) -> None:
+    """Assert that no geometry or blob is missing or unused."""
     for table, column, other, named_by in (
         ("tree_parts", "digest", "tree_node", "parts"),
         ("tree_node", "parts", "tree_parts", "digest"),
@@ -69,7 +69,7 @@ def named(connection: sqlite3.Connection) -> None:
 
 
 class StoreMachine(RuleBasedStateMachine):
-    """Edits in batches; each commit takes several; some fail and are rolled back; some processes end."""
+    """Random edits, commits, failed commits and restarts."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -80,7 +80,7 @@ class StoreMachine(RuleBasedStateMachine):
 
     @initialize()
     def begin(self) -> None:
-        self.store.restore(self.database.writer)
+        self.store.restore(self.database.connection)
 
     @rule(path=paths, which=st.integers(0, len(GEOMETRY) - 1))
     def geometry(self, path: Path, which: int) -> None:
@@ -110,13 +110,13 @@ class StoreMachine(RuleBasedStateMachine):
     @rule()
     def commit(self) -> None:
         write(self.database, self.store)
-        assert not write(self.database, self.store), "nothing has happened since"
+        assert not write(self.database, self.store), "nothing changed since the last commit"
 
     @rule()
     def fail(self) -> None:
-        self.database.writer.execute("BEGIN IMMEDIATE")
-        self.store.write(self.database.writer, self.store.capture())
-        self.database.writer.execute("ROLLBACK")
+        self.database.connection.execute("BEGIN IMMEDIATE")
+        self.store.write(self.database.connection, self.store.capture())
+        self.database.connection.execute("ROLLBACK")
 
     @rule()
     def restart(self) -> None:
@@ -126,17 +126,17 @@ class StoreMachine(RuleBasedStateMachine):
         self.database = Database(File(self.folder.name) / "state")
         self.live = LiveTree()
         self.store = TreeStore(self.live, ["demo"])
-        self.store.restore(self.database.writer)
+        self.store.restore(self.database.connection)
         assert trees.tree(self.live.snapshot.root) == before
 
     @invariant()
-    def no_rubbish(self) -> None:
-        named(self.database.writer)
+    def references_are_complete(self) -> None:
+        check_references(self.database.connection)
 
     def teardown(self) -> None:
         try:
             write(self.database, self.store)
-            named(self.database.writer)
+            check_references(self.database.connection)
             assert trees.tree(restored(self.database)) == trees.tree(self.live.snapshot.root, (("demo",),))
         finally:
             self.database.close()
@@ -154,7 +154,7 @@ def database(tmp_path: File) -> Any:
     database.close()
 
 
-def test_moved_siblings_keep_their_new_order(database: Database) -> None:
+def test_order_of_siblings_is_restored(database: Database) -> None:
     live = LiveTree()
     store = TreeStore(live)
     with live.edit() as edit:
@@ -170,20 +170,20 @@ def test_moved_siblings_keep_their_new_order(database: Database) -> None:
     assert trees.tree(restored(database)) == trees.tree(live.snapshot.root)
 
 
-def test_unchanged_geometry_is_not_written_again(database: Database) -> None:
+def test_new_pose_writes_one_row(database: Database) -> None:
     live = LiveTree()
     store = TreeStore(live)
     with live.edit() as edit:
         edit.set_parts(("a",), GEOMETRY[2])
     write(database, store)
-    before = database.writer.total_changes
+    before = database.connection.total_changes
     with live.edit() as edit:
         edit.set_pose(("a",), (1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
     write(database, store)
-    assert database.writer.total_changes - before == 1
+    assert database.connection.total_changes - before == 1
 
 
-def test_a_stored_demo_is_not_restored_beside_a_new_one(database: Database) -> None:
+def test_excluded_children_are_not_restored(database: Database) -> None:
     live = LiveTree()
     with live.edit() as edit:
         edit.set_parts(("demo", "own"), ())
@@ -197,17 +197,17 @@ def test_a_stored_demo_is_not_restored_beside_a_new_one(database: Database) -> N
     [
         ("UPDATE tree_node SET path = x'ff' WHERE seq > 0", "ends within an element"),
         ("UPDATE tree_node SET transform = x'00' WHERE seq > 0", "a transform has 1 bytes"),
-        ("UPDATE tree_parts SET data = x'90'", "not what its digest says"),
+        ("UPDATE tree_parts SET data = x'90'", "does not match its digest"),
         ("DELETE FROM tree_parts", "is missing"),
         ("DELETE FROM tree_blob", "cannot be read"),
         ("UPDATE tree_blob SET data = zeroblob(1200)", "cannot be read"),
     ],
 )
-def test_damage_is_told(database: Database, damage: str, says: str) -> None:
+def test_rejects_damaged_tables(database: Database, damage: str, says: str) -> None:
     live = LiveTree()
     with live.edit() as edit:
         edit.set_parts(("a",), GEOMETRY[2])
     write(database, TreeStore(live))
-    database.writer.execute(damage)
+    database.connection.execute(damage)
     with pytest.raises(DamagedError, match=says):
         restored(database)

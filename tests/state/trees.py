@@ -1,4 +1,4 @@
-"""Trees and geometry for the tests of the state, and how they are compared: exactly."""
+"""Random geometry for the state tests, and its exact description for comparisons."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ numbers = st.floats(allow_nan=True, allow_infinity=True)
 sizes = st.floats(0.0, 1e6)
 triples = st.tuples(sizes, sizes, sizes)
 names = st.text(st.characters(), max_size=8)
-"""Lone surrogates among them: JSON can bring them into names."""
+"""Includes lone surrogates, which JSON allows in names."""
 
 
 def floats32(*shape: int) -> st.SearchStrategy[Any]:
@@ -63,7 +63,7 @@ def meshes(draw: st.DrawFn) -> Mesh:
 
 
 @st.composite
-def pictures(draw: st.DrawFn) -> Image:
+def images(draw: st.DrawFn) -> Image:
     pixels = draw(hnp.arrays(np.uint8, (draw(st.integers(1, 9)), draw(st.integers(1, 9)), 4)))
     if draw(st.booleans()):
         return Image(b"pixels", lambda: pixels)
@@ -72,7 +72,7 @@ def pictures(draw: st.DrawFn) -> Image:
 
 textures = st.builds(
     Texture,
-    pictures(),
+    images(),
     st.builds(Sampler, st.sampled_from(Wrap), st.sampled_from(Wrap), st.booleans()),
     st.sampled_from([0, 1]),
     st.none() | st.tuples(*[sizes] * 6),
@@ -111,13 +111,13 @@ parts = st.builds(Part, shapes, materials, st.just(IDENTITY) | matrices, names, 
 
 
 def described(value: Any) -> Any:
-    """A value as plain data that can be compared: types, shapes, every bit of every number."""
+    """Return a value as plain data: types, shapes and all bits of all numbers."""
     if isinstance(value, np.ndarray):
         return ("array", value.dtype.str, value.shape, np.ascontiguousarray(value).tobytes())
     if isinstance(value, float):
         return np.float64(value).tobytes()
     if isinstance(value, Image):
-        return ("picture", described(value.decode()))
+        return ("image", described(value.decode()))
     if isinstance(value, Enum):
         return value
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
@@ -132,15 +132,15 @@ def described(value: Any) -> Any:
     return (type(value).__name__, value)
 
 
-def tree(root: Node, without: tuple[Path, ...] = ()) -> list[Any]:
-    """A tree as plain data: everything, in the order of its nodes."""
+def tree(root: Node, excluded: tuple[Path, ...] = ()) -> list[Any]:
+    """Return a tree as plain data, in the order of its nodes."""
     found = []
     for path, node in root.walk():
-        if any(path[: len(other)] == other for other in without):
+        if any(path[: len(other)] == other for other in excluded):
             continue
         pose = node.pose
         transform = ("pose", described(pose)) if pose is not None else ("matrix", described(node.matrix))
-        hidden = sum(c.geometry_count for name, c in node.children.items() if (*path, name) in without)
+        hidden = sum(c.geometry_count for name, c in node.children.items() if (*path, name) in excluded)
         own = described(node.parts), transform, node.visible, node.geometry_count - hidden
         found.append(([(type(e), e) for e in path], own))
     return found

@@ -20,7 +20,7 @@ class GatewayProcess:
 
     def __init__(self, *flags: str, env: dict[str, str] | None = None) -> None:
         # Here, since tests/compose/Dockerfile has this module without the package.
-        from gateway.testing.running import clean_environment
+        from gateway.testing.gateway import clean_environment
 
         self.process = subprocess.Popen(
             [sys.executable, "-m", "gateway.cli", "serve", *flags],

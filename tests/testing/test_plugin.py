@@ -1,4 +1,4 @@
-"""The plugin as its users have it: pytest in a process of its own, on the page's own example."""
+"""The plugin in a pytest process of its own, with the example of its documentation page."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ pytest_plugins = ["pytester"]
 PAGE = Path(__file__).parents[2] / "docs" / "testing.md"
 INSTALLED = any(entry.name == "scenegate" for entry in importlib.metadata.entry_points(group="pytest11"))
 PLUGIN = () if INSTALLED else ("-p", "gateway.testing.plugin")
-"""An installation that is older than the plugin does not know it yet."""
+"""Loads the plugin in installations that are older than its entry point."""
 PATIENT = ("-o", f"scenegate_seconds={SECONDS:g}")
 ARGUMENTS = ("-W", "error", "-p", "no:cacheprovider", "-p", "no:asyncio", *PATIENT, *PLUGIN)
 
@@ -28,12 +28,12 @@ def example() -> str:
     return found[1]
 
 
-def test_the_example_of_the_page_runs(pytester: pytest.Pytester) -> None:
+def test_example_of_the_documentation(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(test_cell=example())
     pytester.runpytest_subprocess(*ARGUMENTS, timeout=SECONDS).assert_outcomes(passed=3)
 
 
-def test_scenes_and_flags_and_what_a_failure_shows(pytester: pytest.Pytester) -> None:
+def test_scenes_flags_and_failure_reports(pytester: pytest.Pytester) -> None:
     box = '{"setgeometry": [{"path": ["from the file"], "geometry": {"type": "box", "lengths": [1, 1, 1]}}]}'
     pytester.makefile(".json", scene=box, other=box.replace("file", "marker"))
     pytester.makefile(".obj", mesh="v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
@@ -91,12 +91,12 @@ def test_scenes_and_flags_and_what_a_failure_shows(pytester: pytest.Pytester) ->
     result = pytester.runpytest_subprocess(*ARGUMENTS, timeout=SECONDS)
     result.assert_outcomes(passed=5, failed=1, errors=3)
     result.stdout.fnmatch_lines(["*scenegate log*", '*"path": "/scene"*'])
-    result.stdout.fnmatch_lines(["*the scene *nowhere.json is not there*"])
-    result.stdout.fnmatch_lines(["*the marker scenegate has no sceen*"])
+    result.stdout.fnmatch_lines(["*the scene *nowhere.json does not exist*"])
+    result.stdout.fnmatch_lines(["*the marker scenegate has no argument sceen*"])
     result.stdout.fnmatch_lines(["*the gateway ended with exit code 2*"])
 
 
-def test_nothing_heavy_is_imported_for_tests_that_do_not_use_it() -> None:
+def test_plugin_imports_nothing_but_pytest() -> None:
     code = "import sys; before = set(sys.modules); import pytest; known = set(sys.modules)\n"
     code += "import gateway.testing.plugin\nprint(*sorted(set(sys.modules) - known))"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

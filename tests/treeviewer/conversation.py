@@ -12,7 +12,7 @@ from gateway.scene.live import LiveTree
 from gateway.scene.tree import Node, Path
 from gateway.treeviewer import wire
 from gateway.treeviewer.config import Limits
-from gateway.treeviewer.geometry import MeshLoader
+from gateway.treeviewer.context import MeshLoader
 from gateway.treeviewer.protocol import TreeViewerProtocol
 
 BOX = {"type": "box", "lengths": [1, 2, 3]}
@@ -50,7 +50,7 @@ class Viewer:
         answer: dict[str, Any] = json.loads(msgspec.json.encode(self.protocol.handle(message(request, utime))))
         return answer
 
-    def set(self, *geometries: Any, path: Any = ("it",), **more: Any) -> dict[str, Any]:
+    def publish(self, *geometries: Any, path: Any = ("it",), **more: Any) -> dict[str, Any]:
         """The answer to one setgeometry command."""
         return self.tell({"setgeometry": [{"path": list(path), "geometries": list(geometries), **more}]})
 

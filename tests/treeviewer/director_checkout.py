@@ -53,9 +53,9 @@ while len(heard) < {answers} and time.monotonic() < end:
 _VISUALIZER = """#!{python}
 import os, time
 import lcm
-from gateway.treeviewer import answers
+from gateway.treeviewer import responses
 if {announce}:
-    lcm.LCM().publish("DIRECTOR_TREE_VIEWER_RESPONSE", answers.encode(answers.ReadyAnswer()))
+    lcm.LCM().publish("DIRECTOR_TREE_VIEWER_RESPONSE", responses.encode(responses.ReadyMessage()))
 time.sleep({seconds})  # until the tests end it
 """
 

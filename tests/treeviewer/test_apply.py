@@ -18,7 +18,7 @@ POSE = {"translation": [1, 2, 3], "quaternion": [1, 0, 0, 0]}
 LINE = {"type": "line", "points": [[0, 0, 0], [1, 1, 1]]}
 
 
-def test_deletes_come_first_then_geometries_then_transforms(viewer: Viewer) -> None:
+def test_order_of_execution(viewer: Viewer) -> None:
     viewer.tell({"setgeometry": [{"path": ["a"], "geometry": LINE}, {"path": ["a", "b"], "geometry": LINE}]})
     answer = viewer.tell(
         {
@@ -41,27 +41,27 @@ def test_one_message_is_one_revision(viewer: Viewer) -> None:
     assert seen == [1, 2]
 
 
-def test_geometry_replaces_geometry_and_keeps_transform_and_children(viewer: Viewer) -> None:
-    viewer.set(BOX)
-    viewer.set(BOX, path=["it", "child"])
+def test_geometry_keeps_transform_and_children(viewer: Viewer) -> None:
+    viewer.publish(BOX)
+    viewer.publish(BOX, path=["it", "child"])
     viewer.tell({"settransform": [{"path": ["it"], "transform": POSE}]})
-    viewer.set({"type": "sphere", "radius": 1})
+    viewer.publish({"type": "sphere", "radius": 1})
     assert [part.shape for part in viewer.parts()] == [Sphere(1)]
     assert viewer.node("it").pose is not None
     assert viewer.paths() == {("it",), ("it", "child")}
 
 
-def test_a_transform_replaces_and_waits_for_geometry(viewer: Viewer) -> None:
+def test_transform_before_geometry(viewer: Viewer) -> None:
     command = {"path": ["a", "b"], "transform": POSE}
     assert viewer.tell({"settransform": [command]})["missing_paths"] == [["a", "b"]]
-    assert viewer.set(BOX, path=["a", "b"])["status"] == 0
+    assert viewer.publish(BOX, path=["a", "b"])["status"] == 0
     assert viewer.tell({"settransform": [command, command]})["set_transforms"] == [["a", "b"]]
     assert viewer.node("a", "b").pose == (1, 2, 3, 1, 0, 0, 0)
 
 
-def test_missing_means_no_geometry_here_or_below(viewer: Viewer) -> None:
-    viewer.set(path=["empty"])
-    viewer.set(BOX, path=["a", "b", "c"])
+def test_missing_paths_have_no_geometry_at_or_below(viewer: Viewer) -> None:
+    viewer.publish(path=["empty"])
+    viewer.publish(BOX, path=["a", "b", "c"])
     paths: list[Any] = [["empty"], ["a"], ["a", "b", "c"], ["a", "x"], ["z"], []]
     answer = viewer.tell({"settransform": [{"path": path, "transform": {}} for path in paths]})
     assert (answer["status"], answer["missing_paths"]) == (1, [["a", "x"], ["z"]])
@@ -70,15 +70,15 @@ def test_missing_means_no_geometry_here_or_below(viewer: Viewer) -> None:
     assert answer["missing_paths"] == [["a"], ["a", "b", "c"], ["a", "x"], ["z"]]
 
 
-def test_deleting_the_root_clears_everything_and_a_missing_path_is_no_error(viewer: Viewer) -> None:
-    viewer.set(BOX, path=[])
-    viewer.set(BOX)
+def test_deletes_the_root_and_missing_paths(viewer: Viewer) -> None:
+    viewer.publish(BOX, path=[])
+    viewer.publish(BOX)
     assert viewer.tell({"delete": [{"path": ["never"]}, {"path": ["never"]}]})["deleted_paths"] == [["never"]]
     assert viewer.tell({"delete": [{"path": []}]})["deleted_paths"] == [[]]
     assert viewer.paths() == set()
 
 
-def test_a_request_in_many_steps_does_the_same() -> None:
+def test_many_steps_give_the_same_result() -> None:
     request = {
         "delete": [{"path": ["it", i]} for i in range(3)],
         "setgeometry": [{"path": ["it", i], "geometry": BOX} for i in range(7)],
@@ -88,14 +88,14 @@ def test_a_request_in_many_steps_does_the_same() -> None:
     for most in (1, 2, 5, 8, 1000):
         viewer = Viewer()
         for i in range(3):
-            viewer.set(BOX, path=["it", i])
-        application = viewer.protocol.open(viewer.protocol.header(message(request)))
+            viewer.publish(BOX, path=["it", i])
+        applier = viewer.protocol.open(viewer.protocol.header(message(request)))
         steps = 1
-        while application.step(most):
+        while applier.step(most):
             steps += 1
         assert steps == -(-19 // most)
         assert viewer.live.snapshot.revision == 3 + steps
-        answers.append(application.answer(7))
+        answers.append(applier.response(7))
         assert {path for path, node in viewer.live.snapshot.root.walk() if node.pose} == {("it", i) for i in range(9)}
     assert all(answer == answers[0] for answer in answers)
 
@@ -111,7 +111,7 @@ def test_a_request_in_many_steps_does_the_same() -> None:
         ("DIRECTOR_TREE_VIEWER_REQUEST_>x<", "", "DIRECTOR_TREE_VIEWER_RESPONSE"),
     ],
 )
-def test_the_answer_goes_to_the_client_of_the_request(channel: str, client: str, answer: str) -> None:
+def test_response_channel(channel: str, client: str, answer: str) -> None:
     assert client_of(channel) == client
     assert response_channel(channel) == answer
 
@@ -147,7 +147,7 @@ def bounded(limits: Limits) -> tuple[Viewer, Clock]:
 
 
 @pytest.mark.parametrize("kind", ["setgeometry", "settransform"])
-def test_the_number_of_nodes_is_bounded(kind: str) -> None:
+def test_limits_nodes(kind: str) -> None:
     viewer, clock = bounded(Limits(nodes=10))
 
     def fill(*names: str) -> dict[str, Any]:
@@ -164,33 +164,33 @@ def test_the_number_of_nodes_is_bounded(kind: str) -> None:
     assert fill("x", "y", "z")["status"] in (0, 1), "what was deleted makes room"
 
 
-def test_the_number_of_geometries_is_bounded_and_replacing_does_not_use_it_up() -> None:
+def test_limits_geometries() -> None:
     viewer, clock = bounded(Limits(parts=10))
     for _ in range(20):
         clock.now += 2
-        assert viewer.set(*[BOX] * 5)["status"] == 0
+        assert viewer.publish(*[BOX] * 5)["status"] == 0
     clock.now += 2
-    assert "the tree has 5 geometries, the limit is 10" in viewer.set(*[BOX] * 6, path=["other"])["error"]
+    assert "the tree has 5 geometries, the limit is 10" in viewer.publish(*[BOX] * 6, path=["other"])["error"]
 
 
-def test_the_bytes_of_arrays_are_bounded_until_they_are_freed() -> None:
+def test_limits_array_bytes_until_freed() -> None:
     cloud = {"type": "pointcloud", "points": [[0, 0, 0]] * 1000}
     viewer, _ = bounded(Limits(geometry_bytes=30_000))
     for name in "ab":
-        assert viewer.set(cloud, path=[name])["status"] == 0
-    assert viewer.protocol.census.array_bytes == 24_000
-    answer = viewer.set(cloud, path=["c"])
+        assert viewer.publish(cloud, path=[name])["status"] == 0
+    assert viewer.protocol.quota.array_bytes == 24_000
+    answer = viewer.publish(cloud, path=["c"])
     assert "holds 24000 bytes and 12000 more are wanted, the limit is 30000" in answer["error"]
     kept = viewer.live.snapshot
     viewer.tell({"delete": [{"path": ["a"]}]})
-    assert viewer.set(cloud, path=["c"])["status"] == -3, "somebody may still be drawing it"
+    assert viewer.publish(cloud, path=["c"])["status"] == -3, "somebody may still be drawing it"
     del kept
     gc.collect()
-    assert viewer.set(cloud, path=["c"])["status"] == 0
-    assert viewer.protocol.census.array_bytes == 24_000
+    assert viewer.publish(cloud, path=["c"])["status"] == 0
+    assert viewer.protocol.quota.array_bytes == 24_000
 
 
-def test_others_edits_are_counted_when_it_matters() -> None:
+def test_counts_edits_of_other_interfaces() -> None:
     viewer, clock = bounded(Limits(nodes=10))
     with viewer.live.edit() as edit:
         for i in range(9):

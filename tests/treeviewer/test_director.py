@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from gateway.lcm.config import LcmConfig
 from gateway.scene.live import LiveTree
 from gateway.treeviewer.config import TreeViewerConfig
 from tests.support.waiting import until
@@ -43,7 +44,7 @@ def checkout() -> Path:
 async def test_directors_tests_pass(checkout: Path, transport: str) -> None:
     network = free_url()
     join(network)
-    async with serving(TreeViewerConfig(lcm_url=network, tcpq_port=0)) as service:
+    async with serving(TreeViewerConfig(lcm=LcmConfig(url=network, tcpq_port=0))) as service:
         udp = transport == "udp"
         url = network if udp else f"tcpq://127.0.0.1:{service.tcpq_port}"
         for script in director_checkout.scripts(checkout):
@@ -57,10 +58,10 @@ async def test_directors_tests_pass(checkout: Path, transport: str) -> None:
         assert service.status()["failed"] == service.status()["undecodable"] == 0
 
 
-async def test_directors_client_sends_its_scene_again_after_a_restart(checkout: Path, tmp_path: Path) -> None:
+async def test_directors_client_recovers_from_a_restart(checkout: Path, tmp_path: Path) -> None:
     network = free_url()
     join(network)
-    config = TreeViewerConfig(lcm_url=network, tcpq_port=None)
+    config = TreeViewerConfig(lcm=LcmConfig(url=network, tcpq_port=None))
     script = tmp_path / "restart.py"
     script.write_text(RESTART)
     path = ("robot", "link")

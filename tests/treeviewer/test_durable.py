@@ -36,9 +36,8 @@ class Talk:
     def __init__(self) -> None:
         self.live = LiveTree()
         self.held = Held()
-        threads = ThreadPoolExecutor(1)
         self.dispatcher = Dispatcher(
-            TreeViewerProtocol(self.live), TreeViewerConfig(), threads, threads, durable=self.held
+            TreeViewerProtocol(self.live), TreeViewerConfig(), ThreadPoolExecutor(1), durable=self.held
         )
         self.answers: list[dict[str, object]] = []
 
@@ -58,7 +57,7 @@ def box(name: str) -> object:
     return {"setgeometry": [{"path": [name], "geometries": [BOX]}]}
 
 
-def test_answers_wait_for_the_store_and_keep_their_order(talk: Talk) -> None:
+def test_responses_wait_for_the_store(talk: Talk) -> None:
     talk.send(1, box("a"))
     talk.send(2, {"settransform": [{"path": ["b"]}]})
     talk.send(3, "no JSON")
@@ -69,7 +68,7 @@ def test_answers_wait_for_the_store_and_keep_their_order(talk: Talk) -> None:
     assert "stored" not in str(talk.answers)
 
 
-def test_what_could_not_be_stored_is_said_beside_what_was_done(talk: Talk) -> None:
+def test_reports_failed_store(talk: Talk) -> None:
     talk.send(1, box("a"))
     talk.held.tell("the disk is full")
     (answer,) = talk.answers
@@ -79,7 +78,7 @@ def test_what_could_not_be_stored_is_said_beside_what_was_done(talk: Talk) -> No
     assert talk.dispatcher.counters.failed == 1
 
 
-def test_nothing_new_is_applied_while_too_many_answers_wait(talk: Talk) -> None:
+def test_refuses_requests_while_the_store_is_full(talk: Talk) -> None:
     talk.send(1, box("a"))
     talk.held.full = True
     talk.send(2, box("b"))
@@ -92,6 +91,6 @@ def test_nothing_new_is_applied_while_too_many_answers_wait(talk: Talk) -> None:
     assert [answer["timestamp"] for answer in talk.answers] == [2, 1, 3]
 
 
-def test_long_answers_count_for_more(talk: Talk) -> None:
+def test_size_of_a_response_grows_with_its_paths(talk: Talk) -> None:
     talk.send(1, {"delete": [{"path": [str(number)]} for number in range(1000)]})
     assert talk.held.waiting[0][1] > 50_000

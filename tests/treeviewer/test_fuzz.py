@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
+from gateway.lcm.config import LcmConfig
 from gateway.scene.live import LiveTree
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.dispatch import Dispatcher
@@ -98,11 +99,11 @@ class Mutator:
 
 @pytest.mark.parametrize("count", [3000, pytest.param(100_000, marks=pytest.mark.slow)])
 async def test_mutated_messages_of_real_clients(count: int) -> None:
-    config = TreeViewerConfig(lcm_url="off", tcpq_port=None)
+    config = TreeViewerConfig(lcm=LcmConfig(url="off", tcpq_port=None))
     live = LiveTree()
     sent: list[bytes] = []
     with ThreadPoolExecutor(1) as executor:
-        dispatcher = Dispatcher(TreeViewerProtocol(live, config.limits), config, executor, executor)
+        dispatcher = Dispatcher(TreeViewerProtocol(live, config.limits), config, executor)
 
         def good() -> None:
             sent.clear()

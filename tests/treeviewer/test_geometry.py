@@ -10,7 +10,7 @@ import pytest
 from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Line, Sphere, Triad
 from gateway.scene.transforms import IDENTITY, from_pose
 from gateway.treeviewer.config import Limits
-from gateway.treeviewer.geometry import material
+from gateway.treeviewer.materials import material
 from renderers.drawlist import AlphaMode
 from tests.treeviewer.conversation import BOX, CLOUD, TRIANGLE, Viewer
 from tests.treeviewer.differences import UNRECORDED, Difference
@@ -36,7 +36,7 @@ NAN, INF = float("nan"), float("inf")
     ],
 )
 def test_solids(viewer: Viewer, geometry: dict[str, Any], shape: Any, color: Any) -> None:
-    answer = viewer.set(geometry if color is None else {**geometry, "color": color})
+    answer = viewer.publish(geometry if color is None else {**geometry, "color": color})
     assert answer["status"] == 0, answer
     assert "warnings" not in answer
     (part,) = viewer.parts()
@@ -62,7 +62,7 @@ def test_solids(viewer: Viewer, geometry: dict[str, Any], shape: Any, color: Any
 def test_odd_numbers_are_tolerated_with_a_warning(
     viewer: Viewer, geometry: dict[str, Any], shape: Any, warning: str
 ) -> None:
-    answer = viewer.set(geometry)
+    answer = viewer.publish(geometry)
     assert (answer["status"], answer["added_geometries"]) == (0, [["it"]])
     assert answer["warnings"][0].startswith(f'setgeometry[0] ["it"]: {warning}')
     (part,) = viewer.parts()
@@ -74,7 +74,7 @@ def test_odd_numbers_are_tolerated_with_a_warning(
 def test_declared_differences_from_director_that_no_recording_has(
     viewer: Viewer, geometry: dict[str, Any], expected: Difference
 ) -> None:
-    answer = viewer.set(geometry)
+    answer = viewer.publish(geometry)
     assert answer["status"] == expected.status
     assert expected.says in answer.get("error", "") + " ".join(answer.get("warnings", []))
     assert answer["added_geometries"] == (expected.paths or [])
@@ -93,8 +93,8 @@ def test_declared_differences_from_director_that_no_recording_has(
         {**BOX, "transform": {"translation": [NAN, 0, 0]}},
     ],
 )
-def test_what_cannot_be_drawn_is_present_and_warned_about(viewer: Viewer, geometry: dict[str, Any]) -> None:
-    answer = viewer.set(geometry, BOX)
+def test_warns_about_undrawable_geometry(viewer: Viewer, geometry: dict[str, Any]) -> None:
+    answer = viewer.publish(geometry, BOX)
     assert (answer["status"], answer["added_geometries"]) == (0, [["it"]])
     assert "nothing is drawn" in answer["warnings"][0]
     assert [part.shape for part in viewer.parts()] == [Box((1, 2, 3))]
@@ -164,8 +164,8 @@ def test_what_cannot_be_drawn_is_present_and_warned_about(viewer: Viewer, geomet
         ({"type": "mesh_file", "filename": "a.obj"}, "geometry.filename: no folder of mesh files is open to clients"),
     ],
 )
-def test_bad_geometry_fails_alone_and_with_a_reason(viewer: Viewer, geometry: dict[str, Any], reason: str) -> None:
-    viewer.set({"type": "sphere", "radius": 9}, path=["bad"])
+def test_rejects_invalid_geometry(viewer: Viewer, geometry: dict[str, Any], reason: str) -> None:
+    viewer.publish({"type": "sphere", "radius": 9}, path=["bad"])
     answer = viewer.tell(
         {
             "setgeometry": [
@@ -182,8 +182,8 @@ def test_bad_geometry_fails_alone_and_with_a_reason(viewer: Viewer, geometry: di
     assert [part.shape for part in viewer.parts("bad")] == [Sphere(9)], "what was there stays"
 
 
-def test_one_bad_geometry_of_several_refuses_the_command_and_says_which(viewer: Viewer) -> None:
-    answer = viewer.set(BOX, {"type": "cone"})
+def test_one_invalid_geometry_fails_the_command(viewer: Viewer) -> None:
+    answer = viewer.publish(BOX, {"type": "cone"})
     assert answer["errors"][0]["reason"] == 'geometries[1].type "cone" is not supported'
     assert not viewer.paths()
 
@@ -196,10 +196,8 @@ def test_one_bad_geometry_of_several_refuses_the_command_and_says_which(viewer: 
         ([5, -1, NAN, 2], (1, 0, 0, 1)),
     ],
 )
-def test_colours_are_clamped_and_meant_as_displays_show_them(
-    viewer: Viewer, color: list[float], expected: tuple[float, float, float, float]
-) -> None:
-    viewer.set({**BOX, "color": color})
+def test_clamps_srgb_colours(viewer: Viewer, color: list[float], expected: tuple[float, float, float, float]) -> None:
+    viewer.publish({**BOX, "color": color})
     (part,) = viewer.parts()
     assert part.material is material(expected)
     r, g, b, a = part.material.base_color
@@ -210,8 +208,8 @@ def test_colours_are_clamped_and_meant_as_displays_show_them(
     assert (part.material.metallic, part.material.roughness, part.material.point_size) == (0, 1, 2)
 
 
-def test_each_geometry_keeps_its_own_colour_alpha_and_place(viewer: Viewer) -> None:
-    viewer.set(
+def test_geometries_keep_their_own_colour_and_transform(viewer: Viewer) -> None:
+    viewer.publish(
         {**BOX, "color": [1, 0, 0, 0.5]},
         {"type": "sphere", "radius": 1, "transform": {"translation": [1, 2, 3], "quaternion": [0, 2, 0, 0]}},
         {"type": "triad", "transform": {"quaternion": [0, 0, 0, 0]}},
@@ -223,7 +221,7 @@ def test_each_geometry_keeps_its_own_colour_alpha_and_place(viewer: Viewer) -> N
 
 
 def test_a_line_has_the_documents_defaults(viewer: Viewer) -> None:
-    viewer.set({"type": "line", "points": [[0, 0, 0], [1, 2, 3]]})
+    viewer.publish({"type": "line", "points": [[0, 0, 0], [1, 2, 3]]})
     line = viewer.parts()[0].shape
     assert isinstance(line, Line)
     assert (line.radius, line.closed, line.start_head, line.end_head) == (0.01, False, False, False)
@@ -233,7 +231,7 @@ def test_a_line_has_the_documents_defaults(viewer: Viewer) -> None:
 
 def test_a_line_takes_all_fields(viewer: Viewer) -> None:
     fields = {"radius": False, "closed": 1, "start_head": True, "end_head": True, "head_radius": 0.2}
-    viewer.set({"type": "line", "points": [[0, 0, 0], [1, 2, 3], [4, 4, 4]], **fields})
+    viewer.publish({"type": "line", "points": [[0, 0, 0], [1, 2, 3], [4, 4, 4]], **fields})
     line = viewer.parts()[0].shape
     assert isinstance(line, Line)
     assert (line.radius, line.closed, line.start_head, line.end_head) == (0.0, True, True, True)
@@ -242,7 +240,7 @@ def test_a_line_takes_all_fields(viewer: Viewer) -> None:
 
 @pytest.mark.parametrize("points", [[], [[0, 0, 0]], [[0, 0, 0], [NAN, 0, 0]]])
 def test_a_line_without_a_segment_draws_nothing(viewer: Viewer, points: list[Any]) -> None:
-    assert viewer.set({"type": "line", "points": points})["status"] == 0
+    assert viewer.publish({"type": "line", "points": points})["status"] == 0
     assert viewer.parts() == ()
 
 
@@ -261,7 +259,7 @@ def test_a_line_without_a_segment_draws_nothing(viewer: Viewer, points: list[Any
         (Limits(faces=2), {"type": "mesh_data", **TRIANGLE, "faces": [[0, 1, 2]]}, "faces has {n} rows"),
     ],
 )
-def test_sizes_are_bounded(limits: Limits, geometry: dict[str, Any], reason: str, count: int) -> None:
+def test_limits_array_sizes(limits: Limits, geometry: dict[str, Any], reason: str, count: int) -> None:
     grown = {
         k: v * count if isinstance(v, list) and k in ("points", "ranges", "faces") else v for k, v in geometry.items()
     }
@@ -270,15 +268,15 @@ def test_sizes_are_bounded(limits: Limits, geometry: dict[str, Any], reason: str
     if count == 200 and "ranges" in grown:
         grown["ranges"] = [1] * 300
         count = 300
-    answer = Viewer(limits).set({**grown, "padding": " " * 5000})
+    answer = Viewer(limits).publish({**grown, "padding": " " * 5000})
     assert answer["status"] == -3
     assert reason.format(n=count) in answer["error"]
 
 
-def test_the_number_of_channels_and_geometries_is_bounded() -> None:
+def test_limits_channels_and_geometries() -> None:
     viewer = Viewer(Limits(channels=2, parts_per_path=2))
     assert (
         "channels has 3 entries, the limit is 2"
-        in viewer.set({**CLOUD, "channels": {name: [] for name in "abc"}})["error"]
+        in viewer.publish({**CLOUD, "channels": {name: [] for name in "abc"}})["error"]
     )
-    assert "geometries has 3 entries, the limit is 2" in viewer.set(BOX, BOX, BOX)["error"]
+    assert "geometries has 3 entries, the limit is 2" in viewer.publish(BOX, BOX, BOX)["error"]

@@ -9,9 +9,11 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
+from gateway.lcm.config import LcmConfig
 from gateway.scene.live import LiveTree
 from gateway.treeviewer.config import TreeViewerConfig
-from gateway.treeviewer.dispatch import RESEND_DELAY_SECONDS, Dispatcher
+from gateway.treeviewer.delayed_responses import DELAY_SECONDS
+from gateway.treeviewer.dispatch import Dispatcher
 from gateway.treeviewer.protocol import REQUEST, TreeViewerProtocol
 from tests.support.waiting import SECONDS, until
 from tests.treeviewer.conversation import BOX, decoded, message
@@ -28,8 +30,7 @@ class Client:
     """Two clients of a dispatcher, and the times of the requests that were answered, in order."""
 
     def __init__(self) -> None:
-        threads = ThreadPoolExecutor(1)
-        self.dispatcher = Dispatcher(TreeViewerProtocol(LiveTree()), TreeViewerConfig(), threads, threads)
+        self.dispatcher = Dispatcher(TreeViewerProtocol(LiveTree()), TreeViewerConfig(), ThreadPoolExecutor(1))
         self.answered: list[tuple[str, int]] = []
 
     def send(self, data: bytes, name: str = "a") -> None:
@@ -39,7 +40,7 @@ class Client:
         self.answered.append((channel[-2:-1], decoded(data)["timestamp"]))
 
 
-async def test_an_answer_with_missing_paths_comes_later_and_others_at_once() -> None:
+async def test_delays_only_responses_with_missing_paths() -> None:
     client = Client()
     client.send(MISSING)
     client.send(FOUND, "b")
@@ -50,7 +51,7 @@ async def test_an_answer_with_missing_paths_comes_later_and_others_at_once() -> 
     assert client.answered[2] == ("a", 1), "the delay is over"
 
 
-async def test_a_clients_answers_keep_their_order() -> None:
+async def test_delayed_responses_keep_their_order() -> None:
     client = Client()
     for data in (FOUND, MISSING, FOUND, MISSING, MISSING, FOUND):
         client.send(data)
@@ -60,22 +61,22 @@ async def test_a_clients_answers_keep_their_order() -> None:
     assert client.dispatcher.counters.missing == 3
 
 
-async def test_delayed_answers_are_sent_before_the_transports_close() -> None:
+async def test_flush_sends_delayed_responses() -> None:
     client = Client()
     client.send(MISSING)
     client.send(FOUND)
     client.dispatcher.flush()
     assert client.answered == [("a", 2), ("a", 1)]
     ended = asyncio.get_running_loop().create_future()
-    asyncio.get_running_loop().call_later(2 * RESEND_DELAY_SECONDS, ended.set_result, None)
+    asyncio.get_running_loop().call_later(2 * DELAY_SECONDS, ended.set_result, None)
     await ended
     assert len(client.answered) == 2
 
 
 @pytest.mark.lcm
 @pytest.mark.parametrize("transport", ["udp", "tcpq"])
-async def test_directors_client_loses_no_resend(url: str, transport: str) -> None:
-    async with serving(TreeViewerConfig(lcm_url=url, tcpq_port=0)) as service:
+async def test_directors_client_loses_no_commands(url: str, transport: str) -> None:
+    async with serving(TreeViewerConfig(lcm=LcmConfig(url=url, tcpq_port=0))) as service:
         network = url if transport == "udp" else f"tcpq://127.0.0.1:{service.tcpq_port}"
         command = [sys.executable, "-m", "tests.treeviewer.director_client", network, str(ROUNDS), str(PAUSE)]
         process = await asyncio.create_subprocess_exec(*command, stdout=asyncio.subprocess.PIPE)
@@ -85,4 +86,4 @@ async def test_directors_client_loses_no_resend(url: str, transport: str) -> Non
     rounds = json.loads(output)
     assert len(rounds) == ROUNDS
     # a client that takes longer than the delay can still lose its commands: that machine was too busy
-    assert not [seconds for lost, seconds in rounds if lost and seconds < RESEND_DELAY_SECONDS]
+    assert not [seconds for lost, seconds in rounds if lost and seconds < DELAY_SECONDS]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gateway.scene.geometry import PointCloud
-from gateway.treeviewer.geometry import material
+from gateway.treeviewer.materials import material
 from tests.treeviewer.conversation import CLOUD, Viewer
 
 NAN, INF = float("nan"), float("inf")
@@ -27,7 +27,7 @@ def test_a_cloud_keeps_all_channels(viewer: Viewer) -> None:
         "range": [7, 8, 9],
         "uv": [[1, 2]] * 3,
     }
-    answer = viewer.set({**CLOUD, "channels": channels, "color": [0.2, 0.2, 0.2, 0.7]})
+    answer = viewer.publish({**CLOUD, "channels": channels, "color": [0.2, 0.2, 0.2, 0.7]})
     assert "warnings" not in answer
     cloud = cloud_of(viewer)
     np.testing.assert_array_equal(cloud.channels["rgb"], np.array([[1, 0, 0], [0, 1, 0], [0, 0, 0]], np.float32))
@@ -39,7 +39,7 @@ def test_a_cloud_keeps_all_channels(viewer: Viewer) -> None:
 
 @pytest.mark.parametrize("channels", [None, [], {}, {"rgb": []}, {"rgb": None, "intensity": {}}])
 def test_empty_channels_are_none(viewer: Viewer, channels: Any) -> None:
-    answer = viewer.set({**CLOUD, "channels": channels, "color": [0.2, 0.2, 0.2]})
+    answer = viewer.publish({**CLOUD, "channels": channels, "color": [0.2, 0.2, 0.2]})
     assert (answer["status"], answer.get("warnings")) == (0, None)
     assert dict(cloud_of(viewer).channels) == {}
     assert viewer.parts()[0].material is material((0.2, 0.2, 0.2, 1.0))
@@ -55,15 +55,15 @@ def test_empty_channels_are_none(viewer: Viewer, channels: Any) -> None:
         ("red", 'channels is not an object but "red"; it is ignored'),
     ],
 )
-def test_channels_that_do_not_fit_are_warned_about(viewer: Viewer, channels: Any, warning: str) -> None:
-    answer = viewer.set({**CLOUD, "channels": channels})
+def test_warns_about_channels_that_do_not_fit(viewer: Viewer, channels: Any, warning: str) -> None:
+    answer = viewer.publish({**CLOUD, "channels": channels})
     assert answer["status"] == 0
     assert warning in answer["warnings"][0]
     assert dict(cloud_of(viewer).channels) == {}
 
 
-def test_points_that_are_nowhere_are_left_out_with_their_channels(viewer: Viewer) -> None:
-    viewer.set(
+def test_drops_undrawable_points_with_their_channels(viewer: Viewer) -> None:
+    viewer.publish(
         {
             "type": "pointcloud",
             "points": [[0, 0, 0], [NAN, 0, 0], [1, 1, 1], [INF, 0, 0], [1e300, 0, 0]],
@@ -76,7 +76,7 @@ def test_points_that_are_nowhere_are_left_out_with_their_channels(viewer: Viewer
 
 
 def test_a_lidar_has_one_angle_for_each_range(viewer: Viewer) -> None:
-    viewer.set({"type": "planar_lidar", "ranges": [1, 2, 1, INF], "angle_start": 0.1, "angle_step": 0.1})
+    viewer.publish({"type": "planar_lidar", "ranges": [1, 2, 1, INF], "angle_start": 0.1, "angle_step": 0.1})
     angles = 0.1 + 0.1 * np.arange(3)
     expected = np.array([1, 2, 1])[:, None] * np.stack((np.cos(angles), np.sin(angles), 0 * angles), axis=1)
     np.testing.assert_allclose(cloud_of(viewer).points, expected, atol=1e-6)

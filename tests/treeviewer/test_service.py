@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import pytest
 
-from gateway.lcm import receive_buffer, udpm_transport
+from gateway.lcm import udpm_transport
+from gateway.lcm.config import LcmConfig
 from gateway.treeviewer.config import TreeViewerConfig
 from gateway.treeviewer.protocol import REQUEST, RESPONSE
-from tests.lcm.test_replay import unordered
 from tests.support.waiting import MILLISECONDS
 from tests.treeviewer import recordings
 from tests.treeviewer.conversation import ONE_BOX, decoded
 from tests.treeviewer.differences import DIFFERENCES
 from tests.treeviewer.recorded_meshes import RecordedMeshes
+from tests.treeviewer.test_recorded_requests import unordered
 from tests.treeviewer.transports import answer_over, config_of, in_thread, join, lossless, serving
 
 
 @pytest.mark.lcm
-async def test_the_ready_message_comes_at_start(url: str) -> None:
+async def test_announces_its_start(url: str) -> None:
     client = join(url)
     heard: list[tuple[str, bytes]] = []
     lossless(client, RESPONSE, lambda channel, data: heard.append((channel, data)))
@@ -33,9 +34,7 @@ async def test_the_ready_message_comes_at_start(url: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("transport", ["udp", "tcpq"])
 @pytest.mark.parametrize("name", recordings.names() or [pytest.param("", id="no corpus")])
-async def test_recorded_requests_over_real_lcm_are_answered_like_in_process(
-    name: str, transport: str, url: str
-) -> None:
+async def test_recorded_requests_over_real_lcm(name: str, transport: str, url: str) -> None:
     name = name or "deep"
     meshes = RecordedMeshes(recordings.folder() / "assets")
     differences = DIFFERENCES.get(name, {})
@@ -84,7 +83,7 @@ async def test_recorded_requests_over_real_lcm_are_answered_like_in_process(
 
 
 @pytest.mark.lcm
-async def test_a_burst_is_received_and_answered_without_loss(url: str) -> None:
+async def test_loses_nothing_of_a_burst(url: str) -> None:
     bursts, count = 20, 100
     """Messages at once: as many as the kernel's default receive buffer holds, even if nothing is received meanwhile."""
     async with serving(config_of(url)) as service:
@@ -110,7 +109,7 @@ async def test_a_burst_is_received_and_answered_without_loss(url: str) -> None:
 
 
 @pytest.mark.lcm
-async def test_the_receive_buffer_is_raised_or_the_sysctl_is_named(url: str) -> None:
+async def test_raises_the_receive_buffer_or_names_the_sysctl(url: str) -> None:
     wanted = 8 * 1024 * 1024
     async with serving(config_of(url), receive_buffer_bytes=wanted) as service:
         status = service.status()["lcm"]
@@ -122,8 +121,8 @@ async def test_the_receive_buffer_is_raised_or_the_sysctl_is_named(url: str) -> 
 
 
 @pytest.mark.lcm
-async def test_a_small_receive_buffer_is_warned_about(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(receive_buffer.ReceiveBuffer, "raise_to", lambda self, size: 212_992)
+async def test_warns_about_a_small_receive_buffer(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(udpm_transport, "raise_receive_buffer", lambda sock, size: 212_992)
     monkeypatch.setattr(udpm_transport, "system_limit", lambda: 212_992)
     async with serving(config_of(url)) as service:
         assert service.status()["lcm"]["warning"] == (
@@ -133,7 +132,7 @@ async def test_a_small_receive_buffer_is_warned_about(url: str, monkeypatch: pyt
 
 
 @pytest.mark.lcm
-async def test_lcms_default_url_is_honoured(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_uses_lcm_default_url(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("LCM_DEFAULT_URL", url)
-    async with serving(TreeViewerConfig(lcm_url=None, tcpq_port=None)) as service:
+    async with serving(TreeViewerConfig(lcm=LcmConfig(url=None, tcpq_port=None))) as service:
         assert service.status()["lcm"]["url"] == url

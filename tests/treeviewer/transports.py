@@ -15,10 +15,11 @@ from typing import Any
 
 import pytest
 
-from gateway.lcm.tcpq import CLIENT_HELLO, HUB_HELLO, Frame, publish_head, subscription
+from gateway.lcm.config import LcmConfig
+from gateway.lcm.tcpq import CLIENT_HELLO, HUB_HELLO, FrameType, publish_header, subscription
 from gateway.scene.live import LiveTree
 from gateway.treeviewer.config import TreeViewerConfig
-from gateway.treeviewer.geometry import MeshLoader
+from gateway.treeviewer.context import MeshLoader
 from gateway.treeviewer.service import TreeViewerService
 from tests.support.liblcm import liblcm
 from tests.support.waiting import MILLISECONDS, SECONDS
@@ -31,7 +32,7 @@ def free_url() -> str:
 
 def config_of(url: str) -> TreeViewerConfig:
     """The service on an LCM network, with a hub on a free port."""
-    return TreeViewerConfig(lcm_url=url, tcpq_port=0)
+    return TreeViewerConfig(lcm=LcmConfig(url=url, tcpq_port=0))
 
 
 def join(url: str) -> Any:
@@ -50,8 +51,10 @@ async def serving(
     live: LiveTree | None = None,
     **changes: Any,
 ) -> AsyncIterator[TreeViewerService]:
-    """The service with a hub on a free port and no LCM, unless told otherwise; stopped in the end."""
-    config = replace(config or TreeViewerConfig(lcm_url="off", tcpq_port=0), **changes)
+    """The service, by default with a hub on a free port and no LCM. ``changes`` are fields of either configuration."""
+    config = config or TreeViewerConfig(lcm=LcmConfig(url="off", tcpq_port=0))
+    of_lcm = {name: changes.pop(name) for name in tuple(changes) if name in LcmConfig.__dataclass_fields__}
+    config = replace(config, lcm=replace(config.lcm, **of_lcm), **changes)
     service = TreeViewerService(config, live or LiveTree(), meshes)
     task = asyncio.create_task(service.run())
     ready = asyncio.create_task(service.wait_ready())
@@ -88,12 +91,12 @@ class HubClient:
             assert await reader.readexactly(8) == HUB_HELLO
         return cls(reader, writer)
 
-    async def subscribe(self, pattern: str, kind: Frame = Frame.SUBSCRIBE) -> None:
+    async def subscribe(self, pattern: str, kind: FrameType = FrameType.SUBSCRIBE) -> None:
         self.writer.write(subscription(kind, pattern))
         await self.writer.drain()
 
     async def publish(self, channel: str, data: bytes) -> None:
-        self.writer.write(publish_head(channel, len(data)) + data)
+        self.writer.write(publish_header(channel, len(data)) + data)
         await self.writer.drain()
 
     async def next(self) -> tuple[str, bytes]:

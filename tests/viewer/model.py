@@ -1,4 +1,4 @@
-"""A browser's model of the scene in Python: takes frames in as the page does."""
+"""A Python model of the page's scene, updated by frames as the page is."""
 
 from __future__ import annotations
 
@@ -9,40 +9,41 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.scene.tree import Node, Path
-from gateway.viewer.frames import parse
+from gateway.viewer.frames import parse_frame
 
 IDENTITY = tuple(np.eye(4).ravel().tolist())
 
 
-def array(body: memoryview, span: list[int], dtype: str) -> NDArray[Any]:
+def body_array(body: memoryview, span: list[int], dtype: str) -> NDArray[Any]:
     return np.frombuffer(body, dtype, span[1], span[0])
 
 
 @dataclass
-class Known:
+class PageNode:
     name: str | int
     parent: int | None
     parts: list[dict[str, Any]] | None = None
     visible: bool = True
     pose: tuple[float, ...] = IDENTITY
-    """7 numbers of a pose or 16 of a matrix, column-major, as it came."""
+    """7 numbers of a pose or 16 of a column-major matrix."""
     children: set[int] = field(default_factory=set)
 
 
 class Model:
-    """Raises when a frame does not fit what it has."""
+    """Nodes and meshes by id. Raises AssertionError if a frame refers to nodes or meshes that it does not have."""
 
     def __init__(self) -> None:
-        self.nodes: dict[int, Known] = {0: Known("", None)}
+        self.nodes: dict[int, PageNode] = {0: PageNode("", None)}
         self.meshes: set[int] = set()
         self.revision = 0
 
-    def take(self, frame: bytes) -> None:
-        header, body = parse(frame)
+    def receive(self, frame: bytes) -> None:
+        """Apply a frame."""
+        header, body = parse_frame(frame)
         {"update": self._update, "mesh": self._mesh, "forget": self._forget}[header["kind"]](header, body)
 
     def _mesh(self, header: dict[str, Any], body: memoryview) -> None:
-        assert np.isfinite(array(body, header["position"], "<f4")).all()
+        assert np.isfinite(body_array(body, header["position"], "<f4")).all()
         self.meshes.add(header["id"])
 
     def _forget(self, header: dict[str, Any], _: memoryview) -> None:
@@ -50,33 +51,33 @@ class Model:
 
     def _update(self, header: dict[str, Any], body: memoryview) -> None:
         if header["from"] == 0:
-            self.nodes = {0: Known("", None)}
+            self.nodes = {0: PageNode("", None)}
         else:
-            assert header["from"] == self.revision, "the frame starts from another revision"
+            assert header["from"] == self.revision, "the update starts from another revision"
         for number in header.get("removed", ()):
             self._remove(number)
         for entry in header.get("nodes", ()):
-            self._enter(entry)
+            self._set_entry(entry)
         for name, width in (("poses", 7), ("matrices", 16)):
             if name in header:
-                ids = array(body, header[name]["ids"], "<u4")
-                values = array(body, header[name]["values"], "<f4").reshape(-1, width)
+                ids = body_array(body, header[name]["ids"], "<u4")
+                values = body_array(body, header[name]["values"], "<f4").reshape(-1, width)
                 for number, row in zip(ids.tolist(), values.tolist(), strict=True):
                     self.nodes[number].pose = tuple(row)
         self.revision = header["revision"]
 
     def _remove(self, number: int) -> None:
-        gone = self.nodes.pop(number)
-        assert gone.parent is not None
-        if gone.parent in self.nodes:
-            self.nodes[gone.parent].children.discard(number)
-        for child in tuple(gone.children):
+        node = self.nodes.pop(number)
+        assert node.parent is not None
+        if node.parent in self.nodes:
+            self.nodes[node.parent].children.discard(number)
+        for child in tuple(node.children):
             self._remove(child)
 
-    def _enter(self, entry: dict[str, Any]) -> None:
+    def _set_entry(self, entry: dict[str, Any]) -> None:
         number = entry["id"]
         if number not in self.nodes:
-            self.nodes[number] = Known(entry["name"], entry["parent"])
+            self.nodes[number] = PageNode(entry["name"], entry["parent"])
             self.nodes[entry["parent"]].children.add(number)
         node = self.nodes[number]
         if "visible" in entry:
@@ -84,10 +85,12 @@ class Model:
         if "parts" in entry:
             node.parts = entry["parts"]
             for part in node.parts or ():
-                assert {draw["mesh"] for draw in part["draws"]} <= self.meshes, "a mesh comes before who uses it"
+                assert {draw["mesh"] for draw in part["draws"]} <= self.meshes, (
+                    "a mesh is sent before the nodes that use it"
+                )
 
     def tree(self) -> dict[Path, tuple[Any, ...]]:
-        """Path to (number of parts, visible, pose); names of elements keep their type."""
+        """Return (kinds of parts, visible, pose) by path. Names keep their types."""
         return {self._path(number): described(node) for number, node in self.nodes.items()}
 
     def _path(self, number: int) -> Path:
@@ -99,13 +102,13 @@ class Model:
         return tuple(path)
 
 
-def described(node: Known) -> tuple[Any, ...]:
+def described(node: PageNode) -> tuple[Any, ...]:
     parts = None if node.parts is None else [part["kind"] for part in node.parts]
     return parts, node.visible, node.pose
 
 
 def tree_of(root: Node) -> dict[Path, tuple[Any, ...]]:
-    """The same of a tree of the gateway."""
+    """Return the same for a tree of the gateway."""
     found: dict[Path, tuple[Any, ...]] = {}
     for path, node in root.walk():
         parts = None if node.parts is None else [part.kind or type(part.shape).__name__.lower() for part in node.parts]

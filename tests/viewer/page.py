@@ -1,4 +1,4 @@
-"""The page in a browser, and who publishes what it shows, by LCM's own library."""
+"""The page in a browser, and a publisher that uses LCM's own library."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FINGERPRINT = 0xD368E03F33C568BE
 
 
 class Publisher:
-    """Speaks the tree viewer's protocol by LCM's own library."""
+    """A client of the tree viewer that uses LCM's own library."""
 
     def __init__(self, url: str) -> None:
         lcm = liblcm()
@@ -59,15 +59,15 @@ class Publisher:
 
 
 class View(Watched):
-    """The page, looked at from the side: the world's x to the right."""
+    """The page with a view from the side: the world's x axis points right."""
 
     def look_at(self, *path: str) -> None:
-        """Waits for a node (the page frames the first that it sees), then looks at it with ``look``."""
+        """Wait for a node, then ``look``. (The page frames the first node by itself.)"""
         self.until(lambda: self.page.evaluate("path => scenegate.model.find(path)?.parts != null", path), str(path))
         self.look()
 
     def look(self) -> None:
-        """The camera on the −Y side, two metres of x on either side of the middle; then nothing moves it."""
+        """Place the camera on the −Y side with x from −2 m to 2 m in view; hide grid, axes and frustum."""
         self.page.evaluate(
             """() => {
               const { stage, frustum, Box3 } = scenegate;
@@ -80,12 +80,12 @@ class View(Watched):
         )
 
     def colors(self) -> NDArray[np.uint8]:
-        """(H, W, 3): the picture of the scene."""
+        """Return the pixels of the view, (H, W, 3) uint8."""
         png = self.page.locator(".stage canvas").screenshot()
         return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
 
     def share(self, color: str, side: str = "both") -> float:
-        """Which part of the picture, or of its left or right half, has the colour."""
+        """Return the share of pixels with a colour, of the whole view or one half."""
         pixels = self.colors().astype(int)
         half = pixels.shape[1] // 2
         pixels = {"both": pixels, "left": pixels[:, :half], "right": pixels[:, half:]}[side]
@@ -94,7 +94,7 @@ class View(Watched):
         return float((pixels[:, :, channel] > others + 90).mean())
 
     def until(self, condition: Any, what: str) -> None:
-        """Waits for pixels; SwiftShader draws a few frames a second."""
+        """Wait for a condition; SwiftShader draws a few frames per second."""
         limit = time.monotonic() + SECONDS
         while not condition():
             assert time.monotonic() < limit, f"{what}: still not so after {SECONDS:.0f} s; faults: {self.faults}"

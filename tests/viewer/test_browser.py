@@ -31,7 +31,7 @@ STILL = """async () => {
 }"""
 """Whether the camera is where it was three frames ago."""
 FLAGS = ("--lcm-url", "off", "--grpc-port", "0")
-RED, GREEN = [1, 0, 0, 1], [0, 1, 0, 1]
+RED, GREEN = [1.0, 0.0, 0.0, 1.0], [0.0, 1.0, 0.0, 1.0]
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +57,7 @@ def view(browser: Any, gateway: tuple[GatewayProcess, str]) -> Iterator[tuple[Vi
     assert shown.faults == []
 
 
-def test_what_is_published_is_seen_moves_and_goes(view: tuple[View, Publisher]) -> None:
+def test_published_box_appears_moves_and_disappears(view: tuple[View, Publisher]) -> None:
     shown, publisher = view
     shown.look()
     shown.until(lambda: shown.share("red") == 0.0, "an empty scene")
@@ -72,7 +72,7 @@ def test_what_is_published_is_seen_moves_and_goes(view: tuple[View, Publisher]) 
     shown.until(lambda: shown.share("red") == 0.0, "the box is gone")
 
 
-def test_hide_and_opacity(view: tuple[View, Publisher]) -> None:
+def test_hiding_and_opacity(view: tuple[View, Publisher]) -> None:
     shown, publisher = view
     publisher.box(["hide", "one"], RED, x=-1.0)
     publisher.box(["hide", "two"], GREEN, x=1.0)
@@ -90,7 +90,7 @@ def test_hide_and_opacity(view: tuple[View, Publisher]) -> None:
     assert shown.share("red") > 0.02
 
 
-def test_a_click_selects_what_is_under_it(view: tuple[View, Publisher]) -> None:
+def test_click_selects_the_node_under_the_pointer(view: tuple[View, Publisher]) -> None:
     shown, publisher = view
     publisher.box(["pick", "left"], RED, x=-1.0)
     publisher.box(["pick", "right"], GREEN, x=1.0)
@@ -107,7 +107,7 @@ def test_a_click_selects_what_is_under_it(view: tuple[View, Publisher]) -> None:
 
 def test_disparity_thumbnail_changes(view: tuple[View, Publisher]) -> None:
     shown, publisher = view
-    thumb = shown.page.locator("[data-picture=disparity] img")
+    thumb = shown.page.locator("[data-image=disparity] img")
     reading = "image => image.complete && image.naturalWidth > 0 ? image.src : ''"
     shown.until(lambda: thumb.evaluate(reading) != "", "a thumbnail")
 
@@ -126,7 +126,7 @@ def test_disparity_thumbnail_changes(view: tuple[View, Publisher]) -> None:
     shown.page.keyboard.press("Escape")
 
 
-def test_parameters_are_the_devices(view: tuple[View, Publisher], gateway: tuple[GatewayProcess, str]) -> None:
+def test_controls_set_the_device_parameters(view: tuple[View, Publisher], gateway: tuple[GatewayProcess, str]) -> None:
     shown, _ = view
     shown.page.get_by_text("Stereo matching", exact=True).click()
     shown.page.get_by_label("quality", exact=True).select_option("Low")
@@ -154,7 +154,7 @@ def test_render_requests_are_listed(view: tuple[View, Publisher], gateway: tuple
     shown.until(lambda: pictures.evaluate_all(loaded), "the pictures")
 
 
-def test_the_background_is_chosen(view: tuple[View, Publisher]) -> None:
+def test_background_choices(view: tuple[View, Publisher]) -> None:
     shown, publisher = view
     publisher.box(["ground"], RED)
     shown.look_at("ground")
@@ -168,7 +168,7 @@ def test_the_background_is_chosen(view: tuple[View, Publisher]) -> None:
     shown.until(lambda: shown.colors()[5, 5].max() < 64, "the dark theme's own")
 
 
-def test_the_picture_and_the_scene_are_downloaded(view: tuple[View, Publisher]) -> None:
+def test_downloads_of_image_and_scene(view: tuple[View, Publisher]) -> None:
     shown, publisher = view
     publisher.box(["take"], RED, x=-1.0)
     shown.look_at("take")
@@ -180,12 +180,14 @@ def test_the_picture_and_the_scene_are_downloaded(view: tuple[View, Publisher]) 
     drawn = np.asarray(Image.open(picture.value.path()).convert("RGB"))
     assert drawn.shape == seen.shape
 
-    def middle(pixels: NDArray[np.uint8]) -> NDArray[np.float64]:
-        # Of what the box covers, lit or in shade: the two are lit differently.
-        red = np.argwhere(pixels[:, :, 0].astype(int) > pixels[:, :, 1:].max(axis=2).astype(int) + 30)
-        return (red.min(axis=0) + red.max(axis=0)) / 2.0
+    def red_middle(pixels: NDArray[np.uint8]) -> NDArray[np.float64]:
+        # The two images are lit differently, so also the box's dark faces count.
+        reddish = pixels[:, :, 0].astype(int) > pixels[:, :, 1:].max(axis=2).astype(int) + 30
+        red: NDArray[np.float64] = np.argwhere(reddish).astype(np.float64)
+        middle: NDArray[np.float64] = (red.min(axis=0) + red.max(axis=0)) / 2.0
+        return middle
 
-    assert middle(drawn) == pytest.approx(middle(seen), abs=2.0), "the same view"
+    assert red_middle(drawn) == pytest.approx(red_middle(seen), abs=2.0), "the same view"
     with shown.page.expect_download() as scene:
         shown.page.get_by_role("link", name=".glb").click()
     assert scene.value.suggested_filename == "scene.glb"
@@ -193,7 +195,7 @@ def test_the_picture_and_the_scene_are_downloaded(view: tuple[View, Publisher]) 
     assert [path for path, node in read.root.walk() if node.parts], "it has the box"
 
 
-def test_the_keyboard_reaches_everything(view: tuple[View, Publisher]) -> None:
+def test_keyboard_shortcuts_and_focus(view: tuple[View, Publisher]) -> None:
     shown, publisher = view
     publisher.box(["keys", "small"], RED, x=-1.0, size=0.5)
     publisher.box(["keys", "other"], GREEN, x=1.0)
@@ -229,7 +231,7 @@ def test_the_keyboard_reaches_everything(view: tuple[View, Publisher]) -> None:
     assert wanted <= reached
 
 
-def test_a_phone_shows_one_drawer_at_a_time(view: tuple[View, Publisher]) -> None:
+def test_small_screen_shows_one_drawer_at_a_time(view: tuple[View, Publisher]) -> None:
     shown, publisher = view
     publisher.box(["phone"], RED)
     shown.page.set_viewport_size({"width": 360, "height": 740})
@@ -244,7 +246,7 @@ def test_a_phone_shows_one_drawer_at_a_time(view: tuple[View, Publisher]) -> Non
     tabs.wait_for(state="hidden")
 
 
-def test_fingers_turn_and_pinch(view: tuple[View, Publisher]) -> None:
+def test_touch_rotates_and_zooms(view: tuple[View, Publisher]) -> None:
     shown, publisher = view
     publisher.box(["touch"], RED)
     shown.look_at("touch")
@@ -273,7 +275,7 @@ def test_fingers_turn_and_pinch(view: tuple[View, Publisher]) -> None:
     shown.until(lambda: read("getDistance") < 0.6 * distance, "two fingers apart come closer")
 
 
-def test_the_scene_comes_back_after_a_restart(browser: Any) -> None:
+def test_page_reconnects_after_a_restart(browser: Any) -> None:
     with ExitStack() as stack:
         process, url = stack.enter_context(gateway_process(*FLAGS, "--tcpq-port", "0"))
         port = url.rsplit(":", 1)[1]
@@ -296,7 +298,7 @@ def test_the_scene_comes_back_after_a_restart(browser: Any) -> None:
 
 @contextmanager
 def _on_port(port: str) -> Iterator[GatewayProcess]:
-    """Another gateway where one was before."""
+    """Start another gateway on the same port."""
     gateway = GatewayProcess("--http-port", port, *FLAGS, "--tcpq-port", "0")
     try:
         gateway.wait_for("Scenegate has started")
@@ -305,8 +307,8 @@ def _on_port(port: str) -> Iterator[GatewayProcess]:
         gateway.kill()
 
 
-def test_a_gateway_without_a_stereo_camera_is_no_fault(browser: Any) -> None:
-    """The panel says so, and the mouse works: wheel, orbit and pan each move the camera."""
+def test_gateway_without_stereo_camera_is_not_an_error(browser: Any) -> None:
+    """The panels say so; wheel, orbit and pan with the mouse move the camera."""
     with gateway_process("--only", "scene,view", "--demo") as (_, url):
         view = View(browser, url)
         view.until(lambda: view.page.evaluate("scenegate.model.nodes.size > 10"), "the demo is there")
@@ -335,8 +337,8 @@ def test_a_gateway_without_a_stereo_camera_is_no_fault(browser: Any) -> None:
         assert view.faults == []
 
 
-def test_what_has_not_come_yet_is_waited_for(browser: Any, gateway: tuple[GatewayProcess, str]) -> None:
-    """Nothing is said of the gateway before it has said so itself; and a gateway that is away is no empty one."""
+def test_panels_wait_for_the_first_response(browser: Any, gateway: tuple[GatewayProcess, str]) -> None:
+    """No panel shows an empty state before the gateway responds, or after it stops responding."""
     _, url = gateway
     Publisher(url).send(delete=[{"path": []}])
     page = new_page(browser)
@@ -354,24 +356,24 @@ def test_what_has_not_come_yet_is_waited_for(browser: Any, gateway: tuple[Gatewa
     page.get_by_role("tab", name="Stereo").click()
     answer[0] = lambda route: route.continue_()
     held.pop().continue_()
-    page.locator("[data-picture=left] img").wait_for()
+    page.locator("[data-image=left] img").wait_for()
     answer[0] = lambda route: route.abort()
-    page.get_by_text("these are its last pictures").wait_for()
+    page.get_by_text("these are its last images").wait_for()
     sockets.pop().connect_to_server()
     page.get_by_text("The scene is empty.").wait_for()
     page.get_by_role("tab", name="Renders").click()
-    page.get_by_text("No render request has come yet.").or_(page.locator(".renders li").first).wait_for()
+    page.get_by_text("No render requests yet.").or_(page.locator(".renders li").first).wait_for()
     page.close()
 
 
-def test_a_texture_that_fails_is_asked_for_again(browser: Any) -> None:
+def test_failed_texture_download_is_repeated(browser: Any) -> None:
     with gateway_process("--only", "view", "--demo") as (_, url):
         page = new_page(browser)
-        asked: list[str] = []
+        requested: list[str] = []
 
         def refuse_once(route: Any) -> None:
-            known = route.request.url in asked
-            asked.append(route.request.url)
+            known = route.request.url in requested
+            requested.append(route.request.url)
             route.continue_() if known else route.abort()
 
         page.route("**/view/image/*", refuse_once)

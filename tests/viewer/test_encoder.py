@@ -1,4 +1,4 @@
-"""Whatever is edited and however many revisions a browser skips: it ends with the tree that there is."""
+"""Updates: after any edits and any skipped revisions the page has the newest tree."""
 
 from __future__ import annotations
 
@@ -14,11 +14,12 @@ from hypothesis import strategies as st
 from gateway.scene.geometry import Box, Part, PointCloud, Sphere, Surface
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.tree import Node, TreeEdit
-from gateway.viewer.encoder import EMPTY, TURN_CHANGES, Encoder, encode_rig
-from gateway.viewer.flow_control import Session
-from gateway.viewer.frames import parse
-from gateway.viewer.payloads import Payloads
-from gateway.viewer.sources import Rig
+from gateway.viewer import encoder as encoder_module
+from gateway.viewer.encoder import EMPTY, Encoder, encode_stereo_rig
+from gateway.viewer.flow_control import FlowControl
+from gateway.viewer.frames import parse_frame
+from gateway.viewer.resources import Resources
+from gateway.viewer.sources import StereoRig
 from renderers.drawlist import AlphaMode, Image, Material, Mesh, Texture
 from tests.viewer.model import Model, tree_of
 
@@ -55,24 +56,23 @@ def apply(edit: TreeEdit, kind: str, path: Any, value: Any) -> None:
 
 
 class Browser:
-    """A session and the model that it feeds."""
+    """The flow control of a page, and the page's model."""
 
-    def __init__(self, encoder: Encoder, payloads: Payloads) -> None:
-        self.session = Session(encoder, payloads)
-        self.payloads = payloads
+    def __init__(self, encoder: Encoder, resources: Resources) -> None:
+        self.flow = FlowControl(encoder)
+        self.resources = resources
         self.model = Model()
 
     def catch_up(self) -> None:
-        if not self.session.behind:
+        if not self.flow.update_due:
             return
-        update = asyncio.run(self.session.next_update())
-        missing = self.session.missing(update)
-        for number in missing:
-            frame = self.payloads.mesh_frame(number)
+        update = asyncio.run(self.flow.next_update())
+        for number in self.flow.take_missing_meshes(update):
+            frame = self.resources.mesh_frame(number)
             assert frame is not None
-            self.model.take(frame)
-        self.session.sent(missing)
-        self.model.take(update.frame)
+            self.model.receive(frame)
+        self.model.receive(update.frame)
+        self.flow.acknowledge()
 
 
 @settings(deadline=None, max_examples=150)
@@ -80,10 +80,10 @@ class Browser:
     st.lists(st.tuples(st.lists(EDITS, min_size=1, max_size=4), st.sets(st.integers(0, 2))), max_size=12),
     st.sampled_from([6, 1_000_000]),
 )
-def test_browsers_end_with_the_tree_that_there_is(steps: Any, max_paths: int) -> None:
-    tree, payloads = LiveTree(), Payloads()
-    encoder = Encoder(payloads, max_paths)
-    browsers = [Browser(encoder, payloads) for _ in range(3)]
+def test_every_page_reaches_the_newest_tree(steps: Any, max_node_ids: int) -> None:
+    tree, resources = LiveTree(), Resources()
+    encoder = Encoder(resources, max_node_ids)
+    browsers = [Browser(encoder, resources) for _ in range(3)]
     for edits, awake in steps:
         with tree.edit() as edit:
             for kind, path, value in edits:
@@ -91,15 +91,15 @@ def test_browsers_end_with_the_tree_that_there_is(steps: Any, max_paths: int) ->
         encoder.advance(tree.snapshot)
         for number in awake:
             browsers[number].catch_up()
-    browsers.append(Browser(encoder, payloads))
+    browsers.append(Browser(encoder, resources))
     for browser in browsers:
         browser.catch_up()
         assert browser.model.tree() == tree_of(tree.snapshot.root)
-        assert not browser.session.behind
+        assert not browser.flow.update_due
 
 
-def test_a_step_that_only_moves_names_no_path() -> None:
-    tree, encoder = LiveTree(), Encoder(Payloads())
+def test_update_of_transforms_contains_only_ids_and_poses() -> None:
+    tree, encoder = LiveTree(), Encoder(Resources())
     with tree.edit() as edit:
         for number in range(5):
             edit.set_parts(("arm", number), (Part(Box((1, 1, 1)), MATERIAL),))
@@ -109,14 +109,14 @@ def test_a_step_that_only_moves_names_no_path() -> None:
         with tree.edit() as edit:
             edit.set_pose(("arm", 3), (x, 0, 0, 1, 0, 0, 0))
         encoder.advance(tree.snapshot)
-    header, body = parse(asyncio.run(encoder.update(before))[0].frame)
+    header, body = parse_frame(asyncio.run(encoder.update(before))[0].frame)
     assert set(header) == {"kind", "from", "revision", "poses"}
-    assert np.frombuffer(body, "<u4", 1).tolist() == [encoder.id_of(("arm", 3))]
+    assert np.frombuffer(body, "<u4", 1).tolist() == [encoder.node_id(("arm", 3))]
     assert header["poses"]["values"][1] == 7
 
 
-def test_updates_are_shared() -> None:
-    tree, encoder = LiveTree(), Encoder(Payloads())
+def test_browsers_at_one_revision_share_the_update() -> None:
+    tree, encoder = LiveTree(), Encoder(Resources())
     with tree.edit() as edit:
         edit.set_parts(("a",), (Part(Sphere(1), MATERIAL),))
     encoder.advance(tree.snapshot)
@@ -130,8 +130,9 @@ def many_boxes(count: int) -> Node:
     return edit.commit()
 
 
-async def test_others_have_their_turn_while_a_big_scene_is_encoded_and_it_may_change() -> None:
-    encoder, turns = Encoder(Payloads()), 0
+async def test_encoding_a_large_scene_yields_to_the_event_loop(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(encoder_module, "MAX_TURN_SECONDS", 0.0)
+    encoder, turns = Encoder(Resources()), 0
     first, later = Snapshot(many_boxes(400), 1), Snapshot(many_boxes(401), 2)
     encoder.advance(first)
 
@@ -147,57 +148,69 @@ async def test_others_have_their_turn_while_a_big_scene_is_encoded_and_it_may_ch
     same = asyncio.create_task(encoder.update(EMPTY))
     await others()
     update, leads_to = await encoding
-    assert turns >= 400 // TURN_CHANGES
+    assert turns >= 400
     assert leads_to is first
-    header, _ = parse(update.frame)
+    header, _ = parse_frame(update.frame)
     assert header["revision"] == 1
     assert len(header["nodes"]) == 401
     newest, leads_to = await same
     assert leads_to is later
-    assert len(parse(newest.frame)[0]["nodes"]) == 402
+    assert len(parse_frame(newest.frame)[0]["nodes"]) == 402
     step, leads_to = await encoder.update(first)
     assert leads_to is later
-    assert [node["name"] for node in parse(step.frame)[0]["nodes"] if "name" in node] == [400]
+    assert [node["name"] for node in parse_frame(step.frame)[0]["nodes"] if "name" in node] == [400]
 
 
-async def test_an_update_of_paths_that_were_numbered_anew_meanwhile_is_not_sent() -> None:
-    encoder = Encoder(Payloads(), max_paths=450)
+async def test_dropping_all_ids_discards_the_update_in_progress(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(encoder_module, "MAX_TURN_SECONDS", 0.0)
+    encoder = Encoder(Resources(), max_node_ids=200)
     encoder.advance(Snapshot(many_boxes(400), 1))
-    session = Session(encoder, Payloads())
-    sending = asyncio.create_task(session.next_update())
-    await asyncio.sleep(0)
+    flow = FlowControl(encoder)
+    sending = asyncio.create_task(flow.next_update())
+    for _ in range(250):  # one change per turn of the event loop
+        await asyncio.sleep(0)
     encoder.advance(Snapshot(many_boxes(460), 2))
     assert encoder.epoch == 1
-    header, _ = parse((await sending).frame)
+    header, _ = parse_frame((await sending).frame)
     assert (header["from"], header["revision"], len(header["nodes"])) == (0, 2, 461)
-    assert not session.behind
+    flow.acknowledge()
+    assert not flow.update_due
 
 
-def test_numbers_beyond_float32_are_infinite_without_a_warning() -> None:
-    tree, encoder = LiveTree(), Encoder(Payloads())
+def test_ids_are_dropped_beyond_their_limit_only() -> None:
+    encoder = Encoder(Resources(), max_node_ids=401)
+    encoder.advance(Snapshot(many_boxes(399), 1))  # 401 paths with the root and the boxes' parent
+    asyncio.run(encoder.update(EMPTY))
+    encoder.advance(Snapshot(many_boxes(398), 2))
+    assert encoder.epoch == 0
+    encoder.node_id(("one more",))
+    encoder.advance(Snapshot(many_boxes(398), 3))
+    assert encoder.epoch == 1
+
+
+def test_values_beyond_float32_become_infinite() -> None:
+    tree, encoder = LiveTree(), Encoder(Resources())
     with tree.edit() as edit:
         edit.set_pose(("pose",), (1e300, 0, 0, 1, 0, 0, 0))
         edit.set_matrix(("matrix",), np.diag([1e300, 1, 1, 1]))
     encoder.advance(tree.snapshot)
     model = Model()
-    model.take(asyncio.run(encoder.update(EMPTY))[0].frame)
+    model.receive(asyncio.run(encoder.update(EMPTY))[0].frame)
     tree_now = model.tree()
     assert tree_now["pose",][2][0] == np.inf
     assert tree_now["matrix",][2][0] == np.inf
 
 
-def test_geometry_that_is_gone_is_let_go() -> None:
-    tree, payloads = LiveTree(), Payloads()
-    encoder = Encoder(payloads)
-    gone: list[int] = []
-    payloads.when_gone(gone.append)
+def test_page_drops_meshes_that_no_longer_exist() -> None:
+    tree, resources = LiveTree(), Resources()
+    encoder = Encoder(resources)
     positions = np.zeros((3, 3), np.float32)
     with tree.edit() as edit:
         mesh = Mesh(positions, np.array([[0, 1, 2]], np.uint32))
         edit.set_parts(("deep", "mesh"), (Part(Surface(mesh), MATERIAL),))
     del mesh
     encoder.advance(tree.snapshot)
-    browser = Browser(encoder, payloads)
+    browser = Browser(encoder, resources)
     browser.catch_up()
     with tree.edit() as edit:
         edit.delete(("deep",))
@@ -205,15 +218,19 @@ def test_geometry_that_is_gone_is_let_go() -> None:
     browser.catch_up()
     del edit
     gc.collect()
-    assert gone
-    for frame in browser.session.forget(set(gone)):
-        browser.model.take(frame)
+    removed = resources.take_removed_meshes()
+    assert removed
+    browser.flow.remove_meshes(removed)
+    frame = browser.flow.take_forget_frame()
+    assert frame is not None
+    browser.model.receive(frame)
+    assert browser.flow.take_forget_frame() is None
     assert browser.model.meshes == set()
 
 
-def test_materials_and_channels_are_told() -> None:
-    tree, payloads = LiveTree(), Payloads()
-    encoder = Encoder(payloads)
+def test_materials_and_channels_are_encoded() -> None:
+    tree, resources = LiveTree(), Resources()
+    encoder = Encoder(resources)
     points = np.array([[0, 0, 0], [np.nan, 0, 0], [1, 1, 1]], np.float32)
     channels = {
         "intensity": np.array([0, 5, 1], np.float32),
@@ -224,24 +241,24 @@ def test_materials_and_channels_are_told() -> None:
     with tree.edit() as edit:
         edit.set_parts(("cloud",), (Part(PointCloud(points, channels), glass, source="scan.ply"),))
     encoder.advance(tree.snapshot)
-    header, _ = parse(asyncio.run(encoder.update(EMPTY))[0].frame)
+    header, _ = parse_frame(asyncio.run(encoder.update(EMPTY))[0].frame)
     (part,) = next(entry for entry in header["nodes"] if entry["name"] == "cloud")["parts"]
     assert part["channels"] == {"intensity": 1, "rgb": 3}
     assert (part["points"], part["source"]) == (3, "scan.ply")
     (draw,) = part["draws"]
     color = draw["material"].pop("color")
     assert draw["material"] == {"alpha": "blend", "metallic": 1.0, "pointSize": 3.0}
-    assert color == pytest.approx([1.0, 1.0, 1.0, 0.5]), "the channel rgb colours the points, only opacity is left"
-    values = payloads.channel(draw["mesh"], "intensity")
+    assert color == pytest.approx([1.0, 1.0, 1.0, 0.5]), "colours come from channel rgb"
+    values = resources.channel(draw["mesh"], "intensity")
     assert values is not None
     assert values.ravel().tolist() == [0.0, 1.0]
-    assert payloads.channel(draw["mesh"], "empty") is None
-    assert payloads.channel(999, "intensity") is None
+    assert resources.channel(draw["mesh"], "empty") is None
+    assert resources.channel(999, "intensity") is None
 
 
-def test_how_a_surface_is_cut_glows_and_reads_its_texture_is_told() -> None:
-    tree, payloads = LiveTree(), Payloads()
-    encoder = Encoder(payloads)
+def test_alpha_mask_emission_and_texture_transform_are_encoded() -> None:
+    tree, resources = LiveTree(), Resources()
+    encoder = Encoder(resources)
     image = Image(b"key", lambda: np.zeros((1, 1, 4), np.uint8))
     texture = Texture(image, uv_set=1, uv_transform=(2.0, 0.0, 0.5, 0.0, 3.0, 0.25))
     leaf = Material(base_color_texture=texture, emissive=(0.0, 0.5, 1.0), alpha_mode=AlphaMode.MASK, alpha_cutoff=0.25)
@@ -251,26 +268,26 @@ def test_how_a_surface_is_cut_glows_and_reads_its_texture_is_told() -> None:
         edit.set_parts(("leaf",), (Part(Surface(mesh), leaf),))
     encoder.advance(tree.snapshot)
     update = asyncio.run(encoder.update(EMPTY))[0]
-    header, _ = parse(update.frame)
+    header, _ = parse_frame(update.frame)
     (part,) = next(entry for entry in header["nodes"] if entry["name"] == "leaf")["parts"]
     material = part["draws"][0]["material"]
     assert (material["alpha"], material["cutoff"]) == ("mask", 0.25)
     assert material["emissive"] == pytest.approx([0.0, 0.735357, 1.0], abs=1e-5), "encoded as the colour is"
     assert material["texture"]["set"] == 1
     assert material["texture"]["transform"] == [2.0, 0.0, 0.5, 0.0, 3.0, 0.25]
-    frame = payloads.mesh_frame(part["draws"][0]["mesh"])
+    frame = resources.mesh_frame(part["draws"][0]["mesh"])
     assert frame is not None
-    head, body = parse(frame)
+    head, body = parse_frame(frame)
     offset, count = head["uv1"]
     assert np.frombuffer(body, np.float32, count, offset).tolist() == [0, 0, 1, 0, 0, 1]
 
 
-def test_rig_is_column_major_or_nothing() -> None:
+def test_stereo_rig_pose_is_column_major_or_null() -> None:
     pose = np.eye(4)
     pose[:3, 3] = 1, 2, 3
-    header, _ = parse(encode_rig(Rig(pose, 640, 480, 500.0, 500.0, 320.0, 240.0, 0.16)))
+    header, _ = parse_frame(encode_stereo_rig(StereoRig(pose, 640, 480, 500.0, 500.0, 320.0, 240.0, 0.16)))
     assert header["pose"][12:15] == [1.0, 2.0, 3.0]
     assert header["baseline"] == pytest.approx(0.16)
     pose[0, 0] = np.nan
-    assert parse(encode_rig(Rig(pose, 1, 1, 1.0, 1.0, 0.0, 0.0, 0.1)))[0]["pose"] is None
-    assert parse(encode_rig(None))[0]["pose"] is None
+    assert parse_frame(encode_stereo_rig(StereoRig(pose, 1, 1, 1.0, 1.0, 0.0, 0.0, 0.1)))[0]["pose"] is None
+    assert parse_frame(encode_stereo_rig(None))[0]["pose"] is None

@@ -1,4 +1,4 @@
-"""Credit, notes, limits: what a browser gets and when."""
+"""Acknowledgements, status frames and limits."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ import pytest
 from gateway.scene.geometry import Box, Part, Sphere
 from gateway.scene.live import LiveTree, Snapshot
 from gateway.viewer.config import ViewerConfig
-from gateway.viewer.frames import parse
+from gateway.viewer.frames import parse_frame
 from gateway.viewer.hub import Browser, ViewHub
-from gateway.viewer.sources import RenderNote, Rig, ViewPorts
+from gateway.viewer.sources import RenderSummary, StereoImages, StereoRig
 from renderers.drawlist import Material
 from tests.support.waiting import SECONDS, until
 from tests.viewer.model import Model, tree_of
 
-QUICK = ViewerConfig(rate=1000.0, status_seconds=0.01)
+QUICK = ViewerConfig(max_update_rate=1000.0, status_seconds=0.01)
 
 
 def move(tree: LiveTree, x: float) -> None:
@@ -30,35 +30,47 @@ def move(tree: LiveTree, x: float) -> None:
 
 
 class Client:
-    """Takes frames in; says that it is ready when told to."""
+    """A page: receives frames, and acknowledges when the test says so."""
 
     def __init__(self, browser: Browser) -> None:
         self.browser = browser
         self.frames = browser.frames()
         self.model = Model()
-        self.notes: dict[str, Any] = {}
+        self.latest: dict[str, Any] = {}
 
     async def update(self) -> dict[str, Any]:
-        """Everything up to the next update, its header."""
+        """Receive up to the next update; return its header."""
         async with asyncio.timeout(SECONDS):
             async for frame in self.frames:
-                header, _ = parse(frame)
+                header, _ = parse_frame(frame)
                 if header["kind"] in ("status", "rig"):
-                    self.notes[header["kind"]] = header
+                    self.latest[header["kind"]] = header
                     continue
-                self.model.take(frame)
+                self.model.receive(frame)
                 if header["kind"] == "update":
                     return header
         raise AssertionError("the frames ended")
 
-    async def note(self, kind: str) -> dict[str, Any]:
-        """The next note of this kind."""
+    async def next_frame(self, kind: str) -> dict[str, Any]:
+        """Skip to the next frame of a kind; return its header."""
         async with asyncio.timeout(SECONDS):
             async for frame in self.frames:
-                header, _ = parse(frame)
+                header, _ = parse_frame(frame)
                 if header["kind"] == kind:
                     return header
         raise AssertionError("the frames ended")
+
+
+class StereoOnBox:
+    """A stereo camera at the pose of the node ``box``."""
+
+    def rig(self, snapshot: Snapshot) -> StereoRig | None:
+        box = snapshot.root.find(("box",))
+        assert box is not None
+        return StereoRig(box.matrix, 4, 3, 2.0, 2.0, 2.0, 1.5, 0.1)
+
+    async def capture(self) -> StereoImages:
+        raise NotImplementedError
 
 
 @pytest.fixture
@@ -67,12 +79,7 @@ async def hub() -> Any:
     with tree.edit() as edit:
         edit.set_parts(("box",), (Part(Box((1, 1, 1)), Material()),))
 
-    def rig(snapshot: Snapshot) -> Rig:
-        box = snapshot.root.find(("box",))
-        assert box is not None
-        return Rig(box.matrix, 4, 3, 2.0, 2.0, 2.0, 1.5, 0.1)
-
-    hub = ViewHub(QUICK, tree, ViewPorts(status=lambda: {"facts": [{"name": "queue", "value": 3}]}, rig=rig))
+    hub = ViewHub(QUICK, tree, status=lambda: {"facts": [{"name": "queue", "value": 3}]}, stereo=StereoOnBox())
     running = asyncio.create_task(hub.run())
     await asyncio.sleep(0)
     yield hub, tree
@@ -80,16 +87,16 @@ async def hub() -> Any:
     await asyncio.gather(running, return_exceptions=True)
 
 
-async def test_without_credit_a_browser_gets_no_update_and_then_the_newest(hub: Any) -> None:
+async def test_browser_gets_only_the_newest_update_after_its_acknowledgement(hub: Any) -> None:
     view, tree = hub
     client, other = Client(view.connect()), Client(view.connect())
     assert (await client.update())["from"] == 0
     await other.update()
     for x in range(1, 6):
         move(tree, float(x))
-        other.browser.ready()
+        other.browser.acknowledge()
         await other.update()  # each is an update of its own
-    client.browser.ready()
+    client.browser.acknowledge()
     header = await client.update()
     assert header["revision"] == tree.snapshot.revision
     assert client.model.tree() == tree_of(tree.snapshot.root)
@@ -98,7 +105,7 @@ async def test_without_credit_a_browser_gets_no_update_and_then_the_newest(hub: 
     assert view.status()["browsers"] == 0
 
 
-async def test_an_empty_scene_is_told_too() -> None:
+async def test_new_browser_gets_an_empty_scene() -> None:
     view = ViewHub(QUICK, LiveTree())
     running = asyncio.create_task(view.run())
     client = Client(view.connect())
@@ -108,11 +115,11 @@ async def test_an_empty_scene_is_told_too() -> None:
     await asyncio.gather(running, return_exceptions=True)
 
 
-async def test_a_browser_that_hangs_keeps_no_scene_alive() -> None:
+async def test_stalled_browser_does_not_keep_its_snapshot_alive() -> None:
     tree = LiveTree()
     with tree.edit() as edit:
         edit.set_parts(("box",), (Part(Box((1, 1, 1)), Material()),))
-    view = ViewHub(replace(QUICK, patience_seconds=0.0), tree)
+    view = ViewHub(replace(QUICK, ack_timeout_seconds=0.0), tree)
     running = asyncio.create_task(view.run())
     client = Client(view.connect())
     assert (await client.update())["from"] == 0
@@ -126,29 +133,29 @@ async def test_a_browser_that_hangs_keeps_no_scene_alive() -> None:
         return held() is None
 
     await until(freed)
-    client.browser.ready()
-    assert (await client.update())["from"] == 0, "it starts over"
+    client.browser.acknowledge()
+    assert (await client.update())["from"] == 0, "the update is the whole scene"
     assert client.model.tree() == tree_of(tree.snapshot.root)
     running.cancel()
     await asyncio.gather(running, return_exceptions=True)
 
 
-async def test_notes_tell_state_and_camera(hub: Any) -> None:
+async def test_status_and_stereo_rig_are_sent(hub: Any) -> None:
     view, tree = hub
     client = Client(view.connect())
     await client.update()
-    assert client.notes["rig"]["pose"][12] == 0.0
-    assert {"name": "queue", "value": 3} in client.notes["status"]["facts"]
-    assert {"name": "viewers", "value": 0} in client.notes["status"]["facts"]
+    assert client.latest["rig"]["pose"][12] == 0.0
+    assert {"name": "queue", "value": 3} in client.latest["status"]["facts"]
+    assert {"name": "viewers", "value": 0} in client.latest["status"]["facts"]
     move(tree, 2.5)
-    assert (await client.note("rig"))["pose"][12] == 2.5
-    view.renders.add(RenderNote(200, 0.1, 0.0, "color", "", "color", b"x", "image/png", ""))
-    while (await client.note("status"))["renders"] != 1:
+    assert (await client.next_frame("rig"))["pose"][12] == 2.5
+    view.renders.add(RenderSummary(200, 0.1, 0.0, "color", "", "color", b"x", "image/png", ""))
+    while (await client.next_frame("status"))["renders"] != 1:
         pass
     client.browser.close()
 
 
-async def test_browsers_are_bounded(hub: Any) -> None:
+async def test_rejects_browsers_beyond_the_limit(hub: Any) -> None:
     view, _ = hub
     browsers = [view.connect() for _ in range(QUICK.max_browsers)]
     with pytest.raises(ConnectionRefusedError, match="max_browsers"):
@@ -157,7 +164,7 @@ async def test_browsers_are_bounded(hub: Any) -> None:
     view.connect()
 
 
-async def test_frames_end_when_the_gateway_does() -> None:
+async def test_frames_end_when_the_hub_is_cancelled() -> None:
     tree = LiveTree()
     view = ViewHub(QUICK, tree)
     running = asyncio.create_task(view.run())
@@ -166,15 +173,15 @@ async def test_frames_end_when_the_gateway_does() -> None:
     browser = view.connect()
     running.cancel()
     await asyncio.gather(running, return_exceptions=True)
-    assert [parse(frame)[0]["kind"] async for frame in browser.frames()] == []
+    assert [parse_frame(frame)[0]["kind"] async for frame in browser.frames()] == []
     assert not view.ready
 
 
-async def test_a_client_that_edits_from_a_thread_is_seen(hub: Any) -> None:
+async def test_edits_from_other_threads_are_sent(hub: Any) -> None:
     view, tree = hub
     client = Client(view.connect())
     await client.update()
-    client.browser.ready()
+    client.browser.acknowledge()
     await asyncio.to_thread(move, tree, 7.0)
     await client.update()
     assert np.isclose(client.model.tree()["box",][2][0], 7.0)

@@ -1,4 +1,4 @@
-"""Pictures and files of the view over HTTP, drawn by a renderer that only counts."""
+"""The view's routes, with a renderer that only counts."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import asyncio
 import io
 from collections.abc import AsyncIterator
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import httpx2
 import numpy as np
@@ -14,20 +14,21 @@ import pytest
 from fastapi import FastAPI
 from PIL import Image as Pillow
 
-from gateway.runtime.worker_pool import Workers
+from gateway.runtime.worker_pool import WorkerPool
 from gateway.scene.cameras import parse_camera
 from gateway.scene.flatten import Flattener
 from gateway.scene.geometry import Box, Part, PointCloud
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import LiveTree
 from gateway.viewer.config import ViewerConfig
-from gateway.viewer.frames import parse
+from gateway.viewer.frames import parse_frame
 from gateway.viewer.hub import ViewHub
-from gateway.viewer.image_routes import picture_router
+from gateway.viewer.image_routes import image_router
+from gateway.viewer.recent_renders import RecentRenders, encode_preview
 from gateway.viewer.routes import router
-from gateway.viewer.scene_images import Pictures, View
-from gateway.viewer.sensor import SensorView
-from gateway.viewer.sources import RenderNote, SensorPictures
+from gateway.viewer.scene_images import ImageRequest, SceneImages, StreamsFull
+from gateway.viewer.sensor_images import SensorImages
+from gateway.viewer.sources import RenderSummary, StereoImages
 from renderers.camera import Camera
 from renderers.drawlist import DrawList, Material
 from renderers.encode import png_gray16, png_rgb, tiff_float32
@@ -39,7 +40,7 @@ from tests.support.waiting import SECONDS, until
 
 @dataclass
 class CountingRenderer:
-    """Grey pictures."""
+    """Returns grey images."""
 
     cameras: list[Camera] = field(default_factory=list)
     looks: list[Look | None] = field(default_factory=list)
@@ -60,26 +61,28 @@ class World:
         with self.tree.edit() as edit:
             edit.set_parts(("box",), (Part(Box((1, 1, 1)), Material()),))
             edit.set_parts(("cloud",), (Part(self.cloud, Material()),))
-        self.config = ViewerConfig(max_side=1024, max_streams=1, sensor_seconds=1000.0, rig=Rig(exposure=0.5))
+        self.config = ViewerConfig(
+            max_side=1024, max_pixels=800_000, max_streams=1, capture_seconds=1000.0, rig=Rig(exposure=0.5)
+        )
         self.hub = ViewHub(self.config, self.tree)
         self.renderer = CountingRenderer()
         flattener = Flattener(LabelTable())
-        self.pictures = Pictures(self.config, self.tree, flattener, self.renderer, Workers(1))
-        self.takes = 0
+        self.images = SceneImages(self.config, self.tree, flattener, self.renderer, WorkerPool(1))
+        self.captures = 0
         self.app = FastAPI()
         self.app.include_router(router(self.hub))
-        sensor = SensorView(self.take, self.config.sensor_seconds)
-        self.app.include_router(picture_router(self.pictures, sensor, self.hub.renders))
+        sensor = SensorImages(self.capture, self.config.capture_seconds)
+        self.app.include_router(image_router(self.images, sensor, self.hub.renders))
         self.http = httpx2.AsyncClient(transport=httpx2.ASGITransport(self.app), base_url="http://view")
 
-    async def take(self) -> SensorPictures:
-        self.takes += 1
+    async def capture(self) -> StereoImages:
+        self.captures += 1
         await asyncio.sleep(0)
         disparity = np.zeros((30, 40), np.uint16)
         disparity[:, 20:] = np.linspace(100, 900, 20).astype(np.uint16)
         left = np.full((60, 80, 3), (250, 10, 10), np.uint8)
         confidence = np.full((30, 40), 255, np.uint8)
-        return SensorPictures(left, left[:, :, 0].copy(), disparity, confidence, {"left": "5 ms"})
+        return StereoImages(left, left[:, :, 0].copy(), disparity, confidence, {"left": "5 ms"})
 
 
 @pytest.fixture
@@ -89,11 +92,11 @@ async def world() -> AsyncIterator[World]:
         yield made
 
 
-def picture(data: bytes) -> Any:
+def decode(data: bytes) -> Any:
     return np.asarray(Pillow.open(io.BytesIO(data)).convert("RGB")).astype(int)
 
 
-async def test_the_page_and_its_files_are_served_and_named_by_content(world: World) -> None:
+async def test_page_and_assets_are_served_with_caching_headers(world: World) -> None:
     page = await world.http.get("/view")
     assert page.status_code == 200
     names = [part.split('"')[0] for part in page.text.split('"/view/assets/')[1:]]
@@ -108,11 +111,11 @@ async def test_the_page_and_its_files_are_served_and_named_by_content(world: Wor
         assert (await world.http.get(f"/view/assets/{path}")).status_code == 404
 
 
-async def test_frame_is_drawn_once_per_revision(world: World) -> None:
+async def test_concurrent_requests_share_one_rendering_per_revision(world: World) -> None:
     answers = await asyncio.gather(*(world.http.get("/view/frame.jpg?width=64&height=48") for _ in range(5)))
     assert {answer.status_code for answer in answers} == {200}
     assert len(world.renderer.cameras) == 1
-    assert picture(answers[0].content).shape == (48, 64, 3)
+    assert decode(answers[0].content).shape == (48, 64, 3)
     with world.tree.edit() as edit:
         edit.set_pose(("box",), (1, 0, 0, 1, 0, 0, 0))
     second = await world.http.get("/view/frame.jpg?width=64&height=48")
@@ -127,26 +130,40 @@ async def test_frame_is_drawn_once_per_revision(world: World) -> None:
         ("camera=nowhere", 400, "nowhere"),
         ('camera=path:["missing"]', 404, "no such node"),
         ("camera=stereo", 404, "no stereo camera"),
-        ("width=1025", 400, "1025"),
+        ("width=1025&height=8", 400, "1025x8 is too large"),
+        ("width=8&height=1025", 400, "8x1025 is too large"),
+        ("width=1024&height=782", 400, "800000 pixels in total"),
     ],
 )
-async def test_bad_views_get_a_sentence(world: World, query: str, status: int, word: str) -> None:
+async def test_invalid_requests_get_an_error_message(world: World, query: str, status: int, word: str) -> None:
     for path in ("/view/frame.jpg", "/view/stream.mjpg"):
         answer = await world.http.get(f"{path}?{query}")
         assert answer.status_code == status
         assert word in answer.text
-    assert world.pictures.streams == 0
+    assert world.images.streams == 0
 
 
-async def test_stream_sends_a_picture_per_change_and_ends(world: World) -> None:
-    from gateway.scene.cameras import parse_camera
-    from gateway.viewer.scene_images import StreamsFull, View
+@pytest.mark.parametrize(("width", "height"), [(1024, 1), (1, 1024), (1000, 800)])
+async def test_images_at_the_limits_are_rendered(world: World, width: int, height: int) -> None:
+    response = await world.http.get(f"/view/frame.jpg?width={width}&height={height}")
+    assert response.status_code == 200
+    assert decode(response.content).shape == (height, width, 3)
 
-    view = View(parse_camera("fit"), 32, 24, 80, "plain")
+
+@pytest.mark.parametrize(("query", "size"), [("", (960, 640)), ("width=90", (90, 640)), ("height=60", (960, 60))])
+async def test_width_and_height_have_their_own_defaults(world: World, query: str, size: tuple[int, int]) -> None:
+    response = await world.http.get(f"/view/frame.jpg?{query}")
+    (camera,) = world.renderer.cameras
+    assert (camera.width, camera.height) == size
+    assert decode(response.content).shape == (size[1], size[0], 3)
+
+
+async def test_stream_sends_an_image_per_change_until_shutdown(world: World) -> None:
+    request = ImageRequest(parse_camera("fit"), 32, 24, 80, "plain")
     closing = False
-    parts = world.pictures.stream(view, 1000.0, lambda: closing)
+    parts = world.images.stream(request, 1000.0, lambda: closing)
     with pytest.raises(StreamsFull, match="max_streams"):
-        world.pictures.stream(view, 1.0, lambda: False)
+        world.images.stream(request, 1.0, lambda: False)
     async with asyncio.timeout(SECONDS):
         first = await anext(parts)
         with world.tree.edit() as edit:
@@ -157,42 +174,47 @@ async def test_stream_sends_a_picture_per_change_and_ends(world: World) -> None:
     for part in (first, second):
         head, _, body = part.partition(b"\r\n\r\n")
         assert b"image/jpeg" in head
-        assert picture(body.removesuffix(b"\r\n")).shape == (24, 32, 3)
-    assert world.pictures.streams == 0
+        assert decode(body.removesuffix(b"\r\n")).shape == (24, 32, 3)
+    assert world.images.streams == 0
 
 
-async def test_sensor_pictures_are_taken_once_for_all(world: World) -> None:
+async def test_browsers_share_captures_of_the_stereo_camera(world: World) -> None:
     states = await asyncio.gather(*(world.http.get("/view/sensor") for _ in range(4)))
-    assert world.takes == 1
+    assert world.captures == 1
     assert states[0].json() == {"number": 1, "captions": {"left": "5 ms"}}
-    left = picture((await world.http.get("/view/sensor/left.jpg?width=40")).content)
+    left = decode((await world.http.get("/view/sensor/left.jpg?width=40")).content)
     assert left.shape == (30, 40, 3)
-    assert left[:, :, 0].mean() > 200
-    disparity = picture((await world.http.get("/view/sensor/disparity.jpg")).content)
+    np.testing.assert_allclose(left, np.broadcast_to((250, 10, 10), left.shape), atol=3)
+    right = decode((await world.http.get("/view/sensor/right.jpg?width=4000")).content)
+    assert right.shape == (60, 80, 3)
+    np.testing.assert_allclose(right, 250, atol=3)
+    confidence = decode((await world.http.get("/view/sensor/confidence.jpg")).content)
+    np.testing.assert_allclose(confidence, np.broadcast_to((253, 231, 37), confidence.shape), atol=4)
+    disparity = decode((await world.http.get("/view/sensor/disparity.jpg")).content)
     assert disparity[:, :16].max() < 40, "invalid is black"
     assert disparity[:, 24:].max() > 150
-    assert world.takes == 1
+    assert world.captures == 1
     assert (await world.http.get("/view/sensor/up.jpg")).status_code == 404
 
 
-async def test_renders_are_listed_and_shown(world: World) -> None:
+async def test_renders_are_listed_with_previews(world: World) -> None:
     rgb = np.zeros((6, 8, 3), np.uint8)
     rgb[:, :, 0] = 200
     depth = np.full((6, 8), np.inf, np.float32)
     depth[:, 4:] = np.linspace(1, 2, 24).reshape(6, 4)
-    notes = [
+    kinds: list[tuple[Literal["color", "depth"], bytes, str]] = [
         ("color", png_rgb(rgb), "image/png"),
         ("depth", tiff_float32(depth), "image/tiff"),
         ("depth", png_gray16(np.full((6, 8), 1500, np.uint16)), "image/png"),
     ]
-    for kind, body, media_type in notes:
-        world.hub.renders.add(RenderNote(200, 0.01, 0.002, kind, "scene", kind, body, media_type, ""))
-    world.hub.renders.add(RenderNote(400, 0.01, 0.0, "not understood", "", "", b"", "", "width is missing"))
+    for kind, body, media_type in kinds:
+        world.hub.renders.add(RenderSummary(200, 0.01, 0.002, kind, "scene", kind, body, media_type, ""))
+    world.hub.renders.add(RenderSummary(400, 0.01, 0.0, "not understood", "", "", b"", "", "width is missing"))
     listing = (await world.http.get("/view/renders")).json()
     assert [entry["status"] for entry in listing] == [400, 200, 200, 200]
     assert listing[0]["error"] == "width is missing"
-    assert (await world.http.get(f"/view/renders/{listing[3]['id']}.png")).content == notes[0][1]
-    shown = picture((await world.http.get(f"/view/renders/{listing[2]['id']}.png")).content)
+    assert (await world.http.get(f"/view/renders/{listing[3]['id']}.png")).content == kinds[0][1]
+    shown = decode((await world.http.get(f"/view/renders/{listing[2]['id']}.png")).content)
     assert shown[:, :4].max() == 0
     assert shown[0, 4, 0] > shown[0, 4, 2], "near is red"
     assert shown[5, 7, 2] >= shown[5, 7, 0], "far is blue"
@@ -200,23 +222,21 @@ async def test_renders_are_listed_and_shown(world: World) -> None:
     assert (await world.http.get(f"/view/renders/{listing[0]['id']}.png")).status_code == 404
 
 
-def test_kept_renders_are_bounded() -> None:
-    from gateway.viewer.renders import RecentRenders
-
-    recent = RecentRenders(most=3, most_bytes=10)
+def test_recent_renders_drop_the_oldest_images_beyond_the_byte_limit() -> None:
+    recent = RecentRenders(max_count=3, max_bytes=10)
     for _ in range(5):
-        recent.add(RenderNote(200, 0.0, 0.0, "", "", "color", b"123456", "image/png", ""))
+        recent.add(RenderSummary(200, 0.0, 0.0, "", "", "color", b"123456", "image/png", ""))
     listing = recent.listing()
     assert [entry["id"] for entry in listing] == [5, 4, 3]
-    assert [entry["picture"] for entry in listing] == [True, False, False]
+    assert [entry["image"] for entry in listing] == [True, False, False]
     assert recent.count == 5
 
 
-async def test_channels_of_clouds_are_served_for_the_points_that_are_drawn(world: World) -> None:
+async def test_channel_has_values_of_finite_points_only(world: World) -> None:
     browser = world.hub.connect()
     numbers = []
     async for frame in browser.frames():
-        header, _ = parse(frame)
+        header, _ = parse_frame(frame)
         if header["kind"] == "update":
             break
         if header["kind"] == "mesh" and header["topology"] == 1:
@@ -228,51 +248,49 @@ async def test_channels_of_clouds_are_served_for_the_points_that_are_drawn(world
     assert (await world.http.get("/view/image/12345")).status_code == 404
 
 
-def test_pictures_that_cannot_be_read_are_refused() -> None:
-    from gateway.viewer.renders import shown
-
+def test_rejects_previews_of_undecodable_images() -> None:
     with pytest.raises(ValueError, match="image/tiff"):
-        shown(RenderNote(200, 0, 0, "", "", "depth", b"", "image/tiff", ""), b"no picture", None)
+        encode_preview(RenderSummary(200, 0, 0, "", "", "depth", b"", "image/tiff", ""), b"no image", None)
 
 
 class EndlessWorld(World):
-    """Nothing that it draws is ever finished."""
+    """A renderer that never finishes."""
 
     def __init__(self, seconds: float | None) -> None:
         super().__init__()
         self.endless = EndlessRenderer()
-        self.workers = Workers(1, seconds=seconds, limit_name="--render-seconds")
+        self.workers = WorkerPool(1, seconds=seconds, limit_name="--render-seconds")
         flattener = Flattener(LabelTable())
-        self.pictures = Pictures(self.config, self.tree, flattener, self.endless, self.workers)
+        self.images = SceneImages(self.config, self.tree, flattener, self.endless, self.workers)
 
 
-async def test_a_picture_that_takes_too_long_is_given_up_and_drawn_anew_for_the_next() -> None:
+async def test_timed_out_rendering_is_not_reused() -> None:
     world = EndlessWorld(0.05)
     app = FastAPI()
-    app.include_router(picture_router(world.pictures, None, world.hub.renders))
+    app.include_router(image_router(world.images, None, world.hub.renders))
     async with httpx2.AsyncClient(transport=httpx2.ASGITransport(app), base_url="http://view") as http:
         for path in ("frame.jpg", "frame.jpg", "stream.mjpg"):
             answer = await http.get(f"/view/{path}?width=64&height=48")
             assert (answer.status_code, answer.text) == (
                 503,
-                "the picture was given up: it took longer than --render-seconds = 0.05 s",
+                "rendering was stopped: it took longer than --render-seconds = 0.05 s",
             )
             assert "retry-after" not in answer.headers
     assert world.endless.ended == 3
     assert await world.workers.close()
 
 
-async def test_a_picture_is_given_up_when_the_last_of_those_who_wait_for_it_has_left() -> None:
+async def test_rendering_is_cancelled_with_its_last_caller() -> None:
     world = EndlessWorld(None)
-    view = View(parse_camera("fit"), 64, 48, 80, "plain")
-    waiting = [asyncio.create_task(world.pictures.jpeg(view)) for _ in range(3)]
+    request = ImageRequest(parse_camera("fit"), 64, 48, 80, "plain")
+    waiting = [asyncio.create_task(world.images.jpeg(request)) for _ in range(3)]
     await until(lambda: world.endless.begun == 1)
     for number, one in enumerate(waiting):
         assert world.endless.ended == 0, number
         one.cancel()
         await asyncio.gather(one, return_exceptions=True)
     await until(lambda: world.endless.ended == 1)
-    again = asyncio.create_task(world.pictures.jpeg(view))  # the old one is not waited for
+    again = asyncio.create_task(world.images.jpeg(request))  # starts a new rendering
     await until(lambda: world.endless.begun == 2)
     again.cancel()
     await until(lambda: world.endless.ended == 2)

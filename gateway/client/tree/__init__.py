@@ -1,5 +1,6 @@
-"""A client of Director's tree viewer, typed: geometry by path, over LCM (UDP multicast or TCPQ).
+"""Typed client of Director's tree viewer: geometry by path, over LCM (UDP multicast or TCPQ).
 
-Needs lcm, numpy and msgspec, Pillow for colours given as text, and nothing of the server. ``gateway.client`` has the
-names that users need.
+``viewer`` is the client and ``aio`` its asyncio version; ``geometry`` and ``colors`` define what can be published,
+``published`` records it; ``wire`` encodes the messages and ``connection`` sends them. Needs lcm, numpy and msgspec,
+Pillow for colours given as text, and nothing of the server. ``gateway.client`` exports the public names.
 """

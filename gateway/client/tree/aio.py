@@ -1,4 +1,4 @@
-"""The client for asyncio: the same calls, awaited; the waiting happens in threads."""
+"""The client for asyncio: the same calls as coroutines, which wait in threads."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from types import TracebackType
 from numpy.typing import ArrayLike
 
 from gateway.client.tree.geometry import Geometry, Transform
-from gateway.client.tree.memory import path_of
+from gateway.client.tree.published import path_of
 from gateway.client.tree.viewer import Answer, Batch, Node, TreeViewer
 
 
 class AsyncNode:
-    """A path; see ``Node``."""
+    """A path of the viewer's tree, as ``Node``."""
 
     __slots__ = ("_node",)
 
@@ -26,28 +26,28 @@ class AsyncNode:
         return AsyncNode(self._node[key])
 
     async def set(self, *geometries: Geometry, transform: Transform | ArrayLike | None = None) -> Answer:
-        """As ``Node.set``."""
+        """See ``Node.set``."""
         return await asyncio.to_thread(self._node.set, *geometries, transform=transform)
 
     async def transform(self, value: Transform | ArrayLike) -> Answer:
-        """As ``Node.transform``."""
+        """See ``Node.transform``."""
         return await asyncio.to_thread(self._node.transform, value)
 
     async def delete(self) -> Answer:
-        """As ``Node.delete``."""
+        """See ``Node.delete``."""
         return await asyncio.to_thread(self._node.delete)
 
 
 class AsyncTreeViewer:
-    """As ``TreeViewer``; an asynchronous context manager, which connects on entering."""
+    """``TreeViewer`` as an asynchronous context manager, which connects on entering."""
 
     def __init__(self, url: str | None = None, timeout: float = 5.0, binary: bool | None = None) -> None:
-        """As of ``TreeViewer``; nothing is connected yet."""
-        self._options = (url, timeout, binary)
+        """Take the arguments of ``TreeViewer``; connect later, on entering."""
+        self._arguments = (url, timeout, binary)
         self._viewer: TreeViewer | None = None
 
     async def __aenter__(self) -> AsyncTreeViewer:
-        self._viewer = await asyncio.to_thread(TreeViewer, *self._options)
+        self._viewer = await asyncio.to_thread(TreeViewer, *self._arguments)
         return self
 
     async def __aexit__(
@@ -59,12 +59,12 @@ class AsyncTreeViewer:
         return AsyncNode(Node(self._connected, path_of(key)))
 
     async def delete(self) -> Answer:
-        """As ``TreeViewer.delete``."""
+        """See ``TreeViewer.delete``."""
         return await asyncio.to_thread(self._connected.delete)
 
     @asynccontextmanager
     async def batch(self) -> AsyncIterator[Batch]:
-        """As ``TreeViewer.batch``; what happens to the batch itself is not awaited."""
+        """See ``TreeViewer.batch``. Calls on the batch itself are not awaited."""
         batch = Batch()
         yield batch
         batch.answer = await asyncio.to_thread(self._connected.send, batch.changes)

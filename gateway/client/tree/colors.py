@@ -1,4 +1,4 @@
-"""Colours as users write them, as the protocol has them: red, green, blue and alpha from 0 to 1."""
+"""Convert colours as users write them to the protocol's: red, green, blue and alpha from 0 to 1."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 ROUNDING: Final = 1e-5
-"""How far floating-point numbers may be outside of 0 to 1; the viewer clamps them."""
+"""Tolerance beyond 0 and 1 for floating-point numbers; the viewer clamps them."""
 
 
 def rgba(value: ArrayLike) -> list[float]:
-    """Three or four numbers from 0 to 1.
+    """Return three or four numbers from 0 to 1.
 
     Args:
         value: three or four numbers from 0 to 1, a uint8 array (0 to 255), a CSS name, or ``#rgb``, ``#rgba``,
             ``#rrggbb``, ``#rrggbbaa``.
     Raises:
-        ValueError: something else; the message says what.
+        ValueError: the value is none of these.
     """
     array = np.array(_parsed(value), np.uint8) if isinstance(value, str) else np.asarray(value)
     numbers = array / 255.0 if array.dtype == np.uint8 else array.astype(np.float64)
@@ -32,23 +32,23 @@ def rgba(value: ArrayLike) -> list[float]:
 
 
 def check_range(name: str, values: NDArray[Any]) -> None:
-    """Checks an array of colours or intensities: uint8, or from 0 to 1. NaN is allowed, the viewer takes it for 0.
+    """Check that colours or intensities are uint8, or from 0 to 1. NaN is allowed; the viewer shows it as 0.
 
     Raises:
-        ValueError: some are outside, so that the viewer would clamp them.
+        ValueError: a value is outside of 0 to 1, so that the viewer would clamp it.
     """
     if values.dtype == np.uint8 or not values.size:
         return
-    least, most = values.min(), values.max()
-    if np.isnan(most):  # a tenth as fast
-        least, most = np.fmin.reduce(values, axis=None), np.fmax.reduce(values, axis=None)
-    if least < -ROUNDING or most > 1.0 + ROUNDING:
-        wrong = most if most > 1.0 + ROUNDING else least
+    low, high = values.min(), values.max()
+    if np.isnan(high):  # fmin and fmax ignore NaN, at a tenth of the speed
+        low, high = np.fmin.reduce(values, axis=None), np.fmax.reduce(values, axis=None)
+    if low < -ROUNDING or high > 1.0 + ROUNDING:
+        wrong = high if high > 1.0 + ROUNDING else low
         raise ValueError(f"{name} must be from 0 to 1, or a uint8 array from 0 to 255, not {wrong:g}")
 
 
 def _parsed(text: str) -> tuple[int, ...]:
-    from PIL import ImageColor  # takes a tenth of a second, and most clients write numbers
+    from PIL import ImageColor  # slow to import, and most clients write numbers
 
     try:
         found = ImageColor.getrgb(text)

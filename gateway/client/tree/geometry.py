@@ -11,25 +11,26 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gateway.client.tree.colors import check_range, rgba
-from gateway.client.tree.wire import with_room
+from gateway.client.tree.wire import empty_with_header
 
-_STRAIGHT: Final = 1e-4
-"""How far a matrix may be from a rotation; float32 ones are 1e-7 away, measured ones more."""
+ROTATION_TOLERANCE: Final = 1e-4
+"""Maximum deviation of a matrix from a rotation; float32 rounding gives 1e-7, calibrated transforms more."""
+MAX_CHANNEL_COLUMNS: Final = 16
 
 
 @dataclass(frozen=True, slots=True)
 class Transform:
-    """A rotation (quaternion w, x, y, z; any length but zero) and then a translation, from the child to its parent."""
+    """Rotation (quaternion w, x, y, z of any length but zero), then translation, from the child to its parent."""
 
     translation: Sequence[float] = (0.0, 0.0, 0.0)
     quaternion: Sequence[float] = (1.0, 0.0, 0.0, 0.0)
 
     @classmethod
     def of(cls, value: Transform | ArrayLike) -> Transform:
-        """A transform, or three numbers (a translation), or a (4, 4) rigid matrix.
+        """Return a transform from three numbers (a translation) or a (4, 4) rigid matrix.
 
         Raises:
-            ValueError: something else; the message says what.
+            ValueError: the value is none of these.
         """
         if isinstance(value, Transform):
             return value
@@ -39,12 +40,12 @@ class Transform:
         if matrix.shape != (4, 4):
             raise ValueError(f"a transform is 3 numbers or a 4x4 matrix, not of shape {matrix.shape}")
         R = matrix[:3, :3]
-        if not np.allclose(R @ R.T, np.eye(3), atol=_STRAIGHT) or np.linalg.det(R) < 0:
+        if not np.allclose(R @ R.T, np.eye(3), atol=ROTATION_TOLERANCE) or np.linalg.det(R) < 0:
             raise ValueError("the matrix must be a rotation and a translation, without scale, shear or mirroring")
         return cls(tuple(matrix[:3, 3].tolist()), _quaternion(R))
 
     def body(self) -> dict[str, Any]:
-        """As the protocol has it."""
+        """Return the protocol's object."""
         return {
             "translation": _numbers("translation", self.translation, 3),
             "quaternion": _numbers("quaternion", self.quaternion, 4),
@@ -52,7 +53,7 @@ class Transform:
 
 
 def _quaternion(R: NDArray[np.float64]) -> tuple[float, float, float, float]:
-    """(w, x, y, z) of a rotation matrix, by its largest component (Shepperd 1978)."""
+    """Return (w, x, y, z) of a rotation matrix, by its largest component (Shepperd 1978)."""
     trace = float(np.trace(R))
     squares = np.array([trace, R[0, 0], R[1, 1], R[2, 2]])
     largest = int(np.argmax(squares))
@@ -71,7 +72,7 @@ def _quaternion(R: NDArray[np.float64]) -> tuple[float, float, float, float]:
 
 
 def _numbers(name: str, values: ArrayLike, *counts: int) -> list[float]:
-    """Raises ValueError where the count is another."""
+    """Return a list of floats; raise ValueError if their number is none of ``counts``."""
     array = np.asarray(values, np.float64)
     if array.ndim != 1 or len(array) not in counts:
         wanted = " or ".join(map(str, counts))
@@ -81,7 +82,7 @@ def _numbers(name: str, values: ArrayLike, *counts: int) -> list[float]:
 
 
 def _rows(name: str, values: ArrayLike, *columns: int, kind: type[np.generic] = np.float32) -> NDArray[Any]:
-    """(N, columns) of ``kind``; (N,) where columns is 1."""
+    """Return a copy, (N, columns) of ``kind``, or (N,) where columns is 1."""
     array = np.ascontiguousarray(values)
     if array.size == 0:
         return np.empty((0, columns[0]) if columns[0] > 1 else (0,), kind)
@@ -89,30 +90,30 @@ def _rows(name: str, values: ArrayLike, *columns: int, kind: type[np.generic] = 
     if array.ndim != (1 if columns == (1,) else 2) or width not in columns:
         wanted = "numbers" if columns == (1,) else f"rows of {' or '.join(map(str, columns))}"
         raise ValueError(f"{name} must have {wanted}, not shape {array.shape}")
-    whole = kind in (np.int64, np.uint32)
-    if array.dtype.kind not in ("iub" if whole else "fiub"):
-        raise ValueError(f"{name} must have {'integers' if whole else 'numbers'}, not {array.dtype}")
-    copy = with_room(array.shape, kind)  # it is remembered, whatever becomes of the caller's
+    integers = kind in (np.int64, np.uint32)
+    if array.dtype.kind not in ("iub" if integers else "fiub"):
+        raise ValueError(f"{name} must have {'integers' if integers else 'numbers'}, not {array.dtype}")
+    copy = empty_with_header(array.shape, kind)  # recorded, so independent of the caller's array
     copy[...] = array
     return copy
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Geometry:
-    """What all have in common."""
+    """Fields of all geometries."""
 
     kind: ClassVar[str]
-    """The protocol's name of the type."""
+    """Name of the type in the protocol."""
     color: ArrayLike = (1.0, 1.0, 1.0, 1.0)
     """RGB or RGBA from 0 to 1, a uint8 array (0 to 255), a CSS name (``"orange"``), or ``"#ff8000"``."""
     transform: Transform | ArrayLike | None = None
-    """In the path's frame; None: none."""
+    """Transform to the path's frame; None: identity."""
 
     def body(self) -> dict[str, Any]:
-        """As the protocol has it, arrays as numpy arrays.
+        """Return the protocol's object, with NumPy arrays.
 
         Raises:
-            ValueError: a field does not fit; the message says which.
+            ValueError: a field is invalid.
         """
         body: dict[str, Any] = {"type": self.kind, "color": rgba(self.color)}
         if self.transform is not None:
@@ -120,13 +121,13 @@ class Geometry:
         return body | self._fields()
 
     def _fields(self) -> dict[str, Any]:
-        """What this kind has besides; every kind says it."""
+        """Return the fields of this type."""
         raise NotImplementedError
 
 
 @dataclass(frozen=True, slots=True)
 class Box(Geometry):
-    """Centred on the origin."""
+    """A box centred on the origin, lengths in metres."""
 
     kind = "box"
     lengths: Sequence[float]
@@ -155,7 +156,7 @@ class Ellipsoid(Geometry):
 
 @dataclass(frozen=True, slots=True)
 class Cylinder(Geometry):
-    """Along z, centred."""
+    """A cylinder along z, centred on the origin."""
 
     kind = "cylinder"
     radius: float
@@ -167,7 +168,7 @@ class Cylinder(Geometry):
 
 @dataclass(frozen=True, slots=True)
 class Capsule(Cylinder):
-    """A cylinder along z, centred, with a hemisphere at each end."""
+    """A cylinder along z, centred on the origin, with a hemisphere at each end."""
 
     kind = "capsule"
 
@@ -219,9 +220,9 @@ class Mesh(Geometry):
     faces: ArrayLike
 
     def _fields(self) -> dict[str, Any]:
-        small = np.asarray(self.faces).dtype == np.uint32  # what is sent; others may have numbers that it cannot hold
+        is_uint32 = np.asarray(self.faces).dtype == np.uint32  # other types are checked before the conversion
         vertices = _rows("vertices", self.vertices, 3)
-        faces = _rows("faces", self.faces, 3, kind=np.uint32 if small else np.int64)
+        faces = _rows("faces", self.faces, 3, kind=np.uint32 if is_uint32 else np.int64)
         if len(faces) and not (faces.min() >= 0 and faces.max() < len(vertices)):
             raise ValueError(f"faces refer to vertex {faces.min()} to {faces.max()}, there are {len(vertices)}")
         return {"vertices": vertices, "faces": faces.astype(np.uint32, copy=False)}
@@ -229,7 +230,7 @@ class Mesh(Geometry):
 
 @dataclass(frozen=True, slots=True)
 class MeshFile(Geometry):
-    """A file on the viewer's machine, below a folder that its operator opened; ``package://`` works."""
+    """A file on the viewer's machine, below a folder that its operator opened, or ``package://``."""
 
     kind = "mesh_file"
     filename: str
@@ -249,7 +250,7 @@ class PointCloud(Geometry):
     rgb: ArrayLike | None = None
     intensity: ArrayLike | None = None
     channels: Mapping[str, ArrayLike] = field(default_factory=dict)
-    """Any others, (N) or (N, k), k up to 16."""
+    """Further channels, (N) or (N, k), k up to 16."""
 
     def _fields(self) -> dict[str, Any]:
         points = _rows("points", self.points, 3)
@@ -258,7 +259,7 @@ class PointCloud(Geometry):
 
 @dataclass(frozen=True, slots=True)
 class PlanarLidar(Geometry):
-    """Ranges (N) at angles ``angle_start + i * angle_step`` about z, x ahead; channels as of a cloud."""
+    """Ranges (N) at angles ``angle_start + i * angle_step`` about z from x; channels as in ``PointCloud``."""
 
     kind = "planar_lidar"
     ranges: ArrayLike
@@ -284,11 +285,11 @@ def _channels(
     channels: dict[str, NDArray[Any]] = {}
     for name, values, columns in (("rgb", rgb, (3, 4)), ("intensity", intensity, (1,))):
         if values is not None:
-            bytewise = np.asarray(values).dtype == np.uint8
-            channels[name] = _rows(name, values, *columns, kind=np.uint8 if bytewise else np.float32)
+            is_uint8 = np.asarray(values).dtype == np.uint8
+            channels[name] = _rows(name, values, *columns, kind=np.uint8 if is_uint8 else np.float32)
     for name, values in others.items():
-        one = np.ndim(values) == 1
-        channels[name] = _rows(name, values, *((1,) if one else tuple(range(1, 17))))
+        flat = np.ndim(values) == 1
+        channels[name] = _rows(name, values, *((1,) if flat else tuple(range(1, MAX_CHANNEL_COLUMNS + 1))))
     for name, array in channels.items():
         if len(array) != count:
             raise ValueError(f"{name} has {len(array)} values for {count} points")

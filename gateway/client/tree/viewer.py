@@ -1,4 +1,4 @@
-"""The client: ``viewer["robot"]["base"].set(Box((1, 1, 1)))``."""
+"""The synchronous client: ``viewer["robot"]["base"].set(Box((1, 1, 1)))``."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from typing import Any, Final
 from numpy.typing import ArrayLike
 
 from gateway.client.tree import wire
+from gateway.client.tree.connection import LcmConnection
 from gateway.client.tree.geometry import Geometry, Transform
-from gateway.client.tree.link import Link
-from gateway.client.tree.memory import Changes, Memory, Path, path_of
+from gateway.client.tree.published import Changes, Path, PublishedTree, path_of
 
 OK, MISSING_PATHS, UNKNOWN_FORMAT, UNKNOWN_VERSION = 0, 1, -1, -2
 
 
 class TreeViewerError(RuntimeError):
-    """The viewer refused something; what it could do was done."""
+    """The viewer refused a command; it has executed the others."""
 
     def __init__(self, answer: Answer) -> None:
         super().__init__(answer.error or f"the viewer answered with status {answer.status}")
@@ -35,21 +35,21 @@ class TreeViewerError(RuntimeError):
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What the viewer made of a request."""
+    """Result of a request."""
 
     status: int
     deleted: tuple[Path, ...] = ()
     added: tuple[Path, ...] = ()
     transformed: tuple[Path, ...] = ()
     missing: tuple[Path, ...] = ()
-    """Given a transform, but without geometry at or below them, there and here."""
+    """Paths with a new transform that have no geometry at or below them, neither in the viewer nor published here."""
     warnings: tuple[str, ...] = ()
-    """Sentences about what was tolerated or cannot be drawn."""
+    """One sentence for each tolerated oddity and each geometry that cannot be drawn."""
     error: str = ""
 
 
 class Node:
-    """A path. Numbers and names go on downwards: ``node["arm"][0]``, ``node["arm", 0]``, ``node["arm/hand"]``."""
+    """A path of the tree. Index it for paths below: ``node["arm"][0]``, ``node["arm", 0]``, ``node["arm/x"]``."""
 
     __slots__ = ("_to", "path")
 
@@ -61,7 +61,7 @@ class Node:
         return Node(self._to, self.path + path_of(key))
 
     def set(self, *geometries: Geometry, transform: Transform | ArrayLike | None = None) -> Answer:
-        """Replaces the geometry here, and the transform if one is given; children stay. None: empty."""
+        """Replace the geometry here, and the transform if one is given. Children stay; no geometries: empty."""
         for geometry in geometries:
             if not isinstance(geometry, Geometry):
                 raise TypeError(f"set takes geometries such as Box((1, 1, 1)), not {_shown(geometry)}")
@@ -72,31 +72,31 @@ class Node:
         return self._to.send(changes)
 
     def transform(self, value: Transform | ArrayLike) -> Answer:
-        """Replaces the transform here: (4, 4), three numbers or a ``Transform``; child to parent."""
+        """Replace the transform to the parent: (4, 4), three numbers (a translation) or a ``Transform``."""
         changes = Changes()
         changes.transform(self.path, Transform.of(value).body())
         return self._to.send(changes)
 
     def delete(self) -> Answer:
-        """Removes this and all below."""
+        """Delete this path and everything below it."""
         changes = Changes()
         changes.delete(self.path)
         return self._to.send(changes)
 
 
 class Batch:
-    """Collects; all of it becomes visible at once. Later calls win over earlier ones of the same path."""
+    """Collects changes for one request. Later changes of a path override earlier ones."""
 
     def __init__(self) -> None:
         self.changes = Changes()
         self.answer: Answer | None = None
-        """Of the viewer, once the block has ended."""
+        """Result of the request, after the block has ended."""
 
     def __getitem__(self, key: str | int | tuple[str | int, ...]) -> Node:
         return Node(self, path_of(key))
 
     def send(self, changes: Changes) -> Answer:
-        """Adds to what is collected."""
+        """Add changes to the batch."""
         for path in changes.deleted:
             self.changes.delete(path)
         for path, entry in changes.entries.items():
@@ -108,9 +108,9 @@ class Batch:
 
 
 class TreeViewer:
-    """A connection to a viewer, ours or any other of Director's protocol. Safe to use from several threads.
+    """A client of Scenegate or of any other viewer of Director's protocol. Several threads may use it.
 
-    Remembers what it published: a viewer that misses something, or has started again, gets it again.
+    It records what it published: a viewer that misses something, or has restarted, gets it again.
     """
 
     _numbers = itertools.count()
@@ -118,27 +118,29 @@ class TreeViewer:
     def __init__(self, url: str | None = None, timeout: float = 5.0, binary: bool | None = None) -> None:
         """
         Args:
-            url: of the LCM network (``tcpq://host:7700``, ``udpm://...``); None: LCM_DEFAULT_URL, or LCM's default.
-            timeout: seconds to wait for an answer, or for a hub to appear.
-            binary: whether requests go in MessagePack; None: where the viewer offers it.
+            url: LCM URL (``tcpq://host:7700``, ``udpm://...``); None: LCM_DEFAULT_URL, or LCM's default.
+            timeout: seconds to wait for a response, or for a hub.
+            binary: True: requests in MessagePack; False: in JSON; None: in MessagePack if the viewer supports it.
         Raises:
-            ConnectionError, ImportError: LCM does not work here; the message says why.
+            ConnectionError, ImportError: LCM does not work here; the message is the reason.
         """
         self.timeout = timeout
-        self._wanted = binary
-        self._format: str | None = {None: None, True: wire.BINARY, False: wire.JSON}[binary]
-        self._memory = Memory()
+        self._negotiate = binary is None
+        self.message_format: str | None = {None: None, True: wire.BINARY, False: wire.JSON}[binary]
+        """Format of requests; None: not negotiated yet."""
+        self._published = PublishedTree()
         self._lock = threading.Lock()
         self._utime = 0
-        self._waiting: dict[int, Future[wire.Reply]] = {}
+        self.pending: dict[int, Future[wire.Response]] = {}
+        """Requests without a response, by ``utime``."""
         self.client_id = f"sg{os.getpid()}_{next(self._numbers)}_{secrets.token_hex(4)}"
-        handlers = {f"{wire.RESPONSE}_<{self.client_id}>": self._answered, wire.RESPONSE: self._announced}
-        self._link = Link(url, handlers, timeout)
+        handlers = {f"{wire.RESPONSE}_<{self.client_id}>": self._on_response, wire.RESPONSE: self._on_announcement}
+        self._connection = LcmConnection(url, handlers, timeout)
 
     @property
     def url(self) -> str:
-        """Of the LCM network."""
-        return self._link.url
+        """URL of the LCM network."""
+        return self._connection.url
 
     def __getitem__(self, key: str | int | tuple[str | int, ...]) -> Node:
         return Node(self, path_of(key))
@@ -152,56 +154,62 @@ class TreeViewer:
         self.close()
 
     def close(self) -> None:
-        """Ends the connection; what was published stays in the viewer."""
-        self._link.close()
+        """Close the connection; what was published stays in the viewer."""
+        self._connection.close()
 
     def delete(self) -> Answer:
-        """Removes everything in the viewer, whoever published it."""
+        """Delete everything in the viewer, also what other clients published."""
         return Node(self, ()).delete()
 
     @contextmanager
     def batch(self) -> Iterator[Batch]:
-        """One request for all that happens to the batch within the block; nothing is sent if the block raises."""
+        """Send all changes of the batch in one request when the block ends; send nothing if the block raises."""
         batch = Batch()
         yield batch
         batch.answer = self.send(batch.changes)
 
     def send(self, changes: Changes) -> Answer:
-        """Publishes, waits for the answer, and gives the viewer what it misses.
+        """Publish changes, wait for the response, and publish again what the viewer misses.
 
         Raises:
-            TreeViewerError: the viewer refused something.
-            TimeoutError: no answer came in time.
-            ConnectionError: the network has gone.
+            TreeViewerError: the viewer refused a command.
+            TimeoutError: there was no response in time.
+            ConnectionError: the connection is lost.
         """
         with self._lock:
-            self._memory.take(changes)
-        reply = self._ask(changes)
-        missing = [tuple(path) for path in reply.body.get("missing_paths", ())]
-        if reply.status == MISSING_PATHS:
+            self._published.update(changes)
+        response = self._request(changes)
+        missing = [tuple(path) for path in response.body.get("missing_paths", ())]
+        if response.status == MISSING_PATHS:
             with self._lock:
-                again = self._memory.again(missing)
+                again = self._published.missing(missing)
             if again.entries:
-                second = self._ask(again)
+                second = self._request(again)
                 missing = [tuple(path) for path in second.body.get("missing_paths", ())] if second.status == 1 else []
                 if second.status < 0:
-                    reply = second
-        answer = _answer(reply, missing)
+                    response = second
+        answer = _answer(response, missing)
         if answer.status < OK:
             raise TreeViewerError(answer)
         return answer
 
-    def _ask(self, changes: Changes) -> wire.Reply:
-        if self._format is None:
-            offered = self._exchange({}, wire.BINARY).status
-            self._format = wire.JSON if offered in (UNKNOWN_FORMAT, UNKNOWN_VERSION) else wire.BINARY
-        reply = self._exchange(changes.body(0), self._format)
-        if reply.status in (UNKNOWN_FORMAT, UNKNOWN_VERSION) and self._format == wire.BINARY and self._wanted is None:
-            self._format = wire.JSON  # another viewer has taken the place of the one that spoke it
-            reply = self._exchange(changes.body(0), self._format)
-        return reply
+    def _request(self, changes: Changes) -> wire.Response:
+        if self.message_format is None:
+            status = self._exchange({}, wire.BINARY).status
+            self.message_format = wire.JSON if status in (UNKNOWN_FORMAT, UNKNOWN_VERSION) else wire.BINARY
+        response = self._exchange(changes.body(0), self.message_format)
+        if (
+            response.status in (UNKNOWN_FORMAT, UNKNOWN_VERSION)
+            and self.message_format == wire.BINARY
+            and self._negotiate
+        ):
+            self.message_format = (
+                wire.JSON
+            )  # another viewer, which does not support MessagePack, has replaced the first
+            response = self._exchange(changes.body(0), self.message_format)
+        return response
 
-    def _exchange(self, body: dict[str, Any], name: str) -> wire.Reply:
+    def _exchange(self, body: dict[str, Any], name: str) -> wire.Response:
         utime, future = self._post(body, name)
         try:
             return future.result(self.timeout)
@@ -209,53 +217,53 @@ class TreeViewer:
             lost = "; big messages can get lost over UDP, tcpq:// loses none" if self.url.startswith("udpm") else ""
             raise TimeoutError(f"no viewer answered within {self.timeout:g} s on {self.url}{lost}") from None
         finally:
-            self._waiting.pop(utime, None)
+            self.pending.pop(utime, None)
 
-    def _post(self, body: dict[str, Any], name: str) -> tuple[int, Future[wire.Reply]]:
+    def _post(self, body: dict[str, Any], name: str) -> tuple[int, Future[wire.Response]]:
         with self._lock:
             utime = self._utime = max(self._utime + 1, time.time_ns() // 1000)
-            future = self._waiting[utime] = Future()
+            future = self.pending[utime] = Future()
         try:
             message = wire.encode({**body, "timestamp": utime}, utime, name)
-            self._link.publish(f"{wire.REQUEST}_<{self.client_id}>", message)
+            self._connection.publish(f"{wire.REQUEST}_<{self.client_id}>", message)
         except BaseException:
-            self._waiting.pop(utime, None)
+            self.pending.pop(utime, None)
             raise
         return utime, future
 
-    def _answered(self, message: bytes) -> None:
-        """In the link's thread."""
-        reply = wire.decode(message)
-        future = self._waiting.pop(reply.timestamp, None) if reply is not None else None
-        if future is not None and reply is not None:
-            future.set_result(reply)
+    def _on_response(self, message: bytes) -> None:
+        """Complete the request of a response. Runs in the receiving thread."""
+        response = wire.decode(message)
+        future = self.pending.pop(response.timestamp, None) if response is not None else None
+        if future is not None and response is not None:
+            future.set_result(response)
 
-    def _announced(self, message: bytes) -> None:
-        """In the link's thread: a viewer has started and knows nothing; nobody waits for its answer."""
-        reply = wire.decode(message)
-        if reply is None or reply.body.get("ready") is not True:
+    def _on_announcement(self, message: bytes) -> None:
+        """Publish everything for a viewer that has just started. Runs in the receiving thread."""
+        response = wire.decode(message)
+        if response is None or response.body.get("ready") is not True:
             return
         with self._lock:
-            everything = self._memory.all()
+            everything = self._published.all()
         if everything.entries:
-            with contextlib.suppress(ConnectionError):  # gone again; it will say when it is back
-                utime, _ = self._post(everything.body(0), self._format or wire.JSON)
-                self._waiting.pop(utime, None)
+            with contextlib.suppress(ConnectionError):  # the viewer announces its next start, too
+                utime, _ = self._post(everything.body(0), self.message_format or wire.JSON)
+                self.pending.pop(utime, None)
 
 
 def _shown(value: object) -> str:
-    """A value in a sentence: short, whatever it is."""
+    """Return a short text of any value for a message."""
     text = repr(value) if isinstance(value, (str, int, float)) else f"a {type(value).__name__}"
     return text if len(text) <= 40 else f"{text[:40]}…"
 
 
-def _answer(reply: wire.Reply, missing: list[Path]) -> Answer:
-    body = reply.body
+def _answer(response: wire.Response, missing: list[Path]) -> Answer:
+    body = response.body
 
     def paths(name: str) -> tuple[Path, ...]:
         return tuple(tuple(path) for path in body.get(name, ()))
 
-    status = reply.status
+    status = response.status
     if status == MISSING_PATHS and not missing:
         status = OK
     errors: Final = body.get("errors", ())

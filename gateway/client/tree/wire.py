@@ -1,4 +1,4 @@
-"""Requests and answers as bytes: ``viewer2_comms_t`` around JSON or MessagePack (docs/tree-viewer-binary.md)."""
+"""Requests and responses as bytes: ``viewer2_comms_t`` around JSON or MessagePack (docs/tree-viewer-binary.md)."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ JSON: Final = "treeviewer_json"
 BINARY: Final = "treeviewer_msgpack"
 REQUEST: Final = "DIRECTOR_TREE_VIEWER_REQUEST"
 RESPONSE: Final = "DIRECTOR_TREE_VIEWER_RESPONSE"
-ROOM: Final = 16
-"""Bytes before an array's numbers; the head needs 12, and numbers are quicker at their natural places."""
-_ARRAY: Final = 1
-_HEAD: Final = struct.Struct(">QqI")
-_TAIL: Final = struct.Struct(">iii")
+HEADER_BYTES: Final = 16
+"""Reserved before an array's numbers for its header (at most 12 bytes), padded to 16 for alignment."""
+_ARRAY_EXTENSION: Final = 1
+_HEADER: Final = struct.Struct(">QqI")
+_TRAILER: Final = struct.Struct(">iii")
 
 
 @dataclass(frozen=True, slots=True)
-class Reply:
-    """What a viewer said."""
+class Response:
+    """A viewer's response."""
 
     timestamp: int
     status: int
@@ -33,80 +33,82 @@ class Reply:
 
 
 def encode(body: dict[str, Any], utime: int, name: str) -> NDArray[np.uint8]:
-    """A request, (N,) uint8; ``name`` is that of the format.
+    """Return a request, (N,) uint8; ``name`` is that of the format.
 
-    The body is made behind the head instead of being copied there: fresh memory costs a big one more than its encoding.
-    liblcm takes arrays, but no bytearray.
+    The body is encoded in place behind the header, since copying a large body costs more than encoding it. The result
+    is an array because liblcm accepts arrays and no bytearray.
     """
     text = name.encode() + b"\0"
-    begin = _HEAD.size + len(text) + _TAIL.size
+    begin = _HEADER.size + len(text) + _TRAILER.size
     buffer = bytearray(begin)
     if name == BINARY:
         _msgpack.encode_into(body, buffer, begin)
     else:
         _json.encode_into(_with_float_colors(body), buffer, begin)
-    tail = _TAIL.pack(1, 0, len(buffer) - begin)
-    buffer[:begin] = b"".join((_HEAD.pack(FINGERPRINT, utime, len(text)), text, tail))
+    trailer = _TRAILER.pack(1, 0, len(buffer) - begin)
+    buffer[:begin] = b"".join((_HEADER.pack(FINGERPRINT, utime, len(text)), text, trailer))
     return np.frombuffer(buffer, np.uint8)
 
 
-def decode(message: bytes) -> Reply | None:
-    """An answer; None: something else is on the channel."""
+def decode(message: bytes) -> Response | None:
+    """Return the response in a message, or None if it is something else."""
     try:
-        fingerprint, _, length = _HEAD.unpack_from(message)
-        begin = _HEAD.size + length
-        _, _, count = _TAIL.unpack_from(message, begin)
-        name = message[_HEAD.size : begin - 1].decode()
-        data = message[begin + _TAIL.size :][:count]
+        fingerprint, _, length = _HEADER.unpack_from(message)
+        begin = _HEADER.size + length
+        _, _, count = _TRAILER.unpack_from(message, begin)
+        name = message[_HEADER.size : begin - 1].decode()
+        data = message[begin + _TRAILER.size :][:count]
         if fingerprint != FINGERPRINT:
             return None
         body = (msgspec.msgpack if name == BINARY else msgspec.json).decode(data)
-        return Reply(int(body["timestamp"]), int(body["status"]), body)
+        return Response(int(body["timestamp"]), int(body["status"]), body)
     except (struct.error, msgspec.DecodeError, UnicodeDecodeError, KeyError, TypeError, ValueError):
         return None
 
 
-def with_room(shape: tuple[int, ...], kind: DTypeLike) -> NDArray[Any]:
-    """An empty array with room for its head before it, so that it is sent without being copied once more."""
-    dtype = np.dtype(kind)
-    whole = np.empty(ROOM + math.prod(shape) * dtype.itemsize, np.uint8)
-    return whole[ROOM:].view(dtype).reshape(shape)
+def empty_with_header(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
+    """Return an uninitialised array with ``HEADER_BYTES`` before it, so that it is sent without another copy."""
+    dtype = np.dtype(dtype)
+    memory = np.empty(HEADER_BYTES + math.prod(shape) * dtype.itemsize, np.uint8)
+    return memory[HEADER_BYTES:].view(dtype).reshape(shape)
 
 
-def _has_room(array: NDArray[Any]) -> bool:
-    """Whether it was made by ``with_room``."""
-    whole = array.base
+def pack(value: Any) -> Any:
+    """Return an array as a MessagePack extension, and other NumPy values as Python's (msgspec's ``enc_hook``)."""
+    if not isinstance(value, np.ndarray):
+        return _to_python(value)
+    dtype = value.dtype.newbyteorder("<")
+    header = struct.pack(f"<2sBx{value.ndim}I", dtype.str[1:].encode(), value.ndim, *value.shape)
+    if dtype != value.dtype or not _has_header(value):
+        copy = empty_with_header(value.shape, dtype)
+        copy[...] = value
+        value = copy
+    memory = value.base
+    assert memory is not None
+    memory[HEADER_BYTES - len(header) : HEADER_BYTES] = np.frombuffer(header, np.uint8)
+    return msgspec.msgpack.Ext(_ARRAY_EXTENSION, memory[HEADER_BYTES - len(header) :].data)
+
+
+def _has_header(array: NDArray[Any]) -> bool:
+    """Return whether an array was made by ``empty_with_header``."""
+    memory = array.base
     return (
-        isinstance(whole, np.ndarray)
-        and whole.dtype == np.uint8
-        and whole.shape == (ROOM + array.nbytes,)
+        isinstance(memory, np.ndarray)
+        and memory.dtype == np.uint8
+        and memory.shape == (HEADER_BYTES + array.nbytes,)
         and array.flags.c_contiguous
-        and array.ctypes.data == whole.ctypes.data + ROOM
+        and array.ctypes.data == memory.ctypes.data + HEADER_BYTES
     )
 
 
-def _packed(value: Any) -> Any:
-    if isinstance(value, np.ndarray):
-        kind = value.dtype.newbyteorder("<")
-        head = struct.pack(f"<2sBx{value.ndim}I", kind.str[1:].encode(), value.ndim, *value.shape)
-        if kind != value.dtype or not _has_room(value):
-            copy = with_room(value.shape, kind)
-            copy[...] = value
-            value = copy
-        payload = value.base
-        payload[ROOM - len(head) : ROOM] = np.frombuffer(head, np.uint8)
-        return msgspec.msgpack.Ext(_ARRAY, payload[ROOM - len(head) :].data)
-    return _listed(value)
-
-
-def _listed(value: Any) -> Any:
+def _to_python(value: Any) -> Any:
     if isinstance(value, (np.ndarray, np.generic)):
         return value.tolist()
     raise TypeError(f"{type(value).__name__} cannot be sent")
 
 
 def _with_float_colors(body: dict[str, Any]) -> dict[str, Any]:
-    """JSON has no types: colours of 0 to 255 become 0 to 1. What was given stays as it was, since it is remembered."""
+    """Return a copy of a body for JSON, which has no types: uint8 colours become floats from 0 to 1."""
     commands = [
         {**command, "geometries": [_with_floats(geometry) for geometry in command["geometries"]]}
         for command in body.get("setgeometry", ())
@@ -126,5 +128,5 @@ def _with_floats(geometry: Any) -> Any:
     return {**geometry, "channels": {**channels, **floats}} if floats else geometry
 
 
-_json: Final = msgspec.json.Encoder(enc_hook=_listed)
-_msgpack: Final = msgspec.msgpack.Encoder(enc_hook=_packed)
+_json: Final = msgspec.json.Encoder(enc_hook=_to_python)
+_msgpack: Final = msgspec.msgpack.Encoder(enc_hook=pack)

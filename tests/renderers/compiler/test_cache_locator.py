@@ -69,7 +69,7 @@ PROGRAM = """
 import sys
 sys.path.insert(0, {tree!r})
 import renderers.twice
-from renderers import kernel_cache
+from renderers.compiler import cache_folder as kernel_cache
 from renderers.twice import twice
 assert renderers.twice.__file__.startswith({tree!r}), renderers.twice.__file__
 assert twice(2) == 4
@@ -90,8 +90,8 @@ def twice(x):
 def tree(folder: Path, constant: str = "2") -> Path:
     """A copy of what the cache consists of, and a kernel with a constant of another file."""
     package = folder / "renderers"
-    package.mkdir(parents=True)
-    for name in ("__init__.py", "kernel_cache.py", "cache_locator.py"):
+    (package / "compiler").mkdir(parents=True)
+    for name in ("__init__.py", "compiler/__init__.py", "compiler/cache_folder.py", "compiler/cache_locator.py"):
         (package / name).write_bytes((ROOT / "renderers" / name).read_bytes())
     (package / "twice.py").write_text(TWICE)
     (package / "constants.py").write_text(f"TWO = {constant}\n")

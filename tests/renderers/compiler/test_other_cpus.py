@@ -42,7 +42,7 @@ def test_golden_pictures_without_avx() -> None:
     features = ",".join(f"{'+' if name in _OLD else '-'}{name}" for name in llvm.get_host_cpu_features())
     environment = {**os.environ, "NUMBA_CPU_NAME": "nehalem", "NUMBA_CPU_FEATURES": features}
     environment.pop("SCENEGATE_REGENERATE_PICTURES", None)
-    files = ("test_pictures.py", "test_shading_pictures.py")
+    files = ("test_pictures.py", "shading/test_images.py")
     ended = subprocess.run(
         (sys.executable, "-c", _CHILD, *(f"tests/renderers/{file}" for file in files)),
         cwd=_ROOT,

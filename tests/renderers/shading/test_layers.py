@@ -10,7 +10,7 @@ import pytest
 
 from renderers.drawlist import AlphaMode, DrawList, Instance, Material, Mesh, Texture
 from renderers.interface import Look
-from renderers.shading import passes, prepare
+from renderers.shading import paint, prepare
 from tests.renderers.shading.reference import BruteForce, ball, camera, painted, picture, placed, quad, reference_color
 
 BLEND, MASK = AlphaMode.BLEND, AlphaMode.MASK
@@ -137,7 +137,7 @@ def test_the_visibility_at_hand_is_used_and_left_alone() -> None:
     first = rasterizer.visibility(scene, VIEW)
     before = first.ids.copy()
     color = np.zeros((VIEW.height, VIEW.width, 3), np.uint8)
-    passes(rasterizer, scene, prepare(scene.instances, "phong"), VIEW, Look(), color, first=first)
+    paint(rasterizer, scene, prepare(scene.instances, "phong"), VIEW, Look(), color, first=first)
     assert rasterizer.calls == 1
     assert (first.ids == before).all()
     assert (color == painted(scene, VIEW, Look())).all()

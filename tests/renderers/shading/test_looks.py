@@ -10,7 +10,7 @@ import pytest
 from renderers.camera import Camera
 from renderers.drawlist import DrawList, Image, Material, Mesh, Sampler, Texture
 from renderers.interface import Look
-from renderers.shading import look_material, passes, prepare
+from renderers.shading import look_material, paint, prepare
 from renderers.shading.materials import COLORS_DECODE, COLORS_MULTIPLY, COLORS_REPLACE, vertex_color_rule
 from tests.renderers.shading.reference import (
     Array,
@@ -206,7 +206,7 @@ def test_a_scene_prepared_for_another_look_is_refused() -> None:
     color = np.zeros((view.height, view.width, 3), np.uint8)
     prepared = prepare(scene.instances, "pbr")
     with pytest.raises(ValueError, match="prepared for the look 'pbr'"):
-        passes(BruteForce(), scene, prepared, view, Look("phong"), color)
+        paint(BruteForce(), scene, prepared, view, Look("phong"), color)
 
 
 @pytest.mark.parametrize("name", ["normals", "uv0", "uv1", "colors", "tangents"])

@@ -1,9 +1,9 @@
-// Opaque triangles are drawn by instancing: all draws that share mesh and material (colour apart) are one call.
+// Instanced drawing of opaque triangles: draws with the same mesh and material are one call, each with its own colour.
 
 import { Color, DynamicDrawUsage, InstancedMesh, Matrix4, Object3D, type BufferGeometry, type Material } from "three";
 import type { TreeNode } from "./model";
 
-/** A place in a batch. */
+/** One instance in a batch. */
 export interface Slot {
   batch: Batch;
   index: number;
@@ -27,9 +27,9 @@ export class Batch {
   private allocate(capacity: number): InstancedMesh {
     const mesh = new InstancedMesh(this.geometry, this.material, capacity);
     mesh.instanceMatrix.setUsage(DynamicDrawUsage);
-    mesh.setColorAt(0, new Color(1, 1, 1)); // makes the attribute
+    mesh.setColorAt(0, new Color(1, 1, 1)); // creates the attribute
     mesh.count = 0;
-    mesh.frustumCulled = false; // its bounds would have to follow every pose
+    mesh.frustumCulled = false; // else its bounds had to be updated with every pose
     mesh.matrixAutoUpdate = false;
     mesh.userData.batch = this;
     this.scene.add(mesh);

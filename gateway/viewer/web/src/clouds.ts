@@ -1,4 +1,4 @@
-// By what a point cloud is coloured: as it was published, along an axis, or by one of its channels.
+// Colours of a point cloud: as published, along an axis, or from one of its channels.
 
 import { BufferAttribute, type BufferGeometry } from "three";
 import { colorize, rangeOf, type MapName, type Range } from "./colormaps";
@@ -10,7 +10,7 @@ export interface CloudLook {
   map: MapName;
 }
 
-/** What a cloud can be coloured by: value and label. */
+/** The colour choices of a cloud: value and label. */
 export function choices(part: Part): [string, string][] {
   const channels = Object.entries(part.channels ?? {}).flatMap(([name, width]): [string, string][] =>
     width <= 1 ? [[name, name]] : Array.from({ length: width }, (_, i) => [`${name}:${i}`, `${name} [${i}]`]),
@@ -18,7 +18,7 @@ export function choices(part: Part): [string, string][] {
   return [["", "as published"], ["x", "x"], ["y", "y"], ["z", "z"], ...channels];
 }
 
-/** Colours a cloud's geometry; resolves to the range of the values. */
+/** Set the colours of a cloud's geometry; resolves to the range of the values. */
 export async function paint(geometry: BufferGeometry, mesh: number, look: CloudLook): Promise<Range | null> {
   const position = geometry.getAttribute("position") as BufferAttribute;
   const axis = ["x", "y", "z"].indexOf(look.by);
@@ -27,9 +27,9 @@ export async function paint(geometry: BufferGeometry, mesh: number, look: CloudL
   let stride = 3;
   if (axis < 0) {
     const [name = "", component = "0"] = look.by.split(/:(?=\d+$)/);
-    const answer = await fetch(`/view/channel/${mesh}?name=${encodeURIComponent(name)}`);
-    if (!answer.ok) return null;
-    values = new Float32Array(await answer.arrayBuffer());
+    const response = await fetch(`/view/channel/${mesh}?name=${encodeURIComponent(name)}`);
+    if (!response.ok) return null;
+    values = new Float32Array(await response.arrayBuffer());
     stride = Math.max(1, Math.round(values.length / position.count));
     offset = Number(component);
   }

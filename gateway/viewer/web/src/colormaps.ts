@@ -1,8 +1,8 @@
-// Colour maps for point clouds: a few stops each, linear in between.
+// Colormaps of point clouds: a few stops each, interpolated linearly.
 
 type Stops = readonly (readonly [number, number, number])[];
 
-/** Viridis and turbo sampled at equal steps, by their public definitions; 0 to 255. */
+/** Stops at equal distances, 0 to 255; viridis and turbo as they are published. */
 export const COLOR_MAPS = {
   turbo: [
     [48, 18, 59], [70, 107, 227], [41, 187, 236], [49, 242, 153], [164, 252, 60], [237, 208, 58], [251, 128, 34], [210, 49, 5], [122, 4, 3],
@@ -25,7 +25,7 @@ export interface Range {
   high: number;
 }
 
-/** The finite range of values; 0 to 1 when there is none. */
+/** Return the range of the finite values; 0 to 1 if there are none. */
 export function rangeOf(values: Float32Array, offset: number, stride: number): Range {
   let low = Infinity;
   let high = -Infinity;
@@ -37,7 +37,7 @@ export function rangeOf(values: Float32Array, offset: number, stride: number): R
   return low <= high ? { low, high } : { low: 0, high: 1 };
 }
 
-/** RGBA bytes for every value; what is no number is grey. */
+/** Return RGBA bytes for every value; NaN is grey. */
 export function colorize(values: Float32Array, offset: number, stride: number, range: Range, map: MapName): Uint8Array {
   const stops: Stops = COLOR_MAPS[map];
   const table = new Uint8Array(256 * 3);
@@ -61,7 +61,7 @@ export function colorize(values: Float32Array, offset: number, stride: number, r
   return colors;
 }
 
-/** The map as a CSS background. */
+/** Return a colormap as a CSS background. */
 export function ramp(map: MapName): string {
   return `linear-gradient(90deg, ${COLOR_MAPS[map].map((c) => `rgb(${c.join(" ")})`).join(", ")})`;
 }

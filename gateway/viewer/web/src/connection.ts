@@ -1,18 +1,18 @@
-// One WebSocket that comes back by itself. The gateway sends the next update only after "k".
+// A WebSocket that reconnects by itself. The gateway sends the next update only after the acknowledgement "k".
 
 import { parse, type Message } from "./protocol";
 
-const FIRST_WAIT = 250;
-const LONGEST_WAIT = 4000;
+const FIRST_DELAY = 250;
+const MAX_DELAY = 4000;
 
 export class Connection {
   private socket: WebSocket | undefined;
-  private wait = FIRST_WAIT;
+  private delay = FIRST_DELAY;
 
   /**
-   * @param onMessage takes a message in
-   * @param onState told whenever the connection comes or goes, with the gateway's reason where it gave one; after "open" it sends
-   *   the whole scene anew
+   * @param onMessage called with every message
+   * @param onState called when the connection opens or closes, with the gateway's reason if it gave one; after "open" the
+   *   gateway sends the whole scene
    */
   constructor(
     private readonly onMessage: (message: Message) => void,
@@ -21,9 +21,9 @@ export class Connection {
     this.open();
   }
 
-  /** Says that the last update was taken in. */
-  ready(): void {
-    this.wait = FIRST_WAIT;
+  /** Acknowledge the last update. */
+  acknowledge(): void {
+    this.delay = FIRST_DELAY;
     if (this.socket?.readyState === WebSocket.OPEN) this.socket.send("k");
   }
 
@@ -36,15 +36,15 @@ export class Connection {
       try {
         this.onMessage(parse(event.data));
       } catch (error) {
-        // What cannot be taken in leaves the page behind the gateway: start over.
+        // After an invalid message the page's scene is out of date: reconnect.
         console.error("scenegate:", error);
         socket.close();
       }
     };
     socket.onclose = ({ reason }) => {
       this.onState("closed", reason);
-      setTimeout(() => this.open(), this.wait);
-      this.wait = Math.min(this.wait * 2, LONGEST_WAIT);
+      setTimeout(() => this.open(), this.delay);
+      this.delay = Math.min(this.delay * 2, MAX_DELAY);
     };
     this.socket = socket;
   }

@@ -1,13 +1,13 @@
-// Lines that lie in a surface: who is in front is said, not left to the rounding of depth.
+// Depth offsets for lines that lie in a surface, where rounding of the depth would decide.
 
 import type { Material } from "three";
 
-/** Behind a surface at the same place; half a percent of the distance, which is less than a line is wide. */
+/** Offset behind a surface: half a percent of the distance, less than the width of a line. */
 export const BEHIND = 2e-5;
-/** Before it: half of that. */
+/** Offset in front of a surface. */
 export const BEFORE = -1e-5;
 
-/** Moves what a line material draws in depth, by a part of the depth's range (-1..1). Returns the material. */
+/** Make a line material add an offset to its depth, in units of the depth range (-1..1). Return the material. */
 export function shiftDepth<M extends Material>(material: M, by: number): M {
   const text = by.toFixed(8);
   material.onBeforeCompile = (shader) => {

@@ -1,4 +1,4 @@
-// What is selected: path, pose, bounds, geometry, opacity, colours of a point cloud.
+// Panel of the selected node: path, pose, bounds, geometry, opacity, colours of a point cloud.
 
 import { Euler, Quaternion, Vector3, type Box3 } from "three";
 import { choices } from "./clouds";
@@ -9,7 +9,7 @@ import type { TreeNode } from "./model";
 
 export interface DetailsActions {
   boundsOf(node: TreeNode): Box3;
-  /** Opacity, eye or cloud colours are other ones. */
+  /** Called when opacity, visibility or cloud colours of a node changed. */
   changed(node: TreeNode): void;
   fit(node: TreeNode): void;
   close(): void;
@@ -81,7 +81,7 @@ export class DetailsPanel {
     return [h("label", { class: "field" }, "Colour by", by), mapField, legend];
   }
 
-  /** Poses and bounds of the present moment. */
+  /** Show the current pose and bounds. */
   update(): void {
     const { node } = this;
     if (!node) return;

@@ -1,4 +1,4 @@
-// The model as three.js objects: instanced batches for what is opaque, objects of their own for the rest.
+// The model as three.js objects: instanced batches of opaque triangles, single objects for everything else.
 
 import {
   Box3,
@@ -21,13 +21,13 @@ import type { Model, ModelChange, TreeNode } from "./model";
 import type { Draw, MeshPayload } from "./protocol";
 
 type Single = Mesh | LineSegments | Points;
-/** Something of a node that is drawn. */
+/** One draw of a node. */
 type Drawn = { local: Matrix4 | null } & ({ slot: Slot } | { object: Single });
 
 export class Drawing {
   readonly root = new Object3D();
   private readonly geometries = new Map<number, BufferGeometry>();
-  /** By mesh, then by material. */
+  /** Batches by mesh id and material key. */
   private readonly batches = new Map<number, Map<string, Batch>>();
   private readonly drawn = new Map<TreeNode, Drawn[]>();
 
@@ -46,7 +46,7 @@ export class Drawing {
     for (const node of change.moved) if (!again.has(node)) this.move(node);
   }
 
-  /** Draws a node anew, after its geometry, eye or opacity changed. */
+  /** Recreate a node's objects after its geometry, visibility or opacity changed. */
   refresh(node: TreeNode): void {
     this.erase(node);
     if (!node.parts || !visible(node)) return;
@@ -73,19 +73,19 @@ export class Drawing {
     }
   }
 
-  /** Before another gateway's scene: its numbers mean other meshes. */
+  /** Remove everything: another gateway uses other ids. */
   reset(): void {
     for (const node of [...this.drawn.keys()]) this.erase(node);
     this.forget([...this.model.meshes.keys()]);
     this.materials.forgetTextures();
   }
 
-  /** Bounds in the world of a node and all below it; empty when nothing is drawn. */
+  /** Return the world bounds of a subtree; empty if nothing is drawn. */
   bounds(node: TreeNode): Box3 {
     return this.boxes(node).reduce((all, box) => all.union(box), new Box3());
   }
 
-  /** The same without grounds and walls that are much larger than the rest: the rule of gateway/scene/bounds.py. */
+  /** Return the bounds without floors and walls that are much larger than the rest, as gateway/scene/bounds.py does. */
   focus(node: TreeNode): Box3 {
     const size = (box: Box3) => box.getSize(new Vector3()).toArray();
     const flat = (box: Box3) => Math.min(...size(box)) < 0.01 * Math.max(...size(box));

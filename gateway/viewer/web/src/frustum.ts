@@ -1,4 +1,4 @@
-// Where the stereo camera is and what it sees: two frusta of lines, left and right.
+// The stereo camera in the scene: the frusta of its left and right camera as lines.
 
 import { BufferAttribute, BufferGeometry, LineBasicMaterial, LineSegments, Matrix4, Object3D } from "three";
 import type { Rig } from "./protocol";
@@ -39,7 +39,7 @@ export class Frustum {
       ];
       const corners = [corner(0, 0), corner(rig.width, 0), corner(rig.width, rig.height), corner(0, rig.height)];
       corners.forEach((at, i) => points.push(offset, 0, 0, ...at, ...at, ...(corners[(i + 1) % 4] ?? at)));
-      // A tick above the picture shows which side is up.
+      // A tick above the image plane marks the up direction.
       points.push(...corner(rig.width * 0.44, 0), ...corner(rig.width * 0.5, -rig.height * 0.09));
       points.push(...corner(rig.width * 0.5, -rig.height * 0.09), ...corner(rig.width * 0.56, 0));
     }

@@ -1,4 +1,4 @@
-// Tree on the left, view, panels on the right; on small screens the panels are drawers, one at a time.
+// Layout: tree on the left, view, panels on the right. On small screens tree and panels are drawers, one open at a time.
 
 import { h } from "./dom";
 import type { Toolbar } from "./toolbar";
@@ -20,7 +20,7 @@ export class Layout {
     this.element = h("div", { class: "layout" }, h("nav", { class: "drawer left" }, tree), stage, panels, shade);
   }
 
-  /** Opens what fits the screen, and again when that changes. */
+  /** Open the panels that fit the screen, also after it was resized. */
   start(): void {
     const fit = () => {
       this.set("left", !NARROW.matches);
@@ -40,7 +40,7 @@ export class Layout {
     this.set(side, open);
   }
 
-  /** Closes drawers that lie over the view; whether there was one. */
+  /** Close drawers over the view; return true if one was open. */
   closeDrawers(): boolean {
     if (!NARROW.matches || !(this.isOpen("left") || this.isOpen("right"))) return false;
     this.set("left", false);

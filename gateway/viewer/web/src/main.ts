@@ -46,7 +46,7 @@ const details = new DetailsPanel({
 });
 const sensors = new SensorsPanel(lightbox);
 const renders = new RendersPanel(lightbox);
-const tabs = new Tabs({ Selection: details.element, Stereo: sensors.element, Renders: renders.element }, inSight);
+const tabs = new Tabs({ Selection: details.element, Stereo: sensors.element, Renders: renders.element }, updateActivePanels);
 const bar = toolbar({
   panel: (side) => layout.toggle(side),
   look,
@@ -58,19 +58,19 @@ const bar = toolbar({
   pointSize: (pixels) => materials.setPointSize(pixels),
   background: (name) => {
     background = name;
-    showGround();
+    showBackground();
   },
   theme: () => setTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark"),
   snapshot: () => void snapshot(),
   file: () => `/scene.glb?${viewQuery()}`,
 }, background);
-const layout = new Layout(tree.element, holder, tabs.element, bar, () => inSight());
+const layout = new Layout(tree.element, holder, tabs.element, bar, () => updateActivePanels());
 
-/** Panels that ask the gateway do so only while they are in sight. */
-function inSight(): void {
-  const shown = layout?.isOpen("right") ? tabs.current : "";
-  sensors.setActive(shown === "Stereo");
-  renders.setActive(shown === "Renders");
+/** Panels send requests to the gateway only while they are visible. */
+function updateActivePanels(): void {
+  const visible = layout?.isOpen("right") ? tabs.current : "";
+  sensors.setActive(visible === "Stereo");
+  renders.setActive(visible === "Renders");
 }
 
 function select(node: TreeNode | null): void {
@@ -99,11 +99,11 @@ function look(direction: Direction): void {
   stage.look(direction, drawing.focus(model.root));
 }
 
-function take(message: Message): void {
+function receive(message: Message): void {
   switch (message.kind) {
     case "update":
       update(message);
-      connection.ready();
+      connection.acknowledge();
       break;
     case "mesh":
       model.meshes.set(message.id, message);
@@ -139,7 +139,7 @@ function update(message: SceneUpdate): void {
 
 let hintTimer = 0;
 
-/** A sentence over the view; one at the foot goes by itself, unless it is to stay until the next. */
+/** Show a message over the view; one at the foot disappears after six seconds unless `stays` is true. */
 function say(text: string, where: "centre" | "foot", stays = where === "centre"): void {
   if (where === "centre" && hintTimer) return;
   hint.textContent = text;
@@ -152,48 +152,48 @@ function say(text: string, where: "centre" | "foot", stays = where === "centre")
     }, 6000);
 }
 
-const connection = new Connection(take, (state, reason) => {
+const connection = new Connection(receive, (state, reason) => {
   status.connected(state, reason);
   if (state === "open") {
     drawing.reset();
     sensors.connected();
     renders.connected();
     say("Waiting for the scene …", "centre");
-  } else if (model.revision === 0) say(reason || "The gateway does not answer; this page keeps trying.", "centre");
-  else say(reason || "The gateway does not answer; this is the scene as it was.", "foot", true);
+  } else if (model.revision === 0) say(reason || "The gateway does not respond; this page keeps trying.", "centre");
+  else say(reason || "The gateway does not respond; this is the scene as it was.", "foot", true);
 });
 
 function setTheme(name: Theme): void {
   document.documentElement.dataset.theme = name;
-  showGround();
+  showBackground();
 }
 
-function showGround(): void {
+function showBackground(): void {
   const colors = ground(background);
   frustum.material.color.set(colors.frustum);
   stage.setBackground(colors.background, colors.grid);
 }
 
-/** The camera of this view in the gateway's grammar; an orthographic one is shown in perspective. */
+/** Return this view's camera in the gateway's syntax; an orthographic view becomes a perspective one. */
 function cameraText(): string {
   const at = (v: Vector3) => v.toArray().map((x) => x.toFixed(5)).join(",");
   const fovy = stage.perspective.fov.toFixed(2);
   return `eye=${at(stage.camera.position)};target=${at(stage.controls.target)};up=0,0,1;fovy=${fovy}`;
 }
 
-/** This view as parameters of `/scene/render` and `/scene.glb`. */
+/** Return this view as parameters of `/scene/render` and `/scene.glb`. */
 function viewQuery(): URLSearchParams {
   const { clientWidth: width, clientHeight: height } = holder;
   return new URLSearchParams({ camera: cameraText(), width: `${width}`, height: `${height}` });
 }
 
 async function snapshot(): Promise<void> {
-  const answer = await fetch(`/scene/render?${viewQuery()}`).catch(() => null);
-  if (!answer?.ok) {
-    say(answer ? await answer.text() : "The gateway does not answer.", "foot");
+  const response = await fetch(`/scene/render?${viewQuery()}`).catch(() => null);
+  if (!response?.ok) {
+    say(response ? await response.text() : "The gateway does not respond.", "foot");
     return;
   }
-  const link = h("a", { href: URL.createObjectURL(await answer.blob()), download: "scenegate.png" });
+  const link = h("a", { href: URL.createObjectURL(await response.blob()), download: "scenegate.png" });
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
 }
@@ -234,5 +234,5 @@ setInterval(() => {
   details.update();
 }, 1000);
 
-// For tests and for the console: what the page believes.
+// For tests and the console.
 Object.assign(window, { scenegate: { model, drawing, stage, frustum, select, fit, Box3 } });

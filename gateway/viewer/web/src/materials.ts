@@ -1,5 +1,5 @@
-// Materials and textures, shared by what looks alike. Colours are shown as our rasterizer's "plain" look shows them:
-// no conversion between colour spaces, light from the camera.
+// Materials and textures, shared by draws with equal properties. Shading follows the rasterizer's "plain" look: no
+// conversion between colour spaces, light from the camera.
 
 import {
   ClampToEdgeWrapping,
@@ -27,12 +27,12 @@ const WRAP: Record<number, Wrapping> = {
   33071: ClampToEdgeWrapping,
   33648: MirroredRepeatWrapping,
 };
-/** Materials kept although nothing uses them: a publisher that sets geometry anew gets its shader back. */
+/** Maximum number of unused materials kept, so that replaced geometry does not compile its shader again. */
 const KEPT = 64;
-/** Milliseconds after which a picture that did not come is asked for again. */
+/** Milliseconds before a failed download of a texture is repeated. */
 const RETRY = 2000;
 
-/** What a texture shows until its picture is there; without one, three.js draws black. */
+/** Placeholder until a texture is downloaded; three.js draws black without an image. */
 function blank(): HTMLCanvasElement {
   const canvas = h("canvas", { width: 1, height: 1 });
   const context = canvas.getContext("2d");
@@ -54,23 +54,23 @@ export class Materials {
   private readonly textures = new Map<string, Texture>();
   private readonly loader = new ImageLoader();
   private wireframe = false;
-  /** Pixels; 0 takes what the scene says. */
+  /** Pixels; 0 is the scene's own size. */
   private pointSize = 0;
 
   constructor(private readonly redraw: () => void) {}
 
-  /** What all draws of one batch share: everything but the colour. */
+  /** Return the key of a batch: all properties but the colour. */
   key(material: Material, vertexColors: boolean): string {
     const { color: _, ...rest } = material;
     return JSON.stringify(rest) + (vertexColors ? "v" : "");
   }
 
-  /** For batches: white, coloured per instance. Give it back with `release`, like all others. */
+  /** Return a white material for a batch, coloured per instance. Must be released with `release`, like all others. */
   opaque(material: Material, vertexColors: boolean): ThreeMaterial {
     return this.take(`opaque ${this.key(material, vertexColors)}`, () => this.surface(material, vertexColors));
   }
 
-  /** For single draws: with its own colour and opacity. */
+  /** Return a material for a single draw, with its own colour and opacity. */
   translucent(material: Material, vertexColors: boolean, opacity: number): ThreeMaterial {
     return this.take(`translucent ${JSON.stringify(material)}${vertexColors} ${opacity}`, () => {
       const made = this.surface(material, vertexColors);
@@ -102,7 +102,7 @@ export class Materials {
     });
   }
 
-  /** One user less. */
+  /** Release a use of a material. */
   release(material: ThreeMaterial): void {
     const shared = this.made.get(this.keys.get(material) ?? "");
     if (shared) shared.users -= 1;
@@ -115,7 +115,7 @@ export class Materials {
     }
   }
 
-  /** Textures belong to numbers of one gateway; another one has others. */
+  /** Drop all textures: another gateway uses other ids. */
   forgetTextures(): void {
     for (const texture of this.textures.values()) texture.dispose();
     this.textures.clear();
@@ -185,7 +185,7 @@ export class Materials {
       this.loader.load(
         url,
         (image) => {
-          made.dispose(); // the picture has another size than what stands for it
+          made.dispose(); // the image has another size than the placeholder
           made.image = image;
           made.needsUpdate = true;
           this.redraw();

@@ -1,4 +1,4 @@
-// The tree as the gateway has it, with world matrices; knows nothing of WebGL or the page.
+// The gateway's tree with world matrices; independent of WebGL and the page.
 
 import { Matrix4, Quaternion, Vector3 } from "three";
 import type { CloudLook } from "./clouds";
@@ -10,12 +10,12 @@ const MOST_REMEMBERED = 10_000;
 export class TreeNode {
   readonly children = new Set<TreeNode>();
   parts: Part[] | null = null;
-  /** Of the gateway's tree. */
+  /** Visibility in the gateway's tree. */
   visible = true;
-  /** Of this page: the eye in the tree panel. */
+  /** Visibility on this page: the eye in the tree panel. */
   shown = true;
   opacity = 1;
-  /** How this page colours a point cloud; null: as published. */
+  /** Colours of a point cloud on this page; null: as published. */
   cloud: CloudLook | null = null;
   cloudRange: Range | null = null;
   readonly local = new Matrix4();
@@ -27,7 +27,7 @@ export class TreeNode {
     readonly parent: TreeNode | null,
   ) {}
 
-  /** Whether this page shows it as it was published. */
+  /** True if this page changed nothing of the node. */
   get plain(): boolean {
     return this.shown && this.opacity === 1 && this.cloud === null;
   }
@@ -48,9 +48,9 @@ export class TreeNode {
 export interface ModelChange {
   added: TreeNode[];
   removed: TreeNode[];
-  /** Geometry or visibility is another one. */
+  /** Nodes whose geometry or visibility changed. */
   changed: Set<TreeNode>;
-  /** World matrix is another one. */
+  /** Nodes whose world matrix changed. */
   moved: Set<TreeNode>;
 }
 
@@ -59,10 +59,10 @@ export class Model {
   readonly nodes = new Map<number, TreeNode>([[0, this.root]]);
   readonly meshes = new Map<number, MeshPayload>();
   revision = 0;
-  /** What this page changed of nodes that are gone, by path: they may come back. */
+  /** This page's changes to removed nodes by path, for nodes that are published again. */
   private readonly remembered = new Map<string, Pick<TreeNode, "shown" | "opacity" | "cloud">>();
 
-  /** Takes an update in; one that starts from nothing replaces everything. */
+  /** Apply an update; one from revision 0 replaces the scene. */
   apply(update: SceneUpdate): ModelChange {
     const change: ModelChange = { added: [], removed: [], changed: new Set(), moved: new Set() };
     if (update.from === 0) this.clear(change);
@@ -126,7 +126,7 @@ export class Model {
     this.remembered.delete(path);
   }
 
-  /** The node at a path, if there is one. */
+  /** Return the node at a path. */
   find(path: (string | number)[]): TreeNode | null {
     let at: TreeNode | undefined = this.root;
     for (const name of path) at = [...(at?.children ?? [])].find((child) => child.name === name);
@@ -160,7 +160,7 @@ export class Model {
     for (const start of dirty) {
       let ancestor = start.parent;
       while (ancestor && !dirty.has(ancestor)) ancestor = ancestor.parent;
-      if (ancestor) continue; // comes with its ancestor
+      if (ancestor) continue; // moved with its ancestor
       const stack = [start];
       for (let node = stack.pop(); node; node = stack.pop()) {
         if (node.parent) node.world.multiplyMatrices(node.parent.world, node.local);

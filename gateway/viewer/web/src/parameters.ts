@@ -1,4 +1,4 @@
-// The device's REST parameters as controls, the same that its own clients set.
+// Controls for the stereo camera's REST parameters.
 
 import { h, short } from "./dom";
 
@@ -19,7 +19,7 @@ interface Parameter {
 export class Parameters {
   readonly element = h("div", { class: "parameters" });
 
-  /** Reads all values anew. */
+  /** Read all values again. */
   async load(): Promise<void> {
     const groups = await Promise.all(Object.entries(NODES).map(([node, title]) => this.group(node, title)));
     const open = new Set([...this.element.querySelectorAll<HTMLDetailsElement>("details[open]")].map((e) => e.dataset.node));
@@ -28,9 +28,9 @@ export class Parameters {
   }
 
   private async group(node: string, title: string): Promise<HTMLDetailsElement | null> {
-    const answer = await fetch(`${BASE}/${node}/parameters`).catch(() => null);
-    if (!answer?.ok) return null;
-    const parameters = (await answer.json()) as Parameter[];
+    const response = await fetch(`${BASE}/${node}/parameters`).catch(() => null);
+    if (!response?.ok) return null;
+    const parameters = (await response.json()) as Parameter[];
     const group = h("details", { class: "group" }, h("summary", {}, title), ...parameters.map((p) => control(node, p)));
     group.dataset.node = node;
     return group;
@@ -45,22 +45,22 @@ function control(node: string, parameter: Parameter): HTMLElement {
   };
   const set = async (value: Parameter["value"]): Promise<Parameter["value"]> => {
     try {
-      const answer = await fetch(`${BASE}/${node}/parameters/${parameter.name}`, {
+      const response = await fetch(`${BASE}/${node}/parameters/${parameter.name}`, {
         method: "PUT",
         headers: { "Content-Type": "application/json" },
         body: JSON.stringify({ value }),
       });
-      const body = (await answer.json()) as Parameter & { message?: string };
-      show(answer.ok ? "" : (body.message ?? answer.statusText));
-      return answer.ok ? body.value : value;
+      const body = (await response.json()) as Parameter & { message?: string };
+      show(response.ok ? "" : (body.message ?? response.statusText));
+      return response.ok ? body.value : value;
     } catch {
-      show("The gateway does not answer.");
+      show("The gateway does not respond.");
       return value;
     }
   };
   const idle = parameter.description.includes(IDLE);
   const text = parameter.description.replace(IDLE, "");
-  // The choices of an enumeration stand in its list.
+  // An enumeration is a list of its choices.
   const about = parameter.type === "string" ? text.slice(0, text.lastIndexOf(":")) : text;
   return h(
     "div",
@@ -90,7 +90,7 @@ function input(parameter: Parameter, text: string, set: Set): HTMLElement {
   const { min, max } = parameter;
   const step = parameter.type === "int32" ? 1 : "any";
   const number = h("input", { type: "number", min, max, step, value: short(Number(parameter.value)), "aria-label": parameter.name });
-  // What spans decades is moved along decades.
+  // Ranges over several decades get a logarithmic slider.
   const decades = min > 0 && max / min > 200;
   const at = (value: number) => (decades ? Math.log(value / min) / Math.log(max / min) : (value - min) / (max - min));
   const range = h("input", { type: "range", min: 0, max: 1, step: 0.001, value: at(Number(parameter.value)), "aria-label": `${parameter.name} slider` });

@@ -1,14 +1,14 @@
-// The binary frames of gateway/viewer/frames.py: a JSON header that names arrays of the body.
+// The binary frames of gateway/viewer/frames.py: a JSON header that refers to arrays in the body.
 
 const MAGIC = 0x31564753;
 
-/** [offset in bytes, count of numbers] */
+/** [offset in bytes, number of values] */
 type Span = [number, number];
 
 export interface Material {
   color: [number, number, number, number];
   alpha?: "mask" | "blend";
-  /** Of a mask; absent is 0.5. */
+  /** Alpha cutoff of a mask; default 0.5. */
   cutoff?: number;
   metallic?: number;
   roughness?: number;
@@ -21,7 +21,7 @@ export interface Material {
     image: number;
     wrap: [number, number];
     linear: boolean;
-    /** Which texture coordinates of the mesh; absent is 0. */
+    /** Texture coordinate set of the mesh; default 0. */
     set?: number;
     /** a, b, c, d, e, f: u' = a u + b v + c, v' = d u + e v + f */
     transform?: [number, number, number, number, number, number];
@@ -31,7 +31,7 @@ export interface Material {
 export interface Draw {
   mesh: number;
   material: Material;
-  /** Column-major node-from-mesh; absent is the identity, null is not drawable. */
+  /** Column-major transform from mesh to node; default identity, null: not finite, so not drawn. */
   matrix?: number[] | null;
 }
 
@@ -39,7 +39,7 @@ export interface Part {
   kind: string;
   draws: Draw[];
   points?: number;
-  /** Columns of each channel of a point cloud, by its name. */
+  /** Number of columns of each channel of a point cloud, by name. */
   channels?: Record<string, number>;
   source?: string;
 }
@@ -87,14 +87,14 @@ export interface Status {
   kind: "status";
   interfaces?: Record<string, { state: string; problem?: string }>;
   facts?: { name: string; value: string | number; warn?: boolean }[];
-  /** Render requests answered so far. */
+  /** Number of render requests so far. */
   renders?: number;
 }
 
 /** The stereo camera in the scene. */
 export interface Rig {
   kind: "rig";
-  /** Column-major pose of the left optical frame; null: it is not in this scene. */
+  /** Column-major pose of the left camera's optical frame; null: it is not in this scene. */
   pose: number[] | null;
   width: number;
   height: number;
@@ -112,7 +112,7 @@ interface Header {
   [key: string]: unknown;
 }
 
-/** Typed arrays lie over the message's own memory; nothing is copied. */
+/** Parse a frame. The typed arrays share the message's memory. */
 export function parse(buffer: ArrayBuffer): Message {
   const view = new DataView(buffer);
   if (buffer.byteLength < 8 || view.getUint32(0, true) !== MAGIC) throw new Error("not a view frame");

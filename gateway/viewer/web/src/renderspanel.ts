@@ -1,4 +1,4 @@
-// The last render requests: what came in, what went out, how long it took, or why not.
+// Panel of the last render requests: scene, image, duration or error.
 
 import { h } from "./dom";
 import type { Lightbox } from "./lightbox";
@@ -12,7 +12,7 @@ interface Render {
   queued: number;
   what: string;
   scene: string;
-  picture: boolean;
+  image: boolean;
   error: string;
 }
 
@@ -20,7 +20,7 @@ export class RendersPanel {
   readonly element = h("section", { "aria-label": "Recent renders" });
   private readonly list = h("ul", { class: "renders" });
   private readonly note = h("p", { class: "empty", role: "status" }, "Waiting for the gateway …");
-  /** How many requests the list counts in; -1: it is of no gateway yet. */
+  /** Number of requests at the last download of the list; -1 before the first. */
   private last = -1;
   private known = 0;
   private active = false;
@@ -34,19 +34,19 @@ export class RendersPanel {
     void this.refresh();
   }
 
-  /** The gateway is there, maybe another one than before, whose requests count from none. */
+  /** Called when the connection opens, perhaps to another gateway, whose count starts at zero. */
   connected(): void {
     this.last = -1;
   }
 
-  /** What the gateway says of itself. */
+  /** Show the number of requests in a status message; download the list if it changed. */
   announce(status: Status): void {
     const { interfaces, renders } = status;
     this.known = renders ?? 0;
     if (this.known === 0) {
       const runs = !interfaces || "render" in interfaces;
       this.note.textContent = runs
-        ? "No render request has come yet. POST /render answers Drake's render clients."
+        ? "No render requests yet. Drake's render clients post to /render."
         : "No render endpoint runs in this gateway.";
       this.note.hidden = false;
       this.list.replaceChildren();
@@ -58,12 +58,12 @@ export class RendersPanel {
     const { known } = this;
     if (!this.active || known === 0 || known === this.last) return;
     this.last = known;
-    const answer = await fetch("/view/renders").catch(() => null);
-    if (!answer?.ok) {
-      this.last = -1; // the next status asks again
+    const response = await fetch("/view/renders").catch(() => null);
+    if (!response?.ok) {
+      this.last = -1; // the next status message downloads it again
       return;
     }
-    const renders = (await answer.json()) as Render[];
+    const renders = (await response.json()) as Render[];
     this.note.hidden = true;
     this.list.replaceChildren(...renders.map((render) => this.item(render)));
   }
@@ -71,7 +71,7 @@ export class RendersPanel {
   private item(render: Render): HTMLElement {
     const time = new Date(render.when * 1000).toLocaleTimeString();
     const full = `/view/renders/${render.id}.png`;
-    const picture = render.picture
+    const image = render.image
       ? h(
           "button",
           { class: "thumb", title: "In full size", onclick: () => this.lightbox.open(render.what, () => full, `render-${render.id}.png`) },
@@ -82,7 +82,7 @@ export class RendersPanel {
     return h(
       "li",
       {},
-      picture,
+      image,
       h(
         "div",
         {},

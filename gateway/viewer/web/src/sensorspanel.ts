@@ -1,11 +1,11 @@
-// What the stereo camera sees now, and its parameters. Asks for pictures only while somebody looks at them.
+// Panel of the stereo camera: its current images and parameters. Requests images only while it is visible.
 
 import { h } from "./dom";
 import type { Lightbox } from "./lightbox";
 import { Parameters } from "./parameters";
 
-const PICTURES = { left: "Left", right: "Right", disparity: "Disparity", confidence: "Confidence" } as const;
-type Name = keyof typeof PICTURES;
+const IMAGES = { left: "Left", right: "Right", disparity: "Disparity", confidence: "Confidence" } as const;
+type Name = keyof typeof IMAGES;
 const PERIOD = 500;
 
 interface SensorState {
@@ -23,39 +23,39 @@ export class SensorsPanel {
   private number = 0;
   private full: Name | null = null;
   private active = false;
-  /** Whether the parameters were asked for since the panel came into sight. */
-  private asked = false;
-  private looking = false;
+  /** True if the parameters were requested since the panel became visible. */
+  private parametersRequested = false;
+  private requesting = false;
   private timer = 0;
 
   constructor(private readonly lightbox: Lightbox) {
-    for (const name of Object.keys(PICTURES) as Name[]) this.addThumb(name);
+    for (const name of Object.keys(IMAGES) as Name[]) this.addThumb(name);
     this.thumbs.hidden = true;
     this.element.append(this.note, this.thumbs, this.parameters.element);
     lightbox.element.addEventListener("close", () => (this.full = null));
     document.addEventListener("visibilitychange", () => this.poll());
   }
 
-  /** Whether the panel is in sight. */
+  /** Start or stop requesting images. */
   setActive(active: boolean): void {
-    if (active && !this.active) this.asked = false;
+    if (active && !this.active) this.parametersRequested = false;
     this.active = active;
     this.poll();
   }
 
-  /** The gateway is there, maybe another one than before: nothing of the last one's counts. */
+  /** Called when the connection opens, perhaps to another gateway: drop everything of the last one. */
   connected(): void {
     this.number = 0;
-    this.asked = false;
+    this.parametersRequested = false;
     this.poll();
   }
 
   private addThumb(name: Name): void {
-    const title = PICTURES[name];
-    const image = h("img", { alt: `${title} picture of the stereo camera` });
+    const title = IMAGES[name];
+    const image = h("img", { alt: `${title} image of the stereo camera` });
     const caption = h("span");
     const button = h("button", { class: "thumb", title: `${title} in full size`, onclick: () => this.open(name) }, image);
-    button.dataset.picture = name;
+    button.dataset.image = name;
     this.images.set(name, image);
     this.captions.set(name, caption);
     this.thumbs.append(h("figure", {}, button, h("figcaption", {}, h("span", {}, title), caption)));
@@ -65,42 +65,42 @@ export class SensorsPanel {
     this.full = name;
     this.poll();
     const source = () => `/view/sensor/${name}.jpg?frame=${this.number}`;
-    this.lightbox.open(`${PICTURES[name]}, stereo camera`, source, `${name}.jpg`);
+    this.lightbox.open(`${IMAGES[name]}, stereo camera`, source, `${name}.jpg`);
   }
 
   private poll(): void {
     clearTimeout(this.timer);
-    if (!this.looking && (this.active || this.full) && document.visibilityState === "visible") void this.look();
+    if (!this.requesting && (this.active || this.full) && document.visibilityState === "visible") void this.request();
   }
 
-  private async look(): Promise<void> {
-    this.looking = true;
+  private async request(): Promise<void> {
+    this.requesting = true;
     try {
-      const answer = await fetch("/view/sensor");
-      if (answer.status === 200) {
-        await this.take((await answer.json()) as SensorState);
+      const response = await fetch("/view/sensor");
+      if (response.status === 200) {
+        await this.show((await response.json()) as SensorState);
         this.say("", true);
-        if (this.active && !this.asked) {
-          this.asked = true;
+        if (this.active && !this.parametersRequested) {
+          this.parametersRequested = true;
           void this.parameters.load();
         }
-      } else if (answer.status === 204) this.say("No stereo camera runs in this gateway.", false);
-      else this.say(await answer.text(), false);
+      } else if (response.status === 204) this.say("No stereo camera runs in this gateway.", false);
+      else this.say(await response.text(), false);
     } catch {
-      this.say(this.thumbs.hidden ? "The gateway does not answer." : "The gateway does not answer; these are its last pictures.");
+      this.say(this.thumbs.hidden ? "The gateway does not respond." : "The gateway does not respond; these are its last images.");
     }
-    this.looking = false;
+    this.requesting = false;
     this.timer = setTimeout(() => this.poll(), PERIOD);
   }
 
-  /** One sentence above the pictures, or instead of them. */
+  /** Show a message above the images, or instead of them. */
   private say(text: string, shown = !this.thumbs.hidden): void {
     this.note.textContent = text;
     this.note.hidden = text === "";
     this.thumbs.hidden = this.parameters.element.hidden = !shown;
   }
 
-  private async take(state: SensorState): Promise<void> {
+  private async show(state: SensorState): Promise<void> {
     for (const [name, caption] of this.captions) caption.textContent = state.captions[name] ?? "";
     if (state.number === this.number) return;
     this.number = state.number;

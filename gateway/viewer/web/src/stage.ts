@@ -1,4 +1,4 @@
-// Camera, controls, light, grid and axes: where the scene stands. Draws only when something changed.
+// Camera, controls, light, grid and axes. Draws only after a change.
 
 import {
   AxesHelper,
@@ -22,11 +22,11 @@ import {
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { BEFORE, BEHIND, shiftDepth } from "./depth";
 
-// As the rasterizer's "phong" look: colours are shown as they come.
+// No conversion between colour spaces, as in the rasterizer's "phong" look.
 ColorManagement.enabled = false;
 
 const FOV = 45;
-/** The picture's half height over that of the framed box. */
+/** Half the view's height over that of the framed box. */
 const MARGIN = 1.12;
 export type Direction = "home" | "top" | "front" | "side";
 const DIRECTIONS: Record<Direction, [number, number, number]> = {
@@ -48,9 +48,9 @@ export class Stage {
   private readonly light = new DirectionalLight(0xffffff, Math.PI);
   private readonly highlight = new Box3Helper(new Box3(), new Color(0xff9500));
   private dirty = true;
-  /** Of the orthographic view, metres. */
+  /** Height of the orthographic view in metres. */
   private halfHeight = 1;
-  /** Frames drawn so far. */
+  /** Number of frames drawn. */
   frames = 0;
 
   constructor(
@@ -65,7 +65,7 @@ export class Stage {
     holder.append(this.renderer.domElement);
     for (const camera of [this.perspective, this.orthographic]) camera.up.set(0, 0, 1);
     this.grid.rotation.x = Math.PI / 2;
-    // A floor at the same height hides the grid, and not the axes, instead of fighting with them.
+    // Depth offsets: a floor at the same height hides the grid but not the axes, without flicker.
     for (const material of [this.grid.material].flat()) shiftDepth(material, BEHIND);
     for (const material of [this.axes.material].flat()) shiftDepth(material, BEFORE);
     this.highlight.visible = false;
@@ -87,7 +87,7 @@ export class Stage {
     this.redraw();
   }
 
-  /** Calls back for clicks and taps, not for drags. */
+  /** Call back on clicks and taps, not on drags. */
   onTap(tapped: (x: number, y: number) => void): void {
     const canvas = this.renderer.domElement;
     let press = { x: 0, y: 0 };
@@ -103,19 +103,19 @@ export class Stage {
     this.redraw();
   }
 
-  /** Frames a box from the present direction. */
+  /** Frame a box from the current direction. */
   fit(box: Box3): void {
     if (box.isEmpty()) return;
     this.stand(box, this.camera.position.clone().sub(this.controls.target).normalize());
   }
 
-  /** Frames a box from a named direction. */
+  /** Frame a box from a named direction. */
   look(direction: Direction, box: Box3): void {
     const framed = box.isEmpty() ? new Box3(new Vector3(-1, -1, -1), new Vector3(1, 1, 1)) : box;
     this.stand(framed, new Vector3(...DIRECTIONS[direction]).normalize());
   }
 
-  /** Puts the camera where all corners of the box are just in view. */
+  /** Move the camera to the distance at which all corners of the box are in view. */
   private stand(box: Box3, away: Vector3): void {
     const centre = box.getCenter(new Vector3());
     const right = new Vector3(0, 0, 1).cross(away).normalize();
@@ -142,7 +142,7 @@ export class Stage {
     this.redraw();
   }
 
-  /** A grid whose cells suit what is framed: a power of ten in metres. */
+  /** Set the grid's cells to a power of ten in metres that suits the framed box. */
   private rule(half: number): void {
     const cell = 10 ** Math.floor(Math.log10(half));
     this.grid.scale.setScalar(cell);
@@ -168,7 +168,7 @@ export class Stage {
     this.redraw();
   }
 
-  /** What lies under a point of the page. */
+  /** Return the object at a point of the page. */
   pick(x: number, y: number): Intersection | undefined {
     const rect = this.renderer.domElement.getBoundingClientRect();
     const point = new Vector2(((x - rect.left) / rect.width) * 2 - 1, 1 - ((y - rect.top) / rect.height) * 2);
@@ -195,7 +195,7 @@ export class Stage {
     this.redraw();
   }
 
-  /** Clipping planes that follow the distance, so that neither close-ups nor wide views are cut. */
+  /** Set clipping planes that follow the camera's distance, for close-ups and wide views. */
   private keepInDepth(): void {
     const distance = Math.max(this.camera.position.distanceTo(this.controls.target), 1e-4);
     this.perspective.near = distance / 500;

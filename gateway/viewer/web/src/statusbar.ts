@@ -1,4 +1,4 @@
-// One line at the foot: connection, interfaces, rates, losses.
+// Status bar: connection, interfaces, rates, losses.
 
 import { h } from "./dom";
 import type { Status } from "./protocol";
@@ -8,7 +8,7 @@ const LIGHTS: Record<string, string> = { ready: "good", starting: "wait", stoppe
 export class StatusBar {
   readonly element = h("footer", { class: "status" });
   private readonly connection = h("span", { class: "light wait", role: "status" }, "connecting …");
-  private readonly rates = h("span", { title: "Pictures drawn and updates received per second" });
+  private readonly rates = h("span", { title: "Frames drawn and updates received per second" });
   private readonly interfaces = h("span", { class: "interfaces" });
   private readonly facts = h("span", { class: "facts" });
 

@@ -1,4 +1,4 @@
-// Pages of one panel, one of them in sight; arrow keys walk along the tabs.
+// Tabs of a panel; arrow keys move between them.
 
 import { h } from "./dom";
 

@@ -1,9 +1,8 @@
-// Light or dark, and what is behind the scene: as the address says (?theme=dark&background=sky), else as the computer
-// is set.
+// Light or dark theme and background: from the URL (?theme=dark&background=sky), else from the system's setting.
 
 export type Theme = "light" | "dark";
 
-/** What is behind the scene, and the grid and the stereo camera's frustum before it. */
+/** Colours of the background, the grid and the stereo camera's frustum. */
 export interface Ground {
   background: string;
   grid: string;
@@ -13,7 +12,7 @@ export interface Ground {
 const GROUNDS = {
   white: { background: "#ffffff", grid: "#c9cfd9", frustum: "#6a1fd0" },
   black: { background: "#000000", grid: "#363d49", frustum: "#c39bff" },
-  // The colour of the gateway's own pictures where nothing is.
+  // The background of the images that the gateway renders.
   sky: { background: "#cce5ff", grid: "#a3bbd6", frustum: "#6a1fd0" },
 } as const satisfies Record<string, Ground>;
 
@@ -21,8 +20,8 @@ export type Background = "theme" | keyof typeof GROUNDS;
 export const BACKGROUNDS: readonly Background[] = ["theme", "white", "black", "sky"];
 
 export function startingBackground(): Background {
-  const asked = new URLSearchParams(location.search).get("background");
-  return BACKGROUNDS.find((name) => name === asked) ?? "theme";
+  const requested = new URLSearchParams(location.search).get("background");
+  return BACKGROUNDS.find((name) => name === requested) ?? "theme";
 }
 
 export function ground(name: Background): Ground {
@@ -33,7 +32,7 @@ export function ground(name: Background): Ground {
 }
 
 export function startingTheme(): Theme {
-  const asked = new URLSearchParams(location.search).get("theme");
-  if (asked === "light" || asked === "dark") return asked;
+  const requested = new URLSearchParams(location.search).get("theme");
+  if (requested === "light" || requested === "dark") return requested;
   return matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
 }

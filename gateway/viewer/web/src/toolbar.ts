@@ -1,4 +1,4 @@
-// The bar at the top: panels, views, what is shown, what can be taken away.
+// Toolbar: panels, view directions, display options, downloads.
 
 import { h } from "./dom";
 import { icon, type Icon } from "./icons";
@@ -19,7 +19,7 @@ export interface ToolbarActions {
   background(name: Background): void;
   theme(): void;
   snapshot(): void;
-  /** Where the scene's file is, with this view as its camera. */
+  /** URL of the scene's file with this view as its camera. */
   file(): string;
 }
 
@@ -49,7 +49,7 @@ export function toolbar(actions: ToolbarActions, chosen: Background): Toolbar {
     max: 12,
     step: 1,
     value: 0,
-    title: "Point size in pixels; at the left end as published",
+    title: "Point size in pixels; at the left end: as published",
     "aria-label": "Point size",
     oninput: (event) => actions.pointSize(Number((event.target as HTMLInputElement).value)),
   });
@@ -87,7 +87,7 @@ export function toolbar(actions: ToolbarActions, chosen: Background): Toolbar {
     h("label", { class: "points" }, "Points ", points),
     backgrounds,
     gap(),
-    button("snapshot", "This view as PNG, drawn by the gateway's own rasterizer", () => actions.snapshot()),
+    button("snapshot", "This view as PNG, rendered by the gateway's own rasterizer", () => actions.snapshot()),
     file,
     button("theme", "Light or dark", () => actions.theme()),
   );

@@ -1,4 +1,4 @@
-// The tree of paths: expand, search, hide, select. Only rows in sight exist as elements, so thousands of nodes are fine.
+// The tree of paths: expand, search, hide, select. Only visible rows are elements, so thousands of nodes are fast.
 
 import { counted, h } from "./dom";
 import { icon } from "./icons";
@@ -38,7 +38,7 @@ export class TreePanel {
     this.update();
   }
 
-  /** After nodes came or went. */
+  /** Update the rows after nodes were added or removed. */
   update(): void {
     if (this.scheduled) return;
     this.scheduled = true;
@@ -77,7 +77,7 @@ export class TreePanel {
     return rows;
   }
 
-  /** Nodes whose name holds the text, and the way to them. */
+  /** Return the nodes whose name contains the text, and their ancestors. */
   private matching(text: string): Set<TreeNode> {
     const found = new Set<TreeNode>([this.model.root]);
     for (const node of this.model.nodes.values())
@@ -96,7 +96,7 @@ export class TreePanel {
     const last = Math.min(this.rows.length, first + Math.ceil(this.list.clientHeight / ROW) + 8);
     const shown = this.rows.slice(first, last).map((row, i) => this.row(row, (first + i) * ROW));
     this.list.replaceChildren(this.spacer, ...shown);
-    // The tree has the focus, its selected row is what is read out.
+    // The tree has the focus; screen readers read its selected row.
     if (this.selected) this.list.setAttribute("aria-activedescendant", `row-${this.selected.id}`);
     else this.list.removeAttribute("aria-activedescendant");
   }

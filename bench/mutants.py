@@ -1,0 +1,185 @@
+"""Measure how many small faults the tests notice: ``make mutants``.
+
+Draws one fault a module at random (a boundary, a sign, a condition, a dropped check; operators of cosmic-ray), applies
+it in a copy of the repository, and runs the tests that mirror the module's room. A fault that no test notices is
+printed as a diff: either a test is missing, or the fault changes nothing (an equivalent mutant), which is for a person
+to judge. Modules with compiled kernels are left out: each fault would compile for a minute.
+"""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import os
+import random
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from cosmic_ray.ast import ast_nodes, get_ast
+from cosmic_ray.mutating import mutate_code
+from cosmic_ray.operators.operator import Operator
+from cosmic_ray.plugins import get_operator, operator_names
+
+ROOT = Path(__file__).parents[1]
+ROOMS = {
+    "assets": ("tests/assets", "tests/treeviewer"),
+    "client": ("tests/client", "tests/datasets"),
+    "datasets": ("tests/datasets",),
+    "demo": ("tests/demo",),
+    "gltf": ("tests/gltf", "tests/render"),
+    "lcm": ("tests/lcm", "tests/treeviewer"),
+    "render": ("tests/render",),
+    "runtime": ("tests/runtime", "tests/server"),
+    "scene": ("tests/scene", "tests/sceneapi", "tests/treeviewer"),
+    "sceneapi": ("tests/sceneapi",),
+    "server": ("tests/server", "tests/security"),
+    "settings": ("tests/settings",),
+    "state": ("tests/state",),
+    "stereo": ("tests/stereo",),
+    "treeviewer": ("tests/treeviewer", "tests/lcm"),
+    "viewer": ("tests/viewer", "tests/sceneapi"),
+    "wiring": ("tests/wiring", "tests/test_app.py", "tests/e2e"),
+}
+"""Rooms of ``gateway`` and the tests that mirror them, nearest first."""
+OPERATORS = (
+    "core/AddNot",
+    "core/NumberReplacer",
+    "core/ReplaceAndWithOr",
+    "core/ReplaceOrWithAnd",
+    "core/ReplaceTrueWithFalse",
+    "core/ReplaceFalseWithTrue",
+    "core/ReplaceUnaryOperator_Delete_USub",
+    "core/ReplaceUnaryOperator_Delete_Not",
+    "core/ReplaceBinaryOperator_Add_Sub",
+    "core/ReplaceBinaryOperator_Sub_Add",
+    "core/ReplaceBinaryOperator_Mul_Div",
+    "core/ReplaceBinaryOperator_Div_Mul",
+    "core/ReplaceBinaryOperator_FloorDiv_Mul",
+    "core/ReplaceBinaryOperator_Mod_Mul",
+    *(name for name in operator_names() if name.startswith("core/ReplaceComparisonOperator")),
+)
+KERNELS = ("kernel", "cached_njit", "njit")
+"""A module that defines one of these is left out."""
+TEST_SECONDS = 900
+"""Longest run of a room's tests; a fault that makes them longer counts as noticed."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One changed place of one module."""
+
+    module: Path
+    line: int
+    operator: str
+    code: str
+    """The whole module with the fault."""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0] if __doc__ else None)
+    parser.add_argument("--rooms", nargs="*", default=sorted(ROOMS), choices=sorted(ROOMS), metavar="ROOM")
+    parser.add_argument("--sample", type=int, default=60, help="number of faults, at most one a module")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--list", action="store_true", help="print the faults and run nothing")
+    options = parser.parse_args()
+
+    faults = draw_faults(options.rooms, options.sample, random.Random(options.seed))
+    if options.list:
+        for fault in faults:
+            print(f"{fault.module}:{fault.line} {fault.operator}", difference(fault), sep="\n")
+        return
+    caught: dict[str, list[bool]] = {}
+    with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
+        tree = copy_of_repository(Path(folder))
+        for fault in faults:
+            room = fault.module.parts[1]
+            noticed = tests_fail(tree, fault)
+            caught.setdefault(room, []).append(noticed)
+            print(f"{'caught ' if noticed else 'MISSED '} {fault.module}:{fault.line} {fault.operator}", flush=True)
+            if not noticed:
+                print(difference(fault), flush=True)
+    print(f"\n{'room':<12} caught / tried")
+    for room, results in sorted(caught.items()):
+        print(f"{room:<12} {sum(results):>6} / {len(results)}")
+    total = [result for results in caught.values() for result in results]
+    print(f"{'all':<12} {sum(total):>6} / {len(total)}  {sum(total) / len(total):.0%}")
+
+
+def draw_faults(rooms: list[str], count: int, chance: random.Random) -> list[Fault]:
+    """Draw at most one fault a module, from rooms in turn, so that small rooms are in the sample."""
+    modules = {room: _modules(room) for room in rooms}
+    for each in modules.values():
+        chance.shuffle(each)
+    faults: list[Fault] = []
+    while len(faults) < count and any(modules.values()):
+        for room in rooms:
+            if modules[room] and len(faults) < count:
+                module = modules[room].pop()
+                if possible := list(_faults_of(module)):
+                    operator, occurrence, line = chance.choice(possible)
+                    code = mutate_code((ROOT / module).read_text("utf-8"), operator[1], occurrence)
+                    assert code is not None
+                    faults.append(Fault(module, line, operator[0], code))
+    return faults
+
+
+def _modules(room: str) -> list[Path]:
+    files = sorted((ROOT / "gateway" / room).rglob("*.py"))
+    return [
+        file.relative_to(ROOT) for file in files if not any(f"@{name}" in file.read_text("utf-8") for name in KERNELS)
+    ]
+
+
+def _faults_of(module: Path) -> Iterator[tuple[tuple[str, Operator], int, int]]:
+    """Yield operator, occurrence and line of each possible fault inside functions."""
+    tree = get_ast((ROOT / module).read_text("utf-8"))
+    bodies = [(node.start_pos[0], node.end_pos[0]) for node in ast_nodes(tree) if node.type == "funcdef"]
+    for name in OPERATORS:
+        operator = get_operator(name)()
+        positions = [place for node in ast_nodes(tree) for place in operator.mutation_positions(node)]
+        for occurrence, ((line, _), _end) in enumerate(positions):
+            if any(first < line <= last for first, last in bodies):
+                yield (name, operator), occurrence, line
+
+
+def copy_of_repository(folder: Path) -> Path:
+    """Copy the files that git knows, as they are in the working tree."""
+    names = subprocess.run(
+        ("git", "ls-files", "-z"), cwd=ROOT, check=True, capture_output=True, text=True
+    ).stdout.split("\0")
+    for name in filter(None, names):
+        if (ROOT / name).exists():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(ROOT / name, folder / name)
+    return folder
+
+
+def tests_fail(tree: Path, fault: Fault) -> bool:
+    """Run the tests that mirror the fault's room in the copy with the fault in it."""
+    file = tree / fault.module
+    original = file.read_text("utf-8")
+    file.write_text(fault.code, "utf-8")
+    python = os.environ.get("SCENEGATE_PYTHON", sys.executable)
+    command = (python, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *ROOMS[fault.module.parts[1]])
+    try:
+        done = subprocess.run(command, cwd=tree, capture_output=True, timeout=TEST_SECONDS, check=False)
+        return done.returncode != 0
+    except subprocess.TimeoutExpired:
+        return True
+    finally:
+        file.write_text(original, "utf-8")
+
+
+def difference(fault: Fault) -> str:
+    """Return the fault as a unified diff."""
+    before = (ROOT / fault.module).read_text("utf-8").splitlines()
+    return "\n".join(list(difflib.unified_diff(before, fault.code.splitlines(), lineterm="", n=1))[2:])
+
+
+if __name__ == "__main__":
+    main()

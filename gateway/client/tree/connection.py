@@ -1,0 +1,190 @@
+"""Connection to an LCM network by liblcm: a thread receives, any thread publishes."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from typing import Any, Final
+from urllib.parse import urlsplit
+
+import numpy as np
+from numpy.typing import NDArray
+
+DEFAULT_URL: Final = "udpm://239.255.76.67:7667?ttl=0"
+"""liblcm's default."""
+TCPQ_PORT: Final = 7700
+POLL_MS: Final = 100
+"""Interval at which the thread checks whether the connection was closed; messages wake it at once."""
+RETRY_SECONDS: Final = 0.2
+HELLO_SECONDS: Final = 1.0
+"""Timeout for a hub's hello. liblcm has none."""
+_HINTS: Final = {"tcpq": "no hub listens there", "udpm": "is there a route for multicast?"}
+"""Probable reason of a failure, by scheme; liblcm prints reasons to stderr only."""
+_INFO_LINES: Final = frozenset((b"LCM tcpq: connecting...",))
+"""Lines that liblcm writes to stderr on success."""
+_STDERR: Final = 2
+
+_stderr_lock: Final = threading.Lock()
+
+_lost: Final[list[Any]] = []
+"""LCM objects of lost connections. They are kept alive: liblcm may crash when an object is freed that another thread
+uses."""
+
+
+class LcmConnection:
+    """Publishes and receives until closed, and connects again when a TCPQ hub is gone."""
+
+    def __init__(self, url: str | None, handlers: Mapping[str, Callable[[bytes], None]], timeout: float) -> None:
+        """
+        Args:
+            url: LCM URL; None: LCM_DEFAULT_URL, or liblcm's default.
+            handlers: callback for each channel, called in the receiving thread.
+            timeout: seconds to wait for a hub.
+        Raises:
+            ConnectionError: no hub listens, or there is no route.
+            ImportError: LCM's library cannot be loaded.
+        """
+        self.url = url or os.environ.get("LCM_DEFAULT_URL") or DEFAULT_URL
+        self._handlers = handlers
+        self._timeout = timeout
+        self._closed = threading.Event()
+        self._connected = threading.Condition()
+        self._lcm: Any = None
+        deadline = time.monotonic() + timeout
+        while self._lcm is None:
+            try:
+                self._lcm = self._connect()
+            except ConnectionError:
+                if not self.url.startswith("tcpq") or time.monotonic() > deadline:
+                    raise
+                time.sleep(RETRY_SECONDS)
+        self._thread = threading.Thread(target=self._receive, name="treeviewer-receive", daemon=True)
+        self._thread.start()
+
+    def publish(self, channel: str, message: bytes | NDArray[np.uint8]) -> None:
+        """Send a message.
+
+        Raises:
+            ConnectionError: not connected within the timeout, or the message cannot be sent.
+        """
+        with self._connected:
+            if not self._connected.wait_for(lambda: self._is_alive() or self._closed.is_set(), self._timeout):
+                raise ConnectionError(f"the LCM hub {self.url} has gone")
+            if self._closed.is_set():
+                raise ConnectionError("this viewer was closed")
+            try:
+                self._lcm.publish(channel, message)
+            except OSError:
+                raise ConnectionError(f"LCM could not send {len(message)} bytes to {self.url}") from None
+
+    def close(self) -> None:
+        """Stop the thread. May be called again."""
+        self._closed.set()
+        if threading.current_thread() is not self._thread:
+            self._thread.join()
+
+    def _is_alive(self) -> bool:
+        return self._lcm is not None and self._lcm.fileno() >= 0
+
+    def _connect(self) -> Any:
+        try:
+            import lcm
+        except ImportError as error:
+            raise ImportError(
+                f"LCM cannot be loaded ({error}): pip install lcm, and apt install libglib2.0-0"
+            ) from None
+        scheme = self.url.partition("://")[0]
+        hint = _HINTS.get(scheme, "use udpm:// or tcpq://")
+        url = _with_host_address(self.url)
+        if scheme == "tcpq" and not _listens(url):  # liblcm would write three lines to stderr
+            raise ConnectionError(f"LCM cannot join {self.url}: {hint}")
+        try:
+            with filtered_stderr() if scheme == "tcpq" else contextlib.nullcontext():
+                network = lcm.LCM(url)
+        except RuntimeError:
+            raise ConnectionError(f"LCM cannot join {self.url}: {hint}") from None
+        for channel, handler in self._handlers.items():
+            subscription = network.subscribe(escape_channel(channel), partial(_call, handler))
+            subscription.set_queue_capacity(0)
+        return network
+
+    def _receive(self) -> None:
+        while not self._closed.is_set():
+            if not self._is_alive():
+                self._reconnect()
+                continue
+            try:
+                self._lcm.handle_timeout(POLL_MS)
+            except OSError:  # a signal, or the hub is gone, which the file number shows
+                time.sleep(0.01)
+
+    def _reconnect(self) -> None:
+        with contextlib.suppress(ConnectionError):
+            network = self._connect()
+            with self._connected:
+                _lost.append(self._lcm)
+                self._lcm = network
+                self._connected.notify_all()
+            return
+        self._closed.wait(RETRY_SECONDS)
+
+
+@contextlib.contextmanager
+def filtered_stderr() -> Iterator[None]:
+    """Hold back what any thread writes to stderr, and write it afterwards without ``_INFO_LINES``.
+
+    liblcm's C code writes to file descriptor 2 and has no option for it. Connecting to a listening hub takes
+    milliseconds.
+    """
+    with _stderr_lock, tempfile.TemporaryFile() as held:
+        try:
+            stderr = os.dup(_STDERR)
+        except OSError:  # it is closed
+            yield
+            return
+        os.dup2(held.fileno(), _STDERR)
+        try:
+            yield
+        finally:
+            os.dup2(stderr, _STDERR)
+            os.close(stderr)
+            held.seek(0)
+            kept = b"".join(line for line in held if line.rstrip() not in _INFO_LINES)
+            with contextlib.suppress(OSError):  # its reader is gone
+                os.write(_STDERR, kept)
+
+
+def escape_channel(channel: str) -> str:
+    """Return the pattern that matches exactly this channel."""
+    return "".join(c if c.isalnum() or c in "_<>" else f"\\{c}" for c in channel)
+
+
+def _call(handler: Callable[[bytes], None], channel: str, data: bytes) -> None:
+    handler(data)
+
+
+def _with_host_address(url: str) -> str:
+    """Return a TCPQ URL with the host's address in place of its name, which liblcm does not resolve."""
+    parts = urlsplit(url)
+    if parts.scheme != "tcpq" or not parts.hostname:
+        return url
+    try:
+        return f"tcpq://{socket.gethostbyname(parts.hostname)}:{parts.port or TCPQ_PORT}"
+    except OSError:
+        raise ConnectionError(f"LCM cannot join {url}: the host {parts.hostname!r} is unknown") from None
+
+
+def _listens(url: str) -> bool:
+    """Return whether a hub accepts connections at a TCPQ URL and sends its hello."""
+    try:
+        parts = urlsplit(url)
+        with socket.create_connection((parts.hostname, parts.port or TCPQ_PORT), HELLO_SECONDS) as probe:
+            return bool(probe.recv(8))
+    except (OSError, ValueError):
+        return False

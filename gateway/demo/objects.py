@@ -1,0 +1,172 @@
+"""Geometry and materials of the demo scene."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numpy as np
+
+from gateway.demo.meshes import globe, knot, relief, ring, textured_box, tile, wall
+from gateway.demo.motion import BALL, ORBIT
+from gateway.demo.textures import checker, stripes, target, wood
+from gateway.scene.geometry import (
+    Box,
+    Capsule,
+    Cylinder,
+    Ellipsoid,
+    Line,
+    Part,
+    PointCloud,
+    Shape,
+    Sphere,
+    Surface,
+    Triad,
+)
+from gateway.scene.transforms import Matrix, from_pose, translation
+from gateway.scene.tree import Path
+from renderers.drawlist import AlphaMode, Image, Material, Texture
+
+
+@cache
+def scene_parts() -> dict[Path, tuple[Part, ...]]:
+    """Return the parts by path below the demo's root; the same objects in every call."""
+    return {
+        ("floor",): (Part(Surface(tile(3.0, 6)), _textured(checker())),),
+        ("table",): _table(),
+        **_robot(),
+        **_tabletop_objects(),
+        **_drone(),
+        **_scanner(),
+    }
+
+
+def _material(color: str, *, roughness: float = 0.5, metallic: float = 0.0, alpha: float = 1.0) -> Material:
+    """Return a material with an sRGB colour (``rrggbb``)."""
+    r, g, b = (int(color[k : k + 2], 16) / 255.0 for k in (0, 2, 4))
+    return Material(
+        base_color=(r**2.2, g**2.2, b**2.2, alpha),
+        metallic=metallic,
+        roughness=roughness,
+        alpha_mode=AlphaMode.OPAQUE if alpha == 1.0 else AlphaMode.BLEND,
+        double_sided=True,
+    )
+
+
+def _textured(image: Image, roughness: float = 0.6) -> Material:
+    return Material(base_color_texture=Texture(image), metallic=0.0, roughness=roughness, double_sided=True)
+
+
+def _at(x: float, y: float, z: float, shape: Shape, material: Material) -> Part:
+    return Part(shape, material, translation(x, y, z))
+
+
+def _table() -> tuple[Part, ...]:
+    steel = _material("aab4c0", roughness=0.35, metallic=0.3)
+    top = Part(Surface(textured_box(1.5, 1.1, 0.04)), _textured(wood(), 0.45), translation(0.0, 0.0, 0.73))
+    legs = [_at(x, y, 0.355, Cylinder(0.03, 0.71), steel) for x in (-0.68, 0.68) for y in (-0.48, 0.48)]
+    return (top, *legs)
+
+
+def _robot() -> dict[Path, tuple[Part, ...]]:
+    shell, joint = _material("ffa531", roughness=0.3), _material("4b5563", roughness=0.35)
+    metal = _material("dfe6ec", roughness=0.3, metallic=0.5)
+    sideways = from_pose((0.0, 0.0, 0.0), (math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0))
+
+    def hub(radius: float, length: float) -> Part:
+        return Part(Cylinder(radius, length), joint, sideways)
+
+    turret: Path = ("robot", "turret")
+    upper: Path = (*turret, "upper arm")
+    forearm: Path = (*upper, "forearm")
+    wrist: Path = (*forearm, "wrist")
+    finger = (_at(0.0, 0.0, 0.04, Box((0.03, 0.012, 0.09)), joint),)
+    return {
+        ("robot",): (
+            _at(0.0, 0.0, 0.015, Cylinder(0.15, 0.03), joint),
+            _at(0.0, 0.0, 0.07, Cylinder(0.11, 0.1), shell),
+        ),
+        turret: (_at(0.0, 0.0, 0.05, Cylinder(0.10, 0.1), shell),),
+        upper: (hub(0.085, 0.18), _at(0.0, 0.0, 0.20, Capsule(0.06, 0.34), shell)),
+        forearm: (hub(0.07, 0.15), _at(0.0, 0.0, 0.18, Capsule(0.045, 0.30), shell)),
+        wrist: (
+            hub(0.05, 0.11),
+            _at(0.0, 0.0, 0.06, Cylinder(0.035, 0.06), metal),
+            _at(0.0, 0.0, 0.095, Box((0.06, 0.14, 0.02)), joint),
+        ),
+        (*wrist, "left finger"): finger,
+        (*wrist, "right finger"): finger,
+        (*wrist, "tool frame"): (Part(Triad(0.12, tube=True), joint, translation(0.0, 0.0, 0.19)),),
+    }
+
+
+def _tabletop_objects() -> dict[Path, tuple[Part, ...]]:
+    plate = _material("5fb0e0", roughness=0.3)
+    return {
+        ("turntable",): (
+            _at(0.0, 0.0, 0.0, Cylinder(0.18, 0.02), plate),
+            Part(Surface(textured_box(0.12, 0.12, 0.12)), _textured(target(), 0.5), translation(0.07, 0.0, 0.07)),
+            _at(-0.08, 0.05, 0.08, Cylinder(0.04, 0.14), _material("f0545a", roughness=0.3)),
+            _at(-0.06, -0.08, 0.05, Ellipsoid((0.05, 0.035, 0.04)), _material("9bd67f", roughness=0.4)),
+        ),
+        ("crystal ball",): (
+            Part(Sphere(0.11), _material("9ad1ff", roughness=0.05, alpha=0.35)),
+            Part(Surface(knot()), _material("ffd166", roughness=0.25, metallic=0.6)),
+            _at(0.0, 0.0, -0.115, Cylinder(0.06, 0.012), _material("4b5563")),
+            _at(0.0, 0.0, -0.371, Cylinder(0.025, 0.498), _material("aab4c0", roughness=0.35, metallic=0.3)),
+            _at(0.0, 0.0, -0.61, Cylinder(0.12, 0.02), _material("4b5563")),
+        ),
+        ("satellite",): (Part(Sphere(0.02), _material("ef476f", roughness=0.3)),),
+        ("bouncing ball",): (Part(Surface(globe()), _textured(stripes(), 0.35)),),
+        ("orbit",): (Part(Line(ring(BALL, ORBIT), radius=0.004, closed=True), _material("06d6a0")),),
+        ("arrow",): (
+            Part(
+                Line(
+                    np.array(((-0.68, -0.45, 0.751), (-0.38, -0.45, 0.751)), np.float32),
+                    radius=0.006,
+                    end_head=True,
+                    head_radius=0.018,
+                    head_length=0.05,
+                ),
+                _material("ffd166"),
+            ),
+        ),
+        ("origin",): (Part(Triad(0.25, tube=True), plate, translation(-0.95, -0.75, 0.001)),),
+    }
+
+
+def _drone() -> dict[Path, tuple[Part, ...]]:
+    body, blade = _material("e9edf2", roughness=0.3), _material("4b5563", alpha=0.6)
+    arms = [Part(Capsule(0.008, 0.2), body, _along((0.11 * i, 0.11 * j, 0.0))) for i, j in ((1, 1), (1, -1))]
+    status_light = Material(base_color=(0.0, 0.0, 0.0, 1.0), emissive=(0.1, 0.9, 0.3), metallic=0.0)
+    parts: dict[Path, tuple[Part, ...]] = {
+        ("drone",): (
+            Part(Ellipsoid((0.09, 0.05, 0.03)), body),
+            *arms,
+            _at(0.085, 0.0, 0.0, Sphere(0.012), status_light),
+        )
+    }
+    for index in range(1, 5):
+        parts["drone", f"rotor {index}"] = (Part(Box((0.15, 0.012, 0.003)), blade),)
+    return parts
+
+
+def _along(direction: tuple[float, float, float]) -> Matrix:
+    """Return the rotation of the z axis into a horizontal direction, (4, 4)."""
+    x, y, _ = direction
+    length = math.hypot(x, y)
+    return from_pose((0.0, 0.0, 0.0), (math.sqrt(0.5), -math.sqrt(0.5) * y / length, math.sqrt(0.5) * x / length, 0.0))
+
+
+def _scanner() -> dict[Path, tuple[Part, ...]]:
+    """Return a wall behind the table and a point cloud on it, coloured by height."""
+    random = np.random.default_rng(2026)
+    u, v = random.uniform(-1.0, 1.0, 6000), random.uniform(0.0, 1.0, 6000)
+    waves = relief(u, v)
+    points = np.stack((-0.25 - waves, u, 1.3 * v), axis=1).astype(np.float32)
+    hue = np.stack((v, 0.5 + 0.5 * np.sin(4.0 * waves / 0.1), 1.0 - v), axis=1).astype(np.float32)
+    cloud = PointCloud(points, {"rgb": np.clip(hue, 0.0, 1.0)})
+    return {
+        ("scanner",): (Part(cloud, Material(metallic=0.0, point_size=3.0)),),
+        ("scanner", "wall"): (Part(Surface(wall()), _material("8b95a1", roughness=0.9)),),
+    }

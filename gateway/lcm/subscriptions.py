@@ -1,0 +1,68 @@
+"""Subscriptions of one hub client, limited in number and in the time that matching takes."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from gateway.lcm.patterns import CHANNEL_CHARS, MAX_STEPS, Pattern, PatternError, compile_pattern
+from gateway.lcm.tcpq import MAX_PATTERN_BYTES
+
+MAX_CLIENT_STEPS: Final = 2 * MAX_STEPS
+"""Maximum steps for all patterns of one client together, since a new channel is matched with every pattern.
+
+A repetition costs more on a channel name of more than 63 characters; patterns beyond this number are then skipped."""
+
+
+class Subscriptions:
+    """Patterns of one client. The same pattern may be subscribed several times."""
+
+    def __init__(self, max_patterns: int) -> None:
+        self._max_patterns = max_patterns
+        self._patterns: dict[str, tuple[Pattern, int]] = {}
+        """Pattern and number of subscriptions, by the pattern's text."""
+        self._steps = 0
+        """Steps of all patterns together for a channel name of 63 characters."""
+
+    def add(self, text: str) -> Pattern | None:
+        """Add a subscription; return its pattern if it is new.
+
+        Raises:
+            PatternError: the pattern is not supported, or a limit is exceeded.
+        """
+        known = self._patterns.get(text)
+        if known is not None:
+            self._patterns[text] = (known[0], known[1] + 1)
+            return None
+        if len(self._patterns) >= self._max_patterns:
+            raise PatternError(f"the client has {self._max_patterns} subscriptions already")
+        size = len(text.encode())
+        if size > MAX_PATTERN_BYTES:
+            raise PatternError(f"it has {size} bytes, {MAX_PATTERN_BYTES} are possible")
+        pattern = compile_pattern(text)
+        steps = pattern.steps(CHANNEL_CHARS)
+        if self._steps + steps > MAX_CLIENT_STEPS:
+            raise PatternError(f"the client's patterns take too long to match together with {text!r}")
+        self._steps += steps
+        self._patterns[text] = (pattern, 1)
+        return pattern
+
+    def remove(self, text: str) -> None:
+        """Remove one subscription; do nothing if there is none."""
+        pattern, count = self._patterns.pop(text, (None, 0))
+        if pattern is None:
+            return
+        if count > 1:
+            self._patterns[text] = (pattern, count - 1)
+        else:
+            self._steps -= pattern.steps(CHANNEL_CHARS)
+
+    def match(self, channel: str) -> bool:
+        """Return whether one of the subscriptions matches."""
+        remaining = MAX_CLIENT_STEPS
+        for pattern, _ in self._patterns.values():
+            steps = pattern.steps(len(channel))
+            if steps <= remaining:
+                remaining -= steps
+                if pattern.matches(channel):
+                    return True
+        return False

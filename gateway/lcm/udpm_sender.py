@@ -1,0 +1,99 @@
+"""Send LCM messages over UDP without blocking."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections import deque
+from typing import Final
+
+import structlog
+
+from gateway.lcm import udpm
+
+_log = structlog.get_logger("gateway.lcm")
+
+MAX_SENT_BYTES: Final = 1024 * 1024
+"""Bytes sent from the queue before the event loop continues; about 0.5 ms."""
+DRAIN_SECONDS: Final = 0.005
+"""Interval at which ``drain`` checks the queue."""
+
+
+class UdpmSender:
+    """Sends datagrams in order and queues those that the kernel does not accept yet."""
+
+    def __init__(self, sock: socket.socket, address: tuple[str, int], url: str, max_unsent: int) -> None:
+        """``max_unsent``: maximum bytes in the queue; a single message may be larger."""
+        self._socket = sock
+        self._address = address
+        self._url = url
+        self._max_unsent = max_unsent
+        self._queue: deque[list[bytes | memoryview]] = deque()
+        self._sequence = 0
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self.unsent_bytes = 0
+
+    def start(self) -> None:
+        """Use the running event loop for queued datagrams."""
+        self._loop = asyncio.get_running_loop()
+
+    def send(self, channel: str, message: bytes) -> None:
+        """Send a message, or queue it.
+
+        Raises:
+            OSError: there is no network, or too many bytes are queued.
+            ValueError: the channel name or the message is too long.
+        """
+        if self._queue and self.unsent_bytes + len(message) > self._max_unsent:
+            raise OSError(f"the network {self._url} accepts nothing: {self.unsent_bytes} bytes are queued")
+        datagrams = udpm.datagrams(channel, message, self._sequence)
+        self._sequence = (self._sequence + 1) & 0xFFFFFFFF
+        for datagram in datagrams:
+            if self._queue or not self._try_send(datagram):
+                self._enqueue(datagram)
+
+    async def drain(self, max_bytes: int) -> None:
+        """Wait until at most ``max_bytes`` are queued."""
+        while self.unsent_bytes > max_bytes:  # noqa: ASYNC110 - rare, and a few milliseconds long
+            await asyncio.sleep(DRAIN_SECONDS)
+
+    def close(self) -> None:
+        """Discard the queue and close the socket."""
+        if self._loop is not None:
+            self._loop.remove_writer(self._socket.fileno())
+            self._loop = None
+        self._queue.clear()
+        self.unsent_bytes = 0
+        self._socket.close()
+
+    def _try_send(self, datagram: list[bytes | memoryview]) -> bool:
+        """Send a datagram; return False if the kernel does not accept it yet."""
+        try:
+            self._socket.sendmsg(datagram, (), 0, self._address)
+        except (BlockingIOError, InterruptedError):
+            return False
+        return True
+
+    def _enqueue(self, datagram: list[bytes | memoryview]) -> None:
+        if self._loop is None:
+            raise OSError(f"the network {self._url} accepts nothing now")
+        if not self._queue:
+            self._loop.add_writer(self._socket.fileno(), self._writable)
+        self._queue.append(datagram)
+        self.unsent_bytes += sum(map(len, datagram))
+
+    def _writable(self) -> None:
+        sent = 0
+        while self._queue and sent < MAX_SENT_BYTES:
+            datagram = self._queue[0]
+            try:
+                if not self._try_send(datagram):
+                    return
+            except OSError as error:  # the network is gone; receivers discard a message without one of its parts
+                _log.warning("LCM could not send a message", reason=str(error))
+            self._queue.popleft()
+            size = sum(map(len, datagram))
+            self.unsent_bytes -= size
+            sent += size
+        if not self._queue and self._loop is not None:
+            self._loop.remove_writer(self._socket.fileno())

@@ -1,0 +1,121 @@
+"""Sockets of LCM's UDP multicast network: the URL, joining the group, and a self test of the route."""
+
+from __future__ import annotations
+
+import errno
+import os
+import select
+import socket
+import struct
+import time
+from dataclasses import dataclass
+from typing import Final
+from urllib.parse import parse_qsl, urlsplit
+
+import structlog
+
+from gateway.lcm import udpm
+from gateway.lcm.transport import LcmUnavailableError
+
+_log = structlog.get_logger("gateway.lcm")
+
+ADDRESS: Final = "239.255.76.67"
+PORT: Final = 7667
+"""liblcm's defaults."""
+ROUTE_HINT: Final = "there may be no route for multicast; on one machine 'ip route add 224.0.0.0/4 dev lo' adds one"
+SELF_TEST_CHANNEL: Final = b"LCM_SELF_TEST"
+"""The channel of liblcm's own self test."""
+SELF_TEST_SECONDS: Final = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class UdpmUrl:
+    """The parts of ``udpm://ADDRESS:PORT?ttl=N&recv_buf_size=N``."""
+
+    address: str
+    port: int
+    ttl: int
+    """Maximum number of routers that a datagram passes; 0: it stays on this machine."""
+    buffer_bytes: int
+    """Receive buffer requested in the URL; 0: none."""
+
+
+def parse_url(url: str) -> UdpmUrl:
+    """Parse a udpm URL, of which every part may be left out.
+
+    Raises:
+        LcmUnavailableError: names the part that is wrong.
+    """
+    parts = urlsplit(url)
+    try:
+        address, port = parts.hostname or ADDRESS, PORT if parts.port is None else parts.port
+    except ValueError:
+        raise LcmUnavailableError(f"LCM cannot join {url}: its port is not a number of 0 to 65535") from None
+    try:
+        multicast = 224 <= socket.inet_aton(address)[0] <= 239
+    except OSError:
+        multicast = False
+    if not multicast:
+        reason = f"{address} is no multicast address (224.0.0.0 to 239.255.255.255)"
+        raise LcmUnavailableError(f"LCM cannot join {url}: {reason}")
+    numbers = {"ttl": 0, "recv_buf_size": 0}
+    for name, text in parse_qsl(parts.query):
+        if name not in numbers:
+            _log.warning("LCM's URL has an unknown option", url=url, option=name)
+            continue
+        maximum = 255 if name == "ttl" else 2**31 - 1
+        if not (text.isdecimal() and int(text) <= maximum):
+            raise LcmUnavailableError(f"LCM cannot join {url}: {name} must be a number of 0 to {maximum}, not {text!r}")
+        numbers[name] = int(text)
+    return UdpmUrl(address, port, numbers["ttl"], numbers["recv_buf_size"])
+
+
+def receive_socket(url: str, network: UdpmUrl) -> socket.socket:
+    """Return a non-blocking socket that has joined the multicast group.
+
+    Raises:
+        LcmUnavailableError: the port is taken, or there is no route.
+    """
+    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        sock.setblocking(False)
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        sock.bind((network.address, network.port))
+        group = struct.pack("4s4s", socket.inet_aton(network.address), bytes(4))
+        sock.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, group)
+    except OSError as error:
+        sock.close()
+        taken = f"another program keeps port {network.port} for itself"
+        reason = {errno.EADDRINUSE: taken, errno.ENODEV: ROUTE_HINT}.get(error.errno or 0, str(error.strerror))
+        raise LcmUnavailableError(f"LCM cannot join {url}: {reason}") from None
+    return sock
+
+
+def send_socket(network: UdpmUrl) -> socket.socket:
+    """Return a non-blocking socket whose multicast datagrams reach this machine, too."""
+    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, network.ttl)
+    sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 1)
+    sock.setblocking(False)
+    return sock
+
+
+def check_route(url: str, network: UdpmUrl, receiver: socket.socket, sender: socket.socket) -> None:
+    """Send a datagram and wait for it to come back.
+
+    Raises:
+        LcmUnavailableError: it cannot be sent, or does not come back.
+    """
+    deadline = time.monotonic() + SELF_TEST_SECONDS
+    datagram = b"".join((udpm.SHORT, os.urandom(4), SELF_TEST_CHANNEL, b"\0lcm self test"))
+    while time.monotonic() < deadline:
+        try:
+            sender.sendto(datagram, (network.address, network.port))
+        except OSError:
+            raise LcmUnavailableError(f"LCM cannot join {url}: {ROUTE_HINT}") from None
+        while select.select([receiver], [], [], 0.1)[0]:
+            if receiver.recv(udpm.MAX_DATAGRAM_BYTES) == datagram:
+                return
+    raise LcmUnavailableError(
+        f"LCM cannot join {url}: what is sent there does not come back, a route or a firewall is in the way"
+    )

@@ -1,0 +1,247 @@
+"""Geometry and materials as bytes, without loss: MessagePack for the structure, large arrays and images as blobs.
+
+Values of MessagePack's own types (None, bool, int, float, bytes, valid UTF-8 text) stand for themselves. Every other
+value is a list that starts with a tag::
+
+    ["text", UTF-8 with surrogates]          ["tuple", values]            ["map", {name: value}]
+    ["value", class, {field: value}]         ["enum", class, value]       ["once", the bytes of a value]
+    ["array", dtype, shape, bytes]           ["blob", dtype, shape, sha256]
+    ["picture", name, maximum pixels, sha256]
+
+``once`` is for materials and meshes, which many parts share: equal bytes are decoded to one object.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import fields
+from enum import Enum
+from types import MappingProxyType
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.scene import geometry
+from gateway.scene.geometry import Part
+from gateway.scene.transforms import IDENTITY
+from renderers.drawlist import AlphaMode, Image, ImageError, Material, Mesh, Sampler, Texture, Wrap
+from renderers.encode import png_rgba
+from renderers.images import image_from_bytes
+
+INLINE_BYTES: Final = 256
+"""Maximum size of arrays inside the structure; a blob of its own costs as much."""
+CLASSES: Final[Mapping[str, type[Any]]] = MappingProxyType(
+    {
+        kind.__name__: kind
+        for kind in (
+            *(geometry.Box, geometry.Sphere, geometry.Ellipsoid, geometry.Cylinder, geometry.Capsule),
+            *(geometry.Surface, geometry.PointCloud, geometry.Triad, geometry.Line, Part),
+            *(Material, Mesh, Sampler, Texture),
+        )
+    }
+)
+_ENUMS: Final[Mapping[str, type[Enum]]] = MappingProxyType({kind.__name__: kind for kind in (AlphaMode, Wrap)})
+_FIELDS: Final[Mapping[type[Any], tuple[str, ...]]] = {
+    kind: kind.__struct_fields__ if issubclass(kind, msgspec.Struct) else tuple(field.name for field in fields(kind))
+    for kind in CLASSES.values()
+}
+_SIMPLE_SHAPES: Final = frozenset(
+    (geometry.Box, geometry.Sphere, geometry.Ellipsoid, geometry.Cylinder, geometry.Capsule)
+)
+"""Shapes of a few numbers, which clients send by the thousand."""
+_SHARED: Final = (Material, Mesh)
+_ARRAY_KINDS: Final = frozenset("fiub")
+"""Kinds of array elements: numbers and booleans, never objects."""
+_IDENTITY: Final = IDENTITY.tobytes()
+
+Blobs = dict[bytes, "bytes | memoryview"]
+"""Blobs by SHA-256."""
+_encoder: Final = msgspec.msgpack.Encoder()
+
+
+class DamagedError(ValueError):
+    """The bytes are not geometry as this module writes it."""
+
+
+def memo_key(parts: tuple[Part, ...]) -> Hashable:
+    """Return a key that is equal only for parts with equal bytes, while these parts and their materials exist.
+
+    Simple shapes are compared by value, so that 1000 equal boxes are encoded once. Numbers are compared as they are
+    stored: 1 and 1.0, 0.0 and -0.0 differ.
+    """
+    key = []
+    for part in parts:
+        if type(part.shape) not in _SIMPLE_SHAPES or part.X_node_part is not IDENTITY:
+            return id(parts)
+        key.append((type(part.shape), _encoder.encode(part.shape), id(part.material), part.kind, part.source))
+    return tuple(key)
+
+
+class PartEncoder:
+    """Encodes the parts of one transaction. They must exist as long as the encoder."""
+
+    def __init__(self) -> None:
+        self._encoded: dict[int, tuple[bytes, Blobs]] = {}
+        """Encoded materials and meshes by object id."""
+
+    def encode(self, parts: tuple[Part, ...]) -> tuple[bytes, Blobs]:
+        """Return the structure and its blobs. Arrays are not copied."""
+        blobs: Blobs = {}
+        return _encoder.encode([self._value(part, blobs) for part in parts]), blobs
+
+    def _value(self, value: Any, blobs: Blobs) -> Any:
+        kind = type(value)
+        if value is None or kind in (bool, int, float, bytes):
+            return value
+        if kind is str:
+            try:
+                value.encode()
+            except UnicodeEncodeError:
+                return ["text", value.encode("utf-8", "surrogatepass")]
+            return value
+        if kind in _SHARED:
+            return ["once", self._shared(value, blobs)]
+        if kind in _FIELDS:
+            return self._fields(value, blobs)
+        if isinstance(value, np.ndarray):
+            return self._array(value, blobs)
+        if isinstance(value, np.generic):
+            return value.item()
+        if isinstance(value, Enum):
+            return ["enum", kind.__name__, value.value]
+        if isinstance(value, tuple):
+            return ["tuple", [self._value(entry, blobs) for entry in value]]
+        if isinstance(value, Mapping):
+            return ["map", [[self._value(k, blobs), self._value(v, blobs)] for k, v in value.items()]]
+        if isinstance(value, Image):
+            return self._image(value, blobs)
+        raise TypeError(f"geometry with a {kind.__name__} cannot be stored")
+
+    def _fields(self, value: Any, blobs: Blobs) -> list[Any]:
+        kind = type(value)
+        return ["value", kind.__name__, {name: self._value(getattr(value, name), blobs) for name in _FIELDS[kind]}]
+
+    def _shared(self, value: Any, blobs: Blobs) -> bytes:
+        encoded = self._encoded.get(id(value))
+        if encoded is None:
+            own: Blobs = {}
+            encoded = self._encoded[id(value)] = _encoder.encode(self._fields(value, own)), own
+        blobs.update(encoded[1])
+        return encoded[0]
+
+    def _array(self, array: NDArray[Any], blobs: Blobs) -> list[Any]:
+        if array.dtype.kind not in _ARRAY_KINDS:
+            raise TypeError(f"an array of {array.dtype} cannot be stored")
+        dtype, shape = array.dtype.str, list(array.shape)
+        if array.nbytes <= INLINE_BYTES:
+            return ["array", dtype, shape, array.tobytes()]
+        data = np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
+        return ["blob", dtype, shape, _add_blob(blobs, data)]
+
+    def _image(self, image: Image, blobs: Blobs) -> list[Any]:
+        data, max_pixels = getattr(image.decode, "data", None), getattr(image.decode, "max_pixels", None)
+        if data is None or max_pixels is None:  # not from a file: store its pixels
+            pixels = image.decode()
+            data, max_pixels = png_rgba(pixels), max(1, pixels.shape[0] * pixels.shape[1])
+        return ["picture", None, max_pixels, _add_blob(blobs, data)]  # older files have a name in place of None
+
+
+def _add_blob(blobs: Blobs, data: bytes | memoryview) -> bytes:
+    digest = hashlib.sha256(data).digest()
+    blobs[digest] = data
+    return digest
+
+
+class PartDecoder:
+    """Decodes parts. Equal materials, meshes and arrays become one object."""
+
+    def __init__(self, blob: Callable[[bytes], bytes]) -> None:
+        """
+        Args:
+            blob: Returns the blob with a digest. Raises KeyError if there is none.
+        """
+        self._blob = blob
+        self._readers: dict[str, Callable[..., Any]] = {
+            "text": self._text,
+            "tuple": self._tuple,
+            "map": self._map,
+            "value": self._dataclass,
+            "enum": self._enum,
+            "once": self._decode_shared,
+            "array": self._inline_array,
+            "blob": self._blob_array,
+            "picture": self._image,
+        }
+        self._shared_values: dict[bytes, Any] = {}
+        self._arrays: dict[tuple[str, tuple[int, ...], bytes], NDArray[Any]] = {}
+
+    def decode(self, data: bytes) -> tuple[Part, ...]:
+        """Decode parts.
+
+        Raises:
+            DamagedError: The bytes are invalid, or a blob is missing or does not match its digest.
+        """
+        try:
+            return tuple(self._part(entry) for entry in msgspec.msgpack.decode(data, type=list[Any]))
+        except (msgspec.DecodeError, ImageError, KeyError, TypeError, ValueError, IndexError) as error:
+            raise DamagedError(f"geometry cannot be read: {type(error).__name__}: {error}") from error
+
+    def _part(self, entry: Any) -> Part:
+        part = self._value(entry)
+        if not isinstance(part, Part):
+            raise DamagedError("an entry is not a part")
+        return part
+
+    def _value(self, value: Any) -> Any:
+        if not isinstance(value, list):
+            return value
+        return self._readers[value[0]](*value[1:])
+
+    def _text(self, data: bytes) -> str:
+        return data.decode("utf-8", "surrogatepass")
+
+    def _tuple(self, values: list[Any]) -> tuple[Any, ...]:
+        return tuple(self._value(value) for value in values)
+
+    def _map(self, entries: list[list[Any]]) -> Mapping[Any, Any]:
+        return MappingProxyType({self._value(key): self._value(value) for key, value in entries})
+
+    def _dataclass(self, name: str, values: dict[str, Any]) -> Any:
+        return CLASSES[name](**{field: self._value(value) for field, value in values.items()})
+
+    def _enum(self, name: str, value: Any) -> Enum:
+        return _ENUMS[name](value)
+
+    def _decode_shared(self, data: bytes) -> Any:
+        value = self._shared_values.get(data)
+        if value is None:
+            value = self._shared_values[data] = self._value(msgspec.msgpack.decode(data))
+        return value
+
+    def _inline_array(self, dtype: str, shape: list[int], data: bytes) -> NDArray[Any]:
+        if dtype == "<f8" and data == _IDENTITY and shape == [4, 4]:
+            return IDENTITY
+        kind = np.dtype(dtype)
+        if kind.kind not in _ARRAY_KINDS or kind.itemsize * math.prod(shape) != len(data):
+            raise DamagedError(f"an array of {dtype} with the shape {shape} has {len(data)} bytes")
+        return np.ndarray(shape, kind, data)
+
+    def _blob_array(self, dtype: str, shape: list[int], digest: bytes) -> NDArray[Any]:
+        key = (dtype, tuple(shape), digest)
+        array = self._arrays.get(key)
+        if array is None:
+            array = self._arrays[key] = self._inline_array(dtype, shape, self._checked(digest))
+        return array
+
+    def _image(self, _: Any, max_pixels: int, digest: bytes) -> Image:
+        return image_from_bytes(self._checked(digest), max_pixels=max_pixels)
+
+    def _checked(self, digest: bytes) -> bytes:
+        data = self._blob(digest)
+        if hashlib.sha256(data).digest() != digest:
+            raise DamagedError("a blob does not match its digest")
+        return data

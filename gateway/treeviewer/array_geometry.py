@@ -1,0 +1,151 @@
+"""Shapes that consist of arrays: lines, meshes, point clouds and planar lidars."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.scene.crease_normals import smooth_mesh
+from gateway.scene.geometry import Line, PointCloud, Shape, Surface
+from gateway.treeviewer import fields
+from gateway.treeviewer.context import ReadContext
+from gateway.treeviewer.fields import CommandError, show
+from gateway.treeviewer.packed_arrays import ArrayError, PackedArray
+from renderers.drawlist import Mesh
+
+MAX_DISTANCE_F32: Final = np.float32(fields.MAX_DISTANCE)
+MAX_CHANNEL_COLUMNS: Final = 16
+
+Params = Mapping[str, Any]
+
+
+def line(params: Params, context: ReadContext) -> Shape | None:
+    """Return a polyline of (N, 3) points; None if fewer than two can be drawn."""
+    points = _drop_undrawable(_floats(params, "points", (3,), context.limits.points, context))[0]
+    radius = params.get("radius")
+    head_radius = fields.size(params, "head_radius", 0.05)
+    if len(points) < 2:
+        return None
+    return Line(
+        points,
+        0.01 if radius is None else fields.drawable(fields.number(radius, "radius"), "radius"),
+        bool(params.get("closed")),
+        bool(params.get("start_head")),
+        bool(params.get("end_head")),
+        head_radius,
+        fields.size(params, "head_length", head_radius),
+    )
+
+
+def mesh_data(params: Params, context: ReadContext) -> Shape | None:
+    """Return a triangle mesh without the faces that touch an undrawable vertex; None if no face is left."""
+    vertices = _floats(params, "vertices", (3,), context.limits.vertices, context)
+    if params.get("faces") is None:
+        raise CommandError("faces is missing")
+    try:
+        faces = context.arrays.indices(params["faces"], len(vertices), context.limits.faces)
+    except ArrayError as error:
+        raise CommandError(f"faces {error}") from None
+    drawable = _drawable_rows(vertices)
+    if drawable is not None:
+        faces = np.ascontiguousarray(faces[drawable[faces].all(axis=1)])
+        vertices[~drawable] = 0.0
+        context.warnings.append(f"{int((~drawable).sum())} vertices are not finite; their faces are not drawn")
+    if not len(faces):
+        return None
+    positions, elements, normals = smooth_mesh(vertices, faces)
+    return Surface(Mesh(positions, elements, normals))
+
+
+def pointcloud(params: Params, context: ReadContext) -> Shape:
+    """Return the drawable points with their channels."""
+    points = _floats(params, "points", (3,), context.limits.points, context)
+    return _cloud(points, params, context)
+
+
+def planar_lidar(params: Params, context: ReadContext) -> Shape:
+    """Return the points at angles ``angle_start + i * angle_step`` about z, in the plane z = 0."""
+    ranges = _floats(params, "ranges", (1,), context.limits.points, context).astype(np.float64)
+    start, step = _angle(params, "angle_start"), _angle(params, "angle_step")
+    angles = start + step * np.arange(len(ranges))
+    points = np.zeros((len(ranges), 3), np.float32)
+    with np.errstate(invalid="ignore", over="ignore"):
+        points[:, 0] = ranges * np.cos(angles)
+        points[:, 1] = ranges * np.sin(angles)
+    return _cloud(points, params, context)
+
+
+def _angle(params: Params, name: str) -> float:
+    if params.get(name) is None:
+        raise CommandError(f"{name} is missing")
+    return fields.drawable(fields.number(params[name], name), name)
+
+
+def _cloud(points: NDArray[np.float32], params: Params, context: ReadContext) -> PointCloud:
+    kept, drawable = _drop_undrawable(points)
+    channels = _channels(params.get("channels"), len(points), context)
+    if drawable is not None:
+        channels = {name: np.ascontiguousarray(values[drawable]) for name, values in channels.items()}
+    return PointCloud(kept, MappingProxyType(channels))
+
+
+def _channels(value: Any, count: int, context: ReadContext) -> dict[str, NDArray[np.float32]]:
+    """Return the channels of ``count`` points without those that do not fit (a C++ client sends ``"rgb": []``)."""
+    if not isinstance(value, dict):
+        if value not in (None, []):
+            context.warnings.append(f"channels is not an object but {show(value)}; it is ignored")
+        return {}
+    if len(value) > context.limits.channels:
+        raise CommandError(f"channels has {len(value)} entries, the limit is {context.limits.channels}")
+    channels: dict[str, NDArray[np.float32]] = {}
+    for name, values in value.items():
+        if values is None or (not isinstance(values, PackedArray) and values in ([], {})):
+            continue
+        if not isinstance(name, str):
+            context.warnings.append(f"channel {show(name)} has no text as its name; it is ignored")
+            continue
+        columns = (3, 4) if name == "rgb" else (1,) if name == "intensity" else tuple(range(1, MAX_CHANNEL_COLUMNS + 1))
+        try:
+            array = context.arrays.floats(values, columns, context.limits.points)
+        except ArrayError as error:
+            context.warnings.append(f"channel {show(name)} {error}; it is ignored")
+            continue
+        if len(array) != count:
+            context.warnings.append(f"channel {show(name)} has {len(array)} values for {count} points; it is ignored")
+            continue
+        if name in ("rgb", "intensity"):
+            if isinstance(values, PackedArray) and values.is_uint8:
+                array /= np.float32(255.0)
+            array[np.isnan(array)] = 0.0
+            np.clip(array, 0.0, 1.0, out=array)
+        channels[name] = array
+    return channels
+
+
+def _floats(
+    params: Params, name: str, columns: tuple[int, ...], max_rows: int, context: ReadContext
+) -> NDArray[np.float32]:
+    value = params.get(name)
+    if value is None:
+        raise CommandError(f"{name} is missing")
+    try:
+        return context.arrays.floats(value, columns, max_rows)
+    except ArrayError as error:
+        raise CommandError(f"{name} {error}") from None
+
+
+def _drop_undrawable(points: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.bool_] | None]:
+    """Return the drawable points, and the mask that selects them or None if all are drawable."""
+    drawable = _drawable_rows(points)
+    return (points, None) if drawable is None else (np.ascontiguousarray(points[drawable]), drawable)
+
+
+def _drawable_rows(points: NDArray[np.float32]) -> NDArray[np.bool_] | None:
+    """Return the mask, (N,), of rows that are finite and within ``MAX_DISTANCE``; None if all are."""
+    if not points.size or (points.max() <= MAX_DISTANCE_F32 and points.min() >= -MAX_DISTANCE_F32):
+        return None
+    return np.asarray((np.abs(points) <= MAX_DISTANCE_F32).all(axis=1))

@@ -1,0 +1,44 @@
+"""Materials of the tree viewer's geometry."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+from typing import Final
+
+from renderers.color import linear_from_srgb
+from renderers.drawlist import AlphaMode, Material
+
+Color = tuple[float, float, float, float]
+"""Red, green, blue (sRGB) and alpha from 0 to 1."""
+WHITE: Final[Color] = (1.0, 1.0, 1.0, 1.0)
+POINT_SIZE: Final = 2.0
+"""Diameter of points in pixels, as in Director."""
+
+
+@lru_cache(maxsize=4096)
+def material(rgba: Color) -> Material:
+    """Return Director's material: diffuse, double-sided."""
+    r, g, b, a = rgba
+    return Material(
+        base_color=(linear_from_srgb(r), linear_from_srgb(g), linear_from_srgb(b), a),
+        metallic=0.0,
+        roughness=1.0,
+        alpha_mode=AlphaMode.BLEND if a < 1.0 else AlphaMode.OPAQUE,
+        double_sided=True,
+        point_size=POINT_SIZE,
+    )
+
+
+def tinted(given: Material, rgba: Color) -> Material:
+    """Return a mesh file's material multiplied by the command's colour."""
+    if rgba == WHITE:
+        return given
+    r, g, b, a = rgba
+    base = given.base_color
+    alpha = base[3] * a
+    return replace(
+        given,
+        base_color=(base[0] * linear_from_srgb(r), base[1] * linear_from_srgb(g), base[2] * linear_from_srgb(b), alpha),
+        alpha_mode=AlphaMode.BLEND if a < 1.0 and given.alpha_mode is AlphaMode.OPAQUE else given.alpha_mode,
+    )

@@ -1,0 +1,111 @@
+"""Number arrays as bytes: extension type 1 of the MessagePack format (docs/tree-viewer-binary.md)."""
+
+from __future__ import annotations
+
+import math
+import struct
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+EXTENSION: Final = 1
+"""MessagePack's extension type of a number array."""
+DTYPES: Final = {
+    name: np.dtype(f"<{name}") for name in ("f2", "f4", "f8", "u1", "u2", "u4", "u8", "i1", "i2", "i4", "i8")
+}
+"""Kind (float, unsigned, integer) and size in bytes of one number, all little endian."""
+_HEADER: Final = struct.Struct("<2sBB")
+"""Type, number of dimensions, 0."""
+
+
+class ArrayError(ValueError):
+    """An array has the wrong shape or values; the message starts with a verb (``has 2 numbers in row 7, not 3``)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PackedArray:
+    """An array as received. Nothing is copied before its shape has been checked."""
+
+    values: NDArray[Any] | None
+    """A view of the message, possibly unaligned; None if there is a ``fault``."""
+    fault: str = ""
+
+    def floats(self, columns: tuple[int, ...], max_rows: int) -> NDArray[np.float32]:
+        """Return a copy, (N, columns) float32, or (N,) where ``columns`` is (1,).
+
+        Raises:
+            ArrayError: wrong shape, or too many rows.
+        """
+        values = self._checked(columns, max_rows)
+        with np.errstate(over="ignore", invalid="ignore"):
+            return values.astype(np.float32, order="C")
+
+    def indices(self, count: int, max_rows: int) -> NDArray[np.uint32]:
+        """Return a copy, (N, 3) uint32, of indices less than ``count``.
+
+        Raises:
+            ArrayError: wrong shape, values that are no such indices, or too many rows.
+        """
+        values = self._checked((3,), max_rows)
+        if values.dtype.kind == "f":
+            raise ArrayError("has floating-point numbers, not indices")
+        wrong = values >= count if values.dtype.kind == "u" else (values >= count) | (values < 0)
+        if wrong.any():
+            row, column = divmod(int(np.argmax(wrong)), 3)
+            raise ArrayError(f"has {values[row, column]} in row {row}, but there are {count} vertices")
+        return values.astype(np.uint32, order="C")
+
+    @property
+    def is_uint8(self) -> bool:
+        """True if the numbers are bytes, which as colours mean 0 to 255 instead of 0 to 1."""
+        return self.values is not None and self.values.dtype == np.uint8
+
+    def _checked(self, columns: tuple[int, ...], max_rows: int) -> NDArray[Any]:
+        values = self.values
+        if values is None:
+            raise ArrayError(self.fault)
+        if len(values) > max_rows:
+            raise ArrayError(f"has {len(values)} rows, the limit is {max_rows}")
+        width = values.shape[1] if values.ndim == 2 else 1
+        if width not in columns:
+            raise ArrayError(f"has {shape_text(values.ndim, width)}, not {columns_text(columns)}")
+        return values.reshape(-1) if width == 1 else values
+
+
+def shape_text(dimensions: int, width: int) -> str:
+    """Describe the rows of an array for an error message."""
+    return "numbers" if dimensions == 1 else f"rows of {width}"
+
+
+def columns_text(columns: tuple[int, ...]) -> str:
+    """Describe the allowed rows for an error message."""
+    return "numbers" if columns == (1,) else f"rows of {' or '.join(map(str, columns))} numbers"
+
+
+def unpack(payload: memoryview) -> PackedArray:
+    """Unpack an extension's payload; a fault is reported when the array is used."""
+    if len(payload) < _HEADER.size:
+        return PackedArray(None, f"has {len(payload)} bytes, less than an array's head")
+    name, dimensions, reserved = _HEADER.unpack_from(payload)
+    dtype = DTYPES.get(name.decode("ascii", "replace"))
+    if dtype is None:
+        return PackedArray(None, f"has numbers of type {name!r}, not of {', '.join(DTYPES)}")
+    if reserved != 0:
+        return PackedArray(None, f"has {reserved} in byte 3 of its head, which must be 0")
+    begin = _HEADER.size + 4 * dimensions
+    if dimensions not in (1, 2) or len(payload) < begin:
+        return PackedArray(None, f"has {dimensions} dimensions, 1 or 2 are possible")
+    shape = struct.unpack_from(f"<{dimensions}I", payload, _HEADER.size)
+    size = math.prod(shape) * dtype.itemsize
+    if size != len(payload) - begin:
+        return PackedArray(None, f"has {len(payload) - begin} bytes of numbers, its shape needs {size}")
+    return PackedArray(np.frombuffer(payload, dtype, offset=begin).reshape(shape))
+
+
+def pack(values: NDArray[Any]) -> bytes:
+    """Return the payload of an array of one or two dimensions, for tests and benchmarks."""
+    little = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
+    header = _HEADER.pack(values.dtype.str[1:].encode(), values.ndim, 0)
+    return b"".join((header, struct.pack(f"<{values.ndim}I", *values.shape), little.data if values.size else b""))

@@ -1,0 +1,118 @@
+"""Long number arrays taken out of the JSON text give the numbers that Python's json gives."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gateway.scene.geometry import Line
+from gateway.treeviewer import json_reader
+from gateway.treeviewer.config import Limits
+from gateway.treeviewer.json_reader import JsonReader
+from gateway.treeviewer.number_arrays import MIN_NUMBERS, NumberArrays
+from gateway.treeviewer.requests import Request, RequestError
+
+
+def read(request: Any) -> Request:
+    """Read a request after its long arrays were taken out, whatever its size."""
+    text = request if isinstance(request, str) else json.dumps(request)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(json_reader, "MIN_EXTRACT_BYTES", 0)
+        return JsonReader(Limits()).read(memoryview(text.encode()))
+
+
+NUMBERS = st.floats(width=64, allow_nan=True, allow_infinity=True) | st.integers(-(10**25), 10**25)
+
+
+@settings(deadline=None, max_examples=100)
+@given(st.lists(st.tuples(NUMBERS, NUMBERS, NUMBERS), min_size=90, max_size=200), st.sampled_from([None, 1, "\t"]))
+def test_extracted_arrays_equal_pythons_json(rows: list[tuple[float, float, float]], indent: Any) -> None:
+    data = {"setgeometry": [{"path": ["p"], "geometry": {"type": "line", "points": rows}}]}
+    shape = read(json.dumps(data, indent=indent)).geometries[0][1]
+    expected = np.array([[float(v) for v in row] for row in rows])
+    with np.errstate(over="ignore"):
+        single = expected.astype(np.float32)
+    keep = (np.abs(single) <= np.float32(1e15)).all(axis=1)
+    if keep.sum() < 2:
+        assert shape == ()
+        return
+    assert isinstance(shape[0].shape, Line)
+    np.testing.assert_array_max_ulp(shape[0].shape.points, single[keep], maxulp=1)
+
+
+@pytest.mark.parametrize(
+    ("number", "good"),
+    [
+        *(
+            (text, True)
+            for text in ("0", "-0", "0.5", "1e5", "1E+5", "1e-400", "12345678901234567890123", "NaN", "-Infinity")
+        ),
+        *(
+            (text, False)
+            for text in (
+                "01",
+                "-",
+                "+1",
+                ".5",
+                "1.",
+                "1e",
+                "1e+",
+                "--1",
+                "1-1",
+                "Nan",
+                "-NaN",
+                "Inf",
+                "1 2",
+                "e",
+                "[1]",
+            )
+        ),
+    ],
+)
+def test_number_grammar_of_extracted_arrays(number: str, good: bool) -> None:
+    text = (
+        '{"setgeometry": [{"path": ["p"], "geometry": {"type": "line", "points": ['
+        + "[1, 2, 3], " * 100
+        + f"[4, {number}, 6]"
+        + "]}}]}"
+    )
+    if not good:
+        try:
+            request = read(text)
+        except RequestError as error:
+            assert "not valid JSON" in str(error)
+        else:
+            assert "points has" in request.failures[0].reason
+        return
+    line = read(text).geometries[0][1][0].shape
+    assert isinstance(line, Line)
+    value = float(json.loads(number))
+    if abs(value) <= 1e15:
+        assert line.points[-1, 1] == np.float32(value)
+    else:
+        assert len(line.points) == 100
+
+
+def test_clients_cannot_forge_references() -> None:
+    rows = [[0.0, 1.0, 2.0]] * 100
+    for name in ("\x00:0", "\x00" + "0" * 24 + ":0"):
+        data = {
+            "setgeometry": [
+                {"path": [name], "geometry": {"type": "line", "points": rows}},
+                {"path": ["b"], "geometry": {"type": "line", "points": name}},
+            ]
+        }
+        request = read(data)
+        assert request.geometries[0][0] == (name,)
+        assert "points must be a list" in request.failures[0].reason
+
+
+@pytest.mark.parametrize(("count", "taken_out"), [(MIN_NUMBERS - 1, False), (MIN_NUMBERS, True)])
+def test_extracts_arrays_from_the_minimum_on(count: int, taken_out: bool) -> None:
+    text = json.dumps({"ranges": [1.5] * count}).encode()
+    assert (NumberArrays().extract(memoryview(text)) != text) is taken_out

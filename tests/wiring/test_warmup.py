@@ -1,0 +1,33 @@
+"""The kernels of all rooms as parts that children share among them."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+
+from gateway.wiring import warmup
+from renderers.compiler.jit import KERNELS
+
+
+def test_parts_are_taken_until_none_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    done: list[str] = []
+    monkeypatch.setattr(warmup, "PARTS", {name: lambda name=name: done.append(name) for name in "abc"})
+    monkeypatch.setattr(warmup.process_tuning, "pause_gc", lambda: None)  # it stops the garbage collector
+    monkeypatch.setattr("renderers.compiler.remembered.remember", lambda: None)  # it is for processes that end
+    numbers, told = os.pipe()
+    os.write(told, bytes((2, 0)))
+    os.close(told)
+    warmup.compile_parts(numbers)
+    os.close(numbers)
+    assert done == ["c", "a"]
+
+
+def test_every_kernel_is_in_one_part(monkeypatch: pytest.MonkeyPatch) -> None:
+    taken: list[object] = []
+    monkeypatch.setattr("renderers.compiler.jit.compile_kernel", taken.append)
+    for name, compile_part in warmup.PARTS.items():
+        if name not in ("stereo", "treeviewer"):
+            compile_part()
+    assert len(taken) == len(set(map(id, taken)))
+    assert set(map(id, taken)) == {id(k) for k in KERNELS if k.py_func.__module__.startswith("renderers.")}
