@@ -45,11 +45,11 @@ from renderers.interface import Look, Output, SampleCount
 from renderers.light_rig import STUDIO, Hemisphere, Rig, Surroundings
 from renderers.raster import CpuRenderer, warmup
 from renderers.stereo.exposure import Exposure
-from renderers.stereo.matching import match
+from renderers.stereo.matching import match_pair
 from renderers.stereo.model import DISPARITY_SCALE, MODELS
-from renderers.stereo.noise import Stream, frame_key
-from renderers.stereo.projector import dots_on
-from renderers.stereo.sensor import take
+from renderers.stereo.noise import NoiseStream, frame_key
+from renderers.stereo.projector import projected_dots
+from renderers.stereo.sensor import sensor_image
 from renderers.stereo.truth import DepthRange, true_disparity
 
 Picture = NDArray[np.uint8]
@@ -296,16 +296,18 @@ class Gallery:
         middle = model.camera(pose, offset=model.baseline / 2, divisor=divisor, near=0.05, far=100.0)
         with self._renderer.render(self._demo, middle, Output.DEPTH) as seen:
             assert seen.depth is not None
-            for stream, offset in ((Stream.LEFT, 0.0), (Stream.RIGHT, model.baseline)):
+            for stream, offset in ((NoiseStream.LEFT, 0.0), (NoiseStream.RIGHT, model.baseline)):
                 view = model.camera(pose, offset=offset, divisor=divisor, near=0.05, far=100.0)
                 with self._renderer.render(self._demo, view, wanted, Look("pbr")) as frame:
                     assert frame.color is not None
                     assert frame.depth is not None
-                    dots = dots_on(frame.depth, k.focal_length, k.cx, k.cy, offset - model.baseline / 2, seen.depth)
+                    dots = projected_dots(
+                        frame.depth, k.focal_length, k.cx, k.cy, offset - model.baseline / 2, seen.depth
+                    )
                     key = frame_key(1, 1, stream)
-                    images.append(take(frame.color, exposure, key, color=False, dots=dots, dot_light=1.5).image)
+                    images.append(sensor_image(frame.color, exposure, key, color=False, dots=dots, dot_light=1.5).image)
                     depths.append(frame.depth.copy())
-        matched = match(images[0], images[1], model.disparity_range(divisor, 0.5), exposure.sigma(128.0))
+        matched = match_pair(images[0], images[1], model.disparity_range(divisor, 0.5), exposure.sigma(128.0))
         ft = k.focal_length * model.baseline
         exact = true_disparity(depths[0], depths[1], ft, DepthRange(0.5, 100.0))
         most = float(np.percentile(exact[exact > 0], 99.5))

@@ -44,7 +44,7 @@ from bench import gltf_files
 from bench.posted import scene_of
 from bench.table import Row, at_least, geometric_mean, show
 from bench.turns import TURN, in_turns, timed
-from gateway.gltf import MeshCache, read_gltf, warm_up
+from gateway.gltf import GltfCache, read_gltf, warm_up
 from gateway.runtime.process_tuning import freeze_gc, tune
 
 RUNS = 4 * TURN
@@ -162,7 +162,7 @@ def ratio_of_firsts(ours: Iterable[Times], theirs: Iterable[Times]) -> float:
 
 def read_cold(data: bytes) -> object:
     """By ours, with nothing known."""
-    return read_gltf(data, cache=MeshCache())
+    return read_gltf(data, cache=GltfCache())
 
 
 def variants(data: bytes) -> tuple[list[bytes], list[bytes]]:
@@ -191,7 +191,7 @@ def of_requests() -> list[Row]:
         materials, nodes = variants(data)
         missing = b'"NORMAL"' not in data
         check_pictures(name, nodes[0])
-        known, moving = MeshCache(), MeshCache()
+        known, moving = GltfCache(), GltfCache()
         read_gltf(data, cache=known)
         for text in nodes[:3]:
             read_gltf(text, cache=moving)

@@ -26,12 +26,13 @@ from gateway.stereo import messages, server, wire
 from gateway.stereo.config import Rate, StereoConfig
 from gateway.stereo.events import EventHub
 from gateway.stereo.faults import FaultInjector
-from gateway.stereo.frame_clock import PoseSource, SceneSource
-from gateway.stereo.hub import Hub
-from gateway.stereo.messages import Taking
+from gateway.stereo.frame_scheduler import PoseSource, SceneSource
+from gateway.stereo.hub import Hub, Mailbox
+from gateway.stereo.messages import ImageMetadata
 from gateway.stereo.service import StereoService
 from renderers.drawlist import DrawList
 from renderers.interface import LookName
+from renderers.stereo.exposure import Exposure
 from renderers.stereo.model import MODELS
 
 PAYLOADS = {
@@ -43,27 +44,27 @@ PAYLOADS = {
 
 
 def payload(name: str) -> list[wire.Chunk]:
-    """The parts of a set of the facts' sizes (1.2, 3.1, 8.6 and 15 MB), noise as pictures."""
+    """Return the chunks of a set of 1.2, 3.1, 8.6 or 15 MB; its images are noise."""
     random = np.random.default_rng(0)
     model = MODELS["rc_visard 160-4"]
     full, k = model.intrinsics(), model.intrinsics(1 if name == "D" else 2)
-    taking = Taking(time.time_ns(), 0.005, 0.0, 1.0, 0.3, 0)
+    metadata = ImageMetadata(time.time_ns(), Exposure(), noise=0.3, brightness=0.5, lines=0)
     size = (full.height, full.width, 3) if name in "CD" else (full.height, full.width)
 
-    def picture(shape: tuple[int, ...], dtype: type) -> Any:
+    def noise(shape: tuple[int, ...], dtype: type) -> Any:
         return random.integers(0, 255, shape, dtype)
 
-    chunks: list[wire.Chunk] = [messages.timestamp_field(taking.timestamp)]
+    chunks: list[wire.Chunk] = [messages.timestamp_field(metadata.timestamp)]
     for number in (2,) if name == "A" else (2, 3):
-        chunks += wire.field(number, messages.image(picture(size, np.uint8), full, taking, 0.5))
+        chunks += wire.field(number, messages.image(noise(size, np.uint8), full, metadata))
     if name != "A":
-        d = messages.image(picture((k.height, k.width), np.uint16), k, taking, 0.5)
-        chunks += wire.field(4, messages.disparity(d, taking.timestamp, model.baseline))
+        d = messages.image(noise((k.height, k.width), np.uint16), k, metadata)
+        chunks += wire.field(4, messages.disparity(d, metadata.timestamp, model.baseline))
     if name in "CD":
         for number in (5, 6):
-            chunks += wire.field(number, messages.image(picture((k.height, k.width), np.uint8), k, taking, 0.5))
+            chunks += wire.field(number, messages.image(noise((k.height, k.width), np.uint8), k, metadata))
     if name == "D":
-        chunks += wire.field(7, messages.mesh((bytes(2_800_000),), taking.timestamp))
+        chunks += wire.field(7, messages.mesh((bytes(2_800_000),), metadata.timestamp))
     return chunks
 
 
@@ -83,7 +84,7 @@ async def shared(name: str, *, again: bool = False) -> tuple[int, Any]:
         while True:
             hub.changed.clear()
             # As a camera does, not faster than its clients take: a new set when all have the last.
-            if len(hub) and all(s.hungry for s in hub):
+            if len(hub) and not hub.kinds_in(Mailbox.FULL):
                 kinds = hub.kinds()
                 number += 1
                 data = ready if again else await asyncio.to_thread(wire.join, chunks)
@@ -170,7 +171,7 @@ def _demo() -> tuple[SceneSource, PoseSource, Any]:
     from gateway.scene.live import LiveTree
     from gateway.scene.mount import parse_mount_pose
     from gateway.settings import Settings
-    from gateway.wiring.demo import DemoRun
+    from gateway.wiring.demo import DemoService
 
     tree, flattener = LiveTree(), Flattener(LabelTable())
     pose = parse_mount_pose(Settings.model_fields["stereo_pose"].default)
@@ -179,7 +180,7 @@ def _demo() -> tuple[SceneSource, PoseSource, Any]:
         snapshot = tree.snapshot
         return flattener.flatten(snapshot), snapshot.revision
 
-    return scene, lambda: pose, asyncio.create_task(DemoRun(tree).run())
+    return scene, lambda: pose, asyncio.create_task(DemoService(tree).run())
 
 
 def watch_steps() -> dict[str, list[float]]:

@@ -1,4 +1,4 @@
-"""The pinhole camera: intrinsics in pixels, pose of the optical frame in the world."""
+"""Pinhole camera: intrinsics in pixels, pose of the optical frame in the world."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Camera:
     """A pinhole camera with arbitrary principal point and fx != fy.
 
     Pixel (i, j) (column, row; (0, 0) is top-left) is sampled along the ray
-    ``((i + 0.5 - cx) / fx, (j + 0.5 - cy) / fy, 1)`` of the optical frame, as Drake and rc_visard both do.
+    ``((i + 0.5 - cx) / fx, (j + 0.5 - cy) / fy, 1)`` of the optical frame, as in Drake and rc_visard.
     """
 
     width: int
@@ -55,5 +55,5 @@ class Camera:
 
     @property
     def X_camera_world(self) -> NDArray[np.float64]:
-        """(4, 4) float64: the inverse pose, world to optical frame."""
+        """(4, 4) float64: world to optical frame, the inverse pose."""
         return np.linalg.inv(self.X_world_camera).astype(np.float64, copy=False)

@@ -1,12 +1,11 @@
-"""Fast approximate anti-aliasing of finished pictures (T. Lottes, "FXAA", NVIDIA white paper, 2009).
+"""Fast approximate anti-aliasing of rendered images (T. Lottes, "FXAA", NVIDIA white paper, 2009).
 
-With the parameters and the end-of-edge rule of VTK, which Drake's RenderEngineVtk has on: pictures made for Drake's
-users are then as near to its own as they can be. It looks at colours only; depth and labels are never filtered.
+Parameters and end-of-edge rule are those of VTK, because Drake's RenderEngineVtk has its FXAA enabled. Only colours are
+filtered, never depth or labels.
 """
 
 from __future__ import annotations
 
-import threading
 from typing import Final
 
 import numpy as np
@@ -20,52 +19,38 @@ from renderers.compiler.pointers import address_of, f32_at, u8_at
 from renderers.stop import current_stop
 
 HARD_CONTRAST: Final = np.float32(255.0 / 16.0)
-"""Luma range (of 255) of a pixel and its four neighbours below which nothing is done ..."""
+"""Minimum luma range (of 255) among a pixel and its four neighbours for smoothing."""
 RELATIVE_CONTRAST: Final = np.float32(1.0 / 8.0)
-"""... or below this part of the brightest of them."""
+"""Minimum luma range relative to the brightest of them."""
 SUBPIXEL_CONTRAST: Final = np.float32(1.0 / 4.0)
-"""A pixel that differs from its neighbours' mean by less than this part of their range is no lone spot."""
+"""Minimum difference of a single-pixel spot from its neighbours' mean, relative to their range."""
 SUBPIXEL_BLEND: Final = np.float32(3.0 / 4.0)
-"""How much of a lone spot its surroundings replace at most."""
+"""Maximum share of its surroundings in a single-pixel spot."""
 SEARCH: Final = 12
-"""Pixels along an edge, either way, in which its ends are looked for."""
-
-
-_KEPT_PIXELS: Final = 1920 * 1080
-"""Working memory for pictures up to this size (7 bytes a pixel) stays with its thread: fresh pages take as long as the
-filter."""
-_scratch = threading.local()
+"""Maximum distance of the search for the ends of an edge, pixels in either direction."""
 
 
 def fxaa(color: NDArray[np.uint8]) -> None:
-    """Smooths the edges of a picture in place.
+    """Smooth the edges of an image in place.
 
     Args:
-        color: (H, W, 3) uint8, C-contiguous, as it is shown (gamma-encoded).
+        color: (H, W, 3) uint8, C-contiguous, display-encoded.
 
     Raises:
-        Exception: the current ``StopFlag`` was set; the picture is half smoothed.
+        Exception: the current ``StopFlag`` was set; the image is partly smoothed.
     """
     wait_until_compiled("antialiasing")
-    height, width = color.shape[:2]
-    pixels = height * width
-    kept: tuple[NDArray[np.uint8], NDArray[np.float32]] | None = getattr(_scratch, "arrays", None)
-    if kept is None or kept[1].size < pixels:
-        kept = np.empty(3 * pixels, np.uint8), np.empty(pixels, np.float32)
-        if pixels <= _KEPT_PIXELS:
-            _scratch.arrays = kept
-    source = kept[0][: 3 * pixels].reshape(height, width, 3)
-    luma = kept[1][:pixels].reshape(height, width)
-    places = address_of(source, np.uint8), address_of(luma, np.float32), address_of(color, np.uint8)
+    source = np.empty_like(color)
+    luma = np.empty(color.shape[:2], np.float32)
     stop = current_stop()
-    _smooth(source, luma, *places, stop.address)
+    addresses = address_of(source, np.uint8), address_of(luma, np.float32), address_of(color, np.uint8)
+    _smooth(source, luma, *addresses, stop.address)
     stop.check()
 
 
 @kernel("void(uint8[:,:,::1], float32[:,::1], int64, int64, int64, int64)")
 def _smooth(source, luma, source_at, luma_at, out_at, stop_at):
-    """``out`` is the picture, the arrays are scratch; the addresses are theirs, that of ``out`` and of a ``StopFlag``,
-    which is looked at once a row: where every pixel is an edge, 16 million take more than a second."""
+    """Smooth the image at ``out_at``; ``source`` and ``luma`` are working memory. Checks the stop flag once a row."""
     height, width = luma.shape
     values, lumas = source.reshape(height * width * 3), luma.reshape(height * width)
     pixels, levels, out = u8_at(source_at), f32_at(luma_at), u8_at(out_at)
@@ -77,14 +62,14 @@ def _smooth(source, luma, source_at, luma_at, out_at, stop_at):
             + np.float32(0.587) * values[3 * i + 1]
             + np.float32(0.114) * values[3 * i + 2]
         )
-    hot = np.ones(width, np.uint8)  # the first and the last column are always looked at closely
+    contrasts = np.ones(width, np.uint8)  # first and last column: always
     for y in range(height):
         if is_set(stop_at):
             break
         north, south = min(y + 1, height - 1), max(y - 1, 0)
-        _find_edges(luma[y], luma[north], luma[south], hot)
+        _find_edges(luma[y], luma[north], luma[south], contrasts)
         for x in range(width):
-            if hot[x]:
+            if contrasts[x]:
                 west, east = max(x - 1, 0), min(x + 1, width - 1)
                 c, n, s, w, e = luma[y, x], luma[north, x], luma[south, x], luma[y, west], luma[y, east]
                 brightest = max(max(max(n, s), max(w, e)), c)
@@ -94,33 +79,34 @@ def _smooth(source, luma, source_at, luma_at, out_at, stop_at):
 
 
 @inner
-def _find_edges(row, north, south, hot):
-    """Which inner pixels of a row have contrast: all from slices with the same index, so that it is compiled to vector
-    instructions; the pictures are mostly flat, and this is most of the work."""
-    inner = len(row) - 2
-    cs, ns, ss, ws, es, hots = row[1:-1], north[1:-1], south[1:-1], row[:-2], row[2:], hot[1:-1]
-    for x in range(inner):
+def _find_edges(row, north, south, contrasts):
+    """Mark the inner pixels of a row that have contrast.
+
+    Most of the time is spent here, because images are mostly flat. Slices with a common index let LLVM vectorise it.
+    """
+    cs, ns, ss, ws, es, marks = row[1:-1], north[1:-1], south[1:-1], row[:-2], row[2:], contrasts[1:-1]
+    for x in range(len(row) - 2):
         c, n, s, w, e = cs[x], ns[x], ss[x], ws[x], es[x]
         brightest = max(max(max(n, s), max(w, e)), c)
         contrast = brightest - min(min(min(n, s), min(w, e)), c)
-        hots[x] = np.uint8(contrast >= max(HARD_CONTRAST, RELATIVE_CONTRAST * brightest))
+        marks[x] = np.uint8(contrast >= max(HARD_CONTRAST, RELATIVE_CONTRAST * brightest))
 
 
 @inner
 def _smooth_pixel(pixels, luma, out, x, y, width, height, contrast):
-    """By pointers: array arguments would cost reference counts and range checks for every pixel."""
+    """Smooth one pixel. Takes pointers, because arrays would cost reference counts and range checks for every pixel."""
     # OpenGL's rows go upwards, which decides between neighbours of equal contrast: "north" is the row below.
     here = y * width
     north, south = min(y + 1, height - 1) * width, max(y - 1, 0) * width
     west, east = max(x - 1, 0), min(x + 1, width - 1)
     c, n, s, w, e = luma[here + x], luma[north + x], luma[south + x], luma[here + west], luma[here + east]
     nw, ne, sw, se = luma[north + west], luma[north + east], luma[south + west], luma[south + east]
-    # Second differences across rows and columns, the middle one counting twice: which way does the edge run?
+    # The direction of the edge, from second differences across rows and columns with the middle one counting twice.
     two = np.float32(2.0)
     across_columns = abs(nw + ne - two * n) + two * abs(w + e - two * c) + abs(sw + se - two * s)
     across_rows = abs(nw + sw - two * w) + two * abs(n + s - two * c) + abs(ne + se - two * e)
     horizontal = across_rows >= across_columns
-    # The pixel over the edge: the neighbour of highest contrast perpendicular to it.
+    # The pixel beyond the edge: the neighbour of highest contrast perpendicular to it.
     first, second = (n, s) if horizontal else (w, e)
     if abs(c - first) >= abs(c - second):
         over = first
@@ -128,7 +114,7 @@ def _smooth_pixel(pixels, luma, out, x, y, width, height, contrast):
     else:
         over = second
         beyond = south + x if horizontal else here + east
-    # Along the edge: pixels before and behind this one, and how far apart they lie in memory.
+    # Along the edge: the number of pixels on either side of this one, and their stride.
     before, behind, step = (x, width - 1 - x, 1) if horizontal else (y, height - 1 - y, width)
     back, luma_back = _edge_end(luma, here + x, beyond, -step, before, c, over)
     ahead, luma_ahead = _edge_end(luma, here + x, beyond, step, behind, c, over)
@@ -141,7 +127,7 @@ def _smooth_pixel(pixels, luma, out, x, y, width, height, contrast):
     shift = np.float32(0.0)
     if abs(end - over) < abs(end - c):
         shift = np.float32(0.5) - np.float32(min(back, ahead)) / np.float32(back + ahead)
-    # A lone spot is blended with its surroundings.
+    # A single-pixel spot is blended with its surroundings.
     mean = np.float32(0.25) * (n + s + w + e)
     spot = abs(mean - c) / contrast - SUBPIXEL_CONTRAST
     blend = min(SUBPIXEL_BLEND, max(np.float32(0.0), spot / (np.float32(1.0) - SUBPIXEL_CONTRAST)))
@@ -164,10 +150,10 @@ def _smooth_pixel(pixels, luma, out, x, y, width, height, contrast):
 
 @inner
 def _edge_end(luma, own, other, step, left, c, over):
-    """Walks along both sides of an edge until a pixel is more like the other side; VTK's rule, which sees the ends of
-    lines one pixel wide, too. Returns the distance in pixels and the luma at the end on the pixel's own side.
+    """Return the distance of the edge's end in pixels and the luma there on the pixel's own side.
 
-    Beyond the picture's border, ``left`` pixels away, its last pixel goes on.
+    VTK's rule: the edge ends where a pixel on one side is more like the other side, which also finds the ends of lines
+    one pixel wide. Beyond the image border, ``left`` pixels away, the last pixel continues.
     """
     distance, here = 1, c
     for _ in range(SEARCH):

@@ -1,7 +1,7 @@
-"""Meshes of the simple solids, in unit size: scale them by the instance's transform so that all share one mesh.
+"""Unit meshes of box, sphere, capsule, cylinder and cone. Instances share a mesh and scale it by their transform.
 
-Every solid is closed, wound counter-clockwise seen from outside, and has unit outward normals: smooth on curved faces,
-flat on plane ones. Curved solids are inscribed: vertices lie exactly on the ideal surface, faces inside it.
+Every mesh is closed, wound counter-clockwise seen from outside, and has unit outward normals: smooth on curved faces,
+flat on plane ones. Vertices of curved solids lie exactly on the ideal surface, faces inside it.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Triangles = NDArray[np.int64]
 
 
 def frozen_mesh(positions: Vertices, triangles: Triangles, normals: Vertices) -> Mesh:
-    """A mesh that nobody can write to, since all share it."""
+    """Return a mesh with read-only arrays."""
     arrays = (
         np.ascontiguousarray(positions, dtype=np.float32),
         np.ascontiguousarray(triangles, dtype=np.uint32),
@@ -39,7 +39,7 @@ def frozen_mesh(positions: Vertices, triangles: Triangles, normals: Vertices) ->
 
 
 def circle(segments: int) -> Vertices:
-    """(segments, 2) float64: points of the unit circle, counter-clockwise from +x; exact on the axes."""
+    """Return points of the unit circle, (segments, 2) float64, counter-clockwise from +x, exact on the axes."""
     angle = np.arange(segments) * (2.0 * math.pi / segments)
     points = np.stack((np.cos(angle), np.sin(angle)), axis=1)
     points[np.abs(points) < 1e-15] = 0.0
@@ -47,11 +47,12 @@ def circle(segments: int) -> Vertices:
 
 
 def band(lower: NDArray[np.integer], upper: NDArray[np.integer]) -> Triangles:
-    """Triangles between two closed rings of equally many vertices, counter-clockwise seen from outside.
+    """Return the triangles between two closed rings with the same number of vertices, counter-clockwise from outside.
 
     Args:
         lower: (n,) vertex indices, counter-clockwise seen from above.
-        upper: (n,) the ring above it.
+        upper: (n,) vertex indices of the ring above.
+
     Returns:
         (2 n, 3) int64.
     """
@@ -61,7 +62,7 @@ def band(lower: NDArray[np.integer], upper: NDArray[np.integer]) -> Triangles:
 
 
 def fan(centre: int, ring: NDArray[np.integer], *, up: bool) -> Triangles:
-    """(n, 3) int64: triangles from ``centre`` to a closed ring; ``up``: the front looks along +z."""
+    """Return the triangles from ``centre`` to a closed ring, (n, 3) int64; ``up``: front faces point along +z."""
     following = np.roll(ring, -1)
     pair = (ring, following) if up else (following, ring)
     return np.stack((np.full(len(ring), centre), *pair), axis=1).astype(np.int64)
@@ -69,7 +70,7 @@ def fan(centre: int, ring: NDArray[np.integer], *, up: bool) -> Triangles:
 
 @lru_cache(maxsize=1)
 def box() -> Mesh:
-    """A cube of side 1 around the origin: 24 vertices, 12 triangles, flat normals."""
+    """Return a cube of side 1 around the origin: 24 vertices, 12 triangles, flat normals."""
     positions: list[Vertices] = []
     normals: list[Vertices] = []
     triangles: list[tuple[int, ...]] = []
@@ -87,17 +88,14 @@ def box() -> Mesh:
 
 @lru_cache(maxsize=16)
 def sphere(segments: int = SEGMENTS, rings: int = RINGS) -> Mesh:
-    """The unit sphere, poles on the z axis."""
+    """Return the unit sphere, poles on the z axis."""
     positions, triangles = _ball(segments, rings, 0.0)
     return frozen_mesh(positions, triangles, positions)
 
 
 @lru_cache(maxsize=256)
 def capsule(aspect: float) -> Mesh:
-    """A cylinder of radius 1 and length ``aspect`` along z with a hemisphere at each end.
-
-    The cache is bounded because every aspect is a mesh of its own (about 60 kB).
-    """
+    """Return a cylinder of radius 1 and length ``aspect`` along z with a hemisphere at each end (about 60 kB)."""
     positions, triangles = _ball(SEGMENTS, RINGS, 0.5 * aspect)
     normals = positions.copy()
     normals[:, 2] -= np.copysign(0.5 * aspect, positions[:, 2])
@@ -105,7 +103,7 @@ def capsule(aspect: float) -> Mesh:
 
 
 def _ball(segments: int, rings: int, half_length: float) -> tuple[Vertices, Triangles]:
-    """The unit sphere; with ``half_length`` its halves (``rings`` is even) are moved apart along z."""
+    """Return the unit sphere; its halves are moved apart by ``half_length`` along z each (``rings`` is even)."""
     around = circle(segments)
     polar = np.arange(1, rings) * (math.pi / rings)
     if half_length:
@@ -129,7 +127,7 @@ def _ball(segments: int, rings: int, half_length: float) -> tuple[Vertices, Tria
 
 @lru_cache(maxsize=16)
 def cylinder(segments: int = SEGMENTS) -> Mesh:
-    """Radius 1, length 1, along z, around the origin, capped."""
+    """Return a capped cylinder of radius 1 and length 1 along z around the origin."""
     around = circle(segments)
     sides = np.zeros((segments, 3))
     sides[:, :2] = around
@@ -151,14 +149,14 @@ def cylinder(segments: int = SEGMENTS) -> Mesh:
 
 @lru_cache(maxsize=16)
 def cone(segments: int = CONE_SEGMENTS) -> Mesh:
-    """Tip at the origin, pointing along +z, closed base of radius 1 at z = -1."""
+    """Return a cone with its tip at the origin, pointing along +z, and a closed base of radius 1 at z = -1."""
     around = circle(segments)
     base = np.zeros((segments, 3))
     base[:, :2], base[:, 2] = around, -1.0
     slope = np.zeros((segments, 3))
     slope[:, :2], slope[:, 2] = around, 1.0
     slope *= math.sqrt(0.5)
-    # The tip has one vertex per side, each with the normal of its side's middle, or shading would have a star there.
+    # The tip has one vertex per side, with the normal of the side's middle: a shared one would shade as a star.
     tips = slope + np.roll(slope, -1, axis=0)
     tips /= np.linalg.norm(tips, axis=1, keepdims=True)
     positions = np.concatenate((base, np.zeros((segments, 3)), base, [(0.0, 0.0, -1.0)]))

@@ -1,4 +1,4 @@
-"""A tube along a polyline as one mesh: mitred at gentle bends, with a ball at sharp ones, capped at the ends."""
+"""Tube mesh along a polyline: mitre joints at gentle bends, balls at sharp ones, capped at the ends."""
 
 from __future__ import annotations
 
@@ -12,23 +12,25 @@ from renderers.drawlist import Mesh
 from renderers.primitives import Triangles, Vertices, circle, fan, frozen_mesh, sphere
 
 TUBE_SIDES: Final = 24
-"""As Director's tube filter."""
+"""Sides of a tube, as in Director's tube filter."""
 VERTEX_BUDGET: Final = 400_000
-"""Long lines get fewer sides, so that the rings of a tube stay within this many vertices (about 10 MB)."""
+"""Maximum number of ring vertices of a tube (about 10 MB); long lines get fewer sides."""
 MIN_SIDES: Final = 6
+"""Minimum number of sides; longer lines have no tube."""
 SMOOTH_COSINE: Final = 0.9
-"""A joint is shaded as one smooth surface while the cosine of its bend is above this (26 degrees)."""
+"""Minimum cosine of the bend of a joint with smooth normals (26 degrees)."""
 MITRE_COSINE: Final = -0.1
-"""A joint is mitred while the cosine of its bend is above this (96 degrees), where the mitre sticks out by at most
-1 / cos(48 deg) = 1.49 radii; beyond, each side ends square and a ball fills the joint."""
+"""Minimum cosine of the bend of a mitre joint (96 degrees, where the mitre extends to 1 / cos(48 deg) = 1.49 radii). At
+sharper bends each side ends square and a ball fills the joint."""
 
 
 def clean_polyline(points: NDArray[np.floating], limit: float, *, closed: bool) -> NDArray[np.float64]:
-    """(N, 3) float64: without points beyond ``limit`` (or non-finite) and without repeats of the point before."""
+    """Return the points, (N, 3) float64, without those beyond ``limit`` or non-finite and without consecutive
+    duplicates."""
     kept = np.asarray(points, dtype=np.float64)
     kept = kept[(np.abs(kept) < limit).all(axis=1)]
     if len(kept) > 1:
-        # A step below float32's resolution of the coordinates has no direction worth drawing.
+        # A step below float32's resolution of the coordinates has no usable direction.
         tiny = 1e-7 * max(float(np.abs(kept).max()), 1e-5)
         distinct = np.ones(len(kept), dtype=np.bool_)
         distinct[1:] = np.abs(np.diff(kept, axis=0)).max(axis=1) > tiny
@@ -39,15 +41,16 @@ def clean_polyline(points: NDArray[np.floating], limit: float, *, closed: bool) 
 
 
 def tube(points: NDArray[np.float64], radius: float, *, closed: bool = False) -> Mesh | None:
-    """The surface of a tube, outward normals, wound counter-clockwise from outside.
+    """Return the surface of a tube with outward normals, wound counter-clockwise from outside.
 
     Args:
         points: (N, 3) float64, a ``clean_polyline``.
         radius: metres, > 0.
-        closed: joins the last point to the first.
+        closed: join the last point to the first.
+
     Returns:
-        None when there is nothing to draw (fewer than two points) or when the line is so long that even a tube of
-        ``MIN_SIDES`` would exceed ``VERTEX_BUDGET``: draw a hairline then.
+        None for fewer than two points, and for lines so long that a tube of ``MIN_SIDES`` would exceed
+        ``VERTEX_BUDGET``.
     """
     count = len(points)
     closed = closed and count > 2
@@ -67,59 +70,61 @@ def tube(points: NDArray[np.float64], radius: float, *, closed: bool = False) ->
     across = np.cross(directions, frames)
     offsets = around[None, :, :1] * frames[:, None, :] + around[None, :, 1:] * across[:, None, :]
 
-    # One ring at the start of every segment, which a smooth joint shares with the segment before it, and one at the end
-    # of every segment whose end is not smooth.
+    # Every segment has a ring at its start, which a smooth joint shares with the previous segment. Segments whose end
+    # is not smooth have another ring there.
     bisectors = np.where(mitred[:, None], before + directions, directions)
     bisectors /= np.linalg.norm(bisectors, axis=1, keepdims=True)
     parted = np.flatnonzero(~np.roll(smooth, -1))
     following = (parted + 1) % len(directions)
     planes = np.where(mitred[following][:, None], bisectors[following], directions[parted])
-    starts = _slid(offsets, directions, bisectors)
+    starts = _projected_along(offsets, directions, bisectors)
     rings = points[: len(directions), None, :] + radius * starts
-    ends = points[(parted + 1) % count, None, :] + radius * _slid(offsets[parted], directions[parted], planes)
-    # Two neighbours' offsets are mirror images in the mitre plane: their mean is the part within the plane.
-    normals = np.where(smooth[:, None, None], _within(offsets, bisectors), offsets)
+    ends = points[(parted + 1) % count, None, :] + radius * _projected_along(
+        offsets[parted], directions[parted], planes
+    )
+    # The offsets of two neighbours are mirror images in the mitre plane, so their mean is the part within the plane.
+    normals = np.where(smooth[:, None, None], _unit_within(offsets, bisectors), offsets)
 
     index = np.arange((len(rings) + len(ends)) * sides).reshape(-1, sides)
     upper = np.roll(index[: len(directions)], -1, axis=0)
     if smooth[0]:
         upper[-1] = np.roll(upper[-1], -_closing_shift(directions, frames, sides))
     upper[parted] = index[len(directions) :]
-    pieces = _Pieces()
-    pieces.add(
+    builder = _MeshBuilder()
+    builder.add(
         np.concatenate((rings, ends)).reshape(-1, 3),
         np.concatenate((normals, offsets[parted])).reshape(-1, 3),
         _bands(index[: len(directions)], upper),
     )
     if not closed:
-        pieces.add(*_cap(rings[0], points[0], -directions[0], up=False))
-        pieces.add(*_cap(ends[-1], points[-1], directions[-1], up=True))
+        builder.add(*_cap(rings[0], points[0], -directions[0], up=False))
+        builder.add(*_cap(ends[-1], points[-1], directions[-1], up=True))
     sharp = np.flatnonzero(~mitred)
-    _add_balls(pieces, points[sharp if closed else sharp[1:]], radius)
-    return pieces.mesh()
+    _add_balls(builder, points[sharp if closed else sharp[1:]], radius)
+    return builder.mesh()
 
 
-def _slid(
+def _projected_along(
     offsets: NDArray[np.float64], directions: NDArray[np.float64], planes: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(S, sides, 3): the offsets moved along their segments into the planes with these normals."""
+    """Return the offsets moved along their segments into the planes with these normals, (S, sides, 3)."""
     distance = np.einsum("skc,sc->sk", offsets, planes) / np.einsum("sc,sc->s", directions, planes)[:, None]
-    slid: NDArray[np.float64] = offsets - distance[:, :, None] * directions[:, None, :]
-    return slid
+    moved: NDArray[np.float64] = offsets - distance[:, :, None] * directions[:, None, :]
+    return moved
 
 
-def _within(offsets: NDArray[np.float64], planes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(S, sides, 3): unit vectors along the offsets' projections into the planes with these normals."""
+def _unit_within(offsets: NDArray[np.float64], planes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return unit vectors along the offsets' projections into the planes with these normals, (S, sides, 3)."""
     projected = offsets - np.einsum("skc,sc->sk", offsets, planes)[:, :, None] * planes[:, None, :]
     normalized: NDArray[np.float64] = projected / np.linalg.norm(projected, axis=2, keepdims=True)
     return normalized
 
 
 def _transported_frames(directions: NDArray[np.float64], mitred: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """(S, 3): a unit vector across each segment, carried over mitred joints by the smallest rotation.
+    """Return a unit vector across each segment, (S, 3), transported over mitre joints by the smallest rotation.
 
-    With this rotation the rings of two neighbours, each slid along its segment onto the mitre plane, coincide.
-    Plain floats: numpy would pay a microsecond per operation on three numbers.
+    With this rotation the rings of two neighbours coincide on the mitre plane. Plain floats, because NumPy takes a
+    microsecond per operation on three numbers.
     """
     out: list[tuple[float, float, float]] = []
     ux = uy = uz = px = py = pz = 0.0
@@ -141,9 +146,9 @@ def _transported_frames(directions: NDArray[np.float64], mitred: NDArray[np.bool
 
 
 def _closing_shift(directions: NDArray[np.float64], frames: NDArray[np.float64], sides: int) -> int:
-    """By how many sides the frame carried once around a closed line is turned against the first one.
+    """Return the rotation, in sides, of the frame transported once around a closed line against the first frame.
 
-    Less than half a side of twist is left; the last segment takes it.
+    The remaining twist is less than half a side, in the last segment.
     """
     last, first, u = directions[-1], directions[0], frames[-1]
     carried = u - (u @ first) / (1.0 + last @ first) * (last + first)
@@ -152,7 +157,7 @@ def _closing_shift(directions: NDArray[np.float64], frames: NDArray[np.float64],
 
 
 def _bands(lower: NDArray[np.int64], upper: NDArray[np.int64]) -> Triangles:
-    """(S * sides * 2, 3): ``primitives.band`` for many pairs of rings (S, sides) at once."""
+    """Return ``primitives.band`` of many pairs of rings (S, sides) at once, (S * sides * 2, 3)."""
     next_lower, next_upper = np.roll(lower, -1, axis=1), np.roll(upper, -1, axis=1)
     return np.stack((lower, next_lower, next_upper, lower, next_upper, upper), axis=2).reshape(-1, 3)
 
@@ -164,19 +169,19 @@ def _cap(
     return positions, np.tile(normal, (len(positions), 1)), fan(len(ring), np.arange(len(ring)), up=up)
 
 
-def _add_balls(pieces: _Pieces, centres: NDArray[np.float64], radius: float) -> None:
-    """Balls at sharp joints, coarser the more there are."""
+def _add_balls(builder: _MeshBuilder, centres: NDArray[np.float64], radius: float) -> None:
+    """Add balls at sharp joints, coarser if there are many."""
     if not len(centres):
         return
     ball = sphere(TUBE_SIDES, 12) if len(centres) <= 256 else sphere(12, 6) if len(centres) <= 4096 else sphere(8, 4)
     unit = ball.positions.astype(np.float64)
     positions = (centres[:, None, :] + radius * unit).reshape(-1, 3)
     first = np.arange(len(centres), dtype=np.int64)[:, None, None] * len(unit)
-    pieces.add(positions, np.tile(unit, (len(centres), 1)), (ball.elements[None] + first).reshape(-1, 3))
+    builder.add(positions, np.tile(unit, (len(centres), 1)), (ball.elements[None] + first).reshape(-1, 3))
 
 
-class _Pieces:
-    """Vertices and triangles gathered into one mesh."""
+class _MeshBuilder:
+    """Concatenation of vertices and triangles into one mesh."""
 
     def __init__(self) -> None:
         self._count = 0

@@ -1,4 +1,4 @@
-"""How a client comes to a gRPC port that asks for TLS, a token or a certificate."""
+"""Channels to gRPC ports, with TLS, token and client certificate."""
 
 from __future__ import annotations
 
@@ -12,27 +12,32 @@ import grpc
 
 @dataclass(frozen=True, slots=True)
 class Credentials:
-    """What the port wants to see; without any of it the connection is plain, as the device's own."""
+    """Credentials of a client. By default the connection is plaintext, as on the device."""
 
     token: str | None = None
-    """Sent with every call as ``authorization: Bearer TOKEN``."""
+    """Bearer token, sent with every call in the metadata ``authorization``."""
     tls: bool = False
-    """Encrypt, and trust the system's authorities; the files below imply it."""
+    """Encrypt, and trust the system's authorities. ``ca`` and ``certificate`` imply it."""
     ca: Path | None = None
-    """PEM authorities that are trusted instead."""
+    """Trusted authorities in place of the system's, PEM."""
     certificate: Path | None = None
-    """PEM chain that this client shows of itself, with ``key``."""
+    """Certificate chain of this client, PEM; needs ``key``."""
     key: Path | None = None
+    """Private key of ``certificate``, PEM."""
 
     def __post_init__(self) -> None:
-        """Raises ValueError: a token that no header can carry, or half of a certificate."""
+        """Check the values.
+
+        Raises:
+            ValueError: invalid characters in the token, or a certificate without key or vice versa.
+        """
         if self.token is not None and not (self.token.isascii() and self.token.isprintable() and self.token.strip()):
             raise ValueError("the token must be printable ASCII characters")
         if (self.certificate is None) != (self.key is None):
             raise ValueError("a certificate of the client and its key need each other")
 
     def channel(self, target: str, options: Sequence[tuple[str, Any]] = ()) -> grpc.Channel:
-        """A channel that the caller closes.
+        """Return a channel, which the caller closes.
 
         Raises:
             OSError: a file cannot be read.
@@ -44,12 +49,12 @@ class Credentials:
 
     @property
     def metadata(self) -> tuple[tuple[str, str], ...]:
-        """Of each call."""
+        """Metadata of every call."""
         return () if self.token is None else (("authorization", f"Bearer {self.token.strip()}"),)
 
 
 def read_token(path: Path) -> str:
-    """The first token of a file as the gateway reads them: one a line, empty ones and ``#`` apart.
+    """Return the first token of a file with one token per line; empty lines and lines with ``#`` are ignored.
 
     Raises:
         OSError: the file cannot be read.

@@ -1,4 +1,4 @@
-"""``scenegate stream``: receives the image sets of a stereo camera, ours or a real rc_visard."""
+"""``scenegate stream``: receive the image sets of a stereo camera, Scenegate's or a real rc_visard."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ _File = Path | None
 
 
 def stream(
-    target: Annotated[str, typer.Argument(metavar="HOST:PORT", help="The camera; port 50051 when it has none.")],
+    target: Annotated[
+        str, typer.Argument(metavar="HOST:PORT", help="Address of the camera; the default port is 50051.")
+    ],
     left: Annotated[bool, typer.Option("--left", help="Left image.")] = False,
     right: Annotated[bool, typer.Option("--right", help="Right image.")] = False,
     disparity: Annotated[bool, typer.Option("--disparity", help="Disparity image.")] = False,
@@ -20,55 +22,63 @@ def stream(
     confidence: Annotated[bool, typer.Option("--confidence", help="Confidence image.")] = False,
     mesh: Annotated[bool, typer.Option("--mesh", help="Mesh, as PLY.")] = False,
     color: Annotated[bool, typer.Option("--color", help="Left and right in colour.")] = False,
-    max_points: Annotated[int, typer.Option(min=0, help="Points of a mesh: 0 no limit, else at least 1000.")] = 0,
+    max_points: Annotated[
+        int, typer.Option(min=0, help="Maximum number of points of a mesh, at least 1000; 0: no limit.")
+    ] = 0,
     min_depth: Annotated[
-        bool, typer.Option("--min-depth", help="Binned meshes take the nearest point of a bin instead of the mean.")
+        bool, typer.Option("--min-depth", help="Take the nearest point of each bin of a mesh instead of the mean.")
     ] = False,
     watertight: Annotated[bool, typer.Option("--watertight", help="Mesh without holes.")] = False,
     textured: Annotated[bool, typer.Option("--textured", help="Mesh with colours.")] = False,
     out: Annotated[
         Path | None,
-        typer.Option("-o", "--out", metavar="FOLDER", help="Keep PNG, PLY, npz and parameter files for cvkit there."),
+        typer.Option("-o", "--out", metavar="FOLDER", help="Write PNG, PLY, npz and parameter files for cvkit there."),
     ] = None,
     exposure: Annotated[
-        bool, typer.Option("--exposure", help="With -o: keep exposure time, gain, noise and brightness of each image.")
+        bool, typer.Option("--exposure", help="With -o: write exposure time, gain, noise and brightness of each image.")
     ] = False,
     gpio: Annotated[
-        bool, typer.Option("--gpio", help="With -o: keep the GPIOs of each image, their bits in the file names, too.")
+        bool, typer.Option("--gpio", help="With -o: write the GPIOs of each image, and their bits in the file names.")
     ] = False,
     truth: Annotated[
         str | None,
         typer.Option(
             metavar="URL",
-            help="With -o: keep exact depth and labels of each set from this gateway's HTTP port, http://HOST:PORT.",
+            help="With -o: write exact depth and labels of each set, from this gateway's HTTP port http://HOST:PORT.",
         ),
     ] = None,
-    pipeline: Annotated[int, typer.Option(min=0, help="Camera of --truth, where there are several.")] = 0,
+    pipeline: Annotated[int, typer.Option(min=0, help="Number of the camera of --truth, if there are several.")] = 0,
     preview: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Picture of the newest set, all images side by side, disparity in colour."),
+        typer.Option(metavar="FILE", help="Image of the newest set, all images side by side, disparity in colours."),
     ] = None,
-    count: Annotated[int, typer.Option(min=0, help="End after so many sets; 0: when interrupted.")] = 0,
-    timeout: Annotated[float, typer.Option(min=0.0, help="End with an error after so many seconds; 0: never.")] = 0.0,
+    count: Annotated[int, typer.Option(min=0, help="End after this number of sets; 0: when interrupted.")] = 0,
+    timeout: Annotated[
+        float, typer.Option(min=0.0, help="End with an error after this number of seconds; 0: never.")
+    ] = 0.0,
     token: Annotated[
         str | None,
-        typer.Option(envvar="SCENEGATE_TOKEN", help="Bearer token; other users of this machine see command lines."),
+        typer.Option(
+            envvar="SCENEGATE_TOKEN", help="Bearer token. Other users of this machine can read command lines."
+        ),
     ] = None,
     token_file: Annotated[_File, typer.Option(metavar="FILE", exists=True, help="File with the token.")] = None,
-    tls: Annotated[bool, typer.Option("--tls", help="Encrypt, trusting the system's authorities.")] = False,
+    tls: Annotated[bool, typer.Option("--tls", help="Encrypt, and trust the system's authorities.")] = False,
     ca: Annotated[
         _File,
-        typer.Option(metavar="FILE", exists=True, envvar="SCENEGATE_CA", help="Encrypt, trusting this PEM authority."),
+        typer.Option(metavar="FILE", exists=True, envvar="SCENEGATE_CA", help="Encrypt, and trust this PEM authority."),
     ] = None,
-    certificate: Annotated[_File, typer.Option(metavar="FILE", exists=True, help="PEM certificate to show.")] = None,
+    certificate: Annotated[
+        _File, typer.Option(metavar="FILE", exists=True, help="PEM certificate of this client.")
+    ] = None,
     key: Annotated[_File, typer.Option(metavar="FILE", exists=True, help="PEM private key of --certificate.")] = None,
 ) -> None:
-    """Receive image sets of a stereo camera, this one or a real rc_visard: left and disparity if nothing is chosen."""
+    """Receive image sets of a stereo camera, Scenegate's or a real rc_visard. Default: left and disparity."""
     from gateway.client.channel import Credentials, read_token
     from gateway.client.stream import Progress, StreamOptions, receive_all
 
     if out is None and (exposure or gpio or truth is not None):
-        raise typer.BadParameter("--exposure, --gpio and --truth say what to keep; they need a folder, -o FOLDER")
+        raise typer.BadParameter("--exposure, --gpio and --truth need a folder, -o FOLDER")
     if token_file is not None:
         token = read_token(token_file)
     credentials = Credentials(token, tls, ca, certificate, key)
@@ -79,7 +89,7 @@ def stream(
     on_screen = sys.stderr.isatty()
 
     def report(progress: Progress) -> None:
-        # One line that renews itself for people, a line a second in a log.
+        # On a terminal one line is updated; a log gets one line per second.
         if on_screen:
             typer.echo(f"\r\x1b[K{progress.line()}", nl=False, err=True)
         elif progress.second_passed():

@@ -1,6 +1,6 @@
-"""A client of the stereo camera's image stream: of ours and of a real rc_visard alike.
+"""Client of the image stream of Scenegate's stereo camera or of a real rc_visard.
 
-``receive_all`` receives sets and keeps them as files; ``receive`` is the bare loop, for programs.
+``receive`` yields image sets. ``receive_all`` also writes them to files.
 """
 
 from __future__ import annotations
@@ -21,19 +21,20 @@ from gateway.client.truth import fetch_truth
 from gateway.generated import image_interface_pb2 as pb
 
 METHOD = "/ImageInterface/StreamImageSets"
-_CONNECT_SECONDS = 10.0
+CONNECT_SECONDS = 10.0
+"""Maximum time until the camera is connected."""
 
 
-class StreamFailure(RuntimeError):  # noqa: N818 - it ends with what failed
-    """The stream ended otherwise than by our will; one sentence."""
+class StreamFailure(RuntimeError):  # noqa: N818 - public name
+    """The camera ended the stream or cannot be reached; one sentence."""
 
 
 @dataclass(frozen=True, slots=True)
 class StreamOptions:
-    """What to ask for and what to keep."""
+    """Contents of the image sets, and files to write."""
 
     target: str
-    """``HOST:PORT``; port 50051 when it has none."""
+    """``HOST:PORT``; the default port is 50051."""
     left: bool = False
     right: bool = False
     disparity: bool = False
@@ -43,32 +44,35 @@ class StreamOptions:
     color: bool = False
     """Left and right as RGB."""
     max_points: int = 0
-    """Of a mesh; 0: no limit, else at least 1000."""
+    """Maximum number of points of a mesh, at least 1000; 0: no limit."""
     min_depth: bool = False
-    """Binned meshes take the nearest point instead of the mean."""
+    """Take the nearest point of each bin of a mesh instead of the mean."""
     watertight: bool = False
+    """Fill every hole of the mesh."""
     textured: bool = False
+    """Colour the mesh."""
     count: int = 0
-    """End after this many sets; 0: go on until interrupted."""
+    """Number of sets to receive; 0: no limit."""
     output: Path | None = None
-    """Folder for PNG, PLY, npz and parameter files, made if need be; None: nothing is kept."""
+    """Folder for PNG, PLY, npz and parameter files, created if missing; None: no files."""
     preview: Path | None = None
-    """Picture file that shows the images of the newest set side by side."""
+    """File with a preview of the newest set, its images side by side."""
     credentials: Credentials = field(default_factory=Credentials)
-    """TLS and token, where the camera wants them."""
+    """TLS and token."""
     timeout: float | None = None
-    """Seconds after which the stream ends with a failure; None: never."""
+    """Maximum duration of the stream, seconds; None: no limit."""
     exposure: bool = False
-    """Keep how each image was exposed; see ``stream_files.save``."""
+    """Write the exposure of each image; see ``stream_files.save``."""
     gpio: bool = False
-    """Keep the GPIOs of each image."""
+    """Write the GPIOs of each image."""
     truth: str | None = None
-    """Address of the gateway's HTTP port, ``http://HOST:PORT``: keep the ground truth of each set from there."""
+    """Address of the gateway's HTTP port, ``http://HOST:PORT``, to write the ground truth of each set; None: no
+    truth."""
     pipeline: int = 0
-    """Number of the camera for ``truth``, where there are several."""
+    """Number of the camera for ``truth``."""
 
     def request(self) -> pb.ImageSetRequest:
-        """The message; left and disparity when nothing was chosen."""
+        """Return the request; by default for left and disparity."""
         chosen = self.left or self.right or self.disparity or self.error or self.confidence or self.mesh
         return pb.ImageSetRequest(
             left_enabled=self.left or not chosen,
@@ -91,17 +95,19 @@ class StreamOptions:
 
 @dataclass(slots=True)
 class Progress:
-    """Figures of a running stream."""
+    """Statistics of a running stream."""
 
     sets: int = 0
+    """Number of sets received."""
     bytes: int = 0
+    """Number of bytes received."""
     seconds: float = 0.0
-    """Since the first set came."""
+    """Seconds since the first set."""
     first: float = 0.0
-    """Seconds until the first set came."""
+    """Seconds until the first set."""
     stamp: str = ""
-    """Of the newest set."""
-    _told: int = -1
+    """Timestamp of the newest set."""
+    _last_second: int = -1
 
     @property
     def rate(self) -> float:
@@ -109,32 +115,32 @@ class Progress:
         return (self.sets - 1) / self.seconds if self.seconds > 0 else 0.0
 
     def second_passed(self) -> bool:
-        """Whether a second began since this was asked for the last time."""
-        before, self._told = self._told, int(self.seconds)
-        return self._told > before
+        """Return True if a new second began since the last call."""
+        before, self._last_second = self._last_second, int(self.seconds)
+        return self._last_second > before
 
     def line(self) -> str:
-        """For people."""
+        """Return one line of text."""
         volume = self.bytes / 1e6 / self.seconds if self.seconds > 0 else 0.0
         return f"{self.sets} sets, {self.rate:.1f} per second, {volume:.1f} MB/s, newest {self.stamp}"
 
 
 def receive(options: StreamOptions) -> Iterator[tuple[pb.ImageSet, int]]:
-    """Sets and their sizes in bytes as they come, until the iterator is closed or ``count`` is reached.
+    """Yield sets and their sizes in bytes, until the iterator is closed or ``count`` is reached.
 
     Raises:
-        StreamFailure: nobody answers, the request is refused, or the stream broke; one sentence.
+        StreamFailure: no connection, refused request, or broken stream; one sentence.
         OSError: a certificate cannot be read.
     """
     target = options.target if ":" in options.target.rsplit("]", 1)[-1] else f"{options.target}:50051"
-    # Full meshes have 55 MB; the device's own client allows 300.
+    # Full meshes have 55 MB; the vendor's client permits 300.
     settings = [("grpc.max_receive_message_length", -1)]
     with options.credentials.channel(target, settings) as channel:
         try:
-            grpc.channel_ready_future(channel).result(_CONNECT_SECONDS)
+            grpc.channel_ready_future(channel).result(CONNECT_SECONDS)
         except grpc.FutureTimeoutError:
-            raise StreamFailure(_why_silent(target)) from None
-        # The serialised set is kept as it came: its size is the figure that counts on the wire.
+            raise StreamFailure(_connection_problem(target)) from None
+        # Receive serialised sets, for their size.
         open_stream = channel.unary_stream(METHOD, request_serializer=pb.ImageSetRequest.SerializeToString)
         call = open_stream(options.request(), timeout=options.timeout, metadata=options.credentials.metadata)
         try:
@@ -150,30 +156,30 @@ def receive(options: StreamOptions) -> Iterator[tuple[pb.ImageSet, int]]:
             call.cancel()
 
 
-def _why_silent(target: str) -> str:
-    """gRPC tells a wrong certificate and a port without TLS only to its own log, and goes on trying."""
+def _connection_problem(target: str) -> str:
+    """Return why there is no connection. gRPC writes TLS errors to its log only, and retries."""
     host, _, port = target.rpartition(":")
     try:
-        socket.create_connection((host.strip("[]"), int(port)), _CONNECT_SECONDS).close()
+        socket.create_connection((host.strip("[]"), int(port)), CONNECT_SECONDS).close()
     except (ValueError, OverflowError):
         return f"{target} is no HOST:PORT: {port!r} is no port"
     except OSError:
-        return f"nobody answers at {target}"
+        return f"no answer from {target}"
     return (
-        f"{target} takes connections, but does not answer: only one side uses TLS, its certificate is not made for "
+        f"{target} accepts connections, but does not answer: only one side uses TLS, its certificate is not made for "
         "this name or not trusted, it wants one to be shown, or it is no gRPC server"
     )
 
 
 def receive_all(options: StreamOptions, report: Callable[[Progress], None] = lambda _: None) -> Progress:
-    """Receives sets, keeps what was asked for, and calls ``report`` after each.
+    """Receive sets, write the requested files, and call ``report`` after each set.
 
     Returns:
-        The figures at the end.
+        The final statistics.
 
     Raises:
         StreamFailure, OSError: see ``receive``; or a file cannot be written.
-        TruthFailure: there is no ground truth of a set.
+        TruthFailure: no ground truth of a set.
     """
     progress = Progress()
     begin = time.monotonic()
@@ -193,11 +199,12 @@ def receive_all(options: StreamOptions, report: Callable[[Progress], None] = lam
                 data = fetch_truth(options.truth, progress.stamp, options.credentials, options.pipeline)
                 (options.output / f"image_{progress.stamp}_truth.npz").write_bytes(data)
         if options.preview is not None:
-            stream_files.write_picture(options.preview, stream_files.preview(image_set))
+            stream_files.write_image(options.preview, stream_files.preview(image_set))
         report(progress)
     return progress
 
 
 def depth_of(disparity: pb.DisparityImage) -> NDArray[np.float32]:
-    """(H, W) float32 metres along the optical axis, +inf where the disparity is invalid: ``f t / d``."""
+    """Return the depth ``f t / d``, (H, W) float32, metres along the optical axis, +inf where the disparity is
+    invalid."""
     return stream_files.depth(disparity)

@@ -1,4 +1,4 @@
-"""Image sets as files: PNG, PLY, npz, and one picture of a whole set."""
+"""Image sets as files: PNG, PLY, npz, and a preview of a set."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from numpy.typing import NDArray
 from gateway.generated import image_interface_pb2 as pb
 
 _CELL = (640, 480)
-"""Largest size of one image in a preview, pixels."""
+"""Maximum size of one image in a preview, pixels."""
 
 
 class BadImageError(ValueError):
-    """A message does not hold the image that it says; one sentence."""
+    """Invalid image message; one sentence."""
 
 
 def stamp(time: pb.Time) -> str:
-    """Seconds and nanoseconds as the vendor's client writes them into file names."""
+    """Return seconds and nanoseconds as in the file names of the vendor's client."""
     return f"{time.sec}.{time.nsec:09d}"
 
 
 def pixels(image: pb.Image) -> NDArray[Any]:
-    """The picture of a message: (H, W) uint8 or uint16, or (H, W, 3) uint8 RGB.
+    """Return the pixels of a message: (H, W) uint8 or uint16, or (H, W, 3) uint8 RGB.
 
     Raises:
-        BadImageError: unknown encoding, or the data is too short.
+        BadImageError: unknown encoding, or too little data.
     """
     known = {"mono8": ("u1", 1), "mono16": ("u2", 1), "rgb8": ("u1", 3)}
     if image.encoding not in known:
@@ -44,7 +44,7 @@ def pixels(image: pb.Image) -> NDArray[Any]:
 
 
 def depth(disparity: pb.DisparityImage) -> NDArray[np.float32]:
-    """(H, W) float32 metres, +inf where invalid."""
+    """Return (H, W) float32, metres, +inf where invalid."""
     raw = pixels(disparity.image)
     d = raw.astype(np.float32) * disparity.scale + disparity.offset
     with np.errstate(divide="ignore"):
@@ -54,18 +54,18 @@ def depth(disparity: pb.DisparityImage) -> NDArray[np.float32]:
 
 
 def save(image_set: pb.ImageSet, folder: Path, *, exposure: bool = False, gpio: bool = False) -> None:
-    """Writes every image as PNG, the mesh as PLY, and all arrays with their parameters as one npz.
+    """Write every image as PNG, the mesh as PLY, and all arrays with their parameters as one npz.
 
-    Names are those of the vendor's client: ``image_<sec>.<nsec>_left.png``. Disparity PNGs have 16 bits, in units of
-    ``scale`` pixels, and a parameter file beside them (``parameter_text``).
+    File names are those of the vendor's client: ``image_<sec>.<nsec>_left.png``. Disparity PNGs have 16 bits in units
+    of ``scale`` pixels, and a parameter file (``parameter_text``).
 
     Args:
-        image_set: as received.
-        folder: must exist.
-        exposure: whether the npz also says how each image was exposed (``<name>_exposure_time`` in seconds, ``_gain``
+        image_set: received set.
+        folder: existing folder.
+        exposure: add the exposure of each image to the npz (``<name>_exposure_time`` in seconds, ``_gain``
             in dB, ``_gamma``, ``_noise``, ``_out1_reduction``, ``_brightness``).
-        gpio: whether it has the GPIOs of each image, too (``<name>_gpio_values``, ``_gpio_outputs``, ``_gpio_inputs``),
-            and file names end with their bits as those of the vendor's client do.
+        gpio: add the GPIOs of each image to the npz (``<name>_gpio_values``, ``_gpio_outputs``, ``_gpio_inputs``), and
+            their bits to the file names, as the vendor's client does.
 
     Raises:
         BadImageError: see ``pixels``.
@@ -84,7 +84,7 @@ def save(image_set: pb.ImageSet, folder: Path, *, exposure: bool = False, gpio: 
         if gpio:
             for field in ("values", "outputs", "inputs"):
                 arrays[f"{name}_gpio_{field}"] = np.uint32(getattr(image.gpios, field))
-        write_picture(folder / f"{base}_{name}{_gpio_suffix(image) if gpio else ''}.png", array)
+        write_image(folder / f"{base}_{name}{_gpio_suffix(image) if gpio else ''}.png", array)
     if image_set.HasField("disparity"):
         d = image_set.disparity
         suffix = _gpio_suffix(d.image) if gpio else ""
@@ -98,10 +98,10 @@ def save(image_set: pb.ImageSet, folder: Path, *, exposure: bool = False, gpio: 
 
 
 def parameter_text(disparity: pb.DisparityImage) -> str:
-    """Return the parameter file of a disparity image, from which cvkit's tools make a model.
+    """Return the parameter file of a disparity image for cvkit's tools.
 
-    Keys and order are those of the vendor's client. Numbers have all their digits: five decimals would round a scale
-    of 1/256.
+    Keys and order are those of the vendor's client. Numbers have all their digits, because five decimals would round a
+    scale of 1/256.
     """
     image = disparity.image
     f, u, v = (_number(value) for value in (image.focal_length, image.principal_point_u, image.principal_point_v))
@@ -125,12 +125,12 @@ def parameter_text(disparity: pb.DisparityImage) -> str:
 
 
 def _number(value: float) -> str:
-    """Shortest decimal text of a float32, without an exponent."""
+    """Return the shortest decimal text of a float32, without an exponent."""
     return np.format_float_positional(np.float32(value), trim="-")
 
 
 def _gpio_suffix(image: pb.Image) -> str:
-    """``_<outputs>_<inputs>`` as in the vendor's file names: a bit for each line that there is, the highest first."""
+    """Return ``_<outputs>_<inputs>`` as in the vendor's file names: a bit per line, the highest first."""
 
     def bits(mask: int) -> str:
         return "".join(str(image.gpios.values >> line & 1) for line in reversed(range(32)) if mask >> line & 1)
@@ -139,19 +139,19 @@ def _gpio_suffix(image: pb.Image) -> str:
 
 
 def intrinsics(image: pb.Image) -> NDArray[np.float64]:
-    """(3, 3) float64 camera matrix of an image."""
+    """Return the camera matrix of an image, (3, 3) float64."""
     f = image.focal_length
     return np.array(((f, 0, image.principal_point_u), (0, f, image.principal_point_v), (0, 0, 1)), np.float64)
 
 
 def preview(image_set: pb.ImageSet) -> NDArray[np.uint8]:
-    """(H, W, 3) uint8 RGB: all images of a set side by side, disparity in colour, invalid pixels black."""
+    """Return all images of a set side by side, (H, W, 3) uint8 RGB; disparity in colours, invalid pixels black."""
     cells = []
     for name, image in _images(image_set).items():
         array = pixels(image)
         if name == "disparity":
             array = in_color(array)
-        elif name == "error":  # white from half a pixel on
+        elif name == "error":  # half a pixel and more is white
             array = np.minimum(array * (512.0 * (image_set.disparity.scale or 1 / 16)), 255).astype(np.uint8)
         if array.ndim == 2:
             array = np.repeat(array[:, :, None], 3, axis=2)
@@ -166,7 +166,10 @@ def preview(image_set: pb.ImageSet) -> NDArray[np.uint8]:
 
 
 def in_color(disparity: NDArray[np.uint16]) -> NDArray[np.uint8]:
-    """(H, W, 3) uint8 RGB: near is red, far is blue, invalid is black; scaled to the middle 98 % of the values."""
+    """Return colours of disparities, (H, W, 3) uint8 RGB: near is red, far is blue, invalid is black.
+
+    The colours cover the middle 98 % of the values.
+    """
     valid = disparity > 0
     low, high = np.percentile(disparity[valid], (1, 99)) if valid.any() else (0, 1)
     scaled = np.clip((disparity.astype(np.float32) - low) / max(high - low, 1) * 255, 0, 255).astype(np.uint8)
@@ -175,11 +178,11 @@ def in_color(disparity: NDArray[np.uint16]) -> NDArray[np.uint8]:
     return colored
 
 
-def write_picture(path: Path, array: NDArray[Any]) -> None:
-    """Writes a picture; the suffix says the format.
+def write_image(path: Path, array: NDArray[Any]) -> None:
+    """Write an image in the format of the file name's suffix.
 
     Raises:
-        OSError: the file cannot be written, or the suffix is unknown.
+        OSError: the file cannot be written, or unknown suffix.
     """
     bgr = array[:, :, ::-1] if array.ndim == 3 else array
     try:
@@ -187,20 +190,14 @@ def write_picture(path: Path, array: NDArray[Any]) -> None:
     except cv2.error:
         good = False
     if not good:
-        raise OSError(f"cannot write {path}: {path.suffix!r} is no picture format")
+        raise OSError(f"cannot write {path}: {path.suffix!r} is no image format")
     path.write_bytes(data.tobytes())
 
 
 def _images(image_set: pb.ImageSet) -> dict[str, pb.Image]:
-    found = {}
-    for name, field in (
-        ("left", "left"),
-        ("right", "right"),
-        ("error", "disparity_error"),
-        ("confidence", "confidence"),
-    ):
-        if image_set.HasField(field):
-            found[name] = getattr(image_set, field)
-    if image_set.HasField("disparity"):
-        found["disparity"] = image_set.disparity.image
-    return {name: found[name] for name in ("left", "right", "disparity", "error", "confidence") if name in found}
+    """Return the images of a set by name."""
+    fields = {"left": "left", "right": "right", "disparity": "disparity", "error": "disparity_error"}
+    present = {
+        n: getattr(image_set, f) for n, f in (fields | {"confidence": "confidence"}).items() if image_set.HasField(f)
+    }
+    return {name: value.image if name == "disparity" else value for name, value in present.items()}

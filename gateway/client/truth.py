@@ -1,4 +1,4 @@
-"""Ground truth of the sets of a gateway's camera, from its HTTP port."""
+"""Ground truth of image sets, from the HTTP port of a gateway."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from urllib.parse import urlencode
 from gateway.client.channel import Credentials
 
 _SECONDS: Final = 60.0
-"""Longest wait for an answer: the frame is rendered again, after others that wait."""
+"""Maximum time of a request: the frame is queued and rendered again."""
 
 
-class TruthFailure(RuntimeError):  # noqa: N818 - it says what failed
-    """There is no ground truth of a set; one sentence."""
+class TruthFailure(RuntimeError):  # noqa: N818 - public name
+    """No ground truth of a set; one sentence."""
 
 
 def fetch_truth(address: str, stamp: str, credentials: Credentials, pipeline: int = 0) -> bytes:
     """Return the npz file of ``GET /stereo/truth.npz`` for a set.
 
     Args:
-        address: of the gateway's HTTP port, ``http://HOST:PORT``.
+        address: address of the gateway's HTTP port, ``http://HOST:PORT``.
         stamp: timestamp of the set, ``sec.nsec``.
-        credentials: token, authorities and certificate, as for the stream.
-        pipeline: number of the camera, where there are several.
+        credentials: token, authorities and certificate.
+        pipeline: number of the camera.
 
     Raises:
-        TruthFailure: there is no response, or the frame is not kept (any more).
+        TruthFailure: no response, or the frame is not in the gateway's history.
         OSError: a certificate cannot be read.
     """
     query = urlencode({"timestamp": stamp, "pipeline": pipeline})
@@ -42,8 +42,8 @@ def fetch_truth(address: str, stamp: str, credentials: Credentials, pipeline: in
         context.load_cert_chain(credentials.certificate, credentials.key)
     request = urllib.request.Request(url, headers=dict(credentials.metadata))  # noqa: S310 - http or https, see above
     try:
-        with urllib.request.urlopen(request, timeout=_SECONDS, context=context) as answer:  # noqa: S310
-            data: bytes = answer.read()
+        with urllib.request.urlopen(request, timeout=_SECONDS, context=context) as response:  # noqa: S310
+            data: bytes = response.read()
             return data
     except urllib.error.HTTPError as error:
         raise TruthFailure(f"{address} has no ground truth of {stamp}: {error.code}: {_message(error)}") from None

@@ -1,4 +1,4 @@
-"""The outer form of a document: ``.glb`` or ``.gltf``, told apart by the bytes; embedded data taken out of the JSON."""
+"""The container of a document (``.glb`` or ``.gltf``), and its JSON text without the embedded data."""
 
 from __future__ import annotations
 
@@ -7,22 +7,18 @@ import struct
 from dataclasses import dataclass
 from typing import Final
 
-import numpy as np
-
-from gateway.gltf.compare import address_of_bytes, address_of_new, equal_bytes
 from gateway.gltf.errors import GltfError
-from gateway.gltf.reader_kernels import STRETCH, long_strings
+from renderers.stop import check_stop
 
-_STRETCH: Final = int(STRETCH)
 _MAGIC: Final = b"glTF"
 _JSON_CHUNK: Final = 0x4E4F534A
 _BIN_CHUNK: Final = 0x004E4942
-_USUAL_KEY: Final = b'"uri":"data:'
-_URI_KEY: Final = re.compile(rb'"uri"\s*:\s*\Z')
-_LAST: Final = 64
-"""Bytes at the end of URIs by which equal ones find each other."""
-_TOKEN: Final = "\0data "  # noqa: S105 - no secret
-"""What a URI that was taken out leaves behind, before its number."""
+_DATA_URI: Final = re.compile(rb'"uri"\s*:\s*"(?=data:)')
+"""The text before a data URI that is the value of a ``uri`` property, unless a backslash precedes it."""
+_MIN_URI_BYTES: Final = 1024
+"""Shorter data URIs stay in the JSON, where they cost less."""
+_TOKEN: Final = "\0data {}"  # noqa: S105 - not a secret
+"""Text that replaces a data URI. No other URI of a valid document starts with this character."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,41 +27,38 @@ class Container:
 
     json: bytes
     """The JSON text, its long data URIs replaced by tokens."""
-    data: memoryview
-    """Where these are."""
-    uris: dict[str, tuple[int, int]]
-    """Their beginnings and ends, without quotes, as they stand in the JSON text (escapes included), by what stands in
-    their place."""
+    uris: dict[str, memoryview]
+    """Data URIs as they stand in the file (escapes included), by token."""
     tail: int | None
-    """Offset in the data where the text after the last URI that was taken out begins; None: a ``.glb``."""
+    """Offset in the file of the text after the last replaced URI; None for a ``.glb``."""
     bin: memoryview | None
-    """The binary chunk of a ``.glb``."""
+    """Binary chunk of a ``.glb``."""
 
     def uri(self, text: str) -> str | memoryview:
-        """The URI that ``text`` of the parsed JSON stands for: itself, or one that was taken out."""
-        place = self.uris.get(text)
-        return text if place is None else self.data[place[0] : place[1]]
+        """Return the data URI that a token stands for, or any other text as it is."""
+        return self.uris.get(text, text)
 
 
-def open_container(data: bytes | memoryview) -> Container:
-    """Splits ``data``.
+def open_container(data: bytes | bytearray | memoryview) -> Container:
+    """Split a file into its JSON text and its binary data.
 
     Raises:
-        GltfError: a ``.glb`` whose header or chunks do not fit its length, or nothing that looks like a document.
+        GltfError: The header or the chunks of a ``.glb`` do not fit its length, or the file is neither form of glTF.
     """
     view = memoryview(data).cast("B")
     start = bytes(view[:4])
     if start == _MAGIC:
         text, binary = _glb_chunks(view)
-        json, uris, _ = _take_data_uris(text)
-        return Container(json.rstrip(b"\0"), text, uris, None, binary)  # some writers pad the chunk with zeros
+        json, uris, _ = _extract_data_uris(bytes(text))
+        return Container(json.rstrip(b"\0"), uris, None, binary)  # some writers pad the chunk with zeros
     if not bytes(view[:64]).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{"):
         raise GltfError(f"neither glTF JSON nor GLB: it starts with {start!r}" if start else "the document is empty")
-    json, uris, tail = _take_data_uris(view)
-    return Container(json, view, uris, tail, None)
+    json, uris, tail = _extract_data_uris(data if isinstance(data, bytes | bytearray) else bytes(view))
+    return Container(json, uris, tail, None)
 
 
 def _glb_chunks(view: memoryview) -> tuple[memoryview, memoryview | None]:
+    """Return the JSON chunk and the binary chunk, if there is one."""
     if len(view) < 20:
         raise GltfError(f"GLB: {len(view)} bytes are too few for a header and a chunk")
     version, length = struct.unpack_from("<II", view, 4)
@@ -95,47 +88,27 @@ def _glb_chunks(view: memoryview) -> tuple[memoryview, memoryview | None]:
     return text, binary
 
 
-def _take_data_uris(view: memoryview) -> tuple[bytes, dict[str, tuple[int, int]], int]:
-    """The JSON text without its long data URIs, where these are, and where the text after the last one begins.
+def _extract_data_uris(text: bytes | bytearray) -> tuple[bytes, dict[str, memoryview], int]:
+    """Return the JSON text with tokens for its long data URIs, these URIs, and the offset after the last one.
 
-    Parsing megabytes of base64 as JSON strings costs more than decoding them; shorter ones than ``long_strings`` finds
-    stay in the JSON, where they cost less. A quote that no backslash precedes begins or ends a string, so a URI is what
-    lies between ``"data:`` and the next quote. Text for which that is not so is not JSON and fails in the parser.
-
-    Equal URIs are one: comparing them takes a fifth of the time of decoding, and Drake's scenes have many.
+    Parsing megabytes of base64 as JSON strings costs more than decoding them. A quote that no backslash precedes begins
+    or ends a string, so a URI ends at the next quote; a URI with an escaped quote stays in the JSON.
     """
-    count = len(view)
-    whole = view.obj if isinstance(view.obj, bytes) and len(view.obj) == count else None
-    if count < 2 * _STRETCH:
-        return whole or bytes(view), {}, 0
-    if whole is not None:
-        address = address_of_bytes(whole)
-    else:
-        address = np.frombuffer(view, np.uint8).__array_interface__["data"][0]
-    to_places = bytearray(16 * (count // _STRETCH))
-    found = long_strings(address, count, address_of_new(to_places))
-    if found == 0:
-        return whole or bytes(view), {}, 0
-    pieces: list[bytes | memoryview] = []
-    uris: dict[str, tuple[int, int]] = {}
-    known: dict[bytes, tuple[int, int, bytes]] = {}
-    done = 0
-    places = iter(memoryview(to_places)[: 16 * found].cast("q"))
-    for at, end in zip(places, places, strict=True):
-        usual: object = at >= 7 and whole is not None and whole.startswith(_USUAL_KEY, at - 7)
-        if not usual:
-            before = bytes(view[max(0, at - 65) : at + 5])
-            usual = before.endswith(_USUAL_KEY) or (before.endswith(b'"data:') and _URI_KEY.search(before[:-6]))
-        if usual and view[end - 1] != 0x5C and view[at - 2] != 0x5C:
-            last = bytes(view[end - _LAST : end]) if whole is None else whole[end - _LAST : end]
-            same = known.get(last)
-            if same is not None and equal_bytes(view[same[0] : same[1]], view[at:end]):
-                token = same[2]
-            else:
-                token = b"\\u0000data %d" % len(uris)
-                known[last] = at, end, token
-                uris[f"{_TOKEN}{len(uris)}"] = at, end
-            pieces += (view[done:at], token)
-            done = end
+    view = memoryview(text)
+    pieces: list[memoryview | bytes] = []
+    uris: dict[str, memoryview] = {}
+    done = at = 0
+    while match := _DATA_URI.search(text, at):
+        check_stop()
+        begin = match.end()
+        at = text.find(b'"', begin)
+        if at < 0:
+            break
+        escaped = 0x5C in (text[match.start() - 1], text[at - 1])
+        if at - begin >= _MIN_URI_BYTES and not escaped:
+            token = _TOKEN.format(len(uris))
+            uris[token] = view[begin:at]
+            pieces += view[done:begin], token.replace("\0", "\\u0000").encode()
+            done = at
     pieces.append(view[done:])
     return b"".join(pieces), uris, done

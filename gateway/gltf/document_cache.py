@@ -2,7 +2,7 @@
 
 Drake's client sends the whole scene with every image, and its writer sorts the members of the document by name. While
 a robot moves, the text up to the member ``nodes`` (accessors, buffers, materials, meshes: nearly all of it) stays the
-same. What it makes is found by the SHA-256 of that text; only the nodes and the scenes behind it are parsed again.
+same. Its result is found by the SHA-256 of that text; only the nodes and the scenes behind it are parsed again.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from typing import Final, TypeAlias
 
 import msgspec
 
-from gateway.gltf import document as gltf
+from gateway.gltf import schema
 from gateway.gltf.container import Container
 from gateway.gltf.limits import GltfLimits
-from gateway.gltf.scene import GltfCounts
-from gateway.scene.geometry import Part, Surface
+from gateway.gltf.parser import count_values
+from gateway.scene.geometry import Part
 from renderers.cache import Cache
 
 MIN_BYTES: Final = 4096
@@ -27,13 +27,13 @@ MIN_BYTES: Final = 4096
 _NODES: Final = b'"nodes"'
 _OBJECTS: Final = re.compile(rb"\s*:\s*\[\s*(\{|null)")
 """Start of the nodes of a document; members of that name inside scenes are lists of numbers."""
-_TRIES: Final = 64
-"""Places of ``"nodes"`` that are tried, from the end: scenes, extras and names may contain it, too."""
+_MAX_CANDIDATES: Final = 64
+"""Maximum number of occurrences of ``"nodes"`` that are tried, from the end: scenes and extras may have it, too."""
 _PER_REQUEST: Final = frozenset({"nodes", "scene", "scenes"})
 
 _members: Final = msgspec.json.Decoder(dict[str, msgspec.Raw])
-_nodes: Final = msgspec.json.Decoder(list[gltf.Node | None] | None)
-_scenes: Final = msgspec.json.Decoder(list[gltf.Scene | None] | None)
+_nodes: Final = msgspec.json.Decoder(list[schema.Node | None] | None)
+_scenes: Final = msgspec.json.Decoder(list[schema.Scene | None] | None)
 _index: Final = msgspec.json.Decoder(int | None)
 
 
@@ -44,7 +44,7 @@ class HashedDocument:
     data: bytes | bytearray
     """The file; must not change."""
     nodes_at: int
-    """Offset of the member ``nodes``; 0 where there is none worth looking for."""
+    """Offset of the member ``nodes``; 0 where the text before it is too short to be kept, or there is none."""
     prefix_digest: bytes
     """SHA-256 of the ``nodes_at`` bytes before it."""
     digest: str
@@ -62,41 +62,23 @@ class HashedDocument:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Warned:
-    """Warnings about a document, by subject."""
+class DocumentContent:
+    """Everything in a document but its nodes and scenes."""
 
-    extensions: tuple[str, ...] = ()
-    lights: tuple[str, ...] = ()
-    """About the document's lights, not about nodes."""
-    meshes: tuple[str, ...] = ()
-    """About meshes and their materials."""
-    order: tuple[int, ...] = ()
-    """Indices of the meshes in the order of their first use; another order may give other warnings."""
-    morphed: int = 0
-    """Number of meshes with weights of their own."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class KnownDocument:
-    """Result of reading everything but nodes and scenes."""
-
-    parts: Mapping[int, tuple[Part, ...]]
-    """Parts by mesh index; only of meshes that a node used."""
     generator: str
-    cameras: list[gltf.Camera | None]
-    warned: Warned
-    counts: GltfCounts
-    lights: tuple[gltf.Light | None, ...]
-    elements: dict[int, int]
-    """Number of triangles, lines and points by mesh index."""
+    """``asset.generator``."""
+    cameras: list[schema.Camera | None]
+    lights: list[schema.Light | None]
+    parts: Mapping[int, tuple[Part, ...]]
+    """Primitives by mesh index, for the meshes in use."""
+    used_meshes: tuple[int, ...]
+    """``SceneNodes.used_meshes`` of the nodes that this was read for."""
+    morphed_meshes: int
+    """Number of meshes with weights of their own."""
+    warnings: tuple[str, ...]
 
-    @property
-    def nbytes(self) -> int:
-        """Bytes of the meshes' arrays, which this keeps alive."""
-        meshes = {
-            id(p.shape.mesh): p.shape.mesh for ps in self.parts.values() for p in ps if isinstance(p.shape, Surface)
-        }
-        return sum(mesh.nbytes for mesh in meshes.values())
+    mesh_bytes: int
+    """Size of the meshes' arrays, each mesh counted once."""
 
 
 _Key: TypeAlias = tuple[bytes, GltfLimits, bool]
@@ -105,58 +87,50 @@ _Fixed: TypeAlias = dict[str, bytes]
 
 
 class DocumentCache:
-    """Documents by the digest of the text before their nodes. Thread-safe; bounded in bytes."""
+    """Contents of documents by the digest of the text before their nodes. Thread-safe; bounded in bytes."""
 
     def __init__(self, max_bytes: int) -> None:
-        self._cache: Cache[_Key, tuple[_Fixed, KnownDocument]] = Cache(max_bytes)
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes of the arrays that the known documents keep alive."""
-        return self._cache.nbytes
-
-    @property
-    def hits(self) -> int:
-        """Number of documents found."""
-        return self._cache.hits
+        self.cache: Final[Cache[_Key, tuple[_Fixed, DocumentContent]]] = Cache(max_bytes)
 
     def find(
         self, document: HashedDocument, limits: GltfLimits, textures: bool
-    ) -> tuple[KnownDocument, gltf.Document] | None:
-        """Return what is known of a document, and its nodes and scenes; None when it must be read as a whole.
+    ) -> tuple[DocumentContent, schema.Document] | None:
+        """Return the content of a document, and its nodes and scenes; None when it must be read as a whole.
 
         Args:
-            textures: whether textures are read, as for ``read_gltf``.
+            textures: True if textures are read, as for ``read_gltf``.
         """
         if document.nodes_at == 0:
             return None
-        found = self._cache.get((document.prefix_digest, limits, textures))
+        found = self.cache.get((document.prefix_digest, limits, textures))
         if found is None:
             return None
-        fixed, known = found
+        fixed, content = found
         with memoryview(document.data) as view:
             rest = _parse_rest(bytes(view[document.nodes_at :]), fixed, limits)
-        if rest is None:
-            return None
-        rest.cameras = known.cameras
-        return known, rest
+        return None if rest is None else (content, rest)
 
     def add(
-        self, document: HashedDocument, container: Container, limits: GltfLimits, textures: bool, known: KnownDocument
+        self,
+        document: HashedDocument,
+        container: Container,
+        limits: GltfLimits,
+        textures: bool,
+        content: DocumentContent,
     ) -> None:
-        """Keep what a document made, if its text can be split before its nodes.
+        """Keep the content of a document, if its text can be split before its nodes.
 
         Args:
-            container: the document, opened.
+            container: The document, opened.
         """
         fixed = _fixed_members(document, container)
         if fixed is not None:
-            nbytes = known.nbytes + len(document.data)  # of which nearly all may be encoded images
-            self._cache.put((document.prefix_digest, limits, textures), (fixed, known), nbytes)
+            nbytes = content.mesh_bytes + len(document.data)  # nearly all of it may be encoded images
+            self.cache.put((document.prefix_digest, limits, textures), (fixed, content), nbytes)
 
     def clear(self) -> None:
         """Drop everything."""
-        self._cache.clear()
+        self.cache.clear()
 
 
 def _nodes_offset(text: bytes | bytearray) -> int:
@@ -167,7 +141,7 @@ def _nodes_offset(text: bytes | bytearray) -> int:
     if text.startswith(b"glTF"):
         return 0
     at = len(text)
-    for _ in range(_TRIES):
+    for _ in range(_MAX_CANDIDATES):
         at = text.rfind(_NODES, MIN_BYTES, at)
         if at < 0:
             return 0
@@ -184,14 +158,14 @@ def _fixed_members(document: HashedDocument, container: Container) -> _Fixed | N
     """
     if container.tail is None or document.nodes_at < container.tail or document.nodes_at == 0:
         return None
-    slim = container.json
-    at = len(slim) - (len(document.data) - document.nodes_at)
-    before = slim[:at].rstrip()
+    text = container.json
+    at = len(text) - (len(document.data) - document.nodes_at)
+    before = text[:at].rstrip()
     if not before.endswith(b","):
         return None
     try:
         stable = _members.decode(before[:-1] + b"}")
-        rest = _members.decode(b"{" + slim[at:])
+        rest = _members.decode(b"{" + text[at:])
     except (msgspec.MsgspecError, ValueError, RecursionError):
         return None
     return _without_nodes(rest) if _PER_REQUEST.isdisjoint(stable) else None
@@ -201,15 +175,15 @@ def _without_nodes(members: dict[str, msgspec.Raw]) -> _Fixed:
     return {name: bytes(value) for name, value in members.items() if name not in _PER_REQUEST}
 
 
-def _parse_rest(text: bytes, fixed: _Fixed, limits: GltfLimits) -> gltf.Document | None:
+def _parse_rest(text: bytes, fixed: _Fixed, limits: GltfLimits) -> schema.Document | None:
     """Return nodes and scenes of the text from ``nodes`` on; None when the document must be read as a whole."""
-    if len(text) > limits.max_json_bytes or gltf.count_values(text, limits) > limits.max_json_values:
+    if len(text) > limits.max_json_bytes or count_values(text, limits) > limits.max_json_values:
         return None
     try:
         members = _members.decode(b"{" + text)
         if _without_nodes(members) != fixed:
             return None
-        return gltf.Document(
+        return schema.Document(
             nodes=_nodes.decode(members["nodes"]) if "nodes" in members else None,
             scenes=_scenes.decode(members["scenes"]) if "scenes" in members else None,
             scene=_index.decode(members["scene"]) if "scene" in members else None,

@@ -1,4 +1,4 @@
-"""What the reader raises, and how it names elements of a document."""
+"""The reader's exception, and checked access to the arrays of a document."""
 
 from __future__ import annotations
 
@@ -8,19 +8,22 @@ T = TypeVar("T")
 
 
 class GltfError(ValueError):
-    """The document cannot be read; the message names the element, its value and the reason."""
+    """A document that cannot be read. The message names the item, its value and the reason."""
 
 
-def element(items: list[T | None] | None, index: object, kind: str, where: str) -> T:
-    """``items[index]``, where ``index`` comes from the document.
+def item(items: list[T | None] | None, index: object, kind: str, where: str) -> T:
+    """Return ``items[index]`` for an index from the document.
 
     Args:
-        kind: name of the array in the document, for the message.
-        where: who refers to it (``accessors[3].bufferView``).
+        kind: Name of the array in the document, for the message.
+        where: Property that holds the index (``accessors[3].bufferView``), for the message.
+
+    Raises:
+        GltfError: The index is not an integer or out of range, or the item is null.
     """
     if type(index) is int and items is not None and 0 <= index < len(items):
-        item = items[index]
-        if item is not None:
-            return item
+        found = items[index]
+        if found is not None:
+            return found
         raise GltfError(f"{where}: {kind}[{index}] is null")
     raise GltfError(f"{where}: {index} is out of range ({len(items) if items else 0} {kind})")

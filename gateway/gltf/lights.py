@@ -1,71 +1,69 @@
-"""KHR_lights_punctual: the document's lights, placed where its nodes carry them.
+"""KHR_lights_punctual: the document's lights, placed by the nodes that refer to them.
 
-Nothing here is an error: lights change the looks only that use them, and Drake's merge of several files leaves the
-indices of lights as they were in the single files. What cannot be used is left out with a warning.
+Faults are warnings, not errors: only some looks use lights, and Drake's merge of several files leaves the indices of
+lights as they were in the single files.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from typing import Final
 
 import msgspec
 import numpy as np
 
-from gateway.gltf import document as gltf
-from gateway.gltf.document import Document, Extensions, extension, vector
-from gateway.gltf.errors import GltfError, element
+from gateway.gltf import schema
+from gateway.gltf.errors import GltfError, item
+from gateway.gltf.nodes import SceneNodes
+from gateway.gltf.parser import extension, vector
 from gateway.scene.transforms import Matrix
 from renderers.drawlist import Light, LightKind
 
 EXTENSION: Final = "KHR_lights_punctual"
 
 
-def lights_of(document: Document, warnings: list[str]) -> tuple[gltf.Light | None, ...]:
-    """What the document's ``extensions`` say, not placed yet."""
+def read_lights(document: schema.Document, warnings: list[str]) -> list[schema.Light | None]:
+    """Return the lights in the document's extensions."""
     raw = extension(document.extensions, EXTENSION)
     if raw is None:
-        return ()
+        return []
     try:
-        return tuple(msgspec.json.decode(raw, type=gltf.Lights).lights or ())
+        return msgspec.json.decode(raw, type=schema.Lights).lights or []
     except msgspec.MsgspecError as error:
         warnings.append(f"extensions.{EXTENSION}: {error}, no lights")
-        return ()
+        return []
 
 
 def place_lights(
-    lights: tuple[gltf.Light | None, ...],
-    nodes: Iterable[tuple[str, Extensions, Matrix]],
-    limit: int,
-    warnings: list[str],
+    sources: list[schema.Light | None], nodes: SceneNodes, limit: int, warnings: list[str]
 ) -> tuple[Light, ...]:
-    """The lights that nodes carry, in the document's world.
+    """Return the lights of the scene's nodes, in the document's world.
 
     Args:
-        lights: of the document.
-        nodes: name, extensions and X_world_node of those that have extensions.
-        limit: how many may shine; further ones are left out.
+        sources: Result of ``read_lights``.
+        limit: Maximum number of lights; the remaining ones are left out with a warning.
     """
-    known = list(lights)
-    placed: list[Light] = []
-    for name, extensions, X_world_node in nodes:
-        raw = extension(extensions, EXTENSION)
+    lights: list[Light] = []
+    if not sources:
+        return ()
+    for position, (index, node) in enumerate(zip(nodes.indices, nodes.sources, strict=True)):
+        raw = extension(node.extensions, EXTENSION)
         if raw is None:
             continue
-        if len(placed) == limit:
+        name = f"nodes[{index}]"
+        if len(lights) == limit:
             warnings.append(f"{name}: more lights than max_lights = {limit}, further ones are left out")
             break
         try:
-            index = msgspec.json.decode(raw, type=gltf.LightReference).light
-            source = element(known, index, "lights", f"{name}.extensions.{EXTENSION}.light")
-            placed.append(_light(source, f"lights[{index}]", X_world_node))
+            light = msgspec.json.decode(raw, type=schema.LightReference).light
+            source = item(sources, light, "lights", f"{name}.extensions.{EXTENSION}.light")
+            lights.append(_light(source, f"lights[{light}]", nodes.X_world_node[position]))
         except (msgspec.MsgspecError, GltfError) as error:
             warnings.append(f"{error}: the light is left out")
-    return tuple(placed)
+    return tuple(lights)
 
 
-def _light(source: gltf.Light, name: str, X_world_node: Matrix) -> Light:
+def _light(source: schema.Light, name: str, X_world_node: Matrix) -> Light:
     try:
         kind = LightKind(source.type)
     except ValueError:
@@ -74,7 +72,7 @@ def _light(source: gltf.Light, name: str, X_world_node: Matrix) -> Light:
     length = float(np.linalg.norm(axis))
     if not (0.0 < length < math.inf and np.isfinite(X_world_node).all()):
         raise GltfError(f"{name}: its node has no direction")
-    spot = source.spot or gltf.Spot()
+    spot = source.spot or schema.Spot()
     inner = 0.0 if spot.inner_cone_angle is None else spot.inner_cone_angle
     outer = math.pi / 4.0 if spot.outer_cone_angle is None else spot.outer_cone_angle
     if kind is LightKind.SPOT and not 0.0 <= inner < outer <= math.pi / 2.0:

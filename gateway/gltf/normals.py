@@ -1,26 +1,30 @@
-"""Normals for meshes that come without, or with bad ones."""
+"""Vertex normals: computed where a primitive has none, and brought to unit length."""
 
 from __future__ import annotations
 
-from array import array
-from typing import Final
+import math
+from typing import Any, Final
 
 import numpy as np
+from numba import types
 from numpy.typing import NDArray
 
-from gateway.gltf.compare import address_of_new
-from gateway.gltf.reader_kernels import read_meshes
-from renderers.compiler.pointers import address_of
+from renderers.compiler.cache_locator import cached_njit
+from renderers.compiler.kernel_calls import is_set
 from renderers.stop import check_stop, current_stop
 
 _BLOCK: Final = 1 << 18
-"""Rows between two looks at the ``StopFlag``."""
+"""Rows between two checks of the ``StopFlag``."""
+_TRIANGLE_BLOCK: Final = 1 << 16
+"""Triangles or vertices between two checks of the ``StopFlag`` in the kernel."""
+_UNIT_TOLERANCE: Final = 1e-3
+"""Maximum deviation of a given normal's length from 1 that is left as it is."""
 
 
 def vertex_normals(positions: NDArray[np.float32], triangles: NDArray[np.uint32]) -> NDArray[np.float32]:
-    """Normals as RenderEngineVtk shows them: cross products, hence weighted by area, summed per vertex *index*.
+    """Return normals like RenderEngineVtk's: cross products, hence weighted by area, summed per vertex *index*.
 
-    Vertices at the same place stay apart, so boxes of 24 vertices stay flat.
+    Vertices at the same position stay separate, so boxes of 24 vertices stay flat.
 
     Args:
         positions: (N, 3) float32, finite, C-contiguous.
@@ -30,40 +34,88 @@ def vertex_normals(positions: NDArray[np.float32], triangles: NDArray[np.uint32]
         (N, 3) float32, unit length; (0, 0, 1) for vertices of no triangle with an area.
     """
     normals = np.empty(positions.shape, np.float32)
-    places, corners = address_of(positions, np.float32), address_of(triangles, np.uint32)
-    target = address_of(normals, np.float32)
-    row = array("q", (places, len(positions), corners, triangles.size, 4, 0, 0, 0, target, -1))
-    sound, stop = bytearray(1), current_stop()
-    read_meshes(row.buffer_info()[0], 1, address_of_new(sound), stop.address)
+    stop = current_stop()
+    _write_vertex_normals(_read_only(positions), _read_only(triangles), normals, stop.address)
     stop.check()
     return normals
 
 
-def unit_rows(vectors: NDArray[np.float32], tolerance: float = 1e-3) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """The rows at unit length (unchanged if all of them are within ``tolerance``), and which rows have no direction.
+def _read_only(array: NDArray[Any]) -> NDArray[Any]:
+    """Return a read-only view: Numba would compile the kernel again for writable arrays."""
+    view = array.view()
+    view.setflags(write=False)
+    return view
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def _write_vertex_normals(
+    positions: NDArray[np.float32], triangles: NDArray[np.uint32], normals: NDArray[np.float32], stop: int
+) -> None:
+    """Write the result of ``vertex_normals``. Sums are float64, in the order of the triangles.
+
+    Args:
+        stop: Address of a ``StopFlag``; the result is incomplete once it is set.
+    """
+    sums = np.zeros((len(positions), 3), np.float64)
+    for t in range(len(triangles)):
+        if t % _TRIANGLE_BLOCK == 0 and is_set(stop):
+            return
+        a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+        x, y, z = np.float64(positions[a, 0]), np.float64(positions[a, 1]), np.float64(positions[a, 2])
+        ux, uy, uz = positions[b, 0] - x, positions[b, 1] - y, positions[b, 2] - z
+        vx, vy, vz = positions[c, 0] - x, positions[c, 1] - y, positions[c, 2] - z
+        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        for vertex in (a, b, c):
+            sums[vertex, 0] += nx
+            sums[vertex, 1] += ny
+            sums[vertex, 2] += nz
+    for v in range(len(positions)):
+        if v % _TRIANGLE_BLOCK == 0 and is_set(stop):
+            return
+        x, y, z = sums[v, 0], sums[v, 1], sums[v, 2]
+        length = math.sqrt(x * x + y * y + z * z)
+        if 0.0 < length < np.inf:
+            scale = 1.0 / length
+            normals[v, 0], normals[v, 1], normals[v, 2] = x * scale, y * scale, z * scale
+        else:
+            normals[v, 0], normals[v, 1], normals[v, 2] = 0.0, 0.0, 1.0
+
+
+def unit_rows(vectors: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Scale rows to unit length, unless all of them have it within 0.1 %.
 
     Args:
         vectors: (N, 3) float32.
 
     Returns:
-        (N, 3) float32 and (N,) bool: True where the row is zero or not finite; such rows are as they were.
+        (N, 3) float32, and (N,) bool: True for rows without a direction (zero or not finite), which stay as they are.
     """
-    bad = np.zeros(len(vectors), np.bool_)
+    invalid = np.zeros(len(vectors), np.bool_)
     blocks = [slice(first, first + _BLOCK) for first in range(0, len(vectors), _BLOCK)]
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        for block in blocks:
-            check_stop()
-            squares = np.einsum("ij,ij->i", vectors[block], vectors[block])
-            if not bool((np.abs(squares - 1.0) <= 2.0 * tolerance).all()):
-                break
-        else:
-            return vectors, bad
+        if all(_are_units(vectors[block]) for block in blocks):
+            return vectors, invalid
         units = np.empty(vectors.shape, np.float32)
         for block in blocks:
             check_stop()
             wide = vectors[block].astype(np.float64)
             lengths = np.sqrt(np.einsum("ij,ij->i", wide, wide))
-            bad[block] = ~(np.isfinite(lengths) & (lengths > 0.0))
-            lengths[bad[block]] = 1.0
+            invalid[block] = ~(np.isfinite(lengths) & (lengths > 0.0))
+            lengths[invalid[block]] = 1.0
             units[block] = wide / lengths[:, None]
-        return units, bad
+        return units, invalid
+
+
+def _are_units(vectors: NDArray[np.float32]) -> bool:
+    check_stop()
+    squares = np.einsum("ij,ij->i", vectors, vectors)
+    return bool((np.abs(squares - 1.0) <= 2.0 * _UNIT_TOLERANCE).all())
+
+
+def warm_up() -> None:
+    """Compile the kernel, or load it from the kernel cache."""
+    floats, indices = (
+        types.Array(types.float32, 2, "C", readonly=True),
+        types.Array(types.uint32, 2, "C", readonly=True),
+    )
+    _write_vertex_normals.compile((floats, indices, types.float32[:, ::1], types.int64))

@@ -1,113 +1,95 @@
-"""A posted scene as a draw list, without the detour over a tree: the poses of hundreds of nodes are new every time, and
-all the rest is what it was."""
+"""The draw list of a posted scene, without the detour over a tree.
+
+A moving robot has new poses in every request and the same topology: what is derived from the topology, here and in the
+renderer, is kept in a cache of ``SceneTopology``.
+"""
 
 from __future__ import annotations
 
-import threading
 from dataclasses import dataclass
-from operator import is_
-from typing import Final
-from weakref import ref
+from typing import Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.gltf import DEFAULT_MATERIAL, GltfScene, label_from_material
+from gateway.gltf import DEFAULT_MATERIAL, DocumentContent, GltfScene, label_from_material
 from gateway.scene.flatten import DRAWABLE, images_of
-from gateway.scene.geometry import Part, Surface
+from gateway.scene.geometry import Surface
+from renderers.cache import Cache
 from renderers.drawlist import LABEL_NONE, DrawList, Image, InstanceSet, PosedInstances
 from renderers.stop import check_stop
 
-_REMEMBERED: Final = 8
-"""Scenes whose things may stand elsewhere now: the colour, depth and label pictures of two or three."""
-_NOBODY: Final[frozenset[int]] = frozenset()
+_INSTANCE_BYTES: Final = 1024
+"""Approximate size of an instance's entries, the renderer's tables included."""
+
+TopologyKey: TypeAlias = tuple[DocumentContent, tuple[int | None, ...], tuple[int, ...], bytes]
+"""Content (by identity), the nodes' meshes and parents, and a flag for each node that is too far away."""
 
 
-@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
-class Company:
-    """What of a posted scene stays the same while things move."""
+@dataclass(frozen=True, slots=True, eq=False)
+class SceneTopology:
+    """The part of a posted scene that does not change with its poses."""
 
-    parts: list[tuple[Part, ...] | None]
-    """As of ``NodeTree``."""
-    parents: list[int]
-    """As of ``NodeTree``."""
-    away: frozenset[int]
-    """Nodes that are too far away to be drawn."""
-    cast: InstanceSet
+    instances: InstanceSet
     nodes: NDArray[np.intp]
-    """(I,): each instance's node."""
+    """(I,): node of each instance."""
     images: tuple[Image, ...]
-    mesh_bytes: int
-    """Of all meshes, each counted once."""
+
+    @property
+    def nbytes(self) -> int:
+        """Approximate size, without meshes and images."""
+        return _INSTANCE_BYTES * len(self.nodes)
 
 
-class Companies:
-    """Makes draw lists of posted scenes. Thread-safe; knows the last companies again while somebody keeps them."""
+def draw_list_of(scene: GltfScene, topologies: Cache[TopologyKey, SceneTopology]) -> DrawList:
+    """Return the draw list of a posted scene, with labels from the colours of its materials.
 
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._known: list[ref[Company]] = []
-        """The last one used first."""
-
-    def drawn(self, scene: GltfScene) -> tuple[DrawList, Company]:
-        """What ``flatten(scene.root, label_of=labels_of(scene.root))`` gives, in a fraction of the time, and what is to
-        be kept for the next scene."""
-        parts, parents, worlds = scene.nodes.parts, scene.nodes.parents, scene.nodes.X_world_node
-        away = _NOBODY
-        if not -DRAWABLE < worlds.min(initial=0.0) <= worlds.max(initial=0.0) < DRAWABLE:  # nor where it is no number
-            with np.errstate(all="ignore"):
-                drawable = (np.abs(worlds) < DRAWABLE).all(axis=(1, 2))
-            away = frozenset(np.flatnonzero(~drawable).tolist())
-        company = self._find(parts, parents, away) or _company(parts, parents, away)
-        with self._lock:
-            if not self._known or self._known[0]() is not company:
-                others = [each for each in self._known if each() is not None and each() is not company]
-                self._known = [ref(company), *others[: _REMEMBERED - 1]]
-        return DrawList(PosedInstances(company.cast, worlds[company.nodes]), company.images, scene.lights), company
-
-    def _find(self, parts: list[tuple[Part, ...] | None], parents: list[int], away: frozenset[int]) -> Company | None:
-        with self._lock:
-            known = tuple(self._known)
-        for each in known:
-            company = each()
-            if (
-                company is not None
-                and len(company.parts) == len(parts)
-                and all(map(is_, company.parts, parts))
-                and company.parents == parents
-                and company.away == away
-            ):
-                return company
-        return None
+    The same as ``flatten(scene.root, label_of=labels_of(scene.root))`` in a fraction of the time.
+    """
+    nodes = scene.nodes
+    with np.errstate(all="ignore"):
+        drawable = np.asarray((np.abs(nodes.X_world_node) < DRAWABLE).all(axis=(1, 2)))
+    key = scene.content, tuple(nodes.meshes), tuple(nodes.parents), np.packbits(drawable).tobytes()
+    topology = topologies.get(key)
+    if topology is None:
+        topology = _topology_of(scene, drawable)
+        topologies.put(key, topology, topology.nbytes + scene.content.mesh_bytes)
+    posed = PosedInstances(topology.instances, nodes.X_world_node[topology.nodes])
+    return DrawList(posed, topology.images, scene.lights)
 
 
-def _company(parts: list[tuple[Part, ...] | None], parents: list[int], away: frozenset[int]) -> Company:
+def _topology_of(scene: GltfScene, drawable: NDArray[np.bool_]) -> SceneTopology:
     meshes, materials, labels, nodes = [], [], [], []
-    branches: list[int] = []
-    for node, parent in enumerate(parents):
-        branches.append(node if parent < 0 else branches[parent])
-    bare = _labels_of_branches(parts, branches)
-    for node, of_node in enumerate(parts):
+    roots: list[int] = []
+    for node, parent in enumerate(scene.nodes.parents):
+        roots.append(node if parent < 0 else roots[parent])
+    label_of_root = _labels_of_roots(scene, roots)
+    for node, parts in enumerate(scene.parts):
         check_stop()
-        for part in () if of_node is None or node in away else of_node:
-            assert isinstance(part.shape, Surface)  # and without a transform of its own: glTF knows nothing else
-            material = part.material
+        if not drawable[node]:
+            continue
+        for part in parts or ():
+            assert isinstance(part.shape, Surface)  # glTF has no other shapes
+            unnamed = part.material is DEFAULT_MATERIAL
+            label = label_of_root.get(roots[node], LABEL_NONE) if unnamed else label_from_material(part.material)
             meshes.append(part.shape.mesh)
-            materials.append(material)
-            named = material is not DEFAULT_MATERIAL
-            labels.append(label_from_material(material) if named else bare.get(branches[node], LABEL_NONE))
+            materials.append(part.material)
+            labels.append(label)
             nodes.append(node)
-    cast = InstanceSet(tuple(meshes), tuple(materials), tuple(labels))
-    mesh_bytes = sum([mesh.nbytes for mesh in {id(mesh): mesh for mesh in meshes}.values()])
-    return Company(parts, parents, away, cast, np.array(nodes, np.intp), images_of(materials), mesh_bytes)
+    instances = InstanceSet(tuple(meshes), tuple(materials), tuple(labels))
+    return SceneTopology(instances, np.array(nodes, np.intp), images_of(materials))
 
 
-def _labels_of_branches(parts: list[tuple[Part, ...] | None], branches: list[int]) -> dict[int, int]:
-    """What is drawn without a material has, by the root that it is below, if the others there have one label."""
-    if not any(part.material is DEFAULT_MATERIAL for of_node in parts for part in of_node or ()):
+def _labels_of_roots(scene: GltfScene, roots: list[int]) -> dict[int, int]:
+    """Return the label of primitives without a material, by the root of the scene above them.
+
+    Drake's client hangs each glTF file below one node, and a whole file has one label. Roots with several labels or
+    none are left out.
+    """
+    if all(part.material is not DEFAULT_MATERIAL for parts in scene.parts for part in parts or ()):
         return {}
     found: dict[int, set[int]] = {}
-    for of_node, branch in zip(parts, branches, strict=True):
-        materials = [part.material for part in of_node or () if part.material is not DEFAULT_MATERIAL]
-        found.setdefault(branch, set()).update(map(label_from_material, materials))
-    return {branch: next(iter(labels)) for branch, labels in found.items() if len(labels) == 1}
+    for root, parts in zip(roots, scene.parts, strict=True):
+        materials = [part.material for part in parts or () if part.material is not DEFAULT_MATERIAL]
+        found.setdefault(root, set()).update(map(label_from_material, materials))
+    return {root: labels.pop() for root, labels in found.items() if len(labels) == 1}

@@ -152,5 +152,5 @@ class RenderService:
             "answers": {str(status): count for status, count in sorted(self._responses.items())},
             "arriving": self.arriving,
             "inflight_bytes": self._body_bytes,
-            "scene_cache": {"hits": self.scenes.hits, "misses": self.scenes.misses},
+            "scene_cache": {"hits": self.scenes.scenes.hits, "misses": self.scenes.scenes.misses},
         }

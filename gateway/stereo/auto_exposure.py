@@ -1,16 +1,15 @@
-"""Which exposure the images of a shot get: the device's modes of automatic exposure.
+"""Modes of automatic exposure, which has settled in every frame.
 
-The manual's sentences, with an automatic that has settled in every frame:
-
-* ``Normal``: every image for itself; in alternate exposure those with Out1 high decide for both.
-* ``Out1High``: only images with Out1 high are looked at; those with Out1 low get the exposure of the last of them.
-* ``AdaptiveOut1``: images with Out1 low are exposed less, by the difference that Out1 makes, so that nothing is
-  over-exposed when it goes high. The share is ``out1_reduction``.
+* ``Normal``: every image is metered by itself; in alternate exposure, the image with Out1 high determines both.
+* ``Out1High``: only images with Out1 high are metered; those with Out1 low get the exposure of the last one.
+* ``AdaptiveOut1``: images with Out1 low are exposed less, so that nothing is over-exposed when Out1 goes high.
+  ``out1_reduction`` is the share by which they are exposed less.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,59 +17,54 @@ from numpy.typing import NDArray
 from gateway.stereo.settings import StreamSettings
 from renderers.stereo.exposure import Exposure, auto_exposure
 
+DIVISOR: Final = 8
+"""Resolution of the camera images divided by that of the metered image."""
+
 
 @dataclass(slots=True)
-class Memory:
-    """What the automatic remembers from frame to frame."""
+class ExposureMemory:
+    """State of automatic exposure between frames."""
 
-    high: Exposure | None = None
-    """Of the last image with Out1 high."""
+    out1_high: Exposure | None = None
+    """Exposure of the last image with Out1 high."""
 
 
-def expose(
-    dark: NDArray[np.float32], bright: NDArray[np.float32], *, high: bool, settings: StreamSettings, memory: Memory
+def choose_exposure(
+    dark: NDArray[np.float32],
+    bright: NDArray[np.float32],
+    *,
+    out1: bool,
+    settings: StreamSettings,
+    memory: ExposureMemory,
 ) -> tuple[Exposure, float]:
-    """The exposure of a shot, and ``out1_reduction``.
+    """Return the exposure of an image and ``out1_reduction``.
 
     Args:
-        dark: (h, w) float32 brightness (``brightness_of``) of what the left camera sees, at a lower resolution.
-        bright: the same with the light that Out1 switches.
-        high: whether Out1 is high in this shot.
-        settings: of the frame.
-        memory: of earlier frames; changed.
+        dark: (h, w) float32, ``brightness_of`` the left image at 1/``DIVISOR`` of the resolution, without the light of
+            Out1.
+        bright: (h, w) float32, the same with the light of Out1.
+        out1: True if Out1 is high in this image.
+        settings: parameters of the frame.
+        memory: state, changed.
     """
-    limits, like = settings.auto, settings.manual
+    limits, manual = settings.auto, settings.manual
     if limits is None:
-        return like, 0.0
-    dark, bright = (_within(values, settings) for values in (dark, bright))
-
-    def best(values: NDArray[np.float32]) -> Exposure:
-        return auto_exposure(values, limits, like)
-
+        return manual, 0.0
+    dark, bright = (_metered_region(values, settings) for values in (dark, bright))
     if settings.auto_mode == "AdaptiveOut1":
-        low, lit = best(dark), best(bright)
-        return lit, min(max(1.0 - lit.light / low.light, 0.0), 1.0)
+        low, high = auto_exposure(dark, limits, manual), auto_exposure(bright, limits, manual)
+        return high, min(max(1.0 - high.light / low.light, 0.0), 1.0)
     if settings.auto_mode == "Out1High":
-        if high or memory.high is None:
-            memory.high = best(bright)
-        return memory.high, 0.0
-    return best(bright if high or settings.alternate else dark), 0.0
+        if out1 or memory.out1_high is None:
+            memory.out1_high = auto_exposure(bright, limits, manual)
+        return memory.out1_high, 0.0
+    return auto_exposure(bright if out1 or settings.alternate else dark, limits, manual), 0.0
 
 
-def _within(values: NDArray[np.float32], settings: StreamSettings) -> NDArray[np.float32]:
-    """What lies in the exposure region; everything when that is empty."""
+def _metered_region(values: NDArray[np.float32], settings: StreamSettings) -> NDArray[np.float32]:
+    """Return the pixels of the exposure region, or the whole image if the region lies outside."""
     region = settings.exposure_region
     if region is None:
         return values
-    columns, rows = span(region[0], region[2], DIVISOR), span(region[1], region[3], DIVISOR)
-    inside = values[rows, columns]
+    inside = values[region.slices(DIVISOR)]
     return inside if inside.size else values
-
-
-def span(begin: int, size: int, divisor: int) -> slice:
-    """Pixels of an image at 1/``divisor`` of the resolution that lie at least partly in a span of the full image."""
-    return slice(begin // divisor, -(-(begin + size) // divisor))
-
-
-DIVISOR = 8
-"""Automatic exposure looks at a picture this much smaller than the camera's."""

@@ -1,49 +1,52 @@
-"""Which timestamp a frame carries. How fast frames come is not decided here."""
+"""Timestamps of frames: from the system clock, or simulated."""
 
 from __future__ import annotations
 
 import time
 from typing import Protocol
 
+NANOSECONDS = 1_000_000_000
+"""Nanoseconds per second."""
+
 
 class Clock(Protocol):
-    """Gives the timestamps of frames."""
+    """Source of frame timestamps."""
 
     @property
     def simulated(self) -> bool:
-        """Whether timestamps depend on the frames alone; then no frame may be skipped for lack of time."""
+        """True if timestamps depend on the frames alone; then no frame may be skipped for lack of time."""
 
-    def stamp(self, previous: int | None, period: int) -> int:
-        """Timestamp of a frame, nanoseconds since the epoch.
+    def next_timestamp(self, previous: int | None, period: int) -> int:
+        """Return the timestamp of a frame, nanoseconds since the epoch.
 
         Args:
-            previous: that of the frame before; None: it is the first.
-            period: nanoseconds between frames at the present rate.
+            previous: timestamp of the previous frame; None for the first.
+            period: nanoseconds between frames at the current rate.
         """
 
 
 class SystemClock:
-    """The computer's time."""
+    """Timestamps from the system clock."""
 
     simulated = False
 
-    def stamp(self, previous: int | None, period: int) -> int:
+    def next_timestamp(self, previous: int | None, period: int) -> int:
         now = time.time_ns()
-        # Timestamps identify frames: never twice the same, even when the clock is set back a little.
-        return now if previous is None or not previous - 1_000_000_000 < now <= previous else previous + 1
+        # Timestamps identify frames, so they stay unique when the system clock is set back by up to a second.
+        return now if previous is None or not previous - NANOSECONDS < now <= previous else previous + 1
 
 
 class SimulatedClock:
-    """Advances by one period with every frame, from a fixed start."""
+    """Timestamps that advance by one period with every frame."""
 
     simulated = True
 
-    def __init__(self, start: int = 1_000_000_000) -> None:
+    def __init__(self, start: int = NANOSECONDS) -> None:
         """
         Args:
             start: timestamp of the first frame, nanoseconds.
         """
         self._start = start
 
-    def stamp(self, previous: int | None, period: int) -> int:
+    def next_timestamp(self, previous: int | None, period: int) -> int:
         return self._start if previous is None else previous + period

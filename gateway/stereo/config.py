@@ -1,4 +1,4 @@
-"""What the stereo camera is told at start."""
+"""Configuration of the stereo camera, fixed from start to end."""
 
 from __future__ import annotations
 
@@ -16,75 +16,83 @@ Rate = Literal["device", "max"]
 
 @dataclass(frozen=True, slots=True)
 class Tls:
-    """Files in PEM format."""
+    """TLS files in PEM format."""
 
     certificate: Path
     key: Path
     client_ca: Path | None = None
-    """When given, only clients with a certificate of this authority are served."""
+    """Authority that client certificates must be signed by; None: clients need no certificate."""
 
 
 @dataclass(frozen=True, slots=True)
 class StereoConfig:
-    """Defaults are the device's where it has them."""
+    """Configuration of one stereo camera. Defaults are the device's where it has them."""
 
     host: str = "127.0.0.1"
+    """Address to listen on."""
     port: int = 50051
-    """0: any free port."""
+    """Port of the image stream; 0: any free port."""
     tls: Tls | None = None
-    """None: plaintext, as on the device."""
+    """TLS of the image stream; None: plaintext, as on the device."""
     tokens: Tokens | None = None
-    """None: anybody may call, as on the device."""
+    """Bearer tokens of the image stream; None: no token is needed, as on the device."""
     model: StereoModel = field(default_factory=lambda: MODELS["rc_visard 160-4"])
+    """Geometry of the camera."""
     depth_mode: DepthMode = "ground_truth"
+    """Source of depth images: rendered depth with modelled errors, or matching of rendered images."""
     rate: Rate = "device"
-    """``device``: the real camera's rates; ``max``: as fast as the slowest of rendering and clients allows."""
+    """``device``: the real camera's rates; ``max``: as fast as rendering and clients allow."""
     seed: int = 0
-    """Of all noise: seed, scene and frame number determine every byte except timestamps."""
+    """Seed of all noise: seed, scene and frame number determine every byte except timestamps."""
     noise: bool = True
-    """False: images without noise, disparity exact up to its rounding, confidence 1 (ground truth)."""
+    """Noise of images and disparity; False: disparity is exact up to its rounding, confidence is 1."""
     image_noise: float = 1.0
-    """Factor of the images' noise."""
+    """Factor of the image noise."""
     d_eps: float = 0.25
     """Standard deviation of the disparity in pixels of the full resolution (the manual's typical value)."""
     look: LookName = "pbr"
+    """Shading of the rendered images."""
     background: tuple[int, int, int] = (204, 229, 255)
-    """RGB of the picture where nothing is."""
+    """RGB of the background."""
     near: float = 0.01
     """Near clipping plane of the rendered images, metres."""
     far: float = 10_000.0
     """Far clipping plane, metres; depth images have their own limits (mindepth, maxdepth)."""
     projector: bool = True
-    """Whether a random-dot projector hangs on output Out1."""
+    """Random-dot projector on output Out1."""
     dot_light: float = 2.0
-    """Light of a projected dot relative to the scene's own."""
+    """Light of a projected dot, relative to the scene's own."""
     mesh_rgb: bool = False
-    """Meshes repeat their colours as red, green, blue: trimesh and Open3D ignore the device's diffuse_* names."""
+    """Repeat the colours of meshes as red, green, blue: trimesh and Open3D ignore the device's diffuse_* names."""
     serial: str = "02900000"
+    """Serial number in the system information."""
     hostname: str = "scenegate"
+    """Host name in the system information."""
     max_clients: int = 64
-    """Streams at a time; each holds one set (up to 70 MB with a full mesh) in its mailbox and some in its socket."""
+    """Maximum number of streams. Each holds one set (up to 70 MB with a full mesh) in its mailbox, and more in its
+    socket."""
     max_pairs: int = 10_000
-    """Stereo pairs in a folder that is shown in the scene's place: 400 s at the camera's rate; their names are kept."""
+    """Maximum number of recorded stereo pairs in a folder: 400 s at the camera's rate."""
     max_pair_pixels: int = 20_000_000
-    """Of one such image: 16 times the device's; 60 MB decoded, and eight are kept."""
+    """Maximum number of pixels of a recorded image: 16 times the device's. Decoded 60 MB, and eight images are
+    cached."""
     max_upload: int = 64 << 20
-    """Bytes of a pair that is uploaded: four such images, compressed."""
+    """Maximum number of bytes of an uploaded pair: four such images, compressed."""
     faults: bool = False
-    """Whether faults may be injected over REST."""
+    """Permit fault injection over REST."""
     max_late_bytes: int = 256 << 20
-    """Of sets that an injected delay holds back: 10 s of 1280x960 camera images at 10 Hz."""
+    """Maximum number of bytes of sets that an injected delay holds back: 10 s of 1280x960 camera images at 10 Hz."""
     max_events: int = 64
-    """Image events that wait for one listener; at the highest rate 2.5 s of them, some 2 kB."""
+    """Maximum number of image events in a client's queue: 2.5 s at the highest rate, about 2 kB."""
     max_kinds: int = 16
-    """Different requests at a time: each is serialised separately, and meshes cost up to 0.1 s each."""
+    """Maximum number of different requests: each is serialised separately, and meshes take up to 0.1 s each."""
     history: int = 100
-    """Frames that ``/stereo/truth.npz`` remembers: 4 s of the camera. A frame keeps its draw list, whose meshes are
-    shared, and is rendered again when asked for."""
+    """Number of frames for ``/stereo/truth.npz``: 4 s at the camera's rate. A frame keeps its draw list, whose meshes
+    are shared, and is rendered again on request."""
     frames_in_flight: int = 2
-    """Frames being made at the same time: one renders while the other is filtered and serialised."""
+    """Maximum number of frames in flight: one renders while the other is filtered and serialised."""
 
     @property
     def noise_factor(self) -> float:
-        """Of the images' noise; 0: none."""
+        """Factor of the image noise; 0 disables it."""
         return self.image_noise if self.noise else 0.0

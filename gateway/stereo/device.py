@@ -1,4 +1,4 @@
-"""What the device says about itself over REST: nodes, status values, services, system. Plain values, no I/O."""
+"""Content of the device's REST interface: nodes, status values, services, system. Plain values, no I/O."""
 
 from __future__ import annotations
 
@@ -6,13 +6,14 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
-from gateway.stereo.messages import INPUT_MASK, NANOSECONDS, OUTPUT_MASK
-from gateway.stereo.pairs import PairStudio
+from gateway.stereo.clock import NANOSECONDS
+from gateway.stereo.messages import INPUT_MASK, OUTPUT_MASK
+from gateway.stereo.pairs import PairImaging
 from gateway.stereo.parameter_specs import NODES
 from gateway.stereo.service import StereoService
 
 IMAGE_VERSION: Final = "26.04.0"
-"""Firmware that this camera behaves like; clients parse three components."""
+"""Emulated firmware version; clients parse three components."""
 SERVICES: Final[Mapping[str, Mapping[str, str]]] = {
     "rc_camera": {"reset_defaults": "Restores the default values of the parameters"},
     "rc_stereomatching": {
@@ -24,46 +25,37 @@ SERVICES: Final[Mapping[str, Mapping[str, str]]] = {
         "reset_defaults": "Restores the default values of the parameters",
     },
 }
+"""Descriptions of services, by node and name."""
 
 
 def node_info(node: str) -> dict[str, Any]:
-    """The device's NodeInfo."""
+    """Return the device's NodeInfo."""
     return {"name": node, "parameters": list(NODES[node]), "services": list(SERVICES[node]), "status": "running"}
 
 
 def service_info(node: str, name: str) -> dict[str, Any]:
-    """The device's description of a service.
-
-    Raises:
-        KeyError: there is none.
-    """
+    """Return the device's description of a service."""
     return {"name": name, "description": SERVICES[node][name], "args": {}, "response": {}}
 
 
 def status(service: StereoService, node: str) -> dict[str, Any]:
-    """The device's NodeStatus; all values are strings."""
+    """Return the device's NodeStatus. All values are strings."""
     values = {"rc_camera": _camera, "rc_stereomatching": _matching, "rc_iocontrol": _io}[node](service)
     return {"status": "running", "timestamp": time.time(), "values": {k: _text(v) for k, v in values.items()}}
 
 
 def call(service: StereoService, node: str, name: str) -> dict[str, Any]:
-    """Calls a service.
-
-    Raises:
-        KeyError: there is none.
-    """
+    """Call a service and return the device's response."""
     actions: dict[str, Callable[[], dict[str, Any]]] = {
         "reset_defaults": lambda: _reset(service, node),
         "acquisition_trigger": lambda: {"return_code": _code(*service.fire_trigger())},
         "get_io_values": lambda: _io_values(service),
     }
-    if name not in SERVICES[node]:
-        raise KeyError(name)
     return {"name": name, "response": actions[name]()}
 
 
 def system(services: Sequence[StereoService]) -> dict[str, Any]:
-    """The device's SysInfo; of the first pipeline where there is only one such value."""
+    """Return the device's SysInfo, with the values of the first pipeline where there can be only one."""
     service = services[0]
     config = service.config
     now = time.time()
@@ -109,7 +101,7 @@ def system(services: Sequence[StereoService]) -> dict[str, Any]:
 
 
 def pipelines(services: Sequence[StereoService]) -> dict[str, Any]:
-    """All by their numbers."""
+    """Return all pipelines by number."""
     return {str(number): _pipeline(service) for number, service in enumerate(services)}
 
 
@@ -118,14 +110,14 @@ def _pipeline(service: StereoService) -> dict[str, Any]:
 
 
 def _camera(service: StereoService) -> dict[str, object]:
-    model, settings, taking = service.config.model, service.settings, service.last_taken.exposure
+    model, settings, metered = service.config.model, service.settings, service.last_metered
     return {
-        "exp": taking.time,
-        "gain": taking.gain,
-        "gamma": taking.gamma,
-        "brightness": round(service.last_taken.brightness, 2),
-        "noise": taking.sigma(128.0) * service.config.noise_factor,
-        "out1_reduction": service.last_taken.out1_reduction,
+        "exp": metered.exposure.time,
+        "gain": metered.exposure.gain,
+        "gamma": metered.exposure.gamma,
+        "brightness": round(metered.brightness, 2),
+        "noise": metered.exposure.sigma(128.0) * service.config.noise_factor,
+        "out1_reduction": metered.out1_reduction,
         "fps": settings.camera_rate if len(service.hub) else 0.0,
         "time": time.time(),
         "width": model.width,
@@ -135,7 +127,7 @@ def _camera(service: StereoService) -> dict[str, object]:
         "color": 1,
         "temp_left": 35.0,
         "temp_right": 35.0,
-        "test": int(isinstance(service.studio, PairStudio)),
+        "test": int(isinstance(service.imaging, PairImaging)),
         "params_override_active": 0,
         "selfcalib_counter": 0,
         "selfcalib_offset": 0.0,
@@ -146,9 +138,9 @@ def _matching(service: StereoService) -> dict[str, object]:
     settings, model, counts = service.settings, service.config.model, service.counts
     divisor, filters = settings.quality.divisor, settings.filters
     k = model.intrinsics(divisor)
-    wanted = any(kind.depth for kind in service.hub.kinds())
+    subscribed = any(kind.depth for kind in service.hub.kinds())
     return {
-        "fps": settings.depth_rate if wanted and not settings.single else 0.0,
+        "fps": settings.depth_rate if subscribed and not settings.single else 0.0,
         "latency": counts.depth_seconds,
         "time_matching": counts.depth_seconds,
         "time_postprocessing": 0.0,

@@ -1,4 +1,4 @@
-"""Image events: who listens is told when the images for a depth image are taken, before depth is computed from them."""
+"""Image events: sent when the images of a depth frame are captured, before depth is computed."""
 
 from __future__ import annotations
 
@@ -7,52 +7,49 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from gateway.generated import image_interface_pb2 as pb
-from gateway.stereo.hub import FullError
+from gateway.stereo.hub import LimitError
 from gateway.stereo.messages import time_of
 
 
 class EventHub:
-    """All listeners, each with a short queue: who does not read misses the oldest events and costs nobody anything."""
+    """Event queues of all clients. A client that does not read misses the oldest events."""
 
     def __init__(self, max_clients: int, length: int) -> None:
         """
         Args:
-            max_clients: listeners at a time.
-            length: events that wait for one listener.
+            max_clients: maximum number of clients.
+            length: maximum number of events in a client's queue.
         """
         self._max_clients = max_clients
         self._length = length
-        self._queues: set[asyncio.Queue[bytes]] = set()
-        self._silent: set[asyncio.Queue[bytes]] = set()
-        """Of those who asked for no event."""
+        self._queues: dict[asyncio.Queue[bytes], bool] = {}
+        """Queues of all clients; False: the client has requested no event."""
 
     def __len__(self) -> int:
         return len(self._queues)
 
     @contextmanager
     def subscribe(self, *, depth_acquisition_done: bool) -> Iterator[asyncio.Queue[bytes]]:
-        """Serialised ``ImageEvents`` for the time of the block.
+        """Return a queue of serialised ``ImageEvents`` for the duration of the block.
 
         Raises:
-            FullError: there are too many listeners.
+            LimitError: too many clients.
         """
         if len(self._queues) >= self._max_clients:
-            raise FullError(f"{self._max_clients} event streams are open already, the limit (max_clients)")
+            raise LimitError(f"{self._max_clients} event streams are open already, the limit (max_clients)")
         queue: asyncio.Queue[bytes] = asyncio.Queue(self._length)
-        self._queues.add(queue)
-        self._silent |= {queue} if not depth_acquisition_done else set()
+        self._queues[queue] = depth_acquisition_done
         try:
             yield queue
         finally:
-            self._queues.discard(queue)
-            self._silent.discard(queue)
+            del self._queues[queue]
 
     def depth_acquisition_done(self, imageset: int, now: int) -> None:
-        """Tells everybody.
+        """Send the event to every client that has requested it.
 
         Args:
-            imageset: timestamp of the set that it belongs to, nanoseconds.
-            now: timestamp of the event.
+            imageset: timestamp of the image set, nanoseconds.
+            now: timestamp of the event, nanoseconds.
         """
         if not self._queues:
             return
@@ -60,7 +57,8 @@ class EventHub:
             imageset_timestamp=time_of(imageset), depth_acquisition_done=pb.Event(timestamp=time_of(now))
         )
         data = event.SerializeToString()
-        for queue in self._queues - self._silent:
-            if queue.full():
-                queue.get_nowait()
-            queue.put_nowait(data)
+        for queue, requested in self._queues.items():
+            if requested:
+                if queue.full():
+                    queue.get_nowait()
+                queue.put_nowait(data)

@@ -1,4 +1,4 @@
-"""REST for faults: off unless the operator has allowed it."""
+"""REST routes of fault injection, disabled unless the operator allows it."""
 
 from __future__ import annotations
 
@@ -10,19 +10,20 @@ from fastapi.responses import JSONResponse
 
 from gateway.server.openapi import Responses, example, json_example
 from gateway.stereo.faults import CUT, Faults
+from gateway.stereo.rest_errors import RestError, read_body
 from gateway.stereo.service import StereoService
 
 MAX_BODY: Final = 4096
-"""Bytes; all fields together take two hundred."""
+"""Maximum size of a body, bytes. All fields together take two hundred."""
 OFF: Final = "fault injection is off; start the gateway with --stereo-faults"
 
 _MESSAGE: Final = {"type": "object", "required": ["message"], "properties": {"message": {"type": "string"}}}
 
 
-def _refusals(*statuses: int) -> Responses:
-    """Refusals of a route, for its description."""
+def _error_responses(*statuses: int) -> Responses:
+    """Return the error responses of a route."""
     texts = {
-        400: "The body cannot be used; the message tells why.",
+        400: "Invalid body; the message is the reason.",
         403: "Fault injection is off (--stereo-faults).",
         404: "There is no such pipeline.",
         413: "The body is too large.",
@@ -51,8 +52,9 @@ Pipeline = Annotated[
 
 
 def fault_router(*services: StereoService) -> APIRouter:
-    """``/stereo/faults``: GET shows, PUT replaces, DELETE ends; ``POST …/disconnect`` cuts every stream now."""
-    api = APIRouter(tags=["Stereo camera"], responses=_refusals(403, 404))
+    """Return the routes: GET, PUT and DELETE of ``/stereo/faults``, and ``POST …/disconnect``, which cuts every
+    stream."""
+    api = APIRouter(tags=["Stereo camera"], responses=_error_responses(403, 404))
 
     def find(pipeline: int) -> StereoService | JSONResponse:
         if pipeline >= len(services):
@@ -72,20 +74,17 @@ def fault_router(*services: StereoService) -> APIRouter:
     @api.put(
         "/stereo/faults",
         summary="Inject faults",
-        responses=json_example(_SHOWN) | _refusals(400, 413),
+        responses=json_example(_SHOWN) | _error_responses(400, 413),
         openapi_extra=_BODY,
     )
     async def put(request: Request, pipeline: Pipeline = 0) -> Any:
         service = find(pipeline)
         if isinstance(service, JSONResponse):
             return service
-        body = bytearray()
-        async for chunk in request.stream():
-            body += chunk
-            if len(body) > MAX_BODY:
-                return JSONResponse({"message": f"the body is larger than {MAX_BODY} bytes"}, 413)
         try:
-            service.injector.set(msgspec.json.decode(bytes(body), type=Faults))
+            service.injector.set(msgspec.json.decode(await read_body(request, MAX_BODY), type=Faults))
+        except RestError as error:
+            return JSONResponse({"message": str(error)}, error.status)
         except msgspec.DecodeError as error:
             return JSONResponse({"message": f'the body is not like {{"drop": 0.1, "delay": 0.5}}: {error}'}, 400)
         return shown(service)
@@ -109,7 +108,7 @@ def fault_router(*services: StereoService) -> APIRouter:
             return service
         streams = len(service.hub)
         for kind in service.hub.kinds():
-            service.hub.fail(kind, CUT)
+            service.hub.end_streams(kind, CUT)
         return {"streams": streams}
 
     return api

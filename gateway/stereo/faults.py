@@ -1,4 +1,4 @@
-"""Faults for test rigs: sets that are lost or late, streams that break, a clock that stands still or is wrong."""
+"""Fault injection for test rigs: lost or late sets, broken streams, a frozen or wrong clock."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from typing import Annotated, Final
 
 import msgspec
 
-from renderers.stereo.noise import Stream, frame_key
+from renderers.stereo.noise import NoiseStream, frame_key
 
 CUT: Final = "the stream was cut by fault injection"
 
 
 class Faults(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What goes wrong; the defaults are that nothing does."""
+    """Faults to inject. By default there are none."""
 
     drop: Annotated[float, msgspec.Meta(ge=0, le=1, description="Share of the frames that no client gets.")] = 0.0
-    """Which frames these are follows from seed and frame number."""
+    """Seed and frame number determine which frames are dropped."""
     delay: Annotated[float, msgspec.Meta(ge=0, le=10, description="Seconds by which every image set is late.")] = 0.0
     """Image sets keep their rate and order."""
     disconnect_after: Annotated[
@@ -26,59 +26,55 @@ class Faults(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             ge=0, le=1_000_000, multiple_of=1, description="Number of image sets after which a stream is cut; 0: never."
         ),
     ] = 0
-    """A whole number; as JSON has one kind of numbers, 5.0 is one."""
+    """A whole number; JSON has one number type, so 5.0 is valid."""
     clock_frozen: Annotated[bool, msgspec.Meta(description="Timestamps do not advance.")] = False
     clock_offset: Annotated[
         float, msgspec.Meta(ge=-1e6, le=1e6, description="Seconds by which timestamps are wrong.")
     ] = 0.0
 
 
-_NONE: Final = Faults()
-
-
 class FaultInjector:
-    """The faults in force. Without any it does nothing."""
+    """Applies the current faults to timestamps and sets."""
 
     def __init__(self, seed: int, max_late_bytes: int) -> None:
         """
         Args:
-            max_late_bytes: of sets that wait for their delay to pass; further ones are dropped.
+            seed: seed of dropped frames.
+            max_late_bytes: maximum number of bytes of delayed sets; further sets are dropped.
         """
+        self.faults = Faults()
+        """Current faults."""
+        self.changes = 0
+        """Number of times that faults were set."""
+        self.dropped = 0
+        """Number of sets dropped on purpose or beyond ``max_late_bytes``."""
         self._seed = seed
         self._max_late_bytes = max_late_bytes
         self._late_bytes = 0
         self._last_due = 0.0
         self._frozen: int | None = None
-        self.faults = _NONE
-        self.changes = 0
-        """How often faults were set."""
-        self.dropped = 0
-        """Sets that were lost on purpose or for lack of room."""
 
     def set(self, faults: Faults) -> None:
-        """From now on."""
+        """Replace the current faults."""
         self.faults = faults
         self.changes += 1
         if not faults.clock_frozen:
             self._frozen = None
 
-    def stamp(self, true: int) -> int:
-        """The timestamp that is sent for a true one, nanoseconds; never negative."""
-        faults = self.faults
-        if faults is _NONE:
-            return true
-        if faults.clock_frozen:
+    def timestamp(self, true: int) -> int:
+        """Return the timestamp to send for a true one, nanoseconds, not negative."""
+        if self.faults.clock_frozen:
             self._frozen = true if self._frozen is None else self._frozen
             true = self._frozen
-        return max(true + round(faults.clock_offset * 1e9), 0)
+        return max(true + round(self.faults.clock_offset * 1e9), 0)
 
     def deliver(self, number: int, data: bytes, put: Callable[[], None]) -> None:
-        """Lets a set go out: now, later or never.
+        """Deliver a set now, later or never.
 
         Args:
-            number: of the frame.
-            data: the set, for its size.
-            put: leaves it with the clients.
+            number: frame number.
+            data: serialised set, for its size.
+            put: delivers the set to the clients.
         """
         if self._drops(number):
             self.dropped += 1
@@ -93,12 +89,12 @@ class FaultInjector:
             return
         self._late_bytes += len(data)
         self._last_due = due
-        loop.call_at(due, self._late, len(data), put)
+        loop.call_at(due, self._put_late, len(data), put)
 
     def _drops(self, number: int) -> bool:
         share = self.faults.drop
-        return share > 0.0 and (int(frame_key(self._seed, number, Stream.LEFT)) >> 11) * 2.0**-53 < share
+        return share > 0.0 and (int(frame_key(self._seed, number, NoiseStream.LEFT)) >> 11) * 2.0**-53 < share
 
-    def _late(self, size: int, put: Callable[[], None]) -> None:
+    def _put_late(self, size: int, put: Callable[[], None]) -> None:
         self._late_bytes -= size
         put()

@@ -1,10 +1,10 @@
-"""One frame: everything that can be asked of an instant, each made once, however many clients want it."""
+"""One frame: every image, mesh and serialised set of one instant, each made once for all clients."""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Coroutine, Hashable, Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -12,214 +12,230 @@ from numpy.typing import NDArray
 
 from gateway.runtime.worker_pool import WorkerPool
 from gateway.stereo import messages, wire
-from gateway.stereo.images import Metered, Shot, Studio, Wanted
-from gateway.stereo.messages import Taking
-from gateway.stereo.request import Kind
+from gateway.stereo.images import Capture, ImageRequest, Imaging, MeteredExposure
+from gateway.stereo.messages import ImageMetadata
+from gateway.stereo.request import SetKind
 from gateway.stereo.settings import StreamSettings
 from gateway.stereo.wire import Chunk
 from renderers.drawlist import ImageError
 from renderers.interface import Output
-from renderers.stereo.errors import Measured
+from renderers.stereo.errors import DepthImages
 from renderers.stereo.exposure import Exposure
 from renderers.stereo.mesh import MeshOptions
 from renderers.stereo.model import DISPARITY_SCALE
-from renderers.stereo.noise import Stream
-from renderers.stereo.sensor import Taken
+from renderers.stereo.noise import NoiseStream
+from renderers.stereo.sensor import SensorImage
 
 T = TypeVar("T")
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameRecord:
+    """Inputs of a past frame, sufficient to render it again."""
+
+    number: int
+    settings: StreamSettings
+    camera: Capture
+    depth: Capture
+    imaging: Imaging
+
+
 class Frame:
-    """Made for the kinds of set that are wanted when it is taken; others may ask later, while it is remembered."""
+    """Images of one instant, made in worker threads when first requested."""
 
     def __init__(
         self,
-        studio: Studio,
+        imaging: Imaging,
         workers: WorkerPool,
-        number: int,
         settings: StreamSettings,
-        camera: Shot,
-        depth: Shot,
-        kinds: Iterable[Kind],
-        epoch: int = 0,
+        camera: Capture,
+        depth: Capture,
+        kinds: Iterable[SetKind],
+        generation: int = 0,
     ) -> None:
         """
         Args:
-            camera: the instant of left and right.
-            depth: the instant of the depth images; 40 ms later when they are exposed with other outputs.
-            kinds: wanted now; images are rendered once for those in grey and those in colour.
-            epoch: of the hub when the frame was taken.
+            imaging: source of the images.
+            workers: threads for everything that takes long.
+            settings: parameters of the frame.
+            camera: instant of left and right.
+            depth: instant of the depth images; 40 ms later if they are exposed with other outputs.
+            kinds: expected requests; grey and colour images of one camera are made from one rendering.
+            generation: generation of the hub at capture.
         """
-        self.number = number
-        self.epoch = epoch
+        self.number = camera.frame_number
+        self.generation = generation
         self.settings = settings
         self.camera = camera
         self.depth = depth
-        self._studio = studio
+        self.left_metered: MeteredExposure | None = None
+        """Exposure of the left image, once it is made."""
+        self._imaging = imaging
         self._workers = workers
         self._colors = {
-            Stream.LEFT: frozenset(k.color for k in kinds if k.left or (k.mesh is not None and k.mesh.textured)),
-            Stream.RIGHT: frozenset(k.color for k in kinds if k.right),
+            NoiseStream.LEFT: frozenset(k.color for k in kinds if k.left or (k.mesh is not None and k.mesh.textured)),
+            NoiseStream.RIGHT: frozenset(k.color for k in kinds if k.right),
         }
-        self._made: dict[Hashable, asyncio.Task[Any]] = {}
-        self.taken: Metered | None = None
-        """How the left image was taken, once that is known."""
+        self._tasks: dict[Hashable, asyncio.Task[Any]] = {}
 
-    async def serialised(self, kind: Kind) -> bytes:
-        """The bytes of an ``ImageSet``."""
+    async def serialised(self, kind: SetKind) -> bytes:
+        """Return the bytes of an ``ImageSet``."""
         return await self._once(kind, lambda: self._serialise(kind))
 
-    async def measured(self) -> Measured:
-        """The depth images."""
-        return await self._once("depth", self._match if self._studio.config.depth_mode == "matched" else self._measure)
+    async def depth_images(self) -> DepthImages:
+        """Return disparity, error and confidence."""
+        make = self._match if self._imaging.config.depth_mode == "matched" else self._measure
+        return await self._once("depth", make)
 
-    async def metered(self, shot: Shot) -> Metered:
-        """How the images of one of the two instants are taken."""
-        return await self._once(
-            ("metered", shot.timestamp, shot.lines), lambda: self._run(self._studio.meter, shot, self.settings)
-        )
+    async def metered(self, capture: Capture) -> MeteredExposure:
+        """Return the exposure of the images of a capture."""
+        key = ("metered", capture.timestamp, capture.lines)
+        return await self._once(key, lambda: self._run(self._imaging.meter, capture, self.settings))
 
-    def discard(self) -> None:
-        """Ends what is still being made."""
-        for task in self._made.values():
+    async def image(self, stream: NoiseStream, color: bool) -> SensorImage:
+        """Return the left or right image in colour or grey."""
+        colors = self._colors[stream]
+        if color not in colors:  # requested by a client that subscribed after the capture
+            colors = frozenset((color,))
+        images = await self._once((stream, colors), lambda: self._expose(self.camera, stream, 1, colors))
+        return images[color]
+
+    def cancel(self) -> None:
+        """Cancel everything that is still being made."""
+        for task in self._tasks.values():
             task.cancel()
 
-    async def _serialise(self, kind: Kind) -> bytes:
-        names: list[tuple[int, Coroutine[Any, Any, list[Chunk]]]] = []
+    async def _serialise(self, kind: SetKind) -> bytes:
+        fields: list[tuple[int, Coroutine[Any, Any, list[Chunk]]]] = []
         if kind.left:
-            names.append((2, self._image_message(Stream.LEFT, kind.color)))
+            fields.append((2, self._image_message(NoiseStream.LEFT, kind.color)))
         if kind.right:
-            names.append((3, self._image_message(Stream.RIGHT, kind.color)))
+            fields.append((3, self._image_message(NoiseStream.RIGHT, kind.color)))
         if kind.disparity:
-            names.append((4, self._disparity_message(kind)))
+            fields.append((4, self._disparity_message(kind)))
         if kind.error:
-            names.append((5, self._depth_message("error", kind)))
+            fields.append((5, self._depth_message("error", kind)))
         if kind.confidence:
-            names.append((6, self._depth_message("confidence", kind)))
+            fields.append((6, self._depth_message("confidence", kind)))
         if kind.mesh is not None:
-            names.append((7, self._mesh_message(kind.mesh, kind.color)))
-        parts = await _all([part for _, part in names])
-        shot = self.depth if kind.depth else self.camera
-        chunks: list[Chunk] = [messages.timestamp_field(shot.timestamp)]
-        for (number, _), part in zip(names, parts, strict=True):
+            fields.append((7, self._mesh_message(kind.mesh, kind.color)))
+        parts = await _gather([part for _, part in fields])
+        capture = self.depth if kind.depth else self.camera
+        chunks: list[Chunk] = [messages.timestamp_field(capture.timestamp)]
+        for (number, _), part in zip(fields, parts, strict=True):
             chunks += wire.field(number, part)
-        return chunks[0] if len(chunks) == 1 else await self._run(wire.join, chunks)  # type: ignore[return-value]  # bytes
+        return await self._run(wire.join, chunks) if fields else wire.join(chunks)
 
-    async def _image_message(self, stream: Stream, color: bool) -> list[Chunk]:
-        taken = await self.image(stream, color)
+    async def _image_message(self, stream: NoiseStream, color: bool) -> list[Chunk]:
+        image = await self.image(stream, color)
         metered = await self.metered(self.camera)
-        taking = self._taking(self.camera, metered)
-        if stream is Stream.LEFT:
-            self.taken = replace(metered, brightness=taken.brightness)
-        return messages.image(taken.image, self._studio.config.model.intrinsics(), taking, taken.brightness)
+        if stream is NoiseStream.LEFT:
+            self.left_metered = replace(metered, brightness=image.brightness)
+        metadata = self._metadata(self.camera, metered, image.brightness)
+        return messages.image(image.image, self._imaging.config.model.intrinsics(), metadata)
 
-    async def _disparity_message(self, kind: Kind) -> list[Chunk]:
-        picture = await self._depth_message("disparity", kind)
-        scale, baseline = (await self.measured()).error_scale, self._studio.config.model.baseline
-        return messages.disparity(picture, self.depth.timestamp, baseline, scale)
+    async def _disparity_message(self, kind: SetKind) -> list[Chunk]:
+        image = await self._depth_message("disparity", kind)
+        scale, baseline = (await self.depth_images()).error_scale, self._imaging.config.model.baseline
+        return messages.disparity(image, self.depth.timestamp, baseline, scale)
 
-    async def _depth_message(self, name: str, kind: Kind) -> list[Chunk]:
-        measured, metered, brightness = await asyncio.gather(
-            self.measured(), self.metered(self.depth), self._depth_brightness(kind)
+    async def _depth_message(self, name: str, kind: SetKind) -> list[Chunk]:
+        images, metered, brightness = await asyncio.gather(
+            self.depth_images(), self.metered(self.depth), self._depth_brightness(kind)
         )
-        pixels: NDArray[np.uint8] | NDArray[np.uint16] = getattr(measured, name)
-        if name == "disparity" and measured.error_scale < DISPARITY_SCALE:
+        pixels: NDArray[np.uint8] | NDArray[np.uint16] = getattr(images, name)
+        if name == "disparity" and images.error_scale < DISPARITY_SCALE:
             # The message has one scale for disparity and error.
-            pixels = pixels * np.uint16(DISPARITY_SCALE / measured.error_scale)
-        k = self._studio.config.model.intrinsics(self.settings.quality.divisor)
-        return messages.image(pixels, k, self._taking(self.depth, metered), brightness)
+            pixels = pixels * np.uint16(DISPARITY_SCALE / images.error_scale)
+        k = self._imaging.config.model.intrinsics(self.settings.quality.divisor)
+        return messages.image(pixels, k, self._metadata(self.depth, metered, brightness))
 
-    async def _depth_brightness(self, kind: Kind) -> float:
-        """Brightness of the left image of the depth exposure: the one sent, else one at the depth resolution."""
-        colors = self._colors[Stream.LEFT]
+    async def _depth_brightness(self, kind: SetKind) -> float:
+        """Return the brightness of the left image of the depth exposure, at any resolution."""
+        colors = self._colors[NoiseStream.LEFT]
         try:
             if colors and self.depth.timestamp == self.camera.timestamp:
-                return (await self.image(Stream.LEFT, kind.color if kind.left else min(colors))).brightness
-            return (await self._depth_image(self.depth, Stream.LEFT_DEPTH)).brightness
-        except ImageError:  # a broken texture has no depth: clients of left get the error, those of depth the image
+                return (await self.image(NoiseStream.LEFT, kind.color if kind.left else min(colors))).brightness
+            return (await self._depth_view(self.depth, NoiseStream.LEFT_DEPTH)).brightness
+        except ImageError:  # a broken texture affects the left image, not depth
             return 0.0
 
     async def _mesh_message(self, options: MeshOptions, color: bool) -> list[Chunk]:
         return await self._once(("mesh", options, color and options.textured), lambda: self._mesh(options, color))
 
     async def _mesh(self, options: MeshOptions, color: bool) -> list[Chunk]:
-        left = (await self.image(Stream.LEFT, color)).image if options.textured else None
-        measured = await self.measured()
-        ply = await self._run(self._studio.mesh, measured, self.settings.quality.divisor, options, left)
+        left = (await self.image(NoiseStream.LEFT, color)).image if options.textured else None
+        images = await self.depth_images()
+        ply = await self._run(self._imaging.mesh, images, self.settings.quality.divisor, options, left)
         return messages.mesh(ply, self.depth.timestamp)
 
-    def _taking(self, shot: Shot, metered: Metered) -> Taking:
-        exposure = metered.exposure
-        noise = exposure.sigma(128.0) * self._studio.config.noise_factor
-        reduction = metered.out1_reduction
-        return Taking(shot.timestamp, exposure.time, exposure.gain, exposure.gamma, noise, shot.lines, reduction)
-
-    async def image(self, stream: Stream, color: bool) -> Taken:
-        """The left or the right image of the camera's instant, in colour or grey."""
-        wanted = self._colors[stream]
-        if color not in wanted:  # somebody joined who wants what nobody wanted when the frame was taken
-            wanted = frozenset((color,))
-        taken = await self._once((stream, wanted), lambda: self._take(self.camera, stream, 1, wanted))
-        return taken[color]
-
-    async def _take(
-        self, shot: Shot, stream: Stream, divisor: int, colors: frozenset[bool], averaged: int = 1
-    ) -> dict[bool, Taken]:
-        exposure = (await self.metered(shot)).exposure
-        wanted = Wanted(exposure, self.number, stream, divisor, colors, averaged)
-        return await self._run(self._studio.take, shot, wanted)
-
-    async def _measure(self) -> Measured:
-        divisor, t = self.settings.quality.divisor, self._studio.config.model.baseline
-        left, right = await _all(
-            [self._run(self._studio.render, self.depth, offset, divisor, Output.DEPTH) for offset in (0.0, t)]
+    def _metadata(self, capture: Capture, metered: MeteredExposure, brightness: float) -> ImageMetadata:
+        return ImageMetadata(
+            capture.timestamp,
+            metered.exposure,
+            noise=metered.exposure.sigma(128.0) * self._imaging.config.noise_factor,
+            brightness=brightness,
+            lines=capture.lines,
+            out1_reduction=metered.out1_reduction,
         )
-        return await self._run(self._studio.measure, left, right, self.settings, self.number)
 
-    async def _match(self) -> Measured:
-        settings, shot = self.settings, self.depth
-        left, right, exposure = await self._pair(shot, Stream.LEFT_DEPTH, Stream.RIGHT_DEPTH)
+    async def _expose(
+        self, capture: Capture, stream: NoiseStream, divisor: int, colors: frozenset[bool], averaged: int = 1
+    ) -> dict[bool, SensorImage]:
+        exposure = (await self.metered(capture)).exposure
+        return await self._run(self._imaging.expose, capture, ImageRequest(exposure, stream, divisor, colors, averaged))
+
+    async def _measure(self) -> DepthImages:
+        """Return depth from rendered depth."""
+        divisor, baseline = self.settings.quality.divisor, self._imaging.config.model.baseline
+        left, right = await _gather(
+            [self._run(self._imaging.render, self.depth, x, divisor, Output.DEPTH) for x in (0.0, baseline)]
+        )
+        return await self._run(self._imaging.measure, left, right, self.settings, self.number)
+
+    async def _match(self) -> DepthImages:
+        """Return depth by matching images."""
+        settings, capture = self.settings, self.depth
+        left, right, exposure = await self._pair(capture, NoiseStream.LEFT_DEPTH, NoiseStream.RIGHT_DEPTH)
         second = None
-        dark = replace(shot, lines=settings.lines(depth=False))
-        if settings.double_shot and shot.projected(self._studio.config) and not dark.lines & 1:
-            second = await self._pair(dark, Stream.LEFT_SECOND, Stream.RIGHT_SECOND)
-        return await self._run(self._studio.match, left, right, exposure, settings, second)
+        dark = replace(capture, lines=settings.lines(depth=False))
+        if settings.double_shot and capture.projected(self._imaging.config) and not dark.lines & 1:
+            second = await self._pair(dark, NoiseStream.LEFT_SECOND, NoiseStream.RIGHT_SECOND)
+        return await self._run(self._imaging.match, left, right, exposure, settings, second)
 
-    async def _pair(self, shot: Shot, *streams: Stream) -> tuple[Taken, Taken, Exposure]:
-        """Image pair for the matcher, and its exposure."""
-        exposure = (await self.metered(shot)).exposure
-        left, right = await _all([self._depth_image(shot, stream) for stream in streams])
+    async def _pair(self, capture: Capture, *streams: NoiseStream) -> tuple[SensorImage, SensorImage, Exposure]:
+        """Return an image pair for the matcher, and its exposure."""
+        exposure = (await self.metered(capture)).exposure
+        left, right = await _gather([self._depth_view(capture, stream) for stream in streams])
         return left, right, exposure
 
-    async def _depth_image(self, shot: Shot, stream: Stream) -> Taken:
-        """A grey image at the depth images' resolution."""
+    async def _depth_view(self, capture: Capture, stream: NoiseStream) -> SensorImage:
+        """Return a grey image at the depth images' resolution."""
         divisor, grey, averaged = self.settings.quality.divisor, frozenset((False,)), self.settings.averaged
-        taken = await self._once(stream, lambda: self._take(shot, stream, divisor, grey, averaged))
-        return taken[False]
+        images = await self._once(stream, lambda: self._expose(capture, stream, divisor, grey, averaged))
+        return images[False]
 
     async def _run(self, function: Callable[..., T], *args: Any) -> T:
         return await self._workers.run(function, *args)
 
     async def _once(self, key: Hashable, make: Callable[[], Coroutine[Any, Any, T]]) -> T:
-        """Makes something the first time it is asked for. Who stops waiting does not stop it for the others."""
-        task = self._made.get(key)
+        """Return the result of ``make``, called once per key. Cancelling a caller does not cancel it."""
+        task = self._tasks.get(key)
         if task is None:
-            task = self._made[key] = asyncio.get_running_loop().create_task(make())
-            task.add_done_callback(_retrieve)
+            task = self._tasks[key] = asyncio.get_running_loop().create_task(make())
+            task.add_done_callback(_mark_retrieved)
         result: T = await asyncio.shield(task)
         return result
 
 
-def _retrieve(task: asyncio.Task[Any]) -> None:
-    """Marks a failure as seen: whoever waited got it, and nobody may be waiting."""
+def _mark_retrieved(task: asyncio.Task[Any]) -> None:
+    """Suppress asyncio's warning about an exception that no caller has waited for."""
     if not task.cancelled():
         task.exception()
 
 
-async def _all(coroutines: list[Coroutine[Any, Any, T]]) -> list[T]:
-    """All results; the first failure is raised when everything has ended."""
-    if len(coroutines) == 1:
-        return [await coroutines[0]]
+async def _gather(coroutines: list[Coroutine[Any, Any, T]]) -> list[T]:
+    """Return all results. The first failure is raised after everything has ended."""
     results = await asyncio.gather(*coroutines, return_exceptions=True)
     for result in results:
         if isinstance(result, BaseException):

@@ -1,116 +1,126 @@
-"""Clients and their mailboxes: each holds the newest set only, so that a slow client costs the others nothing."""
+"""Subscriptions of streaming clients: a mailbox each for the newest image set, so that slow clients delay no others."""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from enum import Enum
 
-from gateway.stereo.request import Kind
+from gateway.stereo.request import SetKind
 
 
-class FullError(RuntimeError):
-    """No further client is taken; the message names the limit."""
+class LimitError(RuntimeError):
+    """A new client is refused; the message names the limit."""
 
 
 class StreamError(RuntimeError):
-    """No sets can be made; the message says why."""
+    """The stream has ended; the message is the reason."""
+
+
+class Mailbox(Enum):
+    """State of a client's mailbox."""
+
+    EMPTY = "empty"
+    """The client is sending the previous set."""
+    WAITING = "waiting"
+    """The client has sent everything and waits for a set."""
+    FULL = "full"
+    """A set is ready."""
+    CLOSED = "closed"
+    """The stream has ended."""
 
 
 class Subscription:
     """One client's mailbox."""
 
-    def __init__(self, kind: Kind, changed: asyncio.Event, epoch: int) -> None:
+    def __init__(self, kind: SetKind, changed: asyncio.Event, generation: int) -> None:
         """
         Args:
-            changed: set when this client has taken a set or waits for one.
-            epoch: of the hub when the client came.
+            kind: contents of the sets.
+            changed: set when the client takes a set or waits for one.
+            generation: generation of the hub at subscription.
         """
         self.kind = kind
-        self.epoch = epoch
-        self._changed = changed
+        self.generation = generation
+        self.state = Mailbox.EMPTY
         self.sent = 0
-        """Sets taken out."""
+        """Number of sets taken by the client."""
         self.skipped = 0
-        """Sets that a newer one has replaced."""
+        """Number of sets replaced by newer ones."""
+        self._changed = changed
         self._number = -1
-        self._data: bytes | None = None
-        self._over = ""
-        """Why the stream is over; empty: it is not."""
-        self._filled = asyncio.Event()
-        self.starving = False
-        """Whether the client has sent everything and waits."""
-
-    @property
-    def hungry(self) -> bool:
-        """Whether the mailbox is empty, and the stream is not over."""
-        return self._data is None and not self._over
+        self._data = b""
+        self._reason = ""
+        self._ready = asyncio.Event()
 
     def put(self, number: int, data: bytes) -> None:
-        """Leaves a set unless a newer one, or this one, was here before."""
-        if number <= self._number or self._over:
+        """Store the set of frame ``number`` unless a set of this frame or a later one was stored before."""
+        if number <= self._number or self.state is Mailbox.CLOSED:
             return
-        self.skipped += self._data is not None
-        self._number, self._data = number, data
-        self._filled.set()
+        self.skipped += self.state is Mailbox.FULL
+        self.state, self._number, self._data = Mailbox.FULL, number, data
+        self._ready.set()
 
-    def fail(self, message: str) -> None:
-        """Ends the stream with a sentence."""
-        self._over, self._data = message, None
-        self._filled.set()
+    def close(self, reason: str) -> None:
+        """End the stream."""
+        self.state, self._data, self._reason = Mailbox.CLOSED, b"", reason
+        self._ready.set()
 
     async def get(self) -> bytes:
-        """The newest set that was not taken yet.
+        """Return the newest set that was not taken yet. Cancelling is safe: no set is lost.
 
         Raises:
-            StreamError: the stream is over.
+            StreamError: the stream has ended.
         """
-        if not self._filled.is_set():
-            self.starving = True
+        if self.state is Mailbox.EMPTY:
+            self.state = Mailbox.WAITING
             self._changed.set()
             try:
-                await self._filled.wait()
+                await self._ready.wait()
             finally:
-                self.starving = False
-        if self._over:
-            # A new one: a kept one would hold this frame, and so the mailbox, in a cycle.
-            raise StreamError(self._over)
-        data, self._data = self._data, None
-        assert data is not None
-        self._filled.clear()
+                if self.state is Mailbox.WAITING:
+                    self.state = Mailbox.EMPTY
+        if self.state is Mailbox.CLOSED:
+            raise StreamError(self._reason)
+        data, self._data = self._data, b""
+        self.state = Mailbox.EMPTY
+        self._ready.clear()
         self._changed.set()
         self.sent += 1
         return data
 
 
 class Hub:
-    """All subscriptions."""
+    """All subscriptions of one camera."""
 
-    def __init__(self, max_clients: int, max_kinds: int, epoch: Callable[[], int] = lambda: 0) -> None:
+    def __init__(self, max_clients: int, max_kinds: int, generation: Callable[[], int] = lambda: 0) -> None:
         """
         Args:
-            epoch: a number that grows when the camera is told to make other sets.
+            max_clients: maximum number of subscriptions.
+            max_kinds: maximum number of different kinds of set.
+            generation: returns a number that grows with every change of parameters, faults or image source.
         """
-        self.epoch = epoch
+        self.generation = generation
+        self.changed = asyncio.Event()
+        """Set when a client subscribes, leaves, takes a set or waits for one."""
         self._max_clients = max_clients
         self._max_kinds = max_kinds
         self._subscriptions: set[Subscription] = set()
-        self._newcomers: set[Subscription] = set()
-        self._gone_sent = 0
-        self._gone_skipped = 0
+        self._new: set[Subscription] = set()
+        self._past_sent = 0
+        self._past_skipped = 0
         self._closed = ""
-        self.changed = asyncio.Event()
-        """Set when somebody came, left, took a set or waits for one."""
 
     @property
     def sent(self) -> int:
-        """Sets taken out by all clients since start."""
-        return self._gone_sent + sum(s.sent for s in self._subscriptions)
+        """Number of sets taken by all clients since start."""
+        return self._past_sent + sum(s.sent for s in self._subscriptions)
 
     @property
     def skipped(self) -> int:
-        """Sets that were replaced by newer ones before their clients took them, since start."""
-        return self._gone_skipped + sum(s.skipped for s in self._subscriptions)
+        """Number of sets that were replaced by newer ones before their clients took them, since start."""
+        return self._past_skipped + sum(s.skipped for s in self._subscriptions)
 
     def __iter__(self) -> Iterator[Subscription]:
         return iter(tuple(self._subscriptions))
@@ -119,69 +129,68 @@ class Hub:
         return len(self._subscriptions)
 
     @contextmanager
-    def subscribe(self, kind: Kind) -> Iterator[Subscription]:
-        """A mailbox for the time of the block.
+    def subscribe(self, kind: SetKind) -> Iterator[Subscription]:
+        """Return a subscription for the duration of the block.
 
         Raises:
-            FullError: there are too many clients, or too many different requests.
+            LimitError: too many clients, or too many different requests.
             StreamError: the hub is closed.
         """
         if self._closed:
             raise StreamError(self._closed)
         if len(self._subscriptions) >= self._max_clients:
-            raise FullError(f"{self._max_clients} streams are open already, the limit (max_clients)")
+            raise LimitError(f"{self._max_clients} streams are open already, the limit (max_clients)")
         kinds = self.kinds()
         if kind not in kinds and len(kinds) >= self._max_kinds:
-            raise FullError(f"{self._max_kinds} different requests are served already, the limit (max_kinds)")
-        subscription = Subscription(kind, self.changed, self.epoch())
+            raise LimitError(f"{self._max_kinds} different requests are served already, the limit (max_kinds)")
+        subscription = Subscription(kind, self.changed, self.generation())
         self._subscriptions.add(subscription)
-        self._newcomers.add(subscription)
+        self._new.add(subscription)
         self.changed.set()
         try:
             yield subscription
         finally:
             self._subscriptions.discard(subscription)
-            self._newcomers.discard(subscription)
+            self._new.discard(subscription)
             self.changed.set()
-            self._gone_sent += subscription.sent
-            self._gone_skipped += subscription.skipped
+            self._past_sent += subscription.sent
+            self._past_skipped += subscription.skipped
 
-    def kinds(self) -> set[Kind]:
-        """What is wanted at all."""
+    def kinds(self) -> set[SetKind]:
+        """Return the kinds of all subscriptions."""
         return {s.kind for s in self._subscriptions}
 
-    def urgent_kinds(self, *, starving: bool) -> set[Kind]:
-        """What is wanted now.
+    def kinds_in(self, *states: Mailbox) -> set[SetKind]:
+        """Return the kinds of subscriptions whose mailbox is in one of these states."""
+        return {s.kind for s in self._subscriptions if s.state in states}
+
+    def take_new_kinds(self) -> set[SetKind]:
+        """Return the kinds of subscriptions made since the last call."""
+        new, self._new = self._new, set()
+        return {s.kind for s in new}
+
+    def publish(self, kind: SetKind, number: int, data: bytes, generation: int = 0) -> None:
+        """Store a set in every mailbox of this kind.
 
         Args:
-            starving: only by clients that wait; False: by those whose mailbox is empty, too.
-        """
-        return {s.kind for s in self._subscriptions if s.starving or (s.hungry and not starving)}
-
-    def take_newcomers(self) -> set[Kind]:
-        """Kinds of those that came since the last call."""
-        newcomers, self._newcomers = self._newcomers, set()
-        return {s.kind for s in newcomers}
-
-    def publish(self, kind: Kind, number: int, data: bytes, epoch: int = 0) -> None:
-        """Leaves a set with everybody who wants this kind.
-
-        Args:
-            epoch: in which the set was taken. Who came in a later one does not get it: a client that sets a parameter
-                or a fault and then opens a stream means the stream.
+            kind: contents of the set.
+            number: frame number.
+            data: serialised set.
+            generation: generation of the hub when the frame was captured. Later subscriptions do not get the set: a
+                client that sets a parameter and then opens a stream expects sets with that parameter.
         """
         for subscription in self._subscriptions:
-            if subscription.kind == kind and subscription.epoch <= epoch:
+            if subscription.kind == kind and subscription.generation <= generation:
                 subscription.put(number, data)
 
-    def fail(self, kind: Kind, message: str) -> None:
-        """Ends the streams of this kind."""
+    def end_streams(self, kind: SetKind, reason: str) -> None:
+        """End the streams of this kind."""
         for subscription in tuple(self._subscriptions):
             if subscription.kind == kind:
-                subscription.fail(message)
+                subscription.close(reason)
 
-    def close(self, message: str) -> None:
-        """Ends all streams and takes no new ones."""
-        self._closed = message
+    def close(self, reason: str) -> None:
+        """End all streams and refuse new ones."""
+        self._closed = reason
         for subscription in tuple(self._subscriptions):
-            subscription.fail(message)
+            subscription.close(reason)

@@ -1,4 +1,4 @@
-"""From pictures to messages of the protocol document."""
+"""Messages of the image stream: ``Image``, ``DisparityImage`` and ``Mesh`` as chunks of wire format."""
 
 from __future__ import annotations
 
@@ -10,50 +10,46 @@ from numpy.typing import NDArray
 
 from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo import wire
+from gateway.stereo.clock import NANOSECONDS
 from gateway.stereo.wire import Chunk
+from renderers.stereo.exposure import Exposure
 from renderers.stereo.model import DISPARITY_SCALE, Intrinsics
 
 OUTPUT_MASK = 0b0011
 """Out1 and Out2 in the bit order of the GPIOs."""
 INPUT_MASK = 0b1100
 """In1 and In2."""
-NANOSECONDS = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Taking:
-    """How and when an image was taken."""
+class ImageMetadata:
+    """Time and exposure of an image."""
 
     timestamp: int
-    """Nanoseconds since the epoch: the middle of the exposure."""
-    exposure_time: float
-    """Seconds."""
-    gain: float
-    """dB"""
-    gamma: float
+    """Middle of the exposure, nanoseconds since the epoch."""
+    exposure: Exposure
     noise: float
     """Standard deviation, grey levels."""
+    brightness: float
+    """Mean of the image, 0 to 1; rounded to 0.01 in the message, as on the device."""
     lines: int
-    """Values of the GPIO lines; see ``OUTPUT_MASK``."""
+    """GPIO values; see ``OUTPUT_MASK``."""
     out1_reduction: float = 0.0
     """Share by which images with Out1 low are exposed less, 0 to 1."""
 
 
 def timestamp_field(nanoseconds: int) -> bytes:
-    """Field 1 of a set, a disparity image or a mesh."""
+    """Return field 1 of a set, a disparity image or a mesh."""
     return b"".join(wire.field(1, [time_of(nanoseconds).SerializeToString()]))
 
 
-def image(
-    pixels: NDArray[np.uint8] | NDArray[np.uint16], k: Intrinsics, taking: Taking, brightness: float
-) -> list[Chunk]:
-    """An ``Image``; the array is referred to, not copied.
+def image(pixels: NDArray[np.uint8] | NDArray[np.uint16], k: Intrinsics, metadata: ImageMetadata) -> list[Chunk]:
+    """Return an ``Image``. The chunks refer to the array.
 
     Args:
-        pixels: (H, W) uint8: mono8, (H, W) uint16: mono16, (H, W, 3) uint8: rgb8. Rows without padding.
+        pixels: (H, W) uint8: mono8, (H, W) uint16: mono16, (H, W, 3) uint8: rgb8.
         k: intrinsics of this image.
-        taking: see there.
-        brightness: mean of the image, 0 to 1; rounded to 0.01 as on the device.
+        metadata: time and exposure.
     """
     height, width = pixels.shape[:2]
     if pixels.dtype == np.uint16:
@@ -63,7 +59,7 @@ def image(
         channels = pixels.shape[2] if pixels.ndim == 3 else 1
         encoding, step = ("rgb8" if channels == 3 else "mono8"), channels * width
     header = pb.Image(
-        timestamp=time_of(taking.timestamp),
+        timestamp=time_of(metadata.timestamp),
         height=height,
         width=width,
         focal_length=k.focal_length,
@@ -72,25 +68,27 @@ def image(
         encoding=encoding,
         is_bigendian=False,
         step=step,
-        gpios=pb.Gpios(inputs=INPUT_MASK, outputs=OUTPUT_MASK, values=taking.lines),
-        exposure_time=taking.exposure_time,
-        gain=taking.gain,
-        noise=taking.noise,
-        out1_reduction=taking.out1_reduction,
-        brightness=round(brightness, 2),
-        gamma=taking.gamma,
+        gpios=pb.Gpios(inputs=INPUT_MASK, outputs=OUTPUT_MASK, values=metadata.lines),
+        exposure_time=metadata.exposure.time,
+        gain=metadata.exposure.gain,
+        noise=metadata.noise,
+        out1_reduction=metadata.out1_reduction,
+        brightness=round(metadata.brightness, 2),
+        gamma=metadata.exposure.gamma,
         auto_exposure_adapting=False,
     )
     data: Any = np.ascontiguousarray(pixels).reshape(-1).view(np.uint8).data
     return [header.SerializeToString(), *wire.field(10, [data])]
 
 
-def disparity(picture: list[Chunk], timestamp: int, baseline: float, scale: float = DISPARITY_SCALE) -> list[Chunk]:
-    """A ``DisparityImage`` around its image.
+def disparity(image: list[Chunk], timestamp: int, baseline: float, scale: float = DISPARITY_SCALE) -> list[Chunk]:
+    """Return a ``DisparityImage``.
 
     Args:
+        image: its ``Image``.
+        timestamp: nanoseconds.
         baseline: metres.
-        scale: pixels per unit of the disparity image and of the error image.
+        scale: pixels per unit of the disparity and error images.
     """
     header = pb.DisparityImage(
         timestamp=time_of(timestamp),
@@ -100,16 +98,16 @@ def disparity(picture: list[Chunk], timestamp: int, baseline: float, scale: floa
         baseline=baseline,
         delta_d=DISPARITY_SCALE,
     )
-    return [header.SerializeToString(), *wire.field(7, picture)]
+    return [header.SerializeToString(), *wire.field(7, image)]
 
 
 def mesh(ply: tuple[Chunk, ...], timestamp: int) -> list[Chunk]:
-    """A ``Mesh``."""
+    """Return a ``Mesh``."""
     header = pb.Mesh(timestamp=time_of(timestamp), format="ply")
     return [header.SerializeToString(), *wire.field(3, list(ply))]
 
 
 def time_of(nanoseconds: int) -> pb.Time:
-    """A timestamp as the protocol has it."""
+    """Return a timestamp as a message."""
     sec, nsec = divmod(nanoseconds, NANOSECONDS)
     return pb.Time(sec=sec, nsec=nsec)

@@ -1,4 +1,4 @@
-"""The parameters of rc_camera, rc_stereomatching and rc_iocontrol as firmware 26.04 has them (manual, real backups)."""
+"""Parameters of rc_camera, rc_stereomatching and rc_iocontrol in firmware 26.04 (manual, backups of real devices)."""
 
 from __future__ import annotations
 
@@ -13,20 +13,22 @@ NO_EFFECT: Final = " (kept, but without effect on this synthetic camera)"
 
 @dataclass(frozen=True, slots=True)
 class Spec:
-    """One parameter."""
+    """Specification of a parameter."""
 
     name: str
     type: Literal["float64", "int32", "bool", "string"]
     default: Value
     low: float | int | str | bool
-    """"" for strings, as on the device."""
+    """Minimum; "" for strings, as on the device."""
     high: float | int | str | bool
+    """Maximum; "" for strings."""
     description: str
     effect: bool = True
-    """Whether the stream depends on it."""
+    """True if the stream depends on it."""
     choices: tuple[str, ...] = ()
+    """Allowed strings."""
     aliases: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
-    """Other spellings that are accepted."""
+    """Other accepted spellings of choices."""
 
 
 def _float(name: str, low: float, high: float, default: float, text: str, *, effect: bool = True) -> Spec:
@@ -59,7 +61,7 @@ def _by_name(*specs: Spec) -> Mapping[str, Spec]:
 
 _OUT_MODES: Final = "Low|High|ExposureActive|ExposureAlternateActive"
 _OUT_ALIAS: Final = "AlternateExposureActive=ExposureAlternateActive"
-"""The image stream's protocol document spells it the other way round."""
+"""Spelling in the protocol document of the image stream."""
 
 NODES: Final[Mapping[str, Mapping[str, Spec]]] = MappingProxyType(
     {
@@ -106,7 +108,7 @@ NODES: Final[Mapping[str, Mapping[str, Spec]]] = MappingProxyType(
         ),
     }
 )
-"""By node and name."""
+"""Specifications by node and name."""
 
 NODE_ALIASES: Final[Mapping[str, str]] = MappingProxyType({"rc_stereocamera": "rc_camera"})
 """The camera node's name up to firmware 20."""

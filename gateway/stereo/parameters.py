@@ -1,61 +1,52 @@
-"""The device's parameters: their names, ranges and defaults, and a store that validates them."""
+"""Store of the device's parameters, with validation."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from typing import Any, Final
 
 from gateway.stereo.parameter_specs import NODES, Spec, Value
 
 _SHOWN: Final = 80
-"""Characters of a client's value that a refusal repeats."""
+"""Maximum number of characters of a client's value in an error message."""
 
 
 class ParameterError(ValueError):
-    """A value cannot be set; the message names the parameter and the limit."""
+    """Invalid value; the message names the parameter and the limit."""
 
 
 class UnknownParameterError(LookupError):
     """The device has no such node or parameter."""
 
 
-@dataclass(frozen=True, slots=True)
-class Assignment:
-    """A validated value."""
-
-    name: str
-    value: Value
-
-
 class Parameters:
-    """All nodes' values. Setting several is all or nothing."""
+    """Values of all nodes."""
 
     def __init__(self) -> None:
         self._values: dict[str, dict[str, Value]] = {
             node: {spec.name: spec.default for spec in specs.values()} for node, specs in NODES.items()
         }
         self.version = 0
-        """Grows with every change, so that others can tell cheaply whether something changed."""
+        """Number of changes."""
 
     def get(self, node: str, name: str) -> Value:
-        """One value.
+        """Return one value.
 
         Raises:
-            UnknownParameterError: there is no such parameter.
+            UnknownParameterError: unknown node or parameter.
         """
         return self._values[node][self.spec(node, name).name]
 
     def values(self, node: str) -> Mapping[str, Value]:
-        """All values of a node."""
+        """Return all values of a node."""
         return self._values[node]
 
     def spec(self, node: str, name: str) -> Spec:
-        """What is known about a parameter.
+        """Return the specification of a parameter.
 
         Raises:
-            UnknownParameterError: there is no such node or parameter.
+            UnknownParameterError: unknown node or parameter.
         """
         specs = NODES.get(node)
         if specs is None:
@@ -66,35 +57,35 @@ class Parameters:
         return spec
 
     def set(self, node: str, values: Iterable[tuple[str, object]]) -> list[str]:
-        """Validates all values, then stores them.
+        """Set all values, or none if one is invalid.
 
         Returns:
             The names, in the order given.
 
         Raises:
-            UnknownParameterError: a name is unknown; nothing was stored.
-            ParameterError: a value is of the wrong type or out of range; nothing was stored.
+            UnknownParameterError: unknown node or parameter.
+            ParameterError: wrong type or out of range.
         """
-        checked = [Assignment(name, check(self.spec(node, name), value)) for name, value in values]
-        for assignment in checked:
-            self._values[node][assignment.name] = assignment.value
-            # The older switch and the newer choice are one thing.
-            if assignment.name == "exp_auto":
-                self._values[node]["exp_control"] = "Auto" if assignment.value else "Manual"
-            elif assignment.name == "exp_control":
-                self._values[node]["exp_auto"] = assignment.value != "Manual"
+        checked = [(name, check(self.spec(node, name), value)) for name, value in values]
+        for name, value in checked:
+            self._values[node][name] = value
+            # The older switch exp_auto and the newer choice exp_control have one meaning.
+            if name == "exp_auto":
+                self._values[node]["exp_control"] = "Auto" if value else "Manual"
+            elif name == "exp_control":
+                self._values[node]["exp_auto"] = value != "Manual"
         if checked:
             self.version += 1
-        return [a.name for a in checked]
+        return [name for name, _ in checked]
 
     def reset(self, node: str) -> None:
-        """Back to the defaults."""
+        """Restore the defaults of a node."""
         for spec in NODES[node].values():
             self._values[node][spec.name] = spec.default
         self.version += 1
 
     def describe(self, node: str, name: str) -> dict[str, Any]:
-        """As the device's REST interface shows a parameter."""
+        """Return a parameter as in the device's REST interface."""
         spec = self.spec(node, name)
         return {
             "name": spec.name,
@@ -108,11 +99,11 @@ class Parameters:
 
 
 def check(spec: Spec, value: object) -> Value:
-    """The value as it is stored.
+    """Return the validated value.
 
     Args:
-        spec: of the parameter.
-        value: as decoded from JSON.
+        spec: specification of the parameter.
+        value: decoded JSON.
 
     Raises:
         ParameterError: wrong type, not one of the choices, or out of range.
@@ -153,7 +144,7 @@ def _number(spec: Spec, value: object) -> int | float:
 
 
 def _shown(value: object) -> str:
-    """A client's value in a sentence; sentences have an end, and what is nested may be too deep to be written."""
+    """Return a client's value for an error message, without the content of lists and objects."""
     if isinstance(value, (list, dict)):
         return "a list" if isinstance(value, list) else "an object"
     text = repr(value)

@@ -1,4 +1,4 @@
-"""What gRPC's reflection looks names up in."""
+"""Descriptor pool for gRPC reflection."""
 
 from __future__ import annotations
 
@@ -9,8 +9,11 @@ from google.protobuf.descriptor import FileDescriptor
 
 
 class MethodPool:
-    """Protobuf's default pool, which also finds methods: ``grpcurl describe ImageInterface.StreamImageSets`` asks for
-    one, and the pool of protobuf's C implementation knows everything by its full name but those."""
+    """Protobuf's default pool, which also finds methods by their full names.
+
+    ``grpcurl describe ImageInterface.StreamImageSets`` requests one, and the pool of protobuf's C implementation finds
+    all symbols but methods.
+    """
 
     def __init__(self) -> None:
         self._pool = descriptor_pool.Default()
@@ -19,10 +22,10 @@ class MethodPool:
         return getattr(self._pool, name)
 
     def FindFileContainingSymbol(self, symbol: str) -> FileDescriptor:
-        """The file that defines a message, a field, an enum, a service or a method.
+        """Return the file that defines a message, field, enum, service or method.
 
         Raises:
-            KeyError: there is none.
+            KeyError: unknown symbol.
         """
         try:
             return self._pool.FindFileContainingSymbol(symbol)

@@ -1,4 +1,4 @@
-"""What a client asked for, as a value: clients with equal ones share the rendered frames and their bytes."""
+"""Kind of an image set: a client's request as a value. Clients with equal requests share frames and their bytes."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from gateway.generated import image_interface_pb2 as pb
 from renderers.stereo.mesh import MeshOptions
 
 MIN_POINTS = 1000
-"""The protocol document: "minimum is 1000"."""
+"""Minimum of ``max_points`` other than 0 (protocol document)."""
 
 
 class RequestError(ValueError):
-    """The request cannot be served; the message says why."""
+    """The request cannot be served; the message is the reason."""
 
 
 @dataclass(frozen=True, slots=True)
-class Kind:
-    """The contents of an image set."""
+class SetKind:
+    """Contents of an image set."""
 
     left: bool = False
     right: bool = False
@@ -26,15 +26,16 @@ class Kind:
     confidence: bool = False
     mesh: MeshOptions | None = None
     color: bool = False
+    """Left and right in RGB."""
 
     @property
     def depth(self) -> bool:
-        """Whether it needs a depth image: such sets come at the rate of depth images."""
+        """True if the set needs a depth image, and so comes at the rate of depth images."""
         return self.disparity or self.error or self.confidence or self.mesh is not None
 
     @property
     def empty(self) -> bool:
-        """Whether it holds nothing but a timestamp."""
+        """True if the set holds a timestamp only."""
         return not (self.left or self.right or self.depth)
 
     def __str__(self) -> str:
@@ -44,15 +45,15 @@ class Kind:
         return "+".join(names) + (" rgb8" if self.color and (self.left or self.right) else "") or "timestamps only"
 
 
-def kind_of(request: pb.ImageSetRequest, *, mesh_rgb: bool = False) -> Kind:
-    """Reads a request.
+def kind_of(request: pb.ImageSetRequest, *, mesh_rgb: bool = False) -> SetKind:
+    """Return the kind of a request. Mesh options without a mesh are ignored.
 
     Args:
-        request: as it came; options of a mesh that is not enabled are ignored.
+        request: message of the client.
         mesh_rgb: see ``StereoConfig.mesh_rgb``.
 
     Raises:
-        RequestError: mesh options cannot be met.
+        RequestError: invalid mesh options.
     """
     mesh = None
     if request.mesh_enabled:
@@ -73,7 +74,7 @@ def kind_of(request: pb.ImageSetRequest, *, mesh_rgb: bool = False) -> Kind:
             rgb=mesh_rgb and options.textured,
         )
     images = request.left_enabled or request.right_enabled or (mesh is not None and mesh.textured)
-    return Kind(
+    return SetKind(
         left=request.left_enabled,
         right=request.right_enabled,
         disparity=request.disparity_enabled,

@@ -1,4 +1,4 @@
-"""The gRPC server: image sets, health, reflection; bytes go out as they are."""
+"""gRPC server of the image stream, image events, health and reflection. Sends serialised bytes."""
 
 from __future__ import annotations
 
@@ -18,55 +18,55 @@ from gateway.server.grpc_tokens import TokenCheck
 from gateway.stereo.config import StereoConfig, Tls
 from gateway.stereo.events import EventHub
 from gateway.stereo.faults import CUT, FaultInjector
-from gateway.stereo.hub import FullError, Hub, StreamError
+from gateway.stereo.hub import Hub, LimitError, StreamError
 from gateway.stereo.reflection import MethodPool
 from gateway.stereo.request import RequestError, kind_of
 
 SERVICE = pb.DESCRIPTOR.services_by_name["ImageInterface"].full_name
-METHOD = "StreamImageSets"
 EVENTS_SERVICE = pb.DESCRIPTOR.services_by_name["ImageEventsInterface"].full_name
-EVENTS_METHOD = "StreamImageEvents"
 MAX_CALLS = 1024
-"""At a time, health checks and reflection included; further ones get RESOURCE_EXHAUSTED at once."""
-DEFAULT_LIMIT = 4 << 20
-"""Bytes that a gRPC client accepts unless it was told otherwise."""
+"""Maximum number of concurrent calls, health checks and reflection included; further ones get RESOURCE_EXHAUSTED."""
+CLIENT_LIMIT = 4 << 20
+"""Default of a gRPC client's maximum message size, bytes."""
 STOP_SECONDS = 1.0
-"""Time for the ends of the streams to be told; only a client that does not read needs it."""
+"""Time for clients to receive the end of their streams; only clients that do not read need it."""
 RETURN_BYTES = 64 << 20
-"""Bytes of unsent messages after which freed memory is returned to the system."""
+"""Number of bytes of unsent messages after which freed memory is returned to the system."""
 RETURN_SECONDS = 2.0
-"""Time for grpc to free the messages of streams that have ended, before their memory is returned."""
+"""Time for grpc to free the messages of ended streams before their memory is returned."""
 _OPTIONS: list[tuple[str, int]] = [
     ("grpc.max_send_message_length", -1),
     ("grpc.max_receive_message_length", 64 << 10),  # requests are a few bytes
-    ("grpc.so_reuseport", 0),  # a second gateway must hear that the port is taken
-    # A client that vanished without closing its connection is noticed, and its mailbox freed, within half a minute.
+    ("grpc.so_reuseport", 0),  # a second gateway must fail, because the port is taken
+    # Detect clients that disappear without closing the connection within half a minute.
     ("grpc.keepalive_time_ms", 20_000),
     ("grpc.keepalive_timeout_ms", 10_000),
-    ("grpc.http2.max_ping_strikes", 0),  # clients may ask for signs of life as often as they like
+    ("grpc.http2.max_ping_strikes", 0),  # no limit for the pings of clients
 ]
 
 _log = structlog.get_logger("stereo")
-
 
 Context: TypeAlias = "grpc.aio.ServicerContext[Any, Any]"
 
 
 class UnsentMessages:
-    """Returns the memory of messages that clients have left unsent.
+    """Returns the memory of unsent messages to the system.
 
-    grpc copies a message for every client. The copies of clients that do not read are all there at the same time, and
-    when they are freed the allocator would keep their memory: no other work needs so much (see ``process.tune``).
+    grpc copies a message for every client. Many clients that do not read need a lot of memory at the same time, which
+    the allocator would keep after it is freed (see ``process_tuning.tune``).
     """
 
     def __init__(self, return_memory: Callable[[], object] = process_tuning.return_memory) -> None:
-        """``return_memory``: called in a thread."""
+        """
+        Args:
+            return_memory: called in a worker thread.
+        """
         self._return_memory = return_memory
         self._nbytes = 0
         self._timer: asyncio.TimerHandle | None = None
 
     def add(self, nbytes: int) -> None:
-        """A stream has ended while a message of so many bytes was being written."""
+        """Count a message of ``nbytes`` bytes whose stream ended while it was written."""
         self._nbytes += nbytes
         if self._nbytes >= RETURN_BYTES and self._timer is None:
             self._timer = asyncio.get_running_loop().call_later(RETURN_SECONDS, self._return)
@@ -77,7 +77,7 @@ class UnsentMessages:
 
 
 class StreamServicer:
-    """Answers ``StreamImageSets`` and ``StreamImageEvents``."""
+    """Methods ``StreamImageSets`` and ``StreamImageEvents``."""
 
     def __init__(self, hub: Hub, events: EventHub, injector: FaultInjector, config: StereoConfig) -> None:
         self._hub = hub
@@ -87,7 +87,7 @@ class StreamServicer:
         self._unsent = UnsentMessages()
 
     async def stream(self, request: pb.ImageSetRequest, context: Context) -> None:
-        """Sends sets until the client leaves or its deadline ends."""
+        """Send image sets until the client cancels or its deadline passes."""
         try:
             kind = kind_of(request, mesh_rgb=self._config.mesh_rgb)
         except RequestError as error:
@@ -98,81 +98,81 @@ class StreamServicer:
                 while True:
                     data = await subscription.get()
                     if first:
-                        _announce(context.peer(), str(kind), len(data))
+                        _log_stream(context.peer(), str(kind), len(data))
                         first = False
                     try:
                         await context.write(data)
                     except BaseException:
                         self._unsent.add(len(data))
                         raise
-                    del data  # while waiting for the next one
+                    del data  # free it before waiting for the next set
                     if 0 < self._injector.faults.disconnect_after <= subscription.sent:
                         raise StreamError(CUT)
-        except FullError as error:
+        except LimitError as error:
             await context.abort(grpc.StatusCode.RESOURCE_EXHAUSTED, str(error))
         except StreamError as error:
             await context.abort(grpc.StatusCode.UNAVAILABLE, str(error))
 
     async def events(self, request: pb.ImageEventsRequest, context: Context) -> None:
-        """Sends events until the client leaves or its deadline ends."""
+        """Send image events until the client cancels or its deadline passes."""
         try:
             with self._events.subscribe(depth_acquisition_done=request.depth_acquisition_done_enabled) as queue:
-                # Headers first: a client may wait for them before it triggers what the events are about.
+                # Send headers first: a client may wait for them before it triggers a depth image.
                 await context.send_initial_metadata(())
                 while True:
                     await context.write(await queue.get())
-        except FullError as error:
+        except LimitError as error:
             await context.abort(grpc.StatusCode.RESOURCE_EXHAUSTED, str(error))
 
 
-def _decoded(kind: type[Message], answer: Callable[[Any, Context], Awaitable[None]]) -> Any:
-    """``answer`` for the bytes of a request; what cannot be decoded is the client's fault and told so."""
+def _decoding(message: type[Message], method: Callable[[Any, Context], Awaitable[None]]) -> Any:
+    """Return a handler that decodes the bytes of a request and calls ``method``."""
 
-    async def decode(data: bytes, context: Context) -> None:
+    async def handle(data: bytes, context: Context) -> None:
         try:
-            request = kind.FromString(data)
+            request = message.FromString(data)
         except DecodeError:
-            reason = f"the {len(data)} bytes of the request are not a message {kind.DESCRIPTOR.name}"
+            reason = f"the {len(data)} bytes of the request are not a message {message.DESCRIPTOR.name}"
             await context.abort(grpc.StatusCode.INVALID_ARGUMENT, reason)
         try:
-            await answer(request, context)
+            await method(request, context)
         except grpc.aio.InternalError:
-            # The connection broke while a message was being written. grpc would log a traceback for whoever vanishes;
-            # this is how it ends calls whose clients it has seen leaving.
+            # The connection broke while a message was written. End the call as grpc does when it detects that a client
+            # has disconnected; otherwise it would log a traceback.
             raise asyncio.CancelledError from None
 
-    return decode
+    return handle
 
 
-def _announce(peer: str, kind: str, size: int) -> None:
-    note = "more than a gRPC client accepts unless told otherwise" if size > DEFAULT_LIMIT else None
+def _log_stream(peer: str, kind: str, size: int) -> None:
+    note = "more than the default limit of gRPC clients" if size > CLIENT_LIMIT else None
     _log.info(f"streaming {kind} to {peer}", bytes_per_set=size, **({"note": note} if note else {}))
 
 
 async def start(
     hub: Hub, events: EventHub, injector: FaultInjector, config: StereoConfig
 ) -> tuple[grpc.aio.Server, int, Callable[[], Any]]:
-    """Starts serving.
+    """Start serving.
 
     Returns:
-        The server, its port, and a function to be awaited before it is stopped, which tells the health service.
+        The server, its port, and the health service's shutdown function, to be awaited before the server is stopped.
 
     Raises:
-        OSError: the port cannot be used, or a certificate cannot be read; one sentence.
+        OSError: the port is not available, or a certificate cannot be read; one sentence.
     """
     checks = () if config.tokens is None else (TokenCheck(config.tokens),)
     server = grpc.aio.server(interceptors=checks, options=_OPTIONS, maximum_concurrent_rpcs=MAX_CALLS)
     servicer = StreamServicer(hub, events, injector, config)
-    for service, method, answer, request in (
-        (SERVICE, METHOD, servicer.stream, pb.ImageSetRequest),
-        (EVENTS_SERVICE, EVENTS_METHOD, servicer.events, pb.ImageEventsRequest),
+    for service, name, method, message in (
+        (SERVICE, "StreamImageSets", servicer.stream, pb.ImageSetRequest),
+        (EVENTS_SERVICE, "StreamImageEvents", servicer.events, pb.ImageEventsRequest),
     ):
-        handler = grpc.unary_stream_rpc_method_handler(_decoded(request, answer))  # bytes in and out
-        server.add_generic_rpc_handlers((grpc.method_handlers_generic_handler(service, {method: handler}),))
-    healthy = health.aio.HealthServicer()
-    health_pb2_grpc.add_HealthServicer_to_server(healthy, server)
-    names = (SERVICE, EVENTS_SERVICE, health.SERVICE_NAME, reflection.SERVICE_NAME)
-    reflection.enable_server_reflection(names, server, pool=MethodPool())
+        handler = grpc.unary_stream_rpc_method_handler(_decoding(message, method))  # bytes in and out
+        server.add_generic_rpc_handlers((grpc.method_handlers_generic_handler(service, {name: handler}),))
+    health_servicer = health.aio.HealthServicer()
+    health_pb2_grpc.add_HealthServicer_to_server(health_servicer, server)
+    services = (SERVICE, EVENTS_SERVICE, health.SERVICE_NAME, reflection.SERVICE_NAME)
+    reflection.enable_server_reflection(services, server, pool=MethodPool())
     address = f"[{config.host}]:{config.port}" if ":" in config.host else f"{config.host}:{config.port}"
     try:
         port = _bind(server, address, config.tls)
@@ -180,9 +180,9 @@ async def start(
         await server.stop(None)
         raise OSError(f"the stereo camera cannot listen on {address}: the port is taken or not allowed") from error
     await server.start()
-    for name in ("", *names[:2]):
-        await healthy.set(name, health_pb2.HealthCheckResponse.SERVING)
-    return server, port, healthy.enter_graceful_shutdown
+    for name in ("", SERVICE, EVENTS_SERVICE):
+        await health_servicer.set(name, health_pb2.HealthCheckResponse.SERVING)
+    return server, port, health_servicer.enter_graceful_shutdown
 
 
 def _bind(server: grpc.aio.Server, address: str, tls: Tls | None) -> int:
@@ -199,11 +199,11 @@ def _bind(server: grpc.aio.Server, address: str, tls: Tls | None) -> int:
     return int(server.add_secure_port(address, credentials))
 
 
-async def stop(server: grpc.aio.Server, leave: Callable[[], Any]) -> None:
-    """Ends all streams and closes the port."""
-    await asyncio.shield(_stop(server, leave))
+async def stop(server: grpc.aio.Server, end_health: Callable[[], Any]) -> None:
+    """End all streams and close the port, also if the caller is cancelled."""
 
+    async def finish() -> None:
+        await end_health()
+        await server.stop(STOP_SECONDS)
 
-async def _stop(server: grpc.aio.Server, leave: Callable[[], Any]) -> None:
-    await leave()
-    await server.stop(STOP_SECONDS)
+    await asyncio.shield(finish())

@@ -14,10 +14,12 @@ from gateway.stereo.clock import Clock, SystemClock
 from gateway.stereo.config import StereoConfig
 from gateway.stereo.events import EventHub
 from gateway.stereo.faults import FaultInjector
-from gateway.stereo.frame_clock import Counts, Metronome, PoseSource, Record, SceneSource
+from gateway.stereo.frame import FrameRecord
+from gateway.stereo.frame_publisher import FrameCounts
+from gateway.stereo.frame_scheduler import FrameScheduler, PoseSource, SceneSource
 from gateway.stereo.hub import Hub
-from gateway.stereo.images import Metered, Studio
-from gateway.stereo.pairs import PairStudio
+from gateway.stereo.images import Imaging, MeteredExposure
+from gateway.stereo.pairs import PairImaging
 from gateway.stereo.parameters import Parameters
 from gateway.stereo.settings import NEUTRAL_BLUE, NEUTRAL_RED, StreamSettings
 from gateway.stereo.trigger import Trigger
@@ -27,7 +29,7 @@ _log = structlog.get_logger("stereo")
 
 
 class StereoService:
-    """Serves image sets of whatever scene it is given."""
+    """One stereo camera."""
 
     def __init__(
         self,
@@ -40,26 +42,27 @@ class StereoService:
     ) -> None:
         """
         Args:
-            config: what is fixed from start to end.
-            scene: the scene as it is now and its revision; called in a worker thread.
-            pose: (4, 4) float64 X_world_left, the left optical frame; called right after ``scene`` in the same thread.
-            renderer: draws; must be thread-safe.
-            workers: threads for everything that takes longer than a moment.
-            clock: of the timestamps; None: the computer's.
+            config: fixed configuration.
+            scene: returns the current scene and its revision; called in a worker thread.
+            pose: returns X_world_left, (4, 4) float64; called right after ``scene`` in the same thread.
+            renderer: thread-safe renderer.
+            workers: threads for rendering and everything else that takes long.
+            clock: source of timestamps; None: the system clock.
         """
         self.parameters = Parameters()
         self.stored: Callable[[], Awaitable[str]] | None = None
-        """Waits until the parameters are stored, where they are: empty, or why they could not be."""
-        self.trigger = Trigger()
-        self._scene_studio = Studio(config, renderer)
+        """Waits until the parameters are stored, if they are (--state). Returns an error message, empty on success."""
+        self.scene_imaging = Imaging(config, renderer)
+        """Source of rendered images, also while recorded pairs are shown."""
         self.workers = workers
-        self._shows = 0
-        self.hub = Hub(config.max_clients, config.max_kinds, self._epoch)
+        self.hub = Hub(config.max_clients, config.max_kinds, self._generation)
         self.events = EventHub(config.max_clients, config.max_events)
         self.injector = FaultInjector(config.seed, config.max_late_bytes)
         self.started = time.time()
-        self._metronome = Metronome(
-            self._scene_studio,
+        """Seconds since the epoch."""
+        self._trigger = Trigger()
+        self._scheduler = FrameScheduler(
+            self.scene_imaging,
             workers,
             self.hub,
             self.events,
@@ -68,103 +71,102 @@ class StereoService:
             scene,
             pose,
             clock or SystemClock(),
-            self.trigger,
+            self._trigger,
         )
+        self._image_changes = 0
         self._port: int | None = None
 
-    def _epoch(self) -> int:
-        """Grows with everything that changes what sets are like."""
-        return self.parameters.version + self.injector.changes + self._shows
+    def _generation(self) -> int:
+        """Return a number that grows with every change of parameters, faults or image source."""
+        return self.parameters.version + self.injector.changes + self._image_changes
 
     @property
-    def studio(self) -> Studio:
-        """What makes the pictures of new frames: of the scene, or of pairs that were given."""
-        return self._metronome.studio
+    def imaging(self) -> Imaging:
+        """Source of the images of new frames: the scene, or recorded pairs."""
+        return self._scheduler.imaging
 
     @property
     def config(self) -> StereoConfig:
-        """What is fixed from start to end; model and depth mode are those of the pairs while such are shown."""
-        return self.studio.config
+        """Fixed configuration; while recorded pairs are shown, with their model and depth mode."""
+        return self.imaging.config
 
-    def show_pairs(self, studio: PairStudio | None) -> None:
-        """Shows pairs from the next frame on; None: the scene again."""
-        self._metronome.studio = studio or self._scene_studio
-        self._shows += 1
+    def show_pairs(self, pairs: PairImaging | None) -> None:
+        """Show recorded pairs from the next frame on; None: the scene."""
+        self._scheduler.imaging = pairs or self.scene_imaging
+        self._image_changes += 1
         self.hub.changed.set()
 
     @property
-    def scene_studio(self) -> Studio:
-        """The one of the scene, whatever is shown."""
-        return self._scene_studio
-
-    @property
     def ready(self) -> bool:
-        """Whether clients can connect."""
+        """True if clients can connect."""
         return self._port is not None
 
     @property
     def port(self) -> int:
-        """The port that is served; 0 before that."""
+        """Port of the image stream; 0 before it is open."""
         return self._port or 0
 
     @property
     def settings(self) -> StreamSettings:
-        """The parameters that act on the stream, as they are now."""
-        return self._metronome.settings
+        """Current parameters that act on the stream."""
+        return self._scheduler.settings
 
     @property
-    def last_taken(self) -> Metered:
-        """How the newest left image was taken; before the first, the manual settings."""
-        return self._metronome.last_taken or Metered(self.settings.manual, 0.0)
+    def last_metered(self) -> MeteredExposure:
+        """Exposure of the newest left image; before the first, the manual one."""
+        return self._scheduler.last_metered or MeteredExposure(self.settings.manual, 0.0)
 
     @property
-    def counts(self) -> Counts:
-        """What happened since start."""
-        return self._metronome.counts
+    def counts(self) -> FrameCounts:
+        """Counters since start."""
+        return self._scheduler.counts
 
     @property
-    def history(self) -> list[Record]:
-        """The newest frames, oldest first."""
-        return list(self._metronome.history)
+    def history(self) -> list[FrameRecord]:
+        """Newest frames, oldest first."""
+        return list(self._scheduler.history)
 
     async def run(self) -> None:
-        """Serves until cancelled.
+        """Serve until cancelled.
 
         Raises:
             OSError: the port is taken, or a certificate cannot be read; one sentence.
         """
-        running, self._port, leave = await server.start(self.hub, self.events, self.injector, self.config)
+        running, self._port, end_health = await server.start(self.hub, self.events, self.injector, self.config)
         model = self.config.model
         _log.info(f"{model.name} on port {self._port}", baseline=model.baseline, depth=self.config.depth_mode)
         try:
-            await self._metronome.run()
+            await self._scheduler.run()
         finally:
             self._port = None
             self.hub.close("the stereo camera is shutting down")
-            await server.stop(running, leave)
+            await server.stop(running, end_health)
 
     def set_parameters(self, node: str, values: Iterable[tuple[str, object]]) -> list[str]:
-        """Sets parameters, all or none; see ``Parameters.set``. When an automatic is switched off, what it has found
-        last becomes the manual value, as on the device."""
-        before, automatic = self.settings, self.last_taken.exposure
-        balanced = self.parameters.values("rc_camera")["wb_auto"]
+        """Set parameters, all or none; see ``Parameters.set``.
+
+        When an automatic mode is switched off, its last result becomes the manual value, as on the device.
+        """
+        auto_exposure, exposure = self.settings.auto is not None, self.last_metered.exposure
+        auto_balance = self.parameters.values("rc_camera")["wb_auto"]
         names = self.parameters.set(node, values)
-        found: dict[str, float] = {}
-        if before.auto is not None and self.settings.auto is None:
-            found |= {"exp_value": automatic.time, "gain_value": automatic.gain}
-        if balanced and not self.parameters.values("rc_camera")["wb_auto"]:
-            found |= {"wb_ratio_red": NEUTRAL_RED, "wb_ratio_blue": NEUTRAL_BLUE}
-        self.parameters.set("rc_camera", [(name, value) for name, value in found.items() if name not in names])
+        manual: dict[str, float] = {}
+        if auto_exposure and self.settings.auto is None:
+            manual |= {"exp_value": exposure.time, "gain_value": exposure.gain}
+        if auto_balance and not self.parameters.values("rc_camera")["wb_auto"]:
+            manual |= {"wb_ratio_red": NEUTRAL_RED, "wb_ratio_blue": NEUTRAL_BLUE}
+        self.parameters.set("rc_camera", [(name, value) for name, value in manual.items() if name not in names])
         return names
 
     def fire_trigger(self) -> tuple[int, str]:
-        """Asks for one depth image in a single-frame mode; the device's return code and a message."""
-        code = self.trigger.fire(single=self.settings.single, wanted=any(k.depth for k in self.hub.kinds()))
+        """Request one depth image in a single-frame mode. Return the device's return code and a message."""
+        subscribed = any(kind.depth for kind in self.hub.kinds())
+        code = self._trigger.fire(single=self.settings.single, subscribed=subscribed)
         self.hub.changed.set()
         return code
 
     def status(self) -> dict[str, Any]:
-        """Figures for health pages: plain values."""
+        """Return plain values for health pages."""
         c = self.counts
         return {
             "model": self.config.model.name,

@@ -1,4 +1,4 @@
-"""The parameters that act on the stream, as one value that a frame keeps."""
+"""The parameters that act on the stream, as one immutable value per frame."""
 
 from __future__ import annotations
 
@@ -13,78 +13,96 @@ from renderers.stereo.filters import Filters
 from renderers.stereo.model import Quality
 
 ALTERNATE_GAP = 40_000_000
-"""Nanoseconds between two exposures with different outputs (manual: Out1 low and high are always 40 ms apart)."""
+"""Nanoseconds between exposures with Out1 low and high (manual)."""
 STATIC_IMAGES: Final = 8
-"""How many images ``static_scene`` averages (manual)."""
+"""Number of images that ``static_scene`` averages (manual)."""
 HDR_IMAGES: Final = 3
-"""How many exposures a high dynamic range image takes; it divides the rate by as much."""
+"""Number of exposures of a high dynamic range image, which divides the rate."""
 NEUTRAL_RED: Final = 1.2
+"""White balance ratio at which colours are as rendered: the device's default and the result of automatic white
+balance."""
 NEUTRAL_BLUE: Final = 2.4
-"""White balance ratios at which colours are as rendered: the device's defaults, which stand for the white light of the
-rendered scenes; the automatic finds them."""
+"""See ``NEUTRAL_RED``."""
 
-Region = tuple[int, int, int, int]
-"""Left column, upper row, width, height, in pixels of the left image."""
+
+@dataclass(frozen=True, slots=True)
+class Region:
+    """Region of the left image, pixels."""
+
+    x: int
+    """Left column."""
+    y: int
+    """Upper row."""
+    width: int
+    height: int
+
+    def slices(self, divisor: int) -> tuple[slice, slice]:
+        """Return the rows and columns, at 1/``divisor`` of the resolution, that lie at least partly in the region."""
+        rows = slice(self.y // divisor, -(-(self.y + self.height) // divisor))
+        return rows, slice(self.x // divisor, -(-(self.x + self.width) // divisor))
 
 
 @dataclass(frozen=True, slots=True)
 class StreamSettings:
-    """A consistent reading of the parameters."""
+    """Consistent values of the parameters."""
 
     fps: float
+    """Camera images per second."""
     auto: AutoExposure | None
-    """None: manual."""
+    """Limits of automatic exposure; None: manual exposure."""
     manual: Exposure
-    """Its gamma, dynamic range and white balance count in automatic mode, too."""
+    """Manual exposure. Gamma, dynamic range and white balance apply in automatic mode, too."""
     auto_mode: str
     """Normal, Out1High or AdaptiveOut1."""
     exposure_region: Region | None
-    """Where the automatic looks; None: everywhere."""
+    """Metered region; None: the whole image."""
     depth_region: Region | None
-    """Where depth is measured; None: everywhere."""
+    """Region of depth; None: the whole image."""
     static: bool
-    """Depth from the average of eight images."""
+    """Average eight images for depth."""
     double_shot: bool
-    """Holes of depth images are filled from a second measurement."""
+    """Fill holes of depth images from a second measurement."""
     quality: Quality
     filters: Filters
     single: bool
-    """Depth images only on demand."""
+    """Make depth images on demand only."""
     single_out1: bool
-    """… with Out1 high."""
+    """Make them with Out1 high."""
     out1: str
+    """Mode of output 1, with the projector."""
     out2: str
+    """Mode of output 2."""
 
     @property
     def alternate(self) -> bool:
-        """Whether depth is exposed apart from the camera images."""
+        """True if camera and depth images are exposed alternately."""
         return self.out1 == "ExposureAlternateActive"
 
     @property
     def separate_depth(self) -> bool:
-        """Return whether depth needs its own exposure: an output differs from that of the camera images."""
+        """True if depth needs its own exposure, because an output differs from that of the camera images."""
         return self.lines(depth=False) != self.lines(depth=True)
 
     @property
     def camera_rate(self) -> float:
-        """Camera image sets per second: in alternate exposure every second exposure is a depth image's."""
+        """Camera image sets per second. In alternate exposure every second exposure is for depth."""
         fps = self.fps / HDR_IMAGES if self.manual.hdr else self.fps
         return min(fps, 12.5) if self.alternate else fps
 
     @property
     def averaged(self) -> int:
-        """How many images a depth image is made of. ``static_scene`` acts in full and high quality only (manual)."""
+        """Number of images averaged for depth. ``static_scene`` acts in full and high quality only (manual)."""
         return STATIC_IMAGES if self.static and self.quality in (Quality.FULL, Quality.HIGH) else 1
 
     @property
     def depth_rate(self) -> float:
-        """Depth images per second at the device's speed."""
+        """Depth images per second of the device."""
         return min(self.camera_rate / self.averaged, self.quality.depth_rate)
 
     def lines(self, *, depth: bool) -> int:
-        """GPIO values during the exposure: Out1 is bit 0, Out2 bit 1.
+        """Return the GPIO values during an exposure; Out1 is bit 0, Out2 bit 1.
 
-        In SingleFrameOut1 the acquisition controls Out1: high for the depth exposure, else low.
+        In SingleFrameOut1 the acquisition controls Out1: high for depth exposures, low for the others.
         """
         high = [_is_high(mode, depth=depth) for mode in (self.out1, self.out2)]
         if self.single_out1:
@@ -96,8 +114,8 @@ def _is_high(mode: str, *, depth: bool) -> bool:
     return mode in ("High", "ExposureActive") or (mode == "ExposureAlternateActive" and depth)
 
 
-def read(parameters: Parameters) -> StreamSettings:
-    """The settings as they are now."""
+def read_settings(parameters: Parameters) -> StreamSettings:
+    """Return the current settings."""
     camera, matching, io = (parameters.values(n) for n in ("rc_camera", "rc_stereomatching", "rc_iocontrol"))
     automatic = camera["exp_control"] != "Manual"
     mode = str(matching["acquisition_mode"])
@@ -138,7 +156,7 @@ def read(parameters: Parameters) -> StreamSettings:
 
 
 def _region(values: Mapping[str, Value], prefix: str) -> Region | None:
-    """None when width or height is 0, as the manual says."""
+    """Return a region; None if width or height is 0 (manual)."""
     offsets, sizes = ("offset_x", "offset_y"), ("width", "height")
     x, y, width, height = (int(values[f"{prefix}_{name}"]) for name in (*offsets, *sizes))
-    return (x, y, width, height) if width and height else None
+    return Region(x, y, width, height) if width and height else None

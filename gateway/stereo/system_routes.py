@@ -1,4 +1,4 @@
-"""The device's REST interface beside the nodes of a camera: logs, global nodes, pipelines, time."""
+"""REST routes of the device beside the nodes: system, time, logs, pipelines, data streams, global nodes."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ from fastapi.responses import JSONResponse, PlainTextResponse, Response
 from gateway.runtime.recent_logs import MAX_ENTRIES, LogEntry, recent_logs
 from gateway.server.openapi import example, json_example
 from gateway.stereo import device
+from gateway.stereo.rest_errors import RestError
 from gateway.stereo.service import StereoService
 
 LOG_FILE: Final = "stereo.log"
-"""The one log there is: that of the stereo camera."""
+"""Name of the only log."""
 _LEVELS: Final = {"debug": "DEBUG", "info": "INFO", "warning": "WARN", "error": "ERROR", "critical": "FATAL"}
-"""The device's names of levels."""
+"""The device's log levels, by ours."""
 _LOG_INFO: Final = {"date": 1700000000.04, "name": LOG_FILE, "size": 4711}
 _LOG_LINE: Final = {
     "component": "gateway.stereo",
@@ -26,9 +27,17 @@ _LOG_LINE: Final = {
     "timestamp": 1700000000.04,
 }
 _PIPELINE: Final = {"type": "rc_visard", "model_name": "rc_visard 160-4", "ready": True}
+_SYSTEM: Final[dict[str, Any]] = {
+    "ready": True,
+    "serial": "00000000",
+    "model_name": "rc_visard 160-4",
+    "firmware": {"active_image": {"image_version": device.IMAGE_VERSION}},
+    "pipelines": {"config": {"max_pipelines": 1, "pending_changes": False, "pipelines": {"0": _PIPELINE}}},
+}
+"""Part of a response, as an example."""
 _MISSING: Final[dict[int | str, dict[str, Any]]] = {
     404: {
-        "description": "There is nothing of that name.",
+        "description": "There is no log of that name.",
         "content": {
             "application/json": {
                 "schema": {
@@ -44,12 +53,21 @@ _MISSING: Final[dict[int | str, dict[str, Any]]] = {
 
 
 def system_router(*services: StereoService) -> APIRouter:
-    """Routes below ``/api``; version 1 has logs and time alone.
+    """Return the routes below ``/api``. Version 1 has no pipelines and global nodes.
 
     Args:
         services: pipeline 0, 1, …; at least one.
     """
     api = APIRouter(tags=["Stereo camera"])
+
+    async def system() -> Any:
+        return device.system(services)
+
+    async def datastreams() -> list[Any]:
+        return []
+
+    async def pipelines() -> Any:
+        return device.pipelines(services)
 
     async def logs() -> Any:
         return [_log_info(_entries(), services[0].started)]
@@ -71,7 +89,7 @@ def system_router(*services: StereoService) -> APIRouter:
         ] = 100,
     ) -> Response:
         if log != LOG_FILE:
-            return _missing(f"there is no log {log[:80]!r}; there is {LOG_FILE}")
+            return RestError(404, f"there is no log {log[:80]!r}; there is {LOG_FILE}").response()
         entries = _entries()
         if format == "raw":
             return PlainTextResponse(_raw(entries))
@@ -82,13 +100,12 @@ def system_router(*services: StereoService) -> APIRouter:
         return {"utc": time.strftime("%Y-%m-%d %H:%M:%S", time.gmtime())}
 
     for version in ("v1", "v2"):
-        api.add_api_route(
-            f"/api/{version}/logs", logs, methods=["GET"], summary="Log files", responses=json_example([_LOG_INFO])
-        )
-        api.add_api_route(
-            f"/api/{version}/logs/{{log}}",
-            log,
-            methods=["GET"],
+        base = f"/api/{version}"
+        api.get(f"{base}/system", summary="System", responses=json_example(_SYSTEM))(system)
+        api.get(f"{base}/datastreams", summary="Data streams: none", responses=json_example([]))(datastreams)
+        api.get(f"{base}/logs", summary="Log files", responses=json_example([_LOG_INFO]))(logs)
+        api.get(
+            f"{base}/logs/{{log}}",
             summary="A log file",
             responses={
                 **_MISSING,
@@ -97,14 +114,15 @@ def system_router(*services: StereoService) -> APIRouter:
                     "content": {"application/json": {"example": {**_LOG_INFO, "log": [_LOG_LINE]}}, "text/plain": {}},
                 },
             },
-        )
-        api.add_api_route(
-            f"/api/{version}/system/time",
-            system_time,
-            methods=["GET"],
+        )(log)
+        api.get(
+            f"{base}/system/time",
             summary="System time in UTC",
             responses=json_example({"utc": "2026-01-31 12:00:00"}),
-        )
+        )(system_time)
+    api.get("/api/v2/pipelines", summary="Pipelines: one per camera", responses=json_example({"0": _PIPELINE}))(
+        pipelines
+    )
 
     @api.get(
         "/api/v2/nodes",
@@ -114,31 +132,24 @@ def system_router(*services: StereoService) -> APIRouter:
     async def nodes() -> list[Any]:
         return []
 
-    @api.get("/api/v2/nodes/{node}", include_in_schema=False)  # nothing but the device's 404
+    @api.get("/api/v2/nodes/{node}", include_in_schema=False)  # always the device's 404
     async def node(node: str) -> Response:
-        return _missing(f"there is no global node {node[:80]!r}; cameras' nodes are at /api/v2/pipelines/0/nodes")
+        message = f"there is no global node {node[:80]!r}; cameras' nodes are at /api/v2/pipelines/0/nodes"
+        return RestError(404, message).response()
 
     async def pipeline(number: str) -> Any:
         return device.pipelines(services)[number]
 
     for number in device.pipelines(services):
-        api.add_api_route(
-            f"/api/v2/pipelines/{number}",
-            partial(pipeline, number),
-            methods=["GET"],
-            summary="A pipeline",
-            responses=json_example(_PIPELINE),
+        api.get(f"/api/v2/pipelines/{number}", summary="A pipeline", responses=json_example(_PIPELINE))(
+            partial(pipeline, number)
         )
 
     @api.get("/api/v2/pipelines/{number}", include_in_schema=False)
     async def no_pipeline(number: str) -> Response:
-        return _missing(f"there is no pipeline {number[:80]!r}; there are {len(services)}, from 0 on")
+        return RestError(404, f"there is no pipeline {number[:80]!r}; there are {len(services)}, from 0 on").response()
 
     return api
-
-
-def _missing(message: str) -> JSONResponse:
-    return JSONResponse({"message": message, "return_code": {"value": -1, "message": message}}, 404)
 
 
 def _entries() -> list[LogEntry]:
@@ -146,13 +157,13 @@ def _entries() -> list[LogEntry]:
 
 
 def _log_info(entries: list[LogEntry], started: float) -> dict[str, Any]:
-    """The device's LogInfo."""
+    """Return the device's LogInfo."""
     date = entries[-1].timestamp if entries else started
     return {"date": date, "name": LOG_FILE, "size": len(_raw(entries).encode())}
 
 
 def _log_entry(entry: LogEntry) -> dict[str, Any]:
-    """The device's LogEntry."""
+    """Return the device's LogEntry."""
     level = _LEVELS.get(entry.level, "INFO")
     return {"component": entry.logger, "level": level, "message": entry.message, "timestamp": entry.timestamp}
 

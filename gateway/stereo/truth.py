@@ -1,4 +1,4 @@
-"""The side channel for training and tests: what is really there in a frame, exactly."""
+"""Ground truth of a frame, for training and tests."""
 
 from __future__ import annotations
 
@@ -11,9 +11,8 @@ from fastapi.responses import JSONResponse, Response
 
 from gateway.runtime.worker_pool import DeadlineExceeded, QueueFull
 from gateway.server.openapi import example
-from gateway.stereo.frame_clock import Record
-from gateway.stereo.images import Studio
-from gateway.stereo.messages import NANOSECONDS
+from gateway.stereo.clock import NANOSECONDS
+from gateway.stereo.frame import FrameRecord
 from gateway.stereo.service import StereoService
 from renderers.interface import Output
 from renderers.stereo.truth import DepthRange, true_disparity
@@ -22,26 +21,26 @@ _TIMESTAMP = r"^([0-9]{1,12}(\.[0-9]{0,9})?)?$"
 _MESSAGE: dict[str, Any] = {
     "application/json": {"schema": {"type": "object", "properties": {"message": {"type": "string"}}}}
 }
-_ANSWERS: dict[int | str, dict[str, Any]] = {
+_RESPONSES: dict[int | str, dict[str, Any]] = {
     200: {
         "description": "NumPy's npz.",
         "content": {"application/zip": {"schema": {"type": "string", "format": "binary"}}},
     },
     400: {"description": "Not a timestamp.", "content": _MESSAGE},
-    404: {"description": "No such frame is remembered.", "content": _MESSAGE},
+    404: {"description": "No such frame in the history.", "content": _MESSAGE},
     503: {"description": "Too many requests wait already; see Retry-After.", "content": _MESSAGE},
 }
 
 
 def truth_router(*services: StereoService) -> APIRouter:
-    """``GET /stereo/truth.npz``."""
+    """Return the route ``GET /stereo/truth.npz``."""
     api = APIRouter(tags=["Stereo camera"])
 
     @api.get(
         "/stereo/truth.npz",
         summary="Exact depth, labels, poses and intrinsics of a frame",
         response_class=Response,
-        responses=_ANSWERS,
+        responses=_RESPONSES,
     )
     async def truth(
         timestamp: Annotated[
@@ -60,13 +59,13 @@ def truth_router(*services: StereoService) -> APIRouter:
             return JSONResponse({"message": f"there is no pipeline {pipeline}"}, 404)
         service = services[pipeline]
         try:
-            record = find(service.history, timestamp)
+            record = find_frame(service.history, timestamp)
         except ValueError as error:
             return JSONResponse({"message": str(error)}, 400)
         except LookupError as error:
             return JSONResponse({"message": str(error)}, 404)
         try:
-            data = await service.workers.run(truth_of, record.studio, record)
+            data = await service.workers.run(truth_of, record)
         except LookupError as error:
             return JSONResponse({"message": str(error)}, 404)
         except QueueFull as error:
@@ -78,36 +77,37 @@ def truth_router(*services: StereoService) -> APIRouter:
     return api
 
 
-def find(history: list[Record], timestamp: str) -> Record:
-    """The frame of which one image has the timestamp.
+def find_frame(history: list[FrameRecord], timestamp: str) -> FrameRecord:
+    """Return the frame with an image of this timestamp, or the newest frame if it is empty.
 
     Args:
-        history: oldest first.
-        timestamp: ``1700000000.040000000``: the digits after the point are nanoseconds, filled up on the right.
+        history: frames, oldest first.
+        timestamp: ``1700000000.040000000``: the digits after the point are nanoseconds, padded on the right.
 
     Raises:
-        ValueError: not a timestamp.
-        LookupError: no such frame is remembered.
+        ValueError: malformed timestamp.
+        LookupError: no such frame in the history.
     """
     if not history:
         raise LookupError("no frame was taken yet; frames are taken while a client streams")
     if not timestamp:
         return history[-1]
-    wanted = parse(timestamp)
+    wanted = parse_timestamp(timestamp)
     for record in reversed(history):
         if wanted in (record.depth.timestamp, record.camera.timestamp):
             return record
     first, last = history[0].camera.timestamp, history[-1].depth.timestamp
     raise LookupError(
-        f"no frame has the timestamp {show(wanted)}; remembered are {len(history)} from {show(first)} to {show(last)}"
+        f"no frame has the timestamp {timestamp_text(wanted)}; the history has {len(history)} from "
+        f"{timestamp_text(first)} to {timestamp_text(last)}"
     )
 
 
-def parse(timestamp: str) -> int:
-    """Nanoseconds of ``sec.nsec`` text, exactly.
+def parse_timestamp(timestamp: str) -> int:
+    """Return the nanoseconds of ``sec.nsec`` text, exactly.
 
     Raises:
-        ValueError: it is not like that.
+        ValueError: malformed timestamp.
     """
     seconds, _, fraction = timestamp.partition(".")
     digits = seconds + fraction
@@ -116,36 +116,39 @@ def parse(timestamp: str) -> int:
     return int(seconds) * NANOSECONDS + int(fraction.ljust(9, "0"))
 
 
-def show(nanoseconds: int) -> str:
-    """The text that ``parse`` reads."""
+def timestamp_text(nanoseconds: int) -> str:
+    """Return a timestamp as text; the inverse of ``parse_timestamp``."""
     return f"{nanoseconds // NANOSECONDS}.{nanoseconds % NANOSECONDS:09d}"
 
 
-def truth_of(studio: Studio, record: Record) -> bytes:
-    """An npz file. Keys without a prefix belong to the depth images' resolution and instant, ``left_`` and ``right_``
-    to the camera images.
+def truth_of(record: FrameRecord) -> bytes:
+    """Return the ground truth of a frame as an npz file.
 
-    * ``depth`` (h, w) float32: metres along the optical axis, inf: nothing; ``label`` (h, w) uint32.
-    * ``disparity`` (h, w) float32: exact, pixels, 0 where the device cannot measure (hidden, out of range or view).
+    Arrays without a prefix have the resolution and the instant of the depth images, those with ``left_`` and ``right_``
+    of the camera images:
+
+    * ``depth`` (h, w) float32: metres along the optical axis, inf: background; ``label`` (h, w) uint32.
+    * ``disparity`` (h, w) float32: exact, pixels, 0 where the device cannot measure (occluded, out of range or view).
     * ``left_depth``, ``left_label``, ``right_depth``, ``right_label``: the same for the camera images.
     * ``K``, ``K_left`` (3, 3) float64: intrinsics of depth and camera images; ``baseline`` metres.
-    * ``X_world_left``, ``X_world_right``, ``X_world_depth`` (4, 4) float64: optical frames; depth's differs from
-      left's only when depth is exposed 40 ms later and the camera moves.
+    * ``X_world_left``, ``X_world_right``, ``X_world_depth`` (4, 4) float64: optical frames. Those of
+      left and depth differ only if depth is exposed 40 ms later and the camera moves.
     * ``frame``, ``revision``, ``timestamp`` (nanoseconds), ``camera_timestamp``.
     """
-    model, settings = studio.config.model, record.settings
+    imaging, settings = record.imaging, record.settings
+    model = imaging.config.model
     divisor = settings.quality.divisor
     k, camera = model.intrinsics(divisor), model.intrinsics()
     arrays: dict[str, Any] = {}
     both = Output.DEPTH | Output.LABEL
     for side, offset in (("left", 0.0), ("right", model.baseline)):
-        with studio.render(record.camera, offset, 1, both) as frame:
+        with imaging.render(record.camera, offset, 1, both) as frame:
             assert frame.depth is not None
             assert frame.label is not None
             arrays[f"{side}_depth"], arrays[f"{side}_label"] = frame.depth.copy(), frame.label.copy()
     with (
-        studio.render(record.depth, 0.0, divisor, both) as left,
-        studio.render(record.depth, model.baseline, divisor, Output.DEPTH) as right,
+        imaging.render(record.depth, 0.0, divisor, both) as left,
+        imaging.render(record.depth, model.baseline, divisor, Output.DEPTH) as right,
     ):
         assert left.depth is not None
         assert left.label is not None

@@ -1,4 +1,4 @@
-"""The device's undocumented test mode: a stereo pair that is uploaded is shown in the scene's place."""
+"""The device's undocumented test mode: show an uploaded stereo pair in place of the scene."""
 
 from __future__ import annotations
 
@@ -13,18 +13,19 @@ from starlette.formparsers import MultiPartException, MultiPartParser
 
 from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull
 from gateway.server.openapi import json_example
-from gateway.stereo.pairs import FACTOR_LIMIT, Pair, Pairs, PairStudio, pair_studio
+from gateway.stereo.pairs import FACTOR_LIMIT, Pair, PairImaging, Pairs, pair_imaging
+from gateway.stereo.rest_errors import RestError
 from gateway.stereo.service import StereoService
 from renderers.drawlist import ImageError
 
 MAX_CONTENT_TYPE: Final = 1024
-"""Characters of the header; a boundary has 70 at most (RFC 2046, 5.1.1)."""
+"""Maximum number of characters of the header; a boundary has at most 70 (RFC 2046, 5.1.1)."""
 _LOW = ("left_out1_low", "right_out1_low")
 _HIGH = ("left_out1_high", "right_out1_high")
 _DONE: Final = {"return_code": {"value": 0, "message": ""}}
 _MESSAGE: Final = {"application/json": {"schema": {"type": "object", "properties": {"message": {"type": "string"}}}}}
-_REFUSALS: Final[dict[int | str, dict[str, Any]]] = {
-    400: {"description": "The form does not hold a stereo pair; the message tells why.", "content": _MESSAGE},
+_ERROR_RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
+    400: {"description": "The form has no valid stereo pair; the message is the reason.", "content": _MESSAGE},
     413: {"description": "The form is too large.", "content": _MESSAGE},
     503: {"description": "Too many requests wait already; see Retry-After.", "content": dict(_MESSAGE)},
 }
@@ -39,20 +40,20 @@ _FORM: Final = {
             "description": "Left image with Out1 low: PNG, JPEG or WebP, rectified, 16 to 8192 pixels a side.",
         },
         "right_out1_low": {**_IMAGE, "description": "Right image with Out1 low, of the same size."},
-        "left_out1_high": {**_IMAGE, "description": "Left image with Out1 high; else the one with Out1 low."},
+        "left_out1_high": {**_IMAGE, "description": "Left image with Out1 high; by default the one with Out1 low."},
         "right_out1_high": {**_IMAGE, "description": "Right image with Out1 high."},
         "f": {
             "type": "number",
             "minimum": 0.05,
             "maximum": FACTOR_LIMIT * 8192,
-            "description": f"Focal length in pixels, or divided by the image's width when below {FACTOR_LIMIT:g}; else "
-            "the camera's.",
+            "description": f"Focal length in pixels, or divided by the image's width when below {FACTOR_LIMIT:g}; "
+            "by default the camera's.",
         },
         "t": {
             "type": "number",
             "minimum": 1e-4,
             "maximum": 100,
-            "description": "Baseline in metres; else the camera's.",
+            "description": "Baseline in metres; by default the camera's.",
         },
     },
     "dependentRequired": {_HIGH[0]: [_HIGH[1]], _HIGH[1]: [_HIGH[0]]},
@@ -71,12 +72,8 @@ _BODY: Final = {
 }
 
 
-class _TooLargeError(Exception):
-    pass
-
-
 def upload_router(*services: StereoService) -> APIRouter:
-    """``/api/v2/pipelines/0/test/set``, 1, …: ``POST`` shows a pair, ``DELETE`` the scene again."""
+    """Return the routes ``/api/v2/pipelines/N/test/set``: ``POST`` shows a pair, ``DELETE`` the scene."""
     api = APIRouter(tags=["Stereo camera"])
     for number, service in enumerate(services):
         _add(api, f"/api/v2/pipelines/{number}/test/set", service)
@@ -85,16 +82,16 @@ def upload_router(*services: StereoService) -> APIRouter:
 
 def _add(api: APIRouter, path: str, service: StereoService) -> None:
 
-    @api.post(path, summary="Show a stereo pair", responses=json_example(_DONE) | _REFUSALS, openapi_extra=_BODY)
+    @api.post(path, summary="Show a stereo pair", responses=json_example(_DONE) | _ERROR_RESPONSES, openapi_extra=_BODY)
     async def post(request: Request) -> Any:
         try:
             form = await _form(request, service.config.max_upload)
             try:
-                service.show_pairs(await _studio(service, form))
+                service.show_pairs(await _pair(service, form))
             finally:
                 await form.close()
-        except _TooLargeError:
-            return _refused(413, f"the form is larger than {service.config.max_upload} bytes")
+        except RestError as error:
+            return error.response()
         except QueueFull as error:
             return JSONResponse({"message": str(error)}, 503, {"Retry-After": str(error.retry_after)})
         except PoolClosed as error:
@@ -102,7 +99,7 @@ def _add(api: APIRouter, path: str, service: StereoService) -> None:
         except DeadlineExceeded as error:
             return JSONResponse({"message": f"the pair was given up: {error}"}, 503)
         except (ValueError, ImageError, MultiPartException) as error:
-            return _refused(400, str(error))
+            return RestError(400, str(error)).response()
         return _DONE
 
     @api.delete(path, summary="Show the scene again", responses=json_example(_DONE))
@@ -111,46 +108,55 @@ def _add(api: APIRouter, path: str, service: StereoService) -> None:
         return _DONE
 
 
-def _refused(status: int, message: str) -> JSONResponse:
-    return JSONResponse({"message": message, "return_code": {"value": -1, "message": message}}, status)
-
-
 async def _form(request: Request, limit: int) -> FormData:
+    """Return the form.
+
+    Raises:
+        RestError: the body has more than ``limit`` bytes.
+        ValueError: wrong content type.
+        MultiPartException: malformed form.
+    """
     sent = request.headers.get("content-type", "")
     if len(sent) > MAX_CONTENT_TYPE:
         raise ValueError(f"Content-Type has {len(sent)} characters, the limit is {MAX_CONTENT_TYPE}")
     kind, options = parse_options_header(sent)
     if kind != b"multipart/form-data" or not options.get(b"boundary"):
         raise ValueError(f"the content type is {sent[:80]!r}, multipart/form-data with a boundary is needed")
-    # Nothing but the boundary goes on: a charset of the client's choice may be one that takes minutes to decode (idna).
+    # Drop everything but the boundary: a charset chosen by the client may take minutes to decode (idna).
     boundary = options[b"boundary"].replace(b"\\", b"\\\\").replace(b'"', b'\\"')
     headers = Headers(raw=[(b"content-type", b'multipart/form-data; boundary="' + boundary + b'"')])
 
-    async def bounded() -> AsyncIterator[bytes]:
+    async def limited() -> AsyncIterator[bytes]:
         size = 0
         async for chunk in request.stream():
             size += len(chunk)
             if size > limit:
-                raise _TooLargeError
+                raise RestError(413, f"the form is larger than {limit} bytes")
             yield chunk
 
-    return await MultiPartParser(headers, bounded(), max_files=4, max_fields=8).parse()  # type: ignore[arg-type]  # an async generator is wanted
+    return await MultiPartParser(headers, limited(), max_files=4, max_fields=8).parse()  # type: ignore[arg-type]  # an async generator is wanted
 
 
-async def _studio(service: StereoService, form: FormData) -> PairStudio:
+async def _pair(service: StereoService, form: FormData) -> PairImaging:
+    """Return the pair of a form.
+
+    Raises:
+        ValueError: missing or invalid field.
+        ImageError: an image cannot be decoded.
+    """
     low, high = [await _file(form, name) for name in _LOW], [await _file(form, name) for name in _HIGH]
     if low[0] is None or low[1] is None:
         raise ValueError("the form needs the files left_out1_low and right_out1_low")
-    lit = None
+    high_pair = None
     if high[0] is not None or high[1] is not None:
         if high[0] is None or high[1] is None:
             raise ValueError("left_out1_high and right_out1_high need each other")
-        lit = (high[0], high[1])
-    config = service.scene_studio.config
-    pairs = Pairs([Pair((low[0], low[1]), lit)], config.max_pair_pixels)
+        high_pair = (high[0], high[1])
+    config = service.scene_imaging.config
+    pairs = Pairs([Pair((low[0], low[1]), high_pair)], config.max_pair_pixels)
     focal = _number(form, "f", config.model.focal_factor)
     baseline = _number(form, "t", config.model.baseline)
-    return await service.workers.run(pair_studio, service.scene_studio, pairs, focal, baseline)
+    return await service.workers.run(pair_imaging, service.scene_imaging, pairs, focal, baseline)
 
 
 async def _file(form: FormData, name: str) -> bytes | None:

@@ -1,14 +1,20 @@
-"""The join of the stereo camera with the scene, the browser view and the settings."""
+"""Wiring of the stereo cameras: settings → configuration → service → routes, and their images for the browser view."""
 
 from __future__ import annotations
 
+import asyncio
+import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from fastapi import FastAPI
 
+from gateway.assets.scene_file import read_scene_file
+from gateway.scene.flatten import Flattener
+from gateway.scene.labels import LabelTable
+from gateway.scene.live import Snapshot
 from gateway.scene.mount import Mount, parse_mount_path, parse_mount_pose
 from gateway.server.error_handlers import HeadAsGet
 from gateway.server.http_server import PortService
@@ -16,87 +22,109 @@ from gateway.settings import Settings
 from gateway.stereo.clock import SimulatedClock
 from gateway.stereo.config import StereoConfig, Tls
 from gateway.stereo.fault_routes import fault_router
-from gateway.stereo.pairs import PairStudio, geometry_in, pair_studio, pairs_in
+from gateway.stereo.frame import Frame
+from gateway.stereo.images import Capture
+from gateway.stereo.node_routes import node_router
+from gateway.stereo.pair_files import geometry_in, pairs_in
+from gateway.stereo.pairs import PairImaging, pair_imaging
 from gateway.stereo.parameter_specs import NODES
-from gateway.stereo.rest import router
+from gateway.stereo.request import SetKind
+from gateway.stereo.scene_view import SceneView
 from gateway.stereo.service import StereoService
+from gateway.stereo.settings import StreamSettings
 from gateway.stereo.system_routes import system_router
 from gateway.stereo.truth import truth_router
 from gateway.stereo.upload import upload_router
-from gateway.wiring.context import NO_TELEMETRY, House
+from gateway.viewer.sources import ImageName, StereoImages, StereoRig
+from gateway.wiring.context import NO_TELEMETRY, Context
 from gateway.wiring.metrics import watch_stereo
-from gateway.wiring.stereo_scene import StereoView
-from gateway.wiring.stereo_sensors import StereoEyes
-from renderers.stereo.model import MODELS, StereoModel, custom_model
+from renderers.stereo.errors import DepthImages
+from renderers.stereo.model import DISPARITY_SCALE, MODELS, StereoModel, custom_model
+from renderers.stereo.noise import NoiseStream
+
+_VIEW_IMAGES: Final = SetKind(left=True, right=True, disparity=True, confidence=True, color=True)
+_CAPTION_PERCENTILES: Final = (1.0, 99.0)
+"""Percentiles of the disparity for the range of depths in a caption."""
 
 
-def join_stereo(house: House) -> None:
-    """Every camera's image stream over gRPC, the device's REST interface, the truth and the faults beside them."""
-    settings = house.settings
+def setup(context: Context) -> None:
+    """Serve every camera's image stream over gRPC, the device's REST interface, ground truth and fault injection."""
+    settings = context.settings
     path = parse_mount_path(settings.stereo_path) if settings.stereo_path is not None else None
     mounts = [Mount(parse_mount_pose(settings.stereo_pose), path), *map(_mount, settings.stereo_cameras)]
-    services = [_join_camera(house, number, mount) for number, mount in enumerate(mounts)]
-    watch_stereo(house.metrics, *services)
-    apps = [house.app]
+    services = [_join_camera(context, number, mount) for number, mount in enumerate(mounts)]
+    watch_stereo(context.metrics, *services)
+    apps = [context.app]
     if settings.rest_port is not None:
         apps.append(FastAPI(openapi_url=None, telemetry=NO_TELEMETRY))
-        house.security.protect(apps[1])
+        context.security.protect(apps[1])
         apps[1].add_middleware(HeadAsGet)
-        house.serve("rest", PortService(apps[1], settings.host, settings.rest_port, house.security.tls), where="/api")
+        context.run_service(
+            "rest", PortService(apps[1], settings.host, settings.rest_port, context.security.tls), where="/api"
+        )
     for app in apps:
-        app.include_router(router(*services))
         app.include_router(system_router(*services))
+        app.include_router(node_router(*services))
         app.include_router(upload_router(*services))
-    house.app.include_router(truth_router(*services))
-    house.app.include_router(fault_router(*services))
+    context.app.include_router(truth_router(*services))
+    context.app.include_router(fault_router(*services))
 
 
 def _mount(text: str) -> Mount:
-    """A further camera, at a node (JSON) or a pose."""
+    """Return the mount of a further camera: a node (JSON) or a pose."""
     if text.lstrip().startswith("["):
         return Mount(np.eye(4), parse_mount_path(text))
     return Mount(parse_mount_pose(text), None)
 
 
-def _join_camera(house: House, number: int, mount: Mount) -> StereoService:
-    """Pipeline ``number``; the first one is what the rest of the house calls the stereo camera."""
-    settings = house.settings
-    config = replace(config_of(settings), tokens=house.security.grpc)
+def _join_camera(context: Context, number: int, mount: Mount) -> StereoService:
+    """Start the camera of pipeline ``number``. Camera 0 is the one shown by the browser view and the scene API."""
+    settings = context.settings
+    config = replace(config_of(settings), tokens=context.security.grpc)
     if number > 0:
         port = settings.grpc_port + number if settings.grpc_port else 0
         config = replace(config, port=port, seed=config.seed + number)
-    view = StereoView(house, config, mount)
+    view = _scene_view(context, mount)
     clock = SimulatedClock() if settings.clock == "simulated" else None
-    service = StereoService(config, view.scene, view.pose, house.renderer, house.workers, clock)
+    service = StereoService(config, view.scene, view.pose, context.renderer, context.workers, clock)
     if settings.stereo_images is not None:
         service.show_pairs(_pairs(settings.stereo_images, service))
 
     def status() -> dict[str, Any]:
-        described, warning = service.status(), view.warning()
-        where = {"where": f"gRPC on port {described['port']}"}  # the one that was free, where 0 was asked for
-        return {**described, **where, **({"warning": warning} if warning else {})}
+        values, warning = service.status(), view.warning()
+        where = {"where": f"gRPC on port {values['port']}"}  # the actual port, if 0 is configured
+        return {**values, **where, **({"warning": warning} if warning else {})}
 
-    if house.state is not None:
-        house.state.restore_parameters(str(number), lambda: list(NODES), service.parameters)
-        service.stored = house.state.commits.stored
+    if context.state is not None:
+        context.state.restore_parameters(str(number), lambda: list(NODES), service.parameters)
+        service.stored = context.state.commits.stored
     if number == 0:
-        house.stereo_camera = view.camera
-        house.eyes = StereoEyes(service, view, live=settings.stereo_scene == "live")
-    name = f"stereo {number}" if number else "stereo"
-    house.serve(name, service, figures=status)
+        live = settings.stereo_scene == "live"
+        context.stereo_camera = lambda: view.camera(config) if live else None
+        context.stereo_sensor = StereoSensor(service, view.copy(), live=live)
+    context.run_service(f"stereo {number}" if number else "stereo", service, figures=status)
     return service
 
 
-def _pairs(folder: Path, service: StereoService) -> PairStudio:
-    """The pairs of a folder, with the geometry that is written there or else the model's."""
+def _scene_view(context: Context, mount: Mount) -> SceneView:
+    """Return the view of the live tree or of the configured scene file."""
+    settings = context.settings
+    if settings.stereo_scene == "live":
+        return SceneView(lambda: context.tree.snapshot, context.flattener, mount)
+    scene = Snapshot(read_scene_file(Path(settings.stereo_scene), up=settings.up).root, 0)
+    return SceneView(lambda: scene, Flattener(LabelTable()), mount)
+
+
+def _pairs(folder: Path, service: StereoService) -> PairImaging:
+    """Return the pairs of a folder, with the geometry in the folder or else that of the model."""
     config = service.config
     pairs = pairs_in(folder, config.max_pairs, config.max_pair_pixels)
     geometry = geometry_in(folder) or (config.model.focal_factor, config.model.baseline)
-    return pair_studio(service.scene_studio, pairs, *geometry)
+    return pair_imaging(service.scene_imaging, pairs, *geometry)
 
 
 def config_of(settings: Settings) -> StereoConfig:
-    """What the settings say of the camera."""
+    """Return the configuration of camera 0."""
     tls = None
     if settings.grpc_certificate is not None and settings.grpc_key is not None:
         tls = Tls(settings.grpc_certificate, settings.grpc_key, settings.grpc_client_ca)
@@ -118,7 +146,75 @@ def config_of(settings: Settings) -> StereoConfig:
 
 
 def model_of(settings: Settings) -> StereoModel:
-    """One of the device's models, or the one that the settings describe."""
+    """Return one of the device's models, or the model that the settings define."""
     if settings.stereo_model != "custom":
         return MODELS[f"rc_visard {settings.stereo_model}"]
     return custom_model(settings.stereo_size, settings.stereo_focal_factor, settings.stereo_baseline)
+
+
+class StereoSensor:
+    """Images of a stereo camera for the browser view, made as for clients of the stream but independent of them."""
+
+    def __init__(self, service: StereoService, view: SceneView, *, live: bool) -> None:
+        """
+        Args:
+            service: camera.
+            view: view of its own, because scene and pose belong together.
+            live: True if the camera sees the live tree.
+        """
+        self._service = service
+        self._view = view
+        self._live = live
+        self._number = 0
+
+    def rig(self, snapshot: Snapshot) -> StereoRig | None:
+        """Return the cameras in a snapshot of the live tree; None if the camera sees another scene."""
+        if not self._live:
+            return None
+        model = self._service.config.model
+        k = model.intrinsics()
+        pose = self._view.pose_in(snapshot)
+        return StereoRig(pose, k.width, k.height, k.focal_length, k.focal_length, k.cx, k.cy, model.baseline)
+
+    async def capture(self) -> StereoImages:
+        """Capture and return a set of images with the current parameters.
+
+        Raises:
+            QueueFull: the worker queue is full.
+            ImageError: a texture of the scene cannot be decoded.
+        """
+        service, settings = self._service, self._service.settings
+        self._number += 1
+        camera, depth = await service.workers.run(self._captures, settings, self._number)
+        frame = Frame(service.imaging, service.workers, settings, camera, depth, (_VIEW_IMAGES,))
+        try:
+            left, right, images, metered = await asyncio.gather(
+                frame.image(NoiseStream.LEFT, color=True),
+                frame.image(NoiseStream.RIGHT, color=True),
+                frame.depth_images(),
+                frame.metered(camera),
+            )
+        except BaseException:
+            frame.cancel()
+            raise
+        exposure = f"{metered.exposure.time * 1e3:.3g} ms, {metered.exposure.gain:.3g} dB"
+        captions: dict[ImageName, str] = {"left": exposure, "right": exposure}
+        captions.update(await service.workers.run(self._depth_captions, images, settings))
+        return StereoImages(left.image, right.image, images.disparity, images.confidence, captions)
+
+    def _captures(self, settings: StreamSettings, number: int) -> tuple[Capture, Capture]:
+        """Return the camera and the depth capture of one instant."""
+        scene, revision = self._view.scene()
+        pose, now = self._view.pose(), time.time_ns()
+        camera = Capture(now, scene, revision, pose, settings.lines(depth=False), number)
+        return camera, replace(camera, lines=settings.lines(depth=True))
+
+    def _depth_captions(self, images: DepthImages, settings: StreamSettings) -> dict[ImageName, str]:
+        valid = images.disparity[images.disparity > 0]
+        if not valid.size:
+            return {"disparity": "no depth", "confidence": ""}
+        model = self._service.config.model
+        ft = model.intrinsics(settings.quality.divisor).focal_length * model.baseline
+        far, near = ft / (DISPARITY_SCALE * np.percentile(valid, _CAPTION_PERCENTILES))
+        share = 100.0 * valid.size / images.disparity.size
+        return {"disparity": f"{near:.1f}–{far:.1f} m", "confidence": f"{share:.0f} %"}

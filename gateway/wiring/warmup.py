@@ -42,7 +42,7 @@ def _gltf_and_lcm() -> None:
     import gateway.scene.crease_normals
     import gateway.treeviewer.json_kernels
     import gateway.treeviewer.msgpack_kernels  # noqa: F401
-    from gateway.gltf.reader_kernels import warm_up
+    from gateway.gltf.normals import warm_up
 
     warm_up()
 

@@ -1,4 +1,4 @@
-"""Pictures to files: PNG, TIFF and JPEG writers that release the GIL and take no longer than the picture did."""
+"""Image encoders: PNG, TIFF and JPEG."""
 
 from __future__ import annotations
 

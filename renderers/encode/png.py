@@ -1,8 +1,6 @@
-"""PNG writer (ISO/IEC 15948, W3C PNG third edition): rows filtered with Up, deflated by ISA-L.
+"""PNG encoder (ISO/IEC 15948, W3C PNG third edition): rows filtered with Up, compressed by ISA-L.
 
-Rendered images repeat from row to row, so that the Up filter alone serves all of them; ISA-L's fastest level of
-compression then takes a seventh of libpng's time at no larger files. Equal pixels give equal files. The filter and
-the compression release the GIL.
+docs/decisions/0010-png-by-filter-and-isal.md has the reasons. Equal pixels give equal files. Releases the GIL.
 """
 
 from __future__ import annotations
@@ -25,41 +23,42 @@ _RGBA: Final = 6
 _UP: Final = 2
 """Filter type of a row (section 9.2): each byte minus the one above."""
 _LEVEL: Final = 1
-"""ISA-L's level of compression: 20 to 30 % smaller files than level 0 for a tenth more time."""
+"""ISA-L's compression level: 20 to 30 % smaller files than level 0 for a tenth more time."""
 
 
 def png_rgb(image: NDArray[np.uint8]) -> bytes:
-    """(H, W, 3) uint8 RGB -> PNG, 8 bit truecolour."""
+    """Return an 8 bit truecolour PNG of an (H, W, 3) uint8 RGB image."""
     return _png(_checked(image, 3, np.uint8), 8, _RGB)
 
 
 def png_rgba(image: NDArray[np.uint8]) -> bytes:
-    """(H, W, 4) uint8 RGBA, straight alpha -> PNG, 8 bit truecolour with alpha."""
+    """Return an 8 bit truecolour PNG with alpha of an (H, W, 4) uint8 RGBA image, straight alpha."""
     return _png(_checked(image, 4, np.uint8), 8, _RGBA)
 
 
 def png_gray8(image: NDArray[np.uint8]) -> bytes:
-    """(H, W) uint8 -> PNG, 8 bit greyscale."""
+    """Return an 8 bit greyscale PNG of an (H, W) uint8 image."""
     return _png(_checked(image, 1, np.uint8), 8, _GRAY)
 
 
 def png_gray16(image: NDArray[np.uint16]) -> bytes:
-    """(H, W) uint16 -> PNG, 16 bit greyscale."""
+    """Return a 16 bit greyscale PNG of an (H, W) uint16 image."""
     return _png(_checked(image, 1, np.uint16).astype(">u2"), 16, _GRAY)
 
 
 def png_label(labels: NDArray[np.uint32]) -> bytes:
-    """(H, W) uint32 labels -> PNG, 8 bit truecolour; red is the low byte, blue the third, the top is lost."""
+    """Return an 8 bit truecolour PNG of (H, W) uint32 labels: red is the low byte, blue the third; the top byte is
+    lost."""
     little_endian = _checked(labels, 1, np.uint32).astype("<u4", copy=False)
     rgba = little_endian.view(np.uint8).reshape(*labels.shape, 4)
     return png_rgb(np.asarray(cv2.cvtColor(rgba, cv2.COLOR_RGBA2RGB), dtype=np.uint8))
 
 
 def _checked(image: NDArray[np.generic], channels: int, dtype: type[np.generic]) -> NDArray[np.generic]:
-    """Return the image as C-contiguous rows.
+    """Return the image, C-contiguous.
 
     Raises:
-        ValueError: wrong shape or dtype, or no pixel.
+        ValueError: wrong shape or dtype, or no pixels.
     """
     expected = "(H, W)" if channels == 1 else f"(H, W, {channels})"
     if image.dtype != dtype or image.ndim != (2 if channels == 1 else 3) or image.shape[2:] not in ((), (channels,)):
@@ -77,7 +76,7 @@ def _png(image: NDArray[np.generic], bits: int, color_type: int) -> bytes:
 
 
 def _filtered(image: NDArray[np.generic]) -> NDArray[np.uint8]:
-    """Return (H, 1 + bytes of a row) uint8: each row's filter type and its bytes minus those of the row above."""
+    """Return each row's filter type and its bytes minus those of the row above, (H, 1 + bytes of a row) uint8."""
     rows = image.view(np.uint8).reshape(len(image), -1)
     filtered = np.empty((rows.shape[0], 1 + rows.shape[1]), np.uint8)
     filtered[:, 0] = _UP
@@ -87,6 +86,6 @@ def _filtered(image: NDArray[np.generic]) -> NDArray[np.uint8]:
 
 
 def _chunk(kind: bytes, data: bytes) -> tuple[bytes, bytes, bytes, bytes]:
-    """Return a chunk's parts (section 5.3): length, type, data, CRC over type and data."""
+    """Return the parts of a chunk (section 5.3): length, type, data, CRC over type and data."""
     checksum = isal_zlib.crc32(data, isal_zlib.crc32(kind))
     return struct.pack(">I", len(data)), kind, data, struct.pack(">I", checksum)

@@ -1,5 +1,7 @@
-"""The stereo camera as pure functions on arrays: sensor, depth, errors, filters, matching and meshes.
+"""Stereo camera algorithms as pure functions on arrays.
 
-Sources of the formulae: rc_visard's manual (disparity to depth, meaning of error and confidence, accuracy table); what
-is our own choice says so where it is made.
+In the order of a frame: ``model`` (geometry), ``exposure`` and ``sensor`` (images), ``projector`` (its light),
+``truth`` and ``errors`` or ``matching`` (depth), ``filters`` (the device's post-processing), ``mesh``.
+
+Formulae are those of the rc_visard's manual unless a docstring says otherwise.
 """

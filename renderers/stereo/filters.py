@@ -1,4 +1,4 @@
-"""What the device does to a disparity image after matching: minconf, depth range, maxdeptherr, seg and fill."""
+"""The device's post-processing of disparity images: minconf, depth range, maxdeptherr, seg and fill."""
 
 from __future__ import annotations
 
@@ -9,16 +9,15 @@ import numpy as np
 
 from renderers.compiler.cache_locator import cached_njit
 from renderers.compiler.pending import wait_until_compiled
-from renderers.stereo.errors import Measured
+from renderers.stereo.errors import DepthImages
 from renderers.stereo.model import DISPARITY_SCALE
 
 SEGMENT_STEP = 2.0
-"""Pixels: neighbours whose disparities differ by more belong to different segments (the vendor's viewers and drivers
-cut surfaces at 2 pixels)."""
+"""Maximum disparity step between neighbours of one segment, pixels (as in the vendor's viewers and drivers)."""
 FILL_SHARE = 0.05
-"""At most this share of the pixels is filled; the smallest holes first (manual)."""
-_LARGEST = 32767
-"""Units, 2048 pixels: OpenCV's segmentation works on signed 16 bits."""
+"""Maximum share of the pixels that are filled, the smallest holes first (manual)."""
+_MAX_DISPARITY = 32767
+"""Units of 1/16 pixel: OpenCV's segmentation takes signed 16 bits."""
 FILL_CONFIDENCE = 128
 """0.5, the confidence of filled pixels (manual)."""
 
@@ -29,11 +28,11 @@ class Filters:
 
     minconf: float = 0.5
     seg: int = 200
-    """Pixels of an image in High quality; smaller segments are removed."""
+    """Minimum size of a segment, pixels of an image in High quality."""
     fill: int = 3
-    """Largest disparity step on the border of a hole that is filled, pixels; 0: nothing is filled."""
+    """Maximum disparity step on the border of a hole that is filled, pixels; 0 disables filling."""
     maxdeptherr: float = 100.0
-    """Metres; pixels with a larger depth error ``d_eps Z^2 / (f t)`` are removed."""
+    """Maximum depth error ``d_eps Z^2 / (f t)``, metres."""
     mindepth: float = 0.1
     """Metres."""
     maxdepth: float = 100.0
@@ -41,41 +40,41 @@ class Filters:
 
     @property
     def fills(self) -> bool:
-        """True if holes are filled; ``minconf`` holds for filled pixels as well."""
-        return self.fill > 0 and self.least_confidence <= FILL_CONFIDENCE
+        """True if holes are filled. ``minconf`` applies to filled pixels, too."""
+        return self.fill > 0 and self.min_confidence <= FILL_CONFIDENCE
 
     @property
-    def least_confidence(self) -> int:
+    def min_confidence(self) -> int:
         """``minconf`` in units of a confidence image, 1/255."""
         return int(np.ceil(self.minconf * 255.0 - 1e-9))
 
 
-def apply_filters(measured: Measured, filters: Filters, focal_times_baseline: float, divisor: int) -> None:
-    """Removes and fills pixels in place, in the device's order: confidence and range, segments, holes.
+def apply_filters(depth: DepthImages, filters: Filters, focal_times_baseline: float, divisor: int) -> None:
+    """Remove and fill pixels in place, in the device's order: confidence and range, segments, holes.
 
     Args:
-        measured: disparity, error and confidence; changed.
-        filters: the limits.
-        focal_times_baseline: f t in pixel metres of this resolution.
-        divisor: of the quality, to convert ``seg``.
+        depth: images to change.
+        filters: limits.
+        focal_times_baseline: f t at this resolution, pixels times metres.
+        divisor: resolution divisor of the quality, which converts ``seg``.
     """
     wait_until_compiled("stereo")
     unit, ft = DISPARITY_SCALE, focal_times_baseline
     lowest = max(int(np.ceil(ft / filters.maxdepth / unit - 1e-9)), 1)
-    highest = min(int(np.floor(ft / filters.mindepth / unit + 1e-9)), _LARGEST)
-    d, e, c = measured.disparity, measured.error, measured.confidence
-    _remove(
-        d, e, c, filters.least_confidence, lowest, highest, ft * measured.error_scale / unit**2, filters.maxdeptherr
-    )
-    smallest = round(filters.seg * 4 / divisor**2)
-    if smallest > 1:
-        _remove_segments(measured, smallest)
+    highest = min(int(np.floor(ft / filters.mindepth / unit + 1e-9)), _MAX_DISPARITY)
+    _apply_limits(
+        depth.disparity, depth.error, depth.confidence, filters.min_confidence, lowest, highest,
+        float(ft * depth.error_scale / unit**2), float(filters.maxdeptherr),
+    )  # fmt: skip
+    min_size = round(filters.seg * 4 / divisor**2)
+    if min_size > 1:
+        _remove_segments(depth, min_size)
     if filters.fills:
-        fill_holes(measured, filters.fill)
+        fill_holes(depth, filters.fill)
 
 
 @cached_njit(nogil=True)
-def _remove(disparity, error, confidence, minconf, lowest, highest, z_eps_factor, maxdeptherr):
+def _apply_limits(disparity, error, confidence, minconf, lowest, highest, z_eps_factor, maxdeptherr):
     height, width = disparity.shape
     for k in range(height):
         for i in range(width):
@@ -92,43 +91,39 @@ def _remove(disparity, error, confidence, minconf, lowest, highest, z_eps_factor
                 confidence[k, i] = 0
 
 
-def _remove_segments(measured: Measured, smallest: int) -> None:
-    """Removes connected segments of fewer than ``smallest`` pixels."""
-    cv2.filterSpeckles(measured.disparity.view(np.int16), 0, smallest - 1, round(SEGMENT_STEP / DISPARITY_SCALE))
-    _forget(measured.disparity.reshape(-1), measured.error.reshape(-1), measured.confidence.reshape(-1))
+def _remove_segments(depth: DepthImages, min_size: int) -> None:
+    """Remove connected segments of fewer than ``min_size`` pixels."""
+    cv2.filterSpeckles(depth.disparity.view(np.int16), 0, min_size - 1, round(SEGMENT_STEP / DISPARITY_SCALE))
+    valid = depth.disparity != 0
+    np.multiply(depth.error, valid, out=depth.error)
+    np.multiply(depth.confidence, valid, out=depth.confidence)
 
 
-@cached_njit(nogil=True)
-def _forget(disparity, error, confidence):
-    """No disparity: no error, no confidence."""
-    for i in range(len(disparity)):
-        valid = disparity[i] != 0
-        error[i] = error[i] if valid else np.uint8(0)
-        confidence[i] = confidence[i] if valid else np.uint8(0)
-
-
-def fill_holes(measured: Measured, fill: int) -> None:
-    """Fills holes whose border differs by at most ``fill`` pixels, the smallest first, up to ``FILL_SHARE``."""
+def fill_holes(depth: DepthImages, fill: int) -> None:
+    """Fill holes whose border differs by at most ``fill`` pixels, the smallest first, up to ``FILL_SHARE``."""
     wait_until_compiled("stereo")
-    step = round(fill / DISPARITY_SCALE)
-    disparity = measured.disparity
+    max_step = round(fill / DISPARITY_SCALE)
+    disparity = depth.disparity
     count, labels = cv2.connectedComponents((disparity == 0).view(np.uint8), connectivity=4, ltype=cv2.CV_32S)
     size = np.zeros(count, np.int32)
     low = np.full(count, 65536, np.int32)
     high = np.full(count, -1, np.int32)
     _measure_holes(disparity, labels, size, low, high)
     size[0] = 0
-    fillable = (size > 0) & (high >= 0) & (high - low <= step)
+    fillable = (size > 0) & (high >= 0) & (high - low <= max_step)
     order = np.argsort(np.where(fillable, size, np.iinfo(np.int32).max), kind="stable")
     chosen = np.zeros(count, np.bool_)
     ordered = order[: int(fillable.sum())]
     chosen[ordered[np.cumsum(size[ordered]) <= FILL_SHARE * disparity.size]] = True
-    _interpolate(disparity, measured.error, measured.confidence, labels, chosen, FILL_CONFIDENCE)
+    _interpolate(disparity, depth.error, depth.confidence, labels, chosen, FILL_CONFIDENCE)
 
 
 @cached_njit(nogil=True)
 def _measure_holes(disparity, labels, size, low, high):
-    """Size and border of every hole. A hole at the edge of the image has no border there: low is set below all."""
+    """Write the size and the range of border disparities of every hole.
+
+    A hole at the edge of the image has no border there: its ``low`` becomes so small that it is never filled.
+    """
     height, width = disparity.shape
     for k in range(height):
         for i in range(width):
@@ -147,7 +142,7 @@ def _measure_holes(disparity, labels, size, low, high):
 
 @cached_njit(nogil=True)
 def _interpolate(disparity, error, confidence, labels, chosen, filled):
-    """Along each row, linearly between the two ends of the hole."""
+    """Fill the chosen holes along each row, linearly between the two ends of the hole."""
     height, width = disparity.shape
     for k in range(height):
         i = 1

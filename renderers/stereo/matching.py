@@ -1,4 +1,4 @@
-"""Disparity by semi-global matching of a rectified pair, with an error and a confidence of each match."""
+"""Semi-global matching of a rectified pair, with an error and a confidence for each match."""
 
 from __future__ import annotations
 
@@ -10,33 +10,35 @@ from numpy.typing import NDArray
 
 from renderers.compiler.cache_locator import cached_njit
 from renderers.compiler.pending import wait_until_compiled
-from renderers.stereo.errors import Measured
+from renderers.stereo.errors import DepthImages
 from renderers.stop import check_stop
 
 BLOCK: Final = 5
 """Side of the matching window, pixels."""
 BASE_ERROR: Final = 0.2
-"""Pixels: sub-pixel error of a match on good texture (measured against exact disparity)."""
+"""Sub-pixel error of a match on good texture, pixels (measured against exact disparity)."""
 NOISE_WEIGHT: Final = 1.5
-"""How much of the error comes from noise in proportion to texture."""
+"""Weight of image noise, in proportion to texture, in the error."""
+MIN_SIGMA: Final = 0.3
+"""Lower limit of the image noise, grey levels: images without noise still have rounding errors."""
 
 
-def match(left: NDArray[np.uint8], right: NDArray[np.uint8], disparities: int, sigma: float) -> Measured:
-    """Matches a pair.
+def match_pair(left: NDArray[np.uint8], right: NDArray[np.uint8], disparities: int, sigma: float) -> DepthImages:
+    """Return depth images by matching a pair.
+
+    A pixel is valid if matching from left to right and from right to left agree.
 
     Args:
-        left, right: (H, W) uint8, rectified: a point's row is the same in both.
-        disparities: how many disparities are searched, pixels.
-        sigma: noise of the images, grey levels.
-
-    Returns:
-        Disparity where a match was found that is consistent from left to right and from right to left.
+        left: (H, W) uint8, rectified: a point's row is the same in both images.
+        right: (H, W) uint8.
+        disparities: range of the search, pixels.
+        sigma: standard deviation of the image noise, grey levels.
     """
     wait_until_compiled("stereo")
     check_stop()
     height, width = left.shape
     searched = -(-disparities // 16) * 16
-    # OpenCV gives nothing for the first `searched` columns; with a border that large only what lies outside is lost.
+    # OpenCV leaves the first `searched` columns invalid; a border of that width keeps all columns of the image.
     padded = [cv2.copyMakeBorder(i, 0, 0, searched, 0, cv2.BORDER_REPLICATE) for i in (left, right)]
     matcher = cv2.StereoSGBM.create(
         minDisparity=0,
@@ -56,22 +58,25 @@ def match(left: NDArray[np.uint8], right: NDArray[np.uint8], disparities: int, s
     disparity = np.zeros((height, width), np.uint16)
     error = np.zeros((height, width), np.uint8)
     confidence = np.zeros((height, width), np.uint8)
-    _judge(np.ascontiguousarray(raw), left, right, disparities, max(sigma, 0.3), BASE_ERROR, NOISE_WEIGHT,
-           disparity, error, confidence)  # fmt: skip
-    return Measured(disparity, error, confidence)
+    _rate_matches(
+        np.ascontiguousarray(raw), left, right, disparities, float(max(sigma, MIN_SIGMA)), BASE_ERROR, NOISE_WEIGHT,
+        disparity, error, confidence,
+    )  # fmt: skip
+    return DepthImages(disparity, error, confidence)
 
 
 @cached_njit(nogil=True)
-def _judge(raw, left, right, disparities, sigma, base, weight, disparity, error, confidence):
-    """Error from texture and noise, confidence from how well the two windows agree, both over 5 x 5 pixels.
+def _rate_matches(raw, left, right, disparities, sigma, base, weight, disparity, error, confidence):
+    """Write the valid disparities with their error and confidence, from windows of 5 x 5 pixels.
 
-    A window without texture, or one whose difference is not small against its texture, says little about the match.
+    The error follows from texture and noise. The confidence is low for windows without texture, and where the two
+    windows differ by more than a small part of their texture.
     """
     height, width = raw.shape
     for k in range(height):
         for i in range(width):
             units = int(raw[k, i])
-            # Below zero: no match. Beyond the left edge of the right image: matched with the border that we added.
+            # Zero and below: no match. Beyond the left edge of the right image: a match with the added border.
             if units <= 0 or units > disparities * 16 or i * 16 < units:
                 continue
             d = units / 16.0
@@ -99,9 +104,9 @@ def _judge(raw, left, right, disparities, sigma, base, weight, disparity, error,
             disagreement = max(residual - sigma, 0.0) / (texture + 2.0 * sigma)
             support = texture * texture / (texture * texture + 1.5 * sigma * sigma)
             agreement = support * min(max(1.15 - 0.5 * disagreement, 0.0), 0.997)
-            # Calibrated on rendered scenes with exact disparity, so that it rather promises too little.
+            # Calibrated on rendered scenes with exact disparity, on the pessimistic side.
             doubt = 1.0 - agreement
-            belief = max(1.0 - 2.0 * doubt - 8.0 * doubt * doubt, 0.0)
+            probability = max(1.0 - 2.0 * doubt - 8.0 * doubt * doubt, 0.0)
             disparity[k, i] = units
             error[k, i] = int(min(max(np.rint(e * 16.0), 1.0), 255.0))
-            confidence[k, i] = int(belief * 255.0)
+            confidence[k, i] = int(probability * 255.0)

@@ -15,29 +15,30 @@ from renderers.stereo import ply
 from renderers.stereo.model import DISPARITY_SCALE, Intrinsics
 
 MAX_STEP = math.ceil(2.0 / DISPARITY_SCALE)
-"""Units: a cell whose corners differ by more is not connected (the vendor's GenICam library)."""
+"""Maximum disparity step between the corners of a connected cell, units of 1/16 pixel (the vendor's GenICam
+library)."""
 FOOTPRINT = 2.0 * 1.4
-"""``scan_size`` in widths of a pixel at the point (the vendor's cvkit)."""
+"""``scan_size`` divided by the width of a pixel at the point (the vendor's cvkit)."""
 
 
 @dataclass(frozen=True, slots=True)
 class MeshOptions:
-    """What a client asked for."""
+    """Mesh options of a request."""
 
     max_points: int = 0
-    """0: no limit."""
+    """Maximum number of points; 0: no limit."""
     min_depth: bool = False
-    """A bin gives its nearest point; False: the average of its points."""
+    """Take the nearest point of each bin instead of the average."""
     watertight: bool = False
-    """Every pixel gets a point and every cell is connected."""
+    """Fill every hole and connect every cell."""
     textured: bool = False
-    """Points carry colours of the left image."""
+    """Colour points from the left image."""
     rgb: bool = False
     """Repeat the colours under the names red, green and blue."""
 
 
 def bin_size(width: int, height: int, max_points: int) -> int:
-    """The smallest n with at most ``max_points`` bins of n x n pixels; 1 without a limit."""
+    """Return the smallest n with at most ``max_points`` bins of n x n pixels; 1 without a limit."""
     n = 1
     while max_points > 0 and -(-width // n) * -(-height // n) > max_points:
         n += 1
@@ -51,33 +52,32 @@ def disparity_mesh(
     options: MeshOptions,
     left: NDArray[np.uint8] | None = None,
 ) -> tuple[bytes, memoryview, memoryview]:
-    """A PLY file of the surface: header, vertices, faces.
+    """Return header, vertices and faces of a binary PLY file.
 
     Args:
-        disparity: (H, W) uint16, 1/16 pixel, 0: invalid.
-        intrinsics: of the disparity image.
+        disparity: (H, W) uint16, units of 1/16 pixel, 0: invalid.
+        intrinsics: intrinsics of the disparity image.
         baseline: metres.
         options: see ``MeshOptions``.
-        left: (H', W') or (H', W', 3) uint8, needed when textured; each point gets the mean of the pixels that its
-            disparity pixel covers.
+        left: (H', W') or (H', W', 3) uint8 left image, required if textured. Each point gets the mean of the pixels
+            that its bin covers.
     """
     wait_until_compiled("stereo")
     height, width = disparity.shape
     n = bin_size(width, height, options.max_points)
     rows, columns = -(-height // n), -(-width // n)
-    # Disparity in units and pixel position of every bin's point; 0: no point.
+    # Disparity and pixel position of every bin's point; disparity 0: no point.
     d = np.empty((rows, columns), np.float32)
     u = np.empty((rows, columns), np.float32)
     v = np.empty((rows, columns), np.float32)
     kernels.bin_points(disparity, n, options.min_depth, d, u, v)
     if options.watertight:
         kernels.fill_all(d, u, v)
-    index = np.full((rows, columns), -1, np.int32)
-    count = kernels.number_points(d, index)
-    vertices = np.empty(count, ply.vertex_dtype(textured=options.textured, rgb=options.rgb))
-    points = np.empty((count, 4), np.float32)
-    k, unit = intrinsics, DISPARITY_SCALE
-    kernels.place_points(d, u, v, k.focal_length, k.cx, k.cy, baseline / unit, FOOTPRINT * n * baseline / unit, points)
+    index = np.empty((rows, columns), np.int32)
+    points = np.empty((np.count_nonzero(d), 4), np.float32)
+    k, t = intrinsics, baseline / DISPARITY_SCALE
+    kernels.make_points(d, u, v, k.focal_length, k.cx, k.cy, t, FOOTPRINT * n * t, index, points)
+    vertices = np.empty(len(points), ply.vertex_dtype(textured=options.textured, rgb=options.rgb))
     for c, name in enumerate(("x", "y", "z", "scan_size")):
         vertices[name] = points[:, c]
     if options.textured:
@@ -88,17 +88,17 @@ def disparity_mesh(
             vertices[f"diffuse_{name}"] = colors[:, c]
             if options.rgb:
                 vertices[name] = colors[:, c]
-    step = np.float32(np.inf) if options.watertight else np.float32(MAX_STEP)
-    faces = np.empty(kernels.count_faces(d, index, step), ply.FACE)
-    flat = np.empty((len(faces), 3), np.uint32)
-    kernels.make_faces(d, index, step, flat)
+    max_step = np.float32(np.inf) if options.watertight else np.float32(MAX_STEP)
+    faces = np.empty(kernels.count_faces(d, max_step), ply.FACE)
+    triangles = np.empty((len(faces), 3), np.uint32)
+    kernels.make_faces(d, index, max_step, triangles)
     faces["count"] = 3
-    faces["indices"] = flat
+    faces["indices"] = triangles
     return ply.ply_parts(vertices, faces)
 
 
 def _colors(left: NDArray[np.uint8], width: int, height: int, n: int) -> NDArray[np.uint8]:
-    """(rows, columns, 3) uint8: the left image averaged over what each bin covers."""
+    """Return the left image averaged over each bin, (rows, columns, 3) uint8."""
     factor = -(-left.shape[1] // width)
     size = factor * n
     columns, rows = -(-width // n), -(-height // n)

@@ -1,4 +1,4 @@
-"""The loops of ``mesh``. Disparities are in units of 1/16 pixel, 0: no point."""
+"""Kernels of ``mesh``. Disparities are in units of 1/16 pixel, 0: no point."""
 
 from __future__ import annotations
 
@@ -10,7 +10,10 @@ from renderers.compiler.cache_locator import cached_njit
 
 @cached_njit(nogil=True)
 def bin_points(disparity, n, nearest, d, u, v):
-    """Means over a plane's pixels lie on the plane: disparity is affine in the pixel's position there."""
+    """Write disparity and pixel position of each n x n bin's point: its nearest pixel, or the mean of its valid pixels.
+
+    The mean over pixels of a plane lies on the plane, because disparity is affine in the pixel position there.
+    """
     height, width = disparity.shape
     rows, columns = d.shape
     for r in range(rows):
@@ -41,8 +44,10 @@ def bin_points(disparity, n, nearest, d, u, v):
 
 @cached_njit(nogil=True)
 def fill_all(d, u, v):
-    """Gives every empty bin the farther of its neighbours in the row, rows without any that of the nearest row above or
-    below: behind an edge lies the background, as in stereo post-processing."""
+    """Give every empty bin the farther of its two neighbours in the row; copy empty rows from the nearest row.
+
+    The farther one, because the background continues behind an edge.
+    """
     rows, columns = d.shape
     first, last = -1, -1
     for r in range(rows):
@@ -73,29 +78,23 @@ def fill_all(d, u, v):
 
 @njit(inline="always")
 def _copy_row(d, source, row):
-    """By a loop: an assignment of slices can fail, and all that its message needs would be compiled, too."""
+    """Copy by a loop: an assignment of slices would compile code for its errors, too."""
     for c in range(d.shape[1]):
         d[row, c] = d[source, c]
 
 
 @cached_njit(nogil=True)
-def number_points(d, index):
-    count = 0
-    for r in range(d.shape[0]):
-        for c in range(d.shape[1]):
-            if d[r, c] > 0.0:
-                index[r, c] = count
-                count += 1
-    return count
+def make_points(d, u, v, f, cx, cy, t, footprint, index, out):
+    """Write the 3D point and footprint of every valid bin, and the bin's vertex index (-1: no point).
 
-
-@cached_njit(nogil=True)
-def place_points(d, u, v, f, cx, cy, t, footprint, out):
-    """The manual's formula: P = ((u - cx) t / d, (v - cy) t / d, f t / d), with t in metres per unit of d."""
+    The manual's formula: P = ((u - cx) t / d, (v - cy) t / d, f t / d), with t in metres per unit of d.
+    """
     n = 0
     for r in range(d.shape[0]):
         for c in range(d.shape[1]):
+            index[r, c] = -1
             if d[r, c] > 0.0:
+                index[r, c] = n
                 s = t / d[r, c]
                 out[n, 0] = (u[r, c] - cx) * s
                 out[n, 1] = (v[r, c] - cy) * s
@@ -105,33 +104,34 @@ def place_points(d, u, v, f, cx, cy, t, footprint, out):
 
 
 @njit(inline="always")
-def _cell_valid(d, r, c, step):
-    """Number of valid corners of the cell below and right of (r, c); 0 when it must not be connected."""
+def _valid_corners(d, r, c, max_step):
+    """Return the number of valid corners of the cell below and right of (r, c), 0 if it is not connected."""
     low, high, valid = np.float32(np.inf), np.float32(0.0), 0
     for value in (d[r, c], d[r, c + 1], d[r + 1, c + 1], d[r + 1, c]):
         if value > 0.0:
             valid += 1
             low = min(low, value)
             high = max(high, value)
-    return valid if valid >= 3 and high - low <= step else 0
+    return valid if valid >= 3 and high - low <= max_step else 0
 
 
 @cached_njit(nogil=True)
-def count_faces(d, index, step):
+def count_faces(d, max_step):
     count = 0
     for r in range(d.shape[0] - 1):
         for c in range(d.shape[1] - 1):
-            count += max(_cell_valid(d, r, c, step) - 2, 0)
+            count += max(_valid_corners(d, r, c, max_step) - 2, 0)
     return count
 
 
 @cached_njit(nogil=True)
-def make_faces(d, index, step, out):
-    """Corners in the vendor's order (i-1,k-1), (i-1,k), (i,k), (i,k-1): counter-clockwise seen from the camera."""
+def make_faces(d, index, max_step, out):
+    """Write the triangles, counter-clockwise seen from the camera: the vendor's order (i-1,k-1), (i-1,k), (i,k),
+    (i,k-1)."""
     n = 0
     for r in range(d.shape[0] - 1):
         for c in range(d.shape[1] - 1):
-            if _cell_valid(d, r, c, step) == 0:
+            if _valid_corners(d, r, c, max_step) == 0:
                 continue
             first, second, third = -1, -1, -1
             for corner in (index[r, c], index[r + 1, c], index[r + 1, c + 1], index[r, c + 1]):

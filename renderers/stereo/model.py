@@ -1,4 +1,4 @@
-"""Geometry of a rectified stereo camera: models, qualities, intrinsics, and the two pinhole cameras to render."""
+"""Geometry of a rectified stereo camera: models, qualities, intrinsics and the pinhole cameras to render."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from renderers.camera import Camera
 DISPARITY_SCALE: Final = 1.0 / 16.0
 """Pixels per unit of a disparity or disparity error image, as on the device."""
 
-MOST_DISPARITIES: Final = 2032
-"""Pixels; what OpenCV's matcher can say with signed 16 bits, in its steps of 16. The device's models need 445."""
+MAX_DISPARITIES: Final = 2032
+"""Maximum range of disparities, pixels: the limit of OpenCV's matcher (signed 16 bits, steps of 16 pixels). The
+device's models need 445."""
 
-
-FULL_DISPARITIES: Final = 256
-"""Pixels at full resolution: 128 of a High image, to which the device's memory limits Full (manual 20.04; later ones
-have the limit without its figure)."""
+FULL_MAX_DISPARITIES: Final = 256
+"""Maximum range of disparities at full resolution, pixels: the device's memory limit, 128 pixels of a High image
+(manual 20.04; later manuals mention the limit without a figure)."""
 
 
 class Quality(Enum):
@@ -34,7 +34,7 @@ class Quality(Enum):
 
     @property
     def divisor(self) -> int:
-        """By how much the depth images are smaller than the camera images."""
+        """Size of the camera images divided by that of the depth images."""
         return {"Full": 1, "High": 2, "Medium": 4, "Low": 6}[self.value]
 
     @property
@@ -45,7 +45,7 @@ class Quality(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Intrinsics:
-    """One image of the stereo camera; square pixels."""
+    """Size and intrinsics of one image of the stereo camera. Pixels are square."""
 
     width: int
     height: int
@@ -59,19 +59,20 @@ class Intrinsics:
 
 @dataclass(frozen=True, slots=True)
 class StereoModel:
-    """What tells one stereo camera from another."""
+    """Parameters of a stereo camera model."""
 
     name: str
-    """As the device reports it (``model_name``)."""
+    """``model_name`` in the device's system information."""
     width: int
-    """Camera images, pixels."""
+    """Columns of the camera images, pixels."""
     height: int
+    """Rows of the camera images, pixels."""
     focal_factor: float
     """Focal length divided by the image width."""
     baseline: float
-    """Metres; the right camera sits at +x of the left one."""
-    full_disparities: int = MOST_DISPARITIES
-    """Pixels: range of disparities that the device's memory allows at full resolution."""
+    """Metres; the right camera is at +x of the left one."""
+    full_max_disparities: int = MAX_DISPARITIES
+    """Maximum range of disparities at full resolution, pixels."""
 
     def __post_init__(self) -> None:
         if not (16 <= self.width <= 8192 and 16 <= self.height <= 8192):
@@ -82,10 +83,10 @@ class StereoModel:
             raise ValueError(f"stereo baseline {self.baseline} m must be within 0.0001 and 100")
 
     def intrinsics(self, divisor: int = 1) -> Intrinsics:
-        """The image at 1/``divisor`` of the resolution.
+        """Return the intrinsics of the image at 1/``divisor`` of the resolution.
 
-        The size is rounded up (1280/6 is 214), but focal length and principal point are the exact fractions, as on the
-        device: a smaller image is the same picture with larger pixels, the last column and row partly outside.
+        The size is rounded up (1280/6 is 214), but focal length and principal point are exact fractions, as on the
+        device: the smaller image has larger pixels, and its last column and row lie partly outside.
         """
         f = self.focal_factor * self.width
         return Intrinsics(
@@ -97,29 +98,32 @@ class StereoModel:
         )
 
     def nearest_depth(self, mindepth: float, maxdepth: float, divisor: int) -> float:
-        """The nearest depth that the disparity range covers, metres (the vendor's driver: ``max(mindepth, 2.5 t)``).
+        """Return the nearest depth that the disparity range covers, metres (the vendor's driver: ``max(mindepth, 2.5
+        t)``).
 
-        Memory can make it farther at full resolution; a smaller ``maxdepth``, where the range begins, brings it nearer.
+        At full resolution the memory limit can make it farther. The range begins at ``maxdepth``, so a smaller
+        ``maxdepth`` brings it nearer.
         """
         return max(mindepth, 2.5 * self.baseline, self._memory_limit(maxdepth, divisor))
 
     def reduced_range(self, mindepth: float, maxdepth: float, divisor: int) -> bool:
-        """True if the device's memory limits the nearest depth."""
+        """Return True if the device's memory limits the nearest depth."""
         return self._memory_limit(maxdepth, divisor) > max(mindepth, 2.5 * self.baseline)
 
     def _memory_limit(self, maxdepth: float, divisor: int) -> float:
         ft = self.intrinsics().focal_length * self.baseline
-        return ft / (ft / maxdepth + self.full_disparities) if divisor == 1 else 0.0
+        return ft / (ft / maxdepth + self.full_max_disparities) if divisor == 1 else 0.0
 
     def disparity_range(self, divisor: int, mindepth: float, maxdepth: float = math.inf) -> int:
-        """Number of disparities searched, pixels of the image at ``divisor``: ``ceil(f t / nearest depth)``."""
+        """Return the range of disparities at ``divisor``, pixels: ``ceil(f t / nearest depth)``."""
         ft = self.intrinsics(divisor).focal_length * self.baseline
-        return min(math.ceil(ft / self.nearest_depth(mindepth, maxdepth, divisor)), MOST_DISPARITIES)
+        return min(math.ceil(ft / self.nearest_depth(mindepth, maxdepth, divisor)), MAX_DISPARITIES)
 
     def camera(
         self, X_world_left: NDArray[np.float64], *, offset: float, divisor: int, near: float, far: float
     ) -> Camera:
-        """The pinhole camera at ``offset`` metres along the left camera's x axis (0: left, the baseline: right)."""
+        """Return the pinhole camera at ``offset`` metres along the left camera's x axis (0: left, the baseline:
+        right)."""
         k = self.intrinsics(divisor)
         pose = X_world_left.copy()
         pose[:3, 3] += X_world_left[:3, 0] * offset
@@ -131,33 +135,33 @@ MODELS: Final[dict[str, StereoModel]] = {
     for m in (
         # 0.8449: sample in the manual, 4 mm lens. 1.255: 6 mm lens, from the published accuracy table (0.25 px at 3 m
         # are 8.8 mm) and the 43 x 33 degrees of its field of view.
-        StereoModel("rc_visard 65-4", 1280, 960, 0.8449, 0.065, FULL_DISPARITIES),
-        StereoModel("rc_visard 160-4", 1280, 960, 0.8449, 0.160, FULL_DISPARITIES),
-        StereoModel("rc_visard 160-6", 1280, 960, 1.255, 0.160, FULL_DISPARITIES),
+        StereoModel("rc_visard 65-4", 1280, 960, 0.8449, 0.065, FULL_MAX_DISPARITIES),
+        StereoModel("rc_visard 160-4", 1280, 960, 0.8449, 0.160, FULL_MAX_DISPARITIES),
+        StereoModel("rc_visard 160-6", 1280, 960, 1.255, 0.160, FULL_MAX_DISPARITIES),
     )
 }
 """The vendor's models."""
 
 
 def custom_model(size: str | None, focal_factor: float | None, baseline: float | None) -> StereoModel:
-    """A camera that no vendor makes; what is None is the rc_visard 160-4's.
+    """Return a user-defined camera. Arguments that are None default to the rc_visard 160-4's values.
 
     Args:
-        size: of the camera images, ``WIDTHxHEIGHT`` in pixels.
+        size: size of the camera images, ``WIDTHxHEIGHT`` in pixels.
         focal_factor: focal length divided by the image width.
         baseline: metres.
 
     Raises:
-        ValueError: the size is not like that, or a value is beyond its limits; one sentence.
+        ValueError: malformed size, or a value beyond its limits; one sentence.
     """
-    like = MODELS["rc_visard 160-4"]
-    width, cross, height = (size or f"{like.width}x{like.height}").partition("x")
+    default = MODELS["rc_visard 160-4"]
+    width, cross, height = (size or f"{default.width}x{default.height}").partition("x")
     if not (cross and all(n.isascii() and n.isdigit() and len(n) < 6 for n in (width, height))):
         raise ValueError(f"{size!r} is not a size like 1280x960")
     return StereoModel(
         "rc_visard custom",
         int(width),
         int(height),
-        like.focal_factor if focal_factor is None else focal_factor,
-        like.baseline if baseline is None else baseline,
+        default.focal_factor if focal_factor is None else focal_factor,
+        default.baseline if baseline is None else baseline,
     )

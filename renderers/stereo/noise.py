@@ -1,6 +1,6 @@
-"""Counter-based random numbers: what a pixel draws depends on (seed, frame, stream, pixel) and on nothing else.
+"""Counter-based random numbers: a function of (seed, frame, stream, pixel).
 
-So the same frame has the same bytes however it is cut into threads, and no state has to be kept.
+The same frame has the same bytes for any number of threads, and there is no state.
 """
 
 from __future__ import annotations
@@ -14,12 +14,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 _MASK64: Final = (1 << 64) - 1
-KERNELS_VERSION: Final = 1
-"""Numba caches by the content of each file, not of what it imports: files with kernels that call ours name this."""
 
 
-class Stream(IntEnum):
-    """Independent sequences within one frame."""
+class NoiseStream(IntEnum):
+    """Independent random sequences of one frame, named by the image that uses them."""
 
     LEFT = 1
     RIGHT = 2
@@ -31,12 +29,12 @@ class Stream(IntEnum):
 
     @property
     def right(self) -> bool:
-        """Whether it is the right camera's."""
-        return self in (Stream.RIGHT, Stream.RIGHT_DEPTH, Stream.RIGHT_SECOND)
+        """True for images of the right camera."""
+        return self in (NoiseStream.RIGHT, NoiseStream.RIGHT_DEPTH, NoiseStream.RIGHT_SECOND)
 
 
-def frame_key(seed: int, frame: int, stream: Stream) -> np.uint64:
-    """A 64-bit key for one stream of one frame (splitmix64 over the three numbers)."""
+def frame_key(seed: int, frame: int, stream: NoiseStream) -> np.uint64:
+    """Return the 64-bit key of one stream of one frame (splitmix64 over the three numbers)."""
     state = 0
     for value in (seed, frame, int(stream)):
         state = (state ^ (value & _MASK64)) + 0x9E3779B97F4A7C15 & _MASK64
@@ -48,7 +46,7 @@ def frame_key(seed: int, frame: int, stream: Stream) -> np.uint64:
 
 @njit(inline="always")
 def random64(key: Any, counter: Any) -> Any:
-    """64 random bits of a counter (splitmix64, Steele et al. 2014)."""
+    """Return 64 random bits (splitmix64, Steele et al. 2014)."""
     z = key + np.uint64(counter) * np.uint64(0x9E3779B97F4A7C15)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
@@ -63,4 +61,5 @@ def _normal_table() -> NDArray[np.float32]:
 
 
 NORMAL_TABLE: Final = _normal_table()
-"""(4096,) float32: the standard normal's quantiles, scaled to unit variance; 12 random bits choose one."""
+"""(4096,) float32, quantiles of the standard normal distribution, scaled to unit variance. 12 random bits select
+one."""

@@ -1,4 +1,4 @@
-"""Binary little-endian PLY as the vendor's tools write and read it."""
+"""Binary little-endian PLY in the vendor's layout."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ _TYPES = {np.dtype("<f4"): "float32", np.dtype("u1"): "uint8"}
 
 
 def vertex_dtype(*, textured: bool, rgb: bool) -> np.dtype[np.void]:
-    """Packed vertex: x, y, z, scan_size, and when textured diffuse_red/green/blue.
+    """Return the packed vertex type: x, y, z, scan_size, and if textured diffuse_red/green/blue.
 
     Args:
-        textured: with colours.
-        rgb: repeats the colours as red, green, blue, the names that most other loaders look for.
+        textured: add colours.
+        rgb: repeat the colours as red, green, blue, the names that most other loaders read.
     """
     fields: list[tuple[str, str]] = [(name, "<f4") for name in ("x", "y", "z", "scan_size")]
     if textured:
@@ -28,11 +28,11 @@ FACE = np.dtype([("count", "u1"), ("indices", "<u4", (3,))])
 
 
 def ply_parts(vertices: NDArray[np.void], faces: NDArray[np.void]) -> tuple[bytes, memoryview, memoryview]:
-    """Header, vertices and faces of a file; their concatenation is the file.
+    """Return header, vertices and faces, whose concatenation is the file.
 
     Args:
-        vertices: (N,) packed, of ``vertex_dtype``.
-        faces: (M,) packed, of ``FACE``.
+        vertices: (N,) ``vertex_dtype``.
+        faces: (M,) ``FACE``.
     """
     lines = [
         "ply",

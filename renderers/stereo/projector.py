@@ -1,8 +1,8 @@
-"""A random-dot projector beside the cameras: which light falls on what each pixel sees.
+"""Random-dot projector: its light at every pixel of a camera image.
 
-The pattern is a texture over the projector's own image plane, so it stays where it is on a surface whichever camera
-looks: that is what gives a matcher something to match on blank walls. The projector sits half-way between the cameras
-and looks where they look; what a nearer object hides from it is dark.
+The pattern is a texture on the projector's image plane, so it stays in place on a surface whichever camera looks at it,
+and gives a matcher texture on blank walls. The projector is half-way between the cameras with the same orientation.
+Objects cast shadows in its light.
 """
 
 from __future__ import annotations
@@ -17,17 +17,20 @@ from renderers.compiler.cache_locator import cached_njit
 from renderers.compiler.pending import wait_until_compiled
 
 CELL: Final = 1.5 / 552.0
-"""Width of a dot, in units of the focal length: 2 pixels of a 640 pixel wide image of the 4 mm lens."""
+"""Width of a dot divided by the focal length: 1.5 pixels of a 640 pixel wide image of the 4 mm lens."""
 _SIZE: Final = 1024
-"""Cells after which the pattern repeats: 200 degrees of view, far beyond any disparity range."""
+"""Period of the pattern, cells: 2.8 focal lengths, far beyond any disparity."""
 _MIN_CELL: Final = 1.5
-"""Pixels. A coarser level of the pattern is used where cells would be smaller: otherwise it would alias, differently in
-each camera."""
+"""Minimum width of a cell, pixels. Where cells would be smaller, a coarser level of the pattern avoids aliasing, which
+would differ between the cameras."""
+_SHADOW_BIAS: Final = 0.02
+"""Relative bias against self-shadowing: a slanted surface's depth changes this much within the pixels compared."""
 
 
 @cache
-def _patterns() -> tuple[NDArray[np.uint8], ...]:
-    """(1024, 1024), (512, 512), … uint8: fine dots among ones of four times their size, and averages of them."""
+def _pattern_levels() -> tuple[NDArray[np.uint8], ...]:
+    """Return the pattern as a mip chain, (1024, 1024), (512, 512), … uint8: fine dots over dots of four times their
+    size."""
     random = np.random.Generator(np.random.Philox(160))
     fine = random.random((_SIZE, _SIZE)) < 0.45
     coarse = np.kron(random.random((_SIZE // 4, _SIZE // 4)) < 0.4, np.ones((4, 4), np.bool_))
@@ -39,50 +42,42 @@ def _patterns() -> tuple[NDArray[np.uint8], ...]:
     return tuple(levels)
 
 
-_SHADOW_STEP: Final = 0.02
-"""Share of the depth by which a point may lie behind what the projector sees there and is still lit: slanted surfaces
-change that much within the pixels that are compared."""
-
-
-def dots_on(
+def projected_dots(
     depth: NDArray[np.float32],
     focal_length: float,
     cx: float,
     cy: float,
     offset: float,
-    seen: NDArray[np.float32] | None = None,
+    projector_depth: NDArray[np.float32],
 ) -> NDArray[np.uint8]:
-    """Light of the projector at every pixel.
+    """Return the light of the projector at every pixel, (H, W) uint8; 255 is full light, background is 0.
 
     Args:
-        depth: (H, W) float32, metres, +inf where nothing is.
-        focal_length, cx, cy: of the image, pixels.
+        depth: (H, W) float32 depth of the camera image, metres, +inf: background.
+        focal_length: focal length of the camera, pixels.
+        cx: principal point, pixels from the left edge.
+        cy: principal point, pixels from the top edge.
         offset: x of the camera in the projector's frame, metres.
-        seen: (H, W) float32 depth from where the projector is, with the same intrinsics; None: it casts no shadows.
-            What lies outside of it is lit: the projector's field of view is the wider one.
-
-    Returns:
-        (H, W) uint8, 255 is full light; 0 where nothing is.
+        projector_depth: (H, W) float32 depth seen from the projector with the camera's intrinsics, for shadows. Points
+            outside its image are lit, because the projector's field of view is the wider one.
     """
     wait_until_compiled("stereo")
     level, cell = 0, CELL * focal_length
-    patterns = _patterns()
-    while cell < _MIN_CELL and level < len(patterns) - 1:
+    levels = _pattern_levels()
+    while cell < _MIN_CELL and level < len(levels) - 1:
         level, cell = level + 1, cell * 2
     out = np.empty(depth.shape, np.uint8)
-    _dots_on(depth, patterns[level], 1.0 / cell, cx, cy, offset * focal_length, out)
-    if seen is not None:
-        _cast_shadows(depth, seen, offset * focal_length, 1.0 - _SHADOW_STEP, out)
+    _project(depth, projector_depth, levels[level], 1.0 / cell, cx, cy, offset * focal_length, 1.0 - _SHADOW_BIAS, out)
     return out
 
 
 @cached_njit(nogil=True)
-def _dots_on(depth, pattern, cells_per_pixel, cx, cy, offset_f, out):
+def _project(depth, projector_depth, pattern, cells_per_pixel, cx, cy, offset_f, nearer, out):
     height, width = depth.shape
     mask = pattern.shape[0] - 1
-    scale, shift = np.float32(cells_per_pixel), np.float32(offset_f)
+    scale, shift, share = np.float32(cells_per_pixel), np.float32(offset_f), np.float32(nearer)
     middle = np.float32(pattern.shape[0] // 2)
-    one = np.float32(1.0)
+    one, half = np.float32(1.0), np.float32(0.5)
     for k in range(height):
         v = (np.float32(k + 0.5) - np.float32(cy)) * scale + middle
         row = int(np.floor(v))
@@ -92,29 +87,20 @@ def _dots_on(depth, pattern, cells_per_pixel, cx, cy, offset_f, out):
             z = depth[k, i]
             light = np.float32(0.0)
             if z < np.float32(np.inf):
-                u = (np.float32(i + 0.5) - np.float32(cx) + shift / z) * scale + middle
-                column = int(np.floor(u))
-                fu = u - np.float32(column)
-                a, b = column & mask, (column + 1) & mask
-                upper = pattern[above, a] * (one - fu) + pattern[above, b] * fu
-                lower = pattern[below, a] * (one - fu) + pattern[below, b] * fu
-                light = upper * (one - fv) + lower * fv
-            out[k, i] = int(light + np.float32(0.5))
-
-
-@cached_njit(nogil=True)
-def _cast_shadows(depth, seen, offset_f, nearer, light):
-    """No light where the projector sees something nearer in all three pixels around the point."""
-    height, width = depth.shape
-    shift, share = np.float32(offset_f), np.float32(nearer)
-    for k in range(height):
-        for i in range(width):
-            z = depth[k, i]
-            if light[k, i] == 0 or not z < np.float32(np.inf):
-                continue
-            column = int(np.floor(np.float32(i) + np.float32(0.5) + shift / z))
-            if column < 1 or column > width - 2:
-                continue
-            farthest = max(seen[k, column - 1], seen[k, column], seen[k, column + 1])
-            if farthest < z * share:
-                light[k, i] = 0
+                # The point is in shadow if the projector sees something nearer in all three pixels around it.
+                shadow = False
+                column = int(np.floor(np.float32(i) + half + shift / z))
+                if 1 <= column <= width - 2:
+                    farthest = max(
+                        projector_depth[k, column - 1], projector_depth[k, column], projector_depth[k, column + 1]
+                    )
+                    shadow = farthest < z * share
+                if not shadow:
+                    u = (np.float32(i + 0.5) - np.float32(cx) + shift / z) * scale + middle
+                    cell = int(np.floor(u))
+                    fu = u - np.float32(cell)
+                    a, b = cell & mask, (cell + 1) & mask
+                    upper = pattern[above, a] * (one - fu) + pattern[above, b] * fu
+                    lower = pattern[below, a] * (one - fu) + pattern[below, b] * fu
+                    light = upper * (one - fv) + lower * fv
+            out[k, i] = int(light + half)

@@ -1,7 +1,7 @@
-"""From a rendered colour picture to what the camera's sensor would give: exposure, noise, saturation.
+"""Image sensor: a rendered colour image to a camera image with exposure, noise and saturation.
 
-The noise of a grey value v in levels is sqrt(a^2 + b g v) with g = 10^(gain / 20), read noise a = 0.2 g and shot noise
-b = 0.0004: about 0.3 levels at mid grey and 0 dB, which is what recorded images of a device show.
+The noise of a grey value v has the variance a^2 + b g v, in grey levels, with g = 10^(gain / 20), read noise a = 0.2 g
+and shot noise b = 0.0004: about 0.3 levels at mid grey and 0 dB, as in images recorded with a device.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from renderers.stereo import sensor_kernels as kernels
 from renderers.stereo.exposure import BRACKETS, DISPLAY_GAMMA, LUMA, READ_NOISE, SHOT_NOISE, Exposure
 from renderers.stereo.noise import NORMAL_TABLE
 
-_GREYS: Final = 1024
-"""Steps of luma; finer than the levels of the image, so that rounding adds no bands."""
+_LUMA_STEPS: Final = 1024
+"""Steps of luma, finer than grey levels to avoid banding."""
 
 
 def _quantiles() -> NDArray[np.float32]:
@@ -27,12 +27,12 @@ def _quantiles() -> NDArray[np.float32]:
 
 
 _QUANTILES: Final = _quantiles()
-"""(128,) float32: the standard normal's quantiles, coarser than ``NORMAL_TABLE``."""
+"""(128,) float32, quantiles of the standard normal distribution, coarser than ``NORMAL_TABLE``."""
 
 
 @dataclass(frozen=True, slots=True)
-class Taken:
-    """One image of the sensor."""
+class SensorImage:
+    """One camera image."""
 
     image: NDArray[np.uint8]
     """(H, W) or (H, W, 3) uint8."""
@@ -40,8 +40,8 @@ class Taken:
     """Mean of the image, 0 to 1."""
 
 
-def take(
-    picture: NDArray[np.uint8],
+def sensor_image(
+    rendered: NDArray[np.uint8],
     exposure: Exposure,
     key: np.uint64,
     *,
@@ -49,47 +49,50 @@ def take(
     dots: NDArray[np.uint8] | None = None,
     dot_light: float = 0.0,
     noise: float = 1.0,
-) -> Taken:
-    """The image that the sensor gives of a rendered picture.
+) -> SensorImage:
+    """Return the camera image of a rendered image.
 
     Args:
-        picture: (H, W, 3) uint8 RGB, C-contiguous.
-        exposure: how it is taken.
-        key: of this frame and camera (``noise.frame_key``).
-        color: RGB; else grey by Rec. 601 luma.
+        rendered: (H, W, 3) uint8 RGB, C-contiguous.
+        exposure: exposure and white balance.
+        key: random key of this frame and camera (``noise.frame_key``).
+        color: return RGB; otherwise grey by Rec. 601 luma.
         dots: (H, W) uint8 light of the projector at each pixel, 255 is full; None: the projector is off.
         dot_light: light that a full dot adds, relative to the scene's own.
-        noise: factor of its standard deviation; 0: none.
+        noise: factor of the noise's standard deviation; 0 disables noise.
     """
     wait_until_compiled("stereo")
-    height, width = picture.shape[:2]
-    image = np.empty((height, width, 3) if color else (height, width), np.uint8)
-    words = np.uint64(key)
+    height, width = rendered.shape[:2]
+    image = np.empty((height, width, 3 if color else 1), np.uint8)
+    key = np.uint64(key)
     response, sigma = _curves(exposure, noise)
     steps = exposure.factor / exposure.full * (kernels.STEPS - 1)
-    if dots is None and color:
-        table = np.stack([_noisy_levels(response, sigma, 256, steps * channel) for channel in exposure.channels])
-        total = kernels.color_by_table(picture, table, words, image)
-    elif dots is None:
-        table = _noisy_levels(response, sigma, _GREYS, steps)
-        total = kernels.grey_by_table(picture, table, _grey_weights(exposure), words, image)
-    else:
+    # Without dots a grey level depends on one byte or luma step: a table of noisy levels halves the time.
+    if dots is not None:
         lit = ((1.0 + dot_light * np.arange(256) / 255.0) ** (1.0 / DISPLAY_GAMMA) * steps).astype(np.float32)
-        weights = exposure.channels / 255.0 if color else exposure.channels * LUMA / 255.0
-        draw = kernels.color_with_dots if color else kernels.grey_with_dots
-        total = draw(picture, dots, lit, weights.astype(np.float32), response, sigma, NORMAL_TABLE, words, image)
-    return Taken(image, total / (255.0 * image.size))
+        weights = np.diag(exposure.channels / 255.0) if color else (exposure.channels * LUMA / 255.0)[None]
+        total = kernels.with_dots(
+            rendered, dots, lit, weights.astype(np.float32), response, sigma, NORMAL_TABLE, key, image
+        )
+    elif color:
+        table = np.stack([_noisy_levels(response, sigma, 256, steps * channel) for channel in exposure.channels])
+        total = kernels.color_from_table(rendered, table, key, image)
+    else:
+        table = _noisy_levels(response, sigma, _LUMA_STEPS, steps)
+        total = kernels.grey_from_table(rendered, table, _luma_weights(exposure), key, image[:, :, 0])
+    return SensorImage(image if color else image[:, :, 0], total / (255.0 * image.size))
 
 
-def _grey_weights(exposure: Exposure) -> NDArray[np.int64]:
-    """(3,) of red, green and blue in 1/256; 256 in sum without white balance."""
+def _luma_weights(exposure: Exposure) -> NDArray[np.int64]:
+    """Return the weights of red, green and blue, (3,) int64, units of 1/256; their sum is 256 at neutral white
+    balance."""
     return np.rint(np.array((77.0, 150.0, 29.0)) * exposure.channels).astype(np.int64)
 
 
 def _noisy_levels(
     response: NDArray[np.float32], sigma: NDArray[np.float32], inputs: int, steps: float
 ) -> NDArray[np.uint8]:
-    """(inputs, 128) uint8: grey value of a display-encoded value, for each of 128 equally likely noises."""
+    """Return the grey level of each display-encoded value for 128 equally likely noises, (inputs, 128) uint8."""
     values = np.arange(inputs, dtype=np.float32) / (inputs - 1) * np.float32(steps)
     step = np.minimum(values, kernels.STEPS - 1).astype(np.int32)
     levels = response[step][:, None] + sigma[step][:, None] * _QUANTILES
@@ -97,7 +100,7 @@ def _noisy_levels(
 
 
 def _curves(exposure: Exposure, noise: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """(4096,) float32 grey value and (4096,) float32 noise of a linear step of the multiplied display-encoded value."""
+    """Return grey level and noise by step of the multiplied display-encoded value, both (4096,) float32."""
     x = np.arange(kernels.STEPS) / (kernels.STEPS - 1) * exposure.full
     grey = 255.0 * exposure.response(x)
     amplification = 10.0 ** (exposure.gain / 20.0)
@@ -109,7 +112,7 @@ def _curves(exposure: Exposure, noise: float) -> tuple[NDArray[np.float32], NDAr
 
 
 def _combined_noise(x: NDArray[np.float64], amplification: float) -> NDArray[np.float64]:
-    """Noise of values that are the mean of three exposures, weighted by how far each is from black and from white."""
+    """Return the noise of the mean of three exposures, weighted by their distance from black and white."""
     total, variance = np.zeros_like(x), np.zeros_like(x)
     for bracket in BRACKETS:
         scale = bracket ** (1.0 / DISPLAY_GAMMA)

@@ -1,4 +1,4 @@
-"""What a client shows of itself: token, certificate, trust."""
+"""Credentials of a client: token, certificate, trust."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from tests.support.certificates import certificate
 from tests.support.waiting import SECONDS
 
 
-def test_without_anything_nothing_is_sent() -> None:
+def test_no_metadata_by_default() -> None:
     assert Credentials().metadata == ()
     assert Credentials(token=" a-token-0123456789 ").metadata == (("authorization", "Bearer a-token-0123456789"),)
 
 
 @pytest.mark.parametrize("token", ["", "  ", "two\nlines", "schl\u00fcssel"])
-def test_a_token_that_no_header_carries_is_refused(token: str) -> None:
+def test_rejects_tokens_with_invalid_characters(token: str) -> None:
     with pytest.raises(ValueError, match="printable ASCII"):
         Credentials(token=token)
 
@@ -29,7 +29,7 @@ def test_a_certificate_needs_its_key(tmp_path: Path) -> None:
         Credentials(certificate=tmp_path / "client.pem")
 
 
-def test_the_first_token_of_a_file_counts(tmp_path: Path) -> None:
+def test_reads_the_first_token_of_a_file(tmp_path: Path) -> None:
     path = tmp_path / "tokens"
     path.write_text("# old ones below\n\n  first-0123456789  \nsecond-0123456789\n")
     assert read_token(path) == "first-0123456789"
@@ -38,7 +38,7 @@ def test_the_first_token_of_a_file_counts(tmp_path: Path) -> None:
         read_token(path)
 
 
-async def test_a_server_that_wants_a_certificate_gets_it(tmp_path: Path) -> None:
+async def test_client_certificate(tmp_path: Path) -> None:
     pem, key = certificate(tmp_path)
     own, own_key = certificate(tmp_path, "client")
     server = grpc.aio.server()

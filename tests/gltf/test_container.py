@@ -11,13 +11,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from gateway.gltf import GltfError, GltfLimits, read_gltf
 from gateway.gltf.buffers import decode_data_uri
 from gateway.gltf.container import open_container
-from gateway.gltf.content_cache import Buffer, mesh_bytes
-from renderers.drawlist import Mesh
 from tests.gltf.builder import TRIANGLE, Builder, data_uri, glb, meshes
 
 LONG = np.arange(900, dtype=np.float32).tobytes()
@@ -74,58 +71,13 @@ def test_nothing_refers_to_a_buffer_that_the_caller_may_reuse() -> None:
     assert mesh.positions.tobytes() == LONG
 
 
-def base_of(array: NDArray[Any]) -> object:
-    base: object = array
-    while isinstance(base, np.ndarray):
-        base = base.base
-    return base.obj if isinstance(base, memoryview) else base
-
-
-def test_the_chunk_of_a_file_is_read_where_it_lies_if_it_is_nearly_all_and_aligned() -> None:
-    points = np.random.default_rng(0).random((5000, 3)).astype("<f4")
-
-    def file(padding: int) -> tuple[bytes, NDArray[np.float32]]:
-        text = json.dumps(document(None, points.nbytes)).encode()
-        data = glb(text + b" " * (-len(text) % 4 + padding), points.tobytes())
-        (mesh,) = meshes(read_gltf(data))
-        np.testing.assert_array_equal(mesh.positions, points[: len(mesh.positions)])
-        assert not mesh.positions.flags.writeable
-        assert mesh.positions.flags.aligned
-        return data, mesh.positions
-
-    data, positions = file(0)
-    assert base_of(positions) is data
-    assert mesh_bytes(Mesh(positions, np.zeros((0, 3), np.uint32)), [Buffer(memoryview(data), 0)]) == 0
-    data, positions = file(points.nbytes // 5 // 4 * 4)  # else a part would keep all of it, which nobody counts
-    assert base_of(positions) is not data
-    data, _ = file(0)
-    for begin in range(4):
-        part = memoryview(b"x" * begin + data)[begin:]
-        (mesh,) = meshes(read_gltf(part))
-        np.testing.assert_array_equal(mesh.positions, points[: len(mesh.positions)])
-        assert mesh.positions.flags.aligned
-        assert (base_of(mesh.positions) is part.obj) == (begin == 0)
-
-
 def test_long_data_uris_are_taken_out_of_the_json() -> None:
     text = json.dumps(document(data_uri(LONG), len(LONG))).encode()
     container = open_container(text)
     assert len(container.json) < 600
     assert len(container.uris) == 1
-    assert bytes(container.uri(next(iter(container.uris)))).decode() == data_uri(LONG)
-
-
-def test_equal_data_uris_are_taken_out_once() -> None:
-    changed = LONG[:-1] + b"x"
-    contents = (LONG, changed, LONG, LONG[4:], LONG)
-    source = document(data_uri(LONG), len(LONG))
-    source["buffers"] = [{"byteLength": len(content), "uri": data_uri(content)} for content in contents]
-    text = json.dumps(source).encode()
-    for data in (text, memoryview(text), memoryview(bytearray(text))):  # the last: as a request's arrives
-        container = open_container(data)
-        tokens = [buffer["uri"] for buffer in json.loads(container.json)["buffers"]]
-        assert [bytes(container.uri(token)).decode() for token in tokens] == [data_uri(each) for each in contents]
-        assert len(set(tokens)) == len(container.uris) == 3
+    (uri,) = container.uris.values()
+    assert bytes(uri).decode() == data_uri(LONG)
 
 
 def test_what_only_looks_like_a_uri_stays() -> None:

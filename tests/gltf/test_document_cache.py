@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway.gltf import GltfError, GltfLimits, GltfScene, MeshCache, read_gltf
+from gateway.gltf import GltfCache, GltfError, GltfLimits, GltfScene, read_gltf
 from gateway.gltf.document_cache import MIN_BYTES, HashedDocument
 from tests.gltf.builder import Builder, glb, mesh_of, parts
 
@@ -42,37 +42,37 @@ def dump(source: dict[str, Any]) -> bytes:
 def outcome(scene: GltfScene) -> list[Any]:
     nodes = [(path, node.matrix.tolist(), node.parts is None) for path, node in scene.root.walk()]
     arrays = [(path, mesh_of(p).positions.tobytes(), mesh_of(p).elements.tobytes()) for path, p in parts(scene)]
-    cameras = [(c.index, c.path, c.X_world_camera.tolist(), c.yfov) for c in scene.cameras]
-    counted = (scene.instance_count, scene.element_count, scene.camera_count, scene.camera_node_missing, scene.counts)
+    cameras = [(c.index, c.name, c.X_world_camera.tolist(), c.yfov) for c in scene.cameras]
+    counted = (scene.instance_count, scene.element_count)
     return [nodes, arrays, cameras, counted, scene.warnings, scene.generator]
 
 
-def warm(cache: MeshCache, source: dict[str, Any]) -> None:
+def warm(cache: GltfCache, source: dict[str, Any]) -> None:
     read_gltf(dump(moved(source, 1)), cache=cache)
-    assert cache.stats.document_hits == 0
+    assert cache.documents.cache.hits == 0
 
 
 def test_only_the_nodes_are_read_from_the_second_time_on() -> None:
-    cache = MeshCache()
+    cache = GltfCache()
     warm(cache, document())
     for x in (3.0, 4.0):
         data = dump(moved(document(), x))
         assert outcome(read_gltf(memoryview(data), cache=cache)) == outcome(read_gltf(data))
-    assert cache.stats.document_hits == 2
-    assert cache.stats.document_bytes > len(dump(document()))
+    assert cache.documents.cache.hits == 2
+    assert cache.documents.cache.nbytes > len(dump(document()))
     cache.clear()
-    assert cache.stats.document_bytes == 0
+    assert cache.documents.cache.nbytes == 0
 
 
 def test_parts_are_the_same_objects() -> None:
-    cache = MeshCache()
+    cache = GltfCache()
     warm(cache, document())
     first, second = (parts(read_gltf(dump(moved(document(), x)), cache=cache)) for x in (3, 4))
     assert all(a[1] is b[1] for a, b in zip(first, second, strict=True))
 
 
 def test_a_mesh_that_no_node_used_before_is_read() -> None:
-    cache = MeshCache()
+    cache = GltfCache()
     warm(cache, document())
     other = moved(document(), 3)
     other["nodes"][4]["children"] = [2, 3]
@@ -95,7 +95,7 @@ def test_a_mesh_that_no_node_used_before_is_read() -> None:
     ],
 )
 def test_any_other_difference_is_seen(change: Any) -> None:
-    cache = MeshCache()
+    cache = GltfCache()
     warm(cache, document())
     other = moved(document(), 3)
     change(other)
@@ -104,42 +104,42 @@ def test_any_other_difference_is_seen(change: Any) -> None:
 
 @pytest.mark.parametrize("node", [{"mesh": 7}, {"children": [0]}, {"matrix": [1]}, {"mesh": "x"}])
 def test_errors_in_the_nodes_are_the_same(node: dict[str, Any]) -> None:
-    cache = MeshCache()
+    cache = GltfCache()
     warm(cache, document())
     other = moved(document(), 3)
     other["nodes"][0].update(node)
     messages = []
-    for options in ({}, {"cache": cache}):
+    for known in (None, cache):
         with pytest.raises(GltfError) as caught:
-            read_gltf(dump(other), **options)
+            read_gltf(dump(other), cache=known)
         messages.append(str(caught.value))
     assert messages[0] == messages[1]
 
 
 def test_a_single_different_bit_of_a_buffer_is_seen() -> None:
-    cache = MeshCache()
+    cache = GltfCache()
     warm(cache, document())
     data = bytearray(dump(moved(document(), 3)))
     at = data.rindex(b"base64,", 0, data.index(b'"nodes"')) + 4000
     data[at] = ord("B") if data[at] != ord("B") else ord("C")
     assert outcome(read_gltf(bytes(data), cache=cache)) == outcome(read_gltf(bytes(data)))
-    assert cache.stats.document_hits == 0
+    assert cache.documents.cache.hits == 0
 
 
 def test_limits_and_textures_are_part_of_what_is_known() -> None:
-    cache = MeshCache()
+    cache = GltfCache()
     warm(cache, document())
     with pytest.raises(GltfError, match="max_vertices = 10"):
         read_gltf(dump(moved(document(), 3)), cache=cache, limits=GltfLimits(max_vertices=10))
     read_gltf(dump(moved(document(), 3)), cache=cache, textures=False)
-    assert cache.stats.document_hits == 0
+    assert cache.documents.cache.hits == 0
     read_gltf(dump(moved(document(), 3)), cache=cache)
-    assert cache.stats.document_hits == 1
+    assert cache.documents.cache.hits == 1
 
 
 def test_texts_that_differ_only_before_the_nodes_are_kept_side_by_side() -> None:
     """Colour, depth and label requests of one scene: equal buffers, other materials."""
-    cache = MeshCache()
+    cache = GltfCache()
 
     def kind(roughness: float) -> dict[str, Any]:
         source = document()
@@ -151,15 +151,15 @@ def test_texts_that_differ_only_before_the_nodes_are_kept_side_by_side() -> None
         for roughness in (0.25, 0.5, 0.75):
             scene = read_gltf(dump(moved(kind(roughness), x)), cache=cache)
             assert parts(scene)[0][1].material.roughness == roughness
-    assert cache.stats.document_hits == 5 * 3
+    assert cache.documents.cache.hits == 5 * 3
 
 
 def test_instances_are_counted_again() -> None:
-    cache = MeshCache()
+    cache = GltfCache()
     limits = GltfLimits(max_instances=10)
     for x in (1, 2):
         read_gltf(dump(moved(document(), x)), cache=cache, limits=limits)
-    assert cache.stats.document_hits == 1
+    assert cache.documents.cache.hits == 1
     crowd = moved(document(), 4)
     crowd["nodes"] += [{"mesh": 0} for _ in range(20)]
     crowd["nodes"][4]["children"] += list(range(5, 25))
@@ -169,24 +169,24 @@ def test_instances_are_counted_again() -> None:
 
 def test_documents_are_bounded_and_the_oldest_goes_first() -> None:
     size = len(dump(document()))
-    cache = MeshCache(max_document_bytes=12 * size)
+    cache = GltfCache(max_document_bytes=12 * size)
     for seed in range(0, 300, 10):
         read_gltf(dump(moved(document(seed=seed), 1)), cache=cache)
-        assert cache.stats.document_bytes <= 12 * size
+        assert cache.documents.cache.nbytes <= 12 * size
     read_gltf(dump(moved(document(seed=290), 3)), cache=cache)
-    assert cache.stats.document_hits == 1
+    assert cache.documents.cache.hits == 1
     read_gltf(dump(moved(document(seed=0), 3)), cache=cache)
-    assert cache.stats.document_hits == 1
+    assert cache.documents.cache.hits == 1
 
 
 def test_small_and_binary_documents_are_not_kept() -> None:
-    cache = MeshCache()
+    cache = GltfCache()
     small = dump(document(vertices=3))
     assert len(small) < MIN_BYTES
     for data in (small, glb(dump(document()))):
         for _ in range(4):
             read_gltf(data, cache=cache)
-    assert cache.stats.document_bytes == 0
+    assert cache.documents.cache.nbytes == 0
 
 
 def test_nodes_are_found_behind_whatever_looks_like_them() -> None:
@@ -209,7 +209,7 @@ def test_nodes_are_found_behind_whatever_looks_like_them() -> None:
     ],
 )
 def test_other_lists_of_that_name_behind_the_nodes_change_nothing(change: Any) -> None:
-    cache, source = MeshCache(), document()
+    cache, source = GltfCache(), document()
     change(source)
     for x in range(3):
         data = dump(moved(source, x))
@@ -222,7 +222,7 @@ def test_the_outcome_never_depends_on_what_is_known(data: st.DataObject) -> None
     """Members in any order, other poses each time."""
     source = document()
     names = data.draw(st.permutations(list(source)))
-    cache = MeshCache()
+    cache = GltfCache()
     for x in range(4):
         text = json.dumps(
             moved({name: source[name] for name in names}, x), indent=data.draw(st.sampled_from([None, 1]))

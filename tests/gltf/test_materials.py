@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from gateway.gltf import DEFAULT_MATERIAL, GltfError, GltfLimits, GltfScene, MeshCache, label_from_material
+from gateway.gltf import DEFAULT_MATERIAL, GltfCache, GltfError, GltfLimits, GltfScene, label_from_material
 from renderers.drawlist import LABEL_NONE, AlphaMode, ImageError, Material, Sampler, Texture, Wrap
 from tests.gltf.builder import Builder, data_uri, parts
 
@@ -133,6 +133,19 @@ def test_vtks_materials_are_double_sided_and_blend_by_alpha(generator: str, alph
     assert material.alpha_mode is (AlphaMode.BLEND if alpha < 1 else AlphaMode.OPAQUE)
 
 
+@pytest.mark.parametrize(("alpha", "mode"), [(1.0, AlphaMode.OPAQUE), (0.999, AlphaMode.BLEND)])
+def test_textured_materials_of_vtk_are_double_sided_and_opaque_at_full_alpha(alpha: float, mode: AlphaMode) -> None:
+    b = with_texture()
+    b.json["asset"]["generator"] = "VTK"
+    pbr = {**VTK["pbrMetallicRoughness"], "baseColorFactor": [1, 0.5, 0, alpha], "baseColorTexture": {"index": 0}}
+    material, _ = read_material({"pbrMetallicRoughness": pbr}, b)
+    assert material.base_color_texture is not None
+    assert material.vtk_export
+    assert material.double_sided
+    assert material.alpha_mode is mode
+    assert (material.metallic, material.roughness) == (0.0, 1.0)
+
+
 @pytest.mark.parametrize(
     "change",
     [
@@ -250,7 +263,7 @@ def test_unknown_formats_fail_only_when_they_are_decoded() -> None:
 
 
 def test_documents_with_the_same_image_name_it_as_they_do() -> None:
-    cache = MeshCache()
+    cache = GltfCache()
     found = []
     for place, name in enumerate(("first", "second")):
         b = Builder()
@@ -280,7 +293,7 @@ def test_limits_do_not_depend_on_earlier_documents() -> None:
     b.add("textures", {"source": 1})
     b.node(mesh=b.triangle(material=b.add("materials", material)))
     enough = next(n for n in itertools.count(1) if _fits(b, n))
-    cache = MeshCache()
+    cache = GltfCache()
     b.read(limits=GltfLimits(max_buffer_bytes=enough), cache=cache)
     for _ in range(3):
         with pytest.raises(GltfError, match="max_buffer_bytes"):

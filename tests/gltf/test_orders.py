@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway.gltf import GltfError, MeshCache, read_gltf
+from gateway.gltf import GltfCache, GltfError, read_gltf
 from tests.gltf.builder import mesh_of, parts
 from tests.gltf.test_document_cache import outcome
 
@@ -42,7 +42,7 @@ def dump(source: dict[str, Any], order: tuple[str, ...] = NAMES) -> bytes:
     return json.dumps({name: source[name] for name in ("asset", *order)}, separators=(",", ":")).encode()
 
 
-def drawn(data: bytes, cache: MeshCache | None = None) -> Any:
+def drawn(data: bytes, cache: GltfCache | None = None) -> Any:
     scene = read_gltf(data, cache=cache)
     return outcome(scene), [mesh_of(part).positions.tobytes() for _, part in parts(scene)]
 
@@ -50,7 +50,7 @@ def drawn(data: bytes, cache: MeshCache | None = None) -> Any:
 @settings(deadline=None, max_examples=60)
 @given(st.permutations(NAMES))
 def test_any_order(order: list[str]) -> None:
-    cache = MeshCache()
+    cache = GltfCache()
     for z in (1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 1.0):
         data = dump(document(z), tuple(order))
         assert drawn(data, cache) == drawn(data)
@@ -68,7 +68,7 @@ def test_views_that_come_after_the_materials_are_read() -> None:
             "count": 0,
         },
     )
-    cache = MeshCache()
+    cache = GltfCache()
     read_gltf(dump(first, order), cache=cache)
     assert drawn(dump(second, order), cache) == drawn(dump(second, order))
 
@@ -77,7 +77,7 @@ def test_views_that_come_after_the_materials_are_read() -> None:
 def test_a_member_that_stands_twice_counts_for_its_own_document_only(name: str) -> None:
     plain = dump(document())
     twice = plain[:-1] + b"," + json.dumps({name: document(3.0)[name] if name == "buffers" else []})[1:].encode()
-    cache = MeshCache()
+    cache = GltfCache()
     for data in (twice, plain, plain, plain, twice):
         try:
             expected = drawn(data)

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway.gltf import GltfError, GltfLimits, MeshCache, read_gltf
+from gateway.gltf import GltfCache, GltfError, GltfLimits, read_gltf
 from gateway.scene.geometry import Surface
 from tests.gltf.builder import TRIANGLE, Builder, data_uri, glb, parts
 from tests.gltf.test_materials import png
@@ -107,7 +107,7 @@ def change(document: Any, place: tuple[str | int, ...], value: Any) -> None:
         return
 
 
-def check(data: bytes, cache: MeshCache | None = None) -> bool:
+def check(data: bytes, cache: GltfCache | None = None) -> bool:
     """Whether it was read; what was read is sound."""
     try:
         scene = read_gltf(data, limits=LIMITS, cache=cache)
@@ -139,7 +139,7 @@ def test_damaged_values(changes: list[tuple[tuple[str | int, ...], Any]]) -> Non
     check(json.dumps(document).encode())
 
 
-CACHE = MeshCache(2 << 20)
+CACHE = GltfCache(2 << 20)
 
 
 @given(st.lists(st.tuples(st.sampled_from(PLACES), VALUES), min_size=1, max_size=2))

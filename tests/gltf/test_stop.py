@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gateway.gltf import GltfLimits, MeshCache, read_gltf
+from gateway.gltf import GltfCache, GltfLimits, read_gltf
 from renderers.stop import StopFlag, current_stop
+from tests.gltf.builder import mesh_of
 
 Document = dict[str, Any]
 POINTS = np.random.default_rng(0).random((100_000, 3), np.float32)
@@ -125,19 +126,19 @@ def test_a_slow_document_is_left_wherever_the_reader_is(make: Callable[[], bytes
     """At the first look, in the middle and at the last one; then it is read as if nothing had been."""
     data = make()
     counting = CountingFlag(1 << 62)
-    whole = counting.run(lambda: read_gltf(data, cache=MeshCache()))
+    whole = counting.run(lambda: read_gltf(data, cache=GltfCache()))
     looks = (1 << 62) - counting.left
     assert looks > 4
     for last in (1, looks // 2, looks):
-        flag, cache = CountingFlag(last), MeshCache()
+        flag, cache = CountingFlag(last), GltfCache()
         with pytest.raises(Enough):
             flag.run(partial(read_gltf, data, cache=cache))
     again = read_gltf(data, cache=cache)
     assert (again.element_count, again.warnings) == (whole.element_count, whole.warnings)
-    for parts, others in zip(again.nodes.parts, whole.nodes.parts, strict=True):
+    for parts, others in zip(again.parts, whole.parts, strict=True):
         for part, other in zip(parts or (), others or (), strict=True):
             for name in ("positions", "elements", "normals", "tangents"):
-                mine, theirs = getattr(part.shape.mesh, name), getattr(other.shape.mesh, name)
+                mine, theirs = getattr(mesh_of(part), name), getattr(mesh_of(other), name)
                 assert mine is theirs is None or np.array_equal(mine, theirs)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gateway.gltf import GltfError, MeshCache, read_gltf
+from gateway.gltf import GltfCache, GltfError, read_gltf
 from tests.gltf.builder import parts
 
 
@@ -61,7 +61,7 @@ CHANGES: list[dict[str, Any]] = [
 ]
 
 
-def told(source: dict[str, Any], cache: MeshCache | None = None) -> Any:
+def told(source: dict[str, Any], cache: GltfCache | None = None) -> Any:
     try:
         scene = read_gltf(json.dumps(source).encode(), cache=cache)
     except GltfError as error:
@@ -71,7 +71,7 @@ def told(source: dict[str, Any], cache: MeshCache | None = None) -> Any:
 
 @pytest.mark.parametrize("first", CHANGES)
 def test_warnings_are_those_of_the_document_itself(first: dict[str, Any]) -> None:
-    cache = MeshCache()
+    cache = GltfCache()
     for change in (first, first, first, *CHANGES, first, *CHANGES):
         source = document() | change
         assert told(source, cache) == told(source)
@@ -84,15 +84,15 @@ def test_all_warnings_of_the_document_are_there() -> None:
 
 
 def test_hits_are_hits_where_there_is_nothing_to_warn_of() -> None:
-    cache = MeshCache()
+    cache = GltfCache()
     for z in range(5):
         told(document() | {"nodes": [{"mesh": 0, "translation": [0, 0, z]}, {}, {}]}, cache)
     told(document() | {"nodes": [{"mesh": 0, "skin": 1}, {}, {}]}, cache)
-    assert cache.stats.document_hits == 5
+    assert cache.documents.cache.hits == 5
 
 
 def test_a_repaired_mesh_is_told_of_in_every_document_that_has_it() -> None:
-    cache = MeshCache()
+    cache = GltfCache()
     for name in ("a", "b", "c"):
         source = document() | {"materials": [{"name": name}]}
         assert told(source, cache) == told(source)

@@ -1,25 +1,33 @@
 from __future__ import annotations
 
-import gc
 import json
-import weakref
 from typing import Any
 
 import numpy as np
 import pytest
 
-from gateway.gltf import MeshCache, read_gltf
-from gateway.render.draw_list import Companies
+from gateway.gltf import GltfCache, GltfScene, read_gltf
+from gateway.render.draw_list import SceneTopology, TopologyKey, draw_list_of
 from gateway.render.labels import labels_of
 from gateway.scene.flatten import flatten
+from renderers.cache import Cache
+from renderers.drawlist import DrawList, Placed
 from tests.gltf.builder import Builder
 from tests.support.corpus import drake_scenes
+
+
+def fresh() -> Cache[TopologyKey, SceneTopology]:
+    return Cache(1 << 30)
+
+
+def drawn(scene: GltfScene) -> DrawList:
+    return draw_list_of(scene, fresh())
 
 
 def assert_same(data: bytes) -> None:
     """The draw list is the one that the tree gives."""
     scene = read_gltf(data)
-    fast, slow = Companies().drawn(scene)[0], flatten(scene.root, label_of=labels_of(scene.root))
+    fast, slow = drawn(scene), flatten(scene.root, label_of=labels_of(scene.root))
     assert len(fast.instances) == len(slow.instances)
     for a, b in zip(fast.instances, slow.instances, strict=True):
         assert (a.mesh, a.material, a.label, a.instance_id) == (b.mesh, b.material, b.label, b.instance_id)
@@ -55,7 +63,7 @@ def test_levels_labels_and_what_lies_too_far() -> None:
         b.node(mesh=bare, matrix=shift)
     data = b.text()
     assert_same(data)
-    labels = [instance.label for instance in Companies().drawn(read_gltf(data))[0].instances]
+    labels = [instance.label for instance in drawn(read_gltf(data)).instances]
     assert labels[:3] == [5 + 256, 5 + 256, 5 + 256]
     assert labels[3:] == [0xFFFFFF, 7] + 8 * [0xFFFFFF]
 
@@ -76,35 +84,42 @@ def two_triangles(red: float = 1.0) -> bytes:
     return b.text()
 
 
-def test_a_company_is_known_again_wherever_it_stands_and_while_it_is_kept() -> None:
-    cache, companies = MeshCache(1 << 20), Companies()
+def test_moved_scenes_share_their_instance_set() -> None:
+    cache, topologies = GltfCache(1 << 20), fresh()
     data = two_triangles()
-    scenes = [read_gltf(shifted(data, x), cache=cache) for x in (0.0, 0.0, 1.0, 2.0)]
-    lists, kept = zip(*[companies.drawn(scene) for scene in scenes], strict=True)
-    assert [listed.instances[1].X_world_mesh[0, 3] for listed in lists] == [0.0, 0.0, 1.0, 2.0]
-    assert kept[2] is kept[3]
+    scenes = [read_gltf(shifted(data, x), cache=cache) for x in (0.0, 1.0, 2.0)]
+    lists = [draw_list_of(scene, topologies) for scene in scenes]
+    assert [listed.instances[1].X_world_mesh[0, 3] for listed in lists] == [0.0, 1.0, 2.0]
+    assert len({id(instance_set(listed)) for listed in lists}) == 1
     for scene, listed in zip(scenes, lists, strict=True):
-        fresh = Companies().drawn(scene)[0]
-        assert listed.images == fresh.images
-        for a, b in zip(listed.instances, fresh.instances, strict=True):
+        expected = drawn(scene)
+        assert listed.images == expected.images
+        for a, b in zip(listed.instances, expected.instances, strict=True):
             assert (a.mesh, a.material, a.label, a.instance_id) == (b.mesh, b.material, b.label, b.instance_id)
             assert (a.X_world_mesh == b.X_world_mesh).all()
-    far, smaller = companies.drawn(read_gltf(shifted(data, 1e30), cache=cache))
-    assert len(far.instances) == 0
-    assert smaller not in kept
-    gone = weakref.ref(kept[-1])
-    del kept, lists, smaller, far
-    gc.collect()
-    assert gone() is None
-    other = companies.drawn(read_gltf(two_triangles(0.5), cache=cache))[0]
+
+
+def test_scenes_with_another_topology_or_content_share_nothing() -> None:
+    cache, topologies = GltfCache(1 << 20), fresh()
+    near = draw_list_of(read_gltf(shifted(two_triangles(), 1.0), cache=cache), topologies)
+    far = draw_list_of(read_gltf(shifted(two_triangles(), 1e30), cache=cache), topologies)
+    other = draw_list_of(read_gltf(shifted(two_triangles(0.5), 1.0), cache=cache), topologies)
+    document = json.loads(shifted(two_triangles(), 1.0))
+    document["nodes"][0]["children"] = [1]
+    below = draw_list_of(read_gltf(json.dumps(document, sort_keys=True).encode(), cache=cache), topologies)
+    assert [len(each.instances) for each in (near, far, other, below)] == [2, 0, 2, 2]
     assert other.instances[0].material.base_color[0] == 0.5
+    assert below.instances[1].X_world_mesh[0, 3] == 2.0
+    assert len({id(instance_set(each)) for each in (near, far, other, below)}) == 4
 
 
-def test_what_moves_all_the_time_is_known_however_many_others_come() -> None:
-    cache, companies = MeshCache(1 << 20), Companies()
-    robot = [read_gltf(shifted(two_triangles(), x), cache=cache) for x in (0.0, 0.0, 1.0)][-1]
-    kept = [companies.drawn(robot)[1]]
-    for number in range(20):
-        kept.append(companies.drawn(read_gltf(two_triangles(number / 20), cache=cache))[1])
-        assert companies.drawn(robot)[1] is kept[0]
-    assert len({id(company) for company in kept}) == len(kept)
+def instance_set(listed: DrawList) -> object:
+    assert isinstance(listed.instances, Placed)
+    return listed.instances.cast
+
+
+@pytest.mark.parametrize("x", [1e15, -1e15, 1e300])
+def test_instances_beyond_the_limit_are_left_out(x: float) -> None:
+    data = shifted(two_triangles(), x)
+    assert len(drawn(read_gltf(data)).instances) == 0
+    assert len(drawn(read_gltf(shifted(two_triangles(), 0.999 * x if abs(x) < 1e16 else 0.0))).instances) == 2

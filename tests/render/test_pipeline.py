@@ -36,7 +36,7 @@ def test_scene_cache_is_least_recently_used() -> None:
     store.get(scenes[2])  # the second goes
     assert store.get(scenes[0]) is first
     assert store.get(scenes[1]) is not second
-    assert (store.hits, store.misses) == (2, 4)
+    assert (store.scenes.hits, store.scenes.misses) == (2, 4)
     assert first.drawn.instances[0].mesh is second.drawn.instances[0].mesh  # geometry is shared, whatever the colours
 
 
@@ -44,7 +44,7 @@ def test_scene_cache_is_limited_in_bytes() -> None:
     one = scene()
     store = SceneStore(RenderConfig(scene_cache_bytes=len(one.data)))  # its geometry comes on top
     assert store.get(one) is not store.get(one)
-    assert (store.hits, store.misses) == (0, 2)
+    assert (store.scenes.hits, store.scenes.misses) == (0, 2)
 
 
 def test_unreadable_scenes_are_not_cached() -> None:
@@ -52,7 +52,7 @@ def test_unreadable_scenes_are_not_cached() -> None:
     for _ in range(2):
         with pytest.raises(GltfError):
             store.get(HashedDocument.of(b"{"))
-    assert (store.hits, store.misses) == (0, 2)
+    assert (store.scenes.hits, store.scenes.misses) == (0, 2)
 
 
 def test_wrong_scene_hash_is_refused() -> None:

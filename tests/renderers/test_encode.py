@@ -1,4 +1,4 @@
-"""What the writers write, three independent readers read back bit for bit."""
+"""Encoders: three independent readers decode every file bit for bit."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import io
 import struct
 import zlib
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import cv2
 import numpy as np
@@ -22,7 +23,7 @@ sizes = st.tuples(st.integers(1, 70), st.integers(1, 70))
 seeds = st.integers(0, 2**32 - 1)
 
 
-def picture(seed: int, shape: tuple[int, ...], dtype: type[np.generic]) -> NDArray[np.generic]:
+def noise(seed: int, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
     """Return an image, half of it flat, half noise."""
     rng = np.random.default_rng(seed)
     image = rng.integers(0, np.iinfo(dtype).max, shape, dtype=dtype, endpoint=True)
@@ -30,13 +31,13 @@ def picture(seed: int, shape: tuple[int, ...], dtype: type[np.generic]) -> NDArr
     return image
 
 
-def pillow(data: bytes) -> NDArray[np.generic]:
+def pillow(data: bytes) -> NDArray[Any]:
     with Image.open(io.BytesIO(data)) as image:
         image.load()
         return np.array(image)
 
 
-def opencv(data: bytes) -> NDArray[np.generic]:
+def opencv(data: bytes) -> NDArray[Any]:
     decoded = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     assert decoded is not None
     return decoded
@@ -46,44 +47,44 @@ def opencv(data: bytes) -> NDArray[np.generic]:
 @given(seeds, sizes)
 @example(94, (66, 66))
 def test_png_round_trips(seed: int, size: tuple[int, int]) -> None:
-    rgb = picture(seed, (*size, 3), np.uint8)
+    rgb = noise(seed, (*size, 3), np.uint8)
     encoded = png_rgb(rgb)
     np.testing.assert_array_equal(pillow(encoded), rgb)
     np.testing.assert_array_equal(opencv(encoded)[..., ::-1], rgb)
 
-    rgba = picture(seed, (*size, 4), np.uint8)
+    rgba = noise(seed, (*size, 4), np.uint8)
     encoded = png_rgba(rgba)
     np.testing.assert_array_equal(pillow(encoded), rgba)
     np.testing.assert_array_equal(opencv(encoded)[..., [2, 1, 0, 3]], rgba)
 
-    gray8 = picture(seed, size, np.uint8)
+    gray8 = noise(seed, size, np.uint8)
     encoded = png_gray8(gray8)
     np.testing.assert_array_equal(pillow(encoded), gray8)
     np.testing.assert_array_equal(opencv(encoded), gray8)
 
-    gray16 = picture(seed, size, np.uint16)
+    gray16 = noise(seed, size, np.uint16)
     encoded = png_gray16(gray16)
     np.testing.assert_array_equal(pillow(encoded), gray16)
     np.testing.assert_array_equal(opencv(encoded), gray16)
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (700, 800), (2, 300_000), (1, 90_000)])
-def test_png_of_noise_is_hardly_larger_than_its_pixels(shape: tuple[int, int]) -> None:
-    noise = np.random.default_rng(4).integers(0, 256, (*shape, 3), np.uint8)
-    encoded = png_rgb(noise)
-    np.testing.assert_array_equal(opencv(encoded)[..., ::-1], noise)
-    assert len(encoded) < 1.01 * noise.nbytes + 200
+def test_png_of_noise_has_little_overhead(shape: tuple[int, int]) -> None:
+    image = np.random.default_rng(4).integers(0, 256, (*shape, 3), np.uint8)
+    encoded = png_rgb(image)
+    np.testing.assert_array_equal(opencv(encoded)[..., ::-1], image)
+    assert len(encoded) < 1.01 * image.nbytes + 200
 
 
-def test_equal_pictures_are_equal_files() -> None:
-    image = picture(5, (300, 500), np.uint16)
+def test_equal_images_give_equal_files() -> None:
+    image = noise(5, (300, 500), np.uint16)
     first = png_gray16(image)
-    png_gray16(picture(6, (300, 500), np.uint16))
+    png_gray16(noise(6, (300, 500), np.uint16))
     assert png_gray16(image) == first
 
 
 def test_png_is_written_by_several_threads_at_once() -> None:
-    images = [picture(seed, (200, 300, 3), np.uint8) for seed in range(8)]
+    images = [noise(seed, (200, 300, 3), np.uint8) for seed in range(8)]
     with ThreadPoolExecutor(4) as pool:
         for image, encoded in zip(images, pool.map(png_rgb, images), strict=True):
             np.testing.assert_array_equal(pillow(encoded), image)
@@ -92,7 +93,7 @@ def test_png_is_written_by_several_threads_at_once() -> None:
 @settings(deadline=None, max_examples=50)
 @given(seeds, sizes)
 def test_label_colours_are_the_bytes_of_the_label(seed: int, size: tuple[int, int]) -> None:
-    labels = picture(seed, size, np.uint32)
+    labels = noise(seed, size, np.uint32)
     expected = np.stack((labels & 255, labels >> 8 & 255, labels >> 16 & 255), axis=-1)
     np.testing.assert_array_equal(pillow(png_label(labels)), expected)
 
@@ -100,7 +101,7 @@ def test_label_colours_are_the_bytes_of_the_label(seed: int, size: tuple[int, in
 @settings(deadline=None, max_examples=50)
 @given(seeds, sizes)
 def test_tiff_round_trips(seed: int, size: tuple[int, int]) -> None:
-    depth = picture(seed, size, np.uint32).view(np.float32)  # every bit pattern: subnormals, NaN, inf
+    depth = noise(seed, size, np.uint32).view(np.float32)  # every bit pattern: subnormals, NaN, inf
     encoded = tiff_float32(depth)
     np.testing.assert_array_equal(
         tifffile.imread(io.BytesIO(encoded)).reshape(size).view(np.uint32), depth.view(np.uint32)
@@ -108,7 +109,7 @@ def test_tiff_round_trips(seed: int, size: tuple[int, int]) -> None:
     np.testing.assert_array_equal(pillow(encoded).view(np.uint32), depth.view(np.uint32))
     np.testing.assert_array_equal(opencv(encoded).view(np.uint32), depth.view(np.uint32))
 
-    gray = picture(seed, size, np.uint16)
+    gray = noise(seed, size, np.uint16)
     encoded = tiff_gray16(gray)
     np.testing.assert_array_equal(tifffile.imread(io.BytesIO(encoded)).reshape(size), gray)
     np.testing.assert_array_equal(pillow(encoded), gray)
@@ -116,14 +117,14 @@ def test_tiff_round_trips(seed: int, size: tuple[int, int]) -> None:
 
 
 def test_large_images_round_trip() -> None:
-    rgb = picture(1, (701, 640, 3), np.uint8)
+    rgb = noise(1, (701, 640, 3), np.uint8)
     np.testing.assert_array_equal(pillow(png_rgb(rgb)), rgb)
-    wide = picture(2, (3, 200_000), np.uint16)
+    wide = noise(2, (3, 200_000), np.uint16)
     np.testing.assert_array_equal(opencv(png_gray16(wide)), wide)
 
 
-def test_strided_views_are_encoded_as_they_look() -> None:
-    image = picture(3, (40, 60, 3), np.uint8)
+def test_strided_views_are_encoded() -> None:
+    image = noise(3, (40, 60, 3), np.uint8)
     np.testing.assert_array_equal(pillow(png_rgb(image[::2, ::-3])), image[::2, ::-3])
     depth = np.arange(48, dtype=np.float32).reshape(6, 8)
     np.testing.assert_array_equal(pillow(tiff_float32(depth.T)), depth.T)
@@ -141,20 +142,20 @@ def test_png_structure_is_minimal_and_checksums_hold() -> None:
     assert kinds == [b"IHDR", b"IDAT", b"IEND"]
 
 
-def test_wrong_arrays_are_refused() -> None:
+def test_rejects_wrong_shapes_and_dtypes() -> None:
     with pytest.raises(ValueError, match=r"expected \(H, W, 3\) uint8, got \(4, 4\) uint8"):
         png_rgb(np.zeros((4, 4), np.uint8))
     with pytest.raises(ValueError, match="at least one pixel"):
         png_gray8(np.zeros((0, 4), np.uint8))
     with pytest.raises(ValueError, match="float64"):
-        tiff_float32(np.zeros((4, 4)))
+        tiff_float32(np.zeros((4, 4)))  # type: ignore[arg-type]  # float64
     with pytest.raises(ValueError, match="at least one pixel"):
         tiff_gray16(np.zeros((4, 0), np.uint16))
     with pytest.raises(ValueError, match="uint16"):
         jpeg_rgb(np.zeros((4, 4, 3), np.uint16))
 
 
-def test_jpeg_looks_like_the_picture() -> None:
+def test_jpeg_resembles_the_image() -> None:
     y, x = np.mgrid[0:64, 0:64]
     rgb = np.stack((4 * x, 4 * y, 128 + 0 * x), axis=-1).astype(np.uint8)
     assert np.abs(pillow(jpeg_rgb(rgb, quality=95)).astype(int) - rgb).mean() < 2

@@ -1,4 +1,4 @@
-"""Anti-aliasing of finished pictures."""
+"""Anti-aliasing of rendered images."""
 
 from __future__ import annotations
 
@@ -15,22 +15,23 @@ from tests.renderers import scalar_fxaa
 WHITE, BLACK = 255, 0
 
 
-def smoothed(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    out = np.array(picture, order="C")
+def smoothed(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    out = np.array(image, order="C")
     fxaa(out)
     return out
 
 
 def half_plane(slope: float, size: int = 64) -> NDArray[np.uint8]:
-    """White above a line through the centre, black below, pixels all or nothing."""
+    """Return an image that is white above a line through the centre and black below, without anti-aliasing."""
     y, x = np.mgrid[0:size, 0:size] + 0.5 - size / 2
     return np.where((y < slope * x)[..., None], WHITE, BLACK).astype(np.uint8).repeat(3, axis=-1)
 
 
 def coverage(slope: float, size: int = 64, samples: int = 8) -> NDArray[np.float64]:
-    """The exact picture of the same, about: the mean of many samples a pixel."""
+    """Return the exact coverage of the same half plane: the mean of many samples per pixel."""
     fine = half_plane(slope, size * samples)[..., 0].astype(float)
-    return fine.reshape(size, samples, size, samples).mean(axis=(1, 3))
+    exact: NDArray[np.float64] = fine.reshape(size, samples, size, samples).mean(axis=(1, 3))
+    return exact
 
 
 def test_flat_pictures_and_gentle_shades_are_left_alone() -> None:
@@ -39,14 +40,14 @@ def test_flat_pictures_and_gentle_shades_are_left_alone() -> None:
 
 
 def test_axis_parallel_edges_stay_sharp() -> None:
-    """Edges without steps have nothing to smooth: a box that lies on the pixel grid stays a box, its corners apart."""
-    picture = np.full((64, 64, 3), 200, np.uint8)
-    picture[:, 32:] = 30
-    np.testing.assert_array_equal(smoothed(picture), picture)
-    np.testing.assert_array_equal(smoothed(picture.transpose(1, 0, 2)), picture.transpose(1, 0, 2))
+    """Edges without steps need no smoothing."""
+    image = np.full((64, 64, 3), 200, np.uint8)
+    image[:, 32:] = 30
+    np.testing.assert_array_equal(smoothed(image), image)
+    np.testing.assert_array_equal(smoothed(image.transpose(1, 0, 2)), image.transpose(1, 0, 2))
 
 
-def test_slanted_edges_come_nearer_to_their_true_coverage() -> None:
+def test_slanted_edges_approach_their_coverage() -> None:
     for slope in (0.05, 0.11, 0.25, 0.4, 0.9, -0.3, 1.7):
         rough, exact = half_plane(slope), coverage(slope)
         inside = (slice(8, -8), slice(8, -8))
@@ -61,35 +62,35 @@ def test_mirrored_pictures_give_mirrored_pictures() -> None:
         np.testing.assert_array_equal(smoothed(rough[:, ::-1]), smoothed(rough)[:, ::-1])
 
 
-def test_a_lone_spot_is_blended_with_its_surroundings() -> None:
-    picture = np.zeros((9, 9, 3), np.uint8)
-    picture[4, 4] = 255
-    spot = smoothed(picture)[4, 4]
+def test_single_pixel_spots_are_blended_with_their_surroundings() -> None:
+    image = np.zeros((9, 9, 3), np.uint8)
+    image[4, 4] = 255
+    spot = smoothed(image)[4, 4]
     assert (spot < 255 * 0.4).all()
     assert (spot > 0).all()
 
 
 @settings(deadline=None, max_examples=60)
 @given(st.integers(1, 24), st.integers(1, 24), st.integers(0, 2**32 - 1))
-def test_noise_of_any_size_stays_within_its_neighbourhood(height: int, width: int, seed: int) -> None:
-    picture = np.random.default_rng(seed).integers(0, 256, (height, width, 3), dtype=np.uint8)
-    result = smoothed(picture)
-    padded = np.pad(picture, ((1, 1), (1, 1), (0, 0)), mode="edge")
+def test_results_stay_within_the_range_of_the_neighbourhood(height: int, width: int, seed: int) -> None:
+    image = np.random.default_rng(seed).integers(0, 256, (height, width, 3), dtype=np.uint8)
+    result = smoothed(image)
+    padded = np.pad(image, ((1, 1), (1, 1), (0, 0)), mode="edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3), axis=(0, 1))
     assert (result >= windows.min(axis=(-1, -2))).all()
     assert (result <= windows.max(axis=(-1, -2))).all()
 
 
-def test_threads_do_not_share_their_working_memory() -> None:
-    pictures = [half_plane(slope, 200) for slope in (0.1, 0.2, 0.3, 0.4)]
-    expected = [smoothed(picture) for picture in pictures]
-    results: list[NDArray[np.uint8] | None] = [None] * len(pictures)
+def test_threads_are_independent() -> None:
+    images = [half_plane(slope, 200) for slope in (0.1, 0.2, 0.3, 0.4)]
+    expected = [smoothed(image) for image in images]
+    results: list[NDArray[np.uint8] | None] = [None] * len(images)
 
     def work(index: int) -> None:
         for _ in range(20):
-            results[index] = smoothed(pictures[index])
+            results[index] = smoothed(images[index])
 
-    threads = [threading.Thread(target=work, args=(index,)) for index in range(len(pictures))]
+    threads = [threading.Thread(target=work, args=(index,)) for index in range(len(images))]
     for thread in threads:
         thread.start()
     for thread in threads:
@@ -100,11 +101,11 @@ def test_threads_do_not_share_their_working_memory() -> None:
 
 @settings(deadline=None, max_examples=100)
 @given(st.integers(1, 40), st.integers(1, 40), st.sampled_from([2, 3, 17, 256]), st.integers(0, 2**32 - 1))
-def test_the_very_same_bytes_as_the_plain_code(height: int, width: int, levels: int, seed: int) -> None:
+def test_equals_the_scalar_reference(height: int, width: int, levels: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    picture = (rng.integers(0, levels, (height, width, 3)) * (255 // (levels - 1))).astype(np.uint8)
-    if seed % 2:  # areas instead of noise: long edges
-        picture = picture[::5, ::7].repeat(5, axis=0).repeat(7, axis=1)[:height, :width]
-    expected = np.array(picture, order="C")
+    image = (rng.integers(0, levels, (height, width, 3)) * (255 // (levels - 1))).astype(np.uint8)
+    if seed % 2:  # blocks instead of noise: long edges
+        image = image[::5, ::7].repeat(5, axis=0).repeat(7, axis=1)[:height, :width]
+    expected = np.array(image, order="C")
     scalar_fxaa.fxaa(expected)
-    np.testing.assert_array_equal(smoothed(picture), expected)
+    np.testing.assert_array_equal(smoothed(image), expected)

@@ -5,6 +5,7 @@ import io
 import struct
 import zlib
 from collections.abc import Callable
+from typing import Any
 
 import cv2
 import numpy as np
@@ -27,7 +28,7 @@ def encoded(array: NDArray[np.uint8], kind: str, mode: str | None = None, **opti
     return file.getvalue()
 
 
-def png16(samples: NDArray[np.uint16]) -> bytes:
+def png16(samples: NDArray[Any]) -> bytes:
     ok, data = cv2.imencode(".png", samples)
     assert ok
     return bytes(data.tobytes())
@@ -128,7 +129,7 @@ def test_headers(kind: str, options: dict[str, object]) -> None:
         assert (header.format, header.width, header.height, header.pixels) == (kind, 7, 5, 35)
 
 
-def test_bombs_are_refused_by_their_header() -> None:
+def test_rejects_bombs_by_their_header() -> None:
     bomb = raw_png(60_000, 60_000, 1, 0, b"")
     with pytest.raises(ImageError, match="bomb: 60000x60000 pixels are more than the limit of 67108864"):
         decode_image(bomb, name="bomb")
@@ -166,11 +167,7 @@ def interlaced(width: int, height: int, depth: int, colour_type: int, rows: byte
     return b"".join((*parts, chunk(b"IEND", b"")))
 
 
-GREY_KEY = chunk(b"tRNS", b"\0\5")
-"""Sends a picture of grey levels to the decoder that says nothing when rows are missing."""
-
-
-@pytest.mark.parametrize("data", [b"", GREY_KEY])
+@pytest.mark.parametrize("data", [b"", chunk(b"tRNS", b"\0\5")])
 @pytest.mark.parametrize(
     ("write", "rows"),
     [
@@ -180,35 +177,26 @@ GREY_KEY = chunk(b"tRNS", b"\0\5")
     ],
     ids=["rows", "interlaced"],
 )
-def test_png_rows_that_are_missing_are_told(write: Callable[..., bytes], rows: list[bytes], data: bytes) -> None:
+def test_rejects_pngs_with_missing_rows(write: Callable[..., bytes], rows: list[bytes], data: bytes) -> None:
     more = (data,) if data else ()
     levels = decode_image(write(3, 3, 8, 0, b"".join(rows), *more))[..., 0]
     assert levels.tolist() == [[1, 2, 3], [4, 5, 6], [7, 7, 7]]
     for count in range(len(rows)):
-        with pytest.raises(ImageError, match="tex: broken PNG data: there are fewer rows than its header says"):
+        with pytest.raises(ImageError, match=r"tex: broken PNG data$"):
             decode_image(write(3, 3, 8, 0, b"".join(rows[:count]), *more), name="tex")
 
 
-@pytest.mark.parametrize("side", [256, 511, 513, 1024])
-def test_large_flat_pictures_have_all_their_rows(side: int) -> None:
-    """A thousandth of their size, they are inflated in many steps, each of which may end within a repetition."""
-    rows = side * (b"\0" + bytes(side))
-    assert decode_image(raw_png(side, side, 8, 0, rows, GREY_KEY)).shape == (side, side, 4)
-    with pytest.raises(ImageError, match="there are fewer rows"):
-        decode_image(raw_png(side, side, 8, 0, rows[: -side - 1], GREY_KEY))
-
-
-def test_png_rows_in_several_chunks_and_without_an_end_are_decoded() -> None:
+def test_pixels_in_several_png_chunks() -> None:
     whole = encoded(RGBA, "PNG")
     at = whole.index(b"IDAT")
     (length,) = struct.unpack_from(">I", whole, at - 4)
-    pixels = whole[at + 4 : at + 4 + length]
-    pieces = (whole[: at - 4], *(chunk(b"IDAT", pixels[k : k + 7]) for k in range(0, length, 7)))
-    assert decode_image(b"".join(pieces)).tolist() == RGBA.tolist()
+    pixels, rest = whole[at + 4 : at + 4 + length], whole[at + 8 + length :]
+    pieces = (chunk(b"IDAT", pixels[k : k + 7]) for k in range(0, length, 7))
+    assert decode_image(b"".join((whole[: at - 4], *pieces, rest))).tolist() == RGBA.tolist()
 
 
-def test_a_false_frame_header_in_noise_is_not_taken_for_the_real_one() -> None:
-    """libjpeg skips noise and FF 00 before a marker: a size that only we saw would let a bomb through."""
+def test_ignores_false_jpeg_frame_headers_in_noise() -> None:
+    """libjpeg skips noise and FF 00 before a marker: with another size here, a bomb would pass the limit."""
     data = encoded(np.ascontiguousarray(RGBA[..., :3]), "JPEG")
     false = b"\xc0\x00\x11\x08\x00\x01\x00\x01\x03"
     for noise in (b"\0" + false, b"\xff\0" + false, b"\xff\xff\0\0" + false):
@@ -216,14 +204,14 @@ def test_a_false_frame_header_in_noise_is_not_taken_for_the_real_one() -> None:
         assert (header.width, header.height) == (7, 5)
 
 
-def test_endless_headers_are_given_up() -> None:
+def test_rejects_endless_headers() -> None:
     with pytest.raises(ImageError, match="its header is cut off"):
         image_header(b"\xff\xd8\xff" + b"\xe0\x00\x02\xff" * 1_000_000)
     with pytest.raises(ImageError, match="its header is cut off"):
         image_header(b"\xff\xd8\xff" + bytes(50_000_000))
 
 
-def test_equal_bytes_are_one_image_while_it_lives() -> None:
+def test_equal_bytes_give_one_image_while_it_is_in_use() -> None:
     data = encoded(RGBA, "PNG")
     first, second = image_from_bytes(data), image_from_bytes(memoryview(bytearray(data)))
     assert first is second
@@ -234,20 +222,22 @@ def test_equal_bytes_are_one_image_while_it_lives() -> None:
     assert image_from_bytes(data).key == key
 
 
-def test_images_with_one_checksum_are_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("renderers.contents.isal_zlib.crc32", lambda data, checksum=0: 7)
-    data = encoded(RGBA, "PNG")
-    other = data[:-1] + bytes([data[-1] ^ 1])
-    first, second = image_from_bytes(data), image_from_bytes(memoryview(other))
-    assert first is not second
-    assert first.key != second.key
-    for _ in range(2):
-        assert image_from_bytes(data) is first
-        assert image_from_bytes(other) is second
-        assert image_from_bytes(memoryview(bytearray(other))) is second
-    third = image_from_bytes(data[:-1] + bytes([data[-1] ^ 2]))
-    assert third is not first
-    assert third is not second
+def test_images_with_equal_checksums_are_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("renderers.images.isal_zlib.crc32", lambda data: 7)
+    data, other = png16(np.full((2, 2), 1 << 8, np.uint16)), png16(np.full((2, 2), 2 << 8, np.uint16))
+    assert len(data) == len(other)
+    first, second = image_from_bytes(data), image_from_bytes(other)
+    assert (first.decode()[0, 0, 0], second.decode()[0, 0, 0]) == (1, 2)
+    assert image_from_bytes(data).decode()[0, 0, 0] == 1
+    assert image_from_bytes(other).decode()[0, 0, 0] == 2
+
+
+@pytest.mark.parametrize(("width", "height", "pixels"), [(7, 5, 35), (5, 7, 35), (1, 9, 9), (9, 1, 9)])
+def test_the_pixel_limit_is_exact(width: int, height: int, pixels: int) -> None:
+    data = encoded(np.zeros((height, width, 3), np.uint8), "PNG")
+    assert decode_image(data, max_pixels=pixels).shape == (height, width, 4)
+    with pytest.raises(ImageError, match=f"{width}x{height} pixels are more than the limit of {pixels - 1}"):
+        decode_image(data, max_pixels=pixels - 1)
 
 
 SAMPLES = [encoded(RGBA, "PNG"), encoded(RGBA[..., :3], "JPEG"), encoded(RGBA, "WebP"), png16(RGBA.astype(np.uint16))]
@@ -273,25 +263,25 @@ def test_damaged_images_decode_or_raise_image_error(
 
 
 def jpeg_of_scans(side: int, scans: int) -> bytes:
-    """Make a grey progressive JPEG whose last scan is repeated until there are so many."""
+    """Return a grey progressive JPEG with its last scan repeated until there are ``scans``."""
     grey = np.full((side, side), 128, np.uint8)
     data = encoded(grey, "JPEG", progressive=True)
     last, before = data[data.rindex(b"\xff\xda") : -2], data.count(b"\xff\xda")
     return data[:-2] + last * (scans - before) + data[-2:]
 
 
-def test_a_jpeg_of_too_many_scans_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Decoders go over the whole image for each; half a megabyte of them held a thread for minutes."""
+def test_rejects_jpegs_of_too_many_scans(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Decoders process the whole image for each scan: half a megabyte of scans takes minutes."""
     monkeypatch.setattr("renderers.images.MAX_SCANNED_PIXELS", 20 * 256**2)
     np.testing.assert_array_equal(decode_image(jpeg_of_scans(256, 20))[..., 0], 128)
     with pytest.raises(ImageError, match="a JPEG of 21 scans, at 256x256 pixels at most 20 are read"):
         decode_image(jpeg_of_scans(256, 21))
 
 
-def test_progressive_jpegs_of_the_largest_size_may_have_their_usual_scans() -> None:
+def test_progressive_jpegs_of_the_maximum_size_are_allowed() -> None:
     assert MAX_SCANNED_PIXELS // MAX_PIXELS >= 14
 
 
-def test_many_scans_of_few_pixels_are_bounded_too() -> None:
+def test_rejects_many_scans_of_few_pixels() -> None:
     with pytest.raises(ImageError, match="scans, at 8x8 pixels at most 262144 are read"):
         decode_image(jpeg_of_scans(8, 262145))

@@ -1,4 +1,4 @@
-"""Scenes whose depth is a formula, as any camera on the x axis of the left one sees them."""
+"""Analytic depth images of a plane and a sphere, from a camera at any x of the left camera's frame."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def rays(k: Intrinsics) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 def plane(
     k: Intrinsics, offset: float, depth: float, slope_x: float = 0.0, slope_y: float = 0.0
 ) -> NDArray[np.float32]:
-    """z = depth + slope_x x + slope_y y, from a camera at x = offset."""
+    """Return the depth of the plane z = depth + slope_x x + slope_y y from a camera at x = offset."""
     rx, ry = rays(k)
     with np.errstate(divide="ignore"):
         z = (depth + slope_x * offset) / (1.0 - slope_x * rx - slope_y * ry)
@@ -26,7 +26,7 @@ def plane(
 
 
 def sphere(k: Intrinsics, offset: float, center: tuple[float, float, float], radius: float) -> NDArray[np.float32]:
-    """From a camera at x = offset; +inf beside it."""
+    """Return the depth of a sphere from a camera at x = offset; +inf: background."""
     rx, ry = rays(k)
     cx, cy, cz = center[0] - offset, center[1], center[2]
     a = rx**2 + ry**2 + 1.0

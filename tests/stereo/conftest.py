@@ -1,11 +1,12 @@
-"""A running stereo camera on a small scene, and a client for it."""
+"""Fixtures: a running stereo camera with a small scene, and a client."""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
+from typing import Any
 
 import grpc
 import numpy as np
@@ -27,7 +28,7 @@ from tests.stereo.scenes import pose, table
 from tests.support.waiting import SECONDS, until
 
 SMALL = StereoModel("small", 320, 240, 0.8449, 0.160)
-"""The device's geometry at a quarter of its resolution: quick to render."""
+"""The device's geometry at a quarter of its resolution."""
 
 EVERYTHING: dict[str, bool] = {
     "left_enabled": True,
@@ -37,21 +38,21 @@ EVERYTHING: dict[str, bool] = {
     "confidence_enabled": True,
     "mesh_enabled": True,
 }
-"""A request for all that the camera has."""
+"""Request for everything that the camera has."""
 
 Start = Callable[..., Awaitable["Camera"]]
 
 
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """A running service with a channel to it."""
+    """A running service and a gRPC channel to it."""
 
     service: StereoService
     channel: grpc.aio.Channel
     task: asyncio.Task[None]
 
     def stream(
-        self, timeout: float = SECONDS, **request: object
+        self, timeout: float = SECONDS, **request: Any
     ) -> grpc.aio.UnaryStreamCall[pb.ImageSetRequest, pb.ImageSet]:
         call = self.channel.unary_stream(
             "/ImageInterface/StreamImageSets",
@@ -60,8 +61,8 @@ class Camera:
         )
         return call(pb.ImageSetRequest(**request), timeout=timeout)
 
-    async def take(self, count: int = 1, **request: object) -> list[pb.ImageSet]:
-        """The first sets of a new stream."""
+    async def take(self, count: int = 1, **request: Any) -> list[pb.ImageSet]:
+        """Return the first sets of a new stream."""
         call = self.stream(**request)
         sets = [await call.read() for _ in range(count)]
         call.cancel()
@@ -99,29 +100,24 @@ async def running(
 
 @pytest.fixture
 async def start(renderer: CpuRenderer) -> AsyncIterator[Start]:
-    """``await start(depth_mode="matched", …)``: fields of StereoConfig, and ``scene``, ``clock``."""
-    stack: list[object] = []
+    """Return a function that starts a camera; arguments are ``scene``, ``clock`` and fields of StereoConfig."""
+    async with AsyncExitStack() as stack:
 
-    async def begin(
-        scene: Callable[[], tuple[DrawList, int]] | None = None, clock: Clock | None = None, **fields: object
-    ) -> Camera:
-        drawn = table()
-        config = StereoConfig(**{"port": 0, "model": SMALL, "look": "phong", **fields})
-        context = running(renderer, config, scene or (lambda: (drawn, 1)), clock)
-        camera = await context.__aenter__()
-        stack.append(context)
-        return camera
+        async def begin(
+            scene: Callable[[], tuple[DrawList, int]] | None = None, clock: Clock | None = None, **fields: Any
+        ) -> Camera:
+            drawn = table()
+            config = StereoConfig(**{"port": 0, "model": SMALL, "look": "phong", **fields})
+            return await stack.enter_async_context(running(renderer, config, scene or (lambda: (drawn, 1)), clock))
 
-    yield begin
-    for context in reversed(stack):
-        await context.__aexit__(None, None, None)
+        yield begin
 
 
-def pixels(image: pb.Image) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    """The picture of a message, checked against what the message says of it."""
-    dtype, channels = {"mono8": (np.uint8, 1), "rgb8": (np.uint8, 3), "mono16": (np.dtype("<u2"), 1)}[image.encoding]
+def pixels(image: pb.Image) -> NDArray[Any]:
+    """Return the pixels of a message, checked against its other fields."""
+    dtype, channels = {"mono8": ("u1", 1), "rgb8": ("u1", 3), "mono16": ("<u2", 1)}[image.encoding]
     assert not image.is_bigendian
     assert image.step == image.width * channels * np.dtype(dtype).itemsize
     assert len(image.data) == image.step * image.height
-    array = np.frombuffer(image.data, dtype)
+    array: NDArray[Any] = np.frombuffer(image.data, dtype)
     return array.reshape((image.height, image.width, 3) if channels == 3 else (image.height, image.width))

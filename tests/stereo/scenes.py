@@ -1,4 +1,4 @@
-"""Small scenes to look at, and the camera's pose in them."""
+"""Small scenes and a camera pose."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def part(shape: Shape, color: tuple[float, float, float], x: float, y: float, z:
 
 
 def table() -> DrawList:
-    """A floor, a wall and some solids on the floor, about 1 to 3 m in front of ``POSE``."""
+    """Return a floor, a wall and some solids, about 1 to 3 m in front of ``POSE``."""
     parts = (
         part(Box((6.0, 6.0, 0.1)), (0.55, 0.5, 0.45), 0, 0, -0.05),
         part(Box((0.1, 6.0, 4.0)), (0.6, 0.65, 0.7), 1.5, 0, 2.0),
@@ -33,7 +33,7 @@ def table() -> DrawList:
 
 
 def dotted_wall() -> DrawList:
-    """A dark wall with white points, which have a pixel each at any resolution."""
+    """Return a dark wall with white points, one pixel each at any resolution."""
     y, z = np.meshgrid(np.linspace(-2.0, 2.0, 60), np.linspace(-1.0, 2.0, 60))
     points = np.stack((np.ones(y.size), y.reshape(-1), z.reshape(-1)), axis=1).astype(np.float32)
     cloud = PointCloud(points, {"rgb": np.ones((len(points), 3), np.float32)})

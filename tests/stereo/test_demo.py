@@ -1,4 +1,4 @@
-"""Matched depth of the demo scene, measured against what is really there."""
+"""Matched depth of the demo scene against ground truth."""
 
 from __future__ import annotations
 
@@ -11,43 +11,43 @@ from gateway.scene.live import LiveTree
 from gateway.scene.mount import parse_mount_pose
 from gateway.settings import Settings
 from gateway.stereo.config import StereoConfig
-from gateway.stereo.images import Shot, Studio, Wanted
+from gateway.stereo.images import Capture, ImageRequest, Imaging
 from gateway.stereo.parameters import Parameters
-from gateway.stereo.settings import read
+from gateway.stereo.settings import read_settings
 from renderers.interface import Output
 from renderers.raster import CpuRenderer
-from renderers.stereo.noise import Stream
+from renderers.stereo.noise import NoiseStream
 from renderers.stereo.truth import DepthRange, true_disparity
 
 
 @pytest.mark.parametrize("seconds", [1.3, 4.0, 0.625 * PERIOD])
-def test_matching_the_demo_scene_with_the_projector(renderer: CpuRenderer, seconds: float) -> None:
-    """Over every pixel that both cameras see; the pose and all parameters are the defaults."""
+def test_matched_depth_of_the_demo_scene(renderer: CpuRenderer, seconds: float) -> None:
+    """Covers every pixel that both cameras see, with the default pose and parameters."""
     tree = LiveTree()
     demo = Demo(tree)
     demo.populate()
     demo.edit(seconds)
     scene = flatten(tree.snapshot.root)
-    studio, settings = Studio(StereoConfig(depth_mode="matched"), renderer), read(Parameters())
+    imaging, settings = Imaging(StereoConfig(depth_mode="matched"), renderer), read_settings(Parameters())
     divisor = settings.quality.divisor
-    model = studio.config.model
-    shot = Shot(0, scene, 1, parse_mount_pose(Settings(only=()).stereo_pose), 1)
-    exposure = studio.meter(shot, settings).exposure
+    model = imaging.config.model
+    capture = Capture(0, scene, 1, parse_mount_pose(Settings(only=()).stereo_pose), 1, 1)
+    exposure = imaging.meter(capture, settings).exposure
     left, right = (
-        studio.take(shot, Wanted(exposure, 1, stream, divisor, frozenset((False,))))[False]
-        for stream in (Stream.LEFT_DEPTH, Stream.RIGHT_DEPTH)
+        imaging.expose(capture, ImageRequest(exposure, stream, divisor, frozenset((False,))))[False]
+        for stream in (NoiseStream.LEFT_DEPTH, NoiseStream.RIGHT_DEPTH)
     )
-    measured = studio.match(left, right, exposure, settings)
+    images = imaging.match(left, right, exposure, settings)
     ft = model.intrinsics(divisor).focal_length * model.baseline
     with (
-        studio.render(shot, 0.0, divisor, Output.DEPTH) as seen,
-        studio.render(shot, model.baseline, divisor, Output.DEPTH) as other,
+        imaging.render(capture, 0.0, divisor, Output.DEPTH) as seen,
+        imaging.render(capture, model.baseline, divisor, Output.DEPTH) as other,
     ):
         assert seen.depth is not None
         assert other.depth is not None
         true = true_disparity(seen.depth, other.depth, ft, DepthRange(model.nearest_depth(0.1, 100.0, divisor), 100.0))
     visible = true > 0
     assert visible.mean() > 0.6
-    valid = visible & (measured.disparity > 0)
+    valid = visible & (images.disparity > 0)
     assert valid.sum() / visible.sum() >= 0.95
-    assert (np.abs(measured.disparity / 16 - true)[valid] > 1).mean() < 0.01
+    assert (np.abs(images.disparity / 16 - true)[valid] > 1).mean() < 0.01

@@ -1,4 +1,4 @@
-"""Ground-truth depth on scenes that are formulae: geometry, holes, error model, confidence."""
+"""Ground-truth depth of analytic scenes: geometry, holes, error model, confidence."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from renderers.stereo.errors import ErrorModel, Measured, error_scale, measure
+from renderers.stereo.errors import DepthImages, ErrorModel, add_errors, error_scale
 from renderers.stereo.filters import Filters, apply_filters
 from renderers.stereo.model import MODELS, Quality, StereoModel
-from renderers.stereo.noise import Stream, frame_key
+from renderers.stereo.noise import NoiseStream, frame_key
 from renderers.stereo.truth import DepthRange, true_disparity
 from tests.stereo.analytic import plane, sphere
 
@@ -26,7 +26,7 @@ ACCURACY_MM = {
 
 
 def scene(model: StereoModel, quality: Quality) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-    """A sphere before a slanted plane: depth from the left, from the right, exact disparity."""
+    """Return depth from left, depth from right, and exact disparity of a sphere before a slanted plane."""
     k = model.intrinsics(quality.divisor)
     left, right = (
         np.minimum(plane(k, x, 2.0, 0.3, 0.1), sphere(k, x, (0.1, 0.1, 1.2), 0.25)) for x in (0.0, model.baseline)
@@ -35,19 +35,19 @@ def scene(model: StereoModel, quality: Quality) -> tuple[NDArray[np.float32], ND
 
 
 @pytest.mark.parametrize("quality", list(Quality))
-def test_depth_by_the_published_formula_is_the_rendered_depth(quality: Quality) -> None:
+def test_depth_by_the_manuals_formula_equals_rendered_depth(quality: Quality) -> None:
     k = MODEL.intrinsics(quality.divisor)
     left, _, true = scene(MODEL, quality)
-    measured = measure(true, QUIET, frame_key(0, 0, Stream.DISPARITY))
-    valid = measured.disparity > 0
+    images = add_errors(true, QUIET, frame_key(0, 0, NoiseStream.DISPARITY))
+    valid = images.disparity > 0
     assert valid.mean() > 0.7
     # d = f t / z: the difference is the rounding to 1/16 pixel and nothing else.
     exact = k.focal_length * MODEL.baseline / left[valid].astype(np.float64)
-    assert np.abs(measured.disparity[valid] / 16 - exact).max() <= 1 / 32 + 1e-4
+    assert np.abs(images.disparity[valid] / 16 - exact).max() <= 1 / 32 + 1e-4
 
 
 @pytest.mark.parametrize("quality", [Quality.HIGH, Quality.LOW])
-def test_only_what_both_cameras_see_is_measured(quality: Quality) -> None:
+def test_measures_only_points_seen_by_both_cameras(quality: Quality) -> None:
     k = MODEL.intrinsics(quality.divisor)
     left, _, true = scene(MODEL, quality)
     ft = k.focal_length * MODEL.baseline
@@ -63,7 +63,7 @@ def test_only_what_both_cameras_see_is_measured(quality: Quality) -> None:
         assert not (true[row][hidden] > 0).any(), "hidden points must be holes"
         seen += int(hidden.sum())
         assert not (true[row][x < -0.5] > 0).any(), "points beside the right image must be holes"
-        assert (true[row][clear & (x > 0.5)] > 0).all(), "visible points must be measured"
+        assert (true[row][clear & (x > 0.5)] > 0).all(), "visible points must be images"
     assert seen > 100
 
 
@@ -78,22 +78,22 @@ def test_depth_range_cuts_both_ends() -> None:
 
 
 @pytest.mark.parametrize("model", list(MODELS.values()), ids=lambda m: m.name)
-def test_depth_error_is_the_device_s_accuracy_table(model: StereoModel) -> None:
+def test_depth_error_matches_the_accuracy_table(model: StereoModel) -> None:
     k = model.intrinsics(1)
     ft = k.focal_length * model.baseline
     for depth, published in zip((0.5, 1.0, 2.0, 3.0), ACCURACY_MM[model.name], strict=True):
         true = np.full((k.height, k.width), ft / depth, np.float32)
-        d = measure(true, ErrorModel(0.25), frame_key(3, 1, Stream.DISPARITY)).disparity / 16
+        d = add_errors(true, ErrorModel(0.25), frame_key(3, 1, NoiseStream.DISPARITY)).disparity / 16
         millimetres = float(np.std(ft / d)) * 1000
         assert millimetres == pytest.approx(0.25 * depth**2 / ft * 1000, rel=0.05)
         assert millimetres == pytest.approx(published, abs=0.1)
 
 
-def test_error_image_is_in_sixteenths_where_that_is_fine_enough() -> None:
+def test_error_unit_is_a_sixteenth_where_sufficient() -> None:
     true = np.full((100, 100), 50.0, np.float32)
     for sigma, unit in ((0.25, 4), (0.125, 2), (0.0625, 1), (0.26, 4)):
         assert error_scale(sigma, 100) == 1 / 16
-        assert set(np.unique(measure(true, ErrorModel(sigma), np.uint64(9)).error)) == {unit}
+        assert set(np.unique(add_errors(true, ErrorModel(sigma), np.uint64(9)).error)) == {unit}
 
 
 @pytest.mark.parametrize("d_eps", [0.25, 0.7])
@@ -105,16 +105,16 @@ def test_error_image_is_the_standard_deviation_within_five_percent(
     true = np.linspace(40.0, 41.0, 200_000, dtype=np.float32).reshape(400, 500)
     sigma = d_eps / quality.divisor / averaged**0.5
     scale = error_scale(sigma, MODEL.disparity_range(quality.divisor, 0.1))
-    measured = measure(true, ErrorModel(sigma, scale), np.uint64(9))
-    (unit,) = np.unique(measured.error)
+    images = add_errors(true, ErrorModel(sigma, scale), np.uint64(9))
+    (unit,) = np.unique(images.error)
     assert unit * scale == pytest.approx(sigma, rel=0.05)
     if sigma > 1 / 32:  # below, rounding to 1/16 pixel is most of the error
-        assert np.std(measured.disparity / 16 - true) == pytest.approx(sigma, rel=0.05)
+        assert np.std(images.disparity / 16 - true) == pytest.approx(sigma, rel=0.05)
 
 
 @pytest.mark.parametrize("disparities", [1, 72, 433, 2032])
 @pytest.mark.parametrize("sigma", [0.0, 1e-9, 1e-4, 0.02, 0.3, 20.0])
-def test_disparities_fit_their_sixteen_bits_at_every_scale(sigma: float, disparities: int) -> None:
+def test_disparities_fit_into_16_bits_at_every_scale(sigma: float, disparities: int) -> None:
     scale = error_scale(sigma, disparities)
     assert (disparities + 4 * sigma) / scale < 65536
     factor = 1 / 16 / scale
@@ -122,7 +122,7 @@ def test_disparities_fit_their_sixteen_bits_at_every_scale(sigma: float, dispari
     assert factor.is_integer()
 
 
-def test_confidence_is_the_probability_that_the_manual_states() -> None:
+def test_confidence_is_the_probability_defined_by_the_manual() -> None:
     k = MODEL.intrinsics(1)
     ft = k.focal_length * MODEL.baseline
     # Planes from frontal to steep make all confidences appear.
@@ -131,7 +131,7 @@ def test_confidence_is_the_probability_that_the_manual_states() -> None:
     for frame, slope in enumerate((0.0, 1.2, 2.2, 3.2, 4.2, 5.2)):
         left = plane(k, 0.0, 1.2, slope)
         true = true_disparity(left, plane(k, MODEL.baseline, 1.2, slope), ft, RANGE)
-        m = measure(true, ErrorModel(0.25), frame_key(5, frame, Stream.DISPARITY))
+        m = add_errors(true, ErrorModel(0.25), frame_key(5, frame, NoiseStream.DISPARITY))
         valid = m.disparity > 0
         inside = np.abs(m.disparity[valid] / 16 - true[valid]) <= 3 * m.error[valid] / 16
         counts += np.bincount(m.confidence[valid], minlength=256)
@@ -144,25 +144,25 @@ def test_confidence_is_the_probability_that_the_manual_states() -> None:
         assert seen == pytest.approx(claimed, abs=4 * np.sqrt(claimed * (1 - claimed) / n) + 1 / 255)
 
 
-def test_same_seed_and_frame_give_the_same_bytes_and_others_do_not() -> None:
+def test_noise_is_determined_by_seed_and_frame() -> None:
     true = scene(MODEL, Quality.LOW)[2]
 
     def make(seed: int, frame: int) -> bytes:
-        m = measure(true, ErrorModel(0.05), frame_key(seed, frame, Stream.DISPARITY))
+        m = add_errors(true, ErrorModel(0.05), frame_key(seed, frame, NoiseStream.DISPARITY))
         return m.disparity.tobytes() + m.confidence.tobytes()
 
     assert make(1, 1) == make(1, 1)
     assert len({make(1, 1), make(1, 2), make(2, 1)}) == 3
 
 
-def block(disparity: NDArray[np.uint16], error: int = 2, confidence: int = 254) -> Measured:
+def block(disparity: NDArray[np.uint16], error: int = 2, confidence: int = 254) -> DepthImages:
     valid = disparity > 0
-    return Measured(
+    return DepthImages(
         disparity.copy(), np.where(valid, error, 0).astype(np.uint8), np.where(valid, confidence, 0).astype(np.uint8)
     )
 
 
-def test_small_segments_go_and_large_ones_stay() -> None:
+def test_removes_small_segments() -> None:
     d = np.zeros((60, 60), np.uint16)
     d[2:6, 2:6] = 800  # 16 pixels
     d[20:50, 20:50] = 800
@@ -194,7 +194,7 @@ def test_holes_are_filled_up_to_the_step_on_their_border() -> None:
 
 
 @pytest.mark.parametrize(("minconf", "filled"), [(0.5, True), (128 / 255, True), (0.51, False), (1.0, False)])
-def test_filled_pixels_are_subject_to_the_least_confidence(minconf: float, filled: bool) -> None:
+def test_minimum_confidence_applies_to_filled_pixels(minconf: float, filled: bool) -> None:
     d = np.full((60, 60), 800, np.uint16)
     d[30:33, 10:13] = 0
     m = block(d, confidence=255)
@@ -234,7 +234,8 @@ def test_intrinsics_are_exact_fractions() -> None:
     low = model.intrinsics(6)
     assert (low.width, low.height) == (214, 160)
     assert low.focal_length == pytest.approx(1104.37 / 6, rel=1e-5)
-    assert (low.cx, low.cy) == (pytest.approx(640 / 6), 80.0)
+    assert [low.cx, low.cy] == pytest.approx([640 / 6, 80.0])
     high = model.intrinsics(2)
-    assert (high.width, high.height, high.focal_length) == (640, 480, pytest.approx(552.185, rel=1e-5))
+    assert (high.width, high.height) == (640, 480)
+    assert high.focal_length == pytest.approx(552.185, rel=1e-5)
     assert model.disparity_range(2, 0.1) == 221  # ceil(552.185 * 0.16005 / (2.5 * 0.16005))

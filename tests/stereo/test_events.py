@@ -1,8 +1,9 @@
-"""Image events: told when the images of a depth frame are taken."""
+"""Image events: sent when the images of a depth frame are captured."""
 
 from __future__ import annotations
 
 import asyncio
+from typing import TypeAlias
 
 import grpc
 import pytest
@@ -14,7 +15,7 @@ from gateway.stereo.events import EventHub
 from tests.stereo.conftest import Camera, Start
 from tests.support.waiting import SECONDS, until
 
-Call = grpc.aio.UnaryStreamCall[pb.ImageEventsRequest, pb.ImageEvents]
+Call: TypeAlias = "grpc.aio.UnaryStreamCall[pb.ImageEventsRequest, pb.ImageEvents]"
 
 
 async def listen(camera: Camera, *, enabled: bool = True) -> Call:
@@ -42,7 +43,7 @@ async def test_an_event_for_every_depth_set_and_before_it(start: Start) -> None:
         assert (done.sec, done.nsec) >= (taken.sec, taken.nsec)
 
 
-async def test_camera_images_alone_are_no_depth_acquisition(start: Start) -> None:
+async def test_no_event_for_camera_images(start: Start) -> None:
     camera = await start(clock=SimulatedClock(), rate="max")
     events, silent = await listen(camera), await listen(camera, enabled=False)
     pending = asyncio.ensure_future(events.read())
@@ -78,7 +79,7 @@ async def test_static_scenes_are_done_after_the_last_of_eight_images(start: Star
     assert (done.sec - taken.sec) * 10**9 + done.nsec - taken.nsec == 7 * 40_000_000
 
 
-async def test_who_does_not_read_gets_the_newest_events_and_listeners_are_bounded(start: Start) -> None:
+async def test_slow_clients_get_the_newest_events_and_clients_are_limited(start: Start) -> None:
     hub = EventHub(1, 3)
     with hub.subscribe(depth_acquisition_done=True) as queue:
         for number in range(10):
@@ -94,7 +95,7 @@ async def test_who_does_not_read_gets_the_newest_events_and_listeners_are_bounde
     assert refusal.value.code() == grpc.StatusCode.RESOURCE_EXHAUSTED
 
 
-async def test_listeners_that_leave_leave_nothing_behind(start: Start) -> None:
+async def test_disconnected_clients_are_removed(start: Start) -> None:
     camera = await start(rate="max")
     await camera.take(disparity_enabled=True)
     calls = [await listen(camera) for _ in range(20)]

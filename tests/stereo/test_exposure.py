@@ -1,31 +1,32 @@
-"""How images are exposed: regions, the projector's modes, high dynamic range, white balance."""
+"""Exposure: regions, modes with the projector, high dynamic range, white balance."""
 
 from __future__ import annotations
 
 import time
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from gateway.generated import image_interface_pb2 as pb
-from gateway.stereo.auto_exposure import Memory, expose
+from gateway.stereo.auto_exposure import ExposureMemory, choose_exposure
 from gateway.stereo.parameters import Parameters
-from gateway.stereo.settings import StreamSettings, read
+from gateway.stereo.settings import StreamSettings, read_settings
 from renderers.stereo.exposure import AutoExposure, Exposure, auto_exposure, brightness_of
-from renderers.stereo.noise import Stream, frame_key
-from renderers.stereo.sensor import take
+from renderers.stereo.noise import NoiseStream, frame_key
+from renderers.stereo.sensor import sensor_image
 from tests.stereo.conftest import Camera, Start, pixels
 from tests.stereo.scenes import dotted_wall
 
-KEY = frame_key(1, 1, Stream.LEFT)
+KEY = frame_key(1, 1, NoiseStream.LEFT)
 
 
 def settings(**camera: object) -> StreamSettings:
     parameters = Parameters()
     parameters.set("rc_camera", camera.items())
-    return read(parameters)
+    return read_settings(parameters)
 
 
 def scene(level: float = 0.2) -> NDArray[np.float32]:
@@ -34,38 +35,38 @@ def scene(level: float = 0.2) -> NDArray[np.float32]:
     return values
 
 
-def test_the_exposure_region_is_what_counts() -> None:
-    whole, _ = expose(scene(), scene(), high=False, settings=settings(), memory=Memory())
+def test_only_the_exposure_region_is_metered() -> None:
+    whole, _ = choose_exposure(scene(), scene(), out1=False, settings=settings(), memory=ExposureMemory())
     region = settings(exp_offset_x=640, exp_width=600, exp_height=900)
-    right, _ = expose(scene(), scene(), high=False, settings=region, memory=Memory())
+    right, _ = choose_exposure(scene(), scene(), out1=False, settings=region, memory=ExposureMemory())
     expected = auto_exposure(scene()[:, 80:], AutoExposure())
     assert right == expected
     assert right.light < whole.light
     beside = settings(exp_offset_x=5000, exp_width=600, exp_height=900)
-    assert expose(scene(), scene(), high=False, settings=beside, memory=Memory())[0] == whole
+    assert choose_exposure(scene(), scene(), out1=False, settings=beside, memory=ExposureMemory())[0] == whole
 
 
-def test_normal_mode_exposes_every_image_for_itself_but_not_in_alternate_exposure() -> None:
+def test_normal_mode_meters_every_image_except_in_alternate_exposure() -> None:
     dark, bright = scene(0.1), scene(0.25)
-    low, reduction = expose(dark, bright, high=False, settings=settings(), memory=Memory())
-    high, _ = expose(dark, bright, high=True, settings=settings(), memory=Memory())
+    low, reduction = choose_exposure(dark, bright, out1=False, settings=settings(), memory=ExposureMemory())
+    high, _ = choose_exposure(dark, bright, out1=True, settings=settings(), memory=ExposureMemory())
     assert (low, high) == (auto_exposure(dark, AutoExposure()), auto_exposure(bright, AutoExposure()))
     assert reduction == 0
     alternate = replace(settings(), out1="ExposureAlternateActive")
-    assert expose(dark, bright, high=False, settings=alternate, memory=Memory())[0] == high
+    assert choose_exposure(dark, bright, out1=False, settings=alternate, memory=ExposureMemory())[0] == high
 
 
 def test_out1_high_mode_keeps_the_exposure_while_out1_is_low() -> None:
-    mode, memory = settings(exp_auto_mode="Out1High"), Memory()
-    high, _ = expose(scene(0.1), scene(0.25), high=True, settings=mode, memory=memory)
+    mode, memory = settings(exp_auto_mode="Out1High"), ExposureMemory()
+    high, _ = choose_exposure(scene(0.1), scene(0.25), out1=True, settings=mode, memory=memory)
     # It has become brighter since.
-    assert expose(scene(0.2), scene(0.3), high=False, settings=mode, memory=memory)[0] == high
-    assert expose(scene(0.2), scene(0.3), high=True, settings=mode, memory=memory)[0] != high
+    assert choose_exposure(scene(0.2), scene(0.3), out1=False, settings=mode, memory=memory)[0] == high
+    assert choose_exposure(scene(0.2), scene(0.3), out1=True, settings=mode, memory=memory)[0] != high
 
 
-def test_adaptive_mode_reduces_images_with_out1_low_and_says_by_how_much() -> None:
+def test_adaptive_mode_reduces_images_with_out1_low() -> None:
     mode = settings(exp_auto_mode="AdaptiveOut1")
-    low, reduction = expose(scene(0.1), scene(0.25), high=False, settings=mode, memory=Memory())
+    low, reduction = choose_exposure(scene(0.1), scene(0.25), out1=False, settings=mode, memory=ExposureMemory())
     alone = auto_exposure(scene(0.1), AutoExposure())
     assert low == auto_exposure(scene(0.25), AutoExposure())
     assert 0 < reduction < 1
@@ -79,15 +80,16 @@ def gradient() -> NDArray[np.uint8]:
 
 def test_high_dynamic_range_saturates_nothing_and_keeps_the_order() -> None:
     plain, hdr = Exposure(0.012), Exposure(0.012, hdr=True)
-    clipped = take(gradient(), plain, KEY, color=False, noise=0.0).image
-    whole = take(gradient(), hdr, KEY, color=False, noise=0.0).image
+    clipped = sensor_image(gradient(), plain, KEY, color=False, noise=0.0).image
+    whole = sensor_image(gradient(), hdr, KEY, color=False, noise=0.0).image
     assert (clipped[0] == 255).mean() > 0.2
     assert (whole[0] == 255).mean() < 0.02
     assert (np.diff(whole[0].astype(int)) >= 0).all()
     assert len(np.unique(whole[0])) > 150
-    # Three exposures see the dark better than one.
+    # Three exposures have less noise in the dark than one.
     dark = np.full((200, 200, 3), 40, np.uint8)
-    noise = [float(take(dark, replace(e, gain=12.0, time=0.005), KEY, color=False).image.std()) for e in (plain, hdr)]
+    exposures = [replace(e, gain=12.0, time=0.005) for e in (plain, hdr)]
+    noise = [float(sensor_image(dark, e, KEY, color=False).image.std()) for e in exposures]
     assert noise[1] < noise[0]
     assert replace(plain, hdr=True).full > 1.5
 
@@ -96,28 +98,28 @@ def test_automatic_exposure_of_high_dynamic_range_meets_its_target() -> None:
     values = brightness_of(gradient())
     found = auto_exposure(values, AutoExposure(average_max=0.4), Exposure(hdr=True))
     assert found.hdr
-    assert take(gradient(), found, KEY, color=False, noise=0.0).brightness == pytest.approx(0.4, abs=0.02)
+    assert sensor_image(gradient(), found, KEY, color=False, noise=0.0).brightness == pytest.approx(0.4, abs=0.02)
 
 
 def test_white_balance_changes_red_and_blue() -> None:
     grey = np.full((40, 40, 3), 100, np.uint8)
     warm = settings(exp_control="Manual", wb_auto=False, wb_ratio_red=2.4, wb_ratio_blue=1.2).manual
-    red, green, blue = take(grey, warm, KEY, color=True, noise=0.0).image.mean(axis=(0, 1))
+    red, green, blue = sensor_image(grey, warm, KEY, color=True, noise=0.0).image.mean(axis=(0, 1))
     assert green == pytest.approx(100, abs=1)
     assert red == pytest.approx(100 * 2 ** (1 / 2.2), abs=1.5)
     assert blue == pytest.approx(100 * 0.5 ** (1 / 2.2), abs=1.5)
     neutral = settings(exp_control="Manual", wb_auto=False).manual
     assert (neutral.red, neutral.blue) == (1.0, 1.0)
     luma = 0.299 * red + 0.587 * green + 0.114 * blue
-    assert take(grey, warm, KEY, color=False, noise=0.0).image.mean() == pytest.approx(luma, abs=1.5)
+    assert sensor_image(grey, warm, KEY, color=False, noise=0.0).image.mean() == pytest.approx(luma, abs=1.5)
 
 
-async def new(camera: Camera, **request: object) -> pb.ImageSet:
-    """A set that was taken with the parameters as they are now."""
+async def new(camera: Camera, **request: Any) -> pb.ImageSet:
+    """Return a set captured with the current parameters."""
     begin = time.time_ns()
     call = camera.stream(**request)
     while True:
-        one = await call.read()
+        one: pb.ImageSet = await call.read()
         if one.timestamp.sec * 10**9 + one.timestamp.nsec >= begin:
             call.cancel()
             return one
@@ -162,7 +164,7 @@ async def test_brightness_of_depth_images_is_that_of_their_left_image(start: Sta
     assert apart.left.brightness < apart.disparity.image.brightness
 
 
-async def test_switching_an_automatic_off_keeps_what_it_found(start: Start) -> None:
+async def test_switching_auto_exposure_off_keeps_its_result(start: Start) -> None:
     camera = await start(rate="max")
     set_, values = camera.service.set_parameters, camera.service.parameters.values("rc_camera")
     one = await new(camera, left_enabled=True)
@@ -197,7 +199,7 @@ async def test_depth_only_within_its_region(start: Start, mode: str) -> None:
 
 @pytest.mark.parametrize(("out1", "gain"), [("High", 0.2), ("ExposureAlternateActive", 0.001)])
 async def test_double_shot_fills_holes(start: Start, out1: str, gain: float) -> None:
-    """From half the resolution; in alternate exposure from images without dots, which see little on blank walls."""
+    """At half the resolution; in alternate exposure from images without dots, which have no texture on blank walls."""
     camera = await start(rate="max", depth_mode="matched", image_noise=15.0)
     set_ = camera.service.set_parameters
     set_("rc_stereomatching", [("fill", 0), ("seg", 0), ("quality", "Full")])

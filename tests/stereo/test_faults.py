@@ -1,9 +1,10 @@
-"""Faults for test rigs: by REST, and only where the operator has allowed them."""
+"""Fault injection over REST, if the operator permits it."""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator
+from functools import partial
 from typing import Any
 
 import grpc
@@ -38,7 +39,7 @@ def stamp(one: Any) -> int:
     return int(one.timestamp.sec * 10**9 + one.timestamp.nsec)
 
 
-async def test_off_unless_allowed(start: Start) -> None:
+async def test_disabled_by_default(start: Start) -> None:
     camera = await start()
     async with client_of(camera) as rest:
         for method, path in (("GET", ""), ("PUT", ""), ("DELETE", ""), ("POST", "/disconnect")):
@@ -48,33 +49,38 @@ async def test_off_unless_allowed(start: Start) -> None:
     assert camera.service.injector.faults == Faults()
 
 
-async def test_dropped_frames_are_those_that_the_seed_says(camera: Camera, rest: httpx.AsyncClient) -> None:
+async def test_the_seed_determines_dropped_frames(camera: Camera, rest: httpx.AsyncClient) -> None:
     answer = await rest.put("/stereo/faults", json={"drop": 0.5})
     assert answer.json()["drop"] == 0.5
     sets = await camera.take(12, left_enabled=True)
     frames = [(stamp(one) - 1_000_000_000) // 40_000_000 + 1 for one in sets]
-    twin, kept = FaultInjector(0, 0), []
+    twin, kept = FaultInjector(0, 0), list[int]()
     twin.set(Faults(drop=0.5))
     for number in range(1, frames[-1] + 1):
-        twin.deliver(number, b"", lambda number=number: kept.append(number))
+        twin.deliver(number, b"", partial(kept.append, number))
     assert frames == kept
     assert frames[-1] > 12
     assert (await rest.get("/stereo/faults")).json()["dropped"] >= frames[-1] - 12
     assert (await rest.delete("/stereo/faults")).json()["drop"] == 0
 
 
-async def test_delayed_sets_come_later_in_order_and_within_bounds() -> None:
-    injector, came, loop = FaultInjector(0, 100), [], asyncio.get_running_loop()
+async def test_delayed_sets_keep_their_order_within_the_limit() -> None:
+    injector, came, loop = FaultInjector(0, 100), list[int](), asyncio.get_running_loop()
     injector.set(Faults(delay=0.05))
     begin = loop.time()
-    done = loop.create_future()
+    done = asyncio.Event()
+
+    def last() -> None:
+        came.append(7)
+        done.set()
+
     for number in range(3):
-        injector.deliver(number, bytes(40), lambda number=number: came.append(number))
+        injector.deliver(number, bytes(40), partial(came.append, number))
     assert (came, injector.dropped) == ([], 1)
     injector.set(Faults())
     # Later sets do not overtake those that are late.
-    injector.deliver(7, bytes(10), lambda: (came.append(7), done.set_result(None)))
-    await done
+    injector.deliver(7, bytes(10), last)
+    await done.wait()
     assert came == [0, 1, 7]
     assert loop.time() - begin >= 0.05
     injector.deliver(8, bytes(1000), lambda: came.append(8))
@@ -89,7 +95,7 @@ async def test_a_delay_in_the_stream(camera: Camera, rest: httpx.AsyncClient) ->
 
 
 async def read_all(camera: Camera, begun: asyncio.Event) -> int:
-    """Sets until the stream is cut."""
+    """Return the sets until the stream is cut."""
     count = 0
     try:
         async for _ in camera.stream(left_enabled=True):
@@ -113,7 +119,7 @@ async def test_streams_are_cut(camera: Camera, rest: httpx.AsyncClient) -> None:
     await camera.take(1, left_enabled=True)
 
 
-async def test_clocks_that_stand_still_or_are_wrong(camera: Camera, rest: httpx.AsyncClient) -> None:
+async def test_frozen_and_wrong_clocks(camera: Camera, rest: httpx.AsyncClient) -> None:
     await rest.put("/stereo/faults", json={"clock_frozen": True})
     call = camera.stream(disparity_enabled=True, left_enabled=True)
     sets = [await call.read() for _ in range(3)]
@@ -137,7 +143,7 @@ async def test_clocks_that_stand_still_or_are_wrong(camera: Camera, rest: httpx.
         ("[", "the body is not like"),
     ],
 )
-async def test_what_is_wrong_is_said_and_changes_nothing(rest: httpx.AsyncClient, body: str, sentence: str) -> None:
+async def test_invalid_requests_are_rejected_without_effect(rest: httpx.AsyncClient, body: str, sentence: str) -> None:
     answer = await rest.put("/stereo/faults", content=body)
     assert answer.status_code == 400
     assert sentence in answer.json()["message"]

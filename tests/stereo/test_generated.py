@@ -1,4 +1,4 @@
-"""The committed protobuf classes are what protoc makes of protos/image_interface.proto."""
+"""The committed protobuf classes equal protoc's output for protos/image_interface.proto."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gateway.generated import image_interface_pb2 as pb
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def test_committed_classes_are_what_protoc_makes(tmp_path: Path) -> None:
+def test_committed_classes_equal_protocs_output(tmp_path: Path) -> None:
     pytest.importorskip("grpc_tools", reason="grpcio-tools is in the dev group only")
     spec = importlib.util.spec_from_file_location("generate", ROOT / "protos" / "generate.py")
     assert spec is not None

@@ -1,4 +1,4 @@
-"""Mailboxes: who comes, takes and leaves, without a server around them."""
+"""Mailboxes of subscriptions, without a server."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway.stereo.hub import FullError, Hub, StreamError, Subscription
-from gateway.stereo.request import Kind
+from gateway.stereo.hub import Hub, LimitError, Mailbox, StreamError, Subscription
+from gateway.stereo.request import SetKind
 from tests.support.waiting import SECONDS
 
-LEFT = Kind(left=True)
-DEPTH = Kind(disparity=True)
+LEFT = SetKind(left=True)
+DEPTH = SetKind(disparity=True)
 
 
-async def test_a_leaving_client_wakes_the_producer() -> None:
+async def test_unsubscribing_wakes_the_producer() -> None:
     hub = Hub(4, 4)
     with hub.subscribe(LEFT) as stays, ExitStack() as other:
         leaves = other.enter_context(hub.subscribe(LEFT))
@@ -26,10 +26,10 @@ async def test_a_leaving_client_wakes_the_producer() -> None:
         await stays.get()
 
         async def produce() -> None:
-            """As a camera does that waits for the slowest: a set when all have the last."""
+            """Publish a set when no mailbox is full."""
             while True:
                 hub.changed.clear()
-                if len(hub) and all(s.hungry for s in hub):
+                if len(hub) and not hub.kinds_in(Mailbox.FULL):
                     hub.publish(LEFT, 2, b"next")
                     return
                 await hub.changed.wait()
@@ -38,7 +38,7 @@ async def test_a_leaving_client_wakes_the_producer() -> None:
         next_set = asyncio.create_task(stays.get())
         for _ in range(5):
             await asyncio.sleep(0)
-        assert not leaves.hungry
+        assert leaves.state is Mailbox.FULL
         assert not producer.done()
         other.close()
         async with asyncio.timeout(SECONDS):
@@ -46,27 +46,27 @@ async def test_a_leaving_client_wakes_the_producer() -> None:
             assert await next_set == b"next"
 
 
-async def test_a_mailbox_holds_the_newest_set_and_counts_what_it_replaced() -> None:
+async def test_mailbox_holds_the_newest_set_and_counts_replaced_ones() -> None:
     hub = Hub(4, 4)
     with hub.subscribe(LEFT) as one:
         for number in (1, 3, 2, 3):
             hub.publish(LEFT, number, b"%d" % number)
         assert await one.get() == b"3"
-        assert one.hungry
+        assert one.state is Mailbox.EMPTY
         assert (hub.sent, hub.skipped) == (1, 1)
     assert (hub.sent, hub.skipped) == (1, 1)
 
 
-async def test_a_cancelled_wait_is_no_hunger() -> None:
+async def test_a_cancelled_get_ends_the_waiting_state() -> None:
     hub = Hub(4, 4)
     with hub.subscribe(LEFT) as one:
         waiting = asyncio.create_task(one.get())
         await asyncio.sleep(0)
-        assert hub.urgent_kinds(starving=True) == {LEFT}
+        assert hub.kinds_in(Mailbox.WAITING) == {LEFT}
         waiting.cancel()
         await asyncio.gather(waiting, return_exceptions=True)
-        assert hub.urgent_kinds(starving=True) == set()
-        assert hub.urgent_kinds(starving=False) == {LEFT}
+        assert hub.kinds_in(Mailbox.WAITING) == set()
+        assert hub.kinds_in(Mailbox.EMPTY) == {LEFT}
 
 
 STEPS = st.lists(
@@ -79,11 +79,11 @@ STEPS = st.lists(
 
 @settings(deadline=None, max_examples=100)
 @given(STEPS)
-def test_clients_that_come_and_leave_at_random_leave_nothing(steps: list[tuple[str, int, Kind]]) -> None:
+def test_random_subscriptions_leave_no_state(steps: list[tuple[str, int, SetKind]]) -> None:
     asyncio.run(_churn(steps))
 
 
-async def _churn(steps: list[tuple[str, int, Kind]]) -> None:
+async def _churn(steps: list[tuple[str, int, SetKind]]) -> None:
     hub = Hub(5, 2)
     open_: list[tuple[ExitStack, Subscription]] = []
     traces: list[weakref.ref[object]] = []
@@ -96,7 +96,7 @@ async def _churn(steps: list[tuple[str, int, Kind]]) -> None:
             block = ExitStack()
             try:
                 open_.append((block, block.enter_context(hub.subscribe(kind))))
-            except FullError:
+            except LimitError:
                 assert len(open_) == 5
             else:
                 traces.append(weakref.ref(open_[-1][1]))
@@ -107,10 +107,10 @@ async def _churn(steps: list[tuple[str, int, Kind]]) -> None:
             full |= getting
             hub.publish(kind, number, b"set %d" % number)
         elif what == "fail":
-            hub.fail(kind, "broken")
+            hub.end_streams(kind, "broken")
             over |= {id(s) for _, s in open_ if s.kind == kind}
             full -= over
-        elif some is not None and what == "take" and not some[1].hungry:
+        elif some is not None and what == "take" and some[1].state in (Mailbox.FULL, Mailbox.CLOSED):
             if id(some[1]) in over:
                 with pytest.raises(StreamError, match="broken"):
                     await some[1].get()
@@ -126,31 +126,31 @@ async def _churn(steps: list[tuple[str, int, Kind]]) -> None:
             over.discard(id(some[1]))
             assert hub.changed.is_set()
         assert len(hub) == len(open_)
-        assert {id(s) for _, s in open_ if not s.hungry} == full | over
+        assert {id(s) for _, s in open_ if s.state in (Mailbox.FULL, Mailbox.CLOSED)} == full | over
         assert hub.kinds() == {s.kind for _, s in open_}
         assert (hub.sent, hub.skipped) == (taken, replaced)
     some = None
     while open_:
         open_.pop()[0].close()
     assert len(hub) == 0
-    assert hub.kinds() == hub.take_newcomers() == set()
+    assert hub.kinds() == hub.take_new_kinds() == set()
     assert (hub.sent, hub.skipped) == (taken, replaced)
     assert [trace for trace in traces if trace() is not None] == []
 
 
-async def test_an_outdated_set_goes_to_those_only_who_were_there_before() -> None:
-    epoch = 1
-    hub = Hub(4, 4, lambda: epoch)
+async def test_later_subscriptions_do_not_get_outdated_sets() -> None:
+    generation = 1
+    hub = Hub(4, 4, lambda: generation)
     with hub.subscribe(LEFT) as early:
-        epoch = 2
+        generation = 2
         with hub.subscribe(LEFT) as late:
             hub.publish(LEFT, 1, b"old", 1)
-            assert (early.hungry, late.hungry) == (False, True)
+            assert (early.state, late.state) == (Mailbox.FULL, Mailbox.EMPTY)
             hub.publish(LEFT, 2, b"new", 2)
             assert await late.get() == await early.get() == b"new"
 
 
-async def test_a_closed_hub_takes_nobody() -> None:
+async def test_a_closed_hub_rejects_subscriptions() -> None:
     hub = Hub(1, 1)
     with hub.subscribe(LEFT) as one:
         hub.close("shutting down")

@@ -7,53 +7,53 @@ import pytest
 from numpy.typing import NDArray
 
 from renderers.stereo.exposure import AutoExposure, Exposure, auto_exposure, brightness_of
-from renderers.stereo.matching import match
+from renderers.stereo.matching import match_pair
 from renderers.stereo.model import MODELS, Quality
-from renderers.stereo.noise import Stream, frame_key
-from renderers.stereo.projector import dots_on
-from renderers.stereo.sensor import take
+from renderers.stereo.noise import NoiseStream, frame_key
+from renderers.stereo.projector import projected_dots
+from renderers.stereo.sensor import sensor_image
 from renderers.stereo.truth import DepthRange, true_disparity
 from tests.stereo.analytic import plane, sphere
 
 MODEL = MODELS["rc_visard 160-4"]
-KEY = frame_key(0, 0, Stream.LEFT)
+KEY = frame_key(0, 0, NoiseStream.LEFT)
 
 
 def grey(level: int, shape: tuple[int, int] = (240, 320)) -> NDArray[np.uint8]:
     return np.full((*shape, 3), level, np.uint8)
 
 
-def test_reference_exposure_is_the_picture_as_rendered() -> None:
+def test_reference_exposure_keeps_the_rendered_image() -> None:
     picture = np.random.default_rng(0).integers(0, 256, (60, 80, 3), np.uint8)
-    color = take(picture, Exposure(), KEY, color=True, noise=0.0).image
+    color = sensor_image(picture, Exposure(), KEY, color=True, noise=0.0).image
     assert np.abs(color.astype(int) - picture).max() <= 1
     luma = picture @ np.array((0.299, 0.587, 0.114))
-    assert np.abs(take(picture, Exposure(), KEY, color=False, noise=0.0).image - luma).max() <= 1
+    assert np.abs(sensor_image(picture, Exposure(), KEY, color=False, noise=0.0).image - luma).max() <= 1
 
 
-def test_exposure_and_gain_are_light() -> None:
-    twice = take(grey(100), Exposure(0.010), KEY, color=False, noise=0.0).image.mean()
+def test_exposure_and_gain_multiply_light() -> None:
+    twice = sensor_image(grey(100), Exposure(0.010), KEY, color=False, noise=0.0).image.mean()
     assert twice == pytest.approx(100 * 2 ** (1 / 2.2), abs=1)
-    six = take(grey(100), Exposure(0.005, 6.0206), KEY, color=False, noise=0.0).image.mean()
+    six = sensor_image(grey(100), Exposure(0.005, 6.0206), KEY, color=False, noise=0.0).image.mean()
     assert six == pytest.approx(twice, abs=1)
-    assert take(grey(250), Exposure(0.018), KEY, color=False, noise=0.0).image.min() == 255
-    bright = take(grey(100), Exposure(gamma=2.0), KEY, color=False, noise=0.0).image.mean()
+    assert sensor_image(grey(250), Exposure(0.018), KEY, color=False, noise=0.0).image.min() == 255
+    bright = sensor_image(grey(100), Exposure(gamma=2.0), KEY, color=False, noise=0.0).image.mean()
     assert bright == pytest.approx(255 * (100 / 255) ** 0.5, abs=1)
 
 
 @pytest.mark.parametrize("gain", [9.0, 12.0, 18.0])
-def test_noise_is_what_the_message_says(gain: float) -> None:
+def test_noise_matches_the_message(gain: float) -> None:
     exposure = Exposure(0.005 / 10 ** (gain / 20), gain)  # the same brightness
-    image = take(grey(128, (960, 1280)), exposure, KEY, color=False).image.astype(float)
+    image = sensor_image(grey(128, (960, 1280)), exposure, KEY, color=False).image.astype(float)
     # Rounding to whole levels adds 1/12.
     assert image.std() == pytest.approx(np.sqrt(exposure.sigma(128) ** 2 + 1 / 12), rel=0.15)
     assert image.mean() == pytest.approx(128, abs=0.6)
 
 
-def test_left_and_right_have_noise_of_their_own() -> None:
+def test_left_and_right_noise_is_independent() -> None:
     a, b = (
-        take(grey(128), Exposure(0.0006, 18.0), frame_key(0, 0, s), color=False).image.astype(float).ravel()
-        for s in (Stream.LEFT, Stream.RIGHT)
+        sensor_image(grey(128), Exposure(0.0006, 18.0), frame_key(0, 0, s), color=False).image.astype(float).ravel()
+        for s in (NoiseStream.LEFT, NoiseStream.RIGHT)
     )
     assert abs(np.corrcoef(a, b)[0, 1]) < 0.02
 
@@ -61,23 +61,27 @@ def test_left_and_right_have_noise_of_their_own() -> None:
 def test_automatic_exposure_meets_its_target() -> None:
     for level in (20, 60, 120):
         exposure = auto_exposure(brightness_of(grey(level)), AutoExposure())
-        assert take(grey(level), exposure, KEY, color=False, noise=0.0).brightness == pytest.approx(
+        assert sensor_image(grey(level), exposure, KEY, color=False, noise=0.0).brightness == pytest.approx(
             min(0.75, level / 255 * Exposure(0.018, 18.0).factor), abs=0.02
         )
     # With something white in the picture it stays as bright as it can without saturating.
     picture = grey(60)
     picture[:, :100] = 250
     exposure = auto_exposure(brightness_of(picture), AutoExposure())
-    assert int(take(picture, exposure, KEY, color=False, noise=0.0).image.max()) >= 252
+    assert int(sensor_image(picture, exposure, KEY, color=False, noise=0.0).image.max()) >= 252
     # Longest time first, gain only after it.
     assert auto_exposure(brightness_of(grey(130)), AutoExposure()).gain == 0
     assert auto_exposure(brightness_of(grey(20)), AutoExposure(0.001)).time == 0.001
 
 
-def test_dots_stay_on_the_surface() -> None:
+def test_dots_are_fixed_to_the_surface() -> None:
     k = MODEL.intrinsics(2)
     t = MODEL.baseline
-    left, right = (dots_on(plane(k, x, 1.5), k.focal_length, k.cx, k.cy, x - t / 2).astype(float) for x in (0.0, t))
+    views = [plane(k, x, 1.5) for x in (0.0, t)]
+    left, right = (
+        projected_dots(z, k.focal_length, k.cx, k.cy, x - t / 2, np.full_like(z, np.inf)).astype(float)
+        for x, z in zip((0.0, t), views, strict=True)
+    )
     shift = k.focal_length * t / 1.5
     whole = int(shift)
     share = shift - whole
@@ -85,10 +89,11 @@ def test_dots_stay_on_the_surface() -> None:
     seen = right[:, x - whole - 1] * share + right[:, x - whole] * (1 - share)
     assert np.corrcoef(seen.ravel(), left[:, x].ravel())[0, 1] > 0.9
     assert np.corrcoef(right[:, x].ravel(), left[:, x].ravel())[0, 1] < 0.3
-    assert not dots_on(np.full((8, 8), np.inf, np.float32), 100.0, 4.0, 4.0, 0.0).any()
+    background = np.full((8, 8), np.inf, np.float32)
+    assert not projected_dots(background, 100.0, 4.0, 4.0, 0.0, background).any()
 
 
-def test_what_the_projector_does_not_see_is_dark() -> None:
+def test_objects_cast_shadows_in_the_projectors_light() -> None:
     k, t = MODEL.intrinsics(2), MODEL.baseline
     center, radius = (0.0, 0.0, 1.0), 0.2
 
@@ -96,8 +101,8 @@ def test_what_the_projector_does_not_see_is_dark() -> None:
         return np.minimum(plane(k, x, 2.0), sphere(k, x, center, radius))
 
     left = depth(-t / 2)
-    lit = dots_on(left, k.focal_length, k.cx, k.cy, -t / 2)
-    shaded = dots_on(left, k.focal_length, k.cx, k.cy, -t / 2, depth(0.0))
+    lit = projected_dots(left, k.focal_length, k.cx, k.cy, -t / 2, np.full_like(left, np.inf))
+    shaded = projected_dots(left, k.focal_length, k.cx, k.cy, -t / 2, depth(0.0))
     dark = (lit > 0) & (shaded == 0)
     assert (shaded[~dark] == lit[~dark]).all()
     assert np.allclose(left[dark], 2.0), "only the wall is in shadow"
@@ -119,12 +124,12 @@ def test_matching_with_the_projector(quality: Quality) -> None:
     depths, images = [], []
     for number, x in enumerate((0.0, MODEL.baseline)):
         z = np.minimum(plane(k, x, 2.0, 0.3, 0.1), sphere(k, x, (0.1, 0.1, 1.2), 0.25))
-        dots = dots_on(z, k.focal_length, k.cx, k.cy, x - MODEL.baseline / 2)
-        key = frame_key(1, 1, Stream(number + 1))
+        dots = projected_dots(z, k.focal_length, k.cx, k.cy, x - MODEL.baseline / 2, np.full_like(z, np.inf))
+        key = frame_key(1, 1, NoiseStream(number + 1))
         depths.append(z)
-        images.append(take(grey(90, z.shape), Exposure(), key, color=False, dots=dots, dot_light=2.0).image)
+        images.append(sensor_image(grey(90, z.shape), Exposure(), key, color=False, dots=dots, dot_light=2.0).image)
     true = true_disparity(depths[0], depths[1], k.focal_length * MODEL.baseline, DepthRange(0.4, 100))
-    measured = match(images[0], images[1], MODEL.disparity_range(quality.divisor, 0.1), 0.3)
+    measured = match_pair(images[0], images[1], MODEL.disparity_range(quality.divisor, 0.1), 0.3)
     sure = (true > 0) & (measured.confidence >= 128)
     assert sure.sum() / (true > 0).sum() > 0.95
     error = np.abs(measured.disparity / 16 - true)
@@ -137,8 +142,8 @@ def test_matching_with_the_projector(quality: Quality) -> None:
             assert within[chosen].mean() > measured.confidence[chosen].mean() / 255 - 0.03
 
 
-def test_matching_finds_nothing_on_a_blank_wall() -> None:
-    image = take(grey(120), Exposure(), KEY, color=False).image
-    other = take(grey(120), Exposure(), frame_key(0, 0, Stream.RIGHT), color=False).image
-    measured = match(image, other, 64, 0.3)
+def test_matching_a_blank_wall_is_invalid() -> None:
+    image = sensor_image(grey(120), Exposure(), KEY, color=False).image
+    other = sensor_image(grey(120), Exposure(), frame_key(0, 0, NoiseStream.RIGHT), color=False).image
+    measured = match_pair(image, other, 64, 0.3)
     assert (measured.confidence >= 128).mean() < 0.2

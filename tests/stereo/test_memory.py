@@ -1,4 +1,4 @@
-"""What clients that do not read leave behind: a server of its own process, whose sets are made of nothing."""
+"""Memory of clients that do not read, in a server process that sends zeros."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import grpc
 import pytest
 
 from gateway.generated import image_interface_pb2 as pb
-from gateway.stereo.server import METHOD, RETURN_BYTES, SERVICE, UnsentMessages
+from gateway.stereo.server import RETURN_BYTES, SERVICE, UnsentMessages
 from tests.support.waiting import SECONDS, until
 
 SET_MB = 16
@@ -24,13 +24,13 @@ from gateway.stereo import server
 from gateway.stereo.config import StereoConfig
 from gateway.stereo.events import EventHub
 from gateway.stereo.faults import FaultInjector
-from gateway.stereo.hub import Hub
+from gateway.stereo.hub import Hub, Mailbox
 
 async def publish(hub):
     number = 0
     while True:
         await asyncio.sleep(0.05)
-        if any(subscription.hungry for subscription in hub):
+        if hub.kinds_in(Mailbox.EMPTY, Mailbox.WAITING):
             number += 1
             data = pb.ImageSet(left=pb.Image(data=bytes({SET_MB} << 20))).SerializeToString()
             for kind in hub.kinds():
@@ -54,7 +54,7 @@ asyncio.run(main())
 
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="another allocator, which is not told to keep memory")
-async def test_the_memory_of_messages_that_nobody_read_is_returned() -> None:
+async def test_memory_of_unsent_messages_is_returned() -> None:
     child = await asyncio.create_subprocess_exec(
         sys.executable, "-c", SERVER, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE
     )
@@ -63,7 +63,7 @@ async def test_the_memory_of_messages_that_nobody_read_is_returned() -> None:
     reads, writes = child.stdout, child.stdin
 
     async def when(condition: Callable[[int, int, int], bool]) -> int:
-        """MB of memory when this holds of streams that were sent something, all streams, and MB."""
+        """Wait for a condition of (streams that got a set, streams, MB of memory) and return the MB."""
         while True:
             writes.write(b"\n")
             served, streams, megabytes = map(int, (await reads.readline()).split())
@@ -78,7 +78,7 @@ async def test_the_memory_of_messages_that_nobody_read_is_returned() -> None:
             channels = [grpc.aio.insecure_channel(f"127.0.0.1:{port}", options) for _ in range(CLIENTS)]
             calls = [
                 channel.unary_stream(
-                    f"/{SERVICE}/{METHOD}",
+                    f"/{SERVICE}/StreamImageSets",
                     request_serializer=pb.ImageSetRequest.SerializeToString,
                     response_deserializer=pb.ImageSet.FromString,
                 )
@@ -102,7 +102,7 @@ async def test_the_memory_of_messages_that_nobody_read_is_returned() -> None:
         await child.wait()
 
 
-async def test_memory_is_returned_once_for_many_streams_that_end_together(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_memory_is_returned_once_for_simultaneous_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("gateway.stereo.server.RETURN_SECONDS", 0.0)
     returned: list[int] = []
     unsent = UnsentMessages(lambda: returned.append(1))

@@ -1,8 +1,9 @@
-"""Meshes: the file as the vendor's tools read it, and the surface in it."""
+"""Meshes: file format and surface."""
 
 from __future__ import annotations
 
 import io
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,7 +27,7 @@ def encode(depth: NDArray[np.float32], k: Intrinsics = K) -> NDArray[np.uint16]:
 
 
 def read(parts: tuple[bytes, memoryview, memoryview]) -> tuple[list[str], NDArray[np.void], NDArray[np.uint32]]:
-    """A strict reader of what the vendor's tools write: header lines, vertices, faces."""
+    """Return header lines, vertices and faces of a file in the vendor's layout."""
     data = b"".join(parts)
     end = data.index(b"end_header\n") + len(b"end_header\n")
     lines = data[:end].decode("ascii").splitlines()
@@ -130,7 +131,7 @@ def test_colours_are_the_left_image_over_each_pixel() -> None:
         assert abs(int(pixel[name]) - value) <= 1
         assert pixel[f"diffuse_{name}"] == pixel[name]
     parts = disparity_mesh(d, K, MODEL.baseline, MeshOptions(textured=True, rgb=True), left)
-    loaded = trimesh.load(io.BytesIO(b"".join(parts)), file_type="ply", process=False)
+    loaded: Any = trimesh.load(io.BytesIO(b"".join(parts)), file_type="ply", process=False)
     assert np.asarray(loaded.visual.vertex_colors)[7 * K.width + 11, :3].tolist() == [
         pixel["red"], pixel["green"], pixel["blue"],
     ]  # fmt: skip
@@ -163,7 +164,7 @@ def test_bins_are_the_smallest_that_suffice(width: int, height: int, limit: int)
     st.booleans(),
     st.booleans(),
 )
-def test_any_disparity_image_gives_a_file_that_can_be_read(
+def test_any_disparity_image_gives_a_valid_file(
     d: NDArray[np.uint16], max_points: int, min_depth: bool, watertight: bool, textured: bool
 ) -> None:
     height, width = d.shape

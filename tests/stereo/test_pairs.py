@@ -1,4 +1,4 @@
-"""Stereo pairs that are given to the camera: by a folder, or uploaded as to the device's test mode."""
+"""Recorded stereo pairs, from a folder or uploaded."""
 
 from __future__ import annotations
 
@@ -14,8 +14,10 @@ from fastapi import FastAPI
 
 from gateway.client.stream_files import save
 from gateway.generated import image_interface_pb2 as pb
-from gateway.stereo.pairs import Pair, Pairs, geometry_in, pair_studio, pairs_in
-from gateway.stereo.rest import router
+from gateway.stereo.node_routes import node_router
+from gateway.stereo.pair_files import geometry_in, pairs_in
+from gateway.stereo.pairs import Pair, Pairs, pair_imaging
+from gateway.stereo.system_routes import system_router
 from gateway.stereo.truth import truth_router
 from gateway.stereo.upload import upload_router
 from renderers.drawlist import ImageError
@@ -32,7 +34,7 @@ def png(array: np.ndarray) -> bytes:
 
 @pytest.fixture
 async def recorded(start: Start) -> pb.ImageSet:
-    """A set with projector, as a client has stored it."""
+    """Return a set with the projector on."""
     camera = await start(rate="max", depth_mode="matched")
     camera.service.parameters.set("rc_iocontrol", [("out1_mode", "High")])
     return await new(camera, left_enabled=True, right_enabled=True, disparity_enabled=True)
@@ -46,20 +48,20 @@ async def camera(start: Start) -> Camera:
 @pytest.fixture
 async def rest(camera: Camera) -> AsyncIterator[httpx.AsyncClient]:
     app = FastAPI()
-    app.include_router(router(camera.service))
+    app.include_router(node_router(camera.service))
+    app.include_router(system_router(camera.service))
     app.include_router(upload_router(camera.service))
     app.include_router(truth_router(camera.service))
     async with httpx.AsyncClient(transport=httpx.ASGITransport(app=app), base_url="http://camera") as client:
         yield client
 
 
-async def test_a_folder_of_our_own_client_s_sets_is_shown_again(
-    recorded: pb.ImageSet, camera: Camera, tmp_path: Path
-) -> None:
+async def test_shows_a_folder_written_by_our_client(recorded: pb.ImageSet, camera: Camera, tmp_path: Path) -> None:
     save(recorded, tmp_path)
     geometry = geometry_in(tmp_path)
-    assert geometry == (pytest.approx(SMALL.focal_factor), pytest.approx(SMALL.baseline))
-    camera.service.show_pairs(pair_studio(camera.service.scene_studio, pairs_in(tmp_path, 10, LIMIT), *geometry))
+    assert geometry is not None
+    assert list(geometry) == [pytest.approx(SMALL.focal_factor), pytest.approx(SMALL.baseline)]
+    camera.service.show_pairs(pair_imaging(camera.service.scene_imaging, pairs_in(tmp_path, 10, LIMIT), *geometry))
     one = await new(camera, left_enabled=True, right_enabled=True, disparity_enabled=True, mesh_enabled=True)
     assert (pixels(one.left) == pixels(recorded.left)).all()
     assert (pixels(one.right) == pixels(recorded.right)).all()
@@ -78,7 +80,7 @@ async def test_a_folder_of_our_own_client_s_sets_is_shown_again(
     assert (pixels(back.left) != pixels(recorded.left)).any()
 
 
-async def test_an_uploaded_pair_is_shown_and_the_camera_says_so(
+async def test_shows_an_uploaded_pair_in_test_mode(
     recorded: pb.ImageSet, camera: Camera, rest: httpx.AsyncClient
 ) -> None:
     left, right = pixels(recorded.left), pixels(recorded.right)
@@ -102,7 +104,7 @@ async def test_an_uploaded_pair_is_shown_and_the_camera_says_so(
     assert (await rest.get("/api/v2/system")).json()["model_name"] == "rc_test"
     truth = await rest.get("/stereo/truth.npz")
     assert truth.status_code == 404
-    assert "nobody knows what is really there" in truth.json()["message"]
+    assert "there is no ground truth" in truth.json()["message"]
     assert (await rest.delete(PATH)).status_code == 200
     assert (await rest.get("/api/v2/system")).json()["model_name"] == "small"
 
@@ -121,7 +123,7 @@ async def test_an_uploaded_pair_is_shown_and_the_camera_says_so(
         ("tiny", {}, "size 8x8 must be within"),
     ],
 )
-async def test_what_cannot_be_shown_is_said_and_changes_nothing(
+async def test_invalid_uploads_are_rejected_without_effect(
     rest: httpx.AsyncClient, camera: Camera, files: dict[str, bytes] | str, data: dict[str, str], sentence: str
 ) -> None:
     side = 8 if files == "tiny" else 64
@@ -136,7 +138,7 @@ async def test_what_cannot_be_shown_is_said_and_changes_nothing(
     assert camera.service.config.model is SMALL
 
 
-async def test_uploads_are_bounded(start: Start) -> None:
+async def test_uploads_are_limited(start: Start) -> None:
     camera = await start(max_upload=10_000)
     app = FastAPI()
     app.include_router(upload_router(camera.service))
@@ -148,7 +150,7 @@ async def test_uploads_are_bounded(start: Start) -> None:
         assert (await client.post(PATH, json={"f": 1})).status_code == 400
         bomb = Pairs([Pair((png(np.zeros((2000, 2000), np.uint8)),) * 2)], LIMIT)
         with pytest.raises(ImageError, match="2000x2000 pixels are more than the limit of 1000000"):
-            bomb.picture(0, high=False, right=False)
+            bomb.image(0, high=False, right=False)
 
 
 @pytest.mark.parametrize(
@@ -168,7 +170,7 @@ async def test_the_content_type_of_a_form(rest: httpx.AsyncClient, kind: str, se
     assert sentence in answer.json()["message"]
 
 
-async def test_the_charset_of_a_form_is_not_the_client_s_choice(rest: httpx.AsyncClient) -> None:
+async def test_the_charset_of_a_form_is_ignored(rest: httpx.AsyncClient) -> None:
     body = b'--x\r\nContent-Disposition: form-data; name="f"\r\n\r\nMQ==\r\n--x--\r\n'
     for charset in ("idna", "undefined", "utf-16"):  # the first takes a minute for a megabyte, the second any name
         answer = await rest.post(
@@ -177,13 +179,13 @@ async def test_the_charset_of_a_form_is_not_the_client_s_choice(rest: httpx.Asyn
         assert "the form needs the files" in answer.json()["message"]
 
 
-async def test_a_picture_that_breaks_later_ends_the_stream_with_the_reason(camera: Camera, tmp_path: Path) -> None:
+async def test_a_broken_later_image_ends_the_stream_with_the_reason(camera: Camera, tmp_path: Path) -> None:
     good = png(np.zeros((64, 64), np.uint8))
     for number, right in enumerate((good, b"\x89PNG\r\n\x1a\n broken")):
         (tmp_path / f"{number}_left.png").write_bytes(good)
         (tmp_path / f"{number}_right.png").write_bytes(right)
-    studio = pair_studio(camera.service.scene_studio, pairs_in(tmp_path, 10, LIMIT), 0.8, 0.1)
-    camera.service.show_pairs(studio)
+    imaging = pair_imaging(camera.service.scene_imaging, pairs_in(tmp_path, 10, LIMIT), 0.8, 0.1)
+    camera.service.show_pairs(imaging)
     call = camera.stream(left_enabled=True, right_enabled=True)
     with pytest.raises(grpc.aio.AioRpcError, match=r"1_right\.png"):
         async for _ in call:
@@ -192,8 +194,8 @@ async def test_a_picture_that_breaks_later_ends_the_stream_with_the_reason(camer
 
 def test_pairs_are_found_by_name(tmp_path: Path) -> None:
     image = png(np.zeros((20, 20), np.uint8))
-    names = ("left/0.png", "right/0.png", "left/1.png", "a_left_out1_low.jpg", "a_right_out1_low.jpg")
-    names += ("a_left_out1_high.jpg", "a_right_out1_high.jpg", "leftover.txt")
+    names = ["left/0.png", "right/0.png", "left/1.png", "a_left_out1_low.jpg", "a_right_out1_low.jpg"]
+    names += ["a_left_out1_high.jpg", "a_right_out1_high.jpg", "leftover.txt"]
     for name in names:
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_bytes(image)
@@ -203,17 +205,17 @@ def test_pairs_are_found_by_name(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="nowhere is no folder"):
         pairs_in(tmp_path / "nowhere", 10, 10_000_000)
     (tmp_path / "empty").mkdir()
-    with pytest.raises(ValueError, match=r"empty holds no pictures \(\.png, "):
+    with pytest.raises(ValueError, match=r"empty holds no images \(\.png, "):
         pairs_in(tmp_path / "empty", 10, 10_000_000)
-    with pytest.raises(ValueError, match="holds no stereo pairs: none of its 1 pictures"):
+    with pytest.raises(ValueError, match="holds no stereo pairs: none of its 1 images"):
         pairs_in(tmp_path / "right", 1, LIMIT)
 
 
-def test_the_vendor_s_parameter_file_tells_the_geometry(tmp_path: Path) -> None:
+def test_geometry_from_the_vendors_parameter_file(tmp_path: Path) -> None:
     text = "# Created by grpc_image_client\ncamera.A=[552.18500 0 320.00000; 0 552.18500 240.00000; 0 0 1]\n"
     text += "camera.height=480\ncamera.width=640\nrho=88.37721\nt=0.16005\n"
     (tmp_path / "image_1.000000002_00_00_param.txt").write_text(text)
-    assert geometry_in(tmp_path) == (pytest.approx(0.862789, rel=1e-5), 0.16005)
+    assert list(geometry_in(tmp_path) or ()) == [pytest.approx(0.862789, rel=1e-5), 0.16005]
     assert geometry_in(tmp_path / "none") is None
     (tmp_path / "image_1.000000002_00_00_param.txt").write_text(text.replace("width=640", "width=0"))
     with pytest.raises(ValueError, match="is not a number"):

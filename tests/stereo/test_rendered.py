@@ -16,9 +16,9 @@ from gateway.scene.live import LiveTree
 from gateway.scene.transforms import look_at
 from gateway.scene.tree import Node, TreeEdit
 from gateway.stereo.config import StereoConfig
-from gateway.stereo.images import Shot, Studio
+from gateway.stereo.images import Capture, Imaging
 from gateway.stereo.parameters import Parameters
-from gateway.stereo.settings import StreamSettings, read
+from gateway.stereo.settings import StreamSettings, read_settings
 from renderers.drawlist import DrawList
 from renderers.interface import LookName, Output
 from renderers.raster import CpuRenderer
@@ -30,43 +30,43 @@ from tests.support.corpus import drake_scene
 UP = (0.0, 0.0, 1.0)
 
 
-def demo() -> Shot:
+def demo() -> Capture:
     tree = LiveTree()
     scene = Demo(tree)
     scene.populate()
     scene.edit(1.3)
-    return Shot(0, flatten(tree.snapshot.root), 1, look_at((1.4, -1.1, 1.7), (0.0, 0.0, 0.85), UP), 0)
+    return Capture(0, flatten(tree.snapshot.root), 1, look_at((1.4, -1.1, 1.7), (0.0, 0.0, 0.85), UP), 0)
 
 
-def recorded() -> Shot:
-    """A robot arm as Drake posted it, from a metre and a half."""
+def recorded() -> Capture:
+    """Return a robot arm posted by Drake, from 1.5 m."""
     scene = drake_scene("010_iiwa_wsg")
     root = read_gltf(scene.request("depth").scene).root
-    return Shot(0, flatten(root), 1, look_at((1.5, 0.9, 1.0), (0.0, 0.0, 0.5), UP), 0)
+    return Capture(0, flatten(root), 1, look_at((1.5, 0.9, 1.0), (0.0, 0.0, 0.5), UP), 0)
 
 
 def settings(quality: Quality) -> StreamSettings:
-    return replace(read(Parameters()), quality=quality)
+    return replace(read_settings(Parameters()), quality=quality)
 
 
-def measure(studio: Studio, shot: Shot, quality: Quality, maxdepth: float = 100.0) -> NDArray[np.uint16]:
-    divisor, t = quality.divisor, studio.config.model.baseline
-    left, right = (studio.render(shot, x, divisor, Output.DEPTH) for x in (0.0, t))
+def measure(imaging: Imaging, capture: Capture, quality: Quality, maxdepth: float = 100.0) -> NDArray[np.uint16]:
+    divisor, t = quality.divisor, imaging.config.model.baseline
+    left, right = (imaging.render(capture, x, divisor, Output.DEPTH) for x in (0.0, t))
     wanted = settings(quality)
     wanted = replace(wanted, filters=replace(wanted.filters, maxdepth=maxdepth))
-    return studio.measure(left, right, wanted, 1).disparity
+    return imaging.measure(left, right, wanted, 1).disparity
 
 
 @pytest.mark.parametrize("model", list(MODELS.values()), ids=lambda m: m.name)
 @pytest.mark.parametrize("scene", [demo, pytest.param(recorded, marks=pytest.mark.corpus)])
-def test_depth_from_disparity_is_the_rasterizer_s(renderer: CpuRenderer, scene: object, model: StereoModel) -> None:
+def test_depth_from_disparity_equals_rendered_depth(renderer: CpuRenderer, scene: object, model: StereoModel) -> None:
     assert callable(scene)
-    shot = scene()
-    studio = Studio(StereoConfig(model=model, noise=False), renderer)
+    capture = scene()
+    imaging = Imaging(StereoConfig(model=model, noise=False), renderer)
     for quality in Quality:
-        disparity = measure(studio, shot, quality).astype(np.float64) / 16
+        disparity = measure(imaging, capture, quality).astype(np.float64) / 16
         k = model.intrinsics(quality.divisor)
-        with studio.render(shot, 0.0, quality.divisor, Output.DEPTH) as frame:
+        with imaging.render(capture, 0.0, quality.divisor, Output.DEPTH) as frame:
             assert frame.depth is not None
             depth = frame.depth.astype(np.float64)
         valid = disparity > 0
@@ -77,11 +77,11 @@ def test_depth_from_disparity_is_the_rasterizer_s(renderer: CpuRenderer, scene: 
 
 @pytest.mark.parametrize("model", list(MODELS.values()), ids=lambda m: m.name)
 def test_depth_error_of_a_rendered_wall(renderer: CpuRenderer, model: StereoModel) -> None:
-    studio = Studio(StereoConfig(model=model), renderer)
+    imaging = Imaging(StereoConfig(model=model), renderer)
     ft = model.intrinsics().focal_length * model.baseline
     for depth, published in zip((0.5, 1.0, 2.0, 3.0), ACCURACY_MM[model.name], strict=True):
-        shot = Shot(0, wall(), 1, look_at((-depth, 0.0, 0.0), (0.0, 0.0, 0.0), UP), 0)
-        disparity = measure(studio, shot, Quality.FULL, maxdepth=1.5 * depth)
+        capture = Capture(0, wall(), 1, look_at((-depth, 0.0, 0.0), (0.0, 0.0, 0.0), UP), 0)
+        disparity = measure(imaging, capture, Quality.FULL, maxdepth=1.5 * depth)
         z = ft / (disparity[disparity > 0] / 16)
         assert len(z) > 200_000
         millimetres = float(np.std(z)) * 1000
@@ -91,26 +91,26 @@ def test_depth_error_of_a_rendered_wall(renderer: CpuRenderer, model: StereoMode
 
 
 def wall() -> DrawList:
-    """Its front is the plane x = 0."""
+    """Return a wall whose front is the plane x = 0."""
     edit = TreeEdit(Node())
     edit.set_parts(("wall",), (part(Box((0.2, 20.0, 20.0)), (0.7, 0.7, 0.7), 0.1, 0.0, 0.0),))
     return flatten(edit.commit())
 
 
 @pytest.mark.parametrize("look", ["phong", "pbr"])
-def test_both_eyes_have_the_same_light(renderer: CpuRenderer, look: LookName) -> None:
-    """The head light has one direction for both: a matte surface has the same grey in both images."""
+def test_both_cameras_have_the_same_light(renderer: CpuRenderer, look: LookName) -> None:
+    """The headlight has one direction for both: a matte surface has the same grey in both images."""
     edit = TreeEdit(Node())
     edit.set_parts(("ball",), (part(Sphere(0.3), (0.7, 0.6, 0.5), 0.0, 0.0, 0.0),))
     config = StereoConfig(look=look, noise=False)
-    studio, model = Studio(config, renderer), config.model
+    imaging, model = Imaging(config, renderer), config.model
     # The ball's middle half-way between the eyes, at a depth where the disparity is whole pixels.
     depth = model.intrinsics().focal_length * model.baseline / 128.0
     X = look_at((-depth, model.baseline / 2, 0.0), (0.0, model.baseline / 2, 0.0), UP)
-    shot = Shot(0, flatten(edit.commit()), 1, X, 0)
+    capture = Capture(0, flatten(edit.commit()), 1, X, 0)
     images, depths = [], []
     for x in (0.0, model.baseline):
-        with studio.render(shot, x, 1, Output.COLOR | Output.DEPTH) as frame:
+        with imaging.render(capture, x, 1, Output.COLOR | Output.DEPTH) as frame:
             assert frame.color is not None
             assert frame.depth is not None
             images.append(frame.color.astype(float))

@@ -20,11 +20,11 @@ from hypothesis import strategies as st
 
 from gateway.runtime import logs
 from gateway.stereo.device import status
+from gateway.stereo.node_routes import node_router
 from gateway.stereo.parameter_specs import NODES, Spec
 from gateway.stereo.parameters import ParameterError, Parameters, check
-from gateway.stereo.rest import router
 from gateway.stereo.system_routes import system_router
-from gateway.stereo.truth import parse, show, truth_router
+from gateway.stereo.truth import parse_timestamp, timestamp_text, truth_router
 from renderers.stereo.model import MODELS, StereoModel
 from tests.stereo.conftest import Camera, Start, pixels
 
@@ -49,7 +49,7 @@ async def camera(start: Start) -> Camera:
 @pytest.fixture
 async def rest(camera: Camera) -> AsyncIterator[httpx.AsyncClient]:
     app = FastAPI()
-    app.include_router(router(camera.service))
+    app.include_router(node_router(camera.service))
     app.include_router(system_router(camera.service))
     app.include_router(truth_router(camera.service))
     transport = httpx.ASGITransport(app=app)
@@ -86,7 +86,7 @@ async def test_ways_to_set_a_parameter_by_query(rest: httpx.AsyncClient, camera:
     assert camera.service.settings.quality.value == "Low"
 
 
-async def test_query_and_body_may_both_be_missing_or_both_be_there(rest: httpx.AsyncClient) -> None:
+async def test_query_and_body_are_both_optional(rest: httpx.AsyncClient) -> None:
     path = f"{V2}/rc_camera/parameters"
     nothing = await rest.put(path)
     assert nothing.status_code == 200
@@ -130,7 +130,7 @@ async def test_setting_by_body(rest: httpx.AsyncClient, camera: Camera) -> None:
         ("[" * 100_000, 413, "larger than"),
     ],
 )
-async def test_what_is_wrong_is_said_and_changes_nothing(
+async def test_invalid_requests_are_rejected_without_effect(
     rest: httpx.AsyncClient, camera: Camera, body: str, status: int, sentence: str
 ) -> None:
     before = dict(camera.service.parameters.values("rc_camera"))
@@ -142,7 +142,7 @@ async def test_what_is_wrong_is_said_and_changes_nothing(
 
 
 @pytest.mark.parametrize("name", ["fps", "exp_auto", "exp_control"])
-async def test_what_is_sent_for_one_parameter_may_be_anything(rest: httpx.AsyncClient, name: str) -> None:
+async def test_rejects_arbitrary_bodies_for_one_parameter(rest: httpx.AsyncClient, name: str) -> None:
     path = f"{V2}/rc_camera/parameters/{name}"
     for depth in (*range(850, 1000, 3), 5000, 30_000):  # about the depth at which the interpreter gives up, and beyond
         nested = await rest.put(path, content='{"value": %s}' % ("[" * depth + "]" * depth))
@@ -251,7 +251,7 @@ async def test_both_spellings_of_alternate_exposure(rest: httpx.AsyncClient) -> 
         assert answer.json()["value"] == "ExposureAlternateActive"
 
 
-async def test_parameters_without_effect_say_so_and_only_they(rest: httpx.AsyncClient) -> None:
+async def test_only_parameters_without_effect_are_described_so(rest: httpx.AsyncClient) -> None:
     silent = set()
     for node in NODES:
         for parameter in (await rest.get(f"{V2}/{node}/parameters")).json():
@@ -293,7 +293,7 @@ async def test_parameters_act_on_the_stream(rest: httpx.AsyncClient, camera: Cam
 async def test_the_depth_range_at_full_quality_is_limited_by_memory(start: Start) -> None:
     camera = await start(model=MODELS["rc_visard 160-4"], rate="max", noise=False)
     app = FastAPI()
-    app.include_router(router(camera.service))
+    app.include_router(node_router(camera.service))
     transport = httpx.ASGITransport(app=app)
     async with httpx.AsyncClient(transport=transport, base_url="http://device") as rest:
 
@@ -306,7 +306,8 @@ async def test_the_depth_range_at_full_quality_is_limited_by_memory(start: Start
         assert await range_at(quality="High") == (0.4, "0")
         nearest, reduced = await range_at(quality="Full")
         # 256 disparities from that of maxdepth on; f t = 1081.472 * 0.16.
-        assert (nearest, reduced) == (pytest.approx(173.0355 / (173.0355 / 100 + 256), rel=1e-5), "1")
+        assert nearest == pytest.approx(173.0355 / (173.0355 / 100 + 256), rel=1e-5)
+        assert reduced == "1"
         # A smaller maxdepth brings mindepth nearer.
         assert await range_at(maxdepth=0.9) == (0.4, "0")
         nearest, reduced = await range_at(maxdepth=2.0)
@@ -316,8 +317,8 @@ async def test_the_depth_range_at_full_quality_is_limited_by_memory(start: Start
 
 
 @pytest.mark.parametrize("mode", ["ground_truth", "matched"])
-async def test_nothing_is_measured_nearer_than_the_status_says(start: Start, mode: str) -> None:
-    model = StereoModel("small", 320, 240, 0.8449, 0.160, full_disparities=30)
+async def test_status_has_the_nearest_measured_depth(start: Start, mode: str) -> None:
+    model = StereoModel("small", 320, 240, 0.8449, 0.160, full_max_disparities=30)
     camera = await start(model=model, rate="max", depth_mode=mode, noise=False)
     camera.service.parameters.set("rc_iocontrol", [("out1_mode", "High")])
     camera.service.parameters.set("rc_stereomatching", [("quality", "Full")])
@@ -331,7 +332,7 @@ async def test_nothing_is_measured_nearer_than_the_status_says(start: Start, mod
 async def test_truth_of_a_set(rest: httpx.AsyncClient, camera: Camera) -> None:
     assert (await rest.get("/stereo/truth.npz")).status_code == 404
     (one,) = await camera.take(left_enabled=True, disparity_enabled=True)
-    stamp = show(one.timestamp.sec * 10**9 + one.timestamp.nsec)
+    stamp = timestamp_text(one.timestamp.sec * 10**9 + one.timestamp.nsec)
     answer = await rest.get("/stereo/truth.npz", params={"timestamp": stamp})
     assert answer.status_code == 200
     truth = np.load(io.BytesIO(answer.content))
@@ -353,8 +354,8 @@ async def test_truth_of_a_set(rest: httpx.AsyncClient, camera: Camera) -> None:
 
 
 @given(st.integers(0, 10**20))
-def test_timestamps_read_as_they_are_shown(nanoseconds: int) -> None:
-    assert parse(show(nanoseconds)) == nanoseconds
+def test_timestamp_text_round_trips(nanoseconds: int) -> None:
+    assert parse_timestamp(timestamp_text(nanoseconds)) == nanoseconds
 
 
 json_values = st.recursive(
@@ -365,7 +366,7 @@ json_values = st.recursive(
 
 
 @given(st.sampled_from(SPECS), json_values)
-def test_any_value_is_stored_in_range_or_refused(named: tuple[str, Spec], value: object) -> None:
+def test_any_value_is_stored_in_range_or_rejected(named: tuple[str, Spec], value: object) -> None:
     node, spec = named
     parameters = Parameters()
     before = parameters.get(node, spec.name)
@@ -380,7 +381,7 @@ def test_any_value_is_stored_in_range_or_refused(named: tuple[str, Spec], value:
     assert type(stored) is type(spec.default)
     if isinstance(stored, (int, float)) and not isinstance(stored, bool):
         assert math.isfinite(stored)
-        assert spec.low <= stored <= spec.high
+        assert float(spec.low) <= stored <= float(spec.high)
 
 
 @pytest.mark.parametrize(("node", "spec"), SPECS, ids=lambda v: getattr(v, "name", v))

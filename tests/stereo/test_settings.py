@@ -1,4 +1,4 @@
-"""What the settings make of the camera."""
+"""Settings of the stereo camera."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from gateway.stereo.config import StereoConfig
 from gateway.wiring.stereo import config_of, model_of
 from renderers.stereo.exposure import Exposure
 from renderers.stereo.model import MODELS, Quality
-from renderers.stereo.noise import Stream, frame_key
-from renderers.stereo.sensor import take
+from renderers.stereo.noise import NoiseStream, frame_key
+from renderers.stereo.sensor import sensor_image
 from tests.stereo.conftest import SMALL, Start, pixels
 
 
@@ -21,7 +21,7 @@ def test_the_defaults_are_the_device_s() -> None:
     assert config == StereoConfig(background=config.background)
 
 
-def test_a_camera_of_one_s_own_from_a_file(tmp_path: Path) -> None:
+def test_custom_camera_from_a_file(tmp_path: Path) -> None:
     path = tmp_path / "camera.toml"
     path.write_text(
         'stereo_model = "custom"\nstereo_size = "640x400"\nstereo_focal_factor = 1.1\nstereo_baseline = 0.05\n'
@@ -35,7 +35,7 @@ def test_a_camera_of_one_s_own_from_a_file(tmp_path: Path) -> None:
     assert model_of(load({"stereo_model": "65-4"})) is MODELS["rc_visard 65-4"]
 
 
-def test_disparities_that_a_matcher_cannot_say_are_not_searched() -> None:
+def test_disparity_range_is_limited_by_the_matcher() -> None:
     huge = model_of(load({"stereo_model": "custom", "stereo_size": "8192x64", "stereo_focal_factor": "20"}))
     assert huge.disparity_range(1, 0.1) == 2032
     assert MODELS["rc_visard 160-6"].disparity_range(Quality.FULL.divisor, 0.1) < 2032
@@ -43,8 +43,10 @@ def test_disparities_that_a_matcher_cannot_say_are_not_searched() -> None:
 
 def test_image_noise_is_a_factor() -> None:
     grey = np.full((200, 200, 3), 120, np.uint8)
-    key = frame_key(1, 1, Stream.LEFT)
-    deviation = [float(take(grey, Exposure(gain=18.0), key, color=False, noise=n).image.std()) for n in (0.0, 1.0, 3.0)]
+    key = frame_key(1, 1, NoiseStream.LEFT)
+    deviation = [
+        float(sensor_image(grey, Exposure(gain=18.0), key, color=False, noise=n).image.std()) for n in (0.0, 1.0, 3.0)
+    ]
     assert deviation[0] == 0.0
     assert 2.8 < deviation[2] / deviation[1] < 3.2
 

@@ -1,4 +1,4 @@
-"""The stream as clients see it."""
+"""Image stream of one client."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import pytest
 
 from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.clock import SimulatedClock
-from gateway.stereo.truth import find, show, truth_of
+from gateway.stereo.truth import find_frame, timestamp_text, truth_of
 from renderers.drawlist import DrawList, Image, ImageError, Instance, Material, Mesh, Texture
 from renderers.stereo.model import MODELS
 from tests.stereo.conftest import EVERYTHING, Camera, Start, pixels
@@ -21,7 +21,7 @@ from tests.stereo.scenes import table
 from tests.support.waiting import until
 
 
-async def test_everything_that_is_asked_for_comes_with_one_timestamp(start: Start) -> None:
+async def test_all_messages_of_a_set_have_one_timestamp(start: Start) -> None:
     camera = await start()
     (one,) = await camera.take(**EVERYTHING)
     stamps = {
@@ -56,7 +56,7 @@ async def test_everything_that_is_asked_for_comes_with_one_timestamp(start: Star
 
 
 @pytest.mark.parametrize("name", [*EVERYTHING])
-async def test_what_is_not_asked_for_is_absent(start: Start, name: str) -> None:
+async def test_unrequested_messages_are_absent(start: Start, name: str) -> None:
     camera = await start()
     (one,) = await camera.take(**{name: True})
     assert {f.name for f, _ in one.ListFields()} == {"timestamp", name.removesuffix("_enabled")}
@@ -82,7 +82,7 @@ async def test_color_is_rgb_and_grey_for_others_at_the_same_time(start: Start) -
     ("quality", "size", "divisor"),
     [("Full", (320, 240), 1), ("High", (160, 120), 2), ("Medium", (80, 60), 4), ("Low", (54, 40), 6)],
 )
-async def test_quality_decides_size_and_intrinsics(
+async def test_quality_determines_size_and_intrinsics(
     start: Start, quality: str, size: tuple[int, int], divisor: int
 ) -> None:
     camera = await start()
@@ -114,7 +114,7 @@ async def test_depth_error_at_every_quality(start: Start) -> None:
 
 
 @pytest.mark.parametrize("points", [1, 999])
-async def test_too_few_mesh_points_are_refused_with_a_sentence(start: Start, points: int) -> None:
+async def test_rejects_too_few_mesh_points(start: Start, points: int) -> None:
     camera = await start()
     with pytest.raises(grpc.aio.AioRpcError) as refusal:
         async for _ in camera.stream(mesh_enabled=True, mesh_options=pb.MeshOptions(max_points=points)):
@@ -173,7 +173,7 @@ async def test_depth_on_demand(start: Start) -> None:
 
 
 @pytest.mark.parametrize("out1", ["Low", "High", "ExposureAlternateActive"])
-async def test_depth_on_demand_with_out1_has_an_exposure_of_its_own(start: Start, out1: str) -> None:
+async def test_depth_on_demand_with_out1_has_a_separate_exposure(start: Start, out1: str) -> None:
     camera = await start(clock=SimulatedClock())
     parameters = camera.service.parameters
     parameters.set("rc_iocontrol", [("out1_mode", out1)])
@@ -205,7 +205,7 @@ async def test_outputs_of_camera_and_depth_images_differ_only_between_exposures(
     assert at(one.disparity.timestamp) - at(one.left.timestamp) == 40_000_000
 
 
-async def test_a_picture_that_cannot_be_made_ends_the_stream_with_the_reason(start: Start) -> None:
+async def test_a_failed_image_ends_the_stream_with_the_reason(start: Start) -> None:
     def decode() -> Any:
         raise ImageError("it is broken")
 
@@ -274,8 +274,8 @@ async def test_matched_depth_of_a_rendered_scene(start: Start) -> None:
     camera = await start(depth_mode="matched", rate="max", model=MODELS["rc_visard 160-4"])
     camera.service.parameters.set("rc_iocontrol", [("out1_mode", "ExposureAlternateActive")])
     (one,) = await camera.take(disparity_enabled=True, disparity_error_enabled=True, confidence_enabled=True)
-    record = find(camera.service.history, show(one.timestamp.sec * 10**9 + one.timestamp.nsec))
-    truth = np.load(io.BytesIO(truth_of(camera.service.studio, record)))["disparity"]
+    record = find_frame(camera.service.history, timestamp_text(one.timestamp.sec * 10**9 + one.timestamp.nsec))
+    truth = np.load(io.BytesIO(truth_of(record)))["disparity"]
     d = pixels(one.disparity.image) / 16
     both = (d > 0) & (truth > 0)
     assert both.sum() / (truth > 0).sum() >= 0.95
@@ -287,7 +287,7 @@ async def test_a_clock_that_is_set_back_does_not_stop_depth(start: Start) -> Non
         simulated = False
         shift = 0
 
-        def stamp(self, previous: int | None, period: int) -> int:
+        def next_timestamp(self, previous: int | None, period: int) -> int:
             return time.time_ns() - self.shift
 
     clock = Clock()

@@ -1,4 +1,4 @@
-"""Many clients of the stream: who comes and leaves, who does not read, who joins later; and their limits."""
+"""Image stream of several clients: disconnects, slow clients, new clients, limits."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.stereo.scenes import table
 from tests.support.waiting import SECONDS, until
 
 
-async def test_clients_coming_and_leaving_leave_nothing_behind(start: Start) -> None:
+async def test_disconnected_clients_leave_no_state(start: Start) -> None:
     camera = await start(rate="max")
     await camera.take(disparity_enabled=True)
     order = random.Random(4)
@@ -38,7 +38,7 @@ async def test_clients_coming_and_leaving_leave_nothing_behind(start: Start) -> 
     assert threading.active_count() <= threads + 1
 
 
-async def test_a_client_that_does_not_read_costs_the_others_nothing(start: Start) -> None:
+async def test_a_slow_client_does_not_delay_others(start: Start) -> None:
     camera = await start(rate="max", model=SMALL)
     slow, fast = camera.stream(left_enabled=True, color=True), camera.stream(left_enabled=True, color=True)
     await slow.read()
@@ -64,7 +64,7 @@ async def test_limits_of_clients_and_kinds(start: Start) -> None:
     await camera.take(left_enabled=True)
 
 
-async def test_who_joins_later_gets_a_set_at_once_at_the_device_s_slow_rates(start: Start) -> None:
+async def test_new_clients_get_a_set_at_once(start: Start) -> None:
     camera = await start()
     camera.service.parameters.set("rc_stereomatching", [("quality", "Full")])  # one depth image per second
     first = camera.stream(disparity_enabled=True)
@@ -73,7 +73,7 @@ async def test_who_joins_later_gets_a_set_at_once_at_the_device_s_slow_rates(sta
     assert two.timestamp == one.timestamp
 
 
-async def test_who_opens_a_stream_after_setting_a_parameter_gets_no_older_set(start: Start) -> None:
+async def test_streams_opened_after_a_parameter_change_get_no_older_set(start: Start) -> None:
     taking, go = threading.Event(), threading.Event()
     drawn = table()
 

@@ -1,4 +1,4 @@
-"""What the camera's port offers beside the stream, and how it is opened: health, reflection, TLS, refusals."""
+"""gRPC server: health, reflection, TLS, errors."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.support.waiting import SECONDS
 
 
 @pytest.mark.parametrize("method", ["/ImageInterface/StreamImageSets", "/ImageEventsInterface/StreamImageEvents"])
-async def test_bytes_that_are_no_request_are_the_clients_fault(start: Start, method: str) -> None:
+async def test_rejects_undecodable_requests(start: Start, method: str) -> None:
     camera = await start()
     with pytest.raises(grpc.aio.AioRpcError) as refusal:
         async for _ in camera.channel.unary_stream(method)(b"\xff\xff\xff", timeout=SECONDS):
@@ -82,7 +82,8 @@ async def test_tls_with_client_certificates(start: Start, tmp_path: Path) -> Non
 
     async def first(credentials: grpc.ChannelCredentials) -> pb.ImageSet:
         async with grpc.aio.secure_channel(target, credentials) as channel:
-            return await Camera(camera.service, channel, camera.task).stream(left_enabled=True).read()
+            (one,) = await Camera(camera.service, channel, camera.task).take(left_enabled=True)
+            return one
 
     trusted = grpc.ssl_channel_credentials(pem.read_bytes(), client_key.read_bytes(), client_pem.read_bytes())
     assert (await first(trusted)).HasField("left")

@@ -1,4 +1,4 @@
-"""Clients that vanish while a message is on its way: the call ends as a cancelled one, and nothing is logged."""
+"""Clients that disconnect while a message is written."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ import pytest
 
 from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo.config import StereoConfig
-from gateway.stereo.server import _decoded
+from gateway.stereo.server import _decoding
 from tests.stereo.conftest import SMALL, running
 from tests.stereo.scenes import table
 from tests.support.endless import EndlessRenderer
 from tests.support.waiting import until
 
 
-async def test_a_connection_that_breaks_while_writing_ends_the_call_like_a_cancellation() -> None:
+async def test_a_connection_broken_while_writing_cancels_the_call() -> None:
     async def answer(request: pb.ImageSetRequest, context: Any) -> None:
         assert request.left_enabled
         raise grpc.aio.InternalError('Failed "execute_batch"')
 
     with pytest.raises(asyncio.CancelledError):
-        await _decoded(pb.ImageSetRequest, answer)(b"\x08\x01", None)
+        await _decoding(pb.ImageSetRequest, answer)(b"\x08\x01", None)
 
 
-async def test_frames_end_when_nobody_waits_for_them_any_more() -> None:
+async def test_frames_are_cancelled_without_clients() -> None:
     renderer, drawn = EndlessRenderer(), table()
     config = StereoConfig(port=0, model=SMALL, look="phong")
-    async with running(renderer, config, lambda: (drawn, 1), None) as camera:  # type: ignore[arg-type]  # any renderer does
+    async with running(renderer, config, lambda: (drawn, 1), None) as camera:
         call = camera.stream(left_enabled=True, disparity_enabled=True)
         reading = asyncio.create_task(call.read())
         await until(lambda: renderer.begun > renderer.ended)
@@ -39,10 +39,10 @@ async def test_frames_end_when_nobody_waits_for_them_any_more() -> None:
 
 
 @pytest.mark.parametrize("rate", ["max", "device"])
-async def test_a_frame_that_takes_too_long_ends_its_streams_with_the_limit(rate: Any) -> None:
+async def test_a_slow_frame_ends_its_streams_with_the_limit(rate: Any) -> None:
     drawn = table()
     config = StereoConfig(port=0, model=SMALL, look="phong", rate=rate)
-    async with running(EndlessRenderer(), config, lambda: (drawn, 1), None, seconds=0.1) as camera:  # type: ignore[arg-type]  # any renderer does
+    async with running(EndlessRenderer(), config, lambda: (drawn, 1), None, seconds=0.1) as camera:
         with pytest.raises(grpc.aio.AioRpcError) as caught:
             await camera.stream(left_enabled=True).read()
     assert "--render-seconds = 0.1 s" in str(caught.value.details())

@@ -1,4 +1,4 @@
-"""Requests as values, and messages joined by hand: what protobuf would have made of the same fields."""
+"""Kinds of requests, and serialised messages against protobuf."""
 
 from __future__ import annotations
 
@@ -9,18 +9,19 @@ from hypothesis import strategies as st
 
 from gateway.generated import image_interface_pb2 as pb
 from gateway.stereo import messages, wire
-from gateway.stereo.messages import Taking
-from gateway.stereo.request import Kind, RequestError, kind_of
+from gateway.stereo.messages import ImageMetadata
+from gateway.stereo.request import RequestError, SetKind, kind_of
+from renderers.stereo.exposure import Exposure
 from renderers.stereo.model import Intrinsics
 
-TAKING = Taking(1_700_000_000_040_000_001, 0.01, 3.0, 1.5, 0.4, 1)
+METADATA = ImageMetadata(1_700_000_000_040_000_001, Exposure(0.01, 3.0, 1.5), noise=0.4, brightness=0.456, lines=1)
 
 
 @pytest.mark.parametrize("shape", [(2, 3), (2, 3, 3), (2400, 2000)])
-def test_images_parse_to_what_was_put_in(shape: tuple[int, ...]) -> None:
+def test_images_parse_to_their_fields(shape: tuple[int, ...]) -> None:
     pixels = np.random.default_rng(0).integers(0, 255, shape, np.uint8)
     k = Intrinsics(shape[1], shape[0], 100.5, 1.5, 1.0)
-    chunks = [messages.timestamp_field(TAKING.timestamp), *wire.field(2, messages.image(pixels, k, TAKING, 0.456))]
+    chunks = [messages.timestamp_field(METADATA.timestamp), *wire.field(2, messages.image(pixels, k, METADATA))]
     data = wire.join(chunks)
     assert len(data) == wire.size(chunks)
     time = pb.Time(sec=1_700_000_000, nsec=40_000_001)
@@ -47,14 +48,14 @@ def test_images_parse_to_what_was_put_in(shape: tuple[int, ...]) -> None:
     assert pb.ImageSet.FromString(data) == expected
 
 
-def test_disparity_is_little_endian_whatever_the_array() -> None:
+def test_disparity_is_little_endian() -> None:
     values = np.array([[1, 256]], ">u2").astype(np.uint16)
-    image = pb.Image.FromString(wire.join(messages.image(values, Intrinsics(2, 1, 1, 1, 0.5), TAKING, 0)))
+    image = pb.Image.FromString(wire.join(messages.image(values, Intrinsics(2, 1, 1, 1, 0.5), METADATA)))
     assert (image.encoding, image.step, image.data) == ("mono16", 4, b"\x01\x00\x00\x01")
 
 
 def test_meshes_and_disparities_are_wrapped() -> None:
-    inner = messages.image(np.zeros((1, 1), np.uint16), Intrinsics(1, 1, 1, 0.5, 0.5), TAKING, 0)
+    inner = messages.image(np.zeros((1, 1), np.uint16), Intrinsics(1, 1, 1, 0.5, 0.5), METADATA)
     chunks = [
         *wire.field(4, messages.disparity(inner, 5, 0.16)),
         *wire.field(7, messages.mesh((b"ab", memoryview(b"cd")), 6)),
@@ -67,7 +68,7 @@ def test_meshes_and_disparities_are_wrapped() -> None:
 
 
 @given(st.integers(0, 2**63))
-def test_varints_are_protobuf_s(value: int) -> None:
+def test_varints_equal_protobufs(value: int) -> None:
     # int64 would be signed; a uint64 field is not in the protocol, so the reader is this.
     read = sum((byte & 0x7F) << (7 * i) for i, byte in enumerate(wire.varint(value)))
     assert read == value
@@ -102,7 +103,7 @@ requests = st.builds(
 
 
 @given(requests)
-def test_any_request_is_a_kind_or_a_sentence(request: pb.ImageSetRequest) -> None:
+def test_any_request_is_a_kind_or_rejected(request: pb.ImageSetRequest) -> None:
     options = request.mesh_options
     wrong = request.mesh_enabled and (0 < options.max_points < 1000 or options.binning_method > 1)
     try:
@@ -120,7 +121,9 @@ def test_any_request_is_a_kind_or_a_sentence(request: pb.ImageSetRequest) -> Non
     assert str(kind)
 
 
-def test_requests_that_mean_the_same_are_one_kind() -> None:
-    # Options of a mesh, and colour of images, that nobody asked for.
-    assert kind_of(pb.ImageSetRequest(disparity_enabled=True, color=True)) == Kind(disparity=True)
-    assert kind_of(pb.ImageSetRequest(left_enabled=True, mesh_options=pb.MeshOptions(max_points=1))) == Kind(left=True)
+def test_equivalent_requests_are_one_kind() -> None:
+    # Mesh options without a mesh, and colour without images, are ignored.
+    assert kind_of(pb.ImageSetRequest(disparity_enabled=True, color=True)) == SetKind(disparity=True)
+    assert kind_of(pb.ImageSetRequest(left_enabled=True, mesh_options=pb.MeshOptions(max_points=1))) == SetKind(
+        left=True
+    )

@@ -1,0 +1,147 @@
+"""Renders a loaded scene from a camera into encoded images."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache, reduce
+from operator import or_
+from pathlib import Path
+from typing import Final, Literal
+
+from gateway.assets.light_rig_file import read_rig
+from gateway.client.manifest import ImageType, Settings
+from gateway.datasets.scenes import LoadedScene
+from gateway.render.camera import camera_of
+from gateway.render.config import RenderConfig
+from gateway.render.depth import millimetres
+from gateway.render.form import RenderRequest
+from gateway.render.pipeline import Pipeline, posted_document
+from renderers.camera import Camera
+from renderers.drawlist import Topology
+from renderers.encode import jpeg_rgb, png_gray16, png_label, png_rgb, tiff_float32
+from renderers.fxaa import fxaa
+from renderers.interface import Frame, Look, LookName, Output, Renderer, SampleCount
+from renderers.light_rig import STUDIO, Rig
+
+OUTPUTS: Final[dict[ImageType, Output]] = {"color": Output.COLOR, "depth": Output.DEPTH, "label": Output.LABEL}
+FORMATS: Final[dict[ImageType, tuple[str, ...]]] = {
+    "color": ("png", "jpg", "jpeg"),
+    "depth": ("tiff", "tif", "png"),
+    "label": ("png",),
+}
+"""File formats by type of image; the first is the default."""
+
+
+@dataclass(frozen=True, slots=True)
+class Style:
+    """Shading of colour images."""
+
+    look: Literal["auto", "phong", "pbr", "plain", "studio"] = "auto"
+    background: tuple[int, int, int] = Look().background
+    antialias: Literal["fxaa", "none"] = "fxaa"
+    """Smoothing of images with one sample per pixel."""
+    samples: Literal[0, 1, 4, 8] = 0
+    """Samples per pixel; 0: 4 for the studio look, 1 for the others."""
+    rig: Rig = STUDIO
+    """Lights of the studio look."""
+
+
+def style_of(settings: Settings) -> Style:
+    """Return the style in a dataset's settings.
+
+    Raises:
+        RigFileError: the rig file is invalid.
+    """
+    return Style(
+        settings.look,  # type: ignore[arg-type]  # checked by the command
+        settings.background,
+        settings.antialias,  # type: ignore[arg-type]  # as the look
+        settings.samples,  # type: ignore[arg-type]  # as the look
+        STUDIO if settings.rig is None else _rig(settings.rig),
+    )
+
+
+def ignored_rig(scene: LoadedScene, settings: Settings) -> str | None:
+    """Return a sentence that says why ``--rig`` does not light a scene.
+
+    None if it does, if there is no rig, or if the chosen look never uses one.
+
+    Raises:
+        RigFileError: the rig file is invalid.
+    """
+    if settings.rig is None or "color" not in settings.types or settings.look not in ("auto", "studio"):
+        return None
+    if scene.request is not None:
+        return "a recorded request is drawn as /render does, without --rig"
+    if settings.look == "auto" and scene.look != "studio":
+        return "drawn as Drake shows it, without --rig; --look studio takes it"
+    rig = _rig(settings.rig)
+    if scene.draw_list.lights and rig.lights and rig.scene_lights:
+        return "its own lights replace those of --rig; scene_lights = false in the rig's file keeps them"
+    return None
+
+
+@lru_cache(maxsize=4)
+def _rig(path: str) -> Rig:
+    return read_rig(Path(path))
+
+
+def render_images(
+    renderer: Renderer, scene: LoadedScene, camera: Camera, formats: dict[ImageType, str], style: Style
+) -> dict[ImageType, bytes]:
+    """Render the images of a scene in one pass; return them encoded, by type.
+
+    Args:
+        formats: file format of each wanted type, one of ``FORMATS``.
+
+    Raises:
+        ImageError: a texture that colour needs cannot be decoded.
+        ValueError: the image is larger than the renderer's limit.
+    """
+    look: LookName = scene.look if style.look == "auto" else style.look
+    wanted = reduce(or_, (OUTPUTS[image_type] for image_type in formats))
+    samples: SampleCount = style.samples or (4 if look == "studio" else 1)
+    with renderer.render(scene.draw_list, camera, wanted, Look(look, style.background, samples, style.rig)) as frame:
+        # FXAA would fade points of one pixel.
+        points = any(instance.mesh.topology is Topology.POINTS for instance in scene.draw_list.instances)
+        smooth = style.antialias == "fxaa" and samples == 1 and look != "studio" and not points
+        if frame.color is not None and smooth:
+            fxaa(frame.color)
+        return {image_type: _encoded(frame, image_type, name) for image_type, name in formats.items()}
+
+
+def _encoded(frame: Frame, image_type: ImageType, name: str) -> bytes:
+    if image_type == "color":
+        assert frame.color is not None
+        return png_rgb(frame.color) if name == "png" else jpeg_rgb(frame.color)
+    if image_type == "label":
+        assert frame.label is not None
+        return png_label(frame.label)
+    assert frame.depth is not None
+    return png_gray16(millimetres(frame.depth)) if name == "png" else tiff_float32(frame.depth)
+
+
+class RequestRenderer:
+    """Renders recorded requests like the render endpoint."""
+
+    def __init__(self, renderer: Renderer, settings: Settings) -> None:
+        look = settings.look if settings.look in ("phong", "pbr") else "auto"
+        config = RenderConfig(
+            look=look,  # type: ignore[arg-type]  # checked by the command
+            background=settings.background,
+            antialias=settings.antialias,  # type: ignore[arg-type]  # as the look
+            samples=settings.samples or 1,  # type: ignore[arg-type]  # as the look
+            depth_format="png16" if settings.depth_format == "png" else "tiff32f",
+            scene_cache_count=1,
+        )
+        self._pipeline = Pipeline(renderer, config)
+
+    def render(self, request: RenderRequest) -> tuple[Camera, ImageType, bytes]:
+        """Return the camera, the type and the encoded image of a request.
+
+        Raises:
+            RequestError: the scene or its camera cannot be used.
+        """
+        image = self._pipeline.picture(request)
+        camera = camera_of(request, self._pipeline.scenes.get(posted_document(request)))
+        return camera, request.image_type, image.body

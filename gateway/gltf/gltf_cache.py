@@ -1,0 +1,58 @@
+"""Results of earlier reads, so that equal bytes become equal objects across documents.
+
+A renderer prepares each ``Mesh`` and ``Image`` object once. Drake's client sends the whole scene with every image: the
+same objects for the same bytes spare both the reader and the renderer the work.
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple, TypeAlias
+
+from gateway.gltf.document_cache import DocumentCache
+from renderers.cache import Cache
+from renderers.drawlist import Image, Mesh
+
+IMAGE_BYTES: Final = 256
+"""Size of an ``Image`` besides its encoded data."""
+
+
+class MeshKey(NamedTuple):
+    """The content of a mesh: SHA-256 digests of its buffers, and their layout."""
+
+    mode: int
+    indices: object
+    attributes: tuple[tuple[str, object], ...]
+    """Name and ``Accessor.key``, in a fixed order."""
+
+
+class ImageKey(NamedTuple):
+    """The content of an encoded image."""
+
+    digest: bytes
+    """SHA-256 of the buffer."""
+    offset: int
+    length: int
+    max_pixels: int
+
+
+ContentKey: TypeAlias = MeshKey | ImageKey
+
+
+class GltfCache:
+    """Whole documents by the text before their nodes, and meshes and images by their bytes. Thread-safe."""
+
+    def __init__(self, max_bytes: int = 512 << 20, max_document_bytes: int | None = None) -> None:
+        """The default holds some ten scenes of 25 MB each.
+
+        Args:
+            max_bytes: Size of everything that is kept.
+            max_document_bytes: Share of the documents; None: half.
+        """
+        document_bytes = max_bytes // 2 if max_document_bytes is None else max_document_bytes
+        self.documents: Final = DocumentCache(document_bytes)
+        self.content: Final[Cache[ContentKey, Mesh | Image]] = Cache(max_bytes - document_bytes)
+
+    def clear(self) -> None:
+        """Drop everything."""
+        self.documents.clear()
+        self.content.clear()

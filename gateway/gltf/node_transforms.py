@@ -1,0 +1,94 @@
+"""Matrices of many nodes at once: a NumPy call for each node would take ten times as long."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.gltf import schema
+from gateway.gltf.errors import GltfError
+from gateway.gltf.parser import vector
+from gateway.scene.transforms import IDENTITY, Matrix, affine_product, from_poses
+
+_AFFINE_TOLERANCE: Final = 1e-6
+"""Maximum deviation of a matrix's last row from (0, 0, 0, 1)."""
+_TRANSLATION: Final = (0.0, 0.0, 0.0)
+_ROTATION: Final = (0.0, 0.0, 0.0, 1.0)
+_SCALE: Final = (1.0, 1.0, 1.0)
+
+
+def local_matrices(nodes: list[schema.Node], indices: list[int]) -> Matrix:
+    """Return X_parent_node of each node.
+
+    Args:
+        indices: Indices of the nodes in the document, for messages.
+
+    Returns:
+        (N, 4, 4) float64, their last rows exactly (0, 0, 0, 1).
+
+    Raises:
+        GltfError: A property of the wrong length, not finite, or a matrix that is not affine.
+    """
+    X = np.empty((len(nodes), 4, 4))
+    X[:] = IDENTITY
+    with_matrix = [i for i, node in enumerate(nodes) if node.matrix is not None]
+    with_trs = [
+        i
+        for i, node in enumerate(nodes)
+        if node.matrix is None and (node.translation is not None or node.rotation is not None or node.scale is not None)
+    ]
+    if with_matrix:
+        columns = _rows(nodes, indices, with_matrix, "matrix", (0.0,) * 16)
+        matrices = columns.reshape(-1, 4, 4).transpose(0, 2, 1)
+        affine = (np.abs(matrices[:, 3] - IDENTITY[3]) <= _AFFINE_TOLERANCE).all(axis=1)
+        if not affine.all():
+            first = int(np.argmin(affine))
+            name = f"nodes[{indices[with_matrix[first]]}].matrix"
+            raise GltfError(f"{name}: not affine, its last row is {matrices[first, 3].tolist()}")
+        X[with_matrix, :3] = matrices[:, :3]
+    if with_trs:
+        translations = _rows(nodes, indices, with_trs, "translation", _TRANSLATION)
+        rotations = _rows(nodes, indices, with_trs, "rotation", _ROTATION)
+        scales = _rows(nodes, indices, with_trs, "scale", _SCALE)
+        poses = from_poses(np.concatenate((translations, rotations[:, (3, 0, 1, 2)]), axis=1))
+        poses[:, :3, :3] *= scales[:, None, :]
+        X[with_trs] = poses
+    return X
+
+
+def _rows(
+    nodes: list[schema.Node], indices: list[int], which: list[int], name: str, default: tuple[float, ...]
+) -> NDArray[np.float64]:
+    """Return a property of some nodes as (len(which), len(default)) float64."""
+    given: list[Any] = [getattr(nodes[i], name) for i in which]
+    values = [default if value is None else value for value in given]
+    try:
+        rows = np.array(values, np.float64)
+    except ValueError:  # of different lengths
+        rows = np.empty(0)
+    if rows.shape != (len(which), len(default)) or not np.isfinite(rows).all():
+        for i in which:
+            vector(getattr(nodes[i], name), default, f"nodes[{indices[i]}].{name}")
+    return rows
+
+
+def world_matrices(X_parent_node: Matrix, parents: list[int], levels: list[list[int]]) -> Matrix:
+    """Return X_world_node of each node, the product of the matrices from its root down.
+
+    Args:
+        parents: Position of each node's parent; -1 for roots.
+        levels: Positions of the nodes of each depth, roots first.
+
+    Returns:
+        (N, 4, 4) float64; not finite where a product overflows.
+    """
+    if len(levels) < 2:
+        return X_parent_node
+    X_world_node = X_parent_node.copy()
+    with np.errstate(all="ignore"):
+        for level in levels[1:]:
+            above = [parents[position] for position in level]
+            X_world_node[level] = affine_product(X_world_node[above], X_parent_node[level])
+    return X_world_node

@@ -1,0 +1,115 @@
+"""JSON text to a ``schema.Document``, and the values inside it."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any, Final
+
+import msgspec
+
+from gateway.gltf.errors import GltfError
+from gateway.gltf.limits import GltfLimits
+from gateway.gltf.schema import Document, Extensions
+from renderers.stop import check_stop
+
+_DECODER: Final = msgspec.json.Decoder(Document)
+
+
+def parse_document(text: bytes, limits: GltfLimits) -> Document:
+    """Parse JSON ``text`` (UTF-8, with or without a byte order mark).
+
+    Raises:
+        GltfError: Not JSON, not a glTF 2 document, or beyond ``limits``.
+    """
+    if len(text) > limits.max_json_bytes:
+        raise GltfError(f"the JSON text has {len(text)} bytes, more than max_json_bytes = {limits.max_json_bytes}")
+    if (values := count_values(text, limits)) > limits.max_json_values:
+        raise GltfError(
+            f"the JSON text has about {values} values, more than max_json_values = {limits.max_json_values}"
+        )
+    text = text.removeprefix(b"\xef\xbb\xbf")
+    try:
+        try:
+            document = _DECODER.decode(text)
+        except (msgspec.MsgspecError, ValueError):
+            document = _parse_leniently(text)
+    except RecursionError as error:
+        raise GltfError("the JSON text is nested too deeply") from error
+    _check_version(document)
+    return document
+
+
+def count_values(text: bytes, limits: GltfLimits) -> int:
+    """Return the approximate number of values in JSON ``text``; 0 where its length alone rules out too many."""
+    if len(text) <= limits.max_json_values:
+        return 0
+    return text.count(b",") + text.count(b"{") + text.count(b"[")
+
+
+def _parse_leniently(text: bytes) -> Document:
+    """Accept what some exporters write and msgspec refuses: NaN, Infinity (as null), 3.0 in place of an integer."""
+    try:
+        value = json.loads(text, parse_constant=lambda _: None, parse_float=_number)
+    except ValueError as error:
+        raise GltfError(f"not JSON: {error}") from error
+    if not isinstance(value, dict):
+        raise GltfError(f"a glTF document is a JSON object, not {_json_type(value)}")
+    try:
+        return msgspec.json.decode(msgspec.json.encode(value), type=Document)
+    except (msgspec.MsgspecError, ValueError, OverflowError) as error:
+        raise GltfError(_with_path_first(str(error))) from error
+
+
+def _number(text: str) -> float | int | None:
+    check_stop()
+    value = float(text)
+    if not math.isfinite(value):
+        return None
+    return int(value) if value.is_integer() and abs(value) < 2**53 else value
+
+
+def _json_type(value: object) -> str:
+    names = {list: "an array", str: "a string", bool: "a boolean", int: "a number", float: "a number"}
+    return names.get(type(value), "null")
+
+
+def _with_path_first(message: str) -> str:
+    """Turn msgspec's "Expected `int`, got `str` - at `$.nodes[3].mesh`" into the form of our own messages."""
+    reason, separator, path = message.partition(" - at `")
+    if not separator:
+        return message
+    path = path.rstrip("`").removeprefix("$").removeprefix(".")
+    return f"{path or 'the document'}: {reason[:1].lower()}{reason[1:]}"
+
+
+def _check_version(document: Document) -> None:
+    if document.asset is None:
+        return
+    version, min_version = document.asset.version, document.asset.min_version
+    # glTF 2.0, section 3.2: minVersion includes the minor version; without it, only the major version counts.
+    if min_version is not None and min_version != "2.0":
+        raise GltfError(f"asset.minVersion: the file asks for glTF {min_version[:16]}, but only 2.0 is read")
+    if version is not None and version.split(".")[0] != "2":
+        raise GltfError(f"asset.version: glTF {version[:16]} is not supported, only 2.x")
+
+
+def vector(values: list[float] | None, default: tuple[float, ...], where: str) -> tuple[Any, ...]:
+    """Return ``values`` as a tuple of the length of ``default``, which replaces null.
+
+    Raises:
+        GltfError: Another length, or a value that is not finite.
+    """
+    if values is None:
+        return default
+    if len(values) != len(default):
+        raise GltfError(f"{where}: {len(values)} numbers instead of {len(default)}")
+    if not all(map(math.isfinite, values)):
+        raise GltfError(f"{where}: not finite")
+    return tuple(values)
+
+
+def extension(extensions: Extensions, name: str) -> msgspec.Raw | None:
+    """Return the raw JSON of an extension; None where it is absent or null."""
+    raw = extensions.get(name) if extensions else None
+    return None if raw is None or bytes(raw) == b"null" else raw

@@ -1,0 +1,270 @@
+"""The properties of a glTF document that the reader uses, as msgspec structs named as in the specification.
+
+Types are strict, but every property may be absent or null: Drake's client writes ``"nodes": null`` for empty arrays.
+"""
+
+from __future__ import annotations
+
+from typing import Final, TypeAlias
+
+import msgspec
+
+Extensions: TypeAlias = dict[str, msgspec.Raw] | None
+"""JSON text of extensions by name, not parsed."""
+
+
+DRAKE_GENERATORS: Final = frozenset({"VTK", "Drake glTF merger"})
+"""``asset.generator`` of the documents from Drake's render client: without and with glTF meshes."""
+
+
+class _Object(msgspec.Struct, rename="camel", gc=False):
+    """Base of all objects. Fields are sorted by name, as Drake's client and most exporters write them: msgspec searches
+    each one from the last one found."""
+
+
+class Asset(_Object):
+    generator: str | None = None
+    min_version: str | None = None
+    version: str | None = None
+
+
+class Scene(_Object):
+    nodes: list[int | None] | None = None
+
+
+class Node(_Object):
+    camera: int | None = None
+    children: list[int | None] | None = None
+    extensions: Extensions = None
+    matrix: list[float] | None = None
+    mesh: int | None = None
+    name: str | None = None
+    rotation: list[float] | None = None
+    scale: list[float] | None = None
+    skin: int | None = None
+    translation: list[float] | None = None
+    weights: list[float] | None = None
+
+
+class Primitive(_Object):
+    attributes: dict[str, int | None] | None = None
+    extensions: Extensions = None
+    indices: int | None = None
+    material: int | None = None
+    mode: int | None = None
+
+
+class Mesh(_Object):
+    primitives: list[Primitive | None] | None = None
+    weights: list[float] | None = None
+
+
+class SparseIndices(_Object):
+    buffer_view: int | None = None
+    byte_offset: int | None = None
+    component_type: int | None = None
+
+
+class SparseValues(_Object):
+    buffer_view: int | None = None
+    byte_offset: int | None = None
+
+
+class Sparse(_Object):
+    count: int | None = None
+    indices: SparseIndices | None = None
+    values: SparseValues | None = None
+
+
+class Accessor(_Object):
+    buffer_view: int | None = None
+    byte_offset: int | None = None
+    component_type: int | None = None
+    count: int | None = None
+    normalized: bool | None = None
+    sparse: Sparse | None = None
+    type: str | None = None
+
+
+class BufferView(_Object):
+    buffer: int | None = None
+    byte_length: int | None = None
+    byte_offset: int | None = None
+    byte_stride: int | None = None
+    extensions: Extensions = None
+
+
+class Buffer(_Object):
+    byte_length: int | None = None
+    uri: str | None = None
+
+
+class Image(_Object):
+    buffer_view: int | None = None
+    name: str | None = None
+    uri: str | None = None
+
+
+class Sampler(_Object):
+    mag_filter: int | None = None
+    min_filter: int | None = None
+    wrap_s: int | None = None
+    wrap_t: int | None = None
+
+
+class Texture(_Object):
+    extensions: Extensions = None
+    sampler: int | None = None
+    source: int | None = None
+
+
+class TextureInfo(_Object):
+    extensions: Extensions = None
+    index: int | None = None
+    scale: float | None = None
+    """Normal textures only."""
+    strength: float | None = None
+    """Occlusion textures only."""
+    tex_coord: int | None = None
+
+
+class MetallicRoughness(_Object):
+    base_color_factor: list[float] | None = None
+    base_color_texture: TextureInfo | None = None
+    metallic_factor: float | None = None
+    metallic_roughness_texture: TextureInfo | None = None
+    roughness_factor: float | None = None
+
+
+class Material(_Object):
+    alpha_cutoff: float | None = None
+    alpha_mode: str | None = None
+    double_sided: bool | None = None
+    emissive_factor: list[float] | None = None
+    emissive_texture: TextureInfo | None = None
+    extensions: Extensions = None
+    name: str | None = None
+    normal_texture: TextureInfo | None = None
+    occlusion_texture: TextureInfo | None = None
+    pbr_metallic_roughness: MetallicRoughness | None = None
+
+
+class Perspective(_Object):
+    aspect_ratio: float | None = None
+    yfov: float | None = None
+    zfar: float | None = None
+    znear: float | None = None
+
+
+class Orthographic(_Object):
+    zfar: float | None = None
+    znear: float | None = None
+
+
+class Camera(_Object):
+    name: str | None = None
+    orthographic: Orthographic | None = None
+    perspective: Perspective | None = None
+
+
+class Document(_Object):
+    accessors: list[Accessor | None] | None = None
+    asset: Asset | None = None
+    buffer_views: list[BufferView | None] | None = None
+    buffers: list[Buffer | None] | None = None
+    cameras: list[Camera | None] | None = None
+    extensions: Extensions = None
+    extensions_required: list[str | None] | None = None
+    extensions_used: list[str | None] | None = None
+    images: list[Image | None] | None = None
+    materials: list[Material | None] | None = None
+    meshes: list[Mesh | None] | None = None
+    nodes: list[Node | None] | None = None
+    samplers: list[Sampler | None] | None = None
+    scene: int | None = None
+    scenes: list[Scene | None] | None = None
+    textures: list[Texture | None] | None = None
+
+    @property
+    def generator(self) -> str:
+        """``asset.generator``; empty where it is absent."""
+        return (self.asset.generator if self.asset is not None else None) or ""
+
+    @property
+    def from_drake(self) -> bool:
+        """True for documents from Drake's render client."""
+        return self.generator in DRAKE_GENERATORS
+
+
+class TextureTransform(_Object):
+    """KHR_texture_transform."""
+
+    offset: list[float] | None = None
+    rotation: float | None = None
+    scale: list[float] | None = None
+    tex_coord: int | None = None
+
+
+class ImageSource(_Object):
+    """EXT_texture_webp: another image for a texture."""
+
+    source: int | None = None
+
+
+class EmissiveStrength(_Object):
+    """KHR_materials_emissive_strength."""
+
+    emissive_strength: float | None = None
+
+
+class Ior(_Object):
+    """KHR_materials_ior."""
+
+    ior: float | None = None
+
+
+class Specular(_Object):
+    """KHR_materials_specular."""
+
+    specular_color_factor: list[float] | None = None
+    specular_color_texture: TextureInfo | None = None
+    specular_factor: float | None = None
+    specular_texture: TextureInfo | None = None
+
+
+class SpecularGlossiness(_Object):
+    """KHR_materials_pbrSpecularGlossiness (archived)."""
+
+    diffuse_factor: list[float] | None = None
+    diffuse_texture: TextureInfo | None = None
+    glossiness_factor: float | None = None
+    specular_factor: list[float] | None = None
+    specular_glossiness_texture: TextureInfo | None = None
+
+
+class Spot(_Object):
+    inner_cone_angle: float | None = None
+    outer_cone_angle: float | None = None
+
+
+class Light(_Object):
+    """A light of KHR_lights_punctual."""
+
+    color: list[float] | None = None
+    intensity: float | None = None
+    name: str | None = None
+    range: float | None = None
+    spot: Spot | None = None
+    type: str | None = None
+
+
+class Lights(_Object):
+    """KHR_lights_punctual in the document's extensions."""
+
+    lights: list[Light | None] | None = None
+
+
+class LightReference(_Object):
+    """KHR_lights_punctual in a node's extensions."""
+
+    light: int | None = None

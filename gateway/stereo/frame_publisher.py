@@ -1,0 +1,139 @@
+"""Makes the image sets of captured frames in tasks and publishes them."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Coroutine
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, Final
+
+import structlog
+
+from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull
+from gateway.stereo.clock import NANOSECONDS
+from gateway.stereo.config import Rate
+from gateway.stereo.events import EventHub
+from gateway.stereo.faults import FaultInjector
+from gateway.stereo.frame import Frame
+from gateway.stereo.hub import Hub
+from gateway.stereo.images import MeteredExposure
+from gateway.stereo.request import SetKind
+
+_log = structlog.get_logger("stereo")
+_EXPECTED_ERRORS: Final = (ValueError, OSError, DeadlineExceeded, PoolClosed)
+"""Errors that are logged without a traceback."""
+
+
+@dataclass(slots=True)
+class FrameCounts:
+    """Counters since start."""
+
+    frames: int = 0
+    """Number of frames made."""
+    depth_frames: int = 0
+    """Number of frames made with depth."""
+    skipped: int = 0
+    """Number of frames that were due while too many were in flight."""
+    busy: int = 0
+    """Number of frames dropped because the worker queue was full."""
+    problem: str = ""
+    """Error of the last frame; empty if it was made."""
+    depth_seconds: float = 0.0
+    """Duration of the last depth frame, from capture to publication."""
+
+
+@dataclass(slots=True, eq=False)
+class FrameTasks:
+    """Frames in flight, and the last frame."""
+
+    tasks: set[asyncio.Task[None]] = field(default_factory=set)
+    last: Frame | None = None
+
+    def __len__(self) -> int:
+        return len(self.tasks)
+
+    def cancel(self) -> None:
+        """Cancel the frames in flight."""
+        for task in self.tasks:
+            task.cancel()
+
+
+class FramePublisher:
+    """Image sets of captured frames, made once for each kind of set."""
+
+    def __init__(self, hub: Hub, events: EventHub, injector: FaultInjector, rate: Rate, *, simulated: bool) -> None:
+        """
+        Args:
+            hub: receives the sets.
+            events: receives the image events.
+            injector: delays and drops sets.
+            rate: see ``StereoConfig.rate``.
+            simulated: True if timestamps are simulated.
+        """
+        self.counts = FrameCounts()
+        self.last_metered: MeteredExposure | None = None
+        """Exposure of the newest left image."""
+        self._hub = hub
+        self._events = events
+        self._injector = injector
+        self._rate = rate
+        self._simulated = simulated
+
+    def spawn(self, group: FrameTasks, work: Coroutine[Any, Any, None]) -> None:
+        """Run ``work`` as a frame in flight."""
+        task = asyncio.get_running_loop().create_task(work)
+        group.tasks.add(task)
+        task.add_done_callback(group.tasks.discard)
+        task.add_done_callback(self._ended)
+
+    async def make(self, frame: Frame, kinds: set[SetKind]) -> None:
+        """Make and publish the sets of a frame. If cancelled, cancel the frame."""
+        start = asyncio.get_running_loop().time()
+        try:
+            await asyncio.gather(*(self._publish(frame, kind) for kind in kinds))
+        except asyncio.CancelledError:
+            frame.cancel()
+            raise
+        if any(kind.depth for kind in kinds):
+            self.counts.depth_frames += 1
+            self.counts.depth_seconds = asyncio.get_running_loop().time() - start
+        self.counts.frames += 1
+        if frame.left_metered is not None:
+            self.last_metered = frame.left_metered
+
+    async def make_depth(self, frame: Frame, kinds: set[SetKind]) -> None:
+        """Wait for the last exposure of a depth frame, send the image event, and make the sets."""
+        # The timestamp is that of the first averaged image.
+        duration = round((frame.settings.averaged - 1) / frame.settings.camera_rate * NANOSECONDS)
+        if self._rate == "device":
+            await asyncio.sleep(duration / NANOSECONDS)
+        timestamp = frame.depth.timestamp
+        self._events.depth_acquisition_done(timestamp, timestamp + duration if self._simulated else time.time_ns())
+        await self.make(frame, kinds)
+
+    def fail(self, kind: SetKind, problem: str, error: Exception) -> None:
+        """End the streams of a kind and log the reason, with a traceback for unexpected errors."""
+        message = f"{problem}: {error}"
+        _log.warning(message, exc_info=None if isinstance(error, _EXPECTED_ERRORS) else error)
+        self.counts.problem = message
+        self._hub.end_streams(kind, message)
+
+    async def _publish(self, frame: Frame, kind: SetKind) -> None:
+        try:
+            data = await frame.serialised(kind)
+        except QueueFull:
+            self.counts.busy += 1
+        except Exception as error:  # noqa: BLE001 - otherwise the clients would wait forever
+            self.fail(kind, f"frame {frame.number} ({kind}) could not be made", error)
+        else:
+            self.counts.problem = ""
+            put = partial(self._hub.publish, kind, frame.number, data, frame.generation)
+            self._injector.deliver(frame.number, data, put)
+
+    def _ended(self, task: asyncio.Task[None]) -> None:
+        if not task.cancelled() and (error := task.exception()) is not None:
+            self.counts.problem = str(error)
+            _log.error(f"a frame could not be made: {error}", exc_info=error)
+        self._hub.changed.set()

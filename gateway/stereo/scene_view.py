@@ -1,0 +1,59 @@
+"""Scene and pose of a stereo camera: the live tree or a fixed scene, seen from a mount."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.scene.flatten import Flattener
+from gateway.scene.live import Snapshot
+from gateway.scene.mount import Mount
+from gateway.stereo.config import StereoConfig
+from renderers.camera import Camera
+from renderers.drawlist import DrawList
+
+
+class SceneView:
+    """Scene and camera pose of one snapshot at a time."""
+
+    def __init__(self, snapshot: Callable[[], Snapshot], flattener: Flattener, mount: Mount) -> None:
+        """
+        Args:
+            snapshot: returns the current snapshot.
+            flattener: makes the draw list of a snapshot.
+            mount: pose of the camera in the scene.
+        """
+        self._current = snapshot
+        self._flattener = flattener
+        self._mount = mount
+        self._snapshot = snapshot()
+
+    def copy(self) -> SceneView:
+        """Return a view for another thread, with its own snapshot."""
+        return SceneView(self._current, self._flattener, self._mount)
+
+    def scene(self) -> tuple[DrawList, int]:
+        """Return the current scene and its revision."""
+        self._snapshot = self._current()
+        return self._flattener.flatten(self._snapshot), self._snapshot.revision
+
+    def pose(self) -> NDArray[np.float64]:
+        """Return X_world_left, (4, 4) float64, in the scene returned last."""
+        return self.pose_in(self._snapshot)
+
+    def pose_in(self, snapshot: Snapshot) -> NDArray[np.float64]:
+        """Return X_world_left, (4, 4) float64, in a snapshot."""
+        return self._mount.pose(snapshot.root)
+
+    def warning(self) -> str:
+        """Return a sentence if the camera's node is missing in the current snapshot, else an empty string."""
+        self._mount.pose(self._current().root)
+        return self._mount.warning
+
+    def camera(self, config: StereoConfig) -> Camera:
+        """Return the left camera in the current snapshot."""
+        k = config.model.intrinsics()
+        pose = self.pose_in(self._current())
+        return Camera(k.width, k.height, k.focal_length, k.focal_length, k.cx, k.cy, config.near, config.far, pose)

@@ -1,0 +1,76 @@
+"""Previews of image sets."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.client.stream_files import in_color, preview
+from gateway.generated import image_interface_pb2 as pb
+
+BLUE, RED, BLACK = (48, 18, 59), (122, 4, 3), (0, 0, 0)
+"""Ends of the colour scale, and invalid pixels."""
+
+
+def message(pixels: NDArray[Any]) -> pb.Image:
+    encoding = {("u", 1): "mono8", ("u", 2): "mono16"}[pixels.dtype.kind, pixels.dtype.itemsize]
+    encoding = "rgb8" if pixels.ndim == 3 else encoding
+    height, width = pixels.shape[:2]
+    data = pixels.tobytes()
+    return pb.Image(width=width, height=height, encoding=encoding, step=len(data) // height, data=data)
+
+
+def test_cells_are_side_by_side_in_order() -> None:
+    left = np.array([[10, 20], [30, 40], [50, 60]], np.uint8)
+    right = np.arange(6, dtype=np.uint8).reshape(1, 2, 3)
+    confidence = np.array([[255]], np.uint8)
+    image_set = pb.ImageSet(confidence=message(confidence), right=message(right), left=message(left))
+    shown = preview(image_set)
+    assert shown.shape == (3, 2 + 4 + 2 + 4 + 1, 3)
+    assert (shown[:, :2] == left[:, :, None]).all()
+    assert (shown[:1, 6:8] == right).all()
+    assert shown[0, 12].tolist() == [255, 255, 255]
+    for background in (shown[:, 2:6], shown[1:, 6:8], shown[:, 8:12], shown[1:, 12:]):
+        assert not background.any()
+
+
+def test_large_images_are_downscaled_to_the_cell() -> None:
+    wide, high = np.full((480, 1280), 7, np.uint8), np.full((960, 640), 9, np.uint8)
+    assert preview(pb.ImageSet(left=message(wide))).shape == (240, 640, 3)
+    assert preview(pb.ImageSet(left=message(high))).shape == (480, 320, 3)
+    exact = np.arange(480 * 640, dtype=np.uint32).astype(np.uint8).reshape(480, 640)
+    assert (preview(pb.ImageSet(left=message(exact)))[:, :, 0] == exact).all()
+    stripes = np.tile(np.array([0, 100], np.uint8), (2, 640))
+    assert (preview(pb.ImageSet(left=message(stripes))) == 50).all()
+
+
+def test_errors_are_white_from_half_a_pixel() -> None:
+    error = np.array([[0, 1, 4, 8, 200]], np.uint8)
+    disparity = pb.DisparityImage(image=message(np.ones((1, 1), np.uint16)), scale=1 / 16)
+    shown = preview(pb.ImageSet(disparity=disparity, disparity_error=message(error)))
+    assert shown[0, 5:, 1].tolist() == [0, 32, 128, 255, 255]
+    finer = pb.DisparityImage(image=message(np.ones((1, 1), np.uint16)), scale=1 / 256)
+    assert preview(pb.ImageSet(disparity=finer, disparity_error=message(error)))[0, 5:, 0].tolist() == [
+        0,
+        2,
+        8,
+        16,
+        255,
+    ]
+
+
+def test_colours_of_disparities() -> None:
+    disparity = np.array([[0, 100, 200], [300, 0, 100]], np.uint16)
+    colors = in_color(disparity)
+    assert [tuple(c) for c in colors.reshape(-1, 3)[[0, 1, 3, 4, 5]].tolist()] == [BLACK, BLUE, RED, BLACK, BLUE]
+    middle = colors[0, 2].tolist()
+    assert middle[1] > 200, "green"
+    shown = preview(pb.ImageSet(disparity=pb.DisparityImage(image=message(disparity))))
+    assert (shown == colors).all()
+
+
+def test_colours_of_invalid_and_constant_disparities() -> None:
+    assert not in_color(np.zeros((2, 2), np.uint16)).any()
+    assert in_color(np.full((1, 2), 5, np.uint16)).tolist() == [[list(BLUE)] * 2]

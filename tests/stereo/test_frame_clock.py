@@ -1,0 +1,123 @@
+"""Due times and timestamps of frames."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from gateway.stereo.clock import NANOSECONDS, Clock, SimulatedClock, SystemClock
+from gateway.stereo.config import Rate
+from gateway.stereo.frame_clock import FrameClock
+from gateway.stereo.parameters import Parameters
+from gateway.stereo.settings import read_settings
+from renderers.stereo.model import Quality
+
+PERIOD = 40_000_000
+"""Nanoseconds, 25 Hz."""
+SETTINGS = replace(read_settings(Parameters()), quality=Quality.MEDIUM)
+"""Depth at 15 Hz."""
+
+
+class FixedClock:
+    """A clock whose next timestamp is set by the test."""
+
+    simulated = False
+    now = 0
+
+    def next_timestamp(self, previous: int | None, period: int) -> int:
+        return self.now
+
+
+def clock_at(clock: Clock, rate: Rate = "device") -> FrameClock:
+    return FrameClock(clock, rate)
+
+
+def test_frames_keep_their_beat() -> None:
+    clock = clock_at(SimulatedClock())
+    clock.start_frame(10.0, 0.04)
+    assert clock.seconds_until_frame(10.0) == pytest.approx(0.04)
+    clock.start_frame(10.045, 0.04)  # 5 ms late
+    assert clock.seconds_until_frame(10.045) == pytest.approx(0.035)
+
+
+@pytest.mark.parametrize(("late", "wait"), [(0.125, 0.125), (0.25, 0.25), (3.0, 0.25)])
+def test_missed_frames_are_not_made_up_for(late: float, wait: float) -> None:
+    clock = clock_at(SimulatedClock())
+    clock.start_frame(7.75, 0.25)  # next at 8.0
+    clock.start_frame(8.0 + late, 0.25)
+    assert clock.seconds_until_frame(8.0 + late) == pytest.approx(wait)
+
+
+def test_depth_is_due_within_half_a_period() -> None:
+    source = FixedClock()
+    clock = clock_at(source)
+    assert clock.depth_due(SETTINGS, PERIOD, triggered=False), "the first frame has depth"
+    clock.captured_depth(0, 10.0)  # next at 0.1 s
+    for now, due in ((79_999_999, False), (80_000_000, True), (100_000_000, True), (300_000_000, True)):
+        source.now = now
+        assert clock.depth_due(SETTINGS, PERIOD, triggered=False) == due, now
+
+
+def test_depth_is_due_when_the_system_clock_was_set_back() -> None:
+    source = FixedClock()
+    clock = clock_at(source)
+    clock.captured_depth(10 * NANOSECONDS, 10.0)
+    far = round(10.1 * NANOSECONDS - 2e9 / SETTINGS.depth_rate)
+    for now, due in ((far + 1, False), (far - 1, True)):
+        source.now = now
+        assert clock.depth_due(SETTINGS, PERIOD, triggered=False) == due, now
+
+
+def test_depth_in_single_frame_mode_needs_the_trigger() -> None:
+    clock, single = clock_at(FixedClock(), "max"), replace(SETTINGS, single=True)
+    assert not clock.depth_due(single, PERIOD, triggered=False)
+    assert clock.depth_due(single, PERIOD, triggered=True)
+    assert clock.depth_due(SETTINGS, PERIOD, triggered=False), "rate max"
+
+
+@pytest.mark.parametrize(("second", "third"), [(110_000_000, 200_000_000), (200_000_000, 200_000_000)])
+def test_depth_keeps_its_beat(second: int, third: int) -> None:
+    source = FixedClock()
+    clock = clock_at(source)
+    clock.captured_depth(0, 10.0)
+    clock.captured_depth(second, 10.0)
+    source.now = third - PERIOD // 2 - 1
+    assert not clock.depth_due(SETTINGS, PERIOD, triggered=False)
+    source.now += 1
+    assert clock.depth_due(SETTINGS, PERIOD, triggered=False)
+
+
+def test_depth_restarts_after_a_gap() -> None:
+    source = FixedClock()
+    clock = clock_at(source)
+    clock.captured_depth(0, 10.0)
+    clock.captured_depth(200_000_001, 10.0)
+    source.now = 300_000_000 - PERIOD // 2
+    assert not clock.depth_due(SETTINGS, PERIOD, triggered=False)
+    clock.reset_depth()
+    assert clock.depth_due(SETTINGS, PERIOD, triggered=False)
+
+
+def test_simulated_time_advances_with_frames() -> None:
+    clock = clock_at(SimulatedClock(5))
+    assert clock.next_timestamp(PERIOD) == 5
+    clock.skip_frame(PERIOD)
+    assert clock.timestamp == 5
+    clock.skip_frame(PERIOD)
+    assert clock.timestamp == 5 + PERIOD
+    clock.delay_for_alternate_exposure(PERIOD)
+    assert clock.next_timestamp(PERIOD) == 5 + PERIOD + 80_000_000
+    assert clock.seconds_until_frame(0.0) == pytest.approx(0.04)
+    clock.delay_for_alternate_exposure(80_000_000)
+    assert clock.seconds_until_frame(0.0) == pytest.approx(0.04), "slow enough without a delay"
+
+
+def test_system_timestamps_are_unique(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock, now = SystemClock(), 50 * NANOSECONDS
+    monkeypatch.setattr("gateway.stereo.clock.time.time_ns", lambda: now)
+    assert clock.next_timestamp(None, PERIOD) == now
+    assert clock.next_timestamp(now - 1, PERIOD) == now
+    assert clock.next_timestamp(now, PERIOD) == now + 1
+    assert clock.next_timestamp(now + NANOSECONDS - 1, PERIOD) == now + NANOSECONDS
+    assert clock.next_timestamp(now + NANOSECONDS, PERIOD) == now, "set back by a second"
