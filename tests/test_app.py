@@ -47,8 +47,9 @@ class FakeService:
 
 @pytest.fixture(autouse=True)
 def _warm(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(kernel_cache, "are_cached", lambda: True)
+    monkeypatch.setattr(kernel_cache, "are_cached", lambda parts: True)
     monkeypatch.setattr(warmup, "run", lambda: None)
+    monkeypatch.setattr(warmup, "run_background", lambda: None)
 
 
 def use_interfaces(monkeypatch: pytest.MonkeyPatch, **setups: Callable[[Context], None]) -> None:
@@ -170,7 +171,7 @@ async def test_cold_kernels_are_compiled_by_a_child_before_they_are_loaded(monke
     async def compile_missing(parts: Collection[str], progress: Progress) -> None:
         order.append("compiled")
 
-    monkeypatch.setattr(kernel_cache, "are_cached", lambda: False)
+    monkeypatch.setattr(kernel_cache, "are_cached", lambda parts: False)
     monkeypatch.setattr(kernel_cache, "compile_missing", compile_missing)
     monkeypatch.setattr(warmup, "run", lambda: order.append("loaded"))
     use_interfaces(monkeypatch, render=add_route)
@@ -183,14 +184,14 @@ async def test_while_it_compiles_log_and_health_say_which_part(monkeypatch: pyte
     begun, go_on = asyncio.Event(), asyncio.Event()
 
     async def compile_missing(parts: Collection[str], progress: Progress) -> None:
-        assert progress.parts == len(parts) == len(warmup.PARTS)
+        assert progress.parts == len(parts) == len(warmup.NEEDED)
         progress.begin("shading")
         progress.begin("setup")
         progress.end("shading")
         begun.set()
         await go_on.wait()
 
-    monkeypatch.setattr(kernel_cache, "are_cached", lambda: False)
+    monkeypatch.setattr(kernel_cache, "are_cached", lambda parts: False)
     monkeypatch.setattr(kernel_cache, "compile_missing", compile_missing)
     use_interfaces(monkeypatch, render=add_route)
     with structlog.testing.capture_logs() as lines:
@@ -203,7 +204,7 @@ async def test_while_it_compiles_log_and_health_say_which_part(monkeypatch: pyte
                 assert described["state"] == "starting"
                 compiling = described["compiling"]
                 assert compiling.pop("seconds") >= 0.0
-                assert compiling == {"part": 2, "of": len(warmup.PARTS), "done": 1, "now": ["setup"]}
+                assert compiling == {"part": 2, "of": len(warmup.NEEDED), "done": 1, "now": ["setup"]}
             go_on.set()
             await client.get("/example")
             assert (await client.get("/readyz")).json()["interfaces"]["kernels"] == {"state": "ready"}
@@ -214,7 +215,7 @@ async def test_while_it_compiles_log_and_health_say_which_part(monkeypatch: pyte
         "Compiling the rendering kernels",
         "The rendering kernels are compiled",
     ]
-    assert (said[2]["part"], said[2]["of"], said[2]["name"]) == (2, len(warmup.PARTS), "setup")
+    assert (said[2]["part"], said[2]["of"], said[2]["name"]) == (2, len(warmup.NEEDED), "setup")
     assert all(line["seconds"] >= 0.0 for line in said[1:])
 
 

@@ -65,7 +65,7 @@ CONSTANTS: Final[tuple[tuple[str, str, tuple[str, ...]], ...]] = (
     ("glTF: strides", "gateway.gltf.accessors", ("_MAX_STRIDE",)),
     ("glTF: warnings", "gateway.gltf.reader", ("_MAX_WARNINGS",)),
     ("glTF: documents that differ in their nodes", "gateway.gltf.document_cache", ("MIN_BYTES", "_MAX_CANDIDATES")),
-    ("glTF that is written", "gateway.gltf.export.document", ("MAX_BYTES",)),
+    ("glTF that is written", "gateway.gltf.export.glb_document", ("MAX_BYTES",)),
     ("Faces at a vertex: meshes without normals", "gateway.scene.crease_normals", ("MOST_FACES",)),
     ("Tree viewer: extents", "gateway.scene.meshing", ("LARGEST",)),
     ("Tree viewer: number arrays in JSON", "gateway.treeviewer.number_arrays", ("MAX_ARRAYS",)),

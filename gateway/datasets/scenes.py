@@ -96,7 +96,7 @@ def _gltf(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
 
 def _mesh(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
     suffix = Path(source.path).suffix[1:].lower()
-    parts = parse_mesh(files.own(), suffix, files, MESH_LIMITS)
+    parts = parse_mesh(files.read_scene(), suffix, files, MESH_LIMITS)
     root = Node(None, children={Path(source.path).stem: Node(parts)})
     draw_list, labels = _flatten_numbered(root)
     return LoadedScene(root, draw_list, None, "studio", None, _record(source, files, labels))
@@ -105,7 +105,7 @@ def _mesh(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
 def _tree(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
     limits = Limits()
     live = LiveTree()
-    data = files.own()
+    data = files.read_scene()
     request = JsonReader(limits, _NeighbourMeshes(files)).read(memoryview(data))
     if not request.commands:
         raise SceneError("no setgeometry and no settransform command is in it")
@@ -122,7 +122,7 @@ def _tree(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
 
 def _request(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
     config = RenderConfig()
-    body = files.own()
+    body = files.read_scene()
     boundary = body[:_BOUNDARY_BYTES].partition(b"\r\n")[0].removeprefix(b"--").decode("latin-1")
     reader = FormReader(f'multipart/form-data; boundary="{boundary}"', config)
     try:

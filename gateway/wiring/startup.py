@@ -17,6 +17,7 @@ from gateway.wiring import warmup
 from gateway.wiring.context import KERNELS, Context
 from gateway.wiring.interfaces import enabled_interfaces
 from gateway.wiring.state import STATE, restore_state
+from renderers.compiler import pending
 
 _log = structlog.get_logger("gateway")
 
@@ -44,12 +45,15 @@ async def start(context: Context) -> None:
         context.fail(KERNELS, error)
     context.started.set()
     await _log_started(context, begin)
+    if context.registry.entries[KERNELS].state is State.READY:
+        await _load_background_kernels()
 
 
 async def _load_kernels(context: Context) -> None:
-    """Load all kernels; compile them first, in child processes, if they are not in the cache."""
-    if not await asyncio.to_thread(kernel_cache.are_cached):
+    """Load the kernels that the default settings need; compile them first, in child processes, if not cached."""
+    if not await asyncio.to_thread(kernel_cache.are_cached, warmup.NEEDED):
         await _compile_kernels(context)
+    pending.begin(tuple(warmup.BACKGROUND))
     await asyncio.to_thread(warmup.run)
     context.exit_stack.enter_context(kernel_cache.compiling_reported(_log_compiled_kernel))
     context.registry.ready(KERNELS)
@@ -57,15 +61,31 @@ async def _load_kernels(context: Context) -> None:
 
 async def _compile_kernels(context: Context) -> None:
     """Compile the kernels; the log, ``/readyz`` and a terminal show the progress."""
-    progress = Progress(len(warmup.PARTS))
+    progress = Progress(len(warmup.NEEDED))
     entry = context.registry.entries[KERNELS]
     entry.progress = progress.describe
     folder = str(kernel_cache.configure())
     _log.info("Compiling the rendering kernels into the cache, once ...", folder=folder, parts=progress.parts)
     with shown(progress, _log.info):
-        await kernel_cache.compile_missing(warmup.PARTS, progress)
+        await kernel_cache.compile_missing(warmup.NEEDED, progress)
     entry.progress = None
     _log.info("The rendering kernels are compiled", seconds=progress.seconds)
+
+
+async def _load_background_kernels() -> None:
+    """Load the other kernels, compiled first if need be; calls that need them wait (``renderers.compiler.pending``)."""
+    try:
+        if not await asyncio.to_thread(kernel_cache.are_cached, warmup.BACKGROUND):
+            progress = Progress(len(warmup.BACKGROUND))
+            _log.info("Compiling further kernels in the background; requests for them wait", parts=progress.parts)
+            await kernel_cache.compile_missing(warmup.BACKGROUND, progress)
+            _log.info("The further kernels are compiled", seconds=progress.seconds)
+        await asyncio.to_thread(warmup.run_background)
+    except Exception as error:  # noqa: BLE001 - requests for these kernels get the reason
+        pending.fail(kernel_cache.KernelError(str(error)))
+        _log.error("Further kernels cannot be used; requests for them fail", reason=str(error))
+    else:
+        pending.finish()
 
 
 def _log_compiled_kernel(kernel: str) -> None:

@@ -70,7 +70,9 @@ def test_unusable_lights_are_left_out_with_a_warning(light: Any, message: str) -
 
 
 def test_unusable_references() -> None:
-    carriers = [{"extensions": {"KHR_lights_punctual": {"light": index}}} for index in (1, "x", None)]
+    carriers: list[dict[str, Any]] = [
+        {"extensions": {"KHR_lights_punctual": {"light": index}}} for index in (1, "x", None)
+    ]
     carriers.append({"scale": [1, 1, 0], "extensions": {"KHR_lights_punctual": {"light": 0}}})
     scene = read_gltf(document({"type": "point"}, nodes=carriers))
     assert scene.lights == ()

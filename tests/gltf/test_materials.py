@@ -133,6 +133,19 @@ def test_vtks_materials_are_double_sided_and_blend_by_alpha(generator: str, alph
     assert material.alpha_mode is (AlphaMode.BLEND if alpha < 1 else AlphaMode.OPAQUE)
 
 
+@pytest.mark.parametrize(("alpha", "mode"), [(1.0, AlphaMode.OPAQUE), (0.999, AlphaMode.BLEND)])
+def test_textured_materials_of_vtk_are_double_sided_and_opaque_at_full_alpha(alpha: float, mode: AlphaMode) -> None:
+    b = with_texture()
+    b.json["asset"]["generator"] = "VTK"
+    pbr = {**VTK["pbrMetallicRoughness"], "baseColorFactor": [1, 0.5, 0, alpha], "baseColorTexture": {"index": 0}}
+    material, _ = read_material({"pbrMetallicRoughness": pbr}, b)
+    assert material.base_color_texture is not None
+    assert material.vtk_export
+    assert material.double_sided
+    assert material.alpha_mode is mode
+    assert (material.metallic, material.roughness) == (0.0, 1.0)
+
+
 @pytest.mark.parametrize(
     "change",
     [

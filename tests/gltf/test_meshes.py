@@ -93,6 +93,7 @@ def test_quantised_normals_get_unit_length() -> None:
     b = Builder()
     normals = b.accessor([(64, 64, 0)] * 3, "b", normalized=True)
     mesh = only_mesh({"attributes": {"POSITION": b.accessor(TRIANGLE), "NORMAL": normals}}, b)
+    assert mesh.normals is not None
     np.testing.assert_allclose(mesh.normals, np.full((3, 3), (0.5**0.5, 0.5**0.5, 0)), atol=1e-6)
 
 
@@ -124,6 +125,7 @@ def test_vertex_colours_become_rgba(dtype: str, values: Any, expected: tuple[flo
     b = Builder()
     colours = b.accessor(values, dtype, normalized=dtype != "f")
     mesh = only_mesh({"attributes": {"POSITION": b.accessor(TRIANGLE), "COLOR_0": colours}}, b)
+    assert mesh.colors is not None
     np.testing.assert_allclose(mesh.colors, np.full((3, 4), expected), atol=1e-6)
 
 
@@ -161,7 +163,7 @@ def test_unusable_attributes_are_left_out_with_a_warning() -> None:
 
 def test_nothing_to_draw_is_no_part() -> None:
     b = Builder()
-    primitives = (
+    primitives: tuple[dict[str, Any], ...] = (
         {},
         {"attributes": None},
         {"attributes": {"NORMAL": b.accessor(TRIANGLE)}},

@@ -16,6 +16,7 @@ import pytest
 
 from gateway.gltf import GltfCache, GltfLimits, read_gltf
 from renderers.stop import StopFlag, current_stop
+from tests.gltf.builder import mesh_of
 
 Document = dict[str, Any]
 POINTS = np.random.default_rng(0).random((100_000, 3), np.float32)
@@ -137,7 +138,7 @@ def test_a_slow_document_is_left_wherever_the_reader_is(make: Callable[[], bytes
     for parts, others in zip(again.parts, whole.parts, strict=True):
         for part, other in zip(parts or (), others or (), strict=True):
             for name in ("positions", "elements", "normals", "tangents"):
-                mine, theirs = getattr(part.shape.mesh, name), getattr(other.shape.mesh, name)
+                mine, theirs = getattr(mesh_of(part), name), getattr(mesh_of(other), name)
                 assert mine is theirs is None or np.array_equal(mine, theirs)
 
 
