@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from renderers.compiler.device_function import inlined, device_function
+from renderers.compiler.device_function import device_function, inlined
 
 
 @inlined

@@ -9,10 +9,10 @@ from numba import njit
 
 from renderers.compiler.kernel_calls import (
     YIELD_ADDRESS,
+    atomic_add_one,
     call_kernel,
     kernel_address,
     load_acquire,
-    atomic_add_one,
     yield_at,
 )
 from renderers.compiler.pointers import i64_at
