@@ -22,7 +22,7 @@ from renderers.raster.resolve import ALL as ALL_FACES
 from renderers.raster.resolve import BACKS, FRONTS, draw_band
 from renderers.raster.setup import setup
 from renderers.raster.transform import transform
-from renderers.shading.shade_rows import shade_rows
+from renderers.shading.headlight.shade_rows import shade_rows
 from renderers.visibility_buffer import BAND_ROWS
 
 PHASES = ("transform", "setup", "draw", "shade", "back faces", "whole")

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from renderers.camera import Camera
 from renderers.drawlist import DrawList
-from renderers.scene_tables import SceneTables
 
-if TYPE_CHECKING:  # the rasterizer calls those who call this
+if TYPE_CHECKING:  # the rasterizer imports the callers of this module
+    from renderers.shading.scene import ShadingScene
     from renderers.visibility_buffer import Rasterizer, Visibility
 
 MAX_LAYERS: Final = 32
@@ -24,7 +24,7 @@ less than a thousandth of the light is left; what lies deeper is not drawn."""
 def peeled(
     rasterizer: Rasterizer,
     scene: DrawList,
-    tables: SceneTables,
+    tables: ShadingScene,
     camera: Camera,
     cull_back: NDArray[np.bool_] | None,
     behind: Visibility,
@@ -36,14 +36,14 @@ def peeled(
     by whoever asks for the next one.
 
     Args:
-        tables: prepared from the scene; its ``layered`` are peeled.
+        tables: prepared from the scene; its ``transparent`` instances are peeled.
         cull_back: as in ``Rasterizer.visibility``.
     """
     beyond: Visibility | None = None
     try:
         for _ in range(max_layers):
             layer = rasterizer.visibility(
-                scene, camera, select=tables.layered, cull_back=cull_back, beyond=beyond, before=behind
+                scene, camera, select=tables.transparent, cull_back=cull_back, beyond=beyond, before=behind
             )
             if beyond is not None:
                 beyond.close()

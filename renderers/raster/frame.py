@@ -32,7 +32,7 @@ from renderers.raster.resolve import LAYER_GAP, draw_band, resolve_normals, row_
 from renderers.raster.scene import PreparedScene
 from renderers.raster.setup import setup
 from renderers.raster.transform import transform
-from renderers.shading.shade_rows import shade_rows
+from renderers.shading.headlight.shade_rows import shade_rows
 from renderers.stop import current_stop
 from renderers.visibility_buffer import BAND_ROWS, SampledShader, Visibility, band_count
 

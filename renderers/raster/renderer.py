@@ -24,8 +24,6 @@ from renderers.raster.scene import PreparedScene, prepare
 from renderers.shading import Painter, Parallel, ShadingScene, paint
 from renderers.shading import prepare as prepare_shading
 from renderers.shading.studio.passes import paint as paint_studio
-from renderers.shading.studio.tables import StudioScene
-from renderers.shading.studio.tables import prepare as prepare_studio
 from renderers.stop import check_stop
 from renderers.visibility_buffer import SampledShader, SampledView, Visibility
 
@@ -59,7 +57,6 @@ _shadings: Cache[DrawList | InstanceSet, dict[LookName, ShadingScene]] = Cache(M
 _shadings_of_meshes: Cache[tuple[Mesh, ...], dict[LookName, tuple[ShadingScene, tuple[Material, ...]]]] = Cache(
     MAX_SHADING_BYTES // 2, weak=True
 )
-_studios: Cache[DrawList | InstanceSet, StudioScene] = Cache(MAX_SHADING_BYTES, weak=True)
 
 
 def _shading(scene: DrawList, look: LookName, parallel: Parallel) -> ShadingScene:
@@ -86,15 +83,6 @@ def _shading_of_meshes(scene: DrawList, look: LookName, parallel: Parallel) -> S
     if meshes:
         looks = {**looks, look: (tables, materials)}
         _shadings_of_meshes.put(meshes, looks, sum(each.nbytes for each, _ in looks.values()))
-    return tables
-
-
-def _studio(scene: DrawList) -> StudioScene:
-    """Return the draw list's tables for the ``studio`` look."""
-    tables = _studios.get(scene.identity)
-    if tables is None:
-        tables = prepare_studio(scene.instances)
-        _studios.put(scene.identity, tables, tables.nbytes)
     return tables
 
 
@@ -235,10 +223,11 @@ class CpuRenderer:
         if with_geometry and (look.name == "studio" or look.samples != 1):
             self._geometry(prepared, camera, frame, addresses)
         if look.name == "studio":
-            paint_studio(self, scene, _studio(scene), camera, look.rig, look.samples, look.background, color)
+            shading = _shading(scene, look.name, self.parallel)
+            paint_studio(self, scene, shading, camera, look.rig, look.samples, look.background, color)
             return
         shading = _shading(scene, look.name, self.parallel)
-        if shading.translucent:
+        if shading.has_transparency:
             if look.samples != 1:
                 paint_each_sample(self, scene, shading, camera, look, color)
                 return

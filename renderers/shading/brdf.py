@@ -1,4 +1,8 @@
-"""Reflection models, eight pixels at a time."""
+"""Reflection models, eight pixels at a time: VTK's for the headlight, and glTF 2.0 appendix B for the look ``studio``.
+
+Both are GGX (Walter 2007) with the height-correlated Smith term (Heitz 2014). They differ in clamps and in the Fresnel
+term, and the light of a camera's headlight shines along the optical axis, which leaves three cosines.
+"""
 
 from __future__ import annotations
 
@@ -8,100 +12,150 @@ from typing import Final
 import numpy as np
 
 from renderers.compiler import simd as vec
-from renderers.compiler.device_function import inlined
+from renderers.compiler.device_function import inlined, inner
+from renderers.shading.vec3 import cross, dot, times
 
-SMALLEST_COSINE: Final = np.float32(1e-5)
-"""VTK's lower bound of the cosines in its shader; keeps the visibility term finite."""
-_SMALLEST_ROUGHNESS: Final = np.float32(0.05)
+VTK_MIN_COSINE: Final = np.float32(1e-5)
+"""VTK's lower limit of the cosines in its shader; keeps the visibility term finite."""
+_VTK_MIN_ROUGHNESS: Final = np.float32(0.05)
 """RenderEngineVtk shades a material of roughness r as the formulae do with 0.05 + 0.95 r: measured on flat metal of
 roughness 0 (0.05), on curved metal and dielectrics of 0.5 (0.525) and of 0.8 (0.81). It also keeps D finite."""
-_HALF_PI_INVERSE: Final = np.float32(0.5 / math.pi)
-_PI_INVERSE: Final = np.float32(1.0 / math.pi)
-FAINT: Final = 1e-5
-"""What ``schlick`` adds to a colour is not seen below this."""
-
-# The light of a row is worked out in three steps, each over many pixels: the divisions and square roots of one pixel
-# wait for one another, and of several such chains that are worked on at once, short ones leave more room for others.
+_MIN_ALPHA: Final = np.float32(1e-3)
+"""Lower limit of the roughness squared of the look ``studio``: a mirror would not show a point light."""
 
 
 @inlined
-def cosines(nx, ny, towards, dx, dy, high):
-    """What the head light's reflection depends on, eight pixels at a time: n . l, n . v, and v . l.
+def headlight_cosines(n, dx, dy):
+    """Return n . l, n . v and v . l under a light along the optical axis: l = (0, 0, -1), v = -(dx, dy, 1) normalised.
 
-    The light shines along the optical axis: l = (0, 0, -1); v = -(dx, dy, 1) of unit length. Where the normal has no
-    direction, n . l is 0 or not a number.
+    Where the normal has no direction, n . l is 0 or NaN.
 
     Args:
-        nx, ny, towards: normal of any length on the side that is seen, with minus its z, in the optical frame.
-        dx, dy: where the pixel's ray meets the plane z = 1. high: dy^2 + 1. All f32x8.
+        n: normals of any length on the side that is seen, optical frame, f32x8.
+        dx, dy: where the pixels' rays meet the plane z = 1, f32x8.
     """
-    ray, length = vec.sqrt(dx * dx + high), vec.sqrt(nx * nx + ny * ny + towards * towards)
-    both = vec.select(length > vec.f32(0.0), vec.f32(1.0) / (length * ray), vec.f32(0.0))
-    return towards * (both * ray), (towards - (nx * dx + ny * dy)) * both, both * length
+    zero, one = vec.f32(0.0), vec.f32(1.0)
+    ray, length = vec.sqrt(dx * dx + (dy * dy + one)), vec.sqrt(dot(n, n))
+    both = vec.select(length > zero, one / (length * ray), zero)
+    return (zero - n[2]) * (both * ray), zero - (n[0] * dx + n[1] * dy + n[2]) * both, both * length
 
 
 @inlined
-def alpha_of(roughness):
-    """GGX's alpha squared of a material's roughness, f32x8."""
-    rough = vec.f32(_SMALLEST_ROUGHNESS) + vec.f32(np.float32(1.0) - _SMALLEST_ROUGHNESS) * roughness
-    rough = rough * rough
-    return rough * rough
+def vtk_specular(n_l, n_v, v_l, roughness):
+    """Return n . l and D V n . l from ``headlight_cosines``, both 0 where no light arrives.
 
-
-@inlined
-def gloss(n_l, n_v, v_l, a2):
-    """From ``cosines`` to n . l and D V n . l, both 0 where no light arrives.
-
-    D is GGX (Walter 2007), V the height-correlated Smith term (Heitz 2014). With h = (v + l) / |v + l| and
-    |v + l|^2 = w = 2 + 2 v . l they need neither h nor its length: n . h^2 = (n . v + n . l)^2 / w, so that
-    D = a2 w^2 / (pi (w - (1 - a2) (n . v + n . l)^2)^2).
+    With h = (v + l) / |v + l| and |v + l|^2 = w = 2 + 2 v . l, neither h nor its length is needed:
+    n . h^2 = (n . v + n . l)^2 / w, so D = a2 w^2 / (pi (w - (1 - a2) (n . v + n . l)^2)^2).
     """
     zero, one, two = vec.f32(0.0), vec.f32(1.0), vec.f32(2.0)
+    alpha = vec.f32(_VTK_MIN_ROUGHNESS) + vec.f32(np.float32(1.0) - _VTK_MIN_ROUGHNESS) * roughness
+    a2 = (alpha * alpha) * (alpha * alpha)
     lit = n_l > zero
     half = vec.most(n_v + n_l, zero)
-    n_l, n_v = vec.most(n_l, vec.f32(SMALLEST_COSINE)), vec.most(n_v, vec.f32(SMALLEST_COSINE))
+    n_l, n_v = vec.most(n_l, vec.f32(VTK_MIN_COSINE)), vec.most(n_v, vec.f32(VTK_MIN_COSINE))
     wide, rest = two + two * v_l, one - a2
     d = wide - rest * (half * half)
     smith = n_l * vec.sqrt(a2 + rest * (n_v * n_v)) + n_v * vec.sqrt(a2 + rest * (n_l * n_l))
-    specular = (a2 * vec.f32(_HALF_PI_INVERSE) * n_l * (wide * wide)) / (d * d * smith)
+    specular = (a2 * vec.f32(0.5 / math.pi) * n_l * (wide * wide)) / (d * d * smith)
     return vec.select(lit, n_l, zero), vec.select(lit, specular, zero)
 
 
 @inlined
-def schlick(dx, dy):
-    """Schlick's (1 - h . l)^5 of the pixel whose ray meets the plane z = 1 at (dx, dy), float32.
+def schlick(v_l):
+    """Return Schlick's (1 - h . l)^5. h is halfway between v and l, so that h . l = sqrt((1 + v . l) / 2)."""
+    half = vec.f32(0.5)
+    u = vec.most(vec.f32(1.0) - vec.sqrt(half + half * v_l), vec.f32(0.0))
+    return (u * u) * (u * u) * u
 
-    With the light beside the eye it does not depend on the surface, grows with the distance from the optical axis and
-    hardly differs from one pixel to another: 1e-5 at 50 degrees, 2e-4 at 70.
+
+@inlined
+def vtk_colors(base, metallic):
+    """Return the diffuse colour, F0 and F90 - F0 of linear base colours, three f32x8 each.
+
+    F0 is 0.04 for dielectrics; F90 = clamp(16.5 (F0.r + F0.g + F0.b)), as in VTK.
     """
-    u = 1.0 - np.sqrt(0.5 + 0.5 / np.sqrt(dx * dx + dy * dy + 1.0))
-    return np.float32((u * u) * (u * u) * u)
-
-
-@inlined
-def schlick_at(lens, y, x):
-    """``schlick`` of pixel (x, y)."""
-    return schlick((x + 0.5 - lens[2]) / lens[0], (y + 0.5 - lens[3]) / lens[1])
-
-
-@inlined
-def coat(red, green, blue, metallic):
-    """Of a material's linear base colour (f32x8 each): the diffuse colours, those reflected at normal incidence
-    (F0 = 0.04 for dielectrics), and what grazing light adds to these: F90 = clamp(16.5 (F0.r + F0.g + F0.b)), as VTK
-    has it, minus F0."""
     zero, one = vec.f32(0.0), vec.f32(1.0)
     dielectric = one - metallic
     f0 = vec.f32(0.04) * dielectric
-    r, g, b = f0 + red * metallic, f0 + green * metallic, f0 + blue * metallic
+    r, g, b = f0 + base[0] * metallic, f0 + base[1] * metallic, f0 + base[2] * metallic
     f90 = vec.least(vec.most((r + g + b) * vec.f32(16.5), zero), one)
-    diffuse = dielectric * vec.f32(_PI_INVERSE)
-    return (diffuse * red, diffuse * green, diffuse * blue), (r, g, b), (f90 - r, f90 - g, f90 - b)
+    return times(base, dielectric * vec.f32(1.0 / math.pi)), (r, g, b), (f90 - r, f90 - g, f90 - b)
 
 
 @inlined
-def reflected(n_l, specular, schlick, diffuse, f0, grazing):
-    """One channel's linear radiance towards the camera under one white head light of radiance 1, from ``gloss``,
-    ``schlick`` (in all lanes) and ``coat``: metallic-roughness (glTF 2.0 appendix B) as VTK evaluates it, with the
-    diffuse part (1 - F)(1 - metallic) base / pi. The light's radiance carries no factor pi."""
-    f = f0 + grazing * schlick
+def vtk_reflected(n_l, specular, fresnel, diffuse, f0, grazing):
+    """Return one channel's linear radiance under a white headlight of radiance 1.
+
+    Metallic-roughness (glTF 2.0 appendix B) as VTK evaluates it, with the diffuse part (1 - F)(1 - metallic) base / pi.
+    The light's radiance carries no factor pi.
+
+    Args:
+        n_l, specular: from ``vtk_specular``. fresnel: from ``schlick``. diffuse, f0, grazing: from ``vtk_colors``.
+    """
+    f = f0 + grazing * fresnel
     return n_l * (diffuse * (vec.f32(1.0) - f)) + specular * f
+
+
+@inner
+def reflected(n, v, l, n_l, base, metallic, roughness, f0, f90):
+    """Return the BRDF times the cosine of the light, RGB; meaningless where ``n_l`` is not positive.
+
+    A dielectric mixes diffuse and specular by its largest Fresnel term, a metal reflects with its base colour.
+
+    Args:
+        n, v, l: unit vectors: normal, to the viewer, to the light; three f32x8 each. n_l: their cosine.
+        f0, f90: of the dielectric, RGB and an f32x8.
+    """
+    zero, one = vec.f32(0.0), vec.f32(1.0)
+    n_v = vec.most(vec.absolute(dot(n, v)), vec.f32(1e-4))
+    h = v[0] + l[0], v[1] + l[1], v[2] + l[2]
+    length = vec.sqrt(dot(h, h))
+    h = times(h, vec.select(length > zero, one / length, zero))
+    v_h = dot(v, h)
+    alpha = vec.most(roughness * roughness, vec.f32(_MIN_ALPHA))
+    a2 = alpha * alpha
+    # 1 - (n.h)^2 as the square of a sine: float32 has no digits left for the difference near a mirror's highlight.
+    sine = cross(n, h)
+    sine2 = vec.least(dot(sine, sine), one)
+    d = sine2 + (one - sine2) * a2
+    keep = one - a2
+    smith = n_l * vec.sqrt(n_v * n_v * keep + a2) + n_v * vec.sqrt(n_l * n_l * keep + a2)
+    specular = a2 / (vec.f32(2.0 * math.pi) * d * d * smith)
+    s = vec.least(vec.most(one - v_h, zero), one)
+    s2 = s * s
+    s = s2 * s2 * s
+    dr, dg, db = f0[0] + (f90 - f0[0]) * s, f0[1] + (f90 - f0[1]) * s, f0[2] + (f90 - f0[2]) * s
+    dull = one - metallic
+    diffuse = (one - vec.most(dr, vec.most(dg, db))) * dull * vec.f32(1.0 / math.pi)
+    dielectric, metal = specular * dull, specular * metallic
+    return (
+        (diffuse * base[0] + dielectric * dr + metal * (base[0] + (one - base[0]) * s)) * n_l,
+        (diffuse * base[1] + dielectric * dg + metal * (base[1] + (one - base[1]) * s)) * n_l,
+        (diffuse * base[2] + dielectric * db + metal * (base[2] + (one - base[2]) * s)) * n_l,
+    )
+
+
+@inner
+def ambient_channel(base, metallic, f0, f90, scale, bias, diffuse_light, specular_light):
+    """Return one channel of the reflected environment; all f32x8.
+
+    Args:
+        base: base colour. f0, f90: of the dielectric.
+        scale, bias: of F0 and F90 in the integral over a white hemisphere (``split_sum``).
+        diffuse_light: irradiance over pi. specular_light: filtered radiance in the mirrored direction.
+
+    The energy that the single-scattering model loses on rough surfaces comes back as Fdez-Aguera describes ("A
+    Multiple-Scattering Microfacet Model for Real-Time Image-based Lighting", JCGT 2019).
+    """
+    zero, one, part = vec.f32(0.0), vec.f32(1.0), vec.f32(1.0 / 21.0)
+    lost = one - scale - bias
+    single = f0 * scale + f90 * bias
+    mean = f0 + (f90 - f0) * part
+    multiple = lost * single * mean / (one - mean * lost)
+    left = vec.most(one - single - multiple, zero)
+    dielectric = single * specular_light + (multiple + base * left) * diffuse_light
+    single = base * scale + bias
+    mean = base + (one - base) * part
+    multiple = lost * single * mean / (one - mean * lost)
+    metal = single * specular_light + multiple * diffuse_light
+    return dielectric + metallic * (metal - dielectric)

@@ -1,4 +1,4 @@
-"""Reading a texture at eight coordinates: wrap, filter, colour space."""
+"""Texture sampling, eight pixels at a time: wrap modes, bilinear and trilinear filters (OpenGL 4.6, 8.14)."""
 
 from __future__ import annotations
 
@@ -9,81 +9,109 @@ import numpy as np
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import inlined, inner
 from renderers.compiler.pointers import f32_at, i32_at, i64_at
-from renderers.shading.layout import A_UV0, S_BYTE_VALUES, S_TEXTURE_FLOATS, S_TEXTURES
-from renderers.shading.textures import (
+from renderers.shading.layout import (
+    A_GRADIENT0,
+    A_UV0,
+    G_PIXELS,
+    S_BYTE_VALUES,
+    S_TEXTURE_FLOATS,
+    S_TEXTURES,
+    STRIDE,
+)
+from renderers.shading.texture_table import (
+    MIPS_NEAREST,
+    MIPS_NONE,
     TF_COLUMNS,
-    TI_ADDRESS,
     TI_COLUMNS,
-    TI_HEIGHT,
-    TI_LINEAR,
-    TI_STRIDE,
-    TI_TRANSFORMED,
+    TI_LEVEL,
+    TI_LEVELS,
+    TI_MAG_LINEAR,
+    TI_MIN_LINEAR,
+    TI_MIPS,
+    TI_SRGB,
     TI_UV_SET,
-    TI_WIDTH,
     TI_WRAP_S,
     TI_WRAP_T,
     WRAP_CLAMP,
+    WRAP_MIRROR,
     WRAP_REPEAT,
 )
+from renderers.shading.vec3 import store3
 
-_LARGEST: Final = np.float32(1e9)
-"""Coordinates beyond this, and what is not a number, become 0: float32 has no fractions left for them long since."""
-FINE_BITS: Final = 15
-FINE: Final = 1 << FINE_BITS
-"""Parts of a texel where places among them are integers: as many as mixing in 16 bits tells apart."""
-AS_STORED: Final = 0
-SRGB: Final = 1
+_MAX_COORDINATE: Final = np.float32(1e9)
+"""Larger coordinates and NaN become 0: float32 has no fractions left there."""
 _UNIT: Final = np.float32(1.0 / 255.0)
+_NO_LEVEL: Final = 1 << 20
+_LARGE: Final = 1 << 17
+"""Texels of an image beyond which texels are prefetched: half a megabyte, more than the second-level cache has."""
 
 
 @inlined
-def _place(coordinate, wrap, size):
-    """f32x8: where a coordinate lies among ``size`` texels, within a texel of the first image, or of the first two for
-    MIRRORED_REPEAT. Exact where ``size`` is a power of two."""
-    coordinate = vec.select(vec.absolute(coordinate) < vec.f32(_LARGEST), coordinate, vec.f32(0.0))
-    if wrap == WRAP_CLAMP:
-        coordinate = vec.least(vec.most(coordinate, vec.f32(-1.0)), vec.f32(2.0))
-    elif wrap == WRAP_REPEAT:
+def _texel_position(coordinate, wrap, size):
+    """Coordinates in texels: within a texel of the first repetition, or of the first two for MIRRORED_REPEAT."""
+    coordinate = vec.select(vec.absolute(coordinate) < vec.f32(_MAX_COORDINATE), coordinate, vec.f32(0.0))
+    if wrap == WRAP_REPEAT:
         coordinate = coordinate - vec.floor(coordinate)
+    elif wrap == WRAP_CLAMP:
+        coordinate = vec.least(vec.most(coordinate, vec.f32(-1.0)), vec.f32(2.0))
     else:
         coordinate = coordinate - vec.f32(2.0) * vec.floor(vec.f32(0.5) * coordinate)
     return coordinate * vec.f32(size)
 
 
 @inlined
-def _wrapped(index, wrap, size):
-    """i32x8: the texels 0 .. size - 1 that indices next to a ``_place`` mean."""
+def _wrap(index, wrap, size):
+    """Texels 0 .. size - 1 of indices next to a ``_texel_position``."""
     zero, count = vec.i32(0), vec.i32(size)
     if wrap == WRAP_REPEAT:
         index = vec.select(index < zero, index + count, index)
         index = vec.select(index >= count, index - count, index)
-    elif wrap != WRAP_CLAMP:
+    elif wrap == WRAP_MIRROR:
+        # Index -1 mirrors to texel 0, and index 2 size is texel 0 of the next period: clamped below.
         index = vec.select(index < count, index, vec.i32(2 * size - 1) - index)
     return vec.least(vec.most(index, zero), count - vec.i32(1))
 
 
 @inlined
-def _channels(texel, space, values):
-    """Four f32x8 of eight RGBA texels: 0 .. 255, the colours of ``SRGB`` linear, 0 .. 1."""
-    byte, eight = vec.i32(255), vec.i32(8)
-    second = texel >> eight
-    third = second >> eight
-    r, g, b = texel & byte, second & byte, third & byte
-    alpha = vec.to_f32((third >> eight) & byte)
-    if space == SRGB:
-        table = f32_at(values)
-        return vec.gather(table, r), vec.gather(table, g), vec.gather(table, b), alpha
+def _channels(texel, srgb, values):
+    """RGB, linear if ``srgb``, else 0 .. 255; and alpha, 0 .. 255."""
+    byte = vec.i32(255)
+    r, g, b = texel & byte, (texel >> vec.i32(8)) & byte, (texel >> vec.i32(16)) & byte
+    alpha = vec.to_f32((texel >> vec.i32(24)) & byte)
+    if srgb:
+        return vec.gather(values, r), vec.gather(values, g), vec.gather(values, b), alpha
     return vec.to_f32(r), vec.to_f32(g), vec.to_f32(b), alpha
 
 
+@inlined
+def _scaled(rgba, srgb):
+    unit = vec.f32(_UNIT)
+    if srgb:
+        return rgba[0], rgba[1], rgba[2], rgba[3] * unit
+    return rgba[0] * unit, rgba[1] * unit, rgba[2] * unit, rgba[3] * unit
+
+
+@inlined
+def _lerp(a, b, c, d, fx, fy):
+    """Bilinear; exact where all four are equal."""
+    above, below = a + fx * (b - a), c + fx * (d - c)
+    return above + fy * (below - above)
+
+
+@inlined
+def _nearest(texels, stride, width, height, wrap_s, wrap_t, srgb, values, u, v):
+    """RGBA of the texels that (u, v) lie in."""
+    i = _wrap(vec.to_i32(vec.floor(_texel_position(u, wrap_s, width))), wrap_s, width)
+    j = _wrap(vec.to_i32(vec.floor(_texel_position(v, wrap_t, height))), wrap_t, height)
+    return _scaled(_channels(vec.gather(texels, j * vec.i32(stride) + i), srgb, values), srgb)
+
+
 @inner
-def _far_apart(integers, i, j):
-    """Four texels of eight places, of which some lie across the border of the image."""
-    width, height = integers[TI_WIDTH], integers[TI_HEIGHT]
-    wrap_s, wrap_t = integers[TI_WRAP_S], integers[TI_WRAP_T]
-    one, stride, texels = vec.i32(1), vec.i32(integers[TI_STRIDE]), i32_at(integers[TI_ADDRESS])
-    i0, i1 = _wrapped(i, wrap_s, width), _wrapped(i + one, wrap_s, width)
-    j0, j1 = _wrapped(j, wrap_t, height) * stride, _wrapped(j + one, wrap_t, height) * stride
+def _gather_wrapped(texels, stride, width, height, wrap_s, wrap_t, i, j):
+    """Four texels of eight positions, some of them across a border of the image."""
+    one, stride = vec.i32(1), vec.i32(stride)
+    i0, i1 = _wrap(i, wrap_s, width), _wrap(i + one, wrap_s, width)
+    j0, j1 = _wrap(j, wrap_t, height) * stride, _wrap(j + one, wrap_t, height) * stride
     return (
         vec.gather(texels, j0 + i0),
         vec.gather(texels, j0 + i1),
@@ -93,157 +121,180 @@ def _far_apart(integers, i, j):
 
 
 @inlined
-def nearest(integers, values, space, u, v):
-    """RGBA of the texel that (u, v) lies in."""
-    width, height = integers[TI_WIDTH], integers[TI_HEIGHT]
-    wrap_s, wrap_t = integers[TI_WRAP_S], integers[TI_WRAP_T]
-    unit = vec.f32(_UNIT)
-    i = _wrapped(vec.to_i32(vec.floor(_place(u, wrap_s, width))), wrap_s, width)
-    j = _wrapped(vec.to_i32(vec.floor(_place(v, wrap_t, height))), wrap_t, height)
-    at = j * vec.i32(integers[TI_STRIDE]) + i
-    r, g, b, alpha = _channels(vec.gather(i32_at(integers[TI_ADDRESS]), at), space, values)
-    if space == SRGB:
-        return r, g, b, alpha * unit
-    return r * unit, g * unit, b * unit, alpha * unit
-
-
-@inlined
-def reduced(integers, u, v):
-    """Column and row among the texels' centres, f32x8 each, of coordinates; within a texel of the first image, or of
-    the first two for MIRRORED_REPEAT."""
+def _bilinear(texels, stride, width, height, wrap_s, wrap_t, srgb, values, u, v):
+    """RGBA interpolated between the four texels whose centres surround (u, v)."""
     half = vec.f32(0.5)
-    return (
-        _place(u, integers[TI_WRAP_S], integers[TI_WIDTH]) - half,
-        _place(v, integers[TI_WRAP_T], integers[TI_HEIGHT]) - half,
-    )
-
-
-@inlined
-def _footprint(integers, x, y):
-    """The column and row of the first of the four texels whose centres are around (x, y), how far behind its centre
-    that is (0 .. 1 each), and whether all four lie side by side in the image."""
-    zero, one = vec.f32(0.0), vec.i32(1)
+    x, y = _texel_position(u, wrap_s, width) - half, _texel_position(v, wrap_t, height) - half
     x0, y0 = vec.floor(x), vec.floor(y)
-    width, height = vec.to_f32(vec.i32(integers[TI_WIDTH]) - one), vec.to_f32(vec.i32(integers[TI_HEIGHT]) - one)
-    inside = (x0 >= zero) & (y0 >= zero) & (x0 < width) & (y0 < height)
-    return vec.to_i32(x0), vec.to_i32(y0), x - x0, y - y0, inside
-
-
-@inlined
-def _mixed(four, space, values, fx, fy):
-    """Channels between four texels, row by row, at the share ``fx`` of the second column and ``fy`` of the second row;
-    scaled as ``_channels`` says."""
-    gx, gy = vec.f32(1.0) - fx, vec.f32(1.0) - fy
-    wa, wb, wc, wd = gx * gy, fx * gy, gx * fy, fx * fy
-    ra, ga, ba, aa = _channels(four[0], space, values)
-    rb, gb, bb, ab = _channels(four[1], space, values)
-    rc, gc, bc, ac = _channels(four[2], space, values)
-    rd, gd, bd, ad = _channels(four[3], space, values)
-    return (
-        ra * wa + rb * wb + rc * wc + rd * wd,
-        ga * wa + gb * wb + gc * wc + gd * wd,
-        ba * wa + bb * wb + bc * wc + bd * wd,
-        aa * wa + ab * wb + ac * wc + ad * wd,
-    )
-
-
-@inlined
-def bilinear(integers, values, space, u, v):
-    """RGBA of the four texels whose centres are around (u, v)."""
-    x, y = reduced(integers, u, v)
-    i, j, fx, fy, inside = _footprint(integers, x, y)
-    if vec.bits(inside) == 255:  # nearly always: neighbours are loaded together
-        at = j * vec.i32(integers[TI_STRIDE]) + i
-        four = vec.gather_squares(i32_at(integers[TI_ADDRESS]), at, integers[TI_STRIDE])
+    fx, fy = x - x0, y - y0
+    i, j = vec.to_i32(x0), vec.to_i32(y0)
+    zero, last, lowest = vec.i32(0), vec.i32(width - 1), vec.i32(height - 1)
+    if vec.bits((i >= zero) & (j >= zero) & (i < last) & (j < lowest)) == 255:  # nearly always
+        a, b, c, d = vec.gather_squares(texels, j * vec.i32(stride) + i, stride)
     else:
-        four = _far_apart(integers, i, j)
-    r, g, b, alpha = _mixed(four, space, values, fx, fy)
-    unit = vec.f32(_UNIT)
-    if space == SRGB:
-        return r, g, b, alpha * unit
-    return r * unit, g * unit, b * unit, alpha * unit
-
-
-@inlined
-def locate(integers, x, y):
-    """The number of the first of the four texels around a place in parts of a texel (``FINE``), and whether the four
-    do not lie side by side in the image: the number is anything where they do not."""
-    bits = vec.i32(FINE_BITS)
-    i, j = x >> bits, y >> bits
-    right, lower = vec.i32(integers[TI_WIDTH] - 2) - i, vec.i32(integers[TI_HEIGHT] - 2) - j
-    return j * vec.i32(integers[TI_STRIDE]) + i, (i | j | right | lower) < vec.i32(0)
-
-
-@inlined
-def parts(x):
-    """What ``locate`` takes, of a column or row among the texels' centres (f32x8)."""
-    return vec.to_i32(x * vec.f32(FINE))
-
-
-@inlined
-def coordinates_of(integers, x, y):
-    """Texture coordinates of a place as ``locate`` takes it."""
-    half, one, fine = vec.f32(0.5), vec.f32(1.0), vec.f32(1.0 / FINE)
-    x, y = vec.to_f32(x) * fine, vec.to_f32(y) * fine
-    return (x + half) * (one / vec.f32(integers[TI_WIDTH])), (y + half) * (one / vec.f32(integers[TI_HEIGHT]))
-
-
-@inlined
-def at_place(integers, x, y):
-    """RGBA as stored, 0 .. 1, of the four texels around a place, in any of an image's repetitions."""
-    u, v = coordinates_of(integers, x, y)
-    return bilinear(integers, np.int64(0), AS_STORED, u, v)
-
-
-@inlined
-def coordinates(integers, floats, rows, at, stride):
-    """Texture coordinates of eight pixels."""
-    u, v = vec.load(rows, at), vec.load(rows, at + stride)
-    if integers[TI_TRANSFORMED] != 0:
-        return (
-            vec.f32(floats[0]) * u + vec.f32(floats[1]) * v + vec.f32(floats[2]),
-            vec.f32(floats[3]) * u + vec.f32(floats[4]) * v + vec.f32(floats[5]),
-        )
-    return u, v
+        a, b, c, d = _gather_wrapped(texels, stride, width, height, wrap_s, wrap_t, i, j)
+    a, b = _channels(a, srgb, values), _channels(b, srgb, values)
+    c, d = _channels(c, srgb, values), _channels(d, srgb, values)
+    rgba = (
+        _lerp(a[0], b[0], c[0], d[0], fx, fy),
+        _lerp(a[1], b[1], c[1], d[1], fx, fy),
+        _lerp(a[2], b[2], c[2], d[2], fx, fy),
+        _lerp(a[3], b[3], c[3], d[3], fx, fy),
+    )
+    return _scaled(rgba, srgb)
 
 
 @inner
-def sample(job, row, space, rows, stride, begin, end, out):
-    """Write RGBA of a texture at the pixels ``begin .. end`` to four rows from row ``out`` on.
-
-    Args:
-        job: S_TEXTURES, S_TEXTURE_FLOATS and S_BYTE_VALUES are read. row: the texture's row in these tables.
-        space: ``AS_STORED`` or ``SRGB``, for the three colour channels.
-        rows: pointer to rows of ``stride`` float32; coordinates (texel centres are at (i + 0.5) / width,
-            (j + 0.5) / height) are in the rows of the texture's set.
-    """
-    integers = i64_at(job[S_TEXTURES] + 8 * TI_COLUMNS * row)
-    floats = f32_at(job[S_TEXTURE_FLOATS] + 4 * TF_COLUMNS * row)
-    values = job[S_BYTE_VALUES]
-    uv = (A_UV0 + 2 * integers[TI_UV_SET]) * stride
-    to = out * stride
-    linear = integers[TI_LINEAR] != 0
-    if space == SRGB and linear:
-        for x in range(begin, end, vec.LANES):
-            u, v = coordinates(integers, floats, rows, uv + x, stride)
-            _put(rows, to + x, stride, bilinear(integers, values, SRGB, u, v))
-    elif space == SRGB:
-        for x in range(begin, end, vec.LANES):
-            u, v = coordinates(integers, floats, rows, uv + x, stride)
-            _put(rows, to + x, stride, nearest(integers, values, SRGB, u, v))
-    elif linear:
-        for x in range(begin, end, vec.LANES):
-            u, v = coordinates(integers, floats, rows, uv + x, stride)
-            _put(rows, to + x, stride, bilinear(integers, values, AS_STORED, u, v))
-    else:
-        for x in range(begin, end, vec.LANES):
-            u, v = coordinates(integers, floats, rows, uv + x, stride)
-            _put(rows, to + x, stride, nearest(integers, values, AS_STORED, u, v))
+def _sample_level(integers, values, level, linear, u, v):
+    """RGBA of one mip level."""
+    texels = i32_at(integers[TI_LEVEL + 4 * level])
+    width, height = integers[TI_LEVEL + 4 * level + 1], integers[TI_LEVEL + 4 * level + 2]
+    stride = integers[TI_LEVEL + 4 * level + 3]
+    wrap_s, wrap_t, srgb = integers[TI_WRAP_S], integers[TI_WRAP_T], integers[TI_SRGB] != 0
+    if linear:
+        return _bilinear(texels, stride, width, height, wrap_s, wrap_t, srgb, values, u, v)
+    return _nearest(texels, stride, width, height, wrap_s, wrap_t, srgb, values, u, v)
 
 
 @inlined
-def _put(rows, at, stride, rgba):
-    vec.store(rows, at, rgba[0])
-    vec.store(rows, at + stride, rgba[1])
-    vec.store(rows, at + 2 * stride, rgba[2])
-    vec.store(rows, at + 3 * stride, rgba[3])
+def _select4(mask, a, b):
+    return (
+        vec.select(mask, a[0], b[0]),
+        vec.select(mask, a[1], b[1]),
+        vec.select(mask, a[2], b[2]),
+        vec.select(mask, a[3], b[3]),
+    )
+
+
+@inlined
+def _lerp4(a, b, part):
+    return (
+        a[0] + part * (b[0] - a[0]),
+        a[1] + part * (b[1] - a[1]),
+        a[2] + part * (b[2] - a[2]),
+        a[3] + part * (b[3] - a[3]),
+    )
+
+
+@inner
+def _sample_mipmapped(integers, values, u, v, footprint):
+    """RGBA from the mip levels that the sampler selects.
+
+    Args:
+        footprint: square of the longer side of the pixel's footprint, texels of the first level.
+    """
+    last, mips = integers[TI_LEVELS] - 1, integers[TI_MIPS]
+    mag_linear, min_linear = integers[TI_MAG_LINEAR] != 0, integers[TI_MIN_LINEAR] != 0
+    # Between a linear magnifying and a nearest minifying filter, the border is at half a level.
+    minified = footprint > vec.f32(2.0 if mag_linear and not min_linear and mips != MIPS_NONE else 1.0)
+    if vec.bits(minified) == 0:
+        return _sample_level(integers, values, np.int64(0), mag_linear, u, v)
+    zero, half = vec.f32(0.0), vec.f32(0.5)
+    level, part = vec.i32(0), zero
+    if mips != MIPS_NONE:
+        detail = vec.least(_half_log2(footprint), vec.f32(last))
+        if mips == MIPS_NEAREST:
+            level = vec.least(vec.to_i32(vec.ceil(detail + half)) - vec.i32(1), vec.i32(last))
+        else:
+            level = vec.to_i32(detail)
+            part = detail - vec.to_f32(level)
+    none = vec.i32(_NO_LEVEL)
+    level = vec.select(minified, level, none)
+    result = zero, zero, zero, zero
+    if vec.bits(minified) != 255:
+        result = _sample_level(integers, values, np.int64(0), mag_linear, u, v)
+    lowest = vec.least_of(level)
+    while lowest != _NO_LEVEL:
+        here = level == vec.i32(lowest)
+        found = _sample_level(integers, values, lowest, min_linear, u, v)
+        if vec.bits(here & (part > zero)) != 0:
+            found = _lerp4(found, _sample_level(integers, values, min(lowest + 1, last), min_linear, u, v), part)
+        result = _select4(here, found, result)
+        level = vec.select(here, none, level)
+        lowest = vec.least_of(level)
+    return result
+
+
+@inlined
+def _divide_large(x, whole, factor, half_octaves):
+    large = x >= vec.f32(factor)
+    return (
+        vec.select(large, x * vec.f32(1.0 / factor), x),
+        vec.select(large, whole + vec.f32(half_octaves), whole),
+    )
+
+
+@inlined
+def _half_log2(x):
+    """``log2(x) / 2`` for x >= 1, within 1e-6; at least 31 from 2^63 on and for NaN.
+
+    Divides until x < 2, then the series of artanh: the last bit of the C library's ``log`` differs between machines.
+    """
+    whole = vec.f32(0.0)
+    x, whole = _divide_large(x, whole, 2.0**32, 16.0)
+    x, whole = _divide_large(x, whole, 2.0**16, 8.0)
+    x, whole = _divide_large(x, whole, 2.0**8, 4.0)
+    x, whole = _divide_large(x, whole, 2.0**4, 2.0)
+    x, whole = _divide_large(x, whole, 2.0**2, 1.0)
+    x, whole = _divide_large(x, whole, 2.0, 0.5)
+    t = (x - vec.f32(1.0)) / (x + vec.f32(1.0))
+    t2 = t * t
+    series = vec.f32(1.0 / 9.0) + t2 * vec.f32(1.0 / 11.0)
+    series = vec.f32(0.2) + t2 * (vec.f32(1.0 / 7.0) + t2 * series)
+    series = t * (vec.f32(1.0) + t2 * (vec.f32(1.0 / 3.0) + t2 * series))
+    return whole + series * vec.f32(1.4426950408889634)
+
+
+@inlined
+def _footprint(floats, pixels, at, width, height):
+    """Square of the longer side of eight pixels' footprints, texels; from the rows of gradients at ``at``."""
+    a, b, d, e = vec.f32(floats[0]), vec.f32(floats[1]), vec.f32(floats[3]), vec.f32(floats[4])
+    ux, vx = vec.load(pixels, at), vec.load(pixels, at + STRIDE)
+    uy, vy = vec.load(pixels, at + 2 * STRIDE), vec.load(pixels, at + 3 * STRIDE)
+    sx, tx = (a * ux + b * vx) * vec.f32(width), (d * ux + e * vx) * vec.f32(height)
+    sy, ty = (a * uy + b * vy) * vec.f32(width), (d * uy + e * vy) * vec.f32(height)
+    return vec.most(sx * sx + tx * tx, sy * sy + ty * ty)
+
+
+@inner
+def sample(job, segment, row, begin, end, out, alpha):
+    """Write a texture's RGB and, if ``alpha``, alpha, 0 .. 1, to the rows from A_ row ``out`` on.
+
+    Texel centres are at ((i + 0.5) / width, (j + 0.5) / height). Mip levels need the rows of gradients.
+
+    Args:
+        row: row of the texture table.
+        begin, end: values of the rows.
+    """
+    integers = i64_at(job[S_TEXTURES] + 8 * TI_COLUMNS * row)
+    floats = f32_at(job[S_TEXTURE_FLOATS] + 4 * TF_COLUMNS * row)
+    values, pixels = f32_at(job[S_BYTE_VALUES]), f32_at(segment[G_PIXELS])
+    coordinates = (A_UV0 + 2 * integers[TI_UV_SET]) * STRIDE
+    gradients = (A_GRADIENT0 + 4 * integers[TI_UV_SET]) * STRIDE
+    a, b, c = vec.f32(floats[0]), vec.f32(floats[1]), vec.f32(floats[2])
+    d, e, f = vec.f32(floats[3]), vec.f32(floats[4]), vec.f32(floats[5])
+    texels, width, height = i32_at(integers[TI_LEVEL]), integers[TI_LEVEL + 1], integers[TI_LEVEL + 2]
+    stride = integers[TI_LEVEL + 3]
+    wrap_s, wrap_t, srgb = integers[TI_WRAP_S], integers[TI_WRAP_T], integers[TI_SRGB] != 0
+    linear = integers[TI_MAG_LINEAR] != 0
+    mipmapped = integers[TI_MIPS] != MIPS_NONE or integers[TI_MAG_LINEAR] != integers[TI_MIN_LINEAR]
+    if width * height > _LARGE and not mipmapped:
+        for x in range(begin, end, vec.LANES):
+            u, v = vec.load(pixels, coordinates + x), vec.load(pixels, coordinates + STRIDE + x)
+            u, v = a * u + b * v + c, d * u + e * v + f
+            i = _wrap(vec.to_i32(_texel_position(u, wrap_s, width)), wrap_s, width)
+            j = _wrap(vec.to_i32(_texel_position(v, wrap_t, height)), wrap_t, height)
+            vec.prefetch_more_rows(texels, j * vec.i32(stride) + i, stride)
+    for x in range(begin, end, vec.LANES):
+        u, v = vec.load(pixels, coordinates + x), vec.load(pixels, coordinates + STRIDE + x)
+        u, v = a * u + b * v + c, d * u + e * v + f
+        if mipmapped:
+            footprint = _footprint(floats, pixels, gradients + x, width, height)
+            rgba = _sample_mipmapped(integers, values, u, v, footprint)
+        elif linear:
+            rgba = _bilinear(texels, stride, width, height, wrap_s, wrap_t, srgb, values, u, v)
+        else:
+            rgba = _nearest(texels, stride, width, height, wrap_s, wrap_t, srgb, values, u, v)
+        store3(pixels, out * STRIDE + x, STRIDE, rgba)
+        if alpha:
+            vec.store(pixels, (out + 3) * STRIDE + x, rgba[3])

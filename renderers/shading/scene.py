@@ -1,4 +1,4 @@
-"""A draw list as tables that kernels read."""
+"""A draw list as tables that the shading kernels read."""
 
 from __future__ import annotations
 
@@ -12,89 +12,109 @@ from numpy.typing import NDArray
 from renderers.color import BYTE_VALUES
 from renderers.compiler.jit import kernel
 from renderers.compiler.pointers import address_of, f32_at, f64_at
-from renderers.drawlist import Image, Instance, Material, Topology
+from renderers.drawlist import AlphaMode, Instance, Material, Topology
 from renderers.interface import LookName
-from renderers.scene_tables import SceneTables, lets_through
-from renderers.shading.gamma import DECODED, ENCODED, GAMMA_CELLS
+from renderers.shading.gamma import DECODED
 from renderers.shading.layout import II_COLUMNS, P_COLUMNS, P_MIRROR, P_NORMAL, P_TANGENT
 from renderers.shading.materials import MaterialRows, as_tables, material_rows
-from renderers.shading.textures import Parallel, Texels, TextureTable, texels_of
+from renderers.shading.spans import LANE_TABLES
+from renderers.shading.texture_table import Parallel, TextureTable, is_opaque
 from renderers.shading.vertices import VertexRecords, records_of
 from renderers.stop import check_stop
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ShadingScene(SceneTables):
-    """What the kernels read of a draw list under one look. What it keeps are not the meshes, so that whoever keeps this
-    does not keep them."""
+class ShadingScene:
+    """Tables of a draw list under one look. Independent of the camera, shared between threads.
+
+    Does not refer to the meshes, so keeping it does not keep them alive.
+    """
 
     look: LookName
+    instances: NDArray[np.int64]
+    """(n, II_COLUMNS)."""
+    material_integers: NDArray[np.int64]
+    """(m, MI_COLUMNS)."""
+    material_floats: NDArray[np.float32]
+    """(m, MF_COLUMNS)."""
+    texture_integers: NDArray[np.int64]
+    """(t, TI_COLUMNS)."""
+    texture_floats: NDArray[np.float32]
+    """(t, TF_COLUMNS)."""
+    cull_back: NDArray[np.bool_]
+    """(n,) instances whose back faces are not shaded."""
+    transparent: NDArray[np.bool_]
+    """(n,) instances that are blended or cut out, and not opaque everywhere."""
     culls: bool
-    """Whether ``cull_back`` holds of any."""
+    """True if ``cull_back`` is set for any instance."""
     cull_at: int
     """Address of ``cull_back``."""
-    translucent: bool
-    """Whether a picture may need more than one layer."""
+    has_transparency: bool
+    """True if ``transparent`` is set for any instance: an image may need more than one layer."""
     job: tuple[int, ...]
-    """S_INSTANCES to S_ENCODED of a picture's job."""
+    """Columns S_INSTANCES to S_LANES of an image's job."""
+    keep: tuple[Any, ...]
+    """Objects that the addresses in the tables point into."""
 
     @property
     def nbytes(self) -> int:
-        """Bytes of what the addresses point into, textures above all."""
-        return sum(
-            each.rows.nbytes if isinstance(each, Texels) else each.nbytes
-            for each in self.keep
-            if isinstance(each, (Texels, VertexRecords))
-        )
+        """Bytes of vertices and textures."""
+        return sum(each.nbytes for each in self.keep if isinstance(each, (np.ndarray, VertexRecords)))
 
 
-def _opaque(image: Image) -> bool:
-    return texels_of(image).opaque
+def is_transparent(instance: Instance) -> bool:
+    """Return True if something behind the instance may be visible through it."""
+    material = instance.material
+    if material.alpha_mode is AlphaMode.OPAQUE:
+        return False
+    texture = material.base_color_texture
+    uniform = instance.mesh.colors is None and (texture is None or is_opaque(texture.image))
+    opaque_alpha = material.alpha_cutoff if material.alpha_mode is AlphaMode.MASK else 1.0
+    return not (uniform and material.base_color[3] >= opaque_alpha)
 
 
 def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | None = None) -> ShadingScene:
-    """Tables of a draw list's instances, in their order; decodes the images that the look needs.
+    """Return the tables of a draw list's instances, in their order. Decodes the images that the look needs.
 
     Args:
-        parallel: for several images at the same time; None: one after the other.
+        parallel: decodes several images at a time; None: one after the other.
 
     Raises:
         ImageError: an image cannot be decoded.
         ValueError, TypeError: a mesh's arrays are not what ``Mesh`` says.
     """
-    textures = TextureTable()
-    known: dict[tuple[int, bool], int] = {}
+    textures = TextureTable(mipmaps=look == "studio")
+    material_numbers: dict[tuple[int, bool], int] = {}
     materials: list[Material] = []
     rows: list[MaterialRows] = []
     geometry: dict[tuple[int, int], tuple[int, ...]] = {}
     keep: list[Any] = []
-    table = np.zeros((max(len(instances), 1), II_COLUMNS), dtype=np.int64)
+    table = np.zeros((max(len(instances), 1), II_COLUMNS), np.int64)
     for i, instance in enumerate(instances):
         check_stop()
         mesh, material = instance.mesh, instance.material
         topology = mesh.elements.shape[1]
         lit = topology == Topology.TRIANGLES
-        material_row = known.get((id(material), lit))
-        if material_row is None:
-            material_row = known[id(material), lit] = len(rows)
+        number = material_numbers.get((id(material), lit))
+        if number is None:
+            number = material_numbers[id(material), lit] = len(rows)
             rows.append(material_rows(material, look, lit, textures))
             materials.append(material)
-        # The set of coordinates that tangents must follow, -1 where there is no normal map.
+        # The set of texture coordinates that generated tangents follow.
         texture = material.normal_texture
-        tangent_set = texture.uv_set if texture is not None and rows[material_row].needs_tangents else -1
+        tangent_set = texture.uv_set if texture is not None and rows[number].has_normal_map else -1
         columns = geometry.get((id(mesh), tangent_set))
         if columns is None:
             records = records_of(mesh, tangent_set)
             keep.append(records)
             columns = geometry[id(mesh), tangent_set] = records.columns
-        table[i] = (topology, material_row, *columns)
+        table[i] = (topology, number, *columns)
     check_stop()
     integers, floats = as_tables(rows)
-    check_stop()
     texture_integers, texture_floats = textures.as_tables(parallel)
-    cull_back = np.array([not instance.material.double_sided for instance in instances], dtype=np.bool_)
+    cull_back = np.array([not instance.material.double_sided for instance in instances], np.bool_)
     check_stop()
-    layered = np.array([lets_through(instance, _opaque) for instance in instances], dtype=np.bool_)
+    transparent = np.array([is_transparent(instance) for instance in instances], np.bool_)
     return ShadingScene(
         look=look,
         instances=table,
@@ -103,43 +123,33 @@ def prepare(instances: Sequence[Instance], look: LookName, parallel: Parallel | 
         texture_integers=texture_integers,
         texture_floats=texture_floats,
         cull_back=cull_back,
-        layered=layered,
+        transparent=transparent,
         culls=bool(cull_back.any()),
         cull_at=address_of(cull_back, np.bool_),
-        translucent=bool(layered.any()),
-        job=_job(table, integers, floats, texture_integers, texture_floats),
+        has_transparency=bool(transparent.any()),
+        job=(
+            address_of(table, np.int64),
+            address_of(integers, np.int64),
+            address_of(floats, np.float32),
+            address_of(texture_integers, np.int64),
+            address_of(texture_floats, np.float32),
+            address_of(BYTE_VALUES, np.float32),
+            address_of(DECODED, np.float32),
+            address_of(LANE_TABLES, np.int32),
+        ),
         keep=(*keep, *materials, *textures.keep),
-    )
-
-
-def _job(
-    instances: NDArray[np.int64],
-    material_integers: NDArray[np.int64],
-    material_floats: NDArray[np.float32],
-    texture_integers: NDArray[np.int64],
-    texture_floats: NDArray[np.float32],
-) -> tuple[int, ...]:
-    """``ShadingScene.job``."""
-    return (
-        address_of(instances, np.int64),
-        address_of(material_integers, np.int64),
-        address_of(material_floats, np.float32),
-        address_of(texture_integers, np.int64),
-        address_of(texture_floats, np.float32),
-        address_of(BYTE_VALUES, np.float32),
-        address_of(DECODED, np.float32),
-        address_of(GAMMA_CELLS, np.int32),
-        address_of(ENCODED, np.float32),
     )
 
 
 @kernel("void(int64, int64, int64)", releases_gil=False)
 def map_instances(points_at, maps_at, count):
-    """Maps of normals, the inverse transpose up to a positive factor (defined for flat scales, too), maps of tangents
-    up to a positive factor, and whether X mirrors.
+    """Fill the instances' maps of normals and tangents, each up to a positive factor, and their handedness.
+
+    The map of normals is the inverse transpose, defined for flat scales, too.
 
     Args:
-        points_at: address of (count, 4, 4) float64, camera from mesh. maps_at: of (count, P_COLUMNS) float32.
+        points_at: address of (count, 4, 4) float64, camera from mesh.
+        maps_at: address of (count, P_COLUMNS) float32.
     """
     points, maps = f64_at(points_at), f32_at(maps_at)
     for instance in range(count):

@@ -19,7 +19,7 @@ from renderers.interface import Look, LookName, Output
 from renderers.raster import CpuRenderer
 from renderers.raster.frame_threads import FrameThreads, Phase
 from renderers.shading.mikktspace import corner_tangents
-from renderers.shading.studio.mipmaps import make_chain
+from renderers.shading.mipmaps import make_chain
 from renderers.stop import StopFlag, check_stop, current_stop, run_within
 from tests.renderers import scenes
 from tests.support.slow import covering

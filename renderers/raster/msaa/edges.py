@@ -22,7 +22,7 @@ from renderers.raster.layout import frame_at
 from renderers.raster.msaa.coverage import draw_sample_rows
 from renderers.raster.msaa.edge_merge import are_joined, pairs_of, separate_pairs
 from renderers.raster.msaa.storage import MIXED
-from renderers.shading.layout import (
+from renderers.shading.headlight.layout import (
     S_BACKGROUND,
     S_COLOR,
     S_COLUMNS,
@@ -321,8 +321,8 @@ def shade_mixed(own_address, band_address, stride, row_begin, row_end):
     """Shade a band's pixels and its entries, and mix edge pixels as bytes, as VTK does.
 
     Args:
-        own_address: address of 2 int64: the kernel ``renderers.shading.shade_rows.shade_rows`` and a ``Painter``'s job
-            in the mode DIRECT.
+        own_address: address of 2 int64: the kernel ``shading.headlight.shade_rows.shade_rows`` and a ``Painter``'s job in
+            the mode DIRECT.
         band_address: address of a SAMPLE_BAND. stride: as in FRAME.
         row_begin, row_end: the band's rows of the image.
     """

@@ -19,7 +19,7 @@ from renderers.msaa import SAMPLE_BAND, sample_cameras
 from renderers.raster.buffer_pool import Scratch
 from renderers.raster.msaa.edges import draw_samples, find_edges, shade_mixed
 from renderers.shading import Painter, ShadingScene, paint
-from renderers.shading.shade_rows import shade_rows
+from renderers.shading.headlight.shade_rows import shade_rows
 from renderers.visibility_buffer import BAND_ROWS, Rasterizer, SampledShader
 
 _GAP: Final = 1040

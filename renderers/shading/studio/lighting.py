@@ -7,22 +7,10 @@ import numpy as np
 from renderers.compiler import simd as vec
 from renderers.compiler.device_function import inlined, inner
 from renderers.compiler.pointers import f32_at, f64_at, i32_at, i64_at
-from renderers.shading.studio.brdf import ambient_channel, reflected
+from renderers.shading.brdf import ambient_channel, reflected
+from renderers.shading.layout import S_LENS, STRIDE
 from renderers.shading.studio.environment_map import LEVELS
 from renderers.shading.studio.layout import (
-    G_BASE,
-    G_EMITTED,
-    G_F0,
-    G_F90,
-    G_FLAT,
-    G_KEPT,
-    G_LIGHT,
-    G_METALLIC,
-    G_NORMAL,
-    G_POINT,
-    G_ROUGHNESS,
-    G_VIEW,
-    J_LENS,
     J_LEVELS,
     J_LIGHT_COUNT,
     J_LIGHTS,
@@ -33,7 +21,20 @@ from renderers.shading.studio.layout import (
     J_SPLIT,
     J_SPLIT_SIDE,
     J_TONE,
-    STRIDE,
+    LENS_EXPOSURE,
+    LENS_WORLD,
+    R_AMBIENT,
+    R_BASE,
+    R_EMITTED,
+    R_F0,
+    R_F90,
+    R_FLAT,
+    R_LIGHT,
+    R_METALLIC,
+    R_NORMAL,
+    R_POINT,
+    R_ROUGHNESS,
+    R_VIEW,
 )
 from renderers.shading.studio.lights import (
     L_COLOR,
@@ -49,6 +50,7 @@ from renderers.shading.studio.lights import (
 from renderers.shading.studio.shadow_sampling import lit_parts
 from renderers.shading.studio.shadows import S_COLUMNS, SI_COLUMNS
 from renderers.shading.studio.tonemap import shown
+from renderers.shading.vec3 import dot, transform_directions
 
 
 @inlined
@@ -63,11 +65,6 @@ def _put(rows, row, x, r, g, b):
     vec.store(rows, at, r)
     vec.store(rows, at + STRIDE, g)
     vec.store(rows, at + 2 * STRIDE, b)
-
-
-@inlined
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @inlined
@@ -97,20 +94,20 @@ def _arriving(light, p):
 
 @inner
 def _add_lamp(job, light, rows, count):
-    """Add what ``count`` pixels reflect of one light to the rows G_LIGHT."""
+    """Add what ``count`` pixels reflect of one light to the rows R_LIGHT."""
     zero = vec.f32(0.0)
     shadow = np.int64(light[L_SHADOW])
     color = vec.f32(light[L_COLOR]), vec.f32(light[L_COLOR + 1]), vec.f32(light[L_COLOR + 2])
     for x in range(0, count, vec.LANES):
-        n, p = _three(rows, G_NORMAL, x), _three(rows, G_POINT, x)
+        n, p = _three(rows, R_NORMAL, x), _three(rows, R_POINT, x)
         lx, ly, lz, part = _arriving(light, p)
         l = (lx, ly, lz)
-        n_l = _dot(n, l)
+        n_l = dot(n, l)
         part = vec.select(n_l > zero, part, zero)
         if shadow >= 0:
-            flat = _three(rows, G_FLAT, x)
+            flat = _three(rows, R_FLAT, x)
             # Else the triangle itself is in the way.
-            part = vec.select(_dot(flat, l) > zero, part, zero)
+            part = vec.select(dot(flat, l) > zero, part, zero)
             if vec.bits(part > zero) != 0:
                 part = part * lit_parts(
                     f64_at(job[J_SHADOW_FLOATS] + 8 * S_COLUMNS * shadow),
@@ -128,19 +125,19 @@ def _add_lamp(job, light, rows, count):
             continue
         r, g, b = reflected(
             n,
-            _three(rows, G_VIEW, x),
+            _three(rows, R_VIEW, x),
             l,
             n_l,
-            _three(rows, G_BASE, x),
-            vec.load(rows, G_METALLIC * STRIDE + x),
-            vec.load(rows, G_ROUGHNESS * STRIDE + x),
-            _three(rows, G_F0, x),
-            vec.load(rows, G_F90 * STRIDE + x),
+            _three(rows, R_BASE, x),
+            vec.load(rows, R_METALLIC * STRIDE + x),
+            vec.load(rows, R_ROUGHNESS * STRIDE + x),
+            _three(rows, R_F0, x),
+            vec.load(rows, R_F90 * STRIDE + x),
         )
-        red, green, blue = _three(rows, G_LIGHT, x)
+        red, green, blue = _three(rows, R_LIGHT, x)
         _put(
             rows,
-            G_LIGHT,
+            R_LIGHT,
             x,
             red + vec.select(lit, part * color[0] * r, zero),
             green + vec.select(lit, part * color[1] * g, zero),
@@ -202,26 +199,16 @@ def _split(table, side, n_v, roughness):
     )
 
 
-@inlined
-def _turned(m, d):
-    """Directions by a (3, 3) float64 matrix (a pointer)."""
-    return (
-        vec.f32(m[0]) * d[0] + vec.f32(m[1]) * d[1] + vec.f32(m[2]) * d[2],
-        vec.f32(m[3]) * d[0] + vec.f32(m[4]) * d[1] + vec.f32(m[5]) * d[2],
-        vec.f32(m[6]) * d[0] + vec.f32(m[7]) * d[1] + vec.f32(m[8]) * d[2],
-    )
-
-
 @inner
 def _add_surroundings(job, rows, count):
-    """Add what ``count`` pixels reflect of the surroundings, which are in the world's frame, to the rows G_LIGHT."""
-    turn = f64_at(job[J_LENS] + 8 * 5)
+    """Add what ``count`` pixels reflect of the surroundings, which are in the world's frame, to the rows R_LIGHT."""
+    world = f64_at(job[S_LENS] + 8 * LENS_WORLD)
     texels, places = f32_at(job[J_RADIANCE]), i32_at(job[J_LEVELS])
     zero, one, two = vec.f32(0.0), vec.f32(1.0), vec.f32(2.0)
     for x in range(0, count, vec.LANES):
-        n, v = _three(rows, G_NORMAL, x), _three(rows, G_VIEW, x)
-        roughness = vec.least(vec.most(vec.load(rows, G_ROUGHNESS * STRIDE + x), zero), one)
-        n_v = _dot(n, v)
+        n, v = _three(rows, R_NORMAL, x), _three(rows, R_VIEW, x)
+        roughness = vec.least(vec.most(vec.load(rows, R_ROUGHNESS * STRIDE + x), zero), one)
+        n_v = dot(n, v)
         # What a rough surface reflects comes from between the mirrored direction and the normal (Lagarde and de
         # Rousiers, "Moving Frostbite to PBR", 2014, 4.9.3).
         alpha = roughness * roughness
@@ -230,46 +217,46 @@ def _add_surroundings(job, rows, count):
         m = up * n[0] - mirror * v[0], up * n[1] - mirror * v[1], up * n[2] - mirror * v[2]
         n_v = vec.least(vec.most(n_v, zero), one)
         scale, bias = _split(f32_at(job[J_SPLIT]), job[J_SPLIT_SIDE], n_v, roughness)
-        u, w = _octahedral(_turned(turn, n))
+        u, w = _octahedral(transform_directions(world, 0, n))
         d0, d1, d2 = _read(texels, places, vec.i32(LEVELS), u, w)
         at = roughness * vec.f32(float(LEVELS - 1))
         low = vec.least(vec.to_i32(at), vec.i32(LEVELS - 2))
         part = at - vec.to_f32(low)
-        u, w = _octahedral(_turned(turn, m))
+        u, w = _octahedral(transform_directions(world, 0, m))
         r0, g0, b0 = _read(texels, places, low, u, w)
         r1, g1, b1 = _read(texels, places, low + vec.i32(1), u, w)
-        base, f0 = _three(rows, G_BASE, x), _three(rows, G_F0, x)
-        f90 = vec.load(rows, G_F90 * STRIDE + x)
-        metallic, kept = vec.load(rows, G_METALLIC * STRIDE + x), vec.load(rows, G_KEPT * STRIDE + x)
+        base, f0 = _three(rows, R_BASE, x), _three(rows, R_F0, x)
+        f90 = vec.load(rows, R_F90 * STRIDE + x)
+        metallic, kept = vec.load(rows, R_METALLIC * STRIDE + x), vec.load(rows, R_AMBIENT * STRIDE + x)
         r = ambient_channel(base[0], metallic, f0[0], f90, scale, bias, d0, r0 + part * (r1 - r0))
         g = ambient_channel(base[1], metallic, f0[1], f90, scale, bias, d1, g0 + part * (g1 - g0))
         b = ambient_channel(base[2], metallic, f0[2], f90, scale, bias, d2, b0 + part * (b1 - b0))
-        red, green, blue = _three(rows, G_LIGHT, x)
-        _put(rows, G_LIGHT, x, red + kept * r, green + kept * g, blue + kept * b)
+        red, green, blue = _three(rows, R_LIGHT, x)
+        _put(rows, R_LIGHT, x, red + kept * r, green + kept * g, blue + kept * b)
 
 
 @inner
 def light_up(job, rows, count):
-    """Fill the rows G_VIEW and G_LIGHT of ``count`` pixels, the latter with tone-mapped linear RGB.
+    """Fill the rows R_VIEW and R_LIGHT of ``count`` pixels, the latter with tone-mapped linear RGB.
 
     Args:
         job: pointer to the J_COLUMNS int64. rows: pointer to G_ROWS rows of STRIDE float32.
     """
     zero = vec.f32(0.0)
     for x in range(0, count, vec.LANES):
-        _put(rows, G_LIGHT, x, zero, zero, zero)
-        px, py, pz = _three(rows, G_POINT, x)
+        _put(rows, R_LIGHT, x, zero, zero, zero)
+        px, py, pz = _three(rows, R_POINT, x)
         length = vec.sqrt(px * px + py * py + pz * pz)
         scale = vec.select(length > zero, vec.f32(-1.0) / length, zero)
-        _put(rows, G_VIEW, x, px * scale, py * scale, pz * scale)
+        _put(rows, R_VIEW, x, px * scale, py * scale, pz * scale)
     for k in range(job[J_LIGHT_COUNT]):
         _add_lamp(job, f64_at(job[J_LIGHTS] + 8 * L_COLUMNS * k), rows, count)
     if job[J_RADIANCE] != 0:
         _add_surroundings(job, rows, count)
-    exposure = vec.f32(f64_at(job[J_LENS])[4])
+    exposure = vec.f32(f64_at(job[S_LENS])[LENS_EXPOSURE])
     tone = job[J_TONE]
     for x in range(0, count, vec.LANES):
-        r, g, b = _three(rows, G_LIGHT, x)
-        er, eg, eb = _three(rows, G_EMITTED, x)
+        r, g, b = _three(rows, R_LIGHT, x)
+        er, eg, eb = _three(rows, R_EMITTED, x)
         r, g, b = shown(tone, (r + er) * exposure, (g + eg) * exposure, (b + eb) * exposure)
-        _put(rows, G_LIGHT, x, r, g, b)
+        _put(rows, R_LIGHT, x, r, g, b)

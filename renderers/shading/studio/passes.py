@@ -10,19 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.camera import Camera
-from renderers.color import BYTE_VALUES, linear_from_srgb
+from renderers.color import linear_from_srgb
 from renderers.compiler.kernel_calls import kernel_address
 from renderers.compiler.pointers import address_of
 from renderers.depth_peeling import peeled
 from renderers.drawlist import DrawList
 from renderers.light_rig import MAX_LIGHTS, MAX_SHADOWS, Rig
 from renderers.msaa import sample_cameras
+from renderers.shading import layout as common
+from renderers.shading.scene import ShadingScene, map_instances
 from renderers.shading.studio import layout as at
 from renderers.shading.studio import shade_rows as k
 from renderers.shading.studio.environment_map import Ambient, ambient_of, split_sum
 from renderers.shading.studio.lights import light_table
 from renderers.shading.studio.shadows import ShadowMap, draw_maps, pixel_size, shadow_tables, visible_points
-from renderers.shading.studio.tables import StudioScene, normal_matrices
 from renderers.shading.studio.tone_mapping import finish_rows
 from renderers.shading.studio.tonemap import SRGB_CELLS, TONES
 from renderers.stop import current_stop
@@ -34,7 +35,7 @@ if TYPE_CHECKING:  # the rasterizer calls this module
 def paint(
     rasterizer: Rasterizer,
     scene: DrawList,
-    studio: StudioScene,
+    shading: ShadingScene,
     camera: Camera,
     rig: Rig,
     samples: int,
@@ -49,7 +50,7 @@ def paint(
 
     Args:
         rasterizer: gives visibility and runs bands.
-        studio: prepared from the scene's instances.
+        shading: prepared from the scene's instances for the look ``studio``.
         samples: 1, 4 or 8 a pixel.
         background: RGB as stored in the picture.
         color: (H, W, 3) uint8, C-contiguous; every pixel is written.
@@ -60,8 +61,8 @@ def paint(
     """
     from renderers.visibility_buffer import BAND_ROWS, SampledShader, band_count
 
-    cull = studio.cull_back if studio.cull_back.any() else None
-    opaque = ~studio.layered if studio.layered.any() else None
+    cull = shading.cull_back if shading.cull_back.any() else None
+    opaque = ~shading.transparent if shading.transparent.any() else None
     cameras = sample_cameras(camera, samples)
     height, width = camera.height, camera.width
     bands = band_count(height)
@@ -78,7 +79,7 @@ def paint(
     def cut(view: Visibility, lens: Camera) -> NDArray[np.bool_]:
         """Where a layer is not cut out."""
         nothing = _Light(rig, light_table((), (), lens), 0, *shadow_tables((), lens), [], None)
-        job, keep = _job(studio, view.X_camera_mesh, view.first_record, lens, nothing)
+        job, keep = _job(shading, view.X_camera_mesh, view.first_record, lens, nothing)
         alpha = np.zeros((lens.height, at.line_of(lens.width)), np.float32)
         table, to, ids = address_of(job, np.int64), address_of(alpha, np.float32), address_of(view.ids, np.int32)
 
@@ -104,7 +105,7 @@ def paint(
             points = visible_points(seen, cameras[0])
             pixel = pixel_size(points, camera)
             maps, map_of = draw_maps(
-                rasterizer, scene, lights, points, rig.shadow_size, pixel, MAX_SHADOWS, studio.layered, cut
+                rasterizer, scene, lights, points, rig.shadow_size, pixel, MAX_SHADOWS, shading.transparent, cut
             )
         ambient = ambient_of(rig.surroundings) if rig.surroundings is not None else None
         light = _Light(
@@ -113,7 +114,7 @@ def paint(
 
         def shade(view: Visibility, lens: Camera, mode: int, target: NDArray[np.float32] | None) -> None:
             """Shade a layer; None: at once into the picture."""
-            job, keep = _job(studio, view.X_camera_mesh, view.first_record, lens, light)
+            job, keep = _job(shading, view.X_camera_mesh, view.first_record, lens, light)
             table, to = address_of(job, np.int64), address_of(target, np.float32)
             ids = address_of(view.ids, np.int32)
 
@@ -126,7 +127,7 @@ def paint(
 
         def begin_edges(view: SampledView) -> SampledShader:
             """Shade what samples see."""
-            job, keep = _job(studio, view.X_camera_mesh, view.first_record, camera, light)
+            job, keep = _job(shading, view.X_camera_mesh, view.first_record, camera, light)
             own = np.zeros(k.B_COLUMNS, np.int64)
             own[k.B_SHADE] = kernel_address(k.shade_rows)
             own[k.B_JOB] = address_of(job, np.int64)
@@ -147,7 +148,7 @@ def paint(
             view = seen
             if view is None or each_camera is not cameras[0]:
                 view = stack.enter_context(rasterizer.visibility(scene, each_camera, select=opaque, cull_back=cull))
-            for layer in peeled(rasterizer, scene, studio, each_camera, cull, view):
+            for layer in peeled(rasterizer, scene, shading, each_camera, cull, view):
                 shade(layer, each_camera, k.BENEATH, own)
                 layer.ids[own[:, 3, :width] >= 1.0] = -1  # nothing can be seen behind
             shade(view, each_camera, k.BENEATH, own)
@@ -173,7 +174,7 @@ class _Light:
 
 
 def _job(
-    studio: StudioScene,
+    shading: ShadingScene,
     X_camera_mesh: NDArray[np.float64],
     first_record: NDArray[np.int64],
     camera: Camera,
@@ -181,20 +182,17 @@ def _job(
 ) -> tuple[NDArray[np.int64], tuple[object, ...]]:
     """The kernel's table, and what its addresses point into."""
     X = X_camera_mesh if len(X_camera_mesh) else np.eye(4)[None]
-    N = normal_matrices(X)
-    turn = camera.X_world_camera[:3, :3]
-    lens = np.array(
-        (camera.fx, camera.fy, camera.cx, camera.cy, light.rig.exposure, *turn.flat, 1.0 / camera.fx, 1.0 / camera.fy)
-    )
+    maps = np.empty((len(X), common.P_COLUMNS), np.float32)
+    map_instances(address_of(X, np.float64), address_of(maps, np.float32), len(X))
+    world = camera.X_world_camera[:3, :3]
+    lens = np.array((camera.fx, camera.fy, camera.cx, camera.cy, light.rig.exposure, *world.flat))
     job = np.zeros(at.J_COLUMNS, np.int64)
-    job[at.J_INSTANCES] = address_of(studio.instances, np.int64)
-    job[at.J_MATERIAL_INTEGERS] = address_of(studio.material_integers, np.int64)
-    job[at.J_MATERIAL_FLOATS] = address_of(studio.material_floats, np.float32)
-    job[at.J_TEXTURE_INTEGERS] = address_of(studio.texture_integers, np.int64)
-    job[at.J_TEXTURE_FLOATS] = address_of(studio.texture_floats, np.float32)
-    job[at.J_VALUES] = address_of(BYTE_VALUES, np.float32)
-    job[at.J_X] = address_of(X, np.float64)
-    job[at.J_N] = address_of(N, np.float64)
+    job[common.S_FIRST] = address_of(first_record, np.int64)
+    job[common.S_COUNT] = len(first_record) - 1
+    job[common.S_POINTS] = address_of(X, np.float64)
+    job[common.S_MAPS] = address_of(maps, np.float32)
+    job[common.S_LENS] = address_of(lens, np.float64)
+    job[common.S_INSTANCES : common.S_COMMON] = shading.job
     job[at.J_LIGHTS] = address_of(light.lamps, np.float64)
     job[at.J_LIGHT_COUNT] = light.count
     job[at.J_SHADOW_FLOATS] = address_of(light.floats, np.float64)
@@ -205,10 +203,7 @@ def _job(
         job[at.J_LEVELS] = address_of(light.ambient.places, np.int32)
         job[at.J_SPLIT] = address_of(split_sum(), np.float32)
         job[at.J_SPLIT_SIDE] = split_sum().shape[0]
-    job[at.J_LENS] = address_of(lens, np.float64)
     job[at.J_TONE] = TONES.index(light.rig.tone)
-    job[at.J_FIRST] = address_of(first_record, np.int64)
-    job[at.J_COUNT] = len(first_record) - 1
     stop = current_stop()
     job[at.J_STOP] = stop.address
-    return job, (X, N, lens, light, first_record, stop)
+    return job, (X, maps, lens, light, first_record, stop)

@@ -128,7 +128,7 @@ def test_layers_end_where_nothing_shows_through() -> None:
     ],
 )
 def test_only_what_can_let_light_through_costs_layers(material: Material, mesh: Mesh, layered: bool) -> None:
-    assert prepare((placed(mesh, material),), "phong").translucent is layered
+    assert prepare((placed(mesh, material),), "phong").has_transparency is layered
 
 
 def test_the_visibility_at_hand_is_used_and_left_alone() -> None:

@@ -12,8 +12,6 @@ from renderers.drawlist import DrawList, Instance, Material, Mesh, Sampler, Text
 from renderers.interface import Look, Output
 from renderers.raster import CpuRenderer
 from renderers.shading import paint, prepare
-from renderers.shading.attribute_planes import SLOTS
-from renderers.shading.spans import MOST
 from renderers.shading.vertices import records_of
 from tests.renderers.shading.reference import ball, picture, placed, quad
 from tests.renderers.shading.scalar import shaded
@@ -227,59 +225,6 @@ def test_triangles_as_large_as_pixels_to_a_level(unit: float, thickness: float, 
         differences = np.abs(ours - scalar)
         assert (differences > 1).sum() <= 8  # grains of a surface seen edge-on, where the seen side is rounding's
         assert (differences != 0).mean() < 0.02
-
-
-@pytest.mark.parametrize("textured", [False, True])
-def test_triangles_that_are_remembered_at_the_same_place(textured: bool) -> None:
-    """Of every SLOTS elements one is seen, the others have no area."""
-    rng = np.random.default_rng(6)
-    count = 60
-    left = np.linspace(-3.0, 2.8, count)
-    positions = np.zeros((count, 3, 3), np.float32)
-    positions[..., 0] = left[:, None] + rng.uniform(0.0, 0.4, (count, 3))
-    positions[..., 1] = (-1.5, 1.5, 0.0)
-    positions[..., 2] = rng.uniform(2.0, 3.0, (count, 3))
-    elements = np.zeros((SLOTS * count, 3), np.uint32)
-    elements[::SLOTS] = np.arange(3 * count).reshape(-1, 3)
-    mesh = Mesh(positions.reshape(-1, 3), elements, rng.normal(size=(3 * count, 3)).astype(np.float32))
-    material = Material((0.9, 0.3, 1.0, 1.0), double_sided=True)
-    if textured:
-        mesh = replace(mesh, uv0=rng.uniform(-2, 2, (3 * count, 2)).astype(np.float32))
-        pixels = rng.integers(0, 256, (9, 13, 4)).astype(np.uint8)
-        material = replace(material, base_color_texture=Texture(picture(pixels)))
-    drawn = DrawList((Instance(mesh, material, np.eye(4)),))
-    for name in ("phong", "pbr"):
-        ours, scalar = both(drawn, view(163, 61), Look(name))
-        differences = np.abs(ours - scalar)
-        assert ours.any()
-        assert differences.max() <= 1
-        assert (differences != 0).mean() < 0.02
-
-
-def test_bands_of_more_triangles_than_are_set_up_at_a_time() -> None:
-    """Quads six pixels wide and three high, none of them flat or like the others, in rows of many instances."""
-    width, height = 2100, 32
-    across, down = width // 6, -(-height // 3)
-    assert 2 * across * down > MOST
-    rng = np.random.default_rng(8)
-    y, x = np.mgrid[0 : down + 1, 0 : across + 1]
-    positions = np.stack((6.0 * x + 0.3, 3.0 * y + 0.2, 1000.0 + rng.uniform(-1.0, 1.0, x.shape)), axis=-1)
-    normals = rng.uniform((-1.0, -1.0, -2.0), (1.0, 1.0, -0.5), (*x.shape, 3))
-    a = (np.arange(down)[:, None] * (across + 1) + np.arange(across)).ravel()
-    b = a + across + 1
-    elements = np.concatenate((np.stack((a, b, a + 1), 1), np.stack((a + 1, b, b + 1), 1))).astype(np.uint32)
-    whole = Mesh(positions.reshape(-1, 3).astype(np.float32), elements, normals.reshape(-1, 3).astype(np.float32))
-    parts = [replace(whole, elements=np.ascontiguousarray(elements[k::300])) for k in range(300)]
-    camera = Camera(width, height, 1000.0, 1000.0, 0.0, 0.0, 0.05, 5000.0, np.eye(4))
-    for meshes in ([whole], parts):
-        looks = [Material((0.9, 0.3, 0.1 + 0.8 * k / len(meshes), 1.0), double_sided=True) for k in range(len(meshes))]
-        drawn = DrawList(tuple(Instance(mesh, look, np.eye(4)) for mesh, look in zip(meshes, looks, strict=True)))
-        for name in ("phong", "pbr"):
-            ours, scalar = both(drawn, camera, Look(name))
-            differences = np.abs(ours - scalar)
-            assert ours.any()
-            assert differences.max() <= 1
-            assert (differences != 0).mean() < 0.02
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.6, -1.1, 1.45])

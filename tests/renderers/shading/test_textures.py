@@ -33,9 +33,20 @@ from renderers.shading.gamma import (
     gamma_pixels,
     plain_byte,
 )
-from renderers.shading.layout import A_ROWS, A_TEXEL, A_UV0, S_BYTE_VALUES, S_COLUMNS, S_TEXTURE_FLOATS, S_TEXTURES
-from renderers.shading.sampling import AS_STORED, SRGB, sample
-from renderers.shading.textures import TextureTable
+from renderers.shading.layout import (
+    A_ROWS,
+    A_TEXEL,
+    A_UV0,
+    G_PIXELS,
+    G_VALUES,
+    S_BYTE_VALUES,
+    S_COMMON,
+    S_TEXTURE_FLOATS,
+    S_TEXTURES,
+    STRIDE,
+)
+from renderers.shading.sampling import sample
+from renderers.shading.texture_table import TI_LEVEL, TextureTable
 from tests.renderers.shading.reference import lookup, picture
 from tests.support.waiting import SECONDS
 
@@ -46,8 +57,8 @@ PIXELS = np.random.default_rng(3).integers(0, 256, (5, 3, 4)).astype(np.uint8)
 
 
 @njit
-def _sample(job, row, space, rows):
-    sample(i64_at(job), row, space, f32_at(rows), 8, 0, 8, A_TEXEL)
+def _sample(job, segment, row):
+    sample(i64_at(job), i64_at(segment), row, 0, 8, A_TEXEL, True)
 
 
 @njit
@@ -92,17 +103,18 @@ def each(kernel: Callable[[int, int, int], None], values: object, dtype: type[np
 def read_all(texture: Texture, u: np.ndarray, v: np.ndarray, *, srgb: bool = False) -> np.ndarray:
     """(8, 4): the texture at eight coordinates."""
     table = TextureTable()
-    row = table.row(texture)
+    row = table.row(texture, srgb)
     integers, floats = table.as_tables()
-    job = np.zeros(S_COLUMNS, np.int64)
+    job, segment = np.zeros(S_COMMON, np.int64), np.zeros(G_VALUES, np.int64)
     job[S_TEXTURES] = address_of(integers, np.int64)
     job[S_TEXTURE_FLOATS] = address_of(floats, np.float32)
     job[S_BYTE_VALUES] = address_of(BYTE_VALUES, np.float32)
-    rows = np.zeros((A_ROWS, 8), np.float32)
+    pixels = np.zeros((A_ROWS, STRIDE), np.float32)
+    segment[G_PIXELS] = address_of(pixels, np.float32)
     with np.errstate(over="ignore"):
-        rows[A_UV0], rows[A_UV0 + 1] = u, v
-    _sample(job.ctypes.data, row, SRGB if srgb else AS_STORED, rows.ctypes.data)
-    return rows[A_TEXEL : A_TEXEL + 4].T
+        pixels[A_UV0, :8], pixels[A_UV0 + 1, :8] = u, v
+    _sample(job.ctypes.data, segment.ctypes.data, row)
+    return pixels[A_TEXEL : A_TEXEL + 4, :8].T
 
 
 def read(texture: Texture, u: float, v: float, *, srgb: bool = False) -> np.ndarray:
@@ -170,18 +182,6 @@ def test_rows_of_a_page_are_spread() -> None:
                 np.testing.assert_allclose(read(texture, u, v), lookup(texture, u, v, False), atol=2e-3)
 
 
-@pytest.mark.parametrize(("height", "width"), [(1, 1), (1, 5), (5, 1), (1, 1024)])
-def test_a_square_of_texels_can_be_copied_from_a_single_row_or_column(height: int, width: int) -> None:
-    """Kernels copy squares that start at texel 0 before they know whether they are of use."""
-    pixels = np.arange(4 * height * width, dtype=np.uint32).astype(np.uint8).reshape(height, width, 4)
-    rows = texels_of(picture(pixels)).rows
-    np.testing.assert_array_equal(rows, pixels)
-    stride, owner = rows.shape[1], rows.base
-    assert owner is not None
-    behind = owner.ctypes.data + owner.nbytes - rows.ctypes.data
-    assert behind >= 4 * (stride + 2)
-
-
 def test_an_image_is_decoded_once_and_forgotten_with_it() -> None:
     calls = 0
 
@@ -195,7 +195,7 @@ def test_an_image_is_decoded_once_and_forgotten_with_it() -> None:
     assert texels_of(image) is first
     assert calls == 1
     gone = weakref.ref(image)
-    texels = weakref.ref(first.rgba) if first.rgba is not PIXELS else None
+    texels = weakref.ref(first.rows) if first.rows is not PIXELS else None
     del image, first
     gc.collect()
     assert gone() is None
@@ -205,8 +205,9 @@ def test_an_image_is_decoded_once_and_forgotten_with_it() -> None:
 def test_equal_textures_share_a_row() -> None:
     table = TextureTable()
     texture = Texture(picture(PIXELS))
-    assert table.row(texture) == table.row(replace(texture)) == 0
-    assert table.row(replace(texture, uv_set=1)) == 1
+    assert table.row(texture, False) == table.row(replace(texture), False) == 0
+    assert table.row(replace(texture, uv_set=1), False) == 1
+    assert table.row(texture, True) == 2
 
 
 @pytest.mark.parametrize("pixels", [PIXELS[..., :3], PIXELS.astype(np.uint16), PIXELS[:0], PIXELS[0]])
@@ -272,23 +273,24 @@ def test_images_that_are_not_known_are_decoded_at_the_same_time() -> None:
 
     def decode() -> np.ndarray:
         together.wait()  # breaks unless two threads are here
-        return PIXELS
+        return PIXELS.copy()
 
     table = TextureTable()
     textures = [Texture(Image(bytes([k]), decode)) for k in range(2)]
     known = Texture(picture(PIXELS))
     expected = texels_of(known.image)
     for texture in (known, *textures, replace(textures[0], uv_set=1)):
-        table.row(texture)
+        table.row(texture, False)
     crew = FrameThreads(2)
     try:
         integers, _ = table.as_tables(lambda units, work: crew.run((Phase(units, work),)))
     finally:
         crew.close()
-    assert len(integers) == 4
-    assert table.keep[0] is expected
-    assert table.keep[1] is table.keep[3] is not table.keep[2]
-    np.testing.assert_array_equal(table.keep[2].rgba, PIXELS)
+    addresses = integers[:, TI_LEVEL].tolist()
+    assert len(addresses) == 4
+    assert addresses[0] == address_of(expected.rows, np.uint8)
+    assert addresses[1] == addresses[3] != addresses[2]
+    assert any(level is expected.rows for level in table.keep)
 
 
 def test_the_first_error_of_decoding_is_raised() -> None:
@@ -297,7 +299,7 @@ def test_the_first_error_of_decoding_is_raised() -> None:
 
     table = TextureTable()
     for k in range(2):
-        table.row(Texture(Image(bytes([k]), broken), name=f"wall {k}"))
+        table.row(Texture(Image(bytes([k]), broken), name=f"wall {k}"), False)
     crew = FrameThreads(2)
     try:
         with pytest.raises(ImageError, match=r"^wall \d: torn$"):

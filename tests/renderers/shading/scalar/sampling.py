@@ -8,13 +8,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from renderers.shading.textures import (
-    TI_ADDRESS,
-    TI_HEIGHT,
-    TI_LINEAR,
-    TI_STRIDE,
-    TI_TRANSFORMED,
-    TI_WIDTH,
+from renderers.shading.texture_table import (
+    TI_LEVEL,
+    TI_MAG_LINEAR,
     TI_WRAP_S,
     TI_WRAP_T,
     WRAP_CLAMP,
@@ -23,6 +19,7 @@ from renderers.shading.textures import (
 from tests.renderers.shading.scalar.memory import load_f32, load_i64, load_u8
 
 _LARGEST = 1e9
+_TI_ADDRESS, _TI_WIDTH, _TI_HEIGHT, _TI_STRIDE = range(TI_LEVEL, TI_LEVEL + 4)
 AS_STORED = 0
 SRGB = 1
 
@@ -76,19 +73,18 @@ def sample(integers, floats, values, space, u, v):
         space: ``AS_STORED`` or ``SRGB``, for the three colour channels.
         u, v: float64 texture coordinates; texel centres are at (i + 0.5) / width, (j + 0.5) / height.
     """
-    if load_i64(integers, TI_TRANSFORMED):
-        tu = load_f32(floats, 0) * u + load_f32(floats, 1) * v + load_f32(floats, 2)
-        v = load_f32(floats, 3) * u + load_f32(floats, 4) * v + load_f32(floats, 5)
-        u = tu
-    address = load_i64(integers, TI_ADDRESS)
-    width, height = load_i64(integers, TI_WIDTH), load_i64(integers, TI_HEIGHT)
+    tu = load_f32(floats, 0) * u + load_f32(floats, 1) * v + load_f32(floats, 2)
+    v = load_f32(floats, 3) * u + load_f32(floats, 4) * v + load_f32(floats, 5)
+    u = tu
+    address = load_i64(integers, _TI_ADDRESS)
+    width, height = load_i64(integers, _TI_WIDTH), load_i64(integers, _TI_HEIGHT)
     wrap_s, wrap_t = load_i64(integers, TI_WRAP_S), load_i64(integers, TI_WRAP_T)
     x = _bounded(u, wrap_s) * width
     y = _bounded(v, wrap_t) * height
-    if load_i64(integers, TI_LINEAR) == 0:
+    if load_i64(integers, TI_MAG_LINEAR) == 0:
         i = _wrapped(math.floor(x), width, wrap_s)
         j = _wrapped(math.floor(y), height, wrap_t)
-        at = (j * load_i64(integers, TI_STRIDE) + i) * 4
+        at = (j * load_i64(integers, _TI_STRIDE) + i) * 4
         return (
             load_f32(values, space * 256 + load_u8(address, at)),
             load_f32(values, space * 256 + load_u8(address, at + 1)),
@@ -101,7 +97,7 @@ def sample(integers, floats, values, space, u, v):
     fx, fy = np.float32(x - x0), np.float32(y - y0)
     i0 = _wrapped(x0, width, wrap_s)
     i1 = _wrapped(x0 + 1, width, wrap_s)
-    stride = load_i64(integers, TI_STRIDE)
+    stride = load_i64(integers, _TI_STRIDE)
     j0 = _wrapped(y0, height, wrap_t) * stride
     j1 = _wrapped(y0 + 1, height, wrap_t) * stride
     a, b, c, d = (j0 + i0) * 4, (j0 + i1) * 4, (j1 + i0) * 4, (j1 + i1) * 4

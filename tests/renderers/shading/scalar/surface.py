@@ -23,7 +23,7 @@ from renderers.shading.materials import (
     MI_NORMAL,
     MI_OCCLUSION,
 )
-from renderers.shading.textures import TF_COLUMNS, TI_COLUMNS, TI_UV_SET
+from renderers.shading.texture_table import TF_COLUMNS, TI_COLUMNS, TI_UV_SET
 from tests.renderers.shading.scalar.lights import reflect_pbr
 from tests.renderers.shading.scalar.memory import load_i64
 from tests.renderers.shading.scalar.resolve import A_BASE, A_COLOR, A_FACING, A_NORMAL, A_TANGENT, A_UV0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -13,10 +14,11 @@ from renderers.drawlist import Image, ImageError, Mesh, Texture
 from renderers.light_rig import Rig
 from renderers.msaa import sample_cameras
 from renderers.shading.mikktspace import corner_tangents, with_tangents
+from renderers.shading.mipmaps import halve, make_chain
 from renderers.shading.studio.layout import F_BEHIND, F_CELLS, F_COLOR, F_COLUMNS, line_of
-from renderers.shading.studio.mipmaps import MipTable, _halve, make_chain
 from renderers.shading.studio.tone_mapping import finish_rows
 from renderers.shading.studio.tonemap import SRGB_CELLS
+from renderers.shading.texture_table import TextureTable
 from tests.renderers.shading.reference import ball
 from tests.renderers.shading.studio import reference as ref
 from tests.renderers.shading.studio.scenes import noise
@@ -25,10 +27,10 @@ from tests.renderers.shading.studio.scenes import noise
 @pytest.mark.parametrize("srgb", [True, False])
 def test_levels_are_means(srgb: bool) -> None:
     image = noise(32)
-    chain = make_chain(image.decode(), srgb)
-    exact = ref.levels(image, srgb)
-    assert [level.shape for level in chain.levels] == [level.shape for level in exact]
-    for level, expected in zip(chain.levels, exact, strict=True):
+    levels = make_chain(image.decode(), srgb)
+    exact = ref.levels(image, srgb)[1:]
+    assert [level.shape for level in levels] == [level.shape for level in exact]
+    for level, expected in zip(levels, exact, strict=True):
         shown = np.concatenate(
             (ref.srgb(expected[..., :3]) if srgb else 255 * expected[..., :3], 255 * expected[..., 3:]), -1
         )
@@ -39,21 +41,22 @@ def test_an_image_that_cannot_be_decoded_is_named_by_its_texture() -> None:
     def broken() -> np.ndarray:
         raise ImageError("torn")
 
-    image, table = Image(b"torn", broken), MipTable()
     for name in ("first", "second"):
+        table = TextureTable(mipmaps=True)
+        table.row(Texture(Image(b"torn", broken), name=name), True)
         with pytest.raises(ImageError, match=f"^{name}: torn$"):
-            table.row(Texture(image, name=name), True)
+            table.as_tables()
 
 
 @pytest.mark.parametrize("shape", [(5, 7), (1, 9), (12, 1), (3, 2), (2, 2)])
 def test_levels_of_odd_sizes_keep_the_mean(shape: tuple[int, int]) -> None:
     rng = np.random.default_rng(1)
     pixels = rng.integers(0, 256, (*shape, 4)).astype(np.uint8)
-    chain = make_chain(pixels, False)
-    for before, level in zip(chain.levels, chain.levels[1:], strict=False):
+    levels = (pixels, *make_chain(pixels, False))
+    for before, level in itertools.pairwise(levels):
         assert level.shape[:2] == tuple(max(side // 2, 1) for side in before.shape[:2])
         assert np.abs(level.mean(axis=(0, 1)) - before.mean(axis=(0, 1))).max() <= 0.5
-    assert chain.levels[-1].shape[:2] == (1, 1)
+    assert levels[-1].shape[:2] == (1, 1)
 
 
 def test_images_and_levels_are_one_type_to_the_compiler() -> None:
@@ -62,7 +65,7 @@ def test_images_and_levels_are_one_type_to_the_compiler() -> None:
         pixels.flags.writeable = writable
         make_chain(pixels, True)
         assert pixels.flags.writeable is writable
-    assert len(_halve.signatures) == 1  # another one would be compiled while serving
+    assert len(halve.signatures) == 1  # another one would be compiled while serving
 
 
 def test_every_level_of_srgb() -> None:

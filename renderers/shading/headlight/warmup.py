@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import renderers.shading.passes  # noqa: F401 - all kernels are imported by it
+import renderers.shading.headlight.passes  # noqa: F401 - all kernels are imported by it
 from renderers.compiler.jit import compile_all
 
 

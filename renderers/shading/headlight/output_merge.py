@@ -1,4 +1,4 @@
-"""From shaded pixels to the picture: bytes, translucent layers, background."""
+"""From shaded pixels to the image: bytes, translucent layers, background."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ from renderers.compiler import simd as vec
 from renderers.compiler.device_function import inlined, inner
 from renderers.compiler.pointers import f32_at, u8_at
 from renderers.shading.gamma import encode_gamma, gamma_pixels, plain_byte
-from renderers.shading.layout import (
-    A_BASE,
+from renderers.shading.headlight.layout import (
     S_BACKGROUND,
     S_COLOR,
     S_ENCODED,
@@ -22,27 +21,29 @@ from renderers.shading.layout import (
     S_PBR,
     S_WIDTH,
 )
+from renderers.shading.layout import A_BASE, STRIDE
 from renderers.shading.materials import ALPHA_BLEND, ALPHA_MASK
+from renderers.shading.vec3 import load3
 
 DIRECT: Final = 0
-"""Write the picture."""
+"""Write the image."""
 GATHER: Final = 1
 """Add a translucent layer behind those gathered so far."""
 UNDER: Final = 2
-"""Write the picture beneath the gathered layers."""
-_AHEAD: Final = 1024
-"""Pixels of the picture that are on their way to the cache before they are written: it follows row upon row."""
+"""Write the image beneath the gathered layers."""
+_PREFETCH: Final = 1024
+"""Pixels by which the image is prefetched ahead of writing."""
 
 
 @inlined
 def packed(r, g, b):
-    """Eight colours (f32x8 each) that are stored as they are, as i32x8: red in the lowest byte, then green, blue."""
+    """Return eight colours in 0 .. 1 (f32x8 each) as packed pixels (i32x8), red in the lowest byte."""
     return plain_byte(r) | (plain_byte(g) << vec.i32(8)) | (plain_byte(b) << vec.i32(16))
 
 
 @inlined
 def write(job, pbr, line, x, r, g, b):
-    """Eight shaded pixels (f32x8 each), packed, to the row that ``line`` points to."""
+    """Pack eight shaded pixels (f32x8 each) into the row that ``line`` points to."""
     if pbr:
         vec.store(line, x, gamma_pixels(r, g, b, job[S_GAMMA]))
     else:
@@ -51,7 +52,7 @@ def write(job, pbr, line, x, r, g, b):
 
 @inlined
 def _shown(job, c):
-    """What ``write`` rounds to a byte, 0 .. 1, f32x8."""
+    """Return the value that ``write`` would round to a byte, 0 .. 1, f32x8."""
     if job[S_PBR] != 0:
         return encode_gamma(c, job[S_ENCODED])
     return vec.least(vec.most(c, vec.f32(0.0)), vec.f32(1.0))
@@ -59,8 +60,7 @@ def _shown(job, c):
 
 @inlined
 def _layers(job, y):
-    """Pointer to the layers gathered in a row: red, green, blue and how much of what is behind is seen, each
-    ``_plane`` values behind the one before."""
+    """Return a pointer to the layers gathered in a row: red, green, blue and transmittance, ``_plane`` values apart."""
     return f32_at(job[S_GATHERED] + 4 * (job[S_WIDTH] + vec.LANES) * y)
 
 
@@ -70,13 +70,13 @@ def _plane(job):
 
 
 @inner
-def gather(job, alpha_mode, cutoff, y, begin, end, rows, stride):
-    """Adds a segment behind the layers gathered so far, in the space of the stored picture, as VTK does."""
+def gather(job, alpha_mode, cutoff, y, begin, end, pixels):
+    """Add pixels behind the layers gathered so far, in the colour space of the stored image, as VTK does."""
     layers, plane = _layers(job, y), _plane(job)
     zero, one, lane = vec.f32(0.0), vec.f32(1.0), vec.iota()
     for x in range(begin, end, vec.LANES):
         through = vec.load_again(layers, 3 * plane + x)
-        alpha = vec.load(rows, (A_BASE + 3) * stride + x)
+        alpha = vec.load(pixels, (A_BASE + 3) * STRIDE + x - begin)
         if alpha_mode == ALPHA_BLEND:
             alpha = vec.select(alpha == alpha, vec.least(vec.most(alpha, zero), one), one)
         elif alpha_mode == ALPHA_MASK:
@@ -87,14 +87,14 @@ def gather(job, alpha_mode, cutoff, y, begin, end, rows, stride):
         adding = (lane < vec.i32(end - x)) & (share > zero)
         for k in range(3):
             before = vec.load_again(layers, k * plane + x)
-            shown = _shown(job, vec.load(rows, (A_BASE + k) * stride + x))
+            shown = _shown(job, vec.load(pixels, (A_BASE + k) * STRIDE + x - begin))
             vec.store(layers, k * plane + x, vec.select(adding, before + share * shown, before))
         vec.store(layers, 3 * plane + x, vec.select(adding, through * (one - alpha), through))
 
 
 @inlined
 def _beneath(layers, plane, x, r, g, b):
-    """Packed pixels: what is shown (f32x8 each) beneath the layers."""
+    """Return packed pixels of colours (f32x8 each) beneath the layers."""
     through = vec.load(layers, 3 * plane + x)
     return packed(
         vec.load(layers, x) + through * r,
@@ -104,17 +104,12 @@ def _beneath(layers, plane, x, r, g, b):
 
 
 @inner
-def write_under(job, y, begin, end, rows, stride, line):
-    """A segment beneath the gathered layers."""
+def write_under(job, y, begin, end, pixels, line):
+    """Write pixels beneath the gathered layers."""
     layers, plane = _layers(job, y), _plane(job)
     for x in range(begin, end, vec.LANES):
-        at = A_BASE * stride + x
-        r, g, b = (
-            _shown(job, vec.load(rows, at)),
-            _shown(job, vec.load(rows, at + stride)),
-            vec.load(rows, at + 2 * stride),
-        )
-        vec.store(line, x, _beneath(layers, plane, x, r, g, _shown(job, b)))
+        r, g, b = load3(pixels, A_BASE * STRIDE + x - begin, STRIDE)
+        vec.store(line, x, _beneath(layers, plane, x, _shown(job, r), _shown(job, g), _shown(job, b)))
 
 
 @inlined
@@ -124,7 +119,7 @@ def _channel(background, k):
 
 @inner
 def write_background(job, y, begin, end, line):
-    """Pixels that see nothing."""
+    """Write pixels without a surface."""
     background = job[S_BACKGROUND]
     if job[S_MODE] == DIRECT:
         pixels = vec.i32(background)
@@ -139,12 +134,12 @@ def write_background(job, y, begin, end, line):
 
 @inner
 def put_line(job, y, width, line):
-    """The first ``width`` packed pixels of a finished row to the bytes of the picture."""
+    """Write the first ``width`` packed pixels of a finished row to the image."""
     color = u8_at(job[S_COLOR] + 3 * y * job[S_WIDTH])
-    # What is written behind eight pixels, up to four bytes, must be overwritten by the next ones of the same row.
+    # A vector store overruns by up to four bytes, which the next one of the same row must overwrite.
     whole = max(width - 2, 0) // vec.LANES * vec.LANES
     for x in range(0, whole, vec.LANES):
-        vec.prefetch(color, 3 * (x + _AHEAD))
+        vec.prefetch(color, 3 * (x + _PREFETCH))
         vec.store_rgb(color, 3 * x, vec.load(line, x))
     for x in range(whole, width):
         for k in range(3):

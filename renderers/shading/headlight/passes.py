@@ -15,19 +15,22 @@ from renderers.compiler.simd import LANES
 from renderers.depth_peeling import MAX_LAYERS, peeled
 from renderers.drawlist import DrawList
 from renderers.interface import Look
-from renderers.shading import layout as at
-from renderers.shading.output_merge import DIRECT, GATHER, UNDER
+from renderers.shading.gamma import ENCODED, GAMMA_CELLS
+from renderers.shading.headlight.layout import S_COLUMNS
+from renderers.shading.headlight.output_merge import DIRECT, GATHER, UNDER
+from renderers.shading.headlight.shade_rows import shade_rows
+from renderers.shading.layout import P_COLUMNS
 from renderers.shading.scene import ShadingScene, map_instances
-from renderers.shading.shade_rows import shade_rows
 
 if TYPE_CHECKING:  # the rasterizer calls this module
     from renderers.visibility_buffer import Rasterizer, Visibility
 
 _NOTHING: Final = np.zeros((4, 0, LANES), dtype=np.float32)
 _NO_COLOR: Final = np.zeros((0, 0, 3), dtype=np.uint8)
-_MAPS: Final = at.S_COLUMNS + 4
-"""Where the maps begin, in values of 8 bytes: behind the job and the lens."""
-_JOB: Final = Struct(f"{at.S_COLUMNS}q4d")
+_MAPS: Final = S_COLUMNS + 4
+"""Offset of the instances' maps in a painter's memory, in values of 8 bytes: after the job and the lens."""
+_JOB: Final = Struct(f"{S_COLUMNS}q4d")
+_GAMMA: Final = address_of(GAMMA_CELLS, np.int32), address_of(ENCODED, np.float32)
 
 
 def paint(
@@ -56,14 +59,14 @@ def paint(
         max_layers: as for ``peeled``.
     """
     cull = shading.cull_back if shading.culls else None
-    if not shading.translucent:
+    if not shading.has_transparency:
         if first is not None and cull is None:
             _shade(rasterizer, shading, first, camera, look, DIRECT, _NOTHING, color)
             return
         with rasterizer.visibility(scene, camera, cull_back=cull) as seen:
             _shade(rasterizer, shading, seen, camera, look, DIRECT, _NOTHING, color)
         return
-    with rasterizer.visibility(scene, camera, select=~shading.layered, cull_back=cull) as behind:
+    with rasterizer.visibility(scene, camera, select=~shading.transparent, cull_back=cull) as behind:
         gathered = np.zeros((4, camera.height, camera.width + LANES), dtype=np.float32)
         gathered[3] = 1.0
         any_layer = False
@@ -105,21 +108,22 @@ class Painter:
         count = len(shading.cull_back)
         red, green, blue = look.background
         # The job, the lens and the maps in one array.
-        own, memory, address = table(_MAPS + (count * at.P_COLUMNS + 1) // 2)
+        own, memory, address = table(_MAPS + (count * P_COLUMNS + 1) // 2)
         _JOB.pack_into(
             memory,
             0,
+            first_record,
+            count,
+            meshes,
+            address + 8 * _MAPS,
+            address + 8 * S_COLUMNS,
+            *shading.job,
             look.name == "pbr",
             mode,
             camera.width,
             camera.height,
             stride,
-            first_record,
-            count,
-            meshes,
-            address + 8 * _MAPS,
-            address + 8 * at.S_COLUMNS,
-            *shading.job,
+            *_GAMMA,
             red | green << 8 | blue << 16,
             gathered,
             color,
