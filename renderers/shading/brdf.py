@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from renderers.compiler import simd as vec
-from renderers.compiler.device_function import inlined, inner
+from renderers.compiler.device_function import device_function, inlined
 from renderers.shading.vec3 import cross, dot, times
 
 VTK_MIN_COSINE: Final = np.float32(1e-5)
@@ -96,7 +96,7 @@ def vtk_reflected(n_l, specular, fresnel, diffuse, f0, grazing):
     return n_l * (diffuse * (vec.f32(1.0) - f)) + specular * f
 
 
-@inner
+@device_function
 def reflected(n, v, l, n_l, base, metallic, roughness, f0, f90):
     """Return the BRDF times the cosine of the light, RGB; meaningless where ``n_l`` is not positive.
 
@@ -135,7 +135,7 @@ def reflected(n, v, l, n_l, base, metallic, roughness, f0, f90):
     )
 
 
-@inner
+@device_function
 def ambient_channel(base, metallic, f0, f90, scale, bias, diffuse_light, specular_light):
     """Return one channel of the reflected environment; all f32x8.
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.compiler import simd as vec
-from renderers.compiler.device_function import inlined, inner
+from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.pointers import f32_at, i32_at
 
 GAMMA: Final = 2.2
@@ -98,7 +98,7 @@ def plain_byte(c):
     return vec.to_i32(c * vec.f32(255.0) + vec.f32(0.5))
 
 
-@inner
+@device_function
 def decode_gamma(c, decoded):
     """``c^2.2`` of an f32x8 in 0..1 (clamped; NaN is 0), interpolated in ``DECODED`` (its address): within 1e-7."""
     at = vec.least(vec.most(c, vec.f32(0.0)), vec.f32(1.0)) * vec.f32(float(_STEPS))

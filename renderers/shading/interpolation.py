@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from renderers.compiler import simd as vec
-from renderers.compiler.device_function import inlined, inner
+from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.pointers import f32_at, f64_at, i32_at, i64_at, u32_at
 from renderers.shading.layout import (
     A_COLOR,
@@ -145,7 +145,7 @@ def _single(w):
     return vec.to_f32(w[0]), vec.to_f32(w[1]), vec.to_f32(w[2])
 
 
-@inner
+@device_function
 def _set_up_eight(segment, span, count, at):
     """Fill eight values of the rows T_ from ``at`` on, of the spans ``span .. span + count``.
 
@@ -294,7 +294,7 @@ def _prefetch(segment, span, last_span):
         vec.prefetch(elements, 3 * (np.int64(records[k]) - first))
 
 
-@inner
+@device_function
 def set_up_spans(segment, span, last_span, end_span):
     """Fill the rows T_ for the spans ``span .. last_span``, at most PART.
 
@@ -333,7 +333,7 @@ def _line(spans, row, count, at, lanes, t):
     return _pick(spans, row, at, lanes) + _pick(spans, row + count, at, lanes) * t
 
 
-@inner
+@device_function
 def interpolate(segment, begin, end, to):
     """Fill the rows A_ from value ``to`` on with the attributes of the pixels ``begin .. end``, after ``set_up_spans``.
 
@@ -399,7 +399,7 @@ def _gradient(spans, pixels, row, uv, gradient, at, lanes, share, to_x):
             vec.store(pixels, (gradient + 2 * k + j) * STRIDE + to_x, slope)
 
 
-@inner
+@device_function
 def _interpolate_surface(segment, begin, end, to):
     """Fill the rows from A_GRADIENT0 to A_POINT after those before them."""
     spans, pixels, lens = f32_at(segment[G_SPANS]), f32_at(segment[G_PIXELS]), f64_at(segment[G_LENS])

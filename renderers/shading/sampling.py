@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from renderers.compiler import simd as vec
-from renderers.compiler.device_function import inlined, inner
+from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.pointers import f32_at, i32_at, i64_at
 from renderers.shading.layout import (
     A_GRADIENT0,
@@ -106,7 +106,7 @@ def _nearest(texels, stride, width, height, wrap_s, wrap_t, srgb, values, u, v):
     return _scaled(_channels(vec.gather(texels, j * vec.i32(stride) + i), srgb, values), srgb)
 
 
-@inner
+@device_function
 def _gather_wrapped(texels, stride, width, height, wrap_s, wrap_t, i, j):
     """Four texels of eight positions, some of them across a border of the image."""
     one, stride = vec.i32(1), vec.i32(stride)
@@ -144,7 +144,7 @@ def _bilinear(texels, stride, width, height, wrap_s, wrap_t, srgb, values, u, v)
     return _scaled(rgba, srgb)
 
 
-@inner
+@device_function
 def _sample_level(integers, values, level, linear, u, v):
     """RGBA of one mip level."""
     texels = i32_at(integers[TI_LEVEL + 4 * level])
@@ -176,7 +176,7 @@ def _lerp4(a, b, part):
     )
 
 
-@inner
+@device_function
 def _sample_mipmapped(integers, values, u, v, footprint):
     """RGBA from the mip levels that the sampler selects.
 
@@ -256,7 +256,7 @@ def _footprint(floats, pixels, at, width, height):
     return vec.most(sx * sx + tx * tx, sy * sy + ty * ty)
 
 
-@inner
+@device_function
 def sample(job, segment, row, begin, end, out, alpha):
     """Write a texture's RGB and, if ``alpha``, alpha, 0 .. 1, to the rows from A_ row ``out`` on.
 

@@ -321,7 +321,7 @@ def shade_mixed(own_address, band_address, stride, row_begin, row_end):
     """Shade a band's pixels and its entries, and mix edge pixels as bytes, as VTK does.
 
     Args:
-        own_address: address of 2 int64: the kernel ``shading.headlight.shade_rows.shade_rows`` and a ``Painter``'s job in
+        own_address: address of 2 int64: the kernel ``headlight.shade_rows.shade_rows`` and a ``Painter``'s job in
             the mode DIRECT.
         band_address: address of a SAMPLE_BAND. stride: as in FRAME.
         row_begin, row_end: the band's rows of the image.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from renderers.compiler import simd as vec
-from renderers.compiler.device_function import inlined, inner
+from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.pointers import f32_at, f64_at, i32_at, i64_at
 from renderers.shading.brdf import headlight_cosines, schlick, vtk_colors, vtk_reflected, vtk_specular
 from renderers.shading.headlight.layout import S_MODE, S_PBR
@@ -57,7 +57,7 @@ def _put(job, pbr, direct, line, x, pixels, at, rgb):
         store3(pixels, A_BASE * STRIDE + at, STRIDE, rgb)
 
 
-@inner
+@device_function
 def _shade_unlit(job, mf, varies, pixels, begin, count, line):
     """The colour of a surface is its base colour."""
     direct, pbr = job[S_MODE] == DIRECT, job[S_PBR] != 0
@@ -72,7 +72,7 @@ def _phong(pixels, at):
     return vec.most(-n[2] * scale_to(n, vec.f32(1.0)), vec.f32(0.0))
 
 
-@inner
+@device_function
 def _shade_phong(job, mf, varies, pixels, begin, count, line):
     """Base colour times ``_phong``."""
     direct = job[S_MODE] == DIRECT
@@ -87,7 +87,7 @@ def _shade_phong(job, mf, varies, pixels, begin, count, line):
         write(job, False, line, begin + at, r, g, b)
 
 
-@inner
+@device_function
 def _shade_pbr(job, segment, varies, begin, count, line):
     """Metallic-roughness as VTK evaluates it, occlusion and emission."""
     mi, mf = i64_at(segment[G_MATERIAL_INTEGERS]), f32_at(segment[G_MATERIAL_FLOATS])
@@ -136,7 +136,7 @@ def is_uniform_phong(job, segment):
     return job[S_MODE] == DIRECT and job[S_PBR] == 0 and mi[MI_UNLIT] == 0 and not has_color_map(segment)
 
 
-@inner
+@device_function
 def fill_spans(segment, span, last_span, line):
     """Write spans of ``is_uniform_phong`` whose normals are constant, after ``set_up_spans``.
 
@@ -157,7 +157,7 @@ def fill_spans(segment, span, last_span, line):
     own_pixels[0] = 0  # the pointer above does not keep the array alive
 
 
-@inner
+@device_function
 def shade(job, segment, begin, end, line):
     """Shade the pixels ``begin .. end``, at most PART, from the rows A_.
 

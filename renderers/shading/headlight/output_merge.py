@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from renderers.compiler import simd as vec
-from renderers.compiler.device_function import inlined, inner
+from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.pointers import f32_at, u8_at
 from renderers.shading.gamma import encode_gamma, gamma_pixels, plain_byte
 from renderers.shading.headlight.layout import (
@@ -69,7 +69,7 @@ def _plane(job):
     return (job[S_WIDTH] + vec.LANES) * job[S_HEIGHT]
 
 
-@inner
+@device_function
 def gather(job, alpha_mode, cutoff, y, begin, end, pixels):
     """Add pixels behind the layers gathered so far, in the colour space of the stored image, as VTK does."""
     layers, plane = _layers(job, y), _plane(job)
@@ -103,7 +103,7 @@ def _beneath(layers, plane, x, r, g, b):
     )
 
 
-@inner
+@device_function
 def write_under(job, y, begin, end, pixels, line):
     """Write pixels beneath the gathered layers."""
     layers, plane = _layers(job, y), _plane(job)
@@ -117,7 +117,7 @@ def _channel(background, k):
     return vec.f32(np.float32((background >> (8 * k)) & 255) / np.float32(255.0))
 
 
-@inner
+@device_function
 def write_background(job, y, begin, end, line):
     """Write pixels without a surface."""
     background = job[S_BACKGROUND]
@@ -132,7 +132,7 @@ def write_background(job, y, begin, end, line):
             vec.store(line, x, _beneath(layers, plane, x, r, g, b))
 
 
-@inner
+@device_function
 def put_line(job, y, width, line):
     """Write the first ``width`` packed pixels of a finished row to the image."""
     color = u8_at(job[S_COLOR] + 3 * y * job[S_WIDTH])

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from renderers.camera import Camera
 from renderers.compiler.pointers import Table, address_of, table
 from renderers.compiler.simd import LANES
-from renderers.depth_peeling import MAX_LAYERS, peeled
 from renderers.drawlist import DrawList
 from renderers.interface import Look
+from renderers.shading.depth_peeling import MAX_LAYERS, peeled
 from renderers.shading.gamma import ENCODED, GAMMA_CELLS
 from renderers.shading.headlight.layout import S_COLUMNS
 from renderers.shading.headlight.output_merge import DIRECT, GATHER, UNDER

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from renderers.compiler import simd as vec
-from renderers.compiler.device_function import inlined, inner
+from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.pointers import f32_at, f64_at, i32_at, i64_at
 from renderers.shading.brdf import ambient_channel, reflected
 from renderers.shading.layout import S_LENS, STRIDE
@@ -92,7 +92,7 @@ def _arriving(light, p):
     return x, y, z, part
 
 
-@inner
+@device_function
 def _add_lamp(job, light, rows, count):
     """Add what ``count`` pixels reflect of one light to the rows R_LIGHT."""
     zero = vec.f32(0.0)
@@ -158,7 +158,7 @@ def _octahedral(d):
     return half * u + half, half * v + half
 
 
-@inner
+@device_function
 def _read(texels, places, level, u, v):
     """Bilinear in octahedral tables with a border of one texel, RGB; ``level``: i32x8, which table."""
     two, four = vec.i32(2), vec.i32(4)
@@ -182,7 +182,7 @@ def _read(texels, places, level, u, v):
     )
 
 
-@inner
+@device_function
 def _split(table, side, n_v, roughness):
     """Scale and bias of ``split_sum``, bilinear; both coordinates 0 .. 1."""
     one, two, last = vec.f32(1.0), vec.i32(2), vec.i32(side - 2)
@@ -199,7 +199,7 @@ def _split(table, side, n_v, roughness):
     )
 
 
-@inner
+@device_function
 def _add_surroundings(job, rows, count):
     """Add what ``count`` pixels reflect of the surroundings, which are in the world's frame, to the rows R_LIGHT."""
     world = f64_at(job[S_LENS] + 8 * LENS_WORLD)
@@ -235,7 +235,7 @@ def _add_surroundings(job, rows, count):
         _put(rows, R_LIGHT, x, red + kept * r, green + kept * g, blue + kept * b)
 
 
-@inner
+@device_function
 def light_up(job, rows, count):
     """Fill the rows R_VIEW and R_LIGHT of ``count`` pixels, the latter with tone-mapped linear RGB.
 

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from renderers.compiler import simd as vec
-from renderers.compiler.device_function import inlined, inner
+from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.pointers import f32_at, i64_at
 from renderers.shading.layout import (
     A_BASE,
@@ -80,7 +80,7 @@ def _clamped(value):
     return vec.least(vec.most(value, vec.f32(0.0)), vec.f32(1.0))
 
 
-@inner
+@device_function
 def put_surface(job, segment, wanted, count, rows, slot):
     """Fill the rows R_ from value ``slot`` on for the first ``count`` pixels of the rows A_.
 
@@ -137,7 +137,7 @@ def put_surface(job, segment, wanted, count, rows, slot):
     return True
 
 
-@inner
+@device_function
 def _put_dielectric(job, segment, mi, mf, pixels, count, rows, slot):
     """Fill the rows R_F0 and R_F90 (KHR_materials_ior, KHR_materials_specular)."""
     one, reflectance = vec.f32(1.0), vec.f32(mf[MF_REFLECTANCE])

@@ -13,11 +13,11 @@ from renderers.camera import Camera
 from renderers.color import linear_from_srgb
 from renderers.compiler.kernel_calls import kernel_address
 from renderers.compiler.pointers import address_of
-from renderers.depth_peeling import peeled
 from renderers.drawlist import DrawList
 from renderers.light_rig import MAX_LIGHTS, MAX_SHADOWS, Rig
 from renderers.msaa import sample_cameras
 from renderers.shading import layout as common
+from renderers.shading.depth_peeling import peeled
 from renderers.shading.scene import ShadingScene, map_instances
 from renderers.shading.studio import layout as at
 from renderers.shading.studio import shade_rows as k

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from renderers.compiler import simd as vec
-from renderers.compiler.device_function import inlined, inner
+from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.pointers import f32_at
 from renderers.shading.studio.shadows import S_CENTER, S_FOCAL, S_OFFSET, SI_INV_Z, SI_SIDE
 
@@ -36,7 +36,7 @@ def _column(lit, texels, column, width, plane, du, fu):
     return lit + vec.select(clear, weight, zero)
 
 
-@inner
+@device_function
 def _filtered(inv_z, side, radius, at, base, du, dv, fu, fv):
     """Means of the comparisons around eight points.
 
@@ -71,7 +71,7 @@ def _filtered(inv_z, side, radius, at, base, du, dv, fu, fv):
     return total / vec.f32((2 * radius + 1) * (2 * radius + 1))
 
 
-@inner
+@device_function
 def lit_parts(m, integers, radius, x, y, z, nx, ny, nz):
     """f32x8: how much of a light reaches points, 0 .. 1; 1 outside of the map.
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from renderers.color import linear_values_from_srgb
 from renderers.compiler import simd as vec
-from renderers.compiler.device_function import inlined, inner
+from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.pointers import i32_at
 
 TONES: Final = ("neutral", "aces", "none")
@@ -86,7 +86,7 @@ def _none(r, g, b):
     return vec.least(vec.most(r, zero), one), vec.least(vec.most(g, zero), one), vec.least(vec.most(b, zero), one)
 
 
-@inner
+@device_function
 def shown(tone, r, g, b):
     """Linear colours (f32x8 each) through the curve with a number of ``TONES``."""
     if tone == 0:
