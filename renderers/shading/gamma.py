@@ -75,8 +75,8 @@ GAMMA_CELLS: Final = _gamma_cells()
 def _gamma_level(c, cells):
     """``round(255 c^(1/2.2))`` of an f32x8 in the third byte of an i32x8, the lower ones are anything; by a table that
     is exact for every float32: no ``pow``, so the same on every machine. Below 0 or NaN is 0, above 1 is 255."""
-    c = vec.least(vec.most(c, vec.f32(_LEAST)), vec.f32(1.0))
-    bits = vec.bits_of(c)
+    c = vec.minimum(vec.maximum(c, vec.f32(_LEAST)), vec.f32(1.0))
+    bits = vec.float_bits(c)
     return vec.gather(i32_at(cells - 4 * (_LEAST_BITS >> _CELL)), bits >> vec.i32(_CELL)) + bits
 
 
@@ -94,14 +94,14 @@ def gamma_pixels(r, g, b, cells):
 @inlined
 def plain_byte(c):
     """``round(255 c)`` of an f32x8 as i32x8; below 0 or NaN is 0, above 1 is 255."""
-    c = vec.least(vec.most(c, vec.f32(0.0)), vec.f32(1.0))
+    c = vec.minimum(vec.maximum(c, vec.f32(0.0)), vec.f32(1.0))
     return vec.to_i32(c * vec.f32(255.0) + vec.f32(0.5))
 
 
 @device_function
 def decode_gamma(c, decoded):
     """``c^2.2`` of an f32x8 in 0..1 (clamped; NaN is 0), interpolated in ``DECODED`` (its address): within 1e-7."""
-    at = vec.least(vec.most(c, vec.f32(0.0)), vec.f32(1.0)) * vec.f32(float(_STEPS))
+    at = vec.minimum(vec.maximum(c, vec.f32(0.0)), vec.f32(1.0)) * vec.f32(float(_STEPS))
     cell = vec.to_i32(at)
     table = f32_at(decoded)
     low = vec.gather(table, cell)
@@ -112,8 +112,8 @@ def decode_gamma(c, decoded):
 def encode_gamma(c, encoded):
     """``c^(1/2.2)`` of an f32x8 in 0..1 (clamped; NaN is 0), interpolated in ``ENCODED`` (its address): within 2e-6 of
     it."""
-    c = vec.least(vec.most(c, vec.f32(DARK)), vec.f32(1.0))
-    bits = vec.bits_of(c) - vec.i32(_DARK_BITS)
+    c = vec.minimum(vec.maximum(c, vec.f32(DARK)), vec.f32(1.0))
+    bits = vec.float_bits(c) - vec.i32(_DARK_BITS)
     cell = bits >> vec.i32(_CELL)
     table = f32_at(encoded)
     low = vec.gather(table, cell)

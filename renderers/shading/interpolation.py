@@ -156,7 +156,7 @@ def _set_up_eight(segment, span, count, at):
     spans, starts, has = f32_at(segment[G_SPANS]), i32_at(segment[G_STARTS]), segment[G_HAS]
     vertices, y = f32_at(segment[G_VERTICES]), segment[G_Y]
     # Lanes beyond the last span repeat it: their records belong to other instances.
-    lane = vec.least(vec.iota(), vec.i32(count - 1))
+    lane = vec.minimum(vec.iota(), vec.i32(count - 1))
     record = vec.permute(vec.load(i32_at(segment[G_RECORDS]), span), lane)
     first = vec.permute(vec.load(starts, span), lane)
     steps = vec.to_f64(vec.permute(vec.load(starts, span + 1), lane) - first - vec.i32(1))
@@ -186,15 +186,15 @@ def _set_up_eight(segment, span, count, at):
     # Coverage, exact in 1/256 pixel, may include pixel centres a little outside of the triangle. Negative coordinates
     # at the ends of a span become 0: nothing is extrapolated.
     end = dx + steps * across
-    b0, e0 = vec.most(side * _at(rows[0], dx, dy), none), vec.most(side * _at(rows[0], end, dy), none)
-    b1, e1 = vec.most(side * _at(rows[1], dx, dy), none), vec.most(side * _at(rows[1], end, dy), none)
-    b2, e2 = vec.most(side * _at(rows[2], dx, dy), none), vec.most(side * _at(rows[2], end, dy), none)
+    b0, e0 = vec.maximum(side * _at(rows[0], dx, dy), none), vec.maximum(side * _at(rows[0], end, dy), none)
+    b1, e1 = vec.maximum(side * _at(rows[1], dx, dy), none), vec.maximum(side * _at(rows[1], end, dy), none)
+    b2, e2 = vec.maximum(side * _at(rows[2], dx, dy), none), vec.maximum(side * _at(rows[2], end, dy), none)
     total, last = b0 + b1 + b2, e0 + e1 + e2
     infinite = vec.f64(math.inf)
     usable = (total > none) & (total < infinite) & (last > none) & (last < infinite)
     # Any positive factor will do: with the sum 1 at the first pixel, float32 has all that is needed.
     scale = vec.select(usable, one / total, none)
-    step = scale / vec.most(steps, one)
+    step = scale / vec.maximum(steps, one)
     third = vec.f64(1.0 / 3.0)  # the centroid of what cannot be resolved
     here = _single(
         (
@@ -220,7 +220,7 @@ def _set_up_eight(segment, span, count, at):
     if has & HAS_NORMALS:
         same = (a[k] == b[k]) & (a[k + 1] == b[k + 1]) & (a[k + 2] == b[k + 2])
         same = same & (a[k] == c[k]) & (a[k + 1] == c[k + 1]) & (a[k + 2] == c[k + 2])
-        constant = vec.bits(same) == 255
+        constant = vec.movemask(same) == 255
         normal, turn = (a[k], a[k + 1], a[k + 2]), (zero, zero, zero)
         if not constant:
             normal, turn = _between3(here, a, b, c, k), _between3(change, a, b, c, k)

@@ -133,7 +133,7 @@ def find_spans(segment, y, columns, records, width, ids):
         if columns == 0:
             mask = np.int64(x % PART == 0)
             for k in range(0, 64, vec.LANES):
-                mask |= vec.bits(vec.load(ids, x + k) != vec.load(ids, x + k - 1)) << k
+                mask |= vec.movemask(vec.load(ids, x + k) != vec.load(ids, x + k - 1)) << k
         masks[x >> 6] = mask
         if width - x < 64:
             mask &= (np.int64(1) << (width - x)) - 1
@@ -175,7 +175,7 @@ def segment_end(segment, span, count, first, last):
     records, low, high = i32_at(segment[G_RECORDS]), vec.i32(first), vec.i32(last)
     while span < count:
         here = vec.load(records, span)
-        others = vec.bits((here < low) | (here >= high))
+        others = vec.movemask((here < low) | (here >= high))
         if others != 0:
             return min(span + vec.lowest_bit(others), count)
         span += vec.LANES

@@ -69,7 +69,7 @@ def _shade_unlit(job, mf, varies, pixels, begin, count, line):
 def _phong(pixels, at):
     """max(0, n . (0, 0, -1)): the headlight shines along the optical axis."""
     n = load3(pixels, A_NORMAL * STRIDE + at, STRIDE)
-    return vec.most(-n[2] * scale_to(n, vec.f32(1.0)), vec.f32(0.0))
+    return vec.maximum(-n[2] * scale_to(n, vec.f32(1.0)), vec.f32(0.0))
 
 
 @device_function
@@ -147,7 +147,7 @@ def fill_spans(segment, span, last_span, line):
     pixels = i32_at(np.int64(own_pixels.ctypes.data))
     for batch in range(span, last_span, vec.LANES):
         n = load3(spans, T_NORMAL * SPAN_ROOM + batch - span, SPAN_ROOM)
-        light = vec.most(-n[2] * scale_to(n, vec.f32(1.0)), vec.f32(0.0))
+        light = vec.maximum(-n[2] * scale_to(n, vec.f32(1.0)), vec.f32(0.0))
         r, g, b = times(_base(False, mf, spans, np.int64(0)), light)
         vec.store(pixels, 0, packed(r, g, b))
         for k in range(min(last_span - batch, vec.LANES)):

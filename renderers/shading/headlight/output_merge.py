@@ -55,7 +55,7 @@ def _shown(job, c):
     """Return the value that ``write`` would round to a byte, 0 .. 1, f32x8."""
     if job[S_PBR] != 0:
         return encode_gamma(c, job[S_ENCODED])
-    return vec.least(vec.most(c, vec.f32(0.0)), vec.f32(1.0))
+    return vec.minimum(vec.maximum(c, vec.f32(0.0)), vec.f32(1.0))
 
 
 @inlined
@@ -75,10 +75,10 @@ def gather(job, alpha_mode, cutoff, y, begin, end, pixels):
     layers, plane = _layers(job, y), _plane(job)
     zero, one, lane = vec.f32(0.0), vec.f32(1.0), vec.iota()
     for x in range(begin, end, vec.LANES):
-        through = vec.load_again(layers, 3 * plane + x)
+        through = vec.load_volatile(layers, 3 * plane + x)
         alpha = vec.load(pixels, (A_BASE + 3) * STRIDE + x - begin)
         if alpha_mode == ALPHA_BLEND:
-            alpha = vec.select(alpha == alpha, vec.least(vec.most(alpha, zero), one), one)
+            alpha = vec.select(alpha == alpha, vec.minimum(vec.maximum(alpha, zero), one), one)
         elif alpha_mode == ALPHA_MASK:
             alpha = vec.select(alpha < vec.f32(cutoff), zero, one)
         else:
@@ -86,7 +86,7 @@ def gather(job, alpha_mode, cutoff, y, begin, end, pixels):
         share = through * alpha
         adding = (lane < vec.i32(end - x)) & (share > zero)
         for k in range(3):
-            before = vec.load_again(layers, k * plane + x)
+            before = vec.load_volatile(layers, k * plane + x)
             shown = _shown(job, vec.load(pixels, (A_BASE + k) * STRIDE + x - begin))
             vec.store(layers, k * plane + x, vec.select(adding, before + share * shown, before))
         vec.store(layers, 3 * plane + x, vec.select(adding, through * (one - alpha), through))

@@ -71,14 +71,14 @@ def _add(mode, out, line, columns, rows, row, begin, end):
     for slot in range(begin, end, vec.LANES):
         x, count = np.int64(columns[slot]), end - slot
         here = lane < vec.i32(count)
-        if vec.bits(here & (vec.load(columns, slot) != vec.i32(x) + lane)) != 0:
+        if vec.movemask(here & (vec.load(columns, slot) != vec.i32(x) + lane)) != 0:
             for k in range(min(count, vec.LANES)):
                 _add_one(mode, out, line, np.int64(columns[slot + k]), rows, row, slot + k)
             continue
         share = vec.load(rows, R_ALPHA * STRIDE + slot)
         covered = vec.load(out, 3 * line + x)
         if mode == BENEATH:
-            share = share * vec.most(one - covered, zero)
+            share = share * vec.maximum(one - covered, zero)
         for k in range(3):
             there = vec.load(out, k * line + x)
             added = share * vec.load(rows, (row + k) * STRIDE + slot)

@@ -32,7 +32,7 @@ def _column(lit, texels, column, width, plane, du, fu):
     elif column == width - 1:
         weight = fu
     # Where nothing is, the map holds what is below 0.
-    clear = texels <= vec.most(plane + du * vec.f32(column), zero)
+    clear = texels <= vec.maximum(plane + du * vec.f32(column), zero)
     return lit + vec.select(clear, weight, zero)
 
 
