@@ -9,18 +9,17 @@ the frame as it is drawn, in one call; what is beside the phases is Python and t
 from __future__ import annotations
 
 import argparse
-import ctypes
 import time
 from collections import defaultdict
 from collections.abc import Callable
 from unittest.mock import patch
 
+from bench.frame_task import read_task
 from bench.raster import EVERYTHING, SIZES, scenes, view
 from renderers.interface import Look
 from renderers.raster import CpuRenderer, frame, warmup
-from renderers.raster import frame_phases as at
+from renderers.raster.resolve import ALL as ALL_FACES
 from renderers.raster.resolve import BACKS, FRONTS, draw_band
-from renderers.raster.resolve import EVERYTHING as ALL_FACES
 from renderers.raster.setup import setup
 from renderers.raster.transform import transform
 from renderers.shading.shade_rows import shade_rows
@@ -43,21 +42,21 @@ def laps(spent: dict[str, float]) -> Callable[[str], None]:
 
 def by_phase(address: int, spent: dict[str, float]) -> None:
     """What ``work.work`` does, phase by phase; adds the CPU time of each, s."""
-    task = (ctypes.c_int64 * at.W_COLUMNS).from_address(address)
-    job, lens, layer, split = task[at.W_JOB], task[at.W_LENS], task[at.W_LAYERS], task[at.W_SPLIT]
+    task = read_task(address)
+    frame_address, layer, split = task.frame, task.band_memory, task.keeps_backs
     note = laps(spent)
-    transform(job, lens, 0, task[at.W_VERTICES])
+    transform(frame_address, 0, task.vertex_count)
     note("transform")
-    setup(job, lens, 0, task[at.W_CHUNKS])
+    setup(frame_address, 0, task.chunk_count)
     note("setup")
-    for first in range(0, task[at.W_HEIGHT], BAND_ROWS):
-        last = min(first + BAND_ROWS, task[at.W_HEIGHT])
-        draw_band(job, lens, first, last, layer, FRONTS if split else ALL_FACES)
+    for first in range(0, task.height, BAND_ROWS):
+        last = min(first + BAND_ROWS, task.height)
+        draw_band(frame_address, first, last, layer, FRONTS if split else ALL_FACES)
         note("draw")
-        shade_rows(task[at.W_SHADE_JOB], layer - 4 * first * task[at.W_STRIDE], first, last)
+        shade_rows(task.shade_job, layer - 4 * first * task.stride, first, last)
         note("shade")
         if split:
-            draw_band(job, lens, first, last, layer, BACKS)
+            draw_band(frame_address, first, last, layer, BACKS)
             note("back faces")
 
 

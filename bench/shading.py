@@ -16,7 +16,6 @@ is theirs over ours, wall/CPU.
 from __future__ import annotations
 
 import argparse
-import ctypes
 import itertools
 import sys
 import tempfile
@@ -30,6 +29,7 @@ from unittest.mock import patch
 
 import numpy as np
 
+from bench.frame_task import read_task
 from bench.gallery import checks, dents, sphere
 from bench.raster import SIZES, Process, scenes, view, write
 from bench.raster_stages import laps
@@ -40,7 +40,6 @@ from renderers.drawlist import AlphaMode, DrawList, Instance, Light, LightKind, 
 from renderers.interface import Look, Output
 from renderers.light_rig import STUDIO, Rig
 from renderers.raster import CpuRenderer, frame, warmup
-from renderers.raster import frame_phases as at
 from renderers.raster.msaa.edges import draw_samples, find_edges, shade_mixed
 from renderers.raster.setup import setup
 from renderers.raster.transform import transform
@@ -158,21 +157,21 @@ STAGES = ("transform", "setup", "draw_samples", "find_edges", "shade_mixed", "ar
 
 def by_stage(address: int, _: bool, spent: dict[str, float]) -> None:
     """What ``work.work`` does in a frame with several samples, stage by stage; adds the CPU time of each, s."""
-    task = (ctypes.c_int64 * at.W_COLUMNS).from_address(address)
-    job, lens, memory = task[at.W_JOB], task[at.W_LENS], task[at.W_LAYERS]
+    task = read_task(address)
+    frame_address, memory = task.frame, task.band_memory
     note = laps(spent)
-    transform(job, lens, 0, task[at.W_VERTICES])
+    transform(frame_address, 0, task.vertex_count)
     note("transform")
-    setup(job, lens, 0, task[at.W_CHUNKS])
+    setup(frame_address, 0, task.chunk_count)
     note("setup")
-    for band in range(task[at.W_UNITS + 2]):
+    for band in range(task.units[2]):
         first = band * BAND_ROWS
-        last = min(first + BAND_ROWS, task[at.W_HEIGHT])
-        draw_samples(job, lens, first, last, memory)
+        last = min(first + BAND_ROWS, task.height)
+        draw_samples(frame_address, first, last, memory)
         note("draw_samples")
-        find_edges(job, first, last, memory)
+        find_edges(frame_address, first, last, memory)
         note("find_edges")
-        shade_mixed(task[at.W_SHADE_JOB], memory, task[at.W_STRIDE], first, last)
+        shade_mixed(task.shade_job, memory, task.stride, first, last)
         note("shade_mixed")
 
 

@@ -1,11 +1,12 @@
-"""The one cache class: values by key, bounded in bytes, least recently used dropped first."""
+"""The cache class: bounded in bytes, least recently used first out."""
 
 from __future__ import annotations
 
 import threading
-from collections import OrderedDict
+from collections import OrderedDict, deque
 from collections.abc import Hashable
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
+from weakref import ref
 
 K = TypeVar("K", bound=Hashable)
 V = TypeVar("V")
@@ -14,23 +15,31 @@ V = TypeVar("V")
 class Cache(Generic[K, V]):
     """Values by key. Thread-safe.
 
-    The sum of the sizes and the number of values are bounded; the least recently used are dropped first. A value
-    larger than the bound is not kept at all. Values must not change: callers share them.
+    The sum of the sizes and the number of values are limited; the least recently used are evicted first. A value that
+    exceeds the limit by itself is not kept. Values must not change: callers share them.
+
+    With ``weak=True``, a key is an object, or a tuple of objects, compared by identity and not kept alive: the entry
+    is dropped when one of the objects is collected. The newest value is always kept, since its key is in use.
     """
 
-    def __init__(self, max_bytes: int, max_count: int | None = None) -> None:
+    def __init__(self, max_bytes: int, max_count: int | None = None, *, weak: bool = False) -> None:
         self.max_bytes = max_bytes
         self.max_count = max_count
+        self._weak = weak
         self._lock = threading.Lock()
-        self._entries: OrderedDict[K, tuple[V, int]] = OrderedDict()
+        self._entries: OrderedDict[Hashable, tuple[V, int, tuple[ref[Any], ...]]] = OrderedDict()
         self._nbytes = 0
         self._hits = 0
         self._misses = 0
+        # Objects are collected anywhere, even within a method of this class that holds the lock.
+        self._dead: deque[Hashable] = deque()
 
     @property
     def nbytes(self) -> int:
         """Sum of the sizes of all values."""
-        return self._nbytes
+        with self._lock:
+            self._drop_dead()
+            return self._nbytes
 
     @property
     def hits(self) -> int:
@@ -43,35 +52,67 @@ class Cache(Generic[K, V]):
         return self._misses
 
     def __len__(self) -> int:
-        return len(self._entries)
+        with self._lock:
+            self._drop_dead()
+            return len(self._entries)
 
     def get(self, key: K) -> V | None:
-        """Return the value, now the most recently used; None where there is none."""
+        """Return the value, now the most recently used; None if there is none."""
+        own = _identity(key) if self._weak else key
         with self._lock:
-            entry = self._entries.get(key)
+            self._drop_dead()
+            entry = self._entries.get(own)
             if entry is None:
                 self._misses += 1
                 return None
             self._hits += 1
-            self._entries.move_to_end(key)
+            self._entries.move_to_end(own)
             return entry[0]
 
     def put(self, key: K, value: V, nbytes: int) -> None:
         """Keep a value of ``nbytes`` bytes in place of the key's former one."""
+        own = _identity(key) if self._weak else key
         with self._lock:
-            former = self._entries.pop(key, None)
-            if former is not None:
-                self._nbytes -= former[1]
-            if nbytes > self.max_bytes:
+            self._drop_dead()
+            self._drop(own)
+            if nbytes > self.max_bytes and not self._weak:
                 return
-            self._entries[key] = value, nbytes
+            self._entries[own] = value, nbytes, self._references(key, own) if self._weak else ()
             self._nbytes += nbytes
-            while self._nbytes > self.max_bytes or (self.max_count is not None and len(self) > self.max_count):
-                _, (_, dropped) = self._entries.popitem(last=False)
-                self._nbytes -= dropped
+            while (
+                self._nbytes > self.max_bytes or (self.max_count is not None and len(self._entries) > self.max_count)
+            ) and len(self._entries) > 1:
+                self._drop(next(iter(self._entries)))
 
     def clear(self) -> None:
         """Drop everything; the counts of hits and misses stay."""
         with self._lock:
             self._entries.clear()
             self._nbytes = 0
+
+    def _references(self, key: K, own: Hashable) -> tuple[ref[Any], ...]:
+        """Return weak references to a key's objects that mark its entry as dead."""
+
+        def mark_dead(_: ref[Any]) -> None:
+            self._dead.append(own)
+            if self._lock.acquire(blocking=False):  # otherwise the next call drops the entry
+                try:
+                    self._drop_dead()
+                finally:
+                    self._lock.release()
+
+        objects = {id(each): each for each in (key if isinstance(key, tuple) else (key,))}
+        return tuple([ref(each, mark_dead) for each in objects.values()])
+
+    def _drop_dead(self) -> None:
+        while self._dead:
+            self._drop(self._dead.popleft())
+
+    def _drop(self, own: Hashable) -> None:
+        entry = self._entries.pop(own, None)
+        if entry is not None:
+            self._nbytes -= entry[1]
+
+
+def _identity(key: Any) -> Hashable:
+    return tuple([id(each) for each in key]) if isinstance(key, tuple) else id(key)

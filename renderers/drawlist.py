@@ -1,8 +1,7 @@
-"""What can be drawn: immutable meshes, images, materials and instances of them.
+"""What is drawn: immutable meshes, images, materials and instances of them.
 
-Values here are shared freely between threads. ``Mesh`` and ``Image`` are compared by identity: who makes them
-(readers, generators) keeps equal content to one object, so that a renderer prepares each only once and can drop what
-it prepared when the object is gone.
+Values are shared freely between threads. ``Mesh`` and ``Image`` are compared by identity: readers and generators keep
+equal content to one object, so that a renderer prepares each only once and drops the result with the object.
 """
 
 from __future__ import annotations
@@ -18,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 LABEL_NONE: Final = 0xFFFFFF
-"""Label of the background and of everything that carries no label: white in a label picture."""
+"""Label of the background and of of instances without a label: white in a label image."""
 
 
 class Topology(IntEnum):
-    """What an element of a mesh is; the value is its number of vertices."""
+    """Kind of a mesh's primitives; the value is the number of vertices of one."""
 
     POINTS = 1
     LINES = 2
@@ -31,14 +30,14 @@ class Topology(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class Mesh:
-    """Vertices and the elements (triangles, lines or points) over them, in the mesh's own frame."""
+    """Vertices and primitives (triangles, lines or points), in the mesh's own frame."""
 
     positions: NDArray[np.float32]
     """(N, 3) float32, metres, C-contiguous."""
     elements: NDArray[np.uint32]
-    """(M, 1 | 2 | 3) uint32, C-contiguous, every value < N. Counter-clockwise seen from the front is the winding."""
+    """(M, 1 | 2 | 3) uint32 vertex indices, C-contiguous, below N. Front faces are counter-clockwise."""
     normals: NDArray[np.float32] | None = None
-    """(N, 3) float32, unit length; None: not lit (lines, points) or flat (triangles)."""
+    """(N, 3) float32, unit length; None: unlit (lines, points) or flat (triangles)."""
     uv0: NDArray[np.float32] | None = None
     """(N, 2) float32 texture coordinates, (0, 0) is the image's top-left corner as in glTF."""
     uv1: NDArray[np.float32] | None = None
@@ -60,7 +59,7 @@ class Mesh:
 
 
 def used_vertices(elements: NDArray[np.uint32], count: int) -> tuple[NDArray[np.intp], NDArray[np.uint32]]:
-    """Find the vertices that elements use, and the same elements over these alone.
+    """Find the vertices that primitives use, and the primitives' indices among these.
 
     Args:
         elements: (M, 1 | 2 | 3) uint32, every value < ``count``.
@@ -82,20 +81,20 @@ def used_vertices(elements: NDArray[np.uint32], count: int) -> tuple[NDArray[np.
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class Image:
-    """A picture used by textures, decoded only when a renderer asks for its pixels.
+    """An image used by textures, decoded when a renderer needs its pixels.
 
-    It has no name: documents that hold the same bytes share it, and each has a name of its own (``Texture.name``).
+    Documents with the same bytes share it; each has its own name for it (``Texture.name``).
     """
 
     key: bytes
-    """A checksum of the encoded (or raw) content, for messages: images are told apart by identity."""
+    """Checksum of the encoded (or raw) content, for messages; images are compared by identity."""
     decode: Callable[[], NDArray[np.uint8]]
     """Returns (H, W, 4) uint8 RGBA, straight alpha, top row first. May be called from any thread and more than once;
-    raises ``ImageError`` with the reason alone, which holds for everybody with these bytes."""
+    raises ``ImageError`` with the reason, without the image's name."""
 
 
 class ImageError(ValueError):
-    """An image could not be decoded; the message says why and, where a texture uses it, which one."""
+    """An image could not be decoded; the message says why and, if a texture uses it, which one."""
 
 
 @contextmanager
@@ -108,7 +107,7 @@ def image_named(name: str) -> Iterator[None]:
 
 
 class Wrap(Enum):
-    """What a texture coordinate outside [0, 1] means (glTF sampler.wrapS/wrapT)."""
+    """Meaning of texture coordinates outside [0, 1] (glTF sampler.wrapS/wrapT)."""
 
     REPEAT = 10497
     CLAMP_TO_EDGE = 33071
@@ -126,19 +125,19 @@ class Sampler:
     min_linear: bool = True
     """False: nearest texel when minified."""
     mipmaps: bool = True
-    """Whether the minification filter asks for mip levels."""
+    """True if the minification filter uses mip levels."""
     mip_linear: bool = True
-    """False: the nearest mip level only."""
+    """False: nearest mip level."""
 
 
 @dataclass(frozen=True, slots=True)
 class Texture:
-    """An image with the way to read it."""
+    """An image and how to sample it."""
 
     image: Image
     sampler: Sampler = Sampler()
     uv_set: int = 0
-    """0 or 1: which texture coordinates of the mesh."""
+    """Texture coordinates of the mesh: 0 or 1."""
     uv_transform: tuple[float, float, float, float, float, float] | None = None
     """(a, b, c, d, e, f): u' = a u + b v + c, v' = d u + e v + f; None is the identity."""
     name: str = ""
@@ -177,7 +176,7 @@ class Material:
     double_sided: bool = False
     """False: back faces are culled in colour. Depth, label, instance and normal outputs never cull."""
     unlit: bool = False
-    """Colour is the base colour, whatever the lights."""
+    """The colour is the base colour, without lighting."""
     ior: float = 1.5
     """Index of refraction of a dielectric (KHR_materials_ior); 0: a reflectance of 1 from every side."""
     specular: float = 1.0
@@ -185,64 +184,63 @@ class Material:
     specular_texture: Texture | None = None
     """A = strength, linear; multiplies ``specular``."""
     specular_color: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    """Of a dielectric's reflection seen from the front, linear; may exceed 1."""
+    """Colour of a dielectric's reflection at normal incidence, linear; may exceed 1."""
     specular_color_texture: Texture | None = None
     """sRGB; multiplies ``specular_color``."""
     point_size: float = 1.0
-    """Side of the square that a point covers, pixels."""
+    """Width and height of a point, pixels."""
     line_width: float = 1.0
     """Pixels."""
     vtk_export: bool = False
-    """Written by VTK's exporter, which states neither the shading that VTK itself uses nor both faces nor blending:
-    looks put back what was lost (see ``renderers.shading.materials.look_material``)."""
+    """Written by VTK's exporter, which omits VTK's own shading, both faces and blending; looks restore them (see
+    ``renderers.shading.materials.look_material``)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Instance:
-    """One drawing of a mesh."""
+    """A mesh with a material and a pose."""
 
     mesh: Mesh
     material: Material
     X_world_mesh: NDArray[np.float64]
-    """(4, 4) float64; any affine map, mirrored and non-uniform scales included."""
+    """(4, 4) float64; any affine transform, mirrored and non-uniform scales included."""
     label: int = LABEL_NONE
-    """0 .. 0xFFFFFF, red in the low byte, then green, then blue of the label picture."""
+    """0 .. 0xFFFFFF; red of the label image in the low byte, then green, then blue."""
     instance_id: int = -1
-    """What the instance output shows for it; -1 is the background's value."""
+    """Value in the instance output; -1 is the background's."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
-class Cast:
-    """Who is drawn, wherever that is: one object for all draw lists of things that move, so that what is made of it
-    alone is made once."""
+class InstanceSet:
+    """Instances without poses. Draw lists that differ only in poses share one, so that a renderer prepares it once."""
 
     meshes: tuple[Mesh, ...]
     materials: tuple[Material, ...]
     labels: tuple[int, ...]
-    """As of ``Instance``; its ``instance_id`` is the place in the list."""
+    """As in ``Instance``; the ``instance_id`` is the index in the set."""
 
 
-class Placed(Sequence[Instance]):
-    """A cast's instances at places of their own. They are objects only for whoever asks for them: poses are new in
-    every frame, and hundreds of objects more than drawing takes."""
+class PosedInstances(Sequence[Instance]):
+    """An instance set with poses. ``Instance`` objects are made on access only: poses change every frame, and making
+    hundreds of objects takes longer than drawing."""
 
-    __slots__ = ("X_world_mesh", "cast")
+    __slots__ = ("X_world_mesh", "set")
 
-    def __init__(self, cast: Cast, X_world_mesh: NDArray[np.float64]) -> None:
+    def __init__(self, instance_set: InstanceSet, X_world_mesh: NDArray[np.float64]) -> None:
         """
         Args:
-            X_world_mesh: (I, 4, 4) float64, C-contiguous; nobody changes it any more.
+            X_world_mesh: (I, 4, 4) float64, C-contiguous; must not change.
 
         Raises:
-            ValueError: other shapes, or not as many as the cast is.
+            ValueError: another shape, or another number of instances.
         """
-        if X_world_mesh.shape != (len(cast.meshes), 4, 4):
-            raise ValueError(f"{len(cast.meshes)} instances cannot have poses of shape {X_world_mesh.shape}")
-        self.cast: Final = cast
+        if X_world_mesh.shape != (len(instance_set.meshes), 4, 4):
+            raise ValueError(f"{len(instance_set.meshes)} instances cannot have poses of shape {X_world_mesh.shape}")
+        self.set: Final = instance_set
         self.X_world_mesh: Final = X_world_mesh
 
     def __len__(self) -> int:
-        return len(self.cast.meshes)
+        return len(self.set.meshes)
 
     @overload
     def __getitem__(self, index: int) -> Instance: ...
@@ -256,9 +254,9 @@ class Placed(Sequence[Instance]):
         return map(self._instance, range(len(self)))
 
     def _instance(self, number: int) -> Instance:
-        cast = self.cast
+        own = self.set
         return Instance(
-            cast.meshes[number], cast.materials[number], self.X_world_mesh[number], cast.labels[number], number
+            own.meshes[number], own.materials[number], self.X_world_mesh[number], own.labels[number], number
         )
 
 
@@ -270,7 +268,7 @@ class LightKind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Light:
-    """A punctual light (KHR_lights_punctual) in the world. Drake's looks have their own and ignore it."""
+    """A punctual light (KHR_lights_punctual) in the world frame. The headlight looks ignore it."""
 
     kind: LightKind
     color: tuple[float, float, float] = (1.0, 1.0, 1.0)
@@ -278,31 +276,30 @@ class Light:
     intensity: float = 1.0
     """Lux of a directional light, candela of the others."""
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Metres; of no meaning for a directional light."""
+    """Metres; unused for a directional light."""
     direction: tuple[float, float, float] = (0.0, 0.0, -1.0)
-    """Unit vector in which it shines; of no meaning for a point light."""
+    """Unit vector in which it shines; unused for a point light."""
     range: float | None = None
-    """Metres at which it ends; None: inverse square for ever."""
+    """Metres at which it ends; None: unlimited inverse square."""
     inner_cone: float = 0.0
-    """Radians from the axis of a spot to where it begins to fade."""
+    """Angle from the axis of a spot to the beginning of its falloff, radians."""
     outer_cone: float = math.pi / 4.0
-    """Radians from the axis of a spot to where it ends."""
+    """Angle from the axis of a spot to its end, radians."""
     casts_shadow: bool = True
 
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class DrawList:
-    """Everything that one picture is made of."""
+    """Everything that is in an image."""
 
     instances: Sequence[Instance] = ()
-    """Never changed; ``Placed`` where only the poses are others than before."""
+    """Must not change. ``PosedInstances`` if only the poses differ from an earlier draw list."""
     images: tuple[Image, ...] = field(default=())
-    """The images that the materials use, each once, so that a renderer can decode them in parallel beforehand."""
+    """Images that the materials use, each once, so that a renderer can decode them in parallel."""
     lights: tuple[Light, ...] = ()
-    """What the scene itself brings; looks that have lights of their own do without."""
+    """Lights of the scene; looks with lights of their own ignore them."""
 
     @property
-    def who(self) -> DrawList | Cast:
-        """What stays the same object while things move, if whoever made this list knows: a key for what does not depend
-        on poses."""
-        return self.instances.cast if isinstance(self.instances, Placed) else self
+    def identity(self) -> DrawList | InstanceSet:
+        """Object that draw lists share if they differ only in poses: the key for tables that do not depend on poses."""
+        return self.instances.set if isinstance(self.instances, PosedInstances) else self

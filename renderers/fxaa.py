@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from renderers.compiler.device_function import inner
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set
+from renderers.compiler.pending import wait_until_compiled
 from renderers.compiler.pointers import address_of, f32_at, u8_at
 from renderers.stop import current_stop
 
@@ -38,6 +39,7 @@ def fxaa(color: NDArray[np.uint8]) -> None:
     Raises:
         Exception: the current ``StopFlag`` was set; the image is partly smoothed.
     """
+    wait_until_compiled("antialiasing")
     source = np.empty_like(color)
     luma = np.empty(color.shape[:2], np.float32)
     stop = current_stop()

@@ -1,8 +1,8 @@
-"""Anti-aliasing by samples on visibility: each pixel's samples are rasterized, and what they see is shaded once.
+"""Multisample anti-aliasing: sample positions, and what is known of a band's samples.
 
-Opaque pictures are rasterized with all samples at once (``renderers.raster.msaa.coverage``), and only pixels at
-edges are shaded for each surface that they see (``renderers.raster.msaa.edges``). Translucent ones are drawn at every
-sample position by a camera whose principal point is moved.
+The samples of each pixel are rasterized, and each surface that they see is shaded once. Opaque images are rasterized
+with all samples at once (``renderers.raster.msaa``), and only pixels at edges are shaded more than once. Translucent
+ones are drawn at every sample position by a camera whose principal point is moved.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.camera import Camera
+from renderers.compiler.structs import F32, I32, I64, U8, Struct, pointer_to
 
 _SIXTEENTHS: Final[dict[int, tuple[tuple[int, int], ...]]] = {
     1: ((0, 0),),
@@ -24,27 +25,32 @@ _SIXTEENTHS: Final[dict[int, tuple[tuple[int, int], ...]]] = {
 """Offsets from the pixel's centre in 1/16 pixel: Direct3D's standard patterns, which most GPUs use."""
 
 
-# A band's working memory, int64 addresses. Rows are the band's own, J_STRIDE or E_ROOM values apart.
-E_SAMPLE_IDS: Final = 0  # (slots, 8) int32
-E_SAMPLE_INV_Z: Final = 1  # (slots, 8) float32
-E_IDS: Final = 2  # (BAND_ROWS, J_STRIDE) int32: the record that is shaded for the pixel, -1: none
-E_ROOM: Final = 3  # entries that a row has room for
-E_COUNTS: Final = 4  # (BAND_ROWS,) int32: entries of each row
-E_RECORDS: Final = 5  # (BAND_ROWS, E_ROOM) int32: entries: further records of pixels
-E_PLACES: Final = 6  # (BAND_ROWS, E_ROOM) int32: their columns
-E_WEIGHTS: Final = 7  # (BAND_ROWS, E_ROOM) uint8: samples that see them, of 8
-E_MIXED: Final = 8  # (BAND_ROWS,) int32: pixels of each row that are mixed
-E_MIXES: Final = 9  # (BAND_ROWS, J_STRIDE) int32: column << 8 | samples of the pixel's own record << 4 | of nothing
-E_COLORS: Final = 10  # (BAND_ROWS, E_ROOM, 3) uint8: for whoever shades the entries
-E_FAR: Final = 11  # (BAND_ROWS, J_STRIDE) float32
-E_NEAR: Final = 12
-E_SLOTS: Final = 13  # (BAND_ROWS, J_STRIDE) int32
-E_OWNERS: Final = 14  # (BAND_ROWS, J_STRIDE) int32
-E_COLUMNS: Final = 15
+SAMPLE_BAND: Final = Struct(
+    "SampleBand",
+    {
+        "sample_ids": pointer_to(I32),  # (slots, 8)
+        "sample_inv_z": pointer_to(F32),  # (slots, 8)
+        "ids": pointer_to(I32),  # (BAND_ROWS, stride): primitive id that is shaded for the pixel, -1: none
+        "room": I64,  # maximum number of entries of a row
+        "counts": pointer_to(I32),  # (BAND_ROWS,): entries of each row
+        "entry_ids": pointer_to(I32),  # (BAND_ROWS, room): entries: further primitive ids of pixels
+        "entry_columns": pointer_to(I32),  # (BAND_ROWS, room): their columns in the image
+        "entry_weights": pointer_to(U8),  # (BAND_ROWS, room): samples that see them, of 8
+        "mixed_counts": pointer_to(I32),  # (BAND_ROWS,): mixed pixels of each row
+        "mixed": pointer_to(I32),  # (BAND_ROWS, stride): column << 8 | samples of the pixel's own id << 4 | of nothing
+        "entry_colors": pointer_to(U8),  # (BAND_ROWS, room, 3): filled by shading
+        "far": pointer_to(F32),  # (BAND_ROWS, stride): range of the 1/z of a pixel's samples
+        "near": pointer_to(F32),
+        "slots": pointer_to(I32),  # (BAND_ROWS, stride): slot of the pixel's samples, -1: none
+        "owners": pointer_to(I32),  # (BAND_ROWS, stride): index of the binned primitive that covers the pixel
+    },
+)
+"""A thread's memory for a band with several samples per pixel. Index 0 is the band's first pixel."""
+sample_band_at: Final = SAMPLE_BAND.at
 
 
 def sample_cameras(camera: Camera, samples: int) -> tuple[Camera, ...]:
-    """A camera for each sample position; the same one for a single sample.
+    """Return a camera for each sample position; the same one for a single sample.
 
     Raises:
         ValueError: ``samples`` is not 1, 4 or 8.
@@ -58,7 +64,7 @@ def sample_cameras(camera: Camera, samples: int) -> tuple[Camera, ...]:
 
 
 def sample_offsets(samples: int) -> NDArray[np.int32]:
-    """(2, 8) int32: the samples' offsets from the pixel's centre across and down, 1/256 pixel; four come twice.
+    """Return (2, 8) int32: the samples' offsets from the pixel's centre across and down, 1/256 pixel; four come twice.
 
     Raises:
         ValueError: ``samples`` is not 4 or 8.
@@ -69,7 +75,7 @@ def sample_offsets(samples: int) -> NDArray[np.int32]:
 
 
 @cache
-def lanes_of_masks() -> NDArray[np.int32]:
-    """(256, 8) int32: the bits that are set in each mask of eight, the lowest first; 0 behind them."""
+def lane_lists() -> NDArray[np.int32]:
+    """Return (256, 8) int32: the lanes of each mask of eight, the lowest first; then 0."""
     masks, bits = np.arange(256)[:, None], np.arange(8)
     return np.ascontiguousarray(np.sort(np.where(masks >> bits & 1, bits, 8), axis=1) % 8, np.int32)

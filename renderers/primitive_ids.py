@@ -1,26 +1,26 @@
-"""Which instance a record of the visibility buffer belongs to, for kernels."""
+"""Look-up of the instance that a primitive id belongs to, for kernels."""
 
 from __future__ import annotations
 
-from renderers.compiler.device_function import inner
+from renderers.compiler.device_function import device_function
 
 
-@inner
-def instance_of(first, count, record, hint):
-    """Instance of a record.
+@device_function
+def instance_of(first, count, primitive_id, hint):
+    """Return the index of the instance that a primitive belongs to.
 
     Args:
-        first: pointer to (count + 1,) int64, as in ``Visibility.first_record``.
-        record: a record number >= 0.
-        hint: an instance, tried first: neighbours mostly share theirs.
+        first: pointer to (count + 1,) int64, as in ``Visibility.first_ids``.
+        primitive_id: >= 0.
+        hint: an instance that is tried first: neighbouring pixels mostly share it.
     """
-    if first[hint] <= record and record < first[hint + 1]:
+    if first[hint] <= primitive_id and primitive_id < first[hint + 1]:
         return hint
     low = 0
     high = count
     while high - low > 1:
         middle = (low + high) >> 1
-        if first[middle] <= record:
+        if first[middle] <= primitive_id:
             low = middle
         else:
             high = middle

@@ -41,6 +41,7 @@ class Fragment(NamedTuple):
     offset: int
     """Position of ``payload`` in the message, in bytes."""
     number: int
+    """Index of the fragment."""
     fragments: int
     """Number of fragments of the message."""
     channel: bytes | None

@@ -16,7 +16,7 @@ from gateway.gltf import DEFAULT_MATERIAL, DocumentContent, GltfScene, label_fro
 from gateway.scene.flatten import DRAWABLE, images_of
 from gateway.scene.geometry import Surface
 from renderers.cache import Cache
-from renderers.drawlist import LABEL_NONE, Cast, DrawList, Image, Placed
+from renderers.drawlist import LABEL_NONE, DrawList, Image, InstanceSet, PosedInstances
 from renderers.stop import check_stop
 
 _INSTANCE_BYTES: Final = 1024
@@ -30,7 +30,7 @@ TopologyKey: TypeAlias = tuple[DocumentContent, tuple[int | None, ...], tuple[in
 class SceneTopology:
     """The part of a posted scene that does not change with its poses."""
 
-    instances: Cast
+    instances: InstanceSet
     nodes: NDArray[np.intp]
     """(I,): node of each instance."""
     images: tuple[Image, ...]
@@ -54,7 +54,8 @@ def draw_list_of(scene: GltfScene, topologies: Cache[TopologyKey, SceneTopology]
     if topology is None:
         topology = _topology_of(scene, drawable)
         topologies.put(key, topology, topology.nbytes + scene.content.mesh_bytes)
-    return DrawList(Placed(topology.instances, nodes.X_world_node[topology.nodes]), topology.images, scene.lights)
+    posed = PosedInstances(topology.instances, nodes.X_world_node[topology.nodes])
+    return DrawList(posed, topology.images, scene.lights)
 
 
 def _topology_of(scene: GltfScene, drawable: NDArray[np.bool_]) -> SceneTopology:
@@ -75,7 +76,7 @@ def _topology_of(scene: GltfScene, drawable: NDArray[np.bool_]) -> SceneTopology
             materials.append(part.material)
             labels.append(label)
             nodes.append(node)
-    instances = Cast(tuple(meshes), tuple(materials), tuple(labels))
+    instances = InstanceSet(tuple(meshes), tuple(materials), tuple(labels))
     return SceneTopology(instances, np.array(nodes, np.intp), images_of(materials))
 
 

@@ -18,6 +18,7 @@ from gateway.render.form import RenderRequest, read_form
 from gateway.render.multipart import Form, FormReader, too_large
 from gateway.render.pipeline import Picture
 from gateway.render.service import Admission, RenderService
+from gateway.runtime.kernel_cache import KernelError
 from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull
 from gateway.server.disconnect import CLIENT_GONE, while_connected
 
@@ -65,6 +66,8 @@ class RenderHandler:
             sentence = f"the image was not finished: {error}"
             _log.warning("render request timed out", reason=sentence, request_id=self._request_id)
             return await self._failure(503, sentence, request, outcome="slow")
+        except KernelError as error:
+            return await self._failure(503, str(error), request)
         except asyncio.CancelledError:  # the grace period at shutdown is over
             self._headers["Retry-After"] = "1"
             return await self._failure(503, "the server shut down before the image was ready", request)

@@ -1,4 +1,4 @@
-"""The compiled kernels of a process: making sure that they are in the cache, and that none is compiled while serving.
+"""Filling the kernel cache, and refusing to compile while serving.
 
 Compiling holds the GIL for many seconds, so the serving process never does it: child processes fill the cache, the
 server loads it. ``renderers.compiler.cache_folder`` says where the cache is and whether it is complete.
@@ -34,10 +34,10 @@ __all__ = [
     "sources_digest",
 ]
 
-_MOST_CHILDREN = 3
-"""More would not be ready sooner: the largest part takes a third of the time. Each holds up to 0.6 GB."""
+_MAX_CHILDREN = 3
+"""Maximum number of children: the largest part takes a third of the time, and each child up to 0.6 GB."""
 _LOCK_SECONDS = 0.1
-"""Time between two looks whether another process has ended compiling."""
+"""Interval at which the lock of another compiling process is polled."""
 
 
 class KernelError(RuntimeError):
@@ -53,28 +53,28 @@ def configure() -> Path:
     return cache_folder.folder()
 
 
-def are_cached() -> bool:
-    """Return whether every kernel is in the cache, compiled for this machine's CPU from these sources."""
+def are_cached(parts: Collection[str] | None = None) -> bool:
+    """Return whether the kernels of parts (None: of all compiled so far) are cached for this CPU and these sources."""
     configure()
-    return not cache_folder.missing()
+    return not cache_folder.missing(parts=parts)
 
 
 def ensure_cached(
     parts: Collection[str],
     show: Callable[[Progress], AbstractContextManager[None]] = lambda progress: contextlib.nullcontext(),
 ) -> None:
-    """Compile all kernels unless they are cached; of several processes of a machine only one does it.
+    """Compile the parts that are not cached; of several processes of a machine only one does it.
 
-    Call it before any kernel is imported, and not where an event loop runs.
+    Call it before any kernel is imported, and not in a running event loop.
 
     Args:
-        parts: as ``compile_in_children``.
-        show: shows the progress while its context lasts.
+        parts: as for ``compile_in_children``.
+        show: context manager that shows the progress.
 
     Raises:
         KernelError: they could not be compiled.
     """
-    if are_cached():
+    if are_cached(parts):
         return
     progress = Progress(len(parts))
     with show(progress):
@@ -82,14 +82,16 @@ def ensure_cached(
 
 
 async def compile_missing(parts: Collection[str], progress: Progress) -> None:
-    """``compile_in_children``, unless another process of this machine does it: then wait for its end.
+    """``compile_in_children`` for the parts that are not cached, after any other process of this machine that compiles.
 
     Raises:
         KernelError: the kernels could not be compiled, or the cache cannot be written.
     """
     async with _exclusive(progress):
-        if not await asyncio.to_thread(are_cached):
-            await compile_in_children(parts, progress)
+        missing = [part for part in parts if not await asyncio.to_thread(are_cached, [part])]
+        if missing:
+            progress.parts = len(missing)
+            await compile_in_children(missing, progress)
 
 
 @asynccontextmanager
@@ -114,13 +116,13 @@ async def _exclusive(progress: Progress) -> AsyncIterator[None]:
 
 
 async def compile_in_children(parts: Collection[str], progress: Progress) -> None:
-    """Compile all parts in as many child processes as there are processors, and note in the cache that it is complete.
+    """Compile parts in child processes, at most one per processor, and list them in the cache's manifest.
 
-    The children, ``python -m gateway.wiring.warmup N``, read from a pipe which part is the next.
+    The children, ``python -m gateway.wiring.warmup FD PART ..``, read from a pipe which part is the next.
 
     Args:
-        parts: ``warmup.PARTS``; at most 255.
-        progress: told about every part.
+        parts: names in ``warmup.PARTS``; at most 255.
+        progress: updated with every part.
 
     Raises:
         KernelError: a child failed; with its last line.
@@ -129,13 +131,15 @@ async def compile_in_children(parts: Collection[str], progress: Progress) -> Non
     numbers, told = os.pipe()
     try:
         os.write(told, bytes(range(len(parts))))
-        os.close(told)  # who reads finds the end when all parts are taken
-        children = min(_processors(), len(parts), _MOST_CHILDREN)
-        tasks = [asyncio.create_task(_compile_in_child(numbers, compiled, progress)) for _ in range(children)]
+        os.close(told)  # readers find the end of the file when all parts are taken
+        children = min(_processors(), len(parts), _MAX_CHILDREN)
+        tasks = [
+            asyncio.create_task(_compile_in_child(numbers, tuple(parts), compiled, progress)) for _ in range(children)
+        ]
         try:
             await asyncio.gather(*tasks)
         finally:
-            for task in tasks:  # one has failed, or this process ends
+            for task in tasks:  # one has failed, or this process is stopping
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
     finally:
@@ -146,14 +150,16 @@ async def compile_in_children(parts: Collection[str], progress: Progress) -> Non
 
 
 def _processors() -> int:
-    """That this process may run on."""
+    """Return the number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-async def _compile_in_child(numbers: int, compiled: dict[str, list[str]], progress: Progress) -> None:
+async def _compile_in_child(
+    numbers: int, parts: tuple[str, ...], compiled: dict[str, list[str]], progress: Progress
+) -> None:
     """Run one child to its end; ``compiled`` gets the cache folders of each part's kernels."""
     child = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "gateway.wiring.warmup", str(numbers)),
+        *(sys.executable, "-m", "gateway.wiring.warmup", str(numbers), *parts),
         env={**os.environ, "NUMBA_CACHE_DIR": str(cache_folder.root())},
         pass_fds=(numbers,),
         stdin=asyncio.subprocess.DEVNULL,
@@ -178,9 +184,9 @@ async def _compile_in_child(numbers: int, compiled: dict[str, list[str]], progre
             await child.wait()
         raise
     finally:
-        said = await errors
+        output = await errors
     if child.returncode:
-        lines = said.decode(errors="replace").strip().splitlines() or [f"exit code {child.returncode}"]
+        lines = output.decode(errors="replace").strip().splitlines() or [f"exit code {child.returncode}"]
         raise KernelError(f"the rendering kernels could not be compiled: {lines[-1]}")
 
 
@@ -188,7 +194,7 @@ async def _compile_in_child(numbers: int, compiled: dict[str, list[str]], progre
 def compiling_refused() -> Iterator[None]:
     """Raise KernelError where this process would compile a kernel, so that it only loads them from the cache.
 
-    The cache is not complete then, whatever its manifest says: the manifest goes, and the next start compiles.
+    The cache is incomplete then, whatever its manifest says: the manifest is removed, so that the next start compiles.
     """
 
     def refuse(kernel: str) -> None:
@@ -204,15 +210,15 @@ def compiling_refused() -> Iterator[None]:
 
 
 @contextmanager
-def compiling_reported(say: Callable[[str], object]) -> Iterator[None]:
-    """Call ``say`` with the name of every kernel that this process compiles, before it is compiled."""
-    with _watched(say):
+def compiling_reported(report: Callable[[str], object]) -> Iterator[None]:
+    """Call ``report`` with the name of every kernel that this process compiles, before it is compiled."""
+    with _watched(report):
         yield
 
 
 @contextmanager
-def _watched(compiles: Callable[[str], object]) -> Iterator[None]:
-    """Call ``compiles`` at the beginning of each compilation that is not a part of another one."""
+def _watched(on_compile: Callable[[str], object]) -> Iterator[None]:
+    """Call ``on_compile`` at the start of each compilation that is not part of another one."""
     from numba.core import event
 
     depth = threading.local()
@@ -222,7 +228,7 @@ def _watched(compiles: Callable[[str], object]) -> Iterator[None]:
             depth.value = getattr(depth, "value", 0) + 1
             if depth.value == 1:
                 function = event.data["dispatcher"].py_func
-                compiles(f"{function.__module__}.{function.__qualname__}")
+                on_compile(f"{function.__module__}.{function.__qualname__}")
 
         def on_end(self, event: Any) -> None:
             depth.value = getattr(depth, "value", 1) - 1

@@ -1,4 +1,4 @@
-"""How far compiling the kernels has got: for ``/readyz``, the log and a terminal."""
+"""Progress of compiling the kernels, for ``/readyz``, the log and a terminal."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from typing import Any
 
 @dataclass(slots=True)
 class Progress:
-    """How far compiling has got; changes on the thread that waits for the child processes."""
+    """Progress of compiling; changes on the thread that waits for the child processes."""
 
     parts: int
-    """Number of parts that the kernels are divided into."""
+    """Number of parts to compile."""
     done: int = 0
     """Number of parts that are compiled."""
     now: list[str] = field(default_factory=list)
     """Names of the parts that are being compiled."""
     waiting: bool = False
-    """Another process compiles the kernels; this one waits for it."""
+    """True while another process compiles the kernels and this one waits for it."""
     began: float = field(default_factory=time.monotonic)
     changed: Callable[[], object] = lambda: None
     """Called after every change."""
 
     @property
     def seconds(self) -> float:
-        """Seconds since the beginning."""
+        """Seconds since the start."""
         return round(time.monotonic() - self.began, 1)
 
     @property
     def part(self) -> int:
-        """Number of the part that was begun last, from 1."""
+        """Number of the part that was begun last, counted from 1."""
         return self.done + len(self.now)
 
     def wait(self, waiting: bool) -> None:
@@ -55,7 +55,7 @@ class Progress:
         self.changed()
 
     def describe(self) -> dict[str, Any]:
-        """Plain JSON values for ``/healthz`` and ``/readyz``."""
+        """Return JSON values for ``/healthz`` and ``/readyz``."""
         if self.waiting:
             return {"waiting": "another process compiles the kernels", "seconds": self.seconds}
         compiling = {"part": self.part, "of": self.parts, "done": self.done, "now": list(self.now)}
@@ -63,26 +63,26 @@ class Progress:
 
 
 @contextmanager
-def shown(progress: Progress, say: Callable[..., object]) -> Iterator[None]:
-    """Show progress while the block runs: as a bar where stderr is a terminal, else as a line for each part.
+def shown(progress: Progress, log: Callable[..., object]) -> Iterator[None]:
+    """Show progress while the block runs: a bar if stderr is a terminal, else a log line for each part.
 
     Args:
-        say: called as ``say(event, **fields)`` with what a line says.
+        log: called as ``log(event, **fields)``.
     """
     if sys.stderr.isatty():
         with _bar(progress):
             yield
         return
-    said = 0
+    logged = 0
 
     def line() -> None:
-        nonlocal said
+        nonlocal logged
         if progress.waiting:
-            say("Waiting for another process that compiles the rendering kernels", seconds=progress.seconds)
-        elif progress.part > said:
-            said = progress.part
-            fields = {"part": said, "of": progress.parts, "name": progress.now[-1], "seconds": progress.seconds}
-            say("Compiling the rendering kernels", **fields)
+            log("Waiting for another process that compiles the rendering kernels", seconds=progress.seconds)
+        elif progress.part > logged:
+            logged = progress.part
+            fields = {"part": logged, "of": progress.parts, "name": progress.now[-1], "seconds": progress.seconds}
+            log("Compiling the rendering kernels", **fields)
 
     progress.changed = line
     yield
@@ -90,13 +90,13 @@ def shown(progress: Progress, say: Callable[..., object]) -> Iterator[None]:
 
 @contextmanager
 def on_stderr(progress: Progress) -> Iterator[None]:
-    """``shown`` for commands: lines go to stderr."""
+    """``shown`` with lines on stderr, for commands."""
 
-    def say(event: str, *, seconds: float, part: int = 0, of: int = 0, name: str = "") -> None:
+    def write(event: str, *, seconds: float, part: int = 0, of: int = 0, name: str = "") -> None:
         which = f", part {part} of {of} ({name})" if part else ""
         sys.stderr.write(f"{event}{which}, {seconds:.0f} s\n")
 
-    with shown(progress, say):
+    with shown(progress, write):
         yield
 
 
@@ -121,7 +121,7 @@ def _bar(progress: Progress) -> Iterator[None]:
             bar.update(task, completed=progress.done, now=now)
 
         progress.changed = show
-        # While the bar is shown, rich's stand-in for sys.stderr writes lines above it.
+        # While the bar is shown, rich replaces sys.stderr by one that writes lines above the bar.
         handlers = [h for h in logging.getLogger().handlers if isinstance(h, logging.StreamHandler)]
         moved = [handler for handler in handlers if handler.stream is terminal]
         for handler in moved:

@@ -60,26 +60,23 @@ def list_scene(
     index_of: dict[Path, int] = {}
     nodes: list[ListedNode] = []
     parents: list[int] = []
-    count = 0
     stack: list[tuple[Path, Node, NDArray[np.float64], int]] = [((), snapshot.root, np.eye(4), 0)]
     with np.errstate(all="ignore"):
-        while stack:
+        while stack and len(nodes) < max_nodes:
             path, node, parent, parent_index = stack.pop()
-            count += 1
-            if len(nodes) >= max_nodes:
-                stack.extend(((), child, parent, 0) for child in node.children.values())
-                continue
             world = parent @ node.matrix
             index = index_of[path] = len(nodes)
-            nodes.append(_list_node(path, node, world, labels))
+            nodes.append(_node(path, node, world, labels))
             parents.append(parent_index)
             stack.extend(((*path, name), child, world, index) for name, child in reversed(node.children.items()))
     _set_bounds(nodes, parents, index_of, drawn, boxes, labels)
     bounds = union([box for box in boxes if box is not None])
-    return msgspec.json.encode(Listing(snapshot.revision, nodes, count, None if bounds is None else bounds.tolist()))
+    return msgspec.json.encode(
+        Listing(snapshot.revision, nodes, snapshot.root.node_count, None if bounds is None else bounds.tolist())
+    )
 
 
-def _list_node(path: Path, node: Node, world: NDArray[np.float64], labels: LabelTable) -> ListedNode:
+def _node(path: Path, node: Node, world: NDArray[np.float64], labels: LabelTable) -> ListedNode:
     label = labels.label_of(path) if node.parts else LABEL_NONE
     return ListedNode(
         path=[json_element(element) for element in path],

@@ -125,10 +125,10 @@ def _check_header(path: Path, descriptor: int) -> bool:
     if not header:
         return True
     if not header.startswith(_MAGIC) or len(header) < _HEADER_BYTES:
-        raise StateError(f"The file {path} is not a state of Scenegate (not an SQLite file); it is unchanged.")
+        raise StateError(f"The state file {path} is not a state of Scenegate (not an SQLite file); it is unchanged.")
     application_id = header[_APPLICATION_ID_OFFSET : _APPLICATION_ID_OFFSET + 4]
     if int.from_bytes(application_id, "big") != APPLICATION_ID:
-        raise StateError(f"The file {path} is a database of another program; it is unchanged.")
+        raise StateError(f"The state file {path} is a database of another program; it is unchanged.")
     return False
 
 

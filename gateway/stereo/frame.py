@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Coroutine, Hashable, Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -27,6 +27,17 @@ from renderers.stereo.noise import NoiseStream
 from renderers.stereo.sensor import SensorImage
 
 T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameRecord:
+    """Inputs of a past frame, sufficient to render it again."""
+
+    number: int
+    settings: StreamSettings
+    camera: Capture
+    depth: Capture
+    imaging: Imaging
 
 
 class Frame:

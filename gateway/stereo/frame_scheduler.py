@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,7 @@ from gateway.runtime.worker_pool import QueueFull, WorkerPool
 from gateway.stereo.clock import NANOSECONDS, Clock
 from gateway.stereo.events import EventHub
 from gateway.stereo.faults import FaultInjector
-from gateway.stereo.frame import Frame
+from gateway.stereo.frame import Frame, FrameRecord
 from gateway.stereo.frame_clock import FrameClock
 from gateway.stereo.frame_publisher import FrameCounts, FramePublisher, FrameTasks
 from gateway.stereo.hub import Hub, Mailbox
@@ -29,17 +28,6 @@ SceneSource = Callable[[], tuple[DrawList, int]]
 """Returns the current scene and its revision. Called in a worker thread, one call at a time."""
 PoseSource = Callable[[], NDArray[np.float64]]
 """Returns X_world_left, (4, 4) float64, the left optical frame. Called right after the scene, in the same thread."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FrameRecord:
-    """Inputs of a past frame, sufficient to render it again."""
-
-    number: int
-    settings: StreamSettings
-    camera: Capture
-    depth: Capture
-    imaging: Imaging
 
 
 class FrameScheduler:

@@ -4,49 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
 from functools import wraps
-from typing import Any, Final, ParamSpec
+from typing import Any, ParamSpec
 
-import msgspec
 from fastapi import APIRouter, Request
 
 from gateway.stereo import device
 from gateway.stereo import node_schemas as schemas
+from gateway.stereo.node_bodies import check_call, read_assignments, read_value
 from gateway.stereo.node_schemas import NodeName, ParameterName, ParameterNames, ServiceName, error_responses
 from gateway.stereo.parameter_specs import NODE_ALIASES, NODES
 from gateway.stereo.parameters import ParameterError, UnknownParameterError
-from gateway.stereo.rest_errors import RestError, read_body
+from gateway.stereo.rest_errors import RestError
 from gateway.stereo.service import StereoService
 
 P = ParamSpec("P")
-
-MAX_BODY: Final = 64 << 10
-"""Maximum size of a body, bytes. All parameters of a node take about two thousand."""
-MAX_NUMBER: Final = 64
-"""Maximum number of characters of a number in a query."""
-
-
-class _Value(msgspec.Struct, forbid_unknown_fields=False):
-    """Body that sets one parameter."""
-
-    value: Any
-
-
-class _NamedValue(msgspec.Struct, forbid_unknown_fields=False):
-    """Entry of a body that sets several parameters."""
-
-    name: str
-    value: Any
-
-
-class _Call(msgspec.Struct, forbid_unknown_fields=False):
-    """Body of a service call."""
-
-    args: dict[str, Any] | None = None
-
-
-_VALUE: Final = msgspec.json.Decoder(_Value)
-_CALL: Final = msgspec.json.Decoder(_Call)
-_NAMED_VALUES: Final = msgspec.json.Decoder(list[_NamedValue])
 
 
 def node_router(*services: StereoService) -> APIRouter:
@@ -102,7 +73,7 @@ def _add_routes(api: APIRouter, base: str, service: StereoService) -> None:
     @_with_errors
     async def put_parameters(node: NodeName, request: Request) -> Any:
         name = _canonical(node)
-        return await _set(service, name, await _assignments(request))
+        return await _set(service, name, await read_assignments(request))
 
     @api.get(
         base + "/{node}/parameters/{name}",
@@ -121,7 +92,7 @@ def _add_routes(api: APIRouter, base: str, service: StereoService) -> None:
     )
     @_with_errors
     async def put_parameter(node: NodeName, name: ParameterName, request: Request) -> Any:
-        value = await _single_value(request)
+        value = await read_value(request)
         return (await _set(service, _canonical(node), [(name, value)]))[0]
 
     @api.get(
@@ -151,8 +122,7 @@ def _add_routes(api: APIRouter, base: str, service: StereoService) -> None:
     )
     @_with_errors
     async def call(node: NodeName, name: ServiceName, request: Request) -> Any:
-        if body := await read_body(request, MAX_BODY):
-            _decode(_CALL, body, '{"args": {}}')
+        await check_call(request)
         result = device.call(service, *_service(node, name))
         await _wait_until_stored(service)
         return result
@@ -219,41 +189,3 @@ async def _wait_until_stored(service: StereoService) -> None:
     problem = await service.stored() if service.stored is not None else ""
     if problem:
         raise RestError(507, f"the values are set, but could not be stored: {problem}")
-
-
-async def _assignments(request: Request) -> list[tuple[str, object]]:
-    """Return names and values of the query, then those of the body; both are optional."""
-    body = await read_body(request, MAX_BODY)
-    values: list[tuple[str, object]] = [(name, _query_value(text)) for name, text in request.query_params.multi_items()]
-    if body:
-        entries: list[_NamedValue] = _decode(_NAMED_VALUES, body, '[{"name": "quality", "value": "High"}]')
-        values += [(entry.name, entry.value) for entry in entries]
-    return values
-
-
-async def _single_value(request: Request) -> object:
-    """Return the value in the body, or in the query if there is no body."""
-    body = await read_body(request, MAX_BODY)
-    if not body and "value" in request.query_params:
-        return _query_value(request.query_params["value"])
-    value: _Value = _decode(_VALUE, body, '{"value": 1.0}')
-    return value.value
-
-
-def _query_value(text: str) -> object:
-    """Return a boolean, a number or the text itself."""
-    if text.lower() in ("true", "false"):
-        return text.lower() == "true"
-    try:
-        return float(text) if len(text) < MAX_NUMBER else text
-    except ValueError:
-        return text
-
-
-def _decode(decoder: msgspec.json.Decoder[Any], body: bytes, expected: str) -> Any:
-    try:
-        return decoder.decode(body)
-    except msgspec.DecodeError as error:
-        raise RestError(400, f"the body is not like {expected}: {error}") from None
-    except RecursionError:
-        raise RestError(400, f"the body is not like {expected}: it is nested too deep") from None

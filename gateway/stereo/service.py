@@ -14,8 +14,9 @@ from gateway.stereo.clock import Clock, SystemClock
 from gateway.stereo.config import StereoConfig
 from gateway.stereo.events import EventHub
 from gateway.stereo.faults import FaultInjector
+from gateway.stereo.frame import FrameRecord
 from gateway.stereo.frame_publisher import FrameCounts
-from gateway.stereo.frame_scheduler import FrameRecord, FrameScheduler, PoseSource, SceneSource
+from gateway.stereo.frame_scheduler import FrameScheduler, PoseSource, SceneSource
 from gateway.stereo.hub import Hub
 from gateway.stereo.images import Imaging, MeteredExposure
 from gateway.stereo.pairs import PairImaging

@@ -12,7 +12,7 @@ from fastapi.responses import JSONResponse, Response
 from gateway.runtime.worker_pool import DeadlineExceeded, QueueFull
 from gateway.server.openapi import example
 from gateway.stereo.clock import NANOSECONDS
-from gateway.stereo.frame_scheduler import FrameRecord
+from gateway.stereo.frame import FrameRecord
 from gateway.stereo.service import StereoService
 from renderers.interface import Output
 from renderers.stereo.truth import DepthRange, true_disparity

@@ -72,10 +72,6 @@ _BODY: Final = {
 }
 
 
-class _TooLargeError(Exception):
-    pass
-
-
 def upload_router(*services: StereoService) -> APIRouter:
     """Return the routes ``/api/v2/pipelines/N/test/set``: ``POST`` shows a pair, ``DELETE`` the scene."""
     api = APIRouter(tags=["Stereo camera"])
@@ -94,8 +90,8 @@ def _add(api: APIRouter, path: str, service: StereoService) -> None:
                 service.show_pairs(await _pair(service, form))
             finally:
                 await form.close()
-        except _TooLargeError:
-            return RestError(413, f"the form is larger than {service.config.max_upload} bytes").response()
+        except RestError as error:
+            return error.response()
         except QueueFull as error:
             return JSONResponse({"message": str(error)}, 503, {"Retry-After": str(error.retry_after)})
         except PoolClosed as error:
@@ -113,7 +109,13 @@ def _add(api: APIRouter, path: str, service: StereoService) -> None:
 
 
 async def _form(request: Request, limit: int) -> FormData:
-    """Return the form; its body may have ``limit`` bytes."""
+    """Return the form.
+
+    Raises:
+        RestError: the body has more than ``limit`` bytes.
+        ValueError: wrong content type.
+        MultiPartException: malformed form.
+    """
     sent = request.headers.get("content-type", "")
     if len(sent) > MAX_CONTENT_TYPE:
         raise ValueError(f"Content-Type has {len(sent)} characters, the limit is {MAX_CONTENT_TYPE}")
@@ -129,7 +131,7 @@ async def _form(request: Request, limit: int) -> FormData:
         async for chunk in request.stream():
             size += len(chunk)
             if size > limit:
-                raise _TooLargeError
+                raise RestError(413, f"the form is larger than {limit} bytes")
             yield chunk
 
     return await MultiPartParser(headers, limited(), max_files=4, max_fields=8).parse()  # type: ignore[arg-type]  # an async generator is wanted

@@ -16,13 +16,12 @@ from gateway.scene.transforms import IDENTITY, from_pose
 from gateway.scene.tree import Pose
 from gateway.treeviewer import fields
 from gateway.treeviewer.config import Limits
-from gateway.treeviewer.materials import material
+from gateway.treeviewer.materials import WHITE, material
 
 _Finite = Annotated[float, msgspec.Meta(ge=-sys.float_info.max, le=sys.float_info.max)]
 _Length = Annotated[float, msgspec.Meta(ge=0.0, le=fields.MAX_DISTANCE)]
 _Coordinate = Annotated[float, msgspec.Meta(ge=-fields.MAX_DISTANCE, le=fields.MAX_DISTANCE)]
 _Unit = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
-_WHITE: Final = (1.0, 1.0, 1.0, 1.0)
 
 
 class Transform(msgspec.Struct, gc=False):
@@ -47,7 +46,7 @@ class _LocalTransform(msgspec.Struct, gc=False):
 class _Solid(msgspec.Struct, gc=False, tag_field="type"):
     """Fields of all geometries."""
 
-    color: tuple[_Unit, _Unit, _Unit, _Unit] = _WHITE
+    color: tuple[_Unit, _Unit, _Unit, _Unit] = WHITE
     transform: _LocalTransform | None = None
 
     def shape(self) -> Shape:

@@ -1,4 +1,4 @@
-"""What one browser has and may be sent next; no I/O.
+"""The snapshot and meshes of one browser, and the time of its next update; no I/O.
 
 The page acknowledges each update after processing it, and only then gets the next one, which leads to the newest
 revision. A slow browser therefore skips revisions instead of building up a queue.

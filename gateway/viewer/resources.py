@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from gateway.scene.geometry import PointCloud
 from gateway.scene.meshing import LARGEST
 from gateway.viewer.frames import FrameBuilder
+from renderers.cache import Cache
 from renderers.drawlist import Image, Mesh
-from renderers.weaklru import WeakLru
 
 T = TypeVar("T")
 
@@ -55,7 +55,7 @@ class Resources:
         self._meshes: WeakIds[Mesh] = WeakIds()
         self._images: WeakIds[Image] = WeakIds()
         self._clouds: WeakValueDictionary[int, PointCloud] = WeakValueDictionary()
-        self._mesh_frames: WeakLru[Mesh, bytes] = WeakLru(mesh_frame_bytes)
+        self._mesh_frames: Cache[Mesh, bytes] = Cache(mesh_frame_bytes, weak=True)
         self._removed: deque[int] = deque()
         """Ids of meshes that were garbage-collected, in any thread."""
 

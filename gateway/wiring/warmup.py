@@ -1,7 +1,9 @@
-"""Every compiled kernel of every room: compiled into the cache by child processes, then loaded by the server.
+"""The compiled kernels of all rooms, in parts.
 
-Every child spends seconds on importing and on functions that kernels have in common, so that there are few, as many as
-processors; they take the parts one after the other.
+Child processes compile parts into the kernel cache; the server loads them. The parts that the default settings need
+at once are compiled before the server is ready, the others in the background afterwards: a call that needs one of
+those waits for it (``renderers.compiler.pending``). Every child spends seconds on imports and on functions that kernels
+share. Therefore there are at most as many as processors, and each takes one part after the other.
 """
 
 from __future__ import annotations
@@ -15,8 +17,12 @@ from typing import Any, Final
 from gateway.runtime import kernel_cache, process_tuning
 
 
+def _is_in(name: str, modules: tuple[str, ...]) -> bool:
+    return any(name == module or name.startswith(f"{module}.") for module in modules)
+
+
 def _kernels_of(*modules: str, but: tuple[str, ...] = ()) -> Callable[[], None]:
-    """Compiles the rasterizer's kernels of these modules."""
+    """Return a function that compiles or loads the renderer's kernels of these modules, or of these kernels' names."""
 
     def compile_them() -> None:
         import renderers.depth_range
@@ -25,47 +31,52 @@ def _kernels_of(*modules: str, but: tuple[str, ...] = ()) -> Callable[[], None]:
         from renderers.compiler.jit import KERNELS, compile_kernel
 
         for kernel in KERNELS:
-            module = kernel.py_func.__module__
-            if module.startswith(modules) and not module.startswith(but):
+            name = f"{kernel.py_func.__module__}.{kernel.py_func.__name__}"
+            if _is_in(name, modules) and not _is_in(name, but):
                 compile_kernel(kernel)
 
     return compile_them
 
 
-def _treeviewer() -> None:
+def _gltf_and_lcm() -> None:
     import gateway.scene.crease_normals
     import gateway.treeviewer.json_kernels
     import gateway.treeviewer.msgpack_kernels  # noqa: F401
+    from gateway.gltf.normals import warm_up
+
+    warm_up()
 
 
 def _stereo() -> None:
-    from gateway.gltf.normals import warm_up as warm_reader
-    from renderers.stereo.warmup import warm_up as warm_stereo
+    from renderers.stereo.warmup import warm_up
 
-    warm_reader()
-    warm_stereo()
+    warm_up()
 
 
-_APART: Final = (
-    "renderers.shading",
-    "renderers.raster.setup",
-    "renderers.raster.msaa.edges",
-)
+_STUDIO: Final = ("renderers.shading.studio",)
+_ANTIALIASING: Final = ("renderers.raster.msaa", "renderers.fxaa")
+_NORMALS: Final = ("renderers.raster.resolve.resolve_normals", "renderers.shading.mikktspace")
+_SETUP: Final = ("renderers.raster.setup",)
 
-PARTS: Final[Mapping[str, Callable[[], None]]] = {
-    "shading": _kernels_of("renderers.shading", but=("renderers.shading.studio",)),
-    "studio": _kernels_of("renderers.shading.studio"),
-    "setup": _kernels_of("renderers.raster.setup"),
-    "rest": _kernels_of("renderers", but=_APART),
-    "edges": _kernels_of("renderers.raster.msaa.edges"),
-    "stereo": _stereo,
-    "treeviewer": _treeviewer,
+NEEDED: Final[Mapping[str, Callable[[], None]]] = {
+    "shading": _kernels_of("renderers.shading", but=(*_STUDIO, *_NORMALS)),
+    "raster": _kernels_of("renderers", but=("renderers.shading", *_STUDIO, *_ANTIALIASING, *_NORMALS, *_SETUP)),
+    "setup": _kernels_of(*_SETUP),
+    "formats": _gltf_and_lcm,
 }
-"""Handed out in this order, which is that of their length (12 to 4 s of one core), so that children end together."""
+"""Parts that the default settings need, longest first, so that children end together."""
+BACKGROUND: Final[Mapping[str, Callable[[], None]]] = {
+    "stereo": _stereo,
+    "antialiasing": _kernels_of(*_ANTIALIASING),
+    "normals": _kernels_of(*_NORMALS),
+    "studio": _kernels_of(*_STUDIO),
+}
+"""Parts that are compiled after the server is ready."""
+PARTS: Final[Mapping[str, Callable[[], None]]] = {**NEEDED, **BACKGROUND}
 
 
 def run() -> None:
-    """Load all kernels from the cache; blocks. For serving processes: nothing is compiled.
+    """Load the needed parts from the cache; blocks.
 
     Raises:
         KernelError: a kernel is not in the cache.
@@ -73,47 +84,55 @@ def run() -> None:
     kernel_cache.configure()
     import cv2
 
-    # Its pictures are small, calls come from many threads at once, and those of its own wait in loops.
+    # Images are small, calls come from many threads at once, and idle threads of OpenCV spin.
     cv2.setNumThreads(1)
     with kernel_cache.compiling_refused():
-        for load in PARTS.values():
+        for load in NEEDED.values():
             load()
-        from renderers.raster import warmup as first_pictures
+        from renderers.raster.warmup import render_first_images
 
-        first_pictures()
+        render_first_images()
 
 
-def compile_parts(numbers: int) -> None:
-    """Compile parts until none is left; tell on stdout which one begins, and which kernels one had when it ends.
+def run_background() -> None:
+    """Load the background parts from the cache; blocks. Raises as ``run``."""
+    from renderers.compiler import pending
+
+    with kernel_cache.compiling_refused(), pending.loading():
+        for load in BACKGROUND.values():
+            load()
+
+
+def compile_parts(numbers: int, names: tuple[str, ...]) -> None:
+    """Compile parts until none is left; report on stdout each part that begins, and its kernels when it ends.
 
     Args:
-        numbers: a descriptor that a byte is read from for each part, its place in ``PARTS``; other processes read from
-            it, too.
+        numbers: file descriptor with one byte for each part to compile, its index in ``names``. Other processes read
+            from it, too.
+        names: parts of ``PARTS``.
 
     Raises:
         KernelError: Numba did not keep a kernel in the cache.
     """
     kernel_cache.configure()
-    process_tuning.pause_gc()  # compiling makes millions of objects, none of which is garbage before all is done
-    from renderers.compiler.remembered import remember
-
-    remember()
-    parts = tuple(PARTS)
+    if set(names) <= set(BACKGROUND):
+        os.nice(10)  # the server already runs
+    process_tuning.pause_gc()  # compiling makes millions of objects that live until the end
     known: set[int] = set()
     while number := os.read(numbers, 1):
-        part = parts[number[0]]
-        _tell(part=part)
+        part = names[number[0]]
+        _report(part=part)
         PARTS[part]()
-        _tell(part=part, kernels=_compiled_since(known))
+        _report(part=part, kernels=_compiled_since(known))
 
 
-def _tell(**report: Any) -> None:
-    sys.stdout.write(json.dumps(report) + "\n")
+def _report(**fields: Any) -> None:
+    sys.stdout.write(json.dumps(fields) + "\n")
     sys.stdout.flush()
 
 
 def _compiled_since(known: set[int]) -> list[str]:
-    """Names of the cache folders of kernels that are not in ``known`` yet, which is updated."""
+    """Return the names of the cache folders of kernels that are not in ``known`` yet, and add them to it."""
     from renderers.compiler.cache_locator import CACHED, folder_of
 
     folders: list[str] = []
@@ -128,4 +147,4 @@ def _compiled_since(known: set[int]) -> list[str]:
 
 
 if __name__ == "__main__":
-    compile_parts(int(sys.argv[1]))
+    compile_parts(int(sys.argv[1]), tuple(sys.argv[2:]))

@@ -1,8 +1,8 @@
-"""Where compiled kernels are kept on disk, and whether all of them are there.
+"""The kernel cache on disk: its folder and its manifest.
 
-A folder is named by everything that the machine code depends on: the contents of the sources, the CPU, and the versions
-of Python, Numba, llvmlite and NumPy. It does not depend on where the package is installed or on the files' times, so
-every clone, virtual environment and container layer of one version shares its kernels:
+The folder is named by everything that the machine code depends on: the contents of the sources, the CPU, and the
+versions of Python, Numba, llvmlite and NumPy. It does not depend on where the package is installed or on the files'
+times: every clone, virtual environment and container layer of one version shares its kernels:
 
     <root>/scenegate-<sources>-<platform>/complete.json
     <root>/scenegate-<sources>-<platform>/renderers.fxaa.smooth_rows/fxaa.smooth_rows-110.py311.nbi, .1.nbc
@@ -29,24 +29,24 @@ from typing import Final
 
 CACHE_ENV: Final = "SCENEGATE_CACHE_DIR"
 PACKAGES: Final = ("renderers", "gateway")
-"""The packages that have kernels."""
+"""Packages that define kernels."""
 _MANIFEST: Final = "complete.json"
 _PREFIX: Final = "scenegate-"
 _KEPT: Final = 4
-"""Folders of other versions that stay; each holds about 8 MB."""
+"""Number of folders of other versions to keep; each has about 8 MB."""
 _IMPORT: Final = re.compile(rb"^from (gateway[\w.]*) import ", re.MULTILINE)
 
 
 @cache
 def root() -> Path:
-    """The folder above those of all versions: NUMBA_CACHE_DIR, or else the user's cache folder.
+    """Return the folder of all versions' folders: NUMBA_CACHE_DIR, or else the user's cache folder.
 
-    A folder that cannot be written serves if its kernels are complete. If they are not, a private temporary folder
-    stands in for the user's cache folder, but not for NUMBA_CACHE_DIR.
+    A folder that cannot be written is used if its kernels are complete; if not, a private temporary folder replaces
+    the user's cache folder, but never NUMBA_CACHE_DIR.
     """
     if given := os.environ.get("NUMBA_CACHE_DIR"):
         return Path(given)
-    caches = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # noqa: PTH111 - or as it is: no home
+    caches = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # noqa: PTH111 - unchanged without a home
     path = Path(os.environ.get(CACHE_ENV) or Path(caches, "scenegate")) / "kernels"
     if is_writable(path) or not missing(path / folder_name()):
         return path
@@ -57,7 +57,7 @@ def root() -> Path:
 
 
 def is_writable(path: Path) -> bool:
-    """Make the folder if need be; return whether files can be made in it."""
+    """Create the folder if it does not exist; return whether files can be created in it."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError:
@@ -66,18 +66,18 @@ def is_writable(path: Path) -> bool:
 
 
 def folder() -> Path:
-    """The folder of this version's kernels for this machine's CPU; it may not exist yet."""
+    """Return the folder of this version's kernels for this machine's CPU; it may not exist yet."""
     return root() / folder_name()
 
 
 def folder_name() -> str:
-    """Name of the folder: digests of the sources and of the platform."""
+    """Return the name of the folder: digests of the sources and of the platform."""
     return f"{_PREFIX}{sources_digest()}-{platform_digest()}"
 
 
 @cache
 def sources_digest() -> str:
-    """Digest of the sources that kernels are made of, by contents and relative path.
+    """Return the digest of the sources that kernels are made of, by contents and relative path.
 
     These are all of ``renderers``, the modules of ``gateway`` that define kernels, and the modules of ``gateway`` that
     those import constants from.
@@ -95,7 +95,7 @@ def sources_digest() -> str:
 
 
 def _with_kernels(sources: Mapping[str, bytes]) -> list[str]:
-    """Names of the modules of ``gateway`` that define kernels, and of those that they import, in order."""
+    """Return the names of the modules of ``gateway`` that define kernels, and of those they import, sorted."""
     found: set[str] = set()
     waiting = [name for name, source in sources.items() if b"cached_njit" in source]
     while waiting:
@@ -110,49 +110,53 @@ def _with_kernels(sources: Mapping[str, bytes]) -> list[str]:
 
 
 def platform_digest() -> str:
-    """Digest of the CPU that kernels are compiled for and of the versions of what compiles them."""
-    # Numba compiles for another CPU than this machine's where these say so.
+    """Return the digest of the CPU that kernels are compiled for and of the compiler's versions."""
+    # These make Numba compile for another CPU.
     return _platform_digest(
         *(os.environ.get(f"NUMBA_{name}", "") for name in ("CPU_NAME", "CPU_FEATURES", "ENABLE_AVX"))
     )
 
 
-@cache  # every kernel asks, and versions are read from files
-def _platform_digest(*asked: str) -> str:
+@cache  # called for every kernel, and versions are read from files
+def _platform_digest(*settings: str) -> str:
     from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
 
     here = (get_host_cpu_name(), get_host_cpu_features().flatten())
-    key = (*asked, *here, *(version(name) for name in ("numba", "llvmlite", "numpy")), sys.version)
+    key = (*settings, *here, *(version(name) for name in ("numba", "llvmlite", "numpy")), sys.version)
     return hashlib.sha256("\0".join(key).encode()).hexdigest()[:16]
 
 
-def missing(path: Path | None = None) -> str:
+def missing(path: Path | None = None, parts: Iterable[str] | None = None) -> str:
     """Compare a version's folder with its manifest.
 
     Args:
         path: the folder; ``folder()`` by default.
+        parts: parts that must be complete; None: all that the manifest lists.
 
     Returns:
-        "" when every file of every kernel is there as it was written (an index may list more since), else why not, as
-        the rest of a sentence.
+        "" if every file of every kernel is unchanged (an index may list more since); otherwise the reason, as the rest
+        of a sentence.
     """
     path = folder() if path is None else path
     try:
-        parts: dict[str, dict[str, str]] = json.loads((path / _MANIFEST).read_bytes())
-        files = {name: digest for part in parts.values() for name, digest in part.items()}
+        listed: dict[str, dict[str, str]] = json.loads((path / _MANIFEST).read_bytes())
+        names = listed if parts is None else tuple(parts)
+        files = {name: digest for part in names for name, digest in listed.get(part, {}).items()}
     except OSError:
         return "not compiled yet"
     except (ValueError, AttributeError):
         return f"{_MANIFEST} cannot be read"
+    if uncompiled := [part for part in names if part not in listed]:
+        return f"not compiled yet: {', '.join(uncompiled)}"
     wrong = sorted(name for name in files if not _is_intact(path, name, files))
     return f"{len(wrong)} of {len(files)} files are missing or changed, the first is {wrong[0]}" if wrong else ""
 
 
 def _is_intact(path: Path, name: str, files: Mapping[str, str]) -> bool:
-    """Return whether a file of the manifest is there with the same contents.
+    """Return whether a file of the manifest has the same contents.
 
-    Another program may have added a specialisation to an index since: then it must still be whole, of these sources,
-    and list the same files of machine code. Numba pickles names and stamp as they are; a pickle ends with a full stop.
+    Another program may have added a specialisation to an index: then it must still be whole, of these sources, and list
+    the same files of machine code. Numba pickles names and stamp as they are; a pickle ends with a full stop.
     """
     try:
         data = (path / name).read_bytes()
@@ -168,19 +172,23 @@ def _is_intact(path: Path, name: str, files: Mapping[str, str]) -> bool:
 
 
 def count() -> int:
-    """Number of kernels that the manifest lists."""
+    """Return the number of kernels that the manifest lists."""
     parts = json.loads((folder() / _MANIFEST).read_bytes())
     return sum(name.endswith(".nbi") for part in parts.values() for name in part)
 
 
 def write_manifest(parts: Mapping[str, Iterable[str]]) -> None:
-    """Note that all kernels are compiled, and remove the oldest folders of other versions.
+    """List compiled parts in the manifest, and remove the oldest folders of other versions.
 
     Args:
-        parts: part -> folders of its kernels, relative to ``folder()``.
+        parts: part -> folders of its kernels, relative to ``folder()``; added to the parts that are listed.
     """
     here = folder()
-    listed = {
+    try:
+        listed = json.loads((here / _MANIFEST).read_bytes())
+    except (OSError, ValueError):
+        listed = {}
+    listed |= {
         part: {
             file.relative_to(here).as_posix(): hashlib.sha256(file.read_bytes()).hexdigest()
             for kernel in sorted(kernels)
@@ -198,5 +206,5 @@ def write_manifest(parts: Mapping[str, Iterable[str]]) -> None:
 
 
 def remove_manifest() -> None:
-    """Note that the kernels are not complete, whatever the manifest says."""
+    """Remove the manifest: the kernels are not complete."""
     (folder() / _MANIFEST).unlink(missing_ok=True)

@@ -19,7 +19,7 @@ from numba.core import caching, config
 from renderers.compiler import cache_folder
 
 CACHED: Final[list[Any]] = []
-"""Every function made by ``cached_njit`` so far."""
+"""All functions made by ``cached_njit`` so far."""
 _jit: Final[Any] = njit  # its stubs lack some of the options
 _numba: Final[Any] = caching
 _config: Final[Any] = config
@@ -38,7 +38,7 @@ class KernelCacheLocator(_numba.UserProvidedCacheLocator):  # type: ignore[misc]
         return cls(function, file) if function.__module__.partition(".")[0] in cache_folder.PACKAGES else None
 
     def get_cache_path(self) -> str:
-        """Return the function's own folder; unlike Numba's locators, do not insist that it can be written."""
+        """Return the function's folder, which, unlike with Numba's locators, need not be writable."""
         return str(cache_folder.folder() / self._folder)
 
     def get_source_stamp(self) -> str:
@@ -50,8 +50,7 @@ class KernelCacheLocator(_numba.UserProvidedCacheLocator):  # type: ignore[misc]
 def _located() -> Iterator[None]:
     """Put our locator before Numba's while a function is decorated.
 
-    Not for longer and not by the environment variable: other libraries' functions and other programs' Python keep
-    their own.
+    Neither longer nor by the environment variable: other libraries' functions keep their own.
     """
     before = _config.CACHE_LOCATOR_CLASSES
     others = before or ",".join(each.__name__ for each in _numba.CacheImpl._locator_classes)

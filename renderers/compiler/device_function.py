@@ -1,9 +1,9 @@
-"""Functions that only kernels call: linked into these, neither optimised nor made machine code by themselves.
+"""Functions that only kernels call. They are linked into kernels, and neither optimised nor compiled by themselves.
 
-Numba makes every compiled function whole: optimised, with wrappers for Python, as machine code. What a kernel calls
-is then linked into it and optimised again, layer upon layer, and a third of the time that all kernels take goes into
-code that is never run. The compiler here leaves such functions as they were lowered; all is optimised once, in the
-kernel.
+Numba would optimise every such function, give it wrappers for Python and make machine code of it. A kernel would link
+the result and optimise it again: a third of all compile time goes into code that never runs. The compiler here leaves
+functions as lowered; everything is optimised once, in the kernel. docs/decisions/0003-rasterizer-in-numba.md has the
+reasons; this is the only file that uses Numba's private compiler API.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numba.core.codegen import JITCodeLibrary
 
 
 class _NoEnvironment:
-    """A code generator for functions that are in no engine: there is nowhere to put what raises exceptions."""
+    """A code generator for functions that are in no execution engine, and therefore have no environment."""
 
     def __init__(self, codegen: Any) -> None:
         self._codegen = codegen
@@ -26,11 +26,11 @@ class _NoEnvironment:
         return getattr(self._codegen, name)
 
     def set_env(self, name: str, env: object) -> None:
-        """Nothing: kernels raise no exceptions."""
+        """Do nothing: kernels raise no exceptions."""
 
 
 class _Linked(JITCodeLibrary):
-    """Code to be linked into other code."""
+    """Code that is linked into other code."""
 
     @property
     def codegen(self) -> Any:
@@ -51,7 +51,7 @@ class _Linked(JITCodeLibrary):
 
 @compiler_machinery.register_pass(mutates_CFG=False, analysis_only=True)
 class _LinkedLibrary(compiler_machinery.LoweringPass):
-    """Says where lowering puts its code."""
+    """Choose the library that lowering puts its code into."""
 
     _name = "linked_library"
 
@@ -71,8 +71,7 @@ _NOT_USED: Final = {
     typed_passes.InlineOverloads,
     typed_passes.NopythonRewrites,
 }
-"""Passes for what these functions have not: ``with``, closures, exceptions, expressions of arrays. They take a tenth of
-the time."""
+"""Passes for features that these functions do not use; they take a tenth of the time."""
 
 
 class _Compiler(compiler.Compiler):
@@ -95,10 +94,9 @@ _OPTIONS: Final[dict[str, Any]] = {
 
 
 def _linked(**options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """A decorator as ``njit``; what it decorates is compiled once for all integers and truth values, constants or not.
+    """Return a decorator like ``njit`` whose functions are compiled once for constants and variables of a type.
 
-    Numba would compile it anew for every constant that it is called with, and for the first value of every variable
-    that begins as one. Where a constant matters, LLVM knows it as well, once the function is inlined.
+    Numba would compile a function anew for every constant argument. LLVM propagates constants anyway when it inlines.
     """
 
     def decorate(function: Callable[..., Any]) -> Any:
@@ -115,7 +113,8 @@ def _linked(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     return decorate
 
 
-inner: Final[Any] = _linked(**_OPTIONS)
-"""Decorator for a function that kernels call. Python cannot call it: that ends the process."""
+device_function: Final[Any] = _linked(**_OPTIONS)
+"""Decorator for a function that kernels call. A call from Python crashes the process."""
 inlined: Final[Any] = _linked(forceinline=True, **_OPTIONS)
-"""``inner`` for what shall have no call of its own."""
+"""``device_function`` that is always inlined."""
+inner: Final[Any] = device_function  # TODO(renderers.shading): the former name

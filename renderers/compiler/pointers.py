@@ -1,8 +1,8 @@
-"""Raw pointers in kernels.
+"""C pointers in kernels.
 
-Array arguments of functions that are not inlined cost reference counts (atomics) and negative-index arithmetic, 40 to
-60 ns per triangle. Entry points therefore take one small table of addresses; below them everything is a C pointer,
-``p[i]`` reads and writes without a check. Whoever fills the table keeps the arrays alive while kernels run.
+Array arguments of functions that are not inlined cost reference counts and negative-index arithmetic, 40 to 60 ns per
+triangle. Kernels therefore take the addresses of structs (``renderers.compiler.structs``) and work on C pointers:
+``p[i]`` reads and writes without a check. The Python caller keeps the arrays alive while a kernel runs.
 """
 
 from __future__ import annotations
@@ -12,16 +12,19 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba import types
-from numba.extending import intrinsic
+from llvmlite import ir
+from numba import extending, types
+from numba.core import cgutils
 from numpy.typing import NDArray
+
+intrinsic: Any = extending.intrinsic
 
 
 def address_of(array: NDArray[Any] | None, dtype: type[np.generic]) -> int:
-    """Address of the first value of a C-contiguous array; 0 for None.
+    """Return the address of a C-contiguous array's first value; 0 for None.
 
     Raises:
-        TypeError: another dtype, or not C-contiguous: a kernel would read something else.
+        TypeError: the array has another dtype or is not C-contiguous, so that a kernel would misread it.
     """
     if array is None:
         return 0
@@ -32,19 +35,19 @@ def address_of(array: NDArray[Any] | None, dtype: type[np.generic]) -> int:
 
 
 Table = tuple[NDArray[np.int64], memoryview, int]
-"""An array, its memory, its address."""
+"""An array, its memory and its address."""
 
 
 def table(values: int) -> Table:
-    """(values,) int64, all 0, at least one; its memory; its address, at a fraction of what ``address_of`` takes."""
+    """Return a new (values,) int64 array of zeros, its memory and its address."""
     array = np.zeros(values, np.int64)
     memory = array.data
     return array, memory, ctypes.addressof(ctypes.c_char.from_buffer(memory))
 
 
-def _pointer_to(element: Any) -> Any:
+def _pointer_to(scalar: Any) -> Any:
     def cast(typing_context: Any, address: Any) -> tuple[Any, Callable[..., Any]]:
-        pointer: Any = types.CPointer(element)
+        pointer: Any = types.CPointer(scalar)
 
         def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
             return builder.inttoptr(args[0], context.get_value_type(pointer))
@@ -55,24 +58,18 @@ def _pointer_to(element: Any) -> Any:
 
 
 f32_at = _pointer_to(types.float32)
-"""``f32_at(address)``: a pointer to float32 values."""
+"""``f32_at(address)``: a pointer to float32."""
 f64_at = _pointer_to(types.float64)
-"""A pointer to float64 values."""
 i32_at = _pointer_to(types.int32)
-"""A pointer to int32 values."""
 i64_at = _pointer_to(types.int64)
-"""A pointer to int64 values."""
 u32_at = _pointer_to(types.uint32)
-"""A pointer to uint32 values."""
-u8_at = _pointer_to(types.uint8)
-"""A pointer to bytes."""
 u16_at = _pointer_to(types.uint16)
-"""A pointer to uint16 values."""
+u8_at = _pointer_to(types.uint8)
 
 
-def _same_place_as(element: Any) -> Any:
+def _cast_to(scalar: Any) -> Any:
     def cast(typing_context: Any, pointer: Any) -> tuple[Any, Callable[..., Any]]:
-        wanted: Any = types.CPointer(element)
+        wanted: Any = types.CPointer(scalar)
 
         def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
             return builder.bitcast(args[0], context.get_value_type(wanted))
@@ -82,11 +79,62 @@ def _same_place_as(element: Any) -> Any:
     return intrinsic(cast)
 
 
-as_f32 = _same_place_as(types.float32)
-"""``as_f32(pointer)``: the same place as float32 values."""
-as_i32 = _same_place_as(types.int32)
-"""The same place as int32 values."""
-as_i64 = _same_place_as(types.int64)
-"""The same place as int64 values."""
-as_u32 = _same_place_as(types.uint32)
-"""The same place as uint32 values."""
+as_f32 = _cast_to(types.float32)
+"""``as_f32(pointer)``: the same address as a pointer to float32."""
+as_i32 = _cast_to(types.int32)
+as_i64 = _cast_to(types.int64)
+as_u32 = _cast_to(types.uint32)
+
+
+@intrinsic  # type: ignore[untyped-decorator]  # Numba's stub is wrong
+def address(typing_context: Any, pointer: Any) -> Any:
+    """Return a pointer's or struct's address as int64."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.ptrtoint(args[0], ir.IntType(64))
+
+    return types.int64(pointer), generate
+
+
+def stack_array(scalar: Any, count: int) -> Any:
+    """Return a function for kernels, without arguments, that returns a pointer to uninitialised memory on the stack.
+
+    The memory is valid until the calling device function returns. Every call within one function gets the same.
+
+    Args:
+        scalar: Numba type of the values.
+        count: number of values.
+    """
+
+    def allocate(typing_context: Any) -> tuple[Any, Callable[..., Any]]:
+        pointer: Any = types.CPointer(scalar)
+
+        def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            memory = ir.ArrayType(context.get_data_type(scalar), count)
+            once: Any = cgutils.alloca_once
+            return builder.bitcast(once(builder, memory), context.get_value_type(pointer))
+
+        return pointer(), generate
+
+    return intrinsic(allocate)
+
+
+@intrinsic  # type: ignore[untyped-decorator]  # Numba's stub is wrong
+def allocate(typing_context: Any, nbytes: Any) -> Any:
+    """Return the address of new uninitialised memory of ``nbytes`` (int64) bytes; ``release`` frees it."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.ptrtoint(context.nrt.allocate(builder, args[0]), ir.IntType(64))
+
+    return types.int64(types.int64), generate
+
+
+@intrinsic  # type: ignore[untyped-decorator]  # Numba's stub is wrong
+def release(typing_context: Any, address: Any) -> Any:
+    """Free memory from ``allocate``."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        context.nrt.free(builder, builder.inttoptr(args[0], ir.IntType(8).as_pointer()))
+        return ir.Constant(ir.IntType(32), 0)
+
+    return types.int32(types.int64), generate

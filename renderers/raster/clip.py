@@ -1,166 +1,165 @@
-"""The slow path: triangles and lines that cross the near plane or leave the guard band, clipped in camera space."""
+"""Clipping in the camera's frame of primitives that cross the near plane or leave the guard band."""
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
+from numba import types
 
-from renderers.compiler.device_function import inner
-from renderers.compiler.pointers import f32_at, f64_at, i64_at, u32_at
-from renderers.raster.layout import (
-    GUARD,
-    J_LENGTHS,
-    J_TABLE,
-    J_VERTEX,
-    L_CX,
-    L_CY,
-    L_FX,
-    L_FY,
-    L_NEAR,
-    M_COLUMNS,
-    SUBPIXEL,
-    T_COLUMNS,
-    T_ELEMENTS,
-    T_POSITIONS,
-    T_VERTEX,
-)
+from renderers.compiler.device_function import device_function
+from renderers.compiler.pointers import stack_array
+from renderers.raster.layout import GUARD_BAND, SUBPIXEL
 
-PLANES = 5
-MAX_VERTICES = 24
-"""A convex polygon has at most 3 + PLANES; each plane adds at most half, however rounding bends one: 3 * 1.5^5 < 24."""
+PLANES: Final = 5
+MAX_VERTICES: Final = 24
+"""Maximum vertices of a clipped triangle. A convex polygon has at most 3 + PLANES; each plane adds at most half of the
+vertices where rounding has bent it: 3 * 1.5^5 < 24."""
+
+corner_array: Final = stack_array(types.float64, 9)
+"""``corner_array()``: room for the three corners of a triangle in the camera's frame."""
+polygon_array: Final = stack_array(types.int64, 2 * MAX_VERTICES)
+"""``polygon_array()``: room for a polygon's corners in grid units, x and y in turn."""
+_points_array: Final = stack_array(types.float64, 3 * MAX_VERTICES)
+_clipped_array: Final = stack_array(types.float64, 3 * MAX_VERTICES)
+_sources_array: Final = stack_array(types.int64, MAX_VERTICES)
+_clipped_sources_array: Final = stack_array(types.int64, MAX_VERTICES)
 
 
-@inner
+@device_function
 def snap(value):
-    """Grid units of a float32 pixel coordinate (the product is exact; ties to even)."""
+    """Return the grid coordinate of a float32 pixel coordinate. The product is exact; ties round to even."""
     return np.int64(np.rint(np.float32(value) * np.float32(SUBPIXEL)))
 
 
-@inner
-def camera_vertex(job, drawn, index, out, k):
-    """Write vertex ``index`` of a drawn instance's mesh, in the camera's frame, to the (n, 3) float64 ``out[k]``."""
-    table = i64_at(job[J_TABLE])
-    p = f32_at(table[drawn * T_COLUMNS + T_POSITIONS])
-    m = f64_at(job[J_LENGTHS] + 8 * M_COLUMNS * drawn)
+@device_function
+def camera_vertex(draw, index, out, k):
+    """Write vertex ``index`` of a draw in the camera's frame to ``out[3 * k]`` and the following two float64."""
+    p = draw.positions
+    m = draw.X_camera_mesh
     x = np.float64(p[3 * index])
     y = np.float64(p[3 * index + 1])
     z = np.float64(p[3 * index + 2])
     for row in range(3):
-        out[k, row] = m[4 * row] * x + m[4 * row + 1] * y + m[4 * row + 2] * z + m[4 * row + 3]
+        out[3 * k + row] = m[4 * row] * x + m[4 * row + 1] * y + m[4 * row + 2] * z + m[4 * row + 3]
 
 
-@inner
-def plane_distance(lens, plane, p, k):
-    """How far inside the near plane (0) or a side of the guard band (1 .. 4) the point ``p[k]`` is; >= 0 is inside."""
+@device_function
+def plane_distance(frame, plane, points, k):
+    """Return how far point ``k`` lies inside the near plane (0) or a side of the guard band (1 to 4)."""
+    x, y, z = points[3 * k], points[3 * k + 1], points[3 * k + 2]
     if plane == 0:
-        return p[k, 2] - lens[L_NEAR]
+        return z - frame.near
     if plane == 1:
-        return lens[L_FX] * p[k, 0] + (GUARD + lens[L_CX]) * p[k, 2]
+        return frame.fx * x + (GUARD_BAND + frame.cx) * z
     if plane == 2:
-        return (GUARD - lens[L_CX]) * p[k, 2] - lens[L_FX] * p[k, 0]
+        return (GUARD_BAND - frame.cx) * z - frame.fx * x
     if plane == 3:
-        return lens[L_FY] * p[k, 1] + (GUARD + lens[L_CY]) * p[k, 2]
-    return (GUARD - lens[L_CY]) * p[k, 2] - lens[L_FY] * p[k, 1]
+        return frame.fy * y + (GUARD_BAND + frame.cy) * z
+    return (GUARD_BAND - frame.cy) * z - frame.fy * y
 
 
-@inner
-def cut(p, inside, d_inside, outside, d_outside, out, k):
-    """The point of the edge on the plane, from the inside end towards the outside end whichever way the triangle runs,
-    so that two triangles with a common edge get the same point."""
+@device_function
+def intersect(points, inside, d_inside, outside, d_outside, out, k):
+    """Write the point of an edge on a plane to point ``k`` of ``out``.
+
+    It is always computed from the inside end, so that two triangles with a common edge get the same point.
+    """
     t = d_inside / (d_inside - d_outside)
-    for row in range(3):
-        out[k, row] = p[inside, row] + t * (p[outside, row] - p[inside, row])
+    for axis in range(3):
+        start = points[3 * inside + axis]
+        out[3 * k + axis] = start + t * (points[3 * outside + axis] - start)
 
 
-@inner
-def project(lens, p, k):
-    """Pixel coordinates (float32) of the point ``p[k]``, which is not behind the near plane."""
-    w = 1.0 / p[k, 2]
-    return np.float32(lens[L_FX] * p[k, 0] * w + lens[L_CX]), np.float32(lens[L_FY] * p[k, 1] * w + lens[L_CY])
+@device_function
+def project(frame, points, k):
+    """Return the pixel coordinates (float32) of point ``k``, which must not lie behind the near plane."""
+    x, y, w = points[3 * k], points[3 * k + 1], 1.0 / points[3 * k + 2]
+    return np.float32(frame.fx * x * w + frame.cx), np.float32(frame.fy * y * w + frame.cy)
 
 
-@inner
-def is_finite(p, count):
-    """Whether the first ``count`` points are numbers."""
+@device_function
+def is_finite(points, count):
+    """Return whether all coordinates of the first ``count`` points are finite."""
     total = 0.0
-    for k in range(count):
-        total += abs(p[k, 0]) + abs(p[k, 1]) + abs(p[k, 2])
+    for k in range(3 * count):
+        total += abs(points[k])
     return total < np.inf
 
 
-@inner
-def clip_triangle(job, lens, drawn, element, corners, grid):
-    """The visible part of a triangle.
+@device_function
+def clip_triangle(frame, draw, primitive, corners, polygon):
+    """Compute the visible part of a triangle.
 
     Args:
-        corners: (3, 3) float64, filled with the triangle's own vertices in the camera's frame.
-        grid: (MAX_VERTICES, 2) int64, filled with the clipped polygon's vertices in grid units.
+        primitive: index of the triangle in its mesh.
+        corners: ``corner_array``; gets the triangle's vertices in the camera's frame.
+        polygon: ``polygon_array``; gets the clipped polygon's vertices.
 
     Returns:
         Number of vertices of the polygon; 0: nothing is left.
     """
-    table = i64_at(job[J_TABLE])
-    indices = u32_at(table[drawn * T_COLUMNS + T_ELEMENTS] + 12 * element)
-    points = np.empty((MAX_VERTICES, 3), np.float64)
-    other = np.empty((MAX_VERTICES, 3), np.float64)
-    source = np.empty(MAX_VERTICES, np.int64)
-    other_source = np.empty(MAX_VERTICES, np.int64)
+    indices = draw.indices
+    points, clipped = _points_array(), _clipped_array()
+    sources, clipped_sources = _sources_array(), _clipped_sources_array()
     for k in range(3):
-        camera_vertex(job, drawn, np.int64(indices[k]), corners, k)
-        source[k] = np.int64(indices[k])
-        for row in range(3):
-            points[k, row] = corners[k, row]
+        index = np.int64(indices[3 * primitive + k])
+        camera_vertex(draw, index, corners, k)
+        sources[k] = index
+        for axis in range(3):
+            points[3 * k + axis] = corners[3 * k + axis]
     if not is_finite(corners, 3):
         return 0
     count = 3
     for plane in range(PLANES):
         n = 0
         previous = count - 1
-        d_previous = plane_distance(lens, plane, points, previous) if count > 0 else 0.0
+        d_previous = plane_distance(frame, plane, points, previous) if count > 0 else 0.0
         for k in range(count):
-            d = plane_distance(lens, plane, points, k)
+            d = plane_distance(frame, plane, points, k)
             if d >= 0.0 and d_previous < 0.0:
-                cut(points, k, d, previous, d_previous, other, n)
-                other_source[n] = -1
+                intersect(points, k, d, previous, d_previous, clipped, n)
+                clipped_sources[n] = -1
                 n += 1
             if d < 0.0 and d_previous >= 0.0:
-                cut(points, previous, d_previous, k, d, other, n)
-                other_source[n] = -1
+                intersect(points, previous, d_previous, k, d, clipped, n)
+                clipped_sources[n] = -1
                 n += 1
             if d >= 0.0:
-                for row in range(3):
-                    other[n, row] = points[k, row]
-                other_source[n] = source[k]
+                for axis in range(3):
+                    clipped[3 * n + axis] = points[3 * k + axis]
+                clipped_sources[n] = sources[k]
                 n += 1
             previous = k
             d_previous = d
         count = n
-        points, other = other, points
-        source, other_source = other_source, source
+        points, clipped = clipped, points
+        sources, clipped_sources = clipped_sources, sources
     if count < 3:
         return 0
-    vertices = f32_at(job[J_VERTEX] + 16 * table[drawn * T_COLUMNS + T_VERTEX])
     for k in range(count):
-        if source[k] >= 0:  # the very coordinates that the neighbours use
-            x, y = vertices[4 * source[k]], vertices[4 * source[k] + 1]
+        if sources[k] >= 0:  # exactly the coordinates that neighbouring triangles use
+            vertex = 4 * (draw.first_vertex + sources[k])
+            x, y = frame.vertices[vertex], frame.vertices[vertex + 1]
         else:
-            x, y = project(lens, points, k)
-        grid[k, 0] = snap(x)
-        grid[k, 1] = snap(y)
+            x, y = project(frame, points, k)
+        polygon[2 * k] = snap(x)
+        polygon[2 * k + 1] = snap(y)
     return count
 
 
-@inner
-def clip_line(lens, ends):
-    """Clip the segment between the two (2, 3) float64 ``ends`` in place; returns whether something is left."""
+@device_function
+def clip_line(frame, ends):
+    """Clip the segment between two points, six float64, in place; return whether something is left."""
     if not is_finite(ends, 2):
         return False
     for plane in range(PLANES):
-        d0 = plane_distance(lens, plane, ends, 0)
-        d1 = plane_distance(lens, plane, ends, 1)
+        d0 = plane_distance(frame, plane, ends, 0)
+        d1 = plane_distance(frame, plane, ends, 1)
         if d0 < 0.0 and d1 < 0.0:
             return False
         if d1 < 0.0:
-            cut(ends, 0, d0, 1, d1, ends, 1)
+            intersect(ends, 0, d0, 1, d1, ends, 1)
         elif d0 < 0.0:
-            cut(ends, 1, d1, 0, d0, ends, 0)
+            intersect(ends, 1, d1, 0, d0, ends, 0)
     return True

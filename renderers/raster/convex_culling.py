@@ -1,14 +1,10 @@
-"""Meshes of which only fronts can be seen from outside.
+"""Closed meshes whose back faces are hidden from every point outside: spheres, boxes, cylinders, capsules.
 
-A closed surface covers every pixel centre by as many fronts as backs: coverage is exact on snapped corners, and each
-edge counts once in each direction. If all triangles also face away from one point c within (they are counter-clockwise
-seen from where it lies opposite), every ray from anywhere away from c leaves through fronts only: no place is enclosed
-a negative number of times. A camera's ray comes from a place that is enclosed by nothing, so what it meets first is a
-front. Back faces of such a mesh, seen from outside of its box, need not be drawn: the pixels are the same, and so are
-their depths but where snapping moves a silhouette over a pixel centre, or fronts and backs are no further apart than
-float32 can tell; there the front is seen.
-
-Spheres, boxes, cylinders, capsules, bumpy balls: what simulators are made of.
+A closed surface covers every pixel centre by as many front as back faces: coverage is exact on snapped corners, and
+each edge counts once in each direction. If all triangles also face away from one point within, a ray leaves the mesh
+through front faces only, so that what it meets first from outside is a front face. The back faces of such a mesh need
+not be drawn for a camera outside its bounding box. The image is the same, and so are the depths, except where snapping
+moves a silhouette over a pixel centre or where front and back are closer than float32 can tell: there the front shows.
 """
 
 from __future__ import annotations
@@ -25,41 +21,40 @@ from renderers.compiler.pointers import address_of, f32_at, f64_at, i64_at, u32_
 from renderers.stop import current_stop
 
 NEAR_ZERO: Final = 2.0**-40
-"""Of the mesh's extent: coordinates below it count as 0. Generators leave cos and sin of whole turns where seams meet,
-2e-16 apart; 1e-12 of the extent is far below what float32 tells on any screen."""
+"""Relative to the mesh's extent: smaller coordinates count as 0. Generators leave sin and cos of whole turns, 2e-16
+apart, where seams meet."""
 
 _BLOCK: Final = 1 << 16
-"""Vertices or triangles between two looks at the ``StopFlag``: a mesh of millions takes a second."""
+"""Vertices or triangles between two checks of the stop flag: a mesh of millions takes a second."""
 
 Bounds = tuple[float, float, float, float, float, float]
 
 
 @inlined
-def _mixed(value):
-    """splitmix64's finalizer: any change of the 64 bits changes half of the result's."""
+def _hash(value):
+    """Return splitmix64's finalizer of a uint64."""
     value = (value ^ (value >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     value = (value ^ (value >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     return value ^ (value >> np.uint64(31))
 
 
 @kernel("void(int64, int64, int64, int64, int64, int64, int64, int64)")
-def enclose(positions_at, count, elements_at, triangles, own_at, keys_at, out_at, stop_at):
-    """Find out whether a mesh is closed and faces away from the middle of its box everywhere.
+def check_convex(positions_at, count, indices_at, triangles, cleaned_at, hashes_at, out_at, stop_at):
+    """Check whether a mesh is closed and faces away from the centre of its bounding box everywhere.
 
-    An edge from a to b is counted as A(a) B(b) - A(b) B(a), modulo 2^64, with two random numbers A and B of each place
-    in space: the sum over all edges of all triangles is 0 where each comes as often in the other direction, and
-    otherwise only by a chance of about 2^-60.
+    An edge from a to b counts A(a) B(b) - A(b) B(a), modulo 2^64, where A and B are two hashes of a position. The sum
+    over all edges is 0 if each occurs as often in the other direction; otherwise with a probability of about 2^-60.
 
     Args:
-        positions_at, count, elements_at, triangles: the mesh, float32 and uint32.
-        own_at: address of (count, 3) float32, filled with the positions whose values near zero are zero.
-        keys_at: address of (count, 2) uint64 of scratch.
-        out_at: address of 8 float64: 1 where it is so, else 0; 1 where own differs from the positions; then the box's
-            middle and half its sides.
-        stop_at: address of a ``StopFlag``; nothing is said of the mesh once it is set.
+        positions_at, count, indices_at, triangles: the mesh, float32 and uint32.
+        cleaned_at: address of (count, 3) float32; gets the positions with values near zero set to zero.
+        hashes_at: address of (count, 2) uint64 of scratch.
+        out_at: address of 8 float64: 1 if so, else 0; 1 if the cleaned positions differ; centre and half sides of
+            the bounding box.
+        stop_at: address of a ``StopFlag``; the result means nothing if it was set.
     """
-    positions, own, out = f32_at(positions_at), f32_at(own_at), f64_at(out_at)
-    indices, keys, bits = u32_at(elements_at), i64_at(keys_at), u32_at(own_at)
+    positions, cleaned, out = f32_at(positions_at), f32_at(cleaned_at), f64_at(out_at)
+    indices, hashes, bits = u32_at(indices_at), i64_at(hashes_at), u32_at(cleaned_at)
     out[0] = out[1] = 0.0
     extent = 0.0
     for axis in range(3):
@@ -75,7 +70,7 @@ def enclose(positions_at, count, elements_at, triangles, own_at, keys_at, out_at
         out[5 + axis] = 0.5 * (np.float64(high) - np.float64(low))
         extent = max(extent, out[5 + axis])
     cx, cy, cz = out[2], out[3], out[4]
-    # Most meshes that are not such fail here, at one of their first triangles.
+    # Most other meshes fail here, at one of their first triangles.
     for t in range(triangles):
         if t % _BLOCK == 0 and is_set(stop_at):
             return
@@ -85,7 +80,7 @@ def enclose(positions_at, count, elements_at, triangles, own_at, keys_at, out_at
         dx, dy, dz = positions[c] - cx, positions[c + 1] - cy, positions[c + 2] - cz
         volume = ax * (by * dz - bz * dy) + ay * (bz * dx - bx * dz) + az * (bx * dy - by * dx)
         if not volume > 0.0:
-            # Two corners in one place: a triangle that nobody sees, as at the poles of a sphere.
+            # Degenerate triangles, as at the poles of a sphere, are never visible.
             tiny = 4.0 * NEAR_ZERO * extent
             same = (abs(ax - bx) <= tiny) & (abs(ay - by) <= tiny) & (abs(az - bz) <= tiny)
             same |= (abs(bx - dx) <= tiny) & (abs(by - dy) <= tiny) & (abs(bz - dz) <= tiny)
@@ -101,41 +96,49 @@ def enclose(positions_at, count, elements_at, triangles, own_at, keys_at, out_at
             value = positions[3 * k + axis]
             near = abs(value) <= tiny32
             changed = changed | (near & (value != np.float32(0.0)))
-            own[3 * k + axis] = np.float32(0.0) if near else value
+            cleaned[3 * k + axis] = np.float32(0.0) if near else value
         first = np.uint64(bits[3 * k]) | (np.uint64(bits[3 * k + 1]) << np.uint64(32))
-        mixed = _mixed(_mixed(first + np.uint64(0x9E3779B97F4A7C15)) + np.uint64(bits[3 * k + 2]))
-        keys[2 * k] = np.int64(mixed)
-        keys[2 * k + 1] = np.int64(_mixed(mixed + np.uint64(0x9E3779B97F4A7C15)))
+        mixed = _hash(_hash(first + np.uint64(0x9E3779B97F4A7C15)) + np.uint64(bits[3 * k + 2]))
+        hashes[2 * k] = np.int64(mixed)
+        hashes[2 * k + 1] = np.int64(_hash(mixed + np.uint64(0x9E3779B97F4A7C15)))
     total = np.int64(0)
     for t in range(triangles):
         if t % _BLOCK == 0 and is_set(stop_at):
             return
         a, b, c = 2 * np.int64(indices[3 * t]), 2 * np.int64(indices[3 * t + 1]), 2 * np.int64(indices[3 * t + 2])
-        # Its three edges' counts together.
-        total += (keys[b] - keys[a]) * (keys[c + 1] - keys[a + 1]) - (keys[c] - keys[a]) * (keys[b + 1] - keys[a + 1])
+        # The counts of its three edges, combined.
+        total += (hashes[b] - hashes[a]) * (hashes[c + 1] - hashes[a + 1]) - (hashes[c] - hashes[a]) * (
+            hashes[b + 1] - hashes[a + 1]
+        )
     out[0] = 1.0 if total == 0 and triangles > 0 else 0.0
     out[1] = 1.0 if changed else 0.0
 
 
-def solid(positions: NDArray[np.float32], elements: NDArray[np.uint32]) -> tuple[Bounds, NDArray[np.float32]] | None:
-    """Middle and half sides of the box of a mesh whose backs are seen from nowhere outside, and the positions to draw
-    it with, of which those that lie in one place but for rounding are the same; None: it is no such mesh.
+def convex_bounds(
+    positions: NDArray[np.float32], indices: NDArray[np.uint32]
+) -> tuple[Bounds, NDArray[np.float32]] | None:
+    """Return the bounding box of a mesh whose back faces are hidden from outside; None for other meshes.
 
     Args:
-        positions: (N, 3) float32, C-contiguous. elements: (M, 3) uint32, C-contiguous, below N.
+        positions: (N, 3) float32, C-contiguous.
+        indices: (M, 3) uint32, C-contiguous, below N.
+
+    Returns:
+        Centre and half sides of the box, and the positions to draw the mesh with: vertices that differ by rounding only
+        are equal in it.
 
     Raises:
         Exception: the current ``StopFlag`` was set.
     """
     stop = current_stop()
-    own, keys, out = np.empty_like(positions), np.empty((len(positions), 2), np.int64), np.empty(8)
-    enclose(
+    cleaned, hashes, out = np.empty_like(positions), np.empty((len(positions), 2), np.int64), np.empty(8)
+    check_convex(
         address_of(positions, np.float32),
         len(positions),
-        address_of(elements, np.uint32),
-        len(elements),
-        address_of(own, np.float32),
-        address_of(keys, np.int64),
+        address_of(indices, np.uint32),
+        len(indices),
+        address_of(cleaned, np.float32),
+        address_of(hashes, np.int64),
         address_of(out, np.float64),
         stop.address,
     )
@@ -143,4 +146,4 @@ def solid(positions: NDArray[np.float32], elements: NDArray[np.uint32]) -> tuple
     if out[0] == 0.0:
         return None
     x, y, z, w, h, d = out[2:].tolist()
-    return (x, y, z, w, h, d), own if out[1] != 0.0 else positions
+    return (x, y, z, w, h, d), cleaned if out[1] != 0.0 else positions

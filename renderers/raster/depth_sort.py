@@ -1,7 +1,7 @@
-"""In which order the records of a band with several samples a pixel are drawn: the nearest first.
+"""Front-to-back order of a band's primitives, for rasterization with several samples per pixel.
 
-What lies behind is passed over then, not drawn and drawn over. The order decides only what costs more to find out,
-never what is seen: of two records at the same 1/z, the one with the lower number is seen, whichever comes first.
+What lies behind is then skipped instead of drawn and overdrawn. The order affects cost only: of two primitives at the
+same 1/z, the one with the lower id is visible, whichever comes first.
 """
 
 from __future__ import annotations
@@ -11,78 +11,69 @@ from typing import Final
 import numpy as np
 
 from renderers.compiler import simd as vec
-from renderers.compiler.device_function import inlined, inner
+from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.kernel_calls import is_set
-from renderers.compiler.pointers import i32_at, u16_at
-from renderers.raster.layout import (
-    CHUNK,
-    J_BANDS,
-    J_CHUNKS,
-    J_OFFSETS,
-    J_RANGES,
-    J_RECORDS,
-    J_SMALL,
-    J_STOP,
-    J_TALL,
-    R_HIGH,
-    RECORD_BYTES,
-    SMALL_BANDS,
-)
+from renderers.compiler.pointers import address, i32_at, u16_at
+from renderers.raster.layout import BINNED_BYTES, CHUNK, MAX_BINS
 
 _BITS: Final = 9
 BUCKETS: Final = 1 << _BITS
-"""Records of one bucket keep the order in which they are listed. By the bits of 1/z, which grow as its logarithm: a
-triangle near the eye leaves the others most of the buckets."""
+"""Buckets of the sort, which is stable within each. Keys are the bits of 1/z, which grow as its logarithm: a triangle
+near the camera leaves most of the buckets to the others."""
+_HIGH: Final = 15
+"""Index of BINNED.high among its int32."""
 
 
 @inlined
-def _met(job, band, chunk):
-    """Whether records of a chunk may touch a band."""
-    ranges = i32_at(job[J_RANGES])
-    return band >= ranges[4 * chunk] and band <= ranges[4 * chunk + 1]
+def _touches(frame, band_index, chunk):
+    """Return whether primitives of a chunk may touch a band."""
+    bands = i32_at(address(frame.chunk_bands) + 16 * chunk)
+    return band_index >= bands[0] and band_index <= bands[1]
 
 
-@inner
-def count_records(job, band):
-    """How many records may touch a band."""
-    lists, count = job[J_BANDS], np.int64(0)
-    for chunk in range(job[J_CHUNKS]):
-        if _met(job, band, chunk):
-            offsets = i32_at(job[J_OFFSETS] + 4 * chunk * (2 * lists + 4))
-            count += np.int64(offsets[band + 1]) - np.int64(offsets[band]) + np.int64(offsets[2 * lists + 2])
+@device_function
+def count_primitives(frame, band_index):
+    """Return the number of primitives that may touch a band."""
+    bins, count = frame.band_count, np.int64(0)
+    for chunk in range(frame.chunk_count):
+        if _touches(frame, band_index, chunk):
+            starts = i32_at(address(frame.bin_starts) + 4 * chunk * (2 * bins + 4))
+            count += np.int64(starts[band_index + 1]) - np.int64(starts[band_index]) + np.int64(starts[2 * bins + 2])
     return count
 
 
 @inlined
-def _note(records, place, found, keys, count):
-    """One more record and its greatest 1/z, the bits of which are ordered as the value is."""
-    found[count] = place
-    keys[count] = max(records[RECORD_BYTES // 4 * place + R_HIGH], 0)
+def _append(binned, index, found, keys, count):
+    """Append a primitive and the bits of its greatest 1/z, which are ordered as the values are; return the count."""
+    found[count] = index
+    keys[count] = max(binned[BINNED_BYTES // 4 * index + _HIGH], 0)
     return count + 1
 
 
-@inner
-def front_to_back(job, band, found, keys, starts, sorted_places):
-    """Write the places among all of the records that may touch a band, the nearest first; return how many there are, 0
-    when the frame is not wanted any more.
+@device_function
+def front_to_back(frame, band_index, found, keys, starts, ordered):
+    """Write the indices of the primitives that may touch a band, the nearest first.
 
     Args:
-        found, keys, sorted_places: pointers to room for ``count_records`` int32. starts: to BUCKETS int32.
+        found, keys, ordered: pointers to room for ``count_primitives`` int32. starts: to BUCKETS int32.
+
+    Returns:
+        Their number; 0 if the stop flag is set.
     """
-    lists, records = job[J_BANDS], i32_at(job[J_RECORDS])
+    bins, binned = frame.band_count, i32_at(frame.binned)
     count = np.int64(0)
-    for chunk in range(job[J_CHUNKS]):
-        if not _met(job, band, chunk):
+    for chunk in range(frame.chunk_count):
+        if not _touches(frame, band_index, chunk):
             continue
-        if is_set(job[J_STOP]):
+        if is_set(frame.stop):
             return np.int64(0)
-        offsets = i32_at(job[J_OFFSETS] + 4 * chunk * (2 * lists + 4))
-        small = u16_at(job[J_SMALL] + 2 * chunk * CHUNK * SMALL_BANDS)
-        for k in range(offsets[band], offsets[band + 1]):
-            count = _note(records, chunk * CHUNK + np.int64(small[k]), found, keys, count)
-        tall = u16_at(job[J_TALL] + 2 * chunk * CHUNK)
-        for k in range(offsets[2 * lists + 2]):
-            count = _note(records, chunk * CHUNK + np.int64(tall[k]), found, keys, count)
+        bin_starts = i32_at(address(frame.bin_starts) + 4 * chunk * (2 * bins + 4))
+        members = u16_at(address(frame.bins) + 2 * chunk * CHUNK * MAX_BINS)
+        for k in range(bin_starts[band_index], bin_starts[band_index + 1]):
+            count = _append(binned, chunk * CHUNK + np.int64(members[k]), found, keys, count)
+        tall = u16_at(address(frame.tall) + 2 * chunk * CHUNK)
+        for k in range(bin_starts[2 * bins + 2]):
+            count = _append(binned, chunk * CHUNK + np.int64(tall[k]), found, keys, count)
     nearest, farthest = np.int64(0), np.int64(0x7FFFFFFF)
     for k in range(count):
         key = np.int64(keys[k])
@@ -103,5 +94,5 @@ def front_to_back(job, band, found, keys, starts, sorted_places):
         bucket = keys[k]
         to = np.int64(starts[bucket])
         starts[bucket] = to + 1
-        sorted_places[to] = found[k]
+        ordered[to] = found[k]
     return count

@@ -1,60 +1,29 @@
-"""A frame's phases, from the vertices to the finished bands, in one call of each thread that works on it."""
+"""A frame's phases, from vertices to finished bands: one call of each thread that works on it."""
 
 from __future__ import annotations
 
 from typing import Final
 
-from renderers.compiler.device_function import inlined, inner
+from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
-from renderers.compiler.kernel_calls import call_kernel, is_set, shared_number, take_number, yield_at
-from renderers.compiler.pointers import i64_at
-from renderers.raster.resolve import BACKS, EVERYTHING, FRONTS
+from renderers.compiler.kernel_calls import atomic_add_one, call_kernel, is_set, load_acquire, yield_at
+from renderers.raster.layout import PHASES, task_at
+from renderers.raster.resolve import ALL, BACKS, FRONTS
 from renderers.visibility_buffer import BAND_ROWS
 
-PHASES: Final = 3
-"""Transform, setup, bands."""
-
-# The task: int64 values.
-W_JOB: Final = 0  # address of the job, see layout
-W_LENS: Final = 1
-W_TRANSFORM: Final = 2  # addresses of the kernels
-W_SETUP: Final = 3
-W_YIELD: Final = 4
-W_VERTICES: Final = 5
-W_VERTICES_PER_UNIT: Final = 6
-W_CHUNKS: Final = 7
-W_CHUNKS_PER_UNIT: Final = 8
-W_HEIGHT: Final = 9
-W_STRIDE: Final = 10  # records of a row of a layer
-W_SPLIT: Final = 11  # whether back faces are kept apart
-W_DRAW: Final = 12
-W_SHADE: Final = 13  # 0: nothing is shaded; with several samples a kernel as ``edges.shade_mixed``
-W_SHADE_JOB: Final = 14
-W_LAYERS: Final = 15  # address of a layer of one band for each thread; 0: the layer is where the job says; with
-W_LAYER_BYTES: Final = 16  # several samples of each thread's ``samples.E_COLUMNS`` addresses
-W_FIND: Final = 17  # address of ``edges.find_edges``; 0: one sample
-W_GEOMETRY: Final = 18  # whether other pictures than colour are wanted
-W_UNITS: Final = 19  # PHASES values
-W_STOP: Final = 22  # J_STOP of the job
-W_THREADS: Final = 23  # how many have begun; from here on written while threads work
-W_TAKEN: Final = 24  # PHASES values: units taken
-W_ENDED: Final = 27  # PHASES values: units done
-W_COLUMNS: Final = 30
-
-HALVED: Final = 2
-"""Bands at the end of a picture that are two units of work each, with one sample a pixel."""
-HALVED_SAMPLES: Final = 1
+HALVED_BANDS: Final = 2
+"""Bands at the end of an image that are two units of work each, with one sample per pixel."""
+HALVED_SAMPLE_BANDS: Final = 1
 """The same with several samples."""
-_PATIENCE: Final = 200
-"""Looks at another thread's progress before the core is offered to others: some microseconds."""
+_SPINS: Final = 200
+"""Checks of another thread's progress before the thread yields: some microseconds."""
 
 
 @inlined
 def unit_rows(unit, bands, halved, height):
-    """The rows of a unit of work: a band, of the last ``halved`` ones a half. None where the end is not behind the
-    begin.
+    """Return the rows of a unit of work: a band, or half of one of the last ``halved`` bands; begin >= end if none.
 
-    A band takes a tenth of a frame where pictures are small: threads that end at different times wait for half of it.
+    A band takes a tenth of a small frame: threads that end at different times wait for half of it.
     """
     whole = max(bands - halved, 0)
     first = unit * BAND_ROWS
@@ -63,70 +32,69 @@ def unit_rows(unit, bands, halved, height):
     return first, min(first + (BAND_ROWS if unit < whole else BAND_ROWS // 2), height)
 
 
-@inner
-def _band(task, first, last, layer):
+@device_function
+def _draw_band(task, first, last, memory):
     """Draw and shade rows of one band."""
-    job, lens, draw = task[W_JOB], task[W_LENS], task[W_DRAW]
-    if task[W_SHADE] == 0:
-        call_kernel(draw, (job, lens, first, last, layer, EVERYTHING))
+    frame, draw = task.frame, task.draw_kernel
+    if task.shade_kernel == 0:
+        call_kernel(draw, (frame, first, last, memory, ALL))
         return
-    split = task[W_SPLIT] != 0
-    call_kernel(draw, (job, lens, first, last, layer, FRONTS if split or task[W_GEOMETRY] == 0 else EVERYTHING))
-    call_kernel(task[W_SHADE], (task[W_SHADE_JOB], layer - 4 * first * task[W_STRIDE], first, last))
-    if split:
-        call_kernel(draw, (job, lens, first, last, layer, BACKS))
+    keeps_backs = task.keeps_backs != 0
+    call_kernel(draw, (frame, first, last, memory, FRONTS if keeps_backs or task.has_outputs == 0 else ALL))
+    call_kernel(task.shade_kernel, (task.shade_job, memory - 4 * first * task.stride, first, last))
+    if keeps_backs:
+        call_kernel(draw, (frame, first, last, memory, BACKS))
 
 
-@inner
-def _samples(task, first, last, memory):
-    """Draw and shade rows of one band with several samples a pixel."""
-    call_kernel(task[W_DRAW], (task[W_JOB], task[W_LENS], first, last, memory))
-    call_kernel(task[W_FIND], (task[W_JOB], first, last, memory))
-    call_kernel(task[W_SHADE], (task[W_SHADE_JOB], memory, task[W_STRIDE], first, last))
+@device_function
+def _draw_sample_band(task, first, last, memory):
+    """Draw and shade rows of one band with several samples per pixel."""
+    call_kernel(task.draw_kernel, (task.frame, first, last, memory))
+    call_kernel(task.edges_kernel, (task.frame, first, last, memory))
+    call_kernel(task.shade_kernel, (task.shade_job, memory, task.stride, first, last))
 
 
 @kernel("void(int64, boolean)")
-def work(task_at, stay):
-    """Take part in a frame; any number of threads, each at any time, even when nothing is left.
+def work(task_address, stay):
+    """Take part in a frame, from any number of threads at any time, even when nothing is left to do.
 
     Args:
-        task_at: address of W_COLUMNS int64.
-        stay: whether to stay until the frame is finished, not only until there is nothing left to do. Threads that
-            leave at the same time wait for each other's turn with the interpreter.
+        task_address: address of a TASK.
+        stay: stay until the frame is finished; otherwise return once no unit is left to take.
     """
-    task = i64_at(task_at)
-    layer = task[W_LAYERS]
-    if layer != 0:
-        layer += take_number(task, W_THREADS) * task[W_LAYER_BYTES]
-    halved = HALVED if task[W_FIND] == 0 else HALVED_SAMPLES
+    task = task_at(task_address)
+    memory = task.band_memory
+    if memory != 0:
+        memory += atomic_add_one(task.threads, 0) * task.band_memory_bytes
+    halved = HALVED_BANDS if task.edges_kernel == 0 else HALVED_SAMPLE_BANDS
     for phase in range(PHASES):
-        units = task[W_UNITS + phase]
+        units = task.units[phase]
         if phase == 2:
             units += min(units, halved)
-        unit = take_number(task, W_TAKEN + phase)
+        unit = atomic_add_one(task.units_taken, phase)
         while unit < units:
-            if is_set(task[W_STOP]):
-                pass  # units that are left are counted, so that no thread waits for them, but not done
+            if is_set(task.stop):
+                pass  # the remaining units are counted, so that no thread waits for them, but not done
             elif phase == 0:
-                begin = unit * task[W_VERTICES_PER_UNIT]
-                end = min(begin + task[W_VERTICES_PER_UNIT], task[W_VERTICES])
-                call_kernel(task[W_TRANSFORM], (task[W_JOB], task[W_LENS], begin, end))
+                begin = unit * task.vertices_per_unit
+                end = min(begin + task.vertices_per_unit, task.vertex_count)
+                call_kernel(task.transform_kernel, (task.frame, begin, end))
             elif phase == 1:
-                begin = unit * task[W_CHUNKS_PER_UNIT]
-                end = min(begin + task[W_CHUNKS_PER_UNIT], task[W_CHUNKS])
-                call_kernel(task[W_SETUP], (task[W_JOB], task[W_LENS], begin, end))
+                begin = unit * task.chunks_per_unit
+                end = min(begin + task.chunks_per_unit, task.chunk_count)
+                call_kernel(task.setup_kernel, (task.frame, begin, end))
             else:
-                first, last = unit_rows(unit, task[W_UNITS + 2], halved, task[W_HEIGHT])
-                if first < last and task[W_FIND] != 0:
-                    _samples(task, first, last, layer)
+                first, last = unit_rows(unit, task.units[2], halved, task.height)
+                if first < last and task.edges_kernel != 0:
+                    _draw_sample_band(task, first, last, memory)
                 elif first < last:
-                    _band(task, first, last, layer)
-            take_number(task, W_ENDED + phase)
-            unit = take_number(task, W_TAKEN + phase)
+                    _draw_band(task, first, last, memory)
+            atomic_add_one(task.units_done, phase)
+            unit = atomic_add_one(task.units_taken, phase)
         if phase == PHASES - 1 and not stay:
             return
-        looks = 0
-        while shared_number(task, W_ENDED + phase) < units:  # the last units are under way in other threads
-            looks += 1
-            if looks > _PATIENCE and task[W_YIELD] != 0:
-                yield_at(task[W_YIELD])
+        spins = 0
+        while load_acquire(task.units_done, phase) < units:  # other threads work on the last units
+            spins += 1
+            if spins > _SPINS and task.yield_function != 0:
+                yield_at(task.yield_function)

@@ -1,4 +1,4 @@
-"""Threads that help the one that asked."""
+"""The threads that work on frames: each caller's own, and helper threads that all callers share."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from renderers.stop import current_stop
 Work = Callable[[int], object]
 
 _processor: Callable[[], int] = ctypes.PyDLL(None).sched_getcpu if sys.platform == "linux" else lambda: -1
-"""Number of the processor that the caller runs on; negative: not known."""
+"""Return the number of the processor that the caller runs on; negative if unknown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,22 +33,22 @@ class Phase:
 
 
 class Task(Protocol):
-    """Work that shares itself out among those who call it; a call returns when all is done and never raises."""
+    """Work that its callers share; a call returns when all of it is done and never raises."""
 
     @property
     def threads(self) -> int:
-        """How many may be of use."""
+        """Number of threads that may be of use."""
         ...
 
     def __call__(self) -> object: ...
 
     def help(self) -> object:
-        """As a call, but it may return before all is done."""
+        """Like a call, but may return before all is done."""
         ...
 
 
 class _Job:
-    """Phases one after the other; whoever calls ``run`` takes units until none are left."""
+    """Phases one after the other; every thread that calls ``run`` takes units until none are left."""
 
     def __init__(self, phases: Sequence[Phase]) -> None:
         self._phases = phases
@@ -74,15 +74,21 @@ class _Job:
                     if next(self._ended[index]) == phase.units:
                         self._finished[index] = True
             while not self._finished[index]:
-                time.sleep(0)  # the last units are under way in other threads: shorter than a sleep
+                time.sleep(0)  # other threads work on the last units
 
 
-class Crew:
-    """A caller and up to ``threads - 1`` helpers. The caller always works itself: when helpers are late or busy with
-    other callers' jobs, it does everything, so that a job never waits for a free thread."""
+class FrameThreads:
+    """A caller's thread and up to ``threads - 1`` helper threads.
+
+    The caller always works itself. If helpers are late or busy with other callers' jobs, it does everything, so that a
+    job never waits for a free thread.
+    """
 
     def __init__(self, threads: int, spare: Callable[[], int] | None = None) -> None:
-        """``spare``: tells how many processors nobody else has work for now; None: nobody knows."""
+        """
+        Args:
+            spare: returns the number of processors that are idle now; None: unknown.
+        """
         if threads < 1:
             raise ValueError(f"threads must be at least 1, got {threads}")
         self.threads = threads
@@ -92,12 +98,12 @@ class Crew:
         self._jobs: SimpleQueue[Callable[[], object] | None] = SimpleQueue()
         self._helpers: list[threading.Thread] = []
         self._closed = False
-        self._away = -1
-        # A crew that nobody closes ends its helpers when it is collected.
+        self._pinned_off = -1
+        # Without ``close``, helpers end when this object is collected.
         self._finalizer = weakref.finalize(self, _end, self._jobs, self._helpers)
 
     def __enter__(self) -> None:
-        """Until ``__exit__``, the calling thread counts as one of the crew's threads."""
+        """Count the calling thread as one of the threads until ``__exit__``."""
         with self._lock:
             self._callers += 1
 
@@ -106,8 +112,10 @@ class Crew:
             self._callers -= 1
 
     def run(self, phases: Sequence[Phase]) -> None:
-        """Do the phases one after the other, each in parallel, under the caller's ``StopFlag``; raises the first error
-        of a unit."""
+        """Do the phases one after the other, each in parallel, under the caller's ``StopFlag``.
+
+        Raises the first error of a unit.
+        """
         job = _Job(phases)
         self._share(job.run, job.run, max((p.units for p in phases), default=0))
         if job.error is not None:
@@ -117,7 +125,7 @@ class Crew:
         """Run a task in the caller's thread and in idle helper threads.
 
         Raises:
-            Exception: the current ``StopFlag`` was set; what the task should have filled is half done.
+            Exception: the current ``StopFlag`` was set; the task's results are incomplete.
         """
         self._share(task, task.help, task.threads)
         current_stop().check()
@@ -126,15 +134,15 @@ class Crew:
         """Call ``work`` here and ``help_it`` in up to ``threads - 1`` helpers, in which it must not raise."""
         helpers = min(self.threads - max(1, self._callers), threads - 1)
         if helpers > 0 and self._spare is not None:
-            helpers = min(helpers, self._spare())  # sharing costs more than it gains where all have work of their own
+            helpers = min(helpers, self._spare())  # sharing costs more than it gains when all processors are busy
         try:
             if helpers > 0 and not self._closed:
                 if len(self._helpers) < self.threads - 1:
                     self._start()
-                self._part()
+                self._pin_helpers()
                 for _ in range(helpers):
                     self._jobs.put(help_it)
-        finally:  # whatever interrupts this: what a helper works on must live until it is done
+        finally:  # also when interrupted: a helper's work must live until it is done
             work()
 
     def _start(self) -> None:
@@ -144,19 +152,18 @@ class Crew:
                 helper = threading.Thread(target=_help, args=(self._jobs,), name=name, daemon=True)
                 helper.start()
                 self._helpers.append(helper)
-                self._away = -1
+                self._pinned_off = -1
 
-    def _part(self) -> None:
+    def _pin_helpers(self) -> None:
         """Keep helpers off the processor that the caller runs on.
 
-        Linux wakes a thread where it ran last. Where processors share no cache, as those of small virtual machines, a
-        helper that once ran on the caller's waits there for milliseconds beside an idle one, longer than most frames
-        take.
+        Linux wakes a thread where it ran last. On processors that share no cache, as in small virtual machines, a
+        helper that once ran on the caller's processor waits there for milliseconds while another one is idle.
         """
         here = _processor()
-        if here == self._away or here < 0:
+        if here == self._pinned_off or here < 0:
             return
-        self._away = here
+        self._pinned_off = here
         with suppress(OSError):  # a sandbox may forbid it
             others = os.sched_getaffinity(0) - {here}
             for helper in self._helpers:
@@ -173,10 +180,10 @@ class Crew:
 
 
 def _help(jobs: SimpleQueue[Callable[[], object] | None]) -> None:
-    """A helper's life."""
+    """Run a helper thread."""
     while (work := jobs.get()) is not None:
         work()
-        del work  # nothing is kept alive while there is nothing to do
+        del work  # keeps nothing alive while idle
 
 
 def _end(jobs: SimpleQueue[Callable[[], object] | None], helpers: list[threading.Thread]) -> None:

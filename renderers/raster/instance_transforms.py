@@ -1,84 +1,53 @@
-"""Where a frame's instances are."""
+"""Poses of a frame's instances, and which of them are drawn."""
 
 from __future__ import annotations
 
-from renderers.compiler.device_function import inner
-from renderers.compiler.pointers import f64_at, i64_at, u8_at
-from renderers.raster.layout import (
-    B_COLUMNS,
-    B_HALF,
-    B_MIDDLE,
-    GUARD,
-    J_ELEMENTS,
-    J_INSTANCES,
-    J_LENGTHS,
-    J_LENS,
-    J_TABLE,
-    J_VERTICES,
-    L_CX,
-    L_CY,
-    L_FX,
-    L_FY,
-    L_NEAR,
-    M_COLUMNS,
-    M_SIZE,
-    T_CLUSTERS,
-    T_COLUMNS,
-    T_CULL,
-    T_ELEMENT,
-    T_ELEMENTS,
-    T_HIDDEN,
-    T_POSITIONS,
-    T_RECORD,
-    T_TOPOLOGY,
-    T_VERTEX,
-)
+from renderers.compiler.device_function import device_function
+from renderers.compiler.pointers import address, f64_at, u8_at
+from renderers.raster.layout import GUARD_BAND
 
 
-@inner
-def _outside(m, box, lens):
-    """Whether all of a box lies beyond the near plane and within the guard band, so that nothing in it is clipped."""
+@device_function
+def _is_inside(frame, m, instance):
+    """Return whether a convex mesh's box lies beyond the near plane and within the guard band: nothing is clipped."""
+    center, half = instance.box_center, instance.box_half
     far_x, far_y, z = abs(m[3]), abs(m[7]), m[11]
     size = abs(m[11])
     for axis in range(3):
-        middle, half = box[B_MIDDLE + axis], box[B_HALF + axis]
-        far_x += abs(m[axis]) * (abs(middle) + half)
-        far_y += abs(m[4 + axis]) * (abs(middle) + half)
-        z += m[8 + axis] * middle - abs(m[8 + axis]) * half
-        size += abs(m[8 + axis]) * (abs(middle) + half)
-    z -= 1e-9 * size  # what rounding may add up to
-    most = GUARD - 1.0
+        extent = abs(center[axis]) + half[axis]
+        far_x += abs(m[axis]) * extent
+        far_y += abs(m[4 + axis]) * extent
+        z += m[8 + axis] * center[axis] - abs(m[8 + axis]) * half[axis]
+        size += abs(m[8 + axis]) * extent
+    z -= 1e-9 * size  # rounding
+    limit = GUARD_BAND - 1.0
     return (
-        box[B_HALF] >= 0.0
-        and z > lens[L_NEAR]
-        and lens[L_FX] * far_x <= (most - abs(lens[L_CX])) * z
-        and lens[L_FY] * far_y <= (most - abs(lens[L_CY])) * z
+        half[0] >= 0.0
+        and z > frame.near
+        and frame.fx * far_x <= (limit - abs(frame.cx)) * z
+        and frame.fy * far_y <= (limit - abs(frame.cy)) * z
     )
 
 
-@inner
+@device_function
 def _determinant(m):
-    """Of the upper left 3 x 3 of a 4 x 4."""
+    """Return the determinant of the upper left 3 x 3 of a 4 x 4 matrix."""
     return (
         m[0] * (m[5] * m[10] - m[6] * m[9]) + m[1] * (m[6] * m[8] - m[4] * m[10]) + m[2] * (m[4] * m[9] - m[5] * m[8])
     )
 
 
-@inner
-def look_from(pose_at, points_at, meshes_at, count):
-    """Poses in the world to poses in the camera's frame.
+@device_function
+def compute_camera_poses(frame):
+    """Fill ``X_camera_mesh`` from ``X_world_camera`` and ``X_world_mesh``.
 
-    Args:
-        pose_at: address of (4, 4) float64, the camera's pose in the world.
-        points_at: address of (count, 4, 4) float64, world from mesh.
-        meshes_at: the same, camera from mesh, which are filled.
-
-    Returns 0, and nothing is filled, where the camera's pose is not affine or has no inverse; else 1.
+    Returns:
+        False, with nothing filled, if the camera's pose is not affine or has no inverse.
     """
-    c, points, out = f64_at(pose_at), f64_at(points_at), f64_at(meshes_at)
+    c, world, out, count = frame.X_world_camera, frame.X_world_mesh, frame.X_camera_mesh, frame.instance_count
     determinant = _determinant(c)
     if not (c[12] == 0.0 and c[13] == 0.0 and c[14] == 0.0 and c[15] == 1.0 and abs(determinant) > 0.0):
-        return 0
+        return False
     scale = 1.0 / determinant
     for row in range(3):
         # The inverse of the 3 x 3: cofactors over the determinant.
@@ -89,69 +58,60 @@ def look_from(pose_at, points_at, meshes_at, count):
         for k in range(count):
             m = 16 * k
             for column in range(4):
-                last = points[m + 12 + column]
-                x = points[m + column] - c[3] * last
-                y = points[m + 4 + column] - c[7] * last
-                z = points[m + 8 + column] - c[11] * last
+                last = world[m + 12 + column]
+                x = world[m + column] - c[3] * last
+                y = world[m + 4 + column] - c[7] * last
+                z = world[m + 8 + column] - c[11] * last
                 out[m + 4 * row + column] = a * x + b * y + d * z
     for k in range(count):
         for column in range(12, 16):
-            out[16 * k + column] = points[16 * k + column]
-    return 1
+            out[16 * k + column] = world[16 * k + column]
+    return True
 
 
-@inner
-def place(job_at, known_at, meshes_at, sizes_at, bounds_at, select_at, cull_at, count):
-    """Tables of the drawn instances, and how much there is to draw: J_VERTICES, J_ELEMENTS and J_INSTANCES.
+@device_function
+def collect_draws(frame):
+    """Fill ``draws`` and the counts of draws, vertices and primitives from the selected instances.
 
-    Args:
-        job_at: address of the J_COLUMNS int64, of which J_TABLE, J_LENGTHS and J_LENS are set; the former two have room
-            for all instances.
-        known_at: address of (count + 1, T_COLUMNS) int64, the table of all instances.
-        meshes_at: address of (count, 4, 4) float64, camera from mesh.
-        sizes_at: address of (count,) float64.
-        bounds_at: address of (count, B_COLUMNS) float64; 0: nothing may be said of what is hidden.
-        select_at: address of (count,) bool, who is drawn; 0: everybody.
-        cull_at: address of (count,) bool, whose back faces are culled; 0: nobody's.
-
-    Returns how many have back faces that are culled and not hidden.
+    Returns:
+        Number of draws whose back faces are culled and not hidden anyway.
     """
-    job = i64_at(job_at)
-    table, lengths, lens = i64_at(job[J_TABLE]), f64_at(job[J_LENGTHS]), f64_at(job[J_LENS])
-    known, points, sizes = i64_at(known_at), f64_at(meshes_at), f64_at(sizes_at)
-    select, cull = u8_at(select_at), u8_at(cull_at)
-    apart = drawn = vertices = elements = 0
-    for k in range(count):
-        if select_at != 0 and select[k] == 0:
+    selected, culled = u8_at(frame.selected), u8_at(frame.culled)
+    culling = draw_count = vertices = primitives = 0
+    for k in range(frame.instance_count):
+        if frame.selected != 0 and selected[k] == 0:
             continue
-        m, out, source, row = 16 * k, M_COLUMNS * drawn, T_COLUMNS * k, T_COLUMNS * drawn
-        for value in range(M_SIZE):
-            lengths[out + value] = points[m + value]
-        lengths[out + M_SIZE] = sizes[k]
+        instance, draw = frame.instances[k], frame.draws[draw_count]
+        m = f64_at(address(frame.X_camera_mesh) + 128 * k)
+        for value in range(12):
+            draw.X_camera_mesh[value] = m[value]
         side = hidden = 0
-        culled = cull_at != 0 and cull[k] != 0
-        solid = bounds_at != 0 and _outside(f64_at(meshes_at + 128 * k), f64_at(bounds_at + 8 * B_COLUMNS * k), lens)
-        if culled or solid:
-            # In the optical frame a triangle that faces the camera runs counter-clockwise for the viewer, which is a
-            # negative area with y down; a mirrored map turns that round.
-            determinant = _determinant(f64_at(meshes_at + 128 * k))
+        is_culled = frame.culled != 0 and culled[k] != 0
+        is_convex = frame.skip_hidden != 0 and _is_inside(frame, m, instance)
+        if is_culled or is_convex:
+            # In the camera's frame, y down, counter-clockwise triangles have a negative area on screen; a pose that
+            # mirrors turns that round.
+            determinant = _determinant(m)
             side = -1 if determinant < 0.0 else 1
-            hidden = side if solid and determinant != 0.0 else 0
-            side = side if culled else 0
-            apart += side != 0 and hidden == 0
-        table[row + T_VERTEX] = vertices
-        table[row + T_ELEMENT] = elements
-        for column in (T_POSITIONS, T_ELEMENTS, T_TOPOLOGY, T_RECORD, T_CLUSTERS):
-            table[row + column] = known[source + column]
-        table[row + T_CULL] = side
-        table[row + T_HIDDEN] = hidden
-        vertices += known[source + T_COLUMNS + T_VERTEX] - known[source + T_VERTEX]
-        elements += known[source + T_COLUMNS + T_ELEMENT] - known[source + T_ELEMENT]
-        drawn += 1
-    row = T_COLUMNS * drawn
-    for column in range(T_COLUMNS):
-        table[row + column] = 0
-    table[row + T_VERTEX] = vertices
-    table[row + T_ELEMENT] = elements
-    job[J_VERTICES], job[J_ELEMENTS], job[J_INSTANCES] = vertices, elements, drawn
-    return apart
+            hidden = side if is_convex and determinant != 0.0 else 0
+            side = side if is_culled else 0
+            culling += side != 0 and hidden == 0
+        draw.first_vertex = vertices
+        draw.first_primitive = primitives
+        draw.positions = instance.positions
+        draw.indices = instance.indices
+        draw.topology = instance.topology
+        draw.clusters = instance.clusters
+        draw.size = instance.size
+        draw.first_id = instance.first_primitive
+        draw.culled = side
+        draw.hidden = hidden
+        following = frame.instances[k + 1]
+        vertices += following.first_vertex - instance.first_vertex
+        primitives += following.first_primitive - instance.first_primitive
+        draw_count += 1
+    total = frame.draws[draw_count]
+    total.first_vertex = vertices
+    total.first_primitive = primitives
+    frame.vertex_count, frame.primitive_count, frame.draw_count = vertices, primitives, draw_count
+    return culling

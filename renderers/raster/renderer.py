@@ -1,25 +1,25 @@
-"""The reference renderer: ``renderers.interface.Renderer`` on this machine's cores."""
+"""The CPU renderer, the reference implementation of ``renderers.interface.Renderer``."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from functools import lru_cache
-from typing import Final, get_args
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.alike import Alike
+from renderers.cache import Cache
 from renderers.camera import Camera
+from renderers.compiler.pending import wait_until_compiled
 from renderers.compiler.pointers import address_of
-from renderers.drawlist import Cast, DrawList
+from renderers.drawlist import DrawList, InstanceSet, Material, Mesh
 from renderers.interface import Frame, Look, LookName, Output
-from renderers.raster.buffer_pool import ArrayPool, Kinds, Pooled, Scratch, ScratchPool
+from renderers.raster.buffer_pool import ArrayPool, ArrayShapes, PooledArrays, Scratch, ScratchPool
 from renderers.raster.frame import FrameJob, Task
-from renderers.raster.frame_threads import Crew, Phase
+from renderers.raster.frame_threads import FrameThreads, Phase
 from renderers.raster.layout import MAX_SIDE
-from renderers.raster.msaa.resolve import edge_kernels, edge_memory, mixed_bands, paint_each_sample
+from renderers.raster.msaa.resolve import allocate_sample_bands, edge_kernels, mixed_bands, paint_each_sample
 from renderers.raster.scene import PreparedScene, prepare
 from renderers.shading import Painter, Parallel, ShadingScene, paint
 from renderers.shading import prepare as prepare_shading
@@ -28,114 +28,124 @@ from renderers.shading.studio.tables import StudioScene
 from renderers.shading.studio.tables import prepare as prepare_studio
 from renderers.stop import check_stop
 from renderers.visibility_buffer import SampledShader, SampledView, Visibility
-from renderers.weaklru import WeakLru
 
-_PICTURES: Final = (
+_OUTPUTS: Final = (
     (Output.COLOR.value, True, np.uint8),
     (Output.DEPTH.value, False, np.float32),
     (Output.LABEL.value, False, np.uint32),
     (Output.INSTANCE.value, False, np.int32),
     (Output.NORMAL.value, True, np.float32),
 )
-"""A frame's pictures in their order: who wants it, whether its values are vectors, their type. All but the first show
-all geometry: both sides, opaque whatever the material says."""
+"""A frame's outputs in their order: flag, whether values are vectors, dtype. All but colour show all geometry: both
+sides, opaque whatever the material says."""
 
 
-@lru_cache(256)
-def _pictures(wanted: int, height: int, width: int) -> tuple[Kinds, tuple[int, ...]]:
-    """Shapes and dtypes of the pictures that are wanted, and for each in ``_PICTURES`` its place among them; -1: not
-    wanted."""
-    kinds: list[tuple[tuple[int, ...], type[np.generic]]] = []
+def _layout_of(wanted: int, height: int, width: int) -> tuple[ArrayShapes, tuple[int, ...]]:
+    """Return shapes and dtypes of the wanted outputs, and for each of ``_OUTPUTS`` its index among them, or -1."""
+    shapes: list[tuple[tuple[int, ...], type[np.generic]]] = []
     order = []
-    for each, vectors, dtype in _PICTURES:
-        order.append(len(kinds) if wanted & each else -1)
-        if wanted & each:
-            kinds.append(((height, width, 3) if vectors else (height, width), dtype))
-    return tuple(kinds), tuple(order)
+    for flag, is_vector, dtype in _OUTPUTS:
+        order.append(len(shapes) if wanted & flag else -1)
+        if wanted & flag:
+            shapes.append(((height, width, 3) if is_vector else (height, width), dtype))
+    return tuple(shapes), tuple(order)
 
 
 MAX_SHADING_BYTES: Final = 1 << 30
-"""Textures and attributes that prepared scenes keep alive; many scenes share them, so that this is an upper bound."""
+"""Limit of the tables for shading of scenes that are alive. Scenes share textures and attributes, which count for each,
+so that this is an upper limit."""
 
-_alike: dict[LookName, Alike[ShadingScene]] = {name: Alike(MAX_SHADING_BYTES // 2) for name in get_args(LookName)}
-_shadings: WeakLru[DrawList | Cast, dict[LookName, ShadingScene]] = WeakLru(MAX_SHADING_BYTES)
-_studios: WeakLru[DrawList | Cast, StudioScene] = WeakLru(MAX_SHADING_BYTES)
+_shadings: Cache[DrawList | InstanceSet, dict[LookName, ShadingScene]] = Cache(MAX_SHADING_BYTES, weak=True)
+_shadings_of_meshes: Cache[tuple[Mesh, ...], dict[LookName, tuple[ShadingScene, tuple[Material, ...]]]] = Cache(
+    MAX_SHADING_BYTES // 2, weak=True
+)
+_studios: Cache[DrawList | InstanceSet, StudioScene] = Cache(MAX_SHADING_BYTES, weak=True)
 
 
 def _shading(scene: DrawList, look: LookName, parallel: Parallel) -> ShadingScene:
-    """The draw list's tables for shading, made once while it is alive and drawn."""
-    who = scene.who
-    looks = _shadings.get(who) or {}
-    known = looks.get(look)
-    if known is None:
-        known = _alike[look].get(scene.instances)
-        if known is None:  # else: the same meshes and materials, in other places
-            known = prepare_shading(scene.instances, look, parallel)
-            check_stop()
-            _alike[look].put(scene.instances, known, known.nbytes)
-        looks = {**looks, look: known}
-        _shadings.put(who, looks, sum(tables.nbytes for tables in looks.values()))
-    return known
+    """Return the draw list's tables for shading."""
+    looks = _shadings.get(scene.identity) or {}
+    tables = looks.get(look)
+    if tables is None:
+        tables = _shading_of_meshes(scene, look, parallel)
+        looks = {**looks, look: tables}
+        _shadings.put(scene.identity, looks, sum(each.nbytes for each in looks.values()))
+    return tables
+
+
+def _shading_of_meshes(scene: DrawList, look: LookName, parallel: Parallel) -> ShadingScene:
+    """Return tables from the last draw list with the same meshes and materials: a live scene in which things move."""
+    meshes = tuple([instance.mesh for instance in scene.instances])
+    materials = tuple([instance.material for instance in scene.instances])
+    looks = (_shadings_of_meshes.get(meshes) if meshes else None) or {}
+    found = looks.get(look)
+    if found is not None and all(a is b or a == b for a, b in zip(found[1], materials, strict=True)):
+        return found[0]
+    tables = prepare_shading(scene.instances, look, parallel)
+    check_stop()
+    if meshes:
+        looks = {**looks, look: (tables, materials)}
+        _shadings_of_meshes.put(meshes, looks, sum(each.nbytes for each, _ in looks.values()))
+    return tables
 
 
 def _studio(scene: DrawList) -> StudioScene:
-    """The draw list's tables for the ``studio`` look, made once while it is alive and drawn."""
-    who = scene.who
-    known = _studios.get(who)
-    if known is None:
-        known = prepare_studio(scene.instances)
-        _studios.put(who, known, known.nbytes)
-    return known
+    """Return the draw list's tables for the ``studio`` look."""
+    tables = _studios.get(scene.identity)
+    if tables is None:
+        tables = prepare_studio(scene.instances)
+        _studios.put(scene.identity, tables, tables.nbytes)
+    return tables
 
 
 class CpuRenderer:
-    """Draws on the CPU. Thread-safe; the same scene gives the same bytes on any number of threads.
+    """Renders on the CPU. Thread-safe. The output is bit-identical for any number of threads.
 
-    Also the ``Rasterizer`` that shading asks for further layers and for threads.
+    It is also the ``Rasterizer`` that shading uses for further layers and for threads.
     """
 
     def __init__(self, threads: int | None = None, spare: Callable[[], int] | None = None) -> None:
         """
         Args:
-            threads: how many threads, the callers of ``render`` among them, may work at the same time inside frames;
-                None: as many as this machine has. Concurrent callers share them: each works on its own frame.
-            spare: tells how many processors nobody has work for but the frames; no more threads help than that.
+            threads: maximum number of threads that work inside frames, callers of ``render`` included; None: as many as
+                the machine has. Concurrent callers share them: each works on its own frame.
+            spare: returns the number of idle processors; no more helper threads are used than that.
         """
-        self._crew = Crew(threads if threads is not None else os.cpu_count() or 1, spare)
+        self._threads = FrameThreads(threads if threads is not None else os.cpu_count() or 1, spare)
         self._pool = ArrayPool()
         self._scratch = ScratchPool()
 
     @property
     def threads(self) -> int:
-        """Threads that may work inside frames."""
-        return self._crew.threads
+        """Maximum number of threads that work inside frames."""
+        return self._threads.threads
 
     def close(self) -> None:
-        """End the helper threads; frames in work are finished."""
-        self._crew.close()
+        """End the helper threads after the frames in progress."""
+        self._threads.close()
 
     def render(self, scene: DrawList, camera: Camera, outputs: Output, look: Look = Look()) -> Frame:
         """As ``Renderer.render``.
 
         Raises:
             ImageError: a texture that colour needs cannot be decoded.
-            ValueError, TypeError: the picture is larger than MAX_SIDE, or a mesh breaks its promises.
+            ValueError, TypeError: the image is larger than MAX_SIDE, or a mesh is not as ``Mesh`` requires.
         """
         if not camera.width <= MAX_SIDE >= camera.height:
             raise ValueError(f"camera size {camera.width}x{camera.height} is larger than {MAX_SIDE}x{MAX_SIDE}")
         prepared = prepare(scene)
-        kinds, order = _pictures(outputs.value, camera.height, camera.width)  # operators of flags take microseconds
-        taken = self._pool.take(kinds)
+        shapes, order = _layout_of(outputs.value, camera.height, camera.width)
+        taken = self._pool.take(shapes)
         arrays, addresses = (*taken.arrays, None), (*taken.addresses, 0)
-        places = [addresses[at] for at in order]
+        output_addresses = [addresses[at] for at in order]
         color, depth, label, instance, normal = [arrays[at] for at in order]
         frame = Frame(color, depth, label, instance, normal, self._releaser(taken))
         try:
-            with self._crew:
+            with self._threads:
                 if frame.color is None:
-                    self._geometry(prepared, camera, frame, places)
+                    self._geometry(prepared, camera, frame, output_addresses)
                 else:
-                    self._color(prepared, scene, camera, look, frame, frame.color, places)
+                    self._color(prepared, scene, camera, look, frame, frame.color, output_addresses)
         except BaseException:
             frame.close()
             raise
@@ -170,34 +180,33 @@ class CpuRenderer:
         scratch = self._scratch.take()
         try:
             culled = address_of(cull_back, np.bool_)
-            threads = self._crew.threads
+            threads = self._threads.threads
             job = FrameJob(prepared, camera, scratch, threads, cull_back=culled, samples=samples)
-            memory = edge_memory(scratch, threads, camera, samples, job.stride)
-            shader = begin(SampledView(prepared.cast.structure.first_record, job.X_camera_mesh, job.stride))
-            self._crew.share(job.sampled_task(*edge_kernels(), memory, shader))
+            memory = allocate_sample_bands(scratch, threads, camera, samples, job.stride)
+            shader = begin(SampledView(prepared.instances.first_ids, job.X_camera_mesh, job.stride))
+            self._threads.share(job.sampled_task(*edge_kernels(), memory, shader))
         finally:
             self._scratch.give(scratch)
 
     def parallel(self, units: int, work: Callable[[int], object]) -> None:
         """As ``Rasterizer.parallel``."""
-        self._crew.run((Phase(units, work),))
+        self._threads.run((Phase(units, work),))
 
-    def _releaser(self, taken: Pooled) -> Callable[[], None]:
+    def _releaser(self, taken: PooledArrays) -> Callable[[], None]:
         return lambda: self._pool.give(taken)
 
-    def _geometry(self, prepared: PreparedScene, camera: Camera, frame: Frame, places: Sequence[int]) -> None:
-        """Fill the frame's geometry outputs; the layer itself stays in the cache, band by band.
+    def _geometry(self, prepared: PreparedScene, camera: Camera, frame: Frame, addresses: Sequence[int]) -> None:
+        """Fill the frame's geometry outputs; the layer itself is not kept.
 
         Args:
-            places: addresses of the frame's pictures, in the order of ``_PICTURES``.
+            addresses: of the frame's outputs, in the order of ``_OUTPUTS``.
         """
         scratch = self._scratch.take()
         try:
-            job = FrameJob(prepared, camera, scratch, self._crew.threads, opaque=True)
-            job.outputs(frame, places[1:])
-            self._crew.share(job.task())
+            job = FrameJob(prepared, camera, scratch, self._threads.threads, opaque=True)
+            job.outputs(frame, addresses[1:])
+            self._threads.share(job.task())
         finally:
-            # Nothing works on these any more: run() returns when all units have ended.
             self._scratch.give(scratch)
 
     def _color(
@@ -208,18 +217,23 @@ class CpuRenderer:
         look: Look,
         frame: Frame,
         color: NDArray[np.uint8],
-        places: Sequence[int],
+        addresses: Sequence[int],
     ) -> None:
-        """Fill all outputs of a frame with colour. One rasterization serves all of them: a band is shaded while it is
-        in the cache, before the back faces that only geometry shows are drawn on top. Translucent scenes, samples and
-        the studio look take several.
+        """Fill all outputs of a frame with colour.
+
+        One rasterization serves all outputs: a band is shaded while it is in the cache, before the back faces that only
+        geometry shows are drawn on top. Translucent scenes, several samples and the studio look take further ones.
 
         Args:
-            places: as for ``_geometry``.
+            addresses: as for ``_geometry``.
         """
-        with_geometry = any(places[1:])
+        if look.name == "studio":
+            wait_until_compiled("studio")
+        if look.samples != 1:
+            wait_until_compiled("antialiasing")
+        with_geometry = any(addresses[1:])
         if with_geometry and (look.name == "studio" or look.samples != 1):
-            self._geometry(prepared, camera, frame, places)
+            self._geometry(prepared, camera, frame, addresses)
         if look.name == "studio":
             paint_studio(self, scene, _studio(scene), camera, look.rig, look.samples, look.background, color)
             return
@@ -229,12 +243,14 @@ class CpuRenderer:
                 paint_each_sample(self, scene, shading, camera, look, color)
                 return
             if with_geometry:
-                self._geometry(prepared, camera, frame, places)
+                self._geometry(prepared, camera, frame, addresses)
             paint(self, scene, shading, camera, look, color)
             return
         scratch = self._scratch.take()
         try:
-            self._crew.share(self._task(prepared, shading, camera, look, frame, color, places, scratch, with_geometry))
+            self._threads.share(
+                self._task(prepared, shading, camera, look, frame, color, addresses, scratch, with_geometry)
+            )
         finally:
             self._scratch.give(scratch)
 
@@ -246,28 +262,27 @@ class CpuRenderer:
         look: Look,
         frame: Frame,
         color: NDArray[np.uint8],
-        places: Sequence[int],
+        addresses: Sequence[int],
         scratch: Scratch,
         with_geometry: bool,
     ) -> Task:
-        """What draws an opaque frame in one pass; ``prepared``, ``shading`` and the frame's arrays must outlive it."""
-        culled, threads = shading.cull_at if shading.culls else 0, self._crew.threads
+        """Return the work of an opaque frame; ``prepared``, ``shading`` and the frame's arrays must outlive it."""
+        culled, threads = shading.cull_at if shading.culls else 0, self._threads.threads
         if look.samples == 1:
             job = FrameJob(prepared, camera, scratch, threads, cull_back=culled, keep_backs=with_geometry, opaque=True)
-            job.outputs(frame, places[1:])
+            job.outputs(frame, addresses[1:])
         else:
             job = FrameJob(prepared, camera, scratch, threads, cull_back=culled, samples=look.samples)
         painter = Painter(
             shading,
-            (prepared.cast.first_record_at, job.poses_address, places[0], job.stride),
+            (prepared.instances.first_ids_at, job.poses_address, addresses[0], job.stride),
             camera,
             look,
             table=lambda values: scratch.table("painter", values),
             keep=(job, color),
         )
         if look.samples != 1:
-            memory = edge_memory(scratch, threads, camera, look.samples, job.stride)
-            # The scratch outlives the task, the job does not.
+            memory = allocate_sample_bands(scratch, threads, camera, look.samples, job.stride)
             shader = mixed_bands(painter, lambda values: scratch.table("mixed", values))
             return job.sampled_task(*edge_kernels(), memory, shader)
         return job.task(painter.job)
@@ -289,9 +304,11 @@ class CpuRenderer:
         scratch = self._scratch.take()
         try:
             selected, culled = address_of(select, np.bool_), address_of(cull_back, np.bool_)
-            job = FrameJob(prepared, camera, scratch, self._crew.threads, select=selected, cull_back=culled, kept=True)
+            job = FrameJob(
+                prepared, camera, scratch, self._threads.threads, select=selected, cull_back=culled, kept=True
+            )
             job.layers(ids, inv_z, beyond, before)
-            self._crew.share(job.task())
+            self._threads.share(job.task())
             poses = job.X_camera_mesh.copy()
         except BaseException:
             self._pool.give(taken)
@@ -301,7 +318,7 @@ class CpuRenderer:
         return Visibility(
             ids=ids,
             inv_z=inv_z,
-            first_record=prepared.cast.structure.first_record,
+            first_record=prepared.instances.first_ids,
             X_camera_mesh=poses,
             _release=self._releaser(taken),
         )

@@ -1,114 +1,94 @@
-"""Visible records to pictures: depth, label, instance and normal."""
+"""From a band's visibility layer to its outputs: depth, label, instance and normal."""
 
 from __future__ import annotations
 
 from typing import Final
 
 import numpy as np
+from numba import types
 
 from renderers.compiler import simd as vec
-from renderers.compiler.device_function import inner
+from renderers.compiler.device_function import device_function
 from renderers.compiler.jit import kernel
-from renderers.compiler.pointers import f32_at, f64_at, i32_at, i64_at, u32_at
+from renderers.compiler.kernel_calls import call_kernel
+from renderers.compiler.pointers import address, f32_at, f64_at, i32_at, stack_array
 from renderers.drawlist import LABEL_NONE
 from renderers.primitive_ids import instance_of
-from renderers.raster.coverage import clear_rows, raster_band
-from renderers.raster.layout import (
-    A_COLUMNS,
-    A_ELEMENTS,
-    A_NORMALS,
-    A_POSITIONS,
-    A_TOPOLOGY,
-    J_ALL_IDS,
-    J_ALL_INSTANCES,
-    J_ALL_LABELS,
-    J_ALL_MESHES,
-    J_ALL_X,
-    J_COLUMNS,
-    J_DEPTH,
-    J_FIRST_RECORD,
-    J_IDS,
-    J_INSTANCE,
-    J_INV_Z,
-    J_LABEL,
-    J_NORMAL,
-    J_PLAIN_IDS,
-    J_PLAIN_INV_Z,
-    J_STRIDE,
-    J_WIDTH,
-    L_CX,
-    L_CY,
-    L_FX,
-    L_FY,
-)
+from renderers.raster.coverage import clear_rows, draw_rows
+from renderers.raster.layout import LAYER, TRIANGLES, frame_at
 from renderers.visibility_buffer import BAND_ROWS
 
+_new_layer = LAYER.local
+_layer_at = LAYER.at
+_corner_array = stack_array(types.float64, 9)
+_inverse_array = stack_array(types.float64, 9)
+_normal_array = stack_array(types.float64, 9)
+_name_array = stack_array(types.int64, 9)
+_block_array = stack_array(types.int32, 2 * vec.LANES)
 
-@inner
-def _normal_run(job, lens, instance, record, row, start, stop):
-    """Normals of the pixels ``start .. stop`` of a row, which all see one record."""
-    out = f32_at(job[J_NORMAL] + 12 * row * job[J_WIDTH])
-    mesh = i64_at(job[J_ALL_MESHES] + 8 * A_COLUMNS * instance)
-    if mesh[A_TOPOLOGY] != 3:
+
+@device_function
+def _resolve_normal_span(frame, instance_index, primitive_id, row, start, stop):
+    """Write the normals of the pixels ``start .. stop`` of a row, which all see one primitive."""
+    out = f32_at(frame.normal + 12 * row * frame.width)
+    instance = frame.instances[instance_index]
+    if instance.topology != TRIANGLES:
         for column in range(start, stop):
             out[3 * column] = 0.0
             out[3 * column + 1] = 0.0
             out[3 * column + 2] = -1.0
         return
-    m = f64_at(job[J_ALL_X] + 8 * 16 * instance)
-    element = record - i64_at(job[J_FIRST_RECORD])[instance]
-    indices = u32_at(mesh[A_ELEMENTS] + 12 * element)
-    positions = f32_at(mesh[A_POSITIONS])
-    p = np.empty((3, 3), np.float64)
+    m = f64_at(address(frame.X_camera_mesh) + 8 * 16 * instance_index)
+    corner = 3 * (primitive_id - instance.first_primitive)
+    indices, positions = instance.mesh_indices, instance.mesh_positions
+    p, b, n = _corner_array(), _inverse_array(), _normal_array()
     for k in range(3):
-        v = 3 * np.int64(indices[k])
+        v = 3 * np.int64(indices[corner + k])
         x, y, z = np.float64(positions[v]), np.float64(positions[v + 1]), np.float64(positions[v + 2])
         for axis in range(3):
-            p[k, axis] = m[4 * axis] * x + m[4 * axis + 1] * y + m[4 * axis + 2] * z + m[4 * axis + 3]
-    # Rows of the inverse of [p0 p1 p2], up to the determinant: cross products of the columns.
-    b = np.empty((3, 3), np.float64)
+            p[3 * k + axis] = m[4 * axis] * x + m[4 * axis + 1] * y + m[4 * axis + 2] * z + m[4 * axis + 3]
+    # Rows of the inverse of [p0 p1 p2] times its determinant: cross products of the columns.
     for k in range(3):
-        i, j = (k + 1) % 3, (k + 2) % 3
-        b[k, 0] = p[i, 1] * p[j, 2] - p[i, 2] * p[j, 1]
-        b[k, 1] = p[i, 2] * p[j, 0] - p[i, 0] * p[j, 2]
-        b[k, 2] = p[i, 0] * p[j, 1] - p[i, 1] * p[j, 0]
+        i, j = 3 * ((k + 1) % 3), 3 * ((k + 2) % 3)
+        b[3 * k] = p[i + 1] * p[j + 2] - p[i + 2] * p[j + 1]
+        b[3 * k + 1] = p[i + 2] * p[j] - p[i] * p[j + 2]
+        b[3 * k + 2] = p[i] * p[j + 1] - p[i + 1] * p[j]
     # Their sum is (p1 - p0) x (p2 - p0).
-    gx, gy, gz = b[0, 0] + b[1, 0] + b[2, 0], b[0, 1] + b[1, 1] + b[2, 1], b[0, 2] + b[1, 2] + b[2, 2]
-    determinant = b[0, 0] * p[0, 0] + b[0, 1] * p[0, 1] + b[0, 2] * p[0, 2]
+    gx, gy, gz = b[0] + b[3] + b[6], b[1] + b[4] + b[7], b[2] + b[5] + b[8]
+    determinant = b[0] * p[0] + b[1] * p[1] + b[2] * p[2]
     length = np.sqrt(gx * gx + gy * gy + gz * gz)
     if length > 0.0:
         scale = 1.0 / length if determinant <= 0.0 else -1.0 / length
         gx, gy, gz = gx * scale, gy * scale, gz * scale
     else:
         gx, gy, gz = 0.0, 0.0, -1.0
-    n = np.empty((3, 3), np.float64)
-    smooth = mesh[A_NORMALS] != 0
+    smooth = instance.mesh_normals != 0
     if smooth:
-        normals = f32_at(mesh[A_NORMALS])
+        normals = f32_at(instance.mesh_normals)
         for k in range(3):
-            v = 3 * np.int64(indices[k])
+            v = 3 * np.int64(indices[corner + k])
             x, y, z = np.float64(normals[v]), np.float64(normals[v + 1]), np.float64(normals[v + 2])
-            # Normals go by the cofactors, the inverse transpose up to a factor.
+            # Normals transform by the cofactors: the inverse transpose times the determinant.
             for axis in range(3):
-                i, j = (axis + 1) % 3, (axis + 2) % 3
-                cx = m[4 * i + 1] * m[4 * j + 2] - m[4 * i + 2] * m[4 * j + 1]
-                cy = m[4 * i + 2] * m[4 * j] - m[4 * i] * m[4 * j + 2]
-                cz = m[4 * i] * m[4 * j + 1] - m[4 * i + 1] * m[4 * j]
-                n[k, axis] = cx * x + cy * y + cz * z
-    ray_y = (row + 0.5 - lens[L_CY]) / lens[L_FY]
+                i, j = 4 * ((axis + 1) % 3), 4 * ((axis + 2) % 3)
+                cx = m[i + 1] * m[j + 2] - m[i + 2] * m[j + 1]
+                cy = m[i + 2] * m[j] - m[i] * m[j + 2]
+                cz = m[i] * m[j + 1] - m[i + 1] * m[j]
+                n[3 * k + axis] = cx * x + cy * y + cz * z
+    ray_y = (row + 0.5 - frame.cy) / frame.fy
     for column in range(start, stop):
-        ray_x = (column + 0.5 - lens[L_CX]) / lens[L_FX]
+        ray_x = (column + 0.5 - frame.cx) / frame.fx
         nx, ny, nz = gx, gy, gz
         if smooth:
-            b0 = b[0, 0] * ray_x + b[0, 1] * ray_y + b[0, 2]
-            b1 = b[1, 0] * ray_x + b[1, 1] * ray_y + b[1, 2]
-            b2 = b[2, 0] * ray_x + b[2, 1] * ray_y + b[2, 2]
-            sx = b0 * n[0, 0] + b1 * n[1, 0] + b2 * n[2, 0]
-            sy = b0 * n[0, 1] + b1 * n[1, 1] + b2 * n[2, 1]
-            sz = b0 * n[0, 2] + b1 * n[1, 2] + b2 * n[2, 2]
+            b0 = b[0] * ray_x + b[1] * ray_y + b[2]
+            b1 = b[3] * ray_x + b[4] * ray_y + b[5]
+            b2 = b[6] * ray_x + b[7] * ray_y + b[8]
+            sx = b0 * n[0] + b1 * n[3] + b2 * n[6]
+            sy = b0 * n[1] + b1 * n[4] + b2 * n[7]
+            sz = b0 * n[2] + b1 * n[5] + b2 * n[8]
             length = np.sqrt(sx * sx + sy * sy + sz * sz)
             if length > 0.0 and length < np.inf:
-                # To the side of the surface that is seen; b and n may both have the sign of a mirrored frame.
+                # Towards the visible side; b and n may both have the sign of a mirrored frame.
                 scale = 1.0 / length if sx * gx + sy * gy + sz * gz >= 0.0 else -1.0 / length
                 nx, ny, nz = sx * scale, sy * scale, sz * scale
         out[3 * column] = nx
@@ -116,196 +96,196 @@ def _normal_run(job, lens, instance, record, row, start, stop):
         out[3 * column + 2] = nz
 
 
-# What of a row's names is kept from one block to the next: the last two instances seen, since at an edge pixels go to
-# and fro between two; each its records' first and end, label and identity. Then a block's labels and identities.
-N_FIRST: Final = 0
-N_END: Final = 1
-N_LABEL: Final = 2
-N_IDENTITY: Final = 3
-N_OTHER: Final = 4
-N_INSTANCE: Final = 8
-N_COLUMNS: Final = 9
-_NOBODY: Final = (-1, 0, int(np.uint32(LABEL_NONE).astype(np.int32)), -1)
+@kernel("void(int64, int64, int64, int64)")
+def resolve_normals(frame_address, layer_address, row_begin, row_end):
+    """Write the normals of some rows, by spans of pixels that see one primitive.
+
+    A kernel of its own, which is compiled after the server is ready: few images have normals.
+    """
+    frame, layer = frame_at(frame_address), _layer_at(layer_address)
+    width = frame.width
+    instance = np.int64(0)
+    for row in range(row_begin, row_end):
+        ids = i32_at(address(layer.ids) + 4 * row * frame.stride)
+        start = 0
+        while start < width:
+            primitive_id = np.int64(ids[start])
+            stop = start + 1
+            while stop < width and ids[stop] == primitive_id:
+                stop += 1
+            if primitive_id >= 0:
+                instance = instance_of(frame.first_ids, frame.instance_count, primitive_id, instance)
+                _resolve_normal_span(frame, instance, primitive_id, row, start, stop)
+            else:
+                normals = f32_at(frame.normal + 12 * row * width)
+                for value in range(3 * start, 3 * stop):
+                    normals[value] = 0.0
+            start = stop
 
 
-@inner
-def _mixed_names(job, ids, column, seen, block):
-    """Labels and identities of eight pixels, left in ``block``; ``seen`` is renewed."""
-    first_record = i64_at(job[J_FIRST_RECORD])
+# The two instances seen last, since pixels at an edge alternate between two: first primitive id, end of the ids, label
+# and instance id of each. Then the index of the last one found.
+_FIRST: Final = 0
+_END: Final = 1
+_LABEL: Final = 2
+_INSTANCE_ID: Final = 3
+_OTHER: Final = 4
+_INDEX: Final = 8
+_BACKGROUND: Final = (-1, 0, int(np.uint32(LABEL_NONE).astype(np.int32)), -1)
+
+
+@device_function
+def _look_up_names(frame, ids, column, names, block):
+    """Write labels and instance ids of eight pixels to ``block`` and update ``names``."""
+    first_ids = frame.first_ids
     eight = vec.load(ids, column)
-    names = numbers = vec.i32(0)
+    labels = instance_ids = vec.i32(0)
     missing = 255
     while missing != 0:
-        record = np.int64(ids[column + vec.lowest_bit(missing)])
-        for k in range(N_OTHER):
-            seen[k], seen[N_OTHER + k] = seen[N_OTHER + k], seen[k]
-        if record < seen[N_FIRST] or record >= seen[N_END]:
-            if record < 0:
-                seen[N_FIRST], seen[N_END], seen[N_LABEL], seen[N_IDENTITY] = _NOBODY
+        primitive_id = np.int64(ids[column + vec.lowest_bit(missing)])
+        for k in range(_OTHER):
+            names[k], names[_OTHER + k] = names[_OTHER + k], names[k]
+        if primitive_id < names[_FIRST] or primitive_id >= names[_END]:
+            if primitive_id < 0:
+                names[_FIRST], names[_END], names[_LABEL], names[_INSTANCE_ID] = _BACKGROUND
             else:
-                instance = instance_of(first_record, job[J_ALL_INSTANCES], record, seen[N_INSTANCE])
-                seen[N_INSTANCE] = instance
-                seen[N_FIRST], seen[N_END] = first_record[instance], first_record[instance + 1]
-                seen[N_LABEL] = i32_at(job[J_ALL_LABELS])[instance]
-                seen[N_IDENTITY] = i32_at(job[J_ALL_IDS])[instance]
-        same = (eight >= vec.i32(seen[N_FIRST])) & (eight < vec.i32(seen[N_END]))
-        names = vec.select(same, vec.i32(seen[N_LABEL]), names)
-        numbers = vec.select(same, vec.i32(seen[N_IDENTITY]), numbers)
-        missing &= ~vec.bits(same)
-    vec.store(block, 0, names)
-    vec.store(block, vec.LANES, numbers)
+                index = instance_of(first_ids, frame.instance_count, primitive_id, names[_INDEX])
+                names[_INDEX] = index
+                names[_FIRST], names[_END] = first_ids[index], first_ids[index + 1]
+                names[_LABEL] = frame.labels[index]
+                names[_INSTANCE_ID] = frame.instance_ids[index]
+        same = (eight >= vec.i32(names[_FIRST])) & (eight < vec.i32(names[_END]))
+        labels = vec.select(same, vec.i32(names[_LABEL]), labels)
+        instance_ids = vec.select(same, vec.i32(names[_INSTANCE_ID]), instance_ids)
+        missing &= ~vec.movemask(same)
+    vec.store(block, 0, labels)
+    vec.store(block, vec.LANES, instance_ids)
 
 
 _AHEAD: Final = 1024
-"""Pixels of a picture that are on their way to the cache before they are written: pictures follow row upon row."""
+"""Pixels of an output that are prefetched before they are written."""
 
 
-@inner
-def _depth_row(inverse, ids, out, width):
-    """Depth of one row. Apart from its labels: stores that go on in one cache line are joined, others are not."""
+@device_function
+def _resolve_depth_row(inv_z, ids, out, width):
+    """Write the depth of one row. Apart from its labels: consecutive stores to a cache line are combined."""
     one, none, zero = vec.f32(1.0), vec.f32(np.inf), vec.i32(0)
     whole = width - width % vec.LANES
     for column in range(0, whole, vec.LANES):
         vec.prefetch(out, column + _AHEAD)
-        seen = vec.load(ids, column) >= zero
-        vec.store(out, column, vec.select(seen, one / vec.load(inverse, column), none))
+        visible = vec.load(ids, column) >= zero
+        vec.store(out, column, vec.select(visible, one / vec.load(inv_z, column), none))
     for column in range(whole, width):
-        out[column] = np.float32(1.0) / inverse[column] if ids[column] >= 0 else np.float32(np.inf)
+        out[column] = np.float32(1.0) / inv_z[column] if ids[column] >= 0 else np.float32(np.inf)
 
 
-@inner
-def _named_row(job, ids, width, labels, identities, seen, block):
-    """Label and instance of one row, eight pixels at once where they see one instance (or nothing).
+@device_function
+def _resolve_name_row(frame, ids, labels, instance_ids, names, block):
+    """Write label and instance id of one row, eight pixels at once where they see one instance or nothing.
 
     Args:
-        ids: pointer to the row's records, whole vectors of them.
-        labels, identities: pointers to uint32 and int32; null: not wanted.
-        seen: pointer to N_COLUMNS int64, as the row before left them. block: pointer to 2 x 8 int32 of scratch.
+        ids: pointer to the row's primitive ids, whole vectors of them.
+        labels, instance_ids: pointers to the row's outputs; only what the frame wants is written.
+        names: nine int64, as the row before left them. block: 2 x 8 int32 of scratch.
     """
-    want_labels, want_identities = job[J_LABEL] != 0, job[J_INSTANCE] != 0
-    first, end = vec.i32(seen[N_FIRST]), vec.i32(seen[N_END])
-    name, number = vec.i32(seen[N_LABEL]), vec.i32(seen[N_IDENTITY])
+    width = frame.width
+    has_label, has_instance = frame.label != 0, frame.instance != 0
+    first, end = vec.i32(names[_FIRST]), vec.i32(names[_END])
+    label, instance_id = vec.i32(names[_LABEL]), vec.i32(names[_INSTANCE_ID])
     whole = width - width % vec.LANES
     for column in range(0, whole, vec.LANES):
         eight = vec.load(ids, column)
-        if vec.bits((eight >= first) & (eight < end)) == 255:
-            if want_labels:
+        if vec.movemask((eight >= first) & (eight < end)) == 255:
+            if has_label:
                 vec.prefetch(labels, column + _AHEAD)
-                vec.store(labels, column, name)
-            if want_identities:
-                vec.store(identities, column, number)
+                vec.store(labels, column, label)
+            if has_instance:
+                vec.store(instance_ids, column, instance_id)
         else:
-            _mixed_names(job, ids, column, seen, block)
-            if want_labels:
+            _look_up_names(frame, ids, column, names, block)
+            if has_label:
                 vec.store(labels, column, vec.load(block, 0))
-            if want_identities:
-                vec.store(identities, column, vec.load(block, vec.LANES))
-            first, end = vec.i32(seen[N_FIRST]), vec.i32(seen[N_END])
-            name, number = vec.i32(seen[N_LABEL]), vec.i32(seen[N_IDENTITY])
+            if has_instance:
+                vec.store(instance_ids, column, vec.load(block, vec.LANES))
+            first, end = vec.i32(names[_FIRST]), vec.i32(names[_END])
+            label, instance_id = vec.i32(names[_LABEL]), vec.i32(names[_INSTANCE_ID])
     if whole < width:
-        _mixed_names(job, ids, whole, seen, block)
+        _look_up_names(frame, ids, whole, names, block)
         for k in range(width - whole):
-            if want_labels:
+            if has_label:
                 labels[whole + k] = block[k]
-            if want_identities:
-                identities[whole + k] = block[vec.LANES + k]
+            if has_instance:
+                instance_ids[whole + k] = block[vec.LANES + k]
 
 
-@inner
-def _normal_row(job, lens, ids, row, width, instance):
-    """Normals of one row, by runs of pixels that see one record; returns the new hint."""
-    first_record = i64_at(job[J_FIRST_RECORD])
-    start = 0
-    while start < width:
-        record = np.int64(ids[start])
-        stop = start + 1
-        while stop < width and ids[stop] == record:
-            stop += 1
-        if record >= 0:
-            instance = instance_of(first_record, job[J_ALL_INSTANCES], record, instance)
-            _normal_run(job, lens, instance, record, row, start, stop)
-        else:
-            normals = f32_at(job[J_NORMAL] + 12 * row * width)
-            for column in range(3 * start, 3 * stop):
-                normals[column] = 0.0
-        start = stop
-    return instance
-
-
-@inner
-def _resolve_rows(job, lens, first_row, last_row):
-    """Fill the wanted outputs of some rows from their records."""
-    width = job[J_WIDTH]
-    stride = job[J_STRIDE]
-    named = 0
-    own_seen = np.zeros(N_COLUMNS, np.int64)
-    own_block = np.empty(2 * vec.LANES, np.int32)
-    seen, block = i64_at(np.int64(own_seen.ctypes.data)), i32_at(np.int64(own_block.ctypes.data))
+@device_function
+def _resolve_rows(frame, layer, first_row, last_row):
+    """Write the wanted outputs of some rows."""
+    width = frame.width
+    stride = frame.stride
+    names, block = _name_array(), _block_array()
+    for k in range(9):
+        names[k] = 0
     for row in range(first_row, last_row):
-        ids = i32_at(job[J_IDS] + 4 * row * stride)
-        inverse = f32_at(job[J_INV_Z] + 4 * row * stride)
-        if job[J_PLAIN_IDS] != 0:
-            plain_ids = i32_at(job[J_PLAIN_IDS] + 4 * row * width)
-            plain_inverse = f32_at(job[J_PLAIN_INV_Z] + 4 * row * width)
+        ids = i32_at(address(layer.ids) + 4 * row * stride)
+        inv_z = f32_at(address(layer.inv_z) + 4 * row * stride)
+        if frame.unpadded_ids != 0:
+            unpadded_ids = i32_at(frame.unpadded_ids + 4 * row * width)
+            unpadded_inv_z = f32_at(frame.unpadded_inv_z + 4 * row * width)
             for column in range(width):
-                plain_ids[column] = ids[column]
-                plain_inverse[column] = inverse[column]
-        if job[J_DEPTH] != 0:
-            _depth_row(inverse, ids, f32_at(job[J_DEPTH] + 4 * row * width), width)
-        if job[J_LABEL] != 0 or job[J_INSTANCE] != 0:
-            labels = i32_at(job[J_LABEL] + 4 * row * width)
-            identities = i32_at(job[J_INSTANCE] + 4 * row * width)
-            _named_row(job, ids, width, labels, identities, seen, block)
-        if job[J_NORMAL] != 0:
-            named = _normal_row(job, lens, ids, row, width, named)
-    own_seen[0] = own_block[0] = 0  # the pointers above do not keep the arrays alive
+                unpadded_ids[column] = ids[column]
+                unpadded_inv_z[column] = inv_z[column]
+        if frame.depth != 0:
+            _resolve_depth_row(inv_z, ids, f32_at(frame.depth + 4 * row * width), width)
+        if frame.label != 0 or frame.instance != 0:
+            labels = i32_at(frame.label + 4 * row * width)
+            instance_ids = i32_at(frame.instance + 4 * row * width)
+            _resolve_name_row(frame, ids, labels, instance_ids, names, block)
+    if frame.normal != 0:
+        call_kernel(frame.normals_kernel, (address(frame), address(layer), first_row, last_row))
 
 
 LAYER_GAP: Final = 1040
-"""Values between a band's records and its depths: without it, or half of it, both would often lie a multiple of 4096
-bytes apart, where loads of one wait for stores to the other."""
-_LINE: Final = 16
+"""Values between a band's primitive ids and its depths. Without it, both would often lie a multiple of 4096 bytes
+apart, where loads of one wait for stores to the other."""
+_CACHE_LINE: Final = 16
 """Values of a cache line."""
 
 
 def row_stride(width: int) -> int:
-    """Values of a row of a band that nobody keeps: an odd number of cache lines. Rows of 640 or 1280 pixels would share
-    an eighth or a sixteenth of the places that a processor's innermost cache has for them."""
-    return (-(-width // _LINE) | 1) * _LINE
+    """Return the pixels of a row of a band's layer: an odd number of cache lines.
+
+    Rows of 640 or 1280 pixels would share an eighth or a sixteenth of the sets of the first-level cache.
+    """
+    return (-(-width // _CACHE_LINE) | 1) * _CACHE_LINE
 
 
-EVERYTHING: Final = 0
+ALL: Final = 0
 FRONTS: Final = 1
 BACKS: Final = 2
 
 
-@kernel("void(int64, int64, int64, int64, int64, int64)")
-def draw_band(job_at, lens_at, row_begin, row_end, layer, part):
-    """Raster and resolve a band of the picture, or a part of one, while it is in the cache.
+@kernel("void(int64, int64, int64, int64, int64)")
+def draw_band(frame_address, row_begin, row_end, band_memory, part):
+    """Rasterize and resolve a band of the image, or a part of one, while it is in the cache.
 
     Args:
-        row_begin, row_end: rows of the picture, all of one band.
-        layer: address of a band's layer, BAND_ROWS x J_STRIDE int32, LAYER_GAP values and as many float32; 0: the layer
-            is where the job says.
-        part: EVERYTHING; FRONTS: without the back faces that are kept apart, and nothing is resolved; BACKS: these on
-            top of what FRONTS has left in the layer, and resolve.
+        row_begin, row_end: rows of the image, all of one band.
+        band_memory: address of a band's layer: BAND_ROWS x stride int32, LAYER_GAP values and as many float32; 0: the
+            frame has a layer of the whole image.
+        part: ALL; FRONTS: without the back faces that are kept apart, and nothing is resolved; BACKS: these, on top of
+            the layer that FRONTS has left, and resolve.
     """
-    job = i64_at(job_at)
-    lens = f64_at(lens_at)
-    own_job = np.empty(J_COLUMNS, np.int64)
-    if layer != 0:
-        for k in range(J_COLUMNS):
-            own_job[k] = job[k]
-        # Kernels count pixels from the picture's first row.
-        before = 4 * row_begin * job[J_STRIDE]
-        own_job[J_IDS] = layer - before
-        own_job[J_INV_Z] = layer + 4 * (BAND_ROWS * job[J_STRIDE] + LAYER_GAP) - before
-        job = i64_at(np.int64(own_job.ctypes.data))
-    if part != BACKS:
-        clear_rows(job, lens, row_begin, row_end)
-        raster_band(job, lens, row_begin, row_end, False)
+    frame = frame_at(frame_address)
+    layer = _new_layer()
+    if band_memory == 0:
+        layer.ids, layer.inv_z = i32_at(frame.layer_ids), f32_at(frame.layer_inv_z)
     else:
-        raster_band(job, lens, row_begin, row_end, True)
+        before = 4 * row_begin * frame.stride
+        layer.ids = i32_at(band_memory - before)
+        layer.inv_z = f32_at(band_memory + 4 * (BAND_ROWS * frame.stride + LAYER_GAP) - before)
+    if part != BACKS:
+        clear_rows(frame, layer, row_begin, row_end)
+    draw_rows(frame, layer, row_begin, row_end, part == BACKS)
     if part != FRONTS:
-        _resolve_rows(job, lens, row_begin, row_end)
-    own_job[0] = 0  # the pointer above does not keep the array alive
+        _resolve_rows(frame, layer, row_begin, row_end)

@@ -1,119 +1,112 @@
-"""A draw list as tables of addresses and numbers; independent of the camera."""
+"""A draw list as tables of addresses and numbers, independent of the camera."""
 
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.alike import Alike
+from renderers.cache import Cache
 from renderers.compiler.pointers import address_of
-from renderers.drawlist import Cast, DrawList, Instance, Mesh, Placed, Topology, used_vertices
-from renderers.raster.cluster_culling import WORTH, bound_clusters, cluster_values
-from renderers.raster.convex_culling import solid
-from renderers.raster.layout import (
-    A_COLUMNS,
-    B_COLUMNS,
-    MAX_POINT,
-    T_CLUSTERS,
-    T_COLUMNS,
-    T_ELEMENT,
-    T_ELEMENTS,
-    T_POSITIONS,
-    T_RECORD,
-    T_TOPOLOGY,
-    T_VERTEX,
-)
+from renderers.drawlist import DrawList, Instance, InstanceSet, Mesh, PosedInstances, Topology, used_vertices
+from renderers.raster.cluster_culling import MIN_TRIANGLES, bound_clusters, cluster_values
+from renderers.raster.convex_culling import convex_bounds
+from renderers.raster.layout import INSTANCE, MAX_POINT
 from renderers.stop import check_stop, current_stop
 
-MAX_RECORDS: Final = 2**31 - 1
-"""Records are numbered in int32."""
-MAX_STRUCTURE_BYTES: Final = 64 << 20
-"""Tables of scenes whose meshes are alive: half a million instances."""
-NOT_SOLID: Final = (0.0, 0.0, 0.0, -1.0, -1.0, -1.0)
-"""In place of a solid mesh's box."""
+MAX_PRIMITIVES: Final = 2**31 - 1
+"""Primitive ids are int32."""
+MAX_TABLE_BYTES: Final = 64 << 20
+"""Limit of the tables of scenes whose meshes are alive: 400,000 instances."""
+MAX_MESH_BYTES: Final = 1 << 30
+"""Limit of what is derived from meshes that are alive."""
+NOT_CONVEX: Final = (0.0, 0.0, 0.0, -1.0, -1.0, -1.0)
+"""Instead of a convex mesh's bounding box."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreparedMesh:
-    """Addresses and counts of a mesh; ``keep`` holds what they point to that is not the mesh's own."""
+    """Addresses and counts of a mesh."""
 
-    row: tuple[int, int, int, int, int, int]
-    """Vertices, elements, topology, addresses of positions, elements and clusters: what is transformed and set up."""
-    attributes: tuple[int, int, int, int]
-    """As A_TOPOLOGY and on: the mesh's own arrays."""
-    bounds: tuple[float, float, float, float, float, float] = NOT_SOLID
-    """As B_MIDDLE and on."""
-    keep: tuple[NDArray[Any], ...] = ()
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Structure:
-    """What does not depend on poses and names."""
-
-    table: NDArray[np.int64]
-    """(I + 1, T_COLUMNS) int64: the table of a frame in which all instances are drawn from both sides."""
-    attributes: NDArray[np.int64]
-    """(I, A_COLUMNS) int64."""
-    first_record: NDArray[np.int64]
-    """(I + 1,) int64."""
-    sizes: NDArray[np.float64]
-    """(I,) float64: point size or line width, pixels."""
-    bounds: NDArray[np.float64]
-    """(I, B_COLUMNS) float64."""
-    keep: tuple[PreparedMesh, ...]
-    """What the addresses point into, apart from the meshes themselves."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PreparedCast:
-    """I instances, wherever they are. It keeps no mesh."""
-
-    structure: Structure
-    labels: NDArray[np.uint32]
-    """(I,) uint32."""
-    instance_ids: NDArray[np.int32]
-    """(I,) int32."""
-    first_record_at: int
-    """Address of ``Structure.first_record``."""
     counts: tuple[int, int, int]
-    """Instances, vertices, elements."""
-    asked: tuple[int, ...]
-    """A_COUNT to A_MESHES, see ``begin``: the number of instances; addresses of ``Structure``'s ``table``, ``sizes``,
-    ``bounds`` and ``first_record``, of ``labels`` and ``instance_ids``, and of ``Structure.attributes``."""
+    """Vertices to transform, primitives, topology."""
+    addresses: tuple[int, int, int]
+    """Of these vertices, of the indices into them, and of the clusters (0: none)."""
+    mesh_addresses: tuple[int, int, int]
+    """Of the mesh's own positions, indices and normals (0: none)."""
+    box: tuple[float, float, float, float, float, float] = NOT_CONVEX
+    """Centre and half sides."""
+    keep: tuple[NDArray[Any], ...] = ()
+    """Arrays that the addresses point to, apart from the mesh's own."""
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the arrays that it keeps."""
+        return sum(array.nbytes for array in self.keep) + 500
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Structure:
+    """What does not depend on poses, labels and instance ids."""
+
+    instances: NDArray[np.void]
+    """(I + 1,) INSTANCE."""
+    first_ids: NDArray[np.int64]
+    """(I + 1,): first primitive id of every instance, and the number of primitives."""
+    materials: tuple[Any, ...]
+    """(I,): point sizes and line widths are theirs."""
+    keep: tuple[PreparedMesh, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PreparedInstances:
+    """I instances in any pose. It does not keep the meshes."""
+
+    structure: _Structure
+    counts: tuple[int, int, int]
+    """Instances, vertices, primitives."""
+    instances_at: int
+    """Addresses for FRAME: of the instances, of ``first_ids``, of labels and of instance ids."""
+    first_ids_at: int
+    labels_at: int
+    instance_ids_at: int
+    keep: tuple[NDArray[np.uint32], NDArray[np.int32]]
+    """Labels and instance ids."""
+
+    @property
+    def first_ids(self) -> NDArray[np.int64]:
+        """(I + 1,) int64 as in ``Visibility``."""
+        return self.structure.first_ids
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreparedScene:
-    """I instances at their places."""
+    """I instances and their poses."""
 
-    cast: PreparedCast
+    instances: PreparedInstances
     X_world_mesh: NDArray[np.float64]
     """(I, 4, 4) float64."""
-    points: int
+    X_world_mesh_at: int
     """Its address."""
     keep: Sequence[Instance]
-    """What the addresses in the tables point into: the meshes."""
+    """The instances, whose meshes the addresses in the tables point to."""
 
 
-_meshes: WeakKeyDictionary[Mesh, PreparedMesh] = WeakKeyDictionary()
-_structures: Alike[Structure] = Alike(MAX_STRUCTURE_BYTES)
-_casts: WeakKeyDictionary[Cast, PreparedCast] = WeakKeyDictionary()
-_scenes: WeakKeyDictionary[DrawList, PreparedScene] = WeakKeyDictionary()
-_lock = threading.Lock()
+_meshes: Cache[Mesh, PreparedMesh] = Cache(MAX_MESH_BYTES, weak=True)
+_structures: Cache[tuple[Mesh, ...], _Structure] = Cache(MAX_TABLE_BYTES, weak=True)
+_sets: Cache[InstanceSet, PreparedInstances] = Cache(MAX_TABLE_BYTES, weak=True)
+_scenes: Cache[DrawList, PreparedScene] = Cache(MAX_TABLE_BYTES, weak=True)
 
 
 def _prepare_mesh(mesh: Mesh) -> PreparedMesh:
-    """Check a mesh, since kernels read it without any check, and take its addresses.
+    """Check a mesh, since kernels read it without checks, and derive what setup needs.
 
     Raises:
-        ValueError, TypeError: shapes, dtypes or indices break the promises of ``Mesh``.
+        ValueError, TypeError: shapes, dtypes or indices are not as ``Mesh`` requires.
         Exception: the current ``StopFlag`` was set.
     """
     check_stop()
@@ -128,107 +121,109 @@ def _prepare_mesh(mesh: Mesh) -> PreparedMesh:
     if len(elements) and int(elements.max()) >= count:
         raise ValueError(f"mesh element index {int(elements.max())} is out of range ({count} vertices)")
     topology = Topology(elements.shape[1])
-    attributes = (
-        int(topology),
+    mesh_addresses = (
         address_of(positions, np.float32),
         address_of(elements, np.uint32),
         address_of(normals, np.float32),
     )
-    own_positions, own_elements = positions, elements
+    own_positions, own_indices = positions, elements
     if count > max(64, elements.size):
-        # Many glTF primitives share one long vertex array: transform only what this one uses.
-        used, own_elements = used_vertices(elements, count)
+        # Many glTF primitives share one long vertex array: transform only the vertices that this one uses.
+        used, own_indices = used_vertices(elements, count)
         own_positions = np.ascontiguousarray(positions[used])
-    bounds = NOT_SOLID
+    box = NOT_CONVEX
     if topology == Topology.TRIANGLES:
-        known = solid(own_positions, own_elements)
-        if known is not None:
-            bounds, own_positions = known
-    places = address_of(own_positions, np.float32), address_of(own_elements, np.uint32)
+        convex = convex_bounds(own_positions, own_indices)
+        if convex is not None:
+            box, own_positions = convex
+    own_addresses = address_of(own_positions, np.float32), address_of(own_indices, np.uint32)
     clusters = None
-    if topology == Topology.TRIANGLES and len(elements) >= WORTH:
+    if topology == Topology.TRIANGLES and len(elements) >= MIN_TRIANGLES:
         clusters = np.zeros(cluster_values(len(elements)), np.float32)
         stop = current_stop()
-        bound_clusters(*places, len(elements), address_of(clusters, np.float32), stop.address)
+        bound_clusters(*own_addresses, len(elements), address_of(clusters, np.float32), stop.address)
         stop.check()
-    row = len(own_positions), len(elements), int(topology), *places, address_of(clusters, np.float32)
-    keep = tuple(each for each in (own_positions, own_elements, clusters) if each is not None)
-    return PreparedMesh(row, attributes, bounds, keep)
+    derived = (own_positions, own_indices, clusters)
+    return PreparedMesh(
+        (len(own_positions), len(elements), int(topology)),
+        (*own_addresses, address_of(clusters, np.float32)),
+        mesh_addresses,
+        box,
+        tuple([each for each in derived if each is not None and each is not positions and each is not elements]),
+    )
 
 
 def _prepared_mesh(mesh: Mesh) -> PreparedMesh:
-    with _lock:
-        known = _meshes.get(mesh)
-    if known is None:
-        fresh = _prepare_mesh(mesh)
-        with _lock:
-            known = _meshes.setdefault(mesh, fresh)
-    return known
+    prepared = _meshes.get(mesh)
+    if prepared is None:
+        prepared = _prepare_mesh(mesh)
+        _meshes.put(mesh, prepared, prepared.nbytes)
+    return prepared
 
 
 def prepare(scene: DrawList) -> PreparedScene:
-    """The tables of a draw list, made once while it is alive.
+    """Return the tables of a draw list.
 
     Raises:
-        ValueError, TypeError: a mesh breaks its promises, or there are more than MAX_RECORDS elements.
+        ValueError, TypeError: a mesh is not as ``Mesh`` requires, or there are more than MAX_PRIMITIVES primitives.
     """
-    with _lock:
-        known = _scenes.get(scene)
-    if known is not None:
-        return known
+    prepared = _scenes.get(scene)
+    if prepared is not None:
+        return prepared
     instances = scene.instances
-    if isinstance(instances, Placed):
-        cast, X_world_mesh = _known_cast(instances), instances.X_world_mesh
+    if isinstance(instances, PosedInstances):
+        own, X_world_mesh = _prepared_set(instances), instances.X_world_mesh
     else:
-        cast = _prepared_cast(instances)
+        own = _prepare_instances(instances)
         X_world_mesh = np.array([i.X_world_mesh for i in instances], dtype=np.float64).reshape(len(instances), 4, 4)
-    prepared = PreparedScene(cast, X_world_mesh, address_of(X_world_mesh, np.float64), instances)
-    with _lock:
-        return _scenes.setdefault(scene, prepared)
+    prepared = PreparedScene(own, X_world_mesh, address_of(X_world_mesh, np.float64), instances)
+    _scenes.put(scene, prepared, X_world_mesh.nbytes)
+    return prepared
 
 
-def _known_cast(instances: Placed) -> PreparedCast:
-    """Made once while the cast is alive."""
-    with _lock:
-        known = _casts.get(instances.cast)
-    if known is None:
-        fresh = _prepared_cast(instances)
-        with _lock:
-            known = _casts.setdefault(instances.cast, fresh)
-    return known
+def _prepared_set(instances: PosedInstances) -> PreparedInstances:
+    prepared = _sets.get(instances.set)
+    if prepared is None:
+        prepared = _prepare_instances(instances)
+        _sets.put(instances.set, prepared, 8 * len(instances))
+    return prepared
 
 
-def _prepared_cast(instances: Sequence[Instance]) -> PreparedCast:
+def _prepare_instances(instances: Sequence[Instance]) -> PreparedInstances:
     """Raises as ``prepare`` does."""
-    structure = _structures.get(instances)
-    if structure is None:
-        structure = _structure(instances)
-        _structures.put(instances, structure, structure.table.nbytes + structure.attributes.nbytes)
+    structure = _structure_of(instances)
     check_stop()
     labels = np.array([instance.label for instance in instances], dtype=np.uint32)
     check_stop()
     instance_ids = np.array([instance.instance_id for instance in instances], dtype=np.int32)
-    first_record_at = address_of(structure.first_record, np.int64)
-    return PreparedCast(
+    total = structure.instances[-1]
+    return PreparedInstances(
         structure,
-        labels,
-        instance_ids,
-        first_record_at,
-        counts=(len(instances), *structure.table[-1, [T_VERTEX, T_ELEMENT]].tolist()),
-        asked=(
-            len(instances),
-            address_of(structure.table, np.int64),
-            address_of(structure.sizes, np.float64),
-            address_of(structure.bounds, np.float64),
-            first_record_at,
-            address_of(labels, np.uint32),
-            address_of(instance_ids, np.int32),
-            address_of(structure.attributes, np.int64),
-        ),
+        (len(instances), int(total["first_vertex"]), int(total["first_primitive"])),
+        instances_at=structure.instances.ctypes.data,
+        first_ids_at=address_of(structure.first_ids, np.int64),
+        labels_at=address_of(labels, np.uint32),
+        instance_ids_at=address_of(instance_ids, np.int32),
+        keep=(labels, instance_ids),
     )
 
 
-def _structure(instances: Sequence[Instance]) -> Structure:
+def _structure_of(instances: Sequence[Instance]) -> _Structure:
+    """Return the tables for these meshes and materials, from the last draw list that had the same."""
+    key = tuple([instance.mesh for instance in instances])
+    structure = _structures.get(key) if key else None
+    if structure is not None and all(
+        old is instance.material or old == instance.material
+        for old, instance in zip(structure.materials, instances, strict=True)
+    ):
+        return structure
+    structure = _build_structure(instances)
+    if key:
+        _structures.put(key, structure, structure.instances.nbytes + structure.first_ids.nbytes)
+    return structure
+
+
+def _build_structure(instances: Sequence[Instance]) -> _Structure:
     """Raises as ``prepare`` does."""
     count = len(instances)
     by_mesh: dict[int, PreparedMesh] = {}
@@ -239,25 +234,23 @@ def _structure(instances: Sequence[Instance]) -> Structure:
         if mesh is None:
             mesh = by_mesh[id(instance.mesh)] = _prepared_mesh(instance.mesh)
         meshes.append(mesh)
-    rows = np.array([mesh.row for mesh in meshes], dtype=np.int64).reshape(count, 6)
-    table = np.zeros((count + 1, T_COLUMNS), dtype=np.int64)
-    np.cumsum(rows[:, 0], out=table[1:, T_VERTEX])
-    np.cumsum(rows[:, 1], out=table[1:, T_ELEMENT])
-    table[:-1, T_TOPOLOGY] = rows[:, 2]
-    table[:-1, T_POSITIONS] = rows[:, 3]
-    table[:-1, T_ELEMENTS] = rows[:, 4]
-    table[:-1, T_CLUSTERS] = rows[:, 5]
-    first_record = np.ascontiguousarray(table[:, T_ELEMENT])
+    table = np.zeros(count + 1, INSTANCE.dtype)
+    numbers = np.array([(*m.counts, *m.addresses, *m.mesh_addresses) for m in meshes], np.int64).reshape(count, 9)
+    np.cumsum(numbers[:, 0], out=table["first_vertex"][1:])
+    np.cumsum(numbers[:, 1], out=table["first_primitive"][1:])
+    columns = "topology", "positions", "indices", "clusters", "mesh_positions", "mesh_indices", "mesh_normals"
+    for column, field in enumerate(columns):
+        table[field][:-1] = numbers[:, 2 + column]
+    first_ids = np.ascontiguousarray(table["first_primitive"])
     check_stop()
-    if first_record[-1] > MAX_RECORDS:
-        raise ValueError(f"the scene has {first_record[-1]} elements, more than {MAX_RECORDS} can be drawn")
-    table[:, T_RECORD] = first_record
-    sizes = [(i.material.line_width if i.mesh.elements.shape[1] == 2 else i.material.point_size) for i in instances]
-    return Structure(
-        table=table,
-        attributes=np.array([mesh.attributes for mesh in meshes], dtype=np.int64).reshape(count, A_COLUMNS),
-        first_record=first_record,
-        sizes=np.array([min(max(s, 1.0), MAX_POINT) if math.isfinite(s) else 1.0 for s in sizes], dtype=np.float64),
-        bounds=np.array([mesh.bounds for mesh in meshes], dtype=np.float64).reshape(count, B_COLUMNS),
-        keep=tuple(by_mesh.values()),
-    )
+    if first_ids[-1] > MAX_PRIMITIVES:
+        raise ValueError(f"the scene has {first_ids[-1]} primitives, more than {MAX_PRIMITIVES} can be drawn")
+    materials = tuple([instance.material for instance in instances])
+    sizes = [
+        material.line_width if numbers[k, 2] == Topology.LINES else material.point_size
+        for k, material in enumerate(materials)
+    ]
+    table["size"][:-1] = [min(max(s, 1.0), MAX_POINT) if math.isfinite(s) else 1.0 for s in sizes]
+    boxes = np.array([mesh.box for mesh in meshes], dtype=np.float64).reshape(count, 6)
+    table["box_center"][:-1], table["box_half"][:-1] = boxes[:, :3], boxes[:, 3:]
+    return _Structure(table, first_ids, materials, keep=tuple(by_mesh.values()))

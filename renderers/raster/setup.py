@@ -1,273 +1,260 @@
-"""Elements to records, and records to the lists of the bands that they touch."""
+"""Setup: primitives to the bins of the bands that they touch."""
 
 from __future__ import annotations
 
 import numpy as np
+from numba import types
 
 from renderers.compiler import simd as vec
-from renderers.compiler.device_function import inlined, inner
+from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set
-from renderers.compiler.pointers import as_f32, f32_at, f64_at, i32_at, i64_at, u16_at
-from renderers.raster.cluster_culling import V_COLUMNS, look_at
+from renderers.compiler.pointers import address, allocate, i32_at, release, stack_array, u16_at
+from renderers.raster.cluster_culling import VIEW, view_clusters
 from renderers.raster.layout import (
+    BINNED_BYTES,
     CHUNK,
-    G_DRAWN,
-    G_ELEMENT,
-    G_LANES,
-    J_BANDS,
-    J_ELEMENTS,
-    J_INSTANCES,
-    J_LISTS,
-    J_MICRO,
-    J_OFFSETS,
-    J_RANGES,
-    J_RECORDS,
-    J_SMALL,
-    J_STOP,
-    J_STRIDE,
-    J_TABLE,
-    J_TALL,
-    MICRO_LISTS,
-    MICRO_PER_ELEMENT,
-    MICRO_ROOM,
-    MICRO_VALUES,
-    Q_COUNT,
-    Q_GROUP,
-    Q_MICRO,
-    Q_MICROS,
-    Q_PIXELS,
-    Q_RECORDS,
-    Q_SCRATCH,
-    Q_SPANS,
-    R_ID,
-    RECORD_BYTES,
-    SMALL_BANDS,
-    T_CLUSTERS,
-    T_COLUMNS,
-    T_ELEMENT,
-    T_RECORD,
-    T_TOPOLOGY,
+    DEFERRED_SETUP,
+    LINES,
+    MAX_BINS,
+    SETUP_MEMORY,
+    TINY_BIN,
+    TINY_PIXELS,
+    TINY_ROOM,
+    TRIANGLES,
+    binned_at,
+    deferred_at,
+    frame_at,
 )
 from renderers.raster.primitive_setup import line, point
-from renderers.raster.transform import drawn_at
-from renderers.raster.triangle_setup import BAND_SHIFT, triangles
+from renderers.raster.triangle_setup import BAND_SHIFT, set_up_triangles
+
+_new_memory = SETUP_MEMORY.local
+_new_view = VIEW.local
+_range_array = stack_array(types.int32, 2 * CHUNK)
+_column_array = stack_array(types.int32, 16 * vec.LANES)
+_request_at = DEFERRED_SETUP.at
 
 
-@inner
-def _others(job, lens, drawn, element, record, spans, count):
-    """A line or a point; returns the new ``count`` as ``triangles`` does."""
-    row = drawn * T_COLUMNS
-    table = i64_at(job[J_TABLE])
-    place = record + RECORD_BYTES * count
-    if table[row + T_TOPOLOGY] == 2:
-        first, last = line(job, lens, drawn, element, place)
+@device_function
+def _draw_of_primitive(frame, primitive):
+    """Return the index of the draw that a drawn primitive belongs to."""
+    low = 0
+    high = frame.draw_count
+    while high - low > 1:
+        middle = (low + high) >> 1
+        if frame.draws[middle].first_primitive <= primitive:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@device_function
+def _set_up_line_or_point(frame, draw, primitive, memory, count):
+    """Set up a line or a point; return the new ``count``."""
+    out = binned_at(memory.binned + BINNED_BYTES * count)
+    if draw.topology == LINES:
+        first, last = line(frame, draw, primitive, out)
     else:
-        first, last = point(job, drawn, element, place)
+        first, last = point(frame, draw, primitive, out)
     if last < first:
         return count
-    i32_at(place)[R_ID] = table[row + T_RECORD] + element
-    spans[2 * count] = first
-    spans[2 * count + 1] = last
+    out.id = draw.first_id + primitive
+    memory.bin_ranges[2 * count] = first
+    memory.bin_ranges[2 * count + 1] = last
     return count + 1
 
 
-@inlined
-def _reach(ranges, bands, first, last):
-    """Widen a chunk's ranges of bands by the lists ``first .. last``."""
-    side = 0
-    if first >= bands:
-        side = 2
-        first, last = first - bands, last - bands
-    ranges[side] = min(ranges[side], first)
-    ranges[side + 1] = max(ranges[side + 1], last)
-
-
-@inner
-def _late(job, lens, request):
-    """Set up a KIND_LATER record's triangles."""
-    group = i32_at(request[Q_GROUP])
-    drawn, element = np.int64(group[G_DRAWN]), np.int64(group[G_ELEMENT])
-    table = i64_at(job[J_TABLE])
-    row = drawn * T_COLUMNS
-    lanes = min(table[row + T_COLUMNS + T_ELEMENT] - table[row + T_ELEMENT] - element, vec.LANES)
-    spans, columns, micro = i32_at(request[Q_SPANS]), i32_at(request[Q_SCRATCH]), i32_at(request[Q_PIXELS])
-    records, late = request[Q_RECORDS], np.int64(group[G_LANES])
-    count, micros = triangles(
-        job, lens, drawn, element, element + lanes, late, records, spans, 0, micro, 0, columns, 0, as_f32(columns)
+@device_function
+def _set_up_deferred(frame, request):
+    """Set up a group of deferred back faces."""
+    group = deferred_at(request.group)
+    index, first = np.int64(group.draw), np.int64(group.first)
+    draw = frame.draws[index]
+    lanes = min(frame.draws[index + 1].first_primitive - draw.first_primitive - first, vec.LANES)
+    view = _new_view()
+    view.clusters = 0
+    memory = request.memory
+    count, pixel_count = set_up_triangles(
+        frame, draw, index, first, first + lanes, np.int64(group.lanes), memory, 0, 0, view
     )
-    _find_lists(job, micro, micros)
-    for m in range(0, micros, vec.LANES):
-        _store_micros(i32_at(request[Q_MICRO]), m, micro, m)
-    request[Q_COUNT] = count
-    request[Q_MICROS] = micros
+    _find_bins(frame, memory.tiny, pixel_count)
+    for k in range(0, pixel_count, vec.LANES):
+        _store_pixels(request.pixels, k, memory.tiny, k)
+    request.count = count
+    request.pixel_count = pixel_count
 
 
-@inner
-def _find_lists(job, micro, micros):
-    """Say for each of the pixels that ``triangles`` has left which list it belongs to."""
-    # Halfway into a pixel: no product is nearer to a whole number than that.
-    half, row = vec.f64(0.5), vec.f64(1.0 / np.float64(job[J_STRIDE]))
-    zero, apart = vec.i32(0), vec.i32(job[J_LISTS] - job[J_BANDS])
-    for m in range(0, micros, vec.LANES):
-        marked = vec.load(micro, m)
+@device_function
+def _find_bins(frame, tiny, count):
+    """Write the bin of each pixel of tiny triangles, and clear BACK_BIT."""
+    # The centre of a pixel: no product is nearer to an integer than half of 1/stride.
+    half, row = vec.f64(0.5), vec.f64(1.0 / frame.stride)
+    zero, backs = vec.i32(0), vec.i32(frame.bin_count - frame.band_count)
+    for k in range(0, count, vec.LANES):
+        marked = vec.load(tiny, k)
         pixels = marked & vec.i32(0x7FFFFFFF)
-        lists = vec.to_i32((vec.to_f64(pixels) + half) * row) >> vec.i32(BAND_SHIFT)
-        vec.store(micro, m, pixels)
-        vec.store(micro, MICRO_LISTS * MICRO_ROOM + m, vec.select(marked < zero, lists + apart, lists))
+        bins = vec.to_i32((vec.to_f64(pixels) + half) * row) >> vec.i32(BAND_SHIFT)
+        vec.store(tiny, k, pixels)
+        vec.store(tiny, TINY_BIN + k, vec.select(marked < zero, bins + backs, bins))
 
 
 @inlined
-def _store_micros(out, place, micro, m):
+def _store_pixels(out, at, tiny, k):
     """Write eight pixels as quadruples."""
-    w, numbers = vec.load(micro, MICRO_ROOM + m), vec.load(micro, 2 * MICRO_ROOM + m)
-    vec.store_quads(out, 4 * place, vec.load(micro, m), w, numbers, vec.load(micro, MICRO_LISTS * MICRO_ROOM + m))
+    w, ids = vec.load(tiny, TINY_ROOM + k), vec.load(tiny, 2 * TINY_ROOM + k)
+    vec.store_quads(out, 4 * at, vec.load(tiny, k), w, ids, vec.load(tiny, TINY_BIN + k))
 
 
 @inlined
-def _store_micro(out, fill, micro, m):
-    """Write a pixel as a quadruple to the end of its list."""
-    goal = np.int64(micro[MICRO_LISTS * MICRO_ROOM + m])
-    place = np.int64(fill[goal])
-    fill[goal] = place + 1
+def _append_pixel(out, fill, tiny, k):
+    """Write a pixel as a quadruple to the end of its bin."""
+    to = tiny[TINY_BIN + k]
+    at = fill[to]
+    fill[to] = at + 1
     for value in range(4):
-        out[4 * place + value] = micro[value * MICRO_ROOM + m]
+        out[4 * at + value] = tiny[value * TINY_ROOM + k]
 
 
-@inner
-def _distribute(job, chunk, spans, count, micro, micros, fill):
-    """Write a chunk's lists, sorted by list; records in their order.
+@inlined
+def _widen(chunk_bands, band_count, first, last):
+    """Widen a chunk's range of bands by the bins ``first .. last``."""
+    side = 0
+    if first >= band_count:
+        side = 2
+        first, last = first - band_count, last - band_count
+    chunk_bands[side] = min(chunk_bands[side], first)
+    chunk_bands[side + 1] = max(chunk_bands[side + 1], last)
+
+
+@device_function
+def _fill_bins(frame, chunk, memory, count, tiny_count, fill):
+    """Sort a chunk's primitives and pixels into bins; primitives keep their order.
+
+    ``FRAME.bin_starts`` of the chunk gets: starts of the bins in ``bins``, and their end; starts of the bins in
+    ``tiny_pixels``, and their end; number of tall primitives in front, and of all.
 
     Args:
-        micro, micros: what ``triangles`` and ``_find_lists`` have left.
-        fill: pointer to lists + 1 int32 of scratch.
+        fill: bin_count + 1 int32 of scratch.
     """
-    lists, which = job[J_LISTS], MICRO_LISTS * MICRO_ROOM
-    offsets = i32_at(job[J_OFFSETS] + 4 * chunk * (2 * lists + 4))
-    small = u16_at(job[J_SMALL] + 2 * chunk * CHUNK * SMALL_BANDS)
-    tall = u16_at(job[J_TALL] + 2 * chunk * CHUNK)
-    bands = job[J_BANDS]
-    ranges = i32_at(job[J_RANGES] + 16 * chunk)
+    bin_count, band_count = frame.bin_count, frame.band_count
+    ranges, tiny = memory.bin_ranges, memory.tiny
+    starts = i32_at(address(frame.bin_starts) + 4 * chunk * (2 * bin_count + 4))
+    bins = u16_at(address(frame.bins) + 2 * chunk * CHUNK * MAX_BINS)
+    tall = u16_at(address(frame.tall) + 2 * chunk * CHUNK)
+    chunk_bands = i32_at(address(frame.chunk_bands) + 16 * chunk)
     for side in range(2):
-        ranges[2 * side] = bands
-        ranges[2 * side + 1] = -1
-    for each in range(lists):
+        chunk_bands[2 * side] = band_count
+        chunk_bands[2 * side + 1] = -1
+    for each in range(bin_count):
         fill[each] = 0
     for k in range(count):
-        first, last = spans[2 * k], spans[2 * k + 1]
-        _reach(ranges, bands, first, last)
-        if last - first < SMALL_BANDS:
+        first, last = ranges[2 * k], ranges[2 * k + 1]
+        _widen(chunk_bands, band_count, first, last)
+        if last - first < MAX_BINS:
             for each in range(first, last + 1):
                 fill[each] += 1
     total = 0
-    for each in range(lists):
-        offsets[each] = total
+    for each in range(bin_count):
+        starts[each] = total
         total += fill[each]
-        fill[each] = offsets[each]
-    offsets[lists] = total
-    talls = 0
+        fill[each] = starts[each]
+    starts[bin_count] = total
+    tall_count = 0
     for k in range(count):
-        first, last = spans[2 * k], spans[2 * k + 1]
-        if last - first < SMALL_BANDS:
+        first, last = ranges[2 * k], ranges[2 * k + 1]
+        if last - first < MAX_BINS:
             for each in range(first, last + 1):
-                small[fill[each]] = k
+                bins[fill[each]] = k
                 fill[each] += 1
-        elif first < job[J_BANDS]:
-            tall[talls] = k
-            talls += 1
-    offsets[2 * lists + 2] = talls
-    if lists > job[J_BANDS]:
+        elif first < band_count:
+            tall[tall_count] = k
+            tall_count += 1
+    starts[2 * bin_count + 2] = tall_count
+    if bin_count > band_count:
         for k in range(count):
-            first, last = spans[2 * k], spans[2 * k + 1]
-            if last - first >= SMALL_BANDS and first >= job[J_BANDS]:
-                tall[talls] = k
-                talls += 1
-    offsets[2 * lists + 3] = talls
+            first, last = ranges[2 * k], ranges[2 * k + 1]
+            if last - first >= MAX_BINS and first >= band_count:
+                tall[tall_count] = k
+                tall_count += 1
+    starts[2 * bin_count + 3] = tall_count
 
-    starts = lists + 1
-    for each in range(lists + 1):
-        offsets[starts + each] = 0
-    # Eight neighbours mostly go to one list; one by one each would wait for the one before it.
-    whole = micros & ~np.int64(vec.LANES - 1)
-    for m in range(0, whole, vec.LANES):
-        goal = np.int64(micro[which + m])
-        if vec.bits(vec.load(micro, which + m) == vec.i32(goal)) == 255:
-            offsets[starts + 1 + goal] += vec.LANES
+    pixel_starts = bin_count + 1
+    for each in range(bin_count + 1):
+        starts[pixel_starts + each] = 0
+    # Eight neighbours mostly go to one bin; one by one, each would wait for the one before it.
+    whole = tiny_count - tiny_count % vec.LANES
+    for k in range(0, whole, vec.LANES):
+        to = tiny[TINY_BIN + k]
+        if vec.movemask(vec.load(tiny, TINY_BIN + k) == vec.i32(to)) == 255:
+            starts[pixel_starts + 1 + to] += vec.LANES
         else:
-            for k in range(m, m + vec.LANES):
-                offsets[starts + 1 + micro[which + k]] += 1
-    for m in range(whole, micros):
-        offsets[starts + 1 + micro[which + m]] += 1
-    for each in range(lists):
-        here = offsets[starts + each + 1]
+            for j in range(k, k + vec.LANES):
+                starts[pixel_starts + 1 + tiny[TINY_BIN + j]] += 1
+    for k in range(whole, tiny_count):
+        starts[pixel_starts + 1 + tiny[TINY_BIN + k]] += 1
+    for each in range(bin_count):
+        here = starts[pixel_starts + each + 1]
         if here != 0:
-            _reach(ranges, bands, each, each)
-        fill[each] = offsets[starts + each]
-        offsets[starts + each + 1] = fill[each] + here
-    out = i32_at(job[J_MICRO] + 16 * chunk * MICRO_PER_ELEMENT * CHUNK)
-    for m in range(0, whole, vec.LANES):
-        goal = np.int64(micro[which + m])
-        if vec.bits(vec.load(micro, which + m) == vec.i32(goal)) == 255:
-            place = np.int64(fill[goal])
-            _store_micros(out, place, micro, m)
-            fill[goal] = place + vec.LANES
+            _widen(chunk_bands, band_count, each, each)
+        fill[each] = starts[pixel_starts + each]
+        starts[pixel_starts + each + 1] = fill[each] + here
+    out = i32_at(address(frame.tiny_pixels) + 16 * chunk * TINY_PIXELS * CHUNK)
+    for k in range(0, whole, vec.LANES):
+        to = tiny[TINY_BIN + k]
+        if vec.movemask(vec.load(tiny, TINY_BIN + k) == vec.i32(to)) == 255:
+            at = fill[to]
+            _store_pixels(out, at, tiny, k)
+            fill[to] = at + vec.LANES
         else:
-            for k in range(m, m + vec.LANES):
-                _store_micro(out, fill, micro, k)
-    for m in range(whole, micros):
-        _store_micro(out, fill, micro, m)
+            for j in range(k, k + vec.LANES):
+                _append_pixel(out, fill, tiny, j)
+    for k in range(whole, tiny_count):
+        _append_pixel(out, fill, tiny, k)
 
 
-@kernel("void(int64, int64, int64, int64)")
-def setup(job_at, lens_at, begin_chunk, end_chunk):
-    """Records and band lists of the chunks ``begin_chunk .. end_chunk`` of the drawn elements; or where ``begin_chunk``
-    is -1, what the request at the address ``end_chunk`` (Q_GROUP and on) asks for."""
-    job = i64_at(job_at)
-    lens = f64_at(lens_at)
-    if begin_chunk < 0:
-        _late(job, lens, i64_at(end_chunk))
+@kernel("void(int64, int64, int64)")
+def setup(frame_address, begin, end):
+    """Set up and bin the chunks ``begin .. end`` of the drawn primitives.
+
+    With ``begin`` = -1, ``end`` is the address of a DEFERRED_SETUP that is carried out instead.
+    """
+    frame = frame_at(frame_address)
+    if begin < 0:
+        _set_up_deferred(frame, _request_at(end))
         return
-    table = i64_at(job[J_TABLE])
-    own_spans = np.empty(2 * CHUNK, np.int32)
-    own_fill = np.empty(job[J_LISTS] + 1, np.int32)
-    own_micro = np.empty(MICRO_VALUES * MICRO_ROOM, np.int32)
-    own_columns = np.empty(16 * vec.LANES, np.int32)
-    own_view = np.empty(V_COLUMNS, np.float32)
-    spans = i32_at(np.int64(own_spans.ctypes.data))
-    fill = i32_at(np.int64(own_fill.ctypes.data))
-    micro = i32_at(np.int64(own_micro.ctypes.data))
-    columns = i32_at(np.int64(own_columns.ctypes.data))
-    view = f32_at(np.int64(own_view.ctypes.data))
-    viewed, clusters = -1, np.int64(0)
-    for chunk in range(begin_chunk, end_chunk):
-        if is_set(job[J_STOP]):
+    memory, view = _new_memory(), _new_view()
+    heap = allocate(4 * (4 * TINY_ROOM + frame.bin_count + 1))
+    memory.bin_ranges, memory.columns = _range_array(), _column_array()
+    memory.tiny = i32_at(heap)
+    fill = i32_at(heap + 16 * TINY_ROOM)
+    viewed = -1
+    for chunk in range(begin, end):
+        if is_set(frame.stop):
             break
-        work = chunk * CHUNK
-        end = min(work + CHUNK, job[J_ELEMENTS])
-        record = job[J_RECORDS] + chunk * CHUNK * RECORD_BYTES
+        primitive = chunk * CHUNK
+        chunk_end = min(primitive + CHUNK, frame.primitive_count)
+        memory.binned = frame.binned + chunk * CHUNK * BINNED_BYTES
         count = 0
-        micros = 0
-        drawn = drawn_at(table, job[J_INSTANCES], T_ELEMENT, work)
-        while work < end:
-            row = drawn * T_COLUMNS
-            stop = min(end, table[row + T_COLUMNS + T_ELEMENT])
-            offset = table[row + T_ELEMENT]
-            if table[row + T_TOPOLOGY] == 3:
-                begin, last = work - offset, stop - offset
-                if drawn != viewed:
-                    viewed, clusters = drawn, table[row + T_CLUSTERS]
-                    if clusters != 0 and not look_at(job, lens, drawn, view):
-                        clusters = np.int64(0)
-                count, micros = triangles(
-                    job, lens, drawn, begin, last, 0, record, spans, count, micro, micros, columns, clusters, view
+        tiny_count = 0
+        index = _draw_of_primitive(frame, primitive)
+        while primitive < chunk_end:
+            draw = frame.draws[index]
+            stop = min(chunk_end, frame.draws[index + 1].first_primitive)
+            offset = draw.first_primitive
+            if draw.topology == TRIANGLES:
+                if index != viewed:
+                    viewed = index
+                    view_clusters(frame, draw, view)
+                count, tiny_count = set_up_triangles(
+                    frame, draw, index, primitive - offset, stop - offset, 0, memory, count, tiny_count, view
                 )
             else:
-                for k in range(work, stop):
-                    count = _others(job, lens, drawn, k - offset, record, spans, count)
-            work = max(work, stop)
-            drawn += 1
-        _find_lists(job, micro, micros)
-        _distribute(job, chunk, spans, count, micro, micros, fill)
-    # The pointers above do not keep the arrays alive.
-    own_spans[0] = own_fill[0] = own_micro[0] = own_columns[0] = 0
-    own_view[0] = 0.0
+                for k in range(primitive, stop):
+                    count = _set_up_line_or_point(frame, draw, k - offset, memory, count)
+            primitive = max(primitive, stop)
+            index += 1
+        _find_bins(frame, memory.tiny, tiny_count)
+        _fill_bins(frame, chunk, memory, count, tiny_count, fill)
+    release(heap)

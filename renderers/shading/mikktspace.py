@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from renderers.compiler.device_function import inlined, inner
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set
+from renderers.compiler.pending import wait_until_compiled
 from renderers.drawlist import Mesh, Topology
 from renderers.stop import check_stop, current_stop
 
@@ -29,6 +30,7 @@ def with_tangents(mesh: Mesh, uv_set: int) -> Mesh:
     """Add tangents that follow a set of texture coordinates (0 or 1), and drop vertices that no triangle uses.
     A mesh with tangents, or without normals, coordinates or triangles, is returned unchanged.
     """
+    wait_until_compiled("normals")
     uv = mesh.uv1 if uv_set == 1 else mesh.uv0
     if mesh.tangents is not None or uv is None or mesh.normals is None or mesh.topology is not Topology.TRIANGLES:
         return mesh

@@ -133,7 +133,7 @@ def _job(
     )
 
 
-@kernel("void(int64, int64, int64)", brief=True)
+@kernel("void(int64, int64, int64)", releases_gil=False)
 def map_instances(points_at, maps_at, count):
     """Maps of normals, the inverse transpose up to a positive factor (defined for flat scales, too), maps of tangents
     up to a positive factor, and whether X mirrors.

@@ -9,10 +9,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from renderers.cache import Cache
 from renderers.compiler.pointers import address_of
 from renderers.drawlist import Image, ImageError, Texture, Wrap, image_named
 from renderers.stop import check_stop
-from renderers.weaklru import WeakLru
 
 WRAP_REPEAT: Final = 0
 WRAP_CLAMP: Final = 1
@@ -54,7 +54,7 @@ MAX_TEXEL_BYTES: Final = 1 << 30
 """Decoded pictures that are kept: sixteen of 4096 x 4096. A small file can hold a large picture, so that whoever keeps
 the files cannot bound this."""
 
-_decoded: WeakLru[Image, Texels] = WeakLru(MAX_TEXEL_BYTES)
+_decoded: Cache[Image, Texels] = Cache(MAX_TEXEL_BYTES, weak=True)
 
 
 def texels_of(image: Image) -> Texels:

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from renderers.cache import Cache
 from renderers.compiler.pointers import address_of
 from renderers.drawlist import Mesh, used_vertices
 from renderers.shading.layout import (
@@ -28,7 +29,6 @@ from renderers.shading.layout import (
 )
 from renderers.shading.mikktspace import with_tangents
 from renderers.stop import check_stop
-from renderers.weaklru import WeakLru
 
 MAX_VERTEX_BYTES: Final = 512 << 20
 """Records that are kept for meshes that are alive: sixteen million vertices without colours."""
@@ -62,7 +62,7 @@ class VertexRecords:
         return self.elements.nbytes + self.vertices.nbytes + (0 if self.extras is None else self.extras.nbytes)
 
 
-_records: WeakLru[Mesh, dict[int, VertexRecords]] = WeakLru(MAX_VERTEX_BYTES)
+_records: Cache[Mesh, dict[int, VertexRecords]] = Cache(MAX_VERTEX_BYTES, weak=True)
 """By mesh, then by the set of coordinates that its tangents follow (-1: no tangents)."""
 _lock = threading.Lock()
 

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.compiler.cache_locator import cached_njit
+from renderers.compiler.pending import wait_until_compiled
 from renderers.stereo.model import DISPARITY_SCALE
 from renderers.stereo.noise import NORMAL_TABLE, random64
 
@@ -82,6 +83,7 @@ def add_errors(true: NDArray[np.float32], model: ErrorModel, key: np.uint64) -> 
         key: random key of the frame (``noise.frame_key``).
     """
     # The smallest error that the image can represent is one unit, about as much as rounding to 1/16 pixel alone.
+    wait_until_compiled("stereo")
     unit = min(max(round(model.sigma / model.error_scale), 1), 255)
     if model.sigma > 0.0:
         disparity, confidence = _with_noise(true, model, unit * model.error_scale, key)

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from renderers.compiler.cache_locator import cached_njit
+from renderers.compiler.pending import wait_until_compiled
 from renderers.stereo.errors import DepthImages
 from renderers.stereo.model import DISPARITY_SCALE
 
@@ -57,6 +58,7 @@ def apply_filters(depth: DepthImages, filters: Filters, focal_times_baseline: fl
         focal_times_baseline: f t at this resolution, pixels times metres.
         divisor: resolution divisor of the quality, which converts ``seg``.
     """
+    wait_until_compiled("stereo")
     unit, ft = DISPARITY_SCALE, focal_times_baseline
     lowest = max(int(np.ceil(ft / filters.maxdepth / unit - 1e-9)), 1)
     highest = min(int(np.floor(ft / filters.mindepth / unit + 1e-9)), _MAX_DISPARITY)
@@ -99,6 +101,7 @@ def _remove_segments(depth: DepthImages, min_size: int) -> None:
 
 def fill_holes(depth: DepthImages, fill: int) -> None:
     """Fill holes whose border differs by at most ``fill`` pixels, the smallest first, up to ``FILL_SHARE``."""
+    wait_until_compiled("stereo")
     max_step = round(fill / DISPARITY_SCALE)
     disparity = depth.disparity
     count, labels = cv2.connectedComponents((disparity == 0).view(np.uint8), connectivity=4, ltype=cv2.CV_32S)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.compiler.cache_locator import cached_njit
+from renderers.compiler.pending import wait_until_compiled
 from renderers.stereo.errors import DepthImages
 from renderers.stop import check_stop
 
@@ -33,6 +34,7 @@ def match_pair(left: NDArray[np.uint8], right: NDArray[np.uint8], disparities: i
         disparities: range of the search, pixels.
         sigma: standard deviation of the image noise, grey levels.
     """
+    wait_until_compiled("stereo")
     check_stop()
     height, width = left.shape
     searched = -(-disparities // 16) * 16

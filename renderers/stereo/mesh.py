@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from renderers.compiler.pending import wait_until_compiled
 from renderers.stereo import mesh_kernels as kernels
 from renderers.stereo import ply
 from renderers.stereo.model import DISPARITY_SCALE, Intrinsics
@@ -61,6 +62,7 @@ def disparity_mesh(
         left: (H', W') or (H', W', 3) uint8 left image, required if textured. Each point gets the mean of the pixels
             that its bin covers.
     """
+    wait_until_compiled("stereo")
     height, width = disparity.shape
     n = bin_size(width, height, options.max_points)
     rows, columns = -(-height // n), -(-width // n)

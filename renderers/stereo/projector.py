@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.compiler.cache_locator import cached_njit
+from renderers.compiler.pending import wait_until_compiled
 
 CELL: Final = 1.5 / 552.0
 """Width of a dot divided by the focal length: 1.5 pixels of a 640 pixel wide image of the 4 mm lens."""
@@ -60,6 +61,7 @@ def projected_dots(
         projector_depth: (H, W) float32 depth seen from the projector with the camera's intrinsics, for shadows. Points
             outside its image are lit, because the projector's field of view is the wider one.
     """
+    wait_until_compiled("stereo")
     level, cell = 0, CELL * focal_length
     levels = _pattern_levels()
     while cell < _MIN_CELL and level < len(levels) - 1:

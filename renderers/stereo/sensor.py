@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from renderers.compiler.pending import wait_until_compiled
 from renderers.stereo import sensor_kernels as kernels
 from renderers.stereo.exposure import BRACKETS, DISPLAY_GAMMA, LUMA, READ_NOISE, SHOT_NOISE, Exposure
 from renderers.stereo.noise import NORMAL_TABLE
@@ -60,6 +61,7 @@ def sensor_image(
         dot_light: light that a full dot adds, relative to the scene's own.
         noise: factor of the noise's standard deviation; 0 disables noise.
     """
+    wait_until_compiled("stereo")
     height, width = rendered.shape[:2]
     image = np.empty((height, width, 3 if color else 1), np.uint8)
     key = np.uint64(key)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.compiler.cache_locator import cached_njit
+from renderers.compiler.pending import wait_until_compiled
 
 OCCLUSION_STEP: Final = 1.0
 """Pixels: a point is occluded if the right camera sees something nearer there by more than this disparity (the
@@ -40,6 +41,7 @@ def true_disparity(
         (H, W) float32: ``d = f t / z`` in pixels. 0: background, out of range, occluded in the right image, or outside
         it (left edge of the field of view).
     """
+    wait_until_compiled("stereo")
     out = np.empty(depth_left.shape, np.float32)
     near, far = np.float32(limits.min_depth), np.float32(limits.max_depth)
     _true_disparity(

@@ -1,4 +1,4 @@
-"""Typed geometry as the protocol has it, and what cannot be."""
+"""Typed geometry as objects of the protocol, and invalid geometry."""
 
 from __future__ import annotations
 
@@ -186,8 +186,8 @@ def test_packs_arrays_with_and_without_reserved_header_alike(shape: list[int], k
     if reserved:
         array = wire.empty_with_header(tuple(shape), kind)
         array[...] = values
-    strange = array[::-1]  # not contiguous
-    for given_, wanted in ((array, values), (strange, values[::-1])):
+    reversed_ = array[::-1]  # not contiguous
+    for given_, wanted in ((array, values), (reversed_, values[::-1])):
         values_found = unpack(memoryview(wire.pack(given_).data)).values
         assert values_found is not None
         assert values_found.tolist() == wanted.tolist()

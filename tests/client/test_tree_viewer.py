@@ -1,4 +1,4 @@
-"""The client against the real service over TCPQ and UDP, against a viewer that forgets, and against silence."""
+"""The client with the service over TCPQ and UDP, with a viewer that restarts, and without a viewer."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ async def in_thread(function: Callable[..., Any], *args: Any) -> Any:
 
 
 def paths(live: LiveTree) -> set[tuple[str | int, ...]]:
-    """Of all nodes with geometry."""
+    """Return the paths of all nodes with geometry."""
     return {path for path, node in live.snapshot.root.walk() if node.parts is not None}
 
 
@@ -65,7 +65,7 @@ def tour(url: str, binary: bool | None) -> None:
             it["mesh"].set(MeshFile("/etc/passwd"))
         assert caught.value.answer.status == -3
         with pytest.raises(TypeError, match=r"set takes geometries such as Box\(\(1, 1, 1\)\), not 'box'"):
-            it["robot"].set("box")  # type: ignore[arg-type]  # that is what is tested
+            it["robot"].set("box")  # type: ignore[arg-type]  # the error is tested
         assert it["robot"]["base"].delete().deleted == (("robot", "base"),)
 
 
@@ -189,7 +189,7 @@ def test_reports_timeout() -> None:
     url = free_url()
     join(url)
     with (
-        TreeViewer(url, timeout=0.05) as it,  # short: nobody answers
+        TreeViewer(url, timeout=0.05) as it,  # short: no viewer
         pytest.raises(TimeoutError, match=r"no viewer answered within 0\.05 s on udpm:.* big messages can get lost"),
     ):
         it["a"].set(Sphere(1))
@@ -201,7 +201,7 @@ def test_reports_timeout() -> None:
 def test_reports_missing_network(monkeypatch: pytest.MonkeyPatch) -> None:
     (port,) = free_ports(1)
     with pytest.raises(ConnectionError, match="no hub listens there"):
-        TreeViewer(f"tcpq://127.0.0.1:{port}", timeout=0.05)  # short: nobody is there
+        TreeViewer(f"tcpq://127.0.0.1:{port}", timeout=0.05)  # short: no hub
     with pytest.raises(ConnectionError, match=r"use udpm:// or tcpq://"):
         TreeViewer("bogus://here", timeout=SECONDS)
     with pytest.raises(ConnectionError, match=r"the host 'no-such-host\.invalid' is unknown"):
@@ -218,7 +218,7 @@ def test_escapes_channels() -> None:
 def test_ignores_foreign_messages() -> None:
     url = free_url()
     other = join(url)
-    with TreeViewer(url, timeout=0.05) as it:  # short: nobody answers
+    with TreeViewer(url, timeout=0.05) as it:  # short: no viewer
         threads = threading.active_count()
         for message in (b"", b"junk", wire.encode({"timestamp": 0, "status": 0, "ready": True}, 0, wire.JSON)):
             other.publish(wire.RESPONSE, message)
@@ -262,7 +262,7 @@ def test_no_stderr_output_without_a_hub(capfd: pytest.CaptureFixture[str]) -> No
     with socket.create_server(("127.0.0.1", 0)) as taken:
         url = f"tcpq://127.0.0.1:{taken.getsockname()[1]}"
     with pytest.raises(ConnectionError, match="no hub listens there"):
-        TreeViewer(url, timeout=0.5)  # short: nobody is there
+        TreeViewer(url, timeout=0.5)  # short: no hub
     assert capfd.readouterr().err == ""
 
 
@@ -271,7 +271,7 @@ def test_rejects_a_server_without_hello(monkeypatch: pytest.MonkeyPatch) -> None
     with socket.create_server(("127.0.0.1", 0)) as mute:
         url = f"tcpq://127.0.0.1:{mute.getsockname()[1]}"
         with pytest.raises(ConnectionError, match="no hub listens there"):
-            TreeViewer(url, timeout=0.0)  # short: nobody answers
+            TreeViewer(url, timeout=0.0)  # short: no viewer
 
 
 def test_keeps_other_lines_on_stderr(capfd: pytest.CaptureFixture[str]) -> None:

@@ -1,4 +1,4 @@
-"""An LCM network for each test."""
+"""Fixture: an unused LCM network."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from tests.treeviewer.transports import free_url, join
 
 @pytest.fixture
 def url() -> str:
-    """URL of a network of this test's own, on which LCM works."""
+    """URL of an unused LCM network."""
     network = free_url()
     join(network)
     return network

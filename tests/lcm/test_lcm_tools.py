@@ -1,4 +1,4 @@
-"""LCM's own tools on our logs, and ours on theirs: lcm-logger, lcm-logplayer, lcm-logfilter, and lcm-spy's reading.
+"""LCM's own tools with our logs, and ours with theirs: lcm-logger, lcm-logplayer, lcm-logfilter, and lcm-spy's reader.
 
 They come with the wheel of lcm (or Debian's liblcm-bin); lcm-spy is Java, from the same wheel.
 """
@@ -56,7 +56,7 @@ public class Spied {
 
 
 def tool(name: str) -> str:
-    """The tool's place; skips the test where there is none that starts."""
+    """Return the path of one of LCM's tools; skip the test if it does not start."""
     beside = Path(sys.executable).with_name(name)
     place = str(beside) if beside.exists() else shutil.which(name)
     if place is None:
@@ -68,7 +68,7 @@ def tool(name: str) -> str:
 
 
 async def output_of(*command: str | Path) -> str:
-    """Of a program that must succeed."""
+    """Return the output of a program that must succeed."""
     done = await asyncio.to_thread(subprocess.run, command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return str(done.stdout)
@@ -81,7 +81,7 @@ async def ended(process: asyncio.subprocess.Process) -> None:
 
 @contextlib.asynccontextmanager
 async def running(*command: str) -> AsyncIterator[asyncio.subprocess.Process]:
-    """A program that is told to end with the block, as by Ctrl-C: with all that it has started."""
+    """Run a program and its children; interrupt them at the end of the block."""
     process = await asyncio.create_subprocess_exec(
         *command, cwd=ROOT, stderr=asyncio.subprocess.PIPE, start_new_session=True
     )
@@ -94,7 +94,7 @@ async def running(*command: str) -> AsyncIterator[asyncio.subprocess.Process]:
 
 
 async def told(port: int) -> HubClient:
-    """A client that has published all of EVENTS."""
+    """Run a client that publishes all of EVENTS."""
     client = await HubClient.connect(port)
     for channel, data in SENT:
         await client.publish(channel, data)
@@ -102,10 +102,10 @@ async def told(port: int) -> HubClient:
 
 
 async def recorded(out: Path) -> None:
-    """EVENTS in a log by ``scenegate record``."""
+    """Return the path of a log of EVENTS by ``scenegate record``."""
     async with serving() as service:
         url = f"tcpq://127.0.0.1:{service.tcpq_port}"
-        # their answers have channels of their own
+        # responses have other channels
         channels = ("--channels", "DIRECTOR_TREE_VIEWER_REQUEST.*|IMU")
         async with running(
             sys.executable, "-m", "gateway.cli", "record", str(out), "--lcm-url", url, *channels
@@ -125,7 +125,7 @@ async def test_a_log_of_lcm_logger_is_played(tmp_path: Path) -> None:
             client = await HubClient.connect(service.tcpq_port)
 
             async def written_down(data: bytes) -> None:
-                """It does not say when it listens, and writes what it has when more comes."""
+                """Publish until lcm-logger, which does not report that it listens and writes late, has written."""
                 async with asyncio.timeout(SECONDS):
                     while not out.exists() or data not in out.read_bytes():
                         await client.publish("MORE", b"?")

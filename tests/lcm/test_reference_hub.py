@@ -1,4 +1,4 @@
-"""Our hub relays as LCM's own (Java) hub does: the same conversation with both."""
+"""Our hub and LCM's own (Java) hub relay alike: the same conversation with both."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.lcm]
 
 
 def reference() -> list[str]:
-    """The command that starts LCM's hub; its port follows."""
+    """Return the command that starts LCM's hub, to which its port must be added."""
     java, spec = shutil.which("java"), find_spec("lcm")
     if java is None or spec is None or spec.origin is None:
         pytest.skip("there is no Java, or no LCM")
@@ -30,7 +30,7 @@ def reference() -> list[str]:
 
 
 async def settled(client: HubClient, number: int) -> None:
-    """What the client has sent is handled: a message of its own comes back."""
+    """Wait until the hub has handled everything that the client sent."""
     await client.subscribe(f"SYNC{number}")
     await client.publish(f"SYNC{number}", b"")
     while (await client.next())[0] != f"SYNC{number}":
@@ -82,7 +82,7 @@ async def test_relays_like_lcms_own_hub() -> None:
     try:
         assert process.stdout is not None
         async with asyncio.timeout(SECONDS):
-            await process.stdout.readline()  # it tells its load every second
+            await process.stdout.readline()  # it prints its load every second
         theirs = await conversation(port)
     finally:
         with contextlib.suppress(ProcessLookupError):

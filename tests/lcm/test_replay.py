@@ -1,4 +1,4 @@
-"""Logs of an LCM network: written, read, played; LCM's own reader and writer as the second opinion."""
+"""Log files of an LCM network: written, read, recorded and played; compared with LCM's own reader and writer."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway.lcm import replay
+from gateway.lcm import event_log, replay
 from gateway.lcm.config import LcmConfig
 from gateway.lcm.event_log import Event, EventLogError, pack_event, read_events
 from gateway.lcm.tcpq import HUB_HELLO, publish_header
@@ -52,6 +52,13 @@ def test_skips_damaged_events(junk: bytes, cut: int, more: bytes) -> None:
     data = junk + whole + more + whole[: len(whole) - cut]
     found = list(read_events(io.BytesIO(data)))
     assert [event for event in found if event in EVENTS][:2] == EVENTS[:2]
+
+
+@pytest.mark.parametrize("offset", [-4, -3, -2, -1, 0, 1])
+def test_finds_a_sync_word_across_two_reads(offset: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(event_log, "_SEARCH_BYTES", 256)
+    data = bytes(1 + 256 + offset) + written(EVENTS)  # the search begins at byte 1
+    assert list(read_events(io.BytesIO(data))) == EVENTS
 
 
 def test_rejects_files_without_events() -> None:
@@ -122,7 +129,7 @@ async def test_records_and_plays_over_udp(tmp_path: Path) -> None:
         await replay.play(log, url, 0.0, False, ".*_<a>", replay.Progress())
         await until(lambda: set(live.snapshot.root.children) == {"a", "b"})
         await replay.play(log, url, 100.0, False, "IMU", replay.Progress())
-        await until(lambda: got.events == 5)  # and two answers
+        await until(lambda: got.events == 5)  # and two responses
     channels = [event.channel for event in read_events(io.BytesIO(out.read_bytes()))]
     assert sorted(channels) == sorted(
         [f"{REQUEST}_<a>"] * 2 + [f"{REQUEST.replace('REQUEST', 'RESPONSE')}_<a>"] * 2 + ["IMU"]
@@ -139,7 +146,7 @@ async def test_loops_until_cancelled(tmp_path: Path) -> None:
         await until(lambda: service.status()["received"] >= 10)
         playing.cancel()
         await asyncio.gather(playing, return_exceptions=True)
-        # a loop without any event would never end
+        # a loop without events must end, too
         await replay.play(log, url, 0.0, True, "nothing", progress)
 
 

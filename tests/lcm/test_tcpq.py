@@ -1,4 +1,4 @@
-"""TCPQ's frames, however the stream is cut, and the patterns of subscriptions."""
+"""Parsing of TCPQ frames, and the patterns of subscriptions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The TCPQ hub, by clients written from the wire; and ours as a client of another hub."""
+"""The TCPQ hub with its clients, and the client of another hub."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ async def test_relays_once_to_every_subscriber() -> None:
         await sender.subscribe("POSE")
         await other.subscribe("POS")  # anchored on both sides
         await other.subscribe("END")
-        for client in clients:  # what was sent before this has been handled
+        for client in clients:  # wait until everything sent before is handled
             await client.subscribe(f"{RESPONSE}_<{id(client)}>")
             await client.publish(f"{REQUEST}_<{id(client)}>", wire.encode(b"{}"))
             await client.next()
@@ -201,11 +201,11 @@ async def test_liblcm_clients_use_long_channel_names(size: int, pattern: str) ->
         for client in (sender, reader):
             client.subscribe("SYNC", lambda *_: None)
         reader.subscribe(pattern or channel, lambda *message: heard.append(message))
-        reader.publish("SYNC", b"")  # it comes back when the hub has taken the subscription
+        reader.publish("SYNC", b"")  # it is relayed after the subscription
         assert reader.handle_timeout(MILLISECONDS)
         sender.publish(channel, b"first")
         assert reader.handle_timeout(MILLISECONDS)
-        sender.publish(channel, b"second")  # the connection is still there
+        sender.publish(channel, b"second")  # the connection still works
         assert reader.handle_timeout(MILLISECONDS)
         assert [data for _, data in heard] == [b"first", b"second"]
         return heard[0]

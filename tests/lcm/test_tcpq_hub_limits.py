@@ -1,4 +1,4 @@
-"""What clients of the TCPQ hub may cost it: memory, time, connections; and what garbage does."""
+"""Limits of the TCPQ hub for memory, time and connections, and invalid frames."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ async def test_limits_clients_and_subscriptions() -> None:
 async def test_limits_pattern_cost_per_client() -> None:
     async with serving() as service, asyncio.timeout(SECONDS):
         client = await HubClient.connect(service.tcpq_port)
-        for i in range(3):  # two of them are as much as one client may have matched
+        for i in range(3):  # two of them reach the limit of one client
             await client.subscribe(f".*.*.*{i}")
         await client.subscribe(".*.*.*0", FrameType.UNSUBSCRIBE)
         await client.subscribe(".*.*.*3")
@@ -165,7 +165,7 @@ async def test_skips_expensive_patterns_on_long_channels() -> None:
         await client.subscribe("a.*b")
         await other.subscribe("a.*a.*a.*b")
         await other.subscribe("END")
-        for reader in (client, other):  # what was sent before this has been handled
+        for reader in (client, other):  # wait until everything sent before is handled
             await reader.subscribe(f"{RESPONSE}_<{id(reader)}>")
             await reader.publish(f"{REQUEST}_<{id(reader)}>", wire.encode(b"{}"))
             await reader.next()

@@ -1,4 +1,4 @@
-"""LCM's datagrams: cut and put together again in any order, with losses, lies and strangers."""
+"""LCM's datagrams: split, and reassembled in any order, with losses, invalid and foreign datagrams."""
 
 from __future__ import annotations
 
@@ -204,7 +204,7 @@ def test_counts_refused_messages_once() -> None:
     for sequence, name in ((1, "WANTED"), (2, "WANTED"), (3, "OTHER")):
         for piece in cut(name, bytes(1_000_001), sequence):
             assert read(it, piece) is None
-    for number in range(3):  # a wanted one of far too many fragments
+    for number in range(3):  # a wanted message with too many fragments
         assert read(it, fragment(9, 70_000, 0, number, 60_000, b"WANTED\0x")) is None
     assert (it.refused, it.incomplete, it.waiting_bytes) == (3, 0, 0)
     assert [read(it, piece) for piece in cut("WANTED", bytes(1_000_000))][-1] is not None
@@ -224,7 +224,7 @@ def test_ignores_repeated_datagrams() -> None:
     clock.now = udpm_assembler.STALE_SECONDS + 1.0
     it.discard_stale()
     assert (it.incomplete, it.waiting_bytes) == (0, 0)
-    # later the same numbers mean another message, at once if it looks different
+    # later the same sequence number is another message, or at once if the size differs
     assert [read(it, piece) for piece in pieces][-1] is not None
     assert [read(it, piece) for piece in cut("WANTED", bytes(200_000))][-1] is not None
     for number in range(udpm_assembler.MAX_COMPLETED + 10):

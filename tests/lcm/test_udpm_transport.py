@@ -1,4 +1,4 @@
-"""UDP multicast by our own sockets: bounds, a network that takes nothing, and messages to and from liblcm."""
+"""UDP multicast by our own sockets: limits, a blocked network, errors, and messages to and from liblcm."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ async def test_drops_and_counts_messages_beyond_the_queue_limit(url: str) -> Non
 
 
 class Narrow:
-    """A network that takes what a socket's peer has read."""
+    """A socket that blocks until its peer reads."""
 
     def __init__(self) -> None:
         self.near, self.far = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
@@ -75,7 +75,7 @@ async def test_queues_what_the_network_does_not_accept_yet() -> None:
     network = Narrow()
     sender = UdpmSender(cast("socket.socket", network), ("x", 1), "udpm://", 1 << 20)
     try:
-        with pytest.raises(OSError, match="accepts nothing now"):  # there is no loop yet that could send the rest
+        with pytest.raises(OSError, match="accepts nothing now"):  # no event loop yet
             sender.send("early", bytes(8 << 20))
         network.read()
         sender.start()
@@ -141,7 +141,7 @@ def test_reports_missing_multicast(number: int, reason: str, monkeypatch: pytest
 
 
 class DeafSocket(socket.socket):
-    """Sends nothing."""
+    """A socket that sends nothing."""
 
     def sendto(self, data: Any, *where: Any) -> int:
         return len(data)
@@ -165,12 +165,12 @@ def test_parses_udpm_urls() -> None:
 
 
 AGAIN_MS = 1000
-"""After which a message that may have been dropped is sent again."""
+"""Interval at which a message that may have been dropped is sent again."""
 
 
 @pytest.mark.lcm
 async def test_exchanges_big_messages_with_liblcm(url: str) -> None:
-    """Fragments of both, of sizes around their borders, with small messages of another sender in between."""
+    """Sizes around the borders of fragments, with small messages of another sender in between."""
     ours = open_udpm(url, 1 << 28, receive_buffer_bytes=8 << 20)
     theirs, other = join(url), join(url)
     there: list[bytes] = []
@@ -178,7 +178,7 @@ async def test_exchanges_big_messages_with_liblcm(url: str) -> None:
     here: dict[str, list[bytes]] = {f"{REQUEST}_<b>": [], f"{REQUEST}_<s>": []}
     ours.start(lambda channel, data: here[channel].append(bytes(data)), lambda: None)
     try:
-        # more than the second last would need larger buffers than every system has
+        # bigger messages need larger buffers than every system has
         for size in (
             0,
             1,
@@ -191,7 +191,7 @@ async def test_exchanges_big_messages_with_liblcm(url: str) -> None:
             if size < 200_000:
                 there.clear()
                 async with asyncio.timeout(SECONDS):
-                    while message not in there:  # the kernel drops what liblcm's buffer has no room for, whoever sends
+                    while message not in there:  # the kernel drops datagrams when liblcm's buffer is full
                         ours.publish(RESPONSE, message)
                         await in_thread(theirs.handle_timeout, AGAIN_MS)
             theirs.publish("SOMETHING_ELSE", message)

@@ -1,4 +1,4 @@
-"""What is missing, or cannot be joined, is told in one sentence; what does not need it works."""
+"""Missing libraries and unreachable networks are reported in one sentence, and everything else works."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tests.treeviewer.transports import config_of, serving
 
 @pytest.fixture
 def without_lcm(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As on a machine without libglib, where liblcm's extension cannot be loaded."""
+    """Make the import of lcm fail, as on a machine without libglib."""
     monkeypatch.delitem(sys.modules, "lcm", raising=False)
     real = builtins.__import__
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import threading
 from concurrent.futures import ThreadPoolExecutor
 
 from hypothesis import given
@@ -66,3 +68,57 @@ def test_threads_may_share_it() -> None:
         list(pool.map(work, range(8)))
     assert 0 <= cache.nbytes <= 50
     assert cache.hits + cache.misses == 8 * 500
+
+
+class Key:
+    """Compared by identity, as images and draw lists are."""
+
+
+def test_a_weak_entry_lives_as_long_as_its_key() -> None:
+    cache: Cache[Key, str] = Cache(100, weak=True)
+    key = Key()
+    cache.put(key, "value", 10)
+    assert cache.get(key) == "value"
+    assert cache.get(Key()) is None
+    del key
+    gc.collect()
+    assert (len(cache), cache.nbytes) == (0, 0)
+
+
+def test_a_weak_tuple_is_dropped_with_any_of_its_objects() -> None:
+    cache: Cache[tuple[Key, ...], str] = Cache(100, weak=True)
+    first, second = Key(), Key()
+    cache.put((first, second, first), "value", 10)
+    assert cache.get((first, second, first)) == "value"
+    assert cache.get((second, first, first)) is None
+    del second
+    gc.collect()
+    assert (len(cache), cache.nbytes) == (0, 0)
+
+
+def test_the_newest_weak_value_is_kept_even_above_the_limit() -> None:
+    cache: Cache[Key, str] = Cache(100, weak=True)
+    large, small = Key(), Key()
+    cache.put(large, "large", 1000)
+    assert cache.get(large) == "large"
+    cache.put(small, "small", 1)
+    assert (cache.get(large), cache.get(small), cache.nbytes) == (None, "small", 1)
+
+
+def test_threads_and_dying_keys_leave_the_sum_right() -> None:
+    cache: Cache[Key, int] = Cache(500, weak=True)
+
+    def work() -> None:
+        mine = [Key() for _ in range(20)]
+        for i in range(2000):
+            mine[i % 20] = Key()
+            cache.put(mine[i % 20], i, 7)
+            cache.get(mine[(i * 7) % 20])
+
+    threads = [threading.Thread(target=work) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    gc.collect()
+    assert (len(cache), cache.nbytes) == (0, 0)

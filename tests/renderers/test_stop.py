@@ -17,7 +17,7 @@ from renderers.fxaa import fxaa
 from renderers.images import decode_image
 from renderers.interface import Look, LookName, Output
 from renderers.raster import CpuRenderer
-from renderers.raster.frame_threads import Crew, Phase
+from renderers.raster.frame_threads import FrameThreads, Phase
 from renderers.shading.mikktspace import corner_tangents
 from renderers.shading.studio.mipmaps import make_chain
 from renderers.stop import StopFlag, check_stop, current_stop, run_within
@@ -169,7 +169,7 @@ def test_what_was_prepared_halfway_is_prepared_again(name: LookName) -> None:
 
 
 def test_units_of_work_run_under_the_callers_flag_in_every_thread() -> None:
-    crew, flag, seen = Crew(3), StopFlag(), set[StopFlag]()
+    crew, flag, seen = FrameThreads(3), StopFlag(), set[StopFlag]()
     meeting = threading.Barrier(3)
 
     def work(_: int) -> None:

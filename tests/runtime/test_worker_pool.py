@@ -13,7 +13,7 @@ import weakref
 import pytest
 
 from gateway.runtime.worker_pool import DeadlineExceeded, PoolClosed, QueueFull, WorkerPool
-from renderers.raster.frame_threads import Crew, Phase
+from renderers.raster.frame_threads import FrameThreads, Phase
 from renderers.stop import check_stop
 from tests.support.waiting import SECONDS, until
 
@@ -314,7 +314,7 @@ async def test_niceness_of_workers_and_frame_threads() -> None:
         return os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
 
     def draw() -> set[int]:
-        crew, seen, meeting = Crew(2), set[int](), threading.Barrier(2)
+        crew, seen, meeting = FrameThreads(2), set[int](), threading.Barrier(2)
 
         def work(_: int) -> None:
             seen.add(niceness())

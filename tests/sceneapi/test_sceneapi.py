@@ -66,10 +66,10 @@ async def test_the_listing_has_paths_kinds_bounds_labels_and_transforms(world: W
 async def test_listing_has_the_labels_of_label_images(world: World) -> None:
     listing = (await world.client.get("/scene")).json()
     labels = {tuple(node["path"]): node["label"] for node in listing["nodes"]}
-    picture = await world.client.get(f"/scene/render?type=label&{SMALL}")
+    response = await world.client.get(f"/scene/render?type=label&{SMALL}")
     drawn = world.renderer.calls[-1][0]
     assert [instance.label for instance in drawn.instances] == [labels["robot", "base"], labels["robot", "head"]]
-    pixels = decode(picture.content, cv2.IMREAD_UNCHANGED)[:, :, ::-1].astype(int)
+    pixels = decode(response.content, cv2.IMREAD_UNCHANGED)[:, :, ::-1].astype(int)
     assert (pixels @ (1, 256, 65536))[1, 1] == labels["robot", "base"]
     assert (pixels @ (1, 256, 65536))[0, 0] == 0xFFFFFF
 

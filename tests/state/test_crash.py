@@ -90,9 +90,9 @@ async def flood(port: int, client: int, first: int, progress: dict[int, int], he
                 number += 1
                 await connection.publish(f"{REQUEST}_<{client}>", request(client, number))
             _, data = await connection.next()
-            answer = decoded(data)
-            assert answer["timestamp"] == progress[client] + 1, "responses come in order"
-            assert "stored" not in json.dumps(answer)
+            response = decoded(data)
+            assert response["timestamp"] == progress[client] + 1, "responses come in order"
+            assert "stored" not in json.dumps(response)
             progress[client] += 1
             if progress[client] >= first + enough:
                 heard.set()
@@ -162,17 +162,17 @@ async def test_acknowledged_requests_survive_kill_9(tmp_path: Path) -> None:
     servers = await ServerFactory.open(path)
     async with asyncio.timeout(SECONDS):
         for _ in range(ROUNDS):
-            told = await crash(servers, chance, at)
+            results = await crash(servers, chance, at)
             live = LiveTree()
             state = PersistentState(StateConfig(path))
             state.restore_tree(live)
-            for client, (answered, sent) in enumerate(told):
+            for client, (acknowledged, sent) in enumerate(results):
                 mine = live.snapshot.root.find((f"client {client}",))
                 assert mine is not None
                 pose = mine.children["number"].pose
                 assert pose is not None
                 at[client] = int(pose[0])
-                assert answered <= at[client] <= sent
+                assert acknowledged <= at[client] <= sent
                 expected = models[client].advance(at[client])
                 assert expected is not None
                 assert trees.tree(mine) == trees.tree(expected)

@@ -1,4 +1,4 @@
-"""A viewer in process, and a network of a test's own."""
+"""Fixtures: a viewer in this process, and an unused LCM network."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def viewer() -> Viewer:
 
 @pytest.fixture
 def url() -> str:
-    """A network of this test's own, on which LCM works."""
+    """URL of an unused LCM network."""
     network = free_url()
     join(network)
     return network

@@ -1,4 +1,4 @@
-"""Short ways to talk to the protocol in tests."""
+"""Helpers that send requests to the protocol without a transport."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from gateway.treeviewer.protocol import TreeViewerProtocol
 BOX = {"type": "box", "lengths": [1, 2, 3]}
 CLOUD = {"type": "pointcloud", "points": [[0, 0, 0], [1, 0, 0], [0, 1, 0]]}
 TRIANGLE = {"vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0]], "faces": [[0, 1, 2]]}
-"""Of a mesh_data."""
+"""Fields of a mesh_data."""
 
 
 def message(request: Any, utime: int = 7) -> bytes:
-    """A request as Python clients write it (with bare NaN); text is taken as it is."""
+    """Return a request as Python clients write it (with bare NaN); text is used as it is."""
     text = request if isinstance(request, str) else json.dumps(request)
     return wire.encode(text.encode("utf-8", "surrogatepass"), utime)
 
@@ -31,7 +31,7 @@ ONE_BOX = message({"setgeometry": [{"path": ["a"], "geometry": BOX}]})
 
 
 def decoded(data: bytes) -> dict[str, Any]:
-    """What an answer says."""
+    """Return the data of a response in JSON."""
     comms = wire.decode(data)
     assert (comms.format, comms.major, comms.minor, comms.fault) == ("treeviewer_json", 1, 0, "")
     answer: dict[str, Any] = json.loads(comms.data.tobytes())
@@ -39,19 +39,19 @@ def decoded(data: bytes) -> dict[str, Any]:
 
 
 class Viewer:
-    """A live tree with the protocol before it."""
+    """A live tree and the protocol that edits it."""
 
     def __init__(self, limits: Limits | None = None, meshes: MeshLoader | None = None) -> None:
         self.live = LiveTree()
         self.protocol = TreeViewerProtocol(self.live, limits, meshes)
 
     def tell(self, request: Any, utime: int = 7) -> dict[str, Any]:
-        """The answer to a request."""
+        """Send a request and return the response."""
         answer: dict[str, Any] = json.loads(msgspec.json.encode(self.protocol.handle(message(request, utime))))
         return answer
 
     def publish(self, *geometries: Any, path: Any = ("it",), **more: Any) -> dict[str, Any]:
-        """The answer to one setgeometry command."""
+        """Send one setgeometry command and return the response."""
         return self.tell({"setgeometry": [{"path": list(path), "geometries": list(geometries), **more}]})
 
     def node(self, *path: Any) -> Node:
@@ -65,5 +65,5 @@ class Viewer:
         return parts
 
     def paths(self) -> set[Path]:
-        """Of all nodes with geometry."""
+        """Return the paths of all nodes with geometry."""
         return {path for path, node in self.live.snapshot.root.walk() if node.parts is not None}

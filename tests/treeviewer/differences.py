@@ -1,4 +1,4 @@
-"""Where our answers differ from Director's, each with the reason; everything else must be equal.
+"""Differences of our responses from Director's, each with its reason; everything else must be equal.
 
 ``bad.log`` and ``cpp_wrapper.log`` by number of the event; ``fuzz.log`` differs in one rule (see ``test_replay``).
 """
@@ -11,15 +11,15 @@ from typing import Any, Final
 
 @dataclass(frozen=True)
 class Difference:
-    """Our answer where Director's is not followed."""
+    """Our response where it differs from Director's."""
 
     status: int | None
-    """None: no answer, as in Director; the damage is counted."""
+    """None: no response, as in Director; the message is counted as undecodable."""
     says: str
     """Part of our error or warning; empty: there is none."""
     why: str
     paths: list[Any] | None = None
-    """added_geometries or set_transforms of the answer; None: empty."""
+    """added_geometries or set_transforms of the response; None: empty."""
 
 
 SILENT = "Director sends nothing when it fails; we say what is wrong"
@@ -145,4 +145,4 @@ UNRECORDED: Final[tuple[tuple[dict[str, Any], Difference], ...]] = (
         Difference(0, "radius is -1", "its axis is drawn as a hairline, as in Director; the warning is ours", [["it"]]),
     ),
 )
-"""Geometry that no recording has, with our answer; what Director does was tried with its code and VTK 9.7."""
+"""Geometry that no recording has, with our response. Director's behaviour was tried with its code and VTK 9.7."""

@@ -1,15 +1,15 @@
-"""Runs Director's own client and its three tests of the tree viewer, unmodified, against a viewer that listens already.
+"""Run Director's own client and its three tests of the tree viewer, unmodified, against a running viewer.
 
     python -m tests.treeviewer.director_checkout CHECKOUT [--url LCM_URL]
 
 CHECKOUT is a clone of github.com/RobotLocomotion/director; nothing of it is part of this project. Its files need two
 things that today's Python lacks: ``collections.Iterable``, and ``sys`` in tests that forget to import it (Director runs
 them in an interpreter that has it). The binary ``drake-visualizer`` that the tests start is a stand-in that waits; they
-wait for the ready message, which our hub gives to every new subscriber and ``--announce`` sends over UDP.
+wait for the ready message, which our hub sends to every new subscriber and ``--announce`` sends over UDP.
 
-Two races are the test's own and show on a busy machine, so both are taken out: it ends a millisecond after its last
-request, whatever answers are still on their way (here it stays until they came), and liblcm keeps 30 messages for a
-thread that has no turn and drops the others (here it keeps all).
+Two races of the tests, which show on a busy machine, are avoided. A test ends a millisecond after its last request,
+with responses still outstanding; here it waits for them. liblcm keeps 30 messages for a thread that is not running and
+drops the others; here it keeps all.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ time.sleep({seconds})  # until the tests end it
 
 @dataclass(frozen=True)
 class Outcome:
-    """Of one of Director's scripts."""
+    """Result of one of Director's scripts."""
 
     script: str
     status: int
@@ -75,7 +75,7 @@ class Outcome:
 
 @contextlib.contextmanager
 def prepared(checkout: Path, script: Path, url: str, *, announce: bool) -> Iterator[tuple[list[str], dict[str, str]]]:
-    """The command and the environment that run one script with Director's packages, our type and the shims."""
+    """Yield the command and the environment that run one script with Director's packages, our type and the shims."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         generator = Path(sys.executable).with_name("lcm-gen")
@@ -92,7 +92,7 @@ def prepared(checkout: Path, script: Path, url: str, *, announce: bool) -> Itera
 
 
 def run(checkout: Path, script: Path, url: str, *, announce: bool) -> Outcome:
-    """Runs one script."""
+    """Run one script."""
     with prepared(checkout, script, url, announce=announce) as (command, environment):
         done = subprocess.run(
             command,
@@ -107,7 +107,7 @@ def run(checkout: Path, script: Path, url: str, *, announce: bool) -> Outcome:
 
 
 def scripts(checkout: Path) -> list[Path]:
-    """The three tests, then the client's own demonstration."""
+    """Run the three tests, then the client's demonstration."""
     python = checkout / "src" / "python"
     return [*(python / "tests" / name for name in TESTS), python / "director" / "viewerclient.py"]
 

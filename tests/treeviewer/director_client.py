@@ -1,4 +1,4 @@
-"""The steps of Director's viewerclient.py that can lose an answer: publish, then empty the queue of commands.
+"""The steps of Director's viewerclient.py that can lose commands: publish, then clear the queue of commands.
 
     python -m tests.treeviewer.director_client URL ROUNDS [PAUSE]
 
@@ -49,7 +49,7 @@ class DirectorClient:
         self.answered.set()
 
     def settransform(self, path: str) -> None:
-        """Sets a transform and publishes it."""
+        """Set a transform and publish it."""
         self.queue.add(path)
         request = {"utime": 0, "delete": [], "setgeometry": [], "settransform": [{"path": [path], "transform": {}}]}
         self.lcm.publish(f"DIRECTOR_TREE_VIEWER_REQUEST_{CLIENT}", wire.encode(json.dumps(request).encode()))

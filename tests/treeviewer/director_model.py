@@ -1,4 +1,4 @@
-"""When Director calls a path missing: its folders, without anything else of it."""
+"""Director's rule for missing paths: a model of its folders."""
 
 from __future__ import annotations
 
@@ -13,18 +13,21 @@ class _Folder:
 
 
 class DirectorModel:
-    """Applies plain requests. By Director's rule a path is missing when its folder has nothing in it at all, so that
-    empty folders that other commands made hide a miss; by the document's when there is no geometry at it or below."""
+    """Applies plain requests.
+
+    By Director's rule, a path is missing if its folder is empty; empty folders made by other commands hide missing
+    geometry. By the document's rule, it is missing if there is no geometry at or below it.
+    """
 
     def __init__(self) -> None:
         self._root = _Folder()
 
     def apply(self, request: dict[str, Any]) -> tuple[set[tuple[Any, ...]], set[tuple[Any, ...]]]:
-        """The missing paths by Director's and by the document's rule."""
+        """Return the missing paths by Director's and by the document's rule."""
         for command in request["delete"]:
             path = command["path"]
             if path:
-                self._folder(path)  # Director makes what it removes, and its parents stay
+                self._folder(path)  # Director creates a folder before it removes it, and keeps its parents
                 del self._folder(path[:-1]).children[path[-1]]
             else:
                 self._root = _Folder()

@@ -1,4 +1,4 @@
-"""Opens the mesh files that the recordings name, which lie in the corpus."""
+"""Load the mesh files that the recordings name from the corpus."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ RECORDED_ROOT = "/srv/scenegate/mesh/"
 
 
 class RecordedMeshes:
-    """The gateway's own mesh files with the corpus' folder open, under the name that it had when recorded."""
+    """The gateway's mesh files with the corpus' folder open under the name that it had when recorded."""
 
     def __init__(self, assets: Path) -> None:
         self._assets = assets

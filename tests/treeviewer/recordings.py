@@ -1,4 +1,4 @@
-"""The recorded conversations of real clients with Director's own viewer (see the corpus' README)."""
+"""Recorded requests of real clients, and the responses of Director's own viewer (see the corpus' README)."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ class Event:
 
 @dataclass(frozen=True)
 class Exchange:
-    """One request and what Director's viewer made of it."""
+    """One request and the response of Director's viewer."""
 
     number: int
     channel: str
     data: bytes
     response: dict[str, Any] | None
-    """None: it sent nothing."""
+    """None: no response."""
     why_none: str
 
 
 def events(path: Path) -> Iterator[Event]:
-    """The events of an LCM log, in order; liblcm is not needed."""
+    """Yield the events of an LCM log in order, without liblcm."""
     data = path.read_bytes()
     at = 0
     while at < len(data):
@@ -57,14 +57,14 @@ def folder() -> Path:
 
 
 def names() -> list[str]:
-    """Of all logs; empty without a corpus."""
+    """Return the names of all logs; empty without a corpus."""
     root = corpus_path()
     return [] if root is None else sorted(path.stem for path in (root / "treeviewer").glob("*.log"))
 
 
 @cache
 def exchanges(name: str) -> tuple[Exchange, ...]:
-    """The requests of a log with their oracle."""
+    """Return the requests of a log with the recorded responses."""
     lines = (folder() / f"{name}.oracle.jsonl").read_text().splitlines()
     oracle = {entry["event"]: entry for entry in map(json.loads, lines)}
     return tuple(
@@ -86,6 +86,6 @@ def exchanges(name: str) -> tuple[Exchange, ...]:
 
 
 def scene(name: str) -> dict[tuple[Any, ...], dict[str, Any] | None]:
-    """Director's final scene by path; None: a folder without geometry."""
+    """Return Director's final scene by path; None: a folder without geometry."""
     found: dict[str, dict[str, Any] | None] = json.loads((folder() / f"{name}.scene.json").read_text())
     return {tuple(json.loads(path)): value for path, value in found.items()}

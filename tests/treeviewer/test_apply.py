@@ -1,4 +1,4 @@
-"""What requests do to the tree, and the bounds of the tree."""
+"""Execution of requests on the tree, and the limits of the tree."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ def test_formats_and_versions() -> None:
         assert (answer.status, answer.timestamp) == (status, 3)
 
 
-# --- bounds of the tree
+# --- limits of the tree
 
 
 class Clock:

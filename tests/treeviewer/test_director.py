@@ -26,7 +26,7 @@ viewer["link"].setgeometry(Box([1, 2, 3]))
 print("shown", flush=True)
 sys.stdin.readline()  # the viewer has been restarted
 import numpy as np
-while True:  # the client sends its scene again with the first publish after it was told that paths are missing
+while True:  # the client sends its scene again with the first publish after a response with missing paths
     viewer["link"].settransform(np.eye(4))
     time.sleep(0.02)
 """

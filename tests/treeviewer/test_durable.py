@@ -1,4 +1,4 @@
-"""Answers wait until the tree is stored, in order; what could not be stored is said."""
+"""Responses wait until the tree is stored, keep their order, and report a failed store."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ CHANNEL = "DIRECTOR_TREE_VIEWER_REQUEST_<it>"
 
 
 class Held:
-    """A store that tells when the test wants it."""
+    """A store that finishes when the test wants it."""
 
     def __init__(self) -> None:
         self.waiting: list[tuple[Callable[[str], None], int]] = []

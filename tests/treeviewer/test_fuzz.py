@@ -1,4 +1,4 @@
-"""Damaged requests: the viewer lives, says what is wrong, keeps its memory, and serves the good ones in between."""
+"""Mutated requests: no crash, no leak, and valid requests in between are served."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from tests.treeviewer.conversation import BOX, decoded, message
 from tests.treeviewer.transports import resident_bytes
 
 LARGEST = 32 * 1024
-"""Bytes of the messages that are damaged: big ones only take longer."""
+"""Maximum bytes of the messages that are mutated: bigger ones only take longer."""
 GROWTH = 96 * 1024 * 1024
-"""Bytes that the process may grow from the first fifth of the messages to the last: the tree is cleared all the time,
-what remains are caches and the allocator's leftovers."""
+"""Maximum growth of the process in bytes from the first fifth of the messages to the last. The tree is cleared in
+between, so that only caches and the allocator grow."""
 TOKENS = (
     *(b"NaN", b"-Infinity", b"1e999", b"-1", b"null", b"true", b'"', b"[", b"]", b"{", b"}", b",", b":", b"\\ud800"),
     *(b"99999999999999999999", b"\xff", b"\x00", b"0.1", b"[[", b"]]", b'"path"', b'"type":"line"', b"[]", b"{}"),
@@ -31,7 +31,7 @@ TOKENS = (
 
 
 def seeds() -> list[bytes]:
-    """Requests of real clients, or our own where there is no corpus."""
+    """Return requests of real clients, or our own without a corpus."""
     found = [
         message(
             {"setgeometry": [{"path": ["a", 1], "geometries": [BOX, {"type": "line", "points": [[0, 0, 0]] * 9}]}]}
@@ -59,7 +59,7 @@ def seeds() -> list[bytes]:
 
 
 class Mutator:
-    """Damages messages; the same seed gives the same damage."""
+    """Mutates messages; the same seed gives the same mutations."""
 
     def __init__(self, seed: int) -> None:
         self._random = random.Random(seed)
@@ -92,7 +92,7 @@ class Mutator:
                     data[at : at + r.randint(1, 8)] = r.choice(TOKENS)
                 case 7 if r.random() < 0.2:
                     del data[at:]
-        if r.random() < 0.8 and len(data) > header:  # else the length is a lie, and nothing behind it is looked at
+        if r.random() < 0.8 and len(data) > header:  # else the length is wrong, and the data is not read
             data[44:48] = (len(data) - header).to_bytes(4, "big")
         return bytes(data)
 

@@ -1,4 +1,4 @@
-"""All geometry types of the protocol with their fields, defaults, bounds and oddities."""
+"""All geometry types of the protocol with their fields, defaults, limits and oddities."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Answers with status 1 are delayed, for the race in Director's Python client (see ``director_client``)."""
+"""Responses with status 1 are delayed for the race in Director's Python client (see ``director_client``)."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from tests.treeviewer.transports import serving
 
 ROUNDS = 400
 PAUSE = 0.002
-"""Seconds; longer than an answer without a delay takes, shorter than the delay."""
+"""Seconds between publishing and clearing: longer than a response takes, shorter than the delay."""
 FOUND = message({"setgeometry": [{"path": ["box"], "geometry": BOX}]}, 1)
 MISSING = message({"settransform": [{"path": ["nothing"], "transform": {}}]}, 2)
 
 
 class Client:
-    """Two clients of a dispatcher, and the times of the requests that were answered, in order."""
+    """Sends requests to a dispatcher and records client and ``utime`` of the responses in order."""
 
     def __init__(self) -> None:
         self.dispatcher = Dispatcher(TreeViewerProtocol(LiveTree()), TreeViewerConfig(), ThreadPoolExecutor(1))
@@ -85,5 +85,5 @@ async def test_directors_client_loses_no_commands(url: str, transport: str) -> N
     assert process.returncode == 0
     rounds = json.loads(output)
     assert len(rounds) == ROUNDS
-    # a client that takes longer than the delay can still lose its commands: that machine was too busy
+    # on a busy machine, a client that takes longer than the delay can still lose commands
     assert not [seconds for lost, seconds in rounds if lost and seconds < DELAY_SECONDS]

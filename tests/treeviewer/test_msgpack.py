@@ -1,4 +1,4 @@
-"""Requests in MessagePack: the same commands as in JSON give the same tree and answers; long arrays come as bytes."""
+"""Requests in MessagePack: the same commands as in JSON give the same tree and responses; long arrays are bytes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ VERTICES = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.5]]
 
 
 def packed(value: Any) -> Any:
-    """Lists of numbers under the names that may be arrays, as extensions."""
+    """Return numbers as an extension."""
     return msgspec.msgpack.Ext(EXTENSION, pack(np.asarray(value)))
 
 
@@ -34,7 +34,7 @@ def message(request: Any, utime: int = 7, version: tuple[int, int] = (1, 0)) -> 
 
 
 def tell(viewer: Viewer, request: Any, **options: Any) -> dict[str, Any]:
-    """The answer, through MessagePack as a client gets it."""
+    """Send a request and return the response, both in MessagePack."""
     data = message(request, **options)
     assert wire.is_binary(data)
     reply = wire.decode(responses.encode(viewer.protocol.handle(data), binary=True))
@@ -163,7 +163,7 @@ def test_rejects_invalid_messagepack(data: bytes, reason: str) -> None:
 
 
 def big(body: bytes) -> bytes:
-    """A map with ``body`` under x, of more than ``PADDING`` bytes."""
+    """Return a map with ``body`` under x, of more than ``PADDING`` bytes."""
     filler = bytes([0xC6]) + struct.pack(">I", PADDING) + bytes(PADDING)
     return b"\x82\xa1x" + body + b"\xa1y" + filler
 
@@ -186,7 +186,7 @@ def test_counts_values_of_big_requests_first(data: bytes, reason: str) -> None:
     assert reason in answer["error"]
 
 
-# --- the same as in JSON
+# --- comparison with JSON
 
 numbers = st.floats(-1e6, 1e6) | st.integers(-100, 100)
 names = st.sampled_from(["a", "b", "ü", 1, 2**60])
@@ -231,7 +231,7 @@ requests = st.fixed_dictionaries(
 
 
 def described(viewer: Viewer) -> list[Any]:
-    """All of the tree, arrays as bytes."""
+    """Return the whole tree with arrays as bytes."""
     return [
         (path, node.matrix.tobytes(), node.parts is not None and [parted(part) for part in node.parts])
         for path, node in viewer.live.snapshot.root.walk()

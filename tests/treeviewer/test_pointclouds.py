@@ -1,4 +1,4 @@
-"""Point clouds, their channels, and planar lidars, which are clouds too."""
+"""Point clouds with their channels, and planar lidars."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every recorded request of a real client, replayed without a transport: Director's answers and Director's scenes."""
+"""Recorded requests of real clients without a transport: responses and scenes must equal Director's."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def answer_of(viewer: TreeViewerProtocol, data: bytes) -> dict[str, Any]:
 
 
 def unordered(answer: dict[str, Any] | None) -> dict[str, Any]:
-    """Lists of paths in any order, each path once; without the format that we have beyond Director."""
+    """Return a response with lists of paths as sets, and without the format that Director lacks."""
     assert answer is not None
     result = dict(answer)
     if "supported_formats" in result:
@@ -140,7 +140,7 @@ CHANGED_SCENES: dict[str, dict[Path, str]] = {
     "cpp_wrapper": {("cpp", "cloud_no_colour"): "empty channel"},
     "paths": {("", ""): "Director takes a child of its parent's name for the parent's geometry"},
 }
-"""Paths whose geometry only one of the two has, because of the differences in the answers."""
+"""Paths with geometry in only one of the two viewers, because of the listed differences."""
 
 
 MOVED = {("bad", ("p1",)): "its transform stands behind the bad command of the message"}
@@ -162,7 +162,7 @@ def worlds(root: Node) -> list[tuple[Path, Node, np.ndarray]]:
 
 
 def bounds(node: Node) -> np.ndarray | None:
-    """(2, 3) metres: what is drawn, in the node's frame."""
+    """Return the bounds, (2, 3) in metres, of a node's geometry in its frame."""
     points = []
     for part in node.parts or ():
         for mesh, _, X_part_mesh in meshes_of(part.shape, part.material):

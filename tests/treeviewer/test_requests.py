@@ -1,4 +1,4 @@
-"""How requests are read: tolerance, reasons, bounds."""
+"""Reading of requests: tolerance, reasons, limits."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def test_a_number_and_its_text_are_different_names(viewer: Viewer) -> None:
 def test_bad_paths(viewer: Viewer, kind: str, path: Any, reason: str) -> None:
     bad: dict[str, Any] = {"path": path, "geometry": BOX, "transform": POSE}
     if len(json.dumps(path)) > 1000 and kind == "setgeometry":
-        bad["geometry"] = {"type": "line", "points": [[0, 0, 0]] * 100}  # worth looking for arrays
+        bad["geometry"] = {"type": "line", "points": [[0, 0, 0]] * 100}
         reason = reason.replace("has more than 128 elements", "has 300 elements, the limit is 128")
     answer = viewer.tell({kind: [bad, {**bad, "path": ["good"]}]})
     assert answer["status"] == -3

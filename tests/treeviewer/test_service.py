@@ -39,7 +39,7 @@ async def test_recorded_requests_over_real_lcm(name: str, transport: str, url: s
     meshes = RecordedMeshes(recordings.folder() / "assets")
     differences = DIFFERENCES.get(name, {})
     async with serving(config_of(url), meshes) as service:
-        # connecting waits for the hub's greeting, so it must not hold the event loop
+        # connecting blocks until the hub's hello
         client = await in_thread(join, url if transport == "udp" else f"tcpq://127.0.0.1:{service.tcpq_port}")
         heard: list[tuple[str, bytes]] = []
         lossless(client, f"{RESPONSE}_.*", lambda channel, data: heard.append((channel, data)))
@@ -85,7 +85,7 @@ async def test_recorded_requests_over_real_lcm(name: str, transport: str, url: s
 @pytest.mark.lcm
 async def test_loses_nothing_of_a_burst(url: str) -> None:
     bursts, count = 20, 100
-    """Messages at once: as many as the kernel's default receive buffer holds, even if nothing is received meanwhile."""
+    """Messages in a burst: as many as the kernel's default receive buffer holds."""
     async with serving(config_of(url)) as service:
         client = join(url)
         answers = 0

@@ -78,7 +78,7 @@ def test_rejects_an_impossible_name_length(length: int) -> None:
 
 @pytest.fixture
 def generated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
-    """The class that LCM's own generator makes of our type definition."""
+    """The class that lcm-gen makes of our type definition."""
     generator = Path(sys.executable).with_name("lcm-gen")
     if not generator.exists():
         pytest.skip("lcm-gen is not beside this Python")

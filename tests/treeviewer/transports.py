@@ -1,4 +1,4 @@
-"""Running the service in tests, and peers to talk to it."""
+"""Helpers that run the service and connect clients to it."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ from tests.support.waiting import MILLISECONDS, SECONDS
 
 
 def free_url() -> str:
-    """An LCM network that nobody else uses."""
+    """Return the URL of an unused LCM network."""
     return f"udpm://239.255.76.67:{random.randrange(20000, 60000)}?ttl=0"
 
 
 def config_of(url: str) -> TreeViewerConfig:
-    """The service on an LCM network, with a hub on a free port."""
+    """Return the configuration of a service on an LCM network, with a hub on a free port."""
     return TreeViewerConfig(lcm=LcmConfig(url=url, tcpq_port=0))
 
 
 def join(url: str) -> Any:
-    """A real LCM client; skips the test where LCM does not work."""
+    """Return a liblcm client; skip the test where LCM does not work."""
     lcm = liblcm()
     try:
         return lcm.LCM(url)
@@ -51,7 +51,7 @@ async def serving(
     live: LiveTree | None = None,
     **changes: Any,
 ) -> AsyncIterator[TreeViewerService]:
-    """The service, by default with a hub on a free port and no LCM. ``changes`` are fields of either configuration."""
+    """Run the service, by default with a hub on a free port and no LCM. ``changes`` are fields of its configuration."""
     config = config or TreeViewerConfig(lcm=LcmConfig(url="off", tcpq_port=0))
     of_lcm = {name: changes.pop(name) for name in tuple(changes) if name in LcmConfig.__dataclass_fields__}
     config = replace(config, lcm=replace(config.lcm, **of_lcm), **changes)
@@ -72,7 +72,7 @@ async def serving(
 
 
 class HubClient:
-    """A TCPQ client that is written from the wire, not from our reader."""
+    """A TCPQ client that does not use our parser."""
 
     def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self.reader = reader
@@ -108,7 +108,7 @@ class HubClient:
             return channel, await self.reader.readexactly(size)
 
     async def ended(self) -> bool:
-        """Whether the hub closes the connection, sooner or later."""
+        """Wait until the hub closes the connection."""
         async with asyncio.timeout(SECONDS):
             try:
                 while await self.reader.read(65536):
@@ -124,17 +124,17 @@ class HubClient:
 
 
 async def in_thread(function: Callable[..., Any], *args: Any) -> Any:
-    """What the function returns; the loop goes on meanwhile."""
+    """Call a function in a thread and return its result."""
     return await asyncio.get_running_loop().run_in_executor(None, function, *args)
 
 
 def resident_bytes() -> int:
-    """Of this process."""
+    """Return the resident memory of this process."""
     return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
 def answer_over(client: Any, received: list[tuple[str, bytes]], channel: str, data: bytes) -> tuple[str, bytes] | None:
-    """Publishes a request and waits for the next message; None: nothing came."""
+    """Publish a request and return the next message, or None after a timeout."""
     received.clear()
     client.publish(channel, data)
     while not received:
@@ -144,5 +144,5 @@ def answer_over(client: Any, received: list[tuple[str, bytes]], channel: str, da
 
 
 def lossless(client: Any, pattern: str, callback: Callable[[str, bytes], None]) -> None:
-    """Subscribes without a bound of waiting messages."""
+    """Subscribe with an unlimited queue."""
     client.subscribe(pattern, callback).set_queue_capacity(0)

@@ -29,7 +29,7 @@ STILL = """async () => {
   for (let frame = 0; frame < 3; frame += 1) await new Promise(requestAnimationFrame);
   return where().every((value, i) => Math.abs(value - before[i]) < 1e-6);
 }"""
-"""Whether the camera is where it was three frames ago."""
+"""True if the camera did not move for three frames."""
 FLAGS = ("--lcm-url", "off", "--grpc-port", "0")
 RED, GREEN = [1.0, 0.0, 0.0, 1.0], [0.0, 1.0, 0.0, 1.0]
 
@@ -111,16 +111,16 @@ def test_disparity_thumbnail_changes(view: tuple[View, Publisher]) -> None:
     reading = "image => image.complete && image.naturalWidth > 0 ? image.src : ''"
     shown.until(lambda: thumb.evaluate(reading) != "", "a thumbnail")
 
-    def picture() -> bytes:
+    def image() -> bytes:
         with clients.Client() as http:
-            answer = http.get(thumb.evaluate("image => image.src"))
-        assert answer.status_code == 200
-        return answer.content
+            response = http.get(thumb.evaluate("image => image.src"))
+        assert response.status_code == 200
+        return response.content
 
-    # The first picture may still be of what an earlier test had published.
-    shown.until(lambda: np.asarray(Image.open(io.BytesIO(picture()))).max() < 24, "nothing to be measured")
+    # The first image may still be of what an earlier test had published.
+    shown.until(lambda: np.asarray(Image.open(io.BytesIO(image()))).max() < 24, "nothing to be measured")
     publisher.box(["seen"], RED, size=1.2)
-    shown.until(lambda: np.asarray(Image.open(io.BytesIO(picture()))).max() > 150, "colours where the box is")
+    shown.until(lambda: np.asarray(Image.open(io.BytesIO(image()))).max() > 150, "colours where the box is")
     thumb.click()
     shown.page.locator("dialog img").wait_for(state="visible")
     shown.page.keyboard.press("Escape")
@@ -149,9 +149,9 @@ def test_render_requests_are_listed(view: tuple[View, Publisher], gateway: tuple
     assert items.nth(0).locator(".none").inner_text() == "400"
     assert "width" in items.nth(0).locator(".problem").inner_text()
     assert "depth, 64 × 48" in items.nth(1).inner_text()
-    pictures = shown.page.locator(".renders img")
+    images = shown.page.locator(".renders img")
     loaded = "images => images.length == 2 && images.every(image => image.complete && image.naturalWidth > 0)"
-    shown.until(lambda: pictures.evaluate_all(loaded), "the pictures")
+    shown.until(lambda: images.evaluate_all(loaded), "the images")
 
 
 def test_background_choices(view: tuple[View, Publisher]) -> None:
@@ -174,10 +174,10 @@ def test_downloads_of_image_and_scene(view: tuple[View, Publisher]) -> None:
     shown.look_at("take")
     shown.until(lambda: shown.share("red", "left") > 0.02, "a red box on the left")
     seen = shown.colors()
-    with shown.page.expect_download() as picture:
+    with shown.page.expect_download() as image:
         shown.page.get_by_role("button", name="This view as PNG").click()
-    assert picture.value.suggested_filename == "scenegate.png"
-    drawn = np.asarray(Image.open(picture.value.path()).convert("RGB"))
+    assert image.value.suggested_filename == "scenegate.png"
+    drawn = np.asarray(Image.open(image.value.path()).convert("RGB"))
     assert drawn.shape == seen.shape
 
     def red_middle(pixels: NDArray[np.uint8]) -> NDArray[np.float64]:
@@ -343,8 +343,8 @@ def test_panels_wait_for_the_first_response(browser: Any, gateway: tuple[Gateway
     Publisher(url).send(delete=[{"path": []}])
     page = new_page(browser)
     held: list[Any] = []
-    answer: list[Callable[[Any], None]] = [lambda route: held.append(route)]
-    page.route("**/view/sensor", lambda route: answer[0](route))
+    response: list[Callable[[Any], None]] = [lambda route: held.append(route)]
+    page.route("**/view/sensor", lambda route: response[0](route))
     sockets: list[Any] = []
     page.route_web_socket("**/view/ws", lambda socket: sockets.append(socket))
     page.goto(f"{url}/view")
@@ -354,10 +354,10 @@ def test_panels_wait_for_the_first_response(browser: Any, gateway: tuple[Gateway
     page.get_by_role("tab", name="Renders").click()
     waiting.wait_for()
     page.get_by_role("tab", name="Stereo").click()
-    answer[0] = lambda route: route.continue_()
+    response[0] = lambda route: route.continue_()
     held.pop().continue_()
     page.locator("[data-image=left] img").wait_for()
-    answer[0] = lambda route: route.abort()
+    response[0] = lambda route: route.abort()
     page.get_by_text("these are its last images").wait_for()
     sockets.pop().connect_to_server()
     page.get_by_text("The scene is empty.").wait_for()

@@ -112,10 +112,10 @@ async def test_page_and_assets_are_served_with_caching_headers(world: World) -> 
 
 
 async def test_concurrent_requests_share_one_rendering_per_revision(world: World) -> None:
-    answers = await asyncio.gather(*(world.http.get("/view/frame.jpg?width=64&height=48") for _ in range(5)))
-    assert {answer.status_code for answer in answers} == {200}
+    responses = await asyncio.gather(*(world.http.get("/view/frame.jpg?width=64&height=48") for _ in range(5)))
+    assert {response.status_code for response in responses} == {200}
     assert len(world.renderer.cameras) == 1
-    assert decode(answers[0].content).shape == (48, 64, 3)
+    assert decode(responses[0].content).shape == (48, 64, 3)
     with world.tree.edit() as edit:
         edit.set_pose(("box",), (1, 0, 0, 1, 0, 0, 0))
     second = await world.http.get("/view/frame.jpg?width=64&height=48")
@@ -137,9 +137,9 @@ async def test_concurrent_requests_share_one_rendering_per_revision(world: World
 )
 async def test_invalid_requests_get_an_error_message(world: World, query: str, status: int, word: str) -> None:
     for path in ("/view/frame.jpg", "/view/stream.mjpg"):
-        answer = await world.http.get(f"{path}?{query}")
-        assert answer.status_code == status
-        assert word in answer.text
+        response = await world.http.get(f"{path}?{query}")
+        assert response.status_code == status
+        assert word in response.text
     assert world.images.streams == 0
 
 
@@ -226,6 +226,10 @@ def test_recent_renders_drop_the_oldest_images_beyond_the_byte_limit() -> None:
     recent = RecentRenders(max_count=3, max_bytes=10)
     for _ in range(5):
         recent.add(RenderSummary(200, 0.0, 0.0, "", "", "color", b"123456", "image/png", ""))
+    at_limit = RecentRenders(max_count=3, max_bytes=12)
+    for _ in range(3):
+        at_limit.add(RenderSummary(200, 0.0, 0.0, "", "", "color", b"123456", "image/png", ""))
+    assert [entry["image"] for entry in at_limit.listing()] == [True, True, False]
     listing = recent.listing()
     assert [entry["id"] for entry in listing] == [5, 4, 3]
     assert [entry["image"] for entry in listing] == [True, False, False]
@@ -242,8 +246,8 @@ async def test_channel_has_values_of_finite_points_only(world: World) -> None:
         if header["kind"] == "mesh" and header["topology"] == 1:
             numbers.append(header["id"])
     browser.close()
-    answer = await world.http.get(f"/view/channel/{numbers[0]}?name=intensity")
-    assert np.frombuffer(answer.content, "<f4").tolist() == [1.0, 3.0]
+    response = await world.http.get(f"/view/channel/{numbers[0]}?name=intensity")
+    assert np.frombuffer(response.content, "<f4").tolist() == [1.0, 3.0]
     assert (await world.http.get(f"/view/channel/{numbers[0]}?name=none")).status_code == 404
     assert (await world.http.get("/view/image/12345")).status_code == 404
 
@@ -270,12 +274,12 @@ async def test_timed_out_rendering_is_not_reused() -> None:
     app.include_router(image_router(world.images, None, world.hub.renders))
     async with httpx2.AsyncClient(transport=httpx2.ASGITransport(app), base_url="http://view") as http:
         for path in ("frame.jpg", "frame.jpg", "stream.mjpg"):
-            answer = await http.get(f"/view/{path}?width=64&height=48")
-            assert (answer.status_code, answer.text) == (
+            response = await http.get(f"/view/{path}?width=64&height=48")
+            assert (response.status_code, response.text) == (
                 503,
                 "rendering was stopped: it took longer than --render-seconds = 0.05 s",
             )
-            assert "retry-after" not in answer.headers
+            assert "retry-after" not in response.headers
     assert world.endless.ended == 3
     assert await world.workers.close()
 

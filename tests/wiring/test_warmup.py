@@ -1,4 +1,4 @@
-"""The kernels of all rooms as parts that children share among them."""
+"""The parts that child processes compile."""
 
 from __future__ import annotations
 
@@ -14,11 +14,10 @@ def test_parts_are_taken_until_none_is_left(monkeypatch: pytest.MonkeyPatch) -> 
     done: list[str] = []
     monkeypatch.setattr(warmup, "PARTS", {name: lambda name=name: done.append(name) for name in "abc"})
     monkeypatch.setattr(warmup.process_tuning, "pause_gc", lambda: None)  # it stops the garbage collector
-    monkeypatch.setattr("renderers.compiler.remembered.remember", lambda: None)  # it is for processes that end
     numbers, told = os.pipe()
     os.write(told, bytes((2, 0)))
     os.close(told)
-    warmup.compile_parts(numbers)
+    warmup.compile_parts(numbers, ("a", "b", "c"))
     os.close(numbers)
     assert done == ["c", "a"]
 
@@ -27,7 +26,7 @@ def test_every_kernel_is_in_one_part(monkeypatch: pytest.MonkeyPatch) -> None:
     taken: list[object] = []
     monkeypatch.setattr("renderers.compiler.jit.compile_kernel", taken.append)
     for name, compile_part in warmup.PARTS.items():
-        if name not in ("stereo", "treeviewer"):
+        if name not in ("stereo", "formats"):
             compile_part()
     assert len(taken) == len(set(map(id, taken)))
     assert set(map(id, taken)) == {id(k) for k in KERNELS if k.py_func.__module__.startswith("renderers.")}

@@ -64,7 +64,7 @@ class Node:
         """Replace the geometry here, and the transform if one is given. Children stay; no geometries: empty."""
         for geometry in geometries:
             if not isinstance(geometry, Geometry):
-                raise TypeError(f"set takes geometries such as Box((1, 1, 1)), not {_shown(geometry)}")
+                raise TypeError(f"set takes geometries such as Box((1, 1, 1)), not {_describe(geometry)}")
         changes = Changes()
         changes.set(self.path, [geometry.body() for geometry in geometries])
         if transform is not None:
@@ -198,14 +198,9 @@ class TreeViewer:
             status = self._exchange({}, wire.BINARY).status
             self.message_format = wire.JSON if status in (UNKNOWN_FORMAT, UNKNOWN_VERSION) else wire.BINARY
         response = self._exchange(changes.body(0), self.message_format)
-        if (
-            response.status in (UNKNOWN_FORMAT, UNKNOWN_VERSION)
-            and self.message_format == wire.BINARY
-            and self._negotiate
-        ):
-            self.message_format = (
-                wire.JSON
-            )  # another viewer, which does not support MessagePack, has replaced the first
+        refused = response.status in (UNKNOWN_FORMAT, UNKNOWN_VERSION)
+        if refused and self.message_format == wire.BINARY and self._negotiate:
+            self.message_format = wire.JSON  # a viewer without MessagePack has replaced the first one
             response = self._exchange(changes.body(0), self.message_format)
         return response
 
@@ -251,7 +246,7 @@ class TreeViewer:
                 self.pending.pop(utime, None)
 
 
-def _shown(value: object) -> str:
+def _describe(value: object) -> str:
     """Return a short text of any value for a message."""
     text = repr(value) if isinstance(value, (str, int, float)) else f"a {type(value).__name__}"
     return text if len(text) <= 40 else f"{text[:40]}…"

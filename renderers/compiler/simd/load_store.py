@@ -61,7 +61,7 @@ def _loader(*, volatile: bool) -> Any:
 
 load = _loader(volatile=False)
 """``load(pointer, i)``: the values i .. i + 7 behind it, unaligned."""
-load_again = _loader(volatile=True)
+load_volatile = _loader(volatile=True)
 """As ``load``, for the old values of a blend that is stored back; see the module's notes."""
 
 
@@ -396,11 +396,11 @@ def _emit_compressed(builder: Any, sig: Any, mask: Any, value: Any) -> Any:
     return builder.call(declare(builder.module, kind, name), [value, mask, ir.Constant(value.type, ir.Undefined)])
 
 
-compressed = make(
+compress = make(
     lambda mask, value: value if mask is m8 and value in (f32x8, i32x8) else None,
     _emit_compressed,
 )
-"""``compressed(m8, v)``: the lanes in the mask, in their order, as the first lanes; the others mean nothing. One
+"""``compress(m8, v)``: the lanes in the mask, in their order, as the first lanes; the others mean nothing. One
 instruction with AVX-512; elsewhere each lane is stored where the ones before it end."""
 
 

@@ -32,7 +32,9 @@ def permute(typing_context: Any, value: Any, lanes: Any) -> Any:
     return value(value, lanes), generate
 
 
-float_of = make(lambda a: f32x8 if a is i32x8 else None, lambda builder, sig, value: builder.bitcast(value, f32x8.llvm))
+from_bits = make(
+    lambda a: f32x8 if a is i32x8 else None, lambda builder, sig, value: builder.bitcast(value, f32x8.llvm)
+)
 """The float32 values of bit patterns."""
 
 
@@ -69,8 +71,8 @@ def gather_squares(typing_context: Any, values: Any, indices: Any, stride: Any) 
 
 
 @intrinsic
-def compresses(typing_context: Any) -> Any:
-    """Whether ``compressed`` is one instruction: known when a kernel is compiled."""
+def has_compress(typing_context: Any) -> Any:
+    """Whether ``compress`` is one instruction: known when a kernel is compiled."""
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return ir.Constant(I1, int("+avx512vl" in context.codegen().magic_tuple()[2]))
@@ -82,5 +84,5 @@ def _emit_lanes(builder: Any, sig: Any, value: Any) -> Any:
     return builder.bitcast(builder.trunc(value, I8), ir.VectorType(I1, LANES))
 
 
-lanes_in = make(lambda value: m8 if value is types.int64 else None, _emit_lanes)
+mask_of = make(lambda value: m8 if value is types.int64 else None, _emit_lanes)
 """The mask whose lane k is set where bit k of an int64 is."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 from llvmlite import ir
 from numba import extending, types
@@ -75,6 +75,8 @@ def _operators() -> None:
 
     def register(key: Any) -> None:
         class Template(AbstractTemplate):
+            metadata: ClassVar[dict[str, str]] = {"target": "cpu"}  # type: ignore[misc]  # tried before Numba's own
+
             def generic(self, args: Any, kws: Any) -> Any:
                 a = args[0]
                 if not all(isinstance(v, Vector) and v is a for v in args) or kws:
@@ -179,8 +181,17 @@ def _spread(lane: int) -> Any:
     return make(lambda a: a if isinstance(a, Vector) and a is not m8 else None, emit)
 
 
-spread0, spread1, spread2, spread3, spread4, spread5, spread6, spread7 = (_spread(lane) for lane in range(LANES))
-"""``spread3(v)``: lane 3 of the vector in all lanes."""
+(
+    broadcast_lane0,
+    broadcast_lane1,
+    broadcast_lane2,
+    broadcast_lane3,
+    broadcast_lane4,
+    broadcast_lane5,
+    broadcast_lane6,
+    broadcast_lane7,
+) = (_spread(lane) for lane in range(LANES))
+"""``broadcast_lane3(v)``: lane 3 of the vector in all lanes."""
 
 
 def _rearrangement(picks: list[int]) -> Any:
@@ -202,8 +213,8 @@ def _emit_halves(builder: Any, sig: Any, a: Any, b: Any) -> Any:
     return shuffle(builder, a, b, [0, 1, 2, 3, 12, 13, 14, 15])
 
 
-halves = make(lambda a, b: a if isinstance(a, Vector) and a is b and a is not m8 else None, _emit_halves)
-"""``halves(a, b)``: the first four lanes of ``a`` and the last four of ``b``."""
+join_halves = make(lambda a, b: a if isinstance(a, Vector) and a is b and a is not m8 else None, _emit_halves)
+"""``join_halves(a, b)``: the first four lanes of ``a`` and the last four of ``b``."""
 
 
 def _lane(number: int) -> Any:
@@ -235,13 +246,13 @@ def _emit_max(builder: Any, sig: Any, a: Any, b: Any) -> Any:
     return builder.select(compare(">", a, b), a, b)
 
 
-least = make(lambda a, b: a if isinstance(a, Vector) and a is b else None, _emit_min)
+minimum = make(lambda a, b: a if isinstance(a, Vector) and a is b else None, _emit_min)
 """The smaller of two, lane by lane; the second where one is not a number."""
-most = make(lambda a, b: a if isinstance(a, Vector) and a is b else None, _emit_max)
+maximum = make(lambda a, b: a if isinstance(a, Vector) and a is b else None, _emit_max)
 """The larger of two, lane by lane; the second where one is not a number."""
 
 
-below = make(
+less_unsigned = make(
     lambda a, b: m8 if a is i32x8 and b is i32x8 else None,
     lambda builder, sig, a, b: builder.icmp_unsigned("<", a, b),
 )
@@ -252,7 +263,7 @@ def _emit_bits(builder: Any, sig: Any, mask: Any) -> Any:
     return builder.zext(builder.bitcast(mask, I8), I64)
 
 
-bits = make(lambda mask: types.int64 if mask is m8 else None, _emit_bits)
+movemask = make(lambda mask: types.int64 if mask is m8 else None, _emit_bits)
 """int64: bit k is set where lane k of the mask is."""
 
 
@@ -295,9 +306,9 @@ def _reduction(name: str) -> Any:
     return make(lambda a: types.int64 if a is i32x8 else None, emit)
 
 
-least_of = _reduction("smin")
+minimum_of = _reduction("smin")
 """int64: the smallest of eight int32."""
-most_of = _reduction("smax")
+maximum_of = _reduction("smax")
 
 
 def _rounding(name: str) -> Any:
@@ -335,7 +346,9 @@ def _emit_to_i32(builder: Any, sig: Any, value: Any) -> Any:
     return builder.fptosi(value, i32x8.llvm)
 
 
-bits_of = make(lambda a: i32x8 if a is f32x8 else None, lambda builder, sig, value: builder.bitcast(value, i32x8.llvm))
+float_bits = make(
+    lambda a: i32x8 if a is f32x8 else None, lambda builder, sig, value: builder.bitcast(value, i32x8.llvm)
+)
 """The bit patterns of float32 values."""
 to_f32 = make(lambda a: f32x8 if a in (i32x8, f64x8) else None, _emit_to_f32)
 to_f64 = make(lambda a: f64x8 if a in (i32x8, f32x8) else None, _emit_to_f64)

@@ -1,4 +1,4 @@
-"""Anti-aliasing of the looks that shade whole visibility buffers, by samples on visibility."""
+"""Anti-aliasing of the headlight looks: the memory of sample bands, and the two ways to resolve samples to colours."""
 
 from __future__ import annotations
 
@@ -9,14 +9,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers import msaa as at
 from renderers.camera import Camera
 from renderers.compiler.kernel_calls import kernel_address
-from renderers.compiler.pointers import Table, address_of, table
+from renderers.compiler.pointers import Table, table
 from renderers.compiler.simd import LANES
 from renderers.drawlist import DrawList
 from renderers.interface import Look
-from renderers.msaa import sample_cameras
+from renderers.msaa import SAMPLE_BAND, sample_cameras
 from renderers.raster.buffer_pool import Scratch
 from renderers.raster.msaa.edges import draw_samples, find_edges, shade_mixed
 from renderers.shading import Painter, ShadingScene, paint
@@ -24,69 +23,61 @@ from renderers.shading.shade_rows import shade_rows
 from renderers.visibility_buffer import BAND_ROWS, Rasterizer, SampledShader
 
 _GAP: Final = 1040
-"""Values between arrays of a band, for the sake of ``resolve.LAYER_GAP``; also what is read behind them."""
+"""Values between arrays of a band, for the reason of ``LAYER_GAP``; also the values that may be read past an array."""
 
 
-def edge_memory(scratch: Scratch, threads: int, camera: Camera, samples: int, stride: int) -> int:
-    """Address of (threads, E_COLUMNS) int64, see ``samples``: working memory of the bands that threads draw at the same
-    time.
+def allocate_sample_bands(scratch: Scratch, threads: int, camera: Camera, samples: int, stride: int) -> int:
+    """Return the address of a SAMPLE_BAND for each thread.
 
     Args:
         scratch: must live as long as bands are drawn.
-        stride: values from one row of records to the next.
+        stride: pixels from one row of ids to the next.
     """
-    sizes = threads, camera.width, samples, stride
-    return scratch.made(sizes, lambda: _edge_tables(scratch, *sizes))[1]
-
-
-def _edge_tables(
-    scratch: Scratch, threads: int, width: int, samples: int, stride: int
-) -> tuple[NDArray[np.int64], int]:
-    """``edge_memory``'s, and their address."""
-    room = (samples - 1) * width
-    parts = {  # values of 4 bytes
-        at.E_SAMPLE_IDS: BAND_ROWS * stride * LANES,
-        at.E_SAMPLE_INV_Z: BAND_ROWS * stride * LANES,
-        at.E_IDS: BAND_ROWS * stride,
-        at.E_FAR: BAND_ROWS * stride,
-        at.E_NEAR: BAND_ROWS * stride,
-        at.E_SLOTS: BAND_ROWS * stride,
-        at.E_OWNERS: BAND_ROWS * stride,
-        at.E_COUNTS: BAND_ROWS,
-        at.E_RECORDS: BAND_ROWS * room,
-        at.E_PLACES: BAND_ROWS * room,
-        at.E_WEIGHTS: BAND_ROWS * room // 4,
-        at.E_MIXED: BAND_ROWS,
-        at.E_MIXES: BAND_ROWS * stride,
-        at.E_COLORS: BAND_ROWS * room * 3 // 4,
+    room = (samples - 1) * camera.width
+    sizes = {  # values of 4 bytes
+        "sample_ids": BAND_ROWS * stride * LANES,
+        "sample_inv_z": BAND_ROWS * stride * LANES,
+        "ids": BAND_ROWS * stride,
+        "far": BAND_ROWS * stride,
+        "near": BAND_ROWS * stride,
+        "slots": BAND_ROWS * stride,
+        "owners": BAND_ROWS * stride,
+        "counts": BAND_ROWS,
+        "entry_ids": BAND_ROWS * room,
+        "entry_columns": BAND_ROWS * room,
+        "entry_weights": BAND_ROWS * room // 4,
+        "mixed_counts": BAND_ROWS,
+        "mixed": BAND_ROWS * stride,
+        "entry_colors": BAND_ROWS * room * 3 // 4,
     }
-    size = sum(parts.values()) + _GAP * len(parts)
-    place = scratch.take("samples", threads * size, np.int32)[1]
-    tables = np.empty((threads, at.E_COLUMNS), np.int64)
-    tables[:, at.E_ROOM] = room
-    for column, values in parts.items():
-        tables[:, column] = range(place, place + threads * 4 * size, 4 * size)
-        place += 4 * (values + _GAP)
-    return tables, address_of(tables, np.int64)
+    nbytes = 4 * (sum(sizes.values()) + _GAP * len(sizes))
+    first = scratch.take("samples", threads * nbytes // 4, np.int32)[1]
+    own, address = scratch.take("sample bands", threads * SAMPLE_BAND.size // 8, np.int64)
+    bands = own[: threads * SAMPLE_BAND.size // 8].view(SAMPLE_BAND.dtype)
+    bands["room"] = room
+    for field, values in sizes.items():
+        bands[field] = first + nbytes * np.arange(threads)
+        first += 4 * (values + _GAP)
+    return address
 
 
 @cache
 def edge_kernels() -> tuple[int, int]:
-    """Addresses of draw_samples and find_edges."""
+    """Return the addresses of draw_samples and find_edges."""
     return kernel_address(draw_samples), kernel_address(find_edges)
 
 
 @cache
 def _shading_kernels() -> tuple[int, int]:
-    """Addresses of shade_mixed and shade_rows."""
+    """Return the addresses of shade_mixed and shade_rows."""
     return kernel_address(shade_mixed), kernel_address(shade_rows)
 
 
 def mixed_bands(painter: Painter, table: Callable[[int], Table] = table) -> SampledShader:
-    """For ``Rasterizer.sampled``: shades and mixes bands of an opaque scene as they are shown, as VTK mixes them.
+    """Return a shader for ``Rasterizer.sampled`` that mixes the shown bytes of an opaque scene, as VTK does.
 
     Args:
-        painter: of the whole picture. table: gives working memory, which nobody else uses while this is.
+        painter: of the whole image. table: allocates working memory that is not shared.
     """
     mixing, shading = _shading_kernels()
     own, memory, address = table(2)
@@ -102,8 +93,7 @@ def paint_each_sample(
     look: Look,
     color: NDArray[np.uint8],
 ) -> None:
-    """As ``renderers.shading.passes`` for translucent scenes with ``look.samples`` samples a pixel: drawn wholly at
-    every sample position, mixed as they are shown."""
+    """Paint a translucent scene once per sample position and average the shown bytes."""
     total = np.zeros(color.shape, np.uint16)
     for each in sample_cameras(camera, look.samples):
         paint(rasterizer, scene, shading, each, look, color)

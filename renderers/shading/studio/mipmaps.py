@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from renderers.cache import Cache
 from renderers.color import linear_values_from_srgb, srgb_values_from_linear
 from renderers.compiler.device_function import inner
 from renderers.compiler.jit import kernel
@@ -16,7 +17,6 @@ from renderers.compiler.pointers import address_of
 from renderers.drawlist import Image, Texture, Wrap, image_named
 from renderers.shading.textures import texels_of
 from renderers.stop import current_stop
-from renderers.weaklru import WeakLru
 
 MAX_LEVELS: Final = 15
 """Of an image of 16384 texels, the rasterizer's own limit; larger ones end with more than one texel."""
@@ -66,7 +66,7 @@ class MipChain:
         return sum(level.nbytes for level in self.levels[1:])
 
 
-_chains: WeakLru[Image, dict[bool, MipChain]] = WeakLru(MAX_MIP_BYTES)
+_chains: Cache[Image, dict[bool, MipChain]] = Cache(MAX_MIP_BYTES, weak=True)
 
 
 def mip_chain(image: Image, srgb: bool) -> MipChain:

@@ -10,8 +10,8 @@ from renderers.compiler import simd as vec
 from renderers.compiler.device_function import inlined, inner
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import call_kernel, is_set
-from renderers.compiler.pointers import f32_at, i32_at, i64_at, u8_at
-from renderers.msaa import E_COUNTS, E_IDS, E_MIXED, E_MIXES, E_PLACES, E_RECORDS, E_ROOM, E_WEIGHTS
+from renderers.compiler.pointers import address, f32_at, i32_at, i64_at, u8_at
+from renderers.msaa import sample_band_at
 from renderers.primitive_ids import instance_of
 from renderers.shading.studio.layout import (
     F_BEHIND,
@@ -41,7 +41,7 @@ BENEATH: Final = 1
 CUT: Final = 3
 """Only mark where the layer is not cut out."""
 EDGES: Final = 2
-"""Add what samples see: ``samples.E_IDS``, where pixels are mixed by its share, and the entries by theirs."""
+"""Add what samples see: ``msaa.SAMPLE_BAND``, where pixels are mixed by its share, and the entries by theirs."""
 
 
 @inlined
@@ -185,7 +185,7 @@ def shade_rows(mode, job_at, ids_at, edges_at, stride, width, row_begin, row_end
     own_slots = np.zeros(2 * STRIDE, np.int32)
     own_out = np.zeros(4 * line, np.float32)
     own_bytes = np.empty(3 * line + 4, np.uint8)
-    job, edges, finish = i64_at(job_at), i64_at(edges_at), i64_at(finish_at)
+    job, edges, finish = i64_at(job_at), sample_band_at(edges_at), i64_at(finish_at)
     rows = f32_at(np.int64(own_rows.ctypes.data))
     elements = i32_at(np.int64(own_slots.ctypes.data))
     places = i32_at(np.int64(own_slots.ctypes.data) + 4 * STRIDE)
@@ -205,15 +205,15 @@ def shade_rows(mode, job_at, ids_at, edges_at, stride, width, row_begin, row_end
         ids = i32_at(ids_at + 4 * row * stride)
         hint = _row(job, mode, y, ids, np.int64(0), nothing, width, hint, out, line, elements, places, rows)
         if mode == EDGES:
-            mixes = i32_at(edges[E_MIXES] + 4 * row * stride)
-            for k in range(i32_at(edges[E_MIXED])[row]):
+            mixes = i32_at(address(edges.mixed) + 4 * row * stride)
+            for k in range(edges.mixed_counts[row]):
                 mix = np.int64(mixes[k])
                 share = np.float32((mix >> 4) & 15) * np.float32(0.125)
                 for c in range(4):
                     out[c * line + (mix >> 8)] *= share
-            skip = row * edges[E_ROOM]
-            records, columns_at = i32_at(edges[E_RECORDS] + 4 * skip), edges[E_PLACES] + 4 * skip
-            weights, count = u8_at(edges[E_WEIGHTS] + skip), np.int64(i32_at(edges[E_COUNTS])[row])
+            skip = row * edges.room
+            records, columns_at = i32_at(address(edges.entry_ids) + 4 * skip), address(edges.entry_columns) + 4 * skip
+            weights, count = u8_at(address(edges.entry_weights) + skip), np.int64(edges.counts[row])
             hint = _row(job, mode, y, records, columns_at, weights, count, hint, out, line, elements, places, rows)
         if out_at == 0:
             finish_row(
@@ -237,7 +237,7 @@ def shade_edges(own_at, edges_at, stride, row_begin, row_end):
     Args:
         own_at: address of B_COLUMNS int64.
     """
-    own, ids = i64_at(own_at), i64_at(edges_at)[E_IDS]
+    own, ids = i64_at(own_at), address(sample_band_at(edges_at).ids)
     call_kernel(
         own[B_SHADE],
         (EDGES, own[B_JOB], ids, edges_at, stride, own[B_WIDTH], row_begin, row_end, np.int64(0), own[B_FINISH]),

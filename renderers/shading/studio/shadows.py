@@ -18,10 +18,10 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from renderers.cache import Cache
 from renderers.camera import Camera
 from renderers.compiler.pointers import address_of
 from renderers.drawlist import AlphaMode, DrawList, Instance, Light, LightKind, Topology
-from renderers.weaklru import WeakLru
 
 if TYPE_CHECKING:  # the rasterizer calls this room
     from renderers.visibility_buffer import Rasterizer, Visibility
@@ -77,7 +77,7 @@ class ShadowMap:
     """(side, side) float32: 1 / distance along the light's axis of the nearest caster, below 0 where none is."""
 
 
-_maps: WeakLru[DrawList, tuple[ShadowMap, ...]] = WeakLru(MAX_MAP_BYTES)
+_maps: Cache[DrawList, tuple[ShadowMap, ...]] = Cache(MAX_MAP_BYTES, weak=True)
 """The newest first."""
 
 

@@ -10,24 +10,19 @@ from numba import njit
 from numpy.typing import NDArray
 
 from renderers.camera import Camera
-from renderers.compiler.pointers import address_of, f32_at, f64_at, i64_at
+from renderers.compiler.pointers import address_of
 from renderers.drawlist import DrawList, Instance, Material, Mesh
 from renderers.interface import Look, Output
 from renderers.raster import CpuRenderer, scene
-from renderers.raster.cluster_culling import CLUSTER, V_COLUMNS, bound_clusters, cluster_values, look_at, seen_clusters
-from renderers.raster.layout import (
-    J_BANDS,
-    J_COLUMNS,
-    J_HEIGHT,
-    J_LENGTHS,
-    J_LISTS,
-    J_TABLE,
-    J_WIDTH,
-    M_COLUMNS,
-    T_COLUMNS,
-    T_CULL,
-    T_HIDDEN,
+from renderers.raster.cluster_culling import (
+    CLUSTER,
+    VIEW,
+    bound_clusters,
+    cluster_values,
+    view_clusters,
+    visible_clusters,
 )
+from renderers.raster.layout import DRAW, FRAME
 from renderers.stop import current_stop
 from tests.renderers.raster.test_convex_culling import bumpy, changed
 
@@ -36,31 +31,35 @@ LENS = np.array((500.0, 450.0, 300.0, 200.0, 0.1, 100.0))
 WIDTH, HEIGHT = 640, 480
 
 
-@njit(error_model="numpy")  # type: ignore[untyped-decorator]
-def _seen(job_at, lens_at, clusters_at, count, view_at, out):  # type: ignore[no-untyped-def]
-    view = f32_at(view_at)
-    if not look_at(i64_at(job_at), f64_at(lens_at), 0, view):
+frame_at, draw_at, view_at = FRAME.at, DRAW.at, VIEW.at
+
+
+@njit(error_model="numpy")
+def _seen(frame_address, draw_address, count, view_address, out):  # type: ignore[no-untyped-def]
+    view = view_at(view_address)
+    view_clusters(frame_at(frame_address), draw_at(draw_address), view)
+    if view.clusters == 0:
         return False
     for k in range(0, count, 8):
-        out[k // 8] = seen_clusters(clusters_at, view, k)
+        out[k // 8] = visible_clusters(view, k)
     return True
 
 
-def seen(
-    mesh: Mesh, X_camera_mesh: NDArray[np.float64], cull: int, hidden: int, apart: int
-) -> NDArray[np.bool_] | None:
-    """Of every cluster whether something of it may be seen; None: nothing can be said."""
+def seen(mesh: Mesh, X_camera_mesh: NDArray[np.float64], cull: int, hidden: int, apart: int) -> NDArray[np.bool_]:
+    """Return for every cluster whether something of it may be visible; empty if nothing can be culled."""
     count = -(-len(mesh.elements) // CLUSTER)
     values = np.zeros(cluster_values(len(mesh.elements)), np.float32)
-    places = address_of(mesh.positions, np.float32), address_of(mesh.elements, np.uint32)
-    bound_clusters(*places, len(mesh.elements), address_of(values, np.float32), current_stop().address)
-    table, lengths, job = np.zeros(2 * T_COLUMNS, np.int64), np.zeros(M_COLUMNS), np.zeros(J_COLUMNS, np.int64)
-    table[[T_CULL, T_HIDDEN]] = cull, hidden
-    lengths[:12] = X_camera_mesh[:3].ravel()
-    job[[J_TABLE, J_LENGTHS, J_WIDTH, J_HEIGHT]] = table.ctypes.data, lengths.ctypes.data, WIDTH, HEIGHT
-    job[[J_BANDS, J_LISTS]] = 15, 15 + apart
-    view, out = np.zeros(V_COLUMNS, np.float32), np.zeros(-(-count // 8), np.uint8)
-    said = _seen(job.ctypes.data, LENS.ctypes.data, values.ctypes.data, count, view.ctypes.data, out)
+    addresses = address_of(mesh.positions, np.float32), address_of(mesh.elements, np.uint32)
+    bound_clusters(*addresses, len(mesh.elements), address_of(values, np.float32), current_stop().address)
+    frame, draw, view = np.zeros(1, FRAME.dtype), np.zeros(1, DRAW.dtype), np.zeros(1, VIEW.dtype)
+    for field, value in zip(("fx", "fy", "cx", "cy", "near", "far"), LENS, strict=True):
+        frame[field] = value
+    frame["width"], frame["height"] = WIDTH, HEIGHT
+    frame["band_count"], frame["bin_count"] = 15, 15 + apart
+    draw["clusters"], draw["culled"], draw["hidden"] = address_of(values, np.float32), cull, hidden
+    draw["X_camera_mesh"] = X_camera_mesh[:3].ravel()
+    out = np.zeros(-(-count // 8), np.uint8)
+    said = _seen(frame.ctypes.data, draw.ctypes.data, count, view.ctypes.data, out)
     return np.unpackbits(out, bitorder="little")[: count if said else 0].astype(bool)
 
 
@@ -110,7 +109,7 @@ def test_nothing_that_is_seen_is_left_out(seed: int) -> None:
         (side, 0, 9, inside),
     ):
         said = seen(mesh, X, cull, hidden, apart)
-        assert said is not None
+        assert len(said) > 0
         assert not (clusters_of(wanted) & ~said).any()
 
 
@@ -156,7 +155,7 @@ def test_pictures_are_the_same(seed: int) -> None:
             return [array.tobytes() for array in arrays if array is not None]
 
     quick = pictures()
-    with patch.object(scene, "WORTH", 10**9):
+    with patch.object(scene, "MIN_TRIANGLES", 10**9):
         assert pictures() == quick
 
 
@@ -178,10 +177,10 @@ def test_wide_cones_hold_the_direction_to_the_eye(seed: int) -> None:
     X[:3, 3] = rng.normal() * 0.05, rng.normal() * 0.05, away
     view = Camera(64, 48, 30.0, 30.0, 32.0, 24.0, 0.01, 100.0, np.eye(4))
     pictures = []
-    for worth in (scene.WORTH, 10**9):
+    for worth in (scene.MIN_TRIANGLES, 10**9):
         mesh = Mesh(points, np.tile(elements, (4, 1)).astype(np.uint32))
         with (
-            patch.object(scene, "WORTH", worth),
+            patch.object(scene, "MIN_TRIANGLES", worth),
             CpuRenderer(1).render(DrawList((Instance(mesh, Material(), X, 1, 1),)), view, Output.COLOR) as frame,
         ):
             assert frame.color is not None

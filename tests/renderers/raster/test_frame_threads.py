@@ -15,9 +15,8 @@ from renderers.drawlist import DrawList
 from renderers.interface import Output
 from renderers.raster import CpuRenderer, buffer_pool
 from renderers.raster import scene as prepared_scenes
-from renderers.raster.buffer_pool import ArrayPool, Kinds, Scratch, ScratchPool
-from renderers.raster.frame_threads import Crew, Phase
-from renderers.raster.layout import T_VERTEX
+from renderers.raster.buffer_pool import ArrayPool, ArrayShapes, Scratch, ScratchPool
+from renderers.raster.frame_threads import FrameThreads, Phase
 from renderers.raster.scene import prepare
 from tests.renderers.scenes import camera, draw_list, mesh, sphere
 from tests.support.waiting import SECONDS
@@ -25,7 +24,7 @@ from tests.support.waiting import SECONDS
 
 @pytest.mark.parametrize("threads", [1, 2, 4])
 def test_every_unit_is_done_once_and_phases_do_not_mix(threads: int) -> None:
-    crew = Crew(threads)
+    crew = FrameThreads(threads)
     done: list[tuple[int, int]] = []
     for _ in range(20):
         done.clear()
@@ -36,7 +35,7 @@ def test_every_unit_is_done_once_and_phases_do_not_mix(threads: int) -> None:
 
 
 def test_helpers_work_at_the_same_time() -> None:
-    crew = Crew(3)
+    crew = FrameThreads(3)
     meeting = threading.Barrier(3)
     crew.run([Phase(3, lambda _: meeting.wait(timeout=SECONDS))])
     crew.close()
@@ -44,7 +43,7 @@ def test_helpers_work_at_the_same_time() -> None:
 
 def test_the_callers_share_the_threads() -> None:
     """With as many callers as threads nobody wakes a helper: each does its own work."""
-    crew = Crew(2)
+    crew = FrameThreads(2)
     with crew, crew:
         seen: set[int] = set()
         crew.run([Phase(50, lambda _: seen.add(threading.get_ident()))])
@@ -54,7 +53,7 @@ def test_the_callers_share_the_threads() -> None:
 
 def test_helpers_come_only_where_a_processor_is_spare() -> None:
     spare = 0
-    crew = Crew(3, lambda: spare)
+    crew = FrameThreads(3, lambda: spare)
     seen: set[int] = set()
     crew.run([Phase(50, lambda _: seen.add(threading.get_ident()))])
     assert seen == {threading.get_ident()}
@@ -66,7 +65,7 @@ def test_helpers_come_only_where_a_processor_is_spare() -> None:
 
 @pytest.mark.parametrize("threads", [1, 3])
 def test_an_error_reaches_the_caller_and_stops_later_phases(threads: int) -> None:
-    crew = Crew(threads)
+    crew = FrameThreads(threads)
     later: list[int] = []
 
     def fail(unit: int) -> None:
@@ -82,7 +81,7 @@ def test_an_error_reaches_the_caller_and_stops_later_phases(threads: int) -> Non
 
 
 def test_the_caller_stays_with_helpers_when_it_is_interrupted(monkeypatch: pytest.MonkeyPatch) -> None:
-    crew = Crew(3)
+    crew = FrameThreads(3)
     jobs, done = crew._jobs, list[int]()
     crew.run([Phase(3, lambda _: None)])  # starts the helpers
 
@@ -151,7 +150,7 @@ def test_the_pool_remembers_no_shapes_that_it_has_none_of() -> None:
     """Clients choose sizes."""
     pool = ArrayPool()
     for width in range(1, 50):
-        kinds: Kinds = (((width,), np.float32), ((width, 3), np.uint8))
+        kinds: ArrayShapes = (((width,), np.float32), ((width, 3), np.uint8))
         pool.give(pool.take(kinds))
         pool.take(kinds)
     assert not pool._free
@@ -172,23 +171,19 @@ def test_scratch_grows_and_large_scratch_is_dropped() -> None:
     assert pool.take() is not scratch
 
 
-def test_scratch_forgets_places_of_arrays_that_had_to_go(monkeypatch: pytest.MonkeyPatch) -> None:
-    """There may be no memory for their successors; the old ones are gone then."""
+def test_scratch_drops_an_array_before_it_allocates_a_larger_one(monkeypatch: pytest.MonkeyPatch) -> None:
     scratch = Scratch()
-    before = scratch.room("few", lambda: [("x", 100, np.float32)])
-    made = scratch.made("few", object)
+    scratch.take("x", 100, np.float32)
 
-    def none(*_: object) -> None:
+    def no_memory(*_: object) -> None:
         raise MemoryError
 
     with monkeypatch.context() as patched:
-        patched.setattr(buffer_pool, "aligned", none)
+        patched.setattr(buffer_pool, "aligned", no_memory)
         with pytest.raises(MemoryError):
-            scratch.room("many", lambda: [("x", 10_000, np.float32)])
-    after = scratch.room("few", lambda: [("x", 100, np.float32)])
-    assert after == (scratch.take("x", 100, np.float32)[1],)
-    assert len(before) == 1
-    assert scratch.made("few", object) is not made
+            scratch.take("x", 10_000, np.float32)
+    assert scratch.nbytes == 0
+    assert scratch.take("x", 100, np.float32)[0].size >= 100
 
 
 def test_tables_count_as_scratch() -> None:
@@ -245,7 +240,7 @@ def test_primitives_that_share_a_long_vertex_array_transform_only_their_own() ->
     points = np.random.default_rng(0).uniform((-1, -1, 2), (1, 1, 4), size=(5000, 3)).astype(np.float32)
     elements = np.array(((4000, 10, 20), (30, 4000, 4999)), dtype=np.uint32)
     shared = draw_list(mesh(points, elements))
-    assert prepare(shared).cast.structure.table[1, T_VERTEX] == 5
+    assert prepare(shared).instances.structure.instances["first_vertex"][1] == 5
     own = draw_list(mesh(points[elements.ravel()], np.arange(6).reshape(2, 3)))
     renderer = CpuRenderer(1)
     outputs = Output.DEPTH | Output.NORMAL
@@ -260,7 +255,7 @@ def test_helpers_run_on_another_processor_than_the_caller() -> None:
     if len(allowed) < 2:
         pytest.skip("there is one processor")
     here = min(allowed)
-    crew, taken = Crew(2), threading.Barrier(2)
+    crew, taken = FrameThreads(2), threading.Barrier(2)
     places: dict[int, set[int]] = {}
 
     def note(_: int) -> None:

@@ -14,98 +14,85 @@ from renderers.camera import Camera
 from renderers.compiler.jit import kernel
 from renderers.interface import Output
 from renderers.raster import CpuRenderer, instance_transforms
-from renderers.raster.layout import (
-    J_COLUMNS,
-    J_ELEMENTS,
-    J_INSTANCES,
-    J_LENGTHS,
-    J_LENS,
-    J_TABLE,
-    J_VERTICES,
-    M_COLUMNS,
-    M_SIZE,
-    T_COLUMNS,
-    T_CULL,
-    T_ELEMENT,
-    T_HIDDEN,
-    T_POSITIONS,
-    T_RECORD,
-    T_VERTEX,
-)
-from renderers.raster.scene import NOT_SOLID
+from renderers.raster.layout import DRAW, FRAME, INSTANCE, frame_at
+from renderers.raster.scene import NOT_CONVEX
 from tests.renderers.scenes import camera, draw_list, mesh
 
 
-@kernel("int64(int64, int64, int64, int64)")
-def look_from(pose_at, points_at, meshes_at, count):
-    return instance_transforms.look_from(pose_at, points_at, meshes_at, count)
+@kernel("boolean(int64)")
+def compute_camera_poses(frame_address):
+    return instance_transforms.compute_camera_poses(frame_at(frame_address))
 
 
-@kernel("int64(int64, int64, int64, int64, int64, int64, int64, int64)")
-def place(job_at, known_at, meshes_at, sizes_at, bounds_at, select_at, cull_at, count):
-    return instance_transforms.place(job_at, known_at, meshes_at, sizes_at, bounds_at, select_at, cull_at, count)
+@kernel("int64(int64)")
+def collect_draws(frame_address):
+    return instance_transforms.collect_draws(frame_at(frame_address))
 
 
-POINTS = np.stack((np.eye(4), np.diag((-1.0, 1.0, 1.0, 1.0)), np.eye(4)))
-POINTS[:, 2, 3] = 3.0
-SIZES = np.array((1.0, 2.0, 3.0))
-BOUNDS = np.array(((0.0, 0.0, 0.0, 1.0, 1.0, 3.0), NOT_SOLID, (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)))
-LENS = np.array((100.0, 100.0, 50.0, 50.0, 0.1, 10.0))
-FIRST = {T_VERTEX: (0, 3, 7, 12), T_ELEMENT: (0, 2, 5, 9), T_RECORD: (0, 2, 5, 9), T_POSITIONS: (100, 200, 300, 0)}
+POSES = np.stack((np.eye(4), np.diag((-1.0, 1.0, 1.0, 1.0)), np.eye(4)))
+POSES[:, 2, 3] = 3.0
+SIZES = (1.0, 2.0, 3.0)
+BOXES = np.array(((0.0, 0.0, 0.0, 1.0, 1.0, 3.0), NOT_CONVEX, (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)))
+CAMERA = {"fx": 100.0, "fy": 100.0, "cx": 50.0, "cy": 50.0, "near": 0.1, "far": 10.0}
+FIRST_VERTEX, FIRST_PRIMITIVE, POSITIONS = (0, 3, 7, 12), (0, 2, 5, 9), (100, 200, 300, 0)
 
 
-def looked(camera_pose: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    out = np.full(points.shape, 7.0)
-    if look_from(camera_pose.ctypes.data, points.ctypes.data, out.ctypes.data, len(points)) == 0:
+def camera_poses(camera_pose: NDArray[np.float64], poses: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    out = np.full(poses.shape, 7.0)
+    frame = np.zeros(1, FRAME.dtype)
+    frame["instance_count"], frame["X_world_camera"] = len(poses), camera_pose.ravel()
+    frame["X_world_mesh"], frame["X_camera_mesh"] = poses.ctypes.data, out.ctypes.data
+    if not compute_camera_poses(frame.ctypes.data):
         assert (out == 7.0).all()
         return None
     return out
 
 
-def placed(select: Any = None, cull: Any = None) -> tuple[int, list[int], NDArray[np.int64], NDArray[np.float64]]:
-    """What ``place`` returns, the counts, the table and the matrices."""
-    known = np.zeros((4, T_COLUMNS), np.int64)
-    for column, values in FIRST.items():
-        known[:, column] = values
-    table, lengths, job = np.full((4, T_COLUMNS), -7), np.zeros((3, M_COLUMNS)), np.zeros(J_COLUMNS, np.int64)
-    job[[J_TABLE, J_LENGTHS, J_LENS]] = table.ctypes.data, lengths.ctypes.data, LENS.ctypes.data
+def draws(select: Any = None, cull: Any = None) -> tuple[int, list[int], NDArray[np.void]]:
+    """Return the result of ``collect_draws``, the counts, and the draws."""
+    instances = np.zeros(4, INSTANCE.dtype)
+    instances["first_vertex"], instances["first_primitive"] = FIRST_VERTEX, FIRST_PRIMITIVE
+    instances["positions"] = POSITIONS
+    instances["size"][:3], instances["box_center"][:3], instances["box_half"][:3] = SIZES, BOXES[:, :3], BOXES[:, 3:]
+    out, frame = np.zeros(4, DRAW.dtype), np.zeros(1, FRAME.dtype)
+    for field, value in CAMERA.items():
+        frame[field] = value
     masks = [None if mask is None else np.array(mask, np.bool_) for mask in (select, cull)]
-    apart = place(
-        job.ctypes.data,
-        *(a.ctypes.data for a in (known, POINTS, SIZES, BOUNDS)),
-        *(0 if mask is None else mask.ctypes.data for mask in masks),
-        3,
-    )
-    return apart, job[[J_VERTICES, J_ELEMENTS, J_INSTANCES]].tolist(), table, lengths
+    frame["selected"], frame["culled"] = [0 if mask is None else mask.ctypes.data for mask in masks]
+    frame["instance_count"], frame["skip_hidden"] = 3, 1
+    frame["instances"], frame["draws"] = instances.ctypes.data, out.ctypes.data
+    frame["X_camera_mesh"] = POSES.ctypes.data
+    culling = collect_draws(frame.ctypes.data)
+    return culling, [int(frame[0][f"{each}_count"]) for each in ("vertex", "primitive", "draw")], out
 
 
 def test_all_are_drawn() -> None:
-    apart, counts, table, lengths = placed(cull=(True, True, False))
-    assert apart == 2
+    culling, counts, table = draws(cull=(True, True, False))
+    assert culling == 2
     assert counts == [12, 9, 3]
-    assert table[:, T_CULL].tolist() == [1, -1, 0, 0]  # the second one is mirrored
-    assert table[:, T_HIDDEN].tolist() == [0, 0, 1, 0]  # the third one's box lies in front of the camera
-    for column in (T_VERTEX, T_ELEMENT):
-        assert tuple(table[:, column]) == FIRST[column]
-    np.testing.assert_array_equal(lengths[:, :M_SIZE], POINTS.reshape(3, 16)[:, :12])
-    np.testing.assert_array_equal(lengths[:, M_SIZE], SIZES)
+    assert table["culled"].tolist() == [1, -1, 0, 0]  # the second one is mirrored
+    assert table["hidden"].tolist() == [0, 0, 1, 0]  # the third one's box lies in front of the camera
+    assert tuple(table["first_vertex"]) == FIRST_VERTEX
+    assert tuple(table["first_primitive"]) == FIRST_PRIMITIVE
+    np.testing.assert_array_equal(table["X_camera_mesh"][:3], POSES.reshape(3, 16)[:, :12])
+    np.testing.assert_array_equal(table["size"][:3], SIZES)
 
 
-def test_some_are_drawn_and_their_records_keep_their_numbers() -> None:
-    apart, counts, table, lengths = placed(select=(False, True, True), cull=(True, True, True))
-    assert apart == 1
+def test_selected_instances_keep_their_primitive_ids() -> None:
+    culling, counts, table = draws(select=(False, True, True), cull=(True, True, True))
+    assert culling == 1
     assert counts == [9, 7, 2]
-    assert table[:3, T_VERTEX].tolist() == [0, 4, 9]
-    assert table[:3, T_ELEMENT].tolist() == [0, 3, 7]
-    assert table[:2, T_RECORD].tolist() == [2, 5]
-    assert table[:2, T_POSITIONS].tolist() == [200, 300]
-    assert lengths[:2, M_SIZE].tolist() == [2.0, 3.0]
+    assert table["first_vertex"][:3].tolist() == [0, 4, 9]
+    assert table["first_primitive"][:3].tolist() == [0, 3, 7]
+    assert table["first_id"][:2].tolist() == [2, 5]
+    assert table["positions"][:2].tolist() == [200, 300]
+    assert table["size"][:2].tolist() == [2.0, 3.0]
 
 
-def test_nobody_is_drawn() -> None:
-    apart, counts, table, _ = placed(select=(False, False, False))
-    assert (apart, counts) == (0, [0, 0, 0])
-    assert (table[0] == 0).all()
+def test_no_instance_is_selected() -> None:
+    culling, counts, table = draws(select=(False, False, False))
+    assert (culling, counts) == (0, [0, 0, 0])
+    assert (table["first_vertex"][0], table["first_primitive"][0]) == (0, 0)
 
 
 @settings(deadline=None)
@@ -116,7 +103,7 @@ def test_a_pose_seen_from_another(seed: int) -> None:
     pose[:3, :3] = np.linalg.qr(rng.normal(size=(3, 3)))[0] @ np.diag(rng.uniform(0.1, 10.0, 3))
     pose[:3, 3] = rng.uniform(-10.0, 10.0, 3)
     points = rng.uniform(-10.0, 10.0, (2, 4, 4))
-    seen = looked(pose, points)
+    seen = camera_poses(pose, points)
     assert seen is not None
     np.testing.assert_allclose(seen, np.linalg.inv(pose) @ points, rtol=1e-11, atol=1e-11)
 
@@ -124,8 +111,8 @@ def test_a_pose_seen_from_another(seed: int) -> None:
 def test_poses_that_are_not_affine_or_flat_are_left_to_the_caller() -> None:
     flat, projective = np.diag((1.0, 1.0, 0.0, 1.0)), np.eye(4)
     projective[3, 0] = 0.1
-    assert looked(flat, POINTS) is None
-    assert looked(projective, POINTS) is None
+    assert camera_poses(flat, POSES) is None
+    assert camera_poses(projective, POSES) is None
 
 
 def test_a_camera_whose_pose_is_not_affine_sees_as_its_inverse_says() -> None:

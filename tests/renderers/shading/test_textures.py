@@ -21,7 +21,7 @@ from renderers.compiler.pointers import address_of, f32_at, i32_at, i64_at
 from renderers.drawlist import DrawList, Image, ImageError, Instance, Material, Mesh, Sampler, Texture, Wrap
 from renderers.interface import Output
 from renderers.raster import CpuRenderer
-from renderers.raster.frame_threads import Crew, Phase
+from renderers.raster.frame_threads import FrameThreads, Phase
 from renderers.shading import texels_of
 from renderers.shading.gamma import (
     DECODED,
@@ -280,7 +280,7 @@ def test_images_that_are_not_known_are_decoded_at_the_same_time() -> None:
     expected = texels_of(known.image)
     for texture in (known, *textures, replace(textures[0], uv_set=1)):
         table.row(texture)
-    crew = Crew(2)
+    crew = FrameThreads(2)
     try:
         integers, _ = table.as_tables(lambda units, work: crew.run((Phase(units, work),)))
     finally:
@@ -298,7 +298,7 @@ def test_the_first_error_of_decoding_is_raised() -> None:
     table = TextureTable()
     for k in range(2):
         table.row(Texture(Image(bytes([k]), broken), name=f"wall {k}"))
-    crew = Crew(2)
+    crew = FrameThreads(2)
     try:
         with pytest.raises(ImageError, match=r"^wall \d: torn$"):
             table.as_tables(lambda units, work: crew.run((Phase(units, work),)))

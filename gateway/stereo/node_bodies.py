@@ -1,0 +1,95 @@
+"""Request bodies and query values of the node routes."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import msgspec
+from fastapi import Request
+
+from gateway.stereo.rest_errors import RestError, read_body
+
+MAX_BODY: Final = 64 << 10
+"""Maximum size of a body, bytes. All parameters of a node take about two thousand."""
+MAX_NUMBER: Final = 64
+"""Maximum number of characters of a number in a query."""
+
+
+class _Value(msgspec.Struct, forbid_unknown_fields=False):
+    """Body that sets one parameter."""
+
+    value: Any
+
+
+class _NamedValue(msgspec.Struct, forbid_unknown_fields=False):
+    """Entry of a body that sets several parameters."""
+
+    name: str
+    value: Any
+
+
+class _Call(msgspec.Struct, forbid_unknown_fields=False):
+    """Body of a service call."""
+
+    args: dict[str, Any] | None = None
+
+
+_VALUE: Final = msgspec.json.Decoder(_Value)
+_CALL: Final = msgspec.json.Decoder(_Call)
+_NAMED_VALUES: Final = msgspec.json.Decoder(list[_NamedValue])
+
+
+async def read_assignments(request: Request) -> list[tuple[str, object]]:
+    """Return names and values of the query, then those of the body; both are optional.
+
+    Raises:
+        RestError: malformed or too large body.
+    """
+    body = await read_body(request, MAX_BODY)
+    values: list[tuple[str, object]] = [(name, _query_value(text)) for name, text in request.query_params.multi_items()]
+    if body:
+        entries: list[_NamedValue] = _decode(_NAMED_VALUES, body, '[{"name": "quality", "value": "High"}]')
+        values += [(entry.name, entry.value) for entry in entries]
+    return values
+
+
+async def read_value(request: Request) -> object:
+    """Return the value in the body, or in the query if there is no body.
+
+    Raises:
+        RestError: malformed or too large body, or no value.
+    """
+    body = await read_body(request, MAX_BODY)
+    if not body and "value" in request.query_params:
+        return _query_value(request.query_params["value"])
+    value: _Value = _decode(_VALUE, body, '{"value": 1.0}')
+    return value.value
+
+
+async def check_call(request: Request) -> None:
+    """Check the body of a service call, which has no arguments.
+
+    Raises:
+        RestError: malformed or too large body.
+    """
+    if body := await read_body(request, MAX_BODY):
+        _decode(_CALL, body, '{"args": {}}')
+
+
+def _query_value(text: str) -> object:
+    """Return a boolean, a number or the text itself."""
+    if text.lower() in ("true", "false"):
+        return text.lower() == "true"
+    try:
+        return float(text) if len(text) < MAX_NUMBER else text
+    except ValueError:
+        return text
+
+
+def _decode(decoder: msgspec.json.Decoder[Any], body: bytes, expected: str) -> Any:
+    try:
+        return decoder.decode(body)
+    except msgspec.DecodeError as error:
+        raise RestError(400, f"the body is not like {expected}: {error}") from None
+    except RecursionError:
+        raise RestError(400, f"the body is not like {expected}: it is nested too deep") from None

@@ -1,0 +1,68 @@
+"""Parts of the kernels that are compiled in the background while the server already runs.
+
+The server announces the parts that are not compiled yet. A call that needs such a part waits for it in its worker
+thread. In other programs nothing is ever pending: Numba compiles a kernel at its first call.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Final
+
+from renderers.stop import check_stop
+
+_POLL_SECONDS: Final = 0.1
+"""Time between two checks of the stop flag."""
+_changed: Final = threading.Condition()
+_thread: Final = threading.local()
+_pending: Final[dict[str, Exception | None]] = {}
+"""Part -> None while it is compiled, or the error that ended that."""
+
+
+def begin(parts: tuple[str, ...]) -> None:
+    """Announce that parts are being compiled."""
+    with _changed:
+        _pending.update(dict.fromkeys(parts))
+
+
+def finish() -> None:
+    """Announce that all parts are loaded."""
+    with _changed:
+        _pending.clear()
+        _changed.notify_all()
+
+
+def fail(error: Exception) -> None:
+    """Announce that the pending parts could not be compiled. Calls that wait raise it anew."""
+    with _changed:
+        for part in _pending:
+            _pending[part] = error
+        _changed.notify_all()
+
+
+@contextmanager
+def loading() -> Iterator[None]:
+    """Let the calling thread use pending parts: it loads them."""
+    _thread.is_loading = True
+    try:
+        yield
+    finally:
+        _thread.is_loading = False
+
+
+def wait_until_compiled(part: str) -> None:
+    """Return once a part is compiled, at once if it is not pending.
+
+    Raises:
+        Exception: the part could not be compiled, or the current ``StopFlag`` was set.
+    """
+    if not _pending or getattr(_thread, "is_loading", False):
+        return
+    with _changed:
+        while part in _pending:
+            if (error := _pending[part]) is not None:
+                raise type(error)(*error.args)
+            check_stop()
+            _changed.wait(_POLL_SECONDS)

@@ -1,0 +1,169 @@
+"""C structs with named fields, filled by Python and read by kernels.
+
+A kernel takes the address of a struct instead of a long list of integers:
+
+    MESH = Struct("Mesh", {"label": I64, "center": array_of(F64, 3)})
+    FRAME = Struct("Frame", {"width": I64, "depth": pointer_to(F32), "meshes": MESH})
+    frame_at = FRAME.at
+
+    frame = frame_at(address)
+    frame.depth[frame.width] = frame.meshes[3].center[2]
+
+A field of type ``Struct`` holds the address of the first struct of an array. As in C, ``struct[k]`` is the k-th struct
+from there, by reference, and nothing is checked. An ``array_of`` field lies within the struct; its value in kernels is
+a pointer to it.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Mapping
+from typing import Any, ClassVar, Final
+
+import numpy as np
+from llvmlite import ir
+from numba import extending, types
+from numba.core import cgutils
+from numba.core.typing.templates import AbstractTemplate, AttributeTemplate, infer_global, signature
+
+_extending: Final[Any] = extending  # its stubs lack most names
+_I64: Final = ir.IntType(64)
+
+I64: Final[Any] = types.int64
+I32: Final[Any] = types.int32
+U32: Final[Any] = types.uint32
+U16: Final[Any] = types.uint16
+U8: Final[Any] = types.uint8
+F64: Final[Any] = types.float64
+F32: Final[Any] = types.float32
+
+
+def pointer_to(scalar: Any) -> Any:
+    """Type of a field that holds the address of scalars."""
+    return types.CPointer(scalar)
+
+
+class _InlineArray:
+    """Type of a field that is an array of scalars."""
+
+    def __init__(self, scalar: Any, count: int) -> None:
+        self.scalar = scalar
+        self.count = count
+
+
+def array_of(scalar: Any, count: int) -> Any:
+    """Type of a field that is ``count`` scalars."""
+    return _InlineArray(scalar, count)
+
+
+class _StructType(types.Type):
+    """Numba type of a reference to a struct."""
+
+    def __init__(self, name: str, kinds: Mapping[str, Any], offsets: Mapping[str, int], size: int) -> None:
+        super().__init__(name)
+        self.fields = {
+            field: types.CPointer(kind.scalar) if isinstance(kind, _InlineArray) else kind
+            for field, kind in kinds.items()
+        }
+        self.inline = {field for field, kind in kinds.items() if isinstance(kind, _InlineArray)}
+        self.offsets = offsets
+        self.size = size
+
+
+class Struct:
+    """A struct type. ``dtype`` is its layout for NumPy, where addresses are int64."""
+
+    def __init__(self, name: str, fields: Mapping[str, Any]) -> None:
+        """
+        Args:
+            name: unique among all structs; part of the names of compiled functions.
+            fields: name -> a scalar type, ``pointer_to(...)``, ``array_of(...)``, or a ``Struct``.
+        """
+        kinds = {field: kind.type if isinstance(kind, Struct) else kind for field, kind in fields.items()}
+        self.dtype: Final = np.dtype([(field, _layout(kind)) for field, kind in kinds.items()], align=True)
+        layout: Any = self.dtype.fields
+        offsets = {field: int(layout[field][1]) for field in kinds}
+        self.size: Final = self.dtype.itemsize
+        self.type: Final[Any] = _StructType(name, kinds, offsets, self.size)
+        self.at: Final = _reference(self.type)
+        """``at(address)``: the struct at an address, in kernels."""
+        self.local: Final = _on_stack(self.type)
+        """``local()``: an uninitialised struct on the stack of the calling device function, in kernels."""
+
+
+def _layout(kind: Any) -> Any:
+    if isinstance(kind, _InlineArray):
+        return np.dtype((str(kind.scalar), (kind.count,)))
+    return np.dtype(str(kind)) if isinstance(kind, (types.Integer, types.Float)) else np.dtype(np.int64)
+
+
+@_extending.register_model(_StructType)
+class _StructModel(_extending.models.PrimitiveModel):  # type: ignore[misc]  # Numba has no stubs for it
+    def __init__(self, manager: Any, struct: _StructType) -> None:
+        super().__init__(manager, struct, ir.IntType(8).as_pointer())
+
+
+def _reference(struct: _StructType) -> Any:
+    def cast(typing_context: Any, address: Any) -> Any:
+        def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+            return builder.inttoptr(args[0], context.get_value_type(struct))
+
+        return struct(types.int64), generate
+
+    return _extending.intrinsic(cast)
+
+
+def _on_stack(struct: _StructType) -> Any:
+    def allocate(typing_context: Any) -> Any:
+        def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+            once: Any = cgutils.alloca_once
+            memory = once(builder, ir.ArrayType(_I64, -(-struct.size // 8)))
+            return builder.bitcast(memory, context.get_value_type(struct))
+
+        return struct(), generate
+
+    return _extending.intrinsic(allocate)
+
+
+@_extending.infer_getattr
+class _Fields(AttributeTemplate):
+    key = _StructType
+
+    def generic_resolve(self, struct: Any, name: str) -> Any:  # type: ignore[override]  # Numba's stubs are wrong
+        return struct.fields.get(name)
+
+
+def _field_address(context: Any, builder: Any, struct: Any, reference: Any, name: str) -> Any:
+    address = builder.gep(reference, [ir.Constant(_I64, struct.offsets[name])])
+    value: Any = context.get_value_type(struct.fields[name])
+    return builder.bitcast(address, value if name in struct.inline else value.as_pointer())
+
+
+@_extending.lower_getattr_generic(_StructType)  # type: ignore[untyped-decorator]  # Numba has no stubs for it
+def _load_field(context: Any, builder: Any, struct: Any, reference: Any, name: str) -> Any:
+    address = _field_address(context, builder, struct, reference, name)
+    return address if name in struct.inline else builder.load(address)
+
+
+@_extending.lower_setattr_generic(_StructType)  # type: ignore[untyped-decorator]
+def _store_field(context: Any, builder: Any, sig: Any, args: Any, name: str) -> None:
+    struct, given = sig.args
+    value = context.cast(builder, args[1], given, struct.fields[name])
+    builder.store(value, _field_address(context, builder, struct, args[0], name))
+
+
+@infer_global(operator.getitem)
+class _Element(AbstractTemplate):
+    metadata: ClassVar[dict[str, str]] = {"target": "cpu"}  # type: ignore[misc]  # tried before Numba's own
+
+    def generic(self, args: Any, kws: Any) -> Any:
+        struct, index = args
+        make_signature: Any = signature
+        if isinstance(struct, _StructType) and isinstance(index, types.Integer):
+            return make_signature(struct, struct, types.int64)
+        return None
+
+
+@_extending.lower_builtin(operator.getitem, _StructType, types.Integer)  # type: ignore[untyped-decorator]
+def _element(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    return builder.gep(args[0], [builder.mul(args[1], ir.Constant(_I64, sig.args[0].size))])
