@@ -84,7 +84,7 @@ def sorted_rows(points: np.ndarray) -> np.ndarray:
     return points[np.lexsort(rounded.T)]
 
 
-def test_our_own_reader_finds_the_same_geometry_where_it_was() -> None:
+def test_our_reader_reads_the_same_geometry() -> None:
     root = scene()
     before, after = soup(flatten(root)), soup(reread(root))
     assert before.keys() == after.keys()
@@ -92,7 +92,7 @@ def test_our_own_reader_finds_the_same_geometry_where_it_was() -> None:
         np.testing.assert_allclose(sorted_rows(after[topology]), sorted_rows(before[topology]), atol=1e-4)
 
 
-def test_trimesh_finds_the_same_triangles_turned_to_y_up() -> None:
+def test_trimesh_reads_the_same_triangles_in_y_up() -> None:
     root = scene()
     loaded = trimesh.load_scene(io.BytesIO(export_glb(root)), file_type="glb", process=False)
     corners = []
@@ -108,7 +108,7 @@ def test_trimesh_finds_the_same_triangles_turned_to_y_up() -> None:
     np.testing.assert_allclose(sorted_rows(found), sorted_rows(ours), atol=1e-4)
 
 
-def test_nodes_are_named_as_in_the_tree_and_hang_as_in_the_tree() -> None:
+def test_nodes_keep_names_and_parents() -> None:
     nodes = document(export_glb(scene()))["nodes"]
     by_name = {node["name"]: node for node in nodes if "name" in node}
     children = {nodes[index].get("name") for index in by_name["robot"]["children"]}
@@ -130,7 +130,7 @@ def test_equal_meshes_materials_and_images_are_written_once() -> None:
     assert len(written["textures"]) == 2
 
 
-def test_materials_survive() -> None:
+def test_materials_round_trip() -> None:
     uv = np.array([(0, 0), (1, 0), (0, 1)], np.float32)
     mesh = Mesh(np.eye(3, dtype=np.float32), np.array([(0, 1, 2)], np.uint32), uv0=uv, uv1=uv)
     image = image_from_bytes(png_rgba(np.full((2, 3, 4), 77, np.uint8)))
@@ -240,7 +240,7 @@ poses = st.tuples(*[st.floats(-9, 9)] * 3, st.just(1.0), *[st.floats(-1, 1)] * 3
 
 @given(st.lists(st.tuples(st.lists(st.sampled_from(["a", "b", 1]), max_size=3).map(tuple), poses), max_size=6))
 @settings(deadline=None, max_examples=40)
-def test_bounds_survive_the_round_trip(moves: Any) -> None:
+def test_bounds_round_trip(moves: Any) -> None:
     edit = TreeEdit(Node())
     for path, pose in moves:
         edit.set_pose(path, pose)
@@ -255,7 +255,7 @@ def test_bounds_survive_the_round_trip(moves: Any) -> None:
 
 
 @pytest.mark.corpus
-def test_real_scenes_survive() -> None:
+def test_recorded_scenes_round_trip() -> None:
     """Scenes of Drake's own client: textures, vertex colours, negative scales and shared meshes, as it sends them."""
     checked = 0
     for file in sorted(corpus_dir().glob("drake/scenes/*/color/scene.gltf")):
@@ -271,7 +271,7 @@ def test_real_scenes_survive() -> None:
     assert checked >= 3
 
 
-def test_a_camera_comes_back_where_it_was() -> None:
+def test_camera_round_trip() -> None:
     pose = tf.look_at((2.0, -3.0, 1.5), (0.0, 0.5, 0.2), (0.0, 0.0, 1.0))
     camera = Camera(64, 48, 50.0, 40.0, 32.0, 24.0, 0.125, 16.0, pose)
     read = read_gltf(export_glb(scene(), camera=camera))

@@ -86,7 +86,7 @@ def test_limit() -> None:
     assert scene.warnings == ("nodes[2]: more lights than max_lights = 2, further ones are left out",)
 
 
-def test_files_are_turned_to_z_up(tmp_path: Path) -> None:
+def test_lights_of_files_are_rotated_to_z_up(tmp_path: Path) -> None:
     node = {"translation": [1, 2, 3], "extensions": {"KHR_lights_punctual": {"light": 0}}}
     path = tmp_path / "lamp.gltf"
     path.write_bytes(document({"type": "directional"}, nodes=[node]))

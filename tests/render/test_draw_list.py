@@ -115,7 +115,7 @@ def test_scenes_with_another_topology_or_content_share_nothing() -> None:
 
 def instance_set(listed: DrawList) -> object:
     assert isinstance(listed.instances, PosedInstances)
-    return listed.instances.cast
+    return listed.instances.set
 
 
 @pytest.mark.parametrize("x", [1e15, -1e15, 1e300])

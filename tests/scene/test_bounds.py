@@ -45,7 +45,7 @@ def test_axis_aligned_maps_are_exact(swap: Any) -> None:
     np.testing.assert_array_equal(transformed(primitives.sphere(), X), brute(primitives.sphere(), X))
 
 
-def test_vertices_that_nothing_uses_do_not_count() -> None:
+def test_unused_vertices_do_not_count() -> None:
     positions = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (99, 99, 99), (np.nan, 0, 0)], np.float32)
     mesh = Mesh(positions, np.array([(0, 1, 2)], np.uint32))
     np.testing.assert_array_equal(bd.mesh_bounds(mesh), [(0, 0, 0), (1, 1, 0)])
@@ -105,7 +105,7 @@ def test_unchanged_instances_are_not_measured_again(monkeypatch: pytest.MonkeyPa
 
 
 @given(st.lists(st.tuples(affine, st.sampled_from([primitives.box(), primitives.sphere()])), min_size=1, max_size=8))
-def test_many_at_once_equal_one_by_one_and_the_loose_box_holds_them(placed: Any) -> None:
+def test_instance_bounds_and_loose_bounds(placed: Any) -> None:
     instances = tuple(Instance(mesh, MATERIAL, X) for X, mesh in placed)
     boxes = bd.instance_bounds(instances)
     for box, instance in zip(boxes, instances, strict=True):

@@ -105,7 +105,7 @@ def test_any_text_is_a_camera_or_a_camera_error(text: Any) -> None:
 
 @pytest.mark.parametrize(("width", "height"), [(640, 480), (100, 900), (900, 100), (1, 1)])
 @pytest.mark.parametrize("fovy", [10.0, 45.0, 120.0])
-def test_fit_sees_every_corner_and_fills_the_picture(width: Any, height: Any, fovy: Any) -> None:
+def test_fit_sees_every_corner_and_fills_the_image(width: Any, height: Any, fovy: Any) -> None:
     root = tree(((1, 2, 3), (5, 5, 5)), ((0.2, 0.2, 0.2), (3, 5, 4)))
     camera = resolve_camera(FitCamera(), root, width, height, fovy=fovy)
     bounds = scene_bounds(flatten(root))
@@ -134,7 +134,7 @@ def test_fit_of_an_empty_scene_looks_at_the_origin() -> None:
     assert camera.near < depth[0] < camera.far
 
 
-def test_a_large_ground_neither_takes_the_picture_nor_is_cut_away() -> None:
+def test_a_large_ground_is_neither_framed_nor_clipped() -> None:
     root = tree(((100, 100, 0.1), (0, 0, -0.05)), ((0.5, 0.5, 0.5), (0, 0, 0.25)))
     camera = resolve_camera(FitCamera(), root, 640, 480)
     pixels, _ = project(camera, corners_of(np.array(((-0.25, -0.25, 0), (0.25, 0.25, 0.5)))))
@@ -177,7 +177,7 @@ def test_a_nodes_frame_is_the_optical_frame_without_scale_or_mirror() -> None:
 @pytest.mark.parametrize(
     "matrix", [np.full((4, 4), np.nan), tf.scaling(0, 1, 1), tf.scaling(1, 1, 0), tf.translation(1e200, 0, 0)]
 )
-def test_a_node_without_axes_is_no_camera(matrix: Any) -> None:
+def test_rejects_nodes_without_axes_as_cameras(matrix: Any) -> None:
     edit = TreeEdit(Node())
     edit.set_matrix(("flat",), matrix)
     with pytest.raises(CameraError, match="no usable axes"):

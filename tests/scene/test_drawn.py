@@ -1,4 +1,4 @@
-"""What flattening hands to the renderer is drawn as it should be: fronts in front, labels and instances in place."""
+"""Rendering of flattened trees: front faces, labels and instance ids."""
 
 from __future__ import annotations
 

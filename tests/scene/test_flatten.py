@@ -31,7 +31,7 @@ WILD = Part(Box((1, 1, 1)), RED, np.full((4, 4), math.nan))
 
 
 def naive(root: Node, labels: LabelTable) -> list[tuple[Any, ...]]:
-    """What a draw list must hold, by the definition: product of all transforms from the root, one node at a time."""
+    """Return the expected draw list by the definition: the product of all transforms from the root, node by node."""
     from gateway.scene.meshing import meshes_of
 
     out = []
@@ -179,7 +179,7 @@ def test_without_labels_everything_is_unlabelled() -> None:
     assert {i.label for i in flatten(scene(2).snapshot.root).instances} == {LABEL_NONE}
 
 
-def test_a_failure_in_between_does_not_leave_half_a_scene(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_error_does_not_leave_half_a_scene(monkeypatch: pytest.MonkeyPatch) -> None:
     live = scene(2)
     flattener = Flattener(LabelTable())
     flattener.flatten(live.snapshot)

@@ -50,7 +50,7 @@ def test_a_failed_edit_leaves_no_trace_and_frees_the_lock() -> None:
     assert live.snapshot.revision == 2
 
 
-def test_listeners_hear_every_revision_in_order_until_they_stop() -> None:
+def test_listeners_get_every_revision_in_order_until_they_stop() -> None:
     live = LiveTree()
     heard: list[Snapshot] = []
     stop = live.listen(heard.append)

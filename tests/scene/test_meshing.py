@@ -311,7 +311,7 @@ def test_long_lines_stay_within_the_vertex_budget() -> None:
     assert mesh.topology is Topology.LINES
 
 
-def test_meshes_of_lines_are_remembered_with_their_shape_only() -> None:
+def test_meshes_of_lines_are_cached_with_their_shape() -> None:
     shape = line((0, 0, 0), (1, 0, 0))
     (first, _, _), (second, _, _) = meshes_of(shape, MATERIAL)[0], meshes_of(shape, Material())[0]
     assert first is second

@@ -1,4 +1,4 @@
-"""What comes out of the formats: shapes, materials, textures, units, axes."""
+"""Shapes, materials, textures, units and axes of all formats."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def test_ply_with_vertex_colours_and_ply_of_points(root: Path, files: MeshFiles)
         ("<up_axis>X_UP</up_axis>", [(-2, -5, 0), (0, -5, 1)]),
     ],
 )
-def test_collada_states_its_unit_and_what_is_up(root: Path, files: MeshFiles, asset: str, expected: Any) -> None:
+def test_collada_unit_and_up_axis(root: Path, files: MeshFiles, asset: str, expected: Any) -> None:
     write(root / "part.dae", DAE.format(asset=asset))
     np.testing.assert_allclose(bounds(files.load("part.dae")), expected, atol=1e-6)
 

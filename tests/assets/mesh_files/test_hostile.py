@@ -34,7 +34,7 @@ def test_collada_with_entities_is_refused(root: Path, files: MeshFiles) -> None:
         "../nothing-there.obj",
     ],
 )
-def test_nothing_outside_of_the_roots_is_read_or_even_known_to_exist(root: Path, files: MeshFiles, name: str) -> None:
+def test_files_outside_of_the_roots_are_not_disclosed(root: Path, files: MeshFiles, name: str) -> None:
     (root / "link").symlink_to(root.parent)
     (root / "secret-link.obj").symlink_to(root.parent / "secret.obj")
     with pytest.raises(MeshFileError, match="lies outside of the folders that are open to clients") as caught:
@@ -79,7 +79,7 @@ def test_gltf_buffers_outside_of_the_roots_are_refused(root: Path, files: MeshFi
         files.load("t.gltf")
 
 
-def test_a_pipe_is_no_mesh_and_does_not_hold_the_thread(root: Path, files: MeshFiles) -> None:
+def test_pipes_are_refused_without_blocking(root: Path, files: MeshFiles) -> None:
     os.mkfifo(root / "pipe.obj")
     with pytest.raises(MeshFileError, match=r"known format|regular file"):
         files.load("pipe.obj")
@@ -105,7 +105,7 @@ def test_without_roots_everything_is_refused(root: Path) -> None:
         b"ply\nformat ascii 1.0\nelement vertex 9999999999\nend_header\n",
     ],
 )
-def test_damaged_files_are_a_sentence(root: Path, files: MeshFiles, extension: str, content: bytes) -> None:
+def test_damaged_files_are_errors(root: Path, files: MeshFiles, extension: str, content: bytes) -> None:
     write(root / f"bad.{extension}", content)
     with pytest.raises(MeshFileError) as caught:
         files.load(f"bad.{extension}")
@@ -113,7 +113,7 @@ def test_damaged_files_are_a_sentence(root: Path, files: MeshFiles, extension: s
     assert "\n" not in str(caught.value)
 
 
-def test_faces_beyond_the_vertices_are_a_sentence(root: Path, files: MeshFiles) -> None:
+def test_faces_beyond_the_vertices_are_errors(root: Path, files: MeshFiles) -> None:
     write(root / "bad.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n")
     with pytest.raises(MeshFileError):
         files.load("bad.obj")

@@ -1,4 +1,4 @@
-"""How files are named and found, and how long they are remembered."""
+"""Names of mesh files, and their cache."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_packages_are_found_by_the_name_in_their_manifest(root: Path, files: Mes
         files.load("package://my_arm/../../../../secret.obj")
 
 
-def test_unknown_packages_do_not_cause_a_search_each(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unknown_packages_do_not_start_a_search_each(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     now = [0.0]
     packages = Packages((root,), clock=lambda: now[0])
     scans: list[Packages] = []
@@ -54,7 +54,7 @@ def test_unknown_packages_do_not_cause_a_search_each(root: Path, monkeypatch: py
     assert packages.folder("late") == root / "late"
 
 
-def test_a_sibling_of_a_known_format_stands_in(root: Path, files: MeshFiles) -> None:
+def test_siblings_of_a_known_format_replace_unknown_ones(root: Path, files: MeshFiles) -> None:
     write(root / "link.obj", TRIANGLE)
     write(root / "other.vtm", "<VTKFile/>")
     assert files.load("link.vtp")
@@ -76,7 +76,7 @@ def test_a_link_within_the_roots_is_followed(root: Path, files: MeshFiles) -> No
 
 
 @pytest.mark.parametrize("name", ["", "a\0b.obj", "x" * 5000 + ".obj"])
-def test_what_is_no_file_name(files: MeshFiles, name: str) -> None:
+def test_rejects_invalid_file_names(files: MeshFiles, name: str) -> None:
     with pytest.raises(MeshFileError, match="is not a file name"):
         files.load(name)
 
@@ -101,7 +101,7 @@ def test_a_file_is_loaded_once_until_it_or_its_material_changes(root: Path, file
     assert sorted(part.material.base_color[3] for part in again) == [0.75, 1.0]
 
 
-def test_the_cache_is_bounded_in_bytes(root: Path) -> None:
+def test_cache_is_limited_in_bytes(root: Path) -> None:
     for index in range(4):
         write(root / f"{index}.obj", TRIANGLE)
     one = MeshFiles([root])
