@@ -168,7 +168,7 @@ def _parsed(line: str) -> Row:
 def table(results: list[Result]) -> str:
     """All rows."""
     lines = [row.markdown() for result in results for row in result.rows]
-    return "\n".join([HEAD, "|---|---|---|---|---|---|", *lines])
+    return "\n".join([HEAD, *lines])
 
 
 def document(results: list[Result], where: str) -> str:

@@ -26,7 +26,7 @@ import numpy as np
 
 from bench.gateways import TIMEOUT
 from bench.posted import sphere
-from bench.ray_nodes import ENVIRONMENT, order
+from bench.ray_nodes import ENVIRONMENT, job_of
 from bench.running import end
 from bench.table import Row, at_least, show, skipped
 
@@ -66,7 +66,7 @@ def alone(scenes: Path, out: Path, orbit: int) -> float:
     from gateway.datasets.run import run
 
     begin = time.monotonic()
-    progress = run(order(scenes, out, orbit, settings()), lambda tasks: run_local(tasks, 1), lambda _: None)
+    progress = run(job_of(scenes, out, orbit, settings()), lambda tasks: run_local(tasks, 1), lambda _: None)
     assert not progress.failures
     return time.monotonic() - begin
 

@@ -19,7 +19,7 @@ import tifffile
 from PIL import Image
 
 from bench import gltf, posted
-from bench.table import Row, at_least, geometric_mean, show
+from bench.table import Row, at_least, geometric_mean, heading, show
 from bench.turns import in_turns, median, timed
 from gateway.render.camera import camera_of
 from gateway.render.config import RenderConfig
@@ -80,7 +80,7 @@ def writers() -> list[Row]:
     ratios: dict[str, list[float]] = {}
     times_of: dict[str, list[tuple[float, float]]] = {}
     sizes: dict[str, list[float]] = {}
-    print("| picture | file | ours, ms | OpenCV, ms | ratio | bytes | of OpenCV's |\n|---|---|---|---|---|---|---|")
+    print(heading("image", "file", "ours, ms", "OpenCV, ms", "ratio", "bytes", "of OpenCV's"))
     for name, color, depth in pictures():
         bgr, grey = np.ascontiguousarray(color[..., ::-1]), millimetres(depth)
         jobs: dict[str, tuple[posted.Array, Callable[[], bytes], Callable[[], bytes]]] = {

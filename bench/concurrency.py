@@ -23,7 +23,7 @@ import uvloop
 from bench import posted
 from bench.gateways import Answer, gateway, post
 from bench.raster import scenes, view
-from bench.table import Row, at_least, at_most, show
+from bench.table import Row, at_least, at_most, heading, show
 from gateway.runtime import kernel_cache
 from gateway.runtime.process_tuning import freeze_gc, tune
 from gateway.runtime.worker_pool import WorkerPool
@@ -78,7 +78,7 @@ def seconds_for(threads: int, work: Callable[[int], None]) -> float:
 
 def scaling() -> list[Row]:
     """Two callers, and two threads for one caller; each against one."""
-    print("\n| 640×480, all outputs | two renders at once | one frame on two threads |\n|---|---|---|")
+    print("\n" + heading("640×480, all outputs", "two renders at once", "one frame on two threads"))
     alone, pair = CpuRenderer(1), CpuRenderer(2)
     callers: dict[str, float] = {}
     within: dict[str, float] = {}
@@ -142,7 +142,7 @@ def event_loop() -> list[Row]:
     draw(CpuRenderer(1), scene, 0)
     renderer = CpuRenderer()  # its helper is started by a worker, whose priority it takes over, as in the gateway
     freeze_gc()
-    print("\n| event loop, 1 ms ticker, ms late | p50 | p99 | max |\n|---|---|---|---|")
+    print("\n" + heading("event loop, 1 ms ticker, ms late", "p50", "p99", "max"))
     worst = 0.0
     for name, drawn in (("idle", None), ("a million triangles are drawn", scene)):
         late = uvloop.run(stalls(5.0, renderer, drawn))

@@ -42,7 +42,7 @@ import trimesh.exchange.gltf
 
 from bench import gltf_files
 from bench.posted import scene_of
-from bench.table import Row, at_least, geometric_mean, show
+from bench.table import Row, at_least, geometric_mean, heading, show
 from bench.turns import TURN, in_turns, timed
 from gateway.gltf import GltfCache, read_gltf, warm_up
 from gateway.runtime.process_tuning import freeze_gc, tune
@@ -184,9 +184,8 @@ def of_requests() -> list[Row]:
     scenes = list(recorded(Path(corpus))) if corpus else []
     scenes += [("40 meshes, 800k vertices", made_up(40, 20_000)), ("500 boxes", made_up(500, 24))]
     found_times: list[tuple[Times, ...]] = []
-    heads = "scene | MB | cold, ms | meshes | moved | arrays | bare | trimesh | trimesh / cold | / meshes | / moved"
-    print(f"\n| {heads} |")
-    print("|" + 11 * "---|")
+    times_heads = ("cold, ms", "meshes", "moved", "arrays", "bare", "trimesh")
+    print("\n" + heading("scene", "MB", *times_heads, "trimesh / cold", "/ meshes", "/ moved"))
     for name, data in scenes:
         materials, nodes = variants(data)
         missing = b'"NORMAL"' not in data
@@ -237,7 +236,7 @@ def of_requests() -> list[Row]:
 def of_files() -> Row:
     """Prints the table of the files; gives the geometric mean."""
     found_times: list[tuple[Times, ...]] = []
-    print("\n| file | MB | cold, ms | arrays | bare | trimesh | trimesh / cold |\n" + "|" + 7 * "---|")
+    print("\n" + heading("file", "MB", "cold, ms", "arrays", "bare", "trimesh", "trimesh / cold"))
     for name, kind, data in gltf_files.files():
         check_pictures(name, data, kind)
         works = (partial(read_cold, data), *(partial(work, data, kind) for work in (parsed, bare_scene, trimesh_scene)))

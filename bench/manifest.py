@@ -1,4 +1,4 @@
-"""Time and memory of the manifest of a large dataset, without its pictures.
+"""Time and memory of the manifest of a large dataset, without its images.
 
     python -m bench.manifest [--samples 1000000]
 
@@ -22,15 +22,15 @@ from gateway.client import manifest
 from gateway.client.dataset import Dataset
 from gateway.client.manifest import CameraRecord, ImageFile, Sample, Settings
 from gateway.datasets.camera_file import CameraFile
-from gateway.datasets.files import write_whole
-from gateway.datasets.plan import Order, make_order
-from gateway.datasets.progress import Ledger, Plan
-from gateway.datasets.resume import check_samples
+from gateway.datasets.files import write_atomically
+from gateway.datasets.job import Job, make_job
+from gateway.datasets.journal import Journal
+from gateway.datasets.resume import existing_dataset
 from gateway.datasets.sources import Kind, Source
 from gateway.datasets.views import View
 
 VIEWS = 100
-"""Of each scene."""
+"""Views of each scene."""
 SETTINGS = Settings(("color", "depth", "label"), 640, 480, 45.0, "auto", "auto", "fxaa", "tiff", (204, 229, 255))
 CAMERA = CameraRecord(
     width=640, height=480, fx=579.4112549695428, fy=579.4112549695428, cx=320.0, cy=240.0, near=0.01, far=4.25,
@@ -38,11 +38,9 @@ CAMERA = CameraRecord(
 )  # fmt: skip
 
 
-def order(folder: Path, samples: int) -> Order:
+def job_of(folder: Path, samples: int) -> Job:
     sources = tuple(Source(f"robots/{n:06d}.glb", f"/{n}", Kind.GLTF) for n in range(samples // VIEWS))
-    return make_order(
-        sources, tuple(View(f"orbit-{n:03d}", "fit") for n in range(VIEWS)), CameraFile(), SETTINGS, folder
-    )
+    return make_job(sources, tuple(View(f"orbit-{n:03d}", "fit") for n in range(VIEWS)), CameraFile(), SETTINGS, folder)
 
 
 def sample(scene: str, view: str) -> Sample:
@@ -58,33 +56,32 @@ def sample(scene: str, view: str) -> Sample:
 
 
 def write(folder: Path, samples: int) -> None:
-    """What a run does besides drawing: notes every sample, and puts the notes in order."""
-    asked = order(folder, samples)
-    with (folder / manifest.JOURNAL).open("w+b") as journal:
-        ledger = Ledger(Plan(asked), journal)
-        for view in asked.views:  # far from the order of the manifest
-            for source in asked.sources:
-                ledger.add(sample(source.name, view.name))
-        write_whole(folder / manifest.MANIFEST, ledger.lines())
+    """Write the journal and the manifest of a run, without its images."""
+    job = job_of(folder, samples)
+    with (folder / manifest.JOURNAL).open("w+b") as file:
+        journal = Journal(job, file)
+        for view in job.views:  # far from the order of the manifest
+            for source in job.sources:
+                journal.add(sample(source.name, view.name))
+        write_atomically(folder / manifest.MANIFEST, journal.lines())
     (folder / manifest.JOURNAL).unlink()
     known = manifest.Dataset(generator="", renderer="", settings=SETTINGS, conventions={})
-    write_whole(folder / manifest.DATASET, manifest.encode_for_people(known))
+    write_atomically(folder / manifest.DATASET, manifest.encode_indented(known))
 
 
 def resume(folder: Path, samples: int) -> None:
-    """What the same command does with it once more, besides hashing pictures."""
-    asked = order(folder, samples)
-    plan = Plan(asked)
-    check_samples(asked, plan)
-    with tempfile.TemporaryFile() as journal:
-        ledger = Ledger(plan, journal)
+    """Read the samples of a former run, without hashing its images."""
+    job = job_of(folder, samples)
+    existing_dataset(job)
+    with tempfile.TemporaryFile() as file:
+        journal = Journal(job, file)
         for each in manifest.read_lines(folder / manifest.MANIFEST, Sample):
-            ledger.add(each)
-        assert ledger.count == samples
+            journal.add(each)
+        assert journal.count == samples
 
 
 def open_one(folder: Path, samples: int) -> None:
-    """What a training job does first."""
+    """Open the dataset and read one sample."""
     dataset = Dataset(folder)
     assert len(dataset) == samples
     assert dataset[samples // 2].K.shape == (3, 3)
@@ -106,15 +103,15 @@ JOBS: dict[str, Callable[[Path, int], None]] = {
     "list": as_list,
 }
 WHAT = {
-    "write": "a run: note and order all samples",
-    "resume": "the same run again: read and note all samples",
+    "write": "a run: journal and manifest of all samples",
+    "resume": "the same run again: read all samples",
     "open": "reader: open, one sample",
     "iterate": "reader: all samples, one after the other",
 }
 
 
 def measure(job: str, folder: Path, samples: int) -> tuple[float, float]:
-    """Seconds of CPU, MB."""
+    """Return CPU time in seconds and memory in MB."""
     command = [sys.executable, "-m", "bench.manifest", "--samples", str(samples), "--job", job, str(folder)]
     seconds, megabytes = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
     return float(seconds), float(megabytes)

@@ -24,7 +24,7 @@ import msgspec
 
 if TYPE_CHECKING:
     from gateway.client.manifest import Settings
-    from gateway.datasets.plan import Order
+    from gateway.datasets.job import Job
 
 KILL_AFTER = 0.5
 """Part of the tasks that must be done before a worker is killed."""
@@ -40,16 +40,16 @@ STORE_BYTES = 100 << 20
 """Of a node's object store: tasks carry names of files."""
 
 
-def order(scenes: Path, out: Path, orbit: int, settings: Settings) -> Order:
+def job_of(scenes: Path, out: Path, orbit: int, settings: Settings) -> Job:
     """Every scene of a folder from so many cameras around it."""
     from gateway.datasets.camera_file import CameraFile
-    from gateway.datasets.plan import make_order
+    from gateway.datasets.job import make_job
     from gateway.datasets.sources import find_sources
     from gateway.datasets.views import View
     from gateway.scene.cameras import OrbitCamera
 
     views = tuple(View(f"orbit-{index}", OrbitCamera(index, orbit, 30.0)) for index in range(orbit))
-    return make_order(find_sources([scenes]), views, CameraFile(), settings, out)
+    return make_job(find_sources([scenes]), views, CameraFile(), settings, out)
 
 
 def parent_of(pid: int) -> int:
@@ -77,7 +77,7 @@ def drawing_workers() -> list[int]:
     found: list[int] = []
     for pid in children():
         with contextlib.suppress(OSError):
-            if Path(f"/proc/{pid}/cmdline").read_bytes().startswith(b"ray::draw"):
+            if Path(f"/proc/{pid}/cmdline").read_bytes().startswith(b"ray::render"):
                 found.append(pid)
     return found
 
@@ -112,7 +112,7 @@ def main(scenes: Path, out: Path, orbit: int, settings: bytes) -> None:
     from ray.cluster_utils import Cluster
 
     from gateway.client.manifest import Settings
-    from gateway.datasets.plan import Result, Task
+    from gateway.datasets.job import Result, Task
     from gateway.datasets.ray_tasks import run_ray
     from gateway.datasets.run import run
 
@@ -139,10 +139,10 @@ def main(scenes: Path, out: Path, orbit: int, settings: bytes) -> None:
         killer.join()
 
     try:
-        asked = order(scenes, out, orbit, msgspec.json.decode(settings, type=Settings))
-        progress = run(asked, execute, lambda _: None)
+        job = job_of(scenes, out, orbit, msgspec.json.decode(settings, type=Settings))
+        progress = run(job, execute, lambda _: None)
         said = {
-            "drawn": progress.drawn,
+            "drawn": progress.rendered,
             "failures": [failure.reason for failure in progress.failures],
             "killed": len(killed),
             "nodes": len(cluster.list_all_nodes()),

@@ -29,7 +29,7 @@ import numpy as np
 from bench import posted
 from bench.crowd import Crowded, crowd
 from bench.gateways import Answer, Gateway, gateway, post
-from bench.table import Row, at_least, at_most, geometric_mean, show, skipped
+from bench.table import Row, at_least, at_most, geometric_mean, heading, show, skipped
 from bench.viewer import cpu_of
 
 SCENES = ("001", "003", "009", "010", "015")
@@ -327,7 +327,7 @@ def big(vtk: Server | None, frames: int) -> list[Row]:
 
 def unchanged(ours: Server, folder: Path, frames: int) -> list[Row]:
     """Poses that changed against the same request again, over HTTP."""
-    print("\n| poses changed / unchanged, over HTTP, 640×480, ms | changed | unchanged | ratio |\n|---|---|---|---|")
+    print("\n" + heading("poses changed / unchanged, over HTTP, 640×480, ms", "changed", "unchanged", "ratio"))
     ratios = []
     for number in SCENES:
         for kind in posted.KINDS:

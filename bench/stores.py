@@ -28,9 +28,9 @@ def _again(new: int, depths: int, ids: int, times: int) -> None:
     n, d, i = f32_at(new), f32_at(depths), i32_at(ids)
     for time_ in range(times):
         for k in range(0, PIXELS, 8):
-            w, old = vec.load(n, k), vec.load_again(d, k)
+            w, old = vec.load(n, k), vec.load_volatile(d, k)
             vec.store(d, k, vec.select(w > old, w, old))
-            vec.store(i, k, vec.select(w > old, vec.i32(time_), vec.load_again(i, k)))
+            vec.store(i, k, vec.select(w > old, vec.i32(time_), vec.load_volatile(i, k)))
 
 
 @njit(nogil=True)

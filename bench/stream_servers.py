@@ -171,7 +171,7 @@ def _demo() -> tuple[SceneSource, PoseSource, Any]:
     from gateway.scene.live import LiveTree
     from gateway.scene.mount import parse_mount_pose
     from gateway.settings import Settings
-    from gateway.wiring.demo import DemoRun
+    from gateway.wiring.demo import DemoService
 
     tree, flattener = LiveTree(), Flattener(LabelTable())
     pose = parse_mount_pose(Settings.model_fields["stereo_pose"].default)
@@ -180,7 +180,7 @@ def _demo() -> tuple[SceneSource, PoseSource, Any]:
         snapshot = tree.snapshot
         return flattener.flatten(snapshot), snapshot.revision
 
-    return scene, lambda: pose, asyncio.create_task(DemoRun(tree).run())
+    return scene, lambda: pose, asyncio.create_task(DemoService(tree).run())
 
 
 def watch_steps() -> dict[str, list[float]]:

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.compiler.device_function import inner
+from renderers.compiler.device_function import device_function
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set
 from renderers.compiler.pending import wait_until_compiled
@@ -78,7 +78,7 @@ def _smooth(source, luma, source_at, luma_at, out_at, stop_at):
                     _smooth_pixel(pixels, levels, out, x, y, width, height, contrast)
 
 
-@inner
+@device_function
 def _find_edges(row, north, south, contrasts):
     """Mark the inner pixels of a row that have contrast.
 
@@ -92,7 +92,7 @@ def _find_edges(row, north, south, contrasts):
         marks[x] = np.uint8(contrast >= max(HARD_CONTRAST, RELATIVE_CONTRAST * brightest))
 
 
-@inner
+@device_function
 def _smooth_pixel(pixels, luma, out, x, y, width, height, contrast):
     """Smooth one pixel. Takes pointers, because arrays would cost reference counts and range checks for every pixel."""
     # OpenGL's rows go upwards, which decides between neighbours of equal contrast: "north" is the row below.
@@ -148,7 +148,7 @@ def _smooth_pixel(pixels, luma, out, x, y, width, height, contrast):
         out[3 * (here + x) + k] = np.uint8(value + np.float32(0.5))
 
 
-@inner
+@device_function
 def _edge_end(luma, own, other, step, left, c, over):
     """Return the distance of the edge's end in pixels and the luma there on the pixel's own side.
 

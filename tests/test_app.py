@@ -1,4 +1,4 @@
-"""The application: start, failing rooms, offline docs. Rooms and kernels are stand-ins; tests/e2e has real ones."""
+"""Start and shutdown of the application, failing interfaces, offline docs. Interfaces and kernels are fakes."""
 
 from __future__ import annotations
 
@@ -15,17 +15,18 @@ import structlog
 from fastapi import FastAPI
 
 import gateway.app
-from gateway.runtime import kernel_cache
+import gateway.wiring.render
+import gateway.wiring.stereo
+from gateway.runtime import kernel_cache, logs
 from gateway.runtime.kernel_progress import Progress
 from gateway.settings import Settings
-from gateway.wiring import warmup
-from gateway.wiring.context import House
-from gateway.wiring.interfaces import join_render, join_stereo
+from gateway.wiring import interfaces, startup, warmup
+from gateway.wiring.context import Context
 from tests.support.waiting import SECONDS, until
 
 
 class FakeService:
-    """Runs until cancelled, or fails when told to."""
+    """Runs until cancelled, or raises ``error``."""
 
     def __init__(self, error: Exception | None = None) -> None:
         self.error = error
@@ -51,8 +52,8 @@ def _warm(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(warmup, "run_background", lambda: None)
 
 
-def rooms(monkeypatch: pytest.MonkeyPatch, **joins: Callable[[House], None]) -> None:
-    monkeypatch.setattr(gateway.app, "JOINS", joins)
+def use_interfaces(monkeypatch: pytest.MonkeyPatch, **setups: Callable[[Context], None]) -> None:
+    monkeypatch.setattr(interfaces, "INTERFACES", setups)
 
 
 @asynccontextmanager
@@ -64,30 +65,30 @@ async def running(**settings: Any) -> AsyncIterator[httpx2.AsyncClient]:
             yield client
 
 
-def add_route(house: House) -> None:
-    @house.app.get("/room")
-    async def room() -> str:
+def add_route(context: Context) -> None:
+    @context.app.get("/example")
+    async def example() -> str:
         return "here"
 
 
-async def test_a_request_that_comes_during_the_start_is_answered_by_the_room(monkeypatch: pytest.MonkeyPatch) -> None:
-    rooms(monkeypatch, render=add_route)
+async def test_a_request_during_the_start_waits_for_the_interface(monkeypatch: pytest.MonkeyPatch) -> None:
+    use_interfaces(monkeypatch, render=add_route)
     async with running() as client:
-        assert (await client.get("/room")).json() == "here"
+        assert (await client.get("/example")).json() == "here"
         assert (await client.get("/readyz")).json() == {
             "status": "ready",
             "interfaces": {"kernels": {"state": "ready"}, "render": {"state": "ready"}},
         }
-        assert "/room" in (await client.get("/openapi.json")).json()["paths"]
+        assert "/example" in (await client.get("/openapi.json")).json()["paths"]
 
 
-async def test_a_room_that_cannot_be_joined_leaves_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(house: House) -> None:
+async def test_an_interface_that_fails_to_start_leaves_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(context: Context) -> None:
         raise OSError("no multicast route")
 
-    rooms(monkeypatch, treeviewer=broken, render=add_route)
+    use_interfaces(monkeypatch, treeviewer=broken, render=add_route)
     async with running() as client:
-        assert (await client.get("/room")).status_code == 200
+        assert (await client.get("/example")).status_code == 200
         ready = await client.get("/readyz")
         assert ready.status_code == 200
         assert ready.json()["status"] == "degraded"
@@ -98,10 +99,10 @@ async def test_a_service_that_fails_leaves_the_others_and_all_end_with_the_lifes
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     good, bad = FakeService(), FakeService(OSError("port taken"))
-    rooms(
+    use_interfaces(
         monkeypatch,
-        stereo=lambda house: house.serve("stereo", bad),
-        treeviewer=lambda house: house.serve("treeviewer", good, where="udpm://"),
+        stereo=lambda context: context.run_service("stereo", bad),
+        treeviewer=lambda context: context.run_service("treeviewer", good, where="udpm://"),
     )
     async with running() as client:
         assert (await client.get("/openapi.json")).status_code == 200
@@ -113,7 +114,7 @@ async def test_a_service_that_fails_leaves_the_others_and_all_end_with_the_lifes
 
 
 async def test_render_route_has_its_own_body_limit_and_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    rooms(monkeypatch, render=join_render)
+    use_interfaces(monkeypatch, render=gateway.wiring.render.setup)
     async with running(only=("render",), max_body_mb=1) as client:
         answer = await client.post("/render", content=b"x", headers={"Content-Type": "text/plain"})
         assert (answer.status_code, "multipart/form-data" in answer.text) == (400, True)
@@ -126,39 +127,39 @@ async def test_render_route_has_its_own_body_limit_and_is_counted(monkeypatch: p
         assert list(described) == ["post"]
 
 
-async def test_only_starts_what_was_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    rooms(monkeypatch, render=add_route, stereo=lambda house: house.serve("stereo", FakeService()))
+async def test_only_starts_the_named_interfaces(monkeypatch: pytest.MonkeyPatch) -> None:
+    use_interfaces(monkeypatch, render=add_route, stereo=lambda context: context.run_service("stereo", FakeService()))
     async with running(only=("render",)) as client:
-        assert (await client.get("/room")).status_code == 200
+        assert (await client.get("/example")).status_code == 200
         assert "stereo" not in (await client.get("/healthz")).json()["interfaces"]
 
 
-async def test_a_camera_at_a_missing_node_warns_before_anybody_streams(monkeypatch: pytest.MonkeyPatch) -> None:
-    houses: list[House] = []
+async def test_a_camera_at_a_missing_node_warns_before_the_first_stream(monkeypatch: pytest.MonkeyPatch) -> None:
+    contexts: list[Context] = []
 
-    def join(house: House) -> None:
-        houses.append(house)
-        join_stereo(house)
+    def join(context: Context) -> None:
+        contexts.append(context)
+        gateway.wiring.stereo.setup(context)
 
-    rooms(monkeypatch, stereo=join)
+    use_interfaces(monkeypatch, stereo=join)
     async with running(grpc_port=0, stereo_path='["hand"]') as client:
         assert (await client.get("/openapi.json")).status_code == 200
         states = (await client.get("/healthz")).json()["interfaces"]
         assert "there is no such node" in states["stereo"]["warning"]
-        with houses[0].tree.edit() as edit:
+        with contexts[0].tree.edit() as edit:
             edit.set_pose(("hand",), (0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0))
         states = (await client.get("/healthz")).json()["interfaces"]
         assert "warning" not in states["stereo"]
 
 
-async def test_without_kernels_nothing_is_drawn_and_everybody_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_without_kernels_requests_get_503_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     def broken() -> None:
         raise RuntimeError("no compiler backend")
 
     monkeypatch.setattr(warmup, "run", broken)
-    rooms(monkeypatch, render=add_route)
+    use_interfaces(monkeypatch, render=add_route)
     async with running() as client:
-        answer = await client.get("/room")
+        answer = await client.get("/example")
         assert (answer.status_code, answer.text) == (503, "The gateway did not start: no compiler backend\n")
         assert (await client.get("/readyz")).status_code == 503
         assert (await client.get("/healthz")).status_code == 200
@@ -173,9 +174,9 @@ async def test_cold_kernels_are_compiled_by_a_child_before_they_are_loaded(monke
     monkeypatch.setattr(kernel_cache, "are_cached", lambda parts: False)
     monkeypatch.setattr(kernel_cache, "compile_missing", compile_missing)
     monkeypatch.setattr(warmup, "run", lambda: order.append("loaded"))
-    rooms(monkeypatch, render=add_route)
+    use_interfaces(monkeypatch, render=add_route)
     async with running() as client:
-        await client.get("/room")
+        await client.get("/example")
     assert order == ["compiled", "loaded"]
 
 
@@ -192,7 +193,7 @@ async def test_while_it_compiles_log_and_health_say_which_part(monkeypatch: pyte
 
     monkeypatch.setattr(kernel_cache, "are_cached", lambda parts: False)
     monkeypatch.setattr(kernel_cache, "compile_missing", compile_missing)
-    rooms(monkeypatch, render=add_route)
+    use_interfaces(monkeypatch, render=add_route)
     with structlog.testing.capture_logs() as lines:
         async with running() as client:
             await begun.wait()
@@ -205,7 +206,7 @@ async def test_while_it_compiles_log_and_health_say_which_part(monkeypatch: pyte
                 assert compiling.pop("seconds") >= 0.0
                 assert compiling == {"part": 2, "of": len(warmup.NEEDED), "done": 1, "now": ["setup"]}
             go_on.set()
-            await client.get("/room")
+            await client.get("/example")
             assert (await client.get("/readyz")).json()["interfaces"]["kernels"] == {"state": "ready"}
     said = [line for line in lines if "ompil" in line["event"]]
     assert [line["event"] for line in said] == [
@@ -221,19 +222,19 @@ async def test_while_it_compiles_log_and_health_say_which_part(monkeypatch: pyte
 async def test_a_kernel_compiled_while_serving_is_an_error_in_the_log(monkeypatch: pytest.MonkeyPatch) -> None:
     from numba import njit
 
-    rooms(monkeypatch, render=add_route)
+    use_interfaces(monkeypatch, render=add_route)
     with structlog.testing.capture_logs() as lines:
         async with running() as client:
-            await client.get("/room")
+            await client.get("/example")
             njit(lambda x: x + 1)(1)
-        njit(lambda x: x + 2)(1)  # nobody serves any more
+        njit(lambda x: x + 2)(1)  # the application has ended
     (line,) = [line for line in lines if "compiled in the serving process" in line["event"]]
     assert line["log_level"] == "error"
     assert line["kernel"].startswith("tests.test_app.")
 
 
 async def test_docs_and_landing_page_need_no_other_host(monkeypatch: pytest.MonkeyPatch) -> None:
-    rooms(monkeypatch)
+    use_interfaces(monkeypatch)
     async with running() as client:
         for path in ("/docs", "/"):
             page = await client.get(path)
@@ -245,22 +246,22 @@ async def test_docs_and_landing_page_need_no_other_host(monkeypatch: pytest.Monk
 
 
 async def test_metrics_show_the_queue(monkeypatch: pytest.MonkeyPatch) -> None:
-    rooms(monkeypatch)
+    use_interfaces(monkeypatch)
     async with running() as client:
         assert "scenegate_render_waiting 0.0" in (await client.get("/metrics")).text
 
 
 @pytest.mark.parametrize(("only", "expected"), [(("render",), 503), (("render", "scene"), 200)])
-async def test_who_only_renders_is_not_ready_while_its_queue_is_full(
+async def test_a_render_only_gateway_is_not_ready_while_its_queue_is_full(
     monkeypatch: pytest.MonkeyPatch, only: tuple[str, ...], expected: int
 ) -> None:
-    houses: list[House] = []
-    rooms(monkeypatch, render=houses.append)
+    contexts: list[Context] = []
+    use_interfaces(monkeypatch, render=contexts.append)
     async with running(only=only, threads=1, queue=1) as client:
-        await until(lambda: houses)
+        await until(lambda: contexts)
         release = threading.Event()
-        calls = [asyncio.create_task(houses[0].workers.run(release.wait)) for _ in range(2)]
-        await until(lambda: houses[0].workers.stats.waiting == 1 and houses[0].workers.stats.running == 1)
+        calls = [asyncio.create_task(contexts[0].workers.run(release.wait)) for _ in range(2)]
+        await until(lambda: contexts[0].workers.stats.waiting == 1 and contexts[0].workers.stats.running == 1)
         full = await client.get("/readyz")
         assert full.status_code == expected
         assert full.json()["status"] == ("busy" if expected == 503 else "ready")
@@ -270,13 +271,13 @@ async def test_who_only_renders_is_not_ready_while_its_queue_is_full(
 
 
 def test_the_module_level_app_is_made_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(gateway.app.logs, "configure", lambda *_, **__: None)
+    monkeypatch.setattr(logs, "configure", lambda *_, **__: None)
     assert gateway.app.app.title == "Scenegate"
     with pytest.raises(AttributeError):
         _ = gateway.app.nothing
 
 
-async def test_the_end_in_the_middle_of_the_start_is_told_to_those_who_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_shutdown_during_the_start_answers_waiting_requests(monkeypatch: pytest.MonkeyPatch) -> None:
     asked, go_on = threading.Event(), threading.Event()
 
     def compiling() -> None:
@@ -284,37 +285,36 @@ async def test_the_end_in_the_middle_of_the_start_is_told_to_those_who_wait(monk
         go_on.wait()
 
     monkeypatch.setattr(warmup, "run", compiling)
-    rooms(monkeypatch, render=add_route)
+    use_interfaces(monkeypatch, render=add_route)
     app = gateway.app.create_app(Settings())
     try:
         async with app.router.lifespan_context(app):
             transport = httpx2.ASGITransport(app=app)
             async with httpx2.AsyncClient(transport=transport, base_url="http://test") as client:
-                waiting = asyncio.create_task(client.get("/room"))
+                waiting = asyncio.create_task(client.get("/example"))
                 await asyncio.to_thread(asked.wait)
-                app.state.leave()
+                app.state.context.begin_shutdown()
                 answer = await waiting
         assert (answer.status_code, answer.text) == (503, "The gateway did not start: it was told to stop\n")
     finally:
         go_on.set()
 
 
-async def test_a_service_that_starts_after_the_end_began_ends_too(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_service_started_after_shutdown_began_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     service = FakeService()
 
-    def late(house: House) -> None:
-        house.leave()
-        house.serve("render", service)
+    def late(context: Context) -> None:
+        context.begin_shutdown()
+        context.run_service("render", service)
 
-    rooms(monkeypatch, render=late)
+    use_interfaces(monkeypatch, render=late)
     async with asyncio.timeout(SECONDS), running() as client:
-        await client.get("/room")  # waits until the rooms are joined
+        await client.get("/example")  # waits until the interfaces have started
     assert service.ended.is_set()
 
 
-async def test_requests_are_let_in_as_soon_as_the_rooms_are_joined(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whoever saw a ready process and posted then was told at SIGTERM that it did not start: the gate was still shut,
-    for as long as it took to describe the interface."""
+async def test_requests_are_let_in_before_openapi_is_generated(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A process that says it is ready must not hold back requests while it generates the OpenAPI document."""
     describing, go_on = threading.Event(), threading.Event()
 
     def openapi(_: FastAPI) -> dict[str, Any]:
@@ -323,27 +323,26 @@ async def test_requests_are_let_in_as_soon_as_the_rooms_are_joined(monkeypatch: 
         return {}
 
     monkeypatch.setattr(FastAPI, "openapi", openapi)
-    rooms(monkeypatch, render=add_route)
+    use_interfaces(monkeypatch, render=add_route)
     try:
         async with running() as client:
             assert await asyncio.to_thread(describing.wait, SECONDS)
             assert (await client.get("/readyz")).status_code == 200
-            assert (await client.get("/room")).json() == "here"
+            assert (await client.get("/example")).json() == "here"
             go_on.set()
     finally:
         go_on.set()
 
 
-async def test_nothing_is_ready_before_requests_are_let_in(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_is_not_ready_before_requests_are_let_in(monkeypatch: pytest.MonkeyPatch) -> None:
     joining, go_on = asyncio.Event(), asyncio.Event()
 
-    async def restored(_: House) -> bool:
+    async def restore_state(_: Context) -> None:
         joining.set()
         await go_on.wait()
-        return True
 
-    monkeypatch.setattr(gateway.app, "_restored", restored)
-    rooms(monkeypatch)  # none, so that the registry waits for the kernels only, which are there
+    monkeypatch.setattr(startup, "restore_state", restore_state)
+    use_interfaces(monkeypatch)  # none: readiness depends on the kernels alone
     async with running() as client:
         await joining.wait()
         assert (await client.get("/readyz")).json()["status"] == "starting"
@@ -354,16 +353,16 @@ async def test_nothing_is_ready_before_requests_are_let_in(monkeypatch: pytest.M
 
 
 @pytest.mark.parametrize(("only", "expected"), [(("render",), 503), (("render", "scene"), 200)])
-async def test_who_only_renders_is_not_ready_while_every_thread_is_past_half_of_its_time(
+async def test_a_render_only_gateway_is_not_ready_while_every_call_is_slow(
     monkeypatch: pytest.MonkeyPatch, only: tuple[str, ...], expected: int
 ) -> None:
-    houses: list[House] = []
-    rooms(monkeypatch, render=houses.append)
+    contexts: list[Context] = []
+    use_interfaces(monkeypatch, render=contexts.append)
     async with running(only=only, threads=1, render_seconds=0.02) as client:
-        await until(lambda: houses)
+        await until(lambda: contexts)
         release = threading.Event()
-        call = asyncio.create_task(houses[0].workers.run(release.wait))
-        await until(lambda: houses[0].workers.stuck)
+        call = asyncio.create_task(contexts[0].workers.run(release.wait))
+        await until(lambda: contexts[0].workers.stuck)
         assert (await client.get("/readyz")).status_code == expected
         assert "scenegate_render_slow 1.0" in (await client.get("/metrics")).text
         release.set()

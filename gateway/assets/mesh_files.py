@@ -1,7 +1,7 @@
-"""Mesh files that clients name: found below the folders that the operator opened, loaded once, kept while unchanged.
+"""Mesh files named by clients, read from folders that the operator opened, and cached while they do not change.
 
-Nothing outside of those folders is read, whatever a client writes: names are resolved with all symbolic links before
-they are compared with the roots, also those of materials and textures inside the files. Nothing is ever fetched.
+No other file is read: names, also those of materials and textures inside the files, are resolved with all symbolic
+links before they are compared with the roots. Nothing is fetched from the network.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 import stat
 import threading
-from collections import OrderedDict
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,33 +21,34 @@ from gateway.assets.ros_packages import Packages
 from gateway.gltf import GltfError, GltfLimits
 from gateway.scene.geometry import Part, PointCloud, Surface
 from gateway.scene.transforms import scaling
+from renderers.cache import Cache
 
 SIBLINGS = ("obj", "gltf", "glb", "stl", "ply", "dae")
-"""When the named file is missing or of an unknown format (``.vtp``, ``.sdf`` …), the first of these that lies beside it
-with the same stem is taken instead. Director prefers such siblings even to an existing file; we do not."""
+"""Formats of files with the same stem that replace a file that is missing or of an unknown format (``.vtp``, ``.sdf``),
+in this order. Director prefers them even to an existing file."""
 
 
 class MeshFileError(ValueError):
-    """A mesh file was refused, is missing or cannot be read; the message says which and why."""
+    """A mesh file that is refused, missing or unreadable. The message names the file and the reason."""
 
     def __init__(self, message: str, *, missing: bool = False) -> None:
         super().__init__(message)
         self.missing = missing
-        """There is no such file, as opposed to one that cannot be used."""
+        """True if the file does not exist; False if it cannot be used."""
 
 
 @dataclass(frozen=True, slots=True)
 class MeshFileLimits:
-    """Bounds of what is read."""
+    """Limits of mesh files."""
 
     max_bytes: int = 256 << 20
-    """Of one file; a scan of ten million triangles in binary STL has 500 MB, one that a viewer wants has 10."""
+    """Size of one file; a scan of ten million triangles in binary STL has 500 MB, a typical one for a viewer 10."""
     max_total_bytes: int = 512 << 20
-    """Of a mesh file with all that it names."""
+    """Size of a mesh file with all the files that it refers to."""
     cache_bytes: int = 1 << 30
-    """Of all arrays kept for the next time; the least recently used are forgotten first."""
+    """Size of the cache of loaded files; the least recently used are dropped first."""
     gltf: GltfLimits = field(default_factory=lambda: GltfLimits(max_vertices=10_000_000, max_elements=10_000_000))
-    """Of the content, in all formats."""
+    """Limits of the content, for all formats."""
 
 
 _Stamp = tuple[str, int, int]
@@ -59,32 +59,35 @@ _Stamp = tuple[str, int, int]
 class _Loaded:
     parts: tuple[Part, ...]
     stamps: tuple[_Stamp, ...]
-    """Of the file and of all files that it named and that could be read."""
+    """Stamps of the file and of all files that it refers to and that could be read."""
     nbytes: int
 
 
 class MeshFiles:
-    """Loads mesh files by the names that clients send. Thread-safe; loads in the caller's thread."""
+    """Loads mesh files by the names that clients send, in the caller's thread. Thread-safe."""
 
     def __init__(self, roots: Iterable[str | Path], limits: MeshFileLimits | None = None) -> None:
-        """``roots``: the folders that may be read; without any, every name is refused."""
+        """
+        Args:
+            roots: Folders that may be read; without any, every name is refused.
+        """
         self._roots = tuple(Path(os.path.realpath(root)) for root in roots)
         self._limits = MeshFileLimits() if limits is None else limits
         self._packages = Packages(self._roots)
         self._lock = threading.Lock()
         self._loading: dict[str, threading.Lock] = {}
-        self._kept: OrderedDict[str, _Loaded] = OrderedDict()
-        self._nbytes = 0
+        self.cache: Cache[str, _Loaded] = Cache(self._limits.cache_bytes)
+        """Loaded files by path."""
 
     def load(self, filename: str, scale: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> tuple[Part, ...]:
-        """The parts of a mesh file, Z up and in metres, scaled along its axes.
+        """Return the parts of a mesh file, Z up and in metres, scaled along its axes.
 
         Args:
             filename: ``package://name/path``, ``file:///path``, an absolute path, or one relative to a root.
-            scale: factors along x, y, z.
+            scale: Factors along x, y, z.
 
         Raises:
-            MeshFileError: with the reason; ``missing`` tells whether there is no such file.
+            MeshFileError: The file is refused, missing or unreadable.
         """
         path = self._find(filename)
         key = str(path)
@@ -92,7 +95,7 @@ class MeshFiles:
             lock = self._loading.setdefault(key, threading.Lock())
         try:
             with lock:
-                loaded = self._fresh(key) or self._load(path, filename)
+                loaded = self._unchanged(key) or self._load(path, filename)
         finally:
             with self._lock:
                 self._loading.pop(key, None)
@@ -102,7 +105,7 @@ class MeshFiles:
         return tuple(msgspec.structs.replace(part, X_node_part=X @ part.X_node_part) for part in loaded.parts)
 
     def _find(self, filename: str) -> Path:
-        """The real path of an existing, allowed file of a known format."""
+        """Return the real path of an existing, allowed file of a known format."""
         if not self._roots:
             raise MeshFileError(f"{_shown(filename)}: no folder is open to clients (--mesh-root)")
         candidates = self._candidates(filename)
@@ -124,7 +127,7 @@ class MeshFiles:
         raise MeshFileError(f"{_shown(filename)}: there is no such file", missing=True)
 
     def _candidates(self, filename: str) -> list[Path]:
-        """Real paths (without any link) that a name may mean."""
+        """Return the real paths (without links) that a name may refer to."""
         if "\0" in filename or not filename or len(filename) > 4096:
             raise MeshFileError(f"{_shown(filename)} is not a file name")
         scheme, separator, rest = filename.partition("://")
@@ -150,12 +153,9 @@ class MeshFiles:
     def _allowed(self, real: Path) -> bool:
         return any(real.is_relative_to(root) for root in self._roots)
 
-    def _fresh(self, key: str) -> _Loaded | None:
-        """What is kept of a file, unless it or a file that it names has changed."""
-        with self._lock:
-            loaded = self._kept.get(key)
-            if loaded is not None:
-                self._kept.move_to_end(key)
+    def _unchanged(self, key: str) -> _Loaded | None:
+        """Return a file from the cache, unless it or a file that it refers to has changed."""
+        loaded = self.cache.get(key)
         if loaded is None or not all(_stamp(stamp[0]) == stamp for stamp in loaded.stamps):
             return None
         return loaded
@@ -171,15 +171,7 @@ class MeshFiles:
             raise MeshFileError(f"{_shown(filename)} cannot be read: {error.strerror}") from error
         parts = tuple(msgspec.structs.replace(part, kind="mesh_file", source=filename) for part in parts)
         loaded = _Loaded(parts, tuple(source.stamps), _nbytes(parts))
-        with self._lock:
-            old = self._kept.pop(str(path), None)
-            self._nbytes -= old.nbytes if old is not None else 0
-            if loaded.nbytes <= self._limits.cache_bytes:
-                self._kept[str(path)] = loaded
-                self._nbytes += loaded.nbytes
-            while self._nbytes > self._limits.cache_bytes:
-                _, forgotten = self._kept.popitem(last=False)
-                self._nbytes -= forgotten.nbytes
+        self.cache.put(str(path), loaded, loaded.nbytes)
         return loaded
 
 
@@ -188,17 +180,18 @@ class _RefusedError(ValueError):
 
 
 class _Source:
-    """Reads one mesh file and what it names, within the roots and the limits, and notes what it read."""
+    """Reads one mesh file and the files that it refers to, within the roots and the limits."""
 
     def __init__(self, path: Path, roots: tuple[Path, ...], limits: MeshFileLimits) -> None:
         self._folder = path.parent
         self._roots = roots
         self._limits = limits
-        self._left = limits.max_total_bytes
+        self._remaining = limits.max_total_bytes
         self.stamps: list[_Stamp] = []
+        """Stamps of the files read so far."""
 
     def resolve(self, name: str) -> bytes:
-        """The bytes of a file named in the mesh file, relative to it."""
+        """Return the bytes of a file that the mesh file refers to, relative to it."""
         if "\0" in name or "://" in name:
             raise _RefusedError(f"{_shown(name)} is not a file beside it")
         real = Path(os.path.realpath(self._folder / unquote(name).replace("\\", "/")))
@@ -207,26 +200,26 @@ class _Source:
         return self.read(real)
 
     def read(self, real: Path) -> bytes:
-        """The bytes of a regular file."""
+        """Return the bytes of a regular file."""
         stamp = _stamp(str(real))
-        # Without O_NONBLOCK a pipe in the folder would hold the thread for ever.
+        # Without O_NONBLOCK, opening a pipe in the folder would block the thread for ever.
         descriptor = os.open(real, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOFOLLOW", 0))
         with os.fdopen(descriptor, "rb") as file:
             if not stat.S_ISREG(os.fstat(descriptor).st_mode):
                 raise _RefusedError(f"{_shown(real.name)} is not a regular file")
-            most = min(self._limits.max_bytes, self._left)
-            data = file.read(most + 1)
-        if len(data) > most:
-            raise _RefusedError(f"{_shown(real.name)} is larger than the {most} bytes that are left to it")
-        self._left -= len(data)
+            limit = min(self._limits.max_bytes, self._remaining)
+            data = file.read(limit + 1)
+        if len(data) > limit:
+            raise _RefusedError(f"{_shown(real.name)} is larger than the {limit} bytes that are left to it")
+        self._remaining -= len(data)
         if stamp is not None:
             self.stamps.append(stamp)
         return data
 
 
 def _is_file(path: Path) -> bool:
-    """Unlike ``Path.is_file``, also False for names that the system refuses to look at."""
-    return os.path.isfile(path)  # noqa: PTH113 - as the docstring says
+    """Return True for a file. Unlike ``Path.is_file``, invalid names are False, too."""
+    return os.path.isfile(path)  # noqa: PTH113 - see the docstring
 
 
 def _stamp(real: str) -> _Stamp | None:
@@ -238,7 +231,7 @@ def _stamp(real: str) -> _Stamp | None:
 
 
 def _nbytes(parts: tuple[Part, ...]) -> int:
-    """Bytes of the arrays of all parts, shared ones once."""
+    """Return the approximate size of all parts, shared shapes counted once."""
     shapes = {id(part.shape): part.shape for part in parts}
     total = 1024 * len(parts)
     for shape in shapes.values():

@@ -19,35 +19,35 @@ from renderers.color import linear_colors_from_srgb, linear_from_srgb
 from renderers.drawlist import AlphaMode, Image, Material, Mesh, Texture
 from renderers.images import image_from_bytes
 
-BY_TRIMESH: Final = frozenset({"obj", "stl", "ply", "dae"})
-BY_US: Final = frozenset({"gltf", "glb"})
-FORMATS: Final = BY_TRIMESH | BY_US
+_GLTF_FORMATS: Final = frozenset({"gltf", "glb"})
+FORMATS: Final = _GLTF_FORMATS | {"obj", "stl", "ply", "dae"}
+"""File name extensions that can be read."""
 
 Resolve = Callable[[str], bytes]
-"""Gives the bytes of a file named beside the mesh file; raises OSError or ValueError."""
+"""Return the bytes of a file beside the mesh file; raises OSError or ValueError."""
 
 
 class MeshFormatError(ValueError):
-    """The content cannot be understood; a sentence without the file's name."""
+    """A content that cannot be parsed. The message does not name the file."""
 
 
 def parse_mesh(data: bytes, extension: str, resolve: Resolve, limits: GltfLimits) -> tuple[Part, ...]:
-    """The parts of a mesh file in our axes: metres, and Z up where the format says what is up.
+    """Return the parts of a mesh file, in metres and Z up.
 
-    glTF is Y-up by its specification unless Drake wrote it, COLLADA states its unit and its axis; both are honoured.
-    The others say neither and are taken as they are. A file without materials is white, so that a colour can be laid
-    over it. Textures that cannot be decoded are left out.
+    glTF is Y-up by its specification unless Drake wrote it; COLLADA states its unit and its up axis. The other formats
+    state neither and are read as they are. A file without materials is white, so that a colour can be applied.
+    Textures that cannot be decoded are left out.
 
     Args:
-        data: the file.
-        extension: in lower case without a dot, one of ``FORMATS``.
-        resolve: for materials and textures; what it refuses is left out.
-        limits: bounds of glTF; of vertices, elements and pixels in all formats.
+        data: The file.
+        extension: One of ``FORMATS``.
+        resolve: Returns materials and textures; those that it refuses are left out.
+        limits: Limits of glTF; those of vertices, elements and pixels hold for all formats.
 
     Raises:
-        MeshFormatError: not of that format, empty of geometry, or beyond a limit.
+        MeshFormatError: Not of that format, without geometry, or beyond a limit.
     """
-    if extension in BY_US:
+    if extension in _GLTF_FORMATS:
         return without_broken_textures(_parts_of_gltf(data, resolve, limits), limits.max_total_image_pixels)
     base = _collada_axes(data) if extension == "dae" else IDENTITY
     parts = _parts_of_scene(_trimesh_scene(data, extension, resolve), base, limits)
@@ -69,14 +69,14 @@ def _parts_of_gltf(data: bytes, resolve: Resolve, limits: GltfLimits) -> tuple[P
 
 
 def _trimesh_scene(data: bytes, extension: str, resolve: Resolve) -> Any:
-    # Imported on first use: it takes 0.3 s, and many gateways never open a mesh file.
+    # Importing trimesh takes 0.3 s, and many gateways never open a mesh file.
     import trimesh
 
-    class Beside(trimesh.resolvers.Resolver):
-        """Gives trimesh the files that we allow, and nothing by any other way."""
+    class Resolver(trimesh.resolvers.Resolver):
+        """Gives trimesh the allowed files only."""
 
         def __init__(self) -> None:
-            """Nothing to remember."""
+            """No state."""
 
         def get(self, name: str) -> bytes:
             return resolve(str(name))
@@ -87,12 +87,12 @@ def _trimesh_scene(data: bytes, extension: str, resolve: Resolve) -> Any:
         def keys(self) -> list[str]:
             return []
 
-        def namespaced(self, namespace: str) -> Beside:
+        def namespaced(self, namespace: str) -> Resolver:
             return self
 
     try:
         return trimesh.load_scene(
-            io.BytesIO(data), file_type=extension, resolver=Beside(), process=False, allow_remote=False
+            io.BytesIO(data), file_type=extension, resolver=Resolver(), process=False, allow_remote=False
         )
     except Exception as error:
         reason = " ".join(str(error).split())[:200]
@@ -100,7 +100,7 @@ def _trimesh_scene(data: bytes, extension: str, resolve: Resolve) -> Any:
 
 
 def _collada_axes(data: bytes) -> Matrix:
-    """(4, 4): from the document's unit and up axis to metres and Z up (COLLADA 1.4, 5-19; Y up without a statement)."""
+    """Return the transform to metres and Z up from the document's unit and up axis (COLLADA 1.4, 5-19)."""
     if b"<!DOCTYPE" in data or b"<!ENTITY" in data or data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         raise MeshFormatError("COLLADA documents with a DOCTYPE, or not in UTF-8, are refused")
     head = data[: 1 << 16].decode("utf-8", "replace")
@@ -119,7 +119,7 @@ def _collada_axes(data: bytes) -> Matrix:
 _X_UP_TO_Z_UP: Final[Matrix] = np.array(
     ((0.0, -1.0, 0.0, 0.0), (0.0, 0.0, -1.0, 0.0), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 )
-"""COLLADA's X_UP: right is -Y, up is +X, in is +Z; into our right +X, in +Y."""
+"""From COLLADA's X_UP (right -Y, up +X, inward +Z) to right +X, up +Z, inward +Y."""
 
 
 def _parts_of_scene(scene: Any, base: Matrix, limits: GltfLimits) -> list[Part]:
@@ -147,7 +147,7 @@ def _parts_of_scene(scene: Any, base: Matrix, limits: GltfLimits) -> list[Part]:
 
 
 def _shape_of(geometry: Any, limits: GltfLimits) -> tuple[Shape, Material] | None:
-    """A trimesh geometry as a shape; None when it draws nothing."""
+    """Convert a trimesh geometry; None for one that draws nothing."""
     positions = np.ascontiguousarray(getattr(geometry, "vertices", np.zeros((0, 3))), dtype=np.float32)
     if positions.ndim != 2 or positions.shape[1] != 3 or not len(positions):
         return None
@@ -156,9 +156,9 @@ def _shape_of(geometry: Any, limits: GltfLimits) -> tuple[Shape, Material] | Non
     if not len(faces):
         if hasattr(geometry, "faces"):
             return None
-        return PointCloud(positions, {} if colors is None else {"rgb": colors}), PLAIN
+        return PointCloud(positions, {} if colors is None else {"rgb": colors}), _DEFAULT_MATERIAL
     if colors is not None:
-        colors = linear_colors_from_srgb(colors)  # these files have them as displays show them; meshes have light
+        colors = linear_colors_from_srgb(colors)  # files have sRGB, meshes linear colours
     if faces.min() < 0 or faces.max() >= len(positions):
         raise MeshFormatError(f"a face refers to vertex {int(faces.max())} of {len(positions)}")
     triangles = np.ascontiguousarray(faces, dtype=np.uint32)
@@ -166,10 +166,11 @@ def _shape_of(geometry: Any, limits: GltfLimits) -> tuple[Shape, Material] | Non
     if not finite.all():
         triangles = np.ascontiguousarray(triangles[finite[triangles].all(axis=1)])
         positions[~finite] = 0.0
-    uv, material = _look_of(geometry, len(positions), limits)
+    uv, material = _material_of(geometry, len(positions), limits)
+    # trimesh computes missing normals in its property; only the cache tells if the file has any.
     given = geometry._cache.cache.get("vertex_normals")
     if given is None or len(given) != len(positions):
-        from gateway.scene.crease_normals import with_creases  # its kernels are compiled or loaded when it is imported
+        from gateway.scene.crease_normals import with_creases  # the import compiles or loads kernels
 
         return Surface(with_creases(positions, triangles, uv=uv, colors=colors)), material
     with np.errstate(all="ignore"):
@@ -178,12 +179,12 @@ def _shape_of(geometry: Any, limits: GltfLimits) -> tuple[Shape, Material] | Non
     return Surface(Mesh(positions, triangles, normals=normals, uv0=uv, colors=colors)), material
 
 
-PLAIN: Final = Material(metallic=0.0, roughness=1.0, double_sided=True)
-"""What has no material: white, diffuse, seen from both sides as Director draws it."""
+_DEFAULT_MATERIAL: Final = Material(metallic=0.0, roughness=1.0, double_sided=True)
+"""White, diffuse and double-sided, as Director draws meshes without a material."""
 
 
 def _vertex_colors(geometry: Any, count: int) -> NDArray[np.float32] | None:
-    """(N, 4) float32 in 0..1 as displays show them, or None."""
+    """Return sRGB colours, (N, 4) float32 in 0 .. 1; None where there are none."""
     visual = getattr(geometry, "visual", None)
     if visual is None or getattr(visual, "kind", None) != "vertex":
         colors = getattr(geometry, "colors", None)
@@ -194,21 +195,21 @@ def _vertex_colors(geometry: Any, count: int) -> NDArray[np.float32] | None:
     return np.ascontiguousarray(np.asarray(colors, dtype=np.float32) / 255.0)
 
 
-def _look_of(geometry: Any, count: int, limits: GltfLimits) -> tuple[NDArray[np.float32] | None, Material]:
-    """Texture coordinates (origin at the top left, unlike in these files) and the material."""
+def _material_of(geometry: Any, count: int, limits: GltfLimits) -> tuple[NDArray[np.float32] | None, Material]:
+    """Return texture coordinates (origin at the top left, unlike in these files) and the material."""
     visual = geometry.visual
     if getattr(visual, "kind", None) == "face":
         return None, _colored(np.asarray(visual.main_color, dtype=np.float64) / 255.0, None)
     source = getattr(visual, "material", None)
     if source is None:
-        return None, PLAIN
+        return None, _DEFAULT_MATERIAL
     coordinates = getattr(visual, "uv", None)
     uv = None
     if coordinates is not None and np.shape(coordinates) == (count, 2) and np.isfinite(coordinates).all():
         uv = np.array(coordinates, dtype=np.float32)
         uv[:, 1] = 1.0 - uv[:, 1]
-    picture = getattr(source, "baseColorTexture", None) or getattr(source, "image", None)
-    image = _image_of(picture, limits) if uv is not None and picture is not None else None
+    texture = getattr(source, "baseColorTexture", None) or getattr(source, "image", None)
+    image = _image_of(texture, limits) if uv is not None and texture is not None else None
     diffuse = getattr(source, "baseColorFactor", None)
     diffuse = getattr(source, "diffuse", None) if diffuse is None else diffuse
     color = np.ones(4) if diffuse is None else np.asarray(diffuse, dtype=np.float64)[:4] / 255.0
@@ -218,7 +219,7 @@ def _look_of(geometry: Any, count: int, limits: GltfLimits) -> tuple[NDArray[np.
 
 
 def _mtl_opacity(statements: dict[str, Any]) -> float:
-    """Opacity from an MTL's ``d`` or, the other way round, ``Tr``."""
+    """Return the opacity from an MTL file's ``d``, or from its ``Tr``, which is 1 - opacity."""
     for key in ("d", "tr"):
         try:
             value = float(statements[key][-1])
@@ -229,8 +230,10 @@ def _mtl_opacity(statements: dict[str, Any]) -> float:
 
 
 def _colored(color: NDArray[np.float64], image: Image | None) -> Material:
-    """A diffuse material. File colours are meant as displays show them. A texture replaces the colour but for its
-    opacity, as VTK and Drake draw it: files often pair textures with a grey or black Kd."""
+    """Return a diffuse material of an sRGB colour.
+
+    A texture replaces the colour except its opacity, as in VTK and Drake: files often pair textures with a black Kd.
+    """
     r, g, b, alpha = np.clip(np.nan_to_num(color), 0.0, 1.0).tolist()
     base = (1.0, 1.0, 1.0) if image is not None else (linear_from_srgb(r), linear_from_srgb(g), linear_from_srgb(b))
     return Material(
@@ -243,9 +246,9 @@ def _colored(color: NDArray[np.float64], image: Image | None) -> Material:
     )
 
 
-def _image_of(picture: Any, limits: GltfLimits) -> Image | None:
-    """trimesh's lazily opened Pillow image as ours, from the very bytes that our resolver gave it."""
-    stream = getattr(picture, "fp", None)
+def _image_of(image: Any, limits: GltfLimits) -> Image | None:
+    """Return the image of trimesh's lazily opened Pillow image, from the bytes that the resolver returned."""
+    stream = getattr(image, "fp", None)
     if not isinstance(stream, io.BytesIO):
         return None
     return image_from_bytes(stream.getvalue(), max_pixels=limits.max_image_pixels)

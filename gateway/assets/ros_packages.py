@@ -1,4 +1,4 @@
-"""ROS packages below some folders, for ``package://name/...``."""
+"""ROS packages below given folders, for ``package://name/...``."""
 
 from __future__ import annotations
 
@@ -11,21 +11,24 @@ from pathlib import Path
 from typing import Final
 
 MAX_FOLDERS: Final = 20_000
-"""Folders visited by one search; a large catkin workspace has a few thousand."""
+"""Maximum number of folders of one search; a large catkin workspace has a few thousand."""
 MAX_DEPTH: Final = 8
-"""Folders below a root, in each other; a package deeper than that is not found."""
+"""Maximum depth of a package below a root."""
 RESCAN_SECONDS: Final = 10.0
-"""An unknown name makes us search again, but not more often than this: the names come from clients."""
-_HEAD: Final = 1 << 16
+"""Minimum time between two searches for unknown names, which clients choose."""
+_MAX_MANIFEST_BYTES: Final = 1 << 16
 _NAME: Final = re.compile(rb"<name>\s*([^<\s]{1,256})\s*</name>")
 _SKIPPED: Final = frozenset({".git", ".svn", ".hg", "node_modules", "__pycache__"})
 
 
 class Packages:
-    """Folders by package name, found by their ``package.xml``; the first of a name in the order of the roots wins."""
+    """Folders by package name, found by their ``package.xml``. The first one in the order of the roots counts."""
 
     def __init__(self, roots: tuple[Path, ...], clock: Callable[[], float] = time.monotonic) -> None:
-        """``roots``: resolved folders. Links are not followed, so that the search stays below them."""
+        """
+        Args:
+            roots: Resolved folders. Links are not followed, so that the search stays below them.
+        """
         self._roots = roots
         self._clock = clock
         self._lock = threading.Lock()
@@ -33,24 +36,24 @@ class Packages:
         self._scanned: float | None = None
 
     def folder(self, name: str) -> Path | None:
-        """The package's folder, or None."""
+        """Return the folder of a package; None where there is none."""
         with self._lock:
             found = self._found.get(name)
             now = self._clock()
             if found is None and (self._scanned is None or now - self._scanned >= RESCAN_SECONDS):
-                self._found = self._scan()
+                self._found = self.scan()
                 self._scanned = self._clock()
                 found = self._found.get(name)
             return found
 
-    def _scan(self) -> dict[str, Path]:
+    def scan(self) -> dict[str, Path]:
         found: dict[str, Path] = {}
-        left = MAX_FOLDERS
+        remaining = MAX_FOLDERS
         for root in self._roots:
             depth = len(root.parts)
             for folder, below, files in os.walk(root):
-                left -= 1
-                if left < 0:
+                remaining -= 1
+                if remaining < 0:
                     return found
                 if "package.xml" in files:
                     name = _package_name(Path(folder) / "package.xml")
@@ -66,7 +69,7 @@ class Packages:
 def _package_name(manifest: Path) -> str | None:
     try:
         with manifest.open("rb") as file:
-            match = _NAME.search(file.read(_HEAD))
+            match = _NAME.search(file.read(_MAX_MANIFEST_BYTES))
     except OSError:
         return None
     return match[1].decode("utf-8", "replace") if match else None

@@ -1,4 +1,4 @@
-"""glTF files that the operator names: they may refer to files beside them, and are turned to Z up."""
+"""glTF files of the operator, rotated to Z up. They may refer to files beside them."""
 
 from __future__ import annotations
 
@@ -16,44 +16,44 @@ Up = Literal["auto", "y", "z"]
 
 
 class SceneFileError(ValueError):
-    """A scene file cannot be used; the message names the file and why."""
+    """A scene file that cannot be used. The message names the file and the reason."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneFile:
-    """A scene in our world: Z up, metres."""
+    """A scene in Z up and metres."""
 
     root: Node
     """Committed tree."""
     cameras: tuple[GltfCamera, ...]
-    """The file's own, their poses Z up, too."""
+    """The file's cameras, in the Z-up world."""
     warnings: tuple[str, ...]
-    """What was ignored or repaired."""
+    """Sentences about properties that were ignored or repaired."""
     generator: str
     """``asset.generator``."""
     lights: tuple[Light, ...] = ()
-    """The file's own, Z up, too."""
+    """The file's lights, in the Z-up world."""
 
     @property
     def from_drake(self) -> bool:
-        """Whether Drake's render client made the document."""
+        """True for a document from Drake's render client."""
         return self.generator in DRAKE_GENERATORS
 
 
 class FolderFiles:
-    """A scene's file and the files below its folder that it names; symbolic links do not lead out of it either."""
+    """A scene file and the files that it refers to, below its folder after symbolic links are resolved."""
 
     def __init__(self, path: Path) -> None:
         self._path = path.resolve()
         self.digests: dict[str, str] = {}
-        """What was read so far, relative to the folder -> SHA-256 of the content, the scene's own file first."""
+        """SHA-256 of the files read so far, by path relative to the folder, the scene file first."""
 
-    def own(self) -> bytes:
-        """The bytes of the scene's file; raises OSError."""
+    def read_scene(self) -> bytes:
+        """Return the bytes of the scene file; raises OSError."""
         return self._read(self._path)
 
     def __call__(self, uri: str) -> bytes:
-        """The bytes of a relative URI; raises GltfError with the reason."""
+        """Return the bytes of a relative URI; raises GltfError."""
         target = (self._path.parent / uri).resolve()
         if not target.is_relative_to(self._path.parent):
             raise GltfError(f"{uri} lies outside of the scene's folder")
@@ -71,18 +71,18 @@ class FolderFiles:
 def read_scene_file(
     path: Path, *, up: Up = "auto", limits: GltfLimits | None = None, files: FolderFiles | None = None
 ) -> SceneFile:
-    """Reads a ``.gltf`` or ``.glb`` file.
+    """Read a ``.gltf`` or ``.glb`` file.
 
     Args:
-        up: the file's up axis; ``auto``: Z when the generator is Drake's, else Y as the specification says.
-        files: reads ``path`` and what it names, for callers that want to know what was read.
+        up: The file's up axis; ``auto``: Z for Drake's generators, else Y by the specification.
+        files: Reads ``path`` and the files that it refers to, for callers that need their digests.
 
     Raises:
-        SceneFileError: not readable, not glTF, or beyond a limit.
+        SceneFileError: Not readable, not glTF, or beyond a limit.
     """
-    beside = files or FolderFiles(path)
+    files = files or FolderFiles(path)
     try:
-        scene = read_gltf(beside.own(), resolve=beside, limits=limits or GltfLimits())
+        scene = read_gltf(files.read_scene(), resolve=files, limits=limits or GltfLimits())
     except OSError as error:
         raise SceneFileError(f"{path}: {error.strerror or error}") from None
     except GltfError as error:
@@ -90,15 +90,15 @@ def read_scene_file(
     if up == "z" or (up == "auto" and scene.from_drake):
         return SceneFile(scene.root, scene.cameras, scene.warnings, scene.generator, scene.lights)
     root = scene.root
-    turned = Node(root.parts, Y_UP_TO_Z_UP @ root.matrix, root.children)
+    rotated = Node(root.parts, Y_UP_TO_Z_UP @ root.matrix, root.children)
     cameras = tuple(replace(camera, X_world_camera=Y_UP_TO_Z_UP @ camera.X_world_camera) for camera in scene.cameras)
     lights = tuple(
-        replace(light, position=_turned(light.position), direction=_turned(light.direction)) for light in scene.lights
+        replace(light, position=_rotated(light.position), direction=_rotated(light.direction)) for light in scene.lights
     )
-    return SceneFile(turned, cameras, scene.warnings, scene.generator, lights)
+    return SceneFile(rotated, cameras, scene.warnings, scene.generator, lights)
 
 
-def _turned(v: tuple[float, float, float]) -> tuple[float, float, float]:
-    """A point or direction of a Y-up world in ours."""
+def _rotated(v: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Rotate a point or direction from Y up to Z up."""
     x, y, z = Y_UP_TO_Z_UP[:3, :3] @ v
     return float(x), float(y), float(z)

@@ -1,4 +1,4 @@
-"""The command line: ``scenegate serve | render | stream | dataset | check | warmup``."""
+"""The command line: ``scenegate serve | render | stream | publish | record | play | dataset | check | warmup``."""
 
 from gateway.cli.main import main
 

@@ -1,22 +1,22 @@
-"""``scenegate check``: one table of what is installed and what this machine allows."""
+"""``scenegate check``: prints a table of the installation and of the machine's settings."""
 
 from __future__ import annotations
 
 from rich.console import Console
 from rich.table import Table
 
-from gateway import settings as options
 from gateway.runtime.diagnostics import Verdict, findings
 from gateway.runtime.worker_pool import usable_cpus
+from gateway.settings import load
 
 _STYLE = {Verdict.OK: "green", Verdict.NOTE: "yellow", Verdict.BAD: "red"}
 PORTS = {"http_port": "HTTP", "grpc_port": "gRPC", "tcpq_port": "TCPQ hub", "rest_port": "device REST"}
-"""Setting -> what listens there."""
+"""Name of the server behind each port setting."""
 
 
-def run() -> bool:
-    """Prints the table; whether nothing is bad."""
-    settings = options.load()
+def print_findings() -> bool:
+    """Print the table; return whether there is no error in it."""
+    settings = load()
     ports = {label: port for name, label in PORTS.items() if (port := getattr(settings, name)) is not None}
     table = Table(box=None, pad_edge=False)
     for heading in ("what", "", "finding"):

@@ -1,4 +1,4 @@
-"""``scenegate dataset``: commands about datasets."""
+"""``scenegate dataset``: commands for datasets."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-app = typer.Typer(help="Commands about datasets that `scenegate render` wrote.", no_args_is_help=True)
+app = typer.Typer(help="Commands for datasets written by `scenegate render`.", no_args_is_help=True)
 MAX_SHOWN = 100
-"""Problems printed; the rest are counted."""
+"""Maximum number of problems and of notes that are printed; the others are counted."""
 
 
 @app.callback()
@@ -19,10 +19,10 @@ def _common() -> None:
 
 @app.command()
 def check(
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", exists=True, file_okay=False, help="The dataset.")],
-    threads: Annotated[int, typer.Option(min=0, help="Threads that read and hash; 0: one per core.")] = 0,
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", exists=True, file_okay=False, help="Dataset folder.")],
+    threads: Annotated[int, typer.Option(min=0, help="Number of threads; 0: one per core.")] = 0,
 ) -> None:
-    """Verify a dataset: manifest, hashes, sizes and types of the pictures, cameras, labels."""
+    """Verify a dataset: manifest, hashes, sizes and types of the images, cameras, labels."""
     from gateway.datasets.check import check_dataset
     from gateway.runtime import kernel_cache
     from gateway.runtime.worker_pool import usable_cpus
@@ -33,11 +33,11 @@ def check(
         typer.echo(f"note: {note}", err=True)
     for problem in report.problems[:MAX_SHOWN]:
         typer.echo(f"scenegate: {problem}", err=True)
-    for what, all_of in (("notes", report.notes), ("problems", report.problems)):
-        if len(all_of) > MAX_SHOWN:
-            typer.echo(f"... and {len(all_of) - MAX_SHOWN} more {what}", err=True)
+    for what, lines in (("notes", report.notes), ("problems", report.problems)):
+        if len(lines) > MAX_SHOWN:
+            typer.echo(f"... and {len(lines) - MAX_SHOWN} more {what}", err=True)
     typer.echo(
-        f"{folder}: {report.samples} samples of {report.scenes} scenes, {report.images} pictures, "
+        f"{folder}: {report.samples} samples of {report.scenes} scenes, {report.images} images, "
         f"{report.nbytes / 1e6:.1f} MB, {len(report.problems)} problems"
     )
     if report.problems:

@@ -1,4 +1,4 @@
-"""The commands and what is common to them: lazy imports, errors as one sentence without a traceback."""
+"""The command ``scenegate``. Commands import lazily, and every expected error is one sentence without a traceback."""
 
 from __future__ import annotations
 
@@ -33,29 +33,29 @@ def _print_version(wanted: bool) -> None:
 @app.callback()
 def _common(
     version: Annotated[
-        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and leave.")
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
     pass
 
 
 def warmup() -> None:
-    """Compile the rendering kernels into the cache, so that the next start is quick."""
-    from gateway.runtime import kernel_cache as kernels
+    """Compile the rendering kernels into the cache, so that the next start is fast."""
+    from gateway.runtime import kernel_cache
     from gateway.runtime.kernel_progress import on_stderr
-    from gateway.wiring import warmup as all_kernels
+    from gateway.wiring import warmup as kernels
     from renderers.compiler import cache_folder
 
-    folder = kernels.configure()
-    kernels.ensure_cached(all_kernels.PARTS, on_stderr)
+    folder = kernel_cache.configure()
+    kernel_cache.ensure_cached(kernels.PARTS, on_stderr)
     typer.echo(f"The {cache_folder.count()} rendering kernels are in {folder}.")
 
 
 def check() -> None:
-    """Show what is installed, whether the ports are free, multicast, threads and the kernel cache, in one table."""
-    from gateway.cli import check as table
+    """Check the installation: libraries, free ports, multicast, threads and the kernel cache."""
+    from gateway.cli.check import print_findings
 
-    if not table.run():
+    if not print_findings():
         raise typer.Exit(1)
 
 
@@ -66,12 +66,12 @@ app.add_typer(dataset.app, name="dataset")
 
 
 def main() -> None:
-    """The console script."""
+    """Run the command; the console script calls this."""
     try:
         app()
     except (OSError, ValueError, RuntimeError, ImportError) as error:
-        sentence = str(error)
+        message = str(error)
         if isinstance(error, OSError) and error.filename is not None:
-            sentence = f"{error.filename}: {error.strerror}"
-        typer.echo(f"scenegate: {sentence}", err=True)
+            message = f"{error.filename}: {error.strerror}"
+        typer.echo(f"scenegate: {message}", err=True)
         sys.exit(1)

@@ -1,41 +1,20 @@
-"""``scenegate render``: one picture of one scene, or a dataset of many."""
+"""``scenegate render``: renders one image of one scene, or a dataset of many."""
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
-PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
-"""An OUT that ends so is one picture."""
-FOREIGN = (".bmp", ".exr", ".gif", ".npy", ".npz", ".webp")
-"""An OUT that ends so was meant to be one picture, and would be a folder: it is refused."""
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
+"""Suffixes of OUT that mean one image."""
+UNSUPPORTED_SUFFIXES = (".bmp", ".exr", ".gif", ".npy", ".npz", ".webp")
+"""Suffixes of OUT that are rejected: the user meant an image, and would get a folder of that name."""
 
-
-class LookChoice(StrEnum):
-    auto = "auto"
-    phong = "phong"
-    plain = "plain"
-    studio = "studio"
-    pbr = "pbr"
-
-
-class UpChoice(StrEnum):
-    auto = "auto"
-    y = "y"
-    z = "z"
-
-
-class AntialiasChoice(StrEnum):
-    fxaa = "fxaa"
-    none = "none"
-
-
-class DepthChoice(StrEnum):
-    tiff = "tiff"
-    png = "png"
+ImageType = Literal["color", "depth", "label"]
+TYPES: tuple[ImageType, ...] = ("color", "depth", "label")
+SAMPLES = (0, 1, 4, 8)
 
 
 def render(
@@ -44,122 +23,160 @@ def render(
         typer.Argument(
             metavar="SCENES...",
             exists=True,
-            help="glTF files, mesh files (.obj, .stl, .ply, .dae), requests of tree viewer clients (.json), recorded "
-            "render requests (.multipart), or folders of them.",
+            help="glTF files, mesh files (.obj, .stl, .ply, .dae), tree viewer requests (.json), recorded render "
+            "requests (.multipart), or folders of such files.",
         ),
     ],
     out: Annotated[
         Path,
         typer.Option(
-            "-o", "--out", metavar="OUT", help="A folder for the dataset; or, for one scene, a picture: .png, .tiff …"
+            "-o", "--out", metavar="OUT", help="Folder for a dataset; or, for one scene, an image: .png, .tiff …"
         ),
     ],
     types: Annotated[
-        str, typer.Option("--type", metavar="TYPES", help="color, depth, label, or several with commas.")
+        str, typer.Option("--type", metavar="TYPES", help="Types of images, separated by commas: color, depth, label.")
     ] = "color",
-    width: Annotated[int, typer.Option(min=1, max=16384, help="Columns, pixels.")] = 640,
-    height: Annotated[int, typer.Option(min=1, max=16384, help="Rows, pixels.")] = 480,
+    width: Annotated[int, typer.Option(min=1, max=16384, help="Image width in pixels.")] = 640,
+    height: Annotated[int, typer.Option(min=1, max=16384, help="Image height in pixels.")] = 480,
     camera: Annotated[
         list[str] | None,
         typer.Option(
             metavar="CAMERA",
-            help='fit; path:["robot", "head"] for a node\'s frame; eye=x,y,z;target=x,y,z;up=x,y,z;fovy=degrees. '
-            "May be repeated. Default: the file's first camera, or fit.",
+            help='fit; path:["robot", "head"] (the frame of a node); eye=x,y,z;target=x,y,z;up=x,y,z;fovy=degrees. '
+            "Can be repeated. Default: the file's first camera, or fit.",
         ),
     ] = None,
     cameras: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE", exists=True, dir_okay=False, help="JSON: cameras of all scenes, or of each its own."
-        ),
-    ] = None,
-    orbit: Annotated[int, typer.Option(min=0, max=100_000, help="So many cameras on a circle around each scene.")] = 0,
-    orbit_elevation: Annotated[
-        float, typer.Option(min=-89.0, max=89.0, help="Of that circle above the horizon, degrees.")
-    ] = 30.0,
-    fovy: Annotated[
-        float, typer.Option(min=0.01, max=179.0, help="Vertical field of view where a camera names none, degrees.")
-    ] = 45.0,
-    look: Annotated[
-        LookChoice, typer.Option(help="How colour is made; auto: studio, but Drake's files as Drake shows them.")
-    ] = LookChoice.auto,
-    background: Annotated[
-        str, typer.Option(metavar="R,G,B", help="Colour where nothing is; 0 to 255 each.")
-    ] = "204,229,255",
-    antialias: Annotated[
-        AntialiasChoice, typer.Option(help="Of colour with one sample a pixel, other than studio.")
-    ] = AntialiasChoice.fxaa,
-    samples: Annotated[
-        int, typer.Option(help="Samples a pixel of colour: 1, 4 or 8; 0: 4 of the studio look, 1 of the others.")
-    ] = 0,
-    rig: Annotated[
-        Path | None,
-        typer.Option(
             metavar="FILE",
             exists=True,
             dir_okay=False,
-            help="TOML: lights of the studio look, the only one that they light.",
+            help="JSON file with cameras for all or single scenes.",
         ),
     ] = None,
+    orbit: Annotated[
+        int, typer.Option(min=0, max=100_000, help="Number of cameras on a circle around each scene.")
+    ] = 0,
+    orbit_elevation: Annotated[
+        float, typer.Option(min=-89.0, max=89.0, help="Elevation of that circle above the horizon, in degrees.")
+    ] = 30.0,
+    fovy: Annotated[
+        float,
+        typer.Option(min=0.01, max=179.0, help="Vertical field of view in degrees, for cameras that have none."),
+    ] = 45.0,
+    look: Annotated[
+        Literal["auto", "phong", "plain", "studio", "pbr"],
+        typer.Option(help="Shading of colour images; auto: studio, but files written by Drake look as in Drake."),
+    ] = "auto",
+    background: Annotated[str, typer.Option(metavar="R,G,B", help="Background colour, 0 to 255 each.")] = "204,229,255",
+    antialias: Annotated[
+        Literal["fxaa", "none"],
+        typer.Option(help="Edge smoothing of colour images with one sample per pixel; not for studio."),
+    ] = "fxaa",
+    samples: Annotated[
+        int,
+        typer.Option(help="Samples per pixel of colour images: 1, 4 or 8; 0: 4 for the studio look, 1 for the others."),
+    ] = 0,
+    rig: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", exists=True, dir_okay=False, help="TOML file with lights for the studio look."),
+    ] = None,
     depth_format: Annotated[
-        DepthChoice, typer.Option(help="In a dataset: tiff is 32-bit metres, png 16-bit millimetres.")
-    ] = DepthChoice.tiff,
+        Literal["tiff", "png"],
+        typer.Option(help="Depth images of datasets: tiff (32-bit float, metres) or png (16-bit, millimetres)."),
+    ] = "tiff",
     up: Annotated[
-        UpChoice, typer.Option(help="The files' up axis; auto: y, but z for files that Drake wrote.")
-    ] = UpChoice.auto,
-    threads: Annotated[int, typer.Option(min=0, help="Cores that draw; 0: all of this machine.")] = 0,
+        Literal["auto", "y", "z"],
+        typer.Option(help="Up axis of glTF files; auto: z for Drake's files, else y."),
+    ] = "auto",
+    threads: Annotated[int, typer.Option(min=0, help="Number of cores to use; 0: all.")] = 0,
     timeout: Annotated[
         float,
         typer.Option(
             min=0.0,
             metavar="SECONDS",
-            help="Time for one picture; in a dataset, for reading a scene and for each view. 0: any.",
+            help="Maximum time for one image; in a dataset, for reading a scene and for each view. 0: no limit.",
         ),
     ] = 0.0,
     ray: Annotated[
         str | None,
-        typer.Option(metavar="ADDRESS", help="Draw on a Ray cluster (HOST:6379, ray://HOST:10001, auto, local)."),
+        typer.Option(metavar="ADDRESS", help="Render on a Ray cluster (HOST:6379, ray://HOST:10001, auto, local)."),
     ] = None,
 ) -> None:
-    """Draw scenes: a dataset of pictures, camera parameters and labels, or one picture.
+    """Render scenes: one image, or a dataset of images, camera parameters and labels.
 
-    Run the same command again to go on where it was stopped: what is done is not done again.
+    If a run was stopped, the same command continues it; finished images are not rendered again.
     """
+    image_types, color = _parse_types(types), _parse_color(background)
+    if samples not in SAMPLES:
+        raise ValueError(f"--samples {samples} is none of 0, 1, 4, 8")
+    single = out.suffix.lower() in IMAGE_SUFFIXES and not out.is_dir()
+    if out.suffix.lower() in UNSUPPORTED_SUFFIXES and not out.is_dir():
+        raise ValueError(f"{out}: images are written as {', '.join(IMAGE_SUFFIXES)}; or name a folder with -o")
+    if single and (len(scenes) != 1 or scenes[0].is_dir() or len(image_types) != 1 or cameras is not None):
+        raise ValueError(f"{out} is one image: for more scenes, types or cameras name a folder with -o")
+    if rig is not None and look not in ("auto", "studio"):
+        typer.echo(f"--rig lights the studio look only: --look {look} is rendered without it", err=True)
     from gateway.runtime import kernel_cache
     from gateway.runtime.kernel_progress import on_stderr
     from gateway.wiring import warmup
 
     kernel_cache.ensure_cached(warmup.PARTS, on_stderr)
-    # All below imports compiled kernels.
+    # The following imports load compiled kernels.
     from gateway.assets.light_rig_file import rig_digest
-    from gateway.cli import render_job
+    from gateway.cli.render_dataset import render_dataset
+    from gateway.cli.render_image import render_image
     from gateway.client.manifest import Settings
+    from gateway.datasets.camera_file import CameraFile, read_camera_file
+    from gateway.datasets.job import make_job
+    from gateway.datasets.sources import find_sources
     from gateway.datasets.views import View
     from gateway.runtime.worker_pool import usable_cpus
     from gateway.scene.cameras import OrbitCamera
 
     settings = Settings(
-        types=render_job.types_of(types),
+        types=image_types,
         width=width,
         height=height,
         fovy=fovy,
-        look=look.value,
-        up=up.value,
-        antialias=antialias.value,
-        depth_format=depth_format.value,
-        background=render_job.color_of(background),
-        samples=render_job.samples_of(samples),
+        look=look,
+        up=up,
+        antialias=antialias,
+        depth_format=depth_format,
+        background=color,
+        samples=samples,
         rig=None if rig is None else str(rig.absolute()),
         rig_sha256=None if rig is None else rig_digest(rig),
     )
-    if rig is not None and look not in (LookChoice.auto, LookChoice.studio):
-        typer.echo(f"--rig lights the studio look only: --look {look.value} is drawn without it", err=True)
-    named = [View(f"camera-{index:03d}", text) for index, text in enumerate(camera or ())]
-    around = [View(f"orbit-{index:03d}", OrbitCamera(index, orbit, orbit_elevation)) for index in range(orbit)]
+    views = (
+        *(View(f"camera-{index:03d}", text) for index, text in enumerate(camera or ())),
+        *(View(f"orbit-{index:03d}", OrbitCamera(index, orbit, orbit_elevation)) for index in range(orbit)),
+    )
     cores = threads or usable_cpus()
-    if out.suffix.lower() in FOREIGN and not out.is_dir():
-        raise ValueError(f"{out}: pictures are written as {', '.join(PICTURES)}; or name a folder with -o")
-    if out.suffix.lower() in PICTURES and not out.is_dir():
-        render_job.one_picture(scenes, out, settings, [*named, *around], cameras, cores, timeout)
-    elif render_job.dataset(scenes, out, settings, (*named, *around), cameras, cores, ray, timeout):
+    if single:
+        render_image(scenes[0], out, settings, views, cores, timeout)
+        return
+    file = CameraFile() if cameras is None else read_camera_file(cameras)
+    job = make_job(find_sources(scenes), views, file, settings, out.absolute(), timeout)
+    if not render_dataset(job, cores, ray):
         raise typer.Exit(1)
+
+
+def _parse_types(text: str) -> tuple[ImageType, ...]:
+    """Return the types in ``color,depth``, in the order of ``TYPES``."""
+    wanted = {part.strip() for part in text.split(",") if part.strip()}
+    if not wanted or not wanted <= {*TYPES}:
+        raise ValueError(f"--type {text!r}: must be color, depth or label, or several of them separated by commas")
+    return tuple(name for name in TYPES if name in wanted)
+
+
+def _parse_color(text: str) -> tuple[int, int, int]:
+    """Return the numbers in ``204,229,255``."""
+    try:
+        red, green, blue = (int(part) for part in text.split(","))
+    except ValueError:
+        red = green = blue = -1
+    if not all(0 <= value <= 255 for value in (red, green, blue)):
+        raise ValueError(f"--background {text!r}: must be three numbers from 0 to 255, separated by commas")
+    return red, green, blue

@@ -1,4 +1,4 @@
-"""``scenegate serve``: its flags are made from the settings, then one process serves until a signal."""
+"""``scenegate serve``: one flag per setting; serves until SIGTERM or Ctrl+C."""
 
 from __future__ import annotations
 
@@ -12,18 +12,23 @@ import typer
 from pydantic.fields import FieldInfo
 from rich.markup import escape
 
-from gateway.settings import Settings, SettingsError, load, types, unknown_environment
+from gateway.settings import Settings, SettingsError, load, unknown_environment
+from gateway.settings.option import default_of, flag_of, group_of, metavar_of, second_flag_of
 
 if TYPE_CHECKING:
     from gateway.state.service import PersistentState
+    from gateway.wiring.context import Context
+
+HELP = """Serve every interface until SIGTERM or Ctrl+C.
+
+Each flag is also an environment variable (SCENEGATE_HTTP_PORT=9000) and a key of the TOML file (http_port = 9000).
+Flags override the environment, which overrides the file.
+"""
 
 
 def add_serve(app: typer.Typer) -> None:
-    """Adds the command with one flag a setting."""
-    app.command("serve")(_command())
+    """Add the command. Typer reads its flags from a signature that is made from the settings."""
 
-
-def _command() -> Any:
     def serve(config: Path | None, **flags: Any) -> None:
         given = {name: value for name, value in flags.items() if value is not None}
         try:
@@ -33,44 +38,37 @@ def _command() -> Any:
             raise typer.Exit(2) from None
         raise typer.Exit(run(settings))
 
-    serve.__doc__ = (
-        "Serve every interface until SIGTERM or Ctrl+C.\n\n"
-        "Each flag may also be an environment variable (SCENEGATE_HTTP_PORT=9000) or a key of the TOML file "
-        "(http_port = 9000); a flag wins over the environment, the environment over the file."
-    )
-    parameters = [_config_parameter(), *(_parameter(name, field) for name, field in Settings.model_fields.items())]
-    serve.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]  # what typer reads
-    serve.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
-    return serve
-
-
-def _config_parameter() -> inspect.Parameter:
     info = typer.Option("--config", help="TOML file with settings (also SCENEGATE_CONFIG).", dir_okay=False)
-    return inspect.Parameter(
-        "config", inspect.Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[Path | None, info]
-    )
+    parameters = [
+        _parameter("config", Annotated[Path | None, info]),
+        *(_parameter(name, _flag(name, field)) for name, field in Settings.model_fields.items()),
+    ]
+    serve.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    serve.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    app.command("serve", help=HELP)(serve)
 
 
-def _parameter(name: str, field: FieldInfo) -> inspect.Parameter:
-    """A flag. Everything but switches is handed over as text: the settings are what judges it."""
-    flag = types.flag_of(name)
-    second = field.json_schema_extra.get("flag") if isinstance(field.json_schema_extra, dict) else None
+def _parameter(name: str, annotation: Any) -> inspect.Parameter:
+    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation)
+
+
+def _flag(name: str, field: FieldInfo) -> Any:
+    """Return the annotation of a flag. Its value stays text, which the settings parse and check; switches are bool."""
+    flag, second, default = flag_of(name), second_flag_of(field), default_of(field.default)
     switch = field.annotation is bool
-    default = types.default_of(field.default)
-    names = [f"{flag}/--no-{flag[2:]}"] if switch else [flag, *([str(second)] if second else [])]
+    names = [f"{flag}/--no-{flag[2:]}"] if switch else [flag, *([second] if second else [])]
     info = typer.Option(
         *names,
         help=escape(f"{field.description}{f' [default: {default}]' if default else ''}"),
-        rich_help_panel=types.group_of(field),
-        metavar=None if switch else types.kind_of(field),
+        rich_help_panel=group_of(field),
+        metavar=None if switch else metavar_of(field),
         show_default=False,
     )
-    kind = bool | None if switch else str | None
-    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[kind, info])
+    return Annotated[bool | None if switch else str | None, info]
 
 
 def run(settings: Settings) -> int:
-    """Serves until a signal; the exit code."""
+    """Serve until a signal; return the exit code. Imports are late, so that ``--help`` is fast."""
     from gateway.runtime import logs, process_tuning
 
     process_tuning.pause_gc()
@@ -85,13 +83,9 @@ def run(settings: Settings) -> int:
     from gateway.wiring.state import open_state
 
     try:
-        security = Security.of(settings)
-    except SettingsError as error:
-        log.error(str(error))
-        return 1
-    try:
+        tls = Security.of(settings).tls
         state = open_state(settings)
-    except StateError as error:
+    except (SettingsError, StateError) as error:
         log.error(str(error))
         return 1
     try:
@@ -102,10 +96,10 @@ def run(settings: Settings) -> int:
         return 1
     port = listener.getsockname()[1]
     host = f"[{settings.host}]" if ":" in settings.host else settings.host
-    scheme = "http" if security.tls is None else "https"
+    scheme = "http" if tls is None else "https"
     pages = "/view, / and /docs" if not settings.only or "view" in settings.only else "/ and /docs"
     log.info(f"Scenegate listens; look at {pages}", url=f"{scheme}://{host}:{port}")
-    return _serve(settings, listener, state, security.tls)
+    return _serve(settings, listener, state, tls)
 
 
 def _serve(
@@ -120,24 +114,26 @@ def _serve(
 
     log = structlog.get_logger("gateway")
     app = create_app(settings, state)
-    config = http_server.server_config(app, settings.shutdown_seconds, lifespan=True, tls=tls)
+    context: Context = app.state.context
 
-    def leave() -> None:
+    def begin_shutdown() -> None:
         log.info("Scenegate stops; requests that it has accepted may finish", seconds=settings.shutdown_seconds)
-        app.state.leave()
+        context.begin_shutdown()
 
-    server = http_server.MainServer(config, leave)
-    # Answers without an end (MJPEG) look at it; nobody else would tell them before their connections are cut.
-    app.state.closing = lambda: server.should_exit
-    app.state.on_started = process_tuning.freeze_gc
-    gave_up = False
+    config = http_server.server_config(app, settings.shutdown_seconds, lifespan=True, tls=tls)
+    server = http_server.MainServer(config, begin_shutdown)
+    fatal = False
 
-    def give_up() -> None:
-        nonlocal gave_up
-        gave_up = server.should_exit = True
+    def stop_with_error() -> None:
+        nonlocal fatal
+        fatal = server.should_exit = True
 
-    app.state.give_up = give_up
+    app.state.closing = lambda: server.should_exit  # endless responses (MJPEG) end by it
+    context.on_started = process_tuning.freeze_gc
+    context.on_fatal = stop_with_error
     with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
         runner.run(server.serve(sockets=[listener]))
     log.info("Scenegate has stopped")
-    return 1 if gave_up else 0 if server.started else 3
+    if fatal:
+        return 1
+    return 0 if server.started else 3

@@ -1,4 +1,4 @@
-"""Reads datasets that ``scenegate render`` wrote, for training jobs: numpy and OpenCV, nothing of the server.
+"""Reads datasets written by ``scenegate render``. Needs NumPy and OpenCV, nothing of the server.
 
 for sample in Dataset("out"):
     train(sample.color, sample.depth, sample.label, sample.K, sample.X_world_camera)
@@ -20,15 +20,15 @@ from gateway.client.lines import Lines
 from gateway.client.manifest import ImageType, RecordError
 
 NO_LABEL: Final = 0xFFFFFF
-"""In label pictures: the background, and what has no label."""
+"""Label of the background and of objects without a label."""
 
 
 class Sample:
-    """One scene from one camera. Pictures are read when they are asked for, and not kept."""
+    """One view of one scene. Images are read from disk on each access."""
 
     def __init__(self, folder: Path, record: manifest.Sample, depth_format: str) -> None:
         self.record: Final = record
-        """The manifest's line."""
+        """Record in the manifest."""
         self._folder = folder
         self._depth_format = depth_format
 
@@ -55,7 +55,7 @@ class Sample:
 
     @property
     def depth(self) -> NDArray[np.float32]:
-        """(H, W) float32: metres along the optical axis, inf where nothing is."""
+        """(H, W) float32: metres along the optical axis, inf for the background."""
         stored = self._read("depth")
         if stored.dtype != np.uint16:
             return stored.astype(np.float32, copy=False)
@@ -65,48 +65,48 @@ class Sample:
 
     @property
     def label(self) -> NDArray[np.uint32]:
-        """(H, W) uint32: label, ``NO_LABEL`` where nothing is. ``Dataset.labels`` says what they mean."""
+        """(H, W) uint32: labels; ``NO_LABEL`` for the background. ``Dataset.labels`` has their paths."""
         bgr = self._read("label").astype(np.uint32)
         return np.ascontiguousarray(bgr[..., 2] | bgr[..., 1] << 8 | bgr[..., 0] << 16)
 
     @property
     def rays(self) -> NDArray[np.float64]:
-        """(H, W, 3) float64: the ray of every pixel in the optical frame, z = 1; times ``depth``: points in metres."""
+        """(H, W, 3) float64: ray of each pixel in the optical frame, with z = 1. Times ``depth``: points in metres."""
         c = self.record.camera
         x = (np.arange(c.width) + 0.5 - c.cx) / c.fx
         y = (np.arange(c.height) + 0.5 - c.cy) / c.fy
         return np.stack((*np.meshgrid(x, y), np.ones((c.height, c.width))), axis=-1)
 
     def path(self, image_type: ImageType) -> Path:
-        """The file of a picture.
+        """Return the file of an image.
 
         Raises:
-            RecordError: the sample has no such picture.
+            RecordError: the sample has no image of this type.
         """
         image = self.record.images.get(image_type)
         if image is None:
-            raise RecordError(f"{self.id} has no {image_type} picture, only {', '.join(self.record.images)}")
+            raise RecordError(f"{self.id} has no {image_type} image, only {', '.join(self.record.images)}")
         return self._folder / image.path
 
     def _read(self, image_type: ImageType) -> NDArray[Any]:
         path = self.path(image_type)
         pixels: NDArray[Any] | None = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
         if pixels is None:
-            raise RecordError(f"{path}: missing, or no picture")
+            raise RecordError(f"{path}: missing, or not an image")
         return pixels
 
 
 class Dataset(Sequence[Sample]):
-    """The samples of a dataset, in the order of its manifest.
+    """Sequence of the samples of a dataset, in the order of its manifest.
 
-    Of the manifest only the places of its lines are kept in memory; a bad line is a RecordError when it is asked for.
-    Can be pickled, as the workers of data loaders need it.
+    Memory holds 8 bytes per sample; an invalid line raises RecordError on access. A dataset can be pickled, as data
+    loaders require.
     """
 
     def __init__(self, folder: str | Path) -> None:
         """
         Raises:
-            RecordError: there is no dataset, or it is not finished.
+            RecordError: the folder holds no dataset, or an unfinished one.
         """
         self.folder: Final = Path(folder)
         self.description: Final = manifest.read_dataset(self.folder)
@@ -117,11 +117,11 @@ class Dataset(Sequence[Sample]):
 
     @cached_property
     def scenes(self) -> tuple[str, ...]:
-        """Names of all scenes. Reads the whole manifest."""
+        """Names of all scenes. The first access reads the whole manifest."""
         return tuple(dict.fromkeys(self._record(index).scene for index in range(len(self))))
 
     def labels(self, scene: str) -> Mapping[int, tuple[tuple[str | int, ...], ...]]:
-        """What the labels of a scene's pictures mean: the paths of the nodes that carry each."""
+        """Return the paths of the nodes with each label of a scene."""
         found = manifest.read_file(self.folder / manifest.SCENES / scene / manifest.SCENE, manifest.Scene)
         return {int(label): paths for label, paths in found.labels.items()}
 

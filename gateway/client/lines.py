@@ -1,4 +1,4 @@
-"""Single lines of a file of many: a manifest of a million samples has 1 GB, and a reader wants one line of it."""
+"""Random access to the lines of a large file. The manifest of a million samples has 1 GB."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ _BLOCK: Final = 4 << 20
 
 
 class Lines:
-    """The lines of a file, by number from 0, without their ends; 8 bytes of memory each.
+    """Sequence of the lines of a file, without newlines. Memory holds 8 bytes per line.
 
-    The file stays open: one that is replaced meanwhile (by renaming another one) stays what it was. Threads and forked
-    processes may read at the same time.
+    The file stays open, so that replacing it does not change the lines. Threads and forked processes may read
+    concurrently.
     """
 
     def __init__(self, path: Path) -> None:
         """
         Raises:
-            RecordError: it cannot be read, has a line beyond ``MAX_LINE``, or its last line is cut off.
+            RecordError: the file is not readable, a line exceeds ``MAX_LINE``, or the last line has no newline.
         """
         self._path = path
         self._file = self._open()
@@ -61,7 +61,7 @@ class Lines:
         return os.pread(self._file, end - start - 1, start)
 
     def where(self, number: int) -> str:
-        """For messages."""
+        """Return file and line number, for error messages."""
         return f"{self._path}, line {number + 1}"
 
     def __getstate__(self) -> tuple[Path, NDArray[np.int64]]:

@@ -1,7 +1,7 @@
-"""The files that describe a dataset: their names, and their content as values. See ``docs/datasets.md``.
+"""File formats of a dataset: names of the files, and their records. See ``docs/datasets.md``.
 
-``dataset.json`` says how all pictures were made, each line of ``manifest.jsonl`` is a ``Sample``, and every scene has a
-folder with a ``scene.json``. No times, no machine names: the same input gives the same bytes.
+``dataset.json`` has the settings of all images, each line of ``manifest.jsonl`` is a ``Sample``, and every scene has a
+folder with a ``scene.json``. No record has times or machine names, so that the same input gives the same bytes.
 """
 
 from __future__ import annotations
@@ -15,34 +15,34 @@ import msgspec
 DATASET: Final = "dataset.json"
 MANIFEST: Final = "manifest.jsonl"
 JOURNAL: Final = "journal.jsonl"
-"""What a run that has not ended has made so far, in the order in which it was made."""
+"""Finished samples of a run that has not ended, in the order in which they finished."""
 FAILED: Final = "failed.jsonl"
 SCENES: Final = "scenes"
 SCENE: Final = "scene.json"
 FORMAT: Final = "scenegate-dataset"
 FORMAT_VERSION: Final = 1
 MAX_LINE: Final = 1 << 20
-"""Bytes of a line; a sample has about 700."""
+"""Maximum size of a line in bytes; a sample has about 700."""
 MAX_DESCRIPTION: Final = 256 << 20
-"""Bytes of a dataset.json or scene.json; a scene of a million labelled paths has 60 MB."""
+"""Maximum size of a dataset.json or scene.json in bytes; a scene with a million labelled paths has 60 MB."""
 
 ImageType = Literal["color", "depth", "label"]
 IMAGE_TYPES: Final[tuple[ImageType, ...]] = ("color", "depth", "label")
 
 
 class RecordError(ValueError):
-    """A description cannot be read; the message names the file (and line) and the reason."""
+    """A record cannot be read; the message names the file, the line and the reason."""
 
 
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What holds for all pictures of a dataset, except those of recorded requests, which say all themselves."""
+    """Settings of all images of a dataset, except recorded requests, which contain their own."""
 
     types: tuple[ImageType, ...]
     width: int
     height: int
-    """Pixels, where the camera does not say itself."""
+    """Default image size in pixels, for cameras without their own."""
     fovy: float
-    """Degrees, likewise."""
+    """Default vertical field of view in degrees."""
     look: str
     up: str
     antialias: str
@@ -50,11 +50,11 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """``tiff``: 32-bit float, metres; ``png``: 16 bit, millimetres, 65535 is too far or nothing."""
     background: tuple[int, int, int]
     samples: int = 0
-    """A pixel of colour; 0: 4 of the studio look, 1 (and ``antialias``) of the others."""
+    """Samples per pixel of colour images; 0: 4 for the studio look, 1 (with ``antialias``) for the others."""
     rig: str | None = None
-    """File with the lights of the studio look; None: the built-in ones."""
+    """File with the lights of the studio look; None: the built-in lights."""
     rig_sha256: str | None = None
-    """Of that file, and of the picture of the surroundings that it names."""
+    """Digest of that file and of the environment map that it names."""
 
 
 class Dataset(msgspec.Struct, frozen=True, kw_only=True):
@@ -65,10 +65,10 @@ class Dataset(msgspec.Struct, frozen=True, kw_only=True):
     generator: str
     """Name and version of the program."""
     renderer: str
-    """Digest of the rasterizer's sources: pictures of equal digests are equal to the last bit."""
+    """Digest of the rasterizer's sources; equal digests give bit-identical images."""
     settings: Settings
     conventions: dict[str, str]
-    """For people who find the folder without its documentation."""
+    """Units and encodings in prose, for readers without the documentation."""
 
 
 class SourceFile(msgspec.Struct, frozen=True):
@@ -84,15 +84,15 @@ class Scene(msgspec.Struct, frozen=True, kw_only=True):
 
     scene: str
     sha256: str
-    """Of the names and hashes of all source files."""
+    """Digest of the names and digests of all source files."""
     sources: tuple[SourceFile, ...]
-    """The scene's own file first."""
+    """Files that the scene was read from; the scene's own file is the first."""
     generator: str
     """``asset.generator`` of a glTF file, else empty."""
     warnings: tuple[str, ...]
-    """What was ignored or repaired when it was read."""
+    """Warnings about content that was ignored or repaired."""
     labels: dict[str, tuple[tuple[str | int, ...], ...]]
-    """Label in decimal digits -> the paths of the nodes that carry it."""
+    """Paths of the nodes with each label, by label in decimal digits."""
 
 
 class CameraRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -113,7 +113,7 @@ class CameraRecord(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ImageFile(msgspec.Struct, frozen=True):
-    """A picture."""
+    """An image file."""
 
     path: str
     """Relative to the dataset."""
@@ -129,7 +129,7 @@ class Sample(msgspec.Struct, frozen=True, kw_only=True):
     scene: str
     view: str
     asked: str
-    """What the view was made of: the camera's text, or a digest of its parameters."""
+    """Input of the view: the camera text, or a digest of the camera's parameters."""
     scene_sha256: str
     camera: CameraRecord
     images: dict[ImageType, ImageFile]
@@ -140,7 +140,7 @@ class Failure(msgspec.Struct, frozen=True):
 
     scene: str
     view: str | None
-    """None: no view of the scene can be drawn."""
+    """Name of the view; None: no view of the scene could be rendered."""
     reason: str
 
 
@@ -149,24 +149,28 @@ _encoder = msgspec.json.Encoder()
 
 
 def encode(record: Dataset | Scene | Sample | Failure) -> bytes:
-    """JSON in one line, without its end."""
+    """Return a record as one line of JSON, without the newline."""
     return _encoder.encode(record)
 
 
-def encode_for_people(record: Dataset | Scene) -> bytes:
-    """JSON with line breaks."""
+def encode_indented(record: Dataset | Scene) -> bytes:
+    """Return a record as indented JSON."""
     return msgspec.json.format(_encoder.encode(record), indent=1) + b"\n"
 
 
 def encode_labels(scene: Scene) -> bytes:
-    """What the labels of a scene mean, as JSON with line breaks: what lies beside a single label picture."""
+    """Return a scene's labels as indented JSON, the file beside a single label image."""
     return msgspec.json.format(msgspec.json.encode(scene.labels), indent=1) + b"\n"
 
 
 def decode(data: bytes, kind: type[Record], where: str) -> Record:
-    """
+    """Return the record in a piece of JSON.
+
+    Args:
+        where: file and line, for the error.
+
     Raises:
-        RecordError: it is no such record; names ``where``.
+        RecordError: the JSON is not such a record.
     """
     try:
         return msgspec.json.decode(data, type=kind)
@@ -175,10 +179,10 @@ def decode(data: bytes, kind: type[Record], where: str) -> Record:
 
 
 def read_file(path: Path, kind: type[Record]) -> Record:
-    """A record that is a file of its own.
+    """Return the record in a file.
 
     Raises:
-        RecordError: it is missing, not readable or no such record.
+        RecordError: the file is missing, not readable or not such a record.
     """
     try:
         with path.open("rb") as file:
@@ -190,14 +194,14 @@ def read_file(path: Path, kind: type[Record]) -> Record:
     return decode(data, kind, str(path))
 
 
-def read_lines(path: Path, kind: type[Record], *, torn_end: bool = False) -> Iterator[Record]:
-    """The records of a file of JSON lines, one after the other.
+def read_lines(path: Path, kind: type[Record], *, allow_partial_end: bool = False) -> Iterator[Record]:
+    """Iterate over the records of a file of JSON lines.
 
     Args:
-        torn_end: whether the last line may be cut off, as a process leaves it that was killed; it is left out then.
+        allow_partial_end: skip a last line without newline, which a killed process may leave.
 
     Raises:
-        RecordError: names the line.
+        RecordError: a line is invalid; the message names it.
     """
     try:
         with path.open("rb") as file:
@@ -206,7 +210,7 @@ def read_lines(path: Path, kind: type[Record], *, torn_end: bool = False) -> Ite
                 number += 1
                 where = f"{path}, line {number}"
                 if not line.endswith(b"\n"):
-                    if torn_end and len(line) <= MAX_LINE:
+                    if allow_partial_end and len(line) <= MAX_LINE:
                         break
                     raise RecordError(f"{where}: {'longer than the limit' if len(line) > MAX_LINE else 'cut off'}")
                 yield decode(line, kind, where)
@@ -215,10 +219,10 @@ def read_lines(path: Path, kind: type[Record], *, torn_end: bool = False) -> Ite
 
 
 def read_dataset(folder: Path) -> Dataset:
-    """The description of the dataset in ``folder``.
+    """Return the description of the dataset in ``folder``.
 
     Raises:
-        RecordError: there is none, or it is of a format or version that is not understood.
+        RecordError: there is none, or its format or version is not supported.
     """
     path = folder / DATASET
     if not path.is_file():

@@ -1,4 +1,4 @@
-"""A JSON file of cameras: for all scenes, or for each its own. ``docs/datasets.md`` has examples."""
+"""Reads ``--cameras``: a JSON file with cameras for all scenes or for single ones. See ``docs/datasets.md``."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from typing import Annotated, Final, Literal
 import msgspec
 import numpy as np
 
-from gateway.datasets.views import Lens, Matrix, View
+from gateway.datasets.views import Intrinsics, Matrix, View
 from gateway.scene.cameras import CameraError
 from renderers.camera import OPENGL_FROM_OPTICAL
 
 MAX_BYTES: Final = 256 << 20
-"""A camera takes about 400 bytes: more than half a million of them."""
+"""Maximum size of the file; a camera takes about 400 bytes."""
 
 _Side = Annotated[int, msgspec.Meta(ge=1, le=16384)]
 _Positive = Annotated[float, msgspec.Meta(gt=0)]
@@ -45,18 +45,19 @@ class _File(msgspec.Struct, forbid_unknown_fields=True):
 
 @dataclass(frozen=True, slots=True)
 class CameraFile:
-    """What such a file says."""
+    """The content of the file."""
 
     cameras: tuple[View, ...] = ()
-    """Of all scenes that have none of their own."""
+    """Views of all scenes without own views."""
     scenes: Mapping[str, tuple[View, ...]] = field(default_factory=dict)
-    """By the scene's name in the dataset."""
+    """Views by scene name, for scenes that have their own."""
 
 
 def read_camera_file(path: Path) -> CameraFile:
-    """
+    """Return the content of a camera file.
+
     Raises:
-        CameraError: not readable, or an entry is no camera; names the entry.
+        CameraError: the file is not readable, or an entry is invalid; the message names it.
     """
     try:
         with path.open("rb") as file:
@@ -71,8 +72,8 @@ def read_camera_file(path: Path) -> CameraFile:
         raise CameraError(f"{path}: {error}") from None
     if not found.cameras and not found.scenes:
         raise CameraError(f"{path} names no camera: neither 'cameras' nor 'scenes' has an entry")
-    own = {name: _views(entries, f"{path}: scenes[{name!r}]") for name, entries in found.scenes.items()}
-    return CameraFile(_views(found.cameras, f"{path}: cameras"), own)
+    own_views = {name: _views(entries, f"{path}: scenes[{name!r}]") for name, entries in found.scenes.items()}
+    return CameraFile(_views(found.cameras, f"{path}: cameras"), own_views)
 
 
 def _views(entries: list[_Entry], where: str) -> tuple[View, ...]:
@@ -80,7 +81,7 @@ def _views(entries: list[_Entry], where: str) -> tuple[View, ...]:
     views: dict[str, View] = {}
     for index, entry in enumerate(entries):
         try:
-            view = View(entry.name or f"camera-{index:0{digits}d}", _pose(entry), _lens(entry))
+            view = View(entry.name or f"camera-{index:0{digits}d}", _pose(entry), _intrinsics(entry))
         except CameraError as error:
             raise CameraError(f"{where}[{index}]: {error}") from None
         if view.name in views:
@@ -101,5 +102,6 @@ def _pose(entry: _Entry) -> str | Matrix:
     return tuple((a, b, c, d) for a, b, c, d in rows.tolist())
 
 
-def _lens(entry: _Entry) -> Lens:
-    return Lens(*(entry.width, entry.height, entry.fovy, entry.fx, entry.fy, entry.cx, entry.cy, entry.near, entry.far))
+def _intrinsics(entry: _Entry) -> Intrinsics:
+    e = entry
+    return Intrinsics(e.width, e.height, e.fovy, e.fx, e.fy, e.cx, e.cy, e.near, e.far)

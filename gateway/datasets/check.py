@@ -1,10 +1,8 @@
-"""Verifies a dataset: everything that its manifest promises is there, whole and consistent."""
+"""Verifies a dataset: all files of its manifest exist, have their hashes and fit together."""
 
 from __future__ import annotations
 
-import hashlib
 import os
-from array import array
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -19,33 +17,33 @@ from numpy.typing import NDArray
 
 from gateway.client import dataset, manifest
 from gateway.client.manifest import CameraRecord, Failure, ImageFile, ImageType, RecordError, Sample
-from gateway.datasets.files import PART, sha256_of
+from gateway.datasets.files import TEMPORARY_SUFFIX, sha256_of
 from gateway.datasets.scenes import digest_of
-from gateway.datasets.views import RIGID
+from gateway.datasets.views import MAX_ROTATION_ERROR, REQUEST
 
-WAITING: Final = 16
-"""Samples per thread that are handed out: their number is not bounded, memory is."""
-KEPT_SCENES: Final = 8
-"""Descriptions of scenes in memory: samples come scene by scene, and one may describe a million paths."""
+BATCH_PER_THREAD: Final = 16
+"""Samples per thread that are checked at once; all of them, possibly millions, would not fit in memory."""
+CACHED_SCENES: Final = 8
+"""Descriptions of scenes in memory. Samples are ordered by scene, and one description may have a million paths."""
 
 
 @dataclass(slots=True)
 class Report:
-    """What was looked at, and what is wrong."""
+    """Counts and findings of a check."""
 
     samples: int = 0
     scenes: int = 0
     images: int = 0
     nbytes: int = 0
-    """Of the images."""
+    """Size of all images in bytes."""
     problems: list[str] = field(default_factory=list)
-    """A sentence each, with the file's name."""
+    """Errors, one sentence each, with the file's name."""
     notes: list[str] = field(default_factory=list)
-    """What is no fault of the dataset but worth knowing."""
+    """Remarks that are no errors of the dataset."""
 
 
 def check_dataset(folder: Path, threads: int) -> Report:
-    """Looks at everything; never raises for what it finds."""
+    """Check all files of a dataset. Errors are part of the report; none is raised."""
     report = Report()
     try:
         description = manifest.read_dataset(folder)
@@ -74,94 +72,59 @@ def _check_samples(folder: Path, description: manifest.Dataset, threads: int, re
     Raises:
         RecordError: the manifest cannot be read to its end.
     """
-    ids, paths, checked = _Names(), _Names(), set[str]()
+    ids, paths = set[int](), set[int]()  # hashes: of a million samples, the names would take 600 MB
 
-    @lru_cache(maxsize=KEPT_SCENES)
+    @lru_cache(CACHED_SCENES)
     def scene_of(name: str) -> manifest.Scene | None:
-        problems: list[str] = []
-        scene = _scene(folder, name, problems)
-        if name not in checked:  # the samples of a scene need not come one after the other
-            report.problems.extend(problems)
-            report.scenes += scene is not None
-            checked.add(name)
-        return scene
+        return _read_scene(folder, name, report)
 
     def problems_of(sample: Sample, scene: manifest.Scene | None) -> list[str]:
-        return list(_problems(folder, sample, description, scene))
+        return list(_sample_problems(folder, sample, description, scene))
 
     samples = manifest.read_lines(folder / manifest.MANIFEST, Sample)
     with ThreadPoolExecutor(threads) as pool:
-        while part := list(islice(samples, WAITING * threads)):
-            scenes = [scene_of(sample.scene) for sample in part]
-            for sample, problems in zip(part, pool.map(problems_of, part, scenes), strict=True):
+        while batch := list(islice(samples, BATCH_PER_THREAD * threads)):
+            scenes = [scene_of(sample.scene) for sample in batch]
+            for sample, problems in zip(batch, pool.map(problems_of, batch, scenes), strict=True):
                 report.problems += [f"{sample.id}: {problem}" for problem in problems]
+                if hash(sample.id) in ids:
+                    report.problems.append(f"{manifest.MANIFEST}: {sample.id} is there twice")
                 report.samples += 1
                 report.images += len(sample.images)
                 report.nbytes += sum(image.bytes for image in sample.images.values())
-                ids.add(sample.id)
-                for image in sample.images.values():
-                    paths.add(image.path)
-    if twice := ids.twice():
-        again = (sample.id for sample in manifest.read_lines(folder / manifest.MANIFEST, Sample))
-        names = dict.fromkeys(name for name in again if _Names.hashed(name) in twice)
-        report.problems += [f"{manifest.MANIFEST}: {name} is there twice" for name in names]
-    _check_strangers(folder, paths, report)
+                ids.add(hash(sample.id))
+                paths.update(hash(image.path) for image in sample.images.values())
+    _note_unknown_files(folder, paths, report)
 
 
-class _Names:
-    """Which names there were, 8 bytes each: of a million, two have the same hash once in 30 million datasets."""
-
-    def __init__(self) -> None:
-        self._hashes = array("Q")
-        self._sorted: NDArray[np.uint64] | None = None
-
-    @staticmethod
-    def hashed(name: str) -> int:
-        return int.from_bytes(hashlib.blake2b(name.encode("utf-8", "replace"), digest_size=8).digest(), "little")
-
-    def add(self, name: str) -> None:
-        self._hashes.append(self.hashed(name))
-
-    def twice(self) -> set[int]:
-        """Hashes of the names that were added more than once."""
-        values = np.sort(np.array(self._hashes, np.uint64))
-        return set(values[1:][values[1:] == values[:-1]].tolist())
-
-    def __contains__(self, name: str) -> bool:
-        if self._sorted is None:
-            self._sorted = np.sort(np.array(self._hashes, np.uint64))
-        value = np.uint64(self.hashed(name))
-        place = int(np.searchsorted(self._sorted, value))
-        return place < len(self._sorted) and bool(self._sorted[place] == value)
-
-
-def _scene(folder: Path, name: str, problems: list[str]) -> manifest.Scene | None:
-    """The description of a scene; what is wrong with it is added to the problems."""
+def _read_scene(folder: Path, name: str, report: Report) -> manifest.Scene | None:
+    """Return the description of a scene, or None if it cannot be read; report what is wrong with it."""
     try:
         scene = manifest.read_file(folder / manifest.SCENES / name / manifest.SCENE, manifest.Scene)
     except RecordError as error:
-        problems.append(str(error))
+        report.problems.append(str(error))
         return None
     if scene.scene != name:
-        problems.append(f"{name}: its {manifest.SCENE} is that of {scene.scene}")
+        report.problems.append(f"{name}: its {manifest.SCENE} is that of {scene.scene}")
     if scene.sha256 != digest_of(scene.sources):
-        problems.append(f"{name}: the hash in {manifest.SCENE} does not follow from those of its sources")
+        report.problems.append(f"{name}: the hash in {manifest.SCENE} does not follow from those of its sources")
+    report.scenes += 1
     return scene
 
 
-def _problems(
+def _sample_problems(
     folder: Path, sample: Sample, description: manifest.Dataset, scene: manifest.Scene | None
 ) -> Iterator[str]:
-    """What is wrong with one sample."""
+    """Yield the errors of one sample."""
     if sample.id != f"{sample.scene}/{sample.view}":
         yield f"the id is not that of scene {sample.scene} and view {sample.view}"
     if scene is not None and sample.scene_sha256 != scene.sha256:
         yield "it was drawn of another state of the scene than its scene.json tells"
     yield from _camera_problems(sample.camera)
-    recorded = sample.view == "request"
+    recorded = sample.view == REQUEST
     for image_type in description.settings.types:
         if image_type not in sample.images and not recorded:
-            yield f"the {image_type} picture is missing in the manifest"
+            yield f"the {image_type} image is missing in the manifest"
     for image_type, image in sample.images.items():
         problem = _image_problem(folder, image_type, image, sample.camera, scene)
         if problem:
@@ -179,7 +142,7 @@ def _camera_problems(camera: CameraRecord) -> Iterator[str]:
     rotation = pose[:3, :3]
     if not np.isfinite(pose).all() or pose[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
         yield "camera: X_world_camera has no last row 0, 0, 0, 1, or is not finite"
-    elif not (np.abs(rotation.T @ rotation - np.eye(3)) < 3 * RIGID).all() or np.linalg.det(rotation) < 0.0:
+    elif (np.abs(rotation.T @ rotation - np.eye(3)) >= 3 * MAX_ROTATION_ERROR).any() or np.linalg.det(rotation) < 0.0:
         yield "camera: X_world_camera is no rotation and translation"
 
 
@@ -193,7 +156,7 @@ _KINDS: Final[dict[ImageType, tuple[tuple[str, int], ...]]] = {
 def _image_problem(
     folder: Path, image_type: ImageType, image: ImageFile, camera: CameraRecord, scene: manifest.Scene | None
 ) -> str:
-    """What is wrong with a picture; empty: nothing."""
+    """Return the error of an image; empty if there is none."""
     path = folder / image.path
     if PurePosixPath(image.path).is_absolute() or ".." in PurePosixPath(image.path).parts:
         return "lies outside of the dataset"
@@ -205,10 +168,10 @@ def _image_problem(
         return f"changed: its SHA-256 is not that of the manifest ({size} bytes, {image.bytes} there)"
     pixels: NDArray[Any] | None = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     if pixels is None:
-        return "no picture that can be read"
+        return "not an image that can be read"
     kind = (pixels.dtype.name, 1 if pixels.ndim == 2 else pixels.shape[2])
     if kind not in _KINDS[image_type]:
-        return f"a {image_type} picture with {kind[1]} channels of {kind[0]}"
+        return f"a {image_type} image with {kind[1]} channels of {kind[0]}"
     if pixels.shape[:2] != (camera.height, camera.width):
         return f"{pixels.shape[1]}x{pixels.shape[0]} pixels, the camera has {camera.width}x{camera.height}"
     if image_type == "depth" and kind[0] == "float32" and (np.isnan(pixels).any() or (pixels < 0.0).any()):
@@ -222,12 +185,16 @@ def _image_problem(
     return ""
 
 
-def _check_strangers(folder: Path, known: _Names, report: Report) -> None:
-    """Files that nobody speaks of: harmless, but a sign of something else writing there."""
+def _note_unknown_files(folder: Path, known: set[int], report: Report) -> None:
+    """Note files that the manifest does not name; they are harmless.
+
+    Args:
+        known: hashes of the paths of all images.
+    """
     for path, folders, files in os.walk(folder / manifest.SCENES):
         folders.sort()
         for name in sorted(files):
             relative = (Path(path) / name).relative_to(folder).as_posix()
-            if name != manifest.SCENE and relative not in known:
-                kind = "left by a process that was killed" if name.endswith(PART) else "not in the manifest"
+            if name != manifest.SCENE and hash(relative) not in known:
+                kind = "left by a process that was killed" if name.endswith(TEMPORARY_SUFFIX) else "not in the manifest"
                 report.notes.append(f"{relative}: {kind}")

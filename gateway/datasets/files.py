@@ -1,4 +1,4 @@
-"""Writing a dataset so that nobody ever sees half a file, and hashing what is there."""
+"""Atomic writes, the lock of a dataset's folder, and hashes of files."""
 
 from __future__ import annotations
 
@@ -10,44 +10,49 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
-PART: Final = ".part"
-"""End of the names of files that are being written."""
-_BLOCK: Final = 1 << 20
+TEMPORARY_SUFFIX: Final = ".part"
+"""Suffix of files that are being written."""
 
 
-def write_whole(path: Path, data: bytes | Iterable[bytes]) -> None:
-    """Writes a file, whole or in pieces, under another name of the same folder and renames it; folders are made.
+def write_atomically(path: Path, data: bytes | Iterable[bytes]) -> None:
+    """Write a file, or its pieces, under a temporary name and rename it. Missing folders are created.
 
-    A process that is killed meanwhile leaves a ``.part`` file, which the end of the next run removes.
+    A process that is killed meanwhile leaves a temporary file, which the next run removes.
     """
-    with part_of(path) as part:
-        with part.open("wb") as file:
+    with temporary_name(path) as temporary:
+        with temporary.open("wb") as file:
             file.writelines((data,) if isinstance(data, bytes) else data)
-        part.replace(path)
+        temporary.replace(path)
 
 
 @contextmanager
-def part_of(path: Path) -> Iterator[Path]:
-    """The name under which a file is written; what still has it after an error is removed. Folders are made."""
+def temporary_name(path: Path) -> Iterator[Path]:
+    """Yield a temporary name in the folder of ``path``, which is created; after an error, remove the file."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f"{path.name}.{os.getpid()}{PART}")
+    temporary = path.with_name(f"{path.name}.{os.getpid()}{TEMPORARY_SUFFIX}")
     try:
-        yield part
+        yield temporary
     except BaseException:
-        part.unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
         raise
 
 
+def remove_temporary_files(folder: Path) -> None:
+    """Remove the temporary files of killed processes from a folder."""
+    for path in folder.glob(f"*{TEMPORARY_SUFFIX}"):
+        path.unlink(missing_ok=True)
+
+
 class InUseError(ValueError):
-    """Another process works on the folder; a sentence."""
+    """Another process writes to the folder; the message is one sentence."""
 
 
 @contextmanager
-def alone(folder: Path) -> Iterator[None]:
-    """Keeps other runs off a folder; the lock ends with this process, whatever ends it.
+def locked(folder: Path) -> Iterator[None]:
+    """Hold an exclusive lock on a folder. The operating system releases it when the process ends.
 
     Raises:
-        InUseError: there is another run.
+        InUseError: another process holds the lock.
     """
     descriptor = os.open(folder, os.O_RDONLY)
     try:
@@ -55,26 +60,17 @@ def alone(folder: Path) -> Iterator[None]:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise InUseError(f"another run works on {folder}") from None
-        except OSError:  # NFS locks no folders: there, people have to take care themselves
+        except OSError:  # NFS cannot lock folders: there is no protection on it
             pass
         yield
     finally:
         os.close(descriptor)
 
 
-def remove_parts(folder: Path) -> None:
-    """Removes what killed processes left in a folder."""
-    for path in folder.glob(f"*{PART}"):
-        path.unlink(missing_ok=True)
-
-
 def sha256_of(path: Path) -> str | None:
-    """64 hexadecimal digits; None when the file is missing or not readable."""
-    digest = hashlib.sha256()
+    """Return the SHA-256 of a file as 64 hexadecimal digits, or None if it is missing or not readable."""
     try:
         with path.open("rb") as file:
-            while block := file.read(_BLOCK):
-                digest.update(block)
+            return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError:
         return None
-    return digest.hexdigest()

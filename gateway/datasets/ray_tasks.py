@@ -1,4 +1,4 @@
-"""Tasks on a Ray cluster. Needs the extra ``scenegate[ray]`` on every node, and folders that all nodes share."""
+"""Runs tasks on a Ray cluster. Every node needs the extra ``scenegate[ray]``, and all nodes share the folders."""
 
 from __future__ import annotations
 
@@ -6,29 +6,27 @@ import pickle
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Final
 
-from gateway.client.manifest import Failure
-
 if TYPE_CHECKING:
-    from gateway.datasets.plan import Result, Task
+    from gateway.datasets.job import Result, Task
 
 RETRIES: Final = 3
-"""Of a task whose worker or node dies; an error in a scene is no such death and is never tried again."""
-WAITING: Final = 2
-"""Tasks per core of the cluster that are handed out."""
+"""Number of times that Ray repeats a task whose worker or node has died. An error in a scene is not repeated."""
+TASKS_PER_CORE: Final = 2
+"""Number of submitted tasks per core of the cluster, so that no core waits for the next one."""
 
 
 class RayError(RuntimeError):
-    """Ray cannot be used; a sentence."""
+    """Ray cannot be used; the message is one sentence."""
 
 
 def run_ray(tasks: list[Task], address: str) -> Iterator[Result]:
-    """Results as they come.
+    """Yield the results of tasks as they finish.
 
     Args:
-        address: of the cluster (``HOST:6379``, ``ray://HOST:10001``, ``auto``), or ``local`` for one of its own.
+        address: address of the cluster (``HOST:6379``, ``ray://HOST:10001``, ``auto``), or ``local`` to start one.
 
     Raises:
-        RayError: Ray is not installed, or there is no cluster.
+        RayError: Ray is not installed, or there is no cluster at the address.
     """
     try:
         import ray
@@ -48,15 +46,13 @@ def run_ray(tasks: list[Task], address: str) -> Iterator[Result]:
 
 
 def _results(ray: Any, tasks: list[Task]) -> Iterator[Result]:
-    from gateway.datasets.plan import Result
-
-    remote = ray.remote(num_cpus=1, max_retries=RETRIES)(draw)
+    remote = ray.remote(num_cpus=1, max_retries=RETRIES)(render)
     waiting = iter(tasks)
     running: dict[Any, Task] = {}
     while True:
-        # Asked every time: nodes come and go.
-        most = max(WAITING * int(ray.cluster_resources().get("CPU", 1)), 1)
-        while len(running) < most and (task := next(waiting, None)) is not None:
+        # Read each time, because nodes may join and leave.
+        limit = max(TASKS_PER_CORE * int(ray.cluster_resources().get("CPU", 1)), 1)
+        while len(running) < limit and (task := next(waiting, None)) is not None:
             running[remote.remote(pickle.dumps(task))] = task
         if not running:
             return
@@ -64,20 +60,21 @@ def _results(ray: Any, tasks: list[Task]) -> Iterator[Result]:
         for reference in finished:
             task = running.pop(reference)
             try:
-                yield pickle.loads(ray.get(reference))  # noqa: S301 - of our own worker
+                yield pickle.loads(ray.get(reference))  # noqa: S301 - made by our own worker
             except ray.exceptions.RayError as error:
-                reason = f"Ray gave up after {RETRIES} retries: {str(error).strip().splitlines()[0]}"
-                failures = [Failure(task.source.name, view.name, reason) for view in task.views]
-                yield Result(task.number, failures=failures)
+                yield task.failed(f"Ray gave up after {RETRIES} retries: {str(error).strip().splitlines()[0]}")
 
 
-def draw(task: bytes) -> bytes:
-    """A pickled task to its pickled result: pickled, because what a task is made of may only be imported after Numba
-    was told where this node keeps its kernels."""
+def render(task: bytes) -> bytes:
+    """Return the pickled result of a pickled task.
+
+    Both are pickled here, not by Ray, because importing their classes imports Numba, which must not happen before the
+    node's kernel cache is configured.
+    """
     from gateway.runtime import kernel_cache
     from gateway.wiring import warmup
 
     kernel_cache.ensure_cached(warmup.PARTS)
-    from gateway.datasets.tasks import work
+    from gateway.datasets.worker import work
 
-    return pickle.dumps(work(pickle.loads(task)))  # noqa: S301 - of our own driver
+    return pickle.dumps(work(pickle.loads(task)))  # noqa: S301 - made by our own driver

@@ -1,82 +1,98 @@
-"""What earlier runs left in the folder of a dataset, and how much of it is still good."""
+"""Finds the samples of a former run and checks which of them are still valid."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache, partial
 from itertools import islice
 from pathlib import Path
 from typing import Final
 
 from gateway.client import manifest
-from gateway.client.manifest import RecordError, Sample, SourceFile
+from gateway.client.manifest import RecordError, Sample, Settings, SourceFile
 from gateway.datasets.files import sha256_of
-from gateway.datasets.plan import Order, PlanError
-from gateway.datasets.progress import Plan
+from gateway.datasets.job import Job, JobError
 from gateway.datasets.scenes import digest_of
 from gateway.datasets.sources import Source
 
-HASHED_AT_ONCE: Final = 1000
-"""Samples handed to the hashing threads: there may be millions."""
+BATCH: Final = 1000
+"""Samples that are hashed at once; all of them, possibly millions, would not fit in memory."""
 
 
-def check_samples(order: Order, plan: Plan) -> None:
-    """
+def existing_dataset(job: Job) -> manifest.Dataset | None:
+    """Return the description of the dataset in the job's folder, or None if the folder is empty or missing.
+
     Raises:
-        PlanError: there are samples that nobody asks for now, or a line that is no sample.
+        JobError: the folder holds something else, other settings, or samples that are not part of the job. None of them
+            may be overwritten.
     """
-    count, first = 0, ""
-    for sample in _samples(order.out):
-        if plan.find(sample.id) is None:
-            count += 1
+    out = job.out
+    if not (out / manifest.DATASET).exists():
+        if out.is_dir() and any(out.iterdir()):
+            raise JobError(f"{out} is not empty and holds no dataset")
+        return None
+    try:
+        found = manifest.read_dataset(out)
+    except RecordError as error:
+        raise JobError(str(error)) from None
+    for name in Settings.__struct_fields__:
+        there, here = getattr(found.settings, name), getattr(job.settings, name)
+        if there != here:
+            raise JobError(
+                f"{out} holds a dataset with other settings ({name}: {there} there, {here} now); name another folder"
+            )
+    unknown, first = 0, ""
+    for sample in _samples(job):
+        if job.find(sample.id) is None:
+            unknown += 1
             first = min(first or sample.id, sample.id)
-    if count:
-        raise PlanError(
-            f"{order.out} holds {count} pictures of scenes or views that this command does not name "
+    if unknown:
+        raise JobError(
+            f"{out} holds {unknown} samples of scenes or views that this command does not name "
             f"({first}); name another folder"
         )
+    return found
 
 
-def good_samples(order: Order, plan: Plan, threads: int = 1) -> Iterator[Sample]:
-    """Those that need not be drawn again: same scene, same view, files as they were written.
+def valid_samples(job: Job, threads: int = 1) -> Iterator[Sample]:
+    """Iterate over the samples whose scene, view and files have not changed.
 
-    ``threads``: that read and hash the pictures.
+    Args:
+        threads: number of threads that read and hash the images.
     """
-    digests: dict[str, str | None] = {}
 
-    def is_same(sample: Sample) -> bool:
-        planned = plan.find(sample.id)
+    scene_digest = cache(partial(_scene_digest, job))
+
+    def same_input(sample: Sample) -> bool:
+        planned = job.find(sample.id)
         assert planned is not None
-        source = planned.source
-        if source.name not in digests:
-            digests[source.name] = _scene_digest(order.out, source)
-        return sample.asked == planned.view.asked and sample.scene_sha256 == digests[source.name]
+        return sample.asked == planned.view.description and sample.scene_sha256 == scene_digest(planned.source)
 
-    def is_whole(sample: Sample) -> bool:
-        return all(sha256_of(order.out / image.path) == image.sha256 for image in sample.images.values())
+    def same_files(sample: Sample) -> bool:
+        return all(sha256_of(job.out / image.path) == image.sha256 for image in sample.images.values())
 
-    same = filter(is_same, _samples(order.out))
+    candidates = filter(same_input, _samples(job))
     with ThreadPoolExecutor(threads) as pool:
-        while part := list(islice(same, HASHED_AT_ONCE)):
-            yield from (sample for sample, whole in zip(part, pool.map(is_whole, part), strict=True) if whole)
+        while batch := list(islice(candidates, BATCH)):
+            yield from (sample for sample, same in zip(batch, pool.map(same_files, batch), strict=True) if same)
 
 
-def _samples(out: Path) -> Iterator[Sample]:
-    """All that the folder tells of; what is in the journal and in the manifest comes twice."""
+def _samples(job: Job) -> Iterator[Sample]:
+    """Iterate over the samples in the manifest and in the journal; one that is in both comes twice."""
     try:
         for name in (manifest.MANIFEST, manifest.JOURNAL):
-            if (out / name).exists():
-                yield from manifest.read_lines(out / name, Sample, torn_end=name == manifest.JOURNAL)
+            if (job.out / name).exists():
+                yield from manifest.read_lines(job.out / name, Sample, allow_partial_end=name == manifest.JOURNAL)
     except RecordError as error:
-        raise PlanError(str(error)) from None
+        raise JobError(str(error)) from None
 
 
-def _scene_digest(out: Path, source: Source) -> str | None:
-    """The hash that the scene would have now, of the files that it was read from; None when one is missing."""
+def _scene_digest(job: Job, source: Source) -> str | None:
+    """Return the digest of the scene's files as they are now; None if its description is missing."""
     try:
-        known = manifest.read_file(out / manifest.SCENES / source.name / manifest.SCENE, manifest.Scene)
+        known = manifest.read_file(job.out / manifest.SCENES / source.name / manifest.SCENE, manifest.Scene)
     except RecordError:
         return None
     folder = Path(source.path).parent
-    now = tuple(SourceFile(file.path, sha256_of(folder / file.path) or "") for file in known.sources)
-    return digest_of(now)
+    return digest_of(tuple(SourceFile(file.path, sha256_of(folder / file.path) or "") for file in known.sources))

@@ -1,103 +1,115 @@
-"""A whole run: what is left to do is done, noted as it comes, and put in order at the end."""
+"""Runs a job: renders the samples that are missing and writes the manifest. A stopped run is continued by the next."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from typing import Final
 
+from gateway import __version__
 from gateway.client import manifest
 from gateway.client.manifest import Failure
-from gateway.datasets.files import alone, part_of, remove_parts, write_whole
-from gateway.datasets.plan import Order, Result, Task, check_folder, description, tasks_of
-from gateway.datasets.progress import Ledger, Plan
-from gateway.datasets.resume import check_samples, good_samples
+from gateway.datasets.files import locked, remove_temporary_files, temporary_name, write_atomically
+from gateway.datasets.job import Job, Result, Task
+from gateway.datasets.journal import Journal
+from gateway.datasets.resume import existing_dataset, valid_samples
 from gateway.runtime import kernel_cache
 from gateway.runtime.worker_pool import usable_cpus
 
 Execute = Callable[[list[Task]], Iterator[Result]]
+"""Runs tasks in worker processes and yields their results in any order."""
+
+CONVENTIONS: Final = {
+    "units": "metres, pixels; the world is right-handed and Z up",
+    "X_world_camera": "4 x 4, row-major: pose of the optical frame (+X right, +Y down, +Z forward) in the world",
+    "pixel": "column i, row j, (0, 0) is top left; its ray is ((i + 0.5 - cx) / fx, (j + 0.5 - cy) / fy, 1)",
+    "color": "8-bit RGB, sRGB",
+    "depth": "along the optical axis; tiff: float32 metres, inf is nothing; png: uint16 millimetres, 65535 is nothing",
+    "label": "8-bit RGB: label = red + 256 green + 65536 blue; white is no label; scene.json says what they mean",
+}
+"""Conventions in ``dataset.json``."""
 
 
 @dataclass(slots=True)
 class Progress:
-    """How far a run is."""
+    """State of a run."""
 
     total: int
-    """Samples of the dataset."""
+    """Number of samples of the job."""
     kept: int = 0
-    """Samples that were there already."""
-    drawn: int = 0
+    """Number of samples of former runs."""
+    rendered: int = 0
     failures: dict[Failure, None] = field(default_factory=dict)
-    """In the order in which they came; a scene that cannot be read fails once, however many views it has."""
+    """Failures in order of their arrival, without duplicates: all tasks of an unreadable scene report the same one."""
     warnings: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    """By scene."""
+    """Warnings by scene."""
 
     @property
     def finished(self) -> int:
-        return self.kept + self.drawn
+        return self.kept + self.rendered
 
 
-def run(order: Order, execute: Execute, report: Callable[[Progress], None]) -> Progress:
-    """Makes the dataset.
+def run(job: Job, execute: Execute, report: Callable[[Progress], None]) -> Progress:
+    """Make or complete a dataset.
 
     Args:
-        execute: gives the results of tasks, in any order.
-        report: called whenever something is finished.
+        report: called after each task.
 
     Raises:
-        PlanError: the folder holds something else.
-        InUseError: another run works on it.
-        OSError: it cannot be written.
+        JobError: the folder holds something else.
+        InUseError: another run writes to the folder.
+        OSError: the dataset cannot be written.
     """
-    order.out.mkdir(parents=True, exist_ok=True)
-    with alone(order.out):
-        return _run(order, execute, report)
+    job.out.mkdir(parents=True, exist_ok=True)
+    with locked(job.out):
+        return _run(job, execute, report)
 
 
-def _run(order: Order, execute: Execute, report: Callable[[Progress], None]) -> Progress:
-    out = order.out
+def _run(job: Job, execute: Execute, report: Callable[[Progress], None]) -> Progress:
+    out = job.out
     renderer = kernel_cache.sources_digest()
-    wanted = description(order.settings, renderer)
-    found = check_folder(order, wanted)
-    plan = Plan(order)
+    found = existing_dataset(job)
+    description = manifest.Dataset(
+        generator=f"scenegate {__version__}", renderer=renderer, settings=job.settings, conventions=CONVENTIONS
+    )
     if found is None:
-        write_whole(out / manifest.DATASET, manifest.encode_for_people(wanted))
-    else:
-        check_samples(order, plan)
-    with part_of(out / manifest.JOURNAL) as part, part.open("w+b") as journal:
-        ledger = Ledger(plan, journal)
-        if found is not None and found.renderer == renderer:  # another version draws all again
-            for sample in good_samples(order, plan, usable_cpus()):
-                ledger.add(sample)
-        ledger.flush()
-        # From here on the journal says what is there; without it the next run would believe an old manifest.
-        part.replace(out / manifest.JOURNAL)
+        write_atomically(out / manifest.DATASET, manifest.encode_indented(description))
+    with temporary_name(out / manifest.JOURNAL) as temporary, temporary.open("w+b") as file:
+        journal = Journal(job, file)
+        if found is not None and found.renderer == renderer:  # another version renders everything again
+            for sample in valid_samples(job, usable_cpus()):
+                journal.add(sample)
+        journal.flush()
+        # The new journal replaces the old manifest, which the next run would trust otherwise.
+        temporary.replace(out / manifest.JOURNAL)
         for name in (manifest.MANIFEST, manifest.FAILED):
             (out / name).unlink(missing_ok=True)
-        write_whole(out / manifest.DATASET, manifest.encode_for_people(wanted))
-        refused = (Failure(source.shown, None, source.problem) for source in order.sources if source.problem)
-        progress = Progress(plan.size, kept=ledger.count, failures=dict.fromkeys(refused))
+        write_atomically(out / manifest.DATASET, manifest.encode_indented(description))
+        unusable = (Failure(source.printable_name, None, source.problem) for source in job.sources if source.problem)
+        progress = Progress(job.size, kept=journal.count, failures=dict.fromkeys(unusable))
         report(progress)
-        for result in execute(tasks_of(order, ledger.has, renderer)):
+        for result in execute(job.tasks(journal.has, renderer)):
             for sample in result.samples:
-                ledger.add(sample)
-            ledger.flush()
-            progress.drawn += len(result.samples)
+                journal.add(sample)
+            journal.flush()
+            progress.rendered += len(result.samples)
             progress.failures.update(dict.fromkeys(result.failures))
             if result.warnings and result.samples:
                 progress.warnings[result.samples[0].scene] = result.warnings
             report(progress)
-        _finish(order, ledger, progress.failures)
+        _finish(job, journal, progress.failures)
     return progress
 
 
-def _finish(order: Order, ledger: Ledger, failures: Iterable[Failure]) -> None:
-    out = order.out
-    remove_parts(out)
-    for source in order.sources:
+def _finish(job: Job, journal: Journal, failures: Iterable[Failure]) -> None:
+    """Write ``manifest.jsonl`` and ``failed.jsonl``, and remove the journal and temporary files."""
+    out = job.out
+    remove_temporary_files(out)
+    for source in job.sources:
         folder = out / manifest.SCENES / source.name
         if not source.problem and folder.is_dir():
-            remove_parts(folder)
+            remove_temporary_files(folder)
     if failed := sorted(failures, key=lambda failure: (failure.scene, failure.view or "")):
-        write_whole(out / manifest.FAILED, (manifest.encode(failure) + b"\n" for failure in failed))
-    write_whole(out / manifest.MANIFEST, ledger.lines())
+        write_atomically(out / manifest.FAILED, (manifest.encode(failure) + b"\n" for failure in failed))
+    write_atomically(out / manifest.MANIFEST, journal.lines())
     (out / manifest.JOURNAL).unlink()

@@ -1,4 +1,4 @@
-"""Scenes ready to be drawn, of every kind of source, with what the dataset says about them."""
+"""Loads scene files of every kind into draw lists, and describes them for ``scene.json``."""
 
 from __future__ import annotations
 
@@ -35,41 +35,41 @@ from renderers.drawlist import DrawList
 from renderers.interface import LookName
 
 MESH_LIMITS: Final = GltfLimits(max_vertices=10_000_000, max_elements=10_000_000)
-"""As for the mesh files of the live tree."""
+"""Limits of mesh files, the same as in the live tree."""
 _BOUNDARY_BYTES: Final = 200
-"""A boundary has at most 70 characters (RFC 2046, 5.1.1)."""
+"""Bytes searched for the multipart boundary, which has at most 70 characters (RFC 2046, 5.1.1)."""
 
 Labels = Mapping[int, tuple[TreePath, ...]]
 
 
 class SceneError(ValueError):
-    """A scene cannot be drawn; the message says why, without the scene's name."""
+    """A scene cannot be loaded; the message says why, without the scene's name."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LoadedScene:
-    """A scene in our world: Z up, metres."""
+    """A scene in world coordinates: Z up, metres."""
 
     root: Node
-    drawn: DrawList
+    draw_list: DrawList
     own_camera: GltfCamera | None
-    """The file's first."""
+    """First camera of the file."""
     look: LookName
-    """With ``auto``."""
+    """Look that ``--look auto`` chooses."""
     request: RenderRequest | None
-    """Of a recorded request, which says itself how it is drawn."""
+    """The recorded request, if the source is one; it contains camera, size and type of image."""
     record: manifest.Scene
-    """For the dataset."""
+    """Content of ``scene.json``."""
 
 
 def load_scene(source: Source, up: Up = "auto") -> LoadedScene:
-    """Reads a scene.
+    """Load a scene.
 
     Args:
-        up: which axis of a glTF file is up; requests and the others are used as they are.
+        up: up axis of glTF files; other kinds are used as they are.
 
     Raises:
-        SceneError: it cannot be read.
+        SceneError: the scene cannot be loaded.
     """
     files = FolderFiles(Path(source.path))
     try:
@@ -78,7 +78,7 @@ def load_scene(source: Source, up: Up = "auto") -> LoadedScene:
         raise SceneError(error.strerror or str(error)) from None
     except SceneFileError as error:
         raise SceneError(str(error).removeprefix(f"{source.path}: ")) from None
-    except (RequestError, ValueError) as error:  # those of mesh files, glTF and trees are ValueErrors
+    except (RequestError, ValueError) as error:  # errors of mesh files, glTF and trees are ValueErrors
         raise SceneError(str(error)) from None
 
 
@@ -87,26 +87,26 @@ def _gltf(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
     look: LookName = "studio"
     if scene.from_drake:
         look = "phong" if scene.generator == "VTK" else "pbr"
-    drawn, labels = _painted(scene.root) if scene.from_drake else _numbered(scene.root)
-    drawn = replace(drawn, lights=scene.lights)
+    draw_list, labels = _flatten_with_drake_labels(scene.root) if scene.from_drake else _flatten_numbered(scene.root)
+    draw_list = replace(draw_list, lights=scene.lights)
     own = scene.cameras[0] if scene.cameras else None
     record = _record(source, files, labels, scene.generator, scene.warnings)
-    return LoadedScene(scene.root, drawn, own, look, None, record)
+    return LoadedScene(scene.root, draw_list, own, look, None, record)
 
 
 def _mesh(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
     suffix = Path(source.path).suffix[1:].lower()
-    parts = parse_mesh(files.own(), suffix, files, MESH_LIMITS)
+    parts = parse_mesh(files.read_scene(), suffix, files, MESH_LIMITS)
     root = Node(None, children={Path(source.path).stem: Node(parts)})
-    drawn, labels = _numbered(root)
-    return LoadedScene(root, drawn, None, "studio", None, _record(source, files, labels))
+    draw_list, labels = _flatten_numbered(root)
+    return LoadedScene(root, draw_list, None, "studio", None, _record(source, files, labels))
 
 
 def _tree(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
     limits = Limits()
     live = LiveTree()
-    data = files.own()
-    request = JsonReader(limits, _MeshesBeside(files)).read(memoryview(data))
+    data = files.read_scene()
+    request = JsonReader(limits, _NeighbourMeshes(files)).read(memoryview(data))
     if not request.commands:
         raise SceneError("no setgeometry and no settransform command is in it")
     applier = RequestApplier(request, live, TreeQuota(limits), limits)
@@ -115,14 +115,14 @@ def _tree(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
     if response.error:
         raise SceneError(response.error)
     root = live.snapshot.root
-    drawn, labels = _numbered(root)
+    draw_list, labels = _flatten_numbered(root)
     record = _record(source, files, labels, warnings=tuple(response.warnings))
-    return LoadedScene(root, drawn, None, "studio", None, record)
+    return LoadedScene(root, draw_list, None, "studio", None, record)
 
 
 def _request(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
     config = RenderConfig()
-    body = files.own()
+    body = files.read_scene()
     boundary = body[:_BOUNDARY_BYTES].partition(b"\r\n")[0].removeprefix(b"--").decode("latin-1")
     reader = FormReader(f'multipart/form-data; boundary="{boundary}"', config)
     try:
@@ -130,7 +130,7 @@ def _request(source: Source, files: FolderFiles, up: Up) -> LoadedScene:
         request = read_form(reader.form(), config)
     finally:
         reader.close()
-    # The pipeline of the endpoint reads the glTF; here only what the form says is of interest.
+    # The render pipeline reads the glTF later; only the form is read here.
     record = _record(source, files, {}, warnings=request.warnings)
     return LoadedScene(Node(), DrawList(), None, "pbr", request, record)
 
@@ -143,8 +143,8 @@ _LOADERS: Final[dict[Kind, Callable[[Source, FolderFiles, Up], LoadedScene]]] = 
 }
 
 
-class _MeshesBeside:
-    """Mesh files below the folder of the request that names them."""
+class _NeighbourMeshes:
+    """Reads the mesh files that a tree viewer request names, below the request's folder."""
 
     def __init__(self, files: FolderFiles) -> None:
         self._files = files
@@ -155,15 +155,15 @@ class _MeshesBeside:
         return tuple(replace(part, X_node_part=X @ part.X_node_part) for part in parts)
 
 
-def _numbered(root: Node) -> tuple[DrawList, Labels]:
-    """One label a path, counted from 1 in the tree's order."""
+def _flatten_numbered(root: Node) -> tuple[DrawList, Labels]:
+    """Flatten a scene with one label per path, counted from 1 in tree order."""
     table = LabelTable()
-    drawn = flatten(root, label_of=lambda path, _: table.label_of(path))
-    return drawn, {label: (path,) for label, path in table.known().items()}
+    draw_list = flatten(root, label_of=lambda path, _: table.label_of(path))
+    return draw_list, {label: (path,) for label, path in table.known().items()}
 
 
-def _painted(root: Node) -> tuple[DrawList, Labels]:
-    """The labels that Drake's client paints."""
+def _flatten_with_drake_labels(root: Node) -> tuple[DrawList, Labels]:
+    """Flatten a scene with the labels that Drake's client encodes as base colours."""
     found: dict[int, dict[TreePath, None]] = {}
     of_part = labels_of(root)
 
@@ -172,16 +172,16 @@ def _painted(root: Node) -> tuple[DrawList, Labels]:
         found.setdefault(label, {})[path] = None
         return label
 
-    drawn = flatten(root, label_of=label_of)
-    return drawn, {label: tuple(found[label]) for label in sorted(found)}
+    draw_list = flatten(root, label_of=label_of)
+    return draw_list, {label: tuple(found[label]) for label in sorted(found)}
 
 
 def _record(
     source: Source, files: FolderFiles, labels: Labels, generator: str = "", warnings: tuple[str, ...] = ()
 ) -> manifest.Scene:
-    own = Path(source.path).name
-    rest = sorted(name for name in files.digests if name != own)
-    sources = tuple(manifest.SourceFile(name, files.digests[name]) for name in (own, *rest))
+    main = Path(source.path).name
+    others = sorted(name for name in files.digests if name != main)
+    sources = tuple(manifest.SourceFile(name, files.digests[name]) for name in (main, *others))
     return manifest.Scene(
         scene=source.name,
         sha256=digest_of(sources),
@@ -193,7 +193,7 @@ def _record(
 
 
 def digest_of(sources: tuple[manifest.SourceFile, ...]) -> str:
-    """The hash of a scene from those of its files."""
+    """Return the digest of a scene, computed from the names and digests of its files."""
     listed = json.dumps([[file.path, file.sha256] for file in sources], ensure_ascii=True)
     return hashlib.sha256(listed.encode()).hexdigest()
 
@@ -203,5 +203,5 @@ def _clean(path: TreePath) -> TreePath:
 
 
 def _utf8(text: str) -> str:
-    """Half characters (lone surrogates), which names in JSON can have, cannot be written."""
+    """Replace lone surrogates, which JSON strings can contain but UTF-8 cannot."""
     return text.encode("utf-8", "replace").decode()

@@ -1,4 +1,4 @@
-"""Which scenes a command means: files, and what is found below folders."""
+"""Finds the scene files that a command names, and those below the folders that it names."""
 
 from __future__ import annotations
 
@@ -20,46 +20,46 @@ class Kind(Enum):
 
 _MESHES: Final = FORMATS - {"gltf", "glb"}
 TREE_SUFFIX: Final = ".tree.json"
-"""In folders; a file that is named may end with any .json."""
+"""Suffix of tree viewer requests in folders; a file that is named itself may have any name in .json."""
 REQUEST_SUFFIX: Final = ".multipart"
-"""What ``--keep-failures`` writes: the body of a POST as it came."""
+"""Suffix of recorded render requests (``--keep-failures``): the unchanged body of a POST."""
 MAX_NAME: Final = 200
-"""Characters of a scene's name: it becomes a path below the dataset, and systems have limits."""
+"""Maximum length of a scene's name, which becomes a file name; file systems allow 255 bytes."""
 
 
 class SourceError(ValueError):
-    """The command's scenes cannot be used; a sentence."""
+    """The command's scenes cannot be used; the message is one sentence."""
 
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """A scene that is still a file."""
+    """A scene file."""
 
     name: str
-    """Unique in the dataset: the path below the folder that was named, or the file's name."""
+    """Unique name in the dataset: the path below the named folder, or the file's name."""
     path: str
-    """Absolute."""
+    """Absolute path."""
     kind: Kind
     problem: str = ""
-    """Why there can be no pictures under this name; empty: there can."""
+    """Why the name cannot be used in a dataset; empty if it can."""
 
     @property
-    def shown(self) -> str:
-        """The name in one line, whatever it is made of."""
+    def printable_name(self) -> str:
+        """The name without control characters."""
         return self.name if self.name.isprintable() else repr(self.name)[1:-1]
 
 
 def find_sources(inputs: Iterable[Path]) -> tuple[Source, ...]:
-    """The scenes of the inputs, ordered by name; those whose name cannot be used say so.
+    """Return the scenes of the inputs, ordered by name. A name that cannot be used is in ``Source.problem``.
 
     Raises:
         SourceError: an input holds no scene, or two scenes would have the same name.
     """
     found: dict[str, Source] = {}
-    for given in inputs:
-        sources = list(_below(given)) if given.is_dir() else [_named(given)]
+    for path in inputs:
+        sources = list(_below(path)) if path.is_dir() else [_named(path)]
         if not sources:
-            raise SourceError(f"{given} holds no scene: no .gltf, .glb, {', '.join(_suffixes())}")
+            raise SourceError(f"{path} holds no scene: no .gltf, .glb, {', '.join(_suffixes())}")
         for source in sources:
             known = found.setdefault(source.name, source)
             if known.path != source.path:
@@ -100,7 +100,7 @@ def _source(name: str, path: Path, kind: Kind) -> Source:
 
 
 def kind_of(path: Path) -> Kind | None:
-    """By the file's name, as far as it tells."""
+    """Return the kind of a file by its name, or None if it is no scene."""
     name = path.name.lower()
     if name.endswith((".gltf", ".glb")):
         return Kind.GLTF

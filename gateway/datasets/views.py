@@ -1,4 +1,4 @@
-"""From where a scene is drawn: a name, a pose in words or numbers, and a lens."""
+"""Views: a name, a pose (text, matrix or place on an orbit) and intrinsics; resolved to a camera for each scene."""
 
 from __future__ import annotations
 
@@ -28,45 +28,47 @@ from renderers.camera import Camera
 from renderers.drawlist import DrawList
 
 NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
-"""A view's name is part of file names."""
+"""Allowed names of views, which become parts of file names."""
 REQUEST: Final = "request"
-"""Name of the one view of a recorded request."""
-RIGID: Final = 1e-4
-"""How far from orthonormal a rotation may be: numbers written with five digits."""
+"""Name of the only view of a recorded request."""
+MAX_ROTATION_ERROR: Final = 1e-4
+"""Maximum deviation of R^T R from identity; allows matrices written with five digits."""
 
 Matrix = tuple[tuple[float, float, float, float], ...]
 """4 x 4, row-major."""
 
 
 @dataclass(frozen=True, slots=True)
-class Lens:
-    """What is not stated follows from the rest: square pixels, the principal point in the middle, all of the scene
-    between the planes."""
+class Intrinsics:
+    """Intrinsics and clipping planes of a view.
+
+    Defaults for None: square pixels, the principal point in the centre, clipping planes around the whole scene.
+    """
 
     width: int | None = None
     height: int | None = None
-    """Pixels; None: those of the dataset."""
+    """Image size in pixels; None: the dataset's."""
     fovy: float | None = None
-    """Degrees, vertical; not together with ``fy``."""
+    """Vertical field of view in degrees; excludes ``fy``."""
     fx: float | None = None
     fy: float | None = None
     cx: float | None = None
     cy: float | None = None
-    """Pixels."""
+    """Focal lengths and principal point in pixels."""
     near: float | None = None
     far: float | None = None
-    """Metres."""
+    """Clipping planes in metres."""
 
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """Checked when made: raises CameraError."""
+    """One view of a scene. Raises CameraError if it is invalid."""
 
     name: str
     pose: str | Matrix | OrbitCamera | None
-    """The camera grammar, X_world_camera of the optical frame, one of an orbit, or None: the file's own first camera,
-    or ``fit`` where it has none."""
-    lens: Lens = field(default=Lens())
+    """Camera text, X_world_camera of the optical frame, or place on an orbit; None: the file's own first camera, or
+    ``fit`` if it has none."""
+    intrinsics: Intrinsics = field(default=Intrinsics())
 
     def __post_init__(self) -> None:
         if NAME.fullmatch(self.name) is None:
@@ -75,37 +77,38 @@ class View:
             raise CameraError("camera 'stereo': there is no stereo camera without a gateway")
         if isinstance(self.pose, tuple):
             _check_pose(self.pose)
-        if self.lens.fovy is not None and self.lens.fy is not None:
+        if self.intrinsics.fovy is not None and self.intrinsics.fy is not None:
             raise CameraError(f"view {self.name}: fovy and fy say the same thing; give one of them")
 
     @property
-    def asked(self) -> str:
-        """Different for views that differ, for the manifest."""
+    def description(self) -> str:
+        """Text that differs between different views, for ``Sample.asked`` in the manifest."""
         if isinstance(self.pose, OrbitCamera):
             text = f"orbit {self.pose.index}/{self.pose.count} at {self.pose.elevation:g} degrees"
         elif isinstance(self.pose, tuple):
             text = "pose " + hashlib.sha256(repr(self.pose).encode()).hexdigest()[:16]
         else:
             text = self.pose or "the file's own, or fit"
-        if self.lens != Lens():
-            text += "; lens " + hashlib.sha256(repr(astuple(self.lens)).encode()).hexdigest()[:16]
+        if self.intrinsics != Intrinsics():
+            text += "; lens " + hashlib.sha256(repr(astuple(self.intrinsics)).encode()).hexdigest()[:16]
         return text
 
 
 def camera_of(
     view: View, root: Node, drawn: DrawList, own: GltfCamera | None, width: int, height: int, fovy: float
 ) -> Camera:
-    """The view's camera in a scene.
+    """Return the camera of a view in a scene.
 
     Args:
         own: the file's first camera.
-        width, height, fovy: pixels and degrees where the view states none.
+        width, height: default image size in pixels.
+        fovy: default vertical field of view in degrees.
 
     Raises:
-        CameraError: the pose cannot be found in the scene, or the numbers are no camera.
+        CameraError: the scene lacks what the pose refers to, or the numbers are invalid.
     """
-    lens = view.lens
-    width, height = lens.width or width, lens.height or height
+    given = view.intrinsics
+    width, height = given.width or width, given.height or height
     if view.pose is None and own is not None:
         camera = _own_camera(own, width, height)
     else:
@@ -116,21 +119,21 @@ def camera_of(
             spec = PoseCamera(np.array(view.pose))
         else:
             spec = parse_camera(view.pose or "fit")
-        degrees = lens.fovy or fovy
-        if lens.fy is not None:
-            degrees = math.degrees(2.0 * math.atan(0.5 * height / lens.fy))
-        camera = resolve_camera(spec, root, width, height, fovy=degrees, near=lens.near, far=lens.far, drawn=drawn)
-    focal = lens.fy or camera.fy
+        degrees = given.fovy or fovy
+        if given.fy is not None:
+            degrees = math.degrees(2.0 * math.atan(0.5 * height / given.fy))
+        camera = resolve_camera(spec, root, width, height, fovy=degrees, near=given.near, far=given.far, drawn=drawn)
+    focal = given.fy or camera.fy
     try:
         return Camera(
             width,
             height,
-            lens.fx or focal,
+            given.fx or focal,
             focal,
-            camera.cx if lens.cx is None else lens.cx,
-            camera.cy if lens.cy is None else lens.cy,
-            lens.near or camera.near,
-            lens.far or camera.far,
+            camera.cx if given.cx is None else given.cx,
+            camera.cy if given.cy is None else given.cy,
+            given.near or camera.near,
+            given.far or camera.far,
             camera.X_world_camera,
         )
     except ValueError as error:
@@ -154,12 +157,12 @@ def _check_pose(rows: Matrix) -> None:
     if pose.shape != (4, 4) or not np.isfinite(pose).all() or not (pose[3] == (0.0, 0.0, 0.0, 1.0)).all():
         raise CameraError("X_world_camera must be four rows of four finite numbers, the last of them 0, 0, 0, 1")
     rotation = pose[:3, :3]
-    if not (np.abs(rotation.T @ rotation - np.eye(3)) < RIGID).all() or np.linalg.det(rotation) < 0.0:
+    if not (np.abs(rotation.T @ rotation - np.eye(3)) < MAX_ROTATION_ERROR).all() or np.linalg.det(rotation) < 0.0:
         raise CameraError("X_world_camera must be a rotation and a translation: it is scaled, sheared or mirrored")
 
 
 def record_of(camera: Camera) -> CameraRecord:
-    """For the manifest."""
+    """Return a camera as a record of the manifest."""
     rows = tuple(tuple(float(value) for value in row) for row in camera.X_world_camera)
     far = None if math.isinf(camera.far) else float(camera.far)
     return CameraRecord(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from struct import Struct
 from typing import Any, Final, TypeAlias
 
 import msgspec
@@ -28,6 +29,8 @@ COMPONENT_TYPES: Final[dict[int | None, np.dtype[Any]]] = {
 COMPONENT_COUNTS: Final[dict[str | None, int]] = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 _MAX_STRIDE: Final = 252
 """Maximum ``byteStride``, by the specification."""
+_pack_layout: Final = Struct("<3qcB?").pack
+_NO_BUFFER: Final = bytes(32)
 
 
 class Accessor(msgspec.Struct, frozen=True, gc=False, eq=False):
@@ -49,12 +52,14 @@ class Accessor(msgspec.Struct, frozen=True, gc=False, eq=False):
     """Indices and values that replace some of the accessor's values."""
 
     @property
-    def key(self) -> tuple[object, ...]:
-        """Content of the accessor: equal keys mean equal values."""
-        digest = None if self.buffer is None else self.buffer.digest
-        sparse = None if self.sparse is None else (self.sparse[0].key, self.sparse[1].key)
-        layout = self.offset, self.stride, self.count, self.dtype.char, self.components, self.normalized
-        return digest, layout, sparse
+    def key(self) -> bytes:
+        """Content of the accessor: equal keys mean equal values. The length of a key follows from its own bytes."""
+        digest = _NO_BUFFER if self.buffer is None else self.buffer.digest
+        dtype, sparse = self.dtype.char.encode(), self.sparse
+        layout = _pack_layout(self.offset, self.stride, self.count, dtype, self.components, self.normalized)
+        if sparse is None:
+            return b"%b%b\0" % (digest, layout)
+        return b"%b%b\1%b%b" % (digest, layout, sparse[0].key, sparse[1].key)
 
     def values(self, begin: int = 0, end: int | None = None) -> Array:
         """Return the values from ``begin`` to ``end`` as stored.

@@ -16,13 +16,8 @@ IMAGE_BYTES: Final = 256
 """Size of an ``Image`` besides its encoded data."""
 
 
-class MeshKey(NamedTuple):
-    """The content of a mesh: SHA-256 digests of its buffers, and their layout."""
-
-    mode: int
-    indices: object
-    attributes: tuple[tuple[str, object], ...]
-    """Name and ``Accessor.key``, in a fixed order."""
+MeshKey: TypeAlias = bytes
+"""Mode, and ``Accessor.key`` of the indices and of each attribute: SHA-256 digests of the buffers, and their layout."""
 
 
 class ImageKey(NamedTuple):

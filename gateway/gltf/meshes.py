@@ -23,6 +23,7 @@ from renderers.stop import check_stop
 
 _OPTIONAL: Final = {"NORMAL": (3,), "TANGENT": (4,), "TEXCOORD_0": (2,), "TEXCOORD_1": (2,), "COLOR_0": (3, 4)}
 """Attributes that are read besides POSITION, with their numbers of components."""
+_ATTRIBUTES: Final = ("POSITION", *_OPTIONAL)
 _DRACO: Final = "KHR_draco_mesh_compression"
 _RESTART: Final = {1: 0xFF, 2: 0xFFFF, 4: 0xFFFFFFFF}
 """Primitive restart values, which glTF forbids, by the size of an index."""
@@ -41,8 +42,8 @@ class _Source(msgspec.Struct, frozen=True, gc=False, eq=False):
 
     @property
     def key(self) -> MeshKey:
-        indices = None if self.indices is None else self.indices.key
-        return MeshKey(self.mode, indices, tuple([(name, accessor.key) for name, accessor in self.attributes.items()]))
+        accessors = (self.indices, *map(self.attributes.get, _ATTRIBUTES))
+        return bytes((self.mode,)) + b"".join([b"\0" if a is None else b"\1" + a.key for a in accessors])
 
 
 class Meshes:
@@ -82,10 +83,11 @@ class Meshes:
         if source is None:
             return None
         key = source.key
-        if key not in self._meshes:
-            mesh = self._meshes[key] = self._shared_or_new(key, source)
-            self.nbytes += 0 if mesh is None else mesh.nbytes
-        return self._meshes[key]
+        if key in self._meshes:
+            return self._meshes[key]
+        mesh = self._meshes[key] = self._shared_or_new(key, source)
+        self.nbytes += 0 if mesh is None else mesh.nbytes
+        return mesh
 
     def _shared_or_new(self, key: MeshKey, source: _Source) -> Mesh | None:
         found = self._content.get(key)

@@ -1,4 +1,4 @@
-"""The camera of a request: intrinsics from the form, pose from the scene's camera node."""
+"""The camera of a request: intrinsics from the form, the pose from the scene's camera node."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from gateway.render.scenes import PreparedScene
 from renderers.camera import OPENGL_FROM_OPTICAL, Camera
 
 _NEAR_FRACTION: Final = 1e-6
-"""Near plane as a part of the far plane where neither the form nor the scene's camera states one."""
+"""Near plane as a fraction of the far plane, where neither the form nor the scene's camera has one."""
 _MIN_NEAR: Final = 1e-9
-"""Metres; the raster's 1/z stays far within float32."""
+"""Minimum near plane, metres: the rasterizer's 1/z stays within float32."""
 _MAX_DISTANCE: Final = 1e12
-"""Metres from the origin; farther out, float64 resolves no millimetres any more, and inverting the pose fails."""
-_RIGID: Final = 1e-6
-"""What a rotation written with six digits is off by; a pose nearer to rigid than that is used as it is."""
-_LEAST_ANGLE: Final = 1e-9
-"""Radians between up and the line of sight, below which up is rounding and the pose would be singular."""
+"""Maximum distance of the camera from the origin, metres. Beyond, float64 does not resolve millimetres."""
+_RIGID_TOLERANCE: Final = 1e-6
+"""Maximum deviation of a rotation from orthonormal that is used as it is: the error of six digits."""
+_MIN_ANGLE: Final = 1e-9
+"""Minimum angle between up and the line of sight, radians; below, the pose is singular."""
 _NO_CAMERA: Final = (
     "the scene has geometry but no camera: Drake's client leaves the camera out when everything with a perception role "
     "is a glTF mesh. Add any other geometry with a perception role (a Box, Sphere or OBJ mesh, as small as you like) "
@@ -32,19 +32,19 @@ _NO_CAMERA: Final = (
 
 
 def camera_of(request: RenderRequest, scene: PreparedScene) -> Camera:
-    """The camera that sees what the client asked for.
+    """Return the camera of a request.
 
-    A document with cameras but without a node for the first one is seen from the origin along -Z, glTF's identity, and
-    so is one without anything in it.
+    A document with cameras but without a node for the first one, or an empty document, is seen from the origin along
+    -Z, the identity pose in glTF.
 
     Raises:
-        RequestError: there is geometry but no camera, or the node's transform is no pose.
+        RequestError: There is geometry but no camera, or the node's transform is singular.
     """
     camera = scene.camera
     if camera is None and scene.has_geometry:
         raise RequestError(400, _NO_CAMERA)
     near = request.near
-    if near == 0.0:  # std::to_string cut it off; the scene's camera still has all its digits
+    if near == 0.0:  # the client formats small numbers as 0 (std::to_string); the scene's camera has all digits
         znear = camera.znear if camera is not None else 0.0
         near = znear if 0.0 < znear < request.far else request.far * _NEAR_FRACTION
     near = max(near, min(_MIN_NEAR, request.far * 0.5))
@@ -62,28 +62,27 @@ def camera_of(request: RenderRequest, scene: PreparedScene) -> Camera:
 
 
 def rigid_pose(X: NDArray[np.float64], name: str) -> NDArray[np.float64]:
-    """The rigid part of a node's transform, as VTK takes it: position, line of sight, and up as far as orthogonal.
+    """Return the rigid part of a transform, like VTK: position, line of sight, and the orthogonal part of up.
 
-    Scaled and mirrored nodes may carry cameras, but a camera has no size.
+    Nodes with cameras may be scaled or mirrored.
 
     Args:
-        X: (4, 4) float64, of the optical frame.
-        name: for the message.
+        X: (4, 4) float64, pose of the optical frame.
+        name: Name of the node, for messages.
 
     Raises:
-        RequestError: the transform is singular, or too far out.
+        RequestError: The transform is singular, or too far from the origin.
     """
-    # In plain numbers: nine of them take numpy three times as long.
     (a, b, c, x), (d, e, f, y), (g, h, i, z), last = X.tolist()
     if not all(abs(value) <= _MAX_DISTANCE for value in (x, y, z)):
         raise RequestError(400, f"scene: the camera node {name!r} is farther than {_MAX_DISTANCE:g} m away")
     if all(map(math.isfinite, (a, b, c, d, e, f, g, h, i, *last))):
-        off = (
+        deviations = (
             *(a * a + d * d + g * g - 1.0, b * b + e * e + h * h - 1.0, c * c + f * f + i * i - 1.0),
             *(a * b + d * e + g * h, a * c + d * f + g * i, b * c + e * f + h * i),
         )
         determinant = a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g)
-        if determinant > 0.0 and all(abs(value) < _RIGID for value in off):
+        if determinant > 0.0 and all(abs(value) < _RIGID_TOLERANCE for value in deviations):
             return X
         rotation = X[:3, :3]
         with np.errstate(all="ignore"):
@@ -91,10 +90,10 @@ def rigid_pose(X: NDArray[np.float64], name: str) -> NDArray[np.float64]:
             down = rotation[:, 1] / np.linalg.norm(rotation[:, 1])
             down -= forward * (forward @ down)
             length = np.linalg.norm(down)
-            if length > _LEAST_ANGLE:
+            if length > _MIN_ANGLE:
                 down /= length
                 pose = np.eye(4)
                 pose[:3, 0], pose[:3, 1], pose[:3, 2], pose[:3, 3] = np.cross(down, forward), down, forward, X[:3, 3]
-                if np.linalg.det(pose[:3, :3]) > 0.5:  # not where a length is beyond all numbers
+                if np.linalg.det(pose[:3, :3]) > 0.5:  # 0 or NaN where a length overflowed
                     return pose
     raise RequestError(400, f"scene: the transform of the camera node {name!r} is singular")

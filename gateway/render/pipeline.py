@@ -1,4 +1,4 @@
-"""From a request to the bytes of its picture. No I/O; runs in a worker thread, several at once."""
+"""A request to the bytes of its image: read the scene, render, encode. No I/O; runs in worker threads."""
 
 from __future__ import annotations
 
@@ -24,45 +24,45 @@ from renderers.fxaa import fxaa
 from renderers.interface import Frame, Look, LookName, Output, Renderer
 
 Backdrop = Callable[[], DrawList | Node | None]
-"""What to draw besides the request's scene, now. The same object as before is taken as unchanged."""
+"""Return the scene to draw besides the request's; the same object means that it has not changed."""
 
 _OUTPUTS: Final = {"color": Output.COLOR, "depth": Output.DEPTH, "label": Output.LABEL}
 _LOOKS: Final[dict[str, LookName]] = {"VTK": "phong", "Drake glTF merger": "pbr"}
-"""By ``asset.generator``: RenderEngineVtk switches to PBR as soon as one glTF mesh exists, and then the client's merger
-has the last word on the file; without one, it is the exporter of VTK."""
+"""Looks by ``asset.generator``. RenderEngineVtk switches to PBR as soon as one glTF mesh exists; then the client's
+merger writes the file, else VTK's exporter."""
 
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """An answer."""
+    """An encoded image."""
 
     body: bytes
     media_type: str
     stages: tuple[tuple[str, float], ...]
-    """What took how long: (name, seconds)."""
+    """Durations of the stages: (name, seconds)."""
     generator: str
-    """Of the scene."""
+    """``asset.generator`` of the scene."""
     elements: int
-    """Triangles, lines and points of the scene, backdrop not counted."""
+    """Number of triangles, lines and points of the scene, without the backdrop."""
     warnings: tuple[str, ...]
-    """What the reader ignored or repaired."""
+    """Sentences about properties that the reader ignored or repaired."""
 
 
 class Pipeline:
-    """Makes pictures. Thread-safe."""
+    """Renders requests. Thread-safe."""
 
     def __init__(self, renderer: Renderer, config: RenderConfig, backdrop: Backdrop | None = None) -> None:
         self._renderer = renderer
         self._config = config
         self._backdrop = backdrop
-        self._backdrop_seen: tuple[DrawList | Node, DrawList] | None = None
+        self._last_backdrop: tuple[DrawList | Node, DrawList] | None = None
         self.scenes = SceneStore(config)
 
     def picture(self, request: RenderRequest) -> Picture:
-        """The picture that ``request`` asks for.
+        """Render a request.
 
         Raises:
-            RequestError: the scene, its camera or one of its images cannot be used; names the element.
+            RequestError: The scene, its camera or one of its images cannot be used.
         """
         begin = time.perf_counter()
         try:
@@ -73,7 +73,7 @@ class Pipeline:
             look = Look(self._look(scene.generator), self._config.background, self._config.samples)
             with self._renderer.render(drawn, camera, _OUTPUTS[request.image_type], look) as frame:
                 rendered = time.perf_counter()
-                body, media_type = self._encoded(frame, request)
+                body, media_type = self._encode(frame, request)
         except (GltfError, ImageError) as error:
             raise RequestError(400, f"scene: {error}") from error
         encoded = time.perf_counter()
@@ -95,15 +95,15 @@ class Pipeline:
         source = self._backdrop() if self._backdrop is not None else None
         if source is None:
             return drawn
-        seen = self._backdrop_seen
-        if seen is None or seen[0] is not source:
-            seen = (source, flatten(source) if isinstance(source, Node) else unlabelled(source))
-            self._backdrop_seen = seen
-        backdrop = seen[1]
+        last = self._last_backdrop
+        if last is None or last[0] is not source:
+            last = (source, flatten(source) if isinstance(source, Node) else unlabelled(source))
+            self._last_backdrop = last
+        backdrop = last[1]
         images = tuple(dict.fromkeys((*drawn.images, *backdrop.images)))
         return DrawList((*drawn.instances, *backdrop.instances), images)
 
-    def _encoded(self, frame: Frame, request: RenderRequest) -> tuple[bytes, str]:
+    def _encode(self, frame: Frame, request: RenderRequest) -> tuple[bytes, str]:
         if request.image_type == "color":
             assert frame.color is not None
             if self._config.antialias == "fxaa" and self._config.samples == 1:
@@ -123,7 +123,7 @@ def posted_document(request: RenderRequest) -> HashedDocument:
     """Hash the posted scene.
 
     Raises:
-        RequestError: the hash is not the one that the form claims: the upload went wrong.
+        RequestError: The hash differs from the one in the form.
     """
     document = HashedDocument.of(request.scene)
     if request.claimed_sha256 not in (None, document.digest):

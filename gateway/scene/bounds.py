@@ -1,4 +1,4 @@
-"""How far things reach: axis-aligned boxes in the world, from the vertices themselves."""
+"""Bounds of what is drawn: axis-aligned boxes in the world, from the vertices."""
 
 from __future__ import annotations
 
@@ -14,63 +14,63 @@ from gateway.scene.tree import Node, Path
 from renderers.drawlist import DrawList, Instance, Mesh
 
 _BLOCK: Final = 1 << 19
-"""Vertices transformed in one call: 12 MB, about what the caches hold."""
+"""Vertices transformed in one call: 12 MB, about the size of the CPU's caches."""
 
 Bounds = NDArray[np.float64]
 """(2, 3) float64: lowest and highest corner, metres."""
 
 EXACT_VERTICES: Final = 20_000
-"""Larger meshes are stood in for by the boxes of the cells of a grid, which bounds them from outside to within one
-cell: transforming a million vertices for every question would take as long as drawing them."""
+"""Larger meshes are replaced by the boxes of the cells of a grid. Their bounds are too large by at most one cell;
+transforming a million vertices for every call would take as long as drawing them."""
 _CELLS: Final = 12
-"""Cells along each side of that grid: at most 12^3 boxes of 8 corners each, in practice those near the surface."""
+"""Cells along each side of the grid. Only cells with vertices are used."""
 
 
-class _Reach:
-    """What is needed of a mesh to bound it under any transform."""
+class _Hull:
+    """Points that bound a mesh under any transform."""
 
     __slots__ = ("box", "points")
 
     def __init__(self, box: Bounds | None, points: NDArray[np.float64]) -> None:
         self.box = box
-        """In the mesh's frame; None when it draws nothing."""
+        """Box in the mesh's frame; None for a mesh that draws nothing."""
         self.points = points
-        """(K, 3) float64: a set of points whose convex hull holds the mesh."""
+        """(K, 3) float64, whose convex hull contains the mesh."""
 
 
-_reaches: WeakKeyDictionary[Mesh, _Reach] = WeakKeyDictionary()
+_hulls: WeakKeyDictionary[Mesh, _Hull] = WeakKeyDictionary()
 _focus: WeakKeyDictionary[DrawList, tuple[Bounds | None]] = WeakKeyDictionary()
 _lock = threading.Lock()
 
 
 def mesh_bounds(mesh: Mesh) -> Bounds | None:
-    """The box of the vertices that the mesh draws, in its own frame; None when it draws none."""
-    return _reach_of(mesh).box
+    """Return the box of the vertices in use, in the mesh's frame; None for a mesh that draws nothing."""
+    return _hull_of(mesh).box
 
 
-def _reach_of(mesh: Mesh) -> _Reach:
+def _hull_of(mesh: Mesh) -> _Hull:
     with _lock:
-        found = _reaches.get(mesh)
+        found = _hulls.get(mesh)
     if found is None:
         found = _measure(mesh)
         with _lock:
-            found = _reaches.setdefault(mesh, found)
+            found = _hulls.setdefault(mesh, found)
     return found
 
 
-def _measure(mesh: Mesh) -> _Reach:
+def _measure(mesh: Mesh) -> _Hull:
     used = np.zeros(len(mesh.positions), dtype=np.bool_)
     used[mesh.elements.ravel()] = True
     points = mesh.positions[used].astype(np.float64)
     points = points[np.isfinite(points).all(axis=1)]
     if not len(points):
-        return _Reach(None, points)
+        return _Hull(None, points)
     box = np.array((points.min(axis=0), points.max(axis=0)))
-    return _Reach(box, points if len(points) <= EXACT_VERTICES else _cell_corners(points, box))
+    return _Hull(box, points if len(points) <= EXACT_VERTICES else _cell_corners(points, box))
 
 
 def _cell_corners(points: NDArray[np.float64], box: Bounds) -> NDArray[np.float64]:
-    """(K, 3): corners of the boxes of all points of each cell of a grid."""
+    """Return the corners of the boxes of the points in each cell of a grid, (K, 3)."""
     extent = box[1] - box[0]
     scale = np.divide(_CELLS * 0.999999, extent, out=np.zeros(3), where=extent > 0)
     cell = ((points - box[0]) * scale).astype(np.int64) @ (1, _CELLS, _CELLS * _CELLS)
@@ -82,37 +82,30 @@ def _cell_corners(points: NDArray[np.float64], box: Bounds) -> NDArray[np.float6
     return corners
 
 
-_WHICH: Final = np.array([[(k >> axis) & 1 for axis in range(3)] for k in range(8)])
+_CORNERS: Final = np.array([[(k >> axis) & 1 for axis in range(3)] for k in range(8)])
 
 
 def _corners(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N, 8, 3): the corners of (N, 2, 3) boxes."""
-    picked: NDArray[np.float64] = np.take_along_axis(boxes, np.broadcast_to(_WHICH, (len(boxes), 8, 3)), axis=1)
+    """Return the corners of (N, 2, 3) boxes, (N, 8, 3)."""
+    picked: NDArray[np.float64] = np.take_along_axis(boxes, np.broadcast_to(_CORNERS, (len(boxes), 8, 3)), axis=1)
     return picked
 
 
 def corners_of(bounds: Bounds) -> NDArray[np.float64]:
-    """(8, 3) float64: the corners of a box."""
+    """Return the corners of a box, (8, 3) float64."""
     eight: NDArray[np.float64] = _corners(bounds[None])[0]
     return eight
 
 
-def transformed_bounds(mesh: Mesh, X_world_mesh: NDArray[np.float64]) -> Bounds | None:
-    """The box in the world of a mesh placed by an affine map; None when it draws nothing."""
-    boxes = _placed(_reach_of(mesh), X_world_mesh[None])
-    return None if boxes is None else boxes[0]
-
-
-def _placed(reach: _Reach, X_world_mesh: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """(N, 2, 3): the boxes of one mesh under (N, 4, 4) maps; None when it draws nothing."""
-    if reach.box is None:
+def _placed(hull: _Hull, X_world_mesh: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """Return the boxes of one mesh under (N, 4, 4) transforms, (N, 2, 3); None for a mesh that draws nothing."""
+    if hull.box is None:
         return None
     linear, offset = X_world_mesh[:, :3, :3], X_world_mesh[:, :3, 3]
     out = np.empty((len(linear), 2, 3))
-    # Where every coordinate of the image depends on one coordinate only (no rotation but by quarter turns), the box of
-    # the vertices becomes the box of their images.
+    # For rotations by quarter turns, the transformed box is the box of the transformed vertices.
     aligned = (np.count_nonzero(linear, axis=2) <= 1).all(axis=1)
-    for which, points in ((np.flatnonzero(aligned), reach.box), (np.flatnonzero(~aligned), reach.points)):
+    for which, points in ((np.flatnonzero(aligned), hull.box), (np.flatnonzero(~aligned), hull.points)):
         step = max(1, _BLOCK // len(points))
         for begin in range(0, len(which), step):
             some = which[begin : begin + step]
@@ -123,13 +116,13 @@ def _placed(reach: _Reach, X_world_mesh: NDArray[np.float64]) -> NDArray[np.floa
 
 
 def instance_bounds(instances: Sequence[Instance]) -> list[Bounds | None]:
-    """The boxes of instances in the world; None for those that draw nothing. All of one mesh are measured together."""
+    """Return the box of each instance in the world; None for an instance that draws nothing."""
     of_mesh: dict[Mesh, list[int]] = {}
     for index, instance in enumerate(instances):
         of_mesh.setdefault(instance.mesh, []).append(index)
     out: list[Bounds | None] = [None] * len(instances)
     for mesh, indices in of_mesh.items():
-        boxes = _placed(_reach_of(mesh), np.array([instances[index].X_world_mesh for index in indices]))
+        boxes = _placed(_hull_of(mesh), np.array([instances[index].X_world_mesh for index in indices]))
         if boxes is not None:
             for index, box in zip(indices, boxes, strict=True):
                 out[index] = box
@@ -137,24 +130,21 @@ def instance_bounds(instances: Sequence[Instance]) -> list[Bounds | None]:
 
 
 def union(boxes: list[Bounds]) -> Bounds | None:
-    """The box around boxes; None of none."""
+    """Return the box around boxes; None where there are none."""
     if not boxes:
         return None
     stacked = np.array(boxes)
     return np.array((stacked[:, 0].min(axis=0), stacked[:, 1].max(axis=0)))
 
 
-class BoundsMemory:
-    """Boxes of the instances of successive draw lists; what is the same object as before is not measured again.
-
-    Not thread-safe.
-    """
+class BoundsCache:
+    """Boxes of the instances of the last draw list, for the next one, which shares most of them. Not thread-safe."""
 
     def __init__(self) -> None:
         self._known: dict[int, tuple[Instance, Bounds | None]] = {}
 
-    def of(self, drawn: DrawList) -> list[Bounds | None]:
-        """One box an instance, in the world; None for those that draw nothing."""
+    def bounds_of(self, drawn: DrawList) -> list[Bounds | None]:
+        """Return the box of each instance in the world; None for an instance that draws nothing."""
         known = self._known
         missing = [i for i in drawn.instances if id(i) not in known or known[id(i)][0] is not i]
         measured = {id(i): (i, box) for i, box in zip(missing, instance_bounds(missing), strict=True)}
@@ -163,12 +153,12 @@ class BoundsMemory:
 
 
 def scene_bounds(drawn: DrawList) -> Bounds | None:
-    """The box around everything drawn."""
+    """Return the box around all instances."""
     return union([box for box in instance_bounds(drawn.instances) if box is not None])
 
 
 def loose_bounds(drawn: DrawList) -> Bounds | None:
-    """A box that holds everything drawn, perhaps up to 1.8 times too large, at a hundredth of the cost."""
+    """Return a box that contains all instances, up to 1.8 times too large, at a hundredth of the cost."""
     boxed = [(box, i.X_world_mesh) for i in drawn.instances if (box := mesh_bounds(i.mesh)) is not None]
     if not boxed:
         return None
@@ -180,10 +170,10 @@ def loose_bounds(drawn: DrawList) -> Bounds | None:
 
 
 def focus_bounds(drawn: DrawList) -> Bounds | None:
-    """The box around what a person would look at: everything but grounds and walls much larger than the rest.
+    """Return the box around everything but grounds and walls much larger than the rest.
 
-    A ground is an instance whose thinnest side is below 1 % of its longest and whose longest is more than 1.5 times the
-    diagonal of all that is not flat. Remembered while the draw list lives: many cameras look at one scene.
+    A ground is an instance whose thinnest side is below 1 % of its longest, and whose longest is more than 1.5 times
+    the diagonal of everything that is not flat. The result is kept while the draw list lives, for further cameras.
     """
     with _lock:
         known = _focus.get(drawn)
@@ -211,7 +201,7 @@ def _focus_bounds(drawn: DrawList) -> Bounds | None:
 
 
 def world_matrix(root: Node, path: Path) -> NDArray[np.float64] | None:
-    """(4, 4) float64: X_world_node, the product of all transforms from the root down; None if there is no such node."""
+    """Return X_world_node, (4, 4) float64, the product of all transforms from the root; None without such a node."""
     node: Node | None = root
     with np.errstate(all="ignore"):
         world = root.matrix

@@ -1,4 +1,4 @@
-"""Takes out of geometry what would make every picture of the scene fail: textures that cannot be decoded."""
+"""Removal of textures that cannot be decoded, which would make every image of the live scene fail."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import msgspec
 from gateway.scene.geometry import Part
 from renderers.drawlist import Image, ImageError, Material, Texture
 
-TEXTURE_FIELDS: Final = (
+_TEXTURE_FIELDS: Final = (
     "base_color_texture",
     "metallic_roughness_texture",
     "normal_texture",
@@ -20,29 +20,29 @@ TEXTURE_FIELDS: Final = (
 
 
 def without_broken_textures(parts: tuple[Part, ...], max_pixels: int) -> tuple[Part, ...]:
-    """The parts, their textures decoded once to see that it works; those that fail are left out.
+    """Return the parts without textures that cannot be decoded.
 
-    One client's broken picture in the live scene must not keep all others from theirs. What is decoded here is let go
-    again at once.
+    A broken texture of one client must not break the images of the others. Each texture is decoded once; the pixels are
+    dropped at once.
 
     Args:
-        max_pixels: of all different textures together; the ones beyond are left out, too.
+        max_pixels: Maximum number of pixels of all different textures; further ones are left out, too.
     """
     usable: dict[Image, bool] = {}
-    left = max_pixels
+    remaining = max_pixels
     materials: dict[Material, Material] = {}
     for part in parts:
         if part.material in materials:
             continue
         broken: dict[str, None] = {}
-        for field in TEXTURE_FIELDS:
+        for field in _TEXTURE_FIELDS:
             texture: Texture | None = getattr(part.material, field)
             if texture is None:
                 continue
             if texture.image not in usable:
                 pixels = _pixels(texture.image)
-                usable[texture.image] = pixels is not None and pixels <= left
-                left -= pixels if pixels is not None and pixels <= left else 0
+                usable[texture.image] = pixels is not None and pixels <= remaining
+                remaining -= pixels if pixels is not None and usable[texture.image] else 0
             if not usable[texture.image]:
                 broken[field] = None
         materials[part.material] = replace(part.material, **broken) if broken else part.material  # type: ignore[arg-type]  # by name
@@ -52,7 +52,7 @@ def without_broken_textures(parts: tuple[Part, ...], max_pixels: int) -> tuple[P
 
 
 def _pixels(image: Image) -> int | None:
-    """How many pixels an image has; None when it cannot be decoded."""
+    """Return the number of pixels of an image; None where it cannot be decoded."""
     try:
         pixels = image.decode()
     except ImageError:

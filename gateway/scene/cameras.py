@@ -1,11 +1,11 @@
-"""Which camera a picture of the scene is taken with, in words: the camera grammar.
+"""Cameras in words: the camera grammar.
 
 ``stereo``
     the left camera of the stereo sensor;
 ``fit``
     everything in view, seen from a corner;
 ``path:["robot", "head"]``
-    the frame of a node of the tree (its path as JSON), as an optical frame: +Z forward, +X right, +Y down;
+    the frame of a node (its path as JSON), as an optical frame: +Z forward, +X right, +Y down;
 ``eye=x,y,z;target=x,y,z;up=x,y,z;fovy=degrees``
     a free camera; ``up`` (default 0,0,1) and ``fovy`` may be left out.
 """
@@ -25,16 +25,15 @@ from gateway.scene.tree import Path
 DEFAULT_FOVY: Final = 45.0
 """Degrees, vertical; Drake's default for its cameras."""
 MIN_FOVY: Final = 0.001
-"""Degrees; at the largest picture a focal length of 1e9 pixels, the render endpoint's limit."""
+"""Degrees; at the largest image a focal length of 1e9 pixels, the render endpoint's limit."""
 NEAREST: Final = 1e-9
-"""Metres of a clipping plane; nearer ones have no use, and their inverse would overflow later."""
+"""Minimum distance of a clipping plane, metres; the inverse of smaller ones would overflow."""
 MAX_TEXT: Final = 4096
-"""Characters of a camera's text; the longest sensible one is a path of some dozen names."""
+"""Maximum length of a camera's text, characters; a path of a dozen names is shorter."""
 LIMIT: Final = 1e12
-"""Metres. Coordinates beyond have no use and would overflow later."""
+"""Maximum coordinate, metres; larger ones would overflow."""
 
 Vector = tuple[float, float, float]
-
 
 _NUMBER: Final = r"[+-]?[0-9]{1,9}(\.[0-9]{0,9})?([eE][+-]?[0-2])?"
 _VECTOR: Final = f"{_NUMBER},{_NUMBER},{_NUMBER}"
@@ -43,16 +42,16 @@ _FOVY: Final = r"(0?\.0{0,2}[1-9][0-9]{0,6}|([1-9]|[1-9][0-9]|1[0-7][0-9])(\.[0-
 PATTERN: Final = (
     rf"^(stereo|fit|path:\[({_NAME}(, ?{_NAME})*)?\]|eye={_VECTOR};target={_VECTOR}(;up={_VECTOR})?(;fovy={_FOVY})?)$"
 )
-"""Regular expression of the grammar, for descriptions. ``parse_camera`` also takes other orders and spaces, and refuses
-an ``eye`` that is its ``target`` and an ``up`` of zeros."""
+"""Regular expression of the grammar, for API descriptions. ``parse_camera`` also accepts other orders and spaces, and
+refuses an ``eye`` equal to ``target`` and an ``up`` of zeros."""
 
 
 class CameraError(ValueError):
-    """A camera's text cannot be understood or resolved; the message names the part of the text and the reason."""
+    """A camera's text that cannot be parsed or resolved. The message names the part of the text and the reason."""
 
 
 class NoSuchCameraError(CameraError):
-    """A camera's text is right, but names what the scene or the gateway does not have."""
+    """A valid text that names a node or a sensor that does not exist."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,16 +79,16 @@ class LookAtCamera:
     target: Vector
     up: Vector = (0.0, 0.0, 1.0)
     fovy: float | None = None
-    """Degrees; None: the caller's default."""
+    """Vertical field of view, degrees; None: the caller's default."""
 
 
 CameraSpec = StereoCamera | FitCamera | NodeCamera | LookAtCamera
-"""What a text can mean."""
+"""Result of ``parse_camera``."""
 
 
 @dataclass(frozen=True, slots=True)
 class OrbitCamera:
-    """One of ``count`` cameras on a circle around everything, all at the distance from which each sees it whole."""
+    """One of ``count`` cameras on a circle around the scene, all at the distance from which each has it in view."""
 
     index: int
     count: int
@@ -99,17 +98,17 @@ class OrbitCamera:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseCamera:
-    """A pose in numbers."""
+    """A camera at a given pose."""
 
     X_world_camera: NDArray[np.float64]
     """(4, 4) float64: rigid pose of the optical frame."""
 
 
 def parse_camera(text: str) -> CameraSpec:
-    """The camera that a text means.
+    """Parse a camera's text.
 
     Raises:
-        CameraError: naming the part that is wrong.
+        CameraError: The message names the part that is wrong.
     """
     if len(text) > MAX_TEXT:
         raise CameraError(f"camera text has {len(text)} characters, at most {MAX_TEXT} are allowed")
@@ -128,7 +127,7 @@ def parse_camera(text: str) -> CameraSpec:
 
 
 def quoted(text: str) -> str:
-    """A client's text as it may be repeated in a message."""
+    """Return a client's text for a message, at most 60 characters."""
     return repr(text if len(text) <= 60 else text[:57] + "...")
 
 

@@ -15,17 +15,16 @@ from renderers.drawlist import Mesh
 CREASE_COSINE: Final = math.cos(math.radians(45.0))
 """Faces that meet at a larger angle are shaded apart (Director's feature angle)."""
 MOST_FACES: Final = 256
-"""At one vertex; beyond, its corners are shaded flat, since the work grows with the square of this number."""
+"""Faces at one vertex; beyond, its corners are flat, since the time grows with the square of this number."""
 
 _FLOATS = types.Array(types.float32, 2, "C", readonly=True)
 _FACES = types.Array(types.uint32, 2, "C", readonly=True)
-_NORMALS = types.Tuple((types.boolean, types.float32[:, ::1], types.int64[::1]))
 _RESULT = types.Tuple((types.float32[:, ::1], types.float32[:, ::1], types.uint32[:, ::1]))
 
 
 @njit(nogil=True)
 def _face(positions, a, b, c, unit):
-    """The cross product of a face's edges, twice its area long; ``unit`` (3,) becomes its direction."""
+    """Return the cross product of a face's edges, and write its direction to ``unit`` (3,)."""
     ux = np.float64(positions[b, 0]) - positions[a, 0]
     uy = np.float64(positions[b, 1]) - positions[a, 1]
     uz = np.float64(positions[b, 2]) - positions[a, 2]
@@ -43,17 +42,18 @@ def _face(positions, a, b, c, unit):
 
 @cached_njit(_RESULT(_FLOATS, _FACES, types.float64), nogil=True)
 def smoothed(positions, faces, cosine):
-    """Positions, unit normals and faces of the same surface with vertices doubled where it has creases.
+    """Return positions, unit normals and faces of a surface whose vertices are doubled at creases.
 
-    A corner's normal is the mean, weighted by area, of the faces around its vertex whose normal is within the crease
+    A corner's normal is the mean, weighted by area, of the faces around its vertex whose normals are within the crease
     angle of its own face's. Corners of a vertex with (almost) the same normal share one vertex.
 
     Args:
         positions: (N, 3) float32, finite.
         faces: (M, 3) uint32.
-        cosine: of the crease angle.
+        cosine: Cosine of the crease angle.
+
     Returns:
-        (K, 3) float32, (K, 3) float32, (M, 3) uint32; vertices that no face uses are left out.
+        (K, 3) float32, (K, 3) float32, (M, 3) uint32, without the vertices that no face uses.
     """
     count = len(positions)
     m = len(faces)
@@ -67,7 +67,7 @@ def smoothed(positions, faces, cosine):
             begin[np.int64(faces[f, k]) + 1] += 1
     for v in range(count):
         begin[v + 1] += begin[v]
-    # the corners of each vertex, as 3 f + k
+    # Corners of each vertex, as 3 f + k.
     corners = np.empty(3 * m, np.int64)
     place = begin[:-1].copy()
     for f in range(m):
@@ -84,7 +84,7 @@ def smoothed(positions, faces, cosine):
         first, last = begin[v], begin[v + 1]
         mine = used
         flat = last - first > MOST_FACES
-        # most vertices are smooth all around: all faces so near to the mean that any two are near to each other
+        # Most vertices are smooth all around: all faces are so close to the mean that any two are close to each other.
         x, y, z = 0.0, 0.0, 0.0
         for i in range(first, last):
             f = corners[i] // 3
@@ -142,54 +142,13 @@ def smoothed(positions, faces, cosine):
     return out_positions, normals[:used].copy(), out_faces
 
 
-@cached_njit(_NORMALS(_FLOATS, _FACES, types.float64), nogil=True)
-def smooth_everywhere(positions, faces, cosine):
-    """Result of ``smoothed`` for a surface without creases, in a third of the time: no vertex is doubled.
-
-    Args:
-        positions, faces, cosine: as of ``smoothed``.
-    Returns:
-        whether every vertex that a face uses is smooth all around; if so, (N, 3) float32 unit normals, and (N,) how
-        many faces use each vertex.
-    """
-    count = len(positions)
-    half_cosine = math.sqrt(max(0.0, (1.0 + cosine) / 2.0))
-    unit = np.empty((len(faces), 3), np.float64)
-    total = np.zeros((count, 3), np.float64)
-    normals = np.zeros((count, 3), np.float32)
-    uses = np.zeros(count, np.int64)
-    for f in range(len(faces)):
-        a, b, c = np.int64(faces[f, 0]), np.int64(faces[f, 1]), np.int64(faces[f, 2])
-        x, y, z = _face(positions, a, b, c, unit[f])
-        for corner in (a, b, c):
-            total[corner, 0] += x
-            total[corner, 1] += y
-            total[corner, 2] += z
-            uses[corner] += 1
-    for v in range(count):
-        x, y, z = total[v, 0], total[v, 1], total[v, 2]
-        length = math.sqrt(x * x + y * y + z * z)
-        if uses[v] > 0 and (length == 0.0 or uses[v] > MOST_FACES):
-            return False, normals, uses
-        if length > 0.0:
-            x, y, z = x / length, y / length, z / length
-            total[v, 0], total[v, 1], total[v, 2] = x, y, z
-            normals[v, 0], normals[v, 1], normals[v, 2] = x, y, z
-    for f in range(len(faces)):
-        for k in range(3):
-            n = np.int64(faces[f, k])
-            if unit[f, 0] * total[n, 0] + unit[f, 1] * total[n, 1] + unit[f, 2] * total[n, 2] <= half_cosine:
-                return False, normals, uses
-    return True, normals, uses
-
-
 def smooth_mesh(
     positions: NDArray[np.float32], faces: NDArray[np.uint32]
 ) -> tuple[NDArray[np.float32], NDArray[np.uint32], NDArray[np.float32]]:
-    """Positions (K, 3) float32, faces (M, 3) uint32 and unit normals (K, 3) float32 of the mesh."""
-    smooth, everywhere, uses = smooth_everywhere(positions, faces, CREASE_COSINE)
-    if smooth and uses.all():
-        return positions, faces, everywhere
+    """Return positions (K, 3) float32, faces (M, 3) uint32 and unit normals (K, 3) float32 of a mesh.
+
+    Vertices are doubled at creases; vertices that no face uses are left out.
+    """
     placed, normals, elements = smoothed(positions, faces, CREASE_COSINE)
     return placed, elements, normals
 
@@ -201,9 +160,7 @@ def with_creases(
     uv: NDArray[np.float32] | None = None,
     colors: NDArray[np.float32] | None = None,
 ) -> Mesh:
-    """Make a mesh with unit normals; vertices are doubled at creases, and equal ones merged.
-
-    Vertices count as the same where their positions are equal, as in STL files.
+    """Return a mesh with unit normals; vertices are doubled at creases, and those of equal positions merged.
 
     Args:
         positions: (N, 3) float32, finite.

@@ -1,8 +1,8 @@
-"""The tree as a draw list: hidden subtrees dropped, world matrices multiplied out, labels attached.
+"""The tree as a draw list: instances with world matrices and labels, without hidden subtrees.
 
-A tree changes little between two pictures. ``Flattener`` keeps, for every node that was drawn, what it made of it, and
-works only where a node or a world matrix is another object than before. Matrices are multiplied per level of the tree
-in one numpy call, since a call per node would cost more than all the arithmetic.
+A tree changes little between two images. ``Flattener`` keeps the instances of every node and updates those of nodes and
+world matrices that are other objects than before. Matrices are multiplied per level of the tree in one NumPy call,
+since a call per node would cost more than the arithmetic.
 """
 
 from __future__ import annotations
@@ -24,17 +24,18 @@ from renderers.drawlist import LABEL_NONE, DrawList, Image, Instance, Material, 
 from renderers.stop import check_stop
 
 DRAWABLE: Final = 1e15
-"""Metres. An instance with a larger (or non-finite) number in its world matrix is left out: float32 vertices would
-overflow in the renderer, and nobody can see a thing of light-weeks."""
-_REMEMBERED_DEPTH: Final = 8
-"""Down to this depth the finished instances of whole subtrees are remembered; deeper, each node's own only. Otherwise
-a chain of N nodes would keep N * N / 2 references."""
+"""Metres. An instance with a larger (or non-finite) number in its world matrix is left out: its float32 vertices would
+overflow in the renderer."""
+_MAX_CACHED_DEPTH: Final = 8
+"""Depth down to which the instances of whole subtrees are kept; deeper, only those of each node. Otherwise a chain of N
+nodes would keep N * N / 2 references."""
 
 LabelOf = Callable[[Path, Part], int]
+"""Return the label of a part at a path."""
 
 
 class _Entry:
-    """What was made of one node."""
+    """The instances of one node."""
 
     __slots__ = (
         "children",
@@ -55,25 +56,26 @@ class _Entry:
         self.world: Matrix = IDENTITY
         self.children: dict[PathElement, _Entry] = {}
         self.meshes: list[tuple[Mesh, Material, int]] = []
-        """With the label."""
+        """Meshes of the node's parts, with their labels."""
         self.local: NDArray[np.float64] | None = None
-        """(len(meshes), 4, 4): X_node_mesh; None without meshes."""
+        """X_node_mesh, (len(meshes), 4, 4); None without meshes."""
         self.own: list[Instance] = []
+        """Instances of the node itself."""
         self.start = 0
-        """Index of the first of ``own`` in the draw list."""
+        """Index of the first of them in the draw list."""
         self.subtree: list[Instance] | None = None
-        """All instances of the subtree as last listed, or None."""
+        """All instances of the subtree in the last draw list; None where they are not kept."""
         self.stale = True
-        """Whether something of this subtree is not in ``subtree`` yet."""
+        """True if ``subtree`` is out of date."""
 
 
 def flatten(root: Node, *, label_of: LabelOf | None = None) -> DrawList:
-    """The draw list of a tree, once.
+    """Return the draw list of a tree.
 
     Args:
-        label_of: the label of a part at a path; None: nothing is labelled.
+        label_of: None: all labels are ``LABEL_NONE``.
     """
-    return _Flat(label_of or _unlabelled).flatten(root)
+    return _TreeFlattener(label_of or _unlabelled).flatten(root)
 
 
 def _unlabelled(_path: Path, _part: Part) -> int:
@@ -83,52 +85,52 @@ def _unlabelled(_path: Path, _part: Part) -> int:
 class Flattener:
     """Draw lists of a changing tree, with a label per path. Thread-safe.
 
-    ``instances[i].instance_id`` is i, and its label leads to the path (``LabelTable.path_of``). What did not change
-    since the last call is the very same ``Instance`` object as before; an unchanged root gives the same ``DrawList``.
+    ``instances[i].instance_id`` is i; ``LabelTable.path_of`` returns the path of its label. Instances that did not
+    change since the last call are the same objects; an unchanged root returns the same ``DrawList``.
     """
 
     def __init__(self, labels: LabelTable) -> None:
-        self._flat = _Flat(lambda path, _part: labels.label_of(path))
+        self._flattener = _TreeFlattener(lambda path, _part: labels.label_of(path))
         self._lock = threading.Lock()
 
     def flatten(self, snapshot: Snapshot) -> DrawList:
-        """The draw list of a snapshot of the live tree."""
+        """Return the draw list of a snapshot of the live tree."""
         with self._lock:
-            return self._flat.flatten(snapshot.root)
+            return self._flattener.flatten(snapshot.root)
 
 
-class _Flat:
+class _TreeFlattener:
     def __init__(self, label_of: LabelOf) -> None:
         self._label_of = label_of
         self._tree: Node | None = None
-        """What ``_drawn`` was made of."""
+        """Root of ``_drawn``; None after an error."""
         self._root = _Entry(())
         self._drawn = DrawList()
-        self._remeshed = False
-        """Whether the set of materials may have changed in this call."""
+        self._materials_changed = False
+        """True if this call may have changed the set of materials."""
 
     def flatten(self, root: Node) -> DrawList:
         if self._tree is root:
             return self._drawn
         self._tree = None
-        self._remeshed = False
+        self._materials_changed = False
         try:
-            moved = self._update_worlds(root if root.visible else Node())
-            self._place(moved)
+            moved = self._update_entries(root if root.visible else Node())
+            self._make_instances(moved)
             instances = self._list()
         except BaseException:
-            # Half-updated entries would be taken for finished ones by the next call.
+            # The next call must not take half-updated entries for finished ones.
             self._root = _Entry(())
             raise
-        images = images_of(i.material for i in instances) if self._remeshed else self._drawn.images
+        images = images_of(i.material for i in instances) if self._materials_changed else self._drawn.images
         self._drawn = DrawList(tuple(instances), images)
         self._tree = root
         return self._drawn
 
-    def _update_worlds(self, root: Node) -> list[_Entry]:
-        """Brings entries up to date with the tree, level by level; returns those whose instances must be made anew."""
+    def _update_entries(self, root: Node) -> list[_Entry]:
+        """Update entries and world matrices level by level; return the entries whose instances are out of date."""
         moved_all: list[_Entry] = []
-        # (entry, node, entry of the parent, whether the parent's world matrix is new)
+        # (entry, node, the parent's world matrix, True if that has changed)
         level: list[tuple[_Entry, Node, Matrix, bool]] = [(self._root, root, IDENTITY, False)]
         while level:
             moved: list[_Entry] = []
@@ -138,14 +140,14 @@ class _Flat:
                 before = entry.node
                 entry.stale = True
                 entry.node = node
-                remade = node.parts is not (None if before is None else before.parts)
-                if remade:
-                    self._remesh(entry, node.parts or ())
+                parts_changed = node.parts is not (None if before is None else before.parts)
+                if parts_changed:
+                    self._update_meshes(entry, node.parts or ())
                 is_moved = parent_moved or before is None or not before.same_transform(node)
                 if is_moved:
                     moved.append(entry)
                     parents.append(parent_world)
-                elif remade:
+                elif parts_changed:
                     moved_all.append(entry)
                 if node.children or entry.children:
                     current.append((entry, node, is_moved))
@@ -161,9 +163,9 @@ class _Flat:
                 self._descend(entry, node, is_moved, level)
         return moved_all
 
-    def _remesh(self, entry: _Entry, parts: tuple[Part, ...]) -> None:
-        """Makes the meshes of a node again."""
-        self._remeshed = True
+    def _update_meshes(self, entry: _Entry, parts: tuple[Part, ...]) -> None:
+        """Update the meshes of a node."""
+        self._materials_changed = True
         entry.meshes = []
         locals_: list[Matrix] = []
         for part in parts:
@@ -177,19 +179,19 @@ class _Flat:
     def _descend(
         self, entry: _Entry, node: Node, is_moved: bool, level: list[tuple[_Entry, Node, Matrix, bool]]
     ) -> None:
-        """Puts the children that need work on the next level and forgets those that are gone."""
+        """Append the children to update to the next level, and drop the entries of removed ones."""
         known = entry.children
         drawn = {name: child for name, child in node.children.items() if child.visible and child.geometry_count}
         if list(known) != list(drawn):
-            self._remeshed = True
+            self._materials_changed = True
             known = {name: known.get(name) or _Entry((*entry.path, name)) for name in drawn}
             entry.children = known
         for child_entry, child in zip(known.values(), drawn.values(), strict=True):
             if is_moved or child_entry.node is not child:
                 level.append((child_entry, child, entry.world, is_moved))
 
-    def _place(self, entries: list[_Entry]) -> None:
-        """Makes the instances of these entries from their world matrices."""
+    def _make_instances(self, entries: list[_Entry]) -> None:
+        """Create the instances of entries from their world matrices."""
         for entry in entries:
             if entry.local is None:
                 entry.own = []
@@ -213,11 +215,11 @@ class _Flat:
                     number += 1
                 index += 1
             if len(own) != len(entry.own):
-                self._remeshed = True
+                self._materials_changed = True
             entry.own = own
 
     def _list(self) -> list[Instance]:
-        """All instances in order of the tree, numbered; unchanged subtrees at an unchanged place are copied whole."""
+        """Return all instances in the order of the tree, numbered. Unchanged subtrees at the same index are copied."""
         out: list[Instance] = []
         stack: list[tuple[_Entry, bool]] = [(self._root, False)]
         while stack:
@@ -237,7 +239,7 @@ class _Flat:
             entry.start, entry.stale, entry.subtree = start, False, None
             out.extend(own)
             if entry.children:
-                if len(entry.path) < _REMEMBERED_DEPTH:
+                if len(entry.path) < _MAX_CACHED_DEPTH:
                     stack.append((entry, True))
                 stack.extend((child, False) for child in reversed(entry.children.values()))
             else:
@@ -246,7 +248,7 @@ class _Flat:
 
 
 def _local_matrices(nodes: list[Node]) -> NDArray[np.float64]:
-    """(N, 4, 4) X_parent_node. Poses whose matrix was never asked for are converted together, without keeping it."""
+    """Return X_parent_node of each node, (N, 4, 4). Poses without a matrix are converted together."""
     posed = [index for index, node in enumerate(nodes) if node.pose is not None]
     if len(posed) < 8:
         return np.array([node.matrix for node in nodes])
@@ -261,7 +263,7 @@ def _local_matrices(nodes: list[Node]) -> NDArray[np.float64]:
 
 
 def images_of(materials: Iterable[Material]) -> tuple[Image, ...]:
-    """The images of all materials, each once, in order of first use."""
+    """Return the images of all materials, each once, in the order of first use."""
     images: dict[Image, None] = {}
     seen: set[int] = set()
     for material in materials:

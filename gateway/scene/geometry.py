@@ -1,4 +1,4 @@
-"""The shapes that a node of the tree can carry, as values; metres, in the shape's own frame, Z up."""
+"""Shapes of a node, as values: metres, in the shape's own frame, Z up."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from gateway.scene.transforms import IDENTITY
 from renderers.drawlist import Material, Mesh
 
-EMPTY_CHANNELS: Mapping[str, NDArray[np.float32]] = MappingProxyType({})
+_NO_CHANNELS: Mapping[str, NDArray[np.float32]] = MappingProxyType({})
 
 
 class Value(msgspec.Struct, frozen=True, gc=False):
-    """Compared by value; made thirty times faster than a frozen dataclass, and clients send thousands."""
+    """Base of shapes that are compared by value. Creating one takes a thirtieth of a frozen dataclass's time."""
 
 
 class Box(Value, frozen=True, gc=False):
@@ -58,12 +58,12 @@ class Surface(msgspec.Struct, frozen=True, gc=False, eq=False):
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class PointCloud:
-    """Points with any number of named channels; ``planar_lidar`` becomes one, too."""
+    """Points with any number of named channels, of ``pointcloud`` and ``planar_lidar``."""
 
     points: NDArray[np.float32]
     """(N, 3) float32."""
-    channels: Mapping[str, NDArray[np.float32]] = field(default_factory=lambda: EMPTY_CHANNELS)
-    """Name to (N,) or (N, k) float32. ``rgb`` (N, 3 | 4) in 0..1 colours the points, else ``intensity`` (N,) does."""
+    channels: Mapping[str, NDArray[np.float32]] = field(default_factory=lambda: _NO_CHANNELS)
+    """(N,) or (N, k) float32 by name. ``rgb`` (N, 3 | 4) in 0 .. 1 colours the points, else ``intensity`` (N,)."""
 
 
 class Triad(Value, frozen=True, gc=False):
@@ -94,13 +94,13 @@ Shape = Box | Sphere | Ellipsoid | Cylinder | Capsule | Surface | PointCloud | T
 
 
 class Part(msgspec.Struct, frozen=True, gc=False, eq=False):
-    """A shape with its look, placed in its node's frame. A node carries any number of parts."""
+    """A shape with its material, placed in its node's frame. A node has any number of parts."""
 
     shape: Shape
     material: Material
     X_node_part: NDArray[np.float64] = IDENTITY
     """(4, 4) float64, affine."""
     kind: str = ""
-    """What the client called it (``mesh_file``, ``planar_lidar`` …); empty: the shape's own name."""
+    """The client's name for the shape (``mesh_file``, ``planar_lidar`` ...); empty: the class's name."""
     source: str = ""
-    """The file it came from, for people."""
+    """Name of the file that it was read from, for display; empty: none."""

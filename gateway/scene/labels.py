@@ -1,4 +1,4 @@
-"""Labels of the live tree: one number per path, the same for as long as the process lives."""
+"""Labels of the live tree: one number per path, constant for the lifetime of the process."""
 
 from __future__ import annotations
 
@@ -10,19 +10,21 @@ from gateway.scene.tree import Path
 from renderers.drawlist import LABEL_NONE
 
 MAX_LABELS: Final = LABEL_NONE - 1
-"""Labels have 24 bits; 0 and the background's 0xFFFFFF are not given to paths."""
+"""Largest label of a path. Labels have 24 bits; 0 and the background's 0xFFFFFF are reserved."""
 
 
 class LabelTable:
     """Paths and their labels, 1 .. ``limit``. Thread-safe.
 
-    A label is never given to another path, so that pictures taken at different times agree. When a client has used up
-    the limit by ever new names, further paths get ``LABEL_NONE``: they are still drawn, but cannot be told apart from
-    each other, and memory stays bounded.
+    A label is never reused for another path, so that images of different times agree. Beyond the limit, new paths get
+    ``LABEL_NONE``: they are still drawn, but share the label of the background, and memory stays bounded.
     """
 
     def __init__(self, limit: int = 1_000_000) -> None:
-        """``limit``: most paths to remember (a path and its entries take about 300 bytes), at most ``MAX_LABELS``."""
+        """
+        Args:
+            limit: Maximum number of paths, at most ``MAX_LABELS``. A path takes about 300 bytes.
+        """
         if not 0 < limit <= MAX_LABELS:
             raise ValueError(f"label limit {limit} must be in 1 .. {MAX_LABELS}")
         self._limit = limit
@@ -31,7 +33,7 @@ class LabelTable:
         self._lock = threading.Lock()
 
     def label_of(self, path: Path) -> int:
-        """The path's label; a new path gets the next free one."""
+        """Return the label of a path; a new path gets the next free one."""
         label = self._by_path.get(path)
         if label is not None:
             return label
@@ -46,9 +48,9 @@ class LabelTable:
             return label
 
     def path_of(self, label: int) -> Path | None:
-        """The path with this label, or None."""
+        """Return the path with this label; None where there is none."""
         return self._paths[label - 1] if 1 <= label <= len(self._paths) else None
 
     def known(self) -> Mapping[int, Path]:
-        """All labels given so far."""
+        """Return all paths with a label so far, by label."""
         return {index + 1: path for index, path in enumerate(self._paths)}

@@ -1,4 +1,4 @@
-"""Any shape as meshes to draw: unit meshes shared by all and scaled by the instance's transform, where possible."""
+"""Shapes as meshes: shared unit meshes, scaled by the instance's transform, where possible."""
 
 from __future__ import annotations
 
@@ -31,30 +31,32 @@ from renderers.tubes import clean_polyline, tube
 
 TRIAD_TUBE_RADIUS: Final = 0.002
 """Metres, whatever the triad's scale (Director)."""
+SLENDER: Final = 1e6
+"""Ratio of length to radius above which the ends of a capsule are below float32's resolution."""
 POINT_SIZE: Final = 2.0
-"""Pixels, unless the material asks for more (Director)."""
+"""Minimum point size, pixels (Director)."""
 THINNEST: Final = 1e-6
-"""A solid that is flat along an axis (a floor as a box of height 0) is drawn this fraction of its largest extent
-thick: invisible, but the transform stays invertible for normals."""
+"""Thickness of a solid that is flat along an axis (a floor as a box of height 0), as a fraction of its largest extent.
+This is invisible, but keeps the transform invertible for normals."""
 
 SMALLEST: Final = 1e-12
 LARGEST: Final = 1e15
-"""Metres. What is smaller counts as zero and what is larger as infinite, so that squares and ratios of extents stay
-far from the limits of float32."""
+"""Metres. Smaller extents count as zero and larger ones as infinite, so that their squares and ratios stay within
+float32."""
 
 MeshPart = tuple[Mesh, Material, Matrix]
 """(mesh, material, X_part_mesh (4, 4) float64)."""
 
 _Piece = tuple[Mesh, bool, Matrix]
-"""(mesh, whether its vertex colours replace the material's colour, X_part_mesh)."""
+"""(mesh, True if its vertex colours replace the material's colour, X_part_mesh)."""
 
 
 def meshes_of(shape: Shape, material: Material) -> tuple[MeshPart, ...]:
-    """The meshes that draw ``shape`` in the part's frame.
+    """Return the meshes that draw ``shape`` in the part's frame.
 
-    Never raises for values a client can send: what has no extent or is not finite draws nothing; a cylinder or capsule
-    without radius is a hairline; negative lengths and radii of boxes and ellipsoids count as positive ones, as their
-    mirror images look the same.
+    No value that a client can send raises an error. Shapes without extent or with numbers that are not finite draw
+    nothing. A cylinder or capsule without radius is a hairline. Negative lengths and radii of boxes and ellipsoids
+    count as positive ones, since the mirror images look the same.
     """
     pieces = _pieces(shape)
     if isinstance(shape, PointCloud) and material.point_size < POINT_SIZE:
@@ -63,7 +65,7 @@ def meshes_of(shape: Shape, material: Material) -> tuple[MeshPart, ...]:
 
 
 def _white(material: Material) -> Material:
-    """The material for vertex colours: they give the colour, the material keeps its alpha."""
+    """Return the material in white, with its alpha, for meshes with vertex colours."""
     return replace(material, base_color=(1.0, 1.0, 1.0, material.base_color[3]))
 
 
@@ -84,7 +86,7 @@ def _pieces(shape: Shape) -> tuple[_Piece, ...]:
         case Triad(scale, with_tubes):
             return _triad(scale, with_tubes)
         case PointCloud() | Line():
-            return _remembered(shape)
+            return _cached_pieces(shape)
 
 
 def _scaled(mesh: Mesh, scale: tuple[float, float, float]) -> tuple[_Piece, ...]:
@@ -108,10 +110,6 @@ def _cylinder(radius: float, length: float) -> tuple[_Piece, ...]:
     return _scaled(primitives.cylinder(), (radius, radius, length))
 
 
-SLENDER: Final = 1e6
-"""The ends of a capsule with this ratio of length to radius are below float32's resolution."""
-
-
 def _capsule(radius: float, length: float) -> tuple[_Piece, ...]:
     if not (_drawable(radius) and length <= LARGEST) or length > SLENDER * radius:
         return _cylinder(radius, length)
@@ -122,12 +120,12 @@ def _capsule(radius: float, length: float) -> tuple[_Piece, ...]:
 
 @lru_cache(maxsize=1)
 def _unit_segment() -> Mesh:
-    """A hairline of length 1 along z, around the origin."""
+    """Return a hairline of length 1 along z, around the origin."""
     return _lines(np.array(((0.0, 0.0, -0.5), (0.0, 0.0, 0.5))), closed=False)
 
 
 def _lines(points: NDArray[np.float64], *, closed: bool) -> Mesh:
-    """Hairlines from each point to the next."""
+    """Return hairlines from each point to the next."""
     index = np.arange(len(points), dtype=np.uint32)
     elements = np.stack((index, np.roll(index, -1)), axis=1)
     elements = elements if closed and len(points) > 2 else elements[:-1]
@@ -141,7 +139,7 @@ def _triad(scale: float, with_tubes: bool) -> tuple[_Piece, ...]:
     if not _drawable(abs(scale)):
         return ()
     hairlines = (_triad_lines(), True, scaling(scale, scale, scale))
-    # the tubes are as thin as Director's; far away the hairlines inside them are what is left to see
+    # Tubes as thin as Director's vanish at a distance; the hairlines inside them stay visible.
     return ((_triad_tubes(float(scale)), True, IDENTITY), hairlines) if with_tubes else (hairlines,)
 
 
@@ -155,7 +153,7 @@ def _triad_lines() -> Mesh:
 
 @lru_cache(maxsize=64)
 def _triad_tubes(scale: float) -> Mesh:
-    """The three tubes as one mesh with vertex colours; bounded, since clients choose the scale."""
+    """Return the three tubes as one mesh with vertex colours. The cache is bounded, since clients choose the scale."""
     tubes = [tube(np.stack((np.zeros(3), axis * scale)), TRIAD_TUBE_RADIUS) for axis in np.eye(3)]
     meshes = [mesh for mesh in tubes if mesh is not None]
     positions, normals = ([m.positions for m in meshes], [m.normals for m in meshes if m.normals is not None])
@@ -172,24 +170,26 @@ def _triad_tubes(scale: float) -> Mesh:
     )
 
 
-_memory: WeakKeyDictionary[PointCloud | Line, tuple[_Piece, ...]] = WeakKeyDictionary()
-_memory_lock = threading.Lock()
+_pieces_by_shape: WeakKeyDictionary[PointCloud | Line, tuple[_Piece, ...]] = WeakKeyDictionary()
+_pieces_lock = threading.Lock()
 
 
-def _remembered(shape: PointCloud | Line) -> tuple[_Piece, ...]:
-    """Computed once per shape object and forgotten with it."""
-    with _memory_lock:
-        found = _memory.get(shape)
+def _cached_pieces(shape: PointCloud | Line) -> tuple[_Piece, ...]:
+    """Return the pieces of a shape, computed once per object."""
+    with _pieces_lock:
+        found = _pieces_by_shape.get(shape)
     if found is None:
         found = _point_cloud(shape) if isinstance(shape, PointCloud) else _line(shape)
-        with _memory_lock:
-            found = _memory.setdefault(shape, found)
+        with _pieces_lock:
+            found = _pieces_by_shape.setdefault(shape, found)
     return found
 
 
 def _point_cloud(cloud: PointCloud) -> tuple[_Piece, ...]:
-    """Points without the non-finite ones; ``rgb`` beats ``intensity`` (as grey); a channel of the wrong length is
-    treated as absent, since a real client sends empty ones."""
+    """Return the finite points, coloured by ``rgb``, else by ``intensity`` as grey.
+
+    Channels of the wrong length are ignored: some clients send empty ones.
+    """
     finite = (np.abs(cloud.points) < LARGEST).all(axis=1)
     if not finite.any():
         return ()
@@ -202,7 +202,7 @@ def _point_cloud(cloud: PointCloud) -> tuple[_Piece, ...]:
 
 
 def _cloud_colors(cloud: PointCloud) -> NDArray[np.float32] | None:
-    """(N, 4) float32 in 0..1, or None."""
+    """Return (N, 4) float32 in 0 .. 1; None without a usable channel."""
     count = len(cloud.points)
     rgb = cloud.channels.get("rgb")
     if rgb is not None and rgb.ndim == 2 and len(rgb) == count and rgb.shape[1] in (3, 4):
@@ -229,10 +229,10 @@ def _line(line: Line) -> tuple[_Piece, ...]:
 
 
 def _heads(line: Line, points: NDArray[np.float64]) -> tuple[list[_Piece], NDArray[np.float64]]:
-    """The cones at the ends, and the line without what they replace.
+    """Return the cones at the ends, and the points of the shortened shaft.
 
-    As in Director the tip lies at the end point, the base one head length behind it, and the shaft ends half a head
-    length before the tip. A shaft shorter than that keeps a hundredth of its last segment.
+    As in Director, the tip lies at the end point, the base one head length behind it, and the shaft ends half a head
+    length before the tip. A shorter shaft keeps a hundredth of its last segment.
     """
     radius = float(line.head_radius)
     length = radius if line.head_length is None else float(line.head_length)
@@ -255,7 +255,7 @@ def _heads(line: Line, points: NDArray[np.float64]) -> tuple[list[_Piece], NDArr
 
 
 def _cone_pose(tip: NDArray[np.float64], direction: NDArray[np.float64], radius: float, length: float) -> Matrix:
-    """(4, 4): puts the unit cone's tip at ``tip``, pointing along the unit vector ``direction``."""
+    """Return the (4, 4) transform of the unit cone to a tip and a unit direction."""
     other = np.eye(3)[int(np.argmin(np.abs(direction)))]
     x = np.cross(other, direction)
     x /= np.linalg.norm(x)

@@ -1,4 +1,4 @@
-"""Where a camera is mounted: a fixed pose in the world, or a node of the tree that it moves with."""
+"""Camera mounts: a fixed pose in the world, or a node of the tree."""
 
 from __future__ import annotations
 
@@ -13,10 +13,13 @@ from renderers.drawlist import DrawList
 
 
 def parse_mount_pose(text: str) -> NDArray[np.float64]:
-    """(4, 4) float64: the pose of an optical frame, from ``x,y,z,qw,qx,qy,qz`` or ``eye=x,y,z;target=x,y,z;up=x,y,z``.
+    """Parse the pose of an optical frame: ``x,y,z,qw,qx,qy,qz`` or ``eye=x,y,z;target=x,y,z;up=x,y,z``.
+
+    Returns:
+        (4, 4) float64.
 
     Raises:
-        CameraError: it is neither.
+        CameraError: The text is neither.
     """
     if "=" in text:
         camera = parse_camera(text)
@@ -32,10 +35,10 @@ def parse_mount_pose(text: str) -> NDArray[np.float64]:
 
 
 def parse_mount_path(text: str) -> Path:
-    """A path of the tree from its JSON, ``["robot", "head"]``.
+    """Parse a path of the tree from its JSON, ``["robot", "head"]``.
 
     Raises:
-        CameraError: it is no such list.
+        CameraError: The text is not a list of names.
     """
     camera = parse_camera(f"path:{text}")
     assert isinstance(camera, NodeCamera)
@@ -43,21 +46,21 @@ def parse_mount_path(text: str) -> Path:
 
 
 class Mount:
-    """The pose of a mounted camera; where its node is missing, the last pose holds."""
+    """The pose of a mounted camera. Where its node is missing, the last pose is kept."""
 
     def __init__(self, pose: NDArray[np.float64], path: Path | None = None) -> None:
         """
         Args:
-            pose: (4, 4) float64 X_world_camera, until the node is there.
-            path: the node whose frame is the camera's optical frame; None: the pose is fixed.
+            pose: (4, 4) float64 X_world_camera, until the node exists.
+            path: Node whose frame is the camera's optical frame; None: the pose is fixed.
         """
         self._pose = pose
         self._path = path
         self.warning = ""
-        """A sentence when the node cannot be followed."""
+        """Why the pose does not follow the node; empty where it does."""
 
     def pose(self, root: Node) -> NDArray[np.float64]:
-        """(4, 4) float64: X_world_camera in this tree."""
+        """Return X_world_camera in this tree, (4, 4) float64."""
         if self._path is not None:
             try:
                 camera = resolve_camera(NodeCamera(self._path), root, 1, 1, drawn=DrawList())

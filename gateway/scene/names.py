@@ -1,16 +1,16 @@
-"""Path elements as they can be written: JSON strings cannot hold every Python string, nor 64 bits every integer."""
+"""Path elements in JSON, which cannot hold every Python string, nor every integer."""
 
 from __future__ import annotations
 
 from gateway.scene.tree import PathElement
 
-_LARGEST = (1 << 63) - 1
+_MAX_INT = (1 << 63) - 1
 
 
-def written(element: PathElement) -> PathElement:
-    """The element, with lone surrogates (which UTF-8 has no bytes for) spelled out and huge integers as text."""
+def json_element(element: PathElement) -> PathElement:
+    """Return a path element with lone surrogates escaped (UTF-8 has no bytes for them) and huge integers as text."""
     if isinstance(element, int):
-        return element if -_LARGEST <= element <= _LARGEST else hex(element)
+        return element if -_MAX_INT <= element <= _MAX_INT else hex(element)
     if element.isascii():
         return element
     return element.encode("utf-8", "backslashreplace").decode("utf-8")

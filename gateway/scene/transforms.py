@@ -20,26 +20,20 @@ def _identity() -> Matrix:
 
 
 IDENTITY: Final[Matrix] = _identity()
-"""(4, 4) float64, read-only; compare by ``is`` to skip work."""
-
+"""(4, 4) float64, read-only. Compare by ``is`` to skip work."""
 
 SQUARE_SAFE: Final = (1e-200, 1e200)
-"""Squared quaternion norms outside this range are close to underflow or overflow: scale first."""
+"""Range of squared quaternion norms that are far from underflow and overflow."""
 
 
 def from_pose(translation: Sequence[float], quaternion: Sequence[float]) -> Matrix:
-    """A rigid transform.
+    """Return a rigid transform.
 
     Args:
         translation: (3,) metres.
         quaternion: (4,) [w, x, y, z]; normalised here, all zeros means no rotation (as Director does). Non-finite
             numbers give a non-finite matrix.
     """
-    return np.array(pose_rows(translation, quaternion))
-
-
-def pose_rows(translation: Sequence[float], quaternion: Sequence[float]) -> tuple[tuple[float, ...], ...]:
-    """The four rows of ``from_pose``, without an array."""
     w, x, y, z = quaternion
     norm2 = w * w + x * x + y * y + z * z
     if not SQUARE_SAFE[0] < norm2 < SQUARE_SAFE[1] and all(map(math.isfinite, quaternion)):
@@ -52,12 +46,13 @@ def pose_rows(translation: Sequence[float], quaternion: Sequence[float]) -> tupl
     xx, xy, xz = s * x * x, s * x * y, s * x * z
     yy, yz, zz = s * y * y, s * y * z, s * z * z
     tx, ty, tz = translation
-    return (
+    rows = (
         (1.0 - (yy + zz), xy - wz, xz + wy, tx),
         (xy + wz, 1.0 - (xx + zz), yz - wx, ty),
         (xz - wy, yz + wx, 1.0 - (xx + yy), tz),
         (0.0, 0.0, 0.0, 1.0),
     )
+    return np.array(rows)
 
 
 def from_poses(poses: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -102,44 +97,40 @@ def affine_product(X: NDArray[np.float64], Y: NDArray[np.float64]) -> NDArray[np
 
 
 def translation(x: float, y: float, z: float) -> Matrix:
-    """A pure translation, metres."""
+    """Return a translation, metres."""
     matrix = np.eye(4)
     matrix[:3, 3] = (x, y, z)
     return matrix
 
 
 def scaling(x: float, y: float, z: float) -> Matrix:
-    """A scale along the axes."""
+    """Return a scale along the axes."""
     return np.diag((x, y, z, 1.0))
 
 
 def from_column_major(values: Sequence[float]) -> Matrix:
-    """A matrix from glTF's 16 column-major numbers."""
+    """Return a matrix from glTF's 16 column-major numbers."""
     return np.array(values, dtype=np.float64).reshape(4, 4).T.copy()
 
 
 def from_trs(translation: Sequence[float], rotation_xyzw: Sequence[float], scale: Sequence[float]) -> Matrix:
-    """glTF's node properties: T * R * S, the rotation as glTF writes it ([x, y, z, w])."""
-    return from_column_major(trs_numbers(translation, rotation_xyzw, scale))
-
-
-def trs_numbers(
-    translation: Sequence[float], rotation_xyzw: Sequence[float], scale: Sequence[float]
-) -> tuple[float, ...]:
-    """The 16 numbers of ``from_trs``, column-major, without an array."""
+    """Return T * R * S of glTF's node properties, the rotation as [x, y, z, w]."""
     x, y, z, w = rotation_xyzw
-    p, q, r = scale
-    (a, b, c, tx), (d, e, f, ty), (g, h, i, tz), _ = pose_rows(translation, (w, x, y, z))
-    return (a * p, d * p, g * p, 0.0, b * q, e * q, h * q, 0.0, c * r, f * r, i * r, 0.0, tx, ty, tz, 1.0)
+    matrix = from_pose(translation, (w, x, y, z))
+    matrix[:3, :3] *= scale
+    return matrix
 
 
 def look_at(
     eye: Sequence[float] | NDArray[np.float64], target: Sequence[float] | NDArray[np.float64], up: Sequence[float]
 ) -> Matrix:
-    """Pose of an optical frame (+Z forward, +X right, +Y down) at ``eye`` that sees ``target`` with ``up`` upwards.
+    """Return the pose of an optical frame (+Z forward, +X right, +Y down) at ``eye`` that looks at ``target``.
+
+    Args:
+        up: Direction that is up in the image; replaced by another axis where it is along the line of sight.
 
     Raises:
-        ValueError: eye and target coincide. An ``up`` along the line of sight is replaced by another axis.
+        ValueError: Eye and target coincide.
     """
     e, t = np.asarray(eye, dtype=np.float64), np.asarray(target, dtype=np.float64)
     forward = t - e
@@ -161,4 +152,4 @@ def look_at(
 Y_UP_TO_Z_UP: Final[Matrix] = np.array(
     ((1.0, 0.0, 0.0, 0.0), (0.0, 0.0, -1.0, 0.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 )
-"""+90 degrees about X: glTF's Y-up world into our Z-up world."""
+"""+90 degrees about X: from glTF's Y-up world to our Z-up world."""

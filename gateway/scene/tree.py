@@ -1,7 +1,7 @@
 """The scene as a persistent tree: nodes are immutable once committed, edits copy only what they touch.
 
-A committed root *is* a consistent snapshot: readers keep it as long as they like and never block a writer. Two roots
-share every node that did not change, so comparing them by identity (``changes``) costs what changed, not what exists.
+A committed root is a consistent snapshot, which readers may keep without blocking writers. Two roots share every node
+that did not change, so the cost of comparing them (``changes``) depends on the changes only.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ Pose = tuple[float, float, float, float, float, float, float]
 
 
 class Node:
-    """A frame of the tree with its geometry and children. Read-only for everybody but the edit that owns it."""
+    """A frame of the tree with its geometry and children. Only the edit that owns a node may change it."""
 
     __slots__ = (
         "__weakref__",
         "_matrix",
-        "_owner",
         "_pose",
         "children",
         "geometry_count",
         "node_count",
+        "owner",
         "parts",
         "visible",
     )
@@ -41,13 +41,15 @@ class Node:
     children: dict[PathElement, Node]
     """By path element, in order of creation."""
     parts: tuple[Part, ...] | None
-    """Geometry; () is geometry that draws nothing but counts as present; None: none was ever set."""
+    """Geometry; None: none was set. An empty tuple draws nothing, but counts as geometry."""
     geometry_count: int
-    """How many nodes of this subtree, itself included, have ``parts is not None``."""
+    """Number of nodes with ``parts is not None`` in this subtree, this node included."""
     node_count: int
-    """How many nodes this subtree has, itself included."""
+    """Number of nodes of this subtree, this node included."""
     visible: bool
-    """False hides the whole subtree in pictures."""
+    """False hides the whole subtree in images."""
+    owner: object | None
+    """The ``TreeEdit`` token that may change the node; None or another one's: copy it first."""
 
     def __init__(
         self,
@@ -62,11 +64,11 @@ class Node:
         self.node_count = 1 + sum(c.node_count for c in self.children.values())
         self._matrix: NDArray[np.float64] | None = matrix
         self._pose: Pose | None = None
-        self._owner: object | None = None
+        self.owner = None
 
     @property
     def matrix(self) -> NDArray[np.float64]:
-        """(4, 4) float64: X_parent_node, affine. Made from the pose on first use; do not write to it."""
+        """X_parent_node, (4, 4) float64, affine. Computed from the pose at first use; do not write to it."""
         if self._matrix is None:
             assert self._pose is not None
             self._matrix = from_pose(self._pose[:3], self._pose[3:])
@@ -74,15 +76,23 @@ class Node:
 
     @property
     def pose(self) -> Pose | None:
-        """The pose as the client sent it, or None when the transform was given as a matrix."""
+        """The pose as the client sent it; None where the transform was given as a matrix."""
         return self._pose
 
+    def set_matrix(self, matrix: NDArray[np.float64]) -> None:
+        """Replace the transform. For the owner only."""
+        self._matrix, self._pose = matrix, None
+
+    def set_pose(self, pose: Pose) -> None:
+        """Replace the transform. For the owner only."""
+        self._matrix, self._pose = None, pose
+
     def same_transform(self, other: Node) -> bool:
-        """Whether both have the transform of one and the same edit (identity, not value)."""
+        """Return True if both have the transform of the same edit (by identity, not by value)."""
         return self._matrix is other._matrix if self._pose is None else self._pose is other._pose
 
     def find(self, path: Path) -> Node | None:
-        """The node below this one, or None."""
+        """Return the node at a path below this one; None where there is none."""
         node: Node | None = self
         for element in path:
             node = node.children.get(element) if node is not None else None
@@ -91,28 +101,31 @@ class Node:
         return node
 
     def walk(self, prefix: Path = ()) -> Iterator[tuple[Path, Node]]:
-        """This node and all below, parents first, without recursion."""
+        """Iterate over this node and all below, parents first, without recursion."""
         stack = [(prefix, self)]
         while stack:
             path, node = stack.pop()
             yield path, node
             stack.extend(((*path, name), child) for name, child in reversed(node.children.items()))
 
-    def _copy(self, owner: object) -> Node:
+    def copy(self, owner: object) -> Node:
+        """Return a shallow copy that ``owner`` may change."""
         node = Node.__new__(Node)
         node.parts = self.parts
         node.children = self.children.copy()
         node.visible = self.visible
         node.geometry_count = self.geometry_count
         node.node_count = self.node_count
-        node._matrix = self._matrix
-        node._pose = self._pose
-        node._owner = owner
+        if self._pose is not None:
+            node.set_pose(self._pose)
+        else:
+            node.set_matrix(self.matrix)
+        node.owner = owner
         return node
 
 
 class TreeEdit:
-    """A batch of edits of one tree: each touched node is copied at most once. ``commit`` ends it."""
+    """A batch of edits of one tree. Each node on an edited path is copied at most once. ``commit`` ends it."""
 
     __slots__ = ("_owner", "_root", "changed", "created")
 
@@ -120,17 +133,17 @@ class TreeEdit:
         self._owner: object | None = object()
         self._root = root
         self.changed = False
-        """Whether anything was edited."""
+        """True once anything was edited."""
         self.created = 0
-        """How many nodes the paths of this edit brought into being, for callers that bound the tree."""
+        """Number of nodes that this edit created, for callers that limit the tree."""
 
     @property
     def root(self) -> Node:
-        """The tree as edited so far."""
+        """The tree in its current state."""
         return self._root
 
     def set_parts(self, path: Path, parts: tuple[Part, ...]) -> None:
-        """Replaces the geometry at ``path``, creating nodes as needed; transform and children stay."""
+        """Replace the geometry at ``path``, creating nodes as needed. Transform and children stay."""
         nodes = self._own(path)
         leaf = nodes[-1]
         if leaf.parts is None:
@@ -139,25 +152,24 @@ class TreeEdit:
         leaf.parts = parts
 
     def set_matrix(self, path: Path, matrix: NDArray[np.float64]) -> None:
-        """Replaces the transform at ``path``, creating nodes as needed; ``matrix`` is kept, not copied."""
-        leaf = self._own(path)[-1]
-        leaf._matrix, leaf._pose = matrix, None
+        """Replace the transform at ``path``, creating nodes as needed. ``matrix`` is not copied."""
+        self._own(path)[-1].set_matrix(matrix)
 
     def set_pose(self, path: Path, pose: Pose) -> Node:
-        """Replaces the transform at ``path``, creating nodes as needed; the matrix is made when it is first read.
+        """Replace the transform at ``path``, creating nodes as needed, and return the node.
 
-        Returns the node as edited so far, for a look at what it carries.
+        The matrix is computed when it is first read.
         """
         leaf = self._own(path)[-1]
-        leaf._matrix, leaf._pose = None, pose
+        leaf.set_pose(pose)
         return leaf
 
     def set_visible(self, path: Path, visible: bool) -> None:
-        """Hides or shows the subtree at ``path``, creating nodes as needed."""
+        """Hide or show the subtree at ``path``, creating nodes as needed."""
         self._own(path)[-1].visible = visible
 
     def set_subtree(self, path: Path, node: Node) -> None:
-        """Puts a whole committed tree at ``path`` in place of what was there; its own transform is kept."""
+        """Replace the subtree at ``path`` by a committed tree with its own transform."""
         if not path:
             self._claim()
             self._root = node
@@ -171,15 +183,16 @@ class TreeEdit:
             parent.node_count += node.node_count - nodes
 
     def delete(self, path: Path) -> bool:
-        """Removes the node at ``path`` with geometry, transforms and all below it; the root is emptied instead.
+        """Remove the node at ``path`` and all below it. The root is replaced by an empty node.
 
-        Returns whether there was such a node.
+        Returns:
+            True if there was such a node (for the root: if it had parts or children).
         """
         if not path:
             existed = bool(self._root.children) or self._root.parts is not None
             owner = self._claim()
             self._root = Node()
-            self._root._owner = owner
+            self._root.owner = owner
             return existed
         target = self._root.find(path)
         if target is None:
@@ -192,38 +205,38 @@ class TreeEdit:
         return True
 
     def commit(self) -> Node:
-        """The edited tree, immutable from now on. The edit must not be used afterwards."""
+        """Return the edited tree, which is immutable from now on. The edit must not be used afterwards."""
         self._owner = None
         return self._root
 
     def _claim(self) -> object:
-        """The mark of nodes that this edit may write to."""
+        """Mark the tree as changed, and return the token of nodes that this edit may change."""
         if self._owner is None:
             raise RuntimeError("this edit was committed")
         self.changed = True
         return self._owner
 
     def _own(self, path: Path) -> list[Node]:
-        """The nodes from the root to ``path``, all private to this edit."""
+        """Return the nodes from the root to ``path``, copied or created as needed."""
         owner = self._claim()
         node = self._root
-        if node._owner is not owner:
-            node = self._root = node._copy(owner)
+        if node.owner is not owner:
+            node = self._root = node.copy(owner)
         nodes = [node]
         before = self.created
         for element in path:
             child = node.children.get(element)
             if child is None:
                 child = Node()
-                child._owner = owner
+                child.owner = owner
                 node.children[element] = child
                 self.created += 1
-            elif child._owner is not owner:
-                child = child._copy(owner)
+            elif child.owner is not owner:
+                child = child.copy(owner)
                 node.children[element] = child
             nodes.append(child)
             node = child
-        if self.created != before:  # the last ones of the path
+        if self.created != before:  # created nodes are the last ones of the path
             created = self.created - before
             for above, owned in enumerate(reversed(nodes)):
                 owned.node_count += min(above, created)

@@ -1,4 +1,4 @@
-"""Cameras in words, orbits and poses as cameras in a scene: where they stand, and how far they see."""
+"""Cameras in words, orbits and poses as cameras in a scene: their poses and clipping planes."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ from renderers.camera import Camera
 from renderers.drawlist import DrawList
 
 FIT_DIRECTION: Final = (1.0, -1.0, 0.8)
-"""From the scene's middle to the eye: from the front right and above, for robots that face +x."""
+"""Direction from the scene's centre to the eye: front right and above, for robots that face +x."""
 FIT_MARGIN: Final = 1.05
-"""The picture's half height over that of the framed box."""
+"""Half height of the image over that of the framed box."""
 
 
 def resolve_camera(
@@ -50,20 +50,20 @@ def resolve_camera(
     stereo: Camera | None = None,
     drawn: DrawList | None = None,
 ) -> Camera:
-    """The camera that a text means in a scene, at a picture size.
+    """Return a camera in a scene for an image of a size.
 
     Args:
-        spec: from ``parse_camera``, or one that no text can mean.
-        root: the tree; needed for ``path`` and for framing.
-        width, height: pixels.
-        fovy: vertical field of view in degrees where the text names none.
-        near, far: clipping planes in metres; None: chosen so that the whole scene is in between.
-        stereo: the left camera of the stereo sensor as it is now, of any size; None: there is no such sensor.
-        drawn: the tree's draw list when the caller has it already.
+        spec: Result of ``parse_camera``, or an orbit or pose.
+        root: The tree, for ``path`` and for framing.
+        width, height: Pixels.
+        fovy: Vertical field of view in degrees where the text has none.
+        near, far: Clipping planes, metres; None: chosen so that the whole scene lies between them.
+        stereo: Current left camera of the stereo sensor, of any size; None without such a sensor.
+        drawn: The tree's draw list, if the caller has it.
 
     Raises:
-        NoSuchCameraError: no such node, or no stereo camera.
-        CameraError: a node's frame is not invertible, bad size or planes.
+        NoSuchCameraError: No such node, or no stereo camera.
+        CameraError: A node's frame is not invertible, or the size or planes are invalid.
     """
     if not MIN_FOVY <= fovy < 180.0:
         raise CameraError(f"fovy {fovy:g} must be at least {MIN_FOVY:g} and less than 180 degrees")
@@ -92,7 +92,7 @@ def resolve_camera(
 
 
 def _clipped(near: float | None, far: float | None, chosen: tuple[float, float]) -> tuple[float, float]:
-    """Clipping planes as given, else as chosen; a given one beyond the chosen other moves that one."""
+    """Return the given clipping planes, else the chosen ones, moved where they conflict with a given one."""
     chosen_near, chosen_far = chosen
     if near is None:
         return (chosen_near if far is None else min(chosen_near, 0.5 * far)), far or chosen_far
@@ -117,7 +117,7 @@ def _camera(
 
 
 def _resized(stereo: Camera, width: int, height: int, near: float | None, far: float | None) -> Camera:
-    """The sensor's camera at another size: the same horizontal field of view, square pixels stay square."""
+    """Return the sensor's camera at another size: the same horizontal field of view, square pixels stay square."""
     scale = width / stereo.width
     near, far = _clipped(near, far, (stereo.near, stereo.far))
     return _camera(
@@ -134,7 +134,7 @@ def _resized(stereo: Camera, width: int, height: int, near: float | None, far: f
 
 
 def _node_pose(root: Node, path: Path) -> NDArray[np.float64]:
-    """The node's frame without its scale and shear: forward is kept, then right."""
+    """Return the node's frame without scale and shear. The forward axis is kept, then the right one."""
     text = json.dumps(list(path))
     world = world_matrix(root, path)
     if world is None:
@@ -154,7 +154,7 @@ def _node_pose(root: Node, path: Path) -> NDArray[np.float64]:
 def _fit(
     bounds: Bounds | None, fovy: float, aspect: float, direction: Vector, distance: float | None = None
 ) -> NDArray[np.float64]:
-    """A pose in a direction from the box's middle; ``distance`` None: just so far that all its corners are in view."""
+    """Return a pose in a direction from the box's centre; without a distance, the nearest one that sees all corners."""
     box = np.array(((-0.5, -0.5, -0.5), (0.5, 0.5, 0.5))) if bounds is None else bounds
     centre = box.mean(axis=0)
     unit = np.array(direction) / np.linalg.norm(direction)
@@ -176,10 +176,12 @@ def _on_orbit(bounds: Bounds | None, fovy: float, aspect: float, orbit: OrbitCam
 
 @lru_cache(maxsize=64)
 def _orbit_radius(bounds: bytes, fovy: float, aspect: float, count: int, elevation: float) -> float:
-    """The distance from which each camera of an orbit has all corners in view; remembered, since all of them ask.
+    """Return the distance from which each camera of an orbit has all corners in view.
+
+    Cached, because every camera of the orbit needs it.
 
     Args:
-        bounds: the bytes of a (2, 3) float64 box.
+        bounds: Bytes of a (2, 3) float64 box.
     """
     box = np.frombuffer(bounds).reshape(2, 3)
     poses = (_fit(box, fovy, aspect, _around(index / count, elevation)) for index in range(count))
@@ -187,16 +189,16 @@ def _orbit_radius(bounds: bytes, fovy: float, aspect: float, count: int, elevati
 
 
 def _around(turn: float, elevation: float) -> Vector:
-    """The direction from the middle to the eye after a part of a turn, counter-clockwise from +x."""
+    """Return the direction from the centre to the eye after a fraction of a turn, counter-clockwise from +x."""
     angle, height = 2.0 * math.pi * turn, math.radians(elevation)
     return math.cos(angle) * math.cos(height), math.sin(angle) * math.cos(height), math.sin(height)
 
 
 def _planes(bounds: Bounds | None, pose: NDArray[np.float64]) -> tuple[float, float]:
-    """Clipping planes around the whole scene as seen from a pose.
+    """Return clipping planes around the whole scene.
 
-    Depth is kept as a float of 1/z, so a near plane close to the eye costs no resolution: a camera within the scene's
-    box (above a ground of 100 m, say) sees from 1 cm, or from a thousandth of the scene if that is less.
+    Depth is stored as 1/z in floating point, so a near plane close to the eye costs no resolution. For a camera within
+    the scene's box the near plane is at 1 cm, or at a thousandth of the far plane if that is less.
     """
     if bounds is None:
         return 0.01, 100.0

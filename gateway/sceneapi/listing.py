@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gateway.scene.bounds import Bounds, union
 from gateway.scene.labels import LabelTable
 from gateway.scene.live import Snapshot
-from gateway.scene.names import written
+from gateway.scene.names import json_element
 from gateway.scene.tree import Node, Path
 from renderers.drawlist import LABEL_NONE, DrawList
 
@@ -79,7 +79,7 @@ def list_scene(
 def _node(path: Path, node: Node, world: NDArray[np.float64], labels: LabelTable) -> ListedNode:
     label = labels.label_of(path) if node.parts else LABEL_NONE
     return ListedNode(
-        path=[written(element) for element in path],
+        path=[json_element(element) for element in path],
         kinds=[part.kind or type(part.shape).__name__.lower() for part in node.parts or ()],
         has_geometry=node.parts is not None,
         visible=node.visible,

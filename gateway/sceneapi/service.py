@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gateway.gltf.export import export_glb
 from gateway.runtime.worker_pool import WorkerPool
-from gateway.scene.bounds import BoundsMemory
+from gateway.scene.bounds import BoundsCache
 from gateway.scene.cameras import CameraError, NoSuchCameraError
 from gateway.scene.flatten import Flattener
 from gateway.scene.labels import LabelTable
@@ -73,7 +73,7 @@ class SceneApi:
         self._stereo_camera = stereo_camera
         self._instance = uuid.uuid4().hex[:12]
         self._listing_lock = threading.Lock()
-        self._bounds = BoundsMemory()
+        self._bounds = BoundsCache()
         self._listing: SceneResponse | None = None
         self._count_lock = threading.Lock()
         self._images = 0
@@ -103,7 +103,7 @@ class SceneApi:
             listing = self._listing
             if listing is None or listing.revision != snapshot.revision:
                 drawn = self._flattener.flatten(snapshot)
-                boxes = self._bounds.of(drawn)
+                boxes = self._bounds.bounds_of(drawn)
                 body = list_scene(snapshot, drawn, boxes, self._labels, self.config.max_nodes)
                 listing = self._listing = SceneResponse(body, "application/json", snapshot.revision)
             return listing

@@ -39,7 +39,7 @@ _WHOLE_READ: Final = 1 << 20
 
 
 class State(Enum):
-    """What a connection receives next."""
+    """Part of a request that a connection expects next."""
 
     IDLE = auto()
     """A new request; the previous one is complete."""

@@ -1,4 +1,4 @@
-"""Options of the render endpoint, the live scene and the tree viewer, and which interfaces there are."""
+"""Settings of the render endpoint, the live scene and the tree viewer; which interfaces run, and where they listen."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from typing import Literal
 
 from pydantic_settings import BaseSettings
 
-from gateway.settings.types import Color, Interfaces, Paths, Port, PortOrOff, Samples, option
+from gateway.settings.option import option
+from gateway.settings.types import Color, Interfaces, Paths, Port, PortOrOff, Samples
 
 
 class InterfaceSettings(BaseSettings):
@@ -18,63 +19,70 @@ class InterfaceSettings(BaseSettings):
     host: str = option(
         "127.0.0.1",
         "Interfaces",
-        "Address that HTTP, gRPC and TCPQ listen on; 0.0.0.0 lets other machines in (gRPC then listens on IPv6, too: "
-        "its library makes no difference between 0.0.0.0 and ::).",
+        "Address on which HTTP, gRPC and TCPQ listen. 0.0.0.0 accepts other machines; gRPC then also listens on IPv6, "
+        "because its library treats 0.0.0.0 and :: alike.",
     )
     http_port: Port = option(
-        8000, "Interfaces", "Port of HTTP: render endpoint, scene, docs, health. 0 takes a free one.", flag="--port"
+        8000,
+        "Interfaces",
+        "HTTP port: render endpoint, scene, docs, health. 0 picks a free port.",
+        flag="--port",
     )
     only: Interfaces = option(
         (),
         "Interfaces",
-        "Start these interfaces and no others, separated by commas: render, scene, treeviewer, stereo, view.",
+        "Start only these interfaces, separated by commas: render, scene, treeviewer, stereo, view.",
     )
-    demo: bool = option(False, "Interfaces", "Publish a moving scene into the live tree under 'demo'.")
+    demo: bool = option(False, "Interfaces", "Publish a moving demo scene in the live tree, under 'demo'.")
 
     # --- Render endpoint
     render_path: str = option("/render", "Render endpoint", "Path of Drake's render endpoint.", pattern=r"^/\S*[^/\s]$")
     look: Literal["auto", "phong", "pbr"] = option(
         "auto",
         "Render endpoint",
-        "How colour is made: 'phong' as Drake without glTF meshes, 'pbr' as Drake with them, 'auto' decides by the "
-        "generator that the posted scene names.",
+        "Shading of colour images: 'phong' as in Drake without glTF meshes, 'pbr' as in Drake with them; 'auto' "
+        "chooses by the scene's asset.generator.",
     )
     samples: Samples = option(
         1,
         "Render endpoint",
-        "Samples a pixel of colour pictures; with 1, edges are smoothed by FXAA, as Drake's RenderEngineVtk does.",
+        "Samples per pixel of colour images. With 1, edges are smoothed by FXAA, as in Drake's RenderEngineVtk.",
     )
-    background: Color = option((204, 229, 255), "Render endpoint", "Colour where nothing is; 0 to 255 each.")
+    background: Color = option((204, 229, 255), "Render endpoint", "Background colour, 0 to 255 each.")
     depth_format: Literal["tiff", "png"] = option(
         "tiff", "Render endpoint", "Depth as 32-bit float TIFF in metres, or as 16-bit PNG in millimetres."
     )
     backdrop: str | None = option(
-        None, "Render endpoint", "Geometry added to every render: a .gltf or .glb file, or 'live' for the live tree."
+        None, "Render endpoint", "Geometry added to every image: a .gltf or .glb file, or 'live' for the live tree."
     )
     up: Literal["auto", "y", "z"] = option(
-        "auto", "Render endpoint", "Which axis is up in --backdrop and --stereo-scene files; 'auto' asks the generator."
+        "auto",
+        "Render endpoint",
+        "Up axis of the files of --backdrop and --stereo-scene; 'auto' chooses by asset.generator: Z for Drake, else "
+        "Y.",
     )
     keep_failures: Path | None = option(
-        None, "Render endpoint", "Folder that rejected render requests are written to, for replay."
+        None, "Render endpoint", "Folder in which rejected render requests are stored for replay."
     )
 
     # --- Live scene
     rig: Path | None = option(
         None,
         "Live scene",
-        "TOML file with the lights, surroundings and exposure of the 'studio' look of GET /scene/render and of "
+        "TOML file with lights, environment map and exposure of the 'studio' look of GET /scene/render and "
         "/view/frame.jpg.",
     )
 
     # --- Tree viewer
     lcm_url: str | None = option(
-        None, "Tree viewer", "LCM network, as in LCM_DEFAULT_URL, which counts when this is not given; 'off': no LCM."
+        None, "Tree viewer", "LCM network, in the format of LCM_DEFAULT_URL, which is the default; 'off': no LCM."
     )
     tcpq_port: PortOrOff = option(
-        7700, "Tree viewer", "Port of the embedded TCPQ hub, for clients without multicast; 'off': no hub."
+        7700, "Tree viewer", "Port of the built-in TCPQ hub, for clients without multicast; 'off': no hub."
     )
     mesh_root: Paths = option(
         (),
         "Tree viewer",
-        f"Folders that mesh_file may read, package:// among them, separated by '{os.pathsep}'; none are read without.",
+        f"Folders from which mesh_file and package:// may read, separated by '{os.pathsep}'. Without it, none are "
+        "read.",
     )

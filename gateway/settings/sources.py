@@ -1,67 +1,90 @@
-"""Where settings come from: flags, environment, a TOML file; and a sentence for each that cannot be used."""
+"""Loads settings from flags, environment and a TOML file; every invalid value is one sentence that names its source."""
 
 from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
-from gateway.settings.every import Settings
-from gateway.settings.types import CONFIG_ENV, ENV_PREFIX, OTHER_ENV, env_of, flag_of
+from gateway.settings.all import Settings
+from gateway.settings.option import ENV_PREFIX, env_of, flag_of
+
+CONFIG_ENV = "SCENEGATE_CONFIG"
+OTHER_ENV = frozenset(
+    {
+        CONFIG_ENV,
+        "SCENEGATE_ASSET_GENERATOR",
+        "SCENEGATE_CA",
+        "SCENEGATE_CACHE_DIR",
+        "SCENEGATE_CORPUS",
+        "SCENEGATE_DIRECTOR",
+        "SCENEGATE_DRAKE_PYTHON",
+        "SCENEGATE_FIDELITY",
+        "SCENEGATE_RAY_PYTHON",
+        "SCENEGATE_REGENERATE_PICTURES",
+        "SCENEGATE_SCHEMATHESIS",
+        "SCENEGATE_TOKEN",
+        "SCENEGATE_URL",
+    }
+)
+"""Our environment variables that are not settings."""
 
 
 class SettingsError(ValueError):
-    """Settings cannot be used; the message has one sentence a line."""
+    """Invalid settings; the message has one sentence per line."""
 
 
 def load(flags: Mapping[str, Any] | None = None, config: Path | None = None) -> Settings:
-    """Settings from flags, environment and TOML file, in this order of precedence.
+    """Return the settings; flags override the environment, which overrides the TOML file.
 
     Args:
-        flags: what the command line gave, by setting; absent is not given.
-        config: the TOML file; None: the one that SCENEGATE_CONFIG names, if any.
+        flags: values given on the command line, by setting.
+        config: TOML file; default: the file named by SCENEGATE_CONFIG, if set.
 
     Raises:
-        SettingsError: with a sentence for each value that cannot be used and where it came from.
+        SettingsError: a value is invalid, or the file cannot be read.
     """
-    flags = dict(flags or {})
+    flags = flags or {}
     if config is None and os.environ.get(CONFIG_ENV):
         config = Path(os.environ[CONFIG_ENV])
     from_file = _read_file(config) if config is not None else {}
-    in_force = {name: value for name, value in from_file.items() if not os.environ.get(env_of(name))}
+    # Arguments of a settings class override the environment.
+    from_file = {name: value for name, value in from_file.items() if not os.environ.get(env_of(name))}
     try:
-        return Settings(**{**in_force, **flags})
+        return Settings(**{**from_file, **flags})
     except ValidationError as error:
-        sentences = []
-        for fault in error.errors(include_url=False):
-            reason = fault["msg"].removeprefix("Value error, ")
-            if not fault["loc"]:
-                sentences.append(f"{reason}.")
-                continue
-            name = str(fault["loc"][0])
-            if name in flags:
-                origin = flag_of(name)
-            elif os.environ.get(env_of(name)):
-                origin = env_of(name)
-            else:
-                origin = f"{name} in {config}"
-            sentences.append(f"{origin}: {reason[:1].lower()}{reason[1:]}, got {fault['input']!r}.")
+        sentences = (_sentence(fault, flags, config) for fault in error.errors(include_url=False))
         raise SettingsError("\n".join(sentences)) from None
 
 
 def unknown_environment() -> list[str]:
-    """A sentence for each SCENEGATE_* variable that is no setting: a typing error would pass unseen otherwise."""
+    """Return a sentence for each SCENEGATE_* variable that is not a setting, such as a misspelt one."""
     known = {env_of(name) for name in Settings.model_fields} | OTHER_ENV
     return [
         f"{name} is no setting{_suggestion(name, known)}"
         for name in sorted(os.environ)
         if name.startswith(ENV_PREFIX) and name not in known
     ]
+
+
+def _sentence(fault: Mapping[str, Any], flags: Mapping[str, Any], config: Path | None) -> str:
+    """Return a pydantic error as one sentence."""
+    reason = fault["msg"].removeprefix("Value error, ")
+    if not fault["loc"]:  # a rule between settings, which names them itself
+        return f"{reason}."
+    name = str(fault["loc"][0])
+    if name in flags:
+        source = flag_of(name)
+    elif os.environ.get(env_of(name)):
+        source = env_of(name)
+    else:
+        source = f"{name} in {config}"
+    return f"{source}: {reason[:1].lower()}{reason[1:]}, got {fault['input']!r}."
 
 
 def _read_file(path: Path) -> dict[str, Any]:
@@ -72,14 +95,12 @@ def _read_file(path: Path) -> dict[str, Any]:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise SettingsError(f"The configuration file {path} is not TOML: {error}.") from None
     values = {name.replace("-", "_"): value for name, value in values.items()}
-    unknown = [name for name in values if name not in Settings.model_fields]
-    if unknown:
-        raise SettingsError(
-            "\n".join(f"{name} in {path} is no setting{_suggestion(name, Settings.model_fields)}" for name in unknown)
-        )
+    known = Settings.model_fields
+    if unknown := [f"{name} in {path} is no setting{_suggestion(name, known)}" for name in values if name not in known]:
+        raise SettingsError("\n".join(unknown))
     return values
 
 
-def _suggestion(name: str, known: Any) -> str:
+def _suggestion(name: str, known: Iterable[str]) -> str:
     close = get_close_matches(name, list(known), n=1)
     return f"; did you mean {close[0]}?" if close else "."

@@ -1,4 +1,4 @@
-"""Options of the stereo camera."""
+"""Settings of the stereo camera."""
 
 from __future__ import annotations
 
@@ -8,21 +8,22 @@ from typing import Literal, Self
 from pydantic import model_validator
 from pydantic_settings import BaseSettings
 
-from gateway.settings.types import MountPath, MountPose, Mounts, Port, PortOrOff, option
+from gateway.settings.option import option
+from gateway.settings.types import MountPath, MountPose, Mounts, Port, PortOrOff
 
 
 class StereoSettings(BaseSettings):
     """Part of ``Settings``."""
 
-    grpc_port: Port = option(50051, "Stereo camera", "Port of the image stream over gRPC. 0 takes a free one.")
+    grpc_port: Port = option(50051, "Stereo camera", "Port of the gRPC image stream. 0 picks a free port.")
     stereo_scene: str = option(
-        "live", "Stereo camera", "What the camera sees: 'live' for the live tree, or a .gltf or .glb file."
+        "live", "Stereo camera", "Scene in front of the camera: 'live' for the live tree, or a .gltf or .glb file."
     )
     stereo_images: Path | None = option(
         None,
         "Stereo camera",
-        "Folder with stereo pairs (…left….png, …right….png) that are shown in turn in the scene's place; depth is "
-        "matched from them.",
+        "Folder with stereo pairs (…left….png, …right….png), streamed in turn instead of the scene. Depth is matched "
+        "from them.",
     )
     stereo_pose: MountPose = option(
         "eye=1.4,-1.1,1.7;target=0,0,0.85",
@@ -32,68 +33,70 @@ class StereoSettings(BaseSettings):
     stereo_path: MountPath | None = option(
         None,
         "Stereo camera",
-        'Node of the scene whose frame is the left optical frame, as JSON: ["robot", "head"]. While it is missing, the '
-        "last pose holds.",
+        'Node of the scene whose frame is the left optical frame, as JSON: ["robot", "head"]. While the node is '
+        "missing, the camera keeps its last pose.",
     )
     stereo_cameras: Mounts = option(
         (),
         "Stereo camera",
-        "Further stereo cameras, separated by |, each a pose or a node as above: pipelines 1, 2, … with the next ports "
-        "and parameters of their own.",
+        "More stereo cameras, separated by |, each a pose (--stereo-pose) or a node (--stereo-path). They are "
+        "pipelines 1, 2, …, on the following ports, each with its own parameters.",
     )
     stereo_faults: bool = option(
-        False, "Stereo camera", "Let PUT /stereo/faults drop, delay and cut streams, for test rigs."
+        False, "Stereo camera", "Allow PUT /stereo/faults to drop, delay and cut streams, for test rigs."
     )
     stereo_model: Literal["65-4", "160-4", "160-6", "custom"] = option(
         "160-4",
         "Stereo camera",
-        "Which rc_visard it is; 'custom' is described by --stereo-size, --stereo-focal-factor and --stereo-baseline.",
+        "rc_visard model; 'custom' is described by --stereo-size, --stereo-focal-factor and --stereo-baseline.",
     )
     stereo_size: str | None = option(
-        None, "Stereo camera", "Custom model: camera images, WIDTHxHEIGHT pixels; 1280x960 when not given."
+        None, "Stereo camera", "Custom model: size of the camera images, WIDTHxHEIGHT in pixels; default 1280x960."
     )
     stereo_focal_factor: float | None = option(
-        None, "Stereo camera", "Custom model: focal length divided by image width; 0.8449 when not given."
+        None, "Stereo camera", "Custom model: focal length divided by image width; default 0.8449."
     )
     stereo_baseline: float | None = option(
-        None, "Stereo camera", "Custom model: distance of the cameras, metres; 0.16 when not given."
+        None, "Stereo camera", "Custom model: distance between the two cameras in metres; default 0.16."
     )
     stereo_d_eps: float = option(
-        0.25, "Stereo camera", "Standard deviation of the disparity, pixels of a camera image.", ge=0, le=5
+        0.25, "Stereo camera", "Standard deviation of the disparity, in pixels of a camera image.", ge=0, le=5
     )
     stereo_image_noise: float = option(
-        1.0, "Stereo camera", "Factor of the images' noise; 1 is like the device.", ge=0, le=100
+        1.0, "Stereo camera", "Factor of the image noise; 1 is the device's.", ge=0, le=100
     )
     stereo_rate: Literal["device", "max"] = option(
-        "device", "Stereo camera", "Images as often as the device makes them, or as often as possible."
+        "device", "Stereo camera", "Frame rate: the device's, or as high as possible."
     )
     depth_mode: Literal["ground_truth", "matched"] = option(
         "ground_truth",
         "Stereo camera",
-        "Disparity from the exact depth and the device's error model, or matched from the rendered images.",
+        "Disparity computed from the exact depth and the device's error model, or matched from the rendered images.",
     )
-    stereo_noise: bool = option(True, "Stereo camera", "Noise of images and disparity.")
+    stereo_noise: bool = option(True, "Stereo camera", "Add noise to images and disparity.")
     stereo_mesh_rgb: bool = option(
         False,
         "Stereo camera",
-        "Textured meshes repeat their colours as red, green, blue, for trimesh and Open3D.",
+        "Write the colours of textured meshes also as red, green, blue per vertex, for trimesh and Open3D.",
     )
     clock: Literal["real", "simulated"] = option(
         "real",
         "Stereo camera",
-        "Timestamps of the images: the computer's time, or one period after the other from a fixed start, so that the "
-        "same frames have the same bytes.",
+        "Image timestamps: the computer's clock, or a fixed start plus one period per frame, which makes runs "
+        "reproducible byte by byte.",
     )
     stereo_seed: int = option(0, "Stereo camera", "Seed of all noise.", ge=0)
     rest_port: PortOrOff = option(
-        None, "Stereo camera", "A further port for the device's REST interface, which is at /api of the HTTP port, too."
+        None,
+        "Stereo camera",
+        "Additional port for the device's REST interface, which is also at /api of the HTTP port.",
     )
     grpc_certificate: Path | None = option(
-        None, "Stereo camera", "PEM certificate; with --grpc-key the stream is encrypted."
+        None, "Stereo camera", "PEM certificate. With --grpc-key it turns on TLS for the image stream."
     )
     grpc_key: Path | None = option(None, "Stereo camera", "PEM private key of --grpc-certificate.")
     grpc_client_ca: Path | None = option(
-        None, "Stereo camera", "PEM authority; only clients with a certificate of it are served."
+        None, "Stereo camera", "PEM certificate authority. Only clients with a certificate signed by it are accepted."
     )
 
     @model_validator(mode="after")
@@ -113,7 +116,7 @@ class StereoSettings(BaseSettings):
                     "--stereo-size, --stereo-focal-factor and --stereo-baseline need --stereo-model custom"
                 )
         elif any(value is not None for value in described):
-            from renderers.stereo.model import custom_model  # numpy, for those who set it only
+            from renderers.stereo.model import custom_model  # imports NumPy: only where the setting is used
 
             custom_model(*described)
         return self

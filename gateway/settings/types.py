@@ -1,35 +1,13 @@
-"""What kinds of values settings have, how they are read from text, and how they are called and described for people."""
+"""Types of settings' values, and how they are parsed from text."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args, get_origin
+from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
-from pydantic.fields import FieldInfo
 from pydantic_settings import NoDecode
-
-ENV_PREFIX = "SCENEGATE_"
-CONFIG_ENV = "SCENEGATE_CONFIG"
-OTHER_ENV = frozenset(
-    {
-        CONFIG_ENV,
-        "SCENEGATE_ASSET_GENERATOR",
-        "SCENEGATE_CA",
-        "SCENEGATE_CACHE_DIR",
-        "SCENEGATE_CORPUS",
-        "SCENEGATE_DIRECTOR",
-        "SCENEGATE_DRAKE_PYTHON",
-        "SCENEGATE_FIDELITY",
-        "SCENEGATE_RAY_PYTHON",
-        "SCENEGATE_REGENERATE_PICTURES",
-        "SCENEGATE_SCHEMATHESIS",
-        "SCENEGATE_TOKEN",
-        "SCENEGATE_URL",
-    }
-)
-"""Variables of ours that are no settings."""
 
 InterfaceName = Literal["render", "scene", "treeviewer", "stereo", "view"]
 
@@ -42,9 +20,16 @@ def _split(separator: str) -> BeforeValidator:
 
 
 def _check_pose(text: str) -> str:
-    from gateway.scene.mount import parse_mount_pose  # numpy, for those who set it only
+    from gateway.scene.mount import parse_mount_pose  # imports NumPy: only where the setting is used
 
     parse_mount_pose(text)
+    return text
+
+
+def _check_path(text: str) -> str:
+    from gateway.scene.mount import parse_mount_path  # imports NumPy
+
+    parse_mount_path(text)
     return text
 
 
@@ -52,15 +37,8 @@ def _check_mount(text: str) -> str:
     return _check_path(text) if text.lstrip().startswith("[") else _check_pose(text)
 
 
-def _check_path(text: str) -> str:
-    from gateway.scene.mount import parse_mount_path
-
-    parse_mount_path(text)
-    return text
-
-
 def _check_color(value: object) -> object:
-    """One sentence for the whole value, instead of one for each of its parts."""
+    """Split R,G,B; check it here, so that there is one error for the value and not one for each number."""
     if not isinstance(value, str):
         return value
     parts = [part.strip() for part in value.split(",")]
@@ -85,54 +63,3 @@ Color = Annotated[tuple[Byte, Byte, Byte], NoDecode, BeforeValidator(_check_colo
 Names = Annotated[tuple[str, ...], NoDecode, _split(",")]
 Samples = Annotated[Literal[1, 4, 8], BeforeValidator(_to_number)]
 Interfaces = Annotated[tuple[InterfaceName, ...], NoDecode, _split(",")]
-
-
-def option(default: Any, group: str, text: str, *, flag: str | None = None, **limits: Any) -> Any:
-    """A setting: ``text`` is what people read, ``flag`` a second name on the command line."""
-    extra: dict[str, Any] = {"group": group}
-    if flag is not None:
-        extra["flag"] = flag
-    return Field(default, description=text, json_schema_extra=extra, **limits)
-
-
-def flag_of(name: str) -> str:
-    """The flag of a setting."""
-    return "--" + name.replace("_", "-")
-
-
-def env_of(name: str) -> str:
-    """The environment variable of a setting."""
-    return ENV_PREFIX + name.upper()
-
-
-def group_of(field: FieldInfo) -> str:
-    """The heading under which a setting is listed."""
-    extra = field.json_schema_extra
-    return str(extra["group"]) if isinstance(extra, dict) else ""
-
-
-def default_of(default: Any) -> str:
-    """A default as people write it; empty when there is none."""
-    if isinstance(default, bool):
-        return "on" if default else "off"
-    if default is None or default == () or default == "":
-        return ""
-    if isinstance(default, tuple):
-        return ",".join(map(str, default))
-    return f"{default:g}" if isinstance(default, float) else str(default)
-
-
-def kind_of(field: FieldInfo) -> str:
-    """What a value looks like, in a word or as the choices."""
-    annotation: Any = field.annotation
-    options = [part for part in get_args(annotation) if part is not type(None)]
-    if get_origin(annotation) is Literal:
-        return "|".join(map(str, options))
-    kinds = {bool: "on|off", int: "NUMBER", float: "NUMBER", Path: "PATH", str: "TEXT"}
-    if annotation in kinds:
-        return kinds[annotation]
-    if options == [Port]:  # the ports that may be missing
-        return "NUMBER|off"
-    if get_origin(annotation) is tuple:
-        return {Path: "PATHS", Byte: "R,G,B", AnyMount: "POSES"}.get(options[0], "NAMES")
-    return kinds.get(options[0], "TEXT") if options else "TEXT"

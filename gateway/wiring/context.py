@@ -1,9 +1,10 @@
-"""What the rooms are given when they are joined, and the care for those that run on their own."""
+"""Objects shared by all interfaces of one application, and the supervision of their services."""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 
@@ -29,58 +30,73 @@ if TYPE_CHECKING:
 
 _log = structlog.get_logger("gateway")
 
-LAST_WORDS: Final = 0.9
-"""Part of --shutdown-seconds after which calls that wait for a thread are refused: the rest is for telling."""
+QUEUE_SHARE: Final = 0.9
+"""Part of --shutdown-seconds for which calls may still wait for a thread; the rest is for sending their 503."""
+KERNELS: Final = "kernels"
+"""Name of the compiled kernels in the service registry."""
 NO_TELEMETRY: TelemetryConfig = {"tracing": False, "metrics": False, "logs": False, "auto_configure": False}
-"""FastAPI's own; it would configure exporters from the environment."""
+"""Switches off FastAPI's telemetry, which would configure exporters from the environment."""
 
 
 @dataclass(slots=True, eq=False)
-class House:
-    """Shared by all rooms of one application."""
+class Context:
+    """Shared objects of one application; made by ``create_app``, filled while the interfaces start."""
 
     settings: Settings
     app: FastAPI
     registry: ServiceRegistry
+    """State of every interface, for ``/healthz`` and ``/readyz``."""
     metrics: Metrics
-    tree: LiveTree
     workers: WorkerPool
-    """Threads for work that must not hold the event loop."""
+    """Threads for calls that would block the event loop."""
     security: Security
-    """Tokens, TLS and hosts of every interface."""
+    """Tokens, TLS and trusted hosts of every interface."""
+    tree: LiveTree = field(default_factory=LiveTree)
     labels: LabelTable = field(default_factory=LabelTable)
-    """Of the live tree: one number a path."""
+    """Labels of the live tree's paths."""
     flattener: Flattener = field(init=False)
-    """Of the live tree; what did not change is not made again, whoever asks."""
-    stereo_camera: Callable[[], Camera | None] = lambda: None
-    """The left camera of the stereo sensor as it is now, if there is one."""
-    eyes: StereoSource | None = None
-    """Pictures of the stereo sensor for people, if there is one."""
-    on_render: Callable[[RenderRecord], None] = lambda record: None
-    """Told about every answered request of the render endpoint."""
+    """Draw lists of the live tree, shared so that an unchanged tree is flattened once."""
     state: PersistentState | None = None
-    """What survives the process, if anything does."""
+    """Storage of the live tree and of parameters (``--state``)."""
+
+    stereo_camera: Callable[[], Camera | None] = lambda: None
+    """Returns the left stereo camera in the live tree, if any."""
+    stereo_sensor: StereoSource | None = None
+    """Source of the stereo camera's images for the browser view, if any."""
+    on_render: Callable[[RenderRecord], None] = lambda record: None
+    """Called after each request of the render endpoint."""
+
+    started: asyncio.Event = field(default_factory=asyncio.Event)
+    """Set when requests are let in, or when the start has failed."""
+    startup: asyncio.Task[None] | None = None
+    on_started: Callable[[], None] = lambda: None
+    """Called once, when every interface is ready or has failed."""
+    on_fatal: Callable[[], None] = lambda: None
+    """Called when the process must end with an error."""
+    exit_stack: ExitStack = field(default_factory=ExitStack)
+    """Context managers that are left on close."""
+
     _renderer: Renderer | None = None
     _tasks: set[asyncio.Task[None]] = field(default_factory=set)
-    _leaving: asyncio.Task[None] | None = None
+    _queue_closer: asyncio.Task[None] | None = None
     _deadline: float = 0.0
-    """Of renders, seconds of the loop's clock; set when leaving."""
+    """End of --shutdown-seconds, on the loop's clock."""
 
     def __post_init__(self) -> None:
         self.flattener = Flattener(self.labels)
 
     @property
     def renderer(self) -> Renderer:
-        """The one renderer; its module is imported on first use, which must be after the kernels are cached."""
+        """The renderer of all interfaces. The first use imports compiled kernels, which must be in the cache."""
         if self._renderer is None:
             from renderers.raster import CpuRenderer
 
             threads = self.settings.frame_threads or self.workers.threads
-            beside = max(0, threads - self.workers.threads)
-            self._renderer = CpuRenderer(threads, lambda: beside + self.workers.spare)
+            extra = max(0, threads - self.workers.threads)
+            self._renderer = CpuRenderer(threads, lambda: extra + self.workers.spare)
         return self._renderer
 
-    def serve(
+    def run_service(
         self,
         name: str,
         service: Service,
@@ -88,57 +104,73 @@ class House:
         where: str = "",
         figures: Callable[[], Mapping[str, Any]] | None = None,
     ) -> None:
-        """Runs a service until the end; its failure is one line in the log and on the registry, the others run on."""
+        """Run a service until shutdown. If it fails, log one line; the other services go on.
+
+        Args:
+            where: how clients reach it, for ``/healthz``.
+            figures: returns JSON values for ``/healthz``; default ``service.status``.
+        """
         self.registry.ready(name, service=service, where=where, figures=figures)
-        task = asyncio.get_running_loop().create_task(self._care(name, service), name=name)
+        task = asyncio.get_running_loop().create_task(self._supervise(name, service), name=name)
         self._tasks.add(task)
 
-    async def _care(self, name: str, service: Service) -> None:
+    async def _supervise(self, name: str, service: Service) -> None:
         try:
             await service.run()
-        except Exception as error:  # noqa: BLE001 - whatever it is, the other interfaces do not suffer
+        except Exception as error:  # noqa: BLE001 - one service must not end the others
             self.fail(name, error)
         else:
             self.registry.fail(name, "it has ended by itself")
 
     def fail(self, name: str, error: BaseException) -> None:
-        """Notes why an interface does not work."""
+        """Mark an interface as failed and log why."""
         problem = sentence(error)
         self.registry.fail(name, problem)
-        # Foreseen failures need no traceback; a defect of ours does.
-        foreseen = isinstance(error, (OSError, ImportError, ValueError, RuntimeError))
-        _log.error(f"{name} does not run: {problem}", exc_info=None if foreseen else error)
+        expected = isinstance(error, (OSError, ImportError, ValueError, RuntimeError))
+        _log.error(f"{name} does not run: {problem}", exc_info=None if expected else error)
 
-    def leave(self) -> None:
-        """The end has begun: streams end now, accepted renders go on, and before their time is over those that still
-        wait for a thread are told so instead of being cut off. Calling it again does nothing."""
-        if self._leaving is not None:
+    def begin_shutdown(self) -> None:
+        """End all streams and services now, and let accepted requests finish until ``--shutdown-seconds``.
+
+        Requests that arrive before the start is complete get 503. A second call does nothing.
+        """
+        if self._queue_closer is not None:
             return
         loop = asyncio.get_running_loop()
         self.registry.stop()
         for task in self._tasks:
             task.cancel()
         self._deadline = loop.time() + self.settings.shutdown_seconds
-        self._leaving = loop.create_task(self._give_up(LAST_WORDS * self.settings.shutdown_seconds), name="leave")
+        self._queue_closer = loop.create_task(self._close_queue(QUEUE_SHARE * self.settings.shutdown_seconds))
+        if not self.started.is_set():
+            if self.startup is not None:
+                self.startup.cancel()
+            self.registry.fail(KERNELS, "it was told to stop")
+            self.started.set()
 
-    async def _give_up(self, seconds: float) -> None:
+    async def _close_queue(self, seconds: float) -> None:
+        """Reject the calls that still wait for a thread after ``seconds``."""
         await asyncio.sleep(seconds)
         await self.workers.close(0.0)
 
     async def close(self) -> None:
-        """Ends every service, then the threads."""
-        self.leave()
-        assert self._leaving is not None
-        for task in self._tasks:  # some may have been started since
+        """End the start, every service, the state and the worker threads."""
+        if self.startup is not None:
+            self.startup.cancel()
+            await asyncio.gather(self.startup, return_exceptions=True)
+        self.begin_shutdown()
+        assert self._queue_closer is not None
+        for task in self._tasks:  # including those started after begin_shutdown
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
         if self.state is not None:
             await self.state.close()
-        self._leaving.cancel()
+        self._queue_closer.cancel()
         await self.workers.close(max(0.0, self._deadline - asyncio.get_running_loop().time()))
+        self.exit_stack.close()
 
 
 def sentence(error: BaseException) -> str:
-    """An exception as one line for people."""
+    """Return an exception as one line of text."""
     text = " ".join(str(error).split())
     return text if text and not isinstance(error, KeyError) else f"{type(error).__name__}: {text}"

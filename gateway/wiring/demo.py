@@ -1,4 +1,4 @@
-"""Runs the demo scene as a service."""
+"""The moving demo scene in the live tree (``--demo``)."""
 
 from __future__ import annotations
 
@@ -8,22 +8,27 @@ from typing import Any
 
 from gateway.demo import RATE, Demo
 from gateway.scene.live import LiveTree
+from gateway.wiring.context import Context
 
 
-class DemoRun:
-    """Moves the demo scene at its rate; skips steps if the event loop is late."""
+def setup(context: Context) -> None:
+    """Run the demo scene's service."""
+    context.run_service("demo", DemoService(context.tree))
+
+
+class DemoService:
+    """Moves the demo scene ``RATE`` times a second; skips steps when the event loop is late."""
 
     def __init__(self, tree: LiveTree) -> None:
         self._demo = Demo(tree)
         self.ready = False
-        """True while the scene is in the tree."""
 
     def status(self) -> Mapping[str, Any]:
         """Return no figures."""
         return {}
 
     async def run(self) -> None:
-        """Move the scene until cancelled, then remove it."""
+        """Move the scene until cancelled, then remove it from the tree."""
         loop = asyncio.get_running_loop()
         self._demo.populate()
         self.ready = True

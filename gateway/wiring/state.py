@@ -6,7 +6,7 @@ import asyncio
 from typing import TYPE_CHECKING, Final
 
 from gateway.settings import Settings
-from gateway.wiring.context import House
+from gateway.wiring.context import Context
 
 if TYPE_CHECKING:
     from gateway.state.service import PersistentState
@@ -28,27 +28,27 @@ def open_state(settings: Settings) -> PersistentState | None:
     return PersistentState(StateConfig(settings.state))
 
 
-async def restore_state(house: House) -> None:
+async def restore_state(context: Context) -> None:
     """Restore the live tree and store its changes from now on. Must run before the interfaces start.
 
     Raises:
         StateError: The stored tree cannot be read.
     """
-    state = house.state
+    state = context.state
     if state is None:
         return
     from gateway.demo import ROOT as DEMO_ROOT
 
-    excluded = DEMO_ROOT if house.settings.demo else ()  # the demo is created at every start
-    await asyncio.to_thread(state.restore_tree, house.tree, excluded)
+    excluded = DEMO_ROOT if context.settings.demo else ()  # the demo is created at every start
+    await asyncio.to_thread(state.restore_tree, context.tree, excluded)
     state.start()
-    state.store_idle_edits(house.tree)
+    state.store_idle_edits(context.tree)
 
     def on_problem(problem: str) -> None:
         if problem:
-            house.registry.fail(STATE, f"{house.settings.state} cannot be written: {problem}")
+            context.registry.fail(STATE, f"{context.settings.state} cannot be written: {problem}")
         else:
-            house.registry.ready(STATE, where=str(house.settings.state), figures=state.status)
+            context.registry.ready(STATE, where=str(context.settings.state), figures=state.status)
 
     state.commits.on_problem = on_problem
     on_problem("")

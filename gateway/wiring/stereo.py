@@ -36,7 +36,7 @@ from gateway.stereo.system_routes import system_router
 from gateway.stereo.truth import truth_router
 from gateway.stereo.upload import upload_router
 from gateway.viewer.sources import ImageName, StereoImages, StereoRig
-from gateway.wiring.context import NO_TELEMETRY, House
+from gateway.wiring.context import NO_TELEMETRY, Context
 from gateway.wiring.metrics import watch_stereo
 from renderers.stereo.errors import DepthImages
 from renderers.stereo.model import DISPARITY_SCALE, MODELS, StereoModel, custom_model
@@ -47,25 +47,27 @@ _CAPTION_PERCENTILES: Final = (1.0, 99.0)
 """Percentiles of the disparity for the range of depths in a caption."""
 
 
-def join_stereo(house: House) -> None:
+def setup(context: Context) -> None:
     """Serve every camera's image stream over gRPC, the device's REST interface, ground truth and fault injection."""
-    settings = house.settings
+    settings = context.settings
     path = parse_mount_path(settings.stereo_path) if settings.stereo_path is not None else None
     mounts = [Mount(parse_mount_pose(settings.stereo_pose), path), *map(_mount, settings.stereo_cameras)]
-    services = [_join_camera(house, number, mount) for number, mount in enumerate(mounts)]
-    watch_stereo(house.metrics, *services)
-    apps = [house.app]
+    services = [_join_camera(context, number, mount) for number, mount in enumerate(mounts)]
+    watch_stereo(context.metrics, *services)
+    apps = [context.app]
     if settings.rest_port is not None:
         apps.append(FastAPI(openapi_url=None, telemetry=NO_TELEMETRY))
-        house.security.protect(apps[1])
+        context.security.protect(apps[1])
         apps[1].add_middleware(HeadAsGet)
-        house.serve("rest", PortService(apps[1], settings.host, settings.rest_port, house.security.tls), where="/api")
+        context.run_service(
+            "rest", PortService(apps[1], settings.host, settings.rest_port, context.security.tls), where="/api"
+        )
     for app in apps:
         app.include_router(system_router(*services))
         app.include_router(node_router(*services))
         app.include_router(upload_router(*services))
-    house.app.include_router(truth_router(*services))
-    house.app.include_router(fault_router(*services))
+    context.app.include_router(truth_router(*services))
+    context.app.include_router(fault_router(*services))
 
 
 def _mount(text: str) -> Mount:
@@ -75,16 +77,16 @@ def _mount(text: str) -> Mount:
     return Mount(parse_mount_pose(text), None)
 
 
-def _join_camera(house: House, number: int, mount: Mount) -> StereoService:
+def _join_camera(context: Context, number: int, mount: Mount) -> StereoService:
     """Start the camera of pipeline ``number``. Camera 0 is the one shown by the browser view and the scene API."""
-    settings = house.settings
-    config = replace(config_of(settings), tokens=house.security.grpc)
+    settings = context.settings
+    config = replace(config_of(settings), tokens=context.security.grpc)
     if number > 0:
         port = settings.grpc_port + number if settings.grpc_port else 0
         config = replace(config, port=port, seed=config.seed + number)
-    view = _scene_view(house, mount)
+    view = _scene_view(context, mount)
     clock = SimulatedClock() if settings.clock == "simulated" else None
-    service = StereoService(config, view.scene, view.pose, house.renderer, house.workers, clock)
+    service = StereoService(config, view.scene, view.pose, context.renderer, context.workers, clock)
     if settings.stereo_images is not None:
         service.show_pairs(_pairs(settings.stereo_images, service))
 
@@ -93,22 +95,22 @@ def _join_camera(house: House, number: int, mount: Mount) -> StereoService:
         where = {"where": f"gRPC on port {values['port']}"}  # the actual port, if 0 is configured
         return {**values, **where, **({"warning": warning} if warning else {})}
 
-    if house.state is not None:
-        house.state.restore_parameters(str(number), lambda: list(NODES), service.parameters)
-        service.stored = house.state.commits.stored
+    if context.state is not None:
+        context.state.restore_parameters(str(number), lambda: list(NODES), service.parameters)
+        service.stored = context.state.commits.stored
     if number == 0:
         live = settings.stereo_scene == "live"
-        house.stereo_camera = lambda: view.camera(config) if live else None
-        house.eyes = StereoSensor(service, view.copy(), live=live)
-    house.serve(f"stereo {number}" if number else "stereo", service, figures=status)
+        context.stereo_camera = lambda: view.camera(config) if live else None
+        context.stereo_sensor = StereoSensor(service, view.copy(), live=live)
+    context.run_service(f"stereo {number}" if number else "stereo", service, figures=status)
     return service
 
 
-def _scene_view(house: House, mount: Mount) -> SceneView:
+def _scene_view(context: Context, mount: Mount) -> SceneView:
     """Return the view of the live tree or of the configured scene file."""
-    settings = house.settings
+    settings = context.settings
     if settings.stereo_scene == "live":
-        return SceneView(lambda: house.tree.snapshot, house.flattener, mount)
+        return SceneView(lambda: context.tree.snapshot, context.flattener, mount)
     scene = Snapshot(read_scene_file(Path(settings.stereo_scene), up=settings.up).root, 0)
     return SceneView(lambda: scene, Flattener(LabelTable()), mount)
 

@@ -14,36 +14,36 @@ from gateway.viewer.routes import router
 from gateway.viewer.scene_images import SceneImages
 from gateway.viewer.sensor_images import SensorImages
 from gateway.viewer.sources import RenderSummary
-from gateway.wiring.context import House
+from gateway.wiring.context import Context
 from gateway.wiring.metrics import watch_view
 
 
-def join_view(house: House) -> None:
+def setup(context: Context) -> None:
     """Add ``/view`` to the application."""
-    config = ViewerConfig(background=house.settings.background, rig=rig_of(house.settings.rig))
-    stereo = house.eyes
-    hub = ViewHub(config, house.tree, status=lambda: gateway_status(house), stereo=stereo)
+    config = ViewerConfig(background=context.settings.background, rig=rig_of(context.settings.rig))
+    stereo = context.stereo_sensor
+    hub = ViewHub(config, context.tree, status=lambda: gateway_status(context), stereo=stereo)
     images = SceneImages(
-        config, house.tree, house.flattener, house.renderer, house.workers, lambda: house.stereo_camera()
+        config, context.tree, context.flattener, context.renderer, context.workers, lambda: context.stereo_camera()
     )
     sensor = SensorImages(stereo.capture, config.capture_seconds) if stereo is not None else None
-    house.on_render = lambda record: hub.renders.add(render_summary(record))
-    watch_view(house.metrics, hub)
-    house.app.include_router(router(hub))
-    house.app.include_router(image_router(images, sensor, hub.renders))
-    house.serve("view", hub, where="/view")
+    context.on_render = lambda record: hub.renders.add(render_summary(record))
+    watch_view(context.metrics, hub)
+    context.app.include_router(router(hub))
+    context.app.include_router(image_router(images, sensor, hub.renders))
+    context.run_service("view", hub, where="/view")
 
 
-def gateway_status(house: House) -> dict[str, Any]:
+def gateway_status(context: Context) -> dict[str, Any]:
     """Return what the page's status bar shows: the interfaces' states, the queue, lost messages and streams."""
     interfaces: dict[str, dict[str, str]] = {}
     details: dict[str, dict[str, Any]] = {}
-    for name, entry in house.registry.entries.items():
+    for name, entry in context.registry.entries.items():
         described = entry.describe()
         problem = described.get("problem") or described.get("warning")
         interfaces[name] = {"state": described["state"], **({"problem": str(problem)} if problem else {})}
         details[name] = described
-    stats = house.workers.stats
+    stats = context.workers.stats
     facts: list[dict[str, Any]] = [{"name": "queue", "value": stats.waiting, "warn": stats.rejected > 0}]
     lost = lost_lcm_messages(details.get("treeviewer", {}))
     if lost is not None:

@@ -117,4 +117,3 @@ device_function: Final[Any] = _linked(**_OPTIONS)
 """Decorator for a function that kernels call. A call from Python crashes the process."""
 inlined: Final[Any] = _linked(forceinline=True, **_OPTIONS)
 """``device_function`` that is always inlined."""
-inner: Final[Any] = device_function  # TODO(renderers.shading): the former name

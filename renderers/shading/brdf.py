@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from renderers.compiler import simd as vec
-from renderers.compiler.device_function import inlined, inner
+from renderers.compiler.device_function import device_function, inlined
 from renderers.shading.vec3 import cross, dot, times
 
 VTK_MIN_COSINE: Final = np.float32(1e-5)
@@ -51,8 +51,8 @@ def vtk_specular(n_l, n_v, v_l, roughness):
     alpha = vec.f32(_VTK_MIN_ROUGHNESS) + vec.f32(np.float32(1.0) - _VTK_MIN_ROUGHNESS) * roughness
     a2 = (alpha * alpha) * (alpha * alpha)
     lit = n_l > zero
-    half = vec.most(n_v + n_l, zero)
-    n_l, n_v = vec.most(n_l, vec.f32(VTK_MIN_COSINE)), vec.most(n_v, vec.f32(VTK_MIN_COSINE))
+    half = vec.maximum(n_v + n_l, zero)
+    n_l, n_v = vec.maximum(n_l, vec.f32(VTK_MIN_COSINE)), vec.maximum(n_v, vec.f32(VTK_MIN_COSINE))
     wide, rest = two + two * v_l, one - a2
     d = wide - rest * (half * half)
     smith = n_l * vec.sqrt(a2 + rest * (n_v * n_v)) + n_v * vec.sqrt(a2 + rest * (n_l * n_l))
@@ -64,7 +64,7 @@ def vtk_specular(n_l, n_v, v_l, roughness):
 def schlick(v_l):
     """Return Schlick's (1 - h . l)^5. h is halfway between v and l, so that h . l = sqrt((1 + v . l) / 2)."""
     half = vec.f32(0.5)
-    u = vec.most(vec.f32(1.0) - vec.sqrt(half + half * v_l), vec.f32(0.0))
+    u = vec.maximum(vec.f32(1.0) - vec.sqrt(half + half * v_l), vec.f32(0.0))
     return (u * u) * (u * u) * u
 
 
@@ -78,7 +78,7 @@ def vtk_colors(base, metallic):
     dielectric = one - metallic
     f0 = vec.f32(0.04) * dielectric
     r, g, b = f0 + base[0] * metallic, f0 + base[1] * metallic, f0 + base[2] * metallic
-    f90 = vec.least(vec.most((r + g + b) * vec.f32(16.5), zero), one)
+    f90 = vec.minimum(vec.maximum((r + g + b) * vec.f32(16.5), zero), one)
     return times(base, dielectric * vec.f32(1.0 / math.pi)), (r, g, b), (f90 - r, f90 - g, f90 - b)
 
 
@@ -96,7 +96,7 @@ def vtk_reflected(n_l, specular, fresnel, diffuse, f0, grazing):
     return n_l * (diffuse * (vec.f32(1.0) - f)) + specular * f
 
 
-@inner
+@device_function
 def reflected(n, v, l, n_l, base, metallic, roughness, f0, f90):
     """Return the BRDF times the cosine of the light, RGB; meaningless where ``n_l`` is not positive.
 
@@ -107,26 +107,26 @@ def reflected(n, v, l, n_l, base, metallic, roughness, f0, f90):
         f0, f90: of the dielectric, RGB and an f32x8.
     """
     zero, one = vec.f32(0.0), vec.f32(1.0)
-    n_v = vec.most(vec.absolute(dot(n, v)), vec.f32(1e-4))
+    n_v = vec.maximum(vec.absolute(dot(n, v)), vec.f32(1e-4))
     h = v[0] + l[0], v[1] + l[1], v[2] + l[2]
     length = vec.sqrt(dot(h, h))
     h = times(h, vec.select(length > zero, one / length, zero))
     v_h = dot(v, h)
-    alpha = vec.most(roughness * roughness, vec.f32(_MIN_ALPHA))
+    alpha = vec.maximum(roughness * roughness, vec.f32(_MIN_ALPHA))
     a2 = alpha * alpha
     # 1 - (n.h)^2 as the square of a sine: float32 has no digits left for the difference near a mirror's highlight.
     sine = cross(n, h)
-    sine2 = vec.least(dot(sine, sine), one)
+    sine2 = vec.minimum(dot(sine, sine), one)
     d = sine2 + (one - sine2) * a2
     keep = one - a2
     smith = n_l * vec.sqrt(n_v * n_v * keep + a2) + n_v * vec.sqrt(n_l * n_l * keep + a2)
     specular = a2 / (vec.f32(2.0 * math.pi) * d * d * smith)
-    s = vec.least(vec.most(one - v_h, zero), one)
+    s = vec.minimum(vec.maximum(one - v_h, zero), one)
     s2 = s * s
     s = s2 * s2 * s
     dr, dg, db = f0[0] + (f90 - f0[0]) * s, f0[1] + (f90 - f0[1]) * s, f0[2] + (f90 - f0[2]) * s
     dull = one - metallic
-    diffuse = (one - vec.most(dr, vec.most(dg, db))) * dull * vec.f32(1.0 / math.pi)
+    diffuse = (one - vec.maximum(dr, vec.maximum(dg, db))) * dull * vec.f32(1.0 / math.pi)
     dielectric, metal = specular * dull, specular * metallic
     return (
         (diffuse * base[0] + dielectric * dr + metal * (base[0] + (one - base[0]) * s)) * n_l,
@@ -135,7 +135,7 @@ def reflected(n, v, l, n_l, base, metallic, roughness, f0, f90):
     )
 
 
-@inner
+@device_function
 def ambient_channel(base, metallic, f0, f90, scale, bias, diffuse_light, specular_light):
     """Return one channel of the reflected environment; all f32x8.
 
@@ -152,7 +152,7 @@ def ambient_channel(base, metallic, f0, f90, scale, bias, diffuse_light, specula
     single = f0 * scale + f90 * bias
     mean = f0 + (f90 - f0) * part
     multiple = lost * single * mean / (one - mean * lost)
-    left = vec.most(one - single - multiple, zero)
+    left = vec.maximum(one - single - multiple, zero)
     dielectric = single * specular_light + (multiple + base * left) * diffuse_light
     single = base * scale + bias
     mean = base + (one - base) * part

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.compiler import simd as vec
-from renderers.compiler.device_function import inlined, inner
+from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.pointers import f32_at, i32_at
 
 GAMMA: Final = 2.2
@@ -81,8 +81,8 @@ def _gamma_level(c, cells):
 
     The table is exact for every float32. ``pow`` would differ between machines. Below 0 and NaN is 0, above 1 is 255.
     """
-    c = vec.least(vec.most(c, vec.f32(_LEAST)), vec.f32(1.0))
-    bits = vec.bits_of(c)
+    c = vec.minimum(vec.maximum(c, vec.f32(_LEAST)), vec.f32(1.0))
+    bits = vec.float_bits(c)
     return vec.gather(i32_at(cells - 4 * (_LEAST_BITS >> _CELL)), bits >> vec.i32(_CELL)) + bits
 
 
@@ -100,14 +100,14 @@ def gamma_pixels(r, g, b, cells):
 @inlined
 def plain_byte(c):
     """Return ``round(255 c)`` of an f32x8 as i32x8. Below 0 and NaN is 0, above 1 is 255."""
-    c = vec.least(vec.most(c, vec.f32(0.0)), vec.f32(1.0))
+    c = vec.minimum(vec.maximum(c, vec.f32(0.0)), vec.f32(1.0))
     return vec.to_i32(c * vec.f32(255.0) + vec.f32(0.5))
 
 
-@inner
+@device_function
 def decode_gamma(c, decoded):
     """Return ``c^2.2`` of an f32x8 in 0..1 (clamped; NaN is 0), to 1e-7. ``decoded``: address of ``DECODED``."""
-    at = vec.least(vec.most(c, vec.f32(0.0)), vec.f32(1.0)) * vec.f32(float(_STEPS))
+    at = vec.minimum(vec.maximum(c, vec.f32(0.0)), vec.f32(1.0)) * vec.f32(float(_STEPS))
     cell = vec.to_i32(at)
     table = f32_at(decoded)
     low = vec.gather(table, cell)
@@ -117,8 +117,8 @@ def decode_gamma(c, decoded):
 @inlined
 def encode_gamma(c, encoded):
     """Return ``c^(1/2.2)`` of an f32x8 in 0..1 (clamped; NaN is 0), to 2e-6. ``encoded``: address of ``ENCODED``."""
-    c = vec.least(vec.most(c, vec.f32(DARK)), vec.f32(1.0))
-    bits = vec.bits_of(c) - vec.i32(_DARK_BITS)
+    c = vec.minimum(vec.maximum(c, vec.f32(DARK)), vec.f32(1.0))
+    bits = vec.float_bits(c) - vec.i32(_DARK_BITS)
     cell = bits >> vec.i32(_CELL)
     table = f32_at(encoded)
     low = vec.gather(table, cell)

@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from renderers.compiler import simd as vec
-from renderers.compiler.device_function import inlined, inner
+from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.pointers import f32_at, f64_at, i32_at, i64_at, u32_at
 from renderers.shading.layout import (
     A_COLOR,
@@ -145,7 +145,7 @@ def _single(w):
     return vec.to_f32(w[0]), vec.to_f32(w[1]), vec.to_f32(w[2])
 
 
-@inner
+@device_function
 def _set_up_eight(segment, span, count, at):
     """Fill eight values of the rows T_ from ``at`` on, of the spans ``span .. span + count``.
 
@@ -156,7 +156,7 @@ def _set_up_eight(segment, span, count, at):
     spans, starts, has = f32_at(segment[G_SPANS]), i32_at(segment[G_STARTS]), segment[G_HAS]
     vertices, y = f32_at(segment[G_VERTICES]), segment[G_Y]
     # Lanes beyond the last span repeat it: their records belong to other instances.
-    lane = vec.least(vec.iota(), vec.i32(count - 1))
+    lane = vec.minimum(vec.iota(), vec.i32(count - 1))
     record = vec.permute(vec.load(i32_at(segment[G_RECORDS]), span), lane)
     first = vec.permute(vec.load(starts, span), lane)
     steps = vec.to_f64(vec.permute(vec.load(starts, span + 1), lane) - first - vec.i32(1))
@@ -186,15 +186,15 @@ def _set_up_eight(segment, span, count, at):
     # Coverage, exact in 1/256 pixel, may include pixel centres a little outside of the triangle. Negative coordinates
     # at the ends of a span become 0: nothing is extrapolated.
     end = dx + steps * across
-    b0, e0 = vec.most(side * _at(rows[0], dx, dy), none), vec.most(side * _at(rows[0], end, dy), none)
-    b1, e1 = vec.most(side * _at(rows[1], dx, dy), none), vec.most(side * _at(rows[1], end, dy), none)
-    b2, e2 = vec.most(side * _at(rows[2], dx, dy), none), vec.most(side * _at(rows[2], end, dy), none)
+    b0, e0 = vec.maximum(side * _at(rows[0], dx, dy), none), vec.maximum(side * _at(rows[0], end, dy), none)
+    b1, e1 = vec.maximum(side * _at(rows[1], dx, dy), none), vec.maximum(side * _at(rows[1], end, dy), none)
+    b2, e2 = vec.maximum(side * _at(rows[2], dx, dy), none), vec.maximum(side * _at(rows[2], end, dy), none)
     total, last = b0 + b1 + b2, e0 + e1 + e2
     infinite = vec.f64(math.inf)
     usable = (total > none) & (total < infinite) & (last > none) & (last < infinite)
     # Any positive factor will do: with the sum 1 at the first pixel, float32 has all that is needed.
     scale = vec.select(usable, one / total, none)
-    step = scale / vec.most(steps, one)
+    step = scale / vec.maximum(steps, one)
     third = vec.f64(1.0 / 3.0)  # the centroid of what cannot be resolved
     here = _single(
         (
@@ -220,7 +220,7 @@ def _set_up_eight(segment, span, count, at):
     if has & HAS_NORMALS:
         same = (a[k] == b[k]) & (a[k + 1] == b[k + 1]) & (a[k + 2] == b[k + 2])
         same = same & (a[k] == c[k]) & (a[k + 1] == c[k + 1]) & (a[k + 2] == c[k + 2])
-        constant = vec.bits(same) == 255
+        constant = vec.movemask(same) == 255
         normal, turn = (a[k], a[k + 1], a[k + 2]), (zero, zero, zero)
         if not constant:
             normal, turn = _between3(here, a, b, c, k), _between3(change, a, b, c, k)
@@ -294,7 +294,7 @@ def _prefetch(segment, span, last_span):
         vec.prefetch(elements, 3 * (np.int64(records[k]) - first))
 
 
-@inner
+@device_function
 def set_up_spans(segment, span, last_span, end_span):
     """Fill the rows T_ for the spans ``span .. last_span``, at most PART.
 
@@ -333,7 +333,7 @@ def _line(spans, row, count, at, lanes, t):
     return _pick(spans, row, at, lanes) + _pick(spans, row + count, at, lanes) * t
 
 
-@inner
+@device_function
 def _clear(pixels, row, rows, begin, end):
     """Fill rows with zeros."""
     for k in range(row, row + rows):
@@ -341,7 +341,7 @@ def _clear(pixels, row, rows, begin, end):
             vec.store(pixels, k * STRIDE + x, vec.f32(0.0))
 
 
-@inner
+@device_function
 def interpolate(segment, begin, end, to):
     """Fill the rows A_ from value ``to`` on with the attributes of the pixels ``begin .. end``, after ``set_up_spans``.
 
@@ -406,7 +406,7 @@ def _gradient(spans, pixels, row, uv, gradient, at, lanes, share, to_x):
             vec.store(pixels, (gradient + 2 * k + j) * STRIDE + to_x, slope)
 
 
-@inner
+@device_function
 def _interpolate_surface(segment, begin, end, to):
     """Fill the rows from A_GRADIENT0 to A_POINT after those before them."""
     spans, pixels, lens = f32_at(segment[G_SPANS]), f32_at(segment[G_PIXELS]), f64_at(segment[G_LENS])

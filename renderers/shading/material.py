@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from renderers.compiler import simd as vec
-from renderers.compiler.device_function import inlined, inner
+from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.pointers import f32_at, i64_at
 from renderers.shading.gamma import decode_gamma
 from renderers.shading.layout import (
@@ -52,7 +52,7 @@ def has_color_map(segment):
     return i64_at(segment[G_MATERIAL_INTEGERS])[MI_BASE] >= 0 or segment[G_HAS] & HAS_COLORS != 0
 
 
-@inner
+@device_function
 def put_base_color(job, segment, begin, end, alpha):
     """Fill the rows A_BASE: factor x vertex colour x texture. The fourth one only if ``alpha``."""
     mi, mf = i64_at(segment[G_MATERIAL_INTEGERS]), f32_at(segment[G_MATERIAL_FLOATS])
@@ -78,7 +78,7 @@ def put_base_color(job, segment, begin, end, alpha):
             vec.store(pixels, (A_BASE + k) * STRIDE + x, value)
 
 
-@inner
+@device_function
 def sample_maps(job, segment, begin, end):
     """Fill the rows A_ROUGH, A_OCCLUSION and A_EMISSIVE, as far as the material has these textures."""
     mi = i64_at(segment[G_MATERIAL_INTEGERS])
@@ -102,7 +102,7 @@ def ambient_share(mi, mf, pixels, x):
     return one + vec.f32(mf[MF_OCCLUSION]) * (vec.load(pixels, row * STRIDE + x) - one)
 
 
-@inner
+@device_function
 def apply_normal_map(job, segment, begin, end):
     """Replace the rows A_NORMAL by the unit normals of the material's normal map, if it and the mesh have what it
     takes. Where a tangent has no direction, the normal stays."""

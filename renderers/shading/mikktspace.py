@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.compiler.device_function import inlined, inner
+from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set
 from renderers.compiler.pending import wait_until_compiled
@@ -134,7 +134,7 @@ def _weld(rows, first, table, stop_at):
         first[k] = found
 
 
-@inner
+@device_function
 def _root(parent, k):
     while parent[k] != k:
         parent[k] = parent[parent[k]]
@@ -142,7 +142,7 @@ def _root(parent, k):
     return k
 
 
-@inner
+@device_function
 def _join(parent, j, k):
     j, k = _root(parent, j), _root(parent, k)
     if j < k:
@@ -237,7 +237,7 @@ def _tangents(p, n, uv, corner, welded, table, out, stop_at):
         out[c, 3] = -1.0 if hand[group] < 0 else 1.0
 
 
-@inner
+@device_function
 def _flat(nx, ny, nz, x, y, z):
     """A vector without its part along the normal, unit length; 0 where nothing is left."""
     d = nx * x + ny * y + nz * z

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from renderers.cache import Cache
 from renderers.color import linear_values_from_srgb, srgb_values_from_linear
-from renderers.compiler.device_function import inner
+from renderers.compiler.device_function import device_function
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import is_set
 from renderers.drawlist import Image
@@ -83,7 +83,7 @@ def _read_only(texels: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return view
 
 
-@inner
+@device_function
 def _covered(index, size, smaller):
     """Return the first source texel and the weights of it and the next two, in units of 1 / smaller.
 

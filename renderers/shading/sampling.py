@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from renderers.compiler import simd as vec
-from renderers.compiler.device_function import inlined, inner
+from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.pointers import f32_at, i32_at, i64_at
 from renderers.shading.layout import (
     A_GRADIENT0,
@@ -53,7 +53,7 @@ def _texel_position(coordinate, wrap, size):
     if wrap == WRAP_REPEAT:
         coordinate = coordinate - vec.floor(coordinate)
     elif wrap == WRAP_CLAMP:
-        coordinate = vec.least(vec.most(coordinate, vec.f32(-1.0)), vec.f32(2.0))
+        coordinate = vec.minimum(vec.maximum(coordinate, vec.f32(-1.0)), vec.f32(2.0))
     else:
         coordinate = coordinate - vec.f32(2.0) * vec.floor(vec.f32(0.5) * coordinate)
     return coordinate * vec.f32(size)
@@ -69,7 +69,7 @@ def _wrap(index, wrap, size):
     elif wrap == WRAP_MIRROR:
         # Index -1 mirrors to texel 0, and index 2 size is texel 0 of the next period: clamped below.
         index = vec.select(index < count, index, vec.i32(2 * size - 1) - index)
-    return vec.least(vec.most(index, zero), count - vec.i32(1))
+    return vec.minimum(vec.maximum(index, zero), count - vec.i32(1))
 
 
 @inlined
@@ -106,7 +106,7 @@ def _nearest(texels, stride, width, height, wrap_s, wrap_t, srgb, values, u, v):
     return _scaled(_channels(vec.gather(texels, j * vec.i32(stride) + i), srgb, values), srgb)
 
 
-@inner
+@device_function
 def _gather_wrapped(texels, stride, width, height, wrap_s, wrap_t, i, j):
     """Four texels of eight positions, some of them across a border of the image."""
     one, stride = vec.i32(1), vec.i32(stride)
@@ -129,7 +129,7 @@ def _bilinear(texels, stride, width, height, wrap_s, wrap_t, srgb, values, u, v)
     fx, fy = x - x0, y - y0
     i, j = vec.to_i32(x0), vec.to_i32(y0)
     zero, last, lowest = vec.i32(0), vec.i32(width - 1), vec.i32(height - 1)
-    if vec.bits((i >= zero) & (j >= zero) & (i < last) & (j < lowest)) == 255:  # nearly always
+    if vec.movemask((i >= zero) & (j >= zero) & (i < last) & (j < lowest)) == 255:  # nearly always
         a, b, c, d = vec.gather_squares(texels, j * vec.i32(stride) + i, stride)
     else:
         a, b, c, d = _gather_wrapped(texels, stride, width, height, wrap_s, wrap_t, i, j)
@@ -144,7 +144,7 @@ def _bilinear(texels, stride, width, height, wrap_s, wrap_t, srgb, values, u, v)
     return _scaled(rgba, srgb)
 
 
-@inner
+@device_function
 def _sample_level(integers, values, level, linear, u, v):
     """RGBA of one mip level."""
     texels = i32_at(integers[TI_LEVEL + 4 * level])
@@ -176,7 +176,7 @@ def _lerp4(a, b, part):
     )
 
 
-@inner
+@device_function
 def _sample_mipmapped(integers, values, u, v, footprint):
     """RGBA from the mip levels that the sampler selects.
 
@@ -187,31 +187,31 @@ def _sample_mipmapped(integers, values, u, v, footprint):
     mag_linear, min_linear = integers[TI_MAG_LINEAR] != 0, integers[TI_MIN_LINEAR] != 0
     # Between a linear magnifying and a nearest minifying filter, the border is at half a level.
     minified = footprint > vec.f32(2.0 if mag_linear and not min_linear and mips != MIPS_NONE else 1.0)
-    if vec.bits(minified) == 0:
+    if vec.movemask(minified) == 0:
         return _sample_level(integers, values, np.int64(0), mag_linear, u, v)
     zero, half = vec.f32(0.0), vec.f32(0.5)
     level, part = vec.i32(0), zero
     if mips != MIPS_NONE:
-        detail = vec.least(_half_log2(footprint), vec.f32(last))
+        detail = vec.minimum(_half_log2(footprint), vec.f32(last))
         if mips == MIPS_NEAREST:
-            level = vec.least(vec.to_i32(vec.ceil(detail + half)) - vec.i32(1), vec.i32(last))
+            level = vec.minimum(vec.to_i32(vec.ceil(detail + half)) - vec.i32(1), vec.i32(last))
         else:
             level = vec.to_i32(detail)
             part = detail - vec.to_f32(level)
     none = vec.i32(_NO_LEVEL)
     level = vec.select(minified, level, none)
     result = zero, zero, zero, zero
-    if vec.bits(minified) != 255:
+    if vec.movemask(minified) != 255:
         result = _sample_level(integers, values, np.int64(0), mag_linear, u, v)
-    lowest = vec.least_of(level)
+    lowest = vec.minimum_of(level)
     while lowest != _NO_LEVEL:
         here = level == vec.i32(lowest)
         found = _sample_level(integers, values, lowest, min_linear, u, v)
-        if vec.bits(here & (part > zero)) != 0:
+        if vec.movemask(here & (part > zero)) != 0:
             found = _lerp4(found, _sample_level(integers, values, min(lowest + 1, last), min_linear, u, v), part)
         result = _select4(here, found, result)
         level = vec.select(here, none, level)
-        lowest = vec.least_of(level)
+        lowest = vec.minimum_of(level)
     return result
 
 
@@ -253,10 +253,10 @@ def _footprint(floats, pixels, at, width, height):
     uy, vy = vec.load(pixels, at + 2 * STRIDE), vec.load(pixels, at + 3 * STRIDE)
     sx, tx = (a * ux + b * vx) * vec.f32(width), (d * ux + e * vx) * vec.f32(height)
     sy, ty = (a * uy + b * vy) * vec.f32(width), (d * uy + e * vy) * vec.f32(height)
-    return vec.most(sx * sx + tx * tx, sy * sy + ty * ty)
+    return vec.maximum(sx * sx + tx * tx, sy * sy + ty * ty)
 
 
-@inner
+@device_function
 def sample(job, segment, row, begin, end, out, alpha):
     """Write a texture's RGB and, if ``alpha``, alpha, 0 .. 1, to the rows from A_ row ``out`` on.
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderers.compiler import simd as vec
-from renderers.compiler.device_function import inlined, inner
+from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.pointers import i32_at, i64_at
 from renderers.shading.layout import (
     A_ROWS,
@@ -83,7 +83,7 @@ def row_memory(width):
     return G_VALUES + width // 64 + 3 + (ids + 2 * starts + T_ROWS * SPAN_ROOM + A_ROWS * STRIDE) // 2 + 1
 
 
-@inner
+@device_function
 def begin_rows(job, memory, width, surface):
     """Lay out the working memory of rows of at most ``width`` pixels: ``row_memory`` int64 at this address.
 
@@ -106,7 +106,7 @@ def begin_rows(job, memory, width, surface):
     return segment, i32_at(at + 4 * vec.LANES)
 
 
-@inner
+@device_function
 def find_spans(segment, y, columns, records, width, ids):
     """Find the spans of a row.
 
@@ -133,7 +133,7 @@ def find_spans(segment, y, columns, records, width, ids):
         if columns == 0:
             mask = np.int64(x % PART == 0)
             for k in range(0, 64, vec.LANES):
-                mask |= vec.bits(vec.load(ids, x + k) != vec.load(ids, x + k - 1)) << k
+                mask |= vec.movemask(vec.load(ids, x + k) != vec.load(ids, x + k - 1)) << k
         masks[x >> 6] = mask
         if width - x < 64:
             mask &= (np.int64(1) << (width - x)) - 1
@@ -169,20 +169,20 @@ def next_part(segment, span, begin, end):
     return stop, span
 
 
-@inner
+@device_function
 def segment_end(segment, span, count, first, last):
     """First span from ``span`` on whose record is outside ``first .. last``."""
     records, low, high = i32_at(segment[G_RECORDS]), vec.i32(first), vec.i32(last)
     while span < count:
         here = vec.load(records, span)
-        others = vec.bits((here < low) | (here >= high))
+        others = vec.movemask((here < low) | (here >= high))
         if others != 0:
             return min(span + vec.lowest_bit(others), count)
         span += vec.LANES
     return np.int64(count)
 
 
-@inner
+@device_function
 def select_instance(job, segment, instance):
     """Fill the columns of a segment from G_FIRST on, G_LENS and G_SURFACE excepted."""
     columns = i64_at(job[S_INSTANCES] + 8 * II_COLUMNS * instance)

@@ -43,7 +43,7 @@ AS_IT_IS = ((-0.5, -0.5, -1.0), (0.5, 0.5, -1.0))
         ("VTK", "y", LYING),
     ],
 )
-def test_scenes_are_turned_to_z_up(tmp_path: Path, generator: str, up: Up, expected: tuple[Any, Any]) -> None:
+def test_scenes_are_rotated_to_z_up(tmp_path: Path, generator: str, up: Up, expected: tuple[Any, Any]) -> None:
     scene = read_scene_file(written(tmp_path, generator=generator), up=up)
     assert np.allclose(bounds(scene), expected, atol=1e-6)
     (camera,) = scene.cameras

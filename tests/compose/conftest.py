@@ -1,4 +1,4 @@
-"""Where the gateway under test is: SCENEGATE_URL (a container, another machine), or a process started here."""
+"""The gateway under test: SCENEGATE_URL (a container, another machine), or a process started here."""
 
 from __future__ import annotations
 
@@ -51,6 +51,6 @@ def http(url: str) -> Iterator[httpx2.Client]:
 
 @pytest.fixture(scope="package")
 def interfaces(url: str) -> dict[str, Any]:
-    """What the gateway says of each interface."""
+    """Return the interfaces in the gateway's /healthz."""
     described: dict[str, Any] = clients.get(f"{url}/healthz").json()["interfaces"]
     return described

@@ -10,6 +10,7 @@ import sys
 import urllib.parse
 import urllib.request
 from pathlib import Path
+from typing import Any
 
 import lcm
 
@@ -23,19 +24,20 @@ def viewer2_comms(data: bytes) -> bytes:
     return struct.pack(">Qqi16siii", 0xD368E03F33C568BE, 0, len(name), name, 1, 0, len(data)) + data
 
 
-answers = []
+answers: list[bytes] = []
 bus = lcm.LCM(network)
 bus.subscribe(f"DIRECTOR_TREE_VIEWER_RESPONSE_<{CLIENT}>", lambda _, message: answers.append(message))
 
 
-def request(**commands: list) -> dict:
-    """Sends one request and waits for the answer."""
+def request(**commands: list[Any]) -> dict[str, Any]:
+    """Send a request and return the response."""
     data = json.dumps({"timestamp": 0, "delete": [], "setgeometry": [], "settransform": []} | commands).encode()
     bus.publish(f"DIRECTOR_TREE_VIEWER_REQUEST_<{CLIENT}>", viewer2_comms(data))
     while not answers:
         bus.handle()  # as long as it takes
     message = answers.pop()
-    return json.loads(message[message.index(b"{") :])
+    response: dict[str, Any] = json.loads(message[message.index(b"{") :])
+    return response
 
 
 base = {"type": "cylinder", "radius": 0.3, "length": 0.2, "color": [0.2, 0.3, 0.4, 1]}

@@ -1,4 +1,4 @@
-"""What a user of the HTTP interface sees from outside, without any of the gateway's code."""
+"""The HTTP interface from outside, without any of the gateway's code."""
 
 from __future__ import annotations
 
@@ -76,8 +76,9 @@ def render(http: httpx2.Client, image_type: str, scene: dict[str, Any], **change
 
 
 def decode(answer: httpx2.Response) -> np.ndarray:
-    picture = cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_UNCHANGED)
-    return picture[:, :, ::-1]
+    bgr = cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_UNCHANGED)
+    assert bgr is not None
+    return bgr[:, :, ::-1]
 
 
 def test_it_becomes_ready(http: httpx2.Client) -> None:

@@ -1,4 +1,4 @@
-"""What a user of the stereo camera sees from outside: messages are learnt from the server itself, by reflection."""
+"""The stereo camera from outside; message types come from the server, by gRPC reflection."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def test_parameters_change_the_stream(url: str, channel: grpc.Channel) -> None:
 def test_a_simulated_clock_gives_the_same_bytes_in_every_run(tmp_path: Path) -> None:
     scene = tmp_path / "triangle.gltf"
     scene.write_text(json.dumps(TRIANGLE))
-    flags = ("--only", "stereo", "--grpc-port", "0", "--stereo-scene", str(scene), "--clock", "simulated")
+    flags = ["--only", "stereo", "--grpc-port", "0", "--stereo-scene", str(scene), "--clock", "simulated"]
     flags += ("--stereo-rate", "max", "--stereo-pose", "eye=2,-2,2;target=0,0,0")
     runs = []
     for _ in range(2):
@@ -125,7 +125,7 @@ def test_several_cameras_recorded_pairs_and_faults(tmp_path: Path) -> None:
     ramp = np.tile(np.arange(160, dtype=np.uint8), (120, 1))
     for side, shift in (("left", 0), ("right", 8)):
         cv2.imwrite(str(tmp_path / f"1_{side}.png"), np.roll(ramp, -shift, axis=1))
-    flags = ("--only", "stereo", "--grpc-port", "0", "--stereo-images", str(tmp_path), "--stereo-faults")
+    flags = ["--only", "stereo", "--grpc-port", "0", "--stereo-images", str(tmp_path), "--stereo-faults"]
     flags += ("--stereo-cameras", 'eye=1,1,1;target=0,0,0|["robot", "hand"]')
     with gateway_process(*flags) as (_, base), clients.Client(base_url=base) as http:
         assert list(http.get("/api/v2/pipelines").json()) == ["0", "1", "2"]

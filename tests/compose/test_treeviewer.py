@@ -1,4 +1,4 @@
-"""What a publisher in another process or container sees: its messages are answered, its scene can be pictured."""
+"""The tree viewer from another process or container: messages get responses, the scene can be rendered."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a browser in another container sees: the page, its scene by WebSocket, nothing from any other host."""
+"""The browser view from another container: the page, its scene over WebSocket, nothing from other hosts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scenes of every kind, small, and runs in this process."""
+"""Small scenes of every kind, and runs in this process."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import pytest
 
 from gateway.client.manifest import Settings
 from gateway.datasets.camera_file import CameraFile
-from gateway.datasets.plan import Order, Result, Task, make_order
+from gateway.datasets.job import Job, Result, Task, make_job
 from gateway.datasets.run import Progress, run
 from gateway.datasets.sources import find_sources
-from gateway.datasets.tasks import Worker
 from gateway.datasets.views import View
+from gateway.datasets.worker import Worker
 from gateway.scene.cameras import OrbitCamera
 from tests.support import forms
 
@@ -44,7 +44,7 @@ def scenes(tmp_path: Path) -> Path:
     """A folder with one scene of each kind."""
     folder = tmp_path / "scenes"
     (folder / "deep").mkdir(parents=True)
-    (folder / "a.gltf").write_text(json.dumps(forms.gltf(generator="somebody")))
+    (folder / "a.gltf").write_text(json.dumps(forms.gltf(generator="another program")))
     (folder / "deep" / "mesh.stl").write_text(f"solid t\n{FACET}endsolid t\n")
     (folder / "robot.tree.json").write_text(json.dumps(TREE))
     (folder / "depth.multipart").write_bytes(forms.body(forms.gltf(), forms.drake_fields("depth")))
@@ -62,27 +62,27 @@ Draw = Callable[..., Progress]
 
 @pytest.fixture
 def draw(worker: Worker) -> Draw:
-    """Runs an order in this process; ``most`` ends it as a kill would after so many tasks."""
+    """Run jobs in this process; ``most`` interrupts the run after that many tasks."""
 
-    def execute(order: Order, most: int | None = None) -> Progress:
+    def execute(job: Job, most: int | None = None) -> Progress:
         def tasks(all_of: list[Task]) -> Iterator[Result]:
             for number, task in enumerate(all_of):
                 if number == most:
                     raise KeyboardInterrupt
                 yield worker.work(task)
 
-        return run(order, tasks, lambda _: None)
+        return run(job, tasks, lambda _: None)
 
     return execute
 
 
-def order_of(
+def job_of(
     scenes: Path, out: Path, *, orbit: int = 2, settings: Settings = SETTINGS, cameras: CameraFile | None = None
-) -> Order:
+) -> Job:
     views = tuple(View(f"orbit-{i}", OrbitCamera(i, orbit, 30.0)) for i in range(orbit))
-    return make_order(find_sources([scenes]), views, cameras or CameraFile(), settings, out)
+    return make_job(find_sources([scenes]), views, cameras or CameraFile(), settings, out)
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    """Every file of a folder."""
+    """Return all files of a folder by relative path."""
     return {p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}

@@ -1,4 +1,4 @@
-"""Where scenes are seen from: the camera file, orbits, lenses."""
+"""Cameras of datasets: the camera file, orbits, intrinsics."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from gateway.datasets.camera_file import CameraFile, read_camera_file
-from gateway.datasets.plan import PlanError, make_order
+from gateway.datasets.job import JobError, make_job
 from gateway.datasets.scenes import load_scene
 from gateway.datasets.sources import SourceError, find_sources
-from gateway.datasets.views import Lens, View, camera_of
+from gateway.datasets.views import Intrinsics, View, camera_of
 from gateway.scene.cameras import CameraError, OrbitCamera
-from tests.datasets.conftest import SETTINGS, order_of
+from tests.datasets.conftest import SETTINGS, job_of
 
 POSE = [[1, 0, 0, 0], [0, 0, 1, -3], [0, -1, 0, 1], [0, 0, 0, 1]]
 """3 m before the origin on -y, 1 m high, looking along +y."""
@@ -41,13 +41,13 @@ def test_camera_file(scenes: Path, tmp_path: Path) -> None:
             },
         )
     )
-    order = order_of(scenes, tmp_path / "out", orbit=0, cameras=file)
-    views = {source.name: order.views_of(source) for source in order.sources}
+    job = job_of(scenes, tmp_path / "out", orbit=0, cameras=file)
+    views = {source.name: job.views_of(source) for source in job.sources}
     assert [view.name for view in views["robot.tree.json"]] == ["camera-000", "top"]
     (own,) = views["a.gltf"]
     assert own.pose == tuple(map(tuple, np.array(POSE, float).tolist()))
-    robot = load_scene(next(source for source in order.sources if source.name == "robot.tree.json"))
-    first, top = (camera_of(view, robot.root, robot.drawn, None, 32, 24, 45.0) for view in views["robot.tree.json"])
+    robot = load_scene(next(source for source in job.sources if source.name == "robot.tree.json"))
+    first, top = (camera_of(view, robot.root, robot.draw_list, None, 32, 24, 45.0) for view in views["robot.tree.json"])
     assert (first.width, first.height) == (40, 24)
     assert (top.fx, top.fy, top.cx, top.cy) == (50, 60, 16, 12)
     assert np.array_equal(top.X_world_camera, POSE)
@@ -84,10 +84,10 @@ def test_bad_camera_files_are_explained(tmp_path: Path, content: Any, sentence: 
 def test_views_and_scenes_that_cannot_be_meant(scenes: Path, tmp_path: Path) -> None:
     sources = find_sources([scenes])
     file = read_camera_file(written(tmp_path, {"scenes": {"z.gltf": [{"camera": "fit"}]}}))
-    with pytest.raises(PlanError, match=r"scenes that are not there: z.gltf"):
-        make_order(sources, (), file, SETTINGS, tmp_path / "out")
-    with pytest.raises(PlanError, match="two views are called 'x'"):
-        make_order(sources, (View("x", "fit"), View("x", "fit")), CameraFile(), SETTINGS, tmp_path)
+    with pytest.raises(JobError, match=r"scenes that are not there: z.gltf"):
+        make_job(sources, (), file, SETTINGS, tmp_path / "out")
+    with pytest.raises(JobError, match="two views are called 'x'"):
+        make_job(sources, (View("x", "fit"), View("x", "fit")), CameraFile(), SETTINGS, tmp_path)
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "a.gltf").write_text("{}")
     with pytest.raises(SourceError, match=r"would both be called a.gltf"):
@@ -106,7 +106,7 @@ def test_every_camera_of_an_orbit_sees_everything_from_the_same_distance(scenes:
     distances: list[float] = []
     azimuths: list[float] = []
     for index in range(6):
-        camera = camera_of(View("v", OrbitCamera(index, 6, 20.0)), scene.root, scene.drawn, None, 64, 48, 45.0)
+        camera = camera_of(View("v", OrbitCamera(index, 6, 20.0)), scene.root, scene.draw_list, None, 64, 48, 45.0)
         corners = np.array([(x, y, z, 1) for x in (-0.3, 0.3) for y in (-0.3, 0.3) for z in (-0.1, 0.9)])
         x, y, z, _ = camera.X_camera_world @ corners.T
         assert (z > camera.near).all()
@@ -120,17 +120,17 @@ def test_every_camera_of_an_orbit_sees_everything_from_the_same_distance(scenes:
     assert azimuths == pytest.approx([0, 60, 120, 180, 240, 300])
 
 
-def test_views_that_differ_are_told_apart() -> None:
-    rows = tuple(tuple(float(value) for value in row) for row in POSE)
+def test_different_views_have_different_descriptions() -> None:
+    rows = tuple((float(a), float(b), float(c), float(d)) for a, b, c, d in POSE)
     moved = (rows[0], rows[1], (*rows[2][:3], 2.0), rows[3])
     views = [
         View("v", None),
         View("v", "fit"),
-        View("v", "fit", Lens(width=3)),
-        View("v", "fit", Lens(height=3)),
+        View("v", "fit", Intrinsics(width=3)),
+        View("v", "fit", Intrinsics(height=3)),
         View("v", OrbitCamera(0, 2, 30.0)),
         View("v", OrbitCamera(0, 2, 31.0)),
         View("v", rows),
         View("v", moved),
     ]
-    assert len({view.asked for view in views}) == len(views)
+    assert len({view.description for view in views}) == len(views)

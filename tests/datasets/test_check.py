@@ -14,12 +14,12 @@ import pytest
 
 from gateway.client import manifest
 from gateway.datasets.check import check_dataset
-from tests.datasets.conftest import Draw, order_of
+from tests.datasets.conftest import Draw, job_of
 
 
 @pytest.fixture
 def dataset(scenes: Path, tmp_path: Path, draw: Draw) -> Path:
-    draw(order_of(scenes, tmp_path / "out"))
+    draw(job_of(scenes, tmp_path / "out"))
     return tmp_path / "out"
 
 
@@ -63,7 +63,7 @@ def test_a_whole_dataset(dataset: Path) -> None:
         (lambda d: edit(d, 0, lambda s: s["camera"].update(near=5.0, far=1.0)), "planes near=5.0, far=1.0"),
         (lambda d: edit(d, 0, lambda s: s["camera"]["X_world_camera"][0].__setitem__(0, 9.0)), "no rotation"),
         (lambda d: edit(d, 0, lambda s: s["camera"].update(width=33)), "32x24 pixels, the camera has 33x24"),
-        (lambda d: edit(d, 0, lambda s: s["images"].pop("label")), "the label picture is missing in the manifest"),
+        (lambda d: edit(d, 0, lambda s: s["images"].pop("label")), "the label image is missing in the manifest"),
         (lambda d: edit(d, 1, lambda s: s.update(id="a.gltf/orbit-0")), "a.gltf/orbit-0 is there twice"),
         (lambda d: edit(d, 0, lambda s: s.update(scene_sha256="0")), "another state of the scene"),
         (

@@ -16,7 +16,7 @@ import msgspec
 import pytest
 
 from bench.ray_nodes import ENVIRONMENT as RAY_ENVIRONMENT
-from tests.datasets.conftest import FACET, SETTINGS, TREE, Draw, contents, order_of
+from tests.datasets.conftest import FACET, SETTINGS, TREE, Draw, contents, job_of
 from tests.support.ports import free_ports
 from tests.support.waiting import SECONDS
 
@@ -87,7 +87,7 @@ def test_a_killed_worker_is_not_to_be_seen(
     scenes, out = folders
     said = {name: cluster[name] for name in ("drawn", "failures", "killed", "nodes")}
     assert said == {"drawn": 3 * ORBIT, "failures": [], "killed": 1, "nodes": 2}
-    draw(order_of(scenes, tmp_path / "one", orbit=ORBIT))
+    draw(job_of(scenes, tmp_path / "one", orbit=ORBIT))
     assert contents(out) == contents(tmp_path / "one")
 
 

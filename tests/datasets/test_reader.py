@@ -14,7 +14,7 @@ import pytest
 from gateway.client.dataset import Dataset
 from gateway.client.lines import Lines
 from gateway.client.manifest import MAX_LINE, RecordError
-from tests.datasets.conftest import SETTINGS, Draw, order_of
+from tests.datasets.conftest import SETTINGS, Draw, job_of
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "read_dataset.py"
 
@@ -28,9 +28,9 @@ def test_the_reader_loads_nothing_of_the_server() -> None:
 
 
 def test_depth_of_both_formats_is_the_same_to_half_a_millimetre(scenes: Path, tmp_path: Path, draw: Draw) -> None:
-    draw(order_of(scenes / "deep", tmp_path / "tiff"))
+    draw(job_of(scenes / "deep", tmp_path / "tiff"))
     png = msgspec.structs.replace(SETTINGS, depth_format="png")
-    draw(order_of(scenes / "deep", tmp_path / "png", settings=png))
+    draw(job_of(scenes / "deep", tmp_path / "png", settings=png))
     for exact, rounded in zip(Dataset(tmp_path / "tiff"), Dataset(tmp_path / "png"), strict=True):
         assert rounded.depth.dtype == np.float32
         seen = np.isfinite(exact.depth)
@@ -40,19 +40,19 @@ def test_depth_of_both_formats_is_the_same_to_half_a_millimetre(scenes: Path, tm
 
 
 def test_samples_are_a_sequence(scenes: Path, tmp_path: Path, draw: Draw) -> None:
-    draw(order_of(scenes, tmp_path / "out"))
+    draw(job_of(scenes, tmp_path / "out"))
     dataset = Dataset(tmp_path / "out")
     assert [sample.id for sample in dataset[1:3]] == ["a.gltf/orbit-1", "deep/mesh.stl/orbit-0"]
     assert dataset[-1].id == "robot.tree.json/orbit-1"
     with pytest.raises(IndexError):
         _ = dataset[7]
     recorded = next(sample for sample in dataset if sample.record.view == "request")
-    with pytest.raises(RecordError, match=r"has no color picture, only depth"):
+    with pytest.raises(RecordError, match=r"has no color image, only depth"):
         _ = recorded.color
 
 
 def test_data_loaders_can_share_it(scenes: Path, tmp_path: Path, draw: Draw) -> None:
-    draw(order_of(scenes, tmp_path / "out"))
+    draw(job_of(scenes, tmp_path / "out"))
     dataset = Dataset(tmp_path / "out")
     other = pickle.loads(pickle.dumps(dataset))
     assert [sample.id for sample in other] == [sample.id for sample in dataset]
@@ -60,7 +60,7 @@ def test_data_loaders_can_share_it(scenes: Path, tmp_path: Path, draw: Draw) -> 
 
 
 def test_a_bad_line_is_named_when_it_is_asked_for(scenes: Path, tmp_path: Path, draw: Draw) -> None:
-    draw(order_of(scenes, tmp_path / "out"))
+    draw(job_of(scenes, tmp_path / "out"))
     path = tmp_path / "out" / "manifest.jsonl"
     lines = path.read_bytes().splitlines()
     path.write_bytes(b"\n".join([lines[0], b'{"id": 1}', *lines[2:], b""]))
@@ -106,7 +106,7 @@ def test_no_dataset(tmp_path: Path) -> None:
 def test_the_example(scenes: Path, tmp_path: Path, draw: Draw) -> None:
     for name in ("a.gltf", "depth.multipart", "deep/mesh.stl"):
         (scenes / name).unlink()
-    draw(order_of(scenes, tmp_path / "out"))
+    draw(job_of(scenes, tmp_path / "out"))
     command = [sys.executable, str(EXAMPLE), str(tmp_path / "out"), str(tmp_path / "points.npz")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -1,4 +1,4 @@
-"""The pages of the documentation, taken apart: prose, code, links."""
+"""Parses the pages of the documentation: prose, code, links."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ _FENCE = re.compile(r"^```(.*?)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 @dataclass(frozen=True)
 class Block:
-    """A fenced piece of code."""
+    """A fenced code block."""
 
     page: Path
     line: int
-    """Of its first line."""
+    """Number of the first line."""
     language: str
-    """``python``, ``sh`` ...; empty: none was named."""
+    """``python``, ``sh`` ...; empty if there is none."""
     options: tuple[str, ...]
-    """What follows: ``notest`` keeps it from being run."""
+    """Words after the language; ``notest`` blocks are not run."""
     code: str
 
     def __str__(self) -> str:
@@ -29,7 +29,7 @@ class Block:
 
 
 def blocks(page: Path) -> list[Block]:
-    """All fenced pieces of a page."""
+    """Return all code blocks of a page."""
     text = page.read_text("utf-8")
     found: list[Block] = []
     for match in _FENCE.finditer(text):
@@ -39,29 +39,29 @@ def blocks(page: Path) -> list[Block]:
 
 
 def prose(page: Path) -> str:
-    """The page without fenced code."""
+    """Return the page without code blocks."""
     return _FENCE.sub("", page.read_text("utf-8"))
 
 
 def spans(page: Path) -> list[str]:
-    """Code within lines of prose."""
+    """Return the inline code of a page."""
     return [" ".join(span.split()) for span in re.findall(r"`([^`]+)`", prose(page))]
 
 
 def links(page: Path) -> list[str]:
-    """Where the page's links and pictures lead."""
+    """Return the targets of links and images."""
     without_code = re.sub(r"`[^`]+`", "", prose(page))
     return re.findall(r"\]\(([^()\s]+(?:\([^()]*\))?)\)", without_code)
 
 
 def anchors(page: Path) -> set[str]:
-    """What can be linked to in a page, as GitHub makes it of the headings."""
+    """Return the anchors that GitHub makes of the headings."""
     headings = re.findall(r"^#{1,6} (.+)$", prose(page), re.MULTILINE)
     plain = (re.sub(r"[`*]|\[|\]\([^)]*\)", "", heading).strip().lower() for heading in headings)
     return {re.sub(r"[^\w\- ]", "", heading).replace(" ", "-") for heading in plain}
 
 
 def commands(block: Block) -> list[str]:
-    """The shell's lines of a block, continued lines joined, comments and prompts removed."""
+    """Return the shell commands of a block, with continued lines joined, without comments and prompts."""
     joined = re.sub(r"\\\n\s*", " ", block.code)
     return [re.sub(r"\s+#\s.*$", "", line).strip().removeprefix("$ ") for line in joined.splitlines() if line.strip()]

@@ -1,6 +1,6 @@
-"""The Python and curl of the documentation, run as they stand against a gateway with the demo scene.
+"""The Python and curl blocks of the documentation, run against a gateway with the demo scene.
 
-Only addresses are replaced: the tests must not take the standard ports.
+Only addresses are replaced, because tests must not use the default ports.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ CURL = {
 
 @pytest.fixture(scope="module")
 def addresses() -> Iterator[dict[str, str]]:
-    """The addresses of the pages -> those of a gateway."""
+    """Addresses of a gateway by the default address in the pages."""
     grpc_port, tcpq_port = free_ports(2)
     flags = (
         "--demo",
@@ -96,7 +96,7 @@ def test_curl(block: Block, lines: list[str], addresses: dict[str, str], tmp_pat
 
 
 def test_there_is_something_to_run() -> None:
-    """A page that hides its code from the tests would pass them."""
+    """Without code blocks, the tests above would pass."""
     run = [block for block in PYTHON if "notest" not in block.options]
     assert len(run) >= 3
     assert len(CURL) >= 4

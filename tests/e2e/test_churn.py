@@ -1,4 +1,4 @@
-"""Well-behaved, slow, half-open and vanishing clients of every interface: nothing of them is left.
+"""Well-behaved, slow, half-open and vanishing clients of every interface leave no resources behind.
 
 The short form of ``python -m bench.soak --parts churn``.
 """
@@ -12,6 +12,7 @@ import pytest
 from bench import soak, soak_clients
 
 
+@pytest.mark.slow
 async def test_nothing_is_left_of_a_hundred_clients(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(soak_clients, "HELD_SECONDS", 0.2)
     async with soak.gateway(tmp_path / "state") as running:

@@ -1,4 +1,4 @@
-"""The other commands as a user types them."""
+"""The commands except serve, as a user types them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from typer.testing import CliRunner, Result
 from gateway import __version__
 from gateway.cli.main import app
 from gateway.settings import Settings
-from gateway.settings.types import flag_of
+from gateway.settings.option import flag_of
 from tests.support import forms
 from tests.support.waiting import SECONDS
 
@@ -50,7 +50,7 @@ def test_check_is_one_table_and_needs_no_kernels() -> None:
         assert any(line.startswith(word) for line in result.stdout.splitlines()), word
 
 
-def test_check_says_what_is_wrong() -> None:
+def test_check_reports_a_taken_port() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         result = scenegate("check", SCENEGATE_HTTP_PORT=str(port))
@@ -65,39 +65,41 @@ def test_starting_the_command_line_imports_no_renderer() -> None:
 
 
 def render(*arguments: str) -> Result:
-    """In this process, where the kernels are loaded already."""
+    """Run the command in this process, which loads the kernels once."""
     return CliRunner().invoke(app, ["render", *arguments])
 
 
-def pictured(folder: Path, *arguments: str) -> Result:
+def render_triangle(folder: Path, *arguments: str) -> Result:
     (folder / "scene.gltf").write_text(json.dumps(forms.gltf()))
     return render(str(folder / "scene.gltf"), *arguments)
 
 
-def test_render_with_the_files_own_camera(tmp_path: Path) -> None:
+def test_render_uses_the_camera_of_the_file(tmp_path: Path) -> None:
     out = tmp_path / "new" / "out.png"
     (tmp_path / "scene.gltf").write_text(json.dumps(forms.gltf()))
     result = scenegate("render", str(tmp_path / "scene.gltf"), "-o", str(out), "--width", "80", "--height", "60")
     assert result.returncode == 0, result.stderr
-    picture = cv2.imread(str(out))[:, :, ::-1]
-    assert picture.shape == (60, 80, 3)
-    assert tuple(picture[0, 0]) == (204, 229, 255)
-    assert picture[40, 40, 0] > 200  # the red triangle
-    assert picture[40, 40, 1:].max() < 30
+    bgr = cv2.imread(str(out))
+    assert bgr is not None
+    image = bgr[:, :, ::-1]
+    assert image.shape == (60, 80, 3)
+    assert tuple(image[0, 0]) == (204, 229, 255)
+    assert image[40, 40, 0] > 200  # the red triangle
+    assert image[40, 40, 1:].max() < 30
 
 
-def test_render_depth_in_metres_with_a_camera_in_words(tmp_path: Path) -> None:
+def test_render_depth_in_metres_with_a_camera_text(tmp_path: Path) -> None:
     out = tmp_path / "out.tiff"
     camera = "eye=0,0,1;target=0,0,-1;up=0,1,0;fovy=45"
-    result = pictured(tmp_path, "-o", str(out), "--type", "depth", "--camera", camera, "--up", "z")
+    result = render_triangle(tmp_path, "-o", str(out), "--type", "depth", "--camera", camera, "--up", "z")
     assert result.exit_code == 0, result.stderr
     depth = tifffile.imread(out)
     assert depth.shape == (480, 640)
     assert np.isclose(depth[240, 320], 2.0, atol=1e-5)
 
 
-def test_render_turns_files_that_are_y_up(tmp_path: Path) -> None:
-    (tmp_path / "scene.gltf").write_text(json.dumps(forms.gltf(generator="somebody")))
+def test_render_rotates_y_up_files(tmp_path: Path) -> None:
+    (tmp_path / "scene.gltf").write_text(json.dumps(forms.gltf(generator="another program")))
     depths = {}
     for up in ("auto", "y", "z"):
         # The triangle faces +z at z = -1 in the file; turned, it faces -y at y = 1.
@@ -113,11 +115,11 @@ def test_render_turns_files_that_are_y_up(tmp_path: Path) -> None:
     assert np.allclose(depths["auto"], depths["z"], atol=1e-5)
 
 
-def test_render_a_folder_makes_a_dataset_of_what_can_be_drawn(tmp_path: Path) -> None:
+def test_render_a_folder_skips_scenes_that_cannot_be_rendered(tmp_path: Path) -> None:
     scenes, out = tmp_path / "scenes", tmp_path / "out"
     (scenes / "deep").mkdir(parents=True)
     for name in ("a.gltf", "deep/b.gltf"):
-        (scenes / name).write_text(json.dumps(forms.gltf(generator="somebody")))
+        (scenes / name).write_text(json.dumps(forms.gltf(generator="another program")))
     (scenes / "broken.gltf").write_text("{")
     arguments = (str(scenes), "-o", str(out), "--type", "label,color", "--camera", "fit", "--width", "64")
     result = render(*arguments)
@@ -127,26 +129,26 @@ def test_render_a_folder_makes_a_dataset_of_what_can_be_drawn(tmp_path: Path) ->
     assert complaints[0].startswith("scenegate: broken.gltf: ")
     checked = CliRunner().invoke(app, ["dataset", "check", str(out)])
     assert checked.exit_code == 0, checked.stderr
-    assert "2 samples of 2 scenes, 4 pictures" in checked.stdout
+    assert "2 samples of 2 scenes, 4 images" in checked.stdout
     assert "note: broken.gltf was not drawn: " in checked.stderr
     again = render(*arguments)
-    assert "2 of 3 samples, 2 of them from before, 0 drawn" in again.stderr
+    assert "2 of 3 samples, 2 of them from before, 0 rendered" in again.stderr
     (out / "scenes" / "a.gltf" / "camera-000.label.png").write_bytes(b"")
     checked = CliRunner().invoke(app, ["dataset", "check", str(out)])
     assert checked.exit_code == 1
     assert "scenegate: a.gltf/camera-000: scenes/a.gltf/camera-000.label.png: changed" in checked.stderr
 
 
-def test_a_rig_that_does_not_light_the_look_is_mentioned(tmp_path: Path) -> None:
+def test_warns_about_a_rig_that_the_look_ignores(tmp_path: Path) -> None:
     rig, out = tmp_path / "rig.toml", tmp_path / "out.png"
     rig.write_text("exposure = 0.5\n")
     arguments = ("-o", str(out), "--width", "64", "--height", "48", "--rig", str(rig))
     for look, said in (
-        ("pbr", "--rig lights the studio look only: --look pbr is drawn without it"),
+        ("pbr", "--rig lights the studio look only: --look pbr is rendered without it"),
         ("auto", "drawn as Drake shows it, without --rig; --look studio takes it"),
         ("studio", ""),
     ):
-        result = pictured(tmp_path, *arguments, "--look", look)
+        result = render_triangle(tmp_path, *arguments, "--look", look)
         assert result.exit_code == 0, result.stderr
         assert ("rig" in result.stderr) == bool(said)
         assert said in result.stderr
@@ -154,21 +156,21 @@ def test_a_rig_that_does_not_light_the_look_is_mentioned(tmp_path: Path) -> None
 
 def test_errors_of_render_are_sentences(tmp_path: Path) -> None:
     for arguments, message in (
-        (("-o", "out.tiff"), "a color picture is written as .png or .jpg"),
-        (("-o", "out.bmp"), "out.bmp: pictures are written as .png, .jpg, .jpeg, .tif, .tiff; or name a folder"),
+        (("-o", "out.tiff"), "a color image is written as .png or .jpg"),
+        (("-o", "out.bmp"), "out.bmp: images are written as .png, .jpg, .jpeg, .tif, .tiff; or name a folder"),
         (("-o", str(tmp_path / "o.png"), "--camera", "eye=1,2"), "camera"),
         (("-o", str(tmp_path / "o.png"), "--camera", 'path:["nobody"]'), "there is no such node"),
-        (("-o", str(tmp_path / "o.png"), "--type", "color,depth"), "is one picture: for more scenes, types or cameras"),
-        (("-o", str(tmp_path / "o"), "--type", "normals"), "of color, depth and label"),
-        (("-o", str(tmp_path / "o"), "--background", "red"), "three numbers from 0 to 255"),
+        (("-o", str(tmp_path / "o.png"), "--type", "color,depth"), "is one image: for more scenes, types or cameras"),
+        (("-o", str(tmp_path / "o"), "--type", "normals"), "must be color, depth or label"),
+        (("-o", str(tmp_path / "o"), "--background", "red"), "must be three numbers from 0 to 255"),
     ):
-        result = pictured(tmp_path, *arguments)
+        result = render_triangle(tmp_path, *arguments)
         assert result.exit_code == 1
         assert isinstance(result.exception, ValueError)  # what main() prints as one sentence
         assert message in str(result.exception)
     said = scenegate("render", str(tmp_path / "scene.gltf"), "-o", "out.tiff")
     assert said.returncode == 1
-    assert said.stderr == "scenegate: out.tiff: a color picture is written as .png or .jpg or .jpeg\n"
+    assert said.stderr == "scenegate: out.tiff: a color image is written as .png or .jpg or .jpeg\n"
 
 
 def test_a_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:

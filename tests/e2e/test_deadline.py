@@ -1,4 +1,4 @@
-"""Small requests that would take minutes: they end at the limit, when their clients leave, and at SIGTERM."""
+"""Renders that would take minutes end at --render-seconds, when their clients disconnect, and at SIGTERM."""
 
 from __future__ import annotations
 
@@ -15,8 +15,10 @@ from tests.support.gateway_process import gateway_process
 from tests.support.slow import one_pixel_body, slow_body
 from tests.support.waiting import SECONDS
 
+pytestmark = pytest.mark.slow
+
 TIMEOUT = 300.0
-"""Of clients: only a hang takes longer. Without an end, the renders here would."""
+"""Timeout of clients in seconds; only a hang takes longer."""
 
 
 def connect(url: str) -> closing[http.client.HTTPConnection]:
@@ -28,7 +30,7 @@ def send(client: http.client.HTTPConnection, body: bytes) -> None:
 
 
 def post(url: str, body: bytes) -> tuple[int, str, str | None]:
-    """Status, text of a refusal, and Retry-After."""
+    """Return status, text of the error, and Retry-After."""
     with connect(url) as client:
         send(client, body)
         response = client.getresponse()
@@ -44,7 +46,7 @@ def get(url: str, path: str) -> tuple[int, str]:
 
 
 def until_answer(url: str, path: str, status: int, text: str) -> None:
-    """Returns when a GET is answered with this status and a text that holds this one."""
+    """Wait until a GET has this status and contains this text."""
     end = time.monotonic() + 10 * SECONDS
     while (answer := get(url, path))[0] != status or text not in answer[1]:
         assert time.monotonic() < end, answer
@@ -52,7 +54,7 @@ def until_answer(url: str, path: str, status: int, text: str) -> None:
 
 
 def until_figure(url: str, name: str, value: float) -> None:
-    """Returns when a metric has a value."""
+    """Wait until a metric has this value."""
     until_answer(url, "/metrics", 200, f"\n{name} {value}")
 
 
@@ -63,7 +65,7 @@ def posted(url: str, body: bytes, count: int) -> Iterator[list[Future[tuple[int,
 
 
 @pytest.mark.parametrize("flags", [(), ("--samples", "8"), ("--frame-threads", "1")])
-def test_four_requests_that_would_take_minutes_keep_nobody_out(flags: tuple[str, ...]) -> None:
+def test_slow_renders_end_at_the_limit_and_others_are_served(flags: tuple[str, ...]) -> None:
     arguments = ("--only", "render", "--threads", "2", "--render-seconds", "1", *flags)
     with gateway_process(*arguments) as (process, url), posted(url, slow_body(), 4) as slow:
         assert [one.result() for one in slow] == [
@@ -76,7 +78,7 @@ def test_four_requests_that_would_take_minutes_keep_nobody_out(flags: tuple[str,
         assert process.stop() == 0
 
 
-def test_threads_are_free_when_clients_have_left() -> None:
+def test_threads_are_free_after_clients_disconnect() -> None:
     with gateway_process("--only", "render", "--threads", "2", "--render-seconds", "3600") as (process, url):
         with ExitStack() as clients:
             for _ in range(4):
@@ -88,7 +90,7 @@ def test_threads_are_free_when_clients_have_left() -> None:
         assert process.stop() == 0
 
 
-def test_health_tells_when_every_thread_is_past_half_of_the_limit() -> None:
+def test_is_not_ready_while_every_thread_runs_a_slow_call() -> None:
     with gateway_process("--only", "render", "--threads", "2", "--render-seconds", "20") as (process, url):
         assert get(url, "/readyz")[0] == 200
         with ExitStack() as clients:
@@ -101,8 +103,8 @@ def test_health_tells_when_every_thread_is_past_half_of_the_limit() -> None:
         assert process.stop() == 0
 
 
-def test_pictures_that_would_not_finish_end_before_the_grace_period_does() -> None:
-    """Each client is told, and the process has not to be killed."""
+def test_slow_renders_end_before_the_shutdown_timeout() -> None:
+    """Each client gets 503, and the process ends by itself."""
     arguments = ("--only", "render", "--threads", "2", "--render-seconds", "3600", "--shutdown-seconds", "2")
     with gateway_process(*arguments) as (process, url), posted(url, slow_body(), 4) as slow:
         until_figure(url, "scenegate_render_running", 2.0)

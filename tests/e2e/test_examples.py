@@ -1,4 +1,4 @@
-"""The examples run as they stand, each against a gateway with the demo scene."""
+"""The examples run unchanged against a gateway with the demo scene."""
 
 from __future__ import annotations
 
@@ -68,11 +68,11 @@ def test_publish_tree(gateway: dict[str, str], tmp_path: Path) -> None:
     liblcm()
     out = run("publish_tree.py", gateway["tcpq"], gateway["http"], tmp_path / "robot.png")
     assert "robot.png" in out
-    picture = cv2.imread(str(tmp_path / "robot.png"))
-    assert picture is not None
-    assert picture.shape == (480, 640, 3)
-    blue, green, red = (picture[..., i].astype(int) for i in range(3))
-    assert ((red > 150) & (green > 80) & (blue < 80)).sum() > 500, "the orange arm is not to be seen"
+    image = cv2.imread(str(tmp_path / "robot.png"))
+    assert image is not None
+    assert image.shape == (480, 640, 3)
+    blue, green, red = (image[..., i].astype(int) for i in range(3))
+    assert ((red > 150) & (green > 80) & (blue < 80)).sum() > 500, "the orange arm is not visible"
 
 
 @pytest.mark.lcm
@@ -88,7 +88,7 @@ def test_animate_robot(gateway: dict[str, str]) -> None:
 
 
 def rover(url: str, wanted: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
-    """The rover's head in the listing of the live scene, as soon as it is as wanted."""
+    """Wait until the rover's head fulfils a condition; return its node in the live scene."""
 
     def found() -> dict[str, Any] | None:
         nodes = {tuple(node["path"]): node for node in clients.get(f"{url}/scene").json()["nodes"]}

@@ -1,8 +1,9 @@
-"""All interfaces of one process on one live scene, each by the library that its users have."""
+"""All interfaces of one process on one live scene, each used through its clients' own library."""
 
 from __future__ import annotations
 
 import json
+import socket
 import struct
 from collections.abc import Iterator
 from typing import Any
@@ -19,11 +20,11 @@ from tests.support.liblcm import liblcm
 from tests.support.waiting import MILLISECONDS, SECONDS
 
 FINGERPRINT = 0xD368E03F33C568BE
-"""robotlocomotion.viewer2_comms_t, as lcm-gen computes it."""
+"""Fingerprint of robotlocomotion.viewer2_comms_t, as lcm-gen computes it."""
 
 
 class Running:
-    """A gateway with every interface on a free port; LCM over UDP is left out, a machine may have no multicast."""
+    """A gateway with all interfaces on free ports, without LCM over UDP: the machine may have no multicast."""
 
     def __init__(self, process: GatewayProcess, url: str) -> None:
         self.process = process
@@ -53,17 +54,17 @@ def viewer2_comms(request: dict[str, Any]) -> bytes:
 
 
 def publish_box(running: Running) -> dict[str, Any]:
-    """A box of half a metre at the origin, by LCM's own library; the gateway's answer."""
+    """Publish a box of 0.5 m at the origin with LCM's own library; return the response."""
     lcm = liblcm()
     bus = lcm.LCM(running.interface("treeviewer")["tcpq"]["url"])
-    answers: list[dict[str, Any]] = []
+    responses: list[dict[str, Any]] = []
 
-    def answered(_: str, message: bytes) -> None:
-        answer = json.loads(message[message.index(b"\0", 20) + 13 :])
-        if answer.get("timestamp") == request["timestamp"]:
-            answers.append(answer)
+    def on_response(_: str, message: bytes) -> None:
+        response = json.loads(message[message.index(b"\0", 20) + 13 :])
+        if response.get("timestamp") == request["timestamp"]:
+            responses.append(response)
 
-    bus.subscribe("DIRECTOR_TREE_VIEWER_RESPONSE_<e2e>", answered)
+    bus.subscribe("DIRECTOR_TREE_VIEWER_RESPONSE_<e2e>", on_response)
     request: dict[str, Any] = {
         "utime": 1,
         "timestamp": 1,
@@ -77,9 +78,9 @@ def publish_box(running: Running) -> dict[str, Any]:
         "settransform": [{"path": ["crate"], "transform": {"translation": [0, 0, 0], "quaternion": [1, 0, 0, 0]}}],
     }
     bus.publish("DIRECTOR_TREE_VIEWER_REQUEST_<e2e>", viewer2_comms(request))
-    while not answers:
-        assert bus.handle_timeout(MILLISECONDS), "no answer"
-    return answers[0]
+    while not responses:
+        assert bus.handle_timeout(MILLISECONDS), "no response"
+    return responses[0]
 
 
 def test_everything_is_ready(running: Running) -> None:
@@ -90,24 +91,26 @@ def test_everything_is_ready(running: Running) -> None:
     assert {"kernels", "render", "scene", "treeviewer", "stereo", "rest"} <= described["interfaces"].keys()
 
 
-def test_what_is_published_can_be_rendered(running: Running) -> None:
-    answer = publish_box(running)
-    assert answer["status"] == 0, answer
+def test_renders_a_published_box(running: Running) -> None:
+    response = publish_box(running)
+    assert response["status"] == 0, response
     listed = running.http.get("/scene").json()
     (crate,) = [node for node in listed["nodes"] if node["path"] == ["crate"]]
-    picture = running.http.get(
+    image = running.http.get(
         "/scene/render",
         params={"camera": "eye=2,0,0;target=0,0,0;fovy=30", "type": "label", "width": 64, "height": 64},
     )
-    assert picture.status_code == 200, picture.text
-    labels = cv2.imdecode(np.frombuffer(picture.content, np.uint8), cv2.IMREAD_COLOR)[:, :, ::-1].astype(int)
+    assert image.status_code == 200, image.text
+    bgr = cv2.imdecode(np.frombuffer(image.content, np.uint8), cv2.IMREAD_COLOR)
+    assert bgr is not None
+    labels = bgr[:, :, ::-1].astype(int)
     value = labels[32, 32] @ (1, 256, 65536)
     assert value == crate["label"]
     assert (labels[0, 0] == 255).all()
-    assert int(picture.headers["x-scene-revision"]) >= 1
+    assert int(image.headers["x-scene-revision"]) >= 1
 
 
-def test_the_stereo_camera_sees_it(running: Running) -> None:
+def test_the_stereo_camera_sees_a_published_box(running: Running) -> None:
     publish_box(running)
     target = f"127.0.0.1:{running.interface('stereo')['port']}"
     with grpc.insecure_channel(target, options=[("grpc.max_receive_message_length", -1)]) as channel:
@@ -130,9 +133,8 @@ def test_the_stereo_camera_sees_it(running: Running) -> None:
     assert further.status_code == 200
 
 
+@pytest.mark.slow
 def test_a_taken_port_of_one_interface_leaves_the_others() -> None:
-    import socket
-
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         flags = ("--only", "render,stereo,treeviewer", "--lcm-url", "off", "--tcpq-port", "off")
@@ -146,7 +148,7 @@ def test_a_taken_port_of_one_interface_leaves_the_others() -> None:
             assert stereo["state"] == "failed"
             assert f":{port}" in stereo["problem"]
             assert "taken" in stereo["problem"]
-            complaints = [entry for entry in process.log if entry["level"] == "error"]
-            assert [line["event"].startswith("stereo does not run: ") for line in complaints] == [True]
-            assert all("exception" not in line for line in complaints)
+            errors = [entry for entry in process.log if entry["level"] == "error"]
+            assert [line["event"].startswith("stereo does not run: ") for line in errors] == [True]
+            assert all("exception" not in line for line in errors)
             assert process.stop() == 0

@@ -1,4 +1,4 @@
-"""``scenegate publish``, ``record`` and ``play`` as a user types them, with a running gateway's tree viewer."""
+"""``scenegate publish``, ``record`` and ``play`` with a running tree viewer."""
 
 from __future__ import annotations
 
@@ -97,14 +97,14 @@ async def test_mesh_files_are_published(faces: bool, tmp_path: Path) -> None:
         ("x.txt", "", "x.txt"),
     ],
 )
-async def test_what_cannot_be_published_is_told(name: str, text: str, reason: str, tmp_path: Path) -> None:
+async def test_rejects_files_that_cannot_be_published(name: str, text: str, reason: str, tmp_path: Path) -> None:
     (tmp_path / name).write_text(text)
     done = await scenegate("publish", tmp_path / name, "--lcm-url", "memq://")
     assert done.exit_code != 0
     assert reason in str(done.exception)
 
 
-async def test_what_was_recorded_can_be_played(tmp_path: Path) -> None:
+async def test_plays_a_recorded_log(tmp_path: Path) -> None:
     log, live = tmp_path / "out.lcmlog", LiveTree()
     (tmp_path / "scene.json").write_text(json.dumps(REQUEST))
     async with serving() as service:

@@ -1,4 +1,4 @@
-"""``scenegate serve`` as a process: start, the first minute of a user, signals, what goes wrong at start."""
+"""``scenegate serve`` as a process: start, first requests, signals, errors at start."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def test_everything_is_ready(gateway: tuple[GatewayProcess, str]) -> None:
     assert ready.json()["status"] == "ready"
 
 
-def test_docs_list_the_interface_and_load_nothing_from_elsewhere(gateway: tuple[GatewayProcess, str]) -> None:
+def test_docs_work_offline(gateway: tuple[GatewayProcess, str]) -> None:
     _, url = gateway
     docs = clients.get(f"{url}/docs")
     assert docs.status_code == 200
@@ -42,7 +42,7 @@ def test_docs_list_the_interface_and_load_nothing_from_elsewhere(gateway: tuple[
     assert {"/render", "/healthz"} <= clients.get(f"{url}/openapi.json").json()["paths"].keys()
 
 
-def test_a_scene_is_drawn(gateway: tuple[GatewayProcess, str]) -> None:
+def test_renders_a_posted_scene(gateway: tuple[GatewayProcess, str]) -> None:
     answer = clients.post(
         f"{gateway[1]}/render",
         content=forms.body(forms.gltf(), forms.drake_fields("label")),
@@ -52,13 +52,19 @@ def test_a_scene_is_drawn(gateway: tuple[GatewayProcess, str]) -> None:
     assert answer.content.startswith(b"\x89PNG\r\n")
 
 
-def test_a_body_beyond_the_limit_is_413() -> None:
-    with gateway_process("--only", "render", "--max-body-mb", "1") as (_, url):
-        answer = clients.post(f"{url}/render", content=b"x" * (2 << 20), headers={"Content-Type": forms.CONTENT_TYPE})
-        assert answer.status_code == 413
+@pytest.fixture(scope="module")
+def render_only() -> Iterator[tuple[GatewayProcess, str]]:
+    with gateway_process("--only", "render", "--max-body-mb", "1") as started:
+        yield started
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_body_beyond_the_limit_is_413(render_only: tuple[GatewayProcess, str]) -> None:
+    content = b"x" * (2 << 20)
+    response = clients.post(f"{render_only[1]}/render", content=content, headers={"Content-Type": forms.CONTENT_TYPE})
+    assert response.status_code == 413
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.slow)])
 def test_a_signal_ends_it_with_exit_code_0(number: signal.Signals) -> None:
     with gateway_process("--only", "render") as (process, url):
         assert clients.get(f"{url}/readyz").status_code == 200
@@ -72,14 +78,15 @@ def test_a_signal_ends_it_with_exit_code_0(number: signal.Signals) -> None:
         ]
 
 
-def test_a_render_only_gateway_points_to_no_page_that_it_lacks() -> None:
-    with gateway_process("--only", "render") as (process, url):
-        assert "/view" not in process.log[0]["event"]
-        links = re.findall(r'<a href="([^"]+)"', clients.get(url).text)
-        assert links
-        assert all(clients.get(f"{url}/{link}").status_code == 200 for link in links)
+def test_a_render_only_gateway_links_only_to_its_own_pages(render_only: tuple[GatewayProcess, str]) -> None:
+    process, url = render_only
+    assert "/view" not in process.log[0]["event"]
+    links = re.findall(r'<a href="([^"]+)"', clients.get(url).text)
+    assert links
+    assert all(clients.get(f"{url}/{link}").status_code == 200 for link in links)
 
 
+@pytest.mark.slow
 def test_a_signal_during_the_start_ends_it_too() -> None:
     process = GatewayProcess("--http-port", "0", env={"NUMBA_CACHE_DIR": "", "SCENEGATE_CACHE_DIR": os.devnull})
     try:
@@ -89,7 +96,7 @@ def test_a_signal_during_the_start_ends_it_too() -> None:
         process.kill()
 
 
-def test_a_taken_port_is_one_clear_sentence() -> None:
+def test_a_taken_port_is_one_sentence() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         code, (line,) = refused("--http-port", str(port))
@@ -98,12 +105,13 @@ def test_a_taken_port_is_one_clear_sentence() -> None:
     assert line["event"] == f"HTTP cannot listen: {reason}; choose another with --http-port or --host."
 
 
-def test_a_setting_that_cannot_be_used_is_exit_code_2() -> None:
+def test_an_invalid_setting_is_exit_code_2() -> None:
     code, (line,) = refused(env={"SCENEGATE_HTTP_PORT": "many"})
     assert code == 2
     assert line["event"].startswith("scenegate: SCENEGATE_HTTP_PORT: input should be a valid integer")
 
 
+@pytest.mark.slow
 def test_uvicorn_serves_the_same_application_and_logs_json(tmp_path: Path) -> None:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))

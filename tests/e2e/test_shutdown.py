@@ -1,4 +1,4 @@
-"""SIGTERM in the middle of work: accepted renders are answered, streams end with a status, the exit code is 0."""
+"""SIGTERM under load: accepted renders are answered, streams end with a status, the exit code is 0."""
 
 from __future__ import annotations
 
@@ -15,9 +15,11 @@ from tests.support import clients, forms
 from tests.support.gateway_process import GatewayProcess, gateway_process
 from tests.support.waiting import SECONDS
 
+pytestmark = pytest.mark.slow
+
 RENDERS = 12
 TOO_MANY = 48
-"""4096 x 4096 pixels each: some seconds of one thread."""
+"""Images of 4096 x 4096 pixels: some seconds of one thread each."""
 
 
 def post(url: str, size: int) -> httpx2.Response:
@@ -33,7 +35,7 @@ def figure(url: str, name: str) -> float:
 
 
 def waiting(pool: ThreadPoolExecutor, url: str, size: int, count: int) -> list[Future[httpx2.Response]]:
-    """Renders of which at least half have arrived whole and wait for the one thread."""
+    """Post images; return when at least half of them wait for the only thread."""
     sent = [pool.submit(post, url, size) for _ in range(count)]
     while figure(url, "scenegate_render_waiting") < count / 2:
         assert not all(one.done() for one in sent), "they were over before the signal; ask for larger pictures"
@@ -45,7 +47,7 @@ def ends_well(process: GatewayProcess) -> None:
     assert not [entry for entry in process.rest_of_log() if entry["level"] in ("critical", "raw")]
 
 
-def test_accepted_renders_are_answered_and_nothing_new_is_taken() -> None:
+def test_accepted_renders_are_answered_and_new_connections_refused() -> None:
     flags = ("--only", "render", "--threads", "1", "--shutdown-seconds", str(SECONDS))
     with ThreadPoolExecutor(RENDERS) as pool, gateway_process(*flags) as (process, url):
         sent = waiting(pool, url, 2048, RENDERS)
@@ -59,19 +61,19 @@ def test_accepted_renders_are_answered_and_nothing_new_is_taken() -> None:
             clients.get(f"{url}/healthz")
 
 
-def test_renders_that_cannot_finish_in_time_are_told() -> None:
+def test_renders_that_cannot_finish_in_time_get_503() -> None:
     flags = ("--only", "render", "--threads", "1", "--shutdown-seconds", "1")
     with ThreadPoolExecutor(TOO_MANY) as pool, gateway_process(*flags) as (process, url):
         sent = waiting(pool, url, 4096, TOO_MANY)
         ends_well(process)
         answers = [one.result() for one in sent if one.exception() is None]
-        turned_away = [answer for answer in answers if answer.status_code == 503]
-        assert turned_away, "there was time for all of them; ask for larger pictures"
-        assert all("shut" in answer.text and "retry-after" in answer.headers for answer in turned_away)
+        rejected = [answer for answer in answers if answer.status_code == 503]
+        assert rejected, "there was time for all of them; ask for larger pictures"
+        assert all("shut" in answer.text and "retry-after" in answer.headers for answer in rejected)
         assert {answer.status_code for answer in answers} <= {200, 503}
 
 
-def test_streams_end_with_a_status_that_says_why() -> None:
+def test_streams_end_with_unavailable() -> None:
     with gateway_process("--only", "stereo", "--grpc-port", "0") as (process, url):
         port = clients.get(f"{url}/healthz").json()["interfaces"]["stereo"]["port"]
         with grpc.insecure_channel(f"127.0.0.1:{port}", [("grpc.max_receive_message_length", -1)]) as channel:

@@ -19,8 +19,8 @@ FLAGS = ("--lcm-url", "off", "--tcpq-port", "0", "--grpc-port", "0", "--only", "
 CLOUD = {"type": "pointcloud", "points": [[0.1 * i, 0, 0] for i in range(500)], "channels": {"rgb": [[1, 0, 0]] * 500}}
 
 
-def tell(url: str, request: Any) -> dict[str, Any]:
-    """The answer of the tree viewer over TCPQ."""
+def send(url: str, request: Any) -> dict[str, Any]:
+    """Send a request over TCPQ; return the tree viewer's response."""
     hub = clients.get(f"{url}/healthz").json()["interfaces"]["treeviewer"]["tcpq"]["url"]
 
     async def ask() -> dict[str, Any]:
@@ -34,8 +34,8 @@ def tell(url: str, request: Any) -> dict[str, Any]:
     return asyncio.run(ask())
 
 
-def seen(url: str) -> tuple[Any, bytes, Any]:
-    """What people see of the tree and the camera."""
+def observe(url: str) -> tuple[Any, bytes, Any]:
+    """Return the scene, an image of it, and the camera's parameters."""
     scene = clients.get(f"{url}/scene").json()
     picture = clients.get(f"{url}/scene/render", params={"width": 64, "height": 48, "camera": "fit"})
     assert picture.status_code == 200, picture.text
@@ -43,10 +43,11 @@ def seen(url: str) -> tuple[Any, bytes, Any]:
     return {key: value for key, value in scene.items() if key != "revision"}, picture.content, parameters
 
 
+@pytest.mark.slow
 def test_tree_and_parameters_survive_kill_9_and_a_restart(tmp_path: Path) -> None:
     state = tmp_path / "gateway.state"
     with gateway_process(*FLAGS, "--state", str(state)) as (process, url):
-        answer = tell(
+        answer = send(
             url,
             {
                 "setgeometry": [{"path": ["box", "it"], "geometry": BOX}, {"path": ["cloud"], "geometry": CLOUD}],
@@ -60,21 +61,22 @@ def test_tree_and_parameters_survive_kill_9_and_a_restart(tmp_path: Path) -> Non
         assert answer["missing_paths"] == [["nothing yet"]]
         put = clients.put(f"{url}/api/v2/pipelines/0/nodes/rc_camera/parameters/fps", json={"value": 7.5})
         assert put.status_code == 200
-        before = seen(url)
+        before = observe(url)
         process.process.send_signal(signal.SIGKILL)
         process.process.wait()
     with gateway_process(*FLAGS, "--state", str(state)) as (process, url):
-        assert seen(url) == before
+        assert observe(url) == before
         assert {p["name"]: p["value"] for p in before[2]}["fps"] == 7.5
         assert clients.get(f"{url}/healthz").json()["interfaces"]["state"]["restored_nodes"] == 4
         assert process.stop() == 0
     assert [entry.name for entry in tmp_path.iterdir()] == ["gateway.state"], "a clean end leaves one file"
 
 
+@pytest.mark.slow
 def test_demo_is_not_stored(tmp_path: Path) -> None:
     state = tmp_path / "gateway.state"
     with gateway_process(*FLAGS, "--demo", "--state", str(state)) as (process, url):
-        tell(url, {"setgeometry": [{"path": ["box"], "geometry": BOX}]})
+        send(url, {"setgeometry": [{"path": ["box"], "geometry": BOX}]})
         assert process.stop() == 0
     connection = sqlite3.connect(state)
     assert connection.execute("SELECT count(*) FROM tree_node").fetchone() == (2,)
@@ -92,10 +94,11 @@ def test_unusable_state_file_ends_the_start_with_one_sentence(tmp_path: Path, co
     assert content is None or path.read_bytes() == content
 
 
+@pytest.mark.slow
 def test_damaged_tree_ends_the_start_and_is_unchanged(tmp_path: Path) -> None:
     state = tmp_path / "gateway.state"
     with gateway_process(*FLAGS, "--state", str(state)) as (process, url):
-        tell(url, {"setgeometry": [{"path": ["box"], "geometry": BOX}]})
+        send(url, {"setgeometry": [{"path": ["box"], "geometry": BOX}]})
         assert process.stop() == 0
     connection = sqlite3.connect(state)
     connection.execute("UPDATE tree_parts SET data = x'90'")

@@ -123,7 +123,7 @@ def test_sparse_of_a_narrowed_range() -> None:
     assert mesh.elements.tolist() == [[0, 1]]
 
 
-def test_bad_sparse_parts_are_errors_but_for_drakes_merge_which_breaks_them() -> None:
+def test_invalid_sparse_parts_are_errors_except_from_drakes_merge() -> None:
     def build(generator: str) -> Builder:
         b = Builder(generator)
         p = sparse(b, base=b.view(np.zeros(12, "f").tobytes()), indices=[4], values=[(1, 1, 1)])
@@ -203,7 +203,7 @@ def test_errors_name_the_element(change: Any, message: str) -> None:
         broken(change).read()
 
 
-def test_the_unbroken_document_is_read() -> None:
+def test_valid_document_is_read() -> None:
     assert len(meshes(broken(lambda d: None).read())) == 1
     assert len(meshes(broken(lambda d: d["accessors"][0].update(count=3.0)).read())) == 1
 
@@ -219,7 +219,7 @@ def test_index_out_of_range_names_accessor_and_primitive() -> None:
         b.read()
 
 
-def test_counts_that_no_buffer_backs_are_refused_before_anything_is_allocated() -> None:
+def test_large_counts_without_a_buffer_are_refused_before_allocation() -> None:
     b = Builder()
     p = b.add("accessors", {"componentType": 5126, "count": 50_000_000, "type": "VEC3"})
     b.node(mesh=b.mesh({"attributes": {"POSITION": p}}))
@@ -227,7 +227,7 @@ def test_counts_that_no_buffer_backs_are_refused_before_anything_is_allocated() 
         b.read()
 
 
-def test_many_meshes_of_the_same_bytes_are_bounded() -> None:
+def test_many_meshes_of_one_buffer_are_limited() -> None:
     b = Builder()
     view = b.view(np.zeros(3000, np.float32).tobytes())
     for offset in range(50):

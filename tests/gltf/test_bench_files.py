@@ -13,7 +13,7 @@ SMALL = (
 )
 
 
-def test_files_of_the_bench_are_sound_and_have_what_they_say(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bench_files_match_their_description(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(gltf_files, "MODELS", SMALL)
     files = [*gltf_files.files()]
     assert [kind for _, kind, _ in files] == ["glb", "gltf"] * 3

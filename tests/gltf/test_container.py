@@ -37,7 +37,7 @@ def positions(data: bytes | memoryview, **options: Any) -> bytes:
 @pytest.mark.parametrize("data", [TRIANGLE.tobytes(), LONG])
 @pytest.mark.parametrize("kind", ["bytes", "memoryview", "part of a bytearray"])
 @pytest.mark.parametrize("form", ["compact", "pretty", "glb"])
-def test_every_form(data: bytes, kind: str, form: str) -> None:
+def test_gltf_and_glb_in_any_buffer_type(data: bytes, kind: str, form: str) -> None:
     if form == "glb":
         text = glb(document(None, len(data)), data)
     else:
@@ -51,7 +51,7 @@ def test_every_form(data: bytes, kind: str, form: str) -> None:
 
 
 @pytest.mark.parametrize("form", ["uri", "glb"])
-def test_a_buffer_holds_as_many_bytes_as_it_says(form: str) -> None:
+def test_buffer_must_not_be_shorter_than_its_byte_length(form: str) -> None:
     """More may be there (the chunk of a binary file ends at a multiple of four), fewer may not, whatever is used."""
 
     def said(length: int) -> bytes:
@@ -64,22 +64,23 @@ def test_a_buffer_holds_as_many_bytes_as_it_says(form: str) -> None:
         read_gltf(said(len(LONG) + 1))
 
 
-def test_nothing_refers_to_a_buffer_that_the_caller_may_reuse() -> None:
+def test_meshes_do_not_refer_to_the_input() -> None:
     body = bytearray(glb(document(None, len(LONG)), LONG))
     (mesh,) = meshes(read_gltf(memoryview(body)))
     body[:] = bytes(len(body))
     assert mesh.positions.tobytes() == LONG
 
 
-def test_long_data_uris_are_taken_out_of_the_json() -> None:
+def test_long_data_uris_are_extracted_from_the_json() -> None:
     text = json.dumps(document(data_uri(LONG), len(LONG))).encode()
     container = open_container(text)
     assert len(container.json) < 600
     assert len(container.uris) == 1
-    assert bytes(container.uri(next(iter(container.uris)))).decode() == data_uri(LONG)
+    (uri,) = container.uris.values()
+    assert bytes(uri).decode() == data_uri(LONG)
 
 
-def test_what_only_looks_like_a_uri_stays() -> None:
+def test_other_strings_that_look_like_uris_stay_in_the_json() -> None:
     long = "A" * 999
     values = {
         "name": "data:" + long,
@@ -104,8 +105,8 @@ def test_what_only_looks_like_a_uri_stays() -> None:
     st.sampled_from([None, 1]),
 )
 @settings(deadline=None, max_examples=200)
-def test_taking_out_is_reversible(value: Any, indent: int | None) -> None:
-    """Whatever the JSON text, putting the data URIs back gives the value again."""
+def test_extraction_of_uris_is_reversible(value: Any, indent: int | None) -> None:
+    """Inserting the extracted data URIs restores any JSON value."""
     text = json.dumps({"v": value}, indent=indent, ensure_ascii=False).encode()
     for data in (text, memoryview(text)):
         container = open_container(data)
@@ -151,12 +152,12 @@ def test_taking_out_is_reversible(value: Any, indent: int | None) -> None:
         (struct.pack("<4sIIII", b"glTF", 2, 12, 0, 0), "there is no JSON chunk"),
     ],
 )
-def test_what_is_no_document(data: bytes, message: str) -> None:
+def test_rejects_other_files(data: bytes, message: str) -> None:
     with pytest.raises(GltfError, match=message):
         read_gltf(data)
 
 
-def test_glb_may_have_trailing_bytes_unknown_chunks_and_zero_padding() -> None:
+def test_glb_with_trailing_bytes_unknown_chunks_and_zero_padding() -> None:
     text = json.dumps(document(None)).encode()
     text += b"\0" * (4 - len(text) % 4)
     data = glb(text, TRIANGLE.tobytes())
@@ -167,7 +168,7 @@ def test_glb_may_have_trailing_bytes_unknown_chunks_and_zero_padding() -> None:
 
 @pytest.mark.parametrize("padding", [0, 1, 2, 3])
 @pytest.mark.parametrize("padded", [False, True])
-def test_glb_may_have_chunks_whose_length_is_no_multiple_of_four(padding: int, padded: bool) -> None:
+def test_glb_with_unaligned_chunks(padding: int, padded: bool) -> None:
     text = json.dumps(document(None)).encode()
     text += b" " * (-len(text) % 4 + padding)
     gap = bytes(-len(text) % 4) if padded else b""
@@ -177,14 +178,14 @@ def test_glb_may_have_chunks_whose_length_is_no_multiple_of_four(padding: int, p
 
 
 @pytest.mark.parametrize("kind", [bytes, memoryview])
-def test_a_million_beginnings_of_uris_stay_in_the_json(kind: Any) -> None:
+def test_a_million_quotes_before_data_stay_in_the_json(kind: Any) -> None:
     text = b'{"x":[' + b'"data:",' * 1_000_000 + b"0]}"
     assert open_container(kind(text)).json == text
     with pytest.raises(GltfError, match="max_json_values"):
         read_gltf(kind(text), limits=GltfLimits(max_json_values=100_000))
 
 
-def test_json_is_bounded() -> None:
+def test_json_is_limited() -> None:
     text = json.dumps({"nodes": [{}] * 1000, "extras": "x" * 5000}).encode()
     read_gltf(text)
     with pytest.raises(GltfError, match=f"the JSON text has {len(text)} bytes, more than max_json_bytes = 5000"):
@@ -236,7 +237,7 @@ def test_data_uri_round_trip(data: bytes) -> None:
 
 
 @given(st.binary(max_size=100))
-def test_any_text_is_bytes_or_a_value_error(text: bytes) -> None:
+def test_any_data_uri_is_decoded_or_a_value_error(text: bytes) -> None:
     for head in (b"", b"data:,", b"data:;base64,"):
         try:
             assert isinstance(decode_data_uri(memoryview(head + text)), bytes)
@@ -277,7 +278,7 @@ def test_failures_of_the_resolver_name_the_file(tmp_path: Path) -> None:
         read_gltf(json.dumps(document("gone.bin")).encode(), resolve=resolve)
 
 
-def test_buffers_are_bounded_before_they_are_decoded() -> None:
+def test_buffers_are_limited_before_decoding() -> None:
     text = json.dumps(document(data_uri(LONG), len(LONG))).encode()
     assert positions(text, limits=GltfLimits(max_buffer_bytes=4000)) == LONG
     with pytest.raises(GltfError, match=r"buffers\[0\]\.uri: the buffers exceed max_buffer_bytes = 3000"):

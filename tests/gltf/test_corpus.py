@@ -79,7 +79,7 @@ def _used_meshes(document: dict[str, Any]) -> list[int]:
 
 
 @SCENES
-def test_the_camera_is_where_the_client_had_it(scene: DrakeScene | None) -> None:
+def test_camera_pose_matches_the_clients(scene: DrakeScene | None) -> None:
     glTF, info = read(scene)
     assert glTF.camera is not None
     np.testing.assert_allclose(glTF.camera.X_world_camera, info["capture"]["X_WC"], atol=1e-6)
@@ -87,7 +87,7 @@ def test_the_camera_is_where_the_client_had_it(scene: DrakeScene | None) -> None
 
 
 @SCENES
-def test_geometry_is_trimeshs(scene: DrakeScene | None) -> None:
+def test_geometry_matches_trimesh(scene: DrakeScene | None) -> None:
     corpus_dir()
     assert scene is not None
     data = scene.request("color").scene
@@ -107,7 +107,7 @@ def _sorted(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @SCENES
-def test_equal_contents_are_equal_objects_across_requests(scene: DrakeScene | None) -> None:
+def test_requests_share_meshes(scene: DrakeScene | None) -> None:
     cache = GltfCache()
     first, _ = read(scene, "color", cache=cache)
     second, _ = read(scene, "label", cache=cache)
@@ -135,7 +135,7 @@ def test_every_texture_decodes(scene: DrakeScene | None) -> None:
 
 
 @SCENES
-def test_labels_are_those_of_the_reference_picture(scene: DrakeScene | None) -> None:
+def test_labels_match_the_reference_image(scene: DrakeScene | None) -> None:
     glTF, _ = read(scene, "label")
     assert scene is not None
     if scene.name == "017_vertex_color":
@@ -151,14 +151,14 @@ def test_copies_of_a_model_are_one_mesh() -> None:
     assert len({id(mesh_of(part)) for _, part in parts(glTF)}) == 1
 
 
-def test_vtks_materials_are_told_from_those_of_glTF_files() -> None:
+def test_vtk_materials_are_distinguished_from_those_of_gltf_files() -> None:
     glTF, _ = read(drake_scene("019_hierarchy"))
     assert {path[-1] for path, part in parts(glTF) if part.material.vtk_export} == {"g2"}
     assert {part.material.vtk_export for _, part in parts(read(drake_scene("001_primitives"))[0])} == {True}
 
 
 @SCENES
-def test_of_a_request_with_other_poses_only_the_nodes_are_read(scene: DrakeScene | None) -> None:
+def test_moved_requests_are_document_cache_hits(scene: DrakeScene | None) -> None:
     corpus_dir()
     assert scene is not None
     data = scene.request("color").scene

@@ -52,7 +52,7 @@ def warm(cache: GltfCache, source: dict[str, Any]) -> None:
     assert cache.documents.cache.hits == 0
 
 
-def test_only_the_nodes_are_read_from_the_second_time_on() -> None:
+def test_moved_documents_are_hits() -> None:
     cache = GltfCache()
     warm(cache, document())
     for x in (3.0, 4.0):
@@ -64,14 +64,14 @@ def test_only_the_nodes_are_read_from_the_second_time_on() -> None:
     assert cache.documents.cache.nbytes == 0
 
 
-def test_parts_are_the_same_objects() -> None:
+def test_hits_return_the_same_parts() -> None:
     cache = GltfCache()
     warm(cache, document())
     first, second = (parts(read_gltf(dump(moved(document(), x)), cache=cache)) for x in (3, 4))
     assert all(a[1] is b[1] for a, b in zip(first, second, strict=True))
 
 
-def test_a_mesh_that_no_node_used_before_is_read() -> None:
+def test_newly_used_meshes_are_read() -> None:
     cache = GltfCache()
     warm(cache, document())
     other = moved(document(), 3)
@@ -94,7 +94,7 @@ def test_a_mesh_that_no_node_used_before_is_read() -> None:
         lambda d: d["nodes"][0].update(matrix=[1.0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]),
     ],
 )
-def test_any_other_difference_is_seen(change: Any) -> None:
+def test_any_other_difference_gives_the_uncached_result(change: Any) -> None:
     cache = GltfCache()
     warm(cache, document())
     other = moved(document(), 3)
@@ -103,20 +103,20 @@ def test_any_other_difference_is_seen(change: Any) -> None:
 
 
 @pytest.mark.parametrize("node", [{"mesh": 7}, {"children": [0]}, {"matrix": [1]}, {"mesh": "x"}])
-def test_errors_in_the_nodes_are_the_same(node: dict[str, Any]) -> None:
+def test_errors_in_nodes_are_the_same_with_a_cache(node: dict[str, Any]) -> None:
     cache = GltfCache()
     warm(cache, document())
     other = moved(document(), 3)
     other["nodes"][0].update(node)
     messages = []
-    for options in ({}, {"cache": cache}):
+    for known in (None, cache):
         with pytest.raises(GltfError) as caught:
-            read_gltf(dump(other), **options)
+            read_gltf(dump(other), cache=known)
         messages.append(str(caught.value))
     assert messages[0] == messages[1]
 
 
-def test_a_single_different_bit_of_a_buffer_is_seen() -> None:
+def test_one_different_bit_of_a_buffer_is_a_miss() -> None:
     cache = GltfCache()
     warm(cache, document())
     data = bytearray(dump(moved(document(), 3)))
@@ -126,7 +126,7 @@ def test_a_single_different_bit_of_a_buffer_is_seen() -> None:
     assert cache.documents.cache.hits == 0
 
 
-def test_limits_and_textures_are_part_of_what_is_known() -> None:
+def test_limits_and_textures_are_part_of_the_key() -> None:
     cache = GltfCache()
     warm(cache, document())
     with pytest.raises(GltfError, match="max_vertices = 10"):
@@ -137,7 +137,7 @@ def test_limits_and_textures_are_part_of_what_is_known() -> None:
     assert cache.documents.cache.hits == 1
 
 
-def test_texts_that_differ_only_before_the_nodes_are_kept_side_by_side() -> None:
+def test_color_depth_and_label_documents_are_kept_side_by_side() -> None:
     """Colour, depth and label requests of one scene: equal buffers, other materials."""
     cache = GltfCache()
 
@@ -154,7 +154,7 @@ def test_texts_that_differ_only_before_the_nodes_are_kept_side_by_side() -> None
     assert cache.documents.cache.hits == 5 * 3
 
 
-def test_instances_are_counted_again() -> None:
+def test_hits_count_instances_again() -> None:
     cache = GltfCache()
     limits = GltfLimits(max_instances=10)
     for x in (1, 2):
@@ -167,7 +167,7 @@ def test_instances_are_counted_again() -> None:
         read_gltf(dump(crowd), cache=cache, limits=limits)
 
 
-def test_documents_are_bounded_and_the_oldest_goes_first() -> None:
+def test_least_recently_used_documents_are_dropped() -> None:
     size = len(dump(document()))
     cache = GltfCache(max_document_bytes=12 * size)
     for seed in range(0, 300, 10):
@@ -189,7 +189,7 @@ def test_small_and_binary_documents_are_not_kept() -> None:
     assert cache.documents.cache.nbytes == 0
 
 
-def test_nodes_are_found_behind_whatever_looks_like_them() -> None:
+def test_the_last_list_of_nodes_is_found() -> None:
     source = document()
     source["meshes"][0]["name"] = '"nodes":[{}],"x"'
     source["scenes"] = [{"nodes": [4], "name": '"nodes"'}, {"nodes": []}]
@@ -208,7 +208,7 @@ def test_nodes_are_found_behind_whatever_looks_like_them() -> None:
         lambda d: d["textures"].append({"name": '"nodes":[{"mesh":0}'}),
     ],
 )
-def test_other_lists_of_that_name_behind_the_nodes_change_nothing(change: Any) -> None:
+def test_other_lists_named_nodes_do_not_change_the_result(change: Any) -> None:
     cache, source = GltfCache(), document()
     change(source)
     for x in range(3):
@@ -218,7 +218,7 @@ def test_other_lists_of_that_name_behind_the_nodes_change_nothing(change: Any) -
 
 @given(st.data())
 @settings(deadline=None, max_examples=60)
-def test_the_outcome_never_depends_on_what_is_known(data: st.DataObject) -> None:
+def test_the_result_does_not_depend_on_the_cache(data: st.DataObject) -> None:
     """Members in any order, other poses each time."""
     source = document()
     names = data.draw(st.permutations(list(source)))

@@ -84,7 +84,7 @@ def sorted_rows(points: np.ndarray) -> np.ndarray:
     return points[np.lexsort(rounded.T)]
 
 
-def test_our_own_reader_finds_the_same_geometry_where_it_was():
+def test_our_reader_reads_the_same_geometry() -> None:
     root = scene()
     before, after = soup(flatten(root)), soup(reread(root))
     assert before.keys() == after.keys()
@@ -92,7 +92,7 @@ def test_our_own_reader_finds_the_same_geometry_where_it_was():
         np.testing.assert_allclose(sorted_rows(after[topology]), sorted_rows(before[topology]), atol=1e-4)
 
 
-def test_trimesh_finds_the_same_triangles_turned_to_y_up():
+def test_trimesh_reads_the_same_triangles_in_y_up() -> None:
     root = scene()
     loaded = trimesh.load_scene(io.BytesIO(export_glb(root)), file_type="glb", process=False)
     corners = []
@@ -102,13 +102,13 @@ def test_trimesh_finds_the_same_triangles_turned_to_y_up():
         if isinstance(geometry, trimesh.Trimesh):
             world = geometry.vertices @ X[:3, :3].T + X[:3, 3]
             corners.append(world[geometry.faces].reshape(-1, 3))
-    ours = soup(flatten(Node(None, np.linalg.inv(tf.Y_UP_TO_Z_UP), {"tree": root})))[Topology.TRIANGLES]
+    ours = soup(flatten(Node(None, tf.Y_UP_TO_Z_UP.T, {"tree": root})))[Topology.TRIANGLES]
     found = np.concatenate(corners)
     assert len(found) == len(ours)
     np.testing.assert_allclose(sorted_rows(found), sorted_rows(ours), atol=1e-4)
 
 
-def test_nodes_are_named_as_in_the_tree_and_hang_as_in_the_tree():
+def test_nodes_keep_names_and_parents() -> None:
     nodes = document(export_glb(scene()))["nodes"]
     by_name = {node["name"]: node for node in nodes if "name" in node}
     children = {nodes[index].get("name") for index in by_name["robot"]["children"]}
@@ -116,7 +116,7 @@ def test_nodes_are_named_as_in_the_tree_and_hang_as_in_the_tree():
     np.testing.assert_array_equal(tf.from_column_major(nodes[0]["matrix"]) @ (0, 0, 1, 1), (0, 1, 0, 1))
 
 
-def test_equal_meshes_materials_and_images_are_written_once():
+def test_equal_meshes_materials_and_images_are_written_once() -> None:
     image = image_from_bytes(png_rgba(np.full((2, 2, 4), 9, np.uint8)))
     first = Material(base_color_texture=Texture(image))
     second = Material(base_color_texture=Texture(image, Sampler(wrap_s=Wrap.MIRRORED_REPEAT)), metallic=0.0)
@@ -130,7 +130,7 @@ def test_equal_meshes_materials_and_images_are_written_once():
     assert len(written["textures"]) == 2
 
 
-def test_materials_survive():
+def test_materials_round_trip() -> None:
     uv = np.array([(0, 0), (1, 0), (0, 1)], np.float32)
     mesh = Mesh(np.eye(3, dtype=np.float32), np.array([(0, 1, 2)], np.uint32), uv0=uv, uv1=uv)
     image = image_from_bytes(png_rgba(np.full((2, 3, 4), 77, np.uint8)))
@@ -176,9 +176,9 @@ def textured(image: Image) -> Node:
     return Node((Part(Surface(mesh), Material(base_color_texture=Texture(image))),))
 
 
-def test_colors_of_clouds_are_written_linear_and_those_of_meshes_as_they_are():
+def test_colors_of_clouds_are_written_linear_and_those_of_meshes_as_they_are() -> None:
     shown = np.array(((0.2, 0.4, 0.6, 0.5), (1.0, 0.0, 0.04, 1.0)), dtype=np.float32)
-    cloud = PointCloud(np.zeros((2, 3)), {"rgb": shown})
+    cloud = PointCloud(np.zeros((2, 3), np.float32), {"rgb": shown})
     edit = TreeEdit(Node())
     edit.set_parts(("cloud",), (Part(cloud, RED),))
     [points] = [instance.mesh for instance in reread(edit.commit()).instances]
@@ -195,14 +195,14 @@ def test_colors_of_clouds_are_written_linear_and_those_of_meshes_as_they_are():
     np.testing.assert_array_equal(lines.colors, shown)
 
 
-def test_pixels_without_a_file_become_a_png():
+def test_pixels_without_a_file_become_a_png() -> None:
     pixels = np.arange(24, dtype=np.uint8).reshape(2, 3, 4)
     (instance,) = reread(textured(Image(b"raw", lambda: pixels))).instances
     assert instance.material.base_color_texture is not None
     np.testing.assert_array_equal(instance.material.base_color_texture.image.decode(), pixels)
 
 
-def test_an_image_that_cannot_be_decoded_is_left_out():
+def test_an_image_that_cannot_be_decoded_is_left_out() -> None:
     def broken() -> np.ndarray:
         raise ImageError("broken")
 
@@ -210,7 +210,7 @@ def test_an_image_that_cannot_be_decoded_is_left_out():
     assert instance.material.base_color_texture is None
 
 
-def test_hidden_and_non_finite_nodes_are_left_out():
+def test_hidden_and_non_finite_nodes_are_left_out() -> None:
     edit = TreeEdit(Node())
     edit.set_parts(("seen",), (Part(Box((1, 1, 1)), RED),))
     edit.set_parts(("hidden",), (Part(Box((1, 1, 1)), RED),))
@@ -224,13 +224,13 @@ def test_hidden_and_non_finite_nodes_are_left_out():
     assert len(reread(edit.root).instances) == 1
 
 
-def test_an_empty_tree_is_a_valid_file():
+def test_an_empty_tree_is_a_valid_file() -> None:
     read = read_gltf(export_glb(Node()))
     assert read.instance_count == 0
     assert "buffers" not in document(export_glb(Node()))
 
 
-def test_files_beyond_the_limit_are_refused():
+def test_files_beyond_the_limit_are_refused() -> None:
     with pytest.raises(ExportError, match="larger than 100 bytes"):
         export_glb(Node((Part(Sphere(1.0), RED),)), max_bytes=100)
 
@@ -240,7 +240,7 @@ poses = st.tuples(*[st.floats(-9, 9)] * 3, st.just(1.0), *[st.floats(-1, 1)] * 3
 
 @given(st.lists(st.tuples(st.lists(st.sampled_from(["a", "b", 1]), max_size=3).map(tuple), poses), max_size=6))
 @settings(deadline=None, max_examples=40)
-def test_bounds_survive_the_round_trip(moves):
+def test_bounds_round_trip(moves: Any) -> None:
     edit = TreeEdit(Node())
     for path, pose in moves:
         edit.set_pose(path, pose)
@@ -255,7 +255,7 @@ def test_bounds_survive_the_round_trip(moves):
 
 
 @pytest.mark.corpus
-def test_real_scenes_survive():
+def test_recorded_scenes_round_trip() -> None:
     """Scenes of Drake's own client: textures, vertex colours, negative scales and shared meshes, as it sends them."""
     checked = 0
     for file in sorted(corpus_dir().glob("drake/scenes/*/color/scene.gltf")):
@@ -271,7 +271,7 @@ def test_real_scenes_survive():
     assert checked >= 3
 
 
-def test_a_camera_comes_back_where_it_was():
+def test_camera_round_trip() -> None:
     pose = tf.look_at((2.0, -3.0, 1.5), (0.0, 0.5, 0.2), (0.0, 0.0, 1.0))
     camera = Camera(64, 48, 50.0, 40.0, 32.0, 24.0, 0.125, 16.0, pose)
     read = read_gltf(export_glb(scene(), camera=camera))

@@ -70,7 +70,9 @@ def test_unusable_lights_are_left_out_with_a_warning(light: Any, message: str) -
 
 
 def test_unusable_references() -> None:
-    carriers = [{"extensions": {"KHR_lights_punctual": {"light": index}}} for index in (1, "x", None)]
+    carriers: list[dict[str, Any]] = [
+        {"extensions": {"KHR_lights_punctual": {"light": index}}} for index in (1, "x", None)
+    ]
     carriers.append({"scale": [1, 1, 0], "extensions": {"KHR_lights_punctual": {"light": 0}}})
     scene = read_gltf(document({"type": "point"}, nodes=carriers))
     assert scene.lights == ()
@@ -84,7 +86,7 @@ def test_limit() -> None:
     assert scene.warnings == ("nodes[2]: more lights than max_lights = 2, further ones are left out",)
 
 
-def test_files_are_turned_to_z_up(tmp_path: Path) -> None:
+def test_lights_of_files_are_rotated_to_z_up(tmp_path: Path) -> None:
     node = {"translation": [1, 2, 3], "extensions": {"KHR_lights_punctual": {"light": 0}}}
     path = tmp_path / "lamp.gltf"
     path.write_bytes(document({"type": "directional"}, nodes=[node]))

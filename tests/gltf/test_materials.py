@@ -133,6 +133,19 @@ def test_vtks_materials_are_double_sided_and_blend_by_alpha(generator: str, alph
     assert material.alpha_mode is (AlphaMode.BLEND if alpha < 1 else AlphaMode.OPAQUE)
 
 
+@pytest.mark.parametrize(("alpha", "mode"), [(1.0, AlphaMode.OPAQUE), (0.999, AlphaMode.BLEND)])
+def test_textured_materials_of_vtk_are_double_sided_and_opaque_at_full_alpha(alpha: float, mode: AlphaMode) -> None:
+    b = with_texture()
+    b.json["asset"]["generator"] = "VTK"
+    pbr = {**VTK["pbrMetallicRoughness"], "baseColorFactor": [1, 0.5, 0, alpha], "baseColorTexture": {"index": 0}}
+    material, _ = read_material({"pbrMetallicRoughness": pbr}, b)
+    assert material.base_color_texture is not None
+    assert material.vtk_export
+    assert material.double_sided
+    assert material.alpha_mode is mode
+    assert (material.metallic, material.roughness) == (0.0, 1.0)
+
+
 @pytest.mark.parametrize(
     "change",
     [
@@ -145,7 +158,7 @@ def test_vtks_materials_are_double_sided_and_blend_by_alpha(generator: str, alph
         {"pbrMetallicRoughness": {"metallicFactor": 0, "roughnessFactor": 1}},
     ],
 )
-def test_other_shapes_are_not_vtks(change: dict[str, Any]) -> None:
+def test_materials_of_other_shape_are_not_vtk_exports(change: dict[str, Any]) -> None:
     material, _ = read_material({**VTK, **change}, Builder("Drake glTF merger"))
     assert not material.vtk_export
     assert not material.double_sided
@@ -153,7 +166,7 @@ def test_other_shapes_are_not_vtks(change: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize("attribute", ["NORMAL", "COLOR_0"])
-def test_primitives_with_normals_or_colors_are_not_vtks_though_their_material_looks_so(attribute: str) -> None:
+def test_primitives_with_normals_or_colors_are_not_vtk_exports(attribute: str) -> None:
     b = Builder("Drake glTF merger")
     material, accessor = b.add("materials", VTK), b.accessor(np.ones((3, 3), np.float32))
     theirs = {
@@ -175,7 +188,7 @@ def test_labels(label: int) -> None:
     assert label_from_material(read_material({"pbrMetallicRoughness": {"baseColorFactor": [*color, 1]}})[0]) == label
 
 
-def test_fallback_source_is_used_and_extensions_sources_never() -> None:
+def test_texture_source_is_preferred_to_extensions() -> None:
     """Drake's merge does not re-base the index in the extension."""
     b = with_texture(extensions={"KHR_texture_basisu": {"source": 77}, "EXT_texture_webp": {"source": 78}})
     b.json["extensionsUsed"] = ["KHR_texture_basisu", "EXT_texture_webp"]
@@ -249,7 +262,7 @@ def test_unknown_formats_fail_only_when_they_are_decoded() -> None:
         material.emissive_texture.image.decode()
 
 
-def test_documents_with_the_same_image_name_it_as_they_do() -> None:
+def test_image_names_are_those_of_each_document() -> None:
     cache = GltfCache()
     found = []
     for place, name in enumerate(("first", "second")):
@@ -295,7 +308,7 @@ def _fits(b: Builder, max_buffer_bytes: int) -> bool:
     return True
 
 
-def test_images_of_buffer_views_and_uris_are_one_by_content() -> None:
+def test_equal_images_of_buffer_views_and_uris_are_one_object() -> None:
     b = Builder()
     data = png()
     padded = b"1234567" + data + b"8"
@@ -310,7 +323,7 @@ def test_images_of_buffer_views_and_uris_are_one_by_content() -> None:
     assert material.emissive_texture.image is material.normal_texture.image
 
 
-def test_without_textures_images_are_not_even_looked_at() -> None:
+def test_without_textures_images_are_not_read() -> None:
     b = Builder()
     b.add("images", {"uri": "data:image/png;base64,!!!"})
     b.add("textures", {"source": 0})
@@ -320,7 +333,7 @@ def test_without_textures_images_are_not_even_looked_at() -> None:
         b.read()
 
 
-def test_pixels_are_bounded_by_the_headers() -> None:
+def test_pixels_are_limited_by_the_headers() -> None:
     b = Builder()
     for i in range(3):
         b.add("images", {"uri": data_uri(png((i, i, i), (10, 10)))})
@@ -355,7 +368,7 @@ def test_texture_transform(transform: dict[str, Any], uv: tuple[float, float], e
     np.testing.assert_allclose((a * u + b * v + c, d * u + e * v + f), expected, atol=1e-12)
 
 
-def test_sloppy_values_are_repaired_with_a_warning() -> None:
+def test_invalid_values_are_repaired_with_a_warning() -> None:
     b = with_texture(sampler=0)
     b.add("samplers", {"wrapS": 1})
     material, scene = read_material({"emissiveTexture": {"index": 0, "texCoord": 5}}, b)

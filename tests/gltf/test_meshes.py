@@ -76,7 +76,7 @@ def test_missing_normals_are_summed_by_area_per_vertex_index() -> None:
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-6)
 
 
-def test_normals_of_nothing_point_up() -> None:
+def test_normals_of_unused_vertices_point_up() -> None:
     positions = np.array([(0, 0, 0), (1, 0, 0), (2, 0, 0), (5, 5, 5)], np.float32)
     assert vertex_normals(positions, np.array([(0, 1, 2)], np.uint32)).tolist() == [[0, 0, 1]] * 4
 
@@ -93,10 +93,11 @@ def test_quantised_normals_get_unit_length() -> None:
     b = Builder()
     normals = b.accessor([(64, 64, 0)] * 3, "b", normalized=True)
     mesh = only_mesh({"attributes": {"POSITION": b.accessor(TRIANGLE), "NORMAL": normals}}, b)
+    assert mesh.normals is not None
     np.testing.assert_allclose(mesh.normals, np.full((3, 3), (0.5**0.5, 0.5**0.5, 0)), atol=1e-6)
 
 
-def test_vertices_that_are_not_finite_take_their_elements_with_them() -> None:
+def test_triangles_with_non_finite_vertices_are_dropped() -> None:
     b = Builder()
     positions = np.vstack([SQUARE, (np.nan, 0, 0), (0, np.inf, 0)])
     primitive = {
@@ -124,6 +125,7 @@ def test_vertex_colours_become_rgba(dtype: str, values: Any, expected: tuple[flo
     b = Builder()
     colours = b.accessor(values, dtype, normalized=dtype != "f")
     mesh = only_mesh({"attributes": {"POSITION": b.accessor(TRIANGLE), "COLOR_0": colours}}, b)
+    assert mesh.colors is not None
     np.testing.assert_allclose(mesh.colors, np.full((3, 4), expected), atol=1e-6)
 
 
@@ -159,9 +161,9 @@ def test_unusable_attributes_are_left_out_with_a_warning() -> None:
     assert [w.split(":")[0].rpartition(".")[2] for w in scene.warnings] == ["TEXCOORD_0", "COLOR_0"]
 
 
-def test_nothing_to_draw_is_no_part() -> None:
+def test_primitives_without_elements_are_left_out() -> None:
     b = Builder()
-    primitives = (
+    primitives: tuple[dict[str, Any], ...] = (
         {},
         {"attributes": None},
         {"attributes": {"NORMAL": b.accessor(TRIANGLE)}},
@@ -199,7 +201,7 @@ def test_draco_is_refused() -> None:
 
 
 def chairs(count: int) -> Builder:
-    """As Drake sends N instances: N full copies."""
+    """Return a document with N copies of one mesh, as Drake sends N instances."""
     b = Builder()
     rng = np.random.default_rng(1)
     positions = rng.random((30, 3)).astype(np.float32)
@@ -215,13 +217,13 @@ def test_copies_are_one_mesh() -> None:
     assert len({id(mesh) for mesh in meshes(scene)}) == 1
 
 
-def test_copies_are_one_mesh_even_when_nothing_is_kept() -> None:
+def test_copies_are_one_mesh_with_a_full_cache() -> None:
     cache = GltfCache(max_bytes=100)
     assert len({id(mesh) for mesh in meshes(chairs(5).read(cache=cache))}) == 1
     assert cache.content.nbytes <= 100
 
 
-def test_the_same_bytes_read_otherwise_are_another_mesh() -> None:
+def test_another_layout_of_the_same_bytes_is_another_mesh() -> None:
     b = Builder()
     view = b.view(np.arange(12, dtype=np.float32).tobytes())
     accessor = {"bufferView": view, "componentType": 5126, "count": 3, "type": "VEC3"}
@@ -234,7 +236,7 @@ def test_the_same_bytes_read_otherwise_are_another_mesh() -> None:
     assert x is not y
 
 
-def test_instances_and_what_they_draw_are_bounded() -> None:
+def test_instances_and_their_elements_are_limited() -> None:
     b = Builder()
     mesh = b.triangle()
     for _ in range(10):

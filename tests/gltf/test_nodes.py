@@ -59,7 +59,7 @@ def test_the_order_of_the_document_is_kept() -> None:
     assert paths(b.read()) == [("r",), ("r", "z"), ("r", "x"), ("r", "x", "y"), ("s",)]
 
 
-def test_which_scene() -> None:
+def test_default_scene() -> None:
     b = Builder()
     for name in "abc":
         b.node(name=name)
@@ -124,7 +124,7 @@ def test_errors_name_the_node(nodes: list[Any], message: str) -> None:
         b.read()
 
 
-def test_depth_is_bounded_and_long_chains_do_not_recurse() -> None:
+def test_depth_is_limited_and_long_chains_do_not_recurse() -> None:
     b = Builder()
     b.json["nodes"] = [{"children": [i + 1]} for i in range(3000)] + [{}]
     with pytest.raises(GltfError, match=r"nodes\[256\] lies deeper than max_node_depth = 256"):
@@ -165,7 +165,7 @@ def test_camera_pose_is_optical() -> None:
     assert scene.from_drake
 
 
-def test_scales_do_not_reach_the_camera() -> None:
+def test_cameras_ignore_scales() -> None:
     b = camera_scene(scale=[2, 3, 4], rotation=[0.5, 0.5, 0.5, 0.5])
     camera = b.read().camera
     assert camera is not None
@@ -173,8 +173,8 @@ def test_scales_do_not_reach_the_camera() -> None:
     np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
 
 
-def test_a_camera_may_have_a_scale_beyond_measure() -> None:
-    """As an axis of 1e300: its square overflows, and the pose is left as it is."""
+def test_a_camera_scale_that_overflows_is_kept() -> None:
+    """The square of an axis of 1e300 overflows: the pose is not normalized."""
     b = camera_scene(matrix=[1e300, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1])
     camera = b.read().camera
     assert camera is not None
@@ -213,7 +213,7 @@ def test_meshes_without_any_camera() -> None:
 
 
 @pytest.mark.parametrize("count", [3, 40])
-def test_many_nodes_are_placed_as_few_are(count: int) -> None:
+def test_matrices_of_many_nodes(count: int) -> None:
     """Matrices and translations are made for all nodes at once, where there are several of them."""
     rng = np.random.default_rng(count)
     b = Builder()
@@ -258,7 +258,7 @@ def test_skins_and_morph_targets_are_ignored_with_a_warning() -> None:
 
 
 def test_a_scene_is_freed_without_the_garbage_collector() -> None:
-    """What refers to itself would keep its megabytes until that comes by."""
+    """A reference cycle would keep megabytes until the next collection."""
     b = camera_scene()
     b.node(mesh=b.triangle())
     scene = b.read()

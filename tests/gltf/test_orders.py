@@ -1,4 +1,4 @@
-"""Members of documents may stand in any order, and may stand twice: what is kept of one never changes another."""
+"""Documents with members in any order or twice: a cached document never changes another one."""
 
 from __future__ import annotations
 
@@ -49,14 +49,14 @@ def drawn(data: bytes, cache: GltfCache | None = None) -> Any:
 
 @settings(deadline=None, max_examples=60)
 @given(st.permutations(NAMES))
-def test_any_order(order: list[str]) -> None:
+def test_members_in_any_order(order: list[str]) -> None:
     cache = GltfCache()
     for z in (1.0, 1.0, 1.0, 1.0, 2.0, 2.0, 1.0):
         data = dump(document(z), tuple(order))
         assert drawn(data, cache) == drawn(data)
 
 
-def test_views_that_come_after_the_materials_are_read() -> None:
+def test_buffer_views_after_the_materials() -> None:
     order = ("buffers", "materials", "accessors", "bufferViews", "meshes", "nodes", "scenes", "scene")
     first, second = document(), document()
     second["bufferViews"][0]["byteOffset"] = 0
@@ -74,7 +74,7 @@ def test_views_that_come_after_the_materials_are_read() -> None:
 
 
 @pytest.mark.parametrize("name", ["accessors", "bufferViews", "buffers", "materials", "scenes"])
-def test_a_member_that_stands_twice_counts_for_its_own_document_only(name: str) -> None:
+def test_duplicate_members_do_not_affect_other_documents(name: str) -> None:
     plain = dump(document())
     twice = plain[:-1] + b"," + json.dumps({name: document(3.0)[name] if name == "buffers" else []})[1:].encode()
     cache = GltfCache()

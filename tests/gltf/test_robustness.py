@@ -108,7 +108,7 @@ def change(document: Any, place: tuple[str | int, ...], value: Any) -> None:
 
 
 def check(data: bytes, cache: GltfCache | None = None) -> bool:
-    """Whether it was read; what was read is sound."""
+    """Read a document, check the result, and return False for a GltfError."""
     try:
         scene = read_gltf(data, limits=LIMITS, cache=cache)
     except GltfError as error:
@@ -126,7 +126,7 @@ def check(data: bytes, cache: GltfCache | None = None) -> bool:
     return True
 
 
-def test_the_document_is_sound() -> None:
+def test_the_undamaged_document_is_read() -> None:
     assert check(json.dumps(DOCUMENT).encode())
 
 
@@ -144,7 +144,7 @@ CACHE = GltfCache(2 << 20)
 
 @given(st.lists(st.tuples(st.sampled_from(PLACES), VALUES), min_size=1, max_size=2))
 @settings(deadline=None, max_examples=100)
-def test_a_shared_cache_does_not_change_the_outcome(changes: list[tuple[tuple[str | int, ...], Any]]) -> None:
+def test_a_shared_cache_does_not_change_the_result(changes: list[tuple[tuple[str | int, ...], Any]]) -> None:
     document = copy.deepcopy(DOCUMENT)
     for place, value in changes:
         change(document, place, value)
@@ -183,6 +183,6 @@ def test_damaged_requests_of_drake(data: st.DataObject) -> None:
 
 @given(st.binary(max_size=200))
 @settings(deadline=None, max_examples=100)
-def test_anything(data: bytes) -> None:
+def test_any_bytes_are_read_or_a_gltf_error(data: bytes) -> None:
     for start in (b"", b"{", b"glTF\2\0\0\0"):
         assert check(start + data) in (True, False)

@@ -1,4 +1,4 @@
-"""Reading ends when it is not wanted any more, wherever its time goes, and what it has kept by then is whole."""
+"""A set stop flag ends reading at any step, and leaves no partial results in a cache."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ import pytest
 
 from gateway.gltf import GltfCache, GltfLimits, read_gltf
 from renderers.stop import StopFlag, current_stop
+from tests.gltf.builder import mesh_of
 
 Document = dict[str, Any]
 POINTS = np.random.default_rng(0).random((100_000, 3), np.float32)
@@ -121,7 +122,7 @@ class CountingFlag(StopFlag):
 
 
 @pytest.mark.parametrize("make", DOCUMENTS)
-def test_a_slow_document_is_left_wherever_the_reader_is(make: Callable[[], bytes]) -> None:
+def test_stop_flag_ends_reading_anywhere(make: Callable[[], bytes]) -> None:
     """At the first look, in the middle and at the last one; then it is read as if nothing had been."""
     data = make()
     counting = CountingFlag(1 << 62)
@@ -137,12 +138,12 @@ def test_a_slow_document_is_left_wherever_the_reader_is(make: Callable[[], bytes
     for parts, others in zip(again.parts, whole.parts, strict=True):
         for part, other in zip(parts or (), others or (), strict=True):
             for name in ("positions", "elements", "normals", "tangents"):
-                mine, theirs = getattr(part.shape.mesh, name), getattr(other.shape.mesh, name)
+                mine, theirs = getattr(mesh_of(part), name), getattr(mesh_of(other), name)
                 assert mine is theirs is None or np.array_equal(mine, theirs)
 
 
 @pytest.mark.parametrize("make", [sparse_accessors, primitives_one_by_one, vertices_of_nothing])
-def test_the_kernels_look_at_it_too(make: Callable[[], bytes]) -> None:
+def test_stop_flag_ends_kernels(make: Callable[[], bytes]) -> None:
     """Set by another thread, in the middle."""
     data, flag = make(), StopFlag()
     timer = threading.Timer(0.1, flag.set, (Enough(),))
@@ -153,7 +154,7 @@ def test_the_kernels_look_at_it_too(make: Callable[[], bytes]) -> None:
     timer.join()
 
 
-def test_siblings_of_one_name_are_told_apart_in_no_time() -> None:
+def test_many_siblings_of_one_name_are_fast() -> None:
     """Each looked for its own number from the first on: 99,000 of them took five thousand million steps."""
     count = 99_000
     nodes = [{"mesh": 0, "name": "x"} for _ in range(count - 2)] + [{"name": "x#3"}, {"name": "x"}]
@@ -172,5 +173,5 @@ def test_siblings_of_one_name_are_told_apart_in_no_time() -> None:
     assert names[-2:] == ["x#3#2", f"x#{count - 1}"]
 
 
-def test_nothing_is_set_where_nobody_has_set_it() -> None:
+def test_default_stop_flag_is_not_set() -> None:
     assert not current_stop().is_set

@@ -1,4 +1,4 @@
-"""What real clients send that no specification announces, and what they can and cannot read.
+"""Undocumented properties of the requests of real clients, and of the responses that they can read.
 
 Found in live traffic of Drake 1.51.1 and 1.58.0 and in the tests of drake-blender; see docs/conventions.md for Drake's
 labels and depth.
@@ -232,7 +232,7 @@ async def test_errors_about_an_image_name_it_as_the_document_does(server: Runnin
     """Two clients may send the same bytes: neither reads what the other calls them."""
     data = head + bytes(200) + generator.encode()
     for place, name in ((0, "mine"), (1, "yours"), (0, None), (0, "mine")):
-        spare = {"uri": uri(b"nobody uses it")}
+        spare = {"uri": uri(b"unused")}
         scene = gltf(
             generator=generator,
             images=[*[spare] * place, {"uri": uri(data), **({"name": name} if name else {})}],

@@ -1,6 +1,6 @@
 """Recorded requests of Drake's real client against the pictures that RenderEngineVtk made of the same scenes.
 
-Each body is posted byte for byte with its recorded headers. What is measured is printed as a table after the
+Each body is posted byte for byte with its recorded headers. The measurements are printed as a table after the
 tests.
 """
 
@@ -27,12 +27,12 @@ MAX_WRONG_PIXELS = 10
 MAX_DEPTH_ERROR = 1e-5
 """Metres, 99th percentile."""
 REFERENCE_PRECISION = 2e-6
-"""Of the distance. What RenderEngineVtk's own depth is off by at its 99th percentile (012, against the exact plane,
-which ``test_depth_of_a_plane_is_exact`` holds us to): beyond 5 m it is more than MAX_DEPTH_ERROR."""
+"""Relative error of RenderEngineVtk's own depth at its 99th percentile (012, against the exact plane,
+see ``test_depth_of_a_plane_is_exact``): beyond 5 m it is more than MAX_DEPTH_ERROR."""
 COLOR_STEP = 20
-"""Of 255, as in Drake's integration test ..."""
+"""Difference of a channel, of 255, that Drake's integration test tolerates."""
 MAX_COLOR_FRACTION = 0.01
-"""... which lets 0.2 pass."""
+"""Fraction of values that may differ by more; Drake's test accepts 0.2."""
 MAX_INNER_ERROR = 1.0
 """Of 255, mean over what is no edge (``inner``), on scenes whose colour is to be the same."""
 COLOR_APART = frozenset(("019_hierarchy",))
@@ -93,7 +93,7 @@ async def test_labels(start: Start, renderer: CpuRenderer, scene: DrakeScene | N
     wrong = int((labels != reference).sum())
     TABLE.append(Row(str(scene), "label", f"{wrong} pixels wrong", milliseconds))
     assert wrong <= MAX_WRONG_PIXELS
-    assert (picture[..., 2][labels != 32764] == 0).all()  # blue is nobody's but white's
+    assert (picture[..., 2][labels != 32764] == 0).all()  # only white has blue
 
 
 @pytest.mark.parametrize("scene", SCENES, ids=str)

@@ -11,7 +11,7 @@ from gateway.render.draw_list import SceneTopology, TopologyKey, draw_list_of
 from gateway.render.labels import labels_of
 from gateway.scene.flatten import flatten
 from renderers.cache import Cache
-from renderers.drawlist import DrawList, Placed
+from renderers.drawlist import DrawList, PosedInstances
 from tests.gltf.builder import Builder
 from tests.support.corpus import drake_scenes
 
@@ -114,8 +114,8 @@ def test_scenes_with_another_topology_or_content_share_nothing() -> None:
 
 
 def instance_set(listed: DrawList) -> object:
-    assert isinstance(listed.instances, Placed)
-    return listed.instances.cast
+    assert isinstance(listed.instances, PosedInstances)
+    return listed.instances.set
 
 
 @pytest.mark.parametrize("x", [1e15, -1e15, 1e300])

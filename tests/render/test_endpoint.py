@@ -58,7 +58,7 @@ async def test_the_camera_is_the_forms_and_the_nodes(start: Start, watched: Watc
     assert (camera.width, camera.height, camera.fx, camera.fy) == (64, 48, 57.941125, 57.941125)
     assert (camera.cx, camera.cy, camera.near, camera.far) == (31.5, 23.5, 0.01, 10.0)
     np.testing.assert_array_equal(camera.X_world_camera, np.diag((1.0, -1.0, -1.0, 1.0)))
-    assert watched.calls[1][1].near == 0.01  # the scene's camera still knows
+    assert watched.calls[1][1].near == 0.01  # from the camera of the scene
     assert 0.0 < watched.calls[2][1].near <= 1e-5
 
 

@@ -1,4 +1,4 @@
-"""What flattening hands to the renderer is drawn as it should be: fronts in front, labels and instances in place."""
+"""Rendering of flattened trees: front faces, labels and instance ids."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def renderer() -> CpuRenderer:
 )
 @pytest.mark.parametrize("mirror", [1.0, -1.0])
 @pytest.mark.parametrize("eye", ["5,2,3", "-4,-3,-2"])
-def test_fronts_are_in_front_also_in_a_mirror(renderer: CpuRenderer, shape: Shape, mirror: float, eye: str):
+def test_fronts_are_in_front_also_in_a_mirror(renderer: CpuRenderer, shape: Shape, mirror: float, eye: str) -> None:
     """Colour culls back faces, depth does not: wherever depth sees the near side, colour must have drawn it."""
     tree = LiveTree()
     with tree.edit() as edit:
@@ -55,7 +55,7 @@ def test_fronts_are_in_front_also_in_a_mirror(renderer: CpuRenderer, shape: Shap
         assert towards.max() <= 0.05  # smooth normals lean over the silhouette by up to half a facet
 
 
-def test_labels_and_instance_numbers_lead_back_to_the_path(renderer: CpuRenderer):
+def test_labels_and_instance_numbers_lead_back_to_the_path(renderer: CpuRenderer) -> None:
     tree, labels = LiveTree(), LabelTable()
     with tree.edit() as edit:
         for index, name in enumerate(("left", "middle", "right")):

@@ -1,14 +1,12 @@
 from __future__ import annotations
 
 import math
+import random
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import settings
-from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from gateway.scene import transforms as tf
 from gateway.scene.flatten import Flattener, flatten
@@ -33,7 +31,7 @@ WILD = Part(Box((1, 1, 1)), RED, np.full((4, 4), math.nan))
 
 
 def naive(root: Node, labels: LabelTable) -> list[tuple[Any, ...]]:
-    """What a draw list must hold, by the definition: product of all transforms from the root, one node at a time."""
+    """Return the expected draw list by the definition: the product of all transforms from the root, node by node."""
     from gateway.scene.meshing import meshes_of
 
     out = []
@@ -65,68 +63,80 @@ def assert_draws(drawn: DrawList, expected: list[tuple[Any, ...]]) -> None:
     assert list(drawn.images) == list(dict.fromkeys(t.image for t in textures if t is not None))
 
 
-paths = st.lists(st.sampled_from(["a", "b", 1, 2]), max_size=3).map(tuple)
-deep = st.tuples(st.integers(0, 12)).map(lambda n: ("d",) * n[0])
-coordinate = st.one_of(st.floats(-9, 9), st.sampled_from([math.nan, math.inf, 1e200]))
-poses = st.tuples(*[coordinate] * 3, st.just(1.0), *[st.floats(-1, 1)] * 3)
-tame = st.tuples(*[st.floats(-9, 9)] * 3, st.just(1.0), *[st.floats(-1, 1)] * 3)
+PATHS: list[Path] = [(), *[(a,) for a in "ab"], *[(a, b) for a in "ab" for b in ("a", 1)], ("a", "a", "b"), ("d",) * 12]
+COORDINATES = (0.0, 1.5, -1.5, -1e13, 1e200, math.nan, math.inf)
 
 
-class FlattenMachine(RuleBasedStateMachine):
-    """Random edits: what the incremental flattener makes equals the definition, and the one-shot function."""
+class RandomEdits:
+    """Random edits of a live tree, reproducible by their seed."""
 
-    @initialize()
-    def start(self) -> None:
+    def __init__(self, seed: int) -> None:
         self.live = LiveTree()
-        self.labels = LabelTable()
-        self.flattener = Flattener(self.labels)
+        self._random = random.Random(seed)
+        self._edits = (self._parts, self._poses, self._matrix, self._visible, self._delete, self._share)
 
-    @rule(path=st.one_of(paths, deep), parts=st.lists(st.sampled_from([*SHAPES, WILD]), max_size=3))
-    def set_parts(self, path: Path, parts: list[Part]) -> None:
-        with self.live.edit() as edit:
-            edit.set_parts(path, tuple(parts))
+    def step(self) -> str:
+        """Commit a batch of edits, and return its description."""
+        edits = self._random.choices(self._edits, (6, 6, 2, 3, 2, 2), k=self._random.choice((1, 1, 2, 4)))
+        with self.live.edit() as batch:
+            return ", ".join(f"{edit.__name__}{edit(batch)}" for edit in edits)
 
-    @rule(moves=st.lists(st.tuples(st.one_of(paths, deep), st.one_of(tame, poses)), min_size=1, max_size=12))
-    def set_poses(self, moves: list[tuple[Path, Any]]) -> None:
-        with self.live.edit() as edit:
-            for path, pose in moves:
-                edit.set_pose(path, pose)
+    def _path(self) -> Path:
+        return self._random.choice(PATHS)
 
-    @rule(path=paths)
-    def set_matrix(self, path: Path) -> None:
-        with self.live.edit() as edit:
-            edit.set_matrix(path, tf.scaling(2, 1, -1))
+    def _parts(self, edit: TreeEdit) -> tuple[Any, ...]:
+        path, parts = self._path(), tuple(self._random.choices([*SHAPES, WILD], k=self._random.randrange(4)))
+        edit.set_parts(path, parts)
+        return path, parts
 
-    @rule(path=paths, visible=st.booleans())
-    def set_visible(self, path: Path, visible: bool) -> None:
-        with self.live.edit() as edit:
-            edit.set_visible(path, visible)
+    def _poses(self, edit: TreeEdit) -> tuple[Any, ...]:
+        moves = []
+        for _ in range(self._random.choice((1, 2, 12))):
+            finite = self._random.random() < 0.8
+            x, y, z = (self._random.choice(COORDINATES[: 3 if finite else None]) for _ in range(3))
+            moves.append((self._path(), (x, y, z, 1.0, self._random.uniform(-1, 1), 0.5, -0.5)))
+            edit.set_pose(*moves[-1])
+        return tuple(moves)
 
-    @rule(path=paths)
-    def delete(self, path: Path) -> None:
-        with self.live.edit() as edit:
-            edit.delete(path)
+    def _matrix(self, edit: TreeEdit) -> tuple[Any, ...]:
+        path = self._path()
+        edit.set_matrix(path, tf.scaling(2, 1, -1))
+        return (path,)
 
-    @rule(source=paths, destination=paths)
-    def share_a_subtree(self, source: Path, destination: Path) -> None:
+    def _visible(self, edit: TreeEdit) -> tuple[Any, ...]:
+        path, visible = self._path(), self._random.random() < 0.6
+        edit.set_visible(path, visible)
+        return path, visible
+
+    def _delete(self, edit: TreeEdit) -> tuple[Any, ...]:
+        path = self._path()
+        edit.delete(path)
+        return (path,)
+
+    def _share(self, edit: TreeEdit) -> tuple[Any, ...]:
+        """Put a subtree at a second place, unless it is large by now."""
+        source, destination = self._path(), self._path()
         node = self.live.snapshot.root.find(source)
-        if node is not None and destination:
-            with self.live.edit() as edit:
-                edit.set_subtree(destination, node)
-
-    @invariant()
-    def both_equal_the_definition(self) -> None:
-        root = self.live.snapshot.root
-        if sum(1 for _ in root.walk()) > 300:
-            self.start()
-            return
-        expected = naive(root, self.labels)
-        assert_draws(self.flattener.flatten(self.live.snapshot), expected)
-        assert_draws(flatten(root, label_of=lambda path, _: self.labels.label_of(path)), expected)
+        if node is not None and destination and node.node_count < 40:
+            edit.set_subtree(destination, node)
+        return source, destination
 
 
-FlattenMachine.TestCase.settings = settings(deadline=None, max_examples=40, stateful_step_count=20)
-test_flattening_against_the_definition = FlattenMachine.TestCase
+@pytest.mark.parametrize("seed", range(24))
+def test_incremental_flattening_equals_the_definition(seed: int) -> None:
+    edits, labels = RandomEdits(seed), LabelTable()
+    flattener = Flattener(labels)
+    log: list[str] = []
+    for _ in range(40):
+        log.append(edits.step())
+        root = edits.live.snapshot.root
+        expected = naive(root, labels)
+        try:
+            assert_draws(flattener.flatten(edits.live.snapshot), expected)
+            assert_draws(flatten(root, label_of=lambda path, _: labels.label_of(path)), expected)
+        except AssertionError as error:
+            error.add_note("after\n" + "\n".join(log[-8:]))
+            raise
 
 
 def scene(count: int) -> LiveTree:
@@ -137,7 +147,7 @@ def scene(count: int) -> LiveTree:
     return live
 
 
-def test_what_did_not_change_is_the_same_object():
+def test_unchanged_instances_are_the_same_objects() -> None:
     live = scene(20)
     flattener = Flattener(LabelTable())
     first = flattener.flatten(live.snapshot)
@@ -151,7 +161,7 @@ def test_what_did_not_change_is_the_same_object():
     np.testing.assert_array_equal(first.instances[7].X_world_mesh[:3, 3], (0, 0, 0))
 
 
-def test_labels_stay_with_the_path_when_the_tree_changes():
+def test_labels_stay_with_the_path_when_the_tree_changes() -> None:
     live = scene(3)
     labels = LabelTable()
     flattener = Flattener(labels)
@@ -165,11 +175,11 @@ def test_labels_stay_with_the_path_when_the_tree_changes():
     assert [instance.instance_id for instance in after] == [0, 1, 2]
 
 
-def test_without_labels_everything_is_unlabelled():
+def test_without_labels_everything_is_unlabelled() -> None:
     assert {i.label for i in flatten(scene(2).snapshot.root).instances} == {LABEL_NONE}
 
 
-def test_a_failure_in_between_does_not_leave_half_a_scene(monkeypatch):
+def test_an_error_does_not_leave_half_a_scene(monkeypatch: pytest.MonkeyPatch) -> None:
     live = scene(2)
     flattener = Flattener(LabelTable())
     flattener.flatten(live.snapshot)
@@ -193,7 +203,7 @@ def _again(live: LiveTree) -> list[tuple[Any, ...]]:
     return naive(live.snapshot.root, labels)
 
 
-def test_a_chain_of_thousands_of_nodes():
+def test_a_chain_of_thousands_of_nodes() -> None:
     edit = TreeEdit(Node())
     path: Path = ()
     for index in range(3000):
@@ -205,7 +215,7 @@ def test_a_chain_of_thousands_of_nodes():
     assert instance.X_world_mesh[0, 3] == 3.0
 
 
-def test_labels_are_dense_bounded_and_thread_safe():
+def test_labels_are_dense_bounded_and_thread_safe() -> None:
     table = LabelTable(limit=100)
     with ThreadPoolExecutor(4) as pool:
         rounds = list(pool.map(lambda _: [table.label_of((k,)) for k in range(150)], range(8)))
@@ -221,12 +231,12 @@ def test_labels_are_dense_bounded_and_thread_safe():
 
 
 @pytest.mark.parametrize("limit", [0, -1, MAX_LABELS + 1])
-def test_the_label_limit_has_24_bits(limit):
+def test_the_label_limit_has_24_bits(limit: Any) -> None:
     with pytest.raises(ValueError, match="label limit"):
         LabelTable(limit)
 
 
-def test_an_empty_or_hidden_tree_draws_nothing():
+def test_an_empty_or_hidden_tree_draws_nothing() -> None:
     assert flatten(Node()).instances == ()
     live = scene(3)
     flattener = Flattener(LabelTable())

@@ -9,7 +9,7 @@ from gateway.scene.live import LiveTree, Snapshot
 from gateway.scene.tree import changes
 
 
-def test_an_edit_is_one_revision_and_old_snapshots_stay():
+def test_an_edit_is_one_revision_and_old_snapshots_stay() -> None:
     live = LiveTree()
     before = live.snapshot
     with live.edit() as edit:
@@ -21,14 +21,14 @@ def test_an_edit_is_one_revision_and_old_snapshots_stay():
     assert before.root.find(("a",)) is None
 
 
-def test_an_edit_that_changes_nothing_is_no_revision():
+def test_an_edit_that_changes_nothing_is_no_revision() -> None:
     live = LiveTree()
     with live.edit() as edit:
         edit.delete(("nothing", "here"))
     assert live.snapshot.revision == 0
 
 
-def test_a_failed_edit_leaves_no_trace_and_frees_the_lock():
+def test_a_failed_edit_leaves_no_trace_and_frees_the_lock() -> None:
     live = LiveTree()
     with live.edit() as edit:
         edit.set_parts(("a",), ())
@@ -50,7 +50,7 @@ def test_a_failed_edit_leaves_no_trace_and_frees_the_lock():
     assert live.snapshot.revision == 2
 
 
-def test_listeners_hear_every_revision_in_order_until_they_stop():
+def test_listeners_get_every_revision_in_order_until_they_stop() -> None:
     live = LiveTree()
     heard: list[Snapshot] = []
     stop = live.listen(heard.append)
@@ -65,7 +65,7 @@ def test_listeners_hear_every_revision_in_order_until_they_stop():
     assert heard[2].root.find((2,)) is not None
 
 
-def test_writers_in_threads_lose_nothing_and_readers_see_whole_batches():
+def test_writers_in_threads_lose_nothing_and_readers_see_whole_batches() -> None:
     live = LiveTree()
     writers, batches = 4, 60
     torn: list[int] = []
@@ -102,7 +102,7 @@ def test_writers_in_threads_lose_nothing_and_readers_see_whole_batches():
     assert last == [(float(batches - 1), 0, 0, 1, 0, 0, 0)] * (3 * writers)
 
 
-def test_a_slow_listener_catches_up_by_comparing_snapshots():
+def test_a_slow_listener_catches_up_by_comparing_snapshots() -> None:
     live = LiveTree()
     before = live.snapshot.root
     for index in range(5):

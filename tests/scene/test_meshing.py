@@ -3,6 +3,7 @@ from __future__ import annotations
 import gc
 import math
 import weakref
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gateway.scene.geometry import Box, Capsule, Cylinder, Ellipsoid, Line, PointCloud, Shape, Sphere, Surface, Triad
-from gateway.scene.meshing import meshes_of
+from gateway.scene.meshing import LARGEST, SLENDER, SMALLEST, meshes_of
 from renderers import primitives
 from renderers.drawlist import Material, Mesh, Topology
 
@@ -42,7 +43,7 @@ def bounds(shape: Shape) -> np.ndarray:
 def ellipsoid_area(a: float, b: float, c: float) -> float:
     """Thomsen's formula, within 1.1 %."""
     p = 1.6075
-    return 4 * math.pi * (((a * b) ** p + (a * c) ** p + (b * c) ** p) / 3) ** (1 / p)
+    return float(4.0 * math.pi * (((a * b) ** p + (a * c) ** p + (b * c) ** p) / 3) ** (1 / p))
 
 
 SOLIDS = [
@@ -61,7 +62,7 @@ SOLIDS = [
 
 
 @pytest.mark.parametrize(("shape", "volume", "area", "half"), SOLIDS, ids=lambda value: type(value).__name__)
-def test_solids_are_closed_and_match_the_formulae(shape, volume, area, half):
+def test_solids_are_closed_and_match_the_formulae(shape: Any, volume: Any, area: Any, half: Any) -> None:
     (solid,) = placed(shape)
     assert solid.is_watertight
     assert solid.is_winding_consistent
@@ -82,7 +83,7 @@ def test_solids_are_closed_and_match_the_formulae(shape, volume, area, half):
         primitives.capsule(1e-3),
     ],
 )
-def test_unit_meshes_have_unit_outward_normals_that_agree_with_the_winding(mesh: Mesh):
+def test_unit_meshes_have_unit_outward_normals_that_agree_with_the_winding(mesh: Mesh) -> None:
     assert mesh.normals is not None
     np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-6)
     corners = mesh.positions[mesh.elements].astype(float)
@@ -93,7 +94,7 @@ def test_unit_meshes_have_unit_outward_normals_that_agree_with_the_winding(mesh:
     assert np.einsum("fc,fc->f", faces, corners.mean(axis=1) - inside).min() > 0.0
 
 
-def test_unit_meshes_are_shared_and_cannot_be_written_to():
+def test_unit_meshes_are_shared_and_cannot_be_written_to() -> None:
     (first,), (second,) = meshes_of(Box((1, 2, 3)), MATERIAL), meshes_of(Box((4, 5, 6)), MATERIAL)
     assert first[0] is second[0]
     assert first[1] is MATERIAL
@@ -127,18 +128,18 @@ def test_unit_meshes_are_shared_and_cannot_be_written_to():
     ],
     ids=repr,
 )
-def test_what_has_no_extent_draws_nothing(shape):
+def test_shapes_without_extent_draw_nothing(shape: Any) -> None:
     assert meshes_of(shape, MATERIAL) == ()
 
 
 @pytest.mark.parametrize("shape", [Cylinder(0, 2), Cylinder(-1, 2), Capsule(0, 2), Capsule(0, -2)])
-def test_without_radius_a_cylinder_is_a_line(shape):
+def test_without_radius_a_cylinder_is_a_line(shape: Any) -> None:
     ((mesh, _, _),) = meshes_of(shape, MATERIAL)
     assert mesh.topology is Topology.LINES
     np.testing.assert_array_equal(bounds(shape), ((0, 0, -1), (0, 0, 1)))
 
 
-def test_negative_lengths_count_as_positive_and_flat_boxes_keep_an_invertible_transform():
+def test_negative_lengths_count_as_positive_and_flat_boxes_keep_an_invertible_transform() -> None:
     ((_, _, mirrored),) = meshes_of(Box((-1, 2, -3)), MATERIAL)
     np.testing.assert_array_equal(mirrored, np.diag((1, 2, 3, 1)))
     ((_, _, flat),) = meshes_of(Box((2, 3, 0)), MATERIAL)
@@ -146,7 +147,7 @@ def test_negative_lengths_count_as_positive_and_flat_boxes_keep_an_invertible_tr
     assert bounds(Box((2, 3, 0)))[1, 2] < 1e-5
 
 
-def test_a_surface_is_drawn_as_it_is():
+def test_a_surface_is_drawn_as_it_is() -> None:
     mesh = primitives.cone()
     ((drawn, material, matrix),) = meshes_of(Surface(mesh), MATERIAL)
     assert drawn is mesh
@@ -159,17 +160,17 @@ def cloud(**channels: object) -> PointCloud:
     return PointCloud(points, {name: np.asarray(value, np.float32) for name, value in channels.items()})
 
 
-def test_points_keep_finite_points_with_their_colours():
+def test_points_keep_finite_points_with_their_colours() -> None:
     rgb = [[1, 0, 0], [0, 2, 0], [9, 9, 9], [0, -1, math.nan]]
     ((mesh, material, _),) = meshes_of(cloud(rgb=rgb, intensity=[0, 0, 0, 0]), MATERIAL)
     assert mesh.topology is Topology.POINTS
     np.testing.assert_array_equal(mesh.positions, [[0, 0, 0], [1, 0, 0], [0, 2, 0]])
     np.testing.assert_array_equal(mesh.colors, [[1, 0, 0, 1], [0, 1, 0, 1], [0, 0, 0, 1]])
-    assert material.base_color == (1, 1, 1, 0.5)
+    assert material.base_color == (1.0, 1.0, 1.0, 0.5)
     assert material.point_size == 2.0
 
 
-def test_intensity_is_grey_and_rgba_keeps_its_alpha():
+def test_intensity_is_grey_and_rgba_keeps_its_alpha() -> None:
     ((mesh, _, _),) = meshes_of(cloud(intensity=[0, 0.5, 0, 1]), MATERIAL)
     np.testing.assert_array_equal(mesh.colors, [[0, 0, 0, 1], [0.5, 0.5, 0.5, 1], [1, 1, 1, 1]])
     ((mesh, _, _),) = meshes_of(cloud(rgb=np.full((4, 4), 0.25)), MATERIAL)
@@ -177,35 +178,35 @@ def test_intensity_is_grey_and_rgba_keeps_its_alpha():
 
 
 @pytest.mark.parametrize("channels", [{}, {"rgb": []}, {"rgb": [[1, 1, 1]]}, {"intensity": []}, {"intensity": [1, 2]}])
-def test_channels_of_the_wrong_length_leave_the_flat_colour(channels):
+def test_channels_of_the_wrong_length_leave_the_flat_colour(channels: Any) -> None:
     ((mesh, material, _),) = meshes_of(cloud(**channels), MATERIAL)
     assert mesh.colors is None
     assert material.base_color == MATERIAL.base_color
 
 
-def test_a_material_may_ask_for_larger_points():
+def test_a_material_may_ask_for_larger_points() -> None:
     ((_, material, _),) = meshes_of(cloud(), Material(point_size=5.0))
     assert material.point_size == 5.0
 
 
-def test_the_triad_points_along_the_axes_in_red_green_blue():
+def test_the_triad_points_along_the_axes_in_red_green_blue() -> None:
     ((mesh, material, matrix),) = meshes_of(Triad(0.5), MATERIAL)
     assert mesh.topology is Topology.LINES
     tips = (mesh.positions[mesh.elements[:, 1]] @ matrix[:3, :3].T).astype(float)
     np.testing.assert_allclose(tips, np.eye(3) * 0.5)
     assert mesh.colors is not None
     np.testing.assert_array_equal(mesh.colors[mesh.elements[:, 1], :3], np.eye(3))
-    assert material.base_color == (1, 1, 1, 0.5)
+    assert material.base_color == (1.0, 1.0, 1.0, 0.5)
 
 
-def test_triad_tubes_are_two_millimetres_whatever_the_scale():
+def test_triad_tubes_are_two_millimetres_whatever_the_scale() -> None:
     np.testing.assert_allclose(bounds(Triad(1.0, tube=True)), [[-0.002] * 3, [1.0] * 3], atol=1e-6)
     np.testing.assert_allclose(bounds(Triad(5.0, tube=True)), [[-0.002] * 3, [5.0] * 3], atol=1e-6)
     solid = placed(Triad(0.3, tube=True))[0]
     assert solid.volume == pytest.approx(3 * math.pi * 0.002**2 * 0.3, rel=0.02)
 
 
-def test_far_triad_tubes_are_never_thinner_than_hairlines():
+def test_far_triad_tubes_are_never_thinner_than_hairlines() -> None:
     tubes, hairlines = meshes_of(Triad(0.5, tube=True), MATERIAL)
     assert tubes[0].topology is Topology.TRIANGLES
     (alone,) = meshes_of(Triad(0.5), MATERIAL)
@@ -213,11 +214,11 @@ def test_far_triad_tubes_are_never_thinner_than_hairlines():
     np.testing.assert_array_equal(hairlines[2], alone[2])
 
 
-def line(*points: tuple[float, float, float], **options: object) -> Line:
+def line(*points: tuple[float, float, float], **options: Any) -> Line:
     return Line(np.array(points, np.float32), **options)
 
 
-def test_a_straight_tube_is_a_closed_cylinder():
+def test_a_straight_tube_is_a_closed_cylinder() -> None:
     shape = line((0, 0, 0), (0, 0, 1), (0, 0, 3), radius=0.1)
     (solid,) = placed(shape)
     assert solid.is_watertight
@@ -226,7 +227,7 @@ def test_a_straight_tube_is_a_closed_cylinder():
 
 
 @pytest.mark.parametrize("closed", [False, True])
-def test_a_curved_tube_has_no_gaps_and_the_volume_of_pappus(closed):
+def test_a_curved_tube_has_no_gaps_and_the_volume_of_pappus(closed: Any) -> None:
     angle = np.linspace(0, 2 * math.pi, 80, endpoint=False)
     knot = np.stack(
         (np.cos(angle) * (3 + np.cos(3 * angle)), np.sin(angle) * (3 + np.cos(3 * angle)), np.sin(3 * angle))
@@ -242,7 +243,7 @@ def test_a_curved_tube_has_no_gaps_and_the_volume_of_pappus(closed):
 
 
 @pytest.mark.parametrize("turn", [30, 85, 100, 135, 170, 180])
-def test_every_bend_is_covered(turn):
+def test_every_bend_is_covered(turn: Any) -> None:
     """Around the joint, on the side away from the bend, no point of the tube's surface is missing."""
     a = math.radians(turn)
     shape = line((-1, 0, 0), (0, 0, 0), (math.cos(a), math.sin(a), 0), radius=0.1)
@@ -269,14 +270,14 @@ def ray_hits(solid: trimesh.Trimesh, origin: np.ndarray, direction: np.ndarray) 
 
 
 @pytest.mark.parametrize("radius", [0.0, -1.0, math.nan])
-def test_a_line_without_radius_is_a_hairline(radius):
+def test_a_line_without_radius_is_a_hairline(radius: Any) -> None:
     ((mesh, _, _),) = meshes_of(line((0, 0, 0), (1, 0, 0), (1, 1, 0), radius=radius), MATERIAL)
     np.testing.assert_array_equal(mesh.elements, [(0, 1), (1, 2)])
     ((mesh, _, _),) = meshes_of(line((0, 0, 0), (1, 0, 0), (1, 1, 0), radius=radius, closed=True), MATERIAL)
     np.testing.assert_array_equal(mesh.elements, [(0, 1), (1, 2), (2, 0)])
 
 
-def test_arrow_heads_end_at_the_end_points_and_shorten_the_shaft():
+def test_arrow_heads_end_at_the_end_points_and_shorten_the_shaft() -> None:
     shape = line((0, 0, 0), (0, 0, 1), radius=0.01, start_head=True, end_head=True, head_radius=0.05, head_length=0.2)
     shaft, *heads = placed(shape)
     np.testing.assert_allclose(shaft.bounds[:, 2], (0.1, 0.9), atol=1e-6)
@@ -286,7 +287,7 @@ def test_arrow_heads_end_at_the_end_points_and_shorten_the_shaft():
         assert head.volume == pytest.approx(math.pi * 0.05**2 * 0.2 / 3, rel=0.02)
 
 
-def test_the_head_length_defaults_to_the_head_radius_and_hairlines_have_heads():
+def test_the_head_length_defaults_to_the_head_radius_and_hairlines_have_heads() -> None:
     shape = line((0, 0, 0), (2, 0, 0), radius=0, end_head=True, head_radius=0.3)
     (head,) = placed(shape)
     np.testing.assert_allclose(head.bounds[:, 0], (1.7, 2.0), atol=1e-6)
@@ -294,13 +295,13 @@ def test_the_head_length_defaults_to_the_head_radius_and_hairlines_have_heads():
     assert shaft.positions[:, 0].max() == pytest.approx(1.85)
 
 
-def test_a_line_shorter_than_its_heads_still_points_the_right_way():
+def test_a_line_shorter_than_its_heads_still_points_the_right_way() -> None:
     shape = line((0, 0, 0), (0, 0, 0.1), end_head=True, start_head=True, head_radius=1, head_length=2)
     (shaft, _, _), *_ = meshes_of(shape, MATERIAL)
     assert 0 < shaft.positions[:, 2].min() < shaft.positions[:, 2].max() < 0.1
 
 
-def test_long_lines_stay_within_the_vertex_budget():
+def test_long_lines_stay_within_the_vertex_budget() -> None:
     angle = np.linspace(0, 100, 50_000)
     points = np.stack((np.cos(angle), np.sin(angle), angle), axis=1).astype(np.float32)
     ((mesh, _, _),) = meshes_of(Line(points), MATERIAL)
@@ -310,7 +311,7 @@ def test_long_lines_stay_within_the_vertex_budget():
     assert mesh.topology is Topology.LINES
 
 
-def test_meshes_of_lines_are_remembered_with_their_shape_only():
+def test_meshes_of_lines_are_cached_with_their_shape() -> None:
     shape = line((0, 0, 0), (1, 0, 0))
     (first, _, _), (second, _, _) = meshes_of(shape, MATERIAL)[0], meshes_of(shape, Material())[0]
     assert first is second
@@ -355,7 +356,7 @@ any_shape = st.one_of(
 
 @given(any_shape)
 @settings(deadline=None, max_examples=400)
-def test_no_value_raises_and_every_mesh_is_well_formed(shape):
+def test_no_value_raises_and_every_mesh_is_well_formed(shape: Any) -> None:
     for mesh, _, matrix in meshes_of(shape, MATERIAL):
         assert matrix.shape == (4, 4)
         assert np.isfinite(matrix).all()
@@ -366,3 +367,25 @@ def test_no_value_raises_and_every_mesh_is_well_formed(shape):
         assert mesh.elements.size == 0 or mesh.elements.max() < len(mesh.positions)
         assert np.isfinite(mesh.positions).all()
         assert mesh.normals is None or np.isfinite(mesh.normals).all()
+
+
+@pytest.mark.parametrize(("extent", "drawn"), [(SMALLEST, 1), (SMALLEST / 2, 0), (LARGEST, 1), (2 * LARGEST, 0)])
+@pytest.mark.parametrize("make", [Sphere, lambda size: Box((0, size, 0)), lambda size: Triad(-size)])
+def test_the_smallest_and_the_largest_extents_are_drawn(make: Any, extent: float, drawn: int) -> None:
+    assert len(meshes_of(make(extent), MATERIAL)) == drawn
+
+
+def test_the_ends_of_slender_capsules_are_left_out() -> None:
+    ((capsule, _, _),) = meshes_of(Capsule(1.0, SLENDER), MATERIAL)
+    ((cylinder, _, _),) = meshes_of(Capsule(1.0, 1.001 * SLENDER), MATERIAL)
+    assert cylinder is primitives.cylinder()
+    assert capsule is not cylinder
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("value", [-1e13, -2 * LARGEST, math.nan, -math.inf])
+def test_points_beyond_the_largest_extent_are_left_out(axis: int, value: float) -> None:
+    points = np.ones((2, 3), np.float32)
+    points[1, axis] = value
+    ((mesh, _, _),) = meshes_of(PointCloud(points), MATERIAL)
+    assert len(mesh.positions) == (2 if value == -1e13 else 1)

@@ -1,4 +1,4 @@
-"""Where the stereo camera is mounted."""
+"""Camera mounts."""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,7 +30,7 @@ def hamilton(a: tuple[float, ...], b: tuple[float, ...]) -> tuple[float, ...]:
 
 
 @given(points, quaternions, points)
-def test_a_pose_rotates_as_the_quaternion_sandwich_does(p, q, v):
+def test_a_pose_rotates_as_the_quaternion_sandwich_does(p: Any, q: Any, v: Any) -> None:
     norm = math.hypot(*q)
     unit = tuple(c / norm for c in q)
     conjugate = (unit[0], -unit[1], -unit[2], -unit[3])
@@ -38,39 +39,39 @@ def test_a_pose_rotates_as_the_quaternion_sandwich_does(p, q, v):
 
 
 @given(quaternions, quaternions)
-def test_poses_compose_as_quaternions_do(a, b):
+def test_poses_compose_as_quaternions_do(a: Any, b: Any) -> None:
     both = tf.from_pose((0, 0, 0), a) @ tf.from_pose((0, 0, 0), b)
     np.testing.assert_allclose(both, tf.from_pose((0, 0, 0), hamilton(a, b)), atol=1e-12)
 
 
 @given(points, quaternions)
-def test_rotations_are_orthonormal_and_right_handed(p, q):
+def test_rotations_are_orthonormal_and_right_handed(p: Any, q: Any) -> None:
     rotation = tf.from_pose(p, q)[:3, :3]
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(rotation) == pytest.approx(1.0)
 
 
 @given(points, quaternions, st.floats(1e-160, 1e150))
-def test_the_length_of_the_quaternion_does_not_matter(p, q, factor):
+def test_the_length_of_the_quaternion_does_not_matter(p: Any, q: Any, factor: Any) -> None:
     scaled = [c * factor for c in q]
     np.testing.assert_allclose(tf.from_pose(p, scaled), tf.from_pose(p, q), atol=1e-9)
 
 
 @pytest.mark.parametrize("huge", [1e308, 1e200, 1e-200, 1e-320])
-def test_quaternions_whose_square_overflows_or_underflows(huge):
+def test_quaternions_whose_square_overflows_or_underflows(huge: Any) -> None:
     np.testing.assert_allclose(
         tf.from_pose((0, 0, 0), (huge, 0, 0, huge)), tf.from_pose((0, 0, 0), (1, 0, 0, 1)), atol=1e-3
     )
 
 
-def test_the_zero_quaternion_is_no_rotation():
+def test_the_zero_quaternion_is_no_rotation() -> None:
     np.testing.assert_array_equal(tf.from_pose((1, 2, 3), (0, 0, 0, 0)), tf.translation(1, 2, 3))
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("place", range(4))
 @pytest.mark.parametrize("rest", [0.0, 1.0])
-def test_non_finite_quaternions_give_non_finite_matrices(bad, place, rest):
+def test_non_finite_quaternions_give_non_finite_matrices(bad: Any, place: Any, rest: Any) -> None:
     quaternion = [rest] * 4
     quaternion[place] = bad
     assert not np.isfinite(tf.from_pose((0, 0, 0), quaternion)).all()
@@ -81,14 +82,14 @@ odd_floats = st.one_of(st.floats(-2, 2), st.sampled_from([0.0, math.nan, math.in
 
 
 @given(hnp.arrays(np.float64, st.tuples(st.integers(1, 9), st.just(7)), elements=odd_floats))
-def test_many_poses_at_once_equal_one_by_one(poses):
+def test_many_poses_at_once_equal_one_by_one(poses: Any) -> None:
     with np.errstate(all="ignore"):
         expected = [tf.from_pose(p[:3], p[3:]) for p in poses.tolist()]
     np.testing.assert_allclose(tf.from_poses(poses), expected, atol=1e-12)
 
 
 @given(points, points, points)
-def test_look_at_is_a_rigid_optical_frame_that_sees_the_target_ahead(eye, target, up):
+def test_look_at_is_a_rigid_optical_frame_that_sees_the_target_ahead(eye: Any, target: Any, up: Any) -> None:
     if math.dist(eye, target) < 1e-3:
         return
     X = tf.look_at(eye, target, up)
@@ -99,12 +100,12 @@ def test_look_at_is_a_rigid_optical_frame_that_sees_the_target_ahead(eye, target
     assert -X[:3, 1] @ np.array(up) >= -1e-6 * (1.0 + math.hypot(*up))
 
 
-def test_look_at_refuses_to_look_at_itself():
+def test_look_at_refuses_to_look_at_itself() -> None:
     with pytest.raises(ValueError, match="coincide"):
         tf.look_at((1, 2, 3), (1, 2, 3), (0, 0, 1))
 
 
-def test_gltf_trs_is_translation_after_rotation_after_scale():
+def test_gltf_trs_is_translation_after_rotation_after_scale() -> None:
     quarter = math.sqrt(0.5)
     matrix = tf.from_trs((10, 20, 30), (0, 0, quarter, quarter), (2, 3, 4))
     np.testing.assert_allclose(matrix @ (1, 0, 0, 1), (10, 22, 30, 1), atol=1e-12)
@@ -112,17 +113,17 @@ def test_gltf_trs_is_translation_after_rotation_after_scale():
     np.testing.assert_allclose(matrix @ (0, 0, 1, 1), (10, 20, 34, 1), atol=1e-12)
 
 
-def test_column_major_puts_the_translation_last():
+def test_column_major_puts_the_translation_last() -> None:
     matrix = tf.from_column_major([1, 2, 3, 0, 4, 5, 6, 0, 7, 8, 9, 0, 10, 11, 12, 1])
     np.testing.assert_array_equal(matrix[:3, 3], (10, 11, 12))
     np.testing.assert_array_equal(matrix[0], (1, 4, 7, 10))
 
 
-def test_y_up_becomes_z_up():
+def test_y_up_becomes_z_up() -> None:
     np.testing.assert_array_equal(tf.Y_UP_TO_Z_UP @ (0, 1, 0, 0), (0, 0, 1, 0))
     np.testing.assert_array_equal(tf.Y_UP_TO_Z_UP @ (0, 0, 1, 0), (0, -1, 0, 0))
 
 
-def test_the_shared_identity_cannot_be_written_to():
+def test_the_shared_identity_cannot_be_written_to() -> None:
     with pytest.raises(ValueError, match="read-only"):
         tf.IDENTITY[0, 3] = 1.0

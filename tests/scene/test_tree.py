@@ -155,15 +155,15 @@ def order_after(old: Node, new: Node, path: Path = ()) -> list[str | int]:
 
 
 @pytest.mark.parametrize("names", ["", "abc", "cba", "bac", "axbc", "xcab", "a", "cb", "abcx", "xy"])
-def test_changes_tell_the_order_of_siblings(names: str):
-    shared = {name: Node() for name in "abc"}
+def test_changes_tell_the_order_of_siblings(names: str) -> None:
+    shared: dict[str | int, Node] = {name: Node() for name in "abc"}
     old, new = Node(children=dict(shared)), Node(children={name: shared.get(name, Node()) for name in names})
     assert order_after(old, new) == list(names)
     reordered = [change.path for change in changes(old, new) if change.kind == "reordered"]
     assert not (names in ("abc", "a", "abcx") and reordered), "nothing moved"
 
 
-def test_untouched_siblings_are_shared_between_revisions():
+def test_untouched_siblings_are_shared_between_revisions() -> None:
     first = TreeEdit(Node())
     first.set_parts(("a", "x"), (BOX,))
     first.set_parts(("b", "y"), (BOX,))
@@ -176,7 +176,7 @@ def test_untouched_siblings_are_shared_between_revisions():
     assert [(c.kind, c.path) for c in changes(old, new)] == [("transform", ("a", "x"))]
 
 
-def test_integers_and_strings_are_different_elements_and_slashes_are_ordinary():
+def test_integers_and_strings_are_different_elements_and_slashes_are_ordinary() -> None:
     edit = TreeEdit(Node())
     edit.set_parts((1,), (BOX,))
     edit.set_parts(("1",), ())
@@ -186,7 +186,7 @@ def test_integers_and_strings_are_different_elements_and_slashes_are_ordinary():
     assert root.find(("a", "b")) is None
 
 
-def test_changes_come_parents_first_and_in_order_of_creation():
+def test_changes_come_parents_first_and_in_order_of_creation() -> None:
     edit = TreeEdit(Node())
     for path in (("b", "x"), ("a", "y"), ("b", "z")):
         edit.set_parts(path, ())
@@ -194,7 +194,7 @@ def test_changes_come_parents_first_and_in_order_of_creation():
     assert found == [("b",), ("b", "x"), ("b", "z"), ("a",), ("a", "y")]
 
 
-def test_a_replaced_node_of_the_same_name_is_reported_in_full():
+def test_a_replaced_node_of_the_same_name_is_reported_in_full() -> None:
     first = TreeEdit(Node())
     first.set_parts(("a", "child"), (BOX,))
     old = first.commit()
@@ -205,7 +205,7 @@ def test_a_replaced_node_of_the_same_name_is_reported_in_full():
     assert replay(old, new) == as_model(new)
 
 
-def test_deep_paths_do_not_recurse():
+def test_deep_paths_do_not_recurse() -> None:
     path = tuple(range(5000))
     edit = TreeEdit(Node())
     edit.set_parts(path, (BOX,))
@@ -215,7 +215,7 @@ def test_deep_paths_do_not_recurse():
     assert sum(1 for _ in changes(Node(), root)) == 5000
 
 
-def test_a_committed_edit_cannot_be_used_again():
+def test_a_committed_edit_cannot_be_used_again() -> None:
     edit = TreeEdit(Node())
     edit.set_parts(("a",), ())
     edit.commit()
@@ -229,10 +229,33 @@ def test_a_committed_edit_cannot_be_used_again():
             attempt()
 
 
-def test_a_pose_becomes_a_matrix_on_first_use_and_keeps_it():
+def test_a_pose_becomes_a_matrix_on_first_use_and_keeps_it() -> None:
     edit = TreeEdit(Node())
     edit.set_pose(("a",), (1, 2, 3, 1, 0, 0, 0))
     node = edit.commit().find(("a",))
     assert node is not None
     np.testing.assert_array_equal(node.matrix, tf.translation(1, 2, 3))
     assert node.matrix is node.matrix
+
+
+def test_deleting_the_root_removes_its_own_parts() -> None:
+    edit = TreeEdit(Node())
+    edit.set_parts((), (BOX,))
+    root = edit.commit()
+    edit = TreeEdit(root)
+    assert edit.delete(())
+    assert edit.root.parts is None
+    assert edit.root.geometry_count == 0
+    assert not edit.delete(())
+    assert root.parts == (BOX,)
+
+
+def test_deleting_the_root_removes_its_children_and_transform() -> None:
+    edit = TreeEdit(Node())
+    edit.set_pose((), (1, 2, 3, 1, 0, 0, 0))
+    edit.set_parts(("a", "b"), (BOX,))
+    edit = TreeEdit(edit.commit())
+    assert edit.delete(())
+    root = edit.commit()
+    assert (root.children, root.node_count, root.geometry_count, root.pose) == ({}, 1, 0, None)
+    np.testing.assert_array_equal(root.matrix, np.eye(4))

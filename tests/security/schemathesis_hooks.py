@@ -1,4 +1,4 @@
-"""What Schemathesis cannot know from the OpenAPI description: files that can be read, and rules between two values.
+"""Rules that the OpenAPI description does not have: valid files, and relations between two values.
 
 Schemathesis loads this file in its own interpreter (``hooks`` in schemathesis.toml): nothing of the gateway is here.
 """

@@ -18,4 +18,4 @@ def test_the_exit_code_is_what_readyz_says(status: int, code: int, monkeypatch: 
 def test_closed_port_is_not_ready_and_tls_is_used_with_a_certificate(monkeypatch: pytest.MonkeyPatch) -> None:
     with answering(lambda path: (200 if path == "/readyz" else 404, b"")) as port:
         assert not healthcheck.ready(port, tls=True), "it does not speak TLS"
-    assert not healthcheck.ready(port, tls=False), "nobody listens there any more"
+    assert not healthcheck.ready(port, tls=False), "the server has stopped"

@@ -10,7 +10,7 @@ import pytest
 from gateway import settings
 from gateway.cli import limits
 from gateway.cli.reference import reference
-from gateway.settings import Settings, SettingsError, load, types
+from gateway.settings import Settings, SettingsError, load, option
 
 ROOT = Path(__file__).parents[2]
 
@@ -119,7 +119,7 @@ def test_every_setting_has_a_group_a_description_and_a_default_that_is_valid() -
     for name, field in Settings.model_fields.items():
         assert field.description, name
         assert field.description.endswith("."), name
-        assert types.group_of(field), name
+        assert option.group_of(field), name
     defaults = {name: field.default for name, field in Settings.model_fields.items()}
     assert Settings.model_validate(defaults) == load()
 

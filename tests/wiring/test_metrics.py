@@ -1,4 +1,4 @@
-"""What Prometheus sees of a gateway that has worked: every figure is there and counts."""
+"""Metrics of a gateway after requests of each kind: values, HELP texts, documentation, alerts."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ ALERTS = Path(__file__).parents[2] / "deploy" / "prometheus"
 
 @pytest.fixture(scope="module")
 def helps() -> dict[str, str]:
-    """HELP texts of /metrics by name; ``figures`` fills it."""
+    """HELP texts of /metrics by name; filled by ``figures``."""
     return {}
 
 
 @pytest.fixture(scope="module")
 def figures(helps: dict[str, str]) -> Iterator[dict[str, float]]:
-    """Every sample of /metrics, its labels as they are written, after a few requests of each kind."""
+    """All samples of /metrics by name and labels, after a few requests of each kind."""
     flags = ("--demo", "--grpc-port", "0", "--tcpq-port", "0", "--lcm-url", "off")
     with gateway_process(*flags) as (_, url), clients.Client(base_url=url) as http:
         headers = {"Content-Type": forms.CONTENT_TYPE}
@@ -78,7 +78,7 @@ def test_streams_tree_and_messages(figures: dict[str, float]) -> None:
     assert figures['scenegate_interface_ready{interface="stereo"}'] == 1
 
 
-def test_every_help_text_can_be_read_alone(figures: dict[str, float], helps: dict[str, str]) -> None:
+def test_help_texts_are_complete_sentences(figures: dict[str, float], helps: dict[str, str]) -> None:
     assert len(helps) > 30
     assert len(set(helps.values())) == len(helps)
     for name, text in helps.items():
@@ -89,7 +89,7 @@ def test_every_help_text_can_be_read_alone(figures: dict[str, float], helps: dic
             assert not re.search(rf"_{unit}(_total)?$", name) or text.startswith(unit.capitalize()), (name, text)
 
 
-def test_durations_are_named_as_such_and_nothing_has_a_time_of_creation(figures: dict[str, float]) -> None:
+def test_durations_are_named_so_and_there_are_no_created_series(figures: dict[str, float]) -> None:
     names = {re.split(r"[ {]", name)[0] for name in figures if name.startswith("scenegate_")}
     assert not [name for name in figures if "_created" in name]
     seconds = [re.sub(r"_(bucket|sum|count)$", "", name) for name in names if "_seconds" in name]
@@ -97,14 +97,14 @@ def test_durations_are_named_as_such_and_nothing_has_a_time_of_creation(figures:
     assert [name for name in seconds if not name.endswith("_duration_seconds")] == []
 
 
-def test_alerts_ask_for_figures_that_exist(figures: dict[str, float]) -> None:
+def test_alerts_use_existing_metrics(figures: dict[str, float]) -> None:
     there = {re.split(r"[ {]", name)[0] for name in figures}
     asked = set(re.findall(r"\bscenegate_\w+", (ALERTS / "alerts.yml").read_text()))
     assert asked
     assert asked <= there
 
 
-def test_the_page_has_every_figure_with_its_labels(figures: dict[str, float]) -> None:
+def test_the_page_lists_every_metric_with_its_labels(figures: dict[str, float]) -> None:
     there: dict[str, set[str]] = {}
     for sample in figures:
         name, _, labels = sample.partition("{")

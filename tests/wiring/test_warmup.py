@@ -6,6 +6,7 @@ import os
 
 import pytest
 
+from gateway.runtime import process_tuning
 from gateway.wiring import warmup
 from renderers.compiler.jit import KERNELS
 
@@ -13,7 +14,7 @@ from renderers.compiler.jit import KERNELS
 def test_parts_are_taken_until_none_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
     done: list[str] = []
     monkeypatch.setattr(warmup, "PARTS", {name: lambda name=name: done.append(name) for name in "abc"})
-    monkeypatch.setattr(warmup.process_tuning, "pause_gc", lambda: None)  # it stops the garbage collector
+    monkeypatch.setattr(process_tuning, "pause_gc", lambda: None)  # it stops the garbage collector
     numbers, told = os.pipe()
     os.write(told, bytes((2, 0)))
     os.close(told)

@@ -170,26 +170,3 @@ __all__ = [
     "to_f64",
     "to_i32",
 ]
-
-# TODO: former names, for kernels that are not renamed yet.
-least_of = minimum_of
-most_of = maximum_of
-least = minimum
-most = maximum
-bits_of = float_bits
-bits = movemask
-float_of = from_bits
-load_again = load_volatile
-halves = join_halves
-below = less_unsigned
-compressed = compress
-compresses = has_compress
-lanes_in = mask_of
-spread0 = broadcast_lane0
-spread1 = broadcast_lane1
-spread2 = broadcast_lane2
-spread3 = broadcast_lane3
-spread4 = broadcast_lane4
-spread5 = broadcast_lane5
-spread6 = broadcast_lane6
-spread7 = broadcast_lane7

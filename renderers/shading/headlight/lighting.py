@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from renderers.compiler import simd as vec
-from renderers.compiler.device_function import inlined, inner
+from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.pointers import f32_at, f64_at, i32_at, i64_at
 from renderers.shading.brdf import headlight_cosines, schlick, vtk_colors, vtk_reflected, vtk_specular
 from renderers.shading.headlight.layout import S_MODE, S_PBR
@@ -57,7 +57,7 @@ def _put(job, pbr, direct, line, x, pixels, at, rgb):
         store3(pixels, A_BASE * STRIDE + at, STRIDE, rgb)
 
 
-@inner
+@device_function
 def _shade_unlit(job, mf, varies, pixels, begin, count, line):
     """The colour of a surface is its base colour."""
     direct, pbr = job[S_MODE] == DIRECT, job[S_PBR] != 0
@@ -69,10 +69,10 @@ def _shade_unlit(job, mf, varies, pixels, begin, count, line):
 def _phong(pixels, at):
     """max(0, n . (0, 0, -1)): the headlight shines along the optical axis."""
     n = load3(pixels, A_NORMAL * STRIDE + at, STRIDE)
-    return vec.most(-n[2] * scale_to(n, vec.f32(1.0)), vec.f32(0.0))
+    return vec.maximum(-n[2] * scale_to(n, vec.f32(1.0)), vec.f32(0.0))
 
 
-@inner
+@device_function
 def _shade_phong(job, mf, varies, pixels, begin, count, line):
     """Base colour times ``_phong``."""
     direct = job[S_MODE] == DIRECT
@@ -87,7 +87,7 @@ def _shade_phong(job, mf, varies, pixels, begin, count, line):
         write(job, False, line, begin + at, r, g, b)
 
 
-@inner
+@device_function
 def _shade_pbr(job, segment, varies, begin, count, line):
     """Metallic-roughness as VTK evaluates it, occlusion and emission."""
     mi, mf = i64_at(segment[G_MATERIAL_INTEGERS]), f32_at(segment[G_MATERIAL_FLOATS])
@@ -136,7 +136,7 @@ def is_uniform_phong(job, segment):
     return job[S_MODE] == DIRECT and job[S_PBR] == 0 and mi[MI_UNLIT] == 0 and not has_color_map(segment)
 
 
-@inner
+@device_function
 def fill_spans(segment, span, last_span, line):
     """Write spans of ``is_uniform_phong`` whose normals are constant, after ``set_up_spans``.
 
@@ -147,7 +147,7 @@ def fill_spans(segment, span, last_span, line):
     pixels = i32_at(np.int64(own_pixels.ctypes.data))
     for batch in range(span, last_span, vec.LANES):
         n = load3(spans, T_NORMAL * SPAN_ROOM + batch - span, SPAN_ROOM)
-        light = vec.most(-n[2] * scale_to(n, vec.f32(1.0)), vec.f32(0.0))
+        light = vec.maximum(-n[2] * scale_to(n, vec.f32(1.0)), vec.f32(0.0))
         r, g, b = times(_base(False, mf, spans, np.int64(0)), light)
         vec.store(pixels, 0, packed(r, g, b))
         for k in range(min(last_span - batch, vec.LANES)):
@@ -157,7 +157,7 @@ def fill_spans(segment, span, last_span, line):
     own_pixels[0] = 0  # the pointer above does not keep the array alive
 
 
-@inner
+@device_function
 def shade(job, segment, begin, end, line):
     """Shade the pixels ``begin .. end``, at most PART, from the rows A_.
 

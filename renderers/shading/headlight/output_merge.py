@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from renderers.compiler import simd as vec
-from renderers.compiler.device_function import inlined, inner
+from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.pointers import f32_at, u8_at
 from renderers.shading.gamma import encode_gamma, gamma_pixels, plain_byte
 from renderers.shading.headlight.layout import (
@@ -55,7 +55,7 @@ def _shown(job, c):
     """Return the value that ``write`` would round to a byte, 0 .. 1, f32x8."""
     if job[S_PBR] != 0:
         return encode_gamma(c, job[S_ENCODED])
-    return vec.least(vec.most(c, vec.f32(0.0)), vec.f32(1.0))
+    return vec.minimum(vec.maximum(c, vec.f32(0.0)), vec.f32(1.0))
 
 
 @inlined
@@ -69,16 +69,16 @@ def _plane(job):
     return (job[S_WIDTH] + vec.LANES) * job[S_HEIGHT]
 
 
-@inner
+@device_function
 def gather(job, alpha_mode, cutoff, y, begin, end, pixels):
     """Add pixels behind the layers gathered so far, in the colour space of the stored image, as VTK does."""
     layers, plane = _layers(job, y), _plane(job)
     zero, one, lane = vec.f32(0.0), vec.f32(1.0), vec.iota()
     for x in range(begin, end, vec.LANES):
-        through = vec.load_again(layers, 3 * plane + x)
+        through = vec.load_volatile(layers, 3 * plane + x)
         alpha = vec.load(pixels, (A_BASE + 3) * STRIDE + x - begin)
         if alpha_mode == ALPHA_BLEND:
-            alpha = vec.select(alpha == alpha, vec.least(vec.most(alpha, zero), one), one)
+            alpha = vec.select(alpha == alpha, vec.minimum(vec.maximum(alpha, zero), one), one)
         elif alpha_mode == ALPHA_MASK:
             alpha = vec.select(alpha < vec.f32(cutoff), zero, one)
         else:
@@ -86,7 +86,7 @@ def gather(job, alpha_mode, cutoff, y, begin, end, pixels):
         share = through * alpha
         adding = (lane < vec.i32(end - x)) & (share > zero)
         for k in range(3):
-            before = vec.load_again(layers, k * plane + x)
+            before = vec.load_volatile(layers, k * plane + x)
             shown = _shown(job, vec.load(pixels, (A_BASE + k) * STRIDE + x - begin))
             vec.store(layers, k * plane + x, vec.select(adding, before + share * shown, before))
         vec.store(layers, 3 * plane + x, vec.select(adding, through * (one - alpha), through))
@@ -103,7 +103,7 @@ def _beneath(layers, plane, x, r, g, b):
     )
 
 
-@inner
+@device_function
 def write_under(job, y, begin, end, pixels, line):
     """Write pixels beneath the gathered layers."""
     layers, plane = _layers(job, y), _plane(job)
@@ -117,7 +117,7 @@ def _channel(background, k):
     return vec.f32(np.float32((background >> (8 * k)) & 255) / np.float32(255.0))
 
 
-@inner
+@device_function
 def write_background(job, y, begin, end, line):
     """Write pixels without a surface."""
     background = job[S_BACKGROUND]
@@ -132,7 +132,7 @@ def write_background(job, y, begin, end, line):
             vec.store(line, x, _beneath(layers, plane, x, r, g, b))
 
 
-@inner
+@device_function
 def put_line(job, y, width, line):
     """Write the first ``width`` packed pixels of a finished row to the image."""
     color = u8_at(job[S_COLOR] + 3 * y * job[S_WIDTH])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from renderers.compiler import simd as vec
-from renderers.compiler.device_function import inlined, inner
+from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.pointers import f32_at, i32_at, i64_at
 from renderers.primitive_ids import instance_of
@@ -26,7 +26,7 @@ from renderers.shading.materials import MF_CUTOFF, MI_ALPHA_MODE
 from renderers.shading.spans import begin_rows, find_spans, next_part, row_memory, segment_end, select_instance
 
 
-@inner
+@device_function
 def _shade_segment(job, segment, y, span, end_span, line):
     """Shade the spans ``span .. end_span`` of the selected instance."""
     starts, uniform = i32_at(segment[G_STARTS]), is_uniform_phong(job, segment)

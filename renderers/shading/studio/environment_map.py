@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from renderers.compiler.device_function import inner
+from renderers.compiler.device_function import device_function
 from renderers.compiler.jit import kernel
 from renderers.light_rig import Surroundings
 from renderers.shading.studio.octahedral import equirect_directions, octahedral_directions, with_border
@@ -229,7 +229,7 @@ def _prefilter(texels, offsets, sizes, directions, roughness, points, out):
             out[k, 0], out[k, 1], out[k, 2] = red / total, green / total, blue / total
 
 
-@inner
+@device_function
 def _read(texels, offsets, sizes, level, x, y, z):
     """Sample the nearest level of the pyramid of equirectangular images, bilinear."""
     which = min(max(int(level + 0.5), 0), offsets.shape[0] - 1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from renderers.compiler.device_function import inner
+from renderers.compiler.device_function import device_function
 from renderers.compiler.simd import LANES
 from renderers.shading.layout import S_COMMON, STRIDE
 
@@ -54,5 +54,5 @@ def line_of(width: int) -> int:
     return (width + LANES - 1) // LANES * LANES + LANES
 
 
-line_in_kernel: Final = inner(line_of)
+line_in_kernel: Final = device_function(line_of)
 """``line_of`` for kernels."""

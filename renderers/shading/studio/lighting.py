@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from renderers.compiler import simd as vec
-from renderers.compiler.device_function import inlined, inner
+from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.pointers import f32_at, f64_at, i32_at, i64_at
 from renderers.shading.brdf import ambient_channel, reflected
 from renderers.shading.layout import S_LENS, STRIDE
@@ -77,22 +77,22 @@ def _arriving(light, p):
     x = vec.f32(light[L_POSITION]) - p[0]
     y = vec.f32(light[L_POSITION + 1]) - p[1]
     z = vec.f32(light[L_POSITION + 2]) - p[2]
-    d2 = vec.most(x * x + y * y + z * z, vec.f32(1e-12))
+    d2 = vec.maximum(x * x + y * y + z * z, vec.f32(1e-12))
     scale = one / vec.sqrt(d2)
     x, y, z = x * scale, y * scale, z * scale
     part = one / d2
     if light[L_RANGE] > 0.0:
         reach = d2 * vec.f32(light[L_RANGE])
-        part = part * vec.most(vec.least(one - reach * reach, one), zero)
+        part = part * vec.maximum(vec.minimum(one - reach * reach, one), zero)
     if light[L_KIND] == 2.0:
         cosine = -(x * shining[0] + y * shining[1] + z * shining[2])
         cone = cosine * vec.f32(light[L_SPOT_SCALE]) + vec.f32(light[L_SPOT_OFFSET])
-        cone = vec.least(vec.most(cone, zero), one)
+        cone = vec.minimum(vec.maximum(cone, zero), one)
         part = part * cone * cone
     return x, y, z, part
 
 
-@inner
+@device_function
 def _add_light(job, light, rows, count):
     """Add the reflection of one light at ``count`` pixels to the rows R_LIGHT."""
     zero = vec.f32(0.0)
@@ -108,7 +108,7 @@ def _add_light(job, light, rows, count):
             flat = _three(rows, R_FLAT, x)
             # Else the triangle itself is in the way.
             part = vec.select(dot(flat, l) > zero, part, zero)
-            if vec.bits(part > zero) != 0:
+            if vec.movemask(part > zero) != 0:
                 part = part * light_share(
                     f64_at(job[J_SHADOW_FLOATS] + 8 * S_COLUMNS * shadow),
                     i64_at(job[J_SHADOW_INTEGERS] + 8 * SI_COLUMNS * shadow),
@@ -121,7 +121,7 @@ def _add_light(job, light, rows, count):
                     flat[2],
                 )
         lit = part > zero
-        if vec.bits(lit) == 0:
+        if vec.movemask(lit) == 0:
             continue
         r, g, b = reflected(
             n,
@@ -152,21 +152,21 @@ def _octahedral(d):
     total = vec.absolute(d[0]) + vec.absolute(d[1]) + vec.absolute(d[2])
     scale = vec.select(total > zero, vec.f32(1.0) / total, zero)
     u, v = d[0] * scale, d[1] * scale
-    fold = vec.most(zero - d[2] * scale, zero)
+    fold = vec.maximum(zero - d[2] * scale, zero)
     u = vec.select(u >= zero, u + fold, u - fold)
     v = vec.select(v >= zero, v + fold, v - fold)
     return half * u + half, half * v + half
 
 
-@inner
+@device_function
 def _read(texels, places, level, u, v):
     """Sample octahedral tables with a border of one texel, bilinear, RGB. ``level``: i32x8, number of the table."""
     two, four = vec.i32(2), vec.i32(4)
     offset, side = vec.gather(places, level * two), vec.gather(places, level * two + vec.i32(1))
     most = vec.to_f32(side)
     half = vec.f32(0.5)
-    x = vec.least(vec.most(u * most + half, vec.f32(0.0)), most + half)
-    y = vec.least(vec.most(v * most + half, vec.f32(0.0)), most + half)
+    x = vec.minimum(vec.maximum(u * most + half, vec.f32(0.0)), most + half)
+    y = vec.minimum(vec.maximum(v * most + half, vec.f32(0.0)), most + half)
     i, j = vec.to_i32(x), vec.to_i32(y)
     fx, fy = x - vec.to_f32(i), y - vec.to_f32(j)
     gx, gy = vec.f32(1.0) - fx, vec.f32(1.0) - fy
@@ -182,12 +182,12 @@ def _read(texels, places, level, u, v):
     )
 
 
-@inner
+@device_function
 def _split(table, side, n_v, roughness):
     """Return scale and bias of ``split_sum``, bilinear. Both coordinates are 0 .. 1."""
     one, two, last = vec.f32(1.0), vec.i32(2), vec.i32(side - 2)
     x, y = n_v * vec.f32(side - 1), roughness * vec.f32(side - 1)
-    i, j = vec.least(vec.to_i32(x), last), vec.least(vec.to_i32(y), last)
+    i, j = vec.minimum(vec.to_i32(x), last), vec.minimum(vec.to_i32(y), last)
     fx, fy = x - vec.to_f32(i), y - vec.to_f32(j)
     place = (i * vec.i32(side) + j) * two
     wa, wb, wc, wd = (one - fx) * (one - fy), fx * (one - fy), (one - fx) * fy, fx * fy
@@ -199,7 +199,7 @@ def _split(table, side, n_v, roughness):
     )
 
 
-@inner
+@device_function
 def _add_environment(job, rows, count):
     """Add the reflection of the environment map (world frame) at ``count`` pixels to the rows R_LIGHT."""
     world = f64_at(job[S_LENS] + 8 * LENS_WORLD)
@@ -207,7 +207,7 @@ def _add_environment(job, rows, count):
     zero, one, two = vec.f32(0.0), vec.f32(1.0), vec.f32(2.0)
     for x in range(0, count, vec.LANES):
         n, v = _three(rows, R_NORMAL, x), _three(rows, R_VIEW, x)
-        roughness = vec.least(vec.most(vec.load(rows, R_ROUGHNESS * STRIDE + x), zero), one)
+        roughness = vec.minimum(vec.maximum(vec.load(rows, R_ROUGHNESS * STRIDE + x), zero), one)
         n_v = dot(n, v)
         # Rough surfaces reflect light from between the mirrored direction and the normal (Lagarde and de Rousiers,
         # "Moving Frostbite to PBR", 2014, 4.9.3).
@@ -215,12 +215,12 @@ def _add_environment(job, rows, count):
         mirror = (one - alpha) * (vec.sqrt(one - alpha) + alpha)
         up = one - mirror + mirror * two * n_v
         m = up * n[0] - mirror * v[0], up * n[1] - mirror * v[1], up * n[2] - mirror * v[2]
-        n_v = vec.least(vec.most(n_v, zero), one)
+        n_v = vec.minimum(vec.maximum(n_v, zero), one)
         scale, bias = _split(f32_at(job[J_SPLIT]), job[J_SPLIT_SIDE], n_v, roughness)
         u, w = _octahedral(transform_directions(world, 0, n))
         d0, d1, d2 = _read(texels, places, vec.i32(LEVELS), u, w)
         at = roughness * vec.f32(float(LEVELS - 1))
-        low = vec.least(vec.to_i32(at), vec.i32(LEVELS - 2))
+        low = vec.minimum(vec.to_i32(at), vec.i32(LEVELS - 2))
         part = at - vec.to_f32(low)
         u, w = _octahedral(transform_directions(world, 0, m))
         r0, g0, b0 = _read(texels, places, low, u, w)
@@ -235,7 +235,7 @@ def _add_environment(job, rows, count):
         _put(rows, R_LIGHT, x, red + kept * r, green + kept * g, blue + kept * b)
 
 
-@inner
+@device_function
 def light_up(job, rows, count):
     """Fill the rows R_VIEW and R_LIGHT of ``count`` pixels, the latter with tone-mapped linear RGB.
 

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from renderers.compiler import simd as vec
-from renderers.compiler.device_function import inlined, inner
+from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.pointers import f32_at, i64_at
 from renderers.shading.layout import (
     A_BASE,
@@ -77,10 +77,10 @@ def _times3(a, b):
 @inlined
 def _clamped(value):
     """0 .. 1; 0 for NaN."""
-    return vec.least(vec.most(value, vec.f32(0.0)), vec.f32(1.0))
+    return vec.minimum(vec.maximum(value, vec.f32(0.0)), vec.f32(1.0))
 
 
-@inner
+@device_function
 def put_surface(job, segment, wanted, count, rows, slot):
     """Fill the rows R_ from value ``slot`` on for the first ``count`` pixels of the rows A_.
 
@@ -121,7 +121,9 @@ def put_surface(job, segment, wanted, count, rows, slot):
         store3(rows, R_POINT * STRIDE + slot + x, STRIDE, load3(pixels, A_POINT * STRIDE + x, STRIDE))
         store3(rows, R_FLAT * STRIDE + slot + x, STRIDE, load3(pixels, A_FLAT * STRIDE + x, STRIDE))
         r, g, b = load3(pixels, A_BASE * STRIDE + x, STRIDE)
-        store3(rows, R_BASE * STRIDE + slot + x, STRIDE, (vec.most(r, zero), vec.most(g, zero), vec.most(b, zero)))
+        store3(
+            rows, R_BASE * STRIDE + slot + x, STRIDE, (vec.maximum(r, zero), vec.maximum(g, zero), vec.maximum(b, zero))
+        )
         metallic, roughness = vec.f32(mf[MF_METALLIC]), vec.f32(mf[MF_ROUGHNESS])
         if mi[MI_METALLIC_ROUGHNESS] >= 0:
             roughness = roughness * vec.load(pixels, (A_ROUGH + 1) * STRIDE + x)
@@ -137,7 +139,7 @@ def put_surface(job, segment, wanted, count, rows, slot):
     return True
 
 
-@inner
+@device_function
 def _put_dielectric(job, segment, mi, mf, pixels, count, rows, slot):
     """Fill the rows R_F0 and R_F90 (KHR_materials_ior, KHR_materials_specular)."""
     one, reflectance = vec.f32(1.0), vec.f32(mf[MF_REFLECTANCE])
@@ -155,8 +157,8 @@ def _put_dielectric(job, segment, mi, mf, pixels, count, rows, slot):
         if mi[MI_SPECULAR_COLOR] >= 0:
             tint = _times3(tint, load3(pixels, A_TEXEL * STRIDE + x, STRIDE))
         f0 = (
-            vec.least(reflectance * tint[0], one) * f90,
-            vec.least(reflectance * tint[1], one) * f90,
-            vec.least(reflectance * tint[2], one) * f90,
+            vec.minimum(reflectance * tint[0], one) * f90,
+            vec.minimum(reflectance * tint[1], one) * f90,
+            vec.minimum(reflectance * tint[2], one) * f90,
         )
         store3(rows, R_F0 * STRIDE + slot + x, STRIDE, f0)

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from renderers.compiler import simd as vec
-from renderers.compiler.device_function import inlined, inner
+from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.jit import kernel
 from renderers.compiler.kernel_calls import call_kernel, is_set
 from renderers.compiler.pointers import address, f32_at, i32_at, i64_at, u8_at
@@ -59,7 +59,7 @@ def _add_one(mode, out, line, x, rows, row, slot):
     out[3 * line + x] += share
 
 
-@inner
+@device_function
 def _add(mode, out, line, columns, rows, row, begin, end):
     """Add three rows' values ``begin .. end`` to their pixels.
 
@@ -71,14 +71,14 @@ def _add(mode, out, line, columns, rows, row, begin, end):
     for slot in range(begin, end, vec.LANES):
         x, count = np.int64(columns[slot]), end - slot
         here = lane < vec.i32(count)
-        if vec.bits(here & (vec.load(columns, slot) != vec.i32(x) + lane)) != 0:
+        if vec.movemask(here & (vec.load(columns, slot) != vec.i32(x) + lane)) != 0:
             for k in range(min(count, vec.LANES)):
                 _add_one(mode, out, line, np.int64(columns[slot + k]), rows, row, slot + k)
             continue
         share = vec.load(rows, R_ALPHA * STRIDE + slot)
         covered = vec.load(out, 3 * line + x)
         if mode == BENEATH:
-            share = share * vec.most(one - covered, zero)
+            share = share * vec.maximum(one - covered, zero)
         for k in range(3):
             there = vec.load(out, k * line + x)
             added = share * vec.load(rows, (row + k) * STRIDE + slot)
@@ -86,7 +86,7 @@ def _add(mode, out, line, columns, rows, row, begin, end):
         vec.store(out, 3 * line + x, covered + vec.select(here, share, zero))
 
 
-@inner
+@device_function
 def _light(job, mode, out, line, columns, count, rows):
     """Light the gathered surfaces and add them to the row."""
     if count > 0:
@@ -94,7 +94,7 @@ def _light(job, mode, out, line, columns, count, rows):
         _add(mode, out, line, columns, rows, R_LIGHT, np.int64(0), count)
 
 
-@inner
+@device_function
 def _put_columns(segment, begin, stop, weights, columns, rows, slot):
     """Fill ``columns`` and, from the samples of 8 that ``weights`` points to, R_ALPHA."""
     one, apart = vec.f32(1.0), segment[G_COLUMNS]
@@ -109,7 +109,7 @@ def _put_columns(segment, begin, stop, weights, columns, rows, slot):
             rows[R_ALPHA * STRIDE + slot + x - begin] = np.float32(weights[x]) * np.float32(0.125)
 
 
-@inner
+@device_function
 def _gather(job, segment, mode, span, end_span, weights, out, line, columns, rows, slot):
     """Gather the spans ``span .. end_span`` of the selected instance from value ``slot`` on; returns where the next
     ones go."""
@@ -141,7 +141,7 @@ def _gather(job, segment, mode, span, end_span, weights, out, line, columns, row
     return slot
 
 
-@inner
+@device_function
 def _row(job, segment, mode, y, records, columns_at, weights, count, instance, ids, out, line, columns, rows):
     """Shade the records of one row and add them to it; returns the last instance, a hint for the next row.
 

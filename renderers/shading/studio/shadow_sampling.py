@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from renderers.compiler import simd as vec
-from renderers.compiler.device_function import inlined, inner
+from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.pointers import f32_at
 from renderers.shading.studio.shadows import S_CENTER, S_FOCAL, S_OFFSET, SI_INV_Z, SI_SIDE
 
@@ -32,11 +32,11 @@ def _column(lit, texels, column, width, plane, du, fu):
     elif column == width - 1:
         weight = fu
     # Empty texels hold a negative 1/z.
-    clear = texels <= vec.most(plane + du * vec.f32(column), zero)
+    clear = texels <= vec.maximum(plane + du * vec.f32(column), zero)
     return lit + vec.select(clear, weight, zero)
 
 
-@inner
+@device_function
 def _filtered(inv_z, side, radius, at, base, du, dv, fu, fv):
     """Return the weighted means of the depth comparisons around eight points.
 
@@ -71,7 +71,7 @@ def _filtered(inv_z, side, radius, at, base, du, dv, fu, fv):
     return total / vec.f32((2 * radius + 1) * (2 * radius + 1))
 
 
-@inner
+@device_function
 def light_share(m, integers, radius, x, y, z, nx, ny, nz):
     """Return the share of a light that reaches points, f32x8, 0 .. 1; 1 outside of the map.
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from renderers.compiler import simd as vec
-from renderers.compiler.device_function import inner
+from renderers.compiler.device_function import device_function
 from renderers.compiler.jit import kernel
 from renderers.compiler.pointers import f32_at, i64_at, u8_at
 from renderers.shading.studio.layout import F_BEHIND, F_CELLS, F_COLOR, line_in_kernel
 from renderers.shading.studio.tonemap import srgb_byte
 
 
-@inner
+@device_function
 def finish_row(layers, line, behind, cells, width, spare, color_at):
     """Blend a row's layers over the background and encode it as sRGB.
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from renderers.color import linear_values_from_srgb
 from renderers.compiler import simd as vec
-from renderers.compiler.device_function import inlined, inner
+from renderers.compiler.device_function import device_function, inlined
 from renderers.compiler.pointers import i32_at
 
 TONES: Final = ("neutral", "aces", "none")
@@ -33,11 +33,11 @@ _CELL: Final = 16
 def _neutral(r, g, b):
     """Khronos' curve on linear colours. NaN becomes 0."""
     zero, one, start = vec.f32(0.0), vec.f32(1.0), vec.f32(_START)
-    r, g, b = vec.most(r, zero), vec.most(g, zero), vec.most(b, zero)
-    x = vec.least(r, vec.least(g, b))
+    r, g, b = vec.maximum(r, zero), vec.maximum(g, zero), vec.maximum(b, zero)
+    x = vec.minimum(r, vec.minimum(g, b))
     offset = vec.select(x < vec.f32(0.08), x - vec.f32(6.25) * x * x, vec.f32(0.04))
     r, g, b = r - offset, g - offset, b - offset
-    peak = vec.most(r, vec.most(g, b))
+    peak = vec.maximum(r, vec.maximum(g, b))
     d = one - start
     new_peak = one - d * d / (peak + d - start)
     bright, white = peak >= start, peak >= vec.f32(1e30)
@@ -67,9 +67,9 @@ def _aces(r, g, b):
     """Hill's fit on linear colours. NaN becomes 0."""
     # Beyond 1e6 the curve is white to the last digit; squares of anything larger might not be finite.
     zero, bound, exposure = vec.f32(0.0), vec.f32(1e6), vec.f32(_ACES_EXPOSURE)
-    r = vec.least(vec.most(r, zero), bound) * exposure
-    g = vec.least(vec.most(g, zero), bound) * exposure
-    b = vec.least(vec.most(b, zero), bound) * exposure
+    r = vec.minimum(vec.maximum(r, zero), bound) * exposure
+    g = vec.minimum(vec.maximum(g, zero), bound) * exposure
+    b = vec.minimum(vec.maximum(b, zero), bound) * exposure
     x = _aces_channel(_mixed(0.59719, 0.35458, 0.04823, r, g, b))
     y = _aces_channel(_mixed(0.07600, 0.90834, 0.01566, r, g, b))
     z = _aces_channel(_mixed(0.02840, 0.13383, 0.83777, r, g, b))
@@ -83,10 +83,14 @@ def _aces(r, g, b):
 @inlined
 def _none(r, g, b):
     zero, one = vec.f32(0.0), vec.f32(1.0)
-    return vec.least(vec.most(r, zero), one), vec.least(vec.most(g, zero), one), vec.least(vec.most(b, zero), one)
+    return (
+        vec.minimum(vec.maximum(r, zero), one),
+        vec.minimum(vec.maximum(g, zero), one),
+        vec.minimum(vec.maximum(b, zero), one),
+    )
 
 
-@inner
+@device_function
 def shown(tone, r, g, b):
     """Apply the tone curve ``TONES[tone]`` to linear colours (f32x8 each)."""
     if tone == 0:
@@ -130,7 +134,7 @@ def srgb_byte(c, cells):
     Args:
         cells: address of ``SRGB_CELLS``.
     """
-    c = vec.least(vec.most(c, vec.f32(_LEAST)), vec.f32(1.0))
-    bits = vec.bits_of(c) - vec.i32(_LEAST_BITS)
+    c = vec.minimum(vec.maximum(c, vec.f32(_LEAST)), vec.f32(1.0))
+    bits = vec.float_bits(c) - vec.i32(_LEAST_BITS)
     cell = vec.gather(i32_at(cells), bits >> vec.i32(_CELL))
     return (cell + (bits & vec.i32((1 << _CELL) - 1))) >> vec.i32(_CELL)

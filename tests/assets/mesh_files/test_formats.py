@@ -1,8 +1,9 @@
-"""What comes out of the formats: shapes, materials, textures, units, axes."""
+"""Shapes, materials, textures, units and axes of all formats."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,7 +30,7 @@ def mesh_of(part: Part) -> Mesh:
     return part.shape.mesh
 
 
-def test_obj_with_materials_and_texture(root: Path, files: MeshFiles):
+def test_obj_with_materials_and_texture(root: Path, files: MeshFiles) -> None:
     write(root / "cube.obj", CUBE)
     write(root / "cube.mtl", CUBE_MTL)
     write(root / "textures" / "paint.png", png((255, 0, 0), (0, 0, 255)))
@@ -37,7 +38,7 @@ def test_obj_with_materials_and_texture(root: Path, files: MeshFiles):
     np.testing.assert_array_equal(bounds(parts), [(-1, -1, -1), (1, 1, 1)])
     by_alpha = {part.material.alpha_mode: part for part in parts}
     painted, glass = by_alpha[AlphaMode.OPAQUE], by_alpha[AlphaMode.BLEND]
-    assert painted.material.base_color == (1, 1, 1, 1)
+    assert painted.material.base_color == (1.0, 1.0, 1.0, 1.0)
     assert painted.material.base_color_texture is not None
     pixels = painted.material.base_color_texture.image.decode()
     np.testing.assert_array_equal(pixels, [[(255, 0, 0, 255), (0, 0, 255, 255)]])
@@ -51,7 +52,7 @@ def test_obj_with_materials_and_texture(root: Path, files: MeshFiles):
     np.testing.assert_array_equal(mesh.uv0[corner[0]], (0, 1))
 
 
-def test_meshes_without_normals_are_smooth_but_not_across_creases(root: Path, files: MeshFiles):
+def test_meshes_without_normals_are_smooth_but_not_across_creases(root: Path, files: MeshFiles) -> None:
     write(root / "ball.stl", stl(primitives.sphere()))
     ball = mesh_of(files.load("ball.stl")[0])
     assert ball.normals is not None
@@ -65,7 +66,7 @@ def test_meshes_without_normals_are_smooth_but_not_across_creases(root: Path, fi
 
 
 @pytest.mark.parametrize("content", [b"no picture", png((1, 2, 3))[:33], b""])
-def test_textures_that_cannot_be_decoded_are_left_out(root: Path, files: MeshFiles, content: bytes):
+def test_textures_that_cannot_be_decoded_are_left_out(root: Path, files: MeshFiles, content: bytes) -> None:
     write(root / "cube.obj", CUBE)
     write(root / "cube.mtl", CUBE_MTL)
     write(root / "textures" / "paint.png", content)
@@ -74,7 +75,7 @@ def test_textures_that_cannot_be_decoded_are_left_out(root: Path, files: MeshFil
     assert [part.material.base_color_texture for part in parts] == [None, None]
 
 
-def test_textures_beyond_the_total_of_pixels_are_left_out(root: Path):
+def test_textures_beyond_the_total_of_pixels_are_left_out(root: Path) -> None:
     head, _ = CUBE.split("usemtl glass")
     write(root / "two.obj", head + "usemtl second\nf 1/1 2/2 6/3 5/4\n")
     write(root / "cube.mtl", CUBE_MTL.replace("glass", "second") + "map_Kd second.png\n")
@@ -85,13 +86,14 @@ def test_textures_beyond_the_total_of_pixels_are_left_out(root: Path):
         assert sum(part.material.base_color_texture is not None for part in files.load("two.obj")) == textured
 
 
-def test_normals_of_the_file_are_kept(root: Path, files: MeshFiles):
+def test_normals_of_the_file_are_kept(root: Path, files: MeshFiles) -> None:
     write(root / "n.obj", "v 0 0 0\nv 1 0 0\nv 0 2 0\nvn 0 0.6 0.8\nf 1//1 2//1 3//1\n")
     mesh = mesh_of(files.load("n.obj")[0])
+    assert mesh.normals is not None
     np.testing.assert_allclose(mesh.normals, np.tile((0, 0.6, 0.8), (3, 1)), atol=1e-6)
 
 
-def test_ply_with_vertex_colours_and_ply_of_points(root: Path, files: MeshFiles):
+def test_ply_with_vertex_colours_and_ply_of_points(root: Path, files: MeshFiles) -> None:
     head = "ply\nformat ascii 1.0\nelement vertex 3\n" + "".join(f"property float {c}\n" for c in "xyz")
     colors = "".join(f"property uchar {c}\n" for c in ("red", "green", "blue"))
     rows = "0 0 0 255 0 0\n1 0 0 0 255 0\n0 1 0 0 0 188\n"
@@ -108,7 +110,7 @@ def test_ply_with_vertex_colours_and_ply_of_points(root: Path, files: MeshFiles)
     (part,) = files.load("p.ply")
     assert isinstance(part.shape, PointCloud)
     np.testing.assert_array_equal(part.shape.points, [(0, 0, 0), (1, 0, 0), (0, 1, 0)])
-    np.testing.assert_array_equal(part.shape.channels["rgb"][:, :3], np.diag(np.float32([1, 1, 188 / 255])))
+    np.testing.assert_array_equal(part.shape.channels["rgb"][:, :3], np.diag(np.array([1, 1, 188 / 255], np.float32)))
 
 
 @pytest.mark.parametrize(
@@ -120,19 +122,19 @@ def test_ply_with_vertex_colours_and_ply_of_points(root: Path, files: MeshFiles)
         ("<up_axis>X_UP</up_axis>", [(-2, -5, 0), (0, -5, 1)]),
     ],
 )
-def test_collada_states_its_unit_and_what_is_up(root: Path, files: MeshFiles, asset: str, expected):
+def test_collada_unit_and_up_axis(root: Path, files: MeshFiles, asset: str, expected: Any) -> None:
     write(root / "part.dae", DAE.format(asset=asset))
     np.testing.assert_allclose(bounds(files.load("part.dae")), expected, atol=1e-6)
 
 
 @pytest.mark.parametrize(("generator", "expected"), [("", [(0, 0, 0), (1, 0, 2)]), ("VTK", [(0, 0, 0), (1, 2, 0)])])
-def test_gltf_is_y_up_unless_drake_wrote_it(root: Path, files: MeshFiles, generator: str, expected):
+def test_gltf_is_y_up_unless_drake_wrote_it(root: Path, files: MeshFiles, generator: str, expected: Any) -> None:
     write(root / "t.gltf", gltf(generator))
     write(root / "data.bin", np.array([(0, 0, 0), (1, 0, 0), (0, 2, 0)], np.float32).tobytes())
     np.testing.assert_allclose(bounds(files.load("t.gltf")), expected, atol=1e-6)
 
 
-def test_scale_is_applied_along_the_files_axes(root: Path, files: MeshFiles):
+def test_scale_is_applied_along_the_files_axes(root: Path, files: MeshFiles) -> None:
     write(root / "t.obj", TRIANGLE)
     np.testing.assert_array_equal(bounds(files.load("t.obj", (2, -3, 4))), [(0, -6, 0), (2, 0, 0)])
     np.testing.assert_array_equal(bounds(files.load("t.obj")), [(0, 0, 0), (1, 2, 0)])

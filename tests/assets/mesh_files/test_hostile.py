@@ -12,7 +12,7 @@ from gateway.gltf import GltfLimits
 from tests.assets.mesh_files.files import DAE, TRIANGLE, gltf, png, write
 
 
-def test_collada_with_entities_is_refused(root: Path, files: MeshFiles):
+def test_collada_with_entities_is_refused(root: Path, files: MeshFiles) -> None:
     bomb = DAE.format(asset="").replace("<COLLADA", '<!DOCTYPE x [<!ENTITY a SYSTEM "file:///etc/passwd">]><COLLADA', 1)
     write(root / "bomb.dae", bomb)
     with pytest.raises(MeshFileError, match="DOCTYPE"):
@@ -34,7 +34,7 @@ def test_collada_with_entities_is_refused(root: Path, files: MeshFiles):
         "../nothing-there.obj",
     ],
 )
-def test_nothing_outside_of_the_roots_is_read_or_even_known_to_exist(root: Path, files: MeshFiles, name: str):
+def test_files_outside_of_the_roots_are_not_disclosed(root: Path, files: MeshFiles, name: str) -> None:
     (root / "link").symlink_to(root.parent)
     (root / "secret-link.obj").symlink_to(root.parent / "secret.obj")
     with pytest.raises(MeshFileError, match="lies outside of the folders that are open to clients") as caught:
@@ -42,20 +42,20 @@ def test_nothing_outside_of_the_roots_is_read_or_even_known_to_exist(root: Path,
     assert not caught.value.missing
 
 
-def test_a_sibling_outside_is_not_taken(root: Path, files: MeshFiles):
+def test_a_sibling_outside_is_not_taken(root: Path, files: MeshFiles) -> None:
     (root / "link.obj").symlink_to(root.parent / "secret.obj")
     with pytest.raises(MeshFileError, match="no such file"):
         files.load("link.vtp")
 
 
 @pytest.mark.parametrize("name", ["http://example.org/x.obj", "https://example.org/x.obj", "ftp://h/x.obj", "data://x"])
-def test_nothing_is_fetched(files: MeshFiles, name: str):
+def test_nothing_is_fetched(files: MeshFiles, name: str) -> None:
     with pytest.raises(MeshFileError, match="nothing is fetched"):
         files.load(name)
 
 
 @pytest.mark.parametrize("named", ["../secret.mtl", "/etc/passwd", "leak.mtl", "http://example.org/x.mtl"])
-def test_materials_outside_of_the_roots_are_left_out(root: Path, files: MeshFiles, named: str):
+def test_materials_outside_of_the_roots_are_left_out(root: Path, files: MeshFiles, named: str) -> None:
     write(root.parent / "secret.mtl", "newmtl m\nKd 1 0 0\n")
     (root / "leak.mtl").symlink_to(root.parent / "secret.mtl")
     write(root / "t.obj", f"mtllib {named}\nv 0 0 0\nv 1 0 0\nv 0 2 0\nusemtl m\nf 1 2 3\n")
@@ -63,7 +63,7 @@ def test_materials_outside_of_the_roots_are_left_out(root: Path, files: MeshFile
     assert part.material.base_color == (1, 1, 1, 1)
 
 
-def test_textures_outside_of_the_roots_are_left_out(root: Path, files: MeshFiles):
+def test_textures_outside_of_the_roots_are_left_out(root: Path, files: MeshFiles) -> None:
     write(root.parent / "secret.png", png((9, 9, 9)))
     write(root / "t.mtl", "newmtl m\nKd 1 0 0\nmap_Kd ../secret.png\n")
     write(root / "t.obj", "mtllib t.mtl\nv 0 0 0\nv 1 0 0\nv 0 2 0\nvt 0 0\nusemtl m\nf 1/1 2/1 3/1\n")
@@ -72,14 +72,14 @@ def test_textures_outside_of_the_roots_are_left_out(root: Path, files: MeshFiles
     assert part.material.base_color == (1, 0, 0, 1)
 
 
-def test_gltf_buffers_outside_of_the_roots_are_refused(root: Path, files: MeshFiles):
+def test_gltf_buffers_outside_of_the_roots_are_refused(root: Path, files: MeshFiles) -> None:
     write(root.parent / "data.bin", b"\0" * 36)
     write(root / "t.gltf", gltf("").replace("data.bin", "../data.bin"))
     with pytest.raises(MeshFileError, match="outside"):
         files.load("t.gltf")
 
 
-def test_a_pipe_is_no_mesh_and_does_not_hold_the_thread(root: Path, files: MeshFiles):
+def test_pipes_are_refused_without_blocking(root: Path, files: MeshFiles) -> None:
     os.mkfifo(root / "pipe.obj")
     with pytest.raises(MeshFileError, match=r"known format|regular file"):
         files.load("pipe.obj")
@@ -88,7 +88,7 @@ def test_a_pipe_is_no_mesh_and_does_not_hold_the_thread(root: Path, files: MeshF
     assert files.load("t.obj")
 
 
-def test_without_roots_everything_is_refused(root: Path):
+def test_without_roots_everything_is_refused(root: Path) -> None:
     write(root / "t.obj", TRIANGLE)
     with pytest.raises(MeshFileError, match="no folder is open"):
         MeshFiles([]).load(str(root / "t.obj"))
@@ -105,7 +105,7 @@ def test_without_roots_everything_is_refused(root: Path):
         b"ply\nformat ascii 1.0\nelement vertex 9999999999\nend_header\n",
     ],
 )
-def test_damaged_files_are_a_sentence(root: Path, files: MeshFiles, extension: str, content: bytes):
+def test_damaged_files_are_errors(root: Path, files: MeshFiles, extension: str, content: bytes) -> None:
     write(root / f"bad.{extension}", content)
     with pytest.raises(MeshFileError) as caught:
         files.load(f"bad.{extension}")
@@ -113,13 +113,13 @@ def test_damaged_files_are_a_sentence(root: Path, files: MeshFiles, extension: s
     assert "\n" not in str(caught.value)
 
 
-def test_faces_beyond_the_vertices_are_a_sentence(root: Path, files: MeshFiles):
+def test_faces_beyond_the_vertices_are_errors(root: Path, files: MeshFiles) -> None:
     write(root / "bad.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n")
     with pytest.raises(MeshFileError):
         files.load("bad.obj")
 
 
-def test_files_beyond_the_limits_are_refused(root: Path):
+def test_files_beyond_the_limits_are_refused(root: Path) -> None:
     write(root / "t.obj", TRIANGLE)
     with pytest.raises(MeshFileError, match="larger than the 10 bytes"):
         MeshFiles([root], MeshFileLimits(max_bytes=10)).load("t.obj")

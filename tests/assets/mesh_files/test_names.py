@@ -1,4 +1,4 @@
-"""How files are named and found, and how long they are remembered."""
+"""Names of mesh files, and their cache."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gateway.scene import transforms as tf
 from tests.assets.mesh_files.files import CUBE, CUBE_MTL, TRIANGLE, write
 
 
-def test_absolute_relative_and_file_names(root: Path, files: MeshFiles):
+def test_absolute_relative_and_file_names(root: Path, files: MeshFiles) -> None:
     write(root / "sub dir" / "t.obj", TRIANGLE)
     for name in (
         "sub dir/t.obj",
@@ -24,7 +24,7 @@ def test_absolute_relative_and_file_names(root: Path, files: MeshFiles):
         assert files.load(name)
 
 
-def test_packages_are_found_by_the_name_in_their_manifest(root: Path, files: MeshFiles):
+def test_packages_are_found_by_the_name_in_their_manifest(root: Path, files: MeshFiles) -> None:
     write(root / "ws" / "src" / "arm" / "package.xml", "<package format='2'>\n <name> my_arm </name></package>")
     write(root / "ws" / "src" / "arm" / "meshes" / "link.obj", TRIANGLE)
     assert files.load("package://my_arm/meshes/link.obj")
@@ -35,12 +35,17 @@ def test_packages_are_found_by_the_name_in_their_manifest(root: Path, files: Mes
         files.load("package://my_arm/../../../../secret.obj")
 
 
-def test_unknown_packages_do_not_cause_a_search_each(root: Path, monkeypatch):
+def test_unknown_packages_do_not_start_a_search_each(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     now = [0.0]
     packages = Packages((root,), clock=lambda: now[0])
-    scans = []
-    real = Packages._scan
-    monkeypatch.setattr(Packages, "_scan", lambda self: scans.append(1) or real(self))
+    scans: list[Packages] = []
+    real = Packages.scan
+
+    def counted(self: Packages) -> dict[str, Path]:
+        scans.append(self)
+        return real(self)
+
+    monkeypatch.setattr(Packages, "scan", counted)
     for _ in range(50):
         assert packages.folder("nobody") is None
     assert len(scans) == 1
@@ -49,7 +54,7 @@ def test_unknown_packages_do_not_cause_a_search_each(root: Path, monkeypatch):
     assert packages.folder("late") == root / "late"
 
 
-def test_a_sibling_of_a_known_format_stands_in(root: Path, files: MeshFiles):
+def test_siblings_of_a_known_format_replace_unknown_ones(root: Path, files: MeshFiles) -> None:
     write(root / "link.obj", TRIANGLE)
     write(root / "other.vtm", "<VTKFile/>")
     assert files.load("link.vtp")
@@ -58,32 +63,32 @@ def test_a_sibling_of_a_known_format_stands_in(root: Path, files: MeshFiles):
     assert not caught.value.missing
 
 
-def test_missing_files_say_so(files: MeshFiles):
+def test_missing_files_say_so(files: MeshFiles) -> None:
     with pytest.raises(MeshFileError, match=r"'nothing\.obj': there is no such file") as caught:
         files.load("nothing.obj")
     assert caught.value.missing
 
 
-def test_a_link_within_the_roots_is_followed(root: Path, files: MeshFiles):
+def test_a_link_within_the_roots_is_followed(root: Path, files: MeshFiles) -> None:
     write(root / "real" / "t.obj", TRIANGLE)
     (root / "alias.obj").symlink_to(root / "real" / "t.obj")
     assert files.load("alias.obj")
 
 
 @pytest.mark.parametrize("name", ["", "a\0b.obj", "x" * 5000 + ".obj"])
-def test_what_is_no_file_name(files: MeshFiles, name: str):
+def test_rejects_invalid_file_names(files: MeshFiles, name: str) -> None:
     with pytest.raises(MeshFileError, match="is not a file name"):
         files.load(name)
 
 
-def test_names_that_the_system_refuses(files: MeshFiles):
+def test_names_that_the_system_refuses(files: MeshFiles) -> None:
     with pytest.raises(MeshFileError):
         files.load("x" * 300 + ".obj")
     with pytest.raises(MeshFileError):
         files.load("\ud800.obj")
 
 
-def test_a_file_is_loaded_once_until_it_or_its_material_changes(root: Path, files: MeshFiles):
+def test_a_file_is_loaded_once_until_it_or_its_material_changes(root: Path, files: MeshFiles) -> None:
     write(root / "cube.obj", CUBE)
     material = write(root / "cube.mtl", CUBE_MTL)
     first = files.load("cube.obj")
@@ -96,13 +101,14 @@ def test_a_file_is_loaded_once_until_it_or_its_material_changes(root: Path, file
     assert sorted(part.material.base_color[3] for part in again) == [0.75, 1.0]
 
 
-def test_the_cache_is_bounded_in_bytes(root: Path):
+def test_cache_is_limited_in_bytes(root: Path) -> None:
     for index in range(4):
         write(root / f"{index}.obj", TRIANGLE)
-    size = MeshFiles([root])
-    size.load("0.obj")
-    files = MeshFiles([root], MeshFileLimits(cache_bytes=2 * size._nbytes))
+    one = MeshFiles([root])
+    one.load("0.obj")
+    size = one.cache.nbytes
+    files = MeshFiles([root], MeshFileLimits(cache_bytes=2 * size))
     kept = [files.load(f"{index}.obj")[0].shape for index in range(4)]
-    assert files._nbytes <= 2 * size._nbytes
+    assert files.cache.nbytes == 2 * size
     assert files.load("3.obj")[0].shape is kept[3]
     assert files.load("0.obj")[0].shape is not kept[0]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from renderers.compiler.device_function import inlined, inner
+from renderers.compiler.device_function import device_function, inlined
 
 
 @inlined
@@ -13,7 +13,7 @@ def square(x):  # type: ignore[no-untyped-def]  # Numba finds the types
     return x * x
 
 
-@inner
+@device_function
 def sum_of_squares(values, count):  # type: ignore[no-untyped-def]  # Numba finds the types
     total = 0.0
     for k in range(count):

@@ -9,10 +9,10 @@ from numba import njit
 
 from renderers.compiler.kernel_calls import (
     YIELD_ADDRESS,
+    atomic_add_one,
     call_kernel,
     kernel_address,
-    shared_number,
-    take_number,
+    load_acquire,
     yield_at,
 )
 from renderers.compiler.pointers import i64_at
@@ -40,13 +40,13 @@ def test_a_kernel_called_by_its_address_does_what_it_does() -> None:
 def _take(numbers, taken, most, pause):
     shared, own = i64_at(numbers), i64_at(taken)
     count = 0
-    number = take_number(shared, 1)
+    number = atomic_add_one(shared, 1)
     while number < most:
         own[number] += 1
-        take_number(shared, 0)
+        atomic_add_one(shared, 0)
         count += 1
-        number = take_number(shared, 1)
-    while shared_number(shared, 0) < most:
+        number = atomic_add_one(shared, 1)
+    while load_acquire(shared, 0) < most:
         if pause != 0:
             yield_at(pause)
     return count

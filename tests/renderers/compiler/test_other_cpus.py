@@ -22,7 +22,6 @@ _CHILD: Final = """
 import sys
 import pytest
 from numba import float32, njit
-from renderers.compiler.remembered import remember
 
 @njit(float32(float32[::1]))
 def total(values):
@@ -30,7 +29,6 @@ def total(values):
 
 (assembly,) = total.inspect_asm().values()
 assert "xmm" in assembly and not any(register in assembly for register in ("ymm", "zmm")), assembly
-remember()
 sys.exit(pytest.main(["-q", "-p", "no:cacheprovider", *sys.argv[1:]]))
 """
 

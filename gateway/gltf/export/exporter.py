@@ -1,9 +1,9 @@
-"""The tree as one binary glTF 2.0 file (.glb): nodes named as in the tree, shared meshes, embedded textures.
+"""A tree as one binary glTF 2.0 file (``.glb``): nodes named as in the tree, shared meshes, embedded textures.
 
-The tree is Z-up and glTF Y-up, so everything hangs below a root that turns it by -90 degrees about X. Equal meshes,
-materials and images (the same objects) are written once. Colours of clouds and triads, which the tree has as displays
-show them, become linear, as glTF wants vertex colours (3.7.2.1); those of meshes are written as they are. Hidden
-subtrees are left out; so are nodes whose transform is not finite, as JSON has no word for that.
+The tree is Z-up and glTF Y-up, so all nodes are below a root that is rotated by -90 degrees about X. Meshes, materials
+and images that are the same objects are written once. Colours of point clouds and triads are sRGB in the tree and
+become linear, as in glTF (3.7.2.1); those of meshes are linear already. Hidden subtrees are left out, and so are nodes
+whose transform is not finite, which JSON cannot express.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from gateway.gltf.export.document import INDICES, MAX_BYTES, VERTICES, GltfDocument
-from gateway.gltf.export.materials import MaterialWriter
+from gateway.gltf.export.glb_document import INDEX_TARGET, MAX_BYTES, VERTEX_TARGET, GltfDocument
+from gateway.gltf.export.material_writer import MaterialWriter
 from gateway.scene.geometry import Surface
 from gateway.scene.meshing import meshes_of
-from gateway.scene.names import written
+from gateway.scene.names import json_element
 from gateway.scene.transforms import IDENTITY, Y_UP_TO_Z_UP, Matrix
 from gateway.scene.tree import Node
 from renderers.camera import OPENGL_FROM_OPTICAL, Camera
@@ -26,20 +26,20 @@ from renderers.drawlist import Material, Mesh, Topology
 from renderers.stop import check_stop
 
 GENERATOR: Final = "Scenegate"
-"""Not one of Drake's, so that our own reader takes the file as Y-up."""
+"""Differs from Drake's generators, so that our reader takes the file as Y-up."""
 _MODES: Final = {Topology.POINTS: 0, Topology.LINES: 1, Topology.TRIANGLES: 4}
 
 
 def export_glb(root: Node, *, camera: Camera | None = None, max_bytes: int = MAX_BYTES) -> bytes:
-    """The tree as a .glb file.
+    """Return the tree as a ``.glb`` file.
 
     Args:
-        root: a committed tree, Z up, metres.
-        camera: written as the file's only one; glTF has no principal point, so it looks through its picture's middle.
-        max_bytes: of the file's binary part.
+        root: A committed tree, Z up, metres.
+        camera: The file's only camera. glTF has no principal point: it is moved to the centre of the image.
+        max_bytes: Maximum size of the file's binary part.
 
     Raises:
-        ExportError: the file would be larger than ``max_bytes``.
+        ExportError: The file would be larger than ``max_bytes``.
     """
     return _Writer(max_bytes).write(root, camera)
 
@@ -49,7 +49,7 @@ class _Writer:
         self._document = GltfDocument(GENERATOR, max_bytes)
         self._materials = MaterialWriter(self._document)
         self._primitives: list[dict[str, Any]] = []
-        """Without a material."""
+        """Primitives without their materials."""
 
     def write(self, root: Node, camera: Camera | None) -> bytes:
         entry: dict[str, Any] = {"name": "Z up to Y up", "matrix": _column_major(Y_UP_TO_Z_UP.T)}
@@ -64,7 +64,7 @@ class _Writer:
         while stack:
             check_stop()
             name, node, parent = stack.pop()
-            if not node.visible or not _writable(node.matrix):
+            if not node.visible or not _is_writable(node.matrix):
                 continue
             entry: dict[str, Any] = {"name": name} if name else {}
             if node.matrix is not IDENTITY and not np.array_equal(node.matrix, IDENTITY):
@@ -72,10 +72,10 @@ class _Writer:
             index = self._document.add("nodes", entry)
             parent.setdefault("children", []).append(index)
             self._parts(node, entry)
-            stack.extend((str(written(key)), child, entry) for key, child in reversed(node.children.items()))
+            stack.extend((str(json_element(key)), child, entry) for key, child in reversed(node.children.items()))
 
     def _camera(self, camera: Camera, parent: dict[str, Any]) -> None:
-        """A perspective camera (glTF 2.0, 3.10.3)."""
+        """Add a perspective camera (glTF 2.0, 3.10.3)."""
         perspective = {
             "yfov": 2.0 * math.atan(0.5 * camera.height / camera.fy),
             "aspectRatio": (camera.width / camera.fx) / (camera.height / camera.fy),
@@ -88,12 +88,12 @@ class _Writer:
         parent.setdefault("children", []).append(node)
 
     def _parts(self, node: Node, entry: dict[str, Any]) -> None:
-        """The node's geometry: on the node itself where it needs no transform of its own, else below it."""
+        """Add the node's geometry: to the node itself where it needs no transform, else to nodes below it."""
         for part in node.parts or ():
             for mesh, material, X_part_mesh in meshes_of(part.shape, part.material):
                 with np.errstate(all="ignore"):
                     X = part.X_node_part @ X_part_mesh
-                if not _writable(X):
+                if not _is_writable(X):
                     continue
                 index = self._mesh(mesh, material, linear=isinstance(part.shape, Surface))
                 if index is None:
@@ -107,9 +107,10 @@ class _Writer:
                 entry.setdefault("children", []).append(self._document.add("nodes", child))
 
     def _mesh(self, mesh: Mesh, material: Material, *, linear: bool) -> int | None:
-        """A glTF mesh of one primitive; None when it draws nothing or is not finite.
+        """Return the index of a mesh of one primitive; None where it draws nothing or is not finite.
 
-        ``linear``: whether its vertex colours are linear already.
+        Args:
+            linear: True if its vertex colours are linear, False for sRGB.
         """
         primitive = self._document.once("primitive", mesh, lambda: self._primitive(mesh, linear=linear))
         if primitive is None:
@@ -125,7 +126,7 @@ class _Writer:
         if not mesh.elements.size or not np.isfinite(mesh.positions).all():
             return None
         colors = mesh.colors if linear or mesh.colors is None else linear_colors_from_srgb(mesh.colors)
-        attributes = {"POSITION": self._document.accessor(mesh.positions, VERTICES, bounds=True)}
+        attributes = {"POSITION": self._document.accessor(mesh.positions, VERTEX_TARGET, bounds=True)}
         for name, array in (
             ("NORMAL", mesh.normals),
             ("TANGENT", mesh.tangents),
@@ -134,13 +135,13 @@ class _Writer:
             ("COLOR_0", colors),
         ):
             if array is not None and np.isfinite(array).all():
-                attributes[name] = self._document.accessor(array, VERTICES)
+                attributes[name] = self._document.accessor(array, VERTEX_TARGET)
         small = len(mesh.positions) < 0xFFFF
         indices = mesh.elements.ravel().astype(np.uint16 if small else np.uint32)
         self._primitives.append(
             {
                 "attributes": attributes,
-                "indices": self._document.accessor(indices[:, None], INDICES),
+                "indices": self._document.accessor(indices[:, None], INDEX_TARGET),
                 "mode": _MODES[mesh.topology],
             }
         )
@@ -151,6 +152,6 @@ def _column_major(matrix: Matrix) -> list[float]:
     return [float(value) for value in matrix.T.ravel()]
 
 
-def _writable(matrix: Matrix) -> bool:
-    """Whether readers can hold the matrix in float32."""
+def _is_writable(matrix: Matrix) -> bool:
+    """Return True if a matrix is finite and fits float32."""
     return bool((np.abs(matrix) < 1e15).all())

@@ -1,4 +1,4 @@
-"""Materials, textures and images of a document that is being written."""
+"""Materials, textures and images of a glTF document under construction."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 from typing import Any, Final
 
-from gateway.gltf.export.document import GltfDocument
+from gateway.gltf.export.glb_document import GltfDocument
 from renderers.drawlist import AlphaMode, ImageError, Material, Sampler, Texture
 from renderers.encode import png_rgba
 
@@ -17,13 +17,13 @@ _TRANSFORM: Final = "KHR_texture_transform"
 
 
 class MaterialWriter:
-    """Writes equal materials once."""
+    """Writes materials; equal ones once."""
 
     def __init__(self, document: GltfDocument) -> None:
         self._document = document
 
     def material(self, material: Material) -> int:
-        """The material's index."""
+        """Return the index of a material."""
         index = self._document.once_equal(
             "material", material, lambda: self._document.add("materials", self._entry(material))
         )
@@ -56,7 +56,7 @@ class MaterialWriter:
         return entry
 
     def _put_texture(self, entry: dict[str, Any], name: str, texture: Texture | None, **more: float) -> None:
-        """A texture whose image cannot be decoded is left out."""
+        """Write a texture, unless its image cannot be decoded."""
         if texture is None:
             return
         image = self._document.once("image", texture.image, lambda: self._image(texture))
@@ -77,7 +77,7 @@ class MaterialWriter:
         entry[name] = info
 
     def _image(self, texture: Texture) -> int | None:
-        """The image's own file where it has one that glTF allows, else a PNG of its pixels."""
+        """Return the index of a texture's image: its own PNG or JPEG file, else a PNG of its pixels."""
         image = texture.image
         data = getattr(image.decode, "data", None)
         kind = _media_type(bytes(data[:12])) if isinstance(data, bytes | memoryview) else None
@@ -111,7 +111,7 @@ class MaterialWriter:
 
 
 def _units(values: Iterable[float]) -> list[float]:
-    """Factors as the specification wants them, within 0 .. 1."""
+    """Clamp factors to 0 .. 1, as the specification requires."""
     return [min(max(float(value), 0.0), 1.0) if math.isfinite(value) else 1.0 for value in values]
 
 
@@ -122,7 +122,7 @@ def _media_type(start: bytes) -> str | None:
 
 
 def _uv_transform(values: tuple[float, float, float, float, float, float]) -> dict[str, Any]:
-    """KHR_texture_transform's offset, rotation and scale from its matrix T R S (without shear, as it has none)."""
+    """Return offset, rotation and scale of KHR_texture_transform from a matrix T R S without shear."""
     a, b, c, d, e, f = values
     rotation = math.atan2(-d, a)
     return {

@@ -1,4 +1,4 @@
-"""A scene and a camera to encoded pictures."""
+"""Renders a loaded scene from a camera into encoded images."""
 
 from __future__ import annotations
 
@@ -29,31 +29,31 @@ FORMATS: Final[dict[ImageType, tuple[str, ...]]] = {
     "depth": ("tiff", "tif", "png"),
     "label": ("png",),
 }
-"""By type of picture, the first is the default."""
+"""File formats by type of image; the first is the default."""
 
 
 @dataclass(frozen=True, slots=True)
 class Style:
-    """How colour is made."""
+    """Shading of colour images."""
 
     look: Literal["auto", "phong", "pbr", "plain", "studio"] = "auto"
     background: tuple[int, int, int] = Look().background
     antialias: Literal["fxaa", "none"] = "fxaa"
-    """Of pictures with one sample a pixel."""
+    """Smoothing of images with one sample per pixel."""
     samples: Literal[0, 1, 4, 8] = 0
-    """0: 4 of the studio look, 1 of the others."""
+    """Samples per pixel; 0: 4 for the studio look, 1 for the others."""
     rig: Rig = STUDIO
-    """What lights the studio look."""
+    """Lights of the studio look."""
 
 
 def style_of(settings: Settings) -> Style:
-    """The style that a dataset's settings say.
+    """Return the style in a dataset's settings.
 
     Raises:
-        RigFileError: the rig's file cannot be used.
+        RigFileError: the rig file is invalid.
     """
     return Style(
-        settings.look,  # type: ignore[arg-type]  # checked when the settings were made
+        settings.look,  # type: ignore[arg-type]  # checked by the command
         settings.background,
         settings.antialias,  # type: ignore[arg-type]  # as the look
         settings.samples,  # type: ignore[arg-type]  # as the look
@@ -61,12 +61,13 @@ def style_of(settings: Settings) -> Style:
     )
 
 
-def unlit_by_rig(scene: LoadedScene, settings: Settings) -> str | None:
-    """Why the lights of ``--rig`` do not light a scene, as a sentence; None: they do, there are none, or the look that
-    was asked for never has them.
+def ignored_rig(scene: LoadedScene, settings: Settings) -> str | None:
+    """Return a sentence that says why ``--rig`` does not light a scene.
+
+    None if it does, if there is no rig, or if the chosen look never uses one.
 
     Raises:
-        RigFileError: the rig's file cannot be used.
+        RigFileError: the rig file is invalid.
     """
     if settings.rig is None or "color" not in settings.types or settings.look not in ("auto", "studio"):
         return None
@@ -75,7 +76,7 @@ def unlit_by_rig(scene: LoadedScene, settings: Settings) -> str | None:
     if settings.look == "auto" and scene.look != "studio":
         return "drawn as Drake shows it, without --rig; --look studio takes it"
     rig = _rig(settings.rig)
-    if scene.drawn.lights and rig.lights and rig.scene_lights:
+    if scene.draw_list.lights and rig.lights and rig.scene_lights:
         return "its own lights replace those of --rig; scene_lights = false in the rig's file keeps them"
     return None
 
@@ -85,24 +86,24 @@ def _rig(path: str) -> Rig:
     return read_rig(Path(path))
 
 
-def draw(
+def render_images(
     renderer: Renderer, scene: LoadedScene, camera: Camera, formats: dict[ImageType, str], style: Style
 ) -> dict[ImageType, bytes]:
-    """The pictures of a scene, all from one pass.
+    """Render the images of a scene in one pass; return them encoded, by type.
 
     Args:
-        formats: which types, each with one of ``FORMATS``.
+        formats: file format of each wanted type, one of ``FORMATS``.
 
     Raises:
         ImageError: a texture that colour needs cannot be decoded.
-        ValueError: the picture is larger than the renderer makes them.
+        ValueError: the image is larger than the renderer's limit.
     """
     look: LookName = scene.look if style.look == "auto" else style.look
     wanted = reduce(or_, (OUTPUTS[image_type] for image_type in formats))
     samples: SampleCount = style.samples or (4 if look == "studio" else 1)
-    with renderer.render(scene.drawn, camera, wanted, Look(look, style.background, samples, style.rig)) as frame:
-        # FXAA takes a point of one pixel for a flaw and pales it.
-        points = any(instance.mesh.topology is Topology.POINTS for instance in scene.drawn.instances)
+    with renderer.render(scene.draw_list, camera, wanted, Look(look, style.background, samples, style.rig)) as frame:
+        # FXAA would fade points of one pixel.
+        points = any(instance.mesh.topology is Topology.POINTS for instance in scene.draw_list.instances)
         smooth = style.antialias == "fxaa" and samples == 1 and look != "studio" and not points
         if frame.color is not None and smooth:
             fxaa(frame.color)
@@ -120,13 +121,13 @@ def _encoded(frame: Frame, image_type: ImageType, name: str) -> bytes:
     return png_gray16(millimetres(frame.depth)) if name == "png" else tiff_float32(frame.depth)
 
 
-class RequestDrawer:
-    """Draws recorded requests as the endpoint does."""
+class RequestRenderer:
+    """Renders recorded requests like the render endpoint."""
 
     def __init__(self, renderer: Renderer, settings: Settings) -> None:
         look = settings.look if settings.look in ("phong", "pbr") else "auto"
         config = RenderConfig(
-            look=look,  # type: ignore[arg-type]  # checked when the settings were made
+            look=look,  # type: ignore[arg-type]  # checked by the command
             background=settings.background,
             antialias=settings.antialias,  # type: ignore[arg-type]  # as the look
             samples=settings.samples or 1,  # type: ignore[arg-type]  # as the look
@@ -135,11 +136,12 @@ class RequestDrawer:
         )
         self._pipeline = Pipeline(renderer, config)
 
-    def draw(self, request: RenderRequest) -> tuple[Camera, ImageType, bytes]:
-        """
+    def render(self, request: RenderRequest) -> tuple[Camera, ImageType, bytes]:
+        """Return the camera, the type and the encoded image of a request.
+
         Raises:
             RequestError: the scene or its camera cannot be used.
         """
-        picture = self._pipeline.picture(request)
+        image = self._pipeline.picture(request)
         camera = camera_of(request, self._pipeline.scenes.get(posted_document(request)))
-        return camera, request.image_type, picture.body
+        return camera, request.image_type, image.body

@@ -1,4 +1,4 @@
-"""A glTF document that is being written: its lists, its buffer, and the .glb file around them."""
+"""A glTF document under construction: its arrays, its buffer, and the ``.glb`` file around them."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 MAX_BYTES: Final = 1 << 30
-"""A .glb ends at 4 GB by its header; most readers give up much earlier."""
-VERTICES: Final = 34962
-INDICES: Final = 34963
-"""Targets of buffer views."""
+"""Maximum size of a file; the header allows 4 GB, but most readers less."""
+VERTEX_TARGET: Final = 34962
+INDEX_TARGET: Final = 34963
+"""Targets of buffer views: ARRAY_BUFFER and ELEMENT_ARRAY_BUFFER."""
 _FLOAT: Final = 5126
 _UINT16: Final = 5123
 _UINT32: Final = 5125
@@ -22,50 +22,53 @@ _COMPONENTS: Final = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
 
 
 class ExportError(ValueError):
-    """The tree cannot be written; the message names the limit."""
+    """A tree that cannot be written. The message names the limit."""
 
 
 class GltfDocument:
-    """Entries are added and get their index; equal ones are added once."""
+    """Arrays of entries, and one buffer. Equal entries can be added once."""
 
     def __init__(self, generator: str, max_bytes: int) -> None:
-        """``max_bytes``: of the binary part."""
+        """
+        Args:
+            max_bytes: Maximum size of the buffer.
+        """
         self._generator = generator
         self._max_bytes = max_bytes
         self._chunks: list[bytes] = []
         self._nbytes = 0
         self._lists: dict[str, list[Any]] = {}
-        self._known: dict[tuple[str, object], int | None] = {}
-        self._alive: list[object] = []
-        """Keeps what is known by its id."""
+        self._indices: dict[tuple[str, object], int | None] = {}
+        self._sources: list[object] = []
+        """Objects whose ids are keys."""
         self.extensions: set[str] = set()
-        """Names of those in use."""
+        """Names of the extensions in use."""
 
     def add(self, kind: str, value: dict[str, Any]) -> int:
-        """Appends to the list of that name; the index."""
+        """Append an entry to the array of that name, and return its index."""
         entries = self._lists.setdefault(kind, [])
         entries.append(value)
         return len(entries) - 1
 
     def once(self, kind: str, source: object, make: Callable[[], int | None]) -> int | None:
-        """What ``make`` gave for this very object the first time."""
-        if (kind, id(source)) not in self._known:
-            self._alive.append(source)
+        """Return the result of ``make`` for this object, called at its first use."""
+        if (kind, id(source)) not in self._indices:
+            self._sources.append(source)
         return self.once_equal(kind, id(source), make)
 
     def once_equal(self, kind: str, key: object, make: Callable[[], int | None]) -> int | None:
-        """What ``make`` gave for an equal key the first time."""
-        if (kind, key) not in self._known:
-            self._known[kind, key] = make()
-        return self._known[kind, key]
+        """Return the result of ``make`` for this key, called at its first use."""
+        if (kind, key) not in self._indices:
+            self._indices[kind, key] = make()
+        return self._indices[kind, key]
 
     def accessor(self, array: NDArray[Any], target: int, *, bounds: bool = False) -> int:
-        """An accessor of its own.
+        """Add an accessor with a buffer view, and return its index.
 
         Args:
             array: (N, 1 .. 4) float32, uint16 or uint32.
-            target: ``VERTICES`` or ``INDICES``.
-            bounds: whether to state the lowest and highest values, as positions must.
+            target: ``VERTEX_TARGET`` or ``INDEX_TARGET``.
+            bounds: True to write ``min`` and ``max``, as positions require.
         """
         view = self.view(np.ascontiguousarray(array).tobytes(), target)
         component = {"f": _FLOAT, "u": _UINT16 if array.dtype.itemsize == 2 else _UINT32}[array.dtype.kind]
@@ -81,10 +84,10 @@ class GltfDocument:
         return self.add("accessors", entry)
 
     def view(self, data: bytes, target: int | None = None) -> int:
-        """A view of bytes that are appended to the buffer.
+        """Append bytes to the buffer, and return the index of their buffer view.
 
         Raises:
-            ExportError: the buffer would be larger than its limit.
+            ExportError: The buffer would be larger than its limit.
         """
         offset = self._nbytes
         padding = -len(data) % 4
@@ -100,10 +103,10 @@ class GltfDocument:
         return self.add("bufferViews", entry)
 
     def glb(self, top: int) -> bytes:
-        """The file (GLB 2.0): a header, the JSON chunk padded with spaces, the binary chunk padded with zeros.
+        """Return the file (GLB 2.0): a header, the JSON chunk padded with spaces, the binary chunk padded with zeros.
 
         Args:
-            top: index of the scene's node.
+            top: Index of the scene's root node.
         """
         document: dict[str, Any] = {
             "asset": {"version": "2.0", "generator": self._generator},

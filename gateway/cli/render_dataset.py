@@ -1,0 +1,86 @@
+"""``scenegate render`` with a folder as output: runs a job, shows its progress and reports failures."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Final
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+from rich.progress import Progress as ProgressBar
+
+from gateway.client import manifest
+from gateway.datasets.job import Job, Result
+from gateway.datasets.local_tasks import run_local
+from gateway.datasets.ray_tasks import run_ray
+from gateway.datasets.run import Progress, run
+
+LOG_SECONDS: Final = 10.0
+"""Minimum time between two lines of progress, if stderr is not a terminal."""
+_COLUMNS: Final = (
+    TextColumn("Rendering"),
+    BarColumn(),
+    MofNCompleteColumn(),
+    TimeRemainingColumn(),
+    TextColumn("{task.fields[note]}"),
+)
+
+
+def render_dataset(job: Job, cores: int, ray: str | None) -> bool:
+    """Make or complete a dataset; return whether all samples could be rendered.
+
+    Args:
+        cores: number of cores of this machine to use.
+        ray: address of a Ray cluster to use instead.
+
+    Raises:
+        ValueError, OSError, RuntimeError: the run could not be started; the message is one sentence.
+    """
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # stop like Ctrl+C
+    execute = partial(run_local, cores=cores) if ray is None else partial(run_ray, address=ray)
+    begin = time.monotonic()
+    try:
+        progress = _run_with_progress(job, execute)
+    except KeyboardInterrupt:
+        typer.echo("Stopped. The same command goes on from here.", err=True)
+        raise typer.Exit(130) from None
+    _print_result(job.out, progress, time.monotonic() - begin)
+    return not progress.failures
+
+
+def _run_with_progress(job: Job, execute: partial[Iterator[Result]]) -> Progress:
+    """Run the job; show a progress bar on a terminal, else a line now and then."""
+    console = Console(stderr=True)
+    logged = time.monotonic()
+    with ProgressBar(*_COLUMNS, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("", total=job.size, note="")
+
+        def report(progress: Progress) -> None:
+            nonlocal logged
+            note = f"{len(progress.failures)} failed" if progress.failures else ""
+            bar.update(task, completed=progress.finished, note=note)
+            if not console.is_terminal and time.monotonic() - logged > LOG_SECONDS:
+                logged = time.monotonic()
+                typer.echo(f"{progress.finished} of {progress.total} done {note}", err=True)
+
+        return run(job, execute, report)
+
+
+def _print_result(out: Path, progress: Progress, seconds: float) -> None:
+    for name, warnings in sorted(progress.warnings.items()):
+        for warning in warnings:
+            typer.echo(f"{name}: {warning}", err=True)
+    for failure in progress.failures:
+        where = failure.scene if failure.view is None else f"{failure.scene}, {failure.view}"
+        typer.echo(f"scenegate: {where}: {failure.reason}", err=True)
+    problems = f"; {len(progress.failures)} problems, see {manifest.FAILED}" if progress.failures else ""
+    typer.echo(
+        f"{out}: {progress.finished} of {progress.total} samples, {progress.kept} of them from before, "
+        f"{progress.rendered} rendered in {seconds:.1f} s{problems}",
+        err=True,
+    )

@@ -1,0 +1,61 @@
+"""``scenegate render`` with an image as output: one scene, one view, one type."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import typer
+
+from gateway.client import manifest
+from gateway.client.manifest import Settings
+from gateway.datasets.rendering import FORMATS, ignored_rig, render_images, style_of
+from gateway.datasets.scenes import SceneError, load_scene
+from gateway.datasets.sources import Kind, find_sources
+from gateway.datasets.views import View, camera_of
+from renderers.raster import CpuRenderer
+from renderers.stop import run_within
+
+
+def render_image(
+    path: Path, out: Path, settings: Settings, views: tuple[View, ...], threads: int, timeout: float
+) -> None:
+    """Write one image; a label image gets a ``.labels.json`` beside it.
+
+    Args:
+        timeout: maximum time in seconds for all of it; 0: no limit.
+
+    Raises:
+        ValueError: there is more than one view, or the scene cannot be rendered.
+        OSError: the image cannot be written, or took longer than the timeout.
+    """
+    error = TimeoutError(f"{out}: it took longer than --timeout = {timeout:g} s")
+    run_within(timeout, lambda: _render_image(path, out, settings, views, threads), error)
+
+
+def _render_image(path: Path, out: Path, settings: Settings, views: tuple[View, ...], threads: int) -> None:
+    if len(views) > 1:
+        raise ValueError(f"{out} is one image: for more cameras name a folder with -o")
+    (image_type,) = settings.types
+    suffix = out.suffix[1:].lower()
+    if suffix not in FORMATS[image_type]:
+        allowed = " or ".join(f".{name}" for name in FORMATS[image_type])
+        raise ValueError(f"{out}: a {image_type} image is written as {allowed}")
+    (source,) = find_sources([path])
+    if source.kind is Kind.REQUEST:
+        raise ValueError(f"{path}: a recorded request contains its own camera and type; name a folder with -o")
+    try:
+        scene = load_scene(source, settings.up)  # type: ignore[arg-type]  # checked by the command
+    except SceneError as error:
+        raise ValueError(f"{path}: {error}") from None
+    view = views[0] if views else View("default", None)
+    camera = camera_of(
+        view, scene.root, scene.draw_list, scene.own_camera, settings.width, settings.height, settings.fovy
+    )
+    images = render_images(CpuRenderer(threads), scene, camera, {image_type: suffix}, style_of(settings))
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_bytes(images[image_type])
+    if image_type == "label":
+        out.with_suffix(".labels.json").write_bytes(manifest.encode_labels(scene.record))
+    for warning in (*scene.record.warnings, ignored_rig(scene, settings)):
+        if warning is not None:
+            typer.echo(f"{path}: {warning}", err=True)

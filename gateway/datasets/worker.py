@@ -1,0 +1,143 @@
+"""One worker: renders the views of a task and writes their images. Workers share only the folder of the dataset."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable
+from functools import cache, lru_cache, partial
+from pathlib import Path
+from typing import Final, TypeVar
+
+from gateway.assets.scene_file import Up
+from gateway.client import manifest
+from gateway.client.manifest import Failure, ImageType, Sample
+from gateway.datasets.files import write_atomically
+from gateway.datasets.job import Result, Task
+from gateway.datasets.rendering import FORMATS, RequestRenderer, ignored_rig, render_images, style_of
+from gateway.datasets.scenes import LoadedScene, SceneError, load_scene
+from gateway.datasets.sources import Source
+from gateway.datasets.views import View, camera_of, record_of
+from gateway.render.errors import RequestError
+from gateway.runtime import kernel_cache, process_tuning
+from gateway.scene.cameras import CameraError
+from renderers.camera import Camera
+from renderers.drawlist import ImageError
+from renderers.raster import CpuRenderer
+from renderers.stop import run_within
+
+T = TypeVar("T")
+
+CACHED_SCENES: Final = 2
+"""Loaded scenes per worker: a scene with many views is several tasks, most of them consecutive."""
+
+
+def work(task: Task) -> Result:
+    """Run a task in this process's worker."""
+    return _process_worker(task.threads).work(task)
+
+
+@cache
+def _process_worker(threads: int) -> Worker:
+    process_tuning.tune()
+    return Worker(threads)
+
+
+class Worker:
+    """Runs tasks one after the other."""
+
+    def __init__(self, threads: int = 1) -> None:
+        """
+        Args:
+            threads: number of threads for one image.
+        """
+        self._renderer = CpuRenderer(threads)
+
+    def work(self, task: Task) -> Result:
+        """Render all views of a task. Errors are part of the result; none is raised."""
+        name, out = task.source.name, Path(task.out)
+        problem = _unusable(task)
+        if problem:
+            return Result(failures=[Failure(name, None, problem)])
+        try:
+            scene = _within(task, partial(_load, task))
+            warning = ignored_rig(scene, task.settings)
+            folder = out / manifest.SCENES / name
+            write_atomically(folder / manifest.SCENE, manifest.encode_indented(scene.record))
+        except Exception as error:  # noqa: BLE001 - one bad scene must not end the others
+            return Result(failures=[Failure(name, None, _reason(error))])
+        result = Result(warnings=scene.record.warnings if warning is None else (*scene.record.warnings, warning))
+        for view in task.views:
+            try:
+                result.samples.append(_within(task, partial(self._sample, task, scene, view)))
+            except Exception as error:  # noqa: BLE001 - one bad view must not end the others
+                result.failures.append(Failure(name, view.name, _reason(error)))
+        return result
+
+    def _sample(self, task: Task, scene: LoadedScene, view: View) -> Sample:
+        """Render a view and write its images."""
+        camera, encoded = self._render(task, scene, view)
+        images: dict[ImageType, manifest.ImageFile] = {}
+        for image_type, data in encoded.items():
+            suffix = _format(image_type, task.settings)
+            path = f"{manifest.SCENES}/{task.source.name}/{view.name}.{image_type}.{suffix}"
+            write_atomically(Path(task.out) / path, data)
+            images[image_type] = manifest.ImageFile(path, hashlib.sha256(data).hexdigest(), len(data))
+        return Sample(
+            id=f"{task.source.name}/{view.name}",
+            scene=task.source.name,
+            view=view.name,
+            asked=view.description,
+            scene_sha256=scene.record.sha256,
+            camera=record_of(camera),
+            images=images,
+        )
+
+    def _render(self, task: Task, scene: LoadedScene, view: View) -> tuple[Camera, dict[ImageType, bytes]]:
+        """Return the camera and the encoded images of a view."""
+        settings = task.settings
+        if scene.request is not None:
+            camera, image_type, data = RequestRenderer(self._renderer, settings).render(scene.request)
+            return camera, {image_type: data}
+        camera = camera_of(
+            view, scene.root, scene.draw_list, scene.own_camera, settings.width, settings.height, settings.fovy
+        )
+        formats = {image_type: _format(image_type, settings) for image_type in settings.types}
+        return camera, render_images(self._renderer, scene, camera, formats, style_of(settings))
+
+
+def _unusable(task: Task) -> str:
+    """Return why this process cannot work on a task; empty if it can."""
+    node = os.uname().nodename
+    if task.renderer != kernel_cache.sources_digest():
+        return f"worker {node} has another version of Scenegate than the one that was started"
+    if not (Path(task.out) / manifest.DATASET).is_file():
+        return f"worker {node} does not see {task.out}: the folders must be shared by all nodes"
+    return ""
+
+
+def _load(task: Task) -> LoadedScene:
+    status = Path(task.source.path).stat()
+    return _load_cached(task.source, task.settings.up, status.st_mtime_ns, status.st_size)
+
+
+@lru_cache(CACHED_SCENES)
+def _load_cached(source: Source, up: Up, modified: int, size: int) -> LoadedScene:
+    """Load a scene; a file with another time or size is another key."""
+    return load_scene(source, up)
+
+
+def _within(task: Task, call: Callable[[], T]) -> T:
+    """Return the result of ``call``; raise TimeoutError if it takes longer than the task allows."""
+    return run_within(task.timeout, call, TimeoutError(f"it took longer than --timeout = {task.timeout:g} s"))
+
+
+def _reason(error: Exception) -> str:
+    """Return an error as text, with its type if it is unexpected."""
+    if isinstance(error, SceneError | CameraError | ImageError | RequestError | OSError):
+        return str(error)
+    return f"{type(error).__name__}: {error}"
+
+
+def _format(image_type: ImageType, settings: manifest.Settings) -> str:
+    return settings.depth_format if image_type == "depth" else FORMATS[image_type][0]

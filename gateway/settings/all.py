@@ -1,0 +1,29 @@
+"""All settings in one class, and the rules between them."""
+
+from __future__ import annotations
+
+from typing import Self
+
+from pydantic import model_validator
+from pydantic_settings import SettingsConfigDict
+
+from gateway.settings.interfaces import InterfaceSettings
+from gateway.settings.option import ENV_PREFIX
+from gateway.settings.process import ProcessSettings
+from gateway.settings.stereo import StereoSettings
+
+
+class Settings(ProcessSettings, StereoSettings, InterfaceSettings):  # pydantic lists the last base's fields first
+    """See ``docs/configuration.md``, which is generated from this class."""
+
+    model_config = SettingsConfigDict(env_prefix=ENV_PREFIX, extra="forbid", frozen=True, env_ignore_empty=True)
+
+    @model_validator(mode="after")
+    def _certificate_and_key(self) -> Self:
+        if (self.grpc_certificate is None) != (self.grpc_key is None):
+            raise ValueError("--grpc-certificate and --grpc-key need each other")
+        if (self.http_certificate is None) != (self.http_key is None):
+            raise ValueError("--http-certificate and --http-key need each other")
+        if self.grpc_client_ca is not None and self.grpc_certificate is None:
+            raise ValueError("--grpc-client-ca needs --grpc-certificate and --grpc-key")
+        return self

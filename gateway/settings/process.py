@@ -1,0 +1,145 @@
+"""Settings of the process: access, stored state, limits, logs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from pydantic_settings import BaseSettings
+
+from gateway.settings.option import option
+from gateway.settings.types import Names
+
+
+class ProcessSettings(BaseSettings):
+    """Part of ``Settings``."""
+
+    # --- Access
+    http_certificate: Path | None = option(
+        None, "Access", "PEM certificate. With --http-key it turns on TLS for HTTP, WebSocket and REST."
+    )
+    http_key: Path | None = option(None, "Access", "PEM private key of --http-certificate, without a password.")
+    http_token_file: Path | None = option(
+        None,
+        "Access",
+        "File with bearer tokens, one per line. HTTP, WebSocket and REST then require one of them; only /healthz and "
+        "/readyz do not.",
+    )
+    grpc_token_file: Path | None = option(
+        None,
+        "Access",
+        "File with bearer tokens for the image stream. Calls send 'authorization: Bearer TOKEN' as metadata.",
+    )
+    tcpq_host: str | None = option(
+        None,
+        "Access",
+        "Address of the TCPQ hub, whose protocol has neither tokens nor TLS. Default: the address of --host, or "
+        "127.0.0.1 if HTTP or gRPC requires a token.",
+    )
+    trusted_hosts: Names = option(
+        (),
+        "Access",
+        "Host names that HTTP requests may use (Host header) besides IP addresses and localhost, separated by commas; "
+        "'*' allows all, '*.example.org' all names below example.org. By default, connections from this machine are "
+        "rejected if they use any other name.",
+    )
+    cors_origins: Names = option(
+        (),
+        "Access",
+        "Web origins (https://example.org) whose pages may use the HTTP interface, separated by commas; '*' allows "
+        "all. Pages of other origins can neither read responses nor change anything, nor show /view in a frame.",
+    )
+
+    # --- State
+    state: Path | None = option(
+        None,
+        "State",
+        "File that stores the live tree and the stereo camera's parameters. A confirmed change survives any end of the "
+        "process. The file is created if missing; without this setting, every start is empty.",
+    )
+
+    # --- Speed and limits
+    threads: int = option(0, "Speed and limits", "Number of worker threads; 0: one per core.", ge=0, le=1024)
+    frame_threads: int = option(
+        0,
+        "Speed and limits",
+        "Maximum number of threads for one image, used while other worker threads are idle; 0: as many as --threads. A "
+        "lower number leaves cores to other programs when there are few requests.",
+        ge=0,
+        le=1024,
+    )
+    render_seconds: float = option(
+        30.0,
+        "Speed and limits",
+        "Maximum time for reading a scene and rendering one image, without the time in the queue. Beyond it the "
+        "response is 503 without Retry-After.",
+        gt=0,
+        le=86_400,
+    )
+    queue: int = option(
+        256,
+        "Speed and limits",
+        "Maximum number of requests that wait for a worker thread. Beyond it the response is 503 with Retry-After. "
+        "Waiting is normal; Drake's client never retries.",
+        ge=0,
+        le=100_000,
+    )
+    niceness: int = option(
+        0,
+        "Speed and limits",
+        "Niceness of the worker threads relative to the process, so that other programs on the machine come first. The "
+        "event loop is scheduled before the worker threads anyway on Linux 6.12 and later; older kernels may need 10.",
+        ge=0,
+        le=19,
+    )
+    queue_mb: int = option(
+        2048,
+        "Speed and limits",
+        "Maximum size of all request bodies that are being received, wait or are rendered, in MiB.",
+        ge=1,
+        le=1 << 20,
+    )
+    max_body_mb: int = option(
+        256, "Speed and limits", "Maximum size of one request body, in MiB; beyond it 413.", ge=1, le=1 << 16
+    )
+    max_pixels: int = option(
+        4096 * 4096, "Speed and limits", "Maximum width times height of one image.", ge=1, le=1 << 28
+    )
+    max_triangles: int = option(
+        10_000_000,
+        "Speed and limits",
+        "Maximum number of triangles, lines and points in one posted scene, counting all instances. Each takes 210 "
+        "bytes while it is rendered.",
+        ge=1,
+        le=1 << 31,
+    )
+    max_nodes: int = option(
+        100_000, "Speed and limits", "Maximum number of nodes in one posted scene.", ge=1, le=1 << 24
+    )
+    max_image_pixels: int = option(
+        8192 * 8192,
+        "Speed and limits",
+        "Maximum width times height of one texture of a posted scene.",
+        ge=1,
+        le=1 << 28,
+    )
+    mesh_cache_mb: int = option(
+        512, "Speed and limits", "Maximum size of the cache of posted geometry, in MiB.", ge=0, le=1 << 20
+    )
+    scene_cache_mb: int = option(
+        256, "Speed and limits", "Maximum size of the cache of whole posted scenes, in MiB.", ge=0, le=1 << 20
+    )
+    shutdown_seconds: float = option(
+        10.0,
+        "Speed and limits",
+        "Time for accepted requests to finish after SIGTERM. Streams end at once, and new requests are rejected. The "
+        "process ends at most two seconds later.",
+        ge=0,
+        le=3600,
+    )
+
+    # --- Logs
+    log_format: Literal["auto", "human", "json"] = option(
+        "auto", "Logs", "'human': coloured lines; 'json': one object per line; 'auto': human in a terminal, else JSON."
+    )
+    log_level: Literal["debug", "info", "warning", "error"] = option("info", "Logs", "Lowest level that is logged.")

@@ -1,0 +1,72 @@
+"""Drake's render endpoint, ``POST /render``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from gateway.assets.scene_file import read_scene_file
+from gateway.gltf import GltfLimits
+from gateway.render.config import RenderConfig
+from gateway.render.events import RenderRecord
+from gateway.render.routes import router
+from gateway.render.service import RenderService
+from gateway.scene.tree import Node
+from gateway.settings import MIB, Settings
+from gateway.wiring import metrics
+from gateway.wiring.context import Context
+
+
+def setup(context: Context) -> None:
+    """Add the render endpoint."""
+
+    def count_and_report(record: RenderRecord) -> None:
+        metrics.count_render(context.metrics, record)
+        context.on_render(record)
+
+    service = RenderService(
+        context.renderer,
+        context.workers,
+        _config(context.settings),
+        backdrop=_backdrop(context),
+        on_finished=count_and_report,
+    )
+    context.app.include_router(router(service))
+    metrics.watch_render(context.metrics, service)
+    context.registry.ready("render", where=context.settings.render_path, figures=service.status)
+
+
+def _config(settings: Settings) -> RenderConfig:
+    default = GltfLimits()
+    return RenderConfig(
+        path=settings.render_path,
+        look=settings.look,
+        samples=settings.samples,
+        background=settings.background,
+        depth_format="png16" if settings.depth_format == "png" else "tiff32f",
+        max_body_bytes=settings.max_body_mb * MIB,
+        max_inflight_bytes=settings.queue_mb * MIB,
+        max_pixels=settings.max_pixels,
+        gltf=replace(
+            default,
+            max_nodes=settings.max_nodes,
+            max_elements=min(default.max_elements, settings.max_triangles),
+            max_drawn_elements=settings.max_triangles,
+            max_image_pixels=settings.max_image_pixels,
+        ),
+        mesh_cache_bytes=settings.mesh_cache_mb * MIB,
+        scene_cache_bytes=settings.scene_cache_mb * MIB,
+        keep_failures=settings.keep_failures,
+    )
+
+
+def _backdrop(context: Context) -> Callable[[], Node] | None:
+    """Return a function that returns the root of ``--backdrop``, or None without that setting."""
+    settings = context.settings
+    if settings.backdrop is None:
+        return None
+    if settings.backdrop == "live":
+        return lambda: context.tree.snapshot.root
+    scene = read_scene_file(Path(settings.backdrop), up=settings.up)
+    return lambda: scene.root

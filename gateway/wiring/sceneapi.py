@@ -1,0 +1,26 @@
+"""The live scene over HTTP: ``GET /scene``, ``/scene.glb`` and ``/scene/render``."""
+
+from __future__ import annotations
+
+from gateway.assets.light_rig_file import rig_of
+from gateway.sceneapi.config import SceneApiConfig
+from gateway.sceneapi.routes import router
+from gateway.sceneapi.service import SceneApi
+from gateway.wiring.context import Context
+
+
+def setup(context: Context) -> None:
+    """Add the scene's routes."""
+    settings = context.settings
+    config = SceneApiConfig(background=settings.background, max_pixels=settings.max_pixels, rig=rig_of(settings.rig))
+    service = SceneApi(
+        context.tree,
+        context.renderer,
+        context.workers,
+        config,
+        labels=context.labels,
+        flattener=context.flattener,
+        stereo_camera=lambda: context.stereo_camera(),  # set later, when the stereo camera starts
+    )
+    context.app.include_router(router(service))
+    context.registry.ready("scene", where="/scene", figures=service.status)

@@ -1,0 +1,114 @@
+"""Start of the process: load the kernels, restore the state, start the interfaces, let requests in."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from typing import Final
+
+import structlog
+
+from gateway import __version__
+from gateway.runtime import kernel_cache
+from gateway.runtime.kernel_progress import Progress, shown
+from gateway.runtime.service_registry import State
+from gateway.state.errors import StateError
+from gateway.wiring import warmup
+from gateway.wiring.context import KERNELS, Context
+from gateway.wiring.interfaces import enabled_interfaces
+from gateway.wiring.state import STATE, restore_state
+from renderers.compiler import pending
+
+_log = structlog.get_logger("gateway")
+
+SETTLE_SECONDS: Final = 5.0
+"""Time after which the start is logged although a service is still starting."""
+
+
+async def start(context: Context) -> None:
+    """Start everything; requests wait for ``context.started``, which is set in any case but an invalid state."""
+    begin = time.perf_counter()
+    try:
+        await _load_kernels(context)
+        try:
+            await restore_state(context)
+        except StateError as error:
+            # An empty scene must not be taken for the stored one, nor overwrite it.
+            context.fail(STATE, error)
+            context.on_fatal()
+            return
+        _start_interfaces(context)
+        context.started.set()
+        context.app.openapi_schema = None  # may have been made before the routes were there
+        await asyncio.to_thread(context.app.openapi)  # cached; takes tens of milliseconds
+    except Exception as error:  # noqa: BLE001 - /healthz reports the problem
+        context.fail(KERNELS, error)
+    context.started.set()
+    await _log_started(context, begin)
+    if context.registry.entries[KERNELS].state is State.READY:
+        await _load_background_kernels()
+
+
+async def _load_kernels(context: Context) -> None:
+    """Load the kernels that the default settings need; compile them first, in child processes, if not cached."""
+    if not await asyncio.to_thread(kernel_cache.are_cached, warmup.NEEDED):
+        await _compile_kernels(context)
+    pending.begin(tuple(warmup.BACKGROUND))
+    await asyncio.to_thread(warmup.run)
+    context.exit_stack.enter_context(kernel_cache.compiling_reported(_log_compiled_kernel))
+    context.registry.ready(KERNELS)
+
+
+async def _compile_kernels(context: Context) -> None:
+    """Compile the kernels; the log, ``/readyz`` and a terminal show the progress."""
+    progress = Progress(len(warmup.NEEDED))
+    entry = context.registry.entries[KERNELS]
+    entry.progress = progress.describe
+    folder = str(kernel_cache.configure())
+    _log.info("Compiling the rendering kernels into the cache, once ...", folder=folder, parts=progress.parts)
+    with shown(progress, _log.info):
+        await kernel_cache.compile_missing(warmup.NEEDED, progress)
+    entry.progress = None
+    _log.info("The rendering kernels are compiled", seconds=progress.seconds)
+
+
+async def _load_background_kernels() -> None:
+    """Load the other kernels, compiled first if need be; calls that need them wait (``renderers.compiler.pending``)."""
+    try:
+        if not await asyncio.to_thread(kernel_cache.are_cached, warmup.BACKGROUND):
+            progress = Progress(len(warmup.BACKGROUND))
+            _log.info("Compiling further kernels in the background; requests for them wait", parts=progress.parts)
+            await kernel_cache.compile_missing(warmup.BACKGROUND, progress)
+            _log.info("The further kernels are compiled", seconds=progress.seconds)
+        await asyncio.to_thread(warmup.run_background)
+    except Exception as error:  # noqa: BLE001 - requests for these kernels get the reason
+        pending.fail(kernel_cache.KernelError(str(error)))
+        _log.error("Further kernels cannot be used; requests for them fail", reason=str(error))
+    else:
+        pending.finish()
+
+
+def _log_compiled_kernel(kernel: str) -> None:
+    _log.error("A kernel is compiled in the serving process and blocks every interface", kernel=kernel)
+
+
+def _start_interfaces(context: Context) -> None:
+    """Start the enabled interfaces in order; one that fails is reported and skipped."""
+    for name, setup in enabled_interfaces(context.settings).items():
+        try:
+            setup(context)
+        except Exception as error:  # noqa: BLE001 - one interface must not stop the others
+            context.fail(name, error)
+        else:
+            if context.registry.entries[name].state is State.STARTING:
+                context.registry.ready(name)
+
+
+async def _log_started(context: Context, begin: float) -> None:
+    """Wait until the services are ready, at most ``SETTLE_SECONDS``, then log one line and call ``on_started``."""
+    settled = time.perf_counter() + SETTLE_SECONDS
+    while context.registry.verdict() == "starting" and time.perf_counter() < settled:  # noqa: ASYNC110 - no event
+        await asyncio.sleep(0.02)
+    context.on_started()
+    seconds = round(time.perf_counter() - begin, 2)
+    _log.info("Scenegate has started", status=context.registry.verdict(), version=__version__, seconds=seconds)

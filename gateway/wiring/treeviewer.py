@@ -1,0 +1,21 @@
+"""Director's tree viewer over LCM and TCPQ."""
+
+from __future__ import annotations
+
+from gateway.assets.mesh_files import MeshFiles
+from gateway.lcm.config import LcmConfig
+from gateway.treeviewer.config import TreeViewerConfig
+from gateway.treeviewer.service import TreeViewerService
+from gateway.wiring.context import Context
+from gateway.wiring.metrics import watch_treeviewer
+
+
+def setup(context: Context) -> None:
+    """Run the tree viewer's service."""
+    settings = context.settings
+    lcm = LcmConfig(url=settings.lcm_url, tcpq_host=context.security.tcpq_host, tcpq_port=settings.tcpq_port)
+    durable = context.state.commits if context.state is not None else None
+    service = TreeViewerService(TreeViewerConfig(lcm=lcm), context.tree, MeshFiles(settings.mesh_root), durable=durable)
+    watch_treeviewer(context.metrics, service)
+    tcpq_only = settings.lcm_url == "off" and settings.tcpq_port is not None
+    context.run_service("treeviewer", service, where="TCPQ" if tcpq_only else settings.lcm_url or "LCM")
