@@ -16,7 +16,7 @@ TUBE_SIDES: Final = 24
 VERTEX_BUDGET: Final = 400_000
 """Maximum number of ring vertices of a tube (about 10 MB); long lines get fewer sides."""
 MIN_SIDES: Final = 6
-"""Minimum number of sides; longer lines have no tube."""
+"""Minimum number of sides; a line so long that it would need fewer gets no tube."""
 SMOOTH_COSINE: Final = 0.9
 """Minimum cosine of the bend of a joint with smooth normals (26 degrees)."""
 MITRE_COSINE: Final = -0.1

@@ -1,4 +1,4 @@
-"""JSON text to a ``schema.Document``, and the values inside it."""
+"""Parse JSON text to a ``schema.Document``; helpers that check vectors and extensions in it."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ def router(service: SceneApi) -> APIRouter:
     routes = APIRouter(tags=["scene"])
 
     async def listing(http: Request) -> Response:
-        """All nodes with kinds of geometry, world transform, bounds and label; parents before children."""
+        """Every node with its kinds of geometry, world transform, bounds and label. Parents come before children."""
         return await _cacheable(service, http, service.listing)
 
     async def file(http: Request) -> Response:
@@ -87,7 +87,12 @@ def router(service: SceneApi) -> APIRouter:
         methods=["GET"],
         summary="Download the scene",
         response_class=Response,
-        responses={**_responses({"model/gltf-binary": _BINARY}, cached=True), 400: _INVALID, 404: _NO_CAMERA},
+        responses={
+            **_responses({"model/gltf-binary": _BINARY}, cached=True),
+            400: _INVALID,
+            404: _NO_CAMERA,
+            413: {"description": "The file would be larger than the limit.", "content": _TEXT},
+        },
         openapi_extra={"parameters": openapi_file_parameters(service.config)},
     )
     routes.add_api_route(
@@ -106,13 +111,12 @@ def _responses(content: dict[str, Any], *, cached: bool) -> dict[int | str, dict
     responses: dict[int | str, dict[str, Any]] = {
         200: {"description": "The header X-Scene-Revision has the revision of the scene.", "content": content},
         503: {
-            "description": "Too many requests are waiting, see Retry-After; without Retry-After, it took too long.",
+            "description": "With Retry-After: too many requests wait. Without: rendering took too long and would again.",
             "content": _TEXT,
         },
     }
     responses[500] = {"description": "A texture of the scene cannot be decoded.", "content": _TEXT}
     if cached:
-        responses[413] = {"description": "The file would be larger than the limit.", "content": _TEXT}
         responses[304] = {"description": "The scene has not changed since If-None-Match."}
     else:
         responses[400], responses[404] = _INVALID, _NO_CAMERA

@@ -1,4 +1,4 @@
-"""REST routes of the device beside the nodes: system, time, logs, pipelines, data streams, global nodes."""
+"""REST routes of the device other than the camera nodes: system, time, logs, pipelines, data streams, global nodes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gateway.stereo.service import StereoService
 LOG_FILE: Final = "stereo.log"
 """Name of the only log."""
 _LEVELS: Final = {"debug": "DEBUG", "info": "INFO", "warning": "WARN", "error": "ERROR", "critical": "FATAL"}
-"""The device's log levels, by ours."""
+"""The device's name of each of our log levels."""
 _LOG_INFO: Final = {"date": 1700000000.04, "name": LOG_FILE, "size": 4711}
 _LOG_LINE: Final = {
     "component": "gateway.stereo",

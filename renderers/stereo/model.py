@@ -16,11 +16,10 @@ DISPARITY_SCALE: Final = 1.0 / 16.0
 """Pixels per unit of a disparity or disparity error image, as on the device."""
 
 MAX_DISPARITIES: Final = 2032
-"""Maximum range of disparities, pixels: the limit of OpenCV's matcher (signed 16 bits, steps of 16 pixels). The
-device's models need 445."""
+"""Maximum number of disparities: the limit of OpenCV's matcher (signed 16 bits, steps of 16 pixels)."""
 
 FULL_MAX_DISPARITIES: Final = 256
-"""Maximum range of disparities at full resolution, pixels: the device's memory limit, 128 pixels of a High image
+"""Maximum number of disparities at full resolution: the device's memory limit, 128 pixels of a High image
 (manual 20.04; later manuals mention the limit without a figure)."""
 
 
@@ -98,11 +97,11 @@ class StereoModel:
         )
 
     def nearest_depth(self, mindepth: float, maxdepth: float, divisor: int) -> float:
-        """Return the nearest depth that the disparity range covers, metres (the vendor's driver: ``max(mindepth, 2.5
-        t)``).
+        """Return the nearest depth that the disparity range covers, metres (the vendor's driver:
+        ``max(mindepth, 2.5 * baseline)``).
 
-        At full resolution the memory limit can make it farther. The range begins at ``maxdepth``, so a smaller
-        ``maxdepth`` brings it nearer.
+        At full resolution the memory limit can make it farther. Disparities are counted from that of
+        ``maxdepth``, so a smaller ``maxdepth`` gives a nearer nearest depth.
         """
         return max(mindepth, 2.5 * self.baseline, self._memory_limit(maxdepth, divisor))
 
@@ -115,7 +114,8 @@ class StereoModel:
         return ft / (ft / maxdepth + self.full_max_disparities) if divisor == 1 else 0.0
 
     def disparity_range(self, divisor: int, mindepth: float, maxdepth: float = math.inf) -> int:
-        """Return the range of disparities at ``divisor``, pixels: ``ceil(f t / nearest depth)``."""
+        """Return the number of disparities at ``divisor``: ``ceil(focal length * baseline / nearest depth)``, at most
+        ``MAX_DISPARITIES``."""
         ft = self.intrinsics(divisor).focal_length * self.baseline
         return min(math.ceil(ft / self.nearest_depth(mindepth, maxdepth, divisor)), MAX_DISPARITIES)
 

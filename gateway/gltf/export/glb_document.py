@@ -45,19 +45,21 @@ class GltfDocument:
         """Names of the extensions in use."""
 
     def add(self, kind: str, value: dict[str, Any]) -> int:
-        """Append an entry to the array of that name, and return its index."""
+        """Append ``value`` to the document's array ``kind``, such as ``meshes``, and return its index."""
         entries = self._lists.setdefault(kind, [])
         entries.append(value)
         return len(entries) - 1
 
     def once(self, kind: str, source: object, make: Callable[[], int | None]) -> int | None:
-        """Return the result of ``make`` for this object, called at its first use."""
+        """Return what ``make`` returned for this object; ``make`` is called the first time only. Objects are compared by
+        identity."""
         if (kind, id(source)) not in self._indices:
             self._sources.append(source)
         return self.once_equal(kind, id(source), make)
 
     def once_equal(self, kind: str, key: object, make: Callable[[], int | None]) -> int | None:
-        """Return the result of ``make`` for this key, called at its first use."""
+        """Return what ``make`` returned for this key; ``make`` is called the first time only. Keys are compared by
+        equality."""
         if (kind, key) not in self._indices:
             self._indices[kind, key] = make()
         return self._indices[kind, key]

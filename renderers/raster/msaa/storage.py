@@ -56,7 +56,7 @@ def cover(band, at, w, lowest, highest, low, high, full, touched, ids, owner):
     Returns:
         Mask of the pixels whose samples must be tested one by one.
     """
-    # NaN is never in front of everything and never behind it.
+    # NaN is never in front of everything; on the near side it counts as ``low``, as for clamped samples.
     farther, nearer = vec.minimum(high, w + lowest), vec.maximum(w + highest, low)
     old_far, old_near = vec.load_volatile(band.far, at), vec.load_volatile(band.near, at)
     whole = full & (farther > old_near)

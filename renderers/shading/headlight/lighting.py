@@ -1,4 +1,4 @@
-"""Light on a part of a segment: the looks ``phong``, ``plain`` and ``pbr``, eight pixels at a time."""
+"""Lighting of a part of a segment: the looks ``phong``, ``plain`` and ``pbr``, eight pixels at a time."""
 
 from __future__ import annotations
 
