@@ -189,10 +189,10 @@ def watch_steps() -> dict[str, list[float]]:
 
     seen: dict[str, list[float]] = {"ours": [], "writer": []}
     handles: Any = events.Handle  # a method of it is another one from here on
-    run = handles._run
+    run = handles._run  # noqa: SLF001 - the loop has no hook around callbacks
 
     def timed(handle: Any) -> None:
-        task = getattr(handle._callback, "__self__", None)
+        task = getattr(handle._callback, "__self__", None)  # noqa: SLF001
         code = getattr(getattr(task, "get_coro", lambda: None)(), "cr_code", None)
         file = code.co_filename if code is not None else ""
         before = time.thread_time()
@@ -202,7 +202,7 @@ def watch_steps() -> dict[str, list[float]]:
         elif "grpc" in file:
             seen["writer"].append(time.thread_time() - before)
 
-    handles._run = timed
+    handles._run = timed  # noqa: SLF001
     return seen
 
 

@@ -121,13 +121,13 @@ def meldis_jobs() -> Iterator[Jobs]:
     from pydrake.visualization._meldis import Meldis
 
     viewer = Meldis()
-    lcm = viewer._lcm
+    lcm = viewer._lcm  # noqa: SLF001 - Meldis has no public way to step it
 
     def tell(channel: str, message: Any) -> None:
         lcm.Publish(channel, message.encode())
         while lcm.HandleSubscriptions(0):
             pass
-        viewer._invoke_subscriptions()
+        viewer._invoke_subscriptions()  # noqa: SLF001
 
     def create() -> None:
         message = lcmt_viewer_load_robot()

@@ -53,7 +53,8 @@ def _located() -> Iterator[None]:
     Neither longer nor by the environment variable: other libraries' functions keep their own.
     """
     before = _config.CACHE_LOCATOR_CLASSES
-    others = before or ",".join(each.__name__ for each in _numba.CacheImpl._locator_classes)
+    default = _numba.CacheImpl._locator_classes  # noqa: SLF001 - Numba has no public list
+    others = before or ",".join(each.__name__ for each in default)
     _config.CACHE_LOCATOR_CLASSES = f"{__name__}.{KernelCacheLocator.__name__},{others}"
     try:
         yield

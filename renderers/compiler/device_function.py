@@ -101,13 +101,14 @@ def _linked(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 
     def decorate(function: Callable[..., Any]) -> Any:
         dispatcher = _jit(**options)(function)
-        fold = dispatcher._compiler.fold_argument_types
+        compiler = dispatcher._compiler  # noqa: SLF001 - Numba has no option for it
+        fold = compiler.fold_argument_types
 
         def without_constants(args: Any, kws: Any) -> Any:
             plain: Any = types.unliteral
             return fold(tuple(map(plain, args)), {name: plain(value) for name, value in dict(kws).items()})
 
-        dispatcher._compiler.fold_argument_types = without_constants
+        compiler.fold_argument_types = without_constants
         return dispatcher
 
     return decorate

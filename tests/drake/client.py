@@ -16,6 +16,7 @@ import struct
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydrake.geometry import (
@@ -125,7 +126,7 @@ def primitives(folder: Path) -> list[tuple[object, RigidTransform, PerceptionPro
     ]
 
 
-def build(shapes: list, base_url: str) -> SceneGraph:
+def build(shapes: list[Any], base_url: str) -> SceneGraph:
     scene_graph = SceneGraph()
     engines = {
         "vtk": MakeRenderEngineVtk(RenderEngineVtkParams()),
@@ -189,7 +190,7 @@ CAMERAS = {
 }
 
 
-def render(query: object, engine: str, camera: str) -> dict[str, np.ndarray]:
+def render(query: Any, engine: str, camera: str) -> dict[str, np.ndarray]:
     info, X_WC = CAMERAS[camera]
     core = RenderCameraCore(engine, info, ClippingRange(0.01, 10.0), RigidTransform())
     world = SceneGraph.world_frame_id()
@@ -199,7 +200,7 @@ def render(query: object, engine: str, camera: str) -> dict[str, np.ndarray]:
     return {"color": color.data[..., :3].copy(), "depth": depth.data[..., 0].copy(), "label": label.data[..., 0].copy()}
 
 
-def digests(shapes: list, base_url: str, camera: str) -> list[str]:
+def digests(shapes: list[Any], base_url: str, camera: str) -> list[str]:
     """The gateway's three pictures, several times, as digests."""
     scene_graph = build(shapes, base_url)
     query = scene_graph.get_query_output_port().Eval(scene_graph.CreateDefaultContext())
@@ -224,7 +225,7 @@ def compare(ours: dict[str, np.ndarray], vtk: dict[str, np.ndarray]) -> dict[str
 
 def main() -> None:
     base_url = sys.argv[1]
-    results: dict[str, object] = {"comparisons": {}}
+    results: dict[str, Any] = {"comparisons": {}}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         if sys.argv[2:] == ["slow"]:

@@ -23,7 +23,8 @@ def same_as_golden(name: str, **arrays: NDArray[Any]) -> None:
     path = FOLDER / f"{name}.npz"
     if wanted_anew():
         FOLDER.mkdir(exist_ok=True)
-        np.savez_compressed(path, **arrays)
+        named: dict[str, Any] = {**arrays}
+        np.savez_compressed(path, **named)
         pytest.skip(f"{path.name} was written")
     with np.load(path) as golden:
         assert set(golden.files) == set(arrays)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from renderers.camera import Camera
 from renderers.drawlist import DrawList, Instance, Material, Mesh
+from renderers.interface import Frame
 
 
 def camera(width: int = 97, height: int = 71, **changes: Any) -> Camera:
@@ -25,6 +26,18 @@ def camera(width: int = 97, height: int = 71, **changes: Any) -> Camera:
         "X_world_camera": np.eye(4),
     }
     return Camera(**{**values, **changes})
+
+
+def images(frame: Frame) -> dict[str, NDArray[Any]]:
+    """The frame's images by name, without those that were not rendered."""
+    every = {
+        "color": frame.color,
+        "depth": frame.depth,
+        "label": frame.label,
+        "instance": frame.instance,
+        "normal": frame.normal,
+    }
+    return {name: image for name, image in every.items() if image is not None}
 
 
 def mesh(positions: Any, elements: Any, normals: Any = None) -> Mesh:

@@ -22,7 +22,7 @@ def test_equal_bytes_have_equal_keys_wherever_they_lie(size: int) -> None:
 
 @pytest.mark.parametrize("size", [1000, 16 << 10, (16 << 10) + 1, 100_003])
 def test_which_bytes_count(size: int) -> None:
-    data = bytearray(size)
+    data = memoryview(bytearray(size))
     quick, whole = quick_key(data), whole_key(data)
     seen = 0
     for at in range(0, size, 7):

@@ -55,8 +55,9 @@ def test_what_was_drawn_before_changes_nothing(name: LookName, samples: int) -> 
     one, three = CpuRenderer(1), CpuRenderer(3)
     expected = [_color(one, *kind, look) for kind in kinds]
     order = np.random.default_rng(3)
-    for which in np.concatenate([order.permutation(len(kinds)) for _ in range(3)]):
+    for which in np.concatenate([order.permutation(len(kinds)) for _ in range(3)]).tolist():
+        drawn, size = kinds[which]
         for renderer in (one, three):
-            np.testing.assert_array_equal(_color(renderer, *kinds[which], look), expected[which])
+            np.testing.assert_array_equal(_color(renderer, drawn, size, look), expected[which])
     one.close()
     three.close()

@@ -61,6 +61,7 @@ def test_a_moved_scene_shares_its_tables_and_is_drawn_where_it_is() -> None:
     assert (images[0] != images[1]).any()
     fresh = DrawList(tuple(replace(i, mesh=replace(i.mesh)) for i in scenes[1].instances))
     with renderer.render(fresh, camera, Output.COLOR, Look()) as frame:
+        assert frame.color is not None
         assert (frame.color == images[1]).all()
     # The shading's tables do not keep a scene's meshes alive.
     gone = weakref.ref(given[0].mesh)

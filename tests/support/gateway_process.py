@@ -45,7 +45,7 @@ class GatewayProcess:
         """The next log event that starts so; fails when the process ends before."""
         while (line := self._line(event, seconds)) is not None:
             try:
-                entry = json.loads(line)
+                entry: dict[str, Any] = json.loads(line)
             except ValueError:
                 entry = {"event": line.rstrip(), "level": "raw"}
             self.log.append(entry)

@@ -9,7 +9,7 @@ from numba import types
 from numba.core import cgutils
 
 from renderers.compiler.simd.load_store import VolatileLoad, columns_of
-from renderers.compiler.simd.vectors import I8, I32, I64, LANES, f32x8, i32x8, intrinsic, shuffle
+from renderers.compiler.simd.vectors import I8, I32, I64, LANES, f32x8, i32x8, insert, intrinsic, shuffle
 
 SQUARE_VALUES: Final = 32
 """Values of four bytes that the texels of eight pixels are."""
@@ -30,7 +30,7 @@ def _indices(builder: Any, pointer: Any, begin: Any) -> list[Any]:
     loads = [VolatileLoad(builder.block, builder.gep(first, [ir.Constant(I64, k)])) for k in range(LANES)]
     for load in loads:  # volatile, or LLVM makes one vector of them and takes it apart
         load.align = 4
-        builder._insert(load)
+        insert(builder, load)
     return [builder.zext(load, I64) for load in loads]
 
 

@@ -19,6 +19,7 @@ from renderers.compiler.simd.vectors import (
     f32x8,
     f64x8,
     i32x8,
+    insert,
     intrinsic,
     m8,
     make,
@@ -53,7 +54,7 @@ def _loader(*, volatile: bool) -> Any:
             return builder.load(address, align=align)
         load = VolatileLoad(builder.block, address)
         load.align = align
-        builder._insert(load)
+        insert(builder, load)
         return load
 
     return make(lambda pointer, index: _vector_behind(pointer), emit)
@@ -99,7 +100,7 @@ def store_where(typing_context: Any, pointer: Any, index: Any, mask: Any, value:
         else:
             old = VolatileLoad(builder.block, address)
             old.align = 4
-            builder._insert(old)
+            insert(builder, old)
             builder.store(builder.select(args[2], args[3], old), address, align=4)
         return ir.Constant(I32, 0)
 
@@ -119,7 +120,7 @@ class _ManyPlaces(ir.instructions.GEPInstr):  # type: ignore[misc]  # llvmlite h
 def _emit_gather(builder: Any, sig: Any, pointer: Any, indices: Any) -> Any:
     vector = sig.return_type
     places = _ManyPlaces(builder, pointer, indices)
-    builder._insert(places)
+    insert(builder, places)
     lanes = ir.VectorType(I1, LANES)
     kind = ir.FunctionType(vector.llvm, [places.type, I32, lanes, vector.llvm])
     declare: Any = cgutils.get_or_insert_function

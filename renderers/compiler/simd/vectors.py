@@ -170,6 +170,11 @@ def iota(typing_context: Any) -> Any:
     return i32x8(), generate
 
 
+def insert(builder: Any, instruction: Any) -> None:
+    """Insert an instruction of a class that llvmlite's builder has no method for."""
+    builder._insert(instruction)  # noqa: SLF001 - llvmlite has no public way
+
+
 def shuffle(builder: Any, a: Any, b: Any, picks: list[int]) -> Any:
     return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(I32, len(picks)), picks))
 

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from numba.core import caching, config
+from numba.core import caching
+from numba.core import config as numba_config
 
 import renderers.raster
 import renderers.stereo.warmup  # noqa: F401 - they define kernels
@@ -19,6 +20,8 @@ from renderers.compiler import cache_folder as kernel_cache
 from renderers.compiler.cache_locator import CACHED, KernelCacheLocator, cached_njit, folder_of
 
 ROOT = Path(__file__).parents[3]
+config: Any = numba_config
+"""Its settings are set from the environment, which its annotations do not tell."""
 
 
 def test_every_kernel_has_a_folder_of_its_own_in_the_cache() -> None:
@@ -60,7 +63,7 @@ def test_what_is_used_of_numba() -> None:
     assert issubclass(KernelCacheLocator, base)
     for name in ("from_function", "get_cache_path", "get_source_stamp", "get_disambiguator", "ensure_cache_path"):
         assert callable(getattr(base, name))
-    names = [each.__name__ for each in caching.CacheImpl._locator_classes]
+    names = [each.__name__ for each in caching.CacheImpl._locator_classes]  # noqa: SLF001 - the locator uses it
     assert "UserProvidedCacheLocator" in names
     assert all(hasattr(caching, name) for name in names)
 

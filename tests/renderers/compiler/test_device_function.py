@@ -9,12 +9,12 @@ from renderers.compiler.device_function import device_function, inlined
 
 
 @inlined
-def square(x):  # type: ignore[no-untyped-def]  # Numba finds the types
+def square(x):
     return x * x
 
 
 @device_function
-def sum_of_squares(values, count):  # type: ignore[no-untyped-def]  # Numba finds the types
+def sum_of_squares(values, count):
     total = 0.0
     for k in range(count):
         total += square(values[k])
@@ -22,7 +22,7 @@ def sum_of_squares(values, count):  # type: ignore[no-untyped-def]  # Numba find
 
 
 @njit
-def length(values):  # type: ignore[no-untyped-def]  # Numba finds the types
+def length(values):
     copy = np.empty(len(values), np.float64)
     for k in range(len(values)):
         copy[k] = values[k]
@@ -37,6 +37,6 @@ def test_functions_are_linked_into_what_calls_them() -> None:
             library, name = result.library, result.fndesc.llvm_func_name
             assert name in {f.name for f in library.get_defined_functions()}
             assert library.get_pointer_to_function(name) == 0
-            assert not library.codegen._engine.is_symbol_defined(name)
+            assert not library.codegen._engine.is_symbol_defined(name)  # noqa: SLF001 - no public name tells it
     (whole,) = length.overloads.values()
     assert whole.library.get_pointer_to_function(whole.fndesc.llvm_func_name) != 0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -17,7 +19,7 @@ def renderer() -> CpuRenderer:
     return CpuRenderer(threads=1)
 
 
-def depth_of(renderer: CpuRenderer, scene: DrawList, **view: object) -> np.ndarray:
+def depth_of(renderer: CpuRenderer, scene: DrawList, **view: Any) -> np.ndarray:
     with renderer.render(scene, camera(**view), Output.DEPTH) as frame:
         assert frame.depth is not None
         return frame.depth.copy()

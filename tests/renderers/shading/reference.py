@@ -16,7 +16,8 @@ from renderers.camera import Camera
 from renderers.drawlist import AlphaMode, DrawList, Image, Instance, Material, Mesh, Texture, Wrap
 from renderers.interface import Look
 from renderers.shading import paint, prepare
-from renderers.visibility_buffer import Visibility
+from renderers.shading.depth_peeling import MAX_LAYERS
+from renderers.visibility_buffer import SampledShader, SampledView, Visibility
 
 Array = NDArray[np.float64]
 
@@ -98,6 +99,17 @@ class BruteForce:
         shape = (camera.height, camera.width)
         return Visibility(ids.reshape(shape), best.reshape(shape), first, X)
 
+    def sampled(
+        self,
+        scene: DrawList,
+        camera: Camera,
+        samples: int,
+        begin: Callable[[SampledView], SampledShader],
+        *,
+        cull_back: NDArray[np.bool_] | None = None,
+    ) -> None:
+        raise NotImplementedError("one sample per pixel only")
+
     def parallel(self, units: int, work: Callable[[int], object]) -> None:
         for unit in self.order(units):
             work(unit)
@@ -114,10 +126,13 @@ def strokes(direction: Array, ends: Array, view: Camera) -> Array:
     return np.where(distance.min(axis=1) < 0.6, along[nearest, 2], np.nan)
 
 
-def painted(scene: DrawList, view: Camera, look: Look, rasterizer: BruteForce | None = None, **options: int) -> Array:
+def painted(
+    scene: DrawList, view: Camera, look: Look, rasterizer: BruteForce | None = None, max_layers: int = 32
+) -> Array:
     """(H, W, 3) int64: what ``renderers.shading`` paints."""
     color = np.full((view.height, view.width, 3), 77, np.uint8)
-    paint(rasterizer or BruteForce(), scene, prepare(scene.instances, look.name), view, look, color, **options)
+    prepared = prepare(scene.instances, look.name)
+    paint(rasterizer or BruteForce(), scene, prepared, view, look, color, max_layers=max_layers)
     return color.astype(np.int64)
 
 
@@ -159,7 +174,8 @@ def lookup(texture: Texture, u: float, v: float, srgb: bool) -> Array:
     s, t = x - i, y - j
     above = texel(i, j) * (1 - s) + texel(i + 1, j) * s
     below = texel(i, j + 1) * (1 - s) + texel(i + 1, j + 1) * s
-    return above * (1 - t) + below * t
+    mixed: Array = above * (1 - t) + below * t
+    return mixed
 
 
 def unit(v: Array) -> Array:
@@ -204,7 +220,9 @@ def surface_color(
         return mixed
 
     def read(texture: Texture, srgb: bool) -> Array:
-        uv = at(mesh.uv1 if texture.uv_set else mesh.uv0)
+        coordinates = mesh.uv1 if texture.uv_set else mesh.uv0
+        assert coordinates is not None
+        uv = at(coordinates)
         return lookup(texture, float(uv[0]), float(uv[1]), srgb)
 
     pbr = look == "pbr"
@@ -272,11 +290,11 @@ def reference_color(scene: DrawList, view: Camera, look: Look) -> Array:
                     alpha = float(alpha >= instance.material.alpha_cutoff)
                 layers[p].append((float(z[p]), color, min(max(alpha, 0.0), 1.0)))
     result = np.empty((len(direction), 3))
-    for p, found in enumerate(layers):
+    for pixel, surfaces in enumerate(layers):
         shown = background
-        for _, color, alpha in sorted(found, key=lambda layer: -layer[0]):
+        for _, color, alpha in sorted(surfaces, key=lambda surface: -surface[0]):
             shown = shown * (1 - alpha) + color * alpha
-        result[p] = shown * 255.0
+        result[pixel] = shown * 255.0
     return result.reshape(view.height, view.width, 3)
 
 

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from renderers.drawlist import AlphaMode, DrawList, Instance, Material, Mesh, Texture
-from renderers.interface import Look
+from renderers.interface import Look, LookName
 from renderers.shading import paint, prepare
+from renderers.visibility_buffer import Visibility
 from tests.renderers.shading.reference import BruteForce, ball, camera, painted, picture, placed, quad, reference_color
 
 BLEND, MASK = AlphaMode.BLEND, AlphaMode.MASK
@@ -38,7 +40,7 @@ def stars(shape: tuple[int, int] = (6, 7)) -> Texture:
 
 
 @pytest.mark.parametrize("look", ["phong", "pbr"])
-def test_translucent_surfaces_are_sorted_per_pixel(look: str) -> None:
+def test_translucent_surfaces_are_sorted_per_pixel(look: LookName) -> None:
     scene = DrawList(crossing())
     ours = painted(scene, VIEW, Look(look))
     expected = reference_color(scene, VIEW, Look(look))
@@ -52,7 +54,7 @@ def test_the_order_of_the_draw_list_does_not_matter() -> None:
 
 @pytest.mark.parametrize("look", ["phong", "pbr"])
 @pytest.mark.parametrize("mode", [BLEND, MASK, AlphaMode.OPAQUE])
-def test_alpha_of_a_texture(look: str, mode: AlphaMode) -> None:
+def test_alpha_of_a_texture(look: LookName, mode: AlphaMode) -> None:
     tilt = np.array(((0.8, 0.0, -0.6), (0.0, 1.0, 0.0), (0.6, 0.0, 0.8)))
     material = Material(
         base_color=(1.0, 0.8, 0.6, 0.9),
@@ -98,7 +100,7 @@ class Counting(BruteForce):
         super().__init__()
         self.calls = 0
 
-    def visibility(self, *args: object, **options: object) -> object:
+    def visibility(self, *args: Any, **options: Any) -> Visibility:
         self.calls += 1
         return super().visibility(*args, **options)
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from renderers.camera import Camera
 from renderers.drawlist import DrawList, Image, Material, Mesh, Sampler, Texture
-from renderers.interface import Look
+from renderers.interface import Look, LookName
 from renderers.shading import look_material, paint, prepare
 from renderers.shading.materials import COLORS_DECODE, COLORS_MULTIPLY, COLORS_REPLACE, vertex_color_rule
 from tests.renderers.shading.reference import (
@@ -85,7 +86,7 @@ MATERIALS = {
 
 @pytest.mark.parametrize("look", ["phong", "pbr"])
 @pytest.mark.parametrize("name", MATERIALS)
-def test_a_ball_looks_as_specified(look: str, name: str) -> None:
+def test_a_ball_looks_as_specified(look: LookName, name: str) -> None:
     mesh = ball()
     assert mesh.uv0 is not None
     mesh = replace(mesh, uv1=np.ascontiguousarray(mesh.uv0[:, ::-1]))
@@ -94,7 +95,7 @@ def test_a_ball_looks_as_specified(look: str, name: str) -> None:
 
 @pytest.mark.parametrize("linear", [TURNED, SQUASHED, MIRRORED], ids=["turned", "squashed", "mirrored"])
 @pytest.mark.parametrize("look", ["phong", "pbr"])
-def test_any_affine_map_keeps_normals_and_tangents_right(look: str, linear: Array) -> None:
+def test_any_affine_map_keeps_normals_and_tangents_right(look: LookName, linear: Array) -> None:
     assert_same(DrawList((placed(ball(), FULL, z=3.0, linear=linear),)), Look(look))
 
 
@@ -106,7 +107,7 @@ def test_a_mirrored_ball_is_lit_as_bright_as_its_original() -> None:
 
 
 @pytest.mark.parametrize("look", ["phong", "pbr"])
-def test_triangles_without_normals_are_flat(look: str) -> None:
+def test_triangles_without_normals_are_flat(look: LookName) -> None:
     mesh = replace(ball(), normals=None)
     assert_same(DrawList((placed(mesh, z=3.0, linear=SQUASHED),)), Look(look))
     assert_same(DrawList((placed(mesh, z=3.0, linear=MIRRORED),)), Look(look))
@@ -130,7 +131,7 @@ def test_a_back_face_of_a_single_sided_material_is_not_seen() -> None:
 
 @pytest.mark.parametrize("look", ["phong", "pbr"])
 @pytest.mark.parametrize("unlit", [False, True])
-def test_vertex_colors(look: str, unlit: bool) -> None:
+def test_vertex_colors(look: LookName, unlit: bool) -> None:
     material = Material(base_color=(1.0, 0.5, 0.25, 1.0), metallic=0.0, unlit=unlit)
     assert_same(DrawList((placed(colored(ball()), material, z=3.0, linear=TURNED),)), Look(look))
 
@@ -212,12 +213,13 @@ def test_a_scene_prepared_for_another_look_is_refused() -> None:
 @pytest.mark.parametrize("name", ["normals", "uv0", "uv1", "colors", "tangents"])
 def test_attributes_shorter_than_the_mesh_are_refused(name: str) -> None:
     """A kernel would read beyond them."""
-    short = np.zeros((3, {"normals": 3, "uv0": 2, "uv1": 2, "colors": 4, "tangents": 4}[name]), np.float32)
+    columns = {"normals": 3, "uv0": 2, "uv1": 2, "colors": 4, "tangents": 4}[name]
+    short: dict[str, Any] = {name: np.zeros((3, columns), np.float32)}
     with pytest.raises(ValueError, match=f"mesh with 4 vertices: {name} has shape"):
-        prepare((placed(quad(**{name: short})),), "phong")
-    wide = np.zeros((4, short.shape[1]))
+        prepare((placed(quad(**short)),), "phong")
+    wide: dict[str, Any] = {name: np.zeros((4, columns))}
     with pytest.raises(TypeError, match="float32"):
-        prepare((placed(quad(**{name: wide}), FULL),), "pbr")
+        prepare((placed(quad(**wide), FULL),), "pbr")
 
 
 def test_plain_shows_the_colour_that_was_published() -> None:

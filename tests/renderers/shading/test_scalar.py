@@ -9,7 +9,7 @@ import pytest
 
 from renderers.camera import Camera
 from renderers.drawlist import DrawList, Instance, Material, Mesh, Sampler, Texture, Wrap
-from renderers.interface import Look, Output
+from renderers.interface import Look, LookName, Output
 from renderers.raster import CpuRenderer
 from renderers.shading import paint, prepare
 from renderers.shading.vertices import records_of
@@ -55,15 +55,15 @@ def mesh(rng: np.random.Generator) -> Mesh:
     count = int(rng.integers(4, 60))
     size = float(rng.choice((0.05, 0.5, 3.0)))
     positions = rng.uniform(-1.5, 1.5, (count, 1, 3)) + rng.normal(scale=size, size=(count, 3, 3))
-    positions = positions.reshape(-1, 3).astype(np.float32)
-    n = len(positions)
+    vertices = positions.reshape(-1, 3).astype(np.float32)
+    n = len(vertices)
     corners = int(rng.choice((3, 3, 3, 2, 1)))
 
     def maybe(values: np.ndarray) -> np.ndarray | None:
         return values.astype(np.float32) if rng.random() < 0.6 else None
 
     return Mesh(
-        positions,
+        vertices,
         rng.integers(0, n, (count, corners)).astype(np.uint32),
         maybe(rng.normal(size=(n, 3))),
         maybe(rng.uniform(-2, 2, (n, 2))),
@@ -102,7 +102,7 @@ def both_sided(drawn: DrawList) -> DrawList:
 
 @pytest.mark.parametrize("name", ["phong", "plain", "pbr"])
 @pytest.mark.parametrize("seed", range(6))
-def test_random_scenes_to_a_level(name: str, seed: int) -> None:
+def test_random_scenes_to_a_level(name: LookName, seed: int) -> None:
     drawn = both_sided(scene(np.random.default_rng(seed)))
     ours, scalar = both(drawn, view(83, 61), Look(name))
     differences = np.abs(ours - scalar)

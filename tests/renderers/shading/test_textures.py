@@ -120,8 +120,9 @@ def read_all(texture: Texture, u: np.ndarray, v: np.ndarray, *, srgb: bool = Fal
 def read(texture: Texture, u: float, v: float, *, srgb: bool = False) -> np.ndarray:
     """(4,): the texture at one coordinate, which any lane reads alike."""
     lanes = read_all(texture, np.full(8, u), np.full(8, v), srgb=srgb)
-    assert (lanes == lanes[0]).all()
-    return lanes[0]
+    first: np.ndarray = lanes[0]
+    assert (lanes == first).all()
+    return first
 
 
 @settings(deadline=None, max_examples=300)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from renderers.compiler.pointers import address_of
@@ -23,7 +25,7 @@ II_TANGENTS = 8
 II_COLUMNS = 9
 
 
-def instance_table(instances: tuple[Instance, ...], shading: ShadingScene) -> tuple[np.ndarray, list[object]]:
+def instance_table(instances: Sequence[Instance], shading: ShadingScene) -> tuple[np.ndarray, list[object]]:
     """(n, II_COLUMNS) int64, and what its addresses point into."""
     keep: list[object] = []
     table = np.zeros((max(len(instances), 1), II_COLUMNS), np.int64)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -117,10 +118,11 @@ def aces(color: Array) -> Array:
     into = np.array(((0.59719, 0.35458, 0.04823), (0.07600, 0.90834, 0.01566), (0.02840, 0.13383, 0.83777)))
     out = np.array(((1.60475, -0.53108, -0.07367), (-0.10208, 1.10813, -0.00605), (-0.00327, -0.07276, 1.07602)))
     v = (color / 0.6) @ into.T
-    return ((v * (v + 0.0245786) - 0.000090537) / (v * (0.983729 * v + 0.4329510) + 0.238081)) @ out.T
+    mapped: Array = ((v * (v + 0.0245786) - 0.000090537) / (v * (0.983729 * v + 0.4329510) + 0.238081)) @ out.T
+    return mapped
 
 
-TONES = {"neutral": neutral, "aces": aces, "none": lambda color: color}
+TONES: dict[str, Callable[[Array], Array]] = {"neutral": neutral, "aces": aces, "none": lambda color: color}
 
 
 def srgb(linear: Array) -> Array:
@@ -169,7 +171,10 @@ def bilinear(texels: Array, sampler: Sampler, uv: Array, smooth: bool) -> Array:
         return at(np.floor(x), np.floor(y))
     i, j = np.floor(x - 0.5), np.floor(y - 0.5)
     s, t = (x - 0.5 - i)[:, None], (y - 0.5 - j)[:, None]
-    return (1 - t) * ((1 - s) * at(i, j) + s * at(i + 1, j)) + t * ((1 - s) * at(i, j + 1) + s * at(i + 1, j + 1))
+    above = (1 - s) * at(i, j) + s * at(i + 1, j)
+    below = (1 - s) * at(i, j + 1) + s * at(i + 1, j + 1)
+    mixed: Array = (1 - t) * above + t * below
+    return mixed
 
 
 def textured(texture: Texture, uv: Array, right: Array, below: Array, color: bool) -> Array:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from renderers.camera import Camera
 from renderers.drawlist import DrawList, Image, Instance, Light, LightKind, Material, Mesh
-from renderers.interface import Look, Output
+from renderers.interface import Look, Output, SampleCount
 from renderers.light_rig import Rig
 from renderers.raster import CpuRenderer
 from tests.renderers.shading.reference import ball
@@ -51,7 +52,7 @@ def at(x: float, y: float, z: float) -> NDArray[np.float64]:
     return X
 
 
-def two_balls(**material: object) -> DrawList:
+def two_balls(**material: Any) -> DrawList:
     """A dielectric and a metal."""
     plastic = Material((0.8, 0.3, 0.2, 1.0), metallic=0.0, roughness=0.4, **material)
     metal = Material((0.9, 0.8, 0.5, 1.0), metallic=1.0, roughness=0.5)
@@ -96,7 +97,7 @@ def drawn(
     scene: DrawList,
     camera: Camera,
     rig: Rig,
-    samples: int = 1,
+    samples: SampleCount = 1,
     background: tuple[int, int, int] = (0, 0, 0),
 ) -> NDArray[np.uint8]:
     """(H, W, 3)."""

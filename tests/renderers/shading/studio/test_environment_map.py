@@ -110,7 +110,9 @@ def _bilinear(table: np.ndarray, i: float, j: float) -> np.ndarray:
     a, b = int(i), int(j)
     s, t = i - a, j - b
     a1, b1 = min(a + 1, 31), min(b + 1, 31)
-    return (1 - t) * ((1 - s) * table[a, b] + s * table[a1, b]) + t * ((1 - s) * table[a, b1] + s * table[a1, b1])
+    first, second = (1 - s) * table[a, b] + s * table[a1, b], (1 - s) * table[a, b1] + s * table[a1, b1]
+    mixed: np.ndarray = (1 - t) * first + t * second
+    return mixed
 
 
 def test_a_white_furnace_gives_back_what_it_gets(renderer: CpuRenderer) -> None:

@@ -28,9 +28,9 @@ from tests.renderers.shading.studio.scenes import DARK, drawn
 
 CORNERS = np.array([(-1.5, -1.2, 0), (1.5, -1.2, 0), (1.5, 1.2, 0), (-1.5, 1.2, 0)])
 UV = np.array([(0, 1), (1, 1), (1, 0), (0, 0)], np.float64)
-LAMP = {"type": "directional", "intensity": 2.5, "color": [1.0, 0.9, 0.8]}
+LAMP: dict[str, Any] = {"type": "directional", "intensity": 2.5, "color": [1.0, 0.9, 0.8]}
 # Turned about Y and X: it shines to the lower right.
-LAMP_NODE = {
+LAMP_NODE: dict[str, Any] = {
     "rotation": [-0.2164396, -0.2164396, -0.0480066, 0.9508061],
     "extensions": {"KHR_lights_punctual": {"light": 0}},
 }
@@ -54,7 +54,8 @@ class Point:
     def texel(self, uv: ref.Array | None = None) -> ref.Array:
         """(n, 4): stored values over 255 at coordinates, which repeat."""
         at = np.floor((self.uv if uv is None else uv) * SIDE).astype(int) % SIDE
-        return TEXELS[at[:, 1], at[:, 0]] / 255.0
+        values: ref.Array = TEXELS[at[:, 1], at[:, 0]] / 255.0
+        return values
 
     def lit(self, base: ref.Array, metallic: Any = 0.0, roughness: Any = 0.5, **more: Any) -> ref.Array:
         """Under the lamp alone."""
@@ -64,7 +65,8 @@ class Point:
         n, v = np.array((0.0, 0.0, 1.0)) + 0 * self.p, ref.normalized(-self.p)
         one = np.ones((len(self.p), 1))
         f = ref.brdf(n, v, -shines + 0 * self.p, base + 0 * self.p, material, roughness * one, metallic * one)
-        return f * LAMP["intensity"] * np.array(LAMP["color"])
+        radiance: ref.Array = f * LAMP["intensity"] * np.array(LAMP["color"])
+        return radiance
 
 
 def png() -> bytes:
@@ -118,7 +120,7 @@ def base_color(t: ref.Array) -> ref.Array:
     return np.array(PLAIN["baseColorFactor"])[:3] * ref.linear(t[:, :3])
 
 
-TRANSFORM = {"offset": [0.3, -0.2], "rotation": 0.5, "scale": [1.7, 0.6], "texCoord": 1}
+TRANSFORM: dict[str, Any] = {"offset": [0.3, -0.2], "rotation": 0.5, "scale": [1.7, 0.6], "texCoord": 1}
 SECOND = UV[:, ::-1] * 0.8 + 0.1
 
 
@@ -131,7 +133,8 @@ def transformed(at: Point) -> ref.Array:
     """KHR_texture_transform: translation * rotation * scale, rotation counter-clockwise in a picture whose v is up."""
     c, s = np.cos(TRANSFORM["rotation"]), np.sin(TRANSFORM["rotation"])
     m = np.array(((c, s), (-s, c))) @ np.diag(TRANSFORM["scale"])
-    return second(at) @ m.T + np.array(TRANSFORM["offset"])
+    uv: ref.Array = second(at) @ m.T + np.array(TRANSFORM["offset"])
+    return uv
 
 
 def quantized() -> Builder:
@@ -169,7 +172,9 @@ def vertex_color(at: Point) -> ref.Array:
     """Linear over each of the two triangles 0 1 2 and 0 2 3."""
     u, v = at.uv[:, :1], 1.0 - at.uv[:, 1:]
     c = COLORS[:, :3] / 255.0
-    return np.where(u > v, c[0] + u * (c[1] - c[0]) + v * (c[2] - c[1]), c[0] + v * (c[3] - c[0]) + u * (c[2] - c[3]))
+    first, second_half = c[0] + u * (c[1] - c[0]) + v * (c[2] - c[1]), c[0] + v * (c[3] - c[0]) + u * (c[2] - c[3])
+    color: ref.Array = np.where(u > v, first, second_half)
+    return color
 
 
 FLAT = np.array(PLAIN["baseColorFactor"])[:3]
@@ -286,8 +291,7 @@ def seen() -> tuple[Point, np.ndarray[Any, Any]]:
 def clear(uv: ref.Array) -> np.ndarray[Any, Any]:
     """(n,): not within a hundredth of a texel of another one, where rounding decides."""
     part = uv * SIDE % 1.0
-    result: np.ndarray[Any, Any] = ((part > 0.01) & (part < 0.99)).all(axis=1)
-    return result
+    return np.asarray(((part > 0.01) & (part < 0.99)).all(axis=1))
 
 
 @pytest.mark.parametrize("name", FEATURES)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -152,7 +153,8 @@ def test_vertices_are_split_where_tangents_differ() -> None:
 
 @pytest.mark.parametrize("without", ["normals", "uv0"])
 def test_meshes_without_normals_or_coordinates_get_no_tangents(without: str) -> None:
-    mesh = replace(ball(4), tangents=None, **{without: None})
+    changes: dict[str, Any] = {"tangents": None, without: None}
+    mesh = replace(ball(4), **changes)
     assert with_tangents(mesh, 0) is mesh
     assert with_tangents(ball(4), 0).tangents is not None
 

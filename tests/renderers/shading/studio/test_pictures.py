@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from renderers.drawlist import AlphaMode, DrawList, Instance, LightKind, Material, Texture
-from renderers.interface import Look, Output
+from renderers.interface import Look, Output, SampleCount
 from renderers.light_rig import STUDIO, Rig
 from renderers.raster import CpuRenderer
 from tests.renderers.pictures import same_as_golden
@@ -58,7 +58,7 @@ def glass() -> DrawList:
 
 
 PLAIN = replace(STUDIO, shadow_size=0)
-SCENES: dict[str, tuple[DrawList, Rig, int]] = {
+SCENES: dict[str, tuple[DrawList, Rig, SampleCount]] = {
     "lights": (two_balls(), replace(DARK, lights=tuple(KINDS.values())), 1),
     "surroundings": (two_balls(ior=1.8, specular_color=(1.0, 0.8, 0.6)), PLAIN, 1),
     "textures": (floor(unlit=True, base_color_texture=Texture(noise())), DARK, 1),
@@ -97,6 +97,7 @@ def test_geometry_outputs_do_not_know_the_look(renderer: CpuRenderer) -> None:
 
 
 def test_nothing_to_draw(renderer: CpuRenderer) -> None:
-    for samples in (1, 4):
+    counts: tuple[SampleCount, ...] = (1, 4)
+    for samples in counts:
         color = drawn(renderer, DrawList(), view(), STUDIO, samples, background=(1, 2, 3))
         assert (color == (1, 2, 3)).all()

@@ -11,7 +11,7 @@ import pytest
 
 from renderers.camera import Camera
 from renderers.drawlist import AlphaMode, DrawList, Image, Instance, Material, Sampler, Texture, Wrap
-from renderers.interface import Look, Output
+from renderers.interface import Look, Output, SampleCount
 from renderers.light_rig import Rig
 from renderers.msaa import sample_cameras
 from renderers.raster import CpuRenderer
@@ -214,8 +214,8 @@ def test_blended_surfaces_are_sorted_by_pixel(renderer: CpuRenderer) -> None:
         depth[k] = np.where(z.instance >= 0, z.point[:, 2], np.inf)
     color = np.broadcast_to(ref.linear(np.array(background) / 255.0), (len(depth["a"]), 3)).copy()
     for far_to_near in np.argsort(-np.array([depth[k] for k in ("wall", "a", "b")]), axis=0, kind="stable"):
-        for k, name in enumerate(("wall", "a", "b")):
-            here = (far_to_near == k) & np.isfinite(depth[name])
+        for index, name in enumerate(("wall", "a", "b")):
+            here = (far_to_near == index) & np.isfinite(depth[name])
             alpha = layers[name].base_color[3]
             color[here] = alpha * np.array(layers[name].base_color[:3]) + (1 - alpha) * color[here]
     expected = ref.srgb(color).reshape(*shape, 3)
@@ -255,7 +255,7 @@ def test_cut_out(renderer: CpuRenderer) -> None:
 
 @pytest.mark.parametrize("samples", [4, 8])
 @pytest.mark.parametrize("look", ["studio", "phong", "pbr"])
-def test_samples(renderer: CpuRenderer, samples: int, look: Any) -> None:
+def test_samples(renderer: CpuRenderer, samples: SampleCount, look: Any) -> None:
     """Unlit balls over each other: every pixel is the mean of what the rays of its samples see."""
     colors = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
     scene = DrawList(
