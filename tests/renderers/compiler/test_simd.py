@@ -28,8 +28,8 @@ def _floats(a, b, out, number):
     vec.store(o, 8, x - y)
     vec.store(o, 16, x * y)
     vec.store(o, 24, x / y)
-    vec.store(o, 32, vec.least(x, y))
-    vec.store(o, 40, vec.most(x, y))
+    vec.store(o, 32, vec.minimum(x, y))
+    vec.store(o, 40, vec.maximum(x, y))
     vec.store(o, 48, vec.select((x < y) & ~(x == y), x, -y))
     vec.store(o, 56, vec.rint(x))
     vec.store(o, 64, vec.ceil(x))
@@ -37,12 +37,12 @@ def _floats(a, b, out, number):
     vec.store(o, 80, vec.absolute(x))
     vec.store(o, 88, vec.to_f64(vec.to_f32(x)))
     vec.store(o, 96, vec.to_f64(vec.to_i32(x)))
-    n[0] = vec.bits(x < y)
-    n[1] = vec.bits(x <= y)
-    n[2] = vec.bits(x > y)
-    n[3] = vec.bits(x >= y)
-    n[4] = vec.bits(x == y)
-    n[5] = vec.bits((x != y) | (x == y))
+    n[0] = vec.movemask(x < y)
+    n[1] = vec.movemask(x <= y)
+    n[2] = vec.movemask(x > y)
+    n[3] = vec.movemask(x >= y)
+    n[4] = vec.movemask(x == y)
+    n[5] = vec.movemask((x != y) | (x == y))
 
 
 def test_floats_lane_by_lane() -> None:
@@ -83,11 +83,11 @@ def _integers(a, b, out):
     vec.store(o, 56, x << vec.i32(2))
     vec.store(o, 64, ~x)
     vec.store(o, 72, -x)
-    vec.store(o, 80, vec.least(x, y))
+    vec.store(o, 80, vec.minimum(x, y))
     vec.store(o, 88, vec.gather(p, vec.iota() ^ vec.i32(3)))
     vec.store(o, 96, vec.load_third(p, 0, 2))
     vec.store(o, 104, vec.to_i32(vec.to_f32(x)))
-    vec.store(o, 112, vec.select(vec.below(x, y), x, y))
+    vec.store(o, 112, vec.select(vec.less_unsigned(x, y), x, y))
 
 
 def test_integers_lane_by_lane() -> None:
@@ -128,7 +128,7 @@ def test_corners_of_eight_triangles() -> None:
 def _blend_again(a, b, c):
     p, q = f32_at(a), f32_at(b)
     for k in range(0, c, 8):
-        new, old = vec.load(q, k), vec.load_again(p, k)
+        new, old = vec.load(q, k), vec.load_volatile(p, k)
         vec.store(p, k, vec.select(new > old, new, old))
 
 
@@ -165,10 +165,10 @@ def _lists(values, offsets, out, number):
     a, o, n = i32_at(values), i32_at(out), i64_at(number)
     x, y = vec.load(a, 0), vec.load(a, 8)
     vec.prefetch(a, 1 << 40)  # may lie anywhere
-    n[0], n[1] = vec.least_of(x), vec.most_of(x)
-    n[2] = vec.count_bits(vec.bits(x > y))
-    taken, kept = x > y, vec.compressed(x > y, vec.to_f32(vec.iota()))
-    vec.store_quads(o, 4, vec.compressed(taken, x), vec.compressed(taken, y), vec.to_i32(kept), vec.iota())
+    n[0], n[1] = vec.minimum_of(x), vec.maximum_of(x)
+    n[2] = vec.count_bits(vec.movemask(x > y))
+    taken, kept = x > y, vec.compress(x > y, vec.to_f32(vec.iota()))
+    vec.store_quads(o, 4, vec.compress(taken, x), vec.compress(taken, y), vec.to_i32(kept), vec.iota())
     vec.scatter(i32_at(out), vec.load(i32_at(offsets), 0), y)
 
 
@@ -223,13 +223,13 @@ def _moves(values, whole, offsets, out, number, picture):
     at = vec.load(i32_at(offsets), 0)
     for k, part in enumerate(vec.load_triples(f32_at(values), at)):
         vec.store(o, 8 * k, part)
-    vec.store(o, 24, vec.spread3(vec.load(f32_at(values), 0)))
+    vec.store(o, 24, vec.broadcast_lane3(vec.load(f32_at(values), 0)))
     vec.store(o, 32, vec.sqrt(vec.absolute(vec.load(f32_at(values), 0))))
     for k, part in enumerate(vec.load_elements(i32_at(whole), at)):
         vec.store(n, 8 * k, part)
     for k, part in enumerate(vec.gather_pairs(i32_at(whole), at)):
         vec.store(n, 24 + 8 * k, part)
-    vec.store(n, 40, vec.bits_of(vec.load(f32_at(values), 0)))
+    vec.store(n, 40, vec.float_bits(vec.load(f32_at(values), 0)))
     vec.store_rgb(u8_at(picture), 1, vec.load(i32_at(whole), 0))
     for k, part in enumerate(vec.load_quads(f32_at(values), at)):
         vec.store(o, 40 + 8 * k, part)
@@ -271,7 +271,7 @@ def _lookups(values, whole, offsets, lanes, out, number):
         vec.store(n, 8 * k, part)
     vec.store(n, 32, vec.permute(integers, lane))
     vec.store(o, 0, vec.permute(floats, lane))
-    vec.store(o, 8, vec.float_of(integers))
+    vec.store(o, 8, vec.from_bits(integers))
 
 
 def test_lookups() -> None:
@@ -375,7 +375,7 @@ def _fours(a, b, out):
     x, y = vec.load(p, 0), vec.load(q, 0)
     vec.store(o, 0, vec.low_twice(x))
     vec.store(o, 8, vec.high_twice(x))
-    vec.store(o, 16, vec.halves(x, y))
+    vec.store(o, 16, vec.join_halves(x, y))
     vec.store(o, 24, vec.swapped(x))
     vec.store(o, 32, vec.swapped_pairs(x))
     o[40], o[41] = vec.lane0(x), vec.lane4(x)
