@@ -111,7 +111,7 @@ def _responses(content: dict[str, Any], *, cached: bool) -> dict[int | str, dict
     responses: dict[int | str, dict[str, Any]] = {
         200: {"description": "The header X-Scene-Revision has the revision of the scene.", "content": content},
         503: {
-            "description": "With Retry-After: too many requests wait. Without: rendering took too long and would again.",
+            "description": "With Retry-After: too many requests wait. Without: rendering took too long.",
             "content": _TEXT,
         },
     }

@@ -1,4 +1,6 @@
-"""Coverage of small triangles: find each row's span of columns, then draw blocks of eight columns and four rows where any is covered.
+"""Coverage of small triangles: find each row's span of columns, then draw its blocks.
+
+A block has eight columns and four rows; it is drawn if any of its pixels is covered.
 
 A pixel is covered where all edge functions are at least 0. They are linear, so that an edge limits a row's columns by a
 quotient. Divided by 256 and rounded down, which keeps their sign, the functions are integers below 2^23 and their

@@ -106,10 +106,10 @@ def test_the_command_goes_on_on_a_cluster(
         assert done.returncode == 0, done.stderr
         return done.stderr
 
-    assert "9 of 9 samples, 0 of them from before, 9 drawn" in drawn()
+    assert "9 of 9 samples, 0 of them from before, 9 rendered" in drawn()
     whole = contents(out)
     (out / "scenes" / "mesh.stl" / "orbit-001.color.png").unlink()
-    assert "9 of 9 samples, 8 of them from before, 1 drawn" in drawn()
+    assert "9 of 9 samples, 8 of them from before, 1 rendered" in drawn()
     assert contents(out) == whole
 
 

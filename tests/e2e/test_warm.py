@@ -36,6 +36,7 @@ class Note(event.Listener):
 
 event.register("numba:compile", Note())
 warmup.run()
+warmup.run_background()
 from fastapi.testclient import TestClient
 from gateway.app import create_app
 from gateway.settings import Settings
@@ -72,6 +73,7 @@ from gateway.runtime import kernel_cache as kernels
 
 cached = kernels.are_cached()
 warmup.run()
+warmup.run_background()
 from renderers.compiler import cache_folder as kernel_cache
 from renderers.compiler.cache_locator import CACHED, folder_of
 from renderers.compiler.jit import KERNELS
@@ -132,7 +134,7 @@ shutil.copytree(here, copy / here.name)
 kernel_cache.root.cache_clear()
 import os
 os.environ["NUMBA_CACHE_DIR"] = str(copy)
-lost = next((copy / here.name).glob("renderers.raster.*"))
+lost = next((copy / here.name).glob("renderers.raster.setup.*"))
 for file in lost.iterdir():
     file.unlink()
 before = kernel_cache.missing()

@@ -51,8 +51,7 @@ class GltfDocument:
         return len(entries) - 1
 
     def once(self, kind: str, source: object, make: Callable[[], int | None]) -> int | None:
-        """Return what ``make`` returned for this object; ``make`` is called the first time only. Objects are compared by
-        identity."""
+        """Return what ``make`` returned for this object, by identity; ``make`` is called the first time only."""
         if (kind, id(source)) not in self._indices:
             self._sources.append(source)
         return self.once_equal(kind, id(source), make)
