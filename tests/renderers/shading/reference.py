@@ -127,7 +127,7 @@ def strokes(direction: Array, ends: Array, view: Camera) -> Array:
 
 
 def painted(
-    scene: DrawList, view: Camera, look: Look, rasterizer: BruteForce | None = None, max_layers: int = 32
+    scene: DrawList, view: Camera, look: Look, rasterizer: BruteForce | None = None, max_layers: int = MAX_LAYERS
 ) -> Array:
     """(H, W, 3) int64: what ``renderers.shading`` paints."""
     color = np.full((view.height, view.width, 3), 77, np.uint8)
