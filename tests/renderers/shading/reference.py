@@ -1,7 +1,7 @@
-"""What shading should give, slowly: numpy in float64, written from the specifications and not from the kernels.
+"""Reference for shading: slow numpy in float64, written from the specifications and not from the kernels.
 
-``BruteForce`` answers for visibility by intersecting every ray with every element; ``reference_color`` shades what it
-finds pixel by pixel.
+``BruteForce`` computes visibility by intersecting every ray with every primitive; ``reference_color`` shades
+each pixel.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def hits(direction: Array, corners: Array) -> tuple[Array, Array]:
 
 
 class BruteForce:
-    """Visibility of triangles, and of lines and points as one-pixel strokes, by trying everything."""
+    """Rasterizer that tests every primitive at every pixel; lines and points are one pixel wide."""
 
     def __init__(self, order: Callable[[int], list[int]] = lambda units: list(range(units))) -> None:
         self.order = order
@@ -129,7 +129,7 @@ def strokes(direction: Array, ends: Array, view: Camera) -> Array:
 def painted(
     scene: DrawList, view: Camera, look: Look, rasterizer: BruteForce | None = None, max_layers: int = MAX_LAYERS
 ) -> Array:
-    """(H, W, 3) int64: what ``renderers.shading`` paints."""
+    """Return the image that ``renderers.shading`` paints: (H, W, 3) int64."""
     color = np.full((view.height, view.width, 3), 77, np.uint8)
     prepared = prepare(scene.instances, look.name)
     paint(rasterizer or BruteForce(), scene, prepared, view, look, color, max_layers=max_layers)
