@@ -16,6 +16,7 @@ from renderers.camera import Camera
 from renderers.drawlist import AlphaMode, DrawList, Image, Instance, Material, Mesh, Texture, Wrap
 from renderers.interface import Look
 from renderers.shading import paint, prepare
+from renderers.shading.depth_peeling import MAX_LAYERS
 from renderers.visibility_buffer import SampledShader, SampledView, Visibility
 
 Array = NDArray[np.float64]
