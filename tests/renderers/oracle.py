@@ -1,4 +1,4 @@
-"""A slow rasterizer in plain numpy, float64 and exact integers, to compare the real one with.
+"""A slow rasterizer in plain numpy, float64 and exact integers, the reference for ``renderers.raster``.
 
 It shares no code with the kernels: edge functions are evaluated at every pixel centre of the picture, depth is solved
 from each element's own plane, nothing is binned, and of the clipping planes only the near one is used.
@@ -19,7 +19,7 @@ Polygon = list[NDArray[np.float64]]
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """What the oracle sees."""
+    """Images that the oracle renders."""
 
     ids: NDArray[np.int64]
     """(H, W): record numbers, -1 for the background."""
@@ -30,14 +30,14 @@ class Picture:
 
 
 def snap(point: NDArray[np.float64], camera: Camera) -> tuple[int, int]:
-    """Grid coordinates, 1/256 px, of a point in the optical frame."""
+    """Return the grid coordinates (1/256 px) of a point in the optical frame."""
     x = np.float32(camera.fx * point[0] / point[2] + camera.cx)
     y = np.float32(camera.fy * point[1] / point[2] + camera.cy)
     return int(np.rint(np.float64(x) * 256.0)), int(np.rint(np.float64(y) * 256.0))
 
 
 def clip_near(polygon: Polygon, near: float) -> Polygon:
-    """Sutherland and Hodgman against z >= near."""
+    """Clip a polygon to z >= near (Sutherland-Hodgman)."""
     out: Polygon = []
     for a, b in zip(polygon, polygon[1:] + polygon[:1], strict=True):
         if a[2] >= near:
@@ -71,7 +71,7 @@ def convex_cover(corners: list[tuple[int, int]], width: int, height: int) -> NDA
 
 
 def draw(scene: DrawList, camera: Camera) -> Picture:
-    """All instances, both sides of their triangles."""
+    """Render all instances, both sides of their triangles."""
     width, height = camera.width, camera.height
     ids = np.full((height, width), -1, dtype=np.int64)
     best = np.zeros((height, width))

@@ -1,4 +1,4 @@
-"""Golden pictures: exact, small, made again with ``SCENEGATE_REGENERATE_PICTURES=1 pytest ...`` and looked at."""
+"""Golden images. ``SCENEGATE_REGENERATE_PICTURES=1 pytest ...`` writes them; check them before committing."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ FOLDER = Path(__file__).parent.parent / "pictures"
 
 
 def wanted_anew() -> bool:
-    """Whether golden pictures are to be written instead of compared."""
+    """Return whether to write golden images instead of comparing."""
     return bool(os.environ.get("SCENEGATE_REGENERATE_PICTURES"))
 
 

@@ -1,4 +1,4 @@
-"""The rasterizer's arithmetic without vectors: one vertex, one triangle, one pixel at a time, nothing binned.
+"""The rasterizer's arithmetic without SIMD: one vertex, one triangle, one pixel at a time, no binning.
 
 Rounds exactly as the kernels do (same operations in the same order and precision), so results must agree to the last
 bit. Triangles only, and none that crosses the near plane or the guard band.

@@ -1,4 +1,4 @@
-"""Anti-aliasing as it was before it used pointers: the same arithmetic, written plainly: the oracle."""
+"""Scalar reference for anti-aliasing: the same arithmetic as ``renderers.fxaa``, on arrays instead of pointers."""
 
 from __future__ import annotations
 
@@ -42,8 +42,7 @@ def _smooth(source: NDArray[np.uint8], luma: NDArray[np.float32], out: NDArray[n
 
 @njit(nogil=True, error_model="numpy")
 def _find_edges(row, north, south, hot):
-    """Which inner pixels of a row have contrast: all from slices with the same index, so that it is compiled to vector
-    instructions; the pictures are mostly flat, and this is most of the work."""
+    """Mark the inner pixels of a row that have contrast. Slices with a common index let LLVM vectorize the loop."""
     inner = len(row) - 2
     cs, ns, ss, ws, es, hots = row[1:-1], north[1:-1], south[1:-1], row[:-2], row[2:], hot[1:-1]
     for x in range(inner):
@@ -99,8 +98,10 @@ def _smooth_pixel(source, luma, out, x, y, west, east, north, south, contrast):
 
 @njit(nogil=True, error_model="numpy")
 def _edge_end(luma, x, y, ox, oy, dx, dy, c, over):
-    """Walks along both sides of an edge until a pixel is more like the other side; VTK's rule, which sees the ends of
-    lines one pixel wide, too. Returns the distance in pixels and the luma at the end on the pixel's own side."""
+    """Walk along an edge until a pixel is more like the other side (VTK's rule, which also ends at one-pixel lines).
+
+    Return the distance in pixels and the luma at the end on the pixel's own side.
+    """
     height, width = luma.shape
     distance, here = 1, c
     for _ in range(SEARCH):

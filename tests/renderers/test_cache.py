@@ -1,4 +1,4 @@
-"""The cache: what it keeps, what it drops, and what it counts."""
+"""The cache: eviction, limits and counters."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def test_the_least_recently_used_is_dropped_first() -> None:
     assert (cache.hits, cache.misses, cache.nbytes, len(cache)) == (4, 1, 30, 3)
 
 
-def test_values_exactly_at_the_bound_are_kept_and_larger_ones_are_not() -> None:
+def test_values_at_the_limit_are_kept_and_larger_ones_are_not() -> None:
     cache: Cache[str, int] = Cache(max_bytes=30)
     cache.put("a", 1, 30)
     assert cache.get("a") == 1
@@ -30,14 +30,14 @@ def test_values_exactly_at_the_bound_are_kept_and_larger_ones_are_not() -> None:
     assert (cache.get("b"), cache.get("a")) == (None, 1)
 
 
-def test_a_larger_value_in_place_of_one_leaves_neither() -> None:
+def test_replacing_a_value_by_a_too_large_one_drops_both() -> None:
     cache: Cache[str, int] = Cache(max_bytes=30)
     cache.put("a", 1, 30)
     cache.put("a", 2, 31)
     assert (cache.get("a"), cache.nbytes) == (None, 0)
 
 
-def test_the_count_is_bounded_too() -> None:
+def test_the_count_is_limited() -> None:
     cache: Cache[int, int] = Cache(max_bytes=100, max_count=2)
     for number in range(3):
         cache.put(number, number, 1)
@@ -45,7 +45,7 @@ def test_the_count_is_bounded_too() -> None:
 
 
 @given(st.lists(st.tuples(st.integers(0, 5), st.integers(0, 40)), max_size=40))
-def test_bytes_are_the_sum_of_what_is_kept(puts: list[tuple[int, int]]) -> None:
+def test_nbytes_is_the_sum_of_the_kept_values(puts: list[tuple[int, int]]) -> None:
     cache: Cache[int, int] = Cache(max_bytes=60)
     for key, nbytes in puts:
         cache.put(key, nbytes, nbytes)
@@ -56,7 +56,7 @@ def test_bytes_are_the_sum_of_what_is_kept(puts: list[tuple[int, int]]) -> None:
     assert (cache.nbytes, len(cache)) == (0, 0)
 
 
-def test_threads_may_share_it() -> None:
+def test_concurrent_use() -> None:
     cache: Cache[int, int] = Cache(max_bytes=50)
 
     def work(seed: int) -> None:
@@ -105,7 +105,7 @@ def test_the_newest_weak_value_is_kept_even_above_the_limit() -> None:
     assert (cache.get(large), cache.get(small), cache.nbytes) == (None, "small", 1)
 
 
-def test_threads_and_dying_keys_leave_the_sum_right() -> None:
+def test_nbytes_under_concurrent_use_and_collected_keys() -> None:
     cache: Cache[Key, int] = Cache(500, weak=True)
 
     def work() -> None:

@@ -11,7 +11,7 @@ PLACES = 8
 
 
 @pytest.mark.parametrize("size", [0, 1, 1000, 16 << 10, (16 << 10) + 1, 100_003, 1 << 20])
-def test_equal_bytes_have_equal_keys_wherever_they_lie(size: int) -> None:
+def test_keys_depend_on_content_only(size: int) -> None:
     data = np.random.default_rng(size).bytes(size)
     moved = memoryview(bytearray(b"xyz" + data))[3:]
     assert quick_key(data) == quick_key(moved) >= 0
@@ -21,7 +21,7 @@ def test_equal_bytes_have_equal_keys_wherever_they_lie(size: int) -> None:
 
 
 @pytest.mark.parametrize("size", [1000, 16 << 10, (16 << 10) + 1, 100_003])
-def test_which_bytes_count(size: int) -> None:
+def test_bytes_that_quick_key_covers(size: int) -> None:
     data = memoryview(bytearray(size))
     quick, whole = quick_key(data), whole_key(data)
     seen = 0

@@ -34,7 +34,7 @@ def coverage(slope: float, size: int = 64, samples: int = 8) -> NDArray[np.float
     return exact
 
 
-def test_flat_pictures_and_gentle_shades_are_left_alone() -> None:
+def test_flat_images_and_low_contrast_are_unchanged() -> None:
     ramp = np.broadcast_to(np.arange(100, 164, dtype=np.uint8)[None, :, None], (48, 64, 3))
     np.testing.assert_array_equal(smoothed(ramp), ramp)
 
@@ -56,7 +56,7 @@ def test_slanted_edges_approach_their_coverage() -> None:
         assert after < 0.7 * before, slope
 
 
-def test_mirrored_pictures_give_mirrored_pictures() -> None:
+def test_mirrored_images_give_mirrored_results() -> None:
     for slope in (0.11, 0.4, -0.3):
         rough = half_plane(slope)
         np.testing.assert_array_equal(smoothed(rough[:, ::-1]), smoothed(rough)[:, ::-1])

@@ -1,4 +1,4 @@
-"""What was drawn before changes nothing: kernels' working memory is used again and never cleared."""
+"""Earlier frames do not change the image, although working memory is reused without clearing."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SIZES = ((203, 151), (97, 71), (320, 40))
 
 
 def _painted_ball(columns: int, rows: int) -> Mesh:
-    """With a seam: behind it, neighbouring pixels see texels at two ends of the picture."""
+    """A sphere with a texture seam, across which neighbouring pixels read opposite borders of the texture."""
     ball = sphere(columns, rows)
     u, v = np.meshgrid(np.linspace(0, 2, columns + 1), np.linspace(0, 1, rows + 1))
     return replace(ball, uv0=np.stack((u, v), axis=-1).reshape(-1, 2).astype(np.float32))
@@ -49,7 +49,7 @@ def _color(renderer: CpuRenderer, drawn: DrawList, size: tuple[int, int], look: 
 
 @pytest.mark.parametrize("samples", [1, 4])
 @pytest.mark.parametrize("name", ["phong", "plain", "pbr", "studio"])
-def test_what_was_drawn_before_changes_nothing(name: LookName, samples: int) -> None:
+def test_earlier_frames_do_not_change_the_image(name: LookName, samples: int) -> None:
     look = Look(name, samples=4 if samples == 4 else 1)
     kinds = [(drawn, size) for drawn in _scenes() for size in SIZES]
     one, three = CpuRenderer(1), CpuRenderer(3)

@@ -1,4 +1,4 @@
-"""All outputs of a frame at once are what each is alone: one rasterization serves pictures with and without culling."""
+"""A frame with all outputs equals separate frames, although colour culls back faces and geometry does not."""
 
 from __future__ import annotations
 
@@ -29,8 +29,7 @@ def views() -> list[Camera]:
 
 
 def scene(seed: int) -> DrawList:
-    """Single- and double-sided soups, mirrored ones, closed balls, and a pair of walls in one place that face away from
-    one another."""
+    """Single- and double-sided triangle soups, some mirrored; closed balls; coplanar walls of opposite facing."""
     rng = np.random.default_rng(seed)
     instances = []
     for k in range(8):
@@ -58,7 +57,7 @@ def scene(seed: int) -> DrawList:
 
 @pytest.mark.parametrize("threads", [1, 3])
 @pytest.mark.parametrize("seed", range(3))
-def test_together_as_alone(seed: int, threads: int) -> None:
+def test_outputs_equal_those_of_separate_frames(seed: int, threads: int) -> None:
     renderer = CpuRenderer(threads)
     drawn = scene(seed)
     for camera in views():
@@ -82,7 +81,7 @@ def replace_sides(drawn: DrawList) -> DrawList:
     return DrawList(tuple(replace(i, material=replace(i.material, double_sided=True)) for i in drawn.instances))
 
 
-def test_of_faces_in_one_place_the_first_is_labelled_and_the_front_is_coloured() -> None:
+def test_coplanar_faces_label_of_the_first_and_color_of_the_front() -> None:
     wall = quad(2.0, 3.0)
     away = replace(wall, elements=np.ascontiguousarray(wall.elements[:, ::-1]))
     red, green = Material((1.0, 0.0, 0.0, 1.0)), Material((0.0, 1.0, 0.0, 1.0))

@@ -1,4 +1,4 @@
-"""Geometry pictures of one scene with everything in it, bit for bit as they were when they were last looked at."""
+"""Golden geometry images of one scene with all features."""
 
 from __future__ import annotations
 

@@ -30,14 +30,14 @@ def renderer() -> Iterator[CpuRenderer]:
 
 
 def _taken(frame: Frame) -> tuple[NDArray[np.generic], ...]:
-    """Copies of the frame's pictures, which is closed."""
+    """Close the frame; return copies of its images."""
     with frame:
         pictures = (frame.color, frame.depth, frame.label)
         return tuple(picture.copy() for picture in pictures if picture is not None)
 
 
 def _fresh(drawn: DrawList, camera: Camera, outputs: Output, look: Look) -> tuple[NDArray[np.generic], ...]:
-    """By a renderer that has drawn nothing."""
+    """Render with a new renderer."""
     own = CpuRenderer(1)
     pictures = _taken(own.render(drawn, camera, outputs, look))
     own.close()
@@ -50,7 +50,7 @@ def _at(z: float) -> Camera:
     return replace(CAMERA, X_world_camera=X)
 
 
-def test_frames_do_not_depend_on_those_before(renderer: CpuRenderer) -> None:
+def test_frames_do_not_depend_on_earlier_frames(renderer: CpuRenderer) -> None:
     drawn, other = scene(np.random.default_rng(7)), scene(np.random.default_rng(8))
     looks = Look("phong"), Look("pbr"), Look("phong", background=(1, 2, 3)), Look("phong", samples=4)
     wide = replace(CAMERA, width=203, cx=100.0)
@@ -64,7 +64,7 @@ def test_frames_do_not_depend_on_those_before(renderer: CpuRenderer) -> None:
                     np.testing.assert_array_equal(got, wanted)
 
 
-def test_cameras_whose_pose_is_not_affine_between_others(renderer: CpuRenderer) -> None:
+def test_non_affine_camera_poses_between_affine_ones(renderer: CpuRenderer) -> None:
     drawn = scene(np.random.default_rng(7))
     flat = np.diag((1.0, 1.0, 1.0, 2.0))  # not affine: poses are found in another way
     for X in (np.eye(4), flat, np.eye(4), flat):
@@ -85,10 +85,8 @@ def test_a_frame_keeps_no_scene_alive(renderer: CpuRenderer) -> None:
 
 
 @pytest.mark.parametrize("triangles", [(200, 150), (24, 12)], ids=["tiny", "small"])
-def test_the_last_rows_of_a_picture_are_those_of_a_higher_one(
-    triangles: tuple[int, int], renderer: CpuRenderer
-) -> None:
-    """Bands at the end are drawn in halves, and records and tiny triangles belong to whole ones."""
+def test_last_rows_equal_those_of_a_taller_image(triangles: tuple[int, int], renderer: CpuRenderer) -> None:
+    """The last bands are split in halves, while primitive lists and tiny triangles belong to whole bands."""
     rng = np.random.default_rng(4)
     fronts = Material((0.4, 0.5, 0.6, 1.0))
     balls = [Instance(sphere(*triangles), fronts, pose(rng, z=3.0, scale=0.9), k, k) for k in range(4)]

@@ -1,4 +1,4 @@
-"""A frame that is not wanted any more ends soon, is never returned, and leaves nothing behind that others would see."""
+"""A stopped frame ends soon, is never returned, and does not affect later frames."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def soon(seconds: float = 0.3) -> Iterator[StopFlag]:
 
 
 def endless(triangles: int = 10_000, instances: int = 200, **material: object) -> DrawList:
-    """Minutes of work at 1024 x 1024."""
+    """A scene that takes minutes at 1024 x 1024."""
     positions = covering(triangles)[:, [0, 1, 2]] * np.array([1, -1, -1], np.float32)
     mesh = Mesh(np.ascontiguousarray(positions), np.arange(3 * triangles, dtype=np.uint32).reshape(-1, 3))
     shown = Material(double_sided=True, **material)  # type: ignore[arg-type]  # by name
@@ -71,7 +71,7 @@ def test_flags_nest_and_do_not_leak() -> None:
     assert current_stop() is before
 
 
-def test_a_limit_in_seconds_ends_what_looks_at_its_flag() -> None:
+def test_a_time_limit_sets_the_flag() -> None:
     def work() -> None:
         while True:
             check_stop()
@@ -87,7 +87,7 @@ def test_a_limit_in_seconds_ends_what_looks_at_its_flag() -> None:
     "outputs", [Output.DEPTH | Output.LABEL | Output.NORMAL, Output.COLOR, Output.COLOR | Output.DEPTH]
 )
 @pytest.mark.parametrize(("name", "samples"), [("phong", 1), ("pbr", 8), ("studio", 1), ("studio", 4)])
-def test_a_frame_ends(threads: int, outputs: Output, name: LookName, samples: int) -> None:
+def test_setting_the_flag_ends_a_frame(threads: int, outputs: Output, name: LookName, samples: int) -> None:
     renderer = CpuRenderer(threads)
     look = Look(name, samples=samples)  # type: ignore[arg-type]  # 1, 4 or 8
     with soon() as flag, pytest.raises(Enough):
@@ -103,7 +103,7 @@ def test_a_frame_ends(threads: int, outputs: Output, name: LookName, samples: in
 
 
 @pytest.mark.parametrize(("name", "samples"), [("phong", 1), ("pbr", 4), ("studio", 1)])
-def test_translucent_layers_end(name: LookName, samples: int) -> None:
+def test_setting_the_flag_ends_depth_peeling(name: LookName, samples: int) -> None:
     renderer, look = CpuRenderer(2), Look(name, samples=samples)  # type: ignore[arg-type]  # 1, 4 or 8
     scene = endless(alpha_mode=AlphaMode.BLEND, base_color=(1.0, 0.0, 0.0, 0.1))
     with soon() as flag, pytest.raises(Enough):
@@ -111,8 +111,8 @@ def test_translucent_layers_end(name: LookName, samples: int) -> None:
     renderer.close()
 
 
-def test_a_frame_that_repeats_another_one_has_a_flag_of_its_own() -> None:
-    """Tables of a frame are used again for the next: with the flag of the last one it would never end, or at once."""
+def test_repeated_frames_use_their_own_flag() -> None:
+    """Tables of a frame are reused for the next one, which must not keep the old flag."""
     renderer, scene, look = CpuRenderer(1), endless(50, 3), Look("phong")
     camera = scenes.camera(97, 71)
     with renderer.render(scene, camera, Output.COLOR, look) as frame:
@@ -128,7 +128,7 @@ def test_a_frame_that_repeats_another_one_has_a_flag_of_its_own() -> None:
 
 
 @pytest.mark.parametrize("name", ["phong", "pbr", "studio"])
-def test_what_was_prepared_halfway_is_prepared_again(name: LookName) -> None:
+def test_incomplete_preparation_is_not_cached(name: LookName) -> None:
     """The flag is set while the second of three textures is decoded: tables must not be kept without the others."""
     flag = StopFlag()
     number = 0
@@ -198,7 +198,7 @@ STEPS: dict[str, Callable[[], object]] = {
 
 
 @pytest.mark.parametrize("step", STEPS)
-def test_each_step_that_may_be_long_looks_at_the_flag(step: str) -> None:
+def test_long_steps_check_the_flag(step: str) -> None:
     STEPS[step]()
     flag = StopFlag()
     flag.set(Enough())
@@ -207,7 +207,7 @@ def test_each_step_that_may_be_long_looks_at_the_flag(step: str) -> None:
 
 
 @pytest.mark.parametrize("count", [10, 1000, 100_000])
-def test_used_vertices_are_those_of_a_sort(count: int) -> None:
+def test_used_vertices_equal_a_sort(count: int) -> None:
     elements = np.random.default_rng(count).integers(0, count, (500, 3), np.uint32)
     used, compact = used_vertices(elements, count)
     expected, places = np.unique(elements, return_inverse=True)

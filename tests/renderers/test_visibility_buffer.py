@@ -1,4 +1,4 @@
-"""The rasterizer against the slow oracle, and against what must hold whatever the scene."""
+"""The rasterizer against the slow oracle, and invariants that hold for any scene."""
 
 from __future__ import annotations
 
@@ -167,7 +167,7 @@ def test_any_number_of_threads_gives_the_same_bytes(
     several.close()
 
 
-def test_equal_depth_goes_to_the_lower_record(renderer: CpuRenderer) -> None:
+def test_equal_depth_shows_the_lower_primitive_id(renderer: CpuRenderer) -> None:
     plate = mesh(((-9, -9, 3), (9, -9, 3), (9, 9, 3), (-9, 9, 3)), ((0, 1, 2), (0, 2, 3), (0, 1, 2), (0, 2, 3)))
     for scene in (draw_list(plate), draw_list(plate, plate, plate)):
         with renderer.visibility(scene, camera(200, 150)) as seen:
@@ -195,7 +195,7 @@ def test_outputs_belong_to_the_visible_instance(renderer: CpuRenderer) -> None:
         assert (frame.instance[empty] == -1).all()
 
 
-def test_backs_are_culled_only_when_asked_and_mirrors_keep_their_fronts(renderer: CpuRenderer) -> None:
+def test_back_face_culling_is_optional_and_respects_mirrored_instances(renderer: CpuRenderer) -> None:
     ball = sphere(24, 12)
     X = np.eye(4)
     X[2, 3] = 3.0
@@ -232,7 +232,7 @@ def test_culling_agrees_on_the_clipped_path(renderer: CpuRenderer) -> None:
             assert (large.ids >= 0).any() == (little.ids >= 0).any()
 
 
-def test_layers_come_in_order(renderer: CpuRenderer) -> None:
+def test_depth_peeling_yields_layers_in_depth_order(renderer: CpuRenderer) -> None:
     rng = np.random.default_rng(5)
     scene = draw_list(soup(rng, 40, size=1.0, low=(-1, -1, 1), high=(1, 1, 4)), sphere(16, 8, 2.5))
     view = camera(near=0.05)
@@ -253,7 +253,7 @@ def test_layers_come_in_order(renderer: CpuRenderer) -> None:
     assert np.count_nonzero(count != hits) <= 3
 
 
-def test_before_is_the_opposite_of_beyond(renderer: CpuRenderer) -> None:
+def test_before_draws_only_in_front_of_a_layer(renderer: CpuRenderer) -> None:
     rng = np.random.default_rng(6)
     scene = draw_list(soup(rng, 40, size=1.0, low=(-1, -1, 1), high=(1, 1, 4)), sphere(16, 8, 2.5))
     view = camera(near=0.05)
@@ -299,7 +299,7 @@ def test_flat_normals_without_mesh_normals(renderer: CpuRenderer) -> None:
         np.testing.assert_allclose(frame.normal[40, 40], n, atol=1e-6)
 
 
-def test_poses_and_points_that_are_not_numbers_draw_nothing(renderer: CpuRenderer) -> None:
+def test_non_finite_poses_and_positions_draw_nothing(renderer: CpuRenderer) -> None:
     good = mesh(((-1, -1, 3), (1, -1, 3), (0, 1, 3)), ((0, 1, 2),))
     bad = mesh(
         ((np.nan, -1, 3), (1, np.inf, 3), (0, 1, np.nan), (1, 1, 3), (2, 2, -3)), ((0, 1, 2), (0, 3, 4), (1, 3, 4))
@@ -343,13 +343,11 @@ def test_empty_scenes_and_meshes(renderer: CpuRenderer) -> None:
         (((0, 0, 1),) * 3, ((0, 1, 2, 2),), r"elements must be \(M, 1 \| 2 \| 3\)"),
     ],
 )
-def test_meshes_that_would_crash_a_kernel_are_refused(
-    renderer: CpuRenderer, positions: Any, elements: Any, message: str
-) -> None:
+def test_rejects_invalid_meshes(renderer: CpuRenderer, positions: Any, elements: Any, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         renderer.render(draw_list(mesh(positions, elements)), camera(), Output.DEPTH)
 
 
-def test_too_large_pictures_are_refused(renderer: CpuRenderer) -> None:
+def test_rejects_too_large_images(renderer: CpuRenderer) -> None:
     with pytest.raises(ValueError, match="camera size 20000x1 is larger than 16384x16384"):
         renderer.render(DrawList(), camera(20000, 1), Output.DEPTH)

@@ -21,7 +21,7 @@ from renderers.compiler.cache_locator import CACHED, KernelCacheLocator, cached_
 
 ROOT = Path(__file__).parents[3]
 config: Any = numba_config
-"""Its settings are set from the environment, which its annotations do not tell."""
+"""Numba sets its attributes at run time, so that type checkers cannot find them."""
 
 
 def test_every_kernel_has_a_folder_of_its_own_in_the_cache() -> None:
@@ -43,7 +43,7 @@ def test_no_kernel_is_cached_by_path() -> None:
     assert by_path == []
 
 
-def test_functions_of_others_are_kept_where_numba_keeps_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_functions_of_other_packages_keep_numbas_cache_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path))
     before = config.CACHE_LOCATOR_CLASSES
     other: Any = cached_njit()(_other)
@@ -56,7 +56,7 @@ def _other(x: int) -> int:
     return x + 1
 
 
-def test_what_is_used_of_numba() -> None:
+def test_numba_internals_in_use() -> None:
     """The setting, the base class with the constructor and the methods that are overridden, the default list."""
     assert isinstance(config.CACHE_LOCATOR_CLASSES, str)
     base: Any = caching.UserProvidedCacheLocator
@@ -91,7 +91,7 @@ def twice(x):
 
 
 def tree(folder: Path, constant: str = "2") -> Path:
-    """A copy of what the cache consists of, and a kernel with a constant of another file."""
+    """Copy the cache modules and add a kernel that uses a constant of another file."""
     package = folder / "renderers"
     (package / "compiler").mkdir(parents=True)
     for name in ("__init__.py", "compiler/__init__.py", "compiler/cache_folder.py", "compiler/cache_locator.py"):
@@ -102,7 +102,7 @@ def tree(folder: Path, constant: str = "2") -> Path:
 
 
 def run(folder: Path, cache: Path, note: str = "") -> str:
-    """Hits and misses of Numba's cache in a process that calls the kernel of a tree once, and then runs ``note``."""
+    """Call the kernel of a tree in a new process, run ``note``, and return hits and misses of Numba's cache."""
     environment = {"NUMBA_CACHE_DIR": str(cache), "PYTHONDONTWRITEBYTECODE": "1"}
     program = PROGRAM.format(tree=str(folder), note=note)
     done = subprocess.run(
@@ -112,7 +112,7 @@ def run(folder: Path, cache: Path, note: str = "") -> str:
     return done.stdout.strip()
 
 
-def test_a_kernel_is_found_from_another_place_and_compiled_again_for_other_sources(tmp_path: Path) -> None:
+def test_cache_hits_do_not_depend_on_the_folder_but_on_the_sources(tmp_path: Path) -> None:
     cache = tmp_path / "cache"
     first, second = tree(tmp_path / "first"), tree(tmp_path / "some" / "where" / "else")
     assert run(first, cache) == "0 1"
@@ -122,7 +122,7 @@ def test_a_kernel_is_found_from_another_place_and_compiled_again_for_other_sourc
     assert run(tree(tmp_path / "third", constant="1 + 1"), cache) == "0 1"
 
 
-def test_another_specialisation_leaves_the_cache_complete(tmp_path: Path) -> None:
+def test_another_specialization_keeps_the_cache_complete(tmp_path: Path) -> None:
     """Numba adds it to the same index."""
     cache = tmp_path / "cache"
     place = tree(tmp_path / "first")

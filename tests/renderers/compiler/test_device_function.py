@@ -1,4 +1,4 @@
-"""What kernels call: right when linked into them, and never made machine code by itself."""
+"""Device functions are linked into the kernels that call them, and get no machine code of their own."""
 
 from __future__ import annotations
 

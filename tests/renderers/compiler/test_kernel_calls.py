@@ -1,4 +1,4 @@
-"""Kernels called by their address, and numbers that threads take."""
+"""Kernel calls by address, and the atomic counter."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def _call(address, points, maps, count):
     call_kernel(address, (points, maps, count))
 
 
-def test_a_kernel_called_by_its_address_does_what_it_does() -> None:
+def test_calling_a_kernel_by_address() -> None:
     points = np.stack((np.eye(4), np.diag((-1.0, 2.0, 1.0, 1.0))))
     filled = []
     for call in (map_instances, lambda *arguments: _call(kernel_address(map_instances), *arguments)):
@@ -52,7 +52,7 @@ def _take(numbers, taken, most, pause):
     return count
 
 
-def test_every_number_is_taken_once() -> None:
+def test_atomic_counter_yields_every_number_once() -> None:
     most = 200_000
     shared, taken = np.zeros(2, np.int64), np.zeros(most, np.int64)
     _take(shared.ctypes.data, taken.ctypes.data, 0, YIELD_ADDRESS)

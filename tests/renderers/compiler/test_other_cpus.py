@@ -1,4 +1,4 @@
-"""The golden pictures are the same, bit for bit, on a processor that has less than this one."""
+"""Golden images are bit-identical on a CPU without AVX."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _OLD: Final = {
     *("64bit", "cmov", "cx8", "cx16", "fxsr", "mmx", "sahf", "popcnt", "crc32"),
     *("sse", "sse2", "sse3", "ssse3", "sse4.1", "sse4.2"),
 }
-"""What every x86-64 processor since 2008 has, x86-64-v2: every intrinsic of ours that others have is replaced then."""
+"""Features of x86-64-v2: all our AVX2 and AVX-512 intrinsics fall back to plain LLVM."""
 _CHILD: Final = """
 import sys
 import pytest
@@ -35,7 +35,7 @@ sys.exit(pytest.main(["-q", "-p", "no:cacheprovider", *sys.argv[1:]]))
 
 @pytest.mark.slow
 @pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="names processors of x86-64")
-def test_golden_pictures_without_avx() -> None:
+def test_golden_images_without_avx() -> None:
     """Kernels of this processor may lie in the same folder: Numba keeps them apart."""
     features = ",".join(f"{'+' if name in _OLD else '-'}{name}" for name in llvm.get_host_cpu_features())
     environment = {**os.environ, "NUMBA_CPU_NAME": "nehalem", "NUMBA_CPU_FEATURES": features}

@@ -173,7 +173,7 @@ def _lists(values, offsets, out, number):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_lists_and_extremes(seed: int) -> None:
+def test_compressed_lists_and_reductions(seed: int) -> None:
     rng = np.random.default_rng(seed)
     values = rng.integers(-(1 << 31), 1 << 31, 16).astype(np.int32)
     offsets = 50 + rng.permutation(30)[:8].astype(np.int32)
@@ -237,7 +237,7 @@ def _moves(values, whole, offsets, out, number, picture):
         vec.store(o, 72 + 8 * k, part)
 
 
-def test_moves() -> None:
+def test_loads_and_stores() -> None:
     rng = np.random.default_rng(1)
     values = rng.normal(size=40).astype(np.float32)
     whole = rng.integers(0, 1 << 31, 40).astype(np.int32)
@@ -274,7 +274,7 @@ def _lookups(values, whole, offsets, lanes, out, number):
     vec.store(o, 8, vec.from_bits(integers))
 
 
-def test_lookups() -> None:
+def test_permutations_and_gathers() -> None:
     rng = np.random.default_rng(2)
     values = rng.normal(size=40).astype(np.float32)
     whole = rng.integers(0, 1 << 30, 40).astype(np.int32)
@@ -381,7 +381,7 @@ def _fours(a, b, out):
     o[40], o[41] = vec.lane0(x), vec.lane4(x)
 
 
-def test_vectors_of_two_fours() -> None:
+def test_vectors_of_two_halves() -> None:
     a, b, out = np.arange(8, dtype=np.int32), np.arange(10, 18, dtype=np.int32), np.zeros(42, np.int32)
     _fours(a.ctypes.data, b.ctypes.data, out.ctypes.data)
     assert out.tolist() == [

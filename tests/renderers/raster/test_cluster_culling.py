@@ -1,4 +1,4 @@
-"""Triangles that are left out sixteen at a time: none that can be seen, and many of those that cannot."""
+"""Cluster culling: no visible triangle is culled, and most invisible ones are."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def _seen(frame_address, draw_address, count, view_address, out):  # type: ignor
 
 
 def seen(mesh: Mesh, X_camera_mesh: NDArray[np.float64], cull: int, hidden: int, apart: int) -> NDArray[np.bool_]:
-    """Return for every cluster whether something of it may be visible; empty if nothing can be culled."""
+    """Return whether each cluster may be visible; empty if nothing can be culled."""
     count = -(-len(mesh.elements) // CLUSTER)
     values = np.zeros(cluster_values(len(mesh.elements)), np.float32)
     addresses = address_of(mesh.positions, np.float32), address_of(mesh.elements, np.uint32)
@@ -65,8 +65,8 @@ def seen(mesh: Mesh, X_camera_mesh: NDArray[np.float64], cull: int, hidden: int,
 
 
 def visible(mesh: Mesh, X_camera_mesh: NDArray[np.float64], mirrored: bool) -> tuple[NDArray[np.bool_], ...]:
-    """Of every triangle in front of the camera, in exact arithmetic on snapped corners: whether its box reaches the
-    picture, and whether a front is seen."""
+    """Return for each triangle, in exact arithmetic on snapped corners, whether its box overlaps the image and whether
+    it is front-facing. All must lie in front of the camera."""
     points = mesh.positions.astype(np.float64) @ X_camera_mesh[:3, :3].T + X_camera_mesh[:3, 3]
     fx, fy, cx, cy, near, _ = LENS
     assert (points[:, 2] > near).all()
@@ -91,7 +91,7 @@ def anywhere(rng: np.random.Generator, mirror: bool) -> NDArray[np.float64]:
 
 
 @pytest.mark.parametrize("seed", range(30))
-def test_nothing_that_is_seen_is_left_out(seed: int) -> None:
+def test_no_visible_triangle_is_culled(seed: int) -> None:
     rng = np.random.default_rng(seed)
     mirror = bool(seed & 1)
     mesh = bumpy(int(rng.integers(20, 400)), int(rng.integers(20, 200)), float(rng.choice((0.0, 0.1, 0.3))))
@@ -113,7 +113,7 @@ def test_nothing_that_is_seen_is_left_out(seed: int) -> None:
         assert not (clusters_of(wanted) & ~said).any()
 
 
-def test_most_of_what_is_turned_away_is_left_out() -> None:
+def test_most_back_facing_triangles_are_culled() -> None:
     X = np.eye(4)
     X[2, 3] = 3.0
     for mesh, most in ((bumpy(500, 250, 0.0), 0.45), (bumpy(500, 250, 0.1), 0.6)):
@@ -125,7 +125,7 @@ def test_most_of_what_is_turned_away_is_left_out() -> None:
     assert not beside.any()
 
 
-def test_nothing_is_said_of_what_is_not_finite() -> None:
+def test_invalid_transforms_and_positions_cull_nothing() -> None:
     mesh = bumpy(40, 20, 0.0)
     X = np.eye(4)
     for nowhere in (np.diag((1.0, 1.0, 0.0, 1.0)), np.full((4, 4), np.nan)):
@@ -137,7 +137,7 @@ def test_nothing_is_said_of_what_is_not_finite() -> None:
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_pictures_are_the_same(seed: int) -> None:
+def test_cluster_culling_does_not_change_the_image(seed: int) -> None:
     rng = np.random.default_rng(100 + seed)
     soup = Mesh(rng.normal(size=(90, 3)).astype(np.float32), rng.integers(0, 90, (150, 3)).astype(np.uint32))
     meshes = soup, bumpy(200, 60, 0.2), changed(bumpy(60, 90, 0.1), elements=bumpy(60, 90, 0.1).elements[:-35])
@@ -160,7 +160,7 @@ def test_pictures_are_the_same(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", [2246, *range(20)])
-def test_wide_cones_hold_the_direction_to_the_eye(seed: int) -> None:
+def test_normal_cones_wider_than_a_half_turn(seed: int) -> None:
     """A blunt spike seen from its axis: the normals of its sides and of its tip spread over more than a half turn."""
     rng = np.random.default_rng(seed)
     height, top, n = rng.uniform(0.5, 4), rng.uniform(0.1, 0.8), 7

@@ -1,4 +1,4 @@
-"""Meshes whose back faces need not be drawn: which they are, and that nobody can tell."""
+"""Back-face culling of convex meshes: which meshes qualify, and that the image stays the same."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ ALL = Output.COLOR | Output.DEPTH | Output.LABEL | Output.INSTANCE
 
 
 def bumpy(columns: int, rows: int, bumps: float, dtype: type = np.float64) -> Mesh:
-    """A ball with a seam and poles of many vertices, which rounding leaves 1e-16 apart."""
+    """A ball with a seam and poles of several vertices each, up to 1e-16 apart by rounding."""
     u, v = np.meshgrid(np.linspace(0, 2 * np.pi, columns + 1), np.linspace(0, np.pi, rows + 1))
     n = np.stack((np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)), axis=-1)
     n = n * (1 + bumps * np.sin(4 * u) * np.sin(3 * v))[..., None]
@@ -64,7 +64,7 @@ SOLIDS = {
 
 
 @pytest.mark.parametrize("name", SOLIDS)
-def test_what_simulators_are_made_of(name: str) -> None:
+def test_common_simulator_meshes_are_convex(name: str) -> None:
     mesh = SOLIDS[name]
     known = convex_bounds(mesh.positions, mesh.elements)
     assert known is not None
@@ -106,13 +106,13 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_others_are_not(name: str) -> None:
+def test_other_meshes_are_not_convex(name: str) -> None:
     mesh = REFUSED[name]
     assert convex_bounds(mesh.positions, mesh.elements) is None
 
 
 def drawn_both_ways(scene: DrawList, view: Camera) -> tuple[list[NDArray[Any]], list[NDArray[Any]]]:
-    """Colour, depth, label and instance as they are, and with all back faces drawn."""
+    """Colour, depth, label and instance images, with culling and with all back faces drawn."""
     pictures = []
     with CpuRenderer(1).render(scene, view, ALL, Look()) as frame:
         pictures.append([a.copy() for a in (frame.color, frame.depth, frame.label, frame.instance) if a is not None])
@@ -130,7 +130,7 @@ def drawn_both_ways(scene: DrawList, view: Camera) -> tuple[list[NDArray[Any]], 
 
 
 def some_solids(rng: np.random.Generator, count: int, spread: float) -> DrawList:
-    """In all poses and proportions, mirrored and through one another."""
+    """Solids in random poses and proportions, some mirrored, some intersecting."""
     instances = []
     for k in range(count):
         X = np.eye(4)
@@ -143,8 +143,8 @@ def some_solids(rng: np.random.Generator, count: int, spread: float) -> DrawList
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 12))
-def test_nobody_can_tell(seed: int, count: int) -> None:
-    """Silhouettes apart: there the front is seen, which lies behind the edge of the back that snapping let through."""
+def test_culling_changes_a_few_silhouette_pixels_only(seed: int, count: int) -> None:
+    """At silhouettes, the front face may replace an edge of the back face that snapping moved in front of it."""
     rng = np.random.default_rng(seed)
     scene = some_solids(rng, count, 1.0)
     assert (prepare(scene).instances.structure.instances[:-1]["box_half"] >= 0.0).all()
@@ -162,7 +162,7 @@ def test_nobody_can_tell(seed: int, count: int) -> None:
 
 
 @pytest.mark.parametrize("z", [0.0, 0.4, 0.52])
-def test_backs_are_seen_from_within_and_through_the_near_plane(z: float) -> None:
+def test_back_faces_are_drawn_from_inside_and_behind_the_near_plane(z: float) -> None:
     X = np.eye(4)
     X[2, 3] = -z
     scene = DrawList((Instance(primitives.box(), Material(), np.eye(4), 1, 1),))

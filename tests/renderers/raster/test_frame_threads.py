@@ -1,4 +1,4 @@
-"""Threads that help, arrays that are used again, tables that live as long as their scene."""
+"""Helper threads, array pools, and tables that are collected with their scene."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tests.support.waiting import SECONDS
 
 
 @pytest.mark.parametrize("threads", [1, 2, 4])
-def test_every_unit_is_done_once_and_phases_do_not_mix(threads: int) -> None:
+def test_every_unit_runs_once_and_phases_do_not_overlap(threads: int) -> None:
     crew = FrameThreads(threads)
     done: list[tuple[int, int]] = []
 
@@ -44,8 +44,8 @@ def test_helpers_work_at_the_same_time() -> None:
     crew.close()
 
 
-def test_the_callers_share_the_threads() -> None:
-    """With as many callers as threads nobody wakes a helper: each does its own work."""
+def test_callers_count_as_threads() -> None:
+    """With as many callers as threads, no helper runs."""
     crew = FrameThreads(2)
     with crew, crew:
         seen: set[int] = set()
@@ -54,7 +54,7 @@ def test_the_callers_share_the_threads() -> None:
     crew.close()
 
 
-def test_helpers_come_only_where_a_processor_is_spare() -> None:
+def test_helpers_run_only_on_idle_processors() -> None:
     spare = 0
     crew = FrameThreads(3, lambda: spare)
     seen: set[int] = set()
@@ -83,7 +83,7 @@ def test_an_error_reaches_the_caller_and_stops_later_phases(threads: int) -> Non
     crew.close()
 
 
-def test_the_caller_stays_with_helpers_when_it_is_interrupted(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupted_caller_still_completes_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
     crew = FrameThreads(3)
     jobs, done = crew._jobs, list[int]()  # noqa: SLF001 - the interrupt is to come between two of its puts
     crew.run([Phase(3, lambda _: None)])  # starts the helpers
@@ -101,12 +101,12 @@ def test_the_caller_stays_with_helpers_when_it_is_interrupted(monkeypatch: pytes
     crew.close()
 
 
-def test_no_threads_is_refused() -> None:
+def test_rejects_zero_threads() -> None:
     with pytest.raises(ValueError, match="threads must be at least 1, got 0"):
         CpuRenderer(threads=0)
 
 
-def test_closed_frames_give_their_arrays_to_the_next() -> None:
+def test_arrays_of_closed_frames_are_reused() -> None:
     renderer = CpuRenderer(1)
     scene = draw_list(sphere(8, 4))
     first = renderer.render(scene, camera(), Output.DEPTH)
@@ -124,7 +124,7 @@ def test_closed_frames_give_their_arrays_to_the_next() -> None:
         frame.close()
 
 
-def test_reused_arrays_hold_nothing_of_the_frame_before() -> None:
+def test_reused_arrays_are_overwritten() -> None:
     renderer = CpuRenderer(1)
     full = draw_list(mesh(((-9, -9, 2), (9, -9, 2), (0, 9, 2)), ((0, 1, 2),)))
     with renderer.render(full, camera(), Output.DEPTH | Output.LABEL | Output.INSTANCE | Output.NORMAL) as frame:
@@ -137,7 +137,7 @@ def test_reused_arrays_hold_nothing_of_the_frame_before() -> None:
         assert (empty["normal"] == 0).all()
 
 
-def test_the_pool_keeps_no_more_than_its_bound() -> None:
+def test_pool_size_is_limited() -> None:
     pool = ArrayPool(max_bytes=1000)
     few, more, many = ((((count,), np.float32),) for count in (100, 200, 500))
     first, second = pool.take(few), pool.take(more)
@@ -150,8 +150,8 @@ def test_the_pool_keeps_no_more_than_its_bound() -> None:
     assert pool.take(many) is not huge
 
 
-def test_the_pool_remembers_no_shapes_that_it_has_none_of() -> None:
-    """Clients choose sizes."""
+def test_pool_forgets_shapes_without_free_arrays() -> None:
+    """Clients choose image sizes, so that shapes must not accumulate."""
     pool = ArrayPool()
     for width in range(1, 50):
         kinds: ArrayShapes = (((width,), np.float32), ((width, 3), np.uint8))
@@ -200,8 +200,8 @@ def test_tables_count_as_scratch() -> None:
     assert scratch.nbytes == 24_000
 
 
-def test_frames_at_the_same_time() -> None:
-    """Several callers, several views, one renderer: as if each were alone."""
+def test_concurrent_frames() -> None:
+    """Concurrent callers of one renderer get the images that they get alone."""
     renderer = CpuRenderer(2)
     scene = draw_list(sphere(60, 30, 2.5), mesh(((-1, -1, 2), (1, -1, 2), (0, 1, 2)), ((0, 1, 2),)))
     views = [camera(200 + 10 * k, 150) for k in range(4)]
@@ -227,7 +227,7 @@ def test_frames_at_the_same_time() -> None:
     renderer.close()
 
 
-def test_tables_are_made_once_and_go_with_their_scene() -> None:
+def test_tables_are_prepared_once_and_collected_with_their_scene() -> None:
     scene = draw_list(sphere(8, 4), sphere(6, 4))
     table = prepare(scene)
     assert prepare(scene) is table

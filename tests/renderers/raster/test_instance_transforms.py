@@ -1,4 +1,4 @@
-"""Where instances are in the camera's frame, and which of them are drawn."""
+"""Instance transforms in the camera frame, and the list of draws."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def test_no_instance_is_selected() -> None:
 
 @settings(deadline=None)
 @given(st.integers(0, 2**32 - 1))
-def test_a_pose_seen_from_another(seed: int) -> None:
+def test_poses_in_the_camera_frame(seed: int) -> None:
     rng = np.random.default_rng(seed)
     pose = np.eye(4)
     pose[:3, :3] = np.linalg.qr(rng.normal(size=(3, 3)))[0] @ np.diag(rng.uniform(0.1, 10.0, 3))
@@ -108,14 +108,14 @@ def test_a_pose_seen_from_another(seed: int) -> None:
     np.testing.assert_allclose(seen, np.linalg.inv(pose) @ points, rtol=1e-11, atol=1e-11)
 
 
-def test_poses_that_are_not_affine_or_flat_are_left_to_the_caller() -> None:
+def test_flat_and_projective_camera_poses_are_not_inverted() -> None:
     flat, projective = np.diag((1.0, 1.0, 0.0, 1.0)), np.eye(4)
     projective[3, 0] = 0.1
     assert camera_poses(flat, POSES) is None
     assert camera_poses(projective, POSES) is None
 
 
-def test_a_camera_whose_pose_is_not_affine_sees_as_its_inverse_says() -> None:
+def test_camera_pose_with_homogeneous_scale() -> None:
     scene = draw_list(mesh(((-1, -1, 2), (1, -1, 2), (0, 1, 2)), ((0, 1, 2),)))
     plain = camera()
     pose = plain.X_world_camera * 2.0  # the same but for the scale of homogeneous coordinates, which halves depths

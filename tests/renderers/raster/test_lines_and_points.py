@@ -99,7 +99,7 @@ def test_near_and_far_remove_points_and_parts_of_lines(renderer: CpuRenderer) ->
     assert finite.max() <= 10.0
 
 
-def test_sizes_out_of_reason_are_drawn_as_large_as_allowed(renderer: CpuRenderer) -> None:
+def test_line_and_point_sizes_are_clamped(renderer: CpuRenderer) -> None:
     for size in (0.0, -4.0, float("nan"), 1e30, float("inf")):
         scene = draw_list(
             mesh(((0, 0, 2),), ((0,),)), mesh(((-1, 0, 2), (1, 0, 2)), ((0, 1),)), point_size=size, line_width=size

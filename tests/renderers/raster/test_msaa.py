@@ -1,4 +1,4 @@
-"""Several samples a pixel: exactly what as many pictures with moved principal points see."""
+"""Multisampling: each sample equals the pixel of an image with a shifted principal point."""
 
 from __future__ import annotations
 
@@ -78,9 +78,9 @@ def _scenes() -> dict[str, DrawList]:
 
 @pytest.mark.parametrize("samples", [4, 8])
 @pytest.mark.parametrize("name", list(_scenes()))
-def test_as_many_pictures(renderer: CpuRenderer, name: str, samples: int) -> None:
-    """Vertices are rounded to 1/256 pixel before the samples' offsets are added, not after it: to another place for
-    one in some hundreds, and a sample must lie within that 1/256 pixel to see it."""
+def test_samples_equal_separate_images(renderer: CpuRenderer, name: str, samples: int) -> None:
+    """Vertices are rounded to 1/256 pixel before the sample offsets are added, in separate images after: few samples
+    within 1/256 pixel of an edge may differ."""
     scene, view = _scenes()[name], camera()
     each = [color(renderer, scene, c, "phong") for c in sample_cameras(view, samples)]
     got = color(renderer, scene, view, "phong", samples)
@@ -103,7 +103,7 @@ def test_smooth_surfaces_are_shaded_once(renderer: CpuRenderer, look: str) -> No
         assert (wrong > 6).mean() < 0.004
 
 
-def test_mirrored_and_crowded(renderer: CpuRenderer) -> None:
+def test_pixels_with_many_triangles_and_mirrored_poses(renderer: CpuRenderer) -> None:
     """Pixels that see many triangles, in poses that mirror; odd widths."""
     rng = np.random.default_rng(11)
     scene = DrawList(
@@ -117,7 +117,7 @@ def test_mirrored_and_crowded(renderer: CpuRenderer) -> None:
     assert (np.abs(color(renderer, scene, view, "phong", 8) - mean).max(axis=-1) > 0.501).mean() < 0.02
 
 
-def test_threads_and_repetition_change_nothing() -> None:
+def test_thread_count_and_repetition_do_not_change_the_image() -> None:
     scene, view = _scenes()["surfaces"], camera(400, 301)
     pictures = []
     for threads in (1, 3):
@@ -128,8 +128,8 @@ def test_threads_and_repetition_change_nothing() -> None:
 
 
 @pytest.mark.parametrize("samples", [4, 8])
-def test_of_two_at_the_same_depth_the_first_is_seen(renderer: CpuRenderer, samples: int) -> None:
-    """Whichever is drawn first: large triangles are listed apart from small ones, and behind them."""
+def test_equal_depth_shows_the_first_primitive(renderer: CpuRenderer, samples: int) -> None:
+    """Regardless of the drawing order: large triangles are drawn after small ones."""
     wall = grid(1, 1, [(-3, -3, 2.0), (3, -3, 2.0), (3, 3, 2.0), (-3, 3, 2.0)])
     rng = np.random.default_rng(3)
     points = rng.uniform(-1, 1, (200, 1, 3)) + rng.normal(scale=0.05, size=(200, 3, 3))
@@ -145,8 +145,8 @@ def test_of_two_at_the_same_depth_the_first_is_seen(renderer: CpuRenderer, sampl
     assert (both[covered] == only_wall[108, 160]).all()
 
 
-def test_what_kernels_read_lives_as_long_as_they_do(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The task has addresses only."""
+def test_memory_read_by_kernels_outlives_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The task holds addresses only."""
     made: list[weakref.ref[NDArray[np.int64]]] = []
     alive: list[bool] = []
 
@@ -168,7 +168,7 @@ def test_what_kernels_read_lives_as_long_as_they_do(monkeypatch: pytest.MonkeyPa
     assert alive == [True]
 
 
-def test_offsets() -> None:
+def test_sample_offsets() -> None:
     view = camera()
     for samples in (4, 8):
         cameras = sample_cameras(view, samples)

@@ -1,7 +1,7 @@
-"""What shading should give, slowly: numpy in float64, written from the specifications and not from the kernels.
+"""Reference for shading: slow numpy in float64, written from the specifications and not from the kernels.
 
-``BruteForce`` answers for visibility by intersecting every ray with every element; ``reference_color`` shades what it
-finds pixel by pixel.
+``BruteForce`` computes visibility by intersecting every ray with every primitive; ``reference_color`` shades
+each pixel.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from renderers.camera import Camera
 from renderers.drawlist import AlphaMode, DrawList, Image, Instance, Material, Mesh, Texture, Wrap
 from renderers.interface import Look
 from renderers.shading import paint, prepare
+from renderers.shading.depth_peeling import MAX_LAYERS
 from renderers.visibility_buffer import SampledShader, SampledView, Visibility
 
 Array = NDArray[np.float64]
@@ -50,7 +51,7 @@ def hits(direction: Array, corners: Array) -> tuple[Array, Array]:
 
 
 class BruteForce:
-    """Visibility of triangles, and of lines and points as one-pixel strokes, by trying everything."""
+    """Rasterizer that tests every primitive at every pixel; lines and points are one pixel wide."""
 
     def __init__(self, order: Callable[[int], list[int]] = lambda units: list(range(units))) -> None:
         self.order = order
@@ -126,9 +127,9 @@ def strokes(direction: Array, ends: Array, view: Camera) -> Array:
 
 
 def painted(
-    scene: DrawList, view: Camera, look: Look, rasterizer: BruteForce | None = None, max_layers: int = 32
+    scene: DrawList, view: Camera, look: Look, rasterizer: BruteForce | None = None, max_layers: int = MAX_LAYERS
 ) -> Array:
-    """(H, W, 3) int64: what ``renderers.shading`` paints."""
+    """Return the image that ``renderers.shading`` paints: (H, W, 3) int64."""
     color = np.full((view.height, view.width, 3), 77, np.uint8)
     prepared = prepare(scene.instances, look.name)
     paint(rasterizer or BruteForce(), scene, prepared, view, look, color, max_layers=max_layers)

@@ -1,4 +1,4 @@
-"""Whole pictures through ``CpuRenderer``: golden ones, any number of threads, and scenes that break assumptions.
+"""Whole images of ``CpuRenderer``: golden images, thread counts, degenerate scenes.
 
 ``SCENEGATE_REGENERATE_PICTURES=1 pytest ...`` writes the golden pictures anew; look at them before committing them.
 """
@@ -102,7 +102,7 @@ def drawn(renderer: CpuRenderer, scene: DrawList, view: Camera, look: Look) -> n
 
 
 @pytest.mark.parametrize("look", LOOKS, ids=lambda look: look.name)
-def test_golden_picture(renderer: CpuRenderer, look: Look) -> None:
+def test_golden_image(renderer: CpuRenderer, look: Look) -> None:
     path = FOLDER / f"shading_{look.name}.png"
     color = drawn(renderer, everything(), wide_view(), look)
     if wanted_anew():
@@ -114,7 +114,7 @@ def test_golden_picture(renderer: CpuRenderer, look: Look) -> None:
 
 
 @pytest.mark.parametrize("look", LOOKS, ids=lambda look: look.name)
-def test_bands_are_independent(look: Look) -> None:
+def test_order_of_bands_does_not_change_the_image(look: Look) -> None:
     """Any order of bands gives the same bytes."""
     view = Camera(40, 75, 40.0, 40.0, 20.0, 37.0, 0.1, 50.0, np.eye(4))
     glass = Material((0.2, 0.8, 0.4, 0.35), metallic=0.0, alpha_mode=AlphaMode.BLEND)
@@ -124,8 +124,8 @@ def test_bands_are_independent(look: Look) -> None:
     assert (forwards == backwards).all()
 
 
-def test_a_crooked_mesh_never_gives_nonsense(renderer: CpuRenderer) -> None:
-    """No area, no length, no direction: drawn or not, but with finite colours and without an error."""
+def test_degenerate_meshes_give_finite_colors(renderer: CpuRenderer) -> None:
+    """Without area, length or normals. The mesh may be drawn or not, but without errors or non-finite colours."""
     rng = np.random.default_rng(2)
     sliver = quad()
     thin = sliver.positions.copy()
@@ -157,7 +157,7 @@ def test_a_crooked_mesh_never_gives_nonsense(renderer: CpuRenderer) -> None:
     assert {tuple(c) for c in black.reshape(-1, 3)} == {(0, 0, 0), (204, 229, 255)}
 
 
-def test_small_triangles_extrapolate_nothing(renderer: CpuRenderer) -> None:
+def test_small_triangles_do_not_extrapolate(renderer: CpuRenderer) -> None:
     """Coverage is exact in 1/256 pixel, so a centre may lie beside a tiny triangle: its colours bound the pixel."""
     rng = np.random.default_rng(4)
     centers = rng.uniform(-1, 1, (4000, 1, 2))
@@ -192,7 +192,7 @@ def test_tangents_point_along_u_and_the_bitangent_up_the_picture(mirror: bool) -
     np.testing.assert_allclose(bitangents, np.tile((0, -1.0, 0), (4, 1)), atol=1e-6)
 
 
-def test_tangents_of_unusable_coordinates_are_zero() -> None:
+def test_tangents_of_degenerate_texture_coordinates_are_zero() -> None:
     mesh = quad()
     tangents = with_tangents(replace(mesh, uv0=np.zeros((4, 2), np.float32), tangents=None), 0).tangents
     assert tangents is not None

@@ -1,4 +1,4 @@
-"""Surfaces behind one another: blending, cut-outs, and what is seen through them."""
+"""Depth peeling: blending and alpha masks."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def test_coplanar_translucent_surfaces_are_each_drawn_once() -> None:
     np.testing.assert_allclose(shown, under * 0.7 + np.array(GLASS.base_color[:3]) * 0.3, atol=0.6 / 255)
 
 
-def test_layers_are_bounded() -> None:
+def test_number_of_layers_is_limited() -> None:
     panes = tuple(placed(quad(z=2.0 + 0.1 * i), replace(GLASS, base_color=(1.0, 0, 0, 0.2))) for i in range(6))
     scene = DrawList((*panes, placed(quad(9.0, 9.0), replace(WALL, base_color=(0, 0, 1, 1)))))
     for bound in (1, 3, 6, 32):
@@ -105,8 +105,8 @@ class Counting(BruteForce):
         return super().visibility(*args, **options)
 
 
-def test_layers_end_where_nothing_shows_through() -> None:
-    """A thousand cut-outs without holes, one behind the other, cost no thousand passes."""
+def test_peeling_stops_behind_opaque_layers() -> None:
+    """A stack of masked quads without visible holes takes few passes."""
     solid = np.full((2, 2, 4), 255, np.uint8)
     solid[0, 0, 3] = 0  # so that it counts as a cut-out, though this texel is not in the picture
     scrap = Texture(picture(solid), uv_transform=(0.0, 0.0, 0.75, 0.0, 0.0, 0.75))
@@ -129,11 +129,11 @@ def test_layers_end_where_nothing_shows_through() -> None:
         (replace(GLASS, alpha_mode=AlphaMode.OPAQUE), quad(), False),
     ],
 )
-def test_only_what_can_let_light_through_costs_layers(material: Material, mesh: Mesh, layered: bool) -> None:
+def test_only_translucent_instances_are_peeled(material: Material, mesh: Mesh, layered: bool) -> None:
     assert prepare((placed(mesh, material),), "phong").has_transparency is layered
 
 
-def test_the_visibility_at_hand_is_used_and_left_alone() -> None:
+def test_given_visibility_is_reused_and_not_changed() -> None:
     scene = DrawList((placed(quad(), WALL),))
     rasterizer = Counting()
     first = rasterizer.visibility(scene, VIEW)

@@ -1,4 +1,4 @@
-"""Both looks against the reference, to a level."""
+"""The phong and pbr looks against the reference, within one level of 255."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ MATERIALS = {
 
 @pytest.mark.parametrize("look", ["phong", "pbr"])
 @pytest.mark.parametrize("name", MATERIALS)
-def test_a_ball_looks_as_specified(look: LookName, name: str) -> None:
+def test_ball_matches_the_reference(look: LookName, name: str) -> None:
     mesh = ball()
     assert mesh.uv0 is not None
     mesh = replace(mesh, uv1=np.ascontiguousarray(mesh.uv0[:, ::-1]))
@@ -95,7 +95,7 @@ def test_a_ball_looks_as_specified(look: LookName, name: str) -> None:
 
 @pytest.mark.parametrize("linear", [TURNED, SQUASHED, MIRRORED], ids=["turned", "squashed", "mirrored"])
 @pytest.mark.parametrize("look", ["phong", "pbr"])
-def test_any_affine_map_keeps_normals_and_tangents_right(look: LookName, linear: Array) -> None:
+def test_affine_transforms_of_normals_and_tangents(look: LookName, linear: Array) -> None:
     assert_same(DrawList((placed(ball(), FULL, z=3.0, linear=linear),)), Look(look))
 
 
@@ -136,8 +136,8 @@ def test_vertex_colors(look: LookName, unlit: bool) -> None:
     assert_same(DrawList((placed(colored(ball()), material, z=3.0, linear=TURNED),)), Look(look))
 
 
-def test_an_inside_view_crosses_the_near_plane() -> None:
-    """Vertices lie behind the camera; interpolation must not notice."""
+def test_triangles_clipped_by_the_near_plane() -> None:
+    """Some vertices lie behind the camera; interpolation stays exact."""
     ground = np.array(((-5, 0.5, -4), (-5, 0.5, 30), (5, 0.5, 30), (5, 0.5, -4)), np.float32)
     mesh = replace(quad(), positions=ground, normals=np.tile(np.array((0, -0.8, -0.6), np.float32), (4, 1)))
     material = Material(base_color_texture=noise(), metallic=0.0, double_sided=True)
@@ -190,7 +190,7 @@ def test_look_material() -> None:
     assert vertex_color_rule(Material(unlit=True), "pbr") == COLORS_DECODE
 
 
-def test_a_look_decodes_only_what_it_shows() -> None:
+def test_a_look_decodes_only_the_textures_it_uses() -> None:
     def never() -> np.ndarray:
         raise AssertionError("decoded")
 
@@ -202,7 +202,7 @@ def test_a_look_decodes_only_what_it_shows() -> None:
         prepare((placed(quad(), material),), "pbr")
 
 
-def test_a_scene_prepared_for_another_look_is_refused() -> None:
+def test_rejects_a_scene_prepared_for_another_look() -> None:
     scene, view = DrawList((placed(quad()),)), camera()
     color = np.zeros((view.height, view.width, 3), np.uint8)
     prepared = prepare(scene.instances, "pbr")
@@ -211,8 +211,8 @@ def test_a_scene_prepared_for_another_look_is_refused() -> None:
 
 
 @pytest.mark.parametrize("name", ["normals", "uv0", "uv1", "colors", "tangents"])
-def test_attributes_shorter_than_the_mesh_are_refused(name: str) -> None:
-    """A kernel would read beyond them."""
+def test_rejects_attributes_of_wrong_length_or_dtype(name: str) -> None:
+    """Kernels would read out of bounds."""
     columns = {"normals": 3, "uv0": 2, "uv1": 2, "colors": 4, "tangents": 4}[name]
     short: dict[str, Any] = {name: np.zeros((3, columns), np.float32)}
     with pytest.raises(ValueError, match=f"mesh with 4 vertices: {name} has shape"):
@@ -222,8 +222,8 @@ def test_attributes_shorter_than_the_mesh_are_refused(name: str) -> None:
         prepare((placed(quad(**wide), FULL),), "pbr")
 
 
-def test_plain_shows_the_colour_that_was_published() -> None:
-    """A linear factor of sRGB 0.5, seen face on, is 0.5 in the picture; phong shows the factor itself."""
+def test_plain_look_encodes_the_base_color() -> None:
+    """A linear factor that encodes to sRGB 0.5 gives 0.5 in the image; phong shows the factor itself."""
     material = Material(base_color=(0.21404114, 0.0, 1.0, 0.25), metallic=0.0, emissive=(1.0, 0.0, 0.0))
     plain = look_material(material, "plain")
     assert plain.base_color == pytest.approx((0.5, 0.0, 1.0, 0.25), abs=1e-6)

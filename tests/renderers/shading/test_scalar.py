@@ -1,4 +1,4 @@
-"""Shading in vectors against the same without: random scenes, odd sizes, every edge of a row."""
+"""SIMD shading against the scalar reference: random scenes, odd sizes, row borders."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def view(width: int, height: int) -> Camera:
 
 
 def both(drawn: DrawList, camera: Camera, look: Look) -> tuple[np.ndarray, np.ndarray]:
-    """What the kernels paint of the nearest surfaces, and what the scalar ones do."""
+    """Return the images of the kernels and of the scalar reference, nearest surfaces only."""
     color = np.full((camera.height, camera.width, 3), 99, np.uint8)
     with RENDERER.visibility(drawn, camera) as seen:
         paint(RENDERER, drawn, prepare(drawn.instances, look.name), camera, look, color, first=seen)
@@ -111,15 +111,15 @@ def test_random_scenes_to_a_level(name: LookName, seed: int) -> None:
 
 
 @pytest.mark.parametrize("width", range(1, 18))
-def test_narrow_pictures(width: int) -> None:
+def test_narrow_images(width: int) -> None:
     drawn = both_sided(scene(np.random.default_rng(3)))
     for name in ("phong", "pbr"):
         ours, scalar = both(drawn, view(width, 33), Look(name))
         assert np.abs(ours - scalar).max() <= 1
 
 
-def test_nothing_beyond_the_picture_is_written() -> None:
-    """The rows of a picture that is a part of a larger array are followed by what must stay."""
+def test_writes_nothing_outside_the_image() -> None:
+    """Values after the rows of an image inside a larger array stay unchanged."""
     drawn = both_sided(scene(np.random.default_rng(4)))
     for width, height in ((1, 1), (7, 5), (13, 33), (64, 3)):
         camera = view(width, height)
@@ -153,8 +153,8 @@ def test_far_and_huge_triangles_to_a_level() -> None:
 
 @pytest.mark.parametrize("cells", [4, 30, 230])
 def test_plain_surfaces_to_a_level(cells: int) -> None:
-    """One colour without texture: large triangles, small ones, and so many that they are fetched ahead; with normals
-    that are the same at all corners, that differ, and none; with a mirror image, and colours that are cut off."""
+    """Untextured triangles, large, small, and enough of them for prefetching; with flat, smooth and no normals;
+    mirrored; with clipped colours."""
     round_one = ball(cells, 0.9)
     flat = replace(round_one, positions=round_one.positions[round_one.elements].reshape(-1, 3), uv0=None, tangents=None)
     flat = replace(
@@ -179,8 +179,8 @@ def test_plain_surfaces_to_a_level(cells: int) -> None:
 @pytest.mark.parametrize("side", [16, 512])
 @pytest.mark.parametrize("cells", [4, 30, 230])
 def test_textured_surfaces_to_a_level(cells: int, side: int) -> None:
-    """A picture without other attributes: large triangles, small ones, and so many that they are fetched ahead; images
-    that are fetched ahead; with and without normals, unlit, seen from behind; filtered or not, across every border."""
+    """Textured triangles, large, small, and enough of them for prefetching; with and without normals, unlit, from
+    behind; filtered or not, across every texture border."""
     y, x = np.mgrid[0:side, 0:side] / side * 2.0 * np.pi
     waves = np.stack((np.sin(x), np.cos(y), np.sin(2.0 * x + y), np.ones_like(x)), axis=-1)
     image = picture((127.5 + 127.5 * waves).astype(np.uint8))
@@ -230,7 +230,7 @@ def test_triangles_as_large_as_pixels_to_a_level(unit: float, thickness: float, 
 @pytest.mark.parametrize("tilt", [0.0, 0.6, -1.1, 1.45])
 @pytest.mark.parametrize("metallic", [0.0, 0.7, 1.0])
 def test_walls_to_a_level(tilt: float, metallic: float) -> None:
-    """Long runs of one normal, dull and glossy, ahead and at a grazing angle, through long lenses and short ones."""
+    """Long spans of one normal, rough and glossy, from the front and at a grazing angle, at several focal lengths."""
     turn = np.array(((np.cos(tilt), 0, np.sin(tilt)), (0, 1, 0), (-np.sin(tilt), 0, np.cos(tilt))))
     for roughness in (0.0, 0.3, 0.5, 1.0):
         for emissive in ((0.0, 0.0, 0.0), (0.05, 0.0, 0.9)):
@@ -280,7 +280,7 @@ def test_neighbouring_instances_to_a_level(focal: float) -> None:
 
 
 @pytest.mark.parametrize("size", [(83, 61), (64, 40), (9, 70)])
-def test_threads_do_not_matter(size: tuple[int, int]) -> None:
+def test_thread_count_does_not_change_the_image(size: tuple[int, int]) -> None:
     drawn = scene(np.random.default_rng(7))
     for name in ("phong", "pbr"):
         pictures = []

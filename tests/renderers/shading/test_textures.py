@@ -134,7 +134,7 @@ def read(texture: Texture, u: float, v: float, *, srgb: bool = False) -> np.ndar
     linear=st.booleans(),
     srgb=st.booleans(),
 )
-def test_sampling_is_the_specification(
+def test_sampling_matches_the_reference(
     u: float, v: float, wrap_s: Wrap, wrap_t: Wrap, linear: bool, srgb: bool
 ) -> None:
     texture = Texture(picture(PIXELS), Sampler(wrap_s, wrap_t, mag_linear=linear))
@@ -169,8 +169,8 @@ def test_any_coordinate_reads_inside_the_image(wrap: Wrap, bad: float, linear: b
         assert ((got >= 0) & (got <= 1)).all()
 
 
-def test_rows_of_a_page_are_spread() -> None:
-    """Where every row would begin in the same place of the caches they are longer, and read all the same."""
+def test_rows_of_a_page_size_are_padded() -> None:
+    """Rows are padded so that they do not map to the same cache sets; sampling stays the same."""
     pixels = np.random.default_rng(5).integers(0, 256, (7, 1024, 4)).astype(np.uint8)
     image = picture(pixels)
     texels = texels_of(image)
@@ -183,7 +183,7 @@ def test_rows_of_a_page_are_spread() -> None:
                 np.testing.assert_allclose(read(texture, u, v), lookup(texture, u, v, False), atol=2e-3)
 
 
-def test_an_image_is_decoded_once_and_forgotten_with_it() -> None:
+def test_texels_are_decoded_once_and_collected_with_their_image() -> None:
     calls = 0
 
     def decode() -> np.ndarray:
@@ -212,7 +212,7 @@ def test_equal_textures_share_a_row() -> None:
 
 
 @pytest.mark.parametrize("pixels", [PIXELS[..., :3], PIXELS.astype(np.uint16), PIXELS[:0], PIXELS[0]])
-def test_what_is_no_picture_is_refused(pixels: np.ndarray) -> None:
+def test_rejects_texels_of_wrong_shape_or_dtype(pixels: np.ndarray) -> None:
     with pytest.raises(ImageError, match=r"^decoded to .* expected \(H, W, 4\) uint8"):
         texels_of(Image(b"x", lambda: pixels))
 
@@ -225,7 +225,7 @@ def test_texels_know_whether_they_are_opaque() -> None:
     assert not texels_of(picture(solid)).opaque
 
 
-def test_lanes_read_for_themselves() -> None:
+def test_lanes_are_independent() -> None:
     rng = np.random.default_rng(9)
     for linear in (False, True):
         for wrap in Wrap:
@@ -251,25 +251,25 @@ def test_plain_bytes_round() -> None:
 
 
 @pytest.mark.parametrize("kernel", [_plain_bytes, _gamma_bytes])
-def test_bytes_of_odd_values(kernel: Callable[[int, int, int], None]) -> None:
+def test_bytes_of_non_finite_and_out_of_range_values(kernel: Callable[[int, int, int], None]) -> None:
     odd = (np.nan, -1.0, -np.inf, 7.0, np.inf, 1e-40, -0.0)
     assert each(kernel, odd).tolist() == [0, 0, 0, 255, 255, 0, 0]
 
 
-def test_decoding_a_shown_value() -> None:
+def test_decode_gamma() -> None:
     c = np.linspace(0, 1, 5001).astype(np.float32)
     np.testing.assert_allclose(each(_decode_gamma, c, np.float32), c.astype(np.float64) ** 2.2, atol=2e-7)
     assert each(_decode_gamma, (np.nan, 2.0), np.float32).tolist() == [0, 1]
 
 
-def test_encoding_a_value_to_be_shown() -> None:
+def test_encode_gamma() -> None:
     c = np.concatenate((np.linspace(0, 1, 5001), 2.0 ** np.linspace(-39, 0, 4001))).astype(np.float32)
     shown = c.astype(np.float64) ** (1 / 2.2)
     np.testing.assert_allclose(each(_encode_gamma, c, np.float32), shown, rtol=2.1e-6)
     assert each(_encode_gamma, (np.nan, 2.0, -1.0, 1e-13), np.float32).tolist() == [0, 1, 0, 0]
 
 
-def test_images_that_are_not_known_are_decoded_at_the_same_time() -> None:
+def test_new_images_are_decoded_in_parallel() -> None:
     together = threading.Barrier(2, timeout=SECONDS)
 
     def decode() -> np.ndarray:

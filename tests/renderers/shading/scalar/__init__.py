@@ -1,7 +1,6 @@
-"""Shading without vectors: one run, one pixel, one value at a time, weights in float64.
+"""Scalar reference for shading: one span, one pixel, one value at a time, weights in float64.
 
-The straightforward kernels that ``renderers.shading`` began with. What it draws may differ from theirs by one level of
-255, since it works along runs in float32.
+Images of ``renderers.shading``, which interpolates along spans in float32, may differ from it by one level of 255.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What the ``studio`` look should give, slowly: numpy in float64 over whole pictures, written from the specifications
+"""Reference for the ``studio`` look: slow numpy in float64 over whole images, written from the specifications
 (glTF 2.0, its KHR extensions, OpenGL 4.6 8.14, Khronos PBR Neutral) and not from the kernels."""
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Seen:
-    """What every pixel sees, all arrays over the n pixels in rows."""
+    """Visible surface of each of the n pixels, row by row."""
 
     instance: NDArray[np.int64]
-    """-1: nothing."""
+    """-1 for the background."""
     element: NDArray[np.int64]
     weights: Array
     """(n, 3)."""
@@ -30,7 +30,7 @@ class Seen:
 
 
 def look(scene: DrawList, view: Camera, direction: Array | None = None) -> Seen:
-    """Intersects every ray with every triangle; both sides are seen."""
+    """Intersect every ray with every triangle, both sides."""
     d = rays(view) if direction is None else direction
     best = np.full(len(d), np.inf)
     instance, element = np.full(len(d), -1), np.zeros(len(d), np.int64)
@@ -46,7 +46,7 @@ def look(scene: DrawList, view: Camera, direction: Array | None = None) -> Seen:
 
 
 def attribute(scene: DrawList, seen: Seen, k: int, name: str) -> Array:
-    """An attribute of instance k's mesh at all pixels; of no meaning where another instance is seen."""
+    """Interpolate an attribute of instance k's mesh at all pixels; undefined where another instance is visible."""
     values = getattr(scene.instances[k].mesh, name).astype(np.float64)
     corners = scene.instances[k].mesh.elements[np.where(seen.instance == k, seen.element, 0)]
     result: Array = np.einsum("nk,nkc->nc", seen.weights, values[corners])
@@ -178,8 +178,11 @@ def bilinear(texels: Array, sampler: Sampler, uv: Array, smooth: bool) -> Array:
 
 
 def textured(texture: Texture, uv: Array, right: Array, below: Array, color: bool) -> Array:
-    """(n, 4): a texture at coordinates (n, 2), whose values half a pixel to the right and left, below and above are
-    ``right`` and ``below`` (n, 2, 2)."""
+    """Sample a texture at coordinates (n, 2): (n, 4).
+
+    Args:
+        right, below: (n, 2, 2), coordinates half a pixel to the right and left, and below and above.
+    """
     s = texture.sampler
     if texture.uv_transform is not None:
         m = np.array(texture.uv_transform).reshape(2, 3)
@@ -206,7 +209,7 @@ def textured(texture: Texture, uv: Array, right: Array, below: Array, color: boo
 
 
 def octahedral(d: Array) -> tuple[float, float]:
-    """Where a direction lies in an octahedral table, 0 .. 1 each way."""
+    """Map a direction to octahedral coordinates, 0 .. 1."""
     x, y, z = d / np.abs(d).sum()
     if z < 0.0:
         x, y = x - z * (1.0 if x >= 0.0 else -1.0), y - z * (1.0 if y >= 0.0 else -1.0)

@@ -32,7 +32,7 @@ KINDS = {
 
 
 def view(width: int = 48, height: int = 36, focal: float = 40.0) -> Camera:
-    """At the origin along +Z with a world that is turned against the camera: +Y down is not the world's."""
+    """A camera at the origin, looking along +Z, with +Y down."""
     return Camera(width, height, focal, 1.1 * focal, width / 2 - 0.5, height / 2 + 0.75, 0.05, 100.0, np.eye(4))
 
 

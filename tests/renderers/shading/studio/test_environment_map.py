@@ -1,4 +1,4 @@
-"""Light from the surroundings against integrals over the sphere."""
+"""Environment lighting against integrals over the sphere."""
 
 from __future__ import annotations
 
@@ -115,8 +115,8 @@ def _bilinear(table: np.ndarray, i: float, j: float) -> np.ndarray:
     return mixed
 
 
-def test_a_white_furnace_gives_back_what_it_gets(renderer: CpuRenderer) -> None:
-    """White metal of any roughness in white surroundings cannot be told from them; a dielectric loses nothing."""
+def test_white_furnace(renderer: CpuRenderer) -> None:
+    """White metal of any roughness in a white environment reflects all light; a dielectric loses none."""
     for metallic in (0.0, 1.0):
         for roughness in (0.0, 0.3, 0.7, 1.0):
             scene = DrawList(
@@ -163,7 +163,7 @@ def test_reflection_seen_from_the_front(renderer: CpuRenderer, roughness: float)
     assert np.abs(color[10, 10] - expected).max() <= 12.0, (color[10, 10], expected)
 
 
-def test_turn() -> None:
+def test_rotation_of_the_environment() -> None:
     """A quarter turn takes what was at +X to +Y."""
     box = Surroundings(Hemisphere((0, 0, 0), (0, 0, 0)), (Softbox((1, 0, 0), (1, 1, 1), 0.5, 0.5),))
     for turn, direction in ((0.0, (1.0, 0.0, 0.0)), (math.pi / 2, (0.0, 1.0, 0.0))):
@@ -173,8 +173,8 @@ def test_turn() -> None:
         assert int(np.argmax(lit)) == (0 if direction[0] else 1)
 
 
-def test_levels_keep_the_light() -> None:
-    """Filtering moves radiance about; its mean over the sphere stays."""
+def test_filtered_levels_keep_the_mean_radiance() -> None:
+    """Filtering keeps the mean radiance over the sphere."""
     assert STUDIO.surroundings is not None
     ambient = ambient_of(STUDIO.surroundings)
     means = []
@@ -186,7 +186,7 @@ def test_levels_keep_the_light() -> None:
     np.testing.assert_allclose(means, np.broadcast_to(means[0], (len(means), 3)), rtol=0.03)
 
 
-def test_radiance_pictures() -> None:
+def test_radiance_images() -> None:
     rng = np.random.default_rng(0)
     pixels = rng.uniform(0, 4, (16, 32, 3)).astype(np.float32)
     data = cv2.imencode(".hdr", pixels[..., ::-1])[1].tobytes()

@@ -46,7 +46,7 @@ Expected = Callable[["Point"], ref.Array]
 
 @dataclass(frozen=True)
 class Point:
-    """What every pixel sees, rows of pixels."""
+    """Texture coordinates and positions at all pixels, row by row."""
 
     uv: ref.Array
     p: ref.Array
@@ -306,7 +306,7 @@ def test_feature(renderer: CpuRenderer, name: str) -> None:
     assert wrong.max() <= 0.52, (wrong.max(), wrong.mean())  # half a level of rounding, and float32
 
 
-def test_occlusion_darkens_the_surroundings_and_no_lamp(renderer: CpuRenderer) -> None:
+def test_occlusion_darkens_the_environment_but_not_lights(renderer: CpuRenderer) -> None:
     material = {"pbrMetallicRoughness": PLAIN}
     occluded = {**material, "occlusionTexture": {"index": 0, "strength": 0.7}}
     at, inside = seen()
@@ -321,6 +321,6 @@ def test_occlusion_darkens_the_surroundings_and_no_lamp(renderer: CpuRenderer) -
     assert wrong.mean() < 0.5
 
 
-def test_golden_pictures(renderer: CpuRenderer) -> None:
+def test_golden_images(renderer: CpuRenderer) -> None:
     rig = replace(DARK, surroundings=GREY)
     same_as_golden("features", **{name: picture(renderer, b, rig) for name, (b, _) in FEATURES.items()})

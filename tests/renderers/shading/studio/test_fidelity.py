@@ -1,5 +1,7 @@
-"""Our pictures beside those of other engines (``bench/fidelity.py``); SCENEGATE_FIDELITY names a recursive checkout of
-KhronosGroup/glTF-Render-Fidelity, of which nothing is part of this repository."""
+"""Our images against those of other engines (``bench/fidelity.py``).
+
+SCENEGATE_FIDELITY names a recursive checkout of KhronosGroup/glTF-Render-Fidelity.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,7 @@ def renderer() -> Iterator[CpuRenderer]:
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_as_near_to_each_engine_as_they_to_one_another(renderer: CpuRenderer, name: str) -> None:
+def test_distance_to_other_engines_is_within_their_spread(renderer: CpuRenderer, name: str) -> None:
     if not FOLDER:
         pytest.skip("SCENEGATE_FIDELITY names no checkout of KhronosGroup/glTF-Render-Fidelity")
     found, without = scenarios(Path(FOLDER))

@@ -1,4 +1,4 @@
-"""Mip levels, tangents, samples: the parts that are checked by themselves."""
+"""Unit tests of mip levels, tangents and sample positions."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def test_levels_of_odd_sizes_keep_the_mean(shape: tuple[int, int]) -> None:
     assert levels[-1].shape[:2] == (1, 1)
 
 
-def test_images_and_levels_are_one_type_to_the_compiler() -> None:
+def test_writable_and_read_only_images_share_one_compiled_signature() -> None:
     pixels = noise(8).decode().copy()
     for writable in (True, False):
         pixels.flags.writeable = writable
@@ -108,7 +108,7 @@ def test_tangents_lie_in_the_plane_of_the_normal_and_follow_u() -> None:
     assert (made[..., :3] * x).sum(-1)[facing & used].min() > 0.995
 
 
-def test_handedness_turns_with_the_coordinates_and_bitangents_point_up_the_picture() -> None:
+def test_handedness_follows_the_texture_coordinates_and_bitangents_point_up_the_image() -> None:
     mesh = ball(12)
     assert mesh.normals is not None
     n = mesh.normals[mesh.elements]
@@ -172,7 +172,7 @@ def test_vertices_are_welded_and_weighted_by_angle() -> None:
     np.testing.assert_allclose(shared, apart, atol=1e-6)
 
 
-def test_unusable_coordinates_give_no_tangent() -> None:
+def test_degenerate_texture_coordinates_give_zero_tangents() -> None:
     mesh = ball(4)
     assert mesh.normals is not None
     for uv in (np.zeros((len(mesh.positions), 2)), np.full((len(mesh.positions), 2), np.nan)):
@@ -192,7 +192,7 @@ def test_sample_positions() -> None:
         sample_cameras(camera, 2)
 
 
-def test_rigs_are_bounded() -> None:
+def test_light_rig_limits() -> None:
     with pytest.raises(ValueError, match="shadow_size"):
         Rig(shadow_size=10)
     with pytest.raises(ValueError, match="shadow_radius"):

@@ -76,7 +76,7 @@ SCENES: dict[str, tuple[DrawList, Rig, SampleCount]] = {
 }
 
 
-def test_golden_pictures(renderer: CpuRenderer) -> None:
+def test_golden_images(renderer: CpuRenderer) -> None:
     camera = from_above()
     pictures = {name: drawn(renderer, scene, view(72, 54, 60.0), rig, n) for name, (scene, rig, n) in SCENES.items()}
     for kind in (LightKind.DIRECTIONAL, LightKind.SPOT):
@@ -84,7 +84,7 @@ def test_golden_pictures(renderer: CpuRenderer) -> None:
     same_as_golden("studio", **pictures)
 
 
-def test_geometry_outputs_do_not_know_the_look(renderer: CpuRenderer) -> None:
+def test_geometry_outputs_do_not_depend_on_the_look(renderer: CpuRenderer) -> None:
     """Depth, labels, instances and normals beside a studio picture with samples are those without one."""
     geometry = Output.DEPTH | Output.LABEL | Output.INSTANCE | Output.NORMAL
     scene, camera = glass(), view()
@@ -96,7 +96,7 @@ def test_geometry_outputs_do_not_know_the_look(renderer: CpuRenderer) -> None:
             assert np.array_equal(getattr(alone, name), getattr(both, name))
 
 
-def test_nothing_to_draw(renderer: CpuRenderer) -> None:
+def test_empty_scene(renderer: CpuRenderer) -> None:
     counts: tuple[SampleCount, ...] = (1, 4)
     for samples in counts:
         color = drawn(renderer, DrawList(), view(), STUDIO, samples, background=(1, 2, 3))

@@ -236,7 +236,7 @@ def test_blended_surfaces_are_sorted_by_pixel(renderer: CpuRenderer) -> None:
     assert_near(got, expected, where, 0.51)
 
 
-def test_cut_out(renderer: CpuRenderer) -> None:
+def test_alpha_mask(renderer: CpuRenderer) -> None:
     rng = np.random.default_rng(3)
     pixels = rng.integers(0, 256, (8, 8, 4)).astype(np.uint8)
     texture = Texture(

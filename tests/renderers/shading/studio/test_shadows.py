@@ -29,7 +29,7 @@ def renderer() -> Iterator[CpuRenderer]:
 
 
 def in_the_dark(scene: DrawList, seen: ref.Seen) -> np.ndarray:
-    """(H, W): whose ray to the first light meets a surface."""
+    """Return the pixels whose ray to the first light is occluded: (H, W) bool."""
     camera = from_above()
     points = seen.point[seen.instance >= 0]
     l, _ = ref.arriving(scene.lights[0], camera, points)
@@ -48,7 +48,7 @@ def in_the_dark(scene: DrawList, seen: ref.Seen) -> np.ndarray:
 
 
 @pytest.mark.parametrize("kind", [LightKind.DIRECTIONAL, LightKind.SPOT])
-def test_shadows_lie_where_rays_meet_something(renderer: CpuRenderer, kind: LightKind) -> None:
+def test_shadows_match_ray_casting(renderer: CpuRenderer, kind: LightKind) -> None:
     scene, camera = shadowed(kind), from_above()
     seen = ref.look(scene, camera)
     which = seen.instance.reshape(camera.height, camera.width)
@@ -85,21 +85,21 @@ def test_a_curved_surface_does_not_shadow_itself(renderer: CpuRenderer) -> None:
     assert np.abs(color - lit)[bright].max() <= 1.0
 
 
-def test_who_casts() -> None:
+def test_instances_that_cast_shadows() -> None:
     scene = shadowed(LightKind.SPOT)
     glass = replace(scene.instances[0], material=replace(scene.instances[0].material, alpha_mode=AlphaMode.BLEND))
     dots = replace(scene.instances[0], mesh=replace(scene.instances[0].mesh, elements=np.zeros((1, 1), np.uint32)))
     assert casters((*scene.instances, glass, dots)).tolist() == [True, True, False, False]
 
 
-def test_no_map() -> None:
+def test_scenes_without_shadow_map() -> None:
     point = replace(shadowed(LightKind.SPOT).lights[0], kind=LightKind.POINT)
     assert light_camera(point, np.ones((3, 3)), 64, 0.0) is None
     assert light_camera(shadowed(LightKind.SPOT).lights[0], np.zeros((0, 3)), 64, 0.0) is None
 
 
 @pytest.mark.parametrize("kind", [LightKind.DIRECTIONAL, LightKind.SPOT])
-def test_the_map_holds_what_is_seen(kind: LightKind) -> None:
+def test_light_camera_contains_all_points(kind: LightKind) -> None:
     rng = np.random.default_rng(0)
     light = shadowed(kind).lights[0]
     points = rng.uniform((-1, 0, 3), (1, 1, 5), (500, 3))
@@ -114,8 +114,8 @@ def test_the_map_holds_what_is_seen(kind: LightKind) -> None:
         assert np.ptp(pixels, axis=0).max() > 0.7 * 512  # sizes and places go in steps
 
 
-def test_a_map_is_drawn_once_for_a_camera_that_moves_a_little(renderer: CpuRenderer) -> None:
-    """And is the same whichever camera came first."""
+def test_shadow_map_is_reused_for_small_camera_motion(renderer: CpuRenderer) -> None:
+    """The map does not depend on which camera came first."""
     scene = shadowed(LightKind.DIRECTIONAL)
     whole = np.zeros(len(scene.instances), np.bool_)
 
@@ -134,7 +134,7 @@ def test_a_map_is_drawn_once_for_a_camera_that_moves_a_little(renderer: CpuRende
 
 
 @pytest.mark.parametrize("kind", [LightKind.DIRECTIONAL, LightKind.SPOT])
-def test_pictures_do_not_know_what_was_drawn_before(renderer: CpuRenderer, kind: LightKind) -> None:
+def test_cached_shadow_maps_do_not_change_the_image(renderer: CpuRenderer, kind: LightKind) -> None:
     camera = from_above()
     other = replace(camera, X_world_camera=camera.X_world_camera @ at(0.3, 0.1, -0.5))
     scene = shadowed(kind)
@@ -142,7 +142,7 @@ def test_pictures_do_not_know_what_was_drawn_before(renderer: CpuRenderer, kind:
     assert np.array_equal(drawn(renderer, scene, camera, RIG), drawn(renderer, replace(scene), camera, RIG))
 
 
-def test_maps_are_as_fine_as_the_picture() -> None:
+def test_shadow_map_resolution_follows_the_image() -> None:
     assert map_side(2048, 2.0, 0.0) == 2048
     assert map_side(2048, 2.0, 0.001) == 2048
     assert map_side(2048, 2.0, 0.002) == 1024
@@ -153,9 +153,9 @@ def test_maps_are_as_fine_as_the_picture() -> None:
 
 @pytest.mark.parametrize("kind", [LightKind.DIRECTIONAL, LightKind.SPOT])
 @pytest.mark.parametrize("above", [False, True])
-def test_light_falls_through_what_is_cut_out(renderer: CpuRenderer, kind: LightKind, above: bool) -> None:
-    """A slab of which one half is cut out casts the shadow of a slab that is only the other half; a second one right
-    above it, whose other half is cut out, too."""
+def test_alpha_masked_texels_cast_no_shadow(renderer: CpuRenderer, kind: LightKind, above: bool) -> None:
+    """A slab with one half masked out casts the shadow of the other half, also below a second slab with the opposite
+    half masked out."""
     scene, camera = shadowed(kind), from_above()
     floor, slab = scene.instances
 
