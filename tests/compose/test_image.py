@@ -73,6 +73,7 @@ def installed(folder: Path) -> Path:
     return folder / "bin" / "python"
 
 
+@pytest.mark.slow
 def test_the_tests_of_the_image_pass_with_what_it_holds(tmp_path: Path) -> None:
     held = tmp_path / "tests"
     held.mkdir()

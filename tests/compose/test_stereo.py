@@ -103,6 +103,7 @@ def test_parameters_change_the_stream(url: str, channel: grpc.Channel) -> None:
     assert take(channel, disparity_enabled=True).disparity.image.width == 640
 
 
+@pytest.mark.slow
 @pytest.mark.skipif("SCENEGATE_URL" in os.environ, reason="starts gateways of its own")
 def test_a_simulated_clock_gives_the_same_bytes_in_every_run(tmp_path: Path) -> None:
     scene = tmp_path / "triangle.gltf"

@@ -15,6 +15,7 @@ from tests.support.browser import Watched, chromium
 pytestmark = [pytest.mark.compose, pytest.mark.browser]
 
 
+@pytest.mark.slow
 def test_the_page_shows_the_demo_scene(url: str) -> None:
     with chromium() as browser:
         shown = Watched(browser, url)

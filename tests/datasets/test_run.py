@@ -370,7 +370,7 @@ def test_a_timeout_fails_one_scene_and_the_others_are_rendered(scenes: Path, tmp
     (scenes / "slow.gltf").write_bytes(slow_gltf())
     settings = replace_settings(width=1024, height=1024)
     job = job_of(scenes, tmp_path / "out", orbit=1, settings=settings)
-    job = replace(job, timeout=10.0)  # the slow scene would take hours
+    job = replace(job, timeout=10.0)  # short: the slow scene would take hours
     progress = draw(job)
     assert {failure.scene: failure.reason for failure in progress.failures} == {
         "slow.gltf": "it took longer than --timeout = 10 s"

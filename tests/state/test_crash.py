@@ -146,7 +146,7 @@ async def crash(servers: ServerFactory, chance: random.Random, at: list[int]) ->
     ]
     try:
         await heard.wait()
-        await asyncio.sleep(0.02 * chance.random())  # short, so that every step of a commit is hit
+        await asyncio.sleep(0.02 * chance.random())  # short: every step of a commit is hit
     finally:
         os.kill(process, signal.SIGKILL)
     sent = await asyncio.gather(*clients)

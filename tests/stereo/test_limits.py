@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import itertools
 
 import numpy as np
@@ -24,6 +23,7 @@ from renderers.stereo.filters import Filters, apply_filters
 from renderers.stereo.mesh import MeshOptions, bin_size, disparity_mesh
 from renderers.stereo.model import Intrinsics, StereoModel
 from renderers.stereo.truth import DepthRange, true_disparity
+from tests.support.waiting import until
 
 
 def depth(*rows: list[float]) -> NDArray[np.float32]:
@@ -178,7 +178,7 @@ async def test_delayed_sets_up_to_the_exact_limit() -> None:
     injector.deliver(2, bytes(40), lambda: delivered.append("40"))
     injector.deliver(3, bytes(1), lambda: delivered.append("1"))
     assert injector.dropped == 1
-    await asyncio.sleep(0.1)
+    await until(lambda: len(delivered) == 2)
     assert delivered == ["60", "40"]
     injector.deliver(4, bytes(100), lambda: delivered.append("100"))
     assert injector.dropped == 1

@@ -53,6 +53,7 @@ asyncio.run(main())
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="another allocator, which is not told to keep memory")
 async def test_memory_of_unsent_messages_is_returned() -> None:
     child = await asyncio.create_subprocess_exec(

@@ -28,11 +28,13 @@ def example() -> str:
     return found[1]
 
 
+@pytest.mark.slow
 def test_example_of_the_documentation(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(test_cell=example())
     pytester.runpytest_subprocess(*ARGUMENTS, timeout=SECONDS).assert_outcomes(passed=3)
 
 
+@pytest.mark.slow
 def test_scenes_flags_and_failure_reports(pytester: pytest.Pytester) -> None:
     box = '{"setgeometry": [{"path": ["from the file"], "geometry": {"type": "box", "lengths": [1, 1, 1]}}]}'
     pytester.makefile(".json", scene=box, other=box.replace("file", "marker"))

@@ -73,6 +73,7 @@ async def test_flush_sends_delayed_responses() -> None:
     assert len(client.answered) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.lcm
 @pytest.mark.parametrize("transport", ["udp", "tcpq"])
 async def test_directors_client_loses_no_commands(url: str, transport: str) -> None:

@@ -29,6 +29,7 @@ def read(request: Any) -> Request:
 NUMBERS = st.floats(width=64, allow_nan=True, allow_infinity=True) | st.integers(-(10**25), 10**25)
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=100)
 @given(st.lists(st.tuples(NUMBERS, NUMBERS, NUMBERS), min_size=90, max_size=200), st.sampled_from([None, 1, "\t"]))
 def test_extracted_arrays_equal_pythons_json(rows: list[tuple[float, float, float]], indent: Any) -> None:
