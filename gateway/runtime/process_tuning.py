@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import gc
+import os
 import resource
 import socket
 import sys
@@ -28,6 +29,8 @@ def tune() -> None:
 
     Settings that the system does not allow are skipped.
     """
+    # Child processes that compile kernels never use gRPC; its fork handlers would only write to stderr.
+    os.environ.setdefault("GRPC_ENABLE_FORK_SUPPORT", "false")
     sys.setswitchinterval(_SWITCH_SECONDS)
     prefer_this_thread()
     with contextlib.suppress(OSError, AttributeError):  # another libc
