@@ -17,6 +17,7 @@ from statistics import NormalDist
 from typing import Final
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from renderers.compiler.cache_locator import cached_njit
@@ -163,7 +164,7 @@ def _add_noise(true, key, sigma, d_eps, inside, slope_free, slope_half, normal, 
             random >>= np.uint64(16)
 
 
-@cached_njit(nogil=True)
+@njit
 def _steepest(row, above, below, slope):
     """Write the largest step to a valid neighbour above, below, left and right, (W,) float32."""
     zero = np.float32(0.0)
